@@ -1,0 +1,1 @@
+"""What a session can do: messages, handlers, store, activities and jobs."""

@@ -1,0 +1,1 @@
+"""Calibration of tools and pointers, and registration of robot and tracker."""

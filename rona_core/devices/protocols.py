@@ -1,0 +1,176 @@
+"""The devices as small protocols. Virtual, replayed and real ones satisfy the same contract tests.
+
+A capture runs on its own clock: ``Rig.begin`` sets it to 0. A virtual clock moves when somebody
+waits on it, so that a sweep of a minute runs in a fraction of a second; a real one sleeps.
+"""
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from typing import Literal, Protocol
+
+from numpy.typing import ArrayLike
+
+from rona_core.arrays import Floats, Ints, Vector3
+from rona_core.devices.samples import AScan, JointSample, TrackerFrame
+from rona_core.devices.settings import DeviceSettings
+from rona_core.geometry.pose import Pose
+
+Origin = Literal["VIRTUAL", "REPLAY", "REAL"]
+Cancel = Callable[[], bool]  # True once somebody pressed Cancel or Stop
+Progress = Callable[[float], None]  # 0 to 1
+
+
+class Clock(Protocol):
+    """Time of the capture in seconds."""
+
+    def now(self) -> float:
+        """Return the time since the capture began."""
+        ...
+
+    def wait_until(self, time_s: float) -> None:
+        """Return once ``time_s`` has come; a virtual clock jumps there (paced if shown live)."""
+        ...
+
+
+class Tracker(Protocol):
+    """An optical tracking system."""
+
+    def latest(self) -> TrackerFrame:
+        """Return the newest frame without waiting for another."""
+        ...
+
+    def frames(self) -> Iterator[TrackerFrame]:
+        """Yield frames at the tracker's rate, waiting for each; endless, so the caller breaks."""
+        ...
+
+    def close(self) -> None:
+        """Release the device; a second call does nothing."""
+        ...
+
+
+class Motion(Protocol):
+    """A motion under way."""
+
+    def done(self) -> bool:
+        """Return whether the motion has ended, by arriving or by being stopped."""
+        ...
+
+    def progress(self) -> float:
+        """Return the share that is done, 0 to 1."""
+        ...
+
+
+class Robot(Protocol):
+    """A robot arm with six joints."""
+
+    def state(self) -> JointSample:
+        """Return the joint angles now."""
+        ...
+
+    def move(self, times_s: ArrayLike, qs_rad: ArrayLike) -> Motion:
+        """Start along joint angles (n, 6) at times (n,), counted from now.
+
+        Raises:
+            DeviceError: a joint limit would be exceeded, or the motion starts elsewhere.
+        """
+        ...
+
+    def place(self, q_rad: ArrayLike) -> None:
+        """Stand at these joint angles before a capture begins (a real robot refuses)."""
+        ...
+
+    def stop(self) -> None:
+        """Stop at once; always allowed, a second call does nothing."""
+        ...
+
+    def close(self) -> None:
+        """Release the device; a second call does nothing."""
+        ...
+
+
+class Probe(Protocol):
+    """An A-mode ultrasound probe held by the robot."""
+
+    def acquire(self) -> AScan:
+        """Fire once, now, and return the trace."""
+        ...
+
+    def close(self) -> None:
+        """Release the device; a second call does nothing."""
+        ...
+
+
+class Operator(Protocol):
+    """The hand that holds the pointer. Each call prepares a motion that starts with the capture.
+
+    All return the duration of the motion in seconds. The pointer meant is the one in the settings.
+    A real operator is told what to do by the interface and takes as long as it takes.
+    """
+
+    def pivot(self, *, cone_deg: float, duration_s: float) -> float:
+        """Hold the tip in a dimple and swing the pointer over a cone."""
+        ...
+
+    def sweep(self, *, duration_s: float) -> float:
+        """Slide the tip over the region to be scanned, and somewhat beyond, in dense strokes."""
+        ...
+
+    def draw(self, *, spacing_mm: float, duration_s: float) -> float:
+        """Demonstrate a scan path: a meander over the region, lines ``spacing_mm`` apart."""
+        ...
+
+    def stroke(self, picks_base: ArrayLike, *, duration_s: float) -> float:
+        """Follow places (n, 3) that somebody pointed at on the drawn skull, touching each."""
+        ...
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Mesh:
+    """A triangle mesh for the eye: vertices (n, 3) in mm, faces (m, 3)."""
+
+    vertices: Floats
+    faces: Ints
+
+
+class Display(Protocol):
+    """What is drawn for the eye, never an input of an algorithm."""
+
+    def skull_mesh_base(self) -> Mesh:
+        """Return the outer surface of the specimen in ``base``."""
+        ...
+
+    def pick(self, origin_base: ArrayLike, direction_base: ArrayLike) -> Vector3 | None:
+        """Return where a ray of sight meets the drawn skull (3,), or None if it misses."""
+        ...
+
+    def region(self) -> tuple[Vector3, Vector3, float]:
+        """Return centre (3,), outward normal (3,) in ``base`` and radius in mm of the region."""
+        ...
+
+    def T_base_tracker(self) -> Pose:  # noqa: N802 (frame grammar)
+        """Return where the tracker stands, to draw it and its volume."""
+        ...
+
+    def T_base_pointermarker(self) -> Pose | None:  # noqa: N802 (frame grammar)
+        """Return where the pointer is now, to draw it; None while it lies aside."""
+        ...
+
+
+class Rig(Protocol):
+    """All devices of one session."""
+
+    origin: Origin
+    clock: Clock
+    tracker: Tracker
+    robot: Robot
+    probe: Probe
+    operator: Operator
+    display: Display
+
+    def begin(self, settings: DeviceSettings, ordinal: int) -> None:
+        """Configure every device for capture number ``ordinal`` and set the clock to 0."""
+        ...
+
+    def close(self) -> None:
+        """Release all devices; a second call does nothing."""
+        ...

@@ -1,0 +1,95 @@
+"""Settings of the devices: plain frozen values that a session holds and a device is given."""
+
+from dataclasses import dataclass, field
+from typing import ClassVar, Literal
+
+from rona_core.errors import InvalidInputError
+
+STRICT = {"extra": "forbid", "allow_inf_nan": False}  # how a web layer parses these classes
+
+TrackerProfile = Literal["ideal", "polaris", "white035"]
+PointerKind = Literal["pointer6d", "pointer5d"]
+ProbeName = Literal["2.25MHz", "1MHz"]
+Excitation = Literal["pulse", "chirp"]
+
+TOOLS = ("toolmarker", "pointer6d", "pointer5d")  # tracked rigid bodies, by name
+TRACKER_RATES_HZ = (20.0, 60.0)  # lowest and highest
+
+
+def require(condition: bool, message: str) -> None:
+    """Raise InvalidInputError with ``message`` unless ``condition`` holds."""
+    if not condition:
+        raise InvalidInputError(message)
+
+
+@dataclass(frozen=True, slots=True)
+class TrackerSettings:
+    """How the optical tracker measures."""
+
+    __pydantic_config__: ClassVar = STRICT
+
+    profile: TrackerProfile = "polaris"
+    rate_hz: float = 60.0
+    hidden_tools: tuple[str, ...] = ()  # tools that are covered up, see TOOLS
+
+    def __post_init__(self) -> None:
+        low, high = TRACKER_RATES_HZ
+        require(
+            low <= self.rate_hz <= high, f"rate_hz must be {low} to {high}, not {self.rate_hz}"
+        )
+        for tool in self.hidden_tools:
+            require(tool in TOOLS, f"tool must be one of {', '.join(TOOLS)}, not {tool!r}")
+
+
+@dataclass(frozen=True, slots=True)
+class RobotSettings:
+    """Which robot, how exact, how fast, and where its base stands."""
+
+    __pydantic_config__: ClassVar = STRICT
+
+    model: str = "rx90"
+    errors: bool = True  # systematic field, repeatability and orientation error
+    scan_speed_mm_per_s: float = 20.0
+    base_shift_mm: tuple[float, float, float] = (0.0, 0.0, 0.0)  # from the default place
+    base_turn_deg: float = 0.0  # about the vertical
+
+    def __post_init__(self) -> None:
+        speed = self.scan_speed_mm_per_s
+        require(0.5 <= speed <= 100.0, f"scan_speed_mm_per_s must be 0.5 to 100, not {speed}")
+        require(
+            all(abs(v) <= 2000.0 for v in self.base_shift_mm),
+            f"base_shift_mm must stay within 2000 mm, not {self.base_shift_mm}",
+        )
+        require(
+            abs(self.base_turn_deg) <= 180.0,
+            f"base_turn_deg must be -180 to 180, not {self.base_turn_deg}",
+        )
+
+
+@dataclass(frozen=True, slots=True)
+class ProbeSettings:
+    """Which ultrasound probe, what it sends and how noisy its receiver is."""
+
+    __pydantic_config__: ClassVar = STRICT
+
+    name: ProbeName = "2.25MHz"
+    excitation: Excitation = "chirp"
+    front_snr_db: float = 50.0  # front echo peak over in-band noise rms, perpendicular contact
+    pitch_mm: float = 1.0  # distance between A-scans along the path
+
+    def __post_init__(self) -> None:
+        require(
+            0.0 <= self.front_snr_db <= 90.0,
+            f"front_snr_db must be 0 to 90, not {self.front_snr_db}",
+        )
+        require(0.2 <= self.pitch_mm <= 10.0, f"pitch_mm must be 0.2 to 10, not {self.pitch_mm}")
+
+
+@dataclass(frozen=True, slots=True)
+class DeviceSettings:
+    """All device settings of a session."""
+
+    tracker: TrackerSettings = field(default_factory=TrackerSettings)
+    robot: RobotSettings = field(default_factory=RobotSettings)
+    probe: ProbeSettings = field(default_factory=ProbeSettings)
+    pointer: PointerKind = "pointer6d"

@@ -1,0 +1,75 @@
+"""The 5D path: positions with a probe axis, the roll about it still free."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from rona_core.arrays import Floats, as_floats, as_points, as_unit_vectors, readonly
+from rona_core.errors import DegenerateGeometryError, InvalidInputError
+from rona_core.geometry.pose import Poses
+
+REFERENCE_CONE_RAD = np.deg2rad(30.0)  # closer to the axis than this, base x is no reference
+ANTIPARALLEL = 1e-9  # 1 + cos of the angle between neighbouring axes; below it the turn is undefined
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Path5D:
+    """Positions on the bone (n, 3) and probe axes (n, 3) that point into it, both in ``base``."""
+
+    points_base: Floats
+    axes_base: Floats
+
+    def __post_init__(self) -> None:
+        points = as_points(self.points_base, at_least=1, name="points_base")
+        axes = as_unit_vectors(self.axes_base, name="axes_base")
+        if len(points) != len(axes):
+            raise InvalidInputError(f"{len(points)} points need as many axes, not {len(axes)}")
+        object.__setattr__(self, "points_base", readonly(points))
+        object.__setattr__(self, "axes_base", readonly(axes))
+
+    def __len__(self) -> int:
+        return len(self.points_base)
+
+    def arc_length_mm(self) -> Floats:
+        """Return the distance travelled up to each point (n,), starting at 0."""
+        steps = np.linalg.norm(np.diff(self.points_base, axis=0), axis=1)
+        return np.concatenate(([0.0], np.cumsum(steps)))
+
+    def references(self) -> Floats:
+        """Return the direction of roll zero at each point (n, 3), carried by parallel transport.
+
+        At the first point it is the base x axis projected onto the tangent plane, or base y where
+        x lies within 30 degrees of the axis; from there it turns only as much as the axis does.
+
+        Raises:
+            DegenerateGeometryError: neighbouring axes point in opposite directions.
+        """
+        axes = self.axes_base
+        start = np.array((1.0, 0.0, 0.0))
+        if abs(axes[0] @ start) > np.cos(REFERENCE_CONE_RAD):
+            start = np.array((0.0, 1.0, 0.0))
+        references = np.zeros_like(axes)
+        reference = start - (start @ axes[0]) * axes[0]
+        references[0] = reference / np.linalg.norm(reference)
+        for i in range(1, len(axes)):
+            a, b, reference = axes[i - 1], axes[i], references[i - 1]
+            bisector = a + b
+            if 1.0 + a @ b < ANTIPARALLEL:
+                raise DegenerateGeometryError(
+                    f"the axes of path points {i - 1} and {i} are opposite: roll is undefined"
+                )
+            # smallest rotation a -> b, as two reflections
+            turned = reference - 2.0 * (bisector @ reference) / (bisector @ bisector) * bisector
+            turned = turned - (turned @ b) * b  # remove rounding along the axis
+            references[i] = turned / np.linalg.norm(turned)
+        return references
+
+    def Ts_base_probe(self, rolls_rad: ArrayLike) -> Poses:  # noqa: N802 (frame grammar)
+        """Return the 6D poses for one roll (scalar) or one roll each (n,)."""
+        rolls = np.broadcast_to(as_floats(rolls_rad, name="rolls_rad"), (len(self),))
+        z, x0 = self.axes_base, self.references()
+        y0 = np.cross(z, x0)
+        x = np.cos(rolls)[:, None] * x0 + np.sin(rolls)[:, None] * y0
+        y = np.cross(z, x)
+        return Poses(np.stack((x, y, z), axis=2), self.points_base)

@@ -1,0 +1,206 @@
+"""Rigid poses. ``T_base_tip`` is the pose of ``tip`` in ``base``: ``p_base = T_base_tip @ p_tip``."""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from typing import Self, overload
+
+import numpy as np
+from numpy.typing import ArrayLike
+from scipy.spatial.transform import Rotation
+
+from rona_core.arrays import Floats, Vector3, as_floats, as_vector3, readonly
+from rona_core.errors import InvalidInputError
+
+ROTATION_TOLERANCE = 1e-6
+
+
+def as_rotations(rotations: ArrayLike) -> Floats:
+    """Return ``rotations`` (..., 3, 3) after checking that each is orthonormal and right-handed.
+
+    Raises:
+        InvalidInputError: wrong shape, or not rotations.
+    """
+    r = as_floats(rotations, name="rotations")
+    if r.shape[-2:] != (3, 3):
+        raise InvalidInputError(f"a rotation must have shape (3, 3), not {r.shape[-2:]}")
+    error = np.abs(r @ np.swapaxes(r, -1, -2) - np.eye(3)).max(initial=0.0)
+    if error > ROTATION_TOLERANCE or (r.size and np.linalg.det(r).min() < 0):
+        raise InvalidInputError(
+            f"not a rotation: R R' differs from the identity by {error:.2g} or is mirrored"
+        )
+    return r
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Pose:
+    """One rigid pose: rotation (3, 3) and translation (3,) in millimetres."""
+
+    rotation: Floats
+    translation: Vector3
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "rotation", readonly(as_rotations(self.rotation)))
+        object.__setattr__(self, "translation", readonly(as_vector3(self.translation)))
+
+    @classmethod
+    def identity(cls) -> Self:
+        """Return the pose that changes nothing."""
+        return cls(np.eye(3), np.zeros(3))
+
+    @classmethod
+    def from_translation(cls, translation: ArrayLike) -> Self:
+        """Return a pose without rotation."""
+        return cls(np.eye(3), as_vector3(translation))
+
+    @classmethod
+    def from_matrix(cls, matrix: ArrayLike) -> Self:
+        """Return the pose of a homogeneous (4, 4) matrix.
+
+        Raises:
+            InvalidInputError: wrong shape, wrong last row, or not a rotation.
+        """
+        m = as_floats(matrix, name="matrix")
+        if m.shape != (4, 4) or not np.allclose(m[3], (0, 0, 0, 1)):
+            raise InvalidInputError(f"expected a homogeneous (4, 4) matrix, got shape {m.shape}")
+        return cls(m[:3, :3].copy(), m[:3, 3].copy())
+
+    @classmethod
+    def from_rotvec(cls, rotvec_rad: ArrayLike, translation: ArrayLike = (0.0, 0.0, 0.0)) -> Self:
+        """Return the pose turned by a rotation vector (3,) in radians, then shifted (mm)."""
+        rotation = Rotation.from_rotvec(as_vector3(rotvec_rad)).as_matrix()
+        return cls(rotation, as_vector3(translation))
+
+    @classmethod
+    def from_wxyz(cls, wxyz: ArrayLike, translation: ArrayLike = (0.0, 0.0, 0.0)) -> Self:
+        """Return the pose of a quaternion (w, x, y, z) and a translation (mm)."""
+        q = as_floats(wxyz, name="wxyz")
+        rotation = Rotation.from_quat(q, scalar_first=True).as_matrix()
+        return cls(rotation, as_vector3(translation))
+
+    def matrix(self) -> Floats:
+        """Return the homogeneous (4, 4) matrix."""
+        m = np.eye(4)
+        m[:3, :3], m[:3, 3] = self.rotation, self.translation
+        return m
+
+    def wxyz(self) -> Floats:
+        """Return the rotation as a quaternion (w, x, y, z) with w >= 0."""
+        return Rotation.from_matrix(self.rotation).as_quat(canonical=True, scalar_first=True)
+
+    def inv(self) -> "Pose":
+        """Return the inverse: ``T_base_tip.inv()`` is ``T_tip_base``."""
+        return Pose(self.rotation.T.copy(), -self.rotation.T @ self.translation)
+
+    def rotate(self, vectors: ArrayLike) -> Floats:
+        """Return directions (3,) or (n, 3) turned into the left frame, without translation."""
+        return np.asarray(vectors, dtype=np.float64) @ self.rotation.T
+
+    def angle_to_rad(self, other: "Pose") -> float:
+        """Return the angle between the rotations of two poses."""
+        return float(Rotation.from_matrix(self.rotation.T @ other.rotation).magnitude())
+
+    @overload
+    def __matmul__(self, other: "Pose") -> "Pose": ...
+    @overload
+    def __matmul__(self, other: "Poses") -> "Poses": ...
+    @overload
+    def __matmul__(self, other: ArrayLike) -> Floats: ...
+    def __matmul__(self, other: "Pose | Poses | ArrayLike") -> "Pose | Poses | Floats":
+        """Chain poses, or map points (3,) or (n, 3) into the left frame."""
+        if isinstance(other, Pose):
+            return Pose(
+                self.rotation @ other.rotation,
+                self.rotation @ other.translation + self.translation,
+            )
+        if isinstance(other, Poses):
+            return Poses(
+                self.rotation @ other.rotations,
+                other.translations @ self.rotation.T + self.translation,
+            )
+        return np.asarray(other, dtype=np.float64) @ self.rotation.T + self.translation
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Poses:
+    """A batch of rigid poses (``Ts_base_probe``): rotations (n, 3, 3), translations (n, 3) in mm."""
+
+    rotations: Floats
+    translations: Floats
+
+    def __post_init__(self) -> None:
+        rotations, translations = as_rotations(self.rotations), as_floats(self.translations)
+        if rotations.ndim != 3 or translations.shape != (len(rotations), 3):
+            raise InvalidInputError(
+                f"expected rotations (n, 3, 3) and translations (n, 3), "
+                f"got {rotations.shape} and {translations.shape}"
+            )
+        object.__setattr__(self, "rotations", readonly(rotations))
+        object.__setattr__(self, "translations", readonly(translations))
+
+    @classmethod
+    def stack(cls, poses: Sequence[Pose]) -> Self:
+        """Return single poses as one batch; an empty sequence gives an empty batch."""
+        if not poses:
+            return cls(np.zeros((0, 3, 3)), np.zeros((0, 3)))
+        return cls(
+            np.stack([pose.rotation for pose in poses]),
+            np.stack([pose.translation for pose in poses]),
+        )
+
+    def __len__(self) -> int:
+        return len(self.rotations)
+
+    def __getitem__(self, index: int) -> Pose:
+        return Pose(self.rotations[index].copy(), self.translations[index].copy())
+
+    def __iter__(self) -> Iterator[Pose]:
+        return (self[i] for i in range(len(self)))
+
+    def select(self, index: ArrayLike | slice) -> "Poses":
+        """Return the poses chosen by a slice, a mask or an array of indices."""
+        chosen = index if isinstance(index, slice) else np.asarray(index)
+        return Poses(self.rotations[chosen], self.translations[chosen])
+
+    def inv(self) -> "Poses":
+        """Return each inverse."""
+        turned = np.swapaxes(self.rotations, 1, 2)
+        return Poses(turned.copy(), -np.einsum("nij,nj->ni", turned, self.translations))
+
+    def wxyz(self) -> Floats:
+        """Return the rotations as quaternions (n, 4), w first and not negative."""
+        if not len(self):
+            return np.zeros((0, 4))
+        return Rotation.from_matrix(self.rotations).as_quat(canonical=True, scalar_first=True)
+
+    def mean(self) -> Pose:
+        """Return the mean pose: chordal mean of the rotations, mean of the translations.
+
+        Raises:
+            InvalidInputError: no poses.
+        """
+        if not len(self):
+            raise InvalidInputError("the mean of no poses was asked for")
+        return Pose(
+            Rotation.from_matrix(self.rotations).mean().as_matrix(), self.translations.mean(axis=0)
+        )
+
+    @overload
+    def __matmul__(self, other: "Pose | Poses") -> "Poses": ...
+    @overload
+    def __matmul__(self, other: ArrayLike) -> Floats: ...
+    def __matmul__(self, other: "Pose | Poses | ArrayLike") -> "Poses | Floats":
+        """Chain pose by pose, or map one point (3,) or one point each (n, 3)."""
+        if isinstance(other, Pose):
+            return Poses(
+                self.rotations @ other.rotation,
+                self.rotations @ other.translation + self.translations,
+            )
+        if isinstance(other, Poses):
+            return Poses(
+                self.rotations @ other.rotations,
+                np.einsum("nij,nj->ni", self.rotations, other.translations) + self.translations,
+            )
+        points = np.asarray(other, dtype=np.float64)
+        if points.ndim == 1:
+            return self.rotations @ points + self.translations
+        return np.einsum("nij,nj->ni", self.rotations, points) + self.translations

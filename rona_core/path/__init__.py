@@ -1,0 +1,1 @@
+"""Scan paths: smoothing with a bound on the deviation, interpolation, coverage."""

@@ -1,0 +1,1 @@
+"""The robot: kinematics, the search over the free roll, verification and timing."""

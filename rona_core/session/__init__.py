@@ -1,0 +1,1 @@
+"""The session document, its codec and its file."""

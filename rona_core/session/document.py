@@ -1,0 +1,157 @@
+"""The session document: inputs, captures and results of one planning, as one immutable value."""
+
+import uuid
+from dataclasses import dataclass, field
+from datetime import UTC, datetime
+from typing import Generic, TypeVar
+
+from rona_core.arrays import Floats, Ints
+from rona_core.calibration.pointer import PointerCalibration
+from rona_core.calibration.tool import ToolRegistration
+from rona_core.devices.samples import AScanTrack, JointTrack, ToolTrack
+from rona_core.devices.settings import DeviceSettings
+from rona_core.geometry.path5d import Path5D
+from rona_core.mapping.boundary_map import Maps
+from rona_core.path.smooth import SimplifiedPath
+from rona_core.robot.plan import RobotPlan
+from rona_core.session.specimen import LoadedSkull, SimulatedSkull
+from rona_core.surface.cloud import SurfaceCloud
+from rona_core.surface.normals import Normals
+from rona_core.ultrasound.detect import Detection
+
+T = TypeVar("T")
+
+# The steps of the procedure, in order; `architecture.md` section 1 numbers them from 1.
+STEPS = ("setup", "tool", "pointer", "surface", "path", "smoothing", "roll", "scan", "maps")
+
+
+@dataclass(frozen=True, slots=True)
+class RegionChoice:
+    """The disc to be scanned: its centre in coordinates of the specimen; None lets RONA choose."""
+
+    center_mesh_mm: tuple[float, float, float] | None = None
+    radius_mm: float = 25.0
+
+
+@dataclass(frozen=True, slots=True)
+class Setup:
+    """Step 1: what is scanned, with which devices, and the seed of all that is random."""
+
+    seed: int = 0
+    specimen: SimulatedSkull | LoadedSkull = field(default_factory=SimulatedSkull)
+    region: RegionChoice = field(default_factory=RegionChoice)
+    devices: DeviceSettings = field(default_factory=DeviceSettings)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ToolCapture:
+    """Step 2: the tool marker while the robot pivots and translates the tool, dwelling at poses."""
+
+    ordinal: int
+    setup_digest: str  # of the setup it was taken with
+    marker: ToolTrack
+    joints: JointTrack
+    dwell_start_s: Floats  # (n,)
+    dwell_end_s: Floats  # (n,)
+    phases: Ints  # (n,) 0 pivot, 1 along tool x, 2 along tool y
+    partial: bool = False
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class PointerCapture:
+    """Steps 3, 4 and 5: the pointer marker while somebody pivots, sweeps or draws."""
+
+    ordinal: int
+    setup_digest: str
+    pointer: str  # which one, see devices.settings
+    marker: ToolTrack
+    partial: bool = False
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ScanCapture:
+    """Step 8: A-scans and joint angles on one clock."""
+
+    ordinal: int
+    setup_digest: str
+    scans: AScanTrack
+    joints: JointTrack
+    partial: bool = False
+
+
+@dataclass(frozen=True, slots=True)
+class Captures:
+    """What the devices measured; each can be redone."""
+
+    tool: ToolCapture | None = None
+    pointer: PointerCapture | None = None
+    surface: tuple[PointerCapture, ...] = ()  # several strokes add up
+    path: PointerCapture | None = None
+    scan: ScanCapture | None = None
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class RawPath:
+    """Step 5: the demonstrated positions of the pointer tip (n, 3) in ``base``."""
+
+    points_base: Floats
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class SmoothPath:
+    """Step 6: the smoothed path, its surface normals and the dense 5D path made of both."""
+
+    simplified: SimplifiedPath
+    normals: Normals  # at the kept points
+    path: Path5D  # interpolated densely in position and orientation
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Derived(Generic[T]):
+    """A result, what was asked for, and digests of the inputs it was computed from."""
+
+    value: T
+    message: str  # name of the command or activity that made it
+    arguments: dict[str, object]  # its fields, plain values
+    inputs: dict[str, str]  # input name -> digest
+
+
+@dataclass(frozen=True, slots=True)
+class Results:
+    """What was computed from the captures."""
+
+    tool: Derived[ToolRegistration] | None = None
+    pointer: Derived[PointerCalibration] | None = None
+    surface: Derived[SurfaceCloud] | None = None
+    path: Derived[RawPath] | None = None
+    smoothing: Derived[SmoothPath] | None = None
+    roll: Derived[RobotPlan] | None = None
+    detection: Derived[Detection] | None = None
+    maps: Derived[Maps] | None = None
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class LogEntry:
+    """One message as it came in."""
+
+    number: int
+    message: str
+    arguments: dict[str, object]  # plain values; captures appear as their ordinal and digest
+    time_utc: str
+
+
+Capture = ToolCapture | PointerCapture | ScanCapture
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Session:
+    """Everything a session file holds."""
+
+    id: str = field(default_factory=lambda: uuid.uuid4().hex[:12])
+    name: str = "untitled"
+    created_utc: str = field(default_factory=lambda: datetime.now(UTC).isoformat(timespec="seconds"))
+    setup: Setup = field(default_factory=Setup)
+    captures: Captures = field(default_factory=Captures)
+    results: Results = field(default_factory=Results)
+    archive: tuple[Capture, ...] = ()  # every capture ever taken, undone ones too
+    log: tuple[LogEntry, ...] = ()

@@ -1,0 +1,1 @@
+"""Surfaces: meshes, rays against them, sampled clouds and their normals."""

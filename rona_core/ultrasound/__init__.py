@@ -1,0 +1,1 @@
+"""A-mode ultrasound: probe, echo model, and detection of the skull boundaries."""
