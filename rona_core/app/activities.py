@@ -1,0 +1,158 @@
+"""What takes time or touches a device: each activity ends in messages for the session."""
+
+from functools import singledispatch
+from typing import Any
+
+from rona_core.app import captures
+from rona_core.app.derive import derive_mapping, derive_roll, lean
+from rona_core.app.inputs import (
+    DETECTION,
+    RESULT_INPUTS,
+    digest_of,
+    input_digests,
+    require_inputs,
+)
+from rona_core.app.messages import (
+    BuildPath,
+    BuildSurface,
+    CalibratePointer,
+    RegisterTool,
+    StartMapping,
+    StartPathCapture,
+    StartPointerCapture,
+    StartRobotMove,
+    StartRollSearch,
+    StartScan,
+    StartSkullImport,
+    StartSurfaceCapture,
+    StartToolCapture,
+)
+from rona_core.app.outcomes import (
+    StoreMaps,
+    StorePathCapture,
+    StorePointerCapture,
+    StoreRobotPlan,
+    StoreScanCapture,
+    StoreSkull,
+    StoreSurfaceCapture,
+    StoreToolCapture,
+)
+from rona_core.app.plain import plain_arguments
+from rona_core.app.toolbox import Toolbox
+from rona_core.errors import InvalidInputError, NotFoundError
+from rona_core.session.codec import digest
+from rona_core.session.document import Session
+
+Messages = tuple[Any, ...]  # dispatched in this order when the activity ends
+
+# Activities that move or read a device: one at a time. The others only compute.
+DEVICE_ACTIVITIES = (
+    StartToolCapture,
+    StartPointerCapture,
+    StartSurfaceCapture,
+    StartPathCapture,
+    StartScan,
+    StartRobotMove,
+)
+
+
+@singledispatch
+def perform(activity: Any, session: Session, tools: Toolbox) -> Messages:
+    """Carry out ``activity`` on a snapshot of the session and return what to store.
+
+    Raises:
+        RonaError: it is blocked, a device failed, or a computation was cancelled.
+    """
+    raise InvalidInputError(f"there is no activity {type(activity).__name__}")
+
+
+@perform.register
+def _(activity: StartSkullImport, session: Session, tools: Toolbox) -> Messages:
+    names = [activity.file] + ([activity.inner_file] if activity.inner_file else [])
+    for name in names:
+        if not (tools.uploads / name).is_file():
+            raise NotFoundError(f"there is no uploaded file {name!r}: upload it first")
+    skull = tools.compute(
+        tools.import_skull,
+        str(tools.uploads / activity.file),
+        str(tools.uploads / activity.inner_file) if activity.inner_file else None,
+        activity.threshold,
+        activity.center_mesh_mm,
+        activity.radius_mm,
+        progress=tools.progress,
+        cancel=tools.cancel,
+    )
+    return (StoreSkull(skull),)
+
+
+@perform.register
+def _(activity: StartToolCapture, session: Session, tools: Toolbox) -> Messages:
+    capture = captures.capture_tool(activity, session, tools)
+    return (StoreToolCapture(capture), *(() if capture.partial else (RegisterTool(),)))
+
+
+@perform.register
+def _(activity: StartPointerCapture, session: Session, tools: Toolbox) -> Messages:
+    capture = captures.capture_pivot(activity, session, tools)
+    return (StorePointerCapture(capture), *(() if capture.partial else (CalibratePointer(),)))
+
+
+@perform.register
+def _(activity: StartSurfaceCapture, session: Session, tools: Toolbox) -> Messages:
+    require_inputs(type(activity), session)
+    capture = captures.capture_surface(activity, session, tools)
+    stored = StoreSurfaceCapture(capture, activity.append)
+    return (stored, *(() if capture.partial else (BuildSurface(),)))
+
+
+@perform.register
+def _(activity: StartPathCapture, session: Session, tools: Toolbox) -> Messages:
+    require_inputs(type(activity), session)
+    capture = captures.capture_path(activity, session, tools)
+    return (StorePathCapture(capture), *(() if capture.partial else (BuildPath(),)))
+
+
+@perform.register
+def _(activity: StartRollSearch, session: Session, tools: Toolbox) -> Messages:
+    require_inputs(type(activity), session)
+    inputs = input_digests("roll", session)
+    plan = tools.compute(
+        derive_roll, lean(session), activity, progress=tools.progress, cancel=tools.cancel
+    )
+    return (StoreRobotPlan(plan, plain_arguments(activity), inputs),)
+
+
+@perform.register
+def _(activity: StartScan, session: Session, tools: Toolbox) -> Messages:
+    require_inputs(type(activity), session)
+    return (StoreScanCapture(captures.capture_scan(session, tools)),)
+
+
+@perform.register
+def _(activity: StartMapping, session: Session, tools: Toolbox) -> Messages:
+    require_inputs(type(activity), session)
+    detection_inputs = input_digests("detection", session)
+    mapped = tools.compute(
+        derive_mapping, lean(session), activity, progress=tools.progress, cancel=tools.cancel
+    )
+    maps_inputs = {
+        name: digest_of(item.read(session))
+        for name, item in RESULT_INPUTS["maps"].items()
+        if item is not DETECTION
+    }
+    maps_inputs["detection"] = digest(mapped.detection)
+    return (
+        StoreMaps(
+            mapped.detection,
+            mapped.maps,
+            plain_arguments(activity),
+            detection_inputs,
+            maps_inputs,
+        ),
+    )
+
+
+@perform.register
+def _(activity: StartRobotMove, session: Session, tools: Toolbox) -> Messages:
+    captures.move_robot(activity, session, tools)
+    return ()

@@ -1,0 +1,259 @@
+"""Record what the devices deliver. Stop ends a capture early; what came so far is kept."""
+
+from collections.abc import Callable
+
+import numpy as np
+
+from rona_core.app.inputs import capture_setup_digest
+from rona_core.app.messages import (
+    StartPathCapture,
+    StartPointerCapture,
+    StartRobotMove,
+    StartSurfaceCapture,
+    StartToolCapture,
+)
+from rona_core.app.toolbox import Toolbox
+from rona_core.arrays import Floats, readonly
+from rona_core.devices.protocols import Motion
+from rona_core.devices.samples import AScanTrack, JointSample, JointTrack, ToolTrack, TrackerFrame
+from rona_core.errors import CancelledError, DeviceError, InvalidInputError, NotReachableError
+from rona_core.robot.joint_move import plan_joint_move
+from rona_core.robot.model import RobotModel, robot_model
+from rona_core.robot.tool_motion import plan_tool_motion
+from rona_core.session.document import PointerCapture, ScanCapture, Session, ToolCapture
+
+SAME_PLACE_RAD = 1e-6
+LIVE_PERIOD_S = 0.02  # how often a positioning move looks at Cancel
+
+
+def begin(session: Session, tools: Toolbox) -> int:
+    """Configure the devices from the session; return the ordinal of the capture that starts."""
+    ordinal = len(session.archive) + 1
+    tools.rig.begin(session.setup.devices, ordinal)
+    return ordinal
+
+
+def drive_to(q_rad: Floats, session: Session, tools: Toolbox) -> None:
+    """Move the robot to joint angles (6,) on a verified motion.
+
+    Raises:
+        NotReachableError: the verifier refuses the motion; it says why.
+        CancelledError: somebody pressed Cancel or Stop on the way.
+    """
+    model = robot_model(session.setup.devices.robot.model)
+    begin(session, tools)
+    start = tools.rig.robot.state().q_rad
+    if np.abs(start - q_rad).max() < SAME_PLACE_RAD:
+        return
+    planned = plan_joint_move(start, q_rad, model)
+    if not planned.certificate.certifies(planned.trajectory):
+        raise NotReachableError(f"the move is refused: {planned.certificate.refusal()}")
+    motion = tools.rig.robot.move(planned.trajectory.times_s, planned.trajectory.qs_rad)
+    clock = tools.rig.clock
+    while not motion.done():
+        if tools.cancel():
+            tools.rig.robot.stop()
+            raise CancelledError("the robot was stopped on its way to the start")
+        clock.wait_until(clock.now() + LIVE_PERIOD_S)
+        tools.live.put(joints=tools.rig.robot.state())
+
+
+def capture_tool(
+    activity: StartToolCapture, session: Session, tools: Toolbox
+) -> ToolCapture:
+    """Record the tool marker and the joints while the robot pivots and translates the tool."""
+    model = robot_model(session.setup.devices.robot.model)
+    plan = plan_tool_motion(
+        model,
+        cone_deg=activity.cone_deg,
+        n_pivot=activity.n_pivot,
+        n_translate=activity.n_translate,
+    )
+    if not plan.certificate.certifies(plan.trajectory):
+        raise NotReachableError(f"the tool motion is refused: {plan.certificate.refusal()}")
+    drive_to(plan.trajectory.qs_rad[0], session, tools)
+    ordinal = begin(session, tools)
+    motion = tools.rig.robot.move(plan.trajectory.times_s, plan.trajectory.qs_rad)
+    joints: list[JointSample] = []
+
+    def with_joints(frame: TrackerFrame) -> bool:
+        joints.append(tools.rig.robot.state())
+        tools.live.put(joints=joints[-1])
+        tools.progress(motion.progress())
+        return motion.done()
+
+    frames, partial = _record(tools, with_joints)
+    return ToolCapture(
+        ordinal=ordinal,
+        setup_digest=capture_setup_digest("tool", session),
+        marker=ToolTrack.from_frames("toolmarker", frames),
+        joints=JointTrack.from_samples(joints),
+        dwell_start_s=readonly(np.array(plan.dwell_start_s)),
+        dwell_end_s=readonly(np.array(plan.dwell_end_s)),
+        phases=readonly(np.array(plan.phases, dtype=np.int64)),
+        partial=partial or motion.progress() < 1.0,
+    )
+
+
+def capture_pivot(
+    activity: StartPointerCapture, session: Session, tools: Toolbox
+) -> PointerCapture:
+    """Record the pointer marker while the pointer pivots about its tip."""
+    return _capture_hand(
+        "pointer",
+        session,
+        tools,
+        lambda: tools.rig.operator.pivot(
+            cone_deg=activity.cone_deg, duration_s=activity.duration_s
+        ),
+    )
+
+
+def capture_surface(
+    activity: StartSurfaceCapture, session: Session, tools: Toolbox
+) -> PointerCapture:
+    """Record the pointer marker while the pointer slides over the skull."""
+    operator = tools.rig.operator
+    if activity.picks_base_mm:
+        picks = np.array(activity.picks_base_mm)
+        return _capture_hand(
+            "surface",
+            session,
+            tools,
+            lambda: operator.stroke(picks, duration_s=activity.duration_s),
+        )
+    return _capture_hand(
+        "surface", session, tools, lambda: operator.sweep(duration_s=activity.duration_s)
+    )
+
+
+def capture_path(
+    activity: StartPathCapture, session: Session, tools: Toolbox
+) -> PointerCapture:
+    """Record the pointer marker while the pointer demonstrates the scan path."""
+    operator = tools.rig.operator
+    if activity.picks_base_mm:
+        picks = np.array(activity.picks_base_mm)
+        return _capture_hand(
+            "path",
+            session,
+            tools,
+            lambda: operator.stroke(picks, duration_s=activity.duration_s),
+        )
+    return _capture_hand(
+        "path",
+        session,
+        tools,
+        lambda: operator.draw(spacing_mm=activity.spacing_mm, duration_s=activity.duration_s),
+    )
+
+
+def capture_scan(session: Session, tools: Toolbox) -> ScanCapture:
+    """Execute the certified plan and record an A-scan every ``pitch_mm`` along the path.
+
+    Raises:
+        NotReachableError: there is no plan, or the verifier did not certify it.
+    """
+    planned = session.results.roll
+    plan = None if planned is None else planned.value
+    if plan is None or plan.trajectory is None or plan.certificate is None:
+        raise NotReachableError("there is no path that the robot can traverse: see step 7")
+    if not plan.certificate.certifies(plan.trajectory):
+        raise NotReachableError(f"the plan is not certified: {plan.certificate.refusal()}")
+    trajectory = plan.trajectory
+    drive_to(trajectory.qs_rad[0], session, tools)
+    ordinal = begin(session, tools)
+    rig, clock = tools.rig, tools.rig.clock
+    motion = rig.robot.move(trajectory.times_s, trajectory.qs_rad)
+    fire_s = trajectory.times_at_pitch(session.setup.devices.probe.pitch_mm)
+    scans, joints, partial = [], [rig.robot.state()], False
+    for i, time_s in enumerate(fire_s):
+        if tools.cancel() or motion.done():
+            partial = True
+            break
+        clock.wait_until(float(time_s))
+        scans.append(rig.probe.acquire())
+        joints.append(rig.robot.state())
+        tools.live.put(joints=joints[-1], ascan=scans[-1], n_scans=len(scans))
+        tools.progress((i + 1) / len(fire_s))
+    if not _finish(motion, tools):
+        partial = True
+    return ScanCapture(
+        ordinal=ordinal,
+        setup_digest=capture_setup_digest("scan", session),
+        scans=AScanTrack.from_scans(scans),
+        joints=JointTrack.from_samples(joints),
+        partial=partial,
+    )
+
+
+def move_robot(activity: StartRobotMove, session: Session, tools: Toolbox) -> None:
+    """Move the robot to joint angles in degrees, certified first."""
+    q_rad = np.deg2rad(np.array(activity.joints_deg))
+    _check_joints(q_rad, robot_model(session.setup.devices.robot.model))
+    drive_to(q_rad, session, tools)
+
+
+def _check_joints(q_rad: Floats, model: RobotModel) -> None:
+    outside = (q_rad < model.lower_rad) | (q_rad > model.upper_rad)
+    if outside.any():
+        j = int(np.argmax(outside))
+        low, high = np.rad2deg((model.lower_rad[j], model.upper_rad[j]))
+        raise InvalidInputError(
+            f"joint {j + 1} must be {low:.1f} to {high:.1f} deg, not {np.rad2deg(q_rad[j]):.1f}"
+        )
+
+
+def _capture_hand(
+    kind: str, session: Session, tools: Toolbox, prepare: Callable[[], float]
+) -> PointerCapture:
+    pointer = session.setup.devices.pointer
+    ordinal = begin(session, tools)
+    duration_s = prepare()
+
+    def until(frame: TrackerFrame) -> bool:
+        tools.progress(min(1.0, frame.time_s / duration_s))
+        return frame.time_s >= duration_s
+
+    frames, partial = _record(tools, until)
+    return PointerCapture(
+        ordinal=ordinal,
+        setup_digest=capture_setup_digest(kind, session),
+        pointer=pointer,
+        marker=ToolTrack.from_frames(pointer, frames),
+        partial=partial,
+    )
+
+
+def _record(
+    tools: Toolbox, ended: Callable[[TrackerFrame], bool]
+) -> tuple[list[TrackerFrame], bool]:
+    """Collect tracker frames until ``ended`` or Cancel; return them and whether it was cut short.
+
+    Raises:
+        DeviceError: the tracker stopped delivering frames.
+    """
+    frames: list[TrackerFrame] = []
+    for frame in tools.rig.tracker.frames():
+        frames.append(frame)
+        tools.live.put(frame=frame)
+        if ended(frame):
+            return frames, False
+        if tools.cancel():
+            tools.rig.robot.stop()
+            return frames, True
+    raise DeviceError("the tracker stopped delivering frames: is it connected and started?")
+
+
+def _finish(motion: Motion, tools: Toolbox) -> bool:
+    """Let the retract end; return False if it was stopped instead."""
+    clock = tools.rig.clock
+    while not motion.done():
+        if tools.cancel():
+            tools.rig.robot.stop()
+            return False
+        clock.wait_until(clock.now() + LIVE_PERIOD_S)
+        tools.live.put(joints=tools.rig.robot.state())
+    return True
+
+

@@ -1,0 +1,179 @@
+"""What each capture and each result depends on, and whether that has changed since."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+from rona_core.app.messages import (
+    BuildPath,
+    BuildSurface,
+    CalibratePointer,
+    RegisterTool,
+    SmoothScanPath,
+    StartMapping,
+    StartPathCapture,
+    StartPointerCapture,
+    StartRollSearch,
+    StartScan,
+    StartSurfaceCapture,
+    StartToolCapture,
+)
+from rona_core.errors import StepBlockedError
+from rona_core.session.codec import digest
+from rona_core.session.document import Session
+
+
+@dataclass(frozen=True, slots=True)
+class Input:
+    """One thing a result is computed from."""
+
+    read: Callable[[Session], Any]  # None or () while it is missing
+    wanted: str  # what to do to get it, for the message
+    upstream: str | None = None  # the result or capture that may itself be stale
+
+
+def _value(name: str) -> Callable[[Session], Any]:
+    def read(session: Session) -> Any:
+        derived = getattr(session.results, name)
+        return None if derived is None else derived.value
+
+    return read
+
+
+TOOL_CAPTURE = Input(lambda s: s.captures.tool, "record the tool motion (step 2)", "capture tool")
+POINTER_CAPTURE = Input(
+    lambda s: s.captures.pointer, "record the pivoting of the pointer (step 3)", "capture pointer"
+)
+SURFACE_CAPTURE = Input(
+    lambda s: s.captures.surface, "slide the pointer over the skull (step 4)", "capture surface"
+)
+PATH_CAPTURE = Input(
+    lambda s: s.captures.path, "demonstrate the scan path (step 5)", "capture path"
+)
+SCAN_CAPTURE = Input(lambda s: s.captures.scan, "scan (step 8)", "capture scan")
+TOOL = Input(_value("tool"), "register the tool (step 2)", "tool")
+POINTER = Input(_value("pointer"), "calibrate the pointer (step 3)", "pointer")
+SURFACE = Input(_value("surface"), "sample the surface (step 4)", "surface")
+PATH = Input(_value("path"), "demonstrate the path (step 5)", "path")
+SMOOTHING = Input(_value("smoothing"), "smooth the path (step 6)", "smoothing")
+ROLL = Input(_value("roll"), "search the roll (step 7)", "roll")
+DETECTION = Input(_value("detection"), "detect the boundaries (step 9)", "detection")
+ROBOT = Input(lambda s: s.setup.devices.robot, "choose a robot (step 1)")
+PROBE = Input(lambda s: s.setup.devices.probe, "choose a probe (step 1)")
+
+# result -> the names and kinds of its inputs
+RESULT_INPUTS: dict[str, dict[str, Input]] = {
+    "tool": {"capture": TOOL_CAPTURE, "robot": ROBOT},
+    "pointer": {"capture": POINTER_CAPTURE},
+    "surface": {"capture": SURFACE_CAPTURE, "tool": TOOL, "pointer": POINTER},
+    "path": {"capture": PATH_CAPTURE, "tool": TOOL, "pointer": POINTER},
+    "smoothing": {"path": PATH, "surface": SURFACE},
+    "roll": {"smoothing": SMOOTHING, "robot": ROBOT},
+    "detection": {"capture": SCAN_CAPTURE, "probe": PROBE},
+    "maps": {
+        "detection": DETECTION,
+        "capture": SCAN_CAPTURE,
+        "surface": SURFACE,
+        "robot": ROBOT,
+    },
+}
+RESULTS = tuple(RESULT_INPUTS)  # in the order in which they follow from one another
+
+# message -> what must be there before it makes sense
+NEEDS: dict[type, tuple[Input, ...]] = {
+    StartToolCapture: (),
+    RegisterTool: (TOOL_CAPTURE,),
+    StartPointerCapture: (),
+    CalibratePointer: (POINTER_CAPTURE,),
+    StartSurfaceCapture: (TOOL, POINTER),
+    BuildSurface: (SURFACE_CAPTURE, TOOL, POINTER),
+    StartPathCapture: (TOOL, POINTER),
+    BuildPath: (PATH_CAPTURE, TOOL, POINTER),
+    SmoothScanPath: (PATH, SURFACE),
+    StartRollSearch: (SMOOTHING,),
+    StartScan: (ROLL,),
+    StartMapping: (SCAN_CAPTURE, SURFACE),
+}
+
+
+def missing(inputs: tuple[Input, ...], session: Session) -> str | None:
+    """Return what to do first, or None if nothing is missing."""
+    for item in inputs:
+        if item.read(session) in (None, ()):
+            return item.wanted
+    return None
+
+
+def require_inputs(message_type: type, session: Session) -> None:
+    """Raise StepBlockedError if ``session`` lacks what the message needs."""
+    wanted = missing(NEEDS.get(message_type, ()), session)
+    if wanted is not None:
+        raise StepBlockedError(f"{message_type.__name__} is blocked: first {wanted}")
+
+
+def input_digests(result: str, session: Session) -> dict[str, str]:
+    """Return the digest of every input of a result as the session holds them now.
+
+    Raises:
+        StepBlockedError: an input is missing.
+    """
+    inputs = RESULT_INPUTS[result]
+    wanted = missing(tuple(inputs.values()), session)
+    if wanted is not None:
+        raise StepBlockedError(f"{result} cannot be computed: first {wanted}")
+    return {name: digest_of(item.read(session)) for name, item in inputs.items()}
+
+
+def digest_of(value: Any) -> str:
+    """Return the digest of a value, or of each value in a tuple of them."""
+    if isinstance(value, tuple):
+        return digest([digest(item) for item in value])
+    return digest(value)
+
+
+def capture_setup_digest(kind: str, session: Session) -> str:
+    """Return a digest of the part of the set-up that a capture of this kind depends on."""
+    setup, devices = session.setup, session.setup.devices
+    robot = devices.robot
+    seen: list[Any] = [setup.seed]
+    if kind in ("tool", "pointer", "surface", "path"):
+        seen += [devices.tracker.profile, devices.tracker.rate_hz]
+    if kind in ("tool", "surface", "path", "scan"):
+        seen += [robot.model, robot.base_shift_mm, robot.base_turn_deg]
+    if kind in ("tool", "scan"):
+        seen += [robot.errors]
+    if kind in ("pointer", "surface", "path"):
+        seen += [devices.pointer]
+    if kind in ("surface", "path", "scan"):
+        seen += [digest(setup.specimen), digest(setup.region)]
+    if kind == "scan":
+        plan = session.results.roll
+        seen += [digest(devices.probe), "" if plan is None else digest(plan.value)]
+    return digest(seen)
+
+
+def stale_reason(name: str, session: Session) -> str | None:
+    """Return why a result (``"roll"``) or capture (``"capture scan"``) is stale, or None."""
+    if name.startswith("capture "):
+        return _stale_capture(name.removeprefix("capture "), session)
+    derived = getattr(session.results, name)
+    if derived is None:
+        return None
+    for key, item in RESULT_INPUTS[name].items():
+        if item.upstream is not None and (reason := stale_reason(item.upstream, session)):
+            return reason
+        value = item.read(session)
+        if value in (None, ()) or digest_of(value) != derived.inputs.get(key):
+            return f"{key} has changed since the {name} result was computed"
+    return None
+
+
+def _stale_capture(kind: str, session: Session) -> str | None:
+    held = getattr(session.captures, kind)
+    captures = held if isinstance(held, tuple) else (held,)
+    now = capture_setup_digest(kind, session)
+    if any(capture is not None and capture.setup_digest != now for capture in captures):
+        return f"the set-up or plan has changed since the {kind} capture was taken"
+    if kind == "scan" and held is not None:
+        return stale_reason("roll", session)
+    return None

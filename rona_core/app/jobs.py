@@ -1,0 +1,182 @@
+"""Jobs: activities under way, with progress, cancel and an outcome that everybody can ask for."""
+
+import threading
+import traceback
+import uuid
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, replace
+from typing import Any, Literal
+
+from rona_core.errors import CancelledError, DeviceError, NotFoundError, RonaError
+
+JobState = Literal["running", "done", "failed", "cancelled"]
+KEPT = 200  # finished jobs that are remembered
+PROGRESS_STEP = 0.005
+
+
+@dataclass(frozen=True, slots=True)
+class JobStatus:
+    """One job as it stands."""
+
+    id: str
+    activity: str
+    state: JobState
+    progress: float  # 0 to 1
+    version: int = 0  # grows with every change
+    error_code: str | None = None
+    error: str | None = None
+    revision: int | None = None  # of the session, once the outcome is stored
+
+    @property
+    def finished(self) -> bool:
+        """Whether the job has ended, one way or another."""
+        return self.state != "running"
+
+
+Work = Callable[[Callable[[float], None], Callable[[], bool]], int]
+
+
+class Jobs:
+    """Runs each job in a thread of its own; one at a time where devices are involved."""
+
+    def __init__(self) -> None:
+        self._changed = threading.Condition()
+        self._status: dict[str, JobStatus] = {}
+        self._cancel: dict[str, threading.Event] = {}
+        self._threads: dict[str, threading.Thread] = {}
+        self._device_job: str | None = None
+        self._listeners: list[Callable[[JobStatus], None]] = []
+
+    def start(self, activity: Any, work: Work, *, device: bool) -> JobStatus:
+        """Start ``work(progress, cancel) -> revision`` and return at once.
+
+        Raises:
+            DeviceError: the devices are busy with another job.
+        """
+        job = uuid.uuid4().hex[:12]
+        status = JobStatus(job, type(activity).__name__, "running", 0.0)
+        with self._changed:
+            if device and self._device_job is not None:
+                busy = self._status[self._device_job]
+                raise DeviceError(
+                    f"the devices are busy with {busy.activity} (job {busy.id}): "
+                    "wait for it or cancel it"
+                )
+            if device:
+                self._device_job = job
+            self._forget_oldest()
+            self._status[job] = status
+            self._cancel[job] = threading.Event()
+        thread = threading.Thread(
+            target=self._run, args=(job, work), name=f"rona-job-{job}", daemon=True
+        )
+        self._threads[job] = thread
+        thread.start()
+        return status
+
+    def _forget_oldest(self) -> None:
+        finished = [key for key, status in self._status.items() if status.finished]
+        for key in finished[: max(0, len(finished) - KEPT)]:
+            for kept in (self._status, self._cancel, self._threads):
+                kept.pop(key, None)
+
+    def _run(self, job: str, work: Work) -> None:
+        cancel = self._cancel[job]
+
+        def progress(share: float) -> None:
+            if abs(share - self._status[job].progress) >= PROGRESS_STEP:
+                self._update(job, progress=min(1.0, max(0.0, share)))
+
+        end: dict[str, Any]
+        try:
+            revision = work(progress, cancel.is_set)
+            end = {"state": "done", "progress": 1.0, "revision": revision}
+            if cancel.is_set():  # stopped early, but what came was stored
+                end = {"state": "cancelled", "revision": revision}
+        except CancelledError as error:
+            end = {"state": "cancelled", "error_code": error.code, "error": str(error)}
+        except RonaError as error:
+            end = {"state": "failed", "error_code": error.code, "error": str(error)}
+        except Exception as error:  # a defect: the job ends, the program goes on
+            traceback.print_exc()
+            text = f"{type(error).__name__}: {error}"
+            end = {"state": "failed", "error_code": "internal", "error": text}
+        with self._changed:
+            if self._device_job == job:
+                self._device_job = None
+        self._update(job, **end)
+
+    def _update(self, job: str, **parts: Any) -> None:
+        with self._changed:
+            old = self._status[job]
+            status = replace(old, version=old.version + 1, **parts)
+            self._status[job] = status
+            self._changed.notify_all()
+            listeners = tuple(self._listeners)
+        for listener in listeners:
+            listener(status)
+
+    def status(self, job: str) -> JobStatus:
+        """Return how a job stands.
+
+        Raises:
+            NotFoundError: no such job.
+        """
+        with self._changed:
+            if job not in self._status:
+                raise NotFoundError(f"there is no job {job!r}")
+            return self._status[job]
+
+    def all(self) -> tuple[JobStatus, ...]:
+        """Return all remembered jobs, oldest first."""
+        with self._changed:
+            return tuple(self._status.values())
+
+    def cancel(self, job: str) -> JobStatus:
+        """Ask a job to end; a finished one stays as it is.
+
+        Raises:
+            NotFoundError: no such job.
+        """
+        status = self.status(job)
+        self._cancel[job].set()
+        return status
+
+    def cancel_device_job(self) -> None:
+        """Ask whatever uses the devices to end."""
+        with self._changed:
+            job = self._device_job
+        if job is not None:
+            self._cancel[job].set()
+
+    def wait(self, job: str, timeout_s: float | None = None) -> JobStatus:
+        """Return the status once the job has ended, or after the timeout."""
+        self.status(job)
+        with self._changed:
+            self._changed.wait_for(lambda: self._status[job].finished, timeout_s)
+            return self._status[job]
+
+    def changes(self, job: str, period_s: float = 15.0) -> Iterator[JobStatus | None]:
+        """Yield every change of a job until it ends; None where nothing came for a while."""
+        status = self.status(job)
+        yield status
+        while not status.finished:
+            with self._changed:
+                seen = status.version
+                news = self._changed.wait_for(
+                    lambda seen=seen: self._status[job].version > seen, period_s
+                )
+                status = self._status[job]
+            yield status if news else None
+
+    def subscribe(self, listener: Callable[[JobStatus], None]) -> Callable[[], None]:
+        """Call ``listener(status)`` after each change; returns a function that ends that."""
+        with self._changed:
+            self._listeners.append(listener)
+
+        def unsubscribe() -> None:
+            with self._changed:
+                if listener in self._listeners:
+                    self._listeners.remove(listener)
+
+        return unsubscribe

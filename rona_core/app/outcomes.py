@@ -1,0 +1,84 @@
+"""What activities produce. Internal: no route leads here, so nobody can post a forged result."""
+
+from dataclasses import dataclass
+
+from rona_core.mapping.boundary_map import Maps
+from rona_core.robot.plan import RobotPlan
+from rona_core.session.document import PointerCapture, ScanCapture, ToolCapture
+from rona_core.session.specimen import LoadedSkull
+from rona_core.ultrasound.detect import Detection
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class StoreSkull:
+    """A skull was read from a file."""
+
+    skull: LoadedSkull
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class StoreToolCapture:
+    """The tool motion was recorded."""
+
+    capture: ToolCapture
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class StorePointerCapture:
+    """The pivoting of the pointer was recorded."""
+
+    capture: PointerCapture
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class StoreSurfaceCapture:
+    """A stroke over the surface was recorded; it replaces the earlier ones or adds to them."""
+
+    capture: PointerCapture
+    append: bool
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class StorePathCapture:
+    """A demonstrated path was recorded."""
+
+    capture: PointerCapture
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class StoreRobotPlan:
+    """The roll search ended, with or without a plan."""
+
+    plan: RobotPlan
+    arguments: dict[str, object]
+    inputs: dict[str, str]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class StoreScanCapture:
+    """A scan was recorded."""
+
+    capture: ScanCapture
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class StoreMaps:
+    """Boundaries were detected and mapped."""
+
+    detection: Detection
+    maps: Maps
+    arguments: dict[str, object]
+    detection_inputs: dict[str, str]
+    maps_inputs: dict[str, str]
+
+
+Outcome = (
+    StoreSkull
+    | StoreToolCapture
+    | StorePointerCapture
+    | StoreSurfaceCapture
+    | StorePathCapture
+    | StoreRobotPlan
+    | StoreScanCapture
+    | StoreMaps
+)

@@ -1,0 +1,80 @@
+"""Compute every result of a session again from its captures, and compare."""
+
+from dataclasses import dataclass, replace
+from typing import Any
+
+from rona_core.app.derive import (
+    SHORT,
+    derive_detection,
+    derive_maps,
+    derive_roll,
+)
+from rona_core.app.inputs import RESULTS, input_digests, stale_reason
+from rona_core.app.plain import message_from
+from rona_core.devices.protocols import Progress
+from rona_core.robot.model import robot_model
+from rona_core.robot.scan_plan import choose_roll
+from rona_core.session.codec import digest
+from rona_core.session.document import Derived, Session
+
+
+@dataclass(frozen=True, slots=True)
+class Replayed:
+    """One result, computed again."""
+
+    result: str
+    stored: str  # digest
+    recomputed: str  # digest
+
+    @property
+    def same(self) -> bool:
+        """Whether every bit agrees."""
+        return self.stored == self.recomputed
+
+
+def recompute(session: Session, progress: Progress | None = None) -> Session:
+    """Return the session with every result computed anew; stale ones are left out."""
+    fresh = replace(session, results=type(session.results)())
+    for i, name in enumerate(RESULTS):
+        stored = getattr(session.results, name)
+        if stored is None or stale_reason(name, session) is not None:
+            continue
+        value = _value(name, fresh, stored)
+        made = Derived(value, stored.message, stored.arguments, input_digests(name, fresh))
+        fresh = replace(fresh, results=replace(fresh.results, **{name: made}))
+        if progress is not None:
+            progress((i + 1) / len(RESULTS))
+    return fresh
+
+
+def _value(name: str, session: Session, stored: Derived[Any]) -> Any:
+    arguments = dict(stored.arguments)
+    chosen = arguments.pop("chosen", None)
+    message = message_from(stored.message, arguments)
+    if name == "roll":
+        plan = derive_roll(session, message)
+        robot = session.setup.devices.robot
+        if isinstance(chosen, int):
+            plan = choose_roll(
+                plan,
+                chosen,
+                robot_model(robot.model),
+                scan_speed_mm_per_s=robot.scan_speed_mm_per_s,
+            )
+        return plan
+    if name == "detection":
+        return derive_detection(session, message)
+    if name == "maps" and session.results.detection is not None:
+        return derive_maps(session, message, session.results.detection.value)
+    return SHORT[type(message)][1](session, message)
+
+
+def replay(session: Session, progress: Progress | None = None) -> tuple[Replayed, ...]:
+    """Compute all results that are not stale again and compare them with the stored ones."""
+    fresh = recompute(session, progress)
+    return tuple(
+        Replayed(name, digest(old.value), digest(new.value))
+        for name in RESULTS
+        if (old := getattr(session.results, name)) is not None
+        and (new := getattr(fresh.results, name)) is not None
+    )

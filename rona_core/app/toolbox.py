@@ -1,0 +1,52 @@
+"""What an activity may use: devices, live slots, a way to compute, and to be cancelled."""
+
+from collections.abc import Callable
+from concurrent.futures import CancelledError as PoolCancelled
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, Protocol
+
+from rona_core.app.derive import never, silent
+from rona_core.devices.live import Live
+from rona_core.devices.protocols import Cancel, Progress, Rig
+from rona_core.errors import CancelledError
+from rona_core.session.specimen import LoadedSkull
+
+ImportSkull = Callable[..., LoadedSkull]
+
+
+class Compute(Protocol):
+    """Run a pure function of picklable arguments; it takes ``progress`` and ``cancel`` too."""
+
+    def __call__(
+        self, function: Callable[..., Any], *args: Any, progress: Progress, cancel: Cancel
+    ) -> Any:
+        """Return ``function(*args, progress=…, cancel=…)``, computed here or elsewhere.
+
+        Raises:
+            CancelledError: somebody cancelled.
+        """
+        ...
+
+
+def compute_here(
+    function: Callable[..., Any], *args: Any, progress: Progress, cancel: Cancel
+) -> Any:
+    """Compute in this thread: for scripts and tests."""
+    try:
+        return function(*args, progress=progress, cancel=cancel)
+    except PoolCancelled as error:
+        raise CancelledError("cancelled") from error
+
+
+@dataclass(frozen=True, slots=True)
+class Toolbox:
+    """Handed to an activity when it starts."""
+
+    rig: Rig
+    live: Live
+    import_skull: ImportSkull
+    uploads: Path
+    compute: Compute = compute_here
+    progress: Progress = field(default=silent)
+    cancel: Cancel = field(default=never)

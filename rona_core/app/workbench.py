@@ -1,0 +1,124 @@
+"""One open session with its devices and jobs: the service that browser, REST and scripts share."""
+
+import threading
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from rona_core.app.activities import DEVICE_ACTIVITIES, perform
+from rona_core.app.derive import never, silent
+from rona_core.app.jobs import Jobs, JobStatus
+from rona_core.app.messages import COMMANDS
+from rona_core.app.store import Change, Store
+from rona_core.app.toolbox import Compute, ImportSkull, Toolbox, compute_here
+from rona_core.devices.live import Live
+from rona_core.devices.protocols import Cancel, Progress, Rig
+from rona_core.errors import InvalidInputError
+from rona_core.session.codec import digest
+from rona_core.session.document import Session, Setup
+
+Figures = dict[str, Any]
+
+
+@dataclass(frozen=True, slots=True)
+class Services:
+    """What ``compose`` supplies: how to build devices, to read skulls and to judge results."""
+
+    build_rig: Callable[[Setup], Rig]
+    import_skull: ImportSkull
+    evaluate: Callable[[Session, Rig], Figures] | None  # None where no ground truth exists
+    compute: Compute = compute_here
+
+
+class Workbench:
+    """Holds the store, the live slots, the devices and the jobs of one session."""
+
+    def __init__(self, session: Session, services: Services, uploads: Path) -> None:
+        self.store = Store(session)
+        self.live = Live()
+        self.jobs = Jobs()
+        self.uploads = uploads
+        self._services = services
+        self._rig_lock = threading.Lock()
+        self._rig: tuple[str, Rig] | None = None
+
+    @property
+    def session(self) -> Session:
+        """The session now."""
+        return self.store.session
+
+    def rig(self) -> Rig:
+        """Return the devices that fit the set-up; they are built anew where it has changed."""
+        setup = self.session.setup
+        robot = setup.devices.robot
+        where = [robot.model, robot.base_shift_mm, robot.base_turn_deg]
+        key = digest([setup.seed, digest(setup.specimen), digest(setup.region), *where])
+        with self._rig_lock:
+            if self._rig is None or self._rig[0] != key:
+                rig = self._services.build_rig(setup)
+                if self._rig is not None:
+                    self._rig[1].close()
+                self._rig = (key, rig)
+            return self._rig[1]
+
+    def dispatch(self, command: Any) -> Change:
+        """Change the session by a public command; errors as in ``Store.dispatch``."""
+        if type(command).__name__ not in COMMANDS:
+            raise InvalidInputError(f"{type(command).__name__} is not a command")
+        return self.store.dispatch(command)
+
+    def run(self, activity: Any, progress: Progress = silent, cancel: Cancel = never) -> Session:
+        """Carry out an activity here and now, and store what it produced."""
+        self._carry_out(activity, progress, cancel)
+        return self.session
+
+    def start(self, activity: Any) -> JobStatus:
+        """Start an activity as a job and return at once.
+
+        Raises:
+            DeviceError: the devices are busy with another job.
+        """
+        device = isinstance(activity, DEVICE_ACTIVITIES)
+        return self.jobs.start(
+            activity,
+            lambda progress, cancel: self._carry_out(activity, progress, cancel),
+            device=device,
+        )
+
+    def _carry_out(self, activity: Any, progress: Progress, cancel: Cancel) -> int:
+        tools = Toolbox(
+            rig=self.rig(),
+            live=self.live,
+            import_skull=self._services.import_skull,
+            uploads=self.uploads,
+            compute=self._services.compute,
+            progress=progress,
+            cancel=cancel,
+        )
+        for message in perform(activity, self.session, tools):
+            self.store.dispatch(message)
+        return self.store.revision
+
+    def stop(self) -> None:
+        """Stop the robot and end what uses the devices; always allowed, wins over everything."""
+        with self._rig_lock:
+            rig = self._rig
+        if rig is not None:
+            rig[1].robot.stop()
+        self.jobs.cancel_device_job()
+
+    def figures(self) -> Figures:
+        """Return the figures against ground truth; empty where there is none."""
+        if self._services.evaluate is None:
+            return {}
+        return self._services.evaluate(self.session, self.rig())
+
+    def close(self) -> None:
+        """Stop, and release devices and threads; a second call does nothing."""
+        self.stop()
+        self.store.close()
+        with self._rig_lock:
+            if self._rig is not None:
+                self._rig[1].close()
+            self._rig = None

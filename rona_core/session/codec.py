@@ -1,0 +1,197 @@
+"""Turn frozen dataclasses into plain JSON values and named arrays, and back, by their type hints.
+
+Small arrays stay in the JSON; larger ones are collected under a name that tells where they belong.
+Nothing is ever pickled: only the classes that the type hints name can come back.
+"""
+
+import dataclasses
+import hashlib
+import json
+import sys
+import types
+import typing
+from collections import OrderedDict
+from collections.abc import Mapping
+from typing import Any, Literal, TypeVar, Union
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rona_core.arrays import readonly
+from rona_core.errors import SessionFormatError
+
+Arrays = dict[str, NDArray[Any]]
+INLINE_SIZE = 16  # arrays up to this many values are written as JSON lists
+KINDS = "fiub"  # float, int, unsigned, bool: all that a session may hold
+TYPE_KEY = "$type"
+
+
+def encode(value: Any, name: str, arrays: Arrays) -> Any:
+    """Return ``value`` as plain JSON values; larger arrays go into ``arrays`` under ``name/…``.
+
+    Raises:
+        SessionFormatError: a value of a kind that sessions do not hold.
+    """
+    if value is None or isinstance(value, bool | int | float | str):
+        return value
+    if isinstance(value, np.generic):
+        return value.item()
+    if isinstance(value, np.ndarray):
+        return _encode_array(value, name, arrays)
+    if dataclasses.is_dataclass(value) and not isinstance(value, type):
+        fields = {
+            f.name: encode(getattr(value, f.name), f"{name}/{f.name}", arrays)
+            for f in dataclasses.fields(value)
+        }
+        return {TYPE_KEY: type(value).__name__, **fields}
+    if isinstance(value, tuple | list):
+        return [encode(item, f"{name}/{i}", arrays) for i, item in enumerate(value)]
+    if isinstance(value, Mapping):
+        return {str(key): encode(item, f"{name}/{key}", arrays) for key, item in value.items()}
+    raise SessionFormatError(f"{name}: a session cannot hold a {type(value).__name__}")
+
+
+def _encode_array(array: NDArray[Any], name: str, arrays: Arrays) -> dict[str, Any]:
+    if array.dtype.kind not in KINDS:
+        raise SessionFormatError(f"{name}: a session cannot hold arrays of {array.dtype}")
+    if array.size <= INLINE_SIZE:
+        kind = array.dtype.str
+        return {"values": array.ravel().tolist(), "shape": list(array.shape), "dtype": kind}
+    arrays[name] = np.ascontiguousarray(array)
+    return {"array": name}
+
+
+def decode(data: Any, hint: Any, arrays: Mapping[str, NDArray[Any]], where: str = "session") -> Any:
+    """Return the value that ``encode`` wrote, of the type that ``hint`` names.
+
+    Raises:
+        SessionFormatError: the data do not fit the type.
+    """
+    origin, arguments = typing.get_origin(hint), typing.get_args(hint)
+    if hint is object or hint is Any:
+        return data
+    if origin in (Union, types.UnionType):
+        return _decode_union(data, arguments, arrays, where)
+    if origin is Literal:
+        return _checked(data in arguments, data, f"one of {arguments}", where)
+    if origin is np.ndarray or hint is np.ndarray:
+        return _decode_array(data, arrays, where)
+    if origin is tuple:
+        return _decode_tuple(data, arguments, arrays, where)
+    if origin is dict:
+        _checked(isinstance(data, dict), data, "an object", where)
+        return {k: decode(v, arguments[1], arrays, f"{where}/{k}") for k, v in data.items()}
+    target = origin or hint
+    if dataclasses.is_dataclass(target):
+        return _decode_dataclass(data, hint, arrays, where)
+    if hint is float:
+        valid = isinstance(data, int | float) and not isinstance(data, bool)
+        return float(_checked(valid, data, "a number", where))
+    if hint in (int, str, bool, type(None)):
+        return _checked(type(data) is hint, data, getattr(hint, "__name__", "null"), where)
+    raise SessionFormatError(f"{where}: no rule for the type {hint}")
+
+
+def _checked(valid: bool, data: Any, expected: str, where: str) -> Any:
+    if not valid:
+        raise SessionFormatError(f"{where}: expected {expected}, found {str(data)[:60]!r}")
+    return data
+
+
+def _decode_union(data: Any, options: tuple[Any, ...], arrays: Any, where: str) -> Any:
+    if data is None and type(None) in options:
+        return None
+    named = data.get(TYPE_KEY) if isinstance(data, dict) else None
+    for option in options:
+        target = typing.get_origin(option) or option
+        if named is not None and getattr(target, "__name__", None) == named:
+            return decode(data, option, arrays, where)
+    plain = [o for o in options if o is not type(None) and not dataclasses.is_dataclass(o)]
+    for option in plain:
+        try:
+            return decode(data, option, arrays, where)
+        except SessionFormatError:
+            continue
+    raise SessionFormatError(f"{where}: expected one of {options}, found {str(data)[:60]!r}")
+
+
+def _decode_array(data: Any, arrays: Mapping[str, NDArray[Any]], where: str) -> NDArray[Any]:
+    _checked(isinstance(data, dict), data, "an array", where)
+    if "array" in data:
+        if data["array"] not in arrays:
+            raise SessionFormatError(f"{where}: the array {data['array']!r} is missing")
+        return readonly(arrays[data["array"]])
+    try:
+        array = np.array(data["values"], dtype=data["dtype"]).reshape(data["shape"])
+    except (KeyError, TypeError, ValueError) as error:
+        raise SessionFormatError(f"{where}: not an array ({error})") from error
+    _checked(array.dtype.kind in KINDS, data["dtype"], "a numeric array", where)
+    return readonly(array)
+
+
+def _decode_tuple(data: Any, arguments: tuple[Any, ...], arrays: Any, where: str) -> Any:
+    _checked(isinstance(data, list), data, "a list", where)
+    if len(arguments) == 2 and arguments[1] is Ellipsis:
+        hints: tuple[Any, ...] = (arguments[0],) * len(data)
+    else:
+        hints = arguments
+        _checked(len(data) == len(hints), data, f"{len(hints)} values", where)
+    pairs = zip(data, hints, strict=True)
+    return tuple(decode(d, h, arrays, f"{where}/{i}") for i, (d, h) in enumerate(pairs))
+
+
+def _decode_dataclass(data: Any, hint: Any, arrays: Any, where: str) -> Any:
+    target = typing.get_origin(hint) or hint
+    _checked(isinstance(data, dict), data, target.__name__, where)
+    named = data.get(TYPE_KEY)
+    _checked(named == target.__name__, named, target.__name__, f"{where}/{TYPE_KEY}")
+    hints = _field_hints(target)
+    parameters = getattr(target, "__parameters__", ())
+    bound = dict(zip(parameters, typing.get_args(hint), strict=False))
+    missing, extra = hints.keys() - data.keys(), data.keys() - hints.keys() - {TYPE_KEY}
+    _checked(not missing, sorted(missing), f"all fields of {target.__name__}", where)
+    _checked(not extra, sorted(extra), f"only fields of {target.__name__}", where)
+    values = {
+        name: decode(data[name], _bind(kind, bound), arrays, f"{where}/{name}")
+        for name, kind in hints.items()
+    }
+    try:
+        return target(**values)
+    except ValueError as error:  # InvalidInputError of a __post_init__ among them
+        raise SessionFormatError(f"{where}: {error}") from error
+
+
+def _bind(hint: Any, bound: dict[Any, Any]) -> Any:
+    return bound.get(hint, hint) if isinstance(hint, TypeVar) else hint
+
+
+def _field_hints(target: Any) -> dict[str, Any]:
+    hints = typing.get_type_hints(target, vars(sys.modules[target.__module__]))
+    return {f.name: hints[f.name] for f in dataclasses.fields(target) if f.init}
+
+
+_DIGESTS: OrderedDict[int, tuple[Any, str]] = OrderedDict()  # keeps the value alive beside its id
+_DIGESTS_KEPT = 256
+
+
+def digest(value: Any) -> str:
+    """Return a sha-256 over every bit of ``value``: equal digests mean equal content.
+
+    Immutable values are hashed once and remembered by identity.
+    """
+    remembered = _DIGESTS.get(id(value))
+    if remembered is not None and remembered[0] is value:
+        return remembered[1]
+    arrays: Arrays = {}
+    plain = encode(value, "", arrays)
+    hasher = hashlib.sha256(json.dumps(plain, sort_keys=True, allow_nan=False).encode())
+    for name in sorted(arrays):
+        array = arrays[name]
+        hasher.update(f"{name}{array.dtype.str}{array.shape}".encode())
+        hasher.update(array.tobytes())
+    result = hasher.hexdigest()
+    if dataclasses.is_dataclass(value):
+        _DIGESTS[id(value)] = (value, result)
+        while len(_DIGESTS) > _DIGESTS_KEPT:
+            _DIGESTS.popitem(last=False)
+    return result

@@ -1,0 +1,186 @@
+"""Session files: one zip of JSON and arrays, written so that a crash loses nothing.
+
+The same document gives the same bytes. Reading checks names, sizes and digests before anything is
+unpacked into the program.
+"""
+
+import hashlib
+import io
+import json
+import os
+import re
+import shutil
+import tempfile
+import zipfile
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from rona_core import __version__
+from rona_core.errors import NotFoundError, SessionFormatError
+from rona_core.session.codec import Arrays, decode, encode
+from rona_core.session.document import Session
+from rona_core.session.migrate import SCHEMA, migrate
+
+FORMAT = "rona-session"
+SUFFIX = ".rona"
+MAX_MEMBERS = 20_000
+MAX_TOTAL_BYTES = 2 * 1024**3
+MAX_RATIO = 200  # unpacked over packed, for files that unpack to more than FREE_BYTES
+FREE_BYTES = 64 * 1024**2
+MEMBER_NAME = re.compile(r"manifest\.json|commands\.jsonl|arrays/[\w-]+(/[\w-]+)*\.npy")
+UNITS = {"length": "mm", "angle": "rad", "time": "s", "ultrasound_time": "us", "force": "N"}
+NAMING = "T_a_b is the pose of frame b in frame a; points_a are coordinates in frame a"
+
+
+def session_bytes(session: Session) -> bytes:
+    """Return the bytes of the session file of ``session``."""
+    arrays: Arrays = {}
+    document = encode(session, "session", arrays)
+    log = document.pop("log")
+    members = {f"arrays/{name}.npy": _npy(array) for name, array in sorted(arrays.items())}
+    members["commands.jsonl"] = "".join(
+        json.dumps(entry, sort_keys=True, allow_nan=False) + "\n" for entry in log
+    ).encode()
+    digests = {name: hashlib.sha256(data).hexdigest() for name, data in members.items()}
+    manifest = {
+        "format": FORMAT,
+        "schema": SCHEMA,
+        "app_version": __version__,
+        "units": UNITS,
+        "naming": NAMING,
+        "session": document,
+        "sha256": digests,
+    }
+    text = json.dumps(manifest, sort_keys=True, indent=1, allow_nan=False).encode()
+    buffer = io.BytesIO()
+    with zipfile.ZipFile(buffer, "w", zipfile.ZIP_DEFLATED, compresslevel=6) as archive:
+        for name, data in [("manifest.json", text), *members.items()]:
+            info = zipfile.ZipInfo(name, date_time=(1980, 1, 1, 0, 0, 0))
+            info.compress_type = zipfile.ZIP_DEFLATED
+            info.external_attr = 0o644 << 16
+            archive.writestr(info, data)
+    return buffer.getvalue()
+
+
+def _npy(array: np.ndarray) -> bytes:
+    buffer = io.BytesIO()
+    np.lib.format.write_array(buffer, array, version=(1, 0), allow_pickle=False)
+    return buffer.getvalue()
+
+
+def save_session(session: Session, path: Path | str) -> Path:
+    """Write ``session`` to ``path`` atomically; the file that was there becomes ``.bak``."""
+    path = Path(path)
+    data = session_bytes(session)
+    path.parent.mkdir(parents=True, exist_ok=True)
+    handle, temporary = tempfile.mkstemp(prefix=f".{path.name}.", dir=path.parent)
+    try:
+        with os.fdopen(handle, "wb") as file:
+            file.write(data)
+            file.flush()
+            os.fsync(file.fileno())
+        if path.exists():
+            _keep_backup(path)
+        os.replace(temporary, path)
+    except BaseException:
+        Path(temporary).unlink(missing_ok=True)
+        raise
+    directory = os.open(path.parent, os.O_RDONLY)
+    try:
+        os.fsync(directory)
+    finally:
+        os.close(directory)
+    return path
+
+
+def _keep_backup(path: Path) -> None:
+    """Give the present file a second name, so that ``path`` itself never goes missing."""
+    link = path.with_name(f".{path.name}.link")
+    link.unlink(missing_ok=True)
+    try:
+        os.link(path, link)
+    except OSError:  # a file system without hard links
+        shutil.copy2(path, link)
+    os.replace(link, path.with_name(path.name + ".bak"))
+
+
+def load_session(path: Path | str) -> Session:
+    """Read a session file.
+
+    Raises:
+        NotFoundError: no such file.
+        SessionFormatError: not a session file, damaged, too large, or newer than this program.
+    """
+    path = Path(path)
+    if not path.is_file():
+        raise NotFoundError(f"there is no session file {path}")
+    return session_from_bytes(path.read_bytes(), str(path.name))
+
+
+def session_from_bytes(data: bytes, name: str = "upload") -> Session:
+    """Read a session from the bytes of its file; errors as in ``load_session``."""
+    try:
+        with zipfile.ZipFile(io.BytesIO(data)) as archive:
+            _check_members(archive, len(data), name)
+            contents = {info.filename: archive.read(info) for info in archive.infolist()}
+    except (zipfile.BadZipFile, EOFError, OSError, NotImplementedError, RuntimeError) as error:
+        raise SessionFormatError(
+            f"{name} is not a readable session file: {error}. Is there a .bak beside it?"
+        ) from error
+    except ValueError as error:
+        raise SessionFormatError(f"{name} is damaged: {error}") from error
+    manifest = _manifest(contents.pop("manifest.json"), name)
+    _check_digests(manifest, contents, name)
+    manifest = migrate(manifest)
+    arrays = {
+        member.removeprefix("arrays/").removesuffix(".npy"): _load_npy(blob, member)
+        for member, blob in contents.items()
+        if member.startswith("arrays/")
+    }
+    lines = contents["commands.jsonl"].decode().splitlines()
+    document = {**manifest["session"], "log": [json.loads(line) for line in lines]}
+    return decode(document, Session, arrays)
+
+
+def _check_members(archive: zipfile.ZipFile, packed: int, name: str) -> None:
+    infos = archive.infolist()
+    names = [info.filename for info in infos]
+    total = sum(info.file_size for info in infos)
+    foreign = [n for n in names if not MEMBER_NAME.fullmatch(n)]
+    if foreign or not {"manifest.json", "commands.jsonl"} <= set(names):
+        what = f"it holds {foreign[0]!r}" if foreign else "manifest or command log is missing"
+        raise SessionFormatError(f"{name} is a zip, but not a session file of RONA: {what}")
+    if len(set(names)) != len(names) or len(names) > MAX_MEMBERS:
+        raise SessionFormatError(f"{name} has doubled names or more than {MAX_MEMBERS} members")
+    if total > MAX_TOTAL_BYTES or (total > FREE_BYTES and total > MAX_RATIO * packed):
+        raise SessionFormatError(
+            f"{name} would unpack to {total / 1e6:.0f} MB from {packed / 1e6:.1f} MB: refused"
+        )
+
+
+def _manifest(text: bytes, name: str) -> dict[str, Any]:
+    try:
+        manifest = json.loads(text)
+    except ValueError as error:
+        raise SessionFormatError(f"{name}: its manifest is not readable: {error}") from error
+    if not isinstance(manifest, dict) or manifest.get("format") != FORMAT:
+        raise SessionFormatError(f"{name} is a zip, but not a session file of RONA")
+    return manifest
+
+
+def _check_digests(manifest: dict[str, Any], contents: dict[str, bytes], name: str) -> None:
+    expected = manifest.get("sha256")
+    if not isinstance(expected, dict) or set(expected) != set(contents):
+        raise SessionFormatError(f"{name}: its members are not the ones its manifest lists")
+    for member, data in contents.items():
+        if hashlib.sha256(data).hexdigest() != expected[member]:
+            raise SessionFormatError(f"{name}: {member} is damaged (its digest does not match)")
+
+
+def _load_npy(blob: bytes, member: str) -> np.ndarray:
+    try:
+        return np.load(io.BytesIO(blob), allow_pickle=False)
+    except (ValueError, EOFError) as error:
+        raise SessionFormatError(f"{member} is not a plain array: {error}") from error
