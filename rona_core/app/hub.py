@@ -29,8 +29,11 @@ def plain_name(name: str) -> str:
 class Hub:
     """Opens and closes workbenches. Safe to use from several threads."""
 
-    def __init__(self, services: Services, folder: Path) -> None:
+    def __init__(
+        self, services: Services, folder: Path, on_close: Callable[[], None] = lambda: None
+    ) -> None:
         self.folder = folder
+        self._on_close = on_close
         self.uploads = folder / ".uploads"
         self._services = services
         self._lock = threading.RLock()
@@ -141,6 +144,7 @@ class Hub:
         """Close every session, at the end of the program."""
         for session_id in self.ids():
             self.close(session_id)
+        self._on_close()
 
     # -------------------------------------------------------------- saving
 

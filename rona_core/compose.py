@@ -1,0 +1,179 @@
+"""Put the parts together: sessions with virtual devices, and the whole procedure in one call."""
+
+import time
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+from rona_core.app.derive import never
+from rona_core.app.hub import Hub
+from rona_core.app.messages import SetRegion, SetRobot, SetSeed
+from rona_core.app.outcomes import StoreSkull
+from rona_core.app.pool import ProcessCompute
+from rona_core.app.procedure import Ending, StepProgress, run_procedure
+from rona_core.app.toolbox import Compute, compute_here
+from rona_core.app.workbench import Services, Workbench
+from rona_core.devices.protocols import Cancel, Progress, Rig
+from rona_core.errors import DeviceError, RonaError
+from rona_core.evaluation.metrics import evaluate
+from rona_core.session.document import Session, Setup
+from rona_core.session.specimen import LoadedSkull
+from rona_core.virtual.rig import VirtualRig
+from rona_core.virtual.specimen import Specimen, build_specimen
+from rona_core.virtual.specimen_import import import_skull
+
+
+def specimen_of(setup: Setup) -> Specimen:
+    """Return the specimen that a set-up puts on the table.
+
+    Raises:
+        InvalidInputError: the chosen region lies outside a loaded skull's stored part.
+    """
+    return build_specimen(
+        setup.specimen,
+        setup.seed,
+        center_mesh_mm=setup.region.center_mesh_mm,
+        radius_mm=setup.region.radius_mm,
+    )
+
+
+def build_virtual_rig(setup: Setup, pace: float | None = None) -> VirtualRig:
+    """Return virtual devices for a set-up; ``pace`` is a multiple of real time, None for at once."""
+    return VirtualRig(setup.seed, specimen_of(setup), setup.devices, pace)
+
+
+def read_skull(
+    path: str,
+    inner: str | None,
+    threshold: float | None,
+    center_mesh_mm: tuple[float, float, float] | None,
+    radius_mm: float,
+    *,
+    progress: Progress,
+    cancel: Cancel,
+) -> LoadedSkull:
+    """Read a skull from a file; picklable, so that it can run in another process."""
+    return import_skull(
+        path,
+        inner=inner,
+        threshold=threshold,
+        center=center_mesh_mm,
+        radius_mm=radius_mm,
+        progress=progress,
+        cancel=cancel,
+    )
+
+
+def evaluate_virtual(session: Session, rig: Rig) -> dict[str, Any]:
+    """Return the figures of a session against the ground truth of its virtual devices.
+
+    Raises:
+        DeviceError: the devices are real, so nobody knows the truth.
+    """
+    if not isinstance(rig, VirtualRig):
+        raise DeviceError("figures against ground truth need virtual devices")
+    return evaluate(session, rig.scene)
+
+
+def virtual_services(compute: Compute = compute_here, pace: float | None = None) -> Services:
+    """Return what a workbench needs to work with virtual devices."""
+    return Services(
+        build_rig=lambda setup: build_virtual_rig(setup, pace),
+        import_skull=read_skull,
+        evaluate=evaluate_virtual,
+        compute=compute,
+    )
+
+
+def build_hub(folder: Path, *, processes: bool = True, pace: float | None = None) -> Hub:
+    """Return a hub of sessions with virtual devices, whose files live in ``folder``.
+
+    With ``processes`` computations run in another process, so that the server always answers.
+    """
+    if not processes:
+        return Hub(virtual_services(pace=pace), folder)
+    pool = ProcessCompute()
+    pool.warm_up()
+    return Hub(virtual_services(pool, pace), folder, on_close=pool.close)
+
+
+def new_workbench(session: Session, uploads: Path | None = None) -> Workbench:
+    """Return a workbench with virtual devices for one session, for scripts and tests."""
+    return Workbench(session, virtual_services(), uploads or Path.cwd())
+
+
+def run_demo(
+    seed: int = 0,
+    *,
+    specimen: str = "simulated",
+    inner: str | None = None,
+    threshold: float | None = None,
+    center: Sequence[float] | None = None,
+    radius: float | None = None,
+    robot: str = "rx90",
+    progress: StepProgress = lambda step, share: None,
+    cancel: Cancel = never,
+) -> tuple[Session, dict[str, Any]]:
+    """Carry out the complete procedure with virtual devices and judge it against ground truth.
+
+    Args:
+        seed: Seed of the patient, the placement and every noise.
+        specimen: ``"simulated"``, or the path of a skull: mask, CT volume or mesh.
+        inner: Path of the inner surface, where it is a file of its own.
+        threshold: Bone threshold of a CT volume.
+        center: Centre of the region in coordinates of the specimen, in mm.
+        radius: Radius of the region in mm, 25 if not given.
+        robot: Name of the robot.
+        progress: Called with the step and the share of it that is done.
+        cancel: Asked now and then; returns True to end.
+
+    Returns:
+        The session and its figures, with the keys of ``docs/metrics.md``.
+
+    Raises:
+        RonaError: the set-up itself is invalid. What fails later is reported in the figures.
+    """
+    started = time.monotonic()
+    bench = new_workbench(Session(name=f"demo seed {seed}"))
+    bench.dispatch(SetSeed(seed))
+    place = None if center is None else (float(center[0]), float(center[1]), float(center[2]))
+    radius_mm = 25.0 if radius is None else float(radius)
+    SetRegion(place, radius_mm)  # refuses a bad region before a file is read
+    if robot != "rx90":
+        bench.dispatch(SetRobot(model=robot))
+    if specimen != "simulated":
+        progress("setup", 0.0)
+        skull = read_skull(
+            specimen,
+            inner,
+            threshold,
+            place,
+            radius_mm,
+            progress=lambda share: progress("setup", share),
+            cancel=cancel,
+        )
+        bench.store.dispatch(StoreSkull(skull))
+    elif place is not None or radius is not None:
+        bench.dispatch(SetRegion(place, radius_mm))
+    try:
+        bench.rig()
+        progress("setup", 1.0)
+        ending = run_procedure(bench, progress=progress, cancel=cancel)
+        figures = _figures(bench, ending)
+    finally:
+        bench.close()
+    name = "simulated" if specimen == "simulated" else Path(specimen).name
+    head = {"seed": seed, "specimen": name, "robot": robot}
+    return bench.session, {**head, **figures, "wall_s": time.monotonic() - started}
+
+
+def _figures(bench: Workbench, ending: Ending) -> dict[str, Any]:
+    try:
+        figures = bench.figures()
+    except RonaError as error:
+        figures = {}
+        ending = Ending(False, ending.failed_step or "evaluation", ending.reason or str(error))
+    figures["completed"] = ending.completed
+    if not ending.completed:
+        figures |= {"failed_step": ending.failed_step, "reason": ending.reason}
+    return figures
