@@ -170,8 +170,10 @@ class FrameChecker(ast.NodeVisitor):
                 node, f"{ast.unparse(node)}: {left.right!r} and {inner!r} are side by side"
             )
             return None
-        return Transform(left.left, right.right) if isinstance(right, Transform) else Vectors(
-            left.left
+        return (
+            Transform(left.left, right.right)
+            if isinstance(right, Transform)
+            else Vectors(left.left)
         )
 
     # -- where a meaning is given a name --------------------------------------------------------
@@ -239,7 +241,7 @@ class FrameChecker(ast.NodeVisitor):
                 self._match(declared, self.infer(node.value), f"{name}()", node)
         self.generic_visit(node)
 
-    # -- every name ---------------------------------------------------------------------------------
+    # -- every name ------------------------------------------------------------------------------
 
     def _name(self, name: str, node: ast.AST) -> None:
         error = grammar_error(name)
