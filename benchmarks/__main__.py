@@ -15,7 +15,11 @@ COLUMNS = ("figure", "value", "unit", "goal", "peer", "holds")
 def run_suite(name: str) -> list[Metric]:
     """Return the figures of one suite; what it is doing goes to standard error."""
     suite = importlib.import_module(f"benchmarks.suites.{name}")
-    return suite.run(lambda text: print(f"{name}: {text}", file=sys.stderr, flush=True))
+
+    def progress(text: str) -> None:
+        print(f"{name}: {text}", file=sys.stderr, flush=True)
+
+    return suite.run(progress)
 
 
 def as_number(value: float | None) -> str:

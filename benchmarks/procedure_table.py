@@ -13,9 +13,9 @@ PAGE = Path(__file__).resolve().parents[1] / "docs" / "results.md"
 
 INTRODUCTION = """# Results
 
-Made by `make results`, not by hand. Each line is one run of the whole procedure, from set-up to maps,
-with virtual devices and default settings; every figure is measured against the ground truth, as
-[metrics](metrics.md) defines it. A dash: the run did not get that far.
+Made by `make results`, not by hand. Each line is one run of the whole procedure, from set-up to
+maps, with virtual devices and default settings; every figure is measured against the ground truth,
+as [metrics](metrics.md) defines it. A dash: the run did not get that far.
 """
 
 

@@ -5,6 +5,7 @@ drawn by a hand with wander and tremor.
 """
 
 import importlib
+import itertools
 from collections.abc import Callable
 
 import numpy as np
@@ -65,7 +66,7 @@ def demonstration(seed: int) -> Floats:
 def segment_deviation_mm(points: Floats, index: Floats) -> float:
     """Return the largest distance of a point from the segment that replaces it (brute force)."""
     worst = 0.0
-    for first, last in zip(index[:-1], index[1:], strict=True):
+    for first, last in itertools.pairwise(index):
         a, b, inner = points[first], points[last], points[first : last + 1]
         span = b - a
         share = np.clip((inner - a) @ span / max(float(span @ span), 1e-12), 0.0, 1.0)
