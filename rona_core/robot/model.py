@@ -18,7 +18,7 @@ class Tool:
     """The rigid tool: miller and probe in one holder, and the marker plate, as drawn up.
 
     The probe is clamped in place of the miller, its face where the tip of the miller was. The
-    marker plate looks along +z of ``flange``, away from the wrist.
+    marker plate looks along +z of ``flange``, away from the wrist, and somewhat back up the tool.
     """
 
     T_flange_tip: Pose

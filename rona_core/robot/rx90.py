@@ -66,6 +66,7 @@ PROVENANCE = (
 
 HOME_DEG = (15.0, -25.0, 130.0, 0.0, -15.0, 0.0)  # tool pointing down, above the working space
 TOOL_TIP_FLANGE_MM = (120.0, 0.0, 60.0)
+MARKER_TILT_RAD = np.deg2rad(20.0)
 
 
 def rx90() -> RobotModel:
@@ -91,11 +92,15 @@ def rx90() -> RobotModel:
 
 
 def perpendicular_tool() -> Tool:
-    """Return the tool: its axis along +x of ``flange``, the marker plate looking along +z."""
+    """Return the tool: its axis along +x of ``flange``, the marker plate looking away from the arm.
+
+    The plate stands above the tool opposite the tip and is tilted back, so that a tracker above
+    the working place sees it.
+    """
     T_flange_tip = Pose.from_rotvec((0.0, np.pi / 2.0, 0.0), TOOL_TIP_FLANGE_MM)
-    # In tip coordinates the marker's y runs up the tool (-z) and its z looks along -x.
-    x_tip, y_tip, z_tip = (0.0, 1.0, 0.0), (0.0, 0.0, -1.0), (-1.0, 0.0, 0.0)
-    rotation = np.array((x_tip, y_tip, z_tip)).T
+    c, s = np.cos(MARKER_TILT_RAD), np.sin(MARKER_TILT_RAD)
+    facing_tip, up_tip = np.array((-c, 0.0, -s)), np.array((s, 0.0, -c))
+    rotation = np.column_stack((np.cross(up_tip, facing_tip), up_tip, facing_tip))
     tip_toolmarker = GEOMETRIES["toolmarker"].nominal_tip_marker
     T_tip_toolmarker = Pose(rotation, -rotation @ tip_toolmarker)
     return Tool(
