@@ -20,6 +20,7 @@ GROSS = 4.0  # a pose is dropped beyond this multiple of the median residual (6 
 GROSS_FLOOR_MM = 1e-6  # ... which itself counts as at least this
 MAX_ROUNDS = 10
 MIN_SHARE = 0.7  # of the poses that must survive
+MAX_RMSE_MM = 5.0  # beyond this the tip did not stay in one place
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -76,6 +77,10 @@ def solve_pivot(
             f"{MIN_CONE_DEG:.0f} are needed"
         )
     rmse_mm = float(np.sqrt((residuals[used] ** 2).mean()))
+    if rmse_mm > MAX_RMSE_MM:
+        raise DegenerateGeometryError(
+            f"the tip scatters by {rmse_mm:.1f} mm about its pivot: it has slipped"
+        )
     return PivotFit(
         tip_marker=readonly(tip),
         pivot_tracker=readonly(pivot),

@@ -1,4 +1,4 @@
-"""Calibrate a hand-held pointer: where is its tip in the frame of its markers?"""
+"""Calibrate a hand-held pointer: find its tip in the frame of its markers."""
 
 from dataclasses import dataclass
 from typing import Literal

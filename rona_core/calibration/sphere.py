@@ -89,12 +89,13 @@ def _algebraic(q: Floats) -> tuple[Floats, float]:
 
 def _refine(q: Floats, center: Floats, radius: float) -> tuple[Floats, float, bool]:
     """Return the geometric fit by damped Gauss-Newton, and whether it settled."""
-    x = np.append(center, radius)
+    x: Floats = np.append(center, radius)
     damping = 1e-6
     residuals, jacobian = _residuals(q, x)
     for _ in range(MAX_STEPS):
         normal, gradient = jacobian.T @ jacobian, jacobian.T @ residuals
-        step = -np.linalg.solve(normal + damping * np.diag(np.diag(normal)), gradient)
+        damped = normal + damping * np.diag(np.diag(normal))
+        step = np.asarray(-np.linalg.solve(damped, gradient), dtype=np.float64)
         if np.abs(step).max() <= STEP_TOLERANCE * np.abs(x).max():
             return x[:3], float(x[3]), True
         new_residuals, new_jacobian = _residuals(q, x + step)

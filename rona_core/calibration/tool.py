@@ -1,4 +1,4 @@
-"""Register robot and tracker: where is the tracker in ``base``, and the tip in ``toolmarker``?
+"""Register robot and tracker: find the tracker in ``base`` and the tip in ``toolmarker``.
 
 The robot pivots its tool about the tip, then translates it along tool x and tool y. The pivot
 gives the tip, the two directions give the rotation.

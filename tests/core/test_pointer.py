@@ -142,12 +142,9 @@ def test_motions_that_leave_the_tip_open_are_refused_by_name(dof, method):
         calibrate(pivot_poses(rng, tip_of(dof), n=9)[0])
     wild = pivot_poses(rng, tip_of(dof), n=60)[0]
     slipped = Poses(wild.rotations, wild.translations + np.repeat(((0, 0, 0), (30, 0, 0)), 30, 0))
-    spread = Poses(wild.rotations, wild.translations)
-    assert calibrate(spread).n_used == 60
-    try:
-        assert calibrate(slipped).rmse_mm > 3.0
-    except DegenerateGeometryError as refusal:
-        assert "slipped" in str(refusal) or "uncertain" in str(refusal)
+    assert calibrate(wild).n_used == 60
+    with pytest.raises(DegenerateGeometryError, match=r"slipped|uncertain"):
+        calibrate(slipped)
 
 
 def test_spinning_about_the_shaft_alone_is_refused():
