@@ -11,6 +11,7 @@ Direction = Literal["lower", "higher"]
 Progress = Callable[[str], None]
 
 REPEATS = 5
+ROUNDING = 1e-9  # of the bound: the same computation in another order is no worse
 
 
 @dataclass(frozen=True, slots=True)
@@ -36,7 +37,10 @@ class Metric:
             return None
         if self.value is None or not math.isfinite(self.value):
             return False
-        return self.value <= bound if self.direction == "lower" else self.value >= bound
+        slack = ROUNDING * abs(bound)
+        if self.direction == "lower":
+            return self.value <= bound + slack
+        return self.value >= bound - slack
 
     def as_dict(self) -> dict[str, object]:
         """Return plain values, ready for JSON."""

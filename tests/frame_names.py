@@ -14,9 +14,10 @@ from pathlib import Path
 
 FRAMES = frozenset(
     "base flange tip probe toolmarker tracker basemarker marker pointermarker pointertip skull "
-    "mesh sensor scene map link camera a b c d".split()
+    "mesh voxel sensor scene map link camera a b c d".split()
 )  # explained in docs/conventions.md; single letters stand for any frame in generic code
 TRANSFORM = re.compile(r"_*(?P<kind>Ts?|Rs?)_(?P<words>[a-z0-9_]+)")
+QUALIFIERS = frozenset("true nominal measured found best new old n is has".split())
 TYPE_VARIABLES = {"T_co", "T_contra"}
 KEEPS_FRAMES = {"select", "mean", "copy", "matrix", "normalized", "reshape", "astype"}
 
@@ -61,7 +62,8 @@ def meaning_of_name(name: str) -> Meaning:
             return Transform(words[0], words[1])
         return None
     words = name.split("_")
-    if len(words) >= 2 and words[-1] in FRAMES and not name.isupper():
+    a_thing = words[0] in QUALIFIERS or name.isupper()  # "true_tip" is a tip, not given in tip
+    if len(words) >= 2 and words[-1] in FRAMES and not a_thing:
         return Vectors(words[-1])
     return None
 

@@ -207,6 +207,7 @@ RIGHT_FRAMES = [
     "value = A @ points_base.T",
     "T = TypeVar('T'); T_co = TypeVar('T_co')",
     "mesh = skull_mesh; probe = 3; n_probe = count",
+    "true_tip = T_base_tip.translation",
 ]
 
 

@@ -5,11 +5,13 @@ The noise is the stress profile of docs/metrics.md: 0.35 mm 3D RMS, white, at ev
 
 import importlib
 from collections.abc import Callable
+from typing import get_args
 
 import numpy as np
 
 from benchmarks.metric import Metric, Progress, cpu_ms, over_seeds
 from rona_core.arrays import Floats
+from rona_core.calibration.pivot import PivotMethod
 from rona_core.calibration.pointer import calibrate_pointer
 from rona_core.calibration.tool import register_tool
 from rona_core.devices.markers import GEOMETRIES
@@ -30,26 +32,29 @@ def run(progress: Progress) -> list[Metric]:
     sweeps = [pointer_sweep(np.random.default_rng((1, trial))) for trial in range(TRIALS)]
     tip = GEOMETRIES["pointer6d"].nominal_tip_marker
 
-    def error_mm(Ts_tracker_pointermarker: Poses) -> float:
-        found = calibrate_pointer(Ts_tracker_pointermarker, pointer="pointer6d", dof=6)
+    def error_mm(Ts_tracker_pointermarker: Poses, method: PivotMethod) -> float:
+        found = calibrate_pointer(
+            Ts_tracker_pointermarker, pointer="pointer6d", dof=6, method=method
+        )
         return float(np.linalg.norm(found.tip_pointermarker - tip))
 
-    errors = [error_mm(sweep) for sweep in sweeps]
     peer = peer_pivot()
     peer_errors = [float(np.linalg.norm(peer(sweep) - tip)) for sweep in sweeps] if peer else []
     peer_name = "scikit-surgery" if peer else None
-    metrics = over_seeds(
-        "pointer_tip_error_mm",
-        errors,
-        "mm",
-        "lower",
-        peer=peer_name,
-        peer_value=float(np.median(peer_errors)) if peer_errors else None,
-    )
+    metrics: list[Metric] = []
+    for method in get_args(PivotMethod):
+        metrics += over_seeds(
+            f"pointer_tip_error_mm, {method}",
+            [error_mm(sweep, method) for sweep in sweeps],
+            "mm",
+            "lower",
+            peer=peer_name,
+            peer_value=float(np.median(peer_errors)) if peer_errors else None,
+        )
     metrics.append(
         Metric(
             "pointer calibration, CPU",
-            cpu_ms(lambda: error_mm(sweeps[0])),
+            cpu_ms(lambda: error_mm(sweeps[0], "sphere")),
             "ms",
             "lower",
             peer=peer_name,

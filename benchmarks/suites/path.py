@@ -76,9 +76,13 @@ def segment_deviation_mm(points: Floats, index: Floats) -> float:
 
 
 def peer_indices() -> Callable[[Floats], Floats] | None:
-    """Return the peer's simplification (points to points kept), None where not installed."""
+    """Return the peer's simplification (points (n, 3) to points kept), None where not installed."""
     try:
         rdp = importlib.import_module("pybind11_rdp")
     except ImportError:
         return None
-    return lambda points: np.asarray(rdp.rdp(points, epsilon=TOLERANCE_MM))
+
+    def kept(points: Floats) -> Floats:
+        return np.asarray(rdp.rdp(points, epsilon=TOLERANCE_MM), dtype=np.float64)
+
+    return kept
