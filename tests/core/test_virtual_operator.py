@@ -219,7 +219,7 @@ def test_a_place_beyond_the_specimen_is_refused_by_its_number():
     scene, operator = operator_of(2)
     center, normal, _ = scene.region_base()
     away = center + (PICK_REACH_MM + 5.0) * normal
-    with pytest.raises(InvalidInputError, match="pick 2 of 3 .* 20 mm beyond the specimen") as e:
+    with pytest.raises(InvalidInputError, match=r"pick 2 of 3 .* 20 mm beyond the specimen") as e:
         operator.stroke([center, away, center], duration_s=5.0)
     assert e.value.data == {"pick": 2}
     assert operator.motion() is None
