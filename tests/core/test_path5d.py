@@ -1,3 +1,5 @@
+from itertools import pairwise
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -17,7 +19,7 @@ def wavy(rng, n=30):
 
 def carried(axes, reference):
     """Carry a reference along, each step as a rotation about the normal of both axes."""
-    for a, b in zip(axes[:-1], axes[1:], strict=True):
+    for a, b in pairwise(axes):
         v, c = np.cross(a, b), a @ b
         reference = c * reference + np.cross(v, reference) + v * (v @ reference) / (1 + c)
     return reference
