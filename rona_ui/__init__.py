@@ -1,0 +1,1 @@
+"""RONA in the browser and on the command line: panels, scene, REST, server."""
