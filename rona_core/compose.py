@@ -38,7 +38,7 @@ def specimen_of(setup: Setup) -> Specimen:
 
 
 def build_virtual_rig(setup: Setup, pace: float | None = None) -> VirtualRig:
-    """Return virtual devices for a set-up; ``pace`` is a multiple of real time, None for at once."""
+    """Return virtual devices; ``pace`` is a multiple of real time, None shows captures at once."""
     return VirtualRig(setup.seed, specimen_of(setup), setup.devices, pace)
 
 

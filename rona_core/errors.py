@@ -1,15 +1,15 @@
 """One tree of errors, each with a stable ``code`` that REST, browser and terminal show alike.
 
-    RonaError
-    ├── InvalidInputError        (also a ValueError)  wrong shape, range or value from outside
-    ├── DegenerateGeometryError  the data cannot determine the answer
-    ├── NotReachableError        the robot cannot go there
-    ├── DeviceError              a device refused, failed or is not there
-    ├── StepBlockedError         an earlier step is missing
-    ├── StaleResultError         an input has changed since
-    ├── NotFoundError            no session, job, capture or tool of that name
-    ├── SessionFormatError       a file is damaged, foreign or newer
-    └── CancelledError           somebody pressed Cancel or Stop
+RonaError
+├── InvalidInputError        (also a ValueError)  wrong shape, range or value from outside
+├── DegenerateGeometryError  the data cannot determine the answer
+├── NotReachableError        the robot cannot go there
+├── DeviceError              a device refused, failed or is not there
+├── StepBlockedError         an earlier step is missing
+├── StaleResultError         an input has changed since
+├── NotFoundError            no session, job, capture or tool of that name
+├── SessionFormatError       a file is damaged, foreign or newer
+└── CancelledError           somebody pressed Cancel or Stop
 """
 
 

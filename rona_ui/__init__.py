@@ -1,1 +1,1 @@
-"""The browser interface of RONA."""
+"""RONA in the browser and on the command line: panels, scene, REST, server."""

@@ -58,9 +58,7 @@ def drive_to(q_rad: Floats, session: Session, tools: Toolbox) -> None:
         tools.live.put(joints=tools.rig.robot.state())
 
 
-def capture_tool(
-    activity: StartToolCapture, session: Session, tools: Toolbox
-) -> ToolCapture:
+def capture_tool(activity: StartToolCapture, session: Session, tools: Toolbox) -> ToolCapture:
     """Record the tool marker and the joints while the robot pivots and translates the tool."""
     model = robot_model(session.setup.devices.robot.model)
     plan = plan_tool_motion(
@@ -127,9 +125,7 @@ def capture_surface(
     )
 
 
-def capture_path(
-    activity: StartPathCapture, session: Session, tools: Toolbox
-) -> PointerCapture:
+def capture_path(activity: StartPathCapture, session: Session, tools: Toolbox) -> PointerCapture:
     """Record the pointer marker while the pointer demonstrates the scan path."""
     operator = tools.rig.operator
     if activity.picks_base_mm:
@@ -255,5 +251,3 @@ def _finish(motion: Motion, tools: Toolbox) -> bool:
         clock.wait_until(clock.now() + LIVE_PERIOD_S)
         tools.live.put(joints=tools.rig.robot.state())
     return True
-
-

@@ -1,4 +1,4 @@
-"""Compute each result from the captures of a session. Pure, so that a replay gives the same bits."""
+"""Compute each result from the captures of a session: pure, so a replay gives the same bits."""
 
 from collections.abc import Callable
 from dataclasses import dataclass, fields, replace
@@ -264,9 +264,7 @@ def derive_mapping(
     cancel: Cancel = never,
 ) -> Mapped:
     """Detect the boundaries, then map them."""
-    found = derive_detection(
-        session, message, progress=lambda p: progress(0.7 * p), cancel=cancel
-    )
+    found = derive_detection(session, message, progress=lambda p: progress(0.7 * p), cancel=cancel)
     maps = derive_maps(
         session, message, found, progress=lambda p: progress(0.7 + 0.3 * p), cancel=cancel
     )

@@ -131,9 +131,7 @@ def _(message: SetPointer, session: Session) -> Session:
 @handle.register
 def _(message: StoreSkull, session: Session) -> Session:
     region = RegionChoice(None, message.skull.region_radius_mm)
-    return replace(
-        session, setup=replace(session.setup, specimen=message.skull, region=region)
-    )
+    return replace(session, setup=replace(session.setup, specimen=message.skull, region=region))
 
 
 # ------------------------------------------------------------------ captures: always kept
@@ -219,9 +217,7 @@ def _(message: ChooseRoll, session: Session) -> Session:
 @handle.register
 def _(message: StoreMaps, session: Session) -> Session:
     _require_unchanged("detection", message.detection_inputs, session)
-    made = Derived(
-        message.detection, "StartMapping", message.arguments, message.detection_inputs
-    )
+    made = Derived(message.detection, "StartMapping", message.arguments, message.detection_inputs)
     session = replace(session, results=replace(session.results, detection=made))
     _require_unchanged("maps", message.maps_inputs, session)
     maps = Derived(message.maps, "StartMapping", message.arguments, message.maps_inputs)

@@ -89,9 +89,7 @@ class SetToolVisible:
     visible: bool
 
     def __post_init__(self) -> None:
-        require(
-            self.tool in TOOLS, f"tool must be one of {', '.join(TOOLS)}, not {self.tool!r}"
-        )
+        require(self.tool in TOOLS, f"tool must be one of {', '.join(TOOLS)}, not {self.tool!r}")
 
 
 @dataclass(frozen=True, slots=True)

@@ -35,9 +35,7 @@ class Notifier:
             self._next_key += 1
             self._listeners[key] = (listener, self._newest)
             if self._thread is None:
-                self._thread = threading.Thread(
-                    target=self._run, name="rona-notifier", daemon=True
-                )
+                self._thread = threading.Thread(target=self._run, name="rona-notifier", daemon=True)
                 self._thread.start()
 
         def unsubscribe() -> None:

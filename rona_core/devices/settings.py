@@ -34,9 +34,7 @@ class TrackerSettings:
 
     def __post_init__(self) -> None:
         low, high = TRACKER_RATES_HZ
-        require(
-            low <= self.rate_hz <= high, f"rate_hz must be {low} to {high}, not {self.rate_hz}"
-        )
+        require(low <= self.rate_hz <= high, f"rate_hz must be {low} to {high}, not {self.rate_hz}")
         for tool in self.hidden_tools:
             require(tool in TOOLS, f"tool must be one of {', '.join(TOOLS)}, not {tool!r}")
 

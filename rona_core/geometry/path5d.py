@@ -10,7 +10,9 @@ from rona_core.errors import DegenerateGeometryError, InvalidInputError
 from rona_core.geometry.pose import Poses
 
 REFERENCE_CONE_RAD = np.deg2rad(30.0)  # closer to the axis than this, base x is no reference
-ANTIPARALLEL = 1e-9  # 1 + cos of the angle between neighbouring axes; below it the turn is undefined
+ANTIPARALLEL = (
+    1e-9  # 1 + cos of the angle between neighbouring axes; below it the turn is undefined
+)
 
 
 @dataclass(frozen=True, slots=True, eq=False)

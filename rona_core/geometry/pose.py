@@ -1,4 +1,4 @@
-"""Rigid poses. ``T_base_tip`` is the pose of ``tip`` in ``base``: ``p_base = T_base_tip @ p_tip``."""
+"""Rigid poses: ``T_base_tip`` is the pose of ``tip`` in ``base``, p_base = T_base_tip @ p_tip."""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
@@ -122,7 +122,7 @@ class Pose:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Poses:
-    """A batch of rigid poses (``Ts_base_probe``): rotations (n, 3, 3), translations (n, 3) in mm."""
+    """A batch of rigid poses (``Ts_base_probe``): rotations (n, 3, 3), translations (n, 3) mm."""
 
     rotations: Floats
     translations: Floats

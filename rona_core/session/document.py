@@ -149,7 +149,9 @@ class Session:
 
     id: str = field(default_factory=lambda: uuid.uuid4().hex[:12])
     name: str = "untitled"
-    created_utc: str = field(default_factory=lambda: datetime.now(UTC).isoformat(timespec="seconds"))
+    created_utc: str = field(
+        default_factory=lambda: datetime.now(UTC).isoformat(timespec="seconds")
+    )
     setup: Setup = field(default_factory=Setup)
     captures: Captures = field(default_factory=Captures)
     results: Results = field(default_factory=Results)

@@ -18,17 +18,17 @@ SKY: Rgb = (86, 180, 233)
 YELLOW: Rgb = (240, 228, 66)
 CATEGORIES = (BLUE, ORANGE, GREEN, VERMILLION, PURPLE, SKY)
 
-# viridis at 17 even places (matplotlib's CC0 colour map, by its published values)
+# viridis at 20 even places (matplotlib's CC0 colour map, by its published values)
 _VIRIDIS = np.array(
     [
-        (68, 1, 84), (72, 21, 104), (72, 38, 119), (69, 55, 129), (64, 71, 136), (57, 86, 140),
-        (51, 99, 141), (45, 113, 142), (40, 125, 142), (35, 138, 141), (31, 150, 139),
-        (41, 175, 127), (60, 187, 117), (115, 208, 85), (149, 216, 64), (184, 222, 41),
-        (253, 231, 37),
+        (68, 1, 84), (72, 21, 103), (72, 38, 119), (69, 55, 129), (64, 71, 136), (57, 86, 140),
+        (51, 99, 141), (45, 112, 142), (40, 125, 142), (35, 138, 141), (31, 150, 139),
+        (32, 163, 135), (41, 175, 127), (60, 187, 117), (85, 198, 103), (115, 208, 85),
+        (149, 216, 64), (184, 222, 41), (220, 227, 25), (253, 231, 37),
     ],
     dtype=np.float64,
 )  # fmt: skip
-_PLACES = np.array([0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 12, 13, 15, 16, 17, 19]) / 19.0
+_PLACES = np.linspace(0.0, 1.0, len(_VIRIDIS))
 
 
 def viridis(shares: ArrayLike) -> NDArray[np.uint8]:

@@ -20,7 +20,9 @@ from rona_core.session.files import load_session, save_session, session_bytes, s
 
 def capture(n: int = 60) -> PointerCapture:
     rng = np.random.default_rng(5)
-    poses = Poses.stack([Pose.from_rotvec(rng.normal(size=3), rng.normal(size=3)) for _ in range(n)])
+    poses = Poses.stack(
+        [Pose.from_rotvec(rng.normal(size=3), rng.normal(size=3)) for _ in range(n)]
+    )
     track = ToolTrack(
         "pointer6d", np.arange(n), np.arange(n) / 60.0, poses, rng.random(n), n_frames=n
     )

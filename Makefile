@@ -1,0 +1,113 @@
+# The verbs of RONA. Everything is installed into .venv; a second call finds its stamp and is instant.
+#
+#   make run          install, start the server and open the demo session
+#   make test         install what the tests need, a browser too, and run them all
+#   make check        style, types, import contracts, architecture
+#   make bench        figures beside those of peers (SUITE=path for one suite, JSON=1 for a list)
+#   make results      run the procedure over seeds and skulls and write docs/results.md
+#   make demo         the whole procedure in the terminal, without a browser (SEED=3)
+#   make constraints  refresh the pinned versions
+#   make clean        remove what the verbs made
+
+SHELL := /bin/bash
+.SHELLFLAGS := -eu -o pipefail -c
+.DEFAULT_GOAL := help
+.PHONY: help run test check bench results demo constraints clean venv product browser
+
+PYTHON ?= python3
+VENV := .venv
+BIN := $(VENV)/bin
+PIP := -m pip install --quiet --disable-pip-version-check
+PINNED := -c constraints.txt
+RECIPE := pyproject.toml setup.py constraints.txt
+SUITE ?=
+SEED ?= 0
+ONE_THREAD := OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 MKL_NUM_THREADS=1
+TEST_LIMIT ?= 600
+
+help:
+	@sed -n 's/^#   //p' Makefile
+
+# -- environments -----------------------------------------------------------------------------
+
+define make_venv
+	@if ! $(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))'; then \
+	    echo "RONA needs Python 3.11 or later; name one: make PYTHON=python3.11 $(MAKECMDGOALS)"; \
+	    exit 1; \
+	fi
+	@if ! $(PYTHON) -c 'import ensurepip, venv' 2>/dev/null; then \
+	    if [ "$$(id -u)" = 0 ] && command -v apt-get >/dev/null; then \
+	        apt-get update -qq && \
+	        DEBIAN_FRONTEND=noninteractive apt-get install -y -qq --no-install-recommends python3-venv; \
+	    else \
+	        echo "Python has no venv here. Run: sudo apt-get install python3-venv"; exit 1; \
+	    fi; \
+	fi
+	$(PYTHON) -m venv $(1)
+endef
+
+$(BIN)/python:
+	$(call make_venv,$(VENV))
+
+$(VENV)/.product: $(RECIPE) | $(BIN)/python
+	$(BIN)/python $(PIP) $(PINNED) -e .
+	@touch $@
+
+$(VENV)/.test: $(VENV)/.product
+	$(BIN)/python $(PIP) $(PINNED) -e '.[test]'
+	@touch $@
+
+$(VENV)/.dev: $(VENV)/.test
+	$(BIN)/python $(PIP) $(PINNED) -e '.[dev]'
+	@touch $@
+
+.venv-bench/.bench: $(RECIPE)
+	$(call make_venv,.venv-bench)
+	.venv-bench/bin/python $(PIP) $(PINNED) -e '.[bench]'
+	@touch $@
+
+venv: $(BIN)/python
+product: $(VENV)/.product
+
+# -- the browser that the tests drive -----------------------------------------------------------
+
+browser: $(VENV)/.test
+	@PYTHON=$(BIN)/python bash tests/install_browser.sh
+
+# -- verbs ----------------------------------------------------------------------------------------
+
+run: $(VENV)/.product
+	$(BIN)/rona serve
+
+demo: $(VENV)/.product
+	$(BIN)/rona demo --seed $(SEED)
+
+test: $(VENV)/.test browser
+	$(ONE_THREAD) timeout --foreground --kill-after=20 $(TEST_LIMIT) \
+	    $(BIN)/python -m pytest -n 2 --dist loadfile $(ARGS)
+
+check: $(VENV)/.dev
+	$(BIN)/ruff check .
+	$(BIN)/ruff format --check .
+	$(BIN)/pyright
+	PYTHONPATH=. $(BIN)/lint-imports --no-logo
+	$(BIN)/python -m pytest -q tests/test_architecture.py
+
+bench: .venv-bench/.bench
+	$(ONE_THREAD) .venv-bench/bin/python -m benchmarks $(SUITE) $(if $(JSON),--json)
+
+results: $(VENV)/.product
+	$(ONE_THREAD) $(BIN)/python -m benchmarks.procedure_table
+
+constraints: $(BIN)/python
+	@rm -rf build/constraints && $(PYTHON) -m venv build/constraints
+	build/constraints/bin/python $(PIP) -e '.[dev]'
+	{ sed -n '/^#/p' constraints.txt; \
+	  build/constraints/bin/python -m pip freeze --exclude-editable; } > build/constraints.txt
+	mv build/constraints.txt constraints.txt
+	@rm -rf build/constraints
+
+clean:
+	rm -rf $(VENV) .venv-bench build dist *.egg-info .pytest_cache .ruff_cache .hypothesis \
+	    .import_linter_cache tests/ui/output
+	find . -name __pycache__ -type d -prune -exec rm -rf {} +

@@ -1,0 +1,1 @@
+"""Figures of merit of RONA beside those of peers and of the published procedure."""

@@ -1,0 +1,70 @@
+"""``python -m benchmarks [SUITE ...] [--json] [--gate]``: run suites and print their figures."""
+
+import argparse
+import importlib
+import json
+import sys
+from collections.abc import Sequence
+
+from benchmarks.metric import Metric
+
+SUITES = ("navigation", "path", "robot", "ultrasound", "procedure")
+COLUMNS = ("figure", "value", "unit", "goal", "peer", "holds")
+
+
+def run_suite(name: str) -> list[Metric]:
+    """Return the figures of one suite; what it is doing goes to standard error."""
+    suite = importlib.import_module(f"benchmarks.suites.{name}")
+
+    def progress(text: str) -> None:
+        print(f"{name}: {text}", file=sys.stderr, flush=True)
+
+    return suite.run(progress)
+
+
+def as_number(value: float | None) -> str:
+    """Return four significant digits, a dash for nothing."""
+    return "-" if value is None else f"{value:.4g}"
+
+
+def as_row(metric: Metric) -> tuple[str, ...]:
+    """Return one line of the table."""
+    sign = "<=" if metric.direction == "lower" else ">="
+    goal = "-" if metric.goal is None else f"{sign} {as_number(metric.goal)}"
+    peer = "-" if metric.peer is None else f"{metric.peer} {as_number(metric.peer_value)}"
+    holds = {True: "yes", False: "NO", None: "-"}[metric.holds]
+    return (metric.name, as_number(metric.value), metric.unit, goal, peer, holds)
+
+
+def as_table(metrics: Sequence[Metric]) -> str:
+    """Return the figures as plain text in columns."""
+    rows = [COLUMNS, *(as_row(metric) for metric in metrics)]
+    widths = [max(len(row[i]) for row in rows) for i in range(len(COLUMNS))]
+    rows.insert(1, tuple("-" * width for width in widths))
+    lines = ["  ".join(cell.ljust(w) for cell, w in zip(row, widths, strict=True)) for row in rows]
+    return "\n".join(line.rstrip() for line in lines)
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run what was asked for; return 0, or with ``--gate`` 1 where a figure does not hold."""
+    parser = argparse.ArgumentParser(prog="python -m benchmarks", description=__doc__)
+    parser.add_argument("suites", nargs="*", metavar="SUITE", help=f"of {', '.join(SUITES)}")
+    parser.add_argument("--json", action="store_true", help="print a list of objects")
+    parser.add_argument("--gate", action="store_true", help="fail where a figure does not hold")
+    options = parser.parse_args(arguments)
+    unknown = [name for name in options.suites if name not in SUITES]
+    if unknown:
+        parser.error(f"there is no suite {unknown[0]!r}; the suites are {', '.join(SUITES)}")
+    metrics: list[Metric] = []
+    for name in options.suites or SUITES:
+        found = run_suite(name)
+        metrics += found
+        if not options.json:
+            print(f"\n{name}\n\n{as_table(found)}", flush=True)
+    if options.json:
+        print(json.dumps([metric.as_dict() for metric in metrics], indent=2))
+    return int(options.gate and any(metric.holds is False for metric in metrics))
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,69 @@
+"""``make results``: run the procedure over seeds and skulls and write docs/results.md."""
+
+import platform
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+
+import rona_core
+from benchmarks.__main__ import as_number
+from benchmarks.suites.procedure import AIMS, Run, runs, summary
+
+PAGE = Path(__file__).resolve().parents[1] / "docs" / "results.md"
+
+INTRODUCTION = """# Results
+
+Made by `make results`, not by hand. Each line is one run of the whole procedure, from set-up to
+maps, with virtual devices and default settings; every figure is measured against the ground truth,
+as [metrics](metrics.md) defines it. A dash: the run did not get that far.
+"""
+
+
+def page(done: Sequence[Run]) -> str:
+    """Return the page for some runs."""
+    keys = [aim.key for aim in AIMS]
+    lines = [
+        INTRODUCTION,
+        f"Version {rona_core.__version__}, Python {platform.python_version()}, "
+        f"{platform.system()} {platform.machine()}.\n",
+        "## Every run\n",
+        row("skull", "seed", "completed", *keys),
+        row(*("---" for _ in range(len(keys) + 3))),
+        *(
+            row(r.specimen, r.seed, outcome(r), *(as_number(r.number(k)) for k in keys))
+            for r in done
+        ),
+        row("**paper**", "", "", *(as_number(aim.paper) for aim in AIMS)),
+        "\n## Summary\n",
+        row("figure", "value", "unit", "goal", "paper", "holds"),
+        row(*["---"] * 6),
+    ]
+    for metric in summary(done):
+        holds = {True: "yes", False: "**no**", None: ""}[metric.holds]
+        goal, paper = as_number(metric.goal), as_number(metric.peer_value)
+        lines.append(row(metric.name, as_number(metric.value), metric.unit, goal, paper, holds))
+    return "\n".join(lines) + "\n"
+
+
+def row(*cells: object) -> str:
+    """Return one line of a table."""
+    return f"| {' | '.join(str(cell) for cell in cells)} |"
+
+
+def outcome(run: Run) -> str:
+    """Return yes, or the step that failed."""
+    if run.figures.get("completed") is True:
+        return "yes"
+    return f"no: {run.figures.get('failed_step')}"
+
+
+def main() -> int:
+    """Run everything and write the page."""
+    done = list(runs(lambda text: print(text, file=sys.stderr, flush=True)))
+    PAGE.write_text(page(done), "utf-8")
+    print(f"wrote {PAGE.name}: {sum(r.figures.get('completed') is True for r in done)} completed")
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

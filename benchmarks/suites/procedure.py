@@ -1,0 +1,101 @@
+"""The whole procedure, over seeds of the simulated skull and over real skulls where present.
+
+Each run is ``rona_core.compose.run_demo``; docs/metrics.md says what each figure means.
+"""
+
+import os
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from math import ceil
+from pathlib import Path
+
+from benchmarks.metric import Direction, Metric, Progress, over_seeds
+from rona_core.compose import run_demo
+
+SEEDS = range(10)
+SKULLS = ("skull_c_mask.nrrd", "skull_d_mask.nii.gz")
+SHARE_COMPLETED = 9 / 12
+
+
+@dataclass(frozen=True, slots=True)
+class Run:
+    """One procedure: which specimen, which seed, and its figures by the keys of metrics.md."""
+
+    specimen: str
+    seed: int
+    figures: Mapping[str, object]
+
+    def number(self, key: str) -> float | None:
+        """Return one figure, None where the run did not get there."""
+        value = self.figures.get(key)
+        return float(value) if isinstance(value, int | float) else None
+
+
+@dataclass(frozen=True, slots=True)
+class Aim:
+    """A figure that is reported, what it shall be, and what the paper states."""
+
+    key: str
+    unit: str
+    direction: Direction
+    goal: float | None = None
+    paper: float | None = None
+
+
+AIMS = (
+    Aim("surface_rms_mm", "mm", "lower", 1.5, 2.5),
+    Aim("outer_rms_mm", "mm", "lower", 0.6, 0.35),
+    Aim("thickness_rms_mm", "mm", "lower", 1.0, 0.5),
+    Aim("inner_rms_mm", "mm", "lower", None, 0.85),  # the paper's total of position and thickness
+    Aim("fused_outer_rms_mm", "mm", "lower"),
+    Aim("coverage_fraction", "share", "higher"),
+    Aim("inner_coverage_fraction", "share", "higher", 0.3),
+    Aim("unflagged_failure_fraction", "share", "lower"),
+)
+
+
+def data_folder() -> Path:
+    """Return the folder of the real skulls: ``RONA_SHARED``, else beside the repository."""
+    beside = Path(__file__).resolve().parents[2].parent / "shared"
+    return Path(os.environ.get("RONA_SHARED", beside)) / "data"
+
+
+def runs(progress: Progress) -> Iterator[Run]:
+    """Yield every run; a skull that is not there is left out, and said so."""
+    for seed in SEEDS:
+        progress(f"simulated skull, seed {seed}")
+        yield Run("simulated", seed, run_demo(seed, "simulated"))
+    for name in SKULLS:
+        path = data_folder() / name
+        if path.is_file():
+            progress(name)
+            yield Run(name.partition("_mask")[0], 0, run_demo(0, str(path)))
+        else:
+            progress(f"{name} is not there: left out")
+
+
+def summary(done: Sequence[Run]) -> list[Metric]:
+    """Return median and worst of each figure, and how many runs came to their end."""
+    metrics: list[Metric] = []
+    for aim in AIMS:
+        values = [run.number(aim.key) for run in done]
+        peer = "paper" if aim.paper is not None else None
+        metrics += over_seeds(
+            aim.key,
+            values,
+            aim.unit,
+            aim.direction,
+            goal=aim.goal,
+            peer=peer,
+            peer_value=aim.paper,
+        )
+    completed = float(sum(run.figures.get("completed") is True for run in done))
+    goal = float(ceil(SHARE_COMPLETED * len(done)))
+    metrics.append(Metric(f"completed, of {len(done)}", completed, "runs", "higher", goal))
+    times = [run.number("wall_s") for run in done]
+    return metrics + over_seeds("wall_s", times, "s", "lower")
+
+
+def run(progress: Progress) -> list[Metric]:
+    """Run the procedure everywhere and return the summary."""
+    return summary(list(runs(progress)))

@@ -1,0 +1,72 @@
+"""Calibrate a hand-held pointer: find its tip in the frame of its markers."""
+
+from dataclasses import dataclass
+from typing import Literal
+
+from rona_core.arrays import Bools, Floats, Vector3
+from rona_core.calibration.pivot import PivotMethod, solve_pivot
+from rona_core.errors import DegenerateGeometryError
+from rona_core.geometry.pose import Poses
+
+MIN_POSES = 10
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class PointerCalibration:
+    """The tip of a pointer in ``pointermarker`` and how well it is known."""
+
+    pointer: str
+    dof: int
+    method: str
+    tip_pointermarker: Vector3  # (3,) mm
+    pivot_tracker: Vector3  # (3,) mm, where the tip stood
+    rmse_mm: float  # scatter of the tip over the poses used; says little about the error
+    residuals_mm: Floats  # (n,) of every pose
+    used: Bools  # (n,) False for poses dropped as gross errors
+    n_used: int
+    cone_deg: float  # half-angle covered
+    tip_sigma_mm: float  # predicted 3D standard deviation of the tip
+
+
+def calibrate_pointer(
+    Ts_tracker_pointermarker: Poses,
+    *,
+    pointer: str,
+    dof: Literal[6, 5],
+    method: PivotMethod = "sphere",
+) -> PointerCalibration:
+    """Return the tip of a pointer from poses swung about its resting tip.
+
+    With ``dof=5`` the markers lie on one line, the z axis of ``pointermarker`` towards the tip, and
+    x and y are arbitrary in each pose. Then only a tip *on* that line can be calibrated: the result
+    is (0, 0, L), and a tip beside the line by e mm leaves an error of up to e that no data show.
+
+    Args:
+        Ts_tracker_pointermarker: Poses in which the pointer was seen, at least 10.
+        pointer: Name of the pointer.
+        dof: 6, or 5 for collinear markers.
+        method: "sphere" (the paper's) or "aos" (linear least squares, as other programs do).
+
+    Raises:
+        InvalidInputError: fewer than 10 poses, unknown method or dof.
+        DegenerateGeometryError: static pointer, swing in one plane or below 5 degrees half-angle,
+            a slipping tip, or (5D) a z axis that points away from the tip.
+    """
+    fit = solve_pivot(Ts_tracker_pointermarker, dof=dof, method=method, at_least=MIN_POSES)
+    if dof == 5 and fit.tip_marker[2] <= 0.0:
+        raise DegenerateGeometryError(
+            f"the tip lies {-fit.tip_marker[2]:.1f} mm behind the markers: z must point to the tip"
+        )
+    return PointerCalibration(
+        pointer=pointer,
+        dof=dof,
+        method=method,
+        tip_pointermarker=fit.tip_marker,
+        pivot_tracker=fit.pivot_tracker,
+        rmse_mm=fit.rmse_mm,
+        residuals_mm=fit.residuals_mm,
+        used=fit.used,
+        n_used=int(fit.used.sum()),
+        cone_deg=fit.cone_deg,
+        tip_sigma_mm=fit.tip_sigma_mm,
+    )

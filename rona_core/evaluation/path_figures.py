@@ -1,0 +1,64 @@
+"""Figures of steps 5 to 7: the demonstrated path, its smoothing, its normals and the plan."""
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from rona_core.arrays import Floats, Ints
+from rona_core.evaluation.figures import Figures
+from rona_core.evaluation.truth import Truth
+
+if TYPE_CHECKING:
+    from rona_core.geometry.path5d import Path5D
+    from rona_core.robot.plan import RobotPlan
+
+
+def deviation_max_mm(points: Floats, kept: Ints, nodes: Floats) -> float:
+    """Return K1: the largest distance of samples to the segment that replaces them.
+
+    Args:
+        points: Samples (n, 3).
+        kept: Indices (k,) of the samples that the path keeps, ascending, first and last included.
+        nodes: Positions (k, 3) of the path's points; segment j replaces samples kept[j] to
+            kept[j + 1]. They differ from ``points[kept]`` where the samples were filtered before.
+    """
+    worst = 0.0
+    for j in range(len(kept) - 1):
+        between = points[kept[j] : kept[j + 1] + 1]
+        worst = max(worst, float(to_segment_mm(between, nodes[j], nodes[j + 1]).max()))
+    if len(kept) == 1:
+        worst = float(np.linalg.norm(points - nodes[0], axis=1).max())
+    return worst
+
+
+def to_segment_mm(points: Floats, start: Floats, end: Floats) -> Floats:
+    """Return the distance of each point (n, 3) to a segment, not to its line."""
+    along = end - start
+    length2 = float(along @ along)
+    share = np.clip((points - start) @ along / length2, 0.0, 1.0) if length2 > 0.0 else 0.0
+    nearest = start + np.multiply.outer(share, along)
+    return np.linalg.norm(points - nearest, axis=1)
+
+
+def normal_figures(path: "Path5D", truth: Truth) -> Figures:
+    """Return median and 95th percentile of the angle between probe axis and true inward normal."""
+    _, normals = truth.foot(path.points_base)
+    cosine = -(path.axes_base * normals).sum(axis=1)
+    sine = np.linalg.norm(np.cross(path.axes_base, normals), axis=1)
+    angles_deg = np.rad2deg(np.arctan2(sine, cosine))
+    return {
+        "normal_error_median_deg": float(np.median(angles_deg)),
+        "normal_error_p95_deg": float(np.percentile(angles_deg, 95.0)),
+    }
+
+
+def plan_figures(plan: "RobotPlan") -> Figures:
+    """Return how many rolls were tried, how many are feasible, and how long the scan takes."""
+    trajectory = plan.trajectory
+    duration_s = None if trajectory is None else trajectory.times_s[-1] - trajectory.times_s[0]
+    return {
+        "rolls_tried": len(plan.verdicts),
+        "rolls_feasible": sum(verdict.feasible for verdict in plan.verdicts),
+        "roll_mode": plan.mode,
+        "scan_duration_s": None if duration_s is None else float(duration_s),
+    }

@@ -1,0 +1,59 @@
+"""Figures of step 8: what the detection says of each A-scan against the true bone."""
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from rona_core.arrays import Bools, Floats
+from rona_core.evaluation.figures import Figures
+from rona_core.evaluation.truth import Truth
+from rona_core.geometry.pose import Poses
+from rona_core.robot.model import robot_model
+from rona_core.virtual.tools import error_key
+
+if TYPE_CHECKING:
+    from rona_core.session.document import ScanCapture
+    from rona_core.ultrasound.detect import Detection
+
+WRONG_MM = 1.0  # an inner boundary further off than this is a failure
+
+
+def detection_figures(detection: "Detection", scan: "ScanCapture", truth: Truth) -> Figures:
+    """Return the shares of A-scans that are wrong, wrong without a flag, and flagged."""
+    n = len(detection.flag)
+    flagged = detection.flag != 0
+    if not n:
+        return dict.fromkeys(
+            ("detection_failure_fraction", "unflagged_failure_fraction", "flagged_fraction")
+        )
+    wrong = wrong_inner(detection, truth.inner_below_mm(true_probe_poses(scan, truth)))
+    return {
+        "detection_failure_fraction": float(wrong.mean()),
+        "unflagged_failure_fraction": float(wrong[~flagged].mean()) if (~flagged).any() else None,
+        "flagged_fraction": float(flagged.mean()),
+    }
+
+
+def wrong_inner(detection: "Detection", true_mm: Floats) -> Bools:
+    """Return which A-scans (n,) place the inner boundary more than 1 mm off along the probe axis.
+
+    Where there is no inner boundary, an A-scan is wrong only if it claims one without a flag.
+    """
+    measured = detection.standoff_mm + detection.thickness_mm
+    missing = ~np.isfinite(true_mm)
+    off = np.abs(measured - np.where(missing, 0.0, true_mm)) > WRONG_MM
+    return np.where(missing, detection.flag == 0, off)
+
+
+def true_probe_poses(scan: "ScanCapture", truth: Truth) -> Poses:
+    """Return where the probe really was at each A-scan."""
+    scene = truth.scene
+    model = robot_model(scene.settings.robot.model)
+    Ts_base_flange = model.forward(scan.joints.at(scan.scans.times_s))
+    T_tip_probe = model.T_flange_tip.inv() @ model.T_flange_probe
+    poses = []
+    for index, time_s in enumerate(scan.scans.times_s):
+        nominal = Ts_base_flange[index] @ model.T_flange_tip
+        true = scene.T_base_tip_true(nominal, scan.ordinal, error_key(float(time_s)))
+        poses.append(true @ T_tip_probe)
+    return Poses.stack(poses)

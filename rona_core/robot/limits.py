@@ -1,0 +1,82 @@
+"""Joint limits, and full turns of joints that can make more than one."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from rona_core.arrays import Bools, Floats, as_floats, readonly
+from rona_core.errors import InvalidInputError
+
+TURN_RAD = 2.0 * np.pi
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class JointLimits:
+    """What the six joints may do; every array is (6,)."""
+
+    lower_rad: Floats
+    upper_rad: Floats
+    speed_rad_per_s: Floats
+    acceleration_rad_per_s2: Floats
+
+    def __post_init__(self) -> None:
+        for name in ("lower_rad", "upper_rad", "speed_rad_per_s", "acceleration_rad_per_s2"):
+            values = as_floats(getattr(self, name), name=name)
+            if values.shape != (6,):
+                raise InvalidInputError(f"{name} must have shape (6,), not {values.shape}")
+            object.__setattr__(self, name, readonly(values))
+        if (self.lower_rad >= self.upper_rad).any():
+            raise InvalidInputError("each lower joint limit must lie below the upper one")
+        if min(self.speed_rad_per_s.min(), self.acceleration_rad_per_s2.min()) <= 0.0:
+            raise InvalidInputError("speed and acceleration limits must be positive")
+
+    def clearance_rad(self, qs_rad: ArrayLike) -> Floats:
+        """Return the room (..., 6) to the nearer limit; negative outside."""
+        qs = np.asarray(qs_rad, dtype=np.float64)
+        return np.minimum(qs - self.lower_rad, self.upper_rad - qs)
+
+    def multi_turn(self) -> Bools:
+        """Return which joints (6,) have a range of more than one turn."""
+        return self.upper_rad - self.lower_rad > TURN_RAD
+
+
+def unwrap(angles_rad: Floats) -> Floats:
+    """Return angles (n, ...) made continuous along the first axis; the first row stays."""
+    steps = np.diff(angles_rad, axis=0)
+    steps -= TURN_RAD * np.round(steps / TURN_RAD)
+    result = np.zeros_like(angles_rad)
+    result[0] = angles_rad[0]
+    np.cumsum(steps, axis=0, out=result[1:])
+    result[1:] += angles_rad[0]
+    return result
+
+
+def shift_to_fit(angles_rad: Floats, lower_rad: float, upper_rad: float) -> Floats:
+    """Return continuous angles (n, b) of one joint, each column shifted by full turns.
+
+    A column that fits between the limits is shifted to where its room is largest. One that does
+    not is shifted to where it stays inside for longest from the start.
+    """
+    middle = (lower_rad + upper_rad) / 2.0
+    low, high = angles_rad.min(axis=0), angles_rad.max(axis=0)
+    turns = np.round((middle - (low + high) / 2.0) / TURN_RAD)
+    shifted = angles_rad + TURN_RAD * turns
+    outside = (low + TURN_RAD * turns < lower_rad) | (high + TURN_RAD * turns > upper_rad)
+    for column in np.flatnonzero(outside):
+        shifted[:, column] = _longest_inside(angles_rad[:, column], lower_rad, upper_rad)
+    return shifted
+
+
+def _longest_inside(angles_rad: Floats, lower_rad: float, upper_rad: float) -> Floats:
+    """Return one curve (n,), shifted so that it leaves the limits as late as possible."""
+    middle = (lower_rad + upper_rad) / 2.0
+    nearest = np.round((middle - angles_rad[0]) / TURN_RAD)
+    best, survived = angles_rad + TURN_RAD * nearest, -1
+    for turns in (nearest, nearest - 1.0, nearest + 1.0):
+        candidate = angles_rad + TURN_RAD * turns
+        outside = (candidate < lower_rad) | (candidate > upper_rad)
+        first = int(np.argmax(outside)) if outside.any() else len(outside)
+        if first > survived:
+            best, survived = candidate, first
+    return best

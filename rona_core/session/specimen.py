@@ -1,0 +1,73 @@
+"""What is scanned, as a session stores it: a simulated skull, or a skull cut out of a file.
+
+Coordinates are those of the specimen (``skull``): for a file, the coordinates of that file.
+"""
+
+from dataclasses import dataclass
+from typing import ClassVar, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rona_core.arrays import Floats, Vector3, readonly
+from rona_core.errors import InvalidInputError
+
+Side = Literal["left", "right"]
+SkullKind = Literal["mask", "ct", "mesh"]
+
+
+@dataclass(frozen=True, slots=True)
+class SimulatedSkull:
+    """A skull made from the seed of the session; ``side`` says which side is scanned."""
+
+    __pydantic_config__: ClassVar = {"extra": "forbid", "allow_inf_nan": False}
+
+    side: Side = "left"
+
+    def __post_init__(self) -> None:
+        if self.side not in ("left", "right"):
+            raise InvalidInputError(f"side must be 'left' or 'right', not {self.side!r}")
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class LoadedSkull:
+    """A skull from a file: the signed distance to its bone, fixed once, around the scanned disc.
+
+    Node (i, j, k) of ``distance_um`` lies at ``origin_skull + spacing_mm * axes_skull @ (i, j, k)``.
+    The distance is negative in bone, in micrometres, clipped to a band about the surface.
+    """
+
+    name: str
+    kind: SkullKind
+    sha256: tuple[str, ...]  # of the source file, and of the inner file where there were two
+    threshold: float | None  # grey value that separates bone, for a CT
+    smoothing_mm: float  # sigma of the Gaussian that smoothed the distance; 0 for a mesh
+    distance_um: NDArray[np.int16]  # (nx, ny, nz)
+    spacing_mm: float
+    origin_skull: Vector3  # node (0, 0, 0)
+    axes_skull: Floats  # (3, 3), columns are the unit axes of the grid; the third points outward
+    mesh_vertices_skull: NDArray[np.float32]  # (n, 3) the whole skull, coarse, for the eye
+    mesh_faces: NDArray[np.int32]  # (m, 3)
+    center_skull: Vector3  # centre of the scanned disc, on the outer surface
+    normal_skull: Vector3  # outward
+    radius_mm: float
+    mean_thickness_mm: float  # along the inward normals over the disc
+
+    def __post_init__(self) -> None:
+        if self.distance_um.ndim != 3 or min(self.distance_um.shape) < 8:
+            raise InvalidInputError(
+                f"the distance of a loaded skull must be a volume of at least 8 nodes a side, "
+                f"not {self.distance_um.shape}"
+            )
+        if self.axes_skull.shape != (3, 3) or not self.spacing_mm > 0 or not self.radius_mm > 0:
+            raise InvalidInputError("a loaded skull needs three axes, a spacing and a radius above 0")
+        for name in (
+            "distance_um",
+            "origin_skull",
+            "axes_skull",
+            "mesh_vertices_skull",
+            "mesh_faces",
+            "center_skull",
+            "normal_skull",
+        ):
+            object.__setattr__(self, name, readonly(getattr(self, name)))

@@ -1,0 +1,136 @@
+"""The cloud of surface points that a pointer leaves while it slides over the bone."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from rona_core.arrays import Bools, Floats, Ints, as_floats, as_points, readonly
+from rona_core.errors import InvalidInputError
+
+MAX_SPEED_MM_PER_S = 250.0  # a sliding hand is slower; noise of one frame makes up to 100
+MAX_GAP_S = 0.5  # without a sample for longer, a new stroke begins
+MIN_STROKE = 5  # samples; shorter pieces between two jumps are stray
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class SurfaceCloud:
+    """Surface points in ``base`` in the order they were taken, and what was left out."""
+
+    points_base: Floats  # (n, 3)
+    times_s: Floats  # (n,) on the clock of their capture
+    strokes: Ints  # (n,) number of the stroke without a jump that each point belongs to
+    n_dropped: int
+    n_raw: int  # samples that came in
+    average_s: float  # width of the moving average; 0 for none
+
+    def __len__(self) -> int:
+        return len(self.points_base)
+
+
+def build_cloud(
+    points_base: ArrayLike,
+    times_s: ArrayLike,
+    *,
+    max_speed_mm_per_s: float = MAX_SPEED_MM_PER_S,
+    max_gap_s: float = MAX_GAP_S,
+    average_s: float = 0.0,
+) -> SurfaceCloud:
+    """Return the samples of one capture without jumps, averaged along each stroke if asked to.
+
+    A step faster than ``max_speed_mm_per_s`` or a pause longer than ``max_gap_s`` ends a stroke.
+    Strokes of fewer than 5 samples are dropped: stray samples, and a lifted tip that flies. A tip
+    that is lifted slowly looks like a stroke and stays.
+
+    Args:
+        points_base: Tip positions (n, 3) in ``base``, mm.
+        times_s: When they were taken (n,), increasing.
+        max_speed_mm_per_s: Fastest credible motion between two samples.
+        max_gap_s: Longest pause within a stroke.
+        average_s: Width of a moving average in time. It shrinks evenly on both sides towards the
+            ends of a stroke, so that a straight stroke at even speed stays where it is.
+
+    Raises:
+        InvalidInputError: wrong shapes, times that do not increase, settings out of range.
+    """
+    points = as_points(points_base, name="points_base")
+    times = as_times(times_s, len(points))
+    if not max_speed_mm_per_s > 0 or not max_gap_s > 0:
+        raise InvalidInputError(
+            f"max_speed_mm_per_s and max_gap_s must be positive, not {max_speed_mm_per_s} "
+            f"and {max_gap_s}"
+        )
+    if not 0.0 <= average_s < np.inf:
+        raise InvalidInputError(f"average_s must be 0 or more, not {average_s}")
+    steps_mm, steps_s = np.linalg.norm(np.diff(points, axis=0), axis=1), np.diff(times)
+    cut = (steps_mm > max_speed_mm_per_s * steps_s) | (steps_s > max_gap_s)
+    pieces = np.concatenate(([0], np.cumsum(cut)))[: len(points)]
+    kept = _in_long_pieces(pieces)
+    points, times = points[kept], times[kept]
+    strokes = np.unique(pieces[kept], return_inverse=True)[1].astype(np.int64)
+    if average_s > 0.0:
+        for stroke in range(int(strokes.max(initial=-1)) + 1):
+            rows = strokes == stroke
+            points[rows] = _average(points[rows], times[rows], average_s)
+    return SurfaceCloud(
+        points_base=readonly(points),
+        times_s=readonly(times),
+        strokes=readonly(strokes),
+        n_dropped=int((~kept).sum()),
+        n_raw=len(kept),
+        average_s=float(average_s),
+    )
+
+
+def merge_clouds(clouds: Sequence[SurfaceCloud]) -> SurfaceCloud:
+    """Return several captures as one cloud; strokes are numbered on, times stay their own.
+
+    Raises:
+        InvalidInputError: no clouds.
+    """
+    if not clouds:
+        raise InvalidInputError("there are no clouds to merge")
+    counts = [int(cloud.strokes.max(initial=-1)) + 1 for cloud in clouds]
+    firsts = np.concatenate(([0], np.cumsum(counts)[:-1]))
+    strokes = [cloud.strokes + first for cloud, first in zip(clouds, firsts, strict=True)]
+    return SurfaceCloud(
+        points_base=readonly(np.concatenate([cloud.points_base for cloud in clouds])),
+        times_s=readonly(np.concatenate([cloud.times_s for cloud in clouds])),
+        strokes=readonly(np.concatenate(strokes).astype(np.int64)),
+        n_dropped=sum(cloud.n_dropped for cloud in clouds),
+        n_raw=sum(cloud.n_raw for cloud in clouds),
+        average_s=max(cloud.average_s for cloud in clouds),
+    )
+
+
+def as_times(times_s: ArrayLike, n: int) -> Floats:
+    """Return times (n,) after checking that they increase.
+
+    Raises:
+        InvalidInputError: another number of times, or times that do not increase.
+    """
+    times = as_floats(times_s, name="times_s")
+    if times.shape != (n,):
+        raise InvalidInputError(f"{n} points need as many times, not shape {times.shape}")
+    if (np.diff(times) <= 0).any():
+        i = int(np.argmax(np.diff(times) <= 0))
+        raise InvalidInputError(
+            f"times_s must increase, but {times[i + 1]:.6g} follows {times[i]:.6g} at {i + 1}"
+        )
+    return times
+
+
+def _in_long_pieces(pieces: Ints) -> Bools:
+    """Return which samples (n,) belong to a piece of at least 5."""
+    return np.bincount(pieces, minlength=1)[pieces] >= MIN_STROKE
+
+
+def _average(points: Floats, times: Floats, average_s: float) -> Floats:
+    """Return the centred moving average (n, 3) of one stroke."""
+    to_ends = np.minimum(times - times[0], times[-1] - times)
+    half = np.minimum(average_s / 2, to_ends) * (1 + 1e-12) + 1e-12
+    first = np.searchsorted(times, times - half, side="left")
+    last = np.searchsorted(times, times + half, side="right")
+    sums = np.concatenate((np.zeros((1, 3)), np.cumsum(points - points[0], axis=0)))
+    return points[0] + (sums[last] - sums[first]) / (last - first)[:, None]

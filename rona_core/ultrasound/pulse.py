@@ -1,0 +1,74 @@
+"""What the transducer emits and how it rings: spectra of the excitation and of the response."""
+
+from functools import lru_cache
+
+import numpy as np
+from scipy.signal import windows
+
+from rona_core.arrays import Floats, readonly
+from rona_core.devices.settings import Excitation
+from rona_core.errors import InvalidInputError
+from rona_core.ultrasound.medium import Complexes
+from rona_core.ultrasound.probe import ProbeModel
+
+GRID = 4096  # samples of the time axis that starts with the emission
+BAND = (0.15, 1.95)  # modelled frequencies over the centre frequency
+ORDER = 6  # poles of the resonance: a steep rise and a slow decay, as measured pulses have
+SECOND_LOBE = 0.10  # amplitude of a late second packet
+SECOND_LOBE_CYCLES = 2.8  # and when it comes
+CHIRP_TAPER = 0.3  # Tukey
+
+
+def grid_frequencies_mhz(probe: ProbeModel, samples: int = GRID) -> Floats:
+    """Return the frequencies (samples // 2 + 1,) of a real transform at the probe's sampling."""
+    return np.arange(samples // 2 + 1) * (probe.sampling_mhz / samples)
+
+
+def in_band(probe: ProbeModel, frequencies_mhz: Floats) -> np.typing.NDArray[np.bool_]:
+    """Return which frequencies the probe can hear at all."""
+    relative = frequencies_mhz / probe.centre_mhz
+    return (relative > BAND[0]) & (relative < BAND[1])
+
+
+def transducer_response(probe: ProbeModel, frequencies_mhz: Floats) -> Complexes:
+    """Return the two-way response (f,) of the crystal: causal, several lobes, 1 in mid-band."""
+    f, fc = frequencies_mhz, probe.centre_mhz
+    half = probe.bandwidth * fc / 2.0 / np.sqrt(4.0 ** (1.0 / ORDER) - 1.0)
+    resonance = (1.0 + 1j * (f - fc) / half) ** -ORDER
+    lobe = 1.0 - SECOND_LOBE * np.exp(-2j * np.pi * f * SECOND_LOBE_CYCLES / fc)
+    low, high = BAND[0] * fc, BAND[1] * fc
+    edge = np.clip(np.minimum((f - low) / (0.2 * fc), (high - f) / (0.35 * fc)), 0.0, 1.0)
+    return resonance * lobe * np.sin(0.5 * np.pi * edge) ** 2
+
+
+def chirp(probe: ProbeModel) -> Floats:
+    """Return the sampled linear-FM emission (samples,), amplitude 1."""
+    n = round(probe.chirp_length_us * probe.sampling_mhz)
+    t = np.arange(n) / probe.sampling_mhz
+    rate = probe.chirp_band_mhz / probe.chirp_length_us
+    phase = 2.0 * np.pi * ((probe.centre_mhz - probe.chirp_band_mhz / 2.0) * t + rate * t**2 / 2.0)
+    return np.sin(phase) * windows.tukey(n, CHIRP_TAPER)
+
+
+@lru_cache(maxsize=16)
+def excitation_spectrum(probe: ProbeModel, excitation: Excitation) -> Complexes:
+    """Return the spectrum (GRID // 2 + 1,) of what drives the transducer: 1 for a pulse.
+
+    Raises:
+        InvalidInputError: the excitation is neither a pulse nor a chirp.
+    """
+    if excitation == "pulse":
+        return readonly(np.ones(GRID // 2 + 1, dtype=np.complex128))
+    if excitation == "chirp":
+        return readonly(np.fft.rfft(chirp(probe), GRID) / probe.sampling_mhz)
+    raise InvalidInputError(f"excitation must be 'pulse' or 'chirp', not {excitation!r}")
+
+
+def emission_spectrum(probe: ProbeModel, excitation: Excitation) -> Complexes:
+    """Return the excitation times the transducer's response (GRID // 2 + 1,).
+
+    Raises:
+        InvalidInputError: the excitation is neither a pulse nor a chirp.
+    """
+    response = transducer_response(probe, grid_frequencies_mhz(probe))
+    return excitation_spectrum(probe, excitation) * response

@@ -1,0 +1,226 @@
+"""The virtual hand: it pivots the pointer, and slides its tip over the real bone with a tremor."""
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from rona_core.arrays import Floats, Vector3, as_points
+from rona_core.devices.settings import DeviceSettings
+from rona_core.errors import InvalidInputError
+from rona_core.virtual.hand import (
+    TILT_HZ,
+    TREMOR_HZ,
+    TREMOR_MM,
+    WANDER_HZ,
+    WANDER_MM,
+    HandMotion,
+    Sway,
+    cross,
+    progress_of,
+    sample_times_s,
+)
+from rona_core.virtual.meander import along_curve, meander, through
+from rona_core.virtual.noise import rng
+from rona_core.virtual.scene import VirtualScene
+
+RIM_MM = 12.0  # how far a sweep goes beyond the region
+SWEEP_SPACING_MM = 3.0
+EDGE_MM = 0.8  # a drawn path is aimed this far inside the region
+PICK_REACH_MM = 15.0  # a place further from the bone than this cannot have been meant
+STAND_OFF_MM = 40.0  # from where a place is projected onto the bone
+MAX_GAP = 0.05  # share of a stroke that may cross holes of the bone
+MEAN_TILT_RAD = np.deg2rad(8.0)  # away from the tracker, so that the markers are seen better
+TILT_RMS_RAD = np.deg2rad(3.0)
+MAX_TILT_RAD = np.deg2rad(20.0)
+PIVOT_FROM_SIGHT_RAD = np.deg2rad(80.0)  # between the middle of a pivot and the line of sight
+SHAFT_TREMOR_RAD = np.deg2rad(0.1)
+DURATION_S = (1.0, 600.0)
+CONE_DEG = (1.0, 60.0)
+
+
+class VirtualOperator:
+    """Prepares motions of the pointer named in the settings; satisfies ``devices.Operator``."""
+
+    def __init__(self, scene: VirtualScene) -> None:
+        """Work on this scene."""
+        self._scene = scene
+        self._pointer = "pointer6d"
+        self._ordinal = 0
+        self._motion: HandMotion | None = None
+
+    def begin(self, scene: VirtualScene, settings: DeviceSettings, ordinal: int) -> None:
+        """Lay the pointer aside and get ready for capture number ``ordinal``."""
+        self._scene, self._ordinal = scene, ordinal
+        self._pointer = settings.pointer
+        self._motion = None
+
+    def motion(self) -> HandMotion | None:
+        """Return the motion that has been prepared, or None while the pointer lies aside."""
+        return self._motion
+
+    def pivot(self, *, cone_deg: float, duration_s: float) -> float:
+        """Hold the tip in the dimple and swing the shaft in a spiral over a cone, out and in.
+
+        Args:
+            cone_deg: Half-angle of the cone, 1 to 60 degrees.
+            duration_s: 1 to 600 seconds.
+
+        Raises:
+            InvalidInputError: a value is out of range.
+        """
+        _check("cone_deg", cone_deg, CONE_DEG)
+        _check("duration_s", duration_s, DURATION_S)
+        generator = self._generator()
+        times = sample_times_s(duration_s)
+        share = progress_of(times, generator)
+        tremor = Sway.draw(generator, TREMOR_HZ, SHAFT_TREMOR_RAD, 2).at(times)
+        angle = np.deg2rad(cone_deg) * np.sin(np.pi * share)
+        turns = max(4.0, round(duration_s / 2.0))
+        around = 2.0 * np.pi * turns * share + generator.uniform(0.0, 2.0 * np.pi)
+        tip = self._scene.dimple_base
+        x, y, z = _tangents(self._pivot_axis(tip), self._sight(tip))
+        lean = angle[:, None] * np.column_stack((np.cos(around), np.sin(around))) + tremor
+        shafts = _leaned(np.broadcast_to(z, (len(times), 3)), x, y, lean)
+        return self._prepare(times, np.broadcast_to(tip, shafts.shape), shafts)
+
+    def sweep(self, *, duration_s: float) -> float:
+        """Slide over the region and 12 mm beyond in lines 3 mm apart.
+
+        Raises:
+            InvalidInputError: the duration is not 1 to 600 seconds, or the bone has large holes.
+        """
+        _, _, radius_mm = self._scene.region_base()
+        return self._cover(radius_mm + RIM_MM, 0.0, SWEEP_SPACING_MM, duration_s)
+
+    def draw(self, *, spacing_mm: float, duration_s: float) -> float:
+        """Draw a meander with rounded turns that stays inside the region.
+
+        Raises:
+            InvalidInputError: a value is out of range, or the bone has large holes.
+        """
+        _, _, radius_mm = self._scene.region_base()
+        return self._cover(radius_mm, EDGE_MM, spacing_mm, duration_s)
+
+    def stroke(self, picks_base: ArrayLike, *, duration_s: float) -> float:
+        """Slide through places (n, 3) picked on the bone, in their order.
+
+        Raises:
+            InvalidInputError: no places, or one that is not on the specimen, by its number.
+        """
+        _check("duration_s", duration_s, DURATION_S)
+        picks = as_points(picks_base, at_least=1, name="picks_base")
+        scene, specimen = self._scene, self._scene.specimen
+        T_skull_base = scene.T_base_skull.inv()
+        touched = specimen.closest(T_skull_base @ picks)
+        away = np.linalg.norm(scene.T_base_skull @ touched - picks, axis=1)
+        far = int(np.argmax(np.where(np.isfinite(away), away, np.inf)))
+        if not away[far] <= PICK_REACH_MM:
+            raise InvalidInputError(
+                f"pick {far + 1} of {len(picks)} lies {away[far]:.0f} mm beyond the specimen: "
+                "pick places on the bone",
+                pick=far + 1,
+            )
+        generator = self._generator()
+        times = sample_times_s(duration_s)
+        normals = scene.T_base_skull.rotate(specimen.normal(touched))
+        both = through(np.column_stack((scene.T_base_skull @ touched, normals)))
+        followed = along_curve(both, progress_of(times, generator))
+        points = followed[:, :3]
+        outward = followed[:, 3:] / np.linalg.norm(followed[:, 3:], axis=1)[:, None]
+        x, y, _ = _tangents(outward, self._sight(points))
+        shake = self._shake(generator, times)
+        points = points + shake[:, :1] * x + shake[:, 1:] * y
+        return self._slide(generator, times, points, outward)
+
+    def _cover(
+        self, radius_mm: float, edge_mm: float, spacing_mm: float, duration_s: float
+    ) -> float:
+        """Slide over a disc about the centre of the region, kept inside it by all means."""
+        _check("duration_s", duration_s, DURATION_S)
+        center, normal, _ = self._scene.region_base()
+        generator = self._generator()
+        times = sample_times_s(duration_s)
+        curve = meander(radius_mm - edge_mm, spacing_mm)
+        aim = along_curve(curve, progress_of(times, generator)) + self._shake(generator, times)
+        distance = np.linalg.norm(aim, axis=1)
+        if edge_mm > 0.0:  # approach the rim ever more slowly instead of crossing it
+            limit_mm, soft_mm = radius_mm - 0.05, edge_mm
+            beyond = np.maximum(distance - (limit_mm - soft_mm), 0.0)
+            held = np.minimum(distance, limit_mm - soft_mm) + soft_mm * np.tanh(beyond / soft_mm)
+            aim = aim * (held / np.maximum(distance, 1e-9))[:, None]
+        x, y, z = _tangents(normal, self._sight(center))
+        points = center + aim[:, :1] * x + aim[:, 1:] * y
+        return self._slide(generator, times, points, np.broadcast_to(z, points.shape))
+
+    def _slide(
+        self, generator: np.random.Generator, times: Floats, points: Floats, outward: Floats
+    ) -> float:
+        """Bring points (n, 3) onto the bone along ``-outward`` and tilt the pointer over it."""
+        T_base_skull = self._scene.T_base_skull
+        T_skull_base = T_base_skull.inv()
+        starts = points + STAND_OFF_MM * outward
+        depths = self._scene.specimen.ray(T_skull_base @ starts, T_skull_base.rotate(-outward))
+        met = np.isfinite(depths) & (np.abs(depths - STAND_OFF_MM) < STAND_OFF_MM)
+        if np.count_nonzero(~met) > MAX_GAP * len(met):
+            raise InvalidInputError(
+                f"{np.mean(~met):.0%} of the stroke lies beyond the specimen or over holes of it: "
+                "choose another region or other places"
+            )
+        depths = np.interp(times, times[met], depths[met])  # the tip passes over a small hole
+        tips = starts - depths[:, None] * outward
+        x, y, _ = _tangents(outward, self._sight(points))
+        tilt = Sway.draw(generator, TILT_HZ, TILT_RMS_RAD, 2).at(times)
+        tilt[:, 0] -= MEAN_TILT_RAD  # x points to the tracker
+        size = np.linalg.norm(tilt, axis=1)
+        tilt *= (np.minimum(size, MAX_TILT_RAD) / np.maximum(size, 1e-9))[:, None]
+        return self._prepare(times, tips, _leaned(outward, x, y, tilt))
+
+    def _prepare(self, times: Floats, tips: Floats, shafts: Floats) -> float:
+        scene = self._scene
+        self._motion = HandMotion(
+            self._pointer,
+            scene.tips[self._pointer],
+            scene.T_base_tracker.translation,
+            times,
+            tips,
+            shafts,
+        )
+        return self._motion.duration_s
+
+    def _shake(self, generator: np.random.Generator, times: Floats) -> Floats:
+        tremor = Sway.draw(generator, TREMOR_HZ, TREMOR_MM, 2).at(times)
+        return tremor + Sway.draw(generator, WANDER_HZ, WANDER_MM, 2).at(times)
+
+    def _sight(self, points: Floats) -> Floats:
+        """Return unit directions (..., 3) from points to the tracker."""
+        sight = self._scene.T_base_tracker.translation - points
+        return sight / np.linalg.norm(sight, axis=-1, keepdims=True)
+
+    def _pivot_axis(self, tip: Vector3) -> Vector3:
+        """Return a direction near the vertical that leaves the markers well in view."""
+        sight = self._sight(tip)
+        x, _, _ = _tangents(sight, np.array((0.0, 0.0, 1.0)))
+        return np.cos(PIVOT_FROM_SIGHT_RAD) * sight + np.sin(PIVOT_FROM_SIGHT_RAD) * x
+
+    def _generator(self) -> np.random.Generator:
+        return rng(self._scene.seed, "operator", self._ordinal, 0)
+
+
+def _tangents(z: Floats, towards: Floats) -> tuple[Floats, Floats, Floats]:
+    """Return right-handed axes (..., 3) with this z, x as near to ``towards`` as that allows."""
+    z = z / np.linalg.norm(z, axis=-1, keepdims=True)
+    x = towards - (towards * z).sum(axis=-1, keepdims=True) * z
+    x = x / np.linalg.norm(x, axis=-1, keepdims=True)
+    return x, cross(z, x), z
+
+
+def _leaned(z: Floats, x: Floats, y: Floats, lean_rad: Floats) -> Floats:
+    """Return z (n, 3) leaned by angles (n, 2) towards x and y, along great circles."""
+    angle = np.linalg.norm(lean_rad, axis=1)[:, None]
+    direction = lean_rad[:, :1] * x + lean_rad[:, 1:] * y
+    return np.cos(angle) * z + np.sinc(angle / np.pi) * direction
+
+
+def _check(name: str, value: float, limits: tuple[float, float]) -> None:
+    low, high = limits
+    if not low <= value <= high:
+        raise InvalidInputError(f"{name} must be {low:g} to {high:g}, not {value}")

@@ -1,0 +1,125 @@
+"""The virtual probe: fires on the true skull at the true pose, with the noise of its receiver."""
+
+from collections.abc import Callable
+from typing import Protocol
+
+import numpy as np
+from scipy.interpolate import RBFInterpolator
+from scipy.spatial import KDTree
+
+from rona_core.arrays import Bools, Floats, Ints, readonly
+from rona_core.devices.protocols import Clock
+from rona_core.devices.samples import AScan
+from rona_core.devices.settings import ProbeSettings
+from rona_core.errors import DeviceError
+from rona_core.geometry.pose import Pose
+from rona_core.ultrasound.ascan import EchoModel, LayerProfile
+from rona_core.ultrasound.beam import FACE_OVER_APERTURE
+from rona_core.ultrasound.medium import Medium
+from rona_core.ultrasound.probe import FULL_SCALE_SHARE, probe_model
+
+RETREAT_MM = 12.0  # rays start this far before the face, which may lie inside the bone
+CAST_RINGS = 3  # hexagonal rings of cast rays: 37; the beam's rays are interpolated from them
+PROBE_STREAM = 0x9B0BE  # names the probe's share of the session's seed
+MICROSECONDS = 1e6
+
+
+class Layered(Protocol):
+    """A specimen that knows the boundaries of its bone."""
+
+    def layers(self, origins_skull: Floats, directions_skull: Floats) -> Floats:
+        """Return distances (n, 4) along rays to the outer boundary, diploe, inner table, inner.
+
+        Infinite where a ray misses.
+        """
+        ...
+
+
+class VirtualProbe:
+    """An A-mode probe that looks at the ground truth and at nothing else."""
+
+    def __init__(
+        self,
+        clock: Clock,
+        T_skull_probe: Callable[[], Pose],
+        specimen: Layered,
+        medium: Medium | None = None,
+    ) -> None:
+        self._clock, self._T_skull_probe, self._specimen = clock, T_skull_probe, specimen
+        self._medium = medium if medium is not None else Medium()
+        self._closed = False
+        self.begin(ProbeSettings(), seed=0, ordinal=0)
+
+    def begin(self, settings: ProbeSettings, seed: int, ordinal: int) -> None:
+        """Configure the probe for capture number ``ordinal`` of a session with this seed."""
+        self._model = probe_model(settings.name)
+        self._seed, self._ordinal = seed, ordinal
+        self._echo = EchoModel(self._model, settings.excitation, self._medium, seed)
+        radius_mm = FACE_OVER_APERTURE * self._model.aperture_radius_mm
+        self._cast_mm = hexagon(radius_mm, CAST_RINGS)
+        self._spread, self._nearest = _interpolation(self._cast_mm, self._echo.ray_points_mm)
+        # noise is white; its share in the -6 dB band has the rms that the setting asks for
+        band = self._model.bandwidth * self._model.centre_mhz / (self._model.sampling_mhz / 2.0)
+        in_band = FULL_SCALE_SHARE * 10.0 ** (-settings.front_snr_db / 20.0)
+        self._noise = in_band / np.sqrt(band)
+
+    def acquire(self) -> AScan:
+        """Fire once, now, and return the trace.
+
+        Raises:
+            DeviceError: the probe is closed.
+        """
+        if self._closed:
+            raise DeviceError("the probe is closed; open a new one")
+        time_s = self._clock.now()
+        rf = self._noiseless(self._T_skull_probe())
+        index = round(time_s * MICROSECONDS)
+        random = np.random.default_rng((self._seed, PROBE_STREAM, self._ordinal, index))
+        rf = rf + random.normal(0.0, self._noise, len(rf))
+        steps = 2.0 ** (self._model.adc_bits - 1)
+        rf, clipped = np.rint(rf * steps) / steps, bool(np.abs(rf).max() >= 1.0)
+        rf = np.clip(rf, -1.0, 1.0 - 1.0 / steps)
+        return AScan(time_s, readonly(rf), self._model.sampling_mhz, self._model.start_us, clipped)
+
+    def close(self) -> None:
+        """Release the device; a second call does nothing."""
+        self._closed = True
+
+    def _noiseless(self, T_skull_probe: Pose) -> Floats:
+        axis = T_skull_probe.rotation[:, 2]
+        flat = np.column_stack((self._cast_mm, np.zeros(len(self._cast_mm))))
+        face_skull = T_skull_probe @ flat
+        directions = np.broadcast_to(axis, face_skull.shape)
+        found = self._specimen.layers(face_skull - RETREAT_MM * axis, directions)
+        outer = found[:, 0] - RETREAT_MM
+        hit: Bools = np.asarray(np.isfinite(found).all(axis=1), dtype=np.bool_)
+        if not hit[0] or abs(outer[0]) > self._model.compliance_mm:  # ray 0 is the axis
+            return self._echo.lifted()
+        depths = np.where(hit[:, None], found - RETREAT_MM, found[hit].mean(axis=0) - RETREAT_MM)
+        outer, diploe, table, inner = (self._spread @ depths).T
+        rays = np.column_stack((self._echo.ray_points_mm, outer))
+        return self._echo.trace(
+            LayerProfile(
+                outer_mm=outer,
+                table_mm=np.maximum(diploe - outer, 0.0),
+                diploe_mm=np.maximum(table - diploe, 0.0),
+                inner_table_mm=np.maximum(inner - table, 0.0),
+                hit=hit[self._nearest],
+                entries_skull=T_skull_probe @ rays,
+            )
+        )
+
+
+def hexagon(radius_mm: float, rings: int) -> Floats:
+    """Return a point at the centre and ``rings`` rings of 6, 12, ... around it, shape (n, 2)."""
+    points = [np.zeros((1, 2))]
+    for ring in range(1, rings + 1):
+        angle = 2.0 * np.pi * (np.arange(6 * ring) + 0.5 * (ring % 2)) / (6 * ring)
+        points.append(radius_mm * ring / rings * np.stack((np.cos(angle), np.sin(angle)), axis=1))
+    return np.concatenate(points)
+
+
+def _interpolation(cast_mm: Floats, rays_mm: Floats) -> tuple[Floats, Ints]:
+    """Return the thin-plate matrix (rays, cast) and the nearest cast ray of each ray."""
+    matrix = RBFInterpolator(cast_mm, np.eye(len(cast_mm)))(rays_mm)
+    return matrix, np.asarray(KDTree(cast_mm).query(rays_mm)[1], dtype=np.int64)

@@ -1,0 +1,110 @@
+"""All virtual devices of one session, around one scene and one clock."""
+
+from typing import TYPE_CHECKING
+
+from rona_core.devices.protocols import Origin
+from rona_core.devices.settings import DeviceSettings
+from rona_core.geometry.pose import Pose
+from rona_core.robot.model import RobotModel, robot_model
+from rona_core.virtual.clock import CaptureClock
+from rona_core.virtual.display import VirtualDisplay
+from rona_core.virtual.operator import VirtualOperator
+from rona_core.virtual.probe import VirtualProbe
+from rona_core.virtual.robot import VirtualRobot
+from rona_core.virtual.robot_error import RobotError
+from rona_core.virtual.scene import VirtualScene
+from rona_core.virtual.tools import MovingTools
+from rona_core.virtual.tracker import VirtualTracker
+
+if TYPE_CHECKING:
+    from rona_core.virtual.specimen import Specimen
+
+
+def build_scene(seed: int, specimen: "Specimen", settings: DeviceSettings) -> VirtualScene:
+    """Return the ground truth of a session with virtual devices.
+
+    Raises:
+        InvalidInputError: no robot of the name in the settings.
+    """
+    model = robot_model(settings.robot.model)
+    return VirtualScene(
+        seed,
+        specimen,
+        settings,
+        robot_error=RobotError(seed, settings.robot.errors),
+        T_tip_toolmarker=model.T_flange_tip.inv() @ model.T_flange_toolmarker,
+    )
+
+
+class VirtualRig:
+    """The virtual devices; satisfies ``devices.Rig``.
+
+    Everything that is measured follows from the seed, the specimen, the settings and the ordinal of
+    the capture. ``speed`` is the pace at which captures are shown, see ``CaptureClock``.
+    """
+
+    origin: Origin = "VIRTUAL"
+
+    def __init__(
+        self, seed: int, specimen: "Specimen", settings: DeviceSettings, speed: float | None = None
+    ) -> None:
+        """Build the scene and switch the devices on, ready for capture 0."""
+        self.scene = build_scene(seed, specimen, settings)
+        self.clock = CaptureClock(speed)
+        self._model = robot_model(settings.robot.model)
+        self.robot = VirtualRobot(self._model, self.clock)
+        self.operator = VirtualOperator(self.scene)
+        self._tools = self._moving_tools(0)
+        self.tracker = VirtualTracker(self.clock, self._true_marker, seed)
+        self.probe = VirtualProbe(self.clock, self._true_probe, specimen)
+        self.display = VirtualDisplay(self.scene, self._pointer_now)
+        self.begin(settings, 0)
+
+    def begin(self, settings: DeviceSettings, ordinal: int) -> None:
+        """Configure every device for capture number ``ordinal`` and set the clock to 0.
+
+        Raises:
+            InvalidInputError: no robot of the name in the settings.
+        """
+        if settings != self.scene.settings:
+            scene = build_scene(self.scene.seed, self.scene.specimen, settings)
+            if settings.robot.model != self.scene.settings.robot.model:
+                self._model = robot_model(settings.robot.model)
+                self.robot = VirtualRobot(self._model, self.clock)
+            self.scene = scene
+        self.clock.reset()
+        self.robot.begin(settings.robot, ordinal)
+        self.operator.begin(self.scene, settings, ordinal)
+        self.tracker.begin(settings.tracker, ordinal)
+        self.probe.begin(settings.probe, self.scene.seed, ordinal)
+        self.display.begin(self.scene)
+        self._tools = self._moving_tools(ordinal)
+
+    def close(self) -> None:
+        """Release all devices and end all waits; a second call does nothing."""
+        self.clock.interrupt()
+        self.tracker.close()
+        self.robot.close()
+        self.probe.close()
+
+    @property
+    def model(self) -> RobotModel:
+        """The robot, as the planner knows it."""
+        return self._model
+
+    def _moving_tools(self, ordinal: int) -> MovingTools:
+        return MovingTools(self.scene, ordinal, self._tip_at, self.operator.motion)
+
+    def _tip_at(self, time_s: float) -> Pose:
+        q_rad = self.robot.q_at(time_s)
+        return self._model.forward(q_rad[None])[0] @ self._model.T_flange_tip
+
+    def _true_marker(self, tool: str, time_s: float) -> Pose | None:
+        return self._tools.T_tracker_marker(tool, time_s)
+
+    def _true_probe(self) -> Pose:
+        T_tip_probe = self._model.T_flange_tip.inv() @ self._model.T_flange_probe
+        return self._tools.T_skull_tip(self.clock.now()) @ T_tip_probe
+
+    def _pointer_now(self) -> Pose | None:
+        return self._tools.T_base_pointermarker(self.clock.now())

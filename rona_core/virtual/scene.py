@@ -1,0 +1,149 @@
+"""The one ground truth: where everything really stands, as fixed by the seed and the settings."""
+
+from typing import TYPE_CHECKING, Protocol
+
+import numpy as np
+
+from rona_core.arrays import Floats, Vector3, readonly
+from rona_core.devices.markers import GEOMETRIES
+from rona_core.devices.settings import DeviceSettings, RobotSettings
+from rona_core.geometry.pose import Pose
+from rona_core.virtual.noise import rng
+
+if TYPE_CHECKING:
+    from rona_core.virtual.specimen import Specimen
+
+# The room, in coordinates of the robot base at its default place.
+REGION_CENTER = (600.0, 60.0, 400.0)
+REGION_NORMAL = (-0.15, 0.05, 1.0)
+TRACKER_DIRECTION = (0.85, 0.25, 0.46)  # from the region to the tracker: forward, left, above
+TRACKER_DISTANCE_MM = 1900.0
+DIMPLE = (640.0, 230.0, 360.0)  # a block beside the head that holds a pointer's tip
+
+PLACEMENT_SD = (2.0, np.deg2rad(1.0))  # mm and rad per axis: how exactly people place things
+MOUNTING_SD = (1.5, np.deg2rad(0.8))  # likewise, of the marker on the tool
+TIP_DEVIATION_MM = (1.0, 3.0)  # how far a pointer's tip is from where its maker says
+
+
+class TipError(Protocol):
+    """How far the robot's tip is from where its encoders say."""
+
+    def T_base_tip_true(  # noqa: N802 (frame grammar)
+        self, T_base_tip_nominal: Pose, ordinal: int, key: int
+    ) -> Pose:
+        """Return where the tip really is, for one commanded motion or time bucket ``key``."""
+        ...
+
+    def systematic_mm(self, points_base: Floats) -> Floats:
+        """Return the repeatable part of the error (n, 3) at tip positions (n, 3)."""
+        ...
+
+
+class VirtualScene:
+    """True poses and shapes. Devices measure them; only the evaluation may look at them.
+
+    Attributes:
+        seed: Seed of the session.
+        specimen: The bone, in ``skull``.
+        settings: Settings of the devices that it was built with.
+        robot_error: Error of the robot.
+        T_base_skull: Pose of the specimen.
+        T_base_tracker: Pose of the tracker; its z axis looks at the region.
+        T_tip_toolmarker: Mounting of the marker on the tool, as it really is.
+        tips: Tip of each pointer (3,) in its marker frame; ``pointer5d`` exactly on its axis.
+        dimple_base: Bottom of the dimple (3,) that pointers are pivoted in.
+    """
+
+    def __init__(
+        self,
+        seed: int,
+        specimen: "Specimen",
+        settings: DeviceSettings,
+        *,
+        robot_error: TipError,
+        T_tip_toolmarker: Pose,
+    ) -> None:
+        """Place everything; ``T_tip_toolmarker`` is where the tool's maker says the marker sits."""
+        self.seed = seed
+        self.specimen = specimen
+        self.settings = settings
+        self.robot_error = robot_error
+        moved = base_displacement(settings.robot)  # from the default place
+        generator = rng(seed, "scene", 0, 0)
+        region = specimen.region
+        placed = _jitter(generator, PLACEMENT_SD) @ Pose(_align(region.normal_skull), np.zeros(3))
+        center = np.array(REGION_CENTER) + generator.normal(0.0, PLACEMENT_SD[0], 3)
+        skull = Pose(placed.rotation, center - placed.rotation @ region.center_skull)
+        self.T_base_skull = moved.inv() @ skull
+        tracker = _looking_at(np.array(REGION_CENTER), np.array(TRACKER_DIRECTION))
+        self.T_base_tracker = moved.inv() @ tracker @ _jitter(generator, PLACEMENT_SD)
+        self.T_tip_toolmarker = T_tip_toolmarker @ _jitter(generator, MOUNTING_SD)
+        self.tips = {
+            "pointer6d": _deviated(generator, "pointer6d"),
+            "pointer5d": _deviated(generator, "pointer5d"),
+        }
+        dimple = np.array(DIMPLE) + generator.normal(0.0, PLACEMENT_SD[0], 3)
+        self.dimple_base = readonly(moved.inv() @ dimple)
+
+    def region_base(self) -> tuple[Vector3, Vector3, float]:
+        """Return centre (3,), outward normal (3,) in ``base`` and radius in mm of the region."""
+        region = self.specimen.region
+        center_base = self.T_base_skull @ region.center_skull
+        return center_base, self.T_base_skull.rotate(region.normal_skull), region.radius_mm
+
+    def T_base_tip_true(  # noqa: N802 (frame grammar)
+        self, T_base_tip_nominal: Pose, ordinal: int, key: int
+    ) -> Pose:
+        """Return where the tool's tip really is while the encoders say ``T_base_tip_nominal``."""
+        return self.robot_error.T_base_tip_true(T_base_tip_nominal, ordinal, key)
+
+
+def base_displacement(settings: RobotSettings) -> Pose:
+    """Return the pose of the moved base in the default one: turned about the vertical, shifted."""
+    turn = (0.0, 0.0, np.deg2rad(settings.base_turn_deg))
+    return Pose.from_rotvec(turn, settings.base_shift_mm)
+
+
+def _align(normal_skull: Vector3) -> Floats:
+    """Return the rotation that turns the region's normal up and the top of the head to the robot.
+
+    The top of the head is +z of ``skull``, or +y where the normal is close to z.
+    """
+    up = np.array(REGION_NORMAL) / np.linalg.norm(REGION_NORMAL)
+    top = np.array((0.0, 0.0, 1.0))
+    if abs(normal_skull @ top) > 0.9:
+        top = np.array((0.0, 1.0, 0.0))
+    source = _frame(normal_skull, top)
+    target = _frame(up, np.array((-1.0, 0.0, 0.0)))
+    return target @ source.T
+
+
+def _frame(z: Vector3, towards: Vector3) -> Floats:
+    """Return axes (3, 3) as columns: z as given, x as near to ``towards`` as that allows."""
+    z = z / np.linalg.norm(z)
+    x = towards - (towards @ z) * z
+    x = x / np.linalg.norm(x)
+    return np.column_stack((x, np.cross(z, x), z))
+
+
+def _looking_at(target: Vector3, direction: Vector3) -> Pose:
+    """Return a pose at the tracker's distance from ``target`` whose z axis looks at it."""
+    direction = direction / np.linalg.norm(direction)
+    level = np.cross(np.array((0.0, 0.0, 1.0)), direction)
+    return Pose(_frame(-direction, level), target + TRACKER_DISTANCE_MM * direction)
+
+
+def _jitter(generator: np.random.Generator, sd: tuple[float, float]) -> Pose:
+    translation = generator.normal(0.0, sd[0], 3)
+    return Pose.from_rotvec(generator.normal(0.0, sd[1], 3), translation)
+
+
+def _deviated(generator: np.random.Generator, tool: str) -> Vector3:
+    geometry = GEOMETRIES[tool]
+    length = generator.uniform(*TIP_DEVIATION_MM)
+    if geometry.dof == 5:
+        direction = np.array((0.0, 0.0, generator.choice((-1.0, 1.0))))
+    else:
+        direction = generator.normal(0.0, 1.0, 3)
+    tip = geometry.nominal_tip_marker + length * direction / np.linalg.norm(direction)
+    return readonly(tip)

@@ -1,0 +1,54 @@
+"""Where the files that are not code lie: the page's static files, the demo session, saved sessions.
+
+In a checkout they are the folders ``static/`` and ``sessions/`` at the top of the repository; an
+installed wheel carries them as ``rona_ui/_static`` and ``rona_ui/_sessions``.
+"""
+
+import os
+import sys
+from pathlib import Path
+
+PACKAGE = Path(__file__).resolve().parent
+
+
+def _checkout() -> Path | None:
+    """Return the top of the repository, or None when RONA runs from an installed wheel."""
+    top = PACKAGE.parent
+    return top if (top / "pyproject.toml").is_file() else None
+
+
+def static_dir() -> Path:
+    """Return the folder of the page's static files."""
+    top = _checkout()
+    return top / "static" if top else PACKAGE / "_static"
+
+
+def demo_session() -> Path:
+    """Return the session file that a new user starts from; treat it as read-only."""
+    top = _checkout()
+    return (top / "sessions" if top else PACKAGE / "_sessions") / "demo.rona"
+
+
+def sessions_dir() -> Path:
+    """Return the folder where sessions are saved, made if it is missing.
+
+    ``RONA_SESSIONS`` decides where it is set; else it is ``sessions/`` of a checkout, else the
+    place the platform keeps a user's data in.
+    """
+    chosen, top = os.environ.get("RONA_SESSIONS"), _checkout()
+    if chosen:
+        folder = Path(chosen).expanduser().resolve()
+    elif top:
+        folder = top / "sessions"
+    else:
+        folder = _user_data_dir() / "rona" / "sessions"
+    folder.mkdir(parents=True, exist_ok=True)
+    return folder
+
+
+def _user_data_dir() -> Path:
+    if sys.platform == "win32":
+        return Path(os.environ.get("LOCALAPPDATA", Path.home() / "AppData" / "Local"))
+    if sys.platform == "darwin":
+        return Path.home() / "Library" / "Application Support"
+    return Path(os.environ.get("XDG_DATA_HOME", Path.home() / ".local" / "share"))

@@ -1,0 +1,81 @@
+"""Exact doubles for tests: a bone of concentric spheres, and a robot whose error is known."""
+
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from rona_core.devices.protocols import Mesh
+from rona_core.geometry.pose import Pose
+
+DEPTHS_MM = {"outer": 0.0, "diploe_outer": 1.5, "diploe_inner": 4.0, "inner": 6.0}
+
+
+@dataclass(frozen=True)
+class SphereRegion:
+    center_skull: np.ndarray
+    normal_skull: np.ndarray
+    radius_mm: float = 25.0
+
+
+@dataclass(frozen=True)
+class SphereSpecimen:
+    """Bone between spheres about one centre; the region is where ``normal`` leaves it."""
+
+    radius_mm: float = 80.0
+    center: tuple[float, float, float] = (5.0, -7.0, 11.0)
+    normal_skull: tuple[float, float, float] = (-0.8, -0.36, 0.48)
+    region_radius_mm: float = 25.0
+    depths: dict = field(default_factory=lambda: dict(DEPTHS_MM))
+
+    @property
+    def region(self):
+        n = np.array(self.normal_skull) / np.linalg.norm(self.normal_skull)
+        return SphereRegion(np.array(self.center) + self.radius_mm * n, n, self.region_radius_mm)
+
+    def ray(self, origins_skull, directions_skull, boundary="outer"):
+        p = np.asarray(origins_skull) - self.center
+        d = np.asarray(directions_skull)
+        radius = self.radius_mm - self.depths[boundary]
+        b = (p * d).sum(axis=1)
+        root = b**2 - (p**2).sum(axis=1) + radius**2
+        near = -b - np.sqrt(np.maximum(root, 0.0))
+        return np.where((root >= 0) & (near >= 0), near, np.inf)
+
+    def layers(self, origins_skull, directions_skull):
+        return np.stack([self.ray(origins_skull, directions_skull, b) for b in self.depths], axis=1)
+
+    def thickness(self, points_skull, directions_skull):
+        d = np.asarray(directions_skull)
+        return self.ray(np.asarray(points_skull) - d, d, "inner") - 1.0
+
+    def closest(self, points_skull, boundary="outer"):
+        n = self.normal(points_skull)
+        return self.center + (self.radius_mm - self.depths[boundary]) * n
+
+    def normal(self, points_skull, boundary="outer"):
+        p = np.asarray(points_skull) - self.center
+        return p / np.linalg.norm(p, axis=1)[:, None]
+
+    def signed_distance(self, points_skull):
+        return np.linalg.norm(np.asarray(points_skull) - self.center, axis=1) - self.radius_mm
+
+    def mesh(self, boundary="outer", edge_mm=3.0):
+        import trimesh
+
+        mesh = trimesh.creation.icosphere(2, self.radius_mm - self.depths[boundary])
+        return Mesh(np.array(mesh.vertices) + self.center, np.array(mesh.faces, dtype=np.int64))
+
+
+@dataclass(frozen=True)
+class ShiftError:
+    """A robot that is always off by the same vector."""
+
+    offset: tuple[float, float, float] = (0.0, 0.0, 0.0)
+
+    def T_base_tip_true(self, T_base_tip_nominal, ordinal, key):
+        return Pose(
+            T_base_tip_nominal.rotation, T_base_tip_nominal.translation + np.array(self.offset)
+        )
+
+    def systematic_mm(self, points_base):
+        return np.broadcast_to(np.array(self.offset), np.shape(points_base)).copy()

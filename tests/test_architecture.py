@@ -1,0 +1,229 @@
+"""The rules of docs/architecture.md that a machine can check, and proof that it does check them."""
+
+import ast
+import os
+import re
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import frame_names
+import pytest
+
+ROOT = Path(__file__).resolve().parents[1]
+PRODUCT = ("rona_core", "rona_ui")
+OTHERS = ("benchmarks", "examples", "tests")
+MAX_LINES = 300
+LINT = "import sys; from importlinter.cli import lint_imports; sys.exit(lint_imports())"
+
+
+def modules(*folders: str, root: Path = ROOT) -> list[Path]:
+    return sorted(p for folder in folders for p in (root / folder).rglob("*.py"))
+
+
+def long_modules(root: Path, *folders: str) -> list[str]:
+    counts = {p: len(p.read_text("utf-8").splitlines()) for p in modules(*folders, root=root)}
+    return [f"{p.relative_to(root)}: {n} lines" for p, n in counts.items() if n > MAX_LINES]
+
+
+def lint_imports(folder: Path) -> tuple[int, str]:
+    """Run import-linter with the contracts of ``folder`` on the packages in it."""
+    run = subprocess.run(
+        [sys.executable, "-c", LINT],
+        cwd=folder,
+        env={**os.environ, "PYTHONPATH": str(folder), "COLUMNS": "200"},
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    return run.returncode, run.stdout + run.stderr
+
+
+# -- the product keeps the rules -------------------------------------------------------------------
+
+
+def test_import_contracts_hold():
+    code, output = lint_imports(ROOT)
+    assert code == 0, output
+
+
+def test_modules_are_short():
+    assert not long_modules(ROOT, *PRODUCT)
+
+
+@pytest.mark.parametrize("folder", [*PRODUCT, "benchmarks", "examples"])
+def test_neighbouring_frames_cancel(folder):
+    errors = list(frame_names.check_folder(ROOT / folder, ROOT))
+    assert not errors, "\n".join(errors)
+
+
+def test_the_library_neither_asserts_nor_prints():
+    found = []
+    for path in modules(*PRODUCT):
+        for node in ast.walk(ast.parse(path.read_text("utf-8"))):
+            is_print = (
+                isinstance(node, ast.Call)
+                and isinstance(node.func, ast.Name)
+                and node.func.id == "print"
+                and path != ROOT / "rona_ui" / "cli.py"  # it speaks to a terminal
+            )
+            if is_print or isinstance(node, ast.Assert):
+                found.append(f"{path.relative_to(ROOT)}:{node.lineno}")
+    assert not found
+
+
+def test_nothing_is_left_for_later():
+    marks = re.compile(r"\b(TODO|FIXME|XXX|HACK)\b|raise NotImplementedError")
+    files = [p for p in modules(*PRODUCT, *OTHERS) if p != Path(__file__)]
+    found = [str(p.relative_to(ROOT)) for p in files if marks.search(p.read_text("utf-8"))]
+    assert not found
+
+
+def test_no_path_of_somebodys_machine():
+    home = re.compile(r"(?<![\w.~])/(?:work|home|root|Users|mnt)/\w|[A-Z]:\\\\?Users")
+    texts = [*modules(*PRODUCT, *OTHERS), *(ROOT / "docs").rglob("*.md"), *ROOT.glob("*.*")]
+    found = []
+    for path in texts:
+        if path.is_file() and path != Path(__file__) and path.suffix in {".py", ".md", ".toml"}:
+            for number, line in enumerate(path.read_text("utf-8").splitlines(), 1):
+                if home.search(line):
+                    found.append(f"{path.relative_to(ROOT)}:{number}: {line.strip()}")
+    assert not found, "\n".join(found)
+
+
+def test_test_files_have_names_of_their_own():
+    names = [p.name for p in modules("tests") if p.name.startswith("test_")]
+    assert sorted(names) == sorted(set(names))
+
+
+# -- planted violations are caught -----------------------------------------------------------------
+
+PLANTED_IMPORTS = [
+    ("rona_core/devices/planted.py", "import viser", "no viewer and no web framework"),
+    ("rona_core/geometry/planted.py", "import rona_core.devices.live", "Layers of rona_core"),
+    ("rona_core/path/planted.py", "import rona_core.surface", "Layers of rona_core"),
+    ("rona_core/app/planted.py", "import rona_core.virtual", "ground truth"),
+    ("rona_core/app/planted.py", "import rona_core.evaluation", "Layers of rona_core"),
+    ("rona_core/planted.py", "", "Layers of rona_core"),  # a new module must choose a layer
+    ("rona_core/arrays_user.py", "import rona_ui", "does not know the interface"),
+    ("rona_core/ultrasound/detect.py", "import rona_core.ultrasound.ascan", "simulation of echoes"),
+    ("rona_core/ultrasound/detect.py", "import rona_core.ultrasound.medium", "simulated medium"),
+    ("rona_ui/panels/planted.py", "import rona_core.path", "only through rona_core.app"),
+    ("rona_ui/api/planted.py", "import rona_core.robot", "only through rona_core.app"),
+    ("rona_ui/panels/planted.py", "import rona_core.virtual", "only through compose"),
+    ("rona_ui/scene/planted.py", "import rona_ui.panels", "Layers of rona_ui"),
+]
+
+
+@pytest.fixture(scope="module")
+def skeleton(tmp_path_factory):
+    """Return a folder with our contracts and the bare packages they speak of."""
+    top = tmp_path_factory.mktemp("skeleton")
+    shutil.copy(ROOT / "pyproject.toml", top)
+    core = ["app", "evaluation", "virtual", "session", "mapping", "calibration", "path", "surface"]
+    core += ["robot", "ultrasound", "devices", "geometry"]
+    packages = ["rona_core", "rona_ui", *(f"rona_core/{name}" for name in core)]
+    for package in [*packages, "rona_ui/panels", "rona_ui/api", "rona_ui/scene"]:
+        (top / package).mkdir()
+        (top / package / "__init__.py").touch()
+    for name in ("devices/live", "ultrasound/ascan", "ultrasound/medium"):
+        (top / "rona_core" / f"{name}.py").touch()
+    return top
+
+
+def test_the_bare_skeleton_is_clean(skeleton):
+    code, output = lint_imports(skeleton)
+    assert code == 0, output
+
+
+@pytest.mark.parametrize(("module", "line", "contract"), PLANTED_IMPORTS)
+def test_a_planted_import_is_caught(skeleton, module, line, contract):
+    path = skeleton / module
+    path.write_text(f"{line}\n")
+    try:
+        code, output = lint_imports(skeleton)
+    finally:
+        path.unlink()
+    broken = [text for text in output.splitlines() if text.rstrip().endswith("BROKEN")]
+    assert code == 1, output
+    assert any(contract in text for text in broken), output
+
+
+def test_a_long_module_is_caught(tmp_path):
+    (tmp_path / "pkg").mkdir()
+    (tmp_path / "pkg" / "right.py").write_text("x = 1\n" * MAX_LINES)
+    (tmp_path / "pkg" / "long.py").write_text("x = 1\n" * (MAX_LINES + 1))
+    assert long_modules(tmp_path, "pkg") == [f"pkg/long.py: {MAX_LINES + 1} lines"]
+
+
+WRONG_FRAMES = {
+    "inner words differ": "T_base_tip = T_base_flange @ T_probe_tip",
+    "result differs": "T_base_probe = T_base_flange @ T_flange_tip",
+    "inverse forgotten": "T_base_tip = T_flange_base @ T_flange_tip",
+    "inverse too many": "T_base_tip = T_base_flange.inv() @ T_flange_tip",
+    "swapped": "T_tracker_base = T_base_tracker",
+    "batch": "Ts_base_marker = T_base_tip @ Ts_tracker_marker",
+    "chain of three": "T_base_tip = T_base_tracker @ T_tracker_toolmarker @ T_tip_toolmarker",
+    "points": "p = T_base_skull @ points_mesh",
+    "points in the wrong name": "points_skull = T_base_skull @ points_skull",
+    "direction": "n = T_base_skull.rotate(normals_base)",
+    "rotation matrix": "n = T_base_skull.rotation.T @ axis_skull",
+    "translation": "tip_tracker = T_base_tip.translation",
+    "column of a rotation": "axis_probe = T_base_probe.rotation[:, 2]",
+    "attribute": "self.T_base_tip = scene.T_base_probe",
+    "call": "T_base_tracker = display.T_base_skull()",
+    "argument": "move(T_base_tip=T_base_flange)",
+    "argument made on the spot": "move(points_base=T_skull_base @ points_base)",
+    "one of several": "n, T_base_tip = 1, T_base_probe",
+    "loop": "for T_base_tip in Ts_base_probe: pass",
+    "comprehension": "xs = [f(T_base_tip) for T_base_tip in Ts_base_probe]",
+    "returned": "def T_base_tip(self): return self.T_base_flange",
+    "returned product": "def f(): return T_base_flange @ T_tip_flange",
+    "points for a pose": "T_base_tip = T_base_tip @ points_tip",
+    "another tool's marker": "T_tracker_pointermarker = T_tracker_toolmarker",
+    "unknown word": "T_world_tip = x",
+    "unknown word in an argument": "def f(T_base_gripper): pass",
+    "unknown word in a field": "class A:\n    T_hand_eye: Pose",
+    "one word": "T_base = x",
+    "three frames": "T_base_tip_flange = x",
+}
+
+RIGHT_FRAMES = [
+    "T_base_tip = T_base_flange @ T_flange_tip",
+    "T_base_tip = T_flange_base.inv() @ T_tip_flange.inv()",
+    "T_base_tip_true = T_base_tip_nominal @ T_tip_tip",
+    "points_base = T_base_skull @ points_skull",
+    "normals_base = T_base_skull.rotate(-normals_skull)",
+    "Ts_base_marker = T_base_tracker @ track.Ts_tracker_marker",
+    "T_tracker_toolmarker = frame.tool(name).T_tracker_marker",
+    "T_b_a = fit(points_a, points_b)",
+    "fit_rigid(points_a=points_base, points_b=points_skull)",
+    "tip_base = T_base_tip.translation + T_base_tip.rotate(offset_tip)",
+    "axis_base = Ts_base_probe.rotations[:, :, 2]",
+    "points_skull = T_base_skull.inv() @ points_base",
+    "T_base_tip = Ts_base_tip[3]",
+    "T_base_tracker = x if fixed else T_base_tracker",
+    "value = A @ points_base.T",
+    "T = TypeVar('T'); T_co = TypeVar('T_co')",
+    "mesh = skull_mesh; probe = 3; n_probe = count",
+    "true_tip = T_base_tip.translation",
+]
+
+
+@pytest.mark.parametrize("source", WRONG_FRAMES.values(), ids=WRONG_FRAMES)
+def test_a_wrong_frame_is_caught(source):
+    errors = frame_names.check_source(f"\n{source}\n", "planted.py")
+    assert len(errors) == 1, errors
+    assert errors[0].startswith(("planted.py:2: ", "planted.py:3: "))
+
+
+@pytest.mark.parametrize("source", RIGHT_FRAMES)
+def test_right_frames_pass(source):
+    assert frame_names.check_source(source, "planted.py") == []
+
+
+def test_every_frame_word_is_explained():
+    text = (ROOT / "docs" / "conventions.md").read_text("utf-8")
+    missing = [w for w in frame_names.FRAMES if len(w) > 1 and f"| `{w}` |" not in text]
+    assert not missing
