@@ -142,6 +142,11 @@ class Jobs:
         self._cancel[job].set()
         return status
 
+    @property
+    def devices_busy(self) -> bool:
+        """Whether a job uses the devices."""
+        return self._device_job is not None
+
     def cancel_device_job(self) -> None:
         """Ask whatever uses the devices to end."""
         with self._changed:

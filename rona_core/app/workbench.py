@@ -49,7 +49,16 @@ class Workbench:
         return self.store.session
 
     def rig(self) -> Rig:
-        """Return the devices that fit the set-up; they are built anew where it has changed."""
+        """Return the devices that fit the set-up; they are built anew where it has changed.
+
+        While a job uses the devices they stay as they are.
+        """
+        held = self._rig
+        if held is not None and self.jobs.devices_busy:
+            return held[1]
+        return self._fitting_rig()
+
+    def _fitting_rig(self) -> Rig:
         setup = self.session.setup
         robot = setup.devices.robot
         where = [robot.model, robot.base_shift_mm, robot.base_turn_deg]
@@ -87,8 +96,9 @@ class Workbench:
         )
 
     def _carry_out(self, activity: Any, progress: Progress, cancel: Cancel) -> int:
+        device = isinstance(activity, DEVICE_ACTIVITIES)
         tools = Toolbox(
-            rig=self.rig(),
+            rig=self._fitting_rig() if device else self.rig(),
             live=self.live,
             import_skull=self._services.import_skull,
             uploads=self.uploads,
@@ -101,12 +111,14 @@ class Workbench:
         return self.store.revision
 
     def stop(self) -> None:
-        """Stop the robot and end what uses the devices; always allowed, wins over everything."""
-        with self._rig_lock:
-            rig = self._rig
-        if rig is not None:
-            rig[1].robot.stop()
+        """Stop the robot and end what uses the devices; always allowed, wins over everything.
+
+        It waits for no lock, so that a rig that is being built does not delay it.
+        """
         self.jobs.cancel_device_job()
+        held = self._rig
+        if held is not None:
+            held[1].robot.stop()
 
     def figures(self) -> Figures:
         """Return the figures against ground truth; empty where there is none."""
