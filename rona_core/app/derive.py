@@ -157,7 +157,8 @@ def derive_smoothing(session: Session, message: SmoothScanPath) -> SmoothPath:
     """
     path = _need(session.results.path, "demonstrate the scan path").value
     cloud = _need(session.results.surface, "sample the surface").value
-    points, times = path.points_base, session.captures.path.marker.times_s
+    capture = _need(session.captures.path, "demonstrate the scan path")
+    points, times = path.points_base, capture.marker.times_s
     if message.filter_s > 0:
         points = filter_path(points, times, sigma_s=message.filter_s)
     simplified = simplify(
@@ -203,9 +204,7 @@ def plan_settings(session: Session, message: StartRollSearch) -> PlanSettings:
         roll_from_deg=message.roll_from_deg,
         roll_to_deg=message.roll_to_deg,
         choice=message.choice,
-        scan=ScanSettings(
-            scan_speed_mm_per_s=session.setup.devices.robot.scan_speed_mm_per_s
-        ),
+        scan=ScanSettings(scan_speed_mm_per_s=session.setup.devices.robot.scan_speed_mm_per_s),
     )
 
 

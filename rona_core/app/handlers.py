@@ -129,7 +129,7 @@ def _(message: SetPointer, session: Session) -> Session:
 
 @handle.register
 def _(message: StoreSkull, session: Session) -> Session:
-    region = RegionChoice(None, message.skull.region_radius_mm)
+    region = RegionChoice(None, message.skull.radius_mm)
     return replace(session, setup=replace(session.setup, specimen=message.skull, region=region))
 
 
