@@ -22,7 +22,8 @@ from rona_core.devices.markers import GEOMETRIES
 from rona_core.devices.protocols import Cancel, Progress
 from rona_core.errors import DegenerateGeometryError, StepBlockedError
 from rona_core.geometry.pose import Poses
-from rona_core.mapping.boundary_map import Maps, build_maps
+from rona_core.mapping.boundary_map import Maps
+from rona_core.mapping.build import build_maps
 from rona_core.path.filter import filter_path
 from rona_core.path.interpolate import densify
 from rona_core.path.smooth import simplify
