@@ -19,7 +19,9 @@ from rona_core.ultrasound.pulse import GRID, emission_spectrum, grid_frequencies
 BONE_MRAYL, GEL_MRAYL = (m.speed_mm_per_us * m.density_g_per_cm3 for m in (TABLE, GEL))
 BONE_REFLECTION = (BONE_MRAYL - GEL_MRAYL) / (BONE_MRAYL + GEL_MRAYL)  # nominal, from gel
 EQUAL_BAND = 0.55  # -6 dB width of the equalised echo over the centre frequency
-EQUAL_FLOOR = 2e-2  # of the power spectrum, where equalising stops
+# Where equalising stops, over the peak of the power spectrum: loss in bone leaves the 2.25 MHz probe
+# short of signal, the length of its echo leaves the 1 MHz probe short of resolution.
+EQUAL_FLOOR = {"2.25MHz": 1e-2, "1MHz": 2e-4}
 COMPRESSED = 2048  # samples of the compressed trace over the same time as GRID
 
 
@@ -28,6 +30,7 @@ class Template:
     """The echo of a reference block, at delay 0, in the band of the probe."""
 
     probe: ProbeModel
+    excitation: Excitation
     bins: np.typing.NDArray[np.int64]  # (f,) of a transform over GRID samples
     frequencies_mhz: Floats  # (f,)
     spectrum: Complexes  # (f,) of an ideal mirror
@@ -74,9 +77,17 @@ def block_template(probe: ProbeModel, excitation: Excitation) -> Template:
     spectrum = echo[bins]
     power = np.abs(spectrum) ** 2
     off = (f[bins] / probe.centre_mhz - 1.0) / EQUAL_BAND
-    weights = np.exp(-4.0 * np.log(2.0) * off**2) / (power / power.max() + EQUAL_FLOOR)
+    weights = np.exp(-4.0 * np.log(2.0) * off**2) / (power / power.max() + EQUAL_FLOOR[probe.name])
     carrier = round(probe.centre_mhz * GRID / probe.sampling_mhz)
-    return Template(probe, readonly(bins), readonly(f[bins]), readonly(spectrum), readonly(weights), carrier)
+    return Template(
+        probe,
+        excitation,
+        readonly(bins),
+        readonly(f[bins]),
+        readonly(spectrum),
+        readonly(weights),
+        carrier,
+    )
 
 
 def trace_spectra(rf: Floats, start_us: float, template: Template) -> tuple[Complexes, Floats]:
