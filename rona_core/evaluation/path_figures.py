@@ -7,7 +7,6 @@ import numpy as np
 from rona_core.arrays import Floats, Ints
 from rona_core.evaluation.figures import Figures
 from rona_core.evaluation.truth import Truth
-
 from rona_core.path.filter import filter_path
 
 if TYPE_CHECKING:
