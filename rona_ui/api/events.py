@@ -1,5 +1,6 @@
 """What changes, as server-sent events: the log of a session, and the state of the program."""
 
+import asyncio
 from collections.abc import AsyncIterator, Callable
 from dataclasses import asdict
 from typing import Annotated, Any
@@ -116,7 +117,7 @@ async def _states(hub: Hub, streams: Streams) -> AsyncIterator[bytes]:
                 if state != told:
                     told = state
                     yield event(state, kind="status")
-                    await waker.pause(QUICK_S)
+                    await asyncio.sleep(QUICK_S)
                 if not await waker.wait():
                     yield ALIVE
         finally:

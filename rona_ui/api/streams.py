@@ -45,10 +45,6 @@ class Waker:
         self._event.clear()
         return True
 
-    async def pause(self, seconds: float) -> None:
-        """Let a little time pass, so that a burst of news is told once."""
-        await asyncio.sleep(seconds)
-
 
 class Streams:
     """All streams that are open, so that the server can end them."""
