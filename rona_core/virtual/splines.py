@@ -33,15 +33,33 @@ class SplineVolume:
 
     def gradient(self, places: Floats) -> Floats:
         """Return the derivatives (n, 3) by the place, per node."""
+        weights, nodes = self._around(places)
+        parts = [_contract(weights, nodes, tuple(np.eye(3, dtype=int)[axis])) for axis in range(3)]
+        return np.stack(parts, axis=1)
+
+    def hessian(self, places: Floats) -> Floats:
+        """Return the second derivatives (n, 3, 3) by the place, per node squared."""
+        weights, nodes = self._around(places)
+        unit = np.eye(3, dtype=int)
+        result = np.zeros((len(places), 3, 3))
+        for a in range(3):
+            for b in range(a, 3):
+                result[:, a, b] = _contract(weights, nodes, tuple(unit[a] + unit[b]))
+                result[:, b, a] = result[:, a, b]
+        return result
+
+    def _around(self, places: Floats) -> tuple[Floats, Floats]:
+        """Return weights (3 orders, n, 3 axes, 4) and coefficients (n, 4, 4, 4) about places."""
         limit = np.array(self._coefficients.shape) - 3
         cell = np.clip(np.floor(places).astype(np.int64), 1, limit)
-        weights = cubic_weights(places - cell)  # (3 orders, n, 3 axes, 4 nodes)
         reach = np.arange(-1, 3)
         i, j, k = (cell[:, axis, None] + reach for axis in range(3))
         nodes = self._coefficients[i[:, :, None, None], j[:, None, :, None], k[:, None, None, :]]
-        parts = []
-        for axis in range(3):
-            wi, wj, wk = (weights[int(a == axis), :, a] for a in range(3))
-            along_k = np.einsum("nijk,nk->nij", nodes, wk)
-            parts.append(np.einsum("nij,ni,nj->n", along_k, wi, wj))
-        return np.stack(parts, axis=1)
+        return cubic_weights(places - cell), nodes
+
+
+def _contract(weights: Floats, nodes: Floats, orders: tuple[int, ...]) -> Floats:
+    """Return the derivative (n,) of the given order along each axis."""
+    wi, wj, wk = (weights[order, :, axis] for axis, order in enumerate(orders))
+    along_k = np.einsum("nijk,nk->nij", nodes, wk)
+    return np.einsum("nij,ni,nj->n", along_k, wi, wj)

@@ -21,7 +21,10 @@ EDGE_MM = 8.0  # between the disc and the side of the grid
 OFF_SURFACE_MM = 15.0  # a chosen centre farther from the bone than this is refused
 NORMAL_PATCH_MM = 10.0  # radius over which the normal of the region is averaged
 SHEET_NODES = 1.0  # pitch of the columns that sample the boundaries, in nodes
-FOOT_STEPS, FOOT_MM = 60, 1e-9
+FOOT_STEPS, FOOT_MM = 40, 1e-6
+LEAST_BEND = 0.2  # smallest curvature of the squared distance that Newton's method believes
+LONGEST_STEP_MM = 2.0
+LEVEL_STEPS, LEVEL_MM = 12, 1e-6  # back to the zero level; the last step gains two digits more
 
 
 class LoadedSpecimen:
@@ -176,37 +179,60 @@ class LoadedSpecimen:
     def _foot(self, q: Floats, k: int) -> Floats:
         """Return the nearest point (n, 3) of the outer (0) or inner (3) boundary.
 
-        From the nearest sample of the boundary, steps to the foot on the tangent plane and back to
-        the zero level; a step that does not come nearer is shortened.
+        From the nearest sample of the boundary, Newton steps in the tangent plane and back to the
+        zero level; a step that does not come nearer is refused and the next one damped.
         """
         if k not in self._trees:
             points, there = self._sheet(k)
             self._trees[k] = cKDTree(points[there]), points[there]
         tree, samples = self._trees[k]
-        x = samples[tree.query(q)[1]]
-        x = self._onto_level(x)
+        x = self._onto_level(samples[tree.query(q)[1]])
         best = np.linalg.norm(q - x, axis=1)
-        share = np.ones(len(q))
+        damping = np.zeros(len(q))
         busy = np.arange(len(q))
         for _ in range(FOOT_STEPS):
-            n = self._unit_gradient(x[busy])
-            off = q[busy] - x[busy]
-            slide = off - np.einsum("ij,ij->i", off, n)[:, None] * n
-            trial = self._onto_level(x[busy] + share[busy, None] * slide)
+            step = self._newton_step(q[busy], x[busy], damping[busy])
+            trial = self._onto_level(x[busy] + step)
             distance = np.linalg.norm(q[busy] - trial, axis=1)
             better = distance <= best[busy]
             rows = busy[better]
             x[rows], best[rows] = trial[better], distance[better]
-            share[busy] = np.where(better, np.minimum(1.0, 1.5 * share[busy]), 0.4 * share[busy])
-            busy = busy[np.linalg.norm(slide, axis=1) * share[busy] > FOOT_MM]
+            damping[busy] = np.where(better, 0.0, np.maximum(damping[busy], 0.3) * 5.0)
+            busy = busy[np.linalg.norm(step, axis=1) > FOOT_MM]
             if not len(busy):
                 break
         return x
 
+    def _newton_step(self, q: Floats, x: Floats, damping: Floats) -> Floats:
+        """Return the step (n, 3) in the tangent plane at ``x`` towards the foot of ``q``.
+
+        Half the squared distance, seen along the surface, has the Hessian 1 + height * curvature;
+        its smallest eigenvalue is kept above ``LEAST_BEND``, and ``damping`` shortens the step.
+        """
+        axes, spacing = self._skull.axes_skull, self._skull.spacing_mm
+        places = self._places(x)
+        g = self._field.gradient(places) @ axes.T / spacing
+        size = np.maximum(np.linalg.norm(g, axis=1, keepdims=True), 1e-12)
+        n = g / size
+        off = q - x
+        height = np.einsum("ij,ij->i", off, n)
+        tangent = np.eye(3) - n[:, :, None] * n[:, None, :]
+        bend = axes @ self._field.hessian(places) @ axes.T / spacing**2
+        curvature = tangent @ (bend / size[:, :, None]) @ tangent
+        values, ways = np.linalg.eigh(np.eye(3) + height[:, None, None] * curvature)
+        values = np.maximum(values, LEAST_BEND) + damping[:, None]
+        slide = off - height[:, None] * n
+        step = np.einsum("nij,nj->ni", ways, np.einsum("nji,nj->ni", ways, slide) / values)
+        length = np.linalg.norm(step, axis=1, keepdims=True)
+        return step * np.minimum(1.0, LONGEST_STEP_MM / np.maximum(length, 1e-12))
+
     def _onto_level(self, x: Floats) -> Floats:
         """Return points moved along the gradient to the zero level."""
-        for _ in range(4):
-            x = x - self._distance(x)[:, None] * self._unit_gradient(x)
+        for _ in range(LEVEL_STEPS):
+            level = self._distance(x)
+            x = x - level[:, None] * self._unit_gradient(x)
+            if np.abs(level).max(initial=0.0) < LEVEL_MM:
+                break
         return x
 
     def closest(self, points_skull: ArrayLike, boundary: Boundary = "outer") -> Floats:

@@ -1,0 +1,168 @@
+"""The only place where widgets touch the service: one ordered queue of messages."""
+
+import heapq
+import html
+import itertools
+import sys
+import threading
+import time
+import traceback
+from collections.abc import Callable, Hashable
+from dataclasses import dataclass
+from typing import Any, Protocol
+
+from rona_core.app.hub import Hub
+from rona_core.app.messages import ACTIVITIES
+from rona_core.errors import RonaError
+
+SETTLE_S = 0.4  # a field sends its message once it has been left alone for so long
+NOTICE_S = 12.0
+
+TITLES = {
+    "invalid_input": "This value cannot be used",
+    "degenerate_geometry": "The data cannot determine the answer",
+    "not_reachable": "The robot cannot go there",
+    "device_error": "The device refused",
+    "step_blocked": "This step has to wait",
+    "stale_result": "Something has changed meanwhile",
+    "not_found": "Not found",
+    "session_format": "This file cannot be opened",
+    "cancelled": "Cancelled",
+}
+
+
+class Notified(Protocol):
+    """A browser that can be told something."""
+
+    def add_notification(self, title: str, body: str, **options: Any) -> Any:
+        """Show a notice in this browser."""
+        ...
+
+
+class Event(Protocol):
+    """What a widget tells: ``client`` is None where we wrote the value ourselves."""
+
+    @property
+    def client(self) -> Any: ...  # noqa: D102
+
+
+@dataclass(order=True)
+class _Task:
+    due_s: float
+    number: int
+    work: Callable[[], Any]
+    client: Any
+    key: Hashable
+
+
+def escape(text: object) -> str:
+    """Return ``text`` so that it can stand in HTML."""
+    return html.escape(str(text), quote=True)
+
+
+class Bindings:
+    """Carries messages from widgets to the current session, in the order in which they came."""
+
+    def __init__(self, hub: Hub, on_refusal: Callable[[], None] = lambda: None) -> None:
+        self._hub = hub
+        self._on_refusal = on_refusal
+        self._ready = threading.Condition()
+        self._tasks: list[_Task] = []
+        self._number = itertools.count()
+        self._open = True
+        self._thread = threading.Thread(target=self._run, name="rona-messages", daemon=True)
+        self._thread.start()
+
+    # -------------------------------------------------------------- what widgets call
+
+    def send(self, make: Callable[[], Any], event: Event) -> None:
+        """Send the command or activity that ``make()`` returns, unless we wrote the value.
+
+        ``make`` runs in the queue too, so that a value out of range is told like any refusal.
+        """
+        if event.client is not None:
+            self._put(lambda: self._deliver(make()), event.client)
+
+    def send_settled(self, key: Hashable, make: Callable[[], Any], event: Event) -> None:
+        """Send like ``send``, but only once nothing has come under ``key`` for a moment."""
+        if event.client is not None:
+            self._put(lambda: self._deliver(make()), event.client, key=key, wait_s=SETTLE_S)
+
+    def call(self, work: Callable[[], Any], event: Event) -> None:
+        """Do something else with the service (save, open, pick) in the same order."""
+        if event.client is not None:
+            self._put(work, event.client)
+
+    def stop(self, event: Event) -> None:
+        """Stop the robot now, ahead of everything that waits in the queue."""
+        if event.client is not None:
+            threading.Thread(
+                target=self._guarded, args=(self._hub.get().stop, event.client), daemon=True
+            ).start()
+
+    # -------------------------------------------------------------- the queue
+
+    def _deliver(self, message: Any) -> None:
+        bench = self._hub.get()
+        if type(message).__name__ in ACTIVITIES:
+            bench.start(message)
+        else:
+            bench.dispatch(message)
+
+    def _put(
+        self, work: Callable[[], Any], client: Any, key: Hashable = None, wait_s: float = 0.0
+    ) -> None:
+        with self._ready:
+            if key is not None:
+                self._tasks = [task for task in self._tasks if task.key != key]
+                heapq.heapify(self._tasks)
+            due_s = time.monotonic() + wait_s
+            heapq.heappush(self._tasks, _Task(due_s, next(self._number), work, client, key))
+            self._ready.notify()
+
+    def _next(self) -> _Task | None:
+        with self._ready:
+            while self._open:
+                if not self._tasks:
+                    self._ready.wait()
+                elif (wait_s := self._tasks[0].due_s - time.monotonic()) > 0:
+                    self._ready.wait(wait_s)
+                else:
+                    return heapq.heappop(self._tasks)
+            return None
+
+    def _run(self) -> None:
+        while (task := self._next()) is not None:
+            self._guarded(task.work, task.client)
+
+    def _guarded(self, work: Callable[[], Any], client: Any) -> None:
+        try:
+            work()
+        except Exception as error:  # told in the browser; the queue goes on
+            tell(client, error)
+            self._on_refusal()
+
+    def close(self) -> None:
+        """End the queue; what waits in it is dropped."""
+        with self._ready:
+            self._open = False
+            self._ready.notify_all()
+
+
+def tell(client: Notified, error: Exception) -> None:
+    """Show an error in one browser: cause and remedy, never a stack trace."""
+    if isinstance(error, RonaError):
+        title, body, color = TITLES.get(error.code, "Refused"), str(error), "orange"
+    else:
+        traceback.print_exception(error, file=sys.stderr)
+        title, color = "Internal error", "red"
+        body = "A defect in RONA; nothing was changed. The server's log has the details."
+    notify(client, title, body, color)
+
+
+def notify(client: Notified, title: str, body: str, color: str = "blue") -> None:
+    """Show a notice in one browser; one that has gone is no reason to stop."""
+    try:
+        client.add_notification(title, body, color=color, auto_close_seconds=NOTICE_S)
+    except Exception:  # the browser left while we spoke
+        traceback.print_exc(file=sys.stderr)

@@ -1,0 +1,93 @@
+"""What one browser shows: its own view, and the picture of everything that drawing depends on."""
+
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, Literal
+
+from rona_core.app.jobs import JobStatus
+from rona_core.app.queries import StepState
+from rona_core.arrays import Floats, Vector3
+from rona_core.devices.live import LiveState
+from rona_core.devices.protocols import Mesh
+from rona_core.geometry.pose import Pose
+from rona_core.session.document import Session
+
+Point = tuple[float, float, float]
+Drawing = Literal["surface", "path"]
+
+# Layers of the scene that can be switched off: name -> what the surgeon reads
+LAYERS = {
+    "skull": "Skull",
+    "robot": "Robot",
+    "tracker": "Tracker",
+    "pointer": "Pointer",
+    "region": "Region",
+    "cloud": "Surface points",
+    "path": "Path",
+    "arrows": "Probe axes",
+    "rolls": "Roll candidates",
+    "scan": "Scan points",
+    "outer": "Outer map",
+    "inner": "Inner map",
+    "fused": "Fused map",
+}
+
+
+@dataclass(frozen=True, slots=True)
+class ViewState:
+    """How one browser looks at the session; never saved, never undone."""
+
+    step: str = "setup"
+    hidden: frozenset[str] = frozenset({"outer", "fused"})
+    shown_roll: int | None = None  # index of the roll in the graphs; None follows the plan
+    cursor: float | None = None  # 0 to 1 along the planned motion; None shows the robot live
+    playing: bool = False
+    speed: float = 4.0  # of the replay, as a multiple of real time
+    drawing: Drawing | None = None  # what a click on the skull adds to
+    picks: tuple[Point, ...] = ()  # in base, mm
+    quantity: Literal["thickness", "height"] = "thickness"
+    cut: bool = False
+    cut_mm: float = 0.0  # height of the cut above the region's centre, along the scan normal
+    joint: int = 0  # joint in the graph, 0 for all
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Backdrop:
+    """What the rig shows of itself: fixed while the set-up stays as it is."""
+
+    origin: str  # VIRTUAL, REPLAY or REAL
+    skull: Mesh  # in base
+    region_center_base: Vector3
+    region_normal_base: Vector3
+    region_radius_mm: float
+    T_base_tracker: Pose
+    home_rad: Floats
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Picture:
+    """One moment: session, view and live values, all of them immutable."""
+
+    session: Session
+    view: ViewState
+    steps: tuple[StepState, ...]
+    live: LiveState
+    job: JobStatus | None = None
+    backdrop: Backdrop | None = None
+    T_base_pointermarker: Pose | None = None
+    figures: dict[str, Any] = field(default_factory=dict)
+    saved: bool = False
+    can_undo: bool = False
+    can_redo: bool = False
+    files: tuple[Path, ...] = ()
+    names: tuple[tuple[str, str], ...] = ()  # id and name of the open sessions
+    refused: int = 0  # grows when a message was refused, so that fields show the truth again
+
+    @property
+    def busy(self) -> bool:
+        """Whether a job is under way."""
+        return self.job is not None and not self.job.finished
+
+    def step(self, name: str) -> StepState:
+        """Return the state of a step by its name."""
+        return next(step for step in self.steps if step.name == name)
