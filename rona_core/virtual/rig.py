@@ -11,6 +11,7 @@ from rona_core.geometry.pose import Pose
 from rona_core.robot.model import RobotModel, robot_model
 from rona_core.virtual.clock import CaptureClock
 from rona_core.virtual.display import VirtualDisplay
+from rona_core.virtual.live_tracker import VirtualLiveTracker
 from rona_core.virtual.operator import VirtualOperator
 from rona_core.virtual.probe import VirtualProbe
 from rona_core.virtual.robot import VirtualRobot
@@ -60,6 +61,7 @@ class VirtualRig:
         self.operator = VirtualOperator(self.scene)
         self._tools = self._moving_tools(0)
         self.tracker = VirtualTracker(self.clock, self._true_marker, seed)
+        self.live_tracker = VirtualLiveTracker(seed, self._toolmarker_now)
         self.probe = VirtualProbe(self.clock, self._true_probe, specimen)
         self.display = VirtualDisplay(self.scene, self._pointer_now)
         self.begin(settings, 0)
@@ -110,6 +112,9 @@ class VirtualRig:
 
     def _true_marker(self, tool: str, time_s: float) -> Pose | None:
         return self._tools.T_tracker_marker(tool, time_s)
+
+    def _toolmarker_now(self) -> Pose | None:
+        return self._true_marker("toolmarker", self.clock.now())
 
     def _true_probe(self) -> Pose:
         T_tip_probe = self._model.T_flange_tip.inv() @ self._model.T_flange_probe
