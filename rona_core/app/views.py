@@ -167,3 +167,47 @@ def share_of_scan(session: Session, number: int) -> float | None:
     if capture is None or times is None or not 0 <= number < len(capture.scans):
         return None
     return float(np.clip(capture.scans.times_s[number] / max(times[0], 1e-9), 0.0, 1.0))
+
+
+def ascan_plot(session: Session, number: int | None, live: AScan | None = None) -> AScanPlot | None:
+    """Return an A-scan for the graph: the live one if given, else that of the scan by its number.
+
+    Signal and envelope are shares of their largest value.
+    """
+    if live is not None:
+        track, number = AScanTrack.from_scans([live]), 0
+        remark = f"Live, {live.time_s:.1f} s after the start."
+    else:
+        capture = session.captures.scan
+        if capture is None or number is None or not 0 <= number < len(capture.scans):
+            return None
+        track = capture.scans
+        remark = f"A-scan {number + 1} of {len(track)}"
+    rf = track.rf[number].astype(np.float64)
+    largest = max(float(np.abs(rf).max(initial=0.0)), 1e-12)
+    time_us = track.start_us + np.arange(len(rf)) / track.sampling_mhz
+    envelope, outer_us, inner_us = None, None, None
+    derived = session.results.detection
+    if live is None and derived is not None and len(derived.value.outer_ok) == len(track):
+        found = derived.value
+        probe = session.setup.devices.probe
+        view = preview(
+            track,
+            number,
+            probe.name,
+            probe.excitation,
+            method=found.method,
+        )
+        envelope = view.envelope / max(float(np.abs(view.envelope).max(initial=0.0)), 1e-12)
+        outer_us = float(found.outer_us[number]) if found.outer_ok[number] else None
+        inner_us = float(found.inner_us[number]) if found.inner_ok[number] else None
+        remark += f": bone {found.thickness_mm[number]:.2f} mm" if inner_us else ": not usable"
+    return AScanPlot(
+        number=number,
+        time_us=readonly(time_us),
+        rf=readonly(rf / largest),
+        envelope=envelope,
+        outer_us=outer_us,
+        inner_us=inner_us,
+        remark=remark,
+    )
