@@ -6,7 +6,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from rona_core.geometry.pose import Pose
+from rona_core.devices.samples import AScanTrack
+from rona_core.geometry.pose import Pose, Poses
+from rona_core.virtual.probe import VirtualProbe
 
 SHARED = Path(
     os.environ.get("RONA_SHARED", str(Path(__file__).resolve().parents[1].parent / "shared"))
@@ -69,7 +71,7 @@ class Shells:
 class WavySkull:
     """A dome whose inner table is not parallel to the outer: tilt about 7 deg median, 17 p90."""
 
-    LENGTHS_MM, SDS_MM = (45.0, 19.0, 7.5), (0.8, 0.32, 0.1)
+    LENGTHS_MM, SDS_MM = (45.0, 19.0, 7.5), (0.7, 0.2, 0.05)
 
     def __init__(self, seed, mean_mm=6.0, radius_mm=80.0, roughness=1.0):
         rng = np.random.default_rng(seed)
@@ -84,7 +86,7 @@ class WavySkull:
         self.k, self.phase, self.size = map(np.concatenate, (waves, phases, sizes))
         groove = rng.uniform(0, np.pi)
         self.groove = np.array((np.cos(groove), np.sin(groove))), rng.uniform(-10, 10)
-        self.groove_mm = 0.7 * roughness
+        self.groove_mm = 0.5 * roughness
 
     def outer_z(self, xy):
         r2 = (xy**2).sum(axis=-1)
@@ -126,3 +128,29 @@ class WavySkull:
         upright = Pose.from_rotvec(rotvec, (x, y, z))
         lean = Pose.from_rotvec((*tilt_rad, 0.0))
         return upright @ lean @ Pose.from_translation((0.0, 0.0, -lift_mm))
+
+
+def scan(skull, settings, *, seed, width_mm=20.0, lines_mm=2.0, tilt_deg=1.0, lift_sd_mm=0.3):
+    """Return A-scans along a meander on a skull, their poses, and the true depths (n, 2) in mm.
+
+    Depths are the true distances along the probe axis from its face to the outer boundary, and
+    from there to the inner one.
+    """
+    rng = np.random.default_rng(seed)
+    along = np.arange(-width_mm / 2, width_mm / 2 + 1e-9, settings.pitch_mm)
+    rows = np.arange(-width_mm / 2, width_mm / 2 + 1e-9, lines_mm)
+    path = [(x, y) for i, y in enumerate(rows) for x in (along if i % 2 == 0 else along[::-1])]
+    clock, pose = StillClock(), [Pose.identity()]
+    probe = VirtualProbe(clock, lambda: pose[0], skull)
+    probe.begin(settings, seed, 0)
+    scans, poses, depths = [], [], []
+    for i, xy in enumerate(path):
+        tilt = np.deg2rad(tilt_deg) * rng.normal(size=2) / np.sqrt(2)
+        pose[0] = skull.pose(xy, lift_mm=rng.normal(0.0, lift_sd_mm), tilt_rad=tilt)
+        clock.time_s = 0.05 * i
+        scans.append(probe.acquire())
+        poses.append(pose[0])
+        axis = pose[0].rotation[:, 2]
+        found = skull.layers((pose[0].translation - 10.0 * axis)[None], axis[None])[0]
+        depths.append((found[0] - 10.0, found[3] - found[0]))
+    return AScanTrack.from_scans(scans), Poses.stack(poses), np.array(depths)

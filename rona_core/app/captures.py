@@ -17,9 +17,11 @@ from rona_core.arrays import Floats, readonly
 from rona_core.devices.protocols import Motion
 from rona_core.devices.samples import AScanTrack, JointSample, JointTrack, ToolTrack, TrackerFrame
 from rona_core.errors import CancelledError, DeviceError, InvalidInputError, NotReachableError
-from rona_core.robot.joint_move import plan_joint_move
 from rona_core.robot.model import RobotModel, robot_model
+from rona_core.robot.motion import plan_joint_move
+from rona_core.robot.plan import Certificate, Trajectory
 from rona_core.robot.tool_motion import plan_tool_motion
+from rona_core.robot.verify import verify_motion
 from rona_core.session.document import PointerCapture, ScanCapture, Session, ToolCapture
 
 SAME_PLACE_RAD = 1e-6
@@ -46,9 +48,8 @@ def drive_to(q_rad: Floats, session: Session, tools: Toolbox) -> None:
     if np.abs(start - q_rad).max() < SAME_PLACE_RAD:
         return
     planned = plan_joint_move(start, q_rad, model)
-    if not planned.certificate.certifies(planned.trajectory):
-        raise NotReachableError(f"the move is refused: {planned.certificate.refusal()}")
-    motion = tools.rig.robot.move(planned.trajectory.times_s, planned.trajectory.qs_rad)
+    _require_certified("the move", verify_motion(model, planned), planned)
+    motion = tools.rig.robot.move(planned.times_s, planned.qs_rad)
     clock = tools.rig.clock
     while not motion.done():
         if tools.cancel():
@@ -154,14 +155,13 @@ def capture_scan(session: Session, tools: Toolbox) -> ScanCapture:
     plan = None if planned is None else planned.value
     if plan is None or plan.trajectory is None or plan.certificate is None:
         raise NotReachableError("there is no path that the robot can traverse: see step 7")
-    if not plan.certificate.certifies(plan.trajectory):
-        raise NotReachableError(f"the plan is not certified: {plan.certificate.refusal()}")
+    _require_certified("the scan", plan.certificate, plan.trajectory)
     trajectory = plan.trajectory
     drive_to(trajectory.qs_rad[0], session, tools)
     ordinal = begin(session, tools)
     rig, clock = tools.rig, tools.rig.clock
     motion = rig.robot.move(trajectory.times_s, trajectory.qs_rad)
-    fire_s = trajectory.times_at_pitch(session.setup.devices.probe.pitch_mm)
+    fire_s = fire_times(trajectory, session.setup.devices.probe.pitch_mm)
     scans, joints, partial = [], [rig.robot.state()], False
     for i, time_s in enumerate(fire_s):
         if tools.cancel() or motion.done():
@@ -181,6 +181,25 @@ def capture_scan(session: Session, tools: Toolbox) -> ScanCapture:
         joints=JointTrack.from_samples(joints),
         partial=partial,
     )
+
+
+def fire_times(trajectory: Trajectory, pitch_mm: float) -> Floats:
+    """Return when the probe is to fire (n,): at the start of the path and every ``pitch_mm``."""
+    inside = (trajectory.times_s >= trajectory.scan_start_s) & (
+        trajectory.times_s <= trajectory.scan_end_s
+    )
+    way_mm, times_s = trajectory.path_mm[inside], trajectory.times_s[inside]
+    moving = np.concatenate(([True], np.diff(way_mm) > 0))  # a place is passed once
+    places_mm = np.arange(0.0, way_mm[-1], pitch_mm)
+    return np.interp(places_mm, way_mm[moving], times_s[moving])
+
+
+def _require_certified(what: str, certificate: Certificate, motion: Trajectory) -> None:
+    if not certificate.certifies(motion):
+        reasons = "; ".join(check.sentence for check in certificate.failures())
+        raise NotReachableError(
+            f"{what} is refused: {reasons or 'the certificate belongs to another motion'}"
+        )
 
 
 def move_robot(activity: StartRobotMove, session: Session, tools: Toolbox) -> None:

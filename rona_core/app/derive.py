@@ -28,9 +28,10 @@ from rona_core.path.interpolate import densify
 from rona_core.path.smooth import simplify
 from rona_core.robot.model import robot_model
 from rona_core.robot.plan import RobotPlan
-from rona_core.robot.scan_plan import plan_scan
+from rona_core.robot.scan_plan import PlanSettings, choose_roll, plan_scan
+from rona_core.robot.timing import ScanSettings
 from rona_core.session.document import PointerCapture, RawPath, Session, SmoothPath
-from rona_core.surface.cloud import SurfaceCloud, build_cloud
+from rona_core.surface.cloud import SurfaceCloud, build_cloud, merge_clouds
 from rona_core.surface.normals import NormalField
 from rona_core.ultrasound.detect import Detection, detect
 
@@ -122,7 +123,7 @@ def derive_surface(session: Session, message: BuildSurface) -> SurfaceCloud:
     ]
     if not clouds:
         raise DegenerateGeometryError("the tracker saw the pointer in no frame of the strokes")
-    return SurfaceCloud.joined(clouds)
+    return merge_clouds(clouds)
 
 
 def derive_path(session: Session, message: BuildPath) -> RawPath:
@@ -156,7 +157,8 @@ def derive_smoothing(session: Session, message: SmoothScanPath) -> SmoothPath:
     """
     path = _need(session.results.path, "demonstrate the scan path").value
     cloud = _need(session.results.surface, "sample the surface").value
-    points, times = path.points_base, session.captures.path.marker.times_s
+    capture = _need(session.captures.path, "demonstrate the scan path")
+    points, times = path.points_base, capture.marker.times_s
     if message.filter_s > 0:
         points = filter_path(points, times, sigma_s=message.filter_s)
     simplified = simplify(
@@ -186,18 +188,34 @@ def derive_roll(
 ) -> RobotPlan:
     """Judge every roll, and plan, time and verify the scan with the chosen one."""
     smooth = _need(session.results.smoothing, "smooth the path").value
-    robot = session.setup.devices.robot
     return plan_scan(
         smooth.path,
-        robot_model(robot.model),
+        robot_model(session.setup.devices.robot.model),
+        plan_settings(session, message),
+        progress=progress,
+        cancel=cancel,
+    )
+
+
+def plan_settings(session: Session, message: StartRollSearch) -> PlanSettings:
+    """Return how to search and drive, from what was asked for and the robot's settings."""
+    return PlanSettings(
         n_rolls=message.n_rolls,
         roll_from_deg=message.roll_from_deg,
         roll_to_deg=message.roll_to_deg,
         choice=message.choice,
-        scan_speed_mm_per_s=robot.scan_speed_mm_per_s,
-        progress=progress,
-        cancel=cancel,
+        scan=ScanSettings(scan_speed_mm_per_s=session.setup.devices.robot.scan_speed_mm_per_s),
     )
+
+
+def derive_chosen_roll(session: Session, plan: RobotPlan, index: int) -> RobotPlan:
+    """Plan, time and verify the scan with another roll of a search.
+
+    Raises:
+        NotReachableError: the path cannot be followed with this roll; it says why.
+    """
+    model = robot_model(session.setup.devices.robot.model)
+    return choose_roll(plan, index, model, plan_settings(session, StartRollSearch()))
 
 
 def derive_detection(

@@ -4,7 +4,7 @@ from dataclasses import replace
 from functools import singledispatch
 from typing import Any
 
-from rona_core.app.derive import SHORT
+from rona_core.app.derive import SHORT, derive_chosen_roll
 from rona_core.app.inputs import input_digests, require_inputs
 from rona_core.app.messages import (
     BuildPath,
@@ -38,7 +38,6 @@ from rona_core.app.plain import plain_arguments
 from rona_core.devices.settings import DeviceSettings, ProbeSettings, RobotSettings
 from rona_core.errors import InvalidInputError, StaleResultError, StepBlockedError
 from rona_core.robot.model import robot_model
-from rona_core.robot.scan_plan import choose_roll
 from rona_core.session.document import Capture, Derived, RegionChoice, Session
 from rona_core.session.specimen import SimulatedSkull
 
@@ -130,7 +129,7 @@ def _(message: SetPointer, session: Session) -> Session:
 
 @handle.register
 def _(message: StoreSkull, session: Session) -> Session:
-    region = RegionChoice(None, message.skull.region_radius_mm)
+    region = RegionChoice(None, message.skull.radius_mm)
     return replace(session, setup=replace(session.setup, specimen=message.skull, region=region))
 
 
@@ -202,13 +201,7 @@ def _(message: ChooseRoll, session: Session) -> Session:
     searched = session.results.roll
     if searched is None:
         raise StepBlockedError("ChooseRoll is blocked: first search the roll (step 7)")
-    robot = session.setup.devices.robot
-    plan = choose_roll(
-        searched.value,
-        message.index,
-        robot_model(robot.model),
-        scan_speed_mm_per_s=robot.scan_speed_mm_per_s,
-    )
+    plan = derive_chosen_roll(session, searched.value, message.index)
     arguments = {**searched.arguments, "chosen": message.index}
     made = Derived(plan, searched.message, arguments, searched.inputs)
     return replace(session, results=replace(session.results, roll=made))

@@ -251,7 +251,7 @@ class StartPointerCapture:
     """Pivot the pointer about its tip while the tracker watches; then calibrate."""
 
     __pydantic_config__: ClassVar = STRICT
-    cone_deg: float = 25.0
+    cone_deg: float = 30.0
     duration_s: float = 15.0
 
     def __post_init__(self) -> None:

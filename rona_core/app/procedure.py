@@ -1,5 +1,6 @@
 """The whole procedure as a list of messages, for the terminal, for tests and for benchmarks."""
 
+from collections import Counter
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
@@ -18,6 +19,7 @@ from rona_core.app.messages import (
 from rona_core.app.workbench import Workbench
 from rona_core.devices.protocols import Cancel
 from rona_core.errors import CancelledError, RonaError
+from rona_core.robot.plan import RobotPlan
 
 StepProgress = Callable[[str, float], None]  # step, share done
 
@@ -78,11 +80,20 @@ def _unfinished(step: str, bench: Workbench) -> str | None:
     """Return why a step that ran left nothing to go on with, or None."""
     if step != "roll" or bench.session.results.roll is None:
         return None
-    plan = bench.session.results.roll.value
+    return why_no_plan(bench.session.results.roll.value)
+
+
+def why_no_plan(plan: RobotPlan) -> str | None:
+    """Return why a plan cannot be executed, or None if it can."""
+    if plan.may_move:
+        return None
     if plan.mode == "none":
-        return plan.refusal()
-    if plan.trajectory is None or plan.certificate is None:
-        return "no trajectory was planned"
-    if not plan.certificate.certifies(plan.trajectory):
-        return f"the verifier refuses the plan: {plan.certificate.refusal()}"
-    return None
+        causes = Counter(verdict.reason for verdict in plan.verdicts)
+        counts = ", ".join(f"{count} by {cause}" for cause, count in causes.most_common())
+        furthest = max(plan.verdicts, key=lambda verdict: verdict.index)
+        return (
+            f"none of {len(plan.verdicts)} rolls works ({counts}); the one that gets furthest: "
+            f"{furthest.sentence}. Move the robot base or change the path"
+        )
+    failures = plan.certificate.failures() if plan.certificate is not None else ()
+    return "the verifier refuses the plan: " + "; ".join(check.sentence for check in failures)

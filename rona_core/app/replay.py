@@ -5,6 +5,7 @@ from typing import Any
 
 from rona_core.app.derive import (
     SHORT,
+    derive_chosen_roll,
     derive_detection,
     derive_maps,
     derive_roll,
@@ -12,8 +13,6 @@ from rona_core.app.derive import (
 from rona_core.app.inputs import RESULTS, input_digests, stale_reason
 from rona_core.app.plain import message_from
 from rona_core.devices.protocols import Progress
-from rona_core.robot.model import robot_model
-from rona_core.robot.scan_plan import choose_roll
 from rona_core.session.codec import digest
 from rona_core.session.document import Derived, Session
 
@@ -53,15 +52,7 @@ def _value(name: str, session: Session, stored: Derived[Any]) -> Any:
     message = message_from(stored.message, arguments)
     if name == "roll":
         plan = derive_roll(session, message)
-        robot = session.setup.devices.robot
-        if isinstance(chosen, int):
-            plan = choose_roll(
-                plan,
-                chosen,
-                robot_model(robot.model),
-                scan_speed_mm_per_s=robot.scan_speed_mm_per_s,
-            )
-        return plan
+        return derive_chosen_roll(session, plan, chosen) if isinstance(chosen, int) else plan
     if name == "detection":
         return derive_detection(session, message)
     if name == "maps" and session.results.detection is not None:

@@ -5,6 +5,7 @@ so that its roll about that line cannot be seen.
 """
 
 from dataclasses import dataclass
+from typing import Literal
 
 import numpy as np
 
@@ -16,7 +17,7 @@ class MarkerGeometry:
     """Marker positions (m, 3) in the frame ``marker``, and the side that faces the tracker."""
 
     tool: str
-    dof: int  # 6, or 5 for collinear markers
+    dof: Literal[5, 6]  # 6, or 5 for collinear markers
     positions_marker: Floats
     facing_marker: Vector3  # markers are seen only from this side
     nominal_tip_marker: Vector3  # where the maker says the tip is; calibration finds the real one
@@ -24,7 +25,7 @@ class MarkerGeometry:
 
 def _geometry(
     tool: str,
-    dof: int,
+    dof: Literal[5, 6],
     positions: list[list[float]],
     facing: tuple[float, float, float],
     tip: tuple[float, float, float],

@@ -159,13 +159,40 @@ class Display(Protocol):
 class Rig(Protocol):
     """All devices of one session."""
 
-    origin: Origin
-    clock: Clock
-    tracker: Tracker
-    robot: Robot
-    probe: Probe
-    operator: Operator
-    display: Display
+    @property
+    def origin(self) -> Origin:
+        """Whether these devices are virtual, replayed or real."""
+        ...
+
+    @property
+    def clock(self) -> Clock:
+        """Time of the capture."""
+        ...
+
+    @property
+    def tracker(self) -> Tracker:
+        """The optical tracking system."""
+        ...
+
+    @property
+    def robot(self) -> Robot:
+        """The robot."""
+        ...
+
+    @property
+    def probe(self) -> Probe:
+        """The ultrasound probe."""
+        ...
+
+    @property
+    def operator(self) -> Operator:
+        """The hand that holds the pointer."""
+        ...
+
+    @property
+    def display(self) -> Display:
+        """What is drawn for the eye."""
+        ...
 
     def begin(self, settings: DeviceSettings, ordinal: int) -> None:
         """Configure every device for capture number ``ordinal`` and set the clock to 0."""

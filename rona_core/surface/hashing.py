@@ -23,10 +23,10 @@ class CellHash:
         cell = self._cells(place[None])[0]
         if (np.abs(cell) >= 1 << (KEY_BITS - 2)).any():
             return self._points[:0]
-        columns = cell + _COLUMNS
+        columns = cell[None] + _COLUMNS
         # the three cells along z of each column have keys without a gap
-        low = np.searchsorted(self._keys, _keys(columns - (0, 0, 1)), side="left")
-        high = np.searchsorted(self._keys, _keys(columns + (0, 0, 1)), side="right")
+        low = np.searchsorted(self._keys, _keys(columns - _UP), side="left")
+        high = np.searchsorted(self._keys, _keys(columns + _UP), side="right")
         candidates = np.concatenate(
             [self._points[a:b] for a, b in zip(low, high, strict=True)], axis=0
         )
@@ -39,6 +39,7 @@ class CellHash:
         return np.clip(scaled, -limit, limit).astype(np.int64)
 
 
+_UP = np.array((0, 0, 1), dtype=np.int64)
 _COLUMNS = np.array([(i, j, 0) for i in (-1, 0, 1) for j in (-1, 0, 1)], dtype=np.int64)
 
 

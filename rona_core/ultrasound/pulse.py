@@ -21,7 +21,7 @@ CHIRP_TAPER = 0.3  # Tukey
 
 def grid_frequencies_mhz(probe: ProbeModel, samples: int = GRID) -> Floats:
     """Return the frequencies (samples // 2 + 1,) of a real transform at the probe's sampling."""
-    return np.arange(samples // 2 + 1) * (probe.sampling_mhz / samples)
+    return np.arange(samples // 2 + 1, dtype=np.float64) * (probe.sampling_mhz / samples)
 
 
 def in_band(probe: ProbeModel, frequencies_mhz: Floats) -> np.typing.NDArray[np.bool_]:

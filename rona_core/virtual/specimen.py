@@ -7,6 +7,7 @@ from numpy.typing import ArrayLike
 from rona_core.arrays import as_vector3
 from rona_core.errors import InvalidInputError
 from rona_core.session.specimen import LoadedSkull, SimulatedSkull
+from rona_core.virtual.bone.loaded import LoadedSpecimen
 from rona_core.virtual.boundaries import BOUNDARIES, Boundary, Region, Specimen
 from rona_core.virtual.skull.simulated import SimulatedSpecimen
 
@@ -52,4 +53,4 @@ def _build(
 ) -> Specimen:
     if isinstance(choice, SimulatedSkull):
         return SimulatedSpecimen(seed, choice.side, center, radius_mm)
-    raise InvalidInputError("a skull from a file")
+    return LoadedSpecimen(choice, center, radius_mm)

@@ -14,13 +14,16 @@ ROOT_MM = 1e-9
 Gap = Callable[[Floats, Ints], Floats]  # distances t (m,) on rays number i (m,) -> gaps (m,) in mm
 
 
-def first_entries(gap: Gap, starts_mm: Floats, ends_mm: Floats) -> Floats:
+def first_entries(
+    gap: Gap, starts_mm: Floats, ends_mm: Floats, steepness: float = STEEPNESS
+) -> Floats:
     """Return the distance (n,) at which each ray first has a gap of 0 or less.
 
     Args:
-        gap: Positive outside; shrinks by at most ``STEEPNESS`` for each millimetre.
+        gap: Positive outside; shrinks by at most ``steepness`` for each millimetre.
         starts_mm: Where each ray begins to look (n,).
         ends_mm: Where it gives up (n,); below the start where the ray cannot hit.
+        steepness: See ``gap``.
 
     Returns:
         Distances, inf where there is no entry; the start itself where the ray begins inside.
@@ -33,7 +36,7 @@ def first_entries(gap: Gap, starts_mm: Floats, ends_mm: Floats) -> Floats:
     rays, t, g = rays[g > 0.0], t[g > 0.0], g[g > 0.0]
     brackets: list[tuple[Ints, Floats, Floats, Floats, Floats]] = []
     while len(rays):
-        t_next = t + g / STEEPNESS + LEAST_STEP_MM
+        t_next = t + g / steepness + LEAST_STEP_MM
         g_next = gap(t_next, rays)
         hit = g_next <= 0.0
         if hit.any():

@@ -13,6 +13,7 @@ from scipy.ndimage import map_coordinates, spline_filter
 
 from rona_core.arrays import Bools, Floats, Ints
 from rona_core.virtual.skull.fields import HEAD_MM
+from rona_core.virtual.splines import cubic_weights
 
 RIM = 8  # nodes beyond the patch, so that the end conditions of the splines have died away
 
@@ -75,7 +76,7 @@ class Chart:
         tile = self.tiles[k * n : (k + 1) * n]
         x = np.clip(slopes, -self.half, self.half) / self.step + (n - 1) / 2
         cell = np.floor(x).astype(np.int64)
-        weights = _weights(x - cell)  # (3 orders, n, 2, 4 nodes)
+        weights = cubic_weights(x - cell)  # (3 orders, n, 2, 4 nodes)
         reach = np.arange(-1, 3)
         nodes = tile[(cell[:, 0, None] + reach)[:, :, None], (cell[:, 1, None] + reach)[:, None, :]]
         wa, wb = weights[:, :, 0], weights[:, :, 1]
@@ -93,12 +94,3 @@ class Chart:
         aa, bb = derived(2, 0) * w + 2.0 * ra * e1, derived(0, 2) * w + 2.0 * rb * e2
         second = np.stack((np.stack((aa, mixed), 1), np.stack((mixed, bb), 1)), axis=1)
         return rho * w, first, second
-
-
-def _weights(t: Floats) -> Floats:
-    """Return the cubic B-spline weights of four nodes and their two derivatives: (3, *t, 4)."""
-    one = 1.0 - t
-    value = (one**3, 3 * t**3 - 6 * t**2 + 4, 3 * one**3 - 6 * one**2 + 4, t**3)
-    slope = (-(one**2) / 2, 1.5 * t**2 - 2 * t, -1.5 * one**2 + 2 * one, t**2 / 2)
-    bend = (one, 3 * t - 2, 3 * one - 2, t)
-    return np.stack((np.stack(value, -1) / 6.0, np.stack(slope, -1), np.stack(bend, -1)))

@@ -120,8 +120,8 @@ class Egg:
     """The rounded box under all relief: a superellipsoid, flatter at the sides than at the top."""
 
     semi_axes_mm: tuple[float, float, float]
-    flatness: float = 2.5  # exponent in the horizontal plane; 2 is an ellipse
-    roundness: float = 2.1  # exponent between the horizontal plane and the vertical
+    flatness: float = 3.0  # exponent in the horizontal plane; 2 is an ellipse
+    roundness: float = 1.9  # exponent between the horizontal plane and the vertical
     rounding: float = 0.12  # keeps the powers smooth where a coordinate is 0
 
     def _powers(self, u: Floats) -> tuple[Floats, Floats, Floats, Floats, Floats]:

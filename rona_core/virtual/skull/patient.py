@@ -60,9 +60,9 @@ CORONAL = ((-26.0, 92.0), (-36.0, 58.0), PTERION)  # from bregma down
 LAMBDOID = ((74.0, 52.0), (60.0, 26.0), ASTERION)  # from lambda down
 ZIGZAG_MM = 1.3
 
-RELIEF_LENGTHS_MM, RELIEF_SDS_MM = np.array((45.0, 19.0, 7.5)), np.array((0.8, 0.2, 0.03))
-THICKNESS_LENGTHS_MM, THICKNESS_SDS_MM = np.array((45.0, 19.0, 7.5)), np.array((0.4, 0.75, 0.38))
-MEAN_THICKNESS_MM, SD_THICKNESS_MM, SPREAD = 5.75, 0.95, 1.8  # of the base; spread in SD
+RELIEF_LENGTHS_MM, RELIEF_SDS_MM = np.array((45.0, 19.0, 7.5)), np.array((0.8, 0.25, 0.03))
+THICKNESS_LENGTHS_MM, THICKNESS_SDS_MM = np.array((45.0, 19.0, 7.5)), np.array((0.4, 0.8, 0.56))
+MEAN_THICKNESS_MM, SD_THICKNESS_MM, SPREAD = 5.95, 0.95, 1.8  # of the base; spread in SD
 
 
 def draw_patient(seed: int) -> SkullShape:

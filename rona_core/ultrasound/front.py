@@ -1,0 +1,92 @@
+"""The front echo: where the bone begins, how well the probe stands on it, and taking it away.
+
+What comes back from the outer boundary is 20 to 30 dB above the echo of the inner one, and the
+side lobes of a compressed chirp are only 20 dB below their peak: without subtracting the front
+echo the largest later peak is usually one of its own.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from rona_core.arrays import Bools, Floats
+from rona_core.ultrasound.matched import BONE_REFLECTION, Template, peak_offsets
+from rona_core.ultrasound.medium import GEL, Complexes
+from rona_core.ultrasound.probe import ProbeModel
+
+GATE_MARGIN_MM = 0.3  # the front is sought this far beyond the compliance of the line
+TAPS = 7
+TAP_SPACING = 0.12  # over the -6 dB bandwidth
+FIT_HALF_WIDTH = 0.8  # of the fit, over the bandwidth
+RIDGE = 3e-4
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Fronts:
+    """The front echo of each A-scan (n,)."""
+
+    delay_us: Floats  # after the echo of a block on the face of the line
+    level: Floats  # amplitude over that of flat bone in perfect contact
+    snr: Floats  # amplitude over the rms of the compressed noise
+    positive: Bools  # False: reflected by something softer than gel, that is, air
+
+
+def gate_us(probe: ProbeModel) -> tuple[float, float]:
+    """Return the earliest and the latest delay at which the front may come."""
+    reach = probe.compliance_mm + GATE_MARGIN_MM
+    return -2.0 * reach / probe.line.speed_mm_per_us, 2.0 * reach / GEL.speed_mm_per_us
+
+
+def find_fronts(spectra: Complexes, noise: Floats, template: Template) -> Fronts:
+    """Return the largest echo within reach of the line, timed to a fraction of a cycle."""
+    early, late = gate_us(template.probe)
+    at_gate = template.shift(np.array((template.probe.line_delay_us + early,)))
+    z = template.compress(spectra * at_gate, template.spectrum)
+    z = z[:, : int((late - early) / template.step_us) + 1]
+    level = np.abs(z)
+    at = np.argmax(level, axis=1)
+    rows = np.arange(len(z))
+    samples = at + peak_offsets(level, at)
+    delay = early + samples * template.step_us
+    phase = np.angle(z[rows, at] * np.exp(2j * np.pi * template.carrier_mhz * at * template.step_us))
+    # phase at the sample, carried on to the interpolated peak
+    phase = phase + 2.0 * np.pi * template.carrier_mhz * (samples - at) * template.step_us
+    phase = np.angle(np.exp(1j * phase))
+    positive = np.abs(phase) < 0.6 * np.pi
+    delay = np.where(positive, delay - phase / (2.0 * np.pi * template.carrier_mhz), delay)
+    peak = level[rows, at]
+    rms = noise * template.noise_gain(template.spectrum)
+    return Fronts(
+        delay, peak / BONE_REFLECTION, peak / np.maximum(rms, 1e-12), np.asarray(positive)
+    )
+
+
+def standoff_mm(delay_us: Floats, probe: ProbeModel) -> Floats:
+    """Return the distance (n,) from the face of the uncompressed line to the bone.
+
+    The line is pressed or a gap is filled with gel; a film of gel is always there.
+    """
+    film, line, gel = probe.film_mm, probe.line.speed_mm_per_us, GEL.speed_mm_per_us
+    at_film = 2.0 * film / gel
+    pressed = film + (delay_us - at_film) / 2.0 * line
+    gap = film + (delay_us - at_film) / 2.0 * gel
+    return np.where(delay_us < at_film, pressed, gap)
+
+
+def subtract_fronts(aligned: Complexes, template: Template) -> Complexes:
+    """Return spectra (n, f) without their front echo, which must be aligned to time 0.
+
+    The echo is fitted near its peak by a few delayed copies of the template, which absorb tilt,
+    curvature and film; the fit takes its side lobes away far beyond the place of the fit.
+    """
+    band = template.probe.bandwidth * template.probe.centre_mhz
+    delays = (np.arange(TAPS) - TAPS // 2) * TAP_SPACING / band
+    copies = template.spectrum * np.conj(template.shift(delays))
+    reach = int(FIT_HALF_WIDTH / band / template.step_us)
+    near = np.arange(-reach, reach + 1)
+    basis = template.compress(copies, template.spectrum)[:, near].T
+    normal = basis.conj().T @ basis
+    normal += RIDGE * np.trace(normal).real / TAPS * np.eye(TAPS)
+    seen = template.compress(aligned, template.spectrum)[:, near].T
+    taps = np.linalg.solve(normal, basis.conj().T @ seen)
+    return aligned - taps.T @ copies

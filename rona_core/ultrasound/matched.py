@@ -1,0 +1,94 @@
+"""Matched filtering of whole surveys: traces to compressed complex envelopes.
+
+The template is what a laboratory records on a flat reference block: excitation, transducer and
+line. Everything is done in the band of the probe and mixed down to its centre frequency.
+"""
+
+from dataclasses import dataclass
+from functools import lru_cache
+
+import numpy as np
+
+from rona_core.arrays import Floats, readonly
+from rona_core.devices.settings import Excitation
+from rona_core.ultrasound.beam import mirror_spectrum
+from rona_core.ultrasound.medium import GEL, TABLE, Complexes
+from rona_core.ultrasound.probe import FULL_SCALE_SHARE, ProbeModel
+from rona_core.ultrasound.pulse import GRID, emission_spectrum, grid_frequencies_mhz, in_band
+
+BONE_MRAYL, GEL_MRAYL = (m.speed_mm_per_us * m.density_g_per_cm3 for m in (TABLE, GEL))
+BONE_REFLECTION = (BONE_MRAYL - GEL_MRAYL) / (BONE_MRAYL + GEL_MRAYL)  # nominal, from gel
+COMPRESSED = 2048  # samples of the compressed trace over the same time as GRID
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Template:
+    """The echo of a reference block, at delay 0, in the band of the probe."""
+
+    probe: ProbeModel
+    bins: np.typing.NDArray[np.int64]  # (f,) of a transform over GRID samples
+    frequencies_mhz: Floats  # (f,)
+    spectrum: Complexes  # (f,) of an ideal mirror
+    carrier_bin: int
+
+    @property
+    def carrier_mhz(self) -> float:
+        """Frequency that compressed traces are mixed down with."""
+        return self.carrier_bin * self.probe.sampling_mhz / GRID
+
+    @property
+    def step_us(self) -> float:
+        """Time between samples of a compressed trace."""
+        return GRID / COMPRESSED / self.probe.sampling_mhz
+
+    def shift(self, delays_us: Floats) -> Complexes:
+        """Return the factors (n, f) that bring what happens at ``delays_us`` (n,) to time 0."""
+        return np.exp(2j * np.pi * np.multiply.outer(delays_us, self.frequencies_mhz))
+
+    def compress(self, spectra: Complexes, template: Complexes) -> Complexes:
+        """Return matched-filter outputs (..., COMPRESSED), mixed down, 1 where the template is."""
+        product = spectra * (np.conj(template) / np.sum(np.abs(template) ** 2))
+        baseband = np.zeros((*product.shape[:-1], COMPRESSED), dtype=np.complex128)
+        baseband[..., (self.bins - self.carrier_bin) % COMPRESSED] = product
+        return np.fft.ifft(baseband, axis=-1) * COMPRESSED
+
+    def noise_gain(self, template: Complexes) -> float:
+        """Return the rms of the compressed trace for noise of rms 1 in each trace sample."""
+        return float(np.sqrt(GRID / np.sum(np.abs(template) ** 2)))
+
+
+@lru_cache(maxsize=8)
+def block_template(probe: ProbeModel, excitation: Excitation) -> Template:
+    """Return the template of a probe and excitation; amplitudes are relative to this mirror."""
+    f = grid_frequencies_mhz(probe)
+    bins = np.flatnonzero(in_band(probe, f))
+    echo = emission_spectrum(probe, excitation) * mirror_spectrum(probe)
+    # the receiver's gain makes flat bone in perfect contact peak at a known share of full scale
+    echo *= FULL_SCALE_SHARE / BONE_REFLECTION / np.abs(np.fft.irfft(echo, GRID)).max()
+    spectrum = echo[bins]
+    carrier = round(probe.centre_mhz * GRID / probe.sampling_mhz)
+    return Template(probe, readonly(bins), readonly(f[bins]), readonly(spectrum), carrier)
+
+
+def trace_spectra(rf: Floats, start_us: float, template: Template) -> tuple[Complexes, Floats]:
+    """Return in-band spectra (n, f) with time from the emission on, and noise rms (n,).
+
+    The noise is read off the frequencies above the probe's band, where it is all there is.
+    """
+    full = np.fft.rfft(rf, GRID, axis=1)
+    f = grid_frequencies_mhz(template.probe)
+    quiet = (f > 2.5 * template.probe.centre_mhz) & (f < 0.45 * template.probe.sampling_mhz)
+    power = np.median(np.abs(full[:, quiet]) ** 2, axis=1) / np.log(2.0)  # of an exponential law
+    noise = np.sqrt(power / rf.shape[1])
+    delay = np.exp(-2j * np.pi * template.frequencies_mhz * start_us)
+    return full[:, template.bins] * delay, noise
+
+
+def peak_offsets(levels: Floats, at: np.typing.NDArray[np.int64]) -> Floats:
+    """Return by how many samples (n,) a parabola moves the maxima ``at`` (n,) of rows (n, m)."""
+    rows = np.arange(len(levels))
+    inside = np.clip(at, 1, levels.shape[1] - 2)
+    before, here, after = (levels[rows, inside + i] for i in (-1, 0, 1))
+    bend = before - 2.0 * here + after
+    offset = np.divide(0.5 * (before - after), bend, out=np.zeros(len(at)), where=bend < 0)
+    return np.clip(offset, -0.5, 0.5) + (inside - at)

@@ -1,0 +1,1 @@
+"""Skulls from files: reading them, choosing where to scan, and the bone as a smooth distance."""

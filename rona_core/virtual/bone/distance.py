@@ -1,0 +1,104 @@
+"""The signed distance to bone on a grid about the scanned disc: negative in bone, in mm."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.ndimage import (
+    distance_transform_edt,
+    gaussian_filter,
+    label,
+    map_coordinates,
+)
+
+from rona_core.arrays import Floats, Vector3
+from rona_core.errors import InvalidInputError
+from rona_core.virtual.bone.triangles import BoneMesh, distance_to, inside
+from rona_core.virtual.bone.volume import BoneVolume
+
+SPACING_MM = 0.8
+LATERAL_MM = 25.0  # beyond the radius of the disc
+ABOVE_MM, BELOW_MM = 12.0, 46.0  # the surface at the centre of the disc
+BAND_MM = 8.0  # the distance is clipped to this
+SMOOTHING_VOXELS = 1.0  # sigma of the Gaussian that removes the steps of the voxels
+MARGIN_MM = 6.0  # of the volume read around the grid
+SMALL_PIECE = 0.05  # bone pieces below this share of the largest are dropped (table, dust)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Grid:
+    """A cubic grid; node (i, j, k) lies at ``origin + spacing * axes @ (i, j, k)``."""
+
+    origin_skull: Vector3
+    axes_skull: Floats  # (3, 3), columns
+    spacing_mm: float
+    shape: tuple[int, int, int]
+
+    def nodes(self) -> Floats:
+        """Return all nodes (n, 3) in ``skull``, in C order."""
+        index = np.stack(np.meshgrid(*map(np.arange, self.shape), indexing="ij"), axis=-1)
+        places = self.spacing_mm * index.reshape(-1, 3).astype(np.float64)
+        return self.origin_skull + places @ self.axes_skull.T
+
+
+def grid_about(center_skull: Vector3, outward_skull: Vector3, radius_mm: float) -> Grid:
+    """Return the grid that holds whatever a scan of a disc can touch; its third axis is outward."""
+    across = np.linalg.svd(outward_skull[None])[2][1:]
+    axes = np.stack((across[0], np.cross(outward_skull, across[0]), outward_skull), axis=1)
+    n = 2 * int(np.ceil((radius_mm + LATERAL_MM) / SPACING_MM)) + 1
+    below, above = int(np.ceil(BELOW_MM / SPACING_MM)), int(np.ceil(ABOVE_MM / SPACING_MM))
+    start = np.array(((n - 1) / 2, (n - 1) / 2, below))
+    origin = center_skull - SPACING_MM * axes @ start
+    return Grid(origin, axes, SPACING_MM, (n, n, below + above + 1))
+
+
+def distance_from_volume(bone: BoneVolume, grid: Grid) -> tuple[Floats, float]:
+    """Return the smoothed distance on the grid, and the sigma of the smoothing in mm.
+
+    The exact distance between voxel centres, half a voxel taken off on either side, has its zero
+    level midway between bone and air voxels; the Gaussian takes out their steps.
+
+    Raises:
+        InvalidInputError: no bone near the grid.
+    """
+    voxel = bone.voxel_mm()
+    to_index = np.linalg.inv(bone.T_skull_voxel)
+    places = grid.nodes() @ to_index[:3, :3].T + to_index[:3, 3]
+    margin = np.ceil(MARGIN_MM / voxel)
+    low = np.floor(places.min(axis=0) - margin).astype(int)
+    high = np.ceil(places.max(axis=0) + margin).astype(int) + 1
+    inner_low = np.clip(low, 0, bone.mask.shape)
+    inner_high = np.clip(high, 0, bone.mask.shape)
+    block = np.zeros(high - low, dtype=np.bool_)
+    source = bone.mask[tuple(slice(a, b) for a, b in zip(inner_low, inner_high, strict=True))]
+    block[
+        tuple(slice(a - o, b - o) for a, b, o in zip(inner_low, inner_high, low, strict=True))
+    ] = source
+    pieces, n = label(block)
+    if n == 0:
+        raise InvalidInputError("there is no bone near the chosen centre: choose another")
+    sizes = np.bincount(pieces.ravel())
+    sizes[0] = 0
+    block = (sizes >= SMALL_PIECE * sizes.max())[pieces]
+    half = float(voxel.mean()) / 2.0
+    signed = distance_transform_edt(~block, sampling=voxel).astype(np.float32)
+    signed[block] = -distance_transform_edt(block, sampling=voxel)[block]
+    signed -= np.where(block, -half, half).astype(np.float32)
+    smooth = gaussian_filter(np.clip(signed, -2 * BAND_MM, 2 * BAND_MM), SMOOTHING_VOXELS)
+    values = map_coordinates(smooth, (places - low).T, order=3, mode="nearest")
+    return values.reshape(grid.shape).astype(np.float64), SMOOTHING_VOXELS * float(voxel.mean())
+
+
+def distance_from_mesh(bone: BoneMesh, grid: Grid) -> Floats:
+    """Return the distance on the grid, exact near the surface."""
+    nodes = grid.nodes()
+    columns = nodes.reshape(*grid.shape, 3)[:, :, 0].reshape(-1, 3)
+    step = grid.axes_skull[:, 2] * grid.spacing_mm
+    solid = inside(bone, columns, step, grid.shape[2]).ravel()
+    distance = distance_to(bone, nodes, BAND_MM, exact_mm=2.0 * grid.spacing_mm)
+    return np.where(solid, -distance, distance).reshape(grid.shape)
+
+
+def as_micrometres(distance_mm: Floats) -> np.typing.NDArray[np.int16]:
+    """Return a distance, clipped to the band, in whole micrometres."""
+    clipped = np.clip(distance_mm, -BAND_MM, BAND_MM)
+    return np.round(1000.0 * clipped).astype(np.int16)

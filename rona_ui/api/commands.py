@@ -1,0 +1,68 @@
+"""One route per command, made from the command list; undo and redo also under short addresses."""
+
+from collections.abc import Callable
+from dataclasses import MISSING, dataclass, fields
+from typing import Annotated, Any
+
+from fastapi import APIRouter, Body
+
+from rona_core.app.messages import COMMANDS, Redo, Undo
+from rona_core.app.workbench import Workbench
+from rona_ui.api.context import Bench
+
+router = APIRouter(tags=["commands"])
+
+
+@dataclass(frozen=True, slots=True)
+class Changed:
+    """What a command did: the session has this revision now."""
+
+    command: str
+    revision: int
+
+
+def changed(bench: Workbench, command: Any) -> Changed:
+    """Send a command and return what it did."""
+    change = bench.dispatch(command)
+    return Changed(change.message, change.revision)
+
+
+def body_of(kind: Any) -> Any:
+    """Return the parameter type of a message's body; it may be left out if all has defaults."""
+    optional = all(
+        field.default is not MISSING or field.default_factory is not MISSING
+        for field in fields(kind)
+    )
+    return Annotated[kind, Body(default_factory=kind)] if optional else Annotated[kind, Body()]
+
+
+def _route(kind: type) -> Callable[..., Changed]:
+    def send(bench: Bench, command: Any) -> Changed:
+        return changed(bench, command)
+
+    send.__annotations__["command"] = body_of(kind)
+    return send
+
+
+for _name, _kind in COMMANDS.items():
+    router.add_api_route(
+        f"/sessions/{{session_id}}/commands/{_name}",
+        _route(_kind),
+        methods=["POST"],
+        name=_name,
+        operation_id=_name,
+        summary=(_kind.__doc__ or _name).splitlines()[0],
+        description=_kind.__doc__,
+    )
+
+
+@router.post("/sessions/{session_id}/undo")
+def undo(bench: Bench) -> Changed:
+    """Take the last change back; the same as the command `Undo`."""
+    return changed(bench, Undo())
+
+
+@router.post("/sessions/{session_id}/redo")
+def redo(bench: Bench) -> Changed:
+    """Do again what was taken back; the same as the command `Redo`."""
+    return changed(bench, Redo())

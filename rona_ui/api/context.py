@@ -1,0 +1,66 @@
+"""What every route needs: the hub, the open session that the address names, its devices."""
+
+from typing import Annotated
+from weakref import WeakKeyDictionary
+
+from fastapi import Depends, Path, Request
+
+from rona_core.app.hub import Hub
+from rona_core.app.workbench import Workbench
+from rona_core.devices.protocols import Rig
+from rona_core.errors import DeviceError, RonaError
+from rona_ui.api.streams import Streams
+
+PREFIX = "/api/v1"
+
+
+async def hub_of(request: Request) -> Hub:
+    """Return the hub of the application."""
+    return request.app.state.hub
+
+
+async def streams_of(request: Request) -> Streams:
+    """Return the open event streams of the application."""
+    return request.app.state.streams
+
+
+Sessions = Annotated[Hub, Depends(hub_of)]
+Open = Annotated[Streams, Depends(streams_of)]
+
+
+async def bench_of(
+    hub: Sessions,
+    session_id: Annotated[
+        str, Path(description="id of an open session, or `current` for the one the viewer shows")
+    ],
+) -> Workbench:
+    """Return the workbench that the address names."""
+    return hub.get(session_id)
+
+
+Bench = Annotated[Workbench, Depends(bench_of)]
+
+
+def idle_rig(bench: Workbench) -> Rig:
+    """Return the devices unless a job uses them.
+
+    Raises:
+        DeviceError: they are busy.
+    """
+    if bench.jobs.devices_busy:
+        raise DeviceError("the devices are busy with a job: wait for it or cancel it")
+    return bench.rig()
+
+
+_ORIGINS: WeakKeyDictionary[Workbench, str] = WeakKeyDictionary()
+
+
+def origin_of(bench: Workbench) -> str | None:
+    """Return VIRTUAL, REPLAY or REAL, or None where the devices cannot be built."""
+    if bench not in _ORIGINS:
+        try:
+            _ORIGINS[bench] = bench.rig().origin
+        except RonaError:
+            return None
+    return _ORIGINS[bench]
+

@@ -1,0 +1,171 @@
+"""Every refusal as ``application/problem+json`` (RFC 9457): status, code, what to do about it."""
+
+import json
+import math
+import sys
+import traceback
+from collections.abc import Sequence
+from typing import Any
+
+from fastapi import FastAPI
+from fastapi.exceptions import RequestValidationError
+from starlette.exceptions import HTTPException
+from starlette.requests import Request
+from starlette.responses import Response
+
+from rona_core.errors import (
+    CancelledError,
+    DegenerateGeometryError,
+    DeviceError,
+    InvalidInputError,
+    NotFoundError,
+    NotReachableError,
+    RonaError,
+    SessionFormatError,
+    StaleResultError,
+    StepBlockedError,
+)
+
+MEDIA_TYPE = "application/problem+json"
+STATUS: dict[type[RonaError], int] = {
+    InvalidInputError: 422,
+    SessionFormatError: 422,
+    NotFoundError: 404,
+    StepBlockedError: 409,
+    StaleResultError: 409,
+    DeviceError: 409,
+    DegenerateGeometryError: 409,
+    NotReachableError: 409,
+    CancelledError: 409,
+}
+TITLES = {
+    400: ("bad_request", "The request could not be read"),
+    401: ("unauthorized", "A token is needed"),
+    403: ("forbidden", "Not from here"),
+    404: ("not_found", "There is nothing here"),
+    405: ("method_not_allowed", "This cannot be done here"),
+    409: ("conflict", "Not now"),
+    413: ("too_large", "The body is too large"),
+    415: ("unsupported_media_type", "Send JSON"),
+    421: ("misdirected", "This server is not called that"),
+    422: ("invalid_input", "The input is not valid"),
+    500: ("internal", "A defect of the program"),
+    507: ("storage", "The file could not be written or read"),
+}
+
+
+class JobFinishedError(RonaError):
+    """A job that has ended cannot be cancelled any more."""
+
+    code = "job_finished"
+
+
+def problem(
+    status: int,
+    detail: str,
+    *,
+    code: str | None = None,
+    errors: Sequence[dict[str, str]] = (),
+    headers: dict[str, str] | None = None,
+) -> Response:
+    """Return a problem; ``errors`` name places in the body by JSON pointer."""
+    usual, title = TITLES.get(status, ("error", "Something went wrong"))
+    body: dict[str, Any] = {
+        "type": "about:blank",
+        "title": title,
+        "status": status,
+        "code": code or usual,
+        "detail": detail,
+    }
+    if errors:
+        body["errors"] = list(errors)
+    text = json.dumps(body, ensure_ascii=True, allow_nan=False)
+    return Response(text, status, headers=headers, media_type=MEDIA_TYPE)
+
+
+def problem_of(error: RonaError) -> Response:
+    """Return the problem that stands for an error of the core."""
+    kinds = (STATUS[kind] for kind in type(error).__mro__ if kind in STATUS)
+    return problem(next(kinds, 409), str(error), code=error.code)
+
+
+def install(app: FastAPI) -> None:
+    """Turn everything that goes wrong in ``app`` into problems."""
+
+    @app.exception_handler(RonaError)
+    async def _rona(request: Request, error: RonaError) -> Response:
+        return problem_of(error)
+
+    @app.exception_handler(RequestValidationError)
+    async def _invalid(request: Request, error: RequestValidationError) -> Response:
+        errors = [_place(item) for item in error.errors()]
+        first = f"{errors[0]['pointer']}: {errors[0]['detail']}" if errors else "not valid"
+        more = f" (and {len(errors) - 1} more)" if len(errors) > 1 else ""
+        return problem(422, first + more, errors=errors)
+
+    @app.exception_handler(HTTPException)
+    async def _http(request: Request, error: HTTPException) -> Response:
+        detail = error.detail if isinstance(error.detail, str) else str(error.detail)
+        return problem(error.status_code, detail, headers=dict(error.headers or {}))
+
+    @app.exception_handler(OSError)
+    async def _storage(request: Request, error: OSError) -> Response:
+        return problem(507, f"the file system refused: {error.strerror or error}")
+
+    @app.exception_handler(Exception)
+    async def _defect(request: Request, error: Exception) -> Response:
+        traceback.print_exception(error, file=sys.stderr)
+        text = f"{type(error).__name__}; the server's terminal says more"
+        return problem(500, text)
+
+
+def _place(item: dict[str, Any]) -> dict[str, str]:
+    """Return where in the request something is wrong, and what; never the input itself."""
+    where, *path = [str(part) for part in item.get("loc", ("body",))]
+    tokens = [part.replace("~", "~0").replace("/", "~1") for part in path]
+    pointer = "".join(f"/{token}" for token in tokens)
+    if where != "body":
+        pointer = f"{where}:{pointer.removeprefix('/')}"
+    message = str(item.get("msg", "not valid")).removeprefix("Value error, ")
+    given = item.get("input")
+    if isinstance(given, float) and not math.isfinite(given):
+        message = "expected a finite number"
+    return {"pointer": pointer, "detail": message, "code": str(item.get("type", "invalid"))}
+
+
+RESPONSES: dict[int | str, dict[str, Any]] = {
+    status: {
+        "description": text,
+        "content": {MEDIA_TYPE: {"schema": {"$ref": "#/components/schemas/Problem"}}},
+    }
+    for status, text in {
+        401: "No or a wrong token",
+        404: "No such session, job, file or tool",
+        409: "Not possible in the present state; `code` says why",
+        422: "Invalid input; `errors` points at the places",
+    }.items()
+}
+SCHEMA: dict[str, Any] = {
+    "title": "Problem",
+    "type": "object",
+    "description": "RFC 9457 problem details",
+    "required": ["title", "status", "code", "detail"],
+    "properties": {
+        "type": {"type": "string"},
+        "title": {"type": "string"},
+        "status": {"type": "integer"},
+        "code": {"type": "string", "description": "stable; the same in browser and terminal"},
+        "detail": {"type": "string", "description": "what was expected, what came, what to do"},
+        "errors": {
+            "type": "array",
+            "items": {
+                "type": "object",
+                "properties": {
+                    "pointer": {"type": "string", "description": "JSON pointer into the body"},
+                    "detail": {"type": "string"},
+                    "code": {"type": "string"},
+                },
+            },
+        },
+    },
+}

@@ -1,0 +1,151 @@
+"""What can be asked of a session: steps, results, frames, figures; and whether it reproduces."""
+
+import dataclasses
+from typing import Annotated, Any
+
+from fastapi import APIRouter, Query
+
+from rona_core.app.frames import frame_rows
+from rona_core.app.inputs import stale_reason
+from rona_core.app.quality import QualityRow, quality_rows
+from rona_core.app.queries import StepState, step_states, summary
+from rona_core.app.replay import replay
+from rona_core.errors import NotFoundError
+from rona_core.session.document import STEPS, Session
+from rona_ui.api.context import Bench
+from rona_ui.api.plain_json import FastJson, plain
+
+router = APIRouter(tags=["results"])
+
+MaxPoints = Annotated[
+    int | None,
+    Query(
+        ge=2,
+        le=1_000_000,
+        description="thin arrays out evenly to this many rows; all rows if left out",
+    ),
+]
+# step -> (its captures, its results)
+HELD: dict[str, tuple[tuple[str, ...], tuple[str, ...]]] = {
+    "setup": ((), ()),
+    "tool": (("tool",), ("tool",)),
+    "pointer": (("pointer",), ("pointer",)),
+    "surface": (("surface",), ("surface",)),
+    "path": (("path",), ("path",)),
+    "smoothing": ((), ("smoothing",)),
+    "roll": ((), ("roll",)),
+    "scan": (("scan",), ()),
+    "maps": ((), ("detection", "maps")),
+}
+
+
+@router.get("/sessions/{session_id}/steps")
+def list_steps(bench: Bench) -> tuple[StepState, ...]:
+    """Return the state of every step: done, ready, blocked or stale, and why."""
+    return step_states(bench.session)
+
+
+@router.get("/sessions/{session_id}/results/{step}", response_class=FastJson)
+def get_results(bench: Bench, step: str, max_points: MaxPoints = None) -> FastJson:
+    """Return what a step measured and computed.
+
+    Lengths are mm, angles rad unless a name says otherwise; poses are a quaternion (w, x, y, z)
+    and a translation. `value` is null while there is nothing.
+    """
+    if step not in HELD:
+        raise NotFoundError(f"there is no step {step!r}: it is one of {', '.join(STEPS)}")
+    session = bench.session
+    captures, results = HELD[step]
+    return FastJson(
+        {
+            "step": step,
+            "summary": summary(step, session),
+            "setup": plain(session.setup, max_points) if step == "setup" else None,
+            "captures": {name: _capture(name, session, max_points) for name in captures},
+            "results": {name: _result(name, session, max_points) for name in results},
+        }
+    )
+
+
+def _capture(name: str, session: Session, max_points: int | None) -> dict[str, Any]:
+    held = getattr(session.captures, name)
+    missing = held in (None, ())
+    stale = None if missing else stale_reason(f"capture {name}", session)
+    return {"value": None if missing else plain(held, max_points), "stale_reason": stale}
+
+
+def _result(name: str, session: Session, max_points: int | None) -> dict[str, Any]:
+    derived = getattr(session.results, name)
+    if derived is None:
+        return {"value": None, "stale_reason": None}
+    return {**plain(derived, max_points), "stale_reason": stale_reason(name, session)}
+
+
+@dataclasses.dataclass(frozen=True, slots=True)
+class FrameInfo:
+    """One transform: the pose of frame `child` in frame `parent`."""
+
+    name: str
+    parent: str
+    child: str
+    source: str  # the step that made it, "robot" (nominal) or "live"
+    wxyz: list[float]
+    translation_mm: list[float]
+    stale: bool
+    reason: str | None
+
+
+@router.get("/sessions/{session_id}/frames")
+def list_frames(bench: Bench) -> list[FrameInfo]:
+    """Return the frame graph: every transform that is known, and whether it is stale."""
+    return [
+        FrameInfo(
+            name=row.name,
+            parent=row.parent,
+            child=row.child,
+            source=row.source,
+            wxyz=row.pose.wxyz.tolist(),
+            translation_mm=row.pose.translation.tolist(),
+            stale=row.stale_reason is not None,
+            reason=row.stale_reason,
+        )
+        for row in frame_rows(bench.session, bench.live.get())
+    ]
+
+
+@router.get("/sessions/{session_id}/quality")
+def list_figures(bench: Bench) -> list[QualityRow]:
+    """Return every figure against ground truth: value, unit, limit and verdict.
+
+    `value` is null while a step is missing, or where the devices are real.
+    """
+    rows = quality_rows(bench.figures(), bench.session)
+    return [dataclasses.replace(row, value=plain(row.value)) for row in rows]
+
+
+@dataclasses.dataclass(frozen=True, slots=True)
+class ReplayedResult:
+    """One result, computed again: digests of the stored and of the new value."""
+
+    result: str
+    stored: str
+    recomputed: str
+    same: bool
+
+
+@dataclasses.dataclass(frozen=True, slots=True)
+class Replay:
+    """All results that are not stale, computed again from the captures."""
+
+    same: bool
+    results: tuple[ReplayedResult, ...]
+
+
+@router.post("/sessions/{session_id}/replay")
+def replay_session(bench: Bench) -> Replay:
+    """Compute every result again from the captures and compare; changes nothing, takes a while."""
+    rows = tuple(
+        ReplayedResult(row.result, row.stored, row.recomputed, row.same)
+        for row in replay(bench.session)
+    )
+    return Replay(all(row.same for row in rows), rows)
