@@ -68,10 +68,13 @@ class RollsPanel:
             self._words.content = style.text("The map of rolls appears after step 7.")
             return
         self._works = tuple(bool(works) for works in strip.feasible)
-        self._words.content = style.text(
-            "Across: roll. Down: along the path. Click to look at a roll; one that works is "
-            "planned and verified."
-        ) + _legend()
+        self._words.content = (
+            style.text(
+                "Across: roll. Down: along the path. Click to look at a roll; one that works is "
+                "planned and verified."
+            )
+            + _legend()
+        )
         with self._folder:
             self._sheet.remove()
             self._sheet = self._gui.add_html(SHEET % {"h": HEIGHT_PX, "png": _picture(strip)})

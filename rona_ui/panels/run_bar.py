@@ -67,12 +67,7 @@ class RunBar:
     def render(self, old: Picture | None, new: Picture) -> None:
         """Follow step and job."""
         job, step = new.job, new.view.step
-        if (
-            old is not None
-            and old.job is job
-            and old.steps is new.steps
-            and old.view is new.view
-        ):
+        if old is not None and old.job is job and old.steps is new.steps and old.view is new.view:
             return
         panel, state = self._panels[step], new.step(step)
         self._step, busy = step, new.busy

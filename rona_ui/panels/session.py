@@ -45,9 +45,7 @@ class SessionPanel:
             self._open = gui.add_button("Open the file", icon="folder-open", color="gray")
             self._new = gui.add_button("New session", icon="plus", color="gray")
         listen(self._buttons, self._clicked)
-        listen(
-            self._rename, lambda e: door.send(lambda: RenameSession(self._name.value), e)
-        )
+        listen(self._rename, lambda e: door.send(lambda: RenameSession(self._name.value), e))
         listen(self._open, self._open_file)
         listen(self._new, lambda e: door.service("new", e, None))
         for label, key, modifier, act in (

@@ -59,7 +59,9 @@ def ring(backdrop: Backdrop, n: int = 96) -> Floats:
         for i, place in enumerate(rim - center):
             nearest = int(np.argmin(((flat - place) ** 2).sum(axis=1)))
             rim[i] = center + place + (heights[close][nearest] + 1.0) * normal
-        smooth = np.convolve(np.pad((rim - center) @ normal, 4, mode="wrap"), np.ones(9) / 9, "valid")
+        smooth = np.convolve(
+            np.pad((rim - center) @ normal, 4, mode="wrap"), np.ones(9) / 9, "valid"
+        )
         rim += (smooth - (rim - center) @ normal)[:, None] * normal
     rim[-1] = rim[0]
     return rim

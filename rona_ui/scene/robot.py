@@ -40,7 +40,9 @@ class RobotLayer(Layer):
                 self.stage.show(f"{ROOT}/link{i}", self.shown(new))
 
     def _build(self, name: str) -> None:
-        for node in [n for n in self.stage.names() if n.startswith(f"{ROOT}/link") and n.count("/") > 2]:
+        for node in [
+            n for n in self.stage.names() if n.startswith(f"{ROOT}/link") and n.count("/") > 2
+        ]:
             self.stage.remove(node)
         for shape in link_shapes(robot_model(name)):
             color = (int(shape.color_rgb[0]), int(shape.color_rgb[1]), int(shape.color_rgb[2]))
