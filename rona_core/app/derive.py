@@ -35,6 +35,7 @@ from rona_core.session.document import PointerCapture, RawPath, Session, SmoothP
 from rona_core.surface.cloud import SurfaceCloud, build_cloud, merge_clouds
 from rona_core.surface.normals import NormalField
 from rona_core.ultrasound.detect import Detection, detect
+from rona_core.ultrasound.probe import probe_model
 
 SETTLE_S = 0.1  # after the robot has stopped, before frames count
 T = Any
@@ -231,7 +232,7 @@ def derive_detection(
     probe = session.setup.devices.probe
     return detect(
         capture.scans,
-        probe.name,
+        probe_model(probe.name),
         probe.excitation,
         method=message.method,
         sound_speed_mm_per_us=message.sound_speed_mm_per_us,
