@@ -63,4 +63,3 @@ def origin_of(bench: Workbench) -> str | None:
         except RonaError:
             return None
     return _ORIGINS[bench]
-

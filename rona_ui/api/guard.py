@@ -113,7 +113,11 @@ class Guard:
         path = "/" + scope["path"].lstrip("/")  # never //elsewhere
         response = RedirectResponse(f"{path}?{rest}" if rest else path, status_code=303)
         response.set_cookie(
-            COOKIE, quote(self._access.token or "", safe=""), httponly=True, samesite="strict", path="/"
+            COOKIE,
+            quote(self._access.token or "", safe=""),
+            httponly=True,
+            samesite="strict",
+            path="/",
         )
         response.headers["Cache-Control"] = "no-store"
         return response

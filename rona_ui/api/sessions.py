@@ -229,7 +229,9 @@ def download_session(bench: Bench) -> Response:
     openapi_extra=RAW_BODY,
     max_body_size=MAX_UPLOAD_BYTES,
 )
-async def upload_specimen(hub: Sessions, bench: Bench, request: Request, name: FileName) -> Uploaded:
+async def upload_specimen(
+    hub: Sessions, bench: Bench, request: Request, name: FileName
+) -> Uploaded:
     """Store the body as a file for `StartSkullImport`: mask, CT volume or mesh."""
     data = await request.body()
     path = await run_in_threadpool(hub.store_upload, name, data)

@@ -64,7 +64,9 @@ class Streams:
             waker.wake()
 
     @contextlib.contextmanager
-    def waker(self, *sources: Callable[[Callable[..., None]], Callable[[], None]]) -> Iterator[Waker]:
+    def waker(
+        self, *sources: Callable[[Callable[..., None]], Callable[[], None]]
+    ) -> Iterator[Waker]:
         """Return a waker that is subscribed to ``sources`` as long as the block runs."""
         waker = Waker()
         self._wakers.add(waker)

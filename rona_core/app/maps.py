@@ -1,0 +1,77 @@
+"""The three boundary maps as points with one value each, for drawing."""
+
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+
+from rona_core.arrays import Floats, readonly
+from rona_core.mapping.boundary_map import BoundaryMap, Maps
+from rona_core.session.document import Session
+
+Quantity = Literal["thickness", "height"]
+MAPS = ("outer", "inner", "fused")
+ROUND_MM = 0.5  # limits of a colour scale are multiples of it
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class MapPart:
+    """The mapped cells of one map: places (n, 3) in ``base`` and a value (n,) in mm for each."""
+
+    points_base: Floats
+    values_mm: Floats
+    cell_mm: float
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class MapLayers:
+    """All three maps on one colour scale."""
+
+    outer: MapPart
+    inner: MapPart
+    fused: MapPart
+    quantity: Quantity
+    low_mm: float
+    high_mm: float
+
+    def part(self, name: str) -> MapPart:
+        """Return one of ``MAPS`` by its name."""
+        return {"outer": self.outer, "inner": self.inner, "fused": self.fused}[name]
+
+
+def map_layers(session: Session, quantity: Quantity = "thickness") -> MapLayers | None:
+    """Return the maps coloured by bone thickness, or by height over the plane of the map.
+
+    None before step 9. Thickness is known where both boundaries are; elsewhere there is no point.
+    """
+    derived = session.results.maps
+    if derived is None:
+        return None
+    maps: Maps = derived.value
+    parts = [_part(getattr(maps, name), _values(maps, name, quantity)) for name in MAPS]
+    values = np.concatenate([part.values_mm for part in parts])
+    low, high = (0.0, 1.0) if not values.size else np.percentile(values, (2.0, 98.0))
+    low_mm = float(np.floor(low / ROUND_MM) * ROUND_MM)
+    high_mm = float(max(np.ceil(high / ROUND_MM) * ROUND_MM, low_mm + ROUND_MM))
+    return MapLayers(parts[0], parts[1], parts[2], quantity, low_mm, high_mm)
+
+
+def _values(maps: Maps, name: str, quantity: Quantity) -> tuple[Floats, np.ndarray]:
+    """Return values and mask over the grid of a map."""
+    own: BoundaryMap = getattr(maps, name)
+    if quantity == "height":
+        return own.height_mm, own.ok
+    if own.height_mm.shape != maps.inner.height_mm.shape:
+        return own.height_mm, np.zeros_like(own.ok)
+    outer = own if name == "fused" else maps.outer
+    return outer.height_mm - maps.inner.height_mm, own.ok & maps.inner.ok
+
+
+def _part(boundary: BoundaryMap, values: tuple[Floats, np.ndarray]) -> MapPart:
+    value, mask = values
+    u, v = np.meshgrid(boundary.u_mm, boundary.v_mm, indexing="ij")
+    points_map = np.stack((u[mask], v[mask], boundary.height_mm[mask]), axis=1)
+    step = float(boundary.u_mm[1] - boundary.u_mm[0]) if len(boundary.u_mm) > 1 else 1.0
+    return MapPart(
+        readonly(boundary.T_base_map @ points_map), readonly(np.array(value[mask])), step
+    )

@@ -1,0 +1,213 @@
+"""What the graphs and the replay show of a session: joint curves, an A-scan, the planned motion."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from rona_core.app.derive import probe_poses
+from rona_core.arrays import Bools, Floats, Ints, readonly
+from rona_core.devices.samples import AScan, AScanTrack
+from rona_core.geometry.pose import Poses
+from rona_core.robot.model import robot_model
+from rona_core.session.document import Session
+from rona_core.ultrasound.detect import preview
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class JointCurves:
+    """The six joints along the path for one roll, and where it fails (Figure 8 of the paper)."""
+
+    roll_deg: float
+    feasible: bool
+    sentence: str
+    path_percent: Floats  # (k,)
+    joints_deg: Floats  # (k, 6)
+    lower_deg: Floats  # (6,)
+    upper_deg: Floats  # (6,)
+    worst_percent: float  # place on the path that fails, or where the room is smallest
+    worst_joint: int  # 1 to 6, or 0 where no single joint is to blame
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class RollStrip:
+    """All rolls that were tried at a glance."""
+
+    rolls_deg: Floats  # (rolls,)
+    feasible: Bools  # (rolls,)
+    room: Floats  # (rolls, k) along the path; negative where the robot cannot follow
+    sentences: tuple[str, ...]
+    chosen: int  # -1 where none is
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class AScanPlot:
+    """One A-scan and what was found in it; times in µs from the emission."""
+
+    number: int  # from 0
+    time_us: Floats
+    rf: Floats
+    envelope: Floats | None
+    outer_us: float | None
+    inner_us: float | None
+    remark: str
+
+
+def shown_roll(session: Session, wanted: int | None) -> int | None:
+    """Return the index of the roll to show: the wanted one, else the chosen, else the first."""
+    searched = session.results.roll
+    if searched is None or not searched.value.verdicts:
+        return None
+    plan = searched.value
+    if wanted is not None and 0 <= wanted < len(plan.verdicts):
+        return wanted
+    return max(plan.chosen, 0)
+
+
+def joint_curves(session: Session, wanted: int | None) -> JointCurves | None:
+    """Return the joints along the path for a roll of the search; None before the search."""
+    index = shown_roll(session, wanted)
+    if index is None or session.results.roll is None:
+        return None
+    plan = session.results.roll.value
+    verdict, model = plan.verdicts[index], robot_model(plan.model)
+    way = plan.path.arc_length_mm()
+    percent = 100.0 * way / max(float(way[-1]), 1e-9)
+    return JointCurves(
+        roll_deg=verdict.roll_deg,
+        feasible=verdict.feasible,
+        sentence=verdict.sentence,
+        path_percent=readonly(percent[plan.shown_points]),
+        joints_deg=readonly(np.rad2deg(plan.curves_rad[index].astype(np.float64))),
+        lower_deg=readonly(np.rad2deg(model.lower_rad)),
+        upper_deg=readonly(np.rad2deg(model.upper_rad)),
+        worst_percent=float(percent[min(verdict.index, len(percent) - 1)]),
+        worst_joint=verdict.joint,
+    )
+
+
+def roll_strip(session: Session) -> RollStrip | None:
+    """Return all rolls of the search; None before it."""
+    searched = session.results.roll
+    if searched is None:
+        return None
+    plan = searched.value
+    return RollStrip(
+        rolls_deg=readonly(np.array([v.roll_deg for v in plan.verdicts])),
+        feasible=readonly(np.array([v.feasible for v in plan.verdicts], dtype=np.bool_)),
+        room=readonly(plan.room.astype(np.float64)),
+        sentences=tuple(v.sentence for v in plan.verdicts),
+        chosen=plan.chosen,
+    )
+
+
+def roll_poses(session: Session, every: int, most: int = 12) -> tuple[Poses, Bools, Ints] | None:
+    """Return the probe at the middle of the path for some rolls, and which of them work."""
+    searched = session.results.roll
+    if searched is None or not searched.value.verdicts:
+        return None
+    plan = searched.value
+    index = np.unique(np.linspace(0, len(plan.verdicts) - 1, most).round().astype(np.int64))
+    index = index if every <= 1 else index[::every]
+    middle, poses = len(plan.path) // 2, []
+    for i in index:
+        turned = plan.path.Ts_base_probe(np.deg2rad(plan.verdicts[int(i)].roll_deg))
+        poses.append(turned[middle])
+    works = np.array([plan.verdicts[int(i)].feasible for i in index], dtype=np.bool_)
+    return Poses.stack(poses), readonly(works), readonly(index)
+
+
+def motion_times(session: Session) -> tuple[float, float, float] | None:
+    """Return duration, start and end of the scan of the planned motion in s; None before."""
+    searched = session.results.roll
+    if searched is None or searched.value.trajectory is None:
+        return None
+    motion = searched.value.trajectory
+    return float(motion.times_s[-1]), float(motion.scan_start_s), float(motion.scan_end_s)
+
+
+def joints_at(session: Session, share: float) -> Floats | None:
+    """Return the joint angles (6,) in rad at a share (0 to 1) of the planned motion."""
+    searched = session.results.roll
+    if searched is None or searched.value.trajectory is None:
+        return None
+    motion = searched.value.trajectory
+    time_s = share * float(motion.times_s[-1])
+    return np.array([np.interp(time_s, motion.times_s, q) for q in motion.qs_rad.T])
+
+
+def path_percent_at(session: Session, share: float) -> float | None:
+    """Return how far along the scan path (0 to 100) the planned motion is at a share of it."""
+    searched = session.results.roll
+    if searched is None or searched.value.trajectory is None:
+        return None
+    motion = searched.value.trajectory
+    at_mm = float(np.interp(share * motion.times_s[-1], motion.times_s, motion.path_mm))
+    return 100.0 * at_mm / max(float(motion.path_mm[-1]), 1e-9)
+
+
+def scan_poses(session: Session) -> Poses | None:
+    """Return where the probe was at each A-scan, in ``base``; None before the scan."""
+    capture = session.captures.scan
+    if capture is None or not len(capture.scans):
+        return None
+    return probe_poses(session)
+
+
+def scan_number_at(session: Session, share: float) -> int | None:
+    """Return the number of the A-scan nearest to a share of the planned motion."""
+    capture, times = session.captures.scan, motion_times(session)
+    if capture is None or not len(capture.scans) or times is None:
+        return None
+    return int(np.argmin(np.abs(capture.scans.times_s - share * times[0])))
+
+
+def share_of_scan(session: Session, number: int) -> float | None:
+    """Return the share of the planned motion at which an A-scan was taken."""
+    capture, times = session.captures.scan, motion_times(session)
+    if capture is None or times is None or not 0 <= number < len(capture.scans):
+        return None
+    return float(np.clip(capture.scans.times_s[number] / max(times[0], 1e-9), 0.0, 1.0))
+
+
+def ascan_plot(session: Session, number: int | None, live: AScan | None = None) -> AScanPlot | None:
+    """Return an A-scan for the graph: the live one if given, else that of the scan by its number.
+
+    Signal and envelope are shares of their largest value.
+    """
+    if live is not None:
+        track, number = AScanTrack.from_scans([live]), 0
+        remark = f"Live, {live.time_s:.1f} s after the start."
+    else:
+        capture = session.captures.scan
+        if capture is None or number is None or not 0 <= number < len(capture.scans):
+            return None
+        track = capture.scans
+        remark = f"A-scan {number + 1} of {len(track)}"
+    rf = track.rf[number].astype(np.float64)
+    largest = max(float(np.abs(rf).max(initial=0.0)), 1e-12)
+    time_us = track.start_us + np.arange(len(rf)) / track.sampling_mhz
+    envelope, outer_us, inner_us = None, None, None
+    derived = session.results.detection
+    if live is None and derived is not None and len(derived.value.outer_ok) == len(track):
+        found = derived.value
+        probe = session.setup.devices.probe
+        view = preview(
+            track,
+            number,
+            probe.name,
+            probe.excitation,
+            method=found.method,
+        )
+        envelope = view.envelope / max(float(np.abs(view.envelope).max(initial=0.0)), 1e-12)
+        outer_us = float(found.outer_us[number]) if found.outer_ok[number] else None
+        inner_us = float(found.inner_us[number]) if found.inner_ok[number] else None
+        remark += f": bone {found.thickness_mm[number]:.2f} mm" if inner_us else ": not usable"
+    return AScanPlot(
+        number=number,
+        time_us=readonly(time_us),
+        rf=readonly(rf / largest),
+        envelope=envelope,
+        outer_us=outer_us,
+        inner_us=inner_us,
+        remark=remark,
+    )

@@ -1,0 +1,154 @@
+"""One browser that looks at the current session: its docks, its scene, its view."""
+
+import threading
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import PurePath
+from typing import Any
+
+import numpy as np
+
+from rona_core.app.hub import Hub
+from rona_core.errors import NotFoundError
+from rona_ui.bindings import Bindings, Event, notify
+from rona_ui.panels.docks import Docks
+from rona_ui.panels.door import Door
+from rona_ui.scene.camera import UP, preset
+from rona_ui.scene.metres import M_PER_MM, metres
+from rona_ui.scene.world import World
+from rona_ui.view_state import Picture, Point, ViewState
+
+PICK_STEP_MM = 1.5  # a drag adds a point once it has come so far
+MOST_PICKS = 500
+NEAR_M, FAR_M = 0.01, 20.0
+
+
+class Browser:
+    """Draws pictures for one client and carries its clicks out."""
+
+    def __init__(self, client: Any, hub: Hub, bindings: Bindings, wake: Callable[[], None]) -> None:
+        self.client = client
+        self._hub, self._bindings, self._wake = hub, bindings, wake
+        self._lock = threading.Lock()
+        self._view = ViewState()
+        self._drawn: Picture | None = None
+        self._listening = False
+        door = Door(
+            bindings.send, bindings.send_settled, self.change_view, self._service, self._look
+        )
+        with client.atomic():
+            self._docks = Docks(client.gui, door)
+            self._world = World(client.scene)
+        client.camera.up_direction = UP
+        client.camera.near, client.camera.far = NEAR_M, FAR_M
+        self._look("Overview")
+
+    @property
+    def view(self) -> ViewState:
+        """How this browser looks at the session now."""
+        return self._view
+
+    def change_view(self, change: Callable[[ViewState], ViewState]) -> None:
+        """Replace the view by ``change(view)`` and have it drawn."""
+        with self._lock:
+            self._view = change(self._view)
+        self._wake()
+
+    def draw(self, new: Picture) -> None:
+        """Bring this browser to ``new``, in one go."""
+        old = self._drawn
+        if old is not None and old.session.id != new.session.id:
+            self.change_view(lambda v: ViewState(step=v.step))
+            new = replace(new, view=self._view)
+        with self.client.atomic():
+            self._docks.render(old, new)
+            self._world.render(old, new)
+        first = (old is None or old.backdrop is None) and new.backdrop is not None
+        self._drawn = new
+        if first:
+            self._look("Overview")
+        self._listen(new)
+
+    # -------------------------------------------------------------- camera
+
+    def _look(self, name: str) -> None:
+        backdrop = None if self._drawn is None else self._drawn.backdrop
+        position, target = preset(name, backdrop)
+        with self.client.atomic():
+            self.client.camera.position = metres(position)
+            self.client.camera.look_at = metres(target)
+            self.client.camera.up_direction = UP
+
+    # -------------------------------------------------------------- drawing on the skull
+
+    def _listen(self, new: Picture) -> None:
+        """Listen to the mouse on the skull while somebody draws on it, and only then."""
+        skull, wanted = self._world.skull(), new.view.drawing is not None
+        if skull is None or wanted == self._listening:
+            return
+        self._listening = wanted
+        if not wanted:
+            skull.remove_click_callback()
+            skull.remove_drag_callback()
+            return
+
+        @skull.on_click
+        async def _(event: Any) -> None:
+            self._pick(event, event.ray_origin, event.ray_direction)
+
+        @skull.on_drag("left")
+        async def _(event: Any) -> None:
+            eye = np.asarray(event.client.camera.position)
+            self._pick(event, eye, np.asarray(event.end_position) - eye)
+
+    def _pick(self, event: Event, origin_m: Any, direction: Any) -> None:
+        origin_base = np.asarray(origin_m, dtype=np.float64) / M_PER_MM
+        ray = np.asarray(direction, dtype=np.float64)
+
+        def touch() -> None:
+            place = self._hub.get().rig().display.pick(origin_base, ray)
+            if place is not None:
+                x, y, z = (float(v) for v in place)
+                self.change_view(lambda v: _with_pick(v, (x, y, z)))
+
+        self._bindings.call(touch, event)
+
+    # -------------------------------------------------------------- the service
+
+    def _service(self, what: str, event: Event, data: str | bytes | None) -> None:
+        if what == "stop":
+            self._bindings.stop(event)
+        elif what == "cancel":
+            self._bindings.call(self._cancel, event)
+        else:
+            self._bindings.call(lambda: self._serve(what, data), event)
+
+    def _cancel(self) -> None:
+        bench = self._hub.get()
+        for status in bench.jobs.all():
+            if not status.finished:
+                bench.jobs.cancel(status.id)
+
+    def _serve(self, what: str, data: str | bytes | None) -> None:
+        verb, _, name = what.partition(":")
+        if verb == "save":
+            path = self._hub.save()
+            notify(self.client, "Saved", path.name, "green")
+        elif verb == "open":
+            self._hub.open_file(name)
+        elif verb == "new":
+            self._hub.create()
+        elif verb == "upload" and isinstance(data, bytes):
+            self._hub.store_upload(PurePath(name).name, data)
+        else:
+            raise NotFoundError(f"there is no service {what!r}")
+
+
+def _with_pick(view: ViewState, place: Point) -> ViewState:
+    if view.drawing is None or len(view.picks) >= MOST_PICKS:
+        return view
+    if view.picks:
+        gap = np.linalg.norm(np.subtract(view.picks[-1], place))
+        if gap < PICK_STEP_MM:
+            return view
+    return replace(view, picks=(*view.picks, place))

@@ -1,0 +1,89 @@
+"""All docks of one browser: the wizard on the left, figures and graphs on the right, the replay."""
+
+from typing import Any
+
+from rona_ui.panels import style
+from rona_ui.panels.door import Door, Panel
+from rona_ui.panels.graphs import AScanPanel, JointsPanel
+from rona_ui.panels.listings import FramesPanel, LogPanel
+from rona_ui.panels.look import LookPanel
+from rona_ui.panels.maps import MapsPanel
+from rona_ui.panels.path import PathPanel
+from rona_ui.panels.pointer import PointerPanel
+from rona_ui.panels.quality import QualityPanel
+from rona_ui.panels.replay import ReplayPanel
+from rona_ui.panels.roll import RollPanel
+from rona_ui.panels.rolls import RollsPanel
+from rona_ui.panels.run_bar import RunBar, StepTitle
+from rona_ui.panels.scan import ScanPanel
+from rona_ui.panels.session import SessionHead, SessionPanel
+from rona_ui.panels.setup import SetupPanel
+from rona_ui.panels.smoothing import SmoothingPanel
+from rona_ui.panels.step_panel import StepPanel
+from rona_ui.panels.steps import StepList
+from rona_ui.panels.surface import SurfacePanel
+from rona_ui.panels.tool import ToolPanel
+from rona_ui.view_state import Picture
+
+STEP_PANELS: tuple[type[StepPanel], ...] = (
+    SetupPanel,
+    ToolPanel,
+    PointerPanel,
+    SurfacePanel,
+    PathPanel,
+    SmoothingPanel,
+    RollPanel,
+    ScanPanel,
+    MapsPanel,
+)
+LEFT_PX, RIGHT_PX, REPLAY_PX = 340, 380, 430
+
+
+class Docks:
+    """Builds every panel once and draws pictures into them."""
+
+    def __init__(self, gui: Any, door: Door) -> None:
+        gui.configure_theme(
+            brand_color=(0, 91, 143), show_logo=False, show_share_button=False, dark_mode=False
+        )
+        gui.set_panel_label("Procedure")
+        left = gui.main_panel
+        left.dock_left()
+        left.set_width(LEFT_PX)
+        gui.add_html(style.SHEET)
+        panels: list[Panel] = [SessionHead(gui), StepList(gui, door), StepTitle(gui)]
+        steps = {kind.step: kind(gui, door) for kind in STEP_PANELS}
+        panels += [*steps.values(), RunBar(gui, door, steps)]
+        panels += [LookPanel(gui, door), SessionPanel(gui, door)]
+        panels += self._right(gui, door)
+        replay = gui.add_panel()
+        with replay.add_tab("Replay", "player-play"):
+            panels.append(ReplayPanel(gui, door))
+        replay.float(x=16, y=-16, width=REPLAY_PX)
+        self._panels = tuple(panels)
+
+    @staticmethod
+    def _right(gui: Any, door: Door) -> list[Panel]:
+        upper, lower = gui.add_panel(), gui.add_panel()
+        panels: list[Panel] = []
+        with upper.add_tab("Quality", "gauge"):
+            panels.append(QualityPanel(gui))
+        with upper.add_tab("Rolls", "rotate-360"):
+            panels.append(RollsPanel(gui, door))
+        with upper.add_tab("Frames", "axis-x"):
+            panels.append(FramesPanel(gui))
+        with upper.add_tab("Log", "list"):
+            panels.append(LogPanel(gui))
+        with lower.add_tab("Joints", "chart-line"):
+            panels.append(JointsPanel(gui, door))
+        with lower.add_tab("A-scan", "wave-sine"):
+            panels.append(AScanPanel(gui))
+        upper.dock_right()
+        lower.dock_below(upper)
+        upper.set_width(RIGHT_PX)
+        return panels
+
+    def render(self, old: Picture | None, new: Picture) -> None:
+        """Bring every panel from ``old`` to ``new``."""
+        for panel in self._panels:
+            panel.render(old, new)

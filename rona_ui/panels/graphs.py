@@ -1,0 +1,255 @@
+"""The two graphs: joints along the path with their limits shaded, and the A-scan at the cursor."""
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from rona_core.app.views import (
+    AScanPlot,
+    JointCurves,
+    ascan_plot,
+    joint_curves,
+    path_percent_at,
+    scan_number_at,
+    shown_roll,
+)
+from rona_core.arrays import Floats
+from rona_ui.panels import style
+from rona_ui.panels.door import Door, follow
+from rona_ui.scene.colors import CATEGORIES, GREEN, VERMILLION, css
+from rona_ui.view_state import Picture
+
+JOINTS = ("All, share of range", *(f"Joint {j}" for j in range(1, 7)))
+GRID = {"stroke": "#e3e8ed", "width": 1}
+INK = "#3e4c59"
+SHADE = "rgba(213,94,0,0.20)"
+
+
+class JointsPanel:
+    """Six joints of the shown roll; the forbidden zones are shaded, the failing place is marked."""
+
+    def __init__(self, gui: Any, door: Door) -> None:
+        self._gui = gui
+        self._select = gui.add_dropdown("Joint", JOINTS)
+        self._words = gui.add_html(style.text("The joint graphs appear after step 7."))
+        self._folder = gui.add_folder(None)
+        self._plot: Any = None
+        self._shape: tuple[Any, ...] = ()
+        follow(
+            self._select,
+            lambda e: door.view(lambda v: replace(v, joint=JOINTS.index(self._select.value))),
+        )
+
+    def render(self, old: Picture | None, new: Picture) -> None:
+        """Follow the shown roll, the chosen joint and the cursor."""
+        if (
+            old is not None
+            and old.session.results.roll is new.session.results.roll
+            and old.view.shown_roll == new.view.shown_roll
+            and old.view.joint == new.view.joint
+            and old.view.cursor == new.view.cursor
+        ):
+            return
+        curves = joint_curves(new.session, new.view.shown_roll)
+        if curves is None:
+            self._clear()
+            return
+        cursor = None
+        if new.view.cursor is not None and _is_planned(new):
+            cursor = path_percent_at(new.session, new.view.cursor)
+        data, low, high = joint_data(curves, new.view.joint, cursor)
+        shape = (new.view.joint, low, high)
+        if self._plot is None or self._shape != shape:
+            self._build(data, new.view.joint, low, high)
+            self._shape = shape
+        else:
+            self._plot.data = data
+        self._words.content = _joint_words(curves)
+
+    def _clear(self) -> None:
+        if self._plot is not None:
+            self._plot.remove()
+            self._plot = None
+            self._words.content = style.text("The joint graphs appear after step 7.")
+
+    def _build(self, data: tuple[Floats, ...], joint: int, low: float, high: float) -> None:
+        if self._plot is not None:
+            self._plot.remove()
+        unit = "share of range (%)" if joint == 0 else f"joint {joint} (deg)"
+        chosen = CATEGORIES if joint == 0 else (CATEGORIES[joint - 1],)
+        names = tuple(f"J{j}" for j in range(1, 7)) if joint == 0 else (f"J{joint}",)
+        lines = tuple(
+            {"label": name, "stroke": css(color), "width": 2, "points": {"show": False}}
+            for name, color in zip(names, chosen, strict=True)
+        )
+        marks = (
+            {"label": "worst", "stroke": css(VERMILLION), "width": 2, "dash": (5, 4)},
+            {"label": "now", "stroke": INK, "width": 2},
+        )
+        edges = tuple({"label": n, "stroke": "#a34700", "width": 1} for n in ("l0", "l", "h", "h1"))
+        first = 1 + len(lines) + len(marks)
+        with self._folder:
+            self._plot = self._gui.add_uplot(
+                data,
+                ({"label": "path"}, *lines, *marks, *edges),
+                bands=(
+                    {"series": (first + 1, first), "fill": SHADE},
+                    {"series": (first + 3, first + 2), "fill": SHADE},
+                ),
+                scales={
+                    "x": {"time": False, "range": (0.0, 100.0)},
+                    "y": {"range": (low, high)},
+                },
+                axes=(_axis("path (%)"), _axis(unit)),
+                legend={"show": False},
+                cursor={"drag": {"x": True, "y": False}},
+                height=250,
+            )
+
+
+def _is_planned(picture: Picture) -> bool:
+    roll = picture.session.results.roll
+    return roll is not None and shown_roll(picture.session, picture.view.shown_roll) == max(
+        roll.value.chosen, 0
+    )
+
+
+def _axis(label: str) -> dict[str, Any]:
+    return {"label": label, "grid": GRID, "stroke": INK, "labelSize": 22, "font": "11px sans-serif"}
+
+
+def joint_data(
+    curves: JointCurves, joint: int, cursor_percent: float | None
+) -> tuple[tuple[Floats, ...], float, float]:
+    """Return the columns of the graph and the limits of its y axis.
+
+    Columns: path (%), the joints, the worst place, the cursor, and four edges of the shaded zones.
+    With ``joint`` 0 all joints are shown as a share of their range, else one in degrees.
+    """
+    if joint == 0:
+        span = curves.upper_deg - curves.lower_deg
+        values = 100.0 * (curves.joints_deg - curves.lower_deg) / span
+        lower, upper, low, high = 0.0, 100.0, -15.0, 115.0
+    else:
+        values = curves.joints_deg[:, joint - 1 : joint]
+        lower, upper = float(curves.lower_deg[joint - 1]), float(curves.upper_deg[joint - 1])
+        edge = 0.12 * (upper - lower)
+        low, high = lower - edge, upper + edge
+    x, columns = curves.path_percent, [np.clip(c, low, high) for c in values.T]
+    worst = None if curves.feasible else curves.worst_percent
+    marks = [m for m in (worst, cursor_percent) if m is not None]
+    at = np.sort(np.concatenate((x, np.repeat(np.array(marks, dtype=np.float64), 2))))
+    columns = [np.interp(at, x, c) for c in columns]
+    ones = np.ones(len(at))
+    return (
+        (
+            at,
+            *columns,
+            _upright(at, worst, low, high),
+            _upright(at, cursor_percent, low, high),
+            low * ones,
+            lower * ones,
+            upper * ones,
+            high * ones,
+        ),
+        low,
+        high,
+    )
+
+
+def _upright(at: Floats, place: float | None, low: float, high: float) -> Floats:
+    """Return a column that draws a vertical line at a place that occurs twice in ``at``."""
+    column = np.full(len(at), np.nan)
+    if place is not None:
+        found = np.flatnonzero(at == place)
+        column[found[0]], column[found[-1]] = low, high
+    return column
+
+
+def _joint_words(curves: JointCurves) -> str:
+    names = tuple((css(color), f"J{j}") for j, color in enumerate(CATEGORIES, start=1))
+    words = f"Roll {curves.roll_deg:.0f} deg. Shaded: beyond the joint limits."
+    if not curves.feasible:
+        words += " Dashed: where the robot cannot follow."
+    return style.key(names) + style.text(words)
+
+
+class AScanPanel:
+    """Received signal and its envelope, with the boundaries that were found."""
+
+    def __init__(self, gui: Any) -> None:
+        self._gui = gui
+        self._words = gui.add_html(style.text("A-scans appear with the scan, step 8."))
+        self._folder = gui.add_folder(None)
+        self._plot: Any = None
+        self._extent: tuple[float, float] = (0.0, 0.0)
+
+    def render(self, old: Picture | None, new: Picture) -> None:
+        """Follow cursor, scan and detection; while scanning, the newest A-scan."""
+        if (
+            old is not None
+            and old.session.captures.scan is new.session.captures.scan
+            and old.session.results.detection is new.session.results.detection
+            and old.view.cursor == new.view.cursor
+            and old.live.ascan is new.live.ascan
+            and old.busy == new.busy
+        ):
+            return
+        number = scan_number_at(new.session, new.view.cursor or 0.0)
+        live = new.live.ascan if new.busy and new.job and new.job.activity == "StartScan" else None
+        plot = ascan_plot(new.session, number, live)
+        if plot is None:
+            if self._plot is not None:
+                self._plot.remove()
+                self._plot = None
+                self._words.content = style.text("A-scans appear with the scan, step 8.")
+            return
+        data = ascan_data(plot)
+        extent = (float(data[0][0]), float(data[0][-1]))
+        if self._plot is None or extent != self._extent:
+            self._build(data, extent)
+        else:
+            self._plot.data = data
+        self._words.content = style.text(plot.remark) + style.key(_ASCAN_KEY)
+
+    def _build(self, data: tuple[Floats, ...], extent: tuple[float, float]) -> None:
+        if self._plot is not None:
+            self._plot.remove()
+        self._extent = extent
+        with self._folder:
+            self._plot = self._gui.add_uplot(
+                data,
+                (
+                    {"label": "time"},
+                    {"label": "signal", "stroke": "#8a97a5", "width": 1},
+                    {"label": "envelope", "stroke": css(CATEGORIES[0]), "width": 2},
+                    {"label": "outer", "stroke": css(GREEN), "width": 2},
+                    {"label": "inner", "stroke": css(VERMILLION), "width": 2},
+                ),
+                scales={"x": {"time": False, "range": extent}, "y": {"range": (-1.05, 1.05)}},
+                axes=(_axis("time (µs)"), _axis("share of the largest")),
+                legend={"show": False},
+                cursor={"drag": {"x": True, "y": False}},
+                height=250,
+            )
+
+
+_ASCAN_KEY = (
+    ("#8a97a5", "signal"),
+    (css(CATEGORIES[0]), "envelope"),
+    (css(GREEN), "outer boundary"),
+    (css(VERMILLION), "inner boundary"),
+)
+
+
+def ascan_data(plot: AScanPlot) -> tuple[Floats, ...]:
+    """Return the columns of the graph: time, signal, envelope, both boundaries."""
+    places = [p for p in (plot.outer_us, plot.inner_us) if p is not None]
+    at = np.sort(np.concatenate((plot.time_us, np.repeat(np.array(places, dtype=np.float64), 2))))
+    rf = np.interp(at, plot.time_us, plot.rf)
+    envelope = np.full(len(at), np.nan)
+    if plot.envelope is not None:
+        envelope = np.interp(at, plot.time_us, plot.envelope)
+    outer, inner = (_upright(at, p, -1.0, 1.0) for p in (plot.outer_us, plot.inner_us))
+    return at, rf, envelope, outer, inner

@@ -1,0 +1,103 @@
+"""Step 9: both boundaries are detected, mapped and fused with the pointer cloud."""
+
+from dataclasses import replace
+from typing import Any
+
+from rona_core.app.maps import MapLayers, map_layers
+from rona_core.app.messages import StartMapping
+from rona_ui.panels import style
+from rona_ui.panels.door import follow
+from rona_ui.panels.step_panel import StepPanel
+from rona_ui.scene.colors import viridis_css
+from rona_ui.view_state import Picture
+
+METHODS = {
+    "Front echo subtracted": "subtract",
+    "Matched filter (as the paper)": "matched",
+    "Threshold (as the paper)": "threshold",
+}
+QUANTITIES = {"Bone thickness": "thickness", "Height over the map's plane": "height"}
+SHOWN = {
+    "Inner boundary": ("inner",),
+    "Outer boundary": ("outer",),
+    "Outer, fused with pointer": ("fused",),
+    "Outer and inner": ("outer", "inner"),
+}
+MAP_NAMES = frozenset(("outer", "inner", "fused"))
+
+
+class MapsPanel(StepPanel):
+    """Detection, cell size, sound speed; which map is shown in which colours."""
+
+    step = "maps"
+    explanation = (
+        "Two echoes in every A-scan give the outer and the inner boundary of the bone. "
+        "Places that cannot be trusted are left out, never guessed."
+    )
+    start = "Map the boundaries"
+
+    def build(self) -> None:
+        """Add the parameters and the choice of what is shown."""
+        self.form.choice("method", "Detection", METHODS, "subtract")
+        self.form.number("sound_speed_mm_per_us", "Bone (mm/µs)", 2.85, 1.5, 4.5, 0.05)
+        self.form.number("cell_mm", "Cell (mm)", 1.0, 0.5, 5.0, 0.5)
+        self._shown = self.gui.add_dropdown("Show", tuple(SHOWN))
+        self._quantity = self.gui.add_dropdown("Colours", tuple(QUANTITIES))
+        self._cut = self.gui.add_checkbox(
+            "Open the skull", True, hint="Takes the drawn bone away over the region"
+        )
+        self._bar = self.gui.add_html("")
+        follow(self._shown, lambda e: self._show(SHOWN[self._shown.value]))
+        follow(
+            self._quantity,
+            lambda e: self.door.view(lambda v: replace(v, quantity=self._chosen())),
+        )
+        follow(self._cut, lambda e: self.door.view(lambda v: replace(v, cut=self._cut.value)))
+
+    def _chosen(self) -> Any:
+        return QUANTITIES[self._quantity.value]
+
+    def _show(self, names: tuple[str, ...]) -> None:
+        hide = MAP_NAMES - set(names)
+        self.door.view(lambda v: replace(v, hidden=(v.hidden - set(names)) | hide))
+
+    def message(self) -> Any:
+        """Return the mapping with these parameters."""
+        return StartMapping(**self.form.values())
+
+    def update(self, old: Picture | None, new: Picture) -> None:
+        """Draw the colour bar once there are maps."""
+        maps = new.session.results.maps
+        for field in (self._shown, self._quantity, self._cut):
+            field.visible = maps is not None
+        if (
+            old is None
+            or old.session.results.maps is not maps
+            or old.view.quantity != new.view.quantity
+        ):
+            layers = map_layers(new.session, new.view.quantity)
+            self._bar.content = "" if layers is None else color_bar(layers)
+
+    def remarks(self, picture: Picture) -> str:
+        """Say how much of the inner boundary was found."""
+        found = picture.session.results.detection
+        if found is None or picture.session.results.maps is None:
+            return ""
+        value = found.value
+        words = (
+            f"Outer boundary in {100.0 * float(value.outer_ok.mean()):.0f} %, inner boundary in "
+            f"{100.0 * float(value.inner_ok.mean()):.0f} % of {len(value.inner_ok)} A-scans."
+        )
+        return style.note(words, "good")
+
+
+def color_bar(layers: MapLayers) -> str:
+    """Return the colour bar with its limits in mm."""
+    title = "Bone thickness" if layers.quantity == "thickness" else "Height"
+    middle = 0.5 * (layers.low_mm + layers.high_mm)
+    ticks = "".join(f"<span>{v:.1f}</span>" for v in (layers.low_mm, middle))
+    return (
+        f'<div class="r-text" style="padding-bottom:2px">{title} (mm)</div>'
+        f'<div class="r-bar" style="background:{viridis_css()}"></div>'
+        f'<div class="r-ticks">{ticks}<span>{layers.high_mm:.1f}</span></div>'
+    )

@@ -1,0 +1,56 @@
+"""Step 3: the pointer pivots about its tip; the tip is calibrated."""
+
+from typing import Any
+
+from rona_core.app.messages import CalibratePointer, StartPointerCapture
+from rona_ui.panels import style
+from rona_ui.panels.door import listen
+from rona_ui.panels.step_panel import StepPanel
+from rona_ui.view_state import Picture
+
+METHODS = {"Sphere (as the paper)": "sphere", "Algebraic one-step": "aos"}
+
+
+class PointerPanel(StepPanel):
+    """Parameters of the pivoting, and the method of the fit."""
+
+    step = "pointer"
+    explanation = (
+        "The tip of the pointer rests in a dimple while the pointer is swung over a cone. "
+        "The wider the cone, the better the tip is known."
+    )
+    start = "Pivot and calibrate"
+
+    def build(self) -> None:
+        """Add cone, duration and method."""
+        self.form.number("cone_deg", "Cone (deg)", 25.0, 1.0, 60.0, 1.0, "Half-angle")
+        self.form.number("duration_s", "Duration (s)", 15.0, 1.0, 120.0, 1.0)
+        self.form.choice("method", "Fit", METHODS, "sphere")
+        self._refit = self.gui.add_button("Fit again", icon="refresh", color="gray")
+        listen(
+            self._refit,
+            lambda e: self.door.send(lambda: CalibratePointer(**self.form.values("method")), e),
+        )
+
+    def message(self) -> Any:
+        """Return the capture with these parameters."""
+        return StartPointerCapture(**self.form.values("cone_deg", "duration_s"))
+
+    def update(self, old: Picture | None, new: Picture) -> None:
+        """Offer another fit once there is a recording."""
+        self._refit.visible = new.session.captures.pointer is not None
+        self._refit.disabled = new.busy
+
+    def remarks(self, picture: Picture) -> str:
+        """Say how well the tip is known."""
+        derived = picture.session.results.pointer
+        if derived is None:
+            return ""
+        found = derived.value
+        x, y, z = found.tip_pointermarker
+        return style.note(
+            f"Tip at ({x:.2f}, {y:.2f}, {z:.2f}) mm in the pointer marker ({found.dof}D). "
+            f"RMSE {found.rmse_mm:.2f} mm over {found.n_used} poses and a cone of "
+            f"{found.cone_deg:.0f} deg.",
+            "good",
+        )

@@ -1,0 +1,83 @@
+"""Figures against ground truth beside their limits, and what the calibrations say of themselves."""
+
+from typing import Any
+
+from rona_core.app.quality import QualityRow, quality_rows
+from rona_core.session.document import Session
+from rona_ui.bindings import escape
+from rona_ui.panels import style
+from rona_ui.view_state import Picture
+
+SECTIONS = (
+    ("Calibration", ("tool_tip", "tracker_reg", "pointer_tip")),
+    ("Surface and path", ("surface", "path", "normal")),
+    ("Robot and scan", ("roll", "scan")),
+    ("Maps", ("outer", "inner", "thickness", "fused", "coverage", "detection", "unfl", "flagged")),
+)
+
+
+class QualityPanel:
+    """A table: quantity, value with unit, limit, verdict."""
+
+    def __init__(self, gui: Any) -> None:
+        self._html = gui.add_html(style.text("No figures yet: do the first steps."))
+
+    def render(self, old: Picture | None, new: Picture) -> None:
+        """Follow figures and session."""
+        if (
+            old is None
+            or old.figures is not new.figures
+            or old.session.results is not new.session.results
+        ):
+            self._html.content = table(quality_rows(new.figures, new.session), new.session)
+
+
+def table(rows: tuple[QualityRow, ...], session: Session) -> str:
+    """Return the figures that have a value, by section."""
+    known = [row for row in rows if row.value is not None]
+    body = _own_word(session)
+    for title, starts in SECTIONS:
+        part = [row for row in known if row.key.startswith(starts)]
+        if part:
+            body += f'<tr class="sec"><td colspan="4">{title}, against the truth</td></tr>'
+            body += "".join(_row(row) for row in part)
+    if not body:
+        return style.text(
+            "No figures yet. Each step adds its own, with a limit and a verdict beside it."
+        )
+    head = '<tr><th>Quantity</th><th class="n">Value</th><th class="n">Limit</th><th></th></tr>'
+    return f'<table class="r-table">{head}{body}</table>'
+
+
+def _row(row: QualityRow) -> str:
+    limit = "" if row.limit is None else f"{'≤' if row.sense == 'at most' else '≥'} "
+    limit += "" if row.limit is None else f"{row.limit:.{row.decimals}f}"
+    return (
+        f'<tr><td>{escape(row.title)}</td><td class="n"><b>{_value(row)}</b></td>'
+        f'<td class="n g">{limit}</td><td>{style.verdict(row.verdict)}</td></tr>'
+    )
+
+
+def _value(row: QualityRow) -> str:
+    if isinstance(row.value, bool) or not isinstance(row.value, int | float):
+        return escape(row.value)
+    return escape(f"{row.value:.{row.decimals}f} {row.unit}".strip())
+
+
+def _own_word(session: Session) -> str:
+    """Return what the fits say without any truth: RMSE and predicted error."""
+    lines: list[tuple[str, str]] = []
+    if session.results.tool is not None:
+        tool = session.results.tool.value
+        lines.append(("Tool, pivot RMSE", f"{tool.pivot_rmse_mm:.2f} mm"))
+        lines.append(("Tool, angle of the axes", f"{tool.axes_angle_deg:.2f} deg"))
+    if session.results.pointer is not None:
+        pointer = session.results.pointer.value
+        lines.append(("Pointer, pivot RMSE", f"{pointer.rmse_mm:.2f} mm"))
+    if not lines:
+        return ""
+    rows = "".join(
+        f'<tr><td>{escape(name)}</td><td class="n"><b>{escape(value)}</b></td><td></td><td></td></tr>'
+        for name, value in lines
+    )
+    return f'<tr class="sec"><td colspan="4">Fit, by its own word</td></tr>{rows}'

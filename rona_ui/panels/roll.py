@@ -1,0 +1,63 @@
+"""Step 7: the roll about the probe axis with which the robot can follow the whole path."""
+
+from typing import Any
+
+from rona_core.app.messages import StartRollSearch
+from rona_core.app.views import joint_curves
+from rona_ui.panels import style
+from rona_ui.panels.step_panel import StepPanel
+from rona_ui.scene.colors import GREEN, VERMILLION, YELLOW, css
+from rona_ui.view_state import Picture
+
+CHOICES = {"Most room": "best", "First that works (as the paper)": "first"}
+
+
+class RollPanel(StepPanel):
+    """Range and number of rolls; the map of them stands on the right."""
+
+    step = "roll"
+    explanation = (
+        "Every roll is tried along the whole path: reach, joint limits, singularities and jumps. "
+        "The chosen one is timed and checked by an independent verifier."
+    )
+    start = "Search the roll"
+
+    def build(self) -> None:
+        """Add the range."""
+        self.form.number("n_rolls", "Rolls", 72, 1, 720, 1)
+        self.form.number("roll_from_deg", "From (deg)", 0.0, -360.0, 360.0, 5.0)
+        self.form.number("roll_to_deg", "To (deg)", 360.0, -355.0, 720.0, 5.0)
+        self.form.choice("choice", "Choose", CHOICES, "best")
+
+    def message(self) -> Any:
+        """Return the search."""
+        return StartRollSearch(**self.form.values())
+
+    def remarks(self, picture: Picture) -> str:
+        """Say how many work, what the verifier says, and what the shown roll does."""
+        derived = picture.session.results.roll
+        if derived is None:
+            return ""
+        plan = derived.value
+        works = sum(verdict.feasible for verdict in plan.verdicts)
+        if plan.mode == "none" or plan.trajectory is None or plan.certificate is None:
+            first = style.note(
+                f"None of {len(plan.verdicts)} rolls can be followed. Move the robot base "
+                "(step 1), shorten the path or tilt it less.",
+                "warn",
+            )
+        else:
+            certified = plan.certificate.certifies(plan.trajectory)
+            chosen = plan.verdicts[plan.chosen].roll_deg
+            first = style.note(
+                f"{works} of {len(plan.verdicts)} rolls work; {chosen:.0f} deg chosen, "
+                f"{plan.trajectory.times_s[-1]:.1f} s. The verifier "
+                + ("certifies the motion." if certified else "refuses the motion."),
+                "good" if certified else "warn",
+            )
+        curves = joint_curves(picture.session, picture.view.shown_roll)
+        second = ""
+        if curves is not None and not curves.feasible:
+            second = style.note(f"{curves.roll_deg:.0f} deg: {curves.sentence}", "warn")
+        legend = ((css(GREEN), "works"), (css(VERMILLION), "fails"), (css(YELLOW), "shown"))
+        return first + second + style.key(legend)

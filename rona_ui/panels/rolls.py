@@ -1,0 +1,139 @@
+"""All rolls at a glance: a map of path by roll, which is also the slider that chooses one."""
+
+import base64
+import struct
+import zlib
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rona_core.app.messages import ChooseRoll
+from rona_core.app.views import RollStrip, joint_curves, roll_strip, shown_roll
+from rona_ui.panels import style
+from rona_ui.panels.door import Door, follow
+from rona_ui.scene.colors import VERMILLION, css, viridis, viridis_css
+from rona_ui.view_state import Picture
+
+HEIGHT_PX = 150
+SHEET = """<style>
+div:has(>.r-rolls)+div{padding:0 12px 4px!important}
+div:has(>.r-rolls)+div .mantine-Slider-trackContainer{height:%(h)dpx}
+div:has(>.r-rolls)+div .mantine-Slider-track{height:%(h)dpx;border-radius:3px;
+ background:url(data:image/png;base64,%(png)s) 0 0/100%% 100%% no-repeat;image-rendering:pixelated}
+div:has(>.r-rolls)+div .mantine-Slider-track::before{display:none}
+div:has(>.r-rolls)+div .mantine-Slider-bar{background:transparent!important}
+div:has(>.r-rolls)+div .mantine-Slider-thumb{height:%(h)dpx!important;width:5px!important;
+ border-radius:2px;background:#fff!important;border:1px solid #1f2933;box-sizing:border-box}
+div:has(>.r-rolls)+div .mantine-Slider-mark{display:none}
+div:has(>.r-rolls)+div .mantine-Slider-markLabel{font-size:11px!important;color:#3e4c59}
+div:has(>.r-rolls)+div .mantine-NumberInput-root,
+div:has(>.r-rolls)+div .mantine-Flex-root>div:has(>p){display:none}
+</style><div class="r-rolls"></div>"""
+
+
+class RollsPanel:
+    """Click in the map: the roll is shown; one that works is planned and verified at once."""
+
+    def __init__(self, gui: Any, door: Door) -> None:
+        self._gui, self._door = gui, door
+        self._words = gui.add_html(style.text("The map of rolls appears after step 7."))
+        self._sheet = gui.add_html("")
+        self._folder = gui.add_folder(None)
+        self._slider: Any = None
+        self._remark = gui.add_html("")
+        self._works: tuple[bool, ...] = ()
+
+    def render(self, old: Picture | None, new: Picture) -> None:
+        """Follow search and shown roll."""
+        roll = new.session.results.roll
+        before = None if old is None else old.session.results.roll
+        if old is None or before is not roll:
+            self._build(new)
+        elif old.view.shown_roll == new.view.shown_roll:
+            return
+        index = shown_roll(new.session, new.view.shown_roll)
+        if index is not None and self._slider is not None:
+            self._slider.value = index
+        self._remark.content = remark(new)
+
+    def _build(self, new: Picture) -> None:
+        strip = roll_strip(new.session)
+        if self._slider is not None:
+            self._slider.remove()
+            self._slider = None
+        if strip is None or len(strip.rolls_deg) < 2:
+            self._sheet.content = ""
+            self._words.content = style.text("The map of rolls appears after step 7.")
+            return
+        self._works = tuple(bool(works) for works in strip.feasible)
+        self._words.content = (
+            style.text(
+                "Across: roll. Down: along the path. Click to look at a roll; one that works is "
+                "planned and verified."
+            )
+            + _legend()
+        )
+        with self._folder:
+            self._sheet.remove()
+            self._sheet = self._gui.add_html(SHEET % {"h": HEIGHT_PX, "png": _picture(strip)})
+            last = len(strip.rolls_deg) - 1
+            marks = tuple(
+                (i, f"{strip.rolls_deg[i]:.0f}°")
+                for i in np.unique(np.linspace(0, last, 5).round().astype(int)).tolist()
+            )
+            self._slider = self._gui.add_slider(
+                "Roll", 0, last, 1, max(strip.chosen, 0), marks=marks
+            )
+        follow(self._slider, self._chosen)
+
+    def _chosen(self, event: Any) -> None:
+        index = int(self._slider.value)
+        self._door.view(lambda v: replace(v, shown_roll=index))
+        if 0 <= index < len(self._works) and self._works[index]:
+            self._door.send_settled("roll", lambda: ChooseRoll(index), event)
+
+
+def remark(picture: Picture) -> str:
+    """Return what there is to say about the shown roll."""
+    curves = joint_curves(picture.session, picture.view.shown_roll)
+    if curves is None:
+        return ""
+    kind = "good" if curves.feasible else "warn"
+    return style.note(f"Roll {curves.roll_deg:.0f} deg: {curves.sentence}", kind)
+
+
+def _legend() -> str:
+    return (
+        f'<div class="r-key"><span><i style="background:{css(VERMILLION)}"></i>cannot be followed'
+        f'</span><span><i style="width:44px;background:{viridis_css()}"></i>room, little to much'
+        "</span></div>"
+    )
+
+
+def _picture(strip: RollStrip) -> str:
+    room = strip.room.T  # path down, rolls across
+    top = max(float(room.max(initial=0.0)), 1e-9)
+    image = viridis(np.clip(room / top, 0.0, 1.0))
+    image[room < 0.0] = VERMILLION
+    image[:, ~strip.feasible] = (0.55 * image[:, ~strip.feasible] + 0.45 * 120).astype(np.uint8)
+    return base64.b64encode(png(image)).decode()
+
+
+def png(image: NDArray[np.uint8]) -> bytes:
+    """Return an image (h, w, 3) as a PNG file."""
+
+    def chunk(kind: bytes, data: bytes) -> bytes:
+        check = zlib.crc32(kind + data)
+        return struct.pack(">I", len(data)) + kind + data + struct.pack(">I", check)
+
+    height, width = image.shape[:2]
+    rows = np.concatenate((np.zeros((height, 1), np.uint8), image.reshape(height, -1)), axis=1)
+    header = struct.pack(">IIBBBBB", width, height, 8, 2, 0, 0, 0)
+    return (
+        b"\x89PNG\r\n\x1a\n"
+        + chunk(b"IHDR", header)
+        + chunk(b"IDAT", zlib.compress(rows.tobytes()))
+        + chunk(b"IEND", b"")
+    )

@@ -1,0 +1,94 @@
+"""Title of the active step, and beneath its fields: the primary button, progress, cancel, next."""
+
+from dataclasses import replace
+from typing import Any
+
+from rona_core.session.document import STEPS
+from rona_ui.bindings import escape
+from rona_ui.panels import style
+from rona_ui.panels.door import Door, listen
+from rona_ui.panels.step_panel import StepPanel
+from rona_ui.view_state import Picture
+
+WORDS = {
+    "StartSkullImport": "Reading the skull",
+    "StartToolCapture": "Moving the tool",
+    "StartPointerCapture": "Pivoting the pointer",
+    "StartSurfaceCapture": "Sliding over the skull",
+    "StartPathCapture": "Demonstrating the path",
+    "StartRollSearch": "Searching the roll",
+    "StartScan": "Scanning",
+    "StartMapping": "Mapping the boundaries",
+    "StartRobotMove": "Moving the robot",
+}
+
+
+class StepTitle:
+    """Number and name of the active step; a warning where it is blocked or stale."""
+
+    def __init__(self, gui: Any) -> None:
+        self._html = gui.add_html("")
+
+    def render(self, old: Picture | None, new: Picture) -> None:
+        """Follow the active step and its state."""
+        if old is not None and old.steps is new.steps and old.view.step == new.view.step:
+            return
+        state = new.step(new.view.step)
+        html = style.tag("div", f"Step {state.number}: {state.title}", "r-title")
+        if state.state == "blocked":
+            html += style.note(f"Blocked: {state.reason}.", "warn")
+        elif state.state == "stale":
+            html += style.note(f"Stale: {state.reason}. Do the step again.", "warn")
+        self._html.content = html
+
+
+class RunBar:
+    """One primary button for whatever the active step starts."""
+
+    def __init__(self, gui: Any, door: Door, panels: dict[str, StepPanel]) -> None:
+        self._panels, self._door = panels, door
+        self._step = "setup"
+        self._start = gui.add_button("Start", icon="player-play")
+        self._progress_words = gui.add_html("")
+        self._progress = gui.add_progress_bar(0.0, visible=False)
+        self._cancel = gui.add_button("Cancel", icon="player-stop", color="red", visible=False)
+        self._next = gui.add_button("Next step", icon="arrow-right", color="green")
+        listen(self._start, self._run)
+        listen(self._cancel, lambda e: door.service("cancel", e, None))
+        listen(self._next, self._go_on)
+
+    def _run(self, event: Any) -> None:
+        self._door.send(self._panels[self._step].message, event)
+
+    def _go_on(self, event: Any) -> None:
+        after = STEPS[min(STEPS.index(self._step) + 1, len(STEPS) - 1)]
+        self._door.view(lambda v: replace(v, step=after, drawing=None, picks=()))
+
+    def render(self, old: Picture | None, new: Picture) -> None:
+        """Follow step and job."""
+        job, step = new.job, new.view.step
+        if old is not None and old.job is job and old.steps is new.steps and old.view is new.view:
+            return
+        panel, state = self._panels[step], new.step(step)
+        self._step, busy = step, new.busy
+        drawing = new.view.drawing is not None
+        done = state.state == "done"
+        self._start.visible = panel.start is not None and not busy and not drawing
+        label = panel.start or "Start"
+        self._start.label = f"{label} again" if done else label
+        self._start.icon = "refresh" if done else "player-play"
+        self._start.color = "gray" if done else None
+        self._start.disabled = state.state == "blocked"
+        self._cancel.visible = self._progress.visible = busy
+        words = ""
+        if busy and job is not None:
+            self._progress.value = round(100.0 * min(max(job.progress, 0.0), 1.0), 1)
+            words = f"{escape(WORDS.get(job.activity, job.activity))}: {100 * job.progress:.0f} %"
+        html = f'<div class="r-text">{words}</div>' if words else ""
+        if self._progress_words.content != html:
+            self._progress_words.content = html
+        last = step == STEPS[-1]
+        self._next.visible = done and not busy and not last and not drawing
+        if not last:
+            after = new.step(STEPS[STEPS.index(step) + 1])
+            self._next.label = f"Next: {after.number} {after.title}"

@@ -1,0 +1,44 @@
+"""Step 8: the robot executes the certified plan while the probe records."""
+
+from typing import Any
+
+from rona_core.app.messages import StartScan
+from rona_ui.panels import style
+from rona_ui.panels.step_panel import StepPanel
+from rona_ui.scene.colors import GREEN, SKY, VERMILLION, css
+from rona_ui.view_state import Picture
+
+
+class ScanPanel(StepPanel):
+    """One button; Stop is in the bar above and on the key Esc."""
+
+    step = "scan"
+    explanation = (
+        "The robot follows the certified plan and the probe records A-scans. Stop (key Esc) halts "
+        "the robot at once; what was recorded is kept."
+    )
+    start = "Scan"
+
+    def message(self) -> Any:
+        """Return the scan."""
+        return StartScan()
+
+    def remarks(self, picture: Picture) -> str:
+        """Say what was recorded."""
+        capture = picture.session.captures.scan
+        if capture is None:
+            return ""
+        words = f"{len(capture.scans)} A-scans in {_span_s(capture):.1f} s."
+        if capture.partial:
+            return style.note(words + " Stopped early: start the scan again.", "warn")
+        legend = (
+            (css(SKY), "recorded"),
+            (css(GREEN), "inner boundary found"),
+            (css(VERMILLION), "not found"),
+        )
+        return style.note(words + " Replay them below.", "good") + style.key(legend)
+
+
+def _span_s(capture: Any) -> float:
+    times = capture.scans.times_s
+    return float(times[-1] - times[0]) if len(times) else 0.0

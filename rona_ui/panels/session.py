@@ -1,0 +1,83 @@
+"""Name and state of the session; undo, redo, save, open, new."""
+
+from typing import Any
+
+from rona_core.app.messages import Redo, RenameSession, Undo
+from rona_ui.bindings import escape
+from rona_ui.panels.door import Door, listen
+from rona_ui.view_state import Picture
+
+NOTHING = "choose …"
+
+
+class SessionHead:
+    """Program, session name, and a dot while something is not saved."""
+
+    def __init__(self, gui: Any) -> None:
+        self._html = gui.add_html("")
+
+    def render(self, old: Picture | None, new: Picture) -> None:
+        """Follow name and save state."""
+        if old is None or old.session.name != new.session.name or old.saved != new.saved:
+            self._html.content = head(new.session.name, new.saved)
+
+
+def head(name: str, saved: bool) -> str:
+    """Return the head of the left dock; the name comes from outside and is escaped."""
+    state = "saved" if saved else "● not saved"
+    color = "#52606d" if saved else "#a34700"
+    return (
+        f'<div class="r-head"><b>RONA</b><span title="{escape(name)}">{escape(name)}</span>'
+        f'<span style="color:{color};white-space:nowrap;margin-left:auto">{state}</span></div>'
+    )
+
+
+class SessionPanel:
+    """What can be done with the session as a whole."""
+
+    def __init__(self, gui: Any, door: Door) -> None:
+        self._door = door
+        self._buttons = gui.add_button_group("History", ("Undo", "Redo", "Save"))
+        with gui.add_folder("Session", expand_by_default=False):
+            self._name = gui.add_text("Name", "")
+            self._rename = gui.add_button("Rename", icon="pencil", color="gray")
+            self._file = gui.add_dropdown("File", (NOTHING,))
+            self._open = gui.add_button("Open the file", icon="folder-open", color="gray")
+            self._new = gui.add_button("New session", icon="plus", color="gray")
+        listen(self._buttons, self._clicked)
+        listen(self._rename, lambda e: door.send(lambda: RenameSession(self._name.value), e))
+        listen(self._open, self._open_file)
+        listen(self._new, lambda e: door.service("new", e, None))
+        for label, key, modifier, act in (
+            ("Undo", "Z", "cmd/ctrl", lambda e: door.send(Undo, e)),
+            ("Redo", "Z", "cmd/ctrl+shift", lambda e: door.send(Redo, e)),
+            ("Save", "S", "cmd/ctrl", lambda e: door.service("save", e, None)),
+            ("Stop the robot", "escape", None, lambda e: door.service("stop", e, None)),
+        ):
+            self._command(gui, label, key, modifier, act)
+
+    @staticmethod
+    def _command(gui: Any, label: str, key: str, modifier: str | None, act: Any) -> None:
+        command = gui.add_command(label, hotkey=key, modifier=modifier)
+
+        @command.on_trigger
+        async def _(event: Any) -> None:
+            act(event)
+
+    def _clicked(self, event: Any) -> None:
+        wanted = self._buttons.value
+        if wanted == "Save":
+            self._door.service("save", event, None)
+        else:
+            self._door.send(Undo if wanted == "Undo" else Redo, event)
+
+    def _open_file(self, event: Any) -> None:
+        if self._file.value != NOTHING:
+            self._door.service(f"open:{self._file.value}", event, None)
+
+    def render(self, old: Picture | None, new: Picture) -> None:
+        """Follow name and files."""
+        if old is None or old.session.name != new.session.name:
+            self._name.value = new.session.name
+        if old is None or old.files != new.files:
+            self._file.options = (NOTHING, *(path.name for path in new.files))

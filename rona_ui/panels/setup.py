@@ -1,0 +1,150 @@
+"""Step 1: what is scanned and with which devices. Every field is a command of its own."""
+
+from pathlib import PurePath
+from typing import Any
+
+from rona_core.app.messages import (
+    SetPointer,
+    SetProbe,
+    SetRegion,
+    SetRobot,
+    SetSeed,
+    SetTracker,
+    StartSkullImport,
+    UseSimulatedSkull,
+)
+from rona_core.session.document import Session
+from rona_ui.bindings import Event
+from rona_ui.panels import style
+from rona_ui.panels.step_panel import StepPanel
+from rona_ui.view_state import Picture
+
+FILES = ".nrrd,.nii,.gz,.stl,.ply,.obj"
+SKULLS = {"Simulated, left side": "left", "Simulated, right side": "right", "From a file": "file"}
+PROFILES = {
+    "Polaris (0.35 mm RMS)": "polaris",
+    "White noise 0.35 mm": "white035",
+    "Without noise": "ideal",
+}
+
+
+class SetupPanel(StepPanel):
+    """Specimen, region, tracker, robot, probe and pointer."""
+
+    step = "setup"
+    explanation = (
+        "Choose what lies on the table and which devices look at it. "
+        "Later steps that depend on a change are marked stale."
+    )
+
+    def build(self) -> None:
+        """Add the fields in folders, the rarer ones closed."""
+        form, gui = self.form, self.gui
+        form.number("seed", "Seed", 0, 0, 2**31 - 1, 1, "Patient, placement and every noise")
+        form.choice("skull", "Skull", SKULLS, "left", "A file is read below")
+        form.number("radius_mm", "Region radius (mm)", 25.0, 5.0, 45.0, 1.0)
+        with gui.add_folder("Devices"):
+            form.choice("profile", "Tracker", PROFILES, "polaris")
+            form.number("rate_hz", "Rate (Hz)", 60.0, 20.0, 60.0, 1.0)
+            form.choice("pointer", "Pointer", {"6D": "pointer6d", "5D": "pointer5d"}, "pointer6d")
+            form.choice("name", "Probe", {"2.25 MHz": "2.25MHz", "1 MHz": "1MHz"}, "2.25MHz")
+            form.choice("excitation", "Excitation", {"Chirp": "chirp", "Pulse": "pulse"}, "chirp")
+            form.number("front_snr_db", "SNR (dB)", 50.0, 0.0, 90.0, 1.0)
+            form.number("pitch_mm", "Pitch (mm)", 1.0, 0.2, 10.0, 0.1, "Between A-scans")
+        with gui.add_folder("Robot RX90", expand_by_default=False):
+            form.tick("errors", "Robot errs", True, "0.35 mm RMS over its workspace")
+            form.number("scan_speed_mm_per_s", "Scan speed (mm/s)", 20.0, 0.5, 100.0, 1.0)
+            form.vector("base_shift_mm", "Base shift (mm)", (0.0, 0.0, 0.0))
+            form.number("base_turn_deg", "Base turn (deg)", 0.0, -180.0, 180.0, 1.0)
+        with gui.add_folder("Skull from a file", expand_by_default=False):
+            gui.add_html(
+                style.text(
+                    "A mask or CT volume (NRRD, NIfTI) or a mesh (STL, PLY, OBJ), in mm. "
+                    "A CT needs the threshold of bone."
+                )
+            )
+            self._threshold = gui.add_text("Threshold", "", hint="Empty for masks and meshes")
+            self._upload = gui.add_upload_button(
+                "Read a skull", icon="upload", mime_type=FILES, color="gray"
+            )
+        form.on_change(self._changed)
+
+        @self._upload.on_upload
+        async def _(event: Any) -> None:
+            self._read(event)
+
+    def _read(self, event: Any) -> None:
+        uploaded = self._upload.value
+        name = PurePath(uploaded.name.replace("\\", "/")).name
+        wanted = self._threshold.value.strip()
+        self.door.service(f"upload:{name}", event, uploaded.content)
+        radius_mm = self.form.values("radius_mm")["radius_mm"]
+        self.door.send(
+            lambda: StartSkullImport(
+                name, threshold=float(wanted) if wanted else None, radius_mm=radius_mm
+            ),
+            event,
+        )
+
+    def _changed(self, name: str, event: Event) -> None:
+        make = {
+            "seed": lambda: SetSeed(**self.form.values("seed")),
+            "radius_mm": lambda: SetRegion(**self.form.values("radius_mm")),
+            "pointer": lambda: SetPointer(self.form.values("pointer")["pointer"]),
+            "skull": self._skull,
+        }
+        if name in make:
+            key, build = name, make[name]
+        elif name in ("profile", "rate_hz"):
+            key, build = "tracker", lambda: SetTracker(**self.form.values("profile", "rate_hz"))
+        elif name in ("errors", "scan_speed_mm_per_s", "base_shift_mm", "base_turn_deg"):
+            key, build = "robot", self._robot
+        else:
+            names = ("name", "excitation", "front_snr_db", "pitch_mm")
+            key, build = "probe", lambda: SetProbe(**self.form.values(*names))
+        if name == "skull" and self.form.values("skull")["skull"] == "file":
+            return  # nothing happens until a file has been read
+        self.door.send_settled(("setup", key), build, event)
+
+    def _skull(self) -> UseSimulatedSkull:
+        return UseSimulatedSkull(self.form.values("skull")["skull"])
+
+    def _robot(self) -> SetRobot:
+        names = ("errors", "scan_speed_mm_per_s", "base_shift_mm", "base_turn_deg")
+        return SetRobot(**self.form.values(*names))
+
+    def update(self, old: Picture | None, new: Picture) -> None:
+        """Write what the session holds into the fields where it has changed or was refused."""
+        if old is None or old.session.setup is not new.session.setup or old.refused != new.refused:
+            self.form.show(_held(new.session))
+
+    def remarks(self, picture: Picture) -> str:
+        """Say what the region is."""
+        backdrop = picture.backdrop
+        if backdrop is None:
+            return style.note("The specimen is being put on the table …")
+        x, y, z = backdrop.region_center_base
+        return style.note(
+            f"Region: centre ({x:.0f}, {y:.0f}, {z:.0f}) mm in the robot base, "
+            f"radius {backdrop.region_radius_mm:.0f} mm (purple ring)"
+        )
+
+
+def _held(session: Session) -> dict[str, Any]:
+    setup, devices = session.setup, session.setup.devices
+    return {
+        "seed": setup.seed,
+        "skull": getattr(setup.specimen, "side", "file"),
+        "radius_mm": setup.region.radius_mm,
+        "profile": devices.tracker.profile,
+        "rate_hz": devices.tracker.rate_hz,
+        "pointer": devices.pointer,
+        "name": devices.probe.name,
+        "excitation": devices.probe.excitation,
+        "front_snr_db": devices.probe.front_snr_db,
+        "pitch_mm": devices.probe.pitch_mm,
+        "errors": devices.robot.errors,
+        "scan_speed_mm_per_s": devices.robot.scan_speed_mm_per_s,
+        "base_shift_mm": devices.robot.base_shift_mm,
+        "base_turn_deg": devices.robot.base_turn_deg,
+    }

@@ -1,0 +1,59 @@
+"""What the nine step panels share: fields that show only while the step is active."""
+
+from typing import Any, ClassVar
+
+from rona_ui.panels import style
+from rona_ui.panels.door import Door
+from rona_ui.panels.form import Form
+from rona_ui.view_state import Picture
+
+
+class StepPanel:
+    """Fields of one step; subclasses say what they are and what the primary button sends."""
+
+    step: ClassVar[str] = ""
+    explanation: ClassVar[str] = ""
+    start: ClassVar[str | None] = None  # words of the primary button; None: the step has none
+    again: ClassVar[str] = "Do it again"
+
+    def __init__(self, gui: Any, door: Door) -> None:
+        self.gui, self.door = gui, door
+        self.form = Form(gui)
+        self.folder = gui.add_folder(None, visible=False)
+        with self.folder:
+            gui.add_html(style.text(self.explanation))
+            self.build()
+            self.remark = gui.add_html("")
+
+    def build(self) -> None:
+        """Add the fields."""
+
+    def message(self) -> Any:
+        """Return what the primary button sends."""
+        raise NotImplementedError
+
+    def remarks(self, picture: Picture) -> str:
+        """Return HTML about the result of the step."""
+        return ""
+
+    def update(self, old: Picture | None, new: Picture) -> None:
+        """Draw what else has changed."""
+
+    def render(self, old: Picture | None, new: Picture) -> None:
+        """Show the fields while the step is active, and follow the session."""
+        active = new.view.step == self.step
+        if self.folder.visible != active:
+            self.folder.visible = active
+        if old is None or old.busy != new.busy:
+            self.form.enable(not new.busy)
+        self.update(old, new)
+        if active and (
+            old is None
+            or old.session is not new.session
+            or old.view is not new.view
+            or old.figures is not new.figures
+            or old.backdrop is not new.backdrop
+        ):
+            html = self.remarks(new)
+            if self.remark.content != html:
+                self.remark.content = html

@@ -1,0 +1,50 @@
+"""The nine steps as a list: state by icon, word and colour, the reason beneath, a click opens."""
+
+from dataclasses import replace
+from typing import Any
+
+from rona_core.app.queries import TITLES, StepState
+from rona_core.session.document import STEPS
+from rona_ui.bindings import escape
+from rona_ui.panels import style
+from rona_ui.panels.door import Door, listen
+from rona_ui.view_state import Picture
+
+
+class StepList:
+    """A row per step; a see-through button lies over each, so that keyboard and mouse reach it."""
+
+    def __init__(self, gui: Any, door: Door) -> None:
+        self._rows: dict[str, Any] = {}
+        for number, name in enumerate(STEPS, start=1):
+            self._rows[name] = gui.add_html("")
+            button = gui.add_button(f"Step {number}: {TITLES[name]}")
+            self._listen(button, name, door)
+
+    @staticmethod
+    def _listen(button: Any, name: str, door: Door) -> None:
+        listen(
+            button,
+            lambda e: door.view(lambda v: replace(v, step=name, drawing=None, picks=())),
+        )
+
+    def render(self, old: Picture | None, new: Picture) -> None:
+        """Draw the rows that have changed."""
+        if old is not None and old.steps is new.steps and old.view.step == new.view.step:
+            return
+        for state in new.steps:
+            content = row(state, state.name == new.view.step)
+            if self._rows[state.name].content != content:
+                self._rows[state.name].content = content
+
+
+def row(state: StepState, active: bool) -> str:
+    """Return one row of the list."""
+    icon, word, color = style.STATES[state.state]
+    return (
+        f'<div class="r-step{" on" if active else ""}" title="{escape(state.reason)}">'
+        f'<span class="i" style="color:{color}">{icon}</span>'
+        f'<span class="t">{state.number}&ensp;{escape(state.title)}'
+        f'<span class="s">{escape(state.reason)}</span></span>'
+        f'<span class="r-badge" style="background:{color}">{word}</span></div>'
+    )

@@ -1,0 +1,28 @@
+"""Read what the devices show of themselves, once for each set-up."""
+
+from typing import Any
+
+from rona_core.devices.protocols import Rig
+from rona_core.robot.model import robot_model
+from rona_core.session.codec import digest
+from rona_core.session.document import Setup
+from rona_ui.view_state import Backdrop
+
+
+def backdrop_key(setup: Setup) -> tuple[Any, ...]:
+    """Return what a backdrop depends on."""
+    return setup.seed, digest(setup.specimen), digest(setup.region), digest(setup.devices.robot)
+
+
+def read_backdrop(rig: Rig, setup: Setup) -> Backdrop:
+    """Return the backdrop of a rig; takes a moment, as the specimen is meshed."""
+    center, normal, radius_mm = rig.display.region()
+    return Backdrop(
+        origin=rig.origin,
+        skull=rig.display.skull_mesh_base(),
+        region_center_base=center,
+        region_normal_base=normal,
+        region_radius_mm=radius_mm,
+        T_base_tracker=rig.display.T_base_tracker(),
+        home_rad=robot_model(setup.devices.robot.model).home_rad,
+    )

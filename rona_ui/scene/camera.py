@@ -1,0 +1,31 @@
+"""Camera places by name, in base and mm."""
+
+import numpy as np
+
+from rona_core.arrays import Vector3
+from rona_ui.view_state import Backdrop
+
+UP = np.array([0.0, 0.0, 1.0])
+FIRST = ((1700.0, -1250.0, 1150.0), (330.0, 10.0, 330.0))  # before the specimen is known
+
+
+def preset(name: str, backdrop: Backdrop | None) -> tuple[Vector3, Vector3]:
+    """Return position and place looked at, in mm, for a camera preset."""
+    if backdrop is None:
+        return np.array(FIRST[0]), np.array(FIRST[1])
+    center, normal = backdrop.region_center_base, backdrop.region_normal_base
+    head = np.array([center[0], center[1], center[2] - 60.0])
+    if name == "Region":
+        aside = np.array([90.0, -150.0, 0.0])
+        return center + 215.0 * normal + aside, center - 4.0 * normal
+    if name == "Top":
+        return center + np.array([-1.0, 0.0, 620.0]), center
+    if name == "Left":
+        return head + np.array([0.0, 620.0, 130.0]), head
+    if name == "Right":
+        return head + np.array([0.0, -620.0, 130.0]), head
+    if name == "Robot":
+        middle = 0.5 * head + np.array([0.0, 0.0, 330.0])
+        return middle + np.array([500.0, -1500.0, 380.0]), middle
+    middle = 0.55 * head + np.array([0.0, 0.0, 250.0])
+    return middle + np.array([1150.0, -1250.0, 700.0]), middle

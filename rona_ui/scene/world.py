@@ -1,0 +1,54 @@
+"""The whole scene of one browser: all adapters, drawn together."""
+
+from typing import Any
+
+import numpy as np
+
+from rona_ui.scene.adapter import Adapter
+from rona_ui.scene.cloud import CloudLayer, RegionLayer
+from rona_ui.scene.colors import BACKGROUND
+from rona_ui.scene.maps import MapLayer, ScanLayer
+from rona_ui.scene.metres import Stage
+from rona_ui.scene.path import AxesLayer, PathLayer
+from rona_ui.scene.pointer import DrawingLayer, PointerLayer
+from rona_ui.scene.robot import RobotLayer
+from rona_ui.scene.rolls import RollsLayer
+from rona_ui.scene.skull import NODE, SkullLayer
+from rona_ui.scene.tracker import TrackerLayer
+from rona_ui.view_state import Picture
+
+FLOOR_MM = -420.0  # the robot stands on a pedestal of about its base's height
+
+
+class World:
+    """Draws pictures into the scene of one browser."""
+
+    def __init__(self, scene: Any) -> None:
+        self.stage = Stage(scene)
+        scene.set_background_image(np.full((4, 4, 3), BACKGROUND, dtype=np.uint8))
+        scene.configure_default_lights(cast_shadow=False)
+        scene.world_axes.visible = False
+        self.stage.floor("/floor", FLOOR_MM)
+        self._adapters: tuple[Adapter, ...] = (
+            SkullLayer(self.stage),
+            RobotLayer(self.stage),
+            TrackerLayer(self.stage),
+            PointerLayer(self.stage),
+            RegionLayer(self.stage),
+            CloudLayer(self.stage),
+            DrawingLayer(self.stage),
+            PathLayer(self.stage),
+            AxesLayer(self.stage),
+            RollsLayer(self.stage),
+            ScanLayer(self.stage),
+            *(MapLayer(self.stage, name) for name in ("outer", "inner", "fused")),
+        )
+
+    def render(self, old: Picture | None, new: Picture) -> None:
+        """Bring the scene from ``old`` to ``new``."""
+        for adapter in self._adapters:
+            adapter.render(old, new)
+
+    def skull(self) -> Any:
+        """Return the viewer's handle of the skull, or None while it is not there."""
+        return self.stage.node(NODE) if NODE in self.stage.names() else None

@@ -1,0 +1,276 @@
+"""The window on the current session: one thread reads, and draws what has changed for each browser.
+
+Widgets send messages through ``bindings``; the session, the live slots and the jobs are read here,
+put together as one immutable picture for each browser, and drawn by comparing it with the last.
+"""
+
+import sys
+import threading
+import time
+import traceback
+from collections.abc import Callable
+from dataclasses import replace
+from typing import Any
+
+import viser
+
+from rona_core.app.hub import Hub
+from rona_core.app.jobs import JobStatus
+from rona_core.app.queries import StepState, step_states
+from rona_core.app.views import motion_times
+from rona_core.app.workbench import Workbench
+from rona_core.errors import CancelledError, NotFoundError, RonaError
+from rona_core.session.document import Session
+from rona_ui.bindings import TITLES, Bindings, notify
+from rona_ui.browser import Browser
+from rona_ui.scene.backdrop import backdrop_key, read_backdrop
+from rona_ui.view_state import Backdrop, Picture, ViewState
+
+TICK_S = 1.0 / 30.0  # while something moves
+IDLE_S = 0.5  # while nothing does; a change wakes the thread at once
+
+
+class Window:
+    """Follows the current session of a hub and draws it for every browser."""
+
+    def __init__(self, server: viser.ViserServer, hub: Hub) -> None:
+        self._hub = hub
+        self._lock = threading.Lock()
+        self._browsers: dict[int, Browser] = {}
+        self._changed = threading.Event()
+        self._open = True
+        self._refused = 0
+        self._follows: tuple[str, Callable[[], None]] | None = None
+        self._steps: tuple[Session, tuple[StepState, ...]] | None = None
+        self._told: set[str] = set()  # failed jobs that were told
+        self._last_s = time.monotonic()
+        self.bindings = Bindings(hub, self._refuse)
+        self._behind = Behind(hub, self.wake)
+        self._unsubscribe_hub = hub.subscribe(self.wake)
+        server.on_client_connect(self._enter)
+        server.on_client_disconnect(self._leave)
+        self._thread = threading.Thread(target=self._run, name="rona-window", daemon=True)
+        self._thread.start()
+
+    def wake(self) -> None:
+        """Have the window drawn soon."""
+        self._changed.set()
+
+    def close(self) -> None:
+        """Stop drawing and listening; a second call does nothing."""
+        self._open = False
+        self._unsubscribe_hub()
+        self._unfollow()
+        self.bindings.close()
+        self._behind.close()
+        self.wake()
+        self._thread.join(timeout=5.0)
+
+    # -------------------------------------------------------------- browsers come and go
+
+    def _enter(self, client: viser.ClientHandle) -> None:
+        browser = Browser(client, self._hub, self.bindings, self.wake)
+        with self._lock:
+            self._browsers[client.client_id] = browser
+        self.wake()
+
+    def _leave(self, client: viser.ClientHandle) -> None:
+        with self._lock:
+            self._browsers.pop(client.client_id, None)
+
+    def _refuse(self) -> None:
+        self._refused += 1
+        self.wake()
+
+    # -------------------------------------------------------------- the drawing thread
+
+    def _run(self) -> None:
+        quick = False
+        while self._open:
+            self._changed.wait(TICK_S if quick else IDLE_S)
+            self._changed.clear()
+            try:
+                quick = self._tick()
+            except NotFoundError:
+                quick = False  # no session is open
+            except Exception:  # a defect in drawing must not stop the window
+                traceback.print_exc(file=sys.stderr)
+                quick = False
+
+    def _tick(self) -> bool:
+        """Draw what has changed; return whether something moves."""
+        bench = self._hub.get()
+        self._follow(bench)
+        with self._lock:
+            browsers = tuple(self._browsers.values())
+        now_s = time.monotonic()
+        elapsed_s, self._last_s = now_s - self._last_s, now_s
+        job = _newest(bench)
+        self._tell_failure(job, browsers)
+        base = self._picture(bench, job)
+        for browser in browsers:
+            if browser.view.playing:
+                _advance(browser, bench.session, elapsed_s)
+            self._draw(browser, replace(base, view=browser.view))
+        return base.busy or any(b.view.playing for b in browsers)
+
+    def _draw(self, browser: Browser, picture: Picture) -> None:
+        try:
+            browser.draw(picture)
+        except Exception:  # one browser that fails must not hold up the others
+            traceback.print_exc(file=sys.stderr)
+
+    def _picture(self, bench: Workbench, job: JobStatus | None) -> Picture:
+        session = bench.session
+        if self._steps is None or self._steps[0] is not session:
+            self._steps = session, step_states(session)
+        busy = job is not None and not job.finished
+        facts = self._behind.ask(bench, session, busy)
+        pointer = None
+        if busy and facts.rig is not None:
+            pointer = facts.rig.display.T_base_pointermarker()
+        return Picture(
+            session=session,
+            view=ViewState(),
+            steps=self._steps[1],
+            live=bench.live.get(),
+            job=job,
+            backdrop=facts.backdrop,
+            T_base_pointermarker=pointer,
+            figures=facts.figures,
+            saved=self._hub.is_saved(session.id),
+            can_undo=bench.store.can_undo,
+            can_redo=bench.store.can_redo,
+            files=self._hub.files(),
+            refused=self._refused,
+        )
+
+    def _follow(self, bench: Workbench) -> None:
+        """Be woken by the store and the jobs of the current session."""
+        key = bench.session.id
+        if self._follows is not None and self._follows[0] == key:
+            return
+        self._unfollow()
+        ends = (
+            bench.store.subscribe(lambda old, new: self.wake()),
+            bench.jobs.subscribe(lambda status: self.wake()),
+        )
+        self._follows = key, lambda: [end() for end in ends] and None
+        self._told = {status.id for status in bench.jobs.all() if status.finished}
+
+    def _unfollow(self) -> None:
+        if self._follows is not None:
+            self._follows[1]()
+            self._follows = None
+
+    def _tell_failure(self, job: JobStatus | None, browsers: tuple[Browser, ...]) -> None:
+        if job is None or not job.finished or job.id in self._told:
+            return
+        self._told.add(job.id)
+        if job.error is None or job.error_code == CancelledError.code:
+            return
+        known = job.error_code in TITLES
+        title = TITLES.get(job.error_code or "", "Internal error")
+        body = job.error if known else "A defect in RONA; the server's log has the details."
+        for browser in browsers:
+            notify(browser.client, title, body, "orange" if known else "red")
+
+
+class Facts:
+    """What takes long to find out: filled in behind the scenes."""
+
+    rig: Any = None
+    backdrop: Backdrop | None = None
+    figures: dict[str, Any] = {}  # noqa: RUF012 (replaced, never changed)
+
+
+class Behind:
+    """Builds the devices and computes the figures in a thread of its own, the newest wish only."""
+
+    def __init__(self, hub: Hub, wake: Callable[[], None]) -> None:
+        self._hub, self._wake = hub, wake
+        self._ready = threading.Condition()
+        self._wish: tuple[Workbench, Session, bool] | None = None
+        self._facts = Facts()
+        self._key: object = None
+        self._judged: object = None
+        self._open = True
+        threading.Thread(target=self._run, name="rona-behind", daemon=True).start()
+
+    def ask(self, bench: Workbench, session: Session, busy: bool) -> Facts:
+        """Return what is known by now, and have it brought up to date."""
+        with self._ready:
+            seen = self._wish
+            if seen is None or seen[1] is not session or seen[2] != busy:
+                self._wish = bench, session, busy
+                self._ready.notify()
+            return self._facts
+
+    def close(self) -> None:
+        """End the thread."""
+        with self._ready:
+            self._open = False
+            self._ready.notify()
+
+    def _run(self) -> None:
+        done = None
+        while True:
+            with self._ready:
+                self._ready.wait_for(lambda done=done: not self._open or self._wish is not done)
+                if not self._open:
+                    return
+                wish = done = self._wish
+            if wish is not None:
+                try:
+                    self._work(*wish)
+                except RonaError:
+                    continue  # a set-up that cannot be built is told by whoever starts a step
+                except Exception:  # a defect must not end the thread
+                    traceback.print_exc(file=sys.stderr)
+
+    def _work(self, bench: Workbench, session: Session, busy: bool) -> None:
+        key = session.id, *backdrop_key(session.setup)
+        if key != self._key:
+            self._put(figures={})
+            rig = bench.rig()
+            self._put(rig=rig, backdrop=read_backdrop(rig, session.setup))
+            self._key = key
+        judged = session.id, session.results, session.captures, session.setup
+        if not busy and judged != self._judged:
+            self._put(figures=bench.figures())
+            self._judged = judged
+
+    def _put(self, **parts: Any) -> None:
+        facts = Facts()
+        facts.rig = parts.get("rig", self._facts.rig)
+        facts.backdrop = parts.get("backdrop", self._facts.backdrop)
+        facts.figures = parts.get("figures", self._facts.figures)
+        with self._ready:
+            self._facts = facts
+        self._wake()
+
+
+def _newest(bench: Workbench) -> JobStatus | None:
+    """Return the job that is under way, else the one started last."""
+    jobs = bench.jobs.all()
+    running = [status for status in jobs if not status.finished]
+    return running[-1] if running else jobs[-1] if jobs else None
+
+
+def _advance(browser: Browser, session: Session, elapsed_s: float) -> None:
+    """Move the replay cursor on; at the end it stops."""
+    times = motion_times(session)
+    if times is None:
+        browser.change_view(lambda v: replace(v, playing=False))
+        return
+
+    def step(view: ViewState) -> ViewState:
+        at = (view.cursor or 0.0) + elapsed_s * view.speed / max(times[0], 1e-9)
+        return replace(view, cursor=min(at, 1.0), playing=at < 1.0)
+
+    browser.change_view(step)
+
+
+def open_window(server: viser.ViserServer, hub: Hub) -> Window:
+    """Show the current session of ``hub`` in every browser that comes to ``server``."""
+    return Window(server, hub)
