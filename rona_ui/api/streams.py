@@ -3,7 +3,7 @@
 import asyncio
 import contextlib
 import json
-from collections.abc import AsyncIterator, Callable, Iterator
+from collections.abc import AsyncIterator, Callable, Generator
 from typing import Any
 
 from starlette.responses import StreamingResponse
@@ -66,7 +66,7 @@ class Streams:
     @contextlib.contextmanager
     def waker(
         self, *sources: Callable[[Callable[..., None]], Callable[[], None]]
-    ) -> Iterator[Waker]:
+    ) -> Generator[Waker]:
         """Return a waker that is subscribed to ``sources`` as long as the block runs."""
         waker = Waker()
         self._wakers.add(waker)
