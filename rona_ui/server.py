@@ -160,6 +160,10 @@ def _describe(app: FastAPI) -> None:
     def openapi() -> dict[str, Any]:
         if app.openapi_schema is None:
             document = generate()
+            for verbs in document["paths"].values():
+                for operation in verbs.values():
+                    first = operation.get("description", "").splitlines()
+                    operation["summary"] = first[0] if first else operation["summary"]
             parts = document.setdefault("components", {})
             parts.setdefault("schemas", {})["Problem"] = problems.SCHEMA
             for unused in ("HTTPValidationError", "ValidationError"):

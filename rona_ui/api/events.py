@@ -22,9 +22,7 @@ NOTICE = "research software, not a medical device"
 QUICK_S = 0.25  # the least time between two states of the program
 
 
-@router.get(
-    "/sessions/{session_id}/events", response_class=EventStream, responses=DESCRIBED
-)
+@router.get("/sessions/{session_id}/events", response_class=EventStream, responses=DESCRIBED)
 async def session_events(
     bench: Bench,
     hub: Sessions,
@@ -41,9 +39,7 @@ async def session_events(
     return EventStream(_changes(hub, bench, seen, streams))
 
 
-async def _changes(
-    hub: Hub, bench: Workbench, seen: int, streams: Streams
-) -> AsyncIterator[bytes]:
+async def _changes(hub: Hub, bench: Workbench, seen: int, streams: Streams) -> AsyncIterator[bytes]:
     with streams.waker(bench.store.subscribe, hub.subscribe) as waker:
         while not streams.closing:
             log = bench.session.log
