@@ -43,9 +43,6 @@ class Docks:
     """Builds every panel once and draws pictures into them."""
 
     def __init__(self, gui: Any, door: Door) -> None:
-        gui.configure_theme(
-            brand_color=(0, 91, 143), show_logo=False, show_share_button=False, dark_mode=False
-        )
         gui.set_panel_label("Procedure")
         left = gui.main_panel
         left.dock_left()

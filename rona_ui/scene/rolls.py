@@ -49,7 +49,7 @@ class RollsLayer(Layer):
 
 
 def blade(length_mm: float, width_mm: float = 5.0, foot_mm: float = 16.0) -> Mesh:
-    """Return a flat arrow along +x of ``probe``, standing off the bone (-z), seen from both sides."""
+    """Return a flat arrow along +x of ``probe``, off the bone (-z), seen from both sides."""
     z, half = -foot_mm, width_mm / 2.0
     head = length_mm - 2.2 * width_mm
     corners = np.array(

@@ -1,4 +1,4 @@
-"""The skull for the eye, with a window over the scanned region once there is something behind it."""
+"""The skull for the eye, with a window over the scanned region once it has been mapped."""
 
 import numpy as np
 
