@@ -53,9 +53,9 @@ class Docks:
         panels += [*steps.values(), RunBar(gui, door, steps)]
         panels += [LookPanel(gui, door), SessionPanel(gui, door)]
         panels += self._right(gui, door)
-        replay = gui.add_panel()
+        replay = gui.add_panel(visible=False)
         with replay.add_tab("Replay", "player-play"):
-            panels.append(ReplayPanel(gui, door))
+            panels.append(ReplayPanel(gui, door, replay))
         replay.float(x=16, y=-16, width=REPLAY_PX)
         self._panels = tuple(panels)
 

@@ -12,7 +12,7 @@ FOCUS = {  # step -> preset; the camera moves only where the preset changes
     "surface": "Region",
     "path": "Region",
     "smoothing": "Region",
-    "roll": "Region",
+    "roll": "Roll",
     "scan": "Scan",
     "maps": "Region",
 }
@@ -27,7 +27,9 @@ def preset(name: str, backdrop: Backdrop | None) -> tuple[Vector3, Vector3]:
     center, normal = backdrop.region_center_base, backdrop.region_normal_base
     head = np.array([center[0], center[1], center[2] - 60.0])
     if name == "Region":
-        return center + 120.0 * normal + np.array([70.0, -125.0, 0.0]), center
+        return center + 82.0 * normal + np.array([40.0, -72.0, 0.0]), center - 3.0 * normal
+    if name == "Roll":
+        return center + np.array([110.0, -190.0, 170.0]), center + np.array([0.0, 0.0, 12.0])
     if name == "Scan":
         return center + np.array([330.0, -480.0, 300.0]), center + np.array([-60.0, 0.0, 70.0])
     if name == "Top":

@@ -12,7 +12,6 @@ from rona_ui.view_state import Picture
 
 CAMERA, VOLUME, NAME = "/tracker/camera", "/tracker/volume", "/tracker/name"
 VOLUME_COLOR = (108, 121, 136)
-STEPS = ("setup", "tool", "pointer")  # its volume is in the way in the others
 NEAR_MM, FAR_MM, RADIUS_MM = 1400.0, 2400.0, 500.0  # silo along the line of sight (z)
 
 
@@ -32,9 +31,8 @@ class TrackerLayer(Layer):
             self.stage.mesh(CAMERA, Mesh(T_base_tracker @ body.vertices, body.faces), STEEL)
             self.stage.lines(VOLUME, silo(T_base_tracker), VOLUME_COLOR, width_px=1.0)
             self.stage.label(NAME, "Tracker", T_base_tracker @ (0.0, -110.0, 0.0))
-        for node in (CAMERA, NAME):
+        for node in (CAMERA, VOLUME, NAME):
             self.stage.show(node, self.shown(new))
-        self.stage.show(VOLUME, self.shown(new) and new.view.step in STEPS)
 
 
 def silo(T_base_tracker: Pose) -> Floats:
