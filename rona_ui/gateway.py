@@ -15,7 +15,7 @@ import http
 import io
 import secrets
 import threading
-from collections.abc import Iterator
+from collections.abc import Generator
 from pathlib import Path
 from typing import Any
 
@@ -65,7 +65,7 @@ class ViewerGateway:
         """Return the routes of the page and of the relay under ``prefix``."""
         return [
             Route(f"{prefix}/", self._serve_page, methods=["GET", "HEAD"]),
-            Route(prefix, lambda request: RedirectResponse(f"{prefix}/"), methods=["GET"]),
+            Route(prefix, functools.partial(_redirect, f"{prefix}/"), methods=["GET"]),
             WebSocketRoute(prefix, self._relay),
             WebSocketRoute(f"{prefix}/", self._relay),
         ]
@@ -108,6 +108,10 @@ class ViewerGateway:
             pass  # viser is stopping: the browser tries again by itself
         with contextlib.suppress(RuntimeError):
             await browser.close(1001)
+
+
+async def _redirect(to: str, request: Request) -> Response:
+    return RedirectResponse(to)
 
 
 async def _pump_up(browser: WebSocket, upstream: Any) -> None:
@@ -187,7 +191,7 @@ def _refuse_sharing(*_: Any, **__: Any) -> None:
 
 
 @contextlib.contextmanager
-def _quiet() -> Iterator[None]:
+def _quiet() -> Generator[None]:
     """Swallow viser's banner, which prints an address that nobody can use."""
     genuine = rich.print
     rich.print = functools.partial(genuine, file=io.StringIO())

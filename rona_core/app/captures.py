@@ -19,7 +19,7 @@ from rona_core.devices.samples import AScanTrack, JointSample, JointTrack, ToolT
 from rona_core.errors import CancelledError, DeviceError, InvalidInputError, NotReachableError
 from rona_core.robot.model import RobotModel, robot_model
 from rona_core.robot.motion import plan_joint_move
-from rona_core.robot.plan import Certificate, Trajectory
+from rona_core.robot.plan import Certificate, TimedMotion, Trajectory
 from rona_core.robot.tool_motion import plan_tool_motion
 from rona_core.robot.verify import verify_motion
 from rona_core.session.document import PointerCapture, ScanCapture, Session, ToolCapture
@@ -68,11 +68,10 @@ def capture_tool(activity: StartToolCapture, session: Session, tools: Toolbox) -
         n_pivot=activity.n_pivot,
         n_translate=activity.n_translate,
     )
-    if not plan.certificate.certifies(plan.trajectory):
-        raise NotReachableError(f"the tool motion is refused: {plan.certificate.refusal()}")
-    drive_to(plan.trajectory.qs_rad[0], session, tools)
+    _require_certified("the tool motion", plan.certificate, plan)
+    drive_to(plan.qs_rad[0], session, tools)
     ordinal = begin(session, tools)
-    motion = tools.rig.robot.move(plan.trajectory.times_s, plan.trajectory.qs_rad)
+    motion = tools.rig.robot.move(plan.times_s, plan.qs_rad)
     joints: list[JointSample] = []
 
     def with_joints(frame: TrackerFrame) -> bool:
@@ -194,7 +193,7 @@ def fire_times(trajectory: Trajectory, pitch_mm: float) -> Floats:
     return np.interp(places_mm, way_mm[moving], times_s[moving])
 
 
-def _require_certified(what: str, certificate: Certificate, motion: Trajectory) -> None:
+def _require_certified(what: str, certificate: Certificate, motion: TimedMotion) -> None:
     if not certificate.certifies(motion):
         reasons = "; ".join(check.sentence for check in certificate.failures())
         raise NotReachableError(

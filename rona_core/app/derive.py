@@ -22,7 +22,8 @@ from rona_core.devices.markers import GEOMETRIES
 from rona_core.devices.protocols import Cancel, Progress
 from rona_core.errors import DegenerateGeometryError, StepBlockedError
 from rona_core.geometry.pose import Poses
-from rona_core.mapping.boundary_map import Maps, build_maps
+from rona_core.mapping.boundary_map import Maps
+from rona_core.mapping.build import build_maps
 from rona_core.path.filter import filter_path
 from rona_core.path.interpolate import densify
 from rona_core.path.smooth import simplify
@@ -34,6 +35,7 @@ from rona_core.session.document import PointerCapture, RawPath, Session, SmoothP
 from rona_core.surface.cloud import SurfaceCloud, build_cloud, merge_clouds
 from rona_core.surface.normals import NormalField
 from rona_core.ultrasound.detect import Detection, detect
+from rona_core.ultrasound.probe import probe_model
 
 SETTLE_S = 0.1  # after the robot has stopped, before frames count
 T = Any
@@ -230,7 +232,7 @@ def derive_detection(
     probe = session.setup.devices.probe
     return detect(
         capture.scans,
-        probe.name,
+        probe_model(probe.name),
         probe.excitation,
         method=message.method,
         sound_speed_mm_per_us=message.sound_speed_mm_per_us,

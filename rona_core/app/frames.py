@@ -1,4 +1,4 @@
-"""The frame graph of a session: every transform it knows, where it comes from, and if it is stale."""
+"""The frame graph of a session: its transforms, where they come from, and if they are stale."""
 
 from dataclasses import dataclass
 

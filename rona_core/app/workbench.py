@@ -42,6 +42,12 @@ class Workbench:
         self._services = services
         self._rig_lock = threading.Lock()
         self._rig: tuple[str, Rig] | None = None
+        self._closed = False
+
+    @property
+    def closed(self) -> bool:
+        """Whether the session has been closed."""
+        return self._closed
 
     @property
     def session(self) -> Session:
@@ -128,6 +134,7 @@ class Workbench:
 
     def close(self) -> None:
         """Stop, and release devices and threads; a second call does nothing."""
+        self._closed = True
         self.stop()
         self.store.close()
         with self._rig_lock:

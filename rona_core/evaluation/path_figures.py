@@ -7,10 +7,39 @@ import numpy as np
 from rona_core.arrays import Floats, Ints
 from rona_core.evaluation.figures import Figures
 from rona_core.evaluation.truth import Truth
+from rona_core.path.filter import filter_path
 
 if TYPE_CHECKING:
     from rona_core.geometry.path5d import Path5D
     from rona_core.robot.plan import RobotPlan
+    from rona_core.session.document import Session
+
+
+def smoothing_figures(session: "Session") -> Figures:
+    """Return the number of points left, and K1 to the samples before and after filtering.
+
+    The filter is no result of its own: it is applied again as the smoothing was told to.
+    """
+    smoothing, raw, capture = session.results.smoothing, session.results.path, session.captures.path
+    figures: Figures = {}
+    if smoothing is None:
+        return figures
+    kept = smoothing.value.simplified.index
+    figures["path_points_smoothed"] = len(kept)
+    fits = smoothing.value.simplified.n_original
+    if raw is None or capture is None or len(raw.value.points_base) != fits:
+        return figures  # the demonstration has been taken again since
+    samples = raw.value.points_base
+    given = filter_path(samples, capture.marker.times_s, filter_width_s(smoothing.arguments))
+    figures["path_deviation_max_mm"] = deviation_max_mm(given, kept, given[kept])
+    figures["path_deviation_raw_max_mm"] = deviation_max_mm(samples, kept, given[kept])
+    return figures
+
+
+def filter_width_s(arguments: dict[str, object]) -> float:
+    """Return the width of the filter that a smoothing was asked for; 0 for none."""
+    width = arguments.get("filter_s", 0.0)
+    return float(width) if isinstance(width, int | float) else 0.0
 
 
 def deviation_max_mm(points: Floats, kept: Ints, nodes: Floats) -> float:

@@ -20,23 +20,23 @@ ROUNDS = 4  # each makes the remaining error smaller by a factor of about 1000
 
 def true_marker(
     tool: str,
-    T_tracker_measured: Pose,
+    measured: Pose,
     profile: TrackerProfile,
     seed: int,
     ordinal: int,
     frame: int,
 ) -> Pose:
-    """Return the true pose of a marker that was measured as ``T_tracker_measured`` in one frame.
+    """Return the true ``T_tracker_marker`` behind a measured one, in one frame of a capture.
 
     For a 5D tool the roll about its line stays arbitrary.
     """
     white = white_numbers(seed, ordinal, frame)[tool]
-    T_tracker_marker = T_tracker_measured
+    T_tracker_marker = measured
     for _ in range(ROUNDS):
         seen = observe(GEOMETRIES[tool], T_tracker_marker, white, profile, seed).fit
         if seen is None:  # at the very edge of what the tracker sees
             break
-        correction = T_tracker_measured @ seen.T_tracker_marker.inv()
+        correction = measured @ seen.T_tracker_marker.inv()
         T_tracker_marker = correction @ T_tracker_marker
     return T_tracker_marker
 
@@ -46,8 +46,8 @@ def true_tips_base(scene: VirtualScene, track: ToolTrack, ordinal: int, rows: In
     profile, tip = scene.settings.tracker.profile, scene.tips[track.tool]
     tips = np.zeros((len(rows), 3))
     for out, row in enumerate(rows):
-        measured = track.Ts_tracker_marker[int(row)]
+        seen = track.Ts_tracker_marker[int(row)]
         frame = int(track.frame_numbers[row])
-        pose = true_marker(track.tool, measured, profile, scene.seed, ordinal, frame)
+        pose = true_marker(track.tool, seen, profile, scene.seed, ordinal, frame)
         tips[out] = pose @ tip
     return scene.T_base_tracker @ tips

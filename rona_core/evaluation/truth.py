@@ -5,6 +5,7 @@ from numpy.typing import ArrayLike
 
 from rona_core.arrays import Bools, Floats, Vector3, as_points
 from rona_core.geometry.pose import Poses
+from rona_core.virtual.hand import cross
 from rona_core.virtual.scene import VirtualScene
 
 LANDMARK_MM = 30.0  # distance of the named points from the middle of the region
@@ -78,9 +79,9 @@ class Truth:
         left out.
         """
         center, normal, radius_mm = self.scene.region_base()
-        x = np.cross(normal, np.eye(3)[np.argmin(np.abs(normal))])
+        x = cross(normal, np.eye(3)[np.argmin(np.abs(normal))])
         x /= np.linalg.norm(x)
-        y = np.cross(normal, x)
+        y = cross(normal, x)
         n = int(np.floor(radius_mm / step_mm))
         u, v = np.meshgrid(np.arange(-n, n + 1) * step_mm, np.arange(-n, n + 1) * step_mm)
         inside = np.hypot(u, v) <= radius_mm

@@ -5,6 +5,7 @@ side lobes of a compressed chirp are only 20 dB below their peak: without subtra
 echo the largest later peak is usually one of its own.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -15,10 +16,10 @@ from rona_core.ultrasound.medium import GEL, Complexes
 from rona_core.ultrasound.probe import ProbeModel
 
 GATE_MARGIN_MM = 0.3  # the front is sought this far beyond the compliance of the line
-TAPS = 7
+TAPS = 9
 TAP_SPACING = 0.12  # over the -6 dB bandwidth
-FIT_HALF_WIDTH = 0.8  # of the fit, over the bandwidth
-RIDGE = 3e-4
+FIT_HALF_WIDTH = 1.0  # of the fit, over the bandwidth
+RIDGE = 1e-3
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -29,6 +30,17 @@ class Fronts:
     level: Floats  # amplitude over that of flat bone in perfect contact
     snr: Floats  # amplitude over the rms of the compressed noise
     positive: Bools  # False: reflected by something softer than gel, that is, air
+
+    @classmethod
+    def concatenate(cls, parts: Sequence["Fronts"]) -> "Fronts":
+        """Return the fronts of several blocks as one."""
+        none = np.zeros(0)
+        return cls(
+            np.concatenate([none, *(p.delay_us for p in parts)]),
+            np.concatenate([none, *(p.level for p in parts)]),
+            np.concatenate([none, *(p.snr for p in parts)]),
+            np.concatenate([none.astype(np.bool_), *(p.positive for p in parts)]),
+        )
 
 
 def gate_us(probe: ProbeModel) -> tuple[float, float]:
@@ -48,7 +60,9 @@ def find_fronts(spectra: Complexes, noise: Floats, template: Template) -> Fronts
     rows = np.arange(len(z))
     samples = at + peak_offsets(level, at)
     delay = early + samples * template.step_us
-    phase = np.angle(z[rows, at] * np.exp(2j * np.pi * template.carrier_mhz * at * template.step_us))
+    phase = np.angle(
+        z[rows, at] * np.exp(2j * np.pi * template.carrier_mhz * at * template.step_us)
+    )
     # phase at the sample, carried on to the interpolated peak
     phase = phase + 2.0 * np.pi * template.carrier_mhz * (samples - at) * template.step_us
     phase = np.angle(np.exp(1j * phase))
@@ -80,7 +94,7 @@ def subtract_fronts(aligned: Complexes, template: Template) -> Complexes:
     curvature and film; the fit takes its side lobes away far beyond the place of the fit.
     """
     band = template.probe.bandwidth * template.probe.centre_mhz
-    delays = (np.arange(TAPS) - TAPS // 2) * TAP_SPACING / band
+    delays = (np.arange(TAPS, dtype=np.float64) - TAPS // 2) * TAP_SPACING / band
     copies = template.spectrum * np.conj(template.shift(delays))
     reach = int(FIT_HALF_WIDTH / band / template.step_us)
     near = np.arange(-reach, reach + 1)

@@ -4,6 +4,7 @@ The search uses the envelope, since the phase of a broadband echo repeats every 
 opposite to the front echo's, is evidence, and the phase refines the time of what was chosen.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -11,6 +12,7 @@ import numpy as np
 from rona_core.arrays import Bools, Floats
 from rona_core.ultrasound.matched import BONE_REFLECTION, Template, peak_offsets
 from rona_core.ultrasound.medium import BRAIN, TABLE, Complexes, Material
+from rona_core.ultrasound.probe import ProbeModel
 
 CANDIDATES = 6  # kept for each A-scan
 BANK_STEP_MM = 2.0  # thickness between templates
@@ -30,6 +32,44 @@ class Candidates:
     level: Floats  # amplitude over that of a nominal inner echo at this depth
     noise: Floats  # rms of the noise on the same scale
     exists: Bools  # False: fewer peaks than that
+
+    @classmethod
+    def concatenate(cls, parts: Sequence["Candidates"]) -> "Candidates":
+        """Return the candidates of several blocks as one."""
+        none = np.zeros((0, CANDIDATES))
+        return cls(
+            np.concatenate([none, *(p.lag_us for p in parts)]),
+            np.concatenate([none, *(p.phase_rad for p in parts)]),
+            np.concatenate([none, *(p.level for p in parts)]),
+            np.concatenate([none, *(p.noise for p in parts)]),
+            np.concatenate([none.astype(np.bool_), *(p.exists for p in parts)]),
+        )
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class InnerChoice:
+    """The inner echo of each A-scan (n,)."""
+
+    lag_us: Floats  # after the front echo; the best guess where it is not heard
+    sureness: Floats  # 0 to 1
+    heard: Bools
+
+    @classmethod
+    def concatenate(cls, parts: Sequence["InnerChoice"]) -> "InnerChoice":
+        """Return the choices of several blocks as one."""
+        none = np.zeros(0)
+        return cls(
+            np.concatenate([none, *(p.lag_us for p in parts)]),
+            np.concatenate([none, *(p.sureness for p in parts)]),
+            np.concatenate([none.astype(np.bool_), *(p.heard for p in parts)]),
+        )
+
+
+def bone_gate_us(probe: ProbeModel, bone: Material) -> tuple[float, float]:
+    """Return the earliest and the latest time of an inner echo after the front echo."""
+    low = max(probe.min_thickness_mm - GATE_MARGIN_MM, 0.5)
+    high = probe.max_thickness_mm + GATE_MARGIN_MM
+    return 2.0 * low / bone.speed_mm_per_us, 2.0 * high / bone.speed_mm_per_us
 
 
 def bone_filter(template: Template, bone: Material, thickness_mm: float) -> Complexes:
@@ -52,15 +92,16 @@ def find_candidates(
         bone: Nominal bone; its speed turns the range of thicknesses into one of time.
     """
     probe, step, speed = template.probe, template.step_us, bone.speed_mm_per_us
-    low = max(probe.min_thickness_mm - GATE_MARGIN_MM, 0.5) * 2.0 / speed
-    high = (probe.max_thickness_mm + GATE_MARGIN_MM) * 2.0 / speed
+    low, high = bone_gate_us(probe, bone)
     first, last = int(low / step), int(np.ceil(high / step))
-    lags = np.arange(first, last + 1) * step
+    lags = np.arange(first, last + 1, dtype=np.float64) * step
     depths = np.arange(probe.min_thickness_mm, probe.max_thickness_mm + BANK_STEP_MM, BANK_STEP_MM)
     z = np.zeros((len(behind), len(lags)), dtype=np.complex128)
     gain = np.zeros(len(lags))
     for depth in depths:  # every lag takes its share from the two nearest templates
-        share = np.clip(1.0 - np.abs(_clamped(lags * speed / 2.0, depths) - depth) / BANK_STEP_MM, 0, 1)
+        share = np.clip(
+            1.0 - np.abs(_clamped(lags * speed / 2.0, depths) - depth) / BANK_STEP_MM, 0, 1
+        )
         if not share.any():
             continue
         matched = bone_filter(template, bone, float(depth))

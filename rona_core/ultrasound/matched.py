@@ -18,6 +18,10 @@ from rona_core.ultrasound.pulse import GRID, emission_spectrum, grid_frequencies
 
 BONE_MRAYL, GEL_MRAYL = (m.speed_mm_per_us * m.density_g_per_cm3 for m in (TABLE, GEL))
 BONE_REFLECTION = (BONE_MRAYL - GEL_MRAYL) / (BONE_MRAYL + GEL_MRAYL)  # nominal, from gel
+EQUAL_BAND = 0.55  # -6 dB width of the equalised echo over the centre frequency
+# Where equalising stops, over the peak of the power spectrum: loss in bone leaves one probe short
+# of signal, the length of its echo leaves the other short of resolution.
+EQUAL_FLOOR = {"2.25MHz": 1e-2, "1MHz": 2e-4}
 COMPRESSED = 2048  # samples of the compressed trace over the same time as GRID
 
 
@@ -26,9 +30,11 @@ class Template:
     """The echo of a reference block, at delay 0, in the band of the probe."""
 
     probe: ProbeModel
+    excitation: Excitation
     bins: np.typing.NDArray[np.int64]  # (f,) of a transform over GRID samples
     frequencies_mhz: Floats  # (f,)
     spectrum: Complexes  # (f,) of an ideal mirror
+    weights: Floats  # (f,) what matched filters count a frequency for
     carrier_bin: int
 
     @property
@@ -47,14 +53,17 @@ class Template:
 
     def compress(self, spectra: Complexes, template: Complexes) -> Complexes:
         """Return matched-filter outputs (..., COMPRESSED), mixed down, 1 where the template is."""
-        product = spectra * (np.conj(template) / np.sum(np.abs(template) ** 2))
+        energy = np.sum(self.weights * np.abs(template) ** 2)
+        product = spectra * (self.weights * np.conj(template) / energy)
         baseband = np.zeros((*product.shape[:-1], COMPRESSED), dtype=np.complex128)
         baseband[..., (self.bins - self.carrier_bin) % COMPRESSED] = product
         return np.fft.ifft(baseband, axis=-1) * COMPRESSED
 
     def noise_gain(self, template: Complexes) -> float:
         """Return the rms of the compressed trace for noise of rms 1 in each trace sample."""
-        return float(np.sqrt(GRID / np.sum(np.abs(template) ** 2)))
+        power = np.abs(template) ** 2
+        energy = np.sum(self.weights * power)
+        return float(np.sqrt(GRID * np.sum(self.weights**2 * power)) / energy)
 
 
 @lru_cache(maxsize=8)
@@ -66,8 +75,19 @@ def block_template(probe: ProbeModel, excitation: Excitation) -> Template:
     # the receiver's gain makes flat bone in perfect contact peak at a known share of full scale
     echo *= FULL_SCALE_SHARE / BONE_REFLECTION / np.abs(np.fft.irfft(echo, GRID)).max()
     spectrum = echo[bins]
+    power = np.abs(spectrum) ** 2
+    off = (f[bins] / probe.centre_mhz - 1.0) / EQUAL_BAND
+    weights = np.exp(-4.0 * np.log(2.0) * off**2) / (power / power.max() + EQUAL_FLOOR[probe.name])
     carrier = round(probe.centre_mhz * GRID / probe.sampling_mhz)
-    return Template(probe, readonly(bins), readonly(f[bins]), readonly(spectrum), carrier)
+    return Template(
+        probe,
+        excitation,
+        readonly(bins),
+        readonly(f[bins]),
+        readonly(spectrum),
+        readonly(weights),
+        carrier,
+    )
 
 
 def trace_spectra(rf: Floats, start_us: float, template: Template) -> tuple[Complexes, Floats]:
@@ -91,4 +111,4 @@ def peak_offsets(levels: Floats, at: np.typing.NDArray[np.int64]) -> Floats:
     before, here, after = (levels[rows, inside + i] for i in (-1, 0, 1))
     bend = before - 2.0 * here + after
     offset = np.divide(0.5 * (before - after), bend, out=np.zeros(len(at)), where=bend < 0)
-    return np.clip(offset, -0.5, 0.5) + (inside - at)
+    return np.asarray(np.clip(offset, -0.5, 0.5) + (inside - at), dtype=np.float64)

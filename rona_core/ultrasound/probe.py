@@ -69,7 +69,7 @@ class ProbeModel:
 
 PROBES = {
     "2.25MHz": ProbeModel("2.25MHz", 2.25, 3.175, min_thickness_mm=2.0, max_thickness_mm=12.0),
-    "1MHz": ProbeModel("1MHz", 1.0, 6.35, min_thickness_mm=3.5, max_thickness_mm=14.0),
+    "1MHz": ProbeModel("1MHz", 1.0, 6.35, min_thickness_mm=4.0, max_thickness_mm=14.0),
 }
 
 

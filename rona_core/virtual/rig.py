@@ -2,12 +2,16 @@
 
 from typing import TYPE_CHECKING
 
+import numpy as np
+
+from rona_core.arrays import Floats
 from rona_core.devices.protocols import Origin
 from rona_core.devices.settings import DeviceSettings
 from rona_core.geometry.pose import Pose
 from rona_core.robot.model import RobotModel, robot_model
 from rona_core.virtual.clock import CaptureClock
 from rona_core.virtual.display import VirtualDisplay
+from rona_core.virtual.live_tracker import VirtualLiveTracker
 from rona_core.virtual.operator import VirtualOperator
 from rona_core.virtual.probe import VirtualProbe
 from rona_core.virtual.robot import VirtualRobot
@@ -53,9 +57,11 @@ class VirtualRig:
         self.clock = CaptureClock(speed)
         self._model = robot_model(settings.robot.model)
         self.robot = VirtualRobot(self._model, self.clock)
+        self._last_tip: tuple[Floats, Pose] | None = None
         self.operator = VirtualOperator(self.scene)
         self._tools = self._moving_tools(0)
         self.tracker = VirtualTracker(self.clock, self._true_marker, seed)
+        self.live_tracker = VirtualLiveTracker(seed, self._toolmarker_now)
         self.probe = VirtualProbe(self.clock, self._true_probe, specimen)
         self.display = VirtualDisplay(self.scene, self._pointer_now)
         self.begin(settings, 0)
@@ -71,7 +77,9 @@ class VirtualRig:
             if settings.robot.model != self.scene.settings.robot.model:
                 self._model = robot_model(settings.robot.model)
                 self.robot = VirtualRobot(self._model, self.clock)
+                self._last_tip = None
             self.scene = scene
+        self.robot.stop()  # a motion under way ends where it is, not where it was going
         self.clock.reset()
         self.robot.begin(settings.robot, ordinal)
         self.operator.begin(self.scene, settings, ordinal)
@@ -96,11 +104,17 @@ class VirtualRig:
         return MovingTools(self.scene, ordinal, self._tip_at, self.operator.motion)
 
     def _tip_at(self, time_s: float) -> Pose:
-        q_rad = self.robot.q_at(time_s)
-        return self._model.forward(q_rad[None])[0] @ self._model.T_flange_tip
+        q_rad, last = self.robot.q_at(time_s), self._last_tip
+        if last is None or not np.array_equal(q_rad, last[0]):
+            last = q_rad, self._model.forward(q_rad[None])[0] @ self._model.T_flange_tip
+            self._last_tip = last
+        return last[1]
 
     def _true_marker(self, tool: str, time_s: float) -> Pose | None:
         return self._tools.T_tracker_marker(tool, time_s)
+
+    def _toolmarker_now(self) -> Pose | None:
+        return self._true_marker("toolmarker", self.clock.now())
 
     def _true_probe(self) -> Pose:
         T_tip_probe = self._model.T_flange_tip.inv() @ self._model.T_flange_probe

@@ -33,11 +33,16 @@ class MovingTools:
         self._hand = hand
         self._T_tracker_base = scene.T_base_tracker.inv()
         self._T_skull_base = scene.T_base_skull.inv()
+        self._last: tuple[Pose, int, Pose] | None = None  # spares work while the robot rests
 
     def T_base_tip(self, time_s: float) -> Pose:  # noqa: N802 (frame grammar)
         """Return where the tool's tip really is."""
-        nominal = self._tip_at(time_s)
-        return self._scene.T_base_tip_true(nominal, self._ordinal, error_key(time_s))
+        nominal, key = self._tip_at(time_s), error_key(time_s)
+        last = self._last
+        if last is None or last[0] is not nominal or last[1] != key:
+            last = nominal, key, self._scene.T_base_tip_true(nominal, self._ordinal, key)
+            self._last = last
+        return last[2]
 
     def T_skull_tip(self, time_s: float) -> Pose:  # noqa: N802 (frame grammar)
         """Return the pose of the tool's tip relative to the specimen."""

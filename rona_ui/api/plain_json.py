@@ -40,10 +40,10 @@ def plain(value: Any, max_points: int | None = None) -> Any:
     if isinstance(value, np.ndarray):
         return _plain_array(value, max_points)
     if isinstance(value, Pose):
-        return {"wxyz": value.wxyz.tolist(), "translation_mm": value.translation.tolist()}
+        return {"wxyz": value.wxyz().tolist(), "translation_mm": value.translation.tolist()}
     if isinstance(value, Poses):
         return {
-            "wxyz": _plain_array(value.wxyz, max_points),
+            "wxyz": _plain_array(value.wxyz(), max_points),
             "translations_mm": _plain_array(value.translations, max_points),
         }
     if dataclasses.is_dataclass(value) and not isinstance(value, type):
@@ -51,12 +51,14 @@ def plain(value: Any, max_points: int | None = None) -> Any:
         return {name: plain(getattr(value, name), max_points) for name in names}
     if isinstance(value, Mapping):
         return {str(key): plain(item, max_points) for key, item in value.items()}
-    return [plain(item, max_points) for item in value]
+    return [plain(item, max_points) for item in list(value)]
 
 
 def _plain_array(array: NDArray[Any], max_points: int | None) -> Any:
     if max_points is not None and array.ndim and len(array) > max_points:
         array = array[np.linspace(0, len(array) - 1, max_points).round().astype(int)]
     if array.dtype.kind == "f" and not np.isfinite(array).all():
-        return np.where(np.isfinite(array), array.astype(object), None).tolist()
+        masked = array.astype(object)
+        masked[~np.isfinite(array)] = None
+        return masked.tolist()
     return array.tolist()

@@ -105,8 +105,7 @@ def install(app: FastAPI) -> None:
 
     @app.exception_handler(HTTPException)
     async def _http(request: Request, error: HTTPException) -> Response:
-        detail = error.detail if isinstance(error.detail, str) else str(error.detail)
-        return problem(error.status_code, detail, headers=dict(error.headers or {}))
+        return problem(error.status_code, str(error.detail), headers=dict(error.headers or {}))
 
     @app.exception_handler(OSError)
     async def _storage(request: Request, error: OSError) -> Response:

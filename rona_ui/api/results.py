@@ -104,7 +104,7 @@ def list_frames(bench: Bench) -> list[FrameInfo]:
             parent=row.parent,
             child=row.child,
             source=row.source,
-            wxyz=row.pose.wxyz.tolist(),
+            wxyz=row.pose.wxyz().tolist(),
             translation_mm=row.pose.translation.tolist(),
             stale=row.stale_reason is not None,
             reason=row.stale_reason,

@@ -10,9 +10,11 @@ from starlette.concurrency import run_in_threadpool
 from rona_core.app.hub import MAX_UPLOAD_BYTES, Hub
 from rona_core.app.workbench import Workbench
 from rona_core.devices.settings import STRICT, require
+from rona_core.errors import NotFoundError
 from rona_core.session.files import SUFFIX, session_bytes
 from rona_ui.api.context import PREFIX, Bench, Sessions
 from rona_ui.api.plain_json import plain
+from rona_ui.resources import demo_session
 
 router = APIRouter(tags=["session"])
 files = APIRouter(tags=["files"])
@@ -132,6 +134,15 @@ def create_session(hub: Sessions, response: Response, new: NewSession | None = N
 def open_session(hub: Sessions, response: Response, wanted: FileToOpen) -> SessionInfo:
     """Open a file of the sessions folder; the viewer shows it."""
     return _made(hub, hub.open_file(wanted.file), response)
+
+
+@router.post("/sessions/demo", status_code=201)
+def open_demo(hub: Sessions, response: Response) -> SessionInfo:
+    """Open a copy of the demo session; the viewer shows it."""
+    path = demo_session()
+    if not path.is_file():
+        raise NotFoundError("there is no demo session here; `make demo` shows the procedure")
+    return _made(hub, hub.open_bytes(path.read_bytes(), path.name), response)
 
 
 @files.post(

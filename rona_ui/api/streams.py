@@ -3,7 +3,7 @@
 import asyncio
 import contextlib
 import json
-from collections.abc import AsyncIterator, Callable, Iterator
+from collections.abc import AsyncIterator, Callable, Generator
 from typing import Any
 
 from starlette.responses import StreamingResponse
@@ -17,10 +17,10 @@ class EventStream(StreamingResponse):
 
     media_type = "text/event-stream"
 
-    def __init__(self, events: AsyncIterator[bytes]) -> None:
+    def __init__(self, events: AsyncIterator[bytes], status_code: int = 200) -> None:
         """Send ``events`` as they come."""
         headers = {"Cache-Control": "no-store", "X-Accel-Buffering": "no"}
-        super().__init__(events, headers=headers)
+        super().__init__(events, status_code, headers=headers)
 
 
 class Waker:
@@ -66,7 +66,7 @@ class Streams:
     @contextlib.contextmanager
     def waker(
         self, *sources: Callable[[Callable[..., None]], Callable[[], None]]
-    ) -> Iterator[Waker]:
+    ) -> Generator[Waker]:
         """Return a waker that is subscribed to ``sources`` as long as the block runs."""
         waker = Waker()
         self._wakers.add(waker)

@@ -1,0 +1,131 @@
+"""All figures of one session against the truth of its virtual scene; docs/metrics.md defines them.
+
+A figure whose result is missing is None.
+"""
+
+from typing import TYPE_CHECKING
+
+from rona_core.evaluation.figures import Figures
+from rona_core.evaluation.map_figures import map_figures
+from rona_core.evaluation.navigation_figures import pointer_figures, surface_figures, tool_figures
+from rona_core.evaluation.path_figures import normal_figures, plan_figures, smoothing_figures
+from rona_core.evaluation.scan_figures import detection_figures
+from rona_core.evaluation.truth import Truth
+from rona_core.virtual.rig import build_scene
+from rona_core.virtual.scene import VirtualScene
+
+if TYPE_CHECKING:
+    from rona_core.session.document import Session
+
+KEYS = (
+    "tool_tip_error_mm",
+    "pointer_tip_error_mm",
+    "tracker_registration_tre_mm",
+    "surface_points",
+    "surface_rms_mm",
+    "surface_tip_3d_rms_mm",
+    "path_points_raw",
+    "path_points_smoothed",
+    "path_deviation_max_mm",
+    "path_deviation_raw_max_mm",
+    "normal_error_median_deg",
+    "normal_error_p95_deg",
+    "rolls_tried",
+    "rolls_feasible",
+    "roll_mode",
+    "scan_points",
+    "scan_duration_s",
+    "outer_rms_mm",
+    "inner_rms_mm",
+    "outer_same_robot_rms_mm",
+    "inner_same_robot_rms_mm",
+    "thickness_bias_mm",
+    "thickness_rms_mm",
+    "fused_outer_rms_mm",
+    "coverage_fraction",
+    "inner_coverage_fraction",
+    "detection_failure_fraction",
+    "unflagged_failure_fraction",
+    "flagged_fraction",
+    "completed",
+    "failed_step",
+    "reason",
+    "wall_s",
+)
+
+
+def evaluate(session: "Session", scene: VirtualScene) -> Figures:
+    """Return every figure of ``KEYS``, in that order.
+
+    Args:
+        session: The session, with whatever results it has so far.
+        scene: The ground truth: seed and specimen of the same session. Where its settings are
+            not those of the session any more, it is built anew.
+
+    ``wall_s`` is left None: only whoever ran the procedure knows it.
+    """
+    if scene.settings != session.setup.devices:
+        scene = build_scene(scene.seed, scene.specimen, session.setup.devices)
+    truth = Truth(scene)
+    figures: Figures = dict.fromkeys(KEYS)
+    figures |= _navigation(session, truth)
+    figures |= _path(session, truth)
+    figures |= _scan(session, truth)
+    step, reason = unfinished(session)
+    figures |= {"completed": step is None, "failed_step": step, "reason": reason}
+    return figures
+
+
+def unfinished(session: "Session") -> tuple[str | None, str | None]:
+    """Return the first step without a result, and why; (None, None) if all are done."""
+    results = session.results
+    plan = results.roll.value if results.roll else None
+    if plan is not None and plan.trajectory is None and results.maps is None:
+        return "roll", "no roll makes the path traversable: move the robot base"
+    done = {
+        "tool": results.tool,
+        "pointer": results.pointer,
+        "surface": results.surface,
+        "path": results.path,
+        "smoothing": results.smoothing,
+        "roll": results.roll,
+        "scan": session.captures.scan,
+        "maps": results.maps,
+    }
+    step = next((step for step, result in done.items() if result is None), None)
+    return step, None if step is None else f"the step {step!r} has no result yet"
+
+
+def _navigation(session: "Session", truth: Truth) -> Figures:
+    results, figures = session.results, Figures()
+    if results.tool is not None:
+        figures |= tool_figures(results.tool.value, truth)
+    if results.pointer is not None:
+        figures |= pointer_figures(results.pointer.value, truth)
+    if results.surface is not None:
+        figures |= surface_figures(results.surface.value, session.captures.surface, truth)
+    return figures
+
+
+def _path(session: "Session", truth: Truth) -> Figures:
+    results, figures = session.results, Figures()
+    if results.path is not None:
+        figures["path_points_raw"] = len(results.path.value.points_base)
+    if results.smoothing is not None:
+        figures |= smoothing_figures(session)
+        figures |= normal_figures(results.smoothing.value.path, truth)
+    if results.roll is not None:
+        figures |= plan_figures(results.roll.value)
+    return figures
+
+
+def _scan(session: "Session", truth: Truth) -> Figures:
+    results, figures = session.results, Figures()
+    scan = session.captures.scan
+    if scan is not None:
+        figures["scan_points"] = len(scan.scans)
+        if results.detection is not None:
+            figures |= detection_figures(results.detection.value, scan, truth)
+    if results.maps is not None:
+        figures |= map_figures(results.maps.value, truth)
+    return figures

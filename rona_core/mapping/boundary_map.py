@@ -1,0 +1,57 @@
+"""Maps of the outer and inner boundary of the bone: heights over the plane that fits them best."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from rona_core.arrays import Bools, Floats
+from rona_core.geometry.pose import Pose
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class BoundaryMap:
+    """One boundary as heights over a grid (2.5D). ``map`` is the frame of that grid, z outward.
+
+    Cells that are not ``ok`` hold the continuation of the fit, which is not to be used.
+    """
+
+    T_base_map: Pose
+    u_mm: Floats  # (nu,) cell centres along x of the map
+    v_mm: Floats  # (nv,) cell centres along y
+    height_mm: Floats  # (nu, nv)
+    ok: Bools  # (nu, nv) a sample that is not flagged lies close by
+    sigma_mm: Floats  # (nu, nv) how far the height may be off, from the scatter of the samples
+
+    def points_base(self) -> Floats:
+        """Return the unflagged cells as points (n, 3) in ``base``."""
+        i, j = np.nonzero(self.ok)
+        points = np.column_stack((self.u_mm[i], self.v_mm[j], self.height_mm[i, j]))
+        return self.T_base_map @ points
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class CloudFit:
+    """How the pointer cloud was moved onto the ultrasound map before both were joined."""
+
+    T_base_cloud: Pose  # correction: p_base = T_base_cloud @ p_cloud
+    rms_mm: float  # distance of the cloud to the map afterwards, along its normal
+    n_used: int
+    eigenvalues: Floats  # (6,) ascending, of the scaled normal equations: small = not observable
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Maps:
+    """Step 9: the samples, and the maps made of them, all on the same grid."""
+
+    outer_points_base: Floats  # (n, 3) one for each A-scan
+    inner_points_base: Floats  # (n, 3)
+    outer_used: Bools  # (n,) went into the outer map
+    inner_used: Bools  # (n,) went into the inner map
+    outer: BoundaryMap
+    inner: BoundaryMap
+    fused: BoundaryMap  # outer boundary from ultrasound and pointer together
+    cloud_fit: CloudFit | None  # None where the pointer cloud does not overlap the map
+
+    def thickness_mm(self) -> Floats:
+        """Return outer minus inner height (nu, nv); valid where both maps are ok."""
+        return self.outer.height_mm - self.inner.height_mm

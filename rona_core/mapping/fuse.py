@@ -1,0 +1,92 @@
+"""Join the pointer cloud with the outer map of the ultrasound.
+
+The cloud as a whole is off by the errors of registration and pointer, which all its points share.
+So it is first moved onto the map as one rigid body, held back where the map cannot tell (a dome
+does not show a slide along itself), and then joined with the weight that its scatter deserves.
+"""
+
+import numpy as np
+from scipy.spatial import KDTree
+
+from rona_core.arrays import Floats, readonly
+from rona_core.geometry.pose import Pose
+from rona_core.mapping.boundary_map import CloudFit
+from rona_core.mapping.surface_fit import PlateFit
+
+LEAST_OVERLAP = 30  # points of the cloud over the map; fewer tell nothing
+ROUNDS = 15
+TUKEY = 4.685
+MAD_TO_SD = 1.4826
+LEAST_SCALE_MM = 0.02
+PRIOR_SHIFT_MM = 1.5  # how far off a cloud is expected to be
+PRIOR_TURN_RAD = 0.02
+SLOPE_STEP_MM = 0.5  # for finite differences of the map
+
+
+def fit_cloud(cloud_map: Floats, plate: PlateFit, overlap_mm: float) -> CloudFit | None:
+    """Find the rigid motion that lays the cloud onto the map: robust, point to plane.
+
+    Args:
+        cloud_map: Points of the cloud (n, 3) in ``map``.
+        plate: The outer map as fitted to the ultrasound.
+        overlap_mm: How close to an ultrasound sample a point must lie to count.
+
+    Returns:
+        The motion in ``map`` (as ``T_base_cloud``, to be turned to ``base`` by the caller), or
+        None where too few points lie over the map.
+    """
+    tree = KDTree(plate.places_mm)
+    inside = tree.query(cloud_map[:, :2])[0] <= overlap_mm
+    if np.count_nonzero(inside) < LEAST_OVERLAP:
+        return None
+    points = cloud_map[inside]
+    center = points.mean(axis=0)
+    T_map_cloud = Pose.identity()
+    prior = np.diag((*[PRIOR_SHIFT_MM**-2] * 3, *[PRIOR_TURN_RAD**-2] * 3))
+    total = np.zeros(6)  # motion so far, for the prior
+    information = prior
+    for _ in range(ROUNDS):
+        moved = T_map_cloud @ points
+        distance, normals = _to_plane(moved, plate)
+        scale = max(MAD_TO_SD * float(np.median(np.abs(distance))), LEAST_SCALE_MM)
+        weights = np.clip(1.0 - (distance / (TUKEY * scale)) ** 2, 0.0, None) ** 2 / scale**2
+        rows = np.column_stack((normals, np.cross(moved - center, normals)))
+        information = rows.T @ (weights[:, None] * rows)
+        step = np.linalg.solve(information + prior, -rows.T @ (weights * distance) - prior @ total)
+        total = total + step
+        turn = Pose.from_rotvec(step[3:])
+        about = Pose(turn.rotation, center - turn.rotation @ center + step[:3])
+        T_map_cloud = about @ T_map_cloud
+        if np.abs(step).max() < 1e-7:
+            break
+    distance, _ = _to_plane(T_map_cloud @ points, plate)
+    scaled = information / np.outer(*[np.array((1.0,) * 3 + (20.0,) * 3)] * 2)
+    return CloudFit(
+        T_base_cloud=T_map_cloud,
+        rms_mm=float(np.sqrt(np.mean(distance**2))),
+        n_used=len(points),
+        eigenvalues=readonly(np.linalg.eigvalsh(scaled)),
+    )
+
+
+def _to_plane(points: Floats, plate: PlateFit) -> tuple[Floats, Floats]:
+    """Return signed distances (n,) to the map along its normals, and those normals (n, 3)."""
+    places = points[:, :2]
+    step, east_mm, north_mm = SLOPE_STEP_MM, np.array((1.0, 0.0)), np.array((0.0, 1.0))
+    height = plate.heights(places)
+    east = plate.heights(places + step * east_mm) - plate.heights(places - step * east_mm)
+    north = plate.heights(places + step * north_mm) - plate.heights(places - step * north_mm)
+    slopes = np.column_stack((-east / (2 * step), -north / (2 * step), np.ones(len(points))))
+    normals = slopes / np.linalg.norm(slopes, axis=1)[:, None]
+    return (points[:, 2] - height) * normals[:, 2], normals
+
+
+def thinned(points_map: Floats, cell_mm: float) -> Floats:
+    """Return one point (k, 3) for each cell that holds points (n, 3): their median."""
+    if not len(points_map):
+        return points_map
+    cells = np.floor(points_map[:, :2] / cell_mm).astype(np.int64)
+    _, group = np.unique(cells, axis=0, return_inverse=True)
+    order = np.argsort(group, kind="stable")
+    starts = np.flatnonzero(np.diff(group[order], prepend=-1))
+    return np.array([np.median(points_map[rows], axis=0) for rows in np.split(order, starts[1:])])

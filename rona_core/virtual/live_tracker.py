@@ -1,0 +1,76 @@
+"""The virtual tracker between captures: real time, and pointers that a hand put somewhere."""
+
+import threading
+import time
+from collections.abc import Callable
+
+from rona_core.devices.markers import GEOMETRIES
+from rona_core.devices.samples import ToolSample, TrackerFrame
+from rona_core.devices.settings import TOOLS, TrackerSettings
+from rona_core.errors import DeviceError, NotFoundError
+from rona_core.geometry.pose import Pose
+from rona_core.virtual.noise import rng
+from rona_core.virtual.tracker import observe
+
+
+class VirtualLiveTracker:
+    """Sees what stands before the tracker now; satisfies ``devices.LiveTracker``.
+
+    Frames are numbered in real time. The noise of a frame depends on seed and number only.
+    """
+
+    def __init__(
+        self,
+        seed: int,
+        T_tracker_toolmarker: Callable[[], Pose | None],
+        *,
+        wall: Callable[[], float] = time.monotonic,
+    ) -> None:
+        """Watch the tool on the robot through ``T_tracker_toolmarker()``."""
+        self._seed = seed
+        self._toolmarker = T_tracker_toolmarker
+        self._wall = wall
+        self._start_s = wall()
+        self._lock = threading.Lock()
+        self._placed: dict[str, Pose] = {}
+
+    def place(self, tool: str, T_tracker_marker: Pose | None) -> None:
+        """Put a pointer somewhere before the tracker; None lays it aside.
+
+        Raises:
+            NotFoundError: there is no such tool.
+            DeviceError: the robot holds it.
+        """
+        if tool not in TOOLS:
+            raise NotFoundError(f"there is no tool {tool!r}: tools are {', '.join(TOOLS)}")
+        if tool == "toolmarker":
+            raise DeviceError("the robot holds the toolmarker: move the robot instead")
+        with self._lock:
+            self._placed.pop(tool, None)
+            if T_tracker_marker is not None:
+                self._placed[tool] = T_tracker_marker
+
+    def frame(self, settings: TrackerSettings) -> TrackerFrame:
+        """Return the newest frame, measured with these settings."""
+        number = int((self._wall() - self._start_s) * settings.rate_hz)
+        with self._lock:
+            placed = dict(self._placed)
+        generator = rng(self._seed, "live tracker", 0, number)
+        samples: list[ToolSample] = []
+        for tool in TOOLS:
+            geometry = GEOMETRIES[tool]
+            white = generator.standard_normal(geometry.positions_marker.shape)
+            pose = self._toolmarker() if tool == "toolmarker" else placed.get(tool)
+            if tool in settings.hidden_tools:
+                samples.append(ToolSample(tool, "covered"))
+            elif pose is None:
+                samples.append(ToolSample(tool, "out_of_view"))
+            else:
+                seen = observe(geometry, pose, white, settings.profile, self._seed)
+                fit = seen.fit
+                samples.append(
+                    ToolSample(tool, seen.status)
+                    if fit is None
+                    else ToolSample(tool, seen.status, fit.T_tracker_marker, fit.rms_error_mm)
+                )
+        return TrackerFrame(number, number / settings.rate_hz, tuple(samples))

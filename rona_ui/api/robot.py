@@ -1,0 +1,104 @@
+"""The robot: state, certified moves, settings, and Stop, which wins over everything."""
+
+import asyncio
+from collections.abc import AsyncIterator
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+from typing import Annotated
+
+import numpy as np
+from fastapi import APIRouter, Body, Response
+from starlette.concurrency import run_in_threadpool
+
+from rona_core.app.messages import SetRobot, StartRobotMove
+from rona_core.app.workbench import Workbench
+from rona_core.devices.settings import RobotSettings
+from rona_core.errors import RonaError
+from rona_ui.api.commands import Changed, changed
+from rona_ui.api.context import Bench, Open
+from rona_ui.api.jobs import JobInfo, start
+from rona_ui.api.plain_json import plain
+from rona_ui.api.streams import ALIVE, DESCRIBED, PERIOD_S, EventStream, Streams, event
+
+router = APIRouter(prefix="/sessions/{session_id}/robot", tags=["robot"])
+STREAM_HZ = 30.0
+# Stop has threads of its own, so that it never waits behind other requests.
+_STOP = ThreadPoolExecutor(4, thread_name_prefix="rona-stop")
+
+
+@dataclass(frozen=True, slots=True)
+class RobotState:
+    """Joint angles as the encoders report them."""
+
+    joints_deg: list[float]
+    moving: bool
+    time_s: float  # on the clock of the capture
+
+
+@dataclass(frozen=True, slots=True)
+class Stopped:
+    """The robot stands still."""
+
+    stopped: bool
+
+
+def robot_state(bench: Workbench) -> RobotState:
+    """Return the joint angles now."""
+    sample = bench.rig().robot.state()
+    return RobotState(np.rad2deg(sample.q_rad).tolist(), sample.moving, sample.time_s)
+
+
+@router.get("/state")
+def get_state(bench: Bench) -> RobotState:
+    """Return the joint angles in degrees, and whether the robot moves."""
+    return robot_state(bench)
+
+
+@router.post("/move", status_code=202)
+def move(bench: Bench, target: Annotated[StartRobotMove, Body()], response: Response) -> JobInfo:
+    """Move to joint angles in degrees; the job fails unless the verifier certifies the motion."""
+    return start(bench, target, response)
+
+
+@router.get("/settings")
+def get_robot_settings(bench: Bench) -> RobotSettings:
+    """Return model, errors, scan speed and place of the base."""
+    return bench.session.setup.devices.robot
+
+
+@router.put("/settings")
+def put_robot_settings(bench: Bench, settings: Annotated[SetRobot, Body()]) -> Changed:
+    """Set model, errors, scan speed and place of the base; the command `SetRobot`."""
+    return changed(bench, settings)
+
+
+@router.post("/stop")
+async def stop(bench: Bench) -> Stopped:
+    """Stop the robot at once and end what uses the devices; always allowed, any number of times."""
+    await asyncio.get_running_loop().run_in_executor(_STOP, bench.stop)
+    return Stopped(True)
+
+
+@router.get("/stream", response_class=EventStream, responses=DESCRIBED)
+async def stream_state(bench: Bench, streams: Open) -> EventStream:
+    """Follow the joint angles by server-sent events while they change, up to 30 a second."""
+    return EventStream(_states(bench, streams))
+
+
+async def _states(bench: Workbench, streams: Streams) -> AsyncIterator[bytes]:
+    with streams.waker() as waker:
+        seen, silent_s = None, 0.0
+        while not streams.closing and not bench.closed:
+            try:
+                state = await run_in_threadpool(robot_state, bench)
+            except RonaError as error:
+                yield event({"code": error.code, "detail": str(error)}, kind="problem")
+                return
+            silent_s += 1.0 / STREAM_HZ
+            if (state.joints_deg, state.moving) != seen:
+                seen, silent_s = (state.joints_deg, state.moving), 0.0
+                yield event(plain(state), kind="state")
+            elif silent_s > PERIOD_S:
+                silent_s = 0.0
+                yield ALIVE
+            await waker.wait(1.0 / STREAM_HZ)

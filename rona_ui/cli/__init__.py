@@ -1,0 +1,129 @@
+"""The command line: serve, demo, inspect."""
+
+import argparse
+import os
+import sys
+import traceback
+from collections.abc import Sequence
+from importlib import import_module
+from pathlib import Path
+from typing import Any
+
+from rona_core import __version__
+from rona_core.errors import RonaError
+
+FAILED, BAD_INPUT, INTERRUPTED = 1, 2, 130
+DESCRIPTION = (
+    "Plan, rehearse and evaluate a robot-held 3D ultrasound scan of the skull. "
+    "Research software, not a medical device."
+)
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run one command and return the exit status: 0 done, 2 bad input, 3 could not be finished."""
+    wanted = _parser().parse_args(arguments)
+    try:
+        # only what the command needs is imported: --help answers at once
+        return import_module(f"rona_ui.cli.{wanted.verb}").run(wanted)
+    except RonaError as error:
+        return _complain(str(error), BAD_INPUT)
+    except BrokenPipeError:  # the reader of our output has gone
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return FAILED
+    except OSError as error:
+        where = f" {error.filename}" if error.filename else ""
+        return _complain(f"{error.strerror or error}{where}", BAD_INPUT)
+    except KeyboardInterrupt:
+        return _complain("interrupted", INTERRUPTED)
+    except Exception as error:  # a defect: one line, unless somebody wants to see more
+        if os.environ.get("RONA_DEBUG"):
+            traceback.print_exc()
+        text = f"{type(error).__name__}: {error} (a defect; RONA_DEBUG=1 shows where)"
+        return _complain(text, FAILED)
+
+
+def _complain(text: str, status: int) -> int:
+    sys.stderr.write(f"error: {' '.join(text.split())}\n")
+    return status
+
+
+# ------------------------------------------------------------------ arguments
+
+
+def _parser() -> argparse.ArgumentParser:
+    parser = argparse.ArgumentParser(prog="rona", description=DESCRIPTION)
+    parser.add_argument("--version", action="version", version=f"rona {__version__}")
+    verbs = parser.add_subparsers(title="commands", required=True, metavar="COMMAND")
+    _add_serve(verbs)
+    _add_demo(verbs)
+    _add_inspect(verbs)
+    return parser
+
+
+def _verb(verbs: Any, name: str, text: str) -> argparse.ArgumentParser:
+    verb: argparse.ArgumentParser = verbs.add_parser(
+        name, help=text, description=f"{text[0].upper()}{text[1:]}."
+    )
+    verb.set_defaults(verb=name)
+    return verb
+
+
+def _add_serve(verbs: Any) -> None:
+    verb = _verb(verbs, "serve", "start the program for the browser")
+    verb.add_argument(
+        "--host", default="127.0.0.1", help="address to listen on (default: this machine only)"
+    )
+    verb.add_argument("--port", type=int, default=8642, help="port, 0 for a free one (8642)")
+    verb.add_argument("--sessions", type=Path, metavar="DIR", help="folder of session files")
+    verb.add_argument(
+        "--allow-host",
+        action="append",
+        default=[],
+        metavar="NAME",
+        help="a further name that the server answers to; may be repeated",
+    )
+    verb.add_argument(
+        "--no-auth",
+        action="store_true",
+        help="no token; only when listening on this machine (else RONA_TOKEN or a random one)",
+    )
+    verb.add_argument("--no-open", action="store_true", help="do not open a browser")
+    verb.add_argument(
+        "--pace",
+        type=float,
+        metavar="X",
+        help="show captures at X times real time (default: 8); 0 for at once",
+        default=8.0,
+    )
+
+
+def _add_demo(verbs: Any) -> None:
+    verb = _verb(verbs, "demo", "carry out the complete procedure without a browser")
+    verb.add_argument("--seed", type=int, default=0, help="patient, placement and noise (0)")
+    verb.add_argument(
+        "--specimen",
+        default="simulated",
+        metavar="simulated|FILE",
+        help="simulated skull, or a file: mask or CT volume (.nrrd, .nii), mesh (.stl, .ply, .obj)",
+    )
+    verb.add_argument("--inner", metavar="FILE", help="inner surface, where it is another file")
+    verb.add_argument(
+        "--threshold", type=float, metavar="V", help="bone threshold of a CT, in its own units"
+    )
+    verb.add_argument(
+        "--center",
+        type=float,
+        nargs=3,
+        metavar=("X", "Y", "Z"),
+        help="centre of the scanned region in mm, in coordinates of the specimen",
+    )
+    verb.add_argument("--radius", type=float, metavar="R", help="radius of the region in mm (25)")
+    verb.add_argument("--robot", default="rx90", metavar="NAME", help="robot (rx90)")
+    verb.add_argument("--out", type=Path, metavar="FILE", help="save the session here")
+    verb.add_argument("--json", action="store_true", help="print one JSON object, no table")
+
+
+def _add_inspect(verbs: Any) -> None:
+    verb = _verb(verbs, "inspect", "say what a session file holds")
+    verb.add_argument("file", type=Path, metavar="FILE")
+    verb.add_argument("--json", action="store_true", help="print one JSON object")

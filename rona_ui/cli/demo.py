@@ -1,0 +1,109 @@
+"""``rona demo``: the complete procedure without a browser, and its figures against ground truth."""
+
+import json
+import sys
+from pathlib import Path
+from typing import Any
+
+from rich.console import Console
+from rich.progress import BarColumn, Progress, TaskID, TextColumn, TimeElapsedColumn
+from rich.table import Table
+from rich.text import Text
+
+from rona_core.app.quality import quality_rows
+from rona_core.compose import run_demo
+from rona_core.errors import InvalidInputError
+from rona_core.session.document import Session
+from rona_core.session.files import save_session
+
+INCOMPLETE = 3  # exit status where the procedure could not be finished
+COLOURS = {"pass": "green", "review": "yellow", "fail": "red"}
+
+
+def run(wanted: Any) -> int:
+    """Carry out the procedure, show how far it is, and end with the figures."""
+    for name in (wanted.specimen, wanted.inner):
+        if name not in (None, "simulated") and not Path(name).is_file():
+            raise InvalidInputError(f"there is no file {name}")
+    if wanted.out is not None and not wanted.out.resolve().parent.is_dir():
+        raise InvalidInputError(f"there is no folder {wanted.out.resolve().parent}")
+    with _Bars() as bars:
+        session, figures = run_demo(
+            wanted.seed,
+            specimen=wanted.specimen,
+            inner=wanted.inner,
+            threshold=wanted.threshold,
+            center=wanted.center,
+            radius=wanted.radius,
+            robot=wanted.robot,
+            progress=bars.show,
+        )
+    if wanted.out is not None:
+        save_session(session, wanted.out)
+    if wanted.json:
+        sys.stdout.write(json.dumps(figures, allow_nan=False) + "\n")
+    else:
+        _print_figures(figures, session)
+        if wanted.out is not None:
+            sys.stdout.write(f"saved in {wanted.out}\n")
+    return 0 if figures.get("completed") else INCOMPLETE
+
+
+class _Bars:
+    """One bar for each step, on stderr."""
+
+    def __init__(self) -> None:
+        self._progress = Progress(
+            TextColumn("{task.description:<10}"),
+            BarColumn(40),
+            TextColumn("{task.percentage:>3.0f} %"),
+            TimeElapsedColumn(),
+            console=Console(stderr=True),
+        )
+        self._tasks: dict[str, TaskID] = {}
+
+    def __enter__(self) -> "_Bars":
+        self._progress.start()
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._progress.stop()
+
+    def show(self, step: str, share: float) -> None:
+        """Show that this share of a step is done."""
+        if step not in self._tasks:
+            self._tasks[step] = self._progress.add_task(step, total=1.0)
+        self._progress.update(self._tasks[step], completed=share)
+
+
+def _print_figures(figures: dict[str, Any], session: Session) -> None:
+    head = f"seed {figures.get('seed')}, {figures.get('specimen')}, {figures.get('robot')}"
+    table = Table(title=f"Against ground truth: {head}", title_justify="left", pad_edge=False)
+    for column in ("figure", "value", "unit", "limit", "verdict", "paper"):
+        right = column in ("value", "limit", "paper")
+        table.add_column(column, justify="right" if right else "left")
+    for row in quality_rows(figures, session):
+        sign = "\u2264" if row.sense == "at most" else "\u2265"
+        table.add_row(
+            row.title,
+            _number(row.value, row.decimals),
+            row.unit,
+            "" if row.limit is None else f"{sign} {row.limit:g}",
+            Text(row.verdict, COLOURS[row.verdict]) if row.verdict in COLOURS else "",
+            "" if row.paper is None else f"{row.paper:g}",
+        )
+    console = Console()
+    console.print(table)
+    if figures.get("completed"):
+        console.print(f"completed in {figures.get('wall_s', 0.0):.0f} s", highlight=False)
+    else:
+        text = f"not completed: step {figures.get('failed_step')}: {figures.get('reason')}"
+        console.print(Text(text, "red"), soft_wrap=True)
+
+
+def _number(value: Any, decimals: int) -> str:
+    if value is None:
+        return "-"
+    if isinstance(value, bool | str):
+        return str(value)
+    return f"{value:.{decimals}f}"

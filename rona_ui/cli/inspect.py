@@ -1,0 +1,46 @@
+"""``rona inspect``: what a session file holds."""
+
+import json
+import sys
+from typing import Any
+
+from rona_core.app.inputs import RESULTS
+from rona_core.app.queries import step_states
+from rona_core.session.files import load_session
+from rona_core.session.migrate import SCHEMA
+
+
+def run(wanted: Any) -> int:
+    """Say what the file holds, as text or as JSON."""
+    session = load_session(wanted.file)
+    steps = step_states(session)
+    captures = [
+        {"kind": type(capture).__name__, "ordinal": capture.ordinal, "partial": capture.partial}
+        for capture in session.archive
+    ]
+    if wanted.json:
+        facts = {
+            "name": session.name,
+            "id": session.id,
+            "created_utc": session.created_utc,
+            "schema": SCHEMA,
+            "seed": session.setup.seed,
+            "revision": len(session.log),
+            "steps": {step.name: {"state": step.state, "reason": step.reason} for step in steps},
+            "captures": captures,
+        }
+        sys.stdout.write(json.dumps(facts, allow_nan=False) + "\n")
+        return 0
+    lines = [
+        f"{session.name}  (id {session.id}, made {session.created_utc})",
+        f"seed {session.setup.seed}, revision {len(session.log)}, schema {SCHEMA}",
+        *(f"  {step.number} {step.title:<10} {step.state:<8} {step.reason}" for step in steps),
+    ]
+    kinds = [
+        f"{c['ordinal']} {c['kind']}" + (" (partial)" if c["partial"] else "") for c in captures
+    ]
+    lines.append(f"captures: {', '.join(kinds) or 'none'}")
+    results = [name for name in RESULTS if getattr(session.results, name) is not None]
+    lines.append(f"results: {', '.join(results) or 'none'}")
+    sys.stdout.write("\n".join(lines) + "\n")
+    return 0

@@ -1,0 +1,39 @@
+"""``rona serve``: the program for the browser."""
+
+import sys
+from typing import Any
+
+from rona_core.compose import build_hub
+from rona_core.errors import InvalidInputError
+from rona_ui.resources import sessions_dir
+from rona_ui.server import ServerSettings, serve, token_from_environment
+from rona_ui.window import open_window
+
+
+def run(wanted: Any) -> int:
+    """Serve until somebody interrupts."""
+    pace = wanted.pace or None
+    if pace is not None and not 0.0 < pace <= 1000.0:
+        raise InvalidInputError(f"--pace must be 0 to 1000, not {wanted.pace:g}")
+    folder = sessions_dir() if wanted.sessions is None else wanted.sessions.expanduser().resolve()
+    folder.mkdir(parents=True, exist_ok=True)
+    settings = ServerSettings(
+        host=wanted.host,
+        port=wanted.port,
+        sessions=folder,
+        allow_hosts=tuple(wanted.allow_host),
+        token=None if wanted.no_auth else token_from_environment(),
+        open_browser=not wanted.no_open,
+    )
+
+    def say(url: str) -> None:
+        sys.stdout.write(f"RONA is at {url}\nSessions are in {folder}. Ctrl-C ends it.\n")
+        sys.stdout.flush()
+
+    serve(
+        settings,
+        build_hub=lambda place: build_hub(place, pace=pace),
+        open_window=open_window,
+        say=say,
+    )
+    return 0

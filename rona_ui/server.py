@@ -1,0 +1,289 @@
+"""The web server: one process, one port, one origin for the page, the viewer and REST."""
+
+import asyncio
+import contextlib
+import os
+import secrets
+import shutil
+import socket
+import webbrowser
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, Protocol
+
+import uvicorn
+import viser
+from fastapi import APIRouter, FastAPI
+from fastapi.staticfiles import StaticFiles
+from starlette.requests import Request
+from starlette.responses import FileResponse, Response
+from starlette.routing import Route
+from starlette.types import ASGIApp
+
+from rona_core import __version__
+from rona_core.app.hub import Hub
+from rona_core.errors import InvalidInputError, RonaError
+from rona_ui.api import commands, events, jobs, probe, problems, results, robot, sessions, tracker
+from rona_ui.api.context import PREFIX
+from rona_ui.api.guard import LOOPBACK, Access, Guard, is_loopback
+from rona_ui.api.streams import Streams
+from rona_ui.gateway import MAX_MESSAGE_BYTES, ViewerGateway
+from rona_ui.resources import demo_session, sessions_dir, static_dir
+
+MAX_BODY_BYTES = 1024**2  # of a request that is not an upload
+GRACE_S = 3
+PORT = 8642
+TAGS = {
+    "session": "Open sessions and their changes. `current` stands for the one the viewer shows.",
+    "files": "Session files and files of specimens.",
+    "commands": "Changes of a session, at once and purely; one route per command.",
+    "jobs": "What takes time or touches a device: started, followed, cancelled.",
+    "results": "What a session knows: steps, results, frames, figures, replay.",
+    "tracker": "The optical tracking system.",
+    "robot": "The robot. Stop wins over everything.",
+    "probe": "The ultrasound probe.",
+}
+CONTENT_POLICY = "; ".join(
+    (
+        "default-src 'self'",
+        "style-src 'self' 'unsafe-inline'",
+        "img-src 'self' data:",
+        "frame-ancestors 'self'",
+        "base-uri 'none'",
+        "form-action 'self'",
+    )
+)
+
+
+class Window(Protocol):
+    """What is drawn in the viewer."""
+
+    def close(self) -> None:
+        """Stop drawing."""
+        ...
+
+
+OpenWindow = Callable[[viser.ViserServer, Hub], Window]
+
+
+@dataclass(frozen=True, slots=True)
+class ServerSettings:
+    """How to serve.
+
+    Raises:
+        InvalidInputError: without a token the server may be bound to this machine only.
+    """
+
+    host: str = "127.0.0.1"
+    port: int = PORT  # 0 takes a free one
+    sessions: Path = field(default_factory=sessions_dir)
+    allow_hosts: tuple[str, ...] = ()
+    token: str | None = field(default_factory=lambda: token_from_environment())
+    open_browser: bool = True
+
+    def __post_init__(self) -> None:
+        if self.token is None and not is_loopback(self.host):
+            raise InvalidInputError(
+                f"--no-auth works on this machine only, not when bound to {self.host}: "
+                "leave it out or bind to 127.0.0.1"
+            )
+        if not 0 <= self.port <= 65535:
+            raise InvalidInputError(f"port must be 0 to 65535, not {self.port}")
+
+    @property
+    def access(self) -> Access:
+        """Names the server answers to, and the token it wants."""
+        wildcard = self.host in ("0.0.0.0", "::", "")
+        bound = () if wildcard else (self.host,)
+        return Access(self.token, (*LOOPBACK, *bound, *self.allow_hosts))
+
+
+def token_from_environment() -> str:
+    """Return ``RONA_TOKEN``, or a random token where it is not set."""
+    return os.environ.get("RONA_TOKEN") or secrets.token_urlsafe(24)
+
+
+def create_app(hub: Hub, gateway: ViewerGateway | None, settings: ServerSettings) -> ASGIApp:
+    """Return the guarded application: page, viewer and REST of one hub."""
+    app = bare_app(hub, gateway)
+    return Guard(app, settings.access)
+
+
+def bare_app(hub: Hub, gateway: ViewerGateway | None) -> FastAPI:
+    """Return the application without its guard."""
+    app = FastAPI(
+        title="RONA",
+        version=__version__,
+        summary="Plan, rehearse and evaluate a robot-held ultrasound scan of the skull.",
+        description=f"{events.NOTICE.capitalize()}. Lengths are mm; names carry their unit.",
+        openapi_url=f"{PREFIX}/openapi.json",
+        docs_url=None,
+        redoc_url=None,
+        openapi_tags=[{"name": name, "description": text} for name, text in TAGS.items()],
+        max_body_size=MAX_BODY_BYTES,
+    )
+    app.state.hub = hub
+    app.state.streams = Streams()
+    problems.install(app)
+    api = APIRouter(prefix=PREFIX, responses=problems.RESPONSES)
+    for part in (sessions, commands, jobs, results, events, tracker, robot, probe):
+        api.include_router(part.router)
+        if part is sessions:
+            api.include_router(sessions.files)
+    app.include_router(api)
+    _add_pages(app)
+    if gateway is not None:
+        app.router.routes.extend(gateway.routes())
+    _describe(app)
+    return app
+
+
+def _add_pages(app: FastAPI) -> None:
+    folder = static_dir()
+
+    def page(name: str) -> Callable[[Request], Response]:
+        headers = {"Content-Security-Policy": CONTENT_POLICY, "Cache-Control": "no-cache"}
+        return lambda request: FileResponse(folder / name, headers=headers)
+
+    for path, name in (("/", "index.html"), (f"{PREFIX}/docs", "docs.html")):
+        app.router.routes.append(Route(path, page(name), methods=["GET", "HEAD"]))
+    icon = page("icon.svg")
+    app.router.routes.append(Route("/favicon.ico", icon, methods=["GET", "HEAD"]))
+    app.mount("/static", StaticFiles(directory=folder), name="static")
+
+
+def _describe(app: FastAPI) -> None:
+    """Add the problem and the token to the OpenAPI document."""
+    generate = app.openapi
+
+    def openapi() -> dict[str, Any]:
+        if app.openapi_schema is None:
+            document = generate()
+            for verbs in document["paths"].values():
+                for operation in verbs.values():
+                    first = operation.get("description", "").splitlines()
+                    operation["summary"] = first[0] if first else operation["summary"]
+            parts = document.setdefault("components", {})
+            parts.setdefault("schemas", {})["Problem"] = problems.SCHEMA
+            for unused in ("HTTPValidationError", "ValidationError"):
+                parts["schemas"].pop(unused, None)
+            parts["securitySchemes"] = {
+                "token": {"type": "http", "scheme": "bearer", "description": "RONA_TOKEN"}
+            }
+            document["security"] = [{"token": []}]
+            app.openapi_schema = document
+        return app.openapi_schema
+
+    app.openapi = openapi  # FastAPI's documented way to extend the document
+
+
+class Server(uvicorn.Server):
+    """uvicorn that ends the event streams first, so that it need not wait for them."""
+
+    def __init__(self, app: ASGIApp, streams: Streams, settings: ServerSettings) -> None:
+        """Serve ``app``."""
+        self._streams = streams
+        super().__init__(
+            uvicorn.Config(
+                app,
+                host=settings.host,
+                port=settings.port,
+                log_level="warning",
+                access_log=False,
+                server_header=False,
+                ws="websockets-sansio",
+                ws_max_size=MAX_MESSAGE_BYTES,
+                ws_per_message_deflate=False,
+                timeout_graceful_shutdown=GRACE_S,
+            )
+        )
+
+    async def shutdown(self, sockets: list[socket.socket] | None = None) -> None:
+        """End the streams, then everything else."""
+        self._streams.close()
+        await asyncio.sleep(0)
+        await super().shutdown(sockets)
+
+
+def server_of(hub: Hub, gateway: ViewerGateway | None, settings: ServerSettings) -> Server:
+    """Return a server that is ready to run."""
+    app = bare_app(hub, gateway)
+    return Server(Guard(app, settings.access), app.state.streams, settings)
+
+
+def open_first_session(hub: Hub) -> None:
+    """Open a copy of the demo session, or a new session where there is none."""
+    demo = demo_session()
+    if demo.is_file():
+        try:
+            hub.open_bytes(demo.read_bytes(), demo.name)
+        except RonaError:
+            pass  # a demo of another version must not keep the program from starting
+        else:
+            return
+    hub.create()
+
+
+def address(settings: ServerSettings, port: int) -> str:
+    """Return the address to open, with the token."""
+    host = settings.host if settings.host not in ("0.0.0.0", "::", "") else "127.0.0.1"
+    host = f"[{host}]" if ":" in host else host
+    query = "" if settings.token is None else f"?token={settings.token}"
+    return f"http://{host}:{port}/{query}"
+
+
+def has_display() -> bool:
+    """Return whether a browser can be opened for the user."""
+    if os.name == "nt" or shutil.which("open"):
+        return True
+    return bool(os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY"))
+
+
+def serve(
+    settings: ServerSettings,
+    *,
+    build_hub: Callable[[Path], Hub],
+    open_window: OpenWindow,
+    say: Callable[[str], None],
+) -> None:
+    """Serve until somebody interrupts; ``say`` is told the address.
+
+    Raises:
+        InvalidInputError: the port is taken or the host is not one of this machine.
+    """
+    bound = _bind(settings)
+    with contextlib.ExitStack() as ends, bound:
+        hub = build_hub(settings.sessions)
+        ends.callback(hub.close_all)
+        open_first_session(hub)
+        gateway = ViewerGateway()
+        ends.callback(gateway.close)
+        window = open_window(gateway.server, hub)
+        ends.callback(window.close)
+        url = address(settings, bound.getsockname()[1])
+        say(url)
+        if settings.open_browser and has_display():
+            webbrowser.open(url)
+        server_of(hub, gateway, settings).run(sockets=[bound])
+
+
+def _bind(settings: ServerSettings) -> socket.socket:
+    try:
+        found = socket.getaddrinfo(
+            settings.host, settings.port, type=socket.SOCK_STREAM, flags=socket.AI_PASSIVE
+        )
+        family, kind, protocol, _, where = found[0]
+        bound = socket.socket(family, kind, protocol)
+        bound.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        try:
+            bound.bind(where)
+        except OSError:
+            bound.close()
+            raise
+    except OSError as error:
+        reason = error.strerror or str(error)
+        raise InvalidInputError(
+            f"cannot listen on {settings.host}, port {settings.port}: {reason}; try another --port"
+        ) from error
+    return bound

@@ -1,0 +1,125 @@
+"use strict";
+// The bar above the viewer: shows the state of the program as it streams in, and stops the robot.
+
+const API = "/api/v1";
+const $ = (id) => document.getElementById(id);
+const viewer = $("viewer");
+let messageTimer = 0;
+
+function say(text, bad = false, seconds = 6) {
+  const box = $("message");
+  box.textContent = text;
+  box.title = text;
+  box.classList.toggle("bad", bad);
+  box.hidden = false;
+  clearTimeout(messageTimer);
+  messageTimer = setTimeout(() => { box.hidden = true; }, seconds * 1000);
+}
+
+async function post(path, body) {
+  const answer = await fetch(API + path, {
+    method: "POST",
+    headers: body === undefined ? {} : { "Content-Type": "application/json" },
+    body: body === undefined ? undefined : JSON.stringify(body),
+    keepalive: true,
+  });
+  if (answer.ok) return answer;
+  let detail = `the server answered ${answer.status}`;
+  try { detail = (await answer.json()).detail || detail; } catch { /* no JSON: keep the number */ }
+  throw new Error(detail);
+}
+
+// ---------------------------------------------------------------- stop
+
+async function stop() {
+  const button = $("stop");
+  button.classList.add("sent");
+  try {
+    await post("/sessions/current/robot/stop");
+    say("Robot stopped");
+  } catch (error) {
+    say(`STOP FAILED: ${error.message}`, true, 30);
+  } finally {
+    setTimeout(() => button.classList.remove("sent"), 300);
+  }
+}
+
+function onKey(event) {
+  if (event.key === "Escape" && !event.repeat) stop();
+}
+
+function listenIn(frame) {
+  // Same origin: a key pressed in the viewer, in an input field too, reaches us first.
+  try {
+    frame.contentWindow.removeEventListener("keydown", onKey, true);
+    frame.contentWindow.addEventListener("keydown", onKey, true);
+  } catch { /* a page of another origin cannot be here */ }
+}
+
+$("stop").addEventListener("click", stop);
+window.addEventListener("keydown", onKey, true);
+viewer.addEventListener("load", () => { listenIn(viewer); viewer.contentWindow.focus(); });
+listenIn(viewer);
+
+// ---------------------------------------------------------------- state
+
+const words = (activity) => activity.replace(/^Start/, "").replace(/([a-z])([A-Z])/g, "$1 $2");
+
+function show(state) {
+  const session = state.session;
+  $("name").textContent = session ? session.name : "no session open";
+  $("name").title = session ? `${session.name} (session ${session.id}, revision ${session.revision})` : "";
+  const saved = $("saved");
+  saved.textContent = !session ? "" : session.saved ? `saved in ${session.file}` : "● not saved";
+  saved.classList.toggle("changed", Boolean(session) && !session.saved);
+  document.title = session ? `${session.saved ? "" : "● "}${session.name} – RONA` : "RONA";
+  $("origin").textContent = state.origin || "NO DEVICES";
+  $("origin").dataset.origin = state.origin || "";
+  const job = state.jobs[0];
+  $("job").hidden = !job;
+  if (job) {
+    $("activity").textContent = words(job.activity);
+    $("progress").value = job.progress;
+    $("percent").textContent = `${Math.round(100 * job.progress)} %`;
+  }
+}
+
+function connection(state, text) {
+  $("link").dataset.state = state;
+  $("linktext").textContent = text;
+}
+
+function follow() {
+  const source = new EventSource(`${API}/status/events`);
+  let refocus = false;
+  source.onopen = () => {
+    connection("up", "connected");
+    if (refocus) viewer.contentWindow.focus(); // the viewer reconnects only while it has focus
+    refocus = false;
+  };
+  source.addEventListener("status", (event) => show(JSON.parse(event.data)));
+  source.onerror = async () => {
+    refocus = true;
+    connection("down", "no connection");
+    let status = 0;
+    try { status = (await fetch(`${API}/status`)).status; } catch { /* the server is away */ }
+    if (status === 401) {
+      source.close();
+      connection("down", "access expired");
+      say("Open the address that rona serve printed", true, 3600);
+    } else if (source.readyState === EventSource.CLOSED) {
+      setTimeout(follow, 2000);
+    }
+  };
+}
+
+$("help").addEventListener("click", () => $("helptext").showModal());
+$("demo").addEventListener("click", async () => {
+  try {
+    await post("/sessions/demo");
+    say("A copy of the demo session is open");
+  } catch (error) {
+    say(error.message, true);
+  }
+});
+follow();
