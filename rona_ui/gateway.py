@@ -106,7 +106,7 @@ class ViewerGateway:
                 await _first_to_end(_pump_up(browser, upstream), _pump_down(upstream, browser))
         except (OSError, websockets.exceptions.WebSocketException):
             pass  # viser is stopping: the browser tries again by itself
-        with contextlib.suppress(RuntimeError):
+        with contextlib.suppress(RuntimeError, WebSocketDisconnect):  # it may be gone
             await browser.close(1001)
 
 

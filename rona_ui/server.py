@@ -278,6 +278,7 @@ def _bind(settings: ServerSettings) -> socket.socket:
         bound.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
         try:
             bound.bind(where)
+            bound.listen(128)  # who comes before the server is ready waits instead of failing
         except OSError:
             bound.close()
             raise

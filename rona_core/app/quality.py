@@ -32,7 +32,7 @@ class QualityRow:
 
     key: str
     title: str
-    value: float | str | bool | None
+    value: float | int | str | bool | None
     unit: str
     decimals: int
     limit: float | None

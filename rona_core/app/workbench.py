@@ -42,6 +42,7 @@ class Workbench:
         self._services = services
         self._rig_lock = threading.Lock()
         self._rig: tuple[str, Rig] | None = None
+        self._judged: tuple[tuple[Any, Any, Any], Figures] | None = None
         self._closed = False
 
     @property
@@ -130,7 +131,16 @@ class Workbench:
         """Return the figures against ground truth; empty where there is none."""
         if self._services.evaluate is None:
             return {}
-        return self._services.evaluate(self.session, self.rig())
+        session = self.session
+        seen = (session.setup, session.captures, session.results)
+        known = self._judged
+        if known is not None and all(a is b for a, b in zip(known[0], seen, strict=True)):
+            return dict(known[1])
+        busy = self.jobs.devices_busy  # then the devices may be those of an earlier set-up
+        figures = self._services.evaluate(session, self.rig())
+        if not busy:
+            self._judged = (seen, figures)
+        return dict(figures)
 
     def close(self) -> None:
         """Stop, and release devices and threads; a second call does nothing."""
