@@ -180,7 +180,7 @@ def _fused(
     fit = fit_cloud(cloud_map, plate, NEAR_MM)
     if fit is None:
         return grid.boundary(plate, grid.near(outer_map)), None
-    moved = fit.T_base_cloud @ cloud_map  # both in map
+    moved = fit.correction @ cloud_map  # both in map
     reach = KDTree(outer_map[:, :2]).query(moved[:, :2])[0]
     points = thinned(moved[reach <= CLOUD_REACH_MM], grid.cell_mm)
     points = points[agreeing(points[:, :2], points[:, 2])] if len(points) else points
@@ -194,8 +194,8 @@ def _fused(
         stiffness=plate.stiffness,
     )
     ok = grid.near(outer_map) | grid.near(points)
-    T_base_cloud = grid.T_base_map @ fit.T_base_cloud @ grid.T_base_map.inv()
-    in_base = CloudFit(T_base_cloud, fit.rms_mm, fit.n_used, fit.eigenvalues)
+    correction = grid.T_base_map @ fit.correction @ grid.T_base_map.inv()
+    in_base = CloudFit(correction, fit.rms_mm, fit.n_used, fit.eigenvalues)
     return grid.boundary(joined, ok), in_base
 
 

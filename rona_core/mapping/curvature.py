@@ -5,7 +5,7 @@ import numpy as np
 from rona_core.arrays import Floats
 from rona_core.ultrasound.beam import probe_beam
 from rona_core.ultrasound.matched import block_template
-from rona_core.ultrasound.medium import GEL
+from rona_core.ultrasound.material import GEL
 from rona_core.ultrasound.probe import ProbeModel
 
 

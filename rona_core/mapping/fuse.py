@@ -34,7 +34,7 @@ def fit_cloud(cloud_map: Floats, plate: PlateFit, overlap_mm: float) -> CloudFit
         overlap_mm: How close to an ultrasound sample a point must lie to count.
 
     Returns:
-        The motion in ``map`` (as ``T_base_cloud``, to be turned to ``base`` by the caller), or
+        The motion in ``map`` (to be turned to ``base`` by the caller), or
         None where too few points lie over the map.
     """
     tree = KDTree(plate.places_mm)
@@ -44,12 +44,12 @@ def fit_cloud(cloud_map: Floats, plate: PlateFit, overlap_mm: float) -> CloudFit
     points = cloud_map[inside]
     chart = _chart(plate, points[:, :2])
     center = points.mean(axis=0)
-    T_map_cloud = Pose.identity()
+    so_far = Pose.identity()
     prior = np.diag((*[PRIOR_SHIFT_MM**-2] * 3, *[PRIOR_TURN_RAD**-2] * 3))
     total = np.zeros(6)  # motion so far, for the prior
     information = prior
     for _ in range(ROUNDS):
-        moved = T_map_cloud @ points
+        moved = so_far @ points
         distance, normals = _to_plane(moved, chart)
         scale = max(MAD_TO_SD * float(np.median(np.abs(distance))), LEAST_SCALE_MM)
         weights = np.clip(1.0 - (distance / (TUKEY * scale)) ** 2, 0.0, None) ** 2 / scale**2
@@ -59,13 +59,13 @@ def fit_cloud(cloud_map: Floats, plate: PlateFit, overlap_mm: float) -> CloudFit
         total = total + step
         turn = Pose.from_rotvec(step[3:])
         about = Pose(turn.rotation, center - turn.rotation @ center + step[:3])
-        T_map_cloud = about @ T_map_cloud
+        so_far = about @ so_far
         if np.abs(step).max() < 1e-7:
             break
-    distance, _ = _to_plane(T_map_cloud @ points, chart)
+    distance, _ = _to_plane(so_far @ points, chart)
     scaled = information / np.outer(*[np.array((1.0,) * 3 + (20.0,) * 3)] * 2)
     return CloudFit(
-        T_base_cloud=T_map_cloud,
+        correction=so_far,
         rms_mm=float(np.sqrt(np.mean(distance**2))),
         n_used=len(points),
         eigenvalues=readonly(np.asarray(np.linalg.eigvalsh(scaled), dtype=np.float64)),

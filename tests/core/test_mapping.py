@@ -203,7 +203,7 @@ def test_the_displacement_is_found_along_the_normal_and_a_slide_is_owned_up_to()
     T_error = Pose.from_translation((0.0, 0.0, -1.5))  # along the normal of the dome's top
     points = cloud(skull, rng, 600, radius_mm=18.0, sd_mm=0.05, T_error=T_error)
     fit = build_maps(detection, poses, points).cloud_fit
-    corrected = T_BASE_SKULL.inv() @ (fit.T_base_cloud @ points)
+    corrected = T_BASE_SKULL.inv() @ (fit.correction @ points)
     off = skull.outer_z(corrected[:, :2]) - corrected[:, 2]
     assert abs(off.mean()) < 0.05
     assert rms(off) < 0.12
