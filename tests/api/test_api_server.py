@@ -11,9 +11,17 @@ from rona_core.app.messages import (
     COMMANDS,
     CalibratePointer,
     SetPointer,
+    SetRegion,
     SetSeed,
     SetTracker,
+    SmoothScanPath,
+    StartMapping,
+    StartPathCapture,
     StartPointerCapture,
+    StartRollSearch,
+    StartScan,
+    StartSurfaceCapture,
+    StartToolCapture,
     Undo,
 )
 from rona_core.app.plain import plain_arguments
@@ -80,7 +88,18 @@ def test_rest_and_python_give_the_same_session(client, web, tmp_path):
 
 @pytest.mark.slow
 def test_the_whole_procedure_through_rest(client, web, tmp_path):
-    messages = [message for _, message in PROCEDURE]
+    messages = [  # all nine steps, over a small region
+        SetRegion(radius_mm=14.0),
+        StartToolCapture(n_pivot=12, n_translate=4),
+        StartPointerCapture(duration_s=6.0),
+        StartSurfaceCapture(duration_s=25.0),
+        StartPathCapture(duration_s=15.0, spacing_mm=5.0),
+        SmoothScanPath(),
+        StartRollSearch(n_rolls=24),
+        StartScan(),
+        StartMapping(),
+    ]
+    assert {type(m) for _, m in PROCEDURE} < {type(m) for m in messages}
     session = through_rest(client, messages)
     states = {s["name"]: s["state"] for s in client.get(f"/sessions/{session}/steps").json()}
     assert set(states.values()) == {"done"}
