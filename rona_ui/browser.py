@@ -13,7 +13,7 @@ from rona_core.errors import NotFoundError
 from rona_ui.bindings import Bindings, Event, notify
 from rona_ui.panels.docks import Docks
 from rona_ui.panels.door import Door
-from rona_ui.scene.camera import UP, preset
+from rona_ui.scene.camera import FOCUS, UP, preset
 from rona_ui.scene.metres import M_PER_MM, metres
 from rona_ui.scene.world import World
 from rona_ui.view_state import Picture, Point, ViewState
@@ -63,10 +63,11 @@ class Browser:
         with self.client.atomic():
             self._docks.render(old, new)
             self._world.render(old, new)
-        first = (old is None or old.backdrop is None) and new.backdrop is not None
         self._drawn = new
-        if first:
-            self._look("Overview")
+        if new.backdrop is not None:
+            focus = FOCUS[new.view.step]
+            if old is None or old.backdrop is None or FOCUS[old.view.step] != focus:
+                self._look(focus)
         self._listen(new)
 
     # -------------------------------------------------------------- camera

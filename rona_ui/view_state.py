@@ -32,12 +32,27 @@ LAYERS = {
     "fused": "Fused map",
 }
 
+_ROOM = frozenset(("skull", "robot", "tracker", "pointer", "region"))
+# What a step needs to be seen; the rest would be in the way
+NEEDED: dict[str, frozenset[str]] = {
+    "setup": _ROOM,
+    "tool": _ROOM,
+    "pointer": _ROOM,
+    "surface": frozenset(("skull", "pointer", "region", "cloud")),
+    "path": frozenset(("skull", "pointer", "region", "path")),
+    "smoothing": frozenset(("skull", "path", "arrows")),
+    "roll": frozenset(("skull", "robot", "path", "rolls")),
+    "scan": frozenset(("skull", "robot", "path", "scan")),
+    "maps": frozenset(("skull", "region", "outer", "inner", "fused")),
+}
+
 
 @dataclass(frozen=True, slots=True)
 class ViewState:
     """How one browser looks at the session; never saved, never undone."""
 
     step: str = "setup"
+    everything: bool = False  # show also what the step does not need
     hidden: frozenset[str] = frozenset({"outer", "fused"})
     shown_roll: int | None = None  # index of the roll in the graphs; None follows the plan
     cursor: float | None = None  # 0 to 1 along the planned motion; None shows the robot live
@@ -46,9 +61,12 @@ class ViewState:
     drawing: Drawing | None = None  # what a click on the skull adds to
     picks: tuple[Point, ...] = ()  # in base, mm
     quantity: Literal["thickness", "height"] = "thickness"
-    cut: bool = False
-    cut_mm: float = 0.0  # height of the cut above the region's centre, along the scan normal
+    cut: bool = True  # the drawn skull is open over the region once it has been mapped
     joint: int = 0  # joint in the graph, 0 for all
+
+    def shows(self, layer: str) -> bool:
+        """Return whether a layer of the scene is to be seen."""
+        return layer not in self.hidden and (self.everything or layer in NEEDED[self.step])
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -27,6 +27,7 @@ from rona_ui.scene.backdrop import backdrop_key, read_backdrop
 from rona_ui.view_state import Backdrop, Picture, ViewState
 
 TICK_S = 1.0 / 30.0  # while something moves
+BRAND = (0, 91, 143)
 IDLE_S = 0.5  # while nothing does; a change wakes the thread at once
 
 
@@ -47,6 +48,10 @@ class Window:
         self.bindings = Bindings(hub, self._refuse)
         self._behind = Behind(hub, self.wake)
         self._unsubscribe_hub = hub.subscribe(self.wake)
+        server.scene.world_axes.visible = False
+        server.gui.configure_theme(
+            brand_color=BRAND, show_logo=False, show_share_button=False, dark_mode=False
+        )
         server.on_client_connect(self._enter)
         server.on_client_disconnect(self._leave)
         self._thread = threading.Thread(target=self._run, name="rona-window", daemon=True)

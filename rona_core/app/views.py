@@ -10,7 +10,8 @@ from rona_core.devices.samples import AScan, AScanTrack
 from rona_core.geometry.pose import Poses
 from rona_core.robot.model import robot_model
 from rona_core.session.document import Session
-from rona_core.ultrasound.detect import preview
+from rona_core.ultrasound.probe import probe_model
+from rona_core.ultrasound.view import preview
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -46,7 +47,7 @@ class AScanPlot:
     number: int  # from 0
     time_us: Floats
     rf: Floats
-    envelope: Floats | None
+    envelope: Floats
     outer_us: float | None
     inner_us: float | None
     remark: str
@@ -172,7 +173,7 @@ def share_of_scan(session: Session, number: int) -> float | None:
 def ascan_plot(session: Session, number: int | None, live: AScan | None = None) -> AScanPlot | None:
     """Return an A-scan for the graph: the live one if given, else that of the scan by its number.
 
-    Signal and envelope are shares of their largest value.
+    Signal and envelope are shares of the signal's largest value.
     """
     if live is not None:
         track, number = AScanTrack.from_scans([live]), 0
@@ -183,31 +184,21 @@ def ascan_plot(session: Session, number: int | None, live: AScan | None = None) 
             return None
         track = capture.scans
         remark = f"A-scan {number + 1} of {len(track)}"
-    rf = track.rf[number].astype(np.float64)
-    largest = max(float(np.abs(rf).max(initial=0.0)), 1e-12)
-    time_us = track.start_us + np.arange(len(rf)) / track.sampling_mhz
-    envelope, outer_us, inner_us = None, None, None
-    derived = session.results.detection
-    if live is None and derived is not None and len(derived.value.outer_ok) == len(track):
-        found = derived.value
-        probe = session.setup.devices.probe
-        view = preview(
-            track,
-            number,
-            probe.name,
-            probe.excitation,
-            method=found.method,
-        )
-        envelope = view.envelope / max(float(np.abs(view.envelope).max(initial=0.0)), 1e-12)
-        outer_us = float(found.outer_us[number]) if found.outer_ok[number] else None
-        inner_us = float(found.inner_us[number]) if found.inner_ok[number] else None
-        remark += f": bone {found.thickness_mm[number]:.2f} mm" if inner_us else ": not usable"
+    derived, probe = session.results.detection, session.setup.devices.probe
+    found = None if live is not None or derived is None else derived.value
+    if found is not None and len(found.outer_ok) != len(track):
+        found = None
+    view = preview(track, number, probe_model(probe.name), probe.excitation, found)
+    if found is not None:
+        usable = view.inner_us is not None
+        remark += f": bone {found.thickness_mm[number]:.2f} mm" if usable else ": not usable"
+    largest = max(float(np.abs(view.rf).max(initial=0.0)), 1e-12)
     return AScanPlot(
         number=number,
-        time_us=readonly(time_us),
-        rf=readonly(rf / largest),
-        envelope=envelope,
-        outer_us=outer_us,
-        inner_us=inner_us,
+        time_us=view.time_us,
+        rf=readonly(view.rf / largest),
+        envelope=readonly(view.envelope / largest),
+        outer_us=view.outer_us,
+        inner_us=view.inner_us,
         remark=remark,
     )

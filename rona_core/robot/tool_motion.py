@@ -5,6 +5,7 @@ moves on a sphere; the shifts at constant orientation give the axes (Section III
 """
 
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -87,7 +88,7 @@ def plan_tool_motion(
         + _shift_stops(center, 1, length_mm, n_translate)
     )
     phases = np.repeat((PIVOT, ALONG_X, ALONG_Y), (n_pivot, n_translate, n_translate))
-    legs = [_leg(a, b) for a, b in zip(stops[:-1], stops[1:], strict=True)]
+    legs = [_leg(a, b) for a, b in pairwise(stops)]
     qs_legs = _reach(model, legs)
     parts, dwells = [joint_move(model, model.home_rad, qs_legs[0][0])], []
     length = len(parts[0])

@@ -23,6 +23,7 @@ from rona_core.errors import SessionFormatError
 Arrays = dict[str, NDArray[Any]]
 INLINE_SIZE = 16  # arrays up to this many values are written as JSON lists
 KINDS = "fiub"  # float, int, unsigned, bool: all that a session may hold
+STEP = 2.0**-15  # of a converter with 16 bits; coarser ones give multiples of it
 TYPE_KEY = "$type"
 
 
@@ -57,8 +58,20 @@ def _encode_array(array: NDArray[Any], name: str, arrays: Arrays) -> dict[str, A
     if array.size <= INLINE_SIZE:
         kind = array.dtype.str
         return {"values": array.ravel().tolist(), "shape": list(array.shape), "dtype": kind}
-    arrays[name] = np.ascontiguousarray(array)
-    return {"array": name}
+    packed = _packed(array)
+    arrays[name] = np.ascontiguousarray(array if packed is None else packed)
+    return {"array": name} if packed is None else {"array": name, "step": STEP}
+
+
+def _packed(array: NDArray[Any]) -> NDArray[np.int16] | None:
+    """Return float32 samples of a converter as int16 in its steps, if that loses no bit."""
+    if array.dtype != np.float32:
+        return None
+    steps = array / np.float32(STEP)
+    small = np.abs(steps) < 2**15
+    if not small.all() or (steps != np.rint(steps)).any() or np.signbit(array[array == 0]).any():
+        return None
+    return steps.astype(np.int16)
 
 
 def decode(data: Any, hint: Any, arrays: Mapping[str, NDArray[Any]], where: str = "session") -> Any:
@@ -120,7 +133,11 @@ def _decode_array(data: Any, arrays: Mapping[str, NDArray[Any]], where: str) -> 
     if "array" in data:
         if data["array"] not in arrays:
             raise SessionFormatError(f"{where}: the array {data['array']!r} is missing")
-        return readonly(arrays[data["array"]])
+        stored = arrays[data["array"]]
+        if "step" in data:
+            _checked(data["step"] == STEP, data["step"], f"the step {STEP}", where)
+            stored = stored.astype(np.float32) * np.float32(STEP)
+        return readonly(stored)
     try:
         array = np.array(data["values"], dtype=data["dtype"]).reshape(data["shape"])
     except (KeyError, TypeError, ValueError) as error:

@@ -12,6 +12,7 @@ import re
 import shutil
 import tempfile
 import zipfile
+import zlib
 from pathlib import Path
 from typing import Any
 
@@ -39,7 +40,16 @@ def session_bytes(session: Session) -> bytes:
     arrays: Arrays = {}
     document = encode(session, "session", arrays)
     log = document.pop("log")
-    members = {f"arrays/{name}.npy": _npy(array) for name, array in sorted(arrays.items())}
+    members: dict[str, bytes] = {}
+    first: dict[str, str] = {}  # digest of a member -> its name
+    copies: dict[str, str] = {}  # array that equals another -> that other
+    for name, array in sorted(arrays.items()):
+        blob = _npy(array)
+        known = first.setdefault(hashlib.sha256(blob).hexdigest(), name)
+        if known == name:
+            members[f"arrays/{name}.npy"] = blob
+        else:
+            copies[name] = known
     members["commands.jsonl"] = "".join(
         json.dumps(entry, sort_keys=True, allow_nan=False) + "\n" for entry in log
     ).encode()
@@ -52,6 +62,7 @@ def session_bytes(session: Session) -> bytes:
         "naming": NAMING,
         "session": document,
         "sha256": digests,
+        "copies": copies,
     }
     text = json.dumps(manifest, sort_keys=True, indent=1, allow_nan=False).encode()
     buffer = io.BytesIO()
@@ -81,6 +92,7 @@ def save_session(session: Session, path: Path | str) -> Path:
             file.write(data)
             file.flush()
             os.fsync(file.fileno())
+        os.chmod(temporary, 0o644)  # as other files are; temporary ones are private
         if path.exists():
             _keep_backup(path)
         os.replace(temporary, path)
@@ -125,7 +137,7 @@ def session_from_bytes(data: bytes, name: str = "upload") -> Session:
         with zipfile.ZipFile(io.BytesIO(data)) as archive:
             _check_members(archive, len(data), name)
             contents = {info.filename: archive.read(info) for info in archive.infolist()}
-    except (zipfile.BadZipFile, EOFError, OSError, NotImplementedError, RuntimeError) as error:
+    except (zipfile.BadZipFile, zlib.error, EOFError, OSError, RuntimeError) as error:
         raise SessionFormatError(
             f"{name} is not a readable session file: {error}. Is there a .bak beside it?"
         ) from error
@@ -139,6 +151,10 @@ def session_from_bytes(data: bytes, name: str = "upload") -> Session:
         for member, blob in contents.items()
         if member.startswith("arrays/")
     }
+    for name, known in manifest.get("copies", {}).items():
+        if known not in arrays:
+            raise SessionFormatError(f"the array {known!r} that {name!r} copies is missing")
+        arrays[name] = arrays[known]
     lines = contents["commands.jsonl"].decode().splitlines()
     document = {**manifest["session"], "log": [json.loads(line) for line in lines]}
     return decode(document, Session, arrays)

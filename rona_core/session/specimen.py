@@ -33,7 +33,8 @@ class SimulatedSkull:
 class LoadedSkull:
     """A skull from a file: the signed distance to its bone, fixed once, around the scanned disc.
 
-    Node (i, j, k) of ``distance_um`` lies at ``origin_skull + spacing_mm * axes_skull @ (i, j, k)``.
+    Node (i, j, k) of ``distance_um`` lies at
+    ``origin_skull + spacing_mm * axes_skull @ (i, j, k)``.
     The distance is negative in bone, in micrometres, clipped to a band about the surface.
     """
 
@@ -60,7 +61,9 @@ class LoadedSkull:
                 f"not {self.distance_um.shape}"
             )
         if self.axes_skull.shape != (3, 3) or not self.spacing_mm > 0 or not self.radius_mm > 0:
-            raise InvalidInputError("a loaded skull needs three axes, a spacing and a radius above 0")
+            raise InvalidInputError(
+                "a loaded skull needs three axes, a spacing and a radius above 0"
+            )
         for name in (
             "distance_um",
             "origin_skull",

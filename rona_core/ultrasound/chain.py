@@ -8,7 +8,8 @@ forward-backward algorithm (Rabiner 1989) turns that into a probability for ever
 import numpy as np
 
 from rona_core.arrays import Floats
-from rona_core.ultrasound.inner import Candidates
+from rona_core.ultrasound.inner import Candidates, InnerChoice
+from rona_core.ultrasound.medium import Material
 
 # log odds that a peak is the inner echo: louder than a nominal echo is unlikely, weaker is less
 # likely the weaker it is; the sign is weak evidence, since tilt of the inner table spoils it
@@ -17,6 +18,8 @@ STEP_SD_MM = 0.35  # of the difference in thickness between neighbours
 LINKED = 0.7  # share of neighbours that continue the same boundary
 RANGE_MM = 10.0  # over which an unlinked candidate may lie
 LOUDEST_SNR = 50.0  # more does not make it more certain
+SAME_MM = 0.5  # candidates this close are the same boundary
+COHERENT_RAD = 1.2  # phases up to this are trusted to a fraction of a cycle
 
 
 def evidence(candidates: Candidates) -> Floats:
@@ -54,3 +57,15 @@ def probabilities(candidates: Candidates, speed_mm_per_us: float) -> Floats:
         backward[i] = message / message.sum()
     joint = forward * backward
     return joint / joint.sum(axis=1, keepdims=True)
+
+
+def choose_inner(candidates: Candidates, bone: Material, centre_mhz: float) -> InnerChoice:
+    """Return the most probable candidate of each A-scan, timed by its phase where that is clear."""
+    odds = probabilities(candidates, bone.speed_mm_per_us)
+    rows, best = np.arange(len(odds)), np.argmax(odds[:, :-1], axis=1)
+    lag, phase = candidates.lag_us[rows, best], candidates.phase_rad[rows, best]
+    apart_mm = np.abs(candidates.lag_us - lag[:, None]) * bone.speed_mm_per_us / 2.0
+    sureness = np.sum(odds[:, :-1] * (apart_mm < SAME_MM), axis=1)
+    coherent = lag - phase / (2.0 * np.pi * centre_mhz)
+    lag = np.where(np.abs(phase) < COHERENT_RAD, coherent, lag)
+    return InnerChoice(lag, np.minimum(sureness, 1.0), np.asarray(odds[:, -1] < 0.5))

@@ -14,12 +14,12 @@ from rona_core.arrays import Bools, Floats, Ints, readonly
 from rona_core.devices.samples import AScanTrack
 from rona_core.devices.settings import Excitation
 from rona_core.errors import CancelledError, InvalidInputError
-from rona_core.ultrasound.chain import probabilities
+from rona_core.ultrasound.chain import choose_inner
 from rona_core.ultrasound.front import Fronts, find_fronts, gate_us, standoff_mm, subtract_fronts
-from rona_core.ultrasound.inner import Candidates, bone_gate_us, find_candidates
-from rona_core.ultrasound.matched import Template, block_template, trace_spectra
-from rona_core.ultrasound.medium import DIPLOE, TABLE, Complexes, Material
-from rona_core.ultrasound.plain import find_plain_inner, plain_template
+from rona_core.ultrasound.inner import Candidates, InnerChoice, bone_gate_us, find_candidates
+from rona_core.ultrasound.matched import block_template, trace_spectra
+from rona_core.ultrasound.medium import DIPLOE, TABLE, Material
+from rona_core.ultrasound.plain import find_plain_inner
 from rona_core.ultrasound.probe import ProbeModel
 
 Method = Literal["subtract", "matched", "threshold"]
@@ -35,10 +35,7 @@ NOMINAL_LOSS_DB_PER_CM = (
 OK, NO_FRONT, NO_INNER, CLIPPED, TOO_THIN, TOO_THICK, UNSURE = range(7)  # the codes of `flag`
 FRONT_SNR = 8.0  # below it there is no front echo
 FRONT_LEVEL = 0.25  # of perfect contact; below it the probe is tilted too far
-INNER_SNR = 4.0  # for the plain detectors, which know no better
 SURE = 0.8  # probability from which on an inner boundary counts
-SAME_MM = 0.5  # candidates this close are the same boundary
-COHERENT_RAD = 1.2  # phases up to this are trusted to a fraction of a cycle
 BLOCK = 256  # A-scans at a time
 SPEEDS_MM_PER_US = (1.5, 4.5)
 
@@ -94,7 +91,9 @@ def detect(
     _check(track, probe, method, sound_speed_mm_per_us)
     template = block_template(probe, excitation)
     bone = nominal_bone(sound_speed_mm_per_us)
-    fronts, parts = [], []
+    fronts: list[Fronts] = []
+    candidates: list[Candidates] = []
+    choices: list[InnerChoice] = []
     for start in range(0, len(track), BLOCK):
         if cancel():
             raise CancelledError("the detection of echoes was cancelled")
@@ -103,16 +102,17 @@ def detect(
         front = find_fronts(spectra, noise, template)
         aligned = spectra * template.shift(probe.line_delay_us + front.delay_us)
         fronts.append(front)
-        parts.append(_inner(aligned, noise, template, bone, method))
+        if method == "subtract":
+            behind = subtract_fronts(aligned, template)
+            candidates.append(find_candidates(behind, noise, template, bone))
+        else:
+            gate = bone_gate_us(probe, bone)
+            choices.append(find_plain_inner(aligned, noise, template, method, gate))
         progress(min(1.0, (start + BLOCK) / max(len(track), 1)))
-    front = Fronts.concatenate(fronts)
     if method == "subtract":
-        lag_us, sureness, heard = _choose(Candidates.concatenate(parts), bone, probe)
-    else:
-        lag_us, sureness, heard = (np.concatenate([np.zeros((3, 0)), *parts], axis=1))
-    return _judge(
-        track, probe, excitation, method, bone, front, lag_us, sureness, heard.astype(np.bool_)
-    )
+        choices = [choose_inner(Candidates.concatenate(candidates), bone, probe.centre_mhz)]
+    inner = InnerChoice.concatenate(choices)
+    return _judge(track, probe, excitation, method, bone, Fronts.concatenate(fronts), inner)
 
 
 def nominal_bone(sound_speed_mm_per_us: float = NOMINAL_SPEED_MM_PER_US) -> Material:
@@ -133,31 +133,6 @@ def _check(track: AScanTrack, probe: ProbeModel, method: str, speed_mm_per_us: f
         )
 
 
-def _inner(
-    aligned: Complexes, noise: Floats, template: Template, bone: Material, method: Method
-) -> Candidates | Floats:
-    """Return the candidates of a block, or lag, margin and whether it is heard as rows (3, n)."""
-    if method == "subtract":
-        return find_candidates(subtract_fronts(aligned, template), noise, template, bone)
-    gate = bone_gate_us(template.probe, bone)
-    found = find_plain_inner(aligned, noise, plain_template(template, method), method, gate)
-    return np.stack((found.lag_us, found.margin, found.snr > INNER_SNR))
-
-
-def _choose(
-    candidates: Candidates, bone: Material, probe: ProbeModel
-) -> tuple[Floats, Floats, Floats]:
-    """Return lag, probability and whether there is an echo at all, each (n,)."""
-    odds = probabilities(candidates, bone.speed_mm_per_us)
-    rows, best = np.arange(len(odds)), np.argmax(odds[:, :-1], axis=1)
-    lag, phase = candidates.lag_us[rows, best], candidates.phase_rad[rows, best]
-    apart = np.abs(candidates.lag_us - lag[:, None]) * bone.speed_mm_per_us / 2.0
-    sureness = np.sum(odds[:, :-1] * (apart < SAME_MM), axis=1)
-    coherent = phase / (2.0 * np.pi * probe.centre_mhz)
-    lag = np.where(np.abs(phase) < COHERENT_RAD, lag - coherent, lag)
-    return lag, sureness, np.asarray(odds[:, -1] < 0.5)
-
-
 def _judge(
     track: AScanTrack,
     probe: ProbeModel,
@@ -165,21 +140,19 @@ def _judge(
     method: Method,
     bone: Material,
     front: Fronts,
-    lag_us: Floats,
-    sureness: Floats,
-    heard: Bools,
+    inner: InnerChoice,
 ) -> Detection:
-    thickness = lag_us * bone.speed_mm_per_us / 2.0
+    thickness = inner.lag_us * bone.speed_mm_per_us / 2.0
     early, late = gate_us(probe)
     edge = (front.delay_us < early + 0.1) | (front.delay_us > late - 0.1)
     no_front = (front.snr < FRONT_SNR) | ~front.positive | edge
     tilted = front.level < FRONT_LEVEL
-    unsure = tilted | (sureness < SURE) if method == "subtract" else tilted
+    unsure = tilted | (inner.sureness < SURE) if method == "subtract" else tilted
     flag = np.select(
         [
             no_front,
             np.asarray(track.clipped),
-            ~heard,
+            ~inner.heard,
             thickness < probe.min_thickness_mm,
             thickness > probe.max_thickness_mm,
             unsure,
@@ -190,11 +163,13 @@ def _judge(
     outer_us = probe.line_delay_us + front.delay_us
     return Detection(
         outer_us=readonly(outer_us),
-        inner_us=readonly(outer_us + lag_us),
+        inner_us=readonly(outer_us + inner.lag_us),
         outer_ok=readonly(~(no_front | np.asarray(track.clipped))),
         inner_ok=readonly(flag == OK),
         outer_quality=readonly(np.where(no_front, 0.0, np.clip(front.level, 0.0, 1.0))),
-        inner_quality=readonly(np.where(no_front | ~heard, 0.0, np.clip(sureness, 0.0, 1.0))),
+        inner_quality=readonly(
+            np.where(no_front | ~inner.heard, 0.0, np.clip(inner.sureness, 0.0, 1.0))
+        ),
         flag=readonly(flag),
         standoff_mm=readonly(standoff_mm(front.delay_us, probe)),
         thickness_mm=readonly(thickness),

@@ -60,7 +60,9 @@ def find_fronts(spectra: Complexes, noise: Floats, template: Template) -> Fronts
     rows = np.arange(len(z))
     samples = at + peak_offsets(level, at)
     delay = early + samples * template.step_us
-    phase = np.angle(z[rows, at] * np.exp(2j * np.pi * template.carrier_mhz * at * template.step_us))
+    phase = np.angle(
+        z[rows, at] * np.exp(2j * np.pi * template.carrier_mhz * at * template.step_us)
+    )
     # phase at the sample, carried on to the interpolated peak
     phase = phase + 2.0 * np.pi * template.carrier_mhz * (samples - at) * template.step_us
     phase = np.angle(np.exp(1j * phase))
@@ -92,7 +94,7 @@ def subtract_fronts(aligned: Complexes, template: Template) -> Complexes:
     curvature and film; the fit takes its side lobes away far beyond the place of the fit.
     """
     band = template.probe.bandwidth * template.probe.centre_mhz
-    delays = (np.arange(TAPS) - TAPS // 2) * TAP_SPACING / band
+    delays = (np.arange(TAPS, dtype=np.float64) - TAPS // 2) * TAP_SPACING / band
     copies = template.spectrum * np.conj(template.shift(delays))
     reach = int(FIT_HALF_WIDTH / band / template.step_us)
     near = np.arange(-reach, reach + 1)

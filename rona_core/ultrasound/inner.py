@@ -46,6 +46,25 @@ class Candidates:
         )
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class InnerChoice:
+    """The inner echo of each A-scan (n,)."""
+
+    lag_us: Floats  # after the front echo; the best guess where it is not heard
+    sureness: Floats  # 0 to 1
+    heard: Bools
+
+    @classmethod
+    def concatenate(cls, parts: Sequence["InnerChoice"]) -> "InnerChoice":
+        """Return the choices of several blocks as one."""
+        none = np.zeros(0)
+        return cls(
+            np.concatenate([none, *(p.lag_us for p in parts)]),
+            np.concatenate([none, *(p.sureness for p in parts)]),
+            np.concatenate([none.astype(np.bool_), *(p.heard for p in parts)]),
+        )
+
+
 def bone_gate_us(probe: ProbeModel, bone: Material) -> tuple[float, float]:
     """Return the earliest and the latest time of an inner echo after the front echo."""
     low = max(probe.min_thickness_mm - GATE_MARGIN_MM, 0.5)
@@ -75,12 +94,14 @@ def find_candidates(
     probe, step, speed = template.probe, template.step_us, bone.speed_mm_per_us
     low, high = bone_gate_us(probe, bone)
     first, last = int(low / step), int(np.ceil(high / step))
-    lags = np.arange(first, last + 1) * step
+    lags = np.arange(first, last + 1, dtype=np.float64) * step
     depths = np.arange(probe.min_thickness_mm, probe.max_thickness_mm + BANK_STEP_MM, BANK_STEP_MM)
     z = np.zeros((len(behind), len(lags)), dtype=np.complex128)
     gain = np.zeros(len(lags))
     for depth in depths:  # every lag takes its share from the two nearest templates
-        share = np.clip(1.0 - np.abs(_clamped(lags * speed / 2.0, depths) - depth) / BANK_STEP_MM, 0, 1)
+        share = np.clip(
+            1.0 - np.abs(_clamped(lags * speed / 2.0, depths) - depth) / BANK_STEP_MM, 0, 1
+        )
         if not share.any():
             continue
         matched = bone_filter(template, bone, float(depth))

@@ -19,8 +19,8 @@ from rona_core.ultrasound.pulse import GRID, emission_spectrum, grid_frequencies
 BONE_MRAYL, GEL_MRAYL = (m.speed_mm_per_us * m.density_g_per_cm3 for m in (TABLE, GEL))
 BONE_REFLECTION = (BONE_MRAYL - GEL_MRAYL) / (BONE_MRAYL + GEL_MRAYL)  # nominal, from gel
 EQUAL_BAND = 0.55  # -6 dB width of the equalised echo over the centre frequency
-# Where equalising stops, over the peak of the power spectrum: loss in bone leaves the 2.25 MHz probe
-# short of signal, the length of its echo leaves the 1 MHz probe short of resolution.
+# Where equalising stops, over the peak of the power spectrum: loss in bone leaves one probe short
+# of signal, the length of its echo leaves the other short of resolution.
 EQUAL_FLOOR = {"2.25MHz": 1e-2, "1MHz": 2e-4}
 COMPRESSED = 2048  # samples of the compressed trace over the same time as GRID
 
@@ -111,4 +111,4 @@ def peak_offsets(levels: Floats, at: np.typing.NDArray[np.int64]) -> Floats:
     before, here, after = (levels[rows, inside + i] for i in (-1, 0, 1))
     bend = before - 2.0 * here + after
     offset = np.divide(0.5 * (before - after), bend, out=np.zeros(len(at)), where=bend < 0)
-    return np.clip(offset, -0.5, 0.5) + (inside - at)
+    return np.asarray(np.clip(offset, -0.5, 0.5) + (inside - at), dtype=np.float64)

@@ -4,29 +4,22 @@ Both ignore that the front echo goes on behind its peak; they stay selectable to
 costs, and they need no model of the bone.
 """
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Literal
 
 import numpy as np
 
 from rona_core.arrays import Floats
+from rona_core.ultrasound.inner import InnerChoice
 from rona_core.ultrasound.matched import Template, peak_offsets
 from rona_core.ultrasound.medium import Complexes
 
 BLANKING = 1.2  # over the -6 dB bandwidth: no inner echo is sought before
+INNER_SNR = 4.0  # below it there is no inner echo
 THRESHOLD = 0.5  # of the peak, crossed by its rising edge
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class PlainInner:
-    """Time of the inner echo after the front (n,), its share over the runner-up, and its SNR."""
-
-    lag_us: Floats
-    margin: Floats
-    snr: Floats
-
-
-def plain_template(template: Template, method: Literal["threshold", "matched"]) -> Template:
+def _unequalised(template: Template, method: Literal["threshold", "matched"]) -> Template:
     """Return a template that compresses without equalising."""
     ones = np.ones_like(template.weights)
     if method == "matched" or template.excitation == "chirp":
@@ -41,17 +34,19 @@ def find_plain_inner(
     template: Template,
     method: Literal["threshold", "matched"],
     gate_us: tuple[float, float],
-) -> PlainInner:
+) -> InnerChoice:
     """Return the largest peak behind the blanked front echo, or the rising edge of it.
+
+    Its sureness is only by how much the peak exceeds the runner-up.
 
     Args:
         aligned: Spectra (n, f) with the front echo at time 0.
         noise: RMS of the noise in each trace sample, shape (n,).
-        template: From ``plain_template``.
+        template: Of the probe and excitation.
         method: How the time is read off the peak.
         gate_us: Earliest and latest time after the front.
     """
-    step = template.step_us
+    template, step = _unequalised(template, method), template.step_us
     blank = BLANKING / (template.probe.bandwidth * template.probe.centre_mhz)
     first, last = int(max(gate_us[0], blank) / step), int(np.ceil(gate_us[1] / step))
     level = np.abs(template.compress(aligned, template.spectrum)[:, first : last + 1])
@@ -68,7 +63,7 @@ def find_plain_inner(
         samples = rising_edges(level, at) + _edge_before_peak(template)
     rms = np.maximum(noise * template.noise_gain(template.spectrum), 1e-12)
     margin = 1.0 - second / np.maximum(top, 1e-12)
-    return PlainInner((first + samples) * step, margin, top / rms)
+    return InnerChoice((first + samples) * step, margin, top / rms > INNER_SNR)
 
 
 def rising_edges(level: Floats, at: np.typing.NDArray[np.int64]) -> Floats:

@@ -2,7 +2,7 @@
 
 import hashlib
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -178,7 +178,9 @@ def _place_at(bone: CoarseBone, center: Vector3) -> Choice:
     return Choice(center + off * outward, outward)
 
 
-def _distance(source: BoneVolume | BoneMesh, grid: Grid) -> tuple[np.typing.NDArray[np.float64], float]:
+def _distance(
+    source: BoneVolume | BoneMesh, grid: Grid
+) -> tuple[np.typing.NDArray[np.float64], float]:
     if isinstance(source, BoneMesh):
         return distance_from_mesh(source, grid), 0.0
     return distance_from_volume(source, grid)

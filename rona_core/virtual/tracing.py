@@ -71,7 +71,7 @@ def find_roots(
 
 
 def sphere_span(origins: Floats, directions: Floats, radius: float) -> tuple[Floats, Floats]:
-    """Return where rays (n, 3) enter and leave a sphere about 0, ahead of them; leave < enter: miss."""
+    """Return where rays (n, 3) enter and leave a sphere about 0; they leave at -1 if they miss."""
     middle = -np.einsum("ij,ij->i", origins, directions)
     square = middle**2 - np.einsum("ij,ij->i", origins, origins) + radius**2
     half = np.sqrt(np.maximum(square, 0.0))

@@ -43,9 +43,6 @@ class Docks:
     """Builds every panel once and draws pictures into them."""
 
     def __init__(self, gui: Any, door: Door) -> None:
-        gui.configure_theme(
-            brand_color=(0, 91, 143), show_logo=False, show_share_button=False, dark_mode=False
-        )
         gui.set_panel_label("Procedure")
         left = gui.main_panel
         left.dock_left()
@@ -56,9 +53,9 @@ class Docks:
         panels += [*steps.values(), RunBar(gui, door, steps)]
         panels += [LookPanel(gui, door), SessionPanel(gui, door)]
         panels += self._right(gui, door)
-        replay = gui.add_panel()
+        replay = gui.add_panel(visible=False)
         with replay.add_tab("Replay", "player-play"):
-            panels.append(ReplayPanel(gui, door))
+            panels.append(ReplayPanel(gui, door, replay))
         replay.float(x=16, y=-16, width=REPLAY_PX)
         self._panels = tuple(panels)
 

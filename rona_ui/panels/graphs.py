@@ -248,8 +248,6 @@ def ascan_data(plot: AScanPlot) -> tuple[Floats, ...]:
     places = [p for p in (plot.outer_us, plot.inner_us) if p is not None]
     at = np.sort(np.concatenate((plot.time_us, np.repeat(np.array(places, dtype=np.float64), 2))))
     rf = np.interp(at, plot.time_us, plot.rf)
-    envelope = np.full(len(at), np.nan)
-    if plot.envelope is not None:
-        envelope = np.interp(at, plot.time_us, plot.envelope)
+    envelope = np.interp(at, plot.time_us, plot.envelope)
     outer, inner = (_upright(at, p, -1.0, 1.0) for p in (plot.outer_us, plot.inner_us))
     return at, rf, envelope, outer, inner

@@ -19,6 +19,12 @@ class LookPanel:
             for number, names in enumerate(PRESETS):
                 group = gui.add_button_group("Camera" if number == 0 else " ", names)
                 self._camera(group, door)
+            everything = gui.add_checkbox(
+                "All layers", False, hint="Also those that the active step does not need"
+            )
+            follow(
+                everything, lambda e: door.view(lambda v: replace(v, everything=everything.value))
+            )
             for name, title in LAYERS.items():
                 if name not in MAPS:
                     self._ticks[name] = gui.add_checkbox(title, True)

@@ -77,7 +77,8 @@ def _own_word(session: Session) -> str:
     if not lines:
         return ""
     rows = "".join(
-        f'<tr><td>{escape(name)}</td><td class="n"><b>{escape(value)}</b></td><td></td><td></td></tr>'
+        f'<tr><td>{escape(name)}</td><td class="n"><b>{escape(value)}</b></td>'
+        "<td></td><td></td></tr>"
         for name, value in lines
     )
-    return f'<tr class="sec"><td colspan="4">Fit, by its own word</td></tr>{rows}'
+    return f'<tr class="sec"><td colspan="4">Fit, without the truth</td></tr>{rows}'

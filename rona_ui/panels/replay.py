@@ -14,7 +14,8 @@ SPEEDS = {"1×": 1.0, "4×": 4.0, "16×": 16.0}
 class ReplayPanel:
     """Slider, play, back, and a choice of speeds."""
 
-    def __init__(self, gui: Any, door: Door) -> None:
+    def __init__(self, gui: Any, door: Door, window: Any) -> None:
+        self._window = window
         self._words = gui.add_html("")
         self._slider = gui.add_slider("Motion (%)", 0.0, 100.0, 0.1, 0.0)
         self._buttons = gui.add_button_group("Replay", ("Play", "Pause", "Back", "Live"))
@@ -51,6 +52,8 @@ class ReplayPanel:
         ):
             return
         times = motion_times(new.session)
+        if self._window.visible != (times is not None):
+            self._window.visible = times is not None
         for part in (self._slider, self._buttons, self._speed):
             part.disabled = times is None
         cursor = new.view.cursor

@@ -18,7 +18,8 @@ from rona_ui.view_state import Picture
 
 HEIGHT_PX = 150
 SHEET = """<style>
-div:has(>.r-rolls)+div{padding:0 12px 4px!important}
+div:has(>.r-rolls)+div{padding:0 14px 26px!important;overflow:hidden}
+div:has(>.r-rolls)+div .mantine-Slider-root{padding:0!important;height:%(h)dpx}
 div:has(>.r-rolls)+div .mantine-Slider-trackContainer{height:%(h)dpx}
 div:has(>.r-rolls)+div .mantine-Slider-track{height:%(h)dpx;border-radius:3px;
  background:url(data:image/png;base64,%(png)s) 0 0/100%% 100%% no-repeat;image-rendering:pixelated}
@@ -26,10 +27,11 @@ div:has(>.r-rolls)+div .mantine-Slider-track::before{display:none}
 div:has(>.r-rolls)+div .mantine-Slider-bar{background:transparent!important}
 div:has(>.r-rolls)+div .mantine-Slider-thumb{height:%(h)dpx!important;width:5px!important;
  border-radius:2px;background:#fff!important;border:1px solid #1f2933;box-sizing:border-box}
-div:has(>.r-rolls)+div .mantine-Slider-mark{display:none}
+div:has(>.r-rolls)+div .mantine-Slider-mark{visibility:hidden}
+div:has(>.r-rolls)+div .mantine-Slider-markWrapper{top:%(mark)dpx}
 div:has(>.r-rolls)+div .mantine-Slider-markLabel{font-size:11px!important;color:#3e4c59}
-div:has(>.r-rolls)+div .mantine-NumberInput-root,
-div:has(>.r-rolls)+div .mantine-Flex-root>div:has(>p){display:none}
+div:has(>.r-rolls)+div .mantine-NumberInput-root{display:none}
+div:has(>.r-rolls)+div div:has(>p){display:none}
 </style><div class="r-rolls"></div>"""
 
 
@@ -77,7 +79,8 @@ class RollsPanel:
         )
         with self._folder:
             self._sheet.remove()
-            self._sheet = self._gui.add_html(SHEET % {"h": HEIGHT_PX, "png": _picture(strip)})
+            values = {"h": HEIGHT_PX, "mark": HEIGHT_PX + 2, "png": _picture(strip)}
+            self._sheet = self._gui.add_html(SHEET % values)
             last = len(strip.rolls_deg) - 1
             marks = tuple(
                 (i, f"{strip.rolls_deg[i]:.0f}°")

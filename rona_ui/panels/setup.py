@@ -43,7 +43,7 @@ class SetupPanel(StepPanel):
         form.number("seed", "Seed", 0, 0, 2**31 - 1, 1, "Patient, placement and every noise")
         form.choice("skull", "Skull", SKULLS, "left", "A file is read below")
         form.number("radius_mm", "Region radius (mm)", 25.0, 5.0, 45.0, 1.0)
-        with gui.add_folder("Devices"):
+        with gui.add_folder("Devices", expand_by_default=False):
             form.choice("profile", "Tracker", PROFILES, "polaris")
             form.number("rate_hz", "Rate (Hz)", 60.0, 20.0, 60.0, 1.0)
             form.choice("pointer", "Pointer", {"6D": "pointer6d", "5D": "pointer5d"}, "pointer6d")

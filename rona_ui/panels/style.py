@@ -17,6 +17,12 @@ VERDICTS = {
 }
 
 SHEET = """<style>
+:root,[data-mantine-color-scheme]{--mantine-primary-color-filled:#005b8f!important;
+ --mantine-primary-color-filled-hover:#004a75!important;
+ --mantine-primary-color-light-color:#005b8f!important}
+.mantine-ButtonGroup-group button,.mantine-Button-root[data-variant=outline]{
+ color:#005b8f!important;border-color:#9fb6c6!important}
+.mantine-Tabs-tab[data-active]{color:#005b8f!important;border-color:#005b8f!important}
 .r-head{display:flex;align-items:baseline;gap:8px;padding:2px 12px 6px;font-size:14px;color:#1f2933}
 .r-head b{font-size:15px;letter-spacing:.02em}.r-head span{color:#52606d;overflow:hidden;
  text-overflow:ellipsis;white-space:nowrap}

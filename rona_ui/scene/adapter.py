@@ -24,7 +24,7 @@ class Layer:
 
     def shown(self, picture: Picture) -> bool:
         """Return whether the layer is switched on in this browser."""
-        return self.layer not in picture.view.hidden
+        return picture.view.shows(self.layer)
 
     def toggled(self, old: Picture | None, new: Picture) -> bool:
         """Return whether the layer was switched on or off, or is drawn for the first time."""

@@ -31,8 +31,10 @@ class PathLayer(Layer):
             self.stage.lines(SMOOTH, segments(dense + 2 * lift), BLUE, width_px=4.0)
             corners = _corners(new) + 2 * lift
             self.stage.cloud(CORNERS, corners, BLUE, size_mm=1.3)
-        for node in (RAW, SMOOTH, CORNERS):
-            self.stage.show(node, self.shown(new))
+        self.stage.show(RAW, self.shown(new))
+        later = self.shown(new) and (new.view.step != "path" or new.view.everything)
+        for node in (SMOOTH, CORNERS):
+            self.stage.show(node, later)
 
 
 def _corners(picture: Picture) -> np.ndarray:

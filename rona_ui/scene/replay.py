@@ -1,4 +1,4 @@
-"""Which joints the robot is drawn with: live while it works, else the replay cursor, else at rest."""
+"""Which joints the robot is drawn with: live while it works, else the replay cursor, else rest."""
 
 from rona_core.app.views import joints_at
 from rona_core.arrays import Floats

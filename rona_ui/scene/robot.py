@@ -17,6 +17,12 @@ class RobotLayer(Layer):
 
     layer = "robot"
 
+    def shown(self, picture: Picture) -> bool:
+        """Show the robot also while its motion is replayed or it is at work."""
+        view = picture.view
+        moving = view.cursor is not None or picture.busy
+        return Layer.shown(self, picture) or (moving and self.layer not in view.hidden)
+
     def __init__(self, stage: Stage) -> None:
         super().__init__(stage)
         self._drawn: str | None = None

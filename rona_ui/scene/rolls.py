@@ -10,7 +10,6 @@ from rona_ui.scene.colors import GREEN, VERMILLION, YELLOW
 from rona_ui.view_state import Picture
 
 FAN, CHOSEN = "/rolls/fan", "/rolls/shown"
-STEPS = ("roll",)  # the fan is in the way in every other step
 
 
 class RollsLayer(Layer):
@@ -21,7 +20,7 @@ class RollsLayer(Layer):
     def render(self, old: Picture | None, new: Picture) -> None:
         """Draw the fan where the search or the shown roll is another one."""
         plan = new.session.results.roll
-        active = self.shown(new) and new.view.step in STEPS
+        active = self.shown(new)
         if (
             old is None
             or old.session.results.roll is not plan
@@ -39,7 +38,7 @@ class RollsLayer(Layer):
             return
         poses, works, _ = fan
         colors = np.where(works[:, None], GREEN, VERMILLION).astype(np.uint8)
-        self.stage.copies(FAN, blade(46.0), poses, colors, opacity=0.75)
+        self.stage.copies(FAN, blade(46.0), poses, colors, opacity=0.9)
         index = shown_roll(new.session, new.view.shown_roll)
         if index is not None:
             path, roll = searched.value.path, searched.value.verdicts[index].roll_deg
@@ -49,7 +48,7 @@ class RollsLayer(Layer):
 
 
 def blade(length_mm: float, width_mm: float = 5.0, foot_mm: float = 16.0) -> Mesh:
-    """Return a flat arrow along +x of ``probe``, standing off the bone (-z), seen from both sides."""
+    """Return a flat arrow along +x of ``probe``, off the bone (-z), seen from both sides."""
     z, half = -foot_mm, width_mm / 2.0
     head = length_mm - 2.2 * width_mm
     corners = np.array(

@@ -1,4 +1,4 @@
-"""The skull for the eye, with a window over the scanned region once there is something behind it."""
+"""The skull for the eye, with a window over the scanned region once it has been mapped."""
 
 import numpy as np
 
@@ -13,7 +13,8 @@ RIM_MM = 3.0  # by which the window is wider than the region
 
 def window_open(picture: Picture) -> bool:
     """Return whether the skull is shown with a window over the region."""
-    return picture.view.cut and picture.session.results.maps is not None
+    view = picture.view
+    return view.step == "maps" and view.cut and picture.session.results.maps is not None
 
 
 class SkullLayer(Layer):
@@ -35,11 +36,16 @@ class SkullLayer(Layer):
 
 
 def opened(backdrop: Backdrop) -> Mesh:
-    """Return the skull without the faces over the region."""
-    skull = backdrop.skull
-    centers = skull.vertices[skull.faces].mean(axis=1) - backdrop.region_center_base
+    """Return the skull with a round hole over the region; vertices in it are moved to its rim."""
+    skull, normal = backdrop.skull, backdrop.region_normal_base
+    from_center = skull.vertices - backdrop.region_center_base
+    along = from_center @ normal
+    aside = from_center - along[:, None] * normal
+    distance = np.linalg.norm(aside, axis=1)
     radius_mm = backdrop.region_radius_mm + RIM_MM
-    along = centers @ backdrop.region_normal_base
-    aside = np.linalg.norm(centers - along[:, None] * backdrop.region_normal_base, axis=1)
-    keep = (aside > radius_mm) | (np.abs(along) > radius_mm)
-    return Mesh(skull.vertices, skull.faces[keep])
+    inside = (distance < radius_mm) & (np.abs(along) < radius_mm)
+    faces = skull.faces[~inside[skull.faces].all(axis=1)]
+    vertices = np.array(skull.vertices)
+    share = radius_mm / np.maximum(distance[inside], 1e-9)
+    vertices[inside] += (share - 1.0)[:, None] * aside[inside]
+    return Mesh(vertices, faces)

@@ -11,7 +11,7 @@ from rona_ui.scene.metres import segments
 from rona_ui.view_state import Picture
 
 CAMERA, VOLUME, NAME = "/tracker/camera", "/tracker/volume", "/tracker/name"
-VOLUME_COLOR = (126, 140, 156)
+VOLUME_COLOR = (108, 121, 136)
 NEAR_MM, FAR_MM, RADIUS_MM = 1400.0, 2400.0, 500.0  # silo along the line of sight (z)
 
 
@@ -29,8 +29,8 @@ class TrackerLayer(Layer):
             T_base_tracker = backdrop.T_base_tracker
             body = bar()
             self.stage.mesh(CAMERA, Mesh(T_base_tracker @ body.vertices, body.faces), STEEL)
-            self.stage.lines(VOLUME, silo(T_base_tracker), VOLUME_COLOR, width_px=1.2)
-            self.stage.label(NAME, "Tracker", T_base_tracker.translation + [0.0, 0.0, 90.0])
+            self.stage.lines(VOLUME, silo(T_base_tracker), VOLUME_COLOR, width_px=1.0)
+            self.stage.label(NAME, "Tracker", T_base_tracker @ (0.0, -110.0, 0.0))
         for node in (CAMERA, VOLUME, NAME):
             self.stage.show(node, self.shown(new))
 
@@ -39,9 +39,13 @@ def silo(T_base_tracker: Pose) -> Floats:
     """Return the measuring volume as segments (n, 2, 3) in ``base``: three rings, four edges."""
     angle = np.linspace(0.0, 2.0 * np.pi, 49)
     ring = RADIUS_MM * np.stack((np.cos(angle), np.sin(angle), np.zeros(49)), axis=1)
-    parts = [segments(ring + [0.0, 0.0, z]) for z in (NEAR_MM, 0.5 * (NEAR_MM + FAR_MM), FAR_MM)]
+    parts = [
+        segments(ring + np.array([0.0, 0.0, z]))
+        for z in (NEAR_MM, 0.5 * (NEAR_MM + FAR_MM), FAR_MM)
+    ]
     for corner in ring[:48:12]:
-        parts.append(np.array([[corner + [0.0, 0.0, NEAR_MM], corner + [0.0, 0.0, FAR_MM]]]))
+        depths = np.array([[0.0, 0.0, NEAR_MM], [0.0, 0.0, FAR_MM]])
+        parts.append((corner + depths)[None])
     pairs = np.concatenate(parts)
     return (T_base_tracker @ pairs.reshape(-1, 3)).reshape(-1, 2, 3)
 

@@ -27,7 +27,6 @@ class World:
         self.stage = Stage(scene)
         scene.set_background_image(np.full((4, 4, 3), BACKGROUND, dtype=np.uint8))
         scene.configure_default_lights(cast_shadow=False)
-        scene.world_axes.visible = False
         self.stage.floor("/floor", FLOOR_MM)
         self._adapters: tuple[Adapter, ...] = (
             SkullLayer(self.stage),

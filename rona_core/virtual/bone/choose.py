@@ -4,6 +4,7 @@ Works on the bone at about 1 mm, with x to a side and z up, seen along x from bo
 """
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from scipy.ndimage import binary_closing, gaussian_filter
@@ -99,24 +100,24 @@ def side_view(bone: CoarseBone, side: int) -> tuple[Floats, Floats, Bools]:
     block = bone.mask[::-1][:half] if side > 0 else bone.mask[:half]
     step = float(bone.voxel_mm[0])
     length = max(1, int(np.ceil(GAP_MM / step)) - 1)
-    hit = block.any(axis=0)
+    hit: Bools = np.asarray(block.any(axis=0))
     first = np.argmax(block, axis=0)
     padded = np.pad(block, ((length, length), (0, 0), (0, 0)))
-    closed = binary_closing(padded, np.ones((length + 1, 1, 1)))[length:-length] | block
+    closed: Any = np.asarray(binary_closing(padded, np.ones((length + 1, 1, 1))))[length:-length]
+    closed = closed | block
     beyond = ~closed & (np.arange(half)[:, None, None] > first)
     end = np.where(beyond.any(axis=0), np.argmax(beyond, axis=0), half)
     return first * step, (end - first) * step, hit
 
 
-def _best_on_side(
-    bone: CoarseBone, side: int, radius_mm: float
-) -> tuple[float, Choice] | None:
+def _best_on_side(bone: CoarseBone, side: int, radius_mm: float) -> tuple[float, Choice] | None:
     depth, across, hit = side_view(bone, side)
     _, dy, dz = bone.voxel_mm
     sigma = (SMOOTH_MM / dy, SMOOTH_MM / dz)
     weight = np.maximum(gaussian_filter(hit.astype(np.float64), sigma), 1e-6)
     smooth = gaussian_filter(np.where(hit, depth, 0.0), sigma) / weight
     slope_y, slope_z = np.gradient(smooth, dy, dz)
+    slope_y, slope_z = np.asarray(slope_y), np.asarray(slope_z)
     cosine = 1.0 / np.sqrt(1.0 + slope_y**2 + slope_z**2)
     thickness = across * cosine
     rough = np.where(hit, (depth - smooth) * cosine, 2.0 * LARGEST_STEP_MM)
@@ -145,9 +146,7 @@ def _mean(values: Floats | Bools, radius_mm: float, dy: float, dz: float) -> Flo
     ny, nz = int(radius_mm / dy), int(radius_mm / dz)
     y, z = np.ogrid[-ny : ny + 1, -nz : nz + 1]
     disc = ((y * dy) ** 2 + (z * dz) ** 2 <= radius_mm**2).astype(np.float64)
-    padded = np.pad(
-        np.asarray(values, dtype=np.float64), ((ny, ny), (nz, nz)), constant_values=1.0
-    )
+    padded = np.pad(np.asarray(values, dtype=np.float64), ((ny, ny), (nz, nz)), constant_values=1.0)
     return fftconvolve(padded, disc / disc.sum(), mode="valid")
 
 

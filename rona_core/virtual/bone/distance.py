@@ -1,8 +1,10 @@
 """The signed distance to bone on a grid about the scanned disc: negative in bone, in mm."""
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.ndimage import (
     distance_transform_edt,
     gaussian_filter,
@@ -10,7 +12,7 @@ from scipy.ndimage import (
     map_coordinates,
 )
 
-from rona_core.arrays import Floats, Vector3
+from rona_core.arrays import Bools, Floats, Vector3
 from rona_core.errors import InvalidInputError
 from rona_core.virtual.bone.triangles import BoneMesh, distance_to, inside
 from rona_core.virtual.bone.volume import BoneVolume
@@ -18,7 +20,7 @@ from rona_core.virtual.bone.volume import BoneVolume
 SPACING_MM = 0.8
 LATERAL_MM = 25.0  # beyond the radius of the disc
 ABOVE_MM, BELOW_MM = 12.0, 46.0  # the surface at the centre of the disc
-BAND_MM = 8.0  # the distance is clipped to this
+BAND_MM = 4.0  # the distance is clipped to this
 SMOOTHING_VOXELS = 1.0  # sigma of the Gaussian that removes the steps of the voxels
 MARGIN_MM = 6.0  # of the volume read around the grid
 SMALL_PIECE = 0.05  # bone pieces below this share of the largest are dropped (table, dust)
@@ -42,8 +44,8 @@ class Grid:
 
 def grid_about(center_skull: Vector3, outward_skull: Vector3, radius_mm: float) -> Grid:
     """Return the grid that holds whatever a scan of a disc can touch; its third axis is outward."""
-    across = np.linalg.svd(outward_skull[None])[2][1:]
-    axes = np.stack((across[0], np.cross(outward_skull, across[0]), outward_skull), axis=1)
+    across: Floats = np.linalg.svd(outward_skull[None])[2][1:]
+    axes: Any = np.stack((across[0], np.cross(outward_skull, across[0]), outward_skull), axis=1)
     n = 2 * int(np.ceil((radius_mm + LATERAL_MM) / SPACING_MM)) + 1
     below, above = int(np.ceil(BELOW_MM / SPACING_MM)), int(np.ceil(ABOVE_MM / SPACING_MM))
     start = np.array(((n - 1) / 2, (n - 1) / 2, below))
@@ -73,19 +75,25 @@ def distance_from_volume(bone: BoneVolume, grid: Grid) -> tuple[Floats, float]:
     block[
         tuple(slice(a - o, b - o) for a, b, o in zip(inner_low, inner_high, low, strict=True))
     ] = source
-    pieces, n = label(block)
-    if n == 0:
+    pieces = np.zeros(block.shape, dtype=np.int32)
+    if not label(block, output=pieces):
         raise InvalidInputError("there is no bone near the chosen centre: choose another")
     sizes = np.bincount(pieces.ravel())
     sizes[0] = 0
     block = (sizes >= SMALL_PIECE * sizes.max())[pieces]
     half = float(voxel.mean()) / 2.0
-    signed = distance_transform_edt(~block, sampling=voxel).astype(np.float32)
-    signed[block] = -distance_transform_edt(block, sampling=voxel)[block]
+    signed = _to_nearest(~block, voxel)
+    signed[block] = -_to_nearest(block, voxel)[block]
     signed -= np.where(block, -half, half).astype(np.float32)
     smooth = gaussian_filter(np.clip(signed, -2 * BAND_MM, 2 * BAND_MM), SMOOTHING_VOXELS)
     values = map_coordinates(smooth, (places - low).T, order=3, mode="nearest")
     return values.reshape(grid.shape).astype(np.float64), SMOOTHING_VOXELS * float(voxel.mean())
+
+
+def _to_nearest(inside: Bools, voxel_mm: Floats) -> NDArray[np.float32]:
+    """Return for each voxel inside the distance to the nearest centre outside, else 0."""
+    distance: Any = distance_transform_edt(inside, sampling=voxel_mm)
+    return distance.astype(np.float32)
 
 
 def distance_from_mesh(bone: BoneMesh, grid: Grid) -> Floats:
@@ -98,7 +106,7 @@ def distance_from_mesh(bone: BoneMesh, grid: Grid) -> Floats:
     return np.where(solid, -distance, distance).reshape(grid.shape)
 
 
-def as_micrometres(distance_mm: Floats) -> np.typing.NDArray[np.int16]:
+def as_micrometres(distance_mm: Floats) -> NDArray[np.int16]:
     """Return a distance, clipped to the band, in whole micrometres."""
     clipped = np.clip(distance_mm, -BAND_MM, BAND_MM)
     return np.round(1000.0 * clipped).astype(np.int16)

@@ -2,29 +2,22 @@
 
 import numpy as np
 from numpy.typing import ArrayLike
-from scipy.spatial import cKDTree
+from scipy.spatial import KDTree
 
-from rona_core.arrays import Bools, Floats, Ints, as_points, as_unit_vectors, as_vector3, readonly
+from rona_core.arrays import Bools, Floats, as_points, as_unit_vectors, as_vector3, readonly
 from rona_core.devices.protocols import Mesh
 from rona_core.errors import InvalidInputError
 from rona_core.session.specimen import LoadedSkull
+from rona_core.virtual.bone.field import RIM_NODES, BoneField
 from rona_core.virtual.boundaries import Boundary, Region, boundary_index
 from rona_core.virtual.skull.shape import diploe_share, layer_depths
-from rona_core.virtual.splines import SplineVolume
-from rona_core.virtual.tracing import first_entries
 
 GAP_MM = 6.0  # air between bone (diploe, air cells) that counts as bone
 SKIN_MM = 0.2  # walked beyond a boundary before the next is looked for
-STEEPNESS = 1.1  # how fast a smoothed distance may change for each millimetre
-RIM_NODES = 2.0  # of the grid that are not trusted
 EDGE_MM = 8.0  # between the disc and the side of the grid
 OFF_SURFACE_MM = 15.0  # a chosen centre farther from the bone than this is refused
 NORMAL_PATCH_MM = 10.0  # radius over which the normal of the region is averaged
 SHEET_NODES = 1.0  # pitch of the columns that sample the boundaries, in nodes
-FOOT_STEPS, FOOT_MM = 40, 1e-6
-LEAST_BEND = 0.2  # smallest curvature of the squared distance that Newton's method believes
-LONGEST_STEP_MM = 2.0
-LEVEL_STEPS, LEVEL_MM = 12, 1e-6  # back to the zero level; the last step gains two digits more
 
 
 class LoadedSpecimen:
@@ -34,10 +27,9 @@ class LoadedSpecimen:
         self, skull: LoadedSkull, center_skull: ArrayLike | None = None, radius_mm: float = 25.0
     ) -> None:
         self._skull = skull
-        self._field = SplineVolume(skull.distance_um.astype(np.float64) / 1000.0)
-        self._high = np.array(skull.distance_um.shape) - 1.0 - RIM_NODES
+        self._field = BoneField(skull)
         self._sheets: dict[int, tuple[Floats, Bools]] = {}
-        self._trees: dict[int, tuple[cKDTree, Floats]] = {}
+        self._trees: dict[int, tuple[KDTree, Floats]] = {}
         self.region = self._region(skull, center_skull, radius_mm)
 
     def _region(
@@ -52,8 +44,8 @@ class LoadedSpecimen:
         room = np.minimum(place, edges - place)
         if room[:2].min() < radius_mm + EDGE_MM or room[2] < EDGE_MM / 2.0:
             raise InvalidInputError(
-                f"a disc of radius {radius_mm:g} mm about {center.round(1).tolist()} leaves the part "
-                f"of {skull.name} that was stored: load it again with this centre and radius"
+                f"a disc of {radius_mm:g} mm about {center.round(1).tolist()} leaves the stored "
+                f"part of {skull.name}: load it again with this centre and radius"
             )
         top = center + (edges[2] - place[2]) * axes[:, 2]
         depth = self._first(top[None], -axes[:, 2][None])[0]
@@ -65,62 +57,32 @@ class LoadedSpecimen:
             )
         angles = np.linspace(0.0, 2.0 * np.pi, 24, endpoint=False)
         ring = np.stack((np.cos(angles), np.sin(angles)), 1) @ axes[:, :2].T
-        offsets = np.concatenate((np.zeros((1, 3)), ring * NORMAL_PATCH_MM / 2, ring * NORMAL_PATCH_MM))
+        offsets = np.concatenate(
+            (np.zeros((1, 3)), ring * NORMAL_PATCH_MM / 2, ring * NORMAL_PATCH_MM)
+        )
         tops = top + offsets
         depths = self._first(tops, np.repeat(-axes[:, 2][None], len(tops), axis=0))
         hit = np.isfinite(depths)
         feet = tops[hit] - depths[hit, None] * axes[:, 2]
-        normal = self._unit_gradient(feet).mean(axis=0)
+        normal = self._field.unit_gradient(feet).mean(axis=0)
         return Region(readonly(found), readonly(normal / np.linalg.norm(normal)), radius_mm)
-
-    # --- the distance -------------------------------------------------------------------------
-
-    def _places(self, points: Floats) -> Floats:
-        """Return points (n, 3) in nodes of the grid."""
-        return (points - self._skull.origin_skull) @ self._skull.axes_skull / self._skull.spacing_mm
-
-    def _distance(self, points: Floats) -> Floats:
-        """Return the signed distance (n,) to the bone."""
-        return self._field.value(self._places(points))
-
-    def _unit_gradient(self, points: Floats) -> Floats:
-        """Return the direction (n, 3) in which the distance grows."""
-        g = self._field.gradient(self._places(points)) @ self._skull.axes_skull.T
-        return g / np.maximum(np.linalg.norm(g, axis=1, keepdims=True), 1e-12)
-
-    def _span(self, origins: Floats, directions: Floats) -> tuple[Floats, Floats]:
-        """Return where rays enter and leave the trusted part of the grid."""
-        o = self._places(origins)
-        d = directions @ self._skull.axes_skull / self._skull.spacing_mm
-        d = np.where(np.abs(d) < 1e-12, 1e-12, d)
-        a, b = (RIM_NODES - o) / d, (self._high - o) / d
-        enter = np.maximum(np.minimum(a, b).max(axis=1), 0.0)
-        return enter, np.maximum(a, b).min(axis=1)
-
-    # --- rays ---------------------------------------------------------------------------------
-
-    def _entries(self, o: Floats, d: Floats, sign: float, starts: Floats, ends: Floats) -> Floats:
-        def gap(t: Floats, rays: Ints) -> Floats:
-            return sign * self._distance(o[rays] + t[:, None] * d[rays])
-
-        return first_entries(gap, starts, ends, STEEPNESS)
 
     def _first(self, o: Floats, d: Floats) -> Floats:
         """Return the distance (n,) to the outer surface."""
-        return self._entries(o, d, 1.0, *self._span(o, d))
+        return self._field.entries(o, d, 1.0, *self._field.span(o, d))
 
     def _last_exit(self, o: Floats, d: Floats, outer: Floats) -> Floats:
-        """Return the distance (n,) at which each ray leaves the bone, gaps bridged; inf: missing."""
+        """Return the distance (n,) at which each ray leaves the bone for good; inf: missing."""
         inner = np.full(len(o), np.inf)
         rays = np.flatnonzero(np.isfinite(outer))
-        _, leave = self._span(o, d)
+        _, leave = self._field.span(o, d)
         entry = outer[rays]
         while len(rays):
-            exits = self._entries(o[rays], d[rays], -1.0, entry + SKIN_MM, leave[rays])
+            exits = self._field.entries(o[rays], d[rays], -1.0, entry + SKIN_MM, leave[rays])
             inner[rays] = exits
             rays, exits = rays[np.isfinite(exits)], exits[np.isfinite(exits)]
             beyond = np.minimum(exits + GAP_MM, leave[rays])
-            entry = self._entries(o[rays], d[rays], 1.0, exits + SKIN_MM, beyond)
+            entry = self._field.entries(o[rays], d[rays], 1.0, exits + SKIN_MM, beyond)
             rays, entry = rays[np.isfinite(entry)], entry[np.isfinite(entry)]
         return inner
 
@@ -158,15 +120,15 @@ class LoadedSpecimen:
         o, d = self._rays(points_skull, directions_skull)
         return self._last_exit(o, d, np.zeros(len(o)))
 
-    # --- feet and normals -----------------------------------------------------------------------
-
     def _sheet(self, k: int) -> tuple[Floats, Bools]:
-        """Return boundary points (a, b, 3) under a square lattice on top, and which exist (a, b)."""
+        """Return boundary points (a, b, 3) under a lattice on top, and which exist (a, b)."""
         if k not in self._sheets:
             axes, spacing = self._skull.axes_skull, self._skull.spacing_mm
-            sides = [np.arange(RIM_NODES, high + 1e-9, SHEET_NODES) for high in self._high[:2]]
+            sides = [
+                np.arange(RIM_NODES, high + 1e-9, SHEET_NODES) for high in self._field.high[:2]
+            ]
             a, b = np.meshgrid(*sides, indexing="ij")
-            places = np.stack((a, b, np.full_like(a, self._high[2])), axis=-1).reshape(-1, 3)
+            places = np.stack((a, b, np.full_like(a, self._field.high[2])), axis=-1).reshape(-1, 3)
             o = self._skull.origin_skull + spacing * places @ axes.T
             d = np.repeat(-axes[:, 2][None], len(o), axis=0)
             t = self.layers(o, d)
@@ -177,63 +139,12 @@ class LoadedSpecimen:
         return self._sheets[k]
 
     def _foot(self, q: Floats, k: int) -> Floats:
-        """Return the nearest point (n, 3) of the outer (0) or inner (3) boundary.
-
-        From the nearest sample of the boundary, Newton steps in the tangent plane and back to the
-        zero level; a step that does not come nearer is refused and the next one damped.
-        """
+        """Return the nearest point (n, 3) of the outer (0) or inner (3) boundary."""
         if k not in self._trees:
             points, there = self._sheet(k)
-            self._trees[k] = cKDTree(points[there]), points[there]
+            self._trees[k] = KDTree(points[there]), points[there]
         tree, samples = self._trees[k]
-        x = self._onto_level(samples[tree.query(q)[1]])
-        best = np.linalg.norm(q - x, axis=1)
-        damping = np.zeros(len(q))
-        busy = np.arange(len(q))
-        for _ in range(FOOT_STEPS):
-            step = self._newton_step(q[busy], x[busy], damping[busy])
-            trial = self._onto_level(x[busy] + step)
-            distance = np.linalg.norm(q[busy] - trial, axis=1)
-            better = distance <= best[busy]
-            rows = busy[better]
-            x[rows], best[rows] = trial[better], distance[better]
-            damping[busy] = np.where(better, 0.0, np.maximum(damping[busy], 0.3) * 5.0)
-            busy = busy[np.linalg.norm(step, axis=1) > FOOT_MM]
-            if not len(busy):
-                break
-        return x
-
-    def _newton_step(self, q: Floats, x: Floats, damping: Floats) -> Floats:
-        """Return the step (n, 3) in the tangent plane at ``x`` towards the foot of ``q``.
-
-        Half the squared distance, seen along the surface, has the Hessian 1 + height * curvature;
-        its smallest eigenvalue is kept above ``LEAST_BEND``, and ``damping`` shortens the step.
-        """
-        axes, spacing = self._skull.axes_skull, self._skull.spacing_mm
-        places = self._places(x)
-        g = self._field.gradient(places) @ axes.T / spacing
-        size = np.maximum(np.linalg.norm(g, axis=1, keepdims=True), 1e-12)
-        n = g / size
-        off = q - x
-        height = np.einsum("ij,ij->i", off, n)
-        tangent = np.eye(3) - n[:, :, None] * n[:, None, :]
-        bend = axes @ self._field.hessian(places) @ axes.T / spacing**2
-        curvature = tangent @ (bend / size[:, :, None]) @ tangent
-        values, ways = np.linalg.eigh(np.eye(3) + height[:, None, None] * curvature)
-        values = np.maximum(values, LEAST_BEND) + damping[:, None]
-        slide = off - height[:, None] * n
-        step = np.einsum("nij,nj->ni", ways, np.einsum("nji,nj->ni", ways, slide) / values)
-        length = np.linalg.norm(step, axis=1, keepdims=True)
-        return step * np.minimum(1.0, LONGEST_STEP_MM / np.maximum(length, 1e-12))
-
-    def _onto_level(self, x: Floats) -> Floats:
-        """Return points moved along the gradient to the zero level."""
-        for _ in range(LEVEL_STEPS):
-            level = self._distance(x)
-            x = x - level[:, None] * self._unit_gradient(x)
-            if np.abs(level).max(initial=0.0) < LEVEL_MM:
-                break
-        return x
+        return self._field.foot(q, samples[tree.query(q)[1]])
 
     def closest(self, points_skull: ArrayLike, boundary: Boundary = "outer") -> Floats:
         """Return the nearest point (n, 3) of a boundary to each point near it.
@@ -246,7 +157,7 @@ class LoadedSpecimen:
         if k in (0, 3):
             return self._foot(q, k)
         outer = self._foot(q, 0)
-        inward = -self._unit_gradient(outer)
+        inward = -self._field.unit_gradient(outer)
         depth = self.layers(outer - SKIN_MM * inward, inward)[:, k] - SKIN_MM
         if not np.isfinite(depth).all():
             raise InvalidInputError("the bone has no inner boundary here: ask nearer to the region")
@@ -257,11 +168,11 @@ class LoadedSpecimen:
         q = as_points(points_skull, name="points_skull")
         k = boundary_index(boundary)
         if k == 0:
-            return self._unit_gradient(q)
+            return self._field.unit_gradient(q)
         if k == 3:
-            return -self._unit_gradient(q)
-        outer = self._unit_gradient(self._foot(q, 0))
-        inner = -self._unit_gradient(self._foot(q, 3))
+            return -self._field.unit_gradient(q)
+        outer = self._field.unit_gradient(self._foot(q, 0))
+        inner = -self._field.unit_gradient(self._foot(q, 3))
         blend = (3 - k) * outer + k * inner
         return blend / np.linalg.norm(blend, axis=1, keepdims=True)
 
@@ -269,7 +180,7 @@ class LoadedSpecimen:
         """Return the distance (n,) to the outer surface, positive outside."""
         q = as_points(points_skull, name="points_skull")
         foot = self._foot(q, 0)
-        side = np.einsum("ij,ij->i", q - foot, self._unit_gradient(foot))
+        side = np.einsum("ij,ij->i", q - foot, self._field.unit_gradient(foot))
         return np.where(side < 0.0, -1.0, 1.0) * np.linalg.norm(q - foot, axis=1)
 
     def mesh(self, boundary: Boundary = "outer", edge_mm: float = 3.0) -> Mesh:
@@ -287,9 +198,10 @@ class LoadedSpecimen:
         stride = max(1, round(edge_mm / (SHEET_NODES * self._skull.spacing_mm)))
         points, there = points[::stride, ::stride], there[::stride, ::stride]
         numbers = np.arange(there.size).reshape(there.shape)
-        corners = [part.ravel() for part in (
-            numbers[:-1, :-1], numbers[1:, :-1], numbers[1:, 1:], numbers[:-1, 1:]
-        )]
+        corners = [
+            part.ravel()
+            for part in (numbers[:-1, :-1], numbers[1:, :-1], numbers[1:, 1:], numbers[:-1, 1:])
+        ]
         quads = np.stack(corners, axis=1)
         quads = quads[there.ravel()[quads].all(axis=1)]
         faces = np.concatenate((quads[:, (0, 1, 2)], quads[:, (0, 2, 3)]))

@@ -1,4 +1,4 @@
-"""A smooth triangle mesh of a level of a volume: naive surface nets (Gibson 1998).
+"""A smooth triangle mesh of a level of a volume: naive surface nets.
 
 Each cell that the level crosses gets one vertex, the mean of the crossings of its edges; each grid
 edge that crosses the level joins the vertices of the four cells around it.
@@ -6,7 +6,7 @@ edge that crosses the level joins the vertices of the four cells around it.
 
 import numpy as np
 
-from rona_core.arrays import Floats, Ints
+from rona_core.arrays import Bools, Floats, Ints
 
 
 def surface_nets(values: Floats) -> tuple[Floats, Ints]:
@@ -19,7 +19,7 @@ def surface_nets(values: Floats) -> tuple[Floats, Ints]:
     cells = np.array(values.shape) - 1
     sums = np.zeros((*cells, 3))
     counts = np.zeros(cells, dtype=np.int64)
-    crossings: list[tuple[int, Ints, Floats]] = []
+    crossings: list[tuple[int, Ints, Bools]] = []
     for axis in range(3):
         lower = [slice(None)] * 3
         upper = [slice(None)] * 3

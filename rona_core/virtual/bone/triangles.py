@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 import trimesh
-from scipy.spatial import cKDTree
+from scipy.spatial import KDTree
 from trimesh.remesh import subdivide_to_size
 from trimesh.triangles import closest_point
 
@@ -64,7 +64,9 @@ def read_mesh(path: Path) -> BoneMesh:
             f"{high:g} mm; check the unit"
         )
     if not closed:
-        edges, count = np.unique(np.sort(faces[:, (0, 1, 1, 2, 2, 0)].reshape(-1, 2)), axis=0, return_counts=True)
+        edges, count = np.unique(
+            np.sort(faces[:, (0, 1, 1, 2, 2, 0)].reshape(-1, 2)), axis=0, return_counts=True
+        )
         raise InvalidInputError(
             f"{path.name} is not closed: {int((count != 2).sum())} of {len(edges)} edges do not "
             f"join two triangles; close its holes, or export the mask as a volume instead"
@@ -106,9 +108,10 @@ def inside(mesh: BoneMesh, origins: Floats, step: Floats, count: int) -> Bools:
     solid: Any = trimesh.Trimesh(mesh.vertices, mesh.faces, process=False, validate=False)
     spacing = float(np.linalg.norm(step))
     d = step / spacing
-    far = float(np.linalg.norm(np.ptp(mesh.bounds(), axis=0))) + np.abs(
-        (origins - mesh.vertices.mean(axis=0)) @ d
-    ).max()
+    far = (
+        float(np.linalg.norm(np.ptp(mesh.bounds(), axis=0)))
+        + np.abs((origins - mesh.vertices.mean(axis=0)) @ d).max()
+    )
     across = np.linalg.svd(d[None])[2][1:]
     result = np.zeros((len(origins), count), dtype=np.bool_)
     open_columns = np.arange(len(origins))
@@ -143,9 +146,9 @@ def distance_to(mesh: BoneMesh, points: Floats, limit_mm: float, exact_mm: float
     near = ((corners.max(axis=1) >= low) & (corners.min(axis=1) <= high)).all(axis=1)
     if not near.any():
         return np.full(len(points), limit_mm)
-    vertices, faces = subdivide_to_size(mesh.vertices, mesh.faces[near], FINE_MM, max_iter=14)
-    triangles = vertices[faces]
-    centers = cKDTree(triangles.mean(axis=1))
+    fine: Any = subdivide_to_size(mesh.vertices, mesh.faces[near], FINE_MM, max_iter=14)
+    triangles: Floats = fine[0][fine[1]]
+    centers = KDTree(triangles.mean(axis=1))
     distances, _ = centers.query(points, distance_upper_bound=limit_mm)
     distances = np.minimum(distances, limit_mm)
     close = np.flatnonzero(distances < exact_mm + FINE_MM)

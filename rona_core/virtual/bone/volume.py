@@ -90,8 +90,8 @@ def without(outer: BoneVolume, inner: BoneVolume) -> BoneVolume:
     )
     if not same:
         raise InvalidInputError(
-            f"the outer volume has the grid {outer.mask.shape} and the inner {inner.mask.shape}, or "
-            f"they lie elsewhere: export both on one grid"
+            f"the outer grid is {outer.mask.shape}, the inner {inner.mask.shape}, or they "
+            f"lie elsewhere: export both on one grid"
         )
     outside = float((inner.mask & ~outer.mask).sum()) / float(inner.mask.sum())
     if outside > 0.01:

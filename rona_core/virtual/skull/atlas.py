@@ -4,7 +4,7 @@ The six, one for each face of a cube, are baked only when something looks there.
 """
 
 import numpy as np
-from scipy.spatial import cKDTree
+from scipy.spatial import KDTree
 
 from rona_core.arrays import Floats, Ints
 from rona_core.virtual.skull.chart import Chart
@@ -27,7 +27,7 @@ class Atlas:
         self._charts: dict[int, Chart] = {
             0: Chart.bake(shape.radii, tangents(axis), half, SCAN_STEP_MM)
         }
-        self._trees: dict[tuple[int, int], tuple[cKDTree, Floats]] = {}
+        self._trees: dict[tuple[int, int], tuple[KDTree, Floats]] = {}
 
     def _chart(self, number: int) -> Chart:
         """Return chart 0, the scanned one, or the chart of face 1 to 6, baked on demand."""
@@ -87,7 +87,7 @@ class Atlas:
         if (number, k) not in self._trees:
             side = np.linspace(-chart.half, chart.half, CANDIDATES_PER_CHART)
             slopes = np.stack(np.meshgrid(side, side, indexing="ij"), -1).reshape(-1, 2)
-            self._trees[number, k] = cKDTree(chart.surface(slopes, k)[0]), slopes
+            self._trees[number, k] = KDTree(chart.surface(slopes, k)[0]), slopes
         tree, candidates = self._trees[number, k]
         return _descend(chart, k, v, candidates[tree.query(v)[1]])
 

@@ -60,7 +60,8 @@ class Chart:
         rows = place[1] / self.step + (n - 1) / 2 + k * n
         columns = place[2] / self.step + (n - 1) / 2
         rho = map_coordinates(self.tiles, (rows, columns), order=3, prefilter=False)
-        return np.sqrt(np.einsum("ij,ij->i", v, v)) * (1.0 - rho / place[0])
+        depth = np.maximum(place[0], 1e-9)  # the centre itself is inside everything
+        return np.sqrt(np.einsum("ij,ij->i", v, v)) * (1.0 - rho / depth)
 
     def surface(self, slopes: Floats, k: int) -> tuple[Floats, Floats, Floats]:
         """Return points and their derivatives by the slopes.

@@ -5,17 +5,17 @@ A direction ``u`` is a unit vector (n, 3) from the centre of the head. Each fiel
 """
 
 from dataclasses import dataclass
-from typing import Protocol
+from typing import Any, Protocol
 
 import numpy as np
 from scipy.sparse import coo_matrix
-from scipy.spatial import cKDTree
+from scipy.spatial import KDTree
 
 from rona_core.arrays import Floats
 
 HEAD_MM = 76.0  # radius that turns a length on the bone into an angle
 FAR_SIDE = 0.5  # width along the axis of a bump, so that it does not appear on the far side too
-REACH = 6.0  # standard deviations after which a smeared point counts as zero
+REACH = 7.5  # standard deviations after which a smeared point counts as zero
 
 
 class Field(Protocol):
@@ -56,7 +56,7 @@ class Bumps:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Waves:
-    """A stationary random field: a sum of cosines with random wave vectors (Rahimi & Recht 2007)."""
+    """A stationary random field: a sum of cosines with random wave vectors (Rahimi 2007)."""
 
     vectors: Floats  # (m, 3) in radians per unit of u
     phases_rad: Floats  # (m,)
@@ -89,23 +89,24 @@ class Curves:
     weights_mm: Floats  # (m,)
     width: float  # standard deviation in radians
 
-    def _pairs(self, u: Floats) -> coo_matrix:
-        """Return the squared distances of all pairs (direction, point) within reach."""
+    def _pairs(self, u: Floats) -> Any:
+        """Return the distances of all pairs (direction, point) within reach."""
         if not len(self.points):
             return coo_matrix((len(u), 0))
         reach = REACH * self.width
-        pairs = cKDTree(u).sparse_distance_matrix(
-            cKDTree(self.points), reach, output_type="coo_matrix"
+        near: Any = KDTree(u).sparse_distance_matrix(
+            KDTree(self.points), reach, output_type="coo_matrix"
         )
-        return pairs
+        return near
 
-    def _bells(self, pairs: coo_matrix) -> Floats:
+    def _bells(self, pairs: Any) -> Floats:
         return self.weights_mm[pairs.col] * np.exp(-0.5 * (pairs.data / self.width) ** 2)
 
     def value(self, u: Floats) -> Floats:
         """Return the values (n,) in mm."""
         pairs = self._pairs(u)
-        return np.bincount(pairs.row, self._bells(pairs), minlength=len(u))
+        values: Any = np.bincount(pairs.row, self._bells(pairs), minlength=len(u))
+        return values
 
     def gradient(self, u: Floats) -> Floats:
         """Return the gradients (n, 3) in mm."""

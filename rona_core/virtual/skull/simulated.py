@@ -50,8 +50,8 @@ class SimulatedSpecimen:
             radius = float(self.shape.radii(u[None])[0, 0])
             if abs(distance - radius) > OFF_SURFACE_MM:
                 raise InvalidInputError(
-                    f"the centre of the region must lie on the skull, within {OFF_SURFACE_MM:g} mm, "
-                    f"but lies {distance - radius:+.0f} mm off it: choose a point on the surface"
+                    f"the centre must lie on the skull, but lies {distance - radius:+.0f} "
+                    f"mm off it: choose a point within {OFF_SURFACE_MM:g} mm of the surface"
                 )
             return radius * u
         behind, above = REGION_PLACE_MM
@@ -91,7 +91,9 @@ class SimulatedSpecimen:
             raise InvalidInputError(f"{len(o)} origins need as many directions, not {len(d)}")
         return o - self._center, d
 
-    def _trace(self, v: Floats, d: Floats, k: np.typing.NDArray[np.int64], starts: Floats) -> Floats:
+    def _trace(
+        self, v: Floats, d: Floats, k: np.typing.NDArray[np.int64], starts: Floats
+    ) -> Floats:
         enter, leave = sphere_span(v, d, self._bound_mm)
 
         def gap(t: Floats, rays: np.typing.NDArray[np.int64]) -> Floats:

@@ -1,0 +1,236 @@
+"""Scenes here have other seeds than those on which the detector was adjusted."""
+
+from dataclasses import replace
+from functools import lru_cache
+
+import numpy as np
+import pytest
+
+from rona_core.devices.samples import AScanTrack
+from rona_core.devices.settings import ProbeSettings
+from rona_core.errors import CancelledError, InvalidInputError
+from rona_core.geometry.pose import Pose
+from rona_core.ultrasound.detect import (
+    CLIPPED,
+    NO_FRONT,
+    NO_INNER,
+    NOMINAL_SPEED_MM_PER_US,
+    TOO_THIN,
+    UNSURE,
+    detect,
+)
+from rona_core.ultrasound.medium import Medium
+from rona_core.ultrasound.probe import PROBES, probe_model
+from rona_core.ultrasound.view import preview
+from rona_core.virtual.probe import VirtualProbe
+from tests.ultrasound_scenes import Plates, StillClock, WavySkull, scan
+
+PROBE = probe_model("2.25MHz")
+CASES = [(name, kind) for name in PROBES for kind in ("pulse", "chirp")]
+EVERY = pytest.mark.parametrize(("name", "excitation"), CASES)
+SEEDS = (11, 12, 13)
+
+
+@lru_cache(maxsize=4)
+def surveys(name, excitation):
+    """Return rough skulls scanned with tilt and lift errors, as (track, true depths) each."""
+    found = []
+    for seed in SEEDS:
+        settings = ProbeSettings(name=name, excitation=excitation)
+        track, _, truth = scan(WavySkull(seed), settings, seed=seed, lines_mm=3.0)
+        found.append((track, truth))
+    return found
+
+
+def plate(name, excitation, depths, *, tilt_deg=0.0, lifts=(0.0,), snr=50.0, medium=None):
+    clock, pose = StillClock(), [Pose.identity()]
+    probe = VirtualProbe(clock, lambda: pose[0], Plates(depths), medium)
+    probe.begin(ProbeSettings(name=name, excitation=excitation, front_snr_db=snr), 5, 0)
+    scans = []
+    for i, lift in enumerate(lifts):
+        clock.time_s = 0.1 * i
+        tilted = Pose.from_rotvec((np.deg2rad(tilt_deg), 0.0, 0.0))
+        pose[0] = tilted @ Pose.from_translation((0.0, 0.0, -lift))
+        scans.append(probe.acquire())
+    return AScanTrack.from_scans(scans)
+
+
+def test_the_scenes_are_as_hard_as_real_skulls():
+    xy = np.random.default_rng(0).uniform(-12, 12, (3000, 2))
+    tilts = np.concatenate([WavySkull(seed).inner_tilt_deg(xy) for seed in SEEDS])
+    assert 5.5 < np.median(tilts) < 10.0
+    assert 12.0 < np.percentile(tilts, 90) < 20.0
+
+
+@EVERY
+def test_the_outer_boundary_is_found_everywhere_to_a_few_hundredths(name, excitation):
+    probe = probe_model(name)
+    for track, truth in surveys(name, excitation):
+        found = detect(track, probe, excitation)
+        assert found.outer_ok.all()
+        error = found.standoff_mm - truth[:, 0]
+        sag_mm = probe.aperture_radius_mm**2 / (4 * 80.0)
+        assert 0.0 < error.mean() < sag_mm + 0.01  # late by at most a^2 / 4R
+        assert error.std() < 0.03
+
+
+@pytest.mark.parametrize(
+    ("name", "excitation", "coverage", "wrong", "sd_mm"),
+    [
+        ("2.25MHz", "pulse", 0.3, 0.03, 0.25),
+        ("2.25MHz", "chirp", 0.3, 0.03, 0.25),
+        ("1MHz", "pulse", 0.3, 0.10, 0.45),
+        ("1MHz", "chirp", 0.3, 0.10, 0.45),
+    ],
+)
+def test_what_is_not_flagged_is_right_on_rough_skulls(name, excitation, coverage, wrong, sd_mm):
+    errors, kept = [], []
+    for track, truth in surveys(name, excitation):
+        found = detect(track, probe_model(name), excitation)
+        errors.append(found.thickness_mm - truth[:, 1])
+        kept.append(found.inner_ok)
+    error, ok = np.concatenate(errors), np.concatenate(kept)
+    assert ok.mean() > coverage
+    assert np.mean(np.abs(error[ok]) > 1.0) < wrong
+    assert error[ok].std() < sd_mm
+    # and flagging is worth something: the flagged ones are wrong far more often
+    assert np.mean(np.abs(error[~ok]) > 1.0) > 3.0 * np.mean(np.abs(error[ok]) > 1.0)
+
+
+@pytest.mark.parametrize("excitation", ["pulse", "chirp"])
+def test_subtracting_the_front_beats_the_plain_detectors(excitation):
+    failures = {}
+    for method in ("subtract", "matched", "threshold"):
+        wrong = [
+            np.abs(detect(track, PROBE, excitation, method=method).thickness_mm - truth[:, 1]) > 1.0
+            for track, truth in surveys("2.25MHz", excitation)
+        ]
+        failures[method] = np.concatenate(wrong).mean()
+    assert failures["subtract"] < 0.3
+    assert failures["subtract"] < 0.8 * min(failures["matched"], failures["threshold"])
+    if excitation == "chirp":
+        assert failures["matched"] > 0.8  # its side lobes are taken for the inner echo
+
+
+@EVERY
+@pytest.mark.parametrize("thickness_mm", [5.0, 7.0, 9.0])
+def test_flat_bone_is_measured_to_its_nominal_speed(name, excitation, thickness_mm):
+    depths = np.array((0.0, 0.275, 0.725, 1.0)) * thickness_mm  # the nominal share of diploe
+    quiet = Medium(speckle=0.0, outer_roughness_mm=0.0, inner_roughness_mm=0.0)
+    track = plate(name, excitation, depths, snr=70.0, medium=quiet)
+    found = detect(track, probe_model(name), excitation)
+    assert found.inner_ok[0]
+    assert found.thickness_mm[0] == pytest.approx(thickness_mm, abs=0.12)
+
+
+def test_the_plain_methods_find_flat_bone_with_a_pulse():
+    track = plate("1MHz", "pulse", (0.0, 2.0, 5.0, 7.0), snr=60.0)
+    for method in ("matched", "threshold"):
+        found = detect(track, probe_model("1MHz"), "pulse", method=method)
+        assert found.thickness_mm[0] == pytest.approx(7.0, abs=0.6)
+        assert found.method == method
+
+
+def test_thickness_is_proportional_to_the_speed_that_is_assumed():
+    track = plate("2.25MHz", "pulse", (0.0, 1.8, 4.2, 6.0))
+    slow, fast = (
+        detect(track, PROBE, "pulse", sound_speed_mm_per_us=c, method="matched")
+        for c in (2.5, 2.75)
+    )
+    assert fast.thickness_mm[0] / slow.thickness_mm[0] == pytest.approx(1.1, rel=1e-9)
+    assert fast.standoff_mm[0] == slow.standoff_mm[0]
+    assert 2.45 < NOMINAL_SPEED_MM_PER_US < 2.85
+
+
+@EVERY
+def test_the_standoff_follows_the_probe_over_its_compliance(name, excitation):
+    lifts = np.linspace(-1.9, 1.9, 9)
+    track = plate(name, excitation, (0.0, 1.8, 4.2, 6.0), lifts=lifts)
+    found = detect(track, probe_model(name), excitation)
+    assert found.outer_ok.all()
+    np.testing.assert_allclose(found.standoff_mm, lifts, atol=0.06)
+
+
+def test_a_probe_in_the_air_has_no_front():
+    track = plate("2.25MHz", "chirp", (0.0, 1.8, 4.2, 6.0), lifts=(0.0, 2.5, -2.5, 0.0))
+    found = detect(track, PROBE, "chirp")
+    np.testing.assert_array_equal(found.flag == NO_FRONT, (False, True, True, False))
+    np.testing.assert_array_equal(found.outer_ok, (True, False, False, True))
+    assert not found.inner_ok[1:3].any()
+
+
+def test_noise_alone_is_no_bone():
+    rng = np.random.default_rng(2)
+    real = plate("2.25MHz", "pulse", (0.0, 1.8, 4.2, 6.0))
+    n = 40
+    track = AScanTrack(
+        np.arange(n) * 0.1, rng.normal(0, 0.01, (n, real.rf.shape[1])).astype(np.float32),
+        real.sampling_mhz, real.start_us, np.zeros(n, dtype=bool),
+    )  # fmt: skip
+    found = detect(track, PROBE, "pulse")
+    assert (found.flag == NO_FRONT).all()
+    assert not found.inner_ok.any()
+
+
+def test_a_tilted_probe_is_flagged():
+    track = plate("2.25MHz", "chirp", (0.0, 1.8, 4.2, 6.0), tilt_deg=9.0)
+    assert detect(track, PROBE, "chirp").flag[0] in (NO_FRONT, NO_INNER, UNSURE, TOO_THIN)
+
+
+def test_clipping_is_flagged():
+    track = plate("2.25MHz", "chirp", (0.0, 1.8, 4.2, 6.0))
+    clipped = replace(track, clipped=np.ones(1, dtype=bool))
+    found = detect(clipped, PROBE, "chirp")
+    assert found.flag[0] == CLIPPED
+    assert not found.outer_ok[0]
+
+
+def test_one_boundary_without_another_behind_it_is_not_called_bone():
+    endless = (0.0, 1000.0, 2000.0, 3000.0)
+    found = detect(plate("2.25MHz", "pulse", endless, lifts=np.zeros(5)), PROBE, "pulse")
+    assert found.outer_ok.all()
+    assert not found.inner_ok.any()
+
+
+def test_no_scans_give_an_empty_detection():
+    none = np.zeros(0)
+    empty = AScanTrack(none, np.zeros((0, 1743), np.float32), 50.0, PROBE.start_us, none > 0)
+    found = detect(empty, PROBE, "chirp")
+    assert len(found) == 0
+
+
+def test_wrong_settings_are_refused_by_name():
+    track = plate("2.25MHz", "chirp", (0.0, 1.8, 4.2, 6.0))
+    with pytest.raises(InvalidInputError, match="guess"):
+        detect(track, PROBE, "chirp", method="guess")
+    with pytest.raises(InvalidInputError, match="speed"):
+        detect(track, PROBE, "chirp", sound_speed_mm_per_us=0.3)
+    with pytest.raises(InvalidInputError, match="25"):
+        detect(replace(track, sampling_mhz=25.0), PROBE, "chirp")
+
+
+def test_it_can_be_cancelled_and_tells_how_far_it_is():
+    track = plate("2.25MHz", "chirp", (0.0, 1.8, 4.2, 6.0))
+    shares = []
+    detect(track, PROBE, "chirp", progress=shares.append)
+    assert shares[-1] == 1.0
+    with pytest.raises(CancelledError):
+        detect(track, PROBE, "chirp", cancel=lambda: True)
+
+
+def test_the_view_shows_the_echoes_where_they_were_found():
+    track = plate("2.25MHz", "chirp", (0.0, 1.8, 4.2, 6.0), snr=70.0)
+    found = detect(track, PROBE, "chirp")
+    view = preview(track, 0, PROBE, "chirp", found)
+    assert view.outer_us == found.outer_us[0]
+    assert view.inner_us == found.inner_us[0]
+    assert view.matched_us[np.argmax(view.matched)] == pytest.approx(view.outer_us, abs=0.06)
+    later = np.abs(view.matched_us - view.outer_us - 6.0) < 3.5
+    best = np.argmax(np.where(later, view.behind_front, 0.0))
+    assert view.matched_us[best] == pytest.approx(view.inner_us, abs=0.25)
+    assert len(view.rf) == len(view.time_us) == len(view.envelope) == track.rf.shape[1]
+    assert np.all(view.envelope[200:-200] >= np.abs(view.rf[200:-200]) - 0.02)
+    bare = preview(track, 0, PROBE, "chirp")
+    assert bare.outer_us is bare.inner_us is bare.flag is None
+    with pytest.raises(InvalidInputError, match="number 7"):
+        preview(track, 7, PROBE, "chirp")
