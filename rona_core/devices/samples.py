@@ -127,7 +127,7 @@ class AScanTrack:
             times_s=readonly(np.array([s.time_s for s in scans], dtype=np.float64)),
             rf=readonly(
                 # adding zero turns -0 into 0, so that equal samples have equal bits
-                np.array([s.rf for s in scans], dtype=np.float32).reshape(len(scans), -1)
+                np.array([s.rf for s in scans], dtype=np.float32).reshape(len(scans), len(first.rf))
                 + np.float32(0.0)
             ),
             sampling_mhz=first.sampling_mhz,
