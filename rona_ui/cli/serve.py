@@ -1,5 +1,7 @@
 """``rona serve``: the program for the browser."""
 
+import contextlib
+import signal
 import sys
 from typing import Any
 
@@ -30,10 +32,12 @@ def run(wanted: Any) -> int:
         sys.stdout.write(f"RONA is at {url}\nSessions are in {folder}. Ctrl-C ends it.\n")
         sys.stdout.flush()
 
-    serve(
-        settings,
-        build_hub=lambda place: build_hub(place, pace=pace),
-        open_window=open_window,
-        say=say,
-    )
+    signal.signal(signal.SIGTERM, lambda *_: sys.exit(0))  # so that devices and processes end too
+    with contextlib.suppress(KeyboardInterrupt):
+        serve(
+            settings,
+            build_hub=lambda place: build_hub(place, pace=pace),
+            open_window=open_window,
+            say=say,
+        )
     return 0
