@@ -12,6 +12,11 @@ from rona_ui.server import ServerSettings, serve, token_from_environment
 from rona_ui.window import open_window
 
 
+def _end(number: int, frame: object) -> None:
+    """Leave in an orderly way, so that devices and processes end too."""
+    sys.exit(0)
+
+
 def run(wanted: Any) -> int:
     """Serve until somebody interrupts."""
     pace = wanted.pace or None
@@ -32,7 +37,7 @@ def run(wanted: Any) -> int:
         sys.stdout.write(f"RONA is at {url}\nSessions are in {folder}. Ctrl-C ends it.\n")
         sys.stdout.flush()
 
-    signal.signal(signal.SIGTERM, lambda *_: sys.exit(0))  # so that devices and processes end too
+    signal.signal(signal.SIGTERM, _end)
     with contextlib.suppress(KeyboardInterrupt):
         serve(
             settings,
