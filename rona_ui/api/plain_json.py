@@ -3,8 +3,8 @@
 import dataclasses
 import json
 import math
-from collections.abc import Mapping
-from typing import Any
+from collections.abc import Mapping, Sequence
+from typing import Any, cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -51,7 +51,7 @@ def plain(value: Any, max_points: int | None = None) -> Any:
         return {name: plain(getattr(value, name), max_points) for name in names}
     if isinstance(value, Mapping):
         return {str(key): plain(item, max_points) for key, item in value.items()}
-    return [plain(item, max_points) for item in list(value)]
+    return [plain(item, max_points) for item in cast("Sequence[Any]", value)]
 
 
 def _plain_array(array: NDArray[Any], max_points: int | None) -> Any:

@@ -1,5 +1,7 @@
 """``rona serve``: the program for the browser."""
 
+import contextlib
+import signal
 import sys
 from typing import Any
 
@@ -8,6 +10,11 @@ from rona_core.errors import InvalidInputError
 from rona_ui.resources import sessions_dir
 from rona_ui.server import ServerSettings, serve, token_from_environment
 from rona_ui.window import open_window
+
+
+def _end(number: int, frame: object) -> None:
+    """Leave in an orderly way, so that devices and processes end too."""
+    sys.exit(0)
 
 
 def run(wanted: Any) -> int:
@@ -30,10 +37,12 @@ def run(wanted: Any) -> int:
         sys.stdout.write(f"RONA is at {url}\nSessions are in {folder}. Ctrl-C ends it.\n")
         sys.stdout.flush()
 
-    serve(
-        settings,
-        build_hub=lambda place: build_hub(place, pace=pace),
-        open_window=open_window,
-        say=say,
-    )
+    signal.signal(signal.SIGTERM, _end)
+    with contextlib.suppress(KeyboardInterrupt):
+        serve(
+            settings,
+            build_hub=lambda place: build_hub(place, pace=pace),
+            open_window=open_window,
+            say=say,
+        )
     return 0

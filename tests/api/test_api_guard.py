@@ -28,7 +28,9 @@ def known(web):
     return {"Authorization": f"Bearer {web.token}"}
 
 
-@pytest.mark.parametrize("token", ["", "wrong", "a-token-of-the-test", "ä", "a-token-of-the-tests2"])
+@pytest.mark.parametrize(
+    "token", ["", "wrong", "a-token-of-the-test", "ä", "a-token-of-the-tests2"]
+)
 def test_a_wrong_token_is_refused(anonymous, token):
     for name, text in (("Authorization", f"Bearer {token}"), ("Cookie", f"{COOKIE}={token}")):
         headers = {name: text.strip().encode()}
@@ -64,7 +66,9 @@ def test_a_token_in_the_address_changes_nothing(anonymous, web):
     assert answer.status_code == 401
 
 
-@pytest.mark.parametrize("host", ["evil.example", "127.0.0.1.evil.example", "localhost.evil", "[::2]"])
+@pytest.mark.parametrize(
+    "host", ["evil.example", "127.0.0.1.evil.example", "localhost.evil", "[::2]"]
+)
 def test_other_host_names_are_refused(anonymous, known, host):
     answer = anonymous.get(CURRENT, headers={**known, "Host": host})
     assert (answer.status_code, answer.json()["code"]) == (421, "misdirected")
@@ -173,7 +177,7 @@ def test_messages_go_both_ways_and_who_leaves_is_forgotten(web, known):
     assert viewer.get_clients() == {}
 
 
-# -- the seam: what the gateway knows of viser ------------------------------------------------------
+# -- the seam: what the gateway knows of viser -----------------------------------------------------
 
 
 def test_this_version_of_viser_is_known():
@@ -226,7 +230,9 @@ def test_the_viewers_page_is_compressed_and_cached(anonymous, known):
     assert plain.headers["x-content-type-options"] == "nosniff"
     assert plain.headers["cache-control"] == "no-cache"
     assert plain.content.startswith(b"<!doctype html>")
-    with anonymous.stream("GET", "/viewer/", headers={**known, "Accept-Encoding": "gzip"}) as zipped:
+    with anonymous.stream(
+        "GET", "/viewer/", headers={**known, "Accept-Encoding": "gzip"}
+    ) as zipped:
         assert zipped.headers["content-encoding"] == "gzip"
         assert gzip.decompress(b"".join(zipped.iter_raw())) == plain.content
     tag = plain.headers["etag"]
