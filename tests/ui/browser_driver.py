@@ -26,7 +26,8 @@ DRAWN_BY = {
     "mesa": ("--use-gl=angle", "--use-angle=gl-egl"),
     "swiftshader": ("--use-angle=swiftshader", "--enable-unsafe-swiftshader"),
 }
-VIEWPORT = {"width": 1600, "height": 1000}
+VIEWPORT = {"width": 1600, "height": 1000}  # of the pictures
+SMALL = {"width": 1360, "height": 850}  # quicker to draw
 
 PROJECT = """(places) => {
   const m = window.__viserMutable, node = m.nodeRefFromName['/skull'];
@@ -40,7 +41,12 @@ PROJECT = """(places) => {
   });
 }"""
 STATES = """() => [...document.querySelectorAll('.r-step .r-badge')].map((e) => e.textContent)"""
-NODES = """() => Object.keys(window.__viserSceneTree.getState()).sort()"""
+# names of what is drawn; parents that stay behind, empty, when their last child goes do not count
+NODES = """() => {
+  const all = Object.keys(window.__viserSceneTree.getState());
+  const empty = ['/drawing', '/pointer', '/maps', '/path', '/scan', '/rolls', '/surface'];
+  return all.filter((n) => !empty.includes(n)).sort();
+}"""
 
 
 def free_port() -> int:
@@ -137,8 +143,9 @@ class Surgeon:
 
     def open_step(self, name: str) -> None:
         """Click a step of the list."""
-        self.button(f"Step {STEPS.index(name) + 1}: {name}").click()
-        self.frame.get_by_text(f"Step {STEPS.index(name) + 1}: {name}", exact=True).first.wait_for()
+        title = f"Step {STEPS.index(name) + 1}: {name}"
+        self.button(title).click()
+        self.frame.locator(".r-title").get_by_text(title, exact=True).wait_for()
 
     def tab(self, name: str) -> None:
         """Click a tab of the right dock."""
@@ -170,7 +177,7 @@ class Surgeon:
 
     def picture(self, name: str) -> Path:
         """Keep what is to be seen now."""
-        time.sleep(0.8)  # the picture, not a condition: the last frame is drawn on demand
+        time.sleep(0.5)  # the picture, not a condition: the last frame is drawn on demand
         path = self.pictures / f"{name}.png"
         self.page.screenshot(path=path)
         return path

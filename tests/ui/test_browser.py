@@ -13,6 +13,7 @@ from browser_driver import (
     DRAWN_BY,
     FLAGS,
     REPOSITORY,
+    SMALL,
     STEPS,
     VIEWPORT,
     Surgeon,
@@ -47,7 +48,8 @@ def surgeon(tmp_path_factory: pytest.TempPathFactory, pictures: Path) -> Iterato
         playwright.sync_playwright() as driver,
     ):
         browser = driver.chromium.launch(executable_path=CHROMIUM, args=list(flags))
-        page = browser.new_page(viewport=VIEWPORT)
+        keep = os.environ.get("RONA_SCREENSHOTS") == "1"
+        page = browser.new_page(viewport=VIEWPORT if keep else SMALL)
         page.set_default_timeout(60_000)
         yield Surgeon(page, address, pictures)
         browser.close()
@@ -126,7 +128,7 @@ def test_nine_steps_by_mouse_then_saved_and_opened_again(surgeon: Surgeon) -> No
     surgeon.button("Draw on the skull").click()
     frame.get_by_text("points so far").wait_for()
     draw_meander(surgeon, center)
-    wait_for(lambda: points_so_far(surgeon) >= 20, 20, "20 points on the skull")
+    wait_for(lambda: points_so_far(surgeon) >= 40, 20, "40 points on the skull")
     assert {"/drawing/line", "/drawing/points"} <= set(surgeon.nodes())
     surgeon.picture("path")
     surgeon.button("Finish the line").click()
@@ -209,4 +211,4 @@ def test_escape_stops_the_robot_while_it_scans(surgeon: Surgeon) -> None:
     surgeon.button("Cancel").wait_for()
     surgeon.page.keyboard.press("Escape")
     surgeon.wait_idle(30)
-    assert surgeon.frame.get_by_text("Stopped early").is_visible()
+    assert surgeon.frame.get_by_text("Stopped early: start the scan again").is_visible()
