@@ -34,6 +34,14 @@ def page(done: Sequence[Run]) -> str:
             for r in done
         ),
         row("**paper**", "", "", *(as_number(aim.paper) for aim in AIMS)),
+        "\n## Runs that did not complete\n",
+        "\n".join(
+            f"* {r.specimen}, seed {r.seed}, step {r.figures.get('failed_step')}: "
+            f"{r.figures.get('reason')}"
+            for r in done
+            if r.figures.get("completed") is not True
+        )
+        or "None.",
         "\n## Summary\n",
         row("figure", "value", "unit", "goal", "paper", "holds"),
         row(*["---"] * 6),

@@ -80,7 +80,7 @@ function entry(verb, path, operation, document_) {
   const item = make("details", {},
     make("summary", {},
       make("span", { className: `verb ${verb}`, textContent: verb.toUpperCase() }),
-      make("code", { textContent: path }),
+      make("code", { textContent: path.replace("/api/v1", ""), title: path }),
       make("span", { textContent: operation.summary || "" })),
     inside);
   item.dataset.text = `${verb} ${path} ${operation.summary || ""} ${operation.description || ""}`.toLowerCase();
@@ -110,7 +110,7 @@ async function load() {
   const document_ = await answer.json();
   document.getElementById("version").textContent = document_.info.version;
   document.getElementById("about").textContent =
-    `${document_.info.description || ""} Base address ${location.origin}; send "Authorization: Bearer TOKEN".`;
+    `${document_.info.description || ""} Addresses begin with ${location.origin}/api/v1; send "Authorization: Bearer TOKEN".`;
   const groups = new Map((document_.tags || []).map((tag) => [tag.name, { about: tag.description, items: [] }]));
   for (const [path, verbs] of Object.entries(document_.paths)) {
     for (const [verb, operation] of Object.entries(verbs)) {

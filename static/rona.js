@@ -45,7 +45,9 @@ async function stop() {
 }
 
 function onKey(event) {
-  if (event.key === "Escape" && !event.repeat) stop();
+  if (event.key !== "Escape" || event.repeat) return;
+  stop();
+  $("helptext").close();
 }
 
 function listenIn(frame) {
@@ -113,7 +115,7 @@ function follow() {
   };
 }
 
-$("help").addEventListener("click", () => $("helptext").showModal());
+$("help").addEventListener("click", () => $("helptext").show() /* not modal: Stop stays in reach */);
 $("demo").addEventListener("click", async () => {
   try {
     await post("/sessions/demo");

@@ -51,6 +51,8 @@ AIMS = (
     Aim("coverage_fraction", "share", "higher"),
     Aim("inner_coverage_fraction", "share", "higher", 0.3),
     Aim("unflagged_failure_fraction", "share", "lower"),
+    Aim("detection_failure_fraction", "share", "lower"),
+    Aim("flagged_fraction", "share", "lower"),
 )
 
 
@@ -64,12 +66,12 @@ def runs(progress: Progress) -> Iterator[Run]:
     """Yield every run; a skull that is not there is left out, and said so."""
     for seed in SEEDS:
         progress(f"simulated skull, seed {seed}")
-        yield Run("simulated", seed, run_demo(seed, "simulated"))
+        yield Run("simulated", seed, run_demo(seed)[1])
     for name in SKULLS:
         path = data_folder() / name
         if path.is_file():
             progress(name)
-            yield Run(name.partition("_mask")[0], 0, run_demo(0, str(path)))
+            yield Run(name.partition("_mask")[0], 0, run_demo(0, specimen=str(path))[1])
         else:
             progress(f"{name} is not there: left out")
 

@@ -328,7 +328,7 @@ class StartMapping:
 
     __pydantic_config__: ClassVar = STRICT
     method: Literal["subtract", "matched", "threshold"] = "subtract"
-    sound_speed_mm_per_us: float = 2.85
+    sound_speed_mm_per_us: float = 2.65  # mean of tables and diploe; published: 2.45 to 2.85
     cell_mm: float = 1.0
 
     def __post_init__(self) -> None:

@@ -10,6 +10,7 @@ from concurrent.futures.process import BrokenProcessPool
 from multiprocessing.managers import SyncManager
 from typing import Any
 
+from rona_core.app.threads import use_one_thread
 from rona_core.devices.protocols import Cancel, Progress
 from rona_core.errors import CancelledError, RonaError
 
@@ -21,6 +22,7 @@ _worker_events: Any = None  # set in each worker by its initialiser
 def _initialise(events: Any) -> None:
     global _worker_events
     _worker_events = events
+    use_one_thread()
 
 
 def _call(key: int, function: Callable[..., Any], args: tuple[Any, ...], reports: Any) -> Any:

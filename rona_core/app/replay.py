@@ -12,8 +12,10 @@ from rona_core.app.derive import (
 )
 from rona_core.app.inputs import RESULTS, input_digests, stale_reason
 from rona_core.app.plain import message_from
+from rona_core.app.threads import use_one_thread
 from rona_core.devices.protocols import Progress
 from rona_core.session.codec import digest
+from rona_core.session.compare import Difference, compare
 from rona_core.session.document import Derived, Session
 
 
@@ -24,6 +26,7 @@ class Replayed:
     result: str
     stored: str  # digest
     recomputed: str  # digest
+    difference: Difference
 
     @property
     def same(self) -> bool:
@@ -33,6 +36,7 @@ class Replayed:
 
 def recompute(session: Session, progress: Progress | None = None) -> Session:
     """Return the session with every result computed anew; stale ones are left out."""
+    use_one_thread()
     fresh = replace(session, results=type(session.results)())
     for i, name in enumerate(RESULTS):
         stored = getattr(session.results, name)
@@ -64,7 +68,7 @@ def replay(session: Session, progress: Progress | None = None) -> tuple[Replayed
     """Compute all results that are not stale again and compare them with the stored ones."""
     fresh = recompute(session, progress)
     return tuple(
-        Replayed(name, digest(old.value), digest(new.value))
+        Replayed(name, digest(old.value), digest(new.value), compare(old.value, new.value))
         for name in RESULTS
         if (old := getattr(session.results, name)) is not None
         and (new := getattr(fresh.results, name)) is not None

@@ -11,6 +11,7 @@ from rona_core.app.derive import never, silent
 from rona_core.app.jobs import Jobs, JobStatus
 from rona_core.app.messages import COMMANDS
 from rona_core.app.store import Change, Store
+from rona_core.app.threads import use_one_thread
 from rona_core.app.toolbox import Compute, ImportSkull, Toolbox, compute_here
 from rona_core.devices.live import Live
 from rona_core.devices.protocols import Cancel, Progress, Rig
@@ -35,6 +36,7 @@ class Workbench:
     """Holds the store, the live slots, the devices and the jobs of one session."""
 
     def __init__(self, session: Session, services: Services, uploads: Path) -> None:
+        use_one_thread()
         self.store = Store(session)
         self.live = Live()
         self.jobs = Jobs()

@@ -125,7 +125,11 @@ class AScanTrack:
         first = scans[0] if scans else AScan(0.0, np.zeros(0), 1.0, 0.0, False)
         return cls(
             times_s=readonly(np.array([s.time_s for s in scans], dtype=np.float64)),
-            rf=readonly(np.array([s.rf for s in scans], dtype=np.float32).reshape(len(scans), -1)),
+            rf=readonly(
+                # adding zero turns -0 into 0, so that equal samples have equal bits
+                np.array([s.rf for s in scans], dtype=np.float32).reshape(len(scans), -1)
+                + np.float32(0.0)
+            ),
             sampling_mhz=first.sampling_mhz,
             start_us=first.start_us,
             clipped=readonly(np.array([s.clipped for s in scans], dtype=np.bool_)),

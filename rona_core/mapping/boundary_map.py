@@ -33,7 +33,7 @@ class BoundaryMap:
 class CloudFit:
     """How the pointer cloud was moved onto the ultrasound map before both were joined."""
 
-    T_base_cloud: Pose  # correction: p_base = T_base_cloud @ p_cloud
+    correction: Pose  # corrected point = correction @ measured point, both in base
     rms_mm: float  # distance of the cloud to the map afterwards, along its normal
     n_used: int
     eigenvalues: Floats  # (6,) ascending, of the scaled normal equations: small = not observable

@@ -9,10 +9,12 @@ from rona_core.devices.protocols import Cancel, Progress
 from rona_core.errors import CancelledError, DegenerateGeometryError, InvalidInputError
 from rona_core.geometry.pose import Pose, Poses
 from rona_core.mapping.boundary_map import BoundaryMap, CloudFit, Maps
+from rona_core.mapping.curvature import lateness_mm, mean_curvature_per_mm
 from rona_core.mapping.fuse import fit_cloud, thinned
 from rona_core.mapping.outliers import agreeing
 from rona_core.mapping.surface_fit import PlateFit, fit_plate
 from rona_core.ultrasound.detect import Detection
+from rona_core.ultrasound.probe import probe_model
 
 NEAR_MM = 2.5  # a cell is mapped if a sample lies this close
 LEAST_SAMPLES = 12
@@ -59,8 +61,12 @@ def build_maps(
         )
     T_base_map = _frame(outer_base[usable], axes_base[usable])
     outer_map = T_base_map.inv() @ outer_base
+    curvature = mean_curvature_per_mm(outer_map[_agreeing_among(usable, outer_map)])
+    late = lateness_mm(probe_model(detection.probe), curvature) * axes_base
+    outer_base, inner_base = outer_base - late, inner_base - late
+    outer_map = T_base_map.inv() @ outer_base
     inner_map = T_base_map.inv() @ inner_base
-    outer_used = _agreeing_among(usable, outer_map[:, :2], outer_map[:, 2])
+    outer_used = _agreeing_among(usable, outer_map)
     grid = _Grid(T_base_map, outer_map[outer_used], cell_mm)
     _pause(progress, 0.2, cancel)
     plate = fit_plate(outer_map[outer_used, :2], outer_map[outer_used, 2])
@@ -138,9 +144,10 @@ def _frame(points: Floats, axes: Floats) -> Pose:
     return Pose(np.column_stack((x, np.cross(z, x), z)), middle)
 
 
-def _agreeing_among(usable: Bools, places: Floats, values: Floats) -> Bools:
+def _agreeing_among(usable: Bools, points_map: Floats) -> Bools:
+    """Return which of the usable points (n, 3) have a height that agrees with their neighbours."""
     used = usable.copy()
-    used[usable] = agreeing(places[usable], values[usable])
+    used[usable] = agreeing(points_map[usable, :2], points_map[usable, 2])
     return used
 
 
@@ -155,7 +162,7 @@ def _inner(
         return flat, np.zeros(len(usable), dtype=np.bool_)
     below = np.zeros(len(usable))
     below[usable] = plate.heights(inner_map[usable, :2]) - inner_map[usable, 2]
-    used = _agreeing_among(usable, inner_map[:, :2], below)
+    used = _agreeing_among(usable, np.column_stack((inner_map[:, :2], below)))
     if np.count_nonzero(used) < LEAST_SAMPLES:
         flat = grid.with_heights(outer.height_mm - LEAST_THICKNESS_MM, outer.sigma_mm, nothing)
         return flat, np.zeros(len(usable), dtype=np.bool_)
@@ -173,7 +180,7 @@ def _fused(
     fit = fit_cloud(cloud_map, plate, NEAR_MM)
     if fit is None:
         return grid.boundary(plate, grid.near(outer_map)), None
-    moved = fit.T_base_cloud @ cloud_map  # both in map
+    moved = fit.correction @ cloud_map  # both in map
     reach = KDTree(outer_map[:, :2]).query(moved[:, :2])[0]
     points = thinned(moved[reach <= CLOUD_REACH_MM], grid.cell_mm)
     points = points[agreeing(points[:, :2], points[:, 2])] if len(points) else points
@@ -187,8 +194,8 @@ def _fused(
         stiffness=plate.stiffness,
     )
     ok = grid.near(outer_map) | grid.near(points)
-    T_base_cloud = grid.T_base_map @ fit.T_base_cloud @ grid.T_base_map.inv()
-    in_base = CloudFit(T_base_cloud, fit.rms_mm, fit.n_used, fit.eigenvalues)
+    correction = grid.T_base_map @ fit.correction @ grid.T_base_map.inv()
+    in_base = CloudFit(correction, fit.rms_mm, fit.n_used, fit.eigenvalues)
     return grid.boundary(joined, ok), in_base
 
 

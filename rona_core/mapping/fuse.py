@@ -6,6 +6,7 @@ does not show a slide along itself), and then joined with the weight that its sc
 """
 
 import numpy as np
+from scipy.interpolate import RectBivariateSpline
 from scipy.spatial import KDTree
 
 from rona_core.arrays import Floats, readonly
@@ -20,7 +21,8 @@ MAD_TO_SD = 1.4826
 LEAST_SCALE_MM = 0.02
 PRIOR_SHIFT_MM = 1.5  # how far off a cloud is expected to be
 PRIOR_TURN_RAD = 0.02
-SLOPE_STEP_MM = 0.5  # for finite differences of the map
+CHART_CELL_MM = 1.0
+CHART_MARGIN_MM = 4.0  # the cloud may move this far
 
 
 def fit_cloud(cloud_map: Floats, plate: PlateFit, overlap_mm: float) -> CloudFit | None:
@@ -32,7 +34,7 @@ def fit_cloud(cloud_map: Floats, plate: PlateFit, overlap_mm: float) -> CloudFit
         overlap_mm: How close to an ultrasound sample a point must lie to count.
 
     Returns:
-        The motion in ``map`` (as ``T_base_cloud``, to be turned to ``base`` by the caller), or
+        The motion in ``map`` (to be turned to ``base`` by the caller), or
         None where too few points lie over the map.
     """
     tree = KDTree(plate.places_mm)
@@ -40,14 +42,15 @@ def fit_cloud(cloud_map: Floats, plate: PlateFit, overlap_mm: float) -> CloudFit
     if np.count_nonzero(inside) < LEAST_OVERLAP:
         return None
     points = cloud_map[inside]
+    chart = _chart(plate, points[:, :2])
     center = points.mean(axis=0)
-    T_map_cloud = Pose.identity()
+    so_far = Pose.identity()
     prior = np.diag((*[PRIOR_SHIFT_MM**-2] * 3, *[PRIOR_TURN_RAD**-2] * 3))
     total = np.zeros(6)  # motion so far, for the prior
     information = prior
     for _ in range(ROUNDS):
-        moved = T_map_cloud @ points
-        distance, normals = _to_plane(moved, plate)
+        moved = so_far @ points
+        distance, normals = _to_plane(moved, chart)
         scale = max(MAD_TO_SD * float(np.median(np.abs(distance))), LEAST_SCALE_MM)
         weights = np.clip(1.0 - (distance / (TUKEY * scale)) ** 2, 0.0, None) ** 2 / scale**2
         rows = np.column_stack((normals, np.cross(moved - center, normals)))
@@ -56,29 +59,35 @@ def fit_cloud(cloud_map: Floats, plate: PlateFit, overlap_mm: float) -> CloudFit
         total = total + step
         turn = Pose.from_rotvec(step[3:])
         about = Pose(turn.rotation, center - turn.rotation @ center + step[:3])
-        T_map_cloud = about @ T_map_cloud
+        so_far = about @ so_far
         if np.abs(step).max() < 1e-7:
             break
-    distance, _ = _to_plane(T_map_cloud @ points, plate)
+    distance, _ = _to_plane(so_far @ points, chart)
     scaled = information / np.outer(*[np.array((1.0,) * 3 + (20.0,) * 3)] * 2)
     return CloudFit(
-        T_base_cloud=T_map_cloud,
+        correction=so_far,
         rms_mm=float(np.sqrt(np.mean(distance**2))),
         n_used=len(points),
-        eigenvalues=readonly(np.linalg.eigvalsh(scaled)),
+        eigenvalues=readonly(np.asarray(np.linalg.eigvalsh(scaled), dtype=np.float64)),
     )
 
 
-def _to_plane(points: Floats, plate: PlateFit) -> tuple[Floats, Floats]:
+def _chart(plate: PlateFit, places_mm: Floats) -> RectBivariateSpline:
+    """Return the plate as a bicubic chart around the places (n, 2): heights and slopes at once."""
+    low, high = places_mm.min(axis=0) - CHART_MARGIN_MM, places_mm.max(axis=0) + CHART_MARGIN_MM
+    u, v = (np.arange(low[k], high[k] + CHART_CELL_MM, CHART_CELL_MM) for k in range(2))
+    grid = np.stack(np.meshgrid(u, v, indexing="ij"), axis=-1)
+    heights = plate.heights(grid.reshape(-1, 2)).reshape(grid.shape[:2])
+    return RectBivariateSpline(u, v, heights)
+
+
+def _to_plane(points: Floats, chart: RectBivariateSpline) -> tuple[Floats, Floats]:
     """Return signed distances (n,) to the map along its normals, and those normals (n, 3)."""
-    places = points[:, :2]
-    step, east_mm, north_mm = SLOPE_STEP_MM, np.array((1.0, 0.0)), np.array((0.0, 1.0))
-    height = plate.heights(places)
-    east = plate.heights(places + step * east_mm) - plate.heights(places - step * east_mm)
-    north = plate.heights(places + step * north_mm) - plate.heights(places - step * north_mm)
-    slopes = np.column_stack((-east / (2 * step), -north / (2 * step), np.ones(len(points))))
+    u, v = points[:, 0], points[:, 1]
+    east, north = chart.ev(u, v, dx=1), chart.ev(u, v, dy=1)
+    slopes = np.column_stack((-east, -north, np.ones(len(points))))
     normals = slopes / np.linalg.norm(slopes, axis=1)[:, None]
-    return (points[:, 2] - height) * normals[:, 2], normals
+    return (points[:, 2] - chart.ev(u, v)) * normals[:, 2], normals
 
 
 def thinned(points_map: Floats, cell_mm: float) -> Floats:

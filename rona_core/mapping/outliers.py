@@ -12,6 +12,8 @@ MAD_TO_SD = 1.4826
 FLOOR_MM = 0.08  # a scatter smaller than this is not believed
 REACH_MM = 12.0  # neighbours further off do not count
 ROUNDS = 3
+REWEIGHTS = 8
+RIDGE = 1e-9  # keeps neighbours on one line solvable
 
 
 def agreeing(places_mm: Floats, values_mm: Floats) -> Bools:
@@ -34,22 +36,25 @@ def agreeing(places_mm: Floats, values_mm: Floats) -> Bools:
 def _against_neighbours(places: Floats, values: Floats, kept: Bools) -> tuple[Floats, Floats]:
     """Return the distance of each value to its neighbours' robust plane, and their scatter."""
     rows = np.flatnonzero(kept)
-    residual, scale = np.zeros(len(values)), np.full(len(values), np.inf)
+    n = len(values)
     if len(rows) <= LEAST:
-        return residual, scale
-    count = min(NEIGHBOURS + 1, len(rows))
-    distance, near = KDTree(places[rows]).query(places, k=count)
-    for i in range(len(values)):
-        others = rows[near[i]][(distance[i] <= REACH_MM) & (rows[near[i]] != i)]
-        if len(others) < LEAST:
-            continue
-        design = np.column_stack((np.ones(len(others)), places[others] - places[i]))
-        weights = np.ones(len(others))
-        for _ in range(3):  # reweighted by absolute residual, so that outliers lose their say
-            root = np.sqrt(weights)
-            plane = np.linalg.lstsq(design * root[:, None], values[others] * root)[0]
-            left = values[others] - design @ plane
-            weights = 1.0 / np.maximum(np.abs(left), FLOOR_MM)
-        residual[i] = values[i] - plane[0]
-        scale[i] = MAD_TO_SD * float(np.median(np.abs(left - np.median(left))))
-    return residual, scale
+        return np.zeros(n), np.full(n, np.inf)
+    distance, near = KDTree(places[rows]).query(places, k=min(NEIGHBOURS + 1, len(rows)))
+    others = rows[np.asarray(near)]  # (n, k), a sample that is kept is among its own neighbours
+    counts = (np.asarray(distance) <= REACH_MM) & (others != np.arange(n)[:, None])
+    offset = places[others] - places[:, None, :]
+    design = np.concatenate((np.ones((*others.shape, 1)), offset), axis=2)
+    target = values[others]
+    weights = counts.astype(np.float64)
+    plane, left = np.zeros((n, 3)), target
+    for _ in range(REWEIGHTS):  # by absolute residual, so that outliers lose their say
+        weighted = design * weights[..., None]
+        normal = np.einsum("nki,nkj->nij", weighted, design) + RIDGE * np.eye(3)
+        right = np.einsum("nki,nk->ni", weighted, target)
+        plane = np.linalg.solve(normal, right[..., None])[..., 0]
+        left = target - np.einsum("nki,ni->nk", design, plane)
+        weights = counts / np.maximum(np.abs(left), FLOOR_MM)
+    spread = np.ma.median(np.ma.masked_array(np.abs(left), ~counts), axis=1).filled(np.inf)
+    judged = counts.sum(axis=1) >= LEAST
+    residual = np.where(judged, values - plane[:, 0], 0.0)
+    return residual, np.where(judged, MAD_TO_SD * spread, np.inf)

@@ -3,16 +3,20 @@
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.interpolate import RBFInterpolator
 from scipy.spatial import KDTree
 
-from rona_core.arrays import Floats
+from rona_core.arrays import Floats, Ints, Scalar
 
 STIFFNESSES = (0.01, 0.1, 1.0, 10.0, 100.0, 1000.0)  # smoothing of the plate that is tried
 FOLDS = 5
 MOST_FOR_CHOICE = 500  # samples that take part in choosing the stiffness
 GLOBAL_LIMIT = 2500  # beyond this many samples, only the nearest ones hold the plate
 NEIGHBOURS = 80
+SIGMA_NEIGHBOURS = 24  # samples that share in a standard error
+LEAST_FREEDOM = 0.1
+BLOCK = 500  # places at a time
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -22,24 +26,66 @@ class PlateFit:
     plate: RBFInterpolator
     places_mm: Floats  # (n, 2)
     residuals_mm: Floats  # (n,)
+    relative_variance: Floats  # (n,)
     stiffness: float
 
     def heights(self, places_mm: Floats) -> Floats:
         """Return the heights (m,) at places (m, 2)."""
         return np.asarray(self.plate(places_mm), dtype=np.float64)
 
-    def sigma_mm(self, places_mm: Floats, window_mm: float = 4.0) -> Floats:
-        """Return how far the height may be off (m,): local scatter over root of the count."""
-        tree = KDTree(self.places_mm)
-        overall = float(np.sqrt(np.mean(self.residuals_mm**2)))
-        distance, near = tree.query(places_mm, k=min(12, len(self.places_mm)))
-        distance, near = np.atleast_2d(distance), np.atleast_2d(near)
-        squares = self.residuals_mm[near] ** 2
-        inside = distance <= window_mm
-        count = inside.sum(axis=1)
-        local = np.sqrt((squares * inside).sum(axis=1) / np.maximum(count, 1))
-        alone = np.maximum(overall, 0.02) * (1.0 + distance[:, 0] / window_mm)
-        return np.where(count >= 3, local / np.sqrt(np.maximum(count, 1)), alone)
+    def sigma_mm(self, places_mm: Floats) -> Floats:
+        """Return the standard error of the heights (m,).
+
+        A height is a weighted sum of samples: the weights come from a plate through the nearest
+        samples alone, the noise of the samples from their residuals nearby.
+        """
+        near, weights = self._weights(self.places_mm)
+        own = np.where(near == np.arange(len(near))[:, None], weights, 0.0).sum(axis=1)
+        freedom = np.clip(1.0 - own, LEAST_FREEDOM, 1.0)  # the fit has eaten the rest
+        noise = self.residuals_mm**2 / freedom / self.relative_variance  # of a perfect sample
+        overall = float(noise.mean())
+        near, weights = self._weights(places_mm)
+        share = np.abs(weights)
+        # a robust mixture: a few residuals alone are too few to tell a variance
+        local = (share * noise[near]).sum(axis=1) / share.sum(axis=1)
+        variance = (0.5 * (local + overall))[:, None] * self.relative_variance[near]
+        return np.sqrt((variance * weights**2).sum(axis=1))
+
+    def _weights(self, places_mm: Floats) -> tuple[Ints, Floats]:
+        """Return the nearest samples (m, k) and the weight of each in the height at m places."""
+        k = min(SIGMA_NEIGHBOURS, len(self.places_mm))
+        near = np.asarray(KDTree(self.places_mm).query(places_mm, k=k)[1], dtype=np.int64)
+        parts = [
+            _plate_weights(self.places_mm[rows], self.stiffness * self.relative_variance[rows], at)
+            for rows, at in zip(_blocks(near), _blocks(places_mm), strict=True)
+        ]
+        return near, np.concatenate(parts)
+
+
+def _blocks(rows: NDArray[Scalar]) -> list[NDArray[Scalar]]:
+    return [rows[i : i + BLOCK] for i in range(0, len(rows), BLOCK)]
+
+
+def _plate_weights(samples: Floats, smoothing: Floats, at: Floats) -> Floats:
+    """Return the weights (m, k) of samples (m, k, 2) in the height of a plate at places (m, 2)."""
+    m, k, _ = samples.shape
+    offset = samples - at[:, None, :]
+    system = np.zeros((m, k + 3, k + 3))
+    system[:, :k, :k] = _kernel(np.linalg.norm(offset[:, :, None] - offset[:, None], axis=-1))
+    system[:, np.arange(k), np.arange(k)] += smoothing
+    plane = np.concatenate((np.ones((m, k, 1)), offset), axis=2)
+    system[:, :k, k:] = plane
+    system[:, k:, :k] = np.swapaxes(plane, 1, 2)
+    right = np.zeros((m, k + 3))
+    right[:, :k] = _kernel(np.linalg.norm(offset, axis=-1))
+    right[:, k] = 1.0
+    return np.asarray(np.linalg.solve(system, right[..., None])[:, :k, 0], dtype=np.float64)
+
+
+def _kernel(distance_mm: Floats) -> Floats:
+    """Return r^2 log r, the kernel of the thin plate."""
+    log = np.log(np.maximum(distance_mm, 1e-300))
+    return np.asarray(distance_mm**2 * log, dtype=np.float64)
 
 
 def fit_plate(
@@ -60,13 +106,17 @@ def fit_plate(
     chosen = _choose(places_mm, heights_mm, weights) if stiffness is None else stiffness
     plate = _plate(places_mm, heights_mm, chosen * weights)
     left = heights_mm - np.asarray(plate(places_mm))
-    return PlateFit(plate, places_mm, left, float(chosen))
+    return PlateFit(plate, places_mm, left, weights, float(chosen))
 
 
 def _plate(places: Floats, heights: Floats, smoothing: Floats) -> RBFInterpolator:
     neighbours = NEIGHBOURS if len(heights) > GLOBAL_LIMIT else None
     return RBFInterpolator(
-        places, heights, neighbors=neighbours, smoothing=smoothing, kernel="thin_plate_spline"
+        places,
+        heights,
+        neighbors=neighbours,
+        smoothing=smoothing,  # pyright: ignore[reportArgumentType]  # one for each sample
+        kernel="thin_plate_spline",
     )
 
 

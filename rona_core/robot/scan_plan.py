@@ -8,6 +8,7 @@ from rona_core.devices.protocols import Cancel, Progress
 from rona_core.devices.settings import require
 from rona_core.errors import InvalidInputError, NotReachableError
 from rona_core.geometry.path5d import Path5D
+from rona_core.robot.density import dense
 from rona_core.robot.model import RobotModel
 from rona_core.robot.plan import Certificate, RobotPlan, RollSearch, RollVerdict, Trajectory
 from rona_core.robot.roll_search import Choice, ignore, joint_path, never, search_rolls
@@ -46,7 +47,8 @@ def plan_scan(
     why; where none is certified it carries the first motion and the certificate that refuses it.
 
     Args:
-        path: Positions and probe axes in ``base``, interpolated densely (1 mm, 1 degree).
+        path: Positions and probe axes in ``base``, interpolated densely (1 mm, 1 degree); wider
+            steps are filled in, so that the path of the plan may have more points.
         model: The robot with its tool.
         settings: What to try.
         progress: Told the share that is done.
@@ -59,7 +61,7 @@ def plan_scan(
     settings = settings or PlanSettings()
     require(path.arc_length_mm()[-1] > 0.0, "a scan path needs two different points")
     search = search_rolls(
-        path,
+        dense(path),
         model,
         n_rolls=settings.n_rolls,
         roll_from_deg=settings.roll_from_deg,

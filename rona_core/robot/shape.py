@@ -61,14 +61,12 @@ def link_shapes(model: RobotModel) -> tuple[LinkShape, ...]:
 def _base(model: RobotModel) -> tuple[LinkShape, ...]:
     up = model.arm.shoulder_mm
     foot = turned(
-        ((0, 0), (160, 0), (160, 26), (132, 40), (122, 190), (0, 190)), edge_mm=9.0, around=48
+        ((0, 0), (160, 0), (160, 26), (132, 40), (122, 190), (0, 190)), edge_mm=9.0, around=36
     )
-    ring = turned(((0, 190), (116, 190), (116, 204), (0, 204)), around=48)
-    column = turned(
-        ((0, 204 - up), (124, 204 - up), (118, -70), (96, 40), (0, 40)), edge_mm=16.0, around=40
-    )
+    ring = turned(((0, 190), (116, 190), (116, 204), (0, 204)), around=36)
+    column = turned(((0, 204 - up), (124, 204 - up), (118, -70), (96, 40), (0, 40)), edge_mm=16.0)
     housing = along_axis(
-        turned(((0, -118), (118, -118), (130, -96), (130, 92), (0, 92)), edge_mm=8.0, around=40),
+        turned(((0, -118), (118, -118), (130, -96), (130, 92), (0, 92)), edge_mm=8.0),
         "y",
     )
     cover = along_axis(turned(((0, -128), (84, -128), (90, -117), (0, -117)), edge_mm=4.0), "y")
@@ -99,7 +97,7 @@ def _upper_arm(model: RobotModel) -> tuple[LinkShape, ...]:
 
 def _forearm(model: RobotModel) -> tuple[LinkShape, ...]:
     hub = along_axis(
-        turned(((0, -92), (94, -92), (106, -76), (106, 92), (0, 92)), edge_mm=8.0, around=40), "y"
+        turned(((0, -92), (94, -92), (106, -76), (106, 92), (0, 92)), edge_mm=8.0), "y"
     )
     neck = turned(((0, -40), (88, -40), (92, 60), (84, 146), (0, 146)), edge_mm=12.0)
     motors = turned(((0, -168), (58, -168), (70, -150), (78, -40), (0, -40)), edge_mm=10.0)
@@ -134,7 +132,7 @@ def _wrist() -> tuple[LinkShape, ...]:
 def _flange(model: RobotModel) -> tuple[LinkShape, ...]:
     low = 57.0 - model.arm.flange_mm
     flange = turned(((0, low), (40, low), (50, low + 10), (50, 0), (0, 0)), edge_mm=3.0)
-    sensor = turned(((0, 0), (46, 0), (46, 32), (0, 32)), edge_mm=3.0)
+    sensor = turned(((0, 0), (42, 0), (42, 22), (0, 22)), edge_mm=3.0)
     return (
         LinkShape(6, "flange", STEEL, flange),
         LinkShape(6, "force sensor", BLACK, sensor),
@@ -145,11 +143,11 @@ def _tool(model: RobotModel) -> tuple[LinkShape, ...]:
     """Return holder, probe body and delay line, built about the tool axis (z of ``tip``)."""
     T_flange_tip = model.T_flange_tip
     height_mm = float(T_flange_tip.translation[2])
-    plate = turned(((0, 32), (44, 32), (44, 40), (0, 40)), edge_mm=2.0)
-    block = slab((height_mm - 8.0, 30.0), (height_mm, 31.0), (-26.0, 26.0), edge_mm=6.0)
-    clamp = turned(((0, -154), (30, -154), (30, -92), (0, -92)), edge_mm=5.0)
+    plate = turned(((0, 22), (36, 22), (36, 30), (0, 30)), edge_mm=2.0)
+    block = slab((30.0, 24.0), (height_mm, 17.0), (-17.0, 17.0), edge_mm=5.0)
+    clamp = turned(((0, -128), (27, -128), (27, -92), (0, -92)), edge_mm=4.0)
     body = turned(
-        ((0, -208), (15, -208), (19, -196), (19, -66), (12, -46), (9, -34), (0, -34)), edge_mm=4.0
+        ((0, -136), (14, -136), (19, -128), (19, -66), (12, -46), (9, -34), (0, -34)), edge_mm=4.0
     )
     ring = turned(((0, -36), (10, -36), (10, -30), (0, -30)), around=24)
     cone = turned(((0, -30), (8.5, -30), (PROBE_RADIUS_MM, 0.0), (0, 0)), around=24)
@@ -170,10 +168,10 @@ def _marker_plate(model: RobotModel) -> tuple[LinkShape, ...]:
     positions = GEOMETRIES["toolmarker"].positions_marker
     behind = np.array((0.0, 0.0, -12.0))
     hub = positions.mean(axis=0) + behind
-    bars = [rod(hub, position + behind, 4.0) for position in positions]
+    bars = [rod(hub + 0.15 * (place - hub), place, 4.0) for place in positions + behind]
     posts = [rod(position + behind, position, 2.2) for position in positions]
     T_toolmarker_tip = T_flange_toolmarker.inv() @ model.T_flange_tip
-    root = T_toolmarker_tip @ np.array((0.0, 0.0, -140.0))
+    root = T_toolmarker_tip @ np.array((0.0, 0.0, -112.0))
     stem = rod(root, hub, 6.0)
     disc = along_axis(turned(((0, -4), (13, -4), (13, 4), (0, 4)), edge_mm=2.0), "z", hub)
     balls = merged(*(along_axis(ball(SPHERE_RADIUS_MM), "z", position) for position in positions))

@@ -14,9 +14,9 @@ from rona_core.arrays import Floats, Ints, readonly
 from rona_core.devices.protocols import Mesh
 from rona_core.geometry.pose import Pose
 
-AROUND = 32  # vertices around a turned part
+AROUND = 26  # vertices around a turned part
 CREASE_RAD = np.deg2rad(40.0)  # a profile that bends by more has an edge there
-ARC_POINTS = 4  # of a rounded edge
+ARC_POINTS = 3  # of a rounded edge
 
 
 def rounded(profile: Sequence[tuple[float, float]], radius_mm: float) -> Floats:
@@ -87,19 +87,19 @@ def slab(
     return merged(_strip([first, loops[0]]), _strip(loops), _strip([loops[-1], last]))
 
 
-def ball(radius_mm: float, *, around: int = 16) -> Mesh:
+def ball(radius_mm: float, *, around: int = 14) -> Mesh:
     """Return a sphere about the origin."""
     tilts = np.linspace(-np.pi / 2.0, np.pi / 2.0, around // 2 + 1)
     profile = [(radius_mm * np.cos(t), radius_mm * np.sin(t)) for t in tilts]
     return turned(profile, around=around)
 
 
-def rod(start: ArrayLike, end: ArrayLike, radius_mm: float, *, around: int = 12) -> Mesh:
+def rod(start: ArrayLike, end: ArrayLike, radius_mm: float, *, around: int = 9) -> Mesh:
     """Return a round bar between two points (3,)."""
     a, b = np.asarray(start, dtype=np.float64), np.asarray(end, dtype=np.float64)
     length = float(np.linalg.norm(b - a))
     profile = ((0.0, 0.0), (radius_mm, 0.0), (radius_mm, length), (0.0, length))
-    bar = turned(profile, edge_mm=min(radius_mm, length) / 3.0, around=around)
+    bar = turned(profile, around=around)
     return moved(bar, _along((b - a) / length, a))
 
 

@@ -13,7 +13,8 @@ from rona_core.devices.settings import Excitation
 from rona_core.errors import InvalidInputError
 from rona_core.ultrasound.beam import WINDOW, probe_beam
 from rona_core.ultrasound.layers import ramp, stack_reflection, step
-from rona_core.ultrasound.medium import Complexes, Medium
+from rona_core.ultrasound.material import Complexes
+from rona_core.ultrasound.medium import Medium
 from rona_core.ultrasound.probe import FULL_SCALE_SHARE, ProbeModel
 from rona_core.ultrasound.pulse import (
     GRID,

@@ -11,7 +11,7 @@ from functools import lru_cache
 import numpy as np
 
 from rona_core.arrays import Floats, readonly
-from rona_core.ultrasound.medium import Complexes
+from rona_core.ultrasound.material import Complexes
 from rona_core.ultrasound.probe import ProbeModel
 from rona_core.ultrasound.pulse import GRID, grid_frequencies_mhz, in_band
 

@@ -2,14 +2,14 @@
 
 A hidden chain: each A-scan is in the state of one of its candidates, or shows no inner echo. The
 thickness of bone changes little over a millimetre, so neighbours support each other; the
-forward-backward algorithm (Rabiner 1989) turns that into a probability for every candidate.
+forward-backward algorithm turns that into a probability for every candidate.
 """
 
 import numpy as np
 
 from rona_core.arrays import Floats
 from rona_core.ultrasound.inner import Candidates, InnerChoice
-from rona_core.ultrasound.medium import Material
+from rona_core.ultrasound.material import Material
 
 # log odds that a peak is the inner echo: louder than a nominal echo is unlikely, weaker is less
 # likely the weaker it is; the sign is weak evidence, since tilt of the inner table spoils it

@@ -18,7 +18,7 @@ from rona_core.ultrasound.chain import choose_inner
 from rona_core.ultrasound.front import Fronts, find_fronts, gate_us, standoff_mm, subtract_fronts
 from rona_core.ultrasound.inner import Candidates, InnerChoice, bone_gate_us, find_candidates
 from rona_core.ultrasound.matched import block_template, trace_spectra
-from rona_core.ultrasound.medium import DIPLOE, TABLE, Material
+from rona_core.ultrasound.material import DIPLOE, TABLE, Material
 from rona_core.ultrasound.plain import find_plain_inner
 from rona_core.ultrasound.probe import ProbeModel
 

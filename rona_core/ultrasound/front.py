@@ -12,7 +12,7 @@ import numpy as np
 
 from rona_core.arrays import Bools, Floats
 from rona_core.ultrasound.matched import BONE_REFLECTION, Template, peak_offsets
-from rona_core.ultrasound.medium import GEL, Complexes
+from rona_core.ultrasound.material import GEL, Complexes
 from rona_core.ultrasound.probe import ProbeModel
 
 GATE_MARGIN_MM = 0.3  # the front is sought this far beyond the compliance of the line

@@ -11,7 +11,7 @@ import numpy as np
 
 from rona_core.arrays import Bools, Floats
 from rona_core.ultrasound.matched import BONE_REFLECTION, Template, peak_offsets
-from rona_core.ultrasound.medium import BRAIN, TABLE, Complexes, Material
+from rona_core.ultrasound.material import BRAIN, TABLE, Complexes, Material
 from rona_core.ultrasound.probe import ProbeModel
 
 CANDIDATES = 6  # kept for each A-scan

@@ -11,7 +11,7 @@ import numpy as np
 
 from rona_core.arrays import Floats
 from rona_core.errors import InvalidInputError
-from rona_core.ultrasound.medium import Complexes, Material
+from rona_core.ultrasound.material import Complexes, Material
 
 RAMP_SLICES = 12
 

@@ -12,7 +12,7 @@ import numpy as np
 from rona_core.arrays import Floats, readonly
 from rona_core.devices.settings import Excitation
 from rona_core.ultrasound.beam import mirror_spectrum
-from rona_core.ultrasound.medium import GEL, TABLE, Complexes
+from rona_core.ultrasound.material import GEL, TABLE, Complexes
 from rona_core.ultrasound.probe import FULL_SCALE_SHARE, ProbeModel
 from rona_core.ultrasound.pulse import GRID, emission_spectrum, grid_frequencies_mhz, in_band
 

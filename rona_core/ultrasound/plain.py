@@ -12,7 +12,7 @@ import numpy as np
 from rona_core.arrays import Floats
 from rona_core.ultrasound.inner import InnerChoice
 from rona_core.ultrasound.matched import Template, peak_offsets
-from rona_core.ultrasound.medium import Complexes
+from rona_core.ultrasound.material import Complexes
 
 BLANKING = 1.2  # over the -6 dB bandwidth: no inner echo is sought before
 INNER_SNR = 4.0  # below it there is no inner echo

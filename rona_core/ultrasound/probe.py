@@ -5,7 +5,7 @@ from typing import get_args
 
 from rona_core.devices.settings import Excitation, ProbeName
 from rona_core.errors import InvalidInputError
-from rona_core.ultrasound.medium import Material
+from rona_core.ultrasound.material import Material
 
 SAMPLING_MHZ = 50.0
 ADC_BITS = 14

@@ -8,7 +8,7 @@ from scipy.signal import windows
 from rona_core.arrays import Floats, readonly
 from rona_core.devices.settings import Excitation
 from rona_core.errors import InvalidInputError
-from rona_core.ultrasound.medium import Complexes
+from rona_core.ultrasound.material import Complexes
 from rona_core.ultrasound.probe import ProbeModel
 
 GRID = 4096  # samples of the time axis that starts with the emission

@@ -8,7 +8,7 @@ from fastapi import APIRouter, Body
 
 from rona_core.app.messages import COMMANDS, Redo, Undo
 from rona_core.app.workbench import Workbench
-from rona_ui.api.context import Bench
+from rona_ui.api.context import WHOLE_TEXT, Bench
 
 router = APIRouter(tags=["commands"])
 
@@ -33,7 +33,8 @@ def body_of(kind: Any) -> Any:
         field.default is not MISSING or field.default_factory is not MISSING
         for field in fields(kind)
     )
-    return Annotated[kind, Body(default_factory=kind)] if optional else Annotated[kind, Body()]
+    body = Body(default_factory=kind) if optional else Body()
+    return Annotated[kind, WHOLE_TEXT, body]
 
 
 def _route(kind: type) -> Callable[..., Changed]:

@@ -1,9 +1,10 @@
 """What every route needs: the hub, the open session that the address names, its devices."""
 
-from typing import Annotated
+from typing import Annotated, Any
 from weakref import WeakKeyDictionary
 
 from fastapi import Depends, Path, Request
+from pydantic import BeforeValidator
 
 from rona_core.app.hub import Hub
 from rona_core.app.workbench import Workbench
@@ -12,6 +13,26 @@ from rona_core.errors import DeviceError, RonaError
 from rona_ui.api.streams import Streams
 
 PREFIX = "/api/v1"
+
+
+def _whole_text(body: Any) -> Any:
+    """Return a body unless it holds half a character, which no file and no answer could carry."""
+    if isinstance(body, str):
+        try:
+            body.encode()
+        except UnicodeEncodeError as error:
+            raise ValueError("text must consist of whole Unicode characters") from error
+    elif isinstance(body, dict):
+        for key, item in body.items():
+            _whole_text(key)
+            _whole_text(item)
+    elif isinstance(body, list):
+        for item in body:
+            _whole_text(item)
+    return body
+
+
+WHOLE_TEXT = BeforeValidator(_whole_text)
 
 
 async def hub_of(request: Request) -> Hub:

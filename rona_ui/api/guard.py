@@ -12,7 +12,7 @@ from starlette.datastructures import Headers, QueryParams
 from starlette.responses import RedirectResponse, Response
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
-from rona_ui.api.problems import problem
+from rona_ui.api.problems import MEDIA_TYPE, problem
 
 COOKIE = "rona_token"
 LOOPBACK = ("localhost", "127.0.0.1", "::1")
@@ -142,11 +142,27 @@ def _cookies(headers: Headers) -> list[str]:
 
 
 def _with_headers(send: Send) -> Send:
+    """Return ``send`` with headers for the browser, and a problem where a body was too large.
+
+    The body limit of the web framework answers in plain text.
+    """
+    replaced, body = False, b""
+
     async def sending(message: Message) -> None:
+        nonlocal replaced, body
         if message["type"] == "http.response.start":
-            there = {name.lower() for name, _ in message.get("headers", ())}
+            there = {name.lower(): value for name, value in message.get("headers", ())}
+            if message["status"] == 413 and there.get(b"content-type") != MEDIA_TYPE.encode():
+                replaced = True
+                answer = problem(413, "the body is larger than this route takes")
+                message = {**message, "headers": answer.raw_headers}
+                there = dict(answer.raw_headers)
+                body = bytes(answer.body)
             extra = [(name, value) for name, value in HEADERS if name not in there]
-            message = {**message, "headers": [*message.get("headers", ()), *extra]}
-        await send(message)
+            await send({**message, "headers": [*message.get("headers", ()), *extra]})
+            if replaced:
+                await send({"type": "http.response.body", "body": body})
+        elif not replaced:
+            await send(message)
 
     return sending

@@ -1,5 +1,6 @@
 """The store: one way to change a session, undo of everything, listeners in order."""
 
+import itertools
 import threading
 
 import pytest
@@ -94,7 +95,7 @@ def test_listeners_see_every_state_once_in_order_and_end_at_the_newest():
         thread.join()
     assert done.wait(10)
     assert seen[0][0] == 0
-    assert all(a[1] == b[0] for a, b in zip(seen, seen[1:], strict=False)), "no gap, no overlap"
+    assert all(a[1] == b[0] for a, b in itertools.pairwise(seen)), "no gap, no overlap"
     assert [e.number for e in store.session.log] == list(range(1, 101))
     store.close()
 

@@ -10,7 +10,8 @@ from scipy.special import hankel2
 from rona_core.errors import InvalidInputError
 from rona_core.ultrasound.ascan import EchoModel, LayerProfile, echo_bands
 from rona_core.ultrasound.layers import stack_reflection, step
-from rona_core.ultrasound.medium import BRAIN, DIPLOE, TABLE, Material, Medium
+from rona_core.ultrasound.material import BRAIN, DIPLOE, TABLE, Material
+from rona_core.ultrasound.medium import Medium
 from rona_core.ultrasound.probe import FULL_SCALE_SHARE, probe_model
 from tests.ultrasound_scenes import kwave
 

@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 
 from rona_core.ultrasound.beam import disc_field, face_rays, mirror_spectrum, probe_beam
-from rona_core.ultrasound.medium import Material
+from rona_core.ultrasound.material import Material
 from rona_core.ultrasound.probe import PROBES, probe_model
 from rona_core.ultrasound.pulse import GRID, grid_frequencies_mhz
 

@@ -5,7 +5,7 @@ from hypothesis import strategies as st
 
 from rona_core.errors import InvalidInputError
 from rona_core.ultrasound.layers import join, ramp, stack_reflection, step
-from rona_core.ultrasound.medium import DIPLOE, TABLE, Material
+from rona_core.ultrasound.material import DIPLOE, TABLE, Material
 from tests.ultrasound_scenes import kwave
 
 F = np.linspace(0.2, 4.5, 120)

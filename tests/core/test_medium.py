@@ -4,7 +4,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from rona_core.errors import InvalidInputError
-from rona_core.ultrasound.medium import REFERENCE_MHZ, Material, Medium
+from rona_core.ultrasound.material import REFERENCE_MHZ, Material
+from rona_core.ultrasound.medium import Medium
 
 F = np.linspace(0.3, 4.5, 400)
 

@@ -4,11 +4,17 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from robot_scenes import dense_path
+from robot_scenes import dense_path, serpentine
 
 from rona_core.arrays import readonly
-from rona_core.errors import CancelledError, InvalidInputError, NotReachableError
+from rona_core.errors import (
+    CancelledError,
+    DegenerateGeometryError,
+    InvalidInputError,
+    NotReachableError,
+)
 from rona_core.geometry.path5d import Path5D
+from rona_core.robot.density import dense
 from rona_core.robot.limits import JointLimits
 from rona_core.robot.model import robot_model
 from rona_core.robot.motion import TIP_SPEED_MM_PER_S, plan_joint_move
@@ -284,6 +290,26 @@ def test_repeated_points_and_turns_on_the_spot(path, plan):
     )
     with pytest.raises(InvalidInputError, match="two different points"):
         plan_scan(Path5D(path.points_base[:1], path.axes_base[:1]), RX90, SETTINGS)
+
+
+def test_a_sparse_path_is_filled_in_and_followed():
+    points, normals = serpentine("S1", lines=4, per_line=5, half_mm=25.0)
+    sparse = Path5D(points, -normals)
+    filled = dense(sparse)
+    reference = dense_path("S1", lines=4, per_line=5, half_mm=25.0)
+    assert dense(reference) is reference
+    steps = np.linalg.norm(np.diff(filled.points_base, axis=0), axis=1)
+    assert steps.max() <= 1.0 + 1e-9
+    turns = np.linalg.norm(np.diff(filled.axes_base, axis=0), axis=1)
+    assert turns.max() <= np.deg2rad(1.0)
+    np.testing.assert_allclose(filled.points_base, reference.points_base, atol=1e-9)
+    np.testing.assert_allclose(filled.axes_base, reference.axes_base, atol=1e-9)
+    planned = plan_scan(sparse, RX90, SETTINGS)
+    assert planned.may_move
+    assert len(planned.path) == len(filled)
+    assert dense(Path5D(points[:1], normals[:1])).points_base.shape == (1, 3)
+    with pytest.raises(DegenerateGeometryError, match="opposite"):
+        dense(Path5D(points[:2], np.array(((0, 0, 1.0), (0, 0, -1.0)))))
 
 
 def test_cancelling_a_plan(path):

@@ -133,7 +133,7 @@ def test_default_region_is_35_behind_and_45_above_the_ear_canal(side):
 
 
 def test_a_given_centre_is_put_on_the_surface(skull):
-    wished = skull.region.center_skull + [4.0, 10.0, 12.0]
+    wished = skull.region.center_skull + np.array([4.0, 10.0, 12.0])
     moved = build_specimen(SimulatedSkull(), 1, center_mesh_mm=wished, radius_mm=15.0)
     assert moved.region.radius_mm == 15.0
     assert np.abs(moved.signed_distance(moved.region.center_skull[None])).max() < 0.01

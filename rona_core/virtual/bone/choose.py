@@ -4,6 +4,7 @@ Works on the bone at about 1 mm, with x to a side and z up, seen along x from bo
 """
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from scipy.ndimage import binary_closing, gaussian_filter
@@ -102,7 +103,7 @@ def side_view(bone: CoarseBone, side: int) -> tuple[Floats, Floats, Bools]:
     hit: Bools = np.asarray(block.any(axis=0))
     first = np.argmax(block, axis=0)
     padded = np.pad(block, ((length, length), (0, 0), (0, 0)))
-    closed: Bools = np.asarray(binary_closing(padded, np.ones((length + 1, 1, 1))))[length:-length]
+    closed: Any = np.asarray(binary_closing(padded, np.ones((length + 1, 1, 1))))[length:-length]
     closed = closed | block
     beyond = ~closed & (np.arange(half)[:, None, None] > first)
     end = np.where(beyond.any(axis=0), np.argmax(beyond, axis=0), half)

@@ -10,7 +10,8 @@ from rona_core.virtual.bone.choose import CoarseBone
 from rona_core.virtual.bone.surface_nets import surface_nets
 
 MOST_FACES = 30_000
-FINEST_MM, COARSER = 2.5, 1.12  # edge of the cells, and its growth until the mesh is small enough
+TRIAL_MM = 6.0  # edge of the cells of a first mesh, from which the size of the final one follows
+FINEST_MM, COARSER = 2.5, 1.04  # its least edge, and the growth until the mesh is small enough
 VIEWS = 40  # directions from which the mesh is looked at
 LIFT_MM = 0.3  # a ray starts this far above its face
 
@@ -20,12 +21,13 @@ def display_mesh(bone: CoarseBone) -> tuple[Floats, Ints]:
 
     Faces that no far viewer sees, such as the inside of the braincase, are left out.
     """
-    edge = FINEST_MM
+    _, trial = _visible(*_nets(bone, TRIAL_MM))
+    edge = max(FINEST_MM, COARSER * TRIAL_MM * float(np.sqrt(len(trial) / MOST_FACES)))
     while True:
         vertices, faces = _visible(*_nets(bone, edge))
         if len(faces) <= MOST_FACES:
             return vertices, faces
-        edge *= max(COARSER, 0.98 * float(np.sqrt(len(faces) / MOST_FACES)))
+        edge *= COARSER
 
 
 def _nets(bone: CoarseBone, edge_mm: float) -> tuple[Floats, Ints]:

@@ -45,7 +45,7 @@ class Grid:
 def grid_about(center_skull: Vector3, outward_skull: Vector3, radius_mm: float) -> Grid:
     """Return the grid that holds whatever a scan of a disc can touch; its third axis is outward."""
     across: Floats = np.linalg.svd(outward_skull[None])[2][1:]
-    axes = np.stack((across[0], np.cross(outward_skull, across[0]), outward_skull), axis=1)
+    axes: Any = np.stack((across[0], np.cross(outward_skull, across[0]), outward_skull), axis=1)
     n = 2 * int(np.ceil((radius_mm + LATERAL_MM) / SPACING_MM)) + 1
     below, above = int(np.ceil(BELOW_MM / SPACING_MM)), int(np.ceil(ABOVE_MM / SPACING_MM))
     start = np.array(((n - 1) / 2, (n - 1) / 2, below))

@@ -44,7 +44,7 @@ class LoadedSpecimen:
         room = np.minimum(place, edges - place)
         if room[:2].min() < radius_mm + EDGE_MM or room[2] < EDGE_MM / 2.0:
             raise InvalidInputError(
-                f"a disc of radius {radius_mm:g} mm about {center.round(1).tolist()} leaves the stored "
+                f"a disc of {radius_mm:g} mm about {center.round(1).tolist()} leaves the stored "
                 f"part of {skull.name}: load it again with this centre and radius"
             )
         top = center + (edges[2] - place[2]) * axes[:, 2]

@@ -90,7 +90,7 @@ def without(outer: BoneVolume, inner: BoneVolume) -> BoneVolume:
     )
     if not same:
         raise InvalidInputError(
-            f"the outer volume has the grid {outer.mask.shape}, the inner {inner.mask.shape}, or they "
+            f"the outer grid is {outer.mask.shape}, the inner {inner.mask.shape}, or they "
             f"lie elsewhere: export both on one grid"
         )
     outside = float((inner.mask & ~outer.mask).sum()) / float(inner.mask.sum())

@@ -50,7 +50,7 @@ class SimulatedSpecimen:
             radius = float(self.shape.radii(u[None])[0, 0])
             if abs(distance - radius) > OFF_SURFACE_MM:
                 raise InvalidInputError(
-                    f"the centre of the region must lie on the skull, but lies {distance - radius:+.0f} "
+                    f"the centre must lie on the skull, but lies {distance - radius:+.0f} "
                     f"mm off it: choose a point within {OFF_SURFACE_MM:g} mm of the surface"
                 )
             return radius * u

@@ -1,0 +1,52 @@
+"""Compare two results value by value: by how much do they differ, and where most?"""
+
+import dataclasses
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+
+@dataclass(frozen=True, slots=True)
+class Difference:
+    """How far two values of one kind are apart."""
+
+    largest: float  # over all numbers: |a - b| / max(1, |a|, |b|)
+    where: str  # of the largest
+    n_discrete: int  # whole numbers, truth values and shapes that differ
+    n_compared: int
+
+    @property
+    def none(self) -> bool:
+        """Whether no number differs at all."""
+        return self.largest == 0.0 and self.n_discrete == 0
+
+
+def compare(a: Any, b: Any) -> Difference:
+    """Return how far ``b`` is from ``a``; texts (names, sentences, digests) do not count."""
+    found: list[tuple[float, int, int, str]] = []
+    _walk(a, b, "", found)
+    largest, _, _, where = max(found, default=(0.0, 0, 0, ""))
+    return Difference(largest, where, sum(f[1] for f in found), sum(f[2] for f in found))
+
+
+def _walk(a: Any, b: Any, where: str, found: list[tuple[float, int, int, str]]) -> None:
+    if isinstance(a, str) and isinstance(b, str):
+        return
+    if dataclasses.is_dataclass(a) and type(a) is type(b):
+        for f in dataclasses.fields(a):
+            _walk(getattr(a, f.name), getattr(b, f.name), f"{where}/{f.name}", found)
+    elif isinstance(a, tuple) and isinstance(b, tuple) and len(a) == len(b):
+        for i, (one, other) in enumerate(zip(a, b, strict=True)):
+            _walk(one, other, f"{where}/{i}", found)
+    elif a is None or b is None or np.shape(a) != np.shape(b):
+        found.append((0.0, int(a is not b), 1, where))
+    else:
+        found.append((*_apart(np.asarray(a), np.asarray(b)), where))
+
+
+def _apart(a: np.ndarray, b: np.ndarray) -> tuple[float, int, int]:
+    if a.dtype.kind == "f":
+        scale = np.maximum(1.0, np.maximum(np.abs(a), np.abs(b)))
+        return float((np.abs(a - b) / scale).max(initial=0.0)), 0, a.size
+    return 0.0, int(np.count_nonzero(a != b)), a.size

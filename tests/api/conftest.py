@@ -1,0 +1,74 @@
+"""A real server on a free port, with virtual devices and no window, for all tests of the API."""
+
+import threading
+import time
+from types import SimpleNamespace
+
+import httpx2
+import pytest
+
+from rona_core.compose import build_hub
+from rona_ui.gateway import ViewerGateway
+from rona_ui.server import ServerSettings, server_of
+
+TOKEN = "a-token-of-the-tests"
+
+
+def start(hub, gateway, settings):
+    server = server_of(hub, gateway, settings)
+    thread = threading.Thread(target=server.run, daemon=True)
+    thread.start()
+    while not server.started:
+        if not thread.is_alive():
+            raise RuntimeError("the server did not start")
+        time.sleep(0.01)
+    return server, thread, server.servers[0].sockets[0].getsockname()[1]
+
+
+@pytest.fixture(scope="session")
+def web(tmp_path_factory):
+    """The server: hub, gateway, port and token."""
+    folder = tmp_path_factory.mktemp("sessions")
+    hub, gateway = build_hub(folder, processes=False), ViewerGateway()
+    settings = ServerSettings(port=0, sessions=folder, token=TOKEN, open_browser=False)
+    server, thread, port = start(hub, gateway, settings)
+    yield SimpleNamespace(hub=hub, gateway=gateway, port=port, token=TOKEN, folder=folder)
+    server.should_exit = True
+    thread.join(20)
+    gateway.close()
+    hub.close_all()
+
+
+@pytest.fixture(scope="session")
+def anonymous(web):
+    """A client without a token."""
+    with httpx2.Client(base_url=f"http://127.0.0.1:{web.port}", timeout=60) as client:
+        yield client
+
+
+@pytest.fixture(scope="session")
+def client(web):
+    """A client with the token."""
+    headers = {"Authorization": f"Bearer {web.token}"}
+    with httpx2.Client(
+        base_url=f"http://127.0.0.1:{web.port}/api/v1", headers=headers, timeout=120
+    ) as client:
+        yield client
+
+
+@pytest.fixture
+def session(client):
+    """A new session; its id."""
+    made = client.post("/sessions", json={"name": "test", "seed": 3}).json()
+    yield made["id"]
+    client.delete(f"/sessions/{made['id']}")
+
+
+@pytest.fixture
+def at(client, session):
+    """Return a function that calls a route of the new session."""
+
+    def call(method, path, **rest):
+        return client.request(method, f"/sessions/{session}{path}", **rest)
+
+    return call

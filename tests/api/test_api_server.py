@@ -1,0 +1,199 @@
+"""The server as a whole: starting, the first session, ending; and REST against Python."""
+
+import dataclasses
+import threading
+
+import httpx2
+import pytest
+from conftest import TOKEN, start
+
+from rona_core.app.messages import (
+    COMMANDS,
+    CalibratePointer,
+    SetPointer,
+    SetRegion,
+    SetSeed,
+    SetTracker,
+    SmoothScanPath,
+    StartMapping,
+    StartPathCapture,
+    StartPointerCapture,
+    StartRollSearch,
+    StartScan,
+    StartSurfaceCapture,
+    StartToolCapture,
+    Undo,
+)
+from rona_core.app.plain import plain_arguments
+from rona_core.app.procedure import PROCEDURE
+from rona_core.compose import build_hub
+from rona_core.errors import InvalidInputError
+from rona_core.session.codec import digest
+from rona_core.session.document import Session, Setup
+from rona_core.session.files import save_session
+from rona_ui.server import ServerSettings, open_first_session, serve
+
+
+def content(session):
+    """Everything that must agree: all but id, name and times."""
+    log = [(entry.number, entry.message, entry.arguments) for entry in session.log]
+    parts = (session.setup, session.captures, session.results)
+    return [digest(part) for part in parts], [digest(c) for c in session.archive], log
+
+
+def through_rest(client, messages, name="rest", seed=3):
+    session = client.post("/sessions", json={"name": name, "seed": seed}).json()["id"]
+    for message in messages:
+        kind = type(message).__name__
+        body = plain_arguments(message)
+        if kind in COMMANDS:
+            answer = client.post(f"/sessions/{session}/commands/{kind}", json=body)
+            assert answer.status_code == 200, answer.text
+            continue
+        job = client.post(f"/sessions/{session}/jobs/{kind}", json=body).json()
+        with client.stream("GET", f"/jobs/{job['id']}/events") as stream:
+            last = [line for line in stream.iter_lines() if line.startswith("data")][-1]
+        assert '"state":"done"' in last, last
+    return session
+
+
+def in_python(folder, messages, seed=3):
+    hub = build_hub(folder, processes=False)
+    bench = hub.create("python", seed)
+    for message in messages:
+        if type(message).__name__ in COMMANDS:
+            bench.dispatch(message)
+        else:
+            bench.run(message)
+    session = bench.session
+    hub.close_all()
+    return session
+
+
+def test_rest_and_python_give_the_same_session(client, web, tmp_path):
+    messages = [
+        SetSeed(11),
+        SetTracker("white035", 30.0),
+        SetPointer("pointer5d"),
+        StartPointerCapture(cone_deg=20.0, duration_s=3.0),
+        CalibratePointer("aos"),
+        Undo(),
+        StartPointerCapture(duration_s=2.0),
+    ]
+    session = through_rest(client, messages)
+    assert content(web.hub.get(session).session) == content(in_python(tmp_path, messages))
+    assert client.post(f"/sessions/{session}/replay").json()["same"]
+    client.delete(f"/sessions/{session}")
+
+
+@pytest.mark.slow
+def test_the_whole_procedure_through_rest(client, web, tmp_path):
+    messages = [  # all nine steps, over a small region
+        SetRegion(radius_mm=14.0),
+        StartToolCapture(n_pivot=12, n_translate=4),
+        StartPointerCapture(duration_s=6.0),
+        StartSurfaceCapture(duration_s=25.0),
+        StartPathCapture(duration_s=15.0, spacing_mm=5.0),
+        SmoothScanPath(),
+        StartRollSearch(n_rolls=24),
+        StartScan(),
+        StartMapping(),
+    ]
+    assert {type(m) for _, m in PROCEDURE} < {type(m) for m in messages}
+    session = through_rest(client, messages)
+    states = {s["name"]: s["state"] for s in client.get(f"/sessions/{session}/steps").json()}
+    assert set(states.values()) == {"done"}
+    rows = {row["key"]: row for row in client.get(f"/sessions/{session}/quality").json()}
+    assert rows["surface_rms_mm"]["verdict"] == "pass"
+    assert rows["thickness_rms_mm"]["value"] is not None
+    assert rows["path_deviation_max_mm"]["limit"] == 1.0
+    for step in states:
+        held = client.get(f"/sessions/{session}/results/{step}", params={"max_points": 20}).json()
+        for part in (*held["captures"].values(), *held["results"].values()):
+            assert part["value"] is not None
+            assert part["stale_reason"] is None
+    file = client.get(f"/sessions/{session}/file").content
+    copy = client.post("/sessions/upload", content=file).json()["id"]
+    there, back = (web.hub.get(key).session for key in (session, copy))
+    assert digest(there) == digest(dataclasses.replace(back, id=there.id))
+    assert content(there) == content(in_python(tmp_path, messages))
+    for key in (session, copy):
+        client.delete(f"/sessions/{key}")
+
+
+# -- starting and ending ---------------------------------------------------------------------------
+
+
+def test_a_server_ends_while_streams_are_open(tmp_path):
+    hub = build_hub(tmp_path, processes=False)
+    hub.create()
+    settings = ServerSettings(port=0, sessions=tmp_path, token=TOKEN)
+    server, thread, port = start(hub, None, settings)
+    headers = {"Authorization": f"Bearer {TOKEN}"}
+    url = f"http://127.0.0.1:{port}/api/v1"
+    with (
+        httpx2.Client(headers=headers, timeout=30) as client,
+        client.stream("GET", f"{url}/status/events") as program,
+        client.stream("GET", f"{url}/sessions/current/events?since=0") as session,
+        client.stream("GET", f"{url}/sessions/current/robot/stream") as robot,
+    ):
+        lines = program.iter_lines()
+        next(lines)
+        server.should_exit = True
+        for stream in (session, robot):
+            list(stream.iter_lines())  # ends by itself
+        list(lines)
+    thread.join(30)
+    assert not thread.is_alive()
+    hub.close_all()
+
+
+def test_the_first_session_is_a_copy_of_the_demo(tmp_path, monkeypatch):
+    demo = tmp_path / "demo.rona"
+    save_session(Session(name="demo", setup=Setup(seed=42)), demo)
+    monkeypatch.setattr("rona_ui.server.demo_session", lambda: demo)
+    hub = build_hub(tmp_path, processes=False)
+    open_first_session(hub)
+    assert hub.get().session.setup.seed == 42
+    assert hub.file("current") is None  # saving does not write the demo over
+    hub.close_all()
+    demo.write_bytes(b"of another age")
+    hub = build_hub(tmp_path, processes=False)
+    open_first_session(hub)
+    assert hub.get().session.log == ()
+    hub.close_all()
+
+
+def test_a_port_that_is_taken_is_refused_by_name(tmp_path, web):
+    def never(*_):
+        raise AssertionError("nothing must be built before the port is ours")
+
+    settings = ServerSettings(port=web.port, sessions=tmp_path, token="t")
+    with pytest.raises(InvalidInputError, match=str(web.port)):
+        serve(settings, build_hub=never, open_window=never, say=never)
+
+
+def test_serve_opens_the_window_says_the_address_and_cleans_up(tmp_path, monkeypatch):
+    told, closed = [], threading.Event()
+
+    class Window:
+        def close(self):
+            closed.set()
+
+    class Once:
+        def __init__(self, *_):
+            pass
+
+        def run(self, sockets):
+            told.append(sockets[0].getsockname()[1])
+
+    monkeypatch.setattr("rona_ui.server.server_of", Once)
+    settings = ServerSettings(port=0, sessions=tmp_path, token="t", open_browser=False)
+    serve(
+        settings,
+        build_hub=lambda folder: build_hub(folder, processes=False),
+        open_window=lambda server, hub: Window(),
+        say=told.append,
+    )
+    assert told[0] == f"http://127.0.0.1:{told[1]}/?token=t"
+    assert closed.is_set()

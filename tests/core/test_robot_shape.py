@@ -1,0 +1,92 @@
+"""The drawn robot: closed solids that fit the kinematics they move with."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import trimesh
+
+from rona_core.devices.markers import GEOMETRIES
+from rona_core.errors import InvalidInputError
+from rona_core.robot.model import robot_model
+from rona_core.robot.shape import SPHERE_RADIUS_MM, link_shapes
+from rona_core.robot.solids import ball, rod, slab, turned
+
+RX90 = robot_model("rx90")
+SHAPES = link_shapes(RX90)
+
+
+def as_trimesh(mesh):
+    return trimesh.Trimesh(mesh.vertices, mesh.faces, process=True)
+
+
+def test_every_solid_is_closed_and_faces_outwards():
+    for shape in SHAPES:
+        solid = as_trimesh(shape.mesh)
+        assert solid.is_watertight, shape.name
+        for part in solid.split():
+            assert part.volume > 0, shape.name
+
+
+def test_the_whole_robot_is_light_enough_to_draw_and_named_throughout():
+    assert sum(len(shape.mesh.faces) for shape in SHAPES) <= 12_000
+    assert len({shape.name for shape in SHAPES}) == len(SHAPES)
+    assert {shape.frame for shape in SHAPES} == set(range(7))
+    assert all(0 <= value <= 255 for shape in SHAPES for value in shape.color_rgb)
+    for shape in SHAPES:
+        assert not shape.mesh.vertices.flags.writeable
+        assert shape.mesh.faces.max() < len(shape.mesh.vertices)
+
+
+def test_neighbouring_links_touch_in_any_position():
+    rng = np.random.default_rng(0)
+    solids = {shape.name: shape for shape in SHAPES}
+    joints = (
+        ("base", "shoulder"),
+        ("shoulder", "upper arm"),
+        ("upper arm", "elbow"),
+        ("elbow", "forearm"),
+        ("forearm", "wrist"),
+        ("wrist", "flange"),
+        ("force sensor", "tool holder"),
+        ("tool holder", "probe body"),
+    )
+    for q in rng.uniform(RX90.lower_rad, RX90.upper_rad, (5, 6)):
+        frames = RX90.joint_poses(q)
+        for a, b in joints:
+            first, second = (frames[solids[n].frame] @ solids[n].mesh.vertices for n in (a, b))
+            gaps = np.linalg.norm(first[:, None] - second[None], axis=2)
+            assert gaps.min() < 30.0, (a, b)
+
+
+def test_the_drawn_probe_ends_at_its_tip_and_the_balls_sit_on_the_markers():
+    solids = {shape.name: shape.mesh.vertices for shape in SHAPES}
+    in_tip = RX90.T_flange_tip.inv() @ solids["delay line"]
+    assert in_tip[:, 2].max() == pytest.approx(0.0, abs=1e-9)
+    assert np.linalg.norm(in_tip[in_tip[:, 2] > -1e-6][:, :2], axis=1).max() < 3.2
+    in_marker = RX90.T_flange_toolmarker.inv() @ solids["marker balls"]
+    positions = GEOMETRIES["toolmarker"].positions_marker
+    distances = np.linalg.norm(in_marker[:, None] - positions[None], axis=2).min(axis=1)
+    np.testing.assert_allclose(distances, SPHERE_RADIUS_MM, atol=1e-9)
+
+
+def test_solids_have_the_size_they_were_asked_for():
+    disc = as_trimesh(turned(((0, 0), (10, 0), (10, 5), (0, 5)), around=256))
+    assert disc.volume == pytest.approx(np.pi * 100 * 5, rel=1e-3)
+    assert as_trimesh(ball(6.0, around=64)).volume == pytest.approx(4 / 3 * np.pi * 216, rel=1e-2)
+    bar = as_trimesh(rod((1, 2, 3), (1, 2, 23), 2.0, around=128))
+    np.testing.assert_allclose(bar.bounds, ((-1, 0, 3), (3, 4, 23)), atol=1e-2)
+    plate = as_trimesh(slab((0.0, 30.0), (100.0, 20.0), (-5.0, 5.0), edge_mm=2.0))
+    np.testing.assert_allclose(plate.bounds[:, 1], (-5, 5), atol=1e-9)
+    np.testing.assert_allclose(plate.bounds[:, 2], (-30, 120), atol=0.3)
+
+
+def test_edges_are_sharp_and_faces_smooth():
+    disc = turned(((0, 0), (10, 0), (10, 5), (0, 5)))
+    rim = np.isclose(disc.vertices[:, 2], 5) & (np.linalg.norm(disc.vertices[:, :2], axis=1) > 9)
+    assert np.count_nonzero(rim) == 2 * 26  # once for the side, once for the top
+
+
+def test_no_shape_for_a_robot_that_nobody_drew():
+    with pytest.raises(InvalidInputError, match="known shapes: rx90"):
+        link_shapes(replace(RX90, name="ur5"))
