@@ -124,14 +124,18 @@ def list_sessions(hub: Sessions) -> SessionList:
 
 
 @router.post("/sessions", status_code=201)
-def create_session(hub: Sessions, response: Response, new: Annotated[NewSession | None, WHOLE_TEXT] = None) -> SessionInfo:
+def create_session(
+    hub: Sessions, response: Response, new: Annotated[NewSession | None, WHOLE_TEXT] = None
+) -> SessionInfo:
     """Make a new session; the viewer shows it."""
     wanted = new or NewSession()
     return _made(hub, hub.create(wanted.name.strip(), wanted.seed), response)
 
 
 @router.post("/sessions/open", status_code=201)
-def open_session(hub: Sessions, response: Response, wanted: Annotated[FileToOpen, WHOLE_TEXT]) -> SessionInfo:
+def open_session(
+    hub: Sessions, response: Response, wanted: Annotated[FileToOpen, WHOLE_TEXT]
+) -> SessionInfo:
     """Open a file of the sessions folder; the viewer shows it."""
     return _made(hub, hub.open_file(wanted.file), response)
 
@@ -201,7 +205,9 @@ def show_session(hub: Sessions, bench: Bench) -> SessionInfo:
 
 
 @files.post("/sessions/{session_id}/save")
-def save_session(hub: Sessions, bench: Bench, wanted: Annotated[FileToSave | None, WHOLE_TEXT] = None) -> SessionInfo:
+def save_session(
+    hub: Sessions, bench: Bench, wanted: Annotated[FileToSave | None, WHOLE_TEXT] = None
+) -> SessionInfo:
     """Write a session to the sessions folder."""
     hub.save(bench.session.id, wanted.file if wanted else None)
     return info(hub, bench)
