@@ -70,16 +70,19 @@ def quality(surgeon: Surgeon) -> list[str]:
 
 
 def draw_meander(surgeon: Surgeon, center: np.ndarray) -> None:
-    """Draw on the skull: drag along five lines over the region."""
+    """Draw on the skull: drag along eight lines over the region."""
     mouse = surgeon.page.mouse
-    for number, y in enumerate((-12.0, -6.0, 0.0, 6.0, 12.0)):
-        ends = [center + np.array([x, y, -0.02 * y * y]) for x in (-14.0, 14.0)]
+    for number, y in enumerate(np.arange(-17.5, 18.0, 5.0)):
+        half = np.sqrt(22.0**2 - y**2)
+        ends = [
+            center + np.array([x, y, 0.15 * x - 0.006 * (x * x + y * y)]) for x in (-half, half)
+        ]
         if number % 2:
             ends.reverse()
         (x0, y0), (x1, y1) = surgeon.pixels([tuple(end) for end in ends])
         mouse.move(x0, y0)
         mouse.down()
-        for share in np.linspace(0.05, 1.0, 24):
+        for share in np.linspace(0.05, 1.0, 20):
             mouse.move(x0 + share * (x1 - x0), y0 + share * (y1 - y0))
             time.sleep(0.03)  # a hand; the page reports a drag at most 20 times a second
         mouse.up()
@@ -128,7 +131,7 @@ def test_nine_steps_by_mouse_then_saved_and_opened_again(surgeon: Surgeon) -> No
     surgeon.button("Draw on the skull").click()
     frame.get_by_text("points so far").wait_for()
     draw_meander(surgeon, center)
-    wait_for(lambda: points_so_far(surgeon) >= 40, 20, "40 points on the skull")
+    wait_for(lambda: points_so_far(surgeon) >= 60, 20, "60 points on the skull")
     assert {"/drawing/line", "/drawing/points"} <= set(surgeon.nodes())
     surgeon.picture("path")
     surgeon.button("Finish the line").click()
@@ -157,7 +160,6 @@ def test_nine_steps_by_mouse_then_saved_and_opened_again(surgeon: Surgeon) -> No
     surgeon.wait_idle()
     wait_for(lambda: any("Inner boundary" in row for row in quality(surgeon)), 60, "figures")
     assert {"/maps/outer", "/maps/inner", "/maps/fused"} <= set(surgeon.nodes())
-    surgeon.tab("Joints")
     surgeon.picture("maps")
 
     # saved, gone, and opened again: the same states, figures and scene
