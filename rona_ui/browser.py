@@ -60,6 +60,7 @@ class Browser:
         if old is not None and old.session.id != new.session.id:
             self.change_view(lambda v: ViewState(step=v.step))
             new = replace(new, view=self._view)
+        self._listen(new)
         with self.client.atomic():
             self._docks.render(old, new)
             self._world.render(old, new)
@@ -68,7 +69,6 @@ class Browser:
             focus = FOCUS[new.view.step]
             if old is None or old.backdrop is None or FOCUS[old.view.step] != focus:
                 self._look(focus)
-        self._listen(new)
 
     # -------------------------------------------------------------- camera
 

@@ -160,7 +160,12 @@ class Window:
             bench.store.subscribe(lambda old, new: self.wake()),
             bench.jobs.subscribe(lambda status: self.wake()),
         )
-        self._follows = key, lambda: [end() for end in ends] and None
+
+        def unfollow() -> None:
+            for end in ends:
+                end()
+
+        self._follows = key, unfollow
         self._told = {status.id for status in bench.jobs.all() if status.finished}
 
     def _unfollow(self) -> None:

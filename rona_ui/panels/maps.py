@@ -39,7 +39,14 @@ class MapsPanel(StepPanel):
     def build(self) -> None:
         """Add the parameters and the choice of what is shown."""
         self.form.choice("method", "Detection", METHODS, "subtract")
-        self.form.number("sound_speed_mm_per_us", "Bone (mm/µs)", 2.85, 1.5, 4.5, 0.05)
+        self.form.number(
+            "sound_speed_mm_per_us",
+            "Bone (mm/µs)",
+            StartMapping().sound_speed_mm_per_us,
+            1.5,
+            4.5,
+            0.05,
+        )
         self.form.number("cell_mm", "Cell (mm)", 1.0, 0.5, 5.0, 0.5)
         self._shown = self.gui.add_dropdown("Show", tuple(SHOWN))
         self._quantity = self.gui.add_dropdown("Colours", tuple(QUANTITIES))

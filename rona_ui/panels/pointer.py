@@ -23,7 +23,9 @@ class PointerPanel(StepPanel):
 
     def build(self) -> None:
         """Add cone, duration and method."""
-        self.form.number("cone_deg", "Cone (deg)", 25.0, 1.0, 60.0, 1.0, "Half-angle")
+        self.form.number(
+            "cone_deg", "Cone (deg)", StartPointerCapture().cone_deg, 1.0, 60.0, 1.0, "Half-angle"
+        )
         self.form.number("duration_s", "Duration (s)", 15.0, 1.0, 120.0, 1.0)
         self.form.choice("method", "Fit", METHODS, "sphere")
         self._refit = self.gui.add_button("Fit again", icon="refresh", color="gray")

@@ -54,8 +54,6 @@ class ReplayPanel:
         times = motion_times(new.session)
         if self._window.visible != (times is not None):
             self._window.visible = times is not None
-        for part in (self._slider, self._buttons, self._speed):
-            part.disabled = times is None
         cursor = new.view.cursor
         if times is None:
             words = "The planned motion can be replayed after step 7."

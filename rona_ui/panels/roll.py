@@ -58,6 +58,6 @@ class RollPanel(StepPanel):
         curves = joint_curves(picture.session, picture.view.shown_roll)
         second = ""
         if curves is not None and not curves.feasible:
-            second = style.note(f"{curves.roll_deg:.0f} deg: {curves.sentence}", "warn")
+            second = style.note(curves.sentence[:1].upper() + curves.sentence[1:], "warn")
         legend = ((css(GREEN), "works"), (css(VERMILLION), "fails"), (css(YELLOW), "shown"))
         return first + second + style.key(legend)

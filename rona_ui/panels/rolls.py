@@ -104,7 +104,7 @@ def remark(picture: Picture) -> str:
     if curves is None:
         return ""
     kind = "good" if curves.feasible else "warn"
-    return style.note(f"Roll {curves.roll_deg:.0f} deg: {curves.sentence}", kind)
+    return style.note(curves.sentence[:1].upper() + curves.sentence[1:], kind)
 
 
 def _legend() -> str:

@@ -38,7 +38,7 @@ class StepTitle:
         if state.state == "blocked":
             html += style.note(f"Blocked: {state.reason}.", "warn")
         elif state.state == "stale":
-            html += style.note(f"Stale: {state.reason}. Do the step again.", "warn")
+            html += style.note(f"Stale: {state.reason}. Do it again.", "warn")
         self._html.content = html
 
 
@@ -51,7 +51,9 @@ class RunBar:
         self._start = gui.add_button("Start", icon="player-play")
         self._progress_words = gui.add_html("")
         self._progress = gui.add_progress_bar(0.0, visible=False)
-        self._cancel = gui.add_button("Cancel", icon="player-stop", color=(176, 0, 32), visible=False)
+        self._cancel = gui.add_button(
+            "Cancel", icon="player-stop", color=(176, 0, 32), visible=False
+        )
         self._next = gui.add_button("Next step", icon="arrow-right", color=(0, 105, 77))
         listen(self._start, self._run)
         listen(self._cancel, lambda e: door.service("cancel", e, None))

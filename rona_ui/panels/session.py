@@ -1,9 +1,10 @@
 """Name and state of the session; undo, redo, save, open, new."""
 
+from collections.abc import Callable
 from typing import Any
 
 from rona_core.app.messages import Redo, RenameSession, Undo
-from rona_ui.bindings import escape
+from rona_ui.bindings import Event, escape
 from rona_ui.panels.door import Door, listen
 from rona_ui.view_state import Picture
 
@@ -48,12 +49,13 @@ class SessionPanel:
         listen(self._rename, lambda e: door.send(lambda: RenameSession(self._name.value), e))
         listen(self._open, self._open_file)
         listen(self._new, lambda e: door.service("new", e, None))
-        for label, key, modifier, act in (
-            ("Undo", "Z", "cmd/ctrl", lambda e: door.send(Undo, e)),
-            ("Redo", "Z", "cmd/ctrl+shift", lambda e: door.send(Redo, e)),
-            ("Save", "S", "cmd/ctrl", lambda e: door.service("save", e, None)),
-            ("Stop the robot", "escape", None, lambda e: door.service("stop", e, None)),
-        ):
+        commands: tuple[tuple[str, str, str | None, Callable[[Event], None]], ...] = (
+            ("Undo", "Z", "cmd/ctrl", lambda event: door.send(Undo, event)),
+            ("Redo", "Z", "cmd/ctrl+shift", lambda event: door.send(Redo, event)),
+            ("Save", "S", "cmd/ctrl", lambda event: door.service("save", event, None)),
+            ("Stop the robot", "escape", None, lambda event: door.service("stop", event, None)),
+        )
+        for label, key, modifier, act in commands:
             self._command(gui, label, key, modifier, act)
 
     @staticmethod

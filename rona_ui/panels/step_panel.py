@@ -2,6 +2,7 @@
 
 from typing import Any, ClassVar
 
+from rona_core.errors import InvalidInputError
 from rona_ui.panels import style
 from rona_ui.panels.door import Door
 from rona_ui.panels.form import Form
@@ -30,7 +31,7 @@ class StepPanel:
 
     def message(self) -> Any:
         """Return what the primary button sends."""
-        raise NotImplementedError
+        raise InvalidInputError(f"step {self.step} starts nothing: change its fields")
 
     def remarks(self, picture: Picture) -> str:
         """Return HTML about the result of the step."""

@@ -29,7 +29,7 @@ def preset(name: str, backdrop: Backdrop | None) -> tuple[Vector3, Vector3]:
     if name == "Region":
         return center + 82.0 * normal + np.array([40.0, -72.0, 0.0]), center - 3.0 * normal
     if name == "Roll":
-        return center + np.array([110.0, -190.0, 170.0]), center + np.array([0.0, 0.0, 12.0])
+        return center + np.array([72.0, -125.0, 118.0]), center + np.array([0.0, 0.0, 8.0])
     if name == "Scan":
         return center + np.array([330.0, -480.0, 300.0]), center + np.array([-60.0, 0.0, 70.0])
     if name == "Top":

@@ -122,7 +122,7 @@ class Stage:
                 receive_shadow=False,
             )
 
-    def frame(self, name: str, T_base_node: Pose, *, length_mm: float = 0.0) -> None:
+    def frame(self, name: str, pose: Pose, *, length_mm: float = 0.0) -> None:
         """Place a coordinate cross, or an invisible parent for other nodes (length 0)."""
         node = self._nodes.get(name)
         if node is None:
@@ -132,7 +132,7 @@ class Stage:
                 axes_length=M_PER_MM * max(length_mm, 1.0),
                 axes_radius=M_PER_MM * max(length_mm, 1.0) / 40.0,
             )
-        node.wxyz, node.position = T_base_node.wxyz(), metres(T_base_node.translation)
+        node.wxyz, node.position = pose.wxyz(), metres(pose.translation)
 
     def label(self, name: str, text: str, place: ArrayLike) -> None:
         """Write a short text at a place."""

@@ -22,14 +22,14 @@ class PathLayer(Layer):
         """Draw each path where it is another one."""
         raw, smooth = new.session.results.path, new.session.results.smoothing
         lift = 0.0 if new.backdrop is None else LIFT_MM * new.backdrop.region_normal_base
-        placed = old is None or old.backdrop is not new.backdrop
-        if placed or old.session.results.path is not raw:
+        before = None if old is None or old.backdrop is not new.backdrop else old.session.results
+        if before is None or before.path is not raw:
             points = np.zeros((0, 3)) if raw is None else raw.value.points_base + lift
-            self.stage.lines(RAW, segments(points), ORANGE, width_px=2.5)
-        if placed or old.session.results.smoothing is not smooth:
+            self.stage.lines(RAW, segments(points), ORANGE, width_px=2.0)
+        if before is None or before.smoothing is not smooth:
             dense = np.zeros((0, 3)) if smooth is None else smooth.value.path.points_base
-            self.stage.lines(SMOOTH, segments(dense + 2 * lift), BLUE, width_px=4.0)
-            corners = _corners(new) + 2 * lift
+            self.stage.lines(SMOOTH, segments(dense + 3 * lift), BLUE, width_px=4.0)
+            corners = _corners(new) + 3 * lift
             self.stage.cloud(CORNERS, corners, BLUE, size_mm=1.3)
         self.stage.show(RAW, self.shown(new))
         later = self.shown(new) and (new.view.step != "path" or new.view.everything)

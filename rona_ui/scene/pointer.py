@@ -55,4 +55,4 @@ class DrawingLayer(Layer):
         if len(points) and new.backdrop is not None:
             points = points + LIFT_MM * new.backdrop.region_normal_base
         self.stage.lines(LINE, segments(points), SKY, width_px=4.0)
-        self.stage.cloud(PICKS, points, ORANGE, size_mm=1.6)
+        self.stage.cloud(PICKS, points, ORANGE, size_mm=1.0)

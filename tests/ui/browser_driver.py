@@ -1,0 +1,183 @@
+"""RONA in a real headless Chromium: a server of its own, and hands that only click and type."""
+
+import os
+import re
+import socket
+import subprocess
+import sys
+import time
+import urllib.error
+import urllib.request
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+REPOSITORY = Path(__file__).resolve().parents[2]
+CHROMIUM = Path(os.environ.get("RONA_CHROMIUM", "/usr/bin/chromium"))
+TOKEN = "token-of-the-browser-test"
+STEPS = ("Set-up", "Tool", "Pointer", "Surface", "Path", "Smoothing", "Roll", "Scan", "Maps")
+FLAGS = (
+    "--headless=new", "--no-sandbox", "--disable-quic", "--no-first-run",
+    "--disable-background-networking", "--disable-component-update", "--disable-sync",
+    "--ignore-gpu-blocklist",
+)  # fmt: skip
+DRAWN_BY = {
+    "mesa": ("--use-gl=angle", "--use-angle=gl-egl"),
+    "swiftshader": ("--use-angle=swiftshader", "--enable-unsafe-swiftshader"),
+}
+VIEWPORT = {"width": 1600, "height": 1000}  # of the pictures
+SMALL = {"width": 1360, "height": 850}  # quicker to draw
+
+PROJECT = """(places) => {
+  const m = window.__viserMutable, node = m.nodeRefFromName['/skull'];
+  node.updateWorldMatrix(true, false);
+  m.camera.updateMatrixWorld();
+  const box = m.canvas.getBoundingClientRect();
+  return places.map((p) => {
+    const v = node.position.clone().set(p[0] / 1000, p[1] / 1000, p[2] / 1000);
+    v.applyMatrix4(node.matrixWorld).project(m.camera);
+    return [box.left + (v.x + 1) / 2 * box.width, box.top + (1 - v.y) / 2 * box.height];
+  });
+}"""
+STATES = """() => [...document.querySelectorAll('.r-step .r-badge')].map((e) => e.textContent)"""
+# names of what is drawn; parents that stay behind, empty, when their last child goes do not count
+NODES = """() => {
+  const all = Object.keys(window.__viserSceneTree.getState());
+  const empty = ['/drawing', '/pointer', '/maps', '/path', '/scan', '/rolls', '/surface'];
+  return all.filter((n) => !empty.includes(n)).sort();
+}"""
+
+
+def free_port() -> int:
+    """Return a port that nobody listens on."""
+    with socket.socket() as probe:
+        probe.bind(("127.0.0.1", 0))
+        return int(probe.getsockname()[1])
+
+
+@contextmanager
+def running_server(sessions: Path) -> Iterator[str]:
+    """Run `rona serve` on a free port; yields its address with the token."""
+    port = free_port()
+    environment = {**os.environ, "RONA_TOKEN": TOKEN, "OMP_NUM_THREADS": "1"}
+    log = (sessions / "server.log").open("wb")
+    arguments = ["serve", "--port", str(port), "--sessions", str(sessions), "--no-open"]
+    server = subprocess.Popen(
+        [sys.executable, "-m", "rona_ui", *arguments],
+        cwd=REPOSITORY,
+        env=environment,
+        stdout=log,
+        stderr=log,
+    )
+    address = f"http://127.0.0.1:{port}/"
+    try:
+        wait_for(lambda: _answers(address) or server.poll() is not None, 60.0, "the server")
+        if server.poll() is not None:
+            raise RuntimeError((sessions / "server.log").read_text())
+        yield f"{address}?token={TOKEN}"
+    finally:
+        server.terminate()
+        try:
+            server.wait(20)
+        except subprocess.TimeoutExpired:
+            server.kill()
+            server.wait(20)
+        log.close()
+
+
+def _answers(address: str) -> bool:
+    try:
+        urllib.request.urlopen(address, timeout=2.0).close()
+    except urllib.error.HTTPError:
+        return True  # it asks for the token, so it is there
+    except OSError:
+        return False
+    return True
+
+
+def wait_for(condition: Callable[[], Any], timeout_s: float, what: str) -> Any:
+    """Return the first true value of ``condition()``; fail after the timeout."""
+    end = time.monotonic() + timeout_s
+    while time.monotonic() < end:
+        if value := condition():
+            return value
+        time.sleep(0.05)
+    raise AssertionError(f"waited {timeout_s:.0f} s for {what}")
+
+
+class Surgeon:
+    """Eyes, mouse and keyboard before the page."""
+
+    def __init__(self, page: Any, address: str, pictures: Path) -> None:
+        self.page, self.address, self.pictures = page, address, pictures
+        self.errors: list[str] = []
+        page.on("pageerror", lambda error: self.errors.append(str(error)))
+        self.come()
+
+    def come(self) -> None:
+        """Open the page and wait for steps and scene."""
+        self.page.goto(self.address)
+        self.frame = wait_for(self._viewer, 30.0, "the viewer's frame")
+        self.frame.wait_for_function(
+            "() => window.__viserSceneTree && '/skull' in window.__viserSceneTree.getState()"
+            " && document.querySelectorAll('.r-step').length == 9",
+            timeout=90_000,
+        )
+        close = self.frame.locator(".mantine-Notification-root button")
+        for _ in range(close.count()):  # tells of software rendering, and covers the scene
+            close.first.click()
+
+    def _viewer(self) -> Any:
+        return next((f for f in self.page.frames if "/viewer" in f.url), None)
+
+    def button(self, name: str) -> Any:
+        """Return a button by the beginning of its words."""
+        return self.frame.get_by_role("button", name=re.compile(f"^{re.escape(name)}")).first
+
+    def field(self, label: str) -> Any:
+        """Return the input beside a label by the beginning of its words."""
+        beside = "xpath=ancestor::div[contains(@class, 'mantine-Flex-root')][1]//input"
+        words = self.frame.locator("label", has_text=re.compile(f"^{re.escape(label)}")).first
+        return words.locator(beside).first
+
+    def open_step(self, name: str) -> None:
+        """Click a step of the list."""
+        title = f"Step {STEPS.index(name) + 1}: {name}"
+        self.button(title).click()
+        self.frame.locator(".r-title").get_by_text(title, exact=True).wait_for()
+
+    def tab(self, name: str) -> None:
+        """Click a tab of the right dock."""
+        self.frame.get_by_role("tab", name=name).click()
+
+    def states(self) -> list[str]:
+        """Return the badge of each step."""
+        return self.frame.evaluate(STATES)
+
+    def wait_state(self, name: str, state: str, timeout_s: float = 120.0) -> None:
+        """Wait until a step has a state."""
+        index = STEPS.index(name)
+        wait_for(lambda: self.states()[index] == state, timeout_s, f"{name} to be {state}")
+
+    def wait_idle(self, timeout_s: float = 120.0) -> None:
+        """Wait until no job is under way."""
+        wait_for(lambda: not self.button("Cancel").is_visible(), timeout_s, "the job to end")
+
+    def nodes(self) -> list[str]:
+        """Return the names of the scene's nodes."""
+        return self.frame.evaluate(NODES)
+
+    def pixels(self, places_base: list[tuple[float, float, float]]) -> list[tuple[float, float]]:
+        """Return where places in base (mm) are on the page."""
+        inside = self.frame.evaluate(PROJECT, [list(p) for p in places_base])
+        box = self.page.locator("iframe#viewer").bounding_box()
+        left, top = box["x"], box["y"]
+        return [(left + x, top + y) for x, y in inside]
+
+    def picture(self, name: str) -> Path:
+        """Keep what is to be seen now."""
+        time.sleep(0.5)  # the picture, not a condition: the last frame is drawn on demand
+        path = self.pictures / f"{name}.png"
+        self.page.screenshot(path=path)
+        return path

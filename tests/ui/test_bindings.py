@@ -1,0 +1,162 @@
+import threading
+import time
+from collections.abc import Iterator
+from types import SimpleNamespace
+from typing import Any
+
+import pytest
+from fake_gui import FakeClient
+
+from rona_core.app.messages import RenameSession, SetSeed, StartScan
+from rona_core.errors import InvalidInputError, StepBlockedError
+from rona_ui.bindings import SETTLE_S, Bindings, escape, tell
+
+
+class FakeBench:
+    def __init__(self) -> None:
+        self.got: list[Any] = []
+        self.stopped = threading.Event()
+        self.hold = threading.Event()
+        self.hold.set()
+
+    def dispatch(self, message: Any) -> None:
+        self.hold.wait(5.0)
+        self.got.append(message)
+
+    def start(self, message: Any) -> None:
+        raise StepBlockedError("StartScan is blocked: first search the roll (step 7)")
+
+    def stop(self) -> None:
+        self.stopped.set()
+
+
+@pytest.fixture
+def bench() -> FakeBench:
+    return FakeBench()
+
+
+@pytest.fixture
+def refusals() -> list[int]:
+    return []
+
+
+@pytest.fixture
+def bindings(bench: FakeBench, refusals: list[int]) -> Iterator[Bindings]:
+    hub = SimpleNamespace(get=lambda: bench)
+    made = Bindings(hub, lambda: refusals.append(1))
+    yield made
+    made.close()
+
+
+def event(client: Any) -> Any:
+    return SimpleNamespace(client=client)
+
+
+def drain(bindings: Bindings, client: Any) -> None:
+    """Wait until everything that was put before has been done."""
+    done = threading.Event()
+    bindings.call(done.set, event(client))
+    assert done.wait(5.0)
+
+
+def test_messages_arrive_in_the_order_of_the_clicks(bindings: Bindings, bench: FakeBench) -> None:
+    client = FakeClient()
+    for seed in range(200):
+        bindings.send(lambda seed=seed: SetSeed(seed), event(client))
+    drain(bindings, client)
+    assert [message.seed for message in bench.got] == list(range(200))
+
+
+def test_what_we_wrote_ourselves_sends_nothing(bindings: Bindings, bench: FakeBench) -> None:
+    bindings.send(lambda: SetSeed(1), event(None))
+    bindings.send_settled("seed", lambda: SetSeed(2), event(None))
+    bindings.call(lambda: bench.got.append("call"), event(None))
+    bindings.stop(event(None))
+    drain(bindings, FakeClient())
+    assert bench.got == []
+    assert not bench.stopped.is_set()
+
+
+def test_a_field_that_is_being_dragged_sends_its_last_value_once(
+    bindings: Bindings, bench: FakeBench
+) -> None:
+    client = FakeClient()
+    for seed in range(50):
+        bindings.send_settled("seed", lambda seed=seed: SetSeed(seed), event(client))
+    drain(bindings, client)
+    assert bench.got == []
+    end = time.monotonic() + 5.0
+    while not bench.got and time.monotonic() < end:
+        time.sleep(SETTLE_S / 10)
+    drain(bindings, client)
+    assert bench.got == [SetSeed(49)]
+
+
+def test_a_refusal_is_told_with_cause_and_remedy_and_the_queue_goes_on(
+    bindings: Bindings, bench: FakeBench, refusals: list[int]
+) -> None:
+    client = FakeClient()
+    bindings.send(StartScan, event(client))
+    bindings.send(lambda: SetSeed(-1), event(client))
+    bindings.send(lambda: SetSeed(3), event(client))
+    drain(bindings, client)
+    (blocked, why), (value, range_) = client.notices
+    assert blocked == "This step has to wait"
+    assert "first search the roll (step 7)" in why
+    assert value == "This value cannot be used"
+    assert "seed must be 0 to" in range_
+    assert bench.got == [SetSeed(3)]
+    assert len(refusals) == 2
+
+
+def test_a_defect_is_told_without_its_inside(
+    bindings: Bindings, capsys: pytest.CaptureFixture[str]
+) -> None:
+    client = FakeClient()
+
+    def broken() -> None:
+        raise ZeroDivisionError("secret detail")
+
+    bindings.call(broken, event(client))
+    drain(bindings, client)
+    ((title, body),) = client.notices
+    assert title == "Internal error"
+    assert "secret detail" not in body
+    assert "Traceback" not in body
+    assert "secret detail" in capsys.readouterr().err
+
+
+def test_stop_overtakes_what_waits_in_the_queue(bindings: Bindings, bench: FakeBench) -> None:
+    client = FakeClient()
+    bench.hold.clear()
+    bindings.send(lambda: RenameSession("slow"), event(client))
+    bindings.stop(event(client))
+    assert bench.stopped.wait(2.0)
+    assert bench.got == []
+    bench.hold.set()
+
+
+def test_a_browser_that_has_gone_does_not_end_the_queue(
+    bindings: Bindings, bench: FakeBench, capsys: pytest.CaptureFixture[str]
+) -> None:
+    class Gone:
+        def add_notification(self, title: str, body: str, **options: Any) -> None:
+            raise RuntimeError("connection closed")
+
+    bindings.send(StartScan, event(Gone()))
+    bindings.send(lambda: SetSeed(4), event(FakeClient()))
+    drain(bindings, FakeClient())
+    assert bench.got == [SetSeed(4)]
+    assert "connection closed" in capsys.readouterr().err
+
+
+def test_markup_is_escaped() -> None:
+    assert escape("<img src=x onerror='a'>\"&") == (
+        "&lt;img src=x onerror=&#x27;a&#x27;&gt;&quot;&amp;"
+    )
+
+
+def test_tell_names_the_kind_of_error() -> None:
+    client = FakeClient()
+    tell(client, InvalidInputError("expected a, got b: do c"))
+    assert client.notices == [("This value cannot be used", "expected a, got b: do c")]

@@ -1,0 +1,216 @@
+"""The whole procedure in a real browser, by mouse and keyboard alone."""
+
+import os
+import re
+import time
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+import pytest
+from browser_driver import (
+    CHROMIUM,
+    DRAWN_BY,
+    FLAGS,
+    REPOSITORY,
+    SMALL,
+    STEPS,
+    VIEWPORT,
+    Surgeon,
+    running_server,
+    wait_for,
+)
+
+pytestmark = [pytest.mark.browser, pytest.mark.slow]
+NAME = "Bone <b>7</b> & co"
+
+
+@pytest.fixture(scope="module")
+def pictures(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    if os.environ.get("RONA_SCREENSHOTS") == "1":
+        folder = REPOSITORY / "docs" / "images"
+        folder.mkdir(parents=True, exist_ok=True)
+        return folder
+    return tmp_path_factory.mktemp("pictures")
+
+
+@pytest.fixture(scope="module")
+def surgeon(tmp_path_factory: pytest.TempPathFactory, pictures: Path) -> Iterator[Surgeon]:
+    if not CHROMIUM.is_file():
+        reason = f"no browser at {CHROMIUM}: see tests/install_browser.sh, or set RONA_CHROMIUM"
+        if os.environ.get("CI"):
+            pytest.fail(reason)
+        pytest.skip(reason)
+    playwright = pytest.importorskip("playwright.sync_api")
+    flags = (*FLAGS, *DRAWN_BY[os.environ.get("RONA_E2E_GL", "mesa")])
+    with (
+        running_server(tmp_path_factory.mktemp("sessions")) as address,
+        playwright.sync_playwright() as driver,
+    ):
+        browser = driver.chromium.launch(executable_path=CHROMIUM, args=list(flags))
+        keep = os.environ.get("RONA_SCREENSHOTS") == "1"
+        page = browser.new_page(viewport=VIEWPORT if keep else SMALL)
+        page.set_default_timeout(60_000)
+        yield Surgeon(page, address, pictures)
+        browser.close()
+
+
+def region_center(surgeon: Surgeon) -> np.ndarray:
+    """Read the centre of the region from what the set-up step says."""
+    words = surgeon.frame.get_by_text("Region: centre").inner_text()
+    found = re.search(r"\((-?\d+), (-?\d+), (-?\d+)\)", words)
+    assert found is not None
+    return np.array([float(part) for part in found.groups()])
+
+
+def quality(surgeon: Surgeon) -> list[str]:
+    surgeon.tab("Quality")
+    rows = surgeon.frame.locator(".r-table tr")
+    return [row.strip() for row in rows.all_inner_texts()]
+
+
+def draw_meander(surgeon: Surgeon, center: np.ndarray) -> None:
+    """Draw on the skull: drag along eight lines over the region."""
+    mouse = surgeon.page.mouse
+    for number, y in enumerate(np.arange(-17.5, 18.0, 5.0)):
+        half = np.sqrt(22.0**2 - y**2)
+        ends = [
+            center + np.array([x, y, 0.15 * x - 0.006 * (x * x + y * y)]) for x in (-half, half)
+        ]
+        if number % 2:
+            ends.reverse()
+        (x0, y0), (x1, y1) = surgeon.pixels([tuple(end) for end in ends])
+        mouse.move(x0, y0)
+        mouse.down()
+        for share in np.linspace(0.05, 1.0, 20):
+            mouse.move(x0 + share * (x1 - x0), y0 + share * (y1 - y0))
+            time.sleep(0.03)  # a hand; the page reports a drag at most 20 times a second
+        mouse.up()
+
+
+def points_so_far(surgeon: Surgeon) -> int:
+    words = surgeon.frame.get_by_text("points so far").inner_text()
+    found = re.search(r"(\d+) points so far", words)
+    return int(found.group(1)) if found else 0
+
+
+def test_nine_steps_by_mouse_then_saved_and_opened_again(surgeon: Surgeon) -> None:
+    frame, page = surgeon.frame, surgeon.page
+
+    # a new session under a name that would be markup if it were not escaped
+    frame.get_by_text("Session", exact=True).click()
+    surgeon.button("New session").click()
+    wait_for(lambda: surgeon.states()[1:3] == ["ready", "ready"], 30, "a new session")
+    name = surgeon.field("Name")
+    name.fill(NAME)
+    surgeon.button("Rename").click()
+    frame.locator(".r-head").get_by_text(NAME, exact=True).wait_for()
+    assert frame.locator(".r-head b").count() == 1  # the program's own, none from the name
+    frame.get_by_text("Session", exact=True).click()
+    assert surgeon.states() == ["done", "ready", "ready", *["blocked"] * 6]
+    center = region_center(surgeon)
+    surgeon.picture("setup")
+
+    # a step that is blocked says why and cannot be started
+    surgeon.open_step("Scan")
+    assert frame.get_by_text("Blocked: first search the roll").is_visible()
+    assert surgeon.button("Scan").is_disabled()
+
+    for step, primary in (("Tool", "Move and register"), ("Pointer", "Pivot and calibrate")):
+        surgeon.open_step(step)
+        surgeon.button(primary).click()
+        surgeon.wait_state(step, "done")
+        surgeon.picture(step.lower())
+    surgeon.button("Next: 4 Surface").click()
+    surgeon.button("Sweep the region").click()
+    surgeon.wait_state("Surface", "done")
+    surgeon.picture("surface")
+
+    # the path is drawn on the skull in the 3D scene
+    surgeon.open_step("Path")
+    surgeon.button("Draw on the skull").click()
+    frame.get_by_text("points so far").wait_for()
+    draw_meander(surgeon, center)
+    wait_for(lambda: points_so_far(surgeon) >= 60, 20, "60 points on the skull")
+    assert {"/drawing/line", "/drawing/points"} <= set(surgeon.nodes())
+    surgeon.picture("path")
+    surgeon.button("Finish the line").click()
+    surgeon.wait_state("Path", "done")
+    assert "/path/raw" in surgeon.nodes()
+    assert "/drawing/line" not in surgeon.nodes()
+
+    surgeon.open_step("Smoothing")
+    surgeon.button("Smooth the path").click()
+    surgeon.wait_state("Smoothing", "done")
+    surgeon.picture("smoothing")
+    surgeon.open_step("Roll")
+    surgeon.button("Search the roll").click()
+    surgeon.wait_state("Roll", "done")
+    surgeon.tab("Rolls")
+    assert frame.get_by_text("The verifier certifies the motion").is_visible()
+    surgeon.picture("roll")
+    surgeon.open_step("Scan")
+    surgeon.button("Scan").click()
+    surgeon.wait_state("Scan", "done")
+    surgeon.tab("A-scan")
+    surgeon.picture("scan")
+    surgeon.open_step("Maps")
+    surgeon.button("Map the boundaries").click()
+    surgeon.wait_state("Maps", "done")
+    surgeon.wait_idle()
+    wait_for(lambda: any("Inner boundary" in row for row in quality(surgeon)), 60, "figures")
+    assert {"/maps/outer", "/maps/inner", "/maps/fused"} <= set(surgeon.nodes())
+    surgeon.picture("maps")
+
+    # saved, gone, and opened again: the same states, figures and scene
+    page.keyboard.press("Control+s")
+    wait_for(lambda: "not saved" not in frame.locator(".r-head").inner_text(), 30, "the file")
+    states, figures, nodes = surgeon.states(), quality(surgeon), surgeon.nodes()
+    assert states == ["done"] * len(STEPS)
+    frame.get_by_text("Session", exact=True).click()
+    surgeon.button("New session").click()
+    wait_for(lambda: surgeon.states()[1] == "ready", 30, "a new session")
+    assert "/maps/inner" not in surgeon.nodes()
+    surgeon.field("File").click()
+    frame.get_by_role("option", name=re.compile("^Bone")).click()
+    surgeon.button("Open the file").click()
+    surgeon.wait_state("Maps", "done", 30)
+    surgeon.come()  # the page anew: nothing that is shown may live in the browser
+    wait_for(lambda: quality(surgeon) == figures, 60, "the figures to come back")
+    assert surgeon.states() == states
+    assert surgeon.nodes() == nodes
+    assert surgeon.frame.locator(".r-head").get_by_text(NAME, exact=True).is_visible()
+    assert surgeon.errors == []
+
+
+def test_undo_by_key_takes_back_one_change_and_an_earlier_change_makes_later_steps_stale(
+    surgeon: Surgeon,
+) -> None:
+    surgeon.open_step("Set-up")
+    before = surgeon.states()
+    seed = surgeon.field("Seed")
+    seed.fill("5")
+    seed.press("Enter")
+    surgeon.wait_state("Tool", "stale", 30)
+    assert surgeon.states()[1:] == ["stale"] * 8
+    surgeon.page.mouse.click(800, 120)  # beside every field
+    surgeon.page.keyboard.press("Control+z")
+    wait_for(lambda: surgeon.states() == before, 30, "the steps to be done again")
+
+
+def test_a_value_out_of_range_is_told_and_the_field_shows_the_truth(surgeon: Surgeon) -> None:
+    surgeon.open_step("Set-up")
+    radius = surgeon.field("Region radius")
+    held = radius.input_value()
+    radius.fill("453")
+    surgeon.frame.get_by_text("radius_mm must be 5 to 45").wait_for()
+    wait_for(lambda: radius.input_value() == held, 10, "the field to show the truth")
+
+
+def test_escape_stops_the_robot_while_it_scans(surgeon: Surgeon) -> None:
+    surgeon.open_step("Scan")
+    surgeon.button("Scan again").click()
+    surgeon.button("Cancel").wait_for()
+    surgeon.page.keyboard.press("Escape")
+    surgeon.wait_idle(30)
+    assert surgeon.frame.get_by_text("Stopped early: start the scan again").is_visible()

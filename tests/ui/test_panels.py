@@ -1,0 +1,237 @@
+import io
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+from fake_gui import FakeClient, FakeGui
+
+from rona_core.app.jobs import JobStatus
+from rona_core.app.messages import SetTracker, StartToolCapture
+from rona_core.app.queries import step_states
+from rona_core.app.views import JointCurves
+from rona_core.devices.live import LiveState
+from rona_core.session.document import STEPS, LogEntry, Session
+from rona_ui.panels.docks import STEP_PANELS
+from rona_ui.panels.door import Door
+from rona_ui.panels.drawing import DrawingControls
+from rona_ui.panels.graphs import joint_data
+from rona_ui.panels.listings import LogPanel
+from rona_ui.panels.quality import QualityPanel
+from rona_ui.panels.rolls import png
+from rona_ui.panels.run_bar import RunBar, StepTitle
+from rona_ui.panels.scan import ScanPanel
+from rona_ui.panels.session import SessionHead, SessionPanel
+from rona_ui.panels.setup import SetupPanel
+from rona_ui.panels.steps import StepList
+from rona_ui.panels.tool import ToolPanel
+from rona_ui.view_state import NEEDED, Picture, ViewState
+
+EVIL = "<img src=x onerror=alert(1)>"
+CLIENT = FakeClient()
+
+
+class Recorder:
+    """Keeps what panels send; a view of its own."""
+
+    def __init__(self) -> None:
+        self.sent: list[Any] = []
+        self.services: list[str] = []
+        self.shown = ViewState()
+        self.door = Door(
+            send=lambda make, event: self.sent.append(make()) if event.client else None,
+            send_settled=lambda key, make, event: (
+                self.sent.append(make()) if event.client else None
+            ),
+            view=self._view,
+            service=lambda what, event, data: self.services.append(what),
+            look=lambda name: None,
+        )
+
+    def _view(self, change: Any) -> None:
+        self.shown = change(self.shown)
+
+
+def picture(session: Session | None = None, **parts: Any) -> Picture:
+    held = session or Session()
+    view = parts.pop("view", ViewState())
+    return Picture(held, view, step_states(held), LiveState(), **parts)
+
+
+def test_every_step_has_a_panel_and_says_what_it_needs_to_be_seen() -> None:
+    assert tuple(kind.step for kind in STEP_PANELS) == STEPS
+    assert set(NEEDED) == set(STEPS)
+
+
+@pytest.mark.parametrize("kind", STEP_PANELS)
+def test_the_fields_of_a_step_make_its_message_with_the_defaults(kind: Any) -> None:
+    panel = kind(FakeGui(), Recorder().door)
+    if kind.start is None:
+        return
+    made = panel.message()
+    assert made == type(made)()
+
+
+@pytest.mark.parametrize("kind", STEP_PANELS)
+def test_fields_are_to_be_seen_in_their_step_only(kind: Any) -> None:
+    panel = kind(FakeGui(), Recorder().door)
+    for step in STEPS:
+        panel.render(None, picture(view=ViewState(step=step)))
+        assert panel.folder.visible == (step == kind.step)
+
+
+def test_a_name_that_is_markup_is_shown_as_text() -> None:
+    gui = FakeGui()
+    head, log = SessionHead(gui), LogPanel(gui)
+    entry = LogEntry(1, "RenameSession", {"name": EVIL}, "2026-01-01T00:00:00.000")
+    evil = Session(name=EVIL, log=(entry,))
+    for panel in (head, log):
+        panel.render(None, picture(evil))
+    assert EVIL not in gui.html()
+    assert gui.html().count("&lt;img src=x onerror=alert(1)&gt;") == 3  # title, text, log
+
+
+def test_figures_that_are_markup_are_shown_as_text() -> None:
+    gui = FakeGui()
+    QualityPanel(gui).render(None, picture(figures={"roll_mode": EVIL, "outer_rms_mm": 0.345}))
+    assert EVIL not in gui.html()
+    assert "0.34 mm" in gui.html() or "0.35 mm" in gui.html()
+    assert "pass" in gui.html()
+
+
+def test_the_step_list_tells_state_by_icon_word_and_reason_and_a_click_opens() -> None:
+    gui, recorder = FakeGui(), Recorder()
+    StepList(gui, recorder.door).render(None, picture())
+    rows = [h.content for h in gui.handles if h.kind == "html"]
+    assert "done" in rows[0]
+    assert "ready" in rows[1]
+    assert "blocked" in rows[7]
+    assert "first search the roll (step 7)" in rows[7]
+    gui.find("button", "Step 4: Surface").happen(CLIENT)
+    assert recorder.shown.step == "surface"
+
+
+def bar() -> tuple[FakeGui, Recorder, RunBar]:
+    gui, recorder = FakeGui(), Recorder()
+    panels = {kind.step: kind(gui, recorder.door) for kind in (SetupPanel, ToolPanel, ScanPanel)}
+    return gui, recorder, RunBar(gui, recorder.door, panels)
+
+
+def test_a_blocked_step_cannot_be_started_and_says_why() -> None:
+    gui, _, run = bar()
+    title = StepTitle(gui)
+    for part in (run, title):
+        part.render(None, picture(view=ViewState(step="scan")))
+    assert gui.find("button", "Scan").disabled
+    assert "Blocked: first search the roll" in gui.html()
+
+
+def test_the_primary_button_sends_one_activity_and_rests_while_the_job_runs() -> None:
+    gui, recorder, run = bar()
+    before = picture(view=ViewState(step="tool"))
+    run.render(None, before)
+    button = gui.find("button", "Move and register the tool")
+    assert not button.disabled
+    button.happen(CLIENT)
+    assert recorder.sent == [StartToolCapture()]
+    job = JobStatus("1", "StartToolCapture", "running", 0.25)
+    run.render(before, replace(before, job=job))
+    assert not button.visible
+    assert gui.find("button", "Cancel").visible
+    assert next(h for h in gui.handles if h.kind == "progress_bar").value == 25.0
+    assert "Moving the tool: 25 %" in gui.html()
+    gui.find("button", "Cancel").happen(CLIENT)
+    assert recorder.services == ["cancel"]
+
+
+def test_fields_rest_while_a_job_runs() -> None:
+    gui = FakeGui()
+    panel = ToolPanel(gui, Recorder().door)
+    idle = picture()
+    panel.render(None, idle)
+    field = gui.find("number", "Pivot poses")
+    assert not field.disabled
+    panel.render(idle, replace(idle, job=JobStatus("1", "StartScan", "running", 0.0)))
+    assert field.disabled
+
+
+def test_a_field_of_the_set_up_sends_its_command_and_its_echo_sends_nothing() -> None:
+    gui, recorder = FakeGui(), Recorder()
+    panel = SetupPanel(gui, recorder.door)
+    first = picture()
+    panel.render(None, first)
+    rate = gui.find("number", "Rate (Hz)")
+    rate.value = 30.0
+    rate.happen(None)
+    assert recorder.sent == []
+    rate.happen(CLIENT)
+    assert recorder.sent == [SetTracker("polaris", 30.0)]
+    panel.render(first, replace(first, refused=1))  # it was refused: the session's value again
+    assert rate.value == 60.0
+
+
+def test_only_a_line_of_two_points_can_be_finished() -> None:
+    gui, recorder = FakeGui(), Recorder()
+    controls = DrawingControls(gui, recorder.door, "path", lambda picks: ("line", picks))
+    states = tuple(replace(s, state="ready") for s in step_states(Session()))
+    base = replace(picture(), steps=states)
+    controls.render(base)
+    gui.find("button", "Draw on the skull").happen(CLIENT)
+    assert recorder.shown.drawing == "path"
+    finish = gui.find("button", "Finish the line")
+    one = ((1.0, 2.0, 3.0),)
+    controls.render(replace(base, view=ViewState(drawing="path", picks=one)))
+    assert finish.disabled
+    two = (*one, (4.0, 5.0, 6.0))
+    controls.render(replace(base, view=ViewState(drawing="path", picks=two)))
+    assert not finish.disabled
+    finish.happen(CLIENT)
+    assert recorder.sent == [("line", two)]
+    assert recorder.shown.drawing is None
+
+
+def test_save_undo_and_stop_reach_the_service() -> None:
+    gui, recorder = FakeGui(), Recorder()
+    SessionPanel(gui, recorder.door)
+    history = gui.find("button_group", "History")
+    for word in ("Save", "Undo"):
+        history.value = word
+        history.happen(CLIENT)
+    gui.find("command", "Stop the robot").happen(CLIENT)
+    assert recorder.services == ["save", "stop"]
+    assert [type(message).__name__ for message in recorder.sent] == ["Undo"]
+
+
+def curves(feasible: bool) -> JointCurves:
+    lower, upper = np.full(6, -100.0), np.full(6, 300.0)
+    x = np.linspace(0.0, 100.0, 11)
+    values = np.outer(np.linspace(-100.0, 300.0, 11), np.ones(6))
+    return JointCurves(20.0, feasible, "words", x, values, lower, upper, 35.0, 4)
+
+
+def test_all_joints_are_drawn_as_a_share_of_their_range() -> None:
+    data, low, high = joint_data(curves(True), 0, None)
+    assert len(data) == 1 + 6 + 2 + 4
+    np.testing.assert_allclose(data[1], np.linspace(0.0, 100.0, 11), atol=1e-9)
+    assert low < 0.0 < 100.0 < high
+    assert np.isnan(data[7]).all()  # nothing fails
+    assert np.isnan(data[8]).all()  # no cursor
+
+
+def test_failing_place_and_cursor_are_upright_lines_and_one_joint_is_in_degrees() -> None:
+    data, low, high = joint_data(curves(False), 2, 60.0)
+    x, joint, worst, now, _, lower, upper, _ = data
+    assert (np.diff(x) >= 0.0).all()
+    np.testing.assert_allclose(joint, np.interp(x, [0.0, 100.0], [-100.0, 300.0]))
+    np.testing.assert_array_equal(x[~np.isnan(worst)], [35.0, 35.0])
+    np.testing.assert_array_equal(worst[~np.isnan(worst)], [low, high])
+    np.testing.assert_array_equal(x[~np.isnan(now)], [60.0, 60.0])
+    assert (lower == -100.0).all()
+    assert (upper == 300.0).all()
+
+
+def test_png_is_read_back_by_another_reader() -> None:
+    image_module = pytest.importorskip("PIL.Image")
+    image = np.random.default_rng(0).integers(0, 256, (7, 5, 3), dtype=np.uint8)
+    read = image_module.open(io.BytesIO(png(image)))
+    np.testing.assert_array_equal(np.asarray(read.convert("RGB")), image)
