@@ -11,7 +11,7 @@ from collections.abc import Callable
 import numpy as np
 
 from benchmarks.metric import Metric, Progress, cpu_ms, over_seeds
-from rona_core.arrays import Floats
+from rona_core.arrays import Floats, Ints
 from rona_core.path.smooth import simplify
 
 POINTS, TOLERANCE_MM = 307, 1.0
@@ -63,7 +63,7 @@ def demonstration(seed: int) -> Floats:
     return np.column_stack((flat, height))
 
 
-def segment_deviation_mm(points: Floats, index: Floats) -> float:
+def segment_deviation_mm(points: Floats, index: Ints) -> float:
     """Return the largest distance of a point from the segment that replaces it (brute force)."""
     worst = 0.0
     for first, last in itertools.pairwise(index):
