@@ -5,7 +5,6 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from rona_core.app.derive import never
 from rona_core.app.hub import Hub
 from rona_core.app.messages import SetRegion, SetRobot, SetSeed
 from rona_core.app.outcomes import StoreSkull
@@ -13,7 +12,7 @@ from rona_core.app.pool import ProcessCompute
 from rona_core.app.procedure import Ending, StepProgress, run_procedure
 from rona_core.app.toolbox import Compute, compute_here
 from rona_core.app.workbench import Services, Workbench
-from rona_core.devices.protocols import Cancel, Progress, Rig
+from rona_core.devices.protocols import Cancel, Progress, Rig, never
 from rona_core.errors import DeviceError, RonaError
 from rona_core.evaluation.metrics import evaluate
 from rona_core.session.document import Session, Setup

@@ -4,7 +4,7 @@ from functools import singledispatch
 from typing import Any
 
 from rona_core.app import captures
-from rona_core.app.derive import derive_mapping, derive_roll, lean
+from rona_core.app.derive_scan import derive_mapping, derive_roll, lean
 from rona_core.app.inputs import (
     DETECTION,
     RESULT_INPUTS,

@@ -4,7 +4,8 @@ from dataclasses import replace
 from functools import singledispatch
 from typing import Any
 
-from rona_core.app.derive import SHORT, derive_chosen_roll
+from rona_core.app.derive import SHORT
+from rona_core.app.derive_scan import derive_chosen_roll
 from rona_core.app.inputs import input_digests, require_inputs
 from rona_core.app.messages import (
     BuildPath,

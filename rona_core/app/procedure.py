@@ -17,7 +17,7 @@ from rona_core.app.messages import (
     StartToolCapture,
 )
 from rona_core.app.workbench import Workbench
-from rona_core.devices.protocols import Cancel
+from rona_core.devices.protocols import Cancel, never
 from rona_core.errors import CancelledError, RonaError
 from rona_core.robot.plan import RobotPlan
 
@@ -48,7 +48,7 @@ def run_procedure(
     bench: Workbench,
     *,
     progress: StepProgress = lambda step, share: None,
-    cancel: Cancel = lambda: False,
+    cancel: Cancel = never,
     messages: tuple[tuple[str, Any], ...] = PROCEDURE,
 ) -> Ending:
     """Carry out all steps after set-up, one after the other; stop where one cannot be done.

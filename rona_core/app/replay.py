@@ -3,8 +3,8 @@
 from dataclasses import dataclass, replace
 from typing import Any
 
-from rona_core.app.derive import (
-    SHORT,
+from rona_core.app.derive import SHORT
+from rona_core.app.derive_scan import (
     derive_chosen_roll,
     derive_detection,
     derive_maps,

@@ -6,9 +6,8 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Protocol
 
-from rona_core.app.derive import never, silent
 from rona_core.devices.live import Live
-from rona_core.devices.protocols import Cancel, Progress, Rig
+from rona_core.devices.protocols import Cancel, Progress, Rig, never, silent
 from rona_core.errors import CancelledError
 from rona_core.session.specimen import LoadedSkull
 

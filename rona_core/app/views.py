@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from rona_core.app.derive import probe_poses
+from rona_core.app.derive_scan import probe_poses
 from rona_core.arrays import Bools, Floats, Ints, readonly
 from rona_core.devices.samples import AScan, AScanTrack
 from rona_core.geometry.pose import Poses

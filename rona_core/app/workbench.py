@@ -7,14 +7,13 @@ from pathlib import Path
 from typing import Any
 
 from rona_core.app.activities import DEVICE_ACTIVITIES, perform
-from rona_core.app.derive import never, silent
 from rona_core.app.jobs import Jobs, JobStatus
 from rona_core.app.messages import COMMANDS
 from rona_core.app.store import Change, Store
 from rona_core.app.threads import use_one_thread
 from rona_core.app.toolbox import Compute, ImportSkull, Toolbox, compute_here
 from rona_core.devices.live import Live
-from rona_core.devices.protocols import Cancel, Progress, Rig
+from rona_core.devices.protocols import Cancel, Progress, Rig, never, silent
 from rona_core.errors import InvalidInputError
 from rona_core.session.codec import digest
 from rona_core.session.document import Session, Setup

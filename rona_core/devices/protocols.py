@@ -20,6 +20,15 @@ Cancel = Callable[[], bool]  # True once somebody pressed Cancel or Stop
 Progress = Callable[[float], None]  # 0 to 1
 
 
+def never() -> bool:
+    """Nobody cancels: the default of ``cancel``."""
+    return False
+
+
+def silent(share: float) -> None:
+    """Nobody watches: the default of ``progress``."""
+
+
 class Clock(Protocol):
     """Time of the capture in seconds."""
 

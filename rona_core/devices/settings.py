@@ -22,6 +22,11 @@ def require(condition: bool, message: str) -> None:
         raise InvalidInputError(message)
 
 
+def require_within(name: str, value: float, low: float, high: float) -> None:
+    """Raise InvalidInputError unless ``value`` lies between ``low`` and ``high``, both allowed."""
+    require(low <= value <= high, f"{name} must be {low:g} to {high:g}, not {value:g}")
+
+
 @dataclass(frozen=True, slots=True)
 class TrackerSettings:
     """How the optical tracker measures."""

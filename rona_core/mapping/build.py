@@ -5,7 +5,7 @@ from numpy.typing import ArrayLike
 from scipy.spatial import KDTree
 
 from rona_core.arrays import Bools, Floats, as_points, readonly
-from rona_core.devices.protocols import Cancel, Progress
+from rona_core.devices.protocols import Cancel, Progress, never, silent
 from rona_core.errors import CancelledError, DegenerateGeometryError, InvalidInputError
 from rona_core.geometry.pose import Pose, Poses
 from rona_core.mapping.boundary_map import BoundaryMap, CloudFit, Maps
@@ -28,8 +28,8 @@ def build_maps(
     cloud_points_base: ArrayLike | None = None,
     *,
     cell_mm: float = 1.0,
-    progress: Progress = lambda share: None,
-    cancel: Cancel = lambda: False,
+    progress: Progress = silent,
+    cancel: Cancel = never,
 ) -> Maps:
     """Return the maps of the outer and inner boundary and of the outer one fused with the cloud.
 

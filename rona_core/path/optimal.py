@@ -10,18 +10,15 @@ from collections.abc import Callable
 import numpy as np
 
 from rona_core.arrays import Bools, Floats, Ints
+from rona_core.devices.protocols import never
 from rona_core.errors import CancelledError
 
 START_WINDOW = 16
 START_BATCH, MAX_BATCH = 4, 256
 
 
-def _never() -> bool:
-    return False
-
-
 def fewest_points(
-    points: Floats, tolerance: float, fixed: Bools, *, cancel: Callable[[], bool] = _never
+    points: Floats, tolerance: float, fixed: Bools, *, cancel: Callable[[], bool] = never
 ) -> Ints:
     """Return the indices (k,) of a path with the fewest points within ``tolerance``.
 

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from rona_core.arrays import Ints, readonly
+from rona_core.devices.protocols import never
 from rona_core.errors import InvalidInputError
 from rona_core.path.deviation import Metric, as_metric, as_path, deviations
 from rona_core.path.optimal import fewest_points
@@ -68,7 +69,7 @@ def simplify(
         if metric != "k1":
             raise InvalidInputError(f"method optimal knows only the metric k1, not {metric}")
         fixed = as_keep(keep, len(p))
-        index = fewest_points(p, tolerance, fixed, cancel=cancel or (lambda: False))
+        index = fewest_points(p, tolerance, fixed, cancel=cancel or never)
     else:
         order = removal_order(p, metric, keep=keep, tolerance=tolerance)
         index = order.kept(len(order.index))

@@ -9,7 +9,7 @@ from typing import Literal
 import numpy as np
 
 from rona_core.arrays import Floats, readonly
-from rona_core.devices.protocols import Cancel, Progress
+from rona_core.devices.protocols import Cancel, Progress, never, silent
 from rona_core.devices.settings import require
 from rona_core.errors import CancelledError
 from rona_core.geometry.path5d import Path5D
@@ -23,15 +23,6 @@ Choice = Literal["best", "first"]
 
 FULL_TURN_DEG = 360.0
 MAX_SHOWN = 240  # samples of each joint curve that are kept for drawing
-
-
-def never() -> bool:
-    """Nobody presses Cancel."""
-    return False
-
-
-def ignore(fraction: float) -> None:
-    """Nobody watches the progress."""
 
 
 def working_set_deg(n_rolls: int, roll_from_deg: float, roll_to_deg: float) -> Floats:
@@ -59,7 +50,7 @@ def search_rolls(
     roll_to_deg: float = 360.0,
     choice: Choice = "best",
     rules: RoomRules | None = None,
-    progress: Progress = ignore,
+    progress: Progress = silent,
     cancel: Cancel = never,
 ) -> RollSearch:
     """Judge every roll of the working set and choose one.

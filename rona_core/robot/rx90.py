@@ -101,10 +101,11 @@ def perpendicular_tool() -> Tool:
     c, s = np.cos(MARKER_TILT_RAD), np.sin(MARKER_TILT_RAD)
     facing_tip, up_tip = np.array((-c, 0.0, -s)), np.array((s, 0.0, -c))
     rotation = np.column_stack((np.cross(up_tip, facing_tip), up_tip, facing_tip))
+    T_tip_probe = Pose.identity()  # the face of the probe sits where the tip of the miller was
     tip_toolmarker = GEOMETRIES["toolmarker"].nominal_tip_marker
     T_tip_toolmarker = Pose(rotation, -rotation @ tip_toolmarker)
     return Tool(
         T_flange_tip=T_flange_tip,
-        T_flange_probe=T_flange_tip,
+        T_flange_probe=T_flange_tip @ T_tip_probe,
         T_flange_toolmarker=T_flange_tip @ T_tip_toolmarker,
     )

@@ -4,14 +4,14 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from rona_core.devices.protocols import Cancel, Progress
+from rona_core.devices.protocols import Cancel, Progress, never, silent
 from rona_core.devices.settings import require
 from rona_core.errors import InvalidInputError, NotReachableError
 from rona_core.geometry.path5d import Path5D
 from rona_core.robot.density import dense
 from rona_core.robot.model import RobotModel
 from rona_core.robot.plan import Certificate, RobotPlan, RollSearch, RollVerdict, Trajectory
-from rona_core.robot.roll_search import Choice, ignore, joint_path, never, search_rolls
+from rona_core.robot.roll_search import Choice, joint_path, search_rolls
 from rona_core.robot.room import RoomRules
 from rona_core.robot.timing import ScanSettings, time_path
 from rona_core.robot.verify import verify_scan
@@ -37,7 +37,7 @@ def plan_scan(
     model: RobotModel,
     settings: PlanSettings | None = None,
     *,
-    progress: Progress = ignore,
+    progress: Progress = silent,
     cancel: Cancel = never,
 ) -> RobotPlan:
     """Plan the scan of a dense path: roll, trajectory and certificate.

@@ -4,13 +4,13 @@ Detection knows what a laboratory knows: the probe, the echo of a reference bloc
 sound speeds. It does not know how the echoes were made, and it flags what it is not sure of.
 """
 
-from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Literal, get_args
 
 import numpy as np
 
 from rona_core.arrays import Bools, Floats, Ints, readonly
+from rona_core.devices.protocols import Cancel, Progress, never, silent
 from rona_core.devices.samples import AScanTrack
 from rona_core.devices.settings import Excitation
 from rona_core.errors import CancelledError, InvalidInputError
@@ -69,8 +69,8 @@ def detect(
     *,
     method: Method = "subtract",
     sound_speed_mm_per_us: float = NOMINAL_SPEED_MM_PER_US,
-    progress: Callable[[float], None] = lambda share: None,
-    cancel: Callable[[], bool] = lambda: False,
+    progress: Progress = silent,
+    cancel: Cancel = never,
 ) -> Detection:
     """Return where the bone begins and ends below the probe, A-scan by A-scan.
 

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from rona_core.arrays import Vector3, as_vector3, readonly
-from rona_core.devices.protocols import Cancel, Progress
+from rona_core.devices.protocols import Cancel, Progress, never, silent
 from rona_core.errors import CancelledError, InvalidInputError
 from rona_core.session.specimen import LoadedSkull, SkullKind
 from rona_core.virtual.bone.choose import Choice, CoarseBone, choose_region, coarse_bone
@@ -38,8 +38,8 @@ def import_skull(
     threshold: float | None = None,
     center: ArrayLike | None = None,
     radius_mm: float = 25.0,
-    progress: Progress = lambda share: None,
-    cancel: Cancel = lambda: False,
+    progress: Progress = silent,
+    cancel: Cancel = never,
 ) -> LoadedSkull:
     """Read the bone of a skull and fix its boundaries about the disc to be scanned.
 

@@ -1,0 +1,143 @@
+"""Activities: they take time or touch a device, and end in outcomes.
+
+Lengths are in millimetres, angles typed by people in degrees, times in seconds.
+"""
+
+from dataclasses import dataclass
+from typing import ClassVar, Literal
+
+from rona_core.app.commands import Point
+from rona_core.devices.settings import STRICT, require, require_within
+
+MAX_PICKS = 500
+
+
+@dataclass(frozen=True, slots=True)
+class StartSkullImport:
+    """Read a skull from a file that was uploaded before: mask, CT with threshold, or mesh."""
+
+    __pydantic_config__: ClassVar = STRICT
+    file: str
+    inner_file: str | None = None
+    threshold: float | None = None
+    center_mesh_mm: Point | None = None
+    radius_mm: float = 25.0
+
+    def __post_init__(self) -> None:
+        for name in (self.file, self.inner_file or "x"):
+            plain = name not in ("", ".", "..") and "/" not in name and "\\" not in name
+            require(plain, f"file must be the plain name of an uploaded file, not {name!r}")
+        require_within("radius_mm", self.radius_mm, 5.0, 45.0)
+
+
+@dataclass(frozen=True, slots=True)
+class StartToolCapture:
+    """Let the robot pivot and translate the tool while the tracker watches; then register."""
+
+    __pydantic_config__: ClassVar = STRICT
+    cone_deg: float = 20.0
+    n_pivot: int = 30
+    n_translate: int = 10  # along tool x, and as many along tool y
+
+    def __post_init__(self) -> None:
+        require_within("cone_deg", self.cone_deg, 5.0, 45.0)
+        require_within("n_pivot", self.n_pivot, 5, 200)
+        require_within("n_translate", self.n_translate, 3, 60)
+
+
+@dataclass(frozen=True, slots=True)
+class StartPointerCapture:
+    """Pivot the pointer about its tip while the tracker watches; then calibrate."""
+
+    __pydantic_config__: ClassVar = STRICT
+    cone_deg: float = 30.0
+    duration_s: float = 15.0
+
+    def __post_init__(self) -> None:
+        require_within("cone_deg", self.cone_deg, 1.0, 60.0)
+        require_within("duration_s", self.duration_s, 1.0, 120.0)
+
+
+@dataclass(frozen=True, slots=True)
+class StartSurfaceCapture:
+    """Slide the pointer over the skull; then build the cloud.
+
+    Without picks the operator sweeps the region; with picks (places on the drawn skull, in base)
+    the pointer follows them. ``append`` adds a stroke to those recorded before.
+    """
+
+    __pydantic_config__: ClassVar = STRICT
+    duration_s: float = 60.0
+    picks_base_mm: tuple[Point, ...] = ()
+    append: bool = False
+
+    def __post_init__(self) -> None:
+        require_within("duration_s", self.duration_s, 1.0, 600.0)
+        require(len(self.picks_base_mm) <= MAX_PICKS, f"at most {MAX_PICKS} picks, please")
+
+
+@dataclass(frozen=True, slots=True)
+class StartPathCapture:
+    """Demonstrate the scan path with the pointer; then build the path.
+
+    Without picks the operator draws a meander over the region; with picks (in base) the pointer
+    follows them.
+    """
+
+    __pydantic_config__: ClassVar = STRICT
+    duration_s: float = 40.0
+    spacing_mm: float = 4.0
+    picks_base_mm: tuple[Point, ...] = ()
+
+    def __post_init__(self) -> None:
+        require_within("duration_s", self.duration_s, 1.0, 600.0)
+        require_within("spacing_mm", self.spacing_mm, 1.0, 20.0)
+        count = len(self.picks_base_mm)
+        require(count == 0 or 2 <= count <= MAX_PICKS, f"picks must be 2 to {MAX_PICKS}")
+
+
+@dataclass(frozen=True, slots=True)
+class StartRollSearch:
+    """Search the roll about the probe axis that the robot can traverse; plan, time and verify."""
+
+    __pydantic_config__: ClassVar = STRICT
+    n_rolls: int = 72
+    roll_from_deg: float = 0.0
+    roll_to_deg: float = 360.0
+    choice: Literal["best", "first"] = "best"
+
+    def __post_init__(self) -> None:
+        require_within("n_rolls", self.n_rolls, 1, 720)
+        require(
+            -360.0 <= self.roll_from_deg < self.roll_to_deg <= 720.0,
+            "rolls must lie within -360 and 720 degrees, first below last",
+        )
+
+
+@dataclass(frozen=True, slots=True)
+class StartScan:
+    """Let the robot execute the certified plan while the probe records A-scans."""
+
+    __pydantic_config__: ClassVar = STRICT
+
+
+@dataclass(frozen=True, slots=True)
+class StartMapping:
+    """Detect both skull boundaries in the A-scans, map them and fuse the pointer cloud."""
+
+    __pydantic_config__: ClassVar = STRICT
+    method: Literal["subtract", "matched", "threshold"] = "subtract"
+    sound_speed_mm_per_us: float = 2.65  # mean of tables and diploe; published: 2.45 to 2.85
+    cell_mm: float = 1.0
+
+    def __post_init__(self) -> None:
+        require_within("sound_speed_mm_per_us", self.sound_speed_mm_per_us, 1.5, 4.5)
+        require_within("cell_mm", self.cell_mm, 0.5, 5.0)
+
+
+@dataclass(frozen=True, slots=True)
+class StartRobotMove:
+    """Move the robot to joint angles in degrees; refused unless the motion is certified."""
+
+    __pydantic_config__: ClassVar = STRICT
+    joints_deg: tuple[float, float, float, float, float, float]

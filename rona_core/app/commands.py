@@ -1,0 +1,203 @@
+"""Commands: they change the session at once and purely.
+
+Lengths are in millimetres, angles typed by people in degrees, times in seconds.
+"""
+
+from dataclasses import dataclass
+from typing import ClassVar, Literal
+
+from rona_core.devices.settings import (
+    STRICT,
+    TOOLS,
+    Excitation,
+    PointerKind,
+    ProbeName,
+    TrackerProfile,
+    require,
+    require_within,
+)
+
+Point = tuple[float, float, float]
+
+# ------------------------------------------------------------------ commands: step 1, set-up
+
+
+@dataclass(frozen=True, slots=True)
+class RenameSession:
+    """Give the session another name."""
+
+    __pydantic_config__: ClassVar = STRICT
+    name: str
+
+    def __post_init__(self) -> None:
+        require(0 < len(self.name.strip()) <= 80, "name must have 1 to 80 characters")
+
+
+@dataclass(frozen=True, slots=True)
+class SetSeed:
+    """Choose the seed of all that is random: the patient, the placement and every noise."""
+
+    __pydantic_config__: ClassVar = STRICT
+    seed: int
+
+    def __post_init__(self) -> None:
+        require_within("seed", self.seed, 0, 2**31 - 1)
+
+
+@dataclass(frozen=True, slots=True)
+class UseSimulatedSkull:
+    """Put a simulated skull on the table; the seed decides which patient it is."""
+
+    __pydantic_config__: ClassVar = STRICT
+    side: Literal["left", "right"] = "left"
+
+
+@dataclass(frozen=True, slots=True)
+class SetRegion:
+    """Choose the disc to be scanned; without a centre RONA chooses one."""
+
+    __pydantic_config__: ClassVar = STRICT
+    center_mesh_mm: Point | None = None
+    radius_mm: float = 25.0
+
+    def __post_init__(self) -> None:
+        require_within("radius_mm", self.radius_mm, 5.0, 45.0)
+
+
+@dataclass(frozen=True, slots=True)
+class SetTracker:
+    """Choose noise profile and frame rate of the tracker."""
+
+    __pydantic_config__: ClassVar = STRICT
+    profile: TrackerProfile = "polaris"
+    rate_hz: float = 60.0
+
+
+@dataclass(frozen=True, slots=True)
+class SetToolVisible:
+    """Cover a tracked tool up, or uncover it."""
+
+    __pydantic_config__: ClassVar = STRICT
+    tool: str
+    visible: bool
+
+    def __post_init__(self) -> None:
+        require(self.tool in TOOLS, f"tool must be one of {', '.join(TOOLS)}, not {self.tool!r}")
+
+
+@dataclass(frozen=True, slots=True)
+class SetRobot:
+    """Choose the robot, whether it errs, its scan speed and where its base stands."""
+
+    __pydantic_config__: ClassVar = STRICT
+    model: str = "rx90"
+    errors: bool = True
+    scan_speed_mm_per_s: float = 20.0
+    base_shift_mm: Point = (0.0, 0.0, 0.0)
+    base_turn_deg: float = 0.0
+
+
+@dataclass(frozen=True, slots=True)
+class SetProbe:
+    """Choose the ultrasound probe, its excitation, signal-to-noise ratio and scan pitch."""
+
+    __pydantic_config__: ClassVar = STRICT
+    name: ProbeName = "2.25MHz"
+    excitation: Excitation = "chirp"
+    front_snr_db: float = 50.0
+    pitch_mm: float = 1.0
+
+
+@dataclass(frozen=True, slots=True)
+class SetPointer:
+    """Choose the hand-held pointer: 6D (markers in a plane) or 5D (markers on a line)."""
+
+    __pydantic_config__: ClassVar = STRICT
+    kind: PointerKind = "pointer6d"
+
+
+# ------------------------------------------------------------------ commands: steps 2 to 7
+
+
+@dataclass(frozen=True, slots=True)
+class RegisterTool:
+    """Compute tool tip and tracker pose from the recorded tool motion."""
+
+    __pydantic_config__: ClassVar = STRICT
+    method: Literal["paper"] = "paper"
+
+
+@dataclass(frozen=True, slots=True)
+class CalibratePointer:
+    """Compute the pointer tip from the recorded pivoting."""
+
+    __pydantic_config__: ClassVar = STRICT
+    method: Literal["sphere", "aos"] = "sphere"
+
+
+@dataclass(frozen=True, slots=True)
+class BuildSurface:
+    """Compute the surface point cloud from the recorded strokes of the pointer."""
+
+    __pydantic_config__: ClassVar = STRICT
+    average_s: float = 0.1  # length of the moving average along a stroke
+
+    def __post_init__(self) -> None:
+        require_within("average_s", self.average_s, 0.0, 2.0)
+
+
+@dataclass(frozen=True, slots=True)
+class ClearSurface:
+    """Forget the recorded strokes, to sample the surface anew."""
+
+    __pydantic_config__: ClassVar = STRICT
+
+
+@dataclass(frozen=True, slots=True)
+class BuildPath:
+    """Compute the demonstrated path from the recorded stroke of the pointer."""
+
+    __pydantic_config__: ClassVar = STRICT
+
+
+@dataclass(frozen=True, slots=True)
+class SmoothScanPath:
+    """Remove path points within a bound, and give each kept one its surface normal."""
+
+    __pydantic_config__: ClassVar = STRICT
+    tolerance_mm: float = 1.0
+    metric: Literal["k1", "k2", "k3"] = "k1"
+    method: Literal["greedy", "optimal"] = "greedy"
+    filter_s: float = 0.05  # sigma of the zero-phase filter before; 0 switches it off
+    normal_radius_mm: float = 10.0
+    normal_method: Literal["ols", "tls"] = "ols"
+
+    def __post_init__(self) -> None:
+        require_within("tolerance_mm", self.tolerance_mm, 0.01, 20.0)
+        require_within("filter_s", self.filter_s, 0.0, 1.0)
+        require_within("normal_radius_mm", self.normal_radius_mm, 2.0, 40.0)
+
+
+@dataclass(frozen=True, slots=True)
+class ChooseRoll:
+    """Plan and verify the scan with another roll of the search (its index, from 0)."""
+
+    __pydantic_config__: ClassVar = STRICT
+    index: int
+
+    def __post_init__(self) -> None:
+        require_within("index", self.index, 0, 9999)
+
+
+@dataclass(frozen=True, slots=True)
+class Undo:
+    """Take the last change back."""
+
+    __pydantic_config__: ClassVar = STRICT
+
+
+@dataclass(frozen=True, slots=True)
+class Redo:
+    """Do again what was taken back."""
+
+    __pydantic_config__: ClassVar = STRICT
