@@ -23,6 +23,7 @@ from rona_ui.view_state import Picture
 JOINTS = ("All, share of range", *(f"Joint {j}" for j in range(1, 7)))
 GRID = {"stroke": "#e3e8ed", "width": 1}
 INK = "#3e4c59"
+BELOW = 3.0  # graph heights
 SHADE = "rgba(213,94,0,0.20)"
 
 
@@ -139,7 +140,7 @@ def joint_data(
     x, columns = curves.path_percent, [np.clip(c, low, high) for c in values.T]
     worst = None if curves.feasible else curves.worst_percent
     marks = [m for m in (worst, cursor_percent) if m is not None]
-    at = np.sort(np.concatenate((x, np.repeat(np.array(marks, dtype=np.float64), 2))))
+    at = np.sort(np.concatenate((x, np.repeat(np.array(marks, dtype=np.float64), 3))))
     columns = [np.interp(at, x, c) for c in columns]
     ones = np.ones(len(at))
     return (
@@ -159,11 +160,13 @@ def joint_data(
 
 
 def _upright(at: Floats, place: float | None, low: float, high: float) -> Floats:
-    """Return a column that draws a vertical line at a place that occurs twice in ``at``."""
-    column = np.full(len(at), np.nan)
+    """Return a column that draws a vertical line at a place that occurs three times in ``at``.
+
+    Elsewhere the column lies far below the graph; gaps of NaN would not be drawn as gaps.
+    """
+    column = np.full(len(at), low - BELOW * (high - low))
     if place is not None:
-        found = np.flatnonzero(at == place)
-        column[found[0]], column[found[-1]] = low, high
+        column[np.flatnonzero(at == place)[1]] = high
     return column
 
 
@@ -246,7 +249,7 @@ _ASCAN_KEY = (
 def ascan_data(plot: AScanPlot) -> tuple[Floats, ...]:
     """Return the columns of the graph: time, signal, envelope, both boundaries."""
     places = [p for p in (plot.outer_us, plot.inner_us) if p is not None]
-    at = np.sort(np.concatenate((plot.time_us, np.repeat(np.array(places, dtype=np.float64), 2))))
+    at = np.sort(np.concatenate((plot.time_us, np.repeat(np.array(places, dtype=np.float64), 3))))
     rf = np.interp(at, plot.time_us, plot.rf)
     envelope = np.interp(at, plot.time_us, plot.envelope)
     outer, inner = (_upright(at, p, -1.0, 1.0) for p in (plot.outer_us, plot.inner_us))
