@@ -6,13 +6,15 @@
 #   make bench        figures beside those of peers (SUITE=path for one suite, JSON=1 for a list)
 #   make results      run the procedure over seeds and skulls and write docs/results.md
 #   make demo         the whole procedure in the terminal, without a browser (SEED=3)
+#   make demo-session  make sessions/demo.rona anew
+#   make pictures     take the pictures of the user guide anew, in a headless browser
 #   make constraints  refresh the pinned versions
 #   make clean        remove what the verbs made
 
 SHELL := /bin/bash
 .SHELLFLAGS := -eu -o pipefail -c
 .DEFAULT_GOAL := help
-.PHONY: help run test check bench results demo constraints clean venv product browser
+.PHONY: help run test check bench results demo demo-session pictures constraints clean venv product browser
 
 PYTHON ?= python3
 VENV := .venv
@@ -95,6 +97,12 @@ check: $(VENV)/.dev
 
 bench: .venv-bench/.bench
 	$(ONE_THREAD) .venv-bench/bin/python -m benchmarks $(SUITE) $(if $(JSON),--json)
+
+demo-session: $(VENV)/.product
+	$(BIN)/rona demo --seed 0 --out sessions/demo.rona
+
+pictures: $(VENV)/.test
+	RONA_SCREENSHOTS=1 $(BIN)/python -m pytest -q tests/ui/test_browser.py
 
 results: $(VENV)/.product
 	$(ONE_THREAD) $(BIN)/python -m benchmarks.procedure_table

@@ -47,7 +47,8 @@ class AScanPlot:
     number: int  # from 0
     time_us: Floats
     rf: Floats
-    envelope: Floats
+    compressed: Floats  # envelope behind the matched filter, 1 at its largest
+    behind_front: Floats  # the same without the front echo, 1 at its largest
     outer_us: float | None
     inner_us: float | None
     remark: str
@@ -173,7 +174,7 @@ def share_of_scan(session: Session, number: int) -> float | None:
 def ascan_plot(session: Session, number: int | None, live: AScan | None = None) -> AScanPlot | None:
     """Return an A-scan for the graph: the live one if given, else that of the scan by its number.
 
-    Signal and envelope are shares of the signal's largest value.
+    Each curve is a share of its own largest value.
     """
     if live is not None:
         track, number = AScanTrack.from_scans([live]), 0
@@ -192,13 +193,17 @@ def ascan_plot(session: Session, number: int | None, live: AScan | None = None) 
     if found is not None:
         usable = view.inner_us is not None
         remark += f": bone {found.thickness_mm[number]:.2f} mm" if usable else ": not usable"
-    largest = max(float(np.abs(view.rf).max(initial=0.0)), 1e-12)
     return AScanPlot(
         number=number,
         time_us=view.time_us,
-        rf=readonly(view.rf / largest),
-        envelope=readonly(view.envelope / largest),
+        rf=_share(view.rf),
+        compressed=_share(np.interp(view.time_us, view.matched_us, view.matched)),
+        behind_front=_share(np.interp(view.time_us, view.matched_us, view.behind_front)),
         outer_us=view.outer_us,
         inner_us=view.inner_us,
         remark=remark,
     )
+
+
+def _share(values: Floats) -> Floats:
+    return readonly(values / max(float(np.abs(values).max(initial=0.0)), 1e-12))

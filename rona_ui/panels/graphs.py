@@ -17,7 +17,7 @@ from rona_core.app.views import (
 from rona_core.arrays import Floats
 from rona_ui.panels import style
 from rona_ui.panels.door import Door, follow
-from rona_ui.scene.colors import CATEGORIES, GREEN, VERMILLION, css
+from rona_ui.scene.colors import CATEGORIES, GREEN, PURPLE, VERMILLION, css
 from rona_ui.view_state import Picture
 
 JOINTS = ("All, share of range", *(f"Joint {j}" for j in range(1, 7)))
@@ -179,7 +179,7 @@ def _joint_words(curves: JointCurves) -> str:
 
 
 class AScanPanel:
-    """Received signal and its envelope, with the boundaries that were found."""
+    """Received signal and matched filter, with the boundaries that were found."""
 
     def __init__(self, gui: Any) -> None:
         self._gui = gui
@@ -226,7 +226,8 @@ class AScanPanel:
                 (
                     {"label": "time"},
                     {"label": "signal", "stroke": "#8a97a5", "width": 1},
-                    {"label": "envelope", "stroke": css(CATEGORIES[0]), "width": 2},
+                    {"label": "compressed", "stroke": css(CATEGORIES[0]), "width": 2},
+                    {"label": "without front", "stroke": css(PURPLE), "width": 2},
                     {"label": "outer", "stroke": css(GREEN), "width": 2},
                     {"label": "inner", "stroke": css(VERMILLION), "width": 2},
                 ),
@@ -240,17 +241,19 @@ class AScanPanel:
 
 _ASCAN_KEY = (
     ("#8a97a5", "signal"),
-    (css(CATEGORIES[0]), "envelope"),
+    (css(CATEGORIES[0]), "matched filter"),
+    (css(PURPLE), "without front echo, enlarged"),
     (css(GREEN), "outer boundary"),
     (css(VERMILLION), "inner boundary"),
 )
 
 
 def ascan_data(plot: AScanPlot) -> tuple[Floats, ...]:
-    """Return the columns of the graph: time, signal, envelope, both boundaries."""
+    """Return the columns of the graph: time, signal, two filtered ones, both boundaries."""
     places = [p for p in (plot.outer_us, plot.inner_us) if p is not None]
     at = np.sort(np.concatenate((plot.time_us, np.repeat(np.array(places, dtype=np.float64), 3))))
     rf = np.interp(at, plot.time_us, plot.rf)
-    envelope = np.interp(at, plot.time_us, plot.envelope)
+    compressed = np.interp(at, plot.time_us, plot.compressed)
+    behind_front = np.interp(at, plot.time_us, plot.behind_front)
     outer, inner = (_upright(at, p, -1.0, 1.0) for p in (plot.outer_us, plot.inner_us))
-    return at, rf, envelope, outer, inner
+    return at, rf, compressed, behind_front, outer, inner
