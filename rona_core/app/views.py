@@ -14,6 +14,9 @@ from rona_core.ultrasound.probe import probe_model
 from rona_core.ultrasound.view import preview
 
 
+BONE_US = 12.0  # two-way time in which the inner boundary is looked for, for the eye
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class JointCurves:
     """The six joints along the path for one roll, and where it fails (Figure 8 of the paper)."""
@@ -198,7 +201,7 @@ def ascan_plot(session: Session, number: int | None, live: AScan | None = None) 
         time_us=view.time_us,
         rf=_share(view.rf),
         compressed=_share(np.interp(view.time_us, view.matched_us, view.matched)),
-        behind_front=_share(np.interp(view.time_us, view.matched_us, view.behind_front)),
+        behind_front=_behind(view.time_us, view.matched_us, view.behind_front, view.outer_us),
         outer_us=view.outer_us,
         inner_us=view.inner_us,
         remark=remark,
@@ -207,3 +210,12 @@ def ascan_plot(session: Session, number: int | None, live: AScan | None = None) 
 
 def _share(values: Floats) -> Floats:
     return readonly(values / max(float(np.abs(values).max(initial=0.0)), 1e-12))
+
+
+def _behind(time_us: Floats, matched_us: Floats, behind: Floats, outer_us: float | None) -> Floats:
+    """Return what is left without the front echo, as a share of its largest value in the bone."""
+    values = np.interp(time_us, matched_us, behind)
+    if outer_us is None:
+        return _share(values)
+    bone = (time_us > outer_us) & (time_us < outer_us + BONE_US)
+    return readonly(np.clip(values / max(float(values[bone].max(initial=0.0)), 1e-12), 0.0, 1.0))
