@@ -13,7 +13,6 @@ from rona_core.session.document import Session
 from rona_core.ultrasound.probe import probe_model
 from rona_core.ultrasound.view import preview
 
-
 BONE_US = 12.0  # two-way time in which the inner boundary is looked for, for the eye
 
 
