@@ -166,8 +166,12 @@ def _decode_dataclass(data: Any, hint: Any, arrays: Any, where: str) -> Any:
     parameters = getattr(target, "__parameters__", ())
     bound = dict(zip(parameters, typing.get_args(hint), strict=False))
     missing, extra = hints.keys() - data.keys(), data.keys() - hints.keys() - {TYPE_KEY}
-    _checked(not missing, sorted(missing), f"all fields of {target.__name__}", where)
-    _checked(not extra, sorted(extra), f"only fields of {target.__name__}", where)
+    if missing or extra:
+        lacks = f"lacks {', '.join(sorted(missing))}" if missing else ""
+        knows = f"does not know {', '.join(sorted(extra))}" if extra else ""
+        raise SessionFormatError(
+            f"{where}: {target.__name__} {' and '.join(part for part in (lacks, knows) if part)}"
+        )
     values = {
         name: decode(data[name], _bind(kind, bound), arrays, f"{where}/{name}")
         for name, kind in hints.items()
