@@ -9,7 +9,7 @@ from rona_core.app.hub import Hub
 from rona_core.app.messages import SetRegion, SetRobot, SetSeed
 from rona_core.app.outcomes import StoreSkull
 from rona_core.app.pool import ProcessCompute
-from rona_core.app.procedure import Ending, StepProgress, run_procedure
+from rona_core.app.procedure import Ending, StepProgress, run_procedure, unwatched
 from rona_core.app.toolbox import Compute, compute_here
 from rona_core.app.workbench import Services, Workbench
 from rona_core.devices.protocols import Cancel, Progress, Rig, never
@@ -110,7 +110,7 @@ def run_demo(
     center: Sequence[float] | None = None,
     radius: float | None = None,
     robot: str = "rx90",
-    progress: StepProgress = lambda step, share: None,
+    progress: StepProgress = unwatched,
     cancel: Cancel = never,
 ) -> tuple[Session, dict[str, Any]]:
     """Carry out the complete procedure with virtual devices and judge it against ground truth.

@@ -72,15 +72,13 @@ def _(activity: StartSkullImport, session: Session, tools: Toolbox) -> Messages:
     for name in names:
         if not (tools.uploads / name).is_file():
             raise NotFoundError(f"there is no uploaded file {name!r}: upload it first")
-    skull = tools.compute(
+    skull = tools.run(
         tools.import_skull,
         str(tools.uploads / activity.file),
         str(tools.uploads / activity.inner_file) if activity.inner_file else None,
         activity.threshold,
         activity.center_mesh_mm,
         activity.radius_mm,
-        progress=tools.progress,
-        cancel=tools.cancel,
     )
     return (StoreSkull(skull),)
 
@@ -116,9 +114,7 @@ def _(activity: StartPathCapture, session: Session, tools: Toolbox) -> Messages:
 def _(activity: StartRollSearch, session: Session, tools: Toolbox) -> Messages:
     require_inputs(type(activity), session)
     inputs = input_digests("roll", session)
-    plan = tools.compute(
-        derive_roll, lean(session), activity, progress=tools.progress, cancel=tools.cancel
-    )
+    plan = tools.run(derive_roll, lean(session), activity)
     return (StoreRobotPlan(plan, plain_arguments(activity), inputs),)
 
 
@@ -132,9 +128,7 @@ def _(activity: StartScan, session: Session, tools: Toolbox) -> Messages:
 def _(activity: StartMapping, session: Session, tools: Toolbox) -> Messages:
     require_inputs(type(activity), session)
     detection_inputs = input_digests("detection", session)
-    mapped = tools.compute(
-        derive_mapping, lean(session), activity, progress=tools.progress, cancel=tools.cancel
-    )
+    mapped = tools.run(derive_mapping, lean(session), activity)
     maps_inputs = {
         name: digest_of(item.read(session))
         for name, item in RESULT_INPUTS["maps"].items()

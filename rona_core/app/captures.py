@@ -50,13 +50,8 @@ def drive_to(q_rad: Floats, session: Session, tools: Toolbox) -> None:
     planned = plan_joint_move(start, q_rad, model)
     _require_certified("the move", verify_motion(model, planned), planned)
     motion = tools.rig.robot.move(planned.times_s, planned.qs_rad)
-    clock = tools.rig.clock
-    while not motion.done():
-        if tools.cancel():
-            tools.rig.robot.stop()
-            raise CancelledError("the robot was stopped on its way to the start")
-        clock.wait_until(clock.now() + LIVE_PERIOD_S)
-        tools.live.put(joints=tools.rig.robot.state())
+    if not _finish(motion, tools):
+        raise CancelledError("the robot was stopped on its way to the start")
 
 
 def capture_tool(activity: StartToolCapture, session: Session, tools: Toolbox) -> ToolCapture:
@@ -111,36 +106,25 @@ def capture_surface(
     activity: StartSurfaceCapture, session: Session, tools: Toolbox
 ) -> PointerCapture:
     """Record the pointer marker while the pointer slides over the skull."""
-    operator = tools.rig.operator
-    if activity.picks_base_mm:
-        picks = np.array(activity.picks_base_mm)
-        return _capture_hand(
-            "surface",
-            session,
-            tools,
-            lambda: operator.stroke(picks, duration_s=activity.duration_s),
-        )
-    return _capture_hand(
-        "surface", session, tools, lambda: operator.sweep(duration_s=activity.duration_s)
+    return _capture_stroke(
+        "surface",
+        session,
+        tools,
+        activity,
+        lambda: tools.rig.operator.sweep(duration_s=activity.duration_s),
     )
 
 
 def capture_path(activity: StartPathCapture, session: Session, tools: Toolbox) -> PointerCapture:
     """Record the pointer marker while the pointer demonstrates the scan path."""
-    operator = tools.rig.operator
-    if activity.picks_base_mm:
-        picks = np.array(activity.picks_base_mm)
-        return _capture_hand(
-            "path",
-            session,
-            tools,
-            lambda: operator.stroke(picks, duration_s=activity.duration_s),
-        )
-    return _capture_hand(
+    return _capture_stroke(
         "path",
         session,
         tools,
-        lambda: operator.draw(spacing_mm=activity.spacing_mm, duration_s=activity.duration_s),
+        activity,
+        lambda: tools.rig.operator.draw(
+            spacing_mm=activity.spacing_mm, duration_s=activity.duration_s
+        ),
     )
 
 
@@ -218,6 +202,22 @@ def _check_joints(q_rad: Floats, model: RobotModel) -> None:
         )
 
 
+def _capture_stroke(
+    kind: str,
+    session: Session,
+    tools: Toolbox,
+    activity: StartSurfaceCapture | StartPathCapture,
+    without_picks: Callable[[], float],
+) -> PointerCapture:
+    """Let the pointer follow the picked places; without any, do what the operator does alone."""
+    picks = np.array(activity.picks_base_mm)
+
+    def along_picks() -> float:
+        return tools.rig.operator.stroke(picks, duration_s=activity.duration_s)
+
+    return _capture_hand(kind, session, tools, along_picks if len(picks) else without_picks)
+
+
 def _capture_hand(
     kind: str, session: Session, tools: Toolbox, prepare: Callable[[], float]
 ) -> PointerCapture:
@@ -260,7 +260,7 @@ def _record(
 
 
 def _finish(motion: Motion, tools: Toolbox) -> bool:
-    """Let the retract end; return False if it was stopped instead."""
+    """Let a motion end; return False if it was stopped instead."""
     clock = tools.rig.clock
     while not motion.done():
         if tools.cancel():

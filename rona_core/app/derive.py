@@ -27,7 +27,6 @@ from rona_core.surface.cloud import SurfaceCloud, build_cloud, merge_clouds
 from rona_core.surface.normals import NormalField
 
 SETTLE_S = 0.1  # after the robot has stopped, before frames count
-T = Any
 
 
 def need(value: Any, wanted: str) -> Any:

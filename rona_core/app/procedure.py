@@ -44,10 +44,14 @@ class Ending:
     reason: str | None = None
 
 
+def unwatched(step: str, share: float) -> None:
+    """Nobody watches the steps."""
+
+
 def run_procedure(
     bench: Workbench,
     *,
-    progress: StepProgress = lambda step, share: None,
+    progress: StepProgress = unwatched,
     cancel: Cancel = never,
     messages: tuple[tuple[str, Any], ...] = PROCEDURE,
 ) -> Ending:

@@ -13,7 +13,7 @@ from rona_core.app.derive_scan import (
 from rona_core.app.inputs import RESULTS, input_digests, stale_reason
 from rona_core.app.plain import message_from
 from rona_core.app.threads import use_one_thread
-from rona_core.devices.protocols import Progress
+from rona_core.devices.protocols import Progress, silent
 from rona_core.session.codec import digest
 from rona_core.session.compare import Difference, compare
 from rona_core.session.document import Derived, Session
@@ -34,7 +34,7 @@ class Replayed:
         return self.stored == self.recomputed
 
 
-def recompute(session: Session, progress: Progress | None = None) -> Session:
+def recompute(session: Session, progress: Progress = silent) -> Session:
     """Return the session with every result computed anew; stale ones are left out."""
     use_one_thread()
     fresh = replace(session, results=type(session.results)())
@@ -45,8 +45,7 @@ def recompute(session: Session, progress: Progress | None = None) -> Session:
         value = _value(name, fresh, stored)
         made = Derived(value, stored.message, stored.arguments, input_digests(name, fresh))
         fresh = replace(fresh, results=replace(fresh.results, **{name: made}))
-        if progress is not None:
-            progress((i + 1) / len(RESULTS))
+        progress((i + 1) / len(RESULTS))
     return fresh
 
 
@@ -64,7 +63,7 @@ def _value(name: str, session: Session, stored: Derived[Any]) -> Any:
     return SHORT[type(message)][1](session, message)
 
 
-def replay(session: Session, progress: Progress | None = None) -> tuple[Replayed, ...]:
+def replay(session: Session, progress: Progress = silent) -> tuple[Replayed, ...]:
     """Compute all results that are not stale again and compare them with the stored ones."""
     fresh = recompute(session, progress)
     return tuple(

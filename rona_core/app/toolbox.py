@@ -49,3 +49,11 @@ class Toolbox:
     compute: Compute = compute_here
     progress: Progress = field(default=silent)
     cancel: Cancel = field(default=never)
+
+    def run(self, function: Callable[..., Any], *args: Any) -> Any:
+        """Return ``function(*args)``, computed where ``compute`` does, watched and cancellable.
+
+        Raises:
+            CancelledError: somebody cancelled.
+        """
+        return self.compute(function, *args, progress=self.progress, cancel=self.cancel)

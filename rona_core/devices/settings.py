@@ -38,8 +38,7 @@ class TrackerSettings:
     hidden_tools: tuple[str, ...] = ()  # tools that are covered up, see TOOLS
 
     def __post_init__(self) -> None:
-        low, high = TRACKER_RATES_HZ
-        require(low <= self.rate_hz <= high, f"rate_hz must be {low} to {high}, not {self.rate_hz}")
+        require_within("rate_hz", self.rate_hz, *TRACKER_RATES_HZ)
         for tool in self.hidden_tools:
             require(tool in TOOLS, f"tool must be one of {', '.join(TOOLS)}, not {tool!r}")
 
@@ -57,16 +56,12 @@ class RobotSettings:
     base_turn_deg: float = 0.0  # about the vertical
 
     def __post_init__(self) -> None:
-        speed = self.scan_speed_mm_per_s
-        require(0.5 <= speed <= 100.0, f"scan_speed_mm_per_s must be 0.5 to 100, not {speed}")
+        require_within("scan_speed_mm_per_s", self.scan_speed_mm_per_s, 0.5, 100.0)
         require(
             all(abs(v) <= 2000.0 for v in self.base_shift_mm),
             f"base_shift_mm must stay within 2000 mm, not {self.base_shift_mm}",
         )
-        require(
-            abs(self.base_turn_deg) <= 180.0,
-            f"base_turn_deg must be -180 to 180, not {self.base_turn_deg}",
-        )
+        require_within("base_turn_deg", self.base_turn_deg, -180.0, 180.0)
 
 
 @dataclass(frozen=True, slots=True)
@@ -81,11 +76,8 @@ class ProbeSettings:
     pitch_mm: float = 1.0  # distance between A-scans along the path
 
     def __post_init__(self) -> None:
-        require(
-            0.0 <= self.front_snr_db <= 90.0,
-            f"front_snr_db must be 0 to 90, not {self.front_snr_db}",
-        )
-        require(0.2 <= self.pitch_mm <= 10.0, f"pitch_mm must be 0.2 to 10, not {self.pitch_mm}")
+        require_within("front_snr_db", self.front_snr_db, 0.0, 90.0)
+        require_within("pitch_mm", self.pitch_mm, 0.2, 10.0)
 
 
 @dataclass(frozen=True, slots=True)

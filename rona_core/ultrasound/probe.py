@@ -56,7 +56,7 @@ class ProbeModel:
 
     @property
     def chirp_band_mhz(self) -> float:
-        """Width of the coded emission, 1.14 times the -6 dB band (Pollakowski and Ermert 1993)."""
+        """Width of the coded emission, 1.14 times the -6 dB band (Pollakowski and Ermert 1994)."""
         return 1.14 * self.bandwidth * self.centre_mhz
 
     def n_samples(self, excitation: Excitation) -> int:
