@@ -4,6 +4,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Literal
 
+from rona_core.app.autosave import CopyState
 from rona_core.app.jobs import JobStatus
 from rona_core.app.queries import StepState
 from rona_core.arrays import Floats, Vector3
@@ -95,6 +96,7 @@ class Picture:
     T_base_pointermarker: Pose | None = None
     figures: dict[str, Any] = field(default_factory=dict)
     saved: bool = False
+    copy: CopyState = "none"  # of what is not saved
     can_undo: bool = False
     can_redo: bool = False
     files: tuple[Path, ...] = ()

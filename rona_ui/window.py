@@ -144,6 +144,7 @@ class Window:
             T_base_pointermarker=pointer,
             figures=facts.figures,
             saved=self._hub.is_saved(session.id),
+            copy=self._hub.copy_state(session.id),
             can_undo=bench.store.can_undo,
             can_redo=bench.store.can_redo,
             files=self._hub.files(),

@@ -72,7 +72,8 @@ function show(state) {
   $("name").textContent = session ? session.name : "no session open";
   $("name").title = session ? `${session.name} (session ${session.id}, revision ${session.revision})` : "";
   const saved = $("saved");
-  saved.textContent = !session ? "" : session.saved ? `saved in ${session.file}` : "● not saved";
+  saved.textContent = !session ? "" : session.saved ? `saved in ${session.file}`
+    : `● not saved${{ kept: ", copy kept", failed: ", no room for a copy" }[session.copy] ?? ""}`;
   saved.classList.toggle("changed", Boolean(session) && !session.saved);
   document.title = session ? `${session.saved ? "" : "● "}${session.name} – RONA` : "RONA";
   $("origin").textContent = state.origin || "NO DEVICES";

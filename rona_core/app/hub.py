@@ -5,6 +5,7 @@ from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
+from rona_core.app.autosave import Autosave, CopyState
 from rona_core.app.workbench import Services, Workbench
 from rona_core.errors import InvalidInputError, NotFoundError
 from rona_core.session.document import Session, Setup
@@ -35,6 +36,7 @@ class Hub:
         self.folder = folder
         self._on_close = on_close
         self.uploads = folder / ".uploads"
+        self._autosave = Autosave(folder, on_change=self._tell)
         self._services = services
         self._lock = threading.RLock()
         self._open: dict[str, Workbench] = {}
@@ -76,6 +78,10 @@ class Hub:
         bench = self.get(session_id)
         return self._saved.get(bench.session.id) == bench.store.revision
 
+    def copy_state(self, session_id: str) -> CopyState:
+        """Return whether a copy is kept of what is not saved."""
+        return self._autosave.state(self.get(session_id).session.id)
+
     def files(self) -> tuple[Path, ...]:
         """Return the session files in the sessions folder."""
         return tuple(sorted(self.folder.glob(f"*{SUFFIX}")))
@@ -110,8 +116,9 @@ class Hub:
                 session = replace(session, id=Session().id)
             if len(self._open) >= MAX_OPEN:
                 raise InvalidInputError(f"{MAX_OPEN} sessions are open: close one first")
-            bench = Workbench(session, self._services, self.uploads)
+            bench = Workbench(session, self._services, self.uploads, self._autosave.keep)
             self._open[session.id] = bench
+            self._autosave.watch(bench.store)
             if path is not None:
                 self._files[session.id] = path
                 self._saved[session.id] = bench.store.revision
@@ -129,6 +136,10 @@ class Hub:
 
     def close(self, session_id: str) -> None:
         """Close a session; what was not saved is gone. Its file stays."""
+        self._autosave.forget(self.get(session_id).session.id)
+        self._close(session_id)
+
+    def _close(self, session_id: str) -> None:
         with self._lock:
             bench = self.get(session_id)
             key = bench.session.id
@@ -141,9 +152,10 @@ class Hub:
         self._tell()
 
     def close_all(self) -> None:
-        """Close every session, at the end of the program."""
+        """Close every session, at the end of the program; copies of what is not saved stay."""
+        self._autosave.close()
         for session_id in self.ids():
-            self.close(session_id)
+            self._close(session_id)
         self._on_close()
 
     # -------------------------------------------------------------- saving
@@ -165,6 +177,7 @@ class Hub:
         with self._lock:
             self._files[session.id] = path
             self._saved[session.id] = revision
+        self._autosave.saved(session)
         self._tell()
         return path
 

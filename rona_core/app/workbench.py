@@ -31,16 +31,28 @@ class Services:
     compute: Compute = compute_here
 
 
+def _keep_nothing(session: Session) -> None:
+    """Keep no copy: the session lives in this program alone."""
+
+
 class Workbench:
     """Holds the store, the live slots, the devices and the jobs of one session."""
 
-    def __init__(self, session: Session, services: Services, uploads: Path) -> None:
+    def __init__(
+        self,
+        session: Session,
+        services: Services,
+        uploads: Path,
+        keep: Callable[[Session], None] = _keep_nothing,
+    ) -> None:
+        """Open ``session``; ``keep`` writes a copy of it before long work."""
         use_one_thread()
         self.store = Store(session)
         self.live = Live()
         self.jobs = Jobs()
         self.uploads = uploads
         self._services = services
+        self._keep = keep
         self._rig_lock = threading.Lock()
         self._rig: tuple[str, Rig] | None = None
         self._judged: tuple[tuple[Any, Any, Any], Figures] | None = None
@@ -96,12 +108,12 @@ class Workbench:
         Raises:
             DeviceError: the devices are busy with another job.
         """
-        device = isinstance(activity, DEVICE_ACTIVITIES)
-        return self.jobs.start(
-            activity,
-            lambda progress, cancel: self._carry_out(activity, progress, cancel),
-            device=device,
-        )
+
+        def work(progress: Progress, cancel: Cancel) -> int:
+            self._keep(self.session)
+            return self._carry_out(activity, progress, cancel)
+
+        return self.jobs.start(activity, work, device=isinstance(activity, DEVICE_ACTIVITIES))
 
     def _carry_out(self, activity: Any, progress: Progress, cancel: Cancel) -> int:
         device = isinstance(activity, DEVICE_ACTIVITIES)

@@ -81,8 +81,11 @@ def _npy(array: np.ndarray) -> bytes:
     return buffer.getvalue()
 
 
-def save_session(session: Session, path: Path | str) -> Path:
-    """Write ``session`` to ``path`` atomically; the file that was there becomes ``.bak``."""
+def save_session(session: Session, path: Path | str, *, backup: bool = True) -> Path:
+    """Write ``session`` to ``path`` atomically; the file that was there becomes ``.bak``.
+
+    Without ``backup`` the file that was there goes, once the new one is complete.
+    """
     path = Path(path)
     data = session_bytes(session)
     path.parent.mkdir(parents=True, exist_ok=True)
@@ -93,7 +96,7 @@ def save_session(session: Session, path: Path | str) -> Path:
             file.flush()
             os.fsync(file.fileno())
         os.chmod(temporary, 0o644)  # as other files are; temporary ones are private
-        if path.exists():
+        if backup and path.exists():
             _keep_backup(path)
         os.replace(temporary, path)
     except BaseException:

@@ -7,6 +7,7 @@ from urllib.parse import quote
 from fastapi import APIRouter, Query, Request, Response
 from starlette.concurrency import run_in_threadpool
 
+from rona_core.app.autosave import CopyState
 from rona_core.app.hub import MAX_UPLOAD_BYTES, Hub
 from rona_core.app.workbench import Workbench
 from rona_core.devices.settings import STRICT, require
@@ -37,6 +38,7 @@ class SessionInfo:
     revision: int  # how many messages have changed it
     current: bool  # whether the viewer shows it
     saved: bool  # whether its file holds it as it is now
+    copy: CopyState  # whether a copy is kept of what is not saved
     file: str | None
     seed: int
     created_utc: str
@@ -103,6 +105,7 @@ def info(hub: Hub, bench: Workbench) -> SessionInfo:
         revision=len(session.log),
         current=hub.is_current(session.id),
         saved=hub.is_saved(session.id),
+        copy=hub.copy_state(session.id),
         file=None if path is None else path.name,
         seed=session.setup.seed,
         created_utc=session.created_utc,

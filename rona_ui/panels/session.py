@@ -3,6 +3,7 @@
 from collections.abc import Callable
 from typing import Any
 
+from rona_core.app.autosave import CopyState
 from rona_core.app.messages import Redo, RenameSession, Undo
 from rona_ui.bindings import Event, escape
 from rona_ui.panels.door import Door, listen
@@ -19,13 +20,17 @@ class SessionHead:
 
     def render(self, old: Picture | None, new: Picture) -> None:
         """Follow name and save state."""
-        if old is None or old.session.name != new.session.name or old.saved != new.saved:
-            self._html.content = head(new.session.name, new.saved)
+        content = head(new.session.name, new.saved, new.copy)
+        if old is None or content != head(old.session.name, old.saved, old.copy):
+            self._html.content = content
 
 
-def head(name: str, saved: bool) -> str:
+COPIES: dict[CopyState, str] = {"none": "", "kept": ", copy kept", "failed": ", no room for a copy"}
+
+
+def head(name: str, saved: bool, copy: CopyState) -> str:
     """Return the head of the left dock; the name comes from outside and is escaped."""
-    state = "saved" if saved else "● not saved"
+    state = "saved" if saved else f"● not saved{COPIES[copy]}"
     color = "#52606d" if saved else "#a34700"
     return (
         f'<div class="r-head"><b>RONA</b><span title="{escape(name)}">{escape(name)}</span>'
