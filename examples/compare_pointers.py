@@ -1,0 +1,42 @@
+"""How much does a 5D pointer cost in accuracy? Steps 2 to 4 with either pointer, over three seeds.
+
+Run it with the Python of the project: .venv/bin/python examples/compare_pointers.py
+"""
+
+from statistics import median
+
+from rona_core.app.messages import (
+    SetPointer,
+    SetSeed,
+    StartPointerCapture,
+    StartSurfaceCapture,
+    StartToolCapture,
+)
+from rona_core.compose import new_workbench
+from rona_core.devices.settings import PointerKind
+from rona_core.session.document import Session
+
+SEEDS = (0, 1, 2)
+
+
+def surface_rms_mm(kind: PointerKind, seed: int) -> float:
+    """Return the error of the surface cloud against the truth, which a virtual scene knows."""
+    bench = new_workbench(Session(name=kind))
+    try:
+        bench.dispatch(SetSeed(seed))
+        bench.dispatch(SetPointer(kind))
+        for activity in (StartToolCapture(), StartPointerCapture(), StartSurfaceCapture()):
+            bench.run(activity)
+        return bench.figures()["surface_rms_mm"]
+    finally:
+        bench.close()
+
+
+def main(seeds: tuple[int, ...] = SEEDS) -> None:
+    for kind in ("pointer6d", "pointer5d"):
+        errors = [surface_rms_mm(kind, seed) for seed in seeds]
+        print(f"{kind}: median {median(errors):.2f} mm, worst {max(errors):.2f} mm")
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,18 @@
+"""The example scripts do what they say, the one over REST against a real server."""
+
+from examples import compare_pointers, drive_over_rest
+
+
+def test_the_harness_calibrates_the_pointer_over_rest(web):
+    error_mm = drive_over_rest.main(f"http://127.0.0.1:{web.port}", web.token)
+    (bench,) = [web.hub.get(i) for i in web.hub.ids() if web.hub.get(i).session.name == "harness"]
+    assert bench.session.results.pointer.value.pointer == "pointer5d"
+    assert error_mm == bench.figures()["pointer_tip_error_mm"]
+    web.hub.close(bench.session.id)
+
+
+def test_the_comparison_names_both_pointers(capsys):
+    compare_pointers.main(seeds=(0,))
+    lines = capsys.readouterr().out.splitlines()
+    assert [line.split(":")[0] for line in lines] == ["pointer6d", "pointer5d"]
+    assert all(0.0 < float(line.split()[2]) < 1.0 for line in lines)
