@@ -33,6 +33,7 @@ class Browser:
         self._view = ViewState()
         self._drawn: Picture | None = None
         self._listening = False
+        self._rings: Any = None
         door = Door(
             bindings.send, bindings.send_settled, self.change_view, self._service, self._look
         )
@@ -65,6 +66,7 @@ class Browser:
             self._docks.render(old, new)
             self._world.render(old, new)
         self._drawn = new
+        self._follow_rings()
         if new.backdrop is not None:
             focus = FOCUS[new.view.step]
             if old is None or old.backdrop is None or FOCUS[old.view.step] != focus:
@@ -114,11 +116,34 @@ class Browser:
 
         self._bindings.call(touch, event)
 
+    # -------------------------------------------------------------- the pointer in the hand
+
+    def _follow_rings(self) -> None:
+        """Listen to the rings about the pointer's tip as long as they are there."""
+        rings = self._world.rings()
+        if rings is self._rings:
+            return
+        self._rings = rings
+        if rings is None:
+            return
+
+        @rings.on_update
+        async def _(event: Any) -> None:
+            wxyz = tuple(float(part) for part in event.target.wxyz)
+            self._bindings.call(lambda: self._turn(wxyz), event)
+
+    def _turn(self, wxyz: tuple[float, ...]) -> None:
+        bench = self._hub.get()
+        if bench.pointer_in_hand():  # a drag may end after the capture has
+            bench.turn_pointer(wxyz)
+
     # -------------------------------------------------------------- the service
 
     def _service(self, what: str, event: Event, data: str | bytes | None) -> None:
         if what == "stop":
             self._bindings.stop(event)
+        elif what == "finish":
+            self._bindings.call(lambda: self._hub.get().finish_pointer(), event)
         elif what == "cancel":
             self._bindings.call(self._cancel, event)
         else:

@@ -159,6 +159,18 @@ class Stage:
             position=(0.0, 0.0, float(M_PER_MM * height_mm)),
         )
 
+    def rings(self, name: str, place: ArrayLike, *, size_mm: float) -> None:
+        """Draw rings that somebody can drag to turn something about a place, but not shift it."""
+        self.remove(name)
+        self._nodes[name] = self._scene.add_transform_controls(
+            name,
+            scale=M_PER_MM * size_mm,
+            disable_axes=True,
+            disable_sliders=True,
+            depth_test=False,
+            position=metres(place),
+        )
+
     def show(self, name: str, visible: bool) -> None:
         """Show or hide a node, if it exists."""
         node = self._nodes.get(name)
