@@ -9,12 +9,14 @@ from typing import Any
 import numpy as np
 
 from rona_core.app.hub import Hub
+from rona_core.arrays import Floats
 from rona_core.errors import NotFoundError
 from rona_ui.bindings import Bindings, Event, notify
 from rona_ui.panels.docks import Docks
 from rona_ui.panels.door import Door
 from rona_ui.scene.camera import FOCUS, UP, preset
 from rona_ui.scene.metres import M_PER_MM, metres
+from rona_ui.scene.turn import turn_of
 from rona_ui.scene.world import World
 from rona_ui.view_state import Picture, Point, ViewState
 
@@ -33,7 +35,7 @@ class Browser:
         self._view = ViewState()
         self._drawn: Picture | None = None
         self._listening = False
-        self._rings: Any = None
+        self._arcs: Any = None
         door = Door(
             bindings.send, bindings.send_settled, self.change_view, self._service, self._look
         )
@@ -66,7 +68,7 @@ class Browser:
             self._docks.render(old, new)
             self._world.render(old, new)
         self._drawn = new
-        self._follow_rings()
+        self._follow_arcs()
         if new.backdrop is not None:
             focus = FOCUS[new.view.step]
             if old is None or old.backdrop is None or FOCUS[old.view.step] != focus:
@@ -118,21 +120,21 @@ class Browser:
 
     # -------------------------------------------------------------- the pointer in the hand
 
-    def _follow_rings(self) -> None:
-        """Listen to the rings about the pointer's tip as long as they are there."""
-        rings = self._world.rings()
-        if rings is self._rings:
+    def _follow_arcs(self) -> None:
+        """Listen to the arcs about the pointer's tip as long as they are there."""
+        arcs = self._world.arcs()
+        if arcs is self._arcs:
             return
-        self._rings = rings
-        if rings is None:
+        self._arcs = arcs
+        if arcs is None:
             return
 
-        @rings.on_update
+        @arcs.on_update
         async def _(event: Any) -> None:
-            wxyz = tuple(float(part) for part in event.target.wxyz)
-            self._bindings.call(lambda: self._turn(wxyz), event)
+            turn = turn_of(event.target.wxyz)  # as it is now, not when its turn comes
+            self._bindings.call(lambda: self._turn(turn), event)
 
-    def _turn(self, wxyz: tuple[float, ...]) -> None:
+    def _turn(self, wxyz: Floats) -> None:
         bench = self._hub.get()
         if bench.pointer_in_hand():  # a drag may end after the capture has
             bench.turn_pointer(wxyz)

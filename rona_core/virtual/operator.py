@@ -38,19 +38,17 @@ PIVOT_FROM_SIGHT_RAD = np.deg2rad(80.0)  # between the middle of a pivot and the
 SHAFT_TREMOR_RAD = np.deg2rad(0.1)
 DURATION_S = (1.0, 600.0)
 CONE_DEG = (1.0, 60.0)
+BY_HAND_SPEED = 1.0  # of the clock, whatever the pace of other captures: somebody follows it live
 
 
 class VirtualOperator:
     """Prepares motions of the pointer named in the settings; satisfies ``devices.Operator``."""
 
     def __init__(self, scene: VirtualScene, clock: CaptureClock | None = None) -> None:
-        """Work on this scene; ``clock`` runs in real time while somebody turns by hand.
-
-        Only a clock that jumps is slowed down; one that runs at a pace keeps it.
-        """
+        """Work on this scene; ``clock`` runs in real time while somebody turns by hand."""
         self._scene = scene
         self._clock = clock
-        self._slowed = False
+        self._speeds: tuple[float | None, ...] = ()  # of the clock before it was slowed down
         self._pointer = "pointer6d"
         self._ordinal = 0
         self._motion: HandMotion | HandTurn | None = None
@@ -60,7 +58,7 @@ class VirtualOperator:
         self._scene, self._ordinal = scene, ordinal
         self._pointer = settings.pointer
         self._motion = None
-        self._at_full_speed()
+        self._at_usual_speed()
 
     def motion(self) -> HandMotion | HandTurn | None:
         """Return the motion that has been prepared, or None while the pointer lies aside."""
@@ -107,8 +105,10 @@ class VirtualOperator:
         axis = self._pivot_axis(tip)
         rest = self._led(times, np.tile(tip, (2, 1)), np.tile(axis, (2, 1)))
         self._motion = HandTurn(rest, tremor)
-        if self._clock is not None and self._clock.speed is None:
-            self._clock.speed, self._slowed = 1.0, True
+        self._at_usual_speed()
+        if self._clock is not None:
+            self._speeds = (self._clock.speed,)
+            self._clock.speed = BY_HAND_SPEED
         return duration_s
 
     def turn(self, wxyz: ArrayLike) -> None:
@@ -131,7 +131,7 @@ class VirtualOperator:
         """End the pivoting by hand; does nothing if there is none."""
         if isinstance(self._motion, HandTurn):
             self._motion.end()
-        self._at_full_speed()
+        self._at_usual_speed()
 
     def in_hand(self) -> bool:
         """Return whether somebody pivots the pointer by hand and has not finished."""
@@ -229,10 +229,10 @@ class VirtualOperator:
         tilt *= (np.minimum(size, MAX_TILT_RAD) / np.maximum(size, 1e-9))[:, None]
         return self._prepare(times, tips, _leaned(outward, x, y, tilt))
 
-    def _at_full_speed(self) -> None:
-        if self._clock is not None and self._slowed:
-            self._clock.speed = None
-        self._slowed = False
+    def _at_usual_speed(self) -> None:
+        speeds, self._speeds = self._speeds, ()
+        if self._clock is not None and speeds:
+            self._clock.speed = speeds[0]
 
     def _prepare(self, times: Floats, tips: Floats, shafts: Floats) -> float:
         self._motion = self._led(times, tips, shafts)

@@ -53,7 +53,7 @@ class PointerPanel(StepPanel):
         words = ""
         if new.turning:
             words = style.note(
-                "Drag the rings about the tip: the pointer turns with them. Tilt it in two "
+                "Drag the coloured arcs about the tip: the pointer turns with them. Tilt it in two "
                 "directions, then finish; at the end of the time that happens by itself."
             )
         if self._help.content != words:

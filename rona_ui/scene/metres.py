@@ -159,8 +159,8 @@ class Stage:
             position=(0.0, 0.0, float(M_PER_MM * height_mm)),
         )
 
-    def rings(self, name: str, place: ArrayLike, *, size_mm: float) -> None:
-        """Draw rings that somebody can drag to turn something about a place, but not shift it."""
+    def arcs(self, name: str, pose: Pose, *, size_mm: float) -> None:
+        """Draw arcs about the axes of a pose that can be dragged: it turns, but does not shift."""
         self.remove(name)
         self._nodes[name] = self._scene.add_transform_controls(
             name,
@@ -168,7 +168,8 @@ class Stage:
             disable_axes=True,
             disable_sliders=True,
             depth_test=False,
-            position=metres(place),
+            wxyz=pose.wxyz(),
+            position=metres(pose.translation),
         )
 
     def show(self, name: str, visible: bool) -> None:

@@ -55,6 +55,6 @@ class World:
         """Return the viewer's handle of the skull, or None while it is not there."""
         return self.stage.node(NODE) if NODE in self.stage.names() else None
 
-    def rings(self) -> Any:
-        """Return the viewer's handle of the rings about the pointer's tip, or None."""
+    def arcs(self) -> Any:
+        """Return the viewer's handle of the arcs about the pointer's tip, or None."""
         return self.stage.node(TURN) if TURN in self.stage.names() else None

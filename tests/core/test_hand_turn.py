@@ -7,6 +7,7 @@ from scipy.spatial.transform import Rotation
 
 from rona_core.app.messages import StartPointerCapture
 from rona_core.app.plain import message_from, plain_arguments
+from rona_core.app.replay import replay
 from rona_core.app.workbench import Workbench
 from rona_core.compose import build_virtual_rig, virtual_services
 from rona_core.devices.settings import DeviceSettings
@@ -60,27 +61,28 @@ def test_turning_is_refused_by_name():
         operator.turn((1.0, 0.0, 0.0, 0.0))
 
 
-def test_the_clock_runs_in_real_time_only_meanwhile():
-    rig = build_virtual_rig(Session().setup)
+@pytest.mark.parametrize("pace", [None, 0.5, 8.0])
+def test_the_clock_runs_in_real_time_only_meanwhile(pace):
+    rig = build_virtual_rig(Session().setup, pace)
     for end in (rig.operator.finish, lambda: rig.begin(DeviceSettings(), 1)):
+        rig.operator.pivot_by_hand(duration_s=5.0)
         rig.operator.pivot_by_hand(duration_s=5.0)
         assert rig.clock.speed == 1.0
         end()
-        assert rig.clock.speed is None
-    paced = build_virtual_rig(Session().setup, 4.0)
-    paced.operator.pivot_by_hand(duration_s=5.0)
-    paced.operator.finish()
-    assert paced.clock.speed == 4.0
+        assert rig.clock.speed == pace
+        rig.operator.finish()
+        assert rig.clock.speed == pace
     rig.close()
-    paced.close()
 
 
-def bench_at(tmp_path, pace):
-    return Workbench(Session(), virtual_services(pace=pace), tmp_path)
+def bench_at(tmp_path, monkeypatch, speed):
+    """A workbench on which somebody pivots by hand at this speed, so that the test is short."""
+    monkeypatch.setattr("rona_core.virtual.operator.BY_HAND_SPEED", speed)
+    return Workbench(Session(), virtual_services(), tmp_path)
 
 
-def test_a_pointer_turned_by_a_thread_is_calibrated(tmp_path):
-    bench = bench_at(tmp_path, 8.0)
+def test_a_pointer_turned_by_a_thread_is_calibrated(tmp_path, monkeypatch):
+    bench = bench_at(tmp_path, monkeypatch, 8.0)
     ended = threading.Event()
 
     def turn():
@@ -103,6 +105,8 @@ def test_a_pointer_turned_by_a_thread_is_calibrated(tmp_path):
         thread.join(10)
     assert not session.captures.pointer.partial
     assert session.captures.pointer.marker.times_s[-1] < 59.0  # finished before its time
+    assert [same.same for same in replay(session) if same.result == "pointer"] == [True]
+    assert bench.rig().clock.speed is None
     truth = bench.rig().scene.tips["pointer6d"]
     assert np.linalg.norm(session.results.pointer.value.tip_pointermarker - truth) < 1.0
     with pytest.raises(DeviceError):
@@ -110,8 +114,8 @@ def test_a_pointer_turned_by_a_thread_is_calibrated(tmp_path):
     bench.close()
 
 
-def test_a_pointer_that_nobody_turned_is_refused_by_name(tmp_path):
-    bench = bench_at(tmp_path, 50.0)
+def test_a_pointer_that_nobody_turned_is_refused_by_name(tmp_path, monkeypatch):
+    bench = bench_at(tmp_path, monkeypatch, 50.0)
     with pytest.raises(DegenerateGeometryError, match="hardly turned"):
         bench.run(StartPointerCapture(duration_s=5.0, by_hand=True))
     assert bench.session.captures.pointer is not None

@@ -157,7 +157,7 @@ def test_the_pointer_is_pivoted_by_hand_until_somebody_finishes() -> None:
     job = JobStatus("1", "StartPointerCapture", "running", 0.1)
     panel.render(idle, replace(idle, job=job, turning=True))
     assert (begin.visible, finish.visible) == (False, True)
-    assert "Drag the rings" in gui.html()
+    assert "Drag the coloured arcs" in gui.html()
     finish.happen(CLIENT)
     assert recorder.services == ["finish"]
 
