@@ -123,6 +123,19 @@ def test_a_pointer_that_nobody_turned_is_refused_by_name(tmp_path, monkeypatch):
     bench.close()
 
 
+def test_cancel_keeps_the_recording_and_lets_the_pointer_go(tmp_path, monkeypatch):
+    bench = bench_at(tmp_path, monkeypatch, 50.0)
+    frames = []
+    activity = StartPointerCapture(duration_s=60.0, by_hand=True)
+    session = bench.run(activity, frames.append, lambda: len(frames) >= 100)
+    assert session.captures.pointer.partial
+    assert len(session.captures.pointer.marker.times_s) == 100
+    assert session.results.pointer is None
+    assert not bench.pointer_in_hand()
+    assert bench.rig().clock.speed is None
+    bench.close()
+
+
 def test_a_message_of_an_older_log_lacks_only_what_has_a_default():
     old = plain_arguments(StartPointerCapture(cone_deg=20.0))
     del old["by_hand"]
