@@ -9,12 +9,14 @@ from typing import Any
 import numpy as np
 
 from rona_core.app.hub import Hub
+from rona_core.arrays import Floats
 from rona_core.errors import NotFoundError
 from rona_ui.bindings import Bindings, Event, notify
 from rona_ui.panels.docks import Docks
 from rona_ui.panels.door import Door
 from rona_ui.scene.camera import FOCUS, UP, preset
 from rona_ui.scene.metres import M_PER_MM, metres
+from rona_ui.scene.turn import turn_of
 from rona_ui.scene.world import World
 from rona_ui.view_state import Picture, Point, ViewState
 
@@ -33,6 +35,7 @@ class Browser:
         self._view = ViewState()
         self._drawn: Picture | None = None
         self._listening = False
+        self._arcs: Any = None
         door = Door(
             bindings.send, bindings.send_settled, self.change_view, self._service, self._look
         )
@@ -65,6 +68,7 @@ class Browser:
             self._docks.render(old, new)
             self._world.render(old, new)
         self._drawn = new
+        self._follow_arcs()
         if new.backdrop is not None:
             focus = FOCUS[new.view.step]
             if old is None or old.backdrop is None or FOCUS[old.view.step] != focus:
@@ -114,11 +118,34 @@ class Browser:
 
         self._bindings.call(touch, event)
 
+    # -------------------------------------------------------------- the pointer in the hand
+
+    def _follow_arcs(self) -> None:
+        """Listen to the arcs about the pointer's tip as long as they are there."""
+        arcs = self._world.arcs()
+        if arcs is self._arcs:
+            return
+        self._arcs = arcs
+        if arcs is None:
+            return
+
+        @arcs.on_update
+        async def _(event: Any) -> None:
+            turn = turn_of(event.target.wxyz)  # as it is now, not when its turn comes
+            self._bindings.call(lambda: self._turn(turn), event)
+
+    def _turn(self, wxyz: Floats) -> None:
+        bench = self._hub.get()
+        if bench.pointer_in_hand():  # a drag may end after the capture has
+            bench.turn_pointer(wxyz)
+
     # -------------------------------------------------------------- the service
 
     def _service(self, what: str, event: Event, data: str | bytes | None) -> None:
         if what == "stop":
             self._bindings.stop(event)
+        elif what == "finish":
+            self._bindings.call(lambda: self._hub.get().finish_pointer(), event)
         elif what == "cancel":
             self._bindings.call(self._cancel, event)
         else:

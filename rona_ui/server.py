@@ -25,6 +25,7 @@ from rona_core import __version__
 from rona_core.app.hub import Hub
 from rona_core.errors import InvalidInputError, RonaError
 from rona_ui.api import commands, events, jobs, probe, problems, results, robot, sessions, tracker
+from rona_ui.api import operator as hand
 from rona_ui.api.context import PREFIX
 from rona_ui.api.guard import LOOPBACK, Access, Guard, is_loopback
 from rona_ui.api.streams import Streams
@@ -43,6 +44,7 @@ TAGS = {
     "tracker": "The optical tracking system.",
     "robot": "The robot. Stop wins over everything.",
     "probe": "The ultrasound probe.",
+    "operator": "The hand that holds the pointer.",
 }
 CONTENT_POLICY = "; ".join(
     (
@@ -127,7 +129,7 @@ def bare_app(hub: Hub, gateway: ViewerGateway | None) -> FastAPI:
     app.state.streams = Streams()
     problems.install(app)
     api = APIRouter(prefix=PREFIX, responses=problems.RESPONSES)
-    for part in (sessions, commands, jobs, results, events, tracker, robot, probe):
+    for part in (sessions, commands, jobs, results, events, tracker, robot, probe, hand):
         api.include_router(part.router)
         if part is sessions:
             api.include_router(sessions.files)

@@ -101,6 +101,7 @@ class Picture:
     can_redo: bool = False
     files: tuple[Path, ...] = ()
     names: tuple[tuple[str, str], ...] = ()  # id and name of the open sessions
+    turning: bool = False  # the pointer is pivoted by hand
     refused: int = 0  # grows when a message was refused, so that fields show the truth again
 
     @property

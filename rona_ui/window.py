@@ -143,6 +143,7 @@ class Window:
             backdrop=facts.backdrop,
             T_base_pointermarker=pointer,
             figures=facts.figures,
+            turning=busy and bench.pointer_in_hand(),
             saved=self._hub.is_saved(session.id),
             copy=self._hub.copy_state(session.id),
             can_undo=bench.store.can_undo,

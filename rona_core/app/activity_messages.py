@@ -47,11 +47,16 @@ class StartToolCapture:
 
 @dataclass(frozen=True, slots=True)
 class StartPointerCapture:
-    """Pivot the pointer about its tip while the tracker watches; then calibrate."""
+    """Pivot the pointer about its tip while the tracker watches; then calibrate.
+
+    With ``by_hand`` it runs in real time for at most ``duration_s`` and the pointer turns as
+    somebody says meanwhile; ``cone_deg`` then means nothing.
+    """
 
     __pydantic_config__: ClassVar = STRICT
     cone_deg: float = 30.0
     duration_s: float = 15.0
+    by_hand: bool = False
 
     def __post_init__(self) -> None:
         require_within("cone_deg", self.cone_deg, 1.0, 60.0)

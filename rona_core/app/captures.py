@@ -14,7 +14,7 @@ from rona_core.app.messages import (
 )
 from rona_core.app.toolbox import Toolbox
 from rona_core.arrays import Floats, readonly
-from rona_core.devices.protocols import Motion
+from rona_core.devices.protocols import Motion, never
 from rona_core.devices.samples import AScanTrack, JointSample, JointTrack, ToolTrack, TrackerFrame
 from rona_core.errors import CancelledError, DeviceError, InvalidInputError, NotReachableError
 from rona_core.robot.model import RobotModel, robot_model
@@ -92,14 +92,24 @@ def capture_pivot(
     activity: StartPointerCapture, session: Session, tools: Toolbox
 ) -> PointerCapture:
     """Record the pointer marker while the pointer pivots about its tip."""
-    return _capture_hand(
-        "pointer",
-        session,
-        tools,
-        lambda: tools.rig.operator.pivot(
-            cone_deg=activity.cone_deg, duration_s=activity.duration_s
-        ),
-    )
+    operator = tools.rig.operator
+    if not activity.by_hand:
+        return _capture_hand(
+            "pointer",
+            session,
+            tools,
+            lambda: operator.pivot(cone_deg=activity.cone_deg, duration_s=activity.duration_s),
+        )
+    try:
+        return _capture_hand(
+            "pointer",
+            session,
+            tools,
+            lambda: operator.pivot_by_hand(duration_s=activity.duration_s),
+            lambda: not operator.in_hand(),
+        )
+    finally:
+        operator.finish()
 
 
 def capture_surface(
@@ -219,7 +229,11 @@ def _capture_stroke(
 
 
 def _capture_hand(
-    kind: str, session: Session, tools: Toolbox, prepare: Callable[[], float]
+    kind: str,
+    session: Session,
+    tools: Toolbox,
+    prepare: Callable[[], float],
+    finished: Callable[[], bool] = never,
 ) -> PointerCapture:
     pointer = session.setup.devices.pointer
     ordinal = begin(session, tools)
@@ -227,7 +241,7 @@ def _capture_hand(
 
     def until(frame: TrackerFrame) -> bool:
         tools.progress(min(1.0, frame.time_s / duration_s))
-        return frame.time_s >= duration_s
+        return frame.time_s >= duration_s or finished()
 
     frames, partial = _record(tools, until)
     return PointerCapture(

@@ -29,10 +29,19 @@ def plain_arguments(message: Any) -> dict[str, object]:
 def message_from(name: str, arguments: dict[str, Any]) -> Any:
     """Return the command or activity of that name with these plain fields.
 
+    A field that is missing has its default: older logs do not know newer fields.
+
     Raises:
-        InvalidInputError: no such message, or arguments that do not fit it.
+        InvalidInputError: no such message.
+        SessionFormatError: a field that it does not know, one without default that is missing, or
+            a value that does not fit.
     """
     kind = COMMANDS.get(name) or ACTIVITIES.get(name)
     if kind is None:
         raise InvalidInputError(f"there is no message {name!r}")
-    return decode({"$type": name, **arguments}, kind, {}, name)
+    defaults = {
+        field.name: encode(field.default, "", {})
+        for field in dataclasses.fields(kind)
+        if field.default is not dataclasses.MISSING
+    }
+    return decode({"$type": name, **defaults, **arguments}, kind, {}, name)

@@ -6,6 +6,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from numpy.typing import ArrayLike
+
 from rona_core.app.activities import DEVICE_ACTIVITIES, perform
 from rona_core.app.jobs import Jobs, JobStatus
 from rona_core.app.messages import COMMANDS
@@ -13,8 +15,8 @@ from rona_core.app.store import Change, Store
 from rona_core.app.threads import use_one_thread
 from rona_core.app.toolbox import Compute, ImportSkull, Toolbox, compute_here
 from rona_core.devices.live import Live
-from rona_core.devices.protocols import Cancel, Progress, Rig, never, silent
-from rona_core.errors import InvalidInputError
+from rona_core.devices.protocols import Cancel, Operator, Progress, Rig, never, silent
+from rona_core.errors import DeviceError, InvalidInputError
 from rona_core.session.codec import digest
 from rona_core.session.document import Session, Setup
 
@@ -139,6 +141,37 @@ class Workbench:
         held = self._rig
         if held is not None:
             held[1].robot.stop()
+
+    def turn_pointer(self, wxyz: ArrayLike) -> None:
+        """Turn the pointer about its tip while it is pivoted by hand; live, not a command.
+
+        Args:
+            wxyz: Unit quaternion (4,) relative to the start, along the axes of ``base``.
+
+        Raises:
+            InvalidInputError: no unit quaternion.
+            DeviceError: no capture by hand is under way.
+        """
+        self._hand().turn(wxyz)
+
+    def finish_pointer(self) -> None:
+        """End the pivoting by hand; what was recorded is calibrated.
+
+        Raises:
+            DeviceError: no capture by hand is under way.
+        """
+        self._hand().finish()
+
+    def pointer_in_hand(self) -> bool:
+        """Return whether the pointer is pivoted by hand now."""
+        held = self._rig
+        return held is not None and held[1].operator.in_hand()
+
+    def _hand(self) -> Operator:
+        held = self._rig
+        if held is None or not held[1].operator.in_hand():
+            raise DeviceError("nobody pivots the pointer by hand: start the capture by hand first")
+        return held[1].operator
 
     def figures(self) -> Figures:
         """Return the figures against ground truth; empty where there is none."""

@@ -120,6 +120,28 @@ class Operator(Protocol):
         """Hold the tip in a dimple and swing the pointer over a cone."""
         ...
 
+    def pivot_by_hand(self, *, duration_s: float) -> float:
+        """Hold the tip in a dimple while somebody turns the pointer by :meth:`turn`."""
+        ...
+
+    def turn(self, wxyz: ArrayLike) -> None:
+        """Tell the hand a rotation (4,) relative to the start, along the axes of ``base``.
+
+        Safe from any thread, the last one told counts; the hand follows at its own speed.
+
+        Raises:
+            DeviceError: nobody pivots by hand.
+        """
+        ...
+
+    def finish(self) -> None:
+        """End a pivoting by hand before its time; does nothing if there is none."""
+        ...
+
+    def in_hand(self) -> bool:
+        """Return whether somebody pivots by hand and has not finished."""
+        ...
+
     def sweep(self, *, duration_s: float) -> float:
         """Slide the tip over the region to be scanned, and somewhat beyond, in dense strokes."""
         ...

@@ -3,9 +3,11 @@
 import numpy as np
 from numpy.typing import ArrayLike
 
-from rona_core.arrays import Floats, Vector3, as_points
+from rona_core.arrays import Floats, Vector3, as_floats, as_points
 from rona_core.devices.settings import DeviceSettings
-from rona_core.errors import InvalidInputError
+from rona_core.errors import DeviceError, InvalidInputError
+from rona_core.geometry.pose import Pose
+from rona_core.virtual.clock import CaptureClock
 from rona_core.virtual.hand import (
     TILT_HZ,
     TREMOR_HZ,
@@ -18,6 +20,7 @@ from rona_core.virtual.hand import (
     progress_of,
     sample_times_s,
 )
+from rona_core.virtual.hand_turn import HandTurn
 from rona_core.virtual.meander import along_curve, meander, through
 from rona_core.virtual.noise import rng
 from rona_core.virtual.scene import VirtualScene
@@ -35,25 +38,29 @@ PIVOT_FROM_SIGHT_RAD = np.deg2rad(80.0)  # between the middle of a pivot and the
 SHAFT_TREMOR_RAD = np.deg2rad(0.1)
 DURATION_S = (1.0, 600.0)
 CONE_DEG = (1.0, 60.0)
+BY_HAND_SPEED = 1.0  # of the clock, whatever the pace of other captures: somebody follows it live
 
 
 class VirtualOperator:
     """Prepares motions of the pointer named in the settings; satisfies ``devices.Operator``."""
 
-    def __init__(self, scene: VirtualScene) -> None:
-        """Work on this scene."""
+    def __init__(self, scene: VirtualScene, clock: CaptureClock | None = None) -> None:
+        """Work on this scene; ``clock`` runs in real time while somebody turns by hand."""
         self._scene = scene
+        self._clock = clock
+        self._speeds: tuple[float | None, ...] = ()  # of the clock before it was slowed down
         self._pointer = "pointer6d"
         self._ordinal = 0
-        self._motion: HandMotion | None = None
+        self._motion: HandMotion | HandTurn | None = None
 
     def begin(self, scene: VirtualScene, settings: DeviceSettings, ordinal: int) -> None:
         """Lay the pointer aside and get ready for capture number ``ordinal``."""
         self._scene, self._ordinal = scene, ordinal
         self._pointer = settings.pointer
         self._motion = None
+        self._at_usual_speed()
 
-    def motion(self) -> HandMotion | None:
+    def motion(self) -> HandMotion | HandTurn | None:
         """Return the motion that has been prepared, or None while the pointer lies aside."""
         return self._motion
 
@@ -81,6 +88,54 @@ class VirtualOperator:
         lean = angle[:, None] * np.column_stack((np.cos(around), np.sin(around))) + tremor
         shafts = _leaned(np.broadcast_to(z, (len(times), 3)), x, y, lean)
         return self._prepare(times, np.broadcast_to(tip, shafts.shape), shafts)
+
+    def pivot_by_hand(self, *, duration_s: float) -> float:
+        """Hold the tip in the dimple; the pointer turns about it as :meth:`turn` says.
+
+        Args:
+            duration_s: 1 to 600 seconds; :meth:`finish` ends it earlier.
+
+        Raises:
+            InvalidInputError: the duration is out of range.
+        """
+        _check("duration_s", duration_s, DURATION_S)
+        tremor = Sway.draw(self._generator(), TREMOR_HZ, SHAFT_TREMOR_RAD, 3)
+        tip = self._scene.dimple_base
+        times = np.array((0.0, duration_s))
+        axis = self._pivot_axis(tip)
+        rest = self._led(times, np.tile(tip, (2, 1)), np.tile(axis, (2, 1)))
+        self._motion = HandTurn(rest, tremor)
+        self._at_usual_speed()
+        if self._clock is not None:
+            self._speeds = (self._clock.speed,)
+            self._clock.speed = BY_HAND_SPEED
+        return duration_s
+
+    def turn(self, wxyz: ArrayLike) -> None:
+        """Turn the pointer about its tip to a rotation relative to the start, axes of ``base``.
+
+        Raises:
+            InvalidInputError: no unit quaternion.
+            DeviceError: nobody pivots by hand.
+        """
+        q = as_floats(wxyz, name="wxyz")
+        if q.shape != (4,) or abs(np.linalg.norm(q) - 1.0) > 1e-3:
+            raise InvalidInputError("wxyz must be a quaternion (4,) of length 1")
+        turn_base = Pose.from_wxyz(q).rotation
+        motion = self._motion
+        if not isinstance(motion, HandTurn) or motion.ended:
+            raise DeviceError("nobody pivots the pointer by hand: start StartPointerCapture so")
+        motion.turn(turn_base)
+
+    def finish(self) -> None:
+        """End the pivoting by hand; does nothing if there is none."""
+        if isinstance(self._motion, HandTurn):
+            self._motion.end()
+        self._at_usual_speed()
+
+    def in_hand(self) -> bool:
+        """Return whether somebody pivots the pointer by hand and has not finished."""
+        return isinstance(self._motion, HandTurn) and not self._motion.ended
 
     def sweep(self, *, duration_s: float) -> float:
         """Slide over the region and 12 mm beyond in lines 3 mm apart.
@@ -174,9 +229,18 @@ class VirtualOperator:
         tilt *= (np.minimum(size, MAX_TILT_RAD) / np.maximum(size, 1e-9))[:, None]
         return self._prepare(times, tips, _leaned(outward, x, y, tilt))
 
+    def _at_usual_speed(self) -> None:
+        speeds, self._speeds = self._speeds, ()
+        if self._clock is not None and speeds:
+            self._clock.speed = speeds[0]
+
     def _prepare(self, times: Floats, tips: Floats, shafts: Floats) -> float:
+        self._motion = self._led(times, tips, shafts)
+        return self._motion.duration_s
+
+    def _led(self, times: Floats, tips: Floats, shafts: Floats) -> HandMotion:
         scene = self._scene
-        self._motion = HandMotion(
+        return HandMotion(
             self._pointer,
             scene.tips[self._pointer],
             scene.T_base_tracker.translation,
@@ -184,7 +248,6 @@ class VirtualOperator:
             tips,
             shafts,
         )
-        return self._motion.duration_s
 
     def _shake(self, generator: np.random.Generator, times: Floats) -> Floats:
         tremor = Sway.draw(generator, TREMOR_HZ, TREMOR_MM, 2).at(times)

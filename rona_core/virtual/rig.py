@@ -58,7 +58,7 @@ class VirtualRig:
         self._model = robot_model(settings.robot.model)
         self.robot = VirtualRobot(self._model, self.clock)
         self._last_tip: tuple[Floats, Pose] | None = None
-        self.operator = VirtualOperator(self.scene)
+        self.operator = VirtualOperator(self.scene, self.clock)
         self._tools = self._moving_tools(0)
         self.tracker = VirtualTracker(self.clock, self._true_marker, seed)
         self.live_tracker = VirtualLiveTracker(seed, self._toolmarker_now)

@@ -4,6 +4,7 @@ from collections.abc import Callable
 
 from rona_core.geometry.pose import Pose
 from rona_core.virtual.hand import HandMotion
+from rona_core.virtual.hand_turn import HandTurn
 from rona_core.virtual.scene import VirtualScene
 
 REPEAT_S = 0.5  # the robot's repeatability error changes this often
@@ -24,7 +25,7 @@ class MovingTools:
         scene: VirtualScene,
         ordinal: int,
         tip_at: TipAt,
-        hand: Callable[[], HandMotion | None],
+        hand: Callable[[], HandMotion | HandTurn | None],
     ) -> None:
         """Follow the robot through ``tip_at`` and the pointer through ``hand()``."""
         self._scene = scene

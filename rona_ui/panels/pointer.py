@@ -28,18 +28,36 @@ class PointerPanel(StepPanel):
         )
         self.form.number("duration_s", "Duration (s)", 15.0, 1.0, 120.0, 1.0)
         self.form.choice("method", "Fit", METHODS, "sphere")
+        self._by_hand = self.gui.add_button("Pivot by hand", icon="hand-grab", color="gray")
+        self._help = self.gui.add_html("")
+        self._finish = self.gui.add_button("Finish and calibrate", icon="check", visible=False)
         self._refit = self.gui.add_button("Fit again", icon="refresh", color="gray")
         listen(
             self._refit,
             lambda e: self.door.send(lambda: CalibratePointer(**self.form.values("method")), e),
         )
+        listen(self._by_hand, lambda e: self.door.send(self._capture_by_hand, e))
+        listen(self._finish, lambda e: self.door.service("finish", e, None))
+
+    def _capture_by_hand(self) -> Any:
+        return StartPointerCapture(**self.form.values("duration_s"), by_hand=True)
 
     def message(self) -> Any:
         """Return the capture with these parameters."""
         return StartPointerCapture(**self.form.values("cone_deg", "duration_s"))
 
     def update(self, old: Picture | None, new: Picture) -> None:
-        """Offer another fit once there is a recording."""
+        """Offer to pivot by hand, to finish that, and another fit once there is a recording."""
+        self._by_hand.visible = not new.busy
+        self._finish.visible = new.turning
+        words = ""
+        if new.turning:
+            words = style.note(
+                "Drag the coloured arcs about the tip: the pointer turns with them. Tilt it in two "
+                "directions, then finish; at the end of the time that happens by itself."
+            )
+        if self._help.content != words:
+            self._help.content = words
         self._refit.visible = new.session.captures.pointer is not None
         self._refit.disabled = new.busy
 

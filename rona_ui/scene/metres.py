@@ -159,6 +159,19 @@ class Stage:
             position=(0.0, 0.0, float(M_PER_MM * height_mm)),
         )
 
+    def arcs(self, name: str, pose: Pose, *, size_mm: float) -> None:
+        """Draw arcs about the axes of a pose that can be dragged: it turns, but does not shift."""
+        self.remove(name)
+        self._nodes[name] = self._scene.add_transform_controls(
+            name,
+            scale=M_PER_MM * size_mm,
+            disable_axes=True,
+            disable_sliders=True,
+            depth_test=False,
+            wxyz=pose.wxyz(),
+            position=metres(pose.translation),
+        )
+
     def show(self, name: str, visible: bool) -> None:
         """Show or hide a node, if it exists."""
         node = self._nodes.get(name)

@@ -15,6 +15,8 @@ from rona_ui.scene.robot import RobotLayer
 from rona_ui.scene.rolls import RollsLayer
 from rona_ui.scene.skull import NODE, SkullLayer
 from rona_ui.scene.tracker import TrackerLayer
+from rona_ui.scene.turn import NODE as TURN
+from rona_ui.scene.turn import TurnLayer
 from rona_ui.view_state import Picture
 
 FLOOR_MM = -420.0  # the robot stands on a pedestal of about its base's height
@@ -33,6 +35,7 @@ class World:
             RobotLayer(self.stage),
             TrackerLayer(self.stage),
             PointerLayer(self.stage),
+            TurnLayer(self.stage),
             RegionLayer(self.stage),
             CloudLayer(self.stage),
             DrawingLayer(self.stage),
@@ -51,3 +54,7 @@ class World:
     def skull(self) -> Any:
         """Return the viewer's handle of the skull, or None while it is not there."""
         return self.stage.node(NODE) if NODE in self.stage.names() else None
+
+    def arcs(self) -> Any:
+        """Return the viewer's handle of the arcs about the pointer's tip, or None."""
+        return self.stage.node(TURN) if TURN in self.stage.names() else None

@@ -355,3 +355,30 @@ def test_who_leaves_a_stream_is_forgotten(at, client, web, session):
             break
         done.wait(0.05)
     assert done.is_set()
+
+
+def test_a_pointer_is_turned_by_hand_while_its_capture_runs(at, web):
+    assert at("GET", "/operator/pointer").json() == {"in_hand": False}
+    turn = {"wxyz": [1.0, 0.0, 0.0, 0.0]}
+    refused = at("PUT", "/operator/pointer", json=turn)
+    assert (refused.status_code, refused.json()["code"]) == (409, "device_error")
+    body = {"duration_s": 60.0, "by_hand": True}
+    job = at("POST", "/jobs/StartPointerCapture", json=body).json()
+    bench, recorded = web.hub.get(job["session"]), threading.Event()
+    for _ in range(600):
+        frame = bench.live.get().frame
+        if at("GET", "/operator/pointer").json()["in_hand"] and frame and frame.time_s > 0.5:
+            recorded.set()
+            break
+        recorded.wait(0.05)
+    assert recorded.is_set()
+    assert at("PUT", "/operator/pointer", json=turn).json() == turn
+    for bad in ([2.0, 0.0, 0.0, 0.0], [1.0, 0.0, 0.0]):
+        refused = at("PUT", "/operator/pointer", json={"wxyz": bad})
+        assert (refused.status_code, refused.json()["code"]) == (422, "invalid_input")
+    assert at("POST", "/operator/pointer/finish").json() == {"in_hand": False}
+    ended = finished(web, job)
+    assert ended.error_code == "degenerate_geometry"  # it was told to stay as it is
+    assert "hardly turned" in ended.error
+    assert bench.session.captures.pointer.marker.times_s[-1] < 59.0
+    assert at("POST", "/operator/pointer/finish").status_code == 409

@@ -34,6 +34,8 @@ GET /sessions/{session_id}/robot/settings; PUT /sessions/{session_id}/robot/sett
 POST /sessions/{session_id}/robot/stop; GET /sessions/{session_id}/robot/stream
 GET /sessions/{session_id}/probe/settings; PUT /sessions/{session_id}/probe/settings
 POST /sessions/{session_id}/probe/acquire
+GET /sessions/{session_id}/operator/pointer; PUT /sessions/{session_id}/operator/pointer
+POST /sessions/{session_id}/operator/pointer/finish
 """
 WRITTEN = {tuple(line.split()) for line in re.split(r"[;\n]", ROUTES) if line.strip()}
 GENERATED = {("POST", f"/sessions/{{session_id}}/commands/{name}") for name in COMMANDS} | {

@@ -7,7 +7,7 @@ import pytest
 from fake_gui import FakeClient, FakeGui
 
 from rona_core.app.jobs import JobStatus
-from rona_core.app.messages import SetTracker, StartToolCapture
+from rona_core.app.messages import SetTracker, StartPointerCapture, StartToolCapture
 from rona_core.app.queries import step_states
 from rona_core.app.views import JointCurves
 from rona_core.devices.live import LiveState
@@ -17,6 +17,7 @@ from rona_ui.panels.door import Door
 from rona_ui.panels.drawing import DrawingControls
 from rona_ui.panels.graphs import joint_data
 from rona_ui.panels.listings import LogPanel
+from rona_ui.panels.pointer import PointerPanel
 from rona_ui.panels.quality import QualityPanel
 from rona_ui.panels.rolls import png
 from rona_ui.panels.run_bar import RunBar, StepTitle
@@ -142,6 +143,23 @@ def test_the_primary_button_sends_one_activity_and_rests_while_the_job_runs() ->
     assert "Moving the tool: 25 %" in gui.html()
     gui.find("button", "Cancel").happen(CLIENT)
     assert recorder.services == ["cancel"]
+
+
+def test_the_pointer_is_pivoted_by_hand_until_somebody_finishes() -> None:
+    gui, recorder = FakeGui(), Recorder()
+    panel = PointerPanel(gui, recorder.door)
+    idle = picture(view=ViewState(step="pointer"))
+    panel.render(None, idle)
+    begin, finish = gui.find("button", "Pivot by hand"), gui.find("button", "Finish and calibrate")
+    assert (begin.visible, finish.visible) == (True, False)
+    begin.happen(CLIENT)
+    assert recorder.sent == [StartPointerCapture(by_hand=True)]
+    job = JobStatus("1", "StartPointerCapture", "running", 0.1)
+    panel.render(idle, replace(idle, job=job, turning=True))
+    assert (begin.visible, finish.visible) == (False, True)
+    assert "Drag the coloured arcs" in gui.html()
+    finish.happen(CLIENT)
+    assert recorder.services == ["finish"]
 
 
 def test_fields_rest_while_a_job_runs() -> None:

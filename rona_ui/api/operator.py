@@ -1,0 +1,53 @@
+"""The hand that holds the pointer, told by a program what a mouse would tell it."""
+
+from dataclasses import dataclass
+from typing import Annotated, ClassVar
+
+from fastapi import APIRouter, Body
+
+from rona_core.devices.settings import STRICT, require
+from rona_ui.api.context import Bench
+
+router = APIRouter(prefix="/sessions/{session_id}/operator", tags=["operator"])
+
+
+@dataclass(frozen=True, slots=True)
+class PointerTurn:
+    """Rotation of the pointer about its tip, relative to the start, along the axes of the base."""
+
+    __pydantic_config__: ClassVar = STRICT
+    wxyz: tuple[float, float, float, float]
+
+    def __post_init__(self) -> None:
+        length = sum(part * part for part in self.wxyz) ** 0.5
+        require(abs(length - 1.0) <= 1e-3, f"wxyz must have length 1, not {length:.4g}")
+
+
+@dataclass(frozen=True, slots=True)
+class InHand:
+    """Whether the pointer is pivoted by hand now."""
+
+    in_hand: bool
+
+
+@router.get("/pointer")
+def get_pointer(bench: Bench) -> InHand:
+    """Return whether a capture by hand waits to be told how to turn the pointer."""
+    return InHand(bench.pointer_in_hand())
+
+
+@router.put("/pointer")
+def put_pointer(bench: Bench, turn: Annotated[PointerTurn, Body()]) -> PointerTurn:
+    """Turn the pointer while the job `StartPointerCapture` with `by_hand` runs; live, else 409.
+
+    The hand follows smoothly at a bounded speed; the last rotation told counts.
+    """
+    bench.turn_pointer(turn.wxyz)
+    return turn
+
+
+@router.post("/pointer/finish")
+def finish_pointer(bench: Bench) -> InHand:
+    """End the pivoting by hand before its time; the calibration follows."""
+    bench.finish_pointer()
+    return InHand(False)
