@@ -33,7 +33,7 @@ HEAD = {
     "Lateral L": (0, -1.0, 2),
     "Lateral R": (0, 1.0, 2),
 }
-HEAD_DISTANCE_MM = 310.0
+HEAD_DISTANCE_MM = 270.0
 
 
 @dataclass(frozen=True, slots=True, eq=False)
