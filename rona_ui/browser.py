@@ -78,11 +78,11 @@ class Browser:
 
     def _look(self, name: str) -> None:
         backdrop = None if self._drawn is None else self._drawn.backdrop
-        position, target = preset(name, backdrop)
+        sight = preset(name, backdrop)
         with self.client.atomic():
-            self.client.camera.position = metres(position)
-            self.client.camera.look_at = metres(target)
-            self.client.camera.up_direction = UP
+            self.client.camera.position = metres(sight.eye_base)
+            self.client.camera.look_at = metres(sight.target_base)
+            self.client.camera.up_direction = sight.up_base
 
     # -------------------------------------------------------------- drawing on the skull
 

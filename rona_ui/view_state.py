@@ -15,6 +15,7 @@ from rona_core.session.document import Session
 
 Point = tuple[float, float, float]
 Drawing = Literal["surface", "path"]
+SliceAcross = Literal["off", "lengthwise", "crosswise"]
 
 # Layers of the scene that can be switched off: name -> what the surgeon reads
 LAYERS = {
@@ -63,6 +64,9 @@ class ViewState:
     picks: tuple[Point, ...] = ()  # in base, mm
     quantity: Literal["thickness", "height"] = "thickness"
     cut: bool = True  # the drawn skull is open over the region once it has been mapped
+    slice_across: SliceAcross = "off"  # plane that the drawn skull is cut with, in every step
+    slice_mm: float = 0.0  # from the centre of the region to that plane
+    slice_maps: bool = False  # the maps are cut too
     joint: int = 0  # joint in the graph, 0 for all
 
     def shows(self, layer: str) -> bool:
@@ -81,6 +85,7 @@ class Backdrop:
     region_radius_mm: float
     T_base_tracker: Pose
     home_rad: Floats
+    head_axes_base: Floats | None = None  # (3, 3) columns right, front, top; None if not known
 
 
 @dataclass(frozen=True, slots=True, eq=False)

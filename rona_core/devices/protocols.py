@@ -178,6 +178,13 @@ class Display(Protocol):
         """Return centre (3,), outward normal (3,) in ``base`` and radius in mm of the region."""
         ...
 
+    def head_axes_base(self) -> Floats | None:
+        """Return right, front and top of the head as unit columns (3, 3) in ``base``.
+
+        None where the source of the skull does not say which way is which.
+        """
+        ...
+
     def T_base_tracker(self) -> Pose:  # noqa: N802 (frame grammar)
         """Return where the tracker stands, to draw it and its volume."""
         ...

@@ -38,6 +38,11 @@ class Specimen(Protocol):
 
     region: Region
 
+    @property
+    def head_axes_skull(self) -> Floats | None:
+        """Right, front and top of the head as unit columns (3, 3); None if nobody said so."""
+        ...
+
     def ray(
         self, origins_skull: ArrayLike, directions_skull: ArrayLike, boundary: Boundary = "outer"
     ) -> Floats:

@@ -5,7 +5,7 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import ArrayLike
 
-from rona_core.arrays import Vector3, as_vector3
+from rona_core.arrays import Floats, Vector3, as_vector3
 from rona_core.devices.protocols import Mesh
 from rona_core.errors import InvalidInputError
 from rona_core.geometry.pose import Pose
@@ -51,6 +51,13 @@ class VirtualDisplay:
     def region(self) -> tuple[Vector3, Vector3, float]:
         """Return centre (3,), outward normal (3,) in ``base`` and radius in mm of the region."""
         return self._scene.region_base()
+
+    def head_axes_base(self) -> Floats | None:
+        """Return right, front and top of the head as unit columns (3, 3), or None."""
+        axes_skull = self._scene.specimen.head_axes_skull
+        if axes_skull is None:
+            return None
+        return self._scene.T_base_skull.rotate(axes_skull.T).T
 
     def T_base_tracker(self) -> Pose:  # noqa: N802 (frame grammar)
         """Return where the tracker stands."""

@@ -25,4 +25,5 @@ def read_backdrop(rig: Rig, setup: Setup) -> Backdrop:
         region_radius_mm=radius_mm,
         T_base_tracker=rig.display.T_base_tracker(),
         home_rad=robot_model(setup.devices.robot.model).home_rad,
+        head_axes_base=rig.display.head_axes_base(),
     )

@@ -1,5 +1,7 @@
 """Camera places by name, in base and mm."""
 
+from dataclasses import dataclass
+
 import numpy as np
 
 from rona_core.arrays import Vector3
@@ -18,16 +20,50 @@ FOCUS = {  # step -> preset; the camera moves only where the preset changes
 }
 UP = np.array([0.0, 0.0, 1.0])
 FIRST = ((1700.0, -1250.0, 1150.0), (330.0, 10.0, 330.0))  # before the specimen is known
+REGION_EYE = np.array([40.0, -72.0, 0.0])  # from which side the region is looked at
+
+ROOM = ("Overview", "Region", "Robot")
+# Views of the head as it lies, for a skull whose front and sides are not known
+TABLE = ("Top", "Left", "Right")
+# Views of a head whose axes are known: along which axis, from which end, and which axis is up in
+# the picture. Axes are the columns of ``head_axes_base``: right, front, top.
+HEAD = {
+    "AP": (1, 1.0, 2),
+    "Vertex": (2, 1.0, 1),
+    "Lateral L": (0, -1.0, 2),
+    "Lateral R": (0, 1.0, 2),
+}
+HEAD_DISTANCE_MM = 270.0
 
 
-def preset(name: str, backdrop: Backdrop | None) -> tuple[Vector3, Vector3]:
-    """Return position and place looked at, in mm, for a camera preset."""
+@dataclass(frozen=True, slots=True, eq=False)
+class Sight:
+    """Where the camera is, the place it looks at, and what is up in its picture."""
+
+    eye_base: Vector3
+    target_base: Vector3
+    up_base: Vector3
+
+
+def preset(name: str, backdrop: Backdrop | None) -> Sight:
+    """Return the sight of a camera preset; of an unknown name the overview."""
     if backdrop is None:
-        return np.array(FIRST[0]), np.array(FIRST[1])
+        return Sight(np.array(FIRST[0]), np.array(FIRST[1]), UP)
+    if name in HEAD and backdrop.head_axes_base is not None:
+        column, sign, upper = HEAD[name]
+        axes = backdrop.head_axes_base
+        along = backdrop.skull.vertices @ axes
+        middle = axes @ (0.5 * (along.min(axis=0) + along.max(axis=0)))
+        return Sight(middle + sign * HEAD_DISTANCE_MM * axes[:, column], middle, axes[:, upper])
+    return Sight(*_room(name, backdrop), UP)
+
+
+def _room(name: str, backdrop: Backdrop) -> tuple[Vector3, Vector3]:
+    """Return the places of eye and target for a view in which the robot stands upright."""
     center, normal = backdrop.region_center_base, backdrop.region_normal_base
     head = np.array([center[0], center[1], center[2] - 60.0])
     if name == "Region":
-        return center + 82.0 * normal + np.array([40.0, -72.0, 0.0]), center - 3.0 * normal
+        return center + 82.0 * normal + REGION_EYE, center - 3.0 * normal
     if name == "Roll":
         return center + np.array([72.0, -125.0, 118.0]), center + np.array([0.0, 0.0, 8.0])
     if name == "Scan":

@@ -7,6 +7,7 @@ Rgb = tuple[int, int, int]
 
 BACKGROUND: Rgb = (70, 78, 88)
 BONE: Rgb = (226, 217, 198)
+BONE_RIM: Rgb = (199, 160, 105)  # of bone that is cut
 STEEL: Rgb = (154, 160, 168)
 
 BLUE: Rgb = (0, 114, 178)

@@ -4,8 +4,10 @@ import numpy as np
 
 from rona_core.app.maps import map_layers
 from rona_core.app.views import scan_number_at, scan_poses
+from rona_core.arrays import Bools, Floats
 from rona_ui.scene.adapter import Layer
 from rona_ui.scene.colors import GREEN, SKY, VERMILLION, YELLOW, viridis
+from rona_ui.scene.cut import cut_key, cut_plane
 from rona_ui.scene.metres import Stage
 from rona_ui.view_state import Picture
 
@@ -26,6 +28,8 @@ class MapLayer(Layer):
             old is None
             or old.session.results.maps is not maps
             or old.view.quantity != new.view.quantity
+            or map_cut(old) != map_cut(new)
+            or old.backdrop is not new.backdrop
         ):
             shown = map_layers(new.session, new.view.quantity)
             if shown is None:
@@ -33,8 +37,23 @@ class MapLayer(Layer):
             else:
                 part = shown.part(self.layer)
                 share = (part.values_mm - shown.low_mm) / (shown.high_mm - shown.low_mm)
-                self.stage.cloud(node, part.points_base, viridis(share), size_mm=part.cell_mm)
+                left = _left(part.points_base, new)
+                points, colors = part.points_base[left], viridis(share[left])
+                self.stage.cloud(node, points, colors, size_mm=part.cell_mm)
         self.stage.show(node, self.shown(new))
+
+
+def map_cut(picture: Picture) -> tuple[str, float] | None:
+    """Return what the cut through the maps depends on; None while they are whole."""
+    return cut_key(picture) if picture.view.slice_maps else None
+
+
+def _left(points_base: Floats, picture: Picture) -> Bools:
+    """Return which points (n,) of a map the cut leaves."""
+    plane = cut_plane(picture) if map_cut(picture) is not None else None
+    if plane is None:
+        return np.ones(len(points_base), dtype=np.bool_)
+    return plane.heights_mm(points_base) < 0.0
 
 
 class ScanLayer(Layer):

@@ -1,13 +1,15 @@
-"""The skull for the eye, with a window over the scanned region once it has been mapped."""
+"""The skull for the eye: with a window over the scanned region once mapped, and cut at a plane."""
 
 import numpy as np
 
 from rona_core.devices.protocols import Mesh
 from rona_ui.scene.adapter import Layer
-from rona_ui.scene.colors import BONE
+from rona_ui.scene.colors import BONE, BONE_RIM
+from rona_ui.scene.cut import crossings, cut, cut_key, cut_plane
+from rona_ui.scene.metres import Stage
 from rona_ui.view_state import Backdrop, Picture
 
-NODE = "/skull"
+NODE, RIM = "/skull", "/skull_rim"
 RIM_MM = 3.0  # by which the window is wider than the region
 
 
@@ -22,17 +24,39 @@ class SkullLayer(Layer):
 
     layer = "skull"
 
+    def __init__(self, stage: Stage) -> None:
+        super().__init__(stage)
+        self._empty = False  # the plane has left nothing
+
     def render(self, old: Picture | None, new: Picture) -> None:
-        """Draw the skull where it or its window has changed."""
+        """Draw the skull where it, its window or its cut has changed."""
         backdrop = new.backdrop
         if backdrop is None:
             self.stage.remove(NODE)
+            self.stage.remove(RIM)
             return
         before = None if old is None else old.backdrop
-        if backdrop is not before or old is None or window_open(old) != window_open(new):
-            mesh = opened(backdrop) if window_open(new) else backdrop.skull
-            self.stage.mesh(NODE, mesh, BONE, side="double")
-        self.stage.show(NODE, self.shown(new))
+        if (
+            backdrop is not before
+            or old is None
+            or window_open(old) != window_open(new)
+            or cut_key(old) != cut_key(new)
+        ):
+            self._draw(new, backdrop)
+        self.stage.show(NODE, self.shown(new) and not self._empty)
+        self.stage.show(RIM, self.shown(new))
+
+    def _draw(self, picture: Picture, backdrop: Backdrop) -> None:
+        """Draw what is left; a node that listens to the mouse stays, though nothing be left."""
+        mesh = opened(backdrop) if window_open(picture) else backdrop.skull
+        rim = np.zeros((0, 2, 3))
+        plane = cut_plane(picture)
+        if plane is not None:
+            rim = crossings(mesh, plane).rim_base(mesh.vertices)
+            mesh = cut(mesh, plane)
+        self._empty = not len(mesh.faces)
+        self.stage.mesh(NODE, backdrop.skull if self._empty else mesh, BONE, side="double")
+        self.stage.lines(RIM, rim, BONE_RIM, width_px=2.0)
 
 
 def opened(backdrop: Backdrop) -> Mesh:

@@ -11,6 +11,7 @@ from rona_ui.scene.maps import MapLayer, ScanLayer
 from rona_ui.scene.metres import Stage
 from rona_ui.scene.path import AxesLayer, PathLayer
 from rona_ui.scene.pointer import DrawingLayer, PointerLayer
+from rona_ui.scene.profile import ProfileLayer
 from rona_ui.scene.robot import RobotLayer
 from rona_ui.scene.rolls import RollsLayer
 from rona_ui.scene.skull import NODE, SkullLayer
@@ -44,6 +45,7 @@ class World:
             RollsLayer(self.stage),
             ScanLayer(self.stage),
             *(MapLayer(self.stage, name) for name in ("outer", "inner", "fused")),
+            ProfileLayer(self.stage),
         )
 
     def render(self, old: Picture | None, new: Picture) -> None:

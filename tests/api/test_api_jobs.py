@@ -346,11 +346,12 @@ def test_following_the_program(client, session):
 
 def test_who_leaves_a_stream_is_forgotten(at, client, web, session):
     store = web.hub.get(session).store
+    before = len(store._notifier._listeners)
     with client.stream("GET", f"/sessions/{session}/events", params={"since": 0}):
         at("POST", "/commands/SetSeed", json={"seed": 1})
     done = threading.Event()
     for _ in range(200):
-        if not store._notifier._listeners:
+        if len(store._notifier._listeners) == before:
             done.set()
             break
         done.wait(0.05)

@@ -27,6 +27,8 @@ class SphereSpecimen:
     region_radius_mm: float = 25.0
     depths: dict = field(default_factory=lambda: dict(DEPTHS_MM))
 
+    head_axes_skull = None
+
     @property
     def region(self):
         n = np.array(self.normal_skull) / np.linalg.norm(self.normal_skull)

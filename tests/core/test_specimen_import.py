@@ -12,6 +12,7 @@ import trimesh
 
 from rona_core.errors import CancelledError, InvalidInputError
 from rona_core.session.specimen import SimulatedSkull
+from rona_core.virtual.bone.loaded import LoadedSpecimen
 from rona_core.virtual.bone.surface_nets import surface_nets
 from rona_core.virtual.specimen import build_specimen
 from rona_core.virtual.specimen_import import import_skull
@@ -129,6 +130,12 @@ def test_same_shell_on_turned_axes_lies_at_the_same_place(folder):
     )
     o, d = disc(a, np.random.default_rng(4))
     np.testing.assert_allclose(a.layers(o, d), b.layers(o, d), atol=0.01)
+
+
+def test_only_a_format_whose_axes_are_fixed_says_which_way_the_head_lies(folder):
+    nifti, nrrd = (load(folder / name) for name in ("shell.nii.gz", "shell.nrrd"))
+    np.testing.assert_array_equal(LoadedSpecimen(nifti, radius_mm=12.0).head_axes_skull, np.eye(3))
+    assert LoadedSpecimen(nrrd, radius_mm=12.0).head_axes_skull is None
 
 
 def test_a_gap_in_the_bone_is_bridged_and_a_wide_one_is_not(tmp_path):

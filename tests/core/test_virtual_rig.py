@@ -9,11 +9,13 @@ from rona_core.devices.protocols import Rig
 from rona_core.devices.settings import DeviceSettings, RobotSettings, TrackerSettings
 from rona_core.errors import DeviceError, InvalidInputError
 from rona_core.geometry.pose import Pose, Poses
+from rona_core.session.specimen import SimulatedSkull
 from tests.core.sphere_world import SphereSpecimen
 
 pytest.importorskip("rona_core.virtual.robot", reason="there is no virtual robot")
 pytest.importorskip("rona_core.virtual.probe", reason="there is no virtual probe")
 from rona_core.virtual.rig import VirtualRig
+from rona_core.virtual.specimen import build_specimen
 
 EXACT = DeviceSettings(tracker=TrackerSettings(profile="ideal"), robot=RobotSettings(errors=False))
 
@@ -90,6 +92,29 @@ def test_only_the_pointer_in_the_hand_is_seen(rig):
             abs(rig.scene.specimen.signed_distance((rig.scene.T_base_skull.inv() @ tip)[None])[0])
             < 1e-3
         )
+
+
+@pytest.mark.parametrize("side", ["left", "right"])
+def test_the_head_on_the_table_has_right_front_and_top(side):
+    specimen = build_specimen(SimulatedSkull(side), 5)
+    rig = VirtualRig(5, specimen, EXACT)
+    axes, skull = rig.display.head_axes_base(), rig.display.skull_mesh_base()
+    center, normal, _ = rig.display.region()
+    rig.close()
+    np.testing.assert_allclose(axes.T @ axes, np.eye(3), atol=1e-12)
+    assert np.linalg.det(axes) > 0.0
+    right, front, top = axes.T
+    out = center - skull.vertices.mean(axis=0)
+    assert (out @ right > 30.0) == (side == "right")
+    assert (normal @ right > 0.7) == (side == "right")
+    assert out @ front < 0.0  # behind the ear canal
+    size = np.ptp(skull.vertices @ axes, axis=0)
+    assert size[1] == size.max()  # a head is longer than wide
+    assert top @ (-1.0, 0.0, 0.0) > 0.8  # the top of the head lies towards the robot
+
+
+def test_a_specimen_that_does_not_say_has_no_axes(rig):
+    assert rig.display.head_axes_base() is None
 
 
 def test_the_probe_hears_bone_where_it_touches_and_none_where_it_is_lifted(rig):

@@ -64,7 +64,7 @@ class FakeGui:
             handle.content = arguments[0]
         elif arguments:
             handle.label = arguments[0] or ""
-        if kind in ("number", "text", "checkbox", "vector3", "progress_bar"):
+        if kind in ("number", "text", "checkbox", "vector3", "progress_bar", "slider"):
             handle.value = arguments[-1]
         if kind in ("dropdown", "button_group"):
             handle.value = options.get("initial_value", arguments[1][0])

@@ -17,6 +17,7 @@ from rona_ui.panels.door import Door
 from rona_ui.panels.drawing import DrawingControls
 from rona_ui.panels.graphs import joint_data
 from rona_ui.panels.listings import LogPanel
+from rona_ui.panels.look import LookPanel
 from rona_ui.panels.pointer import PointerPanel
 from rona_ui.panels.quality import QualityPanel
 from rona_ui.panels.rolls import png
@@ -26,7 +27,7 @@ from rona_ui.panels.session import SessionHead, SessionPanel
 from rona_ui.panels.setup import SetupPanel
 from rona_ui.panels.steps import StepList
 from rona_ui.panels.tool import ToolPanel
-from rona_ui.view_state import NEEDED, Picture, ViewState
+from rona_ui.view_state import NEEDED, Backdrop, Picture, ViewState
 
 EVIL = "<img src=x onerror=alert(1)>"
 CLIENT = FakeClient()
@@ -38,6 +39,7 @@ class Recorder:
     def __init__(self) -> None:
         self.sent: list[Any] = []
         self.services: list[str] = []
+        self.looks: list[str] = []
         self.shown = ViewState()
         self.door = Door(
             send=lambda make, event: self.sent.append(make()) if event.client else None,
@@ -46,7 +48,7 @@ class Recorder:
             ),
             view=self._view,
             service=lambda what, event, data: self.services.append(what),
-            look=lambda name: None,
+            look=self.looks.append,
         )
 
     def _view(self, change: Any) -> None:
@@ -218,6 +220,63 @@ def test_save_undo_and_stop_reach_the_service() -> None:
     gui.find("command", "Stop the robot").happen(CLIENT)
     assert recorder.services == ["save", "stop"]
     assert [type(message).__name__ for message in recorder.sent] == ["Undo"]
+
+
+def test_the_cut_has_a_slider_while_it_is_on_and_rests_while_somebody_draws() -> None:
+    gui, recorder = FakeGui(), Recorder()
+    panel = LookPanel(gui, recorder.door)
+    off = picture()
+    panel.render(None, off)
+    across, at = gui.find("dropdown", "Cut"), gui.find("slider", "Cut at (mm)")
+    maps = gui.find("checkbox", "Cut the maps")
+    assert (across.value, at.value, maps.value) == ("Off", 0.0, False)
+    assert not at.visible
+    across.value = "Crosswise"
+    across.happen(CLIENT)
+    at.value = -12.5
+    at.happen(None)  # an echo of our own write
+    assert recorder.shown == ViewState(slice_across="crosswise")
+    at.happen(CLIENT)
+    maps.value = True
+    maps.happen(CLIENT)
+    assert recorder.shown == ViewState(slice_across="crosswise", slice_mm=-12.5, slice_maps=True)
+    on = picture(view=recorder.shown)
+    panel.render(off, on)
+    assert at.visible
+    assert maps.visible
+    at.value = -13.0  # the slider is dragged on while the picture before is drawn
+    panel.render(on, replace(on, view=replace(on.view, slice_mm=-12.8)))
+    assert at.value == -13.0
+    drawing = replace(on, view=replace(on.view, drawing="path"))
+    panel.render(on, drawing)
+    assert across.disabled
+    assert at.disabled
+    panel.render(drawing, on)
+    assert not at.disabled
+    panel.render(on, picture())  # another session begins with a view of its own
+    assert (across.value, at.value, maps.value) == ("Off", 0.0, False)
+    assert not at.visible
+
+
+def test_views_of_the_head_have_their_names_only_where_its_axes_are_known() -> None:
+    gui, recorder = FakeGui(), Recorder()
+    panel = LookPanel(gui, recorder.door)
+    groups = [h for h in gui.handles if h.kind == "button_group"]
+    words = ["Overview", "AP", "Lateral L", "Top"]
+    assert [group.value for group in groups] == words
+    known = Backdrop("VIRTUAL", *[np.zeros(3)] * 6, head_axes_base=np.eye(3))  # type: ignore
+    old = None
+    for new, seen in (
+        (picture(), [True, False, False, True]),
+        (picture(backdrop=known), [True, True, True, False]),
+        (picture(backdrop=replace(known, head_axes_base=None)), [True, False, False, True]),
+    ):
+        panel.render(old, new)
+        assert [group.visible for group in groups] == seen
+        old = new
+    for group in groups:
+        group.happen(CLIENT)
+    assert recorder.looks == words
 
 
 def curves(feasible: bool) -> JointCurves:

@@ -12,6 +12,7 @@ from rona_core.virtual.bone.field import RIM_NODES, BoneField
 from rona_core.virtual.boundaries import Boundary, Region, boundary_index
 from rona_core.virtual.skull.shape import diploe_share, layer_depths
 
+NIFTI_SUFFIXES = (".nii", ".nii.gz")  # whose coordinates are right, anterior, superior
 GAP_MM = 6.0  # air between bone (diploe, air cells) that counts as bone
 SKIN_MM = 0.2  # walked beyond a boundary before the next is looked for
 EDGE_MM = 8.0  # between the disc and the side of the grid
@@ -31,6 +32,12 @@ class LoadedSpecimen:
         self._sheets: dict[int, tuple[Floats, Bools]] = {}
         self._trees: dict[int, tuple[KDTree, Floats]] = {}
         self.region = self._region(skull, center_skull, radius_mm)
+
+    @property
+    def head_axes_skull(self) -> Floats | None:
+        """Right, front and top of the head: those of NIfTI; other files' are not stored."""
+        nifti = self._skull.name.lower().endswith(NIFTI_SUFFIXES)
+        return np.eye(3) if nifti else None
 
     def _region(
         self, skull: LoadedSkull, center_skull: ArrayLike | None, radius_mm: float

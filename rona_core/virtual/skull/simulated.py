@@ -41,6 +41,11 @@ class SimulatedSpecimen:
         self._atlas = Atlas(self.shape, axis, (radius_mm + REGION_RIM_MM) / HEAD_MM)
         self.region = self._region(middle, radius_mm)
 
+    @property
+    def head_axes_skull(self) -> Floats:
+        """Right, front and top of the head: x, y and z of ``skull``."""
+        return np.eye(3)
+
     def _region_center(self, side: Side, center_skull: ArrayLike | None) -> Floats:
         """Return the centre of the region on the closed-form outer surface, from the head's."""
         if center_skull is not None:
