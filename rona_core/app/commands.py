@@ -66,11 +66,19 @@ class SetRegion:
 
 @dataclass(frozen=True, slots=True)
 class SetTracker:
-    """Choose noise profile and frame rate of the tracker."""
+    """Choose noise profile, frame rate and faults of the tracker."""
 
     __pydantic_config__: ClassVar = STRICT
     profile: TrackerProfile = "polaris"
     rate_hz: float = 60.0
+    stereo: bool = True
+    depth_ratio: float = 3.0
+    occlusion: bool = True
+    phantom_share: float = 0.0
+    latency_ms: float | None = None
+    drift_mm: float = 0.0
+    minutes_on: float = 60.0
+    dropped_share: float = 0.0
 
 
 @dataclass(frozen=True, slots=True)

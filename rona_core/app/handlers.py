@@ -1,6 +1,6 @@
 """What each message does to a session: pure functions from a session to the next."""
 
-from dataclasses import replace
+from dataclasses import fields, replace
 from functools import singledispatch
 from typing import Any
 
@@ -85,7 +85,8 @@ def _with_devices(session: Session, devices: DeviceSettings) -> Session:
 @handle.register
 def _(message: SetTracker, session: Session) -> Session:
     devices = session.setup.devices
-    tracker = replace(devices.tracker, profile=message.profile, rate_hz=message.rate_hz)
+    chosen = {part.name: getattr(message, part.name) for part in fields(message)}
+    tracker = replace(devices.tracker, **chosen)
     return _with_devices(session, replace(devices, tracker=tracker))
 
 

@@ -1,7 +1,7 @@
 """What each capture and each result depends on, and whether that has changed since."""
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 from rona_core.app.messages import (
@@ -18,9 +18,12 @@ from rona_core.app.messages import (
     StartSurfaceCapture,
     StartToolCapture,
 )
+from rona_core.devices.settings import TrackerSettings
 from rona_core.errors import StepBlockedError
 from rona_core.session.codec import digest
 from rona_core.session.document import Session
+
+PLAIN = TrackerSettings(stereo=False, occlusion=False)  # the tracker of sessions of schema 1
 
 
 @dataclass(frozen=True, slots=True)
@@ -137,7 +140,7 @@ def capture_setup_digest(kind: str, session: Session) -> str:
     robot = devices.robot
     seen: list[Any] = [setup.seed]
     if kind in ("tool", "pointer", "surface", "path"):
-        seen += [devices.tracker.profile, devices.tracker.rate_hz]
+        seen += [devices.tracker.profile, devices.tracker.rate_hz, *_faults(devices.tracker)]
     if kind in ("tool", "surface", "path", "scan"):
         seen += [robot.model, robot.base_shift_mm, robot.base_turn_deg]
     if kind in ("tool", "scan"):
@@ -150,6 +153,12 @@ def capture_setup_digest(kind: str, session: Session) -> str:
         plan = session.results.roll
         seen += [digest(devices.probe), "" if plan is None else digest(plan.value)]
     return digest(seen)
+
+
+def _faults(tracker: TrackerSettings) -> list[str]:
+    """Return a digest of what else a capture depends on; nothing for captures of schema 1."""
+    rest = replace(tracker, profile=PLAIN.profile, rate_hz=PLAIN.rate_hz, hidden_tools=())
+    return [] if rest == PLAIN else [digest(rest)]
 
 
 def stale_reason(name: str, session: Session) -> str | None:

@@ -12,7 +12,18 @@ import numpy as np
 from rona_core.arrays import Bools, Floats, Ints, readonly
 from rona_core.geometry.pose import Pose, Poses
 
-ToolStatus = Literal["ok", "out_of_volume", "out_of_view", "too_few_markers", "covered"]
+ToolStatus = Literal[
+    "ok",
+    "partially_out_of_volume",  # some markers are outside; the pose comes from the others
+    "out_of_volume",
+    "out_of_view",  # not there, or turned away
+    "missing",  # something stands before every marker
+    "too_few_markers",
+    "bad_fit",  # the markers do not fit the known geometry
+    "low_spread",  # the markers that are left lie too close together, or in a line
+    "covered",
+]
+WITH_POSE: tuple[ToolStatus, ...] = ("ok", "partially_out_of_volume")  # all others have none
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -7,13 +7,14 @@ from rona_core.errors import InvalidInputError
 
 STRICT = {"extra": "forbid", "allow_inf_nan": False}  # how a web layer parses these classes
 
-TrackerProfile = Literal["ideal", "polaris", "white035"]
+TrackerProfile = Literal["ideal", "polaris", "white035", "spectra", "vega"]
 PointerKind = Literal["pointer6d", "pointer5d"]
 ProbeName = Literal["2.25MHz", "1MHz"]
 Excitation = Literal["pulse", "chirp"]
 
 TOOLS = ("toolmarker", "pointer6d", "pointer5d")  # tracked rigid bodies, by name
 TRACKER_RATES_HZ = (20.0, 60.0)  # lowest and highest
+LATENCY_MS = {"vega": 14.0}  # of profiles that state one; the others deliver at once
 
 
 def require(condition: bool, message: str) -> None:
@@ -29,18 +30,39 @@ def require_within(name: str, value: float, low: float, high: float) -> None:
 
 @dataclass(frozen=True, slots=True)
 class TrackerSettings:
-    """How the optical tracker measures."""
+    """How the optical tracker measures; ``docs/algorithms/virtual_tracker.md`` explains each."""
 
     __pydantic_config__: ClassVar = STRICT
 
     profile: TrackerProfile = "polaris"
     rate_hz: float = 60.0
     hidden_tools: tuple[str, ...] = ()  # tools that are covered up, see TOOLS
+    stereo: bool = True  # errors grow with the distance, as those of two cameras do
+    depth_ratio: float = 3.0  # error in depth over error in either lateral direction
+    occlusion: bool = True  # head, robot and hand can hide single markers
+    phantom_share: float = 0.0  # of the frames of a 5D tool: two markers taken for each other
+    latency_ms: float | None = None  # from measurement to arrival; None: as the profile has it
+    drift_mm: float = 0.0  # by which a cold tracker is off; it decays while it warms up
+    minutes_on: float = 60.0  # since it was switched on, when the first capture begins
+    dropped_share: float = 0.0  # of the frames, which never arrive
 
     def __post_init__(self) -> None:
         require_within("rate_hz", self.rate_hz, *TRACKER_RATES_HZ)
         for tool in self.hidden_tools:
             require(tool in TOOLS, f"tool must be one of {', '.join(TOOLS)}, not {tool!r}")
+        require_within("depth_ratio", self.depth_ratio, 1.0, 8.0)
+        require_within("phantom_share", self.phantom_share, 0.0, 0.2)
+        if self.latency_ms is not None:
+            require_within("latency_ms", self.latency_ms, 0.0, 200.0)
+        require_within("drift_mm", self.drift_mm, 0.0, 2.0)
+        require_within("minutes_on", self.minutes_on, 0.0, 600.0)
+        require_within("dropped_share", self.dropped_share, 0.0, 0.5)
+
+    @property
+    def latency_s(self) -> float:
+        """How much later than it was measured a frame arrives."""
+        stated = LATENCY_MS.get(self.profile, 0.0) if self.latency_ms is None else self.latency_ms
+        return stated / 1000.0
 
 
 @dataclass(frozen=True, slots=True)

@@ -5,10 +5,35 @@ from typing import Any
 
 from rona_core.errors import SessionFormatError
 
-SCHEMA = 1  # raise it with every change of the document, and add the step below
+SCHEMA = 2  # raise it with every change of the document, and add the step below
+
+# What the tracker was before schema 2: errors alike everywhere, nothing in the way, no faults.
+PLAIN_TRACKER: dict[str, Any] = {
+    "stereo": False,
+    "depth_ratio": 3.0,
+    "occlusion": False,
+    "phantom_share": 0.0,
+    "latency_ms": None,
+    "drift_mm": 0.0,
+    "minutes_on": 60.0,
+    "dropped_share": 0.0,
+}
+
+
+def with_tracker_faults(manifest: dict[str, Any]) -> dict[str, Any]:
+    """Return a manifest of schema 1 whose tracker says what it did not do yet (schema 2).
+
+    The captures of such a session were measured without these effects, so that they are off.
+    """
+    session = manifest["session"]
+    devices = session["setup"]["devices"]
+    tracker = {**PLAIN_TRACKER, **devices["tracker"]}
+    setup = {**session["setup"], "devices": {**devices, "tracker": tracker}}
+    return {**manifest, "session": {**session, "setup": setup}}
+
 
 # MIGRATIONS[n] turns a manifest of schema n into one of schema n + 1.
-MIGRATIONS: dict[int, Callable[[dict[str, Any]], dict[str, Any]]] = {}
+MIGRATIONS: dict[int, Callable[[dict[str, Any]], dict[str, Any]]] = {1: with_tracker_faults}
 
 
 def migrate(manifest: dict[str, Any]) -> dict[str, Any]:
@@ -26,6 +51,11 @@ def migrate(manifest: dict[str, Any]) -> dict[str, Any]:
             f"it was saved by a newer RONA ({manifest.get('app_version', 'unknown')}); update first"
         )
     while schema < SCHEMA:
-        manifest = MIGRATIONS[schema](manifest)
+        try:
+            manifest = MIGRATIONS[schema](manifest)
+        except (KeyError, TypeError) as error:
+            raise SessionFormatError(
+                f"the session file of schema {schema} lacks a part that every one has: {error}"
+            ) from error
         schema += 1
     return manifest

@@ -10,7 +10,8 @@ from rona_core.devices.settings import TOOLS, TrackerSettings
 from rona_core.errors import DeviceError, NotFoundError
 from rona_core.geometry.pose import Pose
 from rona_core.virtual.noise import rng
-from rona_core.virtual.tracker import observe
+from rona_core.virtual.tracker import Clear, as_sample, observe
+from rona_core.virtual.tracker_faults import drift_mm, dropped, swapped_markers
 
 
 class VirtualLiveTracker:
@@ -24,11 +25,16 @@ class VirtualLiveTracker:
         seed: int,
         T_tracker_toolmarker: Callable[[], Pose | None],
         *,
+        clear: Clear | None = None,
         wall: Callable[[], float] = time.monotonic,
     ) -> None:
-        """Watch the tool on the robot through ``T_tracker_toolmarker()``."""
+        """Watch the tool on the robot through ``T_tracker_toolmarker()``.
+
+        Without ``clear`` nothing ever stands before a marker.
+        """
         self._seed = seed
         self._toolmarker = T_tracker_toolmarker
+        self._clear = clear
         self._wall = wall
         self._start_s = wall()
         self._lock = threading.Lock()
@@ -53,9 +59,13 @@ class VirtualLiveTracker:
     def frame(self, settings: TrackerSettings) -> TrackerFrame:
         """Return the newest frame, measured with these settings."""
         number = int((self._wall() - self._start_s) * settings.rate_hz)
+        while dropped(settings, self._seed, 0, number):
+            number -= 1
         with self._lock:
             placed = dict(self._placed)
         generator = rng(self._seed, "live tracker", 0, number)
+        drift = drift_mm(settings, self._seed, 0, number / settings.rate_hz)
+        hides = self._clear if settings.occlusion else None
         samples: list[ToolSample] = []
         for tool in TOOLS:
             geometry = GEOMETRIES[tool]
@@ -66,11 +76,15 @@ class VirtualLiveTracker:
             elif pose is None:
                 samples.append(ToolSample(tool, "out_of_view"))
             else:
-                seen = observe(geometry, pose, white, settings.profile, self._seed)
-                fit = seen.fit
-                samples.append(
-                    ToolSample(tool, seen.status)
-                    if fit is None
-                    else ToolSample(tool, seen.status, fit.T_tracker_marker, fit.rms_error_mm)
+                seen = observe(
+                    geometry,
+                    pose,
+                    white,
+                    settings,
+                    self._seed,
+                    clear=None if hides is None else hides(tool, pose, 0.0),
+                    drift=drift,
+                    swapped=swapped_markers(settings, geometry, self._seed, 0, number),
                 )
+                samples.append(as_sample(tool, seen))
         return TrackerFrame(number, number / settings.rate_hz, tuple(samples))

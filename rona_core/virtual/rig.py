@@ -4,7 +4,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from rona_core.arrays import Floats
+from rona_core.arrays import Bools, Floats
 from rona_core.devices.protocols import Origin
 from rona_core.devices.settings import DeviceSettings
 from rona_core.geometry.pose import Pose
@@ -12,6 +12,7 @@ from rona_core.robot.model import RobotModel, robot_model
 from rona_core.virtual.clock import CaptureClock
 from rona_core.virtual.display import VirtualDisplay
 from rona_core.virtual.live_tracker import VirtualLiveTracker
+from rona_core.virtual.occlusion import LinesOfSight
 from rona_core.virtual.operator import VirtualOperator
 from rona_core.virtual.probe import VirtualProbe
 from rona_core.virtual.robot import VirtualRobot
@@ -60,8 +61,9 @@ class VirtualRig:
         self._last_tip: tuple[Floats, Pose] | None = None
         self.operator = VirtualOperator(self.scene, self.clock)
         self._tools = self._moving_tools(0)
-        self.tracker = VirtualTracker(self.clock, self._true_marker, seed)
-        self.live_tracker = VirtualLiveTracker(seed, self._toolmarker_now)
+        self._sight = self._lines_of_sight()
+        self.tracker = VirtualTracker(self.clock, self._true_marker, seed, self._clear)
+        self.live_tracker = VirtualLiveTracker(seed, self._toolmarker_now, clear=self._clear_now)
         self.probe = VirtualProbe(self.clock, self._true_probe, specimen)
         self.display = VirtualDisplay(self.scene, self._pointer_now)
         self.begin(settings, 0)
@@ -79,6 +81,7 @@ class VirtualRig:
                 self.robot = VirtualRobot(self._model, self.clock)
                 self._last_tip = None
             self.scene = scene
+            self._sight = self._lines_of_sight()
         self.robot.stop()  # a motion under way ends where it is, not where it was going
         self.clock.reset()
         self.robot.begin(settings.robot, ordinal)
@@ -102,6 +105,15 @@ class VirtualRig:
 
     def _moving_tools(self, ordinal: int) -> MovingTools:
         return MovingTools(self.scene, ordinal, self._tip_at, self.operator.motion)
+
+    def _lines_of_sight(self) -> LinesOfSight:
+        return LinesOfSight(self.scene, self._model, lambda time_s: self.robot.q_at(time_s))
+
+    def _clear(self, tool: str, T_tracker_marker: Pose, time_s: float) -> Bools:
+        return self._sight.clear(tool, T_tracker_marker, time_s)
+
+    def _clear_now(self, tool: str, T_tracker_marker: Pose, _: float) -> Bools:
+        return self._sight.clear(tool, T_tracker_marker, self.clock.now())
 
     def _tip_at(self, time_s: float) -> Pose:
         q_rad, last = self.robot.q_at(time_s), self._last_tip

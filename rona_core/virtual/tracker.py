@@ -1,42 +1,41 @@
 """The virtual optical tracker: true marker positions, seen with errors, fitted to known tools."""
 
-from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from collections.abc import Callable, Iterator, Sequence
 
 import numpy as np
 
-from rona_core.arrays import Floats
+from rona_core.arrays import Bools, Floats
 from rona_core.devices.markers import GEOMETRIES, MarkerGeometry
 from rona_core.devices.protocols import Clock
-from rona_core.devices.samples import ToolSample, ToolStatus, TrackerFrame
-from rona_core.devices.settings import TOOLS, TrackerProfile, TrackerSettings
+from rona_core.devices.samples import ToolSample, TrackerFrame
+from rona_core.devices.settings import TOOLS, TrackerSettings
 from rona_core.errors import DeviceError
 from rona_core.geometry.pose import Pose
-from rona_core.virtual.marker_fit import MarkerFit, fit_body, fit_line
 from rona_core.virtual.noise import rng
+from rona_core.virtual.tracker_decision import Seen, decide
 from rona_core.virtual.tracker_error import in_volume, marker_error
+from rona_core.virtual.tracker_faults import NO_DRIFT, drift_mm, dropped, swapped_markers
 
 FACING_LIMIT_RAD = np.deg2rad(60.0)  # flat markers are lost beyond this angle to the line of sight
-MIN_MARKERS = {6: 3, 5: 2}  # by degrees of freedom of the tool
+HYSTERESIS_RAD = np.deg2rad(2.0)  # and found again this much earlier
+MEMORY_S = 1.0  # how far back the tracker remembers which markers it followed
 SAME_TIME_S = 1e-9  # rounding of frame times
 
 TruePose = Callable[[str, float], Pose | None]  # tool, time in seconds -> T_tracker_marker
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Seen:
-    """What the tracker makes of one tool in one frame; ``fit`` is None while it is not seen."""
-
-    status: ToolStatus
-    fit: MarkerFit | None = None
+Clear = Callable[[str, Pose, float], Bools]  # tool, true pose, time -> markers (m,) not hidden
 
 
 def observe(
     geometry: MarkerGeometry,
     T_tracker_marker: Pose,
     white: Floats,
-    profile: TrackerProfile,
+    settings: TrackerSettings,
     seed: int,
+    *,
+    facing: Bools | None = None,
+    clear: Bools | None = None,
+    drift: Floats = NO_DRIFT,
+    swapped: Sequence[int] | None = None,
 ) -> Seen:
     """Return what a tracker measures of a tool that really is at ``T_tracker_marker``.
 
@@ -44,27 +43,39 @@ def observe(
         geometry: Markers of the tool.
         T_tracker_marker: True pose.
         white: Standard normal numbers (m, 3), one row per marker.
-        profile: Error profile.
+        settings: Profile and ratio of the errors.
         seed: Seed of the session, which fixes the bias field of this tracker.
+        facing: Which markers (m,) look at the cameras; None: those within the marker angle.
+        clear: Which markers (m,) nothing stands before; None: all.
+        drift: By how much (3,) a tracker that is not warm is off.
+        swapped: Two markers that are taken for each other, see ``decide``.
     """
     points = T_tracker_marker @ geometry.positions_marker
-    if geometry.facing_marker.any():
-        facing = T_tracker_marker.rotate(geometry.facing_marker)
-        sight = -points / np.linalg.norm(points, axis=1)[:, None]
-        faces = sight @ facing >= np.cos(FACING_LIMIT_RAD)
-        if not faces.any():
-            return Seen("out_of_view")
-    else:
-        faces = np.ones(len(points), dtype=np.bool_)
-    inside = in_volume(points)
-    if not inside.any():
-        return Seen("out_of_volume")
-    seen = faces & inside
-    if np.count_nonzero(seen) < MIN_MARKERS[geometry.dof]:
-        return Seen("too_few_markers")
-    measured = marker_error(profile, seed).measure(points, white)
-    fit = fit_body if geometry.dof == 6 else fit_line
-    return Seen("ok", fit(geometry.positions_marker[seen], measured[seen]))
+    if facing is None:
+        cosines = sight_cosines(geometry, T_tracker_marker)
+        facing = np.asarray(cosines >= np.cos(FACING_LIMIT_RAD))
+    measured = marker_error(settings, seed).measure(points, white) + drift
+    return decide(
+        geometry,
+        measured,
+        facing=facing,
+        inside=in_volume(points, settings.profile),
+        clear=np.ones(len(points), dtype=np.bool_) if clear is None else clear,
+        swapped=swapped,
+    )
+
+
+def sight_cosines(geometry: MarkerGeometry, T_tracker_marker: Pose) -> Floats:
+    """Return the cosines (m,) of the angles between marker normals and lines of sight.
+
+    Markers without a normal are spheres that are seen from every side.
+    """
+    points = T_tracker_marker @ geometry.positions_marker
+    if not geometry.facing_marker.any():
+        return np.ones(len(points))
+    facing = T_tracker_marker.rotate(geometry.facing_marker)
+    sight = -points / np.linalg.norm(points, axis=1)[:, None]
+    return np.asarray(sight @ facing)
 
 
 def white_numbers(seed: int, ordinal: int, number: int) -> dict[str, Floats]:
@@ -78,14 +89,21 @@ def white_numbers(seed: int, ordinal: int, number: int) -> dict[str, Floats]:
 class VirtualTracker:
     """A tracker that looks at true poses; satisfies ``devices.Tracker``.
 
-    Frame k is taken at k / rate seconds of the capture. It depends on the seed, the capture's
-    ordinal and k only, so that neither polling nor the pace of the clock changes what is measured.
+    Frame k arrives at k / rate seconds of the capture, and was measured earlier by the latency. It
+    depends on the seed, the capture's ordinal and k only, so that neither polling nor the pace of
+    the clock changes what is measured.
     """
 
-    def __init__(self, clock: Clock, true_pose: TruePose, seed: int) -> None:
-        """Look at ``true_pose(tool, time_s)``, None for a tool that is not there."""
+    def __init__(
+        self, clock: Clock, true_pose: TruePose, seed: int, clear: Clear | None = None
+    ) -> None:
+        """Look at ``true_pose(tool, time_s)``, None for a tool that is not there.
+
+        Without ``clear`` nothing ever stands before a marker.
+        """
         self._clock = clock
         self._true_pose = true_pose
+        self._clear = clear
         self._seed = seed
         self._settings = TrackerSettings()
         self._ordinal = 0
@@ -101,7 +119,10 @@ class VirtualTracker:
         Raises:
             DeviceError: the tracker has been closed.
         """
-        return self.frame(int((self._clock.now() + SAME_TIME_S) * self._settings.rate_hz))
+        number = int((self._clock.now() + SAME_TIME_S) * self._settings.rate_hz)
+        while self._dropped(number):
+            number -= 1
+        return self.frame(number)
 
     def frames(self) -> Iterator[TrackerFrame]:
         """Yield frames one after the other, waiting for each; ends when the tracker is closed."""
@@ -111,7 +132,8 @@ class VirtualTracker:
             self._clock.wait_until(number / rate_hz)
             if self._closed:
                 return
-            yield self.frame(number)
+            if not self._dropped(number):
+                yield self.frame(number)
             number = max(number + 1, int((self._clock.now() + SAME_TIME_S) * rate_hz))
 
     def frame(self, number: int) -> TrackerFrame:
@@ -122,22 +144,67 @@ class VirtualTracker:
         """
         if self._closed:
             raise DeviceError("the tracker has been closed: open the session again to use it")
-        time_s = number / self._settings.rate_hz
         white = white_numbers(self._seed, self._ordinal, number)
-        tools = tuple(self._sample(tool, time_s, white[tool]) for tool in TOOLS)
-        return TrackerFrame(number, time_s, tools)
+        tools = tuple(self._sample(tool, number, white[tool]) for tool in TOOLS)
+        return TrackerFrame(number, number / self._settings.rate_hz, tools)
 
     def close(self) -> None:
         """Release the tracker; a second call does nothing."""
         self._closed = True
 
-    def _sample(self, tool: str, time_s: float, white: Floats) -> ToolSample:
-        if tool in self._settings.hidden_tools:
+    def _dropped(self, number: int) -> bool:
+        return dropped(self._settings, self._seed, self._ordinal, number)
+
+    def _measured_s(self, number: int) -> float:
+        return number / self._settings.rate_hz - self._settings.latency_s
+
+    def _sample(self, tool: str, number: int, white: Floats) -> ToolSample:
+        settings, geometry = self._settings, GEOMETRIES[tool]
+        if tool in settings.hidden_tools:
             return ToolSample(tool, "covered")
+        time_s = self._measured_s(number)
         pose = self._true_pose(tool, time_s)
         if pose is None:
             return ToolSample(tool, "out_of_view")
-        seen = observe(GEOMETRIES[tool], pose, white, self._settings.profile, self._seed)
-        if seen.fit is None:
-            return ToolSample(tool, seen.status)
-        return ToolSample(tool, seen.status, seen.fit.T_tracker_marker, seen.fit.rms_error_mm)
+        hides = self._clear if settings.occlusion else None
+        seen = observe(
+            geometry,
+            pose,
+            white,
+            settings,
+            self._seed,
+            facing=self._facing(geometry, pose, number),
+            clear=None if hides is None else hides(tool, pose, time_s),
+            drift=drift_mm(settings, self._seed, self._ordinal, number / settings.rate_hz),
+            swapped=swapped_markers(settings, geometry, self._seed, self._ordinal, number),
+        )
+        return as_sample(tool, seen)
+
+    def _facing(self, geometry: MarkerGeometry, pose: Pose, number: int) -> Bools:
+        """Return which markers (m,) are followed, with hysteresis.
+
+        Between the angles at which one is found and lost, what it did last decides; with no past
+        it is followed.
+        """
+        lost, found = np.cos(FACING_LIMIT_RAD), np.cos(FACING_LIMIT_RAD - HYSTERESIS_RAD)
+        cosines = sight_cosines(geometry, pose)
+        facing, open_ = cosines >= lost, (cosines >= lost) & (cosines < found)
+        first = max(0, number - int(MEMORY_S * self._settings.rate_hz))
+        for earlier in range(number - 1, first - 1, -1):
+            if not open_.any():
+                break
+            past = self._true_pose(geometry.tool, self._measured_s(earlier))
+            before = None if past is None else sight_cosines(geometry, past)
+            if before is None:
+                facing = facing & ~open_
+                break
+            facing = facing & ~(open_ & (before < lost))
+            open_ = open_ & (before >= lost) & (before < found)
+        return facing
+
+
+def as_sample(tool: str, seen: Seen) -> ToolSample:
+    """Return what a frame holds of one tool."""
+    if seen.fit is None:
+        return ToolSample(tool, seen.status)
+    return ToolSample(tool, seen.status, seen.fit.T_tracker_marker, seen.fit.rms_error_mm)

@@ -9,7 +9,6 @@ from rona_core.app.messages import (
     SetRegion,
     SetRobot,
     SetSeed,
-    SetTracker,
     StartSkullImport,
     UseSimulatedSkull,
 )
@@ -17,15 +16,11 @@ from rona_core.session.document import Session
 from rona_ui.bindings import Event
 from rona_ui.panels import style
 from rona_ui.panels.step_panel import StepPanel
+from rona_ui.panels.tracker_fields import NAMES, TrackerFields
 from rona_ui.view_state import Picture
 
 FILES = ".nrrd,.nii,.gz,.stl,.ply,.obj"
 SKULLS = {"Simulated, left side": "left", "Simulated, right side": "right", "From a file": "file"}
-PROFILES = {
-    "Polaris (0.35 mm RMS)": "polaris",
-    "White noise 0.35 mm": "white035",
-    "Without noise": "ideal",
-}
 
 
 class SetupPanel(StepPanel):
@@ -40,17 +35,19 @@ class SetupPanel(StepPanel):
     def build(self) -> None:
         """Add the fields in folders, the rarer ones closed."""
         form, gui = self.form, self.gui
+        self._tracker = TrackerFields(form)
         form.number("seed", "Seed", 0, 0, 2**31 - 1, 1, "Patient, placement and every noise")
         form.choice("skull", "Skull", SKULLS, "left", "A file is read below")
         form.number("radius_mm", "Region radius (mm)", 25.0, 5.0, 45.0, 1.0)
         with gui.add_folder("Devices", expand_by_default=False):
-            form.choice("profile", "Tracker", PROFILES, "polaris")
-            form.number("rate_hz", "Rate (Hz)", 60.0, 20.0, 60.0, 1.0)
+            self._tracker.build()
             form.choice("pointer", "Pointer", {"6D": "pointer6d", "5D": "pointer5d"}, "pointer6d")
             form.choice("name", "Probe", {"2.25 MHz": "2.25MHz", "1 MHz": "1MHz"}, "2.25MHz")
             form.choice("excitation", "Excitation", {"Chirp": "chirp", "Pulse": "pulse"}, "chirp")
             form.number("front_snr_db", "SNR (dB)", 50.0, 0.0, 90.0, 1.0)
             form.number("pitch_mm", "Pitch (mm)", 1.0, 0.2, 10.0, 0.1, "Between A-scans")
+        with gui.add_folder("Tracker details", expand_by_default=False):
+            self._tracker.build_details()
         with gui.add_folder("Robot RX90", expand_by_default=False):
             form.tick("errors", "Robot errs", True, "0.35 mm RMS over its workspace")
             form.number("scan_speed_mm_per_s", "Scan speed (mm/s)", 20.0, 0.5, 100.0, 1.0)
@@ -95,8 +92,9 @@ class SetupPanel(StepPanel):
         }
         if name in make:
             key, build = name, make[name]
-        elif name in ("profile", "rate_hz"):
-            key, build = "tracker", lambda: SetTracker(**self.form.values("profile", "rate_hz"))
+        elif name in NAMES:
+            self._tracker.changed(name)
+            key, build = "tracker", self._tracker.message
         elif name in ("errors", "scan_speed_mm_per_s", "base_shift_mm", "base_turn_deg"):
             key, build = "robot", self._robot
         else:
@@ -116,7 +114,8 @@ class SetupPanel(StepPanel):
     def update(self, old: Picture | None, new: Picture) -> None:
         """Write what the session holds into the fields where it has changed or was refused."""
         if old is None or old.session.setup is not new.session.setup or old.refused != new.refused:
-            self.form.show(_held(new.session))
+            tracker = new.session.setup.devices.tracker
+            self.form.show({**_held(new.session), **self._tracker.held(tracker)})
 
     def remarks(self, picture: Picture) -> str:
         """Say what the region is."""
@@ -136,8 +135,6 @@ def _held(session: Session) -> dict[str, Any]:
         "seed": setup.seed,
         "skull": getattr(setup.specimen, "side", "file"),
         "radius_mm": setup.region.radius_mm,
-        "profile": devices.tracker.profile,
-        "rate_hz": devices.tracker.rate_hz,
         "pointer": devices.pointer,
         "name": devices.probe.name,
         "excitation": devices.probe.excitation,

@@ -4,6 +4,7 @@ import numpy as np
 
 from rona_core.arrays import Floats
 from rona_core.devices.protocols import Mesh
+from rona_core.devices.volumes import VOLUMES, Volume
 from rona_core.geometry.pose import Pose
 from rona_ui.scene.adapter import Layer
 from rona_ui.scene.colors import STEEL
@@ -12,11 +13,10 @@ from rona_ui.view_state import Picture
 
 CAMERA, VOLUME, NAME = "/tracker/camera", "/tracker/volume", "/tracker/name"
 VOLUME_COLOR = (108, 121, 136)
-NEAR_MM, FAR_MM, RADIUS_MM = 1400.0, 2400.0, 500.0  # silo along the line of sight (z)
 
 
 class TrackerLayer(Layer):
-    """Draws a bar with two lenses and three rings of the silo."""
+    """Draws a bar with two lenses and three sections of the measuring volume."""
 
     layer = "tracker"
 
@@ -25,27 +25,26 @@ class TrackerLayer(Layer):
         backdrop = new.backdrop
         if backdrop is None:
             return
-        if old is None or old.backdrop is not backdrop:
-            T_base_tracker = backdrop.T_base_tracker
+        profile = new.session.setup.devices.tracker.profile
+        T_base_tracker = backdrop.T_base_tracker
+        stands = old is not None and old.backdrop is backdrop
+        if not stands:
             body = bar()
             self.stage.mesh(CAMERA, Mesh(T_base_tracker @ body.vertices, body.faces), STEEL)
-            self.stage.lines(VOLUME, silo(T_base_tracker), VOLUME_COLOR, width_px=1.0)
             self.stage.label(NAME, "Tracker", T_base_tracker @ (0.0, -110.0, 0.0))
+        if old is None or not stands or old.session.setup.devices.tracker.profile != profile:
+            lines = outline(VOLUMES[profile], T_base_tracker)
+            self.stage.lines(VOLUME, lines, VOLUME_COLOR, width_px=1.0)
         for node in (CAMERA, VOLUME, NAME):
             self.stage.show(node, self.shown(new))
 
 
-def silo(T_base_tracker: Pose) -> Floats:
-    """Return the measuring volume as segments (n, 2, 3) in ``base``: three rings, four edges."""
-    angle = np.linspace(0.0, 2.0 * np.pi, 49)
-    ring = RADIUS_MM * np.stack((np.cos(angle), np.sin(angle), np.zeros(49)), axis=1)
-    parts = [
-        segments(ring + np.array([0.0, 0.0, z]))
-        for z in (NEAR_MM, 0.5 * (NEAR_MM + FAR_MM), FAR_MM)
-    ]
-    for corner in ring[:48:12]:
-        depths = np.array([[0.0, 0.0, NEAR_MM], [0.0, 0.0, FAR_MM]])
-        parts.append((corner + depths)[None])
+def outline(volume: Volume, T_base_tracker: Pose) -> Floats:
+    """Return a volume as segments (n, 2, 3) in ``base``: three sections, four edges."""
+    near, far = volume.near_mm, volume.far_mm
+    rings = [volume.section(z) for z in (near, 0.5 * (near + far), far)]
+    parts = [segments(ring) for ring in rings]
+    parts += [np.stack((rings[0][k], rings[2][k]))[None] for k in range(0, 48, 12)]
     pairs = np.concatenate(parts)
     return (T_base_tracker @ pairs.reshape(-1, 3)).reshape(-1, 2, 3)
 

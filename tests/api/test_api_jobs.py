@@ -159,6 +159,20 @@ def test_stop_is_idempotent_and_changes_no_session(at):
     ("device", "settings"),
     [
         ("tracker", {"profile": "white035", "rate_hz": 30.0}),
+        (
+            "tracker",
+            {
+                "profile": "vega",
+                "stereo": False,
+                "depth_ratio": 4.0,
+                "occlusion": False,
+                "phantom_share": 0.1,
+                "latency_ms": 20.0,
+                "drift_mm": 0.5,
+                "minutes_on": 3.0,
+                "dropped_share": 0.2,
+            },
+        ),
         ("probe", {"name": "1MHz", "excitation": "pulse", "front_snr_db": 40.0, "pitch_mm": 2.0}),
         (
             "robot",
@@ -187,6 +201,9 @@ def test_settings_are_read_as_they_were_put(at, device, settings):
     [
         ("/tracker/settings", {"rate_hz": 1.0}),
         ("/tracker/settings", {"profile": "perfect"}),
+        ("/tracker/settings", {"latency_ms": -1.0}),
+        ("/tracker/settings", {"phantom_share": 0.9}),
+        ("/tracker/settings", {"occlusion": "sometimes"}),
         ("/robot/settings", {"model": "c3po"}),
         ("/robot/settings", {"scan_speed_mm_per_s": 1e6}),
         ("/probe/settings", {"pitch_mm": 0.0}),

@@ -2,11 +2,13 @@
 
 import dataclasses
 from itertools import islice
+from typing import get_args
 
 import numpy as np
 import pytest
 
 from rona_core.devices.markers import GEOMETRIES
+from rona_core.devices.samples import WITH_POSE, ToolStatus
 from rona_core.devices.settings import TOOLS, TrackerSettings
 from rona_core.geometry.pose import Pose
 from rona_core.virtual.clock import CaptureClock
@@ -23,11 +25,11 @@ def moving(tool, time_s):
     return Pose.from_translation((10.0 * np.sin(time_s) + away, 0.0, 0.0)) @ FACING
 
 
-def virtual(profile):
+def virtual(profile, **faults):
     def build():
         clock = CaptureClock()
         tracker = VirtualTracker(clock, moving, 11)
-        tracker.begin(TrackerSettings(profile=profile, hidden_tools=()), 1)
+        tracker.begin(TrackerSettings(profile=profile, **faults), 1)
         return tracker
 
     return build
@@ -37,6 +39,16 @@ IMPLEMENTATIONS = {
     "virtual-ideal": virtual("ideal"),
     "virtual-polaris": virtual("polaris"),
     "virtual-white035": virtual("white035"),
+    "virtual-spectra": virtual("spectra"),
+    "virtual-vega": virtual("vega"),
+    "virtual-faulty": virtual(
+        "polaris",
+        phantom_share=0.2,
+        latency_ms=40.0,
+        drift_mm=1.0,
+        minutes_on=0.0,
+        dropped_share=0.3,
+    ),
 }
 
 
@@ -57,7 +69,8 @@ def test_what_is_not_seen_is_none_and_what_is_seen_is_rigid(tracker):
     seen = {tool: 0 for tool in TOOLS}
     for frame in islice(tracker.frames(), 60):
         for sample in frame.tools:
-            if sample.status != "ok":
+            assert sample.status in get_args(ToolStatus)
+            if sample.status not in WITH_POSE:
                 assert sample.T_tracker_marker is None
                 assert sample.rms_error_mm is None
                 continue

@@ -164,7 +164,7 @@ def test_a_wrong_frame_number_does_not_recover_the_truth():
 
 def test_a_marker_at_the_edge_of_view_is_left_as_measured():
     pose = Pose(np.eye(3), np.array((0.0, 0.0, 1900.0)))  # faces away
-    assert true_marker("pointer6d", pose, "polaris", 0, 0, 0) is pose
+    assert true_marker("pointer6d", pose, 0.1, TrackerSettings(), 0, 0, 0) is pose
 
 
 def test_the_3d_error_pairs_points_with_captures_by_their_times():

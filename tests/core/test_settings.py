@@ -23,6 +23,12 @@ def test_the_defaults_are_valid_and_equal():
     [
         (TrackerSettings, "rate_hz", (20.0, 60.0), (19.9, 60.1, np.nan)),
         (TrackerSettings, "hidden_tools", ((), TOOLS), (("hammer",),)),
+        (TrackerSettings, "depth_ratio", (1.0, 8.0), (0.9, 8.1, np.nan)),
+        (TrackerSettings, "phantom_share", (0.0, 0.2), (-0.01, 0.21, np.nan)),
+        (TrackerSettings, "latency_ms", (None, 0.0, 200.0), (-1.0, 201.0, np.nan)),
+        (TrackerSettings, "drift_mm", (0.0, 2.0), (-0.1, 2.1, np.nan)),
+        (TrackerSettings, "minutes_on", (0.0, 600.0), (-1.0, 601.0, np.nan)),
+        (TrackerSettings, "dropped_share", (0.0, 0.5), (-0.1, 0.6, np.nan)),
         (RobotSettings, "scan_speed_mm_per_s", (0.5, 100.0), (0.4, 101.0, np.nan)),
         (RobotSettings, "base_shift_mm", ((2000.0, 0.0, -2000.0),), ((0.0, 2001.0, 0.0),)),
         (RobotSettings, "base_turn_deg", (-180.0, 180.0), (181.0, np.nan)),

@@ -4,7 +4,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from rona_core.devices.markers import GEOMETRIES
-from rona_core.devices.settings import DeviceSettings
+from rona_core.devices.settings import DeviceSettings, TrackerSettings
 from rona_core.errors import InvalidInputError
 from rona_core.geometry.pose import Pose
 from rona_core.virtual.meander import along_curve, meander, through
@@ -159,7 +159,7 @@ def test_the_tracker_sees_nearly_every_frame(pointer, kind):
                 geometry,
                 T_tracker_base @ operator.motion().T_base_pointermarker(t),
                 white,
-                "ideal",
+                TrackerSettings(profile="ideal"),
                 seed,
             ).status
             == "ok"

@@ -16,6 +16,7 @@ from rona_core.virtual.tracker_error import in_volume, marker_error, sample_volu
 seeds = st.integers(0, 2**32 - 1)
 FACING = Pose(np.diag((1.0, -1.0, -1.0)), np.array((0.0, 0.0, 1900.0)))  # marker z to the camera
 NO_NOISE = np.zeros((4, 3))
+IDEAL = TrackerSettings(profile="ideal")
 
 
 def facing_pose(rng, tilt_deg=25.0):
@@ -95,7 +96,7 @@ def test_the_opposite_direction_is_a_half_turn():
 
 @pytest.mark.parametrize("seed", [0, 5, 9])
 def test_the_polaris_error_is_035_mm_over_the_volume_and_three_times_deeper_than_wide(seed):
-    error = marker_error("polaris", seed)
+    error = marker_error(TrackerSettings(profile="polaris"), seed)
     rng = np.random.default_rng(seed)
     points = sample_volume(20000, rng)
     off = error.measure(points, rng.standard_normal(points.shape)) - points
@@ -108,7 +109,7 @@ def test_the_polaris_error_is_035_mm_over_the_volume_and_three_times_deeper_than
 
 
 def test_white035_is_equal_in_all_directions_without_a_field():
-    error = marker_error("white035", 3)
+    error = marker_error(TrackerSettings(profile="white035"), 3)
     rng = np.random.default_rng(0)
     points = sample_volume(5000, rng)
     np.testing.assert_array_equal(error.bias_mm(points), 0.0)
@@ -122,14 +123,14 @@ def test_averaging_removes_the_white_noise_but_not_the_field():
     model = GEOMETRIES["toolmarker"].positions_marker
     found = [tracker.frame(k).tool("toolmarker").T_tracker_marker for k in range(600)]
     mean = np.mean([pose.translation for pose in found], axis=0)
-    bias = marker_error("polaris", 4).bias_mm(FACING @ model)
+    bias = marker_error(TrackerSettings(profile="polaris"), 4).bias_mm(FACING @ model)
     expected = fit_body(model, FACING @ model + bias).T_tracker_marker.translation
     assert np.linalg.norm(mean - expected) < 0.005
     assert np.linalg.norm(mean - FACING.translation) > 0.05
 
 
 def test_the_field_is_smooth_and_belongs_to_the_device():
-    error = marker_error("polaris", 2)
+    error = marker_error(TrackerSettings(profile="polaris"), 2)
     points = sample_volume(500, np.random.default_rng(0))
     near = points + 1.0
     assert np.abs(error.bias_mm(near) - error.bias_mm(points)).max() < 0.01
@@ -216,7 +217,7 @@ def test_covering_one_tool_does_not_change_the_noise_of_another():
     ],
 )
 def test_why_a_tool_is_not_seen(pose, status):
-    seen = observe(GEOMETRIES["toolmarker"], pose, NO_NOISE, "ideal", 0)
+    seen = observe(GEOMETRIES["toolmarker"], pose, NO_NOISE, IDEAL, 0)
     assert seen.status == status
     assert seen.fit is None
 
@@ -225,7 +226,7 @@ def test_why_a_tool_is_not_seen(pose, status):
 def test_flat_markers_are_lost_beyond_sixty_degrees(tilt_deg, visible):
     tilt = Rotation.from_rotvec((np.deg2rad(tilt_deg), 0, 0)).as_matrix()
     pose = Pose(tilt @ FACING.rotation, FACING.translation)
-    seen = observe(GEOMETRIES["pointer6d"], pose, NO_NOISE, "ideal", 0)
+    seen = observe(GEOMETRIES["pointer6d"], pose, NO_NOISE, IDEAL, 0)
     assert (seen.fit is not None) == visible
 
 
@@ -233,7 +234,7 @@ def test_three_of_four_markers_are_enough_and_exact():
     pose = Pose(FACING.rotation, np.array((461.0, 0, 1900.0)))  # one marker pokes out of the silo
     model = GEOMETRIES["toolmarker"].positions_marker
     assert np.count_nonzero(in_volume(pose @ model)) == 3
-    seen = observe(GEOMETRIES["toolmarker"], pose, NO_NOISE, "ideal", 0)
+    seen = observe(GEOMETRIES["toolmarker"], pose, NO_NOISE, IDEAL, 0)
     np.testing.assert_allclose(seen.fit.T_tracker_marker.matrix(), pose.matrix(), atol=1e-9)
 
 

@@ -11,6 +11,7 @@ from rona_core.app.messages import SetTracker, StartPointerCapture, StartToolCap
 from rona_core.app.queries import step_states
 from rona_core.app.views import JointCurves
 from rona_core.devices.live import LiveState
+from rona_core.devices.settings import TrackerSettings
 from rona_core.session.document import STEPS, LogEntry, Session
 from rona_ui.panels.docks import STEP_PANELS
 from rona_ui.panels.door import Door
@@ -188,6 +189,47 @@ def test_a_field_of_the_set_up_sends_its_command_and_its_echo_sends_nothing() ->
     assert recorder.sent == [SetTracker("polaris", 30.0)]
     panel.render(first, replace(first, refused=1))  # it was refused: the session's value again
     assert rate.value == 60.0
+
+
+def held_picture(**tracker: Any) -> Picture:
+    first = picture()
+    devices = replace(first.session.setup.devices, tracker=TrackerSettings(**tracker))
+    setup = replace(first.session.setup, devices=devices)
+    return replace(first, session=replace(first.session, setup=setup))
+
+
+def test_the_details_of_the_tracker_go_into_one_command_and_are_shown_as_held() -> None:
+    gui, recorder = FakeGui(), Recorder()
+    panel = SetupPanel(gui, recorder.door)
+    held = held_picture(dropped_share=0.07, drift_mm=0.5, minutes_on=5.0, occlusion=False)
+    panel.render(None, held)
+    assert gui.find("number", "Dropped (%)").value == pytest.approx(7.0)
+    phantoms = gui.find("number", "Phantoms (%)")
+    phantoms.value = 5.0
+    phantoms.happen(CLIENT)
+    wanted = SetTracker(
+        dropped_share=0.07, drift_mm=0.5, minutes_on=5.0, occlusion=False, phantom_share=0.05
+    )
+    assert recorder.sent == [wanted]
+
+
+def test_a_profile_brings_its_own_latency_until_one_is_typed() -> None:
+    gui, recorder = FakeGui(), Recorder()
+    panel = SetupPanel(gui, recorder.door)
+    held = held_picture(latency_ms=30.0)
+    panel.render(None, held)
+    latency, profile = gui.find("number", "Latency (ms)"), gui.find("dropdown", "Tracker")
+    assert latency.value == pytest.approx(30.0)
+    gui.find("number", "Rate (Hz)").happen(CLIENT)
+    assert recorder.sent[-1].latency_ms == 30.0  # another field leaves it alone
+    profile.value = "Vega (0.12 mm RMS)"
+    profile.happen(CLIENT)
+    assert recorder.sent[-1] == SetTracker("vega")
+    panel.render(held, held_picture(profile="vega"))
+    assert latency.value == pytest.approx(14.0)
+    latency.value = 20.0
+    latency.happen(CLIENT)
+    assert recorder.sent[-1] == SetTracker("vega", latency_ms=20.0)
 
 
 def test_only_a_line_of_two_points_can_be_finished() -> None:
