@@ -6,7 +6,10 @@ from itertools import islice
 import numpy as np
 import pytest
 
+from rona_core.devices.igs_mha import read_igs_mha, write_igs_mha
 from rona_core.devices.markers import GEOMETRIES
+from rona_core.devices.recording import Recording
+from rona_core.devices.replay import ReplayTracker
 from rona_core.devices.settings import TOOLS, TrackerSettings
 from rona_core.geometry.pose import Pose
 from rona_core.virtual.clock import CaptureClock
@@ -33,10 +36,18 @@ def virtual(profile):
     return build
 
 
+def replayed():
+    """A recording of the virtual tracker, through a file."""
+    frames = list(islice(virtual("polaris")().frames(), 90))
+    recording = read_igs_mha(write_igs_mha(Recording.from_frames(frames)))
+    return ReplayTracker(recording, CaptureClock())
+
+
 IMPLEMENTATIONS = {
     "virtual-ideal": virtual("ideal"),
     "virtual-polaris": virtual("polaris"),
     "virtual-white035": virtual("white035"),
+    "replay": replayed,
 }
 
 
