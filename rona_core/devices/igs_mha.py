@@ -146,7 +146,7 @@ def _tool_name(written: str) -> str:
 
 
 def _read_tool(header: Header, written: str, tool: str) -> RecordedTool:
-    statuses = [_status(header, i, written) for i in range(header.n_frames)]
+    statuses: list[ToolStatus] = [_status(header, i, written) for i in range(header.n_frames)]
     seen = [i for i, status in enumerate(statuses) if status == "ok"]
     field = f"{written}{TO_TRACKER}"
     matrices = np.array([header.matrix(i, field) for i in seen], dtype=np.float64)

@@ -4,7 +4,7 @@ from collections.abc import Callable
 
 import numpy as np
 
-from rona_core.arrays import Floats
+from rona_core.arrays import Bools, Floats
 from rona_core.errors import InvalidInputError
 from rona_core.geometry.pose import ROTATION_TOLERANCE, Poses
 
@@ -27,9 +27,10 @@ def poses_from_matrices(matrices: Floats, where: Callable[[int], str]) -> tuple[
         InvalidInputError: values not finite, a last row that is not 0 0 0 1 (transposed?), or
             a rotation that is scaled, sheared or left-handed.
     """
-    _refuse(~np.isfinite(matrices).all(axis=(1, 2)), matrices, where, _not_finite)
-    last = np.abs(matrices[:, 3] - (0.0, 0.0, 0.0, 1.0)).max(axis=1) > ROTATION_TOLERANCE
-    _refuse(last, matrices, where, _wrong_last_row)
+    infinite = (~np.isfinite(matrices)).sum(axis=(1, 2)) > 0
+    _refuse(infinite, matrices, where, _not_finite)
+    last = np.abs(matrices[:, 3] - (0.0, 0.0, 0.0, 1.0)).max(axis=1, initial=0.0)
+    _refuse(last > ROTATION_TOLERANCE, matrices, where, _wrong_last_row)
     rotations = matrices[:, :3, :3]
     off = np.abs(rotations @ np.swapaxes(rotations, 1, 2) - np.eye(3)).max(axis=(1, 2), initial=0.0)
     _refuse(off > ROUNDING, matrices, where, _not_rigid)
@@ -57,7 +58,7 @@ def require_millimetres(translations: Floats, what: str) -> None:
 
 
 def _refuse(
-    bad: np.ndarray, matrices: Floats, where: Callable[[int], str], say: Callable[[Floats], str]
+    bad: Bools, matrices: Floats, where: Callable[[int], str], say: Callable[[Floats], str]
 ) -> None:
     if bad.any():
         i = int(np.argmax(bad))

@@ -15,7 +15,7 @@ class Door:
     send: Callable[[Callable[[], Any], Event], None]
     send_settled: Callable[[object, Callable[[], Any], Event], None]
     view: Callable[[Callable[[ViewState], ViewState]], None]
-    service: Callable[[str, Event, str | bytes | None], None]  # save, open, upload, cancel, stop
+    service: Callable[[str, Event, str | bytes | None], None]  # save, open, upload, download, …
     look: Callable[[str], None]  # camera preset by name
 
 

@@ -5,6 +5,7 @@ from typing import Any
 from rona_core.app.messages import CalibratePointer, StartPointerCapture
 from rona_ui.panels import style
 from rona_ui.panels.door import listen
+from rona_ui.panels.importing import ImportControls
 from rona_ui.panels.step_panel import StepPanel
 from rona_ui.view_state import Picture
 
@@ -33,6 +34,7 @@ class PointerPanel(StepPanel):
             self._refit,
             lambda e: self.door.send(lambda: CalibratePointer(**self.form.values("method")), e),
         )
+        self._import = ImportControls(self.gui, self.door, "pivot")
 
     def message(self) -> Any:
         """Return the capture with these parameters."""
@@ -40,6 +42,7 @@ class PointerPanel(StepPanel):
 
     def update(self, old: Picture | None, new: Picture) -> None:
         """Offer another fit once there is a recording."""
+        self._import.render(new)
         self._refit.visible = new.session.captures.pointer is not None
         self._refit.disabled = new.busy
 

@@ -24,7 +24,7 @@ BinaryData = True
 BinaryDataByteOrderMSB = False
 CenterOfRotation = 0 0 0
 CompressedData = False
-DimSize = 0 0 3                              
+DimSize = 0 0 3
 Kinds = domain domain list
 ElementSpacing = 1 1 1
 ElementType = MET_OTHER
@@ -36,22 +36,26 @@ UltrasoundImageType = XX
 TURNED = "0.866025 -0.5 0 120.5 0.5 0.866025 0 -33.25 0 0 1 -1.25e-005 -0 0 -0 1 "
 LEVEL = "1 0 0 101.129 0 1 0 -22.9939 0 0 1 88.1807 0 0 0 1"
 PLUS = (
-    PLUS_HEAD
-    + "".join(
-        f"Seq_Frame{i:04d}_FrameNumber = {332203 + 2 * i}\n"
-        f"Seq_Frame{i:04d}_ReferenceToTrackerTransform = {LEVEL}\n"
-        f"Seq_Frame{i:04d}_ReferenceToTrackerTransformStatus = OK\n"
-        f"Seq_Frame{i:04d}_StylusToTrackerTransform = {TURNED}\n"
-        f"Seq_Frame{i:04d}_StylusToTrackerTransformStatus = {'INVALID' if i == 1 else 'OK'}\n"
-        f"Seq_Frame{i:04d}_StylusToReferenceTransform = {TURNED}\n"
-        f"Seq_Frame{i:04d}_StylusToReferenceTransformStatus = OK\n"
-        f"Seq_Frame{i:04d}_Timestamp = {7415.679586 + 0.05 * i:.6f}\n"
-        f"Seq_Frame{i:04d}_UnfilteredTimestamp = {7415.68 + 0.05 * i:.6f}\n"
-        f"Seq_Frame{i:04d}_ImageStatus = INVALID\n"
-        for i in range(3)
+    (
+        PLUS_HEAD
+        + "".join(
+            f"Seq_Frame{i:04d}_FrameNumber = {332203 + 2 * i}\n"
+            f"Seq_Frame{i:04d}_ReferenceToTrackerTransform = {LEVEL}\n"
+            f"Seq_Frame{i:04d}_ReferenceToTrackerTransformStatus = OK\n"
+            f"Seq_Frame{i:04d}_StylusToTrackerTransform = {TURNED}\n"
+            f"Seq_Frame{i:04d}_StylusToTrackerTransformStatus = {'INVALID' if i == 1 else 'OK'}\n"
+            f"Seq_Frame{i:04d}_StylusToReferenceTransform = {TURNED}\n"
+            f"Seq_Frame{i:04d}_StylusToReferenceTransformStatus = OK\n"
+            f"Seq_Frame{i:04d}_Timestamp = {7415.679586 + 0.05 * i:.6f}\n"
+            f"Seq_Frame{i:04d}_UnfilteredTimestamp = {7415.68 + 0.05 * i:.6f}\n"
+            f"Seq_Frame{i:04d}_ImageStatus = INVALID\n"
+            for i in range(3)
+        )
+        + "ElementDataFile = LOCAL\n"
     )
-    + "ElementDataFile = LOCAL\n"
-).encode()
+    .replace("0 0 3\n", "0 0 3                              \n")
+    .encode()
+)
 
 
 @settings(max_examples=30)
