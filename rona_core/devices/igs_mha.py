@@ -10,7 +10,7 @@ import numpy as np
 from rona_core.devices.igs_mha_header import Header, read_header
 from rona_core.devices.recording import RecordedTool, Recording
 from rona_core.devices.rigid_rows import poses_from_matrices
-from rona_core.devices.samples import ToolSample, ToolStatus
+from rona_core.devices.samples import ToolStatus
 from rona_core.devices.settings import TOOLS
 from rona_core.errors import InvalidInputError
 
@@ -67,12 +67,14 @@ def write_igs_mha(recording: Recording) -> bytes:
         "UltrasoundImageOrientation = MF",
         "UltrasoundImageType = BRIGHTNESS",
     ]
-    for i, frame in enumerate(recording.frames()):
+    written = [_frame_lines(*pair) for pair in zip(names, recording.tools, strict=True)]
+    numbers, times_s = recording.numbers.tolist(), recording.times_s.tolist()
+    for i in range(n):
         prefix = f"Seq_Frame{i:04d}_"
-        lines.append(f"{prefix}FrameNumber = {frame.number}")
-        for name, sample in zip(names, frame.tools, strict=True):
-            lines += (prefix + line for line in _sample_lines(name, sample))
-        lines.append(f"{prefix}Timestamp = {frame.time_s!r}")
+        lines.append(f"{prefix}FrameNumber = {numbers[i]}")
+        for tool in written:
+            lines += (prefix + line for line in tool[i])
+        lines.append(f"{prefix}Timestamp = {times_s[i]!r}")
         lines.append(f"{prefix}ImageStatus = INVALID")  # there is no picture, only the poses
     lines.append("ElementDataFile = LOCAL\n")
     return "\n".join(lines).encode("ascii") + bytes(n)
@@ -86,20 +88,23 @@ def _written_name(tool: str) -> str:
     return tool.capitalize() if tool in TOOLS else tool  # others expect names like StylusToTracker
 
 
-def _sample_lines(name: str, sample: ToolSample) -> list[str]:
-    pose = sample.T_tracker_marker
-    if pose is None:
-        numbers, status = NO_POSE, "INVALID"
-    else:
-        rows = np.column_stack((pose.rotation, pose.translation)).tolist()
-        numbers = " ".join(repr(v) for row in rows for v in row) + " 0 0 0 1"
-        status = "OK"
-    lines = [f"{name}{TO_TRACKER} = {numbers}", f"{name}{STATUS} = {status}"]
-    if pose is None:
-        lines.append(f"{name}{REASON} = {sample.status}")
-    if sample.rms_error_mm is not None:
-        lines.append(f"{name}{RMS} = {sample.rms_error_mm!r}")
-    return lines
+def _frame_lines(name: str, column: RecordedTool) -> list[list[str]]:
+    """Return the fields of one tool for every frame."""
+    poses = column.Ts_tracker_marker
+    matrices = np.concatenate((poses.rotations, poses.translations[:, :, None]), axis=2)
+    values, errors = matrices.reshape(-1, 12).tolist(), column.rms_error_mm.tolist()
+    frames: list[list[str]] = []
+    for i, row in enumerate(column.rows.tolist()):
+        if row < 0:
+            lines = [f"{name}{TO_TRACKER} = {NO_POSE}", f"{name}{STATUS} = INVALID"]
+            lines.append(f"{name}{REASON} = {column.statuses[i]}")
+        else:
+            numbers = " ".join(map(repr, values[row]))
+            lines = [f"{name}{TO_TRACKER} = {numbers} 0 0 0 1", f"{name}{STATUS} = OK"]
+        if column.rms_known[i]:
+            lines.append(f"{name}{RMS} = {errors[i]!r}")
+        frames.append(lines)
+    return frames
 
 
 # ------------------------------------------------------------------ reading

@@ -14,6 +14,7 @@ from rona_core.app.pivot_report import PivotReport, report_pivot
 from rona_core.devices.text_tables import NamedFile
 from rona_core.errors import InvalidInputError
 
+EXACT = 1e-6  # rotations so near to rigid ones are taken as they are
 REFUSED = 3  # exit status where the data determine no tip
 COLOURS = {"good": "green", "weak": "yellow", "bad": "red"}
 
@@ -77,7 +78,7 @@ def _print(report: PivotReport) -> None:
     table.add_row("Verdict", Text(found.verdict, COLOURS[found.verdict]), "")
     console = Console()
     console.print(table)
-    if pivot.rounding > 0.0:
+    if pivot.rounding > EXACT:
         words = f"Rotations in the files are off by up to {pivot.rounding:.1g} from rigid ones."
         console.print(words, highlight=False, soft_wrap=True)
     for reason in found.reasons:

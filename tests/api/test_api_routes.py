@@ -97,7 +97,7 @@ def test_the_body_of_a_message_is_its_dataclass(document, name):
 @pytest.mark.parametrize("where", sorted(WRITTEN | GENERATED), ids=" ".join)
 def test_nobody_gets_in_without_a_token(anonymous, where):
     method, path = where
-    path = path.format(session_id="current", job_id="x", step="tool", name="toolmarker")
+    path = path.format(session_id="current", job_id="x", step="tool", name="toolmarker", ordinal=1)
     refused(anonymous.request(method, PREFIX + path), 401, "unauthorized")
 
 

@@ -4,9 +4,9 @@ import io
 import zipfile
 
 import numpy as np
-from strategies import noisy, pivot_poses
 
 from rona_core.devices.text_tables import NamedFile
+from tests.core.strategies import noisy, pivot_poses
 
 TIP = np.array([-18.0, 160.0, -20.0])
 BODY = np.array([[-45.0, -28.0, 0.0], [43.0, -34.0, 0.0], [36.0, 31.0, 12.0], [-34.0, 33.0, 0.0]])
