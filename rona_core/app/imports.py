@@ -32,9 +32,7 @@ def import_recording(
     file = _uploaded(activity.file, tools)
     recording = read_igs_mha(file.data, file.name)
     pointer = session.setup.devices.pointer
-    known = [column.tool for column in recording.tools]
-    wanted = activity.tool or (pointer if pointer in known else None)
-    tool = chosen_tool(recording, wanted, file.name)
+    tool = chosen_tool(recording, activity.tool, pointer, file.name)
     alone, partial = recording.only(tool).from_zero(), False
     if activity.play:
         track, partial = _play(alone, tool, session, tools)
@@ -54,8 +52,14 @@ def import_pivot(activity: StartPivotImport, session: Session, tools: Toolbox) -
     """
     files = [_uploaded(name, tools) for name in activity.files]
     geometry = None if activity.geometry is None else _uploaded(activity.geometry, tools)
-    dof = GEOMETRIES[session.setup.devices.pointer].dof
-    pivot = read_pivot(files, geometry=geometry, tool=activity.tool, dof=dof)
+    pointer = session.setup.devices.pointer
+    pivot = read_pivot(
+        files,
+        geometry=geometry,
+        tool=activity.tool,
+        usual=pointer,
+        dof=GEOMETRIES[pointer].dof,
+    )
     used = [*files, geometry] if geometry is not None else files
     return _capture(session, pivot.track, used, partial=False)
 

@@ -35,6 +35,17 @@ class MarkerFrames:
     seen: Bools  # (n, m)
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class FittedFrames:
+    """The k frames that saw enough markers, and the poses that follow."""
+
+    fits: ManyFits  # T_tracker_marker of each frame
+    numbers: Ints  # (k,)
+    points_tracker: Floats  # (k, m, 3), 0 where a marker was not seen
+    seen: Bools  # (k, m)
+    positions_marker: Floats  # (m, 3) the geometry used
+
+
 def checked_geometry(positions_marker: Floats, name: str) -> Floats:
     """Return marker positions (m, 3), m >= 3, that can be those of a tool in mm.
 
@@ -59,10 +70,8 @@ def checked_geometry(positions_marker: Floats, name: str) -> Floats:
     return positions_marker
 
 
-def fit_frames(
-    frames: MarkerFrames, geometry: MarkerGeometryFile | None, dof: int
-) -> tuple[ManyFits, Ints, Floats]:
-    """Return the pose of each frame that saw enough markers, its number, and the geometry used.
+def fit_frames(frames: MarkerFrames, geometry: MarkerGeometryFile | None, dof: int) -> FittedFrames:
+    """Return the pose of each frame that saw enough markers.
 
     Without a geometry that of the first complete frame is taken: origin at the first marker by
     name, x towards the second, z normal to the first three (5D: z towards the last).
@@ -99,7 +108,7 @@ def fit_frames(
             f"{frames.name}: the markers fit the geometry to {off_mm:.1f} mm only, "
             f"{MAX_OFF_MM:g} are allowed: is it mirrored, or are markers named in another order?"
         )
-    return fits, numbers[enough], positions
+    return FittedFrames(fits, numbers[enough], points, seen, positions)
 
 
 def _own_geometry(frames: MarkerFrames, dof: int) -> Floats:

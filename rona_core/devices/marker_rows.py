@@ -7,6 +7,7 @@ from rona_core.devices.text_tables import NamedFile, Table, is_number, read_tabl
 from rona_core.errors import InvalidInputError
 
 COLUMNS = ("frame", "marker", "x", "y", "z")
+MOST_FRAMES = 1e15  # whole numbers up to here are exact
 
 
 def read_geometry_table(file: NamedFile) -> MarkerGeometryFile:
@@ -94,12 +95,12 @@ def _position(table: Table, row: int, cells: list[str]) -> list[float]:
 
 
 def _whole(table: Table, row: int, cell: str) -> int:
-    try:
-        return int(cell)
-    except ValueError:
+    value = float(cell) if is_number(cell) else np.nan
+    if not abs(value) < MOST_FRAMES or not value.is_integer():
         raise InvalidInputError(
             f"{table.where(row)}: expected the number of a frame, got {cell[:40]!r}"
-        ) from None
+        )
+    return int(value)
 
 
 def _natural(name: str) -> tuple[int, int | float, str]:

@@ -11,7 +11,12 @@ import numpy as np
 
 from rona_core.arrays import Floats, Ints, readonly
 from rona_core.devices.igs_mha import read_igs_mha
-from rona_core.devices.marker_bodies import MarkerGeometryFile, checked_geometry, fit_frames
+from rona_core.devices.marker_bodies import (
+    FittedFrames,
+    MarkerGeometryFile,
+    checked_geometry,
+    fit_frames,
+)
 from rona_core.devices.marker_rows import read_geometry_table, read_marker_frames
 from rona_core.devices.recording import Recording
 from rona_core.devices.rigid_rows import poses_from_matrices, require_millimetres
@@ -35,6 +40,7 @@ class RecordedPivot:
     track: ToolTrack  # files without times count seconds: frame k is at k s
     geometry_marker: Floats | None  # (m, 3) marker positions, where they are known
     rounding: float  # how far the rotations were from rigid; they have been made so
+    frames: FittedFrames | None = None  # what was seen of single markers, row by row of the track
 
 
 def read_pivot(
@@ -42,6 +48,7 @@ def read_pivot(
     *,
     geometry: NamedFile | None = None,
     tool: str | None = None,
+    usual: str | None = None,
     dof: int = 6,
 ) -> RecordedPivot:
     """Read the poses of a pivot; what kind of file it is, its contents say.
@@ -52,6 +59,7 @@ def read_pivot(
             stands for the files in it.
         geometry: Markers of the tool, CSV ``marker,x,y,z`` in mm or ``.rom``.
         tool: Which tool of a sequence, where it has several.
+        usual: The one that is meant where several are there and none is named.
         dof: 6, or 5 for markers on one line.
 
     Raises:
@@ -79,15 +87,16 @@ def read_pivot(
     known = None if markers is None else readonly(markers.positions_marker)
     if kind == "sequence":
         recording = read_igs_mha(first.data, first.name)
-        track = recording.track(chosen_tool(recording, tool, first.name))
+        track = recording.track(chosen_tool(recording, tool, usual, first.name))
         require_millimetres(track.Ts_tracker_marker.translations, first.name)
         return RecordedPivot(kind, track, known, 0.0)
     if kind == "marker positions" and table is not None:
         frames = read_marker_frames(table)
-        fits, numbers, used = fit_frames(frames, markers, dof)
-        require_millimetres(fits.Ts_b_a.translations, first.name)
-        track = _track(tool or NAME, numbers, fits.Ts_b_a, fits.rms_mm, len(frames.numbers))
-        return RecordedPivot(kind, track, readonly(used), 0.0)
+        found = fit_frames(frames, markers, dof)
+        poses, rms_mm = found.fits.Ts_b_a, found.fits.rms_mm
+        require_millimetres(poses.translations, first.name)
+        track = _track(tool or NAME, found.numbers, poses, rms_mm, len(frames.numbers))
+        return RecordedPivot(kind, track, readonly(found.positions_marker), 0.0, found)
     poses, rounding = _read_matrices([t for _, _, t in read if t is not None], kind)
     what = first.name if len(read) == 1 else f"{first.name} and {len(read) - 1} more files"
     require_millimetres(poses.translations, what)
@@ -96,8 +105,8 @@ def read_pivot(
     return RecordedPivot(kind, track, known, rounding)
 
 
-def chosen_tool(recording: Recording, tool: str | None, name: str) -> str:
-    """Return which tool of a recording is meant: the one named, or the only one.
+def chosen_tool(recording: Recording, tool: str | None, usual: str | None, name: str) -> str:
+    """Return which tool of a recording is meant: the one named, else the only or the usual one.
 
     Raises:
         InvalidInputError: it is not there, or several are and none is named.
@@ -105,6 +114,8 @@ def chosen_tool(recording: Recording, tool: str | None, name: str) -> str:
     tools = [column.tool for column in recording.tools]
     if tool is None and len(tools) == 1:
         return tools[0]
+    if tool is None and usual in tools:
+        return usual
     match = [own for own in tools if tool is not None and own.lower() == tool.lower()]
     if not match:
         got = "none was named" if tool is None else f"got {tool!r}"
@@ -128,6 +139,10 @@ def read_geometry(file: NamedFile) -> MarkerGeometryFile:
 def _rom_positions(file: NamedFile) -> Floats:
     """Return the marker positions (m, 3) of an NDI tool file."""
     data = file.data
+    if data[:3] != b"NDI":
+        raise InvalidInputError(
+            f"{file.name}: expected a tool file that begins with NDI, got {data[:3]!r}"
+        )
     count = data[ROM_COUNT] if len(data) > ROM_COUNT else 0
     end = ROM_POSITIONS + 12 * count
     if not 3 <= count <= 20 or len(data) < end:

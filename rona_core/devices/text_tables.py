@@ -85,6 +85,7 @@ def read_table(file: NamedFile) -> Table:
         ) from error
     if "\0" in text:
         raise InvalidInputError(f"{file.name}: expected text, got a binary file")
+    text = text.replace('"', "")  # around names and numbers, of spreadsheets
     rows: list[tuple[str, ...]] = []
     lines: list[int] = []
     separator: str | None = None
@@ -109,7 +110,7 @@ def read_table(file: NamedFile) -> Table:
         raise InvalidInputError(f"{file.name} is empty: expected rows of numbers")
     header = None
     if not any(is_number(cell) for cell in rows[0]):
-        header = tuple(cell.strip("\"'").lower() for cell in rows.pop(0))
+        header = tuple(cell.lower() for cell in rows.pop(0))
         lines.pop(0)
     return Table(file.name, header, tuple(rows), tuple(lines))
 

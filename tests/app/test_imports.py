@@ -248,5 +248,11 @@ def test_a_live_stream_of_all_tools_is_a_recording(bench, tmp_path):
     from rona_core.devices.recording import Recording
 
     frames = list(islice(bench.rig().tracker.frames(), 20))
-    recording = read_igs_mha(write_igs_mha(Recording.from_frames(frames)))
+    data = write_igs_mha(Recording.from_frames(frames))
+    recording = read_igs_mha(data)
+    (tmp_path / "all.igs.mha").write_bytes(data)
+    for activity in (StartRecordingImport("all.igs.mha"), StartPivotImport(("all.igs.mha",))):
+        with pytest.raises((DeviceError, DegenerateGeometryError, InvalidInputError)) as refused:
+            bench.run(activity)
+        assert "none was named" not in str(refused.value)  # the pointer in use is meant
     assert [tool.tool for tool in recording.tools] == ["toolmarker", "pointer6d", "pointer5d"]

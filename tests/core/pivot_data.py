@@ -76,8 +76,9 @@ def geometry_file(body=BODY, names=NAMES, name="tool.csv"):
 
 def rom_file(body=BODY, name="tool.rom"):
     data = bytearray(752)
-    data[:4], data[28] = b"NDI\0", len(body)
+    data[:3], data[28], data[32] = b"NDI", len(body), 3
     data[72 : 72 + 12 * len(body)] = np.asarray(body, dtype="<f4").tobytes()
+    data[4:6] = (sum(data[6:]) % 65536).to_bytes(2, "little")
     return NamedFile(name, bytes(data))
 
 

@@ -248,6 +248,8 @@ def test_rows_in_any_order_with_empty_cells_for_what_was_not_seen():
     shuffled = ["marker,z,y,x,frame"] + [f"{r[1]},{r[4]},{r[3]},{r[2]},{r[0]}" for r in rows]
     pivot = read_pivot([text("m.csv", "\n".join(shuffled))], geometry=geometry_file())
     same(pivot, made, atol=1e-9)
+    quoted = text("m.csv", "\n".join(f'{r[0]}.0,"{r[1]}",{r[2]},{r[3]},{r[4]}' for r in rows))
+    same(read_pivot([quoted], geometry=geometry_file()), made, atol=1e-9)
     headless = text("m.csv", "\n".join(",".join(row) for row in rows))
     same(read_pivot([headless], geometry=geometry_file()), made, atol=1e-9)
 
@@ -329,6 +331,8 @@ def test_faults_of_marker_files_are_named():
         (changed_row(4, x="nan"), tool, "line 6: expected finite x, y and z in mm, got 'nan'"),
         (changed_row(4, y=""), tool, "line 6: expected finite x, y and z"),
         (changed_row(4, frame="1.5"), tool, "line 6: expected the number of a frame, got '1.5'"),
+        (changed_row(4, frame="9" * 400), tool, "line 6: expected the number of a frame"),
+        (changed_row(4, frame="inf"), tool, "line 6: expected the number of a frame"),
         (changed_row(4, marker="Q"), tool, "marker 'Q' is not in the geometry, which has A, B"),
         (good, swapped, "markers . and . are .* mm apart in the frames, .* in the geometry"),
         (handed, mirrored[0], "fit the geometry to .* mm only.* mirrored"),
@@ -351,6 +355,7 @@ def test_faults_of_geometry_files_are_named():
         (geometry_file(BODY[:2], NAMES[:2]), "at least 3 markers, got 2"),
         (geometry_file(BODY / 1000.0), "look like metres"),
         (NamedFile("t.csv", b""), "t.csv is empty"),
+        (NamedFile("t.rom", b"PK" + bytes(800)), "begins with NDI, got b'PK"),
         (NamedFile("t.rom", b"NDI\0" + bytes(30)), "3 to 20 markers, got 34 bytes"),
         (NamedFile("t.rom", rom_file().data[:100]), "got 100 bytes that speak of 4"),
         (rom_file(BODY * np.nan), "is damaged"),
@@ -377,6 +382,7 @@ def test_a_sequence_is_a_pivot_too():
     same(pivot, made, atol=0.0)
     two = sequence(made, ("Reference", "Stylus"))
     assert read_pivot([two], tool="stylus").track.tool == "Stylus"
+    assert read_pivot([two], usual="Reference").track.tool == "Reference"
     with pytest.raises(InvalidInputError, match="its tools Reference, Stylus; none was named"):
         read_pivot([two])
     with pytest.raises(InvalidInputError, match="got 'Probe'"):
