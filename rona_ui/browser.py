@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from rona_core.app.exports import export_recording
 from rona_core.app.hub import Hub
 from rona_core.arrays import Floats
 from rona_core.errors import NotFoundError
@@ -166,6 +167,9 @@ class Browser:
             self._hub.open_file(name)
         elif verb == "new":
             self._hub.create()
+        elif verb == "download":
+            made = export_recording(self._hub.get().session, int(name))
+            self.client.send_file_download(made.name, made.data, save_immediately=True)
         elif verb == "upload" and isinstance(data, bytes):
             self._hub.store_upload(PurePath(name).name, data)
         else:

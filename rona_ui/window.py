@@ -15,6 +15,7 @@ from typing import Any
 import viser
 
 from rona_core.app.hub import Hub
+from rona_core.app.imports import replayed_pointer
 from rona_core.app.jobs import JobStatus
 from rona_core.app.queries import StepState, step_states
 from rona_core.app.views import motion_times
@@ -131,14 +132,15 @@ class Window:
             self._steps = session, step_states(session)
         busy = job is not None and not job.finished
         facts = self._behind.ask(bench, session, busy)
-        pointer = None
-        if busy and facts.rig is not None:
+        live = bench.live.get()
+        pointer = replayed_pointer(session, live)
+        if live.origin is None and busy and facts.rig is not None:
             pointer = facts.rig.display.T_base_pointermarker()
         return Picture(
             session=session,
             view=ViewState(),
             steps=self._steps[1],
-            live=bench.live.get(),
+            live=live,
             job=job,
             backdrop=facts.backdrop,
             T_base_pointermarker=pointer,

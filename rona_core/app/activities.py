@@ -3,13 +3,14 @@
 from functools import singledispatch
 from typing import Any
 
-from rona_core.app import captures
+from rona_core.app import captures, imports
 from rona_core.app.derive_scan import derive_mapping, derive_roll, lean
 from rona_core.app.inputs import (
     DETECTION,
     RESULT_INPUTS,
     digest_of,
     input_digests,
+    require_for,
     require_inputs,
 )
 from rona_core.app.messages import (
@@ -19,7 +20,9 @@ from rona_core.app.messages import (
     RegisterTool,
     StartMapping,
     StartPathCapture,
+    StartPivotImport,
     StartPointerCapture,
+    StartRecordingImport,
     StartRobotMove,
     StartRollSearch,
     StartScan,
@@ -45,12 +48,14 @@ from rona_core.session.document import Session
 
 Messages = tuple[Any, ...]  # dispatched in this order when the activity ends
 
-# Activities that move or read a device: one at a time. The others only compute.
+# Activities that move or read a device, or make a capture: one at a time. The others only compute.
 DEVICE_ACTIVITIES = (
     StartToolCapture,
     StartPointerCapture,
     StartSurfaceCapture,
     StartPathCapture,
+    StartRecordingImport,
+    StartPivotImport,
     StartScan,
     StartRobotMove,
 )
@@ -108,6 +113,24 @@ def _(activity: StartPathCapture, session: Session, tools: Toolbox) -> Messages:
     require_inputs(type(activity), session)
     capture = captures.capture_path(activity, session, tools)
     return (StorePathCapture(capture), *(() if capture.partial else (BuildPath(),)))
+
+
+@perform.register
+def _(activity: StartRecordingImport, session: Session, tools: Toolbox) -> Messages:
+    require_for(activity, session)
+    capture = imports.import_recording(activity, session, tools)
+    stored, follows = {
+        "pivot": (StorePointerCapture(capture), CalibratePointer()),
+        "surface": (StoreSurfaceCapture(capture, activity.append), BuildSurface()),
+        "path": (StorePathCapture(capture), BuildPath()),
+    }[activity.purpose]
+    return (stored,) if capture.partial else (stored, follows)
+
+
+@perform.register
+def _(activity: StartPivotImport, session: Session, tools: Toolbox) -> Messages:
+    capture = imports.import_pivot(activity, session, tools)
+    return (StorePointerCapture(capture), CalibratePointer())
 
 
 @perform.register

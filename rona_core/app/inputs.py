@@ -13,6 +13,7 @@ from rona_core.app.messages import (
     StartMapping,
     StartPathCapture,
     StartPointerCapture,
+    StartRecordingImport,
     StartRollSearch,
     StartScan,
     StartSurfaceCapture,
@@ -21,7 +22,8 @@ from rona_core.app.messages import (
 from rona_core.devices.settings import TrackerSettings
 from rona_core.errors import StepBlockedError
 from rona_core.session.codec import digest
-from rona_core.session.document import Session
+from rona_core.session.document import PointerCapture, Session
+from rona_core.session.imported import is_imported
 
 PLAIN = TrackerSettings(stereo=False, occlusion=False)  # the tracker of sessions of schema 1
 
@@ -114,6 +116,18 @@ def require_inputs(message_type: type, session: Session) -> None:
         raise StepBlockedError(f"{message_type.__name__} is blocked: first {wanted}")
 
 
+def require_for(activity: Any, session: Session) -> None:
+    """Raise StepBlockedError if ``session`` lacks what an activity needs."""
+    kind = type(activity)
+    if isinstance(activity, StartRecordingImport):  # needs what the capture it stands for needs
+        kind = {
+            "pivot": StartPointerCapture,
+            "surface": StartSurfaceCapture,
+            "path": StartPathCapture,
+        }[activity.purpose]
+    require_inputs(kind, session)
+
+
 def input_digests(result: str, session: Session) -> dict[str, str]:
     """Return the digest of every input of a result as the session holds them now.
 
@@ -181,8 +195,14 @@ def _stale_capture(kind: str, session: Session) -> str | None:
     held = getattr(session.captures, kind)
     captures = held if isinstance(held, tuple) else (held,)
     now = capture_setup_digest(kind, session)
-    if any(capture is not None and capture.setup_digest != now for capture in captures):
+    if any(_is_of_another(capture, now, session) for capture in captures):
         return f"the set-up or plan has changed since the {kind} capture was taken"
     if kind == "scan" and held is not None:
         return stale_reason("roll", session)
     return None
+
+
+def _is_of_another(capture: Any, now: str, session: Session) -> bool:
+    if isinstance(capture, PointerCapture) and is_imported(capture):
+        return capture.pointer != session.setup.devices.pointer  # all that it depends on
+    return capture is not None and capture.setup_digest != now

@@ -9,7 +9,9 @@ from typing import get_args
 from rona_core.app.activity_messages import (
     StartMapping,
     StartPathCapture,
+    StartPivotImport,
     StartPointerCapture,
+    StartRecordingImport,
     StartRobotMove,
     StartRollSearch,
     StartScan,
@@ -65,6 +67,8 @@ Activity = (
     | StartPointerCapture
     | StartSurfaceCapture
     | StartPathCapture
+    | StartRecordingImport
+    | StartPivotImport
     | StartRollSearch
     | StartScan
     | StartMapping
@@ -97,7 +101,9 @@ __all__ = [
     "SmoothScanPath",
     "StartMapping",
     "StartPathCapture",
+    "StartPivotImport",
     "StartPointerCapture",
+    "StartRecordingImport",
     "StartRobotMove",
     "StartRollSearch",
     "StartScan",

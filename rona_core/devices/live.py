@@ -4,6 +4,7 @@ import threading
 from dataclasses import dataclass, replace
 from typing import Any
 
+from rona_core.devices.protocols import Origin
 from rona_core.devices.samples import AScan, JointSample, TrackerFrame
 
 
@@ -15,6 +16,7 @@ class LiveState:
     joints: JointSample | None = None
     ascan: AScan | None = None
     n_scans: int = 0
+    origin: Origin | None = None  # of the frame where it is not that of the devices
 
 
 class Live:

@@ -1,6 +1,7 @@
 """All figures of one session against the truth of its virtual scene; docs/metrics.md defines them.
 
-A figure whose result is missing is None.
+A figure whose result is missing is None, and so is one whose capture came out of a file: there is
+no truth for what was measured elsewhere.
 """
 
 from typing import TYPE_CHECKING
@@ -11,6 +12,7 @@ from rona_core.evaluation.navigation_figures import pointer_figures, surface_fig
 from rona_core.evaluation.path_figures import normal_figures, plan_figures, smoothing_figures
 from rona_core.evaluation.scan_figures import detection_figures
 from rona_core.evaluation.truth import Truth
+from rona_core.session.imported import is_imported
 from rona_core.virtual.rig import build_scene
 from rona_core.virtual.scene import VirtualScene
 
@@ -100,10 +102,13 @@ def _navigation(session: "Session", truth: Truth) -> Figures:
     results, figures = session.results, Figures()
     if results.tool is not None:
         figures |= tool_figures(results.tool.value, truth)
-    if results.pointer is not None:
+    if results.pointer is not None and not is_imported(session.captures.pointer):
         figures |= pointer_figures(results.pointer.value, truth)
     if results.surface is not None:
-        figures |= surface_figures(results.surface.value, session.captures.surface, truth)
+        strokes = session.captures.surface
+        figures["surface_points"] = len(results.surface.value.points_base)
+        if not any(map(is_imported, strokes)):
+            figures |= surface_figures(results.surface.value, strokes, truth)
     return figures
 
 
@@ -113,7 +118,8 @@ def _path(session: "Session", truth: Truth) -> Figures:
         figures["path_points_raw"] = len(results.path.value.points_base)
     if results.smoothing is not None:
         figures |= smoothing_figures(session)
-        figures |= normal_figures(results.smoothing.value.path, truth)
+        if not any(map(is_imported, (session.captures.path, *session.captures.surface))):
+            figures |= normal_figures(results.smoothing.value.path, truth)
     if results.roll is not None:
         figures |= plan_figures(results.roll.value)
     return figures

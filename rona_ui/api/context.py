@@ -77,7 +77,13 @@ _ORIGINS: WeakKeyDictionary[Workbench, str] = WeakKeyDictionary()
 
 
 def origin_of(bench: Workbench) -> str | None:
-    """Return VIRTUAL, REPLAY or REAL, or None where the devices cannot be built."""
+    """Return VIRTUAL, REPLAY or REAL, or None where the devices cannot be built.
+
+    It is REPLAY while a recording is played, whatever the devices are.
+    """
+    playing = bench.live.get().origin
+    if playing is not None:
+        return playing
     if bench not in _ORIGINS:
         try:
             _ORIGINS[bench] = bench.rig().origin

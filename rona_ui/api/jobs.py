@@ -7,7 +7,7 @@ from typing import Annotated, Any
 from fastapi import APIRouter, Depends, Response
 
 from rona_core.app.hub import Hub
-from rona_core.app.inputs import require_inputs
+from rona_core.app.inputs import require_for
 from rona_core.app.jobs import JobState, JobStatus
 from rona_core.app.messages import ACTIVITIES
 from rona_core.app.workbench import Workbench
@@ -48,7 +48,7 @@ def start(bench: Workbench, activity: Any, response: Response) -> JobInfo:
         StepBlockedError: an earlier step is missing.
         DeviceError: the devices are busy.
     """
-    require_inputs(type(activity), bench.session)
+    require_for(activity, bench.session)
     status = bench.start(activity)
     response.headers["Location"] = f"{PREFIX}/jobs/{status.id}"
     return job_info(bench, status)

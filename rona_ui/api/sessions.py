@@ -1,13 +1,14 @@
 """Sessions: make, list, open, save, download, upload, show, close; and files of specimens."""
 
 from dataclasses import asdict, dataclass
-from typing import Annotated, Any, ClassVar
+from typing import Annotated, Any, ClassVar, Literal
 from urllib.parse import quote
 
 from fastapi import APIRouter, Query, Request, Response
 from starlette.concurrency import run_in_threadpool
 
 from rona_core.app.autosave import CopyState
+from rona_core.app.exports import export_recording
 from rona_core.app.hub import MAX_UPLOAD_BYTES, Hub
 from rona_core.app.workbench import Workbench
 from rona_core.devices.settings import STRICT, require
@@ -89,7 +90,7 @@ class FileToSave:
 
 @dataclass(frozen=True, slots=True)
 class Uploaded:
-    """A stored file, to be named in ``StartSkullImport``."""
+    """A stored file, to be named in ``StartSkullImport`` and the other imports."""
 
     file: str
     size_bytes: int
@@ -232,6 +233,25 @@ def download_session(bench: Bench) -> Response:
     )
 
 
+@files.get(
+    "/sessions/{session_id}/captures/{ordinal}/file",
+    response_class=Response,
+    responses={200: {"content": {"application/octet-stream": {}}, "description": "The file"}},
+)
+def download_capture(
+    bench: Bench, ordinal: int, format: Literal["igs.mha"] = "igs.mha"
+) -> Response:
+    """Download what the tracker saw in a capture as a sequence file, which PLUS and Slicer read."""
+    made = export_recording(bench.session, ordinal)
+    return Response(
+        made.data,
+        media_type="application/octet-stream",
+        headers={
+            "Content-Disposition": f"attachment; filename*=UTF-8''{quote(made.name, safe='')}"
+        },
+    )
+
+
 @files.post(
     "/sessions/{session_id}/uploads",
     status_code=201,
@@ -241,7 +261,11 @@ def download_session(bench: Bench) -> Response:
 async def upload_specimen(
     hub: Sessions, bench: Bench, request: Request, name: FileName
 ) -> Uploaded:
-    """Store the body as a file for `StartSkullImport`: mask, CT volume or mesh."""
+    """Store the body as a file for an import.
+
+    A mask, CT volume or mesh for `StartSkullImport`, a recording for `StartRecordingImport`, the
+    poses of a pivot or the markers of a tool for `StartPivotImport`.
+    """
     data = await request.body()
     path = await run_in_threadpool(hub.store_upload, name, data)
     return Uploaded(path.name, len(data))

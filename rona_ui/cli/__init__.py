@@ -1,4 +1,4 @@
-"""The command line: serve, demo, inspect."""
+"""The command line: serve, demo, inspect, calibrate."""
 
 import argparse
 import os
@@ -57,6 +57,7 @@ def _parser() -> argparse.ArgumentParser:
     _add_serve(verbs)
     _add_demo(verbs)
     _add_inspect(verbs)
+    _add_calibrate(verbs)
     return parser
 
 
@@ -127,3 +128,37 @@ def _add_inspect(verbs: Any) -> None:
     verb = _verb(verbs, "inspect", "say what a session file holds")
     verb.add_argument("file", type=Path, metavar="FILE")
     verb.add_argument("--json", action="store_true", help="print one JSON object")
+
+
+def _add_calibrate(verbs: Any) -> None:
+    verb = _verb(verbs, "calibrate", "calibrate from recorded data, without a session")
+    kinds = verb.add_subparsers(title="what", required=True, metavar="WHAT")
+    text = "find the tip of a tracked tool that was pivoted about it"
+    kind: argparse.ArgumentParser = kinds.add_parser(
+        "pivot",
+        help=text,
+        description=f"{text[0].upper()}{text[1:]}. Exit status: 0 done, 2 bad input, 3 refused "
+        "because the data determine no tip.",
+    )
+    kind.add_argument(
+        "files",
+        type=Path,
+        nargs="+",
+        metavar="FILE",
+        help="4 x 4 matrices (a file each, a folder or zip of them, or 16 numbers a row), "
+        "CSV frame,marker,x,y,z in mm, or .igs.mha",
+    )
+    kind.add_argument(
+        "--geometry",
+        type=Path,
+        metavar="FILE",
+        help="markers of the tool: CSV marker,x,y,z or .rom",
+    )
+    kind.add_argument("--tool", metavar="NAME", help="which tool of a recording with several")
+    kind.add_argument(
+        "--dof", type=int, choices=(6, 5), default=6, help="5 for markers on one line (6)"
+    )
+    kind.add_argument(
+        "--method", choices=("ml", "aos", "sphere"), default="ml", help="how it is solved (ml)"
+    )
+    kind.add_argument("--json", action="store_true", help="print one JSON object, no table")

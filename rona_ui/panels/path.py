@@ -5,6 +5,7 @@ from typing import Any
 from rona_core.app.messages import StartPathCapture
 from rona_ui.panels import style
 from rona_ui.panels.drawing import DrawingControls
+from rona_ui.panels.importing import ImportControls
 from rona_ui.panels.step_panel import StepPanel
 from rona_ui.view_state import Picture
 
@@ -24,6 +25,7 @@ class PathPanel(StepPanel):
         self.form.number("duration_s", "Duration (s)", 40.0, 1.0, 600.0, 5.0)
         self.form.number("spacing_mm", "Line spacing (mm)", 4.0, 1.0, 20.0, 0.5)
         self._drawing = DrawingControls(self.gui, self.door, "path", self._line)
+        self._import = ImportControls(self.gui, self.door, "path")
 
     def _line(self, picks: tuple[Any, ...]) -> Any:
         duration_s = max(5.0, 0.5 * len(picks))
@@ -36,6 +38,7 @@ class PathPanel(StepPanel):
     def update(self, old: Picture | None, new: Picture) -> None:
         """Follow drawing."""
         self._drawing.render(new)
+        self._import.render(new)
 
     def remarks(self, picture: Picture) -> str:
         """Say how many points were demonstrated."""

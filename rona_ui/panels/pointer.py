@@ -5,6 +5,7 @@ from typing import Any
 from rona_core.app.messages import CalibratePointer, StartPointerCapture
 from rona_ui.panels import style
 from rona_ui.panels.door import listen
+from rona_ui.panels.importing import ImportControls
 from rona_ui.panels.step_panel import StepPanel
 from rona_ui.view_state import Picture
 
@@ -38,6 +39,7 @@ class PointerPanel(StepPanel):
         )
         listen(self._by_hand, lambda e: self.door.send(self._capture_by_hand, e))
         listen(self._finish, lambda e: self.door.service("finish", e, None))
+        self._import = ImportControls(self.gui, self.door, "pivot")
 
     def _capture_by_hand(self) -> Any:
         return StartPointerCapture(**self.form.values("duration_s"), by_hand=True)
@@ -58,6 +60,7 @@ class PointerPanel(StepPanel):
             )
         if self._help.content != words:
             self._help.content = words
+        self._import.render(new)
         self._refit.visible = new.session.captures.pointer is not None
         self._refit.disabled = new.busy
 

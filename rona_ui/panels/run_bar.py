@@ -16,6 +16,8 @@ WORDS = {
     "StartPointerCapture": "Pivoting the pointer",
     "StartSurfaceCapture": "Sliding over the skull",
     "StartPathCapture": "Demonstrating the path",
+    "StartRecordingImport": "Reading the recording",
+    "StartPivotImport": "Reading the pivot",
     "StartRollSearch": "Searching the roll",
     "StartScan": "Scanning",
     "StartMapping": "Mapping the boundaries",

@@ -4,6 +4,7 @@ from collections.abc import Callable
 from typing import Any
 
 from rona_core.app.autosave import CopyState
+from rona_core.app.exports import recorded_captures
 from rona_core.app.messages import Redo, RenameSession, Undo
 from rona_ui.bindings import Event, escape
 from rona_ui.panels.door import Door, listen
@@ -50,9 +51,12 @@ class SessionPanel:
             self._file = gui.add_dropdown("File", (NOTHING,))
             self._open = gui.add_button("Open the file", icon="folder-open", color="gray")
             self._new = gui.add_button("New session", icon="plus", color="gray")
+            self._capture = gui.add_dropdown("Recording", (NOTHING,), hint="What the tracker saw")
+            self._download = gui.add_button("Download .igs.mha", icon="download", color="gray")
         listen(self._buttons, self._clicked)
         listen(self._rename, lambda e: door.send(lambda: RenameSession(self._name.value), e))
         listen(self._open, self._open_file)
+        listen(self._download, self._download_capture)
         listen(self._new, lambda e: door.service("new", e, None))
         commands: tuple[tuple[str, str, str | None, Callable[[Event], None]], ...] = (
             ("Undo", "Z", "cmd/ctrl", lambda event: door.send(Undo, event)),
@@ -82,9 +86,17 @@ class SessionPanel:
         if self._file.value != NOTHING:
             self._door.service(f"open:{self._file.value}", event, None)
 
+    def _download_capture(self, event: Any) -> None:
+        number = self._capture.value.partition(":")[0]
+        if number.isdigit():
+            self._door.service(f"download:{number}", event, None)
+
     def render(self, old: Picture | None, new: Picture) -> None:
-        """Follow name and files."""
+        """Follow name, files and captures."""
         if old is None or old.session.name != new.session.name:
             self._name.value = new.session.name
         if old is None or old.files != new.files:
             self._file.options = (NOTHING, *(path.name for path in new.files))
+        if old is None or old.session.captures is not new.session.captures:
+            words = (w for _, w in recorded_captures(new.session))
+            self._capture.options = (NOTHING, *words)

@@ -6,6 +6,7 @@ from rona_core.app.messages import BuildSurface, ClearSurface, StartSurfaceCaptu
 from rona_ui.panels import style
 from rona_ui.panels.door import listen
 from rona_ui.panels.drawing import DrawingControls
+from rona_ui.panels.importing import ImportControls
 from rona_ui.panels.step_panel import StepPanel
 from rona_ui.view_state import Picture
 
@@ -34,6 +35,7 @@ class SurfacePanel(StepPanel):
             lambda e: self.door.send(lambda: BuildSurface(**self.form.values("average_s")), e),
         )
         listen(self._clear, lambda e: self.door.send(ClearSurface, e))
+        self._import = ImportControls(self.gui, self.door, "surface")
 
     def _stroke(self, picks: tuple[Any, ...]) -> Any:
         duration_s = max(3.0, 0.5 * len(picks))
@@ -46,6 +48,7 @@ class SurfacePanel(StepPanel):
     def update(self, old: Picture | None, new: Picture) -> None:
         """Follow drawing and recordings."""
         self._drawing.render(new)
+        self._import.render(new)
         there = bool(new.session.captures.surface)
         self._rebuild.visible = self._clear.visible = there and new.view.drawing is None
         self._rebuild.disabled = self._clear.disabled = new.busy

@@ -17,6 +17,7 @@ ROUTES = """
 GET /sessions; POST /sessions; POST /sessions/open; POST /sessions/upload; POST /sessions/demo
 GET /sessions/{session_id}; DELETE /sessions/{session_id}; GET /sessions/{session_id}/file
 POST /sessions/{session_id}/save; POST /sessions/{session_id}/current
+GET /sessions/{session_id}/captures/{ordinal}/file
 POST /sessions/{session_id}/uploads; POST /sessions/{session_id}/undo
 POST /sessions/{session_id}/redo; GET /sessions/{session_id}/steps
 GET /sessions/{session_id}/results/{step}; GET /sessions/{session_id}/frames
@@ -98,7 +99,7 @@ def test_the_body_of_a_message_is_its_dataclass(document, name):
 @pytest.mark.parametrize("where", sorted(WRITTEN | GENERATED), ids=" ".join)
 def test_nobody_gets_in_without_a_token(anonymous, where):
     method, path = where
-    path = path.format(session_id="current", job_id="x", step="tool", name="toolmarker")
+    path = path.format(session_id="current", job_id="x", step="tool", name="toolmarker", ordinal=1)
     refused(anonymous.request(method, PREFIX + path), 401, "unauthorized")
 
 

@@ -7,8 +7,11 @@ from typing import get_args
 import numpy as np
 import pytest
 
+from rona_core.devices.igs_mha import read_igs_mha, write_igs_mha
 from rona_core.devices.markers import GEOMETRIES
 from rona_core.devices.samples import WITH_POSE, ToolStatus
+from rona_core.devices.recording import Recording
+from rona_core.devices.replay import ReplayTracker
 from rona_core.devices.settings import TOOLS, TrackerSettings
 from rona_core.geometry.pose import Pose
 from rona_core.virtual.clock import CaptureClock
@@ -35,6 +38,13 @@ def virtual(profile, **faults):
     return build
 
 
+def replayed():
+    """A recording of the virtual tracker, through a file."""
+    frames = list(islice(virtual("polaris")().frames(), 90))
+    recording = read_igs_mha(write_igs_mha(Recording.from_frames(frames)))
+    return ReplayTracker(recording, CaptureClock())
+
+
 IMPLEMENTATIONS = {
     "virtual-ideal": virtual("ideal"),
     "virtual-polaris": virtual("polaris"),
@@ -49,6 +59,7 @@ IMPLEMENTATIONS = {
         minutes_on=0.0,
         dropped_share=0.3,
     ),
+    "replay": replayed,
 }
 
 

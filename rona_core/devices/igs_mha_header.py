@@ -1,0 +1,260 @@
+"""The header of a sequence file (``.mha`` of PLUS): its fields, those of each frame, its pixels."""
+
+import math
+import re
+import zlib
+from dataclasses import dataclass
+from typing import TypeVar
+
+from rona_core.errors import InvalidInputError
+
+Number = TypeVar("Number", int, float)
+END = re.compile(rb"^ElementDataFile[ \t]*=[ \t]*([^\r\n]*?)[ \t]*(?:\r?\n|\Z)", re.MULTILINE)
+FRAME_FIELD = re.compile(r"Seq_Frame([0-9]{1,9})_(\w+)")
+BYTES = {
+    "MET_CHAR": 1,
+    "MET_UCHAR": 1,
+    "MET_SHORT": 2,
+    "MET_USHORT": 2,
+    "MET_INT": 4,
+    "MET_UINT": 4,
+    "MET_LONG": 4,
+    "MET_ULONG": 4,
+    "MET_LONG_LONG": 8,
+    "MET_ULONG_LONG": 8,
+    "MET_FLOAT": 4,
+    "MET_DOUBLE": 8,
+    "MET_OTHER": 0,  # what PLUS writes where there is no image
+    "MET_NONE": 0,
+}
+CHUNK = 1 << 20
+MOST_DIGITS = 15  # of a whole number; exact as a float too
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Header:
+    """Fields of the file, and those of every frame from 0 on."""
+
+    name: str  # of the file, for messages
+    fields: dict[str, str]
+    frames: tuple[dict[str, str], ...]
+
+    @property
+    def n_frames(self) -> int:
+        """How many frames there are."""
+        return len(self.frames)
+
+    def names_with(self, ending: str) -> tuple[str, ...]:
+        """Return what stands before ``ending`` in fields of frames, in order of appearance."""
+        found: dict[str, None] = {}
+        for frame in self.frames:
+            for field in frame:
+                if field.endswith(ending) and field != ending:
+                    found[field.removesuffix(ending)] = None
+        return tuple(found)
+
+    def whole(self, field: str) -> int:
+        """Return a field of the file that is a whole number, 0 or more.
+
+        Raises:
+            InvalidInputError: it is missing, or something else.
+        """
+        value = self.fields.get(field, "missing")
+        if not _is_whole(value):
+            raise InvalidInputError(
+                f"{self.name}, {field}: expected a whole number, got {value[:40]!r}"
+            )
+        return int(value)
+
+    def text(self, frame: int, field: str) -> str:
+        """Return a field of a frame.
+
+        Raises:
+            InvalidInputError: it is missing.
+        """
+        if field not in self.frames[frame]:
+            raise InvalidInputError(f"{self.name}, frame {frame}: {field} is missing")
+        return self.frames[frame][field]
+
+    def number(self, frame: int, field: str, kind: type[Number]) -> Number:
+        """Return a field of a frame as a finite number; errors as in ``text``, or another value."""
+        value = self.text(frame, field)
+        try:
+            result = kind(value) if kind is float or _is_whole(value.removeprefix("-")) else None
+        except ValueError:
+            result = None
+        if result is None or not math.isfinite(result):
+            words = "a whole number" if kind is int else "a finite number"
+            raise InvalidInputError(
+                f"{self.name}, frame {frame}, {field}: expected {words}, got {value[:40]!r}"
+            )
+        return result
+
+    def column(
+        self, field: str, kind: type[Number], *, optional: bool = False
+    ) -> list[Number] | None:
+        """Return a number of every frame; None if it is optional and no frame has it."""
+        if optional and not any(field in frame for frame in self.frames):
+            return None
+        return [self.number(i, field, kind) for i in range(self.n_frames)]
+
+    def matrix(self, frame: int, field: str) -> list[float]:
+        """Return the sixteen numbers of a transform; errors as in ``number``."""
+        words = self.text(frame, field).split()
+        try:
+            values = [float(word) for word in words]
+        except ValueError:
+            values = []
+        if len(values) != 16:
+            got = f"{len(words)} words" if len(words) != 16 else "other words"
+            raise InvalidInputError(
+                f"{self.name}, frame {frame}, {field}: expected 16 numbers, got {got}"
+            )
+        return values
+
+
+def read_header(data: bytes, name: str) -> Header:
+    """Read header and check that the pixels are all there.
+
+    Raises:
+        InvalidInputError: not a sequence file, damaged, or one whose pixels are in another file.
+    """
+    if not data:
+        raise InvalidInputError(f"{name} is empty: expected a sequence file (.igs.mha)")
+    if not re.match(rb"ObjectType[ \t]*=[ \t]*Image\b", data):
+        raise InvalidInputError(
+            f"{name}: expected a sequence file that begins with 'ObjectType = Image', "
+            f"got {data[:24]!r}"
+        )
+    end = END.search(data)
+    if end is None:
+        raise InvalidInputError(
+            f"{name} is cut off: expected 'ElementDataFile = LOCAL' at the end of its header"
+        )
+    where = end.group(1).decode("ascii", "replace")
+    if where != "LOCAL":
+        raise InvalidInputError(
+            f"{name}: expected its pixels in the same file (ElementDataFile = LOCAL), got "
+            f"{where!r}: save it as .igs.mha"
+        )
+    header = _parsed(data[: end.start()], name)
+    _check_pixels(header, data[end.end() :])
+    return header
+
+
+def _parsed(text: bytes, name: str) -> Header:
+    try:
+        lines = text.decode("utf-8").splitlines()
+    except UnicodeDecodeError as error:
+        raise InvalidInputError(f"{name}: its header is not text ({error})") from error
+    fields: dict[str, str] = {}
+    frames: dict[int, dict[str, str]] = {}
+    for number, line in enumerate(lines, start=1):
+        key, equals, value = line.partition("=")
+        key = key.strip()
+        if not equals:
+            if key:
+                raise InvalidInputError(
+                    f"{name}, line {number}: expected 'name = value', got {line[:40]!r}"
+                )
+            continue
+        match = FRAME_FIELD.fullmatch(key)
+        if key.startswith("Seq_Frame") and match is None:
+            raise InvalidInputError(
+                f"{name}, line {number}: expected a field like Seq_Frame0000_Timestamp, "
+                f"got {key[:60]!r}"
+            )
+        held, field = (fields, key) if match is None else (_of_frame(frames, match[1]), match[2])
+        if field in held:
+            raise InvalidInputError(f"{name}, line {number}: {key} stands there twice")
+        held[field] = value.strip()
+    header = Header(name, fields, tuple(frames[i] for i in sorted(frames)))
+    _check_frames(header, sorted(frames))
+    return header
+
+
+def _is_whole(word: str) -> bool:
+    return word.isascii() and word.isdigit() and len(word) <= MOST_DIGITS
+
+
+def _of_frame(frames: dict[int, dict[str, str]], digits: str) -> dict[str, str]:
+    return frames.setdefault(int(digits), {})
+
+
+def _dimensions(header: Header) -> list[int]:
+    words = header.fields.get("DimSize", "missing").split()
+    if not words or not all(_is_whole(word) for word in words):
+        raise InvalidInputError(
+            f"{header.name}, DimSize: expected whole numbers, got {' '.join(words)[:40]!r}"
+        )
+    return [int(word) for word in words]
+
+
+def _check_frames(header: Header, indices: list[int]) -> None:
+    sizes = _dimensions(header)
+    if header.whole("NDims") != len(sizes):
+        raise InvalidInputError(
+            f"{header.name}: NDims says {header.fields['NDims']}, DimSize has {len(sizes)} numbers"
+        )
+    kinds = header.fields.get("Kinds", "").lower().split()
+    along = [k for k, kind in enumerate(kinds) if kind in ("list", "time") and k < len(sizes)]
+    expected = sizes[along[-1]] if along else sizes[-1]
+    if not indices:
+        raise InvalidInputError(
+            f"{header.name}: expected fields like Seq_Frame0000_Timestamp, got an image without any"
+        )
+    gap = next((i for i, index in enumerate(indices) if i != index), None)
+    if gap is not None:
+        raise InvalidInputError(
+            f"{header.name}: frame {gap} is missing, frame {indices[gap]} is there"
+        )
+    if len(indices) != expected:
+        raise InvalidInputError(
+            f"{header.name}: DimSize says {expected} frames, there are fields of {len(indices)}"
+        )
+
+
+def _check_pixels(header: Header, pixels: bytes) -> None:
+    kind = header.fields.get("ElementType", "missing")
+    if kind not in BYTES:
+        raise InvalidInputError(f"{header.name}: expected a known ElementType, got {kind[:40]!r}")
+    channels = header.whole("ElementNumberOfChannels") if _has_channels(header) else 1
+    expected = math.prod(_dimensions(header)) * BYTES[kind] * channels
+    if header.fields.get("CompressedData", "False").lower() == "true":
+        if expected:
+            _check_compressed(header, pixels, expected)
+    elif len(pixels) != expected:
+        raise InvalidInputError(
+            f"{header.name} is damaged: expected {expected} bytes of pixels, got {len(pixels)}"
+        )
+
+
+def _has_channels(header: Header) -> bool:
+    return "ElementNumberOfChannels" in header.fields
+
+
+def _check_compressed(header: Header, pixels: bytes, expected: int) -> None:
+    size = len(pixels)
+    if "CompressedDataSize" in header.fields:
+        size = header.whole("CompressedDataSize")
+    if size != len(pixels):
+        raise InvalidInputError(
+            f"{header.name} is damaged: expected {size} bytes of compressed pixels, "
+            f"got {len(pixels)}"
+        )
+    inflate, count, rest = zlib.decompressobj(), 0, pixels
+    try:
+        while count <= expected and not inflate.eof:
+            part = inflate.decompress(rest, CHUNK)
+            count, rest = count + len(part), inflate.unconsumed_tail
+            if not part and not rest:
+                break
+    except zlib.error as error:
+        raise InvalidInputError(
+            f"{header.name} is damaged: its compressed pixels cannot be read ({error})"
+        ) from error
+    if count != expected or not inflate.eof:
+        raise InvalidInputError(
+            f"{header.name} is damaged: expected {expected} bytes of pixels, got "
+            f"{'more' if count > expected else count} from the compressed ones"
+        )
