@@ -10,6 +10,7 @@ from typing import get_args
 import numpy as np
 
 from benchmarks.metric import Metric, Progress, cpu_ms, over_seeds
+from benchmarks.registration_cases import registration_metrics
 from rona_core.arrays import Floats
 from rona_core.calibration.pivot import PivotMethod
 from rona_core.calibration.pointer import calibrate_pointer
@@ -67,6 +68,7 @@ def run(progress: Progress) -> list[Metric]:
     metrics += over_seeds(
         "tracker_registration_tre_mm", [f[1] for f in figures], "mm", "lower", goal=0.5
     )
+    metrics += registration_metrics(progress)
     return metrics
 
 

@@ -132,7 +132,7 @@ class RegisterTool:
     """Compute tool tip and tracker pose from the recorded tool motion."""
 
     __pydantic_config__: ClassVar = STRICT
-    method: Literal["paper"] = "paper"
+    method: Literal["joint", "paper"] = "joint"
 
 
 @dataclass(frozen=True, slots=True)

@@ -99,7 +99,7 @@ def summary(step: str, session: Session) -> str:
         return f"{specimen}, seed {session.setup.seed}, {devices.robot.model}, {devices.probe.name}"
     if step == "tool" and results.tool:
         tool = results.tool.value
-        return f"{tool.n_poses} poses, pivot RMSE {tool.pivot_rmse_mm:.2f} mm"
+        return f"{tool.n_poses} poses, tip within {tool.tip_sigma_mm:.2f} mm"
     if step == "pointer" and results.pointer:
         pointer = results.pointer.value
         return f"{pointer.dof}D, {pointer.n_used} poses, RMSE {pointer.rmse_mm:.2f} mm"

@@ -1,27 +1,36 @@
 """Register robot and tracker: find the tracker in ``base`` and the tip in ``toolmarker``.
 
-The robot pivots its tool about the tip, then translates it along tool x and tool y. The pivot
-gives the tip, the two directions give the rotation.
+The robot pivots its tool about the tip, then translates it along tool x and tool y. By default all
+poses are solved together; the published method (a pivot and two lines) stays for comparison.
 """
 
 from dataclasses import dataclass
-from typing import Literal
+from typing import Literal, get_args
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from rona_core.arrays import Floats, Ints, readonly
-from rona_core.calibration.pivot import PivotFit, solve_pivot
-from rona_core.errors import DegenerateGeometryError, InvalidInputError
+from rona_core.arrays import Bools, Floats, Ints, readonly
+from rona_core.calibration.handeye import (
+    ROBOT_SIGMA_DEG,
+    ROBOT_SIGMA_MM,
+    TOOL_MARKERS,
+    TYPICAL,
+    HandEyeFit,
+    solve_hand_eye,
+)
+from rona_core.calibration.handeye_model import observe
+from rona_core.calibration.handeye_view import Judged, judge, registration_sigma_mm
+from rona_core.calibration.marker_noise import MarkerNoise
+from rona_core.calibration.sphere import cap_half_angle_deg
+from rona_core.calibration.tool_paper import angle_deg, bootstrap, solve_paper
+from rona_core.errors import InvalidInputError
 from rona_core.geometry.fit import LineFit, fit_line_direction
 from rona_core.geometry.pose import Pose, Poses
 
-MIN_PIVOT_POSES = 6
-MIN_LINE_POSES = 2
-MIN_TRAVEL_MM = 10.0
-MAX_TURN_DEG = 2.0  # of the tool during a translation
-MAX_AXIS_DEG = 10.0  # between a translation and the tool axis it should follow, or off 90 degrees
-PHASES = ("pivot", "x", "y")
+ToolMethod = Literal["joint", "paper"]
+METHODS: tuple[ToolMethod, ...] = get_args(ToolMethod)
+MIN_TRAVEL_MM = 10.0  # along a line, for its direction to be told
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -31,164 +40,166 @@ class ToolRegistration:
     method: str
     T_base_tracker: Pose
     T_toolmarker_tip: Pose
-    pivot_rmse_mm: float
-    axes_angle_deg: float  # between the two measured directions; 90 if all were perfect
-    line_rmse_mm: float  # distance of the marker from the two lines
+    pivot_rmse_mm: float | None  # scatter of the tip about its pivot; None without a pivot
+    axes_angle_deg: float | None  # between the two measured directions; 90 if all were perfect
+    line_rmse_mm: float | None  # distance of the marker from the two lines; None without them
     n_poses: int
     residuals_mm: Floats  # (n,) tip by the tracker, mapped to base, minus tip by the robot
-    rmse_mm: float  # of these
+    rmse_mm: float  # of those that were used
     cone_deg: float  # half-angle of the pivot
     travel_mm: tuple[float, float]  # along tool x and y
     tip_sigma_mm: float  # predicted 3D standard deviation of the tip in toolmarker
+    covariance: Floats  # (12, 12) of T_base_tracker, then T_toolmarker_tip: geometry/tangent.py
+    registration_sigma_mm: float  # predicted 3D RMS error in base of places 100 mm about the tips
+    marker_sigma_mm: float  # 3D RMS error of one marker that the residuals speak of
+    used: Bools  # (n,) False for poses dropped as gross errors
+    verdict: Literal["good", "weak", "bad"]
+    reasons: tuple[str, ...]  # of a verdict that is not good, each with its remedy
 
 
 def register_tool(
     Ts_base_tip: Poses,
     Ts_tracker_toolmarker: Poses,
-    phases: ArrayLike,
+    phases: ArrayLike | None = None,
     *,
-    method: Literal["paper"] = "paper",
+    method: ToolMethod = "joint",
+    noise: MarkerNoise = TYPICAL,
+    robot_sigma_mm: float = ROBOT_SIGMA_MM,
+    robot_sigma_deg: float = ROBOT_SIGMA_DEG,
 ) -> ToolRegistration:
     """Return the registration of robot, tool and tracker from poses seen by both.
 
     Args:
         Ts_base_tip: Tool tip as the robot knows it, n poses.
         Ts_tracker_toolmarker: Tool marker as the tracker sees it, the same n poses.
-        phases: (n,) 0 pivot about the tip, 1 translation along tool x, 2 along tool y.
-        method: "paper".
+        phases: (n,) 0 pivot about the tip, 1 translation along tool x, 2 along tool y. The method
+            "joint" needs none: any motion with turns about two axes will do.
+        method: "joint" (all poses together, weighted, robust) or "paper" (pivot and two lines).
+        noise: Of one marker; its size is taken from the residuals where it is None.
+        robot_sigma_mm: Random error of the robot's tip position, 3D RMS.
+        robot_sigma_deg: Random error of the robot's orientation, RMS of the whole turn.
 
     Raises:
         InvalidInputError: different numbers of poses, unknown phase or method, too few poses.
-        DegenerateGeometryError: the pivot or a translation does not determine its part.
+        DegenerateGeometryError: the motion does not determine the answer, or too few poses agree.
     """
-    if method != "paper":
-        raise InvalidInputError(f"method must be paper, not {method!r}")
-    chosen = _as_phases(phases, Ts_base_tip, Ts_tracker_toolmarker)
-    pivot = solve_pivot(
-        Ts_tracker_toolmarker.select(chosen == 0),
-        dof=6,
-        method="sphere",
-        at_least=MIN_PIVOT_POSES,
-    )
-    lines_base, lines_tracker = [], []
-    for axis in (0, 1):
-        rows = chosen == axis + 1
-        base, tracker = _axis_lines(
-            Ts_base_tip.select(rows), Ts_tracker_toolmarker.select(rows), axis
+    if method not in METHODS:
+        raise InvalidInputError(f"method must be one of {', '.join(METHODS)}, not {method!r}")
+    chosen = _as_phases(phases, Ts_base_tip, Ts_tracker_toolmarker, method)
+    if method == "joint":
+        joint = solve_hand_eye(
+            Ts_base_tip,
+            Ts_tracker_toolmarker,
+            noise=noise,
+            robot_sigma_mm=robot_sigma_mm,
+            robot_sigma_deg=robot_sigma_deg,
         )
-        lines_base.append(base)
-        lines_tracker.append(tracker)
-    x, y = (line.direction for line in lines_tracker)
-    axes_angle_deg = _angle_deg(x, y)
-    if abs(axes_angle_deg - 90.0) > MAX_AXIS_DEG:
-        raise DegenerateGeometryError(
-            f"the two measured tool directions are {axes_angle_deg:.1f} degrees apart, not 90"
-        )
-    R_base_tracker = _rotation([line.direction for line in lines_base], [x, y])
+        return _from_joint(joint, Ts_base_tip, Ts_tracker_toolmarker, chosen)
+    fit = solve_paper(Ts_base_tip, Ts_tracker_toolmarker, chosen)
+    variances = (robot_sigma_mm**2 / 3.0, float(np.deg2rad(robot_sigma_deg)) ** 2 / 3.0)
+    seen = observe(Ts_base_tip, Ts_tracker_toolmarker, TOOL_MARKERS, noise, variances)
+    covariance, sigma_mm = bootstrap(fit, seen, chosen)
     return _assemble(
-        Ts_base_tip, Ts_tracker_toolmarker, R_base_tracker, pivot, lines_tracker, axes_angle_deg
+        "paper",
+        (fit.T_base_tracker, fit.T_toolmarker_tip),
+        (covariance, sigma_mm, fit.used),
+        Ts_base_tip,
+        Ts_tracker_toolmarker,
+        pivot=(fit.pivot.rmse_mm, fit.pivot.cone_deg),
+        lines=fit.lines_tracker,
+    )
+
+
+def _from_joint(
+    joint: HandEyeFit, Ts_base_tip: Poses, Ts_tracker_toolmarker: Poses, phases: Ints
+) -> ToolRegistration:
+    """Return the registration with the figures of the pivot and the lines, where there are any."""
+    tip = joint.T_toolmarker_tip.translation
+    pivot = joint.used & (phases == 0)
+    scatter = None
+    if pivot.sum() > 1:
+        tips_tracker = Ts_tracker_toolmarker.select(pivot) @ tip
+        scatter = _rms(np.linalg.norm(tips_tracker - tips_tracker.mean(axis=0), axis=1))
+    turning = pivot if scatter is not None else joint.used
+    levers = Ts_tracker_toolmarker.rotations[turning] @ (tip / max(np.linalg.norm(tip), 1e-9))
+    translations = Ts_tracker_toolmarker.translations
+    lines = [
+        fit_line_direction(translations[rows])
+        for rows in (joint.used & (phases == phase) for phase in (1, 2))
+        if rows.sum() > 1 and np.ptp(translations[rows], axis=0).max() > MIN_TRAVEL_MM
+    ]
+    return _assemble(
+        "joint",
+        (joint.T_base_tracker, joint.T_toolmarker_tip),
+        (joint.covariance, joint.marker_sigma_mm, joint.used),
+        Ts_base_tip,
+        Ts_tracker_toolmarker,
+        pivot=(scatter, cap_half_angle_deg(levers)),
+        lines=(lines[0], lines[1]) if len(lines) == 2 else None,
     )
 
 
 def _assemble(
+    method: ToolMethod,
+    poses: tuple[Pose, Pose],
+    certainty: tuple[Floats, float, Bools],
     Ts_base_tip: Poses,
     Ts_tracker_toolmarker: Poses,
-    R_base_tracker: Floats,
-    pivot: PivotFit,
-    lines_tracker: list[LineFit],
-    axes_angle_deg: float,
+    *,
+    pivot: tuple[float | None, float],
+    lines: tuple[LineFit, LineFit] | None,
 ) -> ToolRegistration:
-    """Average what every pose says about the rest, once the rotation and the tip are known."""
-    tips_base = Ts_base_tip.translations
-    tips_tracker = Ts_tracker_toolmarker @ pivot.tip_marker
-    offsets = tips_base - tips_tracker @ R_base_tracker.T
-    distance = np.linalg.norm(offsets - np.median(offsets, axis=0), axis=1)
-    kept = distance <= 6.0 * np.median(distance) + 1e-6  # without gross errors
-    T_base_tracker = Pose(R_base_tracker, offsets[kept].mean(axis=0))
-    Ts_base_toolmarker = T_base_tracker @ Ts_tracker_toolmarker
-    turned = (Ts_base_toolmarker.inv() @ Ts_base_tip).select(kept).mean()
-    residuals = np.linalg.norm(T_base_tracker @ tips_tracker - tips_base, axis=1)
-    line_rmse_mm = float(np.sqrt(np.mean([line.rms_mm**2 for line in lines_tracker])))
+    """Return the registration with the residuals of the tip and the verdict."""
+    T_base_tracker, T_toolmarker_tip = poses
+    covariance, sigma_mm, used = certainty
+    tips_base = T_base_tracker @ (Ts_tracker_toolmarker @ T_toolmarker_tip.translation)
+    residuals_mm = np.linalg.norm(tips_base - Ts_base_tip.translations, axis=1)
+    center_base = Ts_base_tip.translations[used].mean(axis=0)
+    tip_sigma_mm = float(np.sqrt(np.trace(covariance[9:, 9:])))
+    error_mm = registration_sigma_mm(T_base_tracker, covariance[:6, :6], center_base)
+    verdict, reasons = judge(
+        Judged(tip_sigma_mm, error_mm, sigma_mm, used, Ts_base_tip.rotations[used])
+    )
+    axes = None if lines is None else angle_deg(lines[0].direction, lines[1].direction)
     return ToolRegistration(
-        method="paper",
+        method=method,
         T_base_tracker=T_base_tracker,
-        T_toolmarker_tip=Pose(turned.rotation, pivot.tip_marker),
-        pivot_rmse_mm=pivot.rmse_mm,
-        axes_angle_deg=axes_angle_deg,
-        line_rmse_mm=line_rmse_mm,
-        n_poses=len(residuals),
-        residuals_mm=readonly(residuals),
-        rmse_mm=float(np.sqrt((residuals**2).mean())),
-        cone_deg=pivot.cone_deg,
-        travel_mm=(lines_tracker[0].length_mm, lines_tracker[1].length_mm),
-        tip_sigma_mm=pivot.tip_sigma_mm,
+        T_toolmarker_tip=T_toolmarker_tip,
+        pivot_rmse_mm=pivot[0],
+        axes_angle_deg=axes,
+        line_rmse_mm=None if lines is None else _rms(np.array([line.rms_mm for line in lines])),
+        n_poses=len(residuals_mm),
+        residuals_mm=readonly(residuals_mm),
+        rmse_mm=_rms(residuals_mm[used]),
+        cone_deg=pivot[1],
+        travel_mm=(0.0, 0.0) if lines is None else (lines[0].length_mm, lines[1].length_mm),
+        tip_sigma_mm=tip_sigma_mm,
+        covariance=readonly(covariance),
+        registration_sigma_mm=error_mm,
+        marker_sigma_mm=sigma_mm,
+        used=readonly(used),
+        verdict=verdict,
+        reasons=reasons,
     )
 
 
-def _as_phases(phases: ArrayLike, Ts_base_tip: Poses, Ts_tracker_toolmarker: Poses) -> Ints:
-    """Return the phases (n,) after checking that they fit the poses."""
-    values = np.asarray(phases)
+def _as_phases(
+    phases: ArrayLike | None, Ts_base_tip: Poses, Ts_tracker_toolmarker: Poses, method: ToolMethod
+) -> Ints:
+    """Return the phases (n,), -1 where there are none, after checking that they fit the poses."""
     n = len(Ts_base_tip)
+    if phases is None and method == "paper":
+        raise InvalidInputError('the method "paper" needs to know the phase of each pose')
+    values = np.full(n, -1) if phases is None else np.asarray(phases)
     if len(Ts_tracker_toolmarker) != n or values.shape != (n,):
         raise InvalidInputError(
             f"robot poses, marker poses and phases must be as many: {n}, "
             f"{len(Ts_tracker_toolmarker)} and shape {values.shape}"
         )
-    if not np.isin(values, (0, 1, 2)).all():
+    if phases is not None and not np.isin(values, (0, 1, 2)).all():
         raise InvalidInputError("phases must be 0 (pivot), 1 (along x) or 2 (along y)")
-    for phase, (name, least) in enumerate(
-        zip(PHASES, (MIN_PIVOT_POSES, MIN_LINE_POSES, MIN_LINE_POSES), strict=True)
-    ):
-        count = int((values == phase).sum())
-        if count < least:
-            raise InvalidInputError(f"phase {phase} ({name}) has {count} poses, {least} are needed")
     return values.astype(np.int64)
 
 
-def _axis_lines(
-    Ts_base_tip: Poses, Ts_tracker_toolmarker: Poses, axis: int
-) -> tuple[LineFit, LineFit]:
-    """Return the line of one translation in ``base`` and in ``tracker``, both along tool +axis."""
-    name = PHASES[axis + 1]
-    travel = float(np.linalg.norm(np.ptp(Ts_base_tip.translations, axis=0)))
-    if travel < MIN_TRAVEL_MM:
-        raise DegenerateGeometryError(
-            f"the tool moved only {travel:.2g} mm along {name}, {MIN_TRAVEL_MM:.0f} are needed"
-        )
-    mean = Ts_base_tip.mean()
-    turn_deg = max(np.rad2deg(mean.angle_to_rad(pose)) for pose in Ts_base_tip)
-    if turn_deg > MAX_TURN_DEG:
-        raise DegenerateGeometryError(
-            f"the tool turned by {turn_deg:.1f} degrees while it moved along {name}"
-        )
-    base = fit_line_direction(Ts_base_tip.translations)
-    tool_axis = mean.rotation[:, axis]
-    if base.direction @ tool_axis < 0:
-        base = _reversed(base)
-    off_deg = _angle_deg(base.direction, tool_axis)
-    if off_deg > MAX_AXIS_DEG:
-        raise DegenerateGeometryError(
-            f"the translation along {name} runs {off_deg:.1f} degrees off that tool axis"
-        )
-    tracker = fit_line_direction(Ts_tracker_toolmarker.translations)
-    # both saw the same motion, so progress along the two lines must agree in sign
-    progress_base = (Ts_base_tip.translations - base.point) @ base.direction
-    progress_tracker = (Ts_tracker_toolmarker.translations - tracker.point) @ tracker.direction
-    if progress_base @ progress_tracker < 0:
-        tracker = _reversed(tracker)
-    return base, tracker
-
-
-def _reversed(line: LineFit) -> LineFit:
-    return LineFit(line.point, readonly(-line.direction), line.rms_mm, line.length_mm)
-
-
-def _rotation(directions_base: list[Floats], directions_tracker: list[Floats]) -> Floats:
-    """Return the rotation tracker -> base that fits two pairs of directions best (Wahba)."""
-    b, a = np.array(directions_base), np.array(directions_tracker)
-    u, _, vt = np.linalg.svd(b.T @ a)
-    return (u * (1.0, 1.0, np.linalg.det(u @ vt))) @ vt
-
-
-def _angle_deg(a: Floats, b: Floats) -> float:
-    return float(np.rad2deg(np.arctan2(np.linalg.norm(np.cross(a, b)), a @ b)))
+def _rms(values: Floats) -> float:
+    return float(np.sqrt((values**2).mean()))

@@ -35,9 +35,11 @@ class ToolPanel(StepPanel):
             return ""
         tool = derived.value
         x, y, z = tool.T_toolmarker_tip.translation
-        return style.note(
-            f"Tip at ({x:.2f}, {y:.2f}, {z:.2f}) mm in the tool marker. Pivot RMSE "
-            f"{tool.pivot_rmse_mm:.2f} mm over {tool.n_poses} poses; the two axes meet at "
-            f"{tool.axes_angle_deg:.2f} deg.",
-            "good",
+        n_used = int(tool.used.sum())
+        found = (
+            f"Tip at ({x:.2f}, {y:.2f}, {z:.2f}) mm in the tool marker, expected to be off by "
+            f"{tool.tip_sigma_mm:.2f} mm; the tracker by {tool.registration_sigma_mm:.2f} mm near "
+            f"it. {n_used} of {tool.n_poses} poses used. "
         )
+        reasons = " ".join(f"{reason[0].upper()}{reason[1:]}." for reason in tool.reasons)
+        return style.note(found + reasons, "good" if tool.verdict == "good" else "warn")
