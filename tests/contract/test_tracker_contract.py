@@ -9,9 +9,9 @@ import pytest
 
 from rona_core.devices.igs_mha import read_igs_mha, write_igs_mha
 from rona_core.devices.markers import GEOMETRIES
-from rona_core.devices.samples import WITH_POSE, ToolStatus
 from rona_core.devices.recording import Recording
 from rona_core.devices.replay import ReplayTracker
+from rona_core.devices.samples import WITH_POSE, ToolStatus
 from rona_core.devices.settings import TOOLS, TrackerSettings
 from rona_core.geometry.pose import Pose
 from rona_core.virtual.clock import CaptureClock
