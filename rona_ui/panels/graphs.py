@@ -242,9 +242,9 @@ class AScanPanel:
 _ASCAN_KEY = (
     ("#8a97a5", "signal"),
     (css(CATEGORIES[0]), "matched filter"),
-    (css(PURPLE), "without front echo, enlarged"),
     (css(GREEN), "outer boundary"),
-    (css(VERMILLION), "inner boundary"),
+    (css(PURPLE), "without front echo, enlarged"),
+    (css(VERMILLION), "inner"),
 )
 
 

@@ -45,13 +45,15 @@ def table(rows: tuple[QualityRow, ...], session: Session) -> str:
         return style.text(
             "No figures yet. Each step adds its own, with a limit and a verdict beside it."
         )
-    head = '<tr><th>Quantity</th><th class="n">Value</th><th class="n">Limit</th><th></th></tr>'
+    head = (
+        '<tr><th>Quantity</th><th class="n">Value</th><th class="n">Limit</th><th>Verdict</th></tr>'
+    )
     return f'<table class="r-table">{head}{body}</table>'
 
 
 def _row(row: QualityRow) -> str:
     limit = "" if row.limit is None else f"{'≤' if row.sense == 'at most' else '≥'} "
-    limit += "" if row.limit is None else f"{row.limit:.{row.decimals}f}"
+    limit += "" if row.limit is None else f"{row.limit:.{row.decimals}f} {row.unit}".rstrip()
     return (
         f'<tr><td>{escape(row.title)}</td><td class="n"><b>{_value(row)}</b></td>'
         f'<td class="n g">{limit}</td><td>{style.verdict(row.verdict)}</td></tr>'

@@ -11,8 +11,10 @@ from rona_ui.scene.metres import segments
 from rona_ui.view_state import Picture
 
 CAMERA, VOLUME, NAME = "/tracker/camera", "/tracker/volume", "/tracker/name"
+EXTENT = "/tracker/extent"  # words at the volume
 VOLUME_COLOR = (108, 121, 136)
 NEAR_MM, FAR_MM, RADIUS_MM = 1400.0, 2400.0, 500.0  # silo along the line of sight (z)
+MIDDLE_MM = 0.5 * (NEAR_MM + FAR_MM)
 
 
 class TrackerLayer(Layer):
@@ -31,7 +33,9 @@ class TrackerLayer(Layer):
             self.stage.mesh(CAMERA, Mesh(T_base_tracker @ body.vertices, body.faces), STEEL)
             self.stage.lines(VOLUME, silo(T_base_tracker), VOLUME_COLOR, width_px=1.0)
             self.stage.label(NAME, "Tracker", T_base_tracker @ (0.0, -110.0, 0.0))
-        for node in (CAMERA, VOLUME, NAME):
+            rims = silo(T_base_tracker).reshape(-1, 3)
+            self.stage.label(EXTENT, "Tracker volume", rims[np.argmax(rims[:, 2])])
+        for node in (CAMERA, VOLUME, NAME, EXTENT):
             self.stage.show(node, self.shown(new))
 
 
@@ -39,10 +43,7 @@ def silo(T_base_tracker: Pose) -> Floats:
     """Return the measuring volume as segments (n, 2, 3) in ``base``: three rings, four edges."""
     angle = np.linspace(0.0, 2.0 * np.pi, 49)
     ring = RADIUS_MM * np.stack((np.cos(angle), np.sin(angle), np.zeros(49)), axis=1)
-    parts = [
-        segments(ring + np.array([0.0, 0.0, z]))
-        for z in (NEAR_MM, 0.5 * (NEAR_MM + FAR_MM), FAR_MM)
-    ]
+    parts = [segments(ring + np.array([0.0, 0.0, z])) for z in (NEAR_MM, MIDDLE_MM, FAR_MM)]
     for corner in ring[:48:12]:
         depths = np.array([[0.0, 0.0, NEAR_MM], [0.0, 0.0, FAR_MM]])
         parts.append((corner + depths)[None])
