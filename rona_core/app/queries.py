@@ -132,4 +132,4 @@ def _roll_summary(session: Session) -> str:
     if plan.mode == "none" or plan.trajectory is None:
         return f"{counts}: move the robot base or change the path"
     chosen = plan.verdicts[plan.chosen]
-    return f"{counts}, {chosen.roll_deg:.0f} deg, {plan.trajectory.times_s[-1]:.0f} s"
+    return f"{counts}, {chosen.roll_deg:.0f}°, {plan.trajectory.times_s[-1]:.0f} s"

@@ -172,7 +172,7 @@ def _upright(at: Floats, place: float | None, low: float, high: float) -> Floats
 
 def _joint_words(curves: JointCurves) -> str:
     names = tuple((css(color), f"J{j}") for j, color in enumerate(CATEGORIES, start=1))
-    words = f"Roll {curves.roll_deg:.0f} deg. Shaded: beyond the joint limits."
+    words = f"Roll {curves.roll_deg:.0f}°. Shaded: beyond the joint limits."
     if not curves.feasible:
         words += " Dashed: where the robot cannot follow."
     return style.key(names) + style.text(words)

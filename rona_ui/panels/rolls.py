@@ -78,7 +78,11 @@ class RollsPanel:
         ) + _legend(_top(strip))
         with self._folder:
             self._sheet.remove()
-            values = {"h": HEIGHT_PX, "mark": HEIGHT_PX + 2, "png": _picture(strip)}
+            values = {
+                "h": HEIGHT_PX,
+                "mark": HEIGHT_PX + 2,
+                "png": base64.b64encode(png(roll_image(strip))).decode(),
+            }
             self._sheet = self._gui.add_html(SHEET % values)
             last = len(strip.rolls_deg) - 1
             marks = tuple(
@@ -124,12 +128,13 @@ def _top(strip: RollStrip) -> float:
     return max(float(strip.room.max(initial=0.0)), 1e-9)
 
 
-def _picture(strip: RollStrip) -> str:
-    room = strip.room.T  # path down, rolls across
+def roll_image(strip: RollStrip) -> NDArray[np.uint8]:
+    """Return the colours of all rolls, (places, rolls, 3): path down, rolls across."""
+    room = strip.room.T
     image = viridis(np.clip(room / _top(strip), 0.0, 1.0))
     image[:, ~strip.feasible] = PALE
     image[room < 0.0] = VERMILLION
-    return base64.b64encode(png(image)).decode()
+    return image
 
 
 def png(image: NDArray[np.uint8]) -> bytes:

@@ -12,7 +12,7 @@ from rona_ui.view_state import Picture
 
 CAMERA, VOLUME, NAME = "/tracker/camera", "/tracker/volume", "/tracker/name"
 EXTENT = "/tracker/extent"  # words at the volume
-VOLUME_COLOR = (108, 121, 136)
+VOLUME_COLOR = (158, 170, 184)
 NEAR_MM, FAR_MM, RADIUS_MM = 1400.0, 2400.0, 500.0  # silo along the line of sight (z)
 MIDDLE_MM = 0.5 * (NEAR_MM + FAR_MM)
 
