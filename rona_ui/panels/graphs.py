@@ -200,7 +200,7 @@ class AScanPanel:
         ):
             return
         number = scan_number_at(new.session, new.view.cursor or 0.0)
-        live = new.live.ascan if new.busy and new.job and new.job.activity == "StartScan" else None
+        live = new.live.ascan if new.scanning else None
         plot = ascan_plot(new.session, number, live)
         if plot is None:
             if self._plot is not None:

@@ -54,7 +54,7 @@ class RollsPanel:
         before = None if old is None else old.session.results.roll
         if old is None or before is not roll:
             self._build(new)
-        elif old.view.shown_roll == new.view.shown_roll:
+        elif old.view.shown_roll == new.view.shown_roll and old.steps is new.steps:
             return
         index = shown_roll(new.session, new.view.shown_roll)
         if index is not None and self._slider is not None:
@@ -106,8 +106,10 @@ def remark(picture: Picture) -> str:
     curves = joint_curves(picture.session, picture.view.shown_roll)
     if curves is None:
         return ""
-    kind = "good" if curves.feasible else "warn"
-    return style.note(curves.sentence[:1].upper() + curves.sentence[1:], kind)
+    words = curves.sentence[:1].upper() + curves.sentence[1:]
+    if picture.step("roll").state == "stale":
+        return style.note(f"{words}. Stale: search the roll again.", "warn")
+    return style.note(words, "good" if curves.feasible else "warn")
 
 
 def _legend(top: float) -> str:

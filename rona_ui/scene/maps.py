@@ -83,8 +83,9 @@ class ScanLayer(Layer):
             number = None if new.view.cursor is None else _number(new)
             mark = places[number : number + 1] if number is not None else places[:0]
             self.stage.cloud(NOW, mark, YELLOW, size_mm=3.0)
-        self.stage.show(SCAN, self.shown(new))
-        self.stage.show(NOW, self.shown(new))
+        seen = self.shown(new) and not new.scanning  # while it scans they are of the scan before
+        self.stage.show(SCAN, seen)
+        self.stage.show(NOW, seen)
 
 
 def _number(picture: Picture) -> int | None:

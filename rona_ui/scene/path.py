@@ -40,7 +40,8 @@ class PathLayer(Layer):
 
 def _scanned(picture: Picture) -> bool:
     """Return whether the path would hide the points of a scan, which lie on it."""
-    return picture.view.step == "scan" and picture.session.captures.scan is not None
+    there = picture.session.captures.scan is not None and not picture.scanning
+    return picture.view.step == "scan" and there
 
 
 def _corners(picture: Picture) -> np.ndarray:

@@ -17,13 +17,17 @@ from rona_core.session.document import Session
 from rona_core.session.files import load_session
 from rona_ui.panels.door import Door
 from rona_ui.panels.maps import MapsPanel, color_bar, map_layers
+from rona_ui.panels.quality import QualityPanel
 from rona_ui.panels.rolls import PALE, roll_image
 from rona_ui.scene.colors import VERMILLION
+from rona_ui.scene.maps import ScanLayer
 from rona_ui.scene.metres import Stage
+from rona_ui.scene.path import PathLayer
 from rona_ui.scene.replay import joints_shown, shows_roll
 from rona_ui.view_state import Picture, ViewState
 
 DEMO = Path(__file__).resolve().parents[2] / "sessions" / "demo.rona"
+SCANNING = JobStatus("1", "StartScan", "running", 0.5)
 NOTHING = Door(*[lambda *_: None] * 5)  # type: ignore[arg-type]
 
 
@@ -58,7 +62,7 @@ def test_elsewhere_and_with_a_roll_that_fails_the_robot_stands_where_it_is(demo:
     for other in (
         picture(demo, ViewState(step="scan")),
         picture(demo, replace(rolls, shown_roll=fails)),
-        picture(demo, rolls, job=JobStatus("1", "StartScan", "running", 0.5)),
+        picture(demo, rolls, job=SCANNING),
     ):
         assert not shows_roll(other)
         assert joints_shown(other) is None  # nothing is known of the robot
@@ -108,3 +112,24 @@ def test_a_stale_result_is_told_but_not_praised(demo: Session) -> None:
         MapsPanel(gui, NOTHING).render(None, picture(session, ViewState(step="maps")))
         assert "Outer boundary in" in gui.html()
         assert ("r-note good" in gui.html()) == praised
+
+
+def test_figures_of_stale_steps_are_marked(demo: Session) -> None:
+    figures = {"tool_tip_error_mm": 0.2, "outer_rms_mm": 0.3}
+    other = replace(demo, setup=replace(demo.setup, seed=demo.setup.seed + 1))
+    for session, marks in ((demo, 0), (other, 3)):  # fit, calibration, maps
+        gui = FakeGui()
+        QualityPanel(gui).render(None, picture(session, ViewState(), figures=figures))
+        assert gui.html().count("! stale") == marks
+
+
+def test_points_of_the_scan_before_are_not_shown_while_the_robot_scans(demo: Session) -> None:
+    shown: dict[str, bool] = {}
+    stage = SimpleNamespace(cloud=lambda *_, **__: None, show=shown.__setitem__)
+    lines = SimpleNamespace(lines=lambda *_, **__: None, **vars(stage))
+    at_rest = picture(demo, ViewState(step="scan"))
+    for at, scanning in ((at_rest, False), (replace(at_rest, job=SCANNING), True)):
+        ScanLayer(stage).render(None, at)  # type: ignore[arg-type]
+        PathLayer(lines).render(None, at)  # type: ignore[arg-type]
+        assert shown["/scan/points"] != scanning
+        assert shown["/path/smooth"] == shown["/path/raw"] == scanning
