@@ -110,6 +110,11 @@ class Picture:
     refused: int = 0  # grows when a message was refused, so that fields show the truth again
 
     @property
+    def scanning(self) -> bool:
+        """Return whether the robot scans at this moment."""
+        return self.busy and self.job is not None and self.job.activity == "StartScan"
+
+    @property
     def busy(self) -> bool:
         """Whether a job is under way."""
         return self.job is not None and not self.job.finished

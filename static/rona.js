@@ -65,15 +65,22 @@ listenIn(viewer);
 
 // ---------------------------------------------------------------- state
 
-const words = (activity) => activity.replace(/^Start/, "").replace(/([a-z])([A-Z])/g, "$1 $2");
+const WORDS = { // as beneath the step's button
+  StartSkullImport: "Reading the skull", StartToolCapture: "Moving the tool",
+  StartPointerCapture: "Pivoting the pointer", StartSurfaceCapture: "Sliding over the skull",
+  StartPathCapture: "Demonstrating the path", StartRollSearch: "Searching the roll",
+  StartScan: "Scanning", StartMapping: "Mapping the boundaries", StartRobotMove: "Moving the robot",
+};
+const words = (activity) => WORDS[activity]
+  ?? activity.replace(/^Start/, "").replace(/([a-z])([A-Z])/g, "$1 $2");
 
 function show(state) {
   const session = state.session;
   $("name").textContent = session ? session.name : "no session open";
   $("name").title = session ? `${session.name} (session ${session.id}, revision ${session.revision})` : "";
   const saved = $("saved");
-  saved.textContent = !session ? "" : session.saved ? `saved in ${session.file}`
-    : `● not saved${{ kept: ", copy kept", failed: ", no room for a copy" }[session.copy] ?? ""}`;
+  saved.textContent = !session ? "" : session.saved ? `saved in ${session.file}` : "● not saved";
+  saved.title = { kept: "A copy is kept until it is saved", failed: "No room for a copy" }[session?.copy] ?? "";
   saved.classList.toggle("changed", Boolean(session) && !session.saved);
   document.title = session ? `${session.saved ? "" : "● "}${session.name} – RONA` : "RONA";
   $("origin").textContent = state.origin || "NO DEVICES";

@@ -96,7 +96,8 @@ def summary(step: str, session: Session) -> str:
     if step == "setup":
         devices = session.setup.devices
         specimen = getattr(session.setup.specimen, "name", "simulated skull")
-        return f"{specimen}, seed {session.setup.seed}, {devices.robot.model}, {devices.probe.name}"
+        probe = devices.probe.name.replace("MHz", " MHz")
+        return f"{specimen}, seed {session.setup.seed}, {probe}"
     if step == "tool" and results.tool:
         tool = results.tool.value
         return f"{tool.n_poses} poses, tip within {tool.tip_sigma_mm:.2f} mm"
@@ -131,4 +132,4 @@ def _roll_summary(session: Session) -> str:
     if plan.mode == "none" or plan.trajectory is None:
         return f"{counts}: move the robot base or change the path"
     chosen = plan.verdicts[plan.chosen]
-    return f"{counts}, {chosen.roll_deg:.0f} deg chosen, {plan.trajectory.times_s[-1]:.0f} s"
+    return f"{counts}, {chosen.roll_deg:.0f}°, {plan.trajectory.times_s[-1]:.0f} s"

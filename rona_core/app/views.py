@@ -139,6 +139,21 @@ def joints_at(session: Session, share: float) -> Floats | None:
     return np.array([np.interp(time_s, motion.times_s, q) for q in motion.qs_rad.T])
 
 
+def joints_of_roll(session: Session, wanted: int | None) -> Floats | None:
+    """Return the joint angles (6,) in rad at the middle of the path with the roll that is shown.
+
+    None before the search, and for a roll with which the robot cannot follow the path.
+    """
+    index = shown_roll(session, wanted)
+    if index is None or session.results.roll is None:
+        return None
+    plan = session.results.roll.value
+    if not plan.verdicts[index].feasible:
+        return None
+    curve = plan.curves_rad[index].astype(np.float64)
+    return curve[len(curve) // 2]
+
+
 def path_percent_at(session: Session, share: float) -> float | None:
     """Return how far along the scan path (0 to 100) the planned motion is at a share of it."""
     searched = session.results.roll

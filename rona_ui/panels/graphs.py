@@ -172,7 +172,7 @@ def _upright(at: Floats, place: float | None, low: float, high: float) -> Floats
 
 def _joint_words(curves: JointCurves) -> str:
     names = tuple((css(color), f"J{j}") for j, color in enumerate(CATEGORIES, start=1))
-    words = f"Roll {curves.roll_deg:.0f} deg. Shaded: beyond the joint limits."
+    words = f"Roll {curves.roll_deg:.0f}°. Shaded: beyond the joint limits."
     if not curves.feasible:
         words += " Dashed: where the robot cannot follow."
     return style.key(names) + style.text(words)
@@ -200,7 +200,7 @@ class AScanPanel:
         ):
             return
         number = scan_number_at(new.session, new.view.cursor or 0.0)
-        live = new.live.ascan if new.busy and new.job and new.job.activity == "StartScan" else None
+        live = new.live.ascan if new.scanning else None
         plot = ascan_plot(new.session, number, live)
         if plot is None:
             if self._plot is not None:
@@ -242,9 +242,9 @@ class AScanPanel:
 _ASCAN_KEY = (
     ("#8a97a5", "signal"),
     (css(CATEGORIES[0]), "matched filter"),
-    (css(PURPLE), "without front echo, enlarged"),
     (css(GREEN), "outer boundary"),
-    (css(VERMILLION), "inner boundary"),
+    (css(PURPLE), "without front echo, enlarged"),
+    (css(VERMILLION), "inner"),
 )
 
 

@@ -42,8 +42,11 @@ def frames_table(rows: tuple[FrameRow, ...]) -> str:
             f'<td class="n">{_three(row.pose.translation, 2)}</td>'
             f'<td class="n">{_three(turn, 1)}</td></tr>'
         )
-    head = '<tr><th>Transform</th><th class="n">mm</th><th class="n">deg</th></tr>'
-    words = style.text("T_a_b is the pose of b in a. Rotation as a rotation vector.")
+    head = (
+        '<tr><th>Transform and its source</th><th class="n">x, y, z (mm)</th>'
+        '<th class="n">turn (deg)</th></tr>'
+    )
+    words = style.text("T_a_b is the pose of b in a; the turn is a rotation vector about x, y, z.")
     return f'<table class="r-table">{head}{body}</table>{words}'
 
 
@@ -75,7 +78,7 @@ def _line(entry: LogEntry) -> str:
     arguments = ", ".join(f"{name} {_short(value)}" for name, value in entry.arguments.items())
     when = entry.time_utc[11:19]
     return (
-        f"<div><span>{entry.number} · {escape(when)}</span> <b>{escape(entry.message)}</b> "
+        f"<div><span>{entry.number} · {escape(when)} UTC</span> <b>{escape(entry.message)}</b> "
         f"<span>{escape(arguments[:ARGUMENT_CHARS])}</span></div>"
     )
 

@@ -4,8 +4,10 @@ from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any
 
+from rona_ui.panels import style
 from rona_ui.panels.door import Door, follow, listen
 from rona_ui.scene.camera import HEAD, ROOM, TABLE
+from rona_ui.scene.colors import BONE_RIM, ORANGE, SKY, css
 from rona_ui.view_state import LAYERS, Picture, SliceAcross, ViewState
 
 MAPS = ("outer", "inner", "fused")  # chosen in step 9
@@ -14,6 +16,11 @@ CUTS: dict[str, SliceAcross] = {
     "Lengthwise": "lengthwise",
     "Crosswise": "crosswise",
 }
+CUT_KEY = (
+    (css(SKY), "outer boundary"),
+    (css(ORANGE), "inner boundary"),
+    (css(BONE_RIM), "bone between them, as mapped"),
+)
 REACH_MM = 60.0  # of the cut to either side of the region's centre; no region is larger
 
 
@@ -66,6 +73,7 @@ class LookPanel:
             visible=False,
             hint="Also the maps of step 9, not the skull alone",
         )
+        self._key = gui.add_html(style.key(CUT_KEY), visible=False)
         follow(across, lambda e: door.view(lambda v: replace(v, slice_across=CUTS[across.value])))
         follow(at, lambda e: door.view(lambda v: replace(v, slice_mm=float(at.value))))
         follow(maps, lambda e: door.view(lambda v: replace(v, slice_maps=maps.value)))
@@ -100,7 +108,7 @@ class LookPanel:
         """Show the slider while there is a cut; fields rest while somebody draws on the skull."""
         seen, drawing = view.slice_across != "off", view.drawing is not None
         if old is None or (old.view.slice_across != "off") != seen:
-            self._at.visible = self._maps.visible = seen
+            self._at.visible = self._maps.visible = self._key.visible = seen
         if old is None or (old.view.drawing is not None) != drawing:
             for field in (self._across, self._at, self._maps):
                 field.disabled = drawing

@@ -3,6 +3,8 @@
 from dataclasses import replace
 from typing import Any
 
+import numpy as np
+
 from rona_core.app.maps import MapLayers, map_layers
 from rona_core.app.messages import StartMapping
 from rona_ui.panels import style
@@ -101,10 +103,12 @@ class MapsPanel(StepPanel):
 def color_bar(layers: MapLayers) -> str:
     """Return the colour bar with its limits in mm."""
     title = "Bone thickness" if layers.quantity == "thickness" else "Height"
-    middle = 0.5 * (layers.low_mm + layers.high_mm)
-    ticks = "".join(f"<span>{v:.1f}</span>" for v in (layers.low_mm, middle))
+    low, high = layers.low_mm, layers.high_mm
+    values = np.concatenate([layers.part(name).values_mm for name in sorted(MAP_NAMES)])
+    below, above = ("≤ " if (values < low).any() else ""), ("≥ " if (values > high).any() else "")
+    ticks = f"<span>{below}{low:.1f}</span><span>{0.5 * (low + high):.1f}</span>"
     return (
         f'<div class="r-text" style="padding-bottom:2px">{title} (mm)</div>'
         f'<div class="r-bar" style="background:{viridis_css()}"></div>'
-        f'<div class="r-ticks">{ticks}<span>{layers.high_mm:.1f}</span></div>'
+        f'<div class="r-ticks">{ticks}<span>{above}{high:.1f}</span></div>'
     )

@@ -8,11 +8,15 @@ from rona_ui.bindings import escape
 from rona_ui.panels import style
 from rona_ui.view_state import Picture
 
-SECTIONS = (
-    ("Calibration", ("tool_tip", "tracker_reg", "pointer_tip")),
-    ("Surface and path", ("surface", "path", "normal")),
-    ("Robot and scan", ("roll", "scan")),
-    ("Maps", ("outer", "inner", "thickness", "fused", "coverage", "detection", "unfl", "flagged")),
+SECTIONS = (  # title, what the keys begin with, steps that the figures come from
+    ("Calibration", ("tool_tip", "tracker_reg", "pointer_tip"), ("tool", "pointer")),
+    ("Surface and path", ("surface", "path", "normal"), ("surface", "path", "smoothing")),
+    ("Robot and scan", ("roll", "scan"), ("roll", "scan")),
+    (
+        "Maps",
+        ("outer", "inner", "thickness", "fused", "coverage", "detection", "unfl", "flagged"),
+        ("maps",),
+    ),
 )
 
 
@@ -28,30 +32,44 @@ class QualityPanel:
             old is None
             or old.figures is not new.figures
             or old.session.results is not new.session.results
+            or old.steps is not new.steps
         ):
-            self._html.content = table(quality_rows(new.figures, new.session), new.session)
+            stale = frozenset(step.name for step in new.steps if step.state == "stale")
+            rows = quality_rows(new.figures, new.session)
+            self._html.content = table(rows, new.session, stale)
 
 
-def table(rows: tuple[QualityRow, ...], session: Session) -> str:
-    """Return the figures that have a value, by section."""
+def table(rows: tuple[QualityRow, ...], session: Session, stale: frozenset[str]) -> str:
+    """Return the figures that have a value, by section; it says which steps are stale."""
     known = [row for row in rows if row.value is not None]
-    body = _own_word(session)
-    for title, starts in SECTIONS:
+    body = _own_word(session, _mark(("tool", "pointer"), stale))
+    for title, starts, steps in SECTIONS:
         part = [row for row in known if row.key.startswith(starts)]
         if part:
-            body += f'<tr class="sec"><td colspan="4">{title}, against the truth</td></tr>'
+            words = f"{title}, against the truth{_mark(steps, stale)}"
+            body += f'<tr class="sec"><td colspan="4">{words}</td></tr>'
             body += "".join(_row(row) for row in part)
     if not body:
         return style.text(
             "No figures yet. Each step adds its own, with a limit and a verdict beside it."
         )
-    head = '<tr><th>Quantity</th><th class="n">Value</th><th class="n">Limit</th><th></th></tr>'
+    head = (
+        '<tr><th>Quantity</th><th class="n">Value</th><th class="n">Limit</th><th>Verdict</th></tr>'
+    )
     return f'<table class="r-table">{head}{body}</table>'
+
+
+def _mark(steps: tuple[str, ...], stale: frozenset[str]) -> str:
+    """Return a mark for figures of steps that something earlier has changed since."""
+    if stale.isdisjoint(steps):
+        return ""
+    icon, word, color = style.STATES["stale"]
+    return f' <span style="color:{color}">{icon} {word}</span>'
 
 
 def _row(row: QualityRow) -> str:
     limit = "" if row.limit is None else f"{'≤' if row.sense == 'at most' else '≥'} "
-    limit += "" if row.limit is None else f"{row.limit:.{row.decimals}f}"
+    limit += "" if row.limit is None else f"{row.limit:.{row.decimals}f} {row.unit}".rstrip()
     return (
         f'<tr><td>{escape(row.title)}</td><td class="n"><b>{_value(row)}</b></td>'
         f'<td class="n g">{limit}</td><td>{style.verdict(row.verdict)}</td></tr>'
@@ -64,7 +82,7 @@ def _value(row: QualityRow) -> str:
     return escape(f"{row.value:.{row.decimals}f} {row.unit}".strip())
 
 
-def _own_word(session: Session) -> str:
+def _own_word(session: Session, mark: str) -> str:
     """Return what the fits say without any truth: RMSE and predicted error."""
     lines: list[tuple[str, str]] = []
     if session.results.tool is not None:
@@ -81,4 +99,4 @@ def _own_word(session: Session) -> str:
         "<td></td><td></td></tr>"
         for name, value in lines
     )
-    return f'<tr class="sec"><td colspan="4">Fit, without the truth</td></tr>{rows}'
+    return f'<tr class="sec"><td colspan="4">Fit, without the truth{mark}</td></tr>{rows}'

@@ -6,8 +6,10 @@ from typing import Any
 from rona_core.app.views import motion_times
 from rona_ui.panels import style
 from rona_ui.panels.door import Door, follow, listen
+from rona_ui.scene.replay import shows_roll
 from rona_ui.view_state import Picture
 
+REPLAYED = ("roll", "scan", "maps")  # steps in which the replay is offered
 SPEEDS = {"1×": 1.0, "4×": 4.0, "16×": 16.0}
 
 
@@ -49,14 +51,23 @@ class ReplayPanel:
             and old.view.cursor == new.view.cursor
             and old.view.playing == new.view.playing
             and old.view.speed == new.view.speed
+            and old.view.step == new.view.step
+            and old.view.shown_roll == new.view.shown_roll
+            and old.busy == new.busy
         ):
             return
         times = motion_times(new.session)
-        if self._window.visible != (times is not None):
-            self._window.visible = times is not None
         cursor = new.view.cursor
+        seen = times is not None and (cursor is not None or new.view.step in REPLAYED)
+        if self._window.visible != seen:
+            self._window.visible = seen
         if times is None:
             words = "The planned motion can be replayed after step 7."
+        elif shows_roll(new):
+            words = (
+                "The robot is drawn at the middle of the path with the roll that is shown, not "
+                f"where it stands. The planned motion takes {times[0]:.1f} s."
+            )
         elif cursor is None:
             words = f"Live. The planned motion takes {times[0]:.1f} s."
         else:

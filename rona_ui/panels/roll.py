@@ -50,7 +50,7 @@ class RollPanel(StepPanel):
             certified = plan.certificate.certifies(plan.trajectory)
             chosen = plan.verdicts[plan.chosen].roll_deg
             first = style.note(
-                f"{works} of {len(plan.verdicts)} rolls work; {chosen:.0f} deg chosen, "
+                f"{works} of {len(plan.verdicts)} rolls work; {chosen:.0f}° chosen, motion of "
                 f"{plan.trajectory.times_s[-1]:.1f} s. The verifier "
                 + ("certifies the motion." if certified else "refuses the motion."),
                 "good" if certified else "warn",

@@ -16,7 +16,8 @@ from rona_ui.panels.door import Door, follow
 from rona_ui.scene.colors import VERMILLION, css, viridis, viridis_css
 from rona_ui.view_state import Picture
 
-HEIGHT_PX = 150
+PALE = (176, 184, 192)  # of a place that can be reached with a roll that fails elsewhere
+HEIGHT_PX = 170
 SHEET = """<style>
 div:has(>.r-rolls)+div{padding:0 14px 26px!important;overflow:hidden}
 div:has(>.r-rolls)+div .mantine-Slider-root{padding:0!important;height:%(h)dpx}
@@ -53,7 +54,7 @@ class RollsPanel:
         before = None if old is None else old.session.results.roll
         if old is None or before is not roll:
             self._build(new)
-        elif old.view.shown_roll == new.view.shown_roll:
+        elif old.view.shown_roll == new.view.shown_roll and old.steps is new.steps:
             return
         index = shown_roll(new.session, new.view.shown_roll)
         if index is not None and self._slider is not None:
@@ -70,16 +71,18 @@ class RollsPanel:
             self._words.content = style.text("The map of rolls appears after step 7.")
             return
         self._works = tuple(bool(works) for works in strip.feasible)
-        self._words.content = (
-            style.text(
-                "Across: roll. Down: along the path. Click to look at a roll; one that works is "
-                "planned and verified."
-            )
-            + _legend()
-        )
+        self._words.content = style.text(
+            "Across: roll. Down: along the path. Click to look at a roll; one that works is "
+            "planned and verified. Room: how far the robot stays from joint limits, "
+            "singularities, jumps and the end of its reach; 1 is comfortable."
+        ) + _legend(_top(strip))
         with self._folder:
             self._sheet.remove()
-            values = {"h": HEIGHT_PX, "mark": HEIGHT_PX + 2, "png": _picture(strip)}
+            values = {
+                "h": HEIGHT_PX,
+                "mark": HEIGHT_PX + 2,
+                "png": base64.b64encode(png(roll_image(strip))).decode(),
+            }
             self._sheet = self._gui.add_html(SHEET % values)
             last = len(strip.rolls_deg) - 1
             marks = tuple(
@@ -103,25 +106,37 @@ def remark(picture: Picture) -> str:
     curves = joint_curves(picture.session, picture.view.shown_roll)
     if curves is None:
         return ""
-    kind = "good" if curves.feasible else "warn"
-    return style.note(curves.sentence[:1].upper() + curves.sentence[1:], kind)
+    words = curves.sentence[:1].upper() + curves.sentence[1:]
+    if picture.step("roll").state == "stale":
+        return style.note(f"{words}. Stale: search the roll again.", "warn")
+    return style.note(words, "good" if curves.feasible else "warn")
 
 
-def _legend() -> str:
-    return (
-        f'<div class="r-key"><span><i style="background:{css(VERMILLION)}"></i>cannot be followed'
-        f'</span><span><i style="width:44px;background:{viridis_css()}"></i>room, little to much'
-        "</span></div>"
+def _legend(top: float) -> str:
+    entries = (
+        (css(VERMILLION), "", "fails here"),
+        (css(PALE), "", "fails elsewhere on the path"),
+        (viridis_css(), "width:44px;", f"room, 0 to {top:.1f}"),
     )
+    spans = "".join(
+        f'<span><i style="{size}background:{color}"></i>{words}</span>'
+        for color, size, words in entries
+    )
+    return f'<div class="r-key">{spans}</div>'
 
 
-def _picture(strip: RollStrip) -> str:
-    room = strip.room.T  # path down, rolls across
-    top = max(float(room.max(initial=0.0)), 1e-9)
-    image = viridis(np.clip(room / top, 0.0, 1.0))
+def _top(strip: RollStrip) -> float:
+    """Return the most room of all rolls, where the colours end."""
+    return max(float(strip.room.max(initial=0.0)), 1e-9)
+
+
+def roll_image(strip: RollStrip) -> NDArray[np.uint8]:
+    """Return the colours of all rolls, (places, rolls, 3): path down, rolls across."""
+    room = strip.room.T
+    image = viridis(np.clip(room / _top(strip), 0.0, 1.0))
+    image[:, ~strip.feasible] = PALE
     image[room < 0.0] = VERMILLION
-    image[:, ~strip.feasible] = (0.55 * image[:, ~strip.feasible] + 0.45 * 120).astype(np.uint8)
-    return base64.b64encode(png(image)).decode()
+    return image
 
 
 def png(image: NDArray[np.uint8]) -> bytes:

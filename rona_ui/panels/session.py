@@ -14,7 +14,7 @@ NOTHING = "choose …"
 
 
 class SessionHead:
-    """Program, session name, and a dot while something is not saved."""
+    """Session name, and a dot while something is not saved."""
 
     def __init__(self, gui: Any) -> None:
         self._html = gui.add_html("")
@@ -34,8 +34,8 @@ def head(name: str, saved: bool, copy: CopyState) -> str:
     state = "saved" if saved else f"● not saved{COPIES[copy]}"
     color = "#52606d" if saved else "#a34700"
     return (
-        f'<div class="r-head"><b>RONA</b><span title="{escape(name)}">{escape(name)}</span>'
-        f'<span style="color:{color};white-space:nowrap;margin-left:auto">{state}</span></div>'
+        f'<div class="r-head"><b title="{escape(name)}">{escape(name)}</b>'
+        f'<span style="color:{color}">{state}</span></div>'
     )
 
 

@@ -56,5 +56,7 @@ class StepPanel:
             or old.backdrop is not new.backdrop
         ):
             html = self.remarks(new)
+            if new.step(self.step).state == "stale":
+                html = html.replace("r-note good", "r-note")  # a stale result is not praised
             if self.remark.content != html:
                 self.remark.content = html

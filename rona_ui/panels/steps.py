@@ -41,10 +41,11 @@ class StepList:
 def row(state: StepState, active: bool) -> str:
     """Return one row of the list."""
     icon, word, color = style.STATES[state.state]
+    reason = "" if state.reason == state.state else state.reason
     return (
-        f'<div class="r-step{" on" if active else ""}" title="{escape(state.reason)}">'
+        f'<div class="r-step{" on" if active else ""}" title="{escape(reason)}">'
         f'<span class="i" style="color:{color}">{icon}</span>'
         f'<span class="t">{state.number}&ensp;{escape(state.title)}'
-        f'<span class="s">{escape(state.reason)}</span></span>'
+        f'<span class="s">{escape(reason)}</span></span>'
         f'<span class="r-badge" style="background:{color}">{word}</span></div>'
     )

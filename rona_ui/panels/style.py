@@ -23,9 +23,22 @@ SHEET = """<style>
 .mantine-ButtonGroup-group button,.mantine-Button-root[data-variant=outline]{
  color:#005b8f!important;border-color:#9fb6c6!important}
 .mantine-Tabs-tab[data-active]{color:#005b8f!important;border-color:#005b8f!important}
-.r-head{display:flex;align-items:baseline;gap:8px;padding:2px 12px 6px;font-size:14px;color:#1f2933}
-.r-head b{font-size:15px;letter-spacing:.02em}.r-head span{color:#52606d;overflow:hidden;
- text-overflow:ellipsis;white-space:nowrap}
+.mantine-Button-root[style*="gray-filled"]:not([disabled]){background:#fff!important;
+ color:#005b8f!important;border:1px solid #9fb6c6!important}
+.mantine-Button-root[style*="gray-filled"]:not([disabled]):hover{background:#eef4f8!important}
+.mantine-Checkbox-input:checked{background:#005b8f!important;border-color:#005b8f!important}
+.mantine-Notification-description{color:#3e4c59!important}
+.mantine-Paper-root:has(>.mantine-Paper-root:first-child+div+div){padding:0!important;
+ margin-top:6px!important;margin-bottom:8px!important;border-color:#d9dee4;border-radius:5px;
+ overflow:hidden}
+.mantine-Paper-root>.mantine-Paper-root:first-child:has(+div+div){position:static!important;
+ transform:none!important;padding:4px 10px!important;border-radius:0;background:#f1f4f7;
+ color:#1f2933;display:flex;justify-content:space-between;align-items:center}
+.mantine-Paper-root>.mantine-Paper-root:first-child:hover:has(+div+div){background:#e7edf2}
+.mantine-Paper-root>.mantine-Paper-root:first-child+div+div{display:none!important}
+.r-head{display:flex;align-items:baseline;gap:10px;padding:2px 12px 6px;color:#1f2933}
+.r-head b{font-size:15px;flex:1;overflow:hidden;text-overflow:ellipsis;white-space:nowrap}
+.r-head span{font-size:12.5px;white-space:nowrap}
 .r-step{height:38px;display:grid;grid-template-columns:22px 1fr auto;column-gap:6px;
  align-items:center;padding:0 12px;border-left:4px solid transparent;color:#1f2933}
 .r-step.on{background:#e7f0f7;border-left-color:#005b8f}
@@ -50,7 +63,7 @@ div:has(>.r-step)+div>button:focus-visible{outline:2px solid #005b8f;outline-off
  color:#1f2933}
 .r-table th{font-size:11px;font-weight:600;color:#52606d;text-align:left;padding:6px 6px 3px;
  border-bottom:1px solid #d9dee4}
-.r-table td{padding:4px 6px;border-bottom:1px solid #eef1f4;vertical-align:top}
+.r-table td{padding:4px 5px;border-bottom:1px solid #eef1f4;vertical-align:top}
 .r-table .n{text-align:right;font-variant-numeric:tabular-nums;white-space:nowrap}
 .r-table .g{color:#52606d}.r-table tr.sec td{font-weight:650;padding-top:10px;color:#3e4c59;
  font-size:11.5px;text-transform:uppercase;letter-spacing:.04em}

@@ -60,7 +60,7 @@ class SurfacePanel(StepPanel):
             return ""
         cloud = derived.value
         return style.note(
-            f"{len(cloud.points_base)} points from {len(strokes)} recordings; "
-            f"{cloud.n_dropped} dropped as lift-offs.",
+            f"{len(cloud.points_base)} points from {len(strokes)} recording"
+            f"{'' if len(strokes) == 1 else 's'}; {cloud.n_dropped} dropped as lift-offs.",
             "good",
         )

@@ -65,9 +65,9 @@ def _room(name: str, backdrop: Backdrop) -> tuple[Vector3, Vector3]:
     if name == "Region":
         return center + 82.0 * normal + REGION_EYE, center - 3.0 * normal
     if name == "Roll":
-        return center + np.array([72.0, -125.0, 118.0]), center + np.array([0.0, 0.0, 8.0])
+        return center + np.array([150.0, -225.0, 270.0]), center + np.array([-15.0, 0.0, 15.0])
     if name == "Scan":
-        return center + np.array([330.0, -480.0, 300.0]), center + np.array([-60.0, 0.0, 70.0])
+        return center + np.array([230.0, -335.0, 225.0]), center + np.array([-35.0, 0.0, 45.0])
     if name == "Top":
         return center + np.array([-1.0, 0.0, 620.0]), center
     if name == "Left":

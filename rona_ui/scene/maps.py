@@ -79,12 +79,13 @@ class ScanLayer(Layer):
                 if detection is not None and len(detection.value.inner_ok) == len(places):
                     found = detection.value.inner_ok[:, None]
                     colors = np.where(found, GREEN, VERMILLION).astype(np.uint8)
-                self.stage.cloud(SCAN, places, colors, size_mm=0.9)
+                self.stage.cloud(SCAN, places, colors, size_mm=1.3)
             number = None if new.view.cursor is None else _number(new)
             mark = places[number : number + 1] if number is not None else places[:0]
             self.stage.cloud(NOW, mark, YELLOW, size_mm=3.0)
-        self.stage.show(SCAN, self.shown(new))
-        self.stage.show(NOW, self.shown(new))
+        seen = self.shown(new) and not new.scanning  # while it scans they are of the scan before
+        self.stage.show(SCAN, seen)
+        self.stage.show(NOW, seen)
 
 
 def _number(picture: Picture) -> int | None:

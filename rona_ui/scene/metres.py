@@ -77,19 +77,23 @@ class Stage:
         else:
             node.points, node.colors, node.point_size = metres(points), colored, size
 
-    def lines(self, name: str, pairs: Floats, colors: Colors, *, width_px: float = 2.0) -> None:
-        """Draw line segments (n, 2, 3) of a width in pixels."""
+    def lines(
+        self, name: str, pairs: Floats, color: tuple[int, int, int], *, width_px: float = 2.0
+    ) -> None:
+        """Draw line segments (n, 2, 3) of a width in pixels, all in one colour.
+
+        The viewer draws one colour as it is, but colours per point brighter than they are.
+        """
         if not len(pairs):
             self.remove(name)
             return
-        colored = _colors(colors, pairs.shape)
         node = self._nodes.get(name)
         if node is None:
             self._nodes[name] = self._scene.add_line_segments(
-                name, metres(pairs), colored, thickness=width_px, thickness_units="screen"
+                name, metres(pairs), color, thickness=width_px, thickness_units="screen"
             )
         else:
-            node.points, node.colors = metres(pairs), colored
+            node.points, node.colors = metres(pairs), np.array(color, dtype=np.uint8)
 
     def axes(self, name: str, poses: Poses, *, length_mm: float, radius_mm: float = 0.3) -> None:
         """Draw many small coordinate crosses."""
@@ -101,25 +105,6 @@ class Stage:
                 metres(poses.translations),
                 axes_length=M_PER_MM * length_mm,
                 axes_radius=M_PER_MM * radius_mm,
-            )
-
-    def copies(
-        self, name: str, mesh: Mesh, poses: Poses, colors: NDArray[np.uint8], opacity: float
-    ) -> None:
-        """Draw one mesh at several poses, see-through."""
-        self.remove(name)
-        if len(poses):
-            self._nodes[name] = self._scene.add_batched_meshes_simple(
-                name,
-                metres(mesh.vertices),
-                np.asarray(mesh.faces, dtype=np.uint32),
-                poses.wxyz(),
-                metres(poses.translations),
-                batched_colors=colors,
-                opacity=opacity,
-                lod="off",
-                cast_shadow=False,
-                receive_shadow=False,
             )
 
     def frame(self, name: str, pose: Pose, *, length_mm: float = 0.0) -> None:

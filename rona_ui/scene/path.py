@@ -31,10 +31,17 @@ class PathLayer(Layer):
             self.stage.lines(SMOOTH, segments(dense + 3 * lift), BLUE, width_px=4.0)
             corners = _corners(new) + 3 * lift
             self.stage.cloud(CORNERS, corners, BLUE, size_mm=1.3)
-        self.stage.show(RAW, self.shown(new))
-        later = self.shown(new) and (new.view.step != "path" or new.view.everything)
+        clear = new.view.everything or not _scanned(new)
+        self.stage.show(RAW, self.shown(new) and clear)
+        later = self.shown(new) and clear and (new.view.step != "path" or new.view.everything)
         for node in (SMOOTH, CORNERS):
             self.stage.show(node, later)
+
+
+def _scanned(picture: Picture) -> bool:
+    """Return whether the path would hide the points of a scan, which lie on it."""
+    there = picture.session.captures.scan is not None and not picture.scanning
+    return picture.view.step == "scan" and there
 
 
 def _corners(picture: Picture) -> np.ndarray:

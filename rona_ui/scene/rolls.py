@@ -3,59 +3,55 @@
 import numpy as np
 
 from rona_core.app.views import roll_poses, shown_roll
-from rona_core.devices.protocols import Mesh
+from rona_core.arrays import Floats
 from rona_core.geometry.pose import Poses
 from rona_ui.scene.adapter import Layer
 from rona_ui.scene.colors import GREEN, VERMILLION, YELLOW
 from rona_ui.view_state import Picture
 
-FAN, CHOSEN = "/rolls/fan", "/rolls/shown"
+WORKS, FAILS, CHOSEN = "/rolls/works", "/rolls/fails", "/rolls/shown"
+FOOT_MM = 16.0  # from the bone to the fan
 
 
 class RollsLayer(Layer):
-    """Draws a blade per roll: green if the robot can follow the path with it, red if not."""
+    """Draws an arrow per roll: green if the robot can follow the path with it, red if not."""
 
     layer = "rolls"
 
     def render(self, old: Picture | None, new: Picture) -> None:
         """Draw the fan where the search or the shown roll is another one."""
-        plan = new.session.results.roll
-        active = self.shown(new)
         if (
             old is None
-            or old.session.results.roll is not plan
+            or old.session.results.roll is not new.session.results.roll
             or old.view.shown_roll != new.view.shown_roll
         ):
             self._draw(new)
-        self.stage.show(FAN, active)
-        self.stage.show(CHOSEN, active)
+        for node in (WORKS, FAILS, CHOSEN):
+            self.stage.show(node, self.shown(new))
 
     def _draw(self, new: Picture) -> None:
+        """Draw lines, which are unlit, so that their colours are those of the legend."""
+        works = fails = chosen = np.zeros((0, 2, 3))
         fan, searched = roll_poses(new.session, 1), new.session.results.roll
-        if fan is None or searched is None:
-            self.stage.remove(FAN)
-            self.stage.remove(CHOSEN)
-            return
-        poses, works, _ = fan
-        colors = np.where(works[:, None], GREEN, VERMILLION).astype(np.uint8)
-        self.stage.copies(FAN, blade(46.0), poses, colors, opacity=0.9)
-        index = shown_roll(new.session, new.view.shown_roll)
-        if index is not None:
-            path, roll = searched.value.path, searched.value.verdicts[index].roll_deg
-            pose = path.Ts_base_probe(np.deg2rad(roll))[len(path) // 2]
-            one = np.array([YELLOW], dtype=np.uint8)
-            self.stage.copies(CHOSEN, blade(60.0), Poses.stack([pose]), one, opacity=0.95)
+        if fan is not None and searched is not None:
+            poses, feasible, _ = fan
+            all_arrows = arrows(poses, 46.0)
+            works = all_arrows[feasible].reshape(-1, 2, 3)
+            fails = all_arrows[~feasible].reshape(-1, 2, 3)
+            index = shown_roll(new.session, new.view.shown_roll)
+            if index is not None:
+                path, roll_deg = searched.value.path, searched.value.verdicts[index].roll_deg
+                pose = path.Ts_base_probe(np.deg2rad(roll_deg))[len(path) // 2]
+                chosen = arrows(Poses.stack([pose]), 60.0).reshape(-1, 2, 3)
+        self.stage.lines(WORKS, works, GREEN, width_px=4.0)
+        self.stage.lines(FAILS, fails, VERMILLION, width_px=4.0)
+        self.stage.lines(CHOSEN, chosen, YELLOW, width_px=6.0)
 
 
-def blade(length_mm: float, width_mm: float = 5.0, foot_mm: float = 16.0) -> Mesh:
-    """Return a flat arrow along +x of ``probe``, off the bone (-z), seen from both sides."""
-    z, half = -foot_mm, width_mm / 2.0
-    head = length_mm - 2.2 * width_mm
-    corners = np.array(
-        [
-            (8.0, -half, z), (head, -half, z), (head, half, z), (8.0, half, z),
-            (head, -2.0 * half, z), (length_mm, 0.0, z), (head, 2.0 * half, z),
-        ]
-    )  # fmt: skip
-    up = np.array([(0, 2, 1), (0, 3, 2), (4, 6, 5)], dtype=np.int64)
-    return Mesh(corners, np.concatenate((up, up[:, ::-1])))
+def arrows(Ts_base_probe: Poses, length_mm: float) -> Floats:
+    """Return an arrow along +x of each probe, off the bone (-z): segments (n, 3, 2, 3) in base."""
+    tip, barb = length_mm, length_mm - 7.0
+    ends = ((8.0, 0.0), (tip, 0.0), (barb, 4.0), (tip, 0.0), (barb, -4.0), (tip, 0.0))
+    corners_probe = np.array([(x, y, -FOOT_MM) for x, y in ends])
+    placed = [pose @ corners_probe for pose in Ts_base_probe]
+    return np.array(placed, dtype=np.float64).reshape(-1, 3, 2, 3)

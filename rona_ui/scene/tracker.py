@@ -12,7 +12,8 @@ from rona_ui.scene.metres import segments
 from rona_ui.view_state import Picture
 
 CAMERA, VOLUME, NAME = "/tracker/camera", "/tracker/volume", "/tracker/name"
-VOLUME_COLOR = (108, 121, 136)
+EXTENT = "/tracker/extent"  # words at the volume
+VOLUME_COLOR = (158, 170, 184)
 
 
 class TrackerLayer(Layer):
@@ -35,7 +36,9 @@ class TrackerLayer(Layer):
         if old is None or not stands or old.session.setup.devices.tracker.profile != profile:
             lines = outline(VOLUMES[profile], T_base_tracker)
             self.stage.lines(VOLUME, lines, VOLUME_COLOR, width_px=1.0)
-        for node in (CAMERA, VOLUME, NAME):
+            rims = lines.reshape(-1, 3)
+            self.stage.label(EXTENT, "Tracker volume", rims[np.argmax(rims[:, 2])])
+        for node in (CAMERA, VOLUME, NAME, EXTENT):
             self.stage.show(node, self.shown(new))
 
 

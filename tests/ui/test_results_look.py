@@ -1,0 +1,135 @@
+"""How results look: the robot with a roll, lines in their colours, stale results unpraised."""
+
+from dataclasses import replace
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+from fake_gui import FakeGui
+
+from rona_core.app.jobs import JobStatus
+from rona_core.app.queries import step_states
+from rona_core.devices.live import LiveState
+from rona_core.robot.model import robot_model
+from rona_core.session.document import Session
+from rona_core.session.files import load_session
+from rona_ui.panels.door import Door
+from rona_ui.panels.maps import MapsPanel, color_bar, map_layers
+from rona_ui.panels.quality import QualityPanel
+from rona_ui.panels.rolls import PALE, roll_image
+from rona_ui.scene.colors import VERMILLION
+from rona_ui.scene.maps import ScanLayer
+from rona_ui.scene.metres import Stage
+from rona_ui.scene.path import PathLayer
+from rona_ui.scene.replay import joints_shown, shows_roll
+from rona_ui.view_state import Picture, ViewState
+
+DEMO = Path(__file__).resolve().parents[2] / "sessions" / "demo.rona"
+SCANNING = JobStatus("1", "StartScan", "running", 0.5)
+NOTHING = Door(*[lambda *_: None] * 5)  # type: ignore[arg-type]
+
+
+@pytest.fixture(scope="module")
+def demo() -> Session:
+    return load_session(DEMO)
+
+
+def picture(session: Session, view: ViewState, **parts: Any) -> Picture:
+    return Picture(session, view, step_states(session), LiveState(), **parts)
+
+
+def test_in_the_roll_step_the_probe_stands_on_the_middle_of_the_path(demo: Session) -> None:
+    plan = demo.results.roll.value  # type: ignore[union-attr]
+    model = robot_model(plan.model)
+    index = next(i for i, v in enumerate(plan.verdicts) if v.feasible and i != plan.chosen)
+    at = picture(demo, ViewState(step="roll", shown_roll=index))
+    q_rad = joints_shown(at)
+    assert shows_roll(at)
+    assert q_rad is not None
+    T_base_flange = model.joint_poses(q_rad)[-1]
+    tip_base = (T_base_flange @ model.T_flange_probe).translation
+    along = np.linalg.norm(plan.path.points_base - tip_base, axis=1)
+    assert along.min() < 0.01
+    assert abs(along.argmin() / len(along) - 0.5) < 0.05
+
+
+def test_elsewhere_and_with_a_roll_that_fails_the_robot_stands_where_it_is(demo: Session) -> None:
+    plan = demo.results.roll.value  # type: ignore[union-attr]
+    fails = next(i for i, v in enumerate(plan.verdicts) if not v.feasible)
+    rolls = ViewState(step="roll")
+    for other in (
+        picture(demo, ViewState(step="scan")),
+        picture(demo, replace(rolls, shown_roll=fails)),
+        picture(demo, rolls, job=SCANNING),
+    ):
+        assert not shows_roll(other)
+        assert joints_shown(other) is None  # nothing is known of the robot
+
+
+def test_a_line_keeps_the_one_colour_it_was_given() -> None:
+    there: list[Any] = []
+
+    def add(name: str, points: Any, colors: Any, **options: Any) -> Any:
+        there.append(SimpleNamespace(points=points, colors=colors))
+        return there[-1]
+
+    stage = Stage(SimpleNamespace(add_line_segments=add))
+    for n in (5, 8):
+        stage.lines("/line", np.zeros((n, 2, 3)), (230, 159, 0))
+        (node,) = there
+        assert node.points.shape == (n, 2, 3)
+        assert np.asarray(node.colors).tolist() == [230, 159, 0]
+
+
+def test_the_map_of_rolls_is_red_where_one_fails_and_grey_on_the_rest_of_it() -> None:
+    room = np.array([[1.0, 0.5, 1.0], [1.0, -0.2, 0.4], [-1.0, -1.0, -1.0]])
+    strip = SimpleNamespace(room=room, feasible=np.array([True, False, False]))
+    image = roll_image(strip)  # type: ignore[arg-type]
+    red = (image == VERMILLION).all(axis=2).T
+    grey = (image == PALE).all(axis=2).T
+    np.testing.assert_array_equal(red, room < 0.0)
+    np.testing.assert_array_equal(grey, [[False] * 3, [True, False, True], [False] * 3])
+
+
+def test_a_colour_bar_says_where_values_lie_beyond_it(demo: Session) -> None:
+    layers = map_layers(demo)
+    assert layers is not None
+    assert "≤" in color_bar(replace(layers, low_mm=4.0))
+    assert "≥" in color_bar(replace(layers, high_mm=5.0))
+    whole = color_bar(replace(layers, low_mm=-1e3, high_mm=1e3))
+    assert "≤" not in whole
+    assert "≥" not in whole
+
+
+def test_a_stale_result_is_told_but_not_praised(demo: Session) -> None:
+    for session, praised in (
+        (demo, True),
+        (replace(demo, setup=replace(demo.setup, seed=demo.setup.seed + 1)), False),
+    ):
+        gui = FakeGui()
+        MapsPanel(gui, NOTHING).render(None, picture(session, ViewState(step="maps")))
+        assert "Outer boundary in" in gui.html()
+        assert ("r-note good" in gui.html()) == praised
+
+
+def test_figures_of_stale_steps_are_marked(demo: Session) -> None:
+    figures = {"tool_tip_error_mm": 0.2, "outer_rms_mm": 0.3}
+    other = replace(demo, setup=replace(demo.setup, seed=demo.setup.seed + 1))
+    for session, marks in ((demo, 0), (other, 3)):  # fit, calibration, maps
+        gui = FakeGui()
+        QualityPanel(gui).render(None, picture(session, ViewState(), figures=figures))
+        assert gui.html().count("! stale") == marks
+
+
+def test_points_of_the_scan_before_are_not_shown_while_the_robot_scans(demo: Session) -> None:
+    shown: dict[str, bool] = {}
+    stage = SimpleNamespace(cloud=lambda *_, **__: None, show=shown.__setitem__)
+    lines = SimpleNamespace(lines=lambda *_, **__: None, **vars(stage))
+    at_rest = picture(demo, ViewState(step="scan"))
+    for at, scanning in ((at_rest, False), (replace(at_rest, job=SCANNING), True)):
+        ScanLayer(stage).render(None, at)  # type: ignore[arg-type]
+        PathLayer(lines).render(None, at)  # type: ignore[arg-type]
+        assert shown["/scan/points"] != scanning
+        assert shown["/path/smooth"] == shown["/path/raw"] == scanning
