@@ -8,6 +8,7 @@ from typing import ClassVar, Literal
 
 from rona_core.app.commands import Point
 from rona_core.devices.settings import STRICT, require, require_within
+from rona_core.session.document import RegionChoice
 
 MAX_PICKS = 500
 
@@ -27,7 +28,7 @@ class StartSkullImport:
         for name in (self.file, self.inner_file or "x"):
             plain = name not in ("", ".", "..") and "/" not in name and "\\" not in name
             require(plain, f"file must be the plain name of an uploaded file, not {name!r}")
-        require_within("radius_mm", self.radius_mm, 5.0, 45.0)
+        RegionChoice(self.center_mesh_mm, self.radius_mm)  # refuses what is no region
 
 
 @dataclass(frozen=True, slots=True)
