@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from typing import ClassVar, Literal
 
 from rona_core.app.commands import Point
+from rona_core.app.names import plain_name
 from rona_core.devices.settings import STRICT, require, require_within
 from rona_core.session.document import RegionChoice
 
@@ -25,9 +26,9 @@ class StartSkullImport:
     radius_mm: float = 25.0
 
     def __post_init__(self) -> None:
-        for name in (self.file, self.inner_file or "x"):
-            plain = name not in ("", ".", "..") and "/" not in name and "\\" not in name
-            require(plain, f"file must be the plain name of an uploaded file, not {name!r}")
+        plain_name(self.file)
+        if self.inner_file is not None:
+            plain_name(self.inner_file)
         RegionChoice(self.center_mesh_mm, self.radius_mm)  # refuses what is no region
 
 

@@ -91,8 +91,11 @@ def save_session(session: Session, path: Path | str, *, backup: bool = True) -> 
 
     Without ``backup`` the file that was there goes, once the new one is complete.
     """
-    path = Path(path)
-    data = session_bytes(session)
+    return write_whole(Path(path), session_bytes(session), backup=backup)
+
+
+def write_whole(path: Path, data: bytes, *, backup: bool = False) -> Path:
+    """Write ``data`` to ``path`` atomically; with ``backup`` what was there becomes ``.bak``."""
     path.parent.mkdir(parents=True, exist_ok=True)
     handle, temporary = tempfile.mkstemp(prefix=f".{path.name}.", dir=path.parent)
     try:
