@@ -16,7 +16,7 @@ from rona_core.devices.settings import (
     require,
     require_within,
 )
-from rona_core.session.document import MAX_SEED, RegionChoice
+from rona_core.session.document import RegionChoice, require_seed
 
 Point = tuple[float, float, float]
 
@@ -42,7 +42,7 @@ class SetSeed:
     seed: int
 
     def __post_init__(self) -> None:
-        require_within("seed", self.seed, 0, MAX_SEED)
+        require_seed(self.seed)
 
 
 @dataclass(frozen=True, slots=True)

@@ -29,6 +29,11 @@ PLAIN_ID = re.compile(r"(?!current$)[A-Za-z0-9_-]{1,64}")  # "current" stands fo
 STEPS = ("setup", "tool", "pointer", "surface", "path", "smoothing", "roll", "scan", "maps")
 
 
+def require_seed(seed: int) -> None:
+    """Raise InvalidInputError unless ``seed`` is one that all generators of random numbers take."""
+    require(0 <= seed <= MAX_SEED, f"seed must be 0 to {MAX_SEED}, not {seed}")
+
+
 @dataclass(frozen=True, slots=True)
 class RegionChoice:
     """The disc to be scanned: its centre in coordinates of the specimen; None lets RONA choose."""
@@ -55,7 +60,7 @@ class Setup:
     devices: DeviceSettings = field(default_factory=DeviceSettings)
 
     def __post_init__(self) -> None:
-        require_within("seed", self.seed, 0, MAX_SEED)
+        require_seed(self.seed)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
