@@ -7,15 +7,12 @@ from dataclasses import dataclass
 from typing import ClassVar, Literal
 
 from rona_core.app.commands import Point
+from rona_core.app.names import plain_name
 from rona_core.devices.settings import STRICT, require, require_within
+from rona_core.session.document import RegionChoice
 
 MAX_PICKS = 500
 MAX_FILES = 5000
-
-
-def _require_plain(name: str) -> None:
-    plain = name not in ("", ".", "..") and "/" not in name and "\\" not in name
-    require(plain, f"file must be the plain name of an uploaded file, not {name!r}")
 
 
 @dataclass(frozen=True, slots=True)
@@ -30,9 +27,10 @@ class StartSkullImport:
     radius_mm: float = 25.0
 
     def __post_init__(self) -> None:
-        for name in (self.file, self.inner_file or "x"):
-            _require_plain(name)
-        require_within("radius_mm", self.radius_mm, 5.0, 45.0)
+        plain_name(self.file)
+        if self.inner_file is not None:
+            plain_name(self.inner_file)
+        RegionChoice(self.center_mesh_mm, self.radius_mm)  # refuses what is no region
 
 
 @dataclass(frozen=True, slots=True)
@@ -52,7 +50,7 @@ class StartRecordingImport:
     play: bool = False
 
     def __post_init__(self) -> None:
-        _require_plain(self.file)
+        plain_name(self.file)
 
 
 @dataclass(frozen=True, slots=True)
@@ -72,8 +70,10 @@ class StartPivotImport:
     def __post_init__(self) -> None:
         count = len(self.files)
         require(1 <= count <= MAX_FILES, f"files must be 1 to {MAX_FILES}, not {count}")
-        for name in (*self.files, self.geometry or "x"):
-            _require_plain(name)
+        for name in self.files:
+            plain_name(name)
+        if self.geometry is not None:
+            plain_name(self.geometry)
 
 
 @dataclass(frozen=True, slots=True)

@@ -1,5 +1,7 @@
 """Keep a copy of every changed session, so that a crash costs seconds of work at most."""
 
+import contextlib
+import sys
 import threading
 import time
 from collections.abc import Callable
@@ -12,6 +14,7 @@ from rona_core.session.document import Session
 from rona_core.session.files import SUFFIX, save_session
 
 DELAY_S = 2.0  # from the first change that the copy lacks
+RETRY_S = 20.0  # after a copy that could not be written
 FOLDER = ".autosave"
 CopyState = Literal["none", "kept", "failed"]  # failed: no room, or no right to write
 
@@ -71,7 +74,7 @@ class Autosave:
                 self._thread.start()
 
     def keep(self, session: Session) -> None:
-        """Write the copy now if it lacks anything; a failure is remembered, not raised."""
+        """Write the copy now if it lacks anything; a failure is remembered, told and not raised."""
         with self._writing:
             watched = self._watched.get(session.id)
             if watched is None or watched.written >= len(session.log):
@@ -79,8 +82,12 @@ class Autosave:
             try:
                 save_session(session, self.file(session.id), backup=False)
                 watched.written, watched.copied, watched.failed = len(session.log), True, False
-            except OSError:  # no room, or no right to write
+            except Exception as error:  # no room, no right to write: work goes on without a copy
+                if not watched.failed:
+                    sys.stderr.write(f"no copy of session {session.id} is kept: {error}\n")
                 watched.failed = True
+        if watched.failed:
+            self._schedule(session.id, RETRY_S)
         self._on_change()
 
     def saved(self, session: Session) -> None:
@@ -89,12 +96,16 @@ class Autosave:
             watched = self._watched.get(session.id)
             if watched is not None and watched.written <= len(session.log):
                 watched.written, watched.copied, watched.failed = len(session.log), False, False
-                self.file(session.id).unlink(missing_ok=True)
+                self._remove(session.id)
 
     def forget(self, session_id: str) -> None:
         """Drop a session and its copy; the user has closed it."""
         self._drop(session_id)
         with self._writing:
+            self._remove(session_id)
+
+    def _remove(self, session_id: str) -> None:
+        with contextlib.suppress(OSError):  # a copy too many does no harm
             self.file(session_id).unlink(missing_ok=True)
 
     def close(self) -> None:
@@ -112,11 +123,12 @@ class Autosave:
         if watched is not None:
             watched.unsubscribe()
 
-    def _schedule(self, key: str) -> None:
+    def _schedule(self, key: str, delay_s: float | None = None) -> None:
         with self._condition:
             watched = self._watched.get(key)
-            if watched is not None and watched.due_s is None:
-                watched.due_s = time.monotonic() + self._delay_s
+            if watched is not None:
+                due_s = time.monotonic() + (self._delay_s if delay_s is None else delay_s)
+                watched.due_s = due_s if watched.due_s is None else min(due_s, watched.due_s)
                 self._condition.notify_all()
 
     def _run(self) -> None:

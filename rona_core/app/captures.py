@@ -208,7 +208,7 @@ def _check_joints(q_rad: Floats, model: RobotModel) -> None:
         j = int(np.argmax(outside))
         low, high = np.rad2deg((model.lower_rad[j], model.upper_rad[j]))
         raise InvalidInputError(
-            f"joint {j + 1} must be {low:.1f} to {high:.1f} deg, not {np.rad2deg(q_rad[j]):.1f}"
+            f"joint {j + 1} must be {low:.1f} to {high:.1f} deg, not {np.rad2deg(q_rad[j]):.6g}"
         )
 
 

@@ -16,6 +16,7 @@ from rona_core.devices.settings import (
     require,
     require_within,
 )
+from rona_core.session.document import RegionChoice, require_seed
 
 Point = tuple[float, float, float]
 
@@ -41,7 +42,7 @@ class SetSeed:
     seed: int
 
     def __post_init__(self) -> None:
-        require_within("seed", self.seed, 0, 2**31 - 1)
+        require_seed(self.seed)
 
 
 @dataclass(frozen=True, slots=True)
@@ -61,7 +62,7 @@ class SetRegion:
     radius_mm: float = 25.0
 
     def __post_init__(self) -> None:
-        require_within("radius_mm", self.radius_mm, 5.0, 45.0)
+        RegionChoice(self.center_mesh_mm, self.radius_mm)  # refuses what is no region
 
 
 @dataclass(frozen=True, slots=True)

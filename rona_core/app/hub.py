@@ -6,25 +6,21 @@ from dataclasses import replace
 from pathlib import Path
 
 from rona_core.app.autosave import Autosave, CopyState
+from rona_core.app.names import plain_name, stem_of
 from rona_core.app.workbench import Services, Workbench
 from rona_core.errors import InvalidInputError, NotFoundError
 from rona_core.session.document import Session, Setup
-from rona_core.session.files import SUFFIX, load_session, save_session, session_from_bytes
+from rona_core.session.files import (
+    SUFFIX,
+    load_session,
+    save_session,
+    session_from_bytes,
+    write_whole,
+)
 
 CURRENT = "current"  # alias for the session that the viewer shows
 MAX_OPEN = 16
 MAX_UPLOAD_BYTES = 512 * 1024**2
-
-
-def plain_name(name: str) -> str:
-    """Return ``name`` if it is a plain file name.
-
-    Raises:
-        InvalidInputError: empty, hidden, or with a path in it.
-    """
-    if not name or name.startswith(".") or "/" in name or "\\" in name or "\0" in name:
-        raise InvalidInputError(f"expected a plain file name, got {name!r}")
-    return name
 
 
 class Hub:
@@ -136,8 +132,9 @@ class Hub:
 
     def close(self, session_id: str) -> None:
         """Close a session; what was not saved is gone. Its file stays."""
-        self._autosave.forget(self.get(session_id).session.id)
-        self._close(session_id)
+        key = self.get(session_id).session.id
+        self._close(key)
+        self._autosave.forget(key)
 
     def _close(self, session_id: str) -> None:
         with self._lock:
@@ -173,6 +170,8 @@ class Hub:
             path = self.folder / (name if name.endswith(SUFFIX) else name + SUFFIX)
         if path is None:
             path = self._free_path(session.name)
+        if path.is_dir():
+            raise InvalidInputError(f"{path.name} is a folder: save under another name")
         save_session(session, path)
         with self._lock:
             self._files[session.id] = path
@@ -182,20 +181,20 @@ class Hub:
         return path
 
     def _free_path(self, name: str) -> Path:
-        stem = "".join(c if c.isalnum() or c in "-_ " else "_" for c in name).strip() or "untitled"
+        stem = stem_of(name)
         path, number = self.folder / f"{stem}{SUFFIX}", 2
         while path.exists():
             path, number = self.folder / f"{stem} {number}{SUFFIX}", number + 1
         return path
 
     def store_upload(self, name: str, data: bytes) -> Path:
-        """Keep an uploaded file (a skull) for ``StartSkullImport``."""
+        """Keep an uploaded file for ``StartSkullImport``; one of that name is replaced."""
         if len(data) > MAX_UPLOAD_BYTES:
             raise InvalidInputError(f"{name} has {len(data) / 1e6:.0f} MB, too large")
-        self.uploads.mkdir(parents=True, exist_ok=True)
         path = self.uploads / plain_name(name)
-        path.write_bytes(data)
-        return path
+        if path.is_dir():
+            raise InvalidInputError(f"{name} is a folder: upload under another name")
+        return write_whole(path, data)
 
     # -------------------------------------------------------------- telling
 

@@ -10,6 +10,7 @@ from typing import Any, Literal
 from rona_core.errors import CancelledError, DeviceError, NotFoundError, RonaError
 
 JobState = Literal["running", "done", "failed", "cancelled"]
+MAX_RUNNING = 8
 KEPT = 200  # finished jobs that are remembered
 PROGRESS_STEP = 0.005
 
@@ -52,10 +53,14 @@ class Jobs:
 
         Raises:
             DeviceError: the devices are busy with another job.
+            RonaError: too many jobs are running.
         """
         job = uuid.uuid4().hex[:12]
         status = JobStatus(job, type(activity).__name__, "running", 0.0)
         with self._changed:
+            running = sum(not known.finished for known in self._status.values())
+            if running >= MAX_RUNNING:
+                raise RonaError(f"{running} jobs are running: wait for one or cancel it")
             if device and self._device_job is not None:
                 busy = self._status[self._device_job]
                 raise DeviceError(
@@ -146,6 +151,13 @@ class Jobs:
     def devices_busy(self) -> bool:
         """Whether a job uses the devices."""
         return self._device_job is not None
+
+    def cancel_all(self) -> None:
+        """Ask every job to end."""
+        with self._changed:
+            for key, status in self._status.items():
+                if not status.finished:
+                    self._cancel[key].set()
 
     def cancel_device_job(self) -> None:
         """Ask whatever uses the devices to end."""

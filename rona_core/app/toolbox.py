@@ -42,13 +42,18 @@ def compute_here(
 class Toolbox:
     """Handed to an activity when it starts."""
 
-    rig: Rig
+    devices: Callable[[], Rig]  # built when they are asked for: computing needs none
     live: Live
     import_skull: ImportSkull
     uploads: Path
     compute: Compute = compute_here
     progress: Progress = field(default=silent)
     cancel: Cancel = field(default=never)
+
+    @property
+    def rig(self) -> Rig:
+        """The devices."""
+        return self.devices()
 
     def run(self, function: Callable[..., Any], *args: Any) -> Any:
         """Return ``function(*args)``, computed where ``compute`` does, watched and cancellable.

@@ -86,6 +86,8 @@ class Workbench:
         where = [robot.model, robot.base_shift_mm, robot.base_turn_deg]
         key = digest([setup.seed, digest(setup.specimen), digest(setup.region), *where])
         with self._rig_lock:
+            if self._closed:
+                raise DeviceError("the session is closed, and its devices with it")
             if self._rig is None or self._rig[0] != key:
                 rig = self._services.build_rig(setup)
                 if self._rig is not None:
@@ -118,9 +120,15 @@ class Workbench:
         return self.jobs.start(activity, work, device=isinstance(activity, DEVICE_ACTIVITIES))
 
     def _carry_out(self, activity: Any, progress: Progress, cancel: Cancel) -> int:
-        device = isinstance(activity, DEVICE_ACTIVITIES)
+        devices = self.rig
+        if isinstance(activity, DEVICE_ACTIVITIES):
+            rig = self._fitting_rig()  # stays the same until the activity ends
+
+            def devices() -> Rig:
+                return rig
+
         tools = Toolbox(
-            rig=self._fitting_rig() if device else self.rig(),
+            devices=devices,
             live=self.live,
             import_skull=self._services.import_skull,
             uploads=self.uploads,
@@ -191,6 +199,7 @@ class Workbench:
     def close(self) -> None:
         """Stop, and release devices and threads; a second call does nothing."""
         self._closed = True
+        self.jobs.cancel_all()
         self.stop()
         self.store.close()
         with self._rig_lock:

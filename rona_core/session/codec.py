@@ -82,7 +82,7 @@ def decode(data: Any, hint: Any, arrays: Mapping[str, NDArray[Any]], where: str 
     """
     origin, arguments = typing.get_origin(hint), typing.get_args(hint)
     if hint is object or hint is Any:
-        return data
+        return _decode_plain(data, where)
     if origin in (Union, types.UnionType):
         return _decode_union(data, arguments, arrays, where)
     if origin is Literal:
@@ -99,8 +99,11 @@ def decode(data: Any, hint: Any, arrays: Mapping[str, NDArray[Any]], where: str 
         return _decode_dataclass(data, hint, arrays, where)
     if hint is float:
         valid = isinstance(data, int | float) and not isinstance(data, bool)
-        return float(_checked(valid, data, "a number", where))
-    if hint in (int, str, bool, type(None)):
+        _checked(valid and abs(data) <= sys.float_info.max, data, "a finite number", where)
+        return float(data)
+    if hint is str:
+        return _decode_plain(_checked(isinstance(data, str), data, "a text", where), where)
+    if hint in (int, bool, type(None)):
         return _checked(type(data) is hint, data, getattr(hint, "__name__", "null"), where)
     raise SessionFormatError(f"{where}: no rule for the type {hint}")
 
@@ -108,6 +111,23 @@ def decode(data: Any, hint: Any, arrays: Mapping[str, NDArray[Any]], where: str 
 def _checked(valid: bool, data: Any, expected: str, where: str) -> Any:
     if not valid:
         raise SessionFormatError(f"{where}: expected {expected}, found {str(data)[:60]!r}")
+    return data
+
+
+def _decode_plain(data: Any, where: str) -> Any:
+    """Return JSON values that any writer of JSON takes: finite numbers, whole characters."""
+    if isinstance(data, float):
+        _checked(abs(data) <= sys.float_info.max, data, "a finite number", where)
+    elif isinstance(data, str):
+        whole = not any("\ud800" <= character <= "\udfff" for character in data)
+        _checked(whole, ascii(data), "whole Unicode characters", where)
+    elif isinstance(data, list):
+        for item in data:
+            _decode_plain(item, where)
+    elif isinstance(data, dict):
+        for key, item in data.items():
+            _decode_plain(key, where)
+            _decode_plain(item, f"{where}/{key}")
     return data
 
 
@@ -140,7 +160,7 @@ def _decode_array(data: Any, arrays: Mapping[str, NDArray[Any]], where: str) -> 
         return readonly(stored)
     try:
         array = np.array(data["values"], dtype=data["dtype"]).reshape(data["shape"])
-    except (KeyError, TypeError, ValueError) as error:
+    except (KeyError, TypeError, ValueError, OverflowError) as error:
         raise SessionFormatError(f"{where}: not an array ({error})") from error
     _checked(array.dtype.kind in KINDS, data["dtype"], "a numeric array", where)
     return readonly(array)

@@ -1,5 +1,6 @@
 """The session document: inputs, captures and results of one planning, as one immutable value."""
 
+import re
 import uuid
 from dataclasses import dataclass, field
 from datetime import UTC, datetime
@@ -9,7 +10,7 @@ from rona_core.arrays import Floats, Ints
 from rona_core.calibration.pointer import PointerCalibration
 from rona_core.calibration.tool import ToolRegistration
 from rona_core.devices.samples import AScanTrack, JointTrack, ToolTrack
-from rona_core.devices.settings import DeviceSettings
+from rona_core.devices.settings import DeviceSettings, require, require_within
 from rona_core.geometry.path5d import Path5D
 from rona_core.mapping.boundary_map import Maps
 from rona_core.path.smooth import SimplifiedPath
@@ -20,9 +21,17 @@ from rona_core.surface.normals import Normals
 from rona_core.ultrasound.detect import Detection
 
 T = TypeVar("T")
+MAX_SEED = 2**31 - 1
+REGION_RADII_MM = (5.0, 45.0)  # smallest and largest
+PLAIN_ID = re.compile(r"(?!current$)[A-Za-z0-9_-]{1,64}")  # "current" stands for another one
 
 # The steps of the procedure, in order; `architecture.md` section 1 numbers them from 1.
 STEPS = ("setup", "tool", "pointer", "surface", "path", "smoothing", "roll", "scan", "maps")
+
+
+def require_seed(seed: int) -> None:
+    """Raise InvalidInputError unless ``seed`` is one that all generators of random numbers take."""
+    require(0 <= seed <= MAX_SEED, f"seed must be 0 to {MAX_SEED}, not {seed}")
 
 
 @dataclass(frozen=True, slots=True)
@@ -31,6 +40,14 @@ class RegionChoice:
 
     center_mesh_mm: tuple[float, float, float] | None = None
     radius_mm: float = 25.0
+
+    def __post_init__(self) -> None:
+        center = self.center_mesh_mm or (0.0,)
+        require(
+            all(abs(part) <= 1e5 for part in center),
+            f"center_mesh_mm must be numbers within 100 m, not {self.center_mesh_mm}",
+        )
+        require_within("radius_mm", self.radius_mm, *REGION_RADII_MM)
 
 
 @dataclass(frozen=True, slots=True)
@@ -41,6 +58,9 @@ class Setup:
     specimen: SimulatedSkull | LoadedSkull = field(default_factory=SimulatedSkull)
     region: RegionChoice = field(default_factory=RegionChoice)
     devices: DeviceSettings = field(default_factory=DeviceSettings)
+
+    def __post_init__(self) -> None:
+        require_seed(self.seed)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -157,3 +177,7 @@ class Session:
     results: Results = field(default_factory=Results)
     archive: tuple[Capture, ...] = ()  # every capture ever taken, undone ones too
     log: tuple[LogEntry, ...] = ()
+
+    def __post_init__(self) -> None:
+        # addresses and file names are made of it
+        require(bool(PLAIN_ID.fullmatch(self.id)), f"id must be plain, not {self.id[:60]!r}")

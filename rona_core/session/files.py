@@ -7,10 +7,13 @@ unpacked into the program.
 import hashlib
 import io
 import json
+import math
 import os
 import re
 import shutil
+import struct
 import tempfile
+import tokenize
 import zipfile
 import zlib
 from pathlib import Path
@@ -30,6 +33,8 @@ MAX_MEMBERS = 20_000
 MAX_TOTAL_BYTES = 2 * 1024**3
 MAX_RATIO = 200  # unpacked over packed, for files that unpack to more than FREE_BYTES
 FREE_BYTES = 64 * 1024**2
+PACKINGS = (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED)
+NPY_VERSION = (1, 0)
 MEMBER_NAME = re.compile(r"manifest\.json|commands\.jsonl|arrays/[\w-]+(/[\w-]+)*\.npy")
 UNITS = {"length": "mm", "angle": "rad", "time": "s", "ultrasound_time": "us", "force": "N"}
 NAMING = "T_a_b is the pose of frame b in frame a; points_a are coordinates in frame a"
@@ -77,7 +82,7 @@ def session_bytes(session: Session) -> bytes:
 
 def _npy(array: np.ndarray) -> bytes:
     buffer = io.BytesIO()
-    np.lib.format.write_array(buffer, array, version=(1, 0), allow_pickle=False)
+    np.lib.format.write_array(buffer, array, version=NPY_VERSION, allow_pickle=False)
     return buffer.getvalue()
 
 
@@ -86,8 +91,11 @@ def save_session(session: Session, path: Path | str, *, backup: bool = True) -> 
 
     Without ``backup`` the file that was there goes, once the new one is complete.
     """
-    path = Path(path)
-    data = session_bytes(session)
+    return write_whole(Path(path), session_bytes(session), backup=backup)
+
+
+def write_whole(path: Path, data: bytes, *, backup: bool = False) -> Path:
+    """Write ``data`` to ``path`` atomically; with ``backup`` what was there becomes ``.bak``."""
     path.parent.mkdir(parents=True, exist_ok=True)
     handle, temporary = tempfile.mkstemp(prefix=f".{path.name}.", dir=path.parent)
     try:
@@ -140,27 +148,31 @@ def session_from_bytes(data: bytes, name: str = "upload") -> Session:
         with zipfile.ZipFile(io.BytesIO(data)) as archive:
             _check_members(archive, len(data), name)
             contents = {info.filename: archive.read(info) for info in archive.infolist()}
-    except (zipfile.BadZipFile, zlib.error, EOFError, OSError, RuntimeError) as error:
+    except (zipfile.BadZipFile, zlib.error, struct.error, EOFError, OSError, RuntimeError) as error:
+        reason = str(error) or "it ends too early"
         raise SessionFormatError(
-            f"{name} is not a readable session file: {error}. Is there a .bak beside it?"
+            f"{name} is not a readable session file: {reason}. Is there a .bak beside it?"
         ) from error
     except ValueError as error:
         raise SessionFormatError(f"{name} is damaged: {error}") from error
     manifest = _manifest(contents.pop("manifest.json"), name)
     _check_digests(manifest, contents, name)
     manifest = migrate(manifest)
+    document, copies = manifest.get("session"), manifest.get("copies", {})
+    if not isinstance(document, dict) or not isinstance(copies, dict):
+        raise SessionFormatError(f"{name}: its manifest holds no session")
     arrays = {
         member.removeprefix("arrays/").removesuffix(".npy"): _load_npy(blob, member)
         for member, blob in contents.items()
         if member.startswith("arrays/")
     }
-    for name, known in manifest.get("copies", {}).items():
-        if known not in arrays:
-            raise SessionFormatError(f"the array {known!r} that {name!r} copies is missing")
-        arrays[name] = arrays[known]
-    lines = contents["commands.jsonl"].decode().splitlines()
-    document = {**manifest["session"], "log": [json.loads(line) for line in lines]}
-    return decode(document, Session, arrays)
+    for copy, known in copies.items():
+        if not isinstance(known, str) or known not in arrays:
+            raise SessionFormatError(f"{name}: the array {known!r} that {copy!r} copies is missing")
+        arrays[copy] = arrays[known]
+    lines = contents["commands.jsonl"].splitlines()
+    log = [_json(line, f"{name}: line {i + 1} of its log") for i, line in enumerate(lines)]
+    return decode({**document, "log": log}, Session, arrays)
 
 
 def _check_members(archive: zipfile.ZipFile, packed: int, name: str) -> None:
@@ -171,6 +183,8 @@ def _check_members(archive: zipfile.ZipFile, packed: int, name: str) -> None:
     if foreign or not {"manifest.json", "commands.jsonl"} <= set(names):
         what = f"it holds {foreign[0]!r}" if foreign else "manifest or command log is missing"
         raise SessionFormatError(f"{name} is a zip, but not a session file of RONA: {what}")
+    if any(info.compress_type not in PACKINGS for info in infos):
+        raise SessionFormatError(f"{name} is packed in a way that RONA does not use: refused")
     if len(set(names)) != len(names) or len(names) > MAX_MEMBERS:
         raise SessionFormatError(f"{name} has doubled names or more than {MAX_MEMBERS} members")
     if total > MAX_TOTAL_BYTES or (total > FREE_BYTES and total > MAX_RATIO * packed):
@@ -179,11 +193,20 @@ def _check_members(archive: zipfile.ZipFile, packed: int, name: str) -> None:
         )
 
 
-def _manifest(text: bytes, name: str) -> dict[str, Any]:
+def _json(text: bytes, what: str) -> Any:
+    """Return what a JSON text says; numbers that are none (NaN, Infinity) are refused."""
+
+    def refuse(number: str) -> None:
+        raise ValueError(f"{number} is not a number")
+
     try:
-        manifest = json.loads(text)
-    except ValueError as error:
-        raise SessionFormatError(f"{name}: its manifest is not readable: {error}") from error
+        return json.loads(text, parse_constant=refuse)
+    except (ValueError, RecursionError) as error:
+        raise SessionFormatError(f"{what} is not readable: {error}") from error
+
+
+def _manifest(text: bytes, name: str) -> dict[str, Any]:
+    manifest = _json(text, f"{name}: its manifest")
     if not isinstance(manifest, dict) or manifest.get("format") != FORMAT:
         raise SessionFormatError(f"{name} is a zip, but not a session file of RONA")
     return manifest
@@ -199,7 +222,16 @@ def _check_digests(manifest: dict[str, Any], contents: dict[str, bytes], name: s
 
 
 def _load_npy(blob: bytes, member: str) -> np.ndarray:
+    """Return the array of a member; its size is compared before memory is taken for it."""
+    file = io.BytesIO(blob)
     try:
-        return np.load(io.BytesIO(blob), allow_pickle=False)
-    except (ValueError, EOFError) as error:
+        if np.lib.format.read_magic(file) != NPY_VERSION:
+            raise ValueError("its version is not 1.0")
+        shape, _, dtype = np.lib.format.read_array_header_1_0(file)
+        there, told = len(blob) - file.tell(), math.prod(shape) * dtype.itemsize
+        if there != told:
+            raise ValueError(f"{there} bytes of values instead of {told}")
+        file.seek(0)
+        return np.load(file, allow_pickle=False)
+    except (ValueError, TypeError, EOFError, tokenize.TokenError) as error:
         raise SessionFormatError(f"{member} is not a plain array: {error}") from error

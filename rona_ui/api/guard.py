@@ -6,7 +6,7 @@ It wraps the whole application, so that pages, REST and the viewer's websocket o
 import hmac
 import ipaddress
 from dataclasses import dataclass
-from urllib.parse import parse_qsl, quote, unquote, urlencode, urlsplit
+from urllib.parse import parse_qsl, quote, unquote, urlencode
 
 from starlette.datastructures import Headers, QueryParams
 from starlette.responses import RedirectResponse, Response
@@ -76,8 +76,7 @@ class Guard:
         origin = headers.get("origin")
         websocket = scope["type"] == "websocket"
         if origin is not None and (websocket or scope["method"] not in SAFE):
-            parts = urlsplit(origin)
-            if parts.scheme not in ("http", "https") or parts.netloc.lower() != host.lower():
+            if origin.lower() not in (f"http://{host}".lower(), f"https://{host}".lower()):
                 return problem(403, "requests from pages of other origins are refused")
         if self._access.token is None:
             return None

@@ -13,6 +13,7 @@ from rona_core.app.hub import MAX_UPLOAD_BYTES, Hub
 from rona_core.app.workbench import Workbench
 from rona_core.devices.settings import STRICT, require
 from rona_core.errors import NotFoundError
+from rona_core.session.document import require_seed
 from rona_core.session.files import SUFFIX, session_bytes
 from rona_ui.api.context import PREFIX, WHOLE_TEXT, Bench, Sessions
 from rona_ui.api.plain_json import plain
@@ -63,7 +64,7 @@ class NewSession:
 
     def __post_init__(self) -> None:
         require(0 < len(self.name.strip()) <= 80, "name must have 1 to 80 characters")
-        require(0 <= self.seed < 2**31, f"seed must be 0 to 2147483647, not {self.seed}")
+        require_seed(self.seed)
 
 
 @dataclass(frozen=True, slots=True)

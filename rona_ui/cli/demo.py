@@ -1,6 +1,8 @@
 """``rona demo``: the complete procedure without a browser, and its figures against ground truth."""
 
 import json
+import math
+import os
 import sys
 from pathlib import Path
 from typing import Any
@@ -22,11 +24,7 @@ COLOURS = {"pass": "green", "review": "yellow", "fail": "red"}
 
 def run(wanted: Any) -> int:
     """Carry out the procedure, show how far it is, and end with the figures."""
-    for name in (wanted.specimen, wanted.inner):
-        if name not in (None, "simulated") and not Path(name).is_file():
-            raise InvalidInputError(f"there is no file {name}")
-    if wanted.out is not None and not wanted.out.resolve().parent.is_dir():
-        raise InvalidInputError(f"there is no folder {wanted.out.resolve().parent}")
+    _check(wanted)
     with _Bars() as bars:
         session, figures = run_demo(
             wanted.seed,
@@ -38,15 +36,38 @@ def run(wanted: Any) -> int:
             robot=wanted.robot,
             progress=bars.show,
         )
-    if wanted.out is not None:
-        save_session(session, wanted.out)
     if wanted.json:
         sys.stdout.write(json.dumps(figures, allow_nan=False) + "\n")
     else:
         _print_figures(figures, session)
-        if wanted.out is not None:
+    sys.stdout.flush()  # the figures are told even if the file cannot be written
+    if wanted.out is not None:
+        save_session(session, wanted.out)
+        if not wanted.json:
             sys.stdout.write(f"saved in {wanted.out}\n")
     return 0 if figures.get("completed") else INCOMPLETE
+
+
+def _check(wanted: Any) -> None:
+    """Refuse what would fail only at the end of the procedure, or mean nothing in it."""
+    if wanted.specimen == "simulated":
+        for name in ("inner", "threshold"):
+            if getattr(wanted, name) is not None:
+                raise InvalidInputError(f"--{name} belongs to a --specimen from a file: name one")
+    for name in (wanted.specimen, wanted.inner):
+        if name not in (None, "simulated") and not Path(name).is_file():
+            what = "is a folder" if Path(name).is_dir() else "does not exist"
+            raise InvalidInputError(f"{name} {what}: expected the file of a skull")
+    if wanted.threshold is not None and not math.isfinite(wanted.threshold):
+        raise InvalidInputError(f"--threshold must be a number, not {wanted.threshold}")
+    if wanted.out is not None:
+        folder = wanted.out.resolve().parent
+        if wanted.out.is_dir():
+            raise InvalidInputError(f"{wanted.out} is a folder: name a file in it")
+        if not folder.is_dir():
+            raise InvalidInputError(f"there is no folder {folder}: make it first")
+        if not os.access(folder, os.W_OK):
+            raise InvalidInputError(f"the folder {folder} cannot be written to: choose another")
 
 
 class _Bars:

@@ -3,6 +3,7 @@
 import contextlib
 import signal
 import sys
+import tempfile
 from typing import Any
 
 from rona_core.compose import build_hub
@@ -23,7 +24,15 @@ def run(wanted: Any) -> int:
     if pace is not None and not 0.0 < pace <= 1000.0:
         raise InvalidInputError(f"--pace must be 0 to 1000, not {wanted.pace:g}")
     folder = sessions_dir() if wanted.sessions is None else wanted.sessions.expanduser().resolve()
-    folder.mkdir(parents=True, exist_ok=True)
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        with tempfile.TemporaryFile(dir=folder):
+            pass  # sessions and their copies can be written here
+    except OSError as error:
+        raise InvalidInputError(
+            f"sessions cannot be kept in {folder}: {error.strerror or error}; "
+            "choose another folder with --sessions"
+        ) from error
     settings = ServerSettings(
         host=wanted.host,
         port=wanted.port,

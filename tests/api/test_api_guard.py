@@ -80,7 +80,16 @@ def test_names_of_this_machine_are_answered(anonymous, known, host):
 
 
 @pytest.mark.parametrize(
-    "origin", ["http://evil.example", "null", "http://127.0.0.1:1", "file://127.0.0.1", ""]
+    "origin",
+    [
+        "http://evil.example",
+        "null",
+        "http://127.0.0.1:1",
+        "file://127.0.0.1",
+        "",
+        "http://[",
+        "//[",
+    ],
 )
 def test_pages_of_other_origins_change_nothing(anonymous, known, web, origin):
     before = len(web.hub.ids())

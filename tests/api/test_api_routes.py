@@ -272,12 +272,38 @@ def test_a_damaged_upload_is_refused_and_nothing_opens(client, at):
     assert len(client.get("/sessions").json()["sessions"]) == before
 
 
-@pytest.mark.parametrize("file", ["../x", "a/b", ".x", "x" * 120, "\\x"])
-def test_a_session_is_saved_under_plain_names_only(at, file):
-    answer = at("POST", "/save", json={"file": file})
-    if answer.status_code != 200:  # a long name may be one too many for the file system
-        assert answer.status_code in (422, 507)
-        assert answer.headers["content-type"] == PROBLEM
+LONG = "\U0001d538" * 100  # 400 bytes
+NOT_PLAIN = ["../x", "a/b", ".x", "\\x", "a\nb", "a\0b", "..", LONG]
+
+
+@pytest.mark.parametrize("file", NOT_PLAIN)
+def test_what_is_no_plain_file_name_is_refused_everywhere(at, client, web, file):
+    before = sorted(web.folder.rglob("*"))
+    refused(at("POST", "/save", json={"file": file}), 422, "invalid_input")
+    refused(client.post("/sessions/open", json={"file": file}), 422, "invalid_input")
+    refused(at("POST", "/uploads", params={"name": file}, content=b"x"), 422, "invalid_input")
+    refused(at("POST", "/jobs/StartSkullImport", json={"file": file}), 422, "invalid_input")
+    both = {"file": "a.stl", "inner_file": file}
+    refused(at("POST", "/jobs/StartSkullImport", json=both), 422, "invalid_input")
+    assert sorted(web.folder.rglob("*")) == before
+
+
+def test_a_session_is_saved_whatever_its_name(at, web):
+    for name in ("x" * 80, "\U0001d538" * 80, "../../x", ".", "a\nb"):
+        assert at("POST", "/commands/RenameSession", json={"name": name}).status_code == 200
+        free = web.hub._free_path(name)
+        assert free.parent == web.folder
+        saved = at("POST", "/save", json={"file": free.stem})
+        assert saved.status_code == 200
+        assert (web.folder / saved.json()["file"]).is_file()
+
+
+def test_nothing_is_written_over_a_folder(at, web):
+    (web.folder / "folder.rona").mkdir()
+    refused(at("POST", "/save", json={"file": "folder"}), 422, "invalid_input")
+    (web.hub.uploads / "folder.stl").mkdir(parents=True)
+    upload = at("POST", "/uploads", params={"name": "folder.stl"}, content=b"x")
+    refused(upload, 422, "invalid_input")
 
 
 def test_a_specimen_is_uploaded_as_raw_bytes(at, web):

@@ -117,6 +117,13 @@ def test_demo_saves_the_session(run_demo, capsys, tmp_path):
 def test_bad_input_is_one_line_and_status_2(run_demo, capsys, tmp_path, monkeypatch):
     assert "absent.stl" in refused(capsys, ["demo", "--specimen", str(tmp_path / "absent.stl")])
     assert "folder" in refused(capsys, ["demo", "--out", str(tmp_path / "no" / "x.rona")])
+    assert "is a folder" in refused(capsys, ["demo", "--out", str(tmp_path)])
+    assert "is a folder" in refused(capsys, ["demo", "--specimen", str(tmp_path)])
+    assert "--inner" in refused(capsys, ["demo", "--inner", __file__])
+    assert "--threshold" in refused(capsys, ["demo", "--threshold", "300"])
+    nothing = ["demo", "--specimen", __file__, "--threshold", "nan"]
+    assert "--threshold" in refused(capsys, nothing)
+    assert run_demo[0] == {}, "nothing has been started"
     assert "there is no session file" in refused(capsys, ["inspect", str(tmp_path / "absent")])
     damaged = tmp_path / "damaged.rona"
     damaged.write_bytes(b"PK damaged")
@@ -129,6 +136,23 @@ def test_bad_input_is_one_line_and_status_2(run_demo, capsys, tmp_path, monkeypa
     monkeypatch.setattr(demo, "run_demo", fail)
     assert main(["demo"]) == 2
     assert capsys.readouterr().err.splitlines()[-1] == "error: flat motion"
+
+
+def test_figures_are_told_even_if_the_session_cannot_be_written(run_demo, capsys, monkeypatch):
+    def full(*_, **__):
+        raise OSError(28, "No space left on device", "out.rona")
+
+    monkeypatch.setattr(demo, "save_session", full)
+    assert main(["demo", "--json", "--out", "out.rona"]) == 2
+    out, err = capsys.readouterr()
+    assert json.loads(out)["outer_rms_mm"] == FIGURES_OF_A_RUN["outer_rms_mm"]
+    assert err.splitlines()[-1] == "error: No space left on device out.rona"
+
+
+@pytest.mark.parametrize("center", [["nan", "0", "0"], ["0", "inf", "0"], ["0", "0", "1e9"]])
+def test_a_centre_that_is_nowhere_is_refused(capsys, center):
+    assert main(["demo", "--center", *center]) == 2
+    assert "center_mesh_mm must be" in capsys.readouterr().err
 
 
 def test_a_defect_is_one_line_and_status_1(monkeypatch, capsys):
@@ -177,6 +201,8 @@ def test_serve_refuses_what_is_not_safe(capsys):
     refused(capsys, ["serve", "--no-auth", "--host", "0.0.0.0"])
     refused(capsys, ["serve", "--port", "70000"])
     refused(capsys, ["serve", "--pace", "-1"])
+    for nowhere in (__file__, "/proc/nowhere"):
+        assert "--sessions" in refused(capsys, ["serve", "--sessions", nowhere])
 
 
 def test_it_runs_as_a_module_and_help_names_units():

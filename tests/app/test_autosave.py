@@ -2,6 +2,7 @@
 
 import threading
 from dataclasses import replace
+from pathlib import Path
 
 import pytest
 
@@ -98,6 +99,30 @@ def test_a_full_disk_is_told_and_tried_again(watched, monkeypatch):
     assert keeper.state(store.session.id) == "kept"
 
 
+@pytest.mark.parametrize("error", [OSError(28, "full"), ValueError("not a number"), MemoryError()])
+def test_a_copy_that_cannot_be_written_is_tried_again_by_itself(
+    watched, monkeypatch, capsys, error
+):
+    store, keeper, bell = watched
+    real, tries = autosave.save_session, []
+
+    def fails_once(*args, **kwargs):
+        tries.append(args)
+        if len(tries) == 1:
+            raise error
+        return real(*args, **kwargs)
+
+    monkeypatch.setattr(autosave, "RETRY_S", 0.2)
+    monkeypatch.setattr(autosave, "save_session", fails_once)
+    store.dispatch(RenameSession("second"))
+    bell.wait()
+    assert keeper.state(store.session.id) == "failed"
+    assert store.session.id in capsys.readouterr().err
+    bell.wait()
+    assert keeper.state(store.session.id) == "kept"
+    assert load_session(keeper.file(store.session.id)).name == "second"
+
+
 @pytest.fixture
 def hub(tmp_path):
     hub = build_hub(tmp_path, processes=False)
@@ -135,6 +160,20 @@ def test_saving_removes_the_copy_and_closing_too(hub):
         assert hub.copy_state(bench.session.id) == "kept"
         leave(bench)
         assert copies(hub) == []
+
+
+def test_a_copy_that_cannot_be_removed_stops_neither_saving_nor_closing(hub, monkeypatch):
+    bench = hub.create("one")
+    bench.dispatch(SetSeed(1))
+    hub._autosave.keep(bench.session)
+
+    def refuse(path, missing_ok=False):
+        raise PermissionError(13, "Permission denied", str(path))
+
+    monkeypatch.setattr(Path, "unlink", refuse)
+    assert hub.save(bench.session.id).is_file()
+    hub.close(bench.session.id)
+    assert hub.ids() == ()
 
 
 def test_the_end_of_the_program_keeps_what_was_not_saved(tmp_path):

@@ -5,8 +5,14 @@ from dataclasses import dataclass
 
 import pytest
 
-from rona_core.app.jobs import Jobs
-from rona_core.errors import CancelledError, DeviceError, NotFoundError, NotReachableError
+from rona_core.app.jobs import MAX_RUNNING, Jobs
+from rona_core.errors import (
+    CancelledError,
+    DeviceError,
+    NotFoundError,
+    NotReachableError,
+    RonaError,
+)
 
 
 @dataclass(frozen=True)
@@ -69,6 +75,17 @@ def test_the_devices_do_one_thing_at_a_time():
     assert beside.state == "done", "computations go on beside"
     jobs.cancel_device_job()
     assert jobs.wait(first.id, 10).state == "cancelled"
+    assert jobs.wait(jobs.start(Work(), lambda p, c: 1, device=True).id, 10).state == "done"
+
+
+def test_a_crowd_of_jobs_is_refused_until_some_have_ended():
+    jobs = Jobs()
+    started = [jobs.start(Work(), until_cancelled, device=False) for _ in range(MAX_RUNNING)]
+    with pytest.raises(RonaError, match="jobs are running"):
+        jobs.start(Work(), until_cancelled, device=True)
+    assert not jobs.devices_busy
+    jobs.cancel_all()
+    assert {jobs.wait(job.id, 10).state for job in started} == {"cancelled"}
     assert jobs.wait(jobs.start(Work(), lambda p, c: 1, device=True).id, 10).state == "done"
 
 

@@ -1,5 +1,6 @@
 """Session files: the same document gives the same bytes, and nothing foreign gets in."""
 
+import hashlib
 import io
 import json
 import os
@@ -154,6 +155,95 @@ def test_a_zip_bomb_is_refused_before_it_is_unpacked(monkeypatch):
     )
     with pytest.raises(SessionFormatError, match="would unpack"):
         session_from_bytes(bomb)
+
+
+def resealed(change, members_change=lambda members: None) -> bytes:
+    """A session file that somebody else has written: its digests hold, its content is strange."""
+
+    def edit(members):
+        members_change(members)
+        manifest = json.loads(members.pop("manifest.json"))
+        manifest["sha256"] = {k: hashlib.sha256(v).hexdigest() for k, v in members.items()}
+        change(manifest)
+        members["manifest.json"] = json.dumps(manifest).encode()
+
+    return rewritten(session_bytes(session()), edit)
+
+
+def of_session(**parts):
+    return lambda manifest: manifest["session"].update(parts)
+
+
+STRANGE = {
+    "no session": lambda m: m.pop("session"),
+    "a list as session": lambda m: m.update(session=[1]),
+    "copies in a list": lambda m: m.update(copies=[1]),
+    "a copy of nothing": lambda m: m.update(copies={"a": ["b"]}),
+    "an id that leads elsewhere": of_session(id="../../elsewhere"),
+    "the id of the alias": of_session(id="current"),
+    "half a character": of_session(name="\ud800"),
+    "no seed": lambda m: m["session"]["setup"].update(seed=-1),
+    "too large a seed": lambda m: m["session"]["setup"].update(seed=10**30),
+    "a radius that is no number": lambda m: m["session"]["setup"]["region"].update(
+        radius_mm=float("nan")
+    ),
+    "a radius without end": lambda m: m["session"]["setup"]["region"].update(radius_mm=10**400),
+    "a centre far away": lambda m: m["session"]["setup"]["region"].update(
+        center_mesh_mm=[0.0, 0.0, 1e9]
+    ),
+}
+
+
+@pytest.mark.parametrize("change", STRANGE.values(), ids=STRANGE)
+def test_a_sealed_file_with_strange_content_is_refused(change):
+    assert session_from_bytes(resealed(lambda m: None)).name == session().name
+    with pytest.raises(SessionFormatError):
+        session_from_bytes(resealed(change))
+
+
+@pytest.mark.parametrize(
+    "log", [b"\xff\xfe\n", b"{nope\n", b"[" * 100_000, b'{"number": NaN}', b'{"number": 1e999}']
+)
+def test_a_log_that_cannot_be_read_is_refused(log):
+    with pytest.raises(SessionFormatError):
+        session_from_bytes(resealed(lambda m: None, lambda ms: ms.update({"commands.jsonl": log})))
+
+
+def array_of(header: dict, values: bytes) -> bytes:
+    out = io.BytesIO()
+    np.lib.format.write_array_header_1_0(out, header)
+    return out.getvalue() + values
+
+
+@pytest.mark.parametrize(
+    "blob",
+    [
+        array_of({"descr": "<f8", "fortran_order": False, "shape": (10**11,)}, b""),
+        array_of({"descr": "|O", "fortran_order": False, "shape": (1,)}, bytes(8)),
+        b"\x93NUMPY\x01\x00\x10\x00{'descr': '<f8' ",
+        b"PK\x05\x06" + bytes(18),
+        b"",
+    ],
+    ids=["more values than bytes", "objects", "half a header", "a zip", "nothing"],
+)
+def test_a_member_that_is_no_plain_array_is_refused_without_taking_memory(blob):
+    with pytest.raises(SessionFormatError, match="not a plain array"):
+        session_from_bytes(
+            resealed(lambda m: None, lambda ms: ms.update({"arrays/session/x.npy": blob}))
+        )
+
+
+def test_a_packing_that_sessions_do_not_use_is_refused():
+    data = session_bytes(session())
+    out = io.BytesIO()
+    with (
+        zipfile.ZipFile(io.BytesIO(data)) as old,
+        zipfile.ZipFile(out, "w", zipfile.ZIP_LZMA) as new,
+    ):
+        for info in old.infolist():
+            new.writestr(info.filename, old.read(info))
+    with pytest.raises(SessionFormatError, match="packed"):
+        session_from_bytes(out.getvalue())
 
 
 def test_a_missing_file_is_named(tmp_path):

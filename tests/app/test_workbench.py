@@ -1,0 +1,53 @@
+"""A workbench: what needs devices, what does without them, and what its end means for its jobs."""
+
+import threading
+
+import pytest
+
+from rona_core.app.messages import SetRegion, StartPointerCapture, StartRollSearch, StartSkullImport
+from rona_core.app.workbench import Services, Workbench
+from rona_core.compose import build_hub, new_workbench
+from rona_core.errors import DeviceError, InvalidInputError
+from rona_core.session.document import Session
+from rona_ui.resources import demo_session
+
+
+def test_another_skull_is_read_although_the_present_set_up_cannot_be_built(tmp_path):
+    bench = new_workbench(Session(), tmp_path)
+    bench.dispatch(SetRegion((9e4, 0.0, 0.0)))
+    with pytest.raises(InvalidInputError, match="centre"):
+        bench.rig()
+    (tmp_path / "bone.stl").write_bytes(b"no mesh")
+    with pytest.raises(InvalidInputError, match=r"bone\.stl"):
+        bench.run(StartSkullImport("bone.stl"))
+    bench.close()
+
+
+def test_closing_a_session_ends_its_computations_too(tmp_path):
+    entered = threading.Event()
+
+    def compute(function, *args, progress, cancel):
+        entered.set()
+        return function(*args, progress=progress, cancel=cancel)
+
+    hub = build_hub(tmp_path, processes=False)
+    session = hub.open_bytes(demo_session().read_bytes(), "demo").session
+    hub.close_all()
+
+    def build(setup):
+        raise AssertionError("computing needs no devices")
+
+    bench = Workbench(session, Services(build, None, None, compute), tmp_path)
+    job = bench.start(StartRollSearch(n_rolls=720))
+    assert entered.wait(20)
+    bench.close()
+    assert bench.jobs.wait(job.id, 20).state == "cancelled"
+
+
+def test_a_closed_session_builds_no_devices_any_more(tmp_path):
+    bench = new_workbench(Session(), tmp_path)
+    bench.close()
+    with pytest.raises(DeviceError, match="closed"):
+        bench.rig()
+    with pytest.raises(DeviceError, match="closed"):
+        bench.run(StartPointerCapture())
