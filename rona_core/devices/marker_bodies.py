@@ -83,12 +83,11 @@ def fit_frames(frames: MarkerFrames, geometry: MarkerGeometryFile | None, dof: i
     """
     positions = _own_geometry(frames, dof) if geometry is None else _ordered(frames, geometry)
     enough = frames.seen.sum(axis=1) >= LEAST[dof]
-    if not enough.any():
-        raise InvalidInputError(
-            f"{frames.name}: no frame saw {LEAST[dof]} of the markers {', '.join(frames.names)}"
-        )
+    _require_some(enough, frames, dof)
     if dof == 6:
         _require_body(positions, frames.name)
+        enough &= _broad(positions, frames.seen)
+        _require_some(enough, frames, dof)
     else:
         _require_line(positions, frames.name)
     _require_distances(frames, positions)
@@ -150,9 +149,28 @@ def _ordered(frames: MarkerFrames, geometry: MarkerGeometryFile) -> Floats:
     return positions[[names.index(name) for name in frames.names]]
 
 
-def _require_body(positions: Floats, name: str) -> None:
+def _require_some(enough: Bools, frames: MarkerFrames, dof: int) -> None:
+    if not enough.any():
+        raise InvalidInputError(
+            f"{frames.name}: no frame saw {LEAST[dof]} of the markers {', '.join(frames.names)}"
+            + (" that are not on one line" if dof == 6 else "")
+        )
+
+
+def _is_line(positions: Floats) -> bool:
     s = np.linalg.svd(positions - positions.mean(axis=0), compute_uv=False)
-    if s[1] <= MIN_WIDTH * s[0]:
+    return bool(s[1] <= MIN_WIDTH * s[0])
+
+
+def _broad(positions: Floats, seen: Bools) -> Bools:
+    """Return for which frames (n,) the markers that were seen do not lie on one line."""
+    patterns, which = np.unique(seen, axis=0, return_inverse=True)
+    broad = [int(p.sum()) >= LEAST[6] and not _is_line(positions[p]) for p in patterns]
+    return np.array(broad, dtype=np.bool_)[which.ravel()]
+
+
+def _require_body(positions: Floats, name: str) -> None:
+    if _is_line(positions):
         raise DegenerateGeometryError(
             f"{name}: the markers lie on one line, so the turn about it cannot be seen: it is a 5D "
             "tool"

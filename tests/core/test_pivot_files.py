@@ -240,6 +240,23 @@ def test_marker_positions_give_the_poses_with_markers_missing(geometry):
     assert pivot.track.rms_error_mm.max() < 1e-5
 
 
+def test_a_frame_whose_markers_lie_on_one_line_is_left_out():
+    made, _ = poses(n=10)
+    body = np.array([[0.0, 0.0, 0.0], [50.0, 0.0, 0.0], [110.0, 0.0, 0.0], [30.0, 60.0, 0.0]])
+    there = np.ones((10, 4), dtype=bool)
+    there[4, 3] = False
+    rows = markers_file(marker_rows(made, body, seen=there))
+    pivot = read_pivot([rows], geometry=geometry_file(body))
+    np.testing.assert_array_equal(pivot.track.frame_numbers, [1, 2, 3, 4, 6, 7, 8, 9, 10])
+    assert pivot.track.n_frames == 10
+    same(pivot, made.select(np.arange(10) != 4))
+    assert pivot.frames.seen.all()
+    there[:, 3] = False
+    rows = markers_file([*marker_rows(made, body, seen=there), ["99", "D", "0", "0", "1500"]])
+    with pytest.raises(InvalidInputError, match=r"no frame saw 3 .* that are not on one line"):
+        read_pivot([rows], geometry=geometry_file(body))
+
+
 def test_rows_in_any_order_with_empty_cells_for_what_was_not_seen():
     made, _ = poses(n=10)
     rows = marker_rows(made)
