@@ -5,12 +5,14 @@ itself is one dark pixel a frame. Poses are those of the tool's marker in the tr
 Format: the PLUS user manual, page "Sequence file".
 """
 
+from typing import get_args
+
 import numpy as np
 
 from rona_core.devices.igs_mha_header import Header, read_header
 from rona_core.devices.recording import RecordedTool, Recording
 from rona_core.devices.rigid_rows import poses_from_matrices
-from rona_core.devices.samples import ToolStatus
+from rona_core.devices.samples import WITH_POSE, ToolStatus
 from rona_core.devices.settings import TOOLS
 from rona_core.errors import InvalidInputError
 
@@ -18,14 +20,9 @@ SUFFIX = ".igs.mha"
 TO_TRACKER = "ToTrackerTransform"
 STATUS = "ToTrackerTransformStatus"
 RMS = "ToTrackerRmsErrorMm"  # ours; others keep such fields without looking at them
-REASON = "ToTrackerReason"  # ours: why a tool was not seen
+REASON = "ToTrackerReason"  # ours: why a tool was not seen, or only in part
 CAPTURE_FRAMES = "CaptureFrames"  # ours: frames of the capture, also those that are not in here
-OWN_STATUSES: tuple[ToolStatus, ...] = (
-    "out_of_volume",
-    "out_of_view",
-    "too_few_markers",
-    "covered",
-)
+OWN_STATUSES: tuple[ToolStatus, ...] = get_args(ToolStatus)
 # what PLUS writes as the status of a transform, without the TOOL_ of its older versions
 STATUSES: dict[str, ToolStatus] = {
     "OK": "ok",
@@ -97,10 +94,11 @@ def _frame_lines(name: str, column: RecordedTool) -> list[list[str]]:
     for i, row in enumerate(column.rows.tolist()):
         if row < 0:
             lines = [f"{name}{TO_TRACKER} = {NO_POSE}", f"{name}{STATUS} = INVALID"]
-            lines.append(f"{name}{REASON} = {column.statuses[i]}")
         else:
             numbers = " ".join(map(repr, values[row]))
             lines = [f"{name}{TO_TRACKER} = {numbers} 0 0 0 1", f"{name}{STATUS} = OK"]
+        if column.statuses[i] != "ok":
+            lines.append(f"{name}{REASON} = {column.statuses[i]}")
         if column.rms_known[i]:
             lines.append(f"{name}{RMS} = {errors[i]!r}")
         frames.append(lines)
@@ -152,7 +150,7 @@ def _tool_name(written: str) -> str:
 
 def _read_tool(header: Header, written: str, tool: str) -> RecordedTool:
     statuses: list[ToolStatus] = [_status(header, i, written) for i in range(header.n_frames)]
-    seen = [i for i, status in enumerate(statuses) if status == "ok"]
+    seen = [i for i, status in enumerate(statuses) if status in WITH_POSE]
     field = f"{written}{TO_TRACKER}"
     matrices = np.array([header.matrix(i, field) for i in seen], dtype=np.float64)
     poses, _ = poses_from_matrices(
@@ -175,10 +173,10 @@ def _status(header: Header, frame: int, written: str) -> ToolStatus:
             f"{header.name}, frame {frame}, {field}: expected OK or INVALID, got {word!r}"
         )
     reason = header.frames[frame].get(f"{written}{REASON}")
-    if status == "ok" or reason is None:
+    if reason is None:
         return status
     for own in OWN_STATUSES:
-        if own == reason:
+        if own == reason and (own in WITH_POSE) == (status == "ok"):
             return own
     raise InvalidInputError(
         f"{header.name}, frame {frame}, {written}{REASON}: expected one of "

@@ -20,6 +20,7 @@ from rona_core.devices.marker_bodies import (
 from rona_core.devices.marker_rows import read_geometry_table, read_marker_frames
 from rona_core.devices.recording import Recording
 from rona_core.devices.rigid_rows import poses_from_matrices, require_millimetres
+from rona_core.devices.rom import rom_from_bytes
 from rona_core.devices.samples import ToolTrack
 from rona_core.devices.text_tables import NamedFile, Table, read_table
 from rona_core.errors import InvalidInputError
@@ -28,7 +29,6 @@ from rona_core.geometry.pose import Poses
 PivotKind = Literal["matrix files", "rows of matrices", "marker positions", "sequence"]
 NAME = "marker"  # of the tool in files that do not say it
 MAX_UNPACKED_BYTES = 256 * 1024**2
-ROM_COUNT, ROM_POSITIONS = 28, 72  # bytes of an NDI tool file: number of markers, positions
 SINGLE = ("marker positions", "sequence")  # kinds of which there is one file at a time
 
 
@@ -132,28 +132,10 @@ def read_geometry(file: NamedFile) -> MarkerGeometryFile:
         InvalidInputError: damaged, or not such a file.
     """
     if file.name.lower().endswith(".rom"):
-        return MarkerGeometryFile(None, checked_geometry(_rom_positions(file), file.name))
+        return MarkerGeometryFile(
+            None, checked_geometry(rom_from_bytes(file.data, file.name).positions_marker, file.name)
+        )
     return read_geometry_table(file)
-
-
-def _rom_positions(file: NamedFile) -> Floats:
-    """Return the marker positions (m, 3) of an NDI tool file."""
-    data = file.data
-    if data[:3] != b"NDI":
-        raise InvalidInputError(
-            f"{file.name}: expected a tool file that begins with NDI, got {data[:3]!r}"
-        )
-    count = data[ROM_COUNT] if len(data) > ROM_COUNT else 0
-    end = ROM_POSITIONS + 12 * count
-    if not 3 <= count <= 20 or len(data) < end:
-        raise InvalidInputError(
-            f"{file.name}: expected a tool file with 3 to 20 markers, got {len(data)} bytes that "
-            f"speak of {count}"
-        )
-    positions = np.frombuffer(data[ROM_POSITIONS:end], dtype="<f4").astype(np.float64)
-    if not np.isfinite(positions).all():
-        raise InvalidInputError(f"{file.name} is damaged: its marker positions are not finite")
-    return positions.reshape(-1, 3)
 
 
 def _track(tool: str, numbers: Ints, poses: Poses, rms_mm: Floats, n_frames: int) -> ToolTrack:

@@ -6,7 +6,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from rona_core.arrays import Bools, Floats, Ints, readonly
-from rona_core.devices.samples import ToolSample, ToolStatus, ToolTrack, TrackerFrame
+from rona_core.devices.samples import WITH_POSE, ToolSample, ToolStatus, ToolTrack, TrackerFrame
 from rona_core.errors import InvalidInputError, NotFoundError
 from rona_core.geometry.pose import Poses
 
@@ -16,14 +16,14 @@ class RecordedTool:
     """One tool over the n frames of a recording."""
 
     tool: str
-    statuses: tuple[ToolStatus, ...]  # (n,) it has a pose where this is "ok"
+    statuses: tuple[ToolStatus, ...]  # (n,) it has a pose where this is in WITH_POSE
     Ts_tracker_marker: Poses  # of those frames, in order
     rms_error_mm: Floats  # (n,) of the fit of the markers; 0 where it is not known
     rms_known: Bools  # (n,)
     rows: Ints = field(init=False, repr=False)  # (n,) which pose is that of a frame; -1 for none
 
     def __post_init__(self) -> None:
-        seen = np.array([status == "ok" for status in self.statuses], dtype=np.bool_)
+        seen = np.array([status in WITH_POSE for status in self.statuses], dtype=np.bool_)
         if int(seen.sum()) != len(self.Ts_tracker_marker):
             raise InvalidInputError(
                 f"{self.tool} is seen in {int(seen.sum())} frames, but has "

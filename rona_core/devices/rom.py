@@ -88,17 +88,25 @@ def write_rom(tool: ToolFile, path: Path | str) -> Path:
 
 
 def rom_from_bytes(data: bytes, name: str = "tool file") -> ToolFile:
-    """Read the bytes of a .rom file; errors as in ``read_rom``."""
-    if data[:3] != MAGIC:
+    """Read the bytes of a .rom file; errors as in ``read_rom``.
+
+    Files of other writers may leave out what follows the positions, the checksum and the least
+    number of markers (zero).
+    """
+    if data[:3] not in (MAGIC, bytes(3)):
         raise InvalidInputError(f"{name} is no .rom file: it starts with {data[:3]!r}, not b'NDI'")
-    if len(data) != SIZE:
+    if len(data) < POSITIONS_AT:
         raise InvalidInputError(f"{name} has {len(data)} bytes, a .rom file has {SIZE}: cut off?")
     stored, found = struct.unpack_from("<H", data, 4)[0], checksum(data)
-    if stored != found:
+    if stored not in (0, found):
         raise InvalidInputError(
             f"{name} is damaged: its checksum is {stored}, its bytes add up to {found}"
         )
-    count, least = data[28], data[32]
+    count = data[28]
+    least = data[32] or min(LEAST_MARKERS, count)
+    if len(data) < POSITIONS_AT + 12 * count:
+        raise InvalidInputError(f"{name} has {len(data)} bytes, too few for {count} markers")
+    data = data + bytes(max(SIZE - len(data), 0))
     if not LEAST_MARKERS <= count <= MAX_MARKERS:
         raise InvalidInputError(
             f"{name} names {count} markers in byte 28, possible are {LEAST_MARKERS} to "

@@ -94,12 +94,12 @@ def test_the_bytes_are_where_other_readers_look():
     [
         (b"", "no .rom file"),
         (b"PNG" + bytes(749), "no .rom file"),
-        (rom_bytes(BODY)[:400], "400 bytes"),
-        (rom_bytes(BODY) + b"\0", "753 bytes"),
+        (rom_bytes(BODY)[:60], "60 bytes"),
+        (bytearray(28) + b"\4" + bytes(60), "89 bytes, too few for 4"),
+        (rom_bytes(BODY)[:400], "checksum"),
         (changed(80, "<f", 5.0, mend=False), "checksum"),
         (changed(28, "B", 2), "2 markers"),
         (changed(28, "B", 21), "21 markers"),
-        (changed(32, "B", 0), "0 of 4"),
         (changed(32, "B", 5), "5 of 4"),
         (changed(84, "<f", float("nan")), "marker 2 has no place"),
         (changed(76, "<f", 1e9), "marker 1 has no place"),
@@ -111,6 +111,16 @@ def test_the_bytes_are_where_other_readers_look():
 def test_damage_is_named(data, words):
     with pytest.raises(InvalidInputError, match=words):
         rom_from_bytes(data)
+
+
+def test_a_file_with_positions_alone_is_enough():
+    data = bytearray(72 + 12 * len(BODY.positions_marker))
+    data[:3], data[28] = b"NDI", len(BODY.positions_marker)
+    data[72:] = BODY.positions_marker.astype("<f4").tobytes()
+    found = rom_from_bytes(bytes(data))
+    np.testing.assert_array_equal(found.positions_marker, BODY.positions_marker)
+    assert found.min_markers == 3
+    assert not found.normals_marker.any()
 
 
 def test_every_flipped_bit_is_noticed():
