@@ -5,10 +5,22 @@ from typing import Any
 
 from rona_core.errors import SessionFormatError
 
-SCHEMA = 1  # raise it with every change of the document, and add the step below
+SCHEMA = 2  # raise it with every change of the document, and add the step below
+
+
+def _from_1(manifest: dict[str, Any]) -> dict[str, Any]:
+    """Forget the calibration of the pointer, which had no covariance, verdict and reasons.
+
+    They cannot be made up. The captures stay, so the pointer is calibrated again with one click;
+    until then everything that was computed with the old tip shows as stale, not as gone.
+    """
+    session = manifest["session"]
+    results = {**session["results"], "pointer": None}
+    return {**manifest, "schema": 2, "session": {**session, "results": results}}
+
 
 # MIGRATIONS[n] turns a manifest of schema n into one of schema n + 1.
-MIGRATIONS: dict[int, Callable[[dict[str, Any]], dict[str, Any]]] = {}
+MIGRATIONS: dict[int, Callable[[dict[str, Any]], dict[str, Any]]] = {1: _from_1}
 
 
 def migrate(manifest: dict[str, Any]) -> dict[str, Any]:
