@@ -9,10 +9,11 @@ correction lose their weight by Tukey's function.
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from rona_core.arrays import Bools, Floats, Vector3, readonly
 from rona_core.calibration.pivot_start import robust_start
-from rona_core.calibration.tracked_poses import TrackedPoses, cross_matrices, rotations_from
+from rona_core.calibration.tracked_poses import TrackedPoses, cross_matrices
 
 CUTOFF = 5.49  # standard deviations; 95 % efficient in three dimensions
 MEDIAN_CHI2 = 2.366  # of three degrees of freedom
@@ -127,7 +128,7 @@ def _linearise(
 ) -> _Step:
     """Solve exp(-turn) R tip + p - shift - pivot = 0, linear about the present corrections."""
     k = basis.shape[1]
-    turned = rotations_from(-turns) @ R
+    turned = Rotation.from_rotvec(-turns).as_matrix() @ R
     lever = turned @ (basis @ x[:k])
     cross = cross_matrices(turns)
     right = np.eye(3) - 0.5 * cross + (cross @ cross) / 6.0  # right Jacobian of a small turn

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike
+from scipy.spatial.transform import Rotation
 
 from rona_core.arrays import Bools, Floats, Vector3, as_floats, as_points, readonly
 from rona_core.calibration.marker_noise import MarkerNoise
@@ -144,7 +145,7 @@ def tracked_from_markers(
             information[:, :3, :3] += rolls @ np.swapaxes(rolls, 1, 2)
         pull = np.einsum("nkia,ij,nkj->na", jacobian, precision, left, optimize=True)
         step = np.linalg.solve(information, pull[..., None])[..., 0]
-        rotations, t = rotations_from(step[:, :3]) @ rotations, t + step[:, 3:]
+        rotations, t = Rotation.from_rotvec(step[:, :3]).as_matrix() @ rotations, t + step[:, 3:]
         if np.abs(step).max(initial=0.0) < FIT_TOLERANCE * np.abs(arms).max():
             break
     covariances: Floats = np.asarray(np.linalg.inv(information), dtype=np.float64)
@@ -191,21 +192,13 @@ def _start(arms: Floats, y: Floats, mask: Bools, dof: int) -> tuple[Floats, Floa
     return rotations, mean - np.einsum("nij,nj->ni", rotations, middle)
 
 
-def rotations_from(turns: Floats) -> Floats:
-    """Return the rotations (n, 3, 3) of small rotation vectors (n, 3), by Rodrigues' formula."""
-    angle = np.linalg.norm(turns, axis=1)[:, None, None]
-    cross = cross_matrices(turns)
-    first: Floats = np.asarray(np.sinc(angle / np.pi), dtype=np.float64)  # sin(x) / x
-    half: Floats = np.asarray(np.sinc(angle / (2.0 * np.pi)), dtype=np.float64)
-    return np.eye(3) + first * cross + 0.5 * half**2 * (cross @ cross)
-
-
 def rotations_to(directions: Floats) -> Floats:
     """Return for each unit vector (n, 3) some rotation (n, 3, 3) that takes z to it."""
     least = np.eye(3)[np.abs(directions).argmin(axis=1)]
-    x = np.cross(least, directions)
+    cross = cross_matrices(directions)
+    x = np.einsum("nij,nj->ni", cross, least)
     x /= np.linalg.norm(x, axis=1)[:, None]
-    return np.stack((x, np.cross(directions, x), directions), axis=2)
+    return np.stack((x, np.einsum("nij,nj->ni", cross, x), directions), axis=2)
 
 
 def cross_matrices(vectors: Floats) -> Floats:
