@@ -10,6 +10,7 @@ from typing import get_args
 import numpy as np
 
 from benchmarks.metric import Metric, Progress, cpu_ms, over_seeds
+from benchmarks.pivot_cases import pivot_metrics
 from rona_core.arrays import Floats
 from rona_core.calibration.pivot import PivotMethod
 from rona_core.calibration.pointer import calibrate_pointer
@@ -34,7 +35,11 @@ def run(progress: Progress) -> list[Metric]:
 
     def error_mm(Ts_tracker_pointermarker: Poses, method: PivotMethod) -> float:
         found = calibrate_pointer(
-            Ts_tracker_pointermarker, pointer="pointer6d", dof=6, method=method
+            Ts_tracker_pointermarker,
+            pointer="pointer6d",
+            dof=6,
+            method=method,
+            positions_pointermarker=GEOMETRIES["pointer6d"].positions_marker,
         )
         return float(np.linalg.norm(found.tip_pointermarker - tip))
 
@@ -67,6 +72,7 @@ def run(progress: Progress) -> list[Metric]:
     metrics += over_seeds(
         "tracker_registration_tre_mm", [f[1] for f in figures], "mm", "lower", goal=0.5
     )
+    metrics += pivot_metrics(progress)
     return metrics
 
 

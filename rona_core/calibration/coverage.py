@@ -8,16 +8,19 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike
+from scipy.spatial.transform import Rotation
 
 from rona_core.arrays import Floats, Ints, Vector3, as_vector3, readonly
 from rona_core.calibration.marker_noise import MarkerNoise
 from rona_core.calibration.pivot_ml import tip_information
+from rona_core.calibration.pivot_verdict import CONES_DEG
 from rona_core.calibration.tracked_poses import tracked_from_poses
 from rona_core.errors import DegenerateGeometryError, InvalidInputError
 from rona_core.geometry.pose import Pose, Poses
 
 RINGS_DEG = (0.0, 10.0, 20.0, 30.0, 45.0, 60.0)
 SECTORS = 12
+SPREAD = 60  # poses that stand for an even cone
 CENTRAL_DEG = 3.0  # tilts below this have no azimuth worth counting
 CANDIDATE_TILTS_DEG = (5.0, 10.0, 15.0, 20.0, 25.0, 30.0)
 MIN_LENGTH_MM = 1.0
@@ -134,7 +137,7 @@ def next_best_pose(
         tracked_from_poses(candidates, positions_marker, noise, dof=dof), tip, dof=dof
     )
     k = known.shape[0] - 3
-    after = np.trace(np.linalg.inv(known + more)[:, :k, :k], axis1=1, axis2=2)
+    after: Floats = np.trace(np.linalg.inv(known + more)[:, :k, :k], axis1=1, axis2=2)
     best = int(after.argmin())
     tilt_deg, azimuth_deg = places[best]
     direction = _shafts(candidates.select([best]), tip)[0]
@@ -147,6 +150,49 @@ def next_best_pose(
         tip_sigma_mm=float(sigma_mm * np.sqrt(after[best])),
         tip_sigma_before_mm=float(sigma_mm * np.sqrt(np.trace(np.linalg.inv(known)[:k, :k]))),
     )
+
+
+def sigma_by_cone(
+    R_tracker_marker: Floats,
+    tip: Vector3,
+    positions_marker: ArrayLike,
+    *,
+    dof: int,
+    noise: MarkerNoise,
+    sigma_mm: float,
+    n: int,
+) -> tuple[tuple[float, float], ...]:
+    """Return what error of the tip n poses spread evenly over wider and wider cones would give.
+
+    Args:
+        R_tracker_marker: Orientation (3, 3) in the middle of the cones.
+        tip: The tip (3,) in ``marker`` in mm.
+        positions_marker: Marker geometry (m, 3) in mm.
+        dof: 6, or 5 for collinear markers.
+        noise: What is assumed about single markers.
+        sigma_mm: 3D RMS of one marker.
+        n: How many poses.
+
+    Returns:
+        Pairs of half-angle (deg) and predicted 3D standard deviation (mm).
+    """
+    axis = -R_tracker_marker @ tip / np.linalg.norm(tip)
+    aside, across = np.linalg.svd(axis[None])[2][1:]
+    share = np.sqrt((np.arange(SPREAD) + 0.5) / SPREAD)
+    azimuths = np.rad2deg(np.arange(SPREAD) * np.pi * (3.0 - np.sqrt(5.0)))
+    axes = np.array([np.cross(axis, _toward(azimuth, aside, across)) for azimuth in azimuths])
+    pairs: list[tuple[float, float]] = []
+    for cone_deg in CONES_DEG:
+        turns = np.deg2rad(cone_deg) * share[:, None] * axes
+        rotations = Rotation.from_rotvec(turns).as_matrix() @ R_tracker_marker
+        tracked = tracked_from_poses(
+            Poses(rotations, np.zeros((SPREAD, 3))), positions_marker, noise, dof=dof
+        )
+        information = tip_information(tracked, tip, dof=dof).mean(axis=0) * n
+        k = len(information) - 3
+        variance = float(np.trace(np.linalg.inv(information)[:k, :k]))
+        pairs.append((cone_deg, sigma_mm * float(np.sqrt(variance))))
+    return tuple(pairs)
 
 
 def _shafts(Ts_tracker_marker: Poses, tip: Vector3) -> Floats:

@@ -1,17 +1,30 @@
 """Find the fixed tip of a tracked body that swings about it: shared by pointer and tool."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from rona_core.arrays import Bools, Floats, Vector3, readonly
+from rona_core.arrays import Bools, Floats, Vector3, as_floats, readonly
+from rona_core.calibration.coverage import sigma_by_cone
 from rona_core.calibration.marker_geometry import check_marker_geometry
 from rona_core.calibration.marker_noise import MarkerNoise
+from rona_core.calibration.pivot_fit import (
+    AWAY,
+    EXCLUDED,
+    UNSEEN,
+    PivotFit,
+    rejected_poses,
+)
 from rona_core.calibration.pivot_linear import MIN_SHARE, solve_linear, without_gross_errors
-from rona_core.calibration.pivot_ml import LikelyTip, fit_likely_tip
-from rona_core.calibration.pivot_verdict import PivotFacts, Verdict, judge_pivot, poses_alike
+from rona_core.calibration.pivot_ml import fit_likely_tip
+from rona_core.calibration.pivot_verdict import (
+    GOOD_SIGMA_MM,
+    PivotFacts,
+    judge_pivot,
+    poses_alike,
+)
 from rona_core.calibration.swing import require_cone, require_swing, swing_of_shaft_deg
 from rona_core.calibration.tracked_poses import (
     TrackedPoses,
@@ -25,34 +38,16 @@ PivotMethod = Literal["ml", "sphere", "aos"]
 METHODS: tuple[PivotMethod, ...] = ("ml", "sphere", "aos")
 
 MAX_RMSE_MM = 5.0  # beyond this the tip did not stay in one place
-EXCLUDED, UNSEEN, AWAY = "excluded by hand", "too few markers seen", "away from the common tip"
-
-
-@dataclass(frozen=True, slots=True)
-class RejectedPose:
-    """One pose that does not count, and why."""
-
-    index: int
-    residual_mm: float
-    reason: str
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class PivotFit:
-    """Tip of a body in its marker frame, and the place it swung about."""
+class _Likely:
+    """What only the likely tip has to tell for the verdict."""
 
-    tip_marker: Vector3  # (3,) mm
-    pivot_tracker: Vector3  # (3,) mm
-    covariance: Floats  # (6, 6) mm^2 of tip (in marker), then pivot (in tracker)
-    residuals_mm: Floats  # (n,) distance of the tip, mapped by each pose, from the pivot
-    used: Bools  # (n,) False for poses that do not count
-    rejected: tuple[RejectedPose, ...]  # those, and why
-    rmse_mm: float  # of the residuals that were used
-    tip_sigma_mm: float  # predicted 3D standard deviation of the tip
-    cone_deg: float  # half-angle covered by the lever
-    marker_sigma_mm: float | None  # 3D RMS of one marker that the scatter tells of; only "ml"
-    verdict: Verdict
-    reasons: tuple[str, ...]  # why not good, and what to do about it
+    sigma_mm: float
+    noise: MarkerNoise
+    positions_marker: Floats
+    complaints: tuple[str, ...]
 
 
 def solve_pivot(
@@ -93,7 +88,7 @@ def solve_pivot(
             raise InvalidInputError('method "ml" needs positions_marker, the marker geometry')
         noise = noise or MarkerNoise()
         tracked = tracked_from_poses(Ts_tracker_marker, positions_marker, noise, dof=dof)
-        return _solve_likely(tracked, keep, dof, at_least, noise, ())
+        return _solve_likely(tracked, positions_marker, keep, dof, at_least, noise, ())
     used = keep
     for step in ("aos", method):  # gross errors upset the sphere most, so the other one finds them
         used = without_gross_errors(Ts_tracker_marker, used, dof, step, at_least)
@@ -139,12 +134,18 @@ def solve_pivot_from_markers(
     tracked = tracked_from_markers(points_tracker, positions_marker, noise, dof=dof, seen=seen)
     keep = _as_keep(exclude, len(tracked.seen))
     _require_poses(tracked.Ts_tracker_marker, keep & tracked.seen, dof, at_least)
-    check = check_marker_geometry(points_tracker, positions_marker, seen)
-    return _solve_likely(tracked, keep, dof, at_least, noise, check.complaints)
+    complaints = check_marker_geometry(points_tracker, positions_marker, seen).complaints
+    try:
+        return _solve_likely(tracked, positions_marker, keep, dof, at_least, noise, complaints)
+    except DegenerateGeometryError as error:
+        if not complaints:
+            raise
+        raise DegenerateGeometryError("; ".join((*complaints, str(error)))) from error
 
 
 def _solve_likely(
     tracked: TrackedPoses,
+    positions_marker: ArrayLike,
     keep: Bools,
     dof: int,
     at_least: int,
@@ -172,9 +173,7 @@ def _solve_likely(
         used,
         {EXCLUDED: ~keep, UNSEEN: ~tracked.seen},
         dof,
-        likely=found,
-        noise=noise,
-        complaints=complaints,
+        likely=_Likely(found.sigma_mm, noise, as_floats(positions_marker), complaints),
     )
 
 
@@ -188,9 +187,7 @@ def _finish(
     dof: int,
     *,
     narrowness: int = 1,
-    likely: LikelyTip | None = None,
-    noise: MarkerNoise | None = None,
-    complaints: tuple[str, ...] = (),
+    likely: _Likely | None = None,
 ) -> PivotFit:
     """Check what is left of the swing, list what was rejected and judge the result."""
     misses = Ts_tracker_marker @ tip - pivot
@@ -205,7 +202,7 @@ def _finish(
         )
     alike = 1.0 if likely is None else poses_alike(misses[used])
     covariance = covariance * alike
-    rejected = _rejected(residuals, used, known_reasons)
+    rejected = rejected_poses(residuals, used, known_reasons)
     sigma_mm = float(np.sqrt(np.trace(covariance[:3, :3])))
     facts = PivotFacts(
         tip_sigma_mm=sigma_mm,
@@ -215,10 +212,21 @@ def _finish(
         n_used=int(used.sum()),
         narrowness=narrowness,
         marker_sigma_mm=None if likely is None else likely.sigma_mm,
-        stated_sigma_mm=None if noise is None else noise.sigma_mm,
+        stated_sigma_mm=None if likely is None else likely.noise.sigma_mm,
         alike=alike,
-        geometry=complaints,
+        geometry=() if likely is None else likely.complaints,
     )
+    if likely is not None and sigma_mm > GOOD_SIGMA_MM:
+        by_cone = sigma_by_cone(
+            Ts_tracker_marker.select(used).mean().rotation,
+            tip,
+            likely.positions_marker,
+            dof=dof,
+            noise=likely.noise,
+            sigma_mm=likely.noise.sigma_mm or likely.sigma_mm,
+            n=max(int(used.sum() / alike), 1),
+        )
+        facts = replace(facts, by_cone=by_cone)
     away = np.array([r.index for r in rejected if r.reason == AWAY], dtype=np.int64)
     verdict, reasons = judge_pivot(facts, away)
     return PivotFit(
@@ -235,17 +243,6 @@ def _finish(
         verdict=verdict,
         reasons=reasons,
     )
-
-
-def _rejected(
-    residuals: Floats, used: Bools, known_reasons: dict[str, Bools]
-) -> tuple[RejectedPose, ...]:
-    """Return every pose that does not count; those without a known reason miss the tip."""
-    found: list[RejectedPose] = []
-    for row in np.flatnonzero(~used):
-        reason = next((text for text, rows in known_reasons.items() if rows[row]), AWAY)
-        found.append(RejectedPose(int(row), float(residuals[row]), reason))
-    return tuple(found)
 
 
 def _as_keep(exclude: ArrayLike | None, n: int) -> Bools:

@@ -114,7 +114,43 @@ def tip_information(tracked: TrackedPoses, tip_marker: Vector3, *, dof: int) -> 
     p = tracked.centers_tracker()
     x = np.concatenate((basis.T @ (tip_marker - tracked.reference_marker), np.zeros(3)))
     R, none = tracked.Ts_tracker_marker.rotations, np.zeros_like(p)
-    return _linearise(R, p, tracked.covariances, none, x, basis, np.ones(len(p))).information
+    return _gaps(R, p, tracked.covariances, none, x, basis).information()
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Gaps:
+    """exp(-turn) R tip + p - shift - pivot, which must vanish, linear about the corrections."""
+
+    gaps: Floats  # (n, 3) mm
+    by_unknowns: Floats  # (n, 3, k + 3)
+    turn_gap: Floats  # (n, 3, 3) covariance of turn and minus gap
+    whitened: Floats  # (n, 3, k + 3) inverse covariance of the gap, times by_unknowns
+    whitened_gaps: Floats  # (n, 3) the same, times gaps
+
+    def information(self) -> Floats:
+        """Return what each pose tells about the unknowns (n, k + 3, k + 3)."""
+        return np.swapaxes(self.by_unknowns, 1, 2) @ self.whitened
+
+
+def _gaps(
+    R: Floats, p: Floats, covariances: Floats, turns: Floats, x: Floats, basis: Floats
+) -> _Gaps:
+    k = basis.shape[1]
+    turned = Rotation.from_rotvec(-turns).as_matrix() @ R
+    lever = turned @ (basis @ x[:k])
+    cross = cross_matrices(turns)
+    right = np.eye(3) - 0.5 * cross + (cross @ cross) / 6.0  # right Jacobian of a small turn
+    by_turn = cross_matrices(lever) @ right
+    by_turn_t = np.swapaxes(by_turn, 1, 2)
+    by_unknowns = np.concatenate(
+        (turned @ basis, np.broadcast_to(-np.eye(3), (len(p), 3, 3))), axis=2
+    )
+    gaps = lever + p - x[k:] - np.einsum("nij,nj->ni", by_turn, turns)
+    turn_gap = covariances[:, :3, :3] @ by_turn_t - covariances[:, :3, 3:]
+    gap_gap = by_turn @ turn_gap - covariances[:, 3:, :3] @ by_turn_t + covariances[:, 3:, 3:]
+    wanted = np.concatenate((by_unknowns, gaps[..., None]), axis=2)
+    solved: Floats = np.asarray(np.linalg.solve(gap_gap, wanted), dtype=np.float64)
+    return _Gaps(gaps, by_unknowns, turn_gap, solved[..., :-1], solved[..., -1])
 
 
 def _linearise(
@@ -126,31 +162,18 @@ def _linearise(
     basis: Floats,
     weights: Floats,
 ) -> _Step:
-    """Solve exp(-turn) R tip + p - shift - pivot = 0, linear about the present corrections."""
-    k = basis.shape[1]
-    turned = Rotation.from_rotvec(-turns).as_matrix() @ R
-    lever = turned @ (basis @ x[:k])
-    cross = cross_matrices(turns)
-    right = np.eye(3) - 0.5 * cross + (cross @ cross) / 6.0  # right Jacobian of a small turn
-    by_turn = cross_matrices(lever) @ right
-    by_unknowns = np.concatenate(
-        (turned @ basis, np.broadcast_to(-np.eye(3), (len(p), 3, 3))), axis=2
-    )
-    gap = lever + p - x[k:] - np.einsum("nij,nj->ni", by_turn, turns)
-    by_turn_t = np.swapaxes(by_turn, 1, 2)
-    turn_gap = covariances[:, :3, :3] @ by_turn_t - covariances[:, :3, 3:]  # (turn, -gap)
-    gap_gap = by_turn @ turn_gap - covariances[:, 3:, :3] @ by_turn_t + covariances[:, 3:, 3:]
-    solved = np.linalg.solve(gap_gap, np.concatenate((by_unknowns, gap[..., None]), axis=2))
-    information = np.swapaxes(by_unknowns, 1, 2) @ solved[..., :-1]
-    pull = np.einsum("nij,ni->nj", by_unknowns, solved[..., -1])
+    """Return the step to the tip that is most likely for these weights (n,)."""
+    model = _gaps(R, p, covariances, turns, x, basis)
+    information = model.information()
+    pull = np.einsum("nij,ni->nj", model.by_unknowns, model.whitened_gaps)
     move = np.linalg.solve(np.einsum("n,nij->ij", weights, information), -(weights @ pull))
-    forces = solved[..., :-1] @ move + solved[..., -1]
-    left = by_unknowns @ move + gap
+    forces = model.whitened @ move + model.whitened_gaps
+    left = model.by_unknowns @ move + model.gaps
     return _Step(
         move=move,
-        turns=-np.einsum("nij,nj->ni", turn_gap, forces),
+        turns=-np.einsum("nij,nj->ni", model.turn_gap, forces),
         costs=np.einsum("ni,ni->n", forces, left),
-        costs_before=np.einsum("ni,ni->n", gap, solved[..., -1]),
+        costs_before=np.einsum("ni,ni->n", model.gaps, model.whitened_gaps),
         information=information,
     )
 

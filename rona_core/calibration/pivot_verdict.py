@@ -14,7 +14,7 @@ GOOD_SIGMA_MM = 0.5  # predicted 3D standard deviation of the tip
 BAD_SIGMA_MM = 1.0
 NARROW_CONE_DEG = 10.0  # below it small systematic errors of the tracker move the tip far
 USUAL_CONE_DEG = 20.0
-WIDEST_CONE_DEG = 45.0
+CONES_DEG = (10.0, 15.0, 20.0, 25.0, 30.0, 35.0, 40.0, 45.0)
 FEW_POSES = 20
 ONE_SIDED = 3.0  # swing in one plane over the swing across it
 MANY_REJECTED = 0.1
@@ -39,6 +39,7 @@ class PivotFacts:
     stated_sigma_mm: float | None = None
     alike: float = 1.0  # neighbouring poses that count as one
     geometry: tuple[str, ...] = ()  # complaints about the marker geometry
+    by_cone: tuple[tuple[float, float], ...] = ()  # (half-angle, tip sigma) were it as wide
 
 
 def judge_pivot(facts: PivotFacts, rejected: Ints) -> tuple[Verdict, tuple[str, ...]]:
@@ -108,28 +109,29 @@ def _judge_noise(facts: PivotFacts, reasons: list[str]) -> bool:
 
 def _remedy(facts: PivotFacts) -> str:
     """Return the cone, or the number of poses at the widest cone, that would be enough."""
-    cone_deg = cone_needed_deg(facts.cone_deg, facts.tip_sigma_mm, facts.narrowness)
-    if cone_deg <= WIDEST_CONE_DEG:
-        return f"sweep to {cone_deg:.0f} degrees instead of {facts.cone_deg:.0f}"
-    widest = np.sin(np.deg2rad(max(WIDEST_CONE_DEG, facts.cone_deg)))
-    gain = (np.sin(np.deg2rad(facts.cone_deg)) / widest) ** facts.narrowness
-    times = (facts.tip_sigma_mm * gain / GOOD_SIGMA_MM) ** 2
-    many = f"record {np.ceil(10 * times) / 10:.1f} times as many poses"
-    if facts.cone_deg >= WIDEST_CONE_DEG:
-        return many
-    return f"sweep to {WIDEST_CONE_DEG:.0f} degrees and {many}" if times > 1 else many
+    wider = [pair for pair in predicted_by_cone(facts) if pair[0] > facts.cone_deg]
+    enough = [cone_deg for cone_deg, sigma in wider if sigma <= GOOD_SIGMA_MM]
+    if enough:
+        return f"sweep to {enough[0]:.0f} degrees instead of {facts.cone_deg:.0f}"
+    cone_deg, sigma = wider[-1] if wider else (facts.cone_deg, facts.tip_sigma_mm)
+    times = np.ceil(10.0 * (sigma / GOOD_SIGMA_MM) ** 2) / 10.0
+    many = f"record {times:.1f} times as many poses"
+    return f"sweep to {cone_deg:.0f} degrees and {many}" if wider else many
 
 
-def cone_needed_deg(cone_deg: float, tip_sigma_mm: float, narrowness: int) -> float:
-    """Return the half-angle at which the predicted error would be small enough; 90 if none is.
+def predicted_by_cone(facts: PivotFacts) -> tuple[tuple[float, float], ...]:
+    """Return pairs of half-angle (deg) and the tip's predicted error (mm) for as many poses.
 
-    The error falls with the sine of the half-angle, in a sphere fit with its square. The angle is
-    rounded up to a multiple of 5 degrees.
+    Where the fit did not supply them: the error falls with the sine of the half-angle, in a sphere
+    fit with its square.
     """
-    wanted = np.sin(np.deg2rad(cone_deg)) * (tip_sigma_mm / GOOD_SIGMA_MM) ** (1.0 / narrowness)
-    if wanted >= 1.0:
-        return 90.0
-    return float(5.0 * np.ceil(np.rad2deg(np.arcsin(wanted)) / 5.0 - 1e-9))
+    if facts.by_cone:
+        return facts.by_cone
+    now = np.sin(np.deg2rad(facts.cone_deg))
+    return tuple(
+        (cone, facts.tip_sigma_mm * float(now / np.sin(np.deg2rad(cone))) ** facts.narrowness)
+        for cone in CONES_DEG
+    )
 
 
 def _rejection(rejected: Ints, n: int) -> str:

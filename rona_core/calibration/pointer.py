@@ -7,13 +7,8 @@ from numpy.typing import ArrayLike
 
 from rona_core.arrays import Bools, Floats, Vector3, readonly
 from rona_core.calibration.marker_noise import MarkerNoise
-from rona_core.calibration.pivot import (
-    PivotFit,
-    PivotMethod,
-    RejectedPose,
-    solve_pivot,
-    solve_pivot_from_markers,
-)
+from rona_core.calibration.pivot import PivotMethod, solve_pivot, solve_pivot_from_markers
+from rona_core.calibration.pivot_fit import PivotFit, RejectedPose
 from rona_core.calibration.pivot_verdict import Verdict
 from rona_core.errors import DegenerateGeometryError
 from rona_core.geometry.pose import Poses

@@ -11,7 +11,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from rona_core.arrays import Floats, Ints, readonly
-from rona_core.calibration.pivot import PivotFit, solve_pivot
+from rona_core.calibration.pivot import solve_pivot
+from rona_core.calibration.pivot_fit import PivotFit
 from rona_core.errors import DegenerateGeometryError, InvalidInputError
 from rona_core.geometry.fit import LineFit, fit_line_direction
 from rona_core.geometry.pose import Pose, Poses
