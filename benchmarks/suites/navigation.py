@@ -11,6 +11,7 @@ import numpy as np
 
 from benchmarks.metric import Metric, Progress, cpu_ms, over_seeds
 from benchmarks.registration_cases import registration_metrics
+from benchmarks.pivot_cases import pivot_metrics
 from rona_core.arrays import Floats
 from rona_core.calibration.pivot import PivotMethod
 from rona_core.calibration.pointer import calibrate_pointer
@@ -35,7 +36,11 @@ def run(progress: Progress) -> list[Metric]:
 
     def error_mm(Ts_tracker_pointermarker: Poses, method: PivotMethod) -> float:
         found = calibrate_pointer(
-            Ts_tracker_pointermarker, pointer="pointer6d", dof=6, method=method
+            Ts_tracker_pointermarker,
+            pointer="pointer6d",
+            dof=6,
+            method=method,
+            positions_pointermarker=GEOMETRIES["pointer6d"].positions_marker,
         )
         return float(np.linalg.norm(found.tip_pointermarker - tip))
 
@@ -69,6 +74,7 @@ def run(progress: Progress) -> list[Metric]:
         "tracker_registration_tre_mm", [f[1] for f in figures], "mm", "lower", goal=0.5
     )
     metrics += registration_metrics(progress)
+    metrics += pivot_metrics(progress)
     return metrics
 
 

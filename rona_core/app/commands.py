@@ -141,7 +141,7 @@ class CalibratePointer:
     """Compute the pointer tip from the recorded pivoting."""
 
     __pydantic_config__: ClassVar = STRICT
-    method: Literal["sphere", "aos"] = "sphere"
+    method: Literal["ml", "sphere", "aos"] = "ml"
 
 
 @dataclass(frozen=True, slots=True)

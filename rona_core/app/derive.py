@@ -66,11 +66,13 @@ def derive_tool(session: Session, message: RegisterTool) -> ToolRegistration:
 def derive_pointer(session: Session, message: CalibratePointer) -> PointerCalibration:
     """Calibrate the pointer from its pivoting."""
     capture = need(session.captures.pointer, "record the pivoting of the pointer")
+    geometry = GEOMETRIES[capture.pointer]
     return calibrate_pointer(
         capture.marker.Ts_tracker_marker,
         pointer=capture.pointer,
-        dof=GEOMETRIES[capture.pointer].dof,
+        dof=geometry.dof,
         method=message.method,
+        positions_pointermarker=geometry.positions_marker,
     )
 
 

@@ -27,6 +27,7 @@ class SphereFit:
     residuals_mm: Floats  # (n,) distance from the centre minus the radius
     rms_mm: float
     center_sigma_mm: float  # predicted 3D standard deviation of the centre; 0 for 4 points
+    center_covariance: Floats  # (3, 3) mm^2, its trace is the square of that
     cap_deg: float  # largest angle, seen from the centre, between a point and the mean direction
 
 
@@ -56,7 +57,8 @@ def fit_sphere(points: ArrayLike) -> SphereFit:
     offsets = q - center
     distances = np.linalg.norm(offsets, axis=1)
     residuals = distances - radius
-    sigma = _center_sigma(offsets / distances[:, None], residuals)
+    covariance = _center_covariance(offsets / distances[:, None], residuals)
+    sigma = float(np.sqrt(np.trace(covariance)))
     if not solved or sigma > MAX_SIGMA * radius:
         raise DegenerateGeometryError(
             f"the cap is too small for its noise: centre uncertain by {sigma * scale:.2g} mm at a "
@@ -69,6 +71,7 @@ def fit_sphere(points: ArrayLike) -> SphereFit:
         residuals_mm=readonly(residuals * scale),
         rms_mm=rms_mm,
         center_sigma_mm=sigma * scale,
+        center_covariance=readonly(covariance * scale**2),
         cap_deg=cap_half_angle_deg(offsets / distances[:, None]),
     )
 
@@ -117,11 +120,11 @@ def _residuals(q: Floats, x: Floats) -> tuple[Floats, Floats]:
     return distances - x[3], jacobian
 
 
-def _center_sigma(directions: Floats, residuals: Floats) -> float:
-    """Return the predicted 3D standard deviation of the centre, from the scatter left over."""
+def _center_covariance(directions: Floats, residuals: Floats) -> Floats:
+    """Return the covariance (3, 3) of the centre, from the scatter left over."""
     freedom = len(residuals) - 4
     if freedom <= 0:
-        return 0.0
+        return np.zeros((3, 3))
     jacobian = np.column_stack((directions, np.ones(len(directions))))
     covariance = np.linalg.pinv(jacobian.T @ jacobian) * (residuals @ residuals) / freedom
-    return float(np.sqrt(np.trace(covariance[:3, :3])))
+    return covariance[:3, :3].copy()

@@ -16,7 +16,8 @@ from rona_core.calibration.handeye_model import (
     robot_covariances,
 )
 from rona_core.calibration.handeye_weights import sigma_by_median, spectrum
-from rona_core.calibration.pivot import PivotFit, solve_pivot
+from rona_core.calibration.pivot import solve_pivot
+from rona_core.calibration.pivot_fit import PivotFit
 from rona_core.errors import DegenerateGeometryError, InvalidInputError
 from rona_core.geometry.fit import LineFit, fit_line_direction
 from rona_core.geometry.pose import Pose, Poses

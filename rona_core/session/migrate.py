@@ -18,22 +18,28 @@ PLAIN_TRACKER: dict[str, Any] = {
     "minutes_on": 60.0,
     "dropped_share": 0.0,
 }
+# Results that schema 2 holds more of than schema 1 knew: covariances, verdicts, bounds.
+OUTGROWN = ("tool", "pointer", "smoothing")
 
 
-def with_tracker_faults(manifest: dict[str, Any]) -> dict[str, Any]:
-    """Return a manifest of schema 1 whose tracker says what it did not do yet (schema 2).
+def from_1(manifest: dict[str, Any]) -> dict[str, Any]:
+    """Return a manifest of schema 1 as one of schema 2.
 
-    The captures of such a session were measured without these effects, so that they are off.
+    Its captures were measured by a tracker without the faults that can be switched on now. What
+    the outgrown results lack cannot be made up, so they go: one click computes each again from its
+    capture, and until then what was computed with them shows as stale.
     """
     session = manifest["session"]
     devices = session["setup"]["devices"]
     tracker = {**PLAIN_TRACKER, **devices["tracker"]}
     setup = {**session["setup"], "devices": {**devices, "tracker": tracker}}
-    return {**manifest, "session": {**session, "setup": setup}}
+    results = {**session["results"], **dict.fromkeys(OUTGROWN)}
+    changed = {**session, "setup": setup, "results": results}
+    return {**manifest, "schema": 2, "session": changed}
 
 
 # MIGRATIONS[n] turns a manifest of schema n into one of schema n + 1.
-MIGRATIONS: dict[int, Callable[[dict[str, Any]], dict[str, Any]]] = {1: with_tracker_faults}
+MIGRATIONS: dict[int, Callable[[dict[str, Any]], dict[str, Any]]] = {1: from_1}
 
 
 def migrate(manifest: dict[str, Any]) -> dict[str, Any]:

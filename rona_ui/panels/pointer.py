@@ -9,7 +9,11 @@ from rona_ui.panels.importing import ImportControls
 from rona_ui.panels.step_panel import StepPanel
 from rona_ui.view_state import Picture
 
-METHODS = {"Sphere (as the paper)": "sphere", "Algebraic one-step": "aos"}
+METHODS = {
+    "Maximum likelihood": "ml",
+    "Sphere (as the paper)": "sphere",
+    "Algebraic one-step": "aos",
+}
 
 
 class PointerPanel(StepPanel):
@@ -28,7 +32,7 @@ class PointerPanel(StepPanel):
             "cone_deg", "Cone (deg)", StartPointerCapture().cone_deg, 1.0, 60.0, 1.0, "Half-angle"
         )
         self.form.number("duration_s", "Duration (s)", 15.0, 1.0, 120.0, 1.0)
-        self.form.choice("method", "Fit", METHODS, "sphere")
+        self.form.choice("method", "Fit", METHODS, "ml")
         self._by_hand = self.gui.add_button("Pivot by hand", icon="hand-grab", color="gray")
         self._help = self.gui.add_html("")
         self._finish = self.gui.add_button("Finish and calibrate", icon="check", visible=False)

@@ -4,7 +4,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from rona_core.calibration.pointer import calibrate_pointer
+from rona_core.calibration.marker_noise import EVEN
+from rona_core.calibration.pointer import calibrate_pointer as calibrate
+from rona_core.devices.markers import GEOMETRIES
 from rona_core.errors import DegenerateGeometryError, InvalidInputError
 from rona_core.geometry.pose import Poses
 from tests.core.strategies import noisy, pivot_poses, random_pose, seeds
@@ -12,8 +14,17 @@ from tests.core.strategies import noisy, pivot_poses, random_pose, seeds
 few = settings(max_examples=20, deadline=None)
 TIP_6D = np.array((4.0, -160.0, -20.0))
 TIP_5D = np.array((0.0, 0.0, 290.0))
-METHODS = ("sphere", "aos")
-kinds = st.sampled_from([(6, "sphere"), (6, "aos"), (5, "sphere"), (5, "aos")])
+METHODS = ("ml", "sphere", "aos")
+kinds = st.sampled_from([(dof, method) for dof in (6, 5) for method in METHODS])
+MARKERS = {dof: GEOMETRIES[f"pointer{dof}d"].positions_marker for dof in (6, 5)}
+
+
+def calibrate_pointer(poses, *, dof, method="ml", **options):
+    """Calibrate with the geometry of a pointer and the same noise in all directions."""
+    positions = MARKERS.get(dof, MARKERS[6])
+    return calibrate(
+        poses, dof=dof, method=method, positions_pointermarker=positions, noise=EVEN, **options
+    )
 
 
 def tip_of(dof):
@@ -77,7 +88,7 @@ def test_the_roll_of_a_5d_pointer_does_not_matter(seed, method):
 @pytest.mark.parametrize("dof", [5, 6])
 def test_a_swing_of_25_degrees_gives_the_tip_within_its_predicted_error(dof, method):
     errors, sigmas = tip_errors(dof, method, cone_deg=25.0, trials=60)
-    assert np.sqrt((errors**2).mean()) < {"sphere": 0.3, "aos": 0.12}[method]
+    assert np.sqrt((errors**2).mean()) < {"sphere": 0.3, "aos": 0.12, "ml": 0.12}[method]
     assert 0.6 < np.sqrt((errors**2).mean()) / np.sqrt((sigmas**2).mean()) < 1.6
 
 
@@ -126,25 +137,25 @@ def planar(rng, dof, half_deg=30.0):
 def test_motions_that_leave_the_tip_open_are_refused_by_name(dof, method):
     rng = np.random.default_rng(9)
 
-    def calibrate(poses):
+    def fit(poses):
         return calibrate_pointer(poses, pointer="p", dof=dof, method=method)
 
     still = Poses(np.repeat(np.eye(3)[None], 50, axis=0), np.zeros((50, 3)))
     for motion in (still, noisy(rng, still, 0.1, 0.1)):
         with pytest.raises(DegenerateGeometryError, match="hardly turned"):
-            calibrate(motion)
+            fit(motion)
     with pytest.raises(DegenerateGeometryError, match="one plane"):
-        calibrate(planar(rng, dof))
+        fit(planar(rng, dof))
     small, _ = pivot_poses(rng, tip_of(dof), n=60, half_angle_deg=3.5)
     with pytest.raises(DegenerateGeometryError, match="half-angle"):
-        calibrate(small)
+        fit(small)
     with pytest.raises(InvalidInputError, match="at least 10"):
-        calibrate(pivot_poses(rng, tip_of(dof), n=9)[0])
+        fit(pivot_poses(rng, tip_of(dof), n=9)[0])
     wild = pivot_poses(rng, tip_of(dof), n=60)[0]
     slipped = Poses(wild.rotations, wild.translations + np.repeat(((0, 0, 0), (30, 0, 0)), 30, 0))
-    assert calibrate(wild).n_used == 60
+    assert fit(wild).n_used == 60
     with pytest.raises(DegenerateGeometryError, match=r"slipped|uncertain"):
-        calibrate(slipped)
+        fit(slipped)
 
 
 def test_spinning_about_the_shaft_alone_is_refused():

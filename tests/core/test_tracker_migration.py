@@ -14,7 +14,7 @@ from rona_core.errors import SessionFormatError
 from rona_core.session.codec import digest
 from rona_core.session.document import Session
 from rona_core.session.files import session_bytes, session_from_bytes
-from rona_core.session.migrate import PLAIN_TRACKER, with_tracker_faults
+from rona_core.session.migrate import PLAIN_TRACKER, from_1
 
 DEMO = Path(__file__).parents[2] / "sessions" / "demo.rona"
 PLAIN = TrackerSettings(stereo=False, occlusion=False)
@@ -53,15 +53,21 @@ def test_an_old_session_loads_as_the_same_with_all_faults_off():
 def test_the_step_fills_every_field_that_is_new_and_changes_nothing_else():
     manifest = {
         "schema": 1,
-        "session": {"setup": {"seed": 4, "devices": {"tracker": {"rate_hz": 20.0}, "robot": 1}}},
+        "session": {
+            "setup": {"seed": 4, "devices": {"tracker": {"rate_hz": 20.0}, "robot": 1}},
+            "results": {"tool": 1, "pointer": 2, "surface": 3, "smoothing": 4, "maps": 5},
+        },
     }
     before = json.dumps(manifest)
-    migrated = with_tracker_faults(manifest)
+    migrated = from_1(manifest)
     assert json.dumps(manifest) == before
     tracker = migrated["session"]["setup"]["devices"].pop("tracker")
     assert tracker == {"rate_hz": 20.0, **PLAIN_TRACKER}
     assert migrated["session"]["setup"] == {"seed": 4, "devices": {"robot": 1}}
     assert TrackerSettings(**PLAIN_TRACKER) == PLAIN
+    gone = {"tool": None, "pointer": None, "smoothing": None}
+    assert migrated["session"]["results"] == {"surface": 3, "maps": 5, **gone}
+    assert migrated["schema"] == 2
 
 
 def test_an_old_file_without_a_tracker_is_refused_by_name():

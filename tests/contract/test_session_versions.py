@@ -1,0 +1,67 @@
+"""Every session file that a released schema wrote still loads, and its captures still compute.
+
+The files are small sessions with the steps up to the path: tool, pointer, surface and path, taken
+with seed 3 at 20 frames a second.
+"""
+
+import hashlib
+import json
+import zipfile
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from rona_core.app.handlers import handle
+from rona_core.app.messages import BuildPath, BuildSurface, CalibratePointer, RegisterTool
+from rona_core.app.queries import step_states
+from rona_core.session.codec import digest
+from rona_core.session.files import load_session, session_bytes, session_from_bytes
+from rona_core.session.migrate import MIGRATIONS, SCHEMA
+
+FILES = sorted((Path(__file__).parent / "sessions").glob("schema_*.rona"))
+
+
+def manifest_of(path):
+    with zipfile.ZipFile(path) as archive:
+        return json.loads(archive.read("manifest.json"))
+
+
+def test_there_is_a_file_and_a_step_for_every_old_schema():
+    assert [manifest_of(path)["schema"] for path in FILES] == list(range(1, SCHEMA))
+    assert sorted(MIGRATIONS) == list(range(1, SCHEMA))
+
+
+@pytest.mark.parametrize("path", FILES, ids=lambda p: p.stem)
+def test_an_old_file_loads_with_all_its_captures_and_is_saved_in_the_present_schema(path):
+    session = load_session(path)
+    captures = session.captures
+    assert None not in (captures.tool, captures.pointer, captures.path)
+    assert len(captures.surface) == 1
+    assert len(captures.pointer.marker.times_s) == 121
+    assert [entry.message for entry in session.log][:2] == ["SetSeed", "SetTracker"]
+    again = session_from_bytes(session_bytes(session))
+    assert digest(again) == digest(session)
+
+
+@pytest.mark.parametrize("path", FILES, ids=lambda p: p.stem)
+def test_a_step_changes_neither_the_manifest_it_is_given_nor_the_captures(path):
+    manifest = manifest_of(path)
+    before = hashlib.sha256(json.dumps(manifest, sort_keys=True).encode()).hexdigest()
+    after = MIGRATIONS[manifest["schema"]](manifest)
+    assert hashlib.sha256(json.dumps(manifest, sort_keys=True).encode()).hexdigest() == before
+    assert after["schema"] == manifest["schema"] + 1
+    assert after["session"]["captures"] == manifest["session"]["captures"]
+
+
+def test_results_of_schema_1_are_stale_until_the_pointer_is_calibrated_again():
+    session = load_session(FILES[0])
+    states = {state.name: state.state for state in step_states(session)}
+    assert states["tool"] == states["pointer"] == "ready"
+    assert states["surface"] == states["path"] == "stale"
+    points = session.results.surface.value.points_base
+    for command in (RegisterTool("paper"), CalibratePointer("sphere"), BuildSurface(), BuildPath()):
+        session = handle(command, session)
+    states = {state.name: state.state for state in step_states(session)}
+    assert states["pointer"] == states["surface"] == states["path"] == "done"
+    np.testing.assert_allclose(session.results.surface.value.points_base, points, atol=1e-6)
