@@ -10,8 +10,8 @@ from typing import get_args
 import numpy as np
 
 from benchmarks.metric import Metric, Progress, cpu_ms, over_seeds
-from benchmarks.registration_cases import registration_metrics
 from benchmarks.pivot_cases import pivot_metrics
+from benchmarks.registration_cases import registration_metrics
 from rona_core.arrays import Floats
 from rona_core.calibration.pivot import PivotMethod
 from rona_core.calibration.pointer import calibrate_pointer

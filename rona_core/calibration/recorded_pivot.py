@@ -1,31 +1,33 @@
-"""Calibrate a tip from poses that were recorded elsewhere, and say what the result is worth.
+"""Calibrate a tip from what was recorded elsewhere, and say what the result is worth.
 
 Data that determine no tip are no accident here but an answer: the verdict is bad, with the reason.
 """
 
 from dataclasses import dataclass
-from typing import Literal
+from typing import get_args
+
+import numpy as np
 
 from rona_core.arrays import Floats, Vector3
-from rona_core.calibration.pivot import METHODS, PivotFit, PivotMethod, solve_pivot
+from rona_core.calibration.depth_ratio import noise_told_by
+from rona_core.calibration.marker_noise import EVEN
+from rona_core.calibration.pivot import PivotMethod, solve_pivot, solve_pivot_from_markers
+from rona_core.calibration.pivot_fit import PivotFit
+from rona_core.calibration.pivot_verdict import Verdict
 from rona_core.calibration.pointer import MIN_POSES
+from rona_core.devices.marker_bodies import FittedFrames
 from rona_core.errors import DegenerateGeometryError, InvalidInputError
 from rona_core.geometry.pose import Poses
 
-Verdict = Literal["good", "weak", "bad"]
-WANTED: tuple[str, ...] = ("ml", "aos", "sphere")  # the methods that may be asked for
-GOOD_SIGMA_MM = 0.5  # predicted 3D deviation of the tip: as good as the limit of its error
-WORST_SIGMA_MM = 2.0  # beyond this the tip is not known
-NARROW_DEG = 15.0  # half-angle below which the tip along the shaft is known badly
-MANY_REJECTED = 0.1  # share of the poses
+RING_MM = (20.0, 200.0)  # radius of the markers that stand in for unknown ones
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class RecordedPivotCalibration:
-    """The tip, how well it is known, and what to do where it is not; None where it is bad."""
+    """The tip and how well it is known; None where the data determine none."""
 
     verdict: Verdict
-    reasons: tuple[str, ...]  # none where it is good
+    reasons: tuple[str, ...]  # why not good, and what to do about it; none where it is good
     n_used: int
     n_rejected: int
     tip_marker: Vector3 | None = None  # (3,) mm
@@ -40,27 +42,35 @@ def calibrate_recorded_pivot(
     dof: int = 6,
     method: str = "ml",
     geometry_marker: Floats | None = None,
+    frames: FittedFrames | None = None,
 ) -> RecordedPivotCalibration:
     """Return the tip of a marker that swung about it, with a verdict.
+
+    "ml" uses the single markers where they were recorded, and how much worse they were seen in
+    depth is told by them. Of poses alone it assumes errors alike in all directions, and where the
+    markers are unknown, a ring of four whose radius explains the scatter of the tip.
 
     Args:
         Ts_tracker_marker: Poses of the marker.
         dof: 6; or 5 where only the z axis of the marker is known and the tip lies on it.
         method: "ml", "aos" or "sphere", see :func:`rona_core.calibration.pivot.solve_pivot`.
         geometry_marker: Markers (m, 3) of the tool, where they are known.
+        frames: The single markers behind the poses, where they were recorded.
 
     Raises:
         InvalidInputError: unknown method or dof.
     """
-    if method not in WANTED:
-        raise InvalidInputError(f"method must be one of {', '.join(WANTED)}, not {method!r}")
     if dof not in (5, 6):
         raise InvalidInputError(f"dof must be 6 or 5, not {dof}")
     n = len(Ts_tracker_marker)
+    known = [name for name in get_args(PivotMethod) if name == method]
+    if not known:
+        wanted = ", ".join(get_args(PivotMethod))
+        raise InvalidInputError(f"method must be one of {wanted}, not {method!r}")
     if n < MIN_POSES:
         return _refused(f"too few poses: at least {MIN_POSES} are needed, not {n}", n)
     try:
-        fit = _solve(Ts_tracker_marker, dof, method)
+        fit = _solve(Ts_tracker_marker, dof, known[0], geometry_marker, frames)
     except DegenerateGeometryError as error:
         return _refused(str(error), n)
     if dof == 5 and fit.tip_marker[2] <= 0.0:
@@ -68,52 +78,67 @@ def calibrate_recorded_pivot(
             f"the tip lies {-fit.tip_marker[2]:.1f} mm behind the markers: z must point to the tip",
             n,
         )
-    return _judged(fit)
-
-
-def _solve(Ts_tracker_marker: Poses, dof: int, method: str) -> PivotFit:
-    """Return the solution; where the solver lacks the maximum-likelihood one, the algebraic one."""
-    known: dict[str, PivotMethod] = {name: name for name in METHODS}
-    chosen = known.get(method, "aos")
-    return solve_pivot(Ts_tracker_marker, dof=dof, method=chosen, at_least=MIN_POSES)
-
-
-def _refused(reason: str, n: int) -> RecordedPivotCalibration:
-    return RecordedPivotCalibration("bad", (reason,), 0, n)
-
-
-def _judged(fit: PivotFit) -> RecordedPivotCalibration:
     n_used = int(fit.used.sum())
-    n_rejected = len(fit.used) - n_used
-    if fit.tip_sigma_mm > WORST_SIGMA_MM:
-        return _refused(
-            f"the tip is known to {fit.tip_sigma_mm:.1f} mm only ({fit.cone_deg:.0f} degrees "
-            "half-angle): record more poses over a wider cone",
-            len(fit.used),
-        )
-    reasons: list[str] = []
-    if fit.tip_sigma_mm > GOOD_SIGMA_MM:
-        reasons.append(
-            f"the predicted deviation of the tip is {fit.tip_sigma_mm:.2f} mm, "
-            f"{GOOD_SIGMA_MM:g} mm or less is good: record more poses over a wider cone"
-        )
-    if fit.cone_deg < NARROW_DEG:
-        reasons.append(
-            f"the swing covers a cone of {fit.cone_deg:.0f} degrees half-angle, "
-            f"{NARROW_DEG:.0f} or more are good: tilt farther to all sides"
-        )
-    if n_rejected > MANY_REJECTED * len(fit.used):
-        reasons.append(
-            f"{n_rejected} of {len(fit.used)} poses do not fit a common pivot and were dropped: "
-            "keep the tip in its dimple and the markers in view"
-        )
     return RecordedPivotCalibration(
-        verdict="weak" if reasons else "good",
-        reasons=tuple(reasons),
+        verdict=fit.verdict,
+        reasons=fit.reasons,
         n_used=n_used,
-        n_rejected=n_rejected,
+        n_rejected=len(fit.used) - n_used,
         tip_marker=fit.tip_marker,
         pivot_tracker=fit.pivot_tracker,
         sigma_mm=fit.tip_sigma_mm,
         rmse_mm=fit.rmse_mm,
     )
+
+
+def _solve(
+    Ts_tracker_marker: Poses,
+    dof: int,
+    method: PivotMethod,
+    geometry_marker: Floats | None,
+    frames: FittedFrames | None,
+) -> PivotFit:
+    if method != "ml":
+        return solve_pivot(Ts_tracker_marker, dof=dof, method=method, at_least=MIN_POSES)
+    if frames is not None:
+        y, seen, markers = frames.points_tracker, frames.seen, frames.positions_marker
+        noise = noise_told_by(y, seen, Ts_tracker_marker, markers)
+        return solve_pivot_from_markers(
+            y, markers, dof=dof, at_least=MIN_POSES, seen=seen, noise=noise
+        )
+    first = None
+    if geometry_marker is None:
+        first = solve_pivot(Ts_tracker_marker, dof=dof, method="aos", at_least=MIN_POSES)
+        if dof == 5:  # on a line the place of its markers weighs nothing but their common noise
+            return first
+        geometry_marker = _stand_in(Ts_tracker_marker, first)
+    return solve_pivot(
+        Ts_tracker_marker,
+        dof=dof,
+        method="ml",
+        at_least=MIN_POSES,
+        positions_marker=geometry_marker,
+        noise=EVEN,
+    )
+
+
+def _stand_in(Ts_tracker_marker: Poses, fit: PivotFit) -> Floats:
+    """Return a ring of four markers about the origin whose errors scatter the tip as it was found.
+
+    Along the lever L the tip scatters with the shift of the poses alone, across it with their turn
+    as well. Four markers at radius r turn by sqrt(2) / r per unit of shift.
+    """
+    used = Ts_tracker_marker.select(fit.used)
+    length = float(np.linalg.norm(fit.tip_marker))
+    misses = used @ fit.tip_marker - fit.pivot_tracker
+    along = np.einsum("ni,ni->n", misses, used.rotations @ (fit.tip_marker / length))
+    shift = float((along**2).mean())
+    turn = (float((misses**2).sum(axis=1).mean()) - shift) / 2.0 - shift
+    radius = RING_MM[1]
+    if turn > 0.0:
+        radius = float(np.clip(length * np.sqrt(2.0 * shift / turn), *RING_MM))
+    return radius * np.array(((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (-1.0, 0.0, 0.0), (0.0, -1.0, 0.0)))
+
+
+def _refused(reason: str, n: int) -> RecordedPivotCalibration:
+    return RecordedPivotCalibration("bad", (reason,), 0, n)

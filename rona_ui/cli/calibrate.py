@@ -32,7 +32,7 @@ def run(wanted: Any) -> int:
         sys.stdout.write(json.dumps(report.figures(), allow_nan=False) + "\n")
     else:
         _print(report)
-    return REFUSED if report.calibration.verdict == "bad" else 0
+    return REFUSED if report.calibration.tip_marker is None else 0
 
 
 def _existing(path: Path) -> Path:

@@ -82,7 +82,7 @@ def test_what_determines_no_tip_is_printed_with_status_3(put, capsys):
 
 
 def test_a_table_for_people(put, capsys):
-    file = put(rows_file(poses(n=40, half_angle_deg=11.0, sigma_mm=0.2)[0]))
+    file = put(rows_file(poses(n=40, half_angle_deg=8.0, sigma_mm=0.3)[0]))
     assert main(["calibrate", "pivot", file]) == 0
     out = capsys.readouterr().out
     for words in ("40 poses from rows of matrices", "Tip in the marker frame", "Verdict", "weak"):

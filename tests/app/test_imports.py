@@ -234,9 +234,9 @@ def test_exports_are_named_and_listed(measured):
 
 def test_plain_names_only():
     for name in ("", "..", "a/b", "a\\b"):
-        with pytest.raises(InvalidInputError, match="plain name"):
+        with pytest.raises(InvalidInputError, match="plain file name"):
             StartRecordingImport(name)
-        with pytest.raises(InvalidInputError, match="plain name"):
+        with pytest.raises(InvalidInputError, match="plain file name"):
             StartPivotImport(("ok.csv", name))
     with pytest.raises(InvalidInputError, match="files must be 1 to"):
         StartPivotImport(())
