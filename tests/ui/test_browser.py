@@ -102,6 +102,7 @@ def test_the_page_opens_on_a_copy_of_the_demo_session(surgeon: Surgeon) -> None:
     wait_for(lambda: any("Inner boundary" in row for row in quality(surgeon)), 60, "figures")
     surgeon.tab("A-scan")
     wait_for(lambda: "/maps/inner" in surgeon.nodes(), 30, "the maps")
+    surgeon.frame.locator(".uplot canvas").filter(visible=True).wait_for()
     surgeon.picture("demo")
 
 

@@ -125,11 +125,14 @@ def test_figures_of_stale_steps_are_marked(demo: Session) -> None:
 
 def test_points_of_the_scan_before_are_not_shown_while_the_robot_scans(demo: Session) -> None:
     shown: dict[str, bool] = {}
-    stage = SimpleNamespace(cloud=lambda *_, **__: None, show=shown.__setitem__)
-    lines = SimpleNamespace(lines=lambda *_, **__: None, **vars(stage))
+
+    def draw(name: str, *_: Any, **__: Any) -> None:
+        shown[name] = True
+
+    stage: Any = SimpleNamespace(cloud=draw, lines=draw, show=shown.__setitem__)
     at_rest = picture(demo, ViewState(step="scan"))
     for at, scanning in ((at_rest, False), (replace(at_rest, job=SCANNING), True)):
-        ScanLayer(stage).render(None, at)  # type: ignore[arg-type]
-        PathLayer(lines).render(None, at)  # type: ignore[arg-type]
+        ScanLayer(stage).render(None, at)
+        PathLayer(stage).render(None, at)
         assert shown["/scan/points"] != scanning
         assert shown["/path/smooth"] == shown["/path/raw"] == scanning
