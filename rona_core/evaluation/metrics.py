@@ -1,10 +1,12 @@
 """All figures of one session against the truth of its virtual scene; docs/metrics.md defines them.
 
-A figure whose result is missing is None, and so is one whose capture came out of a file: there is
-no truth for what was measured elsewhere.
+A figure whose result is missing is None, so is one that compares a result with a capture which has
+been taken again since, and so is one whose capture came out of a file: there is no truth for what
+was measured elsewhere.
 """
 
-from typing import TYPE_CHECKING
+from dataclasses import replace
+from typing import TYPE_CHECKING, Any
 
 from rona_core.evaluation.figures import Figures
 from rona_core.evaluation.map_figures import map_figures
@@ -12,6 +14,7 @@ from rona_core.evaluation.navigation_figures import pointer_figures, surface_fig
 from rona_core.evaluation.path_figures import normal_figures, plan_figures, smoothing_figures
 from rona_core.evaluation.scan_figures import detection_figures
 from rona_core.evaluation.truth import Truth
+from rona_core.session.codec import digest
 from rona_core.session.imported import is_imported
 from rona_core.virtual.rig import build_scene
 from rona_core.virtual.scene import VirtualScene
@@ -107,8 +110,9 @@ def _navigation(session: "Session", truth: Truth) -> Figures:
     if results.surface is not None:
         strokes = session.captures.surface
         figures["surface_points"] = len(results.surface.value.points_base)
+        known = results.surface.inputs.get("capture") == digest([digest(s) for s in strokes])
         if not any(map(is_imported, strokes)):
-            figures |= surface_figures(results.surface.value, strokes, truth)
+            figures |= surface_figures(results.surface.value, strokes if known else (), truth)
     return figures
 
 
@@ -117,7 +121,7 @@ def _path(session: "Session", truth: Truth) -> Figures:
     if results.path is not None:
         figures["path_points_raw"] = len(results.path.value.points_base)
     if results.smoothing is not None:
-        figures |= smoothing_figures(session)
+        figures |= smoothing_figures(_with_path_of_smoothing(session))
         if not any(map(is_imported, (session.captures.path, *session.captures.surface))):
             figures |= normal_figures(results.smoothing.value.path, truth)
     if results.roll is not None:
@@ -125,12 +129,31 @@ def _path(session: "Session", truth: Truth) -> Figures:
     return figures
 
 
+def _with_path_of_smoothing(session: "Session") -> "Session":
+    """Return the session without a demonstrated path that was not the one smoothed."""
+    smoothing, path, capture = (
+        session.results.smoothing,
+        session.results.path,
+        session.captures.path,
+    )
+    if smoothing is not None and path is not None and capture is not None:
+        same = _made_of(smoothing, "path", path.value) and _made_of(path, "capture", capture)
+        if not same:
+            return replace(session, captures=replace(session.captures, path=None))
+    return session
+
+
+def _made_of(derived: Any, name: str, value: object) -> bool:
+    """Return whether a result was computed from this input."""
+    return derived.inputs.get(name) == digest(value)
+
+
 def _scan(session: "Session", truth: Truth) -> Figures:
     results, figures = session.results, Figures()
     scan = session.captures.scan
     if scan is not None:
         figures["scan_points"] = len(scan.scans)
-        if results.detection is not None:
+        if results.detection is not None and _made_of(results.detection, "capture", scan):
             figures |= detection_figures(results.detection.value, scan, truth)
     if results.maps is not None:
         figures |= map_figures(results.maps.value, truth)

@@ -87,7 +87,7 @@ def test_a_table_for_people(put, capsys):
     out = capsys.readouterr().out
     for words in ("40 poses from rows of matrices", "Tip in the marker frame", "Verdict", "weak"):
         assert words in out
-    assert "tilt farther to all sides" in out
+    assert "sweep to 20 degrees" in out
 
 
 @pytest.mark.parametrize("json_wanted", [True, False])

@@ -1,0 +1,67 @@
+"""A result is judged against the capture it was computed from, never against a later one."""
+
+from dataclasses import replace
+
+import pytest
+
+from rona_core.app.messages import (
+    StartPathCapture,
+    StartScan,
+    StartSurfaceCapture,
+    StartToolCapture,
+)
+from rona_core.app.workbench import Workbench
+from rona_core.compose import virtual_services
+from rona_core.session.document import Session
+from rona_core.session.files import load_session
+from rona_ui.resources import demo_session
+
+AFTER_A_SCAN = (
+    "detection_failure_fraction",
+    "unflagged_failure_fraction",
+    "flagged_fraction",
+)
+AFTER_A_PATH = ("path_deviation_max_mm", "path_deviation_raw_max_mm")
+
+
+@pytest.fixture(scope="module")
+def demo() -> Session:
+    return load_session(demo_session())
+
+
+@pytest.fixture
+def bench(demo, tmp_path):
+    bench = Workbench(demo, virtual_services(), tmp_path)
+    yield bench
+    bench.close()
+
+
+@pytest.mark.parametrize(
+    ("activity", "unknown"),
+    [
+        (StartScan(), AFTER_A_SCAN),
+        (StartPathCapture(), AFTER_A_PATH),
+        (StartSurfaceCapture(), ("surface_tip_3d_rms_mm",)),
+        (StartToolCapture(), ()),
+    ],
+    ids=lambda value: type(value).__name__ if not isinstance(value, tuple) else "",
+)
+def test_a_capture_that_was_cut_short_leaves_the_other_figures_as_they_were(
+    bench, activity, unknown
+):
+    before = bench.figures()
+    assert all(before[key] is not None for key in unknown)
+    bench.run(activity, cancel=lambda: True)
+    after = bench.figures()
+    assert all(after[key] is None for key in unknown)
+    changes = {"scan_points", "completed", "failed_step", "reason", *unknown}
+    assert {k: v for k, v in after.items() if k not in changes} == {
+        k: v for k, v in before.items() if k not in changes
+    }
+
+
+def test_a_capture_of_the_same_length_is_another_one_all_the_same(bench, demo):
+    scan = demo.captures.scan
+    shifted = replace(scan, ordinal=scan.ordinal + 1)
+    bench.store._session = replace(demo, captures=replace(demo.captures, scan=shifted))
+    assert all(bench.figures()[key] is None for key in AFTER_A_SCAN)
