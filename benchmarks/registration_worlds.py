@@ -52,10 +52,10 @@ def tool_world(rng: np.random.Generator, n: int = 50, gross: float = 0.0) -> Too
     T_base_toolmarker = start @ T_toolmarker_tip.inv()
     depth = -T_base_toolmarker.rotation[:, 2] + rng.normal(0.0, 0.2, 3)
     T_base_tracker = looking(depth, T_base_toolmarker.translation, rng)
-    seen = tracked(T_base_tracker.inv() @ exact @ T_toolmarker_tip.inv(), "toolmarker", STEREO, rng)
-    return ToolWorld(
-        _shaken(exact, rng), _upset(seen, gross, rng), phases, T_base_tracker, T_toolmarker_tip
-    )
+    # the robot reports what it was told to do; the tracker sees where it went
+    went = T_base_tracker.inv() @ _shaken(exact, rng) @ T_toolmarker_tip.inv()
+    seen = _upset(tracked(went, "toolmarker", STEREO, rng), gross, rng)
+    return ToolWorld(exact, seen, phases, T_base_tracker, T_toolmarker_tip)
 
 
 def looking(depth_base: Floats, at_base: Floats, rng: np.random.Generator) -> Pose:

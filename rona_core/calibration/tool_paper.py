@@ -107,9 +107,9 @@ def solve_paper(Ts_base_tip: Poses, Ts_tracker_toolmarker: Poses, phases: Ints) 
 def bootstrap(fit: PaperFit, seen: Observations, phases: Ints) -> tuple[Floats, float]:
     """Return the covariance (12, 12) of a registration and the marker error (mm) behind it.
 
-    The size of the marker error is the one that explains the median pose. Then the registration
-    is repeated on exact poses with new errors of tracker and robot; its scatter is the answer. The
-    order and meaning of the rows are those of ``HandEyeFit``.
+    The size of the marker error is the one that explains the median pose. Then the registration is
+    repeated with new errors of robot and tracker; its scatter is the answer. The order and meaning
+    of the rows are those of ``HandEyeFit``.
 
     Raises:
         DegenerateGeometryError: most of the repetitions find no registration.
@@ -118,16 +118,17 @@ def bootstrap(fit: PaperFit, seen: Observations, phases: Ints) -> tuple[Floats, 
     robot = robot_covariances(seen, T_base_tracker, T_toolmarker_tip)
     e = residuals(seen, T_base_tracker, T_toolmarker_tip)
     sigma_mm = sigma_by_median(spectrum(e, seen.unit_covariances, robot))
-    exact = T_base_tracker.inv() @ seen.Ts_base_tip @ T_toolmarker_tip.inv()
+    T_tracker_base, T_tip_toolmarker = T_base_tracker.inv(), T_toolmarker_tip.inv()
     spread = sigma_mm * np.linalg.cholesky(seen.unit_covariances)
     rng = np.random.default_rng(SEED)
     found: list[Floats] = []
     for _ in range(DRAWS):
+        # the robot goes somewhat astray, the tracker sees that, and sees it somewhat wrong
+        exact = T_tracker_base @ _disturbed_robot(seen, rng) @ T_tip_toolmarker
         d = np.einsum("nij,nj->ni", spread, rng.normal(size=(len(seen), 6)))
+        poses = _disturbed(exact, d, seen.centroid_toolmarker)
         try:
-            again = solve_paper(
-                _disturbed_robot(seen, rng), _disturbed(exact, d, seen.centroid_toolmarker), phases
-            )
+            again = solve_paper(seen.Ts_base_tip, poses, phases)
         except DegenerateGeometryError:
             continue
         found.append(

@@ -87,8 +87,8 @@ def _own_word(session: Session, mark: str) -> str:
     lines: list[tuple[str, str]] = []
     if session.results.tool is not None:
         tool = session.results.tool.value
-        lines.append(("Tool, expected error of the tip", f"{tool.tip_sigma_mm:.2f} mm"))
-        lines.append(("Tracker, expected error", f"{tool.registration_sigma_mm:.2f} mm"))
+        lines.append(("Tool tip, random error expected", f"{tool.tip_sigma_mm:.2f} mm"))
+        lines.append(("Tracker, random error expected", f"{tool.registration_sigma_mm:.2f} mm"))
     if session.results.pointer is not None:
         pointer = session.results.pointer.value
         lines.append(("Pointer, pivot RMSE", f"{pointer.rmse_mm:.2f} mm"))

@@ -37,9 +37,9 @@ class ToolPanel(StepPanel):
         x, y, z = tool.T_toolmarker_tip.translation
         n_used = int(tool.used.sum())
         found = (
-            f"Tip at ({x:.2f}, {y:.2f}, {z:.2f}) mm in the tool marker, expected to be off by "
-            f"{tool.tip_sigma_mm:.2f} mm; the tracker by {tool.registration_sigma_mm:.2f} mm near "
-            f"it. {n_used} of {tool.n_poses} poses used. "
+            f"Tip at ({x:.2f}, {y:.2f}, {z:.2f}) mm in the tool marker; random error expected "
+            f"{tool.tip_sigma_mm:.2f} mm, of the tracker's place near it "
+            f"{tool.registration_sigma_mm:.2f} mm. {n_used} of {tool.n_poses} poses used. "
         )
         reasons = " ".join(f"{reason[0].upper()}{reason[1:]}." for reason in tool.reasons)
         return style.note(found + reasons, "good" if tool.verdict == "good" else "warn")
