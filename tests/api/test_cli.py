@@ -169,7 +169,7 @@ def test_inspect_says_what_a_session_holds(capsys, tmp_path):
     assert "captures: none" in out
     assert main(["inspect", "--json", str(file)]) == 0
     facts = json.loads(capsys.readouterr().out)
-    assert (facts["name"], facts["seed"], facts["schema"]) == ("my skull", 6, 1)
+    assert (facts["name"], facts["seed"], facts["schema"]) == ("my skull", 6, SCHEMA)
     assert facts["steps"]["scan"]["state"] == "blocked"
 
 
