@@ -18,7 +18,8 @@ from rona_core.calibration.tracked_poses import TrackedPoses, cross_matrices
 CUTOFF = 5.49  # standard deviations; 95 % efficient in three dimensions
 MEDIAN_CHI2 = 2.366  # of three degrees of freedom
 MAX_STEPS = 100
-TOLERANCE = 1e-10  # of the lever, for the last step
+TOLERANCE = 1e-10  # of the lever, for the last step ...
+SETTLED = 1e-5  # ... or at worst, after the most steps
 SCALE_STEPS = 20
 SCALE_TOLERANCE = 1e-3
 MIN_SIGMA_MM = 1e-9
@@ -75,7 +76,7 @@ def fit_likely_tip(
     step = _linearise(R, p, tracked.covariances, turns, x, basis, keep.astype(np.float64))
     variance = max(float(np.median(step.costs_before[keep])) / MEDIAN_CHI2, MIN_SIGMA_MM**2)
     weights = _tukey(step.costs_before / variance, cutoff) * keep
-    scaled = settled = False  # first the scale, then with that scale the tip (an MM estimator)
+    scaled, change = False, np.inf  # first the scale, then with it the tip (an MM estimator)
     for number in range(MAX_STEPS):
         step = _linearise(R, p, tracked.covariances, turns, x, basis, weights)
         x, turns = x + step.move, step.turns
@@ -85,7 +86,6 @@ def fit_likely_tip(
             scaled = abs(variance - was) < SCALE_TOLERANCE * was or number >= SCALE_STEPS
         weights = _tukey(step.costs / variance, cutoff) * keep
         if scaled and change < TOLERANCE:
-            settled = True
             break
     scale = variance if sigma_mm is None else sigma_mm**2
     tip_covariance = _covariance(step, weights, variance, cutoff) * scale
@@ -101,7 +101,7 @@ def fit_likely_tip(
         sigma_mm=float(np.sqrt(variance)),
         distances=readonly(np.sqrt(np.maximum(step.costs, 0.0) / variance)),
         weights=readonly(weights),
-        settled=settled,
+        settled=bool(change < SETTLED),
     )
 
 
