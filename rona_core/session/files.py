@@ -20,6 +20,7 @@ import numpy as np
 
 from rona_core import __version__
 from rona_core.errors import NotFoundError, SessionFormatError
+from rona_core.session.carry import carry_digests, stored_digests
 from rona_core.session.codec import Arrays, decode, encode
 from rona_core.session.document import Session
 from rona_core.session.migrate import SCHEMA, migrate
@@ -145,7 +146,7 @@ def session_from_bytes(data: bytes, name: str = "upload") -> Session:
         raise SessionFormatError(f"{name} is damaged: {error}") from error
     manifest = _manifest(contents.pop("manifest.json"), name)
     _check_digests(manifest, contents, name)
-    manifest = migrate(manifest)
+    stored, manifest = manifest, migrate(manifest)
     arrays = {
         member.removeprefix("arrays/").removesuffix(".npy"): _load_npy(blob, member)
         for member, blob in contents.items()
@@ -157,7 +158,10 @@ def session_from_bytes(data: bytes, name: str = "upload") -> Session:
         arrays[name] = arrays[known]
     lines = contents["commands.jsonl"].decode().splitlines()
     document = {**manifest["session"], "log": [json.loads(line) for line in lines]}
-    return decode(document, Session, arrays)
+    session = decode(document, Session, arrays)
+    if stored["schema"] == manifest["schema"]:
+        return session
+    return carry_digests(session, stored_digests(stored["session"], arrays))
 
 
 def _check_members(archive: zipfile.ZipFile, packed: int, name: str) -> None:

@@ -5,10 +5,31 @@ from typing import Any
 
 from rona_core.errors import SessionFormatError
 
-SCHEMA = 1  # raise it with every change of the document, and add the step below
+SCHEMA = 2  # raise it with every change of the document, and add the step below
+
+
+def _normals_with_reasons(manifest: dict[str, Any]) -> dict[str, Any]:
+    """Schema 1 to 2: a smoothed path says why normals were refused and where they stand.
+
+    Schema 1 kept only paths whose normals were all good, at their kept points alone.
+    """
+    results = manifest["session"]["results"]
+    smoothing = results["smoothing"]
+    if smoothing is None:
+        return {**manifest, "schema": 2}
+    path = smoothing["value"]
+    normals = {**path["normals"], "refused": {}, "radii_mm": None, "choice": None}
+    smoothing = {
+        **smoothing,
+        "arguments": {**smoothing["arguments"], "normal_step_mm": 0.0},
+        "value": {**path, "normals": normals, "way_points_base": None},
+    }
+    session = {**manifest["session"], "results": {**results, "smoothing": smoothing}}
+    return {**manifest, "schema": 2, "session": session}
+
 
 # MIGRATIONS[n] turns a manifest of schema n into one of schema n + 1.
-MIGRATIONS: dict[int, Callable[[dict[str, Any]], dict[str, Any]]] = {}
+MIGRATIONS: dict[int, Callable[[dict[str, Any]], dict[str, Any]]] = {1: _normals_with_reasons}
 
 
 def migrate(manifest: dict[str, Any]) -> dict[str, Any]:
