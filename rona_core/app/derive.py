@@ -26,6 +26,7 @@ from rona_core.session.document import PointerCapture, RawPath, Session, SmoothP
 from rona_core.surface.cloud import SurfaceCloud, build_cloud, merge_clouds
 from rona_core.surface.normals import NormalField
 
+DOUBTFUL = ("one_sided", "uncertain")  # flags of normals that serve where there are no better
 SETTLE_S = 0.1  # after the robot has stopped, before frames count
 
 
@@ -154,7 +155,7 @@ def derive_smoothing(session: Session, message: SmoothScanPath) -> SmoothPath:
     normals = field.normals(
         places, method=message.normal_method, viewpoint=_viewpoint_base(session)
     )
-    bad = [i for flag, where in normals.refused.items() if flag != "one_sided" for i in where]
+    bad = [i for flag, where in normals.refused.items() if flag not in DOUBTFUL for i in where]
     if bad:
         first = min(bad)
         raise DegenerateGeometryError(

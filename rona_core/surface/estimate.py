@@ -14,15 +14,16 @@ from rona_core.surface.planes import Planes, fit_ols, fit_robust, fit_tls
 NormalMethod = Literal["tls", "ols", "jet", "robust", "grid"]
 METHODS: tuple[NormalMethod, ...] = ("tls", "ols", "jet", "robust", "grid")
 
-MIN_COUNT = 6  # points; with fewer, three of them may decide
+MIN_COUNT = 10  # points; with fewer, chance makes them look flatter than they are
+MAX_SIGMA_DEG = 5.0  # predicted; beyond it the probe hears nothing
 MIN_SPARE = 4  # points more than a quadric has coefficients
 MIN_FLATNESS = 9.0  # variance across the narrow direction of the patch over that along the normal
 MIN_WIDTH = 0.05  # variance across the patch over that along it; a single strand is below
 MAX_OFF_CENTRE = 0.3  # of the radius; the centroid of half a disc is at 0.42
 DISC_GAIN = 8.0  # gain of a full disc times its points and its radius squared
 MAX_GAIN = 225.0  # in full discs of as many points: 15 times their error
-PATCHES = 8.0  # independent bumps of relief in one neighbourhood
-TOO_FEW, RANK_DEFICIENT, NOT_FLAT, ONE_SIDED, EDGE_ON = 1, 2, 3, 4, 5  # 0: nothing is wrong
+# indices into normals.FLAGS; 0: nothing is wrong
+TOO_FEW, RANK_DEFICIENT, NOT_FLAT, ONE_SIDED, EDGE_ON, UNCERTAIN = 1, 2, 3, 4, 5, 6
 SURE = 2.0  # sigma of a variance by which it must exceed the noise to count as relief,
 SLACK = 0.15  # and this share of the noise, which is not known better
 
@@ -56,7 +57,7 @@ def hash_for(points: Floats, radius_mm: float) -> CellHash:
 
 
 def estimate(
-    cells: CellHash, places: Floats, radius_mm: float, method: NormalMethod, noise_mm: float
+    cells: CellHash, places: Floats, radius_mm: float, method: NormalMethod, noise_mm: float | None
 ) -> Estimates:
     """Return the normals at ``places`` (m, 3) from the points within ``radius_mm``.
 
@@ -65,7 +66,8 @@ def estimate(
         places: Where, in the frame of the cloud.
         radius_mm: Size of the neighbourhoods.
         method: How to fit.
-        noise_mm: Noise of one point, for telling relief from noise where a quadric is fitted.
+        noise_mm: Noise of one point, for telling relief from noise where a quadric is fitted;
+            None where nobody knows it: then all scatter is noise.
     """
     m = len(places)
     found = Estimates(
@@ -78,10 +80,6 @@ def estimate(
         gain=np.zeros(m),
         curvature_per_mm=np.zeros(m),
     )
-    if method == "grid":
-        planes, count = grid_planes(cells.points, places, radius_mm)
-        found.replace(np.arange(m), _from_planes(planes, count, radius_mm))
-        return found
     for near in cells.batches(places):
         count = near.there.sum(axis=1)
         if method == "jet":
@@ -91,6 +89,12 @@ def estimate(
             part = _from_planes(fit(near), count, radius_mm)
         found.replace(near.rows, part)
     return found
+
+
+def estimate_by_grid(points: Floats, places: Floats, radius_mm: float) -> Estimates:
+    """Return the normals at ``places`` (m, 3) from sums over cells of the cloud ``points``."""
+    planes, count = grid_planes(points, places, radius_mm)
+    return _from_planes(planes, count, radius_mm)
 
 
 def _from_planes(planes: Planes, count: Ints, radius_mm: float) -> Estimates:
@@ -105,6 +109,7 @@ def _from_planes(planes: Planes, count: Ints, radius_mm: float) -> Estimates:
     )
     flag = _shape_flags(planes, count, MIN_COUNT)
     flag = np.where((flag == 0) & (off > MAX_OFF_CENTRE * radius_mm), ONE_SIDED, flag)
+    flag = np.where((flag == 0) & (sigma > MAX_SIGMA_DEG), UNCERTAIN, flag)
     return Estimates(
         normals=planes.normals,
         count=count,
@@ -117,22 +122,29 @@ def _from_planes(planes: Planes, count: Ints, radius_mm: float) -> Estimates:
     )
 
 
-def _from_jets(near: Neighbourhoods, count: Ints, radius_mm: float, noise_mm: float) -> Estimates:
-    """Return normals of quadrics; what exceeds the noise counts as relief, alike in patches."""
+def _from_jets(
+    near: Neighbourhoods, count: Ints, radius_mm: float, noise_mm: float | None
+) -> Estimates:
+    """Return normals of quadrics; scatter that exceeds the noise counts as one bump of relief."""
     planes = fit_tls(near)
     jets = fit_jets(near, planes.normals, radius_mm)
     flag = _shape_flags(planes, count, COEFFICIENTS + MIN_SPARE)
     vague = ~jets.solved | (jets.gain * count * radius_mm**2 > MAX_GAIN * DISC_GAIN)
     flag = np.where((flag == 0) & vague, RANK_DEFICIENT, flag)
     spare = np.maximum(count - COEFFICIENTS, 1)
-    limit = noise_mm**2 * (1.0 + SLACK + SURE * np.sqrt(2.0 / spare))
-    relief = np.maximum(jets.noise_mm2 - limit, 0.0) * np.maximum(count / PATCHES, 1.0)
-    sigma = np.rad2deg(np.sqrt(jets.gain * (noise_mm**2 + relief)))
+    if noise_mm is None:
+        variance = jets.noise_mm2
+    else:
+        limit = noise_mm**2 * (1.0 + SLACK + SURE * np.sqrt(2.0 / spare))
+        relief = np.maximum(jets.noise_mm2 - limit, 0.0)
+        variance = noise_mm**2 + relief * count  # relief does not average out
+    sigma = np.rad2deg(np.sqrt(jets.gain * variance))
+    flag = np.where((flag == 0) & (sigma > MAX_SIGMA_DEG), UNCERTAIN, flag)
     return Estimates(
         normals=jets.normals,
         count=count,
         eigenvalues=planes.eigenvalues,
-        sigma_deg=np.where(flag == 0, np.minimum(sigma, 180.0), 180.0),
+        sigma_deg=np.where((flag == 0) | (flag == UNCERTAIN), np.minimum(sigma, 180.0), 180.0),
         flag=flag,
         noise_mm2=jets.noise_mm2,
         gain=jets.gain,

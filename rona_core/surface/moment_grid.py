@@ -6,18 +6,21 @@ what lies between the nodes of the grid is interpolated. The work for a place no
 how many points are near it.
 """
 
+import itertools
+
 import numpy as np
 
-from rona_core.arrays import Floats, Ints
+from rona_core.arrays import Bools, Floats, Ints
 from rona_core.surface.planes import Planes
 
-PER_RADIUS = 3.0  # cells
+PER_RADIUS = 2.5  # cells
 # A Gaussian of width s averages noise like a disc of radius r where s^4 = r^4 / 32; the boxes of
 # the cells and the interpolation bring a part of it, these weights the rest.
 SHARE = 32.0**-0.25  # s / r
-REACH = 4  # cells on either side
+REACH = 3  # cells on either side
 MAX_NODES = 600_000  # of one block of the grid; larger clouds are cut up
 PAIRS = ((0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2))
+TERMS = ((-1, -1), (0, -1), (1, -1), (2, -1), *PAIRS)  # the factors of each sum; -1: none
 POINTS_PER_WEIGHT = 4.0  # a Gaussian of unit height knows as much as this times its weight
 
 
@@ -38,7 +41,7 @@ def grid_planes(points: Floats, places: Floats, radius_mm: float) -> tuple[Plane
         rows, near = todo.pop()
         low, high = places[rows].min(axis=0), places[rows].max(axis=0)
         halo = (REACH + 2) * cell
-        near = near[((near > low - halo) & (near < high + halo)).all(axis=1)]
+        near = near[_all_columns((near > low - halo) & (near < high + halo))]
         if not len(near):
             continue
         nodes = np.floor((high - low) / cell).astype(np.int64) + 2 * REACH + 4
@@ -48,29 +51,46 @@ def grid_planes(points: Floats, places: Floats, radius_mm: float) -> tuple[Plane
             todo += [(rows[left], near), (rows[~left], near)]
             continue
         corner = low - (REACH + 1.5) * cell
-        sums[:, rows] = _interpolated(
-            _smoothed(near - corner, nodes, cell), places[rows] - corner, cell
-        )
+        sums[:, rows] = _soft_sums(near - corner, places[rows] - corner, nodes, cell)
         origins[rows] = corner
     return _planes(sums, places - origins)
 
 
-def _smoothed(points: Floats, nodes: Ints, cell: float) -> Floats:
-    """Return the sums (10, nx, ny, nz) of soft neighbourhoods about the middle of each cell."""
+def _soft_sums(points: Floats, places: Floats, nodes: Ints, cell: float) -> Floats:
+    """Return the ten sums (10, m) of soft neighbourhoods about places within one block."""
     index = np.floor(points / cell).astype(np.int64)
-    inside = ((index >= 0) & (index < nodes)).all(axis=1)
-    index, points = index[inside], points[inside]
-    flat = (index[:, 0] * nodes[1] + index[:, 1]) * nodes[2] + index[:, 2]
-    size = int(nodes.prod())
-    x = points.T
-    rows = [None, x[0], x[1], x[2], *(x[i] * x[j] for i, j in PAIRS)]
-    sums = [np.bincount(flat, weights=row, minlength=size) for row in rows]
-    grid = np.stack(sums).astype(np.float64).reshape(10, *nodes)
-    variance = SHARE**2 * PER_RADIUS**2 - 1.0 / 12.0 - 1.0 / 6.0  # in cells: less box and hat
-    taps = _taps(variance)
-    for axis in (1, 2, 3):
-        grid = _along(grid, axis, taps)
-    return grid
+    inside = _all_columns((index >= 0) & (index < nodes))
+    flat = _node(index[inside], nodes)
+    p = np.ascontiguousarray(points[inside].T)
+    at = places / cell - 0.5  # counted from the middle of the first cell
+    low = np.floor(at)
+    base = _node(low.astype(np.int64), nodes)
+    order = np.argsort(base)  # neighbours in memory one after the other
+    base, share = base[order], (at - low)[order].T
+    far, near = share, 1.0 - share
+    corners: list[tuple[Ints, Floats]] = []
+    for corner in itertools.product((0, 1), repeat=3):
+        x, y, z = (far[axis] if c else near[axis] for axis, c in enumerate(corner))
+        corners.append((base + int(_node(np.array([corner]), nodes)[0]), x * y * z))
+    taps = _taps(SHARE**2 * PER_RADIUS**2 - 1.0 / 12.0 - 1.0 / 6.0)  # less the box and the hat
+    result = np.zeros((10, len(places)))
+    for row, (i, j) in enumerate(TERMS):
+        weights = None if i < 0 else (p[i] if j < 0 else p[i] * p[j])
+        grid = np.bincount(flat, weights, int(nodes.prod())).astype(np.float64).reshape(nodes)
+        for axis in range(3):
+            grid = _along(grid, axis, taps)
+        grid = grid.ravel()
+        result[row, order] = sum(weight * grid[node] for node, weight in corners)
+    return result
+
+
+def _node(index: Ints, nodes: Ints) -> Ints:
+    """Return the number of each node (n, 3) in a grid of ``nodes`` (3,)."""
+    return (index[:, 0] * nodes[1] + index[:, 1]) * nodes[2] + index[:, 2]
+
+
+def _all_columns(truths: Bools) -> Bools:
+    return truths[:, 0] & truths[:, 1] & truths[:, 2]
 
 
 def _taps(variance: float) -> Floats:
@@ -84,36 +104,15 @@ def _taps(variance: float) -> Floats:
 
 
 def _along(grid: Floats, axis: int, taps: Floats) -> Floats:
-    """Return the sum of shifted copies along one axis; beyond the ends there is nothing."""
+    """Return the sum of shifted copies (nx, ny, nz) along one axis; beyond the ends is nothing."""
     n = grid.shape[axis]
+    grid = grid.swapaxes(0, axis)
     result = taps[REACH] * grid
     for step in range(1, min(REACH, n - 1) + 1):
-        for to, frm in ((slice(step, n), slice(0, n - step)), (slice(0, n - step), slice(step, n))):
-            there, here = [slice(None)] * 4, [slice(None)] * 4
-            there[axis], here[axis] = to, frm
-            result[tuple(there)] += taps[REACH + step] * grid[tuple(here)]
-    return result
-
-
-def _interpolated(grid: Floats, places: Floats, cell: float) -> Floats:
-    """Return the sums (10, m) at places between the middles of the cells."""
-    at = places / cell - 0.5
-    low = np.floor(at).astype(np.int64)
-    share = at - low
-    ny, nz = grid.shape[2:]
-    table = np.ascontiguousarray(grid.reshape(10, -1).T)
-    base = (low[:, 0] * ny + low[:, 1]) * nz + low[:, 2]
-    result = np.zeros((len(places), 10))
-    for i in (0, 1):
-        for j in (0, 1):
-            for k in (0, 1):
-                weight = (
-                    (share[:, 0] if i else 1.0 - share[:, 0])
-                    * (share[:, 1] if j else 1.0 - share[:, 1])
-                    * (share[:, 2] if k else 1.0 - share[:, 2])
-                )
-                result += weight[:, None] * table[base + (i * ny + j) * nz + k]
-    return result.T
+        scaled = taps[REACH + step] * grid
+        result[step:] += scaled[:-step]
+        result[:-step] += scaled[step:]
+    return result.swapaxes(0, axis)
 
 
 def _planes(sums: Floats, places: Floats) -> tuple[Planes, Ints]:

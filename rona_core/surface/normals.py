@@ -12,15 +12,25 @@ from rona_core.surface.estimate import (
     EDGE_ON,
     METHODS,
     ONE_SIDED,
+    UNCERTAIN,
     Estimates,
     NormalMethod,
     estimate,
+    estimate_by_grid,
     hash_for,
 )
 from rona_core.surface.hashing import CellHash
-from rona_core.surface.radius import RADII_MM, RadiusChoice, choose_radius, measure_noise_mm
+from rona_core.surface.radius import (
+    RADII_MM,
+    RadiusChoice,
+    centred,
+    choose_radius,
+    measure_noise_mm,
+)
 
-NormalFlag = Literal["ok", "too_few", "rank_deficient", "not_flat", "one_sided", "edge_on"]
+NormalFlag = Literal[
+    "ok", "too_few", "rank_deficient", "not_flat", "one_sided", "edge_on", "uncertain"
+]
 FLAGS: tuple[NormalFlag, ...] = (
     "ok",
     "too_few",  # points near the place
@@ -28,6 +38,7 @@ FLAGS: tuple[NormalFlag, ...] = (
     "not_flat",  # they are as thick as they are wide
     "one_sided",  # a plane through them leans with the curvature; the quadric does not
     "edge_on",  # the plane is seen from its edge: which side is outside is a guess
+    "uncertain",  # noise or relief may turn the normal by over 5 degrees
 )
 MIN_FACING = 0.1  # |cos| to the outward direction; below it the sign is a guess
 MAX_WIDER = 3  # steps of the ladder of radii for a place that the chosen radius does not suit
@@ -89,6 +100,7 @@ class NormalField:
         self._hash: CellHash | None = None
         self._choices: dict[str, RadiusChoice] = {}
         self._noise_mm: float | None = None
+        self._noise_known = False
 
     def add(self, points_base: ArrayLike) -> None:
         """Add points (k, 3); with a given radius the work grows with those near, not with all.
@@ -99,7 +111,7 @@ class NormalField:
         points = as_points(points_base, name="points_base")
         self._parts.append(points)
         self._choices.clear()
-        self._noise_mm = None
+        self._noise_known = False
         if self._hash is not None:
             self._hash.add(points)
 
@@ -109,10 +121,10 @@ class NormalField:
             self._choices[method] = choose_radius(self._points(), method)
         return self._choices[method]
 
-    def noise_mm(self) -> float:
-        """Return the noise of one point along the normal, from its scatter about quadrics."""
-        if self._noise_mm is None:
-            self._noise_mm = measure_noise_mm(self._points())
+    def noise_mm(self) -> float | None:
+        """Return the noise of one point along the normal, None where the cloud does not tell."""
+        if not self._noise_known:
+            self._noise_mm, self._noise_known = measure_noise_mm(self._points()), True
         return self._noise_mm
 
     def normals(
@@ -144,8 +156,13 @@ class NormalField:
             raise InvalidInputError(f"method must be one of {', '.join(METHODS)}, not {method!r}")
         places = as_points(at, name="at")
         sides = _outward_at(places, outward, viewpoint)
+        if method == "grid":
+            choice = self.choose(method) if self._radius_mm is None else None
+            radius = self._radius_mm if choice is None else choice.radius_mm
+            found = estimate_by_grid(self._points(), places, float(radius or 0.0))
+            return _judged(found, sides, float(radius or 0.0), method, None, choice)
         if self._radius_mm is not None:
-            noise = self.noise_mm() if method == "jet" else 0.0
+            noise = self.noise_mm() if method == "jet" else None
             if self._hash is None:
                 self._hash = hash_for(self._points(), self._radius_mm)
             found = estimate(self._hash, places, self._radius_mm, method, noise)
@@ -156,20 +173,36 @@ class NormalField:
             places,
             choice.radius_mm,
             method,
-            choice.noise_mm,
+            choice.noise_mm if len(choice.radii_mm) else None,
         )
-        radii = np.full(len(places), choice.radius_mm)
-        for wider in RADII_MM[RADII_MM > choice.radius_mm * 1.01][:MAX_WIDER]:
-            poor = np.flatnonzero((found.flag != 0) & (found.flag != ONE_SIDED))
-            if not len(poor):
-                break
-            cells = hash_for(self._points(), float(wider))
-            more = estimate(cells, places[poor], float(wider), method, choice.noise_mm)
-            better = more.flag == 0
-            found.replace(poor[better], more.select(better))
-            radii[poor[better]] = wider
+        radii = self._widen(found, places, method, choice)
         widened = (radii != choice.radius_mm).any()
         return _judged(found, sides, choice.radius_mm, method, radii if widened else None, choice)
+
+    def _widen(
+        self, found: Estimates, places: Floats, method: NormalMethod, choice: RadiusChoice
+    ) -> Floats:
+        """Give places without a usable normal a wider one; return the radii (m,) used.
+
+        At a rim the noise of a quadric is several times that in the middle; there a wider
+        neighbourhood is taken where it errs less in all, by noise and lean.
+        """
+        radii = np.full(len(places), choice.radius_mm)
+        for wider in RADII_MM[RADII_MM > choice.radius_mm * 1.01][:MAX_WIDER].tolist():
+            refused = ~np.isin(found.flag, (0, ONE_SIDED, UNCERTAIN))
+            shaky = (found.flag == UNCERTAIN) | ((found.flag == 0) & ~centred(found, radii))
+            poor = np.flatnonzero(refused | (shaky & (wider <= choice.radii_mm.max(initial=0.0))))
+            if not len(poor):
+                break
+            cells = hash_for(self._points(), wider)
+            more = estimate(cells, places[poor], wider, method, choice.noise_mm)
+            before = np.hypot(found.sigma_deg[poor], choice.lean_at_deg(radii[poor]))
+            after = np.hypot(more.sigma_deg, choice.lean_at_deg(np.array(wider)))
+            usable = (more.flag == 0) | (more.flag == UNCERTAIN)
+            better = usable & (refused[poor] | (after < before))
+            found.replace(poor[better], more.select(better))
+            radii[poor[better]] = wider
+        return radii
 
     def _points(self) -> Floats:
         if len(self._parts) > 1:

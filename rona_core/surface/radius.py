@@ -44,6 +44,12 @@ class RadiusChoice:
     noise_deg: Floats  # (k,) RMS error by noise that each of them leaves
     lean_deg: Floats  # (k,) RMS error by relief and curvature that each of them brings
 
+    def lean_at_deg(self, radii_mm: Floats) -> Floats:
+        """Return the error by relief and curvature at some radii; 0 where none was tried."""
+        if not len(self.radii_mm):
+            return np.zeros(np.shape(radii_mm))
+        return np.interp(radii_mm, self.radii_mm, self.lean_deg)
+
 
 def choose_radius(points: Floats, method: NormalMethod) -> RadiusChoice:
     """Return the radius to be used for ``method`` on the cloud ``points`` (n, 3)."""
@@ -55,7 +61,7 @@ def choose_radius(points: Floats, method: NormalMethod) -> RadiusChoice:
     for radius, jet in _usable(points):
         fit = jet
         if method != "jet":
-            fit = estimate(hash_for(points, radius), _sample(points), radius, method, 0.0)
+            fit = estimate(hash_for(points, radius), _sample(points), radius, method, None)
             if np.mean((fit.flag == 0) | (fit.flag == ONE_SIDED)) < MIN_SHARE:
                 continue
         if not radii:
@@ -80,11 +86,11 @@ def choose_radius(points: Floats, method: NormalMethod) -> RadiusChoice:
     )
 
 
-def measure_noise_mm(points: Floats) -> float:
-    """Return the noise of one point along the normal: its scatter about small quadrics."""
+def measure_noise_mm(points: Floats) -> float | None:
+    """Return the noise of one point along the normal, or None where no quadric can be fitted."""
     for _, jet in _usable(points):
         return float(np.sqrt(_noise_mm2(jet)))
-    return 0.0
+    return None
 
 
 def _sample(points: Floats) -> Floats:
@@ -96,7 +102,7 @@ def _usable(points: Floats) -> Iterator[tuple[float, Estimates]]:
     if not len(points):
         return
     for radius in RADII_MM.tolist():
-        jet = estimate(hash_for(points, radius), _sample(points), radius, "jet", 0.0)
+        jet = estimate(hash_for(points, radius), _sample(points), radius, "jet", None)
         if np.mean(jet.flag == 0) >= MIN_SHARE:
             yield radius, jet
 
@@ -138,8 +144,13 @@ def _errors(
     return noise, np.maximum.accumulate(lean)
 
 
+def centred(fit: Estimates, radii_mm: Floats) -> Bools:
+    """Return where points lie all round, so that noise turns the normal hardly more than there."""
+    return np.asarray(fit.gain * fit.count * radii_mm**2 < CENTRED_GAIN * DISC_GAIN)
+
+
 def _centred(fit: Estimates, radius: float) -> Bools:
     """Return which places have usable points all round; all usable ones where these are few."""
     good = fit.flag == 0
-    inner = good & (fit.gain * fit.count * radius**2 < CENTRED_GAIN * DISC_GAIN)
+    inner = good & centred(fit, np.array(radius))
     return inner if inner.sum() >= 20 else (good if good.any() else np.ones_like(good))

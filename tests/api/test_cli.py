@@ -13,6 +13,7 @@ from rona_core.compose import new_workbench
 from rona_core.errors import DegenerateGeometryError
 from rona_core.session.document import Session, Setup
 from rona_core.session.files import load_session, save_session
+from rona_core.session.migrate import SCHEMA
 from rona_ui.cli import demo, main
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -162,13 +163,13 @@ def test_inspect_says_what_a_session_holds(capsys, tmp_path):
     assert main(["inspect", str(file)]) == 0
     out = capsys.readouterr().out
     assert out.startswith("my skull  (id ")
-    assert "seed 6, revision 0, schema 1" in out
+    assert f"seed 6, revision 0, schema {SCHEMA}" in out
     for title in ("Set-up", "Tool", "Pointer", "Surface", "Path", "Smoothing", "Roll", "Scan"):
         assert title in out
     assert "captures: none" in out
     assert main(["inspect", "--json", str(file)]) == 0
     facts = json.loads(capsys.readouterr().out)
-    assert (facts["name"], facts["seed"], facts["schema"]) == ("my skull", 6, 1)
+    assert (facts["name"], facts["seed"], facts["schema"]) == ("my skull", 6, SCHEMA)
     assert facts["steps"]["scan"]["state"] == "blocked"
 
 
