@@ -157,5 +157,5 @@ def _shape_flags(planes: Planes, count: Ints, least: int) -> Ints:
     flag = np.zeros(len(count), dtype=np.int64)
     flag[narrow <= MIN_FLATNESS * thin] = NOT_FLAT
     flag[narrow <= MIN_WIDTH * wide] = RANK_DEFICIENT
-    flag[count < least] = TOO_FEW
+    flag[np.minimum(count, planes.weight) < least] = TOO_FEW  # doubted points do not count
     return flag

@@ -9,6 +9,7 @@ from rona_core.surface.hashing import Neighbourhoods
 
 CAUCHY, TUKEY = 2.385, 4.685  # sharpness in sigma: 95 % efficiency on Gaussian noise
 CAUCHY_ROUNDS, TUKEY_ROUNDS = 5, 10
+PARAMETERS = 3  # of a plane
 MAD_SIGMA = 1.4826  # sigma of Gaussian noise over its median absolute deviation
 
 
@@ -65,7 +66,7 @@ def fit_robust(near: Neighbourhoods) -> Planes:
         normals=planes.normals,
         eigenvalues=planes.eigenvalues,
         centroids=planes.centroids,
-        noise_mm2=sigma**2,
+        noise_mm2=sigma**2 * count / np.maximum(count - PARAMETERS, 1),
         weight=planes.weight,
     )
 
