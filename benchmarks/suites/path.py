@@ -11,6 +11,7 @@ from collections.abc import Callable
 import numpy as np
 
 from benchmarks.metric import Metric, Progress, cpu_ms, over_seeds
+from benchmarks.suites import normal_cases
 from rona_core.arrays import Floats, Ints
 from rona_core.path.smooth import simplify
 
@@ -41,6 +42,7 @@ def run(progress: Progress) -> list[Metric]:
         name = "Douglas-Peucker (pybind11-rdp)"
         ratio = float(np.median([c / len(k) for c, k in zip(counts, kept, strict=True)]))
         metrics.append(Metric("points, share of the peer's", ratio, "1", "lower", None, name, 1.0))
+    metrics += normal_cases.metrics(progress)
     return metrics
 
 

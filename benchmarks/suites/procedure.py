@@ -44,6 +44,8 @@ class Aim:
 
 AIMS = (
     Aim("surface_rms_mm", "mm", "lower", 1.5, 2.5),
+    Aim("normal_error_median_deg", "deg", "lower", 1.0),
+    Aim("normal_error_p95_deg", "deg", "lower", 2.5),
     Aim("outer_rms_mm", "mm", "lower", 0.6, 0.35),
     Aim("thickness_rms_mm", "mm", "lower", 1.0, 0.5),
     Aim("inner_rms_mm", "mm", "lower", None, 0.85),  # the paper's total of position and thickness

@@ -178,13 +178,16 @@ class SmoothScanPath:
     metric: Literal["k1", "k2", "k3"] = "k1"
     method: Literal["greedy", "optimal"] = "greedy"
     filter_s: float = 0.05  # sigma of the zero-phase filter before; 0 switches it off
-    normal_radius_mm: float = 10.0
-    normal_method: Literal["ols", "tls"] = "ols"
+    normal_radius_mm: float | None = None  # None: noise, density and curvature decide
+    normal_method: Literal["jet", "tls", "ols", "robust"] = "jet"
+    normal_step_mm: float = 3.0  # between normals along the path; 0: at the kept points alone
 
     def __post_init__(self) -> None:
         require_within("tolerance_mm", self.tolerance_mm, 0.01, 20.0)
         require_within("filter_s", self.filter_s, 0.0, 1.0)
-        require_within("normal_radius_mm", self.normal_radius_mm, 2.0, 40.0)
+        if self.normal_radius_mm is not None:
+            require_within("normal_radius_mm", self.normal_radius_mm, 2.0, 40.0)
+        require_within("normal_step_mm", self.normal_step_mm, 0.0, 50.0)
 
 
 @dataclass(frozen=True, slots=True)

@@ -12,20 +12,21 @@ from rona_core.app.messages import (
     RegisterTool,
     SmoothScanPath,
 )
-from rona_core.arrays import Floats, Vector3
+from rona_core.arrays import Floats, Vector3, readonly
 from rona_core.calibration.pointer import PointerCalibration, calibrate_pointer
 from rona_core.calibration.tool import ToolRegistration, register_tool
 from rona_core.devices.markers import GEOMETRIES
 from rona_core.errors import DegenerateGeometryError, StepBlockedError
 from rona_core.geometry.pose import Poses
 from rona_core.path.filter import filter_path
-from rona_core.path.interpolate import densify
+from rona_core.path.interpolate import densify, places_between
 from rona_core.path.smooth import simplify
 from rona_core.robot.model import robot_model
 from rona_core.session.document import PointerCapture, RawPath, Session, SmoothPath
 from rona_core.surface.cloud import SurfaceCloud, build_cloud, merge_clouds
 from rona_core.surface.normals import NormalField
 
+DOUBTFUL = ("one_sided", "uncertain")  # flags of normals that serve where there are no better
 SETTLE_S = 0.1  # after the robot has stopped, before frames count
 
 
@@ -149,18 +150,24 @@ def derive_smoothing(session: Session, message: SmoothScanPath) -> SmoothPath:
         points, message.tolerance_mm, method=message.method, metric=message.metric
     )
     corners = points[simplified.index]
+    places = corners
+    if message.normal_step_mm > 0:
+        places = places_between(corners, message.normal_step_mm)
     field = NormalField(np.vstack((cloud.points_base, points)), message.normal_radius_mm)
     normals = field.normals(
-        corners, method=message.normal_method, viewpoint=_viewpoint_base(session)
+        places, method=message.normal_method, viewpoint=_viewpoint_base(session)
     )
-    if not normals.ok.all():
-        bad = np.flatnonzero(~normals.ok)
+    bad = [i for flag, where in normals.refused.items() if flag not in DOUBTFUL for i in where]
+    if bad:
+        first = min(bad)
         raise DegenerateGeometryError(
-            f"{len(bad)} of {len(corners)} path points have no reliable normal (the first is "
-            f"point {bad[0]} with {normals.count[bad[0]]} samples within "
-            f"{message.normal_radius_mm:g} mm): sample the surface there or enlarge the radius"
+            f"{len(bad)} of {len(places)} path points have no reliable normal (the first is "
+            f"point {first} with {normals.count[first]} samples within "
+            f"{normals.radius_mm:.3g} mm: {normals.flags[first].replace('_', ' ')}): "
+            "sample the surface there or enlarge the radius"
         )
-    return SmoothPath(simplified, normals, densify(corners, -normals.normals))
+    between = readonly(places) if message.normal_step_mm > 0 else None
+    return SmoothPath(simplified, normals, densify(places, -normals.normals), between)
 
 
 # command -> result it makes and the function that does it

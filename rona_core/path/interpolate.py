@@ -63,6 +63,20 @@ def densify(
     return Path5D(np.vstack((points[:1], dense_points)), np.vstack((axes[:1], dense_axes)))
 
 
+def places_between(points_base: ArrayLike, step_mm: float) -> Floats:
+    """Return the way-points (k, 3) with places on the straight lines between, ``step_mm`` at most.
+
+    All way-points are among the places (m, 3), unchanged; one that repeats the one before appears
+    once.
+
+    Raises:
+        InvalidInputError: wrong shape, no points, a step that is not positive.
+    """
+    points = as_points(points_base, at_least=1, name="points_base")
+    level = np.tile((0.0, 0.0, 1.0), (len(points), 1))
+    return densify(points, level, step_mm=step_mm).points_base
+
+
 def _angles(a: Floats, b: Floats) -> Floats:
     """Return the angle (k,) between unit vectors, accurate also for small and flat angles."""
     return 2.0 * np.arctan2(np.linalg.norm(a - b, axis=1), np.linalg.norm(a + b, axis=1))

@@ -122,8 +122,9 @@ class SmoothPath:
     """Step 6: the smoothed path, its surface normals and the dense 5D path made of both."""
 
     simplified: SimplifiedPath
-    normals: Normals  # at the kept points
+    normals: Normals  # at the way-points
     path: Path5D  # interpolated densely in position and orientation
+    way_points_base: Floats | None  # (m, 3) kept points and places between; None: the kept alone
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -10,7 +10,12 @@ from rona_ui.view_state import Picture
 
 METRICS = {"K1: largest distance": "k1", "K2: RMS distance": "k2", "K3: area": "k3"}
 METHODS = {"Greedy (as the paper)": "greedy", "Fewest points": "optimal"}
-NORMALS = {"Least squares (as the paper)": "ols", "Total least squares": "tls"}
+NORMALS = {
+    "Quadric": "jet",
+    "Total least squares": "tls",
+    "Least squares (as the paper)": "ols",
+    "Robust plane": "robust",
+}
 
 
 class SmoothingPanel(StepPanel):
@@ -29,12 +34,19 @@ class SmoothingPanel(StepPanel):
         self.form.choice("metric", "Measure", METRICS, "k1")
         self.form.choice("method", "Method", METHODS, "greedy")
         self.form.number("filter_s", "Filter (s)", 0.05, 0.0, 1.0, 0.01, "Sigma; 0 for none")
-        self.form.number("normal_radius_mm", "Normal radius (mm)", 10.0, 2.0, 40.0, 1.0)
-        self.form.choice("normal_method", "Normals", NORMALS, "ols")
+        self.form.choice("normal_method", "Normals", NORMALS, "jet")
+        self.form.number(
+            "normal_radius_mm", "Normal radius (mm)", 0.0, 0.0, 40.0, 1.0, "0: the cloud decides"
+        )
+        self.form.number(
+            "normal_step_mm", "Normal every (mm)", 3.0, 0.0, 50.0, 0.5, "0: at kept points alone"
+        )
 
     def message(self) -> Any:
         """Return the smoothing with these parameters."""
-        return SmoothScanPath(**self.form.values())
+        values = self.form.values()
+        values["normal_radius_mm"] = values["normal_radius_mm"] or None
+        return SmoothScanPath(**values)
 
     def remarks(self, picture: Picture) -> str:
         """Say what is left, and what the colours mean."""

@@ -5,7 +5,7 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation, Slerp
 
 from rona_core.errors import DegenerateGeometryError, InvalidInputError
-from rona_core.path.interpolate import densify
+from rona_core.path.interpolate import densify, places_between
 from tests.core.strategies import random_pose, seeds, unit_vectors
 
 few = settings(max_examples=25, deadline=None)
@@ -100,3 +100,18 @@ def test_wrong_input_is_refused():
         densify(np.zeros((1, 3)), [z], step_mm=0.0)
     with pytest.raises(InvalidInputError, match="at least 1"):
         densify(np.zeros((0, 3)), np.zeros((0, 3)))
+
+
+@given(seed=seeds, step=st.floats(0.5, 20.0))
+@settings(max_examples=20, deadline=None)
+def test_places_between_keep_the_way_points_and_the_lines(seed, step):
+    rng = np.random.default_rng(seed)
+    points = np.cumsum(rng.normal(0, 5, (8, 3)), axis=0)
+    places = places_between(points, step)
+    steps = np.linalg.norm(np.diff(places, axis=0), axis=1)
+    assert steps.max() <= step * (1 + 1e-9)
+    assert steps.sum() == pytest.approx(np.linalg.norm(np.diff(points, axis=0), axis=1).sum())
+    met = [int(np.flatnonzero((places == point).all(axis=1))[0]) for point in points]
+    assert met == sorted(met)
+    assert met[0] == 0
+    assert met[-1] == len(places) - 1
