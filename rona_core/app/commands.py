@@ -167,7 +167,7 @@ class SmoothScanPath:
     __pydantic_config__: ClassVar = STRICT
     tolerance_mm: float = 1.0
     metric: Literal["k1", "k2", "k3"] = "k1"
-    method: Literal["greedy", "optimal"] = "greedy"
+    method: Literal["greedy", "optimal", "fast", "rdp"] = "greedy"
     filter_s: float = 0.05  # sigma of the zero-phase filter before; 0 switches it off
     normal_radius_mm: float = 10.0
     normal_method: Literal["ols", "tls"] = "ols"

@@ -5,10 +5,32 @@ from typing import Any
 
 from rona_core.errors import SessionFormatError
 
-SCHEMA = 1  # raise it with every change of the document, and add the step below
+SCHEMA = 2  # raise it with every change of the document, and add the step below
+
+
+def _simplified_path_2(manifest: dict[str, Any]) -> dict[str, Any]:
+    """Tell of a smoothed path what schema 1 did not: method "optimal" asked for Fréchet."""
+    results = manifest["session"].get("results") or {}
+    smoothing = results.get("smoothing")
+    if smoothing is None:
+        return manifest
+    old = smoothing["value"]["simplified"]
+    exact = old["method"] == "optimal"
+    new = {
+        **old,
+        "frechet": exact,
+        "closed": False,
+        "lower_bound": 2,
+        "exact": exact,
+        "rule": f"{old['method']}, as written by schema 1",
+    }
+    value = {**smoothing["value"], "simplified": new}
+    results = {**results, "smoothing": {**smoothing, "value": value}}
+    return {**manifest, "session": {**manifest["session"], "results": results}}
+
 
 # MIGRATIONS[n] turns a manifest of schema n into one of schema n + 1.
-MIGRATIONS: dict[int, Callable[[dict[str, Any]], dict[str, Any]]] = {}
+MIGRATIONS: dict[int, Callable[[dict[str, Any]], dict[str, Any]]] = {1: _simplified_path_2}
 
 
 def migrate(manifest: dict[str, Any]) -> dict[str, Any]:
