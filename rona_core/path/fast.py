@@ -63,6 +63,11 @@ def _step(
 ) -> Ints:
     """Return the farthest points (at most ``beam``) one segment ahead, the farthest first."""
     reach = horizons(columns, front, last, bound.near_mm, window)
+    near = front[reach == last]
+    near = near[bound.holds(columns, near, np.full(len(near), last[0]))]
+    if len(near):
+        before[last[0]] = near[0]
+        return last[:1]
     farthest = int(front.max())
     starts, ends = pairs_ahead(front, np.full(len(front), farthest + 1), reach)
     if len(starts) > MAX_PAIRS:

@@ -84,24 +84,12 @@ def simplify(
         CancelledError: ``cancel`` said so.
     """
     p, bound = as_path(points), as_bound(tolerance, metric, frechet, cap_mm)
-    if method not in METHODS:
-        raise InvalidInputError(f"method must be one of {', '.join(METHODS)}, not {method!r}")
     fixed = as_keep(keep, len(p), ends=not closed)
     original, turned = p, 0
     if closed:
         p, fixed, turned = _opened(p, fixed)
+    index, used = chosen_points(p, fixed, bound, method, cancel or never)
     columns = np.ascontiguousarray(p.T)
-    used = _feasible(columns, fixed, bound, method)
-    if used == "optimal":
-        index = fewest_points(columns, fixed, bound, cancel=cancel or never)
-    elif used == "fast":
-        index = few_points(columns, fixed, bound, cancel=cancel or never)
-    elif used == "greedy":
-        there = np.ones(len(p), dtype=np.bool_)
-        there[order_within(p, fixed, bound)[0]] = False
-        index = np.flatnonzero(there)
-    else:
-        index = split_points(columns, fixed, bound)
     least = len(index) if used == "optimal" else fewest_possible(columns, fixed, bound)
     exact = len(index) == least
     if closed and len(p) > 1:
@@ -123,6 +111,34 @@ def simplify(
         exact=exact,
         rule=RULES[used] + (ANCHOR_RULE if closed else ""),
     )
+
+
+def chosen_points(
+    points: Floats,
+    fixed: Bools,
+    bound: Bound,
+    method: SimplifyMethod,
+    cancel: Callable[[], bool],
+) -> tuple[Ints, SimplifyMethod]:
+    """Return the indices (k,) that stay, and the method that was used.
+
+    Raises:
+        InvalidInputError: unknown method, or one that would take too long.
+        CancelledError: ``cancel`` said so.
+    """
+    if method not in METHODS:
+        raise InvalidInputError(f"method must be one of {', '.join(METHODS)}, not {method!r}")
+    columns = np.ascontiguousarray(points.T)
+    used = _feasible(columns, fixed, bound, method)
+    if used == "optimal":
+        return fewest_points(columns, fixed, bound, cancel=cancel), used
+    if used == "fast":
+        return few_points(columns, fixed, bound, cancel=cancel), used
+    if used == "rdp":
+        return split_points(columns, fixed, bound), used
+    there = np.ones(len(points), dtype=np.bool_)
+    there[order_within(points, fixed, bound)[0]] = False
+    return np.flatnonzero(there), used
 
 
 def as_bound(tolerance: float, metric: str, frechet: bool, cap_mm: float | None) -> Bound:
