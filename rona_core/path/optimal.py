@@ -1,131 +1,98 @@
 """The fewest path points within a bound: a shortest path over all admissible segments.
 
 Source: Imai and Iri, Polygonal approximations of a curve (1988). A segment is admissible if the
-original piece stays within the bound of it in the sense of Fréchet, so strokes that run back over
-themselves are not lost.
+original piece is within the bound; in the sense of Fréchet, strokes that run back over themselves
+are not lost.
 """
 
 from collections.abc import Callable
+from itertools import pairwise
 
 import numpy as np
 
 from rona_core.arrays import Bools, Floats, Ints
 from rona_core.devices.protocols import never
 from rona_core.errors import CancelledError
+from rona_core.path.bound import Bound
+from rona_core.path.horizon import horizons, pairs_ahead, possible
 
-START_WINDOW = 16
-START_BATCH, MAX_BATCH = 4, 256
+OPTIMAL_RULE = "fewest points; among equals, read from the end, the latest previous point"
+SAMPLES = 64
+FEW_PAIRS = 6000  # so many are tried at once
+GROUPS = (1, 4, 16, 64)  # the front is tried in groups that end here, the latest points first
+MAX_WORK = 2.5e8  # distances that an exact search may have to look at, some 10 s
+
+
+def work_estimate(columns: Floats, fixed: Bools, bound: Bound) -> float:
+    """Return about how many distances :func:`fewest_points` looks at."""
+    n = columns.shape[1]
+    starts = np.unique(np.linspace(0, n - 2, min(n - 1, SAMPLES)).astype(np.int64))
+    ahead = horizons(columns, starts, next_fixed(fixed)[starts], bound.near_mm) - starts
+    if bound.near_mm == np.inf:  # every point between every pair
+        return float(np.mean(ahead**2 / 2.0)) * n
+    return float(np.mean(8.0 * ahead + ahead**2 / 20.0)) * n
+
+
+def next_fixed(fixed: Bools) -> Ints:
+    """Return for each point but the last the next one that must stay (n - 1,)."""
+    stays = np.flatnonzero(fixed)
+    return stays[np.searchsorted(stays, np.arange(len(fixed) - 1), side="right")]
 
 
 def fewest_points(
-    points: Floats, tolerance: float, fixed: Bools, *, cancel: Callable[[], bool] = never
+    columns: Floats, fixed: Bools, bound: Bound, *, cancel: Callable[[], bool] = never
 ) -> Ints:
-    """Return the indices (k,) of a path with the fewest points within ``tolerance``.
+    """Return the indices (k,) of a path with the fewest points within ``bound``.
 
-    Among paths of the same number of points the one with the farthest next point is taken.
+    Among paths of the same number of points, read from the end, each point follows the latest one
+    that it can follow.
 
     Args:
-        points: Path (n, m), n >= 1.
-        tolerance: Fréchet bound in mm between each piece and its segment; K1 is never larger.
+        columns: The path as (m, n), n >= 1, one row per dimension.
         fixed: Mask (n,) of the points that must stay, ends included.
-        cancel: Asked now and then; True gives up.
+        bound: What each replaced piece must fulfil.
+        cancel: Asked in each step; True gives up.
 
     Raises:
         CancelledError: ``cancel`` said so.
     """
-    n = len(points)
-    if n == 1:
-        return np.zeros(1, dtype=np.int64)
-    steps = np.zeros(n, dtype=np.int64)  # fewest segments from here to the end
-    following = np.zeros(n, dtype=np.int64)
-    next_fixed = np.flatnonzero(fixed)
-    for i in range(n - 2, -1, -1):
-        if i % 64 == 0 and cancel():
+    stays = np.flatnonzero(fixed)
+    parts = [np.zeros(1, dtype=np.int64)]
+    for start, end in pairwise(stays.tolist()):
+        parts.append(_section(columns, start, end, bound, cancel))
+    return np.concatenate(parts)
+
+
+def _section(
+    columns: Floats, start: int, end: int, bound: Bound, cancel: Callable[[], bool]
+) -> Ints:
+    """Return the fewest points after ``start`` up to ``end``, by a breadth-first search."""
+    before = np.full(end + 1, -1)
+    unseen = np.arange(start + 1, end + 1)
+    front = np.array([start])  # points that as few segments reach, the latest first
+    while before[end] < 0:
+        if cancel():
             raise CancelledError("the search for the fewest points was cancelled")
-        last = int(next_fixed[np.searchsorted(next_fixed, i, side="right")])
-        ahead = points[i : last + 1]
-        ahead = ahead[: _reach(ahead, tolerance) + 1]
-        ends = np.arange(len(ahead) - 1, 0, -1)
-        ends = ends[np.argsort(steps[i + ends], kind="stable")]  # best first, farthest among equals
-        best = i + _first_admissible(ahead, ends, tolerance)
-        steps[i], following[i] = steps[best] + 1, best
-    index = [0]
-    while index[-1] < n - 1:
-        index.append(int(following[index[-1]]))
-    return np.array(index, dtype=np.int64)
-
-
-def _reach(p: Floats, tolerance: float) -> int:
-    """Return the last j that a segment from p[0] could reach, looking ahead as far as needed."""
-    window = START_WINDOW
-    while True:
-        reach = min(window, len(p) - 1)
-        end = _horizon(p[: reach + 1], tolerance)
-        if end < reach or reach == len(p) - 1:
-            return end
-        window *= 2
-
-
-def _first_admissible(p: Floats, ends: Ints, tolerance: float) -> int:
-    """Return the first of ``ends`` to which the segment from p[0] is admissible; 1 always is."""
-    tried, batch = 0, START_BATCH
-    while tried < len(ends):
-        some = ends[tried : tried + batch]
-        good = _frechet(p, some, tolerance)
-        if good.any():
-            return int(some[good.argmax()])
-        tried, batch = tried + batch, min(2 * batch, MAX_BATCH)
-    return 1
-
-
-def _horizon(p: Floats, tolerance: float) -> int:
-    """Return the last j that a segment from p[0] could reach within ``tolerance`` of all between.
-
-    Seen from p[0], the ball about each point is a cone; a segment must pass through all of them.
-    The narrowest cone so far and a new one that do not meet end the search, which is safe because
-    a segment is never nearer than its ray.
-    """
-    rays = p[1:] - p[0]
-    lengths = np.sqrt((rays**2).sum(axis=1))
-    outside = np.flatnonzero(lengths > tolerance)
-    if len(outside) < 2:
-        return len(p) - 1
-    units = rays[outside] / lengths[outside, None]
-    halves = np.arcsin(tolerance / lengths[outside])
-    narrowest = _running_argmin(halves)
-    chord = np.sqrt(((units[1:] - units[narrowest[:-1]]) ** 2).sum(axis=1))
-    apart = 2.0 * np.arcsin(np.minimum(chord / 2.0, 1.0))
-    disjoint = np.flatnonzero(apart > halves[1:] + halves[narrowest[:-1]] + 1e-9)
-    return int(outside[disjoint[0] + 1]) + 1 if len(disjoint) else len(p) - 1
-
-
-def _running_argmin(values: Floats) -> Ints:
-    """Return for each place the index of the smallest value up to there, the first of equals."""
-    lowest = np.minimum.accumulate(values)
-    fresh = np.concatenate(([True], values[1:] < lowest[:-1]))
-    return np.maximum.accumulate(np.where(fresh, np.arange(len(values)), 0))
-
-
-def _frechet(p: Floats, ends: Ints, tolerance: float) -> Bools:
-    """Return for each j in ``ends`` whether p[0..j] is within ``tolerance`` of its segment.
-
-    The ball about every point between cuts an interval out of the segment; walking them in order
-    must never have to go back. All ends are tested at once: rows are ends, columns points between.
-    """
-    rays = p[1 : ends.max()] - p[0]
-    chords = p[ends] - p[0]
-    length = np.sqrt((chords**2).sum(axis=1))[:, None]
-    units = np.divide(chords, length, out=np.zeros_like(chords), where=length > 0)
-    along = units @ rays.T
-    # distance from the line by subtraction of vectors, not of squares: exact on straight paths
-    across_sq = np.zeros_like(along)
-    for axis in range(p.shape[1]):
-        across_sq += (rays[:, axis] - along * units[:, axis, None]) ** 2
-    room = tolerance**2 - across_sq
-    half = np.sqrt(np.maximum(room, 0.0))
-    between = np.arange(1, ends.max()) < ends[:, None]
-    low = np.where(between, np.maximum(along - half, 0.0), 0.0)
-    high = np.where(between, np.minimum(along + half, length), np.inf)
-    met = np.where(between, room >= 0.0, True)
-    walked = np.maximum.accumulate(low, axis=1) <= high
-    return np.logical_and.reduce(met & walked, axis=1)
+        reach = horizons(columns, front, np.full(len(front), end), bound.near_mm)
+        near = front[reach == end]
+        last = near[bound.holds(columns, near, np.full(len(near), end))]
+        if len(last):
+            before[end] = last[0]
+            break
+        found: list[Ints] = []
+        groups = GROUPS if int((reach - front).sum()) > FEW_PAIRS else ()
+        for some in np.split(np.arange(len(front)), groups):
+            low = np.searchsorted(unseen, front[some], side="right")
+            high = np.searchsorted(unseen, reach[some], side="right") - 1
+            starts, at = pairs_ahead(front[some], low, high)
+            starts, ends = possible(columns, starts, unseen[at], bound.near_mm)
+            good = bound.holds(columns, starts, ends)
+            met, first = np.unique(ends[good], return_index=True)  # from the latest start
+            before[met] = starts[good][first]
+            found.append(met)
+            unseen = unseen[before[unseen] < 0]
+        front = np.sort(np.concatenate(found))[::-1]
+    index = [end]
+    while index[-1] != start:
+        index.append(int(before[index[-1]]))
+    return np.array(index[-2::-1], dtype=np.int64)

@@ -3,7 +3,6 @@
 Source: Waringo and Henrich, Efficient smoothing of piecewise linear paths with minimal deviation.
 """
 
-import heapq
 from dataclasses import dataclass
 
 import numpy as np
@@ -11,8 +10,12 @@ from numpy.typing import ArrayLike
 
 from rona_core.arrays import Bools, Floats, Ints, readonly
 from rona_core.errors import InvalidInputError
-from rona_core.path.deviation import Metric, as_metric, as_path
-from rona_core.path.segment import distances_to_segment, feet_on_segment, strip_areas
+from rona_core.path.bands import removals
+from rona_core.path.bound import Bound
+from rona_core.path.deviation import as_metric, as_path
+from rona_core.path.segment import Metric
+
+GREEDY_RULE = "least deviation first, then shorter gap between neighbours, then smaller index"
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -30,6 +33,11 @@ class RemovalOrder:
         left[self.index[:n_removed]] = False
         return np.flatnonzero(left)
 
+    def kept_within(self, tolerance: float) -> Ints:
+        """Return the indices (k,) left when the first removal above ``tolerance`` comes up."""
+        above = np.flatnonzero(self.cost > tolerance)
+        return self.kept(int(above[0]) if len(above) else len(self.index))
+
 
 def removal_order(
     points: ArrayLike,
@@ -37,18 +45,22 @@ def removal_order(
     *,
     keep: ArrayLike | None = None,
     tolerance: float = np.inf,
+    frechet_mm: float | None = None,
 ) -> RemovalOrder:
     """Return the order in which points go while the cheapest removal stays within ``tolerance``.
 
     The cost of a removal is the deviation of the originals between the two neighbours that are
     still there from the segment between these. Ties go to the shorter gap between the neighbours
-    (counted in originals), then to the smaller index.
+    (counted in originals), then to the smaller index; what rounding makes of a straight path is
+    a tie at 0.
 
     Args:
         points: Path (n, m), any m.
         metric: "k1" largest distance, "k2" root mean square, "k3" area.
         keep: Mask (n,) or indices of points that must stay; the two ends always do.
         tolerance: Bound on each cost, in mm, or mm^2 for "k3".
+        frechet_mm: A point only goes while the piece it leaves is within this distance of its
+            segment in the sense of Fréchet; None, as in the paper, does not ask.
 
     Raises:
         InvalidInputError: wrong shape, metric or tolerance.
@@ -56,61 +68,36 @@ def removal_order(
     p, metric = as_path(points), as_metric(metric)
     if not tolerance >= 0:
         raise InvalidInputError(f"tolerance must be 0 or more, not {tolerance}")
-    n = len(p)
-    fixed = as_keep(keep, n)
-    left, right = np.arange(n) - 1, np.arange(n) + 1
-    version = np.zeros(n, dtype=np.int64)
-    heap: list[tuple[float, int, int, int]] = []
-
-    def offer(i: int) -> None:
-        if not fixed[i]:
-            a, b = int(left[i]), int(right[i])
-            entry = (piece_cost(p[a : b + 1], metric), b - a, i, int(version[i]))
-            heapq.heappush(heap, entry)
-
-    for i in range(n):
-        offer(i)
-    order: list[int] = []
-    costs: list[float] = []
-    while heap:
-        cost, _, i, made = heapq.heappop(heap)
-        if made != version[i]:
-            continue  # a neighbour has gone since
-        if cost > tolerance:
-            break  # the cheapest is too dear, so all are
-        order.append(i)
-        costs.append(cost)
-        a, b = int(left[i]), int(right[i])
-        right[a], left[b], version[i] = b, a, -1
-        for j in (a, b):
-            version[j] += 1
-            offer(j)
-    return RemovalOrder(
-        index=readonly(np.array(order, dtype=np.int64)),
-        cost=readonly(np.array(costs, dtype=np.float64)),
-        metric=metric,
-        n_original=n,
-    )
+    near = np.inf if frechet_mm is None else frechet_mm
+    if not near >= 0:
+        raise InvalidInputError(f"frechet_mm must be 0 or more, not {frechet_mm}")
+    bound = Bound(metric, tolerance, near, frechet_mm is not None)
+    index, cost = order_within(p, as_keep(keep, len(p)), bound)
+    return RemovalOrder(readonly(index), readonly(cost), metric, len(p))
 
 
-def piece_cost(piece: Floats, metric: Metric) -> float:
-    """Return the deviation of the originals ``piece`` (k, m) from the segment between its ends."""
-    if metric == "k3":
-        return float(strip_areas(piece, feet_on_segment(piece, piece[0], piece[-1])).sum())
-    distances = distances_to_segment(piece[1:-1], piece[0], piece[-1])
-    if metric == "k1":
-        return float(distances.max(initial=0.0))
-    return float(np.sqrt((distances**2).sum() / len(piece)))
+def order_within(points: Floats, fixed: Bools, bound: Bound) -> tuple[Ints, Floats]:
+    """Return the points that may go within ``bound``, in order, and what each cost."""
+    columns = np.ascontiguousarray(points.T)
+
+    def costs(starts: Ints, ends: Ints) -> Floats:
+        return bound.costs(columns, starts, ends)
+
+    def allowed(starts: Ints, ends: Ints) -> Bools:
+        return bound.allows(columns, starts, ends)
+
+    asks = bound.walks or (bound.metric != "k1" and bound.near_mm < np.inf)
+    return removals(fixed, costs, allowed if asks else None, bound.tolerance)
 
 
-def as_keep(keep: ArrayLike | None, n: int) -> Bools:
+def as_keep(keep: ArrayLike | None, n: int, *, ends: bool = True) -> Bools:
     """Return a mask (n,) of the points that must stay, from a mask, indices or None.
 
     Raises:
         InvalidInputError: a mask of another length, or indices out of range.
     """
     fixed = np.zeros(n, dtype=np.bool_)
-    fixed[[0, -1]] = True
+    fixed[[0, -1]] = ends
     if keep is None:
         return fixed
     wanted = np.asarray(keep)

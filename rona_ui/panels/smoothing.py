@@ -9,7 +9,12 @@ from rona_ui.scene.colors import BLUE, ORANGE, YELLOW, css
 from rona_ui.view_state import Picture
 
 METRICS = {"K1: largest distance": "k1", "K2: RMS distance": "k2", "K3: area": "k3"}
-METHODS = {"Greedy (as the paper)": "greedy", "Fewest points": "optimal"}
+METHODS = {
+    "Greedy (as the paper)": "greedy",
+    "Fewest points": "optimal",
+    "Few points, fast": "fast",
+    "Douglas-Peucker": "rdp",
+}
 NORMALS = {
     "Quadric": "jet",
     "Total least squares": "tls",

@@ -7,8 +7,7 @@ from scipy.spatial.distance import directed_hausdorff
 
 from rona_core.errors import InvalidInputError
 from rona_core.path.deviation import deviation, deviations
-from rona_core.path.removal import piece_cost
-from rona_core.path.segment import distances_to_segment, feet_on_segment, strip_areas
+from rona_core.path.segment import distances_to_segment, feet_on_segment, piece_cost, strip_areas
 from tests.core.strategies import random_pose, seeds
 
 few = settings(max_examples=25, deadline=None)
@@ -94,7 +93,7 @@ def test_k3_of_a_twisted_strip_meets_its_integral():
     s, t = (
         v.ravel() for v in np.meshgrid((np.arange(400) + 0.5) / 400, (np.arange(400) + 0.5) / 400)
     )
-    for i, area in enumerate(strip_areas(path, feet)):
+    for i, area in enumerate(strip_areas(path[:-1], path[1:], feet[:-1], feet[1:])):
         edge, foot = path[i + 1] - path[i], feet[i + 1] - feet[i]
         ruling = (feet[i] - path[i]) + s[:, None] * (foot - edge)
         along = (1 - t)[:, None] * edge + t[:, None] * foot
