@@ -86,27 +86,26 @@ def register_tool(
     if method not in METHODS:
         raise InvalidInputError(f"method must be one of {', '.join(METHODS)}, not {method!r}")
     chosen = _as_phases(phases, Ts_base_tip, Ts_tracker_toolmarker, method)
-    if method == "joint":
-        joint = solve_hand_eye(
-            Ts_base_tip,
-            Ts_tracker_toolmarker,
-            noise=noise,
-            robot_sigma_mm=robot_sigma_mm,
-            robot_sigma_deg=robot_sigma_deg,
-        )
-        return _from_joint(joint, Ts_base_tip, Ts_tracker_toolmarker, chosen)
-    fit = solve_paper(Ts_base_tip, Ts_tracker_toolmarker, chosen)
-    variances = (robot_sigma_mm**2 / 3.0, float(np.deg2rad(robot_sigma_deg)) ** 2 / 3.0)
-    seen = observe(Ts_base_tip, Ts_tracker_toolmarker, TOOL_MARKERS, noise, variances)
-    covariance, sigma_mm = bootstrap(fit, seen, chosen)
-    return _assemble(
-        "paper",
-        (fit.T_base_tracker, fit.T_toolmarker_tip),
-        (covariance, sigma_mm, fit.used),
+    paper = solve_paper(Ts_base_tip, Ts_tracker_toolmarker, chosen) if method == "paper" else None
+    joint = solve_hand_eye(
         Ts_base_tip,
         Ts_tracker_toolmarker,
-        pivot=(fit.pivot.rmse_mm, fit.pivot.cone_deg),
-        lines=fit.lines_tracker,
+        noise=noise,
+        robot_sigma_mm=robot_sigma_mm,
+        robot_sigma_deg=robot_sigma_deg,
+    )
+    if paper is None:
+        return _from_joint(joint, Ts_base_tip, Ts_tracker_toolmarker, chosen)
+    variances = (robot_sigma_mm**2 / 3.0, float(np.deg2rad(robot_sigma_deg)) ** 2 / 3.0)
+    seen = observe(Ts_base_tip, Ts_tracker_toolmarker, TOOL_MARKERS, noise, variances)
+    return _assemble(
+        "paper",
+        (paper.T_base_tracker, paper.T_toolmarker_tip),
+        (bootstrap(paper, seen, chosen, joint), joint.marker_sigma_mm, paper.used),
+        Ts_base_tip,
+        Ts_tracker_toolmarker,
+        pivot=(paper.pivot.rmse_mm, paper.pivot.cone_deg),
+        lines=paper.lines_tracker,
     )
 
 
