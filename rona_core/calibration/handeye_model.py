@@ -59,7 +59,7 @@ def fit_covariances(rotations: Floats, positions_marker: Floats, noise: MarkerNo
 
     Args:
         rotations: Of the marker body in ``tracker`` (n, 3, 3).
-        positions_marker: Markers (m, 3), not all on one line.
+        positions_marker: Markers (m, 3); on one line the turn about it counts as known.
         noise: Its shape; the size is 1.
 
     Returns:
@@ -71,7 +71,7 @@ def fit_covariances(rotations: Floats, positions_marker: Floats, noise: MarkerNo
     crossed = cross_matrices(levers)
     inertia = np.einsum("nmij,nmkj->nik", crossed, crossed)
     torque = np.einsum("nmij,j,nmkj->nik", crossed, variances, crossed)
-    inverse = np.linalg.inv(inertia)
+    inverse = np.linalg.pinv(inertia, rcond=1e-9, hermitian=True)
     covariances = np.zeros((len(rotations), 6, 6))
     covariances[:, :3, :3] = inverse @ torque @ inverse
     covariances[:, 3:, 3:] = np.diag(variances) / len(offsets)
