@@ -41,9 +41,11 @@ class CalibrationControls:
         self._step: Step = step
         self._view: CalibrationView | None = None
         self._words = gui.add_html("")
-        self._folder = gui.add_folder("Motion and poses", visible=False)
+        self._coverage = gui.add_html("")
+        self._folder = gui.add_folder(
+            "Residual of each pose", visible=False, expand_by_default=False
+        )
         with self._folder:
-            self._coverage = gui.add_html("")
             self._title = gui.add_html("")
             self._poses = gui.add_folder(None)
             self._sheet: Any = None
@@ -76,9 +78,9 @@ class CalibrationControls:
         view = self._view = calibration_view(new.session, self._step)
         self._folder.visible = view is not None
         self._words.content = "" if view is None else words(view, stale)
+        self._coverage.content = "" if view is None else coverage(view)
         if view is None:
             return
-        self._coverage.content = "" if view.swing is None else coverage(view)
         self._title.content = _residuals_title(view)
         self._draw(view)
         self._all.visible = bool(view.excluded)
@@ -166,7 +168,7 @@ def coverage(view: CalibrationView) -> str:
 def _residuals_title(view: CalibrationView) -> str:
     n = len(view.residuals_mm)
     text = (
-        f"Residual of each pose, up to {residual_top_mm(view):.2f} mm; dashed: RMSE "
+        f"Height: up to {residual_top_mm(view):.2f} mm; dashed: RMSE "
         f"{view.rmse_mm:.2f} mm of {view.n_used} of {n} used. Small residuals alone do not make a "
         "good calibration. Click at a pose to choose it."
     )

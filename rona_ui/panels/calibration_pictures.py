@@ -7,7 +7,7 @@ from rona_core.arrays import Floats
 from rona_ui.scene.colors import BLUE, GREEN, ORANGE, VERMILLION, css
 
 INK, GREY, LINE = "#1f2933", "#52606d", "#c5cdd5"
-SIZE, RADIUS = 220.0, 84.0  # of the disc, px
+SIZE, RADIUS = 196.0, 72.0  # of the disc, px
 MOST_DOTS = 300  # of used poses; all others are drawn
 WIDE_GAP_DEG = 45.0  # a narrower one is no gap
 WIDTH, HEIGHT = 300.0, 96.0  # of the residuals

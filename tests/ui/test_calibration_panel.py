@@ -49,7 +49,7 @@ def test_nothing_is_shown_before_there_is_a_calibration():
     gui, _, made = controls(Session())
     assert gui.html() == ""
     assert made.excluded() == ()
-    assert not any(h.visible for h in gui.handles if h.label == "Motion and poses")
+    assert not any(h.visible for h in gui.handles if h.label == "Residual of each pose")
 
 
 def test_the_expected_error_stands_beside_what_is_good(session):
