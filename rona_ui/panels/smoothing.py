@@ -10,8 +10,8 @@ from rona_ui.view_state import Picture
 
 METRICS = {"K1: largest distance": "k1", "K2: RMS distance": "k2", "K3: area": "k3"}
 METHODS = {
-    "Greedy (as the paper)": "greedy",
     "Fewest points": "optimal",
+    "Greedy (as the paper)": "greedy",
     "Few points, fast": "fast",
     "Douglas-Peucker": "rdp",
 }
@@ -37,7 +37,7 @@ class SmoothingPanel(StepPanel):
         """Add the parameters."""
         self.form.number("tolerance_mm", "Bound (mm)", 1.0, 0.01, 20.0, 0.1)
         self.form.choice("metric", "Measure", METRICS, "k1")
-        self.form.choice("method", "Method", METHODS, "greedy")
+        self.form.choice("method", "Method", METHODS, "optimal")
         self.form.number("filter_s", "Filter (s)", 0.05, 0.0, 1.0, 0.01, "Sigma; 0 for none")
         self.form.choice("normal_method", "Normals", NORMALS, "jet")
         self.form.number(
