@@ -52,6 +52,7 @@ FIGURES: dict[str, FigureKind] = {
     "surface_sigma_predicted_mm": FigureKind("Surface cloud, predicted RMS", "mm", 2, 1.5),
     "surface_tip_3d_rms_mm": FigureKind("Pointer tip on the surface, 3D RMS", "mm", 2),
     "skull_registration_tre_mm": FigureKind("Loaded skull, TRE on the skull", "mm", 2, 1.5),
+    "skull_registration_sigma_mm": FigureKind("Loaded skull, predicted", "mm", 2, 1.5),
     "path_points_raw": FigureKind("Path points, demonstrated", "", 0, paper=307),
     "path_points_smoothed": FigureKind("Path points, smoothed", "", 0, paper=90),
     "path_deviation_max_mm": FigureKind("Path deviation K1", "mm", 2, 1.0, paper=1.0),

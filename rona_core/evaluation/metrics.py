@@ -39,6 +39,7 @@ KEYS = (
     "surface_sigma_predicted_mm",
     "surface_tip_3d_rms_mm",
     "skull_registration_tre_mm",
+    "skull_registration_sigma_mm",
     "path_points_raw",
     "path_points_smoothed",
     "path_deviation_max_mm",

@@ -7,16 +7,20 @@ noise that was found; the robot's absolute error is not in it, as in a map for t
 """
 
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 
 from rona_core.arrays import Floats
 from rona_core.calibration.marker_noise import MarkerNoise
+from rona_core.calibration.pointer import PointerCalibration
+from rona_core.calibration.tool import ToolRegistration
 from rona_core.calibration.uncertainty import MapSetup, predict_map_error
 from rona_core.devices.markers import GEOMETRIES
 from rona_core.devices.volumes import ACCURACY_MM
 from rona_core.geometry.pose import Poses
 from rona_core.session.document import PointerCapture, Session
+from rona_core.surface.cloud import SurfaceCloud
 from rona_core.surface.normals import NormalField
 
 PLACES = 120  # touched places that stand for all
@@ -44,33 +48,61 @@ def predict_surface(session: Session) -> SurfacePrediction | None:
     tool, pointer, cloud = results.tool, results.pointer, results.surface
     if tool is None or pointer is None or cloud is None or not len(cloud.value.points_base):
         return None
-    poses = _some_poses(strokes)
-    if not len(poses) or any(stroke.pointer != pointer.value.pointer for stroke in strokes):
+    if any(stroke.pointer != pointer.value.pointer for stroke in strokes):
         return None
-    sigma_mm = pointer.value.marker_sigma_mm or tool.value.marker_sigma_mm
     stated_mm = ACCURACY_MM[session.setup.devices.tracker.profile]
-    frames = frames_averaged(strokes, cloud.value.average_s)
+    return _predict(tool.value, pointer.value, cloud.value, strokes, stated_mm)
+
+
+@lru_cache(maxsize=4)
+def _predict(
+    tool: ToolRegistration,
+    pointer: PointerCalibration,
+    cloud: SurfaceCloud,
+    strokes: tuple[PointerCapture, ...],
+    stated_mm: float,
+) -> SurfacePrediction | None:
+    poses = _some_poses(strokes)
+    if not len(poses):
+        return None
+    sigma_mm = pointer.marker_sigma_mm or tool.marker_sigma_mm
     setup = MapSetup(
-        T_base_tracker=tool.value.T_base_tracker,
-        registration=tool.value.covariance,
-        tip_pointermarker=pointer.value.tip_pointermarker,
-        tip_covariance=pointer.value.tip_covariance_pointermarker,
-        positions_pointermarker=GEOMETRIES[pointer.value.pointer].positions_marker,
+        T_base_tracker=tool.T_base_tracker,
+        registration=tool.covariance,
+        tip_pointermarker=pointer.tip_pointermarker,
+        tip_covariance=pointer.tip_covariance_pointermarker,
+        positions_pointermarker=GEOMETRIES[pointer.pointer].positions_marker,
         noise=MarkerNoise(sigma_mm=max(sigma_mm, MIN_SIGMA_MM)),
-        n_averaged=frames,
+        n_averaged=frames_averaged(strokes, cloud.average_s),
         bias_mm=float(np.sqrt(max(stated_mm**2 - sigma_mm**2, 0.0))),
     )
     found = predict_map_error(setup, poses)
     tips_base = setup.T_base_tracker @ (poses @ setup.tip_pointermarker)
     return SurfacePrediction(
-        normal_mm=_along_normals(tips_base, cloud.value.points_base, found.total),
+        normal_mm=_along_normals(tips_base, cloud.points_base, found.total),
         rms_mm=found.rms_mm,
         registration_mm=found.registration_rms_mm,
         pointer_mm=found.pointer_rms_mm,
         frame_mm=found.frame_rms_mm,
         stated_mm=setup.bias_mm,
-        frames=frames,
+        frames=setup.n_averaged,
     )
+
+
+def predict_skull_mm(session: Session) -> float | None:
+    """Return the expected 3D RMS error, over the cloud, of a loaded skull that was registered.
+
+    The fit's own error, and those of the pointer that shift all points alike. None without either.
+    """
+    registered, cloud = session.results.registration, session.results.surface
+    pointer = predict_surface(session)
+    if registered is None or cloud is None or pointer is None:
+        return None
+    points = cloud.value.points_base
+    places = points[:: max(1, len(points) // PLACES)]
+    fit_mm = registered.value.target_errors_mm(places)
+    alike = (pointer.registration_mm, pointer.pointer_mm, pointer.stated_mm)
+    return float(np.sqrt((fit_mm**2).mean() + sum(part**2 for part in alike)))
 
 
 def predicted_figures(session: Session) -> dict[str, float | None]:
@@ -81,6 +113,7 @@ def predicted_figures(session: Session) -> dict[str, float | None]:
         "tool_tip_sigma_mm": None if tool is None else tool.value.tip_sigma_mm,
         "pointer_tip_sigma_mm": None if pointer is None else pointer.value.tip_sigma_mm,
         "surface_sigma_predicted_mm": None if surface is None else surface.normal_mm,
+        "skull_registration_sigma_mm": predict_skull_mm(session),
     }
 
 

@@ -129,7 +129,8 @@ class CalibrationControls:
 def words(view: CalibrationView, stale: bool = False) -> str:
     """Return the expected errors beside what is good, the verdict, and reasons with remedies."""
     head = (
-        '<tr><th>Random error, expected</th><th class="n">Value</th><th class="n">Good</th><th></th></tr>'
+        '<tr><th>Random error, expected</th><th class="n">Value</th><th class="n">Good</th>'
+        "<th></th></tr>"
     )
     rows = "".join(
         f'<tr><td>{escape(one.title)}</td><td class="n"><b>{one.sigma_mm:.2f} mm</b></td>'

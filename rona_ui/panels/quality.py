@@ -29,6 +29,7 @@ PREDICTED = {
     "tool_tip_error_mm": "tool_tip_sigma_mm",
     "pointer_tip_error_mm": "pointer_tip_sigma_mm",
     "surface_rms_mm": "surface_sigma_predicted_mm",
+    "skull_registration_tre_mm": "skull_registration_sigma_mm",
 }
 
 
@@ -102,11 +103,10 @@ def _own_word(session: Session, expected: dict[str, QualityRow], mark: str) -> s
     results = session.results
     rows = "".join(_row(row) for row in expected.values())
     if results.tool is not None:
-        rows += _line("Tracker near the tip, random error", results.tool.value.registration_sigma_mm)
-    if results.registration is not None:
         rows += _line(
-            "Loaded skull, by the fit alone", float(results.registration.value.sigmas_mm[0])
+            "Tracker near the tip, random error", results.tool.value.registration_sigma_mm
         )
+    if results.registration is not None:
         rows += _line("Loaded skull, points off it (RMS)", results.registration.value.rms_mm)
     if results.pointer is not None:
         rows += _line("Pointer, scatter of the tip (RMSE)", results.pointer.value.rmse_mm)

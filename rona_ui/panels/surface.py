@@ -10,6 +10,7 @@ from rona_core.app.messages import (
     StartSurfaceCapture,
 )
 from rona_core.session.document import Session
+from rona_core.session.prediction import predict_skull_mm, predict_surface
 from rona_core.session.specimen import LoadedSkull
 from rona_ui.bindings import escape
 from rona_ui.panels import style
@@ -81,9 +82,19 @@ class SurfacePanel(StepPanel):
         if derived is None:
             return ""
         cloud = derived.value
+        expected = predict_surface(picture.session)
+        words = ""
+        if expected is not None and expected.normal_mm is not None:
+            words = (
+                f" They are expected to be off the bone by {expected.normal_mm:.2f} mm (RMS), "
+                f"{expected.rms_mm:.2f} mm in all directions: {expected.registration_mm:.2f} by "
+                f"robot and tracker, {expected.pointer_mm:.2f} by the pointer tip, "
+                f"{expected.frame_mm:.2f} by {expected.frames} averaged frames, "
+                f"{expected.stated_mm:.2f} by the tracker's volume as its maker states it."
+            )
         return style.note(
             f"{len(cloud.points_base)} points from {len(strokes)} recording"
-            f"{'' if len(strokes) == 1 else 's'}; {cloud.n_dropped} dropped as lift-offs.",
+            f"{'' if len(strokes) == 1 else 's'}; {cloud.n_dropped} dropped as lift-offs.{words}",
             "good",
         )
 
@@ -95,6 +106,10 @@ def registered(session: Session) -> str:
         return ""
     found = derived.value
     x, y, z = found.T_b_a.inv().translation
+    sigma_mm = predict_skull_mm(session)
+    expected = ""
+    if sigma_mm is not None:
+        expected = f"It is expected to be off by {sigma_mm:.2f} mm at the points. "
     icon, word, color, box = VERDICTS[found.verdict]
     reasons = "".join(f"<br>{escape(reason[0].upper() + reason[1:])}." for reason in found.reasons)
     stale = stale_reason("registration", session)
@@ -103,9 +118,8 @@ def registered(session: Session) -> str:
         box = "warn"
     return (
         f'<div class="r-note {box}">Loaded skull: <b style="color:{color}">{icon} {word}</b>. '
-        f"The origin of its file lies at ({x:.1f}, {y:.1f}, {z:.1f}) mm in the base. By the fit "
-        f"alone the weakest direction is known to {found.sigmas_mm[0]:.2f} mm within the patch; "
-        "errors of pointer and tracker come on top, as the surface points have them. Points lie "
+        f"The origin of its file lies at ({x:.1f}, {y:.1f}, {z:.1f}) mm in the base. {expected}"
+        f"The fit alone leaves {found.sigmas_mm[0]:.2f} mm in its weakest direction; points lie "
         f"{found.rms_mm:.2f} mm (RMS) off, {int(found.used.sum())} of {len(found.used)} used, "
         f"normals over {found.normals_deg:.0f}°.{reasons}</div>"
     )

@@ -24,8 +24,11 @@ from rona_core.errors import CancelledError, InvalidInputError, StepBlockedError
 from rona_core.geometry.pose import Pose
 from rona_core.session.document import Session
 from rona_core.session.files import session_bytes, session_from_bytes
+from rona_core.session.prediction import predict_skull_mm
 from rona_core.session.specimen import SimulatedSkull
 from rona_core.virtual.specimen import build_specimen
+from rona_ui.panels.surface import registered as words_of
+from rona_ui.scene.ghost import contours
 
 
 @pytest.fixture(scope="module")
@@ -77,6 +80,7 @@ def test_the_skull_is_found_as_well_as_the_pointer_measures(bench, registered):
     figures = bench.figures()
     tip_error_mm = figures["surface_tip_3d_rms_mm"]
     assert figures["skull_registration_tre_mm"] < 1.5 * tip_error_mm + 0.2
+    assert 0.3 < figures["skull_registration_tre_mm"] / figures["skull_registration_sigma_mm"] < 3.0
     assert found.used.mean() > 0.9
     assert found.rms_mm < 0.2
     assert found.verdict == "weak", "a patch of a round head"
@@ -123,6 +127,23 @@ def test_the_truth_is_not_asked(bench, registered):
     np.testing.assert_array_equal(
         found.T_b_a.matrix(), registered.results.registration.value.T_b_a.matrix()
     )
+
+
+def test_the_browser_draws_it_where_it_is_and_says_how_well_it_is_known(bench, registered):
+    skull, found = registered.setup.specimen, registered.results.registration.value
+    assert contours(Session()).shape == (0, 2, 3)
+    lines = contours(registered)
+    feet = (found.T_b_a @ lines.reshape(-1, 3)) - np.asarray(skull.center_skull)
+    near = feet[np.linalg.norm(feet, axis=1) < 20.0] + skull.center_skull
+    specimen = bench.rig().scene.specimen
+    assert len(near) > 50
+    away_mm = np.linalg.norm(near - specimen.closest(near), axis=1)
+    assert np.quantile(away_mm, 0.95) < 1.0, "nearly all on the outer table, the rest on the inner"
+    html = words_of(registered)
+    assert "▲ weak" in html
+    assert f"off by {predict_skull_mm(registered):.2f} mm at the points" in html
+    assert "Stale" not in html
+    assert words_of(Session()) == ""
 
 
 def test_what_cannot_be_registered_is_refused_by_name(bench, registered):

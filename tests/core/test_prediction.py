@@ -19,7 +19,12 @@ from rona_core.session.document import Session
 from rona_core.session.prediction import predict_surface, predicted_figures
 from rona_core.virtual.tracker_error import SPECS
 
-KEYS = ("tool_tip_sigma_mm", "pointer_tip_sigma_mm", "surface_sigma_predicted_mm")
+KEYS = (
+    "tool_tip_sigma_mm",
+    "pointer_tip_sigma_mm",
+    "surface_sigma_predicted_mm",
+    "skull_registration_sigma_mm",
+)
 
 
 def sampled(profile, pointer="pointer6d", seed=0):
