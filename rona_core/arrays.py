@@ -60,7 +60,7 @@ def as_vector3(vector: ArrayLike, *, name: str = "vector") -> Vector3:
 
 
 def as_unit_vectors(vectors: ArrayLike, *, name: str = "vectors") -> Floats:
-    """Return ``vectors`` (n, 3), scaled to unit length; what is exact up to rounding stays as it is.
+    """Return ``vectors`` (n, 3), scaled to unit length; rows exact up to rounding stay.
 
     So a second call changes no bit.
 
