@@ -16,6 +16,7 @@ from rona_core.app.activity_messages import (
     StartRollSearch,
     StartScan,
     StartSkullImport,
+    StartSkullRegistration,
     StartSurfaceCapture,
     StartToolCapture,
 )
@@ -25,6 +26,7 @@ from rona_core.app.commands import (
     CalibratePointer,
     ChooseRoll,
     ClearSurface,
+    ExcludePoses,
     Point,
     Redo,
     RegisterTool,
@@ -53,6 +55,7 @@ Command = (
     | SetPointer
     | RegisterTool
     | CalibratePointer
+    | ExcludePoses
     | BuildSurface
     | ClearSurface
     | BuildPath
@@ -66,6 +69,7 @@ Activity = (
     | StartToolCapture
     | StartPointerCapture
     | StartSurfaceCapture
+    | StartSkullRegistration
     | StartPathCapture
     | StartRecordingImport
     | StartPivotImport
@@ -87,6 +91,7 @@ __all__ = [
     "ChooseRoll",
     "ClearSurface",
     "Command",
+    "ExcludePoses",
     "Point",
     "Redo",
     "RegisterTool",
@@ -108,6 +113,7 @@ __all__ = [
     "StartRollSearch",
     "StartScan",
     "StartSkullImport",
+    "StartSkullRegistration",
     "StartSurfaceCapture",
     "StartToolCapture",
     "Undo",

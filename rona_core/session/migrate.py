@@ -20,6 +20,7 @@ PLAIN_TRACKER: dict[str, Any] = {
 }
 # Results that schema 2 holds more of than schema 1 knew: covariances, verdicts, bounds.
 OUTGROWN = ("tool", "pointer", "smoothing")
+NEW = ("registration",)  # results that schema 1 did not know
 
 
 def from_1(manifest: dict[str, Any]) -> dict[str, Any]:
@@ -33,7 +34,7 @@ def from_1(manifest: dict[str, Any]) -> dict[str, Any]:
     devices = session["setup"]["devices"]
     tracker = {**PLAIN_TRACKER, **devices["tracker"]}
     setup = {**session["setup"], "devices": {**devices, "tracker": tracker}}
-    results = {**session["results"], **dict.fromkeys(OUTGROWN)}
+    results = {**session["results"], **dict.fromkeys((*OUTGROWN, *NEW))}
     changed = {**session, "setup": setup, "results": results}
     return {**manifest, "schema": 2, "session": changed}
 

@@ -7,6 +7,7 @@ import numpy as np
 from rona_ui.scene.adapter import Adapter
 from rona_ui.scene.cloud import CloudLayer, RegionLayer
 from rona_ui.scene.colors import BACKGROUND
+from rona_ui.scene.ghost import GhostLayer
 from rona_ui.scene.maps import MapLayer, ScanLayer
 from rona_ui.scene.metres import Stage
 from rona_ui.scene.path import AxesLayer, PathLayer
@@ -39,6 +40,7 @@ class World:
             TurnLayer(self.stage),
             RegionLayer(self.stage),
             CloudLayer(self.stage),
+            GhostLayer(self.stage),
             DrawingLayer(self.stage),
             PathLayer(self.stage),
             AxesLayer(self.stage),
