@@ -25,12 +25,14 @@ from rona_core.app.commands import (
     CalibratePointer,
     ChooseRoll,
     ClearSurface,
+    MoveTracker,
     Point,
     Redo,
     RegisterTool,
     RenameSession,
     SetPointer,
     SetProbe,
+    SetReference,
     SetRegion,
     SetRobot,
     SetSeed,
@@ -47,6 +49,8 @@ Command = (
     | UseSimulatedSkull
     | SetRegion
     | SetTracker
+    | MoveTracker
+    | SetReference
     | SetToolVisible
     | SetRobot
     | SetProbe
@@ -87,12 +91,14 @@ __all__ = [
     "ChooseRoll",
     "ClearSurface",
     "Command",
+    "MoveTracker",
     "Point",
     "Redo",
     "RegisterTool",
     "RenameSession",
     "SetPointer",
     "SetProbe",
+    "SetReference",
     "SetRegion",
     "SetRobot",
     "SetSeed",

@@ -19,6 +19,7 @@ from rona_core.app.inputs import (
     missing,
     stale_reason,
 )
+from rona_core.app.reference import placed_reason
 from rona_core.session.document import STEPS, Session
 
 State = Literal["done", "ready", "blocked", "stale"]
@@ -75,6 +76,8 @@ def _state(name: str, session: Session) -> tuple[State, str]:
     there = missing(leaves, session) is None
     if name == "maps":
         there = session.results.maps is not None
+    if there and name == "tool" and (reason := placed_reason(session)) is not None:
+        return "stale", reason
     if there:
         for result in results:
             if (reason := stale_reason(result, session)) is not None:
@@ -85,6 +88,8 @@ def _state(name: str, session: Session) -> tuple[State, str]:
     wanted = missing(needs, session)
     if wanted is not None:
         return "blocked", f"first {wanted}"
+    if name in ("surface", "path") and (reason := placed_reason(session)) is not None:
+        return "blocked", reason
     if name == "scan" and session.results.roll and session.results.roll.value.mode == "none":
         return "blocked", "first find a roll that the robot can traverse (step 7)"
     return "ready", "ready"

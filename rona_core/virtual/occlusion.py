@@ -58,7 +58,7 @@ class LinesOfSight:
         T_base_tracker = scene.T_base_tracker
         starts_base, ends_base = T_base_tracker @ starts, T_base_tracker @ ends
         hidden = meets(starts_base, ends_base, robot)
-        if tool != "toolmarker":
+        if tool not in ("toolmarker", "basemarker"):  # these are in nobody's hand
             hidden |= meets(starts, ends, hand_tracker(tool, T_tracker_marker))
         T_skull_tracker = scene.T_base_skull.inv() @ T_base_tracker
         first = self._head_caster().first_hit(

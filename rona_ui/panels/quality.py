@@ -2,6 +2,7 @@
 
 from typing import Any
 
+from rona_core.app.delay import delay_words
 from rona_core.app.quality import QualityRow, quality_rows
 from rona_core.session.document import Session
 from rona_ui.bindings import escape
@@ -89,6 +90,8 @@ def _own_word(session: Session, mark: str) -> str:
         tool = session.results.tool.value
         lines.append(("Tool, expected error of the tip", f"{tool.tip_sigma_mm:.2f} mm"))
         lines.append(("Tracker, expected error", f"{tool.registration_sigma_mm:.2f} mm"))
+        if tool.delay is not None:
+            lines.append(("Tracker delay", delay_words(tool.delay)))
     if session.results.pointer is not None:
         pointer = session.results.pointer.value
         lines.append(("Pointer, pivot RMSE", f"{pointer.rmse_mm:.2f} mm"))
