@@ -19,7 +19,7 @@ from rona_core.app.inputs import (
     missing,
     stale_reason,
 )
-from rona_core.app.reference import placed_reason
+from rona_core.app.reference import carried_remark, placed_reason
 from rona_core.session.document import STEPS, Session
 
 State = Literal["done", "ready", "blocked", "stale"]
@@ -110,9 +110,12 @@ def summary(step: str, session: Session) -> str:
         pointer = results.pointer.value
         return f"{pointer.dof}D, {pointer.n_used} poses, RMSE {pointer.rmse_mm:.2f} mm"
     if step == "surface" and results.surface:
-        return f"{len(results.surface.value.points_base)} points"
+        remark = carried_remark(session, session.captures.surface)
+        return f"{len(results.surface.value.points_base)} points{remark}"
     if step == "path" and results.path:
-        return f"{len(results.path.value.points_base)} points"
+        strokes = () if session.captures.path is None else (session.captures.path,)
+        remark = carried_remark(session, strokes)
+        return f"{len(results.path.value.points_base)} points{remark}"
     if step == "smoothing" and results.smoothing:
         kept = results.smoothing.value.simplified
         return f"{kept.n_original} to {len(kept.index)} points, K1 {kept.k1_mm:.2f} mm"

@@ -1,5 +1,6 @@
 """Where the tracker stood during a capture: as registered, or found by the base marker."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Literal
 
@@ -20,7 +21,7 @@ from rona_core.calibration.base_marker import (
 from rona_core.calibration.tool import ToolRegistration
 from rona_core.devices.samples import ToolTrack
 from rona_core.devices.settings import FIELD_MM, TrackerSettings
-from rona_core.errors import StaleResultError, StepBlockedError
+from rona_core.errors import RonaError, StaleResultError, StepBlockedError
 from rona_core.geometry.pose import Pose
 from rona_core.session.document import PointerCapture, Session
 
@@ -102,6 +103,19 @@ def reference_of(session: Session, capture: PointerCapture) -> TrackerReference:
             f"expected error of {added_mm:.2f} mm."
         ),
     )
+
+
+def carried_remark(session: Session, strokes: Sequence[PointerCapture]) -> str:
+    """Return a word for the line of a step where a tracker that had moved was found again."""
+    registered = session.captures.tool
+    if registered is None or all(s.tracker_place == registered.tracker_place for s in strokes):
+        return ""  # spares the work: as far as the session knows, nobody moved it
+    try:
+        found = [reference_of(session, stroke) for stroke in strokes]
+    except RonaError:
+        return ""
+    added_mm = max(reference.added_mm for reference in found)
+    return f", tracker found again (+{added_mm:.2f} mm)" if added_mm else ""
 
 
 def moved_words(movement: Movement) -> str:

@@ -24,7 +24,7 @@ from rona_core.geometry.tangent import cross_matrices, rotation_vectors
 
 MIN_FRAMES = 10
 CHI2_LIMIT = 27.9  # 6 degrees of freedom; noise alone exceeds it once in 10 000 captures
-FLOOR_MM, FLOOR_DEG = 0.03, 0.01  # per axis: what a room does by itself, warmth and floor
+FLOOR_MM, FLOOR_DEG = 0.02, 0.005  # per axis: what a room does by itself, warmth and floor
 OUTLIER = 5.0  # medians of the distance from the mean; frames beyond do not count
 TYPICAL_DEPTH_MM = 1950.0  # at which the stated error of a tracker holds (RMS over its volume)
 FIELD_LENGTH_MM = 400.0  # over which the fixed error of a tracker changes

@@ -32,7 +32,7 @@ from rona_core.session.files import session_bytes, session_from_bytes
 
 MOVE = MoveTracker((30.0, -20.0, 10.0), 1.0)
 TOOL = StartToolCapture(n_pivot=8, n_translate=3)
-STROKE = StartSurfaceCapture(duration_s=3.0)
+STROKE = StartSurfaceCapture(duration_s=10.0)
 SINGLE = BuildSurface(average_s=0.0)  # fast strokes at 20 frames a second suffer from averaging
 
 
@@ -108,6 +108,7 @@ def test_a_moved_tracker_is_found_again_exactly_without_noise(before):
     assert figures["surface_tip_3d_rms_mm"] < 0.01
     assert figures["tracker_registration_tre_mm"] < 0.01  # judged where the tracker stood then
     assert state(session, "tool").state == state(session, "surface").state == "done"
+    assert state(session, "surface").reason.endswith("points, tracker found again (+0.00 mm)")
 
 
 def test_what_the_move_costs_is_said_and_is_about_what_it_costs():
@@ -128,6 +129,7 @@ def test_what_the_move_costs_is_said_and_is_about_what_it_costs():
     assert f"{found.added_mm:.2f} mm" in found.sentence
     assert "moved by" in found.sentence
     assert 0.02 < found.added_mm < 1.0
+    assert f"found again (+{found.added_mm:.2f} mm)" in state(session, "surface").reason
     assert abs(rms - rms_at_rest) < 3.0 * found.added_mm
     head_base = session.results.surface.value.points_base[:1]
     assert found.sigma_mm(head_base)[0] > at_rest.results.tool.value.tip_sigma_mm / 10.0
