@@ -1,6 +1,7 @@
 """The frame graph of a session: its transforms, where they come from, and if they are stale."""
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -174,7 +175,7 @@ def _moved_since(session: Session, stroke: PointerCapture | None) -> str | None:
     return "the tracker was moved: the next stroke finds it again by the base marker"
 
 
-def _made_utc(session: Session, derived: Derived) -> str | None:
+def _made_utc(session: Session, derived: Derived[Any]) -> str | None:
     """Return when a result was computed, by the log."""
     return next(
         (

@@ -24,6 +24,7 @@ from rona_core.devices.settings import FIELD_MM, TrackerSettings
 from rona_core.errors import RonaError, StaleResultError, StepBlockedError
 from rona_core.geometry.pose import Pose
 from rona_core.session.document import PointerCapture, Session
+from rona_core.session.imported import is_imported
 
 REMEDY = "register again, or allow the base marker (step 1)"
 
@@ -145,7 +146,9 @@ def placed_reason(session: Session) -> str | None:
 
 def _placed_anew(session: Session, capture: PointerCapture) -> bool:
     registered = session.captures.tool
-    return registered is not None and registered.tracker_place != capture.tracker_place
+    if registered is None or is_imported(capture):  # of those nobody knows
+        return False
+    return registered.tracker_place != capture.tracker_place
 
 
 def _unseen(tool: ToolRegistration, capture: PointerCapture) -> str | None:

@@ -9,7 +9,7 @@ from collections.abc import Sequence
 from rona_core.app.frames import FrameRow
 from rona_ui.bindings import escape
 
-WIDTH = 330
+WIDTH = 340  # with room for a scroll bar at the right
 PLACES: dict[str, tuple[int, int]] = {  # centres of the boxes, in px
     "tracker": (165, 22),
     "basemarker": (47, 112),
@@ -41,7 +41,7 @@ FIRST_ROW_BELOW = 344
 
 
 def frame_picture(rows: Sequence[FrameRow]) -> str:
-    """Return the graph as SVG, 330 px wide; it says in words what it shows."""
+    """Return the graph as SVG, for a dock of 330 px or more; it says in words what it shows."""
     places = _places(rows)
     height = max(y for _, y in places.values()) + 22
     known = {(row.parent, row.child) for row in rows}

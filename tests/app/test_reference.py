@@ -29,6 +29,7 @@ from rona_core.devices.settings import TrackerPlace
 from rona_core.errors import InvalidInputError, RonaError, StaleResultError, StepBlockedError
 from rona_core.session.document import Session
 from rona_core.session.files import session_bytes, session_from_bytes
+from rona_core.session.imported import imported_digest
 
 MOVE = MoveTracker((30.0, -20.0, 10.0), 1.0)
 TOOL = StartToolCapture(n_pivot=8, n_translate=3)
@@ -182,6 +183,17 @@ def test_a_hidden_base_marker_is_named(before):
     covered = replace(session.captures.surface[-1], base=None)
     with pytest.raises(StaleResultError, match="base marker was not recorded: uncover it"):
         reference_of(session, covered)
+
+
+def test_a_stroke_out_of_a_file_is_mapped_as_registered_wherever_the_tracker_is(before):
+    bench = opened(before)
+    bench.dispatch(MOVE)
+    stroke = bench.run(STROKE).captures.surface[0]
+    imported = replace(stroke, setup_digest=imported_digest([b"file"]), base=None)
+    found = reference_of(bench.session, imported)
+    assert (found.state, found.added_mm) == ("unchecked", 0.0)
+    assert found.T_base_tracker is before.results.tool.value.T_base_tracker
+    assert "not recorded" in found.sentence
 
 
 def test_a_moved_base_makes_everything_stale(before):
