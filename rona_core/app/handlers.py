@@ -14,10 +14,12 @@ from rona_core.app.messages import (
     ChooseRoll,
     ClearSurface,
     ExcludePoses,
+    MoveTracker,
     RegisterTool,
     RenameSession,
     SetPointer,
     SetProbe,
+    SetReference,
     SetRegion,
     SetRobot,
     SetSeed,
@@ -38,7 +40,12 @@ from rona_core.app.outcomes import (
     StoreToolCapture,
 )
 from rona_core.app.plain import plain_arguments
-from rona_core.devices.settings import DeviceSettings, ProbeSettings, RobotSettings
+from rona_core.devices.settings import (
+    DeviceSettings,
+    ProbeSettings,
+    RobotSettings,
+    TrackerPlace,
+)
 from rona_core.errors import InvalidInputError, StaleResultError, StepBlockedError
 from rona_core.robot.model import robot_model
 from rona_core.session.document import Capture, Derived, RegionChoice, Session
@@ -90,6 +97,19 @@ def _(message: SetTracker, session: Session) -> Session:
     chosen = {part.name: getattr(message, part.name) for part in fields(message)}
     tracker = replace(devices.tracker, **chosen)
     return _with_devices(session, replace(devices, tracker=tracker))
+
+
+@handle.register
+def _(message: MoveTracker, session: Session) -> Session:
+    devices = session.setup.devices
+    place = TrackerPlace(message.shift_mm, message.turn_deg)
+    return _with_devices(session, replace(devices, tracker=replace(devices.tracker, place=place)))
+
+
+@handle.register
+def _(message: SetReference, session: Session) -> Session:
+    setup = replace(session.setup, use_base_marker=message.use_base_marker)
+    return replace(session, setup=setup)
 
 
 @handle.register

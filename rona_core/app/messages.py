@@ -27,12 +27,14 @@ from rona_core.app.commands import (
     ChooseRoll,
     ClearSurface,
     ExcludePoses,
+    MoveTracker,
     Point,
     Redo,
     RegisterTool,
     RenameSession,
     SetPointer,
     SetProbe,
+    SetReference,
     SetRegion,
     SetRobot,
     SetSeed,
@@ -49,6 +51,8 @@ Command = (
     | UseSimulatedSkull
     | SetRegion
     | SetTracker
+    | MoveTracker
+    | SetReference
     | SetToolVisible
     | SetRobot
     | SetProbe
@@ -92,12 +96,14 @@ __all__ = [
     "ClearSurface",
     "Command",
     "ExcludePoses",
+    "MoveTracker",
     "Point",
     "Redo",
     "RegisterTool",
     "RenameSession",
     "SetPointer",
     "SetProbe",
+    "SetReference",
     "SetRegion",
     "SetRobot",
     "SetSeed",

@@ -19,6 +19,7 @@ from rona_core.app.inputs import (
     missing,
     stale_reason,
 )
+from rona_core.app.reference import carried_remark, placed_reason
 from rona_core.session.document import STEPS, Session
 
 State = Literal["done", "ready", "blocked", "stale"]
@@ -75,6 +76,8 @@ def _state(name: str, session: Session) -> tuple[State, str]:
     there = missing(leaves, session) is None
     if name == "maps":
         there = session.results.maps is not None
+    if there and name == "tool" and (reason := placed_reason(session)) is not None:
+        return "stale", reason
     if there:
         for result in results:
             if (reason := stale_reason(result, session)) is not None:
@@ -85,6 +88,8 @@ def _state(name: str, session: Session) -> tuple[State, str]:
     wanted = missing(needs, session)
     if wanted is not None:
         return "blocked", f"first {wanted}"
+    if name in ("surface", "path") and (reason := placed_reason(session)) is not None:
+        return "blocked", reason
     if name == "scan" and session.results.roll and session.results.roll.value.mode == "none":
         return "blocked", "first find a roll that the robot can traverse (step 7)"
     return "ready", "ready"
@@ -105,9 +110,12 @@ def summary(step: str, session: Session) -> str:
         pointer = results.pointer.value
         return f"{pointer.dof}D, {pointer.n_used} poses, random error {pointer.tip_sigma_mm:.2f} mm"
     if step == "surface" and results.surface:
-        return f"{len(results.surface.value.points_base)} points"
+        remark = carried_remark(session, session.captures.surface)
+        return f"{len(results.surface.value.points_base)} points{remark}"
     if step == "path" and results.path:
-        return f"{len(results.path.value.points_base)} points"
+        strokes = () if session.captures.path is None else (session.captures.path,)
+        remark = carried_remark(session, strokes)
+        return f"{len(results.path.value.points_base)} points{remark}"
     if step == "smoothing" and results.smoothing:
         kept = results.smoothing.value.simplified
         return f"{kept.n_original} to {len(kept.index)} points, K1 {kept.k1_mm:.2f} mm"
