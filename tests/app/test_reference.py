@@ -22,7 +22,6 @@ from rona_core.app.messages import (
     StartToolCapture,
 )
 from rona_core.app.queries import step_states
-from rona_core.app.reference import placed_reason, reference_of
 from rona_core.calibration.time_offset import TimeOffset
 from rona_core.compose import new_workbench
 from rona_core.devices.settings import TrackerPlace
@@ -31,6 +30,7 @@ from rona_core.robot.model import robot_model
 from rona_core.session.document import Session
 from rona_core.session.files import session_bytes, session_from_bytes
 from rona_core.session.imported import imported_digest
+from rona_core.session.reference import placed_reason, reference_of
 
 MOVE = MoveTracker((30.0, -20.0, 10.0), 1.0)
 TOOL = StartToolCapture(n_pivot=8, n_translate=3)
