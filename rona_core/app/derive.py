@@ -14,7 +14,6 @@ from rona_core.app.messages import (
     RegisterTool,
     SmoothScanPath,
 )
-from rona_core.app.reference import base_reference, reference_of
 from rona_core.arrays import Bools, Floats, Ints, Vector3, readonly
 from rona_core.calibration.pointer import PointerCalibration, calibrate_pointer
 from rona_core.calibration.tool import ToolRegistration, register_tool
@@ -26,6 +25,7 @@ from rona_core.path.interpolate import densify, places_between
 from rona_core.path.smooth import simplify
 from rona_core.robot.model import robot_model
 from rona_core.session.document import PointerCapture, RawPath, Session, SmoothPath
+from rona_core.session.reference import base_reference, reference_of
 from rona_core.surface.cloud import SurfaceCloud, build_cloud, merge_clouds
 from rona_core.surface.normals import NormalField
 

@@ -20,12 +20,12 @@ from rona_core.app.messages import (
     StartSurfaceCapture,
     StartToolCapture,
 )
-from rona_core.app.reference import placed_reason
 from rona_core.devices.settings import TrackerSettings
 from rona_core.errors import StepBlockedError
 from rona_core.session.codec import digest
 from rona_core.session.document import PointerCapture, Session
 from rona_core.session.imported import is_imported
+from rona_core.session.reference import placed_reason
 from rona_core.session.specimen import LoadedSkull
 
 PLAIN = TrackerSettings(stereo=False, occlusion=False)  # the tracker of sessions of schema 1

@@ -19,8 +19,8 @@ from rona_core.app.inputs import (
     missing,
     stale_reason,
 )
-from rona_core.app.reference import carried_remark, placed_reason
 from rona_core.session.document import STEPS, Session
+from rona_core.session.reference import carried_remark, placed_reason
 
 State = Literal["done", "ready", "blocked", "stale"]
 
