@@ -30,6 +30,7 @@ from rona_core.robot.model import robot_model
 from rona_core.session.document import Session
 from rona_core.session.files import session_bytes, session_from_bytes
 from rona_core.session.imported import imported_digest
+from rona_core.session.prediction import predict_surface
 from rona_core.session.reference import placed_reason, reference_of
 
 MOVE = MoveTracker((30.0, -20.0, 10.0), 1.0)
@@ -133,6 +134,11 @@ def test_what_the_move_costs_is_said_and_is_about_what_it_costs():
     assert 0.02 < found.added_mm < 1.0
     assert f"found again (+{found.added_mm:.2f} mm)" in state(session, "surface").reason
     assert abs(rms - rms_at_rest) < 3.0 * found.added_mm
+    before, after = predict_surface(at_rest), predict_surface(session)
+    assert before is not None
+    assert after is not None
+    assert after.registration_mm >= found.added_mm
+    assert after.rms_mm > before.rms_mm
     head_base = session.results.surface.value.points_base[:1]
     assert found.sigma_mm(head_base)[0] > at_rest.results.tool.value.tip_sigma_mm / 10.0
 
