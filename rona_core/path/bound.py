@@ -11,6 +11,12 @@ from rona_core.path.segment import Metric, piece_costs
 ROUNDING = 16.0 * np.finfo(np.float64).eps  # of the largest coordinate: deviations below are none
 
 
+def rounding_of(points: Floats, metric: Metric) -> float:
+    """Return the deviation that rounding of the coordinates makes of a straight path."""
+    size = float(np.abs(points).max())
+    return ROUNDING * size * (size if metric == "k3" else 1.0)
+
+
 @dataclass(frozen=True, slots=True)
 class Bound:
     """A bound on one measure, and on the distance; Fréchet keeps strokes that run back."""
@@ -19,6 +25,7 @@ class Bound:
     tolerance: float  # mm, or mm^2 for "k3"
     near_mm: float  # bound on the distance; the tolerance for "k1", infinite for none
     frechet: bool  # the distance in the sense of Fréchet, not only K1
+    rounding: float  # deviations up to it are none, see :func:`rounding_of`
 
     @property
     def walks(self) -> bool:
@@ -28,8 +35,7 @@ class Bound:
     def costs(self, columns: Floats, starts: Ints, ends: Ints) -> Floats:
         """Return the measure (q,) of each piece; what rounding makes of a straight one is 0."""
         costs = piece_costs(columns, starts, ends, self.metric)
-        size = float(np.abs(columns).max())
-        costs[costs <= ROUNDING * size * (size if self.metric == "k3" else 1.0)] = 0.0
+        costs[costs <= self.rounding] = 0.0
         return costs
 
     def allows(self, columns: Floats, starts: Ints, ends: Ints) -> Bools:

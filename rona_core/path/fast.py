@@ -49,7 +49,7 @@ def few_points(
         if cancel():
             raise CancelledError("the search for few points was cancelled")
         reached = _step(columns, front, last[front], bound, beam, window, before)
-        window = max(FIRST_WINDOW, 3 * (int(reached[0]) - int(front[0])))
+        window = max(FIRST_WINDOW, 8 * (int(reached[0]) - int(front[0])))
         stop = reached[fixed[reached]]  # nothing may pass a point that must stay
         front = stop[:1] if len(stop) else reached
     index = [n - 1]

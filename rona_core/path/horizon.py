@@ -70,7 +70,7 @@ def possible(columns: Floats, starts: Ints, ends: Ints, near_mm: float) -> tuple
         return starts, ends
     parts = 2
     while parts <= FINEST and len(starts):
-        long = np.flatnonzero(ends - starts > 2 * parts)
+        long = np.flatnonzero(ends - starts > 4 * parts)
         if not len(long):
             break
         shares = np.arange(1, parts, 2)[:, None] / parts

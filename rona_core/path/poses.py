@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike
 from rona_core.arrays import Bools, Floats, Ints, as_floats, as_points, readonly
 from rona_core.devices.protocols import never
 from rona_core.errors import InvalidInputError
-from rona_core.path.bound import Bound
+from rona_core.path.bound import Bound, rounding_of
 from rona_core.path.deviation import deviations
 from rona_core.path.lower import fewest_possible
 from rona_core.path.removal import as_keep
@@ -104,7 +104,8 @@ def simplify_poses(
             f"tolerances must be above 0, not {tolerance_mm} mm and {tolerance_deg} deg"
         )
     rows = np.ascontiguousarray(units.T)
-    bound = PoseBound("k1", 1.0, float(tolerance_mm), frechet, rows, np.deg2rad(tolerance_deg))
+    near, turn = float(tolerance_mm), float(np.deg2rad(tolerance_deg))
+    bound = PoseBound("k1", 1.0, near, frechet, rounding_of(p, "k1"), rows, turn)
     fixed = as_keep(keep, len(p))
     index, used = chosen_points(p, fixed, bound, method, cancel or never)
     columns = np.ascontiguousarray(p.T)

@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike
 from rona_core.arrays import Bools, Floats, Ints, readonly
 from rona_core.errors import InvalidInputError
 from rona_core.path.bands import removals
-from rona_core.path.bound import Bound
+from rona_core.path.bound import Bound, rounding_of
 from rona_core.path.deviation import as_metric, as_path
 from rona_core.path.segment import Metric
 
@@ -71,7 +71,7 @@ def removal_order(
     near = np.inf if frechet_mm is None else frechet_mm
     if not near >= 0:
         raise InvalidInputError(f"frechet_mm must be 0 or more, not {frechet_mm}")
-    bound = Bound(metric, tolerance, near, frechet_mm is not None)
+    bound = Bound(metric, tolerance, near, frechet_mm is not None, rounding_of(p, metric))
     index, cost = order_within(p, as_keep(keep, len(p)), bound)
     return RemovalOrder(readonly(index), readonly(cost), metric, len(p))
 

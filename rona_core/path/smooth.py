@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike
 from rona_core.arrays import Bools, Floats, Ints, readonly
 from rona_core.devices.protocols import never
 from rona_core.errors import InvalidInputError
-from rona_core.path.bound import Bound
+from rona_core.path.bound import Bound, rounding_of
 from rona_core.path.deviation import as_metric, as_path, deviations
 from rona_core.path.fast import FAST_RULE, few_points
 from rona_core.path.lower import fewest_possible
@@ -83,7 +83,8 @@ def simplify(
             or "fast" for "k2" or "k3" on a path too long for it.
         CancelledError: ``cancel`` said so.
     """
-    p, bound = as_path(points), as_bound(tolerance, metric, frechet, cap_mm)
+    p = as_path(points)
+    bound = as_bound(p, tolerance, metric, frechet, cap_mm)
     fixed = as_keep(keep, len(p), ends=not closed)
     original, turned = p, 0
     if closed:
@@ -141,7 +142,9 @@ def chosen_points(
     return np.flatnonzero(there), used
 
 
-def as_bound(tolerance: float, metric: str, frechet: bool, cap_mm: float | None) -> Bound:
+def as_bound(
+    points: Floats, tolerance: float, metric: str, frechet: bool, cap_mm: float | None
+) -> Bound:
     """Return what a piece must fulfil.
 
     Raises:
@@ -155,14 +158,15 @@ def as_bound(tolerance: float, metric: str, frechet: bool, cap_mm: float | None)
             f"cap_mm must be 0 or more, and beside k2 or k3, not {cap_mm} beside {known}"
         )
     near = float(tolerance) if known == "k1" else np.inf if cap_mm is None else float(cap_mm)
-    return Bound(known, float(tolerance), near, frechet)
+    return Bound(known, float(tolerance), near, frechet, rounding_of(points, known))
 
 
 def _feasible(
     columns: Floats, fixed: Bools, bound: Bound, method: SimplifyMethod
 ) -> SimplifyMethod:
     """Return the method that is used: "fast" where "optimal" would take too long."""
-    if method not in ("optimal", "fast") or columns.shape[1] < 3:
+    searches = method == "optimal" or (method == "fast" and bound.near_mm == np.inf)
+    if not searches or columns.shape[1] < 3:
         return method
     work = work_estimate(columns, fixed, bound)
     if work > MAX_WORK and bound.near_mm == np.inf:
