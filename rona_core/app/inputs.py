@@ -8,6 +8,11 @@ from rona_core.app.messages import (
     BuildPath,
     BuildSurface,
     CalibratePointer,
+    DeletePathPoint,
+    DrawPattern,
+    InsertPathPoint,
+    KeepPathSample,
+    MovePathPoint,
     RegisterTool,
     SmoothScanPath,
     StartMapping,
@@ -64,6 +69,7 @@ SMOOTHING = Input(_value("smoothing"), "smooth the path (step 6)", "smoothing")
 ROLL = Input(_value("roll"), "search the roll (step 7)", "roll")
 DETECTION = Input(_value("detection"), "detect the boundaries (step 9)", "detection")
 ROBOT = Input(lambda s: s.setup.devices.robot, "choose a robot (step 1)")
+EDITS = Input(lambda s: s.path_edits, "smooth the path (step 6)")
 PROBE = Input(lambda s: s.setup.devices.probe, "choose a probe (step 1)")
 
 # result -> the names and kinds of its inputs
@@ -72,7 +78,7 @@ RESULT_INPUTS: dict[str, dict[str, Input]] = {
     "pointer": {"capture": POINTER_CAPTURE},
     "surface": {"capture": SURFACE_CAPTURE, "tool": TOOL, "pointer": POINTER},
     "path": {"capture": PATH_CAPTURE, "tool": TOOL, "pointer": POINTER},
-    "smoothing": {"path": PATH, "surface": SURFACE},
+    "smoothing": {"path": PATH, "surface": SURFACE, "edits": EDITS},
     "roll": {"smoothing": SMOOTHING, "robot": ROBOT},
     "detection": {"capture": SCAN_CAPTURE, "probe": PROBE},
     "maps": {
@@ -82,6 +88,7 @@ RESULT_INPUTS: dict[str, dict[str, Input]] = {
         "robot": ROBOT,
     },
 }
+PATTERN_INPUTS = {"surface": SURFACE}  # of a path that nobody demonstrated
 RESULTS = tuple(RESULT_INPUTS)  # in the order in which they follow from one another
 
 # message -> what must be there before it makes sense
@@ -94,7 +101,12 @@ NEEDS: dict[type, tuple[Input, ...]] = {
     BuildSurface: (SURFACE_CAPTURE, TOOL, POINTER),
     StartPathCapture: (TOOL, POINTER),
     BuildPath: (PATH_CAPTURE, TOOL, POINTER),
+    DrawPattern: (SURFACE,),
     SmoothScanPath: (PATH, SURFACE),
+    MovePathPoint: (SMOOTHING, SURFACE),
+    InsertPathPoint: (SMOOTHING, SURFACE),
+    DeletePathPoint: (SMOOTHING,),
+    KeepPathSample: (PATH, SURFACE),
     StartRollSearch: (SMOOTHING,),
     StartScan: (ROLL,),
     StartMapping: (SCAN_CAPTURE, SURFACE),
@@ -128,13 +140,29 @@ def require_for(activity: Any, session: Session) -> None:
     require_inputs(kind, session)
 
 
-def input_digests(result: str, session: Session) -> dict[str, str]:
+def is_pattern(session: Session) -> bool:
+    """Return whether the path is a pattern drawn by rule, not a demonstration."""
+    path = session.results.path
+    return path is not None and path.message == DrawPattern.__name__
+
+
+def inputs_of(result: str, message: str) -> dict[str, Input]:
+    """Return what a result depends on that a message of this name makes."""
+    return PATTERN_INPUTS if message == DrawPattern.__name__ else RESULT_INPUTS[result]
+
+
+def input_digests(result: str, session: Session, message: str = "") -> dict[str, str]:
     """Return the digest of every input of a result as the session holds them now.
+
+    Args:
+        result: Its name.
+        session: Holds the inputs.
+        message: Name of the message that makes it, where it can be made of different things.
 
     Raises:
         StepBlockedError: an input is missing.
     """
-    inputs = RESULT_INPUTS[result]
+    inputs = inputs_of(result, message)
     wanted = missing(tuple(inputs.values()), session)
     if wanted is not None:
         raise StepBlockedError(f"{result} cannot be computed: first {wanted}")
@@ -182,7 +210,7 @@ def stale_reason(name: str, session: Session) -> str | None:
     derived = getattr(session.results, name)
     if derived is None:
         return None
-    for key, item in RESULT_INPUTS[name].items():
+    for key, item in inputs_of(name, derived.message).items():
         if item.upstream is not None and (reason := stale_reason(item.upstream, session)):
             return reason
         value = item.read(session)

@@ -40,6 +40,14 @@ from rona_core.app.commands import (
     Undo,
     UseSimulatedSkull,
 )
+from rona_core.app.path_commands import (
+    ClearPathEdits,
+    DeletePathPoint,
+    DrawPattern,
+    InsertPathPoint,
+    KeepPathSample,
+    MovePathPoint,
+)
 
 Command = (
     RenameSession
@@ -56,7 +64,13 @@ Command = (
     | BuildSurface
     | ClearSurface
     | BuildPath
+    | DrawPattern
     | SmoothScanPath
+    | MovePathPoint
+    | InsertPathPoint
+    | DeletePathPoint
+    | KeepPathSample
+    | ClearPathEdits
     | ChooseRoll
     | Undo
     | Redo
@@ -85,8 +99,14 @@ __all__ = [
     "BuildSurface",
     "CalibratePointer",
     "ChooseRoll",
+    "ClearPathEdits",
     "ClearSurface",
     "Command",
+    "DeletePathPoint",
+    "DrawPattern",
+    "InsertPathPoint",
+    "KeepPathSample",
+    "MovePathPoint",
     "Point",
     "Redo",
     "RegisterTool",

@@ -18,6 +18,8 @@ PLAIN_TRACKER: dict[str, Any] = {
     "minutes_on": 60.0,
     "dropped_share": 0.0,
 }
+# Nobody had changed a path by hand before schema 2.
+NO_EDITS: dict[str, Any] = {"$type": "PathEdits", "changes": []}
 # Results that schema 2 holds more of than schema 1 knew: covariances, verdicts, bounds.
 OUTGROWN = ("tool", "pointer", "smoothing")
 
@@ -25,16 +27,17 @@ OUTGROWN = ("tool", "pointer", "smoothing")
 def from_1(manifest: dict[str, Any]) -> dict[str, Any]:
     """Return a manifest of schema 1 as one of schema 2.
 
-    Its captures were measured by a tracker without the faults that can be switched on now. What
-    the outgrown results lack cannot be made up, so they go: one click computes each again from its
-    capture, and until then what was computed with them shows as stale.
+    Its captures were measured by a tracker without the faults that can be switched on now, and its
+    path had no changes by hand. What the outgrown results lack cannot be made up, so they go: one
+    click computes each again from its capture, and until then what was computed with them shows as
+    stale.
     """
     session = manifest["session"]
     devices = session["setup"]["devices"]
     tracker = {**PLAIN_TRACKER, **devices["tracker"]}
     setup = {**session["setup"], "devices": {**devices, "tracker": tracker}}
     results = {**session["results"], **dict.fromkeys(OUTGROWN)}
-    changed = {**session, "setup": setup, "results": results}
+    changed = {**session, "setup": setup, "results": results, "path_edits": NO_EDITS}
     return {**manifest, "schema": 2, "session": changed}
 
 
