@@ -176,7 +176,7 @@ class SmoothScanPath:
     __pydantic_config__: ClassVar = STRICT
     tolerance_mm: float = 1.0
     metric: Literal["k1", "k2", "k3"] = "k1"
-    method: Literal["optimal", "fast", "greedy", "rdp"] = "optimal"
+    method: Literal["greedy", "optimal", "fast", "rdp"] = "optimal"
     filter_s: float = 0.05  # sigma of the zero-phase filter before; 0 switches it off
     normal_radius_mm: float | None = None  # None: noise, density and curvature decide
     normal_method: Literal["jet", "tls", "ols", "robust"] = "jet"

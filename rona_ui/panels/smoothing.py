@@ -103,8 +103,8 @@ class SmoothingPanel(StepPanel):
         words = style.note(f"{HELP[mode]} Ctrl+Z takes it back.") if mode in HELP else ""
         if self._help.content != words:
             self._help.content = words
-        self._edit.visible = smooth is not None
-        self._edit.disabled = new.busy or new.step("smoothing").state == "stale"
+        fresh = smooth is not None and new.step("smoothing").state != "stale"
+        self._edit.visible = fresh and not new.busy  # a group cannot be disabled
         self._done.visible = mode in HELP
         self._forget.visible = len(new.session.path_edits) > 0
         self._forget.disabled = new.busy
@@ -142,7 +142,7 @@ def counts(view: PathView) -> str:
             "Let go for the fewest."
         )
     least = "the fewest possible" if view.exact else f"at least {view.lower_bound} are needed"
-    by_hand = f" {view.by_hand} changes by hand." if view.by_hand else ""
+    by_hand = f" {view.by_hand} by hand." if view.by_hand else ""
     return style.note(
         f"{len(view.raw_base)} points became {count} ({least}).{by_hand} Largest distance "
         f"{view.k1_filtered_mm:.2f} mm from the filtered samples, {view.k1_raw_mm:.2f} mm from "

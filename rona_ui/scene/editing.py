@@ -23,7 +23,7 @@ STROKES = ("surface", "path")  # drawn with the pointer itself
 CORNER_STEP_MM = 1.5  # a drag adds a corner of the boundary once it has come so far
 MOST_CORNERS = 500
 LIFT_MM = 2.0
-MARK_MM = 2.4
+MARK_MM = 1.4
 GRABBED, GHOST = "/edit/grabbed", "/edit/place"
 BOUNDARY, CENTER = "/pattern/boundary", "/pattern/center"
 

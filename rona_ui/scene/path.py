@@ -54,7 +54,7 @@ class PathLayer(Layer):
             corners = np.zeros((0, 3)) if smooth is None else smooth.value.corners_base
             corners = corners if view is None else view.corners_base
             self.stage.lines(SMOOTH, segments(dense + 3 * lift), BLUE, width_px=4.0)
-            self.stage.cloud(CORNERS, corners + 4 * lift, BLUE, size_mm=1.6)
+            self.stage.cloud(CORNERS, corners + 4 * lift, BLUE, size_mm=0.9)
             self._draw_deviation(view, lift)
         self._show(new)
 
@@ -64,7 +64,7 @@ class PathLayer(Layer):
             return
         points, values = dots(view.raw_base, view.from_raw_mm)
         shares = values / max(view.tolerance_mm, 1e-9)
-        self.stage.cloud(DEVIATION, points + 2 * lift, viridis(shares), size_mm=0.9)
+        self.stage.cloud(DEVIATION, points + 2 * lift, viridis(shares), size_mm=0.45)
 
     def _show(self, new: Picture) -> None:
         clear = new.view.everything or not _scanned(new)
@@ -139,7 +139,7 @@ class WarningsLayer(Layer):
         """Draw the marks where the path is another one."""
         if old is None or _check_key(old) != _check_key(new):
             check = check_path(new.session)
-            for node, color, size in ((TILTED, VERMILLION, 3.2), (THIN, PURPLE, 2.2)):
+            for node, color, size in ((TILTED, VERMILLION, 1.5), (THIN, PURPLE, 1.0)):
                 points = np.zeros((0, 3))
                 if check is not None:
                     marked = check.tilted if node == TILTED else check.thin

@@ -85,7 +85,7 @@ def off_surface_mm(session, place):
 
 def test_a_point_that_was_moved_lies_on_the_measured_surface_and_the_rest_stays(smoothed):
     before = corners(smoothed)
-    eye = np.mean(before, axis=0) + (0.0, 0.0, 400.0)
+    eye = np.add(np.mean(before, axis=0), (0.0, 0.0, 400.0))
     aim = before[4] + (2.0, -1.5, 9.0)  # a click says which way, not how deep
     after = handle(MovePathPoint(4, plain(aim), plain(eye)), smoothed)
     (change,) = after.path_edits.changes

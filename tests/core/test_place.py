@@ -48,7 +48,7 @@ def test_a_cloud_that_is_off_takes_the_place_along():
     rng = np.random.default_rng(1)
     cloud, eye = cap(rng), np.array([0.0, 0.0, 300.0])
     for shift in (-2.0, 0.0, 2.0):
-        place = measured_place(cloud + (0.0, 0.0, shift), eye, (0.0, 0.0, -1.0))
+        place = measured_place(np.add(cloud, (0.0, 0.0, shift)), eye, (0.0, 0.0, -1.0))
         assert place[2] == pytest.approx(RADIUS_MM + shift, abs=0.12)
 
 
