@@ -22,6 +22,7 @@ class Stretch:
     from_mm: float  # along the way-points
     to_mm: float
     sentence: str
+    times: float = 1.0  # how many times as many surface points would do
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -54,8 +55,9 @@ def check_path(session: Session) -> PathCheck | None:
     limit = half_echo_tilt_deg(probe)
     bend = half_turns_deg(normals.normals)
     unsure, bent = normals.sigma_deg > limit, bend > limit
-    found = thin_places(normals, places, max_sigma_deg=0.5 * limit)
     along = np.concatenate(([0.0], np.cumsum(np.linalg.norm(np.diff(places, axis=0), axis=1))))
+    onward = np.append(along[1:], along[-1:])  # it is between a place and the next one
+    found = thin_places(normals, places, max_sigma_deg=0.5 * limit)
     thin = np.zeros(len(places), dtype=np.bool_)
     thin[found.places] = True
     proposals: list[Stretch] = []
@@ -70,7 +72,10 @@ def check_path(session: Session) -> PathCheck | None:
         tilted=readonly(unsure | bent),
         warnings=tuple(
             sorted(
-                (*_told(along, unsure, normals.sigma_deg, UNSURE), *_told(along, bent, bend, BENT)),
+                (
+                    *_told(along, along, unsure, normals.sigma_deg, UNSURE),
+                    *_told(along, onward, bent, bend, BENT),
+                ),
                 key=lambda stretch: stretch.from_mm,
             )
         ),
@@ -89,9 +94,9 @@ def half_turns_deg(normals: Floats) -> Floats:
     return np.append(0.5 * turns, 0.0)
 
 
-def _told(along: Floats, where: Bools, values: Floats, words: str) -> list[Stretch]:
+def _told(along: Floats, until: Floats, where: Bools, values: Floats, words: str) -> list[Stretch]:
     return [
-        Stretch(float(along[a]), float(along[b]), words.format(worst=values[a : b + 1].max()))
+        Stretch(float(along[a]), float(until[b]), words.format(worst=values[a : b + 1].max()))
         for a, b in _runs(along, np.flatnonzero(where))
     ]
 
@@ -102,8 +107,7 @@ def _stretches(along: Floats, at: Ints, times: Floats, places: Ints, reason: str
     made = []
     for a, b in _runs(along, at):
         more = max(factor[int(i)] for i in at if a <= i <= b)
-        words = f"{REASONS[reason]} (about {np.ceil(more):.0f} times as many points)"
-        made.append(Stretch(float(along[a]), float(along[b]), words))
+        made.append(Stretch(float(along[a]), float(along[b]), REASONS[reason], float(more)))
     return made
 
 

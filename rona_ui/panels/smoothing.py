@@ -4,7 +4,7 @@ from dataclasses import replace
 from typing import Any
 
 from rona_core.app.messages import ClearPathEdits, SmoothScanPath
-from rona_core.app.path_check import PathCheck, check_path
+from rona_core.app.path_check import PathCheck, Stretch, check_path
 from rona_core.app.path_views import PathView
 from rona_ui.panels import style
 from rona_ui.panels.door import follow, listen
@@ -34,7 +34,7 @@ HELP = {
     "delete": "Click a blue point to take it away.",
     "keep": "Click the demonstrated path where it must not be left. Click again: it may.",
 }
-MOST_TOLD = 4
+MOST_TOLD, MOST_PLACES = 4, 8
 
 
 class SmoothingPanel(StepPanel):
@@ -154,17 +154,29 @@ def counts(view: PathView) -> str:
 def told(check: PathCheck) -> str:
     """Return the warnings, then where the pointer should pass once more."""
     words = ""
-    for title, stretches, kind in (
-        (f"Probe may lean beyond {check.tolerance_deg:.1f}°", check.warnings, "warn"),
-        ("A slower or denser pointer pass helps", check.proposals, ""),
-    ):
-        if stretches:
-            lines = [
-                f"{s.from_mm:.0f} to {s.to_mm:.0f} mm: {s.sentence}." for s in stretches[:MOST_TOLD]
-            ]
-            more = len(stretches) - MOST_TOLD
-            lines += [f"And {more} more places."] if more > 0 else []
-            words += style.note(f"{title}: {' '.join(lines)}", kind)
+    if check.warnings:
+        lines = [f"{_at((s,))}: {s.sentence}." for s in check.warnings[:MOST_TOLD]]
+        more = len(check.warnings) - MOST_TOLD
+        lines += [f"And {more} more."] if more > 0 else []
+        title = f"The probe may lean beyond {check.tolerance_deg:.1f}°."
+        words += style.note(f"{title} {' '.join(lines)}", "warn")
+    for reason in dict.fromkeys(s.sentence for s in check.proposals):
+        held = tuple(s for s in check.proposals if s.sentence == reason)
+        times = max(s.times for s in held)
+        words += style.note(
+            f"Pass with the pointer once more at {_at(held)}: {reason} (up to {times:.0f} times as "
+            "many points)."
+        )
     return words or style.note(
         f"The probe stays within its tilt tolerance of {check.tolerance_deg:.1f}°.", "good"
     )
+
+
+def _at(stretches: tuple[Stretch, ...]) -> str:
+    """Return places along the path, in mm from its start."""
+    shown = [
+        f"{s.from_mm:.0f}" if s.to_mm - s.from_mm < 1.0 else f"{s.from_mm:.0f} to {s.to_mm:.0f}"
+        for s in stretches[:MOST_PLACES]
+    ]
+    more = len(stretches) - MOST_PLACES
+    return f"{', '.join(shown)} mm" + (f" and {more} more places" if more > 0 else "")

@@ -167,9 +167,12 @@ def test_warnings_name_the_place_and_do_not_crowd(smoothed) -> None:
     coarse = handle(SmoothScanPath(tolerance_mm=5.0, normal_step_mm=0.0), smoothed)
     check = check_path(coarse)
     words = told(check)
-    assert "Probe may lean beyond 2.1°" in words
+    assert "The probe may lean beyond 2.1°" in words
     first = check.warnings[0]
     assert f"{first.from_mm:.0f} to {first.to_mm:.0f} mm" in words
+    reasons = {stretch.sentence for stretch in check.proposals}
+    assert words.count("Pass with the pointer once more") == len(reasons)
+    assert sum(words.count(reason) for reason in reasons) == len(reasons), "each is said once"
 
 
 # -- changes by hand -------------------------------------------------------------------------------
