@@ -15,6 +15,8 @@ if TYPE_CHECKING:
     from rona_core.robot.plan import RobotPlan
     from rona_core.session.document import Session
 
+PATTERN = "DrawPattern"  # the message that makes a path that nobody demonstrated
+
 
 def smoothing_figures(session: "Session") -> Figures:
     """Return the number of points left, and K1 to the samples before and after filtering.
@@ -27,18 +29,15 @@ def smoothing_figures(session: "Session") -> Figures:
         return figures
     value, kept = smoothing.value, smoothing.value.simplified.index
     figures["path_points_smoothed"] = len(kept)
-    if raw is None or len(raw.value.points_base) != len(value.from_raw_mm):
-        return figures  # the demonstration has been taken again since
-    if smoothing.inputs.get("edits") != digest(session.path_edits):
+    if raw is None or smoothing.inputs.get("edits") != digest(session.path_edits):
         return figures  # its numbers count on other changes by hand
-    if smoothing.inputs.get("path") != digest(raw.value):
+    if raw.message == PATTERN or len(session.path_edits):
+        if smoothing.inputs.get("path") == digest(raw.value):
+            figures["path_deviation_max_mm"] = float(value.from_filtered_mm.max())
+            figures["path_deviation_raw_max_mm"] = float(value.from_raw_mm.max())
         return figures
-    if raw.message == "DrawPattern" or len(session.path_edits):
-        figures["path_deviation_max_mm"] = float(value.from_filtered_mm.max())
-        figures["path_deviation_raw_max_mm"] = float(value.from_raw_mm.max())
-        return figures
-    if capture is None:
-        return figures  # that of another path
+    if capture is None or len(raw.value.points_base) != value.simplified.n_original:
+        return figures  # the demonstration has been taken again since
     samples = raw.value.points_base
     given = filter_path(samples, capture.marker.times_s, filter_width_s(smoothing.arguments))
     figures["path_deviation_max_mm"] = deviation_max_mm(given, kept, given[kept])

@@ -36,6 +36,7 @@ from rona_core.errors import (
     StaleResultError,
     StepBlockedError,
 )
+from rona_core.evaluation.path_figures import smoothing_figures
 from rona_core.path.deviation import deviations
 from rona_core.session.codec import digest
 from rona_core.session.document import Session
@@ -183,6 +184,22 @@ def test_what_cannot_be_changed_is_refused(smoothed):
         handle(DeletePathPoint(3), handle(BuildSurface(0.3), smoothed))
     with pytest.raises(StepBlockedError, match="smooth the path"):
         handle(DeletePathPoint(3), Session())
+
+
+def test_the_figures_of_a_changed_path_are_those_of_its_own_samples(smoothed):
+    plain_figures = smoothing_figures(smoothed)
+    value = smoothed.results.smoothing.value
+    assert plain_figures["path_deviation_max_mm"] == pytest.approx(value.from_filtered_mm.max())
+    assert plain_figures["path_deviation_raw_max_mm"] == pytest.approx(value.from_raw_mm.max())
+    changed = handle(DeletePathPoint(5), smoothed)
+    found, value = smoothing_figures(changed), changed.results.smoothing.value
+    assert found["path_deviation_raw_max_mm"] == value.from_raw_mm.max()
+    forgotten = replace(changed, path_edits=smoothed.path_edits)
+    assert smoothing_figures(forgotten) == {"path_points_smoothed": len(corners(changed))}
+    other = handle(DrawPattern(), changed)
+    assert smoothing_figures(other) == {"path_points_smoothed": len(corners(changed))}
+    made = handle(SmoothScanPath(), other)
+    assert smoothing_figures(made)["path_deviation_max_mm"] <= 1.0 + 1e-9
 
 
 # -- patterns --------------------------------------------------------------------------------------
