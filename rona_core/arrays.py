@@ -14,6 +14,7 @@ Ints = NDArray[np.int64]
 Bools = NDArray[np.bool_]
 
 UNIT_TOLERANCE = 1e-6  # how far a "unit" vector may be from length 1 before it is refused
+UNIT_ROUNDING = 1e-15  # of a length after scaling
 
 
 def as_floats(values: ArrayLike, *, name: str = "values") -> Floats:
@@ -59,7 +60,9 @@ def as_vector3(vector: ArrayLike, *, name: str = "vector") -> Vector3:
 
 
 def as_unit_vectors(vectors: ArrayLike, *, name: str = "vectors") -> Floats:
-    """Return ``vectors`` (n, 3), scaled to exactly unit length.
+    """Return ``vectors`` (n, 3), scaled to unit length; rows exact up to rounding stay.
+
+    So a second call changes no bit.
 
     Raises:
         InvalidInputError: wrong shape, or a length that differs from 1 by more than 1e-6.
@@ -70,7 +73,8 @@ def as_unit_vectors(vectors: ArrayLike, *, name: str = "vectors") -> Floats:
     if off.any():
         i = int(np.argmax(off))
         raise InvalidInputError(f"{name}[{i}] has length {lengths[i]:.6g}, expected a unit vector")
-    return v / lengths[:, None]
+    exact = np.abs(lengths - 1.0) <= UNIT_ROUNDING
+    return np.where(exact[:, None], v, v / lengths[:, None])
 
 
 def readonly(array: NDArray[Scalar]) -> NDArray[Scalar]:

@@ -11,6 +11,7 @@ import numpy as np
 
 from benchmarks.metric import Metric, Progress, cpu_ms, over_seeds
 from benchmarks.pivot_cases import pivot_metrics
+from benchmarks.pointer_map import pointer_map_metrics
 from benchmarks.registration_cases import registration_metrics
 from rona_core.arrays import Floats
 from rona_core.calibration.pivot import PivotMethod
@@ -75,6 +76,7 @@ def run(progress: Progress) -> list[Metric]:
     )
     metrics += registration_metrics(progress)
     metrics += pivot_metrics(progress)
+    metrics += pointer_map_metrics(progress)
     return metrics
 
 

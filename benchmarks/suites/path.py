@@ -4,11 +4,11 @@ from collections.abc import Callable
 
 import numpy as np
 
+from benchmarks import normal_cases
 from benchmarks.brute_force import fewest, segment_deviation_mm, textbook_order
 from benchmarks.demonstrated import demonstration as demonstrated
 from benchmarks.metric import Metric, Progress, cpu_ms, over_seeds
 from benchmarks.path_peers import PEERS, as_index
-from benchmarks.suites import normal_cases
 from rona_core.arrays import Floats
 from rona_core.path.coverage import length_mm
 from rona_core.path.deviation import deviations, within_frechet
@@ -33,7 +33,8 @@ def run(progress: Progress) -> list[Metric]:
     metrics += against_brute_force()
     metrics.append(strokes_kept())
     progress("times")
-    return metrics + times() + beside_peers() + normal_cases.metrics(progress)
+    metrics += times() + beside_peers()
+    return metrics + normal_cases.metrics(progress)
 
 
 def demonstration(seed: int) -> Floats:
@@ -150,7 +151,6 @@ def beside_peers() -> list[Metric]:
     for n in (POINTS, FAST_POINTS):
         path = demonstrated(0, n)
         ours, slow = simplify(path, TOLERANCE_MM), simplify(path, TOLERANCE_MM, method="rdp")
-        k1, took = ours.k1_mm, cpu_ms(lambda p=path: simplify(p, TOLERANCE_MM, method="fast"))
         for name, load in PEERS:
             peer = load(TOLERANCE_MM)
             theirs = as_index(path, peer(path)) if peer else None
@@ -159,8 +159,8 @@ def beside_peers() -> list[Metric]:
             ms = None if peer is None else cpu_ms(lambda p=path, f=peer: f(p))
             metrics += [
                 Metric(f"points, {n}", len(ours), "points", "lower", None, name, count),
-                Metric(f"K1 in 3D, {n}", k1, "mm", "lower", TOLERANCE_MM, name, off),
-                Metric(f"CPU, fast, {n}", took, "ms", "lower", 1e3, name, ms),
+                Metric(f"K1 in 3D, {n}", ours.k1_mm, "mm", "lower", TOLERANCE_MM, name, off),
+                Metric(f"CPU, {name}, {n}", ms, "ms", "lower"),
             ]
         ms = cpu_ms(lambda p=path: simplify(p, TOLERANCE_MM, method="rdp"))
         metrics.append(Metric(f"points, own rdp, {n}", len(slow), "points", "lower"))

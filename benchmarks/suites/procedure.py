@@ -44,6 +44,7 @@ class Aim:
 
 AIMS = (
     Aim("surface_rms_mm", "mm", "lower", 1.5, 2.5),
+    Aim("surface_sigma_predicted_mm", "mm", "lower"),
     Aim("normal_error_median_deg", "deg", "lower", 1.0),
     Aim("normal_error_p95_deg", "deg", "lower", 2.5),
     Aim("outer_rms_mm", "mm", "lower", 0.6, 0.35),

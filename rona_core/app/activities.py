@@ -5,6 +5,7 @@ from typing import Any
 
 from rona_core.app import captures, imports
 from rona_core.app.derive_scan import derive_mapping, derive_roll, lean
+from rona_core.app.derive_skull import derive_registration
 from rona_core.app.inputs import (
     DETECTION,
     RESULT_INPUTS,
@@ -27,6 +28,7 @@ from rona_core.app.messages import (
     StartRollSearch,
     StartScan,
     StartSkullImport,
+    StartSkullRegistration,
     StartSurfaceCapture,
     StartToolCapture,
 )
@@ -34,6 +36,7 @@ from rona_core.app.outcomes import (
     StoreMaps,
     StorePathCapture,
     StorePointerCapture,
+    StoreRegistration,
     StoreRobotPlan,
     StoreScanCapture,
     StoreSkull,
@@ -106,6 +109,14 @@ def _(activity: StartSurfaceCapture, session: Session, tools: Toolbox) -> Messag
     capture = captures.capture_surface(activity, session, tools)
     stored = StoreSurfaceCapture(capture, activity.append)
     return (stored, *(() if capture.partial else (BuildSurface(),)))
+
+
+@perform.register
+def _(activity: StartSkullRegistration, session: Session, tools: Toolbox) -> Messages:
+    require_for(activity, session)
+    inputs = input_digests("registration", session)
+    found = tools.run(derive_registration, lean(session), activity)
+    return (StoreRegistration(found, plain_arguments(activity), inputs),)
 
 
 @perform.register

@@ -128,6 +128,28 @@ class StartSurfaceCapture:
 
 
 @dataclass(frozen=True, slots=True)
+class StartSkullRegistration:
+    """Find where the loaded skull lies in base, by laying the surface points onto its surface.
+
+    Without a guess every turn about the middle of the region is tried, from ``n_turns`` starts.
+    A guess, e.g. of the visit before, is the pose of the skull's file in base: ``guess_wxyz`` and
+    ``guess_mm``; it must hold within about 10 degrees and 10 mm.
+    """
+
+    __pydantic_config__: ClassVar = STRICT
+    n_turns: int = 24
+    guess_wxyz: tuple[float, float, float, float] | None = None
+    guess_mm: Point | None = None
+
+    def __post_init__(self) -> None:
+        require_within("n_turns", self.n_turns, 4, 90)
+        require(
+            (self.guess_wxyz is None) == (self.guess_mm is None),
+            "a guess needs both guess_wxyz and guess_mm",
+        )
+
+
+@dataclass(frozen=True, slots=True)
 class StartPathCapture:
     """Demonstrate the scan path with the pointer; then build the path.
 

@@ -19,6 +19,15 @@ from rona_core.devices.settings import (
 from rona_core.session.document import RegionChoice, require_seed
 
 Point = tuple[float, float, float]
+MAX_EXCLUDED = 20_000
+
+
+def require_rows(rows: tuple[int, ...]) -> None:
+    """Raise InvalidInputError unless ``rows`` number poses, each once."""
+    require(len(rows) <= MAX_EXCLUDED, f"at most {MAX_EXCLUDED} poses, please")
+    require(all(row >= 0 for row in rows), "poses are numbered from 0")
+    require(len(set(rows)) == len(rows), "each pose can be named once only")
+
 
 # ------------------------------------------------------------------ commands: step 1, set-up
 
@@ -134,6 +143,10 @@ class RegisterTool:
 
     __pydantic_config__: ClassVar = STRICT
     method: Literal["joint", "paper"] = "joint"
+    exclude: tuple[int, ...] = ()  # poses left out by hand, rows of the result's residuals
+
+    def __post_init__(self) -> None:
+        require_rows(self.exclude)
 
 
 @dataclass(frozen=True, slots=True)
@@ -142,6 +155,26 @@ class CalibratePointer:
 
     __pydantic_config__: ClassVar = STRICT
     method: Literal["ml", "sphere", "aos"] = "ml"
+    exclude: tuple[int, ...] = ()  # poses left out by hand, rows of the result's residuals
+
+    def __post_init__(self) -> None:
+        require_rows(self.exclude)
+
+
+@dataclass(frozen=True, slots=True)
+class ExcludePoses:
+    """Leave single poses out of a calibration by hand, and compute it again from the others.
+
+    ``indices`` are all that shall be left out, as rows of the result's residuals; none counts all
+    poses again. The method stays what it was.
+    """
+
+    __pydantic_config__: ClassVar = STRICT
+    step: Literal["tool", "pointer"]
+    indices: tuple[int, ...] = ()
+
+    def __post_init__(self) -> None:
+        require_rows(self.indices)
 
 
 @dataclass(frozen=True, slots=True)

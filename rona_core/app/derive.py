@@ -15,11 +15,11 @@ from rona_core.app.messages import (
     SmoothScanPath,
 )
 from rona_core.app.needs import need
-from rona_core.arrays import Floats
+from rona_core.arrays import Bools, Floats, Ints
 from rona_core.calibration.pointer import PointerCalibration, calibrate_pointer
 from rona_core.calibration.tool import ToolRegistration, register_tool
 from rona_core.devices.markers import GEOMETRIES
-from rona_core.errors import DegenerateGeometryError, StepBlockedError
+from rona_core.errors import DegenerateGeometryError, InvalidInputError, StepBlockedError
 from rona_core.geometry.pose import Poses
 from rona_core.robot.model import robot_model
 from rona_core.session.document import PointerCapture, RawPath, Session
@@ -28,11 +28,14 @@ from rona_core.surface.cloud import SurfaceCloud, build_cloud, merge_clouds
 SETTLE_S = 0.1  # after the robot has stopped, before frames count
 
 
-def derive_tool(session: Session, message: RegisterTool) -> ToolRegistration:
-    """Average the tracker over each dwell of the robot and register tool, robot and tracker.
+def tool_poses(session: Session) -> tuple[Poses, Poses, Ints]:
+    """Return the poses of step 2 that were seen: by the robot, by the tracker, and their phases.
+
+    Returns:
+        ``Ts_base_tip``, ``Ts_tracker_toolmarker`` averaged over each dwell, phases (n,).
 
     Raises:
-        DegenerateGeometryError: the marker was seen at too few poses, or they tell too little.
+        DegenerateGeometryError: the marker was seen at none.
     """
     capture = need(session.captures.tool, "record the tool motion")
     model = robot_model(session.setup.devices.robot.model)
@@ -50,13 +53,42 @@ def derive_tool(session: Session, message: RegisterTool) -> ToolRegistration:
             f"{len(capture.phases)} poses: uncover it, or turn it towards the tracker"
         )
     Ts_base_tip = model.forward(np.array(joints)) @ model.T_flange_tip
+    return Ts_base_tip, Poses.stack(markers), capture.phases[kept]
+
+
+def derive_tool(session: Session, message: RegisterTool) -> ToolRegistration:
+    """Average the tracker over each dwell of the robot and register tool, robot and tracker.
+
+    Raises:
+        InvalidInputError: a pose to be left out that there is not.
+        DegenerateGeometryError: the marker was seen at too few poses, or they tell too little.
+    """
+    Ts_base_tip, Ts_tracker_toolmarker, phases = tool_poses(session)
     return register_tool(
-        Ts_base_tip, Poses.stack(markers), capture.phases[kept], method=message.method
+        Ts_base_tip,
+        Ts_tracker_toolmarker,
+        phases,
+        method=message.method,
+        exclude=_left_out(message.exclude, len(phases)),
     )
 
 
+def _left_out(rows: tuple[int, ...], n: int) -> Bools:
+    """Return a mask (n,) of the poses that are left out by hand."""
+    if rows and max(rows) >= n:
+        raise InvalidInputError(f"there is no pose {max(rows)}: they are 0 to {n - 1}")
+    mask = np.zeros(n, dtype=np.bool_)
+    mask[list(rows)] = True
+    return mask
+
+
 def derive_pointer(session: Session, message: CalibratePointer) -> PointerCalibration:
-    """Calibrate the pointer from its pivoting."""
+    """Calibrate the pointer from its pivoting.
+
+    Raises:
+        InvalidInputError: too few poses, or one to be left out that there is not.
+        DegenerateGeometryError: they tell too little.
+    """
     capture = need(session.captures.pointer, "record the pivoting of the pointer")
     geometry = GEOMETRIES[capture.pointer]
     return calibrate_pointer(
@@ -65,6 +97,7 @@ def derive_pointer(session: Session, message: CalibratePointer) -> PointerCalibr
         dof=geometry.dof,
         method=message.method,
         positions_pointermarker=geometry.positions_marker,
+        exclude=_left_out(message.exclude, len(capture.marker.times_s)),
     )
 
 

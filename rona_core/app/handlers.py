@@ -16,6 +16,7 @@ from rona_core.app.messages import (
     ClearSurface,
     DeletePathPoint,
     DrawPattern,
+    ExcludePoses,
     InsertPathPoint,
     KeepPathSample,
     MovePathPoint,
@@ -35,6 +36,7 @@ from rona_core.app.outcomes import (
     StoreMaps,
     StorePathCapture,
     StorePointerCapture,
+    StoreRegistration,
     StoreRobotPlan,
     StoreScanCapture,
     StoreSkull,
@@ -225,6 +227,25 @@ def computed(message: Any, session: Session) -> Session:
     value = derive(session, message)
     made = Derived(value, type(message).__name__, plain_arguments(message), inputs)
     return replace(session, results=replace(session.results, **{name: made}))
+
+
+@handle.register
+def _(message: ExcludePoses, session: Session) -> Session:
+    derived = getattr(session.results, message.step)
+    kind = {"tool": RegisterTool, "pointer": CalibratePointer}[message.step]
+    if derived is None:
+        raise StepBlockedError(f"ExcludePoses is blocked: first calibrate (step {message.step})")
+    rows = tuple(sorted(message.indices))
+    return handle(kind(method=derived.arguments["method"], exclude=rows), session)
+
+
+@handle.register
+def _(message: StoreRegistration, session: Session) -> Session:
+    _require_unchanged("registration", message.inputs, session)
+    made = Derived(
+        message.registration, "StartSkullRegistration", message.arguments, message.inputs
+    )
+    return replace(session, results=replace(session.results, registration=made))
 
 
 @handle.register

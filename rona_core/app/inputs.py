@@ -21,6 +21,7 @@ from rona_core.app.messages import (
     StartRecordingImport,
     StartRollSearch,
     StartScan,
+    StartSkullRegistration,
     StartSurfaceCapture,
     StartToolCapture,
 )
@@ -29,6 +30,7 @@ from rona_core.errors import StepBlockedError
 from rona_core.session.codec import digest
 from rona_core.session.document import PointerCapture, Session
 from rona_core.session.imported import is_imported
+from rona_core.session.specimen import LoadedSkull
 
 PLAIN = TrackerSettings(stereo=False, occlusion=False)  # the tracker of sessions of schema 1
 
@@ -67,6 +69,8 @@ SURFACE = Input(_value("surface"), "sample the surface (step 4)", "surface")
 PATH = Input(_value("path"), "demonstrate the path (step 5)", "path")
 SMOOTHING = Input(_value("smoothing"), "smooth the path (step 6)", "smoothing")
 ROLL = Input(_value("roll"), "search the roll (step 7)", "roll")
+SKULL = Input(lambda s: s.setup.specimen, "load a skull (step 1)")
+REGION = Input(lambda s: s.setup.region, "choose a region (step 1)")
 DETECTION = Input(_value("detection"), "detect the boundaries (step 9)", "detection")
 ROBOT = Input(lambda s: s.setup.devices.robot, "choose a robot (step 1)")
 EDITS = Input(lambda s: s.path_edits, "smooth the path (step 6)")
@@ -77,6 +81,7 @@ RESULT_INPUTS: dict[str, dict[str, Input]] = {
     "tool": {"capture": TOOL_CAPTURE, "robot": ROBOT},
     "pointer": {"capture": POINTER_CAPTURE},
     "surface": {"capture": SURFACE_CAPTURE, "tool": TOOL, "pointer": POINTER},
+    "registration": {"surface": SURFACE, "skull": SKULL, "region": REGION},
     "path": {"capture": PATH_CAPTURE, "tool": TOOL, "pointer": POINTER},
     "smoothing": {"path": PATH, "surface": SURFACE, "edits": EDITS},
     "roll": {"smoothing": SMOOTHING, "robot": ROBOT},
@@ -99,6 +104,7 @@ NEEDS: dict[type, tuple[Input, ...]] = {
     CalibratePointer: (POINTER_CAPTURE,),
     StartSurfaceCapture: (TOOL, POINTER),
     BuildSurface: (SURFACE_CAPTURE, TOOL, POINTER),
+    StartSkullRegistration: (SURFACE,),
     StartPathCapture: (TOOL, POINTER),
     BuildPath: (PATH_CAPTURE, TOOL, POINTER),
     DrawPattern: (SURFACE,),
@@ -128,9 +134,26 @@ def require_inputs(message_type: type, session: Session) -> None:
         raise StepBlockedError(f"{message_type.__name__} is blocked: first {wanted}")
 
 
+def require_loaded(session: Session) -> LoadedSkull:
+    """Return the loaded skull of a session.
+
+    Raises:
+        StepBlockedError: a simulated skull lies on the table.
+    """
+    skull = session.setup.specimen
+    if not isinstance(skull, LoadedSkull):
+        raise StepBlockedError(
+            "the registration of the skull needs a loaded CT, mask or mesh: a simulated skull has "
+            "no file to register to; load one in step 1"
+        )
+    return skull
+
+
 def require_for(activity: Any, session: Session) -> None:
     """Raise StepBlockedError if ``session`` lacks what an activity needs."""
     kind = type(activity)
+    if isinstance(activity, StartSkullRegistration):
+        require_loaded(session)
     if isinstance(activity, StartRecordingImport):  # needs what the capture it stands for needs
         kind = {
             "pivot": StartPointerCapture,

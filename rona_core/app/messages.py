@@ -16,6 +16,7 @@ from rona_core.app.activity_messages import (
     StartRollSearch,
     StartScan,
     StartSkullImport,
+    StartSkullRegistration,
     StartSurfaceCapture,
     StartToolCapture,
 )
@@ -25,6 +26,7 @@ from rona_core.app.commands import (
     CalibratePointer,
     ChooseRoll,
     ClearSurface,
+    ExcludePoses,
     Point,
     Redo,
     RegisterTool,
@@ -61,6 +63,7 @@ Command = (
     | SetPointer
     | RegisterTool
     | CalibratePointer
+    | ExcludePoses
     | BuildSurface
     | ClearSurface
     | BuildPath
@@ -80,6 +83,7 @@ Activity = (
     | StartToolCapture
     | StartPointerCapture
     | StartSurfaceCapture
+    | StartSkullRegistration
     | StartPathCapture
     | StartRecordingImport
     | StartPivotImport
@@ -107,6 +111,7 @@ __all__ = [
     "InsertPathPoint",
     "KeepPathSample",
     "MovePathPoint",
+    "ExcludePoses",
     "Point",
     "Redo",
     "RegisterTool",
@@ -128,6 +133,7 @@ __all__ = [
     "StartRollSearch",
     "StartScan",
     "StartSkullImport",
+    "StartSkullRegistration",
     "StartSurfaceCapture",
     "StartToolCapture",
     "Undo",

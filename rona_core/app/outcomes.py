@@ -6,6 +6,7 @@ from rona_core.mapping.boundary_map import Maps
 from rona_core.robot.plan import RobotPlan
 from rona_core.session.document import PointerCapture, ScanCapture, ToolCapture
 from rona_core.session.specimen import LoadedSkull
+from rona_core.surface.registration import SurfaceRegistration
 from rona_core.ultrasound.detect import Detection
 
 
@@ -55,6 +56,15 @@ class StoreRobotPlan:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
+class StoreRegistration:
+    """The surface points were laid onto the loaded skull."""
+
+    registration: SurfaceRegistration
+    arguments: dict[str, object]
+    inputs: dict[str, str]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
 class StoreScanCapture:
     """A scan was recorded."""
 
@@ -78,6 +88,7 @@ Outcome = (
     | StorePointerCapture
     | StoreSurfaceCapture
     | StorePathCapture
+    | StoreRegistration
     | StoreRobotPlan
     | StoreScanCapture
     | StoreMaps

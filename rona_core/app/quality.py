@@ -43,11 +43,16 @@ class QualityRow:
 
 FIGURES: dict[str, FigureKind] = {
     "tool_tip_error_mm": FigureKind("Tool tip error", "mm", 2, 0.5),
+    "tool_tip_sigma_mm": FigureKind("Tool tip, random error", "mm", 2, 0.3),
     "tracker_registration_tre_mm": FigureKind("Registration, TRE on the skull", "mm", 2, 1.0),
     "pointer_tip_error_mm": FigureKind("Pointer tip error", "mm", 2, 0.5),
+    "pointer_tip_sigma_mm": FigureKind("Pointer tip, random error", "mm", 2, 0.5),
     "surface_points": FigureKind("Surface points", "", 0),
     "surface_rms_mm": FigureKind("Surface cloud, RMS", "mm", 2, 1.5, paper=2.5),
+    "surface_sigma_predicted_mm": FigureKind("Surface cloud, predicted RMS", "mm", 2, 1.5),
     "surface_tip_3d_rms_mm": FigureKind("Pointer tip on the surface, 3D RMS", "mm", 2),
+    "skull_registration_tre_mm": FigureKind("Loaded skull, TRE on the skull", "mm", 2, 1.5),
+    "skull_registration_sigma_mm": FigureKind("Loaded skull, predicted", "mm", 2, 1.5),
     "path_points_raw": FigureKind("Path points, demonstrated", "", 0, paper=307),
     "path_points_smoothed": FigureKind("Path points, smoothed", "", 0, paper=90),
     "path_deviation_max_mm": FigureKind("Path deviation K1", "mm", 2, 1.0, paper=1.0),

@@ -103,10 +103,10 @@ def summary(step: str, session: Session) -> str:
         return f"{specimen}, seed {session.setup.seed}, {probe}"
     if step == "tool" and results.tool:
         tool = results.tool.value
-        return f"{tool.n_poses} poses, tip within {tool.tip_sigma_mm:.2f} mm"
+        return f"{tool.n_poses} poses, random error {tool.tip_sigma_mm:.2f} mm"
     if step == "pointer" and results.pointer:
         pointer = results.pointer.value
-        return f"{pointer.dof}D, {pointer.n_used} poses, RMSE {pointer.rmse_mm:.2f} mm"
+        return f"{pointer.dof}D, {pointer.n_used} poses, random error {pointer.tip_sigma_mm:.2f} mm"
     if step == "surface" and results.surface:
         return f"{len(results.surface.value.points_base)} points"
     if step == "path" and results.path:

@@ -10,6 +10,7 @@ from rona_core.app.derive_scan import (
     derive_maps,
     derive_roll,
 )
+from rona_core.app.derive_skull import derive_registration
 from rona_core.app.inputs import RESULTS, input_digests, stale_reason
 from rona_core.app.plain import message_from
 from rona_core.app.threads import use_one_thread
@@ -58,6 +59,8 @@ def _value(name: str, session: Session, stored: Derived[Any]) -> Any:
     if name == "roll":
         plan = derive_roll(session, message)
         return derive_chosen_roll(session, plan, chosen) if isinstance(chosen, int) else plan
+    if name == "registration":
+        return derive_registration(session, message)
     if name == "detection":
         return derive_detection(session, message)
     if name == "maps" and session.results.detection is not None:

@@ -9,7 +9,9 @@ from rona_core.arrays import Bools, Floats, Ints, readonly
 from rona_core.devices.samples import AScan, AScanTrack
 from rona_core.geometry.pose import Poses
 from rona_core.robot.model import robot_model
+from rona_core.session.codec import digest
 from rona_core.session.document import Session
+from rona_core.ultrasound.detect import Detection
 from rona_core.ultrasound.probe import probe_model
 from rona_core.ultrasound.view import preview
 
@@ -202,10 +204,8 @@ def ascan_plot(session: Session, number: int | None, live: AScan | None = None) 
             return None
         track = capture.scans
         remark = f"A-scan {number + 1} of {len(track)}"
-    derived, probe = session.results.detection, session.setup.devices.probe
-    found = None if live is not None or derived is None else derived.value
-    if found is not None and len(found.outer_ok) != len(track):
-        found = None
+    found = None if live is not None else detection_of_scan(session)
+    probe = session.setup.devices.probe
     view = preview(track, number, probe_model(probe.name), probe.excitation, found)
     if found is not None:
         usable = view.inner_us is not None
@@ -220,6 +220,14 @@ def ascan_plot(session: Session, number: int | None, live: AScan | None = None) 
         inner_us=view.inner_us,
         remark=remark,
     )
+
+
+def detection_of_scan(session: Session) -> Detection | None:
+    """Return what was detected in the present scan; None if it was taken again since."""
+    derived, scan = session.results.detection, session.captures.scan
+    if derived is None or scan is None or derived.inputs.get("capture") != digest(scan):
+        return None
+    return derived.value
 
 
 def _share(values: Floats) -> Floats:

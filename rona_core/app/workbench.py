@@ -19,6 +19,7 @@ from rona_core.devices.protocols import Cancel, Operator, Progress, Rig, never, 
 from rona_core.errors import DeviceError, InvalidInputError
 from rona_core.session.codec import digest
 from rona_core.session.document import Session, Setup
+from rona_core.session.prediction import predicted_figures
 
 Figures = dict[str, Any]
 
@@ -182,9 +183,9 @@ class Workbench:
         return held[1].operator
 
     def figures(self) -> Figures:
-        """Return the figures against ground truth; empty where there is none."""
+        """Return the figures against ground truth; where there is none, only predicted ones."""
         if self._services.evaluate is None:
-            return {}
+            return dict(predicted_figures(self.session))
         session = self.session
         seen = (session.setup, session.captures, session.results)
         known = self._judged

@@ -18,6 +18,7 @@ from rona_core.geometry.pose import Pose, Poses
 from rona_core.geometry.tangent import cross_matrices, rotation_vectors
 
 SERIES = 1e-4  # of the angle; below it the expansion of the inverse Jacobian is exact enough
+COLLINEAR_MM = 1e-6  # markers closer than this to one line are on it
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -59,7 +60,7 @@ def fit_covariances(rotations: Floats, positions_marker: Floats, noise: MarkerNo
 
     Args:
         rotations: Of the marker body in ``tracker`` (n, 3, 3).
-        positions_marker: Markers (m, 3), not all on one line.
+        positions_marker: Markers (m, 3); on one line the turn about it counts as known.
         noise: Its shape; the size is 1.
 
     Returns:
@@ -71,7 +72,10 @@ def fit_covariances(rotations: Floats, positions_marker: Floats, noise: MarkerNo
     crossed = cross_matrices(levers)
     inertia = np.einsum("nmij,nmkj->nik", crossed, crossed)
     torque = np.einsum("nmij,j,nmkj->nik", crossed, variances, crossed)
-    inverse = np.linalg.inv(inertia)
+    if np.linalg.matrix_rank(offsets, tol=COLLINEAR_MM) < 2:
+        inverse = np.linalg.pinv(inertia, rcond=1e-9, hermitian=True)
+    else:
+        inverse = np.linalg.inv(inertia)
     covariances = np.zeros((len(rotations), 6, 6))
     covariances[:, :3, :3] = inverse @ torque @ inverse
     covariances[:, 3:, 3:] = np.diag(variances) / len(offsets)

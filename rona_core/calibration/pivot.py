@@ -15,6 +15,7 @@ from rona_core.calibration.pivot_fit import (
     EXCLUDED,
     UNSEEN,
     PivotFit,
+    as_keep,
     rejected_poses,
 )
 from rona_core.calibration.pivot_linear import MIN_SHARE, solve_linear, without_gross_errors
@@ -81,7 +82,7 @@ def solve_pivot(
     if method not in METHODS:
         raise InvalidInputError(f"method must be one of {', '.join(METHODS)}, not {method!r}")
     _require_dof(dof)
-    keep = _as_keep(exclude, len(Ts_tracker_marker))
+    keep = as_keep(exclude, len(Ts_tracker_marker))
     _require_poses(Ts_tracker_marker, keep, dof, at_least)
     if method == "ml":
         if positions_marker is None:
@@ -132,7 +133,7 @@ def solve_pivot_from_markers(
     _require_dof(dof)
     noise = noise or MarkerNoise()
     tracked = tracked_from_markers(points_tracker, positions_marker, noise, dof=dof, seen=seen)
-    keep = _as_keep(exclude, len(tracked.seen))
+    keep = as_keep(exclude, len(tracked.seen))
     _require_poses(tracked.Ts_tracker_marker, keep & tracked.seen, dof, at_least)
     complaints = check_marker_geometry(points_tracker, positions_marker, seen).complaints
     try:
@@ -243,16 +244,6 @@ def _finish(
         verdict=verdict,
         reasons=reasons,
     )
-
-
-def _as_keep(exclude: ArrayLike | None, n: int) -> Bools:
-    """Return the poses (n,) that may count."""
-    if exclude is None:
-        return np.ones(n, dtype=np.bool_)
-    mask = np.asarray(exclude)
-    if mask.shape != (n,) or mask.dtype != np.bool_:
-        raise InvalidInputError(f"exclude must be bool of shape ({n},), not {mask.shape}")
-    return ~mask
 
 
 def _require_dof(dof: int) -> None:

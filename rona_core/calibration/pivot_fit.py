@@ -3,9 +3,11 @@
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from rona_core.arrays import Bools, Floats, Vector3
 from rona_core.calibration.pivot_verdict import Verdict
+from rona_core.errors import InvalidInputError
 
 EXCLUDED, UNSEEN, AWAY = "excluded by hand", "too few markers seen", "away from the common tip"
 
@@ -52,3 +54,17 @@ def rejected_poses(
         reason = next((text for text, rows in known_reasons.items() if rows[row]), AWAY)
         found.append(RejectedPose(int(row), float(residuals[row]), reason))
     return tuple(found)
+
+
+def as_keep(exclude: ArrayLike | None, n: int) -> Bools:
+    """Return the poses (n,) that may count.
+
+    Raises:
+        InvalidInputError: ``exclude`` is no mask of n poses.
+    """
+    if exclude is None:
+        return np.ones(n, dtype=np.bool_)
+    mask = np.asarray(exclude)
+    if mask.shape != (n,) or mask.dtype != np.bool_:
+        raise InvalidInputError(f"exclude must be bool of shape ({n},), not {mask.shape}")
+    return ~mask

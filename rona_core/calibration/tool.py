@@ -4,7 +4,7 @@ The robot pivots its tool about the tip, then translates it along tool x and too
 poses are solved together; the published method (a pivot and two lines) stays for comparison.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal, get_args
 
 import numpy as np
@@ -22,6 +22,7 @@ from rona_core.calibration.handeye import (
 from rona_core.calibration.handeye_model import observe
 from rona_core.calibration.handeye_view import Judged, judge, registration_sigma_mm
 from rona_core.calibration.marker_noise import MarkerNoise
+from rona_core.calibration.pivot_fit import as_keep
 from rona_core.calibration.sphere import cap_half_angle_deg
 from rona_core.calibration.tool_paper import angle_deg, bootstrap, solve_paper
 from rona_core.errors import InvalidInputError
@@ -52,7 +53,7 @@ class ToolRegistration:
     covariance: Floats  # (12, 12) of T_base_tracker, then T_toolmarker_tip: geometry/tangent.py
     registration_sigma_mm: float  # predicted 3D RMS error in base of places 100 mm about the tips
     marker_sigma_mm: float  # 3D RMS error of one marker that the residuals speak of
-    used: Bools  # (n,) False for poses dropped as gross errors
+    used: Bools  # (n,) False for poses excluded, or dropped as gross errors
     verdict: Literal["good", "weak", "bad"]
     reasons: tuple[str, ...]  # of a verdict that is not good, each with its remedy
 
@@ -66,6 +67,7 @@ def register_tool(
     noise: MarkerNoise = TYPICAL,
     robot_sigma_mm: float = ROBOT_SIGMA_MM,
     robot_sigma_deg: float = ROBOT_SIGMA_DEG,
+    exclude: ArrayLike | None = None,
 ) -> ToolRegistration:
     """Return the registration of robot, tool and tracker from poses seen by both.
 
@@ -78,6 +80,7 @@ def register_tool(
         noise: Of one marker; its size is taken from the residuals where it is None.
         robot_sigma_mm: Random error of the robot's tip position, 3D RMS.
         robot_sigma_deg: Random error of the robot's orientation, RMS of the whole turn.
+        exclude: (n,) True for poses that must not count; they have a residual all the same.
 
     Raises:
         InvalidInputError: different numbers of poses, unknown phase or method, too few poses.
@@ -86,32 +89,42 @@ def register_tool(
     if method not in METHODS:
         raise InvalidInputError(f"method must be one of {', '.join(METHODS)}, not {method!r}")
     chosen = _as_phases(phases, Ts_base_tip, Ts_tracker_toolmarker, method)
-    if method == "joint":
-        joint = solve_hand_eye(
-            Ts_base_tip,
-            Ts_tracker_toolmarker,
-            noise=noise,
-            robot_sigma_mm=robot_sigma_mm,
-            robot_sigma_deg=robot_sigma_deg,
-        )
-        return _from_joint(joint, Ts_base_tip, Ts_tracker_toolmarker, chosen)
-    fit = solve_paper(Ts_base_tip, Ts_tracker_toolmarker, chosen)
+    keep = as_keep(exclude, len(Ts_base_tip))
+    robot_tips, markers = Ts_base_tip.select(keep), Ts_tracker_toolmarker.select(keep)
+    paper = solve_paper(robot_tips, markers, chosen[keep]) if method == "paper" else None
+    joint = solve_hand_eye(
+        robot_tips,
+        markers,
+        noise=noise,
+        robot_sigma_mm=robot_sigma_mm,
+        robot_sigma_deg=robot_sigma_deg,
+    )
+    if paper is None:
+        joint = replace(joint, used=_among_all(joint.used, keep))
+        return _from_joint(joint, Ts_base_tip, Ts_tracker_toolmarker, chosen, keep)
     variances = (robot_sigma_mm**2 / 3.0, float(np.deg2rad(robot_sigma_deg)) ** 2 / 3.0)
-    seen = observe(Ts_base_tip, Ts_tracker_toolmarker, TOOL_MARKERS, noise, variances)
-    covariance, sigma_mm = bootstrap(fit, seen, chosen)
+    seen = observe(robot_tips, markers, TOOL_MARKERS, noise, variances)
+    covariance = bootstrap(paper, seen, chosen[keep], joint)
     return _assemble(
         "paper",
-        (fit.T_base_tracker, fit.T_toolmarker_tip),
-        (covariance, sigma_mm, fit.used),
+        (paper.T_base_tracker, paper.T_toolmarker_tip),
+        (covariance, joint.marker_sigma_mm, _among_all(paper.used, keep), keep),
         Ts_base_tip,
         Ts_tracker_toolmarker,
-        pivot=(fit.pivot.rmse_mm, fit.pivot.cone_deg),
-        lines=fit.lines_tracker,
+        pivot=(paper.pivot.rmse_mm, paper.pivot.cone_deg),
+        lines=paper.lines_tracker,
     )
 
 
+def _among_all(used: Bools, keep: Bools) -> Bools:
+    """Return which of all poses (n,) are used, from which of those kept (k,) are."""
+    rows = np.zeros(len(keep), dtype=np.bool_)
+    rows[keep] = used
+    return readonly(rows)
+
+
 def _from_joint(
-    joint: HandEyeFit, Ts_base_tip: Poses, Ts_tracker_toolmarker: Poses, phases: Ints
+    joint: HandEyeFit, Ts_base_tip: Poses, Ts_tracker_toolmarker: Poses, phases: Ints, keep: Bools
 ) -> ToolRegistration:
     """Return the registration with the figures of the pivot and the lines, where there are any."""
     tip = joint.T_toolmarker_tip.translation
@@ -131,7 +144,7 @@ def _from_joint(
     return _assemble(
         "joint",
         (joint.T_base_tracker, joint.T_toolmarker_tip),
-        (joint.covariance, joint.marker_sigma_mm, joint.used),
+        (joint.covariance, joint.marker_sigma_mm, joint.used, keep),
         Ts_base_tip,
         Ts_tracker_toolmarker,
         pivot=(scatter, cap_half_angle_deg(levers)),
@@ -142,7 +155,7 @@ def _from_joint(
 def _assemble(
     method: ToolMethod,
     poses: tuple[Pose, Pose],
-    certainty: tuple[Floats, float, Bools],
+    certainty: tuple[Floats, float, Bools, Bools],
     Ts_base_tip: Poses,
     Ts_tracker_toolmarker: Poses,
     *,
@@ -151,14 +164,14 @@ def _assemble(
 ) -> ToolRegistration:
     """Return the registration with the residuals of the tip and the verdict."""
     T_base_tracker, T_toolmarker_tip = poses
-    covariance, sigma_mm, used = certainty
+    covariance, sigma_mm, used, keep = certainty
     tips_base = T_base_tracker @ (Ts_tracker_toolmarker @ T_toolmarker_tip.translation)
     residuals_mm = np.linalg.norm(tips_base - Ts_base_tip.translations, axis=1)
     center_base = Ts_base_tip.translations[used].mean(axis=0)
     tip_sigma_mm = float(np.sqrt(np.trace(covariance[9:, 9:])))
     error_mm = registration_sigma_mm(T_base_tracker, covariance[:6, :6], center_base)
     verdict, reasons = judge(
-        Judged(tip_sigma_mm, error_mm, sigma_mm, used, Ts_base_tip.rotations[used])
+        Judged(tip_sigma_mm, error_mm, sigma_mm, used[keep], Ts_base_tip.rotations[used])
     )
     axes = None if lines is None else angle_deg(lines[0].direction, lines[1].direction)
     return ToolRegistration(

@@ -10,12 +10,8 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from rona_core.arrays import Bools, Floats, Ints, readonly
-from rona_core.calibration.handeye_model import (
-    Observations,
-    residuals,
-    robot_covariances,
-)
-from rona_core.calibration.handeye_weights import sigma_by_median, spectrum
+from rona_core.calibration.handeye import HandEyeFit
+from rona_core.calibration.handeye_model import Observations
 from rona_core.calibration.pivot import solve_pivot
 from rona_core.calibration.pivot_fit import PivotFit
 from rona_core.errors import DegenerateGeometryError, InvalidInputError
@@ -104,27 +100,32 @@ def solve_paper(Ts_base_tip: Poses, Ts_tracker_toolmarker: Poses, phases: Ints) 
     )
 
 
-def bootstrap(fit: PaperFit, seen: Observations, phases: Ints) -> tuple[Floats, float]:
-    """Return the covariance (12, 12) of a registration and the marker error (mm) behind it.
+def bootstrap(fit: PaperFit, seen: Observations, phases: Ints, noise: HandEyeFit) -> Floats:
+    """Return the covariance (12, 12) of a registration.
 
-    The size of the marker error is the one that explains the median pose. Then the registration is
-    repeated with new errors of robot and tracker; its scatter is the answer. The order and meaning
-    of the rows are those of ``HandEyeFit``.
+    The registration is repeated with new errors of robot and tracker; its scatter is the answer.
+    The order and meaning of the rows are those of ``HandEyeFit``.
+
+    Args:
+        fit: The registration.
+        seen: What it was made from.
+        phases: (n,) as for ``solve_paper``.
+        noise: The joint solve of the same poses, whose residuals tell the size of the errors.
 
     Raises:
         DegenerateGeometryError: most of the repetitions find no registration.
     """
     T_base_tracker, T_toolmarker_tip = fit.T_base_tracker, fit.T_toolmarker_tip
-    robot = robot_covariances(seen, T_base_tracker, T_toolmarker_tip)
-    e = residuals(seen, T_base_tracker, T_toolmarker_tip)
-    sigma_mm = sigma_by_median(spectrum(e, seen.unit_covariances, robot))
+    # where even the robot's stated error is more than the residuals show, it shrinks to them
+    share = float(np.sqrt(min(1.0, noise.chi_square)))
+    sigma_mm = noise.marker_sigma_mm
     T_tracker_base, T_tip_toolmarker = T_base_tracker.inv(), T_toolmarker_tip.inv()
-    spread = sigma_mm * np.linalg.cholesky(seen.unit_covariances)
+    spread = share * sigma_mm * np.linalg.cholesky(seen.unit_covariances)
     rng = np.random.default_rng(SEED)
     found: list[Floats] = []
     for _ in range(DRAWS):
         # the robot goes somewhat astray, the tracker sees that, and sees it somewhat wrong
-        exact = T_tracker_base @ _disturbed_robot(seen, rng) @ T_tip_toolmarker
+        exact = T_tracker_base @ _disturbed_robot(seen, share, rng) @ T_tip_toolmarker
         d = np.einsum("nij,nj->ni", spread, rng.normal(size=(len(seen), 6)))
         poses = _disturbed(exact, d, seen.centroid_toolmarker)
         try:
@@ -145,7 +146,7 @@ def bootstrap(fit: PaperFit, seen: Observations, phases: Ints) -> tuple[Floats, 
             "repetitions find no registration: pivot further, use more poses"
         )
     all_found = np.array(found)
-    return all_found.T @ all_found / len(found), sigma_mm
+    return all_found.T @ all_found / len(found)
 
 
 def _disturbed(poses: Poses, deviations: Floats, center_marker: Floats) -> Poses:
@@ -156,9 +157,9 @@ def _disturbed(poses: Poses, deviations: Floats, center_marker: Floats) -> Poses
     return Poses(rotations, centers - rotations @ center_marker)
 
 
-def _disturbed_robot(seen: Observations, rng: np.random.Generator) -> Poses:
+def _disturbed_robot(seen: Observations, share: float, rng: np.random.Generator) -> Poses:
     deviations = rng.normal(size=(len(seen), 6))
-    shift, turn = np.sqrt(seen.robot_variances)
+    shift, turn = share * np.sqrt(seen.robot_variances)
     return _disturbed(seen.Ts_base_tip, deviations * np.repeat((turn, shift), 3), np.zeros(3))
 
 

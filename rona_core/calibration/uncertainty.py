@@ -84,7 +84,8 @@ def pose_covariance(
 
     Args:
         T_tracker_marker: The pose.
-        positions_marker: Markers (m, 3), not on one line.
+        positions_marker: Markers (m, 3); on one line the turn about it, which moves no tip on that
+            line, counts as known.
         noise: Of one marker, with its size.
         n_averaged: Frames averaged.
     """

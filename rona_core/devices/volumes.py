@@ -91,3 +91,12 @@ VOLUMES: dict[TrackerProfile, Volume] = {
     "spectra": PYRAMID,
     "vega": PYRAMID,
 }
+
+# 3D RMS error of one marker over the volume, as the maker (of "white035": the user) states it
+ACCURACY_MM: dict[TrackerProfile, float] = {
+    "ideal": 0.0,
+    "polaris": 0.35,
+    "white035": 0.35,
+    "spectra": 0.25,
+    "vega": 0.12,
+}

@@ -10,12 +10,18 @@ from typing import TYPE_CHECKING, Any
 
 from rona_core.evaluation.figures import Figures
 from rona_core.evaluation.map_figures import map_figures
-from rona_core.evaluation.navigation_figures import pointer_figures, surface_figures, tool_figures
+from rona_core.evaluation.navigation_figures import (
+    pointer_figures,
+    skull_figures,
+    surface_figures,
+    tool_figures,
+)
 from rona_core.evaluation.path_figures import normal_figures, plan_figures, smoothing_figures
 from rona_core.evaluation.scan_figures import detection_figures
 from rona_core.evaluation.truth import Truth
 from rona_core.session.codec import digest
 from rona_core.session.imported import is_imported
+from rona_core.session.prediction import predicted_figures
 from rona_core.virtual.rig import build_scene
 from rona_core.virtual.scene import VirtualScene
 
@@ -24,11 +30,16 @@ if TYPE_CHECKING:
 
 KEYS = (
     "tool_tip_error_mm",
+    "tool_tip_sigma_mm",
     "pointer_tip_error_mm",
+    "pointer_tip_sigma_mm",
     "tracker_registration_tre_mm",
     "surface_points",
     "surface_rms_mm",
+    "surface_sigma_predicted_mm",
     "surface_tip_3d_rms_mm",
+    "skull_registration_tre_mm",
+    "skull_registration_sigma_mm",
     "path_points_raw",
     "path_points_smoothed",
     "path_deviation_max_mm",
@@ -102,7 +113,7 @@ def unfinished(session: "Session") -> tuple[str | None, str | None]:
 
 
 def _navigation(session: "Session", truth: Truth) -> Figures:
-    results, figures = session.results, Figures()
+    results, figures = session.results, Figures(predicted_figures(session))
     if results.tool is not None:
         figures |= tool_figures(results.tool.value, truth)
     if results.pointer is not None and not is_imported(session.captures.pointer):
@@ -113,6 +124,8 @@ def _navigation(session: "Session", truth: Truth) -> Figures:
         known = results.surface.inputs.get("capture") == digest([digest(s) for s in strokes])
         if not any(map(is_imported, strokes)):
             figures |= surface_figures(results.surface.value, strokes if known else (), truth)
+            if results.registration is not None:
+                figures |= skull_figures(results.registration.value, truth)
     return figures
 
 

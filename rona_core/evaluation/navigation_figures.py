@@ -16,6 +16,7 @@ if TYPE_CHECKING:
     from rona_core.calibration.tool import ToolRegistration
     from rona_core.session.document import PointerCapture
     from rona_core.surface.cloud import SurfaceCloud
+    from rona_core.surface.registration import SurfaceRegistration
 
 
 def tool_figures(registration: "ToolRegistration", truth: Truth) -> Figures:
@@ -36,6 +37,17 @@ def registration_tre_mm(T_base_tracker: Pose, true: Pose, points_base: Floats) -
     """Return the RMS distance between points (n, 3) and where a registration puts them."""
     points_tracker = true.inv() @ points_base
     return rms(T_base_tracker @ points_tracker - points_base)
+
+
+def skull_figures(registration: "SurfaceRegistration", truth: Truth) -> Figures:
+    """Return the error of the five named points, mapped from the skull's file to the base."""
+    landmarks = np.array(list(truth.landmarks_base().values()))
+    T_base_skull = registration.T_b_a.inv()
+    return {
+        "skull_registration_tre_mm": registration_tre_mm(
+            T_base_skull, truth.scene.T_base_skull, landmarks
+        )
+    }
 
 
 def pointer_figures(calibration: "PointerCalibration", truth: Truth) -> Figures:

@@ -52,7 +52,7 @@ def piece_costs(columns: Floats, starts: Ints, ends: Ints, metric: Metric) -> Fl
     work = np.cumsum(ends[busy] - starts[busy])
     cuts = np.flatnonzero(np.diff(work // MAX_AT_ONCE)) + 1
     for some in np.split(busy, cuts):
-        if metric == "k3":
+        if len(some) and metric == "k3":
             costs[some] = _areas(columns, starts[some], ends[some])
         elif len(some):
             costs[some] = _distances(columns, starts[some], ends[some], metric)

@@ -16,7 +16,7 @@ from rona_core.geometry.path5d import Path5D
 from rona_core.geometry.pose import Poses
 from rona_core.robot.model import RobotModel
 from rona_core.robot.plan import RollSearch, RollVerdict
-from rona_core.robot.room import Room, RoomRules, judge
+from rona_core.robot.room import EVEN_DIGITS, Room, RoomRules, judge
 from rona_core.robot.verdict import describe
 
 Choice = Literal["best", "first"]
@@ -123,8 +123,11 @@ def joint_path(
 
 
 def best_branch(least: Floats) -> int:
-    """Return the branch with the most room (n, 8), or the one that gets furthest if all fail."""
-    margins = least.min(axis=0)
+    """Return the branch with the most room (n, 8), or the one that gets furthest if all fail.
+
+    Mirrored branches often have the same room; then the first counts, not the last digit.
+    """
+    margins = np.round(least.min(axis=0), EVEN_DIGITS)
     if margins.max() >= 0.0:
         return int(np.argmax(margins))
     first = np.argmax(least < 0.0, axis=0)
@@ -136,4 +139,6 @@ def choose(verdicts: list[RollVerdict], choice: Choice) -> int:
     feasible = [i for i, verdict in enumerate(verdicts) if verdict.feasible]
     if not feasible:
         return -1
-    return feasible[0] if choice == "first" else max(feasible, key=lambda i: verdicts[i].margin)
+    if choice == "first":
+        return feasible[0]
+    return max(feasible, key=lambda i: round(verdicts[i].margin, EVEN_DIGITS))

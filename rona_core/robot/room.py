@@ -17,6 +17,7 @@ from rona_core.robot.limits import TURN_RAD, JointLimits, shift_to_fit, unwrap
 from rona_core.robot.model import RobotModel
 
 SPINNING = (0, 3, 5)  # joints 1, 4 and 6 turn about their own length: +180 and -180 are one place
+EVEN_DIGITS = 9  # decimals of room; what agrees in them is the same room
 ROUNDED_MM = 1e-9  # a pose that cannot be reached is outside by at least this much
 
 

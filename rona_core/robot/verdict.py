@@ -4,7 +4,7 @@ import numpy as np
 
 from rona_core.robot.model import RobotModel
 from rona_core.robot.plan import Reason, RollVerdict
-from rona_core.robot.room import Room, RoomRules
+from rona_core.robot.room import EVEN_DIGITS, Room, RoomRules
 
 Blame = tuple[int, float, float, str, str]  # joint, value, limit, unit, sentence
 
@@ -17,7 +17,7 @@ def describe(
     margin = float(least.min())
     feasible = margin >= 0.0
     if feasible:
-        index, reason = int(np.argmin(least)), "none"
+        index, reason = int(np.argmin(np.round(least, EVEN_DIGITS))), "none"
         sentence = f"roll {roll_deg:.4g}°: the whole path can be followed, least room {margin:.2f}"
         blame: Blame = (0, margin, 0.0, "", sentence)
     else:

@@ -19,6 +19,7 @@ from rona_core.robot.plan import RobotPlan
 from rona_core.session.specimen import LoadedSkull, SimulatedSkull
 from rona_core.surface.cloud import SurfaceCloud
 from rona_core.surface.normals import Normals
+from rona_core.surface.registration import SurfaceRegistration
 from rona_core.ultrasound.detect import Detection
 
 T = TypeVar("T")
@@ -148,6 +149,7 @@ class Results:
     tool: Derived[ToolRegistration] | None = None
     pointer: Derived[PointerCalibration] | None = None
     surface: Derived[SurfaceCloud] | None = None
+    registration: Derived[SurfaceRegistration] | None = None  # T_skull_base of a loaded skull
     path: Derived[RawPath] | None = None
     smoothing: Derived[SmoothPath] | None = None
     roll: Derived[RobotPlan] | None = None

@@ -22,6 +22,7 @@ PLAIN_TRACKER: dict[str, Any] = {
 NO_EDITS: dict[str, Any] = {"$type": "PathEdits", "changes": []}
 # Results that schema 2 holds more of than schema 1 knew: covariances, verdicts, bounds.
 OUTGROWN = ("tool", "pointer", "smoothing")
+NEW = ("registration",)  # results that schema 1 did not know
 
 
 def from_1(manifest: dict[str, Any]) -> dict[str, Any]:
@@ -36,7 +37,7 @@ def from_1(manifest: dict[str, Any]) -> dict[str, Any]:
     devices = session["setup"]["devices"]
     tracker = {**PLAIN_TRACKER, **devices["tracker"]}
     setup = {**session["setup"], "devices": {**devices, "tracker": tracker}}
-    results = {**session["results"], **dict.fromkeys(OUTGROWN)}
+    results = {**session["results"], **dict.fromkeys((*OUTGROWN, *NEW))}
     changed = {**session, "setup": setup, "results": results, "path_edits": NO_EDITS}
     return {**manifest, "schema": 2, "session": changed}
 

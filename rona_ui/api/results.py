@@ -1,10 +1,11 @@
 """What can be asked of a session: steps, results, frames, figures; and whether it reproduces."""
 
 import dataclasses
-from typing import Annotated, Any
+from typing import Annotated, Any, Literal
 
 from fastapi import APIRouter, Query
 
+from rona_core.app.calibration_view import calibration_view
 from rona_core.app.frames import frame_rows
 from rona_core.app.inputs import stale_reason
 from rona_core.app.quality import QualityRow, quality_rows
@@ -30,7 +31,7 @@ HELD: dict[str, tuple[tuple[str, ...], tuple[str, ...]]] = {
     "setup": ((), ()),
     "tool": (("tool",), ("tool",)),
     "pointer": (("pointer",), ("pointer",)),
-    "surface": (("surface",), ("surface",)),
+    "surface": (("surface",), ("surface", "registration")),
     "path": (("path",), ("path",)),
     "smoothing": ((), ("smoothing",)),
     "roll": ((), ("roll",)),
@@ -79,6 +80,17 @@ def _result(name: str, session: Session, max_points: int | None) -> dict[str, An
     if derived is None:
         return {"value": None, "stale_reason": None}
     return {**plain(derived, max_points), "stale_reason": stale_reason(name, session)}
+
+
+@router.get("/sessions/{session_id}/calibration/{step}", response_class=FastJson)
+def get_calibration(bench: Bench, step: Literal["tool", "pointer"]) -> FastJson:
+    """Return how good a calibration is expected to be, each pose's residual, and the next pose.
+
+    `marks` of the poses: 0 used, 1 rejected, 2 left out by hand (command `ExcludePoses`). Azimuths
+    count from away from the tracker (0) to its +x side (90). `null` while nothing is calibrated.
+    """
+    view = calibration_view(bench.session, step)
+    return FastJson(plain(view))
 
 
 @dataclasses.dataclass(frozen=True, slots=True)

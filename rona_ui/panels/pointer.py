@@ -4,6 +4,7 @@ from typing import Any
 
 from rona_core.app.messages import CalibratePointer, StartPointerCapture
 from rona_ui.panels import style
+from rona_ui.panels.calibration import CalibrationControls
 from rona_ui.panels.door import listen
 from rona_ui.panels.importing import ImportControls
 from rona_ui.panels.step_panel import StepPanel
@@ -39,11 +40,17 @@ class PointerPanel(StepPanel):
         self._refit = self.gui.add_button("Fit again", icon="refresh", color="gray")
         listen(
             self._refit,
-            lambda e: self.door.send(lambda: CalibratePointer(**self.form.values("method")), e),
+            lambda e: self.door.send(self._fit_again, e),
         )
         listen(self._by_hand, lambda e: self.door.send(self._capture_by_hand, e))
         listen(self._finish, lambda e: self.door.service("finish", e, None))
+        self._calibration = CalibrationControls(self.gui, self.door, "pointer")
         self._import = ImportControls(self.gui, self.door, "pivot")
+
+    def _fit_again(self) -> Any:
+        """Return the fit by the chosen method, without the poses that are left out by hand."""
+        excluded = self._calibration.excluded()
+        return CalibratePointer(**self.form.values("method"), exclude=excluded)
 
     def _capture_by_hand(self) -> Any:
         return StartPointerCapture(**self.form.values("duration_s"), by_hand=True)
@@ -64,20 +71,19 @@ class PointerPanel(StepPanel):
             )
         if self._help.content != words:
             self._help.content = words
+        self._calibration.render(old, new)
         self._import.render(new)
         self._refit.visible = new.session.captures.pointer is not None
         self._refit.disabled = new.busy
 
     def remarks(self, picture: Picture) -> str:
-        """Say how well the tip is known."""
+        """Say what was found."""
         derived = picture.session.results.pointer
         if derived is None:
             return ""
         found = derived.value
         x, y, z = found.tip_pointermarker
-        return style.note(
-            f"Tip at ({x:.2f}, {y:.2f}, {z:.2f}) mm in the pointer marker ({found.dof}D). "
-            f"RMSE {found.rmse_mm:.2f} mm over {found.n_used} poses and a cone of "
-            f"{found.cone_deg:.0f} deg.",
-            "good",
+        return style.text(
+            f"Tip at ({x:.2f}, {y:.2f}, {z:.2f}) mm in the pointer marker ({found.dof}D), from a "
+            f"cone of {found.cone_deg:.0f} deg."
         )

@@ -10,7 +10,11 @@ from rona_ui.view_state import Picture
 
 SECTIONS = (  # title, what the keys begin with, steps that the figures come from
     ("Calibration", ("tool_tip", "tracker_reg", "pointer_tip"), ("tool", "pointer")),
-    ("Surface and path", ("surface", "path", "normal"), ("surface", "path", "smoothing")),
+    (
+        "Surface and path",
+        ("surface", "skull_reg", "path", "normal"),
+        ("surface", "path", "smoothing"),
+    ),
     ("Robot and scan", ("roll", "scan"), ("roll", "scan")),
     (
         "Maps",
@@ -18,6 +22,15 @@ SECTIONS = (  # title, what the keys begin with, steps that the figures come fro
         ("maps",),
     ),
 )
+
+
+# true error -> what the program expects of it without the truth
+PREDICTED = {
+    "tool_tip_error_mm": "tool_tip_sigma_mm",
+    "pointer_tip_error_mm": "pointer_tip_sigma_mm",
+    "surface_rms_mm": "surface_sigma_predicted_mm",
+    "skull_registration_tre_mm": "skull_registration_sigma_mm",
+}
 
 
 class QualityPanel:
@@ -42,13 +55,15 @@ class QualityPanel:
 def table(rows: tuple[QualityRow, ...], session: Session, stale: frozenset[str]) -> str:
     """Return the figures that have a value, by section; it says which steps are stale."""
     known = [row for row in rows if row.value is not None]
-    body = _own_word(session, _mark(("tool", "pointer"), stale))
+    expected = {row.key: row for row in known if row.key in PREDICTED.values()}
+    known = [row for row in known if row.key not in expected]
+    body = _own_word(session, expected, _mark(("tool", "pointer", "surface"), stale))
     for title, starts, steps in SECTIONS:
         part = [row for row in known if row.key.startswith(starts)]
         if part:
             words = f"{title}, against the truth{_mark(steps, stale)}"
             body += f'<tr class="sec"><td colspan="4">{words}</td></tr>'
-            body += "".join(_row(row) for row in part)
+            body += "".join(_row(row, expected.get(PREDICTED.get(row.key, ""))) for row in part)
     if not body:
         return style.text(
             "No figures yet. Each step adds its own, with a limit and a verdict beside it."
@@ -67,11 +82,12 @@ def _mark(steps: tuple[str, ...], stale: frozenset[str]) -> str:
     return f' <span style="color:{color}">{icon} {word}</span>'
 
 
-def _row(row: QualityRow) -> str:
+def _row(row: QualityRow, expected: QualityRow | None = None) -> str:
     limit = "" if row.limit is None else f"{'≤' if row.sense == 'at most' else '≥'} "
     limit += "" if row.limit is None else f"{row.limit:.{row.decimals}f} {row.unit}".rstrip()
+    beside = "" if expected is None else f'<br><span class="g">predicted {_value(expected)}</span>'
     return (
-        f'<tr><td>{escape(row.title)}</td><td class="n"><b>{_value(row)}</b></td>'
+        f'<tr><td>{escape(row.title)}{beside}</td><td class="n"><b>{_value(row)}</b></td>'
         f'<td class="n g">{limit}</td><td>{style.verdict(row.verdict)}</td></tr>'
     )
 
@@ -82,21 +98,26 @@ def _value(row: QualityRow) -> str:
     return escape(f"{row.value:.{row.decimals}f} {row.unit}".strip())
 
 
-def _own_word(session: Session, mark: str) -> str:
-    """Return what the fits say without any truth: RMSE and predicted error."""
-    lines: list[tuple[str, str]] = []
-    if session.results.tool is not None:
-        tool = session.results.tool.value
-        lines.append(("Tool tip, random error expected", f"{tool.tip_sigma_mm:.2f} mm"))
-        lines.append(("Tracker, random error expected", f"{tool.registration_sigma_mm:.2f} mm"))
-    if session.results.pointer is not None:
-        pointer = session.results.pointer.value
-        lines.append(("Pointer, pivot RMSE", f"{pointer.rmse_mm:.2f} mm"))
-    if not lines:
+def _own_word(session: Session, expected: dict[str, QualityRow], mark: str) -> str:
+    """Return what the session expects of itself without any truth; what only fits comes last."""
+    results = session.results
+    rows = "".join(_row(row) for row in expected.values())
+    if results.tool is not None:
+        rows += _line(
+            "Tracker near the tip, random error", results.tool.value.registration_sigma_mm
+        )
+    if results.registration is not None:
+        rows += _line("Loaded skull, points off it (RMS)", results.registration.value.rms_mm)
+    if results.pointer is not None:
+        rows += _line("Pointer, scatter of the tip (RMSE)", results.pointer.value.rmse_mm)
+    if not rows:
         return ""
-    rows = "".join(
-        f'<tr><td>{escape(name)}</td><td class="n"><b>{escape(value)}</b></td>'
+    return f'<tr class="sec"><td colspan="4">Predicted, without the truth{mark}</td></tr>{rows}'
+
+
+def _line(title: str, value_mm: float) -> str:
+    """Return a row without limit."""
+    return (
+        f'<tr><td>{escape(title)}</td><td class="n"><b>{value_mm:.2f} mm</b></td>'
         "<td></td><td></td></tr>"
-        for name, value in lines
     )
-    return f'<tr class="sec"><td colspan="4">Fit, without the truth{mark}</td></tr>{rows}'

@@ -1,6 +1,5 @@
 """All rolls at a glance: a map of path by roll, which is also the slider that chooses one."""
 
-import base64
 import struct
 import zlib
 from dataclasses import replace
@@ -13,27 +12,12 @@ from rona_core.app.messages import ChooseRoll
 from rona_core.app.views import RollStrip, joint_curves, roll_strip, shown_roll
 from rona_ui.panels import style
 from rona_ui.panels.door import Door, follow
+from rona_ui.panels.picture_slider import sheet
 from rona_ui.scene.colors import VERMILLION, css, viridis, viridis_css
 from rona_ui.view_state import Picture
 
 PALE = (176, 184, 192)  # of a place that can be reached with a roll that fails elsewhere
 HEIGHT_PX = 170
-SHEET = """<style>
-div:has(>.r-rolls)+div{padding:0 14px 26px!important;overflow:hidden}
-div:has(>.r-rolls)+div .mantine-Slider-root{padding:0!important;height:%(h)dpx}
-div:has(>.r-rolls)+div .mantine-Slider-trackContainer{height:%(h)dpx}
-div:has(>.r-rolls)+div .mantine-Slider-track{height:%(h)dpx;border-radius:3px;
- background:url(data:image/png;base64,%(png)s) 0 0/100%% 100%% no-repeat;image-rendering:pixelated}
-div:has(>.r-rolls)+div .mantine-Slider-track::before{display:none}
-div:has(>.r-rolls)+div .mantine-Slider-bar{background:transparent!important}
-div:has(>.r-rolls)+div .mantine-Slider-thumb{height:%(h)dpx!important;width:5px!important;
- border-radius:2px;background:#fff!important;border:1px solid #1f2933;box-sizing:border-box}
-div:has(>.r-rolls)+div .mantine-Slider-mark{visibility:hidden}
-div:has(>.r-rolls)+div .mantine-Slider-markWrapper{top:%(mark)dpx}
-div:has(>.r-rolls)+div .mantine-Slider-markLabel{font-size:11px!important;color:#3e4c59}
-div:has(>.r-rolls)+div .mantine-NumberInput-root{display:none}
-div:has(>.r-rolls)+div div:has(>p){display:none}
-</style><div class="r-rolls"></div>"""
 
 
 class RollsPanel:
@@ -78,12 +62,8 @@ class RollsPanel:
         ) + _legend(_top(strip))
         with self._folder:
             self._sheet.remove()
-            values = {
-                "h": HEIGHT_PX,
-                "mark": HEIGHT_PX + 2,
-                "png": base64.b64encode(png(roll_image(strip))).decode(),
-            }
-            self._sheet = self._gui.add_html(SHEET % values)
+            image = png(roll_image(strip))
+            self._sheet = self._gui.add_html(sheet("r-rolls", HEIGHT_PX, "image/png", image))
             last = len(strip.rolls_deg) - 1
             marks = tuple(
                 (i, f"{strip.rolls_deg[i]:.0f}°")

@@ -15,6 +15,7 @@ WORDS = {
     "StartToolCapture": "Moving the tool",
     "StartPointerCapture": "Pivoting the pointer",
     "StartSurfaceCapture": "Sliding over the skull",
+    "StartSkullRegistration": "Laying the points onto the skull",
     "StartPathCapture": "Demonstrating the path",
     "StartRecordingImport": "Reading the recording",
     "StartPivotImport": "Reading the pivot",

@@ -2,8 +2,19 @@
 
 from typing import Any
 
-from rona_core.app.messages import BuildSurface, ClearSurface, StartSurfaceCapture
+from rona_core.app.inputs import stale_reason
+from rona_core.app.messages import (
+    BuildSurface,
+    ClearSurface,
+    StartSkullRegistration,
+    StartSurfaceCapture,
+)
+from rona_core.session.document import Session
+from rona_core.session.prediction import predict_skull_mm, predict_surface
+from rona_core.session.specimen import LoadedSkull
+from rona_ui.bindings import escape
 from rona_ui.panels import style
+from rona_ui.panels.calibration import VERDICTS
 from rona_ui.panels.door import listen
 from rona_ui.panels.drawing import DrawingControls
 from rona_ui.panels.importing import ImportControls
@@ -35,6 +46,11 @@ class SurfacePanel(StepPanel):
             lambda e: self.door.send(lambda: BuildSurface(**self.form.values("average_s")), e),
         )
         listen(self._clear, lambda e: self.door.send(ClearSurface, e))
+        self._register = self.gui.add_button(
+            "Register the loaded skull", icon="puzzle", color="gray", visible=False
+        )
+        self._registered = self.gui.add_html("")
+        listen(self._register, lambda e: self.door.send(StartSkullRegistration, e))
         self._import = ImportControls(self.gui, self.door, "surface")
 
     def _stroke(self, picks: tuple[Any, ...]) -> Any:
@@ -51,7 +67,14 @@ class SurfacePanel(StepPanel):
         self._import.render(new)
         there = bool(new.session.captures.surface)
         self._rebuild.visible = self._clear.visible = there and new.view.drawing is None
-        self._rebuild.disabled = self._clear.disabled = new.busy
+        self._rebuild.disabled = self._clear.disabled = self._register.disabled = new.busy
+        loaded = isinstance(new.session.setup.specimen, LoadedSkull)
+        done = new.session.results.surface is not None
+        self._register.visible = loaded and done and new.view.drawing is None
+        if old is None or old.session is not new.session:
+            words = registered(new.session)
+            if self._registered.content != words:
+                self._registered.content = words
 
     def remarks(self, picture: Picture) -> str:
         """Say how many points there are."""
@@ -59,8 +82,44 @@ class SurfacePanel(StepPanel):
         if derived is None:
             return ""
         cloud = derived.value
+        expected = predict_surface(picture.session)
+        words = ""
+        if expected is not None and expected.normal_mm is not None:
+            words = (
+                f" They are expected to be off the bone by {expected.normal_mm:.2f} mm (RMS), "
+                f"{expected.rms_mm:.2f} mm in all directions: {expected.registration_mm:.2f} by "
+                f"robot and tracker, {expected.pointer_mm:.2f} by the pointer tip, "
+                f"{expected.frame_mm:.2f} by {expected.frames} averaged frames, "
+                f"{expected.stated_mm:.2f} by the tracker's volume as its maker states it."
+            )
         return style.note(
             f"{len(cloud.points_base)} points from {len(strokes)} recording"
-            f"{'' if len(strokes) == 1 else 's'}; {cloud.n_dropped} dropped as lift-offs.",
+            f"{'' if len(strokes) == 1 else 's'}; {cloud.n_dropped} dropped as lift-offs.{words}",
             "good",
         )
+
+
+def registered(session: Session) -> str:
+    """Return where the loaded skull lies, how well that is known, and what is weak."""
+    derived = session.results.registration
+    if derived is None:
+        return ""
+    found = derived.value
+    x, y, z = found.T_b_a.inv().translation
+    sigma_mm = predict_skull_mm(session)
+    expected = ""
+    if sigma_mm is not None:
+        expected = f"It is expected to be off by {sigma_mm:.2f} mm at the points. "
+    icon, word, color, box = VERDICTS[found.verdict]
+    reasons = "".join(f"<br>{escape(reason[0].upper() + reason[1:])}." for reason in found.reasons)
+    stale = stale_reason("registration", session)
+    if stale is not None:
+        reasons += f"<br>! Stale: {escape(stale)}."
+        box = "warn"
+    return (
+        f'<div class="r-note {box}">Loaded skull: <b style="color:{color}">{icon} {word}</b>. '
+        f"The origin of its file lies at ({x:.1f}, {y:.1f}, {z:.1f}) mm in the base. {expected}"
+        f"The fit alone leaves {found.sigmas_mm[0]:.2f} mm in its weakest direction; points lie "
+        f"{found.rms_mm:.2f} mm (RMS) off, {int(found.used.sum())} of {len(found.used)} used, "
+        f"normals over {found.normals_deg:.0f}°.{reasons}</div>"
+    )

@@ -4,6 +4,7 @@ from typing import Any
 
 from rona_core.app.messages import StartToolCapture
 from rona_ui.panels import style
+from rona_ui.panels.calibration import CalibrationControls
 from rona_ui.panels.step_panel import StepPanel
 from rona_ui.view_state import Picture
 
@@ -23,23 +24,20 @@ class ToolPanel(StepPanel):
         self.form.number("cone_deg", "Pivot cone (deg)", 20.0, 5.0, 45.0, 1.0, "Half-angle")
         self.form.number("n_pivot", "Pivot poses", 30, 5, 200, 1)
         self.form.number("n_translate", "Poses per axis", 10, 3, 60, 1)
+        self._calibration = CalibrationControls(self.gui, self.door, "tool")
+
+    def update(self, old: Picture | None, new: Picture) -> None:
+        """Show the motion and its poses."""
+        self._calibration.render(old, new)
 
     def message(self) -> Any:
         """Return the capture with these parameters."""
         return StartToolCapture(**self.form.values())
 
     def remarks(self, picture: Picture) -> str:
-        """Say how well the registration fits."""
+        """Say what was found."""
         derived = picture.session.results.tool
         if derived is None:
             return ""
-        tool = derived.value
-        x, y, z = tool.T_toolmarker_tip.translation
-        n_used = int(tool.used.sum())
-        found = (
-            f"Tip at ({x:.2f}, {y:.2f}, {z:.2f}) mm in the tool marker; random error expected "
-            f"{tool.tip_sigma_mm:.2f} mm, of the tracker's place near it "
-            f"{tool.registration_sigma_mm:.2f} mm. {n_used} of {tool.n_poses} poses used. "
-        )
-        reasons = " ".join(f"{reason[0].upper()}{reason[1:]}." for reason in tool.reasons)
-        return style.note(found + reasons, "good" if tool.verdict == "good" else "warn")
+        x, y, z = derived.value.T_toolmarker_tip.translation
+        return style.text(f"Tip at ({x:.2f}, {y:.2f}, {z:.2f}) mm in the tool marker.")

@@ -3,7 +3,7 @@
 import numpy as np
 
 from rona_core.app.maps import map_layers
-from rona_core.app.views import scan_number_at, scan_poses
+from rona_core.app.views import detection_of_scan, scan_number_at, scan_poses
 from rona_core.arrays import Bools, Floats
 from rona_ui.scene.adapter import Layer
 from rona_ui.scene.colors import GREEN, SKY, VERMILLION, YELLOW, viridis
@@ -76,8 +76,9 @@ class ScanLayer(Layer):
             places = np.zeros((0, 3)) if poses is None else poses.translations
             if redrawn:
                 colors = np.tile(np.array(SKY, dtype=np.uint8), (len(places), 1))
-                if detection is not None and len(detection.value.inner_ok) == len(places):
-                    found = detection.value.inner_ok[:, None]
+                detected = detection_of_scan(new.session)
+                if detected is not None:
+                    found = detected.inner_ok[:, None]
                     colors = np.where(found, GREEN, VERMILLION).astype(np.uint8)
                 self.stage.cloud(SCAN, places, colors, size_mm=1.3)
             number = None if new.view.cursor is None else _number(new)

@@ -8,6 +8,7 @@ from rona_ui.scene.adapter import Adapter
 from rona_ui.scene.cloud import CloudLayer, RegionLayer
 from rona_ui.scene.colors import BACKGROUND
 from rona_ui.scene.editing import EditLayer
+from rona_ui.scene.ghost import GhostLayer
 from rona_ui.scene.maps import MapLayer, ScanLayer
 from rona_ui.scene.metres import Stage
 from rona_ui.scene.path import AxesLayer, PathLayer, WarningsLayer
@@ -40,6 +41,7 @@ class World:
             TurnLayer(self.stage),
             RegionLayer(self.stage),
             CloudLayer(self.stage),
+            GhostLayer(self.stage),
             DrawingLayer(self.stage),
             PathLayer(self.stage),
             AxesLayer(self.stage),

@@ -400,3 +400,35 @@ def test_a_pointer_is_turned_by_hand_while_its_capture_runs(at, web):
     assert "hardly turned" in ended.error
     assert bench.session.captures.pointer.marker.times_s[-1] < 59.0
     assert at("POST", "/operator/pointer/finish").status_code == 409
+
+
+# -- calibrations ----------------------------------------------------------------------------------
+
+
+def test_poses_are_left_out_and_the_view_tells_how_good_it_is(at, web):
+    assert at("GET", "/calibration/pointer").json() is None
+    assert at("GET", "/calibration/surface").status_code == 422
+    body = {"step": "pointer", "indices": [4, 2]}
+    assert at("POST", "/commands/ExcludePoses", json=body).status_code == 409
+    finished(web, at("POST", "/jobs/StartPointerCapture", json=QUICK).json())
+    assert at("POST", "/commands/ExcludePoses", json=body).status_code == 200
+    view = at("GET", "/calibration/pointer").json()
+    assert view["excluded"] == [2, 4]
+    assert (view["marks"][2], view["marks"][4]) == (2, 2)
+    assert len(view["residuals_mm"]) == len(view["marks"]) == len(view["swing"]["tilts_deg"])
+    assert view["expected"][0]["limit_mm"] == 0.5
+    assert view["verdict"] in ("good", "weak", "bad")
+    assert view["swing"]["next_words"]
+    stored = at("GET", "/results/pointer").json()["results"]["pointer"]
+    assert stored["arguments"] == {"method": "ml", "exclude": [2, 4]}
+    assert at("POST", "/replay").json()["same"]
+    beyond = {"step": "pointer", "indices": [10_000]}
+    answer = at("POST", "/commands/ExcludePoses", json=beyond)
+    assert (answer.status_code, answer.json()["code"]) == (422, "invalid_input")
+    assert "there is no pose 10000" in answer.json()["detail"]
+
+
+def test_a_simulated_skull_is_not_registered_to_a_file_that_there_is_not(at):
+    answer = at("POST", "/jobs/StartSkullRegistration")
+    assert (answer.status_code, answer.json()["code"]) == (409, "step_blocked")
+    assert "needs a loaded CT" in answer.json()["detail"]

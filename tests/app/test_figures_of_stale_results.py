@@ -10,6 +10,7 @@ from rona_core.app.messages import (
     StartSurfaceCapture,
     StartToolCapture,
 )
+from rona_core.app.views import ascan_plot, detection_of_scan
 from rona_core.app.workbench import Workbench
 from rona_core.compose import virtual_services
 from rona_core.session.document import Session
@@ -65,3 +66,7 @@ def test_a_capture_of_the_same_length_is_another_one_all_the_same(bench, demo):
     shifted = replace(scan, ordinal=scan.ordinal + 1)
     bench.store._session = replace(demo, captures=replace(demo.captures, scan=shifted))
     assert all(bench.figures()[key] is None for key in AFTER_A_SCAN)
+    assert detection_of_scan(demo) is demo.results.detection.value
+    assert detection_of_scan(bench.session) is None
+    assert ascan_plot(demo, 0).outer_us is not None
+    assert ascan_plot(bench.session, 0).outer_us is None

@@ -5,6 +5,7 @@ import threading
 
 import pytest
 
+from rona_core.app import store as store_module
 from rona_core.app.messages import Redo, RenameSession, SetPointer, SetSeed, SetToolVisible, Undo
 from rona_core.app.outcomes import StorePointerCapture
 from rona_core.app.store import Store
@@ -46,6 +47,16 @@ def test_undo_and_redo_walk_through_every_state():
     with pytest.raises(InvalidInputError, match="nothing to do again"):
         store.dispatch(Redo())
     assert store.revision == 3 + 3 + 3
+
+
+def test_only_so_many_steps_are_kept_to_be_taken_back(monkeypatch):
+    monkeypatch.setattr(store_module, "UNDO_STEPS", 3)
+    store = Store(Session())
+    for seed in range(1, 7):
+        store.dispatch(SetSeed(seed))
+    for expected in (5, 4, 3):
+        assert store.dispatch(Undo()).session.setup.seed == expected
+    assert not store.can_undo
 
 
 def test_a_new_command_ends_the_redo():

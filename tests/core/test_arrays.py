@@ -64,3 +64,11 @@ def test_read_only_arrays_stay_so_and_views_are_copied():
     for array in (view, own):
         with pytest.raises(ValueError, match="read-only"):
             array[0] = 1.0
+
+
+def test_scaling_to_unit_length_twice_is_scaling_once():
+    vectors = np.random.default_rng(0).normal(size=(20_000, 3))
+    vectors /= np.linalg.norm(vectors, axis=1)[:, None] * (1.0 + 1e-8)
+    once = as_unit_vectors(vectors)
+    assert np.abs(np.linalg.norm(once, axis=1) - 1.0).max() < 1e-15
+    assert as_unit_vectors(once).tobytes() == once.tobytes()

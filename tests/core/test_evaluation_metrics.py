@@ -15,7 +15,17 @@ from rona_core.evaluation.truth import Truth
 from rona_core.virtual.rig import build_scene
 
 SETTINGS = DeviceSettings()
-STEPS = ("tool", "pointer", "surface", "path", "smoothing", "roll", "detection", "maps")
+STEPS = (
+    "tool",
+    "pointer",
+    "surface",
+    "registration",
+    "path",
+    "smoothing",
+    "roll",
+    "detection",
+    "maps",
+)
 
 
 @pytest.fixture(scope="module")
@@ -36,7 +46,9 @@ def session_of(**results):
 
 def perfect_tool(scene):
     return SimpleNamespace(
-        T_toolmarker_tip=scene.T_tip_toolmarker.inv(), T_base_tracker=scene.T_base_tracker
+        T_toolmarker_tip=scene.T_tip_toolmarker.inv(),
+        T_base_tracker=scene.T_base_tracker,
+        tip_sigma_mm=0.1,
     )
 
 

@@ -12,7 +12,7 @@ from rona_core.geometry.path5d import Path5D
 from rona_core.robot.ik import BRANCHES
 from rona_core.robot.limits import JointLimits
 from rona_core.robot.model import robot_model
-from rona_core.robot.roll_search import joint_path, search_rolls, working_set_deg
+from rona_core.robot.roll_search import best_branch, joint_path, search_rolls, working_set_deg
 from rona_core.robot.room import RoomRules
 
 RX90 = robot_model("rx90")
@@ -236,3 +236,16 @@ def test_repeated_points_are_harmless():
     once, doubled = (search_rolls(p, RX90, n_rolls=12) for p in (path, twice))
     assert [v.feasible for v in once.verdicts] == [v.feasible for v in doubled.verdicts]
     assert [v.margin for v in once.verdicts] == pytest.approx([v.margin for v in doubled.verdicts])
+
+
+def test_the_last_digit_does_not_choose_between_branches_of_the_same_room():
+    least = np.full((5, 8), 0.5)
+    least[:, 3] = 0.7
+    least[:, 6] = 0.7 + 1e-13
+    assert best_branch(least) == 3
+    failing = np.full((5, 8), 0.2)
+    failing[2:, :] = -0.1
+    failing[3:, 2] = failing[3:, 5] = -0.3
+    failing[2, 2] = failing[2, 5] = 0.1
+    failing[3:, 5] += 1e-13
+    assert best_branch(failing) == 2

@@ -66,7 +66,8 @@ def test_the_step_fills_every_field_that_is_new_and_changes_nothing_else():
     assert migrated["session"]["setup"] == {"seed": 4, "devices": {"robot": 1}}
     assert TrackerSettings(**PLAIN_TRACKER) == PLAIN
     gone = {"tool": None, "pointer": None, "smoothing": None}
-    assert migrated["session"]["results"] == {"surface": 3, "maps": 5, **gone}
+    new = {"registration": None}
+    assert migrated["session"]["results"] == {"surface": 3, "maps": 5, **gone, **new}
     assert migrated["schema"] == 2
 
 

@@ -130,7 +130,11 @@ def test_points_of_the_scan_before_are_not_shown_while_the_robot_scans(demo: Ses
         shown[name] = True
 
     stage: Any = SimpleNamespace(
-        cloud=draw, lines=draw, show=shown.__setitem__, names=shown.keys, remove=shown.pop
+        cloud=draw,
+        lines=draw,
+        show=shown.__setitem__,
+        names=shown.keys,
+        remove=lambda name: shown.pop(name, None),
     )
     at_rest = picture(demo, ViewState(step="scan"))
     for at, scanning in ((at_rest, False), (replace(at_rest, job=SCANNING), True)):
