@@ -16,6 +16,7 @@ from rona_ui.bindings import Bindings, Event, notify
 from rona_ui.panels.docks import Docks
 from rona_ui.panels.door import Door
 from rona_ui.scene.camera import FOCUS, UP, preset
+from rona_ui.scene.editing import STROKES, point_at
 from rona_ui.scene.metres import M_PER_MM, metres
 from rona_ui.scene.turn import turn_of
 from rona_ui.scene.world import World
@@ -100,12 +101,30 @@ class Browser:
 
         @skull.on_click
         async def _(event: Any) -> None:
-            self._pick(event, event.ray_origin, event.ray_direction)
+            self._point(event, event.ray_origin, event.ray_direction, "click")
 
         @skull.on_drag("left")
         async def _(event: Any) -> None:
             eye = np.asarray(event.client.camera.position)
-            self._pick(event, eye, np.asarray(event.end_position) - eye)
+            self._point(event, eye, np.asarray(event.end_position) - eye, event.phase)
+
+    def _point(self, event: Event, origin_m: Any, direction: Any, phase: str) -> None:
+        if self._view.drawing in STROKES:
+            self._pick(event, origin_m, direction)
+            return
+        origin_base = np.asarray(origin_m, dtype=np.float64) / M_PER_MM
+        ray = np.asarray(direction, dtype=np.float64)
+
+        def work() -> None:
+            bench = self._hub.get()
+            before = self._view
+            after, command = point_at(bench.session, before, origin_base, ray, phase)
+            if after is not before:
+                self.change_view(lambda v: after if v is before else v)
+            if command is not None:
+                bench.dispatch(command)
+
+        self._bindings.call(work, event)
 
     def _pick(self, event: Event, origin_m: Any, direction: Any) -> None:
         origin_base = np.asarray(origin_m, dtype=np.float64) / M_PER_MM

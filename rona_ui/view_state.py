@@ -14,7 +14,7 @@ from rona_core.geometry.pose import Pose
 from rona_core.session.document import Session
 
 Point = tuple[float, float, float]
-Drawing = Literal["surface", "path"]
+Drawing = Literal["surface", "path", "center", "boundary", "move", "insert", "delete", "keep"]
 SliceAcross = Literal["off", "lengthwise", "crosswise"]
 
 # Layers of the scene that can be switched off: name -> what the surgeon reads
@@ -28,6 +28,7 @@ LAYERS = {
     "ghost": "Registered skull",
     "path": "Path",
     "arrows": "Probe axes",
+    "warnings": "Path warnings",
     "rolls": "Roll candidates",
     "scan": "Scan points",
     "outer": "Outer map",
@@ -43,11 +44,20 @@ NEEDED: dict[str, frozenset[str]] = {
     "pointer": _ROOM,
     "surface": frozenset(("skull", "pointer", "region", "cloud", "ghost")),
     "path": frozenset(("skull", "pointer", "region", "path")),
-    "smoothing": frozenset(("skull", "path", "arrows")),
+    "smoothing": frozenset(("skull", "path", "arrows", "warnings")),
     "roll": frozenset(("skull", "robot", "path", "rolls")),
     "scan": frozenset(("skull", "robot", "path", "scan")),
     "maps": frozenset(("skull", "region", "outer", "inner", "fused")),
 }
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Preview:
+    """A bound that somebody is dragging; it ends when there is another smoothed path."""
+
+    tolerance_mm: float
+    smoothing: Any  # the result that was there when it began
+    refused: int  # how many messages had been refused
 
 
 @dataclass(frozen=True, slots=True)
@@ -63,6 +73,11 @@ class ViewState:
     speed: float = 4.0  # of the replay, as a multiple of real time
     drawing: Drawing | None = None  # what a click on the skull adds to
     picks: tuple[Point, ...] = ()  # in base, mm
+    grabbed: int | None = None  # number of the point of the smoothed path that is being moved
+    ghost: Point | None = None  # where it is held, in base, mm
+    center: Point | None = None  # of the pattern that is to be made
+    boundary: tuple[Point, ...] = ()  # of the same
+    preview: Preview | None = None
     quantity: Literal["thickness", "height"] = "thickness"
     cut: bool = True  # the drawn skull is open over the region once it has been mapped
     slice_across: SliceAcross = "off"  # plane that the drawn skull is cut with, in every step
@@ -110,6 +125,14 @@ class Picture:
     names: tuple[tuple[str, str], ...] = ()  # id and name of the open sessions
     turning: bool = False  # the pointer is pivoted by hand
     refused: int = 0  # grows when a message was refused, so that fields show the truth again
+
+    @property
+    def preview_mm(self) -> float | None:
+        """Return the bound that is being dragged in step 6, None if none is."""
+        held = self.view.preview
+        if held is None or self.view.step != "smoothing" or held.refused != self.refused:
+            return None
+        return held.tolerance_mm if held.smoothing is self.session.results.smoothing else None
 
     @property
     def scanning(self) -> bool:

@@ -7,37 +7,28 @@ from typing import Any
 import numpy as np
 
 from rona_core.app.delay import measured_times_s, tracker_delay
+from rona_core.app.derive_smoothing import derive_pattern, derive_smoothing
 from rona_core.app.messages import (
     BuildPath,
     BuildSurface,
     CalibratePointer,
+    DrawPattern,
     RegisterTool,
     SmoothScanPath,
 )
-from rona_core.arrays import Bools, Floats, Ints, Vector3, readonly
+from rona_core.app.needs import need
+from rona_core.arrays import Bools, Floats, Ints
 from rona_core.calibration.pointer import PointerCalibration, calibrate_pointer
 from rona_core.calibration.tool import ToolRegistration, register_tool
 from rona_core.devices.markers import GEOMETRIES
 from rona_core.errors import DegenerateGeometryError, InvalidInputError, StepBlockedError
 from rona_core.geometry.pose import Poses
-from rona_core.path.filter import filter_path
-from rona_core.path.interpolate import densify, places_between
-from rona_core.path.smooth import simplify
 from rona_core.robot.model import robot_model
-from rona_core.session.document import PointerCapture, RawPath, Session, SmoothPath
+from rona_core.session.document import PointerCapture, RawPath, Session
 from rona_core.session.reference import base_reference, reference_of
 from rona_core.surface.cloud import SurfaceCloud, build_cloud, merge_clouds
-from rona_core.surface.normals import NormalField
 
-DOUBTFUL = ("one_sided", "uncertain")  # flags of normals that serve where there are no better
 SETTLE_S = 0.1  # after the robot has stopped, before frames count
-
-
-def need(value: Any, wanted: str) -> Any:
-    """Return ``value``; raise StepBlockedError that says what to do first where it is missing."""
-    if value in (None, ()):
-        raise StepBlockedError(f"first {wanted}")
-    return value
 
 
 def tool_poses(session: Session) -> tuple[Poses, Poses, Ints]:
@@ -175,54 +166,12 @@ def derive_path(session: Session, message: BuildPath) -> RawPath:
     return RawPath(points_base)
 
 
-def _viewpoint_base(session: Session) -> Vector3:
-    """Return where the pointer's markers were while it drew: the side the probe comes from."""
-    capture = need(session.captures.path, "demonstrate the scan path")
-    T_base_tracker = reference_of(session, capture).T_base_tracker
-    return T_base_tracker @ capture.marker.Ts_tracker_marker.translations.mean(axis=0)
-
-
-def derive_smoothing(session: Session, message: SmoothScanPath) -> SmoothPath:
-    """Filter and thin the path, find normals in the cloud and interpolate densely.
-
-    Raises:
-        DegenerateGeometryError: the cloud is too thin around a path point.
-    """
-    path = need(session.results.path, "demonstrate the scan path").value
-    cloud = need(session.results.surface, "sample the surface").value
-    capture = need(session.captures.path, "demonstrate the scan path")
-    points, times = path.points_base, capture.marker.times_s
-    if message.filter_s > 0:
-        points = filter_path(points, times, sigma_s=message.filter_s)
-    simplified = simplify(
-        points, message.tolerance_mm, method=message.method, metric=message.metric
-    )
-    corners = points[simplified.index]
-    places = corners
-    if message.normal_step_mm > 0:
-        places = places_between(corners, message.normal_step_mm)
-    field = NormalField(np.vstack((cloud.points_base, points)), message.normal_radius_mm)
-    normals = field.normals(
-        places, method=message.normal_method, viewpoint=_viewpoint_base(session)
-    )
-    bad = [i for flag, where in normals.refused.items() if flag not in DOUBTFUL for i in where]
-    if bad:
-        first = min(bad)
-        raise DegenerateGeometryError(
-            f"{len(bad)} of {len(places)} path points have no reliable normal (the first is "
-            f"point {first} with {normals.count[first]} samples within "
-            f"{normals.radius_mm:.3g} mm: {normals.flags[first].replace('_', ' ')}): "
-            "sample the surface there or enlarge the radius"
-        )
-    between = readonly(places) if message.normal_step_mm > 0 else None
-    return SmoothPath(simplified, normals, densify(places, -normals.normals), between)
-
-
 # command -> result it makes and the function that does it
 SHORT: dict[type, tuple[str, Callable[[Session, Any], Any]]] = {
     RegisterTool: ("tool", derive_registration),
     CalibratePointer: ("pointer", derive_pointer),
     BuildSurface: ("surface", derive_surface),
     BuildPath: ("path", derive_path),
+    DrawPattern: ("path", derive_pattern),
     SmoothScanPath: ("smoothing", derive_smoothing),
 }

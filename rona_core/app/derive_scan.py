@@ -2,8 +2,8 @@
 
 from dataclasses import dataclass, replace
 
-from rona_core.app.derive import need
 from rona_core.app.messages import StartMapping, StartRollSearch
+from rona_core.app.needs import need
 from rona_core.devices.protocols import Cancel, Progress, never, silent
 from rona_core.geometry.pose import Poses
 from rona_core.mapping.boundary_map import Maps

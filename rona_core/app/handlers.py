@@ -6,14 +6,20 @@ from typing import Any
 
 from rona_core.app.derive import SHORT
 from rona_core.app.derive_scan import derive_chosen_roll
-from rona_core.app.inputs import input_digests, require_inputs
+from rona_core.app.inputs import input_digests, require_inputs, stale_reason
 from rona_core.app.messages import (
     BuildPath,
     BuildSurface,
     CalibratePointer,
     ChooseRoll,
+    ClearPathEdits,
     ClearSurface,
+    DeletePathPoint,
+    DrawPattern,
     ExcludePoses,
+    InsertPathPoint,
+    KeepPathSample,
+    MovePathPoint,
     MoveTracker,
     RegisterTool,
     RenameSession,
@@ -39,7 +45,8 @@ from rona_core.app.outcomes import (
     StoreSurfaceCapture,
     StoreToolCapture,
 )
-from rona_core.app.plain import plain_arguments
+from rona_core.app.path_edits import edited
+from rona_core.app.plain import message_from, plain_arguments
 from rona_core.devices.settings import (
     DeviceSettings,
     ProbeSettings,
@@ -47,6 +54,7 @@ from rona_core.devices.settings import (
     TrackerPlace,
 )
 from rona_core.errors import InvalidInputError, StaleResultError, StepBlockedError
+from rona_core.path.edits import PathEdits
 from rona_core.robot.model import robot_model
 from rona_core.session.document import Capture, Derived, RegionChoice, Session
 from rona_core.session.specimen import SimulatedSkull
@@ -202,12 +210,40 @@ def _(message: ClearSurface, session: Session) -> Session:
 @handle.register(RegisterTool)
 @handle.register(CalibratePointer)
 @handle.register(BuildSurface)
-@handle.register(BuildPath)
 @handle.register(SmoothScanPath)
 def _(message: Any, session: Session) -> Session:
+    return computed(message, session)
+
+
+@handle.register(BuildPath)
+@handle.register(DrawPattern)
+def _(message: Any, session: Session) -> Session:
+    return replace(computed(message, session), path_edits=PathEdits())  # those of another path
+
+
+@handle.register(MovePathPoint)
+@handle.register(InsertPathPoint)
+@handle.register(DeletePathPoint)
+@handle.register(KeepPathSample)
+@handle.register(ClearPathEdits)
+def _(message: Any, session: Session) -> Session:
+    require_inputs(type(message), session)
+    changed = replace(session, path_edits=edited(message, session))
+    smooth = session.results.smoothing
+    if smooth is None or stale_reason("smoothing", session) is not None:
+        return changed
+    return computed(message_from(smooth.message, smooth.arguments), changed)
+
+
+def computed(message: Any, session: Session) -> Session:
+    """Return the session with the result that a command asks for.
+
+    Raises:
+        StepBlockedError: an input is missing.
+    """
     require_inputs(type(message), session)
     name, derive = SHORT[type(message)]
-    inputs = input_digests(name, session)
+    inputs = input_digests(name, session, type(message).__name__)
     value = derive(session, message)
     made = Derived(value, type(message).__name__, plain_arguments(message), inputs)
     return replace(session, results=replace(session.results, **{name: made}))

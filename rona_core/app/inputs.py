@@ -8,6 +8,11 @@ from rona_core.app.messages import (
     BuildPath,
     BuildSurface,
     CalibratePointer,
+    DeletePathPoint,
+    DrawPattern,
+    InsertPathPoint,
+    KeepPathSample,
+    MovePathPoint,
     RegisterTool,
     SmoothScanPath,
     StartMapping,
@@ -70,6 +75,7 @@ REGION = Input(lambda s: s.setup.region, "choose a region (step 1)")
 DETECTION = Input(_value("detection"), "detect the boundaries (step 9)", "detection")
 ROBOT = Input(lambda s: s.setup.devices.robot, "choose a robot (step 1)")
 REFERENCE = Input(lambda s: s.setup.use_base_marker, "choose the reference (step 1)")
+EDITS = Input(lambda s: s.path_edits, "smooth the path (step 6)")
 PROBE = Input(lambda s: s.setup.devices.probe, "choose a probe (step 1)")
 
 # result -> the names and kinds of its inputs
@@ -89,7 +95,7 @@ RESULT_INPUTS: dict[str, dict[str, Input]] = {
         "pointer": POINTER,
         "reference": REFERENCE,
     },
-    "smoothing": {"path": PATH, "surface": SURFACE},
+    "smoothing": {"path": PATH, "surface": SURFACE, "edits": EDITS},
     "roll": {"smoothing": SMOOTHING, "robot": ROBOT},
     "detection": {"capture": SCAN_CAPTURE, "probe": PROBE},
     "maps": {
@@ -99,6 +105,7 @@ RESULT_INPUTS: dict[str, dict[str, Input]] = {
         "robot": ROBOT,
     },
 }
+PATTERN_INPUTS = {"surface": SURFACE}  # of a path that nobody demonstrated
 RESULTS = tuple(RESULT_INPUTS)  # in the order in which they follow from one another
 
 # message -> what must be there before it makes sense
@@ -112,7 +119,12 @@ NEEDS: dict[type, tuple[Input, ...]] = {
     StartSkullRegistration: (SURFACE,),
     StartPathCapture: (TOOL, POINTER),
     BuildPath: (PATH_CAPTURE, TOOL, POINTER),
+    DrawPattern: (SURFACE,),
     SmoothScanPath: (PATH, SURFACE),
+    MovePathPoint: (SMOOTHING, SURFACE),
+    InsertPathPoint: (SMOOTHING, SURFACE),
+    DeletePathPoint: (SMOOTHING,),
+    KeepPathSample: (PATH, SURFACE),
     StartRollSearch: (SMOOTHING,),
     StartScan: (ROLL,),
     StartMapping: (SCAN_CAPTURE, SURFACE),
@@ -167,13 +179,29 @@ def require_for(activity: Any, session: Session) -> None:
     require_inputs(kind, session)
 
 
-def input_digests(result: str, session: Session) -> dict[str, str]:
+def is_pattern(session: Session) -> bool:
+    """Return whether the path is a pattern drawn by rule, not a demonstration."""
+    path = session.results.path
+    return path is not None and path.message == DrawPattern.__name__
+
+
+def inputs_of(result: str, message: str) -> dict[str, Input]:
+    """Return what a result depends on that a message of this name makes."""
+    return PATTERN_INPUTS if message == DrawPattern.__name__ else RESULT_INPUTS[result]
+
+
+def input_digests(result: str, session: Session, message: str = "") -> dict[str, str]:
     """Return the digest of every input of a result as the session holds them now.
+
+    Args:
+        result: Its name.
+        session: Holds the inputs.
+        message: Name of the message that makes it, where it can be made of different things.
 
     Raises:
         StepBlockedError: an input is missing.
     """
-    inputs = RESULT_INPUTS[result]
+    inputs = inputs_of(result, message)
     wanted = missing(tuple(inputs.values()), session)
     if wanted is not None:
         raise StepBlockedError(f"{result} cannot be computed: first {wanted}")
@@ -230,7 +258,7 @@ def stale_reason(name: str, session: Session) -> str | None:
     derived = getattr(session.results, name)
     if derived is None:
         return None
-    for key, item in RESULT_INPUTS[name].items():
+    for key, item in inputs_of(name, derived.message).items():
         if item.upstream is not None and (reason := stale_reason(item.upstream, session)):
             return reason
         value = item.read(session)

@@ -44,6 +44,14 @@ from rona_core.app.commands import (
     Undo,
     UseSimulatedSkull,
 )
+from rona_core.app.path_commands import (
+    ClearPathEdits,
+    DeletePathPoint,
+    DrawPattern,
+    InsertPathPoint,
+    KeepPathSample,
+    MovePathPoint,
+)
 
 Command = (
     RenameSession
@@ -63,7 +71,13 @@ Command = (
     | BuildSurface
     | ClearSurface
     | BuildPath
+    | DrawPattern
     | SmoothScanPath
+    | MovePathPoint
+    | InsertPathPoint
+    | DeletePathPoint
+    | KeepPathSample
+    | ClearPathEdits
     | ChooseRoll
     | Undo
     | Redo
@@ -93,9 +107,15 @@ __all__ = [
     "BuildSurface",
     "CalibratePointer",
     "ChooseRoll",
+    "ClearPathEdits",
     "ClearSurface",
     "Command",
+    "DeletePathPoint",
+    "DrawPattern",
     "ExcludePoses",
+    "InsertPathPoint",
+    "KeepPathSample",
+    "MovePathPoint",
     "MoveTracker",
     "Point",
     "Redo",

@@ -16,6 +16,7 @@ from rona_core.app.inputs import (
     TOOL,
     TOOL_CAPTURE,
     Input,
+    is_pattern,
     missing,
     stale_reason,
 )
@@ -72,6 +73,8 @@ def _state(name: str, session: Session) -> tuple[State, str]:
     if name == "setup":
         return "done", summary("setup", session)
     needs, leaves = FLOW[name]
+    if name == "path" and is_pattern(session):
+        leaves = (PATH,)
     results = ("detection", "maps") if name == "maps" else tuple(i.upstream or "" for i in leaves)
     there = missing(leaves, session) is None
     if name == "maps":
@@ -114,11 +117,13 @@ def summary(step: str, session: Session) -> str:
         return f"{len(results.surface.value.points_base)} points{remark}"
     if step == "path" and results.path:
         strokes = () if session.captures.path is None else (session.captures.path,)
-        remark = carried_remark(session, strokes)
-        return f"{len(results.path.value.points_base)} points{remark}"
+        made = "pattern of " if is_pattern(session) else ""
+        remark = "" if made else carried_remark(session, strokes)
+        return f"{made}{len(results.path.value.points_base)} points{remark}"
     if step == "smoothing" and results.smoothing:
         kept = results.smoothing.value.simplified
-        return f"{kept.n_original} to {len(kept.index)} points, K1 {kept.k1_mm:.2f} mm"
+        by_hand = f", {len(session.path_edits)} by hand" if len(session.path_edits) else ""
+        return f"{kept.n_original} to {len(kept.index)} points, K1 {kept.k1_mm:.2f} mm{by_hand}"
     if step == "roll" and results.roll:
         return _roll_summary(session)
     if step == "scan" and session.captures.scan:

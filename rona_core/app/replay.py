@@ -44,7 +44,9 @@ def recompute(session: Session, progress: Progress = silent) -> Session:
         if stored is None or stale_reason(name, session) is not None:
             continue
         value = _value(name, fresh, stored)
-        made = Derived(value, stored.message, stored.arguments, input_digests(name, fresh))
+        made = Derived(
+            value, stored.message, stored.arguments, input_digests(name, fresh, stored.message)
+        )
         fresh = replace(fresh, results=replace(fresh.results, **{name: made}))
         progress((i + 1) / len(RESULTS))
     return fresh

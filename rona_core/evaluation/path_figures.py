@@ -8,11 +8,14 @@ from rona_core.arrays import Floats, Ints
 from rona_core.evaluation.figures import Figures
 from rona_core.evaluation.truth import Truth
 from rona_core.path.filter import filter_path
+from rona_core.session.codec import digest
 
 if TYPE_CHECKING:
     from rona_core.geometry.path5d import Path5D
     from rona_core.robot.plan import RobotPlan
     from rona_core.session.document import Session
+
+PATTERN = "DrawPattern"  # the message that makes a path that nobody demonstrated
 
 
 def smoothing_figures(session: "Session") -> Figures:
@@ -24,10 +27,16 @@ def smoothing_figures(session: "Session") -> Figures:
     figures: Figures = {}
     if smoothing is None:
         return figures
-    kept = smoothing.value.simplified.index
+    value, kept = smoothing.value, smoothing.value.simplified.index
     figures["path_points_smoothed"] = len(kept)
-    fits = smoothing.value.simplified.n_original
-    if raw is None or capture is None or len(raw.value.points_base) != fits:
+    if raw is None or smoothing.inputs.get("edits") != digest(session.path_edits):
+        return figures  # its numbers count on other changes by hand
+    if raw.message == PATTERN or len(session.path_edits):
+        if smoothing.inputs.get("path") == digest(raw.value):
+            figures["path_deviation_max_mm"] = float(value.from_filtered_mm.max())
+            figures["path_deviation_raw_max_mm"] = float(value.from_raw_mm.max())
+        return figures
+    if capture is None or len(raw.value.points_base) != value.simplified.n_original:
         return figures  # the demonstration has been taken again since
     samples = raw.value.points_base
     given = filter_path(samples, capture.marker.times_s, filter_width_s(smoothing.arguments))

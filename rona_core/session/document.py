@@ -19,6 +19,7 @@ from rona_core.devices.settings import (
 )
 from rona_core.geometry.path5d import Path5D
 from rona_core.mapping.boundary_map import Maps
+from rona_core.path.edits import PathEdits
 from rona_core.path.smooth import SimplifiedPath
 from rona_core.robot.plan import RobotPlan
 from rona_core.session.specimen import LoadedSkull, SimulatedSkull
@@ -124,7 +125,7 @@ class Captures:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class RawPath:
-    """Step 5: the demonstrated positions of the pointer tip (n, 3) in ``base``."""
+    """Step 5: positions (n, 3) of the pointer tip, or of a pattern, in ``base``."""
 
     points_base: Floats
 
@@ -137,6 +138,9 @@ class SmoothPath:
     normals: Normals  # at the way-points
     path: Path5D  # interpolated densely in position and orientation
     way_points_base: Floats | None  # (m, 3) kept points and places between; None: the kept alone
+    corners_base: Floats  # (k, 3) the kept points, filtered or placed by hand
+    from_raw_mm: Floats  # (n,) how far each sample of the raw path is from the smoothed one
+    from_filtered_mm: Floats  # (n,) the same of the samples behind the filter
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -188,6 +192,7 @@ class Session:
     )
     setup: Setup = field(default_factory=Setup)
     captures: Captures = field(default_factory=Captures)
+    path_edits: PathEdits = field(default_factory=PathEdits)  # of the path of step 5, by hand
     results: Results = field(default_factory=Results)
     archive: tuple[Capture, ...] = ()  # every capture ever taken, undone ones too
     log: tuple[LogEntry, ...] = ()

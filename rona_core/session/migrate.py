@@ -24,6 +24,8 @@ PLAIN_TRACKER: dict[str, Any] = {
     "dropped_share": 0.0,
     "place": FIRST_PLACE,
 }
+# Nobody had changed a path by hand before schema 2.
+NO_EDITS: dict[str, Any] = {"$type": "PathEdits", "changes": []}
 # Results that schema 2 holds more of than schema 1 knew: covariances, verdicts, bounds.
 OUTGROWN = ("tool", "pointer", "smoothing")
 NEW = ("registration",)  # results that schema 1 did not know
@@ -32,10 +34,10 @@ NEW = ("registration",)  # results that schema 1 did not know
 def from_1(manifest: dict[str, Any]) -> dict[str, Any]:
     """Return a manifest of schema 1 as one of schema 2.
 
-    Its captures were measured by a tracker without the faults that can be switched on now, that
-    nobody moved, and without a marker on the robot base. What
-    the outgrown results lack cannot be made up, so they go: one click computes each again from its
-    capture, and until then what was computed with them shows as stale.
+    Its captures were measured by a tracker that nobody moved, without the faults that can be
+    switched on now and without a marker on the robot base, and its path had no changes by hand.
+    What the outgrown results lack cannot be made up, so they go: one click computes each again
+    from its capture, and until then what was computed with them shows as stale.
     """
     session = manifest["session"]
     devices = session["setup"]["devices"]
@@ -59,6 +61,7 @@ def from_1(manifest: dict[str, Any]) -> dict[str, Any]:
         "captures": captures,
         "archive": archive,
         "results": results,
+        "path_edits": NO_EDITS,
     }
     return {**manifest, "schema": 2, "session": changed}
 

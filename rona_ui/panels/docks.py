@@ -9,6 +9,7 @@ from rona_ui.panels.listings import FramesPanel, LogPanel
 from rona_ui.panels.look import LookPanel
 from rona_ui.panels.maps import MapsPanel
 from rona_ui.panels.path import PathPanel
+from rona_ui.panels.path_graph import PathGraph
 from rona_ui.panels.pointer import PointerPanel
 from rona_ui.panels.quality import QualityPanel
 from rona_ui.panels.replay import ReplayPanel
@@ -71,6 +72,8 @@ class Docks:
             panels.append(FramesPanel(gui))
         with upper.add_tab("Log", "list"):
             panels.append(LogPanel(gui))
+        with lower.add_tab("Path", "route"):
+            panels.append(PathGraph(gui))
         with lower.add_tab("Joints", "chart-line"):
             panels.append(JointsPanel(gui, door))
         with lower.add_tab("A-scan", "wave-sine"):

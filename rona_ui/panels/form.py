@@ -29,6 +29,13 @@ class Form:
             label, value, min=low, max=high, step=step, hint=hint
         )
 
+    def slider(
+        self, name: str, label: str, value: float, low: float, high: float, step: float
+    ) -> Any:
+        """Add a number that is dragged, and return its widget."""
+        self._fields[name] = self._gui.add_slider(label, low, high, step, value)
+        return self._fields[name]
+
     def vector(
         self, name: str, label: str, value: tuple[float, float, float], hint: str | None = None
     ) -> None:

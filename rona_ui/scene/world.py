@@ -7,10 +7,11 @@ import numpy as np
 from rona_ui.scene.adapter import Adapter
 from rona_ui.scene.cloud import CloudLayer, RegionLayer
 from rona_ui.scene.colors import BACKGROUND
+from rona_ui.scene.editing import EditLayer
 from rona_ui.scene.ghost import GhostLayer
 from rona_ui.scene.maps import MapLayer, ScanLayer
 from rona_ui.scene.metres import Stage
-from rona_ui.scene.path import AxesLayer, PathLayer
+from rona_ui.scene.path import AxesLayer, PathLayer, WarningsLayer
 from rona_ui.scene.pointer import DrawingLayer, PointerLayer
 from rona_ui.scene.profile import ProfileLayer
 from rona_ui.scene.robot import RobotLayer
@@ -44,6 +45,8 @@ class World:
             DrawingLayer(self.stage),
             PathLayer(self.stage),
             AxesLayer(self.stage),
+            WarningsLayer(self.stage),
+            EditLayer(self.stage),
             RollsLayer(self.stage),
             ScanLayer(self.stage),
             *(MapLayer(self.stage, name) for name in ("outer", "inner", "fused")),

@@ -5,6 +5,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from rona_core.path.edits import PathEdits
+from rona_core.session.codec import digest
 from tests.core.test_evaluation_navigation import truth_of
 
 pytest.importorskip("rona_core.path.filter", reason="there is no path filter")
@@ -50,13 +52,16 @@ def session_of(samples, kept, filter_s, n_original=None):
     times = np.arange(len(samples)) / 60.0
     simplified = SimpleNamespace(index=kept, n_original=n_original or len(samples))
     smoothing = SimpleNamespace(
-        value=SimpleNamespace(simplified=simplified), arguments={"filter_s": filter_s}
+        value=SimpleNamespace(simplified=simplified),
+        arguments={"filter_s": filter_s},
+        inputs={"edits": digest(PathEdits())},
     )
     return SimpleNamespace(
         results=SimpleNamespace(
             smoothing=smoothing,
-            path=SimpleNamespace(value=SimpleNamespace(points_base=samples)),
+            path=SimpleNamespace(value=SimpleNamespace(points_base=samples), message="BuildPath"),
         ),
+        path_edits=PathEdits(),
         captures=SimpleNamespace(path=SimpleNamespace(marker=SimpleNamespace(times_s=times))),
     )
 

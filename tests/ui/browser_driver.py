@@ -44,7 +44,8 @@ STATES = """() => [...document.querySelectorAll('.r-step .r-badge')].map((e) => 
 # names of what is drawn; parents that stay behind, empty, when their last child goes do not count
 NODES = """() => {
   const all = Object.keys(window.__viserSceneTree.getState());
-  const empty = ['/drawing', '/pointer', '/maps', '/path', '/scan', '/rolls', '/surface'];
+  const empty = ['/drawing', '/pointer', '/maps', '/path', '/scan', '/rolls', '/surface',
+    '/edit', '/pattern'];
   return all.filter((n) => !empty.includes(n)).sort();
 }"""
 

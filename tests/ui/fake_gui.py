@@ -25,6 +25,11 @@ class FakeHandle(AbstractContextManager["FakeHandle"]):
         self.__dict__.update(parts)
         self.callbacks: list[Any] = []
 
+    def __setattr__(self, name: str, value: Any) -> None:
+        if name == "disabled" and value and self.kind == "button_group":
+            raise AssertionError("viser refuses to disable a group of buttons")
+        super().__setattr__(name, value)
+
     def __exit__(self, *error: object) -> None:
         return None
 

@@ -129,7 +129,13 @@ def test_points_of_the_scan_before_are_not_shown_while_the_robot_scans(demo: Ses
     def draw(name: str, *_: Any, **__: Any) -> None:
         shown[name] = True
 
-    stage: Any = SimpleNamespace(cloud=draw, lines=draw, show=shown.__setitem__)
+    stage: Any = SimpleNamespace(
+        cloud=draw,
+        lines=draw,
+        show=shown.__setitem__,
+        names=shown.keys,
+        remove=lambda name: shown.pop(name, None),
+    )
     at_rest = picture(demo, ViewState(step="scan"))
     for at, scanning in ((at_rest, False), (replace(at_rest, job=SCANNING), True)):
         ScanLayer(stage).render(None, at)
