@@ -102,6 +102,7 @@ class Backdrop:
     T_base_tracker: Pose
     home_rad: Floats
     head_axes_base: Floats | None = None  # (3, 3) columns right, front, top; None if not known
+    T_base_basemarker: Pose | None = None  # None where there is none
 
 
 @dataclass(frozen=True, slots=True, eq=False)

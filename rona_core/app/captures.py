@@ -85,6 +85,8 @@ def capture_tool(activity: StartToolCapture, session: Session, tools: Toolbox) -
         dwell_end_s=readonly(np.array(plan.dwell_end_s)),
         phases=readonly(np.array(plan.phases, dtype=np.int64)),
         partial=partial or motion.progress() < 1.0,
+        base=ToolTrack.from_frames("basemarker", frames),
+        tracker_place=session.setup.devices.tracker.place,
     )
 
 
@@ -250,6 +252,8 @@ def _capture_hand(
         pointer=pointer,
         marker=ToolTrack.from_frames(pointer, frames),
         partial=partial,
+        base=ToolTrack.from_frames("basemarker", frames),
+        tracker_place=session.setup.devices.tracker.place,
     )
 
 

@@ -12,6 +12,7 @@ from rona_core.devices.settings import (
     Excitation,
     PointerKind,
     ProbeName,
+    TrackerPlace,
     TrackerProfile,
     require,
     require_within,
@@ -89,6 +90,29 @@ class SetTracker:
     drift_mm: float = 0.0
     minutes_on: float = 60.0
     dropped_share: float = 0.0
+
+
+@dataclass(frozen=True, slots=True)
+class MoveTracker:
+    """Move the tracker: shifted from its first place, turned about its vertical there.
+
+    What was recorded stays valid; new strokes are taken from the new place.
+    """
+
+    __pydantic_config__: ClassVar = STRICT
+    shift_mm: Point = (0.0, 0.0, 0.0)
+    turn_deg: float = 0.0
+
+    def __post_init__(self) -> None:
+        TrackerPlace(self.shift_mm, self.turn_deg)  # refuses what is too far
+
+
+@dataclass(frozen=True, slots=True)
+class SetReference:
+    """Choose whether a tracker that has moved is found again by the marker on the robot base."""
+
+    __pydantic_config__: ClassVar = STRICT
+    use_base_marker: bool = True
 
 
 @dataclass(frozen=True, slots=True)

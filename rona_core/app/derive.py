@@ -1,10 +1,12 @@
 """Compute each result from the captures of a session: pure, so a replay gives the same bits."""
 
 from collections.abc import Callable
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 
+from rona_core.app.delay import measured_times_s, tracker_delay
 from rona_core.app.derive_smoothing import derive_pattern, derive_smoothing
 from rona_core.app.messages import (
     BuildPath,
@@ -15,6 +17,7 @@ from rona_core.app.messages import (
     SmoothScanPath,
 )
 from rona_core.app.needs import need
+from rona_core.app.reference import base_reference, reference_of
 from rona_core.arrays import Bools, Floats, Ints
 from rona_core.calibration.pointer import PointerCalibration, calibrate_pointer
 from rona_core.calibration.tool import ToolRegistration, register_tool
@@ -39,7 +42,7 @@ def tool_poses(session: Session) -> tuple[Poses, Poses, Ints]:
     """
     capture = need(session.captures.tool, "record the tool motion")
     model = robot_model(session.setup.devices.robot.model)
-    times, seen = capture.marker.times_s, capture.marker.Ts_tracker_marker
+    times, seen = measured_times_s(capture, model), capture.marker.Ts_tracker_marker
     kept, markers, joints = [], [], []
     for i, (start, end) in enumerate(zip(capture.dwell_start_s, capture.dwell_end_s, strict=True)):
         inside = (times >= start + SETTLE_S) & (times <= end)
@@ -101,13 +104,25 @@ def derive_pointer(session: Session, message: CalibratePointer) -> PointerCalibr
     )
 
 
+def derive_registration(session: Session, message: RegisterTool) -> ToolRegistration:
+    """Register robot, tool and tracker; remember where the base marker was, and the delay."""
+    made = derive_tool(session, message)
+    capture = need(session.captures.tool, "record the tool motion")
+    return replace(
+        made,
+        base=base_reference(capture.base, made.T_base_tracker),
+        delay=tracker_delay(capture, robot_model(session.setup.devices.robot.model)),
+    )
+
+
 def tip_track(session: Session, capture: PointerCapture) -> Floats:
     """Return the pointer tip (k, 3) in ``base`` for every frame in which the pointer was seen.
 
     Raises:
         StepBlockedError: tool or pointer are not calibrated, or it was another pointer.
+        StaleResultError: the tracker has moved since the registration, and is not found again.
     """
-    tool = need(session.results.tool, "register the tool").value
+    reference = reference_of(session, capture)
     pointer = need(session.results.pointer, "calibrate the pointer").value
     if pointer.pointer != capture.pointer:
         raise StepBlockedError(
@@ -115,7 +130,7 @@ def tip_track(session: Session, capture: PointerCapture) -> Floats:
             f"calibrate {capture.pointer} or record the stroke again"
         )
     tips_tracker = capture.marker.Ts_tracker_marker @ pointer.tip_pointermarker
-    return tool.T_base_tracker @ tips_tracker
+    return reference.T_base_tracker @ tips_tracker
 
 
 def derive_surface(session: Session, message: BuildSurface) -> SurfaceCloud:
@@ -153,7 +168,7 @@ def derive_path(session: Session, message: BuildPath) -> RawPath:
 
 # command -> result it makes and the function that does it
 SHORT: dict[type, tuple[str, Callable[[Session, Any], Any]]] = {
-    RegisterTool: ("tool", derive_tool),
+    RegisterTool: ("tool", derive_registration),
     CalibratePointer: ("pointer", derive_pointer),
     BuildSurface: ("surface", derive_surface),
     BuildPath: ("path", derive_path),

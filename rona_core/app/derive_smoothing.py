@@ -7,6 +7,7 @@ import numpy as np
 from rona_core.app.inputs import is_pattern
 from rona_core.app.messages import DrawPattern, SmoothScanPath
 from rona_core.app.needs import need
+from rona_core.app.reference import reference_of
 from rona_core.arrays import Floats, Vector3, readonly
 from rona_core.errors import DegenerateGeometryError
 from rona_core.geometry.fit import fit_plane
@@ -51,13 +52,14 @@ def path_source(session: Session, filter_s: float) -> PathSource:
 
 def viewpoint_base(session: Session) -> Vector3:
     """Return where the pointer's markers were while it drew: the side the probe comes from."""
-    tool = need(session.results.tool, "register the tool").value
-    if is_pattern(session) or session.captures.path is None:
-        strokes = need(session.captures.surface, "slide the pointer over the skull")
-        seen = np.vstack([s.marker.Ts_tracker_marker.translations for s in strokes])
-    else:
-        seen = session.captures.path.marker.Ts_tracker_marker.translations
-    return tool.T_base_tracker @ seen.mean(axis=0)
+    strokes = need(session.captures.surface, "slide the pointer over the skull")
+    if not is_pattern(session) and session.captures.path is not None:
+        strokes = (session.captures.path,)
+    seen = [
+        reference_of(session, stroke).T_base_tracker @ stroke.marker.Ts_tracker_marker.translations
+        for stroke in strokes
+    ]
+    return np.vstack(seen).mean(axis=0)
 
 
 def derive_smoothing(session: Session, message: SmoothScanPath) -> SmoothPath:

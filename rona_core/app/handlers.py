@@ -12,18 +12,15 @@ from rona_core.app.messages import (
     BuildSurface,
     CalibratePointer,
     ChooseRoll,
-    ClearPathEdits,
     ClearSurface,
-    DeletePathPoint,
     DrawPattern,
     ExcludePoses,
-    InsertPathPoint,
-    KeepPathSample,
-    MovePathPoint,
+    MoveTracker,
     RegisterTool,
     RenameSession,
     SetPointer,
     SetProbe,
+    SetReference,
     SetRegion,
     SetRobot,
     SetSeed,
@@ -43,9 +40,15 @@ from rona_core.app.outcomes import (
     StoreSurfaceCapture,
     StoreToolCapture,
 )
+from rona_core.app.path_commands import PathChange
 from rona_core.app.path_edits import edited
 from rona_core.app.plain import message_from, plain_arguments
-from rona_core.devices.settings import DeviceSettings, ProbeSettings, RobotSettings
+from rona_core.devices.settings import (
+    DeviceSettings,
+    ProbeSettings,
+    RobotSettings,
+    TrackerPlace,
+)
 from rona_core.errors import InvalidInputError, StaleResultError, StepBlockedError
 from rona_core.path.edits import PathEdits
 from rona_core.robot.model import robot_model
@@ -98,6 +101,19 @@ def _(message: SetTracker, session: Session) -> Session:
     chosen = {part.name: getattr(message, part.name) for part in fields(message)}
     tracker = replace(devices.tracker, **chosen)
     return _with_devices(session, replace(devices, tracker=tracker))
+
+
+@handle.register
+def _(message: MoveTracker, session: Session) -> Session:
+    devices = session.setup.devices
+    place = TrackerPlace(message.shift_mm, message.turn_deg)
+    return _with_devices(session, replace(devices, tracker=replace(devices.tracker, place=place)))
+
+
+@handle.register
+def _(message: SetReference, session: Session) -> Session:
+    setup = replace(session.setup, use_base_marker=message.use_base_marker)
+    return replace(session, setup=setup)
 
 
 @handle.register
@@ -201,11 +217,7 @@ def _(message: Any, session: Session) -> Session:
     return replace(computed(message, session), path_edits=PathEdits())  # those of another path
 
 
-@handle.register(MovePathPoint)
-@handle.register(InsertPathPoint)
-@handle.register(DeletePathPoint)
-@handle.register(KeepPathSample)
-@handle.register(ClearPathEdits)
+@handle.register(PathChange)
 def _(message: Any, session: Session) -> Session:
     require_inputs(type(message), session)
     changed = replace(session, path_edits=edited(message, session))

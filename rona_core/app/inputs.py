@@ -25,6 +25,7 @@ from rona_core.app.messages import (
     StartSurfaceCapture,
     StartToolCapture,
 )
+from rona_core.app.reference import placed_reason
 from rona_core.devices.settings import TrackerSettings
 from rona_core.errors import StepBlockedError
 from rona_core.session.codec import digest
@@ -74,15 +75,26 @@ REGION = Input(lambda s: s.setup.region, "choose a region (step 1)")
 DETECTION = Input(_value("detection"), "detect the boundaries (step 9)", "detection")
 ROBOT = Input(lambda s: s.setup.devices.robot, "choose a robot (step 1)")
 EDITS = Input(lambda s: s.path_edits, "smooth the path (step 6)")
+REFERENCE = Input(lambda s: s.setup.use_base_marker, "choose the reference (step 1)")
 PROBE = Input(lambda s: s.setup.devices.probe, "choose a probe (step 1)")
 
 # result -> the names and kinds of its inputs
 RESULT_INPUTS: dict[str, dict[str, Input]] = {
     "tool": {"capture": TOOL_CAPTURE, "robot": ROBOT},
     "pointer": {"capture": POINTER_CAPTURE},
-    "surface": {"capture": SURFACE_CAPTURE, "tool": TOOL, "pointer": POINTER},
+    "surface": {
+        "capture": SURFACE_CAPTURE,
+        "tool": TOOL,
+        "pointer": POINTER,
+        "reference": REFERENCE,
+    },
     "registration": {"surface": SURFACE, "skull": SKULL, "region": REGION},
-    "path": {"capture": PATH_CAPTURE, "tool": TOOL, "pointer": POINTER},
+    "path": {
+        "capture": PATH_CAPTURE,
+        "tool": TOOL,
+        "pointer": POINTER,
+        "reference": REFERENCE,
+    },
     "smoothing": {"path": PATH, "surface": SURFACE, "edits": EDITS},
     "roll": {"smoothing": SMOOTHING, "robot": ROBOT},
     "detection": {"capture": SCAN_CAPTURE, "probe": PROBE},
@@ -132,6 +144,10 @@ def require_inputs(message_type: type, session: Session) -> None:
     wanted = missing(NEEDS.get(message_type, ()), session)
     if wanted is not None:
         raise StepBlockedError(f"{message_type.__name__} is blocked: first {wanted}")
+    if message_type in (StartSurfaceCapture, StartPathCapture):
+        reason = placed_reason(session)
+        if reason is not None:
+            raise StepBlockedError(f"{message_type.__name__} is blocked: {reason}")
 
 
 def require_loaded(session: Session) -> LoadedSkull:
@@ -221,8 +237,17 @@ def capture_setup_digest(kind: str, session: Session) -> str:
 
 
 def _faults(tracker: TrackerSettings) -> list[str]:
-    """Return a digest of what else a capture depends on; nothing for captures of schema 1."""
-    rest = replace(tracker, profile=PLAIN.profile, rate_hz=PLAIN.rate_hz, hidden_tools=())
+    """Return a digest of what else a capture depends on; nothing for captures of schema 1.
+
+    Where the tracker stands is not among it: a stroke stays valid where it was taken.
+    """
+    rest = replace(
+        tracker,
+        profile=PLAIN.profile,
+        rate_hz=PLAIN.rate_hz,
+        hidden_tools=(),
+        place=PLAIN.place,
+    )
     return [] if rest == PLAIN else [digest(rest)]
 
 

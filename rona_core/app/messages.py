@@ -27,12 +27,14 @@ from rona_core.app.commands import (
     ChooseRoll,
     ClearSurface,
     ExcludePoses,
+    MoveTracker,
     Point,
     Redo,
     RegisterTool,
     RenameSession,
     SetPointer,
     SetProbe,
+    SetReference,
     SetRegion,
     SetRobot,
     SetSeed,
@@ -57,6 +59,8 @@ Command = (
     | UseSimulatedSkull
     | SetRegion
     | SetTracker
+    | MoveTracker
+    | SetReference
     | SetToolVisible
     | SetRobot
     | SetProbe
@@ -112,12 +116,14 @@ __all__ = [
     "KeepPathSample",
     "MovePathPoint",
     "ExcludePoses",
+    "MoveTracker",
     "Point",
     "Redo",
     "RegisterTool",
     "RenameSession",
     "SetPointer",
     "SetProbe",
+    "SetReference",
     "SetRegion",
     "SetRobot",
     "SetSeed",

@@ -20,6 +20,7 @@ from rona_core.app.inputs import (
     missing,
     stale_reason,
 )
+from rona_core.app.reference import carried_remark, placed_reason
 from rona_core.session.document import STEPS, Session
 
 State = Literal["done", "ready", "blocked", "stale"]
@@ -78,6 +79,8 @@ def _state(name: str, session: Session) -> tuple[State, str]:
     there = missing(leaves, session) is None
     if name == "maps":
         there = session.results.maps is not None
+    if there and name == "tool" and (reason := placed_reason(session)) is not None:
+        return "stale", reason
     if there:
         for result in results:
             if (reason := stale_reason(result, session)) is not None:
@@ -88,6 +91,8 @@ def _state(name: str, session: Session) -> tuple[State, str]:
     wanted = missing(needs, session)
     if wanted is not None:
         return "blocked", f"first {wanted}"
+    if name in ("surface", "path") and (reason := placed_reason(session)) is not None:
+        return "blocked", reason
     if name == "scan" and session.results.roll and session.results.roll.value.mode == "none":
         return "blocked", "first find a roll that the robot can traverse (step 7)"
     return "ready", "ready"
@@ -108,10 +113,14 @@ def summary(step: str, session: Session) -> str:
         pointer = results.pointer.value
         return f"{pointer.dof}D, {pointer.n_used} poses, random error {pointer.tip_sigma_mm:.2f} mm"
     if step == "surface" and results.surface:
-        return f"{len(results.surface.value.points_base)} points"
+        remark = carried_remark(session, session.captures.surface)
+        return f"{len(results.surface.value.points_base)} points{remark}"
     if step == "path" and results.path:
-        made = "pattern of " if is_pattern(session) else ""
-        return f"{made}{len(results.path.value.points_base)} points"
+        if is_pattern(session):
+            return f"pattern of {len(results.path.value.points_base)} points"
+        strokes = () if session.captures.path is None else (session.captures.path,)
+        remark = carried_remark(session, strokes)
+        return f"{len(results.path.value.points_base)} points{remark}"
     if step == "smoothing" and results.smoothing:
         kept = results.smoothing.value.simplified
         by_hand = f", {len(session.path_edits)} by hand" if len(session.path_edits) else ""

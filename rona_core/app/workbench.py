@@ -84,7 +84,8 @@ class Workbench:
     def _fitting_rig(self) -> Rig:
         setup = self.session.setup
         robot = setup.devices.robot
-        where = [robot.model, robot.base_shift_mm, robot.base_turn_deg]
+        place = setup.devices.tracker.place
+        where = [robot.model, robot.base_shift_mm, robot.base_turn_deg, digest(place)]
         key = digest([setup.seed, digest(setup.specimen), digest(setup.region), *where])
         with self._rig_lock:
             if self._closed:

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from rona_core.arrays import Bools, Floats, Ints, readonly
+from rona_core.calibration.base_marker import BaseReference
 from rona_core.calibration.handeye import (
     ROBOT_SIGMA_DEG,
     ROBOT_SIGMA_MM,
@@ -24,6 +25,7 @@ from rona_core.calibration.handeye_view import Judged, judge, registration_sigma
 from rona_core.calibration.marker_noise import MarkerNoise
 from rona_core.calibration.pivot_fit import as_keep
 from rona_core.calibration.sphere import cap_half_angle_deg
+from rona_core.calibration.time_offset import TimeOffset
 from rona_core.calibration.tool_paper import angle_deg, bootstrap, solve_paper
 from rona_core.errors import InvalidInputError
 from rona_core.geometry.fit import LineFit, fit_line_direction
@@ -56,6 +58,8 @@ class ToolRegistration:
     used: Bools  # (n,) False for poses excluded, or dropped as gross errors
     verdict: Literal["good", "weak", "bad"]
     reasons: tuple[str, ...]  # of a verdict that is not good, each with its remedy
+    base: BaseReference | None = None  # the base marker meanwhile; None: it was not seen
+    delay: TimeOffset | None = None  # of the tracker behind the robot; None: it cannot be told
 
 
 def register_tool(

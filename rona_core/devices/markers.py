@@ -1,7 +1,8 @@
 """Marker geometry of the tracked tools, as a tracker is told it (what NDI keeps in a .rom file).
 
 The toolmarker and the 6D pointer carry four markers in one plane; the 5D pointer three on a line,
-so that its roll about that line cannot be seen.
+so that its roll about that line cannot be seen. The base marker is a large plate: what it tells of
+a turn acts over the whole way from the robot base to the head.
 """
 
 from dataclasses import dataclass
@@ -62,5 +63,12 @@ GEOMETRIES = {
         [[0.0, 0.0, 0.0], [0.0, 0.0, 60.0], [0.0, 0.0, 130.0]],
         (0.0, 0.0, 0.0),  # spheres on a stick: seen from every side
         (0.0, 0.0, 290.0),
+    ),
+    "basemarker": _geometry(
+        "basemarker",
+        6,
+        [[-80.0, -50.0, 0.0], [75.0, -62.0, 0.0], [66.0, 58.0, 0.0], [-61.0, 54.0, 0.0]],
+        (0.0, 0.0, 1.0),
+        (0.0, 0.0, 0.0),  # it has no tip; the origin is the middle of its markers
     ),
 }

@@ -189,6 +189,10 @@ class Display(Protocol):
         """Return where the tracker stands, to draw it and its volume."""
         ...
 
+    def T_base_basemarker(self) -> Pose | None:  # noqa: N802 (frame grammar)
+        """Return where the marker on the robot base is, to draw it; None if there is none."""
+        ...
+
     def T_base_pointermarker(self) -> Pose | None:  # noqa: N802 (frame grammar)
         """Return where the pointer is now, to draw it; None while it lies aside."""
         ...

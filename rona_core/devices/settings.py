@@ -12,9 +12,12 @@ PointerKind = Literal["pointer6d", "pointer5d"]
 ProbeName = Literal["2.25MHz", "1MHz"]
 Excitation = Literal["pulse", "chirp"]
 
-TOOLS = ("toolmarker", "pointer6d", "pointer5d")  # tracked rigid bodies, by name
+# Tracked rigid bodies, by name. New ones come last: each draws its noise after those before it.
+TOOLS = ("toolmarker", "pointer6d", "pointer5d", "basemarker")
 TRACKER_RATES_HZ = (20.0, 60.0)  # lowest and highest
 LATENCY_MS = {"vega": 14.0}  # of profiles that state one; the others deliver at once
+# 3D RMS of what averaging leaves of the error of a marker, by what the makers state.
+FIELD_MM = {"ideal": 0.0, "polaris": 0.35, "white035": 0.0, "spectra": 0.25, "vega": 0.12}
 
 
 def require(condition: bool, message: str) -> None:
@@ -26,6 +29,26 @@ def require(condition: bool, message: str) -> None:
 def require_within(name: str, value: float, low: float, high: float) -> None:
     """Raise InvalidInputError unless ``value`` lies between ``low`` and ``high``, both allowed."""
     require(low <= value <= high, f"{name} must be {low:g} to {high:g}, not {value:g}")
+
+
+@dataclass(frozen=True, slots=True)
+class TrackerPlace:
+    """Where the tracker stands: shifted from its first place, and turned about its vertical."""
+
+    __pydantic_config__: ClassVar = STRICT
+
+    shift_mm: tuple[float, float, float] = (0.0, 0.0, 0.0)  # along the axes of ``base``
+    turn_deg: float = 0.0
+
+    def __post_init__(self) -> None:
+        require(
+            all(abs(v) <= 500.0 for v in self.shift_mm),
+            f"shift_mm must stay within 500 mm, not {self.shift_mm}",
+        )
+        require_within("turn_deg", self.turn_deg, -20.0, 20.0)
+
+
+FIRST_PLACE = TrackerPlace()
 
 
 @dataclass(frozen=True, slots=True)
@@ -45,6 +68,7 @@ class TrackerSettings:
     drift_mm: float = 0.0  # by which a cold tracker is off; it decays while it warms up
     minutes_on: float = 60.0  # since it was switched on, when the first capture begins
     dropped_share: float = 0.0  # of the frames, which never arrive
+    place: TrackerPlace = FIRST_PLACE  # somebody may move it between captures
 
     def __post_init__(self) -> None:
         require_within("rate_hz", self.rate_hz, *TRACKER_RATES_HZ)

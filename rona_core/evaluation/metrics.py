@@ -115,7 +115,9 @@ def unfinished(session: "Session") -> tuple[str | None, str | None]:
 def _navigation(session: "Session", truth: Truth) -> Figures:
     results, figures = session.results, Figures(predicted_figures(session))
     if results.tool is not None:
-        figures |= tool_figures(results.tool.value, truth)
+        taken = session.captures.tool
+        place = None if taken is None else taken.tracker_place
+        figures |= tool_figures(results.tool.value, truth, place)
     if results.pointer is not None and not is_imported(session.captures.pointer):
         figures |= pointer_figures(results.pointer.value, truth)
     if results.surface is not None:

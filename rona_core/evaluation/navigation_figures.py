@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from rona_core.arrays import Floats
+from rona_core.devices.settings import TrackerPlace
 from rona_core.evaluation.figures import Figures, rms
 from rona_core.evaluation.true_tips import true_tips_base
 from rona_core.evaluation.truth import Truth
@@ -19,16 +20,22 @@ if TYPE_CHECKING:
     from rona_core.surface.registration import SurfaceRegistration
 
 
-def tool_figures(registration: "ToolRegistration", truth: Truth) -> Figures:
-    """Return the error of the tool's tip, and that of mapping the tracker to the base."""
+def tool_figures(
+    registration: "ToolRegistration", truth: Truth, place: TrackerPlace | None = None
+) -> Figures:
+    """Return the error of the tool's tip, and that of mapping the tracker to the base.
+
+    ``place`` says where the tracker stood at the registration; None: where it stands now.
+    """
     scene = truth.scene
+    T_base_tracker = scene.T_base_tracker if place is None else scene.tracker_at(place)
     tip = registration.T_toolmarker_tip.translation
     true_tip = scene.T_tip_toolmarker.inv().translation
     landmarks = np.array(list(truth.landmarks_base().values()))
     return {
         "tool_tip_error_mm": float(np.linalg.norm(tip - true_tip)),
         "tracker_registration_tre_mm": registration_tre_mm(
-            registration.T_base_tracker, scene.T_base_tracker, landmarks
+            registration.T_base_tracker, T_base_tracker, landmarks
         ),
     }
 
@@ -83,7 +90,8 @@ def tip_errors(cloud: "SurfaceCloud", captures: "Sequence[PointerCapture]", trut
         end = _end_of_capture(cloud.times_s, begin, capture.marker.times_s)
         if end > begin:
             rows = np.searchsorted(capture.marker.times_s, cloud.times_s[begin:end])
-            true = true_tips_base(truth.scene, capture.marker, capture.ordinal, rows)
+            stood = truth.scene.tracker_at(capture.tracker_place)
+            true = true_tips_base(truth.scene, capture.marker, capture.ordinal, rows, stood)
             errors.append(cloud.points_base[begin:end] - true)
         begin = end
     return np.concatenate(errors) if errors else np.zeros((0, 3))

@@ -80,9 +80,16 @@ def _marker_sets(geometry: MarkerGeometry) -> Iterator[Bools | None]:
             yield clear
 
 
-def true_tips_base(scene: VirtualScene, track: ToolTrack, ordinal: int, rows: Ints) -> Floats:
+def true_tips_base(
+    scene: VirtualScene,
+    track: ToolTrack,
+    ordinal: int,
+    rows: Ints,
+    T_base_tracker: Pose | None = None,
+) -> Floats:
     """Return the true tip (n, 3) in ``base`` in some rows (n,) of a pointer's track.
 
+    ``T_base_tracker`` says where the tracker stood; None: where it stands now.
     It is where the tip was when the frame was measured, which is earlier than it arrived.
     """
     settings, tip = scene.settings.tracker, scene.tips[track.tool]
@@ -98,4 +105,4 @@ def true_tips_base(scene: VirtualScene, track: ToolTrack, ordinal: int, rows: In
             int(track.frame_numbers[row]),
         )
         tips[out] = pose @ tip
-    return scene.T_base_tracker @ tips
+    return (scene.T_base_tracker if T_base_tracker is None else T_base_tracker) @ tips

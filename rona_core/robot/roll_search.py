@@ -131,7 +131,7 @@ def best_branch(least: Floats) -> int:
     if margins.max() >= 0.0:
         return int(np.argmax(margins))
     first = np.argmax(least < 0.0, axis=0)
-    return max(range(len(margins)), key=lambda branch: (first[branch], margins[branch]))
+    return max(range(len(margins)), key=lambda branch: (int(first[branch]), float(margins[branch])))
 
 
 def choose(verdicts: list[RollVerdict], choice: Choice) -> int:

@@ -10,7 +10,13 @@ from rona_core.arrays import Floats, Ints
 from rona_core.calibration.pointer import PointerCalibration
 from rona_core.calibration.tool import ToolRegistration
 from rona_core.devices.samples import AScanTrack, JointTrack, ToolTrack
-from rona_core.devices.settings import DeviceSettings, require, require_within
+from rona_core.devices.settings import (
+    FIRST_PLACE,
+    DeviceSettings,
+    TrackerPlace,
+    require,
+    require_within,
+)
 from rona_core.geometry.path5d import Path5D
 from rona_core.mapping.boundary_map import Maps
 from rona_core.path.edits import PathEdits
@@ -60,6 +66,7 @@ class Setup:
     specimen: SimulatedSkull | LoadedSkull = field(default_factory=SimulatedSkull)
     region: RegionChoice = field(default_factory=RegionChoice)
     devices: DeviceSettings = field(default_factory=DeviceSettings)
+    use_base_marker: bool = True  # to find a tracker again that was moved after the registration
 
     def __post_init__(self) -> None:
         require_seed(self.seed)
@@ -77,6 +84,8 @@ class ToolCapture:
     dwell_end_s: Floats  # (n,)
     phases: Ints  # (n,) 0 pivot, 1 along tool x, 2 along tool y
     partial: bool = False
+    base: ToolTrack | None = None  # the base marker meanwhile; None: nobody recorded it
+    tracker_place: TrackerPlace = FIRST_PLACE  # as the set-up had it
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -88,6 +97,8 @@ class PointerCapture:
     pointer: str  # which one, see devices.settings
     marker: ToolTrack
     partial: bool = False
+    base: ToolTrack | None = None  # the base marker meanwhile; None: nobody recorded it
+    tracker_place: TrackerPlace = FIRST_PLACE  # as the set-up had it
 
 
 @dataclass(frozen=True, slots=True, eq=False)

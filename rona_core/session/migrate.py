@@ -8,6 +8,11 @@ from rona_core.errors import SessionFormatError
 SCHEMA = 2  # raise it with every change of the document, and add the step below
 
 # What the tracker was before schema 2: errors alike everywhere, nothing in the way, no faults.
+FIRST_PLACE: dict[str, Any] = {
+    "$type": "TrackerPlace",
+    "shift_mm": [0.0, 0.0, 0.0],
+    "turn_deg": 0.0,
+}
 PLAIN_TRACKER: dict[str, Any] = {
     "stereo": False,
     "depth_ratio": 3.0,
@@ -17,6 +22,7 @@ PLAIN_TRACKER: dict[str, Any] = {
     "drift_mm": 0.0,
     "minutes_on": 60.0,
     "dropped_share": 0.0,
+    "place": FIRST_PLACE,
 }
 # Nobody had changed a path by hand before schema 2.
 NO_EDITS: dict[str, Any] = {"$type": "PathEdits", "changes": []}
@@ -28,18 +34,43 @@ NEW = ("registration",)  # results that schema 1 did not know
 def from_1(manifest: dict[str, Any]) -> dict[str, Any]:
     """Return a manifest of schema 1 as one of schema 2.
 
-    Its captures were measured by a tracker without the faults that can be switched on now, and its
-    path had no changes by hand. What the outgrown results lack cannot be made up, so they go: one
-    click computes each again from its capture, and until then what was computed with them shows as
-    stale.
+    Its captures were measured by a tracker without the faults that can be switched on now, that
+    nobody moved, and without a marker on the robot base; its path had no changes by hand. What the
+    outgrown results lack cannot be made up, so they go: one click computes each again from its
+    capture, and until then what was computed with them shows as stale.
     """
     session = manifest["session"]
     devices = session["setup"]["devices"]
     tracker = {**PLAIN_TRACKER, **devices["tracker"]}
-    setup = {**session["setup"], "devices": {**devices, "tracker": tracker}}
+    setup = {
+        **session["setup"],
+        "devices": {**devices, "tracker": tracker},
+        "use_base_marker": True,
+    }
+    held = session["captures"]
+    captures = {
+        **held,
+        **{kind: _tracked(held[kind]) for kind in ("tool", "pointer", "path")},
+        "surface": [_tracked(stroke) for stroke in held["surface"]],
+    }
+    archive = [_tracked(capture) for capture in session["archive"]]
     results = {**session["results"], **dict.fromkeys((*OUTGROWN, *NEW))}
-    changed = {**session, "setup": setup, "results": results, "path_edits": NO_EDITS}
+    changed = {
+        **session,
+        "setup": setup,
+        "captures": captures,
+        "archive": archive,
+        "results": results,
+        "path_edits": NO_EDITS,
+    }
     return {**manifest, "schema": 2, "session": changed}
+
+
+def _tracked(capture: Any) -> Any:
+    """Return a capture of schema 1 with what is known now of base marker and tracker."""
+    if capture is None or "marker" not in capture:
+        return capture
+    return {**capture, "base": None, "tracker_place": FIRST_PLACE}
 
 
 # MIGRATIONS[n] turns a manifest of schema n into one of schema n + 1.

@@ -63,6 +63,10 @@ class VirtualDisplay:
         """Return where the tracker stands."""
         return self._scene.T_base_tracker
 
+    def T_base_basemarker(self) -> Pose | None:  # noqa: N802 (frame grammar)
+        """Return where the marker on the robot base is."""
+        return self._scene.T_base_basemarker
+
     def T_base_pointermarker(self) -> Pose | None:  # noqa: N802 (frame grammar)
         """Return where the pointer is now; None while it lies aside."""
         return self._pointer()

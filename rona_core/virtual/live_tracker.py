@@ -24,16 +24,17 @@ class VirtualLiveTracker:
         self,
         seed: int,
         T_tracker_toolmarker: Callable[[], Pose | None],
+        T_tracker_basemarker: Callable[[], Pose | None] = lambda: None,
         *,
         clear: Clear | None = None,
         wall: Callable[[], float] = time.monotonic,
     ) -> None:
-        """Watch the tool on the robot through ``T_tracker_toolmarker()``.
+        """Watch the tool on the robot and the marker on its base through these two.
 
         Without ``clear`` nothing ever stands before a marker.
         """
         self._seed = seed
-        self._toolmarker = T_tracker_toolmarker
+        self._fixed = {"toolmarker": T_tracker_toolmarker, "basemarker": T_tracker_basemarker}
         self._clear = clear
         self._wall = wall
         self._start_s = wall()
@@ -51,6 +52,8 @@ class VirtualLiveTracker:
             raise NotFoundError(f"there is no tool {tool!r}: tools are {', '.join(TOOLS)}")
         if tool == "toolmarker":
             raise DeviceError("the robot holds the toolmarker: move the robot instead")
+        if tool == "basemarker":
+            raise DeviceError("the basemarker is fixed to the robot base: move the base instead")
         with self._lock:
             self._placed.pop(tool, None)
             if T_tracker_marker is not None:
@@ -70,7 +73,7 @@ class VirtualLiveTracker:
         for tool in TOOLS:
             geometry = GEOMETRIES[tool]
             white = generator.standard_normal(geometry.positions_marker.shape)
-            pose = self._toolmarker() if tool == "toolmarker" else placed.get(tool)
+            pose = self._fixed[tool]() if tool in self._fixed else placed.get(tool)
             if tool in settings.hidden_tools:
                 samples.append(ToolSample(tool, "covered"))
             elif pose is None:

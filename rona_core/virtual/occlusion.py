@@ -4,6 +4,7 @@ A marker counts only if both cameras see it, as a position takes two of them.
 """
 
 from collections.abc import Callable
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -22,6 +23,16 @@ HAND_RADIUS_MM = 30.0
 HEAD_EDGE_MM = 3.0  # of the triangles of the head
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class Rays:
+    """Lines of sight from both cameras to the m markers of a tool, the second camera's last."""
+
+    T_tracker_marker: Pose
+    starts_base: Floats  # (2 m, 3)
+    ends_base: Floats  # (2 m, 3)
+    hidden: Bools  # (2 m,) by what does not move with the robot
+
+
 class LinesOfSight:
     """Tells which markers of a tool both cameras see."""
 
@@ -34,6 +45,7 @@ class LinesOfSight:
         self._head: MeshRaycaster | None = None
         self._robot: tuple[Floats, Capsules] | None = None  # spares work while the robot rests
         self._last: dict[str, tuple[Pose, Floats, Bools]] = {}  # and while a tool does
+        self._rays: dict[str, Rays] = {}  # and while a tool does before a robot that moves
 
     def clear(self, tool: str, T_tracker_marker: Pose, time_s: float) -> Bools:
         """Return which markers (m,) of a tool at its true pose both cameras see."""
@@ -45,6 +57,15 @@ class LinesOfSight:
         return clear
 
     def _hidden(self, tool: str, T_tracker_marker: Pose, robot: Capsules) -> Bools:
+        rays = self._rays.get(tool)
+        if rays is None or not _same(rays.T_tracker_marker, T_tracker_marker):
+            rays = self._rays[tool] = self._at_rest(tool, T_tracker_marker)
+        hidden = rays.hidden | meets(rays.starts_base, rays.ends_base, robot)
+        count = len(hidden) // 2
+        return np.asarray(hidden[:count] | hidden[count:])
+
+    def _at_rest(self, tool: str, T_tracker_marker: Pose) -> "Rays":
+        """Return the lines of sight to a tool, and which end at the head or the hand."""
         geometry, scene = GEOMETRIES[tool], self._scene
         points_tracker = T_tracker_marker @ geometry.positions_marker
         count = len(points_tracker)
@@ -57,15 +78,14 @@ class LinesOfSight:
         ends = starts + reach[:, None] * directions
         T_base_tracker = scene.T_base_tracker
         starts_base, ends_base = T_base_tracker @ starts, T_base_tracker @ ends
-        hidden = meets(starts_base, ends_base, robot)
-        if tool != "toolmarker":
+        hidden = np.zeros(2 * count, dtype=np.bool_)
+        if tool not in ("toolmarker", "basemarker"):  # these are in nobody's hand
             hidden |= meets(starts, ends, hand_tracker(tool, T_tracker_marker))
         T_skull_tracker = scene.T_base_skull.inv() @ T_base_tracker
         first = self._head_caster().first_hit(
             T_skull_tracker @ starts, T_skull_tracker.rotate(directions)
         )
-        hidden |= first < reach
-        return np.asarray(hidden[:count] | hidden[count:])
+        return Rays(T_tracker_marker, starts_base, ends_base, hidden | (first < reach))
 
     def _head_caster(self) -> MeshRaycaster:
         if self._head is None:

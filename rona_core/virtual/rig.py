@@ -63,7 +63,9 @@ class VirtualRig:
         self._tools = self._moving_tools(0)
         self._sight = self._lines_of_sight()
         self.tracker = VirtualTracker(self.clock, self._true_marker, seed, self._clear)
-        self.live_tracker = VirtualLiveTracker(seed, self._toolmarker_now, clear=self._clear_now)
+        self.live_tracker = VirtualLiveTracker(
+            seed, self._toolmarker_now, self._basemarker_now, clear=self._clear_now
+        )
         self.probe = VirtualProbe(self.clock, self._true_probe, specimen)
         self.display = VirtualDisplay(self.scene, self._pointer_now)
         self.begin(settings, 0)
@@ -127,6 +129,9 @@ class VirtualRig:
 
     def _toolmarker_now(self) -> Pose | None:
         return self._true_marker("toolmarker", self.clock.now())
+
+    def _basemarker_now(self) -> Pose | None:
+        return self._true_marker("basemarker", self.clock.now())
 
     def _true_probe(self) -> Pose:
         T_tip_probe = self._model.T_flange_tip.inv() @ self._model.T_flange_probe

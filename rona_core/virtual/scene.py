@@ -6,7 +6,7 @@ import numpy as np
 
 from rona_core.arrays import Floats, Vector3, readonly
 from rona_core.devices.markers import GEOMETRIES
-from rona_core.devices.settings import DeviceSettings, RobotSettings
+from rona_core.devices.settings import FIRST_PLACE, DeviceSettings, RobotSettings, TrackerPlace
 from rona_core.geometry.pose import Pose
 from rona_core.virtual.noise import rng
 
@@ -19,6 +19,7 @@ REGION_NORMAL = (-0.15, 0.05, 1.0)
 TRACKER_DIRECTION = (0.85, 0.25, 0.46)  # from the region to the tracker: forward, left, above
 TRACKER_DISTANCE_MM = 1900.0
 DIMPLE = (640.0, 230.0, 360.0)  # a block beside the head that holds a pointer's tip
+BASE_MARKER = (370.0, -270.0, 300.0)  # on a bracket of the robot base; it faces the tracker
 
 PLACEMENT_SD = (2.0, np.deg2rad(1.0))  # mm and rad per axis: how exactly people place things
 MOUNTING_SD = (1.5, np.deg2rad(0.8))  # likewise, of the marker on the tool
@@ -52,6 +53,7 @@ class VirtualScene:
         T_tip_toolmarker: Mounting of the marker on the tool, as it really is.
         tips: Tip of each pointer (3,) in its marker frame; ``pointer5d`` exactly on its axis.
         dimple_base: Bottom of the dimple (3,) that pointers are pivoted in.
+        T_base_basemarker: The marker body on the robot base, as it is really mounted.
     """
 
     def __init__(
@@ -76,7 +78,9 @@ class VirtualScene:
         skull = Pose(placed.rotation, center - placed.rotation @ region.center_skull)
         self.T_base_skull = moved.inv() @ skull
         tracker = _looking_at(np.array(REGION_CENTER), np.array(TRACKER_DIRECTION))
-        self.T_base_tracker = moved.inv() @ tracker @ _jitter(generator, PLACEMENT_SD)
+        self._first_tracker = moved.inv() @ tracker @ _jitter(generator, PLACEMENT_SD)
+        self._room_axes = moved.rotation.T
+        self.T_base_tracker = self.tracker_at(settings.tracker.place)
         self.T_tip_toolmarker = T_tip_toolmarker @ _jitter(generator, MOUNTING_SD)
         self.tips = {
             "pointer6d": _deviated(generator, "pointer6d"),
@@ -84,6 +88,17 @@ class VirtualScene:
         }
         dimple = np.array(DIMPLE) + generator.normal(0.0, PLACEMENT_SD[0], 3)
         self.dimple_base = readonly(moved.inv() @ dimple)
+        mounting = _jitter(generator, MOUNTING_SD)  # drawn last: all others keep their places
+        self.T_base_basemarker = _facing(np.array(BASE_MARKER), tracker.translation) @ mounting
+
+    def tracker_at(self, place: TrackerPlace) -> Pose:
+        """Return the pose in ``base`` of the tracker when it was put to ``place``."""
+        first = self._first_tracker
+        if place == FIRST_PLACE:
+            return first
+        turn = Pose.from_rotvec((0.0, 0.0, np.deg2rad(place.turn_deg)), np.zeros(3)).rotation
+        shift_base = self._room_axes @ np.array(place.shift_mm)
+        return Pose(turn @ first.rotation, first.translation + shift_base)
 
     def region_base(self) -> tuple[Vector3, Vector3, float]:
         """Return centre (3,), outward normal (3,) in ``base`` and radius in mm of the region."""
@@ -131,6 +146,12 @@ def _looking_at(target: Vector3, direction: Vector3) -> Pose:
     direction = direction / np.linalg.norm(direction)
     level = np.cross(np.array((0.0, 0.0, 1.0)), direction)
     return Pose(_frame(-direction, level), target + TRACKER_DISTANCE_MM * direction)
+
+
+def _facing(place: Vector3, towards: Vector3) -> Pose:
+    """Return a pose at ``place`` whose z axis looks at another place, y as level as it can be."""
+    sight = (towards - place) / np.linalg.norm(towards - place)
+    return Pose(_frame(sight, np.array((0.0, 0.0, 1.0))), place)
 
 
 def _jitter(generator: np.random.Generator, sd: tuple[float, float]) -> Pose:

@@ -34,6 +34,7 @@ class MovingTools:
         self._hand = hand
         self._T_tracker_base = scene.T_base_tracker.inv()
         self._T_skull_base = scene.T_base_skull.inv()
+        self._T_tracker_basemarker = self._T_tracker_base @ scene.T_base_basemarker
         self._last: tuple[Pose, int, Pose] | None = None  # spares work while the robot rests
 
     def T_base_tip(self, time_s: float) -> Pose:  # noqa: N802 (frame grammar)
@@ -56,6 +57,8 @@ class MovingTools:
 
     def T_tracker_marker(self, tool: str, time_s: float) -> Pose | None:  # noqa: N802
         """Return the true pose of a tool's marker before the tracker, None if it is not there."""
+        if tool == "basemarker":
+            return self._T_tracker_basemarker
         hand = self._hand()
         if tool == "toolmarker":
             return self._T_tracker_base @ (self.T_base_tip(time_s) @ self._scene.T_tip_toolmarker)

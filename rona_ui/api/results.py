@@ -95,21 +95,29 @@ def get_calibration(bench: Bench, step: Literal["tool", "pointer"]) -> FastJson:
 
 @dataclasses.dataclass(frozen=True, slots=True)
 class FrameInfo:
-    """One transform: the pose of frame `child` in frame `parent`."""
+    """One transform: the pose of frame `child` in frame `parent`.
+
+    `sigma_mm` and `sigma_deg` are predicted errors (that of `T_base_tracker` at the skull), null
+    for nominal and live ones; `time_utc` says when it was made, null for those.
+    """
 
     name: str
     parent: str
     child: str
-    source: str  # the step that made it, "robot" (nominal) or "live"
+    source: str  # the step that made it, "tool, base marker", "robot" (nominal) or "live"
     wxyz: list[float]
     translation_mm: list[float]
     stale: bool
-    reason: str | None
+    reason: str | None  # the same as stale_reason
+    stale_reason: str | None
+    time_utc: str | None
+    sigma_mm: float | None
+    sigma_deg: float | None
 
 
 @router.get("/sessions/{session_id}/frames")
 def list_frames(bench: Bench) -> list[FrameInfo]:
-    """Return the frame graph: every transform that is known, and whether it is stale."""
+    """Return the frame graph: every transform that is known, since when, how well, and if stale."""
     return [
         FrameInfo(
             name=row.name,
@@ -120,6 +128,10 @@ def list_frames(bench: Bench) -> list[FrameInfo]:
             translation_mm=row.pose.translation.tolist(),
             stale=row.stale_reason is not None,
             reason=row.stale_reason,
+            stale_reason=row.stale_reason,
+            time_utc=row.time_utc,
+            sigma_mm=row.sigma_mm,
+            sigma_deg=row.sigma_deg,
         )
         for row in frame_rows(bench.session, bench.live.get())
     ]

@@ -8,6 +8,7 @@ from rona_core.app.frames import FrameRow, frame_rows
 from rona_core.session.document import LogEntry
 from rona_ui.bindings import escape
 from rona_ui.panels import style
+from rona_ui.panels.frame_picture import frame_picture
 from rona_ui.view_state import Picture
 
 NEWEST = 60
@@ -15,39 +16,49 @@ ARGUMENT_CHARS = 160
 
 
 class FramesPanel:
-    """Every transform that the session knows, with its source."""
+    """Every transform that the session knows: a picture, and a list with source, time and error."""
 
     def __init__(self, gui: Any) -> None:
         self._html = gui.add_html("")
 
     def render(self, old: Picture | None, new: Picture) -> None:
-        """Follow results and set-up."""
-        if (
-            old is None
-            or old.session.results is not new.session.results
-            or old.session.setup is not new.session.setup
-        ):
-            self._html.content = frames_table(frame_rows(new.session))
+        """Follow the session, and which transforms the devices report."""
+        if old is None or old.session is not new.session or _reported(old) != _reported(new):
+            rows = frame_rows(new.session, new.live)
+            self._html.content = frame_picture(rows) + frames_table(rows)
+
+
+def _reported(picture: Picture) -> tuple[object, ...]:
+    """Return what is live: not its values, which change thirty times a second."""
+    frame, joints = picture.live.frame, picture.live.joints
+    seen = () if frame is None else tuple(s.tool for s in frame.tools if s.T_tracker_marker)
+    return (*seen, joints is not None)
 
 
 def frames_table(rows: tuple[FrameRow, ...]) -> str:
-    """Return the transforms: name, source, translation in mm, rotation vector in degrees."""
-    body = ""
-    for row in rows:
-        turn = np.rad2deg(_rotvec(row.pose.wxyz()))
-        stale = ' <span style="color:#a34700">! stale</span>' if row.stale_reason else ""
-        body += (
-            f"<tr><td><b>{escape(row.name)}</b>{stale}<br>"
-            f'<span class="g">{escape(row.source)}</span></td>'
-            f'<td class="n">{_three(row.pose.translation, 2)}</td>'
-            f'<td class="n">{_three(turn, 1)}</td></tr>'
-        )
-    head = (
-        '<tr><th>Transform and its source</th><th class="n">x, y, z (mm)</th>'
-        '<th class="n">turn (deg)</th></tr>'
+    """Return the transforms as a list: name, source and time, predicted error, pose."""
+    body = "".join(_frame(number, row) for number, row in enumerate(rows, start=1))
+    words = style.text(
+        "T_a_b is the pose of b in a: where its origin is, and its turn as a rotation vector. σ is "
+        "the predicted error, of T_base_tracker at the skull; nominal and live poses have none."
     )
-    words = style.text("T_a_b is the pose of b in a; the turn is a rotation vector about x, y, z.")
-    return f'<table class="r-table">{head}{body}</table>{words}'
+    return f'<div class="r-log" role="list">{body}</div>{words}'
+
+
+def _frame(number: int, row: FrameRow) -> str:
+    made = "" if row.time_utc is None else f", {row.time_utc[11:19]} UTC"
+    lines = [f"{number}. <b>{escape(row.name)}</b> <span>{escape(row.source + made)}</span>"]
+    if not row.live:  # those change thirty times a second
+        turn = _three(np.rad2deg(_rotvec(row.pose.wxyz())), 1)
+        lines.append(f"<span>at {_three(row.pose.translation, 2)} mm, turn {turn}°</span>")
+    if row.sigma_mm is not None:
+        turn = "" if row.sigma_deg is None else f", {row.sigma_deg:.2g}°"
+        lines.append(escape(f"σ {row.sigma_mm:.2f} mm{turn}"))
+    if row.stale_reason is not None:
+        icon, word, color = style.STATES["stale"]
+        words = escape(f"{icon} {word}: {row.stale_reason}")
+        lines.append(f'<span style="color:{color}">{words}</span>')
+    return f'<div role="listitem">{"<br>".join(lines)}</div>'
 
 
 def _rotvec(wxyz: Any) -> Any:
@@ -58,7 +69,7 @@ def _rotvec(wxyz: Any) -> Any:
 
 
 def _three(values: Any, decimals: int) -> str:
-    return "<br>".join(f"{float(v):.{decimals}f}" for v in values)
+    return "(" + ", ".join(f"{float(v):.{decimals}f}" for v in values) + ")"
 
 
 class LogPanel:

@@ -2,6 +2,7 @@
 
 from typing import Any
 
+from rona_core.app.delay import delay_words
 from rona_core.app.quality import QualityRow, quality_rows
 from rona_core.session.document import Session
 from rona_ui.bindings import escape
@@ -106,6 +107,8 @@ def _own_word(session: Session, expected: dict[str, QualityRow], mark: str) -> s
         rows += _line(
             "Tracker near the tip, random error", results.tool.value.registration_sigma_mm
         )
+        if results.tool.value.delay is not None:
+            rows += _text_line("Tracker delay", delay_words(results.tool.value.delay))
     if results.registration is not None:
         rows += _line("Loaded skull, points off it (RMS)", results.registration.value.rms_mm)
     if results.pointer is not None:
@@ -117,7 +120,11 @@ def _own_word(session: Session, expected: dict[str, QualityRow], mark: str) -> s
 
 def _line(title: str, value_mm: float) -> str:
     """Return a row without limit."""
+    return _text_line(title, f"{value_mm:.2f} mm")
+
+
+def _text_line(title: str, value: str) -> str:
     return (
-        f'<tr><td>{escape(title)}</td><td class="n"><b>{value_mm:.2f} mm</b></td>'
+        f'<tr><td>{escape(title)}</td><td class="n"><b>{escape(value)}</b></td>'
         "<td></td><td></td></tr>"
     )

@@ -6,6 +6,7 @@ from typing import Any
 from rona_core.app.messages import (
     SetPointer,
     SetProbe,
+    SetReference,
     SetRegion,
     SetRobot,
     SetSeed,
@@ -16,7 +17,7 @@ from rona_core.session.document import Session
 from rona_ui.bindings import Event
 from rona_ui.panels import style
 from rona_ui.panels.step_panel import StepPanel
-from rona_ui.panels.tracker_fields import NAMES, TrackerFields
+from rona_ui.panels.tracker_fields import NAMES, PLACE, TrackerFields
 from rona_ui.view_state import Picture
 
 FILES = ".nrrd,.nii,.gz,.stl,.ply,.obj"
@@ -48,6 +49,8 @@ class SetupPanel(StepPanel):
             form.number("pitch_mm", "Pitch (mm)", 1.0, 0.2, 10.0, 0.1, "Between A-scans")
         with gui.add_folder("Tracker details", expand_by_default=False):
             self._tracker.build_details()
+        with gui.add_folder("Moved tracker", expand_by_default=False):
+            self._tracker.build_place()
         with gui.add_folder("Robot RX90", expand_by_default=False):
             form.tick("errors", "Robot errs", True, "0.35 mm RMS over its workspace")
             form.number("scan_speed_mm_per_s", "Scan speed (mm/s)", 20.0, 0.5, 100.0, 1.0)
@@ -89,8 +92,11 @@ class SetupPanel(StepPanel):
             "radius_mm": lambda: SetRegion(**self.form.values("radius_mm")),
             "pointer": lambda: SetPointer(self.form.values("pointer")["pointer"]),
             "skull": self._skull,
+            "use_base_marker": lambda: SetReference(**self.form.values("use_base_marker")),
         }
-        if name in make:
+        if name in PLACE:
+            key, build = "place", self._tracker.place
+        elif name in make:
             key, build = name, make[name]
         elif name in NAMES:
             self._tracker.changed(name)
@@ -144,4 +150,5 @@ def _held(session: Session) -> dict[str, Any]:
         "scan_speed_mm_per_s": devices.robot.scan_speed_mm_per_s,
         "base_shift_mm": devices.robot.base_shift_mm,
         "base_turn_deg": devices.robot.base_turn_deg,
+        "use_base_marker": setup.use_base_marker,
     }

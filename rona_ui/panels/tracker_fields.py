@@ -2,7 +2,7 @@
 
 from typing import Any
 
-from rona_core.app.messages import SetTracker
+from rona_core.app.messages import MoveTracker, SetTracker
 from rona_core.devices.settings import TrackerSettings
 from rona_ui.panels.form import Form
 
@@ -16,6 +16,7 @@ PROFILES = {
 PERCENT = {"phantom_percent": "phantom_share", "dropped_percent": "dropped_share"}
 PLAIN = ("profile", "rate_hz", "stereo", "depth_ratio", "occlusion", "drift_mm", "minutes_on")
 NAMES = (*PLAIN, *PERCENT, "latency_ms")
+PLACE = ("tracker_shift_mm", "tracker_turn_deg")
 
 
 class TrackerFields:
@@ -44,6 +45,20 @@ class TrackerFields:
         form.number("drift_mm", "Cold drift (mm)", 0.0, 0.0, 2.0, 0.1, "At switch-on; it decays")
         form.number("minutes_on", "On for (min)", 60.0, 0.0, 600.0, 1.0, "At the first capture")
 
+    def build_place(self) -> None:
+        """Add where the tracker stands, and whether it is found again once it has moved."""
+        form = self._form
+        form.vector("tracker_shift_mm", "Shift (mm)", (0.0, 0.0, 0.0), "Along x, y, z of the base")
+        form.number("tracker_turn_deg", "Turn (deg)", 0.0, -20.0, 20.0, 0.5, "About the vertical")
+        form.tick(
+            "use_base_marker", "Base marker", True, "Finds a tracker again that was moved; it costs"
+        )
+
+    def place(self) -> MoveTracker:
+        """Return the command that the fields of the place make."""
+        values = self._form.values(*PLACE)
+        return MoveTracker(values["tracker_shift_mm"], values["tracker_turn_deg"])
+
     def changed(self, name: str) -> None:
         """Note that a field was changed: a new profile brings its own latency."""
         if name == "profile":
@@ -64,4 +79,6 @@ class TrackerFields:
         shown |= {
             name: round(100.0 * getattr(settings, share), 7) for name, share in PERCENT.items()
         }
+        place = settings.place
+        shown |= {"tracker_shift_mm": place.shift_mm, "tracker_turn_deg": place.turn_deg}
         return shown | {"latency_ms": 1000.0 * settings.latency_s}

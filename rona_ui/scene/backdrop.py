@@ -11,7 +11,9 @@ from rona_ui.view_state import Backdrop
 
 def backdrop_key(setup: Setup) -> tuple[Any, ...]:
     """Return what a backdrop depends on."""
-    return setup.seed, digest(setup.specimen), digest(setup.region), digest(setup.devices.robot)
+    devices = setup.devices
+    stands = digest(devices.robot), digest(devices.tracker.place)
+    return setup.seed, digest(setup.specimen), digest(setup.region), *stands
 
 
 def read_backdrop(rig: Rig, setup: Setup) -> Backdrop:
@@ -24,6 +26,7 @@ def read_backdrop(rig: Rig, setup: Setup) -> Backdrop:
         region_normal_base=normal,
         region_radius_mm=radius_mm,
         T_base_tracker=rig.display.T_base_tracker(),
+        T_base_basemarker=rig.display.T_base_basemarker(),
         home_rad=robot_model(setup.devices.robot.model).home_rad,
         head_axes_base=rig.display.head_axes_base(),
     )

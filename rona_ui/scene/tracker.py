@@ -1,8 +1,9 @@
-"""The tracker where the display says it stands, and the outline of its measuring volume."""
+"""The tracker where the display says it stands, its measuring volume, and the base marker."""
 
 import numpy as np
 
 from rona_core.arrays import Floats
+from rona_core.devices.markers import GEOMETRIES
 from rona_core.devices.protocols import Mesh
 from rona_core.devices.volumes import VOLUMES, Volume
 from rona_core.geometry.pose import Pose
@@ -13,6 +14,7 @@ from rona_ui.view_state import Picture
 
 CAMERA, VOLUME, NAME = "/tracker/camera", "/tracker/volume", "/tracker/name"
 EXTENT = "/tracker/extent"  # words at the volume
+PLATE, SPHERES, BASE = "/tracker/plate", "/tracker/spheres", "/tracker/basemarker"
 VOLUME_COLOR = (158, 170, 184)
 
 
@@ -33,6 +35,8 @@ class TrackerLayer(Layer):
             body = bar()
             self.stage.mesh(CAMERA, Mesh(T_base_tracker @ body.vertices, body.faces), STEEL)
             self.stage.label(NAME, "Tracker", T_base_tracker @ (0.0, -110.0, 0.0))
+            if backdrop.T_base_basemarker is not None:
+                self._base_marker(backdrop.T_base_basemarker)
         if old is None or not stands or old.session.setup.devices.tracker.profile != profile:
             lines = outline(VOLUMES[profile], T_base_tracker)
             self.stage.lines(VOLUME, lines, VOLUME_COLOR, width_px=1.0)
@@ -40,6 +44,19 @@ class TrackerLayer(Layer):
             self.stage.label(EXTENT, "Tracker volume", rims[np.argmax(rims[:, 2])])
         for node in (CAMERA, VOLUME, NAME, EXTENT):
             self.stage.show(node, self.shown(new))
+        if backdrop.T_base_basemarker is not None:
+            for node in (PLATE, SPHERES, BASE):
+                self.stage.show(node, self.shown(new))
+
+    def _base_marker(self, T_base_basemarker: Pose) -> None:
+        """Draw the marker body on the robot base with the bracket that holds it."""
+        points = T_base_basemarker @ GEOMETRIES["basemarker"].positions_marker
+        hub = T_base_basemarker.translation
+        foot = np.array((0.0, 0.0, hub[2]))
+        rods = [np.stack((hub, point)) for point in (*points, foot)]
+        self.stage.lines(PLATE, np.array(rods), STEEL, width_px=4.0)
+        self.stage.cloud(SPHERES, points, (245, 245, 245), size_mm=9.0)
+        self.stage.label(BASE, "Base marker", hub + (0.0, 0.0, 90.0))
 
 
 def outline(volume: Volume, T_base_tracker: Pose) -> Floats:

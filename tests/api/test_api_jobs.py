@@ -82,11 +82,15 @@ def test_frames_name_their_source_and_grow_stale(at, web):
     held = web.hub.get().session.results.pointer.value
     assert tip["translation_mm"] == list(held.tip_pointermarker)
     assert (tip["wxyz"], tip["source"], tip["stale"]) == ([1.0, 0.0, 0.0, 0.0], "pointer", False)
-    assert "T_tracker_pointermarker" in frames  # what the tracker saw last
+    assert (tip["stale_reason"], tip["sigma_mm"]) == (None, held.tip_sigma_mm)
+    assert tip["time_utc"].startswith("20")
+    assert tip["sigma_deg"] is frames["T_flange_tip"]["sigma_mm"] is None
+    assert frames.keys() >= {"T_tracker_pointermarker", "T_tracker_basemarker"}  # seen last
     at("POST", "/commands/SetSeed", json={"seed": 4})
     frames = {frame["name"]: frame for frame in at("GET", "/frames").json()}
     assert frames["T_pointermarker_pointertip"]["stale"]
     assert frames["T_pointermarker_pointertip"]["reason"]
+    assert frames["T_pointermarker_pointertip"]["stale_reason"]
     assert not frames["T_flange_tip"]["stale"]
 
 
@@ -228,7 +232,7 @@ def test_a_tool_that_is_covered_is_not_seen(at):
     assert tools(at("GET", "/tracker/frame").json())["toolmarker"]["status"] == "ok"
 
 
-@pytest.mark.parametrize("tool", [t for t in TOOLS if t != "toolmarker"])
+@pytest.mark.parametrize("tool", [t for t in TOOLS if t.startswith("pointer")])
 def test_a_tracker_without_noise_sees_a_pointer_where_a_hand_put_it(at, tool):
     at("PUT", "/tracker/settings", json={"profile": "ideal"})
     half = np.sqrt(0.5)  # turned about x: markers face the tracker, which looks along +z
@@ -258,9 +262,25 @@ def test_the_robot_does_not_let_go_of_its_tool(at):
     pose = {"wxyz": [1.0, 0.0, 0.0, 0.0], "translation_mm": [0.0, 0.0, 1800.0]}
     answer = at("PUT", "/tracker/tools/toolmarker/pose", json=pose)
     assert (answer.status_code, answer.json()["code"]) == (409, "device_error")
+    assert at("PUT", "/tracker/tools/basemarker/pose", json=pose).status_code == 409
     for path in ("/tracker/tools/spoon/pose", "/tracker/tools/spoon/visible"):
         assert at("PUT", path, json={**pose, "visible": True}).status_code in (404, 422)
     assert at("PUT", "/tracker/tools/spoon/pose", json=pose).status_code == 404
+
+
+def test_a_moved_tracker_sees_the_base_marker_elsewhere(at):
+    at("PUT", "/tracker/settings", json={"profile": "ideal"})
+    before = tools(at("GET", "/tracker/frame").json())["basemarker"]["T_tracker_marker"]
+    move = {"shift_mm": [30.0, 0.0, 0.0], "turn_deg": 0.0}
+    assert at("POST", "/commands/MoveTracker", json=move).status_code == 200
+    assert at("GET", "/tracker/settings").json()["place"] == move
+    after = tools(at("GET", "/tracker/frame").json())["basemarker"]["T_tracker_marker"]
+    way = np.subtract(after["translation_mm"], before["translation_mm"])
+    assert np.linalg.norm(way) == pytest.approx(30.0, abs=1e-6)
+    np.testing.assert_allclose(after["wxyz"], before["wxyz"], atol=1e-9)
+    refused = at("POST", "/commands/MoveTracker", json={"shift_mm": [900.0, 0.0, 0.0]})
+    assert refused.status_code == 422
+    assert at("POST", "/commands/SetReference", json={"use_base_marker": False}).status_code == 200
 
 
 def test_a_tracker_without_a_hand_says_so(at, web, session, monkeypatch):

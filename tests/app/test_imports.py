@@ -22,6 +22,7 @@ from rona_core.app.messages import (
 )
 from rona_core.app.replay import replay
 from rona_core.compose import new_workbench
+from rona_core.devices.settings import TOOLS
 from rona_core.errors import (
     DegenerateGeometryError,
     DeviceError,
@@ -255,4 +256,4 @@ def test_a_live_stream_of_all_tools_is_a_recording(bench, tmp_path):
         with pytest.raises((DeviceError, DegenerateGeometryError, InvalidInputError)) as refused:
             bench.run(activity)
         assert "none was named" not in str(refused.value)  # the pointer in use is meant
-    assert [tool.tool for tool in recording.tools] == ["toolmarker", "pointer6d", "pointer5d"]
+    assert [tool.tool for tool in recording.tools] == list(TOOLS)

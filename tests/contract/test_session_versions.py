@@ -51,7 +51,15 @@ def test_a_step_changes_neither_the_manifest_it_is_given_nor_the_captures(path):
     after = MIGRATIONS[manifest["schema"]](manifest)
     assert hashlib.sha256(json.dumps(manifest, sort_keys=True).encode()).hexdigest() == before
     assert after["schema"] == manifest["schema"] + 1
-    assert after["session"]["captures"] == manifest["session"]["captures"]
+    taken, kept = manifest["session"]["captures"], after["session"]["captures"]
+    for name in ("tool", "pointer", "path"):
+        assert {key: kept[name][key] for key in taken[name]} == taken[name]
+        assert kept[name]["base"] is None
+    assert [stroke["marker"] for stroke in kept["surface"]] == [
+        stroke["marker"] for stroke in taken["surface"]
+    ]
+    assert (kept["scan"], len(kept)) == (taken["scan"], len(taken))
+    assert len(after["session"]["archive"]) == len(manifest["session"]["archive"])
 
 
 def test_results_of_schema_1_are_stale_until_the_pointer_is_calibrated_again():

@@ -6,7 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from rona_core.devices.samples import ToolTrack
-from rona_core.devices.settings import DeviceSettings, TrackerSettings
+from rona_core.devices.settings import FIRST_PLACE, DeviceSettings, TrackerSettings
 from rona_core.evaluation.figures import rms
 from rona_core.evaluation.navigation_figures import (
     pointer_figures,
@@ -57,7 +57,7 @@ def record(truth, ordinal, duration_s=2.0):
     tracker.begin(scene.settings.tracker, ordinal)
     frames = [tracker.frame(k) for k in range(int(duration_s * 60))]
     track = ToolTrack.from_frames(motion.pointer, frames)
-    capture = SimpleNamespace(ordinal=ordinal, marker=track)
+    capture = SimpleNamespace(ordinal=ordinal, marker=track, tracker_place=FIRST_PLACE)
     return capture, motion.tip_base(track.times_s)
 
 

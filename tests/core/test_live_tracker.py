@@ -75,6 +75,7 @@ def test_what_is_not_there_or_covered_has_no_pose(tracker):
         "toolmarker": "ok",
         "pointer6d": "out_of_view",
         "pointer5d": "out_of_view",
+        "basemarker": "out_of_view",
     }
     tracker.place("pointer6d", FACING)
     hidden = TrackerSettings(hidden_tools=("pointer6d", "toolmarker"))
@@ -94,6 +95,8 @@ def test_a_pointer_turned_away_is_not_seen(tracker):
 def test_tools_that_cannot_be_placed(tracker):
     with pytest.raises(DeviceError, match="robot"):
         tracker.place("toolmarker", FACING)
+    with pytest.raises(DeviceError, match="base"):
+        tracker.place("basemarker", FACING)
     with pytest.raises(NotFoundError, match="spoon"):
         tracker.place("spoon", FACING)
 

@@ -9,9 +9,9 @@ from pathlib import Path
 import pytest
 
 from rona_core.app.inputs import capture_setup_digest, stale_reason
-from rona_core.devices.settings import TrackerSettings
+from rona_core.devices.settings import FIRST_PLACE, TrackerPlace, TrackerSettings
 from rona_core.errors import SessionFormatError
-from rona_core.session.codec import digest
+from rona_core.session.codec import decode, digest
 from rona_core.session.document import Session
 from rona_core.session.files import session_bytes, session_from_bytes
 from rona_core.session.migrate import PLAIN_TRACKER, from_1
@@ -55,6 +55,14 @@ def test_the_step_fills_every_field_that_is_new_and_changes_nothing_else():
         "schema": 1,
         "session": {
             "setup": {"seed": 4, "devices": {"tracker": {"rate_hz": 20.0}, "robot": 1}},
+            "captures": {
+                "tool": {"marker": 6},
+                "pointer": None,
+                "surface": [{"marker": 7}],
+                "path": None,
+                "scan": {"scans": 8},
+            },
+            "archive": [{"marker": 6}, {"marker": 7}, {"scans": 8}],
             "results": {"tool": 1, "pointer": 2, "surface": 3, "smoothing": 4, "maps": 5},
         },
     }
@@ -63,8 +71,27 @@ def test_the_step_fills_every_field_that_is_new_and_changes_nothing_else():
     assert json.dumps(manifest) == before
     tracker = migrated["session"]["setup"]["devices"].pop("tracker")
     assert tracker == {"rate_hz": 20.0, **PLAIN_TRACKER}
-    assert migrated["session"]["setup"] == {"seed": 4, "devices": {"robot": 1}}
-    assert TrackerSettings(**PLAIN_TRACKER) == PLAIN
+    assert migrated["session"]["setup"] == {
+        "seed": 4,
+        "devices": {"robot": 1},
+        "use_base_marker": True,
+    }
+    place = {"$type": "TrackerPlace", "shift_mm": [0.0, 0.0, 0.0], "turn_deg": 0.0}
+    assert decode(PLAIN_TRACKER["place"], TrackerPlace, {}) == FIRST_PLACE
+    assert TrackerSettings(**{**PLAIN_TRACKER, "place": FIRST_PLACE}) == PLAIN
+    new = {"base": None, "tracker_place": place}
+    assert migrated["session"]["captures"] == {
+        "tool": {"marker": 6, **new},
+        "pointer": None,
+        "surface": [{"marker": 7, **new}],
+        "path": None,
+        "scan": {"scans": 8},
+    }
+    assert migrated["session"]["archive"] == [
+        {"marker": 6, **new},
+        {"marker": 7, **new},
+        {"scans": 8},
+    ]
     gone = {"tool": None, "pointer": None, "smoothing": None}
     new = {"registration": None}
     assert migrated["session"]["results"] == {"surface": 3, "maps": 5, **gone, **new}

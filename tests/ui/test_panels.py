@@ -7,11 +7,17 @@ import pytest
 from fake_gui import FakeClient, FakeGui
 
 from rona_core.app.jobs import JobStatus
-from rona_core.app.messages import SetTracker, StartPointerCapture, StartToolCapture
+from rona_core.app.messages import (
+    MoveTracker,
+    SetReference,
+    SetTracker,
+    StartPointerCapture,
+    StartToolCapture,
+)
 from rona_core.app.queries import step_states
 from rona_core.app.views import JointCurves
 from rona_core.devices.live import LiveState
-from rona_core.devices.settings import TrackerSettings
+from rona_core.devices.settings import TrackerPlace, TrackerSettings
 from rona_core.session.document import STEPS, LogEntry, Session
 from rona_ui.panels.docks import STEP_PANELS
 from rona_ui.panels.door import Door
@@ -211,6 +217,20 @@ def test_the_details_of_the_tracker_go_into_one_command_and_are_shown_as_held() 
         dropped_share=0.07, drift_mm=0.5, minutes_on=5.0, occlusion=False, phantom_share=0.05
     )
     assert recorder.sent == [wanted]
+
+
+def test_moving_the_tracker_is_one_command_and_the_base_marker_another() -> None:
+    gui, recorder = FakeGui(), Recorder()
+    panel = SetupPanel(gui, recorder.door)
+    held = held_picture(place=TrackerPlace((5.0, 0.0, 0.0), 1.0))
+    panel.render(None, held)
+    turn, marker = gui.find("number", "Turn (deg)"), gui.find("checkbox", "Base marker")
+    assert (turn.value, marker.value) == (1.0, True)
+    turn.value = 2.0
+    turn.happen(CLIENT)
+    marker.value = False
+    marker.happen(CLIENT)
+    assert recorder.sent == [MoveTracker((5.0, 0.0, 0.0), 2.0), SetReference(False)]
 
 
 def test_a_profile_brings_its_own_latency_until_one_is_typed() -> None:

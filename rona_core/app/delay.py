@@ -1,0 +1,41 @@
+"""How late the samples of the tracker are, as the tool motion tells; and what is done about it."""
+
+from rona_core.arrays import Floats
+from rona_core.calibration.time_offset import TimeOffset, estimate_time_offset
+from rona_core.errors import DegenerateGeometryError, InvalidInputError
+from rona_core.robot.model import RobotModel
+from rona_core.session.document import ToolCapture
+
+TOLD_SIGMAS = 3.0  # a delay smaller than this cannot be told from none, and is not corrected
+
+
+def tracker_delay(capture: ToolCapture, model: RobotModel) -> TimeOffset | None:
+    """Return how late the tracker is behind the robot; None where the motion does not tell.
+
+    The robot's way of the tool marker is compared with the tracker's, each in its own frame.
+    """
+    Ts_base_toolmarker = model.forward(capture.joints.qs_rad) @ model.T_flange_toolmarker
+    track = capture.marker
+    try:
+        return estimate_time_offset(
+            capture.joints.times_s,
+            Ts_base_toolmarker.translations,
+            track.times_s,
+            track.Ts_tracker_marker.translations,
+        )
+    except (InvalidInputError, DegenerateGeometryError):
+        return None
+
+
+def measured_times_s(capture: ToolCapture, model: RobotModel) -> Floats:
+    """Return when the tracker measured each sample (k,) of its track, by the robot's clock."""
+    delay, arrived_s = tracker_delay(capture, model), capture.marker.times_s
+    if delay is None or abs(delay.offset_s) <= TOLD_SIGMAS * delay.sigma_s:
+        return arrived_s
+    return arrived_s - delay.offset_s
+
+
+def delay_words(delay: TimeOffset) -> str:
+    """Return a delay as people read it: "14.2 ± 0.4 ms"."""
+    sigma_ms = 1e3 * delay.sigma_s
+    return f"{1e3 * delay.offset_s:.1f} ± {max(sigma_ms, 0.1):.1f} ms"

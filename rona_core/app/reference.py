@@ -1,0 +1,188 @@
+"""Where the tracker stood during a capture: as registered, or found by the base marker."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from rona_core.arrays import Floats, as_points
+from rona_core.calibration.base_marker import (
+    MIN_FRAMES,
+    BaseReference,
+    ErrorField,
+    Movement,
+    carry_over,
+    compare_base,
+    mean_base,
+    point_sigmas_mm,
+)
+from rona_core.calibration.tool import ToolRegistration
+from rona_core.devices.samples import ToolTrack
+from rona_core.devices.settings import FIELD_MM, TrackerSettings
+from rona_core.errors import RonaError, StaleResultError, StepBlockedError
+from rona_core.geometry.pose import Pose
+from rona_core.session.document import PointerCapture, Session
+from rona_core.session.imported import is_imported
+
+REMEDY = "register again, or allow the base marker (step 1)"
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class TrackerReference:
+    """The tracker in ``base`` that holds for one capture, and how well it is known."""
+
+    state: Literal["kept", "carried", "unchecked"]
+    T_base_tracker: Pose
+    covariance: Floats  # (6, 6), as geometry/tangent.py says
+    added_mm: float  # predicted 3D RMS error that the move costs where the pointer was
+    movement: Movement | None  # None where the base marker was not seen
+    sentence: str
+
+    def sigma_mm(self, points_base: ArrayLike) -> Floats:
+        """Return the predicted 3D error (n,) of places (n, 3) by the registration, move included.
+
+        What the fixed error of the tracker does to the pointer itself is not in it.
+        """
+        return point_sigmas_mm(self.T_base_tracker, self.covariance, as_points(points_base))
+
+
+def base_reference(track: ToolTrack | None, T_base_tracker: Pose) -> BaseReference | None:
+    """Return what the registration remembers of the base marker; None if it was not seen."""
+    if track is None or len(track.times_s) < MIN_FRAMES:
+        return None
+    seen = mean_base(track.Ts_tracker_marker)
+    return BaseReference(T_base_tracker @ seen.T_tracker_basemarker, seen)
+
+
+def reference_of(session: Session, capture: PointerCapture) -> TrackerReference:
+    """Return where the tracker was during a stroke of the pointer.
+
+    Raises:
+        StepBlockedError: the tool is not registered.
+        StaleResultError: the tracker has moved since, and the base marker must or can not help.
+    """
+    if session.results.tool is None:
+        raise StepBlockedError("first register the tool")
+    tool = session.results.tool.value
+    registered, track, unseen = tool.base, capture.base, _unseen(tool, capture)
+    if registered is None or track is None or unseen is not None:
+        if _placed_anew(session, capture):
+            raise StaleResultError(
+                f"the tracker was moved since the tool was registered, and {unseen}: uncover it "
+                "and record the stroke again, or register again"
+            )
+        return _as_registered(tool, "unchecked", None, f"Nobody knows if it moved: {unseen}.")
+    now = mean_base(track.Ts_tracker_marker)
+    movement = compare_base(registered.seen, now)
+    if not movement.moved:
+        return _as_registered(
+            tool,
+            "kept",
+            movement,
+            "The base marker stands where it was: the tracker has not moved.",
+        )
+    if not session.setup.use_base_marker:
+        raise StaleResultError(f"{moved_words(movement)} since the tool was registered: {REMEDY}")
+    field = error_field(session.setup.devices.tracker)
+    carried = carry_over(tool.T_base_tracker, tool.covariance[:6, :6], registered.seen, now, field)
+    places_tracker = capture.marker.Ts_tracker_marker.translations
+    added_mm = 0.0
+    if len(places_tracker):
+        center = places_tracker.mean(axis=0)
+        at_base = carried.added_sigma_mm((carried.T_base_tracker @ center)[None])[0]
+        added_mm = float(np.hypot(at_base, _field_change_mm(center, movement.T_a_b, field)))
+    return TrackerReference(
+        state="carried",
+        T_base_tracker=carried.T_base_tracker,
+        covariance=carried.covariance,
+        added_mm=added_mm,
+        movement=movement,
+        sentence=(
+            f"{moved_words(movement).capitalize()}: found again by the base marker, which adds an "
+            f"expected error of {added_mm:.2f} mm."
+        ),
+    )
+
+
+def carried_remark(session: Session, strokes: Sequence[PointerCapture]) -> str:
+    """Return a word for the line of a step where a tracker that had moved was found again."""
+    registered = session.captures.tool
+    if registered is None or all(s.tracker_place == registered.tracker_place for s in strokes):
+        return ""  # spares the work: as far as the session knows, nobody moved it
+    try:
+        found = [reference_of(session, stroke) for stroke in strokes]
+    except RonaError:
+        return ""
+    added_mm = max(reference.added_mm for reference in found)
+    return f", tracker found again (+{added_mm:.2f} mm)" if added_mm else ""
+
+
+def moved_words(movement: Movement) -> str:
+    """Return "the tracker has moved by 12 mm and 0.3°"."""
+    words = f"the tracker has moved by {movement.shift_mm:.3g} mm"
+    return f"{words} and {movement.turn_deg:.2g}°" if movement.turn_deg >= 0.05 else words
+
+
+def placed_reason(session: Session) -> str | None:
+    """Return why new strokes could not be mapped: the tracker was moved and is not found again.
+
+    What was recorded before the move stays valid, as it was taken from the old place.
+    """
+    capture, tool = session.captures.tool, session.results.tool
+    place = session.setup.devices.tracker.place
+    if capture is None or tool is None or capture.tracker_place == place:
+        return None
+    words = "the tracker was moved since the tool was registered"
+    if not session.setup.use_base_marker:
+        return f"{words}: {REMEDY}"
+    if tool.value.base is None:
+        return f"{words}, and the base marker was not seen then: register again"
+    if "basemarker" in session.setup.devices.tracker.hidden_tools:
+        return f"{words}, and the base marker is covered: uncover it, or register again"
+    return None
+
+
+def _placed_anew(session: Session, capture: PointerCapture) -> bool:
+    registered = session.captures.tool
+    if registered is None or is_imported(capture):  # of those nobody knows
+        return False
+    return registered.tracker_place != capture.tracker_place
+
+
+def _unseen(tool: ToolRegistration, capture: PointerCapture) -> str | None:
+    """Return why the base marker tells nothing about a capture, None if it does."""
+    if tool.base is None:
+        return "the base marker was not seen while the tool was registered"
+    if capture.base is None:
+        return "the base marker was not recorded"
+    if len(capture.base.times_s) < MIN_FRAMES:
+        return (
+            f"the base marker was hidden (seen in {len(capture.base.times_s)} of "
+            f"{capture.base.n_frames} frames)"
+        )
+    return None
+
+
+def _as_registered(
+    tool: ToolRegistration,
+    state: Literal["kept", "unchecked"],
+    movement: Movement | None,
+    sentence: str,
+) -> TrackerReference:
+    covariance = tool.covariance[:6, :6]
+    return TrackerReference(state, tool.T_base_tracker, covariance, 0.0, movement, sentence)
+
+
+def _field_change_mm(center_tracker: Floats, T_a_b: Pose, field: ErrorField) -> float:
+    """Return by how much (3D RMS) the error of a marker changes with the move of the tracker."""
+    places = np.vstack((center_tracker, T_a_b @ center_tracker))
+    spread = field.covariance(places)
+    change = np.hstack((np.eye(3), -np.eye(3)))
+    return float(np.sqrt(max(np.trace(change @ spread @ change.T), 0.0)))
+
+
+def error_field(settings: TrackerSettings) -> ErrorField:
+    """Return what is assumed of the fixed error of this tracker."""
+    return ErrorField(FIELD_MM[settings.profile], settings.depth_ratio)
