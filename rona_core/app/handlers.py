@@ -12,14 +12,9 @@ from rona_core.app.messages import (
     BuildSurface,
     CalibratePointer,
     ChooseRoll,
-    ClearPathEdits,
     ClearSurface,
-    DeletePathPoint,
     DrawPattern,
     ExcludePoses,
-    InsertPathPoint,
-    KeepPathSample,
-    MovePathPoint,
     MoveTracker,
     RegisterTool,
     RenameSession,
@@ -45,6 +40,7 @@ from rona_core.app.outcomes import (
     StoreSurfaceCapture,
     StoreToolCapture,
 )
+from rona_core.app.path_commands import PathChange
 from rona_core.app.path_edits import edited
 from rona_core.app.plain import message_from, plain_arguments
 from rona_core.devices.settings import (
@@ -221,11 +217,7 @@ def _(message: Any, session: Session) -> Session:
     return replace(computed(message, session), path_edits=PathEdits())  # those of another path
 
 
-@handle.register(MovePathPoint)
-@handle.register(InsertPathPoint)
-@handle.register(DeletePathPoint)
-@handle.register(KeepPathSample)
-@handle.register(ClearPathEdits)
+@handle.register(PathChange)
 def _(message: Any, session: Session) -> Session:
     require_inputs(type(message), session)
     changed = replace(session, path_edits=edited(message, session))

@@ -111,3 +111,6 @@ class ClearPathEdits:
     """Forget all changes of the path by hand."""
 
     __pydantic_config__: ClassVar = STRICT
+
+
+PathChange = MovePathPoint | InsertPathPoint | DeletePathPoint | KeepPathSample | ClearPathEdits

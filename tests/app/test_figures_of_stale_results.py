@@ -42,7 +42,7 @@ def bench(demo, tmp_path):
     [
         (StartScan(), AFTER_A_SCAN),
         (StartPathCapture(), AFTER_A_PATH),
-        (StartSurfaceCapture(), ("surface_tip_3d_rms_mm",)),
+        (StartSurfaceCapture(), ("surface_tip_3d_rms_mm", "surface_sigma_predicted_mm")),
         (StartToolCapture(), ()),
     ],
     ids=lambda value: type(value).__name__ if not isinstance(value, tuple) else "",
