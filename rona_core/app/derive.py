@@ -17,7 +17,6 @@ from rona_core.app.messages import (
     SmoothScanPath,
 )
 from rona_core.app.needs import need
-from rona_core.app.reference import base_reference, reference_of
 from rona_core.arrays import Bools, Floats, Ints
 from rona_core.calibration.pointer import PointerCalibration, calibrate_pointer
 from rona_core.calibration.tool import ToolRegistration, register_tool
@@ -26,6 +25,7 @@ from rona_core.errors import DegenerateGeometryError, InvalidInputError, StepBlo
 from rona_core.geometry.pose import Poses
 from rona_core.robot.model import robot_model
 from rona_core.session.document import PointerCapture, RawPath, Session
+from rona_core.session.reference import base_reference, reference_of
 from rona_core.surface.cloud import SurfaceCloud, build_cloud, merge_clouds
 
 SETTLE_S = 0.1  # after the robot has stopped, before frames count

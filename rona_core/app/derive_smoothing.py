@@ -7,7 +7,6 @@ import numpy as np
 from rona_core.app.inputs import is_pattern
 from rona_core.app.messages import DrawPattern, SmoothScanPath
 from rona_core.app.needs import need
-from rona_core.app.reference import reference_of
 from rona_core.arrays import Floats, Vector3, readonly
 from rona_core.errors import DegenerateGeometryError
 from rona_core.geometry.fit import fit_plane
@@ -18,6 +17,7 @@ from rona_core.path.patterns import patch_pose, raster, spiral
 from rona_core.path.relief import relief
 from rona_core.path.smooth import SimplifiedPath, simplify
 from rona_core.session.document import RawPath, Session, SmoothPath
+from rona_core.session.reference import reference_of
 from rona_core.surface.normals import NormalField
 from rona_core.surface.place import place_beside
 
@@ -52,8 +52,9 @@ def path_source(session: Session, filter_s: float) -> PathSource:
 
 def viewpoint_base(session: Session) -> Vector3:
     """Return where the pointer's markers were while it drew: the side the probe comes from."""
-    strokes = need(session.captures.surface, "slide the pointer over the skull")
-    if not is_pattern(session) and session.captures.path is not None:
+    if is_pattern(session) or session.captures.path is None:
+        strokes = need(session.captures.surface, "slide the pointer over the skull")
+    else:
         strokes = (session.captures.path,)
     seen = [
         reference_of(session, stroke).T_base_tracker @ stroke.marker.Ts_tracker_marker.translations

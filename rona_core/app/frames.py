@@ -6,7 +6,6 @@ from typing import Any
 import numpy as np
 
 from rona_core.app.inputs import stale_reason
-from rona_core.app.reference import TrackerReference, placed_reason, reference_of
 from rona_core.arrays import Floats
 from rona_core.calibration.base_marker import point_sigmas_mm
 from rona_core.calibration.tool import ToolRegistration
@@ -16,6 +15,7 @@ from rona_core.geometry.pose import Pose
 from rona_core.robot.model import robot_model
 from rona_core.session.document import Derived, PointerCapture, Session
 from rona_core.session.imported import is_imported
+from rona_core.session.reference import TrackerReference, placed_reason, reference_of
 
 
 @dataclass(frozen=True, slots=True, eq=False)

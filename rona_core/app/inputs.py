@@ -25,12 +25,12 @@ from rona_core.app.messages import (
     StartSurfaceCapture,
     StartToolCapture,
 )
-from rona_core.app.reference import placed_reason
 from rona_core.devices.settings import TrackerSettings
 from rona_core.errors import StepBlockedError
 from rona_core.session.codec import digest
 from rona_core.session.document import PointerCapture, Session
 from rona_core.session.imported import is_imported
+from rona_core.session.reference import placed_reason
 from rona_core.session.specimen import LoadedSkull
 
 PLAIN = TrackerSettings(stereo=False, occlusion=False)  # the tracker of sessions of schema 1
@@ -74,8 +74,8 @@ SKULL = Input(lambda s: s.setup.specimen, "load a skull (step 1)")
 REGION = Input(lambda s: s.setup.region, "choose a region (step 1)")
 DETECTION = Input(_value("detection"), "detect the boundaries (step 9)", "detection")
 ROBOT = Input(lambda s: s.setup.devices.robot, "choose a robot (step 1)")
-EDITS = Input(lambda s: s.path_edits, "smooth the path (step 6)")
 REFERENCE = Input(lambda s: s.setup.use_base_marker, "choose the reference (step 1)")
+EDITS = Input(lambda s: s.path_edits, "smooth the path (step 6)")
 PROBE = Input(lambda s: s.setup.devices.probe, "choose a probe (step 1)")
 
 # result -> the names and kinds of its inputs

@@ -6,7 +6,7 @@ trace in the data: for the tracker's volume the accuracy that its maker states i
 noise that was found; the robot's absolute error is not in it, as in a map for the same robot.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
 
 import numpy as np
@@ -20,6 +20,7 @@ from rona_core.devices.markers import GEOMETRIES
 from rona_core.devices.volumes import ACCURACY_MM
 from rona_core.geometry.pose import Poses
 from rona_core.session.document import PointerCapture, Session
+from rona_core.session.reference import TrackerReference, weakest_reference
 from rona_core.surface.cloud import SurfaceCloud
 from rona_core.surface.normals import NormalField
 
@@ -51,7 +52,21 @@ def predict_surface(session: Session) -> SurfacePrediction | None:
     if any(stroke.pointer != pointer.value.pointer for stroke in strokes):
         return None
     stated_mm = ACCURACY_MM[session.setup.devices.tracker.profile]
-    return _predict(tool.value, pointer.value, cloud.value, strokes, stated_mm)
+    found = _predict(tool.value, pointer.value, cloud.value, strokes, stated_mm)
+    return found if found is None else _moved(found, weakest_reference(session, strokes))
+
+
+def _moved(found: SurfacePrediction, reference: TrackerReference | None) -> SurfacePrediction:
+    """Add what a move of the tracker since the registration costs, the same in all directions."""
+    if reference is None or reference.state != "carried":
+        return found
+    added_mm, normal_mm = reference.added_mm, found.normal_mm
+    return replace(
+        found,
+        normal_mm=None if normal_mm is None else float(np.hypot(normal_mm, added_mm / 3.0**0.5)),
+        rms_mm=float(np.hypot(found.rms_mm, added_mm)),
+        registration_mm=float(np.hypot(found.registration_mm, added_mm)),
+    )
 
 
 @lru_cache(maxsize=4)

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from rona_core.app.delay import delay_words
+from rona_core.app.delay import delay_words, measured_times_s, tracker_delay
 from rona_core.app.handlers import handle
 from rona_core.app.inputs import stale_reason
 from rona_core.app.messages import (
@@ -22,14 +22,16 @@ from rona_core.app.messages import (
     StartToolCapture,
 )
 from rona_core.app.queries import step_states
-from rona_core.app.reference import placed_reason, reference_of
 from rona_core.calibration.time_offset import TimeOffset
 from rona_core.compose import new_workbench
 from rona_core.devices.settings import TrackerPlace
 from rona_core.errors import InvalidInputError, RonaError, StaleResultError, StepBlockedError
+from rona_core.robot.model import robot_model
 from rona_core.session.document import Session
 from rona_core.session.files import session_bytes, session_from_bytes
 from rona_core.session.imported import imported_digest
+from rona_core.session.prediction import predict_surface
+from rona_core.session.reference import placed_reason, reference_of
 
 MOVE = MoveTracker((30.0, -20.0, 10.0), 1.0)
 TOOL = StartToolCapture(n_pivot=8, n_translate=3)
@@ -132,6 +134,11 @@ def test_what_the_move_costs_is_said_and_is_about_what_it_costs():
     assert 0.02 < found.added_mm < 1.0
     assert f"found again (+{found.added_mm:.2f} mm)" in state(session, "surface").reason
     assert abs(rms - rms_at_rest) < 3.0 * found.added_mm
+    before, after = predict_surface(at_rest), predict_surface(session)
+    assert before is not None
+    assert after is not None
+    assert after.registration_mm >= found.added_mm
+    assert after.rms_mm > before.rms_mm
     head_base = session.results.surface.value.points_base[:1]
     assert found.sigma_mm(head_base)[0] > at_rest.results.tool.value.tip_sigma_mm / 10.0
 
@@ -219,17 +226,46 @@ def test_a_tracker_is_not_carried_away(value):
         MoveTracker(*value)
 
 
-@pytest.mark.parametrize("latency_ms", [0.0, 14.0, 40.0])
-def test_the_delay_of_the_tracker_is_told_and_put_right(latency_ms):
+def with_latency(latency_ms):
     bench = bench_with("polaris", latency_ms=latency_ms)
-    session = bench.run(TOOL)
-    tool, figures = session.results.tool.value, bench.figures()
+    session, figures = bench.run(TOOL), bench.figures()
     bench.close()
-    delay = tool.delay
-    assert 0.0 < delay.sigma_s < 0.002
+    return session, figures
+
+
+@pytest.fixture(scope="module")
+def prompt():
+    """Step 2 with a tracker that is never late."""
+    return with_latency(0.0)
+
+
+def test_a_tracker_that_is_not_late_is_left_as_it_is(prompt):
+    capture, delay = prompt[0].captures.tool, prompt[0].results.tool.value.delay
+    assert abs(delay.offset_s) <= 3.0 * delay.sigma_s
+    assert measured_times_s(capture, robot_model("rx90")) is capture.marker.times_s
+
+
+@pytest.mark.parametrize("latency_ms", [14.0, 40.0])
+def test_the_delay_of_the_tracker_is_told_and_put_right(latency_ms, prompt):
+    session, figures = with_latency(latency_ms)
+    capture, delay = session.captures.tool, session.results.tool.value.delay
+    assert 0.0 < delay.sigma_s < 0.001
     assert abs(delay.offset_s - latency_ms / 1000.0) <= 3.0 * delay.sigma_s
-    assert figures["tracker_registration_tre_mm"] < 0.8
-    assert figures["tool_tip_error_mm"] < 0.5
+    times = measured_times_s(capture, robot_model("rx90"))
+    np.testing.assert_allclose(times, capture.marker.times_s - delay.offset_s, atol=1e-12)
+    for name in ("tracker_registration_tre_mm", "tool_tip_error_mm"):
+        assert figures[name] == pytest.approx(prompt[1][name], abs=0.1)
+
+
+def test_a_motion_that_tells_no_delay_leaves_the_times_alone(before):
+    capture = before.captures.tool
+    resting = replace(
+        capture.joints,
+        qs_rad=np.repeat(capture.joints.qs_rad[:1], len(capture.joints.qs_rad), axis=0),
+    )
+    still = replace(capture, joints=resting)
+    assert tracker_delay(still, robot_model("rx90")) is None
+    assert measured_times_s(still, robot_model("rx90")) is still.marker.times_s
 
 
 def test_a_delay_reads_as_people_write_it():

@@ -106,17 +106,29 @@ def reference_of(session: Session, capture: PointerCapture) -> TrackerReference:
     )
 
 
+def weakest_reference(
+    session: Session, strokes: Sequence[PointerCapture]
+) -> TrackerReference | None:
+    """Return the reference of the stroke that a move of the tracker costs most.
+
+    None without strokes, or where one cannot be mapped.
+    """
+    try:
+        found = [reference_of(session, stroke) for stroke in strokes]
+    except RonaError:
+        return None
+    return max(found, key=lambda reference: reference.added_mm, default=None)
+
+
 def carried_remark(session: Session, strokes: Sequence[PointerCapture]) -> str:
     """Return a word for the line of a step where a tracker that had moved was found again."""
     registered = session.captures.tool
     if registered is None or all(s.tracker_place == registered.tracker_place for s in strokes):
         return ""  # spares the work: as far as the session knows, nobody moved it
-    try:
-        found = [reference_of(session, stroke) for stroke in strokes]
-    except RonaError:
+    found = weakest_reference(session, strokes)
+    if found is None or found.state != "carried":
         return ""
-    added_mm = max(reference.added_mm for reference in found)
-    return f", tracker found again (+{added_mm:.2f} mm)" if added_mm else ""
+    return f", tracker found again (+{found.added_mm:.2f} mm)"
 
 
 def moved_words(movement: Movement) -> str:
