@@ -52,8 +52,9 @@ def path_source(session: Session, filter_s: float) -> PathSource:
 
 def viewpoint_base(session: Session) -> Vector3:
     """Return where the pointer's markers were while it drew: the side the probe comes from."""
-    strokes = need(session.captures.surface, "slide the pointer over the skull")
-    if not is_pattern(session) and session.captures.path is not None:
+    if is_pattern(session) or session.captures.path is None:
+        strokes = need(session.captures.surface, "slide the pointer over the skull")
+    else:
         strokes = (session.captures.path,)
     seen = [
         reference_of(session, stroke).T_base_tracker @ stroke.marker.Ts_tracker_marker.translations

@@ -74,8 +74,8 @@ SKULL = Input(lambda s: s.setup.specimen, "load a skull (step 1)")
 REGION = Input(lambda s: s.setup.region, "choose a region (step 1)")
 DETECTION = Input(_value("detection"), "detect the boundaries (step 9)", "detection")
 ROBOT = Input(lambda s: s.setup.devices.robot, "choose a robot (step 1)")
-EDITS = Input(lambda s: s.path_edits, "smooth the path (step 6)")
 REFERENCE = Input(lambda s: s.setup.use_base_marker, "choose the reference (step 1)")
+EDITS = Input(lambda s: s.path_edits, "smooth the path (step 6)")
 PROBE = Input(lambda s: s.setup.devices.probe, "choose a probe (step 1)")
 
 # result -> the names and kinds of its inputs

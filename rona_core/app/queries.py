@@ -116,11 +116,10 @@ def summary(step: str, session: Session) -> str:
         remark = carried_remark(session, session.captures.surface)
         return f"{len(results.surface.value.points_base)} points{remark}"
     if step == "path" and results.path:
-        if is_pattern(session):
-            return f"pattern of {len(results.path.value.points_base)} points"
         strokes = () if session.captures.path is None else (session.captures.path,)
-        remark = carried_remark(session, strokes)
-        return f"{len(results.path.value.points_base)} points{remark}"
+        made = "pattern of " if is_pattern(session) else ""
+        remark = "" if made else carried_remark(session, strokes)
+        return f"{made}{len(results.path.value.points_base)} points{remark}"
     if step == "smoothing" and results.smoothing:
         kept = results.smoothing.value.simplified
         by_hand = f", {len(session.path_edits)} by hand" if len(session.path_edits) else ""

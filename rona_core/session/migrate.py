@@ -34,10 +34,10 @@ NEW = ("registration",)  # results that schema 1 did not know
 def from_1(manifest: dict[str, Any]) -> dict[str, Any]:
     """Return a manifest of schema 1 as one of schema 2.
 
-    Its captures were measured by a tracker without the faults that can be switched on now, that
-    nobody moved, and without a marker on the robot base; its path had no changes by hand. What the
-    outgrown results lack cannot be made up, so they go: one click computes each again from its
-    capture, and until then what was computed with them shows as stale.
+    Its captures were measured by a tracker that nobody moved, without the faults that can be
+    switched on now and without a marker on the robot base, and its path had no changes by hand.
+    What the outgrown results lack cannot be made up, so they go: one click computes each again
+    from its capture, and until then what was computed with them shows as stale.
     """
     session = manifest["session"]
     devices = session["setup"]["devices"]
