@@ -25,6 +25,7 @@ EYE = 4.0 * R * OUT
 SEEDS = range(20)
 PATHS = 20
 GRID_MM, PEER_MM = 6.7, 6.0  # radii of equal accuracy: cells are softer than a ball
+GICP_NEIGHBOURS = 565  # of this cloud as many as lie within PEER_MM
 SPEED = 20.0  # times Open3D's radius search
 
 
@@ -119,6 +120,12 @@ def _large_cloud(progress: Progress) -> Iterator[Metric]:
     yield Metric("normals, 100 000 points, grid, CPU", rate, "points/s", "higher")
     if peer is not None:
         yield Metric("speed over the peer's", rate / peer[1], "1", "higher", SPEED, name, 1.0)
+    known = small_gicp_normals(points, GICP_NEIGHBOURS)
+    if known is not None:
+        name, off = f"small_gicp, {GICP_NEIGHBOURS} neighbours", _unsigned_deg(known[0], points)
+        ours, theirs = float(np.median(errors)), float(np.median(off[inner]))
+        yield Metric("normals, 100 000 points, grid", ours, "deg", "lower", None, name, theirs)
+        yield Metric("speed over small_gicp", rate / known[1], "1", "higher", None, name, 1.0)
 
 
 def _rim(progress: Progress) -> Iterator[Metric]:
@@ -198,6 +205,18 @@ def open3d_normals(points: Floats, radius_mm: float) -> tuple[Floats, float] | N
     search = o3d.geometry.KDTreeSearchParamRadius(radius_mm)
     ms = cpu_ms(lambda: cloud.estimate_normals(search, fast_normal_computation=False), repeats=2)
     return np.asarray(cloud.normals), len(points) / ms * 1e3
+
+
+def small_gicp_normals(points: Floats, neighbours: int) -> tuple[Floats, float] | None:
+    """Return small_gicp's normals (n, 3) by its nearest neighbours and its points per second."""
+    try:
+        gicp = importlib.import_module("small_gicp")
+    except ImportError:
+        return None
+    cloud = gicp.PointCloud(points)
+    tree = gicp.KdTree(cloud)
+    ms = cpu_ms(lambda: gicp.estimate_normals(cloud, tree, num_neighbors=neighbours), repeats=2)
+    return np.asarray(cloud.normals())[:, :3], len(points) / ms * 1e3
 
 
 def _unsigned_deg(normals: Floats, true: Floats) -> Floats:
