@@ -125,7 +125,7 @@ def tracked_from_markers(
     p = as_marker_positions(positions_marker, dof)
     mask, y = _as_markers(points_tracker, seen, len(p))
     enough = mask.sum(axis=1) >= (3 if dof == 6 else 2)
-    mask = np.where(enough[:, None], mask, True)  # a placeholder that solves; it is never used
+    mask = np.where(enough[:, None], mask, True)  # so that every frame solves; these are never used
     y = np.where(enough[:, None, None], y, p)
     reference = p.mean(axis=0)
     arms = p - reference
