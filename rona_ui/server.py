@@ -106,14 +106,8 @@ def token_from_environment() -> str:
     return os.environ.get("RONA_TOKEN") or secrets.token_urlsafe(24)
 
 
-def create_app(hub: Hub, gateway: ViewerGateway | None, settings: ServerSettings) -> ASGIApp:
-    """Return the guarded application: page, viewer and REST of one hub."""
-    app = bare_app(hub, gateway)
-    return Guard(app, settings.access)
-
-
 def bare_app(hub: Hub, gateway: ViewerGateway | None) -> FastAPI:
-    """Return the application without its guard."""
+    """Return the application of one hub, page, viewer and REST, without its guard."""
     app = FastAPI(
         title="RONA",
         version=__version__,

@@ -182,14 +182,6 @@ def scan_number_at(session: Session, share: float) -> int | None:
     return int(np.argmin(np.abs(capture.scans.times_s - share * times[0])))
 
 
-def share_of_scan(session: Session, number: int) -> float | None:
-    """Return the share of the planned motion at which an A-scan was taken."""
-    capture, times = session.captures.scan, motion_times(session)
-    if capture is None or times is None or not 0 <= number < len(capture.scans):
-        return None
-    return float(np.clip(capture.scans.times_s[number] / max(times[0], 1e-9), 0.0, 1.0))
-
-
 def ascan_plot(session: Session, number: int | None, live: AScan | None = None) -> AScanPlot | None:
     """Return an A-scan for the graph: the live one if given, else that of the scan by its number.
 

@@ -13,7 +13,7 @@ from rona_core.arrays import Floats
 from rona_core.devices.settings import require
 from rona_core.geometry.pose import Poses
 from rona_core.robot.ik import IkSolutions
-from rona_core.robot.limits import TURN_RAD, JointLimits, shift_to_fit, unwrap
+from rona_core.robot.limits import JointLimits, shift_to_fit, unwrap
 from rona_core.robot.model import RobotModel
 
 SPINNING = (0, 3, 5)  # joints 1, 4 and 6 turn about their own length: +180 and -180 are one place
@@ -94,9 +94,3 @@ def continuous(qs_rad: Floats, limits: JointLimits) -> Floats:
         lower, upper = float(limits.lower_rad[joint]), float(limits.upper_rad[joint])
         qs[:, :, joint] = shift_to_fit(qs[:, :, joint], lower, upper)
     return qs
-
-
-def nearest_turns(q_rad: Floats, near_rad: Floats, limits: JointLimits) -> Floats:
-    """Return ``q_rad`` (6,) with multi-turn joints shifted by full turns to lie near (6,)."""
-    turns = np.round((near_rad - q_rad) / TURN_RAD) * limits.multi_turn()
-    return q_rad + TURN_RAD * turns

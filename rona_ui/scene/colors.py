@@ -51,13 +51,3 @@ def viridis_css() -> str:
         for c, p in zip(_VIRIDIS, _PLACES, strict=True)
     )
     return f"linear-gradient(to right, {stops})"
-
-
-def scale_limits(values: ArrayLike, step_mm: float = 0.5) -> tuple[float, float]:
-    """Return round limits of a colour scale that hold the middle 96 % of the values."""
-    v = np.asarray(values, dtype=np.float64)
-    if not v.size:
-        return 0.0, step_mm
-    low, high = np.percentile(v, (2.0, 98.0))
-    low, high = np.floor(low / step_mm) * step_mm, np.ceil(high / step_mm) * step_mm
-    return float(low), float(max(high, low + step_mm))
