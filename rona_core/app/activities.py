@@ -1,15 +1,13 @@
 """What takes time or touches a device: each activity ends in messages for the session."""
 
+from dataclasses import fields, replace
 from functools import singledispatch
 from typing import Any
 
 from rona_core.app import captures, imports
-from rona_core.app.derive_scan import derive_mapping, derive_roll, lean
+from rona_core.app.derive_scan import derive_mapping, derive_roll, derive_second, lean
 from rona_core.app.derive_skull import derive_registration
 from rona_core.app.inputs import (
-    DETECTION,
-    RESULT_INPUTS,
-    digest_of,
     input_digests,
     require_for,
     require_inputs,
@@ -27,6 +25,8 @@ from rona_core.app.messages import (
     StartRobotMove,
     StartRollSearch,
     StartScan,
+    StartSecondPlan,
+    StartSecondScan,
     StartSkullImport,
     StartSkullRegistration,
     StartSurfaceCapture,
@@ -39,6 +39,8 @@ from rona_core.app.outcomes import (
     StoreRegistration,
     StoreRobotPlan,
     StoreScanCapture,
+    StoreSecondCapture,
+    StoreSecondPlan,
     StoreSkull,
     StoreSurfaceCapture,
     StoreToolCapture,
@@ -46,8 +48,7 @@ from rona_core.app.outcomes import (
 from rona_core.app.plain import plain_arguments
 from rona_core.app.toolbox import Toolbox
 from rona_core.errors import InvalidInputError, NotFoundError
-from rona_core.session.codec import digest
-from rona_core.session.document import Session
+from rona_core.session.document import Derived, Session
 
 Messages = tuple[Any, ...]  # dispatched in this order when the activity ends
 
@@ -60,6 +61,7 @@ DEVICE_ACTIVITIES = (
     StartRecordingImport,
     StartPivotImport,
     StartScan,
+    StartSecondScan,
     StartRobotMove,
 )
 
@@ -161,23 +163,31 @@ def _(activity: StartScan, session: Session, tools: Toolbox) -> Messages:
 @perform.register
 def _(activity: StartMapping, session: Session, tools: Toolbox) -> Messages:
     require_inputs(type(activity), session)
-    detection_inputs = input_digests("detection", session)
     mapped = tools.run(derive_mapping, lean(session), activity)
-    maps_inputs = {
-        name: digest_of(item.read(session))
-        for name, item in RESULT_INPUTS["maps"].items()
-        if item is not DETECTION
-    }
-    maps_inputs["detection"] = digest(mapped.detection)
-    return (
-        StoreMaps(
-            mapped.detection,
-            mapped.maps,
-            plain_arguments(activity),
-            detection_inputs,
-            maps_inputs,
-        ),
-    )
+    arguments = plain_arguments(activity)
+    inputs: dict[str, dict[str, str]] = {}
+    values = {f.name: getattr(mapped, f.name) for f in fields(mapped)}
+    for name, value in values.items():  # each may depend on those before
+        made = None
+        if value is not None:
+            inputs[name] = input_digests(name, session)
+            made = Derived(value, type(activity).__name__, arguments, inputs[name])
+        session = replace(session, results=replace(session.results, **{name: made}))
+    return (StoreMaps(**values, arguments=arguments, inputs=inputs),)
+
+
+@perform.register
+def _(activity: StartSecondPlan, session: Session, tools: Toolbox) -> Messages:
+    require_inputs(type(activity), session)
+    inputs = input_digests("second", session)
+    second = tools.run(derive_second, lean(session), activity)
+    return (StoreSecondPlan(second, plain_arguments(activity), inputs),)
+
+
+@perform.register
+def _(activity: StartSecondScan, session: Session, tools: Toolbox) -> Messages:
+    require_inputs(type(activity), session)
+    return (StoreSecondCapture(captures.capture_scan(session, tools, "second")),)
 
 
 @perform.register

@@ -9,6 +9,7 @@ from typing import ClassVar, Literal
 from rona_core.app.commands import Point
 from rona_core.app.names import plain_name
 from rona_core.devices.settings import STRICT, require, require_within
+from rona_core.mapping.second_pass import SecondPassSettings
 from rona_core.session.document import RegionChoice
 
 MAX_PICKS = 500
@@ -190,6 +191,26 @@ class StartRollSearch:
 @dataclass(frozen=True, slots=True)
 class StartScan:
     """Let the robot execute the certified plan while the probe records A-scans."""
+
+    __pydantic_config__: ClassVar = STRICT
+
+
+@dataclass(frozen=True, slots=True)
+class StartSecondPlan:
+    """Plan a second scan over the gaps of the inner map, the probe leaning towards its table."""
+
+    __pydantic_config__: ClassVar = STRICT
+    spacing_mm: float = 1.0
+    fan: float = 0.10  # by which neighbouring rows differ in the slope they expect
+    largest_lean_deg: float = 6.0
+
+    def __post_init__(self) -> None:
+        SecondPassSettings(self.spacing_mm, self.fan, self.largest_lean_deg)
+
+
+@dataclass(frozen=True, slots=True)
+class StartSecondScan:
+    """Let the robot execute the second pass while the probe records A-scans."""
 
     __pydantic_config__: ClassVar = STRICT
 

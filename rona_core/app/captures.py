@@ -1,6 +1,7 @@
 """Record what the devices deliver. Stop ends a capture early; what came so far is kept."""
 
 from collections.abc import Callable
+from typing import Literal
 
 import numpy as np
 
@@ -140,14 +141,18 @@ def capture_path(activity: StartPathCapture, session: Session, tools: Toolbox) -
     )
 
 
-def capture_scan(session: Session, tools: Toolbox) -> ScanCapture:
+def capture_scan(
+    session: Session, tools: Toolbox, kind: Literal["scan", "second"] = "scan"
+) -> ScanCapture:
     """Execute the certified plan and record an A-scan every ``pitch_mm`` along the path.
 
     Raises:
         NotReachableError: there is no plan, or the verifier did not certify it.
     """
-    planned = session.results.roll
-    plan = None if planned is None else planned.value
+    first, second = session.results.roll, session.results.second
+    plan = None if first is None else first.value
+    if kind == "second":
+        plan = None if second is None else second.value.plan
     if plan is None or plan.trajectory is None or plan.certificate is None:
         raise NotReachableError("there is no path that the robot can traverse: see step 7")
     _require_certified("the scan", plan.certificate, plan.trajectory)
@@ -171,7 +176,7 @@ def capture_scan(session: Session, tools: Toolbox) -> ScanCapture:
         partial = True
     return ScanCapture(
         ordinal=ordinal,
-        setup_digest=capture_setup_digest("scan", session),
+        setup_digest=capture_setup_digest(kind, session),
         scans=AScanTrack.from_scans(scans),
         joints=JointTrack.from_samples(joints),
         partial=partial,

@@ -2,17 +2,20 @@
 
 from dataclasses import dataclass, replace
 
-from rona_core.app.messages import StartMapping, StartRollSearch
+from rona_core.app.inputs import usable_second
+from rona_core.app.messages import StartMapping, StartRollSearch, StartSecondPlan
 from rona_core.app.needs import need
 from rona_core.devices.protocols import Cancel, Progress, never, silent
 from rona_core.geometry.pose import Poses
 from rona_core.mapping.boundary_map import Maps
+from rona_core.errors import StepBlockedError
 from rona_core.mapping.build import build_maps
+from rona_core.mapping.second_pass import SecondPassSettings, plan_second_pass, standoffs_mm
 from rona_core.robot.model import robot_model
 from rona_core.robot.plan import RobotPlan
 from rona_core.robot.scan_plan import PlanSettings, choose_roll, plan_scan
 from rona_core.robot.timing import ScanSettings
-from rona_core.session.document import Session
+from rona_core.session.document import Derived, ScanCapture, SecondPass, Session
 from rona_core.ultrasound.detect import Detection, detect
 from rona_core.ultrasound.probe import probe_model
 
@@ -77,9 +80,12 @@ def derive_detection(
     )
 
 
-def probe_poses(session: Session) -> Poses:
-    """Return the pose of the probe in ``base`` at each A-scan, from the robot's joint angles."""
-    capture = need(session.captures.scan, "scan")
+def probe_poses(session: Session, capture: ScanCapture | None = None) -> Poses:
+    """Return the pose of the probe in ``base`` at each A-scan, from the robot's joint angles.
+
+    Without a capture it is that of the first pass.
+    """
+    capture = capture or need(session.captures.scan, "scan")
     model = robot_model(session.setup.devices.robot.model)
     return model.forward(capture.joints.at(capture.scans.times_s)) @ model.T_flange_probe
 
@@ -87,18 +93,83 @@ def probe_poses(session: Session) -> Poses:
 def derive_maps(
     session: Session,
     message: StartMapping,
-    detection: Detection,
     *,
+    first_only: bool = False,
     progress: Progress = silent,
     cancel: Cancel = never,
 ) -> Maps:
-    """Map both boundaries and fuse the outer one with the pointer cloud."""
+    """Map both boundaries and fuse the outer one with the pointer cloud.
+
+    What the second pass found is mapped as well, unless ``first_only``.
+    """
     cloud = need(session.results.surface, "sample the surface").value
+    detection = need(session.results.detection, "detect the boundaries").value
+    capture, again = usable_second(session), session.results.second_detection
+    second = None
+    if not first_only and capture is not None and again is not None:
+        second = again.value, probe_poses(session, capture)
     return build_maps(
         detection,
         probe_poses(session),
         cloud.points_base,
+        second=second,
         cell_mm=message.cell_mm,
+        progress=progress,
+        cancel=cancel,
+    )
+
+
+def derive_second(
+    session: Session,
+    message: StartSecondPlan,
+    *,
+    progress: Progress = silent,
+    cancel: Cancel = never,
+) -> SecondPass:
+    """Plan, time and verify a scan of the gaps that the first pass left in the inner map.
+
+    Raises:
+        StepBlockedError: there is no gap worth a scan.
+    """
+    detection = need(session.results.detection, "detect the boundaries").value
+    settings = SecondPassSettings(message.spacing_mm, message.fan, message.largest_lean_deg)
+    way = plan_second_pass(
+        derive_maps(session, StartMapping(), first_only=True),
+        detection.sound_speed_mm_per_us,
+        settings,
+    )
+    if way is None:
+        raise StepBlockedError(
+            "StartSecondPlan is blocked: the first pass left no gap in the inner map"
+        )
+    plan = plan_scan(
+        way.path,
+        robot_model(session.setup.devices.robot.model),
+        plan_settings(session, StartRollSearch()),
+        progress=progress,
+        cancel=cancel,
+    )
+    return SecondPass(way, plan)
+
+
+def derive_second_detection(
+    session: Session,
+    message: StartMapping,
+    *,
+    progress: Progress = silent,
+    cancel: Cancel = never,
+) -> Detection:
+    """Find the inner boundary in the second pass; the outer one is where the first one saw it."""
+    capture = need(usable_second(session), "scan the gaps again")
+    outer = derive_maps(session, message, first_only=True).outer
+    probe = session.setup.devices.probe
+    return detect(
+        capture.scans,
+        probe_model(probe.name),
+        probe.excitation,
+        method=message.method,
+        sound_speed_mm_per_us=message.sound_speed_mm_per_us,
+        known_standoff_mm=standoffs_mm(outer, probe_poses(session, capture)),
         progress=progress,
         cancel=cancel,
     )
@@ -106,9 +177,10 @@ def derive_maps(
 
 @dataclass(frozen=True, slots=True)
 class Mapped:
-    """Both results of step 9."""
+    """The results of step 9."""
 
     detection: Detection
+    second_detection: Detection | None  # None: there was no second pass
     maps: Maps
 
 
@@ -120,11 +192,24 @@ def derive_mapping(
     cancel: Cancel = never,
 ) -> Mapped:
     """Detect the boundaries, then map them."""
-    found = derive_detection(session, message, progress=lambda p: progress(0.7 * p), cancel=cancel)
-    maps = derive_maps(
-        session, message, found, progress=lambda p: progress(0.7 + 0.3 * p), cancel=cancel
-    )
-    return Mapped(found, maps)
+
+    def part(start: float, end: float) -> Progress:
+        return lambda share: progress(start + (end - start) * share)
+
+    found = derive_detection(session, message, progress=part(0.0, 0.5), cancel=cancel)
+    session = _with_result(session, "detection", found)
+    again = None
+    if usable_second(session) is not None:
+        again = derive_second_detection(session, message, progress=part(0.5, 0.7), cancel=cancel)
+    session = _with_result(session, "second_detection", again)
+    maps = derive_maps(session, message, progress=part(0.7, 1.0), cancel=cancel)
+    return Mapped(found, again, maps)
+
+
+def _with_result(session: Session, name: str, value: object) -> Session:
+    """Return the session with a result that later parts of the same computation look up."""
+    made = None if value is None else Derived(value, "", {}, {})
+    return replace(session, results=replace(session.results, **{name: made}))
 
 
 def lean(session: Session) -> Session:

@@ -36,6 +36,8 @@ from rona_core.app.outcomes import (
     StoreRegistration,
     StoreRobotPlan,
     StoreScanCapture,
+    StoreSecondCapture,
+    StoreSecondPlan,
     StoreSkull,
     StoreSurfaceCapture,
     StoreToolCapture,
@@ -280,12 +282,26 @@ def _(message: ChooseRoll, session: Session) -> Session:
 
 @handle.register
 def _(message: StoreMaps, session: Session) -> Session:
-    _require_unchanged("detection", message.detection_inputs, session)
-    made = Derived(message.detection, "StartMapping", message.arguments, message.detection_inputs)
-    session = replace(session, results=replace(session.results, detection=made))
-    _require_unchanged("maps", message.maps_inputs, session)
-    maps = Derived(message.maps, "StartMapping", message.arguments, message.maps_inputs)
-    return replace(session, results=replace(session.results, maps=maps))
+    for name in ("detection", "second_detection", "maps"):  # each may depend on those before
+        value = getattr(message, name)
+        made = None
+        if value is not None:
+            _require_unchanged(name, message.inputs[name], session)
+            made = Derived(value, "StartMapping", message.arguments, message.inputs[name])
+        session = replace(session, results=replace(session.results, **{name: made}))
+    return session
+
+
+@handle.register
+def _(message: StoreSecondPlan, session: Session) -> Session:
+    _require_unchanged("second", message.inputs, session)
+    made = Derived(message.second, "StartSecondPlan", message.arguments, message.inputs)
+    return replace(session, results=replace(session.results, second=made))
+
+
+@handle.register
+def _(message: StoreSecondCapture, session: Session) -> Session:
+    return _captured(session, message.capture, second=message.capture)
 
 
 def _require_unchanged(name: str, inputs: dict[str, str], session: Session) -> None:

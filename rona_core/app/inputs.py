@@ -21,6 +21,8 @@ from rona_core.app.messages import (
     StartRecordingImport,
     StartRollSearch,
     StartScan,
+    StartSecondPlan,
+    StartSecondScan,
     StartSkullRegistration,
     StartSurfaceCapture,
     StartToolCapture,
@@ -28,11 +30,12 @@ from rona_core.app.messages import (
 from rona_core.devices.settings import TrackerSettings
 from rona_core.errors import StepBlockedError
 from rona_core.session.codec import digest
-from rona_core.session.document import PointerCapture, Session
+from rona_core.session.document import PointerCapture, ScanCapture, Session
 from rona_core.session.imported import is_imported
 from rona_core.session.reference import placed_reason
 from rona_core.session.specimen import LoadedSkull
 
+SCANS = {"scan": "roll", "second": "capture scan"}  # capture -> what it rests on
 PLAIN = TrackerSettings(stereo=False, occlusion=False)  # the tracker of sessions of schema 1
 
 
@@ -43,6 +46,7 @@ class Input:
     read: Callable[[Session], Any]  # None or () while it is missing
     wanted: str  # what to do to get it, for the message
     upstream: str | None = None  # the result or capture that may itself be stale
+    optional: bool = False  # the result can do without it
 
 
 def _value(name: str) -> Callable[[Session], Any]:
@@ -63,6 +67,9 @@ SURFACE_CAPTURE = Input(
 PATH_CAPTURE = Input(
     lambda s: s.captures.path, "demonstrate the scan path (step 5)", "capture path"
 )
+SECOND_CAPTURE = Input(
+    lambda s: s.captures.second, "scan the gaps again (step 9)", "capture second"
+)
 SCAN_CAPTURE = Input(lambda s: s.captures.scan, "scan (step 8)", "capture scan")
 TOOL = Input(_value("tool"), "register the tool (step 2)", "tool")
 POINTER = Input(_value("pointer"), "calibrate the pointer (step 3)", "pointer")
@@ -73,6 +80,10 @@ ROLL = Input(_value("roll"), "search the roll (step 7)", "roll")
 SKULL = Input(lambda s: s.setup.specimen, "load a skull (step 1)")
 REGION = Input(lambda s: s.setup.region, "choose a region (step 1)")
 DETECTION = Input(_value("detection"), "detect the boundaries (step 9)", "detection")
+SECOND = Input(_value("second"), "plan the second pass (step 9)", "second")
+ANY_SECOND = Input(lambda s: usable_second(s), "scan the gaps again (step 9)", optional=True)
+ANY_SECOND_DETECTION = Input(_value("second_detection"), "detect the boundaries", optional=True)
+MAPS = Input(_value("maps"), "compute the maps (step 9)", "maps")
 ROBOT = Input(lambda s: s.setup.devices.robot, "choose a robot (step 1)")
 REFERENCE = Input(lambda s: s.setup.use_base_marker, "choose the reference (step 1)")
 EDITS = Input(lambda s: s.path_edits, "smooth the path (step 6)")
@@ -98,8 +109,23 @@ RESULT_INPUTS: dict[str, dict[str, Input]] = {
     "smoothing": {"path": PATH, "surface": SURFACE, "edits": EDITS},
     "roll": {"smoothing": SMOOTHING, "robot": ROBOT},
     "detection": {"capture": SCAN_CAPTURE, "probe": PROBE},
+    "second": {
+        "detection": DETECTION,
+        "capture": SCAN_CAPTURE,
+        "surface": SURFACE,
+        "robot": ROBOT,
+    },
+    "second_detection": {
+        "capture": SECOND_CAPTURE,
+        "detection": DETECTION,
+        "scan": SCAN_CAPTURE,
+        "robot": ROBOT,
+        "probe": PROBE,
+    },
     "maps": {
         "detection": DETECTION,
+        "second": ANY_SECOND,
+        "second_detection": ANY_SECOND_DETECTION,
         "capture": SCAN_CAPTURE,
         "surface": SURFACE,
         "robot": ROBOT,
@@ -128,15 +154,23 @@ NEEDS: dict[type, tuple[Input, ...]] = {
     StartRollSearch: (SMOOTHING,),
     StartScan: (ROLL,),
     StartMapping: (SCAN_CAPTURE, SURFACE),
+    StartSecondPlan: (SCAN_CAPTURE, SURFACE, MAPS),
+    StartSecondScan: (SECOND,),
 }
 
 
 def missing(inputs: tuple[Input, ...], session: Session) -> str | None:
     """Return what to do first, or None if nothing is missing."""
     for item in inputs:
-        if item.read(session) in (None, ()):
+        if not item.optional and item.read(session) in (None, ()):
             return item.wanted
     return None
+
+
+def usable_second(session: Session) -> ScanCapture | None:
+    """Return the capture of the second pass, unless it is of another plan or set-up."""
+    capture = session.captures.second
+    return None if capture is None or stale_reason("capture second", session) else capture
 
 
 def require_inputs(message_type: type, session: Session) -> None:
@@ -222,17 +256,19 @@ def capture_setup_digest(kind: str, session: Session) -> str:
     seen: list[Any] = [setup.seed]
     if kind in ("tool", "pointer", "surface", "path"):
         seen += [devices.tracker.profile, devices.tracker.rate_hz, *_faults(devices.tracker)]
-    if kind in ("tool", "surface", "path", "scan"):
+    if kind in ("tool", "surface", "path", *SCANS):
         seen += [robot.model, robot.base_shift_mm, robot.base_turn_deg]
-    if kind in ("tool", "scan"):
+    if kind in ("tool", *SCANS):
         seen += [robot.errors]
     if kind in ("pointer", "surface", "path"):
         seen += [devices.pointer]
-    if kind in ("surface", "path", "scan"):
+    if kind in ("surface", "path", *SCANS):
         seen += [digest(setup.specimen), digest(setup.region)]
-    if kind == "scan":
-        plan = session.results.roll
-        seen += [digest(devices.probe), "" if plan is None else digest(plan.value)]
+    if kind in SCANS:
+        plan = None if session.results.roll is None else session.results.roll.value
+        # the second pass looks into gaps of the first: it counts as long as that one does
+        before = plan if kind == "scan" else session.captures.scan
+        seen += [digest(devices.probe), "" if before is None else digest(before)]
     return digest(seen)
 
 
@@ -262,7 +298,8 @@ def stale_reason(name: str, session: Session) -> str | None:
         if item.upstream is not None and (reason := stale_reason(item.upstream, session)):
             return reason
         value = item.read(session)
-        if value in (None, ()) or digest_of(value) != derived.inputs.get(key):
+        lost = value in (None, ()) and not item.optional
+        if lost or digest_of(value) != derived.inputs.get(key):
             return f"{key} has changed since the {name} result was computed"
     return None
 
@@ -273,8 +310,8 @@ def _stale_capture(kind: str, session: Session) -> str | None:
     now = capture_setup_digest(kind, session)
     if any(_is_of_another(capture, now, session) for capture in captures):
         return f"the set-up or plan has changed since the {kind} capture was taken"
-    if kind == "scan" and held is not None:
-        return stale_reason("roll", session)
+    if kind in SCANS and held is not None:
+        return stale_reason(SCANS[kind], session)
     return None
 
 

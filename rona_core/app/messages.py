@@ -15,6 +15,8 @@ from rona_core.app.activity_messages import (
     StartRobotMove,
     StartRollSearch,
     StartScan,
+    StartSecondPlan,
+    StartSecondScan,
     StartSkullImport,
     StartSkullRegistration,
     StartSurfaceCapture,
@@ -93,6 +95,8 @@ Activity = (
     | StartPivotImport
     | StartRollSearch
     | StartScan
+    | StartSecondPlan
+    | StartSecondScan
     | StartMapping
     | StartRobotMove
 )
@@ -138,6 +142,8 @@ __all__ = [
     "StartRobotMove",
     "StartRollSearch",
     "StartScan",
+    "StartSecondPlan",
+    "StartSecondScan",
     "StartSkullImport",
     "StartSkullRegistration",
     "StartSurfaceCapture",

@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 from rona_core.mapping.boundary_map import Maps
 from rona_core.robot.plan import RobotPlan
-from rona_core.session.document import PointerCapture, ScanCapture, ToolCapture
+from rona_core.session.document import PointerCapture, ScanCapture, SecondPass, ToolCapture
 from rona_core.session.specimen import LoadedSkull
 from rona_core.surface.registration import SurfaceRegistration
 from rona_core.ultrasound.detect import Detection
@@ -72,14 +72,30 @@ class StoreScanCapture:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
+class StoreSecondPlan:
+    """The second pass was planned."""
+
+    second: SecondPass
+    arguments: dict[str, object]
+    inputs: dict[str, str]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class StoreSecondCapture:
+    """The gaps were scanned again."""
+
+    capture: ScanCapture
+
+
+@dataclass(frozen=True, slots=True, eq=False)
 class StoreMaps:
     """Boundaries were detected and mapped."""
 
     detection: Detection
+    second_detection: Detection | None  # None: there was no second pass
     maps: Maps
     arguments: dict[str, object]
-    detection_inputs: dict[str, str]
-    maps_inputs: dict[str, str]
+    inputs: dict[str, dict[str, str]]  # result -> digests of what it was computed from
 
 
 Outcome = (
@@ -91,5 +107,7 @@ Outcome = (
     | StoreRegistration
     | StoreRobotPlan
     | StoreScanCapture
+    | StoreSecondPlan
+    | StoreSecondCapture
     | StoreMaps
 )

@@ -9,6 +9,8 @@ from rona_core.app.derive_scan import (
     derive_detection,
     derive_maps,
     derive_roll,
+    derive_second,
+    derive_second_detection,
 )
 from rona_core.app.derive_skull import derive_registration
 from rona_core.app.inputs import RESULTS, input_digests, stale_reason
@@ -63,8 +65,12 @@ def _value(name: str, session: Session, stored: Derived[Any]) -> Any:
         return derive_registration(session, message)
     if name == "detection":
         return derive_detection(session, message)
-    if name == "maps" and session.results.detection is not None:
-        return derive_maps(session, message, session.results.detection.value)
+    if name == "second":
+        return derive_second(session, message)
+    if name == "second_detection":
+        return derive_second_detection(session, message)
+    if name == "maps":
+        return derive_maps(session, message)
     return SHORT[type(message)][1](session, message)
 
 

@@ -27,6 +27,7 @@ def build_maps(
     Ts_base_probe: Poses,
     cloud_points_base: ArrayLike | None = None,
     *,
+    second: tuple[Detection, Poses] | None = None,
     cell_mm: float = 1.0,
     progress: Progress = silent,
     cancel: Cancel = never,
@@ -37,6 +38,8 @@ def build_maps(
         detection: What was found in n A-scans.
         Ts_base_probe: Pose of the probe at each of them, z into the bone.
         cloud_points_base: Points of the pointer (m, 3) in ``base``.
+        second: What was found in the A-scans of a second pass, and the poses of the probe. Only
+            their inner boundary counts, and they come last in the points of the maps.
         cell_mm: Width of a cell.
         progress: Told the share that is done.
         cancel: Asked between the parts.
@@ -51,8 +54,7 @@ def build_maps(
             f"{len(detection.flag)} A-scans need as many poses, not {len(Ts_base_probe)}"
         )
     axes_base = Ts_base_probe.rotations[:, :, 2]
-    outer_base = Ts_base_probe.translations + detection.standoff_mm[:, None] * axes_base
-    inner_base = outer_base + detection.thickness_mm[:, None] * axes_base
+    outer_base, inner_base = boundary_points(detection, Ts_base_probe)
     usable = detection.outer_ok
     if np.count_nonzero(usable) < LEAST_SAMPLES:
         raise DegenerateGeometryError(
@@ -65,14 +67,19 @@ def build_maps(
     late = lateness_mm(probe_model(detection.probe), curvature) * axes_base
     outer_base, inner_base = outer_base - late, inner_base - late
     outer_map = T_base_map.inv() @ outer_base
-    inner_map = T_base_map.inv() @ inner_base
     outer_used = _agreeing_among(usable, outer_map)
     grid = _Grid(T_base_map, outer_map[outer_used], cell_mm)
     _pause(progress, 0.2, cancel)
     plate = fit_plate(outer_map[outer_used, :2], outer_map[outer_used, 2])
     outer = grid.boundary(plate, grid.near(outer_map[outer_used]))
     _pause(progress, 0.5, cancel)
-    inner, inner_used = _inner(detection, inner_map, plate, grid, outer)
+    usable_inner = np.asarray(detection.outer_ok & detection.inner_ok & (detection.flag == 0))
+    if second is not None:
+        again_outer, again_inner = boundary_points(*second)
+        outer_base = np.vstack((outer_base, again_outer))
+        inner_base = np.vstack((inner_base, again_inner))
+        usable_inner = np.concatenate((usable_inner, second[0].flag == 0))
+    inner, inner_used = _inner(usable_inner, T_base_map.inv() @ inner_base, plate, grid, outer)
     _pause(progress, 0.7, cancel)
     fused, fit = outer, None
     if cloud_points_base is not None:
@@ -81,13 +88,20 @@ def build_maps(
     return Maps(
         outer_points_base=readonly(outer_base),
         inner_points_base=readonly(inner_base),
-        outer_used=readonly(outer_used),
+        outer_used=readonly(np.pad(outer_used, (0, len(outer_base) - len(outer_used)))),
         inner_used=readonly(inner_used),
         outer=outer,
         inner=inner,
         fused=fused,
         cloud_fit=fit,
     )
+
+
+def boundary_points(detection: Detection, Ts_base_probe: Poses) -> tuple[Floats, Floats]:
+    """Return where A-scans place the outer and the inner boundary (n, 3), in ``base``."""
+    axes_base = Ts_base_probe.rotations[:, :, 2]
+    outer_base = Ts_base_probe.translations + detection.standoff_mm[:, None] * axes_base
+    return outer_base, outer_base + detection.thickness_mm[:, None] * axes_base
 
 
 class _Grid:
@@ -152,10 +166,9 @@ def _agreeing_among(usable: Bools, points_map: Floats) -> Bools:
 
 
 def _inner(
-    detection: Detection, inner_map: Floats, plate: PlateFit, grid: _Grid, outer: BoundaryMap
+    usable: Bools, inner_map: Floats, plate: PlateFit, grid: _Grid, outer: BoundaryMap
 ) -> tuple[BoundaryMap, Bools]:
     """Map what lies between the boundaries and subtract it, so that they never cross."""
-    usable = detection.outer_ok & detection.inner_ok & (detection.flag == 0)
     nothing = np.zeros(grid.shape, dtype=np.bool_)
     if np.count_nonzero(usable) < LEAST_SAMPLES:
         flat = grid.with_heights(outer.height_mm - LEAST_THICKNESS_MM, outer.sigma_mm, nothing)

@@ -26,8 +26,8 @@ from rona_core.ultrasound.material import GEL
 LEAST_CELLS = 6  # a smaller gap is left to the smooth map
 JOINED_CELLS = 2  # gaps this close are scanned as one
 SLOPE_BLUR_MM = 1.5  # of the thickness, before its slope is taken
-LEAN_BLUR_MM = 2.0  # of the lean along the path, so that the wrist turns evenly
-STEP_MM = 1.0
+LEAN_BLUR_MM = 3.0  # of the lean along the path, so that the wrist turns evenly
+STEP_MM = 0.5
 RAY_STEPS = 8
 # Offsets of the lean from row to row: what the map says of a gap is a guess, so that neighbouring
 # rows look around it. Cells within reach of a sample see all five.

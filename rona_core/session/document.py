@@ -19,6 +19,7 @@ from rona_core.devices.settings import (
 )
 from rona_core.geometry.path5d import Path5D
 from rona_core.mapping.boundary_map import Maps
+from rona_core.mapping.second_pass import SecondPassPath
 from rona_core.path.edits import PathEdits
 from rona_core.path.smooth import SimplifiedPath
 from rona_core.robot.plan import RobotPlan
@@ -121,6 +122,7 @@ class Captures:
     surface: tuple[PointerCapture, ...] = ()  # several strokes add up
     path: PointerCapture | None = None
     scan: ScanCapture | None = None
+    second: ScanCapture | None = None  # step 9: again over the gaps, the probe leaning
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -141,6 +143,14 @@ class SmoothPath:
     corners_base: Floats  # (k, 3) the kept points, filtered or placed by hand
     from_raw_mm: Floats  # (n,) how far each sample of the raw path is from the smoothed one
     from_filtered_mm: Floats  # (n,) the same of the samples behind the filter
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class SecondPass:
+    """Step 9: how the gaps of the inner map are scanned again."""
+
+    way: SecondPassPath
+    plan: RobotPlan
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -165,6 +175,8 @@ class Results:
     smoothing: Derived[SmoothPath] | None = None
     roll: Derived[RobotPlan] | None = None
     detection: Derived[Detection] | None = None
+    second: Derived[SecondPass] | None = None
+    second_detection: Derived[Detection] | None = None  # of the A-scans of the second pass
     maps: Derived[Maps] | None = None
 
 

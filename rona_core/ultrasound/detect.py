@@ -15,7 +15,7 @@ from rona_core.devices.samples import AScanTrack
 from rona_core.devices.settings import Excitation
 from rona_core.errors import CancelledError, InvalidInputError
 from rona_core.ultrasound.chain import choose_inner
-from rona_core.ultrasound.front import Fronts, find_fronts, gate_us, standoff_mm, subtract_fronts
+from rona_core.ultrasound.front import Fronts, find_fronts, fronts_at, gate_us, standoff_mm, subtract_fronts
 from rona_core.ultrasound.inner import Candidates, InnerChoice, bone_gate_us, find_candidates
 from rona_core.ultrasound.matched import block_template, trace_spectra
 from rona_core.ultrasound.material import DIPLOE, TABLE, Material
@@ -69,6 +69,7 @@ def detect(
     *,
     method: Method = "subtract",
     sound_speed_mm_per_us: float = NOMINAL_SPEED_MM_PER_US,
+    known_standoff_mm: Floats | None = None,
     progress: Progress = silent,
     cancel: Cancel = never,
 ) -> Detection:
@@ -81,6 +82,9 @@ def detect(
         method: "subtract" fits and subtracts the front echo; "matched" takes the largest peak
             of a matched filter, "threshold" the rising edge in the filtered envelope.
         sound_speed_mm_per_us: Mean speed in bone; thickness is proportional to it.
+        known_standoff_mm: Where the outer boundary is (n,), along the axis from the face of the
+            uncompressed line, if that is known better than from these A-scans: a probe that leans
+            towards the inner table hardly hears it. None: found in each A-scan.
         progress: Told the share that is done.
         cancel: Asked between blocks of A-scans.
 
@@ -100,6 +104,8 @@ def detect(
         rf = track.rf[start : start + BLOCK].astype(np.float64)
         spectra, noise = trace_spectra(rf, track.start_us, template)
         front = find_fronts(spectra, noise, template)
+        if known_standoff_mm is not None:
+            front = fronts_at(known_standoff_mm[start : start + BLOCK], probe)
         aligned = spectra * template.shift(probe.line_delay_us + front.delay_us)
         fronts.append(front)
         if method == "subtract":

@@ -87,6 +87,15 @@ def standoff_mm(delay_us: Floats, probe: ProbeModel) -> Floats:
     return np.where(delay_us < at_film, pressed, gap)
 
 
+def fronts_at(standoffs_mm: Floats, probe: ProbeModel) -> Fronts:
+    """Return fronts at known distances (n,) from the face of the uncompressed line."""
+    film, line, gel = probe.film_mm, probe.line.speed_mm_per_us, GEL.speed_mm_per_us
+    beyond = standoffs_mm - film
+    delay = 2.0 * film / gel + 2.0 * beyond / np.where(beyond < 0.0, line, gel)
+    sure = np.ones(len(standoffs_mm))
+    return Fronts(delay, sure, np.full(len(sure), np.inf), np.asarray(sure > 0.0))
+
+
 def subtract_fronts(aligned: Complexes, template: Template) -> Complexes:
     """Return spectra (n, f) without their front echo, which must be aligned to time 0.
 
