@@ -173,6 +173,7 @@ def _figures(bench: Workbench, ending: Ending) -> dict[str, Any]:
         figures = {}
         ending = Ending(False, ending.failed_step or "evaluation", ending.reason or str(error))
     figures["completed"] = ending.completed
+    figures["second_pass_reason"] = ending.second_pass_reason
     if not ending.completed:
         figures |= {"failed_step": ending.failed_step, "reason": ending.reason}
     return figures

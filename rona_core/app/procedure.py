@@ -13,6 +13,8 @@ from rona_core.app.messages import (
     StartPointerCapture,
     StartRollSearch,
     StartScan,
+    StartSecondPlan,
+    StartSecondScan,
     StartSurfaceCapture,
     StartToolCapture,
 )
@@ -32,7 +34,11 @@ PROCEDURE: tuple[tuple[str, Any], ...] = (
     ("roll", StartRollSearch()),
     ("scan", StartScan()),
     ("maps", StartMapping()),
+    ("second", StartSecondPlan()),
+    ("second", StartSecondScan()),
+    ("second", StartMapping()),
 )
+SPARED = "second"  # the procedure is complete without it: there may be no gap, or no way to it
 
 
 @dataclass(frozen=True, slots=True)
@@ -42,6 +48,7 @@ class Ending:
     completed: bool
     failed_step: str | None = None
     reason: str | None = None
+    second_pass_reason: str | None = None  # why the gaps were not scanned again
 
 
 def unwatched(step: str, share: float) -> None:
@@ -72,6 +79,9 @@ def run_procedure(
         except CancelledError:
             raise
         except RonaError as error:
+            if step == SPARED:
+                progress(step, 1.0)
+                return Ending(True, second_pass_reason=str(error))
             return Ending(False, step, str(error))
         reason = _unfinished(step, bench)
         if reason is not None:

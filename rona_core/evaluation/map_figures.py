@@ -3,10 +3,12 @@
 from typing import TYPE_CHECKING
 
 import numpy as np
+from scipy.spatial import KDTree
 
 from rona_core.arrays import Bools, Floats, Ints
 from rona_core.evaluation.figures import Figures, rms
 from rona_core.evaluation.truth import Truth
+from rona_core.mapping.build import NEAR_MM
 
 if TYPE_CHECKING:
     from rona_core.mapping.boundary_map import BoundaryMap, Maps
@@ -29,6 +31,16 @@ def map_figures(maps: "Maps", truth: Truth) -> Figures:
     figures["coverage_fraction"] = covered(maps.outer, region)
     figures["inner_coverage_fraction"] = covered(maps.inner, region)
     return figures
+
+
+def one_pass_figures(maps: "Maps", n_first: int, truth: Truth) -> Figures:
+    """Return the share of the region whose inner boundary the first ``n_first`` A-scans show."""
+    T_map_base = maps.inner.T_base_map.inv()
+    used = maps.inner_used[:n_first]
+    samples = (T_map_base @ maps.inner_points_base[:n_first][used])[:, :2]
+    region = (T_map_base @ truth.region_points())[:, :2]
+    near = KDTree(samples).query(region)[0] <= NEAR_MM if len(samples) else np.zeros(len(region))
+    return {"inner_coverage_one_pass_fraction": float(np.mean(near)) if len(region) else 0.0}
 
 
 def outer_errors_mm(points_base: Floats, truth: Truth, systematic: bool) -> Floats:

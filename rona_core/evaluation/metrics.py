@@ -9,7 +9,7 @@ from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 from rona_core.evaluation.figures import Figures
-from rona_core.evaluation.map_figures import map_figures
+from rona_core.evaluation.map_figures import map_figures, one_pass_figures
 from rona_core.evaluation.navigation_figures import (
     pointer_figures,
     skull_figures,
@@ -50,6 +50,8 @@ KEYS = (
     "rolls_feasible",
     "roll_mode",
     "scan_points",
+    "second_pass_points",
+    "second_pass_reason",
     "scan_duration_s",
     "outer_rms_mm",
     "inner_rms_mm",
@@ -60,6 +62,7 @@ KEYS = (
     "fused_outer_rms_mm",
     "coverage_fraction",
     "inner_coverage_fraction",
+    "inner_coverage_one_pass_fraction",
     "detection_failure_fraction",
     "unflagged_failure_fraction",
     "flagged_fraction",
@@ -168,8 +171,21 @@ def _scan(session: "Session", truth: Truth) -> Figures:
     scan = session.captures.scan
     if scan is not None:
         figures["scan_points"] = len(scan.scans)
-        if results.detection is not None and _made_of(results.detection, "capture", scan):
-            figures |= detection_figures(results.detection.value, scan, truth)
+        passes = [
+            (found.value, capture)
+            for found, capture in (
+                (results.detection, scan),
+                (results.second_detection, session.captures.second),
+            )
+            if found is not None and capture is not None and _made_of(found, "capture", capture)
+        ]
+        if passes and passes[0][1] is scan:
+            figures |= detection_figures(passes, truth)
+    if session.captures.second is not None:
+        figures["second_pass_points"] = len(session.captures.second.scans)
     if results.maps is not None:
         figures |= map_figures(results.maps.value, truth)
+        if results.detection is not None:
+            n_first = len(results.detection.value)
+            figures |= one_pass_figures(results.maps.value, n_first, truth)
     return figures

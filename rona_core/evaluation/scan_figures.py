@@ -1,5 +1,6 @@
 """Figures of step 8: what the detection says of each A-scan against the true bone."""
 
+from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -18,15 +19,24 @@ if TYPE_CHECKING:
 WRONG_MM = 1.0  # an inner boundary further off than this is a failure
 
 
-def detection_figures(detection: "Detection", scan: "ScanCapture", truth: Truth) -> Figures:
-    """Return the shares of A-scans that are wrong, wrong without a flag, and flagged."""
-    n = len(detection.flag)
-    flagged = detection.flag != 0
-    if not n:
+def detection_figures(
+    passes: Sequence["tuple[Detection, ScanCapture]"], truth: Truth
+) -> Figures:
+    """Return the shares of A-scans that are wrong, wrong without a flag, and flagged.
+
+    The A-scans of a second pass count like those of the first.
+    """
+    flagged = np.concatenate([detection.flag != 0 for detection, _ in passes])
+    if not len(flagged):
         return dict.fromkeys(
             ("detection_failure_fraction", "unflagged_failure_fraction", "flagged_fraction")
         )
-    wrong = wrong_inner(detection, truth.inner_below_mm(true_probe_poses(scan, truth)))
+    wrong = np.concatenate(
+        [
+            wrong_inner(detection, truth.inner_below_mm(true_probe_poses(scan, truth)))
+            for detection, scan in passes
+        ]
+    )
     return {
         "detection_failure_fraction": float(wrong.mean()),
         "unflagged_failure_fraction": float(wrong[~flagged].mean()) if (~flagged).any() else None,

@@ -21,6 +21,8 @@ WORDS = {
     "StartPivotImport": "Reading the pivot",
     "StartRollSearch": "Searching the roll",
     "StartScan": "Scanning",
+    "StartSecondPlan": "Planning the second pass",
+    "StartSecondScan": "Scanning the gaps",
     "StartMapping": "Mapping the boundaries",
     "StartRobotMove": "Moving the robot",
 }

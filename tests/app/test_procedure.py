@@ -71,10 +71,12 @@ def test_the_procedure_completes_within_the_goals(demo):
     assert figures["surface_rms_mm"] <= 1.5
     assert figures["outer_rms_mm"] <= 0.6
     assert figures["thickness_rms_mm"] <= 1.0
-    assert figures["inner_coverage_fraction"] >= 0.3
+    assert figures["inner_coverage_fraction"] >= 0.8
+    assert figures["inner_coverage_fraction"] > figures["inner_coverage_one_pass_fraction"] >= 0.6
+    assert figures["second_pass_points"] == len(session.captures.second.scans)
     of_loaded = {"skull_registration_tre_mm", "skull_registration_sigma_mm"}
     nothing = {key for key, value in figures.items() if value is None}
-    assert nothing == {"failed_step", "reason", *of_loaded}
+    assert nothing == {"failed_step", "reason", "second_pass_reason", *of_loaded}
 
 
 def test_the_same_messages_give_the_same_session(demo):
@@ -102,7 +104,7 @@ def test_every_result_follows_from_the_captures_without_the_virtual_world(demo, 
         check=False,
     )
     assert done.returncode == 0, done.stderr
-    results = "tool pointer surface path smoothing roll detection maps".split()
+    results = "tool pointer surface path smoothing roll detection second second_detection maps".split()
     assert done.stdout.split() == [f"{name}=True" for name in results]
 
 
