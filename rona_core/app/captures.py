@@ -5,7 +5,6 @@ from typing import Literal
 
 import numpy as np
 
-from rona_core.app.inputs import capture_setup_digest
 from rona_core.app.messages import (
     StartPathCapture,
     StartPointerCapture,
@@ -13,6 +12,7 @@ from rona_core.app.messages import (
     StartSurfaceCapture,
     StartToolCapture,
 )
+from rona_core.app.staleness import capture_setup_digest
 from rona_core.app.toolbox import Toolbox
 from rona_core.arrays import Floats, readonly
 from rona_core.devices.protocols import Motion, never

@@ -2,13 +2,13 @@
 
 from dataclasses import dataclass, replace
 
-from rona_core.app.inputs import usable_second
 from rona_core.app.messages import StartMapping, StartRollSearch, StartSecondPlan
 from rona_core.app.needs import need
+from rona_core.app.staleness import usable_second
 from rona_core.devices.protocols import Cancel, Progress, never, silent
+from rona_core.errors import StepBlockedError
 from rona_core.geometry.pose import Poses
 from rona_core.mapping.boundary_map import Maps
-from rona_core.errors import StepBlockedError
 from rona_core.mapping.build import build_maps
 from rona_core.mapping.second_pass import SecondPassSettings, plan_second_pass, standoffs_mm
 from rona_core.robot.model import robot_model
@@ -85,9 +85,9 @@ def probe_poses(session: Session, capture: ScanCapture | None = None) -> Poses:
 
     Without a capture it is that of the first pass.
     """
-    capture = capture or need(session.captures.scan, "scan")
+    taken = need(session.captures.scan, "scan") if capture is None else capture
     model = robot_model(session.setup.devices.robot.model)
-    return model.forward(capture.joints.at(capture.scans.times_s)) @ model.T_flange_probe
+    return model.forward(taken.joints.at(taken.scans.times_s)) @ model.T_flange_probe
 
 
 def derive_maps(

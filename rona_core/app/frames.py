@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 
-from rona_core.app.inputs import stale_reason
+from rona_core.app.staleness import stale_reason
 from rona_core.arrays import Floats
 from rona_core.calibration.base_marker import point_sigmas_mm
 from rona_core.calibration.tool import ToolRegistration

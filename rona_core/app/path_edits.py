@@ -6,7 +6,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from rona_core.app.inputs import stale_reason
 from rona_core.app.messages import (
     ClearPathEdits,
     DeletePathPoint,
@@ -16,6 +15,7 @@ from rona_core.app.messages import (
     Point,
 )
 from rona_core.app.needs import need
+from rona_core.app.staleness import stale_reason
 from rona_core.arrays import Floats, Vector3, as_vector3
 from rona_core.errors import InvalidInputError, StaleResultError
 from rona_core.path.edits import PathEdit, PathEdits, edit_path

@@ -18,8 +18,8 @@ from rona_core.app.inputs import (
     Input,
     is_pattern,
     missing,
-    stale_reason,
 )
+from rona_core.app.staleness import stale_reason
 from rona_core.session.document import STEPS, Session
 from rona_core.session.reference import carried_remark, placed_reason
 

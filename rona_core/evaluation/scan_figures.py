@@ -19,9 +19,7 @@ if TYPE_CHECKING:
 WRONG_MM = 1.0  # an inner boundary further off than this is a failure
 
 
-def detection_figures(
-    passes: Sequence["tuple[Detection, ScanCapture]"], truth: Truth
-) -> Figures:
+def detection_figures(passes: Sequence["tuple[Detection, ScanCapture]"], truth: Truth) -> Figures:
     """Return the shares of A-scans that are wrong, wrong without a flag, and flagged.
 
     The A-scans of a second pass count like those of the first.

@@ -107,8 +107,9 @@ def _rows(gaps: Bools, every: int) -> list[tuple[Floats, Floats]]:
     # a closing next to the border of the grid needs room around it
     room = JOINED_CELLS + 1
     closed = binary_closing(np.pad(gaps, room), iterations=JOINED_CELLS)[room:-room, room:-room]
-    labels, count = label(closed, structure=np.ones((3, 3)))
-    groups = [np.argwhere(labels == k + 1) for k in range(int(count))]
+    labels = np.zeros(gaps.shape, dtype=np.int64)
+    label(closed, structure=np.ones((3, 3)), output=labels)
+    groups: list[Ints] = [np.argwhere(labels == k + 1) for k in range(int(labels.max()))]
     groups = [group for group in groups if gaps[tuple(group.T)].sum() >= LEAST_CELLS]
     rows: list[tuple[Floats, Floats]] = []
     here = np.zeros(2)
@@ -162,8 +163,7 @@ def _walk(rows: list[tuple[Floats, Floats]], step: float) -> tuple[Floats, Ints]
 def _slopes(heights_mm: Floats, cell_mm: float) -> tuple[Floats, Floats]:
     """Return how heights (nu, nv) change along u and v, per millimetre."""
     smooth = gaussian_filter(heights_mm, SLOPE_BLUR_MM / cell_mm, mode="nearest")
-    along_u, along_v = np.gradient(smooth, cell_mm)
-    return along_u, along_v
+    return np.gradient(smooth, cell_mm, axis=0), np.gradient(smooth, cell_mm, axis=1)
 
 
 def _at(grids: tuple[Floats, ...], cells: Floats) -> Floats:

@@ -15,7 +15,14 @@ from rona_core.devices.samples import AScanTrack
 from rona_core.devices.settings import Excitation
 from rona_core.errors import CancelledError, InvalidInputError
 from rona_core.ultrasound.chain import choose_inner
-from rona_core.ultrasound.front import Fronts, find_fronts, fronts_at, gate_us, standoff_mm, subtract_fronts
+from rona_core.ultrasound.front import (
+    Fronts,
+    find_fronts,
+    fronts_at,
+    gate_us,
+    standoff_mm,
+    subtract_fronts,
+)
 from rona_core.ultrasound.inner import Candidates, InnerChoice, bone_gate_us, find_candidates
 from rona_core.ultrasound.matched import block_template, trace_spectra
 from rona_core.ultrasound.material import DIPLOE, TABLE, Material

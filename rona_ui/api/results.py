@@ -7,10 +7,10 @@ from fastapi import APIRouter, Query
 
 from rona_core.app.calibration_view import calibration_view
 from rona_core.app.frames import frame_rows
-from rona_core.app.inputs import stale_reason
 from rona_core.app.quality import QualityRow, quality_rows
 from rona_core.app.queries import StepState, step_states, summary
 from rona_core.app.replay import replay
+from rona_core.app.staleness import stale_reason
 from rona_core.errors import NotFoundError
 from rona_core.session.document import STEPS, Session
 from rona_ui.api.context import Bench

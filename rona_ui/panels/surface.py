@@ -2,13 +2,13 @@
 
 from typing import Any
 
-from rona_core.app.inputs import stale_reason
 from rona_core.app.messages import (
     BuildSurface,
     ClearSurface,
     StartSkullRegistration,
     StartSurfaceCapture,
 )
+from rona_core.app.staleness import stale_reason
 from rona_core.session.document import Session
 from rona_core.session.prediction import predict_skull_mm, predict_surface
 from rona_core.session.specimen import LoadedSkull

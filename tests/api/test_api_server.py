@@ -20,6 +20,8 @@ from rona_core.app.messages import (
     StartPointerCapture,
     StartRollSearch,
     StartScan,
+    StartSecondPlan,
+    StartSecondScan,
     StartSurfaceCapture,
     StartToolCapture,
     Undo,
@@ -97,6 +99,9 @@ def test_the_whole_procedure_through_rest(client, web, tmp_path):
         SmoothScanPath(),
         StartRollSearch(n_rolls=24),
         StartScan(),
+        StartMapping(),
+        StartSecondPlan(),
+        StartSecondScan(),
         StartMapping(),
     ]
     assert {type(m) for _, m in PROCEDURE} < {type(m) for m in messages}

@@ -28,7 +28,7 @@ def test_all_steps_of_the_demo_session_are_done(session):
 @pytest.mark.slow
 def test_every_result_of_the_demo_session_recomputes(session):
     results = replay(session)
-    assert len(results) == 8
+    assert len(results) == 10
     for one in results:
         apart = one.difference
         assert apart.largest <= CLOSE, f"{one.result} differs at {apart.where}: {REMEDY}"

@@ -8,7 +8,6 @@ import pytest
 
 from rona_core.app.exports import export_recording, recorded_captures
 from rona_core.app.imports import replayed_pointer
-from rona_core.app.inputs import stale_reason
 from rona_core.app.messages import (
     SetPointer,
     SetSeed,
@@ -21,6 +20,7 @@ from rona_core.app.messages import (
     StartToolCapture,
 )
 from rona_core.app.replay import replay
+from rona_core.app.staleness import stale_reason
 from rona_core.compose import new_workbench
 from rona_core.devices.settings import TOOLS
 from rona_core.errors import (

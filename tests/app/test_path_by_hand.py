@@ -8,7 +8,6 @@ import pytest
 
 from rona_core.app.derive_smoothing import path_source
 from rona_core.app.handlers import handle
-from rona_core.app.inputs import stale_reason
 from rona_core.app.messages import (
     BuildPath,
     BuildSurface,
@@ -29,6 +28,7 @@ from rona_core.app.path_edits import is_kept, nearest_piece, nearest_point, sigh
 from rona_core.app.path_views import path_view, preview_path, quickly
 from rona_core.app.queries import step_states
 from rona_core.app.replay import replay
+from rona_core.app.staleness import stale_reason
 from rona_core.app.store import Store
 from rona_core.errors import (
     DegenerateGeometryError,

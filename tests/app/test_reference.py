@@ -7,7 +7,6 @@ import pytest
 
 from rona_core.app.delay import delay_words, measured_times_s, tracker_delay
 from rona_core.app.handlers import handle
-from rona_core.app.inputs import stale_reason
 from rona_core.app.messages import (
     BuildPath,
     BuildSurface,
@@ -22,6 +21,7 @@ from rona_core.app.messages import (
     StartToolCapture,
 )
 from rona_core.app.queries import step_states
+from rona_core.app.staleness import stale_reason
 from rona_core.calibration.time_offset import TimeOffset
 from rona_core.compose import new_workbench
 from rona_core.devices.settings import TrackerPlace

@@ -7,7 +7,6 @@ import pytest
 import trimesh
 
 from rona_core.app.derive_skull import derive_registration, outer_surface
-from rona_core.app.inputs import stale_reason
 from rona_core.app.messages import (
     BuildSurface,
     SetSeed,
@@ -19,6 +18,7 @@ from rona_core.app.messages import (
 )
 from rona_core.app.outcomes import StoreSkull
 from rona_core.app.replay import replay
+from rona_core.app.staleness import stale_reason
 from rona_core.compose import new_workbench, read_skull
 from rona_core.errors import CancelledError, InvalidInputError, StepBlockedError
 from rona_core.geometry.pose import Pose

@@ -40,7 +40,9 @@ def session_of(**results):
     return SimpleNamespace(
         setup=SimpleNamespace(devices=SETTINGS),
         results=SimpleNamespace(**filled),
-        captures=SimpleNamespace(tool=None, pointer=None, surface=(), path=None, scan=None),
+        captures=SimpleNamespace(
+            tool=None, pointer=None, surface=(), path=None, scan=None, second=None
+        ),
     )
 
 

@@ -1,0 +1,134 @@
+"""What the messages of the set-up do to a session: pure functions from a session to the next."""
+
+from dataclasses import fields, replace
+from functools import singledispatch
+from typing import Any
+
+from rona_core.app.messages import (
+    MoveTracker,
+    RenameSession,
+    SetPointer,
+    SetProbe,
+    SetReference,
+    SetRegion,
+    SetRobot,
+    SetSeed,
+    SetToolVisible,
+    SetTracker,
+    UseSimulatedSkull,
+)
+from rona_core.app.outcomes import (
+    StoreSkull,
+)
+from rona_core.devices.settings import (
+    DeviceSettings,
+    ProbeSettings,
+    RobotSettings,
+    TrackerPlace,
+)
+from rona_core.errors import InvalidInputError
+from rona_core.robot.model import robot_model
+from rona_core.session.document import RegionChoice, Session
+from rona_core.session.specimen import SimulatedSkull
+
+
+@singledispatch
+def handle(message: Any, session: Session) -> Session:
+    """Return the session after ``message``; the one that came in stays as it was.
+
+    Raises:
+        RonaError: the message does not fit the session.
+    """
+    raise InvalidInputError(f"there is no handler for {type(message).__name__}")
+
+
+@handle.register
+def _(message: RenameSession, session: Session) -> Session:
+    return replace(session, name=message.name.strip())
+
+
+@handle.register
+def _(message: SetSeed, session: Session) -> Session:
+    return replace(session, setup=replace(session.setup, seed=message.seed))
+
+
+@handle.register
+def _(message: UseSimulatedSkull, session: Session) -> Session:
+    skull, region = SimulatedSkull(side=message.side), RegionChoice()
+    return replace(session, setup=replace(session.setup, specimen=skull, region=region))
+
+
+@handle.register
+def _(message: SetRegion, session: Session) -> Session:
+    region = RegionChoice(message.center_mesh_mm, message.radius_mm)
+    return replace(session, setup=replace(session.setup, region=region))
+
+
+def _with_devices(session: Session, devices: DeviceSettings) -> Session:
+    return replace(session, setup=replace(session.setup, devices=devices))
+
+
+@handle.register
+def _(message: SetTracker, session: Session) -> Session:
+    devices = session.setup.devices
+    chosen = {part.name: getattr(message, part.name) for part in fields(message)}
+    tracker = replace(devices.tracker, **chosen)
+    return _with_devices(session, replace(devices, tracker=tracker))
+
+
+@handle.register
+def _(message: MoveTracker, session: Session) -> Session:
+    devices = session.setup.devices
+    place = TrackerPlace(message.shift_mm, message.turn_deg)
+    return _with_devices(session, replace(devices, tracker=replace(devices.tracker, place=place)))
+
+
+@handle.register
+def _(message: SetReference, session: Session) -> Session:
+    setup = replace(session.setup, use_base_marker=message.use_base_marker)
+    return replace(session, setup=setup)
+
+
+@handle.register
+def _(message: SetToolVisible, session: Session) -> Session:
+    devices = session.setup.devices
+    hidden = set(devices.tracker.hidden_tools) - {message.tool}
+    if not message.visible:
+        hidden.add(message.tool)
+    tracker = replace(devices.tracker, hidden_tools=tuple(sorted(hidden)))
+    return _with_devices(session, replace(devices, tracker=tracker))
+
+
+@handle.register
+def _(message: SetRobot, session: Session) -> Session:
+    robot_model(message.model)  # refuses an unknown name
+    settings = RobotSettings(
+        model=message.model,
+        errors=message.errors,
+        scan_speed_mm_per_s=message.scan_speed_mm_per_s,
+        base_shift_mm=message.base_shift_mm,
+        base_turn_deg=message.base_turn_deg,
+    )
+    return _with_devices(session, replace(session.setup.devices, robot=settings))
+
+
+@handle.register
+def _(message: SetProbe, session: Session) -> Session:
+    settings = ProbeSettings(
+        name=message.name,
+        excitation=message.excitation,
+        front_snr_db=message.front_snr_db,
+        pitch_mm=message.pitch_mm,
+    )
+    return _with_devices(session, replace(session.setup.devices, probe=settings))
+
+
+@handle.register
+def _(message: SetPointer, session: Session) -> Session:
+    return _with_devices(session, replace(session.setup.devices, pointer=message.kind))
+
+
+@handle.register
+def _(message: StoreSkull, session: Session) -> Session:
+    region = RegionChoice(None, message.skull.radius_mm)
+    return replace(session, setup=replace(session.setup, specimen=message.skull, region=region))
