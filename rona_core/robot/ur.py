@@ -32,14 +32,21 @@ PATTERN = (  # which components of each offset the family has: joints 1 to 6 and
 )
 CLOSE_MM, CLOSE = 1e-6, 1e-9  # rounding of the file's numbers
 HOME_DEG = {
-    "ur5": (15.0, -120.0, 110.0, -170.0, -90.0, 90.0),
-    "ur10": (15.0, -120.0, 110.0, -170.0, -90.0, 90.0),
+    "ur5": (-10.0, -99.0, 56.0, 43.0, 65.0, -90.0),
+    "ur10": (-20.0, -117.0, 98.0, 19.0, 55.0, -90.0),
 }
 ACCELERATION_RAD_PER_S2 = {
     "ur5": (8.0, 8.0, 8.0, 12.0, 12.0, 12.0),
     "ur10": (5.0, 5.0, 7.0, 10.0, 10.0, 15.0),
 }
-WORKPLACES = {"ur5": Workplace(), "ur10": Workplace()}
+ROOM_LOWER_DEG = (-135.0, -180.0, -360.0, -360.0, -360.0, -180.0)
+ROOM_UPPER_DEG = (135.0, 0.0, 360.0, 360.0, 360.0, 0.0)
+ROOM = "work before the base, elbow above the table, tool hanging below the wrist"
+TO_TRACKER = (0.966, 0.259, 0.0)
+WORKPLACES = {  # the head nearer to the shorter arm
+    "ur5": Workplace((480.0, 60.0, 300.0), (420.0, 60.0, 480.0), TO_TRACKER),
+    "ur10": Workplace((600.0, 60.0, 400.0), (540.0, 60.0, 580.0), TO_TRACKER),
+}
 
 
 def ur5(overrides: Mapping[str, object] | None = None) -> RobotModel:
@@ -79,8 +86,8 @@ def ur(
         name=name,
         arm=parallel_arm(read_chain(path, BASE_LINK, FLANGE_LINK), path),
         limits=JointLimits(
-            lower_rad=np.deg2rad(values["lower_deg"]),
-            upper_rad=np.deg2rad(values["upper_deg"]),
+            lower_rad=np.deg2rad(np.maximum(values["lower_deg"], values["room_lower_deg"])),
+            upper_rad=np.deg2rad(np.minimum(values["upper_deg"], values["room_upper_deg"])),
             speed_rad_per_s=np.deg2rad(values["speed_deg_per_s"]),
             acceleration_rad_per_s2=values["acceleration_rad_per_s2"],
         ),
@@ -133,6 +140,8 @@ def provenance(name: str, path: str | Path) -> tuple[Figure, ...]:
     chosen = [
         Figure(words, key, values, unit, "assumed", why)
         for words, key, values, unit, why in (
+            ("lower limit in this room", "room_lower_deg", ROOM_LOWER_DEG, "deg", ROOM),
+            ("upper limit in this room", "room_upper_deg", ROOM_UPPER_DEG, "deg", ROOM),
             (
                 "acceleration",
                 "acceleration_rad_per_s2",
