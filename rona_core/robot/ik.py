@@ -24,7 +24,16 @@ from rona_core.robot.solutions import (
 if TYPE_CHECKING:
     from rona_core.robot.arm import SphericalWristArm
 
-__all__ = ["BRANCHES", "Branch", "IkSolutions", "inverse", "opposite", "solve", "wrapped"]
+__all__ = [
+    "BRANCHES",
+    "N_BRANCHES",
+    "Branch",
+    "IkSolutions",
+    "inverse",
+    "opposite",
+    "solve",
+    "wrapped",
+]
 
 
 def inverse(arm: "SphericalWristArm", Ts_base_flange: Poses) -> IkSolutions:

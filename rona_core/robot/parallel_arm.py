@@ -10,7 +10,7 @@ from dataclasses import dataclass, fields
 import numpy as np
 from numpy.typing import ArrayLike
 
-from rona_core.arrays import Floats, as_floats
+from rona_core.arrays import as_floats
 from rona_core.errors import InvalidInputError
 from rona_core.geometry.pose import Poses
 from rona_core.robot.arm import about_y, about_z, as_joints

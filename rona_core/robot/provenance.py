@@ -1,4 +1,4 @@
-"""Where each figure of a robot model comes from, how far to trust it, and how to put in a better one.
+"""Where each figure of a robot model comes from, how far to trust it, and how to override it.
 
 A table of rows: the page, the interface and the tests read the same one.
 """

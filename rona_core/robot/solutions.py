@@ -62,12 +62,16 @@ class IkSolutions:
     @property
     def sin_elbow(self) -> Floats:
         """Least |sin q3| (n,) of the branches that reach; all are equal for a spherical wrist."""
+        if not self.sin_elbows.strides[1]:
+            return self.sin_elbows[:, 0]  # one value stands for all branches
         least = np.where(self.valid, self.sin_elbows, 1.0).min(axis=1)
         return np.where(self.valid.any(axis=1), least, self.sin_elbows.min(axis=1))
 
     @property
     def reach_mm(self) -> Floats:
         """Most room of reach (n,) of any branch; all are equal for a spherical wrist."""
+        if not self.reaches_mm.strides[1]:
+            return self.reaches_mm[:, 0]
         return self.reaches_mm.max(axis=1)
 
 
