@@ -34,7 +34,7 @@ class PinocchioArm:
         Raises:
             InvalidInputError: neither a description nor the lengths of a known build.
         """
-        self._model, self._flange = _built(model)
+        self._model, self._flange = pinocchio_model(model)
         self._data = self._model.createData()
         joints = self._model.joints
         self._axes = np.array(
@@ -88,8 +88,12 @@ class PinocchioArm:
         return self.forward(qs_rad) @ T_flange_tip
 
 
-def _built(model: RobotModel) -> tuple[Any, int]:
-    """Return Pinocchio's model and the number of the flange frame."""
+def pinocchio_model(model: RobotModel) -> tuple[Any, int]:
+    """Return Pinocchio's model and the number of its flange frame.
+
+    Raises:
+        InvalidInputError: neither a description nor the lengths of a known build.
+    """
     if model.urdf is not None:
         built = pin.buildModelFromUrdf(model.urdf)
         return built, built.getFrameId(FLANGE_LINK)

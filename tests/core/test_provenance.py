@@ -1,4 +1,4 @@
-"""The table of figures: every row has a source, and each can be overridden or is refused by name."""
+"""The table of figures: every row has a source, each can be overridden or is refused."""
 
 import json
 from pathlib import Path
@@ -37,9 +37,7 @@ def test_the_model_is_made_of_the_table(name):
     model, figures = robot_model(name), {f.key: np.array(f.values) for f in figures_of(name)}
     speed = figures["speed_deg_per_s"]
     np.testing.assert_allclose(np.rad2deg(model.speed_rad_per_s), speed, rtol=1e-12)
-    np.testing.assert_array_equal(
-        model.acceleration_rad_per_s2, figures["acceleration_rad_per_s2"]
-    )
+    np.testing.assert_array_equal(model.acceleration_rad_per_s2, figures["acceleration_rad_per_s2"])
     lower = np.maximum(figures["lower_deg"], figures.get("room_lower_deg", -np.inf))
     upper = np.minimum(figures["upper_deg"], figures.get("room_upper_deg", np.inf))
     np.testing.assert_allclose(np.rad2deg(model.lower_rad), lower, rtol=1e-12)
