@@ -89,6 +89,9 @@ class TrackerSettings:
         return stated / 1000.0
 
 
+ROBOTS = {"rx90": "Stäubli RX90", "ur5": "UR5", "ur10": "UR10"}  # what people call them
+
+
 @dataclass(frozen=True, slots=True)
 class RobotSettings:
     """Which robot, how exact, how fast, and where its base stands."""

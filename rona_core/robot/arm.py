@@ -5,6 +5,7 @@ axes 4 and 6 run along forearm and flange, axis 5 crosses them at the wrist cent
 """
 
 from dataclasses import dataclass
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -12,8 +13,24 @@ from numpy.typing import ArrayLike
 from rona_core.arrays import Floats, as_floats
 from rona_core.errors import InvalidInputError
 from rona_core.geometry.pose import Poses
+from rona_core.robot.ik import inverse
+from rona_core.robot.solutions import N_JOINTS, IkSolutions
 
-N_JOINTS = 6
+
+class Arm(Protocol):
+    """The kinematics of a six-joint arm, whatever its build."""
+
+    def forward(self, qs_rad: ArrayLike) -> Poses:
+        """Return ``Ts_base_flange`` for joint angles (n, 6) in radians."""
+        ...
+
+    def inverse(self, Ts_base_flange: Poses) -> IkSolutions:
+        """Return every joint vector that brings the flange to each pose."""
+        ...
+
+    def link_poses(self, q_rad: ArrayLike) -> Poses:
+        """Return base and the six link frames in ``base`` for one joint vector (6,)."""
+        ...
 
 
 def as_joints(qs_rad: ArrayLike, *, name: str = "qs_rad") -> Floats:
@@ -47,8 +64,12 @@ class SphericalWristArm:
         """Return ``Ts_base_flange`` for joint angles (n, 6) in radians."""
         qs = as_joints(qs_rad)
         wrists_base, rotations = self._wrists(qs)
-        rotations = rotations @ _about_z(qs[:, 3]) @ _about_y(qs[:, 4]) @ _about_z(qs[:, 5])
+        rotations = rotations @ about_z(qs[:, 3]) @ about_y(qs[:, 4]) @ about_z(qs[:, 5])
         return Poses(rotations, wrists_base + self.flange_mm * rotations[:, :, 2])
+
+    def inverse(self, Ts_base_flange: Poses) -> IkSolutions:
+        """Return every joint vector that brings the flange to each pose."""
+        return inverse(self, Ts_base_flange)
 
     def link_poses(self, q_rad: ArrayLike) -> Poses:
         """Return the seven link frames in ``base`` for one joint vector (6,) in radians.
@@ -60,12 +81,12 @@ class SphericalWristArm:
         rotation, position = np.eye(3), np.zeros(3)
         rotations, positions = [rotation], [position]
         steps = (
-            (_about_z, self.shoulder_mm, 0.0),
-            (_about_y, 0.0, 0.0),
-            (_about_y, self.upper_arm_mm, 0.0),
-            (_about_z, self.forearm_mm, 0.0),
-            (_about_y, 0.0, 0.0),
-            (_about_z, 0.0, self.flange_mm),
+            (about_z, self.shoulder_mm, 0.0),
+            (about_y, 0.0, 0.0),
+            (about_y, self.upper_arm_mm, 0.0),
+            (about_z, self.forearm_mm, 0.0),
+            (about_y, 0.0, 0.0),
+            (about_z, 0.0, self.flange_mm),
         )
         for i, (turn, before_mm, after_mm) in enumerate(steps):
             position = position + before_mm * rotation[:, 2]
@@ -83,17 +104,17 @@ class SphericalWristArm:
         wrists_base = np.stack(
             (np.cos(qs[:, 0]) * out_mm, np.sin(qs[:, 0]) * out_mm, self.shoulder_mm + up_mm), axis=1
         )
-        return wrists_base, _about_z(qs[:, 0]) @ _about_y(lean)
+        return wrists_base, about_z(qs[:, 0]) @ about_y(lean)
 
 
-def _about_z(angles_rad: Floats) -> Floats:
+def about_z(angles_rad: Floats) -> Floats:
     """Return rotations (n, 3, 3) about z."""
     c, s = np.cos(angles_rad), np.sin(angles_rad)
     o, i = np.zeros_like(c), np.ones_like(c)
     return np.stack((c, -s, o, s, c, o, o, o, i), axis=-1).reshape(-1, 3, 3)
 
 
-def _about_y(angles_rad: Floats) -> Floats:
+def about_y(angles_rad: Floats) -> Floats:
     """Return rotations (n, 3, 3) about y."""
     c, s = np.cos(angles_rad), np.sin(angles_rad)
     o, i = np.zeros_like(c), np.ones_like(c)

@@ -4,143 +4,145 @@ The wrist centre fixes joints 1 to 3 (two shoulders times two elbows), the remai
 fixes joints 4 to 6 (two wrists). See docs/algorithms/inverse_kinematics.md.
 """
 
-from dataclasses import dataclass
-from typing import Literal
+from typing import TYPE_CHECKING
 
 import numpy as np
 
-from rona_core.arrays import Bools, Floats, readonly
+from rona_core.arrays import Bools, Floats
 from rona_core.geometry.pose import Poses
-from rona_core.robot.arm import N_JOINTS, SphericalWristArm
-
-N_BRANCHES = 8
-CHUNK = 1024  # poses worked on together, so that intermediate arrays stay in the cache
-ROUNDING = 1e-12  # how far a cosine may exceed 1 and still count as a stretched arm
-
-
-@dataclass(frozen=True, slots=True)
-class Branch:
-    """One of the eight ways to reach a pose."""
-
-    shoulder: Literal["front", "back"]  # wrist before or behind axis 1, seen by joint 1
-    elbow: Literal["above", "below"]  # elbow above or below the line from shoulder to wrist
-    wrist: Literal["plain", "flipped"]  # q5 >= 0 or q5 <= 0
-
-    @property
-    def label(self) -> str:
-        """Name the branch for people."""
-        return f"{self.shoulder}, elbow {self.elbow}, wrist {self.wrist}"
-
-
-BRANCHES = tuple(
-    Branch(shoulder, elbow, wrist)
-    for shoulder in ("front", "back")
-    for elbow in ("above", "below")
-    for wrist in ("plain", "flipped")
+from rona_core.robot.solutions import (
+    BRANCHES,
+    CHUNK,
+    N_BRANCHES,
+    N_JOINTS,
+    ROUNDING,
+    Branch,
+    IkSolutions,
+    sealed,
 )
 
+if TYPE_CHECKING:
+    from rona_core.robot.arm import SphericalWristArm
 
-@dataclass(frozen=True, slots=True, eq=False)
-class IkSolutions:
-    """All branches for n poses, and how far each is from where the arm loses a freedom.
-
-    A pose out of reach has ``valid`` false; its angles then point the stretched (or folded) arm
-    at it. Angles are principal values: each may be shifted by full turns where limits allow.
-    """
-
-    qs_rad: Floats  # (n, 8, 6) in the order of BRANCHES
-    valid: Bools  # (n, 8) the pose can be reached; joint limits are not looked at
-    sin_elbow: Floats  # (n,) |sin q3|, the same for all branches
-    sin_wrist: Floats  # (n, 8) |sin q5|
-    wrist_distance_mm: Floats  # (n,) wrist centre to axis 1
-    reach_mm: Floats  # (n,) room left to the nearer end of the reach; negative if outside
-
-    def __len__(self) -> int:
-        return len(self.qs_rad)
+__all__ = [
+    "BRANCHES",
+    "N_BRANCHES",
+    "Branch",
+    "IkSolutions",
+    "inverse",
+    "opposite",
+    "solve",
+    "wrapped",
+]
 
 
-def inverse(arm: SphericalWristArm, Ts_base_flange: Poses) -> IkSolutions:
+def inverse(arm: "SphericalWristArm", Ts_base_flange: Poses) -> IkSolutions:
     """Return every joint vector that brings the flange to each pose.
 
     Args:
         arm: Lengths of the arm.
         Ts_base_flange: n poses of ``flange`` in ``base`` (mm).
     """
-    n = len(Ts_base_flange)
-    qs = np.zeros((n, N_BRANCHES, N_JOINTS))
-    sin_wrist = np.zeros((n, N_BRANCHES))
-    cos_elbow, distance, reach = np.zeros(n), np.zeros(n), np.zeros(n)
+    return solve(arm, Ts_base_flange.rotations, Ts_base_flange.translations)
+
+
+def solve(arm: "SphericalWristArm", rotations: Floats, translations: Floats) -> IkSolutions:
+    """Return the same for rotations (n, 3, 3) and translations (n, 3) that are known to be good."""
+    n = len(rotations)
+    qs = np.zeros((N_BRANCHES, N_JOINTS, n))  # written and read a joint at a time
+    shared = np.zeros((4, n))  # sine of the elbow, sine of the wrist above and below, distance
+    reach = np.zeros(n)
+    inside: Bools = np.zeros(n, dtype=np.bool_)
     for start in range(0, n, CHUNK):
-        part = slice(start, start + CHUNK)
-        rotations = Ts_base_flange.rotations[part]
-        wrists = Ts_base_flange.translations[part] - arm.flange_mm * rotations[:, :, 2]
-        wrists[:, 2] -= arm.shoulder_mm
-        cos_elbow[part], distance[part], reach[part] = _arm_triangle(arm, wrists)
-        _solve(arm, rotations, wrists, cos_elbow[part], qs[part], sin_wrist[part])
-    inside = np.abs(cos_elbow) <= 1.0 + ROUNDING
+        part = slice(start, min(start + CHUNK, n))
+        axes = np.ascontiguousarray(rotations[part].reshape(-1, 9).T)  # row by row of the matrix
+        wrists = translations[part].T - arm.flange_mm * axes[2::3]
+        wrists[2] -= arm.shoulder_mm
+        cos_elbow, reach[part] = _elbow(arm, wrists)
+        inside[part] = np.abs(cos_elbow) <= 1.0 + ROUNDING
+        _fill(arm, axes, wrists, cos_elbow, qs[:, :, part], shared[:, part])
+    elbow, above, below, distance = shared
+    pairs = np.stack((above, above, below, below))
     return IkSolutions(
-        qs_rad=readonly(qs),
-        valid=readonly(np.repeat(inside[:, None], N_BRANCHES, axis=1)),
-        sin_elbow=readonly(np.sqrt(np.maximum(0.0, 1.0 - cos_elbow**2))),
-        sin_wrist=readonly(sin_wrist),
-        wrist_distance_mm=readonly(distance),
-        reach_mm=readonly(reach),
+        qs_rad=sealed(qs.transpose(2, 0, 1)),
+        valid=_for_all(inside),
+        sin_elbows=_for_all(elbow),
+        sin_wrist=sealed(np.concatenate((pairs, pairs)).T),
+        wrist_distance_mm=sealed(distance),
+        reaches_mm=_for_all(reach),
     )
 
 
-def _arm_triangle(arm: SphericalWristArm, wrists: Floats) -> tuple[Floats, Floats, Floats]:
-    """Return cos q3 (beyond [-1, 1] where out of reach), distance to axis 1, and room of reach."""
-    a, b = arm.upper_arm_mm, arm.forearm_mm
-    squared = np.einsum("ij,ij->i", wrists, wrists)
-    span = np.sqrt(squared)
-    reach = np.minimum(a + b - span, span - abs(a - b))
-    return (squared - a * a - b * b) / (2.0 * a * b), np.hypot(wrists[:, 0], wrists[:, 1]), reach
-
-
-def _solve(
-    arm: SphericalWristArm,
-    rotations: Floats,
-    wrists: Floats,
-    cos_elbow: Floats,
-    qs: Floats,
-    sin_wrist: Floats,
-) -> None:
-    """Fill ``qs`` (m, 8, 6) and ``sin_wrist`` (m, 8) for a chunk of m poses."""
-    q3_size = np.arccos(np.clip(cos_elbow, -1.0, 1.0))
-    q1_front = np.arctan2(wrists[:, 1], wrists[:, 0])
-    out_front = np.hypot(wrists[:, 0], wrists[:, 1])
-    x, y, z = rotations[:, :, 0], rotations[:, :, 1], rotations[:, :, 2]
-    for arm_branch, (shoulder, elbow) in enumerate(((1, 1), (1, -1), (-1, 1), (-1, -1))):
-        q1 = q1_front if shoulder > 0 else _wrapped(q1_front + np.pi)
-        q3 = shoulder * elbow * q3_size  # behind the base, "above" bends the other way
-        inner = np.arctan2(
-            arm.forearm_mm * np.sin(q3), arm.upper_arm_mm + arm.forearm_mm * np.cos(q3)
-        )
-        q2 = _wrapped(np.arctan2(shoulder * out_front, wrists[:, 2]) - inner)
-        c1, s1, lean = np.cos(q1), np.sin(q1), q2 + q3
-        c, s = np.cos(lean), np.sin(lean)
-        x3 = np.stack((c1 * c, s1 * c, -s), axis=1)  # axes of the forearm in base
-        y3 = np.stack((-s1, c1, np.zeros_like(c1)), axis=1)
-        z3 = np.stack((c1 * s, s1 * s, c), axis=1)
-        along, across = np.einsum("ij,ij->i", x3, z), np.einsum("ij,ij->i", y3, z)
-        sine = np.hypot(along, across)
-        q5 = np.arctan2(sine, np.einsum("ij,ij->i", z3, z))
-        q4 = np.arctan2(across, along)  # arbitrary where the wrist is stretched: q6 follows it
-        y4 = np.cos(q4)[:, None] * y3 - np.sin(q4)[:, None] * x3
-        q6 = np.arctan2(np.einsum("ij,ij->i", y4, x), np.einsum("ij,ij->i", y4, y))
-        for flip in (0, 1):
-            branch = 2 * arm_branch + flip
-            wrist = (q4, q5, q6) if not flip else (_opposite(q4), -q5, _opposite(q6))
-            for joint, angle in enumerate((q1, q2, q3, *wrist)):
-                qs[:, branch, joint] = angle
-            sin_wrist[:, branch] = sine
-
-
-def _wrapped(angles_rad: Floats) -> Floats:
+def wrapped(angles_rad: Floats) -> Floats:
     """Return angles within [-pi, pi], those already inside unchanged."""
     return angles_rad - 2.0 * np.pi * np.round(angles_rad / (2.0 * np.pi))
 
 
-def _opposite(angles_rad: Floats) -> Floats:
+def opposite(angles_rad: Floats) -> Floats:
     """Return angles half a turn away, within [-pi, pi]."""
     return angles_rad - np.copysign(np.pi, angles_rad)
+
+
+def _for_all(values: np.ndarray) -> np.ndarray:
+    """Return values (n,) as those of all eight branches (n, 8), without a copy."""
+    return np.broadcast_to(values[:, None], (len(values), N_BRANCHES))
+
+
+def _elbow(arm: "SphericalWristArm", wrists: Floats) -> tuple[Floats, Floats]:
+    """Return cos q3 (beyond [-1, 1] where out of reach) and the room of reach."""
+    a, b = arm.upper_arm_mm, arm.forearm_mm
+    squared = np.einsum("im,im->m", wrists, wrists)
+    span = np.sqrt(squared)
+    reach = np.minimum(a + b - span, span - abs(a - b))
+    return (squared - a * a - b * b) / (2.0 * a * b), reach
+
+
+def _fill(
+    arm: "SphericalWristArm",
+    axes: Floats,
+    wrists: Floats,
+    cos_elbow: Floats,
+    qs: Floats,
+    shared: Floats,
+) -> None:
+    """Fill angles (8, 6, m) and what the branches share (4, m) for a chunk of m poses.
+
+    An arm that reaches over its back holds the forearm in the same direction, turned by half a
+    turn about its length: (q1 + pi, -q2, -q3, q4 + pi, q5, q6). So only two of eight are solved.
+    """
+    a, b = arm.upper_arm_mm, arm.forearm_mm
+    out = np.hypot(wrists[0], wrists[1])
+    flat = out == 0.0  # on axis 1 any q1 will do
+    q1 = np.arctan2(wrists[1], wrists[0])
+    q1_back = opposite(q1)
+    span = np.where(flat, 1.0, out)
+    c1, s1 = np.where(flat, 1.0, wrists[0] / span), wrists[1] / span
+    q3 = np.arccos(np.clip(cos_elbow, -1.0, 1.0))
+    s3 = np.sin(q3)
+    inner = np.arctan2(b * s3, a + b * np.cos(q3))
+    lean_wrist = np.arctan2(out, wrists[2])
+    shared[0], shared[3] = np.abs(s3), out
+    xx, xy, xz, yx, yy, yz, zx, zy, zz = axes  # first letter: row; so column z is xz, yz, zz
+    ahead_z, across_z = c1 * xz + s1 * yz, c1 * yz - s1 * xz
+    ahead_x, across_x = c1 * xx + s1 * yx, c1 * yx - s1 * xx
+    ahead_y, across_y = c1 * xy + s1 * yy, c1 * yy - s1 * xy
+    for elbow, sign in ((0, 1.0), (1, -1.0)):
+        q2 = wrapped(lean_wrist - sign * inner)
+        lean = q2 + sign * q3
+        c, s = np.cos(lean), np.sin(lean)
+        along = c * ahead_z - s * zz  # the approach axis, seen from the forearm
+        sine = np.hypot(along, across_z)
+        q5 = np.arctan2(sine, s * ahead_z + c * zz)
+        q4 = np.arctan2(across_z, along)  # arbitrary where the wrist is stretched: q6 follows it
+        c4, s4 = np.cos(q4), np.sin(q4)
+        q6 = np.arctan2(
+            c4 * across_x - s4 * (c * ahead_x - s * zx),
+            c4 * across_y - s4 * (c * ahead_y - s * zy),
+        )
+        shared[1 + elbow] = sine
+        q4_over, q6_over = opposite(q4), opposite(q6)
+        wrist = ((q4, q5, q6), (q4_over, -q5, q6_over))
+        turned = ((q4_over, q5, q6), (q4, -q5, q6_over))
+        for flip in (0, 1):
+            qs[2 * elbow + flip] = (q1, q2, sign * q3, *wrist[flip])
+            qs[4 + 2 * elbow + flip] = (q1_back, -q2, -sign * q3, *turned[flip])

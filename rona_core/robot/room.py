@@ -16,7 +16,6 @@ from rona_core.robot.ik import IkSolutions
 from rona_core.robot.limits import JointLimits, shift_to_fit, unwrap
 from rona_core.robot.model import RobotModel
 
-SPINNING = (0, 3, 5)  # joints 1, 4 and 6 turn about their own length: +180 and -180 are one place
 EVEN_DIGITS = 9  # decimals of room; what agrees in them is the same room
 ROUNDED_MM = 1e-9  # a pose that cannot be reached is outside by at least this much
 
@@ -64,8 +63,8 @@ def judge(model: RobotModel, Ts_base_flange: Poses, rules: RoomRules) -> Room:
     steps = np.abs(np.diff(qs, axis=0)).max(axis=2, initial=0.0)
     jump = np.full(qs.shape[:2], rules.step_rad / rules.step_unit_rad)
     jump[1:] = (rules.step_rad - steps) / rules.step_unit_rad
-    outside = np.minimum(solutions.reach_mm, -ROUNDED_MM)[:, None]
-    reach = np.where(solutions.valid, np.maximum(solutions.reach_mm, 0.0)[:, None], outside)
+    outside = np.minimum(solutions.reaches_mm, -ROUNDED_MM)
+    reach = np.where(solutions.valid, np.maximum(solutions.reaches_mm, 0.0), outside)
     return Room(
         qs_rad=qs,
         reach=reach / rules.reach_unit_mm,
@@ -77,7 +76,7 @@ def judge(model: RobotModel, Ts_base_flange: Poses, rules: RoomRules) -> Room:
 
 def singular_room(solutions: IkSolutions, rules: RoomRules) -> Floats:
     """Return the room (n, 8) to the nearest of elbow, wrist and shoulder singularity."""
-    sine = np.minimum(solutions.sin_wrist, solutions.sin_elbow[:, None])
+    sine = np.minimum(solutions.sin_wrist, solutions.sin_elbows)
     angular = (sine - np.sin(rules.singular_rad)) / rules.singular_unit
     away = (solutions.wrist_distance_mm - rules.shoulder_mm) / rules.shoulder_unit_mm
     return np.minimum(angular, away[:, None])
@@ -88,7 +87,7 @@ def continuous(qs_rad: Floats, limits: JointLimits) -> Floats:
     qs = qs_rad.copy()
     if not len(qs):
         return qs
-    spinning = list(SPINNING)
+    spinning = list(limits.spinning())
     qs[:, :, spinning] = unwrap(qs[:, :, spinning])
     for joint in np.flatnonzero(limits.multi_turn()):
         lower, upper = float(limits.lower_rad[joint]), float(limits.upper_rad[joint])

@@ -1,42 +1,28 @@
 """What the robot looks like: solids built from the published dimensions, for the eye only.
 
-The outlines follow the drawing of the RX90 (docs/algorithms/rx90.md); they are not the maker's
-geometry and no input of any algorithm.
+The outlines of the RX90 follow its drawing (docs/algorithms/rx90.md), those of the other arms their
+lengths; they are not the makers' geometry and no input of any algorithm.
 """
 
-from dataclasses import dataclass
-
-import numpy as np
-
-from rona_core.devices.markers import GEOMETRIES
-from rona_core.devices.protocols import Mesh
 from rona_core.errors import InvalidInputError
+from rona_core.robot.arm import SphericalWristArm
 from rona_core.robot.model import RobotModel
-from rona_core.robot.solids import along_axis, ball, merged, moved, rod, slab, turned
+from rona_core.robot.solids import along_axis, merged, slab, turned
+from rona_core.robot.tool_shape import (
+    GREY,
+    SPHERE_RADIUS_MM,
+    STEEL,
+    WHITE,
+    LinkShape,
+    Rgb,
+    tool_shapes,
+)
+from rona_core.robot.ur_shape import ur_shapes
 
-Rgb = tuple[int, int, int]
+__all__ = ["SPHERE_RADIUS_MM", "LinkShape", "link_shapes"]
 
-WHITE: Rgb = (232, 230, 222)
 YELLOW: Rgb = (242, 190, 58)
-GREY: Rgb = (74, 79, 86)
-STEEL: Rgb = (176, 182, 188)
-BLACK: Rgb = (38, 40, 44)
-DELAY_LINE: Rgb = (120, 196, 214)
-SPHERE: Rgb = (214, 220, 226)
-
-SPHERE_RADIUS_MM = 5.75  # the common reflective marker
-PROBE_RADIUS_MM = 3.175  # a quarter of an inch across
 ARM_SIDE_MM = (96.0, 188.0)  # the upper arm runs beside the plane of the wrist
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class LinkShape:
-    """One coloured solid that moves with a link."""
-
-    frame: int  # index of the link frame of ``RobotModel.joint_poses`` it is attached to
-    name: str
-    color_rgb: Rgb  # 0 to 255
-    mesh: Mesh  # mm, in that link frame
 
 
 def link_shapes(model: RobotModel) -> tuple[LinkShape, ...]:
@@ -45,21 +31,29 @@ def link_shapes(model: RobotModel) -> tuple[LinkShape, ...]:
     Raises:
         InvalidInputError: no shape is known for this robot.
     """
-    if model.name != "rx90":
-        raise InvalidInputError(f"there is no shape for {model.name!r}; known shapes: rx90")
+    makers = {"rx90": _rx90, "ur5": ur_shapes, "ur10": ur_shapes}
+    if model.name not in makers:
+        known = ", ".join(makers)
+        raise InvalidInputError(f"there is no shape for {model.name!r}; known shapes: {known}")
+    return makers[model.name](model)
+
+
+def _rx90(model: RobotModel) -> tuple[LinkShape, ...]:
+    arm = model.arm
+    if not isinstance(arm, SphericalWristArm):
+        raise InvalidInputError(f"{model.name} is drawn as an arm with a spherical wrist")
     return (
-        *_base(model),
-        *_upper_arm(model),
-        *_forearm(model),
+        *_base(arm),
+        *_upper_arm(arm),
+        *_forearm(arm),
         *_wrist(),
-        *_flange(model),
-        *_tool(model),
-        *_marker_plate(model),
+        *_flange(arm),
+        *tool_shapes(model),
     )
 
 
-def _base(model: RobotModel) -> tuple[LinkShape, ...]:
-    up = model.arm.shoulder_mm
+def _base(arm: SphericalWristArm) -> tuple[LinkShape, ...]:
+    up = arm.shoulder_mm
     foot = turned(
         ((0, 0), (160, 0), (160, 26), (132, 40), (122, 190), (0, 190)), edge_mm=9.0, around=36
     )
@@ -78,8 +72,8 @@ def _base(model: RobotModel) -> tuple[LinkShape, ...]:
     )
 
 
-def _upper_arm(model: RobotModel) -> tuple[LinkShape, ...]:
-    length = model.arm.upper_arm_mm
+def _upper_arm(arm: SphericalWristArm) -> tuple[LinkShape, ...]:
+    length = arm.upper_arm_mm
     plate = slab((0.0, 128.0), (length, 104.0), ARM_SIDE_MM, edge_mm=22.0)
     caps = [
         along_axis(
@@ -95,14 +89,14 @@ def _upper_arm(model: RobotModel) -> tuple[LinkShape, ...]:
     )
 
 
-def _forearm(model: RobotModel) -> tuple[LinkShape, ...]:
+def _forearm(arm: SphericalWristArm) -> tuple[LinkShape, ...]:
     hub = along_axis(
         turned(((0, -92), (94, -92), (106, -76), (106, 92), (0, 92)), edge_mm=8.0), "y"
     )
     neck = turned(((0, -40), (88, -40), (92, 60), (84, 146), (0, 146)), edge_mm=12.0)
     motors = turned(((0, -168), (58, -168), (70, -150), (78, -40), (0, -40)), edge_mm=10.0)
     ring = turned(((0, 146), (78, 146), (78, 156), (0, 156)))
-    low = 156.0 - model.arm.forearm_mm
+    low = 156.0 - arm.forearm_mm
     tube = turned(
         ((0, low), (84, low), (84, low + 40), (60, -118), (54, -62), (30, -52), (0, -52)),
         edge_mm=18.0,
@@ -129,54 +123,7 @@ def _wrist() -> tuple[LinkShape, ...]:
     )
 
 
-def _flange(model: RobotModel) -> tuple[LinkShape, ...]:
-    low = 57.0 - model.arm.flange_mm
+def _flange(arm: SphericalWristArm) -> tuple[LinkShape, ...]:
+    low = 57.0 - arm.flange_mm
     flange = turned(((0, low), (40, low), (50, low + 10), (50, 0), (0, 0)), edge_mm=3.0)
-    sensor = turned(((0, 0), (42, 0), (42, 22), (0, 22)), edge_mm=3.0)
-    return (
-        LinkShape(6, "flange", STEEL, flange),
-        LinkShape(6, "force sensor", BLACK, sensor),
-    )
-
-
-def _tool(model: RobotModel) -> tuple[LinkShape, ...]:
-    """Return holder, probe body and delay line, built about the tool axis (z of ``tip``)."""
-    T_flange_tip = model.T_flange_tip
-    height_mm = float(T_flange_tip.translation[2])
-    plate = turned(((0, 22), (36, 22), (36, 30), (0, 30)), edge_mm=2.0)
-    block = slab((30.0, 24.0), (height_mm, 17.0), (-17.0, 17.0), edge_mm=5.0)
-    clamp = turned(((0, -128), (27, -128), (27, -92), (0, -92)), edge_mm=4.0)
-    body = turned(
-        ((0, -136), (14, -136), (19, -128), (19, -66), (12, -46), (9, -34), (0, -34)), edge_mm=4.0
-    )
-    ring = turned(((0, -36), (10, -36), (10, -30), (0, -30)), around=24)
-    cone = turned(((0, -30), (8.5, -30), (PROBE_RADIUS_MM, 0.0), (0, 0)), around=24)
-    solids = (
-        ("probe body", STEEL, body),
-        ("probe ring", BLACK, ring),
-        ("delay line", DELAY_LINE, cone),
-    )
-    return (
-        LinkShape(6, "tool holder", GREY, merged(plate, block, moved(clamp, T_flange_tip))),
-        *(LinkShape(6, name, color, moved(mesh, T_flange_tip)) for name, color, mesh in solids),
-    )
-
-
-def _marker_plate(model: RobotModel) -> tuple[LinkShape, ...]:
-    """Return the rigid body of four reflective balls on a cross, carried by a stem."""
-    T_flange_toolmarker = model.T_flange_toolmarker
-    positions = GEOMETRIES["toolmarker"].positions_marker
-    behind = np.array((0.0, 0.0, -12.0))
-    hub = positions.mean(axis=0) + behind
-    bars = [rod(hub + 0.15 * (place - hub), place, 4.0) for place in positions + behind]
-    posts = [rod(position + behind, position, 2.2) for position in positions]
-    T_toolmarker_tip = T_flange_toolmarker.inv() @ model.T_flange_tip
-    root = T_toolmarker_tip @ np.array((0.0, 0.0, -112.0))
-    stem = rod(root, hub, 6.0)
-    disc = along_axis(turned(((0, -4), (13, -4), (13, 4), (0, 4)), edge_mm=2.0), "z", hub)
-    balls = merged(*(along_axis(ball(SPHERE_RADIUS_MM), "z", position) for position in positions))
-    cross = merged(*bars, *posts, stem, disc)
-    return (
-        LinkShape(6, "marker plate", BLACK, moved(cross, T_flange_toolmarker)),
-        LinkShape(6, "marker balls", SPHERE, moved(balls, T_flange_toolmarker)),
-    )
+    return (LinkShape(6, "flange", STEEL, flange),)

@@ -23,8 +23,6 @@ from rona_core.robot.room import Room, RoomRules, judge
 from rona_core.robot.verify import verify_motion
 
 PIVOT, ALONG_X, ALONG_Y = 0, 1, 2  # phases of the dwells
-DEFAULT_TIP_BASE = (560.0, -50.0, 560.0)  # above the working place, clear of the head
-DEFAULT_FACING_BASE = (0.866, 0.5, 0.0)  # the marker plate looks away from the robot, to its left
 TWIST_RAD = np.deg2rad(12.0)  # the tool also turns about its own axis, to and fro
 GOLDEN_RAD = np.pi * (3.0 - np.sqrt(5.0))  # between neighbours on a spiral that fills a disc
 LEGS = SpeedLimits(speed_mm_per_s=60.0, acceleration_mm_per_s2=250.0, jerk_mm_per_s3=2500.0)
@@ -48,9 +46,9 @@ class ToolMotion:
 
 def plan_tool_motion(
     model: RobotModel,
-    tip_base: ArrayLike = DEFAULT_TIP_BASE,
+    tip_base: ArrayLike | None = None,
     *,
-    facing_base: ArrayLike = DEFAULT_FACING_BASE,
+    facing_base: ArrayLike | None = None,
     cone_deg: float = 20.0,
     n_pivot: int = 30,
     n_translate: int = 10,
@@ -64,8 +62,8 @@ def plan_tool_motion(
 
     Args:
         model: The robot with its tool.
-        tip_base: Where the tip pivots (3,), in ``base``.
-        facing_base: Horizontal direction (3,) in which the marker plate looks.
+        tip_base: Where the tip pivots (3,), in ``base``; by default as the robot's workplace says.
+        facing_base: Horizontal direction (3,) in which the marker plate looks; likewise.
         cone_deg: Largest tilt of the tool from upright, 2 to 60.
         n_pivot: Dwells of the pivot, at least 4.
         n_translate: Dwells along each of tool x and tool y, at least 2.
@@ -81,7 +79,9 @@ def plan_tool_motion(
     require(2 <= n_translate <= 200, f"n_translate must be 2 to 200, not {n_translate}")
     require(10.0 <= length_mm <= 400.0, f"length_mm must be 10 to 400, not {length_mm}")
     require(0.1 <= dwell_s <= 10.0, f"dwell_s must be 0.1 to 10, not {dwell_s}")
-    center = _upright(as_vector3(tip_base, name="tip_base"), as_vector3(facing_base, name="facing"))
+    place = model.workplace.pivot_base if tip_base is None else tip_base
+    facing = model.workplace.facing_base if facing_base is None else facing_base
+    center = _upright(as_vector3(place, name="tip_base"), as_vector3(facing, name="facing"))
     stops = (
         _pivot_stops(center, np.deg2rad(cone_deg), n_pivot)
         + _shift_stops(center, 0, length_mm, n_translate)

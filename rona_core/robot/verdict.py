@@ -58,8 +58,7 @@ def _reach(room: Room, index: int, branch: int, model: RobotModel, rules: RoomRu
 
 def _singularity(room: Room, index: int, branch: int, model: RobotModel, rules: RoomRules) -> Blame:
     q = room.qs_rad[index, branch]
-    arm = model.arm
-    out_mm = abs(arm.upper_arm_mm * np.sin(q[1]) + arm.forearm_mm * np.sin(q[1] + q[2]))
+    out_mm = float(model.inverse(model.forward(q[None])).wrist_distance_mm[0])
     elbow_deg, wrist_deg = (float(np.rad2deg(np.arcsin(abs(np.sin(q[j]))))) for j in (2, 4))
     limit_deg = float(np.rad2deg(rules.singular_rad))
     if elbow_deg < limit_deg:

@@ -13,7 +13,8 @@ from rona_core.virtual.noise import rng
 if TYPE_CHECKING:
     from rona_core.virtual.specimen import Specimen
 
-# The room, in coordinates of the robot base at its default place.
+# The room, in coordinates of the robot base at its default place. An arm of another reach has head,
+# tracker and dimple nearer or further away: see ``region_center``.
 REGION_CENTER = (600.0, 60.0, 400.0)
 REGION_NORMAL = (-0.15, 0.05, 1.0)
 TRACKER_DIRECTION = (0.85, 0.25, 0.46)  # from the region to the tracker: forward, left, above
@@ -64,8 +65,19 @@ class VirtualScene:
         *,
         robot_error: TipError,
         T_tip_toolmarker: Pose,
+        region_center: tuple[float, float, float] = REGION_CENTER,
     ) -> None:
-        """Place everything; ``T_tip_toolmarker`` is where the tool's maker says the marker sits."""
+        """Place everything.
+
+        Args:
+            seed: Seed of the session.
+            specimen: The bone, in ``skull``.
+            settings: Settings of the devices.
+            robot_error: Error of the robot.
+            T_tip_toolmarker: Where the tool's maker says the marker sits.
+            region_center: Where the head is put up, as it suits the arm: centre of the region in
+                coordinates of the base at its default place. The room moves along.
+        """
         self.seed = seed
         self.specimen = specimen
         self.settings = settings
@@ -74,10 +86,10 @@ class VirtualScene:
         generator = rng(seed, "scene", 0, 0)
         region = specimen.region
         placed = _jitter(generator, PLACEMENT_SD) @ Pose(_align(region.normal_skull), np.zeros(3))
-        center = np.array(REGION_CENTER) + generator.normal(0.0, PLACEMENT_SD[0], 3)
+        center = np.array(region_center) + generator.normal(0.0, PLACEMENT_SD[0], 3)
         skull = Pose(placed.rotation, center - placed.rotation @ region.center_skull)
         self.T_base_skull = moved.inv() @ skull
-        tracker = _looking_at(np.array(REGION_CENTER), np.array(TRACKER_DIRECTION))
+        tracker = _looking_at(np.array(region_center), np.array(TRACKER_DIRECTION))
         self._first_tracker = moved.inv() @ tracker @ _jitter(generator, PLACEMENT_SD)
         self._room_axes = moved.rotation.T
         self.T_base_tracker = self.tracker_at(settings.tracker.place)
@@ -86,7 +98,8 @@ class VirtualScene:
             "pointer6d": _deviated(generator, "pointer6d"),
             "pointer5d": _deviated(generator, "pointer5d"),
         }
-        dimple = np.array(DIMPLE) + generator.normal(0.0, PLACEMENT_SD[0], 3)
+        beside = np.array(DIMPLE) - np.array(REGION_CENTER)
+        dimple = np.array(region_center) + beside + generator.normal(0.0, PLACEMENT_SD[0], 3)
         self.dimple_base = readonly(moved.inv() @ dimple)
         mounting = _jitter(generator, MOUNTING_SD)  # drawn last: all others keep their places
         self.T_base_basemarker = _facing(np.array(BASE_MARKER), tracker.translation) @ mounting

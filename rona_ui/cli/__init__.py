@@ -119,7 +119,8 @@ def _add_demo(verbs: Any) -> None:
         help="centre of the scanned region in mm, in coordinates of the specimen",
     )
     verb.add_argument("--radius", type=float, metavar="R", help="radius of the region in mm (25)")
-    verb.add_argument("--robot", default="rx90", metavar="NAME", help="robot (rx90)")
+    text = "robot: rx90, ur5 or ur10 (rx90)"
+    verb.add_argument("--robot", default="rx90", metavar="NAME", help=text)
     verb.add_argument("--out", type=Path, metavar="FILE", help="save the session here")
     verb.add_argument("--json", action="store_true", help="print one JSON object, no table")
 

@@ -13,6 +13,7 @@ from rona_core.app.messages import (
     StartSkullImport,
     UseSimulatedSkull,
 )
+from rona_core.devices.settings import ROBOTS
 from rona_core.session.document import Session
 from rona_ui.bindings import Event
 from rona_ui.panels import style
@@ -21,6 +22,7 @@ from rona_ui.panels.tracker_fields import NAMES, PLACE, TrackerFields
 from rona_ui.view_state import Picture
 
 FILES = ".nrrd,.nii,.gz,.stl,.ply,.obj"
+ROBOT = ("model", "errors", "scan_speed_mm_per_s", "base_shift_mm", "base_turn_deg")
 SKULLS = {"Simulated, left side": "left", "Simulated, right side": "right", "From a file": "file"}
 
 
@@ -51,7 +53,8 @@ class SetupPanel(StepPanel):
             self._tracker.build_details()
         with gui.add_folder("Moved tracker", expand_by_default=False):
             self._tracker.build_place()
-        with gui.add_folder("Robot RX90", expand_by_default=False):
+        with gui.add_folder("Robot", expand_by_default=False):
+            form.choice("model", "Arm", {title: name for name, title in ROBOTS.items()}, "rx90")
             form.tick("errors", "Robot errs", True, "0.35 mm RMS over its workspace")
             form.number("scan_speed_mm_per_s", "Scan speed (mm/s)", 20.0, 0.5, 100.0, 1.0)
             form.vector("base_shift_mm", "Base shift (mm)", (0.0, 0.0, 0.0))
@@ -101,7 +104,7 @@ class SetupPanel(StepPanel):
         elif name in NAMES:
             self._tracker.changed(name)
             key, build = "tracker", self._tracker.message
-        elif name in ("errors", "scan_speed_mm_per_s", "base_shift_mm", "base_turn_deg"):
+        elif name in ROBOT:
             key, build = "robot", self._robot
         else:
             names = ("name", "excitation", "front_snr_db", "pitch_mm")
@@ -114,8 +117,7 @@ class SetupPanel(StepPanel):
         return UseSimulatedSkull(self.form.values("skull")["skull"])
 
     def _robot(self) -> SetRobot:
-        names = ("errors", "scan_speed_mm_per_s", "base_shift_mm", "base_turn_deg")
-        return SetRobot(**self.form.values(*names))
+        return SetRobot(**self.form.values(*ROBOT))
 
     def update(self, old: Picture | None, new: Picture) -> None:
         """Write what the session holds into the fields where it has changed or was refused."""
@@ -146,6 +148,7 @@ def _held(session: Session) -> dict[str, Any]:
         "excitation": devices.probe.excitation,
         "front_snr_db": devices.probe.front_snr_db,
         "pitch_mm": devices.probe.pitch_mm,
+        "model": devices.robot.model,
         "errors": devices.robot.errors,
         "scan_speed_mm_per_s": devices.robot.scan_speed_mm_per_s,
         "base_shift_mm": devices.robot.base_shift_mm,

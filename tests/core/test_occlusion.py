@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from rona_core.devices.markers import GEOMETRIES
-from rona_core.devices.settings import DeviceSettings, TrackerSettings
+from rona_core.devices.settings import ROBOTS, DeviceSettings, TrackerSettings
 from rona_core.geometry.pose import Pose
 from rona_core.robot.capsules import Capsules, link_capsules
 from rona_core.robot.model import robot_model
@@ -61,8 +61,9 @@ def winding(points, mesh):
     return 2.0 * np.arctan2(top, bottom).sum(axis=1) / (4.0 * np.pi)
 
 
-def test_the_capsules_of_the_robot_lie_within_its_drawn_solids():
-    model = robot_model()
+@pytest.mark.parametrize("name", ROBOTS)
+def test_the_capsules_of_the_robot_lie_within_its_drawn_solids(name):
+    model = robot_model(name)
     poses, capsules = model.joint_poses(model.home_rad), link_capsules(model)
     rng = np.random.default_rng(2)
     placed = capsules.at(model, model.home_rad)

@@ -1,12 +1,14 @@
 """The drawn robot: closed solids that fit the kinematics they move with."""
 
 from dataclasses import replace
+from itertools import pairwise
 
 import numpy as np
 import pytest
 import trimesh
 
 from rona_core.devices.markers import GEOMETRIES
+from rona_core.devices.settings import ROBOTS
 from rona_core.errors import InvalidInputError
 from rona_core.robot.model import robot_model
 from rona_core.robot.shape import SPHERE_RADIUS_MM, link_shapes
@@ -14,46 +16,50 @@ from rona_core.robot.solids import ball, rod, slab, turned
 
 RX90 = robot_model("rx90")
 SHAPES = link_shapes(RX90)
+every_robot = pytest.mark.parametrize("name", ROBOTS)
 
 
 def as_trimesh(mesh):
     return trimesh.Trimesh(mesh.vertices, mesh.faces, process=True)
 
 
-def test_every_solid_is_closed_and_faces_outwards():
-    for shape in SHAPES:
+@every_robot
+def test_every_solid_is_closed_and_faces_outwards(name):
+    for shape in link_shapes(robot_model(name)):
         solid = as_trimesh(shape.mesh)
         assert solid.is_watertight, shape.name
         for part in solid.split():
             assert part.volume > 0, shape.name
 
 
-def test_the_whole_robot_is_light_enough_to_draw_and_named_throughout():
-    assert sum(len(shape.mesh.faces) for shape in SHAPES) <= 12_000
-    assert len({shape.name for shape in SHAPES}) == len(SHAPES)
-    assert {shape.frame for shape in SHAPES} == set(range(7))
-    assert all(0 <= value <= 255 for shape in SHAPES for value in shape.color_rgb)
-    for shape in SHAPES:
+@every_robot
+def test_the_whole_robot_is_light_enough_to_draw_and_named_throughout(name):
+    shapes = link_shapes(robot_model(name))
+    assert sum(len(shape.mesh.faces) for shape in shapes) <= 12_000
+    assert len({shape.name for shape in shapes}) == len(shapes)
+    assert {shape.frame for shape in shapes} == set(range(7))
+    assert all(0 <= value <= 255 for shape in shapes for value in shape.color_rgb)
+    for shape in shapes:
         assert not shape.mesh.vertices.flags.writeable
         assert shape.mesh.faces.max() < len(shape.mesh.vertices)
 
 
-def test_neighbouring_links_touch_in_any_position():
+CHAINS = {
+    "rx90": ("base", "shoulder", "upper arm", "elbow", "forearm", "wrist", "flange"),
+    "ur5": ("base", "shoulder", "upper arm", "forearm", "wrist 1", "wrist 2", "flange"),
+    "ur10": ("base", "shoulder", "upper arm", "forearm", "wrist 1", "wrist 2", "flange"),
+}
+
+
+@every_robot
+def test_neighbouring_links_touch_in_any_position(name):
     rng = np.random.default_rng(0)
-    solids = {shape.name: shape for shape in SHAPES}
-    joints = (
-        ("base", "shoulder"),
-        ("shoulder", "upper arm"),
-        ("upper arm", "elbow"),
-        ("elbow", "forearm"),
-        ("forearm", "wrist"),
-        ("wrist", "flange"),
-        ("force sensor", "tool holder"),
-        ("tool holder", "probe body"),
-    )
-    for q in rng.uniform(RX90.lower_rad, RX90.upper_rad, (5, 6)):
-        frames = RX90.joint_poses(q)
-        for a, b in joints:
+    model = robot_model(name)
+    solids = {shape.name: shape for shape in link_shapes(model)}
+    tool = (("force sensor", "tool holder"), ("tool holder", "probe body"))
+    for q in rng.uniform(model.lower_rad, model.upper_rad, (5, 6)):
+        frames = model.joint_poses(q)
+        for a, b in (*pairwise(CHAINS[name]), *tool):
             first, second = (frames[solids[n].frame] @ solids[n].mesh.vertices for n in (a, b))
             gaps = np.linalg.norm(first[:, None] - second[None], axis=2)
             assert gaps.min() < 30.0, (a, b)
@@ -88,5 +94,5 @@ def test_edges_are_sharp_and_faces_smooth():
 
 
 def test_no_shape_for_a_robot_that_nobody_drew():
-    with pytest.raises(InvalidInputError, match="known shapes: rx90"):
-        link_shapes(replace(RX90, name="ur5"))
+    with pytest.raises(InvalidInputError, match="known shapes: rx90, ur5, ur10"):
+        link_shapes(replace(RX90, name="puma"))
