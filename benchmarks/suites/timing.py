@@ -43,7 +43,7 @@ def run(progress: Progress) -> list[Metric]:
                     Metric(f"{label}: scan duration", figures.scan_duration_s, "s", "lower")
                 )
                 if speed == SPEEDS[1]:
-                    metrics.append(_toppra(path, qs_rad, model, figures, speed))
+                    metrics.append(_toppra(path, qs_rad, model, speed))
     limits = ScanSettings()
     shares = (
         ("joint speed", max(f.joint_speed_share for f in worst)),
@@ -78,21 +78,18 @@ def _driver(
     return lambda: time_path(path, qs_rad, model, settings, branch=branch)
 
 
-def _toppra(
-    path: Path5D, qs_rad: Floats, model: RobotModel, own: TimingFigures, speed_mm_per_s: float
-) -> Metric:
+def _toppra(path: Path5D, qs_rad: Floats, model: RobotModel, speed_mm_per_s: float) -> Metric:
     """Return the duration of the same scan by TOPP-RA on the same rounded path, if installed.
 
-    The way is its seventh joint, with the scan speed and the path acceleration as limits; bends
-    of the path and jerk are not limited, so that it may be faster.
+    The way is its seventh joint, with the scan speed and the path acceleration as limits. Neither
+    the acceleration in bends nor the jerk is limited, so that it is faster; it is no goal.
     """
-    own_s = own.scan_duration_s
-    name = f"S0-306 at {speed_mm_per_s:g} mm/s: scan duration beside toppra"
+    name = f"S0-306 at {speed_mm_per_s:g} mm/s: scan duration by toppra, bends and jerk free"
     try:
         import toppra  # pyright: ignore[reportMissingImports]
         from toppra import algorithm, constraint  # pyright: ignore[reportMissingImports]
     except ImportError:
-        return Metric(name, own_s, "s", "lower", None, "toppra", None)
+        return Metric(name, None, "s", "lower")
     rounded = blend(path.arc_length_mm(), qs_rad, model, ScanSettings().corner_deviation_mm)
     joints = np.column_stack((rounded.qs_rad, rounded.way_mm))
     spline = toppra.SplineInterpolator(rounded.way_mm, joints)
@@ -106,4 +103,4 @@ def _toppra(
         limits, spline, parametrizer="ParametrizeConstAccel", gridpoints=rounded.way_mm
     )
     peer_s = float(solver.compute_trajectory().duration)
-    return Metric(name, own_s, "s", "lower", None, "toppra", peer_s)
+    return Metric(name, peer_s, "s", "lower")

@@ -10,9 +10,10 @@ from rona_core.errors import InvalidInputError, NotReachableError
 from rona_core.geometry.path5d import Path5D
 from rona_core.geometry.pose import Pose, Poses
 from rona_core.robot.blend import blend
+from rona_core.robot.clear_check import Clear
 from rona_core.robot.limits import unwrap
 from rona_core.robot.model import RobotModel
-from rona_core.robot.motion import SAMPLE_S, chain, joint_move, sample_times
+from rona_core.robot.motion import SAMPLE_S, chain, clear_move, sample_times
 from rona_core.robot.plan import Trajectory
 from rona_core.robot.profile import MERGED, SpeedLimits, TimedPath, kept, time_along
 
@@ -59,6 +60,7 @@ def time_path(
     *,
     branch: int,
     q_start_rad: Floats | None = None,
+    clear: Clear | None = None,
 ) -> Trajectory:
     """Return the whole motion of a scan, from rest to rest.
 
@@ -74,20 +76,23 @@ def time_path(
         settings: Speeds and stand-off.
         branch: The branch that ``qs_rad`` lies on.
         q_start_rad: Where the robot stands before and after; its home by default.
+        clear: Tells for joint angles (n, 6) where nothing is touched. Approach and retract then
+            go around what is in the way. None: nothing is around.
 
     Raises:
         InvalidInputError: not one joint vector for each path point, or a path without length.
-        NotReachableError: the probe cannot be drawn back from an end of the path.
+        NotReachableError: the probe cannot be drawn back from an end of the path, or there is no
+            clear way from the start or back.
     """
     if qs_rad.shape != (len(path), 6):
         raise InvalidInputError(f"qs_rad must have shape ({len(path)}, 6), not {qs_rad.shape}")
     start = model.home_rad if q_start_rad is None else np.asarray(q_start_rad, dtype=np.float64)
-    down = _line_from(model, qs_rad[0], branch, settings.standoff_mm)[::-1]
-    up = _line_from(model, qs_rad[-1], branch, settings.standoff_mm)
+    down = _line_from(model, qs_rad[0], branch, settings.standoff_mm, clear)[::-1]
+    up = _line_from(model, qs_rad[-1], branch, settings.standoff_mm, clear)
     way, along = _way(path), path.arc_length_mm()
     scan_ways, scan = _timed_scan(way, qs_rad, model, settings)
-    before = chain((joint_move(model, start, down[0]), _timed_line(down, settings, model)))
-    after = chain((_timed_line(up, settings, model), joint_move(model, up[-1], start)))
+    before = chain((clear_move(model, start, down[0], clear), _timed_line(down, settings, model)))
+    after = chain((_timed_line(up, settings, model), clear_move(model, up[-1], start, clear)))
     qs = chain((before, scan, after))
     path_mm = np.full(len(qs), along[-1])
     path_mm[: len(before)] = 0.0
@@ -170,13 +175,20 @@ def _way(path: Path5D) -> Floats:
     return np.concatenate(([0.0], np.cumsum(np.maximum(steps_mm, turns_mm))))
 
 
-def _line_from(model: RobotModel, q_contact_rad: Floats, branch: int, standoff_mm: float) -> Floats:
+def _line_from(
+    model: RobotModel,
+    q_contact_rad: Floats,
+    branch: int,
+    standoff_mm: float,
+    clear: Clear | None,
+) -> Floats:
     """Return joint angles (m, 6) straight back along the probe axis, ``LINE_STEP_MM`` apart.
 
-    The line ends at the stand-off, or earlier where the joints allow no more.
+    The line ends at the stand-off, or earlier where the joints allow no more or something is
+    touched.
 
     Raises:
-        NotReachableError: the joints do not even allow the shortest stand-off.
+        NotReachableError: not even the shortest stand-off is possible.
     """
     T_base_probe = model.forward(q_contact_rad[None])[0] @ model.T_flange_probe
     backs_mm = np.arange(0.0, standoff_mm + LINE_STEP_MM / 2.0, LINE_STEP_MM)
@@ -186,6 +198,8 @@ def _line_from(model: RobotModel, q_contact_rad: Floats, branch: int, standoff_m
     solutions = model.inverse(Poses(rotations, places) @ model.T_flange_probe.inv())
     qs = unwrap(np.vstack((q_contact_rad, solutions.qs_rad[:, branch])))[1:]
     possible = solutions.valid[:, branch] & (model.limits.clearance_rad(qs).min(axis=1) >= 0.0)
+    if clear is not None:
+        possible &= clear(qs)
     count = len(qs) if possible.all() else int(np.argmin(possible))
     if (count - 1) * LINE_STEP_MM < LEAST_STANDOFF_MM:
         raise NotReachableError(
