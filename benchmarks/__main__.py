@@ -14,6 +14,7 @@ SUITES = (
     "path",
     "robot",
     "timing",
+    "base_placement",
     "ultrasound",
     "procedure",
 )
