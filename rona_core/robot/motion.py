@@ -1,6 +1,7 @@
 """Moves of the joints from rest to rest, away from the scan path, and sampling them in time."""
 
 from collections.abc import Sequence
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -9,6 +10,8 @@ from rona_core.arrays import Floats, readonly
 from rona_core.devices.settings import require
 from rona_core.errors import NotReachableError
 from rona_core.robot.arm import as_joints
+from rona_core.robot.clear_check import Clear
+from rona_core.robot.clear_move import find_way
 from rona_core.robot.model import RobotModel
 from rona_core.robot.plan import Trajectory
 
@@ -59,24 +62,48 @@ def chain(parts: Sequence[Floats]) -> Floats:
     return np.concatenate([parts[0], *(part[1:] for part in parts[1:])])
 
 
+def clear_move(
+    model: RobotModel,
+    q_from_rad: Floats,
+    q_to_rad: Floats,
+    clear: Clear | None,
+    *,
+    speed_share: float = SPEED_SHARE,
+) -> Floats:
+    """Return samples (n, 6) of a move on which nothing is touched, ``SAMPLE_S`` apart.
+
+    It is the straight move where that is clear or nothing is known of the surroundings
+    (``clear`` is None); otherwise it rests at each place that it goes by.
+
+    Raises:
+        NotReachableError: no clear way was found.
+    """
+    if clear is None:
+        return joint_move(model, q_from_rad, q_to_rad, speed_share=speed_share)
+    stops = find_way(q_from_rad, q_to_rad, model, clear)
+    return chain([joint_move(model, a, b, speed_share=speed_share) for a, b in pairwise(stops)])
+
+
 def plan_joint_move(
     q_from_rad: ArrayLike,
     q_to_rad: ArrayLike,
     model: RobotModel,
     *,
     speed_share: float = SPEED_SHARE,
+    clear: Clear | None = None,
 ) -> Trajectory:
-    """Plan a straight move in joint space from rest to rest.
+    """Plan a move in joint space from rest to rest: straight, or around what is in the way.
 
     Args:
         q_from_rad: Joint angles (6,) where the robot stands.
         q_to_rad: Joint angles (6,) to go to.
         model: The robot.
         speed_share: Share of the joint speed limits to use, 0 to 0.9.
+        clear: Tells for joint angles (n, 6) where nothing is touched; None: nothing is around.
 
     Raises:
         InvalidInputError: wrong shapes or a share out of range.
-        NotReachableError: the goal lies outside the joint limits.
+        NotReachableError: the goal lies outside the joint limits, or no clear way was found.
     """
     require(0.0 < speed_share <= 0.9, f"speed_share must be 0 to 0.9, not {speed_share}")
     q_from = as_joints(np.atleast_2d(q_from_rad), name="q_from_rad")[0]
@@ -89,6 +116,6 @@ def plan_joint_move(
             f"joint {joint + 1} cannot go to {goal:.1f}°: it moves from {low:.1f}° to {high:.1f}°",
             joint=joint + 1,
         )
-    qs = joint_move(model, q_from, q_to, speed_share=speed_share)
+    qs = clear_move(model, q_from, q_to, clear, speed_share=speed_share)
     times = np.arange(len(qs), dtype=np.float64) * SAMPLE_S
     return Trajectory(readonly(times), readonly(qs), 0.0, 0.0, readonly(np.zeros(len(qs))))

@@ -1,8 +1,10 @@
-"""How fast to go along a joint path: constant speed where the joints allow, smooth at both ends.
+"""How fast to go along a joint path: constant speed where the joints allow, smooth everywhere.
 
 The path is a spline over its own length. Two passes over a fine grid, forward and backward, give
 the fastest speed profile within all limits (time-optimal path parameterisation after Bobrow 1985
-and Verscheure 2009, with the path speed capped). See docs/algorithms/verification_and_timing.md.
+and Verscheure 2009, with the path speed capped). Its way over time is then averaged over a short
+span, which turns steps of the acceleration into ramps: the jerk along the path is limited.
+See docs/algorithms/verification_and_timing.md.
 """
 
 from dataclasses import dataclass
@@ -10,15 +12,17 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.interpolate import CubicSpline
 
-from rona_core.arrays import Floats
+from rona_core.arrays import Bools, Floats, Ints
 from rona_core.errors import InvalidInputError
 
-CURVED_SHARE = 0.6  # of an acceleration limit may be spent on following the bend of the path
 SAFETY = 0.9  # share of the acceleration limits that is planned with
-GRID_PER_SEGMENT = 6  # grid points between two path points
-END_MM, END_POINTS, FINEST_MM = 1.0, 40, 1e-9
+BENT_JOINT = 0.7  # of that may be spent on following the bend of the path, by a joint
+BENT_PATH = 0.95  # likewise by the tool: in a bend it neither gains nor loses much speed
+ALONG_PATH = 0.6  # and this for gaining and losing speed
+GRID_MM, LEAST_GRID, MOST_GRID = 0.1, 400, 60_000
 MERGED = 1e-6  # path points closer together than this (mm) are one
-ROUNDING_MM = 3.0  # the speed profile is averaged over this way, so that its slope has no steps
+SPREAD = 1.1  # of the way within an averaging span, for what is gained on it
+TINY = 1e-12
 
 
 @dataclass(frozen=True, slots=True)
@@ -38,22 +42,21 @@ class TimedPath:
     way_mm: Floats
     speed_mm_per_s: Floats
     joints: CubicSpline
+    span_s: float  # that the way is averaged over
+    raw_times_s: Floats  # (g,) of the profile before averaging
+    raw_way_mm: Floats  # (g,)
+    raw_speed_mm_per_s: Floats  # (g,)
 
     @property
     def duration_s(self) -> float:
         """Time needed from rest to rest."""
-        return float(self.times_s[-1])
+        return float(self.raw_times_s[-1] + self.span_s)
 
     def way_at(self, times_s: Floats) -> Floats:
-        """Return the way (m,) at times (m,): acceleration is constant between grid points."""
-        i = np.clip(
-            np.searchsorted(self.times_s, times_s, side="right") - 1, 0, len(self.way_mm) - 2
-        )
-        h = self.times_s[i + 1] - self.times_s[i]
-        u = np.clip(times_s - self.times_s[i], 0.0, h)
-        v0, v1 = self.speed_mm_per_s[i], self.speed_mm_per_s[i + 1]
-        way = self.way_mm[i] + v0 * u + (v1 - v0) * u**2 / (2.0 * h)
-        return np.clip(way, 0.0, self.way_mm[-1])
+        """Return the way (m,) at times (m,) from 0 to the duration."""
+        raw = (self.raw_times_s, self.raw_way_mm, self.raw_speed_mm_per_s)
+        way = (_summed(times_s, *raw) - _summed(times_s - self.span_s, *raw)) / self.span_s
+        return np.clip(way, self.raw_way_mm[0], self.raw_way_mm[-1])
 
 
 def time_along(
@@ -77,111 +80,131 @@ def time_along(
     Raises:
         InvalidInputError: the path has no length.
     """
-    keep = np.concatenate(([True], np.diff(way_mm) > MERGED))
-    keep[-1] = True
-    if np.count_nonzero(keep) > 2 and way_mm[-1] - way_mm[keep][-2] <= MERGED:
-        keep[np.flatnonzero(keep)[-2]] = False
+    keep = kept(way_mm)
     way, qs, points = way_mm[keep], qs_rad[keep], points_base[keep]
     if len(way) < 2 or way[-1] - way[0] <= MERGED:
         raise InvalidInputError("a path without length cannot be timed; it needs two places")
     joints, places = (CubicSpline(way, v, bc_type="natural") for v in (qs, points))
-    grid = _grid(way)
+    cells = int(np.clip(np.ceil((way[-1] - way[0]) / GRID_MM), LEAST_GRID, MOST_GRID))
+    grid = np.linspace(way[0], way[-1], cells + 1)
+    step = float(grid[1] - grid[0])
     dq, ddq = np.abs(joints(grid, 1)), np.abs(joints(grid, 2))
     bend = np.linalg.norm(places(grid, 2), axis=1)
-    ceiling = _ceiling(dq, ddq, bend, limits, speed_rad_per_s, acceleration_rad_per_s2)
-    ceiling = np.minimum(_rounded(ceiling, grid), _from_rest(grid, limits))
-    squared = _two_passes(grid, ceiling, dq, ddq, bend, limits, acceleration_rad_per_s2)
-    speed = np.sqrt(squared)
-    mean = (speed[1:] + speed[:-1]) / 2.0
-    times = np.concatenate(([0.0], np.cumsum(np.diff(grid) / mean)))
-    return TimedPath(times, grid, speed, joints)
+    most = SAFETY * acceleration_rad_per_s2
+    gain, jerk = SAFETY * ALONG_PATH * limits.acceleration_mm_per_s2, limits.jerk_mm_per_s3
+    gain = min(gain, float(np.sqrt(limits.speed_mm_per_s * jerk)))  # no more than can be reached
+    span_s = gain / jerk
+    ceiling = np.minimum.reduce(
+        (
+            np.full(len(grid), limits.speed_mm_per_s),
+            (SAFETY * speed_rad_per_s / np.maximum(dq, TINY)).min(axis=1),
+            np.sqrt((BENT_JOINT * most / np.maximum(ddq, TINY)).min(axis=1)),
+            np.sqrt(SAFETY * BENT_PATH * limits.acceleration_mm_per_s2 / np.maximum(bend, TINY)),
+        )
+    )
+    ceiling = _eroded(ceiling, step, span_s)
+    spare = (most - ddq * ceiling[:, None] ** 2) / np.maximum(dq, TINY)
+    room = np.minimum(gain, spare.min(axis=1))
+    speed = _two_passes(ceiling, room, step)
+    speed = _two_passes(_opened(speed, step, span_s), room, step)
+    times = np.concatenate(([0.0], np.cumsum(2.0 * step / (speed[1:] + speed[:-1]))))
+    raw = (times, grid, speed)
+    shown = np.concatenate((times, times + span_s))
+    shown.sort()
+    ahead, behind = _place(shown, *raw), _place(shown - span_s, *raw)
+    ways = (_summed(shown, *raw) - _summed(shown - span_s, *raw)) / span_s
+    return TimedPath(shown, ways, (ahead - behind) / span_s, joints, span_s, *raw)
 
 
-def _grid(way: Floats) -> Floats:
-    """Return the way at which limits are looked at (g,).
+def kept(way_mm: Floats) -> Bools:
+    """Return which path points (n,) count: those that are not the same place as the one before."""
+    keep = np.concatenate(([True], np.diff(way_mm) > MERGED))
+    keep[-1] = True
+    if np.count_nonzero(keep) > 2 and way_mm[-1] - way_mm[keep][-2] <= MERGED:
+        keep[np.flatnonzero(keep)[-2]] = False
+    return keep
 
-    Every segment is divided evenly, the ends more finely: a start from rest with constant jerk
-    goes with the third power of time.
+
+def _shifted(values: Floats, by: int, outside: float) -> Floats:
+    result = np.full_like(values, outside)
+    if by > 0:
+        result[by:] = values[:-by]
+    else:
+        result[:by] = values[-by:]
+    return result
+
+
+def _reach(speed: Floats, step: float, span_s: float) -> Floats:
+    """Return how many cells (g,) are passed in half an averaging span."""
+    return np.ceil(SPREAD * speed * span_s / 2.0 / step)
+
+
+def _eroded(ceiling: Floats, step: float, span_s: float) -> Floats:
+    """Return the ceiling (g,) with each low place as wide as half a span before and after it.
+
+    Then the mean over a span that is centred at a low place is no higher than that place.
     """
-    parts = np.arange(GRID_PER_SEGMENT) / GRID_PER_SEGMENT
-    inner = (way[:-1, None] + np.diff(way)[:, None] * parts).ravel()
-    end = min(END_MM, way[-1] - way[0]) * (np.arange(END_POINTS + 1) / END_POINTS) ** 3
-    grid = np.unique(np.concatenate((inner, way[-1:], way[0] + end, way[-1] - end)))
-    return grid[np.concatenate(([True], np.diff(grid) > FINEST_MM))]
+    cells = _reach(ceiling, step, span_s)
+    result = ceiling.copy()
+    for k in range(1, min(int(cells.max()), len(ceiling) - 1) + 1):
+        low = np.where(cells >= k, ceiling, np.inf)
+        result = np.minimum(result, np.minimum(_shifted(low, k, np.inf), _shifted(low, -k, np.inf)))
+    return result
 
 
-def _ceiling(
-    dq: Floats,
-    ddq: Floats,
-    bend: Floats,
-    limits: SpeedLimits,
-    speed_rad_per_s: Floats,
-    acceleration_rad_per_s2: Floats,
-) -> Floats:
-    """Return the largest squared speed (g,) that path, joint speeds and bends allow."""
-    tiny = 1e-12
-    by_speed = ((SAFETY * speed_rad_per_s / np.maximum(dq, tiny)) ** 2).min(axis=1)
-    curved = CURVED_SHARE * SAFETY
-    by_bend = (curved * acceleration_rad_per_s2 / np.maximum(ddq, tiny)).min(axis=1)
-    by_path = curved * limits.acceleration_mm_per_s2 / np.maximum(bend, tiny)
-    cap = np.full(len(bend), limits.speed_mm_per_s**2)
-    return np.minimum.reduce((cap, by_speed, by_bend, by_path))
+def _opened(speed: Floats, step: float, span_s: float) -> Floats:
+    """Return the speed (g,) with peaks cut that last shorter than a span.
 
-
-def _rounded(ceiling: Floats, grid: Floats) -> Floats:
-    """Return a ceiling without corners that nowhere exceeds the given one.
-
-    First the smallest value within a window, then the mean over the same window.
+    Gaining and losing speed are then at least a span apart, and their ramps do not add up.
     """
-    fine = np.linspace(grid[0], grid[-1], max(2, int(np.ceil((grid[-1] - grid[0]) / 0.1)) + 1))
-    half = max(1, round(ROUNDING_MM / 2.0 / (fine[1] - fine[0])))
-    padded = np.pad(np.interp(fine, grid, ceiling), 2 * half, mode="edge")
-    windows = np.lib.stride_tricks.sliding_window_view(padded, 2 * half + 1)
-    eroded = windows.min(axis=1)
-    mean = np.lib.stride_tricks.sliding_window_view(eroded, 2 * half + 1).mean(axis=1)
-    return np.minimum(np.interp(grid, fine, mean), ceiling)
+    cells = _reach(speed, step, span_s)
+    low = speed.copy()
+    count = min(int(cells.max()), len(speed) - 1)
+    for k in range(1, count + 1):
+        near = np.minimum(_shifted(speed, k, 0.0), _shifted(speed, -k, 0.0))
+        low = np.where(cells >= k, np.minimum(low, near), low)
+    result = low.copy()
+    for k in range(1, count + 1):
+        near = np.where(cells >= k, low, 0.0)
+        result = np.maximum(result, np.maximum(_shifted(near, k, 0.0), _shifted(near, -k, 0.0)))
+    return np.minimum(result, speed)
 
 
-def _from_rest(grid: Floats, limits: SpeedLimits) -> Floats:
-    """Return the squared speed (g,) of a jerk-limited start from rest and stop at the end."""
-    v, a, j = limits.speed_mm_per_s, limits.acceleration_mm_per_s2, limits.jerk_mm_per_s3
-    a = min(SAFETY * a, np.sqrt(v * j))  # the speed may be reached before the acceleration is
-    ramp_s = a / j
-    total_s = v / a + ramp_s
-    times = np.linspace(0.0, total_s, 400)
-    acceleration = np.minimum.reduce((j * times, np.full(400, a), j * (total_s - times)))
-    h = times[1]
-    speed = np.concatenate(([0.0], np.cumsum((acceleration[1:] + acceleration[:-1]) / 2.0 * h)))
-    way = np.concatenate(([0.0], np.cumsum((speed[1:] + speed[:-1]) / 2.0 * h)))
-    squared = speed**2
-    first = np.interp(grid - grid[0], way, squared)
-    last = np.interp(grid[-1] - grid, way, squared)
-    return np.minimum(first, last)
+def _two_passes(ceiling: Floats, room: Floats, step: float) -> Floats:
+    """Return the highest speed (g,) under the ceiling that can be gained and braked from rest."""
+    squared = ceiling**2
+    squared[0] = squared[-1] = 0.0
+    least = 2.0 * step * np.minimum(room[1:], room[:-1])
+    gained = np.concatenate(([0.0], np.cumsum(least)))
+    squared = np.minimum.accumulate(squared - gained) + gained
+    left = gained[-1] - gained
+    squared = np.minimum.accumulate((squared - left)[::-1])[::-1] + left
+    squared = np.minimum(np.maximum(squared, 0.0), ceiling**2)
+    squared[0] = squared[-1] = 0.0
+    return np.sqrt(squared)
 
 
-def _two_passes(
-    grid: Floats,
-    ceiling: Floats,
-    dq: Floats,
-    ddq: Floats,
-    bend: Floats,
-    limits: SpeedLimits,
-    acceleration_rad_per_s2: Floats,
-) -> Floats:
-    """Return the highest squared speed (g,) under the ceiling that can be braked and gained."""
-    slope = np.maximum(np.column_stack((dq, np.ones(len(grid)))), 1e-12)
-    curve = np.column_stack((ddq, bend))
-    most = SAFETY * np.append(acceleration_rad_per_s2, limits.acceleration_mm_per_s2)
-    offset, factor = (most / slope).tolist(), (curve / slope).tolist()
-    steps, squared = np.diff(grid).tolist(), ceiling.tolist()
+def _spot(times_s: Floats, raw_times_s: Floats) -> tuple[Ints, Floats]:
+    """Return the cell (m,) of each time, and the time since its start within the profile."""
+    i = np.clip(np.searchsorted(raw_times_s, times_s, side="right") - 1, 0, len(raw_times_s) - 2)
+    return i, np.clip(times_s, raw_times_s[0], raw_times_s[-1]) - raw_times_s[i]
 
-    def room(i: int, value: float) -> float:
-        return max(0.0, min(o - f * value for o, f in zip(offset[i], factor[i], strict=True)))
 
-    for i, step in enumerate(steps):  # gain speed
-        gained = squared[i] + 2.0 * step * room(i, squared[i])
-        squared[i + 1] = min(squared[i + 1], gained)
-    for i in range(len(steps) - 1, -1, -1):  # and be able to lose it
-        braked = squared[i + 1] + 2.0 * steps[i] * room(i + 1, squared[i + 1])
-        squared[i] = min(squared[i], braked)
-    return np.array(squared)
+def _place(times_s: Floats, raw_times_s: Floats, raw_way: Floats, raw_speed: Floats) -> Floats:
+    """Return the way (m,) of the profile at times (m,): at rest before and afterwards."""
+    i, u = _spot(times_s, raw_times_s)
+    gain = (raw_speed[i + 1] - raw_speed[i]) / (raw_times_s[i + 1] - raw_times_s[i])
+    return raw_way[i] + u * (raw_speed[i] + u * gain / 2.0)
+
+
+def _summed(times_s: Floats, raw_times_s: Floats, raw_way: Floats, raw_speed: Floats) -> Floats:
+    """Return the integral (m,) of the way over time, from the start of the profile."""
+    gaps = np.diff(raw_times_s)
+    gains = np.diff(raw_speed) / gaps
+    pieces = gaps * (raw_way[:-1] + gaps * (raw_speed[:-1] / 2.0 + gaps * gains / 6.0))
+    sums = np.concatenate(([0.0], np.cumsum(pieces)))
+    i, u = _spot(times_s, raw_times_s)
+    inside = sums[i] + u * (raw_way[i] + u * (raw_speed[i] / 2.0 + u * gains[i] / 6.0))
+    before = np.minimum(times_s - raw_times_s[0], 0.0) * raw_way[0]
+    after = np.maximum(times_s - raw_times_s[-1], 0.0) * raw_way[-1]
+    return inside + before + after

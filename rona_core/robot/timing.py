@@ -9,15 +9,19 @@ from rona_core.devices.settings import require
 from rona_core.errors import InvalidInputError, NotReachableError
 from rona_core.geometry.path5d import Path5D
 from rona_core.geometry.pose import Pose, Poses
+from rona_core.robot.blend import blend
+from rona_core.robot.clear_check import Clear
 from rona_core.robot.limits import unwrap
 from rona_core.robot.model import RobotModel
-from rona_core.robot.motion import SAMPLE_S, chain, joint_move, sample_times
+from rona_core.robot.motion import SAMPLE_S, chain, clear_move, sample_times
 from rona_core.robot.plan import Trajectory
-from rona_core.robot.profile import SpeedLimits, time_along
+from rona_core.robot.profile import MERGED, SpeedLimits, TimedPath, kept, time_along
 
 TURN_WAY_MM = 10.0  # a turn of one radian on the spot counts as this much way
 LINE_STEP_MM = 1.0
 LEAST_STANDOFF_MM = 5.0
+SLOWER = 6  # times that a motion is slowed down until its samples keep all limits
+SHARE_ASKED = 1.0 - 1e-9
 
 
 @dataclass(frozen=True, slots=True)
@@ -29,6 +33,7 @@ class ScanSettings:
     jerk_mm_per_s3: float = 2500.0
     standoff_mm: float = 30.0  # straight along the probe axis, before and after contact
     approach_speed_mm_per_s: float = 15.0
+    corner_deviation_mm: float = 0.2  # the probe may cut corners by this much
 
     def __post_init__(self) -> None:
         for name in ("scan_speed_mm_per_s", "approach_speed_mm_per_s"):
@@ -41,6 +46,10 @@ class ScanSettings:
             5.0 <= self.standoff_mm <= 200.0,
             f"standoff_mm must be 5 to 200, not {self.standoff_mm}",
         )
+        require(
+            0.05 <= self.corner_deviation_mm <= 0.25,  # the verifier allows 0.3 in all
+            f"corner_deviation_mm must be 0.05 to 0.25, not {self.corner_deviation_mm}",
+        )
 
 
 def time_path(
@@ -51,12 +60,14 @@ def time_path(
     *,
     branch: int,
     q_start_rad: Floats | None = None,
+    clear: Clear | None = None,
 ) -> Trajectory:
     """Return the whole motion of a scan, from rest to rest.
 
     From the start pose in joint space to the stand-off, straight down to the first path point,
     along the path, straight up from the last point, and back to the start pose. Where the joints
-    do not allow the whole stand-off, it is as long as they do.
+    do not allow the whole stand-off, it is as long as they do. Corners of the path are cut by no
+    more than ``settings.corner_deviation_mm``.
 
     Args:
         path: The dense scan path in ``base``.
@@ -65,22 +76,23 @@ def time_path(
         settings: Speeds and stand-off.
         branch: The branch that ``qs_rad`` lies on.
         q_start_rad: Where the robot stands before and after; its home by default.
+        clear: Tells for joint angles (n, 6) where nothing is touched. Approach and retract then
+            go around what is in the way. None: nothing is around.
 
     Raises:
         InvalidInputError: not one joint vector for each path point, or a path without length.
-        NotReachableError: the probe cannot be drawn back from an end of the path.
+        NotReachableError: the probe cannot be drawn back from an end of the path, or there is no
+            clear way from the start or back.
     """
     if qs_rad.shape != (len(path), 6):
         raise InvalidInputError(f"qs_rad must have shape ({len(path)}, 6), not {qs_rad.shape}")
     start = model.home_rad if q_start_rad is None else np.asarray(q_start_rad, dtype=np.float64)
-    down = _line_from(model, qs_rad[0], branch, settings.standoff_mm)[::-1]
-    up = _line_from(model, qs_rad[-1], branch, settings.standoff_mm)
+    down = _line_from(model, qs_rad[0], branch, settings.standoff_mm, clear)[::-1]
+    up = _line_from(model, qs_rad[-1], branch, settings.standoff_mm, clear)
     way, along = _way(path), path.arc_length_mm()
-    scan_ways, scan = _timed(
-        way, qs_rad, path.points_base, _limits(settings, settings.scan_speed_mm_per_s), model
-    )
-    before = chain((joint_move(model, start, down[0]), _timed_line(down, settings, model)))
-    after = chain((_timed_line(up, settings, model), joint_move(model, up[-1], start)))
+    scan_ways, scan = _timed_scan(way, qs_rad, model, settings)
+    before = chain((clear_move(model, start, down[0], clear), _timed_line(down, settings, model)))
+    after = chain((_timed_line(up, settings, model), clear_move(model, up[-1], start, clear)))
     qs = chain((before, scan, after))
     path_mm = np.full(len(qs), along[-1])
     path_mm[: len(before)] = 0.0
@@ -101,16 +113,54 @@ def _limits(settings: ScanSettings, speed_mm_per_s: float) -> SpeedLimits:
     )
 
 
+def _timed_scan(
+    way_mm: Floats, qs_rad: Floats, model: RobotModel, settings: ScanSettings
+) -> tuple[Floats, Floats]:
+    """Return way (m,) and joints (m, 6) of the scan, its corners rounded."""
+    keep = kept(way_mm)
+    if np.count_nonzero(keep) < 2 or way_mm[-1] <= MERGED:
+        raise InvalidInputError("a path without length cannot be timed; it needs two places")
+    rounded = blend(way_mm[keep], qs_rad[keep], model, settings.corner_deviation_mm)
+    limits = _limits(settings, settings.scan_speed_mm_per_s)
+    return _timed(rounded.way_mm, rounded.qs_rad, rounded.points_base, limits, model)
+
+
 def _timed(
     way_mm: Floats, qs_rad: Floats, points_base: Floats, limits: SpeedLimits, model: RobotModel
 ) -> tuple[Floats, Floats]:
-    """Return way (m,) and joint angles (m, 6) at samples ``SAMPLE_S`` apart, from rest to rest."""
-    timed = time_along(
-        way_mm, qs_rad, points_base, limits, model.speed_rad_per_s, model.acceleration_rad_per_s2
-    )
-    times = sample_times(timed.duration_s)
-    ways = timed.way_at(times * (timed.duration_s / times[-1]))  # a little slower: whole samples
-    ways[-1] = timed.way_mm[-1]
+    """Return way (m,) and joints (m, 6) at samples ``SAMPLE_S`` apart, from rest to rest.
+
+    Limits are planned with some reserve at every point of the way. Should the samples, driven
+    linearly, still exceed one of them, the motion is slowed down until they do not.
+    """
+    joints_speed, joints_gain = model.speed_rad_per_s, model.acceleration_rad_per_s2
+    timed = time_along(way_mm, qs_rad, points_base, limits, joints_speed, joints_gain)
+    duration_s = timed.duration_s
+    ways, qs = _sampled(timed, duration_s, qs_rad)
+    for _ in range(SLOWER):
+        speeds = np.diff(qs, axis=0) / SAMPLE_S
+        resting = np.vstack((np.zeros(6), speeds, np.zeros(6)))
+        gains = np.abs(np.diff(resting, axis=0)) / SAMPLE_S
+        tips = (model.forward(qs) @ model.T_flange_probe).translations
+        moving = np.vstack((np.zeros(3), np.diff(tips, axis=0) / SAMPLE_S, np.zeros(3)))
+        felt = np.linalg.norm(np.diff(moving, axis=0), axis=1).max() / SAMPLE_S
+        excess = max(
+            float((np.abs(speeds) / joints_speed).max()) ** 2,
+            float((gains / joints_gain).max()),
+            float(felt / limits.acceleration_mm_per_s2),
+        )
+        if excess <= SHARE_ASKED:
+            break
+        duration_s *= 1.001 * np.sqrt(excess)
+        ways, qs = _sampled(timed, duration_s, qs_rad)
+    return ways, qs
+
+
+def _sampled(timed: TimedPath, duration_s: float, qs_rad: Floats) -> tuple[Floats, Floats]:
+    """Return way (m,) and joints (m, 6) at whole samples, a little slower to fill the last one."""
+    times = sample_times(duration_s)
+    ways = timed.way_at(times * (timed.duration_s / times[-1]))
+    ways[0], ways[-1] = timed.way_mm[0], timed.way_mm[-1]
     qs = timed.joints(ways)
     qs[0], qs[-1] = qs_rad[0], qs_rad[-1]
     return ways, qs
@@ -125,13 +175,20 @@ def _way(path: Path5D) -> Floats:
     return np.concatenate(([0.0], np.cumsum(np.maximum(steps_mm, turns_mm))))
 
 
-def _line_from(model: RobotModel, q_contact_rad: Floats, branch: int, standoff_mm: float) -> Floats:
+def _line_from(
+    model: RobotModel,
+    q_contact_rad: Floats,
+    branch: int,
+    standoff_mm: float,
+    clear: Clear | None,
+) -> Floats:
     """Return joint angles (m, 6) straight back along the probe axis, ``LINE_STEP_MM`` apart.
 
-    The line ends at the stand-off, or earlier where the joints allow no more.
+    The line ends at the stand-off, or earlier where the joints allow no more or something is
+    touched.
 
     Raises:
-        NotReachableError: the joints do not even allow the shortest stand-off.
+        NotReachableError: not even the shortest stand-off is possible.
     """
     T_base_probe = model.forward(q_contact_rad[None])[0] @ model.T_flange_probe
     backs_mm = np.arange(0.0, standoff_mm + LINE_STEP_MM / 2.0, LINE_STEP_MM)
@@ -141,6 +198,8 @@ def _line_from(model: RobotModel, q_contact_rad: Floats, branch: int, standoff_m
     solutions = model.inverse(Poses(rotations, places) @ model.T_flange_probe.inv())
     qs = unwrap(np.vstack((q_contact_rad, solutions.qs_rad[:, branch])))[1:]
     possible = solutions.valid[:, branch] & (model.limits.clearance_rad(qs).min(axis=1) >= 0.0)
+    if clear is not None:
+        possible &= clear(qs)
     count = len(qs) if possible.all() else int(np.argmin(possible))
     if (count - 1) * LINE_STEP_MM < LEAST_STANDOFF_MM:
         raise NotReachableError(

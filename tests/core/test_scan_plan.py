@@ -19,7 +19,6 @@ from rona_core.robot.limits import JointLimits
 from rona_core.robot.model import robot_model
 from rona_core.robot.motion import TIP_SPEED_MM_PER_S, plan_joint_move
 from rona_core.robot.plan import Trajectory
-from rona_core.robot.profile import SpeedLimits, time_along
 from rona_core.robot.scan_plan import PlanSettings, choose_roll, plan_scan
 from rona_core.robot.timing import ScanSettings
 from rona_core.robot.verify import verify_motion, verify_scan
@@ -322,28 +321,6 @@ def test_progress_only_grows_to_one(path):
     plan_scan(path, RX90, replace(SETTINGS, n_rolls=8), progress=heard.append)
     assert heard == sorted(heard)
     assert heard[-1] == 1.0
-
-
-def test_a_straight_way_takes_the_time_of_the_closed_form():
-    """Trapezoid with rounded ends: length / speed + speed / acceleration + acceleration / jerk."""
-    way = np.linspace(0, 200, 201)
-    qs = way[:, None] * np.full(6, 1e-5)
-    points = way[:, None] * np.array((1.0, 0, 0))
-    limits = SpeedLimits(20.0, 250.0, 2500.0)
-    timed = time_along(way, qs, points, limits, np.full(6, 10.0), np.full(6, 100.0))
-    reached = min(0.9 * 250.0, np.sqrt(20.0 * 2500.0))
-    expected = 200 / 20.0 + 20.0 / reached + reached / 2500.0
-    assert timed.duration_s == pytest.approx(expected, rel=1e-3)
-
-
-def test_slow_joints_hold_the_scan_back():
-    way = np.linspace(0, 100, 101)
-    qs = np.zeros((101, 6))
-    qs[:, 3] = 0.02 * way  # 20 mm/s would be 0.4 rad/s
-    points = way[:, None] * np.array((1.0, 0, 0))
-    limits = SpeedLimits(20.0, 250.0, 2500.0)
-    timed = time_along(way, qs, points, limits, np.full(6, 0.2), np.full(6, 100.0))
-    assert timed.speed_mm_per_s.max() == pytest.approx(0.9 * 0.2 / 0.02)
 
 
 def test_joint_moves_are_certified_and_refused_beyond_the_limits():
