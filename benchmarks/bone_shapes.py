@@ -96,8 +96,8 @@ def grid_places(side: int, pitch_mm: float) -> tuple[Floats, np.typing.NDArray[n
         for column in range(side)
     ]
     cells = np.array(order, dtype=np.int64)
-    places: Floats = (cells[:, ::-1] - (side - 1) / 2.0) * pitch_mm
-    return places, cells
+    middle = (side - 1) / 2.0
+    return np.asarray((cells[:, ::-1] - middle) * pitch_mm, dtype=np.float64), cells
 
 
 def angles_deg(a: Floats, b: Floats) -> Floats:
