@@ -172,3 +172,20 @@ def strip_field(half_mm: float, distance_mm: float, offsets_mm: Floats, k: Float
     share = -0.5j * distance_mm / way * (2.0 * half_mm / SOURCES)
     columns = [(kj * share * hankel2(1, kj * way)).sum(axis=1) for kj in k]
     return np.stack(columns, axis=1)
+
+
+def mirror_level_db(
+    lean_deg: float, frequency_mhz: float, half_mm: float, reach_mm: float
+) -> float:
+    """Return the rays' echo of a leaning mirror over that of the strip's image, without a grid."""
+    k = 2.0 * np.pi * frequency_mhz / WATER.speed_mm_per_us
+    lean = np.deg2rad(lean_deg)
+    x = np.linspace(-FACE_OVER_STRIP * half_mm, FACE_OVER_STRIP * half_mm, RAYS)
+    field = strip_field(half_mm, reach_mm, x, np.array([k]))[:, 0]
+    rays = np.sum(field**2 * np.exp(-2j * k * x * np.tan(lean))) * (x[1] - x[0]) / (2.0 * half_mm)
+    source = ((np.arange(SOURCES) + 0.5) / SOURCES * 2.0 - 1.0) * half_mm
+    behind = reach_mm * np.cos(lean) + source * np.sin(lean)  # from the strip to the mirror
+    aside, below = source - 2.0 * behind * np.sin(lean), 2.0 * behind * np.cos(lean)
+    way = np.hypot(source[:, None] - aside, below)
+    image = np.sum(0.5 * k * hankel2(0, k * way)) * 2.0 * half_mm / SOURCES**2
+    return float(20.0 * np.log10(np.abs(rays) / np.abs(image)))

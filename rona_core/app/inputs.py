@@ -232,7 +232,8 @@ def capture_setup_digest(kind: str, session: Session) -> str:
         seen += [digest(setup.specimen), digest(setup.region)]
     if kind == "scan":
         plan = session.results.roll
-        seen += [digest(devices.probe), "" if plan is None else digest(plan.value)]
+        seen += [digest(setup.bone), digest(devices.probe)]
+        seen += ["" if plan is None else digest(plan.value)]
     return digest(seen)
 
 

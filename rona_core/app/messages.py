@@ -32,6 +32,7 @@ from rona_core.app.commands import (
     Redo,
     RegisterTool,
     RenameSession,
+    SetBone,
     SetPointer,
     SetProbe,
     SetReference,
@@ -57,6 +58,7 @@ Command = (
     RenameSession
     | SetSeed
     | UseSimulatedSkull
+    | SetBone
     | SetRegion
     | SetTracker
     | MoveTracker
@@ -121,6 +123,7 @@ __all__ = [
     "Redo",
     "RegisterTool",
     "RenameSession",
+    "SetBone",
     "SetPointer",
     "SetProbe",
     "SetReference",

@@ -82,19 +82,8 @@ PROBES = {
 }
 
 
-def probe_model(name: str) -> ProbeModel:
-    """Return the model of a probe by its name.
-
-    Raises:
-        InvalidInputError: there is no such probe.
-    """
-    if name not in PROBES:
-        raise InvalidInputError(f"probe must be one of {', '.join(get_args(ProbeName))}: {name!r}")
-    return PROBES[name]
-
-
-def probe_of(settings: ProbeSettings) -> ProbeModel:
-    """Return the model of a probe as its settings have it: the named one, with what was changed.
+def probe_model(probe: str | ProbeSettings) -> ProbeModel:
+    """Return the model of a probe: by its name, or as its settings have changed it.
 
     It is what a laboratory knows of its probe. What it does not know, the temperature of the line,
     is not in it: the line is that of room temperature.
@@ -102,17 +91,22 @@ def probe_of(settings: ProbeSettings) -> ProbeModel:
     Raises:
         InvalidInputError: there is no such probe.
     """
-    named = probe_model(settings.name)
+    name = probe if isinstance(probe, str) else probe.name
+    if name not in PROBES:
+        raise InvalidInputError(f"probe must be one of {', '.join(get_args(ProbeName))}: {name!r}")
+    if isinstance(probe, str):
+        return PROBES[name]
+    aperture_radius_mm = None if probe.aperture_mm is None else probe.aperture_mm / 2.0
     chosen = {
-        "centre_mhz": settings.centre_mhz,
-        "bandwidth": settings.bandwidth,
-        "aperture_radius_mm": None if settings.aperture_mm is None else settings.aperture_mm / 2.0,
-        "line_length_mm": settings.line_length_mm,
-        "pulse_shape": settings.pulse_shape,
-        "adc_bits": settings.adc_bits,
-        "gain_db": settings.gain_db,
+        "centre_mhz": probe.centre_mhz,
+        "bandwidth": probe.bandwidth,
+        "aperture_radius_mm": aperture_radius_mm,
+        "line_length_mm": probe.line_length_mm,
+        "pulse_shape": probe.pulse_shape,
+        "adc_bits": probe.adc_bits,
+        "gain_db": probe.gain_db,
     }
-    return replace(named, **{key: value for key, value in chosen.items() if value is not None})
+    return replace(PROBES[name], **{k: value for k, value in chosen.items() if value is not None})
 
 
 def warmed(line: Material, temperature_c: float) -> Material | None:

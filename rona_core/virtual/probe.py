@@ -17,7 +17,7 @@ from rona_core.ultrasound.ascan import EchoModel
 from rona_core.ultrasound.beam import FACE_OVER_APERTURE
 from rona_core.ultrasound.bone_stack import LayerProfile
 from rona_core.ultrasound.medium import Medium
-from rona_core.ultrasound.probe import probe_of, warmed
+from rona_core.ultrasound.probe import probe_model, warmed
 
 MOST_ANGLE_RAD = 0.5  # steeper places of a boundary count as this steep
 RETREAT_MM = 12.0  # rays start this far before the face, which may lie inside the bone
@@ -55,7 +55,7 @@ class VirtualProbe:
 
     def begin(self, settings: ProbeSettings, seed: int, ordinal: int) -> None:
         """Configure the probe for capture number ``ordinal`` of a session with this seed."""
-        self._model = probe_of(settings)
+        self._model = probe_model(settings)
         self._seed, self._ordinal = seed, ordinal
         line = warmed(self._model.line, settings.line_temperature_c)
         self._echo = EchoModel(self._model, settings.excitation, self._medium, seed, line=line)

@@ -3,7 +3,7 @@
 import pytest
 
 from benchmarks import kwave_cases
-from benchmarks.kwave_cases import STRIPS, plane_wave, strip
+from benchmarks.kwave_cases import STRIPS, mirror_level_db, plane_wave, strip
 
 EXACT = pytest.mark.parametrize("exact", [False, True])
 
@@ -37,6 +37,12 @@ def test_tilt_and_curvature_cost_what_they_cost_in_the_wave_equation(name):
     flat = here(strip(f"{name.split('_')[0]}_flat"))
     assert abs(flat.front_db) < 0.5
     assert abs(here(strip(name)).front_db - flat.front_db) < 0.5
+
+
+@pytest.mark.parametrize("lean_deg", [0.0, 1.0, 2.0])
+@pytest.mark.parametrize("frequency_mhz", [1.5, 2.25, 3.0])
+def test_rays_of_a_leaning_mirror_are_the_image_of_the_strip(lean_deg, frequency_mhz):
+    assert abs(mirror_level_db(lean_deg, frequency_mhz, 3.175, 10.0)) < 0.1
 
 
 def test_a_field_that_is_not_here_is_none(monkeypatch, tmp_path):
