@@ -10,6 +10,7 @@ from rona_core.arrays import Floats, Ints
 from rona_core.devices.samples import AScan, AScanTrack
 from rona_core.devices.settings import ProbeSettings
 from rona_core.geometry.pose import Pose, Poses
+from rona_core.ultrasound.bone_speed import local_speed_factors
 from rona_core.ultrasound.medium import Medium
 from rona_core.ultrasound.probe import FULL_SCALE_SHARE, ProbeModel, probe_model
 from rona_core.virtual.clock import CaptureClock
@@ -76,19 +77,21 @@ def record(
     Ts_skull_probe = Poses.stack(poses)
     found = _along(bone, Ts_skull_probe, (0.0, 0.0))
     table, diploe, inner = np.diff(found, axis=1).T
+    points = Ts_skull_probe.translations + found[:, :1] * axes_of(Ts_skull_probe)
+    local = local_speed_factors(points, seed, medium.local_speed_sd)
     slow = 1.0 / medium.table.speed_mm_per_us, 1.0 / medium.diploe.speed_mm_per_us
     outer_tilt, inner_tilt = _tilts_deg(bone, Ts_skull_probe)
     return BoneScene(
         name=name,
         track=AScanTrack.from_scans(scans),
-        probe=probe_model(settings.name),
+        probe=probe_model(settings),
         settings=settings,
         Ts_skull_probe=Ts_skull_probe,
         cells=cells,
         pitch_mm=pitch_mm,
         outer_mm=found[:, 0],
         thickness_mm=found[:, 3] - found[:, 0],
-        bone_us=2.0 * ((table + inner) * slow[0] + diploe * slow[1]),
+        bone_us=2.0 * ((table + inner) * slow[0] + diploe * slow[1]) / local,
         outer_tilt_deg=outer_tilt,
         inner_tilt_deg=inner_tilt,
         inner_snr_db=inner_snr_db,

@@ -11,16 +11,17 @@ import numpy as np
 from benchmarks.bone_record import BoneScene, inner_level_db, record
 from benchmarks.bone_shapes import Dome, grid_places, leans_rad
 from rona_core.arrays import Floats
-from rona_core.devices.settings import Excitation, ProbeName, ProbeSettings
+from rona_core.devices.settings import Excitation, ProbeName, ProbeSettings, PulseShape
 from rona_core.geometry.pose import Pose
 from rona_core.ultrasound.material import Material
-from rona_core.ultrasound.medium import Medium
+from rona_core.ultrasound.medium import MEDIA, Medium
 from rona_core.virtual.skull.simulated import SimulatedSpecimen
 
 TUNING_SEED, TEST_SEED = 1_000, 900_000
 ABOVE_MM = 20.0  # rays onto a skull start this far outside
 SMOOTH = Medium(ramp_mm=0.5, outer_roughness_mm=0.0, inner_roughness_mm=0.0, speckle=0.0)
-HARD = Medium(ramp_mm=0.0, outer_roughness_mm=0.03, inner_roughness_mm=0.08, speckle=0.05)
+UNSEEN: tuple[PulseShape, ...] = ("damped", "double", "ringing")  # none to tune with
+LOCAL_SPEED_SD = 0.02
 
 
 def plate(
@@ -51,7 +52,7 @@ def plate(
         bone.pose((float(i - n // 2), 0.0), float(lifts[i]), (leans[i, 0], leans[i, 1]))
         for i in range(n)
     ]
-    settings = ProbeSettings(name=name, excitation="pulse", front_snr_db=90.0)
+    settings = _settings(name, "pulse", 90.0, random, tuning)
     front_snr = inner_snr_db - inner_level_db(bone, medium, settings, poses[n // 2])
     settings = replace(settings, excitation=excitation, front_snr_db=min(front_snr, 90.0))
     cells = np.column_stack((np.zeros(n, dtype=np.int64), np.arange(n)))
@@ -76,7 +77,7 @@ def parallel_bone(
         seed, random = _random(1 + round(100 * thickness_mm) * 10 + patch, tuning)
         bone = _dome(random, thickness_mm, tuning).with_relief(random, np.deg2rad(0.7), 30.0)
         leans = leans_rad(random, side * side, 0.0, most_lean_deg)
-        settings = ProbeSettings(name=name, excitation=excitation, front_snr_db=front_snr_db)
+        settings = _settings(name, excitation, front_snr_db, random, tuning)
         label = f"skull {thickness_mm:g} mm, {name} {excitation}, patch {patch}"
         medium = _medium(Medium(), random, tuning)
         scenes.append(_patch(label, bone, medium, settings, leans, side, random, seed))
@@ -102,8 +103,8 @@ def hard_bone(
     tilted = random.uniform(size=side * side) < 0.15
     leans = leans_rad(random, side * side, 0.0, 1.0)
     leans[tilted] = leans_rad(random, int(tilted.sum()), 2.0, 4.0)
-    settings = ProbeSettings(name=name, excitation=excitation, front_snr_db=front_snr_db)
-    medium = _medium(HARD, random, tuning)
+    settings = _settings(name, excitation, front_snr_db, random, tuning)
+    medium = _medium(MEDIA["hard"], random, tuning)
     label = f"hard {thickness_mm:g} mm, {name} {excitation}"
     return _patch(label, bone, medium, settings, leans, side, random, seed)
 
@@ -144,9 +145,8 @@ def anatomical_bone(
         _standing(point, axis, across[0]) @ Pose.from_rotvec((a, b, 0.0), (0.0, 0.0, -up))
         for point, axis, (a, b), up in zip(points, axes, lean, lift, strict=True)
     ]
-    settings = ProbeSettings(
-        name=name, excitation=excitation, front_snr_db=front_snr_db, pitch_mm=pitch_mm
-    )
+    settings = _settings(name, excitation, front_snr_db, random, tuning)
+    settings = replace(settings, pitch_mm=pitch_mm)
     medium = _medium(Medium(), random, tuning)
     label = f"anatomical, patient {patient}, {name} {excitation}"
     return record(label, specimen, medium, settings, poses, cells, pitch_mm, seed)
@@ -155,6 +155,23 @@ def anatomical_bone(
 def _random(place: int, tuning: bool) -> tuple[int, np.random.Generator]:
     seed = (TUNING_SEED if tuning else TEST_SEED) + place
     return seed, np.random.default_rng((seed, 0xB04E))
+
+
+def _settings(
+    name: ProbeName,
+    excitation: Excitation,
+    front_snr_db: float,
+    random: np.random.Generator,
+    tuning: bool,
+) -> ProbeSettings:
+    """Return the probe: for judging, one whose pulse has a shape that tuning never showed.
+
+    A reference block shows that pulse, so detection may know it: ``probe_model(settings)``.
+    """
+    shape = None if tuning else UNSEEN[int(random.integers(len(UNSEEN)))]
+    return ProbeSettings(
+        name=name, excitation=excitation, front_snr_db=front_snr_db, pulse_shape=shape
+    )
 
 
 def _dome(random: np.random.Generator, thickness_mm: float, tuning: bool) -> Dome:
@@ -182,6 +199,7 @@ def _medium(base: Medium, random: np.random.Generator, tuning: bool) -> Medium:
         outer_roughness_mm=base.outer_roughness_mm * scale[1],
         inner_roughness_mm=base.inner_roughness_mm * scale[2],
         speckle=base.speckle * min(scale[3], 1.25),
+        local_speed_sd=0.0 if base is SMOOTH else LOCAL_SPEED_SD,
     )
 
 

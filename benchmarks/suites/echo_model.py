@@ -58,6 +58,11 @@ def against_waves() -> list[Metric]:
             metrics.append(
                 Metric(f"front_over_flat_db, {name}", over_flat, "dB", "lower", FRONT_DB)
             )
+    for lean_deg in (0.0, 1.0, 2.0):
+        level = abs(mirror_level_db(lean_deg, 2.25, 3.175, 10.0))
+        metrics.append(
+            Metric(f"front_level_db, image, {lean_deg:g} deg", level, "dB", "lower", FRONT_DB)
+        )
     return metrics
 
 

@@ -35,7 +35,7 @@ class BoneChoice:
     """What the bone of the specimen is made of, as its shape does not say; for its echoes alone.
 
     ``kind``: normal; sharp, where the diploe begins at once and echoes louder than the inner
-    boundary; or hard, with 2.5 times the scatter and more loss on top. ``own_speed``: the patient's
+    boundary; or hard, with 2.5 times the scatter on top, and rougher. ``own_speed``: the patient's
     speed of sound differs from the nominal one, as it does between people (3 %) and from place to
     place (2 %).
     """

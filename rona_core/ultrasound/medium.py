@@ -1,6 +1,6 @@
 """The layers of a simulated skull: ground truth, unknown to the detection of echoes."""
 
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 
 from rona_core.errors import InvalidInputError
 from rona_core.ultrasound.material import BRAIN, DIPLOE, GEL, TABLE, Material
@@ -35,14 +35,12 @@ class Medium:
 
 
 # "sharp": the table ends at once, so its echo is louder than that of the inner boundary; "hard":
-# 2.5 times the scatter on top, rougher and more absorbing.
+# 2.5 times the scatter on top, and rougher.
 MEDIA = {
     "normal": Medium(),
     "sharp": Medium(ramp_mm=0.0),
     "hard": Medium(
         ramp_mm=0.0,
-        table=replace(TABLE, attenuation_db_per_cm=8.0),
-        diploe=replace(DIPLOE, attenuation_db_per_cm=14.0),
         outer_roughness_mm=0.03,
         inner_roughness_mm=0.08,
         speckle=0.05,

@@ -22,7 +22,7 @@ from rona_ui.panels.tracker_fields import NAMES, PLACE, TrackerFields
 from rona_ui.view_state import Picture
 
 FILES = ".nrrd,.nii,.gz,.stl,.ply,.obj"
-BONES = {"Normal": "normal", "Sharp diploe": "sharp", "Hard: scatter and loss": "hard"}
+BONES = {"Normal": "normal", "Sharp diploe": "sharp", "Hard: sharp, more scatter": "hard"}
 SKULLS = {"Simulated, left side": "left", "Simulated, right side": "right", "From a file": "file"}
 
 
