@@ -61,7 +61,7 @@ class Pulse:
 # matching layer; a light backing that rings on.
 PULSES: dict[PulseShape, Pulse] = {
     "resonant": Pulse(((0.0, 6),), ((-0.10, 2.8),)),
-    "damped": Pulse(((0.0, 9),), ((0.06, 2.1), (-0.04, 4.6))),
-    "double": Pulse(((-0.75, 3), (0.75, 3)), ((-0.12, 3.4),)),
-    "ringing": Pulse(((-0.15, 2), (0.15, 2)), ((-0.16, 2.3), (0.09, 4.9))),
+    "damped": Pulse(((0.0, 9),), ((0.20, 1.7), (-0.07, 4.2))),
+    "double": Pulse(((-1.0, 3), (1.0, 3)), ((-0.12, 3.4),)),
+    "ringing": Pulse(((-0.2, 2), (0.2, 3)), ((-0.22, 2.3), (0.12, 4.9))),
 }

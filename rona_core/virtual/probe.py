@@ -53,6 +53,11 @@ class VirtualProbe:
         self._closed = False
         self.begin(ProbeSettings(), seed=0, ordinal=0)
 
+    @property
+    def medium(self) -> Medium:
+        """Gel and bone as they are: ground truth."""
+        return self._medium
+
     def begin(self, settings: ProbeSettings, seed: int, ordinal: int) -> None:
         """Configure the probe for capture number ``ordinal`` of a session with this seed."""
         self._model = probe_model(settings)
