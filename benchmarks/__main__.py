@@ -15,6 +15,7 @@ SUITES = (
     "robot",
     "timing",
     "base_placement",
+    "echo_model",
     "ultrasound",
     "procedure",
 )

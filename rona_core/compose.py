@@ -17,6 +17,7 @@ from rona_core.errors import DeviceError, RonaError
 from rona_core.evaluation.metrics import evaluate
 from rona_core.session.document import Session, Setup
 from rona_core.session.specimen import LoadedSkull
+from rona_core.virtual.bone_medium import bone_medium
 from rona_core.virtual.rig import VirtualRig
 from rona_core.virtual.specimen import Specimen, build_specimen
 from rona_core.virtual.specimen_import import import_skull
@@ -38,7 +39,8 @@ def specimen_of(setup: Setup) -> Specimen:
 
 def build_virtual_rig(setup: Setup, pace: float | None = None) -> VirtualRig:
     """Return virtual devices; ``pace`` is a multiple of real time, None shows captures at once."""
-    return VirtualRig(setup.seed, specimen_of(setup), setup.devices, pace)
+    medium = bone_medium(setup.bone, setup.seed)
+    return VirtualRig(setup.seed, specimen_of(setup), setup.devices, pace, medium)
 
 
 def read_skull(

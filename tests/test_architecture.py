@@ -73,6 +73,49 @@ def test_the_library_neither_asserts_nor_prints():
     assert not found
 
 
+GENERATOR = ("ascan", "bone_stack", "bone_speed", "layers", "medium", "oblique", "texture")
+SHARED = ("beam", "material", "probe", "pulse", "pulse_shapes", "tilt")  # what a laboratory knows
+
+
+def imported(path: Path) -> set[str]:
+    """Return the names of the modules that a module imports, wherever in it."""
+    names: set[str] = set()
+    for node in ast.walk(ast.parse(path.read_text("utf-8"))):
+        if isinstance(node, ast.Import):
+            names |= {alias.name for alias in node.names}
+        elif isinstance(node, ast.ImportFrom) and node.module:
+            names |= {node.module, *(f"{node.module}.{alias.name}" for alias in node.names)}
+    return names
+
+
+def test_only_the_virtual_probe_makes_echoes():
+    """Whatever is added to detection, the maps or the procedure: none of it sees the generator."""
+    hidden = {f"rona_core.ultrasound.{name}" for name in GENERATOR}
+    folder = ROOT / "rona_core"
+    makers = {folder / "ultrasound" / f"{name}.py" for name in GENERATOR}
+    assert all(path.exists() for path in makers)
+    for path in modules("rona_core", "rona_ui"):
+        if path not in makers and "virtual" not in path.relative_to(ROOT).parts:
+            assert not imported(path) & hidden, path.relative_to(ROOT)
+
+
+def test_the_generator_sees_nothing_of_detection():
+    shared = {f"rona_core.ultrasound.{name}" for name in (*GENERATOR, *SHARED)}
+    for name in (*GENERATOR, *SHARED):
+        names = imported(ROOT / "rona_core" / "ultrasound" / f"{name}.py")
+        known = {n for n in names if n.count(".") == 2 and n.startswith("rona_core.ultrasound.")}
+        assert known <= shared, name
+
+
+def test_what_the_bone_is_made_of_is_read_by_the_virtual_devices_alone():
+    """No computation looks at the choice of bone: it is set, shown, digested and made."""
+    allowed = {"compose.py", "inputs.py", "workbench.py", "handlers.py", "setup.py"}
+    choice = re.compile(r"\bsetup\.bone\b")
+    readers = {p.name for p in modules(*PRODUCT) if choice.search(p.read_text("utf-8"))}
+    assert readers <= allowed
+    assert "compose.py" in readers
+
+
 def test_nothing_is_left_for_later():
     marks = re.compile(r"\b(TODO|FIXME|XXX|HACK)\b|raise NotImplementedError")
     files = [p for p in modules(*PRODUCT, *OTHERS) if p != Path(__file__)]
@@ -109,6 +152,7 @@ PLANTED_IMPORTS = [
     ("rona_core/arrays_user.py", "import rona_ui", "does not know the interface"),
     ("rona_core/ultrasound/detect.py", "import rona_core.ultrasound.ascan", "simulation of echoes"),
     ("rona_core/ultrasound/detect.py", "import rona_core.ultrasound.medium", "simulated medium"),
+    ("rona_core/ultrasound/inner.py", "import rona_core.ultrasound.medium", "generator of echoes"),
     ("rona_ui/panels/planted.py", "import rona_core.path", "only through rona_core.app"),
     ("rona_ui/api/planted.py", "import rona_core.robot", "only through rona_core.app"),
     ("rona_ui/panels/planted.py", "import rona_core.virtual", "only through compose"),

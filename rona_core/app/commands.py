@@ -7,17 +7,20 @@ from dataclasses import dataclass
 from typing import ClassVar, Literal
 
 from rona_core.devices.settings import (
+    ROOM_C,
     STRICT,
     TOOLS,
     Excitation,
     PointerKind,
     ProbeName,
+    PulseShape,
     TrackerPlace,
     TrackerProfile,
     require,
     require_within,
 )
 from rona_core.session.document import RegionChoice, require_seed
+from rona_core.session.specimen import BoneKind
 
 Point = tuple[float, float, float]
 MAX_EXCLUDED = 20_000
@@ -61,6 +64,18 @@ class UseSimulatedSkull:
 
     __pydantic_config__: ClassVar = STRICT
     side: Literal["left", "right"] = "left"
+
+
+@dataclass(frozen=True, slots=True)
+class SetBone:
+    """Choose what the bone on the table is made of: its texture, and whose speed of sound it has.
+
+    Only the virtual probe knows it; what detects the echoes does not.
+    """
+
+    __pydantic_config__: ClassVar = STRICT
+    kind: BoneKind = "normal"
+    own_speed: bool = True
 
 
 @dataclass(frozen=True, slots=True)
@@ -148,6 +163,14 @@ class SetProbe:
     excitation: Excitation = "chirp"
     front_snr_db: float = 50.0
     pitch_mm: float = 1.0
+    centre_mhz: float | None = None  # None: as the named probe has it
+    bandwidth: float | None = None
+    aperture_mm: float | None = None
+    line_length_mm: float | None = None
+    pulse_shape: PulseShape | None = None
+    adc_bits: int | None = None
+    gain_db: float = 0.0
+    line_temperature_c: float = ROOM_C
 
 
 @dataclass(frozen=True, slots=True)

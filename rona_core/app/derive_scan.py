@@ -71,7 +71,7 @@ def derive_detection(
     probe = session.setup.devices.probe
     return detect(
         capture.scans,
-        probe_model(probe.name),
+        probe_model(probe),
         probe.excitation,
         method=message.method,
         sound_speed_mm_per_us=message.sound_speed_mm_per_us,
@@ -114,6 +114,7 @@ def derive_maps(
         cloud.points_base,
         second=second,
         cell_mm=message.cell_mm,
+        probe=probe_model(session.setup.devices.probe),
         progress=progress,
         cancel=cancel,
     )

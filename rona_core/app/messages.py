@@ -34,6 +34,7 @@ from rona_core.app.commands import (
     Redo,
     RegisterTool,
     RenameSession,
+    SetBone,
     SetPointer,
     SetProbe,
     SetReference,
@@ -59,6 +60,7 @@ Command = (
     RenameSession
     | SetSeed
     | UseSimulatedSkull
+    | SetBone
     | SetRegion
     | SetTracker
     | MoveTracker
@@ -125,6 +127,7 @@ __all__ = [
     "Redo",
     "RegisterTool",
     "RenameSession",
+    "SetBone",
     "SetPointer",
     "SetProbe",
     "SetReference",

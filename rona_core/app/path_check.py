@@ -51,7 +51,7 @@ def check_path(session: Session) -> PathCheck | None:
         return None
     value = smooth.value
     places = value.corners_base if value.way_points_base is None else value.way_points_base
-    normals, probe = value.normals, probe_model(session.setup.devices.probe.name)
+    normals, probe = value.normals, probe_model(session.setup.devices.probe)
     limit = half_echo_tilt_deg(probe)
     bend = half_turns_deg(normals.normals)
     unsure, bent = normals.sigma_deg > limit, bend > limit

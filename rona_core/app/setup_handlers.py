@@ -7,6 +7,7 @@ from typing import Any
 from rona_core.app.messages import (
     MoveTracker,
     RenameSession,
+    SetBone,
     SetPointer,
     SetProbe,
     SetReference,
@@ -29,7 +30,7 @@ from rona_core.devices.settings import (
 from rona_core.errors import InvalidInputError
 from rona_core.robot.model import robot_model
 from rona_core.session.document import RegionChoice, Session
-from rona_core.session.specimen import SimulatedSkull
+from rona_core.session.specimen import BoneChoice, SimulatedSkull
 
 
 @singledispatch
@@ -59,9 +60,19 @@ def _(message: UseSimulatedSkull, session: Session) -> Session:
 
 
 @handle.register
+def _(message: SetBone, session: Session) -> Session:
+    bone = BoneChoice(message.kind, message.own_speed)
+    return replace(session, setup=replace(session.setup, bone=bone))
+
+
+@handle.register
 def _(message: SetRegion, session: Session) -> Session:
     region = RegionChoice(message.center_mesh_mm, message.radius_mm)
     return replace(session, setup=replace(session.setup, region=region))
+
+
+def _chosen(message: Any) -> dict[str, Any]:
+    return {part.name: getattr(message, part.name) for part in fields(message)}
 
 
 def _with_devices(session: Session, devices: DeviceSettings) -> Session:
@@ -71,8 +82,7 @@ def _with_devices(session: Session, devices: DeviceSettings) -> Session:
 @handle.register
 def _(message: SetTracker, session: Session) -> Session:
     devices = session.setup.devices
-    chosen = {part.name: getattr(message, part.name) for part in fields(message)}
-    tracker = replace(devices.tracker, **chosen)
+    tracker = replace(devices.tracker, **_chosen(message))
     return _with_devices(session, replace(devices, tracker=tracker))
 
 
@@ -102,24 +112,13 @@ def _(message: SetToolVisible, session: Session) -> Session:
 @handle.register
 def _(message: SetRobot, session: Session) -> Session:
     robot_model(message.model)  # refuses an unknown name
-    settings = RobotSettings(
-        model=message.model,
-        errors=message.errors,
-        scan_speed_mm_per_s=message.scan_speed_mm_per_s,
-        base_shift_mm=message.base_shift_mm,
-        base_turn_deg=message.base_turn_deg,
-    )
+    settings = RobotSettings(**_chosen(message))
     return _with_devices(session, replace(session.setup.devices, robot=settings))
 
 
 @handle.register
 def _(message: SetProbe, session: Session) -> Session:
-    settings = ProbeSettings(
-        name=message.name,
-        excitation=message.excitation,
-        front_snr_db=message.front_snr_db,
-        pitch_mm=message.pitch_mm,
-    )
+    settings = ProbeSettings(**_chosen(message))
     return _with_devices(session, replace(session.setup.devices, probe=settings))
 
 

@@ -38,7 +38,8 @@ def capture_setup_digest(kind: str, session: Session) -> str:
         plan = None if session.results.roll is None else session.results.roll.value
         # the second pass looks into gaps of the first: it counts as long as that one does
         before = plan if kind == "scan" else session.captures.scan
-        seen += [digest(devices.probe), "" if before is None else digest(before)]
+        seen += [digest(setup.bone), digest(devices.probe)]
+        seen += ["" if before is None else digest(before)]
     return digest(seen)
 
 

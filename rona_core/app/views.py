@@ -198,7 +198,7 @@ def ascan_plot(session: Session, number: int | None, live: AScan | None = None) 
         remark = f"A-scan {number + 1} of {len(track)}"
     found = None if live is not None else detection_of_scan(session)
     probe = session.setup.devices.probe
-    view = preview(track, number, probe_model(probe.name), probe.excitation, found)
+    view = preview(track, number, probe_model(probe), probe.excitation, found)
     if found is not None:
         usable = view.inner_us is not None
         remark += f": bone {found.thickness_mm[number]:.2f} mm" if usable else ": not usable"

@@ -86,7 +86,8 @@ class Workbench:
         robot = setup.devices.robot
         place = setup.devices.tracker.place
         where = [robot.model, robot.base_shift_mm, robot.base_turn_deg, digest(place)]
-        key = digest([setup.seed, digest(setup.specimen), digest(setup.region), *where])
+        bone = [digest(part) for part in (setup.specimen, setup.region, setup.bone)]
+        key = digest([setup.seed, *bone, *where])
         with self._rig_lock:
             if self._closed:
                 raise DeviceError("the session is closed, and its devices with it")

@@ -1,7 +1,7 @@
 """Settings of the devices: plain frozen values that a session holds and a device is given."""
 
 from dataclasses import dataclass, field
-from typing import ClassVar, Literal
+from typing import ClassVar, Literal, get_args
 
 from rona_core.errors import InvalidInputError
 
@@ -11,6 +11,7 @@ TrackerProfile = Literal["ideal", "polaris", "white035", "spectra", "vega"]
 PointerKind = Literal["pointer6d", "pointer5d"]
 ProbeName = Literal["2.25MHz", "1MHz"]
 Excitation = Literal["pulse", "chirp"]
+PulseShape = Literal["resonant", "damped", "double", "ringing"]
 
 # Tracked rigid bodies, by name. New ones come last: each draws its noise after those before it.
 TOOLS = ("toolmarker", "pointer6d", "pointer5d", "basemarker")
@@ -18,6 +19,17 @@ TRACKER_RATES_HZ = (20.0, 60.0)  # lowest and highest
 LATENCY_MS = {"vega": 14.0}  # of profiles that state one; the others deliver at once
 # 3D RMS of what averaging leaves of the error of a marker, by what the makers state.
 FIELD_MM = {"ideal": 0.0, "polaris": 0.35, "white035": 0.0, "spectra": 0.25, "vega": 0.12}
+
+ROOM_C = 22.0  # temperature at which the delay lines are specified
+PROBE_LIMITS = {  # what a probe may be made of: the echo of its line comes before its record ends
+    "centre_mhz": (0.5, 5.0),
+    "bandwidth": (0.2, 0.9),
+    "aperture_mm": (3.0, 20.0),
+    "line_length_mm": (8.0, 25.0),
+    "adc_bits": (6, 16),
+    "gain_db": (-20.0, 40.0),
+    "line_temperature_c": (10.0, 45.0),
+}
 
 
 def require(condition: bool, message: str) -> None:
@@ -115,7 +127,10 @@ class RobotSettings:
 
 @dataclass(frozen=True, slots=True)
 class ProbeSettings:
-    """Which ultrasound probe, what it sends and how noisy its receiver is."""
+    """Which ultrasound probe, what it sends and how noisy its receiver is.
+
+    What is None is as the named probe has it.
+    """
 
     __pydantic_config__: ClassVar = STRICT
 
@@ -123,10 +138,28 @@ class ProbeSettings:
     excitation: Excitation = "chirp"
     front_snr_db: float = 50.0  # front echo peak over in-band noise rms, perpendicular contact
     pitch_mm: float = 1.0  # distance between A-scans along the path
+    centre_mhz: float | None = None
+    bandwidth: float | None = None  # full width at -6 dB over the centre frequency
+    aperture_mm: float | None = None  # diameter of the crystal
+    line_length_mm: float | None = None
+    pulse_shape: PulseShape | None = None
+    adc_bits: int | None = None
+    gain_db: float = 0.0  # of the receiver, over the one at which a front echo fills half its scale
+    line_temperature_c: float = ROOM_C  # that the line really has; its echo is timed for ROOM_C
 
     def __post_init__(self) -> None:
         require_within("front_snr_db", self.front_snr_db, 0.0, 90.0)
         require_within("pitch_mm", self.pitch_mm, 0.2, 10.0)
+        for name, (low, high) in PROBE_LIMITS.items():
+            value = getattr(self, name)
+            if value is not None:
+                require_within(name, value, low, high)
+        if self.pulse_shape is not None:
+            shapes = get_args(PulseShape)
+            require(
+                self.pulse_shape in shapes,
+                f"pulse_shape must be one of {', '.join(shapes)}, not {self.pulse_shape!r}",
+            )
 
 
 @dataclass(frozen=True, slots=True)

@@ -14,7 +14,7 @@ from rona_core.mapping.fuse import fit_cloud, thinned
 from rona_core.mapping.outliers import agreeing
 from rona_core.mapping.surface_fit import PlateFit, fit_plate
 from rona_core.ultrasound.detect import Detection
-from rona_core.ultrasound.probe import probe_model
+from rona_core.ultrasound.probe import ProbeModel, probe_model
 
 NEAR_MM = 2.5  # a cell is mapped if a sample lies this close
 LEAST_SAMPLES = 12
@@ -29,6 +29,7 @@ def build_maps(
     *,
     second: tuple[Detection, Poses] | None = None,
     cell_mm: float = 1.0,
+    probe: ProbeModel | None = None,
     progress: Progress = silent,
     cancel: Cancel = never,
 ) -> Maps:
@@ -41,6 +42,7 @@ def build_maps(
         second: What was found in the A-scans of a second pass, and the poses of the probe. Only
             their inner boundary counts, and they come last in the points of the maps.
         cell_mm: Width of a cell.
+        probe: That took the A-scans; None: the one that the detection names, unchanged.
         progress: Told the share that is done.
         cancel: Asked between the parts.
 
@@ -64,7 +66,7 @@ def build_maps(
     T_base_map = _frame(outer_base[usable], axes_base[usable])
     outer_map = T_base_map.inv() @ outer_base
     curvature = mean_curvature_per_mm(outer_map[_agreeing_among(usable, outer_map)])
-    late = lateness_mm(probe_model(detection.probe), curvature) * axes_base
+    late = lateness_mm(probe or probe_model(detection.probe), curvature) * axes_base
     outer_base, inner_base = outer_base - late, inner_base - late
     outer_map = T_base_map.inv() @ outer_base
     outer_used = _agreeing_among(usable, outer_map)

@@ -23,7 +23,7 @@ from rona_core.mapping.second_pass import SecondPassPath
 from rona_core.path.edits import PathEdits
 from rona_core.path.smooth import SimplifiedPath
 from rona_core.robot.plan import RobotPlan
-from rona_core.session.specimen import LoadedSkull, SimulatedSkull
+from rona_core.session.specimen import BoneChoice, LoadedSkull, SimulatedSkull
 from rona_core.surface.cloud import SurfaceCloud
 from rona_core.surface.normals import Normals
 from rona_core.surface.registration import SurfaceRegistration
@@ -66,6 +66,7 @@ class Setup:
     seed: int = 0
     specimen: SimulatedSkull | LoadedSkull = field(default_factory=SimulatedSkull)
     region: RegionChoice = field(default_factory=RegionChoice)
+    bone: BoneChoice = field(default_factory=BoneChoice)
     devices: DeviceSettings = field(default_factory=DeviceSettings)
     use_base_marker: bool = True  # to find a tracker again that was moved after the registration
 

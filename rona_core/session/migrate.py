@@ -76,6 +76,17 @@ def _tracked(capture: Any) -> Any:
 # Fields that schema 3 gave to values of schema 2: class -> field -> value it had in effect.
 ADDED_IN_3: dict[str, dict[str, Any]] = {
     "Captures": {"second": None},  # nobody had scanned the gaps again
+    "Setup": {"bone": {"$type": "BoneChoice", "kind": "normal", "own_speed": False}},
+    "ProbeSettings": {
+        "centre_mhz": None,
+        "bandwidth": None,
+        "aperture_mm": None,
+        "line_length_mm": None,
+        "pulse_shape": None,
+        "adc_bits": None,
+        "gain_db": 0.0,
+        "line_temperature_c": 22.0,
+    },
 }
 # Results of schema 2 that schema 3 holds more of: computed again by one click each.
 OUTGROWN_IN_3 = ("roll", "detection", "maps")

@@ -4,7 +4,7 @@ Coordinates are those of the specimen (``skull``): for a file, the coordinates o
 """
 
 from dataclasses import dataclass
-from typing import ClassVar, Literal
+from typing import ClassVar, Literal, get_args
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,6 +13,7 @@ from rona_core.arrays import Floats, Vector3, readonly
 from rona_core.errors import InvalidInputError
 
 Side = Literal["left", "right"]
+BoneKind = Literal["normal", "sharp", "hard"]
 SkullKind = Literal["mask", "ct", "mesh"]
 
 
@@ -27,6 +28,27 @@ class SimulatedSkull:
     def __post_init__(self) -> None:
         if self.side not in ("left", "right"):
             raise InvalidInputError(f"side must be 'left' or 'right', not {self.side!r}")
+
+
+@dataclass(frozen=True, slots=True)
+class BoneChoice:
+    """What the bone of the specimen is made of, as its shape does not say; for its echoes alone.
+
+    ``kind``: normal; sharp, where the diploe begins at once and echoes louder than the inner
+    boundary; or hard, with 2.5 times the scatter on top, and rougher. ``own_speed``: the patient's
+    speed of sound differs from the nominal one, as it does between people (3 %) and from place to
+    place (2 %).
+    """
+
+    __pydantic_config__: ClassVar = {"extra": "forbid", "allow_inf_nan": False}
+
+    kind: BoneKind = "normal"
+    own_speed: bool = True
+
+    def __post_init__(self) -> None:
+        kinds = get_args(BoneKind)
+        if self.kind not in kinds:
+            raise InvalidInputError(f"bone must be one of {', '.join(kinds)}, not {self.kind!r}")
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -21,18 +21,21 @@ Complexes = NDArray[np.complex128]
 
 @dataclass(frozen=True, slots=True)
 class Material:
-    """A fluid, or a solid below 10 degrees of incidence, where shear carries under 4 %."""
+    """A fluid, or a solid with shear; layers are counted by their compression waves alone."""
 
     speed_mm_per_us: float
     density_g_per_cm3: float
     attenuation_db_per_cm: float = 0.0  # at 1 MHz; grows with frequency to the power below
     power: float = 1.0
+    shear_mm_per_us: float = 0.0  # 0: a fluid
 
     def __post_init__(self) -> None:
         if not (self.speed_mm_per_us > 0 and self.density_g_per_cm3 > 0):
             raise InvalidInputError("a material needs a speed and a density above 0")
         if self.attenuation_db_per_cm < 0 or not 0.5 <= self.power <= 2.0:
             raise InvalidInputError("attenuation must be >= 0 and its power 0.5 to 2")
+        if not 0.0 <= self.shear_mm_per_us < self.speed_mm_per_us:
+            raise InvalidInputError("shear must be slower than compression")
 
     def wavenumber_per_mm(self, frequencies_mhz: Floats) -> Complexes:
         """Return the complex wavenumber (f,): a wave travels as exp(-j k x).
@@ -57,6 +60,6 @@ class Material:
 
 
 GEL = Material(1.50, 1.00, 0.05, 1.0)
-TABLE = Material(2.85, 1.90, 6.0, 1.0)  # White 2006
+TABLE = Material(2.85, 1.90, 6.0, 1.0, shear_mm_per_us=1.5)  # White 2006
 DIPLOE = Material(2.45, 1.70, 12.0, 1.0)  # Pichardo 2011; loss with scatter, Fry and Barger 1978
 BRAIN = Material(1.55, 1.04, 0.5, 1.0)

@@ -13,7 +13,7 @@ class Medium:
     ``ramp_mm`` is the width over which table turns into diploe. A sharp step makes the
     table-diploe echo stronger than that of the inner boundary; real bone has 0.3 to 0.8 mm.
     Roughness is the rms deviation of a boundary from its smooth shape; ``speckle`` is the rms
-    reflectivity of one 0.15 mm cell of diploe.
+    reflectivity of one 0.15 mm cell of diploe. ``MEDIA`` has them by name.
     """
 
     gel: Material = field(default=GEL)
@@ -24,8 +24,25 @@ class Medium:
     outer_roughness_mm: float = 0.02
     inner_roughness_mm: float = 0.05
     speckle: float = 0.02
+    local_speed_sd: float = 0.0  # relative rms of the speed of sound over the skull
 
     def __post_init__(self) -> None:
         values = (self.ramp_mm, self.outer_roughness_mm, self.inner_roughness_mm, self.speckle)
         if min(values) < 0:
             raise InvalidInputError("ramp, roughness and speckle must not be negative")
+        if not 0.0 <= self.local_speed_sd <= 0.1:
+            raise InvalidInputError("local_speed_sd must be 0 to 0.1")
+
+
+# "sharp": the table ends at once, so its echo is louder than that of the inner boundary; "hard":
+# 2.5 times the scatter on top, and rougher.
+MEDIA = {
+    "normal": Medium(),
+    "sharp": Medium(ramp_mm=0.0),
+    "hard": Medium(
+        ramp_mm=0.0,
+        outer_roughness_mm=0.03,
+        inner_roughness_mm=0.08,
+        speckle=0.05,
+    ),
+}

@@ -1,9 +1,9 @@
 """The two A-mode probes: transducer, delay line, transmitter and digitiser."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import get_args
 
-from rona_core.devices.settings import Excitation, ProbeName
+from rona_core.devices.settings import ROOM_C, Excitation, ProbeName, ProbeSettings, PulseShape
 from rona_core.errors import InvalidInputError
 from rona_core.ultrasound.material import Material
 
@@ -15,6 +15,8 @@ TAIL_US = 4.0  # and lasts this long after the last possible echo
 RING_DOWN_US = 1.0  # between the end of a chirp and the record
 SLOWEST_BONE_MM_PER_US = 2.3  # for the length of the record
 AQUALENE = Material(1.60, 0.92, 0.4, 1.2)
+SPEED_PER_K = -0.0025  # mm/us, of the line: rubber slows down as it warms
+LOSS_PER_K = -0.012  # and loses less, as a share of its loss
 
 
 @dataclass(frozen=True, slots=True)
@@ -38,6 +40,13 @@ class ProbeModel:
     film_mm: float = 0.1
     sampling_mhz: float = SAMPLING_MHZ
     adc_bits: int = ADC_BITS
+    pulse_shape: PulseShape = "resonant"
+    gain_db: float = 0.0  # of the receiver, over the gain that leaves a front echo half the scale
+
+    @property
+    def front_share(self) -> float:
+        """Peak of a perfect front echo over full scale; above 1 the converter clips it."""
+        return FULL_SCALE_SHARE * float(10.0 ** (self.gain_db / 20.0))
 
     @property
     def line_delay_us(self) -> float:
@@ -73,12 +82,40 @@ PROBES = {
 }
 
 
-def probe_model(name: str) -> ProbeModel:
-    """Return the model of a probe by its name.
+def probe_model(probe: str | ProbeSettings) -> ProbeModel:
+    """Return the model of a probe: by its name, or as its settings have changed it.
+
+    It is what a laboratory knows of its probe. What it does not know, the temperature of the line,
+    is not in it: the line is that of room temperature.
 
     Raises:
         InvalidInputError: there is no such probe.
     """
+    name = probe if isinstance(probe, str) else probe.name
     if name not in PROBES:
         raise InvalidInputError(f"probe must be one of {', '.join(get_args(ProbeName))}: {name!r}")
-    return PROBES[name]
+    if isinstance(probe, str):
+        return PROBES[name]
+    aperture_radius_mm = None if probe.aperture_mm is None else probe.aperture_mm / 2.0
+    chosen = {
+        "centre_mhz": probe.centre_mhz,
+        "bandwidth": probe.bandwidth,
+        "aperture_radius_mm": aperture_radius_mm,
+        "line_length_mm": probe.line_length_mm,
+        "pulse_shape": probe.pulse_shape,
+        "adc_bits": probe.adc_bits,
+        "gain_db": probe.gain_db,
+    }
+    return replace(PROBES[name], **{k: value for k, value in chosen.items() if value is not None})
+
+
+def warmed(line: Material, temperature_c: float) -> Material | None:
+    """Return a delay line at another temperature; None at the one it is specified for."""
+    rise = temperature_c - ROOM_C
+    if rise == 0.0:
+        return None
+    return replace(
+        line,
+        speed_mm_per_us=line.speed_mm_per_us + SPEED_PER_K * rise,
+        attenuation_db_per_cm=line.attenuation_db_per_cm * (1.0 + LOSS_PER_K * rise),
+    )

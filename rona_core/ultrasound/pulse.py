@@ -10,12 +10,10 @@ from rona_core.devices.settings import Excitation
 from rona_core.errors import InvalidInputError
 from rona_core.ultrasound.material import Complexes
 from rona_core.ultrasound.probe import ProbeModel
+from rona_core.ultrasound.pulse_shapes import PULSES
 
 GRID = 4096  # samples of the time axis that starts with the emission
 BAND = (0.15, 1.95)  # modelled frequencies over the centre frequency
-ORDER = 6  # poles of the resonance: a steep rise and a slow decay, as measured pulses have
-SECOND_LOBE = 0.10  # amplitude of a late second packet
-SECOND_LOBE_CYCLES = 2.8  # and when it comes
 CHIRP_TAPER = 0.3  # Tukey
 
 
@@ -33,12 +31,14 @@ def in_band(probe: ProbeModel, frequencies_mhz: Floats) -> np.typing.NDArray[np.
 def transducer_response(probe: ProbeModel, frequencies_mhz: Floats) -> Complexes:
     """Return the two-way response (f,) of the crystal: causal, several lobes, 1 in mid-band."""
     f, fc = frequencies_mhz, probe.centre_mhz
-    half = probe.bandwidth * fc / 2.0 / np.sqrt(4.0 ** (1.0 / ORDER) - 1.0)
-    resonance = (1.0 + 1j * (f - fc) / half) ** -ORDER
-    lobe = 1.0 - SECOND_LOBE * np.exp(-2j * np.pi * f * SECOND_LOBE_CYCLES / fc)
+    pulse = PULSES[probe.pulse_shape]
+    resonance = pulse.resonance((f - fc) / (probe.bandwidth * fc))
+    lobes = np.ones(len(f), dtype=np.complex128)
+    for size, cycles in pulse.lobes:
+        lobes += size * np.exp(-2j * np.pi * f * cycles / fc)
     low, high = BAND[0] * fc, BAND[1] * fc
     edge = np.clip(np.minimum((f - low) / (0.2 * fc), (high - f) / (0.35 * fc)), 0.0, 1.0)
-    return resonance * lobe * np.sin(0.5 * np.pi * edge) ** 2
+    return resonance * lobes * np.sin(0.5 * np.pi * edge) ** 2
 
 
 def chirp(probe: ProbeModel) -> Floats:

@@ -13,12 +13,15 @@ from rona_core.devices.samples import AScan
 from rona_core.devices.settings import ProbeSettings
 from rona_core.errors import DeviceError
 from rona_core.geometry.pose import Pose
-from rona_core.ultrasound.ascan import EchoModel, LayerProfile
+from rona_core.ultrasound.ascan import EchoModel
 from rona_core.ultrasound.beam import FACE_OVER_APERTURE
+from rona_core.ultrasound.bone_stack import LayerProfile
 from rona_core.ultrasound.medium import Medium
-from rona_core.ultrasound.probe import FULL_SCALE_SHARE, probe_model
+from rona_core.ultrasound.probe import probe_model, warmed
 
+MOST_ANGLE_RAD = 0.5  # steeper places of a boundary count as this steep
 RETREAT_MM = 12.0  # rays start this far before the face, which may lie inside the bone
+SLOPE_STEP_MM = 0.05  # between the places whose depths give a slope
 CAST_RINGS = 3  # hexagonal rings of cast rays: 37; the beam's rays are interpolated from them
 PROBE_STREAM = 0x9B0BE  # names the probe's share of the session's seed
 MICROSECONDS = 1e6
@@ -50,17 +53,23 @@ class VirtualProbe:
         self._closed = False
         self.begin(ProbeSettings(), seed=0, ordinal=0)
 
+    @property
+    def medium(self) -> Medium:
+        """Gel and bone as they are: ground truth."""
+        return self._medium
+
     def begin(self, settings: ProbeSettings, seed: int, ordinal: int) -> None:
         """Configure the probe for capture number ``ordinal`` of a session with this seed."""
-        self._model = probe_model(settings.name)
+        self._model = probe_model(settings)
         self._seed, self._ordinal = seed, ordinal
-        self._echo = EchoModel(self._model, settings.excitation, self._medium, seed)
+        line = warmed(self._model.line, settings.line_temperature_c)
+        self._echo = EchoModel(self._model, settings.excitation, self._medium, seed, line=line)
         radius_mm = FACE_OVER_APERTURE * self._model.aperture_radius_mm
         self._cast_mm = hexagon(radius_mm, CAST_RINGS)
-        self._spread, self._nearest = _interpolation(self._cast_mm, self._echo.ray_points_mm)
+        self._rays = _Interpolation(self._cast_mm, self._echo.ray_points_mm)
         # noise is white; its share in the -6 dB band has the rms that the setting asks for
         band = self._model.bandwidth * self._model.centre_mhz / (self._model.sampling_mhz / 2.0)
-        in_band = FULL_SCALE_SHARE * 10.0 ** (-settings.front_snr_db / 20.0)
+        in_band = self._model.front_share * 10.0 ** (-settings.front_snr_db / 20.0)
         self._noise = in_band / np.sqrt(band)
 
     def acquire(self) -> AScan:
@@ -86,6 +95,11 @@ class VirtualProbe:
         self._closed = True
 
     def _noiseless(self, T_skull_probe: Pose) -> Floats:
+        profile = self.profile(T_skull_probe)
+        return self._echo.lifted() if profile is None else self._echo.trace(profile)
+
+    def profile(self, T_skull_probe: Pose) -> LayerProfile | None:
+        """Return what each ray of the beam meets from this pose; None where the face is in air."""
         axis = T_skull_probe.rotation[:, 2]
         flat = np.column_stack((self._cast_mm, np.zeros(len(self._cast_mm))))
         face_skull = T_skull_probe @ flat
@@ -94,20 +108,32 @@ class VirtualProbe:
         outer = found[:, 0] - RETREAT_MM
         hit: Bools = np.asarray(np.isfinite(found).all(axis=1), dtype=np.bool_)
         if not hit[0] or abs(outer[0]) > self._model.compliance_mm:  # ray 0 is the axis
-            return self._echo.lifted()
+            return None
         depths = np.where(hit[:, None], found - RETREAT_MM, found[hit].mean(axis=0) - RETREAT_MM)
-        outer, diploe, table, inner = (self._spread @ depths).T
-        rays = np.column_stack((self._echo.ray_points_mm, outer))
-        return self._echo.trace(
-            LayerProfile(
-                outer_mm=outer,
-                table_mm=np.maximum(diploe - outer, 0.0),
-                diploe_mm=np.maximum(table - diploe, 0.0),
-                inner_table_mm=np.maximum(inner - table, 0.0),
-                hit=hit[self._nearest],
-                entries_skull=T_skull_probe @ rays,
-            )
+        outer, diploe, table, inner = (self._rays.values @ depths).T
+        outer_rad, inner_rad = self._angles(self._rays.slopes @ depths[:, (0, 3)])
+        return LayerProfile(
+            outer_mm=outer,
+            table_mm=np.maximum(diploe - outer, 0.0),
+            diploe_mm=np.maximum(table - diploe, 0.0),
+            inner_table_mm=np.maximum(inner - table, 0.0),
+            hit=hit[self._rays.nearest],
+            entries_skull=T_skull_probe @ np.column_stack((self._echo.ray_points_mm, outer)),
+            outer_angle_rad=outer_rad,
+            inner_angle_rad=inner_rad,
         )
+
+    def _angles(self, slopes: Floats) -> tuple[Floats, Floats]:
+        """Return the angles of incidence (n,) on outer and inner boundary from slopes (2, n, 2).
+
+        In the bone the wave travels as refraction sends it; for such small angles, these add.
+        """
+        outer, inner = slopes[..., 0], slopes[..., 1]
+        ratio = self._medium.table.speed_mm_per_us / self._medium.gel.speed_mm_per_us
+        at_inner = np.hypot(*(inner - outer + ratio * outer))
+        limit = np.tan(MOST_ANGLE_RAD)
+        at_outer = np.hypot(*outer)
+        return np.arctan(np.minimum(at_outer, limit)), np.arctan(np.minimum(at_inner, limit))
 
 
 def hexagon(radius_mm: float, rings: int) -> Floats:
@@ -119,7 +145,14 @@ def hexagon(radius_mm: float, rings: int) -> Floats:
     return np.concatenate(points)
 
 
-def _interpolation(cast_mm: Floats, rays_mm: Floats) -> tuple[Floats, Ints]:
-    """Return the thin-plate matrix (rays, cast) and the nearest cast ray of each ray."""
-    matrix = RBFInterpolator(cast_mm, np.eye(len(cast_mm)))(rays_mm)
-    return matrix, np.asarray(KDTree(cast_mm).query(rays_mm)[1], dtype=np.int64)
+class _Interpolation:
+    """From depths at the cast rays (c,) to depths and slopes at the rays of the beam (n,)."""
+
+    def __init__(self, cast_mm: Floats, rays_mm: Floats) -> None:
+        thin_plate = RBFInterpolator(cast_mm, np.eye(len(cast_mm)))
+        self.values: Floats = thin_plate(rays_mm)  # (n, c)
+        steps = SLOPE_STEP_MM * np.eye(2)
+        self.slopes: Floats = np.stack(  # (2, n, c) along x and y of the probe
+            [thin_plate(rays_mm + h) - thin_plate(rays_mm - h) for h in steps]
+        ) / (2.0 * SLOPE_STEP_MM)
+        self.nearest: Ints = np.asarray(KDTree(cast_mm).query(rays_mm)[1], dtype=np.int64)

@@ -9,6 +9,7 @@ from rona_core.devices.protocols import Origin
 from rona_core.devices.settings import DeviceSettings
 from rona_core.geometry.pose import Pose
 from rona_core.robot.model import RobotModel, robot_model
+from rona_core.ultrasound.medium import Medium
 from rona_core.virtual.clock import CaptureClock
 from rona_core.virtual.display import VirtualDisplay
 from rona_core.virtual.live_tracker import VirtualLiveTracker
@@ -46,13 +47,19 @@ class VirtualRig:
     """The virtual devices; satisfies ``devices.Rig``.
 
     Everything that is measured follows from the seed, the specimen, the settings and the ordinal of
-    the capture. ``speed`` is the pace at which captures are shown, see ``CaptureClock``.
+    the capture. ``speed`` is the pace at which captures are shown, see ``CaptureClock``;
+    ``medium`` is what the bone is made of.
     """
 
     origin: Origin = "VIRTUAL"
 
     def __init__(
-        self, seed: int, specimen: "Specimen", settings: DeviceSettings, speed: float | None = None
+        self,
+        seed: int,
+        specimen: "Specimen",
+        settings: DeviceSettings,
+        speed: float | None = None,
+        medium: Medium | None = None,
     ) -> None:
         """Build the scene and switch the devices on, ready for capture 0."""
         self.scene = build_scene(seed, specimen, settings)
@@ -67,7 +74,7 @@ class VirtualRig:
         self.live_tracker = VirtualLiveTracker(
             seed, self._toolmarker_now, self._basemarker_now, clear=self._clear_now
         )
-        self.probe = VirtualProbe(self.clock, self._true_probe, specimen)
+        self.probe = VirtualProbe(self.clock, self._true_probe, specimen, medium)
         self.display = VirtualDisplay(self.scene, self._pointer_now)
         self.begin(settings, 0)
 

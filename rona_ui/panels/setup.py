@@ -4,6 +4,7 @@ from pathlib import PurePath
 from typing import Any
 
 from rona_core.app.messages import (
+    SetBone,
     SetPointer,
     SetProbe,
     SetReference,
@@ -23,6 +24,7 @@ from rona_ui.view_state import Picture
 
 FILES = ".nrrd,.nii,.gz,.stl,.ply,.obj"
 ROBOT = ("model", "errors", "scan_speed_mm_per_s", "base_shift_mm", "base_turn_deg")
+BONES = {"Normal": "normal", "Sharp diploe": "sharp", "Hard: sharp, more scatter": "hard"}
 SKULLS = {"Simulated, left side": "left", "Simulated, right side": "right", "From a file": "file"}
 
 
@@ -41,6 +43,8 @@ class SetupPanel(StepPanel):
         self._tracker = TrackerFields(form)
         form.number("seed", "Seed", 0, 0, 2**31 - 1, 1, "Patient, placement and every noise")
         form.choice("skull", "Skull", SKULLS, "left", "A file is read below")
+        form.choice("kind", "Bone", BONES, "normal", "Known to the virtual probe alone")
+        form.tick("own_speed", "Own speed of sound", True, "As people differ: by 3 %")
         form.number("radius_mm", "Region radius (mm)", 25.0, 5.0, 45.0, 1.0)
         with gui.add_folder("Devices", expand_by_default=False):
             self._tracker.build()
@@ -95,12 +99,14 @@ class SetupPanel(StepPanel):
             "radius_mm": lambda: SetRegion(**self.form.values("radius_mm")),
             "pointer": lambda: SetPointer(self.form.values("pointer")["pointer"]),
             "skull": self._skull,
+            "kind": self._bone,
+            "own_speed": self._bone,
             "use_base_marker": lambda: SetReference(**self.form.values("use_base_marker")),
         }
         if name in PLACE:
             key, build = "place", self._tracker.place
         elif name in make:
-            key, build = name, make[name]
+            key, build = "bone" if make[name] == self._bone else name, make[name]
         elif name in NAMES:
             self._tracker.changed(name)
             key, build = "tracker", self._tracker.message
@@ -115,6 +121,9 @@ class SetupPanel(StepPanel):
 
     def _skull(self) -> UseSimulatedSkull:
         return UseSimulatedSkull(self.form.values("skull")["skull"])
+
+    def _bone(self) -> SetBone:
+        return SetBone(**self.form.values("kind", "own_speed"))
 
     def _robot(self) -> SetRobot:
         return SetRobot(**self.form.values(*ROBOT))
@@ -142,6 +151,8 @@ def _held(session: Session) -> dict[str, Any]:
     return {
         "seed": setup.seed,
         "skull": getattr(setup.specimen, "side", "file"),
+        "kind": setup.bone.kind,
+        "own_speed": setup.bone.own_speed,
         "radius_mm": setup.region.radius_mm,
         "pointer": devices.pointer,
         "name": devices.probe.name,

@@ -5,15 +5,14 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.signal import hilbert
-from scipy.special import hankel2
 
 from rona_core.errors import InvalidInputError
-from rona_core.ultrasound.ascan import EchoModel, LayerProfile, echo_bands
-from rona_core.ultrasound.layers import stack_reflection, step
-from rona_core.ultrasound.material import BRAIN, DIPLOE, TABLE, Material
+from rona_core.ultrasound.ascan import EchoModel
+from rona_core.ultrasound.bone_stack import LayerProfile
+from rona_core.ultrasound.layers import stack_reflection
+from rona_core.ultrasound.material import BRAIN, DIPLOE, TABLE
 from rona_core.ultrasound.medium import Medium
 from rona_core.ultrasound.probe import FULL_SCALE_SHARE, probe_model
-from tests.ultrasound_scenes import kwave
 
 PROBE = probe_model("2.25MHz")
 QUIET = Medium(ramp_mm=0.0, outer_roughness_mm=0.0, inner_roughness_mm=0.0, speckle=0.0)
@@ -37,15 +36,16 @@ def test_perfect_contact_uses_the_stated_share_of_the_converter():
         assert np.abs(model.perfect_front()).max() == pytest.approx(FULL_SCALE_SHARE)
 
 
-def test_a_flat_bone_echoes_as_its_layers_do_on_a_perfect_mirror():
+@pytest.mark.parametrize(("exact", "off"), [(True, 1e-12), (False, 3e-7)])
+def test_a_flat_bone_echoes_as_its_layers_do_on_a_perfect_mirror(exact, off):
     """All rays alike: the trace is the mirror's echo times the reflection of the whole stack."""
-    model = EchoModel(PROBE, "pulse", QUIET, 0)
+    model = EchoModel(PROBE, "pulse", QUIET, 0, exact=exact)
     f = model._beam.frequencies_mhz
     stack = (PROBE.line, QUIET.gel, TABLE, DIPLOE, TABLE, BRAIN)
     reflection = stack_reflection(stack, (PROBE.film_mm, 1.8, 2.4, 1.8), f)
     shortened = np.exp(2j * PROBE.line.wavenumber_per_mm(f) * PROBE.film_mm)
-    exact = model._record(model._beam.weights.sum(axis=0) * shortened * reflection)
-    np.testing.assert_allclose(model.trace(flat(model)), exact, atol=1e-12)
+    whole = model._record(model._beam.weights.sum(axis=0) * shortened * reflection)
+    np.testing.assert_allclose(model.trace(flat(model)), whole, atol=off)
 
 
 @settings(max_examples=15, deadline=None)
@@ -137,40 +137,3 @@ def test_a_profile_for_another_beam_is_refused():
     short = replace(profile, outer_mm=profile.outer_mm[:-1])
     with pytest.raises(InvalidInputError, match="rays"):
         model.trace(short)
-
-
-@pytest.mark.parametrize(
-    ("name", "least"),
-    [("1mhz_flat", 0.998), ("2.25mhz_flat", 0.99), ("2.25mhz_r80", 0.99), ("2.25mhz_tilt2", 0.98)],
-)
-def test_the_beam_agrees_with_kwave_in_two_dimensions(name, least):
-    """A strip aperture in water over flat, curved and tilted bone, against the wave equation."""
-    data = kwave(f"kwave_2d_{name}")
-    dt, sent = float(data["dt"]) * 1e6, data["sig"]
-    a, reach, tilt, radius = (float(data[key]) for key in ("a", "L", "tilt", "Rc"))
-    a, reach, radius = 1e3 * a, 1e3 * reach, 1e3 * radius
-    n = 1 << 13
-    f, spectrum = np.fft.rfftfreq(n, dt), np.fft.rfft(sent, n)
-    heard = np.flatnonzero(np.abs(spectrum) > 2e-3 * np.abs(spectrum).max())
-    band = np.arange(heard[0], heard[-1] + 1)
-    media = [
-        Material(*m) for m in ((1.5, 1.0), (2.85, 1.9), (2.45, 1.7), (2.85, 1.9), (1.56, 1.04))
-    ]
-    z, k = zip(*((m.impedance(f[band]), m.wavenumber_per_mm(f[band])) for m in media), strict=True)
-    x, source = np.linspace(-1.6 * a, 1.6 * a, 121), (np.arange(160) + 0.5) / 80 * a - a
-    way = np.sqrt((x[:, None] - source) ** 2 + reach**2)
-    field = np.stack(
-        [(-0.5j * kj * hankel2(1, kj.real * way) * reach / way).sum(axis=1) for kj in k[0]], axis=1
-    ) * (a / 80)
-    gap = x * np.tan(tilt) + (x**2 / (2 * radius) if radius else 0.0)
-    bone = np.repeat(step(z[3], z[4]).near[None, :], len(x), axis=0)
-    for i, depth in ((2, 1.5), (1, 2.5), (0, 2.0)):
-        bone = bone * np.exp(-2j * k[i + 1] * depth / np.cos(tilt))
-        bone = step(z[i], z[i + 1]).seen_with(bone)
-    weights = field**2 * (x[1] - x[0]) / (2 * a)
-    gel = np.exp(-2j * np.multiply.outer(gap, k[0]))
-    total = np.zeros(len(f), dtype=complex)
-    total[band] = echo_bands(weights, np.ones((1, 1)), gel, bone, np.zeros(len(band)))
-    model = np.fft.irfft(spectrum * total, n)[: len(data["p"])]
-    late = np.arange(len(model)) * dt > 10.5  # after the emission
-    assert np.corrcoef(model[late], data["p"][late])[0, 1] > least

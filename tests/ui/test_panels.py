@@ -9,6 +9,7 @@ from fake_gui import FakeClient, FakeGui
 from rona_core.app.jobs import JobStatus
 from rona_core.app.messages import (
     MoveTracker,
+    SetBone,
     SetReference,
     SetTracker,
     StartPointerCapture,
@@ -231,6 +232,19 @@ def test_moving_the_tracker_is_one_command_and_the_base_marker_another() -> None
     marker.value = False
     marker.happen(CLIENT)
     assert recorder.sent == [MoveTracker((5.0, 0.0, 0.0), 2.0), SetReference(False)]
+
+
+def test_the_kind_of_bone_and_its_speed_are_one_command() -> None:
+    gui, recorder = FakeGui(), Recorder()
+    panel = SetupPanel(gui, recorder.door)
+    panel.render(None, held_picture())
+    kind, own = gui.find("dropdown", "Bone"), gui.find("checkbox", "Own speed of sound")
+    assert own.value is True
+    kind.value = "Hard: sharp, more scatter"
+    kind.happen(CLIENT)
+    own.value = False
+    own.happen(CLIENT)
+    assert recorder.sent[-1] == SetBone("hard", own_speed=False)
 
 
 def test_a_profile_brings_its_own_latency_until_one_is_typed() -> None:

@@ -1,0 +1,114 @@
+"""The model of echoes: against the wave equation, against its exact form, and how fast it is.
+
+The front echo of a strip in 2D is counted twice: as it is, and over that of perpendicular flat
+bone on the same grid, since all echoes of that grid lie some 0.4 dB low; against the image of
+the strip in a mirror, which needs no grid, it is right to 0.1 dB.
+"""
+
+from dataclasses import replace
+
+import numpy as np
+
+from benchmarks.kwave_cases import STRIPS, mirror_level_db, plane_wave, strip
+from benchmarks.metric import Metric, Progress, cpu_ms
+from rona_core.arrays import Floats
+from rona_core.ultrasound.ascan import EchoModel
+from rona_core.ultrasound.bone_stack import LayerProfile
+from rona_core.ultrasound.material import GEL, TABLE
+from rona_core.ultrasound.medium import MEDIA
+from rona_core.ultrasound.oblique import oblique_step
+from rona_core.ultrasound.probe import PROBES
+
+L2, CORRELATION, FRONT_DB, FRONT_NS = 0.015, 0.99, 0.5, 31.0
+FASTEST, FAST_ERROR = 800.0, 0.001  # A-scans a second; share of the exact record
+OBLIQUE_DEG = 10.0
+BONES, ROUNDS = 40, 5
+
+
+def run(progress: Progress) -> list[Metric]:
+    """Return agreement, errors and speed."""
+    progress("the wave equation in 1D and 2D")
+    metrics = [*against_waves(), *at_an_angle()]
+    for name in PROBES:
+        progress(f"{BONES} bones under the {name} probe, fast and exact")
+        metrics += fast_and_exact(name)
+    return metrics
+
+
+def against_waves() -> list[Metric]:
+    """Return the agreement with stored k-Wave fields, nothing where they are not here."""
+    plane = plane_wave()
+    error = None if plane is None else plane.l2_error
+    metrics = [Metric("l2_error, plane wave", error, "share", "lower", L2)]
+    fronts: dict[str, float] = {}
+    for name in STRIPS:
+        found = strip(name)
+        if found is None:
+            continue
+        fronts[name] = found.front_db
+        flat = fronts[f"{name.split('_')[0]}_flat"]
+        goal = FRONT_DB if name.endswith("flat") else None
+        metrics += [
+            Metric(f"correlation, {name}", found.correlation, "1", "higher", CORRELATION),
+            Metric(f"front_level_db, {name}", abs(found.front_db), "dB", "lower", goal),
+            Metric(f"front_time_ns, {name}", abs(found.front_ns), "ns", "lower", FRONT_NS),
+        ]
+        if goal is None:
+            over_flat = abs(found.front_db - flat)
+            metrics.append(
+                Metric(f"front_over_flat_db, {name}", over_flat, "dB", "lower", FRONT_DB)
+            )
+    for lean_deg in (0.0, 1.0, 2.0):
+        level = abs(mirror_level_db(lean_deg, 2.25, 3.175, 10.0))
+        metrics.append(
+            Metric(f"front_level_db, image, {lean_deg:g} deg", level, "dB", "lower", FRONT_DB)
+        )
+    return metrics
+
+
+def at_an_angle() -> list[Metric]:
+    """Return what a fluid in place of bone would change at 10 degrees."""
+    angle = np.deg2rad(np.array([OBLIQUE_DEG]))
+    solid = oblique_step(GEL, TABLE, angle)
+    fluid = oblique_step(GEL, replace(TABLE, shear_mm_per_us=0.0), angle)
+    apart = 20.0 * np.log10(float(fluid.from_fluid[0] / solid.from_fluid[0]))
+    return [
+        Metric("shear_energy, 10 deg", float(solid.shear_energy[0]), "share", "lower", 0.05),
+        Metric("fluid_front_error_db, 10 deg", apart, "dB", "lower", FRONT_DB),
+    ]
+
+
+def fast_and_exact(name: str) -> list[Metric]:
+    """Return the error of the fast way and the speed of both, on bones with everything in them."""
+    medium = replace(MEDIA["hard"], ramp_mm=0.5, local_speed_sd=0.02)
+    fast, exact = (EchoModel(PROBES[name], "pulse", medium, 1, exact=e) for e in (False, True))
+    rays = len(fast.ray_points_mm)
+    bones = [bone(np.random.default_rng(i), fast.ray_points_mm) for i in range(BONES)]
+    records = [model.traces(bones) for model in (fast, exact)]
+    error = float(np.linalg.norm(records[0] - records[1]) / np.linalg.norm(records[1]))
+    single = 1e3 * BONES / cpu_ms(lambda: [fast.trace(one) for one in bones], ROUNDS)
+    many = 1e3 * BONES / cpu_ms(lambda: fast.traces(bones), ROUNDS)
+    slow = 1e3 * BONES / cpu_ms(lambda: exact.traces(bones), ROUNDS)
+    return [
+        Metric(f"fast_l2_error, {name}", error, "share", "lower", FAST_ERROR),
+        Metric(f"ascans_per_s, {name}, {rays} rays", many, "1/s", "higher", FASTEST),
+        Metric(f"ascans_per_s one by one, {name}", single, "1/s", "higher", FASTEST),
+        Metric(f"ascans_per_s exact, {name}", slow, "1/s", "higher"),
+    ]
+
+
+def bone(random: np.random.Generator, xy: Floats) -> LayerProfile:
+    """Return a tilted, curved bone with a wedge under rays at (n, 2)."""
+    n = len(xy)
+    gap = random.uniform(-0.3, 0.3) + xy @ random.normal(0.0, 0.02, 2) + (xy**2).sum(axis=1) / 160.0
+    wedge = random.normal(0.0, 0.1, 2)
+    return LayerProfile(
+        outer_mm=gap,
+        table_mm=random.uniform(1.2, 2.5) + 0.2 * xy @ wedge,
+        diploe_mm=random.uniform(1.0, 4.0) + 0.4 * xy @ wedge,
+        inner_table_mm=random.uniform(1.2, 2.5) + 0.4 * xy @ wedge,
+        hit=np.ones(n, dtype=np.bool_),
+        entries_skull=np.column_stack((xy + random.uniform(-20.0, 20.0, 2), gap)),
+        outer_angle_rad=np.full(n, 0.03),
+        inner_angle_rad=np.full(n, float(np.hypot(*wedge))),
+    )
