@@ -75,7 +75,7 @@ def record(case: Case) -> Recording:
     standoff = case.standoff_us + case.standoff_sd_us * rng.standard_normal(n)
     contact = rng.random(n) >= case.dropout
     size = 2 * m
-    f = np.fft.rfftfreq(size, 1.0 / case.sampling_mhz)
+    f: Floats = np.fft.rfftfreq(size, 1.0 / case.sampling_mhz).astype(np.float64)
     pulse = _pulse(case, f, size)
     spectrum = np.zeros((n, len(f)), dtype=np.complex128)
     for level, water_us, bone_mm in _arrivals(case, standoff, thickness):
@@ -193,7 +193,9 @@ ALUMINIUM = Case(thickness_mm=8.0, speed=6.35, front=0.84, loss_db_per_cm_mhz=0.
 
 CASES: dict[str, Case] = {
     "plate": PLATE,
-    "plate, 30 mm": varied(PLATE, thickness_mm=30.0, standoff_us=28.0, loss_db_per_cm_mhz=1.5, length_us=80.0),
+    "plate, 30 mm": varied(
+        PLATE, thickness_mm=30.0, standoff_us=28.0, loss_db_per_cm_mhz=1.5, length_us=80.0
+    ),
     "plate over a floor": varied(PLATE, floor_gap_mm=12.0),
     "PMMA over a floor": varied(PMMA, floor_gap_mm=15.0),
     "PMMA 30 mm, clipped, floor": varied(

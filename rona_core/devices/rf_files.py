@@ -80,9 +80,7 @@ def rf_from_arrays(arrays: Mapping[str, Any], name: str) -> RecordedRf:
             f"{name}: t0 is {start_s:g} s: expected seconds, such as {start_s * 1e-6:g}"
         )
     positions = _positions(arrays["positions"], len(rf), name) if "positions" in arrays else None
-    return RecordedRf(
-        name, readonly(rf), rate_hz * 1e-6, start_s * 1e6, start_known, positions
-    )
+    return RecordedRf(name, readonly(rf), rate_hz * 1e-6, start_s * 1e6, start_known, positions)
 
 
 # ------------------------------------------------------------------ values
@@ -210,20 +208,33 @@ def _arrays(file: NamedFile) -> dict[str, Any]:
 def _from_hdf5(file: NamedFile) -> dict[str, Any]:
     found: dict[str, Any] = {}
     with h5py.File(io.BytesIO(file.data), "r") as data:
-        matlab = any("MATLAB_class" in item.attrs for item in data.values())
-        for key in data:
-            found[key] = None
+        matlab = any(
+            "MATLAB_class" in data[key].attrs
+            for key in KEYS
+            if isinstance(data.get(key, getlink=True), h5py.HardLink)
+        )
+        found |= dict.fromkeys(str(key) for key in data)
         for key in KEYS:
-            item = data[key] if key in data else data.attrs.get(key)
+            item = _own(data, key, file.name) if key in data else data.attrs.get(key)
             if item is None:
                 continue
             if isinstance(item, h5py.Group):
                 raise InvalidInputError(f"{file.name}: {key} is a group, expected numbers")
-            if getattr(item, "size", 0) and int(item.size) > MAX_VALUES:
+            if int(getattr(item, "size", 0) or 0) > MAX_VALUES:
                 raise InvalidInputError(f"{file.name}: {key} has {item.size} values")
             value = np.asarray(item[()] if isinstance(item, h5py.Dataset) else item)
             found[key] = value.T if matlab else value  # MATLAB writes columns first
     return _known(found)
+
+
+def _own(data: Any, key: str, name: str) -> Any:
+    """Return what is in the file itself: nothing that it points to elsewhere is opened."""
+    link = data.get(key, getlink=True)
+    item = data[key] if isinstance(link, h5py.HardLink) else None
+    elsewhere = isinstance(item, h5py.Dataset) and (item.external or item.is_virtual)
+    if item is None or elsewhere:
+        raise InvalidInputError(f"{name}: {key} lies in another file: expected it in this one")
+    return item
 
 
 def _from_npz(file: NamedFile) -> dict[str, Any]:

@@ -18,6 +18,7 @@ LOBE_REACH = 4.5  # of the pulse, over its length
 LOBE_LEVEL = 0.16  # over the front; lobes of real pulses are below
 STEADY = 0.6  # share of scans that agree with their neighbours
 AGREES = 0.25  # of the pulse length
+WANDERS = 0.2  # cycles that a lobe may seem to move
 TWICE = 0.35  # of the pulse length: how well a multiple fits
 
 
@@ -44,16 +45,16 @@ def choose_back_wall(
     own = [k for k, t in enumerate(tracks) if not _is_foreign(t, front_us, ok, start_known, tracks)]
     if not own:
         return None
-    steadies = [_steadiness(t, near, positions_mm, band) for t in tracks]
+    judged = [_steadiness(t, near, positions_mm, band) for t in tracks]
     full = max(float(tracks[k].there.sum()) for k in own)
-    own = [k for k in own if tracks[k].there.sum() >= 0.5 * full and steadies[k] >= STEADY]
+    own = [k for k in own if tracks[k].there.sum() >= 0.5 * full and judged[k][0] >= STEADY]
     if not own:
         return None
     loudest = max(tracks[k].typical_level for k in own)
     loud = [k for k in own if tracks[k].typical_level >= LEAST_SHARE * loudest]
     loud.sort(key=lambda k: tracks[k].typical_us)
     for k in loud:
-        if not _is_lobe(tracks[k], [tracks[j] for j in loud if j != k], band):
+        if not _is_lobe(tracks[k], judged[k][1], [tracks[j] for j in loud if j != k], band):
             return k
     return loud[0]
 
@@ -76,13 +77,15 @@ def _is_foreign(
     return False
 
 
-def _is_lobe(track: Track, others: list[Track], band: Band) -> bool:
+def _is_lobe(track: Track, wanders: bool, others: list[Track], band: Band) -> bool:
     """Return whether an early weak echo is rather the end of the front's own pulse."""
-    early = track.typical_us < LOBE_REACH * band.length_us
-    if not early or track.typical_level > LOBE_LEVEL or _wanders(track, band):
+    if wanders or not is_early_and_weak(track, band):
         return False
-    louder = [t for t in others if t.typical_level > 0.8 * track.typical_level]
-    later = [t for t in louder if t.typical_us > track.typical_us]
+    later = [
+        t
+        for t in others
+        if t.typical_level > 0.8 * track.typical_level and t.typical_us > track.typical_us
+    ]
     multiples = [
         t
         for t in later
@@ -92,28 +95,29 @@ def _is_lobe(track: Track, others: list[Track], band: Band) -> bool:
     return bool(later) and not multiples
 
 
-def _wanders(track: Track, band: Band) -> bool:
-    """Return whether an echo changes its distance from the front, as no lobe does."""
-    return bool(
-        track.there.sum() >= 5 and _spread(track.lag_us[track.there]) > 0.2 / band.centre_mhz
-    )
+def is_early_and_weak(track: Track, band: Band) -> bool:
+    """Return whether an echo could be a lobe of the front's own pulse."""
+    return track.typical_us < LOBE_REACH * band.length_us and track.typical_level < LOBE_LEVEL
 
 
-def _steadiness(track: Track, near: Ints, positions_mm: Floats | None, band: Band) -> float:
-    """Return the share of scans that agree with their neighbours."""
+def _steadiness(
+    track: Track, near: Ints, positions_mm: Floats | None, band: Band
+) -> tuple[float, bool]:
+    """Return the share of scans that agree with their neighbours, and whether the echo wanders.
+
+    It does if it changes its distance from the front, as no lobe does, and smoothly, as noise
+    does not.
+    """
+    if near.shape[1] < 3:
+        return 1.0, False
     around = predicted(track.lag_us, track.there, near, positions_mm)
     known = track.there & np.isfinite(around)
-    if near.shape[1] < 3:
-        return 1.0
-    return float((np.abs(track.lag_us - around)[known] < AGREES * band.length_us).sum()) / max(
-        float(known.sum()), 1.0
-    )
-
-
-def is_locked(track: Track, band: Band) -> bool:
-    """Return whether an echo may be a lobe of the front: early, weak, and always there."""
-    early = track.typical_us < LOBE_REACH * band.length_us
-    return early and track.typical_level < LOBE_LEVEL and not _wanders(track, band)
+    if not known.any():
+        return 0.0, False
+    off = (track.lag_us - around)[known]
+    spread = _spread(track.lag_us[known])
+    wanders = spread > WANDERS / band.centre_mhz and _spread(off) < 0.5 * spread
+    return float((np.abs(off) < AGREES * band.length_us).mean()), wanders
 
 
 def _spread(values: Floats) -> float:

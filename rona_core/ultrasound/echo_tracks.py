@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import breadth_first_order, minimum_spanning_tree
-from scipy.spatial import cKDTree
+from scipy.spatial import KDTree
 
 from rona_core.arrays import Bools, Floats, Ints
 from rona_core.ultrasound.recorded_signal import Band, Complexes
@@ -15,6 +15,7 @@ LEAST_SNR = 3.5  # of a peak over the rms of the envelope
 TRACKS = 10
 LEAST_COVERAGE = 0.4
 MENDED = 0.5  # of the pulse length: farther off what neighbours predict, a scan has strayed
+MENDINGS = 12  # each brings back scans beside those that stayed
 NEIGHBOURS = 8
 TEAR = 4.0  # cost of a break between neighbours
 STEP = 0.6  # lag over the pulse length that costs 1
@@ -63,7 +64,7 @@ def neighbour_tree(ok: Bools, positions_mm: Floats | None) -> tuple[Ints, Ints]:
         parents[index[1:]] = index[:-1]
         return index, parents
     count = min(NEIGHBOURS + 1, n)
-    distance, other = cKDTree(place).query(place, k=count)
+    distance, other = KDTree(place).query(place, k=count)
     # the order of the file joins what is too far apart to be neighbours
     chain = np.linalg.norm(np.diff(place, axis=0), axis=1) + float(distance.max())
     weights = np.concatenate((distance.ravel(), chain)) + 1e-9
@@ -85,7 +86,7 @@ def neighbours(n: int, positions_mm: Floats | None) -> Ints:
     else:
         place = positions_mm
     count = min(NEIGHBOURS + 1, n)
-    found = np.asarray(cKDTree(place).query(place, k=count)[1], dtype=np.int64).reshape(n, count)
+    found = np.asarray(KDTree(place).query(place, k=count)[1], dtype=np.int64).reshape(n, count)
     # among scans at one place the first found need not be the scan itself
     own = found == np.arange(n)[:, None]
     own[~own.any(axis=1), -1] = True
@@ -156,7 +157,8 @@ def find_peaks(
     bend = near[0] - 2.0 * level + near[1]
     flat = (bend >= 0) | (level == 0)
     offset = np.where(flat, 0.0, 0.5 * (near[0] - near[1]) / np.where(flat, -1.0, bend))
-    return Peaks((first - zero + at + offset) * step_us, level, noise)
+    lag_us: Floats = ((first - zero + at + offset) * step_us).astype(np.float64)
+    return Peaks(lag_us, level, noise)
 
 
 def follow(peaks: Peaks, tree: tuple[Ints, Ints], band: Band, ok: Bools) -> list[Track]:
@@ -191,7 +193,7 @@ def mended(
         return track
     lag, level, there = track.lag_us, track.level, track.there
     reach = MENDED * band.length_us
-    for _ in range(3):
+    for _ in range(MENDINGS):
         around = predicted(lag, there, near, positions_mm)
         off = np.where(peaks.level > 0, np.abs(peaks.lag_us - around[:, None]), np.inf)
         off = np.where(np.isfinite(off), off, np.inf)

@@ -47,7 +47,7 @@ def align_echoes(
         search_us: How far from the centre it may lie.
         reshape: Factors (n, f) that make the echoes alike, on ``window_frequencies``.
     """
-    start = np.clip(centers, 0, z.shape[1] - 1).astype(np.int64)
+    start: Ints = np.clip(centers, 0, z.shape[1] - 1).astype(np.int64)
     f = window_frequencies(sampling_mhz, band)
     at = start.astype(np.float64)
     mean = np.zeros(0, dtype=np.complex128)
@@ -58,8 +58,9 @@ def align_echoes(
         norms = np.maximum(np.sqrt((np.abs(spectra) ** 2).sum(axis=1)), TINY)
         if number == 0:
             mean = _reference(spectra, used, norms)
-        limits = start - reach - whole, start + reach - whole
-        shift, peak = _lags(spectra * np.conj(mean), sampling_mhz, band, *limits)
+        around = (start - whole).astype(np.float64)
+        cross = spectra * np.conj(mean)
+        shift, peak = _lags(cross, sampling_mhz, band, around - reach, around + reach)
         at = whole + shift
         turned = spectra * np.exp(2j * np.pi * f * shift[:, None] / sampling_mhz)
         power = max(float((np.abs(mean) ** 2).sum()), TINY)
@@ -87,15 +88,17 @@ def locate_echoes(
     start = np.clip(centers, 0, z.shape[1] - 1).astype(np.int64)
     mean, reach = template.spectrum, search_us * sampling_mhz
     power = max(float((np.abs(mean) ** 2).sum()), TINY)
-    whole, at, peak, norms = start, start.astype(float), start * 0.0, start * 0.0 + 1.0
+    whole, at = start, start.astype(np.float64)
+    peak, norms = np.zeros(len(z)), np.ones(len(z))
     for _ in range(2):  # the second time with the window where the echo is
         whole = np.rint(at).astype(np.int64)
         spectra = _spectra(z, whole, sampling_mhz, band, reshape)
         norms = np.maximum(np.sqrt((np.abs(spectra) ** 2).sum(axis=1)), TINY)
-        limits = start - reach - whole, start + reach - whole
-        shift, peak = _lags(spectra * np.conj(mean), sampling_mhz, band, *limits)
+        around = (start - whole).astype(np.float64)
+        cross = spectra * np.conj(mean)
+        shift, peak = _lags(cross, sampling_mhz, band, around - reach, around + reach)
         at = whole + shift
-    likeness = peak / (norms * np.sqrt(power))
+    likeness: Floats = peak / (norms * float(np.sqrt(power)))
     return Aligned(at / sampling_mhz, peak / power, likeness, mean, template.frequencies_mhz)
 
 
@@ -103,7 +106,7 @@ def window_frequencies(sampling_mhz: float, band: Band) -> Floats:
     """Return the frequencies (f,) of the windows about an echo, as ``fftfreq`` orders them."""
     half = round(HALF_WIDTH * band.length_us * sampling_mhz) + 1
     size = 1 << int(np.ceil(np.log2(4 * (2 * half + 1))))
-    return np.fft.fftfreq(size, 1.0 / sampling_mhz)
+    return np.fft.fftfreq(size, 1.0 / sampling_mhz).astype(np.float64)
 
 
 def _spectra(

@@ -13,8 +13,16 @@ from rona_core.arrays import Bools, Floats, Ints, readonly
 from rona_core.devices.protocols import Cancel, Progress, never, silent
 from rona_core.devices.rf_files import RecordedRf
 from rona_core.errors import CancelledError, InvalidInputError
-from rona_core.ultrasound.back_wall import choose_back_wall, is_locked
-from rona_core.ultrasound.echo_tracks import Track, find_peaks, follow, mended, neighbour_tree, neighbours
+from rona_core.ultrasound.back_wall import choose_back_wall, is_early_and_weak
+from rona_core.ultrasound.clipped_front import settle_clipped
+from rona_core.ultrasound.echo_tracks import (
+    Track,
+    find_peaks,
+    follow,
+    mended,
+    neighbour_tree,
+    neighbours,
+)
 from rona_core.ultrasound.recorded_back import BackEchoes, refine_back
 from rona_core.ultrasound.recorded_front import FrontEchoes, find_recorded_fronts
 from rona_core.ultrasound.recorded_signal import (
@@ -32,6 +40,7 @@ SPEEDS_MM_PER_US = (0.5, 10.0)
 COMPRESSED_FLOOR = 0.02  # of the peak power, added before dividing
 LOCKED = 0.5  # share of the power behind the front that is the same in all scans
 LOCKED_REACH = 6.0  # over the pulse length
+SETTLINGS = 3  # of clipped fronts; the mean front gets sharper each time
 MANY = 8  # scans, from which on an average is one
 
 
@@ -96,12 +105,19 @@ def detect_recorded(
     front = find_recorded_fronts(z, rate, recorded.start_us, recorded.start_known, band)
     told(0.5)
     zero, lines = _behind(z, front, rate, band)
+    for _ in range(SETTLINGS if clipped.any() else 0):
+        settled = settle_clipped(rf, clipped, z, front, lines, zero, rate, band)
+        if settled is front:
+            break
+        front = settled
+        zero, lines = _behind(z, front, rate, band)
     least = _least_lag_us(clipped, front, rate, band)
     back = _find_back(recorded, lines, zero, front, band, least)
     told(0.7)
     found = None if back is None else refine_back(lines, zero, front, back, rate, band, recorded)
     told(1.0)
-    return _judged(recorded, front, found, clipped.any(axis=1), band, sound_speed_mm_per_us)
+    cut: Bools = np.asarray(clipped.any(axis=1))
+    return _judged(recorded, front, found, cut, band, sound_speed_mm_per_us)
 
 
 def detect_lines(
@@ -164,7 +180,7 @@ def _behind(
         moved = np.fft.ifft(spectra * np.exp(2j * np.pi * f * shift[part, None]), axis=1)
         lines[part] = moved[:, : lines.shape[1]]
     level = np.where(front.ok, np.maximum(front.aligned.level, 1e-3), 1.0)
-    return zero, lines / (peak * level)[:, None]
+    return zero, lines / np.maximum(peak * level, 1e-12)[:, None]
 
 
 def _find_back(
@@ -204,7 +220,7 @@ def _find_back(
         return plain if still is None else still
     same = abs(still.typical_us - plain.typical_us) < 0.3 * band.length_us
     cleaner = same and still.typical_level > 0.8 * plain.typical_level
-    lobe = is_locked(plain, band) and still.typical_level > 0.5 * plain.typical_level
+    lobe = is_early_and_weak(plain, band) and still.typical_level > 0.5 * plain.typical_level
     return still if cleaner or lobe else plain
 
 

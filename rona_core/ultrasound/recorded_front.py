@@ -40,7 +40,8 @@ def find_recorded_fronts(
     heard = np.where(index >= quiet[:, None], envelope, 0.0)
     noise = np.quantile(envelope, 0.25, axis=1) / 0.7585  # of a Rayleigh distribution
     strongest = heard.max(axis=1)
-    onset = np.argmax(heard >= FIRST_SHARE * strongest[:, None], axis=1)
+    least = np.maximum(FIRST_SHARE * strongest, np.minimum(NOISE_FACTOR * noise, 0.7 * strongest))
+    onset = np.argmax(heard >= least[:, None], axis=1)
     span = (index >= onset[:, None]) & (index <= onset[:, None] + round(1.2 * length))
     center = np.argmax(np.where(span, heard, -1.0), axis=1)
     level = heard[np.arange(len(z)), center]

@@ -68,7 +68,7 @@ def find_band(
     whole = ~np.stack([cut[:, s : s + size].any(axis=1) for s in starts], axis=1).reshape(-1)
     pieces = pieces - pieces.mean(axis=1)[:, None]
     padded = 4 * size
-    f = np.fft.rfftfreq(padded, 1.0 / sampling_mhz)
+    f: Floats = np.fft.rfftfreq(padded, 1.0 / sampling_mhz).astype(np.float64)
     power = np.abs(np.fft.rfft(pieces * np.hanning(size), padded)) ** 2
     power = np.where(f > LOWEST_MHZ, power, 0.0)
     energy = power @ (f / f[-1])  # drift is slow and must not count as loud
@@ -116,7 +116,7 @@ def analytic(rf: Floats, sampling_mhz: float, band: Band) -> Complexes:
     after = 2.0 * line[:, -1:] - line[:, -2 : -edge - 2 : -1]
     fade = np.sin(0.5 * np.pi * np.arange(edge) / edge) ** 2
     whole = np.concatenate((before * fade, line, after * fade[::-1]), axis=1)
-    padded = next_fast_len(whole.shape[1])
+    padded = int(next_fast_len(whole.shape[1]) or whole.shape[1])
     f = np.fft.fftfreq(padded, 1.0 / sampling_mhz)
     gain = np.where(f > 0, 2.0 * band.response(np.abs(f)), 0.0)
     spectra = np.fft.fft(whole, padded, axis=1) * gain
