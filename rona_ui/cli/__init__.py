@@ -1,4 +1,4 @@
-"""The command line: serve, demo, inspect, calibrate."""
+"""The command line: serve, demo, inspect, calibrate, detect."""
 
 import argparse
 import os
@@ -58,6 +58,7 @@ def _parser() -> argparse.ArgumentParser:
     _add_demo(verbs)
     _add_inspect(verbs)
     _add_calibrate(verbs)
+    _add_detect(verbs)
     return parser
 
 
@@ -163,3 +164,28 @@ def _add_calibrate(verbs: Any) -> None:
         "--method", choices=("ml", "aos", "sphere"), default="ml", help="how it is solved (ml)"
     )
     kind.add_argument("--json", action="store_true", help="print one JSON object, no table")
+
+
+def _add_detect(verbs: Any) -> None:
+    text = "measure the thickness of a plate or bone in recorded ultrasound lines"
+    verb: argparse.ArgumentParser = verbs.add_parser(
+        "detect",
+        help=text,
+        description=f"{text[0].upper()}{text[1:]}. Pulse, stand-off and alignment are learned from "
+        "the lines. Exit status: 0 done, 2 bad input, 3 no line shows a back wall.",
+    )
+    verb.set_defaults(verb="detect")
+    verb.add_argument(
+        "file",
+        type=Path,
+        metavar="FILE",
+        help="HDF5, .mat or .npz with rf (scans, samples), fs in Hz and, if known, t0 in s and "
+        "positions in mm",
+    )
+    verb.add_argument(
+        "--speed", type=float, required=True, metavar="C", help="sound speed in the plate, m/s"
+    )
+    verb.add_argument(
+        "--probe", metavar="NAME", help="probe that took them: 2.25MHz or 1MHz (found out)"
+    )
+    verb.add_argument("--json", action="store_true", help="print one JSON object, no table")

@@ -1,0 +1,266 @@
+"""Recorded radio-frequency lines from HDF5, MATLAB and numpy files.
+
+A file holds ``rf`` (scans, samples), ``fs`` in Hz and, if known, ``t0``, the time of the first
+sample after the emission in s, and ``positions`` in mm, a row a scan. Nothing in a file is run.
+"""
+
+import io
+import re
+import zipfile
+import zlib
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import h5py
+import numpy as np
+from numpy.typing import NDArray
+from scipy.io import loadmat
+
+from rona_core.arrays import Floats, readonly
+from rona_core.devices.text_tables import NamedFile
+from rona_core.errors import InvalidInputError
+
+KEYS = ("rf", "fs", "t0", "positions")
+HDF5_MAGIC = b"\x89HDF\r\n\x1a\n"
+ZIP_MAGIC = b"PK\x03\x04"
+MATLAB_MAGIC = b"MATLAB 5"
+MAX_VALUES = 400_000_000  # in one file: 3.2 GB as float64
+SLOWEST_HZ, FASTEST_HZ = 1e6, 2e9  # of samples
+MIN_SAMPLES = 64
+MAX_START_S = 1.0
+MAX_POSITION_MM = 1e4
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class RecordedRf:
+    """Lines (n, samples) in whatever unit they were written in, and where they were taken."""
+
+    name: str
+    rf: Floats
+    sampling_mhz: float
+    start_us: float  # time of the first sample after the emission; 0 where it is not known
+    start_known: bool
+    positions_mm: Floats | None  # (n, 1 to 3)
+
+    def __len__(self) -> int:
+        return len(self.rf)
+
+
+def read_rf(file: NamedFile) -> RecordedRf:
+    """Read recorded lines, told apart by what is in the file and not by its name.
+
+    Raises:
+        InvalidInputError: no such file, damaged, a key missing, or a value that cannot be meant;
+            it says which.
+    """
+    return rf_from_arrays(_arrays(file), file.name)
+
+
+def rf_from_arrays(arrays: Mapping[str, Any], name: str) -> RecordedRf:
+    """Check arrays under the names of ``KEYS`` and return them as recorded lines.
+
+    Raises:
+        InvalidInputError: a key is missing, or a value cannot be meant; it says which.
+    """
+    missing = [key for key in KEYS[:2] if key not in arrays]
+    if missing:
+        there = ", ".join(sorted(arrays)) or "nothing"
+        raise InvalidInputError(
+            f"{name} has no {' and no '.join(missing)}: expected rf (scans, samples), fs in Hz "
+            f"and, if known, t0 in s and positions in mm; it holds {there}"
+        )
+    rf = _lines(arrays["rf"], name)
+    rate_hz = _number(arrays["fs"], f"{name}: fs")
+    _check_rate(rate_hz, name)
+    start_known = "t0" in arrays
+    start_s = _number(arrays["t0"], f"{name}: t0") if start_known else 0.0
+    if abs(start_s) > MAX_START_S:
+        raise InvalidInputError(
+            f"{name}: t0 is {start_s:g} s: expected seconds, such as {start_s * 1e-6:g}"
+        )
+    positions = _positions(arrays["positions"], len(rf), name) if "positions" in arrays else None
+    return RecordedRf(name, readonly(rf), rate_hz * 1e-6, start_s * 1e6, start_known, positions)
+
+
+# ------------------------------------------------------------------ values
+
+
+def _lines(value: Any, name: str) -> Floats:
+    rf = _numbers(value, f"{name}: rf")
+    if rf.ndim == 1:
+        rf = rf[None, :]  # a single line
+    if rf.ndim != 2 or 0 in rf.shape:
+        raise InvalidInputError(f"{name}: rf must have shape (scans, samples), not {rf.shape}")
+    n, samples = rf.shape
+    if samples < MIN_SAMPLES:
+        turned = "; it seems to be transposed" if n >= MIN_SAMPLES else ""
+        raise InvalidInputError(
+            f"{name}: rf has {n} scans of {samples} samples, shape (scans, samples): at least "
+            f"{MIN_SAMPLES} samples are needed{turned}"
+        )
+    if n > samples and _looks_transposed(rf):
+        raise InvalidInputError(
+            f"{name}: rf has shape {rf.shape}, expected (scans, samples): it runs smoothly along "
+            "its first axis and not along its second, so it seems to be transposed"
+        )
+    bad = int(np.count_nonzero(~np.isfinite(rf)))
+    if bad:
+        first = int(np.argmax(~np.isfinite(rf).all(axis=1)))
+        raise InvalidInputError(
+            f"{name}: rf must be finite, but {bad} of {rf.size} values are not, first in scan "
+            f"{first}"
+        )
+    if (np.ptp(rf, axis=1) == 0).all():
+        raise InvalidInputError(f"{name}: rf is constant: there is no signal in it")
+    return rf
+
+
+def _looks_transposed(rf: Floats) -> bool:
+    """Return whether neighbours along scans are more alike than neighbours along samples."""
+    rf = rf[:, ~np.isnan(rf).any(axis=0)]
+    part = rf[:4096, : min(rf.shape[1], 4096)]
+    part = part - part.mean()
+    power = float((part**2).mean())
+    if power == 0 or min(part.shape) < 2:
+        return False
+    along_scans = float((np.diff(part - part.mean(axis=0), axis=0) ** 2).mean())
+    along_samples = float((np.diff(part - part.mean(axis=1)[:, None], axis=1) ** 2).mean())
+    return along_scans < 0.25 * along_samples and along_samples > power
+
+
+def _check_rate(rate_hz: float, name: str) -> None:
+    if SLOWEST_HZ <= rate_hz <= FASTEST_HZ:
+        return
+    hint = ""
+    for factor, unit in ((1e6, "MHz"), (1e3, "kHz")):
+        if SLOWEST_HZ <= rate_hz * factor <= 200e6:
+            hint = f"; if {unit} are meant, write {rate_hz * factor:g}"
+            break
+    raise InvalidInputError(f"{name}: fs is {rate_hz:g}, expected samples per second in Hz{hint}")
+
+
+def _positions(value: Any, n: int, name: str) -> Floats:
+    positions = _numbers(value, f"{name}: positions")
+    if positions.ndim == 1 and n == 1 and len(positions) <= 3:
+        positions = positions[None, :]
+    elif positions.ndim == 1:
+        positions = positions[:, None]
+    elif positions.shape == (1, n) and n > 1:
+        positions = positions.T  # MATLAB has no vectors, only rows and columns
+    if positions.ndim != 2 or len(positions) != n or not 1 <= positions.shape[1] <= 3:
+        turned = " (transposed?)" if positions.ndim == 2 and positions.shape[1] == n else ""
+        raise InvalidInputError(
+            f"{name}: positions must have shape ({n}, 1), ({n}, 2) or ({n}, 3), a row a scan, "
+            f"not {positions.shape}{turned}"
+        )
+    if not np.isfinite(positions).all():
+        raise InvalidInputError(f"{name}: positions must be finite")
+    if np.abs(positions).max(initial=0.0) > MAX_POSITION_MM:
+        raise InvalidInputError(
+            f"{name}: positions reach {np.abs(positions).max():g}: expected millimetres"
+        )
+    return readonly(positions)
+
+
+def _number(value: Any, what: str) -> float:
+    number = _numbers(value, what)
+    if number.size != 1 or not np.isfinite(number).all():
+        raise InvalidInputError(f"{what} must be one finite number, not {str(value)[:60]}")
+    return float(number.reshape(-1)[0])
+
+
+def _numbers(value: Any, what: str) -> Floats:
+    array: NDArray[Any] = np.asarray(value)
+    if array.dtype.kind not in "iufb":
+        kind = "complex numbers" if array.dtype.kind == "c" else f"values of type {array.dtype}"
+        raise InvalidInputError(f"{what} must be real numbers, not {kind}")
+    if array.size > MAX_VALUES:
+        raise InvalidInputError(f"{what} has {array.size} values: {MAX_VALUES} are allowed")
+    return array.astype(np.float64)
+
+
+# ------------------------------------------------------------------ files
+
+
+def _arrays(file: NamedFile) -> dict[str, Any]:
+    readers: tuple[tuple[bool, str, Callable[[NamedFile], dict[str, Any]]], ...] = (
+        # MATLAB 7.3 puts 512 bytes of its own before HDF5
+        (HDF5_MAGIC in (file.data[:8], file.data[512:520]), "HDF5", _from_hdf5),
+        (file.data.startswith(ZIP_MAGIC), "npz", _from_npz),
+        (file.data.startswith(MATLAB_MAGIC), "MATLAB", _from_matlab),
+    )
+    for matches, kind, reader in readers:
+        if matches:
+            try:
+                return reader(file)
+            except InvalidInputError:
+                raise
+            except Exception as error:  # the libraries throw whatever they like at damaged files
+                words = re.sub(r"\s+", " ", str(error))[:160]
+                raise InvalidInputError(f"{file.name} is a damaged {kind} file: {words}") from error
+    raise InvalidInputError(
+        f"{file.name} is no HDF5, MATLAB (.mat) or numpy (.npz) file: expected one of these with "
+        "rf (scans, samples) and fs in Hz"
+    )
+
+
+def _from_hdf5(file: NamedFile) -> dict[str, Any]:
+    found: dict[str, Any] = {}
+    with h5py.File(io.BytesIO(file.data), "r") as data:
+        matlab = any(
+            "MATLAB_class" in data[key].attrs
+            for key in KEYS
+            if isinstance(data.get(key, getlink=True), h5py.HardLink)
+        )
+        found |= dict.fromkeys(str(key) for key in data)
+        for key in KEYS:
+            item = _own(data, key, file.name) if key in data else data.attrs.get(key)
+            if item is None:
+                continue
+            if isinstance(item, h5py.Group):
+                raise InvalidInputError(f"{file.name}: {key} is a group, expected numbers")
+            if int(getattr(item, "size", 0) or 0) > MAX_VALUES:
+                raise InvalidInputError(f"{file.name}: {key} has {item.size} values")
+            value = np.asarray(item[()] if isinstance(item, h5py.Dataset) else item)
+            found[key] = value.T if matlab else value  # MATLAB writes columns first
+    return _known(found)
+
+
+def _own(data: Any, key: str, name: str) -> Any:
+    """Return what is in the file itself: nothing that it points to elsewhere is opened."""
+    link = data.get(key, getlink=True)
+    item = data[key] if isinstance(link, h5py.HardLink) else None
+    elsewhere = isinstance(item, h5py.Dataset) and (item.external or item.is_virtual)
+    if item is None or elsewhere:
+        raise InvalidInputError(f"{name}: {key} lies in another file: expected it in this one")
+    return item
+
+
+def _from_npz(file: NamedFile) -> dict[str, Any]:
+    with zipfile.ZipFile(io.BytesIO(file.data)) as archive:
+        names = {n.removesuffix(".npy"): n for n in archive.namelist()}
+        found: dict[str, Any] = dict.fromkeys(names)
+        for key in KEYS:
+            if key not in names:
+                continue
+            if archive.getinfo(names[key]).file_size > 8 * MAX_VALUES + 4096:
+                raise InvalidInputError(f"{file.name}: {key} is too large")
+            try:
+                raw = io.BytesIO(archive.read(names[key]))
+            except (zlib.error, zipfile.BadZipFile) as error:
+                raise InvalidInputError(f"{file.name} is a damaged npz file: {error}") from error
+            found[key] = np.lib.format.read_array(raw, allow_pickle=False)
+    return _known(found)
+
+
+def _from_matlab(file: NamedFile) -> dict[str, Any]:
+    data: dict[str, Any] = loadmat(io.BytesIO(file.data))
+    return _known({key: value for key, value in data.items() if not key.startswith("__")})
+
+
+def _known(found: dict[str, Any]) -> dict[str, Any]:
+    """Return the arrays; other names stay, without contents, for the message."""
+    if "rf" in found and "fs" in found:
+        return {key: found[key] for key in KEYS if key in found}
+    return found

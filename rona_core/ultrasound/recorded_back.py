@@ -1,0 +1,226 @@
+"""The echo of the back wall, timed coherently against a template learned from all scans.
+
+Attenuation and polarity make it unlike the front; what remains alike decides how far apart the two
+are: the delay at which the mean front, damped and perhaps turned over, is most like the mean back.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from rona_core.arrays import Bools, Floats, Ints
+from rona_core.devices.rf_files import RecordedRf
+from rona_core.ultrasound.echo_tracks import Track, neighbours, predicted
+from rona_core.ultrasound.learned_pulse import Aligned, align_echoes, locate_echoes
+from rona_core.ultrasound.recorded_front import FrontEchoes
+from rona_core.ultrasound.recorded_signal import Band, Complexes
+
+ALIKE = 0.5  # correlation with the mean back echo, below which a scan is unsure
+LEAST_SNR = 3.0
+TAIL_REACH = 7.0  # over the pulse length: nearer back walls sit on the end of the front's pulse
+SMOOTH_CYCLES = 0.35  # a coarse lag that scatters less about its neighbours is replaced by theirs
+SEARCH_CYCLES = 0.6
+OFF_COST = 0.05  # likeness that a scan off its neighbours by a cycle must have more
+LOSSES = np.linspace(0.0, 3.0, 61)  # Np per MHz tried for the way through the plate
+MAX_RESHAPE_NP = 0.7
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class BackEchoes:
+    """The back wall in each line (n,)."""
+
+    lag_us: Floats
+    likeness: Floats
+    sigma_us: Floats
+    heard: Bools
+    sure: Bools
+    level: float  # over the front, typical
+    inverted: bool
+
+
+@dataclass(frozen=True, slots=True)
+class Match:
+    """How the mean back echo follows from the mean front."""
+
+    delay_us: float  # of the back's point of time against the front's
+    loss_np_per_mhz: float
+    inverted: bool
+    likeness: float
+
+
+def refine_back(
+    lines: Complexes,
+    zero: int,
+    front: FrontEchoes,
+    track: Track,
+    sampling_mhz: float,
+    band: Band,
+    recorded: RecordedRf,
+) -> BackEchoes:
+    """Return the time from front to back wall in each line.
+
+    Args:
+        lines: Analytic lines (n, samples) with every front at sample ``zero``.
+        zero: That sample.
+        front: The fronts.
+        track: The coarse lag of the back wall.
+        sampling_mhz: Of the lines.
+        band: Of the echoes.
+        recorded: For the positions.
+    """
+    used = track.there & front.ok
+    near = neighbours(len(lines), recorded.positions_mm)
+    lag = _coarse(track, used, near, recorded.positions_mm, band)
+    plain = _without_front(lines, zero, lag[used], front.ok, sampling_mhz, band)
+    centers = np.rint(zero + lag * sampling_mhz).astype(np.int64)
+    search = SEARCH_CYCLES / band.centre_mhz
+    aligned = align_echoes(plain, centers, used, sampling_mhz, band, search_us=search)
+    middle = float(np.median(lag[used]))
+    match = match_echoes(front.aligned, aligned, band)
+    rate = match.loss_np_per_mhz / middle
+    reshape = _reshape(rate * (lag - middle), aligned.frequencies_mhz, band)
+    aligned = align_echoes(
+        plain, centers, used, sampling_mhz, band, search_us=search, reshape=reshape
+    )
+    aligned = _settled(
+        plain, aligned, lag, used, near, recorded.positions_mm, zero, sampling_mhz, band, reshape
+    )
+    match = match_echoes(front.aligned, aligned, band)
+    found = aligned.at_us - zero / sampling_mhz + match.delay_us
+    noise = _noise(plain, zero, sampling_mhz, band)
+    peak = np.abs(np.fft.ifft(aligned.spectrum)).max() * aligned.level
+    snr = peak / noise
+    inside = centers < lines.shape[1] - round(0.5 * band.length_us * sampling_mhz)
+    heard = front.ok & inside & (snr > LEAST_SNR)
+    sure = heard & (aligned.likeness > ALIKE) & (used | (aligned.likeness > 0.75))
+    # bound of a coherent estimate: bandwidth times time is about 1, both echoes have noise
+    sigma = np.hypot(1.0 / np.maximum(snr, 1.0), noise) / (2.0 * np.pi * band.centre_mhz)
+    return BackEchoes(
+        found, aligned.likeness, sigma, heard, sure, track.typical_level, match.inverted
+    )
+
+
+def match_echoes(front: Aligned, back: Aligned, band: Band) -> Match:
+    """Return delay, loss and sign that make the mean front most like the mean back echo.
+
+    Loss grows with frequency and has its Kramers-Kronig dispersion, 0 in mid-band.
+    """
+    f = front.frequencies_mhz
+    half = f > 0
+    fine = 16
+    size = len(f) * fine
+    step = 1.0 / (float(f[1]) * size)
+    reach = int(0.8 / band.centre_mhz / step)
+    lags = np.arange(-reach, reach + 1)
+    best = Match(0.0, 0.0, True, -1.0)
+    norm_back = np.sqrt((np.abs(back.spectrum[half]) ** 2).sum())
+    for loss in LOSSES:
+        model = np.where(half, front.spectrum * damping(loss, f, band), 0.0)
+        cross = np.zeros(size, dtype=np.complex128)
+        cross[: len(f) // 2] = (back.spectrum * np.conj(model))[: len(f) // 2]
+        value = (np.fft.ifft(cross) * size).real[lags]
+        value = value / (norm_back * np.sqrt((np.abs(model) ** 2).sum()) + 1e-12)
+        at = int(np.argmax(np.abs(value)))
+        if abs(value[at]) > best.likeness:
+            best = Match(lags[at] * step, float(loss), bool(value[at] < 0), float(abs(value[at])))
+    return best
+
+
+def damping(loss_np_per_mhz: Floats | float, f: Floats, band: Band) -> Complexes:
+    """Return what a loss in proportion to frequency does to a spectrum (..., f)."""
+    safe = np.where(f > 0, f, band.centre_mhz)
+    turn = 2.0 * safe / np.pi * np.log(safe / band.centre_mhz)
+    # level at mid-band stays
+    return np.exp(np.asarray(loss_np_per_mhz)[..., None] * (-(safe - band.centre_mhz) + 1j * turn))
+
+
+def _reshape(loss_np_per_mhz: Floats, f: Floats, band: Band) -> Complexes:
+    """Return factors (n, f) that give every back echo the loss of the typical one."""
+    limit = MAX_RESHAPE_NP / band.width_mhz
+    return damping(-np.clip(loss_np_per_mhz, -limit, limit), f, band)
+
+
+def _without_front(
+    lines: Complexes, zero: int, lag_us: Floats, ok: Bools, sampling_mhz: float, band: Band
+) -> Complexes:
+    """Return the lines without the mean front and as much of its end as is known for sure."""
+    first = float(np.quantile(lag_us, 0.02)) - 0.6 * band.length_us
+    if first > TAIL_REACH * band.length_us:
+        return lines
+    last = zero + max(round(first * sampling_mhz), 1)
+    fall = max(2, round(0.6 * band.length_us * sampling_mhz))
+    index = np.arange(lines.shape[1])
+    taper = np.clip((last - index) / fall, 0.0, 1.0)
+    return lines - np.where(ok, 1.0, 0.0)[:, None] * (lines[ok].mean(axis=0) * taper)
+
+
+def _around(lag_us: Floats, used: Bools, near: Ints, positions_mm: Floats | None) -> Floats:
+    """Return the lags (n,) that neighbours predict; where none do, the scan's own or the usual."""
+    around = predicted(lag_us, used, near, positions_mm)
+    own = np.where(used, lag_us, np.median(lag_us[used]) if used.any() else 0.0)
+    return np.where(np.isfinite(around), around, own)
+
+
+def _settled(
+    plain: Complexes,
+    aligned: Aligned,
+    lag: Floats,
+    used: Bools,
+    near: Ints,
+    positions_mm: Floats | None,
+    zero: int,
+    sampling_mhz: float,
+    band: Band,
+    reshape: Complexes,
+) -> Aligned:
+    """Return the echoes at the cycle that fits both the template and the neighbours best."""
+    cycle = 1.0 / band.centre_mhz
+    fine = aligned.at_us - zero / sampling_mhz
+    around = _around(fine, used & (aligned.likeness > ALIKE), near, positions_mm)
+    best, worth = fine.copy(), _worth(aligned.likeness, fine - around, cycle)
+    for guess in (lag, around, fine + cycle, fine - cycle):
+        centers = np.rint(zero + guess * sampling_mhz).astype(np.int64)
+        other = locate_echoes(
+            plain,
+            centers,
+            aligned,
+            sampling_mhz,
+            band,
+            search_us=SEARCH_CYCLES * cycle,
+            reshape=reshape,
+        )
+        there = other.at_us - zero / sampling_mhz
+        better = _worth(other.likeness, there - around, cycle) > worth
+        best = np.where(better, there, best)
+        worth = np.maximum(worth, _worth(other.likeness, there - around, cycle))
+    centers = np.rint(zero + best * sampling_mhz).astype(np.int64)
+    return locate_echoes(
+        plain, centers, aligned, sampling_mhz, band, search_us=0.3 * cycle, reshape=reshape
+    )
+
+
+def _worth(likeness: Floats, off_us: Floats, cycle_us: float) -> Floats:
+    return likeness - OFF_COST * np.minimum((off_us / cycle_us) ** 2, 4.0)
+
+
+def _coarse(
+    track: Track, used: Bools, near: Ints, positions_mm: Floats | None, band: Band
+) -> Floats:
+    """Return lags (n,) to start from: those of the neighbours where these agree."""
+    around = _around(track.lag_us, used, near, positions_mm)
+    off = np.abs(track.lag_us - around)
+    scatter = 1.4826 * float(np.median(off[used]))
+    if scatter < SMOOTH_CYCLES / band.centre_mhz and near.shape[1] >= 3:
+        far = off > max(3.0 * scatter, 0.5 / band.centre_mhz)
+        return np.where(used & ~far, track.lag_us, around)
+    return np.where(used, track.lag_us, around)
+
+
+def _noise(lines: Complexes, zero: int, sampling_mhz: float, band: Band) -> Floats:
+    """Return the rms (n,) of the envelope where nothing arrives, over the height of the front."""
+    envelope = np.abs(lines)
+    noise = np.quantile(envelope, 0.25, axis=1) / 0.7585
+    before = zero - round(2.5 * band.length_us * sampling_mhz)
+    if before > 5.0 * band.length_us * sampling_mhz:
+        noise = np.minimum(noise, np.quantile(envelope[:, :before], 0.5, axis=1) / 1.1774)
+    return np.maximum(noise, 1e-9)
