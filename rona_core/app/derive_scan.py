@@ -2,6 +2,7 @@
 
 from dataclasses import dataclass, replace
 
+from rona_core.app.inputs import session_obstacles
 from rona_core.app.messages import StartMapping, StartRollSearch
 from rona_core.app.needs import need
 from rona_core.devices.protocols import Cancel, Progress, never, silent
@@ -43,6 +44,7 @@ def plan_settings(session: Session, message: StartRollSearch) -> PlanSettings:
         roll_to_deg=message.roll_to_deg,
         choice=message.choice,
         scan=ScanSettings(scan_speed_mm_per_s=session.setup.devices.robot.scan_speed_mm_per_s),
+        obstacles=session_obstacles(session),
     )
 
 

@@ -27,11 +27,13 @@ from rona_core.app.messages import (
 )
 from rona_core.devices.settings import TrackerSettings
 from rona_core.errors import StepBlockedError
+from rona_core.robot.obstacles import Obstacles
 from rona_core.session.codec import digest
 from rona_core.session.document import PointerCapture, Session
 from rona_core.session.imported import is_imported
 from rona_core.session.reference import placed_reason
 from rona_core.session.specimen import LoadedSkull
+from rona_core.session.surroundings import obstacles_of
 
 PLAIN = TrackerSettings(stereo=False, occlusion=False)  # the tracker of sessions of schema 1
 
@@ -77,6 +79,7 @@ ROBOT = Input(lambda s: s.setup.devices.robot, "choose a robot (step 1)")
 REFERENCE = Input(lambda s: s.setup.use_base_marker, "choose the reference (step 1)")
 EDITS = Input(lambda s: s.path_edits, "smooth the path (step 6)")
 PROBE = Input(lambda s: s.setup.devices.probe, "choose a probe (step 1)")
+OBSTACLES = Input(lambda s: session_obstacles(s), "say what stands around the robot (step 1)")
 
 # result -> the names and kinds of its inputs
 RESULT_INPUTS: dict[str, dict[str, Input]] = {
@@ -96,7 +99,7 @@ RESULT_INPUTS: dict[str, dict[str, Input]] = {
         "reference": REFERENCE,
     },
     "smoothing": {"path": PATH, "surface": SURFACE, "edits": EDITS},
-    "roll": {"smoothing": SMOOTHING, "robot": ROBOT},
+    "roll": {"smoothing": SMOOTHING, "robot": ROBOT, "obstacles": OBSTACLES},
     "detection": {"capture": SCAN_CAPTURE, "probe": PROBE},
     "maps": {
         "detection": DETECTION,
@@ -265,6 +268,11 @@ def stale_reason(name: str, session: Session) -> str | None:
         if value in (None, ()) or digest_of(value) != derived.inputs.get(key):
             return f"{key} has changed since the {name} result was computed"
     return None
+
+
+def session_obstacles(session: Session) -> Obstacles:
+    """Return what the robot is to keep away from, by all results that are not stale."""
+    return obstacles_of(session, lambda name: stale_reason(name, session) is None)
 
 
 def _stale_capture(kind: str, session: Session) -> str | None:

@@ -49,6 +49,7 @@ KEYS = (
     "rolls_tried",
     "rolls_feasible",
     "roll_mode",
+    "min_clearance_mm",
     "scan_points",
     "scan_duration_s",
     "outer_rms_mm",
