@@ -7,11 +7,7 @@ from typing import Any
 from rona_core.app import captures, imports
 from rona_core.app.derive_scan import derive_mapping, derive_roll, derive_second, lean
 from rona_core.app.derive_skull import derive_registration
-from rona_core.app.inputs import (
-    input_digests,
-    require_for,
-    require_inputs,
-)
+from rona_core.app.inputs import require_for, require_inputs
 from rona_core.app.messages import (
     BuildPath,
     BuildSurface,
@@ -46,6 +42,7 @@ from rona_core.app.outcomes import (
     StoreToolCapture,
 )
 from rona_core.app.plain import plain_arguments
+from rona_core.app.staleness import input_digests
 from rona_core.app.toolbox import Toolbox
 from rona_core.errors import InvalidInputError, NotFoundError
 from rona_core.session.document import Derived, Session

@@ -12,7 +12,7 @@ from rona_core.app.messages import (
     StartSurfaceCapture,
     StartToolCapture,
 )
-from rona_core.app.staleness import capture_setup_digest
+from rona_core.app.staleness import capture_setup_digest, session_obstacles
 from rona_core.app.toolbox import Toolbox
 from rona_core.arrays import Floats, readonly
 from rona_core.devices.protocols import Motion, never
@@ -20,6 +20,7 @@ from rona_core.devices.samples import AScanTrack, JointSample, JointTrack, ToolT
 from rona_core.errors import CancelledError, DeviceError, InvalidInputError, NotReachableError
 from rona_core.robot.model import RobotModel, robot_model
 from rona_core.robot.motion import plan_joint_move
+from rona_core.robot.obstacles import Obstacles
 from rona_core.robot.plan import Certificate, TimedMotion, Trajectory
 from rona_core.robot.tool_motion import plan_tool_motion
 from rona_core.robot.verify import verify_motion
@@ -48,8 +49,9 @@ def drive_to(q_rad: Floats, session: Session, tools: Toolbox) -> None:
     start = tools.rig.robot.state().q_rad
     if np.abs(start - q_rad).max() < SAME_PLACE_RAD:
         return
-    planned = plan_joint_move(start, q_rad, model)
-    _require_certified("the move", verify_motion(model, planned), planned)
+    planned, around = plan_joint_move(start, q_rad, model), session_obstacles(session)
+    certificate = verify_motion(model, planned, obstacles=around)
+    _require_certified("the move", certificate, planned, around)
     motion = tools.rig.robot.move(planned.times_s, planned.qs_rad)
     if not _finish(motion, tools):
         raise CancelledError("the robot was stopped on its way to the start")
@@ -57,14 +59,15 @@ def drive_to(q_rad: Floats, session: Session, tools: Toolbox) -> None:
 
 def capture_tool(activity: StartToolCapture, session: Session, tools: Toolbox) -> ToolCapture:
     """Record the tool marker and the joints while the robot pivots and translates the tool."""
-    model = robot_model(session.setup.devices.robot.model)
+    model, around = robot_model(session.setup.devices.robot.model), session_obstacles(session)
     plan = plan_tool_motion(
         model,
         cone_deg=activity.cone_deg,
         n_pivot=activity.n_pivot,
         n_translate=activity.n_translate,
+        obstacles=around,
     )
-    _require_certified("the tool motion", plan.certificate, plan)
+    _require_certified("the tool motion", plan.certificate, plan, around)
     drive_to(plan.qs_rad[0], session, tools)
     ordinal = begin(session, tools)
     motion = tools.rig.robot.move(plan.times_s, plan.qs_rad)
@@ -155,7 +158,8 @@ def capture_scan(
         plan = None if second is None else second.value.plan
     if plan is None or plan.trajectory is None or plan.certificate is None:
         raise NotReachableError("there is no path that the robot can traverse: see step 7")
-    _require_certified("the scan", plan.certificate, plan.trajectory)
+    around = session_obstacles(session)
+    _require_certified("the scan", plan.certificate, plan.trajectory, around)
     trajectory = plan.trajectory
     drive_to(trajectory.qs_rad[0], session, tools)
     ordinal = begin(session, tools)
@@ -194,12 +198,17 @@ def fire_times(trajectory: Trajectory, pitch_mm: float) -> Floats:
     return np.interp(places_mm, way_mm[moving], times_s[moving])
 
 
-def _require_certified(what: str, certificate: Certificate, motion: TimedMotion) -> None:
-    if not certificate.certifies(motion):
-        reasons = "; ".join(check.sentence for check in certificate.failures())
-        raise NotReachableError(
-            f"{what} is refused: {reasons or 'the certificate belongs to another motion'}"
-        )
+def _require_certified(
+    what: str, certificate: Certificate, motion: TimedMotion, around: Obstacles
+) -> None:
+    """Raise NotReachableError unless this motion was certified among what stands around now."""
+    if certificate.certifies(motion, around.digest()):
+        return
+    reasons = "; ".join(check.sentence for check in certificate.failures())
+    if not reasons:
+        other = "motion" if certificate.obstacles == around.digest() else "surroundings"
+        reasons = f"the certificate belongs to another {other}, plan it again"
+    raise NotReachableError(f"{what} is refused: {reasons}")
 
 
 def move_robot(activity: StartRobotMove, session: Session, tools: Toolbox) -> None:

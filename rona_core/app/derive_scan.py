@@ -4,7 +4,7 @@ from dataclasses import dataclass, replace
 
 from rona_core.app.messages import StartMapping, StartRollSearch, StartSecondPlan
 from rona_core.app.needs import need
-from rona_core.app.staleness import usable_second
+from rona_core.app.staleness import session_obstacles, usable_second
 from rona_core.devices.protocols import Cancel, Progress, never, silent
 from rona_core.errors import StepBlockedError
 from rona_core.geometry.pose import Poses
@@ -46,6 +46,7 @@ def plan_settings(session: Session, message: StartRollSearch) -> PlanSettings:
         roll_to_deg=message.roll_to_deg,
         choice=message.choice,
         scan=ScanSettings(scan_speed_mm_per_s=session.setup.devices.robot.scan_speed_mm_per_s),
+        obstacles=session_obstacles(session),
     )
 
 
@@ -147,6 +148,7 @@ def derive_second(
         way.path,
         robot_model(session.setup.devices.robot.model),
         plan_settings(session, StartRollSearch()),
+        obstacles=session_obstacles(session),
         progress=progress,
         cancel=cancel,
     )

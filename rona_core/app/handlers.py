@@ -5,7 +5,7 @@ from typing import Any
 
 from rona_core.app.derive import SHORT
 from rona_core.app.derive_scan import derive_chosen_roll
-from rona_core.app.inputs import input_digests, require_inputs
+from rona_core.app.inputs import require_inputs
 from rona_core.app.messages import (
     BuildPath,
     BuildSurface,
@@ -33,7 +33,7 @@ from rona_core.app.path_commands import PathChange
 from rona_core.app.path_edits import edited
 from rona_core.app.plain import message_from, plain_arguments
 from rona_core.app.setup_handlers import handle
-from rona_core.app.staleness import stale_reason
+from rona_core.app.staleness import input_digests, stale_reason
 from rona_core.errors import StaleResultError, StepBlockedError
 from rona_core.path.edits import PathEdits
 from rona_core.session.document import Capture, Derived, Session

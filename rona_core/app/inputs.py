@@ -1,4 +1,4 @@
-"""What each result is computed from, and what must be there before a message makes sense."""
+"""What can be an input of a result, and what must be there before a message makes sense."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -28,7 +28,6 @@ from rona_core.app.messages import (
     StartToolCapture,
 )
 from rona_core.errors import StepBlockedError
-from rona_core.session.codec import digest
 from rona_core.session.document import Session
 from rona_core.session.reference import placed_reason
 from rona_core.session.specimen import LoadedSkull
@@ -83,51 +82,6 @@ ROBOT = Input(lambda s: s.setup.devices.robot, "choose a robot (step 1)")
 REFERENCE = Input(lambda s: s.setup.use_base_marker, "choose the reference (step 1)")
 EDITS = Input(lambda s: s.path_edits, "smooth the path (step 6)")
 PROBE = Input(lambda s: s.setup.devices.probe, "choose a probe (step 1)")
-
-# result -> the names and kinds of its inputs
-RESULT_INPUTS: dict[str, dict[str, Input]] = {
-    "tool": {"capture": TOOL_CAPTURE, "robot": ROBOT},
-    "pointer": {"capture": POINTER_CAPTURE},
-    "surface": {
-        "capture": SURFACE_CAPTURE,
-        "tool": TOOL,
-        "pointer": POINTER,
-        "reference": REFERENCE,
-    },
-    "registration": {"surface": SURFACE, "skull": SKULL, "region": REGION},
-    "path": {
-        "capture": PATH_CAPTURE,
-        "tool": TOOL,
-        "pointer": POINTER,
-        "reference": REFERENCE,
-    },
-    "smoothing": {"path": PATH, "surface": SURFACE, "edits": EDITS},
-    "roll": {"smoothing": SMOOTHING, "robot": ROBOT},
-    "detection": {"capture": SCAN_CAPTURE, "probe": PROBE},
-    "second": {
-        "detection": DETECTION,
-        "capture": SCAN_CAPTURE,
-        "surface": SURFACE,
-        "robot": ROBOT,
-    },
-    "second_detection": {
-        "capture": SECOND_CAPTURE,
-        "detection": DETECTION,
-        "scan": SCAN_CAPTURE,
-        "robot": ROBOT,
-        "probe": PROBE,
-    },
-    "maps": {
-        "detection": DETECTION,
-        "second": ANY_SECOND,
-        "second_detection": ANY_SECOND_DETECTION,
-        "capture": SCAN_CAPTURE,
-        "surface": SURFACE,
-        "robot": ROBOT,
-    },
-}
-PATTERN_INPUTS = {"surface": SURFACE}  # of a path that nobody demonstrated
-RESULTS = tuple(RESULT_INPUTS)  # in the order in which they follow from one another
 
 # message -> what must be there before it makes sense
 NEEDS: dict[type, tuple[Input, ...]] = {
@@ -206,33 +160,3 @@ def is_pattern(session: Session) -> bool:
     """Return whether the path is a pattern drawn by rule, not a demonstration."""
     path = session.results.path
     return path is not None and path.message == DrawPattern.__name__
-
-
-def inputs_of(result: str, message: str) -> dict[str, Input]:
-    """Return what a result depends on that a message of this name makes."""
-    return PATTERN_INPUTS if message == DrawPattern.__name__ else RESULT_INPUTS[result]
-
-
-def input_digests(result: str, session: Session, message: str = "") -> dict[str, str]:
-    """Return the digest of every input of a result as the session holds them now.
-
-    Args:
-        result: Its name.
-        session: Holds the inputs.
-        message: Name of the message that makes it, where it can be made of different things.
-
-    Raises:
-        StepBlockedError: an input is missing.
-    """
-    inputs = inputs_of(result, message)
-    wanted = missing(tuple(inputs.values()), session)
-    if wanted is not None:
-        raise StepBlockedError(f"{result} cannot be computed: first {wanted}")
-    return {name: digest_of(item.read(session)) for name, item in inputs.items()}
-
-
-def digest_of(value: Any) -> str:
-    """Return the digest of a value, or of each value in a tuple of them."""
-    if isinstance(value, tuple):
-        return digest([digest(item) for item in value])
-    return digest(value)

@@ -13,9 +13,8 @@ from rona_core.app.derive_scan import (
     derive_second_detection,
 )
 from rona_core.app.derive_skull import derive_registration
-from rona_core.app.inputs import RESULTS, input_digests
 from rona_core.app.plain import message_from
-from rona_core.app.staleness import stale_reason
+from rona_core.app.staleness import RESULTS, input_digests, stale_reason
 from rona_core.app.threads import use_one_thread
 from rona_core.devices.protocols import Progress, silent
 from rona_core.session.codec import digest

@@ -1,16 +1,127 @@
-"""Whether what a capture or a result rests on has changed since."""
+"""What each result is computed from, and whether that has changed since."""
 
 from dataclasses import replace
 from typing import Any
 
-from rona_core.app.inputs import digest_of, inputs_of
+from rona_core.app.inputs import (
+    ANY_SECOND,
+    ANY_SECOND_DETECTION,
+    DETECTION,
+    EDITS,
+    PATH,
+    PATH_CAPTURE,
+    POINTER,
+    POINTER_CAPTURE,
+    PROBE,
+    REFERENCE,
+    REGION,
+    ROBOT,
+    SCAN_CAPTURE,
+    SECOND_CAPTURE,
+    SKULL,
+    SMOOTHING,
+    SURFACE,
+    SURFACE_CAPTURE,
+    TOOL,
+    TOOL_CAPTURE,
+    Input,
+    missing,
+)
+from rona_core.app.messages import DrawPattern
 from rona_core.devices.settings import TrackerSettings
+from rona_core.errors import StepBlockedError
+from rona_core.robot.obstacles import Obstacles
 from rona_core.session.codec import digest
 from rona_core.session.document import PointerCapture, ScanCapture, Session
 from rona_core.session.imported import is_imported
+from rona_core.session.surroundings import obstacles_of
 
 SCANS = {"scan": "roll", "second": "capture scan"}  # capture -> what it rests on
 PLAIN = TrackerSettings(stereo=False, occlusion=False)  # the tracker of sessions of schema 1
+
+
+OBSTACLES = Input(lambda s: session_obstacles(s), "say what stands around the robot (step 1)")
+
+# result -> the names and kinds of its inputs
+RESULT_INPUTS: dict[str, dict[str, Input]] = {
+    "tool": {"capture": TOOL_CAPTURE, "robot": ROBOT},
+    "pointer": {"capture": POINTER_CAPTURE},
+    "surface": {
+        "capture": SURFACE_CAPTURE,
+        "tool": TOOL,
+        "pointer": POINTER,
+        "reference": REFERENCE,
+    },
+    "registration": {"surface": SURFACE, "skull": SKULL, "region": REGION},
+    "path": {
+        "capture": PATH_CAPTURE,
+        "tool": TOOL,
+        "pointer": POINTER,
+        "reference": REFERENCE,
+    },
+    "smoothing": {"path": PATH, "surface": SURFACE, "edits": EDITS},
+    "roll": {"smoothing": SMOOTHING, "robot": ROBOT, "obstacles": OBSTACLES},
+    "detection": {"capture": SCAN_CAPTURE, "probe": PROBE},
+    "second": {
+        "detection": DETECTION,
+        "capture": SCAN_CAPTURE,
+        "surface": SURFACE,
+        "robot": ROBOT,
+        "obstacles": OBSTACLES,
+    },
+    "second_detection": {
+        "capture": SECOND_CAPTURE,
+        "detection": DETECTION,
+        "scan": SCAN_CAPTURE,
+        "robot": ROBOT,
+        "probe": PROBE,
+    },
+    "maps": {
+        "detection": DETECTION,
+        "second": ANY_SECOND,
+        "second_detection": ANY_SECOND_DETECTION,
+        "capture": SCAN_CAPTURE,
+        "surface": SURFACE,
+        "robot": ROBOT,
+    },
+}
+PATTERN_INPUTS = {"surface": SURFACE}  # of a path that nobody demonstrated
+RESULTS = tuple(RESULT_INPUTS)  # in the order in which they follow from one another
+
+
+def inputs_of(result: str, message: str) -> dict[str, Input]:
+    """Return what a result depends on that a message of this name makes."""
+    return PATTERN_INPUTS if message == DrawPattern.__name__ else RESULT_INPUTS[result]
+
+
+def input_digests(result: str, session: Session, message: str = "") -> dict[str, str]:
+    """Return the digest of every input of a result as the session holds them now.
+
+    Args:
+        result: Its name.
+        session: Holds the inputs.
+        message: Name of the message that makes it, where it can be made of different things.
+
+    Raises:
+        StepBlockedError: an input is missing.
+    """
+    inputs = inputs_of(result, message)
+    wanted = missing(tuple(inputs.values()), session)
+    if wanted is not None:
+        raise StepBlockedError(f"{result} cannot be computed: first {wanted}")
+    return {name: digest_of(item.read(session)) for name, item in inputs.items()}
+
+
+def digest_of(value: Any) -> str:
+    """Return the digest of a value, or of each value in a tuple of them."""
+    if isinstance(value, tuple):
+        return digest([digest(item) for item in value])
+    return digest(value)
+
+
+def session_obstacles(session: Session) -> Obstacles:
+    """Return what the robot is to keep away from, by all results that are not stale."""
+    return obstacles_of(session, lambda name: stale_reason(name, session) is None)
 
 
 def usable_second(session: Session) -> ScanCapture | None:

@@ -49,6 +49,7 @@ KEYS = (
     "rolls_tried",
     "rolls_feasible",
     "roll_mode",
+    "min_clearance_mm",
     "scan_points",
     "second_pass_points",
     "second_pass_reason",

@@ -91,12 +91,14 @@ def normal_figures(path: "Path5D", truth: Truth) -> Figures:
 
 
 def plan_figures(plan: "RobotPlan") -> Figures:
-    """Return how many rolls were tried, how many are feasible, and how long the scan takes."""
+    """Return rolls tried and feasible, least clearance of the motion, duration of the scan."""
     trajectory = plan.trajectory
+    certificate = plan.certificate
     duration_s = None if trajectory is None else trajectory.times_s[-1] - trajectory.times_s[0]
     return {
         "rolls_tried": len(plan.verdicts),
         "rolls_feasible": sum(verdict.feasible for verdict in plan.verdicts),
         "roll_mode": plan.mode,
+        "min_clearance_mm": None if certificate is None else certificate.min_clearance_mm,
         "scan_duration_s": None if duration_s is None else float(duration_s),
     }

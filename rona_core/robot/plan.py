@@ -81,20 +81,27 @@ class Certificate:
     model: str
     certified: bool
     checks: tuple[Check, ...]
-    digest: str  # of the motion and the name of the robot
+    digest: str  # of the motion, the name of the robot and what stood around
+    obstacles: str = ""  # digest of what stood around; "" where collisions were not looked at
+    min_clearance_mm: float | None = None  # least distance of any parts that must not touch
 
-    def certifies(self, motion: TimedMotion) -> bool:
-        """Return whether this is the motion that was looked at, and everything held."""
-        return self.certified and self.digest == motion_digest(self.model, motion)
+    def certifies(self, motion: TimedMotion, obstacles: str | None = None) -> bool:
+        """Return whether this is the motion that was looked at, and everything held.
+
+        With the digest of what stands around now it must also have been looked at among that.
+        """
+        if obstacles is not None and self.obstacles != obstacles:
+            return False
+        return self.certified and self.digest == motion_digest(self.model, motion, self.obstacles)
 
     def failures(self) -> tuple[Check, ...]:
         """Return what did not hold."""
         return tuple(check for check in self.checks if not check.holds)
 
 
-def motion_digest(model: str, motion: TimedMotion) -> str:
-    """Return the SHA-256 of a motion and the robot it is for, as hexadecimal digits."""
-    digest = hashlib.sha256(model.encode())
+def motion_digest(model: str, motion: TimedMotion, obstacles: str = "") -> str:
+    """Return the SHA-256 of a motion, its robot and what stands around, as hexadecimal digits."""
+    digest = hashlib.sha256(f"{model}\n{obstacles}".encode())
     for array in (motion.times_s, motion.qs_rad):
         exact = np.ascontiguousarray(array, dtype="<f8")
         digest.update(str(exact.shape).encode())

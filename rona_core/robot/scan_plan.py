@@ -10,6 +10,7 @@ from rona_core.errors import InvalidInputError, NotReachableError
 from rona_core.geometry.path5d import Path5D
 from rona_core.robot.density import dense
 from rona_core.robot.model import RobotModel
+from rona_core.robot.obstacles import Obstacles
 from rona_core.robot.plan import Certificate, RobotPlan, RollSearch, RollVerdict, Trajectory
 from rona_core.robot.roll_search import Choice, joint_path, search_rolls
 from rona_core.robot.room import RoomRules
@@ -30,6 +31,7 @@ class PlanSettings:
     choice: Choice = "best"
     rules: RoomRules = field(default_factory=RoomRules)
     scan: ScanSettings = field(default_factory=ScanSettings)
+    obstacles: Obstacles | None = None  # for the verifier; None looks at no collisions
 
 
 def plan_scan(
@@ -136,7 +138,9 @@ def _with_roll(plan: RobotPlan, index: int, model: RobotModel, settings: PlanSet
     qs = joint_path(plan.path, model, roll_rad, verdict.branch, settings.rules)
     trajectory: Trajectory = time_path(plan.path, qs, model, settings.scan, branch=verdict.branch)
     speed = settings.scan.scan_speed_mm_per_s
-    certificate: Certificate = verify_scan(model, trajectory, plan.path, roll_rad, speed)
+    certificate: Certificate = verify_scan(
+        model, trajectory, plan.path, roll_rad, speed, obstacles=settings.obstacles
+    )
     return replace(
         plan,
         mode="constant",

@@ -17,6 +17,7 @@ from rona_core.errors import InvalidInputError, NotReachableError
 from rona_core.geometry.pose import Pose, Poses
 from rona_core.robot.model import RobotModel
 from rona_core.robot.motion import SAMPLE_S, joint_move
+from rona_core.robot.obstacles import Obstacles
 from rona_core.robot.plan import Certificate
 from rona_core.robot.profile import SpeedLimits, time_along
 from rona_core.robot.room import Room, RoomRules, judge
@@ -54,6 +55,7 @@ def plan_tool_motion(
     n_translate: int = 10,
     length_mm: float = 100.0,
     dwell_s: float = 0.5,
+    obstacles: Obstacles | None = None,
 ) -> ToolMotion:
     """Plan the calibration motion of the tool, from home and back.
 
@@ -69,6 +71,7 @@ def plan_tool_motion(
         n_translate: Dwells along each of tool x and tool y, at least 2.
         length_mm: Length of each shift, half to either side of the middle.
         dwell_s: How long the robot stands still at each dwell.
+        obstacles: For the verifier; None looks at no collisions.
 
     Raises:
         InvalidInputError: a count, angle or duration out of range.
@@ -111,7 +114,7 @@ def plan_tool_motion(
         dwell_end_s=readonly(times[ends].copy()),
         phases=readonly(phases.astype(np.int64)),
         T_base_tip_center=center,
-        certificate=verify_motion(model, motion),
+        certificate=verify_motion(model, motion, obstacles=obstacles),
     )
 
 

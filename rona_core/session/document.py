@@ -17,6 +17,7 @@ from rona_core.devices.settings import (
     require,
     require_within,
 )
+from rona_core.devices.surroundings import Surroundings
 from rona_core.geometry.path5d import Path5D
 from rona_core.mapping.boundary_map import Maps
 from rona_core.mapping.second_pass import SecondPassPath
@@ -69,6 +70,7 @@ class Setup:
     bone: BoneChoice = field(default_factory=BoneChoice)
     devices: DeviceSettings = field(default_factory=DeviceSettings)
     use_base_marker: bool = True  # to find a tracker again that was moved after the registration
+    surroundings: Surroundings = field(default_factory=Surroundings)  # what collisions are with
 
     def __post_init__(self) -> None:
         require_seed(self.seed)

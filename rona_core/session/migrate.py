@@ -73,10 +73,26 @@ def _tracked(capture: Any) -> Any:
     return {**capture, "base": None, "tracker_place": FIRST_PLACE}
 
 
+# What stood around the robot before schema 3, when nobody could say otherwise.
+FIRST_SURROUNDINGS: dict[str, Any] = {
+    "$type": "Surroundings",
+    "table": True,
+    "table_center_mm": [630.0, 0.0, -175.0],
+    "table_size_mm": [1500.0, 600.0, 60.0],
+    "floor_mm": 0.0,
+    "head_below_mm": 90.0,
+    "stand_radius_mm": 120.0,
+    "head_margin_mm": 10.0,
+    "margin_mm": 20.0,
+    "self_margin_mm": 5.0,
+}
 # Fields that schema 3 gave to values of schema 2: class -> field -> value it had in effect.
 ADDED_IN_3: dict[str, dict[str, Any]] = {
     "Captures": {"second": None},  # nobody had scanned the gaps again
-    "Setup": {"bone": {"$type": "BoneChoice", "kind": "normal", "own_speed": False}},
+    "Setup": {
+        "bone": {"$type": "BoneChoice", "kind": "normal", "own_speed": False},
+        "surroundings": FIRST_SURROUNDINGS,
+    },
     "ProbeSettings": {
         "centre_mhz": None,
         "bandwidth": None,

@@ -117,7 +117,7 @@ def test_a_changed_capture_changes_the_result(demo):
     captures = replace(session.captures, scan=replace(session.captures.scan, scans=shifted))
     tampered = replace(session, captures=captures)
     # a stale result is not compared: pretend that it was computed from the changed capture
-    from rona_core.app.inputs import input_digests
+    from rona_core.app.staleness import input_digests
 
     found = replace(session.results.detection, inputs=input_digests("detection", tampered))
     tampered = replace(tampered, results=replace(tampered.results, detection=found, maps=None))

@@ -5,7 +5,7 @@ import pytest
 
 from rona_core.app.commands import SetBone
 from rona_core.app.handlers import handle
-from rona_core.app.inputs import capture_setup_digest
+from rona_core.app.staleness import capture_setup_digest
 from rona_core.compose import build_virtual_rig
 from rona_core.errors import InvalidInputError
 from rona_core.session.document import Session, Setup

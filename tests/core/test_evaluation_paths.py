@@ -122,12 +122,19 @@ def test_normals_that_point_into_the_bone_are_half_a_turn_off():
 def test_a_plan_is_counted_by_rolls_and_timed_from_end_to_end():
     verdicts = tuple(SimpleNamespace(feasible=i % 3 == 0) for i in range(72))
     trajectory = SimpleNamespace(times_s=np.array([0.0, 1.5, 61.25]))
-    plan = SimpleNamespace(verdicts=verdicts, mode="constant", trajectory=trajectory)
+    certificate = SimpleNamespace(min_clearance_mm=7.5)
+    plan = SimpleNamespace(
+        verdicts=verdicts, mode="constant", trajectory=trajectory, certificate=certificate
+    )
     assert plan_figures(plan) == {
         "rolls_tried": 72,
         "rolls_feasible": 24,
         "roll_mode": "constant",
+        "min_clearance_mm": 7.5,
         "scan_duration_s": 61.25,
     }
-    nothing = SimpleNamespace(verdicts=verdicts[1:3], mode="none", trajectory=None)
+    nothing = SimpleNamespace(
+        verdicts=verdicts[1:3], mode="none", trajectory=None, certificate=None
+    )
+    assert plan_figures(nothing)["min_clearance_mm"] is None
     assert plan_figures(nothing)["scan_duration_s"] is None

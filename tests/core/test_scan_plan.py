@@ -56,7 +56,7 @@ def test_a_plan_is_certified_and_its_certificate_is_for_this_motion_alone(plan):
     assert plan.may_move
     assert plan.mode == "constant"
     assert plan.verdicts[plan.chosen].feasible
-    assert len(plan.certificate.checks) == 15
+    assert len(plan.certificate.checks) == 19
     moved = tampered(plan, qs_rad=plan.trajectory.qs_rad + 1e-12)
     assert not plan.certificate.certifies(moved)
     later = tampered(plan, times_s=plan.trajectory.times_s * 1.000001)

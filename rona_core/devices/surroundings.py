@@ -1,0 +1,53 @@
+"""What somebody said at set-up about the things around the robot: facts of the room, not measured.
+
+The room is the robot base at its default place, so that moving the base does not move the table.
+Table and head are told from the place of work, where the scanned region is put up before the robot.
+See docs/algorithms/collision.md.
+"""
+
+from dataclasses import dataclass
+from typing import ClassVar
+
+import numpy as np
+
+from rona_core.devices.settings import STRICT, RobotSettings, require, require_within
+from rona_core.geometry.pose import Pose
+
+Triple = tuple[float, float, float]
+FAR_MM = 5000.0  # no place of the room is farther from the robot
+PLACE_OF_WORK: Triple = (600.0, 60.0, 400.0)  # in the room
+
+
+@dataclass(frozen=True, slots=True)
+class Surroundings:
+    """Table, floor, head rest and tracker stand, and how far the robot keeps from them."""
+
+    __pydantic_config__: ClassVar = STRICT
+
+    table: bool = True
+    table_center_mm: Triple = (630.0, 0.0, -175.0)  # middle of the top, from the place of work
+    table_size_mm: Triple = (1500.0, 600.0, 60.0)  # along x, along y, thickness
+    floor_mm: float = 0.0  # height of the floor, or of the pedestal the robot stands on
+    head_below_mm: float = 90.0  # middle of the head below the place of work, until it is touched
+    stand_radius_mm: float = 120.0  # of the pole of the tracker with what hangs on it
+    head_margin_mm: float = 10.0  # of everything but the probe from the head
+    margin_mm: float = 20.0  # from everything else
+    self_margin_mm: float = 5.0  # between parts of the robot
+
+    def __post_init__(self) -> None:
+        near = all(abs(part) <= FAR_MM for part in self.table_center_mm)
+        require(near, f"table_center_mm must stay within {FAR_MM:g}, not {self.table_center_mm}")
+        sized = all(1.0 <= part <= FAR_MM for part in self.table_size_mm)
+        require(sized, f"table_size_mm must be 1 to {FAR_MM:g} mm, not {self.table_size_mm}")
+        require_within("floor_mm", self.floor_mm, -FAR_MM, FAR_MM)
+        require_within("head_below_mm", self.head_below_mm, -500.0, 500.0)
+        require_within("stand_radius_mm", self.stand_radius_mm, 10.0, 1000.0)
+        require_within("head_margin_mm", self.head_margin_mm, 0.0, 200.0)
+        require_within("margin_mm", self.margin_mm, 0.0, 200.0)
+        require_within("self_margin_mm", self.self_margin_mm, 0.0, 50.0)
+
+
+def room_pose(robot: RobotSettings) -> Pose:
+    """Return the pose of the room in ``base``, from where the base stands now."""
+    turn_rad = (0.0, 0.0, float(np.deg2rad(robot.base_turn_deg)))
+    return Pose.from_rotvec(turn_rad, robot.base_shift_mm).inv()
