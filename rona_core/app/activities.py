@@ -44,6 +44,7 @@ from rona_core.app.outcomes import (
     StoreToolCapture,
 )
 from rona_core.app.plain import plain_arguments
+from rona_core.app.scan_capture import capture_scan
 from rona_core.app.toolbox import Toolbox
 from rona_core.errors import InvalidInputError, NotFoundError
 from rona_core.session.codec import digest
@@ -155,7 +156,7 @@ def _(activity: StartRollSearch, session: Session, tools: Toolbox) -> Messages:
 @perform.register
 def _(activity: StartScan, session: Session, tools: Toolbox) -> Messages:
     require_inputs(type(activity), session)
-    return (StoreScanCapture(captures.capture_scan(session, tools)),)
+    return (StoreScanCapture(capture_scan(session, tools)),)
 
 
 @perform.register

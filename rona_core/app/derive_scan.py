@@ -4,6 +4,7 @@ from dataclasses import dataclass, replace
 
 from rona_core.app.messages import StartMapping, StartRollSearch
 from rona_core.app.needs import need
+from rona_core.app.pose_timing import probe_poses_of
 from rona_core.devices.protocols import Cancel, Progress, never, silent
 from rona_core.geometry.pose import Poses
 from rona_core.mapping.boundary_map import Maps
@@ -79,9 +80,7 @@ def derive_detection(
 
 def probe_poses(session: Session) -> Poses:
     """Return the pose of the probe in ``base`` at each A-scan, from the robot's joint angles."""
-    capture = need(session.captures.scan, "scan")
-    model = robot_model(session.setup.devices.robot.model)
-    return model.forward(capture.joints.at(capture.scans.times_s)) @ model.T_flange_probe
+    return need(probe_poses_of(session), "scan")
 
 
 def derive_maps(

@@ -46,7 +46,6 @@ from rona_core.app.plain import message_from, plain_arguments
 from rona_core.devices.settings import (
     DeviceSettings,
     ProbeSettings,
-    RobotSettings,
     TrackerPlace,
 )
 from rona_core.errors import InvalidInputError, StaleResultError, StepBlockedError
@@ -129,7 +128,8 @@ def _(message: SetToolVisible, session: Session) -> Session:
 @handle.register
 def _(message: SetRobot, session: Session) -> Session:
     robot_model(message.model)  # refuses an unknown name
-    settings = RobotSettings(
+    settings = replace(
+        session.setup.devices.robot,
         model=message.model,
         errors=message.errors,
         scan_speed_mm_per_s=message.scan_speed_mm_per_s,

@@ -74,7 +74,10 @@ def _tracked(capture: Any) -> Any:
 
 
 # Fields that schema 3 gave to values of schema 2: class -> field -> value it had in effect.
-ADDED_IN_3: dict[str, dict[str, Any]] = {}
+ADDED_IN_3: dict[str, dict[str, Any]] = {
+    "RobotSettings": {"contact": None, "latency_ms": 0.0},
+    "ScanCapture": {"forces": None, "clock_scans": None},
+}
 # Results of schema 2 that schema 3 holds more of: computed again by one click each.
 OUTGROWN_IN_3 = ("roll", "detection", "maps")
 NEW_IN_3: tuple[str, ...] = ()  # results that schema 2 did not know

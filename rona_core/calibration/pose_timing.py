@@ -1,0 +1,153 @@
+"""How late the robot's joint angles arrive, seen by the echoes while the probe moves up or down.
+
+Against bone that keeps still, the stand-off shrinks exactly as the face goes forward: the delay is
+the shift in time at which stand-off and place agree. See docs/algorithms/pose_timing.md.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+from scipy.interpolate import CubicSpline
+from scipy.optimize import minimize_scalar
+
+from rona_core.arrays import Bools, Floats, as_floats
+from rona_core.errors import DegenerateGeometryError, InvalidInputError
+
+MAX_DELAY_S = 0.1  # either way
+STEP_S = 0.004  # of the search, before it is refined
+LEAST_SCANS = 12
+OUTLIER_MADS = 4.0  # A-scans further off than this many deviations are left out
+LEAST_DEVIATION_MM = 0.005
+WORST_SIGMA_S = 0.01  # less certain than this, the delay is not worth applying
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class EchoSegment:
+    """One movement along the probe's axis over bone that keeps still."""
+
+    scan_times_s: Floats  # (n,) instants at which A-scans were fired
+    standoff_mm: Floats  # (n,) distance to the bone that they show
+    joint_times_s: Floats  # (m,) times at which joint angles arrived, growing
+    place_mm: Floats  # (m,) place of the face along the probe's axis that they stand for
+
+
+@dataclass(frozen=True, slots=True)
+class PoseDelay:
+    """How much later a pose is reported than it was taken."""
+
+    delay_s: float
+    sigma_s: float  # standard deviation
+    scale: float  # change of stand-off over change of place: 1 if both are true
+    rms_mm: float  # what the fit leaves over
+    n_scans: int  # that were used
+
+    def way_mm(self, speed_mm_per_s: float) -> float:
+        """Return by how much a map would be shifted along the path without correction."""
+        return abs(self.delay_s) * speed_mm_per_s
+
+    def sigma_mm(self, speed_mm_per_s: float) -> float:
+        """Return the standard deviation of that shift that the correction leaves."""
+        return self.sigma_s * speed_mm_per_s
+
+
+def estimate_pose_delay(segments: Sequence[EchoSegment]) -> PoseDelay:
+    """Return the delay for which place(t + delay) and stand-off(t) of all segments agree best.
+
+    Each segment has its own offset; the scale is common.
+
+    Raises:
+        InvalidInputError: arrays that do not fit together.
+        DegenerateGeometryError: too few A-scans, or a motion too slow or too even to tell.
+    """
+    parts = [_Part(segment) for segment in segments]
+    n = sum(len(part.times_s) for part in parts)
+    if n < LEAST_SCANS:
+        raise DegenerateGeometryError(f"{n} A-scans are too few for a delay: {LEAST_SCANS}")
+    standoffs = np.concatenate([part.standoff_mm for part in parts])
+    used = np.ones(n, dtype=np.bool_)
+    for _ in range(4):
+        delay_s = _best_delay(parts, standoffs, used)
+        left = standoffs - _predicted(parts, standoffs, used, delay_s)[0]
+        deviation = max(1.4826 * float(np.median(np.abs(left[used]))), LEAST_DEVIATION_MM)
+        kept = np.abs(left) < OUTLIER_MADS * deviation
+        if (kept == used).all() or np.count_nonzero(kept) < LEAST_SCANS:
+            break
+        used = kept
+    fitted, scale, rates = _predicted(parts, standoffs, used, delay_s)
+    left = (standoffs - fitted)[used]
+    count = int(np.count_nonzero(used))
+    rms_mm = float(np.sqrt((left**2).mean()))
+    told = float((rates[used] ** 2).sum())
+    freedom = max(count - len(parts) - 2, 1)
+    sigma_s = float(np.sqrt((left**2).sum() / freedom / told)) if told > 0.0 else np.inf
+    if sigma_s > WORST_SIGMA_S or abs(delay_s) > MAX_DELAY_S - STEP_S:
+        raise DegenerateGeometryError(
+            f"the motion tells the delay of the poses only to {1e3 * sigma_s:.2g} ms: move faster, "
+            "and not evenly"
+        )
+    return PoseDelay(delay_s, sigma_s, scale, rms_mm, count)
+
+
+class _Part:
+    """A segment as a curve that can be looked up at any time."""
+
+    def __init__(self, segment: EchoSegment) -> None:
+        self.times_s = as_floats(segment.scan_times_s, name="scan_times_s")
+        self.standoff_mm = as_floats(segment.standoff_mm, name="standoff_mm")
+        times = as_floats(segment.joint_times_s, name="joint_times_s")
+        places = as_floats(segment.place_mm, name="place_mm")
+        if self.times_s.shape != self.standoff_mm.shape or times.shape != places.shape:
+            raise InvalidInputError("a segment needs one stand-off per A-scan, one place per pose")
+        if len(times) < 4 or (np.diff(times) <= 0.0).any():
+            raise InvalidInputError("joint_times_s must hold at least 4 times that grow")
+        self._curve = CubicSpline(times, places)
+        self._range = times[0], times[-1]
+
+    def at(self, delay_s: float, order: int = 0) -> Floats:
+        """Return places, or speeds with order 1, at the A-scans for some delay."""
+        times = np.clip(self.times_s + delay_s, *self._range)
+        return np.asarray(self._curve(times, order), dtype=np.float64)
+
+
+def _design(parts: Sequence[_Part], delay_s: float, order: int = 0) -> Floats:
+    """Return places, and a column of ones for each segment, (n, 1 + segments)."""
+    places = np.concatenate([part.at(delay_s, order) for part in parts])
+    sizes = [len(part.times_s) for part in parts]
+    member: Bools = np.repeat(np.arange(len(parts)), sizes)[:, None] == np.arange(len(parts))
+    return np.column_stack((places, member.astype(np.float64)))
+
+
+def _predicted(
+    parts: Sequence[_Part], standoffs: Floats, used: Bools, delay_s: float
+) -> tuple[Floats, float, Floats]:
+    """Return stand-offs by the fit (n,), its scale, and what a delay alone would change (n,)."""
+    design = _design(parts, delay_s)
+    solution: Floats = np.linalg.lstsq(design[used], standoffs[used])[0]
+    slope = solution[0] * _design(parts, delay_s, 1)[:, 0]
+    # the part of it that neither scale nor offsets could imitate
+    imitated = design @ np.linalg.lstsq(design[used], slope[used])[0]
+    return design @ solution, -float(solution[0]), slope - imitated
+
+
+def _best_delay(parts: Sequence[_Part], standoffs: Floats, used: Bools) -> float:
+    def cost(delay_s: float) -> float:
+        design = _design(parts, float(delay_s))[used]
+        wanted = standoffs[used]
+        left = wanted - design @ np.linalg.lstsq(design, wanted)[0]
+        return float(left @ left)
+
+    delays = np.arange(-MAX_DELAY_S, MAX_DELAY_S + STEP_S / 2.0, STEP_S)
+    best = float(delays[int(np.argmin([cost(d) for d in delays]))])
+    found: Any = minimize_scalar(
+        cost, bounds=(best - STEP_S, best + STEP_S), method="bounded", options={"xatol": 1e-7}
+    )
+    return float(found.x)
+
+
+def segment_places(points_base: ArrayLike, axes_base: ArrayLike, near: int) -> Floats:
+    """Return places (m,) of faces (m, 3) along the axis of one of them."""
+    points, axes = np.asarray(points_base), np.asarray(axes_base)
+    return np.asarray((points - points[near]) @ axes[near], dtype=np.float64)
