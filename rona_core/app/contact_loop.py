@@ -28,11 +28,11 @@ from rona_core.robot.contact import (
 from rona_core.robot.contact_band import ContactBand
 from rona_core.robot.model import RobotModel
 from rona_core.robot.plan import Trajectory
-from rona_core.robot.tool_load import pressing_force_n
+from rona_core.robot.tool_load import pressing_force_n, probe_axis_sensor
 
 SLOWING_MM = 2.5  # way in which the approach slows down before a surface can be met
 LIFTED_MM = 6.0  # from here on the correction may be taken back
-RETURN_S, RETURNED_MM = 0.15, 0.005  # how the correction is taken back, and how exactly
+RETURN_S, RETURNED_MM = 0.3, 0.005  # how the correction is taken back, and how exactly
 BACK_MM_PER_S, BACK_S = 5.0, 2.5  # after a stop the probe is drawn back so fast, for so long
 LIFT_SCANS_S = 0.6  # A-scans are fired for so long while lifting off, to compare the clocks
 MOST_CLOCK_SCANS = 160
@@ -70,7 +70,7 @@ class ContactLoop:
         self._trajectory, self._band, self._places_s = trajectory, band, places_s
         self._settings, self._load, self._model, self._tools = settings, load, model, tools
         self._controller = ContactController(settings, travel_mm=band.travel_mm)
-        self._axis_sensor = model.T_flange_probe.rotation[:, 2]
+        self._axis_sensor = probe_axis_sensor(model)
         self._feed = 1.0
         self._stopped_s = np.inf
         self._pressed_on = False  # once: from then on the scan has begun

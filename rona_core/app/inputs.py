@@ -1,7 +1,7 @@
 """What each capture and each result depends on, and whether that has changed since."""
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from typing import Any
 
 from rona_core.app.messages import (
@@ -53,6 +53,15 @@ def _value(name: str) -> Callable[[Session], Any]:
     return read
 
 
+def _arm(session: Session) -> dict[str, Any]:
+    """Return what a registration or a plan depends on: not how the probe is pressed on."""
+    robot = session.setup.devices.robot
+    scan_only = ("contact", "latency_ms")
+    names = [f.name for f in fields(robot) if f.name not in scan_only]
+    # it reads like the settings did before they knew of contact, so that older results stay valid
+    return {"$type": type(robot).__name__, **{name: getattr(robot, name) for name in names}}
+
+
 TOOL_CAPTURE = Input(lambda s: s.captures.tool, "record the tool motion (step 2)", "capture tool")
 POINTER_CAPTURE = Input(
     lambda s: s.captures.pointer, "record the pivoting of the pointer (step 3)", "capture pointer"
@@ -73,7 +82,7 @@ ROLL = Input(_value("roll"), "search the roll (step 7)", "roll")
 SKULL = Input(lambda s: s.setup.specimen, "load a skull (step 1)")
 REGION = Input(lambda s: s.setup.region, "choose a region (step 1)")
 DETECTION = Input(_value("detection"), "detect the boundaries (step 9)", "detection")
-ROBOT = Input(lambda s: s.setup.devices.robot, "choose a robot (step 1)")
+ROBOT = Input(_arm, "choose a robot (step 1)")
 REFERENCE = Input(lambda s: s.setup.use_base_marker, "choose the reference (step 1)")
 EDITS = Input(lambda s: s.path_edits, "smooth the path (step 6)")
 PROBE = Input(lambda s: s.setup.devices.probe, "choose a probe (step 1)")
@@ -226,6 +235,7 @@ def capture_setup_digest(kind: str, session: Session) -> str:
         seen += [robot.model, robot.base_shift_mm, robot.base_turn_deg]
     if kind in ("tool", "scan"):
         seen += [robot.errors]
+        seen += [robot.latency_ms] if robot.latency_ms else []  # nothing for older captures
     if kind in ("pointer", "surface", "path"):
         seen += [devices.pointer]
     if kind in ("surface", "path", "scan"):
@@ -233,6 +243,7 @@ def capture_setup_digest(kind: str, session: Session) -> str:
     if kind == "scan":
         plan = session.results.roll
         seen += [digest(devices.probe), "" if plan is None else digest(plan.value)]
+        seen += [] if robot.contact is None else [digest(robot.contact)]
     return digest(seen)
 
 

@@ -106,7 +106,9 @@ def _by_position(
     motion = rig.robot.move(trajectory.times_s, trajectory.qs_rad)
     recorded = Recorded(joints=[rig.robot.state()])
     clock_s = _clock_times(trajectory, model)
-    last_s = min(max(clock_s.max(initial=0.0), places_s[-1]) + AFTER_S, float(trajectory.times_s[-1]))
+    last_s = min(
+        max(clock_s.max(initial=0.0), places_s[-1]) + AFTER_S, float(trajectory.times_s[-1])
+    )
     ticks = np.arange(min(clock_s.min(initial=np.inf), places_s[0]), last_s, TICK_S)
     times = np.concatenate((places_s, clock_s, ticks))
     kinds = np.repeat((0, 1, 2), (len(places_s), len(clock_s), len(ticks)))

@@ -1,7 +1,9 @@
 """How late the robot's joint angles arrive, seen by the echoes while the probe moves up or down.
 
 Against bone that keeps still, the stand-off shrinks exactly as the face goes forward: the delay is
-the shift in time at which stand-off and place agree. See docs/algorithms/pose_timing.md.
+the shift in time at which stand-off and place agree. What is compared are the steps from one A-scan
+to the next: a robot that settles a little elsewhere now and then spoils one step, not the rest.
+See docs/algorithms/pose_timing.md.
 """
 
 from collections.abc import Sequence
@@ -18,9 +20,10 @@ from rona_core.errors import DegenerateGeometryError, InvalidInputError
 
 MAX_DELAY_S = 0.1  # either way
 STEP_S = 0.004  # of the search, before it is refined
-LEAST_SCANS = 12
-OUTLIER_MADS = 4.0  # A-scans further off than this many deviations are left out
-LEAST_DEVIATION_MM = 0.005
+LEAST_STEPS = 12
+ROUNDS = 4  # of leaving out outliers
+OUTLIER_MADS = 4.0  # steps further off than this many deviations are left out
+LEAST_DEVIATION_MM = 0.002
 WORST_SIGMA_S = 0.01  # less certain than this, the delay is not worth applying
 
 
@@ -41,8 +44,8 @@ class PoseDelay:
     delay_s: float
     sigma_s: float  # standard deviation
     scale: float  # change of stand-off over change of place: 1 if both are true
-    rms_mm: float  # what the fit leaves over
-    n_scans: int  # that were used
+    rms_mm: float  # what the fit leaves over of the steps
+    n_steps: int  # between A-scans that were used
 
     def way_mm(self, speed_mm_per_s: float) -> float:
         """Return by how much a map would be shifted along the path without correction."""
@@ -56,39 +59,39 @@ class PoseDelay:
 def estimate_pose_delay(segments: Sequence[EchoSegment]) -> PoseDelay:
     """Return the delay for which place(t + delay) and stand-off(t) of all segments agree best.
 
-    Each segment has its own offset; the scale is common.
+    The scale is common, because the speed of sound in the delay line may not be exactly known.
 
     Raises:
         InvalidInputError: arrays that do not fit together.
         DegenerateGeometryError: too few A-scans, or a motion too slow or too even to tell.
     """
     parts = [_Part(segment) for segment in segments]
-    n = sum(len(part.times_s) for part in parts)
-    if n < LEAST_SCANS:
-        raise DegenerateGeometryError(f"{n} A-scans are too few for a delay: {LEAST_SCANS}")
-    standoffs = np.concatenate([part.standoff_mm for part in parts])
+    n = sum(len(part.times_s) - 1 for part in parts)
+    if n < LEAST_STEPS:
+        raise DegenerateGeometryError(f"{n} steps are too few for a delay: {LEAST_STEPS}")
+    seen = np.concatenate([np.diff(part.standoff_mm) for part in parts])
     used = np.ones(n, dtype=np.bool_)
-    for _ in range(4):
-        delay_s = _best_delay(parts, standoffs, used)
-        left = standoffs - _predicted(parts, standoffs, used, delay_s)[0]
+    for _ in range(ROUNDS):
+        delay_s = _best_delay(parts, seen, used)
+        left = seen - _predicted(parts, seen, used, delay_s)[0]
         deviation = max(1.4826 * float(np.median(np.abs(left[used]))), LEAST_DEVIATION_MM)
         kept = np.abs(left) < OUTLIER_MADS * deviation
-        if (kept == used).all() or np.count_nonzero(kept) < LEAST_SCANS:
+        if (kept == used).all() or np.count_nonzero(kept) < LEAST_STEPS:
             break
         used = kept
-    fitted, scale, rates = _predicted(parts, standoffs, used, delay_s)
-    left = (standoffs - fitted)[used]
+    delay_s = _best_delay(parts, seen, used)
+    fitted, scale, told = _predicted(parts, seen, used, delay_s)
+    left = (seen - fitted)[used]
     count = int(np.count_nonzero(used))
-    rms_mm = float(np.sqrt((left**2).mean()))
-    told = float((rates[used] ** 2).sum())
-    freedom = max(count - len(parts) - 2, 1)
-    sigma_s = float(np.sqrt((left**2).sum() / freedom / told)) if told > 0.0 else np.inf
+    information = float((told[used] ** 2).sum())
+    variance = float((left**2).sum()) / max(count - 2, 1)
+    sigma_s = float(np.sqrt(variance / information)) if information > 0.0 else float("inf")
     if sigma_s > WORST_SIGMA_S or abs(delay_s) > MAX_DELAY_S - STEP_S:
         raise DegenerateGeometryError(
             f"the motion tells the delay of the poses only to {1e3 * sigma_s:.2g} ms: move faster, "
             "and not evenly"
         )
-    return PoseDelay(delay_s, sigma_s, scale, rms_mm, count)
+    return PoseDelay(delay_s, sigma_s, scale, float(np.sqrt((left**2).mean())), count)
 
 
 class _Part:
@@ -101,46 +104,40 @@ class _Part:
         places = as_floats(segment.place_mm, name="place_mm")
         if self.times_s.shape != self.standoff_mm.shape or times.shape != places.shape:
             raise InvalidInputError("a segment needs one stand-off per A-scan, one place per pose")
-        if len(times) < 4 or (np.diff(times) <= 0.0).any():
-            raise InvalidInputError("joint_times_s must hold at least 4 times that grow")
+        if len(self.times_s) < 2 or len(times) < 4 or (np.diff(times) <= 0.0).any():
+            raise InvalidInputError("a segment needs 2 A-scans and 4 poses at times that grow")
         self._curve = CubicSpline(times, places)
         self._range = times[0], times[-1]
 
-    def at(self, delay_s: float, order: int = 0) -> Floats:
-        """Return places, or speeds with order 1, at the A-scans for some delay."""
+    def steps(self, delay_s: float, order: int = 0) -> Floats:
+        """Return steps of the place, or of the speed with order 1, between the A-scans."""
         times = np.clip(self.times_s + delay_s, *self._range)
-        return np.asarray(self._curve(times, order), dtype=np.float64)
+        return np.diff(np.asarray(self._curve(times, order), dtype=np.float64))
 
 
-def _design(parts: Sequence[_Part], delay_s: float, order: int = 0) -> Floats:
-    """Return places, and a column of ones for each segment, (n, 1 + segments)."""
-    places = np.concatenate([part.at(delay_s, order) for part in parts])
-    sizes = [len(part.times_s) for part in parts]
-    member: Bools = np.repeat(np.arange(len(parts)), sizes)[:, None] == np.arange(len(parts))
-    return np.column_stack((places, member.astype(np.float64)))
+def _steps(parts: Sequence[_Part], delay_s: float, order: int = 0) -> Floats:
+    return np.concatenate([part.steps(delay_s, order) for part in parts])
 
 
 def _predicted(
-    parts: Sequence[_Part], standoffs: Floats, used: Bools, delay_s: float
+    parts: Sequence[_Part], seen: Floats, used: Bools, delay_s: float
 ) -> tuple[Floats, float, Floats]:
-    """Return stand-offs by the fit (n,), its scale, and what a delay alone would change (n,)."""
-    design = _design(parts, delay_s)
-    solution: Floats = np.linalg.lstsq(design[used], standoffs[used])[0]
-    slope = solution[0] * _design(parts, delay_s, 1)[:, 0]
-    # the part of it that neither scale nor offsets could imitate
-    imitated = design @ np.linalg.lstsq(design[used], slope[used])[0]
-    return design @ solution, -float(solution[0]), slope - imitated
+    """Return steps by the fit (n,), its scale, and what a delay alone would change (n,)."""
+    moved = _steps(parts, delay_s)
+    power = float(moved[used] @ moved[used])
+    scale = float(moved[used] @ seen[used]) / power if power > 0.0 else 0.0
+    slope = scale * _steps(parts, delay_s, 1)
+    imitated = float(moved[used] @ slope[used]) / power if power > 0.0 else 0.0
+    return scale * moved, -scale, slope - imitated * moved  # what no other scale could imitate
 
 
-def _best_delay(parts: Sequence[_Part], standoffs: Floats, used: Bools) -> float:
+def _best_delay(parts: Sequence[_Part], seen: Floats, used: Bools) -> float:
     def cost(delay_s: float) -> float:
-        design = _design(parts, float(delay_s))[used]
-        wanted = standoffs[used]
-        left = wanted - design @ np.linalg.lstsq(design, wanted)[0]
+        left = (seen - _predicted(parts, seen, used, float(delay_s))[0])[used]
         return float(left @ left)
 
     delays = np.arange(-MAX_DELAY_S, MAX_DELAY_S + STEP_S / 2.0, STEP_S)
-    best = float(delays[int(np.argmin([cost(d) for d in delays]))])
+    best = float(delays[int(np.argmin([cost(float(d)) for d in delays]))])
     found: Any = minimize_scalar(
         cost, bounds=(best - STEP_S, best + STEP_S), method="bounded", options={"xatol": 1e-7}
     )

@@ -105,9 +105,7 @@ class Robot(Protocol):
         """
         ...
 
-    def guide(
-        self, times_s: ArrayLike, qs_rad: ArrayLike, travels_mm: ArrayLike
-    ) -> GuidedMotion:
+    def guide(self, times_s: ArrayLike, qs_rad: ArrayLike, travels_mm: ArrayLike) -> GuidedMotion:
         """Start a motion that stands still until it is told a correction and a share of speed.
 
         Args:

@@ -59,7 +59,7 @@ def wrong_inner(detection: "Detection", true_mm: Floats) -> Bools:
 
 
 def true_probe_poses(scan: "ScanCapture", truth: Truth) -> Poses:
-    """Return where the probe really was at each A-scan; joint angles arrive late by a known time."""
+    """Return where the probe really was at each A-scan: joint angles arrive somewhat later."""
     scene = truth.scene
     model = robot_model(scene.settings.robot.model)
     late_s = scene.settings.robot.latency_ms / 1000.0

@@ -94,8 +94,12 @@ def band_is_safe(
     checks = _checks(model, trajectory, travels, qs, at, reached)
     checks += _placed_checks(model, trajectory, travels, qs, at, probes)
     if clear is not None:
-        free = np.stack([clear(qs[at, level]) for level in range(LEVELS)]).all(axis=0)
-        checks.append(_check("configurations that touch something", ~free, 0.0, "", at))
+        free = np.ones(len(at), dtype=np.bool_)
+        for level in range(LEVELS):
+            free &= clear(qs[at, level])
+        checks.append(
+            _check("configurations that touch something", np.logical_not(free), 0.0, "", at)
+        )
     holds = all(check.holds for check in checks)
     motion = _Sheet(trajectory.times_s, qs)
     certificate = Certificate(model.name, holds, tuple(checks), motion_digest(model.name, motion))
@@ -195,9 +199,7 @@ def _placed_checks(
         tilt = np.maximum(tilt, np.linalg.norm(turned, axis=1))
     return [
         _check("distance from the tool axis in the band", off, POSITION_MM, "mm", thin),
-        _check(
-            "tilt in the band", np.rad2deg(tilt), float(np.rad2deg(TILT_RAD)), "°", thin
-        ),
+        _check("tilt in the band", np.rad2deg(tilt), float(np.rad2deg(TILT_RAD)), "°", thin),
     ]
 
 

@@ -45,19 +45,19 @@ def fit_tool_load(rotations_base_sensor: ArrayLike, wrenches: ArrayLike) -> Tool
         )
     eyes = np.tile(np.eye(3), (n, 1))
     by_force = np.column_stack((gravity.reshape(-1), eyes))  # mass, offset
-    force: Floats = np.linalg.lstsq(by_force, seen[:, :3].reshape(-1))[0]
+    force = np.linalg.lstsq(by_force, seen[:, :3].reshape(-1))[0]
     # (m com) x g = -[g]x (m com)
     turning = np.concatenate([-cross_matrix(g) for g in gravity])
     by_torque = np.column_stack((turning, eyes))  # mass times centre, offset
-    torque: Floats = np.linalg.lstsq(by_torque, seen[:, 3:].reshape(-1))[0]
+    torque = np.linalg.lstsq(by_torque, seen[:, 3:].reshape(-1))[0]
     mass = float(force[0])
     if mass < LEAST_MASS_KG:
         raise DegenerateGeometryError(f"the tool seems to weigh {1000.0 * mass:.2g} g")
     left = seen[:, :3].reshape(-1) - by_force @ force, seen[:, 3:].reshape(-1) - by_torque @ torque
     return ToolLoad(
         mass_kg=mass,
-        com_sensor_mm=readonly(torque[:3] / mass),
-        offset=readonly(np.concatenate((force[1:], torque[3:]))),
+        com_sensor_mm=readonly(as_floats(torque[:3] / mass)),
+        offset=readonly(as_floats(np.concatenate((force[1:], torque[3:])))),
         residual_n=float(np.sqrt((left[0] ** 2).mean())),
         residual_nmm=float(np.sqrt((left[1] ** 2).mean())),
         n_poses=n,
@@ -65,7 +65,7 @@ def fit_tool_load(rotations_base_sensor: ArrayLike, wrenches: ArrayLike) -> Tool
 
 
 def weight_wrench(load: ToolLoad, rotation_base_sensor: Floats) -> Floats:
-    """Return the wrench (6,) that the tool alone shows at an orientation (3, 3), offset included."""
+    """Return the wrench (6,) of the tool alone at an orientation (3, 3), offset included."""
     weight = load.mass_kg * (rotation_base_sensor.T @ GRAVITY_BASE)
     return np.concatenate((weight, np.cross(load.com_sensor_mm, weight))) + load.offset
 
@@ -78,10 +78,17 @@ def pressing_force_n(
     return -float(touch[:3] @ axis_sensor)
 
 
+def probe_axis_sensor(model: RobotModel) -> Floats:
+    """Return the axis of the probe (3,) in ``sensor``, whose axes are those of ``flange``."""
+    return model.T_flange_probe.rotation[:, 2]
+
+
 def lever_mm(model: RobotModel) -> float:
     """Return the distance of the probe's axis from the origin of the sensor."""
     T_flange_probe = model.T_flange_probe
-    return float(np.linalg.norm(np.cross(T_flange_probe.translation, T_flange_probe.rotation[:, 2])))
+    return float(
+        np.linalg.norm(np.cross(T_flange_probe.translation, T_flange_probe.rotation[:, 2]))
+    )
 
 
 def force_range_n(model: RobotModel, sensor: SensorModel) -> float:

@@ -91,7 +91,10 @@ def run_bench(
     controller = ContactController(settings)
     axis = LaggingAxis(settings.delay_ms / 1000.0, settings.lag_ms / 1000.0, settings.travel_mm)
     given = stiffness_n_per_mm
-    stiffness = given if callable(given) else lambda _: given
+
+    def stiffness(way_mm: float) -> float:
+        return given(way_mm) if callable(given) else given
+
     spring = ContactSpring(stiffness(0.0))
     noise = np.random.default_rng((seed, 0xF0))
     step_n = JR3.force_range_n / JR3.steps

@@ -4,7 +4,7 @@ from collections.abc import Callable
 
 import numpy as np
 
-from rona_core.arrays import Floats, readonly
+from rona_core.arrays import Floats, as_floats, readonly
 from rona_core.devices.force import JR3, SensorModel, WrenchSample
 from rona_core.devices.protocols import Clock
 from rona_core.errors import DeviceError
@@ -60,7 +60,7 @@ class VirtualForceSensor:
         """Start capture number ``ordinal`` of a session with this seed, without contact."""
         generator = rng(seed, "force sensor", 0, 0)
         self.mass_kg = float(generator.normal(*MASS_KG))
-        self.com_flange_mm = np.array(COM_FLANGE_MM[0]) + generator.normal(0, COM_FLANGE_MM[1], 3)
+        self.com_flange_mm: Floats = COM_FLANGE_MM[0] + generator.normal(0.0, COM_FLANGE_MM[1], 3)
         spread = np.repeat(OFFSET, 3)
         self.offset = spread * generator.normal(0.0, 1.0, 6)
         self._seed, self._ordinal = seed, ordinal
@@ -82,7 +82,7 @@ class VirtualForceSensor:
         true += np.repeat((NOISE_N, NOISE_NMM), 3) * random.normal(0.0, 1.0, 6)
         ranges = self.model.ranges
         steps = ranges / self.model.steps
-        shown = np.clip(np.rint(true / steps) * steps, -ranges, ranges)
+        shown = as_floats(np.clip(np.rint(true / steps) * steps, -ranges, ranges))
         return WrenchSample(now_s, readonly(shown), bool((np.abs(true) >= ranges).any()))
 
     def pressing_n(self) -> float:
@@ -96,7 +96,7 @@ class VirtualForceSensor:
     def _wrench(self, now_s: float) -> Floats:
         looks = round((now_s - max(self._until_s, now_s - LONGEST_S)) / INNER_S)
         if looks > 0:
-            times = now_s - INNER_S * np.arange(looks - 1, -1, -1)
+            times = as_floats(now_s - INNER_S * np.arange(looks - 1, -1, -1))
             self._spring.advance(self._depths_mm(times))
             self._until_s = now_s
         T_base_flange = self._robot_model.forward(self._q_at(now_s)[None])[0]
@@ -105,4 +105,5 @@ class VirtualForceSensor:
         touch = -self._spring.shown_n * T_flange_probe.rotation[:, 2]
         torque = np.cross(self.com_flange_mm, weight) + np.cross(T_flange_probe.translation, touch)
         drift = self._drift * now_s / 60.0
-        return np.concatenate((weight + touch + drift, torque)) + self.offset
+        wrench = np.concatenate((weight + touch + drift, torque)) + self.offset
+        return np.asarray(wrench, dtype=np.float64)
