@@ -102,7 +102,7 @@ def test_the_stand_off_is_where_the_probe_really_is(pressed):
 
 
 def test_the_delay_of_the_joint_angles_is_found(pressed):
-    session, rig = pressed
+    session, _ = pressed
     delay = pose_delay(session)
     assert delay.delay_s == pytest.approx(0.012, abs=0.0008)
     assert delay.sigma_s < 0.0005

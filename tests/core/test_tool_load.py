@@ -76,7 +76,7 @@ def test_too_few_or_too_similar_poses_are_refused():
     with pytest.raises(DegenerateGeometryError, match="too few"):
         fit_tool_load(rotations[:3], wrenches[:3])
     about_one = Rotation.from_euler("y", np.linspace(0, 40, 6)[:, None], degrees=True).as_matrix()
-    with pytest.raises(DegenerateGeometryError, match="two axes|too little"):
+    with pytest.raises(DegenerateGeometryError, match="too little"):
         fit_tool_load(np.repeat(about_one[:1], 6, axis=0), wrenches)
     with pytest.raises(DegenerateGeometryError, match="weigh"):
         fit_tool_load(rotations, np.zeros((6, 6)))
