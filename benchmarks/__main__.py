@@ -14,6 +14,7 @@ SUITES = (
     "path",
     "robot",
     "timing",
+    "contact",
     "base_placement",
     "echo_model",
     "ultrasound",

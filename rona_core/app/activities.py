@@ -42,6 +42,7 @@ from rona_core.app.outcomes import (
     StoreToolCapture,
 )
 from rona_core.app.plain import plain_arguments
+from rona_core.app.scan_capture import capture_scan
 from rona_core.app.staleness import input_digests
 from rona_core.app.toolbox import Toolbox
 from rona_core.errors import InvalidInputError, NotFoundError
@@ -154,7 +155,7 @@ def _(activity: StartRollSearch, session: Session, tools: Toolbox) -> Messages:
 @perform.register
 def _(activity: StartScan, session: Session, tools: Toolbox) -> Messages:
     require_inputs(type(activity), session)
-    return (StoreScanCapture(captures.capture_scan(session, tools)),)
+    return (StoreScanCapture(capture_scan(session, tools)),)
 
 
 @perform.register
@@ -184,7 +185,7 @@ def _(activity: StartSecondPlan, session: Session, tools: Toolbox) -> Messages:
 @perform.register
 def _(activity: StartSecondScan, session: Session, tools: Toolbox) -> Messages:
     require_inputs(type(activity), session)
-    return (StoreSecondCapture(captures.capture_scan(session, tools, "second")),)
+    return (StoreSecondCapture(capture_scan(session, tools, "second")),)
 
 
 @perform.register

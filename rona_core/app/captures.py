@@ -1,7 +1,6 @@
 """Record what the devices deliver. Stop ends a capture early; what came so far is kept."""
 
 from collections.abc import Callable
-from typing import Literal
 
 import numpy as np
 
@@ -16,15 +15,15 @@ from rona_core.app.staleness import capture_setup_digest, session_obstacles
 from rona_core.app.toolbox import Toolbox
 from rona_core.arrays import Floats, readonly
 from rona_core.devices.protocols import Motion, never
-from rona_core.devices.samples import AScanTrack, JointSample, JointTrack, ToolTrack, TrackerFrame
+from rona_core.devices.samples import JointSample, JointTrack, ToolTrack, TrackerFrame
 from rona_core.errors import CancelledError, DeviceError, InvalidInputError, NotReachableError
 from rona_core.robot.model import RobotModel, robot_model
 from rona_core.robot.motion import plan_joint_move
 from rona_core.robot.obstacles import Obstacles
-from rona_core.robot.plan import Certificate, TimedMotion, Trajectory
+from rona_core.robot.plan import Certificate, TimedMotion
 from rona_core.robot.tool_motion import plan_tool_motion
 from rona_core.robot.verify import verify_motion
-from rona_core.session.document import PointerCapture, ScanCapture, Session, ToolCapture
+from rona_core.session.document import PointerCapture, Session, ToolCapture
 
 SAME_PLACE_RAD = 1e-6
 LIVE_PERIOD_S = 0.02  # how often a positioning move looks at Cancel
@@ -51,9 +50,9 @@ def drive_to(q_rad: Floats, session: Session, tools: Toolbox) -> None:
         return
     planned, around = plan_joint_move(start, q_rad, model), session_obstacles(session)
     certificate = verify_motion(model, planned, obstacles=around)
-    _require_certified("the move", certificate, planned, around)
+    require_certified("the move", certificate, planned, around)
     motion = tools.rig.robot.move(planned.times_s, planned.qs_rad)
-    if not _finish(motion, tools):
+    if not finish(motion, tools):
         raise CancelledError("the robot was stopped on its way to the start")
 
 
@@ -67,7 +66,7 @@ def capture_tool(activity: StartToolCapture, session: Session, tools: Toolbox) -
         n_translate=activity.n_translate,
         obstacles=around,
     )
-    _require_certified("the tool motion", plan.certificate, plan, around)
+    require_certified("the tool motion", plan.certificate, plan, around)
     drive_to(plan.qs_rad[0], session, tools)
     ordinal = begin(session, tools)
     motion = tools.rig.robot.move(plan.times_s, plan.qs_rad)
@@ -144,61 +143,7 @@ def capture_path(activity: StartPathCapture, session: Session, tools: Toolbox) -
     )
 
 
-def capture_scan(
-    session: Session, tools: Toolbox, kind: Literal["scan", "second"] = "scan"
-) -> ScanCapture:
-    """Execute the certified plan and record an A-scan every ``pitch_mm`` along the path.
-
-    Raises:
-        NotReachableError: there is no plan, or the verifier did not certify it.
-    """
-    first, second = session.results.roll, session.results.second
-    plan = None if first is None else first.value
-    if kind == "second":
-        plan = None if second is None else second.value.plan
-    if plan is None or plan.trajectory is None or plan.certificate is None:
-        raise NotReachableError("there is no path that the robot can traverse: see step 7")
-    around = session_obstacles(session)
-    _require_certified("the scan", plan.certificate, plan.trajectory, around)
-    trajectory = plan.trajectory
-    drive_to(trajectory.qs_rad[0], session, tools)
-    ordinal = begin(session, tools)
-    rig, clock = tools.rig, tools.rig.clock
-    motion = rig.robot.move(trajectory.times_s, trajectory.qs_rad)
-    fire_s = fire_times(trajectory, session.setup.devices.probe.pitch_mm)
-    scans, joints, partial = [], [rig.robot.state()], False
-    for i, time_s in enumerate(fire_s):
-        if tools.cancel() or motion.done():
-            partial = True
-            break
-        clock.wait_until(float(time_s))
-        scans.append(rig.probe.acquire())
-        joints.append(rig.robot.state())
-        tools.live.put(joints=joints[-1], ascan=scans[-1], n_scans=len(scans))
-        tools.progress((i + 1) / len(fire_s))
-    if not _finish(motion, tools):
-        partial = True
-    return ScanCapture(
-        ordinal=ordinal,
-        setup_digest=capture_setup_digest(kind, session),
-        scans=AScanTrack.from_scans(scans),
-        joints=JointTrack.from_samples(joints),
-        partial=partial,
-    )
-
-
-def fire_times(trajectory: Trajectory, pitch_mm: float) -> Floats:
-    """Return when the probe is to fire (n,): at the start of the path and every ``pitch_mm``."""
-    inside = (trajectory.times_s >= trajectory.scan_start_s) & (
-        trajectory.times_s <= trajectory.scan_end_s
-    )
-    way_mm, times_s = trajectory.path_mm[inside], trajectory.times_s[inside]
-    moving = np.concatenate(([True], np.diff(way_mm) > 0))  # a place is passed once
-    places_mm = np.arange(0.0, way_mm[-1], pitch_mm)
-    return np.interp(places_mm, way_mm[moving], times_s[moving])
-
-
-def _require_certified(
+def require_certified(
     what: str, certificate: Certificate, motion: TimedMotion, around: Obstacles
 ) -> None:
     """Raise NotReachableError unless this motion was certified among what stands around now."""
@@ -291,7 +236,7 @@ def _record(
     raise DeviceError("the tracker stopped delivering frames: is it connected and started?")
 
 
-def _finish(motion: Motion, tools: Toolbox) -> bool:
+def finish(motion: Motion, tools: Toolbox) -> bool:
     """Let a motion end; return False if it was stopped instead."""
     clock = tools.rig.clock
     while not motion.done():

@@ -4,6 +4,7 @@ from dataclasses import dataclass, replace
 
 from rona_core.app.messages import StartMapping, StartRollSearch, StartSecondPlan
 from rona_core.app.needs import need
+from rona_core.app.pose_timing import probe_poses_of
 from rona_core.app.staleness import session_obstacles, usable_second
 from rona_core.devices.protocols import Cancel, Progress, never, silent
 from rona_core.errors import StepBlockedError
@@ -86,9 +87,7 @@ def probe_poses(session: Session, capture: ScanCapture | None = None) -> Poses:
 
     Without a capture it is that of the first pass.
     """
-    taken = need(session.captures.scan, "scan") if capture is None else capture
-    model = robot_model(session.setup.devices.robot.model)
-    return model.forward(taken.joints.at(taken.scans.times_s)) @ model.T_flange_probe
+    return need(probe_poses_of(session, capture), "scan")
 
 
 def derive_maps(
@@ -148,7 +147,6 @@ def derive_second(
         way.path,
         robot_model(session.setup.devices.robot.model),
         plan_settings(session, StartRollSearch()),
-        obstacles=session_obstacles(session),
         progress=progress,
         cancel=cancel,
     )
@@ -168,7 +166,7 @@ def derive_second_detection(
     probe = session.setup.devices.probe
     return detect(
         capture.scans,
-        probe_model(probe.name),
+        probe_model(probe),
         probe.excitation,
         method=message.method,
         sound_speed_mm_per_us=message.sound_speed_mm_per_us,

@@ -1,7 +1,7 @@
 """What can be an input of a result, and what must be there before a message makes sense."""
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from typing import Any
 
 from rona_core.app.messages import (
@@ -51,6 +51,15 @@ def _value(name: str) -> Callable[[Session], Any]:
     return read
 
 
+def _arm(session: Session) -> dict[str, Any]:
+    """Return what a registration or a plan depends on: not how the probe is pressed on."""
+    robot = session.setup.devices.robot
+    scan_only = ("contact", "latency_ms")
+    names = [f.name for f in fields(robot) if f.name not in scan_only]
+    # it reads like the settings did before they knew of contact, so that older results stay valid
+    return {"$type": type(robot).__name__, **{name: getattr(robot, name) for name in names}}
+
+
 TOOL_CAPTURE = Input(lambda s: s.captures.tool, "record the tool motion (step 2)", "capture tool")
 POINTER_CAPTURE = Input(
     lambda s: s.captures.pointer, "record the pivoting of the pointer (step 3)", "capture pointer"
@@ -78,7 +87,7 @@ SECOND = Input(_value("second"), "plan the second pass (step 9)", "second")
 ANY_SECOND = Input(lambda s: s.captures.second, "scan the gaps again (step 9)", optional=True)
 ANY_SECOND_DETECTION = Input(_value("second_detection"), "detect the boundaries", optional=True)
 MAPS = Input(_value("maps"), "compute the maps (step 9)", "maps")
-ROBOT = Input(lambda s: s.setup.devices.robot, "choose a robot (step 1)")
+ROBOT = Input(_arm, "choose a robot (step 1)")
 REFERENCE = Input(lambda s: s.setup.use_base_marker, "choose the reference (step 1)")
 EDITS = Input(lambda s: s.path_edits, "smooth the path (step 6)")
 PROBE = Input(lambda s: s.setup.devices.probe, "choose a probe (step 1)")

@@ -66,6 +66,8 @@ FIGURES: dict[str, FigureKind] = {
     "second_pass_points": FigureKind("A-scans of the second pass", "", 0),
     "second_pass_reason": FigureKind("No second pass, because", "", 0),
     "scan_duration_s": FigureKind("Scan duration", "s", 0),
+    "contact_force_rms_n": FigureKind("Force about its set point, RMS", "N", 2, 0.7),
+    "contact_force_peak_n": FigureKind("Largest force", "N", 1, 6.0),
     "outer_rms_mm": FigureKind("Outer boundary, RMS", "mm", 2, 0.6, paper=0.35),
     "inner_rms_mm": FigureKind("Inner boundary, RMS", "mm", 2, 1.2),
     "outer_same_robot_rms_mm": FigureKind("Outer boundary, same robot", "mm", 2),

@@ -141,6 +141,7 @@ def capture_setup_digest(kind: str, session: Session) -> str:
         seen += [robot.model, robot.base_shift_mm, robot.base_turn_deg]
     if kind in ("tool", *SCANS):
         seen += [robot.errors]
+        seen += [robot.latency_ms] if robot.latency_ms else []  # nothing for older captures
     if kind in ("pointer", "surface", "path"):
         seen += [devices.pointer]
     if kind in ("surface", "path", *SCANS):
@@ -151,6 +152,7 @@ def capture_setup_digest(kind: str, session: Session) -> str:
         before = plan if kind == "scan" else session.captures.scan
         seen += [digest(setup.bone), digest(devices.probe)]
         seen += ["" if before is None else digest(before)]
+        seen += [] if robot.contact is None else [digest(robot.contact)]
     return digest(seen)
 
 

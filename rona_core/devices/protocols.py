@@ -11,6 +11,7 @@ from typing import Literal, Protocol
 from numpy.typing import ArrayLike
 
 from rona_core.arrays import Floats, Ints, Vector3
+from rona_core.devices.force import ForceSensor
 from rona_core.devices.samples import AScan, JointSample, TrackerFrame
 from rona_core.devices.settings import DeviceSettings
 from rona_core.geometry.pose import Pose
@@ -69,15 +70,48 @@ class Motion(Protocol):
         ...
 
 
+class GuidedMotion(Motion, Protocol):
+    """A motion under way that is corrected along the tool axis, step by step."""
+
+    def correct(self, velocity_mm_per_s: float, feed_share: float) -> None:
+        """Correct at this speed from now on, and drive at this share of the motion's own speed.
+
+        The robot takes up the correction with its delay, and keeps within the corrections that
+        the motion was given for.
+        """
+        ...
+
+    def reached_s(self) -> float:
+        """Return the time of the motion that has been reached."""
+        ...
+
+    def travel_mm(self) -> float:
+        """Return the correction reached, as the robot reports it."""
+        ...
+
+
 class Robot(Protocol):
     """A robot arm with six joints."""
 
     def state(self) -> JointSample:
-        """Return the joint angles now."""
+        """Return the joint angles that arrive now; they may have been read somewhat earlier."""
         ...
 
     def move(self, times_s: ArrayLike, qs_rad: ArrayLike) -> Motion:
         """Start along joint angles (n, 6) at times (n,), counted from now.
+
+        Raises:
+            DeviceError: a joint limit would be exceeded, or the motion starts elsewhere.
+        """
+        ...
+
+    def guide(self, times_s: ArrayLike, qs_rad: ArrayLike, travels_mm: ArrayLike) -> GuidedMotion:
+        """Start a motion that stands still until it is told a correction and a share of speed.
+
+        Args:
+            times_s: Times (n,) of the motion at its full speed, from 0.
+            qs_rad: Joint angles (n, m, 6) at each time and correction.
+            travels_mm: Corrections (m,) along the tool axis, positive into the surface.
 
         Raises:
             DeviceError: a joint limit would be exceeded, or the motion starts elsewhere.
@@ -224,6 +258,11 @@ class Rig(Protocol):
     @property
     def probe(self) -> Probe:
         """The ultrasound probe."""
+        ...
+
+    @property
+    def force(self) -> ForceSensor:
+        """The force sensor between flange and tool."""
         ...
 
     @property

@@ -105,8 +105,39 @@ ROBOTS = {"rx90": "Stäubli RX90", "ur5": "UR5", "ur10": "UR10"}  # what people 
 
 
 @dataclass(frozen=True, slots=True)
+class ContactSettings:
+    """How the robot presses the probe on; ``docs/algorithms/contact_control.md`` explains each."""
+
+    __pydantic_config__: ClassVar = STRICT
+
+    force_n: float = 3.0  # set point, along the tool axis
+    period_ms: float = 16.0  # of the control loop
+    delay_ms: float = 32.0  # from a correction that is sent to the robot beginning it
+    lag_ms: float = 20.0  # time constant with which the robot then follows
+    travel_mm: float = 5.0  # the correction may go this far either way from the certified motion
+    approach_mm_per_s: float = 2.0  # closing speed until the probe is pressed on
+    monitor_n: float = 10.0  # above it the scan halts and the probe yields
+    stop_n: float = 20.0  # above it everything stops
+
+    def __post_init__(self) -> None:
+        require_within("force_n", self.force_n, 0.5, 8.0)
+        require_within("period_ms", self.period_ms, 1.0, 50.0)
+        require_within("delay_ms", self.delay_ms, 0.0, 200.0)
+        require_within("lag_ms", self.lag_ms, 1.0, 200.0)
+        require_within("travel_mm", self.travel_mm, 1.0, 10.0)
+        require_within("approach_mm_per_s", self.approach_mm_per_s, 0.2, 10.0)
+        require_within("monitor_n", self.monitor_n, self.force_n + 1.0, 30.0)
+        require_within("stop_n", self.stop_n, self.monitor_n + 1.0, 50.0)
+
+    @property
+    def period_s(self) -> float:
+        """Time between two steps of the control loop."""
+        return self.period_ms / 1000.0
+
+
+@dataclass(frozen=True, slots=True)
 class RobotSettings:
-    """Which robot, how exact, how fast, and where its base stands."""
+    """Which robot, how exact, how fast, where its base stands, and how it presses the probe on."""
 
     __pydantic_config__: ClassVar = STRICT
 
@@ -115,8 +146,11 @@ class RobotSettings:
     scan_speed_mm_per_s: float = 20.0
     base_shift_mm: tuple[float, float, float] = (0.0, 0.0, 0.0)  # from the default place
     base_turn_deg: float = 0.0  # about the vertical
+    contact: ContactSettings | None = ContactSettings()  # None: driven by position alone
+    latency_ms: float = 8.0  # by which joint angles arrive later than they were read
 
     def __post_init__(self) -> None:
+        require_within("latency_ms", self.latency_ms, 0.0, 100.0)
         require_within("scan_speed_mm_per_s", self.scan_speed_mm_per_s, 0.5, 100.0)
         require(
             all(abs(v) <= 2000.0 for v in self.base_shift_mm),

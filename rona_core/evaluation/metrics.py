@@ -17,7 +17,7 @@ from rona_core.evaluation.navigation_figures import (
     tool_figures,
 )
 from rona_core.evaluation.path_figures import normal_figures, plan_figures, smoothing_figures
-from rona_core.evaluation.scan_figures import detection_figures
+from rona_core.evaluation.scan_figures import contact_figures, detection_figures
 from rona_core.evaluation.truth import Truth
 from rona_core.session.codec import digest
 from rona_core.session.imported import is_imported
@@ -54,6 +54,8 @@ KEYS = (
     "second_pass_points",
     "second_pass_reason",
     "scan_duration_s",
+    "contact_force_rms_n",
+    "contact_force_peak_n",
     "outer_rms_mm",
     "inner_rms_mm",
     "outer_same_robot_rms_mm",
@@ -172,6 +174,7 @@ def _scan(session: "Session", truth: Truth) -> Figures:
     scan = session.captures.scan
     if scan is not None:
         figures["scan_points"] = len(scan.scans)
+        figures |= contact_figures(scan)
         passes = [
             (found.value, capture)
             for found, capture in (

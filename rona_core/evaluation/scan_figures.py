@@ -42,6 +42,19 @@ def detection_figures(passes: Sequence["tuple[Detection, ScanCapture]"], truth: 
     }
 
 
+def contact_figures(scan: "ScanCapture") -> Figures:
+    """Return how well the force kept to its set point, and the largest force of the scan."""
+    track = scan.forces
+    if track is None or not track.in_contact.any():
+        return {}
+    scanning = track.in_contact & (track.way_mm > 0.0)
+    error_n = track.force_n[scanning] - track.setpoint_n
+    return {
+        "contact_force_rms_n": float(np.sqrt((error_n**2).mean())) if scanning.any() else None,
+        "contact_force_peak_n": float(track.force_n.max()),
+    }
+
+
 def wrong_inner(detection: "Detection", true_mm: Floats) -> Bools:
     """Return which A-scans (n,) place the inner boundary more than 1 mm off along the probe axis.
 
@@ -54,10 +67,11 @@ def wrong_inner(detection: "Detection", true_mm: Floats) -> Bools:
 
 
 def true_probe_poses(scan: "ScanCapture", truth: Truth) -> Poses:
-    """Return where the probe really was at each A-scan."""
+    """Return where the probe really was at each A-scan: joint angles arrive somewhat later."""
     scene = truth.scene
     model = robot_model(scene.settings.robot.model)
-    Ts_base_flange = model.forward(scan.joints.at(scan.scans.times_s))
+    late_s = scene.settings.robot.latency_ms / 1000.0
+    Ts_base_flange = model.forward(scan.joints.at(scan.scans.times_s + late_s))
     T_tip_probe = model.T_flange_tip.inv() @ model.T_flange_probe
     poses = []
     for index, time_s in enumerate(scan.scans.times_s):

@@ -9,6 +9,7 @@ from typing import Generic, TypeVar
 from rona_core.arrays import Floats, Ints
 from rona_core.calibration.pointer import PointerCalibration
 from rona_core.calibration.tool import ToolRegistration
+from rona_core.devices.force import ForceTrack
 from rona_core.devices.samples import AScanTrack, JointTrack, ToolTrack
 from rona_core.devices.settings import (
     FIRST_PLACE,
@@ -107,13 +108,15 @@ class PointerCapture:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ScanCapture:
-    """Step 8: A-scans and joint angles on one clock."""
+    """Step 8: A-scans, joint angles and forces, each with the time at which it arrived."""
 
     ordinal: int
     setup_digest: str
     scans: AScanTrack
     joints: JointTrack
     partial: bool = False
+    forces: ForceTrack | None = None  # None: driven by position alone
+    clock_scans: AScanTrack | None = None  # while pressing on and lifting: they tell the delay
 
 
 @dataclass(frozen=True, slots=True)

@@ -103,6 +103,8 @@ ADDED_IN_3: dict[str, dict[str, Any]] = {
         "gain_db": 0.0,
         "line_temperature_c": 22.0,
     },
+    "RobotSettings": {"contact": None, "latency_ms": 0.0},
+    "ScanCapture": {"forces": None, "clock_scans": None},
 }
 # Results of schema 2 that schema 3 holds more of: computed again by one click each.
 OUTGROWN_IN_3 = ("roll", "detection", "maps")

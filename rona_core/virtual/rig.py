@@ -12,6 +12,7 @@ from rona_core.robot.model import RobotModel, robot_model
 from rona_core.ultrasound.medium import Medium
 from rona_core.virtual.clock import CaptureClock
 from rona_core.virtual.display import VirtualDisplay
+from rona_core.virtual.force_sensor import VirtualForceSensor
 from rona_core.virtual.live_tracker import VirtualLiveTracker
 from rona_core.virtual.occlusion import LinesOfSight
 from rona_core.virtual.operator import VirtualOperator
@@ -20,6 +21,7 @@ from rona_core.virtual.robot import VirtualRobot
 from rona_core.virtual.robot_error import RobotError
 from rona_core.virtual.scene import VirtualScene
 from rona_core.virtual.tools import MovingTools
+from rona_core.virtual.touch import VirtualTouch
 from rona_core.virtual.tracker import VirtualTracker
 
 if TYPE_CHECKING:
@@ -75,6 +77,7 @@ class VirtualRig:
             seed, self._toolmarker_now, self._basemarker_now, clear=self._clear_now
         )
         self.probe = VirtualProbe(self.clock, self._true_probe, specimen, medium)
+        self.force = self._force_sensor()
         self.display = VirtualDisplay(self.scene, self._pointer_now)
         self.begin(settings, 0)
 
@@ -90,6 +93,7 @@ class VirtualRig:
                 self._model = robot_model(settings.robot.model)
                 self.robot = VirtualRobot(self._model, self.clock)
                 self._last_tip = None
+                self.force = self._force_sensor()
             self.scene = scene
             self._sight = self._lines_of_sight()
         self.robot.stop()  # a motion under way ends where it is, not where it was going
@@ -98,6 +102,8 @@ class VirtualRig:
         self.operator.begin(self.scene, settings, ordinal)
         self.tracker.begin(settings.tracker, ordinal)
         self.probe.begin(settings.probe, self.scene.seed, ordinal)
+        self._touch = VirtualTouch(self.scene, self._model, ordinal)
+        self.force.begin(self.scene.seed, ordinal)
         self.display.begin(self.scene)
         self._tools = self._moving_tools(ordinal)
 
@@ -107,6 +113,7 @@ class VirtualRig:
         self.tracker.close()
         self.robot.close()
         self.probe.close()
+        self.force.close()
 
     @property
     def model(self) -> RobotModel:
@@ -118,6 +125,14 @@ class VirtualRig:
 
     def _lines_of_sight(self) -> LinesOfSight:
         return LinesOfSight(self.scene, self._model, lambda time_s: self.robot.q_at(time_s))
+
+    def _force_sensor(self) -> VirtualForceSensor:
+        return VirtualForceSensor(
+            self.clock, self._model, lambda time_s: self.robot.q_at(time_s), self._depths_mm
+        )
+
+    def _depths_mm(self, times_s: Floats) -> Floats:
+        return self._touch.depths_mm(self.robot.guided, times_s)
 
     def _clear(self, tool: str, T_tracker_marker: Pose, time_s: float) -> Bools:
         return self._sight.clear(tool, T_tracker_marker, time_s)

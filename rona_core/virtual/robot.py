@@ -9,10 +9,12 @@ from numpy.typing import ArrayLike
 from rona_core.arrays import Floats, as_floats, readonly
 from rona_core.devices.protocols import Clock
 from rona_core.devices.samples import JointSample
-from rona_core.devices.settings import RobotSettings
+from rona_core.devices.settings import ContactSettings, RobotSettings
 from rona_core.errors import DeviceError, InvalidInputError
 from rona_core.robot.arm import as_joints
 from rona_core.robot.model import RobotModel
+from rona_core.virtual.contact import LaggingAxis
+from rona_core.virtual.guided_course import GuidedCourse, VirtualGuidedMotion
 
 START_TOLERANCE_RAD = float(np.deg2rad(0.5))  # a motion must start where the robot stands
 SPEED_SLACK, ROUNDING_RAD = 1.001, 1e-9  # rounding that is forgiven
@@ -64,7 +66,8 @@ class VirtualRobot:
         self._clock = clock
         self._lock = threading.RLock()
         self._closed = False
-        self._course = _standing(model.home_rad)
+        self._settings = RobotSettings(latency_ms=0.0)
+        self._course: _Course | GuidedCourse = _standing(model.home_rad)
 
     def begin(self, settings: RobotSettings, ordinal: int) -> None:
         """Stand still where the robot is, at time 0 of capture number ``ordinal``.
@@ -76,13 +79,14 @@ class VirtualRobot:
             if settings.model != self.model.name:
                 raise DeviceError(f"this is a {self.model.name}, not a {settings.model}")
             self._closed = False
+            self._settings = settings
             self._rest(self._course.at(np.inf))
 
     def state(self) -> JointSample:
-        """Return the joint angles now."""
+        """Return the joint angles that arrive now: those of a moment ago, as the settings say."""
         with self._lock:
             now_s = self._clock.now()
-            q = readonly(self._course.at(now_s))
+            q = readonly(self._course.at(now_s - self._settings.latency_ms / 1000.0))
             return JointSample(now_s, q, moving=now_s < self._course.end_s)
 
     def q_at(self, time_s: float) -> Floats:
@@ -106,8 +110,43 @@ class VirtualRobot:
         with self._lock:
             now_s = self._clock.now()
             self._refuse(qs, times, now_s)
-            self._course = _Course(times + now_s, qs)
-            return VirtualMotion(self._course, self._clock)
+            course = _Course(times + now_s, qs)
+            self._course = course
+            return VirtualMotion(course, self._clock)
+
+    def guide(
+        self, times_s: ArrayLike, qs_rad: ArrayLike, travels_mm: ArrayLike
+    ) -> VirtualGuidedMotion:
+        """Start a motion (n, m, 6) that is driven and corrected by its ``correct``.
+
+        Raises:
+            InvalidInputError: arrays of the wrong shape, or times or corrections that do not grow.
+            DeviceError: as for :meth:`move`, for any of the corrections.
+        """
+        times, travels = as_floats(times_s, name="times_s"), as_floats(travels_mm, name="travels")
+        qs = as_floats(qs_rad, name="qs_rad")
+        if qs.shape != (len(times), len(travels), 6) or len(times) < 2:
+            raise InvalidInputError(f"qs_rad must have shape (n, m, 6), not {qs.shape}")
+        if (np.diff(times) <= 0.0).any() or (np.diff(travels) <= 0.0).any() or 0.0 not in travels:
+            raise InvalidInputError("times_s and travels_mm must grow, and 0 must be among these")
+        middle = int(np.flatnonzero(travels == 0.0)[0])
+        contact = self._settings.contact or ContactSettings()
+        with self._lock:
+            now_s = self._clock.now()
+            self._refuse(qs[:, middle], times, now_s)
+            for level in range(len(travels)):
+                self._refuse_limits(qs[:, level])
+            limit_mm = float(min(-travels[0], travels[-1]))
+            axis = LaggingAxis(contact.delay_ms / 1000.0, contact.lag_ms / 1000.0, limit_mm)
+            course = GuidedCourse(now_s, times, qs, travels, axis)
+            self._course = course
+            return VirtualGuidedMotion(course, self._clock, self._settings.latency_ms / 1000.0)
+
+    @property
+    def guided(self) -> GuidedCourse | None:
+        """The course that is corrected along the tool axis, None while there is none."""
+        course = self._course
+        return course if isinstance(course, GuidedCourse) else None
 
     def place(self, q_rad: ArrayLike) -> None:
         """Stand at these joint angles (6,), as if driven there before the capture.

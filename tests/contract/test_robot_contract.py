@@ -17,7 +17,7 @@ def virtual(name):
     def build():
         model, clock = robot_model.robot_model(name), CaptureClock()
         robot = virtual_robot.VirtualRobot(model, clock)
-        robot.begin(RobotSettings(model=name), 1)
+        robot.begin(RobotSettings(model=name, latency_ms=0.0), 1)
         return robot, clock, model
 
     return build

@@ -94,7 +94,7 @@ def scan_over(scene, n=40):
     rng = np.random.default_rng(0)
     qs = np.deg2rad((15.0, 10.0, 100.0, 0.0, 70.0, 30.0)) + rng.normal(0, 0.01, (n, 6))
     times = np.arange(n) * 0.05
-    joints = SimpleNamespace(at=lambda t: qs[np.searchsorted(times, t)])
+    joints = SimpleNamespace(at=lambda t: qs[np.round(t / 0.05).astype(int)])
     return SimpleNamespace(ordinal=9, joints=joints, scans=SimpleNamespace(times_s=times))
 
 

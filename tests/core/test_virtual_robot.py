@@ -38,7 +38,7 @@ def clock():
 @pytest.fixture
 def robot(clock):
     robot = VirtualRobot(RX90, clock)
-    robot.begin(RobotSettings(), 0)
+    robot.begin(RobotSettings(latency_ms=0.0), 0)
     return robot
 
 

@@ -1,0 +1,216 @@
+"""Drive a scan with the force loop: press on, follow the path, lift off; every step recorded."""
+
+import numpy as np
+
+from rona_core.app.toolbox import Toolbox
+from rona_core.arrays import Floats
+from rona_core.devices.force import (
+    APPROACH,
+    CONTACT,
+    FREE,
+    RETRACT,
+    STOPPED,
+    ForceTrack,
+    LoopRow,
+    ToolLoad,
+    WrenchSample,
+    force_track,
+)
+from rona_core.devices.samples import AScan, JointSample
+from rona_core.devices.settings import ContactSettings
+from rona_core.robot.contact import (
+    FALL_PER_S,
+    MOST_MM_PER_S,
+    TOUCH_N,
+    ContactController,
+    ContactSample,
+)
+from rona_core.robot.contact_band import ContactBand
+from rona_core.robot.model import RobotModel
+from rona_core.robot.plan import Trajectory
+from rona_core.robot.tool_load import pressing_force_n, probe_axis_sensor
+
+SLOWING_MM = 2.5  # way in which the approach slows down before a surface can be met
+LIFTED_MM = 6.0  # from here on the correction may be taken back
+RETURN_S, RETURNED_MM = 0.3, 0.005  # how the correction is taken back, and how exactly
+BACK_MM_PER_S, BACK_S = 5.0, 2.5  # after a stop the probe is drawn back so fast, for so long
+LIFT_SCANS_S = 0.6  # A-scans are fired for so long while lifting off, to compare the clocks
+MOST_CLOCK_SCANS = 160
+
+
+class ContactLoop:
+    """One scan in contact; ``run`` carries it out, the lists hold what it recorded."""
+
+    def __init__(
+        self,
+        trajectory: Trajectory,
+        band: ContactBand,
+        places_s: Floats,
+        settings: ContactSettings,
+        load: ToolLoad,
+        model: RobotModel,
+        tools: Toolbox,
+    ) -> None:
+        """Prepare the scan.
+
+        Args:
+            trajectory: The certified motion.
+            band: The same with room along the tool axis, certified too.
+            places_s: Times of the motion (n,) at which the probe is to fire.
+            settings: Of the force loop.
+            load: What hangs on the force sensor.
+            model: The robot with its tool.
+            tools: Devices, live slots, cancel and progress.
+        """
+        self.scans: list[AScan] = []
+        self.clock_scans: list[AScan] = []
+        self.joints: list[JointSample] = []
+        self.partial = False
+        self._rows: list[LoopRow] = []
+        self._trajectory, self._band, self._places_s = trajectory, band, places_s
+        self._settings, self._load, self._model, self._tools = settings, load, model, tools
+        self._controller = ContactController(settings, travel_mm=band.travel_mm)
+        self._axis_sensor = probe_axis_sensor(model)
+        self._feed = 1.0
+        self._stopped_s = np.inf
+        self._pressed_on = False  # once: from then on the scan has begun
+        times = trajectory.times_s
+        probes = model.forward(trajectory.qs_rad) @ model.T_flange_probe
+        steps = np.diff(probes.translations, axis=0)
+        spans = np.diff(times)
+        on_path = (times[:-1] >= trajectory.scan_start_s - 1e-9) & (
+            times[:-1] < trajectory.scan_end_s - 1e-9
+        )
+        closing = np.einsum("ij,ij->i", steps, probes.rotations[:-1, :, 2]) / spans
+        self._closing = np.where(on_path, 0.0, closing)
+        self._path_speed = np.diff(trajectory.path_mm) / spans
+        guided = np.flatnonzero(band.guided)
+        first = int(np.argmin(np.abs(times - trajectory.scan_start_s)))
+        last = int(np.argmin(np.abs(times - trajectory.scan_end_s)))
+        height = np.linalg.norm(probes.translations - probes.translations[first], axis=1)
+        near = guided[(guided <= first) & (height[guided] <= band.travel_mm + SLOWING_MM)]
+        self._zone_s = float(times[near[0]])
+        self._line_end_s = float(times[guided[-1]])
+        self._lift_mm = np.linalg.norm(probes.translations - probes.translations[last], axis=1)
+
+    def run(self) -> None:
+        """Carry out the scan; a stop or a cancellation leaves what came so far."""
+        rig, clock, period_s = self._tools.rig, self._tools.rig.clock, self._settings.period_s
+        self._motion = rig.robot.guide(
+            self._trajectory.times_s, self._band.qs_rad, self._band.travels_mm
+        )
+        start_s, step = clock.now(), 0
+        while not self._motion.done():
+            if self._tools.cancel():
+                rig.robot.stop()
+                self.partial = True
+                return
+            now_s = start_s + step * period_s
+            clock.wait_until(now_s)
+            velocity, feed = self._step(now_s)
+            self._motion.correct(velocity, feed)
+            self._feed = feed
+            self._fire(now_s, feed)
+            if self._controller.state == STOPPED and self._drawn_back(now_s):
+                rig.robot.stop()
+            step += 1
+        self.partial = len(self.scans) < len(self._places_s)
+
+    def track(self) -> ForceTrack:
+        """Return the record of the loop."""
+        return force_track(
+            self._rows,
+            setpoint_n=self._settings.force_n,
+            stiffness_n_per_mm=self._controller.stiffness.n_per_mm,
+            band_mm=self._band.travel_mm,
+            load=self._load,
+            reason=self._controller.reason,
+        )
+
+    def _step(self, now_s: float) -> tuple[float, float]:
+        """Look at the devices; return speed of the correction and share of the motion's speed."""
+        reached_s = self._motion.reached_s()
+        state = self._tools.rig.robot.state()
+        self._tools.live.put(joints=state)
+        if reached_s < self._zone_s or reached_s > self._line_end_s + 1e-9:
+            return 0.0, 1.0  # nowhere near the bone
+        if not self.joints or now_s > self.joints[-1].time_s:
+            self.joints.append(state)
+        sample = self._tools.rig.force.read()
+        rotation = self._model.forward(state.q_rad[None])[0].rotation
+        force_n = pressing_force_n(self._load, rotation, sample.wrench, self._axis_sensor)
+        travel_mm = self._motion.travel_mm()
+        lifting = reached_s >= self._trajectory.scan_end_s - 1e-9
+        if lifting and self._controller.state != STOPPED:
+            code, velocity, feed = self._lift(reached_s, travel_mm)
+        else:
+            code, velocity, feed = self._press(reached_s, travel_mm, force_n, sample)
+        way_mm = np.interp(reached_s, self._trajectory.times_s, self._trajectory.path_mm)
+        self._rows.append(LoopRow(sample, force_n, code, travel_mm, feed, float(way_mm)))
+        return velocity, feed
+
+    def _press(
+        self, reached_s: float, travel_mm: float, force_n: float, sample: WrenchSample
+    ) -> tuple[int, float, float]:
+        """Let the controller decide, but hold at the start of the path until it is ready."""
+        i = self._index(reached_s)
+        command = self._controller.step(
+            ContactSample(
+                time_s=sample.time_s,
+                force_n=force_n,
+                travel_mm=travel_mm,
+                closing_mm_per_s=float(self._closing[i]),
+                path_mm_per_s=float(self._path_speed[i]),
+                saturated=sample.saturated,
+            )
+        )
+        feed = command.feed_share
+        if command.state == STOPPED:
+            self._stopped_s = min(self._stopped_s, sample.time_s)
+            return command.state, -BACK_MM_PER_S, 0.0
+        if command.ready and reached_s >= self._trajectory.scan_start_s - 1e-9:
+            self._pressed_on = True
+        if not self._pressed_on:
+            left_s = self._trajectory.scan_start_s - reached_s
+            feed = min(feed, max(left_s, 0.0) / self._settings.period_s)
+        touching = command.state in (APPROACH, CONTACT) and force_n > TOUCH_N
+        if touching and not self._pressed_on and len(self.clock_scans) < MOST_CLOCK_SCANS // 2:
+            self.clock_scans.append(self._tools.rig.probe.acquire())
+        return command.state, command.velocity_mm_per_s, feed
+
+    def _lift(self, reached_s: float, travel_mm: float) -> tuple[int, float, float]:
+        """Leave the bone along the certified line, then take the correction back."""
+        period_s = self._settings.period_s
+        feed = min(1.0, self._feed + FALL_PER_S * period_s)
+        lifted_mm = float(self._lift_mm[self._index(reached_s)])
+        early = reached_s < self._trajectory.scan_end_s + LIFT_SCANS_S
+        if early and len(self.clock_scans) < MOST_CLOCK_SCANS:
+            self.clock_scans.append(self._tools.rig.probe.acquire())
+        if lifted_mm < min(LIFTED_MM, float(self._lift_mm[self._index(self._line_end_s)]) - 0.1):
+            return RETRACT, 0.0, feed
+        velocity = float(np.clip(-travel_mm / RETURN_S, -MOST_MM_PER_S, MOST_MM_PER_S))
+        if abs(travel_mm) > RETURNED_MM:
+            feed = min(feed, max(self._line_end_s - reached_s, 0.0) / period_s)
+        return (FREE if abs(travel_mm) <= RETURNED_MM else RETRACT), velocity, feed
+
+    def _fire(self, now_s: float, feed: float) -> None:
+        """Fire at the places that are passed before the next step, each at its own instant."""
+        rig, reached_s = self._tools.rig, self._motion.reached_s()
+        while self._pressed_on and feed > 0.0 and len(self.scans) < len(self._places_s):
+            ahead_s = float(self._places_s[len(self.scans)]) - reached_s
+            if ahead_s >= feed * self._settings.period_s:
+                return
+            rig.clock.wait_until(now_s + max(ahead_s, 0.0) / feed)
+            self.scans.append(rig.probe.acquire())
+            self._tools.live.put(ascan=self.scans[-1], n_scans=len(self.scans))
+            self._tools.progress(len(self.scans) / len(self._places_s))
+
+    def _drawn_back(self, now_s: float) -> bool:
+        """Return whether the probe has been drawn back far enough after a stop."""
+        far = self._motion.travel_mm() <= -self._band.travel_mm + 0.05
+        return far or now_s - self._stopped_s > BACK_S
+
+    def _index(self, reached_s: float) -> int:
+        times = self._trajectory.times_s
+        i = int(np.searchsorted(times, reached_s + 1e-9, side="right")) - 1
+        return min(max(i, 0), len(times) - 2)
