@@ -181,7 +181,7 @@ def test_stop_is_idempotent_and_changes_no_session(at):
         (
             "robot",
             {
-                "model": "rx90",
+                "model": "ur10",
                 "errors": False,
                 "scan_speed_mm_per_s": 10.0,
                 "base_shift_mm": [1.0, 2.0, 3.0],

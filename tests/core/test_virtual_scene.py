@@ -39,6 +39,23 @@ def test_the_region_lies_before_the_robot_and_faces_up(seed):
     np.testing.assert_allclose(outer[0], center, atol=1e-9)
 
 
+def test_another_region_moves_the_whole_room_but_not_the_base():
+    specimen, shift = SphereSpecimen(), np.array((-120.0, 30.0, -90.0))
+    parts = {"robot_error": ShiftError(), "T_tip_toolmarker": MOUNTING}
+    place = tuple(np.array(REGION_CENTER) + shift)
+    here = VirtualScene(3, specimen, DeviceSettings(), **parts)
+    there = VirtualScene(3, specimen, DeviceSettings(), region_center=place, **parts)
+    for a, b in (
+        (here.T_base_skull, there.T_base_skull),
+        (here.T_base_tracker, there.T_base_tracker),
+    ):
+        np.testing.assert_allclose(b.translation - a.translation, shift, atol=1e-9)
+        np.testing.assert_allclose(b.rotation, a.rotation, atol=1e-12)
+    np.testing.assert_allclose(there.dimple_base - here.dimple_base, shift, atol=1e-9)
+    bracket = here.T_base_basemarker.translation, there.T_base_basemarker.translation
+    assert np.linalg.norm(bracket[1] - bracket[0]) < 10.0
+
+
 @settings(max_examples=15)
 @given(seeds)
 def test_the_tracker_looks_at_the_region_from_inside_its_reach(seed):

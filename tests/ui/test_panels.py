@@ -11,6 +11,7 @@ from rona_core.app.messages import (
     MoveTracker,
     SetBone,
     SetReference,
+    SetRobot,
     SetTracker,
     StartPointerCapture,
     StartToolCapture,
@@ -218,6 +219,18 @@ def test_the_details_of_the_tracker_go_into_one_command_and_are_shown_as_held() 
         dropped_share=0.07, drift_mm=0.5, minutes_on=5.0, occlusion=False, phantom_share=0.05
     )
     assert recorder.sent == [wanted]
+
+
+def test_the_robot_is_chosen_in_the_set_up_and_keeps_its_other_settings() -> None:
+    gui, recorder = FakeGui(), Recorder()
+    panel = SetupPanel(gui, recorder.door)
+    panel.render(None, picture())
+    arm = gui.find("dropdown", "Arm")
+    assert arm.value == "Stäubli RX90"
+    gui.find("checkbox", "Robot errs").value = False
+    arm.value = "UR10"
+    arm.happen(CLIENT)
+    assert recorder.sent == [SetRobot(model="ur10", errors=False)]
 
 
 def test_moving_the_tracker_is_one_command_and_the_base_marker_another() -> None:
