@@ -4,8 +4,8 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
-from robot_scenes import dense_path
 
+from benchmarks.patch_scenes import dense_path
 from rona_core.errors import NotReachableError
 from rona_core.robot.clear_check import Checker, n_steps
 from rona_core.robot.clear_move import LIFTS_MM, find_way, raised
