@@ -29,7 +29,9 @@ QUICK = PlanSettings(n_rolls=36)
 
 
 def quick(path, old_in_new):
-    return plan_scan(path, RX90, QUICK)
+    """Plan with a constant roll or not at all."""
+    plan = plan_scan(path, RX90, QUICK)
+    return plan if plan.mode == "constant" else replace(plan, trajectory=None)
 
 
 def short(scene, half_mm=40.0):

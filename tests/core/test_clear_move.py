@@ -22,12 +22,12 @@ BALL = (np.array((750.0, 0.0, 450.0)), 220.0)  # between the two, where the arm 
 
 
 def skeleton(q):
-    """Points every 40 mm or so along the links and the tool."""
+    """Points every 60 mm or so along the links and the tool."""
     links = RX90.joint_poses(q).translations[[1, 2, 4, 6]]
     flange = RX90.forward(q[None])[0]
     tip = (flange @ RX90.T_flange_tip).translation
     corners = [*links, flange.translation, tip]
-    shares = np.linspace(0, 1, 12)[:, None]
+    shares = np.linspace(0, 1, 8)[:, None]
     return np.vstack([a + shares * (b - a) for a, b in pairwise(corners)])
 
 
