@@ -17,6 +17,7 @@ from rona_core.arrays import Floats, readonly
 from rona_core.devices.protocols import Motion, never
 from rona_core.devices.samples import JointSample, JointTrack, ToolTrack, TrackerFrame
 from rona_core.errors import CancelledError, DeviceError, InvalidInputError, NotReachableError
+from rona_core.robot.collision import clear_among
 from rona_core.robot.model import RobotModel, robot_model
 from rona_core.robot.motion import plan_joint_move
 from rona_core.robot.obstacles import Obstacles
@@ -48,7 +49,8 @@ def drive_to(q_rad: Floats, session: Session, tools: Toolbox) -> None:
     start = tools.rig.robot.state().q_rad
     if np.abs(start - q_rad).max() < SAME_PLACE_RAD:
         return
-    planned, around = plan_joint_move(start, q_rad, model), session_obstacles(session)
+    around = session_obstacles(session)
+    planned = plan_joint_move(start, q_rad, model, clear=clear_among(model, around))
     certificate = verify_motion(model, planned, obstacles=around)
     require_certified("the move", certificate, planned, around)
     motion = tools.rig.robot.move(planned.times_s, planned.qs_rad)

@@ -87,9 +87,12 @@ class BaseGround:
     def _place(self, spot: Spot, plan: RobotPlan) -> BasePlace:
         margin, moved_mm = self.margin(spot), self.moved_mm(spot)
         turned_deg = abs((spot[3] - self.now[3] + 180.0) % 360.0 - 180.0)
+        rolls = f"{plan.n_feasible} constant rolls work, least room {margin:.2f}"
+        if plan.mode != "constant":
+            rolls = "a roll that varies along the path works"
         sentence = (
-            f"the base moved by {moved_mm:.0f} mm and turned by {turned_deg:.0f}°, to "
-            f"{_words(spot)}: {plan.n_feasible} constant rolls work, least room {margin:.2f}"
+            f"the base moved by {moved_mm:.0f} mm and turned by {turned_deg:.0f}°, "
+            f"to {_words(spot)}: {rolls}"
         )
         return BasePlace(
             shift_mm=(spot[0], spot[1], spot[2]),

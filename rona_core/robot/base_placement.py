@@ -46,9 +46,9 @@ def place_base(
         model: The robot with its tool.
         robot: Where the base stands now.
         search: Where to look, and how closely.
-        planner: Plans a path in full from a new place, given the path and the pose of
-            the old base as seen from there, with which to move whatever else stands around; the
-            default is ``plan_scan``.
+        planner: Plans a path in full from a new place, given the path and the pose of the old
+            base as seen from there, with which to move whatever else stands around; the default
+            is ``plan_scan``.
         progress: Told the share that is done.
         cancel: Asked between places.
 

@@ -11,9 +11,10 @@ from rona_core.geometry.path5d import Path5D
 from rona_core.geometry.pose import Pose, Poses
 from rona_core.robot.limits import TURN_RAD, unwrap
 from rona_core.robot.model import RobotModel
-from rona_core.robot.room import ROUNDED_MM, SPINNING, RoomRules, singular_room
+from rona_core.robot.room import ROUNDED_MM, RoomRules, singular_room
 
 NOTHING_WORKS = -100.0  # room no worse than this is told apart
+NEARLY_ROUND_RAD = float(np.deg2rad(300.0))  # a joint of this range may pass +-180 degrees
 
 
 class Screen:
@@ -38,8 +39,8 @@ class Screen:
         places = np.repeat(zero.translations, n_rolls, axis=0)
         self._Ts_base_flange = Poses(rotations, places) @ model.T_flange_probe.inv()
         self._model, self._rules, self._n_points = model, rules, len(chosen)
-        multi = model.limits.multi_turn()
-        self._unwrapped = [joint for joint in range(6) if multi[joint] or joint in SPINNING]
+        multi, ranges_rad = model.limits.multi_turn(), model.upper_rad - model.lower_rad
+        self._unwrapped = [joint for joint in range(6) if ranges_rad[joint] >= NEARLY_ROUND_RAD]
         self._shifted = [joint for joint in self._unwrapped if multi[joint]]
 
     def margin(self, old_in_new: Pose) -> float:

@@ -7,6 +7,7 @@ from numpy.typing import ArrayLike
 
 from rona_core.arrays import Bools, Floats, Ints, readonly
 from rona_core.robot.arm import as_joints
+from rona_core.robot.clear_check import Clear
 from rona_core.robot.collision_model import Bodies, Pair
 from rona_core.robot.envelope import (
     DELAY_LINE,
@@ -189,3 +190,8 @@ def _ever_near(model: RobotModel, candidates: list[tuple[Bound, Bound]]) -> list
         gap_mm = np.linalg.norm(centers[0] - centers[1], axis=1).min() - reach_mm
         found.append(bool(gap_mm < FAR_MM))
     return found
+
+
+def clear_among(model: RobotModel, obstacles: Obstacles) -> Clear:
+    """Return what tells for joint angles (n, 6) where nothing comes too close to anything."""
+    return CollisionWorld(model, obstacles).clear

@@ -15,8 +15,9 @@ from rona_core.arrays import Floats, Ints, as_vector3, readonly
 from rona_core.devices.settings import require
 from rona_core.errors import InvalidInputError, NotReachableError
 from rona_core.geometry.pose import Pose, Poses
+from rona_core.robot.collision import clear_among
 from rona_core.robot.model import RobotModel
-from rona_core.robot.motion import SAMPLE_S, joint_move
+from rona_core.robot.motion import SAMPLE_S, clear_move
 from rona_core.robot.obstacles import Obstacles
 from rona_core.robot.plan import Certificate
 from rona_core.robot.profile import SpeedLimits, time_along
@@ -71,11 +72,12 @@ def plan_tool_motion(
         n_translate: Dwells along each of tool x and tool y, at least 2.
         length_mm: Length of each shift, half to either side of the middle.
         dwell_s: How long the robot stands still at each dwell.
-        obstacles: For the verifier; None looks at no collisions.
+        obstacles: What stands around: the ways from home and back go around it, and the verifier
+            looks for collisions. None: nothing is around.
 
     Raises:
         InvalidInputError: a count, angle or duration out of range.
-        NotReachableError: no branch of the arm reaches all poses.
+        NotReachableError: no branch of the arm reaches all poses, or there is no clear way there.
     """
     require(2.0 <= cone_deg <= 60.0, f"cone_deg must be 2 to 60, not {cone_deg}")
     require(4 <= n_pivot <= 500, f"n_pivot must be 4 to 500, not {n_pivot}")
@@ -93,7 +95,8 @@ def plan_tool_motion(
     phases = np.repeat((PIVOT, ALONG_X, ALONG_Y), (n_pivot, n_translate, n_translate))
     legs = [_leg(a, b) for a, b in pairwise(stops)]
     qs_legs = _reach(model, legs)
-    parts, dwells = [joint_move(model, model.home_rad, qs_legs[0][0])], []
+    clear = None if obstacles is None else clear_among(model, obstacles)
+    parts, dwells = [clear_move(model, model.home_rad, qs_legs[0][0], clear)], []
     length = len(parts[0])
     for i in range(len(stops)):
         q_stop = qs_legs[i][0] if i < len(legs) else qs_legs[-1][-1]
@@ -102,7 +105,7 @@ def plan_tool_motion(
         leg = _drive(model, legs[i], qs_legs[i])[1:] if i < len(legs) else q_stop[None][:0]
         parts += [stay, leg]
         length += len(stay) + len(leg)
-    parts.append(joint_move(model, qs_legs[-1][-1], model.home_rad)[1:])
+    parts.append(clear_move(model, qs_legs[-1][-1], model.home_rad, clear)[1:])
     qs = readonly(np.concatenate(parts))
     times = readonly(np.arange(len(qs), dtype=np.float64) * SAMPLE_S)
     starts, ends = np.array(dwells).T

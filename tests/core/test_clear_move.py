@@ -4,8 +4,8 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
-from robot_scenes import dense_path
 
+from benchmarks.patch_scenes import dense_path
 from rona_core.errors import NotReachableError
 from rona_core.robot.clear_check import Checker, n_steps
 from rona_core.robot.clear_move import LIFTS_MM, find_way, raised
@@ -14,6 +14,7 @@ from rona_core.robot.model import robot_model
 from rona_core.robot.motion import joint_move, plan_joint_move
 from rona_core.robot.roll_search import joint_path, search_rolls
 from rona_core.robot.timing import ScanSettings, time_path
+from rona_core.robot.tool_motion import plan_tool_motion
 from rona_core.robot.verify import verify_motion, verify_scan
 
 RX90 = robot_model("rx90")
@@ -22,12 +23,12 @@ BALL = (np.array((750.0, 0.0, 450.0)), 220.0)  # between the two, where the arm 
 
 
 def skeleton(q):
-    """Points every 40 mm or so along the links and the tool."""
+    """Points every 60 mm or so along the links and the tool."""
     links = RX90.joint_poses(q).translations[[1, 2, 4, 6]]
     flange = RX90.forward(q[None])[0]
     tip = (flange @ RX90.T_flange_tip).translation
     corners = [*links, flange.translation, tip]
-    shares = np.linspace(0, 1, 12)[:, None]
+    shares = np.linspace(0, 1, 8)[:, None]
     return np.vstack([a + shares * (b - a) for a, b in pairwise(corners)])
 
 
@@ -73,25 +74,18 @@ def test_a_ball_in_the_way_is_passed_by_a_usual_way():
     assert verify_motion(RX90, move).certified
 
 
-def test_a_search_finds_a_way_through_balls():
-    wall = [(np.array((x, 0.0, z)), 90.0) for x in (600.0, 800.0) for z in (500.0, 700.0)]
-    clear = world(*wall)
-    checker = Checker(RX90, clear, 20_000)
-    found = search(LEFT, RIGHT, checker, 3)
-    assert not checker.spent
-    way = shortened(found, Checker(RX90, clear), 3)
-    np.testing.assert_array_equal(way[[0, -1]], (LEFT, RIGHT))
-    assert 2 < len(way) <= 8 < len(found)
-    assert surely_clear(way, clear)
-
-
 def test_where_no_usual_way_is_clear_the_search_finds_one():
     """A slot in the space of joints 1 and 2 that only a search comes through."""
 
     def clear(qs):
         return (np.abs(qs[:, 0]) > 0.1) | ((qs[:, 1] > 0.9) & (qs[:, 2] > 1.6))
 
+    checker = Checker(RX90, clear)
+    found = search(LEFT, RIGHT, checker, 1)
+    assert not checker.spent
     way = find_way(LEFT, RIGHT, RX90, clear, seed=1)
+    np.testing.assert_array_equal(way, shortened(found, checker, 1))
+    assert len(way) < len(found)
     np.testing.assert_array_equal(way, find_way(LEFT, RIGHT, RX90, clear, seed=1))
     assert not np.array_equal(way, find_way(LEFT, RIGHT, RX90, clear, seed=2))
     assert (RX90.limits.clearance_rad(way) >= 0).all()
@@ -189,3 +183,19 @@ def test_a_scan_is_approached_and_left_around_an_obstacle():
             branch=verdict.branch,
             clear=lambda qs: np.zeros(len(qs), dtype=bool),
         )
+
+
+def test_the_tool_goes_to_its_calibration_around_what_is_in_the_way():
+    plain = plan_tool_motion(RX90, n_pivot=4, n_translate=2)
+    start = int(plain.dwell_start_s[0] / 0.02)
+    middle = plain.qs_rad[start // 2, 0]
+
+    def clear(qs):
+        return (np.abs(qs[:, 0] - middle) > 0.02) | (qs[:, 1] < plain.qs_rad[start // 2, 1] - 0.1)
+
+    assert not clear(plain.qs_rad[:start]).all()
+    around = plan_tool_motion(RX90, n_pivot=4, n_translate=2, clear=clear)
+    there = round(around.dwell_start_s[0] / 0.02)
+    assert clear(around.qs_rad[:there]).all()
+    assert around.certificate.certified
+    np.testing.assert_array_equal(around.qs_rad[there], plain.qs_rad[start])

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from robot_scenes import dense_path
 
+from benchmarks.patch_scenes import dense_path
 from rona_core.errors import InvalidInputError
 from rona_core.geometry.path5d import Path5D
 from rona_core.robot.blend import NARROWEST_MM, TURN_RAD, blend
