@@ -87,8 +87,10 @@ def planted(model: RobotModel, obstacles: Obstacles) -> float:
     rates = np.diff(np.vstack((qs[:1], qs, qs[-1:])), 2, axis=0)
     acceleration = np.abs(rates).max(axis=0) / 0.02**2
     limits = model.limits
-    hasty = replace(limits, speed_rad_per_s=readonly(speed * 0.99))
-    rough = replace(limits, acceleration_rad_per_s2=readonly(acceleration * 0.99))
+    hasty = replace(limits, speed_rad_per_s=readonly(0.99 * np.asarray(speed, dtype=np.float64)))
+    rough = replace(
+        limits, acceleration_rad_per_s2=readonly(0.99 * np.asarray(acceleration, dtype=np.float64))
+    )
     loose = Tolerances(chord_mm=1e3)
     cases = (
         (model, move, obstacles, None),
@@ -107,7 +109,7 @@ def planted(model: RobotModel, obstacles: Obstacles) -> float:
 
 def at_rate(qs_rad: Floats) -> Motion:
     """Return samples 20 ms apart as a motion."""
-    return Motion(np.arange(len(qs_rad)) * 0.02, qs_rad)
+    return Motion(0.02 * np.arange(len(qs_rad), dtype=np.float64), qs_rad)
 
 
 def heads() -> tuple[float, float]:
