@@ -43,8 +43,12 @@ class Bound:
     radius_mm: float = 0.0  # above 0 only with two points
 
 
-# Parts two joints or more apart that the maker's joint limits keep from each other.
-HELD_APART = {"rx90": (("forearm", "flange"),)}
+# Parts two joints or more apart that the maker's build or joint limits keep from each other.
+HELD_APART = {
+    "rx90": (("forearm", "flange"),),
+    "ur5": (("forearm", "wrist 2"),),  # whose wrist passes beside the forearm
+    "ur10": (("forearm", "wrist 2"),),
+}
 
 
 def outer_bounds(model: RobotModel) -> tuple[Bound, ...]:
@@ -56,6 +60,8 @@ def outer_bounds(model: RobotModel) -> tuple[Bound, ...]:
 def drawn_bounds(model: RobotModel) -> tuple[Bound, ...]:
     """Return hulls of the drawn solids of an arm without its tool, or capsules where none is drawn.
 
+    A solid whose name begins with that of another one of its link ("wrist 1 cover") joins its hull.
+
     Raises:
         DegenerateGeometryError: a drawn solid is flat.
     """
@@ -63,11 +69,22 @@ def drawn_bounds(model: RobotModel) -> tuple[Bound, ...]:
         shapes = link_shapes(model)
     except InvalidInputError:
         return joint_bounds(model)
+    groups: dict[tuple[str, int], list[Floats]] = {}
+    for shape in shapes:
+        if shape.name not in DRAWN_TOOL:
+            heads = [
+                s.name for s in shapes if s.frame == shape.frame and _in_name(s.name, shape.name)
+            ]
+            groups.setdefault((min(heads, key=len), shape.frame), []).append(shape.mesh.vertices)
     return tuple(
-        Bound(shape.name, shape.frame, readonly(_corners(shape.mesh.vertices)))
-        for shape in shapes
-        if shape.name not in DRAWN_TOOL
+        Bound(name, link, readonly(_corners(np.concatenate(parts))))
+        for (name, link), parts in groups.items()
     )
+
+
+def _in_name(head: str, name: str) -> bool:
+    """Return whether a name is another one, or begins with it and a blank."""
+    return name == head or name.startswith(f"{head} ")
 
 
 def _corners(points: Floats) -> Floats:
