@@ -47,13 +47,12 @@ def against_waves() -> list[Metric]:
             continue
         fronts[name] = found.front_db
         flat = fronts[f"{name.split('_')[0]}_flat"]
-        goal = FRONT_DB if name.endswith("flat") else None
         metrics += [
             Metric(f"correlation, {name}", found.correlation, "1", "higher", CORRELATION),
-            Metric(f"front_level_db, {name}", abs(found.front_db), "dB", "lower", goal),
+            Metric(f"front_level_db, {name}", abs(found.front_db), "dB", "lower", FRONT_DB),
             Metric(f"front_time_ns, {name}", abs(found.front_ns), "ns", "lower", FRONT_NS),
         ]
-        if goal is None:
+        if not name.endswith("flat"):
             over_flat = abs(found.front_db - flat)
             metrics.append(
                 Metric(f"front_over_flat_db, {name}", over_flat, "dB", "lower", FRONT_DB)

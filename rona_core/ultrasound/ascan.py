@@ -6,6 +6,7 @@ and diploe; their reflections, all multiples included, are added with the square
 
 from collections.abc import Sequence
 from dataclasses import replace
+from functools import lru_cache
 
 import numpy as np
 
@@ -39,6 +40,7 @@ class EchoModel:
         seed: int,
         *,
         line: Material | None = None,
+        gain: float | None = None,
         exact: bool = False,
     ) -> None:
         """Prepare the beam and the layers.
@@ -49,6 +51,7 @@ class EchoModel:
             medium: Gel and bone.
             seed: Of the texture of the bone.
             line: What the line really is, where its temperature has changed it.
+            gain: Of the receiver; None: as it is set on nominal bone.
             exact: Count the layers with 53 bits instead of 24: the reference, and slower.
         """
         self.probe, self.medium, self.seed = probe, medium, seed
@@ -64,11 +67,7 @@ class EchoModel:
         self._response = transducer_response(probe, f)
         self._long = excitation_spectrum(probe, excitation) * self._second_line_echo()
         self._n = probe.n_samples(excitation)
-        self.gain = 1.0
-        if line is None:
-            self.gain = probe.front_share / float(np.abs(self.perfect_front()).max())
-        else:  # the receiver was set with the line as it should be
-            self.gain = EchoModel(probe, excitation, medium, seed).gain
+        self.gain = receiver_gain(probe, excitation) if gain is None else gain
 
     @property
     def ray_points_mm(self) -> Floats:
@@ -125,3 +124,13 @@ class EchoModel:
         response = np.fft.irfft(window, WINDOW)  # from start_us on; all echoes end inside it
         long = np.fft.rfft(response, GRID)
         return self.gain * np.fft.irfft(long * self._long, GRID)[..., : self._n]
+
+
+@lru_cache(maxsize=16)
+def receiver_gain(probe: ProbeModel, excitation: Excitation) -> float:
+    """Return the gain at which a perfect front echo of nominal bone has its share of the scale.
+
+    It is set once for a probe: a harder bone or a warm line changes the echo and not the gain.
+    """
+    front = EchoModel(probe, excitation, Medium(), 0, gain=1.0).perfect_front()
+    return probe.front_share / float(np.abs(front).max())

@@ -48,6 +48,18 @@ def test_a_flat_bone_echoes_as_its_layers_do_on_a_perfect_mirror(exact, off):
     np.testing.assert_allclose(model.trace(flat(model)), whole, atol=off)
 
 
+def test_the_gain_is_the_receivers_and_not_the_bones():
+    """Harder bone is louder: 0.57 of the sound comes back from nominal bone, 0.66 from this."""
+    dense = replace(QUIET, table=replace(TABLE, density_g_per_cm3=2.6))
+    nominal, loud = (EchoModel(PROBE, "pulse", m, 0).perfect_front() for m in (QUIET, dense))
+    shares = []
+    for table in (QUIET.table, dense.table):
+        bone, gel = (m.density_g_per_cm3 * m.speed_mm_per_us for m in (table, QUIET.gel))
+        shares.append((bone - gel) / (bone + gel))
+    measured = np.abs(loud).max() / np.abs(nominal).max()
+    assert measured == pytest.approx(shares[1] / shares[0], rel=0.02)
+
+
 @settings(max_examples=15, deadline=None)
 @given(outer=st.floats(0.2, 1.4), further=st.floats(0.1, 0.6))
 def test_a_wider_gap_of_gel_only_delays_the_front(outer, further):
