@@ -8,7 +8,16 @@ from collections.abc import Sequence
 
 from benchmarks.metric import Metric
 
-SUITES = ("navigation", "base_marker", "path", "robot", "ultrasound", "procedure")
+SUITES = (
+    "navigation",
+    "base_marker",
+    "path",
+    "robot",
+    "ultrasound",
+    "recorded_rf",
+    "sound_speed",
+    "procedure",
+)
 COLUMNS = ("figure", "value", "unit", "goal", "peer", "holds")
 
 
