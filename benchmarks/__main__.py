@@ -13,12 +13,16 @@ SUITES = (
     "base_marker",
     "path",
     "robot",
+SUITES = (
     "timing",
     "collision",
     "base_placement",
     "contact",
     "echo_model",
     "ultrasound",
+    "recorded_rf",
+    "sound_speed",
+)
     "procedure",
 )
 COLUMNS = ("figure", "value", "unit", "goal", "peer", "holds")
