@@ -5,8 +5,8 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from robot_scenes import SCENES, dense_path
 
+from benchmarks.patch_scenes import SCENES, dense_path
 from rona_core.errors import CancelledError, InvalidInputError
 from rona_core.geometry.path5d import Path5D
 from rona_core.robot.ik import BRANCHES
@@ -97,9 +97,9 @@ def test_the_search_agrees_with_a_slow_one(scene):
 @pytest.mark.parametrize("scene", sorted(SCENES))
 def test_known_scenes_have_the_known_number_of_feasible_rolls(scene):
     search = search_rolls(dense_path(scene), RX90)
-    assert abs(search.n_feasible - SCENES[scene][2]) <= (2 if SCENES[scene][2] else 0)
-    assert search.mode == ("constant" if SCENES[scene][2] else "none")
-    assert (search.chosen >= 0) == bool(SCENES[scene][2])
+    assert abs(search.n_feasible - SCENES[scene].feasible) <= (2 if SCENES[scene].feasible else 0)
+    assert search.mode == ("constant" if SCENES[scene].feasible else "none")
+    assert (search.chosen >= 0) == bool(SCENES[scene].feasible)
     for verdict in search.verdicts:
         assert verdict.feasible == (verdict.margin >= 0) == (verdict.reason == "none")
         assert f"{verdict.roll_deg:.4g}°" in verdict.sentence

@@ -4,8 +4,8 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from robot_scenes import dense_path, serpentine
 
+from benchmarks.patch_scenes import dense_path, serpentine
 from rona_core.arrays import readonly
 from rona_core.errors import (
     CancelledError,
