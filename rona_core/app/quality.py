@@ -62,6 +62,8 @@ FIGURES: dict[str, FigureKind] = {
     "rolls_tried": FigureKind("Rolls tried", "", 0),
     "rolls_feasible": FigureKind("Rolls the robot can traverse", "", 0, 1.0, "at least"),
     "roll_mode": FigureKind("Roll", "", 0),
+    "roll_variation_deg": FigureKind("Roll, variation along the path", "deg", 0),
+    "min_joint_margin_deg": FigureKind("Distance from joint limits", "deg", 1, 0.0, "at least"),
     "scan_points": FigureKind("A-scans", "", 0),
     "scan_duration_s": FigureKind("Scan duration", "s", 0),
     "outer_rms_mm": FigureKind("Outer boundary, RMS", "mm", 2, 0.6, paper=0.35),

@@ -49,6 +49,8 @@ KEYS = (
     "rolls_tried",
     "rolls_feasible",
     "roll_mode",
+    "roll_variation_deg",
+    "min_joint_margin_deg",
     "scan_points",
     "scan_duration_s",
     "outer_rms_mm",

@@ -8,6 +8,7 @@ from rona_core.arrays import Floats, Ints
 from rona_core.evaluation.figures import Figures
 from rona_core.evaluation.truth import Truth
 from rona_core.path.filter import filter_path
+from rona_core.robot.model import robot_model
 from rona_core.session.codec import digest
 
 if TYPE_CHECKING:
@@ -91,12 +92,18 @@ def normal_figures(path: "Path5D", truth: Truth) -> Figures:
 
 
 def plan_figures(plan: "RobotPlan") -> Figures:
-    """Return how many rolls were tried, how many are feasible, and how long the scan takes."""
+    """Return how many rolls were tried, how the chosen one fares, and how long the scan takes."""
     trajectory = plan.trajectory
+    least_deg, chosen = None, plan.mode != "none"
+    if trajectory is not None:
+        limits = robot_model(plan.model).limits
+        least_deg = float(np.rad2deg(limits.clearance_rad(trajectory.qs_rad).min()))
     duration_s = None if trajectory is None else trajectory.times_s[-1] - trajectory.times_s[0]
     return {
         "rolls_tried": len(plan.verdicts),
         "rolls_feasible": sum(verdict.feasible for verdict in plan.verdicts),
         "roll_mode": plan.mode,
+        "roll_variation_deg": plan.roll_variation_deg if chosen else None,
+        "min_joint_margin_deg": least_deg,
         "scan_duration_s": None if duration_s is None else float(duration_s),
     }

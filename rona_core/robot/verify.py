@@ -59,7 +59,7 @@ def verify_scan(
     model: RobotModel,
     trajectory: Trajectory,
     path: Path5D,
-    roll_rad: float,
+    roll_rad: Floats | float,
     scan_speed_mm_per_s: float,
     tolerances: Tolerances | None = None,
 ) -> Certificate:
@@ -69,7 +69,8 @@ def verify_scan(
         model: The robot with its tool.
         trajectory: The motion with the way along the path that it claims at each sample.
         path: The 5D path in ``base`` that the probe is to follow.
-        roll_rad: Roll about the probe axis, from the transported reference of the path.
+        roll_rad: Roll about the probe axis, from the transported reference of the path; one for
+            all of it, or one at each of its points (n,).
         scan_speed_mm_per_s: Speed along the path that was asked for.
         tolerances: What to insist on.
 
@@ -147,7 +148,7 @@ def _dense(trajectory: Trajectory) -> tuple[Floats, Floats, Floats]:
     return np.stack(columns, axis=1), np.interp(numbers, samples, trajectory.path_mm), numbers
 
 
-def _expected(path: Path5D, way_mm: Floats, roll_rad: float) -> Poses:
+def _expected(path: Path5D, way_mm: Floats, roll_rad: Floats | float) -> Poses:
     """Return where the probe ought to be at ways (m,) along the path, by interpolation."""
     steps = np.linalg.norm(np.diff(path.points_base, axis=0), axis=1)
     places = np.concatenate(([0.0], np.cumsum(steps)))
@@ -169,7 +170,7 @@ def _path_checks(
     arm: PinocchioArm,
     trajectory: Trajectory,
     path: Path5D,
-    roll_rad: float,
+    roll_rad: Floats | float,
     allowed: Tolerances,
 ) -> list[Check]:
     qs, way, numbers = _dense(trajectory)

@@ -121,13 +121,26 @@ def test_normals_that_point_into_the_bone_are_half_a_turn_off():
 
 def test_a_plan_is_counted_by_rolls_and_timed_from_end_to_end():
     verdicts = tuple(SimpleNamespace(feasible=i % 3 == 0) for i in range(72))
-    trajectory = SimpleNamespace(times_s=np.array([0.0, 1.5, 61.25]))
-    plan = SimpleNamespace(verdicts=verdicts, mode="constant", trajectory=trajectory)
+    # joint 5 of the RX90 comes within 7.5 degrees of its upper limit, 120 degrees
+    qs_rad = np.deg2rad([[0, 0, 90, 0, 45, 0], [0, 0, 90, 0, 112.5, 0], [0, 0, 90, 0, 45, 0]])
+    trajectory = SimpleNamespace(times_s=np.array([0.0, 1.5, 61.25]), qs_rad=qs_rad)
+    plan = SimpleNamespace(
+        model="rx90",
+        verdicts=verdicts,
+        mode="variable",
+        roll_variation_deg=35.0,
+        trajectory=trajectory,
+    )
     assert plan_figures(plan) == {
         "rolls_tried": 72,
         "rolls_feasible": 24,
-        "roll_mode": "constant",
+        "roll_mode": "variable",
+        "roll_variation_deg": 35.0,
+        "min_joint_margin_deg": pytest.approx(7.5),
         "scan_duration_s": 61.25,
     }
     nothing = SimpleNamespace(verdicts=verdicts[1:3], mode="none", trajectory=None)
-    assert plan_figures(nothing)["scan_duration_s"] is None
+    figures = plan_figures(nothing)
+    assert figures["scan_duration_s"] is None
+    assert figures["roll_variation_deg"] is None
+    assert figures["min_joint_margin_deg"] is None

@@ -46,7 +46,7 @@ def tampered(plan, **parts):
 
 
 def failing(plan, trajectory):
-    certificate = verify_scan(RX90, trajectory, plan.path, plan.roll_rad, SPEED)
+    certificate = verify_scan(RX90, trajectory, plan.path, plan.rolls_rad, SPEED)
     assert certificate.certified == (not certificate.failures())
     assert not certificate.certified
     assert not certificate.certifies(trajectory)
@@ -182,7 +182,7 @@ def test_a_limit_violation_is_caught(plan):
     tight = replace(
         RX90, limits=JointLimits(low, high, limits.speed_rad_per_s, limits.acceleration_rad_per_s2)
     )
-    certificate = verify_scan(tight, plan.trajectory, plan.path, plan.roll_rad, SPEED)
+    certificate = verify_scan(tight, plan.trajectory, plan.path, plan.rolls_rad, SPEED)
     (check,) = certificate.failures()
     assert check.name == "room to the joint limits"
     assert check.value == pytest.approx(-0.5, abs=1e-6)
@@ -200,13 +200,13 @@ def test_a_wrong_pose_is_caught(plan):
 
 
 def test_another_roll_or_path_is_caught(plan, path):
-    certificate = verify_scan(RX90, plan.trajectory, path, plan.roll_rad + 0.02, SPEED)
+    certificate = verify_scan(RX90, plan.trajectory, path, plan.rolls_rad + 0.02, SPEED)
     assert [check.name for check in certificate.failures()] == ["roll of the probe"]
     shifted = Path5D(path.points_base + np.array((0, 0, 0.4)), path.axes_base)
-    certificate = verify_scan(RX90, plan.trajectory, shifted, plan.roll_rad, SPEED)
+    certificate = verify_scan(RX90, plan.trajectory, shifted, plan.rolls_rad, SPEED)
     assert "distance from the path" in {check.name for check in certificate.failures()}
     sunk = Path5D(path.points_base - 2.0 * path.axes_base, path.axes_base)
-    certificate = verify_scan(RX90, plan.trajectory, sunk, plan.roll_rad, SPEED)
+    certificate = verify_scan(RX90, plan.trajectory, sunk, plan.rolls_rad, SPEED)
     assert "dip into the bone off the path" in {check.name for check in certificate.failures()}
 
 
@@ -250,7 +250,8 @@ def test_a_path_through_a_singularity_is_not_certified():
 
 
 def test_no_constant_roll_says_so_and_plans_nothing():
-    plan = plan_scan(dense_path("S4", step_mm=2, step_deg=2), RX90, SETTINGS)
+    constant = replace(SETTINGS, mode="constant")
+    plan = plan_scan(dense_path("S4", step_mm=2, step_deg=2), RX90, constant)
     assert plan.mode == "none"
     assert plan.chosen == -1
     assert plan.trajectory is None
@@ -369,4 +370,4 @@ def test_verifying_nonsense_is_refused_by_name(plan):
         verify_motion(RX90, tampered(plan, times_s=np.arange(3.0)))
     backwards = replace(plan.trajectory, scan_end_s=-1.0)
     with pytest.raises(InvalidInputError, match="has no scan"):
-        verify_scan(RX90, backwards, plan.path, plan.roll_rad, SPEED)
+        verify_scan(RX90, backwards, plan.path, plan.rolls_rad, SPEED)
