@@ -13,7 +13,7 @@ from rona_core.robot.limits import TURN_RAD, JointLimits
 from rona_core.robot.roll_cost import RollCost, limit_penalty, shares_of_points
 from rona_core.robot.roll_grid import RollGrid
 from rona_core.robot.roll_lattice import Lattice
-from rona_core.robot.room import RoomRules
+from rona_core.robot.room import EVEN_DIGITS, RoomRules
 
 ASK_EVERY = 64  # path points between two questions whether to go on
 ROUNDING_RAD = 1e-9
@@ -66,7 +66,7 @@ def cheapest(
         reached[lattice.branches] = values[furthest]
     if furthest < n - 1 or not len(lattice.branches):
         return Way(np.inf, -1, np.zeros(0, dtype=np.int64), furthest, reached)
-    row, last = np.unravel_index(int(np.argmin(values[-1])), values[-1].shape)
+    row, last = _least(values[-1])
     bins = np.zeros(n, dtype=np.int64)
     bins[-1] = last
     offsets = np.arange(-band, band + 1)
@@ -137,8 +137,8 @@ def cheapest_within_turns(
         reached[lattice.branches] = values[furthest].min(axis=1)
     if furthest < n - 1:
         return Way(np.inf, -1, np.zeros(0, dtype=np.int64), furthest, reached)
-    row, turn, last = np.unravel_index(int(np.argmin(values[-1])), values[-1].shape)
-    bins = _back(values, lattice, crossed, base, padded, inner, (int(row), int(turn), int(last)))
+    row, turn, last = _least(values[-1])
+    bins = _back(values, lattice, crossed, base, padded, inner, (row, turn, last))
     total = float(values[-1, row, turn, last])
     return Way(total, int(lattice.branches[row]), bins, n - 1, reached)
 
@@ -217,6 +217,12 @@ def _within(
             price[(q < lower) | (q > upper)] = np.inf
         result[:, :, t] = price
     return result
+
+
+def _least(values: Floats) -> tuple[int, ...]:
+    """Return where the least value stands, the first of those that agree but for rounding."""
+    place = np.unravel_index(int(np.argmin(np.round(values, EVEN_DIGITS))), values.shape)
+    return tuple(int(i) for i in place)
 
 
 def _ask(k: int, n: int, progress: Progress, cancel: Cancel) -> None:
