@@ -10,10 +10,11 @@ from rona_core.robot.judged_rolls import cheapest_constant, judge_rolls
 from rona_core.robot.refine_roll import refine_roll
 from rona_core.robot.roll_cost import RollCost
 from rona_core.robot.roll_grid import roll_grid
-from rona_core.robot.roll_search import vary_roll, working_set_deg
+from rona_core.robot.roll_search import working_set_deg
 from rona_core.robot.room import RoomRules
 from rona_core.robot.scan_plan import PlanSettings, plan_scan
 from rona_core.robot.variable_roll import RollCurve, optimal_roll
+from rona_core.robot.vary_roll import vary_roll
 
 ROLLS_DEG = working_set_deg(N_ROLLS, 0.0, 360.0)
 PLAIN = RollCost(evenness=0.0, limits=0.0, singularities=0.0, roll_deg_per_mm=360.0)

@@ -97,7 +97,10 @@ def plan_figures(plan: "RobotPlan") -> Figures:
     least_deg, chosen = None, plan.mode != "none"
     if trajectory is not None:
         limits = robot_model(plan.model).limits
-        least_deg = float(np.rad2deg(limits.clearance_rad(trajectory.qs_rad).min()))
+        times_s = trajectory.times_s
+        scanning = (times_s >= trajectory.scan_start_s) & (times_s <= trajectory.scan_end_s)
+        room_rad = limits.clearance_rad(trajectory.qs_rad[scanning])
+        least_deg = float(np.rad2deg(room_rad.min())) if scanning.any() else None
     duration_s = None if trajectory is None else trajectory.times_s[-1] - trajectory.times_s[0]
     return {
         "rolls_tried": len(plan.verdicts),

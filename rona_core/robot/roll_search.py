@@ -16,20 +16,19 @@ from rona_core.geometry.path5d import Path5D
 from rona_core.robot.judged_rolls import JudgedRolls, judge_rolls
 from rona_core.robot.model import RobotModel
 from rona_core.robot.plan import RollSearch, RollVerdict
-from rona_core.robot.refine_roll import refine_roll
 from rona_core.robot.roll_cost import RollCost
-from rona_core.robot.roll_grid import RollGrid, flange_parts, follow_poses, roll_grid
+from rona_core.robot.roll_grid import flange_parts, follow_poses
+from rona_core.robot.roll_obstacles import Clear
 from rona_core.robot.room import EVEN_DIGITS, Room, RoomRules, judge
-from rona_core.robot.variable_roll import NoWay, RollCurve, optimal_roll
-from rona_core.robot.variable_verdict import varying_verdict
+from rona_core.robot.variable_roll import RollCurve
+from rona_core.robot.vary_roll import vary_roll
 
 Choice = Literal["best", "first"]
 RollMode = Literal["auto", "constant", "variable"]
 
 FULL_TURN_DEG = 360.0
 MAX_SHOWN = 240  # samples of each joint curve that are kept for drawing
-WIDEST_RAD = np.deg2rad(5.0) + 1e-9  # between rolls through which a varying one is searched
-GRID_SHARE, OPTIMUM_SHARE = 0.5, 0.8  # of the progress, when postures and optimum are there
+GRID_SHARE = 0.5  # of the progress, when all constant rolls are judged
 
 
 def working_set_deg(n_rolls: int, roll_from_deg: float, roll_to_deg: float) -> Floats:
@@ -60,6 +59,7 @@ def search_rolls(
     rules: RoomRules | None = None,
     cost: RollCost | None = None,
     blocked: Bools | None = None,
+    clear: Clear | None = None,
     progress: Progress = silent,
     cancel: Cancel = never,
 ) -> RollSearch:
@@ -76,7 +76,9 @@ def search_rolls(
             does so where no constant roll will do.
         rules: What is allowed; the defaults are those of the documentation.
         cost: What a varying roll is to minimise.
-        blocked: Postures (n, n_rolls, 8) that a varying roll must not use.
+        blocked: Postures (n, R, 8) that a varying roll must not use; R is that of
+            ``vary_roll.varying_rolls``: ``n_rolls``, or more where they are few.
+        clear: Tells for joint angles (m, 6) where nothing touches; a varying roll goes round it.
         progress: Told the share that is done.
         cancel: Asked on the way.
 
@@ -109,63 +111,13 @@ def search_rolls(
             judged,
             cost or RollCost(),
             blocked=blocked,
+            clear=clear,
             progress=lambda share: progress(GRID_SHARE + (1.0 - GRID_SHARE) * share),
             cancel=cancel,
         )
         search = varying_search(judged, curve, verdict)
     progress(1.0)
     return search
-
-
-def vary_roll(
-    judged: JudgedRolls,
-    cost: RollCost,
-    *,
-    blocked: Bools | None = None,
-    progress: Progress = silent,
-    cancel: Cancel = never,
-) -> tuple[RollCurve | None, RollVerdict]:
-    """Return the cheapest roll that varies along the path, refined, and the verdict on it.
-
-    It never costs more than the cheapest constant roll of the set, in the same objective. Rolls
-    that are more than 5 degrees apart get others in between.
-
-    Args:
-        judged: The rolls of the working set.
-        cost: The objective.
-        blocked: Postures (n, R, 8) that must not be used.
-        progress: Told the share that is done.
-        cancel: Asked on the way.
-
-    Raises:
-        InvalidInputError: ``blocked`` of another shape.
-        CancelledError: somebody cancelled.
-    """
-    path, model, grid, rules = judged.path, judged.model, judged.grid, judged.rules
-    if grid.spacing_rad > WIDEST_RAD and len(grid.rolls_rad) > 1:
-        require(blocked is None, "rolls more than 5 degrees apart cannot be blocked one by one")
-        grid = roll_grid(path, model, _finer(grid), rules, cancel=cancel)
-    found = optimal_roll(
-        path,
-        model,
-        grid,
-        rules,
-        cost,
-        blocked=blocked,
-        progress=lambda share: progress(OPTIMUM_SHARE * share),
-        cancel=cancel,
-    )
-    if isinstance(found, NoWay):
-        return None, varying_verdict(found, path, model, grid, rules, cost, blocked)
-    found = refine_roll(path, model, grid, found, rules, cost, blocked=blocked, cancel=cancel)
-    return found, varying_verdict(found, path, model, grid, rules, cost)
-
-
-def _finer(grid: RollGrid) -> Floats:
-    """Return the rolls of a grid with others in between, so that neighbours are near enough."""
-    pieces = int(np.ceil(grid.spacing_rad / WIDEST_RAD))
-    count = len(grid.rolls_rad) * pieces - (0 if grid.closed else pieces - 1)
-    return grid.rolls_rad[0] + grid.spacing_rad / pieces * np.arange(count)
 
 
 def constant_search(judged: JudgedRolls, index: int) -> RollSearch:

@@ -14,17 +14,19 @@ from rona_core.robot.judged_rolls import JudgedRolls, judge_rolls
 from rona_core.robot.model import RobotModel
 from rona_core.robot.plan import RobotPlan, RollSearch
 from rona_core.robot.roll_cost import RollCost
+from rona_core.robot.roll_obstacles import Clear
 from rona_core.robot.roll_search import (
     Choice,
     RollMode,
     constant_search,
     joint_path,
-    vary_roll,
     varying_search,
     working_set_deg,
 )
 from rona_core.robot.room import RoomRules
-from rona_core.robot.timing import ScanSettings, time_path
+from rona_core.robot.timing import LEAST_STANDOFF_MM, ScanSettings, time_path
+from rona_core.robot.variable_verdict import NAME
+from rona_core.robot.vary_roll import vary_roll
 from rona_core.robot.verify import verify_scan
 
 MAX_TRIES = 4  # rolls that are timed and verified before giving up
@@ -50,6 +52,7 @@ def plan_scan(
     model: RobotModel,
     settings: PlanSettings | None = None,
     *,
+    clear: Clear | None = None,
     progress: Progress = silent,
     cancel: Cancel = never,
 ) -> RobotPlan:
@@ -66,6 +69,7 @@ def plan_scan(
             steps are filled in, so that the path of the plan may have more points.
         model: The robot with its tool.
         settings: What to try.
+        clear: Tells for joint angles (m, 6) where nothing touches; a varying roll goes round it.
         progress: Told the share that is done.
         cancel: Asked during the search.
 
@@ -104,6 +108,7 @@ def plan_scan(
         varying = _varying(
             judged,
             settings,
+            clear,
             progress=lambda share: progress(TRIED_SHARE + (1.0 - TRIED_SHARE) * share),
             cancel=cancel,
         )
@@ -198,17 +203,29 @@ def _with_roll(
 
 
 def _varying(
-    judged: JudgedRolls, settings: PlanSettings, *, progress: Progress, cancel: Cancel
+    judged: JudgedRolls,
+    settings: PlanSettings,
+    clear: Clear | None,
+    *,
+    progress: Progress,
+    cancel: Cancel,
 ) -> RobotPlan:
     """Return the plan with a varying roll, timed and verified; mode ``none`` if there is none."""
-    curve, verdict = vary_roll(judged, settings.cost, progress=progress, cancel=cancel)
+    curve, verdict = vary_roll(
+        judged,
+        settings.cost,
+        clear=clear,
+        standoff_mm=LEAST_STANDOFF_MM,
+        progress=progress,
+        cancel=cancel,
+    )
     plan = planned(varying_search(judged, curve, verdict), judged.model)
     if curve is None:
         return plan
     try:
         return _timed(plan, curve.rolls_rad, curve.branch, curve.qs_rad, judged.model, settings)
     except NotReachableError as error:
-        stuck = replace(verdict, sentence=f"{verdict.sentence}, but {error}")
+        stuck = replace(verdict, feasible=False, reason="reach", sentence=f"{NAME}: {error}")
         return planned(varying_search(judged, None, stuck), judged.model)
 
 

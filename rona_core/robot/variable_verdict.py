@@ -98,8 +98,9 @@ def _stopped(
     if free.any() and index:
         margin, cause = _step_blame(found, grid, rules, cost, path, (branch, roll, index))
     elif barred.any():
-        words = f"{int(barred.sum())} postures are blocked, all that would be allowed,"
-        margin, cause = 0.0, Blame("blocked", 0, float(barred.sum()), 0.0, "", words)
+        count = int(barred.sum())
+        words = f"all {count} postures that the arm allows touch something or cannot be left"
+        margin, cause = 0.0, Blame("blocked", 0, float(count), 0.0, "", words)
     else:
         rolls = np.full(len(path), grid.rolls_rad[roll])
         solutions = model.inverse(follow_poses(flange_parts(path, model), rolls))

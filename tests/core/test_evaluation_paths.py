@@ -121,9 +121,11 @@ def test_normals_that_point_into_the_bone_are_half_a_turn_off():
 
 def test_a_plan_is_counted_by_rolls_and_timed_from_end_to_end():
     verdicts = tuple(SimpleNamespace(feasible=i % 3 == 0) for i in range(72))
-    # joint 5 of the RX90 comes within 7.5 degrees of its upper limit, 120 degrees
-    qs_rad = np.deg2rad([[0, 0, 90, 0, 45, 0], [0, 0, 90, 0, 112.5, 0], [0, 0, 90, 0, 45, 0]])
-    trajectory = SimpleNamespace(times_s=np.array([0.0, 1.5, 61.25]), qs_rad=qs_rad)
+    # on the path joint 5 of the RX90 comes within 7.5 degrees of its upper limit, 120 degrees
+    joint_5_deg = (119.0, 45.0, 112.5, 60.0, 119.0)
+    qs_rad = np.deg2rad([[0, 0, 90, 0, angle, 0] for angle in joint_5_deg])
+    times_s = np.array([0.0, 1.5, 20.0, 55.0, 61.25])
+    trajectory = SimpleNamespace(times_s=times_s, qs_rad=qs_rad, scan_start_s=1.5, scan_end_s=55.0)
     plan = SimpleNamespace(
         model="rx90",
         verdicts=verdicts,

@@ -264,6 +264,71 @@ def test_no_constant_roll_says_so_and_plans_nothing():
         choose_roll(plan, 36, RX90, SETTINGS)
 
 
+@pytest.fixture(scope="module")
+def varying():
+    return plan_scan(dense_path("S4"), RX90, PlanSettings())
+
+
+def test_where_no_constant_roll_will_do_a_varying_one_is_planned_and_certified(varying):
+    assert (varying.mode, varying.chosen, varying.n_feasible) == ("variable", -1, 0)
+    assert varying.may_move
+    assert varying.verdict is varying.varying
+    assert varying.varying.feasible
+    assert varying.roll_variation_deg > 90.0
+    assert varying.rolls_rad.shape == (len(varying.path),)
+    inside = varying.trajectory.path_mm[varying.trajectory.times_s <= varying.trajectory.scan_end_s]
+    assert inside[-1] == pytest.approx(varying.path.arc_length_mm()[-1])
+    with pytest.raises(NotReachableError, match="limit"):
+        choose_roll(varying, 0, RX90, SETTINGS)
+
+
+def test_the_verifier_looks_at_the_roll_of_every_point(varying):
+    speed = PlanSettings().scan.scan_speed_mm_per_s
+
+    def failures(rolls_rad):
+        certificate = verify_scan(RX90, varying.trajectory, varying.path, rolls_rad, speed)
+        return {check.name: check for check in certificate.failures()}
+
+    assert failures(varying.rolls_rad) == {}
+    assert "roll of the probe" in failures(float(varying.rolls_rad[0]))
+    wrong = varying.rolls_rad.copy()
+    wrong[400:410] += 0.05
+    (check,) = failures(wrong).values()
+    assert check.name == "roll of the probe"
+    assert check.value == pytest.approx(np.rad2deg(0.05), abs=0.1)
+
+
+def test_the_mode_decides_whether_the_roll_may_vary(path, plan):
+    asked = plan_scan(path, RX90, replace(SETTINGS, mode="variable"))
+    assert asked.mode == "variable"
+    assert asked.may_move
+    assert asked.verdicts == plan.verdicts
+    again = choose_roll(asked, plan.chosen, RX90, SETTINGS)
+    assert (again.mode, again.chosen, again.branch) == ("constant", plan.chosen, plan.branch)
+    np.testing.assert_array_equal(again.rolls_rad, plan.rolls_rad)
+    assert again.certificate == plan.certificate
+    with pytest.raises(InvalidInputError, match="mode must be"):
+        plan_scan(path, RX90, replace(SETTINGS, mode="any"))
+
+
+def test_a_path_that_no_roll_can_follow_is_refused_with_the_place():
+    refused = plan_scan(dense_path("S3"), RX90, SETTINGS)
+    assert (refused.mode, refused.trajectory, refused.branch) == ("none", None, -1)
+    assert refused.verdict is None
+    assert not refused.varying.feasible
+    assert refused.varying.index >= max(verdict.index for verdict in refused.verdicts)
+    assert f"path point {refused.varying.index} of" in refused.varying.sentence
+
+
+def test_another_branch_can_be_chosen(plan):
+    pair = next(p for p in plan.ranked if p.branch != plan.verdicts[p.index].branch)
+    again = choose_roll(plan, pair.index, RX90, SETTINGS, branch=pair.branch)
+    assert again.branch == pair.branch
+    assert again.may_move
+    with pytest.raises(InvalidInputError, match=r"on the branches \[.*\], not on 9"):
+        choose_roll(plan, pair.index, RX90, SETTINGS, branch=9)
+
+
 def test_another_roll_can_be_chosen_and_first_is_first(plan, path):
     feasible = [i for i, verdict in enumerate(plan.verdicts) if verdict.feasible]
     other = next(i for i in feasible if i != plan.chosen)

@@ -9,7 +9,7 @@ import pytest
 from benchmarks.patch_scenes import SCENES, dense_path, scene_model, scene_path
 from rona_core.errors import CancelledError, InvalidInputError
 from rona_core.geometry.path5d import Path5D
-from rona_core.geometry.pose import Pose
+from rona_core.geometry.pose import Pose, Poses
 from rona_core.robot import variable_roll
 from rona_core.robot.judged_rolls import cheapest_constant, judge_rolls
 from rona_core.robot.limits import TURN_RAD, JointLimits
@@ -17,11 +17,13 @@ from rona_core.robot.pinocchio_model import PinocchioArm
 from rona_core.robot.refine_roll import refine_roll
 from rona_core.robot.roll_cost import RollCost, shares_of_points, strides_of
 from rona_core.robot.roll_grid import roll_grid
+from rona_core.robot.roll_obstacles import dead_ends
 from rona_core.robot.roll_program import cheapest_within_turns
-from rona_core.robot.roll_search import search_rolls, vary_roll, working_set_deg
+from rona_core.robot.roll_search import search_rolls, working_set_deg
 from rona_core.robot.room import RoomRules
 from rona_core.robot.variable_roll import NoWay, RollCurve, optimal_roll
 from rona_core.robot.variable_verdict import curve_room, varying_verdict
+from rona_core.robot.vary_roll import vary_roll
 
 RX90 = scene_model()
 RULES, COST = RoomRules(), RollCost()
@@ -287,8 +289,12 @@ def test_blocked_postures_are_not_used_and_the_optimum_goes_round_them():
         blocked[k, np.arange(middle - 4, middle + 5) % 72] = True
     round_it, verdict = vary_roll(judged, COST, blocked=blocked)
     assert verdict.feasible
-    assert round_it.cost.total > free.cost.total
     assert_allowed(round_it, path, RX90)
+    on_grid = [
+        optimal_roll(path, RX90, judged.grid, RULES, COST, blocked=b).cost.total
+        for b in (None, blocked)
+    ]
+    assert on_grid[0] < on_grid[1]
     for k in range(len(path)):
         low = np.floor(round_it.rolls_rad[k] / np.deg2rad(5.0) + 1e-9).astype(int)
         high = np.ceil(round_it.rolls_rad[k] / np.deg2rad(5.0) - 1e-9).astype(int)
@@ -300,6 +306,44 @@ def test_blocked_postures_are_not_used_and_the_optimum_goes_round_them():
     assert verdict.value > 0
     with pytest.raises(InvalidInputError, match=r"blocked must have shape \(200, 72, 8\)"):
         vary_roll(judged, COST, blocked=blocked[1:])
+
+
+def test_a_varying_roll_goes_round_what_the_arm_would_touch():
+    """An obstacle in joint space: joints 4 and 6 must keep away from where they would be."""
+    path = part(scene_path("S0"), 0, 300)
+    judged = judge_rolls(path, RX90, np.rad2deg(ROLLS), RULES)
+    free, _ = vary_roll(judged, COST)
+    place, asked = free.qs_rad[150], []
+
+    def clear(qs_rad):
+        asked.append(len(qs_rad))
+        return np.abs(qs_rad[:, [3, 5]] - place[[3, 5]]).max(axis=1) > 0.12
+
+    assert not clear(free.qs_rad).all()
+    round_it, verdict = vary_roll(judged, COST, clear=clear)
+    assert verdict.feasible
+    assert clear(round_it.qs_rad).all()
+    assert_allowed(round_it, path, RX90)
+    assert sum(asked) < 40_000  # not every posture of the path was looked at
+    none, verdict = vary_roll(judged, COST, clear=lambda qs: np.zeros(len(qs), dtype=bool))
+    assert none is None
+    assert verdict.reason == "blocked"
+
+
+def test_ends_from_which_the_probe_cannot_be_drawn_back_are_left_out():
+    path = dense_path("S3", lines=5)
+    judged = judge_rolls(path, RX90, np.rad2deg(ROLLS), RULES)
+    stuck = dead_ends(path, RX90, judged.grid, RULES, 5.0)
+    assert stuck.any()
+    assert not stuck.all()
+    roll, branch = np.argwhere(~stuck[1] & (judged.grid.room[:, :, -1].T >= 0.0))[0]
+    T_base_probe = path.Ts_base_probe(ROLLS[roll])[len(path) - 1]
+    back = Poses.stack([T_base_probe @ Pose.from_translation((0.0, 0.0, -5.0))])
+    q = RX90.inverse(back @ RX90.T_flange_probe.inv()).qs_rad[0, branch]
+    assert RX90.limits.clearance_rad(q).min() >= 0.0
+    curve, _ = vary_roll(judged, COST, standoff_mm=5.0)
+    bins = np.round(curve.rolls_rad[[0, -1]] / np.deg2rad(5.0)).astype(int) % 72
+    assert not stuck[[0, 1], bins, curve.branch].any()
 
 
 def test_the_roll_keeps_its_rate_and_says_so_where_that_is_not_enough():
