@@ -13,7 +13,7 @@ SUITES = (
     "base_marker",
     "path",
     "robot",
-SUITES = (
+    "roll",
     "timing",
     "collision",
     "base_placement",
@@ -22,7 +22,6 @@ SUITES = (
     "ultrasound",
     "recorded_rf",
     "sound_speed",
-)
     "procedure",
 )
 COLUMNS = ("figure", "value", "unit", "goal", "peer", "holds")

@@ -172,13 +172,17 @@ class StartPathCapture:
 
 @dataclass(frozen=True, slots=True)
 class StartRollSearch:
-    """Search the roll about the probe axis that the robot can traverse; plan, time and verify."""
+    """Search the roll about the probe axis that the robot can traverse; plan, time and verify.
+
+    The mode ``auto`` takes a constant roll, and one that varies along the path where none will do.
+    """
 
     __pydantic_config__: ClassVar = STRICT
     n_rolls: int = 72
     roll_from_deg: float = 0.0
     roll_to_deg: float = 360.0
     choice: Literal["best", "first"] = "best"
+    mode: Literal["auto", "constant", "variable"] = "auto"
 
     def __post_init__(self) -> None:
         require_within("n_rolls", self.n_rolls, 1, 720)

@@ -46,6 +46,7 @@ def plan_settings(session: Session, message: StartRollSearch) -> PlanSettings:
         roll_from_deg=message.roll_from_deg,
         roll_to_deg=message.roll_to_deg,
         choice=message.choice,
+        mode=message.mode,
         scan=ScanSettings(scan_speed_mm_per_s=session.setup.devices.robot.scan_speed_mm_per_s),
         obstacles=session_obstacles(session),
     )

@@ -97,6 +97,11 @@ def _unfinished(step: str, bench: Workbench) -> str | None:
     return why_no_plan(bench.session.results.roll.value)
 
 
+def _varying(plan: RobotPlan) -> str:
+    """Return what became of a roll that varies, where one was looked for."""
+    return "" if plan.varying is None else f"; {plan.varying.sentence}"
+
+
 def why_no_plan(plan: RobotPlan) -> str | None:
     """Return why a plan cannot be executed, or None if it can."""
     if plan.may_move:
@@ -107,7 +112,7 @@ def why_no_plan(plan: RobotPlan) -> str | None:
         furthest = max(plan.verdicts, key=lambda verdict: verdict.index)
         return (
             f"none of {len(plan.verdicts)} rolls works ({counts}); the one that gets furthest: "
-            f"{furthest.sentence}. Move the robot base or change the path"
+            f"{furthest.sentence}{_varying(plan)}. Move the robot base or change the path"
         )
     failures = plan.certificate.failures() if plan.certificate is not None else ()
     return "the verifier refuses the plan: " + "; ".join(check.sentence for check in failures)

@@ -62,6 +62,8 @@ FIGURES: dict[str, FigureKind] = {
     "rolls_tried": FigureKind("Rolls tried", "", 0),
     "rolls_feasible": FigureKind("Rolls the robot can traverse", "", 0, 1.0, "at least"),
     "roll_mode": FigureKind("Roll", "", 0),
+    "roll_variation_deg": FigureKind("Roll, variation along the path", "deg", 0),
+    "min_joint_margin_deg": FigureKind("Distance from joint limits", "deg", 1, 0.0, "at least"),
     "scan_points": FigureKind("A-scans", "", 0),
     "second_pass_points": FigureKind("A-scans of the second pass", "", 0),
     "second_pass_reason": FigureKind("No second pass, because", "", 0),

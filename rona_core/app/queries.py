@@ -144,5 +144,8 @@ def _roll_summary(session: Session) -> str:
     counts = f"{feasible} of {len(plan.verdicts)} rolls work"
     if plan.mode == "none" or plan.trajectory is None:
         return f"{counts}: move the robot base or change the path"
-    chosen = plan.verdicts[plan.chosen]
-    return f"{counts}, {chosen.roll_deg:.0f}°, {plan.trajectory.times_s[-1]:.0f} s"
+    if plan.mode == "variable":
+        chosen = f"varying over {plan.roll_variation_deg:.0f}°"
+    else:
+        chosen = f"{plan.verdicts[plan.chosen].roll_deg:.0f}°"
+    return f"{counts}, {chosen}, {plan.trajectory.times_s[-1]:.0f} s"

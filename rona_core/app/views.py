@@ -9,6 +9,7 @@ from rona_core.arrays import Bools, Floats, Ints, readonly
 from rona_core.devices.samples import AScan, AScanTrack
 from rona_core.geometry.pose import Poses
 from rona_core.robot.model import robot_model
+from rona_core.robot.plan import RobotPlan
 from rona_core.session.codec import digest
 from rona_core.session.document import Session
 from rona_core.ultrasound.detect import Detection
@@ -69,6 +70,11 @@ def shown_roll(session: Session, wanted: int | None) -> int | None:
     return max(plan.chosen, 0)
 
 
+def shows_varying(plan: RobotPlan, wanted: int | None) -> bool:
+    """Return whether the roll to show is the one that varies along the path."""
+    return plan.mode == "variable" and wanted is None
+
+
 def joint_curves(session: Session, wanted: int | None) -> JointCurves | None:
     """Return the joints along the path for a roll of the search; None before the search."""
     index = shown_roll(session, wanted)
@@ -76,6 +82,9 @@ def joint_curves(session: Session, wanted: int | None) -> JointCurves | None:
         return None
     plan = session.results.roll.value
     verdict, model = plan.verdicts[index], robot_model(plan.model)
+    curve = plan.curves_rad[index]
+    if shows_varying(plan, wanted):
+        verdict, curve = plan.varying or verdict, plan.chosen_curve_rad
     way = plan.path.arc_length_mm()
     percent = 100.0 * way / max(float(way[-1]), 1e-9)
     return JointCurves(
@@ -83,7 +92,7 @@ def joint_curves(session: Session, wanted: int | None) -> JointCurves | None:
         feasible=verdict.feasible,
         sentence=verdict.sentence,
         path_percent=readonly(percent[plan.shown_points]),
-        joints_deg=readonly(np.rad2deg(plan.curves_rad[index].astype(np.float64))),
+        joints_deg=readonly(np.rad2deg(curve.astype(np.float64))),
         lower_deg=readonly(np.rad2deg(model.lower_rad)),
         upper_deg=readonly(np.rad2deg(model.upper_rad)),
         worst_percent=float(percent[min(verdict.index, len(percent) - 1)]),
@@ -150,9 +159,10 @@ def joints_of_roll(session: Session, wanted: int | None) -> Floats | None:
     if index is None or session.results.roll is None:
         return None
     plan = session.results.roll.value
-    if not plan.verdicts[index].feasible:
+    varying = shows_varying(plan, wanted)
+    if not varying and not plan.verdicts[index].feasible:
         return None
-    curve = plan.curves_rad[index].astype(np.float64)
+    curve = (plan.chosen_curve_rad if varying else plan.curves_rad[index]).astype(np.float64)
     return curve[len(curve) // 2]
 
 

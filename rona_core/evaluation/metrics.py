@@ -50,6 +50,8 @@ KEYS = (
     "rolls_feasible",
     "roll_mode",
     "min_clearance_mm",
+    "roll_variation_deg",
+    "min_joint_margin_deg",
     "scan_points",
     "second_pass_points",
     "second_pass_reason",

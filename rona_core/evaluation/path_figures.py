@@ -8,6 +8,7 @@ from rona_core.arrays import Floats, Ints
 from rona_core.evaluation.figures import Figures
 from rona_core.evaluation.truth import Truth
 from rona_core.path.filter import filter_path
+from rona_core.robot.model import robot_model
 from rona_core.session.codec import digest
 
 if TYPE_CHECKING:
@@ -91,8 +92,15 @@ def normal_figures(path: "Path5D", truth: Truth) -> Figures:
 
 
 def plan_figures(plan: "RobotPlan") -> Figures:
-    """Return rolls tried and feasible, least clearance of the motion, duration of the scan."""
+    """Return how many rolls were tried, how the chosen one fares, and how long the scan takes."""
     trajectory = plan.trajectory
+    least_deg, chosen = None, plan.mode != "none"
+    if trajectory is not None:
+        limits = robot_model(plan.model).limits
+        times_s = trajectory.times_s
+        scanning = (times_s >= trajectory.scan_start_s) & (times_s <= trajectory.scan_end_s)
+        room_rad = limits.clearance_rad(trajectory.qs_rad[scanning])
+        least_deg = float(np.rad2deg(room_rad.min())) if scanning.any() else None
     certificate = plan.certificate
     duration_s = None if trajectory is None else trajectory.times_s[-1] - trajectory.times_s[0]
     return {
@@ -100,5 +108,7 @@ def plan_figures(plan: "RobotPlan") -> Figures:
         "rolls_feasible": sum(verdict.feasible for verdict in plan.verdicts),
         "roll_mode": plan.mode,
         "min_clearance_mm": None if certificate is None else certificate.min_clearance_mm,
+        "roll_variation_deg": plan.roll_variation_deg if chosen else None,
+        "min_joint_margin_deg": least_deg,
         "scan_duration_s": None if duration_s is None else float(duration_s),
     }

@@ -16,6 +16,7 @@ from scipy.spatial import ConvexHull, QhullError
 from rona_core.arrays import Floats, readonly
 from rona_core.devices.markers import GEOMETRIES
 from rona_core.errors import DegenerateGeometryError, InvalidInputError
+from rona_core.robot.arm import SphericalWristArm
 from rona_core.robot.model import RobotModel
 from rona_core.robot.shape import link_shapes
 
@@ -114,11 +115,10 @@ def _bound(name: str, link: int, *parts: Floats) -> Bound:
 
 
 def _rx90(model: RobotModel) -> tuple[Bound, ...]:
-    up, upper, fore = (
-        model.arm.shoulder_mm,
-        model.arm.upper_arm_mm,
-        model.arm.forearm_mm,
-    )
+    arm = model.arm
+    if not isinstance(arm, SphericalWristArm):
+        raise InvalidInputError(f"the bounds of the RX90 do not fit the arm of {model.name}")
+    up, upper, fore = arm.shoulder_mm, arm.upper_arm_mm, arm.forearm_mm
     return (
         _bound("base", 0, drum(((160, 0), (160, 40), (132, 60), (124, up - 216)))),
         _bound("shoulder column", 1, drum(((125, 204 - up), (120, -70), (97, 41)))),
@@ -143,7 +143,7 @@ def _rx90(model: RobotModel) -> tuple[Bound, ...]:
             drum(((25, -57), (42, -37), (42, 37), (25, 57)), "y"),
             drum(((39, 44), (35, 57))),
         ),
-        _bound("flange", TOOL_LINK, drum(((51, 56 - model.arm.flange_mm), (51, 23)))),
+        _bound("flange", TOOL_LINK, drum(((51, 56 - arm.flange_mm), (51, 23)))),
     )
 
 

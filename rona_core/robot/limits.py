@@ -105,20 +105,20 @@ def shift_to_fit(angles_rad: Floats, lower_rad: float, upper_rad: float) -> Floa
     turns = np.round((middle - (low + high) / 2.0) / TURN_RAD)
     shifted = angles_rad + TURN_RAD * turns
     outside = (low + TURN_RAD * turns < lower_rad) | (high + TURN_RAD * turns > upper_rad)
-    for column in np.flatnonzero(outside):
-        shifted[:, column] = _longest_inside(angles_rad[:, column], lower_rad, upper_rad)
+    if outside.any():
+        shifted[:, outside] = _longest_inside(angles_rad[:, outside], lower_rad, upper_rad)
     return shifted
 
 
 def _longest_inside(angles_rad: Floats, lower_rad: float, upper_rad: float) -> Floats:
-    """Return one curve (n,), shifted so that it leaves the limits as late as possible."""
+    """Return curves (n, b), each shifted so that it leaves the limits as late as possible."""
     middle = (lower_rad + upper_rad) / 2.0
     nearest = np.round((middle - angles_rad[0]) / TURN_RAD)
-    best, survived = angles_rad + TURN_RAD * nearest, -1
+    best, survived = nearest, np.full(angles_rad.shape[1], -1, dtype=np.int64)
     for turns in (nearest, nearest - 1.0, nearest + 1.0):
         candidate = angles_rad + TURN_RAD * turns
         outside = (candidate < lower_rad) | (candidate > upper_rad)
-        first = int(np.argmax(outside)) if outside.any() else len(outside)
-        if first > survived:
-            best, survived = candidate, first
-    return best
+        first = np.where(outside.any(axis=0), outside.argmax(axis=0), len(outside))
+        best = np.where(first > survived, turns, best)
+        survived = np.maximum(first, survived)
+    return angles_rad + TURN_RAD * best

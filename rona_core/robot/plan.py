@@ -10,14 +10,15 @@ from numpy.typing import NDArray
 from rona_core.arrays import Floats, Ints
 from rona_core.geometry.path5d import Path5D
 
-Reason = Literal["none", "reach", "singularity", "limit", "jump"]
-Mode = Literal["constant", "none"]
+Reason = Literal["none", "reach", "singularity", "limit", "jump", "blocked", "roll rate"]
+Mode = Literal["constant", "variable", "none"]
 
 
 @dataclass(frozen=True, slots=True)
 class RollVerdict:
     """Whether the whole path can be followed with one roll, and if not, what stops it first.
 
+    For a roll that varies along the path ``roll_deg`` is the roll at the path point ``index``.
     ``branch`` is the best branch of the arm, or for a roll that fails the one that gets furthest.
     ``value`` and ``limit`` are those of the first failing sample in ``unit``; for a roll that is
     feasible they are the smallest room of the whole path and 0, both without unit.
@@ -34,6 +35,15 @@ class RollVerdict:
     limit: float
     unit: str
     sentence: str
+
+
+@dataclass(frozen=True, slots=True)
+class RankedRoll:
+    """One way to follow the whole path with a constant roll."""
+
+    index: int  # into the verdicts
+    branch: int  # into ik.BRANCHES
+    margin: float  # smallest room along the path
 
 
 class TimedMotion(Protocol):
@@ -111,20 +121,31 @@ def motion_digest(model: str, motion: TimedMotion, obstacles: str = "") -> str:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class RollSearch:
-    """Every roll that was tried on a path, and the one chosen (-1: none is feasible)."""
+    """Every roll that was tried on a path, and the one chosen: constant or varying."""
 
     mode: Mode
-    verdicts: tuple[RollVerdict, ...]
-    chosen: int
+    verdicts: tuple[RollVerdict, ...]  # on constant rolls
+    ranked: tuple[RankedRoll, ...]  # every constant roll and branch that is feasible, best first
+    varying: RollVerdict | None  # on a roll that varies; None where none was looked for
+    chosen: int  # index into verdicts; -1 where the chosen roll varies, and where none will do
+    branch: int  # of the chosen roll; -1 where none will do
+    rolls_rad: Floats  # (n,) the chosen roll at every path point; zeros where none will do
     path: Path5D
     shown_points: Ints  # (k,) path points at which the curves below are kept
     curves_rad: NDArray[np.float32]  # (rolls, k, 6) joints of the branch named in the verdict
     room: NDArray[np.float32]  # (rolls, k) smallest room from each shown point to the next
+    node_room: NDArray[np.float32]  # (k, rolls) the same on the best branch there, by itself
+    chosen_curve_rad: NDArray[np.float32]  # (k, 6) joints of the chosen roll; empty where none
 
     @property
     def n_feasible(self) -> int:
-        """Number of rolls with which the whole path can be followed."""
+        """Number of constant rolls with which the whole path can be followed."""
         return sum(verdict.feasible for verdict in self.verdicts)
+
+    @property
+    def roll_variation_deg(self) -> float:
+        """Largest less smallest roll of the chosen one along the path; 0 if it is constant."""
+        return _spread_deg(self.rolls_rad)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -133,20 +154,37 @@ class RobotPlan:
 
     model: str
     mode: Mode
-    verdicts: tuple[RollVerdict, ...]
-    chosen: int  # index into verdicts, -1 where no constant roll will do: move the base
-    roll_rad: float  # 0 where none is chosen
+    verdicts: tuple[RollVerdict, ...]  # this and all below up to the curve as in RollSearch
+    ranked: tuple[RankedRoll, ...]
+    varying: RollVerdict | None
+    chosen: int
+    branch: int
+    rolls_rad: Floats
     path: Path5D
-    shown_points: Ints  # as in RollSearch
+    shown_points: Ints
     curves_rad: NDArray[np.float32]
     room: NDArray[np.float32]
+    node_room: NDArray[np.float32]
+    chosen_curve_rad: NDArray[np.float32]
     trajectory: Trajectory | None
     certificate: Certificate | None
 
     @property
     def n_feasible(self) -> int:
-        """Number of rolls with which the whole path can be followed."""
+        """Number of constant rolls with which the whole path can be followed."""
         return sum(verdict.feasible for verdict in self.verdicts)
+
+    @property
+    def roll_variation_deg(self) -> float:
+        """Largest less smallest roll of the chosen one along the path; 0 if it is constant."""
+        return _spread_deg(self.rolls_rad)
+
+    @property
+    def verdict(self) -> RollVerdict | None:
+        """The verdict on the chosen roll, constant or varying; None where none will do."""
+        if self.mode == "variable":
+            return self.varying
+        return self.verdicts[self.chosen] if self.mode == "constant" else None
 
     @property
     def may_move(self) -> bool:
@@ -156,3 +194,7 @@ class RobotPlan:
             and self.certificate is not None
             and self.certificate.certifies(self.trajectory)
         )
+
+
+def _spread_deg(rolls_rad: Floats) -> float:
+    return float(np.rad2deg(np.ptp(rolls_rad))) if len(rolls_rad) else 0.0

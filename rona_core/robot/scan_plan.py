@@ -4,34 +4,50 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
+from rona_core.arrays import Floats, readonly
 from rona_core.devices.protocols import Cancel, Progress, never, silent
 from rona_core.devices.settings import require
 from rona_core.errors import InvalidInputError, NotReachableError
 from rona_core.geometry.path5d import Path5D
+from rona_core.robot.clear_check import Clear
+from rona_core.robot.collision import clear_among
 from rona_core.robot.density import dense
+from rona_core.robot.judged_rolls import JudgedRolls, judge_rolls
 from rona_core.robot.model import RobotModel
 from rona_core.robot.obstacles import Obstacles
-from rona_core.robot.plan import Certificate, RobotPlan, RollSearch, RollVerdict, Trajectory
-from rona_core.robot.roll_search import Choice, joint_path, search_rolls
+from rona_core.robot.plan import RobotPlan, RollSearch
+from rona_core.robot.roll_cost import RollCost
+from rona_core.robot.roll_search import (
+    Choice,
+    RollMode,
+    constant_search,
+    joint_path,
+    varying_search,
+    working_set_deg,
+)
 from rona_core.robot.room import RoomRules
-from rona_core.robot.timing import ScanSettings, time_path
+from rona_core.robot.timing import LEAST_STANDOFF_MM, ScanSettings, time_path
+from rona_core.robot.variable_verdict import NAME
+from rona_core.robot.vary_roll import vary_roll
 from rona_core.robot.verify import verify_scan
 
 MAX_TRIES = 4  # rolls that are timed and verified before giving up
-SEARCH_SHARE = 0.6  # of the progress
+SEARCH_SHARE, TRIED_SHARE = 0.4, 0.7  # of the progress, when rolls are judged, and when timed
 
 
 @dataclass(frozen=True, slots=True)
 class PlanSettings:
-    """Working set of rolls, which one to take, and how to drive."""
+    """Working set of rolls, which one to take, whether it may vary, and how to drive."""
 
     n_rolls: int = 72
     roll_from_deg: float = 0.0
     roll_to_deg: float = 360.0
     choice: Choice = "best"
+    mode: RollMode = "auto"
+    cost: RollCost = field(default_factory=RollCost)
     rules: RoomRules = field(default_factory=RoomRules)
     scan: ScanSettings = field(default_factory=ScanSettings)
-    obstacles: Obstacles | None = None  # for the verifier; None looks at no collisions
+    obstacles: Obstacles | None = None  # what stands around; None: nothing is looked at
 
 
 def plan_scan(
@@ -44,9 +60,11 @@ def plan_scan(
 ) -> RobotPlan:
     """Plan the scan of a dense path: roll, trajectory and certificate.
 
-    Rolls are taken in the order of ``settings.choice``; the first whose motion the verifier
-    certifies is kept. Where no roll is feasible the plan has mode ``none``, and its verdicts say
-    why; where none is certified it carries the first motion and the certificate that refuses it.
+    Constant rolls are taken in the order of ``settings.choice``; the first whose motion the
+    verifier certifies is kept. In the mode ``auto`` a roll that varies along the path is planned
+    where no constant one is certified, in the mode ``variable`` at once. Where no roll is feasible
+    the plan has mode ``none``, and its verdicts say why; where none is certified it carries the
+    first motion and the certificate that refuses it.
 
     Args:
         path: Positions and probe axes in ``base``, interpolated densely (1 mm, 1 degree); wider
@@ -57,45 +75,73 @@ def plan_scan(
         cancel: Asked during the search.
 
     Raises:
-        InvalidInputError: an empty working set, or a path without length.
+        InvalidInputError: an empty working set, an unknown mode, or a path without length.
         CancelledError: somebody cancelled.
     """
     settings = settings or PlanSettings()
     require(path.arc_length_mm()[-1] > 0.0, "a scan path needs two different points")
-    search = search_rolls(
+    require(
+        settings.mode in ("auto", "constant", "variable"),
+        f"mode must be auto, constant or variable, not {settings.mode!r}",
+    )
+    clear = _clear(model, settings)
+    judged = judge_rolls(
         dense(path),
         model,
-        n_rolls=settings.n_rolls,
-        roll_from_deg=settings.roll_from_deg,
-        roll_to_deg=settings.roll_to_deg,
-        choice=settings.choice,
-        rules=settings.rules,
+        working_set_deg(settings.n_rolls, settings.roll_from_deg, settings.roll_to_deg),
+        settings.rules,
         progress=lambda share: progress(SEARCH_SHARE * share),
         cancel=cancel,
     )
-    plan = _unchosen(search, model)
+    plan = planned(constant_search(judged, -1), model)
     refused: RobotPlan | None = None
-    for attempt, index in enumerate(_candidates(search, settings.choice)[:MAX_TRIES]):
-        try:
-            candidate = _with_roll(plan, index, model, settings)
-        except NotReachableError:
-            continue  # the stand-off of this roll is out of reach
-        if candidate.may_move:
+    if settings.mode != "variable":
+        for attempt, index in enumerate(_candidates(judged, settings.choice)[:MAX_TRIES]):
+            try:
+                candidate = _with_roll(plan, index, model, settings, clear)
+            except NotReachableError:
+                continue  # the stand-off of this roll is out of reach
+            if candidate.may_move:
+                progress(1.0)
+                return candidate
+            refused = refused or candidate
+            progress(SEARCH_SHARE + (TRIED_SHARE - SEARCH_SHARE) * (attempt + 1) / MAX_TRIES)
+    if settings.mode != "constant":
+        varying = _varying(
+            judged,
+            settings,
+            clear,
+            progress=lambda share: progress(TRIED_SHARE + (1.0 - TRIED_SHARE) * share),
+            cancel=cancel,
+        )
+        if varying.may_move:
             progress(1.0)
-            return candidate
-        refused = refused or candidate
-        progress(SEARCH_SHARE + (1.0 - SEARCH_SHARE) * (attempt + 1) / MAX_TRIES)
+            return varying
+        refused = refused or (varying if varying.trajectory is not None else None)
+        plan = varying
     progress(1.0)
     return refused or plan
 
 
 def choose_roll(
-    plan: RobotPlan, index: int, model: RobotModel, settings: PlanSettings | None = None
+    plan: RobotPlan,
+    index: int,
+    model: RobotModel,
+    settings: PlanSettings | None = None,
+    *,
+    branch: int | None = None,
 ) -> RobotPlan:
-    """Return the plan with another of its rolls, timed and verified anew.
+    """Return the plan with another of its constant rolls, timed and verified anew.
+
+    Args:
+        plan: A plan for this robot.
+        index: The roll, into ``plan.verdicts``.
+        model: The robot with its tool.
+        settings: How to drive.
+        branch: One of the branches that ``plan.ranked`` has for the roll; by default the best.
 
     Raises:
-        InvalidInputError: no roll of that number, or another robot.
+        InvalidInputError: no roll of that number, a branch that fails, or another robot.
         NotReachableError: the path cannot be followed with this roll.
     """
     if not 0 <= index < len(plan.verdicts):
@@ -105,47 +151,113 @@ def choose_roll(
     verdict = plan.verdicts[index]
     if not verdict.feasible:
         raise NotReachableError(verdict.sentence, index=index, joint=verdict.joint)
-    return _with_roll(plan, index, model, settings or PlanSettings())
+    possible = sorted(pair.branch for pair in plan.ranked if pair.index == index)
+    require(
+        branch is None or branch in possible,
+        f"roll {index} can be followed on the branches {possible}, not on {branch}",
+    )
+    settings = settings or PlanSettings()
+    return _with_roll(plan, index, model, settings, _clear(model, settings), branch)
 
 
-def _candidates(search: RollSearch, choice: Choice) -> list[int]:
-    """Return the feasible rolls in the order in which they are to be tried."""
-    feasible = [i for i, verdict in enumerate(search.verdicts) if verdict.feasible]
-    if choice == "first":
-        return feasible
-    return sorted(feasible, key=lambda i: -search.verdicts[i].margin)
-
-
-def _unchosen(search: RollSearch, model: RobotModel) -> RobotPlan:
+def planned(search: RollSearch, model: RobotModel) -> RobotPlan:
+    """Return a plan with what a search found, not timed yet."""
     return RobotPlan(
         model=model.name,
-        mode="none",
+        mode=search.mode,
         verdicts=search.verdicts,
-        chosen=-1,
-        roll_rad=0.0,
+        ranked=search.ranked,
+        varying=search.varying,
+        chosen=search.chosen,
+        branch=search.branch,
+        rolls_rad=search.rolls_rad,
         path=search.path,
         shown_points=search.shown_points,
         curves_rad=search.curves_rad,
         room=search.room,
+        node_room=search.node_room,
+        chosen_curve_rad=search.chosen_curve_rad,
         trajectory=None,
         certificate=None,
     )
 
 
-def _with_roll(plan: RobotPlan, index: int, model: RobotModel, settings: PlanSettings) -> RobotPlan:
-    verdict: RollVerdict = plan.verdicts[index]
-    roll_rad = float(np.deg2rad(verdict.roll_deg))
-    qs = joint_path(plan.path, model, roll_rad, verdict.branch, settings.rules)
-    trajectory: Trajectory = time_path(plan.path, qs, model, settings.scan, branch=verdict.branch)
-    speed = settings.scan.scan_speed_mm_per_s
-    certificate: Certificate = verify_scan(
-        model, trajectory, plan.path, roll_rad, speed, obstacles=settings.obstacles
+def _candidates(judged: JudgedRolls, choice: Choice) -> list[int]:
+    """Return the feasible rolls in the order in which they are to be tried."""
+    feasible = [i for i, verdict in enumerate(judged.verdicts) if verdict.feasible]
+    if choice == "first":
+        return feasible
+    return sorted(feasible, key=lambda i: -judged.verdicts[i].margin)
+
+
+def _with_roll(
+    plan: RobotPlan,
+    index: int,
+    model: RobotModel,
+    settings: PlanSettings,
+    clear: Clear | None,
+    branch: int | None = None,
+) -> RobotPlan:
+    verdict = plan.verdicts[index]
+    branch = verdict.branch if branch is None else branch
+    rolls_rad = np.full(len(plan.path), np.deg2rad(verdict.roll_deg))
+    qs = joint_path(plan.path, model, rolls_rad, branch, settings.rules)
+    chosen = replace(plan, mode="constant", chosen=index)
+    return _timed(chosen, rolls_rad, branch, qs, model, settings, clear)
+
+
+def _varying(
+    judged: JudgedRolls,
+    settings: PlanSettings,
+    clear: Clear | None,
+    *,
+    progress: Progress,
+    cancel: Cancel,
+) -> RobotPlan:
+    """Return the plan with a varying roll, timed and verified; mode ``none`` if there is none."""
+    curve, verdict = vary_roll(
+        judged,
+        settings.cost,
+        clear=clear,
+        standoff_mm=LEAST_STANDOFF_MM,
+        progress=progress,
+        cancel=cancel,
     )
+    plan = planned(varying_search(judged, curve, verdict), judged.model)
+    if curve is None:
+        return plan
+    try:
+        return _timed(
+            plan, curve.rolls_rad, curve.branch, curve.qs_rad, judged.model, settings, clear
+        )
+    except NotReachableError as error:
+        stuck = replace(verdict, feasible=False, reason="reach", sentence=f"{NAME}: {error}")
+        return planned(varying_search(judged, None, stuck), judged.model)
+
+
+def _timed(
+    plan: RobotPlan,
+    rolls_rad: Floats,
+    branch: int,
+    qs_rad: Floats,
+    model: RobotModel,
+    settings: PlanSettings,
+    clear: Clear | None,
+) -> RobotPlan:
+    trajectory = time_path(plan.path, qs_rad, model, settings.scan, branch=branch, clear=clear)
+    speed = settings.scan.scan_speed_mm_per_s
     return replace(
         plan,
-        mode="constant",
-        chosen=index,
-        roll_rad=roll_rad,
+        branch=branch,
+        rolls_rad=readonly(rolls_rad),
+        chosen_curve_rad=readonly(qs_rad[plan.shown_points].astype(np.float32)),
         trajectory=trajectory,
-        certificate=certificate,
+        certificate=verify_scan(
+            model, trajectory, plan.path, rolls_rad, speed, obstacles=settings.obstacles
+        ),
     )
+
+
+def _clear(model: RobotModel, settings: PlanSettings) -> Clear | None:
+    """Return what tells where nothing is touched; None where nothing is known of what is around."""
+    return None if settings.obstacles is None else clear_among(model, settings.obstacles)

@@ -1,101 +1,137 @@
-"""Say in plain words what stops a roll first."""
+"""Say in plain words, and in figures, what stops a roll first."""
+
+from dataclasses import dataclass
 
 import numpy as np
 
-from rona_core.robot.model import RobotModel
+from rona_core.arrays import Floats
+from rona_core.robot.ik import IkSolutions
+from rona_core.robot.limits import JointLimits
 from rona_core.robot.plan import Reason, RollVerdict
-from rona_core.robot.room import EVEN_DIGITS, Room, RoomRules
-
-Blame = tuple[int, float, float, str, str]  # joint, value, limit, unit, sentence
+from rona_core.robot.room import ROUNDED_MM, RoomRules
 
 
-def describe(
-    roll_deg: float, room: Room, branch: int, model: RobotModel, rules: RoomRules
-) -> RollVerdict:
-    """Return the verdict on one roll, judged on one branch."""
-    least = room.least()[:, branch]
-    margin = float(least.min())
-    feasible = margin >= 0.0
-    if feasible:
-        index, reason = int(np.argmin(np.round(least, EVEN_DIGITS))), "none"
-        sentence = f"roll {roll_deg:.4g}°: the whole path can be followed, least room {margin:.2f}"
-        blame: Blame = (0, margin, 0.0, "", sentence)
-    else:
-        index = int(np.argmax(least < 0.0))
-        reason = _first_reason(room, index, branch)
-        blame = _BLAME[reason](room, index, branch, model, rules)
-    joint, value, limit, unit, sentence = blame
-    if not feasible:
-        sentence = f"roll {roll_deg:.4g}°: {sentence} at path point {index} of {len(least)}"
-    return RollVerdict(
-        roll_deg=roll_deg,
-        feasible=feasible,
-        branch=branch,
-        margin=margin,
-        reason=reason,
-        index=index,
-        joint=joint,
-        value=float(value),
-        limit=float(limit),
-        unit=unit,
-        sentence=sentence,
+@dataclass(frozen=True, slots=True, eq=False)
+class Posture:
+    """The arm at the path point that fails, and how it came there."""
+
+    q_rad: Floats  # (6,)
+    step_rad: Floats  # (6,) from the path point before
+    valid: bool  # the pose can be reached
+    reach_mm: float
+    sin_elbow: float
+    sin_wrist: float
+    wrist_distance_mm: float
+
+
+@dataclass(frozen=True, slots=True)
+class Blame:
+    """What is to blame: the joint (1 to 6, 0 for none), its value and what would be allowed."""
+
+    reason: Reason
+    joint: int
+    value: float
+    limit: float
+    unit: str
+    words: str
+
+
+def posture_of(
+    solutions: IkSolutions, index: int, branch: int, q_rad: Floats, step_rad: Floats
+) -> Posture:
+    """Return one of the solved poses on one branch, with its continuous joint angles."""
+    return Posture(
+        q_rad=q_rad,
+        step_rad=step_rad,
+        valid=bool(solutions.valid[index, branch]),
+        reach_mm=float(solutions.reach_mm[index]),
+        sin_elbow=float(solutions.sin_elbow[index]),
+        sin_wrist=float(solutions.sin_wrist[index, branch]),
+        wrist_distance_mm=float(solutions.wrist_distance_mm[index]),
     )
 
 
-def _first_reason(room: Room, index: int, branch: int) -> Reason:
-    if room.reach[index, branch] < 0.0:
-        return "reach"
-    if room.singularity[index, branch] < 0.0:
-        return "singularity"
-    return "limit" if room.limit[index, branch] < 0.0 else "jump"
+def passing(name: str, roll_deg: float, branch: int, margin: float, index: int) -> RollVerdict:
+    """Return the verdict on a roll with which the whole path can be followed."""
+    return RollVerdict(
+        roll_deg=roll_deg,
+        feasible=True,
+        branch=branch,
+        margin=margin,
+        reason="none",
+        index=index,
+        joint=0,
+        value=margin,
+        limit=0.0,
+        unit="",
+        sentence=f"{name}: the whole path can be followed, least room {margin:.2f}",
+    )
 
 
-def _reach(room: Room, index: int, branch: int, model: RobotModel, rules: RoomRules) -> Blame:
-    outside_mm = -room.reach[index, branch] * rules.reach_unit_mm
-    sentence = f"the wrist would have to be {outside_mm:.0f} mm outside the reach of the arm"
-    return 0, -outside_mm, 0.0, "mm", sentence
+def failing(
+    name: str, roll_deg: float, branch: int, margin: float, index: int, n: int, blame: Blame
+) -> RollVerdict:
+    """Return the verdict on a roll that fails first at one of n path points."""
+    return RollVerdict(
+        roll_deg=roll_deg,
+        feasible=False,
+        branch=branch,
+        margin=margin,
+        reason=blame.reason,
+        index=index,
+        joint=blame.joint,
+        value=blame.value,
+        limit=blame.limit,
+        unit=blame.unit,
+        sentence=f"{name}: {blame.words} at path point {index} of {n}",
+    )
 
 
-def _singularity(room: Room, index: int, branch: int, model: RobotModel, rules: RoomRules) -> Blame:
-    q = room.qs_rad[index, branch]
-    out_mm = float(model.inverse(model.forward(q[None])).wrist_distance_mm[0])
-    elbow_deg, wrist_deg = (float(np.rad2deg(np.arcsin(abs(np.sin(q[j]))))) for j in (2, 4))
-    limit_deg = float(np.rad2deg(rules.singular_rad))
-    if elbow_deg < limit_deg:
-        return (
-            3,
-            elbow_deg,
-            limit_deg,
-            "deg",
-            f"the elbow is {elbow_deg:.1f}° from straight, {limit_deg:.0f}° are needed",
-        )
-    if wrist_deg < limit_deg:
-        return (
-            5,
-            wrist_deg,
-            limit_deg,
-            "deg",
-            f"joint 5 is {wrist_deg:.1f}° from straight, {limit_deg:.0f}° are needed",
-        )
-    sentence = f"the wrist is {out_mm:.0f} mm from axis 1, {rules.shoulder_mm:.0f} mm are needed"
-    return 1, out_mm, rules.shoulder_mm, "mm", sentence
+def blame(posture: Posture, limits: JointLimits, rules: RoomRules) -> Blame:
+    """Return what stops a posture: reach, then singularities, then limits, then a jump."""
+    if not posture.valid:
+        return _reach(posture)
+    return _singularity(posture, rules) or _limit(posture, limits) or _jump(posture, rules)
 
 
-def _limit(room: Room, index: int, branch: int, model: RobotModel, rules: RoomRules) -> Blame:
-    q = room.qs_rad[index, branch]
-    joint = int(np.argmin(model.limits.clearance_rad(q)))
-    bound = model.lower_rad[joint] if q[joint] < model.lower_rad[joint] else model.upper_rad[joint]
+def _reach(posture: Posture) -> Blame:
+    outside_mm = max(ROUNDED_MM, -posture.reach_mm)
+    words = f"the wrist would have to be {outside_mm:.3g} mm outside the reach of the arm"
+    return Blame("reach", 0, -outside_mm, 0.0, "mm", words)
+
+
+def _singularity(posture: Posture, rules: RoomRules) -> Blame | None:
+    least_deg = float(np.rad2deg(rules.singular_rad))
+    for joint, name, sine in (
+        (3, "the elbow", posture.sin_elbow),
+        (5, "joint 5", posture.sin_wrist),
+    ):
+        if sine < np.sin(rules.singular_rad):
+            angle_deg = float(np.rad2deg(np.arcsin(min(1.0, sine))))
+            words = f"{name} is {angle_deg:.1f}° from straight, {least_deg:.0f}° are needed"
+            return Blame("singularity", joint, angle_deg, least_deg, "deg", words)
+    out_mm = posture.wrist_distance_mm
+    if out_mm >= rules.shoulder_mm:
+        return None
+    words = f"the wrist is {out_mm:.0f} mm from axis 1, {rules.shoulder_mm:.0f} mm are needed"
+    return Blame("singularity", 1, out_mm, rules.shoulder_mm, "mm", words)
+
+
+def _limit(posture: Posture, limits: JointLimits) -> Blame | None:
+    q, clearance = posture.q_rad, limits.clearance_rad(posture.q_rad)
+    joint = int(np.argmin(clearance))
+    if clearance[joint] >= 0.0:
+        return None
+    below = q[joint] < limits.lower_rad[joint]
+    bound = limits.lower_rad[joint] if below else limits.upper_rad[joint]
     value_deg, limit_deg = float(np.rad2deg(q[joint])), float(np.rad2deg(bound))
-    sentence = f"joint {joint + 1} would be at {value_deg:.1f}°, its limit is {limit_deg:.1f}°"
-    return joint + 1, value_deg, limit_deg, "deg", sentence
+    words = f"joint {joint + 1} would be at {value_deg:.1f}°, its limit is {limit_deg:.1f}°"
+    return Blame("limit", joint + 1, value_deg, limit_deg, "deg", words)
 
 
-def _jump(room: Room, index: int, branch: int, model: RobotModel, rules: RoomRules) -> Blame:
-    steps = np.abs(room.qs_rad[index, branch] - room.qs_rad[index - 1, branch])
+def _jump(posture: Posture, rules: RoomRules) -> Blame:
+    steps = np.abs(posture.step_rad)
     joint = int(np.argmax(steps))
     value_deg, limit_deg = float(np.rad2deg(steps[joint])), float(np.rad2deg(rules.step_rad))
-    sentence = f"joint {joint + 1} would jump by {value_deg:.1f}°, {limit_deg:.0f}° are allowed"
-    return joint + 1, value_deg, limit_deg, "deg", sentence
-
-
-_BLAME = {"reach": _reach, "singularity": _singularity, "limit": _limit, "jump": _jump}
+    words = f"joint {joint + 1} would jump by {value_deg:.1f}°, {limit_deg:.0f}° are allowed"
+    return Blame("jump", joint + 1, value_deg, limit_deg, "deg", words)

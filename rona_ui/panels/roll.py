@@ -10,6 +10,7 @@ from rona_ui.scene.colors import GREEN, VERMILLION, YELLOW, css
 from rona_ui.view_state import Picture
 
 CHOICES = {"Most room": "best", "First that works (as the paper)": "first"}
+MODES = {"Constant, else varying": "auto", "Constant": "constant", "Varying": "variable"}
 
 
 class RollPanel(StepPanel):
@@ -28,6 +29,7 @@ class RollPanel(StepPanel):
         self.form.number("roll_from_deg", "From (deg)", 0.0, -360.0, 360.0, 5.0)
         self.form.number("roll_to_deg", "To (deg)", 360.0, -355.0, 720.0, 5.0)
         self.form.choice("choice", "Choose", CHOICES, "best")
+        self.form.choice("mode", "Roll", MODES, "auto")
 
     def message(self) -> Any:
         """Return the search."""
@@ -48,9 +50,11 @@ class RollPanel(StepPanel):
             )
         else:
             certified = plan.certificate.certifies(plan.trajectory)
-            chosen = plan.verdicts[plan.chosen].roll_deg
+            varies = plan.mode == "variable"
+            turned = f"varying over {plan.roll_variation_deg:.0f}°"
+            chosen = turned if varies else f"{plan.verdicts[plan.chosen].roll_deg:.0f}°"
             first = style.note(
-                f"{works} of {len(plan.verdicts)} rolls work; {chosen:.0f}° chosen, motion of "
+                f"{works} of {len(plan.verdicts)} rolls work; {chosen} chosen, motion of "
                 f"{plan.trajectory.times_s[-1]:.1f} s. The verifier "
                 + ("certifies the motion." if certified else "refuses the motion."),
                 "good" if certified else "warn",

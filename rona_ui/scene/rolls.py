@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from rona_core.app.views import roll_poses, shown_roll
+from rona_core.app.views import roll_poses, shown_roll, shows_varying
 from rona_core.arrays import Floats
 from rona_core.geometry.pose import Poses
 from rona_ui.scene.adapter import Layer
@@ -40,8 +40,11 @@ class RollsLayer(Layer):
             fails = all_arrows[~feasible].reshape(-1, 2, 3)
             index = shown_roll(new.session, new.view.shown_roll)
             if index is not None:
-                path, roll_deg = searched.value.path, searched.value.verdicts[index].roll_deg
-                pose = path.Ts_base_probe(np.deg2rad(roll_deg))[len(path) // 2]
+                plan = searched.value
+                rolls_rad = np.deg2rad(plan.verdicts[index].roll_deg)
+                if shows_varying(plan, new.view.shown_roll):
+                    rolls_rad = plan.rolls_rad
+                pose = plan.path.Ts_base_probe(rolls_rad)[len(plan.path) // 2]
                 chosen = arrows(Poses.stack([pose]), 60.0).reshape(-1, 2, 3)
         self.stage.lines(WORKS, works, GREEN, width_px=4.0)
         self.stage.lines(FAILS, fails, VERMILLION, width_px=4.0)

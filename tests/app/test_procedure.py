@@ -22,6 +22,7 @@ from rona_core.app.messages import (
 )
 from rona_core.app.queries import step_states
 from rona_core.app.replay import replay
+from rona_core.app.views import joint_curves
 from rona_core.app.workbench import Workbench
 from rona_core.compose import evaluate_virtual, new_workbench, run_demo
 from rona_core.errors import NotReachableError, RonaError, StepBlockedError
@@ -196,6 +197,33 @@ def test_another_roll_is_planned_and_a_failing_one_refused_with_its_reason(demo)
     with pytest.raises(NotReachableError, match=r"joint|reach|singular"):
         bench.dispatch(ChooseRoll(fails))
     assert bench.session.results.roll.value.chosen == works
+    bench.close()
+
+
+def test_a_varying_roll_is_planned_replayed_drawn_and_executed(demo):
+    session, _ = demo
+    bench = opened(session)
+    bench.run(StartRollSearch(mode="variable"))
+    plan = bench.session.results.roll.value
+    assert (plan.mode, plan.chosen) == ("variable", -1)
+    assert plan.may_move
+    assert {r.result: r.same for r in replay(bench.session)}["roll"]
+    state = next(s for s in step_states(bench.session) if s.name == "roll")
+    assert f"varying over {plan.roll_variation_deg:.0f}°" in state.reason
+    curves = joint_curves(bench.session, None)
+    assert curves.feasible
+    np.testing.assert_allclose(curves.joints_deg, np.rad2deg(plan.chosen_curve_rad), atol=1e-4)
+    other = joint_curves(bench.session, 0)
+    np.testing.assert_allclose(other.joints_deg, np.rad2deg(plan.curves_rad[0]), atol=1e-4)
+    bench.run(StartScan())
+    assert len(bench.session.captures.scan.scans) > 100
+    figures = evaluate_virtual(bench.session, bench.rig())
+    assert figures["roll_mode"] == "variable"
+    assert figures["roll_variation_deg"] == plan.roll_variation_deg
+    assert figures["min_joint_margin_deg"] > 0.0
+    works = next(i for i, v in enumerate(plan.verdicts) if v.feasible)
+    bench.dispatch(ChooseRoll(works))
+    assert bench.session.results.roll.value.mode == "constant"
     bench.close()
 
 

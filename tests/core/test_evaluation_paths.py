@@ -121,20 +121,33 @@ def test_normals_that_point_into_the_bone_are_half_a_turn_off():
 
 def test_a_plan_is_counted_by_rolls_and_timed_from_end_to_end():
     verdicts = tuple(SimpleNamespace(feasible=i % 3 == 0) for i in range(72))
-    trajectory = SimpleNamespace(times_s=np.array([0.0, 1.5, 61.25]))
-    certificate = SimpleNamespace(min_clearance_mm=7.5)
+    # on the path joint 5 of the RX90 comes within 7.5 degrees of its upper limit, 120 degrees
+    joint_5_deg = (119.0, 45.0, 112.5, 60.0, 119.0)
+    qs_rad = np.deg2rad([[0, 0, 90, 0, angle, 0] for angle in joint_5_deg])
+    times_s = np.array([0.0, 1.5, 20.0, 55.0, 61.25])
+    trajectory = SimpleNamespace(times_s=times_s, qs_rad=qs_rad, scan_start_s=1.5, scan_end_s=55.0)
     plan = SimpleNamespace(
-        verdicts=verdicts, mode="constant", trajectory=trajectory, certificate=certificate
+        model="rx90",
+        verdicts=verdicts,
+        mode="variable",
+        roll_variation_deg=35.0,
+        trajectory=trajectory,
+        certificate=SimpleNamespace(min_clearance_mm=7.5),
     )
     assert plan_figures(plan) == {
         "rolls_tried": 72,
         "rolls_feasible": 24,
-        "roll_mode": "constant",
+        "roll_mode": "variable",
+        "roll_variation_deg": 35.0,
         "min_clearance_mm": 7.5,
+        "min_joint_margin_deg": pytest.approx(7.5),
         "scan_duration_s": 61.25,
     }
     nothing = SimpleNamespace(
         verdicts=verdicts[1:3], mode="none", trajectory=None, certificate=None
     )
-    assert plan_figures(nothing)["min_clearance_mm"] is None
-    assert plan_figures(nothing)["scan_duration_s"] is None
+    figures = plan_figures(nothing)
+    assert figures["scan_duration_s"] is None
+    assert figures["roll_variation_deg"] is None
+    assert figures["min_joint_margin_deg"] is None
+    assert figures["min_clearance_mm"] is None

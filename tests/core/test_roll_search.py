@@ -5,14 +5,15 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from robot_scenes import SCENES, dense_path
 
+from benchmarks.patch_scenes import SCENES, dense_path
 from rona_core.errors import CancelledError, InvalidInputError
 from rona_core.geometry.path5d import Path5D
 from rona_core.robot.ik import BRANCHES
 from rona_core.robot.limits import JointLimits
 from rona_core.robot.model import robot_model
-from rona_core.robot.roll_search import best_branch, joint_path, search_rolls, working_set_deg
+from rona_core.robot.roll_search import joint_path, search_rolls, working_set_deg
+from rona_core.robot.roll_sweep import best_branch
 from rona_core.robot.room import RoomRules
 
 RX90 = robot_model("rx90")
@@ -97,9 +98,9 @@ def test_the_search_agrees_with_a_slow_one(scene):
 @pytest.mark.parametrize("scene", sorted(SCENES))
 def test_known_scenes_have_the_known_number_of_feasible_rolls(scene):
     search = search_rolls(dense_path(scene), RX90)
-    assert abs(search.n_feasible - SCENES[scene][2]) <= (2 if SCENES[scene][2] else 0)
-    assert search.mode == ("constant" if SCENES[scene][2] else "none")
-    assert (search.chosen >= 0) == bool(SCENES[scene][2])
+    assert abs(search.n_feasible - SCENES[scene].feasible) <= (2 if SCENES[scene].feasible else 0)
+    assert search.mode == ("constant" if SCENES[scene].feasible else "none")
+    assert (search.chosen >= 0) == bool(SCENES[scene].feasible)
     for verdict in search.verdicts:
         assert verdict.feasible == (verdict.margin >= 0) == (verdict.reason == "none")
         assert f"{verdict.roll_deg:.4g}°" in verdict.sentence
@@ -225,9 +226,10 @@ def test_bad_requests_are_refused_and_cancel_is_heard(s1):
     with pytest.raises(InvalidInputError, match="choice"):
         search_rolls(path, RX90, choice="any")
     heard = []
-    with pytest.raises(CancelledError, match="after 3 of 72"):
+    with pytest.raises(CancelledError, match=r"after \d+ of 72 rolls"):
         search_rolls(path, RX90, progress=heard.append, cancel=lambda: len(heard) == 3)
-    assert heard == pytest.approx([1 / 72, 2 / 72, 3 / 72])
+    assert len(heard) == 3
+    assert 0.0 < heard[0] < heard[1] < heard[2] < 1.0
 
 
 def test_repeated_points_are_harmless():
@@ -239,13 +241,10 @@ def test_repeated_points_are_harmless():
 
 
 def test_the_last_digit_does_not_choose_between_branches_of_the_same_room():
-    least = np.full((5, 8), 0.5)
-    least[:, 3] = 0.7
-    least[:, 6] = 0.7 + 1e-13
-    assert best_branch(least) == 3
-    failing = np.full((5, 8), 0.2)
-    failing[2:, :] = -0.1
-    failing[3:, 2] = failing[3:, 5] = -0.3
-    failing[2, 2] = failing[2, 5] = 0.1
-    failing[3:, 5] += 1e-13
-    assert best_branch(failing) == 2
+    margins, through = np.full(8, 0.5), np.full(8, 5)
+    margins[3], margins[6] = 0.7, 0.7 + 1e-13
+    assert best_branch(margins, through) == 3
+    margins, first = np.full(8, -0.1), np.full(8, 2)
+    margins[[2, 5]] = -0.3, -0.3 + 1e-13
+    first[[2, 5]] = 3
+    assert best_branch(margins, first) == 2

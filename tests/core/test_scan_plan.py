@@ -4,8 +4,8 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from robot_scenes import dense_path, serpentine
 
+from benchmarks.patch_scenes import dense_path, serpentine
 from rona_core.arrays import readonly
 from rona_core.errors import (
     CancelledError,
@@ -45,7 +45,7 @@ def tampered(plan, **parts):
 
 
 def failing(plan, trajectory):
-    certificate = verify_scan(RX90, trajectory, plan.path, plan.roll_rad, SPEED)
+    certificate = verify_scan(RX90, trajectory, plan.path, plan.rolls_rad, SPEED)
     assert certificate.certified == (not certificate.failures())
     assert not certificate.certified
     assert not certificate.certifies(trajectory)
@@ -181,7 +181,7 @@ def test_a_limit_violation_is_caught(plan):
     tight = replace(
         RX90, limits=JointLimits(low, high, limits.speed_rad_per_s, limits.acceleration_rad_per_s2)
     )
-    certificate = verify_scan(tight, plan.trajectory, plan.path, plan.roll_rad, SPEED)
+    certificate = verify_scan(tight, plan.trajectory, plan.path, plan.rolls_rad, SPEED)
     (check,) = certificate.failures()
     assert check.name == "room to the joint limits"
     assert check.value == pytest.approx(-0.5, abs=1e-6)
@@ -199,13 +199,13 @@ def test_a_wrong_pose_is_caught(plan):
 
 
 def test_another_roll_or_path_is_caught(plan, path):
-    certificate = verify_scan(RX90, plan.trajectory, path, plan.roll_rad + 0.02, SPEED)
+    certificate = verify_scan(RX90, plan.trajectory, path, plan.rolls_rad + 0.02, SPEED)
     assert [check.name for check in certificate.failures()] == ["roll of the probe"]
     shifted = Path5D(path.points_base + np.array((0, 0, 0.4)), path.axes_base)
-    certificate = verify_scan(RX90, plan.trajectory, shifted, plan.roll_rad, SPEED)
+    certificate = verify_scan(RX90, plan.trajectory, shifted, plan.rolls_rad, SPEED)
     assert "distance from the path" in {check.name for check in certificate.failures()}
     sunk = Path5D(path.points_base - 2.0 * path.axes_base, path.axes_base)
-    certificate = verify_scan(RX90, plan.trajectory, sunk, plan.roll_rad, SPEED)
+    certificate = verify_scan(RX90, plan.trajectory, sunk, plan.rolls_rad, SPEED)
     assert "dip into the bone off the path" in {check.name for check in certificate.failures()}
 
 
@@ -249,7 +249,8 @@ def test_a_path_through_a_singularity_is_not_certified():
 
 
 def test_no_constant_roll_says_so_and_plans_nothing():
-    plan = plan_scan(dense_path("S4", step_mm=2, step_deg=2), RX90, SETTINGS)
+    constant = replace(SETTINGS, mode="constant")
+    plan = plan_scan(dense_path("S4", step_mm=2, step_deg=2), RX90, constant)
     assert plan.mode == "none"
     assert plan.chosen == -1
     assert plan.trajectory is None
@@ -260,6 +261,71 @@ def test_no_constant_roll_says_so_and_plans_nothing():
         choose_roll(plan, 0, RX90, SETTINGS)
     with pytest.raises(InvalidInputError, match="roll 36 does not exist"):
         choose_roll(plan, 36, RX90, SETTINGS)
+
+
+@pytest.fixture(scope="module")
+def varying():
+    return plan_scan(dense_path("S4"), RX90, PlanSettings())
+
+
+def test_where_no_constant_roll_will_do_a_varying_one_is_planned_and_certified(varying):
+    assert (varying.mode, varying.chosen, varying.n_feasible) == ("variable", -1, 0)
+    assert varying.may_move
+    assert varying.verdict is varying.varying
+    assert varying.varying.feasible
+    assert varying.roll_variation_deg > 90.0
+    assert varying.rolls_rad.shape == (len(varying.path),)
+    inside = varying.trajectory.path_mm[varying.trajectory.times_s <= varying.trajectory.scan_end_s]
+    assert inside[-1] == pytest.approx(varying.path.arc_length_mm()[-1])
+    with pytest.raises(NotReachableError, match="limit"):
+        choose_roll(varying, 0, RX90, SETTINGS)
+
+
+def test_the_verifier_looks_at_the_roll_of_every_point(varying):
+    speed = PlanSettings().scan.scan_speed_mm_per_s
+
+    def failures(rolls_rad):
+        certificate = verify_scan(RX90, varying.trajectory, varying.path, rolls_rad, speed)
+        return {check.name: check for check in certificate.failures()}
+
+    assert failures(varying.rolls_rad) == {}
+    assert "roll of the probe" in failures(float(varying.rolls_rad[0]))
+    wrong = varying.rolls_rad.copy()
+    wrong[400:410] += 0.05
+    (check,) = failures(wrong).values()
+    assert check.name == "roll of the probe"
+    assert check.value == pytest.approx(np.rad2deg(0.05), abs=0.1)
+
+
+def test_the_mode_decides_whether_the_roll_may_vary(path, plan):
+    asked = plan_scan(path, RX90, replace(SETTINGS, mode="variable"))
+    assert asked.mode == "variable"
+    assert asked.may_move
+    assert asked.verdicts == plan.verdicts
+    again = choose_roll(asked, plan.chosen, RX90, SETTINGS)
+    assert (again.mode, again.chosen, again.branch) == ("constant", plan.chosen, plan.branch)
+    np.testing.assert_array_equal(again.rolls_rad, plan.rolls_rad)
+    assert again.certificate == plan.certificate
+    with pytest.raises(InvalidInputError, match="mode must be"):
+        plan_scan(path, RX90, replace(SETTINGS, mode="any"))
+
+
+def test_a_path_that_no_roll_can_follow_is_refused_with_the_place():
+    refused = plan_scan(dense_path("S3"), RX90, SETTINGS)
+    assert (refused.mode, refused.trajectory, refused.branch) == ("none", None, -1)
+    assert refused.verdict is None
+    assert not refused.varying.feasible
+    assert refused.varying.index >= max(verdict.index for verdict in refused.verdicts)
+    assert f"path point {refused.varying.index} of" in refused.varying.sentence
+
+
+def test_another_branch_can_be_chosen(plan):
+    pair = next(p for p in plan.ranked if p.branch != plan.verdicts[p.index].branch)
+    again = choose_roll(plan, pair.index, RX90, SETTINGS, branch=pair.branch)
+    assert again.branch == pair.branch
+    assert again.may_move
+    with pytest.raises(InvalidInputError, match=r"on the branches \[.*\], not on 9"):
+        choose_roll(plan, pair.index, RX90, SETTINGS, branch=9)
 
 
 def test_another_roll_can_be_chosen_and_first_is_first(plan, path):
@@ -346,4 +412,4 @@ def test_verifying_nonsense_is_refused_by_name(plan):
         verify_motion(RX90, tampered(plan, times_s=np.arange(3.0)))
     backwards = replace(plan.trajectory, scan_end_s=-1.0)
     with pytest.raises(InvalidInputError, match="has no scan"):
-        verify_scan(RX90, backwards, plan.path, plan.roll_rad, SPEED)
+        verify_scan(RX90, backwards, plan.path, plan.rolls_rad, SPEED)
