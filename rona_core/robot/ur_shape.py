@@ -1,4 +1,7 @@
-"""What the UR arms look like: tubes between round joint housings with blue covers."""
+"""What the UR arms look like: tubes between round joint housings with blue covers.
+
+Each solid is nearly convex, so that its hull is a close bound.
+"""
 
 from rona_core.devices.protocols import Mesh
 from rona_core.errors import InvalidInputError
@@ -62,7 +65,7 @@ def _column(arm: ParallelArm) -> tuple[LinkShape, ...]:
         edge_mm=4.0,
     )
     neck = arm.shoulder_side_mm * (1.0 - SPREAD)
-    body = merged(_round(joint, -0.78 * joint, 0.8 * joint), _across(0.97 * joint, 0.0, neck - 6))
+    body = _round(joint, -0.78 * joint, 0.8 * joint)
     ring = _across(0.92 * joint, neck - 8, neck, edge=0.0)
     cover = turned(
         ((0, 0.78 * joint), (0.9 * joint, 0.78 * joint), (0.8 * joint, joint), (0, joint))
@@ -70,6 +73,7 @@ def _column(arm: ParallelArm) -> tuple[LinkShape, ...]:
     return (
         LinkShape(0, "base", STEEL, foot),
         LinkShape(1, "shoulder", HOUSING, body),
+        LinkShape(1, "shoulder neck", HOUSING, _across(0.97 * joint, 0.0, neck - 6)),
         LinkShape(1, "shoulder ring", STEEL, ring),
         LinkShape(1, "shoulder cover", COVER, cover),
     )
@@ -80,16 +84,14 @@ def _upper_arm(arm: ParallelArm) -> tuple[LinkShape, ...]:
     half = SPREAD * arm.shoulder_side_mm
     meeting = ELBOW_SPLIT * arm.elbow_side_mm
     length = arm.upper_arm_mm
-    tube = _round(0.72 * joint, 0.0, length, edge=0.0)
-    housings = merged(
-        _across(joint, -half, half - 12), _across(elbow, meeting, half - 12, length), tube
-    )
-    covers = merged(
-        _across(0.94 * joint, half - 14, half, edge=6.0),
-        _across(0.94 * elbow, half - 14, half, length, edge=6.0),
-    )
-    return LinkShape(2, "upper arm", TUBE, housings), LinkShape(
-        2, "upper arm covers", COVER, covers
+    root = _across(joint, -half, half - 12)
+    head = _across(elbow, meeting, half - 12, length)
+    return (
+        LinkShape(2, "upper arm root", TUBE, root),
+        LinkShape(2, "upper arm", TUBE, _round(0.72 * joint, 0.0, length, edge=0.0)),
+        LinkShape(2, "upper arm head", TUBE, head),
+        LinkShape(2, "root cover", COVER, _across(0.94 * joint, half - 14, half, edge=6.0)),
+        LinkShape(2, "head cover", COVER, _across(0.94 * elbow, half - 14, half, length, edge=6.0)),
     )
 
 
@@ -97,17 +99,16 @@ def _forearm(arm: ParallelArm) -> tuple[LinkShape, ...]:
     _, elbow, wrist = radii_mm(arm)
     inner = (ELBOW_SPLIT - 1.0) * arm.elbow_side_mm  # where it meets the upper arm
     low, length = -0.9 * elbow, arm.forearm_mm
-    end = arm.wrist_side_mm - wrist
-    body = merged(
-        _across(0.9 * elbow, low + 12, inner),
-        _round(0.62 * elbow, 0.0, length, edge=0.0),
-        _across(1.05 * wrist, -wrist, end, length, edge=5.0),
+    head = _across(1.05 * wrist, -wrist, arm.wrist_side_mm - wrist, length, edge=5.0)
+    root_cover = _across(0.85 * elbow, low, low + 14, edge=6.0)
+    head_cover = _across(wrist, -wrist - 10, -wrist + 2, length, edge=4.0)
+    return (
+        LinkShape(3, "forearm root", TUBE, _across(0.9 * elbow, low + 12, inner)),
+        LinkShape(3, "forearm", TUBE, _round(0.62 * elbow, 0.0, length, edge=0.0)),
+        LinkShape(3, "forearm head", TUBE, head),
+        LinkShape(3, "forearm root cover", COVER, root_cover),
+        LinkShape(3, "forearm head cover", COVER, head_cover),
     )
-    covers = merged(
-        _across(0.85 * elbow, low, low + 14, edge=6.0),
-        _across(wrist, -wrist - 10, -wrist + 2, length, edge=4.0),
-    )
-    return LinkShape(3, "forearm", TUBE, body), LinkShape(3, "forearm covers", COVER, covers)
 
 
 def _wrist(arm: ParallelArm) -> tuple[LinkShape, ...]:

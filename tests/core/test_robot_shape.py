@@ -44,10 +44,24 @@ def test_the_whole_robot_is_light_enough_to_draw_and_named_throughout(name):
         assert shape.mesh.faces.max() < len(shape.mesh.vertices)
 
 
+UR_CHAIN = (
+    "base",
+    "shoulder",
+    "shoulder neck",
+    "upper arm root",
+    "upper arm",
+    "upper arm head",
+    "forearm root",
+    "forearm",
+    "forearm head",
+    "wrist 1",
+    "wrist 2",
+    "flange",
+)
 CHAINS = {
     "rx90": ("base", "shoulder", "upper arm", "elbow", "forearm", "wrist", "flange"),
-    "ur5": ("base", "shoulder", "upper arm", "forearm", "wrist 1", "wrist 2", "flange"),
-    "ur10": ("base", "shoulder", "upper arm", "forearm", "wrist 1", "wrist 2", "flange"),
+    "ur5": UR_CHAIN,
+    "ur10": UR_CHAIN,
 }
 
 
