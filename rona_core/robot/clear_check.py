@@ -3,8 +3,10 @@
 from collections.abc import Callable
 
 import numpy as np
+from scipy.spatial import KDTree
 
 from rona_core.arrays import Bools, Floats
+from rona_core.geometry.path5d import Path5D
 from rona_core.robot.model import RobotModel
 
 Clear = Callable[[Floats], Bools]  # joint angles (n, 6) -> (n,): nothing is touched
@@ -13,6 +15,25 @@ STEP_RAD = float(np.deg2rad(2.0))  # between places that are looked at, of any j
 STEP_MM = 5.0  # likewise of any point of the arm
 MOST_CHECKS = 60_000  # places looked at before giving up
 BATCH = 48  # places looked at together
+NEAR_MM = 65.0  # of a path point: nearer than this the probe must stay outside the bone
+
+
+def outside_bone(path: Path5D, model: RobotModel, clear: Clear | None = None) -> Clear:
+    """Return a test that the probe does not dip under the path, besides another test if given.
+
+    Whoever knows nothing else of the surroundings knows that there is bone under the path.
+    """
+    tree = KDTree(path.points_base)
+
+    def test(qs_rad: Floats) -> Bools:
+        probes_base = (model.forward(qs_rad) @ model.T_flange_probe).translations
+        distances, nearest = tree.query(probes_base)
+        away = probes_base - path.points_base[nearest]
+        depths = np.einsum("ij,ij->i", away, path.axes_base[nearest])
+        good: Bools = (distances > NEAR_MM) | (depths <= 0.0)
+        return good if clear is None or not good.any() else good & clear(qs_rad)
+
+    return test
 
 
 class Checker:

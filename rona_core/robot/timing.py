@@ -10,7 +10,7 @@ from rona_core.errors import InvalidInputError, NotReachableError
 from rona_core.geometry.path5d import Path5D
 from rona_core.geometry.pose import Pose, Poses
 from rona_core.robot.blend import blend
-from rona_core.robot.clear_check import Clear
+from rona_core.robot.clear_check import Clear, outside_bone
 from rona_core.robot.limits import unwrap
 from rona_core.robot.model import RobotModel
 from rona_core.robot.motion import SAMPLE_S, chain, clear_move, sample_times
@@ -76,8 +76,8 @@ def time_path(
         settings: Speeds and stand-off.
         branch: The branch that ``qs_rad`` lies on.
         q_start_rad: Where the robot stands before and after; its home by default.
-        clear: Tells for joint angles (n, 6) where nothing is touched. Approach and retract then
-            go around what is in the way. None: nothing is around.
+        clear: Tells for joint angles (n, 6) where nothing is touched. Approach and retract go
+            around what is in the way. None: nothing is known but the bone under the path.
 
     Raises:
         InvalidInputError: not one joint vector for each path point, or a path without length.
@@ -91,8 +91,9 @@ def time_path(
     up = _line_from(model, qs_rad[-1], branch, settings.standoff_mm, clear)
     way, along = _way(path), path.arc_length_mm()
     scan_ways, scan = _timed_scan(way, qs_rad, model, settings)
-    before = chain((clear_move(model, start, down[0], clear), _timed_line(down, settings, model)))
-    after = chain((_timed_line(up, settings, model), clear_move(model, up[-1], start, clear)))
+    free = outside_bone(path, model, clear)
+    before = chain((clear_move(model, start, down[0], free), _timed_line(down, settings, model)))
+    after = chain((_timed_line(up, settings, model), clear_move(model, up[-1], start, free)))
     qs = chain((before, scan, after))
     path_mm = np.full(len(qs), along[-1])
     path_mm[: len(before)] = 0.0

@@ -7,7 +7,10 @@ import pytest
 
 from benchmarks.patch_scenes import dense_path
 from rona_core.errors import NotReachableError
-from rona_core.robot.clear_check import Checker, n_steps
+from rona_core.geometry.path5d import Path5D
+from rona_core.geometry.pose import Pose
+from rona_core.robot.base_places import path_from
+from rona_core.robot.clear_check import Checker, n_steps, outside_bone
 from rona_core.robot.clear_move import LIFTS_MM, find_way, raised
 from rona_core.robot.clear_tree import search, shortened
 from rona_core.robot.model import robot_model
@@ -199,3 +202,34 @@ def test_the_tool_goes_to_its_calibration_around_what_is_in_the_way():
     assert clear(around.qs_rad[:there]).all()
     assert around.certificate.certified
     np.testing.assert_array_equal(around.qs_rad[there], plain.qs_rad[start])
+
+
+def test_the_probe_goes_around_the_bone_under_the_path():
+    """From home the straight way to this path leads through the sphere under it."""
+    path = path_from(dense_path("S4"), Pose.from_translation((200.0, 0.0, 0.0)))
+    search = search_rolls(path, RX90, n_rolls=72)
+    verdict = search.verdicts[search.chosen]
+    roll_rad = float(np.deg2rad(verdict.roll_deg))
+    qs = joint_path(path, RX90, roll_rad, verdict.branch)
+    trajectory = time_path(path, qs, RX90, ScanSettings(), branch=verdict.branch)
+    free = outside_bone(path, RX90)
+    before = int(trajectory.scan_start_s / 0.02)
+    approach = trajectory.qs_rad[: before - 100]
+    assert not free(
+        RX90.home_rad + np.linspace(0, 1, 200)[:, None] * (approach[-1] - RX90.home_rad)
+    ).all()
+    assert free(approach).all()
+    assert verify_scan(RX90, trajectory, path, roll_rad, 20.0).certified
+
+
+def test_the_bone_is_under_the_path_and_nowhere_else():
+    q = RX90.home_rad[None]
+    probe = (RX90.forward(q) @ RX90.T_flange_probe)[0]
+    axis = probe.rotation[:, 2]
+    ahead = Path5D((probe.translation + 10.0 * axis)[None], axis[None])
+    behind = Path5D((probe.translation - 10.0 * axis)[None], axis[None])
+    far = Path5D((probe.translation - 70.0 * axis)[None], axis[None])
+    assert outside_bone(ahead, RX90)(q)[0]
+    assert not outside_bone(behind, RX90)(q)[0]
+    assert outside_bone(far, RX90)(q)[0]
+    assert not outside_bone(ahead, RX90, lambda qs: np.zeros(len(qs), dtype=bool))(q)[0]
