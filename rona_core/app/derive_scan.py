@@ -63,7 +63,7 @@ def derive_detection(
     progress: Progress = silent,
     cancel: Cancel = never,
 ) -> Detection:
-    """Find both boundaries in every A-scan."""
+    """Find both boundaries in every A-scan, with those around it as witnesses."""
     capture = need(session.captures.scan, "scan")
     probe = session.setup.devices.probe
     return detect(
@@ -72,6 +72,7 @@ def derive_detection(
         probe.excitation,
         method=message.method,
         sound_speed_mm_per_us=message.sound_speed_mm_per_us,
+        positions_mm=probe_poses(session).translations,
         progress=progress,
         cancel=cancel,
     )
