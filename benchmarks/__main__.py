@@ -8,7 +8,7 @@ from collections.abc import Sequence
 
 from benchmarks.metric import Metric
 
-SUITES = ("navigation", "base_marker", "path", "robot", "ultrasound", "procedure")
+SUITES = ("navigation", "base_marker", "path", "robot", "ultrasound", "skull_suite", "procedure")
 COLUMNS = ("figure", "value", "unit", "goal", "peer", "holds")
 
 

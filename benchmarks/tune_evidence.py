@@ -12,7 +12,7 @@ from scipy.optimize import minimize
 
 from benchmarks.bone_record import BoneScene
 from benchmarks.bone_scenes import anatomical_bone, hard_bone, parallel_bone
-from rona_core.arrays import Floats, Ints
+from rona_core.arrays import Bools, Floats, Ints
 from rona_core.devices.settings import Excitation, ProbeName
 from rona_core.ultrasound.detect import NOMINAL_LOSS_DB_PER_CM, nominal_bone
 from rona_core.ultrasound.evidence import features, joint_features
@@ -22,6 +22,7 @@ from rona_core.ultrasound.search import search_echoes
 
 RIGHT_MM = {"1MHz": 0.8, "2.25MHz": 0.6}  # a candidate this close is the inner echo
 ENDLESS_SHARE = 1.0  # what a scene without inner boundary counts for
+ENDLESS_MM, ENDLESS_SNR_DB = 90.0, (50.0, 40.0, 55.0)
 PENALTY = 1e-3  # on the square of a weight
 UP, DOWN = (0.0, None), (None, 0.0)  # what a feature may speak for
 SIGNS = ((None, None), UP, DOWN, UP, DOWN, DOWN, UP, DOWN, DOWN, DOWN, UP)
@@ -30,10 +31,21 @@ SKULL_MM, HARD_MM, PATIENTS = (3, 4, 5, 6, 7, 8, 10), (4, 6, 8), (0, 1)
 
 def tuning_scenes(name: ProbeName, excitation: Excitation) -> list[BoneScene]:
     """Return the scenes that the detection may be tuned with."""
-    kind = {"name": name, "excitation": excitation}
-    scenes = [s for mm in SKULL_MM for s in parallel_bone(float(mm), patches=1, **kind)]
-    scenes += [hard_bone(float(mm), **kind) for mm in HARD_MM]
-    return scenes + [anatomical_bone(patient, **kind) for patient in PATIENTS]
+    scenes: list[BoneScene] = []
+    for mm in SKULL_MM:
+        scenes += parallel_bone(float(mm), name=name, excitation=excitation, patches=1)
+    scenes += [hard_bone(float(mm), name=name, excitation=excitation) for mm in HARD_MM]
+    scenes += [anatomical_bone(p, name=name, excitation=excitation) for p in PATIENTS]
+    return scenes + [endless_bone(k, name, excitation) for k in range(len(ENDLESS_SNR_DB))]
+
+
+def endless_bone(number: int, name: ProbeName, excitation: Excitation) -> BoneScene:
+    """Return a patch of bone so thick that it has no inner boundary for the probe."""
+    snr = ENDLESS_SNR_DB[number]
+    scene = parallel_bone(
+        ENDLESS_MM, name=name, excitation=excitation, front_snr_db=snr, side=10, patches=1
+    )[0]
+    return replace(scene, name=f"endless {number}")
 
 
 def with_loss(
@@ -46,7 +58,7 @@ def with_loss(
     return replace(c, level=c.level * gain, noise=c.noise * gain, clutter=c.clutter * gain)
 
 
-def fit(values: Floats, exists: Floats, right: Ints, shares: Floats) -> Floats:
+def fit(values: Floats, exists: Bools, right: Ints, shares: Floats) -> Floats:
     """Return the weights (f,) for features (n, k, f); ``right`` (n,) is k where none is right."""
     n = len(right)
     target = np.zeros((n, values.shape[1] + 1))

@@ -6,7 +6,7 @@ is known (``benchmarks/tune_evidence.py``), for two probes; others take what lie
 
 import numpy as np
 
-from rona_core.arrays import Floats
+from rona_core.arrays import Bools, Floats
 from rona_core.ultrasound.inner import Candidates
 from rona_core.ultrasound.neighbours import Links
 from rona_core.ultrasound.probe import ProbeModel
@@ -21,7 +21,7 @@ MULTIPLE_LEVEL = 0.25  # of an echo: its multiple is not louder
 APART_MM = 0.9  # a later boundary is at least this far behind
 # times the depth, where echoes of the echo come, and how loud they are at most over it
 MULTIPLES = (2.0, 0.4), (3.0, 0.1), (4.0, 0.03)
-SIDE_LOBE = 0.12  # nothing weaker than this behind an echo counts
+SIDE_LOBE = 0.17  # nothing weaker than this behind an echo counts
 MULTIPLE = 0.08, 0.3  # share and mm about those
 LEAST_SD_MM = 0.15
 ENOUGH = 5.0  # neighbours, from which on their support counts in full
@@ -43,19 +43,18 @@ def features(candidates: Candidates) -> Floats:
     level = np.log(np.maximum(candidates.level, 1e-4))
     over = candidates.level / np.maximum(candidates.clutter, 1e-12)
     later = candidates.after * own / (LATE_NOISE + LATE_ECHO * own)
-    return np.stack(
-        (
-            np.ones_like(level),
-            level,
-            np.clip(level, 0.0, LOUDEST),
-            np.log(np.minimum(own, LOUD_SNR)),
-            np.log(np.clip(later, 1.0, LATEST)),
-            np.log(np.clip(candidates.before, 1.0, 100.0)),
-            np.cos(candidates.phase_rad) * np.log(np.clip(over, 1.0, OVER_CLUTTER)),
-            _repeated(candidates, own),
-        ),
-        axis=-1,
+    columns: tuple[Floats, ...] = (
+        np.ones(level.shape),
+        level,
+        np.clip(level, 0.0, LOUDEST),
+        np.log(np.minimum(own, LOUD_SNR)),
+        np.log(np.clip(later, 1.0, LATEST)),
+        np.log(np.clip(candidates.before, 1.0, 100.0)),
+        np.cos(candidates.phase_rad) * np.log(np.clip(over, 1.0, OVER_CLUTTER)),
+        _repeated(candidates, own),
     )
+    stacked: Floats = np.stack(columns, axis=-1)
+    return stacked
 
 
 def _repeated(candidates: Candidates, own: Floats) -> Floats:
@@ -64,8 +63,8 @@ def _repeated(candidates: Candidates, own: Floats) -> Floats:
     ahead = lag[:, None, :]  # (n, here, ahead)
     off = np.abs(lag[:, :, None] - 2.0 * ahead)
     louder = own[:, None, :] * MULTIPLE_LEVEL > own[:, :, None]
-    found = (off < MULTIPLE[0] * lag[:, :, None]) & louder & candidates.exists[:, None, :]
-    return found.any(axis=2).astype(np.float64)
+    found: Bools = (off < MULTIPLE[0] * lag[:, :, None]) & louder & candidates.exists[:, None, :]
+    return np.asarray(found.any(axis=2), dtype=np.float64)
 
 
 def joint_features(

@@ -7,6 +7,7 @@ nothing comes after it, for the inner boundary is the last one.
 
 from collections.abc import Sequence
 from dataclasses import dataclass, fields
+from typing import Any
 
 import numpy as np
 
@@ -43,7 +44,7 @@ class Candidates:
     def concatenate(cls, parts: Sequence["Candidates"]) -> "Candidates":
         """Return the candidates of several blocks as one."""
         none = np.zeros((0, CANDIDATES))
-        columns = {
+        columns: dict[str, Any] = {
             f.name: np.concatenate([none, *(getattr(part, f.name) for part in parts)])
             for f in fields(cls)
         }
@@ -65,7 +66,7 @@ class InnerChoice:
     @classmethod
     def concatenate(cls, parts: Sequence["InnerChoice"]) -> "InnerChoice":
         """Return the choices of several blocks as one."""
-        columns = {
+        columns: dict[str, Any] = {
             f.name: np.concatenate([np.zeros(0), *(getattr(part, f.name) for part in parts)])
             for f in fields(cls)
         }

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
+from numpy.typing import NDArray
 
 from rona_core.arrays import Floats, readonly
 from rona_core.devices.settings import Excitation
@@ -60,6 +61,24 @@ class Template:
         baseband = np.zeros((*product.shape[:-1], COMPRESSED), dtype=np.complex128)
         baseband[..., (self.bins - self.carrier_bin) % COMPRESSED] = product
         return np.fft.ifft(baseband, axis=-1) * COMPRESSED
+
+    def peak_times(self, rf: NDArray[np.float32]) -> NDArray[np.float32]:
+        """Return the time (n,) of the largest matched-filter envelope in records (n, samples).
+
+        In single precision, to a sample of the baseband, after the start of the record.
+        """
+        n = 2 ** int(np.ceil(np.log2(2 * rf.shape[1])))
+        f = np.arange(n // 2 + 1) * (self.probe.sampling_mhz / n)
+        reference = np.interp(f, self.frequencies_mhz, self.spectrum, left=0.0, right=0.0)
+        band = np.flatnonzero(reference)
+        size = 2 ** int(np.ceil(np.log2(2 * len(band))))
+        spectra = np.fft.rfft(rf, n, axis=1)[:, band]
+        compressed = np.fft.ifft(
+            spectra * np.conj(reference[band]).astype(np.complex64), size, axis=1
+        )
+        power = compressed.real**2 + compressed.imag**2
+        step = n / (size * self.probe.sampling_mhz)
+        return (np.argmax(power, axis=1) * step).astype(np.float32)
 
     def noise_gain(self, template: Complexes) -> float:
         """Return the rms of the compressed trace for noise of rms 1 in each trace sample."""
@@ -114,7 +133,9 @@ def trace_spectra(rf: Floats, start_us: float, template: Template) -> tuple[Comp
     return full[:, template.bins] * delay, noise
 
 
-def quiet_template(probe: ProbeModel, excitation: Excitation, rf: Floats) -> Template:
+def quiet_template(
+    probe: ProbeModel, excitation: Excitation, rf: Floats | NDArray[np.float32]
+) -> Template:
     """Return the template for the noise of a survey (n, samples); equal noise gives the same."""
     some = rf[:: max(1, len(rf) // NOISE_SCANS)].astype(np.float64)
     if not len(some):

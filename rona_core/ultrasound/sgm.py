@@ -10,7 +10,7 @@ from itertools import pairwise
 
 import numpy as np
 
-from rona_core.arrays import Floats, Ints
+from rona_core.arrays import Bools, Floats, Ints
 from rona_core.ultrasound.neighbours import Links
 
 STEP_MM = 0.1  # of the grid of depths
@@ -75,7 +75,7 @@ def _by_round(rounds: Ints) -> list[Ints]:
 
 
 def candidate_odds(
-    odds: Floats, depth_mm: Floats, exists: Floats, grid_mm: Floats, links: Links
+    odds: Floats, depth_mm: Floats, exists: Bools, grid_mm: Floats, links: Links
 ) -> Floats:
     """Return the probability (n, k + 1) of each candidate, and last that none is right.
 

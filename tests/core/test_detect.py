@@ -190,6 +190,25 @@ def test_one_boundary_without_another_behind_it_is_not_called_bone():
     assert not found.inner_ok.any()
 
 
+def test_with_positions_the_order_of_the_scans_does_not_matter():
+    track, poses, _ = scan(WavySkull(14), ProbeSettings(), seed=14, width_mm=6.0)
+    order = np.random.default_rng(1).permutation(len(track))
+    mixed = AScanTrack(
+        track.times_s, track.rf[order], track.sampling_mhz, track.start_us, track.clipped[order]
+    )
+    places = poses.translations
+    found = detect(track, PROBE, "chirp", positions_mm=places)
+    other = detect(mixed, PROBE, "chirp", positions_mm=places[order])
+    np.testing.assert_allclose(other.outer_us, found.outer_us[order], atol=1e-9)
+    np.testing.assert_array_equal(other.flag, found.flag[order])
+    np.testing.assert_allclose(other.inner_us, found.inner_us[order], atol=1e-6)
+    np.testing.assert_allclose(other.inner_quality, found.inner_quality[order], atol=1e-6)
+    assert (found.thickness_sigma_mm > 0).all()
+    assert (found.alternative_quality <= 1.0).all()
+    with pytest.raises(InvalidInputError, match="positions"):
+        detect(track, PROBE, "chirp", positions_mm=places[1:])
+
+
 def test_no_scans_give_an_empty_detection():
     none = np.zeros(0)
     empty = AScanTrack(none, np.zeros((0, 1743), np.float32), 50.0, PROBE.start_us, none > 0)
