@@ -20,6 +20,7 @@ SUITES = (
     "contact",
     "echo_model",
     "ultrasound",
+    "skull_suite",
     "recorded_rf",
     "sound_speed",
     "procedure",

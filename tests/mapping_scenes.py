@@ -51,7 +51,9 @@ def survey(
     detection = Detection(
         outer_us=zeros, inner_us=zeros, outer_ok=ones > 0, inner_ok=flag == OK,
         outer_quality=ones, inner_quality=np.where(flag == OK, 1.0, 0.3), flag=flag,
-        standoff_mm=standoff, thickness_mm=thickness, probe="2.25MHz", excitation="chirp",
+        standoff_mm=standoff, thickness_mm=thickness, outer_sigma_mm=0.01 * ones,
+        thickness_sigma_mm=0.1 * ones, inner_sigma_us=0.08 * ones, alternative_us=zeros,
+        alternative_quality=zeros, probe="2.25MHz", excitation="chirp",
         method="subtract", sound_speed_mm_per_us=2.65,
     )  # fmt: skip
     return detection, T_base_skull @ Poses.stack(poses)

@@ -69,7 +69,7 @@ def derive_detection(
     progress: Progress = silent,
     cancel: Cancel = never,
 ) -> Detection:
-    """Find both boundaries in every A-scan."""
+    """Find both boundaries in every A-scan, with those around it as witnesses."""
     capture = need(session.captures.scan, "scan")
     probe = session.setup.devices.probe
     return detect(
@@ -78,6 +78,7 @@ def derive_detection(
         probe.excitation,
         method=message.method,
         sound_speed_mm_per_us=message.sound_speed_mm_per_us,
+        positions_mm=probe_poses(session).translations,
         progress=progress,
         cancel=cancel,
     )
@@ -164,6 +165,7 @@ def derive_second_detection(
     """Find the inner boundary in the second pass; the outer one is where the first one saw it."""
     capture = need(usable_second(session), "scan the gaps again")
     outer = derive_maps(session, message, first_only=True).outer
+    poses = probe_poses(session, capture)
     probe = session.setup.devices.probe
     return detect(
         capture.scans,
@@ -171,7 +173,8 @@ def derive_second_detection(
         probe.excitation,
         method=message.method,
         sound_speed_mm_per_us=message.sound_speed_mm_per_us,
-        known_standoff_mm=standoffs_mm(outer, probe_poses(session, capture)),
+        positions_mm=poses.translations,
+        known_standoff_mm=standoffs_mm(outer, poses),
         progress=progress,
         cancel=cancel,
     )

@@ -8,26 +8,24 @@ from dataclasses import dataclass
 from typing import Literal, get_args
 
 import numpy as np
+from scipy.special import erf
 
 from rona_core.arrays import Bools, Floats, Ints, readonly
 from rona_core.devices.protocols import Cancel, Progress, never, silent
 from rona_core.devices.samples import AScanTrack
 from rona_core.devices.settings import Excitation
-from rona_core.errors import CancelledError, InvalidInputError
-from rona_core.ultrasound.chain import choose_inner
-from rona_core.ultrasound.front import (
-    Fronts,
-    find_fronts,
-    fronts_at,
-    gate_us,
-    standoff_mm,
-    subtract_fronts,
-)
-from rona_core.ultrasound.inner import Candidates, InnerChoice, bone_gate_us, find_candidates
-from rona_core.ultrasound.matched import block_template, trace_spectra
+from rona_core.errors import InvalidInputError
+from rona_core.ultrasound.choose import choose_inner
+from rona_core.ultrasound.crlb import Fisher, amplitude_bound
+from rona_core.ultrasound.front import gate_us, standoff_mm
+from rona_core.ultrasound.inner import InnerChoice, bone_gate_us
+from rona_core.ultrasound.matched import BONE_REFLECTION
 from rona_core.ultrasound.material import DIPLOE, TABLE, Material
+from rona_core.ultrasound.neighbours import scan_links
 from rona_core.ultrasound.plain import find_plain_inner
 from rona_core.ultrasound.probe import ProbeModel
+from rona_core.ultrasound.pulse import GRID
+from rona_core.ultrasound.search import Echoes, search_echoes
 
 Method = Literal["subtract", "matched", "threshold"]
 DIPLOE_SHARE = 0.45  # of the thickness of a skull: 0.40 to 0.55 in the literature
@@ -39,27 +37,39 @@ NOMINAL_LOSS_DB_PER_CM = (
     1.0 - DIPLOE_SHARE
 ) * TABLE.attenuation_db_per_cm + DIPLOE_SHARE * DIPLOE.attenuation_db_per_cm
 
-OK, NO_FRONT, NO_INNER, CLIPPED, TOO_THIN, TOO_THICK, UNSURE = range(7)  # the codes of `flag`
+# the codes of `flag`
+OK, NO_FRONT, NO_INNER, CLIPPED, TOO_THIN, TOO_THICK, UNSURE, TILTED = range(8)
 FRONT_SNR = 8.0  # below it there is no front echo
 FRONT_LEVEL = 0.25  # of perfect contact; below it the probe is tilted too far
 SURE = 0.8  # probability from which on an inner boundary counts
-BLOCK = 256  # A-scans at a time
 SPEEDS_MM_PER_US = (1.5, 4.5)
+OUTER_FLOOR_MM = 0.008  # roughness, film and curvature spread the outer boundary by as much
+WRONG_MM = 1.0  # an inner boundary further off is wrong; quality is the chance that it is not
+SEARCH_SHARE = 0.7  # of the time
+PLAIN_SIGMA_MM = 0.3  # of the plain methods, which do not say how sure they are
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Detection:
-    """Boundaries along the probe axis for each A-scan (n,); entries that are not ok are guesses."""
+    """Boundaries along the probe axis for each A-scan (n,); entries that are not ok are guesses.
+
+    Sigmas hold if the boundary is the right one, and leave out the error of the sound speed.
+    """
 
     outer_us: Floats  # two-way time from the emission to the outer boundary
     inner_us: Floats  # and to the inner boundary
     outer_ok: Bools
     inner_ok: Bools
     outer_quality: Floats  # 0 to 1: front echo over that of perfect contact
-    inner_quality: Floats  # 0 to 1: probability that this is the inner boundary
-    flag: Ints  # 0 ok, 1 no front, 2 no inner, 3 clipped, 4 too thin, 5 too thick, 6 unsure
+    inner_quality: Floats  # 0 to 1: probability that the inner boundary is right to 1 mm
+    flag: Ints  # 0 ok, 1 no front, 2 no inner, 3 clipped, 4 thin, 5 thick, 6 unsure, 7 tilted
     standoff_mm: Floats  # face of the uncompressed line to outer boundary; negative if pressed
     thickness_mm: Floats  # along the probe axis
+    outer_sigma_mm: Floats
+    thickness_sigma_mm: Floats
+    inner_sigma_us: Floats  # of the time between the boundaries
+    alternative_us: Floats  # the runner-up for ``inner_us``
+    alternative_quality: Floats  # and its probability, 0 where there is no other
     probe: str
     excitation: str
     method: str
@@ -76,6 +86,7 @@ def detect(
     *,
     method: Method = "subtract",
     sound_speed_mm_per_us: float = NOMINAL_SPEED_MM_PER_US,
+    positions_mm: Floats | None = None,
     known_standoff_mm: Floats | None = None,
     progress: Progress = silent,
     cancel: Cancel = never,
@@ -83,12 +94,15 @@ def detect(
     """Return where the bone begins and ends below the probe, A-scan by A-scan.
 
     Args:
-        track: A-scans in the order of the path; neighbours support each other ("subtract" only).
+        track: A-scans; without positions in the order of the path.
         probe: The probe that took them.
         excitation: What it sent.
-        method: "subtract" fits and subtracts the front echo; "matched" takes the largest peak
-            of a matched filter, "threshold" the rising edge in the filtered envelope.
+        method: "subtract" fits and subtracts the front echo and asks the neighbours; "matched"
+            takes the largest peak of a matched filter, "threshold" the rising edge in the
+            filtered envelope, both A-scan by A-scan.
         sound_speed_mm_per_us: Mean speed in bone; thickness is proportional to it.
+        positions_mm: Where the probe stood (n, 3), in any fixed frame; None: not known, the
+            A-scans support those before and after them only.
         known_standoff_mm: Where the outer boundary is (n,), along the axis from the face of the
             uncompressed line, if that is known better than from these A-scans: a probe that leans
             towards the inner table hardly hears it. None: found in each A-scan.
@@ -96,36 +110,33 @@ def detect(
         cancel: Asked between blocks of A-scans.
 
     Raises:
-        InvalidInputError: an unknown method, an impossible speed, or another sampling rate.
+        InvalidInputError: an unknown method, an impossible speed, another sampling rate, or
+            positions that are not (n, 3).
         CancelledError: ``cancel`` said so.
     """
     _check(track, probe, method, sound_speed_mm_per_us)
-    template = block_template(probe, excitation)
     bone = nominal_bone(sound_speed_mm_per_us)
-    fronts: list[Fronts] = []
-    candidates: list[Candidates] = []
-    choices: list[InnerChoice] = []
-    for start in range(0, len(track), BLOCK):
-        if cancel():
-            raise CancelledError("the detection of echoes was cancelled")
-        rf = track.rf[start : start + BLOCK].astype(np.float64)
-        spectra, noise = trace_spectra(rf, track.start_us, template)
-        front = find_fronts(spectra, noise, template)
-        if known_standoff_mm is not None:
-            front = fronts_at(known_standoff_mm[start : start + BLOCK], probe)
-        aligned = spectra * template.shift(probe.line_delay_us + front.delay_us)
-        fronts.append(front)
-        if method == "subtract":
-            behind = subtract_fronts(aligned, template)
-            candidates.append(find_candidates(behind, noise, template, bone))
-        else:
-            gate = bone_gate_us(probe, bone)
-            choices.append(find_plain_inner(aligned, noise, template, method, gate))
-        progress(min(1.0, (start + BLOCK) / max(len(track), 1)))
+    links = scan_links(positions_mm, len(track))
+    echoes = search_echoes(
+        track,
+        probe,
+        excitation,
+        bone,
+        known_standoff_mm=known_standoff_mm,
+        candidates=method == "subtract",
+        progress=lambda share: progress(SEARCH_SHARE * share),
+        cancel=cancel,
+    )
     if method == "subtract":
-        choices = [choose_inner(Candidates.concatenate(candidates), bone, probe.centre_mhz)]
-    inner = InnerChoice.concatenate(choices)
-    return _judge(track, probe, excitation, method, bone, Fronts.concatenate(fronts), inner)
+        inner = choose_inner(echoes, bone, links)
+    else:
+        gate = bone_gate_us(probe, bone)
+        sigma_us = 2.0 * PLAIN_SIGMA_MM / bone.speed_mm_per_us
+        inner = find_plain_inner(
+            echoes.aligned, echoes.noise, echoes.template, method, gate, sigma_us
+        )
+    progress(1.0)
+    return _judge(track, probe, excitation, method, bone, echoes, inner)
 
 
 def nominal_bone(sound_speed_mm_per_us: float = NOMINAL_SPEED_MM_PER_US) -> Material:
@@ -152,42 +163,61 @@ def _judge(
     excitation: Excitation,
     method: Method,
     bone: Material,
-    front: Fronts,
+    echoes: Echoes,
     inner: InnerChoice,
 ) -> Detection:
-    thickness = inner.lag_us * bone.speed_mm_per_us / 2.0
+    front, half_speed = echoes.fronts, bone.speed_mm_per_us / 2.0
+    thickness, sigma = inner.lag_us * half_speed, inner.sigma_us * half_speed
     early, late = gate_us(probe)
     edge = (front.delay_us < early + 0.1) | (front.delay_us > late - 0.1)
     no_front = (front.snr < FRONT_SNR) | ~front.positive | edge
-    tilted = front.level < FRONT_LEVEL
-    unsure = tilted | (inner.sureness < SURE) if method == "subtract" else tilted
+    if method == "subtract":
+        quality = inner.sureness * erf(WRONG_MM / np.maximum(sigma, 1e-9) / np.sqrt(2.0))
+        unsure = quality < SURE
+    else:
+        quality, unsure = np.clip(inner.sureness, 0.0, 1.0), np.zeros(len(sigma), dtype=np.bool_)
+    clipped = np.asarray(track.clipped)
     flag = np.select(
         [
             no_front,
-            np.asarray(track.clipped),
+            clipped,
+            front.level < FRONT_LEVEL,
             ~inner.heard,
             thickness < probe.min_thickness_mm,
             thickness > probe.max_thickness_mm,
             unsure,
         ],
-        [NO_FRONT, CLIPPED, NO_INNER, TOO_THIN, TOO_THICK, UNSURE],
+        [NO_FRONT, CLIPPED, TILTED, NO_INNER, TOO_THIN, TOO_THICK, UNSURE],
         OK,
     ).astype(np.int64)
     outer_us = probe.line_delay_us + front.delay_us
     return Detection(
         outer_us=readonly(outer_us),
         inner_us=readonly(outer_us + inner.lag_us),
-        outer_ok=readonly(~(no_front | np.asarray(track.clipped))),
+        outer_ok=readonly(~(no_front | clipped)),
         inner_ok=readonly(flag == OK),
         outer_quality=readonly(np.where(no_front, 0.0, np.clip(front.level, 0.0, 1.0))),
-        inner_quality=readonly(
-            np.where(no_front | ~inner.heard, 0.0, np.clip(inner.sureness, 0.0, 1.0))
-        ),
+        inner_quality=readonly(np.where(no_front | ~inner.heard, 0.0, quality)),
         flag=readonly(flag),
         standoff_mm=readonly(standoff_mm(front.delay_us, probe)),
         thickness_mm=readonly(thickness),
+        outer_sigma_mm=readonly(_outer_sigma_mm(echoes)),
+        thickness_sigma_mm=readonly(sigma),
+        inner_sigma_us=readonly(inner.sigma_us),
+        alternative_us=readonly(outer_us + inner.other_us),
+        alternative_quality=readonly(np.where(no_front, 0.0, inner.other_sureness)),
         probe=probe.name,
         excitation=excitation,
         method=method,
         sound_speed_mm_per_us=bone.speed_mm_per_us,
     )
+
+
+def _outer_sigma_mm(echoes: Echoes) -> Floats:
+    """Return the sigma (n,) of the outer boundary: the bound of its time, and structure."""
+    template, n = echoes.template, len(echoes.noise)
+    weights = 1.0 / (GRID * np.maximum(echoes.noise, 1e-9)[:, None] ** 2)
+    echo = np.broadcast_to(BONE_REFLECTION * template.spectrum, (n, len(template.spectrum)))
+    fisher = Fisher.of(echo, weights, template.frequencies_mhz)
+    noise_us = amplitude_bound(fisher, echoes.fronts.level)[0]
+    return np.hypot(noise_us * template.probe.line.speed_mm_per_us / 2.0, OUTER_FLOOR_MM)

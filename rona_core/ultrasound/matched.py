@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
+from numpy.typing import NDArray
 
 from rona_core.arrays import Floats, readonly
 from rona_core.devices.settings import Excitation
@@ -22,6 +23,8 @@ EQUAL_BAND = 0.55  # -6 dB width of the equalised echo over the centre frequency
 # Where equalising stops, over the peak of the power spectrum: loss in bone leaves one probe short
 # of signal, the length of its echo leaves the other short of resolution.
 EQUAL_FLOOR = {"2.25MHz": 1e-2, "1MHz": 2e-4}
+NOISE_SCANS, NOISE_STEPS = 64, 2  # looked at for the noise; steps for each doubling of it
+NOISE_FLOOR = 1.0  # equalising also stops this far (power) above the noise
 COMPRESSED = 2048  # samples of the compressed trace over the same time as GRID
 
 
@@ -59,6 +62,24 @@ class Template:
         baseband[..., (self.bins - self.carrier_bin) % COMPRESSED] = product
         return np.fft.ifft(baseband, axis=-1) * COMPRESSED
 
+    def peak_times(self, rf: NDArray[np.float32]) -> NDArray[np.float32]:
+        """Return the time (n,) of the largest matched-filter envelope in records (n, samples).
+
+        In single precision, to a sample of the baseband, after the start of the record.
+        """
+        n = 2 ** int(np.ceil(np.log2(2 * rf.shape[1])))
+        f = np.arange(n // 2 + 1) * (self.probe.sampling_mhz / n)
+        reference = np.interp(f, self.frequencies_mhz, self.spectrum, left=0.0, right=0.0)
+        band = np.flatnonzero(reference)
+        size = 2 ** int(np.ceil(np.log2(2 * len(band))))
+        spectra = np.fft.rfft(rf, n, axis=1)[:, band]
+        compressed = np.fft.ifft(
+            spectra * np.conj(reference[band]).astype(np.complex64), size, axis=1
+        )
+        power = compressed.real**2 + compressed.imag**2
+        step = n / (size * self.probe.sampling_mhz)
+        return (np.argmax(power, axis=1) * step).astype(np.float32)
+
     def noise_gain(self, template: Complexes) -> float:
         """Return the rms of the compressed trace for noise of rms 1 in each trace sample."""
         power = np.abs(template) ** 2
@@ -66,9 +87,15 @@ class Template:
         return float(np.sqrt(GRID * np.sum(self.weights**2 * power)) / energy)
 
 
-@lru_cache(maxsize=8)
-def block_template(probe: ProbeModel, excitation: Excitation) -> Template:
-    """Return the template of a probe and excitation; amplitudes are relative to this mirror."""
+@lru_cache(maxsize=16)
+def block_template(probe: ProbeModel, excitation: Excitation, noise: float = 0.0) -> Template:
+    """Return the template of a probe and excitation; amplitudes are relative to this mirror.
+
+    Args:
+        probe: The probe.
+        excitation: What it sends.
+        noise: RMS in each trace sample; equalising stops earlier where there is more of it.
+    """
     f = grid_frequencies_mhz(probe)
     bins = np.flatnonzero(in_band(probe, f))
     echo = emission_spectrum(probe, excitation) * mirror_spectrum(probe)
@@ -77,7 +104,9 @@ def block_template(probe: ProbeModel, excitation: Excitation) -> Template:
     spectrum = echo[bins]
     power = np.abs(spectrum) ** 2
     off = (f[bins] / probe.centre_mhz - 1.0) / EQUAL_BAND
-    weights = np.exp(-4.0 * np.log(2.0) * off**2) / (power / power.max() + EQUAL_FLOOR[probe.name])
+    floor = EQUAL_FLOOR[probe.name]
+    floor = max(floor, NOISE_FLOOR * GRID * noise**2 / power.max())
+    weights = np.exp(-4.0 * np.log(2.0) * off**2) / (power / power.max() + floor)
     carrier = round(probe.centre_mhz * GRID / probe.sampling_mhz)
     return Template(
         probe,
@@ -102,6 +131,18 @@ def trace_spectra(rf: Floats, start_us: float, template: Template) -> tuple[Comp
     noise = np.sqrt(power / rf.shape[1])
     delay = np.exp(-2j * np.pi * template.frequencies_mhz * start_us)
     return full[:, template.bins] * delay, noise
+
+
+def quiet_template(
+    probe: ProbeModel, excitation: Excitation, rf: Floats | NDArray[np.float32]
+) -> Template:
+    """Return the template for the noise of a survey (n, samples); equal noise gives the same."""
+    some = rf[:: max(1, len(rf) // NOISE_SCANS)].astype(np.float64)
+    if not len(some):
+        return block_template(probe, excitation)
+    noise = float(np.median(trace_spectra(some, 0.0, block_template(probe, excitation))[1]))
+    steps = np.rint(np.log2(np.clip(noise, 1e-9, 1.0)) * NOISE_STEPS) / NOISE_STEPS
+    return block_template(probe, excitation, float(2.0**steps))
 
 
 def peak_offsets(levels: Floats, at: np.typing.NDArray[np.int64]) -> Floats:

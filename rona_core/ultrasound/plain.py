@@ -34,6 +34,7 @@ def find_plain_inner(
     template: Template,
     method: Literal["threshold", "matched"],
     gate_us: tuple[float, float],
+    sigma_us: float = 0.2,
 ) -> InnerChoice:
     """Return the largest peak behind the blanked front echo, or the rising edge of it.
 
@@ -45,6 +46,7 @@ def find_plain_inner(
         template: Of the probe and excitation.
         method: How the time is read off the peak.
         gate_us: Earliest and latest time after the front.
+        sigma_us: What to call the sigma of the time, for these methods do not know it.
     """
     template, step = _unequalised(template, method), template.step_us
     blank = BLANKING / (template.probe.bandwidth * template.probe.centre_mhz)
@@ -63,7 +65,10 @@ def find_plain_inner(
         samples = rising_edges(level, at) + _edge_before_peak(template)
     rms = np.maximum(noise * template.noise_gain(template.spectrum), 1e-12)
     margin = 1.0 - second / np.maximum(top, 1e-12)
-    return InnerChoice((first + samples) * step, margin, top / rms > INNER_SNR)
+    lag = (first + samples) * step
+    runner_up = (first + order[:, -2].astype(np.float64)) * step
+    sigma = np.full(len(lag), sigma_us)
+    return InnerChoice(lag, margin, top / rms > INNER_SNR, sigma, runner_up, 1.0 - margin)
 
 
 def rising_edges(level: Floats, at: np.typing.NDArray[np.int64]) -> Floats:

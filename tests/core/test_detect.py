@@ -13,10 +13,8 @@ from rona_core.geometry.pose import Pose
 from rona_core.ultrasound.detect import (
     CLIPPED,
     NO_FRONT,
-    NO_INNER,
     NOMINAL_SPEED_MM_PER_US,
-    TOO_THIN,
-    UNSURE,
+    TILTED,
     detect,
 )
 from rona_core.ultrasound.medium import Medium
@@ -174,7 +172,7 @@ def test_noise_alone_is_no_bone():
 
 def test_a_tilted_probe_is_flagged():
     track = plate("2.25MHz", "chirp", (0.0, 1.8, 4.2, 6.0), tilt_deg=9.0)
-    assert detect(track, PROBE, "chirp").flag[0] in (NO_FRONT, NO_INNER, UNSURE, TOO_THIN)
+    assert detect(track, PROBE, "chirp").flag[0] in (NO_FRONT, TILTED)
 
 
 def test_clipping_is_flagged():
@@ -190,6 +188,25 @@ def test_one_boundary_without_another_behind_it_is_not_called_bone():
     found = detect(plate("2.25MHz", "pulse", endless, lifts=np.zeros(5)), PROBE, "pulse")
     assert found.outer_ok.all()
     assert not found.inner_ok.any()
+
+
+def test_with_positions_the_order_of_the_scans_does_not_matter():
+    track, poses, _ = scan(WavySkull(14), ProbeSettings(), seed=14, width_mm=6.0)
+    order = np.random.default_rng(1).permutation(len(track))
+    mixed = AScanTrack(
+        track.times_s, track.rf[order], track.sampling_mhz, track.start_us, track.clipped[order]
+    )
+    places = poses.translations
+    found = detect(track, PROBE, "chirp", positions_mm=places)
+    other = detect(mixed, PROBE, "chirp", positions_mm=places[order])
+    np.testing.assert_allclose(other.outer_us, found.outer_us[order], atol=1e-9)
+    np.testing.assert_array_equal(other.flag, found.flag[order])
+    np.testing.assert_allclose(other.inner_us, found.inner_us[order], atol=1e-6)
+    np.testing.assert_allclose(other.inner_quality, found.inner_quality[order], atol=1e-6)
+    assert (found.thickness_sigma_mm > 0).all()
+    assert (found.alternative_quality <= 1.0).all()
+    with pytest.raises(InvalidInputError, match="positions"):
+        detect(track, PROBE, "chirp", positions_mm=places[1:])
 
 
 def test_no_scans_give_an_empty_detection():

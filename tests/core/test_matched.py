@@ -77,3 +77,15 @@ def test_subtracting_the_front_leaves_the_inner_echo_and_little_else(name, excit
     late = slice(int(2.0 / template.step_us), int(8.0 / template.step_us))
     assert np.abs(left - pure)[late].max() < 0.3 * 0.03
     assert np.abs(left[: int(0.8 / template.step_us)]).max() < 0.05 * 0.5
+
+
+@EVERY
+def test_the_batch_finds_the_delay_of_each_echo(name, excitation):
+    template = block_template(probe_model(name), excitation)
+    delay = np.array([[3.0], [7.5], [12.25]])
+    full = np.zeros((3, 2049), dtype=np.complex128)
+    full[:, template.bins] = echoes(template, delay, np.ones((3, 1)))
+    rf = np.fft.irfft(full, 4096)[:, :2048].astype(np.float32)
+    found = template.peak_times(rf)
+    assert found.dtype == np.float32
+    np.testing.assert_allclose(found, delay[:, 0], atol=0.12)

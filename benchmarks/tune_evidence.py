@@ -1,0 +1,135 @@
+"""``python -m benchmarks.tune_evidence``: fit the weights of the evidence to the tuning scenes.
+
+A multinomial logistic regression: of the candidates of an A-scan one is the inner boundary, or
+none is. Run once for the log odds of single A-scans, then for those with their neighbours.
+"""
+
+import sys
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy.optimize import minimize
+
+from benchmarks.bone_record import BoneScene
+from benchmarks.bone_scenes import anatomical_bone, hard_bone, parallel_bone
+from rona_core.arrays import Bools, Floats, Ints
+from rona_core.devices.settings import Excitation, ProbeName
+from rona_core.ultrasound.detect import NOMINAL_LOSS_DB_PER_CM, nominal_bone
+from rona_core.ultrasound.evidence import features, joint_features
+from rona_core.ultrasound.inner import Candidates
+from rona_core.ultrasound.neighbours import Links, scan_links
+from rona_core.ultrasound.search import search_echoes
+
+RIGHT_MM = {"1MHz": 0.8, "2.25MHz": 0.6}  # a candidate this close is the inner echo
+ENDLESS_SHARE = 1.0  # what a scene without inner boundary counts for
+ENDLESS_MM, ENDLESS_SNR_DB = 90.0, (50.0, 40.0, 55.0)
+PENALTY = 1e-3  # on the square of a weight
+UP, DOWN = (0.0, None), (None, 0.0)  # what a feature may speak for
+SIGNS = ((None, None), UP, DOWN, UP, DOWN, DOWN, UP, DOWN, DOWN, DOWN, UP)
+SKULL_MM, HARD_MM, PATIENTS = (3, 4, 5, 6, 7, 8, 10), (4, 6, 8), (0, 1)
+
+
+def tuning_scenes(name: ProbeName, excitation: Excitation) -> list[BoneScene]:
+    """Return the scenes that the detection may be tuned with."""
+    scenes: list[BoneScene] = []
+    for mm in SKULL_MM:
+        scenes += parallel_bone(float(mm), name=name, excitation=excitation, patches=1)
+    scenes += [hard_bone(float(mm), name=name, excitation=excitation) for mm in HARD_MM]
+    scenes += [anatomical_bone(p, name=name, excitation=excitation) for p in PATIENTS]
+    return scenes + [endless_bone(k, name, excitation) for k in range(len(ENDLESS_SNR_DB))]
+
+
+def endless_bone(number: int, name: ProbeName, excitation: Excitation) -> BoneScene:
+    """Return a patch of bone so thick that it has no inner boundary for the probe."""
+    snr = ENDLESS_SNR_DB[number]
+    scene = parallel_bone(
+        ENDLESS_MM, name=name, excitation=excitation, front_snr_db=snr, side=10, patches=1
+    )[0]
+    return replace(scene, name=f"endless {number}")
+
+
+def with_loss(
+    c: Candidates, depth_mm: Floats, centre_mhz: float, random: np.random.Generator
+) -> Candidates:
+    """Return candidates as in bone that loses 0.7 to 1.35 times as much, another in each scan."""
+    excess = random.uniform(-0.35, 0.3, (len(depth_mm), 1))
+    lost_db = excess * NOMINAL_LOSS_DB_PER_CM * centre_mhz * depth_mm / 5.0
+    gain = 10.0 ** (lost_db / 20.0)
+    return replace(c, level=c.level * gain, noise=c.noise * gain, clutter=c.clutter * gain)
+
+
+def fit(values: Floats, exists: Bools, right: Ints, shares: Floats) -> Floats:
+    """Return the weights (f,) for features (n, k, f); ``right`` (n,) is k where none is right."""
+    n = len(right)
+    target = np.zeros((n, values.shape[1] + 1))
+    target[np.arange(n), right] = 1.0
+    shares = shares / shares.sum()
+
+    def loss(weights: Floats) -> tuple[float, Floats]:
+        odds = np.column_stack((np.where(exists, values @ weights, -1e9), np.zeros(n)))
+        odds -= odds.max(axis=1, keepdims=True)
+        chance = np.exp(odds) / np.exp(odds).sum(axis=1, keepdims=True)
+        likely = np.log(np.maximum((chance * target).sum(axis=1), 1e-12))
+        slope = np.where(exists[..., None], values, 0.0)
+        gradient = np.einsum("n,nk,nkf->f", shares, (chance - target)[:, :-1], slope)
+        free = np.append(0.0, weights[1:])
+        return float(-shares @ likely + PENALTY * free @ free), gradient + 2 * PENALTY * free
+
+    bounds = SIGNS[: values.shape[2]]
+    found = minimize(loss, np.zeros(values.shape[2]), jac=True, method="L-BFGS-B", bounds=bounds)
+    return np.asarray(found.x, dtype=np.float64)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Case:
+    """A scene as the regression needs it."""
+
+    candidates: Candidates
+    own: Floats  # features (n, k, f)
+    depth_mm: Floats  # (n, k)
+    links: Links
+    right: Ints  # (n,)
+    shares: Floats  # (n,)
+
+
+def cases(name: ProbeName, random: np.random.Generator) -> list[Case]:
+    """Return all tuning scenes of a probe."""
+    found: list[Case] = []
+    bone = nominal_bone()
+    for excitation in ("pulse", "chirp"):
+        for scene in tuning_scenes(name, excitation):
+            c = search_echoes(scene.track, scene.probe, excitation, bone).candidates
+            depth = c.lag_us * bone.speed_mm_per_us / 2.0
+            c = with_loss(c, depth, scene.probe.centre_mhz, random)
+            off = np.abs(c.lag_us - scene.bone_us[:, None]) * bone.speed_mm_per_us / 2.0
+            off = np.where(c.exists, off, np.inf)
+            near = off.min(axis=1) < RIGHT_MM[name]
+            right = np.where(near, off.argmin(axis=1), off.shape[1])
+            share = ENDLESS_SHARE if scene.name.startswith("endless") else 1.0
+            shares = np.full(len(scene), share * len(scene) ** -0.5)
+            links = scan_links(scene.points_skull, len(scene))
+            found.append(Case(c, features(c), depth, links, right, shares))
+    return found
+
+
+def main() -> None:
+    """Print both sets of weights for both probes."""
+    random = np.random.default_rng(3)
+    for name in ("1MHz", "2.25MHz"):
+        all_cases = cases(name, random)
+        exists = np.concatenate([case.candidates.exists for case in all_cases])
+        right = np.concatenate([case.right for case in all_cases])
+        shares = np.concatenate([case.shares for case in all_cases])
+        own = np.concatenate([case.own for case in all_cases])
+        alone = fit(own, exists, right, shares)
+        joint = [
+            joint_features(x.own, x.own @ alone, x.depth_mm, x.candidates, x.links)
+            for x in all_cases
+        ]
+        together = fit(np.concatenate(joint), exists, right, shares)
+        for label, weights in (("ALONE", alone), ("TOGETHER", together)):
+            sys.stdout.write(f"{label} {name}: {', '.join(f'{w:.2f}' for w in weights)}\n")
+
+
+if __name__ == "__main__":
+    main()

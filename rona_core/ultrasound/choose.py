@@ -1,0 +1,97 @@
+"""Which candidate is the inner echo, what else it might be, and when exactly it comes.
+
+Each A-scan says what it can; then the A-scans around it are asked (``evidence.py``, ``sgm.py``),
+and what was chosen is timed (``refine.py``). The runner-up is kept with its odds.
+"""
+
+import numpy as np
+
+from rona_core.arrays import Bools, Floats, Ints
+from rona_core.ultrasound.evidence import (
+    ALONE,
+    TOGETHER,
+    company,
+    features,
+    joint_features,
+    log_odds,
+)
+from rona_core.ultrasound.inner import Candidates, InnerChoice, bone_gate_us
+from rona_core.ultrasound.material import Material
+from rona_core.ultrasound.neighbours import Links
+from rona_core.ultrasound.probe import ProbeModel
+from rona_core.ultrasound.refine import refine_inner
+from rona_core.ultrasound.search import BLOCK, Echoes
+from rona_core.ultrasound.sgm import candidate_odds, depth_grid
+
+SAME_MM = 0.5  # candidates this close are the same boundary
+RAYLEIGH = np.log(2.0)  # median over mean of the power of noise
+BEHIND = 8  # where the joint features say it
+DOUBT = 1.25, 3.5  # a boundary behind makes no choice surer than this line
+SPARE_NOISE = 1.5  # what part of the noise's power counts as clutter by chance
+
+
+def choose_inner(echoes: Echoes, bone: Material, links: Links) -> InnerChoice:
+    """Return the inner echo of each A-scan of a survey.
+
+    Args:
+        echoes: Fronts and candidates.
+        bone: Nominal bone.
+        links: Who is beside whom.
+    """
+    found, template = echoes.candidates, echoes.template
+    depth = found.lag_us * bone.speed_mm_per_us / 2.0
+    chances, behind = inner_chances(found, depth, bone, template.probe, links)
+    rows, best = np.arange(len(depth)), np.argmax(chances[:, :-1], axis=1)
+    same: Bools = np.abs(depth - depth[rows, best][:, None]) < SAME_MM
+    sureness = np.sum(chances[:, :-1] * same, axis=1)
+    others = np.where(same, 0.0, chances[:, :-1])
+    second = np.argmax(others, axis=1)
+    lag, sigma = _timed(echoes, best, bone)
+    return InnerChoice(
+        lag_us=lag,
+        sureness=np.minimum(sureness, np.clip(DOUBT[0] - DOUBT[1] * behind[rows, best], 0, 1)),
+        heard=np.asarray(chances[:, -1] < 0.5),
+        sigma_us=sigma,
+        other_us=found.lag_us[rows, second],
+        other_sureness=others[rows, second],
+    )
+
+
+def inner_chances(
+    found: Candidates, depth_mm: Floats, bone: Material, probe: ProbeModel, links: Links
+) -> tuple[Floats, Floats]:
+    """Return the probability (n, k + 1) of each candidate, and last that none is right.
+
+    The second array (n, k) is how sure a boundary is behind each that is no multiple of it.
+    """
+    own = features(found)
+    alone = log_odds(own, ALONE, probe)
+    values = joint_features(own, alone, depth_mm, found, links)
+    share = company(links)
+    odds = share * log_odds(values, TOGETHER, probe) + (1.0 - share) * alone
+    low, high = (t * bone.speed_mm_per_us / 2.0 for t in bone_gate_us(probe, bone))
+    chances = candidate_odds(odds, depth_mm, found.exists, depth_grid(low, high), links)
+    return chances, share * values[..., BEHIND]
+
+
+def _timed(echoes: Echoes, best: Ints, bone: Material) -> tuple[Floats, Floats]:
+    """Return the lags (n,) of the chosen candidates and their sigmas, in us."""
+    found, rows = echoes.candidates, np.arange(len(best))
+    lag, level = found.lag_us[rows, best], found.level[rows, best]
+    noise, median = found.noise[rows, best], found.clutter[rows, best]
+    clutter = np.sqrt(np.maximum(median**2 / RAYLEIGH - SPARE_NOISE * noise**2, 0.0))
+    times, sigmas = [np.zeros(0)], [np.zeros(0)]
+    for start in range(0, len(best), BLOCK):
+        block = slice(start, start + BLOCK)
+        part = refine_inner(
+            echoes.aligned[block],
+            echoes.noise[block],
+            lag[block],
+            level[block],
+            clutter[block],
+            echoes.template,
+            bone,
+        )
+        times.append(part.lag_us)
+        sigmas.append(part.sigma_us)
+    return np.concatenate(times), np.concatenate(sigmas)

@@ -1,0 +1,124 @@
+"""What speaks for a candidate being the inner echo: its own A-scan, then those around it.
+
+Log odds are linear in a few plain features. Their weights were fitted to bone whose inner boundary
+is known (``benchmarks/tune_evidence.py``), for two probes; others take what lies between.
+"""
+
+import numpy as np
+
+from rona_core.arrays import Bools, Floats
+from rona_core.ultrasound.inner import Candidates
+from rona_core.ultrasound.neighbours import Links
+from rona_core.ultrasound.probe import ProbeModel
+from rona_core.ultrasound.sgm import change_sd_mm
+
+LOUDEST = 0.5  # log level over which nothing is too loud: bone may lose less than nominal bone
+LOUD_SNR = 5.0  # more does not make it more certain
+OVER_CLUTTER = 7.0  # phase counts up to this
+LATE_NOISE, LATE_ECHO = 4.0, 0.1  # what may follow: noise, and echoes of the echo
+LATEST = 12.0
+MULTIPLE_LEVEL = 0.25  # of an echo: its multiple is not louder
+APART_MM = 0.9  # a later boundary is at least this far behind
+# times the depth, where echoes of the echo come, and how loud they are at most over it
+MULTIPLES = (2.0, 0.4), (3.0, 0.1), (4.0, 0.03)
+SIDE_LOBE = 0.17  # nothing weaker than this behind an echo counts
+MULTIPLE = 0.08, 0.3  # share and mm about those
+LEAST_SD_MM = 0.15
+ENOUGH = 5.0  # neighbours, from which on their support counts in full
+FITTED_MHZ = (1.0, 2.25)
+# As fitted, but for multiples and for boundaries behind: known from acoustics, rare in the fit.
+ALONE = (  # constant, level, loudness, noise, later peak, earlier peak, sign, multiple
+    (-2.92, 1.74, -0.78, 3.84, -1.69, -1.18, 1.36, -2.00),
+    (-1.98, 1.46, -4.00, 3.76, -1.54, 0.00, 0.07, -2.00),
+)
+TOGETHER = (  # the same, and then: a boundary behind it, a sure one, support
+    (-3.62, 0.75, -0.28, 2.34, -1.05, -0.68, 1.14, -1.00, -2.00, -0.07, 4.05),
+    (-2.40, 0.75, -2.33, 1.36, 0.00, 0.00, 0.00, -1.00, -4.92, -0.09, 6.02),
+)
+
+
+def features(candidates: Candidates) -> Floats:
+    """Return what each A-scan says of its candidates, shape (n, k, 8)."""
+    own = np.maximum(candidates.level / np.maximum(candidates.noise, 1e-12), 1e-2)
+    level = np.log(np.maximum(candidates.level, 1e-4))
+    over = candidates.level / np.maximum(candidates.clutter, 1e-12)
+    later = candidates.after * own / (LATE_NOISE + LATE_ECHO * own)
+    columns: tuple[Floats, ...] = (
+        np.ones(level.shape),
+        level,
+        np.clip(level, 0.0, LOUDEST),
+        np.log(np.minimum(own, LOUD_SNR)),
+        np.log(np.clip(later, 1.0, LATEST)),
+        np.log(np.clip(candidates.before, 1.0, 100.0)),
+        np.cos(candidates.phase_rad) * np.log(np.clip(over, 1.0, OVER_CLUTTER)),
+        _repeated(candidates, own),
+    )
+    stacked: Floats = np.stack(columns, axis=-1)
+    return stacked
+
+
+def _repeated(candidates: Candidates, own: Floats) -> Floats:
+    """Return which candidates (n, k) a much louder one at half the depth explains, as 0 or 1."""
+    lag = candidates.lag_us
+    ahead = lag[:, None, :]  # (n, here, ahead)
+    off = np.abs(lag[:, :, None] - 2.0 * ahead)
+    louder = own[:, None, :] * MULTIPLE_LEVEL > own[:, :, None]
+    found: Bools = (off < MULTIPLE[0] * lag[:, :, None]) & louder & candidates.exists[:, None, :]
+    return np.asarray(found.any(axis=2), dtype=np.float64)
+
+
+def joint_features(
+    alone: Floats, odds: Floats, depth_mm: Floats, candidates: Candidates, links: Links
+) -> Floats:
+    """Return the features (n, k, 11) that the A-scans around add.
+
+    The inner boundary is the last one: a boundary behind a candidate that neighbours see as well,
+    and that is no multiple of it, speaks against it.
+
+    Args:
+        alone: Features (n, k, 8).
+        odds: Log odds (n, k) from the A-scans alone.
+        depth_mm: Of the candidates (n, k).
+        candidates: The candidates.
+        links: Who is beside whom.
+    """
+    chance = np.where(candidates.exists, 1.0 / (1.0 + np.exp(-np.clip(odds, -30.0, 30.0))), 0.0)
+    support = _support(chance, depth_mm, links)
+    gap = depth_mm[:, None, :] - depth_mm[:, :, None]  # (n, here, behind)
+    reach = MULTIPLE[0] * depth_mm[:, None, :] + MULTIPLE[1]
+    loud = candidates.level / np.maximum(candidates.noise, 1e-12)
+    ratio = loud[:, None, :] / np.maximum(loud[:, :, None], 1e-12)
+    multiple = ratio < SIDE_LOBE
+    for times, most in MULTIPLES:
+        off = np.abs(depth_mm[:, None, :] - times * depth_mm[:, :, None])
+        multiple |= (off < reach) & (ratio < most)
+    counts = (gap > APART_MM) & ~multiple
+    behind = np.where(counts, (support * chance)[:, None, :], 0.0).max(axis=2, initial=0.0)
+    more = np.stack((behind, np.maximum(behind - 0.5, 0.0), support), axis=-1)
+    return np.concatenate((alone, more), axis=-1)
+
+
+def log_odds(values: Floats, weights: tuple[tuple[float, ...], ...], probe: ProbeModel) -> Floats:
+    """Return the log odds (n, k) of features (n, k, f), weighted as fits the probe."""
+    low, high = np.log(FITTED_MHZ)
+    share = float(np.clip((np.log(probe.centre_mhz) - low) / (high - low), 0.0, 1.0))
+    return values @ ((1.0 - share) * np.array(weights[0]) + share * np.array(weights[1]))
+
+
+def company(links: Links) -> Floats:
+    """Return how far (n, 1), 0 to 1, the A-scans around count: few of them say little."""
+    return np.minimum((links.beside >= 0).sum(axis=0) / ENOUGH, 1.0)[:, None]
+
+
+def _support(chance: Floats, depth_mm: Floats, links: Links) -> Floats:
+    """Return how well (n, k), 0 to 1, the A-scans around continue each candidate."""
+    total, count = np.zeros(depth_mm.shape), np.zeros(len(depth_mm))
+    for sources, apart in zip(links.beside, links.beside_mm, strict=True):
+        rows = np.flatnonzero(sources >= 0)
+        there = sources[rows]
+        gap = depth_mm[there][:, None, :] - depth_mm[rows][:, :, None]
+        sd = np.maximum(change_sd_mm(apart[rows]), LEAST_SD_MM)[:, None, None]
+        seen = chance[there][:, None, :] * np.exp(-0.5 * (gap / sd) ** 2)
+        total[rows] += seen.max(axis=2, initial=0.0)
+        count[rows] += 1.0
+    return total / np.maximum(count, 1.0)[:, None]
