@@ -16,9 +16,9 @@ from rona_core.ultrasound.sound_speed import (
     SpeedCalibration,
     calibrate_speed,
     speed_at,
-    thickness_budget,
     uncalibrated,
 )
+from rona_core.ultrasound.thickness_budget import thickness_budget
 
 PATIENTS = 2000
 PLACES = 40  # measured in each

@@ -15,7 +15,11 @@ MOVES_US = 0.12  # of the front; less tells nothing about what moves with it
 TURNED = 0.12  # how near a slope is to that of an echo that has nothing to do with the plate
 AT_FRONT_US = 0.25  # how near a multiple between front and probe is to its time
 LOBE_REACH = 4.5  # of the pulse, over its length
-LOBE_LEVEL = 0.16  # over the front; lobes of real pulses are below
+NEAR_REACH = 2.6
+LOBE_LEVEL = 0.22  # over the front; lobes of real pulses are below, later ones more so
+LATE_LOBE_LEVEL = 0.13
+FEW = 12  # scans, among which neighbours may be far apart
+LOUD_SHARE = 0.5
 STEADY = 0.6  # share of scans that agree with their neighbours
 AGREES = 0.25  # of the pulse length
 WANDERS = 0.2  # cycles that a lobe may seem to move
@@ -45,16 +49,23 @@ def choose_back_wall(
     own = [k for k, t in enumerate(tracks) if not _is_foreign(t, front_us, ok, start_known, tracks)]
     if not own:
         return None
-    judged = [_steadiness(t, near, positions_mm, band) for t in tracks]
+    judged = [steadiness(t, near, positions_mm, band) for t in tracks]
     full = max(float(tracks[k].there.sum()) for k in own)
-    own = [k for k in own if tracks[k].there.sum() >= 0.5 * full and judged[k][0] >= STEADY]
-    if not own:
-        return None
+    own = [k for k in own if tracks[k].there.sum() >= 0.5 * full]
+    loudest = max(tracks[k].typical_level for k in own)
+    # what is nearly as loud as anything is an echo, however it jumps from scan to scan
+    own = [
+        k
+        for k in own
+        if judged[k][0] >= STEADY
+        or len(front_us) < FEW
+        or tracks[k].typical_level >= LOUD_SHARE * loudest
+    ]
     loudest = max(tracks[k].typical_level for k in own)
     loud = [k for k in own if tracks[k].typical_level >= LEAST_SHARE * loudest]
     loud.sort(key=lambda k: tracks[k].typical_us)
     for k in loud:
-        if not _is_lobe(tracks[k], judged[k][1], [tracks[j] for j in loud if j != k], band):
+        if not _is_lobe(tracks[k], judged[k][1], [tracks[j] for j in own if j != k], band):
             return k
     return loud[0]
 
@@ -71,6 +82,7 @@ def _is_foreign(
             left = lag - wrong * front
             if abs(slope - wrong) < TURNED and _spread(left) < 0.4 * _spread(lag):
                 return True
+        return False  # what comes by way of the probe would move
     if start_known and len(tracks) > 1 and both.any():
         away = float(np.median(np.abs(lag - front)))
         return away < AT_FRONT_US
@@ -84,12 +96,15 @@ def _is_lobe(track: Track, wanders: bool, others: list[Track], band: Band) -> bo
     later = [
         t
         for t in others
-        if t.typical_level > 0.8 * track.typical_level and t.typical_us > track.typical_us
+        if t.typical_level > 0.5 * track.typical_level and t.typical_us > track.typical_us
     ]
+    # a lobe comes behind every echo, and so behind one at twice its own lag
+    lobes = [u.typical_us + track.typical_us for u in later]
     multiples = [
         t
-        for t in later
-        if t.typical_level < 0.9 * track.typical_level
+        for t in others
+        if 0.2 * track.typical_level < t.typical_level < 0.9 * track.typical_level
+        and all(abs(t.typical_us - lobe) > TWICE * band.length_us for lobe in lobes)
         and any(abs(t.typical_us - k * track.typical_us) < TWICE * band.length_us for k in (2, 3))
     ]
     return bool(later) and not multiples
@@ -97,10 +112,12 @@ def _is_lobe(track: Track, wanders: bool, others: list[Track], band: Band) -> bo
 
 def is_early_and_weak(track: Track, band: Band) -> bool:
     """Return whether an echo could be a lobe of the front's own pulse."""
-    return track.typical_us < LOBE_REACH * band.length_us and track.typical_level < LOBE_LEVEL
+    length = band.length_us
+    level = LOBE_LEVEL if track.typical_us < NEAR_REACH * length else LATE_LOBE_LEVEL
+    return track.typical_us < LOBE_REACH * length and track.typical_level < level
 
 
-def _steadiness(
+def steadiness(
     track: Track, near: Ints, positions_mm: Floats | None, band: Band
 ) -> tuple[float, bool]:
     """Return the share of scans that agree with their neighbours, and whether the echo wanders.

@@ -11,9 +11,9 @@ from rona_core.ultrasound.sound_speed import (
     SpeedPrior,
     calibrate_speed,
     speed_at,
-    thickness_budget,
     uncalibrated,
 )
+from rona_core.ultrasound.thickness_budget import thickness_budget
 
 NOMINAL = PUBLISHED.mean_mm_per_us
 
