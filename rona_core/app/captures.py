@@ -27,6 +27,7 @@ from rona_core.robot.verify import verify_motion
 from rona_core.session.document import PointerCapture, Session, ToolCapture
 
 SAME_PLACE_RAD = 1e-6
+ARRIVAL_S = 0.12  # after a motion, until the last joint angles have arrived
 LIVE_PERIOD_S = 0.02  # how often a positioning move looks at Cancel
 
 
@@ -247,4 +248,6 @@ def finish(motion: Motion, tools: Toolbox) -> bool:
             return False
         clock.wait_until(clock.now() + LIVE_PERIOD_S)
         tools.live.put(joints=tools.rig.robot.state())
+    clock.wait_until(clock.now() + ARRIVAL_S)
+    tools.live.put(joints=tools.rig.robot.state())
     return True

@@ -99,6 +99,7 @@ class ContactLoop:
         self._motion = rig.robot.guide(
             self._trajectory.times_s, self._band.qs_rad, self._band.travels_mm
         )
+        self.joints.append(rig.robot.state())
         start_s, step = clock.now(), 0
         while not self._motion.done():
             if self._tools.cancel():
@@ -134,7 +135,7 @@ class ContactLoop:
         self._tools.live.put(joints=state)
         if reached_s < self._zone_s or reached_s > self._line_end_s + 1e-9:
             return 0.0, 1.0  # nowhere near the bone
-        if not self.joints or now_s > self.joints[-1].time_s:
+        if now_s > self.joints[-1].time_s:
             self.joints.append(state)
         sample = self._tools.rig.force.read()
         rotation = self._model.forward(state.q_rad[None])[0].rotation

@@ -14,7 +14,7 @@ from rona_core.arrays import Floats
 from rona_core.devices.force import ForceTrack
 from rona_core.devices.samples import AScan, AScanTrack, JointSample, JointTrack
 from rona_core.devices.settings import ContactSettings
-from rona_core.errors import NotReachableError
+from rona_core.errors import CancelledError, NotReachableError
 from rona_core.robot.contact_band import contact_band, straight_line
 from rona_core.robot.model import RobotModel, robot_model
 from rona_core.robot.plan import Trajectory
@@ -96,7 +96,11 @@ def _in_contact(
     band = contact_band(model, trajectory, contact)
     drive_to(trajectory.qs_rad[0], session, tools)
     ordinal = begin(session, tools)
-    load = weigh_tool(trajectory.qs_rad[0], model, tools)
+    here = tools.rig.robot.state()
+    try:
+        load = weigh_tool(trajectory.qs_rad[0], model, tools)
+    except CancelledError:
+        return ordinal, Recorded(joints=[here], partial=True)  # nothing has come yet
     loop = ContactLoop(trajectory, band, places_s, contact, load, model, tools)
     loop.run()
     recorded = Recorded(loop.scans, loop.clock_scans, loop.joints, loop.track(), loop.partial)

@@ -86,8 +86,11 @@ class VirtualRobot:
         """Return the joint angles that arrive now: those of a moment ago, as the settings say."""
         with self._lock:
             now_s = self._clock.now()
-            q = readonly(self._course.at(now_s - self._settings.latency_ms / 1000.0))
-            return JointSample(now_s, q, moving=now_s < self._course.end_s)
+            late_s, course = self._settings.latency_ms / 1000.0, self._course
+            q = readonly(course.at(now_s - late_s))
+            # it has arrived when its joint angles say so; a stop is told at once
+            end_s = course.end_s + (0.0 if np.isfinite(course.stopped_s) else late_s)
+            return JointSample(now_s, q, moving=now_s < end_s)
 
     def q_at(self, time_s: float) -> Floats:
         """Return the joint angles (6,) at any time of the capture."""
@@ -213,4 +216,4 @@ class VirtualRobot:
 
 
 def _standing(q_rad: Floats) -> _Course:
-    return _Course(np.zeros(1), np.array(q_rad, dtype=np.float64)[None])
+    return _Course(np.zeros(1), np.array(q_rad, dtype=np.float64)[None], stopped_s=0.0)

@@ -24,10 +24,10 @@ from rona_core.app.queries import step_states
 from rona_core.app.staleness import stale_reason
 from rona_core.calibration.time_offset import TimeOffset
 from rona_core.compose import new_workbench
-from rona_core.devices.settings import TrackerPlace
+from rona_core.devices.settings import DeviceSettings, RobotSettings, TrackerPlace
 from rona_core.errors import InvalidInputError, RonaError, StaleResultError, StepBlockedError
 from rona_core.robot.model import robot_model
-from rona_core.session.document import Session
+from rona_core.session.document import Session, Setup
 from rona_core.session.files import session_bytes, session_from_bytes
 from rona_core.session.imported import imported_digest
 from rona_core.session.prediction import predict_surface
@@ -39,8 +39,11 @@ STROKE = StartSurfaceCapture(duration_s=10.0)
 SINGLE = BuildSurface(average_s=0.0)  # fast strokes at 20 frames a second suffer from averaging
 
 
+PROMPT = DeviceSettings(robot=RobotSettings(latency_ms=0.0))  # so that the tracker alone is late
+
+
 def bench_with(profile, **tracker):
-    bench = new_workbench(Session())
+    bench = new_workbench(Session(setup=Setup(devices=PROMPT)))
     bench.dispatch(SetTracker(profile=profile, rate_hz=20.0, occlusion=False, **tracker))
     bench.dispatch(SetRobot(errors=False))
     return bench

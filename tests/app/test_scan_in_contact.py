@@ -174,6 +174,14 @@ def test_cancel_ends_it_and_keeps_what_came():
     assert not rig.robot.state().moving
 
 
+def test_cancel_while_the_tool_is_weighed_leaves_an_empty_scan():
+    capture, rig, _ = scan(session_with(contact=ContactSettings()), cancel=lambda: True)
+    assert capture.partial
+    assert len(capture.scans) == 0
+    assert capture.forces is None
+    assert not rig.robot.state().moving
+
+
 def test_without_contact_position_alone_drives_as_before():
     session = session_with(contact=None, latency_ms=8.0)
     capture, _, _ = scan(session)
