@@ -71,12 +71,10 @@ def drawn_bounds(model: RobotModel) -> tuple[Bound, ...]:
     except InvalidInputError:
         return joint_bounds(model)
     groups: dict[tuple[str, int], list[Floats]] = {}
-    for shape in shapes:
-        if shape.name not in DRAWN_TOOL:
-            heads = [
-                s.name for s in shapes if s.frame == shape.frame and _in_name(s.name, shape.name)
-            ]
-            groups.setdefault((min(heads, key=len), shape.frame), []).append(shape.mesh.vertices)
+    for shape in (shape for shape in shapes if shape.name not in DRAWN_TOOL):
+        beside = (other.name for other in shapes if other.frame == shape.frame)
+        head = min((name for name in beside if _in_name(name, shape.name)), key=len)
+        groups.setdefault((head, shape.frame), []).append(shape.mesh.vertices)
     return tuple(
         Bound(name, link, readonly(_corners(np.concatenate(parts))))
         for (name, link), parts in groups.items()

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from rona_core.arrays import Floats
+from rona_core.arrays import Floats, Ints
 from rona_core.robot.collision import ITSELF, CollisionWorld
 from rona_core.robot.model import RobotModel
 from rona_core.robot.obstacles import Obstacles
@@ -63,23 +63,35 @@ def _distances(world: CollisionWorld, dense: DenseMotion) -> tuple[Floats, Float
 
 
 def judged(world: CollisionWorld, distances: Floats, numbers: Floats) -> Clearance:
-    """Return one check for the robot itself and one for each obstacle that it can reach."""
+    """Return checks for the robot itself, for obstacles in reach, and for what may be touched."""
     checks: list[Check] = []
-    groups = [ITSELF, *(thing.name for thing in world.obstacles.things)]
-    for group in groups:
-        columns = np.array([k for k, pair in enumerate(world.pairs) if pair.group == group])
-        if not len(columns):
-            continue  # out of reach
-        room = distances[:, columns] - world.least_mm[columns]
-        row, column = np.unravel_index(int(room.argmin()), room.shape)
-        pair = world.pairs[int(columns[column])]
-        remark = f" between {pair.first} and {pair.second}"
-        index = int(numbers[row])
-        value = distances[row, columns[column]][None]
-        name = f"clearance of {group}" if group == ITSELF else f"clearance from the {group}"
-        checks.append(
-            check(name, value, pair.least_mm, "mm", least=True, first=index, remark=remark)
-        )
+    for group in (ITSELF, *(thing.name for thing in world.obstacles.things)):
+        clear = "clearance of" if group == ITSELF else "clearance from the"
+        of_group = np.array([pair.group == group for pair in world.pairs], dtype=np.bool_)
+        for words, columns in (
+            (clear, np.flatnonzero(of_group & (world.least_mm >= 0.0))),
+            ("touch of the", np.flatnonzero(of_group & (world.least_mm < 0.0))),
+        ):
+            if len(columns):  # else out of reach, or not to be touched
+                checks.append(_worst(f"{words} {group}", world, columns, distances, numbers))
     counted = world.least_mm >= 0.0
     least = float(distances[:, counted].min()) if counted.any() else None
     return Clearance(tuple(checks), least)
+
+
+def _worst(
+    name: str, world: CollisionWorld, columns: Ints, distances: Floats, numbers: Floats
+) -> Check:
+    """Return the check of the pair, of those in some columns, that has the least room."""
+    room = distances[:, columns] - world.least_mm[columns]
+    row, column = np.unravel_index(int(room.argmin()), room.shape)
+    pair = world.pairs[int(columns[column])]
+    return check(
+        name,
+        distances[row, columns[column]][None],
+        pair.least_mm,
+        "mm",
+        least=True,
+        first=int(numbers[row]),
+        remark=f" between {pair.first} and {pair.second}",
+    )

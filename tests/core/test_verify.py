@@ -150,6 +150,20 @@ def test_margins_are_kept_exactly(move):
         assert ours.limit == margin
 
 
+def test_what_may_be_touched_has_a_check_of_its_own():
+    still = Motion(np.array((0.0, 1.0)), np.repeat(RX90.home_rad[None], 2, axis=0))
+    home = RX90.forward(RX90.home_rad[None])[0] @ RX90.T_flange_probe
+    (bone,) = ball(home @ np.array((0.0, 0.0, 76.0)), 80.0, 10.0, "bone").things  # 4 mm deep
+    for touch, holds in ((3.9, False), (4.1, True)):
+        around = Obstacles((replace(bone, touch_mm=touch),))
+        certificate = verify_motion(RX90, still, obstacles=around)
+        assert names(certificate) == ([] if holds else ["touch of the bone"])
+        values = {check.name: check.value for check in certificate.checks}
+        assert values["touch of the bone"] == pytest.approx(-4.0, abs=0.01)
+        assert values["clearance from the bone"] > 10.0
+        assert certificate.min_clearance_mm > 5.0
+
+
 def test_a_collision_between_two_samples_is_found():
     """Both samples are clear by far; the small ball lies on the arc between them."""
     turn = np.deg2rad(9.0)
