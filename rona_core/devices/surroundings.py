@@ -15,7 +15,6 @@ from rona_core.geometry.pose import Pose
 
 Triple = tuple[float, float, float]
 FAR_MM = 5000.0  # no place of the room is farther from the robot
-PLACE_OF_WORK: Triple = (600.0, 60.0, 400.0)  # in the room
 
 
 @dataclass(frozen=True, slots=True)

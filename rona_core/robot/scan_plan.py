@@ -10,7 +10,8 @@ from rona_core.devices.settings import require
 from rona_core.errors import InvalidInputError, NotReachableError
 from rona_core.geometry.path5d import Path5D
 from rona_core.robot.clear_check import Clear
-from rona_core.robot.collision import clear_among
+from rona_core.robot.clear_rolls import clear_of
+from rona_core.robot.collision import CollisionWorld, clear_among
 from rona_core.robot.density import dense
 from rona_core.robot.judged_rolls import JudgedRolls, judge_rolls
 from rona_core.robot.model import RobotModel
@@ -84,7 +85,6 @@ def plan_scan(
         settings.mode in ("auto", "constant", "variable"),
         f"mode must be auto, constant or variable, not {settings.mode!r}",
     )
-    clear = _clear(model, settings)
     judged = judge_rolls(
         dense(path),
         model,
@@ -93,6 +93,10 @@ def plan_scan(
         progress=lambda share: progress(SEARCH_SHARE * share),
         cancel=cancel,
     )
+    clear = None
+    if settings.obstacles is not None:
+        world = CollisionWorld(model, settings.obstacles)
+        judged, clear = clear_of(judged, world), world.clear
     plan = planned(constant_search(judged, -1), model)
     refused: RobotPlan | None = None
     if settings.mode != "variable":

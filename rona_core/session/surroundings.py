@@ -8,9 +8,10 @@ import numpy as np
 
 from rona_core.arrays import Vector3
 from rona_core.calibration.tool import ToolRegistration
-from rona_core.devices.surroundings import PLACE_OF_WORK, room_pose
+from rona_core.devices.surroundings import room_pose
 from rona_core.errors import DegenerateGeometryError
 from rona_core.robot.head_shape import head_as_placed, head_from_cloud, head_from_mesh
+from rona_core.robot.model import robot_model
 from rona_core.robot.obstacles import Obstacle, Obstacles, table_and_floor, tracker_stand
 from rona_core.session.document import PointerCapture, Session
 from rona_core.session.specimen import LoadedSkull
@@ -65,7 +66,8 @@ def _build(
     found: SurfaceRegistration | None,
 ) -> Obstacles:
     settings = session.setup.surroundings
-    room, work_room = room_pose(session.setup.devices.robot), np.array(PLACE_OF_WORK)
+    robot = session.setup.devices.robot
+    room, work_room = room_pose(robot), np.array(robot_model(robot.model).workplace.region_base)
     head, sentence = _head(session, room @ work_room, tool, cloud, found)
     stand = () if tool is None else tracker_stand(settings, tool.T_base_tracker)
     return Obstacles(

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from scipy.optimize import nnls
 from scipy.spatial import ConvexHull
 
-from rona_core.devices.surroundings import PLACE_OF_WORK, Surroundings
+from rona_core.devices.surroundings import Surroundings
 from rona_core.errors import InvalidInputError
 from rona_core.geometry.pose import Pose, Poses
 from rona_core.robot.arm import SphericalWristArm
@@ -19,6 +19,8 @@ from rona_core.robot.envelope import drawn_bounds, joint_bounds, outer_bounds
 from rona_core.robot.model import robot_model
 from rona_core.robot.obstacles import Box, Capsule, Hull, Obstacle, Obstacles, table_and_floor
 from rona_core.robot.shape import link_shapes
+
+PLACE_OF_WORK = (600.0, 60.0, 400.0)  # of the RX90, in the room
 
 RX90 = robot_model("rx90")
 ARM = [bound.name for bound in outer_bounds(RX90)]

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from rona_core.devices.settings import RobotSettings
-from rona_core.devices.surroundings import PLACE_OF_WORK, Surroundings, room_pose
+from rona_core.devices.surroundings import Surroundings, room_pose
 from rona_core.errors import DegenerateGeometryError, InvalidInputError
 from rona_core.geometry.pose import Pose
 from rona_core.robot.obstacles import (
@@ -21,6 +21,8 @@ from rona_core.robot.obstacles import (
     tracker_stand,
 )
 from rona_core.session.codec import decode, digest, encode
+
+PLACE_OF_WORK = (600.0, 60.0, 400.0)  # of the RX90, in the room
 
 ROCK = np.array(((0, 0, 0), (50, 0, 0), (0, 50, 0), (0, 0, 50.0)))
 

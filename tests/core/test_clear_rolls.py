@@ -1,0 +1,73 @@
+"""Rolls with which the robot would touch something are not offered, and say what is in the way."""
+
+import numpy as np
+import pytest
+
+from benchmarks.patch_scenes import scene_model, scene_path
+from rona_core.robot.clear_rolls import clear_of
+from rona_core.robot.collision import CollisionWorld
+from rona_core.robot.judged_rolls import judge_rolls
+from rona_core.robot.obstacles import NOTHING_AROUND
+from rona_core.robot.roll_search import joint_path, working_set_deg
+from rona_core.robot.room import RoomRules
+
+
+class Wall:
+    """A collision world in which everything with joint 6 on one side of a value touches."""
+
+    def __init__(self, least_rad):
+        self.least_rad = least_rad
+        self.own = CollisionWorld(scene_model(), NOTHING_AROUND)
+
+    def clear(self, qs_rad):
+        return np.asarray(qs_rad)[:, 5] > self.least_rad
+
+    def report(self, qs_rad):
+        return self.own.report(qs_rad)
+
+
+@pytest.fixture(scope="module")
+def judged():
+    path, model = scene_path("S0", 90), scene_model()
+    return judge_rolls(path, model, working_set_deg(24, 0.0, 360.0), RoomRules())
+
+
+def test_where_nothing_touches_nothing_changes(judged):
+    after = clear_of(judged, Wall(-np.inf))
+    assert after.verdicts == judged.verdicts
+    assert after.ranked == judged.ranked
+    assert np.array_equal(after.swept.qs_rad, judged.swept.qs_rad)
+
+
+def test_where_everything_touches_no_roll_is_left_and_each_says_so(judged):
+    after = clear_of(judged, Wall(np.inf))
+    assert after.ranked == ()
+    for old, new in zip(judged.verdicts, after.verdicts, strict=True):
+        assert not new.feasible
+        assert new.reason == ("blocked" if old.feasible else old.reason)
+        if old.feasible:
+            assert "mm are needed" in new.sentence
+            assert 0 <= new.index < len(judged.path)
+
+
+def test_a_roll_keeps_the_best_branch_that_touches_nothing(judged):
+    wall = Wall(float(np.median(judged.swept.qs_rad[5])))
+    after = clear_of(judged, wall)
+    changed = 0
+    for i, verdict in enumerate(after.verdicts):
+        if not verdict.feasible:
+            continue
+        roll_rad = np.deg2rad(verdict.roll_deg)
+        curve = joint_path(judged.path, judged.model, roll_rad, verdict.branch, judged.rules)
+        np.testing.assert_allclose(after.swept.qs_rad[:, i].T, curve, atol=1e-9)
+        assert wall.clear(curve[::4]).all()
+        better = [p for p in judged.ranked if p.index == i and p.margin > verdict.margin + 1e-9]
+        for pair in better:
+            other = joint_path(judged.path, judged.model, roll_rad, pair.branch, judged.rules)
+            assert not wall.clear(other).all()
+        assert after.swept.branches[i] == verdict.branch
+        assert after.swept.least[i].min() == pytest.approx(verdict.margin)
+        changed += verdict.branch != judged.verdicts[i].branch
+    assert changed > 0
+    kept = {(pair.index, pair.branch) for pair in after.ranked}
+    assert kept < {(pair.index, pair.branch) for pair in judged.ranked}
