@@ -13,14 +13,14 @@ from rona_core.robot.room import RoomRules
 
 
 class Wall:
-    """A collision world in which everything with joint 6 on one side of a value touches."""
+    """A collision world in which everything touches that a rule does not let pass."""
 
-    def __init__(self, least_rad):
-        self.least_rad = least_rad
+    def __init__(self, passes):
+        self.passes = passes
         self.own = CollisionWorld(scene_model(), NOTHING_AROUND)
 
     def clear(self, qs_rad):
-        return np.asarray(qs_rad)[:, 5] > self.least_rad
+        return np.array([self.passes(q) for q in qs_rad], dtype=bool)
 
     def report(self, qs_rad):
         return self.own.report(qs_rad)
@@ -33,14 +33,14 @@ def judged():
 
 
 def test_where_nothing_touches_nothing_changes(judged):
-    after = clear_of(judged, Wall(-np.inf))
+    after = clear_of(judged, Wall(lambda q: True))
     assert after.verdicts == judged.verdicts
     assert after.ranked == judged.ranked
     assert np.array_equal(after.swept.qs_rad, judged.swept.qs_rad)
 
 
 def test_where_everything_touches_no_roll_is_left_and_each_says_so(judged):
-    after = clear_of(judged, Wall(np.inf))
+    after = clear_of(judged, Wall(lambda q: False))
     assert after.ranked == ()
     for old, new in zip(judged.verdicts, after.verdicts, strict=True):
         assert not new.feasible
@@ -51,7 +51,9 @@ def test_where_everything_touches_no_roll_is_left_and_each_says_so(judged):
 
 
 def test_a_roll_keeps_the_best_branch_that_touches_nothing(judged):
-    wall = Wall(float(np.median(judged.swept.qs_rad[5])))
+    feasible = [i for i, verdict in enumerate(judged.verdicts) if verdict.feasible]
+    usual = np.sign(np.median(judged.swept.qs_rad[4][feasible]))
+    wall = Wall(lambda q: q[4] * usual < 0.0)  # the wrist has to be turned the other way
     after = clear_of(judged, wall)
     changed = 0
     for i, verdict in enumerate(after.verdicts):
