@@ -15,6 +15,7 @@ from rona_core.robot.clear_move import LIFTS_MM, find_way, raised
 from rona_core.robot.clear_tree import search, shortened
 from rona_core.robot.model import robot_model
 from rona_core.robot.motion import joint_move, plan_joint_move
+from rona_core.robot.obstacles import NOTHING_AROUND
 from rona_core.robot.roll_search import joint_path, search_rolls
 from rona_core.robot.timing import ScanSettings, time_path
 from rona_core.robot.tool_motion import plan_tool_motion
@@ -188,7 +189,7 @@ def test_a_scan_is_approached_and_left_around_an_obstacle():
         )
 
 
-def test_the_tool_goes_to_its_calibration_around_what_is_in_the_way():
+def test_the_tool_goes_to_its_calibration_around_what_is_in_the_way(monkeypatch):
     plain = plan_tool_motion(RX90, n_pivot=4, n_translate=2)
     start = int(plain.dwell_start_s[0] / 0.02)
     middle = plain.qs_rad[start // 2, 0]
@@ -197,7 +198,8 @@ def test_the_tool_goes_to_its_calibration_around_what_is_in_the_way():
         return (np.abs(qs[:, 0] - middle) > 0.02) | (qs[:, 1] < plain.qs_rad[start // 2, 1] - 0.1)
 
     assert not clear(plain.qs_rad[:start]).all()
-    around = plan_tool_motion(RX90, n_pivot=4, n_translate=2, clear=clear)
+    monkeypatch.setattr("rona_core.robot.tool_motion.clear_among", lambda model, things: clear)
+    around = plan_tool_motion(RX90, n_pivot=4, n_translate=2, obstacles=NOTHING_AROUND)
     there = round(around.dwell_start_s[0] / 0.02)
     assert clear(around.qs_rad[:there]).all()
     assert around.certificate.certified

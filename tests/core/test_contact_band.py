@@ -4,8 +4,8 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from robot_scenes import dense_path
 
+from benchmarks.patch_scenes import dense_path
 from rona_core.devices.settings import ContactSettings
 from rona_core.errors import NotReachableError
 from rona_core.robot.contact_band import (

@@ -2,8 +2,8 @@
 
 import numpy as np
 import pytest
-from robot_scenes import dense_path
 
+from benchmarks.patch_scenes import dense_path
 from rona_core.devices.force import JR3
 from rona_core.devices.settings import ContactSettings, RobotSettings
 from rona_core.errors import DeviceError, InvalidInputError

@@ -4,8 +4,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 import pytest
-from robot_scenes import dense_path
 
+from benchmarks.patch_scenes import dense_path
+from rona_core.errors import NotReachableError
 from rona_core.geometry.pose import Pose
 from rona_core.robot.limits import JointLimits
 from rona_core.robot.model import robot_model
@@ -220,7 +221,7 @@ def test_a_scan_is_looked_at_from_home_to_home(plan):
     ):
         obstacles = ball(way[sample])
         certificate = verify_scan(
-            RX90, trajectory, plan.path, plan.roll_rad, SPEED, obstacles=obstacles
+            RX90, trajectory, plan.path, float(plan.rolls_rad[0]), SPEED, obstacles=obstacles
         )
         assert names(certificate) == ["clearance from the ball"]
         assert certificate.failures()[0].value < -15.0, "the face is in the middle of the ball"
@@ -228,7 +229,7 @@ def test_a_scan_is_looked_at_from_home_to_home(plan):
 
 def test_a_roll_for_each_path_point_is_compared_point_by_point(plan):
     n = len(plan.path)
-    same = np.full(n, plan.roll_rad)
+    same = np.full(n, float(plan.rolls_rad[0]))
     one = verify_scan(RX90, plan.trajectory, plan.path, same, SPEED)
     assert one.certified
     bent = same + np.where(np.arange(n) == n // 2, np.deg2rad(2.0), 0.0)
@@ -241,7 +242,7 @@ def test_a_roll_for_each_path_point_is_compared_point_by_point(plan):
 def test_a_roll_that_varies_is_followed_or_caught(plan):
     """The joints of another roll at each point: certified for that profile, not for its mean."""
     n = len(plan.path)
-    profile = plan.roll_rad + np.deg2rad(6.0) * np.sin(np.linspace(0, np.pi, n)) ** 2
+    profile = float(plan.rolls_rad[0]) + np.deg2rad(6.0) * np.sin(np.linspace(0, np.pi, n)) ** 2
     trajectory = plan.trajectory
     way = plan.path.arc_length_mm()
     wanted = plan.path.Ts_base_probe(profile) @ RX90.T_flange_probe.inv()
@@ -268,16 +269,21 @@ def test_a_roll_that_varies_is_followed_or_caught(plan):
 
 def test_a_probe_that_jerks_or_hurries_while_it_scans_is_caught(plan):
     strict = Tolerances(path_acceleration_mm_per_s2=50.0)
-    found = names(verify_scan(RX90, plan.trajectory, plan.path, plan.roll_rad, SPEED, strict))
+    found = names(
+        verify_scan(RX90, plan.trajectory, plan.path, float(plan.rolls_rad[0]), SPEED, strict)
+    )
     assert found == ["acceleration of the probe"]
-    half = names(verify_scan(RX90, plan.trajectory, plan.path, plan.roll_rad, SPEED / 2.0))
+    half = names(
+        verify_scan(RX90, plan.trajectory, plan.path, float(plan.rolls_rad[0]), SPEED / 2.0)
+    )
     assert half == ["scan speed", "speed of the probe"]
 
 
 def test_the_tool_motion_is_looked_at_too():
     obstacles = ball((560.0, -50.0, 560.0), radius=30.0, name="block")
-    blocked = plan_tool_motion(RX90, n_pivot=4, n_translate=2, obstacles=obstacles)
-    assert names(blocked.certificate) == ["clearance from the block"]
-    assert not blocked.certificate.certifies(blocked)
+    plain = plan_tool_motion(RX90, n_pivot=4, n_translate=2)
+    assert names(verify_motion(RX90, plain, obstacles=obstacles)) == ["clearance from the block"]
+    with pytest.raises(NotReachableError, match="touches something"):
+        plan_tool_motion(RX90, n_pivot=4, n_translate=2, obstacles=obstacles)
     free = plan_tool_motion(RX90, n_pivot=4, n_translate=2, obstacles=NOTHING_AROUND)
     assert free.certificate.certifies(free, NOTHING_AROUND.digest())
