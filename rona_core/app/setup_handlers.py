@@ -24,7 +24,6 @@ from rona_core.app.outcomes import (
 from rona_core.devices.settings import (
     DeviceSettings,
     ProbeSettings,
-    RobotSettings,
     TrackerPlace,
 )
 from rona_core.errors import InvalidInputError
@@ -112,7 +111,7 @@ def _(message: SetToolVisible, session: Session) -> Session:
 @handle.register
 def _(message: SetRobot, session: Session) -> Session:
     robot_model(message.model)  # refuses an unknown name
-    settings = RobotSettings(**_chosen(message))
+    settings = replace(session.setup.devices.robot, **_chosen(message))
     return _with_devices(session, replace(session.setup.devices, robot=settings))
 
 

@@ -22,6 +22,7 @@ ALONG_PATH = 0.6  # and this for gaining and losing speed
 GRID_MM, LEAST_GRID, MOST_GRID = 0.1, 400, 60_000
 MERGED = 1e-6  # path points closer together than this (mm) are one
 SPREAD = 1.1  # of the way within an averaging span, for what is gained on it
+CREEP_MM_PER_S = 1.0  # no peak is cut to less
 TINY = 1e-12
 
 
@@ -167,7 +168,8 @@ def _opened(speed: Floats, step: float, span_s: float) -> Floats:
     for k in range(1, count + 1):
         near = np.where(cells >= k, low, 0.0)
         result = np.maximum(result, np.maximum(_shifted(near, k, 0.0), _shifted(near, -k, 0.0)))
-    return np.minimum(result, speed)
+    # next to a rest a peak may be cut down to it, and would then never be passed
+    return np.minimum(np.maximum(result, CREEP_MM_PER_S), speed)
 
 
 def _two_passes(ceiling: Floats, room: Floats, step: float) -> Floats:

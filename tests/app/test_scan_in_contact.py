@@ -54,7 +54,7 @@ def scan(session, specimen=None, cancel=lambda: False):
 
 @pytest.fixture(scope="module")
 def pressed():
-    session = session_with(contact=ContactSettings(), latency_ms=12.0)
+    session = session_with(contact=ContactSettings(), latency_ms=8.0)
     capture, rig, _ = scan(session)
     return replace(session, captures=replace(session.captures, scan=capture)), rig
 
@@ -104,12 +104,12 @@ def test_the_stand_off_is_where_the_probe_really_is(pressed):
 def test_the_delay_of_the_joint_angles_is_found(pressed):
     session, _ = pressed
     delay = pose_delay(session)
-    assert delay.delay_s == pytest.approx(0.012, abs=0.0008)
+    assert delay.delay_s == pytest.approx(0.008, abs=0.0008)
     assert delay.sigma_s < 0.0005
     found = probe_poses_of(session).translations
     capture = session.captures.scan
     model = robot_model(session.setup.devices.robot.model)
-    joints = capture.joints.at(capture.scans.times_s + 0.012)
+    joints = capture.joints.at(capture.scans.times_s + 0.008)
     exact = (model.forward(joints) @ model.T_flange_probe).translations
     late = (
         model.forward(capture.joints.at(capture.scans.times_s)) @ model.T_flange_probe

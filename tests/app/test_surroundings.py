@@ -6,9 +6,9 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from rona_core.app.captures import capture_scan
-from rona_core.app.inputs import RESULT_INPUTS, session_obstacles
 from rona_core.app.messages import StartRobotMove, StartToolCapture
+from rona_core.app.scan_capture import capture_scan
+from rona_core.app.staleness import RESULT_INPUTS, session_obstacles
 from rona_core.compose import new_workbench
 from rona_core.devices.settings import DeviceSettings, RobotSettings
 from rona_core.devices.surroundings import Surroundings
