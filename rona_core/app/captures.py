@@ -17,7 +17,7 @@ from rona_core.arrays import Floats, readonly
 from rona_core.devices.protocols import Motion, never
 from rona_core.devices.samples import JointSample, JointTrack, ToolTrack, TrackerFrame
 from rona_core.errors import CancelledError, DeviceError, InvalidInputError, NotReachableError
-from rona_core.robot.collision import clear_among
+from rona_core.robot.collision import clear_among, require_clear
 from rona_core.robot.model import RobotModel, robot_model
 from rona_core.robot.motion import plan_joint_move
 from rona_core.robot.obstacles import Obstacles
@@ -51,6 +51,7 @@ def drive_to(q_rad: Floats, session: Session, tools: Toolbox) -> None:
     if np.abs(start - q_rad).max() < SAME_PLACE_RAD:
         return
     around = session_obstacles(session)
+    require_clear(model, around, q_rad)
     planned = plan_joint_move(start, q_rad, model, clear=clear_among(model, around))
     certificate = verify_motion(model, planned, obstacles=around)
     require_certified("the move", certificate, planned, around)

@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from rona_core.arrays import Bools, Floats, Ints, readonly
+from rona_core.errors import NotReachableError
 from rona_core.robot.arm import as_joints
 from rona_core.robot.clear_check import Clear
 from rona_core.robot.collision_model import Bodies, Pair
@@ -190,6 +191,20 @@ def _ever_near(model: RobotModel, candidates: list[tuple[Bound, Bound]]) -> list
         gap_mm = np.linalg.norm(centers[0] - centers[1], axis=1).min() - reach_mm
         found.append(bool(gap_mm < FAR_MM))
     return found
+
+
+def require_clear(
+    model: RobotModel, obstacles: Obstacles, q_rad: Floats, where: str = "is to go"
+) -> None:
+    """Raise NotReachableError where the robot touches something, or comes close, at (6,) angles."""
+    report = CollisionWorld(model, obstacles).report(q_rad[None])
+    if not report.clear:
+        pair = int(report.closest[0])
+        (first, second), least_mm = report.names[pair], float(report.least_mm[pair])
+        raise NotReachableError(
+            f"where the robot {where}, {first} and {second} are "
+            f"{least_mm + float(report.room_mm[0]):.0f} mm apart, {least_mm:.0f} mm must be kept"
+        )
 
 
 def clear_among(model: RobotModel, obstacles: Obstacles) -> Clear:

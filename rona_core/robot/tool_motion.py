@@ -15,7 +15,7 @@ from rona_core.arrays import Floats, Ints, as_vector3, readonly
 from rona_core.devices.settings import require
 from rona_core.errors import InvalidInputError, NotReachableError
 from rona_core.geometry.pose import Pose, Poses
-from rona_core.robot.collision import clear_among
+from rona_core.robot.collision import clear_among, require_clear
 from rona_core.robot.model import RobotModel
 from rona_core.robot.motion import SAMPLE_S, clear_move
 from rona_core.robot.obstacles import Obstacles
@@ -95,7 +95,11 @@ def plan_tool_motion(
     phases = np.repeat((PIVOT, ALONG_X, ALONG_Y), (n_pivot, n_translate, n_translate))
     legs = [_leg(a, b) for a, b in pairwise(stops)]
     qs_legs = _reach(model, legs)
-    clear = None if obstacles is None else clear_among(model, obstacles)
+    clear = None
+    if obstacles is not None:
+        require_clear(model, obstacles, model.home_rad, "rests")
+        require_clear(model, obstacles, qs_legs[0][0])
+        clear = clear_among(model, obstacles)
     parts, dwells = [clear_move(model, model.home_rad, qs_legs[0][0], clear)], []
     length = len(parts[0])
     for i in range(len(stops)):

@@ -283,7 +283,7 @@ def test_the_tool_motion_is_looked_at_too():
     obstacles = ball((560.0, -50.0, 560.0), radius=30.0, name="block")
     plain = plan_tool_motion(RX90, n_pivot=4, n_translate=2)
     assert names(verify_motion(RX90, plain, obstacles=obstacles)) == ["clearance from the block"]
-    with pytest.raises(NotReachableError, match="touches something"):
+    with pytest.raises(NotReachableError, match="mm must be kept"):
         plan_tool_motion(RX90, n_pivot=4, n_translate=2, obstacles=obstacles)
     free = plan_tool_motion(RX90, n_pivot=4, n_translate=2, obstacles=NOTHING_AROUND)
     assert free.certificate.certifies(free, NOTHING_AROUND.digest())
