@@ -13,6 +13,8 @@ from rona_core.ultrasound.probe import ProbeModel
 from rona_core.ultrasound.sgm import change_sd_mm
 
 LOUDEST = 0.5  # log level over which nothing is too loud: bone may lose less than nominal bone
+FAINT = 0.15  # level under which it is hardly an inner echo, even of a table that leans:
+FAINTER = 6.0  # log odds lost for each time that it is 2.7 times fainter, whoever supports it
 LOUD_SNR = 5.0  # more does not make it more certain
 OVER_CLUTTER = 7.0  # phase counts up to this
 LATE_NOISE, LATE_ECHO = 4.0, 0.1  # what may follow: noise, and echoes of the echo
@@ -26,6 +28,7 @@ MULTIPLE = 0.08, 0.3  # share and mm about those
 LEAST_SD_MM = 0.15
 ENOUGH = 5.0  # neighbours, from which on their support counts in full
 FITTED_MHZ = (1.0, 2.25)
+LEVEL = 1  # where the features say it
 # As fitted, but for multiples and for boundaries behind: known from acoustics, rare in the fit.
 ALONE = (  # constant, level, loudness, noise, later peak, earlier peak, sign, multiple
     (-2.92, 1.74, -0.78, 3.84, -1.69, -1.18, 1.36, -2.00),
@@ -99,10 +102,15 @@ def joint_features(
 
 
 def log_odds(values: Floats, weights: tuple[tuple[float, ...], ...], probe: ProbeModel) -> Floats:
-    """Return the log odds (n, k) of features (n, k, f), weighted as fits the probe."""
+    """Return the log odds (n, k) of features (n, k, f), weighted as fits the probe.
+
+    Faint echoes ahead of an inner one that is lost in noise come from within the bone. They go on
+    from scan to scan as inner boundaries do, so neighbours are no evidence that they are one.
+    """
     low, high = np.log(FITTED_MHZ)
     share = float(np.clip((np.log(probe.centre_mhz) - low) / (high - low), 0.0, 1.0))
-    return values @ ((1.0 - share) * np.array(weights[0]) + share * np.array(weights[1]))
+    odds = values @ ((1.0 - share) * np.array(weights[0]) + share * np.array(weights[1]))
+    return odds + FAINTER * np.minimum(values[..., LEVEL] - np.log(FAINT), 0.0)
 
 
 def company(links: Links) -> Floats:
