@@ -7,6 +7,7 @@ from typing import Any, Literal
 from rona_core.app.autosave import CopyState
 from rona_core.app.jobs import JobStatus
 from rona_core.app.queries import StepState
+from rona_core.app.roll_margins import Quantity
 from rona_core.arrays import Floats, Vector3
 from rona_core.devices.live import LiveState
 from rona_core.devices.protocols import Mesh
@@ -30,13 +31,14 @@ LAYERS = {
     "arrows": "Probe axes",
     "warnings": "Path warnings",
     "rolls": "Roll candidates",
+    "obstacles": "Obstacles",
     "scan": "Scan points",
     "outer": "Outer map",
     "inner": "Inner map",
     "fused": "Fused map",
 }
 
-_ROOM = frozenset(("skull", "robot", "tracker", "pointer", "region"))
+_ROOM = frozenset(("skull", "robot", "tracker", "pointer", "region", "obstacles"))
 # What a step needs to be seen; the rest would be in the way
 NEEDED: dict[str, frozenset[str]] = {
     "setup": _ROOM,
@@ -45,8 +47,8 @@ NEEDED: dict[str, frozenset[str]] = {
     "surface": frozenset(("skull", "pointer", "region", "cloud", "ghost")),
     "path": frozenset(("skull", "pointer", "region", "path")),
     "smoothing": frozenset(("skull", "path", "arrows", "warnings")),
-    "roll": frozenset(("skull", "robot", "path", "rolls")),
-    "scan": frozenset(("skull", "robot", "path", "scan")),
+    "roll": frozenset(("skull", "robot", "path", "rolls", "obstacles")),
+    "scan": frozenset(("skull", "robot", "path", "scan", "obstacles")),
     "maps": frozenset(("skull", "region", "outer", "inner", "fused")),
 }
 
@@ -66,8 +68,11 @@ class ViewState:
 
     step: str = "setup"
     everything: bool = False  # show also what the step does not need
-    hidden: frozenset[str] = frozenset({"outer", "fused"})
+    hidden: frozenset[str] = frozenset({"outer", "fused", "obstacles"})
     shown_roll: int | None = None  # index of the roll in the graphs; None follows the plan
+    place: float | None = None  # 0 to 1 along the path, where that roll is looked at; None: where
+    # it fails first, or the middle
+    margin: Quantity = "room"  # what the path is coloured by in step 7
     cursor: float | None = None  # 0 to 1 along the planned motion; None shows the robot live
     playing: bool = False
     speed: float = 4.0  # of the replay, as a multiple of real time

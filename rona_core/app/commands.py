@@ -276,9 +276,12 @@ class ChooseRoll:
 
     __pydantic_config__: ClassVar = STRICT
     index: int
+    branch: int | None = None  # one that is ranked for this roll; None: that with the most room
 
     def __post_init__(self) -> None:
         require_within("index", self.index, 0, 9999)
+        if self.branch is not None:
+            require_within("branch", self.branch, 0, 7)
 
 
 @dataclass(frozen=True, slots=True)

@@ -52,14 +52,17 @@ def plan_settings(session: Session, message: StartRollSearch) -> PlanSettings:
     )
 
 
-def derive_chosen_roll(session: Session, plan: RobotPlan, index: int) -> RobotPlan:
-    """Plan, time and verify the scan with another roll of a search.
+def derive_chosen_roll(
+    session: Session, plan: RobotPlan, index: int, branch: int | None = None
+) -> RobotPlan:
+    """Plan, time and verify the scan with another roll of a search, by default on its best branch.
 
     Raises:
         NotReachableError: the path cannot be followed with this roll; it says why.
     """
     model = robot_model(session.setup.devices.robot.model)
-    return choose_roll(plan, index, model, plan_settings(session, StartRollSearch()))
+    settings = plan_settings(session, StartRollSearch())
+    return choose_roll(plan, index, model, settings, branch=branch)
 
 
 def derive_detection(

@@ -149,8 +149,8 @@ def _(message: ChooseRoll, session: Session) -> Session:
     searched = session.results.roll
     if searched is None:
         raise StepBlockedError("ChooseRoll is blocked: first search the roll (step 7)")
-    plan = derive_chosen_roll(session, searched.value, message.index)
-    arguments = {**searched.arguments, "chosen": message.index}
+    plan = derive_chosen_roll(session, searched.value, message.index, message.branch)
+    arguments = {**searched.arguments, "chosen": message.index, "branch": message.branch}
     made = Derived(plan, searched.message, arguments, searched.inputs)
     return replace(session, results=replace(session.results, roll=made))
 

@@ -87,6 +87,8 @@ def _state(name: str, session: Session) -> tuple[State, str]:
                 return "stale", reason
         if name == "roll" and session.results.roll and session.results.roll.value.mode == "none":
             return "ready", summary("roll", session)
+        if name == "roll" and _is_refused(session):
+            return "ready", summary("roll", session)
         return "done", summary(name, session)
     wanted = missing(needs, session)
     if wanted is not None:
@@ -95,6 +97,8 @@ def _state(name: str, session: Session) -> tuple[State, str]:
         return "blocked", reason
     if name == "scan" and session.results.roll and session.results.roll.value.mode == "none":
         return "blocked", "first find a roll that the robot can traverse (step 7)"
+    if name == "scan" and _is_refused(session):
+        return "blocked", "the verifier refuses the motion (step 7): choose another roll"
     return "ready", "ready"
 
 
@@ -148,4 +152,13 @@ def _roll_summary(session: Session) -> str:
         chosen = f"varying over {plan.roll_variation_deg:.0f}°"
     else:
         chosen = f"{plan.verdicts[plan.chosen].roll_deg:.0f}°"
+    if _is_refused(session):
+        return f"{counts}, {chosen}, refused by the verifier"
     return f"{counts}, {chosen}, {plan.trajectory.times_s[-1]:.0f} s"
+
+
+def _is_refused(session: Session) -> bool:
+    """Return whether a motion is planned that the verifier has refused."""
+    derived = session.results.roll
+    certificate = None if derived is None else derived.value.certificate
+    return certificate is not None and not certificate.certified

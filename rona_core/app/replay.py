@@ -56,11 +56,15 @@ def recompute(session: Session, progress: Progress = silent) -> Session:
 
 def _value(name: str, session: Session, stored: Derived[Any]) -> Any:
     arguments = dict(stored.arguments)
-    chosen = arguments.pop("chosen", None)
+    chosen, branch = arguments.pop("chosen", None), arguments.pop("branch", None)
     message = message_from(stored.message, arguments)
     if name == "roll":
         plan = derive_roll(session, message)
-        return derive_chosen_roll(session, plan, chosen) if isinstance(chosen, int) else plan
+        if not isinstance(chosen, int):
+            return plan
+        return derive_chosen_roll(
+            session, plan, chosen, branch if isinstance(branch, int) else None
+        )
     if name == "registration":
         return derive_registration(session, message)
     if name == "detection":

@@ -3,6 +3,7 @@
 from typing import Any
 
 from rona_ui.panels import style
+from rona_ui.panels.checks import ChecksPanel
 from rona_ui.panels.door import Door, Panel
 from rona_ui.panels.graphs import AScanPanel, JointsPanel
 from rona_ui.panels.listings import FramesPanel, LogPanel
@@ -76,6 +77,8 @@ class Docks:
             panels.append(PathGraph(gui))
         with lower.add_tab("Joints", "chart-line"):
             panels.append(JointsPanel(gui, door))
+        with lower.add_tab("Checks", "shield-check"):
+            panels.append(ChecksPanel(gui, door))
         with lower.add_tab("A-scan", "wave-sine"):
             panels.append(AScanPanel(gui))
         upper.dock_right()

@@ -5,15 +5,8 @@ from typing import Any
 
 import numpy as np
 
-from rona_core.app.views import (
-    AScanPlot,
-    JointCurves,
-    ascan_plot,
-    joint_curves,
-    path_percent_at,
-    scan_number_at,
-    shown_roll,
-)
+from rona_core.app.roll_views import JointCurves, joint_curves, shown_roll
+from rona_core.app.views import AScanPlot, ascan_plot, path_percent_at, scan_number_at
 from rona_core.arrays import Floats
 from rona_ui.panels import style
 from rona_ui.panels.door import Door, follow
@@ -89,11 +82,17 @@ class JointsPanel:
             {"label": "now", "stroke": INK, "width": 2},
         )
         edges = tuple({"label": n, "stroke": "#a34700", "width": 1} for n in ("l0", "l", "h", "h1"))
+        spots = {
+            "label": "fails",
+            "stroke": css(VERMILLION),
+            "width": 0,
+            "points": {"show": True, "size": 5, "fill": css(VERMILLION)},
+        }
         first = 1 + len(lines) + len(marks)
         with self._folder:
             self._plot = self._gui.add_uplot(
                 data,
-                ({"label": "path"}, *lines, *marks, *edges),
+                ({"label": "path"}, *lines, *marks, *edges, spots),
                 bands=(
                     {"series": (first + 1, first), "fill": SHADE},
                     {"series": (first + 3, first + 2), "fill": SHADE},
@@ -125,7 +124,8 @@ def joint_data(
 ) -> tuple[tuple[Floats, ...], float, float]:
     """Return the columns of the graph and the limits of its y axis.
 
-    Columns: path (%), the joints, the worst place, the cursor, and four edges of the shaded zones.
+    Columns: path (%), the joints, the worst place, the cursor, four edges of the shaded zones, and
+    the spots where the robot cannot follow: on the joint that is to blame, else along the bottom.
     With ``joint`` 0 all joints are shown as a share of their range, else one in degrees.
     """
     if joint == 0:
@@ -153,10 +153,27 @@ def joint_data(
             lower * ones,
             upper * ones,
             high * ones,
+            _spots(at, curves, joint, columns, low, high),
         ),
         low,
         high,
     )
+
+
+def _spots(
+    at: Floats, curves: JointCurves, joint: int, columns: list[Floats], low: float, high: float
+) -> Floats:
+    """Return a column of the failing spots, far below the graph where nothing fails."""
+    below = np.full(len(at), low - BELOW * (high - low))
+    if curves.fails is None:
+        return below
+    fails = np.interp(at, curves.path_percent, curves.fails.astype(np.float64)) > 0.5
+    height = np.full(len(at), low + 0.02 * (high - low))
+    if joint == 0 and curves.worst_joint:
+        height = columns[curves.worst_joint - 1]
+    elif joint and joint == curves.worst_joint:
+        height = columns[0]
+    return np.where(fails, height, below)
 
 
 def _upright(at: Floats, place: float | None, low: float, high: float) -> Floats:
@@ -173,8 +190,13 @@ def _upright(at: Floats, place: float | None, low: float, high: float) -> Floats
 def _joint_words(curves: JointCurves) -> str:
     names = tuple((css(color), f"J{j}") for j, color in enumerate(CATEGORIES, start=1))
     words = f"Roll {curves.roll_deg:.0f}°. Shaded: beyond the joint limits."
+    if curves.variation_deg > 0.0:
+        words = (
+            f"Roll varying over {curves.variation_deg:.0f}° along the path. "
+            "Shaded: beyond the joint limits."
+        )
     if not curves.feasible:
-        words += " Dashed: where the robot cannot follow."
+        words += " Dashed: where it fails first; dots: everywhere that the robot cannot follow."
     return style.key(names) + style.text(words)
 
 

@@ -16,7 +16,7 @@ SECTIONS = (  # title, what the keys begin with, steps that the figures come fro
         ("surface", "skull_reg", "path", "normal"),
         ("surface", "path", "smoothing"),
     ),
-    ("Robot and scan", ("roll", "scan"), ("roll", "scan")),
+    ("Robot and scan", ("roll", "min_", "scan", "second_pass", "contact"), ("roll", "scan")),
     (
         "Maps",
         ("outer", "inner", "thickness", "fused", "coverage", "detection", "unfl", "flagged"),

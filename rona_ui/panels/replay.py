@@ -3,6 +3,7 @@
 from dataclasses import replace
 from typing import Any
 
+from rona_core.app.roll_views import place_of_roll
 from rona_core.app.views import motion_times
 from rona_ui.panels import style
 from rona_ui.panels.door import Door, follow, listen
@@ -53,6 +54,7 @@ class ReplayPanel:
             and old.view.speed == new.view.speed
             and old.view.step == new.view.step
             and old.view.shown_roll == new.view.shown_roll
+            and old.view.place == new.view.place
             and old.busy == new.busy
         ):
             return
@@ -64,9 +66,10 @@ class ReplayPanel:
         if times is None:
             words = "The planned motion can be replayed after step 7."
         elif shows_roll(new):
+            place = place_of_roll(new.session, new.view.shown_roll, new.view.place)
             words = (
-                "The robot is drawn at the middle of the path with the roll that is shown, not "
-                f"where it stands. The planned motion takes {times[0]:.1f} s."
+                f"The robot is drawn at {100.0 * place:.0f} % of the path with the roll that is "
+                f"shown, not where it stands. The planned motion takes {times[0]:.1f} s."
             )
         elif cursor is None:
             words = f"Live. The planned motion takes {times[0]:.1f} s."

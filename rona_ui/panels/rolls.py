@@ -1,69 +1,101 @@
-"""All rolls at a glance: a map of path by roll, which is also the slider that chooses one."""
+"""The roll browser: a picture of all rolls, which is also the slider that chooses one."""
 
-import struct
-import zlib
 from dataclasses import replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from rona_core.app.messages import ChooseRoll
-from rona_core.app.views import RollStrip, joint_curves, roll_strip, shown_roll
+from rona_core.app.roll_views import (
+    joint_curves,
+    place_of_roll,
+    point_at,
+    roll_strip,
+    shown_roll,
+    shows_chosen,
+    shows_varying,
+)
 from rona_ui.panels import style
-from rona_ui.panels.door import Door, follow
+from rona_ui.panels.door import Door, follow, listen
+from rona_ui.panels.margins import MarginsPart
 from rona_ui.panels.picture_slider import sheet
-from rona_ui.scene.colors import VERMILLION, css, viridis, viridis_css
+from rona_ui.panels.ranking import RankingPart
+from rona_ui.panels.roll_picture import legend, roll_picture
 from rona_ui.view_state import Picture
 
-PALE = (176, 184, 192)  # of a place that can be reached with a roll that fails elsewhere
-HEIGHT_PX = 170
+HEIGHT_PX = 190
+NOTHING = "The map of rolls appears after step 7."
+WORDS = (
+    "Across: roll. Down: along the path. Click or drag to look at a roll; one that works is "
+    "planned and verified."
+)
 
 
 class RollsPanel:
-    """Click in the map: the roll is shown; one that works is planned and verified at once."""
+    """Click in the picture: the roll is shown; one that works is planned and verified at once."""
 
     def __init__(self, gui: Any, door: Door) -> None:
         self._gui, self._door = gui, door
-        self._words = gui.add_html(style.text("The map of rolls appears after step 7."))
+        self._words = gui.add_html(style.text(NOTHING))
         self._sheet = gui.add_html("")
-        self._folder = gui.add_folder(None)
+        self._folder = gui.add_folder(None, visible=False)
         self._slider: Any = None
         self._remark = gui.add_html("")
+        self._back = gui.add_button(
+            "Show the chosen roll", icon="arrow-back-up", color="gray", visible=False
+        )
+        self._place = gui.add_slider(
+            "Place (%)", 0.0, 100.0, 0.5, 50.0, visible=False, hint="Of the path, for a look at it"
+        )
+        self._legend = gui.add_html("")
+        self._margins = MarginsPart(gui, door)
+        self._ranking = RankingPart(gui, door)
         self._works: tuple[bool, ...] = ()
+        follow(self._place, self._moved)
+        listen(self._back, lambda e: door.view(lambda v: replace(v, shown_roll=None, place=None)))
 
     def render(self, old: Picture | None, new: Picture) -> None:
         """Follow search and shown roll."""
         roll = new.session.results.roll
         before = None if old is None else old.session.results.roll
+        self._margins.render(old, new)
+        self._ranking.render(old, new)
         if old is None or before is not roll:
             self._build(new)
-        elif old.view.shown_roll == new.view.shown_roll and old.steps is new.steps:
+        elif (
+            old.view.shown_roll == new.view.shown_roll
+            and old.view.place == new.view.place
+            and old.steps is new.steps
+        ):
             return
-        index = shown_roll(new.session, new.view.shown_roll)
+        index = column_shown(new)
         if index is not None and self._slider is not None:
             self._slider.value = index
+        self._back.visible = roll is not None and not shows_chosen(roll.value, new.view.shown_roll)
+        self._back.disabled = roll is None or roll.value.mode == "none"
         self._remark.content = remark(new)
+        if index is not None:
+            place = place_of_roll(new.session, new.view.shown_roll, new.view.place)
+            self._place.value = round(200.0 * place) / 2.0
 
     def _build(self, new: Picture) -> None:
         strip = roll_strip(new.session)
         if self._slider is not None:
             self._slider.remove()
             self._slider = None
-        if strip is None or len(strip.rolls_deg) < 2:
-            self._sheet.content = ""
-            self._words.content = style.text("The map of rolls appears after step 7.")
+        there = strip is not None and len(strip.rolls_deg) > 1
+        self._folder.visible = there
+        self._place.visible = strip is not None
+        self._words.content = style.text(WORDS if there else NOTHING)
+        if strip is None or not there:
+            self._sheet.content = self._legend.content = ""
             return
         self._works = tuple(bool(works) for works in strip.feasible)
-        self._words.content = style.text(
-            "Across: roll. Down: along the path. Click to look at a roll; one that works is "
-            "planned and verified. Room: how far the robot stays from joint limits, "
-            "singularities, jumps and the end of its reach; 1 is comfortable."
-        ) + _legend(_top(strip))
+        self._legend.content = legend(strip)
         with self._folder:
             self._sheet.remove()
-            image = png(roll_image(strip))
-            self._sheet = self._gui.add_html(sheet("r-rolls", HEIGHT_PX, "image/png", image))
+            image = roll_picture(strip)
+            self._sheet = self._gui.add_html(sheet("r-rolls", HEIGHT_PX, "image/svg+xml", image))
             last = len(strip.rolls_deg) - 1
             marks = tuple(
                 (i, f"{strip.rolls_deg[i]:.0f}°")
@@ -76,9 +108,28 @@ class RollsPanel:
 
     def _chosen(self, event: Any) -> None:
         index = int(self._slider.value)
-        self._door.view(lambda v: replace(v, shown_roll=index))
+        self._door.view(
+            lambda v: replace(v, shown_roll=index, place=None, cursor=None, playing=False)
+        )
         if 0 <= index < len(self._works) and self._works[index]:
             self._door.send_settled("roll", lambda: ChooseRoll(index), event)
+
+    def _moved(self, event: Any) -> None:
+        place = float(self._place.value) / 100.0
+        self._door.view(lambda v: replace(v, place=place, cursor=None, playing=False))
+
+
+def column_shown(picture: Picture) -> int | None:
+    """Return where the slider stands: at the roll that is shown, or a varying one at its place."""
+    view, searched = picture.view, picture.session.results.roll
+    index = shown_roll(picture.session, view.shown_roll)
+    if index is None or searched is None or not shows_varying(searched.value, view.shown_roll):
+        return index
+    plan = searched.value
+    place = place_of_roll(picture.session, view.shown_roll, view.place)
+    roll_deg = np.rad2deg(plan.rolls_rad[point_at(plan, place)])
+    apart = [abs((v.roll_deg - roll_deg + 180.0) % 360.0 - 180.0) for v in plan.verdicts]
+    return int(np.argmin(apart))
 
 
 def remark(picture: Picture) -> str:
@@ -87,51 +138,8 @@ def remark(picture: Picture) -> str:
     if curves is None:
         return ""
     words = curves.sentence[:1].upper() + curves.sentence[1:]
+    if not curves.feasible and curves.worst_joint:
+        words += f". Red in the scene: that place, and what joint {curves.worst_joint} carries"
     if picture.step("roll").state == "stale":
         return style.note(f"{words}. Stale: search the roll again.", "warn")
     return style.note(words, "good" if curves.feasible else "warn")
-
-
-def _legend(top: float) -> str:
-    entries = (
-        (css(VERMILLION), "", "fails here"),
-        (css(PALE), "", "fails elsewhere on the path"),
-        (viridis_css(), "width:44px;", f"room, 0 to {top:.1f}"),
-    )
-    spans = "".join(
-        f'<span><i style="{size}background:{color}"></i>{words}</span>'
-        for color, size, words in entries
-    )
-    return f'<div class="r-key">{spans}</div>'
-
-
-def _top(strip: RollStrip) -> float:
-    """Return the most room of all rolls, where the colours end."""
-    return max(float(strip.room.max(initial=0.0)), 1e-9)
-
-
-def roll_image(strip: RollStrip) -> NDArray[np.uint8]:
-    """Return the colours of all rolls, (places, rolls, 3): path down, rolls across."""
-    room = strip.room.T
-    image = viridis(np.clip(room / _top(strip), 0.0, 1.0))
-    image[:, ~strip.feasible] = PALE
-    image[room < 0.0] = VERMILLION
-    return image
-
-
-def png(image: NDArray[np.uint8]) -> bytes:
-    """Return an image (h, w, 3) as a PNG file."""
-
-    def chunk(kind: bytes, data: bytes) -> bytes:
-        check = zlib.crc32(kind + data)
-        return struct.pack(">I", len(data)) + kind + data + struct.pack(">I", check)
-
-    height, width = image.shape[:2]
-    rows = np.concatenate((np.zeros((height, 1), np.uint8), image.reshape(height, -1)), axis=1)
-    header = struct.pack(">IIBBBBB", width, height, 8, 2, 0, 0, 0)
-    return (
-        b"\x89PNG\r\n\x1a\n"
-        + chunk(b"IHDR", header)
-        + chunk(b"IDAT", zlib.compress(rows.tobytes()))
-        + chunk(b"IEND", b"")
-    )

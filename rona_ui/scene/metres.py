@@ -57,6 +57,10 @@ class Stage:
         else:
             node.vertices, node.faces, node.color = vertices, faces, color
 
+    def paint(self, name: str, color: tuple[int, int, int]) -> None:
+        """Give a mesh that exists another colour."""
+        self._nodes[name].color = color
+
     def cloud(self, name: str, points: Floats, colors: Colors, *, size_mm: float = 1.0) -> None:
         """Draw unlit points (n, 3), so that their colours are those of the colour bar."""
         if not len(points):

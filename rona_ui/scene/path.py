@@ -7,6 +7,7 @@ from rona_core.app.path_views import PathView, path_view, preview_path
 from rona_core.arrays import Floats
 from rona_ui.scene.adapter import Layer
 from rona_ui.scene.colors import BLUE, ORANGE, PURPLE, VERMILLION, viridis
+from rona_ui.scene.margins import shows_margins
 from rona_ui.scene.metres import segments
 from rona_ui.view_state import Picture
 
@@ -72,6 +73,7 @@ class PathLayer(Layer):
         self.stage.show(RAW, self.shown(new) and clear and not by_deviation)
         self.stage.show(DEVIATION, self.shown(new) and by_deviation)
         later = self.shown(new) and clear and (new.view.step != "path" or new.view.everything)
+        later = later and not shows_margins(new)
         for node in (SMOOTH, CORNERS):
             self.stage.show(node, later)
 

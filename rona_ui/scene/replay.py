@@ -3,7 +3,8 @@
 In the step that chooses a roll it is drawn with that roll, where nothing is replayed.
 """
 
-from rona_core.app.views import joints_at, joints_of_roll
+from rona_core.app.roll_views import joints_of_roll
+from rona_core.app.views import joints_at
 from rona_core.arrays import Floats
 from rona_ui.view_state import Picture
 
@@ -18,7 +19,7 @@ def joints_shown(picture: Picture) -> Floats | None:
         if planned is not None:
             return planned
     elif shows_roll(picture):
-        return joints_of_roll(picture.session, picture.view.shown_roll)
+        return joints_of_roll(picture.session, picture.view.shown_roll, picture.view.place)
     if live is not None:
         return live.q_rad
     return None if picture.backdrop is None else picture.backdrop.home_rad

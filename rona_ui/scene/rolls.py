@@ -1,8 +1,14 @@
-"""Some of the rolls that were tried, as a fan over the middle of the path."""
+"""Some of the rolls that were tried, as a fan over the place of the path that is looked at."""
 
 import numpy as np
 
-from rona_core.app.views import roll_poses, shown_roll, shows_varying
+from rona_core.app.roll_views import (
+    place_of_roll,
+    point_at,
+    roll_poses,
+    shown_roll,
+    shows_varying,
+)
 from rona_core.arrays import Floats
 from rona_core.geometry.pose import Poses
 from rona_ui.scene.adapter import Layer
@@ -24,6 +30,7 @@ class RollsLayer(Layer):
             old is None
             or old.session.results.roll is not new.session.results.roll
             or old.view.shown_roll != new.view.shown_roll
+            or old.view.place != new.view.place
         ):
             self._draw(new)
         for node in (WORKS, FAILS, CHOSEN):
@@ -32,7 +39,8 @@ class RollsLayer(Layer):
     def _draw(self, new: Picture) -> None:
         """Draw lines, which are unlit, so that their colours are those of the legend."""
         works = fails = chosen = np.zeros((0, 2, 3))
-        fan, searched = roll_poses(new.session, 1), new.session.results.roll
+        place = place_of_roll(new.session, new.view.shown_roll, new.view.place)
+        fan, searched = roll_poses(new.session, 1, place=place), new.session.results.roll
         if fan is not None and searched is not None:
             poses, feasible, _ = fan
             all_arrows = arrows(poses, 46.0)
@@ -44,7 +52,7 @@ class RollsLayer(Layer):
                 rolls_rad = np.deg2rad(plan.verdicts[index].roll_deg)
                 if shows_varying(plan, new.view.shown_roll):
                     rolls_rad = plan.rolls_rad
-                pose = plan.path.Ts_base_probe(rolls_rad)[len(plan.path) // 2]
+                pose = plan.path.Ts_base_probe(rolls_rad)[point_at(plan, place)]
                 chosen = arrows(Poses.stack([pose]), 60.0).reshape(-1, 2, 3)
         self.stage.lines(WORKS, works, GREEN, width_px=4.0)
         self.stage.lines(FAILS, fails, VERMILLION, width_px=4.0)

@@ -10,7 +10,9 @@ from rona_ui.scene.colors import BACKGROUND
 from rona_ui.scene.editing import EditLayer
 from rona_ui.scene.ghost import GhostLayer
 from rona_ui.scene.maps import MapLayer, ScanLayer
+from rona_ui.scene.margins import MarginsLayer
 from rona_ui.scene.metres import Stage
+from rona_ui.scene.nearness import NearLayer, ObstaclesLayer
 from rona_ui.scene.path import AxesLayer, PathLayer, WarningsLayer
 from rona_ui.scene.pointer import DrawingLayer, PointerLayer
 from rona_ui.scene.profile import ProfileLayer
@@ -36,6 +38,8 @@ class World:
         self._adapters: tuple[Adapter, ...] = (
             SkullLayer(self.stage),
             RobotLayer(self.stage),
+            NearLayer(self.stage),
+            ObstaclesLayer(self.stage),
             TrackerLayer(self.stage),
             PointerLayer(self.stage),
             TurnLayer(self.stage),
@@ -48,6 +52,7 @@ class World:
             WarningsLayer(self.stage),
             EditLayer(self.stage),
             RollsLayer(self.stage),
+            MarginsLayer(self.stage),
             ScanLayer(self.stage),
             *(MapLayer(self.stage, name) for name in ("outer", "inner", "fused")),
             ProfileLayer(self.stage),

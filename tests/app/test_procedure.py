@@ -22,7 +22,7 @@ from rona_core.app.messages import (
 )
 from rona_core.app.queries import step_states
 from rona_core.app.replay import replay
-from rona_core.app.views import joint_curves
+from rona_core.app.roll_views import joint_curves
 from rona_core.app.workbench import Workbench
 from rona_core.compose import evaluate_virtual, new_workbench, run_demo
 from rona_core.errors import NotReachableError, RonaError, StepBlockedError

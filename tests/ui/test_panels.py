@@ -17,7 +17,7 @@ from rona_core.app.messages import (
     StartToolCapture,
 )
 from rona_core.app.queries import step_states
-from rona_core.app.views import JointCurves
+from rona_core.app.roll_views import JointCurves
 from rona_core.devices.live import LiveState
 from rona_core.devices.settings import TrackerPlace, TrackerSettings
 from rona_core.session.document import STEPS, LogEntry, Session
@@ -29,7 +29,7 @@ from rona_ui.panels.listings import LogPanel
 from rona_ui.panels.look import LookPanel
 from rona_ui.panels.pointer import PointerPanel
 from rona_ui.panels.quality import QualityPanel
-from rona_ui.panels.rolls import png
+from rona_ui.panels.roll_picture import png
 from rona_ui.panels.run_bar import RunBar, StepTitle
 from rona_ui.panels.scan import ScanPanel
 from rona_ui.panels.session import SessionHead, SessionPanel
@@ -377,7 +377,8 @@ def curves(feasible: bool) -> JointCurves:
 
 def test_all_joints_are_drawn_as_a_share_of_their_range() -> None:
     data, low, high = joint_data(curves(True), 0, None)
-    assert len(data) == 1 + 6 + 2 + 4
+    assert len(data) == 1 + 6 + 2 + 4 + 1
+    assert (data[-1] < low).all()  # no failing spots
     np.testing.assert_allclose(data[1], np.linspace(0.0, 100.0, 11), atol=1e-9)
     assert low < 0.0 < 100.0 < high
     assert (data[7] < low).all()  # nothing fails
@@ -386,7 +387,7 @@ def test_all_joints_are_drawn_as_a_share_of_their_range() -> None:
 
 def test_failing_place_and_cursor_are_upright_lines_and_one_joint_is_in_degrees() -> None:
     data, low, high = joint_data(curves(False), 2, 62.0)
-    x, joint, worst, now, _, lower, upper, _ = data
+    x, joint, worst, now, _, lower, upper, _, _ = data
     assert (np.diff(x) >= 0.0).all()
     np.testing.assert_allclose(joint, np.interp(x, [0.0, 100.0], [-100.0, 300.0]))
     for column, place in ((worst, 35.0), (now, 62.0)):

@@ -18,8 +18,6 @@ from rona_core.session.files import load_session
 from rona_ui.panels.door import Door
 from rona_ui.panels.maps import MapsPanel, color_bar, map_layers
 from rona_ui.panels.quality import QualityPanel
-from rona_ui.panels.rolls import PALE, roll_image
-from rona_ui.scene.colors import VERMILLION
 from rona_ui.scene.maps import ScanLayer
 from rona_ui.scene.metres import Stage
 from rona_ui.scene.path import PathLayer
@@ -55,14 +53,10 @@ def test_in_the_roll_step_the_probe_stands_on_the_middle_of_the_path(demo: Sessi
     assert abs(along.argmin() / len(along) - 0.5) < 0.05
 
 
-def test_elsewhere_and_with_a_roll_that_fails_the_robot_stands_where_it_is(demo: Session) -> None:
-    plan = demo.results.roll.value  # type: ignore[union-attr]
-    fails = next(i for i, v in enumerate(plan.verdicts) if not v.feasible)
-    rolls = ViewState(step="roll")
+def test_elsewhere_and_while_it_scans_the_robot_stands_where_it_is(demo: Session) -> None:
     for other in (
         picture(demo, ViewState(step="scan")),
-        picture(demo, replace(rolls, shown_roll=fails)),
-        picture(demo, rolls, job=SCANNING),
+        picture(demo, ViewState(step="roll"), job=SCANNING),
     ):
         assert not shows_roll(other)
         assert joints_shown(other) is None  # nothing is known of the robot
@@ -81,16 +75,6 @@ def test_a_line_keeps_the_one_colour_it_was_given() -> None:
         (node,) = there
         assert node.points.shape == (n, 2, 3)
         assert np.asarray(node.colors).tolist() == [230, 159, 0]
-
-
-def test_the_map_of_rolls_is_red_where_one_fails_and_grey_on_the_rest_of_it() -> None:
-    room = np.array([[1.0, 0.5, 1.0], [1.0, -0.2, 0.4], [-1.0, -1.0, -1.0]])
-    strip = SimpleNamespace(room=room, feasible=np.array([True, False, False]))
-    image = roll_image(strip)  # type: ignore[arg-type]
-    red = (image == VERMILLION).all(axis=2).T
-    grey = (image == PALE).all(axis=2).T
-    np.testing.assert_array_equal(red, room < 0.0)
-    np.testing.assert_array_equal(grey, [[False] * 3, [True, False, True], [False] * 3])
 
 
 def test_a_colour_bar_says_where_values_lie_beyond_it(demo: Session) -> None:

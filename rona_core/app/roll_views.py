@@ -1,0 +1,231 @@
+"""What is shown of the rolls of a search: which work and why not, their joints and their poses."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rona_core.arrays import Bools, Floats, Ints, readonly
+from rona_core.geometry.pose import Pose, Poses
+from rona_core.robot.model import robot_model
+from rona_core.robot.plan import RobotPlan, RollVerdict
+from rona_core.robot.solutions import BRANCHES
+from rona_core.session.document import Session
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class JointCurves:
+    """The six joints along the path for one roll, and where it fails (Figure 8 of the paper)."""
+
+    roll_deg: float
+    feasible: bool
+    sentence: str
+    path_percent: Floats  # (k,)
+    joints_deg: Floats  # (k, 6)
+    lower_deg: Floats  # (6,)
+    upper_deg: Floats  # (6,)
+    worst_percent: float  # place on the path that fails, or where the room is smallest
+    worst_joint: int  # 1 to 6, or 0 where no single joint is to blame
+    fails: Bools | None = None  # (k,) where the robot cannot follow; None: nowhere
+    variation_deg: float = 0.0  # of a roll that varies along the path
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class RollStrip:
+    """All rolls that were tried at a glance."""
+
+    rolls_deg: Floats  # (rolls,)
+    feasible: Bools  # (rolls,)
+    node_room: Floats  # (k, rolls) on the best branch at each place; below 0: cannot be reached
+    sentences: tuple[str, ...]
+    reasons: tuple[str, ...]  # why each roll fails; "none" where it does not
+    fails_at: Floats  # (rolls,) share of the path after which each roll fails; 1: it does not
+    chosen: int  # -1 where none is, and where the chosen roll varies
+    curve_deg: Floats  # (k,) the chosen roll along the path; empty where there is none
+
+
+@dataclass(frozen=True, slots=True)
+class RankedWay:
+    """One roll and branch with which the whole path can be followed."""
+
+    index: int
+    branch: int
+    roll_deg: float
+    margin: float  # least room along the path
+    label: str  # of the branch
+    chosen: bool
+
+
+def shown_roll(session: Session, wanted: int | None) -> int | None:
+    """Return the index of the roll to show: the wanted one, else the chosen.
+
+    Where there is none, the one with the most room, or the one that gets furthest.
+    """
+    searched = session.results.roll
+    if searched is None or not searched.value.verdicts:
+        return None
+    plan = searched.value
+    if wanted is not None and 0 <= wanted < len(plan.verdicts):
+        return wanted
+    if plan.mode == "none":
+        furthest = max(range(len(plan.verdicts)), key=lambda i: plan.verdicts[i].index)
+        return plan.ranked[0].index if plan.ranked else furthest
+    return max(plan.chosen, 0)
+
+
+def shows_varying(plan: RobotPlan, wanted: int | None) -> bool:
+    """Return whether the roll to show is the one that varies along the path."""
+    return plan.mode == "variable" and wanted is None
+
+
+def shows_chosen(plan: RobotPlan, wanted: int | None) -> bool:
+    """Return whether the roll to show is the chosen one, constant or varying."""
+    if plan.mode == "none":
+        return False
+    return shows_varying(plan, wanted) or (
+        plan.mode == "constant" and wanted in (None, plan.chosen)
+    )
+
+
+def joint_curves(session: Session, wanted: int | None) -> JointCurves | None:
+    """Return the joints along the path for a roll of the search; None before the search."""
+    index = shown_roll(session, wanted)
+    if index is None or session.results.roll is None:
+        return None
+    plan = session.results.roll.value
+    model, (verdict, curve) = robot_model(plan.model), _shown_curve(plan, index, wanted)
+    varies = shows_varying(plan, wanted)
+    way = plan.path.arc_length_mm()
+    percent = 100.0 * way / max(float(way[-1]), 1e-9)
+    return JointCurves(
+        roll_deg=verdict.roll_deg,
+        feasible=verdict.feasible,
+        sentence=verdict.sentence,
+        path_percent=readonly(percent[plan.shown_points]),
+        joints_deg=readonly(np.rad2deg(curve.astype(np.float64))),
+        lower_deg=readonly(np.rad2deg(model.lower_rad)),
+        upper_deg=readonly(np.rad2deg(model.upper_rad)),
+        worst_percent=float(percent[min(verdict.index, len(percent) - 1)]),
+        worst_joint=verdict.joint,
+        fails=None if verdict.feasible else readonly(plan.room[index] < 0.0),
+        variation_deg=plan.roll_variation_deg if varies else 0.0,
+    )
+
+
+def _shown_curve(
+    plan: RobotPlan, index: int, wanted: int | None
+) -> tuple[RollVerdict, NDArray[np.float32]]:
+    """Return the verdict on the roll that is shown, and its joints (k, 6)."""
+    verdict, curve = plan.verdicts[index], plan.curves_rad[index]
+    if shows_chosen(plan, wanted):
+        verdict, curve = plan.verdict or verdict, plan.chosen_curve_rad
+    return verdict, curve
+
+
+def roll_strip(session: Session) -> RollStrip | None:
+    """Return all rolls of the search; None before it."""
+    searched = session.results.roll
+    if searched is None:
+        return None
+    plan = searched.value
+    way = plan.path.arc_length_mm()
+    share = way / max(float(way[-1]), 1e-9)
+    curve = plan.rolls_rad[plan.shown_points] if plan.mode != "none" else np.zeros(0)
+    return RollStrip(
+        rolls_deg=readonly(np.array([v.roll_deg for v in plan.verdicts])),
+        feasible=readonly(np.array([v.feasible for v in plan.verdicts], dtype=np.bool_)),
+        node_room=readonly(plan.node_room.astype(np.float64)),
+        sentences=tuple(v.sentence for v in plan.verdicts),
+        reasons=tuple(v.reason for v in plan.verdicts),
+        fails_at=readonly(np.array([1.0 if v.feasible else share[v.index] for v in plan.verdicts])),
+        chosen=plan.chosen,
+        curve_deg=readonly(np.rad2deg(curve)),
+    )
+
+
+def ranked_ways(session: Session, most: int = 40) -> tuple[RankedWay, ...]:
+    """Return the ways to follow the path with a constant roll, most room first."""
+    searched = session.results.roll
+    if searched is None:
+        return ()
+    plan = searched.value
+    return tuple(
+        RankedWay(
+            index=pair.index,
+            branch=pair.branch,
+            roll_deg=plan.verdicts[pair.index].roll_deg,
+            margin=pair.margin,
+            label=BRANCHES[pair.branch].label,
+            chosen=plan.mode == "constant"
+            and (pair.index, pair.branch) == (plan.chosen, plan.branch),
+        )
+        for pair in plan.ranked[:most]
+    )
+
+
+def roll_poses(
+    session: Session, every: int, most: int = 12, place: float = 0.5
+) -> tuple[Poses, Bools, Ints] | None:
+    """Return the probe at a share of the path for some rolls, and which of them work."""
+    searched = session.results.roll
+    if searched is None or not searched.value.verdicts:
+        return None
+    plan = searched.value
+    index = np.unique(np.linspace(0, len(plan.verdicts) - 1, most).round().astype(np.int64))
+    index = index if every <= 1 else index[::every]
+    at, poses = point_at(plan, place), list[Pose]()
+    for i in index:
+        turned = plan.path.Ts_base_probe(np.deg2rad(plan.verdicts[int(i)].roll_deg))
+        poses.append(turned[at])
+    works = np.array([plan.verdicts[int(i)].feasible for i in index], dtype=np.bool_)
+    return Poses.stack(poses), readonly(works), readonly(index)
+
+
+def point_at(plan: RobotPlan, place: float) -> int:
+    """Return the number of the path point nearest to a share (0 to 1) of the path."""
+    way = plan.path.arc_length_mm()
+    return int(np.argmin(np.abs(way - place * way[-1])))
+
+
+def place_of_roll(session: Session, wanted: int | None, place: float | None = None) -> float:
+    """Return the share of the path (0 to 1) at which the roll that is shown is looked at.
+
+    Without a place it is the middle, or for a roll that fails the path point that fails first.
+    """
+    if place is not None:
+        return min(max(place, 0.0), 1.0)
+    curves = joint_curves(session, wanted)
+    return 0.5 if curves is None or curves.feasible else 0.01 * curves.worst_percent
+
+
+def joints_of_roll(
+    session: Session, wanted: int | None, place: float | None = None
+) -> Floats | None:
+    """Return the joint angles (6,) in rad at a place of the path with the roll that is shown.
+
+    Of a roll that fails they are those that it would need, beyond what the robot can do. None
+    before the search.
+
+    Args:
+        session: Holds the search.
+        wanted: Index of the roll, None for the chosen one.
+        place: Share of the path, see :func:`place_of_roll`.
+    """
+    curves = joint_curves(session, wanted)
+    if curves is None:
+        return None
+    at = 100.0 * place_of_roll(session, wanted, place)
+    return np.deg2rad(curves.joints_deg[int(np.argmin(np.abs(curves.path_percent - at)))])
+
+
+def none_works(plan: RobotPlan) -> str:
+    """Return why there is no plan at all, and what helps."""
+    remedy = "Move the robot base (step 1), shorten the path or tilt it less."
+    varying = "" if plan.varying is None else f" {plan.varying.sentence}."
+    if not plan.n_feasible:
+        return f"None of {len(plan.verdicts)} rolls can be followed.{varying} {remedy}"
+    return (
+        f"{plan.n_feasible} of {len(plan.verdicts)} rolls could be followed by the arm alone, but "
+        "those with the most room have no way there and back on which robot and tool keep clear "
+        f"of everything (path colour Collisions, on the right).{varying} {remedy}"
+    )
