@@ -30,6 +30,7 @@ LAYERS = {
     "arrows": "Probe axes",
     "warnings": "Path warnings",
     "rolls": "Roll candidates",
+    "places": "Base places",
     "scan": "Scan points",
     "outer": "Outer map",
     "inner": "Inner map",
@@ -45,7 +46,7 @@ NEEDED: dict[str, frozenset[str]] = {
     "surface": frozenset(("skull", "pointer", "region", "cloud", "ghost")),
     "path": frozenset(("skull", "pointer", "region", "path")),
     "smoothing": frozenset(("skull", "path", "arrows", "warnings")),
-    "roll": frozenset(("skull", "robot", "path", "rolls")),
+    "roll": frozenset(("skull", "robot", "path", "rolls", "places")),
     "scan": frozenset(("skull", "robot", "path", "scan")),
     "maps": frozenset(("skull", "region", "outer", "inner", "fused")),
 }
@@ -83,6 +84,7 @@ class ViewState:
     slice_across: SliceAcross = "off"  # plane that the drawn skull is cut with, in every step
     slice_mm: float = 0.0  # from the centre of the region to that plane
     slice_maps: bool = False  # the maps are cut too
+    force_across: Literal["path", "time"] = "path"  # what the force is drawn over
     joint: int = 0  # joint in the graph, 0 for all
 
     def shows(self, layer: str) -> bool:

@@ -5,6 +5,7 @@ from typing import Any
 from rona_core.app.messages import StartRollSearch
 from rona_core.app.views import joint_curves
 from rona_ui.panels import style
+from rona_ui.panels.base_place import BasePlaceControls
 from rona_ui.panels.step_panel import StepPanel
 from rona_ui.scene.colors import GREEN, VERMILLION, YELLOW, css
 from rona_ui.view_state import Picture
@@ -30,6 +31,11 @@ class RollPanel(StepPanel):
         self.form.number("roll_to_deg", "To (deg)", 360.0, -355.0, 720.0, 5.0)
         self.form.choice("choice", "Choose", CHOICES, "best")
         self.form.choice("mode", "Roll", MODES, "auto")
+        self._places = BasePlaceControls(self.gui, self.door)
+
+    def update(self, old: Picture | None, new: Picture) -> None:
+        """Offer places of the base."""
+        self._places.render(old, new)
 
     def message(self) -> Any:
         """Return the search."""
@@ -44,8 +50,8 @@ class RollPanel(StepPanel):
         works = sum(verdict.feasible for verdict in plan.verdicts)
         if plan.mode == "none" or plan.trajectory is None or plan.certificate is None:
             first = style.note(
-                f"None of {len(plan.verdicts)} rolls can be followed. Move the robot base "
-                "(step 1), shorten the path or tilt it less.",
+                f"None of {len(plan.verdicts)} rolls can be followed. Look below where to put the "
+                "robot, shorten the path or tilt it less.",
                 "warn",
             )
         else:

@@ -12,6 +12,7 @@ from rona_ui.scene.ghost import GhostLayer
 from rona_ui.scene.maps import MapLayer, ScanLayer
 from rona_ui.scene.metres import Stage
 from rona_ui.scene.path import AxesLayer, PathLayer, WarningsLayer
+from rona_ui.scene.places import PlacesLayer
 from rona_ui.scene.pointer import DrawingLayer, PointerLayer
 from rona_ui.scene.profile import ProfileLayer
 from rona_ui.scene.robot import RobotLayer
@@ -48,6 +49,7 @@ class World:
             WarningsLayer(self.stage),
             EditLayer(self.stage),
             RollsLayer(self.stage),
+            PlacesLayer(self.stage, FLOOR_MM),
             ScanLayer(self.stage),
             *(MapLayer(self.stage, name) for name in ("outer", "inner", "fused")),
             ProfileLayer(self.stage),
