@@ -32,6 +32,7 @@ LAYERS = {
     "warnings": "Path warnings",
     "rolls": "Roll candidates",
     "obstacles": "Obstacles",
+    "places": "Base places",
     "scan": "Scan points",
     "outer": "Outer map",
     "inner": "Inner map",
@@ -47,7 +48,7 @@ NEEDED: dict[str, frozenset[str]] = {
     "surface": frozenset(("skull", "pointer", "region", "cloud", "ghost")),
     "path": frozenset(("skull", "pointer", "region", "path")),
     "smoothing": frozenset(("skull", "path", "arrows", "warnings")),
-    "roll": frozenset(("skull", "robot", "path", "rolls", "obstacles")),
+    "roll": frozenset(("skull", "robot", "path", "rolls", "obstacles", "places")),
     "scan": frozenset(("skull", "robot", "path", "scan", "obstacles")),
     "maps": frozenset(("skull", "region", "outer", "inner", "fused")),
 }
@@ -88,6 +89,7 @@ class ViewState:
     slice_across: SliceAcross = "off"  # plane that the drawn skull is cut with, in every step
     slice_mm: float = 0.0  # from the centre of the region to that plane
     slice_maps: bool = False  # the maps are cut too
+    force_across: Literal["path", "time"] = "path"  # what the force is drawn over
     joint: int = 0  # joint in the graph, 0 for all
 
     def shows(self, layer: str) -> bool:

@@ -5,6 +5,7 @@ from functools import singledispatch
 from typing import Any
 
 from rona_core.app import captures, imports
+from rona_core.app.derive_placement import derive_placement
 from rona_core.app.derive_scan import derive_mapping, derive_roll, derive_second, lean
 from rona_core.app.derive_skull import derive_registration
 from rona_core.app.inputs import require_for, require_inputs
@@ -13,6 +14,7 @@ from rona_core.app.messages import (
     BuildSurface,
     CalibratePointer,
     RegisterTool,
+    StartBasePlacement,
     StartMapping,
     StartPathCapture,
     StartPivotImport,
@@ -29,6 +31,7 @@ from rona_core.app.messages import (
     StartToolCapture,
 )
 from rona_core.app.outcomes import (
+    StoreBasePlacement,
     StoreMaps,
     StorePathCapture,
     StorePointerCapture,
@@ -150,6 +153,14 @@ def _(activity: StartRollSearch, session: Session, tools: Toolbox) -> Messages:
     inputs = input_digests("roll", session)
     plan = tools.run(derive_roll, lean(session), activity)
     return (StoreRobotPlan(plan, plain_arguments(activity), inputs),)
+
+
+@perform.register
+def _(activity: StartBasePlacement, session: Session, tools: Toolbox) -> Messages:
+    require_inputs(type(activity), session)
+    inputs = input_digests("placement", session)
+    placement = tools.run(derive_placement, lean(session), activity)
+    return (StoreBasePlacement(placement, plain_arguments(activity), inputs),)
 
 
 @perform.register

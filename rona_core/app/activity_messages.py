@@ -10,10 +10,12 @@ from rona_core.app.commands import Point
 from rona_core.app.names import plain_name
 from rona_core.devices.settings import STRICT, require, require_within
 from rona_core.mapping.second_pass import SecondPassSettings
+from rona_core.robot.base_places import BaseSearch
 from rona_core.session.document import RegionChoice
 
 MAX_PICKS = 500
 MAX_FILES = 5000
+MAX_PLACES = 2000  # of the base, that are looked at
 
 
 @dataclass(frozen=True, slots=True)
@@ -190,6 +192,38 @@ class StartRollSearch:
             -360.0 <= self.roll_from_deg < self.roll_to_deg <= 720.0,
             "rolls must lie within -360 and 720 degrees, first below last",
         )
+
+
+@dataclass(frozen=True, slots=True)
+class StartBasePlacement:
+    """Search places of the robot's base from which the path can be scanned, best and nearest.
+
+    Places are looked at ``step_mm`` apart, up to ``half_x_mm`` and ``half_y_mm`` to either side of
+    where the base stands, at heights ``levels_mm`` from there.
+    """
+
+    __pydantic_config__: ClassVar = STRICT
+    half_x_mm: float = 500.0
+    half_y_mm: float = 600.0
+    step_mm: float = 100.0
+    levels_mm: tuple[float, ...] = (0.0,)
+
+    def __post_init__(self) -> None:
+        self.search()  # refuses what cannot be searched
+
+    def search(self) -> BaseSearch:
+        """Return where to look.
+
+        Raises:
+            InvalidInputError: no such search, or one of too many places.
+        """
+        for level_mm in self.levels_mm:
+            require_within("levels_mm", level_mm, -1000.0, 1000.0)
+        wanted = BaseSearch(self.half_x_mm, self.half_y_mm, self.step_mm, self.levels_mm)
+        across, along = (2 * int(v / self.step_mm) + 1 for v in (self.half_x_mm, self.half_y_mm))
+        places = across * along * len(self.levels_mm)
+        require(places <= MAX_PLACES, f"{places} places are too many: at most {MAX_PLACES}")
+        return wanted
 
 
 @dataclass(frozen=True, slots=True)

@@ -14,6 +14,7 @@ from rona_core.devices.force import (
     LoopRow,
     ToolLoad,
     WrenchSample,
+    force_now,
     force_track,
 )
 from rona_core.devices.samples import AScan, JointSample
@@ -36,6 +37,7 @@ RETURN_S, RETURNED_MM = 0.3, 0.005  # how the correction is taken back, and how 
 BACK_MM_PER_S, BACK_S = 5.0, 2.5  # after a stop the probe is drawn back so fast, for so long
 LIFT_SCANS_S = 0.6  # A-scans are fired for so long while lifting off, to compare the clocks
 MOST_CLOCK_SCANS = 160
+SHOWN_ROWS, SHOWN_EVERY = 625, 8  # what is shown live: ten seconds, eight times a second
 
 
 class ContactLoop:
@@ -148,6 +150,9 @@ class ContactLoop:
             code, velocity, feed = self._press(reached_s, travel_mm, force_n, sample)
         way_mm = np.interp(reached_s, self._trajectory.times_s, self._trajectory.path_mm)
         self._rows.append(LoopRow(sample, force_n, code, travel_mm, feed, float(way_mm)))
+        if len(self._rows) % SHOWN_EVERY == 0:
+            newest = self._rows[-SHOWN_ROWS:]
+            self._tools.live.put(force=force_now(newest, self._settings.force_n))
         return velocity, feed
 
     def _press(

@@ -4,9 +4,11 @@ from dataclasses import replace
 from typing import Any
 
 from rona_core.app.derive import SHORT
+from rona_core.app.derive_placement import require_move
 from rona_core.app.derive_scan import derive_chosen_roll
 from rona_core.app.inputs import require_inputs
 from rona_core.app.messages import (
+    ApplyBasePlacement,
     BuildPath,
     BuildSurface,
     CalibratePointer,
@@ -15,9 +17,11 @@ from rona_core.app.messages import (
     DrawPattern,
     ExcludePoses,
     RegisterTool,
+    SetRobot,
     SmoothScanPath,
 )
 from rona_core.app.outcomes import (
+    StoreBasePlacement,
     StoreMaps,
     StorePathCapture,
     StorePointerCapture,
@@ -32,7 +36,7 @@ from rona_core.app.outcomes import (
 from rona_core.app.path_commands import PathChange
 from rona_core.app.path_edits import edited
 from rona_core.app.plain import message_from, plain_arguments
-from rona_core.app.setup_handlers import handle
+from rona_core.app.setup_handlers import handle, robot_choice
 from rona_core.app.staleness import input_digests, stale_reason
 from rona_core.errors import StaleResultError, StepBlockedError
 from rona_core.path.edits import PathEdits
@@ -142,6 +146,23 @@ def _(message: StoreRobotPlan, session: Session) -> Session:
     _require_unchanged("roll", message.inputs, session)
     made = Derived(message.plan, "StartRollSearch", message.arguments, message.inputs)
     return replace(session, results=replace(session.results, roll=made))
+
+
+@handle.register
+def _(message: StoreBasePlacement, session: Session) -> Session:
+    _require_unchanged("placement", message.inputs, session)
+    made = Derived(message.placement, "StartBasePlacement", message.arguments, message.inputs)
+    return replace(session, results=replace(session.results, placement=made))
+
+
+@handle.register
+def _(message: ApplyBasePlacement, session: Session) -> Session:
+    require_inputs(type(message), session)
+    reason = stale_reason("placement", session)
+    if reason is not None:
+        raise StaleResultError(f"{reason}: look for a place of the base again (step 7)")
+    robot = require_move(session, message.place)
+    return handle(SetRobot(**robot_choice(robot)), session)
 
 
 @handle.register

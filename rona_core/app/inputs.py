@@ -5,6 +5,7 @@ from dataclasses import dataclass, fields
 from typing import Any
 
 from rona_core.app.messages import (
+    ApplyBasePlacement,
     BuildPath,
     BuildSurface,
     CalibratePointer,
@@ -15,6 +16,7 @@ from rona_core.app.messages import (
     MovePathPoint,
     RegisterTool,
     SmoothScanPath,
+    StartBasePlacement,
     StartMapping,
     StartPathCapture,
     StartPointerCapture,
@@ -80,6 +82,7 @@ SURFACE = Input(_value("surface"), "sample the surface (step 4)", "surface")
 PATH = Input(_value("path"), "demonstrate the path (step 5)", "path")
 SMOOTHING = Input(_value("smoothing"), "smooth the path (step 6)", "smoothing")
 ROLL = Input(_value("roll"), "search the roll (step 7)", "roll")
+PLACEMENT = Input(_value("placement"), "look for a place of the base (step 7)", "placement")
 SKULL = Input(lambda s: s.setup.specimen, "load a skull (step 1)")
 REGION = Input(lambda s: s.setup.region, "choose a region (step 1)")
 DETECTION = Input(_value("detection"), "detect the boundaries (step 9)", "detection")
@@ -110,6 +113,8 @@ NEEDS: dict[type, tuple[Input, ...]] = {
     DeletePathPoint: (SMOOTHING,),
     KeepPathSample: (PATH, SURFACE),
     StartRollSearch: (SMOOTHING,),
+    StartBasePlacement: (SMOOTHING,),
+    ApplyBasePlacement: (PLACEMENT,),
     StartScan: (ROLL,),
     StartMapping: (SCAN_CAPTURE, SURFACE),
     StartSecondPlan: (SCAN_CAPTURE, SURFACE, MAPS),

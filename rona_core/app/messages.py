@@ -7,6 +7,7 @@ outcomes. Both are public: the browser, REST and scripts send the same ones.
 from typing import get_args
 
 from rona_core.app.activity_messages import (
+    StartBasePlacement,
     StartMapping,
     StartPathCapture,
     StartPivotImport,
@@ -55,6 +56,7 @@ from rona_core.app.path_commands import (
     KeepPathSample,
     MovePathPoint,
 )
+from rona_core.app.robot_commands import ApplyBasePlacement, SetContact
 
 Command = (
     RenameSession
@@ -67,6 +69,7 @@ Command = (
     | SetReference
     | SetToolVisible
     | SetRobot
+    | SetContact
     | SetProbe
     | SetPointer
     | RegisterTool
@@ -83,6 +86,7 @@ Command = (
     | KeepPathSample
     | ClearPathEdits
     | ChooseRoll
+    | ApplyBasePlacement
     | Undo
     | Redo
 )
@@ -96,6 +100,7 @@ Activity = (
     | StartRecordingImport
     | StartPivotImport
     | StartRollSearch
+    | StartBasePlacement
     | StartScan
     | StartSecondPlan
     | StartSecondScan
@@ -109,6 +114,7 @@ __all__ = [
     "ACTIVITIES",
     "COMMANDS",
     "Activity",
+    "ApplyBasePlacement",
     "BuildPath",
     "BuildSurface",
     "CalibratePointer",
@@ -128,6 +134,7 @@ __all__ = [
     "RegisterTool",
     "RenameSession",
     "SetBone",
+    "SetContact",
     "SetPointer",
     "SetProbe",
     "SetReference",
@@ -137,6 +144,7 @@ __all__ = [
     "SetToolVisible",
     "SetTracker",
     "SmoothScanPath",
+    "StartBasePlacement",
     "StartMapping",
     "StartPathCapture",
     "StartPivotImport",

@@ -3,6 +3,7 @@
 from dataclasses import dataclass
 
 from rona_core.mapping.boundary_map import Maps
+from rona_core.robot.base_places import BasePlacement
 from rona_core.robot.plan import RobotPlan
 from rona_core.session.document import PointerCapture, ScanCapture, SecondPass, ToolCapture
 from rona_core.session.specimen import LoadedSkull
@@ -51,6 +52,15 @@ class StoreRobotPlan:
     """The roll search ended, with or without a plan."""
 
     plan: RobotPlan
+    arguments: dict[str, object]
+    inputs: dict[str, str]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class StoreBasePlacement:
+    """The search for a place of the base ended."""
+
+    placement: BasePlacement
     arguments: dict[str, object]
     inputs: dict[str, str]
 
@@ -106,6 +116,7 @@ Outcome = (
     | StorePathCapture
     | StoreRegistration
     | StoreRobotPlan
+    | StoreBasePlacement
     | StoreScanCapture
     | StoreSecondPlan
     | StoreSecondCapture

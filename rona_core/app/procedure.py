@@ -5,9 +5,11 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
+from rona_core.app.derive_placement import advice
 from rona_core.app.messages import (
     COMMANDS,
     SmoothScanPath,
+    StartBasePlacement,
     StartMapping,
     StartPathCapture,
     StartPointerCapture,
@@ -19,7 +21,7 @@ from rona_core.app.messages import (
     StartToolCapture,
 )
 from rona_core.app.workbench import Workbench
-from rona_core.devices.protocols import Cancel, never
+from rona_core.devices.protocols import Cancel, never, silent
 from rona_core.errors import CancelledError, RonaError
 from rona_core.robot.plan import RobotPlan
 
@@ -85,7 +87,7 @@ def run_procedure(
             return Ending(False, step, str(error))
         reason = _unfinished(step, bench)
         if reason is not None:
-            return Ending(False, step, reason)
+            return Ending(False, step, f"{reason}. {_base_move(bench, cancel)}")
         progress(step, 1.0)
     return Ending(True)
 
@@ -95,6 +97,18 @@ def _unfinished(step: str, bench: Workbench) -> str | None:
     if step != "roll" or bench.session.results.roll is None:
         return None
     return why_no_plan(bench.session.results.roll.value)
+
+
+def _base_move(bench: Workbench, cancel: Cancel) -> str:
+    """Return which move of the robot's base would help; the search has a bound of its own."""
+    try:
+        bench.run(StartBasePlacement(), silent, cancel)
+    except CancelledError:
+        raise
+    except RonaError as error:
+        return f"Move the robot base or change the path; where to, is not known: {error}"
+    found = bench.session.results.placement
+    return "Change the path" if found is None else advice(found.value)
 
 
 def _varying(plan: RobotPlan) -> str:
@@ -112,7 +126,7 @@ def why_no_plan(plan: RobotPlan) -> str | None:
         furthest = max(plan.verdicts, key=lambda verdict: verdict.index)
         return (
             f"none of {len(plan.verdicts)} rolls works ({counts}); the one that gets furthest: "
-            f"{furthest.sentence}{_varying(plan)}. Move the robot base or change the path"
+            f"{furthest.sentence}{_varying(plan)}"
         )
     failures = plan.certificate.failures() if plan.certificate is not None else ()
     return "the verifier refuses the plan: " + "; ".join(check.sentence for check in failures)

@@ -4,6 +4,7 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 from rona_core.app.derive import SHORT
+from rona_core.app.derive_placement import derive_placement
 from rona_core.app.derive_scan import (
     derive_chosen_roll,
     derive_detection,
@@ -65,6 +66,8 @@ def _value(name: str, session: Session, stored: Derived[Any]) -> Any:
         return derive_chosen_roll(
             session, plan, chosen, branch if isinstance(branch, int) else None
         )
+    if name == "placement":
+        return derive_placement(session, message)
     if name == "registration":
         return derive_registration(session, message)
     if name == "detection":

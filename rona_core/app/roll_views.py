@@ -220,7 +220,7 @@ def joints_of_roll(
 
 def none_works(plan: RobotPlan) -> str:
     """Return why there is no plan at all, and what helps."""
-    remedy = "Move the robot base (step 1), shorten the path or tilt it less."
+    remedy = "Look below where to put the robot, shorten the path or tilt it less."
     varying = "" if plan.varying is None else f" {plan.varying.sentence}."
     if not plan.n_feasible:
         return f"None of {len(plan.verdicts)} rolls can be followed.{varying} {remedy}"

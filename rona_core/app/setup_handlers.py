@@ -8,6 +8,7 @@ from rona_core.app.messages import (
     MoveTracker,
     RenameSession,
     SetBone,
+    SetContact,
     SetPointer,
     SetProbe,
     SetReference,
@@ -24,6 +25,7 @@ from rona_core.app.outcomes import (
 from rona_core.devices.settings import (
     DeviceSettings,
     ProbeSettings,
+    RobotSettings,
     TrackerPlace,
 )
 from rona_core.errors import InvalidInputError
@@ -111,8 +113,21 @@ def _(message: SetToolVisible, session: Session) -> Session:
 @handle.register
 def _(message: SetRobot, session: Session) -> Session:
     robot_model(message.model)  # refuses an unknown name
-    settings = replace(session.setup.devices.robot, **_chosen(message))
-    return _with_devices(session, replace(session.setup.devices, robot=settings))
+    devices = session.setup.devices
+    robot = replace(devices.robot, **_chosen(message))  # how it presses on stays as it was
+    return _with_devices(session, replace(devices, robot=robot))
+
+
+def robot_choice(robot: RobotSettings) -> dict[str, Any]:
+    """Return the part of a robot's settings that the message ``SetRobot`` has."""
+    return {part.name: getattr(robot, part.name) for part in fields(SetRobot)}
+
+
+@handle.register
+def _(message: SetContact, session: Session) -> Session:
+    devices = session.setup.devices
+    robot = replace(devices.robot, contact=message.settings())
+    return _with_devices(session, replace(devices, robot=robot))
 
 
 @handle.register

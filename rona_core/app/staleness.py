@@ -61,6 +61,7 @@ RESULT_INPUTS: dict[str, dict[str, Input]] = {
     },
     "smoothing": {"path": PATH, "surface": SURFACE, "edits": EDITS},
     "roll": {"smoothing": SMOOTHING, "robot": ROBOT, "obstacles": OBSTACLES},
+    "placement": {"smoothing": SMOOTHING, "robot": ROBOT, "obstacles": OBSTACLES},
     "detection": {"capture": SCAN_CAPTURE, "probe": PROBE},
     "second": {
         "detection": DETECTION,

@@ -98,6 +98,16 @@ class ForceTrack:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
+class ForceNow:
+    """The newest steps of a control loop that runs (n,), oldest first."""
+
+    times_s: Floats
+    force_n: Floats
+    states: Ints
+    setpoint_n: float
+
+
+@dataclass(frozen=True, slots=True, eq=False)
 class LoopRow:
     """One step of the control loop."""
 
@@ -107,6 +117,16 @@ class LoopRow:
     travel_mm: float
     feed_share: float
     way_mm: float
+
+
+def force_now(rows: Sequence[LoopRow], setpoint_n: float) -> ForceNow:
+    """Return the newest rows of a control loop by column."""
+    return ForceNow(
+        times_s=readonly(np.array([row.sample.time_s for row in rows], dtype=np.float64)),
+        force_n=readonly(np.array([row.force_n for row in rows], dtype=np.float64)),
+        states=readonly(np.array([row.state for row in rows], dtype=np.int64)),
+        setpoint_n=setpoint_n,
+    )
 
 
 def force_track(

@@ -4,6 +4,7 @@ import threading
 from dataclasses import dataclass, replace
 from typing import Any
 
+from rona_core.devices.force import ForceNow
 from rona_core.devices.protocols import Origin
 from rona_core.devices.samples import AScan, JointSample, TrackerFrame
 
@@ -16,6 +17,7 @@ class LiveState:
     joints: JointSample | None = None
     ascan: AScan | None = None
     n_scans: int = 0
+    force: ForceNow | None = None  # of the scan under way, or the last one
     origin: Origin | None = None  # of the frame where it is not that of the devices
 
 

@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from rona_core.arrays import Bools, Floats
+from rona_core.devices.force_summary import summarize
 from rona_core.evaluation.figures import Figures
 from rona_core.evaluation.truth import Truth
 from rona_core.geometry.pose import Poses
@@ -44,15 +45,10 @@ def detection_figures(passes: Sequence["tuple[Detection, ScanCapture]"], truth: 
 
 def contact_figures(scan: "ScanCapture") -> Figures:
     """Return how well the force kept to its set point, and the largest force of the scan."""
-    track = scan.forces
-    if track is None or not track.in_contact.any():
+    found = None if scan.forces is None else summarize(scan.forces)
+    if found is None:
         return {}
-    scanning = track.in_contact & (track.way_mm > 0.0)
-    error_n = track.force_n[scanning] - track.setpoint_n
-    return {
-        "contact_force_rms_n": float(np.sqrt((error_n**2).mean())) if scanning.any() else None,
-        "contact_force_peak_n": float(track.force_n.max()),
-    }
+    return {"contact_force_rms_n": found.rms_n, "contact_force_peak_n": found.peak_n}
 
 
 def wrong_inner(detection: "Detection", true_mm: Floats) -> Bools:

@@ -11,7 +11,8 @@ from rona_core.geometry.path5d import Path5D
 from rona_core.geometry.pose import Pose, Poses
 from rona_core.robot.limits import TURN_RAD, unwrap
 from rona_core.robot.model import RobotModel
-from rona_core.robot.room import ROUNDED_MM, RoomRules, singular_room
+from rona_core.robot.roll_grid import reach_room
+from rona_core.robot.room import RoomRules, singular_room
 
 NOTHING_WORKS = -100.0  # room no worse than this is told apart
 NEARLY_ROUND_RAD = float(np.deg2rad(300.0))  # a joint of this range may pass +-180 degrees
@@ -51,9 +52,7 @@ class Screen:
         """
         solutions = self._model.inverse(old_in_new @ self._Ts_base_flange)
         rules, limits = self._rules, self._model.limits
-        outside = np.minimum(solutions.reach_mm, -ROUNDED_MM)[:, None]
-        reach = np.where(solutions.valid, np.maximum(solutions.reach_mm, 0.0)[:, None], outside)
-        room = np.minimum(reach / rules.reach_unit_mm, singular_room(solutions, rules))
+        room = np.minimum(reach_room(solutions, rules), singular_room(solutions, rules))
         least = room.reshape(self._n_points, -1).min(axis=0)  # (rolls * branches,)
         qs = self._followed(solutions.qs_rad.reshape(self._n_points, -1, 6))
         clearance = limits.clearance_rad(qs).min(axis=(0, 2)) / rules.limit_unit_rad

@@ -113,9 +113,9 @@ def follow_poses(parts: Floats, rolls_rad: Floats) -> Poses:
 
 def reach_room(solutions: IkSolutions, rules: RoomRules) -> Floats:
     """Return the room (n, 8) to the end of the reach; negative outside."""
-    reach_mm = solutions.reach_mm[:, None]
-    outside = np.minimum(reach_mm, -ROUNDED_MM)
-    return np.where(solutions.valid, np.maximum(reach_mm, 0.0), outside) / rules.reach_unit_mm
+    outside = np.minimum(solutions.reaches_mm, -ROUNDED_MM)
+    inside = np.maximum(solutions.reaches_mm, 0.0)
+    return np.where(solutions.valid, inside, outside) / rules.reach_unit_mm
 
 
 def limit_room(qs_rad: Floats, limits: JointLimits, turning: Bools, rules: RoomRules) -> Floats:

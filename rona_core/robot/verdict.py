@@ -44,8 +44,8 @@ def posture_of(
         q_rad=q_rad,
         step_rad=step_rad,
         valid=bool(solutions.valid[index, branch]),
-        reach_mm=float(solutions.reach_mm[index]),
-        sin_elbow=float(solutions.sin_elbow[index]),
+        reach_mm=float(solutions.reaches_mm[index, branch]),
+        sin_elbow=float(solutions.sin_elbows[index, branch]),
         sin_wrist=float(solutions.sin_wrist[index, branch]),
         wrist_distance_mm=float(solutions.wrist_distance_mm[index]),
     )

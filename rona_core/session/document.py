@@ -24,6 +24,7 @@ from rona_core.mapping.boundary_map import Maps
 from rona_core.mapping.second_pass import SecondPassPath
 from rona_core.path.edits import PathEdits
 from rona_core.path.smooth import SimplifiedPath
+from rona_core.robot.base_places import BasePlacement
 from rona_core.robot.plan import RobotPlan
 from rona_core.session.specimen import BoneChoice, LoadedSkull, SimulatedSkull
 from rona_core.surface.cloud import SurfaceCloud
@@ -180,6 +181,7 @@ class Results:
     path: Derived[RawPath] | None = None
     smoothing: Derived[SmoothPath] | None = None
     roll: Derived[RobotPlan] | None = None
+    placement: Derived[BasePlacement] | None = None  # places of the robot's base
     detection: Derived[Detection] | None = None
     second: Derived[SecondPass] | None = None
     second_detection: Derived[Detection] | None = None  # of the A-scans of the second pass

@@ -108,7 +108,7 @@ ADDED_IN_3: dict[str, dict[str, Any]] = {
 }
 # Results of schema 2 that schema 3 holds more of: computed again by one click each.
 OUTGROWN_IN_3 = ("roll", "detection", "maps")
-NEW_IN_3 = ("second", "second_detection")  # results that schema 2 did not know
+NEW_IN_3 = ("second", "second_detection", "placement")  # results that schema 2 did not know
 
 
 def from_2(manifest: dict[str, Any]) -> dict[str, Any]:

@@ -34,7 +34,7 @@ HELD: dict[str, tuple[tuple[str, ...], tuple[str, ...]]] = {
     "surface": (("surface",), ("surface", "registration")),
     "path": (("path",), ("path",)),
     "smoothing": ((), ("smoothing",)),
-    "roll": ((), ("roll",)),
+    "roll": ((), ("roll", "placement")),
     "scan": (("scan",), ()),
     "maps": ((), ("detection", "maps")),
 }

@@ -10,14 +10,16 @@ import numpy as np
 from fastapi import APIRouter, Body, Response
 from starlette.concurrency import run_in_threadpool
 
-from rona_core.app.messages import SetRobot, StartRobotMove
+from rona_core.app.contact_report import contact_report
+from rona_core.app.messages import SetContact, SetRobot, StartRobotMove
+from rona_core.app.robot_figures import RobotFigure, robot_figures
 from rona_core.app.workbench import Workbench
 from rona_core.devices.settings import RobotSettings
 from rona_core.errors import RonaError
 from rona_ui.api.commands import Changed, changed
 from rona_ui.api.context import Bench, Open
 from rona_ui.api.jobs import JobInfo, start
-from rona_ui.api.plain_json import plain
+from rona_ui.api.plain_json import FastJson, plain
 from rona_ui.api.streams import ALIVE, DESCRIBED, PERIOD_S, EventStream, Streams, event
 
 router = APIRouter(prefix="/sessions/{session_id}/robot", tags=["robot"])
@@ -70,6 +72,31 @@ def get_robot_settings(bench: Bench) -> RobotSettings:
 def put_robot_settings(bench: Bench, settings: Annotated[SetRobot, Body()]) -> Changed:
     """Set model, errors, scan speed and place of the base; the command `SetRobot`."""
     return changed(bench, settings)
+
+
+@router.get("/figures")
+def list_robot_figures(bench: Bench) -> list[RobotFigure]:
+    """Return every figure of the robot that is chosen: value, unit, trust and where it is from.
+
+    Trust `assumed` means that nobody states the figure.
+    """
+    return list(robot_figures(bench.session.setup.devices.robot.model))
+
+
+@router.put("/contact")
+def put_contact(bench: Bench, contact: Annotated[SetContact, Body()]) -> Changed:
+    """Set how the probe is pressed on; the command `SetContact`."""
+    return changed(bench, contact)
+
+
+@router.get("/contact", response_class=FastJson)
+def get_contact(bench: Bench) -> FastJson:
+    """Return what the last scan says of force and clocks; `null` before there is one.
+
+    Forces in N along the tool axis; `delay` is null where the scan does not tell it. The force at
+    each step of the loop is in the results of step `scan`.
+    """
+    return FastJson(plain(contact_report(bench.session)))
 
 
 @router.post("/stop")

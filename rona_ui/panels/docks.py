@@ -5,6 +5,7 @@ from typing import Any
 from rona_ui.panels import style
 from rona_ui.panels.checks import ChecksPanel
 from rona_ui.panels.door import Door, Panel
+from rona_ui.panels.force import ForcePanel
 from rona_ui.panels.graphs import AScanPanel, JointsPanel
 from rona_ui.panels.listings import FramesPanel, LogPanel
 from rona_ui.panels.look import LookPanel
@@ -81,6 +82,8 @@ class Docks:
             panels.append(ChecksPanel(gui, door))
         with lower.add_tab("A-scan", "wave-sine"):
             panels.append(AScanPanel(gui))
+        with lower.add_tab("Force", "arrow-bar-to-down"):
+            panels.append(ForcePanel(gui, door))
         upper.dock_right()
         lower.dock_below(upper)
         upper.set_width(RIGHT_PX)

@@ -2,6 +2,7 @@
 
 from typing import Any
 
+from rona_core.app.contact_report import contact_report
 from rona_core.app.delay import delay_words
 from rona_core.app.quality import QualityRow, quality_rows
 from rona_core.session.document import Session
@@ -109,6 +110,12 @@ def _own_word(session: Session, expected: dict[str, QualityRow], mark: str) -> s
         )
         if results.tool.value.delay is not None:
             rows += _text_line("Tracker delay", delay_words(results.tool.value.delay))
+    report = contact_report(session)
+    if report is not None and report.delay is not None:
+        late = report.delay
+        rows += _text_line("Joint angles, delay", f"{late.delay_ms:.1f} ms")
+        rows += _text_line("Map along the path, uncorrected", f"{late.uncorrected_mm:.2f} mm")
+        rows += _text_line("Map along the path, corrected", f"{late.left_mm:.3f} mm")
     if results.registration is not None:
         rows += _line("Loaded skull, points off it (RMS)", results.registration.value.rms_mm)
     if results.pointer is not None:

@@ -7,6 +7,7 @@ from rona_core.app.certificate_view import certificate_view
 from rona_core.app.messages import StartRollSearch
 from rona_core.app.roll_views import joint_curves, none_works
 from rona_ui.panels import style
+from rona_ui.panels.base_place import BasePlaceControls
 from rona_ui.panels.checks import refusal_in_short
 from rona_ui.panels.door import follow
 from rona_ui.panels.step_panel import StepPanel
@@ -38,13 +39,15 @@ class RollPanel(StepPanel):
             "Obstacles", False, hint="What robot and tool keep away from, drawn faintly"
         )
         follow(seen, lambda e: self.door.view(lambda v: _with_obstacles(v, seen.value)))
+        self._places = BasePlaceControls(self.gui, self.door)
 
     def message(self) -> Any:
         """Return the search."""
         return StartRollSearch(**self.form.values())
 
     def update(self, old: Picture | None, new: Picture) -> None:
-        """Follow what is shown of the surroundings."""
+        """Follow what is shown of the surroundings, and offer places of the base."""
+        self._places.render(old, new)
         if old is None or old.view.hidden != new.view.hidden:
             self._obstacles.value = "obstacles" not in new.view.hidden
 

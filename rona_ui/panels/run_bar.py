@@ -20,6 +20,7 @@ WORDS = {
     "StartRecordingImport": "Reading the recording",
     "StartPivotImport": "Reading the pivot",
     "StartRollSearch": "Searching the roll",
+    "StartBasePlacement": "Looking for places of the base",
     "StartScan": "Scanning",
     "StartSecondPlan": "Planning the second pass",
     "StartSecondScan": "Scanning the gaps",

@@ -4,6 +4,7 @@ from typing import Any
 
 from rona_core.app.messages import StartScan
 from rona_ui.panels import style
+from rona_ui.panels.contact_fields import ContactFields, contact_note
 from rona_ui.panels.step_panel import StepPanel
 from rona_ui.scene.colors import GREEN, SKY, VERMILLION, css
 from rona_ui.view_state import Picture
@@ -19,6 +20,14 @@ class ScanPanel(StepPanel):
     )
     start = "Scan"
 
+    def build(self) -> None:
+        """Add how the probe is pressed on."""
+        self._contact = ContactFields(self.gui, self.door)
+
+    def update(self, old: Picture | None, new: Picture) -> None:
+        """Show how the probe is pressed on."""
+        self._contact.render(old, new)
+
     def message(self) -> Any:
         """Return the scan."""
         return StartScan()
@@ -29,14 +38,15 @@ class ScanPanel(StepPanel):
         if capture is None:
             return ""
         words = f"{len(capture.scans)} A-scans in {_span_s(capture):.1f} s."
+        pressed = contact_note(picture.session)
         if capture.partial:
-            return style.note(words + " Stopped early: start the scan again.", "warn")
+            return style.note(words + " Stopped early: start the scan again.", "warn") + pressed
         legend = (
             (css(SKY), "recorded"),
             (css(GREEN), "inner boundary found"),
             (css(VERMILLION), "not found"),
         )
-        return style.note(words + " Replay them below.", "good") + style.key(legend)
+        return style.note(words + " Replay them below.", "good") + style.key(legend) + pressed
 
 
 def _span_s(capture: Any) -> float:

@@ -18,6 +18,7 @@ from rona_core.devices.settings import ROBOTS
 from rona_core.session.document import Session
 from rona_ui.bindings import Event
 from rona_ui.panels import style
+from rona_ui.panels.robot_figures import figures_table
 from rona_ui.panels.step_panel import StepPanel
 from rona_ui.panels.tracker_fields import NAMES, PLACE, TrackerFields
 from rona_ui.view_state import Picture
@@ -63,6 +64,8 @@ class SetupPanel(StepPanel):
             form.number("scan_speed_mm_per_s", "Scan speed (mm/s)", 20.0, 0.5, 100.0, 1.0)
             form.vector("base_shift_mm", "Base shift (mm)", (0.0, 0.0, 0.0))
             form.number("base_turn_deg", "Base turn (deg)", 0.0, -180.0, 180.0, 1.0)
+            with gui.add_folder("Where these numbers come from", expand_by_default=False):
+                self._figures = gui.add_html("")
         with gui.add_folder("Skull from a file", expand_by_default=False):
             gui.add_html(
                 style.text(
@@ -133,6 +136,9 @@ class SetupPanel(StepPanel):
         if old is None or old.session.setup is not new.session.setup or old.refused != new.refused:
             tracker = new.session.setup.devices.tracker
             self.form.show({**_held(new.session), **self._tracker.held(tracker)})
+            table = figures_table(new.session.setup.devices.robot.model)
+            if self._figures.content != table:
+                self._figures.content = table
 
     def remarks(self, picture: Picture) -> str:
         """Say what the region is."""

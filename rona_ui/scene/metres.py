@@ -10,6 +10,7 @@ from rona_core.devices.protocols import Mesh
 from rona_core.geometry.pose import Pose, Poses
 
 M_PER_MM = 0.001
+UPRIGHT = Pose.from_rotvec((np.pi, 0.0, 0.0))  # the viewer counts the rows of pictures along +y
 Colors = tuple[int, int, int] | NDArray[np.uint8]
 
 
@@ -146,6 +147,23 @@ class Stage:
             fade_distance=5.0,
             shadow_opacity=0.0,
             position=(0.0, 0.0, float(M_PER_MM * height_mm)),
+        )
+
+    def image(
+        self, name: str, picture: NDArray[np.uint8], pose: Pose, *, size_mm: tuple[float, float]
+    ) -> None:
+        """Lay a picture (h, w, 4) flat into the x-y plane of a pose: x to its right, y upwards."""
+        self.remove(name)
+        self._nodes[name] = self._scene.add_image(
+            name,
+            picture,
+            render_width=M_PER_MM * size_mm[0],
+            render_height=M_PER_MM * size_mm[1],
+            format="png",
+            cast_shadow=False,
+            receive_shadow=False,
+            wxyz=(pose @ UPRIGHT).wxyz(),
+            position=metres(pose.translation),
         )
 
     def arcs(self, name: str, pose: Pose, *, size_mm: float) -> None:

@@ -14,6 +14,7 @@ from rona_ui.scene.margins import MarginsLayer
 from rona_ui.scene.metres import Stage
 from rona_ui.scene.nearness import NearLayer, ObstaclesLayer
 from rona_ui.scene.path import AxesLayer, PathLayer, WarningsLayer
+from rona_ui.scene.places import PlacesLayer
 from rona_ui.scene.pointer import DrawingLayer, PointerLayer
 from rona_ui.scene.profile import ProfileLayer
 from rona_ui.scene.robot import RobotLayer
@@ -53,6 +54,7 @@ class World:
             EditLayer(self.stage),
             RollsLayer(self.stage),
             MarginsLayer(self.stage),
+            PlacesLayer(self.stage, FLOOR_MM),
             ScanLayer(self.stage),
             *(MapLayer(self.stage, name) for name in ("outer", "inner", "fused")),
             ProfileLayer(self.stage),

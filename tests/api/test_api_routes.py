@@ -33,6 +33,8 @@ GET /sessions/{session_id}/tracker/frame; GET /sessions/{session_id}/tracker/str
 POST /sessions/{session_id}/tracker/start; POST /sessions/{session_id}/tracker/stop
 GET /sessions/{session_id}/robot/state; POST /sessions/{session_id}/robot/move
 GET /sessions/{session_id}/robot/settings; PUT /sessions/{session_id}/robot/settings
+GET /sessions/{session_id}/robot/figures
+GET /sessions/{session_id}/robot/contact; PUT /sessions/{session_id}/robot/contact
 POST /sessions/{session_id}/robot/stop; GET /sessions/{session_id}/robot/stream
 GET /sessions/{session_id}/probe/settings; PUT /sessions/{session_id}/probe/settings
 POST /sessions/{session_id}/probe/acquire

@@ -1,4 +1,4 @@
-"""The roll browser: all rolls in one picture, poses, margins, what is too close, the certificate."""
+"""The roll browser: all rolls at once, poses, margins, what is too close, the certificate."""
 
 import re
 from dataclasses import replace
