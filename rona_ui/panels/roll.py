@@ -6,6 +6,7 @@ from rona_core.app.messages import StartRollSearch
 from rona_core.app.views import joint_curves
 from rona_ui.panels import style
 from rona_ui.panels.base_place import BasePlaceControls
+from rona_ui.panels.door import Door
 from rona_ui.panels.step_panel import StepPanel
 from rona_ui.scene.colors import GREEN, VERMILLION, YELLOW, css
 from rona_ui.view_state import Picture
@@ -24,6 +25,11 @@ class RollPanel(StepPanel):
     )
     start = "Search the roll"
 
+    def __init__(self, gui: Any, door: Door) -> None:
+        super().__init__(gui, door)
+        with self.folder:
+            self._places = BasePlaceControls(gui, door)
+
     def build(self) -> None:
         """Add the range."""
         self.form.number("n_rolls", "Rolls", 72, 1, 720, 1)
@@ -31,7 +37,6 @@ class RollPanel(StepPanel):
         self.form.number("roll_to_deg", "To (deg)", 360.0, -355.0, 720.0, 5.0)
         self.form.choice("choice", "Choose", CHOICES, "best")
         self.form.choice("mode", "Roll", MODES, "auto")
-        self._places = BasePlaceControls(self.gui, self.door)
 
     def update(self, old: Picture | None, new: Picture) -> None:
         """Offer places of the base."""
