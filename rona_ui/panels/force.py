@@ -34,7 +34,7 @@ class ForcePanel:
         self._words = gui.add_html(style.text(EMPTY))
         self._folder = gui.add_folder(None)
         self._plot: Any = None
-        self._frame: tuple[Any, ...] = ()
+        self._frame: Frame | None = None
         follow(
             self._across,
             lambda e: door.view(lambda v: replace(v, force_across=ACROSS[self._across.value])),
