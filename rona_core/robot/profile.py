@@ -13,7 +13,7 @@ import numpy as np
 from scipy.interpolate import CubicSpline
 
 from rona_core.arrays import Bools, Floats, Ints
-from rona_core.errors import InvalidInputError
+from rona_core.errors import InvalidInputError, NotReachableError
 
 SAFETY = 0.9  # share of the acceleration limits that is planned with
 BENT_JOINT = 0.7  # of that may be spent on following the bend of the path, by a joint
@@ -80,6 +80,7 @@ def time_along(
 
     Raises:
         InvalidInputError: the path has no length.
+        NotReachableError: at some place no speed keeps to the limits.
     """
     keep = kept(way_mm)
     way, qs, points = way_mm[keep], qs_rad[keep], points_base[keep]
@@ -108,7 +109,13 @@ def time_along(
     room = np.minimum(gain, spare.min(axis=1))
     speed = _two_passes(ceiling, room, step)
     speed = _two_passes(_opened(speed, step, span_s), room, step)
-    times = np.concatenate(([0.0], np.cumsum(2.0 * step / (speed[1:] + speed[:-1]))))
+    pace = speed[1:] + speed[:-1]
+    if pace.min() <= 0.0:
+        raise NotReachableError(
+            f"the motion would stand still {grid[int(np.argmin(pace))]:.1f} mm along its way of "
+            f"{grid[-1] - grid[0]:.1f} mm: it bends too sharply there to be followed"
+        )
+    times = np.concatenate(([0.0], np.cumsum(2.0 * step / pace)))
     raw = (times, grid, speed)
     shown = np.concatenate((times, times + span_s))
     shown.sort()

@@ -14,8 +14,8 @@ from rona_ui.scene.places import NEAR
 from rona_ui.view_state import Picture
 
 AGAIN = (
-    "The tracker is registered to the base as it stands: after a move do steps 2 and 4 to 7 again "
-    "(the pointer stays calibrated)."
+    "The tracker is registered to the base: after a move do steps 2 and 4 to 7 again (the pointer "
+    "stays calibrated)."
 )
 
 
@@ -29,6 +29,7 @@ class BasePlaceControls:
             "smallest": gui.add_button("Take the smallest move", icon="check", visible=False),
             "best": gui.add_button("Take the most room", icon="check", visible=False),
         }
+        self._key = gui.add_html("")
         self._form = Form(gui)
         with gui.add_folder("Where to look", expand_by_default=False):
             form = self._form
@@ -55,8 +56,9 @@ class BasePlaceControls:
         for name, button in self._take.items():
             button.visible, button.disabled = name in offered, new.busy
         words = placement_words(new.session, found)
-        if self._words.content != words:
-            self._words.content = words
+        for html, content in ((self._words, words), (self._key, placement_key(found))):
+            if html.content != content:
+                html.content = content
 
 
 def offers(found: BasePlacement) -> dict[str, BasePlace]:
@@ -69,9 +71,7 @@ def offers(found: BasePlacement) -> dict[str, BasePlace]:
 def placement_words(session: Session, found: BasePlacement | None) -> str:
     """Return what the search found, as HTML."""
     if found is None:
-        stale = session.results.placement is not None
-        words = "The base, the path or what stands around has changed: look again for places."
-        return style.note(words) if stale else ""
+        return _past_words(session)
     offered = offers(found)
     words = ""
     if found.smallest is None:
@@ -82,14 +82,33 @@ def placement_words(session: Session, found: BasePlacement | None) -> str:
     for name, title in (("smallest", "Smallest move"), ("best", "Most room")):
         if name in offered:
             words += style.note(f"{title}: {place_words(offered[name])}", "good")
+    return words + (style.text(AGAIN) if offered else "")
+
+
+def _past_words(session: Session) -> str:
+    """Return what is left to say of a search that no longer holds."""
+    searched, robot = session.results.placement, session.setup.devices.robot
+    if searched is None:
+        return ""
+    stands = robot.base_shift_mm, robot.base_turn_deg
+    if any((place.shift_mm, place.turn_deg) == stands for place in offers(searched.value).values()):
+        return style.note("The base stands at the place that was chosen. " + AGAIN)
+    return style.note(
+        "The base, the path or what stands around has changed: look again for places."
+    )
+
+
+def placement_key(found: BasePlacement | None) -> str:
+    """Return the legend of the map on the floor."""
+    if found is None:
+        return ""
     legend = (
         f'<div class="r-key"><span><i style="width:44px;background:{viridis_css()}"></i>'
-        f"seems to work, room 0 to {_top(found):.1f}</span></div>"
+        f"on the floor: seems to work, room 0 to {_top(found):.1f}</span></div>"
     )
     others = [(css(VERMILLION), "does not"), (css(NEAR), "too near the head")]
     marks = {"smallest": (css(ORANGE), "smallest move"), "best": (css(SKY), "most room")}
-    key = style.key(tuple(others + [marks[name] for name in offered]))
-    return words + legend + key + (style.text(AGAIN) if offered else "")
+    return legend + style.key(tuple(others + [marks[name] for name in offers(found)]))
 
 
 def place_words(place: BasePlace) -> str:

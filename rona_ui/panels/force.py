@@ -21,12 +21,6 @@ FILLS = {  # state -> colour of its background
     "retract": "rgba(138,151,165,0.25)",
     "stopped": "rgba(176,0,32,0.35)",
 }
-KEY = (
-    (css(CATEGORIES[0]), "force"),
-    (css(GREEN), "set point"),
-    (css(VERMILLION), "limits: yield, stop"),
-    *((color, word) for word, color in FILLS.items()),
-)
 EMPTY = "The force appears with the scan, step 8."
 LEAST_N = 1.5  # above the set point, that the graph shows
 
@@ -40,7 +34,7 @@ class ForcePanel:
         self._words = gui.add_html(style.text(EMPTY))
         self._folder = gui.add_folder(None)
         self._plot: Any = None
-        self._frame: tuple[Any, ...] = ()
+        self._frame: Frame | None = None
         follow(
             self._across,
             lambda e: door.view(lambda v: replace(v, force_across=ACROSS[self._across.value])),
@@ -69,7 +63,7 @@ class ForcePanel:
             return
         self._draw(curve)
         last = f"Now {curve.force_n[-1]:.1f} N, {curve.states[-1]}." if live else words
-        self._words.content = style.text(last) + style.key(KEY)
+        self._words.content = style.text(last) + style.key(force_key(curve))
 
     def _clear(self, words: str) -> None:
         self._words.content = style.text(words)
@@ -126,24 +120,33 @@ class Frame:
 def graph_frame(curve: ForceCurve) -> Frame:
     """Return what the graph shows: all of the force, and limits where they come near."""
     high = max(float(curve.force_n.max()), curve.setpoint_n) + LEAST_N
-    low = min(-0.5, float(curve.force_n.min()) - 0.2)
+    low = min(-0.5, float(curve.force_n.min()) - 0.2)  # an unloaded sensor reads about zero
     return Frame(
         float(curve.at[0]),
         max(float(curve.at[-1]), float(curve.at[0]) + 1e-3),
-        float(np.floor(low)),
+        float(np.floor(2.0 * low)) / 2.0,
         float(np.ceil(high)),
     )
 
 
 def force_data(curve: ForceCurve) -> tuple[Floats, ...]:
     """Return the columns: place or time, a background for each state, set point, limits, force."""
-    frame, ones = graph_frame(curve), np.ones(len(curve.at))
-    low, high = frame.low_n, frame.high_n
+    ones, high = np.ones(len(curve.at)), graph_frame(curve).high_n
     states = np.array(curve.states)
-    backs = [np.where(states == word, high, low) for word in FILLS]
+    backs = [np.where(states == word, high, 0.0) for word in FILLS]  # filled down to zero
     beyond = high + 1.0  # limits that the graph does not reach are drawn above it
     limits = [ones * (beyond if v is None else v) for v in (curve.monitor_n, curve.stop_n)]
     return (curve.at, *backs, curve.setpoint_n * ones, *limits, curve.force_n)
+
+
+def force_key(curve: ForceCurve) -> tuple[tuple[str, str], ...]:
+    """Return colours and words of what is to be seen."""
+    high_n = graph_frame(curve).high_n
+    limits = ((curve.monitor_n, "yields above"), (curve.stop_n, "stops above"))
+    words = ", ".join(f"{word} {at:.0f} N" for at, word in limits if at is not None and at < high_n)
+    seen = [(css(CATEGORIES[0]), "force"), (css(GREEN), "set point")]
+    seen += [(css(VERMILLION), words)] if words else []
+    return tuple(seen + [(color, word) for word, color in FILLS.items() if word in curve.states])
 
 
 def _axis(label: str) -> dict[str, Any]:

@@ -113,9 +113,10 @@ def _own_word(session: Session, expected: dict[str, QualityRow], mark: str) -> s
     report = contact_report(session)
     if report is not None and report.delay is not None:
         late = report.delay
-        rows += _text_line("Joint angles, delay", f"{late.delay_ms:.1f} ms")
-        rows += _text_line("Map along the path, uncorrected", f"{late.uncorrected_mm:.2f} mm")
-        rows += _text_line("Map along the path, corrected", f"{late.left_mm:.3f} mm")
+        sigma_ms = max(late.sigma_ms, 0.1)
+        rows += _text_line("Robot delay at the scan", f"{late.delay_ms:.1f} ± {sigma_ms:.1f} ms")
+        share = f"{late.uncorrected_mm:.2f} → {late.left_mm:.3f} mm"
+        rows += _text_line("Its shift of the map, corrected", share)
     if results.registration is not None:
         rows += _line("Loaded skull, points off it (RMS)", results.registration.value.rms_mm)
     if results.pointer is not None:

@@ -9,7 +9,7 @@ from rona_core.app.roll_views import joint_curves, none_works
 from rona_ui.panels import style
 from rona_ui.panels.base_place import BasePlaceControls
 from rona_ui.panels.checks import refusal_in_short
-from rona_ui.panels.door import follow
+from rona_ui.panels.door import Door, follow
 from rona_ui.panels.step_panel import StepPanel
 from rona_ui.scene.colors import GREEN, VERMILLION, YELLOW, css
 from rona_ui.view_state import Picture, ViewState
@@ -28,6 +28,11 @@ class RollPanel(StepPanel):
     )
     start = "Search the roll"
 
+    def __init__(self, gui: Any, door: Door) -> None:
+        super().__init__(gui, door)
+        with self.folder:
+            self._places = BasePlaceControls(gui, door)
+
     def build(self) -> None:
         """Add the range."""
         self.form.number("n_rolls", "Rolls", 72, 1, 720, 1)
@@ -39,7 +44,6 @@ class RollPanel(StepPanel):
             "Obstacles", False, hint="What robot and tool keep away from, drawn faintly"
         )
         follow(seen, lambda e: self.door.view(lambda v: _with_obstacles(v, seen.value)))
-        self._places = BasePlaceControls(self.gui, self.door)
 
     def message(self) -> Any:
         """Return the search."""

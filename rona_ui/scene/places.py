@@ -50,7 +50,7 @@ class PlacesLayer(Layer):
         cell_mm = np.array((_step(view.x_mm), _step(view.y_mm)))
         middle = np.array((view.x_mm.mean(), view.y_mm.mean(), 0.0))
         place = view.room @ Pose.from_translation(middle)
-        lifted = Pose(place.rotation, np.append(place.translation[:2], self._height_mm))
+        lifted = Pose(place.rotation, np.array((*place.translation[:2], self._height_mm)))
         size_mm = cell_mm * (len(view.x_mm), len(view.y_mm))
         self.stage.image(MAP, place_image(view), lifted, size_mm=(size_mm[0], size_mm[1]))
 
