@@ -194,6 +194,12 @@ def test_another_roll_is_planned_and_a_failing_one_refused_with_its_reason(demo)
     states = {s.name: s.state for s in step_states(bench.session)}
     assert (states["roll"], states["scan"], states["maps"]) == ("done", "stale", "stale")
     assert {r.result: r.same for r in replay(bench.session)}["roll"]
+    pair = next(p for p in bench.session.results.roll.value.ranked if p.branch != 0)
+    bench.dispatch(ChooseRoll(pair.index, pair.branch))
+    taken = bench.session.results.roll.value
+    assert (taken.chosen, taken.branch) == (pair.index, pair.branch)
+    assert {r.result: r.same for r in replay(bench.session)}["roll"]
+    bench.dispatch(ChooseRoll(works))
     with pytest.raises(NotReachableError, match=r"joint|reach|singular"):
         bench.dispatch(ChooseRoll(fails))
     assert bench.session.results.roll.value.chosen == works
