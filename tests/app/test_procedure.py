@@ -186,7 +186,7 @@ def test_another_roll_is_planned_and_a_failing_one_refused_with_its_reason(demo)
     session, _ = demo
     bench = opened(session)
     verdicts = session.results.roll.value.verdicts
-    works = next(i for i, v in enumerate(verdicts) if v.feasible)
+    works = session.results.roll.value.ranked[3].index
     fails = next(i for i, v in enumerate(verdicts) if not v.feasible)
     bench.dispatch(ChooseRoll(works))
     assert bench.session.results.roll.value.chosen == works
@@ -227,8 +227,7 @@ def test_a_varying_roll_is_planned_replayed_drawn_and_executed(demo):
     assert figures["roll_mode"] == "variable"
     assert figures["roll_variation_deg"] == plan.roll_variation_deg
     assert figures["min_joint_margin_deg"] > 0.0
-    works = next(i for i, v in enumerate(plan.verdicts) if v.feasible)
-    bench.dispatch(ChooseRoll(works))
+    bench.dispatch(ChooseRoll(plan.ranked[0].index))
     assert bench.session.results.roll.value.mode == "constant"
     bench.close()
 
