@@ -49,10 +49,11 @@ class Nearness:
                 f"{self.first} is {-self.distance_mm:.1f} mm inside the outline of the "
                 f"{self.second}, at most {-self.needed_mm:.1f} mm are allowed"
             )
-        return (
-            f"{self.first} and {self.second} are {self.distance_mm:.1f} mm apart, "
-            f"{max(self.needed_mm, 0.0):.0f} mm must be kept"
-        )
+        gap = f"are {self.distance_mm:.1f} mm apart"
+        if self.distance_mm < 0.0:
+            gap = f"overlap by {-self.distance_mm:.1f} mm"
+        kept = f"{max(self.needed_mm, 0.0):.0f} mm must be kept"
+        return f"{self.first} and {self.second} {gap}, {kept}"
 
 
 def collision_world(session: Session) -> CollisionWorld:

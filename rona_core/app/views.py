@@ -8,12 +8,14 @@ from rona_core.app.derive_scan import probe_poses
 from rona_core.arrays import Floats, readonly
 from rona_core.devices.samples import AScan, AScanTrack
 from rona_core.geometry.pose import Poses
+from rona_core.robot.model import robot_model
 from rona_core.session.codec import digest
 from rona_core.session.document import Session
 from rona_core.ultrasound.detect import Detection
 from rona_core.ultrasound.probe import probe_model
 from rona_core.ultrasound.view import preview
 
+SAME_PLACE_MM = 0.5  # places no farther apart count as the same one
 BONE_US = 12.0  # two-way time in which the inner boundary is looked for, for the eye
 
 
@@ -69,11 +71,23 @@ def scan_poses(session: Session) -> Poses | None:
 
 
 def scan_number_at(session: Session, share: float) -> int | None:
-    """Return the number of the A-scan nearest to a share of the planned motion."""
-    capture, times = session.captures.scan, motion_times(session)
-    if capture is None or not len(capture.scans) or times is None:
+    """Return the number of the A-scan taken nearest to where the planned motion is at a share.
+
+    A scan in contact keeps its own time; of A-scans at the same place, where the path crosses
+    itself, the one is taken that was as far along the scan as the motion is.
+    """
+    q_rad, poses, times = joints_at(session, share), scan_poses(session), motion_times(session)
+    searched, capture = session.results.roll, session.captures.scan
+    if q_rad is None or poses is None or times is None or searched is None or capture is None:
         return None
-    return int(np.argmin(np.abs(capture.scans.times_s - share * times[0])))
+    model = robot_model(searched.value.model)
+    tip_base = (model.joint_poses(q_rad)[-1] @ model.T_flange_probe).translation
+    away_mm = np.linalg.norm(poses.translations - tip_base, axis=1)
+    near = np.flatnonzero(away_mm <= away_mm.min() + SAME_PLACE_MM)
+    taken_s = capture.scans.times_s
+    done = (taken_s - taken_s[0]) / max(float(np.ptp(taken_s)), 1e-9)
+    now = (share * times[0] - times[1]) / max(times[2] - times[1], 1e-9)
+    return int(near[np.argmin(np.abs(done[near] - now))])
 
 
 def ascan_plot(session: Session, number: int | None, live: AScan | None = None) -> AScanPlot | None:

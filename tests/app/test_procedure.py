@@ -186,9 +186,7 @@ def test_another_roll_is_planned_and_a_failing_one_refused_with_its_reason(demo)
     session, _ = demo
     bench = opened(session)
     verdicts = session.results.roll.value.verdicts
-    chosen = session.results.roll.value.chosen
-    feasible = [i for i, v in enumerate(verdicts) if v.feasible and i != chosen]
-    works = min(feasible, key=lambda i: abs(i - chosen))  # farther ones may meet something
+    works = session.results.roll.value.ranked[3].index
     fails = next(i for i, v in enumerate(verdicts) if not v.feasible)
     bench.dispatch(ChooseRoll(works))
     assert bench.session.results.roll.value.chosen == works
@@ -196,6 +194,12 @@ def test_another_roll_is_planned_and_a_failing_one_refused_with_its_reason(demo)
     states = {s.name: s.state for s in step_states(bench.session)}
     assert (states["roll"], states["scan"], states["maps"]) == ("done", "stale", "stale")
     assert {r.result: r.same for r in replay(bench.session)}["roll"]
+    pair = next(p for p in bench.session.results.roll.value.ranked if p.branch != 0)
+    bench.dispatch(ChooseRoll(pair.index, pair.branch))
+    taken = bench.session.results.roll.value
+    assert (taken.chosen, taken.branch) == (pair.index, pair.branch)
+    assert {r.result: r.same for r in replay(bench.session)}["roll"]
+    bench.dispatch(ChooseRoll(works))
     with pytest.raises(NotReachableError, match=r"joint|reach|singular"):
         bench.dispatch(ChooseRoll(fails))
     assert bench.session.results.roll.value.chosen == works
@@ -223,8 +227,7 @@ def test_a_varying_roll_is_planned_replayed_drawn_and_executed(demo):
     assert figures["roll_mode"] == "variable"
     assert figures["roll_variation_deg"] == plan.roll_variation_deg
     assert figures["min_joint_margin_deg"] > 0.0
-    works = next(i for i, v in enumerate(plan.verdicts) if v.feasible)
-    bench.dispatch(ChooseRoll(works))
+    bench.dispatch(ChooseRoll(plan.ranked[0].index))
     assert bench.session.results.roll.value.mode == "constant"
     bench.close()
 

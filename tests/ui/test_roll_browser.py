@@ -1,4 +1,4 @@
-"""The roll browser: all rolls at once, poses, margins, what is too close, the certificate."""
+"""The roll browser: all rolls in a picture, poses, margins, what is too close, certificate."""
 
 import re
 from dataclasses import replace
@@ -26,6 +26,7 @@ from rona_core.app.roll_views import (
     roll_strip,
 )
 from rona_core.app.staleness import input_digests, session_obstacles
+from rona_core.app.views import joints_at, scan_number_at, scan_poses
 from rona_core.robot.model import robot_model
 from rona_core.robot.verify import verify_scan
 from rona_core.session.document import Session
@@ -312,11 +313,8 @@ def test_moving_along_the_path_ends_the_replay(demo: Session) -> None:
     assert place.visible
     place.value = 80.0
     place.happen(CLIENT)
-    assert (recorder.shown.place, recorder.shown.cursor, recorder.shown.playing) == (
-        0.8,
-        None,
-        False,
-    )
+    after = recorder.shown
+    assert (after.place, after.cursor, after.playing) == (0.8, None, False)
 
 
 def test_the_ranking_plans_with_the_roll_and_branch_that_is_taken(demo: Session) -> None:
@@ -356,7 +354,7 @@ def test_a_refused_plan_says_why_and_where_and_blocks_the_scan(refused: Session)
     html = gui.html()
     assert "Refused" in html
     assert "clearance from the head" in html
-    assert "% of" in html or "path " in html
+    assert re.search(r"at \d+\.\d s, path \d+ %", html)
     assert "Certified" not in html
     failing = gui.find("dropdown", "Show worst").options[1]
     assert failing == "✖ clearance from the head"  # what fails comes first
@@ -386,6 +384,22 @@ def test_without_a_plan_the_best_roll_is_shown_and_the_words_say_what_is_missing
     without = with_plan(nothing, verdicts=verdicts, ranked=())
     assert none_works(plan_of(without)).startswith(f"None of {len(verdicts)} rolls")
     assert place_of_roll(nothing, None) == 0.5
+
+
+def test_the_a_scan_of_the_replay_was_taken_where_the_robot_is_drawn(demo: Session) -> None:
+    plan, poses = plan_of(demo), scan_poses(demo)
+    assert poses is not None
+    motion, model = plan.trajectory, robot_model(plan.model)
+    for part in np.linspace(0.05, 0.95, 7):
+        time_s = motion.scan_start_s + part * (motion.scan_end_s - motion.scan_start_s)
+        share = float(time_s / motion.times_s[-1])
+        number, q_rad = scan_number_at(demo, share), joints_at(demo, share)
+        assert number is not None
+        assert q_rad is not None
+        tip = (model.joint_poses(q_rad)[-1] @ model.T_flange_probe).translation
+        away = np.linalg.norm(poses.translations - tip, axis=1)
+        assert away[number] <= away.min() + 0.5
+        assert number / len(poses) == pytest.approx(part, abs=0.1)
 
 
 def test_a_varying_roll_needs_no_constant_one() -> None:
