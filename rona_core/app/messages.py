@@ -22,6 +22,7 @@ from rona_core.app.activity_messages import (
     StartSurfaceCapture,
     StartToolCapture,
 )
+from rona_core.app.boundary_commands import ClearBoundaryCorrections, CorrectBoundary
 from rona_core.app.commands import (
     BuildPath,
     BuildSurface,
@@ -83,6 +84,8 @@ Command = (
     | KeepPathSample
     | ClearPathEdits
     | ChooseRoll
+    | CorrectBoundary
+    | ClearBoundaryCorrections
     | Undo
     | Redo
 )
@@ -113,9 +116,11 @@ __all__ = [
     "BuildSurface",
     "CalibratePointer",
     "ChooseRoll",
+    "ClearBoundaryCorrections",
     "ClearPathEdits",
     "ClearSurface",
     "Command",
+    "CorrectBoundary",
     "DeletePathPoint",
     "DrawPattern",
     "ExcludePoses",

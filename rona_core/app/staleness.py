@@ -6,8 +6,11 @@ from typing import Any
 from rona_core.app.inputs import (
     ANY_SECOND,
     ANY_SECOND_DETECTION,
+    BOUNDARY_EDITS,
     DETECTION,
     EDITS,
+    FIRST_EDITS,
+    OUTER_EDITS,
     PATH,
     PATH_CAPTURE,
     POINTER,
@@ -64,6 +67,7 @@ RESULT_INPUTS: dict[str, dict[str, Input]] = {
     "detection": {"capture": SCAN_CAPTURE, "probe": PROBE},
     "second": {
         "detection": DETECTION,
+        "edits": FIRST_EDITS,
         "capture": SCAN_CAPTURE,
         "surface": SURFACE,
         "robot": ROBOT,
@@ -72,6 +76,7 @@ RESULT_INPUTS: dict[str, dict[str, Input]] = {
     "second_detection": {
         "capture": SECOND_CAPTURE,
         "detection": DETECTION,
+        "edits": OUTER_EDITS,
         "scan": SCAN_CAPTURE,
         "robot": ROBOT,
         "probe": PROBE,
@@ -80,6 +85,7 @@ RESULT_INPUTS: dict[str, dict[str, Input]] = {
         "detection": DETECTION,
         "second": ANY_SECOND,
         "second_detection": ANY_SECOND_DETECTION,
+        "edits": BOUNDARY_EDITS,
         "capture": SCAN_CAPTURE,
         "surface": SURFACE,
         "robot": ROBOT,

@@ -3,8 +3,9 @@
 from typing import Any
 
 from rona_ui.panels import style
+from rona_ui.panels.ascan import AScanPanel
 from rona_ui.panels.door import Door, Panel
-from rona_ui.panels.graphs import AScanPanel, JointsPanel
+from rona_ui.panels.graphs import JointsPanel
 from rona_ui.panels.listings import FramesPanel, LogPanel
 from rona_ui.panels.look import LookPanel
 from rona_ui.panels.maps import MapsPanel
@@ -77,7 +78,7 @@ class Docks:
         with lower.add_tab("Joints", "chart-line"):
             panels.append(JointsPanel(gui, door))
         with lower.add_tab("A-scan", "wave-sine"):
-            panels.append(AScanPanel(gui))
+            panels.append(AScanPanel(gui, door))
         upper.dock_right()
         lower.dock_below(upper)
         upper.set_width(RIGHT_PX)
