@@ -11,11 +11,13 @@ import numpy as np
 
 from rona_core.app.boundary_edits import capture_of, detection_of_scan
 from rona_core.app.derive_scan import probe_poses
-from rona_core.app.views import motion_times
+from rona_core.app.scan_capture import fire_times
+from rona_core.app.views import motion_times, plan_of
 from rona_core.arrays import Bools, Floats, readonly
 from rona_core.devices.samples import AScan, AScanTrack
 from rona_core.devices.settings import ProbeSettings
 from rona_core.geometry.pose import Poses
+from rona_core.robot.plan import Trajectory
 from rona_core.session.document import ScanCapture, Session
 from rona_core.ultrasound.corrections import ScanName
 from rona_core.ultrasound.detect import Detection, nominal_bone
@@ -59,6 +61,7 @@ class AScanPlot:
     guess_us: float | None = None  # where the inner one would be, if it does not count
     front_gate_us: tuple[float, float] | None = None  # where the front echo is looked for
     bone_gate_us: tuple[float, float] | None = None  # and the inner one
+    end_us: float | None = None  # no inner boundary comes later; None: not known
     fine: bool = True  # what was found counts
     by_hand: bool = False
 
@@ -84,18 +87,34 @@ def scan_poses(session: Session, scan: ScanName = "first") -> Poses | None:
 
 def scan_number_at(session: Session, share: float, scan: ScanName = "first") -> int | None:
     """Return the number of the A-scan nearest to a share of the planned motion."""
-    capture, times = capture_of(session, scan), motion_times(session, second=scan == "second")
-    if capture is None or not len(capture.scans) or times is None:
+    fired, times = _fired_s(session, scan), motion_times(session, second=scan == "second")
+    if fired is None or times is None:
         return None
-    return int(np.argmin(np.abs(capture.scans.times_s - share * times[0])))
+    return int(np.argmin(np.abs(fired - share * times[0])))
 
 
 def share_of_scan(session: Session, number: int, scan: ScanName = "first") -> float | None:
     """Return the share of the planned motion at which an A-scan was taken."""
-    capture, times = capture_of(session, scan), motion_times(session, second=scan == "second")
-    if capture is None or times is None or not 0 <= number < len(capture.scans):
+    fired, times = _fired_s(session, scan), motion_times(session, second=scan == "second")
+    if fired is None or times is None or not 0 <= number < len(fired):
         return None
-    return float(np.clip(capture.scans.times_s[number] / max(times[0], 1e-9), 0.0, 1.0))
+    return float(np.clip(fired[number] / max(times[0], 1e-9), 0.0, 1.0))
+
+
+def _fired_s(session: Session, scan: ScanName) -> Floats | None:
+    """Return when the plan has the A-scans (n,) taken; in contact the robot may lag behind it."""
+    capture, plan = capture_of(session, scan), plan_of(session, second=scan == "second")
+    if capture is None or not len(capture.scans) or plan is None or plan.trajectory is None:
+        return None
+    pitch_mm = session.setup.devices.probe.pitch_mm
+    fired = _fire_times(plan.trajectory, pitch_mm)
+    # of a plan that is no longer the one that was executed there may be too few
+    return fired[np.minimum(np.arange(len(capture.scans)), len(fired) - 1)]
+
+
+@lru_cache(maxsize=4)  # plans never change, and the cursor asks often
+def _fire_times(trajectory: Trajectory, pitch_mm: float) -> Floats:
+    return readonly(fire_times(trajectory, pitch_mm))
 
 
 def ascan_plot(
@@ -167,6 +186,7 @@ def _judged(
         guess_us=None if fine or not known else float(found.inner_us[i]),
         front_gate_us=(probe.line_delay_us + early, probe.line_delay_us + late),
         bone_gate_us=(outer_us + first, outer_us + last) if known else None,
+        end_us=min(probe.line_delay_us + late + last - first, float(plot.time_us[-1])),
         fine=fine,
         by_hand=by_hand,
     )

@@ -12,7 +12,8 @@ from rona_core.ultrasound.matched import COMPRESSED, block_template, trace_spect
 from rona_core.ultrasound.probe import ProbeModel
 
 BLOCK = 128  # A-scans at a time
-DEEP_US = 13.0  # below the latest front: bone of 17 mm
+BELOW_MM = 1.0  # the deepest bone that the probe can measure
+SLOW_MM_PER_US = 2.45  # bone; the slowest that is published
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -30,10 +31,11 @@ def scan_image(track: AScanTrack, probe: ProbeModel, excitation: Excitation) -> 
     """
     template = block_template(probe, excitation)
     times = np.arange(COMPRESSED, dtype=np.float64) * template.step_us
-    early, late = gate_us(probe)
+    early = gate_us(probe)[0]
     end_us = track.start_us + track.rf.shape[1] / track.sampling_mhz
     low = max(probe.line_delay_us + early, track.start_us)
-    high = min(probe.line_delay_us + late + DEEP_US, end_us)
+    depth_us = 2.0 * (probe.max_thickness_mm + BELOW_MM) / SLOW_MM_PER_US
+    high = min(probe.line_delay_us + depth_us, end_us)
     kept = (times >= low) & (times < high)
     levels = np.zeros((int(kept.sum()), len(track)), dtype=np.float32)
     for start in range(0, len(track), BLOCK):
@@ -41,6 +43,6 @@ def scan_image(track: AScanTrack, probe: ProbeModel, excitation: Excitation) -> 
         spectra = trace_spectra(rf, track.start_us, template)[0]
         compressed = np.abs(template.compress(spectra, template.spectrum))[:, kept]
         levels[:, start : start + BLOCK] = compressed.T
-    with np.errstate(divide="ignore"):
-    XX
-    return ScanImage(readonly(level_db), readonly(times[kept]))
+    level_db = (20.0 * np.log10(np.maximum(levels, 1e-9))).astype(np.float32)
+    level_db.setflags(write=False)
+    return ScanImage(level_db, readonly(times[kept]))

@@ -12,6 +12,7 @@ from rona_ui.panels.scan_slider import ScanSlider
 from rona_ui.view_state import Picture
 
 PASSES = {"First pass": False, "Second pass": True}
+BARS = "Bars along the bottom: where each boundary is looked for. Drag across to zoom."
 NOTHING = "A-scans appear with the scan, step 8."
 
 
@@ -34,7 +35,7 @@ class AScanPanel:
         self._words = gui.add_html(style.text(NOTHING))
         self._slider = ScanSlider(gui, door)
         self._folder = gui.add_folder(None)
-        self._key = gui.add_html(style.key(KEY), visible=False)
+        self._key = gui.add_html(style.key(KEY) + style.text(BARS), visible=False)
         self._hand = BoundaryHand(gui, door)
         self._plot: Any = None
         self._extent: tuple[float, float] = (0.0, 0.0)
@@ -73,7 +74,8 @@ class AScanPanel:
         hand = new.view.hand
         hand_us = hand[1] if hand is not None and hand[0] == plot.number else None
         data = ascan_data(plot, hand_us)
-        extent = (float(plot.time_us[0]), float(plot.time_us[-1]))
+        end_us = float(plot.time_us[-1]) if plot.end_us is None else plot.end_us
+        extent = (float(plot.time_us[0]), end_us)
         if self._plot is not None and extent == self._extent:
             self._plot.data = data
             return

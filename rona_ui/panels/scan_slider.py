@@ -24,16 +24,31 @@ from rona_ui.view_state import Picture
 
 HEIGHT_PX, WIDTH_PX = 150, 350
 FINE = 2  # pixels of the picture for each of the page
-LEVELS_DB = (-52.0, -8.0)  # black and white; over a perfect mirror
+LEVELS_DB = (-58.0, -10.0)  # black and white; over a perfect mirror
 PARTS = {"Whole path": None, "100 A-scans": 100, "30 A-scans": 30}
 DEPTH_MM = 5.0  # from tick to tick
 STRIP_PX = 5  # along the bottom: orange where a boundary is missing, blue where it is by hand
-NOMINAL_MM_PER_US = 2.65
+LINE_PX = 2  # of a boundary
+MOST_MM = 30.0
+DOT = 3  # pixels of the picture for each of a digit
+DIGITS = tuple(
+    tuple(rows.split())
+    for rows in (
+        "### #.# #.# #.# ###", ".#. ##. .#. .#. ###", "### ..# ### #.. ###",
+        "### ..# ### ..# ###", "#.# #.# ### ..# ..#", "### #.. ### ..# ###",
+        "### #.. ### #.# ###", "### ..# ..# ..# ..#", "### #.# ### #.# ###",
+        "### #.# ### ..# ###",
+    )
+)  # fmt: skip
 KEY = (
     (css(GREEN), "outer"),
     (css(VERMILLION), "inner"),
     (css(ORANGE), "flagged"),
     (css(SKY), "by hand"),
+)
+LEGEND = (
+    '<div class="r-text" style="padding-bottom:2px">Echoes (dB, grey) along the path; depth in mm '
+    "of bone. Click to jump.</div>" + style.key(KEY)
 )
 
 
@@ -45,7 +60,7 @@ class ScanSlider:
         self._part = gui.add_dropdown("Show", tuple(PARTS), visible=False)
         self._sheet = gui.add_html("")
         self._folder = gui.add_folder(None, visible=False)
-        self._legend = gui.add_html(style.key(KEY), visible=False)
+        self._legend = gui.add_html(LEGEND, visible=False)
         self._slider: Any = None
         self._drawn: tuple[object, ...] = ()
         self._seen: tuple[Picture, int] | None = None
@@ -101,11 +116,12 @@ class ScanSlider:
         image = png(scan_pixels(picture, marks, columns))
         style_of_track = sheet("r-ascans", HEIGHT_PX, "image/png", image)
         style_of_track = style_of_track.replace("image-rendering:pixelated", "image-rendering:auto")
-        places = np.unique(np.linspace(span[0], span[1], 4).round().astype(int))
+        inset = np.array((0.06, 0.35, 0.65, 0.93))  # a label at the edge would be cut off
+        places = np.unique((span[0] + inset * (span[1] - span[0])).round().astype(int))
         ends = tuple((int(i), f"{picture.path_mm[i]:.0f} mm") for i in places)
         with self._folder:
             self._sheet.remove()
-            self._sheet = self._gui.add_html(style_of_track + depth_labels(picture, marks))
+            self._sheet = self._gui.add_html(style_of_track)
             self._slider = self._gui.add_slider("A-scan", span[0], span[1], 1, number, marks=ends)
         follow(self._slider, self._chosen)
 
@@ -118,10 +134,10 @@ class ScanSlider:
         self._door.view(lambda v: replace(v, cursor=share, playing=False, hand=None))
 
 
-def _front_us(picture: ScanPicture, marks: ScanMarks | None) -> tuple[float, float]:
+def _front_us(picture: ScanPicture, marks: ScanMarks) -> tuple[float, float]:
     """Return the time that is depth 0, and the speed of sound that depth is counted with."""
-    if marks is None or not marks.outer_ok.any():
-        return float(picture.image.time_us[0]), NOMINAL_MM_PER_US
+    if not marks.outer_ok.any():
+        return float(picture.image.time_us[0]), marks.sound_speed_mm_per_us
     return float(np.median(marks.outer_us[marks.outer_ok])), marks.sound_speed_mm_per_us
 
 
@@ -146,30 +162,30 @@ def scan_pixels(picture: ScanPicture, marks: ScanMarks | None, columns: Ints) ->
     for name, color in (("outer", GREEN), ("inner", VERMILLION)):
         ok = getattr(marks, f"{name}_ok")[columns]
         at = _rows(picture, getattr(marks, f"{name}_us")[columns], height)
-        for line in range(FINE):
+        for line in range(LINE_PX * FINE):
             inside = ok & (at + line >= 0) & (at + line < height - strip)
             image[(at + line)[inside], across[inside]] = color
+    _write_depths(image, picture, marks)
     image[-strip:] = 0
     image[-strip:, marks.flagged[columns]] = ORANGE
     image[-strip:, marks.by_hand[columns]] = SKY
     return image
 
 
-def depth_labels(picture: ScanPicture, marks: ScanMarks | None) -> str:
-    """Return labels of the depth that lie over the image: bone below the outer boundary."""
+def _write_depths(image: NDArray[np.uint8], picture: ScanPicture, marks: ScanMarks) -> None:
+    """Write ticks and numbers of the depth (mm) along the left edge of the image."""
     zero_us, speed = _front_us(picture, marks)
-    first, last = float(picture.image.time_us[0]), float(picture.image.time_us[-1])
-    spans = ""
-    for depth_mm in np.arange(0.0, 40.0, DEPTH_MM):
-        share = (zero_us + 2.0 * depth_mm / speed - first) / (last - first)
-        if 0.0 <= share < 0.93:
-            unit = " mm" if depth_mm == 0.0 else ""
-            spans += (
-                f'<span style="position:absolute;left:0;top:{HEIGHT_PX * share - 7.0:.0f}px;'
-                'border-left:6px solid #fff;height:1px;line-height:14px;padding-left:3px">'
-                f"{depth_mm:.0f}{unit}</span>"
-            )
-    return (
-        '<div style="position:relative;height:0;margin:0 14px;z-index:3;pointer-events:none;'
-        f'font-size:10.5px;color:#fff;text-shadow:0 0 3px #000,0 0 3px #000">{spans}</div>'
-    )
+    depths = np.arange(0.0, MOST_MM, DEPTH_MM)
+    rows = _rows(picture, zero_us + 2.0 * depths / speed, len(image))
+    for depth_mm, row in zip(depths, rows, strict=True):
+        top = int(row) - 5 * DOT // 2
+        if top < 0 or top + 5 * DOT > len(image) - STRIP_PX * FINE:
+            continue
+        image[row : row + FINE, : 4 * DOT] = 255
+        for place, digit in enumerate(f"{depth_mm:.0f}"):
+            left = (5 + 4 * place) * DOT
+            glyph = np.array([[c == "#" for c in line] for line in DIGITS[int(digit)]])
+            cell = image[top - DOT : top + 6 * DOT, left - DOT : left + 4 * DOT]
+            cell[:] = cell // 3
+            inner = image[top : top + 5 * DOT, left : left + 3 * DOT]
+            inner[np.kron(glyph, np.ones((DOT, DOT), dtype=np.bool_))] = 255

@@ -9,7 +9,7 @@ from rona_core.app.staleness import usable_second
 from rona_ui.panels import style
 from rona_ui.panels.door import Door, listen
 from rona_ui.panels.form import Form
-from rona_ui.scene.colors import PURPLE, SKY, css, viridis_css
+from rona_ui.scene.colors import SKY, css, viridis_css
 from rona_ui.scene.second import top_deg
 from rona_ui.view_state import Picture
 
@@ -102,10 +102,10 @@ def words(picture: Picture, view: SecondView | None, scanned: bool) -> str:
         )
     html += style.note(
         f"Inner coverage {100 * cells.before:.0f} % before, {100 * cells.after:.0f} % with the "
-        f"second pass ({len(capture.scans)} A-scans).",
+        f"second pass ({len(capture.scans)} A-scans). White dots: cells that only it saw.",
         "good",
     )
-    return html + style.key(((css(PURPLE), "cells of the second pass"), (css(SKY), "its path")))
+    return html + style.key(((css(SKY), "its path"),))
 
 
 def lean_bar(view: SecondView) -> str:

@@ -5,7 +5,7 @@ import numpy as np
 from rona_core.app.second_view import SecondView, second_cells, second_view
 from rona_core.arrays import Floats
 from rona_ui.scene.adapter import Layer
-from rona_ui.scene.colors import PURPLE, SKY, viridis
+from rona_ui.scene.colors import SKY, Rgb, viridis
 from rona_ui.scene.metres import segments
 from rona_ui.view_state import Picture
 
@@ -14,7 +14,8 @@ SHADES = 6
 AXIS_MM = 10.0
 MOST_AXES = 240
 LIFT_MM = 1.2
-CELL_MM = 0.45
+CELL_MM = 0.4
+WHITE: Rgb = (255, 255, 255)
 
 
 class SecondLayer(Layer):
@@ -35,7 +36,7 @@ class SecondLayer(Layer):
         ):
             cells = second_cells(new.session)
             points = np.zeros((0, 3)) if cells is None else cells.points_base + lift
-            self.stage.cloud(CELLS, points, PURPLE, size_mm=CELL_MM)
+            self.stage.cloud(CELLS, points, WHITE, size_mm=CELL_MM)
         looked_at = new.view.second or second_cells_open(new)
         for node in (PATH, *(f"{AXES}{shade}" for shade in range(SHADES))):
             self.stage.show(node, self.shown(new) and looked_at)
