@@ -6,7 +6,7 @@ import numpy as np
 from scipy.spatial import KDTree
 
 from rona_core.app.procedure import why_no_plan
-from rona_core.app.staleness import stale_reason, usable_second
+from rona_core.app.staleness import digest_of, stale_reason, usable_second
 from rona_core.arrays import Bools, Floats, readonly
 from rona_core.mapping.build import NEAR_MM
 from rona_core.session.document import Session
@@ -62,7 +62,8 @@ def second_cells(session: Session) -> SecondCells | None:
     if derived is None or first is None or usable_second(session) is None:
         return None
     maps, n = derived.value, len(first.value)
-    if len(maps.inner_points_base) <= n:
+    of_it = derived.inputs.get("second") == digest_of(session.captures.second)
+    if len(maps.inner_points_base) <= n or not of_it:
         return None
     into_map = maps.inner.T_base_map.inv()
     seen = maps.inner_used.copy()

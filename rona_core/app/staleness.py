@@ -67,7 +67,7 @@ RESULT_INPUTS: dict[str, dict[str, Input]] = {
     "detection": {"capture": SCAN_CAPTURE, "probe": PROBE},
     "second": {
         "detection": DETECTION,
-        "edits": FIRST_EDITS,
+        "correction by hand": FIRST_EDITS,
         "capture": SCAN_CAPTURE,
         "surface": SURFACE,
         "robot": ROBOT,
@@ -76,7 +76,7 @@ RESULT_INPUTS: dict[str, dict[str, Input]] = {
     "second_detection": {
         "capture": SECOND_CAPTURE,
         "detection": DETECTION,
-        "edits": OUTER_EDITS,
+        "correction by hand": OUTER_EDITS,
         "scan": SCAN_CAPTURE,
         "robot": ROBOT,
         "probe": PROBE,
@@ -85,7 +85,7 @@ RESULT_INPUTS: dict[str, dict[str, Input]] = {
         "detection": DETECTION,
         "second": ANY_SECOND,
         "second_detection": ANY_SECOND_DETECTION,
-        "edits": BOUNDARY_EDITS,
+        "correction by hand": BOUNDARY_EDITS,
         "capture": SCAN_CAPTURE,
         "surface": SURFACE,
         "robot": ROBOT,

@@ -88,7 +88,8 @@ class BoundaryHand:
         self._window.visible = judged
         if plot is None or not judged:
             return
-        self._at.min, self._at.max = float(plot.time_us[0]), float(plot.end_us or plot.time_us[-1])
+        end_us = float(plot.end_us or plot.time_us[-1])
+        self._at.min, self._at.max = round(float(plot.time_us[0]), 2), round(end_us, 2)
         self._other.visible = plot.alternative_us is not None
         self._back.visible = plot.by_hand
         count = len(new.session.boundary_edits)

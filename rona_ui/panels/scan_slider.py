@@ -46,9 +46,8 @@ KEY = (
     (css(ORANGE), "flagged"),
     (css(SKY), "by hand"),
 )
-LEGEND = (
-    '<div class="r-text" style="padding-bottom:2px">Echoes (dB, grey) along the path; depth in mm '
-    "of bone. Click to jump.</div>" + style.key(KEY)
+LEGEND = style.key((("transparent", "Depth of bone in mm"), *KEY)).replace(
+    '<i style="background:transparent"></i>', ""
 )
 
 
@@ -57,7 +56,12 @@ class ScanSlider:
 
     def __init__(self, gui: Any, door: Door) -> None:
         self._gui, self._door = gui, door
-        self._part = gui.add_dropdown("Show", tuple(PARTS), visible=False)
+        self._part = gui.add_dropdown(
+            "Show",
+            tuple(PARTS),
+            visible=False,
+            hint="Echoes along the path, bright ones grey to white; a click jumps to an A-scan",
+        )
         self._sheet = gui.add_html("")
         self._folder = gui.add_folder(None, visible=False)
         self._legend = gui.add_html(LEGEND, visible=False)

@@ -49,7 +49,7 @@ def test_a_correction_makes_the_maps_stale_and_keeps_what_was_detected(demo):
     after = handle(CorrectBoundary(i, inner_us=at_us), demo)
     assert after.results is demo.results
     assert stale_reason("detection", after) is None
-    assert "edits has changed" in (stale_reason("maps", after) or "")
+    assert "correction by hand has changed" in (stale_reason("maps", after) or "")
     assert detection_of_scan(after).inner_us[i] == at_us
     assert after.results.detection.value.inner_us[i] == at_us - 0.7
     plot = ascan_plot(after, i)

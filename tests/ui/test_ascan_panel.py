@@ -39,6 +39,10 @@ def demo() -> Session:
     return load_session(DEMO)
 
 
+def nothing(*_: Any) -> None:
+    """Stand in for a way out that is not used."""
+
+
 class Desk:
     """A panel with what it sends and the view that it changes."""
 
@@ -46,8 +50,7 @@ class Desk:
         self.gui, self.sent, self.session = FakeGui(), [], session
         self.view, self.old = view, None
         door = Door(
-            lambda make, event: self.sent.append(make()), lambda *_: None, self._change,
-            lambda *_: None, lambda *_: None,
+            lambda make, event: self.sent.append(make()), nothing, self._change, nothing, nothing,
         )  # fmt: skip
         self.panel = kind(self.gui, door)
         self.draw()
@@ -205,6 +208,10 @@ def test_the_other_echo_is_taken_by_one_click(demo: Session) -> None:
 def test_the_second_pass_is_planned_scanned_and_told(demo: Session) -> None:
     desk = Desk(MapsPanel, demo, ViewState(step="maps"))
     assert "Inner coverage" in shown(desk)
+    again = replace(demo.captures.second, ordinal=99)  # type: ignore[type-var]
+    desk.session = replace(demo, captures=replace(demo.captures, second=again))
+    desk.draw()
+    assert "map the boundaries again to use" in shown(desk)
     first_only = replace(
         demo,
         captures=replace(demo.captures, second=None),
