@@ -4,13 +4,13 @@ from dataclasses import replace
 
 import pytest
 
+from rona_core.app.boundary_edits import detection_of_scan
 from rona_core.app.messages import (
     StartPathCapture,
     StartScan,
     StartSurfaceCapture,
     StartToolCapture,
 )
-from rona_core.app.boundary_edits import detection_of_scan
 from rona_core.app.scan_views import ascan_plot
 from rona_core.app.workbench import Workbench
 from rona_core.compose import virtual_services
