@@ -37,6 +37,7 @@ LAYERS = {
     "outer": "Outer map",
     "inner": "Inner map",
     "fused": "Fused map",
+    "second": "Second pass",
 }
 
 _ROOM = frozenset(("skull", "robot", "tracker", "pointer", "region", "obstacles"))
@@ -50,7 +51,7 @@ NEEDED: dict[str, frozenset[str]] = {
     "smoothing": frozenset(("skull", "path", "arrows", "warnings")),
     "roll": frozenset(("skull", "robot", "path", "rolls", "obstacles", "places")),
     "scan": frozenset(("skull", "robot", "path", "scan", "obstacles")),
-    "maps": frozenset(("skull", "region", "outer", "inner", "fused")),
+    "maps": frozenset(("skull", "region", "outer", "inner", "fused", "second")),
 }
 
 
@@ -91,6 +92,8 @@ class ViewState:
     slice_maps: bool = False  # the maps are cut too
     force_across: Literal["path", "time"] = "path"  # what the force is drawn over
     joint: int = 0  # joint in the graph, 0 for all
+    second: bool = False  # replay, A-scans and image are those of the second pass
+    hand: tuple[int, float] | None = None  # A-scan and time (µs) that somebody holds a boundary at
 
     def shows(self, layer: str) -> bool:
         """Return whether a layer of the scene is to be seen."""
@@ -144,7 +147,8 @@ class Picture:
     @property
     def scanning(self) -> bool:
         """Return whether the robot scans at this moment."""
-        return self.busy and self.job is not None and self.job.activity == "StartScan"
+        scans = ("StartScan", "StartSecondScan")
+        return self.busy and self.job is not None and self.job.activity in scans
 
     @property
     def busy(self) -> bool:

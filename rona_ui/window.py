@@ -273,7 +273,7 @@ def _newest(bench: Workbench) -> JobStatus | None:
 
 def _advance(browser: Browser, session: Session, elapsed_s: float) -> None:
     """Move the replay cursor on; at the end it stops."""
-    times = motion_times(session)
+    times = motion_times(session, second=browser.view.second)
     if times is None:
         browser.change_view(lambda v: replace(v, playing=False))
         return

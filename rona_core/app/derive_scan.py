@@ -4,8 +4,9 @@ from dataclasses import dataclass, replace
 
 from rona_core.app.messages import StartMapping, StartRollSearch, StartSecondPlan
 from rona_core.app.needs import need
+from rona_core.app.plain import plain_arguments
 from rona_core.app.pose_timing import probe_poses_of
-from rona_core.app.staleness import session_obstacles, usable_second
+from rona_core.app.staleness import session_obstacles, stale_reason, usable_second
 from rona_core.devices.protocols import Cancel, Progress, never, silent
 from rona_core.errors import StepBlockedError
 from rona_core.geometry.pose import Poses
@@ -17,6 +18,7 @@ from rona_core.robot.plan import RobotPlan
 from rona_core.robot.scan_plan import PlanSettings, choose_roll, plan_scan
 from rona_core.robot.timing import ScanSettings
 from rona_core.session.document import Derived, ScanCapture, SecondPass, Session
+from rona_core.ultrasound.corrections import corrected
 from rona_core.ultrasound.detect import Detection, detect
 from rona_core.ultrasound.probe import probe_model
 
@@ -105,21 +107,24 @@ def derive_maps(
 ) -> Maps:
     """Map both boundaries and fuse the outer one with the pointer cloud.
 
-    What the second pass found is mapped as well, unless ``first_only``.
+    What the second pass found is mapped as well, unless ``first_only``. Boundaries that were set
+    by hand take the place of those that were found.
     """
+    edits, probe = session.boundary_edits, probe_model(session.setup.devices.probe)
     cloud = need(session.results.surface, "sample the surface").value
     detection = need(session.results.detection, "detect the boundaries").value
     capture, again = usable_second(session), session.results.second_detection
     second = None
     if not first_only and capture is not None and again is not None:
-        second = again.value, probe_poses(session, capture)
+        seen = corrected(again.value, edits, "second", probe)
+        second = seen, probe_poses(session, capture)
     return build_maps(
-        detection,
+        corrected(detection, edits, "first", probe),
         probe_poses(session),
         cloud.points_base,
         second=second,
         cell_mm=message.cell_mm,
-        probe=probe_model(session.setup.devices.probe),
+        probe=probe,
         progress=progress,
         cancel=cancel,
     )
@@ -199,19 +204,38 @@ def derive_mapping(
     progress: Progress = silent,
     cancel: Cancel = never,
 ) -> Mapped:
-    """Detect the boundaries, then map them."""
+    """Detect the boundaries, then map them.
+
+    Where only the maps are out of date, because boundaries were set by hand or the gaps scanned
+    again, what was detected with the same settings is taken as it is.
+    """
 
     def part(start: float, end: float) -> Progress:
         return lambda share: progress(start + (end - start) * share)
 
-    found = derive_detection(session, message, progress=part(0.0, 0.5), cancel=cancel)
+    kept = _kept("detection", session, message)
+    again = _kept("second_detection", session, message)
+    found = kept or derive_detection(session, message, progress=part(0.0, 0.5), cancel=cancel)
     session = _with_result(session, "detection", found)
-    again = None
-    if usable_second(session) is not None:
+    if usable_second(session) is None:
+        again = None
+    elif again is None:
         again = derive_second_detection(session, message, progress=part(0.5, 0.7), cancel=cancel)
     session = _with_result(session, "second_detection", again)
     maps = derive_maps(session, message, progress=part(0.7, 1.0), cancel=cancel)
     return Mapped(found, again, maps)
+
+
+def _kept(name: str, session: Session, message: StartMapping) -> Detection | None:
+    """Return a detection that need not be made again: one that is fresh beneath stale maps."""
+    derived = getattr(session.results, name)
+    if derived is None or stale_reason(name, session) is not None:
+        return None
+    if session.results.maps is not None and stale_reason("maps", session) is None:
+        return None  # nothing has changed: somebody wants all of it anew
+    wanted = plain_arguments(message)
+    same = all(derived.arguments.get(k) == v for k, v in wanted.items() if k != "cell_mm")
+    return derived.value if same else None
 
 
 def _with_result(session: Session, name: str, value: object) -> Session:

@@ -3,6 +3,7 @@
 from dataclasses import replace
 from typing import Any
 
+from rona_core.app import boundary_edits as boundary_edits  # its handlers count, too
 from rona_core.app.derive import SHORT
 from rona_core.app.derive_placement import require_move
 from rona_core.app.derive_scan import derive_chosen_roll
@@ -41,6 +42,7 @@ from rona_core.app.staleness import input_digests, stale_reason
 from rona_core.errors import StaleResultError, StepBlockedError
 from rona_core.path.edits import PathEdits
 from rona_core.session.document import Capture, Derived, Session
+from rona_core.ultrasound.corrections import BoundaryEdits
 
 # ------------------------------------------------------------------ captures: always kept
 
@@ -73,6 +75,7 @@ def _(message: StorePathCapture, session: Session) -> Session:
 
 @handle.register
 def _(message: StoreScanCapture, session: Session) -> Session:
+    session = replace(session, boundary_edits=BoundaryEdits())  # those of other A-scans
     return _captured(session, message.capture, scan=message.capture)
 
 
@@ -197,6 +200,7 @@ def _(message: StoreSecondPlan, session: Session) -> Session:
 
 @handle.register
 def _(message: StoreSecondCapture, session: Session) -> Session:
+    session = replace(session, boundary_edits=session.boundary_edits.without("second"))
     return _captured(session, message.capture, second=message.capture)
 
 

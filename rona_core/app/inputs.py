@@ -93,6 +93,9 @@ MAPS = Input(_value("maps"), "compute the maps (step 9)", "maps")
 ROBOT = Input(_arm, "choose a robot (step 1)")
 REFERENCE = Input(lambda s: s.setup.use_base_marker, "choose the reference (step 1)")
 EDITS = Input(lambda s: s.path_edits, "smooth the path (step 6)")
+BOUNDARY_EDITS = Input(lambda s: s.boundary_edits, "scan (step 8)")
+FIRST_EDITS = Input(lambda s: s.boundary_edits.of("first"), "scan (step 8)")
+OUTER_EDITS = Input(lambda s: s.boundary_edits.of("first", "outer"), "scan (step 8)")
 PROBE = Input(lambda s: s.setup.devices.probe, "choose a probe (step 1)")
 
 # message -> what must be there before it makes sense

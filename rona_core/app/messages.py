@@ -23,6 +23,7 @@ from rona_core.app.activity_messages import (
     StartSurfaceCapture,
     StartToolCapture,
 )
+from rona_core.app.boundary_commands import ClearBoundaryCorrections, CorrectBoundary
 from rona_core.app.commands import (
     BuildPath,
     BuildSurface,
@@ -87,6 +88,8 @@ Command = (
     | ClearPathEdits
     | ChooseRoll
     | ApplyBasePlacement
+    | CorrectBoundary
+    | ClearBoundaryCorrections
     | Undo
     | Redo
 )
@@ -119,9 +122,11 @@ __all__ = [
     "BuildSurface",
     "CalibratePointer",
     "ChooseRoll",
+    "ClearBoundaryCorrections",
     "ClearPathEdits",
     "ClearSurface",
     "Command",
+    "CorrectBoundary",
     "DeletePathPoint",
     "DrawPattern",
     "ExcludePoses",

@@ -6,8 +6,11 @@ from typing import Any
 from rona_core.app.inputs import (
     ANY_SECOND,
     ANY_SECOND_DETECTION,
+    BOUNDARY_EDITS,
     DETECTION,
     EDITS,
+    FIRST_EDITS,
+    OUTER_EDITS,
     PATH,
     PATH_CAPTURE,
     POINTER,
@@ -65,6 +68,7 @@ RESULT_INPUTS: dict[str, dict[str, Input]] = {
     "detection": {"capture": SCAN_CAPTURE, "probe": PROBE},
     "second": {
         "detection": DETECTION,
+        "correction by hand": FIRST_EDITS,
         "capture": SCAN_CAPTURE,
         "surface": SURFACE,
         "robot": ROBOT,
@@ -73,6 +77,7 @@ RESULT_INPUTS: dict[str, dict[str, Input]] = {
     "second_detection": {
         "capture": SECOND_CAPTURE,
         "detection": DETECTION,
+        "correction by hand": OUTER_EDITS,
         "scan": SCAN_CAPTURE,
         "robot": ROBOT,
         "probe": PROBE,
@@ -81,6 +86,7 @@ RESULT_INPUTS: dict[str, dict[str, Input]] = {
         "detection": DETECTION,
         "second": ANY_SECOND,
         "second_detection": ANY_SECOND_DETECTION,
+        "correction by hand": BOUNDARY_EDITS,
         "capture": SCAN_CAPTURE,
         "surface": SURFACE,
         "robot": ROBOT,

@@ -30,6 +30,7 @@ from rona_core.session.specimen import BoneChoice, LoadedSkull, SimulatedSkull
 from rona_core.surface.cloud import SurfaceCloud
 from rona_core.surface.normals import Normals
 from rona_core.surface.registration import SurfaceRegistration
+from rona_core.ultrasound.corrections import BoundaryEdits
 from rona_core.ultrasound.detect import Detection
 
 T = TypeVar("T")
@@ -213,6 +214,7 @@ class Session:
     setup: Setup = field(default_factory=Setup)
     captures: Captures = field(default_factory=Captures)
     path_edits: PathEdits = field(default_factory=PathEdits)  # of the path of step 5, by hand
+    boundary_edits: BoundaryEdits = field(default_factory=BoundaryEdits)  # of A-scans, by hand
     results: Results = field(default_factory=Results)
     archive: tuple[Capture, ...] = ()  # every capture ever taken, undone ones too
     log: tuple[LogEntry, ...] = ()

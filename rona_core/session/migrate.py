@@ -105,6 +105,8 @@ ADDED_IN_3: dict[str, dict[str, Any]] = {
     },
     "RobotSettings": {"contact": None, "latency_ms": 0.0},
     "ScanCapture": {"forces": None, "clock_scans": None},
+    # nobody had set a boundary by hand
+    "Session": {"boundary_edits": {"$type": "BoundaryEdits", "changes": []}},
 }
 # Results of schema 2 that schema 3 holds more of: computed again by one click each.
 OUTGROWN_IN_3 = ("roll", "detection", "maps")

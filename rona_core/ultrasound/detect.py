@@ -39,6 +39,7 @@ NOMINAL_LOSS_DB_PER_CM = (
 
 # the codes of `flag`
 OK, NO_FRONT, NO_INNER, CLIPPED, TOO_THIN, TOO_THICK, UNSURE, TILTED = range(8)
+REMOVED = 8  # taken away by hand, see `corrections`
 FRONT_SNR = 8.0  # below it there is no front echo
 FRONT_LEVEL = 0.25  # of perfect contact; below it the probe is tilted too far
 SURE = 0.8  # probability from which on an inner boundary counts

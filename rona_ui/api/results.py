@@ -10,6 +10,7 @@ from rona_core.app.frames import frame_rows
 from rona_core.app.quality import QualityRow, quality_rows
 from rona_core.app.queries import StepState, step_states, summary
 from rona_core.app.replay import replay
+from rona_core.app.scan_views import ScanName, ascan_plot
 from rona_core.app.staleness import stale_reason
 from rona_core.errors import NotFoundError
 from rona_core.session.document import STEPS, Session
@@ -36,7 +37,7 @@ HELD: dict[str, tuple[tuple[str, ...], tuple[str, ...]]] = {
     "smoothing": ((), ("smoothing",)),
     "roll": ((), ("roll", "placement")),
     "scan": (("scan",), ()),
-    "maps": ((), ("detection", "maps")),
+    "maps": (("second",), ("detection", "second", "second_detection", "maps")),
 }
 
 
@@ -62,6 +63,7 @@ def get_results(bench: Bench, step: str, max_points: MaxPoints = None) -> FastJs
             "step": step,
             "summary": summary(step, session),
             "setup": plain(session.setup, max_points) if step == "setup" else None,
+            "boundary_edits": plain(session.boundary_edits) if step == "maps" else None,
             "captures": {name: _capture(name, session, max_points) for name in captures},
             "results": {name: _result(name, session, max_points) for name in results},
         }
@@ -91,6 +93,19 @@ def get_calibration(bench: Bench, step: Literal["tool", "pointer"]) -> FastJson:
     """
     view = calibration_view(bench.session, step)
     return FastJson(plain(view))
+
+
+@router.get("/sessions/{session_id}/ascans/{scan}/{number}", response_class=FastJson)
+def get_ascan(bench: Bench, scan: ScanName, number: int) -> FastJson:
+    """Return an A-scan (from 0) of the first or the second pass, and what was found in it.
+
+    Curves are shares of their own largest value; times are in µs from the emission. What was
+    corrected by hand (command `CorrectBoundary`) is in its place, and `by_hand` says so.
+    """
+    plot = ascan_plot(bench.session, number, scan=scan)
+    if plot is None:
+        raise NotFoundError(f"there is no A-scan {number} in the {scan} pass")
+    return FastJson(plain(plot))
 
 
 @dataclasses.dataclass(frozen=True, slots=True)

@@ -3,10 +3,11 @@
 from typing import Any
 
 from rona_ui.panels import style
+from rona_ui.panels.ascan import AScanPanel
 from rona_ui.panels.checks import ChecksPanel
 from rona_ui.panels.door import Door, Panel
 from rona_ui.panels.force import ForcePanel
-from rona_ui.panels.graphs import AScanPanel, JointsPanel
+from rona_ui.panels.graphs import JointsPanel
 from rona_ui.panels.listings import FramesPanel, LogPanel
 from rona_ui.panels.look import LookPanel
 from rona_ui.panels.maps import MapsPanel
@@ -81,7 +82,7 @@ class Docks:
         with lower.add_tab("Checks", "shield-check"):
             panels.append(ChecksPanel(gui, door))
         with lower.add_tab("A-scan", "wave-sine"):
-            panels.append(AScanPanel(gui))
+            panels.append(AScanPanel(gui, door))
         with lower.add_tab("Force", "arrow-bar-to-down"):
             panels.append(ForcePanel(gui, door))
         upper.dock_right()

@@ -1,4 +1,4 @@
-"""The two graphs: joints along the path with their limits shaded, and the A-scan at the cursor."""
+"""The joints along the path, with their limits shaded."""
 
 from dataclasses import replace
 from typing import Any
@@ -6,11 +6,11 @@ from typing import Any
 import numpy as np
 
 from rona_core.app.roll_views import JointCurves, joint_curves, shown_roll
-from rona_core.app.views import AScanPlot, ascan_plot, path_percent_at, scan_number_at
+from rona_core.app.views import path_percent_at
 from rona_core.arrays import Floats
 from rona_ui.panels import style
 from rona_ui.panels.door import Door, follow
-from rona_ui.scene.colors import CATEGORIES, GREEN, PURPLE, VERMILLION, css
+from rona_ui.scene.colors import CATEGORIES, VERMILLION, css
 from rona_ui.view_state import Picture
 
 JOINTS = ("All, share of range", *(f"Joint {j}" for j in range(1, 7)))
@@ -43,6 +43,7 @@ class JointsPanel:
             and old.view.shown_roll == new.view.shown_roll
             and old.view.joint == new.view.joint
             and old.view.cursor == new.view.cursor
+            and old.view.second == new.view.second
         ):
             return
         curves = joint_curves(new.session, new.view.shown_roll)
@@ -50,7 +51,7 @@ class JointsPanel:
             self._clear()
             return
         cursor = None
-        if new.view.cursor is not None and _is_planned(new):
+        if new.view.cursor is not None and not new.view.second and _is_planned(new):
             cursor = path_percent_at(new.session, new.view.cursor)
         data, low, high = joint_data(curves, new.view.joint, cursor)
         shape = (new.view.joint, low, high)
@@ -198,84 +199,3 @@ def _joint_words(curves: JointCurves) -> str:
     if not curves.feasible:
         words += " Dashed: where it fails first; dots: everywhere that the robot cannot follow."
     return style.key(names) + style.text(words)
-
-
-class AScanPanel:
-    """Received signal and matched filter, with the boundaries that were found."""
-
-    def __init__(self, gui: Any) -> None:
-        self._gui = gui
-        self._words = gui.add_html(style.text("A-scans appear with the scan, step 8."))
-        self._folder = gui.add_folder(None)
-        self._plot: Any = None
-        self._extent: tuple[float, float] = (0.0, 0.0)
-
-    def render(self, old: Picture | None, new: Picture) -> None:
-        """Follow cursor, scan and detection; while scanning, the newest A-scan."""
-        if (
-            old is not None
-            and old.session.captures.scan is new.session.captures.scan
-            and old.session.results.detection is new.session.results.detection
-            and old.view.cursor == new.view.cursor
-            and old.live.ascan is new.live.ascan
-            and old.busy == new.busy
-        ):
-            return
-        number = scan_number_at(new.session, new.view.cursor or 0.0)
-        live = new.live.ascan if new.scanning else None
-        plot = ascan_plot(new.session, number, live)
-        if plot is None:
-            if self._plot is not None:
-                self._plot.remove()
-                self._plot = None
-                self._words.content = style.text("A-scans appear with the scan, step 8.")
-            return
-        data = ascan_data(plot)
-        extent = (float(data[0][0]), float(data[0][-1]))
-        if self._plot is None or extent != self._extent:
-            self._build(data, extent)
-        else:
-            self._plot.data = data
-        self._words.content = style.text(plot.remark) + style.key(_ASCAN_KEY)
-
-    def _build(self, data: tuple[Floats, ...], extent: tuple[float, float]) -> None:
-        if self._plot is not None:
-            self._plot.remove()
-        self._extent = extent
-        with self._folder:
-            self._plot = self._gui.add_uplot(
-                data,
-                (
-                    {"label": "time"},
-                    {"label": "signal", "stroke": "#8a97a5", "width": 1},
-                    {"label": "compressed", "stroke": css(CATEGORIES[0]), "width": 2},
-                    {"label": "without front", "stroke": css(PURPLE), "width": 2},
-                    {"label": "outer", "stroke": css(GREEN), "width": 2},
-                    {"label": "inner", "stroke": css(VERMILLION), "width": 2},
-                ),
-                scales={"x": {"time": False, "range": extent}, "y": {"range": (-1.05, 1.05)}},
-                axes=(_axis("time (µs)"), _axis("share of the largest")),
-                legend={"show": False},
-                cursor={"drag": {"x": True, "y": False}},
-                height=250,
-            )
-
-
-_ASCAN_KEY = (
-    ("#8a97a5", "signal"),
-    (css(CATEGORIES[0]), "matched filter"),
-    (css(GREEN), "outer boundary"),
-    (css(PURPLE), "without front echo, enlarged"),
-    (css(VERMILLION), "inner"),
-)
-
-
-def ascan_data(plot: AScanPlot) -> tuple[Floats, ...]:
-    """Return the columns of the graph: time, signal, two filtered ones, both boundaries."""
-    places = [p for p in (plot.outer_us, plot.inner_us) if p is not None]
-    at = np.sort(np.concatenate((plot.time_us, np.repeat(np.array(places, dtype=np.float64), 3))))
-    rf = np.interp(at, plot.time_us, plot.rf)
-    compressed = np.interp(at, plot.time_us, plot.compressed)
-    behind_front = np.interp(at, plot.time_us, plot.behind_front)
-    outer, inner = (_upright(at, p, -1.0, 1.0) for p in (plot.outer_us, plot.inner_us))
-    return at, rf, compressed, behind_front, outer, inner

@@ -8,7 +8,8 @@ import numpy as np
 from rona_core.app.maps import MapLayers, map_layers
 from rona_core.app.messages import StartMapping
 from rona_ui.panels import style
-from rona_ui.panels.door import follow
+from rona_ui.panels.door import Door, follow
+from rona_ui.panels.second import SecondFolder
 from rona_ui.panels.step_panel import StepPanel
 from rona_ui.scene.colors import viridis_css
 from rona_ui.view_state import Picture
@@ -37,6 +38,11 @@ class MapsPanel(StepPanel):
         "Places that cannot be trusted are left out, never guessed."
     )
     start = "Map the boundaries"
+
+    def __init__(self, gui: Any, door: Door) -> None:
+        super().__init__(gui, door)
+        with self.folder:
+            self._second = SecondFolder(gui, door)
 
     def build(self) -> None:
         """Add the parameters and the choice of what is shown."""
@@ -86,6 +92,7 @@ class MapsPanel(StepPanel):
         ):
             layers = map_layers(new.session, new.view.quantity)
             self._bar.content = "" if layers is None else color_bar(layers)
+        self._second.render(old, new)
 
     def remarks(self, picture: Picture) -> str:
         """Say how much of the inner boundary was found."""

@@ -49,6 +49,8 @@ class ReplayPanel:
         if (
             old is not None
             and old.session.results.roll is new.session.results.roll
+            and old.session.results.second is new.session.results.second
+            and old.view.second == new.view.second
             and old.view.cursor == new.view.cursor
             and old.view.playing == new.view.playing
             and old.view.speed == new.view.speed
@@ -58,7 +60,7 @@ class ReplayPanel:
             and old.busy == new.busy
         ):
             return
-        times = motion_times(new.session)
+        times = motion_times(new.session, second=new.view.second)
         cursor = new.view.cursor
         seen = times is not None and (cursor is not None or new.view.step in REPLAYED)
         if self._window.visible != seen:
@@ -78,7 +80,7 @@ class ReplayPanel:
                 f"{cursor * times[0]:.1f} of {times[0]:.1f} s, "
                 f"{_phase(cursor * times[0], times)}; {new.view.speed:.0f}× real time"
             )
-        self._words.content = style.text(words)
+        self._words.content = style.text(("Second pass. " if new.view.second else "") + words)
         self._slider.value = round(100.0 * (cursor or 0.0), 1)
 
 

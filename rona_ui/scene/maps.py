@@ -2,8 +2,9 @@
 
 import numpy as np
 
+from rona_core.app.boundary_edits import capture_of, detection_of_scan
 from rona_core.app.maps import map_layers
-from rona_core.app.views import detection_of_scan, scan_number_at, scan_poses
+from rona_core.app.scan_views import ScanName, scan_number_at, scan_poses
 from rona_core.arrays import Bools, Floats
 from rona_ui.scene.adapter import Layer
 from rona_ui.scene.colors import GREEN, SKY, VERMILLION, YELLOW, viridis
@@ -62,32 +63,41 @@ class ScanLayer(Layer):
     layer = "scan"
 
     def render(self, old: Picture | None, new: Picture) -> None:
-        """Draw the points of the scan, and the one under the replay cursor."""
-        before = None if old is None else old.session
-        scan, detection = new.session.captures.scan, new.session.results.detection
-        redrawn = (
-            before is None
-            or before.captures.scan is not scan
-            or before.results.detection is not detection
-        )
+        """Draw the points of the pass that is looked at, and the one under the replay cursor."""
+        redrawn = old is None or _scan_key(old) != _scan_key(new)
         moved = old is None or old.view.cursor != new.view.cursor
         if redrawn or moved:
-            poses = scan_poses(new.session)
+            scan = _scan(new)
+            poses = scan_poses(new.session, scan)
             places = np.zeros((0, 3)) if poses is None else poses.translations
             if redrawn:
-                colors = np.tile(np.array(SKY, dtype=np.uint8), (len(places), 1))
-                detected = detection_of_scan(new.session)
-                if detected is not None:
-                    found = detected.inner_ok[:, None]
-                    colors = np.where(found, GREEN, VERMILLION).astype(np.uint8)
-                self.stage.cloud(SCAN, places, colors, size_mm=1.3)
-            number = None if new.view.cursor is None else _number(new)
+                self._draw_points(places, new, scan)
+            number = None
+            if new.view.cursor is not None:
+                number = scan_number_at(new.session, new.view.cursor, scan)
             mark = places[number : number + 1] if number is not None else places[:0]
             self.stage.cloud(NOW, mark, YELLOW, size_mm=3.0)
         seen = self.shown(new) and not new.scanning  # while it scans they are of the scan before
         self.stage.show(SCAN, seen)
-        self.stage.show(NOW, seen)
+        looking = new.view.cursor is not None and new.view.step == "maps"
+        self.stage.show(NOW, (seen or looking) and not new.scanning)
+
+    def _draw_points(self, places: Floats, new: Picture, scan: ScanName) -> None:
+        colors = np.tile(np.array(SKY, dtype=np.uint8), (len(places), 1))
+        detected = detection_of_scan(new.session, scan)
+        if detected is not None:
+            found = detected.inner_ok[:, None]
+            colors = np.where(found, GREEN, VERMILLION).astype(np.uint8)
+        self.stage.cloud(SCAN, places, colors, size_mm=1.3)
 
 
-def _number(picture: Picture) -> int | None:
-    return scan_number_at(picture.session, picture.view.cursor or 0.0)
+def _scan(picture: Picture) -> ScanName:
+    return "second" if picture.view.second else "first"
+
+
+def _scan_key(picture: Picture) -> tuple[object, ...]:
+    """Return what tells one drawing of the points from another."""
+    session, results = picture.session, picture.session.results
+    found = results.second_detection if picture.view.second else results.detection
+    capture = capture_of(session, _scan(picture))
+    return id(capture), id(found), id(session.boundary_edits), picture.view.second

@@ -15,7 +15,8 @@ def joints_shown(picture: Picture) -> Floats | None:
     if picture.busy and live is not None:
         return live.q_rad
     if picture.view.cursor is not None:
-        planned = joints_at(picture.session, picture.view.cursor)
+        view = picture.view
+        planned = joints_at(picture.session, view.cursor or 0.0, second=view.second)
         if planned is not None:
             return planned
     elif shows_roll(picture):

@@ -19,6 +19,7 @@ from rona_ui.scene.pointer import DrawingLayer, PointerLayer
 from rona_ui.scene.profile import ProfileLayer
 from rona_ui.scene.robot import RobotLayer
 from rona_ui.scene.rolls import RollsLayer
+from rona_ui.scene.second import SecondLayer
 from rona_ui.scene.skull import NODE, SkullLayer
 from rona_ui.scene.tracker import TrackerLayer
 from rona_ui.scene.turn import NODE as TURN
@@ -58,6 +59,7 @@ class World:
             ScanLayer(self.stage),
             *(MapLayer(self.stage, name) for name in ("outer", "inner", "fused")),
             ProfileLayer(self.stage),
+            SecondLayer(self.stage),
         )
 
     def render(self, old: Picture | None, new: Picture) -> None:

@@ -21,7 +21,7 @@ GET /sessions/{session_id}/captures/{ordinal}/file
 POST /sessions/{session_id}/uploads; POST /sessions/{session_id}/undo
 POST /sessions/{session_id}/redo; GET /sessions/{session_id}/steps
 GET /sessions/{session_id}/results/{step}; GET /sessions/{session_id}/frames
-GET /sessions/{session_id}/calibration/{step}
+GET /sessions/{session_id}/calibration/{step}; GET /sessions/{session_id}/ascans/{scan}/{number}
 GET /sessions/{session_id}/quality; GET /sessions/{session_id}/events
 POST /sessions/{session_id}/replay; GET /jobs; GET /jobs/{job_id}; DELETE /jobs/{job_id}
 GET /jobs/{job_id}/events; GET /status; GET /status/events
@@ -102,7 +102,8 @@ def test_the_body_of_a_message_is_its_dataclass(document, name):
 @pytest.mark.parametrize("where", sorted(WRITTEN | GENERATED), ids=" ".join)
 def test_nobody_gets_in_without_a_token(anonymous, where):
     method, path = where
-    path = path.format(session_id="current", job_id="x", step="tool", name="toolmarker", ordinal=1)
+    parts = {"step": "tool", "name": "toolmarker", "ordinal": 1, "scan": "first", "number": 0}
+    path = path.format(session_id="current", job_id="x", **parts)
     refused(anonymous.request(method, PREFIX + path), 401, "unauthorized")
 
 
@@ -385,3 +386,29 @@ def test_fastapis_own_pages_are_switched_off(anonymous, web):
     headers = {"Authorization": f"Bearer {web.token}"}
     for path in ("/docs", "/redoc", "/openapi.json"):
         refused(anonymous.get(path, headers=headers), 404, "not_found")
+
+
+# -- A-scans ---------------------------------------------------------------------------------------
+
+
+def test_an_a_scan_tells_what_was_found_and_what_was_corrected(client, at):
+    opened = client.post("/sessions/demo").json()["id"]
+    place, route = f"/sessions/{opened}", f"/sessions/{opened}/ascans/second/7"
+    found = client.get(route).json()
+    assert not found["by_hand"]
+    assert len(found["rf"]) == len(found["time_us"]) == len(found["compressed"]) > 500
+    body = {"number": 7, "scan": "second", "remove": "inner"}
+    assert client.post(f"{place}/commands/CorrectBoundary", json=body).status_code == 200
+    corrected = client.get(route).json()
+    assert corrected["by_hand"]
+    assert corrected["inner_us"] is None
+    assert "taken away by hand" in corrected["remark"]
+    maps = client.get(f"{place}/results/maps?max_points=10").json()
+    assert len(maps["boundary_edits"]["changes"]) == 1
+    assert "by hand" in maps["results"]["maps"]["stale_reason"]
+    body = {"number": 7, "scan": "second", "outer_us": 18.0}
+    assert client.post(f"{place}/commands/CorrectBoundary", json=body).status_code == 422
+    assert client.get(f"{place}/ascans/second/99999").status_code == 404
+    assert at("GET", "/ascans/first/0").status_code == 404
+    assert at("GET", "/ascans/third/0").status_code == 422
+    client.delete(place)

@@ -4,13 +4,14 @@ from dataclasses import replace
 
 import pytest
 
+from rona_core.app.boundary_edits import detection_of_scan
 from rona_core.app.messages import (
     StartPathCapture,
     StartScan,
     StartSurfaceCapture,
     StartToolCapture,
 )
-from rona_core.app.views import ascan_plot, detection_of_scan
+from rona_core.app.scan_views import ascan_plot
 from rona_core.app.workbench import Workbench
 from rona_core.compose import virtual_services
 from rona_core.session.document import Session

@@ -1,0 +1,55 @@
+"""Commands that correct boundaries of single A-scans by hand; undone like any other."""
+
+from dataclasses import dataclass
+from typing import ClassVar
+
+from rona_core.devices.settings import STRICT, require, require_within
+from rona_core.ultrasound.corrections import Boundary, BoundaryEdit, ScanName
+
+MAX_NUMBER, MAX_TIME_US = 10_000_000, 1000.0
+
+
+@dataclass(frozen=True, slots=True)
+class CorrectBoundary:
+    """Set a boundary of one A-scan (its number, from 0) by hand, or take it away.
+
+    Exactly one of ``outer_us``, ``inner_us`` (two-way time from the emission) and ``remove`` is
+    given. What was detected is kept beside it. The maps become stale: compute them again.
+    """
+
+    __pydantic_config__: ClassVar = STRICT
+    number: int
+    scan: ScanName = "first"
+    outer_us: float | None = None
+    inner_us: float | None = None
+    remove: Boundary | None = None
+
+    def __post_init__(self) -> None:
+        require_within("number", self.number, 0, MAX_NUMBER)
+        for name, value in (("outer_us", self.outer_us), ("inner_us", self.inner_us)):
+            if value is not None:
+                require_within(name, value, 0.0, MAX_TIME_US)
+        given = [v for v in (self.outer_us, self.inner_us, self.remove) if v is not None]
+        require(len(given) == 1, "give exactly one of outer_us, inner_us and remove")
+
+    def edit(self) -> BoundaryEdit:
+        """Return what is kept of it."""
+        if self.remove is not None:
+            return BoundaryEdit(self.scan, self.number, self.remove, None)
+        if self.outer_us is not None:
+            return BoundaryEdit(self.scan, self.number, "outer", self.outer_us)
+        return BoundaryEdit(self.scan, self.number, "inner", self.inner_us)
+
+
+@dataclass(frozen=True, slots=True)
+class ClearBoundaryCorrections:
+    """Forget what was corrected by hand: of one A-scan of a pass, or all of it."""
+
+    __pydantic_config__: ClassVar = STRICT
+    scan: ScanName | None = None  # None: both passes
+    number: int | None = None  # None: all A-scans
+
+    def __post_init__(self) -> None:
+        if self.number is not None:
+            require_within("number", self.number, 0, MAX_NUMBER)
+        require(self.number is None or self.scan is not None, "a number needs the scan it is of")

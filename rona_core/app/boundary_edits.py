@@ -1,0 +1,88 @@
+"""Boundaries set by hand: which are allowed, and what is detected with them in place."""
+
+from dataclasses import replace
+
+from rona_core.app.messages import ClearBoundaryCorrections, CorrectBoundary
+from rona_core.app.needs import need
+from rona_core.app.setup_handlers import handle
+from rona_core.errors import InvalidInputError, StepBlockedError
+from rona_core.session.codec import digest
+from rona_core.session.document import ScanCapture, Session
+from rona_core.ultrasound.corrections import BoundaryEdits, ScanName, corrected
+from rona_core.ultrasound.detect import Detection
+from rona_core.ultrasound.probe import probe_model
+
+CAPTURES = {"first": "scan", "second": "second"}
+DETECTIONS = {"first": "detection", "second": "second_detection"}
+
+
+def capture_of(session: Session, scan: ScanName) -> ScanCapture | None:
+    """Return the A-scans of a pass; None before it."""
+    return getattr(session.captures, CAPTURES[scan])
+
+
+def detection_of_scan(session: Session, scan: ScanName = "first") -> Detection | None:
+    """Return what was detected in a pass, with what was set by hand in its place.
+
+    None where nothing was, or where the A-scans were taken again since.
+    """
+    derived = getattr(session.results, DETECTIONS[scan])
+    capture = capture_of(session, scan)
+    if derived is None or capture is None or derived.inputs.get("capture") != digest(capture):
+        return None
+    probe = probe_model(session.setup.devices.probe)
+    return corrected(derived.value, session.boundary_edits, scan, probe)
+
+
+@handle.register
+def _(message: CorrectBoundary, session: Session) -> Session:
+    capture = need(
+        capture_of(session, message.scan),
+        "scan (step 8)" if message.scan == "first" else "scan the gaps again (step 9)",
+    )
+    n, edit = len(capture.scans), message.edit()
+    if message.number >= n:
+        raise InvalidInputError(f"there are {n} A-scans, numbered from 0: not {message.number}")
+    if detection_of_scan(session, message.scan) is None:
+        raise StepBlockedError("CorrectBoundary is blocked: first map the boundaries (step 9)")
+    if message.scan == "second" and edit.boundary == "outer":
+        raise InvalidInputError(
+            "the outer boundary of the second pass is that of the map of the first: correct it "
+            "in the first pass"
+        )
+    track = capture.scans
+    end_us = track.start_us + track.rf.shape[1] / track.sampling_mhz
+    if edit.time_us is not None and not track.start_us <= edit.time_us <= end_us:
+        raise InvalidInputError(
+            f"the A-scan lasts from {track.start_us:.2f} to {end_us:.2f} µs: "
+            f"{edit.time_us:.2f} µs is not in it"
+        )
+    after = replace(session, boundary_edits=session.boundary_edits.put(edit))
+    _require_order(after, message.scan, message.number, edit.time_us is not None)
+    return after
+
+
+def _require_order(session: Session, scan: ScanName, i: int, placed: bool) -> None:
+    """Raise InvalidInputError where an inner boundary lies above the outer one, or alone."""
+    found = detection_of_scan(session, scan)
+    if found is None or not placed:
+        return
+    mine = session.boundary_edits.of(scan, "inner").changes
+    by_hand = any(edit.number == i and edit.time_us is not None for edit in mine)
+    if by_hand and scan == "first" and not found.outer_ok[i]:
+        raise InvalidInputError(
+            f"A-scan {i} has no outer boundary to count bone from: set that first"
+        )
+    if (by_hand or found.inner_ok[i]) and not found.inner_us[i] > found.outer_us[i]:
+        raise InvalidInputError(
+            f"the inner boundary lies behind the outer one: {found.inner_us[i]:.2f} µs is not "
+            f"later than {found.outer_us[i]:.2f} µs"
+        )
+
+
+@handle.register
+def _(message: ClearBoundaryCorrections, session: Session) -> Session:
+    if message.scan is None:
+        return replace(session, boundary_edits=BoundaryEdits())
+    left = session.boundary_edits.without(message.scan, message.number)
+    return replace(session, boundary_edits=left)

@@ -1,0 +1,106 @@
+"""The A-scans: an image of all of them, which is also the slider, and a graph of one."""
+
+from dataclasses import replace
+from typing import Any
+
+from rona_core.app.scan_views import AScanPlot, ScanName, ascan_plot, scan_number_at
+from rona_ui.panels import style
+from rona_ui.panels.ascan_graph import BANDS, HIGH, KEY, LOW, SERIES, ascan_data, axis
+from rona_ui.panels.boundary_hand import BoundaryHand
+from rona_ui.panels.door import Door, follow
+from rona_ui.panels.scan_slider import ScanSlider
+from rona_ui.view_state import Picture
+
+PASSES = {"First pass": False, "Second pass": True}
+BARS = "Bars along the bottom: where each boundary is looked for. Drag across to zoom."
+NOTHING = "A-scans appear with the scan, step 8."
+
+
+def shown_scan(picture: Picture) -> ScanName:
+    """Return the pass that is looked at."""
+    return "second" if picture.view.second else "first"
+
+
+def shown_number(picture: Picture) -> int | None:
+    """Return the number of the A-scan under the cursor; at the start without one."""
+    return scan_number_at(picture.session, picture.view.cursor or 0.0, shown_scan(picture))
+
+
+class AScanPanel:
+    """Follows the cursor of the replay; while the robot scans, the newest A-scan."""
+
+    def __init__(self, gui: Any, door: Door) -> None:
+        self._gui = gui
+        self._pass = gui.add_dropdown("A-scans of", tuple(PASSES), visible=False)
+        self._words = gui.add_html(style.text(NOTHING))
+        self._slider = ScanSlider(gui, door)
+        self._folder = gui.add_folder(None)
+        self._key = gui.add_html(style.key(KEY) + style.text(BARS), visible=False)
+        self._hand = BoundaryHand(gui, door)
+        self._plot: Any = None
+        self._extent: tuple[float, float] = (0.0, 0.0)
+        follow(
+            self._pass,
+            lambda e: door.view(
+                lambda v: replace(
+                    v, second=PASSES[self._pass.value], cursor=None, playing=False, hand=None
+                )
+            ),
+        )
+
+    def render(self, old: Picture | None, new: Picture) -> None:
+        """Follow cursor, scan, detection and what is set by hand."""
+        if old is not None and _key(old) == _key(new) and old.live.ascan is new.live.ascan:
+            return
+        there = new.session.captures.second is not None
+        self._pass.visible = there or new.view.second
+        self._pass.value = next(w for w, second in PASSES.items() if second == new.view.second)
+        number = shown_number(new)
+        live = new.live.ascan if new.scanning else None
+        plot = ascan_plot(new.session, number, live, shown_scan(new))
+        self._slider.render(None if live is not None else number, new)
+        self._hand.render(None if live is not None else plot, new)
+        self._key.visible = plot is not None
+        if plot is None:
+            if self._plot is not None:
+                self._plot.remove()
+                self._plot = None
+            self._words.content = style.text(NOTHING)
+            return
+        self._draw(plot, new)
+        self._words.content = style.note(plot.remark, "" if plot.fine else "warn")
+
+    def _draw(self, plot: AScanPlot, new: Picture) -> None:
+        hand = new.view.hand
+        hand_us = hand[1] if hand is not None and hand[0] == plot.number else None
+        data = ascan_data(plot, hand_us)
+        end_us = float(plot.time_us[-1]) if plot.end_us is None else plot.end_us
+        extent = (float(plot.time_us[0]), end_us)
+        if self._plot is not None and extent == self._extent:
+            self._plot.data = data
+            return
+        if self._plot is not None:
+            self._plot.remove()
+        self._extent = extent
+        with self._folder:
+            self._plot = self._gui.add_uplot(
+                data,
+                SERIES,
+                bands=BANDS,
+                scales={"x": {"time": False, "range": extent}, "y": {"range": (LOW, HIGH)}},
+                axes=(axis("time (µs)"), axis("share of the largest")),
+                legend={"show": False},
+                cursor={"drag": {"x": True, "y": False}},
+                height=210,
+            )
+
+
+def _key(picture: Picture) -> tuple[object, ...]:
+    """Return what the drawing depends on, apart from the live A-scan."""
+    session, view = picture.session, picture.view
+    return (
+        id(session.captures.scan), id(session.captures.second), id(session.results.roll),
+        id(session.results.second), id(session.results.detection),
+        id(session.results.second_detection), id(session.boundary_edits),
+        view.cursor, view.second, view.hand, picture.busy,
+    )  # fmt: skip
