@@ -2,10 +2,11 @@
 
 from dataclasses import dataclass, replace
 
+from rona_core.app.derive_speed import first_speed, session_probe, with_known_speed
 from rona_core.app.messages import StartMapping, StartRollSearch, StartSecondPlan
 from rona_core.app.needs import need
 from rona_core.app.pose_timing import probe_poses_of
-from rona_core.app.staleness import session_obstacles, usable_second
+from rona_core.app.staleness import input_digests, session_obstacles, usable_second
 from rona_core.devices.protocols import Cancel, Progress, never, silent
 from rona_core.errors import StepBlockedError
 from rona_core.geometry.pose import Poses
@@ -18,7 +19,6 @@ from rona_core.robot.scan_plan import PlanSettings, choose_roll, plan_scan
 from rona_core.robot.timing import ScanSettings
 from rona_core.session.document import Derived, ScanCapture, SecondPass, Session
 from rona_core.ultrasound.detect import Detection, detect
-from rona_core.ultrasound.probe import probe_model
 
 
 def derive_roll(
@@ -74,10 +74,10 @@ def derive_detection(
     probe = session.setup.devices.probe
     return detect(
         capture.scans,
-        probe_model(probe),
+        session_probe(session),
         probe.excitation,
         method=message.method,
-        sound_speed_mm_per_us=message.sound_speed_mm_per_us,
+        sound_speed_mm_per_us=first_speed(message.sound_speed_mm_per_us),
         positions_mm=probe_poses(session).translations,
         progress=progress,
         cancel=cancel,
@@ -102,21 +102,26 @@ def derive_maps(
 ) -> Maps:
     """Map both boundaries and fuse the outer one with the pointer cloud.
 
-    What the second pass found is mapped as well, unless ``first_only``.
+    What the second pass found is mapped as well, and thickness is at the calibrated speed of sound
+    where there is one, unless ``first_only``: plans do not wait for a caliper.
     """
     cloud = need(session.results.surface, "sample the surface").value
     detection = need(session.results.detection, "detect the boundaries").value
     capture, again = usable_second(session), session.results.second_detection
     second = None
+    poses, wanted = probe_poses(session), message.sound_speed_mm_per_us
+    if not first_only:
+        detection = with_known_speed(detection, poses, session, wanted)
     if not first_only and capture is not None and again is not None:
-        second = again.value, probe_poses(session, capture)
+        there = probe_poses(session, capture)
+        second = with_known_speed(again.value, there, session, wanted), there
     return build_maps(
         detection,
-        probe_poses(session),
+        poses,
         cloud.points_base,
         second=second,
         cell_mm=message.cell_mm,
-        probe=probe_model(session.setup.devices.probe),
+        probe=session_probe(session),
         progress=progress,
         cancel=cancel,
     )
@@ -169,10 +174,10 @@ def derive_second_detection(
     probe = session.setup.devices.probe
     return detect(
         capture.scans,
-        probe_model(probe),
+        session_probe(session),
         probe.excitation,
         method=message.method,
-        sound_speed_mm_per_us=message.sound_speed_mm_per_us,
+        sound_speed_mm_per_us=first_speed(message.sound_speed_mm_per_us),
         positions_mm=poses.translations,
         known_standoff_mm=standoffs_mm(outer, poses),
         progress=progress,
@@ -213,7 +218,9 @@ def derive_mapping(
 
 def _with_result(session: Session, name: str, value: object) -> Session:
     """Return the session with a result that later parts of the same computation look up."""
-    made = None if value is None else Derived(value, "", {}, {})
+    made = None
+    if value is not None:  # with its inputs, so that what follows from it is known to be fresh
+        made = Derived(value, StartMapping.__name__, {}, input_digests(name, session))
     return replace(session, results=replace(session.results, **{name: made}))
 
 

@@ -7,7 +7,9 @@ from typing import Any
 from rona_core.app.messages import (
     BuildPath,
     BuildSurface,
+    CalibrateDelayLine,
     CalibratePointer,
+    CalibrateSoundSpeed,
     DeletePathPoint,
     DrawPattern,
     InsertPathPoint,
@@ -19,6 +21,7 @@ from rona_core.app.messages import (
     StartPathCapture,
     StartPointerCapture,
     StartRecordingImport,
+    StartReferencePoints,
     StartRollSearch,
     StartScan,
     StartSecondPlan,
@@ -90,6 +93,10 @@ MAPS = Input(_value("maps"), "compute the maps (step 9)", "maps")
 ROBOT = Input(_arm, "choose a robot (step 1)")
 REFERENCE = Input(lambda s: s.setup.use_base_marker, "choose the reference (step 1)")
 EDITS = Input(lambda s: s.path_edits, "smooth the path (step 6)")
+REFERENCES = Input(
+    lambda s: s.captures.references, "measure reference points (step 9)", "capture references"
+)
+BLOCK = Input(lambda s: s.captures.block, "take A-scans on the block (step 1)", "capture block")
 PROBE = Input(lambda s: s.setup.devices.probe, "choose a probe (step 1)")
 
 # message -> what must be there before it makes sense
@@ -112,6 +119,9 @@ NEEDS: dict[type, tuple[Input, ...]] = {
     StartRollSearch: (SMOOTHING,),
     StartScan: (ROLL,),
     StartMapping: (SCAN_CAPTURE, SURFACE),
+    StartReferencePoints: (SCAN_CAPTURE, DETECTION),
+    CalibrateSoundSpeed: (REFERENCES, DETECTION),
+    CalibrateDelayLine: (BLOCK,),
     StartSecondPlan: (SCAN_CAPTURE, SURFACE, MAPS),
     StartSecondScan: (SECOND,),
 }

@@ -55,6 +55,15 @@ from rona_core.app.path_commands import (
     KeepPathSample,
     MovePathPoint,
 )
+from rona_core.app.sound_messages import (
+    AddReferencePoint,
+    CalibrateDelayLine,
+    CalibrateSoundSpeed,
+    RemoveReferencePoint,
+    StartBlockShots,
+    StartReferencePoints,
+    StartWhatIf,
+)
 
 Command = (
     RenameSession
@@ -83,6 +92,10 @@ Command = (
     | KeepPathSample
     | ClearPathEdits
     | ChooseRoll
+    | AddReferencePoint
+    | RemoveReferencePoint
+    | CalibrateSoundSpeed
+    | CalibrateDelayLine
     | Undo
     | Redo
 )
@@ -100,6 +113,9 @@ Activity = (
     | StartSecondPlan
     | StartSecondScan
     | StartMapping
+    | StartReferencePoints
+    | StartBlockShots
+    | StartWhatIf
     | StartRobotMove
 )
 COMMANDS: dict[str, type] = {kind.__name__: kind for kind in get_args(Command)}
@@ -109,9 +125,12 @@ __all__ = [
     "ACTIVITIES",
     "COMMANDS",
     "Activity",
+    "AddReferencePoint",
     "BuildPath",
     "BuildSurface",
+    "CalibrateDelayLine",
     "CalibratePointer",
+    "CalibrateSoundSpeed",
     "ChooseRoll",
     "ClearPathEdits",
     "ClearSurface",
@@ -126,6 +145,7 @@ __all__ = [
     "Point",
     "Redo",
     "RegisterTool",
+    "RemoveReferencePoint",
     "RenameSession",
     "SetBone",
     "SetPointer",
@@ -137,11 +157,13 @@ __all__ = [
     "SetToolVisible",
     "SetTracker",
     "SmoothScanPath",
+    "StartBlockShots",
     "StartMapping",
     "StartPathCapture",
     "StartPivotImport",
     "StartPointerCapture",
     "StartRecordingImport",
+    "StartReferencePoints",
     "StartRobotMove",
     "StartRollSearch",
     "StartScan",
@@ -151,6 +173,7 @@ __all__ = [
     "StartSkullRegistration",
     "StartSurfaceCapture",
     "StartToolCapture",
+    "StartWhatIf",
     "Undo",
     "UseSimulatedSkull",
 ]

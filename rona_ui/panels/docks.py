@@ -24,6 +24,7 @@ from rona_ui.panels.step_panel import StepPanel
 from rona_ui.panels.steps import StepList
 from rona_ui.panels.surface import SurfacePanel
 from rona_ui.panels.tool import ToolPanel
+from rona_ui.panels.what_if import WhatIfPanel
 from rona_ui.view_state import Picture
 
 STEP_PANELS: tuple[type[StepPanel], ...] = (
@@ -68,6 +69,8 @@ class Docks:
             panels.append(QualityPanel(gui))
         with upper.add_tab("Rolls", "rotate-360"):
             panels.append(RollsPanel(gui, door))
+        with upper.add_tab("What if", "flask"):
+            panels.append(WhatIfPanel(gui, door))
         with upper.add_tab("Frames", "axis-x"):
             panels.append(FramesPanel(gui))
         with upper.add_tab("Log", "list"):
