@@ -64,12 +64,12 @@ class CalibrateSoundSpeed:
 class CalibrateDelayLine:
     """Compute the delay of the probe's line from the A-scans taken on the block.
 
-    ``film_mm`` is the gel that remains between line and block, taken off. Without ``use`` an
+    ``film_mm`` is gel between line and block that lifts the line, taken off. Without ``use`` an
     earlier calibration is forgotten: detection takes the nominal line again.
     """
 
     __pydantic_config__: ClassVar = STRICT
-    film_mm: float = 0.1
+    film_mm: float = 0.0  # a line that is pressed on gives way by the film that remains
     use: bool = True
 
     def __post_init__(self) -> None:

@@ -11,15 +11,19 @@ from rona_core.ultrasound.detect import Detection
 from rona_core.ultrasound.sound_speed import THIN_MM, TIMING_US
 
 NEAR_MM = 2.0  # A-scans so near to a place tell its time of flight
+AROUND_MM = 4.0  # and so near, its surroundings
 ALIKE_MM = 0.4  # a place is chosen where its neighbours agree so well
-LEAST_NEAR = 3
+LEAST_NEAR = 6
+LONELY_SLOPE = 0.15  # taken where nobody is around
+SLOPE_COSTS_MM = 100.0  # so far away a place may be for a slope less by 1
 ROUNDS = 30
 
 
 def choose_reference_scans(places_base: Floats, detection: Detection, n: int) -> Ints:
     """Return the numbers (n,) of A-scans at which a caliper tells most: spread, thick and sure.
 
-    The places divide the scanned area among them, so that none of it is far from the nearest.
+    The places divide the scanned area among them, so that none of it is far from the nearest; of
+    those near by, one is taken whose inner boundary is nearly parallel, for its echo tells most.
 
     Args:
         places_base: Where each A-scan enters the bone (m, 3).
@@ -31,19 +35,21 @@ def choose_reference_scans(places_base: Floats, detection: Detection, n: int) ->
     """
     sure: Bools = np.asarray(detection.inner_ok)
     good = np.flatnonzero(sure & (detection.thickness_mm >= THIN_MM))
-    steady = np.array([_is_steady(i, places_base, detection, sure) for i in good], dtype=np.bool_)
-    good = good[steady]
+    local = _Local(places_base[sure], detection.thickness_mm[sure])
+    value, slope, scatter = local.at(places_base[good])
+    steady = np.abs(value - detection.thickness_mm[good]) <= ALIKE_MM
+    steady &= scatter <= ALIKE_MM
+    good, slope = good[steady], slope[steady]
     if len(good) < n:
         raise DegenerateGeometryError(
             f"{len(good)} A-scans are at least {THIN_MM:g} mm deep and agree with their "
             f"neighbours, {n} are needed: scan another region"
         )
-    middles = _divided(places_base[sure], n)
     chosen: list[int] = []
-    for middle in middles:
-        away = np.linalg.norm(places_base[good] - middle, axis=1)
-        away[np.isin(good, chosen)] = np.inf
-        chosen.append(int(good[int(np.argmin(away))]))
+    for middle in _divided(places_base[sure], n):
+        cost = np.linalg.norm(places_base[good] - middle, axis=1) + SLOPE_COSTS_MM * slope
+        cost[np.isin(good, chosen)] = np.inf
+        chosen.append(int(good[int(np.argmin(cost))]))
     return np.array(sorted(chosen), dtype=np.int64)
 
 
@@ -52,28 +58,27 @@ def lags_at(
 ) -> tuple[Floats, Floats]:
     """Return the two-way times (n,) through the bone at places (n, 3), and their sigmas in us.
 
-    Each is the median of the sure A-scans around the place.
+    Each is that of a plane through the sure A-scans around the place. Its sigma is their scatter,
+    and what the slope of that plane may cost: of a wedge, the nearest part is heard first.
 
     Raises:
         InvalidInputError: a place without a sure A-scan near it, by its number.
     """
     sure = np.flatnonzero(detection.inner_ok)
-    lag_us = np.asarray(detection.inner_us - detection.outer_us)
     if not len(sure):
         raise InvalidInputError("no A-scan shows an inner boundary that can be trusted")
-    tree = KDTree(scan_places_base[sure])
-    found, sigma = np.zeros(len(places_base)), np.zeros(len(places_base))
-    for i, near in enumerate(tree.query_ball_point(places_base, NEAR_MM)):
-        if not near:
-            raise InvalidInputError(
-                f"reference point {i + 1} has no A-scan with a sure inner boundary within "
-                f"{NEAR_MM:g} mm: remove it, or choose another place"
-            )
-        rows = sure[near]
-        found[i] = float(np.median(lag_us[rows]))
-        own = float(np.median(detection.inner_sigma_us[rows])) / np.sqrt(len(rows))
-        sigma[i] = float(np.hypot(own, TIMING_US))
-    return found, sigma
+    away = KDTree(scan_places_base[sure]).query(places_base)[0]
+    far = np.flatnonzero(away > NEAR_MM)
+    if len(far):
+        raise InvalidInputError(
+            f"reference point {int(far[0]) + 1} has no A-scan with a sure inner boundary within "
+            f"{NEAR_MM:g} mm: remove it, or choose another place"
+        )
+    local = _Local(scan_places_base[sure], detection.thickness_mm[sure])
+    depth, slope, scatter = local.at(places_base)
+    sigma_mm = np.hypot(scatter, 0.5 * depth * slope**2)
+    to_us = 2.0 / detection.sound_speed_mm_per_us
+    return depth * to_us, np.hypot(sigma_mm * to_us, TIMING_US)
 
 
 def at_speed(detection: Detection, speed_mm_per_us: Floats | float) -> Detection:
@@ -89,12 +94,35 @@ def at_speed(detection: Detection, speed_mm_per_us: Floats | float) -> Detection
     )
 
 
-def _is_steady(row: int, places_base: Floats, detection: Detection, sure: Bools) -> bool:
-    """Return whether the sure A-scans about one agree with it."""
-    away = np.linalg.norm(places_base - places_base[row], axis=1)
-    near = np.flatnonzero(sure & (away <= NEAR_MM))
-    off = np.abs(detection.thickness_mm[near] - detection.thickness_mm[row])
-    return len(near) >= LEAST_NEAR and float(np.median(off)) <= ALIKE_MM
+class _Local:
+    """A plane through the thickness of the A-scans around a place."""
+
+    def __init__(self, places: Floats, thickness_mm: Floats) -> None:
+        self._places, self._thickness, self._tree = places, thickness_mm, KDTree(places)
+
+    def at(self, places: Floats) -> tuple[Floats, Floats, Floats]:
+        """Return thickness, slope and scatter (n,) at places (n, 3)."""
+        rows = [self._one(place) for place in places]
+        table = np.array(rows, dtype=np.float64).reshape(len(places), 3)
+        return table[:, 0], table[:, 1], table[:, 2]
+
+    def _one(self, place: Floats) -> tuple[float, float, float]:
+        near = np.array(self._tree.query_ball_point(place, AROUND_MM), dtype=np.int64)
+        if len(near) < LEAST_NEAR:
+            nearest = int(np.asarray(self._tree.query(place)[1]))
+            return float(self._thickness[nearest]), LONELY_SLOPE, ALIKE_MM
+        away = self._places[near] - place
+        flat = np.linalg.svd(away - away.mean(axis=0), full_matrices=False)[2][:2]
+        design = np.column_stack((np.ones(len(near)), away @ flat.T))
+        depth, weights = self._thickness[near], np.ones(len(near))
+        fit = np.zeros(3)
+        for _ in range(4):  # a stray echo among them counts little
+            root = np.sqrt(weights)
+            fit = np.linalg.lstsq(design * root[:, None], depth * root)[0]
+            off = depth - design @ fit
+            scale = max(1.4826 * float(np.median(np.abs(off))), 0.01)
+            weights = 1.0 / (1.0 + (off / (2.0 * scale)) ** 2)
+        return float(fit[0]), float(np.hypot(fit[1], fit[2])), scale
 
 
 def _divided(points: Floats, n: int) -> Floats:

@@ -69,8 +69,6 @@ class Docks:
             panels.append(QualityPanel(gui))
         with upper.add_tab("Rolls", "rotate-360"):
             panels.append(RollsPanel(gui, door))
-        with upper.add_tab("What if", "flask"):
-            panels.append(WhatIfPanel(gui, door))
         with upper.add_tab("Frames", "axis-x"):
             panels.append(FramesPanel(gui))
         with upper.add_tab("Log", "list"):
@@ -81,6 +79,8 @@ class Docks:
             panels.append(JointsPanel(gui, door))
         with lower.add_tab("A-scan", "wave-sine"):
             panels.append(AScanPanel(gui))
+        with lower.add_tab("What if", "flask"):
+            panels.append(WhatIfPanel(gui, door))
         upper.dock_right()
         lower.dock_below(upper)
         upper.set_width(RIGHT_PX)

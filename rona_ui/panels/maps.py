@@ -43,7 +43,7 @@ class MapsPanel(StepPanel):
     def build(self) -> None:
         """Add the parameters and the choice of what is shown."""
         self.form.choice("method", "Detection", METHODS, "subtract")
-        self.form.choice("speed", "Speed of sound", SPEEDS, "known")
+        self.form.choice("speed", "Bone speed", SPEEDS, "known")
         self._given = self.gui.add_number("Bone (mm/µs)", 2.65, min=1.5, max=4.5, step=0.01)
         self.form.number("cell_mm", "Cell (mm)", 1.0, 0.5, 5.0, 0.5)
         with self.gui.add_folder("Speed of sound", expand_by_default=False):

@@ -52,10 +52,10 @@ class SetupPanel(StepPanel):
             form.choice("pointer", "Pointer", {"6D": "pointer6d", "5D": "pointer5d"}, "pointer6d")
         with gui.add_folder("Probe", expand_by_default=False):
             self._probe.build()
-        with gui.add_folder("Probe details", expand_by_default=False):
-            self._probe.build_details()
-        with gui.add_folder("Delay line", expand_by_default=False):
-            self._probe.build_block()
+            with gui.add_folder("What it is made of", expand_by_default=False):
+                self._probe.build_details()
+            with gui.add_folder("Delay line", expand_by_default=False):
+                self._probe.build_block()
         with gui.add_folder("Tracker details", expand_by_default=False):
             self._tracker.build_details()
         with gui.add_folder("Moved tracker", expand_by_default=False):

@@ -26,11 +26,14 @@ class WhatIfPanel:
                 "step 9. Nothing of this patient goes into it."
             )
         )
-        self._probes = gui.add_dropdown("Probes", tuple(PROBES))
-        self._excitations = gui.add_dropdown("Excitation", tuple(EXCITATIONS))
-        self._bone = gui.add_dropdown("Bone", tuple(BONES))
-        self._snr = gui.add_text("SNR (dB)", "30, 50", hint="Several with commas")
-        self._thickness = gui.add_text("Thickness (mm)", "3, 5, 8, 11", hint="Several with commas")
+        with gui.add_folder("What to try", expand_by_default=False):
+            self._probes = gui.add_dropdown("Probes", tuple(PROBES))
+            self._excitations = gui.add_dropdown("Excitation", tuple(EXCITATIONS))
+            self._bone = gui.add_dropdown("Bone", tuple(BONES))
+            self._snr = gui.add_text("SNR (dB)", "30, 50", hint="Several with commas")
+            self._thickness = gui.add_text(
+                "Thickness (mm)", "3, 5, 8, 11", hint="Several with commas"
+            )
         self._start = gui.add_button("Try them", icon="player-play", color="gray")
         self._cancel = gui.add_button("Cancel", icon="player-stop", visible=False)
         self._html = gui.add_html("")
@@ -76,8 +79,11 @@ def what_if_table(found: WhatIf) -> str:
     head = "".join(f'<th class="n">{mm:g} mm</th>' for mm in depths)
     body = ""
     for (probe, excitation, snr_db), cells in rows.items():
-        title = f"{probe.replace('MHz', ' MHz')} {excitation}, {snr_db:g} dB"
-        body += f"<tr><td>{title}</td>{''.join(_cell(found, cells[mm]) for mm in depths)}</tr>"
+        title = f"{probe.replace('MHz', ' MHz')}<br>{excitation} {snr_db:g} dB"
+        body += (
+            f'<tr><td style="white-space:nowrap">{title}</td>'
+            + f"{''.join(_cell(found, cells[mm]) for mm in depths)}</tr>"
+        )
     words = (
         f"Each cell, of {found.n} A-scans: found %, SD and bias in µm (sign: too thick). Colour: "
         "share of all A-scans that claim a wrong inner boundary."
