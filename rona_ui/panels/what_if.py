@@ -4,13 +4,23 @@ from typing import Any
 
 from rona_core.app.messages import StartWhatIf
 from rona_core.app.sound_views import WhatIf
+from rona_core.devices.settings import Excitation, ProbeName
+from rona_core.session.specimen import BoneKind
 from rona_ui.panels import style
 from rona_ui.panels.door import Door, listen
 from rona_ui.view_state import Picture
 
-PROBES = {"Both": ("2.25MHz", "1MHz"), "2.25 MHz": ("2.25MHz",), "1 MHz": ("1MHz",)}
-EXCITATIONS = {"Both": ("pulse", "chirp"), "Chirp": ("chirp",), "Pulse": ("pulse",)}
-BONES = {"Normal": "normal", "Sharp diploe": "sharp", "Hard": "hard"}
+PROBES: dict[str, tuple[ProbeName, ...]] = {
+    "Both": ("2.25MHz", "1MHz"),
+    "2.25 MHz": ("2.25MHz",),
+    "1 MHz": ("1MHz",),
+}
+EXCITATIONS: dict[str, tuple[Excitation, ...]] = {
+    "Both": ("pulse", "chirp"),
+    "Chirp": ("chirp",),
+    "Pulse": ("pulse",),
+}
+BONES: dict[str, BoneKind] = {"Normal": "normal", "Sharp diploe": "sharp", "Hard": "hard"}
 GOOD, FAIR, POOR = "#e8f5f0", "#fdf1e7", "#f9d9d9"  # behind a cell
 FAIR_SHARE, POOR_SHARE = 0.01, 0.1  # of A-scans that would mislead
 
