@@ -23,6 +23,7 @@ SUITES = (
     "skull_suite",
     "recorded_rf",
     "sound_speed",
+    "thickness",
     "procedure",
 )
 COLUMNS = ("figure", "value", "unit", "goal", "peer", "holds")

@@ -18,6 +18,7 @@ from rona_core.evaluation.metrics import evaluate
 from rona_core.session.document import Session, Setup
 from rona_core.session.specimen import LoadedSkull
 from rona_core.virtual.bone_medium import bone_medium
+from rona_core.virtual.plates import sweep as sweep_plates
 from rona_core.virtual.rig import VirtualRig
 from rona_core.virtual.specimen import Specimen, build_specimen
 from rona_core.virtual.specimen_import import import_skull
@@ -83,6 +84,7 @@ def virtual_services(compute: Compute = compute_here, pace: float | None = None)
         import_skull=read_skull,
         evaluate=evaluate_virtual,
         compute=compute,
+        sweep=sweep_plates,
     )
 
 

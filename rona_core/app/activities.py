@@ -46,6 +46,7 @@ from rona_core.app.outcomes import (
 )
 from rona_core.app.plain import plain_arguments
 from rona_core.app.scan_capture import capture_scan
+from rona_core.app.sound_messages import StartBlockShots, StartReferencePoints
 from rona_core.app.staleness import input_digests
 from rona_core.app.toolbox import Toolbox
 from rona_core.errors import InvalidInputError, NotFoundError
@@ -64,6 +65,8 @@ DEVICE_ACTIVITIES = (
     StartScan,
     StartSecondScan,
     StartRobotMove,
+    StartReferencePoints,
+    StartBlockShots,
 )
 
 

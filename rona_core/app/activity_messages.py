@@ -255,15 +255,19 @@ class StartSecondScan:
 
 @dataclass(frozen=True, slots=True)
 class StartMapping:
-    """Detect both skull boundaries in the A-scans, map them and fuse the pointer cloud."""
+    """Detect both skull boundaries in the A-scans, map them and fuse the pointer cloud.
+
+    Without a speed of sound it is the calibrated one, place by place, else the published one.
+    """
 
     __pydantic_config__: ClassVar = STRICT
     method: Literal["subtract", "matched", "threshold"] = "subtract"
-    sound_speed_mm_per_us: float = 2.65  # mean of tables and diploe; published: 2.45 to 2.85
+    sound_speed_mm_per_us: float | None = None  # None: calibrated, else published: 2.45 to 2.85
     cell_mm: float = 1.0
 
     def __post_init__(self) -> None:
-        require_within("sound_speed_mm_per_us", self.sound_speed_mm_per_us, 1.5, 4.5)
+        if self.sound_speed_mm_per_us is not None:
+            require_within("sound_speed_mm_per_us", self.sound_speed_mm_per_us, 1.5, 4.5)
         require_within("cell_mm", self.cell_mm, 0.5, 5.0)
 
 

@@ -8,10 +8,13 @@ import numpy as np
 
 from rona_core.app.delay import measured_times_s, tracker_delay
 from rona_core.app.derive_smoothing import derive_pattern, derive_smoothing
+from rona_core.app.derive_speed import derive_line, derive_speed
 from rona_core.app.messages import (
     BuildPath,
     BuildSurface,
+    CalibrateDelayLine,
     CalibratePointer,
+    CalibrateSoundSpeed,
     DrawPattern,
     RegisterTool,
     SmoothScanPath,
@@ -174,4 +177,6 @@ SHORT: dict[type, tuple[str, Callable[[Session, Any], Any]]] = {
     BuildPath: ("path", derive_path),
     DrawPattern: ("path", derive_pattern),
     SmoothScanPath: ("smoothing", derive_smoothing),
+    CalibrateSoundSpeed: ("speed", derive_speed),
+    CalibrateDelayLine: ("line", derive_line),
 }

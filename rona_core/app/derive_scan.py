@@ -2,11 +2,17 @@
 
 from dataclasses import dataclass, replace
 
+from rona_core.app.derive_speed import first_speed, session_probe, with_known_speed
 from rona_core.app.messages import StartMapping, StartRollSearch, StartSecondPlan
 from rona_core.app.needs import need
 from rona_core.app.plain import plain_arguments
 from rona_core.app.pose_timing import probe_poses_of
-from rona_core.app.staleness import session_obstacles, stale_reason, usable_second
+from rona_core.app.staleness import (
+    input_digests,
+    session_obstacles,
+    stale_reason,
+    usable_second,
+)
 from rona_core.devices.protocols import Cancel, Progress, never, silent
 from rona_core.errors import StepBlockedError
 from rona_core.geometry.pose import Poses
@@ -20,7 +26,6 @@ from rona_core.robot.timing import ScanSettings
 from rona_core.session.document import Derived, ScanCapture, SecondPass, Session
 from rona_core.ultrasound.corrections import corrected
 from rona_core.ultrasound.detect import Detection, detect
-from rona_core.ultrasound.probe import probe_model
 
 
 def derive_roll(
@@ -79,10 +84,10 @@ def derive_detection(
     probe = session.setup.devices.probe
     return detect(
         capture.scans,
-        probe_model(probe),
+        session_probe(session),
         probe.excitation,
         method=message.method,
-        sound_speed_mm_per_us=message.sound_speed_mm_per_us,
+        sound_speed_mm_per_us=first_speed(message.sound_speed_mm_per_us),
         positions_mm=probe_poses(session).translations,
         progress=progress,
         cancel=cancel,
@@ -107,20 +112,26 @@ def derive_maps(
 ) -> Maps:
     """Map both boundaries and fuse the outer one with the pointer cloud.
 
-    What the second pass found is mapped as well, unless ``first_only``. Boundaries that were set
-    by hand take the place of those that were found.
+    What the second pass found is mapped as well, and thickness is at the calibrated speed of sound
+    where there is one, unless ``first_only``: plans do not wait for a caliper. Boundaries that were
+    set by hand take the place of those that were found.
     """
-    edits, probe = session.boundary_edits, probe_model(session.setup.devices.probe)
+    edits, probe = session.boundary_edits, session_probe(session)
     cloud = need(session.results.surface, "sample the surface").value
     detection = need(session.results.detection, "detect the boundaries").value
+    detection = corrected(detection, edits, "first", probe)
     capture, again = usable_second(session), session.results.second_detection
     second = None
+    poses, wanted = probe_poses(session), message.sound_speed_mm_per_us
+    if not first_only:
+        detection = with_known_speed(detection, poses, session, wanted)
     if not first_only and capture is not None and again is not None:
+        there = probe_poses(session, capture)
         seen = corrected(again.value, edits, "second", probe)
-        second = seen, probe_poses(session, capture)
+        second = with_known_speed(seen, there, session, wanted), there
     return build_maps(
-        corrected(detection, edits, "first", probe),
-        probe_poses(session),
+        detection,
+        poses,
         cloud.points_base,
         second=second,
         cell_mm=message.cell_mm,
@@ -177,10 +188,10 @@ def derive_second_detection(
     probe = session.setup.devices.probe
     return detect(
         capture.scans,
-        probe_model(probe),
+        session_probe(session),
         probe.excitation,
         method=message.method,
-        sound_speed_mm_per_us=message.sound_speed_mm_per_us,
+        sound_speed_mm_per_us=first_speed(message.sound_speed_mm_per_us),
         positions_mm=poses.translations,
         known_standoff_mm=standoffs_mm(outer, poses),
         progress=progress,
@@ -240,7 +251,9 @@ def _kept(name: str, session: Session, message: StartMapping) -> Detection | Non
 
 def _with_result(session: Session, name: str, value: object) -> Session:
     """Return the session with a result that later parts of the same computation look up."""
-    made = None if value is None else Derived(value, "", {}, {})
+    made = None
+    if value is not None:  # with its inputs, so that what follows from it is known to be fresh
+        made = Derived(value, StartMapping.__name__, {}, input_digests(name, session))
     return replace(session, results=replace(session.results, **{name: made}))
 
 

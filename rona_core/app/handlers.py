@@ -47,36 +47,37 @@ from rona_core.ultrasound.corrections import BoundaryEdits
 # ------------------------------------------------------------------ captures: always kept
 
 
-def _captured(session: Session, capture: Capture, **parts: Any) -> Session:
+def captured(session: Session, capture: Capture, **parts: Any) -> Session:
+    """Return the session with a capture in its place, and in the archive."""
     captures = replace(session.captures, **parts)
     return replace(session, captures=captures, archive=(*session.archive, capture))
 
 
 @handle.register
 def _(message: StoreToolCapture, session: Session) -> Session:
-    return _captured(session, message.capture, tool=message.capture)
+    return captured(session, message.capture, tool=message.capture)
 
 
 @handle.register
 def _(message: StorePointerCapture, session: Session) -> Session:
-    return _captured(session, message.capture, pointer=message.capture)
+    return captured(session, message.capture, pointer=message.capture)
 
 
 @handle.register
 def _(message: StoreSurfaceCapture, session: Session) -> Session:
     earlier = session.captures.surface if message.append else ()
-    return _captured(session, message.capture, surface=(*earlier, message.capture))
+    return captured(session, message.capture, surface=(*earlier, message.capture))
 
 
 @handle.register
 def _(message: StorePathCapture, session: Session) -> Session:
-    return _captured(session, message.capture, path=message.capture)
+    return captured(session, message.capture, path=message.capture)
 
 
 @handle.register
 def _(message: StoreScanCapture, session: Session) -> Session:
     session = replace(session, boundary_edits=BoundaryEdits())  # those of other A-scans
-    return _captured(session, message.capture, scan=message.capture)
+    return captured(session, message.capture, scan=message.capture)
 
 
 @handle.register
@@ -201,7 +202,7 @@ def _(message: StoreSecondPlan, session: Session) -> Session:
 @handle.register
 def _(message: StoreSecondCapture, session: Session) -> Session:
     session = replace(session, boundary_edits=session.boundary_edits.without("second"))
-    return _captured(session, message.capture, second=message.capture)
+    return captured(session, message.capture, second=message.capture)
 
 
 def _require_unchanged(name: str, inputs: dict[str, str], session: Session) -> None:

@@ -8,7 +8,9 @@ from rona_core.app.messages import (
     ApplyBasePlacement,
     BuildPath,
     BuildSurface,
+    CalibrateDelayLine,
     CalibratePointer,
+    CalibrateSoundSpeed,
     DeletePathPoint,
     DrawPattern,
     InsertPathPoint,
@@ -21,6 +23,7 @@ from rona_core.app.messages import (
     StartPathCapture,
     StartPointerCapture,
     StartRecordingImport,
+    StartReferencePoints,
     StartRollSearch,
     StartScan,
     StartSecondPlan,
@@ -96,6 +99,10 @@ EDITS = Input(lambda s: s.path_edits, "smooth the path (step 6)")
 BOUNDARY_EDITS = Input(lambda s: s.boundary_edits, "scan (step 8)")
 FIRST_EDITS = Input(lambda s: s.boundary_edits.of("first"), "scan (step 8)")
 OUTER_EDITS = Input(lambda s: s.boundary_edits.of("first", "outer"), "scan (step 8)")
+REFERENCES = Input(
+    lambda s: s.captures.references, "measure reference points (step 9)", "capture references"
+)
+BLOCK = Input(lambda s: s.captures.block, "take A-scans on the block (step 1)", "capture block")
 PROBE = Input(lambda s: s.setup.devices.probe, "choose a probe (step 1)")
 
 # message -> what must be there before it makes sense
@@ -120,6 +127,9 @@ NEEDS: dict[type, tuple[Input, ...]] = {
     ApplyBasePlacement: (PLACEMENT,),
     StartScan: (ROLL,),
     StartMapping: (SCAN_CAPTURE, SURFACE),
+    StartReferencePoints: (SCAN_CAPTURE, DETECTION),
+    CalibrateSoundSpeed: (REFERENCES, DETECTION),
+    CalibrateDelayLine: (BLOCK,),
     StartSecondPlan: (SCAN_CAPTURE, SURFACE, MAPS),
     StartSecondScan: (SECOND,),
 }

@@ -58,6 +58,15 @@ from rona_core.app.path_commands import (
     MovePathPoint,
 )
 from rona_core.app.robot_commands import ApplyBasePlacement, SetContact
+from rona_core.app.sound_messages import (
+    AddReferencePoint,
+    CalibrateDelayLine,
+    CalibrateSoundSpeed,
+    RemoveReferencePoint,
+    StartBlockShots,
+    StartReferencePoints,
+    StartWhatIf,
+)
 
 Command = (
     RenameSession
@@ -90,6 +99,10 @@ Command = (
     | ApplyBasePlacement
     | CorrectBoundary
     | ClearBoundaryCorrections
+    | AddReferencePoint
+    | RemoveReferencePoint
+    | CalibrateSoundSpeed
+    | CalibrateDelayLine
     | Undo
     | Redo
 )
@@ -108,6 +121,9 @@ Activity = (
     | StartSecondPlan
     | StartSecondScan
     | StartMapping
+    | StartReferencePoints
+    | StartBlockShots
+    | StartWhatIf
     | StartRobotMove
 )
 COMMANDS: dict[str, type] = {kind.__name__: kind for kind in get_args(Command)}
@@ -117,10 +133,13 @@ __all__ = [
     "ACTIVITIES",
     "COMMANDS",
     "Activity",
+    "AddReferencePoint",
     "ApplyBasePlacement",
     "BuildPath",
     "BuildSurface",
+    "CalibrateDelayLine",
     "CalibratePointer",
+    "CalibrateSoundSpeed",
     "ChooseRoll",
     "ClearBoundaryCorrections",
     "ClearPathEdits",
@@ -137,6 +156,7 @@ __all__ = [
     "Point",
     "Redo",
     "RegisterTool",
+    "RemoveReferencePoint",
     "RenameSession",
     "SetBone",
     "SetContact",
@@ -150,11 +170,13 @@ __all__ = [
     "SetTracker",
     "SmoothScanPath",
     "StartBasePlacement",
+    "StartBlockShots",
     "StartMapping",
     "StartPathCapture",
     "StartPivotImport",
     "StartPointerCapture",
     "StartRecordingImport",
+    "StartReferencePoints",
     "StartRobotMove",
     "StartRollSearch",
     "StartScan",
@@ -164,6 +186,7 @@ __all__ = [
     "StartSkullRegistration",
     "StartSurfaceCapture",
     "StartToolCapture",
+    "StartWhatIf",
     "Undo",
     "UseSimulatedSkull",
 ]

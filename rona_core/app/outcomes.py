@@ -5,10 +5,18 @@ from dataclasses import dataclass
 from rona_core.mapping.boundary_map import Maps
 from rona_core.robot.base_places import BasePlacement
 from rona_core.robot.plan import RobotPlan
-from rona_core.session.document import PointerCapture, ScanCapture, SecondPass, ToolCapture
+from rona_core.session.document import (
+    BlockCapture,
+    PointerCapture,
+    ReferenceCapture,
+    ScanCapture,
+    SecondPass,
+    ToolCapture,
+)
 from rona_core.session.specimen import LoadedSkull
 from rona_core.surface.registration import SurfaceRegistration
 from rona_core.ultrasound.detect import Detection
+from rona_core.ultrasound.what_if import WhatIf
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -108,6 +116,29 @@ class StoreMaps:
     inputs: dict[str, dict[str, str]]  # result -> digests of what it was computed from
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class StoreReferences:
+    """Thicknesses were measured with a caliper; they replace the earlier ones or add to them."""
+
+    capture: ReferenceCapture
+    append: bool
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class StoreBlockCapture:
+    """A-scans were taken on a block."""
+
+    capture: BlockCapture
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class StoreWhatIf:
+    """Other probes were tried on virtual plates."""
+
+    what_if: WhatIf
+    arguments: dict[str, object]
+
+
 Outcome = (
     StoreSkull
     | StoreToolCapture
@@ -121,4 +152,7 @@ Outcome = (
     | StoreSecondPlan
     | StoreSecondCapture
     | StoreMaps
+    | StoreReferences
+    | StoreBlockCapture
+    | StoreWhatIf
 )

@@ -6,6 +6,7 @@ from typing import Any
 from rona_core.app.inputs import (
     ANY_SECOND,
     ANY_SECOND_DETECTION,
+    BLOCK,
     BOUNDARY_EDITS,
     DETECTION,
     EDITS,
@@ -17,6 +18,7 @@ from rona_core.app.inputs import (
     POINTER_CAPTURE,
     PROBE,
     REFERENCE,
+    REFERENCES,
     REGION,
     ROBOT,
     SCAN_CAPTURE,
@@ -31,19 +33,24 @@ from rona_core.app.inputs import (
     missing,
 )
 from rona_core.app.messages import DrawPattern
-from rona_core.devices.settings import TrackerSettings
+from rona_core.devices.settings import ROOM_C, TrackerSettings
 from rona_core.errors import StepBlockedError
 from rona_core.robot.obstacles import Obstacles
 from rona_core.session.codec import digest
 from rona_core.session.document import PointerCapture, ScanCapture, Session
 from rona_core.session.imported import is_imported
 from rona_core.session.surroundings import obstacles_of
+from rona_core.ultrasound.delay_line import DelayLine
+from rona_core.ultrasound.sound_speed import SpeedCalibration
 
 SCANS = {"scan": "roll", "second": "capture scan"}  # capture -> what it rests on
 PLAIN = TrackerSettings(stereo=False, occlusion=False)  # the tracker of sessions of schema 1
 
 
 OBSTACLES = Input(lambda s: session_obstacles(s), "say what stands around the robot (step 1)")
+
+KNOWN_LINE = Input(lambda s: usable_line(s), "calibrate the delay line (step 1)", optional=True)
+KNOWN_SPEED = Input(lambda s: usable_speed(s), "calibrate the speed (step 9)", optional=True)
 
 # result -> the names and kinds of its inputs
 RESULT_INPUTS: dict[str, dict[str, Input]] = {
@@ -65,7 +72,8 @@ RESULT_INPUTS: dict[str, dict[str, Input]] = {
     "smoothing": {"path": PATH, "surface": SURFACE, "edits": EDITS},
     "roll": {"smoothing": SMOOTHING, "robot": ROBOT, "obstacles": OBSTACLES},
     "placement": {"smoothing": SMOOTHING, "robot": ROBOT, "obstacles": OBSTACLES},
-    "detection": {"capture": SCAN_CAPTURE, "probe": PROBE},
+    "line": {"block": BLOCK, "probe": PROBE},
+    "detection": {"capture": SCAN_CAPTURE, "probe": PROBE, "line": KNOWN_LINE},
     "second": {
         "detection": DETECTION,
         "correction by hand": FIRST_EDITS,
@@ -81,6 +89,13 @@ RESULT_INPUTS: dict[str, dict[str, Input]] = {
         "scan": SCAN_CAPTURE,
         "robot": ROBOT,
         "probe": PROBE,
+        "line": KNOWN_LINE,
+    },
+    "speed": {
+        "references": REFERENCES,
+        "detection": DETECTION,
+        "capture": SCAN_CAPTURE,
+        "robot": ROBOT,
     },
     "maps": {
         "detection": DETECTION,
@@ -90,6 +105,7 @@ RESULT_INPUTS: dict[str, dict[str, Input]] = {
         "capture": SCAN_CAPTURE,
         "surface": SURFACE,
         "robot": ROBOT,
+        "speed": KNOWN_SPEED,
     },
 }
 PATTERN_INPUTS = {"surface": SURFACE}  # of a path that nobody demonstrated
@@ -137,6 +153,22 @@ def usable_second(session: Session) -> ScanCapture | None:
     return None if capture is None or stale_reason("capture second", session) else capture
 
 
+def usable_line(session: Session) -> DelayLine | None:
+    """Return the calibrated delay line, unless it is stale or bad."""
+    held = session.results.line
+    if held is None or held.value.verdict == "bad" or stale_reason("line", session):
+        return None
+    return held.value
+
+
+def usable_speed(session: Session) -> SpeedCalibration | None:
+    """Return the calibrated speed of sound, unless it is stale or bad."""
+    held = session.results.speed
+    if held is None or held.value.verdict == "bad" or stale_reason("speed", session):
+        return None
+    return held.value
+
+
 def capture_setup_digest(kind: str, session: Session) -> str:
     """Return a digest of the part of the set-up that a capture of this kind depends on."""
     setup, devices = session.setup, session.setup.devices
@@ -144,15 +176,17 @@ def capture_setup_digest(kind: str, session: Session) -> str:
     seen: list[Any] = [setup.seed]
     if kind in ("tool", "pointer", "surface", "path"):
         seen += [devices.tracker.profile, devices.tracker.rate_hz, *_faults(devices.tracker)]
-    if kind in ("tool", "surface", "path", *SCANS):
+    if kind in ("tool", "surface", "path", "references", *SCANS):
         seen += [robot.model, robot.base_shift_mm, robot.base_turn_deg]
     if kind in ("tool", *SCANS):
         seen += [robot.errors]
         seen += [robot.latency_ms] if robot.latency_ms else []  # nothing for older captures
     if kind in ("pointer", "surface", "path"):
         seen += [devices.pointer]
-    if kind in ("surface", "path", *SCANS):
+    if kind in ("surface", "path", "references", *SCANS):
         seen += [digest(setup.specimen), digest(setup.region)]
+    if kind == "block":  # whatever the line is used at later: its temperature was measured
+        seen += [digest(replace(devices.probe, line_temperature_c=ROOM_C, pitch_mm=1.0))]
     if kind in SCANS:
         plan = None if session.results.roll is None else session.results.roll.value
         # the second pass looks into gaps of the first: it counts as long as that one does

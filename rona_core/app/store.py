@@ -6,10 +6,10 @@ from dataclasses import dataclass, replace
 from datetime import UTC, datetime
 from typing import Any
 
-from rona_core.app.handlers import handle
 from rona_core.app.messages import Redo, Undo
 from rona_core.app.notifier import Notifier
 from rona_core.app.plain import plain_arguments
+from rona_core.app.sound_handlers import handle
 from rona_core.errors import InvalidInputError
 from rona_core.session.document import LogEntry, Session
 

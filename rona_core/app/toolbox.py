@@ -10,8 +10,10 @@ from rona_core.devices.live import Live
 from rona_core.devices.protocols import Cancel, Progress, Rig, never, silent
 from rona_core.errors import CancelledError
 from rona_core.session.specimen import LoadedSkull
+from rona_core.ultrasound.what_if import WhatIf
 
 ImportSkull = Callable[..., LoadedSkull]
+Sweep = Callable[..., WhatIf]
 
 
 class Compute(Protocol):
@@ -47,6 +49,7 @@ class Toolbox:
     import_skull: ImportSkull
     uploads: Path
     compute: Compute = compute_here
+    sweep: Sweep | None = None  # None where there are no virtual plates to try probes on
     progress: Progress = field(default=silent)
     cancel: Cancel = field(default=never)
 

@@ -8,12 +8,13 @@ from typing import Any
 
 from numpy.typing import ArrayLike
 
-from rona_core.app.activities import DEVICE_ACTIVITIES, perform
+from rona_core.app.activities import DEVICE_ACTIVITIES
 from rona_core.app.jobs import Jobs, JobStatus
 from rona_core.app.messages import COMMANDS
+from rona_core.app.sound_activities import perform
 from rona_core.app.store import Change, Store
 from rona_core.app.threads import use_one_thread
-from rona_core.app.toolbox import Compute, ImportSkull, Toolbox, compute_here
+from rona_core.app.toolbox import Compute, ImportSkull, Sweep, Toolbox, compute_here
 from rona_core.devices.live import Live
 from rona_core.devices.protocols import Cancel, Operator, Progress, Rig, never, silent
 from rona_core.errors import DeviceError, InvalidInputError
@@ -32,6 +33,7 @@ class Services:
     import_skull: ImportSkull
     evaluate: Callable[[Session, Rig], Figures] | None  # None where no ground truth exists
     compute: Compute = compute_here
+    sweep: Sweep | None = None  # over virtual plates
 
 
 def _keep_nothing(session: Session) -> None:
@@ -136,6 +138,7 @@ class Workbench:
             import_skull=self._services.import_skull,
             uploads=self.uploads,
             compute=self._services.compute,
+            sweep=self._services.sweep,
             progress=progress,
             cancel=cancel,
         )

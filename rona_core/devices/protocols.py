@@ -11,6 +11,7 @@ from typing import Literal, Protocol
 from numpy.typing import ArrayLike
 
 from rona_core.arrays import Floats, Ints, Vector3
+from rona_core.devices.bench import Bench
 from rona_core.devices.force import ForceSensor
 from rona_core.devices.samples import AScan, JointSample, TrackerFrame
 from rona_core.devices.settings import DeviceSettings
@@ -268,6 +269,11 @@ class Rig(Protocol):
     @property
     def operator(self) -> Operator:
         """The hand that holds the pointer."""
+        ...
+
+    @property
+    def bench(self) -> Bench:
+        """Caliper and block of steel."""
         ...
 
     @property

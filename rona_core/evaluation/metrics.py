@@ -18,6 +18,7 @@ from rona_core.evaluation.navigation_figures import (
 )
 from rona_core.evaluation.path_figures import normal_figures, plan_figures, smoothing_figures
 from rona_core.evaluation.scan_figures import contact_figures, detection_figures
+from rona_core.evaluation.speed_figures import speed_figures
 from rona_core.evaluation.truth import Truth
 from rona_core.session.codec import digest
 from rona_core.session.imported import is_imported
@@ -64,6 +65,9 @@ KEYS = (
     "inner_same_robot_rms_mm",
     "thickness_bias_mm",
     "thickness_rms_mm",
+    "thickness_sigma_predicted_mm",
+    "scan_thickness_rms_mm",
+    "sound_speed_error_percent",
     "fused_outer_rms_mm",
     "coverage_fraction",
     "inner_coverage_fraction",
@@ -193,5 +197,6 @@ def _scan(session: "Session", truth: Truth) -> Figures:
         figures |= map_figures(results.maps.value, truth)
         if results.detection is not None:
             n_first = len(results.detection.value)
+            figures |= speed_figures(session, truth)
             figures |= one_pass_figures(results.maps.value, n_first, truth)
     return figures

@@ -31,7 +31,10 @@ from rona_core.surface.cloud import SurfaceCloud
 from rona_core.surface.normals import Normals
 from rona_core.surface.registration import SurfaceRegistration
 from rona_core.ultrasound.corrections import BoundaryEdits
+from rona_core.ultrasound.delay_line import DelayLine
 from rona_core.ultrasound.detect import Detection
+from rona_core.ultrasound.sound_speed import SpeedCalibration
+from rona_core.ultrasound.what_if import WhatIf
 
 T = TypeVar("T")
 MAX_SEED = 2**31 - 1
@@ -121,6 +124,29 @@ class ScanCapture:
     clock_scans: AScanTrack | None = None  # while pressing on and lifting: they tell the delay
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class ReferenceCapture:
+    """Step 9: places of known thickness, each along the probe's axis; for the speed of sound."""
+
+    ordinal: int
+    setup_digest: str
+    places_base: Floats  # (n, 3) on the outer surface
+    thickness_mm: Floats  # (n,)
+    sigma_mm: Floats  # (n,) standard deviation of the caliper
+    partial: bool = False
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class BlockCapture:
+    """Step 1: the probe at rest on a flat block of metal, a track for each temperature."""
+
+    ordinal: int
+    setup_digest: str
+    tracks: tuple[AScanTrack, ...]
+    temperatures_c: Floats  # (n,) of the delay line, by thermometer
+    partial: bool = False
+
+
 @dataclass(frozen=True, slots=True)
 class Captures:
     """What the devices measured; each can be redone."""
@@ -131,6 +157,8 @@ class Captures:
     path: PointerCapture | None = None
     scan: ScanCapture | None = None
     second: ScanCapture | None = None  # step 9: again over the gaps, the probe leaning
+    references: ReferenceCapture | None = None
+    block: BlockCapture | None = None
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -183,9 +211,12 @@ class Results:
     smoothing: Derived[SmoothPath] | None = None
     roll: Derived[RobotPlan] | None = None
     placement: Derived[BasePlacement] | None = None  # places of the robot's base
+    what_if: Derived[WhatIf] | None = None  # of no specimen: how probes do on virtual plates
+    line: Derived[DelayLine] | None = None  # of the probe, on a block
     detection: Derived[Detection] | None = None
     second: Derived[SecondPass] | None = None
     second_detection: Derived[Detection] | None = None  # of the A-scans of the second pass
+    speed: Derived[SpeedCalibration] | None = None  # of sound, at places of known thickness
     maps: Derived[Maps] | None = None
 
 
@@ -199,7 +230,7 @@ class LogEntry:
     time_utc: str
 
 
-Capture = ToolCapture | PointerCapture | ScanCapture
+Capture = ToolCapture | PointerCapture | ScanCapture | ReferenceCapture | BlockCapture
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -21,6 +21,7 @@ from rona_core.devices.volumes import ACCURACY_MM
 from rona_core.geometry.pose import Poses
 from rona_core.session.document import PointerCapture, Session
 from rona_core.session.reference import TrackerReference, weakest_reference
+from rona_core.session.thickness import thickness_shares
 from rona_core.surface.cloud import SurfaceCloud
 from rona_core.surface.normals import NormalField
 
@@ -123,12 +124,13 @@ def predict_skull_mm(session: Session) -> float | None:
 def predicted_figures(session: Session) -> dict[str, float | None]:
     """Return the predicted errors under the keys of ``docs/metrics.md``; None where unknown."""
     tool, pointer = session.results.tool, session.results.pointer
-    surface = predict_surface(session)
+    surface, thickness = predict_surface(session), thickness_shares(session)
     return {
         "tool_tip_sigma_mm": None if tool is None else tool.value.tip_sigma_mm,
         "pointer_tip_sigma_mm": None if pointer is None else pointer.value.tip_sigma_mm,
         "surface_sigma_predicted_mm": None if surface is None else surface.normal_mm,
         "skull_registration_sigma_mm": predict_skull_mm(session),
+        "thickness_sigma_predicted_mm": None if thickness is None else thickness.total_mm,
     }
 
 

@@ -10,6 +10,7 @@ from rona_core.devices.settings import DeviceSettings
 from rona_core.geometry.pose import Pose
 from rona_core.robot.model import RobotModel, robot_model
 from rona_core.ultrasound.medium import Medium
+from rona_core.virtual.bench import VirtualBench
 from rona_core.virtual.clock import CaptureClock
 from rona_core.virtual.display import VirtualDisplay
 from rona_core.virtual.force_sensor import VirtualForceSensor
@@ -78,6 +79,7 @@ class VirtualRig:
         )
         self.probe = VirtualProbe(self.clock, self._true_probe, specimen, medium)
         self.force = self._force_sensor()
+        self.bench = VirtualBench(self.scene)
         self.display = VirtualDisplay(self.scene, self._pointer_now)
         self.begin(settings, 0)
 
@@ -104,6 +106,7 @@ class VirtualRig:
         self.probe.begin(settings.probe, self.scene.seed, ordinal)
         self._touch = VirtualTouch(self.scene, self._model, ordinal)
         self.force.begin(self.scene.seed, ordinal)
+        self.bench.begin(self.scene, ordinal)
         self.display.begin(self.scene)
         self._tools = self._moving_tools(ordinal)
 

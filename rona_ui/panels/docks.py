@@ -27,6 +27,7 @@ from rona_ui.panels.step_panel import StepPanel
 from rona_ui.panels.steps import StepList
 from rona_ui.panels.surface import SurfacePanel
 from rona_ui.panels.tool import ToolPanel
+from rona_ui.panels.what_if import WhatIfPanel
 from rona_ui.view_state import Picture
 
 STEP_PANELS: tuple[type[StepPanel], ...] = (
@@ -85,6 +86,8 @@ class Docks:
             panels.append(AScanPanel(gui, door))
         with lower.add_tab("Force", "arrow-bar-to-down"):
             panels.append(ForcePanel(gui, door))
+        with lower.add_tab("What if", "flask"):
+            panels.append(WhatIfPanel(gui, door))
         upper.dock_right()
         lower.dock_below(upper)
         upper.set_width(RIGHT_PX)

@@ -10,6 +10,7 @@ from rona_core.app.messages import StartMapping
 from rona_ui.panels import style
 from rona_ui.panels.door import Door, follow
 from rona_ui.panels.second import SecondFolder
+from rona_ui.panels.speed_fields import SpeedFields
 from rona_ui.panels.step_panel import StepPanel
 from rona_ui.scene.colors import viridis_css
 from rona_ui.view_state import Picture
@@ -19,6 +20,7 @@ METHODS = {
     "Matched filter (as the paper)": "matched",
     "Threshold (as the paper)": "threshold",
 }
+SPEEDS = {"Calibrated, else published": "known", "As given below": "given"}
 QUANTITIES = {"Bone thickness": "thickness", "Height over the map's plane": "height"}
 SHOWN = {
     "Inner boundary": ("inner",),
@@ -47,27 +49,28 @@ class MapsPanel(StepPanel):
     def build(self) -> None:
         """Add the parameters and the choice of what is shown."""
         self.form.choice("method", "Detection", METHODS, "subtract")
-        self.form.number(
-            "sound_speed_mm_per_us",
-            "Bone (mm/µs)",
-            StartMapping().sound_speed_mm_per_us,
-            1.5,
-            4.5,
-            0.05,
-        )
+        self.form.choice("speed", "Bone speed", SPEEDS, "known")
+        self._given = self.gui.add_number("Bone (mm/µs)", 2.65, min=1.5, max=4.5, step=0.01)
         self.form.number("cell_mm", "Cell (mm)", 1.0, 0.5, 5.0, 0.5)
+        with self.gui.add_folder("Speed of sound", expand_by_default=False):
+            self._speed = SpeedFields(self.gui, self.door)
         self._shown = self.gui.add_dropdown("Show", tuple(SHOWN))
         self._quantity = self.gui.add_dropdown("Colours", tuple(QUANTITIES))
         self._cut = self.gui.add_checkbox(
             "Open the skull", True, hint="Takes the drawn bone away over the region"
         )
         self._bar = self.gui.add_html("")
+        self.form.on_change(self._changed)
         follow(self._shown, lambda e: self._show(SHOWN[self._shown.value]))
         follow(
             self._quantity,
             lambda e: self.door.view(lambda v: replace(v, quantity=self._chosen())),
         )
         follow(self._cut, lambda e: self.door.view(lambda v: replace(v, cut=self._cut.value)))
+
+    def _changed(self, name: str, event: Any) -> None:
+        if name == "speed":
+            self._given.visible = self.form.values("speed")["speed"] == "given"
 
     def _chosen(self) -> Any:
         return QUANTITIES[self._quantity.value]
@@ -78,11 +81,17 @@ class MapsPanel(StepPanel):
 
     def message(self) -> Any:
         """Return the mapping with these parameters."""
-        return StartMapping(**self.form.values())
+        values = self.form.values()
+        given = float(self._given.value) if values.pop("speed") == "given" else None
+        return StartMapping(**values, sound_speed_mm_per_us=given)
 
     def update(self, old: Picture | None, new: Picture) -> None:
         """Draw the colour bar once there are maps."""
         maps = new.session.results.maps
+        self._given.visible = self.form.values("speed")["speed"] == "given"
+        self._given.disabled = new.busy
+        if old is None or old.session is not new.session or old.busy != new.busy:
+            self._speed.show(new.session, new.busy)
         for field in (self._shown, self._quantity, self._cut):
             field.visible = maps is not None
         if (

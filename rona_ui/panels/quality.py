@@ -5,6 +5,7 @@ from typing import Any
 from rona_core.app.contact_report import contact_report
 from rona_core.app.delay import delay_words
 from rona_core.app.quality import QualityRow, quality_rows
+from rona_core.app.sound_views import thickness_shares
 from rona_core.session.document import Session
 from rona_ui.bindings import escape
 from rona_ui.panels import style
@@ -17,10 +18,21 @@ SECTIONS = (  # title, what the keys begin with, steps that the figures come fro
         ("surface", "skull_reg", "path", "normal"),
         ("surface", "path", "smoothing"),
     ),
-    ("Robot and scan", ("roll", "min_", "scan", "second_pass", "contact"), ("roll", "scan")),
+    ("Robot and scan", ("roll", "scan_p", "scan_d", "min_", "contact", "second"), ("roll", "scan")),
     (
         "Maps",
-        ("outer", "inner", "thickness", "fused", "coverage", "detection", "unfl", "flagged"),
+        (
+            "outer",
+            "inner",
+            "thickness",
+            "fused",
+            "coverage",
+            "detection",
+            "unfl",
+            "flagged",
+            "scan_thick",
+            "sound",
+        ),
         ("maps",),
     ),
 )
@@ -32,6 +44,7 @@ PREDICTED = {
     "pointer_tip_error_mm": "pointer_tip_sigma_mm",
     "surface_rms_mm": "surface_sigma_predicted_mm",
     "skull_registration_tre_mm": "skull_registration_sigma_mm",
+    "scan_thickness_rms_mm": "thickness_sigma_predicted_mm",
 }
 
 
@@ -121,9 +134,24 @@ def _own_word(session: Session, expected: dict[str, QualityRow], mark: str) -> s
         rows += _line("Loaded skull, points off it (RMS)", results.registration.value.rms_mm)
     if results.pointer is not None:
         rows += _line("Pointer, scatter of the tip (RMSE)", results.pointer.value.rmse_mm)
+    rows += _budget(session)
     if not rows:
         return ""
     return f'<tr class="sec"><td colspan="4">Predicted, without the truth{mark}</td></tr>{rows}'
+
+
+def _budget(session: Session) -> str:
+    """Return what makes a thickness unsure, part by part."""
+    shares = thickness_shares(session)
+    if shares is None:
+        return ""
+    speed = f"calibrated at {shares.points}" if shares.points else "published"
+    return (
+        _line("Thickness, σ by the time of flight", shares.timing_mm)
+        + _line(f"… by this patient's speed ({speed})", shares.patient_mm)
+        + _line("… by the speed from place to place", shares.place_mm)
+        + _line("… by a wedge of the inner table", shares.wedge_mm)
+    )
 
 
 def _line(title: str, value_mm: float) -> str:

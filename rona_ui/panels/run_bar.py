@@ -25,6 +25,9 @@ WORDS = {
     "StartSecondPlan": "Planning the second pass",
     "StartSecondScan": "Scanning the gaps",
     "StartMapping": "Mapping the boundaries",
+    "StartReferencePoints": "Measuring with a caliper",
+    "StartBlockShots": "Shooting the block",
+    "StartWhatIf": "Trying other probes",
     "StartRobotMove": "Moving the robot",
 }
 

@@ -6,7 +6,6 @@ from typing import Any
 from rona_core.app.messages import (
     SetBone,
     SetPointer,
-    SetProbe,
     SetReference,
     SetRegion,
     SetRobot,
@@ -18,6 +17,7 @@ from rona_core.devices.settings import ROBOTS
 from rona_core.session.document import Session
 from rona_ui.bindings import Event
 from rona_ui.panels import style
+from rona_ui.panels.probe_fields import ProbeFields
 from rona_ui.panels.robot_figures import figures_table
 from rona_ui.panels.step_panel import StepPanel
 from rona_ui.panels.tracker_fields import NAMES, PLACE, TrackerFields
@@ -42,6 +42,7 @@ class SetupPanel(StepPanel):
         """Add the fields in folders, the rarer ones closed."""
         form, gui = self.form, self.gui
         self._tracker = TrackerFields(form)
+        self._probe = ProbeFields(form, gui, self.door)
         form.number("seed", "Seed", 0, 0, 2**31 - 1, 1, "Patient, placement and every noise")
         form.choice("skull", "Skull", SKULLS, "left", "A file is read below")
         form.choice("kind", "Bone", BONES, "normal", "Known to the virtual probe alone")
@@ -50,10 +51,12 @@ class SetupPanel(StepPanel):
         with gui.add_folder("Devices", expand_by_default=False):
             self._tracker.build()
             form.choice("pointer", "Pointer", {"6D": "pointer6d", "5D": "pointer5d"}, "pointer6d")
-            form.choice("name", "Probe", {"2.25 MHz": "2.25MHz", "1 MHz": "1MHz"}, "2.25MHz")
-            form.choice("excitation", "Excitation", {"Chirp": "chirp", "Pulse": "pulse"}, "chirp")
-            form.number("front_snr_db", "SNR (dB)", 50.0, 0.0, 90.0, 1.0)
-            form.number("pitch_mm", "Pitch (mm)", 1.0, 0.2, 10.0, 0.1, "Between A-scans")
+        with gui.add_folder("Probe", expand_by_default=False):
+            self._probe.build()
+            with gui.add_folder("What it is made of", expand_by_default=False):
+                self._probe.build_details()
+            with gui.add_folder("Delay line", expand_by_default=False):
+                self._probe.build_block()
         with gui.add_folder("Tracker details", expand_by_default=False):
             self._tracker.build_details()
         with gui.add_folder("Moved tracker", expand_by_default=False):
@@ -116,8 +119,7 @@ class SetupPanel(StepPanel):
         elif name in ROBOT:
             key, build = "robot", self._robot
         else:
-            names = ("name", "excitation", "front_snr_db", "pitch_mm")
-            key, build = "probe", lambda: SetProbe(**self.form.values(*names))
+            key, build = "probe", self._probe.message
         if name == "skull" and self.form.values("skull")["skull"] == "file":
             return  # nothing happens until a file has been read
         self.door.send_settled(("setup", key), build, event)
@@ -135,10 +137,18 @@ class SetupPanel(StepPanel):
         """Write what the session holds into the fields where it has changed or was refused."""
         if old is None or old.session.setup is not new.session.setup or old.refused != new.refused:
             tracker = new.session.setup.devices.tracker
-            self.form.show({**_held(new.session), **self._tracker.held(tracker)})
+            probe = self._probe.held(new.session.setup.devices.probe)
+            self.form.show({**_held(new.session), **self._tracker.held(tracker), **probe})
             table = figures_table(new.session.setup.devices.robot.model)
             if self._figures.content != table:
                 self._figures.content = table
+        if (
+            old is None
+            or old.session.setup is not new.session.setup
+            or old.session.results.line is not new.session.results.line
+            or old.busy != new.busy
+        ):
+            self._probe.show(new.session, new.busy)
 
     def remarks(self, picture: Picture) -> str:
         """Say what the region is."""
@@ -161,10 +171,6 @@ def _held(session: Session) -> dict[str, Any]:
         "own_speed": setup.bone.own_speed,
         "radius_mm": setup.region.radius_mm,
         "pointer": devices.pointer,
-        "name": devices.probe.name,
-        "excitation": devices.probe.excitation,
-        "front_snr_db": devices.probe.front_snr_db,
-        "pitch_mm": devices.probe.pitch_mm,
         "model": devices.robot.model,
         "errors": devices.robot.errors,
         "scan_speed_mm_per_s": devices.robot.scan_speed_mm_per_s,

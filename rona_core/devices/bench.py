@@ -1,0 +1,26 @@
+"""What is measured beside the robot: thickness by caliper, and the probe on a block of steel."""
+
+from typing import Protocol
+
+from rona_core.arrays import Floats
+from rona_core.devices.samples import AScanTrack
+from rona_core.devices.settings import ProbeSettings
+
+
+class Bench(Protocol):
+    """What is measured beside the robot, by hand."""
+
+    def measure_thickness(self, places_base: Floats, axes_base: Floats) -> tuple[Floats, float]:
+        """Measure the bone with a caliper at places (n, 3) along inward axes (n, 3).
+
+        Returns:
+            Thicknesses (n,) and the standard deviation of the caliper, in mm.
+
+        Raises:
+            DeviceError: there is nothing to grip, or nobody can measure.
+        """
+        ...
+
+    def shoot_block(self, settings: ProbeSettings, temperature_c: float, n: int) -> AScanTrack:
+        """Hold the probe on a flat block of steel and fire ``n`` times, its line this warm."""
+        ...

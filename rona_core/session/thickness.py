@@ -1,0 +1,86 @@
+"""How sure the thicknesses of a session are, without any truth, and what makes them no surer."""
+
+from dataclasses import dataclass
+from functools import lru_cache
+
+import numpy as np
+
+from rona_core.arrays import Floats
+from rona_core.mapping.boundary_map import Maps
+from rona_core.session.codec import digest
+from rona_core.session.document import Session
+from rona_core.ultrasound.detect import Detection
+from rona_core.ultrasound.sound_speed import SpeedCalibration, speed_at, uncalibrated
+
+STEEPEST = 0.3  # nine tenths of all skulls are flatter: more is a step between echoes
+
+
+@dataclass(frozen=True, slots=True)
+class ThicknessShares:
+    """Standard deviations (RMS over the sure A-scans) of a thickness in mm; squares add up."""
+
+    total_mm: float
+    timing_mm: float  # by the time of flight
+    patient_mm: float  # by the mean speed of the patient
+    place_mm: float  # by the speed at the place against that mean
+    wedge_mm: float  # by an inner boundary that is not parallel to the outer one
+    points: int  # of reference that the speed was calibrated at
+
+
+def thickness_shares(session: Session) -> ThicknessShares | None:
+    """Return the error budget of the map's thickness; None before step 9.
+
+    The speed counts as calibrated if the maps were made with that calibration.
+    """
+    results = session.results
+    if results.detection is None or results.maps is None:
+        return None
+    speed = results.speed
+    wanted = results.maps.arguments.get("sound_speed_mm_per_us")
+    known = speed.value if speed is not None and wanted is None and _used(session) else None
+    return _shares(results.detection.value, results.maps.value, known)
+
+
+def _used(session: Session) -> bool:
+    """Return whether the maps were made with the calibration that the session holds."""
+    maps, speed = session.results.maps, session.results.speed
+    if maps is None or speed is None:
+        return False
+    return maps.inputs.get("speed") == digest(speed.value)
+
+
+@lru_cache(maxsize=4)
+def _shares(
+    detection: Detection, maps: Maps, known: SpeedCalibration | None
+) -> ThicknessShares | None:
+    n = len(detection)
+    ok = np.asarray(detection.inner_ok)
+    if not ok.any():
+        return None
+    calibration = uncalibrated() if known is None else known
+    depth = detection.thickness_mm[ok]
+    speed, sigma = speed_at(calibration, maps.outer_points_base[:n][ok])
+    relative = sigma / speed
+    patient = np.minimum(calibration.sigma_mm_per_us / speed, relative)
+    place = np.sqrt(np.maximum(relative**2 - patient**2, 0.0))
+    wedge = 0.5 * depth * _wedge(maps, maps.outer_points_base[:n][ok]) ** 2
+    parts = (detection.thickness_sigma_mm[ok], depth * patient, depth * place, wedge)
+    squares = [float(np.mean(part**2)) for part in parts]
+    timing, patient_mm, place_mm, wedge_mm = (value**0.5 for value in squares)
+    return ThicknessShares(
+        sum(squares) ** 0.5, timing, patient_mm, place_mm, wedge_mm, len(calibration)
+    )
+
+
+def _wedge(maps: Maps, points_base: Floats) -> Floats:
+    """Return the slope (n,) of the inner boundary against the outer one below points (n, 3)."""
+    thickness = np.where(maps.inner.ok, maps.thickness_mm(), np.nan)
+    u, v = maps.outer.u_mm, maps.outer.v_mm
+    if min(thickness.shape) < 2:
+        return np.zeros(len(points_base))
+    along_u, along_v = np.gradient(thickness, u, v)
+    slope = np.minimum(np.nan_to_num(np.hypot(along_u, along_v), nan=0.0), STEEPEST)
+    where = maps.outer.T_base_map.inv() @ points_base
+    i = np.clip(np.rint((where[:, 0] - u[0]) / (u[1] - u[0])), 0, len(u) - 1).astype(np.int64)
+    j = np.clip(np.rint((where[:, 1] - v[0]) / (v[1] - v[0])), 0, len(v) - 1).astype(np.int64)
+    return slope[i, j]

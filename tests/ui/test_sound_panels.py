@@ -1,0 +1,104 @@
+"""Panels of probe, delay line, speed of sound and sweep: what they send and what they say."""
+
+import numpy as np
+from fake_gui import FakeGui
+from test_panels import CLIENT, Recorder, picture
+
+from rona_core.app.messages import (
+    AddReferencePoint,
+    CalibrateDelayLine,
+    SetProbe,
+    StartBlockShots,
+    StartMapping,
+    StartReferencePoints,
+    StartWhatIf,
+)
+from rona_core.app.sound_views import ReferenceRow, probe_outlooks
+from rona_core.devices.settings import ProbeSettings
+from rona_core.session.document import Derived, Results, Session
+from rona_core.ultrasound.what_if import WhatIf
+from rona_ui.panels.maps import MapsPanel
+from rona_ui.panels.probe_fields import outlook_table
+from rona_ui.panels.setup import SetupPanel
+from rona_ui.panels.speed_fields import points_table
+from rona_ui.panels.what_if import WhatIfPanel, numbers
+
+
+def test_an_edited_probe_is_sent_with_what_differs_and_another_name_without():
+    gui, recorder = FakeGui(), Recorder()
+    panel = SetupPanel(gui, recorder.door)
+    panel.render(None, picture())
+    width = gui.find("number", "Bandwidth (share)")
+    assert width.value == 0.46
+    width.value = 0.6
+    width.happen(CLIENT)
+    assert recorder.sent == [SetProbe(bandwidth=0.6)]
+    name = gui.find("dropdown", "Probe")
+    name.value = "1 MHz"
+    name.happen(CLIENT)
+    assert recorder.sent[-1] == SetProbe(name="1MHz")
+    gui.find("button", "Shoot the block").happen(CLIENT)
+    gui.find("button", "Nominal line again").happen(CLIENT)
+    assert recorder.sent[-2:] == [StartBlockShots(), CalibrateDelayLine(use=False)]
+
+
+def test_the_table_marks_the_chosen_probe_and_leaves_out_what_it_cannot_reach():
+    chosen = ProbeSettings()
+    html = outlook_table(probe_outlooks(chosen), chosen)
+    assert html.count("▶") == 1
+    assert "▶ 2.25 MHz chirp" in html
+    assert ">–<" in html  # the pulse of 2.25 MHz at 10 mm
+
+
+def test_points_can_be_measured_and_added_once_there_is_a_map_only():
+    gui, recorder = FakeGui(), Recorder()
+    panel = MapsPanel(gui, recorder.door)
+    panel.render(None, picture())
+    assert gui.find("button", "Measure with a caliper").disabled
+    assert not gui.find("button", "Calibrate the speed").visible
+    assert "Map the boundaries once" in gui.html()
+    gui.find("number", "Points").value = 5
+    gui.find("button", "Measure with a caliper").happen(CLIENT)
+    gui.find("number", "A-scan no.").value = 12
+    gui.find("button", "Add this point").happen(CLIENT)
+    thickness = gui.find("number", "Thickness (mm)").value
+    assert recorder.sent == [StartReferencePoints(n=5), AddReferencePoint(thickness, scan=12)]
+
+
+def test_a_speed_is_given_only_where_somebody_chose_so():
+    gui = FakeGui()
+    panel = MapsPanel(gui, Recorder().door)
+    given = gui.find("number", "Bone (mm/µs)")
+    given.value = 2.5
+    assert panel.message() == StartMapping()
+    gui.find("dropdown", "Bone speed").value = "As given below"
+    assert panel.message() == StartMapping(sound_speed_mm_per_us=2.5)
+
+
+def test_a_doubtful_point_is_named():
+    rows = (ReferenceRow(0, 5.5, 0.02, 2.65, True), ReferenceRow(1, 6.0, 0.9, 3.1, False))
+    html = points_table(rows)
+    assert html.count("doubtful") == 1
+    assert "+0.90" in html
+    assert points_table(()) == ""
+
+
+def test_the_sweep_is_sent_as_the_fields_say_and_shown_cell_by_cell():
+    gui, recorder = FakeGui(), Recorder()
+    panel = WhatIfPanel(gui, recorder.door)
+    gui.find("text", "SNR (dB)").value = "20; 40"
+    panel.render(None, picture())
+    gui.find("button", "Try them").happen(CLIENT)
+    assert recorder.sent == [StartWhatIf(snr_db=(20.0, 40.0))]
+    assert numbers(" 3, 4.5,") == (3.0, 4.5)
+    two = np.array([0.0, 0.5])
+    found = WhatIf(
+        ("1MHz",) * 2, ("chirp",) * 2, two * 0 + 50.0, np.array([4.0, 8.0]), two, two,
+        1.0 - two, two * 0 + 0.031, two * 0 - 0.004, np.array([40, 20]), "normal", 40,
+    )  # fmt: skip
+    held = Results(what_if=Derived(found, "StartWhatIf", {}, {}))
+    panel.render(picture(), picture(Session(results=held)))
+    html = gui.html()
+    assert "100 %" in html
+    assert "31 / -4" in html
+    assert html.count("#f9d9d9") == 2  # the poor cell, and the legend
