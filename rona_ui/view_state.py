@@ -83,6 +83,7 @@ class ViewState:
     slice_across: SliceAcross = "off"  # plane that the drawn skull is cut with, in every step
     slice_mm: float = 0.0  # from the centre of the region to that plane
     slice_maps: bool = False  # the maps are cut too
+    by_hand: bool = False  # the maps of the scan by hand are shown, where there are both
     joint: int = 0  # joint in the graph, 0 for all
 
     def shows(self, layer: str) -> bool:

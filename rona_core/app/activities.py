@@ -7,11 +7,13 @@ from typing import Any
 from rona_core.app import captures, imports
 from rona_core.app.derive_scan import derive_mapping, derive_roll, derive_second, lean
 from rona_core.app.derive_skull import derive_registration
+from rona_core.app.derive_sono import derive_sono_mapping
 from rona_core.app.inputs import require_for, require_inputs
 from rona_core.app.messages import (
     BuildPath,
     BuildSurface,
     CalibratePointer,
+    CalibrateSono,
     RegisterTool,
     StartMapping,
     StartPathCapture,
@@ -25,6 +27,9 @@ from rona_core.app.messages import (
     StartSecondScan,
     StartSkullImport,
     StartSkullRegistration,
+    StartSonoCalibration,
+    StartSonoMapping,
+    StartSonoScan,
     StartSurfaceCapture,
     StartToolCapture,
 )
@@ -38,11 +43,16 @@ from rona_core.app.outcomes import (
     StoreSecondCapture,
     StoreSecondPlan,
     StoreSkull,
+    StoreSonoMaps,
+    StoreSonoPivot,
+    StoreSonoScan,
+    StoreSonoSpin,
     StoreSurfaceCapture,
     StoreToolCapture,
 )
 from rona_core.app.plain import plain_arguments
 from rona_core.app.scan_capture import capture_scan
+from rona_core.app.sono_capture import capture_sono_calibration, capture_sono_scan
 from rona_core.app.staleness import input_digests
 from rona_core.app.toolbox import Toolbox
 from rona_core.errors import InvalidInputError, NotFoundError
@@ -60,6 +70,8 @@ DEVICE_ACTIVITIES = (
     StartPivotImport,
     StartScan,
     StartSecondScan,
+    StartSonoCalibration,
+    StartSonoScan,
     StartRobotMove,
 )
 
@@ -162,6 +174,14 @@ def _(activity: StartScan, session: Session, tools: Toolbox) -> Messages:
 def _(activity: StartMapping, session: Session, tools: Toolbox) -> Messages:
     require_inputs(type(activity), session)
     mapped = tools.run(derive_mapping, lean(session), activity)
+    values, arguments, inputs = _digested(mapped, activity, session)
+    return (StoreMaps(**values, arguments=arguments, inputs=inputs),)
+
+
+def _digested(
+    mapped: Any, activity: Any, session: Session
+) -> tuple[dict[str, Any], dict[str, object], dict[str, dict[str, str]]]:
+    """Return several results by name, what was asked for, and the digests of each one's inputs."""
     arguments = plain_arguments(activity)
     inputs: dict[str, dict[str, str]] = {}
     values = {f.name: getattr(mapped, f.name) for f in fields(mapped)}
@@ -171,7 +191,7 @@ def _(activity: StartMapping, session: Session, tools: Toolbox) -> Messages:
             inputs[name] = input_digests(name, session)
             made = Derived(value, type(activity).__name__, arguments, inputs[name])
         session = replace(session, results=replace(session.results, **{name: made}))
-    return (StoreMaps(**values, arguments=arguments, inputs=inputs),)
+    return values, arguments, inputs
 
 
 @perform.register
@@ -186,6 +206,29 @@ def _(activity: StartSecondPlan, session: Session, tools: Toolbox) -> Messages:
 def _(activity: StartSecondScan, session: Session, tools: Toolbox) -> Messages:
     require_inputs(type(activity), session)
     return (StoreSecondCapture(capture_scan(session, tools, "second")),)
+
+
+@perform.register
+def _(activity: StartSonoCalibration, session: Session, tools: Toolbox) -> Messages:
+    pivot, spin = capture_sono_calibration(activity, session, tools)
+    if spin is None:
+        return (StoreSonoPivot(pivot),)
+    both = (StoreSonoPivot(pivot), StoreSonoSpin(spin))
+    return both if spin.partial else (*both, CalibrateSono())
+
+
+@perform.register
+def _(activity: StartSonoScan, session: Session, tools: Toolbox) -> Messages:
+    require_inputs(type(activity), session)
+    return (StoreSonoScan(capture_sono_scan(activity, session, tools)),)
+
+
+@perform.register
+def _(activity: StartSonoMapping, session: Session, tools: Toolbox) -> Messages:
+    require_inputs(type(activity), session)
+    mapped = tools.run(derive_sono_mapping, lean(session), activity)
+    values, arguments, inputs = _digested(mapped, activity, session)
+    return (StoreSonoMaps(**values, arguments=arguments, inputs=inputs),)
 
 
 @perform.register

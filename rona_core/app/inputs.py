@@ -8,6 +8,7 @@ from rona_core.app.messages import (
     BuildPath,
     BuildSurface,
     CalibratePointer,
+    CalibrateSono,
     DeletePathPoint,
     DrawPattern,
     InsertPathPoint,
@@ -24,6 +25,9 @@ from rona_core.app.messages import (
     StartSecondPlan,
     StartSecondScan,
     StartSkullRegistration,
+    StartSonoCalibration,
+    StartSonoMapping,
+    StartSonoScan,
     StartSurfaceCapture,
     StartToolCapture,
 )
@@ -80,6 +84,17 @@ SURFACE = Input(_value("surface"), "sample the surface (step 4)", "surface")
 PATH = Input(_value("path"), "demonstrate the path (step 5)", "path")
 SMOOTHING = Input(_value("smoothing"), "smooth the path (step 6)", "smoothing")
 ROLL = Input(_value("roll"), "search the roll (step 7)", "roll")
+SONO_PIVOT = Input(
+    lambda s: s.captures.sono_pivot, "pivot the SonoPointer (step 9)", "capture sono_pivot"
+)
+SONO_SPIN = Input(
+    lambda s: s.captures.sono_spin, "turn the SonoPointer about its axis", "capture sono_spin"
+)
+SONO_SCAN = Input(lambda s: s.captures.sono_scan, "scan by hand (step 9)", "capture sono_scan")
+SONO_CALIBRATION = Input(_value("sono"), "calibrate the SonoPointer (step 9)", "sono")
+SONO_DETECTION = Input(_value("sono_detection"), "map the scan by hand", "sono_detection")
+ANY_TOOL = Input(_value("tool"), "register the tool (step 2)", "tool", optional=True)
+ANY_SURFACE = Input(_value("surface"), "sample the surface (step 4)", "surface", optional=True)
 SKULL = Input(lambda s: s.setup.specimen, "load a skull (step 1)")
 REGION = Input(lambda s: s.setup.region, "choose a region (step 1)")
 DETECTION = Input(_value("detection"), "detect the boundaries (step 9)", "detection")
@@ -114,6 +129,10 @@ NEEDS: dict[type, tuple[Input, ...]] = {
     StartMapping: (SCAN_CAPTURE, SURFACE),
     StartSecondPlan: (SCAN_CAPTURE, SURFACE, MAPS),
     StartSecondScan: (SECOND,),
+    StartSonoCalibration: (),
+    CalibrateSono: (SONO_PIVOT, SONO_SPIN),
+    StartSonoScan: (SONO_CALIBRATION,),
+    StartSonoMapping: (SONO_SCAN, SONO_CALIBRATION),
 }
 
 

@@ -55,6 +55,12 @@ from rona_core.app.path_commands import (
     KeepPathSample,
     MovePathPoint,
 )
+from rona_core.app.sono_messages import (
+    CalibrateSono,
+    StartSonoCalibration,
+    StartSonoMapping,
+    StartSonoScan,
+)
 
 Command = (
     RenameSession
@@ -83,6 +89,7 @@ Command = (
     | KeepPathSample
     | ClearPathEdits
     | ChooseRoll
+    | CalibrateSono
     | Undo
     | Redo
 )
@@ -100,6 +107,9 @@ Activity = (
     | StartSecondPlan
     | StartSecondScan
     | StartMapping
+    | StartSonoCalibration
+    | StartSonoScan
+    | StartSonoMapping
     | StartRobotMove
 )
 COMMANDS: dict[str, type] = {kind.__name__: kind for kind in get_args(Command)}
@@ -112,6 +122,7 @@ __all__ = [
     "BuildPath",
     "BuildSurface",
     "CalibratePointer",
+    "CalibrateSono",
     "ChooseRoll",
     "ClearPathEdits",
     "ClearSurface",
@@ -149,6 +160,9 @@ __all__ = [
     "StartSecondScan",
     "StartSkullImport",
     "StartSkullRegistration",
+    "StartSonoCalibration",
+    "StartSonoMapping",
+    "StartSonoScan",
     "StartSurfaceCapture",
     "StartToolCapture",
     "Undo",

@@ -4,7 +4,14 @@ from dataclasses import dataclass
 
 from rona_core.mapping.boundary_map import Maps
 from rona_core.robot.plan import RobotPlan
-from rona_core.session.document import PointerCapture, ScanCapture, SecondPass, ToolCapture
+from rona_core.session.document import (
+    PointerCapture,
+    ScanCapture,
+    SecondPass,
+    SonoCapture,
+    SonoMaps,
+    ToolCapture,
+)
 from rona_core.session.specimen import LoadedSkull
 from rona_core.surface.registration import SurfaceRegistration
 from rona_core.ultrasound.detect import Detection
@@ -98,6 +105,37 @@ class StoreMaps:
     inputs: dict[str, dict[str, str]]  # result -> digests of what it was computed from
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class StoreSonoPivot:
+    """The pivoting of the probe in the hand was recorded."""
+
+    capture: PointerCapture
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class StoreSonoSpin:
+    """The probe in the hand was turned about its own axis."""
+
+    capture: PointerCapture
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class StoreSonoScan:
+    """A scan by hand was recorded."""
+
+    capture: SonoCapture
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class StoreSonoMaps:
+    """Boundaries were detected in a scan by hand, and mapped."""
+
+    sono_detection: Detection
+    sono_maps: SonoMaps
+    arguments: dict[str, object]
+    inputs: dict[str, dict[str, str]]  # result -> digests of what it was computed from
+
+
 Outcome = (
     StoreSkull
     | StoreToolCapture
@@ -110,4 +148,8 @@ Outcome = (
     | StoreSecondPlan
     | StoreSecondCapture
     | StoreMaps
+    | StoreSonoPivot
+    | StoreSonoSpin
+    | StoreSonoScan
+    | StoreSonoMaps
 )

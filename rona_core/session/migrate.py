@@ -88,7 +88,12 @@ FIRST_SURROUNDINGS: dict[str, Any] = {
 }
 # Fields that schema 3 gave to values of schema 2: class -> field -> value it had in effect.
 ADDED_IN_3: dict[str, dict[str, Any]] = {
-    "Captures": {"second": None},  # nobody had scanned the gaps again
+    "Captures": {  # nobody had scanned the gaps again, or by hand
+        "second": None,
+        "sono_pivot": None,
+        "sono_spin": None,
+        "sono_scan": None,
+    },
     "Setup": {
         "bone": {"$type": "BoneChoice", "kind": "normal", "own_speed": False},
         "surroundings": FIRST_SURROUNDINGS,
@@ -108,7 +113,8 @@ ADDED_IN_3: dict[str, dict[str, Any]] = {
 }
 # Results of schema 2 that schema 3 holds more of: computed again by one click each.
 OUTGROWN_IN_3 = ("roll", "detection", "maps")
-NEW_IN_3 = ("second", "second_detection")  # results that schema 2 did not know
+# Results that schema 2 did not know.
+NEW_IN_3 = ("second", "second_detection", "sono", "sono_detection", "sono_maps")
 
 
 def from_2(manifest: dict[str, Any]) -> dict[str, Any]:

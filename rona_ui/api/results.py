@@ -36,7 +36,10 @@ HELD: dict[str, tuple[tuple[str, ...], tuple[str, ...]]] = {
     "smoothing": ((), ("smoothing",)),
     "roll": ((), ("roll",)),
     "scan": (("scan",), ()),
-    "maps": ((), ("detection", "maps")),
+    "maps": (
+        ("sono_pivot", "sono_spin", "sono_scan"),
+        ("detection", "maps", "sono", "sono_detection", "sono_maps"),
+    ),
 }
 
 

@@ -5,11 +5,13 @@ from typing import Any
 
 import numpy as np
 
-from rona_core.app.maps import MapLayers, map_layers
+from rona_core.app.maps import MapLayers, layers_of
 from rona_core.app.messages import StartMapping
 from rona_ui.panels import style
 from rona_ui.panels.door import follow
+from rona_ui.panels.sono import SonoControls
 from rona_ui.panels.step_panel import StepPanel
+from rona_ui.scene.chosen_maps import chosen_key, chosen_maps
 from rona_ui.scene.colors import viridis_css
 from rona_ui.view_state import Picture
 
@@ -56,6 +58,7 @@ class MapsPanel(StepPanel):
             "Open the skull", True, hint="Takes the drawn bone away over the region"
         )
         self._bar = self.gui.add_html("")
+        self._sono = SonoControls(self.gui, self.door)
         follow(self._shown, lambda e: self._show(SHOWN[self._shown.value]))
         follow(
             self._quantity,
@@ -76,16 +79,18 @@ class MapsPanel(StepPanel):
 
     def update(self, old: Picture | None, new: Picture) -> None:
         """Draw the colour bar once there are maps."""
-        maps = new.session.results.maps
+        self._sono.render(new)
+        maps = chosen_maps(new)
         for field in (self._shown, self._quantity, self._cut):
             field.visible = maps is not None
         if (
             old is None
-            or old.session.results.maps is not maps
+            or chosen_key(old) != chosen_key(new)
             or old.view.quantity != new.view.quantity
         ):
-            layers = map_layers(new.session, new.view.quantity)
-            self._bar.content = "" if layers is None else color_bar(layers)
+            self._bar.content = (
+                "" if maps is None else color_bar(layers_of(maps, new.view.quantity))
+            )
 
     def remarks(self, picture: Picture) -> str:
         """Say how much of the inner boundary was found."""

@@ -22,6 +22,7 @@ SECTIONS = (  # title, what the keys begin with, steps that the figures come fro
         ("outer", "inner", "thickness", "fused", "coverage", "detection", "unfl", "flagged"),
         ("maps",),
     ),
+    ("Scan by hand", ("sono",), ()),
 )
 
 

@@ -24,6 +24,9 @@ WORDS = {
     "StartSecondPlan": "Planning the second pass",
     "StartSecondScan": "Scanning the gaps",
     "StartMapping": "Mapping the boundaries",
+    "StartSonoCalibration": "Calibrating the SonoPointer",
+    "StartSonoScan": "Scanning by hand",
+    "StartSonoMapping": "Mapping the scan by hand",
     "StartRobotMove": "Moving the robot",
 }
 
