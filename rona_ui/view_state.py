@@ -47,7 +47,7 @@ NEEDED: dict[str, frozenset[str]] = {
     "smoothing": frozenset(("skull", "path", "arrows", "warnings")),
     "roll": frozenset(("skull", "robot", "path", "rolls")),
     "scan": frozenset(("skull", "robot", "path", "scan")),
-    "maps": frozenset(("skull", "region", "outer", "inner", "fused")),
+    "maps": frozenset(("skull", "region", "pointer", "outer", "inner", "fused")),
 }
 
 

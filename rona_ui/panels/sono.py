@@ -38,7 +38,9 @@ class SonoControls:
             self._probe = gui.add_html("")
             form = self._form = Form(gui)
             form.number("duration_s", "Duration (s)", start.duration_s, 5.0, 600.0, 5.0)
-            form.number("spacing_mm", "Lines apart (mm)", start.spacing_mm, 0.5, 10.0, 0.5)
+            form.number(
+                "spacing_mm", "Lines (mm)", start.spacing_mm, 0.5, 10.0, 0.5, "Between two lines"
+            )
             self._scan = gui.add_button("2. Scan by hand", icon="hand-grab", color="gray")
             self._heard = gui.add_html("")
             self._map = gui.add_button("3. Map the scan by hand", icon="map", color="gray")

@@ -58,7 +58,7 @@ def test_the_buttons_come_one_after_the_other(session):
     assert [b.disabled for b in buttons] == [False, True, True]
     controls.render(picture(session))
     assert [b.disabled for b in buttons] == [False, False, False]
-    gui.find("number", "Lines apart (mm)").value = 3.0
+    gui.find("number", "Lines (mm)").value = 3.0
     for button in buttons:
         button.happen(CLIENT)
     assert sent == [StartSonoCalibration(), StartSonoScan(spacing_mm=3.0), StartSonoMapping()]
