@@ -51,7 +51,7 @@ NEEDED: dict[str, frozenset[str]] = {
     "smoothing": frozenset(("skull", "path", "arrows", "warnings")),
     "roll": frozenset(("skull", "robot", "path", "rolls", "obstacles", "places")),
     "scan": frozenset(("skull", "robot", "path", "scan", "obstacles")),
-    "maps": frozenset(("skull", "region", "outer", "inner", "fused", "second")),
+    "maps": frozenset(("skull", "region", "pointer", "outer", "inner", "fused", "second")),
 }
 
 
@@ -91,6 +91,7 @@ class ViewState:
     slice_mm: float = 0.0  # from the centre of the region to that plane
     slice_maps: bool = False  # the maps are cut too
     force_across: Literal["path", "time"] = "path"  # what the force is drawn over
+    by_hand: bool = False  # the maps of the scan by hand are shown, where there are both
     joint: int = 0  # joint in the graph, 0 for all
     second: bool = False  # replay, A-scans and image are those of the second pass
     hand: tuple[int, float] | None = None  # A-scan and time (µs) that somebody holds a boundary at

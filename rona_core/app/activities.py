@@ -8,11 +8,13 @@ from rona_core.app import captures, imports
 from rona_core.app.derive_placement import derive_placement
 from rona_core.app.derive_scan import derive_mapping, derive_roll, derive_second, lean
 from rona_core.app.derive_skull import derive_registration
+from rona_core.app.derive_sono import derive_sono_mapping
 from rona_core.app.inputs import require_for, require_inputs
 from rona_core.app.messages import (
     BuildPath,
     BuildSurface,
     CalibratePointer,
+    CalibrateSono,
     RegisterTool,
     StartBasePlacement,
     StartMapping,
@@ -27,6 +29,9 @@ from rona_core.app.messages import (
     StartSecondScan,
     StartSkullImport,
     StartSkullRegistration,
+    StartSonoCalibration,
+    StartSonoMapping,
+    StartSonoScan,
     StartSurfaceCapture,
     StartToolCapture,
 )
@@ -41,11 +46,16 @@ from rona_core.app.outcomes import (
     StoreSecondCapture,
     StoreSecondPlan,
     StoreSkull,
+    StoreSonoMaps,
+    StoreSonoPivot,
+    StoreSonoScan,
+    StoreSonoSpin,
     StoreSurfaceCapture,
     StoreToolCapture,
 )
 from rona_core.app.plain import plain_arguments
 from rona_core.app.scan_capture import capture_scan
+from rona_core.app.sono_capture import capture_sono_calibration, capture_sono_scan
 from rona_core.app.sound_messages import StartBlockShots, StartReferencePoints
 from rona_core.app.staleness import input_digests
 from rona_core.app.toolbox import Toolbox
@@ -64,6 +74,8 @@ DEVICE_ACTIVITIES = (
     StartPivotImport,
     StartScan,
     StartSecondScan,
+    StartSonoCalibration,
+    StartSonoScan,
     StartRobotMove,
     StartReferencePoints,
     StartBlockShots,
@@ -176,6 +188,14 @@ def _(activity: StartScan, session: Session, tools: Toolbox) -> Messages:
 def _(activity: StartMapping, session: Session, tools: Toolbox) -> Messages:
     require_inputs(type(activity), session)
     mapped = tools.run(derive_mapping, lean(session), activity)
+    values, arguments, inputs = _digested(mapped, activity, session)
+    return (StoreMaps(**values, arguments=arguments, inputs=inputs),)
+
+
+def _digested(
+    mapped: Any, activity: Any, session: Session
+) -> tuple[dict[str, Any], dict[str, object], dict[str, dict[str, str]]]:
+    """Return several results by name, what was asked for, and the digests of each one's inputs."""
     arguments = plain_arguments(activity)
     inputs: dict[str, dict[str, str]] = {}
     values = {f.name: getattr(mapped, f.name) for f in fields(mapped)}
@@ -185,7 +205,7 @@ def _(activity: StartMapping, session: Session, tools: Toolbox) -> Messages:
             inputs[name] = input_digests(name, session)
             made = Derived(value, type(activity).__name__, arguments, inputs[name])
         session = replace(session, results=replace(session.results, **{name: made}))
-    return (StoreMaps(**values, arguments=arguments, inputs=inputs),)
+    return values, arguments, inputs
 
 
 @perform.register
@@ -200,6 +220,29 @@ def _(activity: StartSecondPlan, session: Session, tools: Toolbox) -> Messages:
 def _(activity: StartSecondScan, session: Session, tools: Toolbox) -> Messages:
     require_inputs(type(activity), session)
     return (StoreSecondCapture(capture_scan(session, tools, "second")),)
+
+
+@perform.register
+def _(activity: StartSonoCalibration, session: Session, tools: Toolbox) -> Messages:
+    pivot, spin = capture_sono_calibration(activity, session, tools)
+    if spin is None:
+        return (StoreSonoPivot(pivot),)
+    both = (StoreSonoPivot(pivot), StoreSonoSpin(spin))
+    return both if spin.partial else (*both, CalibrateSono())
+
+
+@perform.register
+def _(activity: StartSonoScan, session: Session, tools: Toolbox) -> Messages:
+    require_inputs(type(activity), session)
+    return (StoreSonoScan(capture_sono_scan(activity, session, tools)),)
+
+
+@perform.register
+def _(activity: StartSonoMapping, session: Session, tools: Toolbox) -> Messages:
+    require_inputs(type(activity), session)
+    mapped = tools.run(derive_sono_mapping, lean(session), activity)
+    values, arguments, inputs = _digested(mapped, activity, session)
+    return (StoreSonoMaps(**values, arguments=arguments, inputs=inputs),)
 
 
 @perform.register

@@ -103,14 +103,14 @@ def capture_pivot(
     """Record the pointer marker while the pointer pivots about its tip."""
     operator = tools.rig.operator
     if not activity.by_hand:
-        return _capture_hand(
+        return capture_hand(
             "pointer",
             session,
             tools,
             lambda: operator.pivot(cone_deg=activity.cone_deg, duration_s=activity.duration_s),
         )
     try:
-        return _capture_hand(
+        return capture_hand(
             "pointer",
             session,
             tools,
@@ -190,17 +190,20 @@ def _capture_stroke(
     def along_picks() -> float:
         return tools.rig.operator.stroke(picks, duration_s=activity.duration_s)
 
-    return _capture_hand(kind, session, tools, along_picks if len(picks) else without_picks)
+    return capture_hand(kind, session, tools, along_picks if len(picks) else without_picks)
 
 
-def _capture_hand(
+def capture_hand(
     kind: str,
     session: Session,
     tools: Toolbox,
     prepare: Callable[[], float],
     finished: Callable[[], bool] = never,
+    *,
+    tool: str | None = None,
 ) -> PointerCapture:
-    pointer = session.setup.devices.pointer
+    """Record the marker of a tool in the hand, the pointer if none is named, while it moves."""
+    pointer = session.setup.devices.pointer if tool is None else tool
     ordinal = begin(session, tools)
     duration_s = prepare()
 

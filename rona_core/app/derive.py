@@ -14,6 +14,7 @@ from rona_core.app.messages import (
     BuildSurface,
     CalibrateDelayLine,
     CalibratePointer,
+    CalibrateSono,
     CalibrateSoundSpeed,
     DrawPattern,
     RegisterTool,
@@ -22,8 +23,10 @@ from rona_core.app.messages import (
 from rona_core.app.needs import need
 from rona_core.arrays import Bools, Floats, Ints
 from rona_core.calibration.pointer import PointerCalibration, calibrate_pointer
+from rona_core.calibration.sono import SonoCalibration, calibrate_sono
 from rona_core.calibration.tool import ToolRegistration, register_tool
 from rona_core.devices.markers import GEOMETRIES
+from rona_core.devices.settings import SONO
 from rona_core.errors import DegenerateGeometryError, InvalidInputError, StepBlockedError
 from rona_core.geometry.pose import Poses
 from rona_core.robot.model import robot_model
@@ -107,6 +110,23 @@ def derive_pointer(session: Session, message: CalibratePointer) -> PointerCalibr
     )
 
 
+def derive_sono(session: Session, message: CalibrateSono) -> SonoCalibration:
+    """Calibrate the probe in the hand from its pivoting and its turning.
+
+    Raises:
+        InvalidInputError: the tracker saw it in too few frames.
+        DegenerateGeometryError: the motions tell too little.
+    """
+    pivot = need(session.captures.sono_pivot, "pivot the SonoPointer")
+    spin = need(session.captures.sono_spin, "turn the SonoPointer about its axis")
+    return calibrate_sono(
+        pivot.marker.Ts_tracker_marker,
+        spin.marker.Ts_tracker_marker,
+        pointer=SONO,
+        positions_marker=GEOMETRIES[SONO].positions_marker,
+    )
+
+
 def derive_registration(session: Session, message: RegisterTool) -> ToolRegistration:
     """Register robot, tool and tracker; remember where the base marker was, and the delay."""
     made = derive_tool(session, message)
@@ -173,6 +193,7 @@ def derive_path(session: Session, message: BuildPath) -> RawPath:
 SHORT: dict[type, tuple[str, Callable[[Session, Any], Any]]] = {
     RegisterTool: ("tool", derive_registration),
     CalibratePointer: ("pointer", derive_pointer),
+    CalibrateSono: ("sono", derive_sono),
     BuildSurface: ("surface", derive_surface),
     BuildPath: ("path", derive_path),
     DrawPattern: ("path", derive_pattern),

@@ -13,6 +13,7 @@ from rona_core.app.messages import (
     BuildPath,
     BuildSurface,
     CalibratePointer,
+    CalibrateSono,
     ChooseRoll,
     ClearSurface,
     DrawPattern,
@@ -31,6 +32,10 @@ from rona_core.app.outcomes import (
     StoreScanCapture,
     StoreSecondCapture,
     StoreSecondPlan,
+    StoreSonoMaps,
+    StoreSonoPivot,
+    StoreSonoScan,
+    StoreSonoSpin,
     StoreSurfaceCapture,
     StoreToolCapture,
 )
@@ -81,6 +86,21 @@ def _(message: StoreScanCapture, session: Session) -> Session:
 
 
 @handle.register
+def _(message: StoreSonoPivot, session: Session) -> Session:
+    return captured(session, message.capture, sono_pivot=message.capture)
+
+
+@handle.register
+def _(message: StoreSonoSpin, session: Session) -> Session:
+    return captured(session, message.capture, sono_spin=message.capture)
+
+
+@handle.register
+def _(message: StoreSonoScan, session: Session) -> Session:
+    return captured(session, message.capture, sono_scan=message.capture)
+
+
+@handle.register
 def _(message: ClearSurface, session: Session) -> Session:
     return replace(session, captures=replace(session.captures, surface=()))
 
@@ -92,6 +112,7 @@ def _(message: ClearSurface, session: Session) -> Session:
 @handle.register(CalibratePointer)
 @handle.register(BuildSurface)
 @handle.register(SmoothScanPath)
+@handle.register(CalibrateSono)
 def _(message: Any, session: Session) -> Session:
     return computed(message, session)
 
@@ -182,12 +203,25 @@ def _(message: ChooseRoll, session: Session) -> Session:
 
 @handle.register
 def _(message: StoreMaps, session: Session) -> Session:
-    for name in ("detection", "second_detection", "maps"):  # each may depend on those before
+    names = ("detection", "second_detection", "maps")
+    return _with_mapped(session, message, "StartMapping", names)
+
+
+@handle.register
+def _(message: StoreSonoMaps, session: Session) -> Session:
+    names = ("sono_detection", "sono_maps")
+    return _with_mapped(session, message, "StartSonoMapping", names)
+
+
+def _with_mapped(
+    session: Session, message: StoreMaps | StoreSonoMaps, made_by: str, names: tuple[str, ...]
+) -> Session:
+    for name in names:  # each may depend on those before
         value = getattr(message, name)
         made = None
         if value is not None:
             _require_unchanged(name, message.inputs[name], session)
-            made = Derived(value, "StartMapping", message.arguments, message.inputs[name])
+            made = Derived(value, made_by, message.arguments, message.inputs[name])
         session = replace(session, results=replace(session.results, **{name: made}))
     return session
 

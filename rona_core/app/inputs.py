@@ -10,6 +10,7 @@ from rona_core.app.messages import (
     BuildSurface,
     CalibrateDelayLine,
     CalibratePointer,
+    CalibrateSono,
     CalibrateSoundSpeed,
     DeletePathPoint,
     DrawPattern,
@@ -29,6 +30,9 @@ from rona_core.app.messages import (
     StartSecondPlan,
     StartSecondScan,
     StartSkullRegistration,
+    StartSonoCalibration,
+    StartSonoMapping,
+    StartSonoScan,
     StartSurfaceCapture,
     StartToolCapture,
 )
@@ -86,6 +90,17 @@ PATH = Input(_value("path"), "demonstrate the path (step 5)", "path")
 SMOOTHING = Input(_value("smoothing"), "smooth the path (step 6)", "smoothing")
 ROLL = Input(_value("roll"), "search the roll (step 7)", "roll")
 PLACEMENT = Input(_value("placement"), "look for a place of the base (step 7)", "placement")
+SONO_PIVOT = Input(
+    lambda s: s.captures.sono_pivot, "pivot the SonoPointer (step 9)", "capture sono_pivot"
+)
+SONO_SPIN = Input(
+    lambda s: s.captures.sono_spin, "turn the SonoPointer about its axis", "capture sono_spin"
+)
+SONO_SCAN = Input(lambda s: s.captures.sono_scan, "scan by hand (step 9)", "capture sono_scan")
+SONO_CALIBRATION = Input(_value("sono"), "calibrate the SonoPointer (step 9)", "sono")
+SONO_DETECTION = Input(_value("sono_detection"), "map the scan by hand", "sono_detection")
+ANY_TOOL = Input(_value("tool"), "register the tool (step 2)", "tool", optional=True)
+ANY_SURFACE = Input(_value("surface"), "sample the surface (step 4)", "surface", optional=True)
 SKULL = Input(lambda s: s.setup.specimen, "load a skull (step 1)")
 REGION = Input(lambda s: s.setup.region, "choose a region (step 1)")
 DETECTION = Input(_value("detection"), "detect the boundaries (step 9)", "detection")
@@ -132,6 +147,10 @@ NEEDS: dict[type, tuple[Input, ...]] = {
     CalibrateDelayLine: (BLOCK,),
     StartSecondPlan: (SCAN_CAPTURE, SURFACE, MAPS),
     StartSecondScan: (SECOND,),
+    StartSonoCalibration: (),
+    CalibrateSono: (SONO_PIVOT, SONO_SPIN),
+    StartSonoScan: (SONO_CALIBRATION,),
+    StartSonoMapping: (SONO_SCAN, SONO_CALIBRATION),
 }
 
 

@@ -45,9 +45,11 @@ def map_layers(session: Session, quantity: Quantity = "thickness") -> MapLayers 
     None before step 9. Thickness is known where both boundaries are; elsewhere there is no point.
     """
     derived = session.results.maps
-    if derived is None:
-        return None
-    maps: Maps = derived.value
+    return None if derived is None else layers_of(derived.value, quantity)
+
+
+def layers_of(maps: Maps, quantity: Quantity = "thickness") -> MapLayers:
+    """Return maps coloured by bone thickness, or by height over their plane."""
     parts = [_part(getattr(maps, name), _values(maps, name, quantity)) for name in MAPS]
     values = np.concatenate([part.values_mm for part in parts])
     low, high = (0.0, 1.0) if not values.size else np.percentile(values, (2.0, 98.0))

@@ -58,6 +58,12 @@ from rona_core.app.path_commands import (
     MovePathPoint,
 )
 from rona_core.app.robot_commands import ApplyBasePlacement, SetContact
+from rona_core.app.sono_messages import (
+    CalibrateSono,
+    StartSonoCalibration,
+    StartSonoMapping,
+    StartSonoScan,
+)
 from rona_core.app.sound_messages import (
     AddReferencePoint,
     CalibrateDelayLine,
@@ -103,6 +109,7 @@ Command = (
     | RemoveReferencePoint
     | CalibrateSoundSpeed
     | CalibrateDelayLine
+    | CalibrateSono
     | Undo
     | Redo
 )
@@ -124,6 +131,9 @@ Activity = (
     | StartReferencePoints
     | StartBlockShots
     | StartWhatIf
+    | StartSonoCalibration
+    | StartSonoScan
+    | StartSonoMapping
     | StartRobotMove
 )
 COMMANDS: dict[str, type] = {kind.__name__: kind for kind in get_args(Command)}
@@ -139,6 +149,7 @@ __all__ = [
     "BuildSurface",
     "CalibrateDelayLine",
     "CalibratePointer",
+    "CalibrateSono",
     "CalibrateSoundSpeed",
     "ChooseRoll",
     "ClearBoundaryCorrections",
@@ -184,6 +195,9 @@ __all__ = [
     "StartSecondScan",
     "StartSkullImport",
     "StartSkullRegistration",
+    "StartSonoCalibration",
+    "StartSonoMapping",
+    "StartSonoScan",
     "StartSurfaceCapture",
     "StartToolCapture",
     "StartWhatIf",

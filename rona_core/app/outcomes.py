@@ -11,6 +11,8 @@ from rona_core.session.document import (
     ReferenceCapture,
     ScanCapture,
     SecondPass,
+    SonoCapture,
+    SonoMaps,
     ToolCapture,
 )
 from rona_core.session.specimen import LoadedSkull
@@ -139,6 +141,37 @@ class StoreWhatIf:
     arguments: dict[str, object]
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class StoreSonoPivot:
+    """The pivoting of the probe in the hand was recorded."""
+
+    capture: PointerCapture
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class StoreSonoSpin:
+    """The probe in the hand was turned about its own axis."""
+
+    capture: PointerCapture
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class StoreSonoScan:
+    """A scan by hand was recorded."""
+
+    capture: SonoCapture
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class StoreSonoMaps:
+    """Boundaries were detected in a scan by hand, and mapped."""
+
+    sono_detection: Detection
+    sono_maps: SonoMaps
+    arguments: dict[str, object]
+    inputs: dict[str, dict[str, str]]  # result -> digests of what it was computed from
+
+
 Outcome = (
     StoreSkull
     | StoreToolCapture
@@ -155,4 +188,8 @@ Outcome = (
     | StoreReferences
     | StoreBlockCapture
     | StoreWhatIf
+    | StoreSonoPivot
+    | StoreSonoSpin
+    | StoreSonoScan
+    | StoreSonoMaps
 )

@@ -87,6 +87,13 @@ FIGURES: dict[str, FigureKind] = {
     "detection_failure_fraction": FigureKind("Wrong inner boundary, all A-scans", "", 2),
     "unflagged_failure_fraction": FigureKind("Wrong inner boundary, unflagged", "", 2, 0.1),
     "flagged_fraction": FigureKind("Flagged A-scans", "", 2),
+    "sono_face_error_mm": FigureKind("By hand: face of the probe, error", "mm", 2, 0.5),
+    "sono_axis_error_deg": FigureKind("By hand: axis of the probe, error", "deg", 2, 0.5),
+    "sono_outer_rms_mm": FigureKind("By hand: outer boundary, RMS", "mm", 2, 0.6),
+    "sono_inner_rms_mm": FigureKind("By hand: inner boundary, RMS", "mm", 2, 1.2),
+    "sono_thickness_rms_mm": FigureKind("By hand: thickness, RMS", "mm", 2, 1.0, paper=0.5),
+    "sono_coverage_fraction": FigureKind("By hand: coverage, outer", "", 2, 0.9, "at least"),
+    "sono_inner_coverage_fraction": FigureKind("By hand: coverage, inner", "", 2, 0.3, "at least"),
 }
 
 

@@ -14,6 +14,7 @@ from rona_core.app.derive_scan import (
     derive_second_detection,
 )
 from rona_core.app.derive_skull import derive_registration
+from rona_core.app.derive_sono import derive_sono_detection, derive_sono_maps
 from rona_core.app.plain import message_from
 from rona_core.app.staleness import RESULTS, input_digests, stale_reason
 from rona_core.app.threads import use_one_thread
@@ -76,6 +77,10 @@ def _value(name: str, session: Session, stored: Derived[Any]) -> Any:
         return derive_second(session, message)
     if name == "second_detection":
         return derive_second_detection(session, message)
+    if name == "sono_detection":
+        return derive_sono_detection(session, message)
+    if name == "sono_maps":
+        return derive_sono_maps(session, message)
     if name == "maps":
         return derive_maps(session, message)
     return SHORT[type(message)][1](session, message)

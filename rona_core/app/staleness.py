@@ -6,6 +6,8 @@ from typing import Any
 from rona_core.app.inputs import (
     ANY_SECOND,
     ANY_SECOND_DETECTION,
+    ANY_SURFACE,
+    ANY_TOOL,
     BLOCK,
     BOUNDARY_EDITS,
     DETECTION,
@@ -25,6 +27,11 @@ from rona_core.app.inputs import (
     SECOND_CAPTURE,
     SKULL,
     SMOOTHING,
+    SONO_CALIBRATION,
+    SONO_DETECTION,
+    SONO_PIVOT,
+    SONO_SCAN,
+    SONO_SPIN,
     SURFACE,
     SURFACE_CAPTURE,
     TOOL,
@@ -43,6 +50,7 @@ from rona_core.session.surroundings import obstacles_of
 from rona_core.ultrasound.delay_line import DelayLine
 from rona_core.ultrasound.sound_speed import SpeedCalibration
 
+BY_HAND = ("sono_pivot", "sono_spin", "sono_scan")  # with the probe in the hand
 SCANS = {"scan": "roll", "second": "capture scan"}  # capture -> what it rests on
 PLAIN = TrackerSettings(stereo=False, occlusion=False)  # the tracker of sessions of schema 1
 
@@ -106,6 +114,16 @@ RESULT_INPUTS: dict[str, dict[str, Input]] = {
         "surface": SURFACE,
         "robot": ROBOT,
         "speed": KNOWN_SPEED,
+    },
+    "sono": {"pivot": SONO_PIVOT, "spin": SONO_SPIN},
+    "sono_detection": {"capture": SONO_SCAN, "tool": ANY_TOOL, "probe": PROBE},
+    "sono_maps": {
+        "detection": SONO_DETECTION,
+        "calibration": SONO_CALIBRATION,
+        "capture": SONO_SCAN,
+        "tool": ANY_TOOL,
+        "surface": ANY_SURFACE,
+        "reference": REFERENCE,
     },
 }
 PATTERN_INPUTS = {"surface": SURFACE}  # of a path that nobody demonstrated
@@ -174,19 +192,21 @@ def capture_setup_digest(kind: str, session: Session) -> str:
     setup, devices = session.setup, session.setup.devices
     robot = devices.robot
     seen: list[Any] = [setup.seed]
-    if kind in ("tool", "pointer", "surface", "path"):
+    if kind in ("tool", "pointer", "surface", "path", *BY_HAND):
         seen += [devices.tracker.profile, devices.tracker.rate_hz, *_faults(devices.tracker)]
-    if kind in ("tool", "surface", "path", "references", *SCANS):
+    if kind in ("tool", "surface", "path", "references", "sono_scan", *SCANS):
         seen += [robot.model, robot.base_shift_mm, robot.base_turn_deg]
     if kind in ("tool", *SCANS):
         seen += [robot.errors]
         seen += [robot.latency_ms] if robot.latency_ms else []  # nothing for older captures
     if kind in ("pointer", "surface", "path"):
         seen += [devices.pointer]
-    if kind in ("surface", "path", "references", *SCANS):
+    if kind in ("surface", "path", "references", "sono_scan", *SCANS):
         seen += [digest(setup.specimen), digest(setup.region)]
     if kind == "block":  # whatever the line is used at later: its temperature was measured
         seen += [digest(replace(devices.probe, line_temperature_c=ROOM_C, pitch_mm=1.0))]
+    if kind == "sono_scan":
+        seen += [digest(setup.bone), digest(devices.probe)]
     if kind in SCANS:
         plan = None if session.results.roll is None else session.results.roll.value
         # the second pass looks into gaps of the first: it counts as long as that one does

@@ -1,8 +1,9 @@
 """Marker geometry of the tracked tools, as a tracker is told it (what NDI keeps in a .rom file).
 
 The toolmarker and the 6D pointer carry four markers in one plane; the 5D pointer three on a line,
-so that its roll about that line cannot be seen. The base marker is a large plate: what it tells of
-a turn acts over the whole way from the robot base to the head.
+so that its roll about that line cannot be seen. The SonoPointer is the ultrasound probe, in the
+hand, with a plate of four. The base marker is a large plate: what it tells of a turn acts over the
+whole way from the robot base to the head.
 """
 
 from dataclasses import dataclass
@@ -70,5 +71,12 @@ GEOMETRIES = {
         [[-80.0, -50.0, 0.0], [75.0, -62.0, 0.0], [66.0, 58.0, 0.0], [-61.0, 54.0, 0.0]],
         (0.0, 0.0, 1.0),
         (0.0, 0.0, 0.0),  # it has no tip; the origin is the middle of its markers
+    ),
+    "sonopointer": _geometry(
+        "sonopointer",
+        6,
+        [[0.0, 0.0, 0.0], [0.0, 96.0, 0.0], [46.0, 60.0, 0.0], [-38.0, 30.0, 0.0]],
+        (0.0, 0.0, 1.0),
+        (0.0, -150.0, -25.0),  # the middle of the probe's face; its axis runs along -y
     ),
 }

@@ -185,6 +185,18 @@ class Operator(Protocol):
         """Demonstrate a scan path: a meander over the region, lines ``spacing_mm`` apart."""
         ...
 
+    def hold(self, tool: str) -> None:
+        """Take another tool in the hand than the pointer of the settings, for this capture."""
+        ...
+
+    def spin(self, *, half_turn_deg: float, duration_s: float) -> float:
+        """Turn the probe to and fro about its own axis, in a bush that leaves it only that."""
+        ...
+
+    def slide_probe(self, *, spacing_mm: float, duration_s: float) -> float:
+        """Slide the face of the probe over the region, with gel, in lines so far apart."""
+        ...
+
     def stroke(self, picks_base: ArrayLike, *, duration_s: float) -> float:
         """Follow places (n, 3) that somebody pointed at on the drawn skull, touching each."""
         ...

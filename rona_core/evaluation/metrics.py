@@ -18,6 +18,7 @@ from rona_core.evaluation.navigation_figures import (
 )
 from rona_core.evaluation.path_figures import normal_figures, plan_figures, smoothing_figures
 from rona_core.evaluation.scan_figures import contact_figures, detection_figures
+from rona_core.evaluation.sono_figures import sono_calibration_figures, sono_map_figures
 from rona_core.evaluation.speed_figures import speed_figures
 from rona_core.evaluation.truth import Truth
 from rona_core.session.codec import digest
@@ -75,6 +76,13 @@ KEYS = (
     "detection_failure_fraction",
     "unflagged_failure_fraction",
     "flagged_fraction",
+    "sono_face_error_mm",
+    "sono_axis_error_deg",
+    "sono_outer_rms_mm",
+    "sono_inner_rms_mm",
+    "sono_thickness_rms_mm",
+    "sono_coverage_fraction",
+    "sono_inner_coverage_fraction",
     "completed",
     "failed_step",
     "reason",
@@ -99,6 +107,7 @@ def evaluate(session: "Session", scene: VirtualScene) -> Figures:
     figures |= _navigation(session, truth)
     figures |= _path(session, truth)
     figures |= _scan(session, truth)
+    figures |= _by_hand(session, truth)
     step, reason = unfinished(session)
     figures |= {"completed": step is None, "failed_step": step, "reason": reason}
     return figures
@@ -199,4 +208,13 @@ def _scan(session: "Session", truth: Truth) -> Figures:
             n_first = len(results.detection.value)
             figures |= speed_figures(session, truth)
             figures |= one_pass_figures(results.maps.value, n_first, truth)
+    return figures
+
+
+def _by_hand(session: "Session", truth: Truth) -> Figures:
+    results, figures = session.results, Figures()
+    if results.sono is not None:
+        figures |= sono_calibration_figures(results.sono.value, truth)
+    if results.sono_maps is not None:
+        figures |= sono_map_figures(results.sono_maps.value, truth)
     return figures

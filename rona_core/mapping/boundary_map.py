@@ -1,10 +1,10 @@
 """Maps of the outer and inner boundary of the bone: heights over the plane that fits them best."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
-from rona_core.arrays import Bools, Floats
+from rona_core.arrays import Bools, Floats, readonly
 from rona_core.geometry.pose import Pose
 
 
@@ -51,6 +51,21 @@ class Maps:
     inner: BoundaryMap
     fused: BoundaryMap  # outer boundary from ultrasound and pointer together
     cloud_fit: CloudFit | None  # None where the pointer cloud does not overlap the map
+
+    def seen_from(self, T_a_b: Pose) -> "Maps":
+        """Return maps that are given in frame b as they are in frame a."""
+        outer, inner, fused = (
+            replace(part, T_base_map=T_a_b @ part.T_base_map)
+            for part in (self.outer, self.inner, self.fused)
+        )
+        return replace(
+            self,
+            outer_points_base=readonly(T_a_b @ self.outer_points_base),
+            inner_points_base=readonly(T_a_b @ self.inner_points_base),
+            outer=outer,
+            inner=inner,
+            fused=fused,
+        )
 
     def thickness_mm(self) -> Floats:
         """Return outer minus inner height (nu, nv); valid where both maps are ok."""

@@ -4,10 +4,11 @@ import re
 import uuid
 from dataclasses import dataclass, field
 from datetime import UTC, datetime
-from typing import Generic, TypeVar
+from typing import Generic, Literal, TypeVar
 
 from rona_core.arrays import Floats, Ints
 from rona_core.calibration.pointer import PointerCalibration
+from rona_core.calibration.sono import SonoCalibration
 from rona_core.calibration.tool import ToolRegistration
 from rona_core.devices.force import ForceTrack
 from rona_core.devices.samples import AScanTrack, JointTrack, ToolTrack
@@ -147,6 +148,19 @@ class BlockCapture:
     partial: bool = False
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class SonoCapture:
+    """The probe in the hand: A-scans and the marker on the probe, on one clock."""
+
+    ordinal: int
+    setup_digest: str
+    marker: ToolTrack
+    scans: AScanTrack
+    partial: bool = False
+    base: ToolTrack | None = None  # the base marker meanwhile; None: nobody recorded it
+    tracker_place: TrackerPlace = FIRST_PLACE  # as the set-up had it
+
+
 @dataclass(frozen=True, slots=True)
 class Captures:
     """What the devices measured; each can be redone."""
@@ -159,6 +173,9 @@ class Captures:
     second: ScanCapture | None = None  # step 9: again over the gaps, the probe leaning
     references: ReferenceCapture | None = None
     block: BlockCapture | None = None
+    sono_pivot: PointerCapture | None = None  # the probe in the hand pivots on a calibration point
+    sono_spin: PointerCapture | None = None  # and turns about its own axis
+    sono_scan: SonoCapture | None = None  # and slides over the skull
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -190,6 +207,18 @@ class SecondPass:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
+class SonoMaps:
+    """Maps of a scan by hand, and what they are measured from."""
+
+    maps: Maps
+    frame: Literal["base", "basemarker"]  # that stands for ``base`` in the maps
+    n_scans: int  # A-scans that were taken
+    n_posed: int  # and of those, at which the tracker saw the probe
+    delay_s: float  # by which frames of the tracker were taken to arrive late
+    sentence: str  # about the frame, for people
+
+
+@dataclass(frozen=True, slots=True, eq=False)
 class Derived(Generic[T]):
     """A result, what was asked for, and digests of the inputs it was computed from."""
 
@@ -218,6 +247,9 @@ class Results:
     second_detection: Derived[Detection] | None = None  # of the A-scans of the second pass
     speed: Derived[SpeedCalibration] | None = None  # of sound, at places of known thickness
     maps: Derived[Maps] | None = None
+    sono: Derived[SonoCalibration] | None = None  # of the probe in the hand
+    sono_detection: Derived[Detection] | None = None  # at the A-scans whose pose is known
+    sono_maps: Derived[SonoMaps] | None = None
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -230,7 +262,7 @@ class LogEntry:
     time_utc: str
 
 
-Capture = ToolCapture | PointerCapture | ScanCapture | ReferenceCapture | BlockCapture
+Capture = ToolCapture | PointerCapture | ScanCapture | ReferenceCapture | BlockCapture | SonoCapture
 
 
 @dataclass(frozen=True, slots=True, eq=False)

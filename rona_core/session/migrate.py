@@ -88,7 +88,14 @@ FIRST_SURROUNDINGS: dict[str, Any] = {
 }
 # Fields that schema 3 gave to values of schema 2: class -> field -> value it had in effect.
 ADDED_IN_3: dict[str, dict[str, Any]] = {
-    "Captures": {"second": None, "references": None, "block": None},  # nobody had taken them
+    "Captures": {  # nobody had taken them
+        "second": None,
+        "references": None,
+        "block": None,
+        "sono_pivot": None,
+        "sono_spin": None,
+        "sono_scan": None,
+    },
     "Setup": {
         "bone": {"$type": "BoneChoice", "kind": "normal", "own_speed": False},
         "surroundings": FIRST_SURROUNDINGS,
@@ -110,14 +117,17 @@ ADDED_IN_3: dict[str, dict[str, Any]] = {
 }
 # Results of schema 2 that schema 3 holds more of: computed again by one click each.
 OUTGROWN_IN_3 = ("roll", "detection", "maps")
-NEW_IN_3 = (
+NEW_IN_3 = (  # results that schema 2 did not know
     "second",
     "second_detection",
     "line",
     "speed",
     "what_if",
     "placement",
-)  # results that schema 2 did not know
+    "sono",
+    "sono_detection",
+    "sono_maps",
+)
 
 
 def from_2(manifest: dict[str, Any]) -> dict[str, Any]:

@@ -23,7 +23,7 @@ from rona_core.devices.samples import ToolTrack
 from rona_core.devices.settings import FIELD_MM, TrackerSettings
 from rona_core.errors import RonaError, StaleResultError, StepBlockedError
 from rona_core.geometry.pose import Pose
-from rona_core.session.document import PointerCapture, Session
+from rona_core.session.document import PointerCapture, Session, SonoCapture
 from rona_core.session.imported import is_imported
 
 REMEDY = "register again, or allow the base marker (step 1)"
@@ -56,7 +56,7 @@ def base_reference(track: ToolTrack | None, T_base_tracker: Pose) -> BaseReferen
     return BaseReference(T_base_tracker @ seen.T_tracker_basemarker, seen)
 
 
-def reference_of(session: Session, capture: PointerCapture) -> TrackerReference:
+def reference_of(session: Session, capture: PointerCapture | SonoCapture) -> TrackerReference:
     """Return where the tracker was during a stroke of the pointer.
 
     Raises:
@@ -156,14 +156,14 @@ def placed_reason(session: Session) -> str | None:
     return None
 
 
-def _placed_anew(session: Session, capture: PointerCapture) -> bool:
+def _placed_anew(session: Session, capture: PointerCapture | SonoCapture) -> bool:
     registered = session.captures.tool
     if registered is None or is_imported(capture):  # of those nobody knows
         return False
     return registered.tracker_place != capture.tracker_place
 
 
-def _unseen(tool: ToolRegistration, capture: PointerCapture) -> str | None:
+def _unseen(tool: ToolRegistration, capture: PointerCapture | SonoCapture) -> str | None:
     """Return why the base marker tells nothing about a capture, None if it does."""
     if tool.base is None:
         return "the base marker was not seen while the tool was registered"

@@ -115,7 +115,7 @@ class _Local:
         flat = np.linalg.svd(away - away.mean(axis=0), full_matrices=False)[2][:2]
         design = np.column_stack((np.ones(len(near)), away @ flat.T))
         depth, weights = self._thickness[near], np.ones(len(near))
-        fit = np.zeros(3)
+        fit, scale = np.zeros(3), 0.01
         for _ in range(4):  # a stray echo among them counts little
             root = np.sqrt(weights)
             fit = np.linalg.lstsq(design * root[:, None], depth * root)[0]

@@ -5,11 +5,13 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 from scipy.interpolate import CubicSpline
+from scipy.spatial.transform import Rotation
 
-from rona_core.arrays import Floats, Vector3
+from rona_core.arrays import Floats, Vector3, readonly
 from rona_core.devices.markers import GEOMETRIES
 from rona_core.geometry.pose import Pose
 
+UP: Vector3 = readonly(np.array((0.0, 1.0, 0.0)))  # along the shaft of a tool made as drawn
 SAMPLES_HZ = 200.0  # of the curves a motion is made of; the splines between follow to a micrometre
 TREMOR_HZ = (6.0, 12.0)  # physiological tremor
 TREMOR_MM = 0.2  # RMS in each direction along the surface: 0.3 mm in both
@@ -34,14 +36,30 @@ class HandMotion:
         times_s: Floats,
         tips_base: Floats,
         shafts_base: Floats,
+        *,
+        shaft_pointermarker: Vector3 = UP,
+        rolls_rad: Floats | None = None,
     ) -> None:
-        """Lead the tip over ``tips_base`` (n, 3) with the shaft along ``shafts_base`` (n, 3)."""
+        """Lead the tip over ``tips_base`` (n, 3) with the shaft along ``shafts_base`` (n, 3).
+
+        Args:
+            pointer: Name of the tool.
+            tip_pointermarker: Its true tip (3,).
+            tracker_base: Where the tracker stands (3,).
+            times_s: Times (n,).
+            tips_base: Where the tip is (n, 3).
+            shafts_base: Unit directions (n, 3) from the tip to the hand.
+            shaft_pointermarker: The same direction (3,) in the marker frame, as it truly is.
+            rolls_rad: Turn about the shaft (n,), from where the markers face the tracker best.
+        """
         self.pointer = pointer
         self.duration_s = float(times_s[-1])
         self._tip_pointermarker = tip_pointermarker
         self._tracker_base = tracker_base
         self._tip = CubicSpline(times_s, tips_base)
         self._shaft = CubicSpline(times_s, shafts_base)
+        self._upright = Pose(_turn_onto(shaft_pointermarker, UP), np.zeros(3))
+        self._roll = None if rolls_rad is None else CubicSpline(times_s, rolls_rad)
 
     def tip_base(self, time_s: ArrayLike) -> Floats:
         """Return the true tip (3,) at one time, or (n, 3) at times (n,)."""
@@ -62,11 +80,24 @@ class HandMotion:
             facing = cross(shaft, np.eye(3)[np.argmin(np.abs(shaft))])
             length = np.linalg.norm(facing)
         facing = facing / length
+        if self._roll is not None:
+            roll = float(self._roll(np.clip(time_s, 0.0, self.duration_s)))
+            facing = np.cos(roll) * facing + np.sin(roll) * cross(shaft, facing)
         if GEOMETRIES[self.pointer].dof == 5:  # z runs along the line to the tip
             rotation = np.column_stack((facing, cross(-shaft, facing), -shaft))
         else:  # y runs up the shaft, z towards the tracker
             rotation = np.column_stack((cross(shaft, facing), shaft, facing))
+            rotation = rotation @ self._upright.rotation
         return Pose(rotation, tip - rotation @ self._tip_pointermarker)
+
+
+def _turn_onto(start: Vector3, end: Vector3) -> Floats:
+    """Return the shortest rotation (3, 3) that turns one unit vector onto another."""
+    axis = cross(start, end)
+    sine, cosine = float(np.linalg.norm(axis)), float(start @ end)
+    if sine < 1e-12:
+        return np.eye(3)
+    return Rotation.from_rotvec(axis * (np.arctan2(sine, cosine) / sine)).as_matrix()
 
 
 def cross(a: Floats, b: Floats) -> Floats:

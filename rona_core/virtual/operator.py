@@ -16,21 +16,20 @@ from rona_core.virtual.hand import (
     WANDER_MM,
     HandMotion,
     Sway,
-    cross,
     progress_of,
     sample_times_s,
 )
 from rona_core.virtual.hand_turn import HandTurn
 from rona_core.virtual.meander import along_curve, meander, through
 from rona_core.virtual.noise import rng
+from rona_core.virtual.probe_hand import in_bush, slide
 from rona_core.virtual.scene import VirtualScene
+from rona_core.virtual.strokes import leaned, lowered, tangents
 
 RIM_MM = 12.0  # how far a sweep goes beyond the region
 SWEEP_SPACING_MM = 3.0
 EDGE_MM = 0.8  # a drawn path is aimed this far inside the region
 PICK_REACH_MM = 15.0  # a place further from the bone than this cannot have been meant
-STAND_OFF_MM = 40.0  # from where a place is projected onto the bone
-MAX_GAP = 0.05  # share of a stroke that may cross holes of the bone
 MEAN_TILT_RAD = np.deg2rad(8.0)  # away from the tracker, so that the markers are seen better
 TILT_RMS_RAD = np.deg2rad(3.0)
 MAX_TILT_RAD = np.deg2rad(20.0)
@@ -38,6 +37,7 @@ PIVOT_FROM_SIGHT_RAD = np.deg2rad(80.0)  # between the middle of a pivot and the
 SHAFT_TREMOR_RAD = np.deg2rad(0.1)
 DURATION_S = (1.0, 600.0)
 CONE_DEG = (1.0, 60.0)
+HALF_TURN_DEG = (1.0, 85.0)
 BY_HAND_SPEED = 1.0  # of the clock, whatever the pace of other captures: somebody follows it live
 
 
@@ -84,9 +84,9 @@ class VirtualOperator:
         turns = max(4.0, round(duration_s / 2.0))
         around = 2.0 * np.pi * turns * share + generator.uniform(0.0, 2.0 * np.pi)
         tip = self._scene.dimple_base
-        x, y, z = _tangents(self._pivot_axis(tip), self._sight(tip))
+        x, y, z = tangents(self._pivot_axis(tip), self._sight(tip))
         lean = angle[:, None] * np.column_stack((np.cos(around), np.sin(around))) + tremor
-        shafts = _leaned(np.broadcast_to(z, (len(times), 3)), x, y, lean)
+        shafts = leaned(np.broadcast_to(z, (len(times), 3)), x, y, lean)
         return self._prepare(times, np.broadcast_to(tip, shafts.shape), shafts)
 
     def pivot_by_hand(self, *, duration_s: float) -> float:
@@ -181,10 +181,40 @@ class VirtualOperator:
         followed = along_curve(both, progress_of(times, generator))
         points = followed[:, :3]
         outward = followed[:, 3:] / np.linalg.norm(followed[:, 3:], axis=1)[:, None]
-        x, y, _ = _tangents(outward, self._sight(points))
+        x, y, _ = tangents(outward, self._sight(points))
         shake = self._shake(generator, times)
         points = points + shake[:, :1] * x + shake[:, 1:] * y
         return self._slide(generator, times, points, outward)
+
+    def hold(self, tool: str) -> None:
+        """Take another tool in the hand than the pointer of the settings, for this capture."""
+        self._pointer = tool
+
+    def spin(self, *, half_turn_deg: float, duration_s: float) -> float:
+        """Turn the probe to and fro about its own axis, in a bush beside the head.
+
+        Raises:
+            InvalidInputError: a value is out of range.
+        """
+        _check("half_turn_deg", half_turn_deg, HALF_TURN_DEG)
+        _check("duration_s", duration_s, DURATION_S)
+        axis = self._pivot_axis(self._scene.dimple_base)
+        times = sample_times_s(duration_s)
+        turned = in_bush(
+            self._scene.dimple_base, axis, np.deg2rad(half_turn_deg), times, self._generator()
+        )
+        return self._prepare(times, *turned)
+
+    def slide_probe(self, *, spacing_mm: float, duration_s: float) -> float:
+        """Slide the face of the probe over the region in lines, pressed on and nearly upright.
+
+        Raises:
+            InvalidInputError: a value is out of range, or the bone has large holes.
+        """
+        _check("duration_s", duration_s, DURATION_S)
+        times, generator = sample_times_s(duration_s), self._generator()
+        shake = self._shake(generator, times)
+        return self._prepare(times, *slide(self._scene, times, generator, spacing_mm, shake))
 
     def _cover(
         self, radius_mm: float, edge_mm: float, spacing_mm: float, duration_s: float
@@ -202,7 +232,7 @@ class VirtualOperator:
             beyond = np.maximum(distance - (limit_mm - soft_mm), 0.0)
             held = np.minimum(distance, limit_mm - soft_mm) + soft_mm * np.tanh(beyond / soft_mm)
             aim = aim * (held / np.maximum(distance, 1e-9))[:, None]
-        x, y, z = _tangents(normal, self._sight(center))
+        x, y, z = tangents(normal, self._sight(center))
         points = center + aim[:, :1] * x + aim[:, 1:] * y
         return self._slide(generator, times, points, np.broadcast_to(z, points.shape))
 
@@ -210,35 +240,28 @@ class VirtualOperator:
         self, generator: np.random.Generator, times: Floats, points: Floats, outward: Floats
     ) -> float:
         """Bring points (n, 3) onto the bone along ``-outward`` and tilt the pointer over it."""
-        T_base_skull = self._scene.T_base_skull
-        T_skull_base = T_base_skull.inv()
-        starts = points + STAND_OFF_MM * outward
-        depths = self._scene.specimen.ray(T_skull_base @ starts, T_skull_base.rotate(-outward))
-        met = np.isfinite(depths) & (np.abs(depths - STAND_OFF_MM) < STAND_OFF_MM)
-        if np.count_nonzero(~met) > MAX_GAP * len(met):
-            raise InvalidInputError(
-                f"{np.mean(~met):.0%} of the stroke lies beyond the specimen or over holes of it: "
-                "choose another region or other places"
-            )
-        depths = np.interp(times, times[met], depths[met])  # the tip passes over a small hole
-        tips = starts - depths[:, None] * outward
-        x, y, _ = _tangents(outward, self._sight(points))
+        tips = lowered(self._scene, times, points, outward)
+        x, y, _ = tangents(outward, self._sight(points))
         tilt = Sway.draw(generator, TILT_HZ, TILT_RMS_RAD, 2).at(times)
         tilt[:, 0] -= MEAN_TILT_RAD  # x points to the tracker
         size = np.linalg.norm(tilt, axis=1)
         tilt *= (np.minimum(size, MAX_TILT_RAD) / np.maximum(size, 1e-9))[:, None]
-        return self._prepare(times, tips, _leaned(outward, x, y, tilt))
+        return self._prepare(times, tips, leaned(outward, x, y, tilt))
 
     def _at_usual_speed(self) -> None:
         speeds, self._speeds = self._speeds, ()
         if self._clock is not None and speeds:
             self._clock.speed = speeds[0]
 
-    def _prepare(self, times: Floats, tips: Floats, shafts: Floats) -> float:
-        self._motion = self._led(times, tips, shafts)
+    def _prepare(
+        self, times: Floats, tips: Floats, shafts: Floats, rolls: Floats | None = None
+    ) -> float:
+        self._motion = self._led(times, tips, shafts, rolls)
         return self._motion.duration_s
 
-    def _led(self, times: Floats, tips: Floats, shafts: Floats) -> HandMotion:
+    def _led(
+        self, times: Floats, tips: Floats, shafts: Floats, rolls: Floats | None = None
+    ) -> HandMotion:
         scene = self._scene
         return HandMotion(
             self._pointer,
@@ -247,6 +270,8 @@ class VirtualOperator:
             times,
             tips,
             shafts,
+            shaft_pointermarker=scene.shafts[self._pointer],
+            rolls_rad=rolls,
         )
 
     def _shake(self, generator: np.random.Generator, times: Floats) -> Floats:
@@ -261,26 +286,11 @@ class VirtualOperator:
     def _pivot_axis(self, tip: Vector3) -> Vector3:
         """Return a direction near the vertical that leaves the markers well in view."""
         sight = self._sight(tip)
-        x, _, _ = _tangents(sight, np.array((0.0, 0.0, 1.0)))
+        x, _, _ = tangents(sight, np.array((0.0, 0.0, 1.0)))
         return np.cos(PIVOT_FROM_SIGHT_RAD) * sight + np.sin(PIVOT_FROM_SIGHT_RAD) * x
 
     def _generator(self) -> np.random.Generator:
         return rng(self._scene.seed, "operator", self._ordinal, 0)
-
-
-def _tangents(z: Floats, towards: Floats) -> tuple[Floats, Floats, Floats]:
-    """Return right-handed axes (..., 3) with this z, x as near to ``towards`` as that allows."""
-    z = z / np.linalg.norm(z, axis=-1, keepdims=True)
-    x = towards - (towards * z).sum(axis=-1, keepdims=True) * z
-    x = x / np.linalg.norm(x, axis=-1, keepdims=True)
-    return x, cross(z, x), z
-
-
-def _leaned(z: Floats, x: Floats, y: Floats, lean_rad: Floats) -> Floats:
-    """Return z (n, 3) leaned by angles (n, 2) towards x and y, along great circles."""
-    angle = np.linalg.norm(lean_rad, axis=1)[:, None]
-    direction = lean_rad[:, :1] * x + lean_rad[:, 1:] * y
-    return np.cos(angle) * z + np.sinc(angle / np.pi) * direction
 
 
 def _check(name: str, value: float, limits: tuple[float, float]) -> None:

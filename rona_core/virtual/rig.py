@@ -160,6 +160,9 @@ class VirtualRig:
         return self._true_marker("basemarker", self.clock.now())
 
     def _true_probe(self) -> Pose:
+        held = self._tools.T_skull_probe(self.clock.now())
+        if held is not None:
+            return held
         T_tip_probe = self._model.T_flange_tip.inv() @ self._model.T_flange_probe
         return self._tools.T_skull_tip(self.clock.now()) @ T_tip_probe
 

@@ -6,8 +6,15 @@ import numpy as np
 
 from rona_core.arrays import Floats, Vector3, readonly
 from rona_core.devices.markers import GEOMETRIES
-from rona_core.devices.settings import FIRST_PLACE, DeviceSettings, RobotSettings, TrackerPlace
+from rona_core.devices.settings import (
+    FIRST_PLACE,
+    SONO,
+    DeviceSettings,
+    RobotSettings,
+    TrackerPlace,
+)
 from rona_core.geometry.pose import Pose
+from rona_core.virtual.hand import UP
 from rona_core.virtual.noise import rng
 
 if TYPE_CHECKING:
@@ -24,6 +31,7 @@ BASE_MARKER = (370.0, -270.0, 300.0)  # on a bracket of the robot base; it faces
 
 PLACEMENT_SD = (2.0, np.deg2rad(1.0))  # mm and rad per axis: how exactly people place things
 MOUNTING_SD = (1.5, np.deg2rad(0.8))  # likewise, of the marker on the tool
+SONO_AXIS_SD_RAD = np.deg2rad(0.8)  # per axis: of the probe's axis against what its maker says
 TIP_DEVIATION_MM = (1.0, 3.0)  # how far a pointer's tip is from where its maker says
 
 
@@ -55,6 +63,8 @@ class VirtualScene:
         tips: Tip of each pointer (3,) in its marker frame; ``pointer5d`` exactly on its axis.
         dimple_base: Bottom of the dimple (3,) that pointers are pivoted in.
         T_base_basemarker: The marker body on the robot base, as it is really mounted.
+        T_sonomarker_probe: The probe in the marker frame of the SonoPointer, z into the bone.
+        shafts: Direction (3,) from the tip to the hand of each tool, in its marker frame.
     """
 
     def __init__(
@@ -101,8 +111,12 @@ class VirtualScene:
         beside = np.array(DIMPLE) - np.array(REGION_CENTER)
         dimple = np.array(region_center) + beside + generator.normal(0.0, PLACEMENT_SD[0], 3)
         self.dimple_base = readonly(moved.inv() @ dimple)
-        mounting = _jitter(generator, MOUNTING_SD)  # drawn last: all others keep their places
+        mounting = _jitter(generator, MOUNTING_SD)  # what is drawn later moves nothing before it
         self.T_base_basemarker = _facing(np.array(BASE_MARKER), tracker.translation) @ mounting
+        self.tips[SONO] = _deviated(generator, SONO)
+        self.T_sonomarker_probe = _sono_probe(generator, self.tips[SONO])
+        self.shafts = {tool: UP for tool in ("pointer6d", "pointer5d")}
+        self.shafts[SONO] = readonly(-self.T_sonomarker_probe.rotation[:, 2])
 
     def tracker_at(self, place: TrackerPlace) -> Pose:
         """Return the pose in ``base`` of the tracker when it was put to ``place``."""
@@ -181,3 +195,11 @@ def _deviated(generator: np.random.Generator, tool: str) -> Vector3:
         direction = generator.normal(0.0, 1.0, 3)
     tip = geometry.nominal_tip_marker + length * direction / np.linalg.norm(direction)
     return readonly(tip)
+
+
+def _sono_probe(generator: np.random.Generator, face_sonomarker: Vector3) -> Pose:
+    """Return the probe in the marker frame of the SonoPointer: its axis nearly along -y."""
+    lean = generator.normal(0.0, SONO_AXIS_SD_RAD, 2)
+    down = Pose.from_rotvec((0.5 * np.pi, 0.0, 0.0), np.zeros(3)).rotation  # turns z into -y
+    leaned = Pose.from_rotvec((lean[0], 0.0, lean[1]), np.zeros(3)).rotation
+    return Pose(leaned @ down, face_sonomarker)

@@ -2,6 +2,7 @@
 
 from collections.abc import Callable
 
+from rona_core.devices.settings import SONO
 from rona_core.geometry.pose import Pose
 from rona_core.virtual.hand import HandMotion
 from rona_core.virtual.hand_turn import HandTurn
@@ -54,6 +55,14 @@ class MovingTools:
         """Return where the pointer is, None while it lies aside."""
         hand = self._hand()
         return None if hand is None else hand.T_base_pointermarker(time_s)
+
+    def T_skull_probe(self, time_s: float) -> Pose | None:  # noqa: N802 (frame grammar)
+        """Return the pose of the probe while somebody holds it in the hand, None otherwise."""
+        hand = self._hand()
+        if hand is None or hand.pointer != SONO:
+            return None
+        T_base_marker = hand.T_base_pointermarker(time_s)
+        return self._T_skull_base @ (T_base_marker @ self._scene.T_sonomarker_probe)
 
     def T_tracker_marker(self, tool: str, time_s: float) -> Pose | None:  # noqa: N802
         """Return the true pose of a tool's marker before the tracker, None if it is not there."""

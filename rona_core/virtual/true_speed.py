@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from rona_core.arrays import Floats
+from rona_core.arrays import Bools, Floats
 from rona_core.geometry.pose import Poses
 from rona_core.ultrasound.bone_speed import local_speed_factors
 from rona_core.ultrasound.medium import Medium
@@ -20,7 +20,7 @@ def true_bone(Ts_base_probe: Poses, scene: VirtualScene, medium: Medium) -> tupl
     axes = T_skull_base.rotate(Ts_base_probe.rotations[:, :, 2])
     starts = T_skull_base @ Ts_base_probe.translations - BEHIND_MM * axes
     found = scene.specimen.layers(starts, axes)
-    hit = np.isfinite(found).all(axis=1)
+    hit: Bools = np.asarray(np.isfinite(found).all(axis=1), dtype=np.bool_)
     depths = np.where(hit[:, None], found, 0.0)
     table, diploe, inner = np.diff(depths, axis=1).T
     slow_us = (table + inner) / medium.table.speed_mm_per_us

@@ -37,7 +37,18 @@ HELD: dict[str, tuple[tuple[str, ...], tuple[str, ...]]] = {
     "smoothing": ((), ("smoothing",)),
     "roll": ((), ("roll", "placement")),
     "scan": (("scan",), ()),
-    "maps": (("second",), ("detection", "second", "second_detection", "maps")),
+    "maps": (
+        ("second", "sono_pivot", "sono_spin", "sono_scan"),
+        (
+            "detection",
+            "second",
+            "second_detection",
+            "maps",
+            "sono",
+            "sono_detection",
+            "sono_maps",
+        ),
+    ),
 }
 
 

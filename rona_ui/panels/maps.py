@@ -5,13 +5,15 @@ from typing import Any
 
 import numpy as np
 
-from rona_core.app.maps import MapLayers, map_layers
+from rona_core.app.maps import MapLayers, layers_of
 from rona_core.app.messages import StartMapping
 from rona_ui.panels import style
 from rona_ui.panels.door import Door, follow
 from rona_ui.panels.second import SecondFolder
+from rona_ui.panels.sono import SonoControls
 from rona_ui.panels.speed_fields import SpeedFields
 from rona_ui.panels.step_panel import StepPanel
+from rona_ui.scene.chosen_maps import chosen_key, chosen_maps
 from rona_ui.scene.colors import viridis_css
 from rona_ui.view_state import Picture
 
@@ -61,6 +63,7 @@ class MapsPanel(StepPanel):
         )
         self._bar = self.gui.add_html("")
         self.form.on_change(self._changed)
+        self._sono = SonoControls(self.gui, self.door)
         follow(self._shown, lambda e: self._show(SHOWN[self._shown.value]))
         follow(
             self._quantity,
@@ -87,20 +90,22 @@ class MapsPanel(StepPanel):
 
     def update(self, old: Picture | None, new: Picture) -> None:
         """Draw the colour bar once there are maps."""
-        maps = new.session.results.maps
+        maps = chosen_maps(new)
         self._given.visible = self.form.values("speed")["speed"] == "given"
         self._given.disabled = new.busy
         if old is None or old.session is not new.session or old.busy != new.busy:
             self._speed.show(new.session, new.busy)
+        self._sono.render(new)
         for field in (self._shown, self._quantity, self._cut):
             field.visible = maps is not None
         if (
             old is None
-            or old.session.results.maps is not maps
+            or chosen_key(old) != chosen_key(new)
             or old.view.quantity != new.view.quantity
         ):
-            layers = map_layers(new.session, new.view.quantity)
-            self._bar.content = "" if layers is None else color_bar(layers)
+            self._bar.content = (
+                "" if maps is None else color_bar(layers_of(maps, new.view.quantity))
+            )
         self._second.render(old, new)
 
     def remarks(self, picture: Picture) -> str:

@@ -35,6 +35,7 @@ SECTIONS = (  # title, what the keys begin with, steps that the figures come fro
         ),
         ("maps",),
     ),
+    ("Scan by hand", ("sono",), ()),
 )
 
 

@@ -28,6 +28,9 @@ WORDS = {
     "StartReferencePoints": "Measuring with a caliper",
     "StartBlockShots": "Shooting the block",
     "StartWhatIf": "Trying other probes",
+    "StartSonoCalibration": "Calibrating the SonoPointer",
+    "StartSonoScan": "Scanning by hand",
+    "StartSonoMapping": "Mapping the scan by hand",
     "StartRobotMove": "Moving the robot",
 }
 

@@ -3,10 +3,11 @@
 import numpy as np
 
 from rona_core.app.boundary_edits import capture_of, detection_of_scan
-from rona_core.app.maps import map_layers
+from rona_core.app.maps import layers_of
 from rona_core.app.scan_views import ScanName, scan_number_at, scan_poses
 from rona_core.arrays import Bools, Floats
 from rona_ui.scene.adapter import Layer
+from rona_ui.scene.chosen_maps import chosen_key, chosen_maps
 from rona_ui.scene.colors import GREEN, SKY, VERMILLION, YELLOW, viridis
 from rona_ui.scene.cut import cut_key, cut_plane
 from rona_ui.scene.metres import Stage
@@ -24,18 +25,18 @@ class MapLayer(Layer):
 
     def render(self, old: Picture | None, new: Picture) -> None:
         """Draw the map where it or its quantity is another one."""
-        node, maps = f"/maps/{self.layer}", new.session.results.maps
+        node = f"/maps/{self.layer}"
         if (
             old is None
-            or old.session.results.maps is not maps
+            or chosen_key(old) != chosen_key(new)
             or old.view.quantity != new.view.quantity
             or map_cut(old) != map_cut(new)
-            or old.backdrop is not new.backdrop
         ):
-            shown = map_layers(new.session, new.view.quantity)
-            if shown is None:
+            maps = chosen_maps(new)
+            if maps is None:
                 self.stage.remove(node)
             else:
+                shown = layers_of(maps, new.view.quantity)
                 part = shown.part(self.layer)
                 share = (part.values_mm - shown.low_mm) / (shown.high_mm - shown.low_mm)
                 left = _left(part.points_base, new)

@@ -4,6 +4,7 @@ import numpy as np
 
 from rona_core.arrays import Floats
 from rona_core.devices.markers import GEOMETRIES
+from rona_core.devices.settings import SONO
 from rona_core.geometry.pose import Pose
 from rona_ui.scene.adapter import Layer
 from rona_ui.scene.colors import ORANGE, SKY, STEEL
@@ -27,12 +28,18 @@ class PointerLayer(Layer):
             for node in (SHAFT, MARKERS, TIP):
                 self.stage.remove(node)
         elif old is None or old.T_base_pointermarker is not pose or self.toggled(old, new):
-            markers, tip = pointer_points(pose, new.session.setup.devices.pointer)
+            held = new.session.setup.devices.pointer
+            markers, tip = pointer_points(pose, SONO if holds_probe(new) else held)
             hub = markers.mean(axis=0)
             rods = np.concatenate(([np.stack((hub, tip))], [np.stack((hub, m)) for m in markers]))
             self.stage.lines(SHAFT, rods, STEEL, width_px=4.0)
             self.stage.cloud(MARKERS, markers, (245, 245, 245), size_mm=7.0)
             self.stage.cloud(TIP, tip[None], ORANGE, size_mm=2.5)
+
+
+def holds_probe(picture: Picture) -> bool:
+    """Return whether it is the ultrasound probe that somebody holds in the hand."""
+    return picture.busy and picture.job is not None and picture.job.activity.startswith("StartSono")
 
 
 def pointer_points(T_base_pointermarker: Pose, pointer: str) -> tuple[Floats, Floats]:

@@ -6,6 +6,7 @@ from rona_core.arrays import Bools, Floats
 from rona_core.devices.protocols import Mesh
 from rona_core.mapping.boundary_map import BoundaryMap, Maps
 from rona_ui.scene.adapter import Layer
+from rona_ui.scene.chosen_maps import chosen_key, chosen_maps
 from rona_ui.scene.colors import BONE_RIM, ORANGE, SKY
 from rona_ui.scene.cut import Plane, crossings, cut_key, cut_plane
 from rona_ui.scene.metres import Stage
@@ -28,14 +29,8 @@ class ProfileLayer(Layer):
 
     def render(self, old: Picture | None, new: Picture) -> None:
         """Draw the bone where the cut or the maps are others."""
-        maps = new.session.results.maps
-        if (
-            old is None
-            or cut_key(old) != cut_key(new)
-            or old.backdrop is not new.backdrop
-            or old.session.results.maps is not maps
-        ):
-            self._draw(None if maps is None else maps.value, cut_plane(new))
+        if old is None or cut_key(old) != cut_key(new) or chosen_key(old) != chosen_key(new):
+            self._draw(chosen_maps(new), cut_plane(new))
         self.stage.show(BAND, self.shown(new) and self._bone)
         for node in (OUTER, INNER):
             self.stage.show(node, self.shown(new))

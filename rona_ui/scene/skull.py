@@ -16,7 +16,9 @@ RIM_MM = 3.0  # by which the window is wider than the region
 def window_open(picture: Picture) -> bool:
     """Return whether the skull is shown with a window over the region."""
     view = picture.view
-    return view.step == "maps" and view.cut and picture.session.results.maps is not None
+    results = picture.session.results
+    mapped = results.maps is not None or results.sono_maps is not None
+    return view.step == "maps" and view.cut and mapped
 
 
 class SkullLayer(Layer):

@@ -1,6 +1,7 @@
 """The example scripts do what they say, the one over REST against a real server."""
 
-from examples import compare_pointers, drive_over_rest
+from examples import compare_pointers, drive_over_rest, scan_by_hand
+from rona_core.app.messages import StartSonoScan
 
 
 def test_the_harness_calibrates_the_pointer_over_rest(web):
@@ -16,3 +17,14 @@ def test_the_comparison_names_both_pointers(capsys):
     lines = capsys.readouterr().out.splitlines()
     assert [line.split(":")[0] for line in lines] == ["pointer6d", "pointer5d"]
     assert all(0.0 < float(line.split()[2]) < 1.0 for line in lines)
+
+
+def test_the_scan_by_hand_prints_its_figures(capsys):
+    quick = StartSonoScan(duration_s=25.0, rate_hz=15.0, spacing_mm=4.0)
+    figures = scan_by_hand.main(seed=4, scan=quick)
+    lines = capsys.readouterr().out.splitlines()
+    assert lines[0].startswith("probe: good")
+    assert "of 375 A-scans" in lines[1]
+    assert [line.split(":")[0] for line in lines[2:]] == list(figures)
+    assert figures["sono_outer_rms_mm"] < 0.8
+    assert figures["sono_coverage_fraction"] > 0.8

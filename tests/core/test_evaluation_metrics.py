@@ -25,6 +25,8 @@ STEPS = (
     "roll",
     "detection",
     "maps",
+    "sono",
+    "sono_maps",
 )
 
 

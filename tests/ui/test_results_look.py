@@ -10,13 +10,14 @@ import pytest
 from fake_gui import FakeGui
 
 from rona_core.app.jobs import JobStatus
+from rona_core.app.maps import map_layers
 from rona_core.app.queries import step_states
 from rona_core.devices.live import LiveState
 from rona_core.robot.model import robot_model
 from rona_core.session.document import Session
 from rona_core.session.files import load_session
 from rona_ui.panels.door import Door
-from rona_ui.panels.maps import MapsPanel, color_bar, map_layers
+from rona_ui.panels.maps import MapsPanel, color_bar
 from rona_ui.panels.quality import QualityPanel
 from rona_ui.scene.maps import ScanLayer
 from rona_ui.scene.metres import Stage
