@@ -24,10 +24,9 @@ from rona_core.ultrasound.probe import probe_model
 Method = Literal["subtract", "matched", "threshold"]
 WRONG_MM = 1.0
 PLATE_MM, PLATE_SNRS_DB = 6.0, (20.0, 30.0, 40.0)
-CODED_GAIN_DB = {"2.25MHz": 20.0, "1MHz": 16.0}  # of a chirp: its ratio behind the filter
 SKULL_MM = {"2.25MHz": (3.0, 5.0, 7.0, 10.0), "1MHz": (4.5, 6.0, 8.0, 10.0)}
 HARD_MM = (5.0, 7.0)
-PATIENTS = (0, 1)
+PATIENTS = (0, 1, 2)
 SD_GOAL_MM = {"2.25MHz": 0.05, "1MHz": 0.12}
 BATCH = 2048
 
@@ -64,14 +63,17 @@ def run(progress: Progress) -> list[Metric]:
 
 
 def plate_figures(name: ProbeName, excitation: Excitation) -> list[Metric]:
-    """Return the scatter on a plate over the coherent bound; the ratio is that after the filter."""
+    """Return the scatter on a plate over the coherent bound.
+
+    The ratio of signal to noise is that of a pulse in the band of the probe; a chirp is sent in the
+    same noise, and its bound is that of the chirp.
+    """
     found: list[Metric] = []
     bone = nominal_bone()
     pulse, sent = (block_template(probe_model(name), kind) for kind in ("pulse", excitation))
     for snr in PLATE_SNRS_DB:
-        raw = snr - (CODED_GAIN_DB[name] if excitation == "chirp" else 0.0)
-        scene = plate(PLATE_MM, raw, name=name, excitation=excitation, tuning=False)
-        bound = inner_bound(pulse, bone, PLATE_MM, raw, sent).coherent_us
+        scene = plate(PLATE_MM, snr, name=name, excitation=excitation, tuning=False)
+        bound = inner_bound(pulse, bone, PLATE_MM, snr, sent).coherent_us
         bound_mm = bound * NOMINAL_SPEED_MM_PER_US / 2.0
         for method in get_args(Method):
             error, _ = errors(scene, method)

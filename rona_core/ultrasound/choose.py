@@ -17,9 +17,9 @@ from rona_core.ultrasound.evidence import (
 )
 from rona_core.ultrasound.inner import Candidates, InnerChoice, bone_gate_us
 from rona_core.ultrasound.material import Material
-from rona_core.ultrasound.neighbours import Links
+from rona_core.ultrasound.neighbours import Links, expected_lags
 from rona_core.ultrasound.probe import ProbeModel
-from rona_core.ultrasound.refine import refine_inner
+from rona_core.ultrasound.refine import InnerFits, choose_cycles, fit_inner
 from rona_core.ultrasound.search import BLOCK, Echoes
 from rona_core.ultrasound.sgm import candidate_odds, depth_grid
 
@@ -27,6 +27,11 @@ SAME_MM = 0.5  # candidates this close are the same boundary
 RAYLEIGH = np.log(2.0)  # median over mean of the power of noise
 BEHIND = 8  # where the joint features say it
 DOUBT = 1.25, 3.5  # a boundary behind makes no choice surer than this line
+LIKELY = 0.5  # chance from which on an inner echo is a witness for those beside it
+CYCLE_ROUNDS = 2  # of asking neighbours which cycle is meant
+EXPECTED_SD_MM = 0.2  # of thickness about the mean of opposite neighbours
+WEDGE = 0.1  # sigma is this share of how much a tilted boundary rises under the aperture,
+STEEPEST = 1.0  # up to this rise in time, there and back at the speed in bone
 SPARE_NOISE = 1.5  # what part of the noise's power counts as clutter by chance
 
 
@@ -46,7 +51,7 @@ def choose_inner(echoes: Echoes, bone: Material, links: Links) -> InnerChoice:
     sureness = np.sum(chances[:, :-1] * same, axis=1)
     others = np.where(same, 0.0, chances[:, :-1])
     second = np.argmax(others, axis=1)
-    lag, sigma = _timed(echoes, best, bone)
+    lag, sigma = _timed(_fitted(echoes, best, bone), sureness, bone, template.probe, links)
     return InnerChoice(
         lag_us=lag,
         sureness=np.minimum(sureness, np.clip(DOUBT[0] - DOUBT[1] * behind[rows, best], 0, 1)),
@@ -74,24 +79,38 @@ def inner_chances(
     return chances, share * values[..., BEHIND]
 
 
-def _timed(echoes: Echoes, best: Ints, bone: Material) -> tuple[Floats, Floats]:
-    """Return the lags (n,) of the chosen candidates and their sigmas, in us."""
+def _timed(
+    fits: InnerFits, sureness: Floats, bone: Material, probe: ProbeModel, links: Links
+) -> tuple[Floats, Floats]:
+    """Return the lags (n,) and sigmas: which cycle is meant, the A-scans around know as well."""
+    lag, sigma = choose_cycles(fits)
+    floor = 2.0 * EXPECTED_SD_MM / bone.speed_mm_per_us
+    wide = WEDGE * 2.0 * probe.aperture_radius_mm
+    for _ in range(CYCLE_ROUNDS):
+        expected, sd, steep = expected_lags(lag, sigma, sureness > LIKELY, links)
+        lag, sigma = choose_cycles(fits, expected, np.hypot(sd, floor))
+        sigma = np.hypot(sigma, wide * np.minimum(steep, STEEPEST / bone.speed_mm_per_us))
+    return lag, sigma
+
+
+def _fitted(echoes: Echoes, best: Ints, bone: Material) -> InnerFits:
+    """Return the chosen candidates (n,) as fitted by envelope and by phase."""
     found, rows = echoes.candidates, np.arange(len(best))
     lag, level = found.lag_us[rows, best], found.level[rows, best]
     noise, median = found.noise[rows, best], found.clutter[rows, best]
     clutter = np.sqrt(np.maximum(median**2 / RAYLEIGH - SPARE_NOISE * noise**2, 0.0))
-    times, sigmas = [np.zeros(0)], [np.zeros(0)]
+    fits: list[InnerFits] = []
     for start in range(0, len(best), BLOCK):
         block = slice(start, start + BLOCK)
-        part = refine_inner(
-            echoes.aligned[block],
-            echoes.noise[block],
-            lag[block],
-            level[block],
-            clutter[block],
-            echoes.template,
-            bone,
+        fits.append(
+            fit_inner(
+                echoes.aligned[block],
+                echoes.noise[block],
+                lag[block],
+                level[block],
+                clutter[block],
+                echoes.template,
+                bone,
+            )
         )
-        times.append(part.lag_us)
-        sigmas.append(part.sigma_us)
-    return np.concatenate(times), np.concatenate(sigmas)
+    return InnerFits.concatenate(fits)

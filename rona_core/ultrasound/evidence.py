@@ -13,7 +13,7 @@ from rona_core.ultrasound.probe import ProbeModel
 from rona_core.ultrasound.sgm import change_sd_mm
 
 LOUDEST = 0.5  # log level over which nothing is too loud: bone may lose less than nominal bone
-FAINT = 0.15  # level under which it is hardly an inner echo, even of a table that leans:
+FAINT = 0.2  # level under which it is hardly an inner echo, even of a table that leans:
 FAINTER = 6.0  # log odds lost for each time that it is 2.7 times fainter, whoever supports it
 LOUD_SNR = 5.0  # more does not make it more certain
 OVER_CLUTTER = 7.0  # phase counts up to this

@@ -83,6 +83,39 @@ def scan_links(positions_mm: Floats | None, n: int) -> Links:
     return Links(sources, distances, steps, rounds, sources, distances)
 
 
+def expected_lags(
+    lag_us: Floats, sigma_us: Floats, counts: Bools, links: Links
+) -> tuple[Floats, Floats, Floats]:
+    """Return what is expected (n,) between opposite neighbours, and its sd, infinite for nothing.
+
+    The third is how steep the boundary is (n,), in us per mm, 0 where that is not known.
+
+    Where the boundary slopes, one side is as much too early as the other is too late. The median
+    over the directions lets a single neighbour be wrong, and the spread says how well they agree.
+    """
+    half = len(links.sources) // 2
+    means: list[Floats] = []
+    steep = np.zeros(len(lag_us))
+    for k in range(half):
+        # without positions the two directions of the line are each other's opposite
+        here, there = links.sources[k], links.sources[k + half]
+        both = (here >= 0) & (there >= 0) & counts[here] & counts[there]
+        apart = np.maximum(links.apart_mm[k] + links.apart_mm[k + half], LEAST_APART_MM)
+        rise = np.where(both, (lag_us[there] - lag_us[here]) / apart, np.nan)
+        means.append(lag_us[here] + links.apart_mm[k] * rise)
+        steep = np.fmax(steep, np.abs(rise))
+    table = np.sort(np.stack(means), axis=0)  # nan last
+    count = np.isfinite(table).sum(axis=0)
+    some = count > 0
+    rows = np.arange(table.shape[1])
+    low, high = np.maximum(count - 1, 0) // 2, count // 2
+    high = np.minimum(high, np.maximum(count - 1, 0))
+    middle = np.where(some, (table[low, rows] + table[high, rows]) / 2.0, lag_us)
+    first, last = table[0], table[np.maximum(count - 1, 0), rows]
+    spread = np.where(count > 1, (last - first) / 2.0, sigma_us)
+    return middle, np.where(some, spread, np.inf), steep
+
+
 def _laid_flat(places: Floats) -> tuple[Floats, Floats]:
     """Return places (n, 2) in the best plane, and the first of the two coordinates (n,)."""
     centred = places - places.mean(axis=0)

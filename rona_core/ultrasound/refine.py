@@ -6,7 +6,8 @@ it repeats: the cycles that may be meant are weighed by how far they are from th
 and what comes out is the mean. So there are no slips, only a sigma that grows where one could be.
 """
 
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, fields
 
 import numpy as np
 
@@ -20,9 +21,9 @@ from rona_core.ultrasound.pulse import GRID
 
 ROUNDS = 2  # of fitting the front without the inner echo and the other way round
 STEPS = 3  # of Gauss and Newton in each
-FARTHEST = 0.5  # over the bandwidth: a fit does not leave its peak further than this
+FARTHEST = 0.25  # over the bandwidth: a fit does not leave its peak further than this
 CYCLES = np.arange(-2.0, 3.0)  # that the phase may be off by
-ENVELOPE_SD = 0.035  # over the bandwidth: of the envelope by structure, at a level of 1
+ENVELOPE_SD = 0.07  # over the bandwidth: of the envelope by structure, at a level of 1
 PHASE_SD_RAD = 0.08  # of the phase by structure, at a level of 1
 STRUCTURE_RAD = 0.14  # what sigma gets besides: the boundary is not the same over the beam
 FADING = 1.0  # both grow with one over the level to this power
@@ -30,15 +31,29 @@ LEAST_LEVEL = 0.1
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class InnerTimes:
-    """Times of inner echoes (n,) after their fronts, and how well they are known."""
+class InnerFits:
+    """Inner echoes (n,) after their fronts, fitted by envelope and by phase."""
 
-    lag_us: Floats
-    sigma_us: Floats
-    noise_us: Floats  # the share of it that is the bound for noise and clutter
+    envelope_us: Floats
+    envelope_sd_us: Floats
+    phase_us: Floats  # one of the times that the phase may mean,
+    period_us: Floats  # and how far apart they are
+    phase_sd_us: Floats
+    structure_us: Floats  # what sigma gets besides
+    noise_us: Floats  # the bound for noise alone
+
+    @classmethod
+    def concatenate(cls, parts: Sequence["InnerFits"]) -> "InnerFits":
+        """Return the fits of several blocks as one."""
+        return cls(
+            *(
+                np.concatenate([np.zeros(0), *(getattr(part, f.name) for part in parts)])
+                for f in fields(cls)
+            )
+        )
 
 
-def refine_inner(
+def fit_inner(
     aligned: Complexes,
     noise: Floats,
     lag_us: Floats,
@@ -46,8 +61,8 @@ def refine_inner(
     clutter: Floats,
     template: Template,
     bone: Material,
-) -> InnerTimes:
-    """Return the times of inner echoes in spectra (n, f) that are aligned to their fronts.
+) -> InnerFits:
+    """Fit inner echoes in spectra (n, f) that are aligned to their fronts.
 
     Args:
         aligned: With the front echo at time 0.
@@ -82,13 +97,25 @@ def refine_inner(
             at = np.clip(at, start - FARTHEST / band, start + FARTHEST / band)
     seen = (matched * behind * template.shift(at)).sum(axis=1)
     amplitude = np.abs(seen) / fisher.energy
-    coherent = at - np.angle(seen) / fisher.mean_rad_per_us
-    for _ in range(STEPS - 1):
-        seen = matched * behind * template.shift(coherent)
-        height = np.maximum(np.real(seen.sum(axis=1)), 1e-12) / fisher.energy
-        move = np.real(1j * (seen * omega).sum(axis=1)) / (height * fisher.coherent)
-        coherent = coherent + np.clip(move, -0.1 / band, 0.1 / band)
-    return _weighed(at, coherent, amplitude, level, fisher, band)
+    phase = at - np.angle(seen) / fisher.mean_rad_per_us
+    for shape in (weights, np.ones(len(f)), np.ones(len(f))):  # noise alone, once near
+        seen = shape * np.conj(echo) * behind * template.shift(phase)
+        power = shape * np.abs(echo) ** 2
+        bend = (power * omega**2).sum(axis=1) / power.sum(axis=1)
+        scale = np.maximum(np.real(seen.sum(axis=1)), 1e-12)
+        move = np.real(1j * (seen * omega).sum(axis=1)) / (scale * bend)
+        phase = phase + np.clip(move, -0.1 / band, 0.1 / band)
+    sharp, blunt = amplitude_bound(fisher, amplitude)
+    fading = np.clip(level, LEAST_LEVEL, 1.0) ** -FADING
+    return InnerFits(
+        envelope_us=at,
+        envelope_sd_us=np.hypot(blunt, ENVELOPE_SD * fading / band),
+        phase_us=phase,
+        period_us=2.0 * np.pi / fisher.mean_rad_per_us,
+        phase_sd_us=np.hypot(sharp, PHASE_SD_RAD * fading / fisher.mean_rad_per_us),
+        structure_us=STRUCTURE_RAD * fading / fisher.mean_rad_per_us,
+        noise_us=sharp,
+    )
 
 
 def _whitening(echo: Complexes, noise: Floats, clutter: Floats, template: Template) -> Floats:
@@ -100,29 +127,24 @@ def _whitening(echo: Complexes, noise: Floats, clutter: Floats, template: Templa
     return 1.0 / (density + (clutter**2 * share)[:, None] * power)
 
 
-def _weighed(
-    envelope: Floats,
-    coherent: Floats,
-    amplitude: Floats,
-    level: Floats,
-    fisher: Fisher,
-    band: float,
-) -> InnerTimes:
-    """Return the mean over the cycles that the phase may mean."""
-    sharp, blunt = amplitude_bound(fisher, amplitude)
-    fading = np.clip(level, LEAST_LEVEL, 1.0) ** -FADING
-    phase_us = PHASE_SD_RAD * fading / fisher.mean_rad_per_us
-    fine = sharp**2 + phase_us**2
-    coarse = blunt**2 + (ENVELOPE_SD * fading / band) ** 2
-    period = 2.0 * np.pi / fisher.mean_rad_per_us
-    off = (coherent - envelope)[:, None] + CYCLES * period[:, None]
-    chance = np.exp(
-        -0.5 * (off**2 - (off**2).min(axis=1, keepdims=True)) / (fine + coarse)[:, None]
-    )
+def choose_cycles(
+    fits: InnerFits, expected_us: Floats | None = None, expected_sd_us: Floats | None = None
+) -> tuple[Floats, Floats]:
+    """Return the times (n,) of inner echoes as means over the cycles they may mean, and sigmas.
+
+    Args:
+        fits: What the A-scans show.
+        expected_us: What those around make one expect (n,); None: nothing.
+        expected_sd_us: And how far off that may be (n,), infinite where it is nothing.
+    """
+    off = (fits.phase_us - fits.envelope_us)[:, None] + CYCLES * fits.period_us[:, None]
+    squares = off**2 / (fits.phase_sd_us**2 + fits.envelope_sd_us**2)[:, None]
+    if expected_us is not None and expected_sd_us is not None:
+        beside = off + (fits.envelope_us - expected_us)[:, None]
+        squares = squares + beside**2 / (fits.phase_sd_us**2 + expected_sd_us**2)[:, None]
+    chance = np.exp(-0.5 * (squares - squares.min(axis=1, keepdims=True)))
     chance /= chance.sum(axis=1, keepdims=True)
-    means = off * (coarse / (fine + coarse))[:, None]
-    mean = (chance * means).sum(axis=1)
-    spread = (chance * (means - mean[:, None]) ** 2).sum(axis=1)
-    structure = STRUCTURE_RAD * fading / fisher.mean_rad_per_us
-    sigma = np.sqrt(spread + fine * coarse / (fine + coarse) + structure**2)
-    return InnerTimes(envelope + mean, sigma, np.minimum(sharp, sigma))
+    mean = (chance * off).sum(axis=1)
+    spread = (chance * (off - mean[:, None]) ** 2).sum(axis=1)
+    sigma = np.sqrt(spread + fits.phase_sd_us**2 + fits.structure_us**2)
+    return fits.envelope_us + mean, sigma

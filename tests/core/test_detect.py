@@ -190,6 +190,42 @@ def test_one_boundary_without_another_behind_it_is_not_called_bone():
     assert not found.inner_ok.any()
 
 
+def test_a_boundary_within_the_bone_is_not_its_end_even_where_all_neighbours_show_it():
+    side = 7
+    track = plate("2.25MHz", "chirp", (0.0, 2.2, 1000.0, 2000.0), lifts=np.zeros(side * side))
+    x, y = np.meshgrid(np.arange(float(side)), np.arange(float(side)))
+    places = np.column_stack((x.ravel(), y.ravel(), np.zeros(side * side)))
+    found = detect(track, PROBE, "chirp", positions_mm=places)
+    assert found.outer_ok.all()
+    assert np.mean(found.inner_ok) <= 0.02
+
+
+def test_a_later_record_moves_both_boundaries_and_nothing_else():
+    track, poses, _ = scan(WavySkull(15), ProbeSettings(), seed=15, width_mm=6.0)
+    found = detect(track, PROBE, "chirp", positions_mm=poses.translations)
+    late_us = 0.12
+    late = replace(track, start_us=track.start_us + late_us)
+    other = detect(late, PROBE, "chirp", positions_mm=poses.translations)
+    both = found.outer_ok & other.outer_ok
+    assert both.mean() > 0.8
+    np.testing.assert_allclose(other.outer_us[both], found.outer_us[both] + late_us, atol=2e-4)
+    inner = found.inner_ok & other.inner_ok
+    assert inner.sum() >= 0.9 * found.inner_ok.sum()
+    np.testing.assert_allclose(other.thickness_mm[inner], found.thickness_mm[inner], atol=3e-3)
+
+
+def test_a_quieter_record_of_the_same_echoes_has_the_same_thickness():
+    track, poses, _ = scan(WavySkull(15), ProbeSettings(), seed=15, width_mm=6.0)
+    found = detect(track, PROBE, "chirp", positions_mm=poses.translations)
+    quiet = replace(track, rf=np.float32(0.8) * track.rf)
+    other = detect(quiet, PROBE, "chirp", positions_mm=poses.translations)
+    np.testing.assert_allclose(other.outer_quality, np.minimum(0.8 * found.outer_quality, 1), 0.15)
+    inner = found.inner_ok & other.inner_ok
+    assert inner.sum() >= 0.9 * found.inner_ok.sum()
+    moved = np.abs(other.thickness_mm - found.thickness_mm)[inner]
+    assert np.percentile(moved, 95) < 0.02
+
+
 def test_with_positions_the_order_of_the_scans_does_not_matter():
     track, poses, _ = scan(WavySkull(14), ProbeSettings(), seed=14, width_mm=6.0)
     order = np.random.default_rng(1).permutation(len(track))

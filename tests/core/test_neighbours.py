@@ -4,7 +4,13 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from rona_core.errors import InvalidInputError
-from rona_core.ultrasound.neighbours import DIRECTIONS, REACH_MM, line_links, scan_links
+from rona_core.ultrasound.neighbours import (
+    DIRECTIONS,
+    REACH_MM,
+    expected_lags,
+    line_links,
+    scan_links,
+)
 
 seeds = st.integers(0, 2**31)
 
@@ -81,3 +87,21 @@ def test_wrong_positions_are_refused_by_name():
         scan_links(np.zeros((2, 3)), 3)
     with pytest.raises(InvalidInputError, match="finite"):
         scan_links(np.full((3, 3), np.nan), 3)
+
+
+def test_on_a_slope_opposite_neighbours_expect_what_is_between_them():
+    rng = np.random.default_rng(7)
+    x, y = np.meshgrid(np.arange(9.0), np.arange(9.0))
+    places = np.column_stack((x.ravel(), y.ravel(), np.zeros(81)))
+    lag = 4.0 + places[:, :2] @ (0.1, -0.05)
+    links = scan_links(places + rng.uniform(-0.05, 0.05, (81, 1)) * (0.0, 0.0, 1.0), 81)
+    wrong = lag.copy()
+    wrong[40] += 1.0
+    sure = np.ones(81, dtype=np.bool_)
+    expected, sd, steep = expected_lags(wrong, np.full(81, 0.1), sure, links)
+    assert expected[40] == pytest.approx(lag[40], abs=1e-6)
+    assert sd[40] == pytest.approx(0.0, abs=1e-6)
+    assert steep[40] == pytest.approx(np.hypot(0.1, 0.05), rel=0.1)
+    beside = expected_lags(lag, np.full(81, 0.1), ~sure, links)
+    np.testing.assert_array_equal(beside[0], lag)
+    assert np.all(np.isinf(beside[1]))

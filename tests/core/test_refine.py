@@ -1,3 +1,5 @@
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -7,7 +9,7 @@ from rona_core.ultrasound.inner import bone_filter
 from rona_core.ultrasound.matched import BONE_REFLECTION, block_template
 from rona_core.ultrasound.probe import PROBES, probe_model
 from rona_core.ultrasound.pulse import GRID
-from rona_core.ultrasound.refine import refine_inner
+from rona_core.ultrasound.refine import choose_cycles, fit_inner
 
 CASES = [(name, kind) for name in PROBES for kind in ("pulse", "chirp")]
 EVERY = pytest.mark.parametrize(("name", "excitation"), CASES)
@@ -28,34 +30,48 @@ def refined(template, thickness_mm, noise, n=120, seed=3, off_us=0.03):
     seen, lag = spectra(template, thickness_mm, noise, n, seed)
     start = np.full(n, lag + off_us)
     none = np.zeros(n)
-    times = refine_inner(seen, none + noise, start, none + 1.0, none, template, BONE)
-    return times, lag
+    fits = fit_inner(seen, none + noise, start, none + 1.0, none, template, BONE)
+    return fits, lag
 
 
 @EVERY
 def test_on_a_plate_the_scatter_is_that_of_the_bound(name, excitation):
     template = block_template(probe_model(name), excitation)
     noise = 2e-3 if excitation == "pulse" else 1e-2
-    times, lag = refined(template, 7.0, noise)
+    fits, lag = refined(template, 7.0, noise)
+    found, sigma = choose_cycles(fits)
     echo = bone_filter(template, BONE, 7.0)
     bound = spectrum_bound(echo, template.frequencies_mhz, noise).coherent_us
-    error = times.lag_us - lag
+    error = found - lag
     assert 0.8 < error.std() / bound < 1.5
     assert abs(error.mean()) < 0.5 * bound + 2e-3
-    assert np.median(times.noise_us) == pytest.approx(bound, rel=0.3)
-    assert np.all(times.sigma_us >= times.noise_us)
+    assert np.median(fits.noise_us) == pytest.approx(bound, rel=0.3)
+    assert np.all(sigma >= fits.noise_us)
 
 
 def test_the_start_within_a_cycle_does_not_matter():
     template = block_template(probe_model("2.25MHz"), "pulse")
-    found = [refined(template, 6.0, 1e-3, n=5, off_us=off)[0].lag_us for off in (-0.08, 0.0, 0.08)]
+    fits = [refined(template, 6.0, 1e-3, n=5, off_us=off)[0] for off in (-0.08, 0.0, 0.08)]
+    found = [choose_cycles(fit)[0] for fit in fits]
     np.testing.assert_allclose(found[0], found[1], atol=2e-3)
     np.testing.assert_allclose(found[2], found[1], atol=2e-3)
 
 
 def test_where_the_cycle_is_in_doubt_sigma_says_so():
     template = block_template(probe_model("2.25MHz"), "pulse")
-    loud, faint = (refined(template, 6.0, noise)[0] for noise in (1e-3, 2.5e-2))
-    assert np.median(faint.sigma_us) > 1.5 * np.median(loud.sigma_us)
-    error = faint.lag_us - 2.0 * 6.0 / BONE.speed_mm_per_us
-    assert np.sqrt(np.mean((error / faint.sigma_us) ** 2)) < 3.0
+    lag = 2.0 * 6.0 / BONE.speed_mm_per_us
+    _, loud = choose_cycles(refined(template, 6.0, 1e-3)[0])
+    found, faint = choose_cycles(refined(template, 6.0, 2.5e-2)[0])
+    assert np.median(faint) > 1.5 * np.median(loud)
+    assert np.sqrt(np.mean(((found - lag) / faint) ** 2)) < 3.0
+
+
+def test_those_around_decide_which_cycle_is_meant():
+    template = block_template(probe_model("2.25MHz"), "pulse")
+    fits, lag = refined(template, 6.0, 1e-3)
+    envelope = fits.envelope_us + 0.5 * fits.period_us  # right between two cycles
+    doubtful = replace(fits, envelope_us=envelope, envelope_sd_us=0.0 * envelope + 0.1)
+    _, alone_sigma = choose_cycles(doubtful)
+    found, sigma = choose_cycles(doubtful, 0.0 * envelope + lag + 0.05, 0.0 * envelope + 0.05)
+    np.testing.assert_allclose(found, lag, atol=0.01)
+    assert np.all(sigma < 0.3 * alone_sigma)
