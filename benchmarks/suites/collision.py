@@ -6,7 +6,7 @@ import numpy as np
 
 from benchmarks.metric import Metric, Progress, cpu_ms
 from rona_core.arrays import Floats, readonly
-from rona_core.devices.surroundings import PLACE_OF_WORK, Surroundings
+from rona_core.devices.surroundings import Surroundings
 from rona_core.geometry.pose import Pose
 from rona_core.robot.collision import CollisionWorld
 from rona_core.robot.head_shape import LARGE_HEAD_MM, head_from_cloud
@@ -66,9 +66,14 @@ def scene() -> Obstacles:
     flat = rng.uniform(-32.0, 32.0, (2000, 2))
     flat = flat[np.hypot(*flat.T) < 32.0]
     height = np.sqrt(90.0**2 - (flat**2).sum(axis=1)) - 90.0
-    points = np.column_stack((flat, height)) + PLACE_OF_WORK
+    points = np.column_stack((flat, height)) + robot_model().workplace.region_base
     head = head_from_cloud(points, (0.0, 0.0, 1.0), 10.0)
-    return Obstacles((head, *table_and_floor(Surroundings(), Pose.identity(), PLACE_OF_WORK)))
+    return Obstacles(
+        (
+            head,
+            *table_and_floor(Surroundings(), Pose.identity(), robot_model().workplace.region_base),
+        )
+    )
 
 
 def planted(model: RobotModel, obstacles: Obstacles) -> float:
