@@ -66,12 +66,13 @@ def scene() -> Obstacles:
     flat = rng.uniform(-32.0, 32.0, (2000, 2))
     flat = flat[np.hypot(*flat.T) < 32.0]
     height = np.sqrt(90.0**2 - (flat**2).sum(axis=1)) - 90.0
-    points = np.column_stack((flat, height)) + robot_model().workplace.region_base
+    place = robot_model().workplace.region_base
+    points = np.column_stack((flat, height)) + place
     head = head_from_cloud(points, (0.0, 0.0, 1.0), 10.0)
     return Obstacles(
         (
             head,
-            *table_and_floor(Surroundings(), Pose.identity(), robot_model().workplace.region_base),
+            *table_and_floor(Surroundings(), Pose.identity(), place),
         )
     )
 
