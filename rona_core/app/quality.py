@@ -64,7 +64,7 @@ FIGURES: dict[str, FigureKind] = {
     "roll_mode": FigureKind("Roll", "", 0),
     "roll_variation_deg": FigureKind("Roll, variation along the path", "deg", 0),
     "min_joint_margin_deg": FigureKind("Distance from joint limits", "deg", 1, 0.0, "at least"),
-    "min_clearance_mm": FigureKind("Clearance of robot, tool and obstacles", "mm", 1),
+    "min_clearance_mm": FigureKind("Least clearance of the robot", "mm", 1),
     "scan_points": FigureKind("A-scans", "", 0),
     "second_pass_points": FigureKind("A-scans of the second pass", "", 0),
     "second_pass_reason": FigureKind("No second pass, because", "", 0),

@@ -1,7 +1,6 @@
 """The devices as small protocols. Virtual, replayed and real ones satisfy the same contract tests.
 
-A capture runs on its own clock: ``Rig.begin`` sets it to 0. A virtual clock moves when somebody
-waits on it, so that a sweep of a minute runs in a fraction of a second; a real one sleeps.
+A capture runs on its own clock: ``Rig.begin`` sets it to 0. A virtual clock jumps when waited on.
 """
 
 from collections.abc import Callable, Iterator
@@ -148,7 +147,6 @@ class Operator(Protocol):
     """The hand that holds the pointer. Each call prepares a motion that starts with the capture.
 
     All return the duration of the motion in seconds. The pointer meant is the one in the settings.
-    A real operator is told what to do by the interface and takes as long as it takes.
     """
 
     def pivot(self, *, cone_deg: float, duration_s: float) -> float:

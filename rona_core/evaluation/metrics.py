@@ -200,13 +200,13 @@ def _scan(session: "Session", truth: Truth) -> Figures:
         ]
         if passes and passes[0][1] is scan:
             figures |= detection_figures(passes, truth)
+            figures |= speed_figures(session, truth)
     if session.captures.second is not None:
         figures["second_pass_points"] = len(session.captures.second.scans)
     if results.maps is not None:
         figures |= map_figures(results.maps.value, truth)
         if results.detection is not None:
             n_first = len(results.detection.value)
-            figures |= speed_figures(session, truth)
             figures |= one_pass_figures(results.maps.value, n_first, truth)
     return figures
 

@@ -22,6 +22,8 @@ AFTER_A_SCAN = (
     "detection_failure_fraction",
     "unflagged_failure_fraction",
     "flagged_fraction",
+    "sound_speed_error_percent",
+    "scan_thickness_rms_mm",
 )
 AFTER_A_PATH = ("path_deviation_max_mm", "path_deviation_raw_max_mm")
 

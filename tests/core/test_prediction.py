@@ -89,7 +89,7 @@ def test_a_tracker_of_white_noise_leaves_nothing_that_averaging_does_not_reduce(
 
 def test_what_is_missing_has_no_prediction(polaris):
     session = polaris[0]
-    assert predicted_figures(Session()) == dict.fromkeys(KEYS)
+    assert predicted_figures(Session()) == dict.fromkeys((*KEYS, "thickness_sigma_predicted_mm"))
     for name in ("tool", "pointer", "surface"):
         less = replace(session, results=replace(session.results, **{name: None}))
         assert predict_surface(less) is None

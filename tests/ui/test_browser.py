@@ -149,7 +149,7 @@ def test_nine_steps_by_mouse_then_saved_and_opened_again(surgeon: Surgeon) -> No
     surgeon.picture("path")
     surgeon.button("Finish the line").click()
     surgeon.wait_state("Path", "done")
-    assert "/path/raw" in surgeon.nodes()
+    wait_for(lambda: "/path/raw" in surgeon.nodes(), 20, "the path in the scene")
     assert "/drawing/line" not in surgeon.nodes()
 
     surgeon.open_step("Smoothing")

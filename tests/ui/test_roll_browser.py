@@ -25,8 +25,9 @@ from rona_core.app.roll_views import (
     ranked_ways,
     roll_strip,
 )
+from rona_core.app.scan_views import scan_number_at, scan_poses
 from rona_core.app.staleness import input_digests, session_obstacles
-from rona_core.app.views import joints_at, scan_number_at, scan_poses
+from rona_core.app.views import joints_at
 from rona_core.robot.model import robot_model
 from rona_core.robot.verify import verify_scan
 from rona_core.session.document import Session
