@@ -66,7 +66,7 @@ def region_center(surgeon: Surgeon) -> np.ndarray:
 
 def quality(surgeon: Surgeon) -> list[str]:
     surgeon.tab("Quality")
-    rows = surgeon.frame.locator(".r-table tr")
+    rows = surgeon.frame.locator(".r-table", has_text="Quantity").locator("tr")
     return [row.strip() for row in rows.all_inner_texts()]
 
 
