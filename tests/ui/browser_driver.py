@@ -45,7 +45,8 @@ STATES = """() => [...document.querySelectorAll('.r-step .r-badge')].map((e) => 
 NODES = """() => {
   const all = Object.keys(window.__viserSceneTree.getState());
   const empty = ['/drawing', '/pointer', '/maps', '/path', '/scan', '/rolls', '/surface',
-    '/edit', '/pattern', '/places', '/places/best', '/places/smallest'];
+    '/edit', '/pattern', '/places', '/places/best', '/places/smallest',
+    '/margins', '/obstacles', '/second'];
   return all.filter((n) => !empty.includes(n)).sort();
 }"""
 
