@@ -27,11 +27,13 @@ class MarginsLayer(Layer):
 
     def render(self, old: Picture | None, new: Picture) -> None:
         """Draw where search, roll, quantity or surroundings are others."""
-        seen = self.shown(new) and shows_margins(new)
-        if seen and (old is None or not shows_margins(old) or _key(old) != _key(new)):
+        if not (self.shown(new) and shows_margins(new)):
+            for node in (PATH, STOP, WORDS):
+                self.stage.remove(node)
+            return
+        drawn = old is not None and self.shown(old) and shows_margins(old)
+        if old is None or not drawn or _key(old) != _key(new):
             self._draw(new)
-        for node in (PATH, STOP, WORDS):
-            self.stage.show(node, seen)
 
     def _draw(self, new: Picture) -> None:
         found = path_margins(new.session, new.view.shown_roll)

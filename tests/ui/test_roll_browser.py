@@ -283,7 +283,7 @@ def test_the_path_is_drawn_by_margins_and_stops_where_the_roll_fails(demo: Sessi
     assert STOP not in scene.nodes
     assert WORDS not in scene.nodes
     layer.render(None, picture(demo, view=ViewState(step="scan")))
-    assert not scene.nodes[PATH].visible
+    assert PATH not in scene.nodes
 
 
 def test_the_slider_follows_a_varying_roll_and_one_click_leads_back(demo: Session) -> None:
