@@ -117,21 +117,22 @@ def record(cells: Cells, step_us: float, sent: Floats) -> Floats:
         beyond = np.take(rho, np.minimum(np.arange(shape[axis]) + 1, shape[axis] - 1), axis)
         light.append((step_us * 2.0 / (rho + beyond)).astype(real))
     dense, square = (step_us * rho).astype(real), (cells.speed_mm_per_us**2).astype(real)
-    pattern = np.zeros(shape)
-    pattern[cells.row, cells.columns] = step_us / (dx * cells.speed_mm_per_us[cells.row, 0])
-    pattern = _field(_spectrum(pattern) * np.cos(half), shape)
-    u = [np.zeros(shape, real) for _ in k]
-    parts = [np.zeros(shape, real) for _ in k]
-    pressure = np.zeros(shape, real)
+    strip: Floats = np.zeros(shape, dtype=np.float64)
+    strip[cells.row, cells.columns] = step_us / (dx * cells.speed_mm_per_us[cells.row, 0])
+    pattern = _field(_spectrum(strip) * np.cos(half), shape)
+    u, parts = ([np.zeros(shape, np.float32) for _ in k] for _ in range(2))
+    pressure: Singles = np.zeros(shape, np.float32)
     heard: list[float] = []
     for loud in sent:
         spectrum = _spectrum(pressure)
         for i in (0, 1):
             slope = _field(ahead[i] * spectrum, shape)
-            u[i] = fade_between[i] * (fade_between[i] * u[i] - light[i] * slope)
+            u[i][:] = fade_between[i] * (fade_between[i] * u[i] - light[i] * slope)
             slope = _field(back[i] * _spectrum(u[i]), shape)
-            parts[i] = fade[i] * (fade[i] * parts[i] - dense * slope) + np.float32(loud) * pattern
-        pressure = square * (parts[0] + parts[1])
+            parts[i][:] = (
+                fade[i] * (fade[i] * parts[i] - dense * slope) + np.float32(loud) * pattern
+            )
+        np.multiply(square, parts[0] + parts[1], out=pressure)
         heard.append(float(np.mean(pressure[cells.row, cells.columns])))
     return np.array(heard, dtype=np.float64)
 

@@ -11,6 +11,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from benchmarks.disc_oracle import curved, leaning
 from benchmarks.kspace_grid import front_on_grid
 from benchmarks.kwave_cases import STRIPS, mirror_level_db, plane_wave, stored_strip, strip
 from benchmarks.metric import Metric, Progress, cpu_ms
@@ -26,6 +27,8 @@ L2, CORRELATION, FRONT_DB, FRONT_NS = 0.015, 0.99, 0.5, 31.0
 FASTEST, FAST_ERROR = 800.0, 0.001  # A-scans a second; share of the exact record
 OBLIQUE_DEG = 10.0
 FINER = "2.25mhz_tilt2"  # the field where mixed cells cost most
+LEANS_DEG, CURVED_MM = (0.0, 1.0, 2.0, 3.0, 4.0), 80.0
+BEYOND = ("lean 3 deg", "lean 4 deg")  # no bound is asked for there
 BONES, ROUNDS = 40, 5
 
 
@@ -35,6 +38,8 @@ def run(progress: Progress) -> list[Metric]:
     metrics = [*against_waves(), *at_an_angle()]
     progress("the wave equation in 2D, with cells of half the size")
     metrics += against_finer_waves()
+    progress("the disc's rays beside all plane waves")
+    metrics += against_no_rays()
     for name in PROBES:
         progress(f"{BONES} bones under the {name} probe, fast and exact")
         metrics += fast_and_exact(name)
@@ -75,6 +80,24 @@ def against_finer_waves() -> list[Metric]:
         Metric(f"front_level_db, {held}", abs(found.front_db), "dB", "lower", FRONT_DB),
         Metric(f"front_time_ns, {held}", abs(found.front_ns), "ns", "lower", FRONT_NS),
     ]
+
+
+def against_no_rays() -> list[Metric]:
+    """Return the agreement of the disc's rays in 3-D with all plane waves, and Huygens' points."""
+    metrics: list[Metric] = []
+    for name in PROBES:
+        found = {f"lean {deg:g} deg": leaning(name, deg) for deg in LEANS_DEG}
+        found[f"R {CURVED_MM:g} mm"] = curved(name, CURVED_MM)
+        for bone_name, echoes in found.items():
+            bound = FRONT_DB if bone_name not in BEYOND else None
+            held = f"disc {name}, {bone_name}"
+            metrics += [
+                Metric(f"front_level_db, {held}", abs(echoes.front_db), "dB", "lower", bound),
+                Metric(f"front_time_ns, {held}", abs(echoes.front_ns), "ns", "lower"),
+                Metric(f"inner_level_db, {held}", abs(echoes.inner_db), "dB", "lower"),
+                Metric(f"inner_time_ns, {held}", abs(echoes.inner_ns), "ns", "lower"),
+            ]
+    return metrics
 
 
 def at_an_angle() -> list[Metric]:
