@@ -87,8 +87,8 @@ def time_path(
     if qs_rad.shape != (len(path), 6):
         raise InvalidInputError(f"qs_rad must have shape ({len(path)}, 6), not {qs_rad.shape}")
     start = model.home_rad if q_start_rad is None else np.asarray(q_start_rad, dtype=np.float64)
-    down = _line_from(model, qs_rad[0], branch, settings.standoff_mm, clear)[::-1]
-    up = _line_from(model, qs_rad[-1], branch, settings.standoff_mm, clear)
+    down = line_back(model, qs_rad[0], branch, settings.standoff_mm, clear)[::-1]
+    up = line_back(model, qs_rad[-1], branch, settings.standoff_mm, clear)
     way, along = _way(path), path.arc_length_mm()
     scan_ways, scan = _timed_scan(way, qs_rad, model, settings)
     free = outside_bone(path, model, clear)
@@ -176,7 +176,7 @@ def _way(path: Path5D) -> Floats:
     return np.concatenate(([0.0], np.cumsum(np.maximum(steps_mm, turns_mm))))
 
 
-def _line_from(
+def line_back(
     model: RobotModel,
     q_contact_rad: Floats,
     branch: int,
