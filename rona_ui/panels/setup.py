@@ -19,6 +19,7 @@ from rona_ui.bindings import Event
 from rona_ui.panels import style
 from rona_ui.panels.probe_fields import ProbeFields
 from rona_ui.panels.robot_figures import figures_table
+from rona_ui.panels.room_fields import RoomFields
 from rona_ui.panels.step_panel import StepPanel
 from rona_ui.panels.tracker_fields import NAMES, PLACE, TrackerFields
 from rona_ui.view_state import Picture
@@ -69,6 +70,8 @@ class SetupPanel(StepPanel):
             form.number("base_turn_deg", "Base turn (deg)", 0.0, -180.0, 180.0, 1.0)
             with gui.add_folder("Where these numbers come from", expand_by_default=False):
                 self._figures = gui.add_html("")
+        with gui.add_folder("Obstacles", expand_by_default=False):
+            self._room = RoomFields(gui, self.door)
         with gui.add_folder("Skull from a file", expand_by_default=False):
             gui.add_html(
                 style.text(
@@ -142,6 +145,7 @@ class SetupPanel(StepPanel):
             table = figures_table(new.session.setup.devices.robot.model)
             if self._figures.content != table:
                 self._figures.content = table
+        self._room.render(old, new)
         if (
             old is None
             or old.session.setup is not new.session.setup
