@@ -38,6 +38,7 @@ LAYERS = {
     "inner": "Inner map",
     "fused": "Fused map",
     "second": "Second pass",
+    "references": "Reference points",
 }
 
 _ROOM = frozenset(("skull", "robot", "tracker", "pointer", "region", "obstacles"))
@@ -51,7 +52,9 @@ NEEDED: dict[str, frozenset[str]] = {
     "smoothing": frozenset(("skull", "path", "arrows", "warnings")),
     "roll": frozenset(("skull", "robot", "path", "rolls", "obstacles", "places")),
     "scan": frozenset(("skull", "robot", "path", "scan", "obstacles")),
-    "maps": frozenset(("skull", "region", "pointer", "outer", "inner", "fused", "second")),
+    "maps": frozenset(
+        ("skull", "region", "pointer", "outer", "inner", "fused", "second", "references")
+    ),
 }
 
 
