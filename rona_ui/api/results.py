@@ -106,16 +106,19 @@ def get_calibration(bench: Bench, step: Literal["tool", "pointer"]) -> FastJson:
     return FastJson(plain(view))
 
 
+NAMES = {"first": "first pass", "second": "second pass", "hand": "scan by hand"}
+
+
 @router.get("/sessions/{session_id}/ascans/{scan}/{number}", response_class=FastJson)
 def get_ascan(bench: Bench, scan: ScanName, number: int) -> FastJson:
-    """Return an A-scan (from 0) of the first or the second pass, and what was found in it.
+    """Return an A-scan (from 0) of either pass or of the scan by hand, and what was found in it.
 
     Curves are shares of their own largest value; times are in µs from the emission. What was
     corrected by hand (command `CorrectBoundary`) is in its place, and `by_hand` says so.
     """
     plot = ascan_plot(bench.session, number, scan=scan)
     if plot is None:
-        raise NotFoundError(f"there is no A-scan {number} in the {scan} pass")
+        raise NotFoundError(f"there is no A-scan {number} in the {NAMES[scan]}")
     return FastJson(plain(plot))
 
 
