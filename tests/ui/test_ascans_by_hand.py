@@ -4,7 +4,6 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
-import pytest
 from test_ascan_panel import CLIENT, Desk, shown
 from test_room_panel import ROOM
 from test_sono_panel import picture
