@@ -7,6 +7,7 @@ from fastapi import APIRouter, Query
 
 from rona_core.app.calibration_view import calibration_view
 from rona_core.app.frames import frame_rows
+from rona_core.app.probe_advice import probe_advice
 from rona_core.app.quality import QualityRow, quality_rows
 from rona_core.app.queries import StepState, step_states, summary
 from rona_core.app.replay import replay
@@ -74,6 +75,7 @@ def get_results(bench: Bench, step: str, max_points: MaxPoints = None) -> FastJs
             "step": step,
             "summary": summary(step, session),
             "setup": plain(session.setup, max_points) if step == "setup" else None,
+            "probe_advice": plain(probe_advice(session)) if step == "maps" else None,
             "boundary_edits": plain(session.boundary_edits) if step == "maps" else None,
             "captures": {name: _capture(name, session, max_points) for name in captures},
             "results": {name: _result(name, session, max_points) for name in results},

@@ -149,7 +149,7 @@ class SetupPanel(StepPanel):
         if (
             old is None
             or old.session.setup is not new.session.setup
-            or old.session.results.line is not new.session.results.line
+            or old.session.results is not new.session.results
             or old.busy != new.busy
         ):
             self._probe.show(new.session, new.busy)
