@@ -42,8 +42,9 @@ def label_of(name: str) -> str:
 
 def in_words(text: str) -> str:
     """Return a message with the labels of fields in place of the names of parameters."""
-    return re.sub(
+    told = re.sub(
         r"\b[a-z][a-z0-9]*(?:_[a-z0-9]+)+\b",
         lambda found: label_of(found[0]) if found[0] in NAMES else found[0],
         text,
     )
+    return told if told == text else told[:1].upper() + told[1:]

@@ -14,7 +14,7 @@ from rona_ui.panels.form import Form
 from rona_ui.view_state import Picture
 
 NEW = "A new one"
-FIRST = RoomBox("wall", (0.0, -1200.0, 0.0), (3000.0, 100.0, 2500.0))  # what the fields offer
+FIRST = RoomBox("cupboard", (300.0, 1000.0, 300.0), (600.0, 300.0, 1400.0))  # fields offer it
 LAYER = frozenset(("obstacles",))
 EXPLANATION = (
     "The robot keeps away from head, table, floor and tracker, and from what you add here. Places "
@@ -30,7 +30,9 @@ class RoomFields:
         self._held = Surroundings()
         gui.add_html(style.text(EXPLANATION))
         self._list = gui.add_html("")
-        self._seen = gui.add_checkbox("Show them", False, hint="The layer Obstacles of the scene")
+        self._seen = gui.add_checkbox(
+            "Show all", False, hint="The layer Obstacles of the scene, table and head too"
+        )
         self._which = gui.add_dropdown("Obstacle", (NEW,))
         self._name = gui.add_text("Name", FIRST.name)
         self._box = Form(gui)
@@ -91,18 +93,17 @@ class RoomFields:
         """Name the button by what it does."""
         known = self._which.value != NEW
         self._put.label = "Change the obstacle" if known else "Add the obstacle"
+        self._put.icon = "check" if known else "plus"
         self._remove.visible = known
 
     def _on_put(self, event: Event) -> None:
         name, values, chosen = self._name.value.strip(), self._box.values(), self._which.value
         renamed = chosen not in (NEW, name)
 
-        def make() -> PutObstacle:
-            box = PutObstacle(name, values["center_mm"], values["size_mm"], values["turn_deg"])
-            self._show(True)
-            return box
-
-        self._door.send(make, event)
+        self._door.send(
+            lambda: PutObstacle(name, values["center_mm"], values["size_mm"], values["turn_deg"]),
+            event,
+        )
         if renamed:
             self._door.send(lambda: RemoveObstacle(chosen), event)
 

@@ -177,7 +177,7 @@ def test_a_refusal_calls_a_parameter_what_its_field_is_called() -> None:
 
 
 def test_a_parameter_without_a_field_or_with_two_is_told_in_words() -> None:
-    assert in_words("half_turn_deg must be 1 to 85") == "half turn (deg) must be 1 to 85"
+    assert in_words("half_turn_deg must be 1 to 85") == "Half turn (deg) must be 1 to 85"
     assert label_of("sound_speed_mm_per_us") == "Bone (mm/µs)"
     note_label("half_turn_deg", "Turn (deg)")
     assert label_of("half_turn_deg") == "Turn (deg)"

@@ -14,6 +14,7 @@ from rona_ui.scene.nearness import ObstaclesLayer
 from rona_ui.view_state import Backdrop, ViewState
 
 WALL = PutObstacle("wall", (0.0, -1200.0, 0.0), (3000.0, 100.0, 2500.0))
+FIRST = PutObstacle("cupboard", (300.0, 1000.0, 300.0), (600.0, 300.0, 1400.0))
 CLOSE = PutObstacle("cupboard", (0.0, 0.0, 500.0), (300.0, 300.0, 500.0))
 EMPTY = Mesh(np.zeros((0, 3)), np.zeros((0, 3), dtype=np.int64))
 ROOM = Backdrop(
@@ -54,13 +55,18 @@ def test_a_box_is_added_changed_renamed_and_taken_away():
     add, remove = gui.find("button", "Add the obstacle"), gui.find("button", "Take it away")
     assert not remove.visible
     add.happen(CLIENT)
-    assert recorder.sent == [WALL]
-    assert "obstacles" not in recorder.shown.hidden, "who adds one sees it"
+    assert recorder.sent == [FIRST]
+    seen = gui.find("checkbox", "Show all")
+    seen.value = True
+    seen.happen(CLIENT)
+    assert "obstacles" not in recorder.shown.hidden
     with_wall = picture(handle(WALL, Session()))
     panel.render(empty, with_wall)
+    which = gui.find("dropdown", "Obstacle")
+    which.value = "wall"
+    which.happen(CLIENT)
     assert "<b>wall</b>" in gui.html()
     assert "3000 × 100 × 2500 mm" in gui.html()
-    which = gui.find("dropdown", "Obstacle")
     assert (which.value, add.label, remove.visible) == ("wall", "Change the obstacle", True)
     gui.find("text", "Name").value = "north wall"
     add.happen(CLIENT)
