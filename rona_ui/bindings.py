@@ -14,6 +14,7 @@ from typing import Any, Protocol
 from rona_core.app.hub import Hub
 from rona_core.app.messages import ACTIVITIES
 from rona_core.errors import RonaError
+from rona_ui.labels import in_words
 
 SETTLE_S = 0.4  # a field sends its message once it has been left alone for so long
 NOTICE_S = 12.0
@@ -152,7 +153,7 @@ class Bindings:
 def tell(client: Notified, error: Exception) -> None:
     """Show an error in one browser: cause and remedy, never a stack trace."""
     if isinstance(error, RonaError):
-        title, body, color = TITLES.get(error.code, "Refused"), str(error), "orange"
+        title, body, color = TITLES.get(error.code, "Refused"), in_words(str(error)), "orange"
     else:
         traceback.print_exception(error, file=sys.stderr)
         title, color = "Internal error", "red"

@@ -13,6 +13,7 @@ from rona_core.devices.live import LiveState
 from rona_core.devices.protocols import Mesh
 from rona_core.geometry.pose import Pose
 from rona_core.session.document import Session
+from rona_core.ultrasound.corrections import ScanName
 
 Point = tuple[float, float, float]
 Drawing = Literal["surface", "path", "center", "boundary", "move", "insert", "delete", "keep"]
@@ -38,6 +39,7 @@ LAYERS = {
     "inner": "Inner map",
     "fused": "Fused map",
     "second": "Second pass",
+    "references": "Reference points",
 }
 
 _ROOM = frozenset(("skull", "robot", "tracker", "pointer", "region", "obstacles"))
@@ -51,7 +53,9 @@ NEEDED: dict[str, frozenset[str]] = {
     "smoothing": frozenset(("skull", "path", "arrows", "warnings")),
     "roll": frozenset(("skull", "robot", "path", "rolls", "obstacles", "places")),
     "scan": frozenset(("skull", "robot", "path", "scan", "obstacles")),
-    "maps": frozenset(("skull", "region", "pointer", "outer", "inner", "fused", "second")),
+    "maps": frozenset(
+        ("skull", "region", "pointer", "outer", "inner", "fused", "second", "references")
+    ),
 }
 
 
@@ -91,7 +95,8 @@ class ViewState:
     slice_mm: float = 0.0  # from the centre of the region to that plane
     slice_maps: bool = False  # the maps are cut too
     force_across: Literal["path", "time"] = "path"  # what the force is drawn over
-    by_hand: bool = False  # the maps of the scan by hand are shown, where there are both
+    by_hand: bool = False  # the scan by hand is looked at, where there are both
+    hand_cursor: float = 0.0  # 0 to 1 along the scan by hand
     joint: int = 0  # joint in the graph, 0 for all
     second: bool = False  # replay, A-scans and image are those of the second pass
     hand: tuple[int, float] | None = None  # A-scan and time (µs) that somebody holds a boundary at
@@ -138,6 +143,19 @@ class Picture:
     refused: int = 0  # grows when a message was refused, so that fields show the truth again
 
     @property
+    def scan(self) -> ScanName:
+        """Return whose A-scans are looked at; by hand also where there are no others."""
+        captures, view = self.session.captures, self.view
+        if captures.sono_scan is not None and (view.by_hand or captures.scan is None):
+            return "hand"
+        return "second" if view.second else "first"
+
+    @property
+    def scan_cursor(self) -> float | None:
+        """Return where in the scan that is looked at the cursor is, 0 to 1; None without one."""
+        return self.view.hand_cursor if self.scan == "hand" else self.view.cursor
+
+    @property
     def preview_mm(self) -> float | None:
         """Return the bound that is being dragged in step 6, None if none is."""
         held = self.view.preview
@@ -147,8 +165,8 @@ class Picture:
 
     @property
     def scanning(self) -> bool:
-        """Return whether the robot scans at this moment."""
-        scans = ("StartScan", "StartSecondScan")
+        """Return whether A-scans are taken at this moment, by the robot or by hand."""
+        scans = ("StartScan", "StartSecondScan", "StartSonoScan")
         return self.busy and self.job is not None and self.job.activity in scans
 
     @property

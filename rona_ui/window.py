@@ -24,6 +24,7 @@ from rona_core.errors import CancelledError, NotFoundError, RonaError
 from rona_core.session.document import Session
 from rona_ui.bindings import TITLES, Bindings, notify
 from rona_ui.browser import Browser
+from rona_ui.labels import in_words
 from rona_ui.scene.backdrop import backdrop_key, read_backdrop
 from rona_ui.view_state import Backdrop, Picture, ViewState
 
@@ -185,7 +186,9 @@ class Window:
             return
         known = job.error_code in TITLES
         title = TITLES.get(job.error_code or "", "Internal error")
-        body = job.error if known else "A defect in RONA; the server's log has the details."
+        body = (
+            in_words(job.error) if known else "A defect in RONA; the server's log has the details."
+        )
         for browser in browsers:
             notify(browser.client, title, body, "orange" if known else "red")
 

@@ -9,7 +9,8 @@ import numpy as np
 from benchmarks.metric import Metric, Progress
 from rona_core.calibration.base_marker import ErrorField, SeenBase, carry_over, mean_base
 from rona_core.devices.markers import GEOMETRIES
-from rona_core.devices.settings import FIELD_MM, TrackerPlace, TrackerProfile, TrackerSettings
+from rona_core.devices.settings import TrackerPlace, TrackerProfile, TrackerSettings
+from rona_core.devices.volumes import FIELD_MM
 from rona_core.geometry.pose import Pose, Poses
 from rona_core.virtual.scene import (
     BASE_MARKER,

@@ -46,7 +46,7 @@ class ClearBoundaryCorrections:
     """Forget what was corrected by hand: of one A-scan of a pass, or all of it."""
 
     __pydantic_config__: ClassVar = STRICT
-    scan: ScanName | None = None  # None: both passes
+    scan: ScanName | None = None  # None: all of them
     number: int | None = None  # None: all A-scans
 
     def __post_init__(self) -> None:

@@ -5,50 +5,64 @@ from dataclasses import replace
 from rona_core.app.messages import ClearBoundaryCorrections, CorrectBoundary
 from rona_core.app.needs import need
 from rona_core.app.setup_handlers import handle
+from rona_core.app.sono_scans import NOT_SEEN, posed_scans, spread
 from rona_core.errors import InvalidInputError, StepBlockedError
 from rona_core.session.codec import digest
-from rona_core.session.document import ScanCapture, Session
+from rona_core.session.document import ScanCapture, Session, SonoCapture
 from rona_core.ultrasound.corrections import BoundaryEdits, ScanName, corrected
 from rona_core.ultrasound.detect import Detection
 from rona_core.ultrasound.probe import probe_model
 
-CAPTURES = {"first": "scan", "second": "second"}
-DETECTIONS = {"first": "detection", "second": "second_detection"}
+CAPTURES = {"first": "scan", "second": "second", "hand": "sono_scan"}
+DETECTIONS = {"first": "detection", "second": "second_detection", "hand": "sono_detection"}
+WANTED = {
+    "first": "scan (step 8)",
+    "second": "scan the gaps again (step 9)",
+    "hand": "scan by hand (step 9)",
+}
 
 
-def capture_of(session: Session, scan: ScanName) -> ScanCapture | None:
-    """Return the A-scans of a pass; None before it."""
+def capture_of(session: Session, scan: ScanName) -> ScanCapture | SonoCapture | None:
+    """Return the A-scans of a pass, or of the scan by hand; None before it."""
     return getattr(session.captures, CAPTURES[scan])
 
 
 def detection_of_scan(session: Session, scan: ScanName = "first") -> Detection | None:
     """Return what was detected in a pass, with what was set by hand in its place.
 
-    None where nothing was, or where the A-scans were taken again since.
+    None where nothing was, or where the A-scans were taken again since. Of a scan by hand all
+    A-scans are there; where the tracker did not see the probe, nothing counts.
     """
     derived = getattr(session.results, DETECTIONS[scan])
     capture = capture_of(session, scan)
     if derived is None or capture is None or derived.inputs.get("capture") != digest(capture):
         return None
+    found: Detection | None = derived.value
+    if isinstance(capture, SonoCapture):
+        found = spread(derived.value, posed_scans(session, capture).known)
+    if found is None:
+        return None  # of other A-scans: the delay of the tracker is another one now
     probe = probe_model(session.setup.devices.probe)
-    return corrected(derived.value, session.boundary_edits, scan, probe)
+    return corrected(found, session.boundary_edits, scan, probe)
 
 
 @handle.register
 def _(message: CorrectBoundary, session: Session) -> Session:
-    capture = need(
-        capture_of(session, message.scan),
-        "scan (step 8)" if message.scan == "first" else "scan the gaps again (step 9)",
-    )
+    capture = need(capture_of(session, message.scan), WANTED[message.scan])
     n, edit = len(capture.scans), message.edit()
     if message.number >= n:
         raise InvalidInputError(f"there are {n} A-scans, numbered from 0: not {message.number}")
-    if detection_of_scan(session, message.scan) is None:
+    found = detection_of_scan(session, message.scan)
+    if found is None:
         raise StepBlockedError("CorrectBoundary is blocked: first map the boundaries (step 9)")
     if message.scan == "second" and edit.boundary == "outer":
         raise InvalidInputError(
             "the outer boundary of the second pass is that of the map of the first: correct it "
             "in the first pass"
+        )
+    if found.flag[message.number] == NOT_SEEN:
+        raise InvalidInputError(
+            f"the tracker did not see the probe at A-scan {message.number}: it is in no map"
         )
     track = capture.scans
     end_us = track.start_us + track.rf.shape[1] / track.sampling_mhz
@@ -69,7 +83,7 @@ def _require_order(session: Session, scan: ScanName, i: int, placed: bool) -> No
         return
     mine = session.boundary_edits.of(scan, "inner").changes
     by_hand = any(edit.number == i and edit.time_us is not None for edit in mine)
-    if by_hand and scan == "first" and not found.outer_ok[i]:
+    if by_hand and scan != "second" and not found.outer_ok[i]:
         raise InvalidInputError(
             f"A-scan {i} has no outer boundary to count bone from: set that first"
         )

@@ -35,7 +35,11 @@ def measured_times_s(capture: ToolCapture, model: RobotModel) -> Floats:
     return arrived_s - delay.offset_s
 
 
-def delay_words(delay: TimeOffset) -> str:
-    """Return a delay as people read it: "14.2 ± 0.4 ms"."""
-    sigma_ms = 1e3 * delay.sigma_s
-    return f"{1e3 * delay.offset_s:.1f} ± {max(sigma_ms, 0.1):.1f} ms"
+def delay_words(delay: TimeOffset) -> tuple[str, str]:
+    """Return who is behind whom and by how much, as people read it; a delay is never negative."""
+    sigma_ms = max(1e3 * delay.sigma_s, 0.1)
+    if abs(delay.offset_s) <= TOLD_SIGMAS * delay.sigma_s:
+        return "Tracker and robot joints", f"together, ± {sigma_ms:.1f} ms"
+    words = f"{1e3 * abs(delay.offset_s):.1f} ± {sigma_ms:.1f} ms"
+    behind = "Tracker behind the robot" if delay.offset_s > 0.0 else "Robot joints behind tracker"
+    return f"{behind}, put right", words

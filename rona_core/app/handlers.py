@@ -47,7 +47,6 @@ from rona_core.app.staleness import input_digests, stale_reason
 from rona_core.errors import StaleResultError, StepBlockedError
 from rona_core.path.edits import PathEdits
 from rona_core.session.document import Capture, Derived, Session
-from rona_core.ultrasound.corrections import BoundaryEdits
 
 # ------------------------------------------------------------------ captures: always kept
 
@@ -81,7 +80,7 @@ def _(message: StorePathCapture, session: Session) -> Session:
 
 @handle.register
 def _(message: StoreScanCapture, session: Session) -> Session:
-    session = replace(session, boundary_edits=BoundaryEdits())  # those of other A-scans
+    session = replace(session, boundary_edits=session.boundary_edits.of("hand"))  # not of these
     return captured(session, message.capture, scan=message.capture)
 
 
@@ -97,6 +96,7 @@ def _(message: StoreSonoSpin, session: Session) -> Session:
 
 @handle.register
 def _(message: StoreSonoScan, session: Session) -> Session:
+    session = replace(session, boundary_edits=session.boundary_edits.without("hand"))
     return captured(session, message.capture, sono_scan=message.capture)
 
 

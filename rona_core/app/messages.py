@@ -58,6 +58,7 @@ from rona_core.app.path_commands import (
     MovePathPoint,
 )
 from rona_core.app.robot_commands import ApplyBasePlacement, SetContact
+from rona_core.app.room_commands import PutObstacle, RemoveObstacle, SetSurroundings
 from rona_core.app.sono_messages import (
     CalibrateSono,
     StartSonoCalibration,
@@ -86,6 +87,9 @@ Command = (
     | SetToolVisible
     | SetRobot
     | SetContact
+    | SetSurroundings
+    | PutObstacle
+    | RemoveObstacle
     | SetProbe
     | SetPointer
     | RegisterTool
@@ -165,8 +169,10 @@ __all__ = [
     "MovePathPoint",
     "MoveTracker",
     "Point",
+    "PutObstacle",
     "Redo",
     "RegisterTool",
+    "RemoveObstacle",
     "RemoveReferencePoint",
     "RenameSession",
     "SetBone",
@@ -177,6 +183,7 @@ __all__ = [
     "SetRegion",
     "SetRobot",
     "SetSeed",
+    "SetSurroundings",
     "SetToolVisible",
     "SetTracker",
     "SmoothScanPath",

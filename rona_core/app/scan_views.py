@@ -1,7 +1,7 @@
 """What the pictures of the A-scans show: one of them, all side by side, and where they were taken.
 
-There are two passes: ``first`` is the scan of step 8, ``second`` goes over the gaps of the inner
-map again. Times are in µs from the emission.
+``first`` is the scan of step 8, ``second`` goes over the gaps of the inner map again, ``hand`` is
+the scan by hand. Times are in µs from the emission.
 """
 
 from dataclasses import dataclass
@@ -12,13 +12,14 @@ import numpy as np
 from rona_core.app.boundary_edits import capture_of, detection_of_scan
 from rona_core.app.derive_scan import probe_poses
 from rona_core.app.scan_capture import fire_times
+from rona_core.app.sono_scans import hand_poses
 from rona_core.app.views import motion_times, plan_of
 from rona_core.arrays import Bools, Floats, readonly
 from rona_core.devices.samples import AScan, AScanTrack
 from rona_core.devices.settings import ProbeSettings
 from rona_core.geometry.pose import Poses
 from rona_core.robot.plan import Trajectory
-from rona_core.session.document import ScanCapture, Session
+from rona_core.session.document import ScanCapture, Session, SonoCapture
 from rona_core.ultrasound.corrections import ScanName
 from rona_core.ultrasound.detect import Detection, nominal_bone
 from rona_core.ultrasound.front import gate_us
@@ -39,6 +40,7 @@ FLAGS = (
     "unsure which echo is the inner boundary",
     "the probe leaned too far",
     "taken away by hand",
+    "the tracker did not see the probe: in no map",
 )  # by the codes of `Detection.flag`
 
 
@@ -78,15 +80,28 @@ class ScanPicture:
 
 
 def scan_poses(session: Session, scan: ScanName = "first") -> Poses | None:
-    """Return where the probe was at each A-scan, in ``base``; None before the scan."""
+    """Return where the probe was at each A-scan, in ``base``; None before the scan.
+
+    Of a scan by hand that nobody can tell the robot from, the marker on its base is ``base``.
+    """
     capture = capture_of(session, scan)
+    if isinstance(capture, SonoCapture):
+        found = hand_poses(session)
+        return None if found is None else found[1]
     if capture is None or not len(capture.scans) or session.captures.scan is None:
         return None
     return probe_poses(session, capture)
 
 
 def scan_number_at(session: Session, share: float, scan: ScanName = "first") -> int | None:
-    """Return the number of the A-scan nearest to a share of the planned motion."""
+    """Return the number of the A-scan nearest to a share of the planned motion.
+
+    By hand, where nothing was planned, it is a share of the time that the scan took.
+    """
+    if scan == "hand":
+        taken = session.captures.sono_scan
+        times_s = np.zeros(0) if taken is None else taken.scans.times_s
+        return int(np.argmin(np.abs(times_s - share * times_s[-1]))) if len(times_s) else None
     fired, times = _fired_s(session, scan), motion_times(session, second=scan == "second")
     if fired is None or times is None:
         return None
@@ -94,7 +109,12 @@ def scan_number_at(session: Session, share: float, scan: ScanName = "first") -> 
 
 
 def share_of_scan(session: Session, number: int, scan: ScanName = "first") -> float | None:
-    """Return the share of the planned motion at which an A-scan was taken."""
+    """Return the share of the planned motion, or of a scan by hand, that an A-scan was taken at."""
+    if scan == "hand":
+        taken = session.captures.sono_scan
+        if taken is None or not 0 <= number < len(taken.scans):
+            return None
+        return float(taken.scans.times_s[number] / max(float(taken.scans.times_s[-1]), 1e-9))
     fired, times = _fired_s(session, scan), motion_times(session, second=scan == "second")
     if fired is None or times is None or not 0 <= number < len(fired):
         return None
@@ -203,7 +223,7 @@ def scan_picture(session: Session, scan: ScanName = "first") -> ScanPicture | No
 
 
 @lru_cache(maxsize=2)  # captures never change, and several browsers ask
-def _image(capture: ScanCapture, probe: ProbeSettings) -> ScanImage:
+def _image(capture: ScanCapture | SonoCapture, probe: ProbeSettings) -> ScanImage:
     return scan_image(capture.scans, probe_model(probe), probe.excitation)
 
 

@@ -6,6 +6,8 @@ from typing import Any
 
 from rona_core.app.messages import (
     MoveTracker,
+    PutObstacle,
+    RemoveObstacle,
     RenameSession,
     SetBone,
     SetContact,
@@ -15,6 +17,7 @@ from rona_core.app.messages import (
     SetRegion,
     SetRobot,
     SetSeed,
+    SetSurroundings,
     SetToolVisible,
     SetTracker,
     UseSimulatedSkull,
@@ -28,6 +31,7 @@ from rona_core.devices.settings import (
     RobotSettings,
     TrackerPlace,
 )
+from rona_core.devices.surroundings import Surroundings
 from rona_core.errors import InvalidInputError
 from rona_core.robot.model import robot_model
 from rona_core.session.document import RegionChoice, Session
@@ -128,6 +132,25 @@ def _(message: SetContact, session: Session) -> Session:
     devices = session.setup.devices
     robot = replace(devices.robot, contact=message.settings())
     return _with_devices(session, replace(devices, robot=robot))
+
+
+def _among(session: Session, surroundings: Surroundings) -> Session:
+    return replace(session, setup=replace(session.setup, surroundings=surroundings))
+
+
+@handle.register
+def _(message: SetSurroundings, session: Session) -> Session:
+    return _among(session, replace(session.setup.surroundings, **message.chosen()))
+
+
+@handle.register
+def _(message: PutObstacle, session: Session) -> Session:
+    return _among(session, session.setup.surroundings.put(message.box()))
+
+
+@handle.register
+def _(message: RemoveObstacle, session: Session) -> Session:
+    return _among(session, session.setup.surroundings.without(message.name.strip()))
 
 
 @handle.register

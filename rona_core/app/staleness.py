@@ -13,6 +13,7 @@ from rona_core.app.inputs import (
     DETECTION,
     EDITS,
     FIRST_EDITS,
+    HAND_EDITS,
     OUTER_EDITS,
     PATH,
     PATH_CAPTURE,
@@ -119,6 +120,7 @@ RESULT_INPUTS: dict[str, dict[str, Input]] = {
     "sono_detection": {"capture": SONO_SCAN, "tool": ANY_TOOL, "probe": PROBE},
     "sono_maps": {
         "detection": SONO_DETECTION,
+        "correction by hand": HAND_EDITS,
         "calibration": SONO_CALIBRATION,
         "capture": SONO_SCAN,
         "tool": ANY_TOOL,

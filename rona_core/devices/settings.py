@@ -18,8 +18,6 @@ TOOLS = ("toolmarker", "pointer6d", "pointer5d", "basemarker", "sonopointer")
 SONO = "sonopointer"  # the ultrasound probe with a marker plate, held in the hand
 TRACKER_RATES_HZ = (20.0, 60.0)  # lowest and highest
 LATENCY_MS = {"vega": 14.0}  # of profiles that state one; the others deliver at once
-# 3D RMS of what averaging leaves of the error of a marker, by what the makers state.
-FIELD_MM = {"ideal": 0.0, "polaris": 0.35, "white035": 0.0, "spectra": 0.25, "vega": 0.12}
 
 ROOM_C = 22.0  # temperature at which the delay lines are specified
 PROBE_LIMITS = {  # what a probe may be made of: the echo of its line comes before its record ends

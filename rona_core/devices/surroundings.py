@@ -5,16 +5,47 @@ Table and head are told from the place of work, where the scanned region is put 
 See docs/algorithms/collision.md.
 """
 
-from dataclasses import dataclass
+import re
+from dataclasses import dataclass, replace
 from typing import ClassVar
 
 import numpy as np
 
 from rona_core.devices.settings import STRICT, RobotSettings, require, require_within
+from rona_core.errors import NotFoundError
 from rona_core.geometry.pose import Pose
 
 Triple = tuple[float, float, float]
 FAR_MM = 5000.0  # no place of the room is farther from the robot
+MOST_BOXES = 20
+KNOWN = ("head", "table", "floor", "tracker", "tracker stand")  # names of what is there anyway
+PLAIN_NAME = re.compile(r"\w(?:[\w .()-]{0,38}[\w.)])?")  # nodes of the scene have it
+
+
+@dataclass(frozen=True, slots=True)
+class RoomBox:
+    """One more thing in the room, as a box that stands upright: a wall, a cupboard, a lamp."""
+
+    __pydantic_config__: ClassVar = STRICT
+
+    name: str
+    center_mm: Triple  # its middle, in the room
+    size_mm: Triple  # along its own x, y and z
+    turn_deg: float = 0.0  # about the vertical
+
+    def __post_init__(self) -> None:
+        require(
+            bool(PLAIN_NAME.fullmatch(self.name)),
+            "an obstacle needs a name of 1 to 40 letters, digits and blanks, "
+            f"not {self.name[:60]!r}",
+        )
+        taken = self.name.lower() in KNOWN
+        require(not taken, f"{self.name!r} is there already: give the obstacle another name")
+        near = all(abs(part) <= FAR_MM for part in self.center_mm)
+        require(near, f"the middle of {self.name} must stay within {FAR_MM:g} mm of the robot")
+        sized = all(1.0 <= part <= FAR_MM for part in self.size_mm)
+        require(sized, f"the size of {self.name} must be 1 to {FAR_MM:g} mm, not {self.size_mm}")
+        require_within("turn_deg", self.turn_deg, -180.0, 180.0)
 
 
 @dataclass(frozen=True, slots=True)
@@ -32,6 +63,7 @@ class Surroundings:
     head_margin_mm: float = 10.0  # of everything but the probe from the head
     margin_mm: float = 20.0  # from everything else
     self_margin_mm: float = 5.0  # between parts of the robot
+    boxes: tuple[RoomBox, ...] = ()  # what else stands in the room, by name
 
     def __post_init__(self) -> None:
         near = all(abs(part) <= FAR_MM for part in self.table_center_mm)
@@ -44,6 +76,27 @@ class Surroundings:
         require_within("head_margin_mm", self.head_margin_mm, 0.0, 200.0)
         require_within("margin_mm", self.margin_mm, 0.0, 200.0)
         require_within("self_margin_mm", self.self_margin_mm, 0.0, 50.0)
+        require(len(self.boxes) <= MOST_BOXES, f"at most {MOST_BOXES} obstacles, please")
+        names = [box.name for box in self.boxes]
+        require(len(set(names)) == len(names), f"obstacles need names of their own: {names}")
+
+    def put(self, box: RoomBox) -> "Surroundings":
+        """Return the surroundings with a box; it takes the place of the one of its name."""
+        if any(held.name == box.name for held in self.boxes):
+            return replace(self, boxes=tuple(box if h.name == box.name else h for h in self.boxes))
+        return replace(self, boxes=(*self.boxes, box))
+
+    def without(self, name: str) -> "Surroundings":
+        """Return the surroundings without the box of a name.
+
+        Raises:
+            NotFoundError: there is none.
+        """
+        left = tuple(held for held in self.boxes if held.name != name)
+        if len(left) == len(self.boxes):
+            there = ", ".join(held.name for held in self.boxes) or "none"
+            raise NotFoundError(f"there is no obstacle {name[:60]!r} to take away; added: {there}")
+        return replace(self, boxes=left)
 
 
 def room_pose(robot: RobotSettings) -> Pose:

@@ -100,3 +100,5 @@ ACCURACY_MM: dict[TrackerProfile, float] = {
     "spectra": 0.25,
     "vega": 0.12,
 }
+# and what averaging leaves of it: white noise goes
+FIELD_MM = {**ACCURACY_MM, "white035": 0.0}

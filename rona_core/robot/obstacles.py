@@ -152,6 +152,19 @@ def table_and_floor(
     return (table, floor) if settings.table else (floor,)
 
 
+def added_boxes(settings: Surroundings, room: Pose) -> tuple[Obstacle, ...]:
+    """Return what else somebody said to stand in the room, in ``base``."""
+    return tuple(
+        Obstacle(
+            box.name,
+            Box(box.size_mm),
+            room @ Pose.from_rotvec((0.0, 0.0, np.deg2rad(box.turn_deg)), box.center_mm),
+            settings.margin_mm,
+        )
+        for box in settings.boxes
+    )
+
+
 def tracker_stand(settings: Surroundings, T_base_tracker: Pose) -> tuple[Obstacle, ...]:
     """Return the cameras of a registered tracker, along its x axis, and the pole beneath them."""
     eye = T_base_tracker.translation

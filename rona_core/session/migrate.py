@@ -85,6 +85,7 @@ FIRST_SURROUNDINGS: dict[str, Any] = {
     "head_margin_mm": 10.0,
     "margin_mm": 20.0,
     "self_margin_mm": 5.0,
+    "boxes": [],
 }
 # Fields that schema 3 gave to values of schema 2: class -> field -> value it had in effect.
 ADDED_IN_3: dict[str, dict[str, Any]] = {
@@ -112,6 +113,7 @@ ADDED_IN_3: dict[str, dict[str, Any]] = {
     },
     "RobotSettings": {"contact": None, "latency_ms": 0.0},
     "ScanCapture": {"forces": None, "clock_scans": None},
+    "Surroundings": {"boxes": []},  # nobody could add any
     # nobody had set a boundary by hand
     "Session": {"boundary_edits": {"$type": "BoundaryEdits", "changes": []}},
 }
@@ -179,4 +181,10 @@ def migrate(manifest: dict[str, Any]) -> dict[str, Any]:
                 f"the session file of schema {schema} lacks a part that every one has: {error}"
             ) from error
         schema += 1
-    return manifest
+    return _completed(manifest)
+
+
+def _completed(manifest: dict[str, Any]) -> dict[str, Any]:
+    """Return a manifest of the present schema with the fields that it has got since it began."""
+    session = manifest.get("session")
+    return {**manifest, "session": _with_fields(session, ADDED_IN_3)} if session else manifest

@@ -20,7 +20,8 @@ from rona_core.calibration.base_marker import (
 )
 from rona_core.calibration.tool import ToolRegistration
 from rona_core.devices.samples import ToolTrack
-from rona_core.devices.settings import FIELD_MM, TrackerSettings
+from rona_core.devices.settings import TrackerSettings
+from rona_core.devices.volumes import FIELD_MM
 from rona_core.errors import RonaError, StaleResultError, StepBlockedError
 from rona_core.geometry.pose import Pose
 from rona_core.session.document import PointerCapture, Session, SonoCapture

@@ -12,7 +12,13 @@ from rona_core.devices.surroundings import room_pose
 from rona_core.errors import DegenerateGeometryError
 from rona_core.robot.head_shape import head_as_placed, head_from_cloud, head_from_mesh
 from rona_core.robot.model import robot_model
-from rona_core.robot.obstacles import Obstacle, Obstacles, table_and_floor, tracker_stand
+from rona_core.robot.obstacles import (
+    Obstacle,
+    Obstacles,
+    added_boxes,
+    table_and_floor,
+    tracker_stand,
+)
 from rona_core.session.document import PointerCapture, Session
 from rona_core.session.specimen import LoadedSkull
 from rona_core.surface.cloud import SurfaceCloud
@@ -71,7 +77,12 @@ def _build(
     head, sentence = _head(session, room @ work_room, tool, cloud, found)
     stand = () if tool is None else tracker_stand(settings, tool.T_base_tracker)
     return Obstacles(
-        things=(head, *table_and_floor(settings, room, work_room), *stand),
+        things=(
+            head,
+            *table_and_floor(settings, room, work_room),
+            *stand,
+            *added_boxes(settings, room),
+        ),
         self_margin_mm=settings.self_margin_mm,
         sentence=sentence,
     )

@@ -10,7 +10,7 @@ from rona_core.ultrasound.detect import NO_FRONT, NO_INNER, OK, REMOVED, Detecti
 from rona_core.ultrasound.front import standoff_mm
 from rona_core.ultrasound.probe import ProbeModel
 
-ScanName = Literal["first", "second"]
+ScanName = Literal["first", "second", "hand"]  # the two passes of the robot; a scan by hand
 Boundary = Literal["outer", "inner"]
 HAND_CYCLES = 0.25  # sigma of a place read off by eye, in cycles of the probe
 
@@ -97,7 +97,7 @@ def corrected(
         i, there = edit.number, edit.time_us is not None
         if there:
             held[f"{edit.boundary}_us"][i] = edit.time_us
-        if edit.boundary == "inner" and scan == "first":  # the second pass knows the outer one
+        if edit.boundary == "inner" and scan != "second":  # that one knows the outer boundary
             there = there and bool(held["outer_ok"][i])
         held[f"{edit.boundary}_ok"][i] = there
         held[f"{edit.boundary}_quality"][i] = float(there)

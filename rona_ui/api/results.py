@@ -7,6 +7,7 @@ from fastapi import APIRouter, Query
 
 from rona_core.app.calibration_view import calibration_view
 from rona_core.app.frames import frame_rows
+from rona_core.app.probe_advice import probe_advice
 from rona_core.app.quality import QualityRow, quality_rows
 from rona_core.app.queries import StepState, step_states, summary
 from rona_core.app.replay import replay
@@ -74,6 +75,7 @@ def get_results(bench: Bench, step: str, max_points: MaxPoints = None) -> FastJs
             "step": step,
             "summary": summary(step, session),
             "setup": plain(session.setup, max_points) if step == "setup" else None,
+            "probe_advice": plain(probe_advice(session)) if step == "maps" else None,
             "boundary_edits": plain(session.boundary_edits) if step == "maps" else None,
             "captures": {name: _capture(name, session, max_points) for name in captures},
             "results": {name: _result(name, session, max_points) for name in results},
@@ -106,16 +108,19 @@ def get_calibration(bench: Bench, step: Literal["tool", "pointer"]) -> FastJson:
     return FastJson(plain(view))
 
 
+NAMES = {"first": "first pass", "second": "second pass", "hand": "scan by hand"}
+
+
 @router.get("/sessions/{session_id}/ascans/{scan}/{number}", response_class=FastJson)
 def get_ascan(bench: Bench, scan: ScanName, number: int) -> FastJson:
-    """Return an A-scan (from 0) of the first or the second pass, and what was found in it.
+    """Return an A-scan (from 0) of either pass or of the scan by hand, and what was found in it.
 
     Curves are shares of their own largest value; times are in µs from the emission. What was
     corrected by hand (command `CorrectBoundary`) is in its place, and `by_hand` says so.
     """
     plot = ascan_plot(bench.session, number, scan=scan)
     if plot is None:
-        raise NotFoundError(f"there is no A-scan {number} in the {scan} pass")
+        raise NotFoundError(f"there is no A-scan {number} in the {NAMES[scan]}")
     return FastJson(plain(plot))
 
 

@@ -84,7 +84,7 @@ class BoundaryHand:
     def render(self, plot: AScanPlot | None, new: Picture) -> None:
         """Follow the A-scan that is looked at; without boundaries there is nothing to correct."""
         judged = plot is not None and plot.front_gate_us is not None and not new.busy
-        self._plot, self._scan = plot, "second" if new.view.second else "first"
+        self._plot, self._scan = plot, new.scan
         self._window.visible = judged
         if plot is None or not judged:
             return

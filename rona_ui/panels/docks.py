@@ -54,8 +54,10 @@ class Docks:
         left.set_width(LEFT_PX)
         gui.add_html(style.SHEET)
         panels: list[Panel] = [SessionHead(gui), StepList(gui, door), StepTitle(gui)]
-        steps = {kind.step: kind(gui, door) for kind in STEP_PANELS}
-        panels += [*steps.values(), RunBar(gui, door, steps)]
+        steps: dict[str, StepPanel] = {}
+        run_bar = RunBar(gui, door, steps)  # above the fields, so that it never scrolls away
+        steps.update({kind.step: kind(gui, door) for kind in STEP_PANELS})
+        panels += [*steps.values(), run_bar]
         panels += [LookPanel(gui, door), SessionPanel(gui, door)]
         panels += self._right(gui, door)
         replay = gui.add_panel(visible=False)

@@ -3,7 +3,21 @@
 from collections.abc import Callable, Mapping
 from typing import Any
 
+from rona_core.errors import InvalidInputError
 from rona_ui.bindings import Event
+from rona_ui.labels import note_label
+
+
+def number(text: str) -> float:
+    """Return what somebody typed as a number.
+
+    Raises:
+        InvalidInputError: it is none.
+    """
+    try:
+        return float(text)
+    except ValueError:
+        raise InvalidInputError(f"expected a number, not {text.strip()[:40]!r}") from None
 
 
 class Form:
@@ -25,6 +39,7 @@ class Form:
         hint: str | None = None,
     ) -> None:
         """Add a number; the core checks the limits once more."""
+        note_label(name, label)
         self._fields[name] = self._gui.add_number(
             label, value, min=low, max=high, step=step, hint=hint
         )
@@ -33,6 +48,7 @@ class Form:
         self, name: str, label: str, value: float, low: float, high: float, step: float
     ) -> Any:
         """Add a number that is dragged, and return its widget."""
+        note_label(name, label)
         self._fields[name] = self._gui.add_slider(label, low, high, step, value)
         return self._fields[name]
 
@@ -40,12 +56,14 @@ class Form:
         self, name: str, label: str, value: tuple[float, float, float], hint: str | None = None
     ) -> None:
         """Add three numbers."""
+        note_label(name, label)
         self._fields[name] = self._gui.add_vector3(label, value, step=1.0, hint=hint)
 
     def choice(
         self, name: str, label: str, options: Mapping[str, Any], value: Any, hint: str | None = None
     ) -> None:
         """Add a choice among words that stand for values."""
+        note_label(name, label)
         self._words[name] = dict(options)
         word = next(w for w, v in options.items() if v == value)
         self._fields[name] = self._gui.add_dropdown(
@@ -54,6 +72,7 @@ class Form:
 
     def tick(self, name: str, label: str, value: bool, hint: str | None = None) -> None:
         """Add a tick box."""
+        note_label(name, label)
         self._fields[name] = self._gui.add_checkbox(label, value, hint=hint)
 
     def on_change(self, call: Callable[[str, Event], None]) -> None:

@@ -9,6 +9,7 @@ from rona_core.app.maps import MapLayers, layers_of
 from rona_core.app.messages import StartMapping
 from rona_ui.panels import style
 from rona_ui.panels.door import Door, follow
+from rona_ui.panels.probe_fields import advice_note
 from rona_ui.panels.second import SecondFolder
 from rona_ui.panels.sono import SonoControls
 from rona_ui.panels.speed_fields import SpeedFields
@@ -118,7 +119,7 @@ class MapsPanel(StepPanel):
             f"Outer boundary in {100.0 * float(value.outer_ok.mean()):.0f} %, inner boundary in "
             f"{100.0 * float(value.inner_ok.mean()):.0f} % of {len(value.inner_ok)} A-scans."
         )
-        return style.note(words, "good")
+        return style.note(words, "good") + advice_note(picture.session, only_another=True)
 
 
 def color_bar(layers: MapLayers) -> str:

@@ -3,6 +3,7 @@
 from typing import Any
 
 from rona_core.app.messages import CalibrateDelayLine, SetProbe, StartBlockShots
+from rona_core.app.probe_advice import THICK_MM, THIN_MM, probe_advice
 from rona_core.app.sound_views import (
     EDITABLE,
     ProbeOutlook,
@@ -43,6 +44,7 @@ class ProbeFields:
         form.choice("excitation", "Excitation", {"Chirp": "chirp", "Pulse": "pulse"}, "chirp")
         form.number("front_snr_db", "SNR (dB)", 50.0, 0.0, 90.0, 1.0)
         form.number("pitch_mm", "Pitch (mm)", 1.0, 0.2, 10.0, 0.1, "Between A-scans")
+        self._advice = self._gui.add_html("")
         self._table = self._gui.add_html("")
 
     def build_details(self) -> None:
@@ -102,6 +104,7 @@ class ProbeFields:
         """Write table and state of the line."""
         settings = session.setup.devices.probe
         self._table.content = outlook_table(probe_outlooks(settings), settings)
+        self._advice.content = advice_note(session)
         state = line_state(session)
         good = {"good": "good", "weak": "", "bad": "warn", "stale": "warn"}
         self._line.content = (
@@ -112,6 +115,19 @@ class ProbeFields:
         self._forget.visible = state is not None
         for button in (self._shoot, self._forget, self._plain):
             button.disabled = busy
+
+
+def advice_note(session: Session, *, only_another: bool = False) -> str:
+    """Return which probe the bone wants, as HTML; before a scan what can be said without one."""
+    advice = probe_advice(session)
+    if only_another and (advice is None or not advice.another):
+        return ""
+    if advice is not None:
+        return style.note(advice.sentence, "warn" if advice.another else "good")
+    return style.text(
+        f"2.25 MHz is the sharper one, and the one for bone under {THIN_MM:g} mm; 1 MHz is for "
+        f"bone over {THICK_MM:g} mm or hard bone. A scan that was mapped tells which it is."
+    )
 
 
 def _first(name: str) -> float:

@@ -78,15 +78,13 @@ def table(rows: tuple[QualityRow, ...], session: Session, stale: frozenset[str])
         part = [row for row in known if row.key.startswith(starts)]
         if part:
             words = f"{title}, against the truth{_mark(steps, stale)}"
-            body += f'<tr class="sec"><td colspan="4">{words}</td></tr>'
+            body += f'<tr class="sec"><td colspan="3">{words}</td></tr>'
             body += "".join(_row(row, expected.get(PREDICTED.get(row.key, ""))) for row in part)
     if not body:
         return style.text(
             "No figures yet. Each step adds its own, with a limit and a verdict beside it."
         )
-    head = (
-        '<tr><th>Quantity</th><th class="n">Value</th><th class="n">Limit</th><th>Verdict</th></tr>'
-    )
+    head = '<tr><th>Quantity</th><th class="n">Value, limit</th><th>Verdict</th></tr>'
     return f'<table class="r-table">{head}{body}</table>'
 
 
@@ -102,9 +100,10 @@ def _row(row: QualityRow, expected: QualityRow | None = None) -> str:
     limit = "" if row.limit is None else f"{'≤' if row.sense == 'at most' else '≥'} "
     limit += "" if row.limit is None else f"{row.limit:.{row.decimals}f} {row.unit}".rstrip()
     beside = "" if expected is None else f'<br><span class="g">predicted {_value(expected)}</span>'
+    limit = f'<br><span class="g">{limit}</span>' if limit else ""
     return (
-        f'<tr><td>{escape(row.title)}{beside}</td><td class="n"><b>{_value(row)}</b></td>'
-        f'<td class="n g">{limit}</td><td>{style.verdict(row.verdict)}</td></tr>'
+        f'<tr><td>{escape(row.title)}{beside}</td><td class="n"><b>{_value(row)}</b>{limit}</td>'
+        f"<td>{style.verdict(row.verdict)}</td></tr>"
     )
 
 
@@ -123,12 +122,14 @@ def _own_word(session: Session, expected: dict[str, QualityRow], mark: str) -> s
             "Tracker near the tip, random error", results.tool.value.registration_sigma_mm
         )
         if results.tool.value.delay is not None:
-            rows += _text_line("Tracker delay", delay_words(results.tool.value.delay))
+            rows += _text_line(*delay_words(results.tool.value.delay))
     report = contact_report(session)
     if report is not None and report.delay is not None:
         late = report.delay
         sigma_ms = max(late.sigma_ms, 0.1)
-        rows += _text_line("Robot delay at the scan", f"{late.delay_ms:.1f} ± {sigma_ms:.1f} ms")
+        rows += _text_line(
+            "Robot joints late at the scan", f"{late.delay_ms:.1f} ± {sigma_ms:.1f} ms"
+        )
         share = f"{late.uncorrected_mm:.2f} → {late.left_mm:.3f} mm"
         rows += _text_line("Its shift of the map, corrected", share)
     if results.registration is not None:
@@ -138,7 +139,7 @@ def _own_word(session: Session, expected: dict[str, QualityRow], mark: str) -> s
     rows += _budget(session)
     if not rows:
         return ""
-    return f'<tr class="sec"><td colspan="4">Predicted, without the truth{mark}</td></tr>{rows}'
+    return f'<tr class="sec"><td colspan="3">Predicted, without the truth{mark}</td></tr>{rows}'
 
 
 def _budget(session: Session) -> str:
@@ -161,7 +162,4 @@ def _line(title: str, value_mm: float) -> str:
 
 
 def _text_line(title: str, value: str) -> str:
-    return (
-        f'<tr><td>{escape(title)}</td><td class="n"><b>{escape(value)}</b></td>'
-        "<td></td><td></td></tr>"
-    )
+    return f'<tr><td>{escape(title)}</td><td class="n" colspan="2"><b>{escape(value)}</b></td></tr>'

@@ -1,4 +1,4 @@
-"""Title of the active step, and beneath its fields: the primary button, progress, cancel, next."""
+"""Title of the active step, and beneath it the primary button, progress, cancel, next."""
 
 from dataclasses import replace
 from typing import Any

@@ -8,7 +8,6 @@ from numpy.typing import NDArray
 
 from rona_core.app.scan_views import (
     ScanMarks,
-    ScanName,
     ScanPicture,
     scan_marks,
     scan_picture,
@@ -73,7 +72,7 @@ class ScanSlider:
 
     def render(self, number: int | None, new: Picture) -> None:
         """Draw the image where it is another one, and put the slider at the A-scan."""
-        scan: ScanName = "second" if new.view.second else "first"
+        scan = new.scan
         picture = None if number is None else scan_picture(new.session, scan)
         shown = picture is not None and len(picture) > 1
         for part in (self._part, self._folder, self._legend):
@@ -87,7 +86,7 @@ class ScanSlider:
         span = self._spanned(number, len(picture))
         key = (
             id(picture.image), id(session.results.detection), id(session.results.second_detection),
-            id(session.boundary_edits), span,
+            id(session.results.sono_detection), id(session.boundary_edits), span,
         )  # fmt: skip
         if key != self._drawn:
             self._build(picture, scan_marks(session, scan), span, number)
@@ -133,9 +132,11 @@ class ScanSlider:
         if self._seen is None:
             return
         new, number = self._seen[0], int(self._slider.value)
-        scan: ScanName = "second" if new.view.second else "first"
-        share = share_of_scan(new.session, number, scan)
-        self._door.view(lambda v: replace(v, cursor=share, playing=False, hand=None))
+        share = share_of_scan(new.session, number, new.scan)
+        if new.scan == "hand":
+            self._door.view(lambda v: replace(v, hand_cursor=share or 0.0, hand=None))
+        else:
+            self._door.view(lambda v: replace(v, cursor=share, playing=False, hand=None))
 
 
 def _front_us(picture: ScanPicture, marks: ScanMarks) -> tuple[float, float]:

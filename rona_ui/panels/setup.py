@@ -17,8 +17,10 @@ from rona_core.devices.settings import ROBOTS
 from rona_core.session.document import Session
 from rona_ui.bindings import Event
 from rona_ui.panels import style
+from rona_ui.panels.form import number
 from rona_ui.panels.probe_fields import ProbeFields
 from rona_ui.panels.robot_figures import figures_table
+from rona_ui.panels.room_fields import RoomFields
 from rona_ui.panels.step_panel import StepPanel
 from rona_ui.panels.tracker_fields import NAMES, PLACE, TrackerFields
 from rona_ui.view_state import Picture
@@ -69,6 +71,8 @@ class SetupPanel(StepPanel):
             form.number("base_turn_deg", "Base turn (deg)", 0.0, -180.0, 180.0, 1.0)
             with gui.add_folder("Where these numbers come from", expand_by_default=False):
                 self._figures = gui.add_html("")
+        with gui.add_folder("Obstacles", expand_by_default=False):
+            self._room = RoomFields(gui, self.door)
         with gui.add_folder("Skull from a file", expand_by_default=False):
             gui.add_html(
                 style.text(
@@ -94,7 +98,7 @@ class SetupPanel(StepPanel):
         radius_mm = self.form.values("radius_mm")["radius_mm"]
         self.door.send(
             lambda: StartSkullImport(
-                name, threshold=float(wanted) if wanted else None, radius_mm=radius_mm
+                name, threshold=number(wanted) if wanted else None, radius_mm=radius_mm
             ),
             event,
         )
@@ -142,10 +146,11 @@ class SetupPanel(StepPanel):
             table = figures_table(new.session.setup.devices.robot.model)
             if self._figures.content != table:
                 self._figures.content = table
+        self._room.render(old, new)
         if (
             old is None
             or old.session.setup is not new.session.setup
-            or old.session.results.line is not new.session.results.line
+            or old.session.results is not new.session.results
             or old.busy != new.busy
         ):
             self._probe.show(new.session, new.busy)

@@ -22,6 +22,8 @@ SHEET = """<style>
  --mantine-primary-color-light-color:#005b8f!important}
 .mantine-ButtonGroup-group button,.mantine-Button-root[data-variant=outline]{
  color:#005b8f!important;border-color:#9fb6c6!important}
+[data-dock-tab]{padding:0 .55em!important}
+[data-dock-tab]>div:first-child:has(svg){display:none!important}
 .mantine-Tabs-tab[data-active]{color:#005b8f!important;border-color:#005b8f!important}
 .mantine-Button-root[style*="gray-filled"]:not([disabled]){background:#fff!important;
  color:#005b8f!important;border:1px solid #9fb6c6!important}
@@ -39,16 +41,16 @@ SHEET = """<style>
 .r-head{display:flex;align-items:baseline;gap:10px;padding:2px 12px 6px;color:#1f2933}
 .r-head b{font-size:15px;flex:1;overflow:hidden;text-overflow:ellipsis;white-space:nowrap}
 .r-head span{font-size:12.5px;white-space:nowrap}
-.r-step{height:38px;display:grid;grid-template-columns:22px 1fr auto;column-gap:6px;
+.r-step{height:33px;display:grid;grid-template-columns:22px 1fr auto;column-gap:6px;
  align-items:center;padding:0 12px;border-left:4px solid transparent;color:#1f2933}
 .r-step.on{background:#e7f0f7;border-left-color:#005b8f}
-.r-step .i{font-size:13px;text-align:center}.r-step .t{font-size:13.5px;line-height:1.2}
+.r-step .i{font-size:13px;text-align:center}.r-step .t{font-size:13px;line-height:1.15}
 .r-step .s{display:block;font-size:11px;color:#52606d;white-space:nowrap;overflow:hidden;
  text-overflow:ellipsis;max-width:212px}
 .r-badge{font-size:11px;color:#fff;border-radius:4px;padding:1px 7px}
-div:has(>.r-step)+div:has(>button){height:38px;margin:-38px 0 0!important;padding:0!important;
+div:has(>.r-step)+div:has(>button){height:33px;margin:-33px 0 0!important;padding:0!important;
  position:relative;z-index:2}
-div:has(>.r-step)+div>button{height:38px!important;background:transparent!important;
+div:has(>.r-step)+div>button{height:33px!important;background:transparent!important;
  border:0!important;border-radius:0;color:transparent!important}
 div:has(>.r-step)+div>button:hover{background:rgba(0,91,143,.07)!important}
 div:has(>.r-step)+div>button:focus-visible{outline:2px solid #005b8f;outline-offset:-2px}

@@ -8,6 +8,8 @@ from rona_core.devices.settings import Excitation, ProbeName
 from rona_core.session.specimen import BoneKind
 from rona_ui.panels import style
 from rona_ui.panels.door import Door, listen
+from rona_ui.panels.form import number
+from rona_ui.panels.probe_fields import advice_note
 from rona_ui.view_state import Picture
 
 PROBES: dict[str, tuple[ProbeName, ...]] = {
@@ -33,9 +35,10 @@ class WhatIfPanel:
         gui.add_html(
             style.text(
                 "Other probes and noise on virtual plates of layered bone, with the detection of "
-                "step 9. Nothing of this patient goes into it."
+                "step 9. Nothing of this patient goes into the table."
             )
         )
+        self._advice = gui.add_html("")
         with gui.add_folder("What to try", expand_by_default=False):
             self._probes = gui.add_dropdown("Probes", tuple(PROBES))
             self._excitations = gui.add_dropdown("Excitation", tuple(EXCITATIONS))
@@ -70,13 +73,17 @@ class WhatIfPanel:
             self._start.label = f"Trying: {100 * new.job.progress:.0f} %"
         else:
             self._start.label = "Try them again" if held is not None else "Try them"
+        if old is None or old.session is not new.session:
+            advice = advice_note(new.session)
+            if self._advice.content != advice:
+                self._advice.content = advice
         if old is None or old.session.results.what_if is not held:
             self._html.content = "" if held is None else what_if_table(held.value)
 
 
 def numbers(text: str) -> tuple[float, ...]:
     """Return the numbers in a line with commas."""
-    return tuple(float(part) for part in text.replace(";", ",").split(",") if part.strip())
+    return tuple(number(part) for part in text.replace(";", ",").split(",") if part.strip())
 
 
 def what_if_table(found: WhatIf) -> str:

@@ -2,9 +2,10 @@
 
 import numpy as np
 
-from rona_core.app.boundary_edits import capture_of, detection_of_scan
+from rona_core.app.boundary_edits import DETECTIONS, capture_of, detection_of_scan
 from rona_core.app.maps import layers_of
 from rona_core.app.scan_views import ScanName, scan_number_at, scan_poses
+from rona_core.app.sono_scans import hand_poses
 from rona_core.arrays import Bools, Floats
 from rona_ui.scene.adapter import Layer
 from rona_ui.scene.chosen_maps import chosen_key, chosen_maps
@@ -66,21 +67,19 @@ class ScanLayer(Layer):
     def render(self, old: Picture | None, new: Picture) -> None:
         """Draw the points of the pass that is looked at, and the one under the replay cursor."""
         redrawn = old is None or _scan_key(old) != _scan_key(new)
-        moved = old is None or old.view.cursor != new.view.cursor
+        moved = old is None or old.scan_cursor != new.scan_cursor
         if redrawn or moved:
-            scan = _scan(new)
-            poses = scan_poses(new.session, scan)
-            places = np.zeros((0, 3)) if poses is None else poses.translations
+            places = scan_places(new)
             if redrawn:
-                self._draw_points(places, new, scan)
+                self._draw_points(places, new, new.scan)
             number = None
-            if new.view.cursor is not None:
-                number = scan_number_at(new.session, new.view.cursor, scan)
+            if new.scan_cursor is not None:
+                number = scan_number_at(new.session, new.scan_cursor, new.scan)
             mark = places[number : number + 1] if number is not None else places[:0]
             self.stage.cloud(NOW, mark, YELLOW, size_mm=3.0)
         seen = self.shown(new) and not new.scanning  # while it scans they are of the scan before
         self.stage.show(SCAN, seen)
-        looking = new.view.cursor is not None and new.view.step == "maps"
+        looking = new.scan_cursor is not None and new.view.step == "maps"
         self.stage.show(NOW, (seen or looking) and not new.scanning)
 
     def _draw_points(self, places: Floats, new: Picture, scan: ScanName) -> None:
@@ -92,13 +91,24 @@ class ScanLayer(Layer):
         self.stage.cloud(SCAN, places, colors, size_mm=1.3)
 
 
-def _scan(picture: Picture) -> ScanName:
-    return "second" if picture.view.second else "first"
+def scan_places(picture: Picture) -> Floats:
+    """Return where the A-scans that are looked at were taken (n, 3), as the scene shows them."""
+    if picture.scan != "hand":
+        poses = scan_poses(picture.session, picture.scan)
+        return np.zeros((0, 3)) if poses is None else poses.translations
+    found = hand_poses(picture.session)
+    if found is None:
+        return np.zeros((0, 3))
+    frame, poses = found
+    if frame == "base":
+        return poses.translations
+    drawn = None if picture.backdrop is None else picture.backdrop.T_base_basemarker
+    return np.zeros((0, 3)) if drawn is None else drawn @ poses.translations
 
 
 def _scan_key(picture: Picture) -> tuple[object, ...]:
     """Return what tells one drawing of the points from another."""
-    session, results = picture.session, picture.session.results
-    found = results.second_detection if picture.view.second else results.detection
-    capture = capture_of(session, _scan(picture))
-    return id(capture), id(found), id(session.boundary_edits), picture.view.second
+    session, results, scan = picture.session, picture.session.results, picture.scan
+    of_hand = (id(results.tool), id(results.sono), id(picture.backdrop)) if scan == "hand" else ()
+    found = getattr(results, DETECTIONS[scan])
+    return id(capture_of(session, scan)), id(found), id(session.boundary_edits), scan, *of_hand

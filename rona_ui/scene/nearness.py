@@ -74,9 +74,9 @@ class NearLayer(Layer):
 
 
 class ObstaclesLayer(Layer):
-    """Draws head, table and tracker stand as the robot keeps away from them.
+    """Draws head, table and tracker stand as the robot keeps away from them, and what was added.
 
-    What the robot is too close to is drawn red, wanted or not.
+    What the robot is too close to is drawn red, wanted or not; in step 1 added boxes always are.
     """
 
     layer = "obstacles"
@@ -90,20 +90,39 @@ class ObstaclesLayer(Layer):
         """Draw what stands around where it is another, and show what is wanted."""
         wanted = self.shown(new)
         hit = {p.second for p in near_now(new) if p.too_close}
-        if not wanted and not hit and not self._drawn:
+        added = {box.name for box in new.session.setup.surroundings.boxes}
+        if not wanted and not hit and not self._drawn and not added:
             return  # nobody has asked for it yet
         session = new.session
         of = (session.results, session.setup, session.captures)
         if len(self._of) != len(of) or any(a is not b for a, b in zip(self._of, of, strict=True)):
-            before = {thing.name for thing in self._drawn}
-            self._of, self._drawn = of, drawn_obstacles(session)
-            for thing in self._drawn:
-                self.stage.mesh(_node(thing.name), thing.mesh, SKY, opacity=FAINT, side="double")
-            for name in before - {thing.name for thing in self._drawn}:
-                self.stage.remove(_node(name))
+            self._of = of
+            self._draw(drawn_obstacles(session), added)
         for thing in self._drawn:
-            self.stage.paint(_node(thing.name), RED if thing.name in hit else SKY)
-            self.stage.show(_node(thing.name), wanted or thing.name in hit)
+            node, mine = _node(thing.name), thing.name in added
+            seen = wanted or thing.name in hit or (mine and new.view.step == "setup")
+            self.stage.paint(node, RED if thing.name in hit else SKY)
+            self.stage.show(node, seen)
+            self.stage.show(_label(thing.name), seen)
+
+    def _draw(self, things: tuple[DrawnThing, ...], added: set[str]) -> None:
+        """Draw these things in place of those before; what was added has its name on it."""
+        before = {thing.name for thing in self._drawn}
+        self._drawn = things
+        for name in before - {thing.name for thing in things}:
+            self.stage.remove(_label(name))
+            self.stage.remove(_node(name))
+        for thing in things:
+            self.stage.mesh(_node(thing.name), thing.mesh, SKY, opacity=FAINT, side="double")
+            if thing.name in added:
+                corners = thing.mesh.vertices
+                top = corners.mean(axis=0)
+                top[2] = corners[:, 2].max()
+                self.stage.label(_label(thing.name), thing.name, top)
+
+
+def _label(name: str) -> str:
+    return f"/obstacles/name of {name}"
 
 
 def _node(name: str) -> str:

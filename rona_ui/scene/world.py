@@ -17,6 +17,7 @@ from rona_ui.scene.path import AxesLayer, PathLayer, WarningsLayer
 from rona_ui.scene.places import PlacesLayer
 from rona_ui.scene.pointer import DrawingLayer, PointerLayer
 from rona_ui.scene.profile import ProfileLayer
+from rona_ui.scene.references import ReferencesLayer
 from rona_ui.scene.robot import RobotLayer
 from rona_ui.scene.rolls import RollsLayer
 from rona_ui.scene.second import SecondLayer
@@ -60,6 +61,7 @@ class World:
             *(MapLayer(self.stage, name) for name in ("outer", "inner", "fused")),
             ProfileLayer(self.stage),
             SecondLayer(self.stage),
+            ReferencesLayer(self.stage),
         )
 
     def render(self, old: Picture | None, new: Picture) -> None:

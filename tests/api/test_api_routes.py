@@ -410,5 +410,6 @@ def test_an_a_scan_tells_what_was_found_and_what_was_corrected(client, at):
     assert client.post(f"{place}/commands/CorrectBoundary", json=body).status_code == 422
     assert client.get(f"{place}/ascans/second/99999").status_code == 404
     assert at("GET", "/ascans/first/0").status_code == 404
+    assert at("GET", "/ascans/hand/0").status_code == 404
     assert at("GET", "/ascans/third/0").status_code == 422
     client.delete(place)

@@ -16,7 +16,8 @@ from rona_core.calibration.base_marker import (
     point_sigmas_mm,
 )
 from rona_core.devices.markers import GEOMETRIES
-from rona_core.devices.settings import FIELD_MM, DeviceSettings, TrackerPlace, TrackerSettings
+from rona_core.devices.settings import DeviceSettings, TrackerPlace, TrackerSettings
+from rona_core.devices.volumes import FIELD_MM
 from rona_core.errors import DegenerateGeometryError
 from rona_core.geometry.pose import Pose, Poses
 from rona_core.geometry.tangent import deviate

@@ -47,7 +47,7 @@ NODES = """() => {
   const all = Object.keys(window.__viserSceneTree.getState());
   const empty = ['/drawing', '/pointer', '/maps', '/path', '/scan', '/rolls', '/surface',
     '/edit', '/pattern', '/places', '/places/best', '/places/smallest',
-    '/margins', '/obstacles', '/second'];
+    '/margins', '/obstacles', '/second', '/references'];
   return all.filter((n) => !empty.includes(n)).sort();
 }"""
 

@@ -72,6 +72,7 @@ class FakeGui:
         if kind in ("number", "text", "checkbox", "vector3", "progress_bar", "slider"):
             handle.value = arguments[-1]
         if kind in ("dropdown", "button_group"):
+            handle.options = tuple(arguments[1])
             handle.value = options.get("initial_value", arguments[1][0])
         handle.visible = options.get("visible", True)
         self.handles.append(handle)

@@ -5,11 +5,13 @@ from types import SimpleNamespace
 from typing import Any
 
 import pytest
-from fake_gui import FakeClient
+from fake_gui import FakeClient, FakeGui
 
 from rona_core.app.messages import RenameSession, SetSeed, StartScan
 from rona_core.errors import InvalidInputError, StepBlockedError
 from rona_ui.bindings import SETTLE_S, Bindings, escape, tell
+from rona_ui.labels import in_words, label_of, note_label
+from rona_ui.panels.form import Form, number
 
 
 class FakeBench:
@@ -160,3 +162,31 @@ def test_tell_names_the_kind_of_error() -> None:
     client = FakeClient()
     tell(client, InvalidInputError("expected a, got b: do c"))
     assert client.notices == [("This value cannot be used", "expected a, got b: do c")]
+
+
+def test_a_refusal_calls_a_parameter_what_its_field_is_called() -> None:
+    form = Form(FakeGui())
+    form.number("radius_mm", "Region radius (mm)", 25.0, 5.0, 45.0, 1.0)
+    client = FakeClient()
+    tell(client, InvalidInputError("radius_mm must be 5 to 45, not 453"))
+    tell(client, InvalidInputError("travel_mm_per_year of my_file.nrrd is 3"))
+    assert [body for _, body in client.notices] == [
+        "Region radius (mm) must be 5 to 45, not 453",
+        "travel_mm_per_year of my_file.nrrd is 3",
+    ]
+
+
+def test_a_parameter_without_a_field_or_with_two_is_told_in_words() -> None:
+    assert in_words("half_turn_deg must be 1 to 85") == "Half turn (deg) must be 1 to 85"
+    assert label_of("sound_speed_mm_per_us") == "Bone (mm/µs)"
+    note_label("half_turn_deg", "Turn (deg)")
+    assert label_of("half_turn_deg") == "Turn (deg)"
+    note_label("half_turn_deg", "Another turn (deg)")
+    assert label_of("half_turn_deg") == "half turn (deg)"
+    assert in_words("seed must be 0 to 9") == "seed must be 0 to 9"
+
+
+def test_a_typed_text_that_is_no_number_is_refused_not_a_defect() -> None:
+    assert number(" 3.5 ") == 3.5
+    with pytest.raises(InvalidInputError, match="expected a number, not '3mm'"):
+        number("3mm")

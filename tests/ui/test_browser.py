@@ -222,7 +222,7 @@ def test_a_value_out_of_range_is_told_and_the_field_shows_the_truth(surgeon: Sur
     radius = surgeon.field("Region radius")
     held = radius.input_value()
     radius.fill("453")
-    surgeon.frame.get_by_text("radius_mm must be 5 to 45").wait_for()
+    surgeon.frame.get_by_text("Radius (mm) must be 5 to 45").wait_for()
     wait_for(lambda: radius.input_value() == held, 10, "the field to show the truth")
 
 

@@ -13,12 +13,13 @@ from rona_core.app.messages import (
     StartReferencePoints,
     StartWhatIf,
 )
+from rona_core.app.probe_advice import ProbeAdvice
 from rona_core.app.sound_views import ReferenceRow, probe_outlooks
 from rona_core.devices.settings import ProbeSettings
 from rona_core.session.document import Derived, Results, Session
 from rona_core.ultrasound.what_if import WhatIf
 from rona_ui.panels.maps import MapsPanel
-from rona_ui.panels.probe_fields import outlook_table
+from rona_ui.panels.probe_fields import advice_note, outlook_table
 from rona_ui.panels.setup import SetupPanel
 from rona_ui.panels.speed_fields import points_table
 from rona_ui.panels.what_if import WhatIfPanel, numbers
@@ -48,6 +49,25 @@ def test_the_table_marks_the_chosen_probe_and_leaves_out_what_it_cannot_reach():
     assert html.count("▶") == 1
     assert "▶ 2.25 MHz chirp" in html
     assert ">–<" in html  # the pulse of 2.25 MHz at 10 mm
+
+
+def test_the_probe_that_the_bone_wants_is_told_where_probes_are_chosen(monkeypatch):
+    gui = FakeGui()
+    setup, sweep = SetupPanel(gui, Recorder().door), WhatIfPanel(gui, Recorder().door)
+    before = picture()
+    for panel in (setup, sweep):
+        panel.render(None, before)
+    assert gui.html().count("1 MHz is for bone over 8 mm") == 2
+    advice = ProbeAdvice("2.25MHz", "1MHz", "The bone is thick.")
+    monkeypatch.setattr("rona_ui.panels.probe_fields.probe_advice", lambda session: advice)
+    for panel in (setup, sweep):
+        panel.render(before, picture(Session(results=Results())))
+    assert gui.html().count('<div class="r-note warn">The bone is thick.') == 2
+    assert advice_note(Session(), only_another=True) == advice_note(Session())
+    suits = ProbeAdvice("1MHz", "1MHz", "It suits.")
+    monkeypatch.setattr("rona_ui.panels.probe_fields.probe_advice", lambda session: suits)
+    assert advice_note(Session(), only_another=True) == ""
+    assert "r-note good" in advice_note(Session())
 
 
 def test_points_can_be_measured_and_added_once_there_is_a_map_only():
