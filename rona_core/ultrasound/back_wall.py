@@ -14,10 +14,15 @@ LEAST_SHARE = 0.2  # of the loudest echo of the plate and what is behind it
 MOVES_US = 0.12  # of the front; less tells nothing about what moves with it
 TURNED = 0.12  # how near a slope is to that of an echo that has nothing to do with the plate
 AT_FRONT_US = 0.25  # how near a multiple between front and probe is to its time
+CONTACT_LEVEL = 0.3  # of the second round trip in a plate, over the first
+PULSE_DELAY = 1.5  # from the emission to the middle of the pulse, over its length
 LOBE_REACH = 4.5  # of the pulse, over its length
 NEAR_REACH = 2.6
 LOBE_LEVEL = 0.22  # over the front; lobes of real pulses are below, later ones more so
 LATE_LOBE_LEVEL = 0.13
+GHOST_REACH = 9.0  # echoes from within the probe come later, and are fainter still
+CLOSE_REACH = 4.0
+GHOST_LEVEL = 0.05
 FEW = 12  # scans, among which neighbours may be far apart
 LOUD_SHARE = 0.5
 STEADY = 0.6  # share of scans that agree with their neighbours
@@ -46,7 +51,11 @@ def choose_back_wall(
         near: Neighbours (n, k) of each scan.
         positions_mm: Of the scans (n, 1 to 3), where they are known.
     """
-    own = [k for k, t in enumerate(tracks) if not _is_foreign(t, front_us, ok, start_known, tracks)]
+    foreign = [_is_foreign(t, front_us, ok, start_known, band) for t in tracks]
+    own = [k for k, no in enumerate(foreign) if not no]
+    first = _contact(tracks, front_us, ok, start_known, band)
+    if first is not None:
+        return first
     if not own:
         return None
     judged = [steadiness(t, near, positions_mm, band) for t in tracks]
@@ -70,9 +79,7 @@ def choose_back_wall(
     return loud[0]
 
 
-def _is_foreign(
-    track: Track, front_us: Floats, ok: Bools, start_known: bool, tracks: list[Track]
-) -> bool:
+def _is_foreign(track: Track, front_us: Floats, ok: Bools, start_known: bool, band: Band) -> bool:
     """Return whether an echo stands still, or comes by way of the probe."""
     both = track.there & ok
     lag, front = track.lag_us[both], front_us[both]
@@ -83,20 +90,56 @@ def _is_foreign(
             if abs(slope - wrong) < TURNED and _spread(left) < 0.4 * _spread(lag):
                 return True
         return False  # what comes by way of the probe would move
-    if start_known and len(tracks) > 1 and both.any():
-        away = float(np.median(np.abs(lag - front)))
-        return away < AT_FRONT_US
-    return False
+    return start_known and _again(track, front_us, ok, band)
+
+
+def _contact(
+    tracks: list[Track], front_us: Floats, ok: Bools, start_known: bool, band: Band
+) -> int | None:
+    """Return the echo that is the second round trip in a plate under the probe itself.
+
+    Then nothing lies between emission and back wall: what was taken for the front is the back
+    wall, and whatever follows comes at multiples of its time. Behind water the second arrival
+    from the front is fainter.
+    """
+    if not start_known or not tracks:
+        return None
+    near = [k for k, t in enumerate(tracks) if _again(t, front_us, ok, band)]
+    if not near:
+        return None
+    first = max(near, key=lambda k: tracks[k].typical_level)
+    lag, level = tracks[first].typical_us, tracks[first].typical_level
+    order = [t.typical_us / lag for t in tracks if not is_early_and_weak(t, band)]
+    even = all(abs(k - round(k)) * lag < TWICE * band.length_us * max(round(k), 1) for k in order)
+    return first if level > CONTACT_LEVEL and even else None
+
+
+def _again(track: Track, front_us: Floats, ok: Bools, band: Band) -> bool:
+    """Return whether an echo is as late after the front as this is after the emission."""
+    both = track.there & ok
+    if not both.any():
+        return False
+    # what was timed of the front is later than its begin, by less than a pulse
+    late = AT_FRONT_US + PULSE_DELAY * band.length_us
+    return any(
+        -AT_FRONT_US < float(np.median(front_us[both] - track.lag_us[both] / times)) < late
+        for times in (1, 2, 3)
+    )
 
 
 def _is_lobe(track: Track, wanders: bool, others: list[Track], band: Band) -> bool:
     """Return whether an early weak echo is rather the end of the front's own pulse."""
-    if wanders or not is_early_and_weak(track, band):
+    if not is_early_and_weak(track, band):
+        return False
+    # close behind a front that was cut off and restored, what is faint wanders too
+    close = track.typical_us < CLOSE_REACH * band.length_us and track.typical_level < GHOST_LEVEL
+    least = 0.5 if not wanders else 2.0
+    if wanders and not close:
         return False
     later = [
         t
         for t in others
-        if t.typical_level > 0.5 * track.typical_level and t.typical_us > track.typical_us
+        if t.typical_level > least * track.typical_level and t.typical_us > track.typical_us
     ]
     # a lobe comes behind every echo, and so behind one at twice its own lag
     lobes = [u.typical_us + track.typical_us for u in later]
@@ -113,8 +156,11 @@ def _is_lobe(track: Track, wanders: bool, others: list[Track], band: Band) -> bo
 def is_early_and_weak(track: Track, band: Band) -> bool:
     """Return whether an echo could be a lobe of the front's own pulse."""
     length = band.length_us
-    level = LOBE_LEVEL if track.typical_us < NEAR_REACH * length else LATE_LOBE_LEVEL
-    return track.typical_us < LOBE_REACH * length and track.typical_level < level
+    reaches = ((NEAR_REACH, LOBE_LEVEL), (LOBE_REACH, LATE_LOBE_LEVEL), (GHOST_REACH, GHOST_LEVEL))
+    return any(
+        track.typical_us < reach * length and track.typical_level < level
+        for reach, level in reaches
+    )
 
 
 def steadiness(

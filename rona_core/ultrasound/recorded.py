@@ -89,7 +89,7 @@ def detect_recorded(
     told(0.1)
     z = analytic(restore_clipped(rf, clipped, rate, band), rate, band)
     told(0.3)
-    front = find_recorded_fronts(z, rate, recorded.start_us, recorded.start_known, band)
+    front = find_recorded_fronts(z, clipped, rate, recorded.start_us, recorded.start_known, band)
     told(0.5)
     zero, lines = align_fronts(z, front, rate, band)
     for _ in range(SETTLINGS if clipped.any() else 0):
@@ -101,7 +101,9 @@ def detect_recorded(
     least = least_lag_us(clipped, front, rate, band)
     back = find_back(recorded, lines, zero, front, band, least)
     told(0.7)
-    found = None if back is None else refine_back(lines, zero, front, back, rate, band, recorded)
+    found = None
+    if back is not None:
+        found = refine_back(lines, zero, front, back, rate, band, recorded, clipped)
     told(1.0)
     cut: Bools = np.asarray(clipped.any(axis=1))
     return _judged(recorded, front, found, cut, band, sound_speed_mm_per_us)

@@ -75,6 +75,8 @@ def find_back(
     tree = neighbour_tree(front.ok, recorded.positions_mm)
     near = neighbours(len(lines), recorded.positions_mm)
     front_us = recorded.start_us + front.aligned.at_us
+    # a record that begins with ring-down begins with the emission
+    timed = recorded.start_known or bool((front.quiet_from > 0).any())
 
     def choose(compressed: Complexes) -> Track | None:
         peaks = find_peaks(compressed, 1.0 / rate, zero, band, least_us)
@@ -83,7 +85,7 @@ def find_back(
             for track in follow(peaks, tree, band, front.ok)
         ]
         best = choose_back_wall(
-            tracks, front_us, front.ok, recorded.start_known, band, near, recorded.positions_mm
+            tracks, front_us, front.ok, timed, band, near, recorded.positions_mm
         )
         return None if best is None else tracks[best]
 
