@@ -69,7 +69,6 @@ class Bench:
     floor: float = 0.8
     probe_face: float = 0.35  # reflection of the probe for what comes back
     radius_mm: float = 6.0  # of the piston
-    inner_layer: float = 0.0  # reflection within the plate
     back_spread: float = 0.1  # of the amplitude, natural logarithm
     bang: float = 0.0  # over the front
     bang_us: float = 0.5  # in which its ring-down falls by e
@@ -86,7 +85,6 @@ class Bench:
     saturated: float = 0.0
     doubled: float = 0.0
     lifted: float = 0.0  # no contact: noise alone
-    back_scale: float = 1.0  # of the back wall alone, not of its multiples
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -120,16 +118,15 @@ def laboratory(bench: Bench, rng: np.random.Generator) -> Laboratory:
     spectrum = np.zeros((n, len(f)), dtype=np.complex128)
     wall = np.zeros((1, len(f)), dtype=np.complex128)
     first = 1.0
+    trips = 2 if bench.coupling == "contact" else 1  # two echoes are needed, or a front and one
     for number, (height, waters, plates, gaps) in enumerate(_arrivals(bench)):
         gain = height * level * (back**plates)
         water = waters * standoff + gaps * 2.0 * (bench.floor_gap_mm or 0.0) / WATER_SPEED
-        if (plates, gaps, waters <= 1) == (1, 0, True):
-            gain = gain * bench.back_scale
         way = 2.0 * plates * thickness
         copy = _copy(bench, f[used], water - bench.start_us, way)
         spectrum[:, used] += gain[:, None] * copy
-        if (plates, gaps, waters <= 1) == (1, 0, True):
-            wall[0, used] += (height * bench.back_scale * copy[:1])[0]
+        if (plates, gaps, waters <= 1) == (trips, 0, True):
+            wall[0, used] += (height * copy[:1])[0]
         if number == 0:
             first = abs(height)
     rf = np.fft.irfft(spectrum * pulse, size, axis=1)[:, :m] / (scale * first)

@@ -4,6 +4,8 @@ Behind a plate lie its own multiples, a floor or a second plate, and the front s
 of the probe; in front of its back wall lie the last lobes of the pulse and, in bone, layers.
 """
 
+from collections.abc import Callable
+
 import numpy as np
 
 from rona_core.arrays import Bools, Floats, Ints
@@ -23,6 +25,8 @@ LATE_LOBE_LEVEL = 0.13
 GHOST_REACH = 9.0  # echoes from within the probe come later, and are fainter still
 CLOSE_REACH = 4.0
 GHOST_LEVEL = 0.05
+LONE_LEVEL = 1.0  # of the front's second arrival, over an echo that nothing else speaks for
+DOUBLE = 1.4  # between once and twice
 FEW = 12  # scans, among which neighbours may be far apart
 LOUD_SHARE = 0.5
 STEADY = 0.6  # share of scans that agree with their neighbours
@@ -39,6 +43,7 @@ def choose_back_wall(
     band: Band,
     near: Ints,
     positions_mm: Floats | None,
+    damped: Callable[[Track], bool],
 ) -> int | None:
     """Return which track is the back wall: the first that is loud enough and explained by nothing.
 
@@ -50,10 +55,16 @@ def choose_back_wall(
         band: Of the echoes.
         near: Neighbours (n, k) of each scan.
         positions_mm: Of the scans (n, 1 to 3), where they are known.
+        damped: Whether an echo has lost high frequencies against the front.
     """
     foreign = [_is_foreign(t, front_us, ok, start_known, band) for t in tracks]
-    own = [k for k, no in enumerate(foreign) if not no]
-    first = _contact(tracks, front_us, ok, start_known, band)
+    others = [t for t, no in zip(tracks, foreign, strict=True) if no]
+    own = [
+        k
+        for k, no in enumerate(foreign)
+        if not no and not any(_is_lobe_of(tracks[k], t, band) for t in others)
+    ]
+    first = _contact(tracks, front_us, ok, start_known, band, damped)
     if first is not None:
         return first
     if not own:
@@ -74,9 +85,12 @@ def choose_back_wall(
     loud = [k for k in own if tracks[k].typical_level >= LEAST_SHARE * loudest]
     loud.sort(key=lambda k: tracks[k].typical_us)
     for k in loud:
-        if not _is_lobe(tracks[k], judged[k][1], [tracks[j] for j in own if j != k], band):
+        rest = [tracks[j] for j in own if j != k]
+        if not _is_lobe(tracks[k], judged[k][1], rest, band) and not _is_alone(
+            tracks[k], judged[k][1], tracks, others, band
+        ):
             return k
-    return loud[0]
+    return None
 
 
 def _is_foreign(track: Track, front_us: Floats, ok: Bools, start_known: bool, band: Band) -> bool:
@@ -94,13 +108,18 @@ def _is_foreign(track: Track, front_us: Floats, ok: Bools, start_known: bool, ba
 
 
 def _contact(
-    tracks: list[Track], front_us: Floats, ok: Bools, start_known: bool, band: Band
+    tracks: list[Track],
+    front_us: Floats,
+    ok: Bools,
+    start_known: bool,
+    band: Band,
+    damped: Callable[[Track], bool],
 ) -> int | None:
     """Return the echo that is the second round trip in a plate under the probe itself.
 
     Then nothing lies between emission and back wall: what was taken for the front is the back
     wall, and whatever follows comes at multiples of its time. Behind water the second arrival
-    from the front is fainter.
+    from the front is fainter, and as sharp as the first.
     """
     if not start_known or not tracks:
         return None
@@ -109,9 +128,15 @@ def _contact(
         return None
     first = max(near, key=lambda k: tracks[k].typical_level)
     lag, level = tracks[first].typical_us, tracks[first].typical_level
-    order = [t.typical_us / lag for t in tracks if not is_early_and_weak(t, band)]
+    order = [
+        t.typical_us / lag
+        for t in tracks
+        if not is_early_and_weak(t, band) and not any(_is_lobe_of(t, tracks[k], band) for k in near)
+    ]
     even = all(abs(k - round(k)) * lag < TWICE * band.length_us * max(round(k), 1) for k in order)
-    return first if level > CONTACT_LEVEL and even else None
+    if not even:
+        return None
+    return first if level > CONTACT_LEVEL or damped(tracks[first]) else None
 
 
 def _again(track: Track, front_us: Floats, ok: Bools, band: Band) -> bool:
@@ -141,26 +166,58 @@ def _is_lobe(track: Track, wanders: bool, others: list[Track], band: Band) -> bo
         for t in others
         if t.typical_level > least * track.typical_level and t.typical_us > track.typical_us
     ]
+    return bool(later) and not _has_multiples(track, later, others, band)
+
+
+def _has_multiples(track: Track, later: list[Track], others: list[Track], band: Band) -> bool:
+    """Return whether an echo comes again at twice or three times its lag."""
     # a lobe comes behind every echo, and so behind one at twice its own lag
     lobes = [u.typical_us + track.typical_us for u in later]
-    multiples = [
-        t
-        for t in others
-        if 0.2 * track.typical_level < t.typical_level < 0.9 * track.typical_level
+    return any(
+        0.2 * track.typical_level < t.typical_level < 0.9 * track.typical_level
         and all(abs(t.typical_us - lobe) > TWICE * band.length_us for lobe in lobes)
         and any(abs(t.typical_us - k * track.typical_us) < TWICE * band.length_us for k in (2, 3))
-    ]
-    return bool(later) and not multiples
+        for t in others
+    )
+
+
+def _is_alone(
+    track: Track, wanders: bool, tracks: list[Track], foreign: list[Track], band: Band
+) -> bool:
+    """Return whether an early weak echo is the only one that is not explained, and a lobe.
+
+    Behind the second arrival of the front by way of the probe a lobe has the level that it has
+    behind the first; a back wall has twice that, for there are two ways that are as long.
+    """
+    louder = [t for t in foreign if t.typical_level > LONE_LEVEL * track.typical_level]
+    if wanders or not is_early_and_weak(track, band) or not louder:
+        return False
+    rest = [t for t in tracks if t is not track]
+    if _has_multiples(track, [], rest, band):
+        return False
+    for second in louder:
+        for t in rest:
+            if abs(t.typical_us - second.typical_us - track.typical_us) < TWICE * band.length_us:
+                again = t.typical_level / second.typical_level
+                if again > DOUBLE * track.typical_level:
+                    return False
+    return True
+
+
+def _is_lobe_of(track: Track, main: Track, band: Band) -> bool:
+    """Return whether an echo could be a lobe of another one that is before it."""
+    after = track.typical_us - main.typical_us
+    return after > 0 and _early_and_weak(after, track.typical_level / main.typical_level, band)
 
 
 def is_early_and_weak(track: Track, band: Band) -> bool:
     """Return whether an echo could be a lobe of the front's own pulse."""
-    length = band.length_us
+    return _early_and_weak(track.typical_us, track.typical_level, band)
+
+
+def _early_and_weak(after_us: float, level: float, band: Band) -> bool:
     reaches = ((NEAR_REACH, LOBE_LEVEL), (LOBE_REACH, LATE_LOBE_LEVEL), (GHOST_REACH, GHOST_LEVEL))
-    return any(
-        track.typical_us < reach * length and track.typical_level < level
-        for reach, level in reaches
-    )
+    return any(after_us < reach * band.length_us and level < most for reach, most in reaches)
 
 
 def steadiness(

@@ -23,7 +23,9 @@ from rona_core.ultrasound.recorded_signal import (
     check_lines,
     find_band,
     find_clipped,
+    find_spikes,
     restore_clipped,
+    without_spikes,
 )
 
 OK, NO_FRONT, NO_BACK, UNSURE = range(4)
@@ -87,6 +89,10 @@ def detect_recorded(
     clipped = find_clipped(rf)
     band = find_band(rf, clipped, rate, prior_mhz)
     told(0.1)
+    spikes = find_spikes(rf, clipped, rate, band)
+    if spikes.any():
+        rf = without_spikes(rf, spikes, rate, band)
+        band = find_band(rf, clipped, rate, prior_mhz)
     z = analytic(restore_clipped(rf, clipped, rate, band), rate, band)
     told(0.3)
     front = find_recorded_fronts(z, clipped, rate, recorded.start_us, recorded.start_known, band)
