@@ -171,8 +171,10 @@ def _is_lobe(track: Track, wanders: bool, others: list[Track], band: Band) -> bo
 
 def _has_multiples(track: Track, later: list[Track], others: list[Track], band: Band) -> bool:
     """Return whether an echo comes again at twice or three times its lag."""
-    # a lobe comes behind every echo, and so behind one at twice its own lag
+    # a lobe comes behind every echo, and so behind one at twice its own lag; and a louder echo
+    # has multiples of its own
     lobes = [u.typical_us + track.typical_us for u in later]
+    lobes += [2.0 * u.typical_us for u in later if u.typical_level > 2.0 * track.typical_level]
     return any(
         0.2 * track.typical_level < t.typical_level < 0.9 * track.typical_level
         and all(abs(t.typical_us - lobe) > TWICE * band.length_us for lobe in lobes)
