@@ -123,6 +123,13 @@ def laboratory(bench: Bench, rng: np.random.Generator) -> Laboratory:
         gain = height * level * (back**plates)
         water = waters * standoff + gaps * 2.0 * (bench.floor_gap_mm or 0.0) / WATER_SPEED
         way = 2.0 * plates * thickness
+        if (
+            float(np.median(water))
+            - bench.start_us
+            + 2.0 * plates * bench.thickness_mm / (bench.matter.speed)
+            > 2.0 * bench.length_us
+        ):
+            continue  # after the record
         copy = _copy(bench, f[used], water - bench.start_us, way)
         spectrum[:, used] += gain[:, None] * copy
         if (plates, gaps, waters <= 1) == (trips, 0, True):

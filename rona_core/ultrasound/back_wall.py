@@ -13,10 +13,10 @@ from rona_core.ultrasound.echo_tracks import Track, predicted
 from rona_core.ultrasound.recorded_signal import Band
 
 LEAST_SHARE = 0.2  # of the loudest echo of the plate and what is behind it
-MOVES_US = 0.12  # of the front; less tells nothing about what moves with it
+MOVES_US = 0.05  # of the front; less tells nothing about what moves with it
 TURNED = 0.12  # how near a slope is to that of an echo that has nothing to do with the plate
 AT_FRONT_US = 0.25  # how near a multiple between front and probe is to its time
-CONTACT_LEVEL = 0.3  # of the second round trip in a plate, over the first
+CONTACT_LEVEL = 0.2  # of the second round trip in a plate, over the first
 PULSE_DELAY = 1.5  # from the emission to the middle of the pulse, over its length
 LOBE_REACH = 4.5  # of the pulse, over its length
 NEAR_REACH = 2.6
@@ -26,13 +26,14 @@ GHOST_REACH = 9.0  # echoes from within the probe come later, and are fainter st
 CLOSE_REACH = 4.0
 GHOST_LEVEL = 0.05
 LONE_LEVEL = 1.0  # of the front's second arrival, over an echo that nothing else speaks for
+FAINT = 0.1
 DOUBLE = 1.4  # between once and twice
 FEW = 12  # scans, among which neighbours may be far apart
 LOUD_SHARE = 0.5
 STEADY = 0.6  # share of scans that agree with their neighbours
 AGREES = 0.25  # of the pulse length
 WANDERS = 0.2  # cycles that a lobe may seem to move
-TWICE = 0.35  # of the pulse length: how well a multiple fits
+TWICE = 0.25  # of the pulse length: how well a multiple fits
 
 
 def choose_back_wall(
@@ -57,7 +58,7 @@ def choose_back_wall(
         positions_mm: Of the scans (n, 1 to 3), where they are known.
         damped: Whether an echo has lost high frequencies against the front.
     """
-    foreign = [_is_foreign(t, front_us, ok, start_known, band) for t in tracks]
+    foreign = [_is_foreign(t, front_us, ok, start_known, band, positions_mm) for t in tracks]
     others = [t for t, no in zip(tracks, foreign, strict=True) if no]
     own = [
         k
@@ -86,25 +87,45 @@ def choose_back_wall(
     loud.sort(key=lambda k: tracks[k].typical_us)
     for k in loud:
         rest = [tracks[j] for j in own if j != k]
-        if not _is_lobe(tracks[k], judged[k][1], rest, band) and not _is_alone(
-            tracks[k], judged[k][1], tracks, others, band
-        ):
+        lobe = _is_lobe(tracks[k], judged[k][1], rest, band)
+        lobe = lobe or _is_alone(tracks[k], judged[k][1], tracks, others, band)
+        if not lobe or _comes_twice(tracks[k], tracks, others, band):
             return k
     return None
 
 
-def _is_foreign(track: Track, front_us: Floats, ok: Bools, start_known: bool, band: Band) -> bool:
+def _is_foreign(
+    track: Track,
+    front_us: Floats,
+    ok: Bools,
+    start_known: bool,
+    band: Band,
+    positions_mm: Floats | None,
+) -> bool:
     """Return whether an echo stands still, or comes by way of the probe."""
     both = track.there & ok
+    again = start_known and _again(track, front_us, ok, band)
+    if both.sum() < 8:
+        return again
     lag, front = track.lag_us[both], front_us[both]
-    if both.sum() >= 8 and _spread(front) > MOVES_US:
-        slope = _slope(front, lag)
-        for wrong in (-1.0, 1.0):
-            left = lag - wrong * front
-            if abs(slope - wrong) < TURNED and _spread(left) < 0.4 * _spread(lag):
-                return True
-        return False  # what comes by way of the probe would move
-    return start_known and _again(track, front_us, ok, band)
+    # a wedge behind a tilted plate goes with the front too: only what is not a plane tells
+    place = np.arange(len(front_us))[:, None] if positions_mm is None else positions_mm
+    lag, front = _bent(lag, place[both]), _bent(front, place[both])
+    if _spread(front) < MOVES_US:
+        return again
+    slope = _slope(front, lag)
+    for wrong in (-1.0, 1.0):
+        left = lag - wrong * front
+        if abs(slope - wrong) < TURNED and _spread(left) < 0.4 * _spread(lag):
+            return again if wrong > 0 and start_known else True
+    return False  # what comes by way of the probe would move
+
+
+def _bent(values: Floats, place: Floats) -> Floats:
+    """Return what is left of values (n,) about a plane over places (n, k)."""
+    centred = place - place.mean(axis=0)
+    design = np.column_stack((np.ones(len(values)), centred / max(np.abs(centred).max(), 1e-9)))
+    return values - design @ np.linalg.lstsq(design, values)[0]
 
 
 def _contact(
@@ -131,7 +152,9 @@ def _contact(
     order = [
         t.typical_us / lag
         for t in tracks
-        if not is_early_and_weak(t, band) and not any(_is_lobe_of(t, tracks[k], band) for k in near)
+        if t.typical_level > FAINT * level
+        and not is_early_and_weak(t, band)
+        and not any(_is_lobe_of(t, tracks[k], band) for k in near)
     ]
     even = all(abs(k - round(k)) * lag < TWICE * band.length_us * max(round(k), 1) for k in order)
     if not even:
@@ -148,7 +171,7 @@ def _again(track: Track, front_us: Floats, ok: Bools, band: Band) -> bool:
     late = AT_FRONT_US + PULSE_DELAY * band.length_us
     return any(
         -AT_FRONT_US < float(np.median(front_us[both] - track.lag_us[both] / times)) < late
-        for times in (1, 2, 3)
+        for times in range(1, 7)
     )
 
 
@@ -188,22 +211,28 @@ def _is_alone(
 ) -> bool:
     """Return whether an early weak echo is the only one that is not explained, and a lobe.
 
-    Behind the second arrival of the front by way of the probe a lobe has the level that it has
-    behind the first; a back wall has twice that, for there are two ways that are as long.
+    Only the front's second arrival by way of the probe is louder, and there is no multiple.
     """
     louder = [t for t in foreign if t.typical_level > LONE_LEVEL * track.typical_level]
     if wanders or not is_early_and_weak(track, band) or not louder:
         return False
     rest = [t for t in tracks if t is not track]
-    if _has_multiples(track, [], rest, band):
-        return False
-    for second in louder:
-        for t in rest:
+    return not _has_multiples(track, [], rest, band)
+
+
+def _comes_twice(track: Track, tracks: list[Track], foreign: list[Track], band: Band) -> bool:
+    """Return whether an echo is twice as strong behind the second arrival of the front.
+
+    A lobe has the same level behind both; a back wall twice that, for it is passed on the first
+    or on the second way.
+    """
+    for second in foreign:
+        for t in tracks:
             if abs(t.typical_us - second.typical_us - track.typical_us) < TWICE * band.length_us:
                 again = t.typical_level / second.typical_level
-                if again > DOUBLE * track.typical_level:
-                    return False
-    return True
+                if DOUBLE * track.typical_level < again < 3.0 * track.typical_level:
+                    return True
+    return False
 
 
 def _is_lobe_of(track: Track, main: Track, band: Band) -> bool:

@@ -117,7 +117,13 @@ def find_back(
     cleaner = same and still.typical_level > 0.8 * plain.typical_level
     lobe = is_early_and_weak(plain, band) and still.typical_level > 0.5 * plain.typical_level
     lobe = lobe and steadiness(still, near, recorded.positions_mm, band)[1]
-    return still if cleaner or lobe else plain
+    # what is left of a front that was cut off is alike in all scans too
+    rest = plain.typical_us < LOCKED_REACH * band.length_us and least_us > band.length_us
+    rest = rest and still.typical_level > plain.typical_level
+    earlier = still.typical_us < plain.typical_us - band.length_us
+    earlier = earlier and still.typical_level > 0.5 * plain.typical_level
+    earlier = earlier and not is_early_and_weak(still, band)
+    return still if cleaner or lobe or rest or earlier else plain
 
 
 def _compressed(lines: Complexes, front: FrontEchoes, sampling_mhz: float, band: Band) -> Complexes:
