@@ -109,7 +109,8 @@ def _is_foreign(
         return again
     lag, front = track.lag_us[both], front_us[both]
     # a wedge behind a tilted plate goes with the front too: only what is not a plane tells
-    place = np.arange(len(front_us))[:, None] if positions_mm is None else positions_mm
+    order = np.arange(len(front_us), dtype=np.float64)[:, None]
+    place = order if positions_mm is None else positions_mm
     lag, front = _bent(lag, place[both]), _bent(front, place[both])
     if _spread(front) < MOVES_US:
         return again

@@ -25,6 +25,7 @@ OFF_COST = 0.05  # likeness that a scan off its neighbours by a cycle must have 
 LOSSES = np.linspace(0.0, 3.0, 61)  # Np per MHz tried for the way through the plate
 MOST_TURN = 0.5 * np.pi  # of the phase, from a piston's near field to its far field
 TURN_COST = 0.005  # likeness that the whole of it must bring
+BEYOND = 0.5  # of the range of lags that were followed
 MOST_GAIN = 5.0  # by which a loss is taken back
 MAX_RESHAPE_NP = 0.7
 
@@ -117,6 +118,10 @@ def refine_back(
     inside = centers < lines.shape[1] - round(0.5 * band.length_us * sampling_mhz)
     heard = front.ok & inside & (snr > LEAST_SNR)
     sure = heard & (aligned.likeness > ALIKE) & (used | (aligned.likeness > 0.75))
+    # where the echo was not followed to, neighbours may have pointed anywhere
+    low, high = np.quantile(lag[used], (0.02, 0.98))
+    reach = max(band.length_us, BEYOND * (high - low))
+    sure &= used | ((found > low - reach) & (found < high + reach))
     # bound of a coherent estimate: bandwidth times time is about 1, both echoes have noise
     sigma = np.hypot(1.0 / np.maximum(snr, 1.0), noise) / (2.0 * np.pi * band.centre_mhz)
     return BackEchoes(

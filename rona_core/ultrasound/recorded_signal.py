@@ -25,6 +25,7 @@ RAIL = 0.985  # of the extreme value, from which on a flat run counts as clipped
 FLAT_RUN = 3  # samples
 MAX_LOST = 400  # clipped samples put right at once
 SPIKE = 10.0  # over the usual jump from sample to sample outside the band
+SPIKE_OUTSIDE = 0.5  # over what is inside the band
 SPIKE_CYCLES = 0.12  # on either side
 MOST_SPIKES = 0.1  # of a line; with more of them it is not spikes
 NOISE_SHARE = 1e-4  # of the power, so that the restoration stays finite
@@ -188,15 +189,18 @@ def restore_clipped(rf: Floats, clipped: Bools, sampling_mhz: float, band: Band)
 def find_spikes(rf: Floats, clipped: Bools, sampling_mhz: float, band: Band) -> Bools:
     """Return which samples (n, samples) are of short disturbances that no band contains.
 
-    What is outside the band jumps there by far more than it usually does, and by no less than
-    what is inside; the onset of an echo has something outside too, but less than inside.
+    What is outside the band jumps there by far more than it usually does, and by half as much as
+    what is inside at least; the onset of an echo has something outside too, but less.
     """
     z = analytic(rf, sampling_mhz, band)
     reach = max(3, round(band.length_us * sampling_mhz))
     jump = np.abs(np.diff(rf - z.real, axis=1, prepend=(rf - z.real)[:, :1]))
+    # what is counted in few steps often does not change at all
+    steps = np.diff(np.unique(rf[:: max(1, len(rf) // 50)]))
     usual = np.median(jump, axis=1)[:, None] / 0.6745
+    usual = np.maximum(usual, steps.min()) if len(steps) else usual
     inside = maximum_filter1d(np.abs(z), reach, axis=1)
-    spikes = (jump > SPIKE * usual) & (jump > inside) & (usual > 0)
+    spikes = (jump > SPIKE * usual) & (jump > SPIKE_OUTSIDE * inside) & (usual > 0)
     # a spike jumps up and down again
     width = 2 * max(1, round(SPIKE_CYCLES * sampling_mhz / band.centre_mhz)) + 1
     wide = maximum_filter1d(spikes.astype(np.int8), width, axis=1) > 0
