@@ -49,7 +49,7 @@ def session_bytes(session: Session) -> bytes:
     members: dict[str, bytes] = {}
     first: dict[str, str] = {}  # digest of a member -> its name
     copies: dict[str, str] = {}  # array that equals another -> that other
-    recipes: dict[str, Recipe] = {}  # packed array -> how to unpack it
+    recipes: dict[str, Any] = {}  # packed array -> how to unpack it
     for name, array in sorted(arrays.items()):
         blob = _npy(array)
         known = first.setdefault(hashlib.sha256(blob).hexdigest(), name)
@@ -58,8 +58,8 @@ def session_bytes(session: Session) -> bytes:
         elif (packing := pack(array)) is None:
             members[f"arrays/{name}.npy"] = blob
         else:
-            stored, recipes[name] = packing
-            members[f"packed/{name}.npy"] = _npy(stored)
+            members[f"packed/{name}.npy"] = _npy(packing[0])
+            recipes[name] = encode(packing[1], name, {})
     members["commands.jsonl"] = "".join(
         json.dumps(entry, sort_keys=True, allow_nan=False) + "\n" for entry in log
     ).encode()
@@ -166,14 +166,15 @@ def session_from_bytes(data: bytes, name: str = "upload") -> Session:
     manifest = migrate(manifest)
     document, copies = manifest.get("session"), manifest.get("copies", {})
     recipes = manifest.get("packed", {})
-    if not all(isinstance(part, dict) for part in (document, copies, recipes)):
+    if not (isinstance(document, dict) and isinstance(copies, dict) and isinstance(recipes, dict)):
         raise SessionFormatError(f"{name}: its manifest holds no session")
     arrays: Arrays = {}
     for member in contents.keys() - {"commands.jsonl"}:
         folder, _, array = member.removesuffix(".npy").partition("/")
         stored = _load_npy(contents[member], member)
-        packed = folder == "packed"
-        arrays[array] = unpack(stored, recipes.get(array), member) if packed else stored
+        if folder == "packed":
+            stored = unpack(stored, decode(recipes.get(array), Recipe, {}, member), member)
+        arrays[array] = stored
     for copy, known in copies.items():
         if not isinstance(known, str) or known not in arrays:
             raise SessionFormatError(f"{name}: the array {known!r} that {copy!r} copies is missing")

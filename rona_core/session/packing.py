@@ -6,6 +6,8 @@ their sign moves into the lowest bit, and equal bytes of all values come to lie 
 deflate finds them. Noise of a converter or of a tracker cannot become smaller than its entropy.
 """
 
+import math
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -13,7 +15,6 @@ from numpy.typing import NDArray
 
 from rona_core.errors import SessionFormatError
 
-Recipe = dict[str, Any]  # plain JSON values: how to unpack
 Integers = NDArray[Any]
 SMALLEST_BYTES = 512  # smaller arrays are left as they are
 N_TAPS = 8  # samples before that foretell a sample
@@ -21,6 +22,17 @@ TAP_SHIFT = 10  # a filter weight of 1 is 2**10
 MAX_TAPS = 64
 FIT_LINES = 128  # of a record, enough to find its filter
 DTYPES = tuple(f"<{kind}{size}" for kind in "fiu" for size in (2, 4, 8))
+
+
+@dataclass(frozen=True, slots=True)
+class Recipe:
+    """How to unpack an array."""
+
+    dtype: str
+    shape: tuple[int, ...]
+    axis: int | None = None  # along which differences stand, None for values as they are
+    taps: tuple[int, ...] = ()  # weights of the samples before, nearest first, in 1/1024
+    step: int = 1  # of the converter, in whole numbers
 
 
 def pack(array: NDArray[Any]) -> tuple[NDArray[np.uint8], Recipe] | None:
@@ -31,44 +43,44 @@ def pack(array: NDArray[Any]) -> tuple[NDArray[np.uint8], Recipe] | None:
     kind = array.dtype.str
     if kind not in DTYPES or array.nbytes < SMALLEST_BYTES:
         return None
-    recipe: Recipe = {"dtype": kind, "shape": list(array.shape)}
     if array.dtype == np.int16 and array.ndim == 2 and array.shape[1] > N_TAPS:
         steps = array.astype(np.int32)
         step = max(1, int(np.gcd.reduce(steps, axis=None)))
         steps //= step
         taps = _filter_of(steps)
-        recipe |= {"step": step, "taps": taps}
+        recipe = Recipe(kind, array.shape, taps=taps, step=step)
         rest = (steps - _foretold(steps, taps)).astype(np.int16)
     else:
         bits = array.view(f"<i{array.itemsize}")
         axis = _best_axis(bits)
+        recipe = Recipe(kind, array.shape, axis=axis)
         rest = bits
         if axis is not None:
-            recipe["axis"] = axis
             rest = np.diff(bits, axis=axis, prepend=np.zeros_like(bits.take([0], axis=axis)))
     folded = _folded(rest)
     return np.ascontiguousarray(folded.reshape(-1, 1).view(np.uint8).T), recipe
 
 
-def unpack(stored: NDArray[Any], recipe: Any, where: str) -> NDArray[Any]:
+def unpack(stored: NDArray[Any], recipe: Recipe, where: str) -> NDArray[Any]:
     """Return the array that ``pack`` was given, to the bit.
 
     Raises:
         SessionFormatError: recipe and bytes do not belong together.
     """
-    kind, shape, axis, step, taps = _checked(stored, recipe, where)
-    folded = np.ascontiguousarray(stored.T).view(f"<u{kind[2]}")
-    rest = _unfolded(folded.reshape(shape))
-    if taps is not None:
-        return (_rebuilt(rest, taps) * np.int32(step)).astype(kind)
-    if axis is not None:
-        rest = np.cumsum(rest, axis=axis, dtype=rest.dtype)
-    return np.ascontiguousarray(rest).view(kind)
+    if not _fits(stored, recipe):
+        raise SessionFormatError(f"{where}: its bytes are not packed in the way that is said")
+    folded = np.ascontiguousarray(stored.T).view(f"<u{recipe.dtype[2]}")
+    rest = _unfolded(folded.reshape(recipe.shape))
+    if recipe.taps:
+        return (_rebuilt(rest, recipe.taps) * np.int32(recipe.step)).astype(recipe.dtype)
+    if recipe.axis is not None:
+        rest = np.cumsum(rest, axis=recipe.axis, dtype=rest.dtype)
+    return np.ascontiguousarray(rest).view(recipe.dtype)
 
 
 def _best_axis(bits: Integers) -> int | None:
     """Return the axis along which differences need the fewest bits, None for no difference."""
-    need = {None: _bits(bits)}
+    need: dict[int | None, float] = {None: _bits(bits)}
     for axis in range(bits.ndim):
         if bits.shape[axis] > 1:
             need[axis] = _bits(np.diff(bits, axis=axis))
@@ -90,17 +102,17 @@ def _unfolded(folded: Integers) -> Integers:
     return (folded >> 1).view(signed) ^ -(folded & 1).view(signed)
 
 
-def _filter_of(lines: NDArray[np.int32]) -> list[int]:
+def _filter_of(lines: NDArray[np.int32]) -> tuple[int, ...]:
     """Return the weights that foretell a sample from those before it best, nearest first."""
     some = lines[:: max(1, len(lines) // FIT_LINES)].astype(np.float64)
     n = some.shape[1]
     before = np.stack([some[:, N_TAPS - k : n - k] for k in range(1, N_TAPS + 1)], axis=-1)
     weights = np.linalg.lstsq(before.reshape(-1, N_TAPS), some[:, N_TAPS:].ravel(), rcond=None)[0]
     limit = 2**15 - 1
-    return [int(w) for w in np.clip(np.rint(weights * 2**TAP_SHIFT), -limit, limit)]
+    return tuple(int(w) for w in np.clip(np.rint(weights * 2**TAP_SHIFT), -limit, limit))
 
 
-def _foretold(lines: NDArray[np.int32], taps: list[int]) -> NDArray[np.int32]:
+def _foretold(lines: NDArray[np.int32], taps: tuple[int, ...]) -> NDArray[np.int32]:
     """Return what the filter expects of each sample; silence goes before the first."""
     total = np.full_like(lines, 2 ** (TAP_SHIFT - 1))
     for k, tap in enumerate(taps, start=1):
@@ -108,7 +120,7 @@ def _foretold(lines: NDArray[np.int32], taps: list[int]) -> NDArray[np.int32]:
     return total >> TAP_SHIFT
 
 
-def _rebuilt(rest: Integers, taps: list[int]) -> NDArray[np.int32]:
+def _rebuilt(rest: Integers, taps: tuple[int, ...]) -> NDArray[np.int32]:
     """Return the samples whose remainders are ``rest``; time runs along the last axis."""
     n_taps, (n_lines, n) = len(taps), rest.shape
     samples = np.zeros((n_taps + n, n_lines), dtype=np.int32)  # time first, silence before it
@@ -119,35 +131,13 @@ def _rebuilt(rest: Integers, taps: list[int]) -> NDArray[np.int32]:
     return np.ascontiguousarray(samples[n_taps:].T)
 
 
-def _checked(
-    stored: NDArray[Any], recipe: Any, where: str
-) -> tuple[str, tuple[int, ...], int | None, int, list[int] | None]:
-    """Return dtype, shape, axis, step and weights of a recipe that fits the bytes."""
-
-    def whole(value: Any, low: int, high: int) -> bool:
-        return type(value) is int and low <= value <= high
-
-    def wholes(values: Any, low: int, high: int) -> bool:
-        return isinstance(values, list) and all(whole(v, low, high) for v in values)
-
-    if not isinstance(recipe, dict) or recipe.keys() - {"dtype", "shape", "axis", "step", "taps"}:
-        raise SessionFormatError(f"{where}: it is not said how its values are packed")
-    kind, shape, axis = recipe.get("dtype"), recipe.get("shape"), recipe.get("axis")
-    step, taps = recipe.get("step", 1), recipe.get("taps")
-    fits = kind in DTYPES and wholes(shape, 0, 2**40) and len(shape) > 0
-    fits = fits and stored.dtype == np.uint8 and stored.ndim == 2
-    fits = fits and stored.shape[0] == int(kind[2]) and stored.shape[1] == _count(shape)
-    fits = fits and (axis is None or whole(axis, 0, len(shape) - 1))
-    if taps is not None:
-        fits = fits and kind == "<i2" and len(shape) == 2 and wholes(taps, -(2**15), 2**15)
-        fits = fits and 0 < len(taps) <= min(MAX_TAPS, shape[1] - 1) and whole(step, 1, 2**15)
-    if not fits:
-        raise SessionFormatError(f"{where}: its bytes are not packed in the way that is said")
-    return kind, tuple(shape), axis, step, taps
-
-
-def _count(shape: list[int]) -> int:
-    count = 1
-    for length in shape:
-        count *= length
-    return count
+def _fits(stored: NDArray[Any], recipe: Recipe) -> bool:
+    shape, taps = recipe.shape, recipe.taps
+    if recipe.dtype not in DTYPES or not shape or min(shape) < 0:
+        return False
+    if stored.dtype != np.uint8 or stored.shape != (int(recipe.dtype[2]), math.prod(shape)):
+        return False
+    if not taps:
+        return recipe.axis is None or 0 <= recipe.axis < len(shape)
+    sampled = recipe.dtype == "<i2" and len(shape) == 2 and len(taps) <= min(MAX_TAPS, shape[1])
+    return sampled and max(map(abs, taps)) <= 2**15 and 1 <= recipe.step <= 2**15

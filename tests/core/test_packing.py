@@ -1,6 +1,7 @@
 """Packing loses no bit, makes what can be foretold small, and refuses what does not fit."""
 
 import zlib
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -37,7 +38,7 @@ def test_any_array_comes_back_to_the_bit(array):
 def test_any_record_of_a_converter_comes_back_to_the_bit(samples, step):
     record = (samples.astype(np.int32) * step).astype(np.int16)
     stored, recipe = pack(record)
-    assert recipe["step"] % step == 0 or not record.any()
+    assert recipe.step % step == 0 or not record.any()
     assert same_bits(unpack(stored, recipe, "here"), record)
 
 
@@ -70,7 +71,7 @@ def test_what_changes_slowly_is_differenced_along_the_axis_where_it_does():
     slow = columns + 1e-9 * rng.random((4000, 3))
     for array, axis in ((slow, 0), (np.ascontiguousarray(slow.T), 1)):
         stored, recipe = pack(array)
-        assert recipe["axis"] == axis
+        assert recipe.axis == axis
         assert len(zlib.compress(stored.tobytes())) < 0.85 * len(zlib.compress(array.tobytes()))
 
 
@@ -87,21 +88,18 @@ RECORD = np.arange(600, dtype=np.int16).reshape(10, 60)
     [
         {"dtype": "|O"},
         {"dtype": "<f8"},
-        {"dtype": None},
-        {"shape": [10, 61]},
-        {"shape": [-10, -60]},
-        {"shape": []},
-        {"shape": [600]},
-        {"shape": 600},
-        {"axis": 2},
-        {"taps": []},
-        {"taps": [1] * 60},
-        {"taps": [2**40]},
-        {"taps": [0.5]},
+        {"dtype": "<f2"},
+        {"dtype": ""},
+        {"shape": (10, 61)},
+        {"shape": (-10, -60)},
+        {"shape": ()},
+        {"shape": (600,)},
+        {"axis": 2, "taps": ()},
+        {"axis": -1, "taps": ()},
+        {"taps": (1,) * 61},
+        {"taps": (2**40,)},
         {"step": 0},
         {"step": 2**20},
-        {"step": True},
-        {"more": 1},
     ],
     ids=str,
 )
@@ -109,13 +107,7 @@ def test_a_recipe_that_does_not_fit_is_refused(wrong):
     stored, recipe = pack(RECORD)
     assert same_bits(unpack(stored, recipe, "here"), RECORD)
     with pytest.raises(SessionFormatError, match="here"):
-        unpack(stored, {**recipe, **wrong}, "here")
-
-
-@pytest.mark.parametrize("recipe", [None, [], "<f8", {}])
-def test_bytes_without_a_recipe_are_refused(recipe):
-    with pytest.raises(SessionFormatError, match="here"):
-        unpack(pack(RECORD)[0], recipe, "here")
+        unpack(stored, replace(recipe, **wrong), "here")
 
 
 @pytest.mark.parametrize("stored", [np.zeros(1200, np.uint8), np.zeros((2, 600), np.int8)])
