@@ -26,6 +26,7 @@ from rona_core.errors import NotFoundError, SessionFormatError
 from rona_core.session.codec import Arrays, decode, encode
 from rona_core.session.document import Session
 from rona_core.session.migrate import SCHEMA, migrate
+from rona_core.session.packing import Recipe, pack, unpack
 
 FORMAT = "rona-session"
 SUFFIX = ".rona"
@@ -35,7 +36,7 @@ MAX_RATIO = 200  # unpacked over packed, for files that unpack to more than FREE
 FREE_BYTES = 64 * 1024**2
 PACKINGS = (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED)
 NPY_VERSION = (1, 0)
-MEMBER_NAME = re.compile(r"manifest\.json|commands\.jsonl|arrays/[\w-]+(/[\w-]+)*\.npy")
+MEMBER_NAME = re.compile(r"manifest\.json|commands\.jsonl|(arrays|packed)/[\w-]+(/[\w-]+)*\.npy")
 UNITS = {"length": "mm", "angle": "rad", "time": "s", "ultrasound_time": "us", "force": "N"}
 NAMING = "T_a_b is the pose of frame b in frame a; points_a are coordinates in frame a"
 
@@ -48,13 +49,17 @@ def session_bytes(session: Session) -> bytes:
     members: dict[str, bytes] = {}
     first: dict[str, str] = {}  # digest of a member -> its name
     copies: dict[str, str] = {}  # array that equals another -> that other
+    recipes: dict[str, Any] = {}  # packed array -> how to unpack it
     for name, array in sorted(arrays.items()):
         blob = _npy(array)
         known = first.setdefault(hashlib.sha256(blob).hexdigest(), name)
-        if known == name:
+        if known != name:
+            copies[name] = known
+        elif (packing := pack(array)) is None:
             members[f"arrays/{name}.npy"] = blob
         else:
-            copies[name] = known
+            members[f"packed/{name}.npy"] = _npy(packing[0])
+            recipes[name] = encode(packing[1], name, {})
     members["commands.jsonl"] = "".join(
         json.dumps(entry, sort_keys=True, allow_nan=False) + "\n" for entry in log
     ).encode()
@@ -68,6 +73,7 @@ def session_bytes(session: Session) -> bytes:
         "session": document,
         "sha256": digests,
         "copies": copies,
+        "packed": recipes,
     }
     text = json.dumps(manifest, sort_keys=True, indent=1, allow_nan=False).encode()
     buffer = io.BytesIO()
@@ -159,13 +165,16 @@ def session_from_bytes(data: bytes, name: str = "upload") -> Session:
     _check_digests(manifest, contents, name)
     manifest = migrate(manifest)
     document, copies = manifest.get("session"), manifest.get("copies", {})
-    if not isinstance(document, dict) or not isinstance(copies, dict):
+    recipes = manifest.get("packed", {})
+    if not (isinstance(document, dict) and isinstance(copies, dict) and isinstance(recipes, dict)):
         raise SessionFormatError(f"{name}: its manifest holds no session")
-    arrays = {
-        member.removeprefix("arrays/").removesuffix(".npy"): _load_npy(blob, member)
-        for member, blob in contents.items()
-        if member.startswith("arrays/")
-    }
+    arrays: Arrays = {}
+    for member in contents.keys() - {"commands.jsonl"}:
+        folder, _, array = member.removesuffix(".npy").partition("/")
+        stored = _load_npy(contents[member], member)
+        if folder == "packed":
+            stored = unpack(stored, decode(recipes.get(array), Recipe, {}, member), member)
+        arrays[array] = stored
     for copy, known in copies.items():
         if not isinstance(known, str) or known not in arrays:
             raise SessionFormatError(f"{name}: the array {known!r} that {copy!r} copies is missing")

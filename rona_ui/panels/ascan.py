@@ -9,6 +9,7 @@ from rona_ui.panels import style
 from rona_ui.panels.ascan_graph import BANDS, HIGH, KEY, LOW, SERIES, ascan_data, axis
 from rona_ui.panels.boundary_hand import BoundaryHand
 from rona_ui.panels.door import Door, follow
+from rona_ui.panels.graphs import PADDING
 from rona_ui.panels.scan_slider import ScanSlider
 from rona_ui.view_state import Picture, ViewState
 
@@ -114,6 +115,7 @@ class AScanPanel:
                 legend={"show": False},
                 cursor={"drag": {"x": True, "y": False}},
                 height=210,
+                padding=PADDING,
             )
 
 

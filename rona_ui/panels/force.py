@@ -10,7 +10,7 @@ from rona_core.app.force_view import ForceCurve, force_curve, live_force
 from rona_core.arrays import Floats
 from rona_ui.panels import style
 from rona_ui.panels.door import Door, follow
-from rona_ui.panels.graphs import GRID, INK
+from rona_ui.panels.graphs import GRID, INK, PADDING
 from rona_ui.scene.colors import CATEGORIES, GREEN, VERMILLION, css
 from rona_ui.view_state import Picture
 
@@ -103,7 +103,8 @@ class ForcePanel:
                 axes=(_axis(curve.axis), _axis("force (N)")),
                 legend={"show": False},
                 cursor={"drag": {"x": True, "y": False}},
-                height=250,
+                height=215,
+                padding=PADDING,
             )
 
 

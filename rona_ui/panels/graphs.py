@@ -17,6 +17,7 @@ JOINTS = ("All, share of range", *(f"Joint {j}" for j in range(1, 7)))
 GRID = {"stroke": "#e3e8ed", "width": 1}
 INK = "#3e4c59"
 BELOW = 3.0  # graph heights
+PADDING = (8, 14, 0, 0)  # pixels above and to the right, for the last numbers of the axes
 SHADE = "rgba(213,94,0,0.20)"
 
 
@@ -106,6 +107,7 @@ class JointsPanel:
                 legend={"show": False},
                 cursor={"drag": {"x": True, "y": False}},
                 height=250,
+                padding=PADDING,
             )
 
 

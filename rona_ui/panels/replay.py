@@ -70,8 +70,8 @@ class ReplayPanel:
         elif shows_roll(new):
             place = place_of_roll(new.session, new.view.shown_roll, new.view.place)
             words = (
-                f"The robot is drawn at {100.0 * place:.0f} % of the path with the roll that is "
-                f"shown, not where it stands. The planned motion takes {times[0]:.1f} s."
+                f"Drawn: the roll that is looked at, at {100.0 * place:.0f} % of the path. "
+                f"Play shows the planned motion of {times[0]:.1f} s."
             )
         elif cursor is None:
             words = f"Live. The planned motion takes {times[0]:.1f} s."

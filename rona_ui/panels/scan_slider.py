@@ -186,9 +186,11 @@ def _write_depths(image: NDArray[np.uint8], picture: ScanPicture, marks: ScanMar
         top = int(row) - 5 * DOT // 2
         if top < 0 or top + 5 * DOT > len(image) - STRIP_PX * FINE:
             continue
-        image[row : row + FINE, : 4 * DOT] = 255
-        for place, digit in enumerate(f"{depth_mm:.0f}"):
-            left = (5 + 4 * place) * DOT
+        digits = f"{depth_mm:.0f}"
+        tick = (3 + 4 * len(digits)) * DOT  # behind the number: before it, it would be a minus
+        image[row : row + FINE, tick : tick + 3 * DOT] = 255
+        for place, digit in enumerate(digits):
+            left = (2 + 4 * place) * DOT
             glyph = np.array([[c == "#" for c in line] for line in DIGITS[int(digit)]])
             cell = image[top - DOT : top + 6 * DOT, left - DOT : left + 4 * DOT]
             cell[:] = cell // 3

@@ -11,7 +11,7 @@ from rona_ui.panels.door import Door, listen
 from rona_ui.panels.form import Form
 from rona_ui.panels.step_panel import stopped_note
 from rona_ui.scene.colors import SKY, css, viridis_css
-from rona_ui.scene.second import top_deg
+from rona_ui.scene.second import path_drawn, top_deg
 from rona_ui.view_state import Picture
 
 EXPLANATION = (
@@ -56,7 +56,12 @@ class SecondFolder:
 
     def render(self, old: Picture | None, new: Picture) -> None:
         """Follow maps, plan and scan of the gaps."""
-        if old is not None and old.session is new.session and old.busy == new.busy:
+        if (
+            old is not None
+            and old.session is new.session
+            and old.busy == new.busy
+            and old.view.second == new.view.second
+        ):
             return
         self._form.enable(not new.busy)
         self._window.visible = new.session.results.maps is not None
@@ -88,7 +93,8 @@ def words(picture: Picture, view: SecondView | None, scanned: bool) -> str:
             html += style.note(f"{told}. Stale: {view.stale}. Plan it again.", "warn")
         else:
             html += style.note(f"{told}; it takes {view.duration_s or 0.0:.0f} s.")
-        html += lean_bar(view)
+        if path_drawn(picture):
+            html += lean_bar(view) + style.key(((css(SKY), "its path"),))
     capture = session.captures.second
     if capture is None:
         return html
@@ -101,12 +107,11 @@ def words(picture: Picture, view: SecondView | None, scanned: bool) -> str:
             "them.",
             "warn",
         )
-    html += style.note(
+    return html + style.note(
         f"Inner coverage {100 * cells.before:.0f} % before, {100 * cells.after:.0f} % with the "
         f"second pass ({len(capture.scans)} A-scans). White dots: cells that only it saw.",
         "good",
     )
-    return html + style.key(((css(SKY), "its path"),))
 
 
 def lean_bar(view: SecondView) -> str:

@@ -67,7 +67,7 @@ def _room(name: str, backdrop: Backdrop) -> tuple[Vector3, Vector3]:
     if name == "Roll":
         return center + np.array([150.0, -225.0, 270.0]), center + np.array([-15.0, 0.0, 15.0])
     if name == "Scan":
-        return center + np.array([230.0, -335.0, 225.0]), center + np.array([-35.0, 0.0, 45.0])
+        return center + np.array([185.0, -300.0, 300.0]), center + np.array([-35.0, 0.0, 40.0])
     if name == "Top":
         return center + np.array([-1.0, 0.0, 620.0]), center
     if name == "Left":

@@ -15,6 +15,7 @@ from rona_ui.scene.metres import Stage
 from rona_ui.view_state import Picture
 
 SCAN, NOW = "/scan/points", "/scan/now"
+LIFT_MM = 1.5  # of the places of A-scans, so that the skull does not hide them
 
 
 class MapLayer(Layer):
@@ -69,7 +70,8 @@ class ScanLayer(Layer):
         redrawn = old is None or _scan_key(old) != _scan_key(new)
         moved = old is None or old.scan_cursor != new.scan_cursor
         if redrawn or moved:
-            places = scan_places(new)
+            lift = 0.0 if new.backdrop is None else LIFT_MM * new.backdrop.region_normal_base
+            places = scan_places(new) + lift
             if redrawn:
                 self._draw_points(places, new, new.scan)
             number = None
@@ -88,7 +90,7 @@ class ScanLayer(Layer):
         if detected is not None:
             found = detected.inner_ok[:, None]
             colors = np.where(found, GREEN, VERMILLION).astype(np.uint8)
-        self.stage.cloud(SCAN, places, colors, size_mm=1.3)
+        self.stage.cloud(SCAN, places, colors, size_mm=1.6)
 
 
 def scan_places(picture: Picture) -> Floats:
@@ -109,6 +111,7 @@ def scan_places(picture: Picture) -> Floats:
 def _scan_key(picture: Picture) -> tuple[object, ...]:
     """Return what tells one drawing of the points from another."""
     session, results, scan = picture.session, picture.session.results, picture.scan
-    of_hand = (id(results.tool), id(results.sono), id(picture.backdrop)) if scan == "hand" else ()
+    of_hand = (id(results.tool), id(results.sono)) if scan == "hand" else ()
     found = getattr(results, DETECTIONS[scan])
-    return id(capture_of(session, scan)), id(found), id(session.boundary_edits), scan, *of_hand
+    drawn = id(capture_of(session, scan)), id(found), id(picture.backdrop)
+    return *drawn, id(session.boundary_edits), scan, *of_hand

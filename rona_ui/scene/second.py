@@ -37,9 +37,8 @@ class SecondLayer(Layer):
             cells = second_cells(new.session)
             points = np.zeros((0, 3)) if cells is None else cells.points_base + lift
             self.stage.cloud(CELLS, points, WHITE, size_mm=CELL_MM)
-        looked_at = new.view.second or second_cells_open(new)
         for node in (PATH, *(f"{AXES}{shade}" for shade in range(SHADES))):
-            self.stage.show(node, self.shown(new) and looked_at)
+            self.stage.show(node, self.shown(new) and path_drawn(new))
         self.stage.show(CELLS, self.shown(new) and new.view.shows("inner"))
 
     def _draw_path(self, view: SecondView | None) -> None:
@@ -54,9 +53,9 @@ class SecondLayer(Layer):
             self.stage.lines(f"{AXES}{shade}", pairs, (r, g, b), width_px=2.0)
 
 
-def second_cells_open(picture: Picture) -> bool:
-    """Return whether the gaps are still to be scanned, so that the path is what matters."""
-    return picture.session.captures.second is None
+def path_drawn(picture: Picture) -> bool:
+    """Return whether that pass is looked at or still to be scanned, so that its path matters."""
+    return picture.view.second or picture.session.captures.second is None
 
 
 def _every(view: SecondView) -> slice:

@@ -4,9 +4,12 @@ from pathlib import Path
 
 import pytest
 
+from rona_core.app.derive_scan import derive_detection, derive_second_detection
+from rona_core.app.plain import message_from
 from rona_core.app.queries import step_states
 from rona_core.app.replay import replay
-from rona_core.session.files import load_session
+from rona_core.session.codec import digest
+from rona_core.session.files import load_session, session_bytes, session_from_bytes
 
 DEMO = Path(__file__).parents[2] / "sessions" / "demo.rona"
 REMEDY = "make it anew: make demo-session"
@@ -23,6 +26,32 @@ def session():
 
 def test_all_steps_of_the_demo_session_are_done(session):
     assert [state.state for state in step_states(session)] == ["done"] * 9
+
+
+@pytest.fixture(scope="module")
+def packed(session):
+    return session_bytes(session)
+
+
+def test_the_demo_session_packs_close_to_the_noise_that_it_holds(session, packed):
+    """10 MB: 4.7 of A-scans, whose noise alone is 4.1, and 4.2 of poses, joints and plans."""
+    assert len(packed) < 10e6
+    assert session_bytes(session_from_bytes(packed)) == packed
+
+
+@pytest.mark.parametrize(
+    ("name", "derive"),
+    [
+        ("detection", derive_detection),
+        pytest.param("second_detection", derive_second_detection, marks=pytest.mark.slow),
+    ],
+)
+def test_a_packed_file_gives_the_very_same_detection(session, packed, name, derive):
+    back = session_from_bytes(packed)
+    assert digest(back) == digest(session)
+    stored = getattr(session.results, name)
+    message = message_from(stored.message, dict(stored.arguments))
+    assert digest(derive(back, message)) == digest(derive(session, message))
 
 
 @pytest.mark.slow

@@ -48,6 +48,11 @@ def rewritten(data: bytes, change) -> bytes:
     return out.getvalue()
 
 
+def names_in(data: bytes) -> list[str]:
+    with zipfile.ZipFile(io.BytesIO(data)) as archive:
+        return archive.namelist()
+
+
 def with_manifest(data: bytes, change) -> bytes:
     def edit(members):
         manifest = json.loads(members["manifest.json"])
@@ -63,6 +68,17 @@ def test_saving_and_loading_gives_the_same_document_and_the_same_bytes(tmp_path)
     back = load_session(path)
     assert digest(back) == digest(original)
     assert session_bytes(back) == path.read_bytes() == session_bytes(original)
+
+
+def test_a_file_of_before_packing_loads(monkeypatch):
+    original = session()
+    assert any(name.startswith("packed/") for name in names_in(session_bytes(original)))
+    monkeypatch.setattr(files, "pack", lambda array: None)
+    plain = session_bytes(original)
+    assert not any(name.startswith("packed/") for name in names_in(plain))
+    assert digest(session_from_bytes(plain)) == digest(original)
+    older = with_manifest(plain, lambda manifest: manifest.pop("packed"))
+    assert digest(session_from_bytes(older)) == digest(original)
 
 
 def test_the_last_good_file_is_kept(tmp_path):
@@ -178,6 +194,8 @@ STRANGE = {
     "no session": lambda m: m.pop("session"),
     "a list as session": lambda m: m.update(session=[1]),
     "copies in a list": lambda m: m.update(copies=[1]),
+    "recipes in a list": lambda m: m.update(packed=[1]),
+    "no recipes": lambda m: m.update(packed={}),
     "a copy of nothing": lambda m: m.update(copies={"a": ["b"]}),
     "an id that leads elsewhere": of_session(id="../../elsewhere"),
     "the id of the alias": of_session(id="current"),

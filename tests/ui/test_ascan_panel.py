@@ -273,3 +273,12 @@ def test_the_scene_shows_the_leaning_path_while_it_matters_and_the_cells_it_brou
     assert (stage.seen[PATH], stage.drawn[CELLS]) == (True, 0)
     draw(demo, ViewState(step="tool", second=True))
     assert not stage.seen[PATH]
+
+
+def test_the_legend_of_the_second_path_is_there_when_the_path_is(demo: Session) -> None:
+    desk = Desk(MapsPanel, demo, ViewState(step="maps"))
+    assert "Inner coverage" in shown(desk)
+    assert "Lean of the probe" not in shown(desk)
+    desk.view = ViewState(step="maps", second=True)
+    desk.draw()
+    assert "Lean of the probe" in shown(desk)

@@ -17,7 +17,7 @@ from rona_core.geometry.pose import Pose
 from rona_core.session.document import Session
 from rona_core.session.files import load_session
 from rona_ui.panels.ascan import AScanPanel
-from rona_ui.scene.maps import NOW, SCAN, ScanLayer, scan_places
+from rona_ui.scene.maps import LIFT_MM, NOW, SCAN, ScanLayer, scan_places
 from rona_ui.view_state import ViewState
 
 DEMO = Path(__file__).resolve().parents[2] / "sessions" / "demo.rona"
@@ -100,7 +100,9 @@ def test_places_are_drawn_from_the_marker_on_the_base_where_there_is_no_robot(se
     layer = ScanLayer(stage)
     first = picture(session, view=shown_in_scan, backdrop=there)
     layer.render(None, first)
-    np.testing.assert_allclose(stage.clouds[SCAN], T_BASE_MARKER @ poses.translations)
+    above = stage.clouds[SCAN] - T_BASE_MARKER @ poses.translations
+    lift = np.broadcast_to(LIFT_MM * there.region_normal_base, above.shape)
+    np.testing.assert_allclose(above, lift, atol=1e-9, err_msg="or the skull hides them")
     np.testing.assert_allclose(stage.clouds[NOW], stage.clouds[SCAN][:1])
     assert stage.seen[NOW]
     moved = replace(first, view=replace(shown_in_scan, hand_cursor=1.0))

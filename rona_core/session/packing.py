@@ -1,0 +1,143 @@
+"""Pack arrays for the file without losing a bit: what the neighbours foretell is not written.
+
+A value is foretold as the one before it along an axis; a sample of a sampled signal by a linear
+filter over the samples before it, as lossless audio does. The remainders are small integers:
+their sign moves into the lowest bit, and equal bytes of all values come to lie side by side, where
+deflate finds them. Noise of a converter or of a tracker cannot become smaller than its entropy.
+"""
+
+import math
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rona_core.errors import SessionFormatError
+
+Integers = NDArray[Any]
+SMALLEST_BYTES = 512  # smaller arrays are left as they are
+N_TAPS = 8  # samples before that foretell a sample
+TAP_SHIFT = 10  # a filter weight of 1 is 2**10
+MAX_TAPS = 64
+FIT_LINES = 128  # of a record, enough to find its filter
+DTYPES = tuple(f"<{kind}{size}" for kind in "fiu" for size in (2, 4, 8))
+
+
+@dataclass(frozen=True, slots=True)
+class Recipe:
+    """How to unpack an array."""
+
+    dtype: str
+    shape: tuple[int, ...]
+    axis: int | None = None  # along which differences stand, None for values as they are
+    taps: tuple[int, ...] = ()  # weights of the samples before, nearest first, in 1/1024
+    step: int = 1  # of the converter, in whole numbers
+
+
+def pack(array: NDArray[Any]) -> tuple[NDArray[np.uint8], Recipe] | None:
+    """Return the bytes of ``array``, (bytes a value, values), and the recipe that unpacks them.
+
+    None: small arrays and those of single bytes are better left as they are.
+    """
+    kind = array.dtype.str
+    if kind not in DTYPES or array.nbytes < SMALLEST_BYTES:
+        return None
+    if array.dtype == np.int16 and array.ndim == 2 and array.shape[1] > N_TAPS:
+        steps = array.astype(np.int32)
+        step = max(1, int(np.gcd.reduce(steps, axis=None)))
+        steps //= step
+        taps = _filter_of(steps)
+        recipe = Recipe(kind, array.shape, taps=taps, step=step)
+        rest = (steps - _foretold(steps, taps)).astype(np.int16)
+    else:
+        bits = array.view(f"<i{array.itemsize}")
+        axis = _best_axis(bits)
+        recipe = Recipe(kind, array.shape, axis=axis)
+        rest = bits
+        if axis is not None:
+            rest = np.diff(bits, axis=axis, prepend=np.zeros_like(bits.take([0], axis=axis)))
+    folded = _folded(rest)
+    return np.ascontiguousarray(folded.reshape(-1, 1).view(np.uint8).T), recipe
+
+
+def unpack(stored: NDArray[Any], recipe: Recipe, where: str) -> NDArray[Any]:
+    """Return the array that ``pack`` was given, to the bit.
+
+    Raises:
+        SessionFormatError: recipe and bytes do not belong together.
+    """
+    if not _fits(stored, recipe):
+        raise SessionFormatError(f"{where}: its bytes are not packed in the way that is said")
+    folded = np.ascontiguousarray(stored.T).view(f"<u{recipe.dtype[2]}")
+    rest = _unfolded(folded.reshape(recipe.shape))
+    if recipe.taps:
+        return (_rebuilt(rest, recipe.taps) * np.int32(recipe.step)).astype(recipe.dtype)
+    if recipe.axis is not None:
+        rest = np.cumsum(rest, axis=recipe.axis, dtype=rest.dtype)
+    return np.ascontiguousarray(rest).view(recipe.dtype)
+
+
+def _best_axis(bits: Integers) -> int | None:
+    """Return the axis along which differences need the fewest bits, None for no difference."""
+    need: dict[int | None, float] = {None: _bits(bits)}
+    for axis in range(bits.ndim):
+        if bits.shape[axis] > 1:
+            need[axis] = _bits(np.diff(bits, axis=axis))
+    return min(need, key=lambda axis: need[axis])
+
+
+def _bits(values: Integers) -> float:
+    return float(np.log2(_folded(values).astype(np.float64) + 1.0).mean())
+
+
+def _folded(values: Integers) -> Integers:
+    """Return integers as unsigned ones, sign in the lowest bit: 0, -1, 1, -2 give 0, 1, 2, 3."""
+    unsigned = values.dtype.str.replace("i", "u")
+    return ((values << 1) ^ (values >> (8 * values.itemsize - 1))).view(unsigned)
+
+
+def _unfolded(folded: Integers) -> Integers:
+    signed = folded.dtype.str.replace("u", "i")
+    return (folded >> 1).view(signed) ^ -(folded & 1).view(signed)
+
+
+def _filter_of(lines: NDArray[np.int32]) -> tuple[int, ...]:
+    """Return the weights that foretell a sample from those before it best, nearest first."""
+    some = lines[:: max(1, len(lines) // FIT_LINES)].astype(np.float64)
+    n = some.shape[1]
+    before = np.stack([some[:, N_TAPS - k : n - k] for k in range(1, N_TAPS + 1)], axis=-1)
+    weights = np.linalg.lstsq(before.reshape(-1, N_TAPS), some[:, N_TAPS:].ravel(), rcond=None)[0]
+    limit = 2**15 - 1
+    return tuple(int(w) for w in np.clip(np.rint(weights * 2**TAP_SHIFT), -limit, limit))
+
+
+def _foretold(lines: NDArray[np.int32], taps: tuple[int, ...]) -> NDArray[np.int32]:
+    """Return what the filter expects of each sample; silence goes before the first."""
+    total = np.full_like(lines, 2 ** (TAP_SHIFT - 1))
+    for k, tap in enumerate(taps, start=1):
+        total[:, k:] += np.int32(tap) * lines[:, :-k]
+    return total >> TAP_SHIFT
+
+
+def _rebuilt(rest: Integers, taps: tuple[int, ...]) -> NDArray[np.int32]:
+    """Return the samples whose remainders are ``rest``; time runs along the last axis."""
+    n_taps, (n_lines, n) = len(taps), rest.shape
+    samples = np.zeros((n_taps + n, n_lines), dtype=np.int32)  # time first, silence before it
+    weights = np.array(taps[::-1], dtype=np.int32)
+    for i, remainder in enumerate(rest.T):
+        total = weights @ samples[i : i + n_taps] + np.int32(2 ** (TAP_SHIFT - 1))
+        samples[n_taps + i] = (remainder + (total >> TAP_SHIFT)).astype(np.int16)
+    return np.ascontiguousarray(samples[n_taps:].T)
+
+
+def _fits(stored: NDArray[Any], recipe: Recipe) -> bool:
+    shape, taps = recipe.shape, recipe.taps
+    if recipe.dtype not in DTYPES or not shape or min(shape) < 0:
+        return False
+    if stored.dtype != np.uint8 or stored.shape != (int(recipe.dtype[2]), math.prod(shape)):
+        return False
+    if not taps:
+        return recipe.axis is None or 0 <= recipe.axis < len(shape)
+    sampled = recipe.dtype == "<i2" and len(shape) == 2 and len(taps) <= min(MAX_TAPS, shape[1])
+    return sampled and max(map(abs, taps)) <= 2**15 and 1 <= recipe.step <= 2**15
