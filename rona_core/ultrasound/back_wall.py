@@ -26,6 +26,7 @@ CLOSE_REACH = 4.0
 GHOST_LEVEL = 0.05
 GHOST_MOST = 0.1  # where a louder echo follows, and no loss explains why this is faint
 LOUDER = 1.5
+CUT_SHORT = 2.5
 LOST = 0.25  # of a faint echo's loss, that must show in its spectrum
 MIRROR = 30.0  # R / (1 - R^2) of steel in water is 8, and the field spreads
 SHARPER = 0.5  # Np that a multiple may seem to have lost less than what it repeats
@@ -145,7 +146,8 @@ def _contact(tracks: list[Track], known: Evidence, band: Band) -> int | None:
 def _is_lobe(track: Track, wanders: bool, others: list[Track], band: Band, known: Evidence) -> bool:
     """Return whether an early weak echo is rather the end of the front's own pulse."""
     level = track.typical_level
-    early = is_early_and_weak(track, band)
+    # a front that was cut off is put back lower than it was
+    early = _early_and_weak(track.typical_us, level / (CUT_SHORT if known.cut else 1.0), band)
     if not early and not may_be_ghost(track, band):
         return False
     # close behind a front that was cut off and restored, what is faint wanders too

@@ -10,7 +10,7 @@ from dataclasses import replace
 import numpy as np
 
 from rona_core.arrays import Bools, Floats, Ints
-from rona_core.ultrasound.echo_tracks import Peaks, Track, follow
+from rona_core.ultrasound.echo_tracks import Peaks, Track, follow, neighbours, predicted
 from rona_core.ultrasound.recorded_signal import Band, Complexes
 
 MOVES_US = 0.05  # of the front; less tells nothing about what moves with it
@@ -27,6 +27,7 @@ SLIP = 0.2  # cycles about whole ones: fronts taken a cycle off, not moved
 SLIPPED = 0.9
 NEAR = 0.3  # of the pulse length: the same peak
 FOLLOWED = 3
+STEADY = 0.6  # share of scans that agree with their neighbours
 MOST_SCANS = 0.45  # of them, so that a few fronts at a wrong cycle are no movement
 
 
@@ -125,12 +126,17 @@ def without_foreign(
     if uneven < MOVES_US and spread(front_us[ok]) < FAR_US:
         return peaks, []
     moved = np.where(ok, front_us - np.median(front_us[ok]), 0.0)
+    near = neighbours(len(ok), positions_mm)
     found: list[Track] = []
     for way in (1.0, 2.0, -1.0):
         still = replace(peaks, lag_us=peaks.lag_us - way * moved[:, None])
         for track in follow(still, tree, band, ok, most=FOLLOWED):
             back = replace(track, lag_us=track.lag_us + way * moved)
             many = track.there.sum() > MOST_SCANS * ok.sum()
+            # evenly spaced multiples offer a peak near any place, but not always the same
+            around = predicted(track.lag_us, track.there, near, positions_mm)
+            off = np.abs(track.lag_us - around)[track.there & np.isfinite(around)]
+            many = many and float((off < NEAR * band.length_us).mean()) > STEADY
             if many and is_foreign(
                 back, front_us, ok, start_known, band, positions_mm, delay_us, cut
             ):

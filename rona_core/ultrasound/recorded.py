@@ -33,6 +33,7 @@ from rona_core.ultrasound.recorded_signal import (
 
 OK, NO_FRONT, NO_BACK, UNSURE = range(4)
 SPEEDS_MM_PER_US = (0.5, 10.0)
+START_US = 1.0  # after the emission, that a record begins with it
 UNLIKE = 0.95  # correlation of front and back wall, below which one of them is no echo
 MORE_ALIKE = 0.03
 TRIGGER_US = 0.003
@@ -117,13 +118,14 @@ class _Found:
 def _found(recorded: RecordedRf, prior_mhz: float | None, told: "_Steps") -> _Found:
     rf, rate = recorded.rf, recorded.sampling_mhz
     clipped = find_clipped(rf)
-    band = find_band(rf, clipped, rate, prior_mhz)
+    emitting = recorded.start_known and abs(recorded.start_us) < START_US
+    band = find_band(rf, clipped, rate, prior_mhz, emitting)
     cut: Bools = np.asarray(clipped.any(axis=1))
     told(0.1)
     spikes = find_spikes(rf, clipped, rate, band)
     if spikes.any():
         rf = without_spikes(rf, spikes, rate, band)
-        band = find_band(rf, clipped, rate, prior_mhz)
+        band = find_band(rf, clipped, rate, prior_mhz, emitting)
     rf = without_hum(rf, clipped, rate, band)
     z = analytic(restore_clipped(rf, clipped, rate, band), rate, band)
     told(0.3)

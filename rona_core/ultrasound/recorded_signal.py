@@ -55,7 +55,11 @@ class Band:
 
 
 def find_band(
-    rf: Floats, clipped: Bools, sampling_mhz: float, prior_mhz: float | None = None
+    rf: Floats,
+    clipped: Bools,
+    sampling_mhz: float,
+    prior_mhz: float | None = None,
+    emitting: bool = False,
 ) -> Band:
     """Return the band of the echoes: the spectrum of the loudest stretches over the usual one.
 
@@ -64,6 +68,7 @@ def find_band(
         clipped: Samples (n, samples) at a limit of the converter.
         sampling_mhz: Of the lines.
         prior_mhz: Nominal centre frequency, where somebody knows it.
+        emitting: Whether the lines are known to begin with the emission.
 
     Raises:
         DegenerateGeometryError: nothing stands out of the noise.
@@ -80,9 +85,10 @@ def find_band(
     power = np.abs(np.fft.rfft(pieces * np.hanning(size), padded)) ** 2
     power = np.where(f > LOWEST_MHZ, power, 0.0)
     energy = power @ (f / f[-1])  # drift is slow and must not count as loud
-    if clipped.any():
-        # where fronts are cut off, the ring-down of the emission may be louder than they seem
-        early = _emission(energy.reshape(len(lines), -1), whole.reshape(len(lines), -1)).ravel()
+    if clipped.any() or emitting:
+        # the ring-down of the emission may be louder than the echoes, above all than cut off ones
+        shape = (len(lines), len(starts))
+        early = _emission(energy.reshape(shape), whole.reshape(shape), emitting).ravel()
         energy = np.where(early, 0.0, energy)
     some = max(1, round(LOUD_SHARE * len(energy)))
     if whole.sum() > some and np.sort(energy[whole])[-some] > CLEAR * np.median(energy):
@@ -108,14 +114,17 @@ def find_band(
     return Band(centre, width)
 
 
-def _emission(energy: Floats, whole: Bools) -> Bools:
-    """Return which stretches (n, k) are before the first rise, if echoes were cut off behind it."""
+def _emission(energy: Floats, whole: Bools, emitting: bool) -> Bools:
+    """Return which stretches (n, k) are before the first rise.
+
+    None of them, if there is no emission for certain and no echo was cut off behind it.
+    """
     usual = np.median(energy, axis=0)
     rises = np.flatnonzero(usual[1:] > RISE * np.minimum.accumulate(usual)[:-1])
     first = int(rises[0]) + 1 if len(rises) else 0
     early = np.broadcast_to(np.arange(energy.shape[1]) < first, energy.shape)
     behind = ~early
-    return early & bool((~whole & behind).any() and (whole & behind).any())
+    return early & bool(emitting or ((~whole & behind).any() and (whole & behind).any()))
 
 
 def _smoothed(power: Floats, f: Floats) -> Floats:
