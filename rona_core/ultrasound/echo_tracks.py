@@ -135,9 +135,13 @@ def _median(values: Floats, there: Bools) -> Floats:
 
 
 def find_peaks(
-    compressed: Complexes, step_us: float, zero: int, band: Band, least_us: float
+    compressed: Complexes, step_us: float, zero: int, band: Band, least_us: float, ends: Ints
 ) -> Peaks:
-    """Return the peaks of compressed lines (n, samples) from a lag behind sample ``zero`` on."""
+    """Return the peaks of compressed lines (n, samples) from a lag behind sample ``zero`` on.
+
+    What is nearer to the end (n,) of its line than half a pulse is no echo that anybody could time.
+    """
+    ends = ends - round(0.5 * band.length_us / step_us)
     envelope = np.abs(compressed)
     noise = np.quantile(envelope, 0.25, axis=1) / 0.7585
     before = zero - round(2.5 * band.length_us / step_us)
@@ -149,6 +153,7 @@ def find_peaks(
     top = np.zeros(behind.shape, dtype=np.bool_)
     top[:, 1:-1] = (behind[:, 1:-1] > behind[:, :-2]) & (behind[:, 1:-1] >= behind[:, 2:])
     top &= behind > LEAST_SNR * noise[:, None]
+    top &= np.arange(behind.shape[1]) < ends[:, None] - first
     value = np.where(top, behind, 0.0)
     count = min(PEAKS, value.shape[1])
     at = np.sort(np.argpartition(value, -count, axis=1)[:, -count:], axis=1)
@@ -161,8 +166,10 @@ def find_peaks(
     return Peaks(lag_us, level, noise)
 
 
-def follow(peaks: Peaks, tree: tuple[Ints, Ints], band: Band, ok: Bools) -> list[Track]:
-    """Return the echoes that most scans share, the loudest first.
+def follow(
+    peaks: Peaks, tree: tuple[Ints, Ints], band: Band, ok: Bools, most: int = TRACKS
+) -> list[Track]:
+    """Return the echoes that most scans share, the loudest first, so many at most.
 
     Each is the best choice of one peak a scan (or none) on the tree of neighbours, found exactly
     from the leaves to the root; its peaks are taken away before the next.
@@ -171,7 +178,7 @@ def follow(peaks: Peaks, tree: tuple[Ints, Ints], band: Band, ok: Bools) -> list
     worth = np.clip((snr_db - 10.0) / 10.0, 0.05, (FULL_DB - 10.0) / 10.0)
     alive = (peaks.level > 0) & ok[:, None]
     tracks: list[Track] = []
-    while len(tracks) < TRACKS and alive.any():
+    while len(tracks) < most and alive.any():
         choice = _best_choice(np.where(alive, worth, -np.inf), peaks.lag_us, tree, band)
         there = choice >= 0
         if there.sum() < max(1.0, LEAST_COVERAGE * ok.sum()):

@@ -4,7 +4,7 @@ The band, the pulse, where the front is, and what the back wall's echo looks lik
 from the lines; only the sound speed must be given.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -13,8 +13,10 @@ from rona_core.arrays import Bools, Floats, Ints, readonly
 from rona_core.devices.protocols import Cancel, Progress, never, silent
 from rona_core.devices.rf_files import RecordedRf
 from rona_core.errors import CancelledError, InvalidInputError
-from rona_core.ultrasound.clipped_front import settle_clipped
+from rona_core.ultrasound.clipped_front import front_is_cut, settle_clipped
+from rona_core.ultrasound.hum import without_hum
 from rona_core.ultrasound.long_pulse import compress, learn_long_pulse
+from rona_core.ultrasound.probe_echoes import pulse_delay_us, spread
 from rona_core.ultrasound.recorded_back import BackEchoes, refine_back
 from rona_core.ultrasound.recorded_echoes import align_fronts, find_back, least_lag_us
 from rona_core.ultrasound.recorded_front import FrontEchoes, find_recorded_fronts
@@ -31,6 +33,12 @@ from rona_core.ultrasound.recorded_signal import (
 
 OK, NO_FRONT, NO_BACK, UNSURE = range(4)
 SPEEDS_MM_PER_US = (0.5, 10.0)
+START_US = 1.0  # after the emission, that a record begins with it
+UNLIKE = 0.95  # correlation of front and back wall, below which one of them is no echo
+MORE_ALIKE = 0.03
+TRIGGER_US = 0.003
+FEW = 4  # scans, which do not tell what stands still
+LEAST_REST = 0.3  # of a record
 SETTLINGS = 3  # of clipped fronts; the mean front gets sharper each time
 
 
@@ -85,21 +93,46 @@ def detect_recorded(
             f"the sound speed must be {low} to {high} mm/us: {sound_speed_mm_per_us:g}"
         )
     check_lines(recorded.rf)
-    told = _Steps(progress, cancel)
+    found = _found(recorded, prior_mhz, _Steps(progress, cancel))
+    if not recorded.start_known and _may_be_emission(found):
+        later = _behind(recorded, found)
+        if later is not None:
+            again = _found(later, prior_mhz, _Steps(silent, cancel))
+            if again.alike > found.alike + MORE_ALIKE:
+                recorded, found = later, again
+    return _judged(recorded, found, sound_speed_mm_per_us)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Found:
+    front: FrontEchoes
+    back: BackEchoes | None
+    cut: Bools  # (n,) lines with clipped samples
+    band: Band
+
+    @property
+    def alike(self) -> float:
+        return 0.0 if self.back is None else self.back.alike
+
+
+def _found(recorded: RecordedRf, prior_mhz: float | None, told: "_Steps") -> _Found:
     rf, rate = recorded.rf, recorded.sampling_mhz
     clipped = find_clipped(rf)
-    band = find_band(rf, clipped, rate, prior_mhz)
+    emitting = recorded.start_known and abs(recorded.start_us) < START_US
+    band = find_band(rf, clipped, rate, prior_mhz, emitting)
     cut: Bools = np.asarray(clipped.any(axis=1))
     told(0.1)
     spikes = find_spikes(rf, clipped, rate, band)
     if spikes.any():
         rf = without_spikes(rf, spikes, rate, band)
-        band = find_band(rf, clipped, rate, prior_mhz)
+        band = find_band(rf, clipped, rate, prior_mhz, emitting)
+    rf = without_hum(rf, clipped, rate, band)
     z = analytic(restore_clipped(rf, clipped, rate, band), rate, band)
     told(0.3)
     front = find_recorded_fronts(z, clipped, rate, recorded.start_us, recorded.start_known, band)
     told(0.5)
     zero, lines = align_fronts(z, front, rate, band)
+    delay = pulse_delay_us(lines, zero, front.ok, rate)
     pulse = learn_long_pulse(lines, zero, front, rate, band)
     if pulse is not None:
         z = compress(z, pulse, zero, rate, band)
@@ -115,13 +148,38 @@ def detect_recorded(
         front = settled
         zero, lines = align_fronts(z, front, rate, band)
     least = least_lag_us(clipped, front, rate, band)
-    back = find_back(recorded, lines, zero, front, band, least)
+    fronts_cut = 2 * front_is_cut(clipped, front, rate, band).sum() > front.ok.sum()
+    back = find_back(
+        recorded, lines, zero, front, band, least, delay, bool(fronts_cut), pulse is not None
+    )
     told(0.7)
     found = None
     if back is not None:
         found = refine_back(lines, zero, front, back, rate, band, recorded, clipped)
     told(1.0)
-    return _judged(recorded, front, found, cut, band, sound_speed_mm_per_us)
+    return _Found(front, found, cut, band)
+
+
+def _may_be_emission(found: _Found) -> bool:
+    """Return whether the front may be the emission, in a record that began before it.
+
+    It stands still to the trigger's precision, and what follows is not alike.
+    """
+    at = found.front.aligned.at_us[found.front.ok]
+    if len(at) == 0 or found.front.quiet_from.any() or found.alike > UNLIKE:
+        return False
+    return len(at) < FEW or spread(at) < TRIGGER_US
+
+
+def _behind(recorded: RecordedRf, found: _Found) -> RecordedRf | None:
+    """Return what was recorded from the emission on, its time known; None where that is nothing."""
+    emitted = float(np.median(found.front.aligned.at_us[found.front.ok]))
+    first = max(0, round((emitted + 0.5 * found.band.length_us) * recorded.sampling_mhz))
+    rf = recorded.rf[:, first:]
+    if rf.shape[1] < LEAST_REST * recorded.rf.shape[1]:
+        return None
+    start = first / recorded.sampling_mhz - emitted
+    return replace(recorded, rf=rf, start_us=start, start_known=True)
 
 
 def detect_lines(
@@ -151,13 +209,11 @@ class _Steps:
 
 def _judged(
     recorded: RecordedRf,
-    front: FrontEchoes,
-    back: BackEchoes | None,
-    clipped: Bools,
-    band: Band,
+    found: _Found,
     speed: float,
 ) -> RecordedDetection:
     n = len(recorded)
+    front, back, band = found.front, found.back, found.band
     nothing, no = np.zeros(n), np.zeros(n, dtype=np.bool_)
     heard = no if back is None else back.heard
     sure = no if back is None else back.sure
@@ -174,7 +230,7 @@ def _judged(
         front_level=readonly(front.aligned.level.copy()),
         likeness=readonly(nothing if back is None else back.likeness.copy()),
         sigma_mm=readonly(sigma),
-        clipped=readonly(clipped),
+        clipped=readonly(found.cut),
         centre_mhz=band.centre_mhz,
         width_mhz=band.width_mhz,
         back_level=0.0 if back is None else back.level,

@@ -41,6 +41,7 @@ class BackEchoes:
     sure: Bools
     level: float  # over the front, typical
     inverted: bool
+    alike: float  # correlation of the mean back echo with the mean front, its loss allowed for
 
 
 @dataclass(frozen=True, slots=True)
@@ -125,7 +126,14 @@ def refine_back(
     # bound of a coherent estimate: bandwidth times time is about 1, both echoes have noise
     sigma = np.hypot(1.0 / np.maximum(snr, 1.0), noise) / (2.0 * np.pi * band.centre_mhz)
     return BackEchoes(
-        found, aligned.likeness, sigma, heard, sure, track.typical_level, match.inverted
+        found,
+        aligned.likeness,
+        sigma,
+        heard,
+        sure,
+        track.typical_level,
+        match.inverted,
+        match.likeness,
     )
 
 

@@ -4,7 +4,15 @@ import numpy as np
 
 from rona_core.arrays import Bools
 from rona_core.devices.rf_files import RecordedRf
-from rona_core.ultrasound.back_wall import choose_back_wall, is_early_and_weak, steadiness
+from rona_core.ultrasound.back_wall import (
+    WANDERS,
+    Evidence,
+    choose_back_wall,
+    is_early_and_weak,
+    is_repeated,
+    may_be_ghost,
+    steadiness,
+)
 from rona_core.ultrasound.echo_tracks import (
     Track,
     find_peaks,
@@ -14,6 +22,12 @@ from rona_core.ultrasound.echo_tracks import (
     neighbours,
 )
 from rona_core.ultrasound.learned_pulse import align_echoes
+from rona_core.ultrasound.probe_echoes import (
+    comes_again,
+    is_foreign,
+    spread,
+    without_foreign,
+)
 from rona_core.ultrasound.recorded_back import SEARCH_CYCLES, match_echoes
 from rona_core.ultrasound.recorded_front import FrontEchoes
 from rona_core.ultrasound.recorded_signal import Band, Complexes
@@ -21,7 +35,7 @@ from rona_core.ultrasound.recorded_signal import Band, Complexes
 COMPRESSED_FLOOR = 0.02  # of the peak power, added before dividing
 LOCKED_REACH = 6.0  # over the pulse length
 LOCKED = 0.5  # share of the power behind the front that is the same in all scans
-LEAST_DAMPING = 0.35  # Np at mid-band, by a loss in proportion to frequency; water has less
+SIDE_LOBE = 0.06
 MANY = 8  # scans, from which on an average is one
 
 
@@ -70,8 +84,23 @@ def find_back(
     front: FrontEchoes,
     band: Band,
     least_us: float,
+    delay_us: float,
+    cut: bool,
+    long: bool,
 ) -> Track | None:
-    """Return the echo that is the back wall, or None."""
+    """Return the echo that is the back wall, or None.
+
+    Args:
+        recorded: The file.
+        lines: Analytic lines (n, samples) with every front at sample ``zero``.
+        zero: That sample.
+        front: The fronts.
+        band: Of the echoes.
+        least_us: Lag from which echoes are sought.
+        delay_us: From the begin of a pulse to the point at which it is timed.
+        cut: Whether the fronts were cut off.
+        long: Whether the pulse was long and compressed, which leaves side lobes.
+    """
     if not front.ok.any():
         return None
     rate = recorded.sampling_mhz
@@ -81,7 +110,11 @@ def find_back(
     # a record that begins with ring-down begins with the emission
     timed = recorded.start_known or bool((front.quiet_from > 0).any())
 
-    def damped(track: Track) -> bool:
+    place = recorded.positions_mm
+    last = recorded.rf.shape[1] - front.aligned.at_us * rate + zero
+    ends = np.minimum(np.floor(last).astype(np.int64), lines.shape[1])
+
+    def loss_np(track: Track) -> float:
         lag = np.where(track.there, track.lag_us, track.typical_us)
         echo = align_echoes(
             lines,
@@ -91,30 +124,47 @@ def find_back(
             band,
             search_us=SEARCH_CYCLES / band.centre_mhz,
         )
-        loss = match_echoes(front.aligned, echo, band).loss_np_per_mhz
-        return loss * band.centre_mhz > LEAST_DAMPING
+        return match_echoes(front.aligned, echo, band).loss_np_per_mhz * band.centre_mhz
 
-    def choose(compressed: Complexes) -> Track | None:
-        peaks = find_peaks(compressed, 1.0 / rate, zero, band, least_us)
-        tracks = [
-            mended(track, peaks, near, recorded.positions_mm, band)
-            for track in follow(peaks, tree, band, front.ok)
-        ]
-        best = choose_back_wall(
-            tracks, front_us, front.ok, timed, band, near, recorded.positions_mm, damped
+    def again(track: Track) -> bool:
+        return timed and comes_again(track, front_us, front.ok, band, delay_us)
+
+    known = Evidence(timed, again, loss_np, cut)
+
+    def choose(compressed: Complexes) -> tuple[Track | None, bool]:
+        peaks = find_peaks(compressed, 1.0 / rate, zero, band, least_us, ends)
+        peaks, moving = without_foreign(
+            peaks, front_us, front.ok, timed, band, tree, place, delay_us, cut
         )
-        return None if best is None else tracks[best]
+        tracks = [
+            mended(track, peaks, near, place, band) for track in follow(peaks, tree, band, front.ok)
+        ]
+        foreign = [
+            is_foreign(t, front_us, front.ok, timed, band, place, delay_us, cut) for t in tracks
+        ]
+        tracks, foreign = tracks + moving, foreign + [True] * len(moving)
+        best = choose_back_wall(tracks, foreign, known, band, near, place)
+        if best is None:
+            return None, False
+        return tracks[best], is_repeated(tracks[best], tracks, band, known)
 
     compressed = _compressed(lines, front, rate, band)
-    plain = choose(compressed)
-    if front.ok.sum() < MANY:
+    plain, sure = choose(compressed)
+    aside = long and plain is not None and _is_side_lobe(plain, band)
+    if front.ok.sum() < MANY or (sure and not aside):
         return plain
     # what is the same in all scans may be the end of the front's own pulse
-    still = choose(_without_locked(compressed, zero, front.ok, rate, band))
-    if plain is None or still is None:
-        return plain if still is None else still
+    still, _ = choose(_without_locked(compressed, zero, front.ok, rate, band))
+    if still is None:
+        return plain
+    if plain is None:  # what is left of the pulse's end is no plate
+        return None if may_be_ghost(still, band) else still
+    if aside and still.typical_level > 0.5 * plain.typical_level:
+        return still
     same = abs(still.typical_us - plain.typical_us) < 0.3 * band.length_us
     cleaner = same and still.typical_level > 0.8 * plain.typical_level
+    # a plate as even as that is the same in all scans itself
+    cleaner = cleaner and spread(plain.lag_us[plain.there]) > WANDERS / band.centre_mhz
     lobe = is_early_and_weak(plain, band) and still.typical_level > 0.5 * plain.typical_level
     lobe = lobe and steadiness(still, near, recorded.positions_mm, band)[1]
     # what is left of a front that was cut off is alike in all scans too
@@ -124,6 +174,11 @@ def find_back(
     earlier = earlier and still.typical_level > 0.5 * plain.typical_level
     earlier = earlier and not is_early_and_weak(still, band)
     return still if cleaner or lobe or rest or earlier else plain
+
+
+def _is_side_lobe(track: Track, band: Band) -> bool:
+    near = track.typical_us < LOCKED_REACH * band.length_us
+    return near and track.typical_level < SIDE_LOBE
 
 
 def _compressed(lines: Complexes, front: FrontEchoes, sampling_mhz: float, band: Band) -> Complexes:

@@ -19,6 +19,7 @@ LOWEST_MHZ = 0.2
 LOUD_SHARE = 0.04  # of the windows that hold echoes
 PRIOR_OCTAVES = 0.5  # how far a named probe may be off
 CLEAR = 3.0  # loud over usual energy of a stretch with an echo
+RISE = 4.0  # in energy, from one stretch to a later one: an echo has come
 COMB_FLOOR = 0.04  # of the peak power
 RELATIVE_BAND = (0.2, 1.2)  # -6 dB width over centre, as far as any transducer goes
 RAIL = 0.985  # of the extreme value, from which on a flat run counts as clipped
@@ -28,6 +29,8 @@ SPIKE = 10.0  # over the usual jump from sample to sample outside the band
 SPIKE_OUTSIDE = 0.5  # over what is inside the band
 SPIKE_CYCLES = 0.12  # on either side
 MOST_SPIKES = 0.1  # of a line; with more of them it is not spikes
+BESIDE = 4  # samples next to a gap that are all taken
+MOST_KNOWN = 200  # others
 NOISE_SHARE = 1e-4  # of the power, so that the restoration stays finite
 
 
@@ -52,7 +55,11 @@ class Band:
 
 
 def find_band(
-    rf: Floats, clipped: Bools, sampling_mhz: float, prior_mhz: float | None = None
+    rf: Floats,
+    clipped: Bools,
+    sampling_mhz: float,
+    prior_mhz: float | None = None,
+    emitting: bool = False,
 ) -> Band:
     """Return the band of the echoes: the spectrum of the loudest stretches over the usual one.
 
@@ -61,6 +68,7 @@ def find_band(
         clipped: Samples (n, samples) at a limit of the converter.
         sampling_mhz: Of the lines.
         prior_mhz: Nominal centre frequency, where somebody knows it.
+        emitting: Whether the lines are known to begin with the emission.
 
     Raises:
         DegenerateGeometryError: nothing stands out of the noise.
@@ -77,6 +85,11 @@ def find_band(
     power = np.abs(np.fft.rfft(pieces * np.hanning(size), padded)) ** 2
     power = np.where(f > LOWEST_MHZ, power, 0.0)
     energy = power @ (f / f[-1])  # drift is slow and must not count as loud
+    if clipped.any() or emitting:
+        # the ring-down of the emission may be louder than the echoes, above all than cut off ones
+        shape = (len(lines), len(starts))
+        early = _emission(energy.reshape(shape), whole.reshape(shape), emitting).ravel()
+        energy = np.where(early, 0.0, energy)
     some = max(1, round(LOUD_SHARE * len(energy)))
     if whole.sum() > some and np.sort(energy[whole])[-some] > CLEAR * np.median(energy):
         energy = np.where(whole, energy, 0.0)  # what was cut off has harmonics
@@ -99,6 +112,19 @@ def find_band(
     narrow, wide = RELATIVE_BAND
     width = float(np.clip(f[half[-1]] - f[half[0]], narrow * centre, wide * centre))
     return Band(centre, width)
+
+
+def _emission(energy: Floats, whole: Bools, emitting: bool) -> Bools:
+    """Return which stretches (n, k) are before the first rise.
+
+    None of them, if there is no emission for certain and no echo was cut off behind it.
+    """
+    usual = np.median(energy, axis=0)
+    rises = np.flatnonzero(usual[1:] > RISE * np.minimum.accumulate(usual)[:-1])
+    first = int(rises[0]) + 1 if len(rises) else 0
+    early = np.broadcast_to(np.arange(energy.shape[1]) < first, energy.shape)
+    behind = ~early
+    return early & bool(emitting or ((~whole & behind).any() and (whole & behind).any()))
 
 
 def _smoothed(power: Floats, f: Floats) -> Floats:
@@ -246,9 +272,12 @@ def _clusters(clipped: Bools, reach: int) -> Iterator[tuple[int, int, int]]:
 def _restored(values: Floats, lost: Bools, correlation: Floats) -> Floats:
     limit = np.abs(values)
     sign = np.sign(values)
+    # of what is known far from any gap, a sample now and then says as much as all of them
+    kept = maximum_filter1d(lost.astype(np.int8), 2 * BESIDE + 1) > 0
+    kept[:: max(1, len(values) // MOST_KNOWN)] = True
     target, known = values.copy(), ~lost
     for _ in range(6):
-        index = np.flatnonzero(known)
+        index = np.flatnonzero(known & kept)
         covariance = toeplitz(correlation[: len(values)])
         inner = covariance[np.ix_(index, index)] + NOISE_SHARE * np.eye(len(index))
         weights = cho_solve(cho_factor(inner, check_finite=False), target[index])

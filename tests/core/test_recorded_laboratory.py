@@ -7,6 +7,9 @@ import pytest
 
 from benchmarks.laboratory import Bench, Hit, Matter, laboratory
 from benchmarks.laboratory_families import FAMILIES, draw
+from rona_core.ultrasound.echo_tracks import Peaks, neighbour_tree
+from rona_core.ultrasound.hum import without_hum
+from rona_core.ultrasound.probe_echoes import without_foreign
 from rona_core.ultrasound.recorded import detect_recorded
 from rona_core.ultrasound.recorded_signal import Band, find_spikes, without_spikes
 
@@ -38,6 +41,24 @@ MENDED = {
     ),
     "probe's multiple louder than the back wall": replace(
         TANK, matter=STEEL, thickness_mm=30.0, standoff_us=25.0, bang=3.0, length_us=75.0
+    ),
+    "probe's multiple runs away from its neighbours": replace(
+        TANK,
+        matter=STEEL,
+        thickness_mm=20.0,
+        standoff_wedge_us=5.0,
+        standoff_sd_us=1.5,
+        bang=4.0,
+        length_us=75.0,
+        layout="scatter",
+        scans=30,
+    ),
+    "emission in a record that does not say so": replace(
+        TANK, bang=3.0, start_us=-3.0, start_known=False
+    ),
+    "hum in the band": replace(TANK, hum=0.05, bits=10),
+    "ring-down louder than what fronts were cut off at": replace(
+        TANK, bang=10.0, bang_us=0.6, full_scale=0.2, scans=12
     ),
     "tilt and wedge alike": replace(TANK, standoff_wedge_us=0.6, wedge_mm=0.8),
     "spikes": replace(TANK, spikes=2.0, bits=8),
@@ -107,6 +128,41 @@ def test_spikes_are_known_and_put_right():
     assert spikes[2, 1400:1402].all()
     mended = without_spikes(hit, spikes, 50.0, band)
     assert np.abs(mended - rf).max() < 0.1
+
+
+def test_a_hum_is_taken_away_and_echoes_are_not():
+    made, _, _ = judged(TANK)
+    rate, rf = made.file.sampling_mhz, made.file.rf
+    none = np.zeros(rf.shape, dtype=bool)
+    band = Band(2.25, 1.2)
+    assert np.array_equal(without_hum(rf, none, rate, band), rf)
+    t = np.arange(rf.shape[1]) / rate
+    phase = np.linspace(0.0, 6.0, len(rf))[:, None]
+    step = float(np.abs(rf).max())
+    hum = 0.05 * step * np.sin(2 * np.pi * 2.63 * t + phase)
+    left = without_hum(rf + hum, none, rate, band) - rf
+    assert np.sqrt((left**2).mean()) < 0.15 * np.sqrt((hum**2).mean())
+
+
+def test_multiples_of_a_plate_do_not_pass_for_what_moves_with_the_front():
+    n, lag = 30, 2.0
+    wobble = np.random.default_rng(5).normal(0.0, 2.0, n)
+    front = 40.0 + wobble
+    orders = lag * np.arange(1, 13)
+    lags = np.column_stack((np.tile(orders, (n, 1)), front - 1.0))  # and the front's second
+    levels = np.tile(np.r_[0.1 * 0.9 ** np.arange(12), 0.3], (n, 1))
+    peaks = Peaks(lags, levels, np.full(n, 0.001))
+    ok = np.ones(n, dtype=bool)
+    band = Band(1.5, 0.9)
+    left, found = without_foreign(
+        peaks, front, ok, True, band, neighbour_tree(ok, None), None, 1.0, False
+    )
+    assert len(found) == 1
+    np.testing.assert_allclose(found[0].lag_us, front - 1.0)
+    kept = left.level > 0
+    assert not kept[:, -1].any()
+    assert kept[:, 0].all()
+    assert kept[:, :-1].mean() > 0.9  # but for those that the second arrival covers
 
 
 @pytest.mark.parametrize("family", FAMILIES)
