@@ -25,7 +25,8 @@ RECIPE := pyproject.toml setup.py constraints.txt
 SUITE ?=
 SEED ?= 0
 ONE_THREAD := OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 MKL_NUM_THREADS=1
-TEST_LIMIT ?= 600
+# seconds: stops a run that hangs; eight minutes are usual, twelve on a busy machine
+TEST_LIMIT ?= 1800
 
 help:
 	@sed -n 's/^#   //p' Makefile

@@ -1,6 +1,7 @@
 """The echo model in the places of stored k-Wave fields: a plane wave in 1D, a strip in 2D.
 
 The layers are those of the product; only the beam is another, for a strip has no disc's field.
+The boundaries may be sharp, as in bone, or in mixed cells, as the grid of the field has them.
 """
 
 import os
@@ -11,26 +12,25 @@ import numpy as np
 from scipy.signal import hilbert
 from scipy.special import hankel2
 
+from benchmarks.kwave_cells import LAYERS, THICKNESSES_MM, WATER, echo_in_cells
 from rona_core.arrays import Floats
 from rona_core.ultrasound.bone_stack import BoneStack, LayerProfile
-from rona_core.ultrasound.material import Complexes, Material
+from rona_core.ultrasound.material import Complexes
 from rona_core.ultrasound.medium import Medium
 
 SHARED = Path(
     os.environ.get("RONA_SHARED", str(Path(__file__).resolve().parents[1].parent / "shared"))
 )
-WATER = Material(1.5, 1.0)
 LOSSLESS = Medium(
     gel=WATER,
-    table=Material(2.85, 1.9),
-    diploe=Material(2.45, 1.7),
-    brain=Material(1.56, 1.04),
+    table=LAYERS[1],
+    diploe=LAYERS[2],
+    brain=LAYERS[4],
     ramp_mm=0.0,
     outer_roughness_mm=0.0,
     inner_roughness_mm=0.0,
     speckle=0.0,
 )
-TABLE_MM, DIPLOE_MM, INNER_MM = 2.0, 2.5, 1.5
 STRIPS = ("1mhz_flat", "2.25mhz_flat", "2.25mhz_r80", "2.25mhz_tilt2")
 RAYS, SOURCES = 121, 160
 FACE_OVER_STRIP = 1.6
@@ -78,6 +78,40 @@ class Comparison:
         return 1e3 * float(lag) * self.step_us
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class Strip:
+    """A stored field in 2D: a strip over bone; depths are counted from the strip."""
+
+    name: str
+    half_mm: float
+    reach_mm: float  # of the bone below the middle of the strip
+    radius_mm: float  # of the bone; 0: flat
+    lean_rad: float
+    centre_mhz: float
+    cell_mm: float
+    cells: int  # of the strip
+    step_us: float
+    sent: Floats  # (samples,)
+    heard: Floats  # (samples,) mean over the strip
+
+    def outer_mm(self, x_mm: Floats) -> Floats:
+        """Return the depth (n,) of the bone at places across."""
+        sag = x_mm**2 / (2.0 * self.radius_mm) if self.radius_mm else 0.0
+        return self.reach_mm + x_mm * np.tan(self.lean_rad) + sag
+
+    def edges_mm(self, x_mm: Floats) -> Floats:
+        """Return the depths (n, 4) of all boundaries; the layers are stacked along depth."""
+        below = np.concatenate(([0.0], np.cumsum(THICKNESSES_MM)))
+        return self.outer_mm(x_mm)[:, None] + below
+
+    @property
+    def front_us(self) -> tuple[float, float]:
+        """Between when the front echo peaks."""
+        peak_us = float(np.argmax(envelope(self.sent))) * self.step_us
+        arrival = peak_us + 2.0 * self.reach_mm / WATER.speed_mm_per_us
+        return arrival - 1.5 / self.centre_mhz, arrival + 1.5 / self.centre_mhz
+
+
 def envelope(rf: Floats) -> Floats:
     """Return the envelope (samples,) of a record."""
     return np.abs(np.asarray(hilbert(rf), dtype=np.complex128))
@@ -97,17 +131,39 @@ def stored(name: str) -> dict[str, Floats] | None:
         return {key: np.asarray(data[key]) for key in data.files}
 
 
+def stored_strip(name: str) -> Strip | None:
+    """Return a stored strip by its name, None where it is not here."""
+    data = stored(f"2d_{name}")
+    if data is None:
+        return None
+    a, reach, radius, cell = (1e3 * float(data[key]) for key in ("a", "L", "Rc", "dx"))
+    return Strip(
+        name,
+        half_mm=a,
+        reach_mm=reach,
+        radius_mm=radius,
+        lean_rad=float(data["tilt"]),
+        centre_mhz=1e-6 * float(data["fc"]),
+        cell_mm=cell,
+        cells=len(data["x"]),
+        step_us=1e6 * float(data["dt"]),
+        sent=data["sig"],
+        heard=data["p"],
+    )
+
+
 def bone_echo(
     weights: Complexes, frequencies_mhz: Floats, gap_mm: Floats, lean_rad: float, exact: bool
 ) -> Complexes:
     """Return the echo (f,) of the reference's bone under rays of these weights (n, f)."""
     stack = BoneStack(WATER, LOSSLESS, frequencies_mhz, film_mm=0.0, seed=0, exact=exact)
-    ones, straight = np.ones(len(gap_mm)), 1.0 / np.cos(lean_rad)
+    ones = np.ones(len(gap_mm))
+    table, diploe, inner_table = THICKNESSES_MM
     profile = LayerProfile(
         outer_mm=gap_mm,
-        table_mm=TABLE_MM * straight * ones,
-        diploe_mm=DIPLOE_MM * straight * ones,
-        inner_table_mm=INNER_MM * straight * ones,
+        table_mm=table * ones,
+        diploe_mm=diploe * ones,
+        inner_table_mm=inner_table * ones,
         hit=ones > 0,
         entries_skull=np.zeros((len(gap_mm), 3)),
         outer_angle_rad=lean_rad * ones,
@@ -140,29 +196,37 @@ def plane_wave(exact: bool = False) -> Comparison | None:
     return Comparison("plane wave", model, wave, dt, (arrival - 1.0, arrival + 1.0))
 
 
-def strip(name: str, exact: bool = False) -> Comparison | None:
-    """Return a strip aperture over bone in 2D; None where the field is not here."""
-    data = stored(f"2d_{name}")
-    if data is None:
+def strip(name: str, exact: bool = False, *, cells: bool = False) -> Comparison | None:
+    """Return a strip aperture over bone in 2D; None where the field is not here.
+
+    Args:
+        name: One of ``STRIPS``.
+        exact: Count the layers with 53 bits.
+        cells: Boundaries in mixed cells, as the grid of the field has them, and not sharp.
+    """
+    case = stored_strip(name)
+    if case is None:
         return None
-    dt, sent, wave = float(data["dt"]) * 1e6, data["sig"], data["p"]
-    a, reach, radius = (1e3 * float(data[key]) for key in ("a", "L", "Rc"))
-    lean = float(data["tilt"])
-    n = 1 << 13
-    f, spectrum = frequencies_mhz(n, dt), np.fft.rfft(sent, n)
+    model = strip_record(case, exact=exact, cell_mm=case.cell_mm if cells else None)
+    return Comparison(name, model, case.heard, case.step_us, case.front_us)
+
+
+def strip_record(case: Strip, *, exact: bool, cell_mm: float | None = None) -> Floats:
+    """Return the record (samples,) of the model, in mixed cells of ``cell_mm`` or sharp."""
+    n, a = 1 << 13, case.half_mm
+    f, spectrum = frequencies_mhz(n, case.step_us), np.fft.rfft(case.sent, n)
     heard = np.flatnonzero(np.abs(spectrum) > SOUNDLESS * np.abs(spectrum).max())
     band = np.arange(heard[0], heard[-1] + 1)
     x = np.linspace(-FACE_OVER_STRIP * a, FACE_OVER_STRIP * a, RAYS)
-    field = strip_field(a, reach, x, WATER.wavenumber_per_mm(f[band]).real)
+    field = strip_field(a, case.reach_mm, x, WATER.wavenumber_per_mm(f[band]).real)
     weights = field**2 * (x[1] - x[0]) / (2.0 * a)
-    gap = x * np.tan(lean) + (x**2 / (2.0 * radius) if radius else 0.0)
     total = np.zeros(len(f), dtype=np.complex128)
-    total[band] = bone_echo(weights, f[band], gap, lean, exact)
-    model = np.fft.irfft(spectrum * total, n)[: len(wave)]
-    peak_us = float(np.argmax(envelope(sent))) * dt
-    arrival = peak_us + 2.0 * reach / WATER.speed_mm_per_us
-    cycle = 1e6 / float(data["fc"])
-    return Comparison(name, model, wave, dt, (arrival - 1.5 * cycle, arrival + 1.5 * cycle))
+    if cell_mm is None:
+        gap = case.outer_mm(x) - case.reach_mm
+        total[band] = bone_echo(weights, f[band], gap, case.lean_rad, exact)
+    else:
+        total[band] = echo_in_cells(weights, f[band], case.edges_mm(x), cell_mm, case.reach_mm)
+    return np.fft.irfft(spectrum * total, n)[: len(case.heard)]
 
 
 def strip_field(half_mm: float, distance_mm: float, offsets_mm: Floats, k: Floats) -> Complexes:

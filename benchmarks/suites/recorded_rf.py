@@ -6,17 +6,22 @@ they are told where the front is to be sought and how far behind it the back wal
 """
 
 from collections.abc import Callable
+from dataclasses import dataclass
 
 import numpy as np
 
+from benchmarks.laboratory_families import FAMILIES, draw
 from benchmarks.metric import Metric, Progress, cpu_ms
 from benchmarks.recorded_cases import CASES, Case, Recording, record, varied
 from rona_core.arrays import Bools, Floats
 from rona_core.ultrasound.recorded import detect_recorded
+from rona_core.ultrasound.recorded_figures import thickness_figures
 from rona_core.ultrasound.recorded_signal import Band, Complexes, analytic
 
 SEEDS = (21, 22, 23)  # others than those the detection was adjusted with
+LABORATORY_SEEDS = range(100, 112)
 WRONG_MM = 1.0
+WRONG_SHARE = 0.2  # of the thickness, for thin plates
 TOLD_MM = 3.0  # the older methods look this far on either side of the truth
 Method = Callable[[Recording, Case], tuple[Floats, Bools]]
 
@@ -72,10 +77,74 @@ def run(progress: Progress) -> list[Metric]:
         Metric("flagged_with_contact_fraction", float(np.mean(flagged)), "share", "lower", 0.02)
     )
     metrics.append(Metric("worst bias_mm", float(np.max(np.abs(biases))), "mm", "lower", 0.03))
+    metrics += laboratories(progress)
     made = record(varied(CASES["plate over a floor"], scans=200))
     time = cpu_ms(lambda: detect_recorded(made.file, 2.85), repeats=2)
     metrics.append(Metric("scans_per_s", 200e3 / time, "1/s", "higher", 200.0))
     return metrics
+
+
+def laboratories(progress: Progress) -> list[Metric]:
+    """Return error, scatter and failures over recordings as laboratories make them, by family."""
+    metrics: list[Metric] = []
+    wrongs: list[float] = []
+    lacks: list[float] = []
+    errors: list[float] = []
+    for family in FAMILIES:
+        progress(f"laboratory, {family}")
+        found = [_one(family, seed) for seed in LABORATORY_SEEDS]
+        wrong = float(np.mean([one.wrong for one in found]))
+        lacking = float(np.mean([one.lacking for one in found]))
+        told = float(np.mean([abs(one.told - one.failed) for one in found]))
+        wrongs.append(wrong)
+        lacks.append(lacking)
+        known = [one for one in found if one.error_mm is not None]
+        if known:
+            error = float(np.median([one.error_mm or 0.0 for one in known]))
+            sd = float(np.median([one.sd_mm for one in known]))
+            errors.append(error)
+            metrics.append(Metric(f"|mean error| mm, {family}", error, "mm", "lower", 0.1))
+            metrics.append(Metric(f"robust sd_mm, {family}", sd, "mm", "lower"))
+        metrics.append(Metric(f"unflagged failures, {family}", wrong, "share", "lower", 0.05))
+        metrics.append(Metric(f"flagged though readable, {family}", lacking, "share", "lower"))
+        metrics.append(Metric(f"failure_fraction off truth, {family}", told, "share", "lower"))
+    return [
+        *metrics,
+        Metric("median |mean error| mm, all", float(np.median(errors)), "mm", "lower", 0.05),
+        Metric("unflagged failures, all", float(np.mean(wrongs)), "share", "lower", 0.03),
+        Metric("flagged though readable, all", float(np.mean(lacks)), "share", "lower", 0.05),
+    ]
+
+
+@dataclass(frozen=True, slots=True)
+class _Judged:
+    error_mm: float | None  # of the mean thickness; None where none or nothing is to be found
+    sd_mm: float
+    wrong: float  # shares of scans
+    lacking: float
+    told: float  # failure_fraction, and what it is with the truth known
+    failed: float
+
+
+def _one(family: str, seed: int) -> _Judged:
+    bench, made = draw(family, seed)
+    found = detect_recorded(made.file, made.speed)
+    ok = np.asarray(found.ok)
+    figures = thickness_figures(found.thickness_mm, ok, made.file.positions_mm)
+    whole = made.whole & made.audible
+    off = np.abs(found.thickness_mm - made.thickness_mm)
+    wrong = ok & ((off > min(WRONG_MM, WRONG_SHARE * bench.thickness_mm)) | ~whole)
+    error = None
+    if figures.mean_mm is not None and whole.any():
+        error = abs(figures.mean_mm - float(made.thickness_mm[whole].mean()))
+    return _Judged(
+        error,
+        figures.robust_sd_mm or 0.0,
+        float(wrong.mean()),
+        float((~ok & whole).mean()),
+        figures.failure_fraction,
+        float((wrong | ~ok).mean()),
+    )
 
 
 def learned(made: Recording, case: Case) -> tuple[Floats, Bools]:

@@ -4,6 +4,7 @@ from collections.abc import Callable
 
 import numpy as np
 
+from rona_core.app.free_moves import FreeMoves, require_certified
 from rona_core.app.messages import (
     StartPathCapture,
     StartPointerCapture,
@@ -16,14 +17,9 @@ from rona_core.app.toolbox import Toolbox
 from rona_core.arrays import Floats, readonly
 from rona_core.devices.protocols import Motion, never
 from rona_core.devices.samples import JointSample, JointTrack, ToolTrack, TrackerFrame
-from rona_core.errors import CancelledError, DeviceError, InvalidInputError, NotReachableError
-from rona_core.robot.collision import clear_among, require_clear
+from rona_core.errors import CancelledError, DeviceError, InvalidInputError
 from rona_core.robot.model import RobotModel, robot_model
-from rona_core.robot.motion import plan_joint_move
-from rona_core.robot.obstacles import Obstacles
-from rona_core.robot.plan import Certificate, TimedMotion
 from rona_core.robot.tool_motion import plan_tool_motion
-from rona_core.robot.verify import verify_motion
 from rona_core.session.document import PointerCapture, Session, ToolCapture
 
 SAME_PLACE_RAD = 1e-6
@@ -39,10 +35,10 @@ def begin(session: Session, tools: Toolbox) -> int:
 
 
 def drive_to(q_rad: Floats, session: Session, tools: Toolbox) -> None:
-    """Move the robot to joint angles (6,) on a verified motion.
+    """Move the robot to joint angles (6,) on verified motions, around what stands in the way.
 
     Raises:
-        NotReachableError: the verifier refuses the motion; it says why.
+        NotReachableError: there is no such motion, or the verifier refuses it; it says why.
         CancelledError: somebody pressed Cancel or Stop on the way.
     """
     model = robot_model(session.setup.devices.robot.model)
@@ -50,19 +46,20 @@ def drive_to(q_rad: Floats, session: Session, tools: Toolbox) -> None:
     start = tools.rig.robot.state().q_rad
     if np.abs(start - q_rad).max() < SAME_PLACE_RAD:
         return
-    around = session_obstacles(session)
-    require_clear(model, around, q_rad)
-    planned = plan_joint_move(start, q_rad, model, clear=clear_among(model, around))
-    certificate = verify_motion(model, planned, obstacles=around)
-    require_certified("the move", certificate, planned, around)
-    motion = tools.rig.robot.move(planned.times_s, planned.qs_rad)
-    if not finish(motion, tools):
-        raise CancelledError("the robot was stopped on its way to the start")
+    moves = FreeMoves(model, session_obstacles(session))
+    for planned in moves.plan(start, q_rad):
+        motion = tools.rig.robot.move(planned.times_s, planned.qs_rad)
+        if not finish(motion, tools):
+            raise CancelledError(
+                "the robot was stopped on its way to the start: nothing was recorded, and what "
+                "was recorded earlier is kept"
+            )
 
 
 def capture_tool(activity: StartToolCapture, session: Session, tools: Toolbox) -> ToolCapture:
     """Record the tool marker and the joints while the robot pivots and translates the tool."""
-    model, around = robot_model(session.setup.devices.robot.model), session_obstacles(session)
+    model = robot_model(session.setup.devices.robot.model)
+    around = session_obstacles(session).without_touch()
     plan = plan_tool_motion(
         model,
         cone_deg=activity.cone_deg,
@@ -145,19 +142,6 @@ def capture_path(activity: StartPathCapture, session: Session, tools: Toolbox) -
             spacing_mm=activity.spacing_mm, duration_s=activity.duration_s
         ),
     )
-
-
-def require_certified(
-    what: str, certificate: Certificate, motion: TimedMotion, around: Obstacles
-) -> None:
-    """Raise NotReachableError unless this motion was certified among what stands around now."""
-    if certificate.certifies(motion, around.digest()):
-        return
-    reasons = "; ".join(check.sentence for check in certificate.failures())
-    if not reasons:
-        other = "motion" if certificate.obstacles == around.digest() else "surroundings"
-        reasons = f"the certificate belongs to another {other}, plan it again"
-    raise NotReachableError(f"{what} is refused: {reasons}")
 
 
 def move_robot(activity: StartRobotMove, session: Session, tools: Toolbox) -> None:

@@ -7,7 +7,6 @@ import numpy as np
 
 from rona_core.arrays import Floats, readonly
 from rona_core.mapping.boundary_map import BoundaryMap, Maps
-from rona_core.session.document import Session
 
 Quantity = Literal["thickness", "height"]
 MAPS = ("outer", "inner", "fused")
@@ -37,15 +36,6 @@ class MapLayers:
     def part(self, name: str) -> MapPart:
         """Return one of ``MAPS`` by its name."""
         return {"outer": self.outer, "inner": self.inner, "fused": self.fused}[name]
-
-
-def map_layers(session: Session, quantity: Quantity = "thickness") -> MapLayers | None:
-    """Return the maps coloured by bone thickness, or by height over the plane of the map.
-
-    None before step 9. Thickness is known where both boundaries are; elsewhere there is no point.
-    """
-    derived = session.results.maps
-    return None if derived is None else layers_of(derived.value, quantity)
 
 
 def layers_of(maps: Maps, quantity: Quantity = "thickness") -> MapLayers:

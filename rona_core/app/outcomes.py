@@ -170,26 +170,3 @@ class StoreSonoMaps:
     sono_maps: SonoMaps
     arguments: dict[str, object]
     inputs: dict[str, dict[str, str]]  # result -> digests of what it was computed from
-
-
-Outcome = (
-    StoreSkull
-    | StoreToolCapture
-    | StorePointerCapture
-    | StoreSurfaceCapture
-    | StorePathCapture
-    | StoreRegistration
-    | StoreRobotPlan
-    | StoreBasePlacement
-    | StoreScanCapture
-    | StoreSecondPlan
-    | StoreSecondCapture
-    | StoreMaps
-    | StoreReferences
-    | StoreBlockCapture
-    | StoreWhatIf
-    | StoreSonoPivot
-    | StoreSonoSpin
-    | StoreSonoScan
-    | StoreSonoMaps
-)

@@ -121,12 +121,19 @@ def why_no_plan(plan: RobotPlan) -> str | None:
     if plan.may_move:
         return None
     if plan.mode == "none":
-        causes = Counter(verdict.reason for verdict in plan.verdicts)
-        counts = ", ".join(f"{count} by {cause}" for cause, count in causes.most_common())
-        furthest = max(plan.verdicts, key=lambda verdict: verdict.index)
+        stopped = [verdict for verdict in plan.verdicts if not verdict.feasible]
+        causes = Counter(verdict.reason for verdict in stopped)
+        counts = [f"{count} by {cause}" for cause, count in causes.most_common()]
+        if plan.n_feasible:
+            counts.append(f"{plan.n_feasible} with less room were not tried")
+        told = ""
+        if stopped:
+            furthest = max(stopped, key=lambda verdict: verdict.index)
+            told = f"; the one that gets furthest: {furthest.sentence}"
+        if refused := plan.refused:
+            told = f"; tried first: {refused.sentence}{told}"
         return (
-            f"none of {len(plan.verdicts)} rolls works ({counts}); the one that gets furthest: "
-            f"{furthest.sentence}{_varying(plan)}"
+            f"none of {len(plan.verdicts)} rolls works ({', '.join(counts)}){told}{_varying(plan)}"
         )
     failures = plan.certificate.failures() if plan.certificate is not None else ()
     return "the verifier refuses the plan: " + "; ".join(check.sentence for check in failures)

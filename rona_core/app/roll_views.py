@@ -222,6 +222,9 @@ def none_works(plan: RobotPlan) -> str:
     """Return why there is no plan at all, and what helps."""
     remedy = "Look below where to put the robot, shorten the path or tilt it less."
     varying = "" if plan.varying is None else f" {plan.varying.sentence}."
+    if plan.refused is not None:
+        told = plan.refused.sentence
+        varying = f" {told[:1].upper()}{told[1:]}.{varying}"
     if not plan.n_feasible:
         return f"None of {len(plan.verdicts)} rolls can be followed.{varying} {remedy}"
     return (

@@ -5,8 +5,9 @@ from typing import Literal
 
 import numpy as np
 
-from rona_core.app.captures import begin, drive_to, finish, require_certified
+from rona_core.app.captures import begin, drive_to, finish
 from rona_core.app.contact_loop import ContactLoop
+from rona_core.app.free_moves import require_certified
 from rona_core.app.staleness import capture_setup_digest, session_obstacles
 from rona_core.app.toolbox import Toolbox
 from rona_core.app.weigh import weigh_tool
@@ -14,7 +15,8 @@ from rona_core.arrays import Floats
 from rona_core.devices.force import ForceTrack
 from rona_core.devices.samples import AScan, AScanTrack, JointSample, JointTrack
 from rona_core.devices.settings import ContactSettings
-from rona_core.errors import CancelledError, NotReachableError
+from rona_core.errors import NotReachableError
+from rona_core.robot.collision import CollisionWorld
 from rona_core.robot.contact_band import contact_band, straight_line
 from rona_core.robot.model import RobotModel, robot_model
 from rona_core.robot.plan import Trajectory
@@ -44,6 +46,7 @@ def capture_scan(
     Raises:
         NotReachableError: there is no plan, the verifier did not certify it, or there is no room
             for the force loop.
+        CancelledError: somebody pressed Cancel or Stop before the probe came near the bone.
     """
     first, second = session.results.roll, session.results.second
     plan = None if first is None else first.value
@@ -93,14 +96,11 @@ def _in_contact(
     tools: Toolbox,
 ) -> tuple[int, Recorded]:
     """Weigh the tool, press it on, and follow the path with the force loop."""
-    band = contact_band(model, trajectory, contact)
+    around = session_obstacles(session)
+    band = contact_band(model, trajectory, contact, CollisionWorld(model, around))
     drive_to(trajectory.qs_rad[0], session, tools)
     ordinal = begin(session, tools)
-    here = tools.rig.robot.state()
-    try:
-        load = weigh_tool(trajectory.qs_rad[0], model, tools)
-    except CancelledError:
-        return ordinal, Recorded(joints=[here], partial=True)  # nothing has come yet
+    load = weigh_tool(trajectory.qs_rad[0], model, around, tools)
     loop = ContactLoop(trajectory, band, places_s, contact, load, model, tools)
     loop.run()
     recorded = Recorded(loop.scans, loop.clock_scans, loop.joints, loop.track(), loop.partial)

@@ -4,8 +4,6 @@ from dataclasses import dataclass, fields, replace
 from functools import lru_cache
 from typing import Any
 
-import numpy as np
-
 from rona_core.app.staleness import stale_reason
 from rona_core.devices.settings import ProbeSettings
 from rona_core.session.document import Session
@@ -125,9 +123,3 @@ def reference_rows(session: Session) -> tuple[ReferenceRow, ...]:
         )
         for i in range(len(points.thickness_mm))
     )
-
-
-def sure_scans(session: Session) -> tuple[int, ...]:
-    """Return the numbers of the A-scans whose inner boundary can be trusted."""
-    found = session.results.detection
-    return () if found is None else tuple(int(i) for i in np.flatnonzero(found.value.inner_ok))

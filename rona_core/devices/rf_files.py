@@ -25,6 +25,7 @@ KEYS = ("rf", "fs", "t0", "positions")
 HDF5_MAGIC = b"\x89HDF\r\n\x1a\n"
 ZIP_MAGIC = b"PK\x03\x04"
 MATLAB_MAGIC = b"MATLAB 5"
+MATLAB_73_MAGIC = b"MATLAB 7.3"
 MAX_VALUES = 400_000_000  # in one file: 3.2 GB as float64
 SLOWEST_HZ, FASTEST_HZ = 1e6, 2e9  # of samples
 MIN_SAMPLES = 64
@@ -79,7 +80,15 @@ def rf_from_arrays(arrays: Mapping[str, Any], name: str) -> RecordedRf:
         raise InvalidInputError(
             f"{name}: t0 is {start_s:g} s: expected seconds, such as {start_s * 1e-6:g}"
         )
-    positions = _positions(arrays["positions"], len(rf), name) if "positions" in arrays else None
+    positions = None
+    if "positions" in arrays:
+        rows = len(np.atleast_1d(arrays["positions"]))
+        if rows == rf.shape[1] != len(rf):
+            raise InvalidInputError(
+                f"{name}: rf has shape {rf.shape} and positions have {rows} rows: expected rf "
+                "(scans, samples), so it seems to be transposed"
+            )
+        positions = _positions(arrays["positions"], len(rf), name)
     return RecordedRf(name, readonly(rf), rate_hz * 1e-6, start_s * 1e6, start_known, positions)
 
 
@@ -88,10 +97,11 @@ def rf_from_arrays(arrays: Mapping[str, Any], name: str) -> RecordedRf:
 
 def _lines(value: Any, name: str) -> Floats:
     rf = _numbers(value, f"{name}: rf")
-    if rf.ndim == 1:
-        rf = rf[None, :]  # a single line
     if rf.ndim != 2 or 0 in rf.shape:
-        raise InvalidInputError(f"{name}: rf must have shape (scans, samples), not {rf.shape}")
+        hint = {1: f"; a single line is written as (1, {rf.size})", 3: "; join its scans"}
+        raise InvalidInputError(
+            f"{name}: rf must have shape (scans, samples), not {rf.shape}{hint.get(rf.ndim, '')}"
+        )
     n, samples = rf.shape
     if samples < MIN_SAMPLES:
         turned = "; it seems to be transposed" if n >= MIN_SAMPLES else ""
@@ -199,6 +209,8 @@ def _arrays(file: NamedFile) -> dict[str, Any]:
             except Exception as error:  # the libraries throw whatever they like at damaged files
                 words = re.sub(r"\s+", " ", str(error))[:160]
                 raise InvalidInputError(f"{file.name} is a damaged {kind} file: {words}") from error
+    if not file.data:
+        raise InvalidInputError(f"{file.name} is empty: expected an HDF5, .mat or .npz file")
     raise InvalidInputError(
         f"{file.name} is no HDF5, MATLAB (.mat) or numpy (.npz) file: expected one of these with "
         "rf (scans, samples) and fs in Hz"
@@ -208,7 +220,7 @@ def _arrays(file: NamedFile) -> dict[str, Any]:
 def _from_hdf5(file: NamedFile) -> dict[str, Any]:
     found: dict[str, Any] = {}
     with h5py.File(io.BytesIO(file.data), "r") as data:
-        matlab = any(
+        matlab = file.data.startswith(MATLAB_73_MAGIC) or any(
             "MATLAB_class" in data[key].attrs
             for key in KEYS
             if isinstance(data.get(key, getlink=True), h5py.HardLink)

@@ -23,12 +23,33 @@ def as_rotations(rotations: ArrayLike) -> Floats:
     r = as_floats(rotations, name="rotations")
     if r.shape[-2:] != (3, 3):
         raise InvalidInputError(f"a rotation must have shape (3, 3), not {r.shape[-2:]}")
-    error = np.abs(r @ np.swapaxes(r, -1, -2) - np.eye(3)).max(initial=0.0)
-    if error > ROTATION_TOLERANCE or (r.size and np.linalg.det(r).min() < 0):
+    if r.ndim == 2:
+        error, handedness = _of_one_matrix(r)
+    else:
+        error = float(np.abs(r @ np.swapaxes(r, -1, -2) - np.eye(3)).max(initial=0.0))
+        handedness = float(np.linalg.det(r).min(initial=1.0))
+    if error > ROTATION_TOLERANCE or handedness < 0.0:
         raise InvalidInputError(
             f"not a rotation: R R' differs from the identity by {error:.2g} or is mirrored"
         )
     return r
+
+
+def _of_one_matrix(matrix: Floats) -> tuple[float, float]:
+    """Return by how much R R' of one (3, 3) differs from the identity, and its determinant.
+
+    In plain numbers: single poses are made by the hundred thousand, and arrays of nine are slow.
+    """
+    (a, b, c), (d, e, f), (g, h, i) = matrix.tolist()
+    error = max(
+        abs(a * a + b * b + c * c - 1.0),
+        abs(d * d + e * e + f * f - 1.0),
+        abs(g * g + h * h + i * i - 1.0),
+        abs(a * d + b * e + c * f),
+        abs(a * g + b * h + c * i),
+        abs(d * g + e * h + f * i),
+    )
+    return error, a * (e * i - f * h) - b * (d * i - f * g) + c * (d * h - e * g)
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -4,7 +4,6 @@ The band holds the joint angles of the certified motion at several corrections a
 axis. Execution interpolates inside it and stops at its edge, so what is executed has been checked.
 """
 
-from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -13,6 +12,7 @@ from rona_core.arrays import Bools, Floats, readonly
 from rona_core.devices.settings import ContactSettings
 from rona_core.errors import NotReachableError
 from rona_core.geometry.pose import Poses
+from rona_core.robot.collision import CollisionWorld
 from rona_core.robot.contact import MOST_MM_PER_S
 from rona_core.robot.limits import TURN_RAD
 from rona_core.robot.model import RobotModel
@@ -26,8 +26,6 @@ OFF_LINE_MM, OFF_LINE_RAD = 0.05, 0.004  # how straight the line before and afte
 POSITION_MM, TILT_RAD = 0.02, 0.0005  # of the probe, from where the correction should bring it
 STEP_RAD = float(np.deg2rad(10.0))
 THINNING = 8  # every so many samples are looked at by the independent kinematics
-
-Clear = Callable[[Floats], Bools]  # joint angles (n, 6) -> (n,) true where nothing touches
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -50,7 +48,7 @@ def contact_band(
     model: RobotModel,
     trajectory: Trajectory,
     settings: ContactSettings,
-    clear: Clear | None = None,
+    world: CollisionWorld | None = None,
 ) -> ContactBand:
     """Return the widest band within the settings that holds, and its certificate.
 
@@ -58,14 +56,14 @@ def contact_band(
         model: The robot with its tool.
         trajectory: The certified motion of the scan.
         settings: How far the correction may go.
-        clear: Says of joint angles where nothing collides; None leaves that out.
+        world: Robot, tool and what stands around them; None looks at no collisions.
 
     Raises:
         NotReachableError: not even the narrowest band holds; it says what stops it.
     """
     width_mm, refused = settings.travel_mm, ""
     while width_mm >= NARROWEST_MM - 1e-9 or not refused:
-        band = band_is_safe(model, trajectory, width_mm, clear)
+        band = band_is_safe(model, trajectory, width_mm, world)
         if band.certificate.certified:
             return band
         refused = "; ".join(check.sentence for check in band.certificate.failures())
@@ -77,7 +75,10 @@ def contact_band(
 
 
 def band_is_safe(
-    model: RobotModel, trajectory: Trajectory, width_mm: float, clear: Clear | None = None
+    model: RobotModel,
+    trajectory: Trajectory,
+    width_mm: float,
+    world: CollisionWorld | None = None,
 ) -> ContactBand:
     """Return the band of one width with a certificate that says whether it holds, and why not."""
     travels = np.linspace(-width_mm, width_mm, LEVELS)
@@ -93,16 +94,13 @@ def band_is_safe(
             reached &= valid
     checks = _checks(model, trajectory, travels, qs, at, reached)
     checks += _placed_checks(model, trajectory, travels, qs, at, probes)
-    if clear is not None:
-        free = np.ones(len(at), dtype=np.bool_)
-        for level in range(LEVELS):
-            free &= clear(qs[at, level])
-        checks.append(
-            _check("configurations that touch something", np.logical_not(free), 0.0, "", at)
-        )
+    if world is not None:
+        checks.append(_touch_check(world, travels, qs, at))
     holds = all(check.holds for check in checks)
     motion = _Sheet(trajectory.times_s, qs)
-    certificate = Certificate(model.name, holds, tuple(checks), motion_digest(model.name, motion))
+    around = "" if world is None else world.obstacles.digest()
+    digest = motion_digest(model.name, motion, around)
+    certificate = Certificate(model.name, holds, tuple(checks), digest, obstacles=around)
     return ContactBand(trajectory.times_s, readonly(travels), readonly(qs), guided, certificate)
 
 
@@ -201,6 +199,31 @@ def _placed_checks(
         _check("distance from the tool axis in the band", off, POSITION_MM, "mm", thin),
         _check("tilt in the band", np.rad2deg(tilt), float(np.rad2deg(TILT_RAD)), "°", thin),
     ]
+
+
+def _touch_check(
+    world: CollisionWorld, travels: Floats, qs: Floats, at: np.typing.NDArray[np.int64]
+) -> Check:
+    """Look for collisions at every correction and halfway to the next; name the first found."""
+    halfway = (travels[1:] + travels[:-1]) / 2.0
+    for travel in sorted((*travels, *halfway), key=abs):  # the motion itself first
+        weights = interpolation_weights(travels, float(travel))
+        sheet = np.einsum("m,nmj->nj", weights, qs[at])
+        touching = np.flatnonzero(~world.clear(sheet))
+        if len(touching):
+            first = int(touching[0])
+            said = world.report(sheet[first : first + 1])
+            pair = int(said.closest[0])
+            parts, least_mm = said.names[pair], float(said.least_mm[pair])
+            apart_mm = least_mm + float(said.room_mm[0])
+            sentence = (
+                f"clearance in the band fails: corrected by {travel:g} mm, {parts[0]} and "
+                f"{parts[1]} are {apart_mm:.1f} mm apart at sample {at[first]}, "
+                f"{least_mm:.1f} mm must be kept"
+            )
+            name = "clearance in the band"
+            return Check(name, apart_mm, least_mm, "mm", int(at[first]), False, sentence)
+    return _check("samples that touch something in the band", np.zeros(1), 0.0, "", at)
 
 
 def interpolation_weights(travels_mm: Floats, travel_mm: float) -> Floats:

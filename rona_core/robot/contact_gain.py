@@ -41,23 +41,13 @@ def contact_gain(stiffness_n_per_mm: float, settings: ContactSettings) -> Contac
     return ContactGain(proportional, proportional / (RESET_DELAYS * delay_s), float(critical))
 
 
-def expected_rms_n(
-    stiffness_n_per_mm: float, settings: ContactSettings, speed_mm_per_s: float
-) -> float:
-    """Return the RMS force error over the wavy surface that is reckoned with, at some speed.
+def speed_limit_mm_per_s(stiffness_n_per_mm: float, settings: ContactSettings) -> float:
+    """Return the scan speed at which the wavy surface costs the RMS force error that is allowed.
 
     The loop answers a surface moving as w(s) with the force error K s^2 w / (s^2 + c s + c / T_i),
-    c = K k_p; the dead time is left out, as it matters only far above the wave's frequency.
+    c = K k_p; the dead time is left out, as it matters only far above the wave's frequency. A
+    contact so soft that the error is never reached has no limit: infinity.
     """
-    gain = contact_gain(stiffness_n_per_mm, settings)
-    omega = 2.0 * np.pi * speed_mm_per_s / ERROR_LENGTH_MM
-    s = 1j * omega
-    loop = s**2 + stiffness_n_per_mm * (gain.proportional * s + gain.integral)
-    return float(abs(stiffness_n_per_mm * ERROR_MM * s**2 / loop) / np.sqrt(2.0))
-
-
-def speed_limit_mm_per_s(stiffness_n_per_mm: float, settings: ContactSettings) -> float:
-    """Return the scan speed at which ``expected_rms_n`` reaches what is allowed; it may be inf."""
     gain = contact_gain(stiffness_n_per_mm, settings)
     c = stiffness_n_per_mm * gain.proportional
     b = stiffness_n_per_mm * gain.integral

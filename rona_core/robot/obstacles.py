@@ -5,7 +5,7 @@ Nothing here knows where things really are: see docs/algorithms/collision.md for
 """
 
 import hashlib
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -89,6 +89,11 @@ class Obstacles:
         names = [thing.name for thing in self.things]
         require(len(set(names)) == len(names), f"obstacles need names of their own: {names}")
         require(0.0 <= self.self_margin_mm <= 1000.0, "self_margin_mm must be 0 to 1000")
+
+    def without_touch(self) -> "Obstacles":
+        """Return the same things for a robot that is to keep its distance, delay line included."""
+        things = tuple(replace(thing, touch_mm=0.0) for thing in self.things)
+        return replace(self, things=things)
 
     def digest(self) -> str:
         """Return the SHA-256 of all shapes, places and margins, as hexadecimal digits."""

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from rona_core.arrays import Floats, Ints
 from rona_core.geometry.path5d import Path5D
 
-Reason = Literal["none", "reach", "singularity", "limit", "jump", "blocked", "roll rate"]
+Reason = Literal["none", "reach", "singularity", "limit", "jump", "blocked", "roll rate", "no way"]
 Mode = Literal["constant", "variable", "none"]
 
 
@@ -185,6 +185,12 @@ class RobotPlan:
         if self.mode == "variable":
             return self.varying
         return self.verdicts[self.chosen] if self.mode == "constant" else None
+
+    @property
+    def refused(self) -> RollVerdict | None:
+        """The verdict with the most room of those that have no way to the path or back, if any."""
+        refused = [verdict for verdict in self.verdicts if verdict.reason == "no way"]
+        return max(refused, key=lambda verdict: verdict.margin, default=None)
 
     @property
     def may_move(self) -> bool:

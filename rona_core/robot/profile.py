@@ -92,13 +92,14 @@ def time_along(
     step = float(grid[1] - grid[0])
     dq, ddq = np.abs(joints(grid, 1)), np.abs(joints(grid, 2))
     bend = np.linalg.norm(places(grid, 2), axis=1)
+    stretch = np.linalg.norm(places(grid, 1), axis=1)  # of the tool's way over the given one
     most = SAFETY * acceleration_rad_per_s2
     gain, jerk = SAFETY * ALONG_PATH * limits.acceleration_mm_per_s2, limits.jerk_mm_per_s3
     gain = min(gain, float(np.sqrt(limits.speed_mm_per_s * jerk)))  # no more than can be reached
     span_s = gain / jerk
     ceiling = np.minimum.reduce(
         (
-            np.full(len(grid), limits.speed_mm_per_s),
+            limits.speed_mm_per_s / np.maximum(stretch, 1.0),
             (SAFETY * speed_rad_per_s / np.maximum(dq, TINY)).min(axis=1),
             np.sqrt((BENT_JOINT * most / np.maximum(ddq, TINY)).min(axis=1)),
             np.sqrt(SAFETY * BENT_PATH * limits.acceleration_mm_per_s2 / np.maximum(bend, TINY)),

@@ -10,7 +10,7 @@ from rona_core.devices.settings import require
 from rona_core.errors import InvalidInputError, NotReachableError
 from rona_core.geometry.path5d import Path5D
 from rona_core.robot.clear_check import Clear
-from rona_core.robot.clear_rolls import clear_of
+from rona_core.robot.clear_rolls import clear_of, no_way, without
 from rona_core.robot.collision import CollisionWorld, clear_among
 from rona_core.robot.density import dense
 from rona_core.robot.judged_rolls import JudgedRolls, judge_rolls
@@ -32,7 +32,8 @@ from rona_core.robot.variable_verdict import NAME
 from rona_core.robot.vary_roll import vary_roll
 from rona_core.robot.verify import verify_scan
 
-MAX_TRIES = 4  # rolls that are timed and verified before giving up
+MAX_TRIES = 4  # rolls that are timed and verified before giving up,
+MAX_WAYS = 12  # with all their branches
 SEARCH_SHARE, TRIED_SHARE = 0.4, 0.7  # of the progress, when rolls are judged, and when timed
 
 
@@ -61,11 +62,13 @@ def plan_scan(
 ) -> RobotPlan:
     """Plan the scan of a dense path: roll, trajectory and certificate.
 
-    Constant rolls are taken in the order of ``settings.choice``; the first whose motion the
-    verifier certifies is kept. In the mode ``auto`` a roll that varies along the path is planned
-    where no constant one is certified, in the mode ``variable`` at once. Where no roll is feasible
-    the plan has mode ``none``, and its verdicts say why; where none is certified it carries the
-    first motion and the certificate that refuses it.
+    Constant rolls are taken in the order of ``settings.choice``, each on its branches in turn; the
+    first whose motion the verifier certifies is kept. In the mode ``auto`` a roll that varies along
+    the path is planned where no constant one is certified, in the mode ``variable`` at once. A roll
+    counts as feasible if the probe can be drawn back at both ends of the path; one that was tried
+    and refused on all its branches does not, and says why. Where no roll is feasible the plan has
+    mode ``none``, and its verdicts say why; where none is certified it carries the first motion and
+    the certificate that refuses it.
 
     Args:
         path: Positions and probe axes in ``base``, interpolated densely (1 mm, 1 degree); wider
@@ -93,23 +96,32 @@ def plan_scan(
         progress=lambda share: progress(SEARCH_SHARE * share),
         cancel=cancel,
     )
-    clear = None
-    if settings.obstacles is not None:
-        world = CollisionWorld(model, settings.obstacles)
-        judged, clear = clear_of(judged, world), world.clear
+    around = settings.obstacles
+    world = None if around is None else CollisionWorld(model, around)
+    judged, clear = clear_of(judged, world), None if world is None else world.clear
     plan = planned(constant_search(judged, -1), model)
     refused: RobotPlan | None = None
     if settings.mode != "variable":
-        for attempt, index in enumerate(_candidates(judged, settings.choice)[:MAX_TRIES]):
+        tried: list[int] = []
+        for attempt in range(MAX_WAYS):
+            if not tried or not judged.verdicts[tried[-1]].feasible:  # on no branch
+                tried.append(_next(judged, settings.choice))
+            index = tried[-1]
+            if index < 0 or len(tried) > MAX_TRIES:
+                break
+            pair = index, judged.verdicts[index].branch
             try:
                 candidate = _with_roll(plan, index, model, settings, clear)
-            except NotReachableError:
-                continue  # the stand-off of this roll is out of reach
-            if candidate.may_move:
-                progress(1.0)
-                return candidate
-            refused = refused or candidate
-            progress(SEARCH_SHARE + (TRIED_SHARE - SEARCH_SHARE) * (attempt + 1) / MAX_TRIES)
+                if candidate.may_move:
+                    progress(1.0)
+                    return candidate
+                refused = refused or candidate
+                why = _refusal(candidate)
+            except NotReachableError as error:
+                why = str(error)  # there is no way to the path or back
+            judged = without(judged, {pair: lambda why=why: (0, no_way(why))})
+            plan = planned(constant_search(judged, -1), model)
+            progress(SEARCH_SHARE + (TRIED_SHARE - SEARCH_SHARE) * (attempt + 1) / MAX_WAYS)
     if settings.mode != "constant":
         varying = _varying(
             judged,
@@ -186,12 +198,18 @@ def planned(search: RollSearch, model: RobotModel) -> RobotPlan:
     )
 
 
-def _candidates(judged: JudgedRolls, choice: Choice) -> list[int]:
-    """Return the feasible rolls in the order in which they are to be tried."""
+def _next(judged: JudgedRolls, choice: Choice) -> int:
+    """Return the feasible roll that is to be tried next, -1 for none."""
     feasible = [i for i, verdict in enumerate(judged.verdicts) if verdict.feasible]
     if choice == "first":
-        return feasible
-    return sorted(feasible, key=lambda i: -judged.verdicts[i].margin)
+        return min(feasible, default=-1)
+    return max(feasible, key=lambda i: judged.verdicts[i].margin, default=-1)
+
+
+def _refusal(plan: RobotPlan) -> str:
+    """Return why the verifier refuses the motion of a plan."""
+    failures = () if plan.certificate is None else plan.certificate.failures()
+    return "the verifier refuses its motion: " + "; ".join(check.sentence for check in failures)
 
 
 def _with_roll(

@@ -87,13 +87,13 @@ def time_path(
     if qs_rad.shape != (len(path), 6):
         raise InvalidInputError(f"qs_rad must have shape ({len(path)}, 6), not {qs_rad.shape}")
     start = model.home_rad if q_start_rad is None else np.asarray(q_start_rad, dtype=np.float64)
-    down = _line_from(model, qs_rad[0], branch, settings.standoff_mm, clear)[::-1]
-    up = _line_from(model, qs_rad[-1], branch, settings.standoff_mm, clear)
+    down = line_back(model, qs_rad[0], branch, settings.standoff_mm, clear)[::-1]
+    up = line_back(model, qs_rad[-1], branch, settings.standoff_mm, clear)
     way, along = _way(path), path.arc_length_mm()
     scan_ways, scan = _timed_scan(way, qs_rad, model, settings)
     free = outside_bone(path, model, clear)
-    before = chain((clear_move(model, start, down[0], free), _timed_line(down, settings, model)))
-    after = chain((_timed_line(up, settings, model), clear_move(model, up[-1], start, free)))
+    before = chain((clear_move(model, start, down[0], free), timed_line(down, settings, model)))
+    after = chain((timed_line(up, settings, model), clear_move(model, up[-1], start, free)))
     qs = chain((before, scan, after))
     path_mm = np.full(len(qs), along[-1])
     path_mm[: len(before)] = 0.0
@@ -176,7 +176,7 @@ def _way(path: Path5D) -> Floats:
     return np.concatenate(([0.0], np.cumsum(np.maximum(steps_mm, turns_mm))))
 
 
-def _line_from(
+def line_back(
     model: RobotModel,
     q_contact_rad: Floats,
     branch: int,
@@ -210,7 +210,7 @@ def _line_from(
     return qs[:count].copy()
 
 
-def _timed_line(qs_rad: Floats, settings: ScanSettings, model: RobotModel) -> Floats:
+def timed_line(qs_rad: Floats, settings: ScanSettings, model: RobotModel) -> Floats:
     """Return samples (m, 6) of a straight line, driven at approach speed from rest to rest."""
     points = (model.forward(qs_rad) @ model.T_flange_probe).translations
     way_mm = LINE_STEP_MM * np.arange(len(qs_rad), dtype=np.float64)

@@ -72,12 +72,13 @@ def plan_tool_motion(
         n_translate: Dwells along each of tool x and tool y, at least 2.
         length_mm: Length of each shift, half to either side of the middle.
         dwell_s: How long the robot stands still at each dwell.
-        obstacles: What stands around: the ways from home and back go around it, and the verifier
-            looks for collisions. None: nothing is around.
+        obstacles: What stands around: all ways go around it, and the verifier looks for
+            collisions. None: nothing is around.
 
     Raises:
         InvalidInputError: a count, angle or duration out of range.
-        NotReachableError: no branch of the arm reaches all poses, or there is no clear way there.
+        NotReachableError: no branch of the arm reaches all poses, something is in the way of one,
+            or there is no clear way from one to the next.
     """
     require(2.0 <= cone_deg <= 60.0, f"cone_deg must be 2 to 60, not {cone_deg}")
     require(4 <= n_pivot <= 500, f"n_pivot must be 4 to 500, not {n_pivot}")
@@ -98,7 +99,8 @@ def plan_tool_motion(
     clear = None
     if obstacles is not None:
         require_clear(model, obstacles, model.home_rad, "rests")
-        require_clear(model, obstacles, qs_legs[0][0])
+        q_stops = [qs[0] for qs in qs_legs] + [qs_legs[-1][-1]]
+        _require_clear_stops(model, obstacles, np.array(q_stops))
         clear = clear_among(model, obstacles)
     parts, dwells = [clear_move(model, model.home_rad, qs_legs[0][0], clear)], []
     length = len(parts[0])
@@ -106,7 +108,12 @@ def plan_tool_motion(
         q_stop = qs_legs[i][0] if i < len(legs) else qs_legs[-1][-1]
         stay = np.repeat(q_stop[None], int(np.ceil(dwell_s / SAMPLE_S - 1e-9)), axis=0)
         dwells.append((length - 1, length - 1 + len(stay)))
-        leg = _drive(model, legs[i], qs_legs[i])[1:] if i < len(legs) else q_stop[None][:0]
+        leg = q_stop[None][:0]
+        if i < len(legs):
+            leg = _drive(model, legs[i], qs_legs[i])
+            if clear is not None and not clear(leg).all():  # nobody measures on the way
+                leg = clear_move(model, leg[0], leg[-1], clear)
+            leg = leg[1:]
         parts += [stay, leg]
         length += len(stay) + len(leg)
     parts.append(clear_move(model, qs_legs[-1][-1], model.home_rad, clear)[1:])
@@ -123,6 +130,14 @@ def plan_tool_motion(
         T_base_tip_center=center,
         certificate=verify_motion(model, motion, obstacles=obstacles),
     )
+
+
+def _require_clear_stops(model: RobotModel, obstacles: Obstacles, qs_rad: Floats) -> None:
+    """Raise NotReachableError where the robot would touch something at one of the stops (n, 6)."""
+    touched = np.flatnonzero(~clear_among(model, obstacles)(qs_rad))
+    for stop in touched[:1].tolist():
+        place = f"is to rest at place {stop + 1} of {len(qs_rad)} (a smaller cone may help)"
+        require_clear(model, obstacles, qs_rad[stop], place)
 
 
 @dataclass(frozen=True, slots=True, eq=False)

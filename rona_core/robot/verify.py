@@ -202,19 +202,23 @@ def _speed_checks(
     total = float(np.linalg.norm(np.diff(path.points_base, axis=0), axis=1).sum())
     missing = np.array((abs(scan.way_mm[0]), abs(total - scan.way_mm[-1])))
     fastest = scan_speed_mm_per_s * (1.0 + allowed.speed_excess)
-    swinging = scan_speed_mm_per_s * (1.0 + allowed.corner_excess)
+    uneven = scan_speed_mm_per_s * (1.0 + allowed.uneven_excess)
     places = scan.poses.translations
+    ends = places[::DENSITY]
+    between = np.diff(scan.times_s[::DENSITY])
+    mean = np.linalg.norm(np.diff(ends, axis=0), axis=1) / between
     speed = np.linalg.norm(np.diff(places, axis=0), axis=1) / np.diff(scan.times_s)
     acceleration = np.zeros(1)
     if len(places) > 2 * DENSITY:
-        between = np.diff(scan.times_s[::DENSITY])
-        speeds = np.diff(places[::DENSITY], axis=0) / between[:, None]
+        speeds = np.diff(ends, axis=0) / between[:, None]
         spans = (between[1:] + between[:-1]) / 2.0
         acceleration = np.linalg.norm(np.diff(speeds, axis=0), axis=1) / spans
+    probe = "speed of the probe"
     most = allowed.path_acceleration_mm_per_s2 * (1.0 + EXCESS)
     return [
         check("scan speed", np.diff(way) / gaps, fastest, "mm/s", first=1),
-        check("speed of the probe", per_sample(speed), swinging, "mm/s", first=scan.first),
+        check(probe, mean, fastest, "mm/s", first=scan.first + 1),
+        check(f"{probe} between samples", per_sample(speed), uneven, "mm/s", first=scan.first),
         check("acceleration of the probe", acceleration, most, "mm/s²", first=scan.first + 1),
         check("step back along the path", -np.diff(way), 0.0, "mm", first=1),
         check("part of the path left out", missing, allowed.position_mm, "mm"),

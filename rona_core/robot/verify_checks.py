@@ -31,8 +31,8 @@ class Tolerances:
     roll_rad: float = float(np.deg2rad(0.5))  # about the probe axis
     singular_rad: float = float(np.deg2rad(4.9))  # of elbow and wrist from straight, on the path
     shoulder_mm: float = 29.0  # of the wrist centre from axis 1, on the path
-    speed_excess: float = 0.01  # over the scan speed that was asked for
-    corner_excess: float = 0.25  # likewise, of the probe itself: it swings through corners
+    speed_excess: float = 0.01  # over the scan speed that was asked for, also of the probe itself
+    uneven_excess: float = 0.1  # likewise, between samples: the probe is uneven, joints are linear
     dip_mm: float = 0.5  # into the bone while approaching or leaving
     chord_mm: float = 0.1  # of the tool between samples from the straight line between them
     tool_speed_mm_per_s: float = 250.0  # of the tip; what robots near people are held to

@@ -19,6 +19,10 @@ REACH = 3.0  # of the comparison about the front, over the pulse length
 CYCLES = (0, -1, 1, -2, 2)
 KEPT = 0.9  # another cycle must leave less than this share of the misfit
 SEARCH_CYCLES = 0.3
+HALVES = (0, -1, 1, -2, 2, -3, 3)  # of cycles
+GAINS = np.geomspace(1.0, 20.0, 24)  # of the whole front, over the limit that cut it off
+FINE = 8
+COMPARED = 24  # lines
 
 
 def settle_clipped(
@@ -75,3 +79,56 @@ def settle_clipped(
         search_us=SEARCH_CYCLES / band.centre_mhz,
     )
     return replace(front, aligned=aligned)
+
+
+def front_is_cut(clipped: Bools, front: FrontEchoes, sampling_mhz: float, band: Band) -> Bools:
+    """Return which lines (n,) have a front that was cut off."""
+    index = np.arange(clipped.shape[1]) / sampling_mhz
+    near = np.abs(index - front.aligned.at_us[:, None]) < band.length_us
+    return np.asarray(front.ok & (clipped & near).any(axis=1))
+
+
+def half_cycles_off(
+    rf: Floats,
+    cut: Bools,
+    front: FrontEchoes,
+    pulse: Complexes,
+    sampling_mhz: float,
+    band: Band,
+) -> int:
+    """Return by how many half cycles a pulse must move (and turn over) to explain the fronts.
+
+    The back wall's echo is whole where the front's was cut off: with its loss taken back, moved,
+    and cut off at the same limits it must give the recorded line.
+
+    Args:
+        rf: Lines (n, samples) as they were recorded.
+        cut: Lines (n,) whose front was cut off.
+        front: The fronts.
+        pulse: Spectrum (f,) of the whole pulse, its time 0 where the fronts were timed.
+        sampling_mhz: Of the lines.
+        band: Of the echoes.
+    """
+    size = len(pulse)
+    fine = np.zeros(FINE * size, dtype=np.complex128)
+    fine[: size // 2] = pulse[: size // 2]
+    wave = np.fft.fftshift(np.fft.ifft(fine).real)
+    wave = wave / max(float(np.abs(wave).max()), 1e-12)
+    place = (np.arange(len(wave)) - len(wave) // 2) / (FINE * sampling_mhz)
+    reach = round(REACH * band.length_us * sampling_mhz)
+    rows = np.flatnonzero(cut)
+    rows = rows[np.linspace(0, len(rows) - 1, min(COMPARED, len(rows))).astype(int)]
+    misfit = np.zeros(len(HALVES))
+    for row in rows:
+        at = float(front.aligned.at_us[row])
+        middle = round(at * sampling_mhz)
+        index = np.arange(max(0, middle - reach), min(rf.shape[1], middle + reach))
+        line = rf[row] - np.median(rf[row])
+        low, high = float(line.min()), float(line.max())
+        for number, halves in enumerate(HALVES):
+            time = index / sampling_mhz - at + 0.5 * halves / band.centre_mhz
+            model = (-1.0) ** halves * np.interp(time, place, wave, 0.0, 0.0)
+            scaled = np.clip(max(high, -low) * GAINS[:, None] * model, low, high)
+            misfit[number] += float(((line[index] - scaled) ** 2).sum(axis=1).min())
+    best = int(np.argmin(misfit))
+    return HALVES[best] if misfit[best] < KEPT * misfit[HALVES.index(0)] else 0

@@ -14,6 +14,7 @@ from rona_core.devices.protocols import Cancel, Progress, never, silent
 from rona_core.devices.rf_files import RecordedRf
 from rona_core.errors import CancelledError, InvalidInputError
 from rona_core.ultrasound.clipped_front import settle_clipped
+from rona_core.ultrasound.long_pulse import compress, learn_long_pulse
 from rona_core.ultrasound.recorded_back import BackEchoes, refine_back
 from rona_core.ultrasound.recorded_echoes import align_fronts, find_back, least_lag_us
 from rona_core.ultrasound.recorded_front import FrontEchoes, find_recorded_fronts
@@ -23,7 +24,9 @@ from rona_core.ultrasound.recorded_signal import (
     check_lines,
     find_band,
     find_clipped,
+    find_spikes,
     restore_clipped,
+    without_spikes,
 )
 
 OK, NO_FRONT, NO_BACK, UNSURE = range(4)
@@ -86,12 +89,25 @@ def detect_recorded(
     rf, rate = recorded.rf, recorded.sampling_mhz
     clipped = find_clipped(rf)
     band = find_band(rf, clipped, rate, prior_mhz)
+    cut: Bools = np.asarray(clipped.any(axis=1))
     told(0.1)
+    spikes = find_spikes(rf, clipped, rate, band)
+    if spikes.any():
+        rf = without_spikes(rf, spikes, rate, band)
+        band = find_band(rf, clipped, rate, prior_mhz)
     z = analytic(restore_clipped(rf, clipped, rate, band), rate, band)
     told(0.3)
-    front = find_recorded_fronts(z, rate, recorded.start_us, recorded.start_known, band)
+    front = find_recorded_fronts(z, clipped, rate, recorded.start_us, recorded.start_known, band)
     told(0.5)
     zero, lines = align_fronts(z, front, rate, band)
+    pulse = learn_long_pulse(lines, zero, front, rate, band)
+    if pulse is not None:
+        z = compress(z, pulse, zero, rate, band)
+        clipped = np.zeros_like(clipped)  # nothing stands at a limit any more
+        front = find_recorded_fronts(
+            z, clipped, rate, recorded.start_us, recorded.start_known, band
+        )
+        zero, lines = align_fronts(z, front, rate, band)
     for _ in range(SETTLINGS if clipped.any() else 0):
         settled = settle_clipped(rf, clipped, z, front, lines, zero, rate, band)
         if settled is front:
@@ -101,9 +117,10 @@ def detect_recorded(
     least = least_lag_us(clipped, front, rate, band)
     back = find_back(recorded, lines, zero, front, band, least)
     told(0.7)
-    found = None if back is None else refine_back(lines, zero, front, back, rate, band, recorded)
+    found = None
+    if back is not None:
+        found = refine_back(lines, zero, front, back, rate, band, recorded, clipped)
     told(1.0)
-    cut: Bools = np.asarray(clipped.any(axis=1))
     return _judged(recorded, front, found, cut, band, sound_speed_mm_per_us)
 
 

@@ -4,12 +4,13 @@ Attenuation and polarity make it unlike the front; what remains alike decides ho
 are: the delay at which the mean front, damped and perhaps turned over, is most like the mean back.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from rona_core.arrays import Bools, Floats, Ints
 from rona_core.devices.rf_files import RecordedRf
+from rona_core.ultrasound.clipped_front import front_is_cut, half_cycles_off
 from rona_core.ultrasound.echo_tracks import Track, neighbours, predicted
 from rona_core.ultrasound.learned_pulse import Aligned, align_echoes, locate_echoes
 from rona_core.ultrasound.recorded_front import FrontEchoes
@@ -22,6 +23,10 @@ SMOOTH_CYCLES = 0.35  # a coarse lag that scatters less about its neighbours is 
 SEARCH_CYCLES = 0.6
 OFF_COST = 0.05  # likeness that a scan off its neighbours by a cycle must have more
 LOSSES = np.linspace(0.0, 3.0, 61)  # Np per MHz tried for the way through the plate
+MOST_TURN = 0.5 * np.pi  # of the phase, from a piston's near field to its far field
+TURN_COST = 0.005  # likeness that the whole of it must bring
+BEYOND = 0.5  # of the range of lags that were followed
+MOST_GAIN = 5.0  # by which a loss is taken back
 MAX_RESHAPE_NP = 0.7
 
 
@@ -46,6 +51,7 @@ class Match:
     loss_np_per_mhz: float
     inverted: bool
     likeness: float
+    worth: float  # likeness less the price of a turned phase
 
 
 def refine_back(
@@ -56,6 +62,7 @@ def refine_back(
     sampling_mhz: float,
     band: Band,
     recorded: RecordedRf,
+    clipped: Bools,
 ) -> BackEchoes:
     """Return the time from front to back wall in each line.
 
@@ -66,7 +73,8 @@ def refine_back(
         track: The coarse lag of the back wall.
         sampling_mhz: Of the lines.
         band: Of the echoes.
-        recorded: For the positions.
+        recorded: The lines as they were written, and their positions.
+        clipped: Samples (n, samples) at a limit of the converter.
     """
     used = track.there & front.ok
     near = neighbours(len(lines), recorded.positions_mm)
@@ -76,7 +84,10 @@ def refine_back(
     search = SEARCH_CYCLES / band.centre_mhz
     aligned = align_echoes(plain, centers, used, sampling_mhz, band, search_us=search)
     middle = float(np.median(lag[used]))
-    match = match_echoes(front.aligned, aligned, band)
+    cut = front_is_cut(clipped, front, sampling_mhz, band)
+    # what was restored of a pulse does not tell a turned phase from a moved envelope
+    most_turn = 0.0 if 2 * cut.sum() > front.ok.sum() else MOST_TURN
+    match = match_echoes(front.aligned, aligned, band, most_turn)
     rate = match.loss_np_per_mhz / middle
     reshape = _reshape(rate * (lag - middle), aligned.frequencies_mhz, band)
     aligned = align_echoes(
@@ -85,7 +96,21 @@ def refine_back(
     aligned = _settled(
         plain, aligned, lag, used, near, recorded.positions_mm, zero, sampling_mhz, band, reshape
     )
-    match = match_echoes(front.aligned, aligned, band)
+    match = match_echoes(front.aligned, aligned, band, most_turn)
+    if most_turn == 0.0:
+        whole = np.where(
+            aligned.frequencies_mhz > 0,
+            aligned.spectrum * _undamped(match.loss_np_per_mhz, aligned.frequencies_mhz, band),
+            0.0,
+        ) * np.exp(2j * np.pi * aligned.frequencies_mhz * match.delay_us)
+        halves = half_cycles_off(
+            recorded.rf, cut, front, -whole if match.inverted else whole, sampling_mhz, band
+        )
+        match = replace(
+            match,
+            delay_us=match.delay_us + 0.5 * halves / band.centre_mhz,
+            inverted=match.inverted != bool(halves % 2),
+        )
     found = aligned.at_us - zero / sampling_mhz + match.delay_us
     noise = _noise(plain, zero, sampling_mhz, band)
     peak = np.abs(np.fft.ifft(aligned.spectrum)).max() * aligned.level
@@ -93,6 +118,10 @@ def refine_back(
     inside = centers < lines.shape[1] - round(0.5 * band.length_us * sampling_mhz)
     heard = front.ok & inside & (snr > LEAST_SNR)
     sure = heard & (aligned.likeness > ALIKE) & (used | (aligned.likeness > 0.75))
+    # where the echo was not followed to, neighbours may have pointed anywhere
+    low, high = np.quantile(lag[used], (0.02, 0.98))
+    reach = max(band.length_us, BEYOND * (high - low))
+    sure &= used | ((found > low - reach) & (found < high + reach))
     # bound of a coherent estimate: bandwidth times time is about 1, both echoes have noise
     sigma = np.hypot(1.0 / np.maximum(snr, 1.0), noise) / (2.0 * np.pi * band.centre_mhz)
     return BackEchoes(
@@ -100,10 +129,11 @@ def refine_back(
     )
 
 
-def match_echoes(front: Aligned, back: Aligned, band: Band) -> Match:
+def match_echoes(front: Aligned, back: Aligned, band: Band, most_turn: float = MOST_TURN) -> Match:
     """Return delay, loss and sign that make the mean front most like the mean back echo.
 
-    Loss grows with frequency and has its Kramers-Kronig dispersion, 0 in mid-band.
+    Loss grows with frequency and has its Kramers-Kronig dispersion, 0 in mid-band. The field of a
+    probe spreads between front and back wall, which advances the phase by up to a quarter turn.
     """
     f = front.frequencies_mhz
     half = f > 0
@@ -112,17 +142,23 @@ def match_echoes(front: Aligned, back: Aligned, band: Band) -> Match:
     step = 1.0 / (float(f[1]) * size)
     reach = int(0.8 / band.centre_mhz / step)
     lags = np.arange(-reach, reach + 1)
-    best = Match(0.0, 0.0, True, -1.0)
+    best = Match(0.0, 0.0, True, -1.0, -1.0)
     norm_back = np.sqrt((np.abs(back.spectrum[half]) ** 2).sum())
     for loss in LOSSES:
         model = np.where(half, front.spectrum * damping(loss, f, band), 0.0)
         cross = np.zeros(size, dtype=np.complex128)
         cross[: len(f) // 2] = (back.spectrum * np.conj(model))[: len(f) // 2]
-        value = (np.fft.ifft(cross) * size).real[lags]
+        value = (np.fft.ifft(cross) * size)[lags]
         value = value / (norm_back * np.sqrt((np.abs(model) ** 2).sum()) + 1e-12)
-        at = int(np.argmax(np.abs(value)))
-        if abs(value[at]) > best.likeness:
-            best = Match(lags[at] * step, float(loss), bool(value[at] < 0), float(abs(value[at])))
+        for sign in (-1.0, 1.0):
+            turn = np.clip(np.angle(sign * value), 0.0, most_turn)
+            fit = (sign * value * np.exp(-1j * turn)).real
+            worth = fit - TURN_COST * turn / MOST_TURN
+            at = int(np.argmax(worth))
+            if worth[at] > best.worth:
+                best = Match(
+                    float(lags[at] * step), float(loss), sign < 0, float(fit[at]), float(worth[at])
+                )
     return best
 
 
@@ -132,6 +168,13 @@ def damping(loss_np_per_mhz: Floats | float, f: Floats, band: Band) -> Complexes
     turn = 2.0 * safe / np.pi * np.log(safe / band.centre_mhz)
     # level at mid-band stays
     return np.exp(np.asarray(loss_np_per_mhz)[..., None] * (-(safe - band.centre_mhz) + 1j * turn))
+
+
+def _undamped(loss_np_per_mhz: float, f: Floats, band: Band) -> Complexes:
+    """Return what takes a loss back, within reason."""
+    gain = damping(-loss_np_per_mhz, f, band)
+    size = np.abs(gain)
+    return gain * np.minimum(size, MOST_GAIN) / size
 
 
 def _reshape(loss_np_per_mhz: Floats, f: Floats, band: Band) -> Complexes:

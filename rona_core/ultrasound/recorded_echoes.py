@@ -13,12 +13,15 @@ from rona_core.ultrasound.echo_tracks import (
     neighbour_tree,
     neighbours,
 )
+from rona_core.ultrasound.learned_pulse import align_echoes
+from rona_core.ultrasound.recorded_back import SEARCH_CYCLES, match_echoes
 from rona_core.ultrasound.recorded_front import FrontEchoes
 from rona_core.ultrasound.recorded_signal import Band, Complexes
 
 COMPRESSED_FLOOR = 0.02  # of the peak power, added before dividing
 LOCKED_REACH = 6.0  # over the pulse length
 LOCKED = 0.5  # share of the power behind the front that is the same in all scans
+LEAST_DAMPING = 0.35  # Np at mid-band, by a loss in proportion to frequency; water has less
 MANY = 8  # scans, from which on an average is one
 
 
@@ -75,6 +78,21 @@ def find_back(
     tree = neighbour_tree(front.ok, recorded.positions_mm)
     near = neighbours(len(lines), recorded.positions_mm)
     front_us = recorded.start_us + front.aligned.at_us
+    # a record that begins with ring-down begins with the emission
+    timed = recorded.start_known or bool((front.quiet_from > 0).any())
+
+    def damped(track: Track) -> bool:
+        lag = np.where(track.there, track.lag_us, track.typical_us)
+        echo = align_echoes(
+            lines,
+            np.rint(zero + lag * rate).astype(np.int64),
+            track.there & front.ok,
+            rate,
+            band,
+            search_us=SEARCH_CYCLES / band.centre_mhz,
+        )
+        loss = match_echoes(front.aligned, echo, band).loss_np_per_mhz
+        return loss * band.centre_mhz > LEAST_DAMPING
 
     def choose(compressed: Complexes) -> Track | None:
         peaks = find_peaks(compressed, 1.0 / rate, zero, band, least_us)
@@ -83,7 +101,7 @@ def find_back(
             for track in follow(peaks, tree, band, front.ok)
         ]
         best = choose_back_wall(
-            tracks, front_us, front.ok, recorded.start_known, band, near, recorded.positions_mm
+            tracks, front_us, front.ok, timed, band, near, recorded.positions_mm, damped
         )
         return None if best is None else tracks[best]
 
@@ -99,7 +117,13 @@ def find_back(
     cleaner = same and still.typical_level > 0.8 * plain.typical_level
     lobe = is_early_and_weak(plain, band) and still.typical_level > 0.5 * plain.typical_level
     lobe = lobe and steadiness(still, near, recorded.positions_mm, band)[1]
-    return still if cleaner or lobe else plain
+    # what is left of a front that was cut off is alike in all scans too
+    rest = plain.typical_us < LOCKED_REACH * band.length_us and least_us > band.length_us
+    rest = rest and still.typical_level > plain.typical_level
+    earlier = still.typical_us < plain.typical_us - band.length_us
+    earlier = earlier and still.typical_level > 0.5 * plain.typical_level
+    earlier = earlier and not is_early_and_weak(still, band)
+    return still if cleaner or lobe or rest or earlier else plain
 
 
 def _compressed(lines: Complexes, front: FrontEchoes, sampling_mhz: float, band: Band) -> Complexes:

@@ -7,6 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.fft import next_fast_len
 from scipy.linalg import cho_factor, cho_solve, toeplitz
+from scipy.ndimage import maximum_filter1d
 
 from rona_core.arrays import Bools, Floats
 from rona_core.errors import DegenerateGeometryError, InvalidInputError
@@ -23,6 +24,10 @@ RELATIVE_BAND = (0.2, 1.2)  # -6 dB width over centre, as far as any transducer 
 RAIL = 0.985  # of the extreme value, from which on a flat run counts as clipped
 FLAT_RUN = 3  # samples
 MAX_LOST = 400  # clipped samples put right at once
+SPIKE = 10.0  # over the usual jump from sample to sample outside the band
+SPIKE_OUTSIDE = 0.5  # over what is inside the band
+SPIKE_CYCLES = 0.12  # on either side
+MOST_SPIKES = 0.1  # of a line; with more of them it is not spikes
 NOISE_SHARE = 1e-4  # of the power, so that the restoration stays finite
 
 
@@ -178,6 +183,48 @@ def restore_clipped(rf: Floats, clipped: Bools, sampling_mhz: float, band: Band)
         if lost.sum() > MAX_LOST or lost.all():
             continue
         restored[row, part] = middle[row] + _restored(values, lost, correlation)
+    return restored
+
+
+def find_spikes(rf: Floats, clipped: Bools, sampling_mhz: float, band: Band) -> Bools:
+    """Return which samples (n, samples) are of short disturbances that no band contains.
+
+    What is outside the band jumps there by far more than it usually does, and by half as much as
+    what is inside at least; the onset of an echo has something outside too, but less.
+    """
+    z = analytic(rf, sampling_mhz, band)
+    reach = max(3, round(band.length_us * sampling_mhz))
+    jump = np.abs(np.diff(rf - z.real, axis=1, prepend=(rf - z.real)[:, :1]))
+    # what is counted in few steps often does not change at all
+    steps = np.diff(np.unique(rf[:: max(1, len(rf) // 50)]))
+    usual = np.median(jump, axis=1)[:, None] / 0.6745
+    usual = np.maximum(usual, steps.min()) if len(steps) else usual
+    inside = maximum_filter1d(np.abs(z), reach, axis=1)
+    spikes = (jump > SPIKE * usual) & (jump > SPIKE_OUTSIDE * inside) & (usual > 0)
+    # a spike jumps up and down again
+    width = 2 * max(1, round(SPIKE_CYCLES * sampling_mhz / band.centre_mhz)) + 1
+    wide = maximum_filter1d(spikes.astype(np.int8), width, axis=1) > 0
+    near = maximum_filter1d(clipped.astype(np.int8), 2 * reach + 1, axis=1) > 0
+    wide &= ~near
+    many = wide.mean(axis=1) > MOST_SPIKES
+    return wide & ~many[:, None]
+
+
+def without_spikes(rf: Floats, spikes: Bools, sampling_mhz: float, band: Band) -> Floats:
+    """Return the lines with disturbed samples put right from their neighbours and the band."""
+    restored = rf.copy()
+    if not spikes.any():
+        return restored
+    correlation = _correlation(band, sampling_mhz, rf.shape[1])
+    reach = max(8, round(1.5 * band.length_us * sampling_mhz))
+    for row, first, last in _clusters(spikes, reach):
+        part = slice(max(0, first - reach), min(rf.shape[1], last + reach))
+        lost = spikes[row, part]
+        if lost.sum() > MAX_LOST or lost.all():
+            continue
+        middle = float(np.median(rf[row, part][~lost]))
+        values = np.where(lost, 0.0, rf[row, part] - middle)
+        restored[row, part] = middle + _restored(values, lost, correlation)
     return restored
 
 

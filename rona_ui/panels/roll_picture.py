@@ -18,6 +18,7 @@ from rona_ui.scene.colors import (
     PURPLE,
     SKY,
     VERMILLION,
+    YELLOW,
     Rgb,
     css,
     viridis,
@@ -32,6 +33,7 @@ REASONS: dict[str, tuple[str, Rgb]] = {  # reason of a verdict -> words, colour 
     "jump": ("jump of a joint", BLUE),
     "blocked": ("collision", SKY),
     "roll rate": ("turns too fast", SKY),
+    "no way": ("no way there or back", YELLOW),
 }
 STRIP, GAP, MAP = 80.0, 20.0, 1000.0  # heights in the picture
 WIDE = 10.0  # of a roll in the picture

@@ -5,7 +5,7 @@ from typing import Any
 from rona_core.app.messages import StartScan
 from rona_ui.panels import style
 from rona_ui.panels.contact_fields import ContactFields, contact_note
-from rona_ui.panels.step_panel import StepPanel
+from rona_ui.panels.step_panel import StepPanel, stopped_note
 from rona_ui.scene.colors import GREEN, SKY, VERMILLION, css
 from rona_ui.view_state import Picture
 
@@ -35,18 +35,21 @@ class ScanPanel(StepPanel):
     def remarks(self, picture: Picture) -> str:
         """Say what was recorded."""
         capture = picture.session.captures.scan
+        stopped = stopped_note(picture, "StartScan")
         if capture is None:
-            return ""
+            return stopped
         words = f"{len(capture.scans)} A-scans in {_span_s(capture):.1f} s."
         pressed = contact_note(picture.session)
         if capture.partial:
-            return style.note(words + " Stopped early: start the scan again.", "warn") + pressed
+            words += " Stopped early: start the scan again."
+            return stopped + style.note(words, "warn") + pressed
         legend = (
             (css(SKY), "recorded"),
             (css(GREEN), "inner boundary found"),
             (css(VERMILLION), "not found"),
         )
-        return style.note(words + " Replay them below.", "good") + style.key(legend) + pressed
+        recorded = style.note(words + " Replay them below.", "good")
+        return stopped + recorded + style.key(legend) + pressed
 
 
 def _span_s(capture: Any) -> float:

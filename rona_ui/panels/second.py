@@ -9,6 +9,7 @@ from rona_core.app.staleness import usable_second
 from rona_ui.panels import style
 from rona_ui.panels.door import Door, listen
 from rona_ui.panels.form import Form
+from rona_ui.panels.step_panel import stopped_note
 from rona_ui.scene.colors import SKY, css, viridis_css
 from rona_ui.scene.second import path_drawn, top_deg
 from rona_ui.view_state import Picture
@@ -80,7 +81,7 @@ class SecondFolder:
 
 def words(picture: Picture, view: SecondView | None, scanned: bool) -> str:
     """Return what is planned, what was scanned, and the coverage before and after."""
-    session, html = picture.session, ""
+    session, html = picture.session, stopped_note(picture, "StartSecondScan")
     if view is not None:
         told = (
             f"Gaps: {100 * view.gap_share:.0f} % of the map. Path of {view.length_mm:.0f} mm, the "

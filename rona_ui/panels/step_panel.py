@@ -52,6 +52,7 @@ class StepPanel:
             old is None
             or old.session is not new.session
             or old.view is not new.view
+            or old.busy != new.busy
             or old.figures is not new.figures
             or old.backdrop is not new.backdrop
         ):
@@ -60,3 +61,11 @@ class StepPanel:
                 html = html.replace("r-note good", "r-note")  # a stale result is not praised
             if self.remark.content != html:
                 self.remark.content = html
+
+
+def stopped_note(picture: Picture, activity: str) -> str:
+    """Return what an activity said that was stopped before it recorded anything, as HTML."""
+    job = picture.job
+    if job is None or job.activity != activity or job.state != "cancelled" or not job.error:
+        return ""
+    return style.note(f"Stopped: {job.error}.", "warn")

@@ -1,6 +1,7 @@
 """A result is judged against the capture it was computed from, never against a later one."""
 
 from dataclasses import replace
+from itertools import count
 
 import pytest
 
@@ -14,6 +15,7 @@ from rona_core.app.messages import (
 from rona_core.app.scan_views import ascan_plot
 from rona_core.app.workbench import Workbench
 from rona_core.compose import virtual_services
+from rona_core.errors import CancelledError
 from rona_core.session.document import Session
 from rona_core.session.files import load_session
 from rona_ui.resources import demo_session
@@ -28,6 +30,7 @@ AFTER_A_SCAN = (
 AFTER_A_PATH = ("path_deviation_max_mm", "path_deviation_raw_max_mm")
 
 
+IN_THE_SCAN = 1500  # times that a scan has asked whether to stop, when A-scans come
 FORCES = ("contact_force_rms_n", "contact_force_peak_n")  # of the scan itself
 
 
@@ -44,27 +47,35 @@ def bench(demo, tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("activity", "unknown"),
+    ("activity", "asked", "unknown"),
     [
-        (StartScan(), AFTER_A_SCAN),
-        (StartPathCapture(), AFTER_A_PATH),
-        (StartSurfaceCapture(), ("surface_tip_3d_rms_mm", "surface_sigma_predicted_mm")),
-        (StartToolCapture(), ()),
+        (StartScan(), IN_THE_SCAN, AFTER_A_SCAN),
+        (StartPathCapture(), 0, AFTER_A_PATH),
+        (StartSurfaceCapture(), 0, ("surface_tip_3d_rms_mm", "surface_sigma_predicted_mm")),
+        (StartToolCapture(), 0, ()),
     ],
-    ids=lambda value: type(value).__name__ if not isinstance(value, tuple) else "",
+    ids=lambda value: type(value).__name__ if not isinstance(value, tuple | int) else "",
 )
 def test_a_capture_that_was_cut_short_leaves_the_other_figures_as_they_were(
-    bench, activity, unknown
+    bench, activity, asked, unknown
 ):
     before = bench.figures()
     assert all(before[key] is not None for key in unknown)
-    bench.run(activity, cancel=lambda: True)
+    questions = count()
+    bench.run(activity, cancel=lambda: next(questions) >= asked)
     after = bench.figures()
     assert all(after[key] is None for key in unknown)
     changes = {"scan_points", "completed", "failed_step", "reason", *FORCES, *unknown}
     assert {k: v for k, v in after.items() if k not in changes} == {
         k: v for k, v in before.items() if k not in changes
     }
+
+
+def test_a_scan_stopped_before_it_touched_leaves_all_figures_as_they_were(bench):
+    before = bench.figures()
+    with pytest.raises(CancelledError, match="scan is kept"):
+        bench.run(StartScan(), cancel=lambda: True)
+    assert bench.figures() == before
 
 
 def test_a_capture_of_the_same_length_is_another_one_all_the_same(bench, demo):

@@ -9,12 +9,15 @@ import pytest
 from rona_core.app.captures import drive_to
 from rona_core.app.pose_timing import pose_delay, probe_poses_of
 from rona_core.app.scan_capture import capture_scan
+from rona_core.app.staleness import session_obstacles
 from rona_core.app.toolbox import Toolbox
 from rona_core.devices.force import APPROACH, CONTACT, RETRACT, STOPPED
 from rona_core.devices.live import Live
 from rona_core.devices.settings import ContactSettings
+from rona_core.errors import CancelledError
 from rona_core.evaluation.scan_figures import contact_figures, true_probe_poses
 from rona_core.evaluation.truth import Truth
+from rona_core.robot.collision import CollisionWorld
 from rona_core.robot.model import robot_model
 from rona_core.session.codec import decode, digest, encode
 from rona_core.session.document import ScanCapture
@@ -174,12 +177,48 @@ def test_cancel_ends_it_and_keeps_what_came():
     assert not rig.robot.state().moving
 
 
-def test_cancel_while_the_tool_is_weighed_leaves_an_empty_scan():
-    capture, rig, _ = scan(session_with(contact=ContactSettings()), cancel=lambda: True)
-    assert capture.partial
-    assert len(capture.scans) == 0
-    assert capture.forces is None
-    assert not rig.robot.state().moving
+def test_cancel_while_the_tool_is_weighed_records_nothing_and_says_so():
+    with pytest.raises(CancelledError, match=r"while the tool was weighed.*earlier scan is kept"):
+        scan(session_with(contact=ContactSettings()), cancel=lambda: True)
+
+
+def test_after_a_stop_on_the_bone_the_probe_is_drawn_back_first():
+    session = session_with(contact=ContactSettings(), latency_ms=8.0)
+    asked = [0]
+
+    def cancel():
+        asked[0] += 1
+        return asked[0] == 1500
+
+    capture, rig, tools = scan(session, cancel=cancel)
+    assert 0 < len(capture.scans) < 90
+    model = robot_model("rx90")
+    stopped = rig.robot.q_at(np.inf)
+    sent = []
+
+    class Watched:
+        def __getattr__(self, name):
+            return getattr(rig.robot, name)
+
+        def move(self, times_s, qs_rad):
+            sent.append(np.array(qs_rad))
+            return rig.robot.move(times_s, qs_rad)
+
+    class Rig:
+        robot = Watched()
+
+        def __getattr__(self, name):
+            return getattr(rig, name)
+
+    drive_to(model.home_rad, session, replace(tools, devices=Rig))
+    np.testing.assert_allclose(rig.robot.state().q_rad, model.home_rad, atol=1e-6)
+    np.testing.assert_allclose(sent[0][0], stopped, atol=1e-9)
+    probes = model.forward(sent[0]) @ model.T_flange_probe
+    way, axis = probes.translations - probes.translations[0], probes.rotations[0, :, 2]
+    np.testing.assert_allclose(way, np.outer(way @ axis, axis), atol=0.02)
+    assert way[-1] @ axis == pytest.approx(-30.0, abs=1e-6)
+    around = session_obstacles(session).without_touch()
+    assert CollisionWorld(model, around).clear(np.concatenate(sent[1:])).all()
 
 
 def test_without_contact_position_alone_drives_as_before():

@@ -4,6 +4,8 @@ import numpy as np
 import pytest
 
 from benchmarks.patch_scenes import scene_model, scene_path
+from rona_core.geometry.path5d import Path5D
+from rona_core.geometry.pose import Poses
 from rona_core.robot.clear_rolls import clear_of
 from rona_core.robot.collision import CollisionWorld
 from rona_core.robot.judged_rolls import judge_rolls
@@ -73,3 +75,60 @@ def test_a_roll_keeps_the_best_branch_that_touches_nothing(judged):
     assert changed > 0
     kept = {(pair.index, pair.branch) for pair in after.ranked}
     assert kept < {(pair.index, pair.branch) for pair in judged.ranked}
+
+
+class Ceiling(Wall):
+    """The probe may be on the path, but not drawn back from its last point by 5 mm."""
+
+    def __init__(self, judged, room_mm):
+        super().__init__(None)
+        path, model = judged.path, judged.model
+        end, axis = path.points_base[-1], path.axes_base[-1]
+
+        def passes(q):
+            face = (model.forward(q[None])[0] @ model.T_flange_probe).translation
+            return np.linalg.norm(face - end) > 8.0 or -(face - end) @ axis <= room_mm
+
+        self.passes = passes
+
+
+def test_a_roll_from_which_the_probe_cannot_be_drawn_back_is_not_offered(judged):
+    last = len(judged.path) - 1
+    after = clear_of(judged, Ceiling(judged, 3.5))
+    assert not after.ranked
+    for old, new in zip(judged.verdicts, after.verdicts, strict=True):
+        assert not new.feasible
+        if old.feasible:
+            assert (new.reason, new.index) == ("no way", last)
+            assert "can only be drawn back by 3 mm" in new.sentence
+    assert clear_of(judged, Ceiling(judged, 5.5)).ranked == judged.ranked
+
+
+def test_without_anything_around_only_the_drawing_back_counts():
+    """At the end of its reach the arm can follow the path, but not draw the probe back outwards."""
+    model = scene_model()
+    q = model.home_rad + np.array((0.0, 0.55, -0.75, 0.0, 0.0, 0.0))
+    face = model.forward(q[None])[0] @ model.T_flange_probe
+    outward = face.translation * (1.0, 1.0, 0.0)
+    outward /= np.linalg.norm(outward)
+    found = None
+    for reach_mm in np.arange(600.0, 1100.0, 2.0):  # the probe looks back at the robot's base
+        along = np.linspace(-5.0, 5.0, 11)[:, None] * np.array((0.0, 0.0, 1.0))
+        points = reach_mm * outward + np.array((0.0, 0.0, 700.0)) + along
+        path = Path5D(points, np.tile(-outward, (11, 1)))
+        rolls = judge_rolls(path, model, working_set_deg(12, 0.0, 360.0), RoomRules())
+        after = clear_of(rolls, None)
+        if len(after.ranked) < len(rolls.ranked):
+            found = rolls, after
+            break
+    assert found is not None
+    rolls, after = found
+    lost = {(p.index, p.branch) for p in rolls.ranked} - {(p.index, p.branch) for p in after.ranked}
+    for index, branch in lost:
+        roll_rad = np.deg2rad(rolls.verdicts[index].roll_deg)
+        ends = joint_path(rolls.path, model, roll_rad, branch, rolls.rules)[[0, -1]]
+        probes = model.forward(ends) @ model.T_flange_probe
+        back = Poses(probes.rotations, probes.translations - 5.0 * probes.rotations[:, :, 2])
+        solved = model.inverse(back @ model.T_flange_probe.inv())
+        limits = model.limits.clearance_rad(solved.qs_rad[:, branch]).min(axis=1)
+        assert not (solved.valid[:, branch] & (limits >= 0.0)).all()

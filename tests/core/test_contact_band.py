@@ -8,6 +8,8 @@ import pytest
 from benchmarks.patch_scenes import dense_path
 from rona_core.devices.settings import ContactSettings
 from rona_core.errors import NotReachableError
+from rona_core.geometry.pose import Pose
+from rona_core.robot.collision import CollisionWorld
 from rona_core.robot.contact_band import (
     band_is_safe,
     contact_band,
@@ -16,6 +18,7 @@ from rona_core.robot.contact_band import (
 )
 from rona_core.robot.limits import JointLimits
 from rona_core.robot.model import robot_model
+from rona_core.robot.obstacles import Capsule, Obstacle, Obstacles
 from rona_core.robot.scan_plan import plan_scan
 
 RX90 = robot_model("rx90")
@@ -108,12 +111,49 @@ def test_a_joint_limit_inside_the_band_narrows_it_and_then_refuses(trajectory, b
         contact_band(with_lower_limit(joint, middle + 1e-6), trajectory, SETTINGS)
 
 
-def test_a_collision_inside_the_band_refuses_it(trajectory):
-    def clear(qs_rad):
-        free = np.ones(len(qs_rad), dtype=bool)
-        free[len(qs_rad) // 2] = False
-        return free
+def ball_ahead(trajectory, least_mm, margin_mm=5.0, touch_mm=0.0):
+    """A ball ahead of the probe in the middle of the scan, ``least_mm`` away at the nearest."""
+    middle_s = 0.5 * (trajectory.scan_start_s + trajectory.scan_end_s)
+    sample = int(np.searchsorted(trajectory.times_s, middle_s))
+    face = RX90.forward(trajectory.qs_rad[[sample]])[0] @ RX90.T_flange_probe
+    ahead_mm = 60.0
+    for _ in range(5):
+        pose = Pose.from_translation(face @ np.array((0.0, 0.0, ahead_mm)))
+        thing = Obstacle("ball", Capsule(20.0, 0.0), pose, margin_mm, touch_mm=touch_mm)
+        world = CollisionWorld(RX90, Obstacles((thing,)))
+        with_ball = [i for i, pair in enumerate(world.pairs) if pair.second == "ball"]
+        ahead_mm += least_mm - world.distances_mm(trajectory.qs_rad[::4])[:, with_ball].min()
+    return world
 
-    with pytest.raises(NotReachableError, match="touch"):
-        contact_band(RX90, trajectory, SETTINGS, clear)
-    assert contact_band(RX90, trajectory, SETTINGS, lambda qs: np.ones(len(qs), bool)).travel_mm
+
+def test_what_stands_in_the_band_narrows_it_and_then_refuses_by_name(trajectory):
+    """The motion keeps its distance; a correction towards the ball does not."""
+    for least_mm, width_mm in ((11.0, 5.0), (9.2, 4.0)):
+        world = ball_ahead(trajectory, least_mm)
+        assert world.clear(trajectory.qs_rad).all()
+        band = contact_band(RX90, trajectory, SETTINGS, world)
+        assert band.travel_mm == width_mm
+        assert band.certificate.obstacles == world.obstacles.digest()
+        for level in range(len(band.travels_mm)):
+            assert world.clear(band.qs_rad[:, level]).all()
+    world = ball_ahead(trajectory, 7.0)
+    assert world.clear(trajectory.qs_rad).all()
+    refused = band_is_safe(RX90, trajectory, 5.0, world).certificate
+    (check,) = refused.failures()
+    assert check.name == "clearance in the band"
+    assert check.limit == 5.0
+    assert check.value < 5.0
+    assert "probe and ball are" in check.sentence
+    assert check.index in np.flatnonzero(band.guided)
+    with pytest.raises(NotReachableError, match=r"±3 mm.*probe and ball are \d\.\d mm apart"):
+        contact_band(RX90, trajectory, SETTINGS, world)
+    assert contact_band(RX90, trajectory, SETTINGS).travel_mm == SETTINGS.travel_mm
+
+
+def test_the_delay_line_may_be_pressed_in_as_far_as_the_head_allows(trajectory):
+    for touch_mm, holds in ((6.0, True), (4.0, False)):
+        world = ball_ahead(trajectory, 0.0, margin_mm=0.0, touch_mm=touch_mm)
+        certificate = band_is_safe(RX90, trajectory, 5.0, world).certificate
+        assert certificate.certified == holds, touch_mm
+        if not holds:
+            assert "delay line and ball" in certificate.failures()[0].sentence

@@ -131,3 +131,25 @@ def test_what_is_not_a_pose_is_refused():
     with pytest.raises(InvalidInputError):
         Poses.stack([]).mean()
     assert len(Poses.stack([])) == len(Poses.stack([]).inv()) == len(Poses.stack([]).wxyz()) == 0
+
+
+@given(
+    seed=seeds, size=st.sampled_from([0.0, 1e-8, 1e-5, 1e-2, 1.0, 1e200]), mirrored=st.booleans()
+)
+@few
+def test_one_matrix_is_judged_as_a_batch_of_it_is(seed, size, mirrored):
+    rng = np.random.default_rng(seed)
+    rotation = Rotation.random(rng=rng).as_matrix() * (-1.0 if mirrored else 1.0)
+    rotation = rotation + size * rng.uniform(-1.0, 1.0, (3, 3))
+    with np.errstate(over="ignore", invalid="ignore"):
+        accepted = []
+        for make in (
+            lambda: Pose(rotation, np.zeros(3)),
+            lambda: Poses(rotation[None], [[0, 0, 0]]),
+        ):
+            try:
+                make()
+                accepted.append(True)
+            except InvalidInputError:
+                accepted.append(False)
+    assert accepted == [size < 1e-6 and not mirrored] * 2

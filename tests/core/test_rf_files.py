@@ -80,9 +80,31 @@ def test_positions_along_a_line_are_a_column(write):
     np.testing.assert_array_equal(read.positions_mm, np.arange(float(N))[:, None])
 
 
-def test_one_line_may_come_without_its_first_axis():
-    assert read_rf(npz(rf=lines()[0], positions=None)).rf.shape == (1, SAMPLES)
+def test_one_line_is_one_scan():
+    assert read_rf(npz(rf=lines()[:1], positions=None)).rf.shape == (1, SAMPLES)
     assert read_rf(npz(rf=lines()[:1], positions=[1.0, 2.0, 3.0])).positions_mm.shape == (1, 3)
+
+
+@pytest.mark.parametrize("write", KINDS, ids=IDS)
+@pytest.mark.parametrize("kind", [np.int16, np.int8, np.uint8, np.float32, np.float64])
+def test_samples_of_any_kind_and_numbers_in_any_shape_are_read(write, kind):
+    rf = (lines() // 8).clip(0, 127).astype(kind)
+    read = read_rf(write(rf=rf, fs=np.array([[RATE_HZ]]), t0=np.array([[-2.5e-6]])))
+    np.testing.assert_array_equal(read.rf, rf)
+    assert (read.sampling_mhz, read.start_us) == (40.0, pytest.approx(-2.5))
+
+
+def test_a_matlab_file_without_class_names_has_its_axes_turned():
+    data = bytearray(hdf5(matlab=True).data)
+    data[:10] = b"MATLAB 7.3"
+    with h5py.File(io.BytesIO(bytes(data)), "r") as file:
+        plain = {key: np.asarray(file[key]) for key in file}
+    bare = io.BytesIO()
+    with h5py.File(bare, "w", userblock_size=512) as file:
+        for key, value in plain.items():
+            file[key] = value
+    written = b"MATLAB 7.3" + bare.getvalue()[10:]
+    np.testing.assert_array_equal(read_rf(NamedFile("a.mat", written)).rf, lines())
 
 
 def test_scalars_of_hdf5_may_be_attributes():
@@ -101,6 +123,15 @@ WRONG = {
     "negative rate": ({"fs": -40e6}, "in Hz"),
     "rate not finite": ({"fs": np.nan}, "one finite number"),
     "two rates": ({"fs": [1e7, 2e7]}, "one finite number"),
+    "one axis": ({"rf": lines()[0]}, r"not .300,.; a single line is written as .1, 300."),
+    "transposed, by its positions": (
+        {"rf": lines()[:, :70].T.copy(), "positions": np.zeros((N, 2))},
+        "samples are needed; it seems to be transposed",
+    ),
+    "positions of the other axis": (
+        {"rf": np.ones((90, 1)) * np.arange(100), "positions": np.zeros((100, 2))},
+        "seems to be transposed",
+    ),
     "three axes": ({"rf": np.zeros((2, 3, 400))}, "shape .scans, samples., not .2, 3, 400."),
     "empty": ({"rf": np.zeros((0, 300))}, "shape"),
     "few samples": ({"rf": np.ones((2, 30))}, "at least 64 samples"),
@@ -166,7 +197,12 @@ def test_a_damaged_file_is_named_and_nothing_else_is_thrown(write, share):
         read_rf(NamedFile("a", data[: int(share * len(data))]))
 
 
-@pytest.mark.parametrize("data", [b"", b"rf,fs\n1,2\n", b"\x89PNG\r\n\x1a\n" + bytes(300)])
+def test_an_empty_file_is_called_so():
+    with pytest.raises(InvalidInputError, match="is empty"):
+        read_rf(NamedFile("a.h5", b""))
+
+
+@pytest.mark.parametrize("data", [b"rf,fs\n1,2\n", b"\x89PNG\r\n\x1a\n" + bytes(300)])
 def test_another_kind_of_file_is_refused(data):
     with pytest.raises(InvalidInputError, match="no HDF5, MATLAB"):
         read_rf(NamedFile("a.h5", data))

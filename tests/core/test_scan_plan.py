@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from benchmarks.patch_scenes import dense_path, serpentine
+from rona_core.app.procedure import why_no_plan
 from rona_core.arrays import readonly
 from rona_core.errors import (
     CancelledError,
@@ -14,10 +15,12 @@ from rona_core.errors import (
     NotReachableError,
 )
 from rona_core.geometry.path5d import Path5D
+from rona_core.geometry.pose import Pose
 from rona_core.robot.density import dense
 from rona_core.robot.limits import JointLimits
 from rona_core.robot.model import robot_model
 from rona_core.robot.motion import TIP_SPEED_MM_PER_S, plan_joint_move
+from rona_core.robot.obstacles import Box, Obstacle, Obstacles
 from rona_core.robot.plan import Trajectory
 from rona_core.robot.scan_plan import PlanSettings, choose_roll, plan_scan
 from rona_core.robot.timing import ScanSettings
@@ -56,7 +59,7 @@ def test_a_plan_is_certified_and_its_certificate_is_for_this_motion_alone(plan):
     assert plan.may_move
     assert plan.mode == "constant"
     assert plan.verdicts[plan.chosen].feasible
-    assert len(plan.certificate.checks) == 19
+    assert len(plan.certificate.checks) == 20
     moved = tampered(plan, qs_rad=plan.trajectory.qs_rad + 1e-12)
     assert not plan.certificate.certifies(moved)
     later = tampered(plan, times_s=plan.trajectory.times_s * 1.000001)
@@ -317,6 +320,36 @@ def test_a_path_that_no_roll_can_follow_is_refused_with_the_place():
     assert not refused.varying.feasible
     assert refused.varying.index >= max(verdict.index for verdict in refused.verdicts)
     assert f"path point {refused.varying.index} of" in refused.varying.sentence
+
+
+def test_a_roll_that_was_tried_in_vain_is_green_no_longer_and_says_why(path, plan):
+    """A wall below the place of rest: every roll can be followed, but nobody gets there."""
+    home = RX90.forward(RX90.home_rad[None])[0] @ RX90.T_flange_probe
+    rest = Obstacle("lid", Box((20.0, 20.0, 20.0)), Pose.from_translation(home.translation), 5.0)
+    settings = replace(SETTINGS, mode="constant", obstacles=Obstacles((rest,)))
+    refused = plan_scan(path, RX90, settings)
+    assert (refused.mode, refused.trajectory) == ("none", None)
+    tried = [i for i, verdict in enumerate(refused.verdicts) if verdict.reason == "no way"]
+    assert 1 <= len(tried) <= 4
+    for i in tried:
+        verdict = refused.verdicts[i]
+        assert not verdict.feasible
+        assert "where the robot stands it touches something" in verdict.sentence
+        assert all(pair.index != i for pair in refused.ranked)
+        with pytest.raises(NotReachableError, match="where the robot stands it touches"):
+            choose_roll(refused, i, RX90, settings)
+    assert refused.refused in refused.verdicts
+    assert refused.n_feasible > 0
+    told = why_no_plan(refused)
+    assert "tried first: roll" in told
+    assert "touches something" in told
+    assert f"{refused.n_feasible} with less room were not tried" in told
+    assert "by none" not in told
+
+
+def test_every_green_roll_can_be_driven_where_nothing_is_in_the_way(path, plan):
+    for i in [i for i, verdict in enumerate(plan.verdicts) if verdict.feasible][::3]:
+        assert choose_roll(plan, i, RX90, SETTINGS).may_move
 
 
 def test_another_branch_can_be_chosen(plan):

@@ -4,7 +4,10 @@ import numpy as np
 import pytest
 
 from rona_core.errors import InvalidInputError, NotReachableError
+from rona_core.geometry.pose import Pose
+from rona_core.robot.collision import CollisionWorld
 from rona_core.robot.model import robot_model
+from rona_core.robot.obstacles import Capsule, Obstacle, Obstacles
 from rona_core.robot.tool_motion import ALONG_X, ALONG_Y, PIVOT, plan_tool_motion
 
 RX90 = robot_model("rx90")
@@ -105,3 +108,34 @@ def test_what_cannot_be_done_is_refused_by_name():
         plan_tool_motion(RX90, n_pivot=1)
     with pytest.raises(InvalidInputError, match="must not be vertical"):
         plan_tool_motion(RX90, facing_base=(0.0, 0.0, 1.0))
+
+
+def ball(center, radius=12.0):
+    pose = Pose.from_translation(center)
+    return Obstacles((Obstacle("ball", Capsule(radius, 0.0), pose, 5.0),))
+
+
+def test_from_one_dwell_to_the_next_it_goes_around_what_is_in_the_way():
+    plain = plan_tool_motion(RX90, n_pivot=4, n_translate=2)
+    rows = dwell_rows(plain)
+    leg = plain.qs_rad[rows[4][1] : rows[5][0]]  # the shift along tool x, through the middle
+    places = (RX90.forward(leg) @ RX90.T_flange_tip).translations
+    around = ball(places[len(places) // 4] - (0.0, 0.0, 15.0))
+    clear = CollisionWorld(RX90, around).clear
+    stops = [start for start, _ in rows]
+    assert clear(plain.qs_rad[stops]).all()
+    assert not clear(leg).all()
+    motion = plan_tool_motion(RX90, n_pivot=4, n_translate=2, obstacles=around)
+    assert motion.certificate.certifies(motion, around.digest())
+    assert clear(motion.qs_rad).all()
+    found = [start for start, _ in dwell_rows(motion)]
+    np.testing.assert_array_equal(motion.qs_rad[found], plain.qs_rad[stops])
+    np.testing.assert_array_equal(motion.phases, plain.phases)
+
+
+def test_a_dwell_at_which_something_stands_is_refused_by_name():
+    plain = plan_tool_motion(RX90, n_pivot=4, n_translate=2)
+    start, _ = dwell_rows(plain)[5]
+    tip = (RX90.forward(plain.qs_rad[[start]]) @ RX90.T_flange_tip).translations[0]
+    with pytest.raises(NotReachableError, match=r"place 6 of 8.*ball are -?\d+ mm apart"):
+        plan_tool_motion(RX90, n_pivot=4, n_translate=2, obstacles=ball(tip - (0.0, 0.0, 10.0)))

@@ -40,6 +40,7 @@ PROJECT = """(places) => {
     return [box.left + (v.x + 1) / 2 * box.width, box.top + (1 - v.y) / 2 * box.height];
   });
 }"""
+ASK = "async (path) => (await fetch('/api/v1' + path)).json()"
 STATES = """() => [...document.querySelectorAll('.r-step .r-badge')].map((e) => e.textContent)"""
 # names of what is drawn; parents that stay behind, empty, when their last child goes do not count
 NODES = """() => {
@@ -59,12 +60,13 @@ def free_port() -> int:
 
 
 @contextmanager
-def running_server(sessions: Path) -> Iterator[str]:
-    """Run `rona serve` on a free port; yields its address with the token."""
+def running_server(sessions: Path, pace: float | None = None) -> Iterator[str]:
+    """Run `rona serve` on a free port, captures at its own or another pace; yields its address."""
     port = free_port()
     environment = {**os.environ, "RONA_TOKEN": TOKEN, "OMP_NUM_THREADS": "1"}
     log = (sessions / "server.log").open("wb")
     arguments = ["serve", "--port", str(port), "--sessions", str(sessions), "--no-open"]
+    arguments += [] if pace is None else ["--pace", str(pace)]
     server = subprocess.Popen(
         [sys.executable, "-m", "rona_ui", *arguments],
         cwd=REPOSITORY,
@@ -169,6 +171,10 @@ class Surgeon:
     def nodes(self) -> list[str]:
         """Return the names of the scene's nodes."""
         return self.frame.evaluate(NODES)
+
+    def ask(self, path: str) -> Any:
+        """Return what the program answers to a question of the page, over REST."""
+        return self.page.evaluate(ASK, path)
 
     def pixels(self, places_base: list[tuple[float, float, float]]) -> list[tuple[float, float]]:
         """Return where places in base (mm) are on the page."""

@@ -5,6 +5,7 @@ import re
 import time
 from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -37,7 +38,7 @@ def pictures(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.fixture(scope="module")
-def surgeon(tmp_path_factory: pytest.TempPathFactory, pictures: Path) -> Iterator[Surgeon]:
+def browser() -> Iterator[Any]:
     if not CHROMIUM.is_file():
         reason = f"no browser at {CHROMIUM}: see tests/install_browser.sh, or set RONA_CHROMIUM"
         if os.environ.get("CI"):
@@ -45,15 +46,20 @@ def surgeon(tmp_path_factory: pytest.TempPathFactory, pictures: Path) -> Iterato
         pytest.skip(reason)
     playwright = pytest.importorskip("playwright.sync_api")
     flags = (*FLAGS, *DRAWN_BY[os.environ.get("RONA_E2E_GL", "mesa")])
-    with (
-        running_server(tmp_path_factory.mktemp("sessions")) as address,
-        playwright.sync_playwright() as driver,
-    ):
-        browser = driver.chromium.launch(executable_path=CHROMIUM, args=list(flags))
+    with playwright.sync_playwright() as driver:
+        started = driver.chromium.launch(executable_path=CHROMIUM, args=list(flags))
+        yield started
+        started.close()
+
+
+@pytest.fixture(scope="module")
+def surgeon(
+    tmp_path_factory: pytest.TempPathFactory, pictures: Path, browser: Any
+) -> Iterator[Surgeon]:
+    with running_server(tmp_path_factory.mktemp("sessions")) as address:
         page = browser.new_page(viewport=VIEWPORT if PICTURES else SMALL)
         page.set_default_timeout(60_000)
         yield Surgeon(page, address, pictures)
-        browser.close()
 
 
 def region_center(surgeon: Surgeon) -> np.ndarray:
@@ -220,12 +226,50 @@ def test_a_value_out_of_range_is_told_and_the_field_shows_the_truth(surgeon: Sur
     wait_for(lambda: radius.input_value() == held, 10, "the field to show the truth")
 
 
-def test_escape_stops_the_robot_while_it_scans(surgeon: Surgeon) -> None:
-    surgeon.open_step("Scan")
-    surgeon.button("Scan again").click()
-    surgeon.button("Cancel").wait_for()
-    surgeon.page.keyboard.press("Escape")
-    surgeon.wait_idle(15)  # the whole scan takes longer
-    # what was recorded is kept; a stop while the tool is still weighed leaves the last scan
-    told = surgeon.frame.get_by_text(re.compile("Stopped early: start the scan|Replay them below"))
-    wait_for(lambda: any(words.is_visible() for words in told.all()), 10, "word of the scan")
+def ascans_told(surgeon: Surgeon, ending: str) -> int:
+    """Wait for the word of the scan step that ends so; return how many A-scans it tells of."""
+    told = surgeon.frame.get_by_text(re.compile(rf"^\d+ A-scans in .*{ending}"))
+    told.wait_for()
+    found = re.match(r"\d+", told.inner_text())
+    assert found is not None
+    return int(found.group())
+
+
+def test_escape_stops_the_robot_while_it_scans(
+    tmp_path_factory: pytest.TempPathFactory, pictures: Path, browser: Any
+) -> None:
+    """On the demo session, slowly enough to be stopped in the middle of the path."""
+    with running_server(tmp_path_factory.mktemp("stopped"), pace=2.0) as address:
+        page = browser.new_page(viewport=SMALL)
+        page.set_default_timeout(60_000)
+        surgeon = Surgeon(page, address, pictures)
+        surgeon.open_step("Scan")
+        whole = ascans_told(surgeon, "Replay them below")
+        surgeon.button("Scan again").click()
+        share = surgeon.frame.get_by_text(re.compile(r"^Scanning: [1-9]\d* %$"))
+        share.wait_for()  # A-scans have begun to come
+        assert surgeon.ask("/sessions/current/robot/state")["moving"]
+
+        page.keyboard.press("Escape")
+        pressed_s = time.monotonic()
+        wait_for(lambda: not surgeon.ask("/sessions/current/robot/state")["moving"], 1.0, "rest")
+        stopped = surgeon.ask("/sessions/current/robot/state")
+        assert time.monotonic() - pressed_s < 1.0  # at once, whatever the page has to draw
+        surgeon.wait_idle(5.0)  # most of the path is still ahead
+
+        count = ascans_told(surgeon, "Stopped early: start the scan again")
+        assert 0 < count < 0.9 * whole
+        assert surgeon.frame.get_by_text("Replay them below").count() == 0
+        recorded = surgeon.ask("/sessions/current")["captures"][-1]
+        assert (recorded["kind"], recorded["partial"]) == ("ScanCapture", True)
+        ascans = "/sessions/current/ascans/first"
+        assert "code" not in surgeon.ask(f"{ascans}/{count - 1}")
+        assert surgeon.ask(f"{ascans}/{count}")["code"] == "not_found"
+
+        time.sleep(2.0)  # a hand off the keys: nothing may move by itself
+        later = surgeon.ask("/sessions/current/robot/state")
+        assert later["joints_deg"] == stopped["joints_deg"]
+        assert not later["moving"]
+        assert all(job["state"] != "running" for job in surgeon.ask("/jobs"))
+        assert surgeon.errors == []
+        page.close()

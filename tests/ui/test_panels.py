@@ -18,6 +18,7 @@ from rona_core.app.messages import (
 )
 from rona_core.app.queries import step_states
 from rona_core.app.roll_views import JointCurves
+from rona_core.app.weigh import STOPPED
 from rona_core.devices.live import LiveState
 from rona_core.devices.settings import TrackerPlace, TrackerSettings
 from rona_core.session.document import STEPS, LogEntry, Session
@@ -32,6 +33,7 @@ from rona_ui.panels.quality import QualityPanel
 from rona_ui.panels.roll_picture import png
 from rona_ui.panels.run_bar import RunBar, StepTitle
 from rona_ui.panels.scan import ScanPanel
+from rona_ui.panels.second import words as second_words
 from rona_ui.panels.session import SessionHead, SessionPanel
 from rona_ui.panels.setup import SetupPanel
 from rona_ui.panels.steps import StepList
@@ -127,6 +129,33 @@ def bar() -> tuple[FakeGui, Recorder, RunBar]:
     gui, recorder = FakeGui(), Recorder()
     panels = {kind.step: kind(gui, recorder.door) for kind in (SetupPanel, ToolPanel, ScanPanel)}
     return gui, recorder, RunBar(gui, recorder.door, panels)
+
+
+def test_a_scan_that_was_stopped_while_the_tool_was_weighed_says_so_and_goes_on_saying_it() -> None:
+    gui = FakeGui()
+    panel = ScanPanel(gui, Recorder().door)
+    view = ViewState(step="scan")
+    running = JobStatus("1", "StartScan", "running", 0.0)
+    before = picture(view=view, job=running)
+    panel.render(None, before)
+    assert "Stopped" not in panel.remark.content
+    words = f"{STOPPED} {EVIL}"
+    ended = replace(running, state="cancelled", error_code="cancelled", error=words)
+    after = replace(before, job=ended)
+    panel.render(before, after)
+    shown = panel.remark.content
+    assert "Stopped: the robot was stopped while the tool was weighed" in shown
+    assert "no A-scan was recorded, and an earlier scan is kept" in shown
+    assert EVIL not in shown
+    panel.render(after, replace(after, view=replace(view, cursor=3)))
+    assert panel.remark.content == shown
+    again = replace(after, job=replace(running, id="2"))
+    panel.render(after, again)
+    assert "Stopped" not in panel.remark.content
+    other = replace(after, job=replace(ended, activity="StartSecondScan"))
+    panel.render(None, other)
+    assert "Stopped" not in panel.remark.content
+    assert "the tool was weighed" in second_words(other, None, False)
 
 
 def test_a_blocked_step_cannot_be_started_and_says_why() -> None:

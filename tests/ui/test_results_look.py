@@ -10,7 +10,7 @@ import pytest
 from fake_gui import FakeGui
 
 from rona_core.app.jobs import JobStatus
-from rona_core.app.maps import map_layers
+from rona_core.app.maps import layers_of
 from rona_core.app.queries import step_states
 from rona_core.devices.live import LiveState
 from rona_core.robot.model import robot_model
@@ -79,8 +79,9 @@ def test_a_line_keeps_the_one_colour_it_was_given() -> None:
 
 
 def test_a_colour_bar_says_where_values_lie_beyond_it(demo: Session) -> None:
-    layers = map_layers(demo)
-    assert layers is not None
+    mapped = demo.results.maps
+    assert mapped is not None
+    layers = layers_of(mapped.value)
     assert "≤" in color_bar(replace(layers, low_mm=4.0))
     assert "≥" in color_bar(replace(layers, high_mm=5.0))
     whole = color_bar(replace(layers, low_mm=-1e3, high_mm=1e3))

@@ -1,0 +1,66 @@
+"""Every move of the robot that is not a scan: planned and certified among what stands around."""
+
+from rona_core.arrays import Floats
+from rona_core.errors import NotReachableError
+from rona_core.robot.collision import CollisionWorld, clear_among, require_clear
+from rona_core.robot.draw_back import draw_back
+from rona_core.robot.model import RobotModel
+from rona_core.robot.motion import plan_joint_move
+from rona_core.robot.obstacles import Obstacles
+from rona_core.robot.plan import Certificate, TimedMotion, Trajectory
+from rona_core.robot.verify import verify_motion
+
+
+class FreeMoves:
+    """Plans moves on which nothing is touched: the probe may touch the head in a scan alone."""
+
+    def __init__(self, model: RobotModel, around: Obstacles) -> None:
+        """Look at a robot with its tool among what stands around it."""
+        self._model, self._around = model, around
+        self._free = around.without_touch()
+        self._world = CollisionWorld(model, self._free)
+
+    def plan(self, start_rad: Floats, goal_rad: Floats) -> tuple[Trajectory, ...]:
+        """Return the certified motions, one after the other, from (6,) to (6,) joint angles.
+
+        Where the probe still stands on the bone, as after a stop, it is drawn back first.
+
+        Raises:
+            NotReachableError: the goal touches something, there is no way around what does, or
+                the verifier refuses a motion; it says why.
+        """
+        model, motions = self._model, list[Trajectory]()
+        require_clear(model, self._free, goal_rad)
+        if not self._world.clear(start_rad[None])[0]:
+            motions.append(self._away(start_rad))
+            start_rad = motions[-1].qs_rad[-1]
+        planned = plan_joint_move(start_rad, goal_rad, model, clear=self._world.clear)
+        certificate = verify_motion(model, planned, obstacles=self._free)
+        require_certified("the move", certificate, planned, self._free)
+        return (*motions, planned)
+
+    def _away(self, start_rad: Floats) -> Trajectory:
+        model, around = self._model, self._around
+        try:
+            require_clear(model, around, start_rad, "stands")
+        except NotReachableError as error:
+            raise NotReachableError(
+                f"{error}: undo what was changed since it went there, and move it away first"
+            ) from error
+        line = draw_back(model, start_rad, clear_among(model, around))
+        certificate = verify_motion(model, line, obstacles=around)
+        require_certified("drawing the probe back", certificate, line, around)
+        return line
+
+
+def require_certified(
+    what: str, certificate: Certificate, motion: TimedMotion, around: Obstacles
+) -> None:
+    """Raise NotReachableError unless this motion was certified among what stands around now."""
+    if certificate.certifies(motion, around.digest()):
+        return
+    reasons = "; ".join(check.sentence for check in certificate.failures())
+    if not reasons:
+        other = "motion" if certificate.obstacles == around.digest() else "surroundings"
+        reasons = f"the certificate belongs to another {other}, plan it again"
+    raise NotReachableError(f"{what} is refused: {reasons}")
