@@ -47,7 +47,7 @@ class MapsPanel(StepPanel):
     def __init__(self, gui: Any, door: Door) -> None:
         super().__init__(gui, door)
         with self.folder:
-            self._second = SecondFolder(gui, door)
+            self._second = SecondFolder(gui, door, self.message)
             self._sono = SonoControls(gui, door)
 
     def build(self) -> None:
