@@ -1,4 +1,4 @@
-"""What the fields are called: refusals name parameters, people read the labels of fields."""
+"""What fields and activities are called: programs name parameters, people read labels."""
 
 import re
 from dataclasses import fields
@@ -9,6 +9,30 @@ UNITS = {
     "mm_per_us": "mm/µs", "mm_per_s": "mm/s", "mm": "mm", "deg": "deg", "s": "s", "ms": "ms",
     "us": "µs", "db": "dB", "mhz": "MHz", "hz": "Hz", "n": "N", "c": "°C",
 }  # fmt: skip
+# what goes on while an activity runs
+DOING = {
+    "StartSkullImport": "Reading the skull",
+    "StartToolCapture": "Moving the tool",
+    "StartPointerCapture": "Pivoting the pointer",
+    "StartSurfaceCapture": "Sliding over the skull",
+    "StartSkullRegistration": "Laying the points onto the skull",
+    "StartPathCapture": "Demonstrating the path",
+    "StartRecordingImport": "Reading the recording",
+    "StartPivotImport": "Reading the pivot",
+    "StartRollSearch": "Searching the roll",
+    "StartBasePlacement": "Looking for places of the base",
+    "StartScan": "Scanning",
+    "StartSecondPlan": "Planning the second pass",
+    "StartSecondScan": "Scanning the gaps",
+    "StartMapping": "Mapping the boundaries",
+    "StartReferencePoints": "Measuring with a caliper",
+    "StartBlockShots": "Shooting the block",
+    "StartWhatIf": "Trying other probes",
+    "StartSonoCalibration": "Calibrating the SonoPointer",
+    "StartSonoScan": "Scanning by hand",
+    "StartSonoMapping": "Mapping the scan by hand",
+    "StartRobotMove": "Moving the robot",
+}
 # fields that stand alone, outside of the forms
 OTHERS = {
     "sound_speed_mm_per_us": "Bone (mm/µs)",
@@ -38,6 +62,11 @@ def label_of(name: str) -> str:
         if name.endswith(f"_{suffix}"):
             return f"{name.removesuffix(f'_{suffix}').replace('_', ' ')} ({unit})"
     return name.replace("_", " ")
+
+
+def doing(activity: str) -> str:
+    """Return what people read while an activity runs."""
+    return DOING.get(activity, activity)
 
 
 def in_words(text: str) -> str:

@@ -65,15 +65,6 @@ listenIn(viewer);
 
 // ---------------------------------------------------------------- state
 
-const WORDS = { // as beneath the step's button
-  StartSkullImport: "Reading the skull", StartToolCapture: "Moving the tool",
-  StartPointerCapture: "Pivoting the pointer", StartSurfaceCapture: "Sliding over the skull",
-  StartPathCapture: "Demonstrating the path", StartRollSearch: "Searching the roll",
-  StartScan: "Scanning", StartMapping: "Mapping the boundaries", StartRobotMove: "Moving the robot",
-};
-const words = (activity) => WORDS[activity]
-  ?? activity.replace(/^Start/, "").replace(/([a-z])([A-Z])/g, "$1 $2");
-
 function show(state) {
   const session = state.session;
   $("name").textContent = session ? session.name : "no session open";
@@ -88,7 +79,7 @@ function show(state) {
   const job = state.jobs[0];
   $("job").hidden = !job;
   if (job) {
-    $("activity").textContent = words(job.activity);
+    $("activity").textContent = job.words;
     $("progress").value = job.progress;
     $("percent").textContent = `${Math.round(100 * job.progress)} %`;
   }

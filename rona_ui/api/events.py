@@ -16,6 +16,7 @@ from rona_ui.api.context import Bench, Open, Sessions, origin_of
 from rona_ui.api.jobs import job_info
 from rona_ui.api.sessions import info
 from rona_ui.api.streams import ALIVE, DESCRIBED, EventStream, Streams, event
+from rona_ui.labels import doing
 
 router = APIRouter(tags=["session"])
 NOTICE = "research software, not a medical device"
@@ -76,7 +77,9 @@ def state_of(hub: Hub) -> dict[str, Any]:
         return state
     state["origin"] = origin_of(bench)
     running = [status for status in bench.jobs.all() if not status.finished]
-    state["jobs"] = [asdict(job_info(bench, status)) for status in running]
+    state["jobs"] = [
+        {**asdict(job_info(bench, status)), "words": doing(status.activity)} for status in running
+    ]
     return state
 
 

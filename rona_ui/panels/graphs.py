@@ -106,7 +106,7 @@ class JointsPanel:
                 axes=(_axis("path (%)"), _axis(unit)),
                 legend={"show": False},
                 cursor={"drag": {"x": True, "y": False}},
-                height=250,
+                height=225,
                 padding=PADDING,
             )
 

@@ -47,7 +47,8 @@ class MapsPanel(StepPanel):
     def __init__(self, gui: Any, door: Door) -> None:
         super().__init__(gui, door)
         with self.folder:
-            self._second = SecondFolder(gui, door)
+            self._second = SecondFolder(gui, door, self.message)
+            self._sono = SonoControls(gui, door)
 
     def build(self) -> None:
         """Add the parameters and the choice of what is shown."""
@@ -64,7 +65,6 @@ class MapsPanel(StepPanel):
         )
         self._bar = self.gui.add_html("")
         self.form.on_change(self._changed)
-        self._sono = SonoControls(self.gui, self.door)
         follow(self._shown, lambda e: self._show(SHOWN[self._shown.value]))
         follow(
             self._quantity,

@@ -5,34 +5,11 @@ from typing import Any
 
 from rona_core.session.document import STEPS
 from rona_ui.bindings import escape
+from rona_ui.labels import doing
 from rona_ui.panels import style
 from rona_ui.panels.door import Door, listen
 from rona_ui.panels.step_panel import StepPanel
 from rona_ui.view_state import Picture
-
-WORDS = {
-    "StartSkullImport": "Reading the skull",
-    "StartToolCapture": "Moving the tool",
-    "StartPointerCapture": "Pivoting the pointer",
-    "StartSurfaceCapture": "Sliding over the skull",
-    "StartSkullRegistration": "Laying the points onto the skull",
-    "StartPathCapture": "Demonstrating the path",
-    "StartRecordingImport": "Reading the recording",
-    "StartPivotImport": "Reading the pivot",
-    "StartRollSearch": "Searching the roll",
-    "StartBasePlacement": "Looking for places of the base",
-    "StartScan": "Scanning",
-    "StartSecondPlan": "Planning the second pass",
-    "StartSecondScan": "Scanning the gaps",
-    "StartMapping": "Mapping the boundaries",
-    "StartReferencePoints": "Measuring with a caliper",
-    "StartBlockShots": "Shooting the block",
-    "StartWhatIf": "Trying other probes",
-    "StartSonoCalibration": "Calibrating the SonoPointer",
-    "StartSonoScan": "Scanning by hand",
-    "StartSonoMapping": "Mapping the scan by hand",
-    "StartRobotMove": "Moving the robot",
-}
 
 
 class StepTitle:
@@ -97,7 +74,7 @@ class RunBar:
         words = ""
         if busy and job is not None:
             self._progress.value = round(100.0 * min(max(job.progress, 0.0), 1.0), 1)
-            words = f"{escape(WORDS.get(job.activity, job.activity))}: {100 * job.progress:.0f} %"
+            words = f"{escape(doing(job.activity))}: {100 * job.progress:.0f} %"
         html = f'<div class="r-text">{words}</div>' if words else ""
         if self._progress_words.content != html:
             self._progress_words.content = html

@@ -1,9 +1,10 @@
 """The second pass over the gaps of the inner map, in step 9: plan, scan, then map again."""
 
+from collections.abc import Callable
 from dataclasses import replace
 from typing import Any
 
-from rona_core.app.messages import StartSecondPlan, StartSecondScan
+from rona_core.app.messages import StartMapping, StartSecondPlan, StartSecondScan
 from rona_core.app.second_view import SecondView, second_cells, second_view
 from rona_core.app.staleness import usable_second
 from rona_ui.panels import style
@@ -21,9 +22,9 @@ EXPLANATION = (
 
 
 class SecondFolder:
-    """Two buttons and what came of them."""
+    """Plan, scan and map the gaps, and what came of it."""
 
-    def __init__(self, gui: Any, door: Door) -> None:
+    def __init__(self, gui: Any, door: Door, mapping: Callable[[], StartMapping]) -> None:
         self._form = Form(gui)
         self._window = gui.add_folder("Second pass over the gaps", visible=False)
         with self._window:
@@ -31,6 +32,7 @@ class SecondFolder:
             self._words = gui.add_html("")
             self._plan = gui.add_button("Plan second pass", icon="route")
             self._scan = gui.add_button("Scan the gaps", icon="player-play")
+            self._map = gui.add_button("Map with the second pass", icon="map", visible=False)
             with gui.add_folder("Rows and lean", expand_by_default=False):
                 form, plan = self._form, StartSecondPlan()
                 form.number("spacing_mm", "Rows (mm)", plan.spacing_mm, 0.5, 5.0, 0.5)
@@ -44,15 +46,16 @@ class SecondFolder:
                 )  # fmt: skip
         listen(self._plan, lambda e: self._send(door, self.message, e))
         listen(self._scan, lambda e: self._send(door, StartSecondScan, e))
+        listen(self._map, lambda e: self._send(door, mapping, e, second=False))
 
     def message(self) -> StartSecondPlan:
         """Return the planning with these parameters."""
         return StartSecondPlan(**self._form.values())
 
     @staticmethod
-    def _send(door: Door, make: Any, event: Any) -> None:
+    def _send(door: Door, make: Any, event: Any, *, second: bool = True) -> None:
         door.send(make, event)
-        door.view(lambda v: replace(v, second=True, cursor=None, playing=False))
+        door.view(lambda v: replace(v, second=second, cursor=None, playing=False))
 
     def render(self, old: Picture | None, new: Picture) -> None:
         """Follow maps, plan and scan of the gaps."""
@@ -74,6 +77,8 @@ class SecondFolder:
         self._scan.label = "Scan the gaps again" if scanned else "Scan the gaps"
         self._plan.color = "gray" if ready else None
         self._scan.color = "gray" if scanned else None
+        self._map.visible = scanned and second_cells(new.session) is None
+        self._map.disabled = new.busy
         html = words(new, view, scanned)
         if self._words.content != html:
             self._words.content = html
@@ -103,9 +108,7 @@ def words(picture: Picture, view: SecondView | None, scanned: bool) -> str:
     cells = second_cells(session)
     if cells is None:
         return html + style.note(
-            f"{len(capture.scans)} A-scans of the gaps recorded: map the boundaries again to use "
-            "them.",
-            "warn",
+            f"{len(capture.scans)} A-scans of the gaps recorded. Map the boundaries with them."
         )
     return html + style.note(
         f"Inner coverage {100 * cells.before:.0f} % before, {100 * cells.after:.0f} % with the "

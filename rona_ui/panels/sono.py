@@ -48,12 +48,16 @@ class SonoControls:
             self._whose = gui.add_dropdown("Show maps of", tuple(WHOSE))
         listen(self._calibrate, lambda e: door.send(StartSonoCalibration, e))
         listen(self._scan, lambda e: door.send(self.scan, e))
-        listen(self._map, lambda e: door.send(StartSonoMapping, e))
+        listen(self._map, self._mapped)
         follow(self._whose, lambda e: self._choose())
 
     def scan(self) -> Any:
         """Return the scan with these parameters."""
         return StartSonoScan(**self._form.values())
+
+    def _mapped(self, event: Any) -> None:
+        self._door.send(StartSonoMapping, event)
+        self._door.view(lambda v: replace(v, by_hand=True))
 
     def _choose(self) -> None:
         by_hand = WHOSE[self._whose.value]

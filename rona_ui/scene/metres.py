@@ -83,9 +83,15 @@ class Stage:
             node.points, node.colors, node.point_size = metres(points), colored, size
 
     def lines(
-        self, name: str, pairs: Floats, color: tuple[int, int, int], *, width_px: float = 2.0
+        self,
+        name: str,
+        pairs: Floats,
+        color: tuple[int, int, int],
+        *,
+        width_px: float = 2.0,
+        width_mm: float | None = None,
     ) -> None:
-        """Draw line segments (n, 2, 3) of a width in pixels, all in one colour.
+        """Draw line segments (n, 2, 3) of a width in pixels or in mm, all in one colour.
 
         The viewer draws one colour as it is, but colours per point brighter than they are.
         """
@@ -95,7 +101,11 @@ class Stage:
         node = self._nodes.get(name)
         if node is None:
             self._nodes[name] = self._scene.add_line_segments(
-                name, metres(pairs), color, thickness=width_px, thickness_units="screen"
+                name,
+                metres(pairs),
+                color,
+                thickness=width_px if width_mm is None else float(M_PER_MM * width_mm),
+                thickness_units="screen" if width_mm is None else "world",
             )
         else:
             node.points, node.colors = metres(pairs), np.array(color, dtype=np.uint8)

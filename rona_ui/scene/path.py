@@ -14,6 +14,7 @@ from rona_ui.view_state import Picture
 RAW, SMOOTH, CORNERS, AXES = "/path/raw", "/path/smooth", "/path/points", "/path/axes"
 DEVIATION, TILTED, THIN = "/path/deviation", "/path/tilted", "/path/thin"
 LIFT_MM = 0.5
+RAW_MM, SMOOTH_MM = 0.45, 0.8  # widths: from afar the rows stay apart
 AXIS_MM = 14.0
 MOST_AXES = 120
 SHADES = 8  # of the colour bar; one line can only be of one colour
@@ -45,7 +46,7 @@ class PathLayer(Layer):
         fresh = old is None or old.backdrop is not new.backdrop
         if fresh or old is None or old.session.results.path is not raw:
             points = np.zeros((0, 3)) if raw is None else raw.value.points_base + lift
-            self.stage.lines(RAW, segments(points), ORANGE, width_px=2.0)
+            self.stage.lines(RAW, segments(points), ORANGE, width_mm=RAW_MM)
         if fresh or old is None or path_key(old) != path_key(new):
             view, dense = shown_path(new), np.zeros((0, 3))
             if view is not None and view.preview:
@@ -54,7 +55,7 @@ class PathLayer(Layer):
                 dense = smooth.value.path.points_base
             corners = np.zeros((0, 3)) if smooth is None else smooth.value.corners_base
             corners = corners if view is None else view.corners_base
-            self.stage.lines(SMOOTH, segments(dense + 3 * lift), BLUE, width_px=4.0)
+            self.stage.lines(SMOOTH, segments(dense + 3 * lift), BLUE, width_mm=SMOOTH_MM)
             self.stage.cloud(CORNERS, corners + 4 * lift, BLUE, size_mm=0.9)
             self._draw_deviation(view, lift)
         self._show(new)

@@ -14,7 +14,7 @@ SHADES = 6
 AXIS_MM = 10.0
 MOST_AXES = 240
 LIFT_MM = 1.2
-CELL_MM = 0.4
+CELL_MM, PATH_MM = 0.4, 0.35
 WHITE: Rgb = (255, 255, 255)
 
 
@@ -43,7 +43,7 @@ class SecondLayer(Layer):
 
     def _draw_path(self, view: SecondView | None) -> None:
         points = np.zeros((0, 3)) if view is None else view.points_base
-        self.stage.lines(PATH, segments(points), SKY, width_px=3.0)
+        self.stage.lines(PATH, segments(points), SKY, width_mm=PATH_MM)
         colors = viridis((np.arange(SHADES) + 0.5) / SHADES)
         for shade in range(SHADES):
             pairs = np.zeros((0, 2, 3))

@@ -11,6 +11,7 @@ from fake_gui import FakeClient, FakeGui
 from rona_core.app.messages import (
     ClearBoundaryCorrections,
     CorrectBoundary,
+    StartMapping,
     StartSecondPlan,
     StartSecondScan,
 )
@@ -214,7 +215,7 @@ def test_the_second_pass_is_planned_scanned_and_told(demo: Session) -> None:
     again = replace(demo.captures.second, ordinal=99)  # type: ignore[type-var]
     desk.session = replace(demo, captures=replace(demo.captures, second=again))
     desk.draw()
-    assert "map the boundaries again to use" in shown(desk)
+    assert "of the gaps recorded. Map the boundaries with them" in shown(desk)
     first_only = replace(
         demo,
         captures=replace(demo.captures, second=None),
@@ -234,6 +235,18 @@ def test_the_second_pass_is_planned_scanned_and_told(demo: Session) -> None:
     assert "the probe leans up to" in shown(desk)
     desk.click("button", "Scan the gaps")
     assert desk.sent[-1] == StartSecondScan()
+
+
+def test_a_scan_of_the_gaps_is_mapped_where_it_was_made(demo: Session) -> None:
+    desk = Desk(MapsPanel, demo, ViewState(step="maps", second=True))
+    assert not desk.gui.find("button", "Map with the second pass").visible
+    again = replace(demo.captures.second, ordinal=99)  # type: ignore[type-var]
+    desk.session = replace(demo, captures=replace(demo.captures, second=again))
+    desk.draw()
+    desk.click("button", "Map with the second pass")
+    assert desk.sent == [desk.panel.message()]
+    assert isinstance(desk.sent[0], StartMapping)
+    assert not desk.view.second
 
 
 class FakeStage:

@@ -7,10 +7,10 @@ from typing import Any
 import pytest
 from fake_gui import FakeClient, FakeGui
 
-from rona_core.app.messages import RenameSession, SetSeed, StartScan
+from rona_core.app.messages import ACTIVITIES, RenameSession, SetSeed, StartScan
 from rona_core.errors import InvalidInputError, StepBlockedError
 from rona_ui.bindings import SETTLE_S, Bindings, escape, tell
-from rona_ui.labels import in_words, label_of, note_label
+from rona_ui.labels import DOING, doing, in_words, label_of, note_label
 from rona_ui.panels.form import Form, number
 
 
@@ -190,3 +190,8 @@ def test_a_typed_text_that_is_no_number_is_refused_not_a_defect() -> None:
     assert number(" 3.5 ") == 3.5
     with pytest.raises(InvalidInputError, match="expected a number, not '3mm'"):
         number("3mm")
+
+
+def test_everything_that_runs_is_named_for_people():
+    assert sorted(DOING) == sorted(ACTIVITIES)
+    assert doing("StartSonoMapping") == "Mapping the scan by hand"

@@ -49,7 +49,7 @@ def built():
 
 
 def test_the_buttons_come_one_after_the_other(session):
-    gui, controls, sent, _ = built()
+    gui, controls, sent, views = built()
     buttons = [
         gui.find("button", label)
         for label in ("1. Calibrate the probe", "2. Scan by hand", "3. Map the scan by hand")
@@ -62,6 +62,7 @@ def test_the_buttons_come_one_after_the_other(session):
     for button in buttons:
         button.happen(CLIENT)
     assert sent == [StartSonoCalibration(), StartSonoScan(spacing_mm=3.0), StartSonoMapping()]
+    assert views[-1].by_hand, "what is mapped is shown"
 
 
 def test_it_says_what_came_of_it_and_what_is_stale(session):
