@@ -30,7 +30,8 @@ class LocalPlanes:
 
     def planes(self, values: Floats, sds: Floats) -> tuple[Floats, Floats, Floats]:
         """Return what a plane says of each place (n,), its rise (n, 2) and the scatter about it."""
-        target, counts = values[self._near], self._counts
+        # against one's own value, so that the ridge pulls to nothing else
+        target, counts = values[self._near] - values[:, None], self._counts
         trust = np.where(counts, 1.0 / (FLOOR**2 + sds[self._near] ** 2), 0.0)
         ridge = RIDGE * trust.sum(axis=1)[:, None, None] * np.eye(3) + 1e-9 * np.eye(3)
         weights, plane, scatter = trust, np.zeros((len(values), 3)), np.zeros(len(values))
@@ -43,4 +44,4 @@ class LocalPlanes:
             middle = np.ma.median(np.ma.masked_array(left, ~counts), axis=1).filled(0.0)
             scatter = np.maximum(MAD_TO_SD * middle, FLOOR)
             weights = trust / (1.0 + (left / (STRANGE * scatter)[:, None]) ** 2)
-        return plane[:, 0], plane[:, 1:], scatter
+        return values + plane[:, 0], plane[:, 1:], scatter
