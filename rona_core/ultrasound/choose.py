@@ -105,6 +105,7 @@ def _fitted(echoes: Echoes, best: Ints, bone: Material) -> InnerFits:
         fits.append(
             fit_inner(
                 echoes.aligned[block],
+                echoes.fronts[block],
                 echoes.noise[block],
                 lag[block],
                 level[block],

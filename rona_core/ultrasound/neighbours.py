@@ -91,11 +91,12 @@ def expected_lags(
     The third is how steep the boundary is (n,), in us per mm, 0 where that is not known.
 
     Where the boundary slopes, one side is as much too early as the other is too late. The median
-    over the directions lets a single neighbour be wrong, and the spread says how well they agree.
+    over the directions lets a single neighbour be wrong, and the spread says how well they agree;
+    where there is one pair alone, its own sigmas do.
     """
     half = len(links.sources) // 2
     means: list[Floats] = []
-    steep = np.zeros(len(lag_us))
+    steep, own = np.zeros(len(lag_us)), np.zeros(len(lag_us))
     for k in range(half):
         # without positions the two directions of the line are each other's opposite
         here, there = links.sources[k], links.sources[k + half]
@@ -104,6 +105,8 @@ def expected_lags(
         rise = np.where(both, (lag_us[there] - lag_us[here]) / apart, np.nan)
         means.append(lag_us[here] + links.apart_mm[k] * rise)
         steep = np.fmax(steep, np.abs(rise))
+        pair_us = np.hypot(sigma_us[here], sigma_us[there]) / 2.0
+        own = np.where(both, np.maximum(own, pair_us), own)
     table = np.sort(np.stack(means), axis=0)  # nan last
     count = np.isfinite(table).sum(axis=0)
     some = count > 0
@@ -112,7 +115,7 @@ def expected_lags(
     high = np.minimum(high, np.maximum(count - 1, 0))
     middle = np.where(some, (table[low, rows] + table[high, rows]) / 2.0, lag_us)
     first, last = table[0], table[np.maximum(count - 1, 0), rows]
-    spread = np.where(count > 1, (last - first) / 2.0, sigma_us)
+    spread = np.where(count > 1, (last - first) / 2.0, own)
     return middle, np.where(some, spread, np.inf), steep
 
 

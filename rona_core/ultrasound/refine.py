@@ -13,14 +13,22 @@ import numpy as np
 
 from rona_core.arrays import Floats
 from rona_core.ultrasound.crlb import Fisher, amplitude_bound
-from rona_core.ultrasound.front import subtract_fronts
+from rona_core.ultrasound.front import (
+    Fronts,
+    FrontShapes,
+    front_shapes,
+    front_times,
+    subtract_fronts,
+    without_gap,
+)
 from rona_core.ultrasound.inner import bone_filter
 from rona_core.ultrasound.matched import Template
 from rona_core.ultrasound.material import Complexes, Material
 from rona_core.ultrasound.pulse import GRID
 
-ROUNDS = 2  # of fitting the front without the inner echo and the other way round
-STEPS = 3  # of Gauss and Newton in each
+STEPS = 6  # of Gauss and Newton on envelope,
+PHASE_STEPS = 3  # and then on phase
+MOST_MOVE = 0.1  # over the bandwidth: of a time in one step on its phase
 FARTHEST = 0.25  # over the bandwidth: a fit does not leave its peak further than this
 CYCLES = np.arange(-2.0, 3.0)  # that the phase may be off by
 ENVELOPE_SD = 0.07  # over the bandwidth: of the envelope by structure, at a level of 1
@@ -55,6 +63,7 @@ class InnerFits:
 
 def fit_inner(
     aligned: Complexes,
+    fronts: Fronts,
     noise: Floats,
     lag_us: Floats,
     level: Floats,
@@ -66,6 +75,7 @@ def fit_inner(
 
     Args:
         aligned: With the front echo at time 0.
+        fronts: Those front echoes (n,).
         noise: RMS of the noise in each sample (n,).
         lag_us: Where the envelope has its peak (n,).
         level: Height of the peak over a nominal echo (n,).
@@ -78,39 +88,36 @@ def fit_inner(
     weights = _whitening(echo, noise, clutter, template)
     fisher = Fisher.of(echo, weights, f)
     omega = 2.0 * np.pi * f
-    matched = weights * np.conj(echo)
     band = template.probe.bandwidth * template.probe.centre_mhz
-    start, at = lag_us, lag_us
+    shapes, density = front_shapes(template), _density(noise)
+    aligned = without_gap(aligned, fronts, template)
+    clear = shapes.without(aligned, density)
+    near = subtract_fronts(aligned, template)
+    at = lag_us
     height = np.zeros(len(lag_us), dtype=np.complex128)
-    behind = subtract_fronts(aligned, template)
-    for turn in range(ROUNDS + 1):
-        if turn:
-            own = height[:, None] * echo * np.conj(template.shift(at))
-            behind = own + subtract_fronts(aligned - own, template)
-        for _ in range(STEPS):
-            seen = matched * behind * template.shift(at)
-            z = seen.sum(axis=1)
-            height = z / fisher.energy
-            slope = (seen * (omega - fisher.mean_rad_per_us[:, None])).sum(axis=1)
-            move = np.real(1j * np.conj(height) * slope)
-            at = at + move / np.maximum(np.abs(height) ** 2 * fisher.envelope, 1e-30)
-            at = np.clip(at, start - FARTHEST / band, start + FARTHEST / band)
-    seen = (matched * behind * template.shift(at)).sum(axis=1)
-    amplitude = np.abs(seen) / fisher.energy
-    phase = at - np.angle(seen) / fisher.mean_rad_per_us
-    for shape in (weights, np.ones(len(f)), np.ones(len(f))):  # noise alone, once near
-        seen = shape * np.conj(echo) * behind * template.shift(phase)
-        power = shape * np.abs(echo) ** 2
-        bend = (power * omega**2).sum(axis=1) / power.sum(axis=1)
-        scale = np.maximum(np.real(seen.sum(axis=1)), 1e-12)
-        move = np.real(1j * (seen * omega).sum(axis=1)) / (scale * bend)
-        phase = phase + np.clip(move, -0.1 / band, 0.1 / band)
+    for _ in range(STEPS):
+        here = echo * np.conj(template.shift(at))
+        slope = -1j * omega * here
+        here_left, slope_left = (subtract_fronts(x, template) for x in (here, slope))
+        own = np.real(_dot(here_left, weights * here_left))
+        cross = _dot(here_left, weights * slope_left) / own
+        seen = weights * near
+        height = _dot(here_left, seen) / own
+        steep = np.real(_dot(slope_left, weights * slope_left)) - np.abs(cross) ** 2 * own
+        move = _dot(slope_left, seen) - np.conj(cross) * height * own
+        move = np.real(np.conj(height) * move) / np.maximum(np.abs(height) ** 2 * steep, 1e-30)
+        at = np.clip(at + move, lag_us - FARTHEST / band, lag_us + FARTHEST / band)
+    amplitude = np.abs(height)
+    phase = at - np.angle(height) / fisher.mean_rad_per_us
+    phase, inner = _fit_phase(clear, echo, phase, shapes, density, template)
+    front = np.where(fronts.heard, front_times(aligned - inner, template), 0.0)
+    front = np.clip(front, -MOST_MOVE / band, MOST_MOVE / band)
     sharp, blunt = amplitude_bound(fisher, amplitude)
     fading = np.clip(level, LEAST_LEVEL, 1.0) ** -FADING
     return InnerFits(
-        envelope_us=at,
+        envelope_us=at - front,
         envelope_sd_us=np.hypot(blunt, ENVELOPE_SD * fading / band),
-        phase_us=phase,
+        phase_us=phase - front,
         period_us=2.0 * np.pi / fisher.mean_rad_per_us,
         phase_sd_us=np.hypot(sharp, PHASE_SD_RAD * fading / fisher.mean_rad_per_us),
         structure_us=STRUCTURE_RAD * fading / fisher.mean_rad_per_us,
@@ -118,13 +125,52 @@ def fit_inner(
     )
 
 
+def _fit_phase(
+    clear: Complexes,
+    echo: Complexes,
+    start_us: Floats,
+    shapes: FrontShapes,
+    density: Floats,
+    template: Template,
+) -> tuple[Floats, Complexes]:
+    """Return times (n,) and echoes (n, f), fitted jointly with the front in white noise.
+
+    Height and time are the two unknowns of each echo; the front's shapes are gone from the spectra
+    ``clear`` (n, f), and from what the echo and its slope would look like.
+    """
+    omega = 2.0 * np.pi * template.frequencies_mhz
+    most = MOST_MOVE / (template.probe.bandwidth * template.probe.centre_mhz)
+    at = start_us
+    height = np.zeros(len(at))
+    for _ in range(PHASE_STEPS):
+        here = echo * np.conj(template.shift(at))
+        slope = -1j * omega * here
+        here_left = shapes.without(here, density)
+        own, cross = _dot(here, here_left).real, _dot(slope, here_left).real
+        steep = _dot(slope, shapes.without(slope, density)).real
+        seen, seen_steep = _dot(here, clear).real, _dot(slope, clear).real
+        whole = np.maximum(own * steep - cross**2, 1e-30)
+        height = np.maximum((steep * seen - cross * seen_steep) / whole, 1e-12)
+        move = (own * seen_steep - cross * seen) / whole / height
+        at = at + np.clip(move, -most, most)
+    return at, height[:, None] * echo * np.conj(template.shift(at))
+
+
+def _dot(a: Complexes, b: Complexes) -> Complexes:
+    return np.asarray(np.einsum("nf,nf->n", np.conj(a), b), dtype=np.complex128)
+
+
+def _density(noise: Floats) -> Floats:
+    """Return the power (n,) of white noise in each bin of the spectra."""
+    return GRID * np.maximum(noise, 1e-9) ** 2
+
+
 def _whitening(echo: Complexes, noise: Floats, clutter: Floats, template: Template) -> Floats:
     """Return one over the power (n, f) of noise and clutter in the spectra."""
     power = np.abs(echo) ** 2
     matched = template.weights * power
     share = matched.sum(axis=1) ** 2 / (matched**2).sum(axis=1)
-    density = GRID * np.maximum(noise, 1e-9)[:, None] ** 2
-    return 1.0 / (density + (clutter**2 * share)[:, None] * power)
+    return 1.0 / (_density(noise)[:, None] + (clutter**2 * share)[:, None] * power)
 
 
 def choose_cycles(
