@@ -16,6 +16,7 @@ DIRECTIONS = 8
 REACH_MM = 5.0  # scans further apart say little about each other
 MOST_NEIGHBOURS = 96  # that are looked at; the reach shrinks in denser surveys
 LEAST_APART_MM = 1e-3  # scans closer than this have no direction from one to the other
+STEEP_US_PER_MM = 0.2  # rms rise of the inner boundary from one scan to the next, two-way
 ALONG_MM = 1.0  # what a step along a survey without positions counts for
 
 
@@ -92,8 +93,10 @@ def expected_lags(
 
     Where the boundary slopes, one side is as much too early as the other is too late. The median
     over the directions lets a single neighbour be wrong, and the spread says how well they agree;
-    where there is one pair alone, its own sigmas do.
+    where there is one pair alone, its own sigmas do. Where there is none, the nearest neighbour on
+    one side is all there is, and the slope to it is not known.
     """
+    alone, alone_sd = _nearest(lag_us, sigma_us, counts, links)
     half = len(links.sources) // 2
     means: list[Floats] = []
     steep, own = np.zeros(len(lag_us)), np.zeros(len(lag_us))
@@ -113,10 +116,24 @@ def expected_lags(
     rows = np.arange(table.shape[1])
     low, high = np.maximum(count - 1, 0) // 2, count // 2
     high = np.minimum(high, np.maximum(count - 1, 0))
-    middle = np.where(some, (table[low, rows] + table[high, rows]) / 2.0, lag_us)
+    middle = np.where(some, (table[low, rows] + table[high, rows]) / 2.0, alone)
     first, last = table[0], table[np.maximum(count - 1, 0), rows]
     spread = np.where(count > 1, (last - first) / 2.0, own)
-    return middle, np.where(some, spread, np.inf), steep
+    return middle, np.where(some, spread, alone_sd), steep
+
+
+def _nearest(
+    lag_us: Floats, sigma_us: Floats, counts: Bools, links: Links
+) -> tuple[Floats, Floats]:
+    """Return the lag (n,) of the nearest neighbour that counts and its sd here, or infinity."""
+    there = links.sources
+    apart = np.where((there >= 0) & counts[there], links.apart_mm, np.inf)
+    nearest = np.argmin(apart, axis=0)
+    rows = np.arange(len(lag_us))
+    found, far = there[nearest, rows], apart[nearest, rows]
+    some = np.isfinite(far)
+    sd = np.hypot(sigma_us[found], STEEP_US_PER_MM * np.where(some, far, 0.0))
+    return np.where(some, lag_us[found], lag_us), np.where(some, sd, np.inf)
 
 
 def _laid_flat(places: Floats) -> tuple[Floats, Floats]:
