@@ -13,16 +13,10 @@ import numpy as np
 
 from rona_core.arrays import Floats
 from rona_core.ultrasound.crlb import Fisher, amplitude_bound
-from rona_core.ultrasound.front import (
-    Fronts,
-    FrontShapes,
-    front_shapes,
-    front_times,
-    subtract_fronts,
-    without_gap,
-)
-from rona_core.ultrasound.inner import bone_filter
-from rona_core.ultrasound.matched import Template
+from rona_core.ultrasound.front import Fronts, subtract_fronts
+from rona_core.ultrasound.front_fit import Rest, front_shapes, front_times, products, without_gap
+from rona_core.ultrasound.inner import INNER_OVER_FRONT, bone_filter
+from rona_core.ultrasound.matched import BONE_REFLECTION, Template
 from rona_core.ultrasound.material import Complexes, Material
 from rona_core.ultrasound.pulse import GRID
 
@@ -36,6 +30,8 @@ PHASE_SD_RAD = 0.08  # of the phase by structure, at a level of 1
 STRUCTURE_RAD = 0.14  # what sigma gets besides: the boundary is not the same over the beam
 FADING = 1.0  # both grow with one over the level to this power
 LEAST_LEVEL = 0.1
+# height of the inner echo that comes again over that of the first, without loss
+AGAIN = -INNER_OVER_FRONT * BONE_REFLECTION**2 / (1.0 - BONE_REFLECTION**2)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -91,7 +87,6 @@ def fit_inner(
     band = template.probe.bandwidth * template.probe.centre_mhz
     shapes, density = front_shapes(template), _density(noise)
     aligned = without_gap(aligned, fronts, template)
-    clear = shapes.without(aligned, density)
     near = subtract_fronts(aligned, template)
     at = lag_us
     height = np.zeros(len(lag_us), dtype=np.complex128)
@@ -99,17 +94,20 @@ def fit_inner(
         here = echo * np.conj(template.shift(at))
         slope = -1j * omega * here
         here_left, slope_left = (subtract_fronts(x, template) for x in (here, slope))
-        own = np.real(_dot(here_left, weights * here_left))
-        cross = _dot(here_left, weights * slope_left) / own
+        own = np.real(products(here_left, weights * here_left))
+        cross = products(here_left, weights * slope_left) / own
         seen = weights * near
-        height = _dot(here_left, seen) / own
-        steep = np.real(_dot(slope_left, weights * slope_left)) - np.abs(cross) ** 2 * own
-        move = _dot(slope_left, seen) - np.conj(cross) * height * own
+        height = products(here_left, seen) / own
+        steep = np.real(products(slope_left, weights * slope_left)) - np.abs(cross) ** 2 * own
+        move = products(slope_left, seen) - np.conj(cross) * height * own
         move = np.real(np.conj(height) * move) / np.maximum(np.abs(height) ** 2 * steep, 1e-30)
         at = np.clip(at + move, lag_us - FARTHEST / band, lag_us + FARTHEST / band)
     amplitude = np.abs(height)
     phase = at - np.angle(height) / fisher.mean_rad_per_us
-    phase, inner = _fit_phase(clear, echo, phase, shapes, density, template)
+    again = bone_filter(template, bone, lag_us * bone.speed_mm_per_us)
+    again = AGAIN * again * np.conj(template.shift(2.0 * at))
+    rest = Rest(shapes, density, again, amplitude)
+    phase, inner = _fit_phase(aligned, echo, phase, rest, template)
     front = np.where(fronts.heard, front_times(aligned - inner, template), 0.0)
     front = np.clip(front, -MOST_MOVE / band, MOST_MOVE / band)
     sharp, blunt = amplitude_bound(fisher, amplitude)
@@ -126,38 +124,30 @@ def fit_inner(
 
 
 def _fit_phase(
-    clear: Complexes,
-    echo: Complexes,
-    start_us: Floats,
-    shapes: FrontShapes,
-    density: Floats,
-    template: Template,
+    aligned: Complexes, echo: Complexes, start_us: Floats, rest: Rest, template: Template
 ) -> tuple[Floats, Complexes]:
-    """Return times (n,) and echoes (n, f), fitted jointly with the front in white noise.
+    """Return times (n,) and echoes (n, f), fitted jointly with all else in white noise.
 
-    Height and time are the two unknowns of each echo; the front's shapes are gone from the spectra
-    ``clear`` (n, f), and from what the echo and its slope would look like.
+    Height and time are the two unknowns of each echo; what else may be there is out of the spectra
+    ``aligned`` (n, f), and out of what the echo and its slope would look like.
     """
     omega = 2.0 * np.pi * template.frequencies_mhz
     most = MOST_MOVE / (template.probe.bandwidth * template.probe.centre_mhz)
+    clear = rest.of(aligned)
     at = start_us
     height = np.zeros(len(at))
     for _ in range(PHASE_STEPS):
         here = echo * np.conj(template.shift(at))
         slope = -1j * omega * here
-        here_left = shapes.without(here, density)
-        own, cross = _dot(here, here_left).real, _dot(slope, here_left).real
-        steep = _dot(slope, shapes.without(slope, density)).real
-        seen, seen_steep = _dot(here, clear).real, _dot(slope, clear).real
+        here_left = rest.of(here)
+        own, cross = products(here, here_left).real, products(slope, here_left).real
+        steep = products(slope, rest.of(slope)).real
+        seen, seen_steep = products(here, clear).real, products(slope, clear).real
         whole = np.maximum(own * steep - cross**2, 1e-30)
         height = np.maximum((steep * seen - cross * seen_steep) / whole, 1e-12)
         move = (own * seen_steep - cross * seen) / whole / height
         at = at + np.clip(move, -most, most)
     return at, height[:, None] * echo * np.conj(template.shift(at))
-
-
-def _dot(a: Complexes, b: Complexes) -> Complexes:
-    return np.asarray(np.einsum("nf,nf->n", np.conj(a), b), dtype=np.complex128)
 
 
 def _density(noise: Floats) -> Floats:
