@@ -1,9 +1,10 @@
 """The time of a chosen inner echo: envelope and phase weighed against each other, with its sigma.
 
-The front echo is fitted again without the inner one, whose time is then fitted with weights that
-make the remaining noise and clutter white. The phase is ten times as sharp as the envelope, but
-it repeats: the cycles that may be meant are weighed by how far they are from the envelope's peak,
-and what comes out is the mean. So there are no slips, only a sigma that grows where one could be.
+It is fitted together with its front and with the echo that follows it: first its envelope, with
+weights that make noise and clutter white, then its phase in noise alone. The phase is ten times as
+sharp as the envelope, but it repeats: the cycles that may be meant are weighed by how far they are
+from the envelope's peak, and what comes out is the mean. So there are no slips, only a sigma that
+grows where one could be.
 """
 
 from collections.abc import Sequence
