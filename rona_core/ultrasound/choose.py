@@ -28,7 +28,7 @@ RAYLEIGH = np.log(2.0)  # median over mean of the power of noise
 BEHIND = 8  # where the joint features say it
 DOUBT = 1.25, 3.5  # a boundary behind makes no choice surer than this line
 LIKELY = 0.5  # chance from which on an inner echo is a witness for those beside it
-CYCLE_ROUNDS = 2  # of asking neighbours which cycle is meant
+CYCLE_ROUNDS = 4  # of asking neighbours which cycle is meant
 EXPECTED_SD_MM = 0.2  # of thickness about the mean of opposite neighbours
 WEDGE = 0.1  # sigma is this share of how much a tilted boundary rises under the aperture,
 STEEPEST = 1.0  # up to this rise in time, there and back at the speed in bone
@@ -85,12 +85,12 @@ def _timed(
     """Return the lags (n,) and sigmas: which cycle is meant, the A-scans around know as well."""
     lag, sigma = choose_cycles(fits)
     floor = 2.0 * EXPECTED_SD_MM / bone.speed_mm_per_us
-    wide = WEDGE * 2.0 * probe.aperture_radius_mm
+    steep = np.zeros(len(lag))
     for _ in range(CYCLE_ROUNDS):
         expected, sd, steep = expected_lags(lag, sigma, sureness > LIKELY, links)
         lag, sigma = choose_cycles(fits, expected, np.hypot(sd, floor))
-        sigma = np.hypot(sigma, wide * np.minimum(steep, STEEPEST / bone.speed_mm_per_us))
-    return lag, sigma
+    rise = np.minimum(steep, STEEPEST / bone.speed_mm_per_us)
+    return lag, np.hypot(sigma, WEDGE * 2.0 * probe.aperture_radius_mm * rise)
 
 
 def _fitted(echoes: Echoes, best: Ints, bone: Material) -> InnerFits:
@@ -105,6 +105,7 @@ def _fitted(echoes: Echoes, best: Ints, bone: Material) -> InnerFits:
         fits.append(
             fit_inner(
                 echoes.aligned[block],
+                echoes.fronts[block],
                 echoes.noise[block],
                 lag[block],
                 level[block],

@@ -16,6 +16,7 @@ DIRECTIONS = 8
 REACH_MM = 5.0  # scans further apart say little about each other
 MOST_NEIGHBOURS = 96  # that are looked at; the reach shrinks in denser surveys
 LEAST_APART_MM = 1e-3  # scans closer than this have no direction from one to the other
+STEEP_US_PER_MM = 0.2  # rms rise of the inner boundary from one scan to the next, two-way
 ALONG_MM = 1.0  # what a step along a survey without positions counts for
 
 
@@ -91,11 +92,14 @@ def expected_lags(
     The third is how steep the boundary is (n,), in us per mm, 0 where that is not known.
 
     Where the boundary slopes, one side is as much too early as the other is too late. The median
-    over the directions lets a single neighbour be wrong, and the spread says how well they agree.
+    over the directions lets a single neighbour be wrong, and the spread says how well they agree;
+    where there is one pair alone, its own sigmas do. Where there is none, the nearest neighbour on
+    one side is all there is, and the slope to it is not known.
     """
+    alone, alone_sd = _nearest(lag_us, sigma_us, counts, links)
     half = len(links.sources) // 2
     means: list[Floats] = []
-    steep = np.zeros(len(lag_us))
+    steep, own = np.zeros(len(lag_us)), np.zeros(len(lag_us))
     for k in range(half):
         # without positions the two directions of the line are each other's opposite
         here, there = links.sources[k], links.sources[k + half]
@@ -104,16 +108,32 @@ def expected_lags(
         rise = np.where(both, (lag_us[there] - lag_us[here]) / apart, np.nan)
         means.append(lag_us[here] + links.apart_mm[k] * rise)
         steep = np.fmax(steep, np.abs(rise))
+        pair_us = np.hypot(sigma_us[here], sigma_us[there]) / 2.0
+        own = np.where(both, np.maximum(own, pair_us), own)
     table = np.sort(np.stack(means), axis=0)  # nan last
     count = np.isfinite(table).sum(axis=0)
     some = count > 0
     rows = np.arange(table.shape[1])
     low, high = np.maximum(count - 1, 0) // 2, count // 2
     high = np.minimum(high, np.maximum(count - 1, 0))
-    middle = np.where(some, (table[low, rows] + table[high, rows]) / 2.0, lag_us)
+    middle = np.where(some, (table[low, rows] + table[high, rows]) / 2.0, alone)
     first, last = table[0], table[np.maximum(count - 1, 0), rows]
-    spread = np.where(count > 1, (last - first) / 2.0, sigma_us)
-    return middle, np.where(some, spread, np.inf), steep
+    spread = np.where(count > 1, (last - first) / 2.0, own)
+    return middle, np.where(some, spread, alone_sd), steep
+
+
+def _nearest(
+    lag_us: Floats, sigma_us: Floats, counts: Bools, links: Links
+) -> tuple[Floats, Floats]:
+    """Return the lag (n,) of the nearest neighbour that counts and its sd here, or infinity."""
+    there = links.sources
+    apart = np.where((there >= 0) & counts[there], links.apart_mm, np.inf)
+    nearest = np.argmin(apart, axis=0)
+    rows = np.arange(len(lag_us))
+    found, far = there[nearest, rows], apart[nearest, rows]
+    some = np.isfinite(far)
+    sd = np.hypot(sigma_us[found], STEEP_US_PER_MM * np.where(some, far, 0.0))
+    return np.where(some, lag_us[found], lag_us), np.where(some, sd, np.inf)
 
 
 def _laid_flat(places: Floats) -> tuple[Floats, Floats]:

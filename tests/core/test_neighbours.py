@@ -7,6 +7,7 @@ from rona_core.errors import InvalidInputError
 from rona_core.ultrasound.neighbours import (
     DIRECTIONS,
     REACH_MM,
+    STEEP_US_PER_MM,
     expected_lags,
     line_links,
     scan_links,
@@ -105,3 +106,20 @@ def test_on_a_slope_opposite_neighbours_expect_what_is_between_them():
     beside = expected_lags(lag, np.full(81, 0.1), ~sure, links)
     np.testing.assert_array_equal(beside[0], lag)
     assert np.all(np.isinf(beside[1]))
+
+
+def test_one_pair_is_as_sure_as_its_members_and_one_neighbour_as_near_as_it_is():
+    links = scan_links(np.column_stack((np.arange(5.0), np.zeros(5), np.zeros(5))), 5)
+    lag, sigma = 4.0 + 0.1 * np.arange(5.0), np.array([0.03, 0.5, 0.04, 0.5, 0.02])
+    sure = np.array([True, True, True, False, True])
+    expected, sd, _ = expected_lags(lag, sigma, sure, links)
+    # between two: their mean, and not how doubtful the one between them is itself
+    assert expected[1] == pytest.approx(lag[1])
+    assert sd[1] == pytest.approx(np.hypot(0.03, 0.04) / 2.0)
+    assert expected[3] == pytest.approx(lag[3])
+    # at the rim, and where one side is not sure: the neighbour that is, and the unknown slope
+    assert expected[0] == pytest.approx(lag[1])
+    assert sd[0] == pytest.approx(np.hypot(0.5, STEEP_US_PER_MM))
+    assert expected[2] == pytest.approx(lag[1])
+    # the nearest that counts: for the last one it is nobody
+    assert np.isinf(sd[4])
