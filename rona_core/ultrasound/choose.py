@@ -93,12 +93,12 @@ def _timed(
     """Return the lags (n,) and sigmas: which cycle is meant, the A-scans around know as well."""
     lag, sigma = choose_cycles(fits)
     floor = 2.0 * EXPECTED_SD_MM / bone.speed_mm_per_us
-    wide = WEDGE * (2.0 * probe.aperture_radius_mm) ** 2
+    steep = np.zeros(len(lag))
     for _ in range(CYCLE_ROUNDS):
         expected, sd, steep = expected_lags(lag, sigma, sureness > LIKELY, links)
         lag, sigma = choose_cycles(fits, expected, np.hypot(sd, floor))
-        sigma = np.hypot(sigma, wide * np.minimum(steep, STEEPEST / bone.speed_mm_per_us))
-    return lag, sigma
+    rise = np.minimum(steep, STEEPEST / bone.speed_mm_per_us)
+    return lag, np.hypot(sigma, WEDGE * (2.0 * probe.aperture_radius_mm) ** 2 * rise)
 
 
 def _fitted(echoes: Echoes, best: Ints, bone: Material) -> InnerFits:
@@ -113,6 +113,7 @@ def _fitted(echoes: Echoes, best: Ints, bone: Material) -> InnerFits:
         fits.append(
             fit_inner(
                 echoes.aligned[block],
+                echoes.fronts[block],
                 echoes.noise[block],
                 lag[block],
                 level[block],

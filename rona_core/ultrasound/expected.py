@@ -13,7 +13,7 @@ BENT_US_PER_MM = 0.02  # how far, for each mm of distance, a boundary leaves its
 STEEP_US_PER_MM = 0.3  # rms slope to be expected
 ROBUST_ROUNDS = 3
 OUTLYING = 2.0  # sigmas from the plane, where a neighbour counts half
-FEW = 3  # neighbours that make a plane
+FEW = 3  # neighbours that show a slope
 
 
 def expected_lags(
@@ -27,7 +27,8 @@ def expected_lags(
         counts: Which ones are asked (n,).
         links: Who is around whom.
 
-    The sd is infinite where fewer than three neighbours count; the slope, in us per mm, is 0 there.
+    The sd is infinite where no neighbour counts. Where fewer than three do, no more is known of the
+    slope than how steep bone usually is; in us per mm, it is 0 there.
     """
     there = links.around
     asked = (there >= 0) & counts[there]
@@ -48,13 +49,13 @@ def expected_lags(
         inverse = np.linalg.inv(normal)
         plane = np.einsum("nij,nj->ni", inverse, right)
         plane[:, 0] += start
-    enough = asked.sum(axis=0) >= FEW
+    some, enough = asked.any(axis=0), asked.sum(axis=0) >= FEW
     off = np.where(asked, (seen - np.einsum("knj,nj->kn", design, plane)) ** 2 * known, 0.0)
     excess = (off / (1.0 + off / OUTLYING**2)).sum(axis=0) / np.maximum(asked.sum(axis=0), 1)
     sd = np.sqrt(inverse[:, 0, 0] * np.maximum(excess, 1.0))
     return (
-        np.where(enough, plane[:, 0], lag_us),
-        np.where(enough, sd, np.inf),
+        np.where(some, plane[:, 0], lag_us),
+        np.where(some, sd, np.inf),
         np.where(enough, np.hypot(plane[:, 1], plane[:, 2]), 0.0),
     )
 

@@ -3,7 +3,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from rona_core.ultrasound.expected import expected_lags
+from rona_core.ultrasound.expected import BENT_US_PER_MM, STEEP_US_PER_MM, expected_lags
 from rona_core.ultrasound.neighbours import line_links, scan_links
 
 SIDE = 9
@@ -69,3 +69,17 @@ def test_who_has_too_few_around_expects_nothing():
     np.testing.assert_array_equal(steep, 0.0)
     alone = expected_lags(lag[:1], np.full(1, 0.1), np.ones(1, dtype=bool), line_links(1))
     assert np.isinf(alone[1][0])
+
+
+def test_one_neighbour_is_as_sure_as_it_is_near():
+    pair = np.array(((0.0, 0.0, 0.0), (2.0, 0.0, 0.0)))
+    sigma = np.array((0.5, 0.03))
+    links = scan_links(pair, 2)
+    lag, both = np.array((4.0, 4.2)), np.ones(2, dtype=bool)
+    expected, sd, steep = expected_lags(lag, sigma, both, links)
+    np.testing.assert_allclose(expected, lag[::-1], atol=1e-6)
+    bend = 2.0 * BENT_US_PER_MM
+    np.testing.assert_allclose(
+        sd, np.sqrt(sigma[::-1] ** 2 + bend**2 + (2.0 * STEEP_US_PER_MM) ** 2), rtol=1e-6
+    )
+    np.testing.assert_array_equal(steep, 0.0)
