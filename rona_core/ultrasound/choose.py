@@ -24,6 +24,7 @@ from rona_core.ultrasound.profile import along_tracks
 from rona_core.ultrasound.refine import InnerFits, choose_cycles, fit_inner
 from rona_core.ultrasound.search import BLOCK, Echoes
 from rona_core.ultrasound.sgm import candidate_odds
+from rona_core.ultrasound.thin import thick_enough
 
 SAME_MM = 0.5  # candidates this close are the same boundary
 RAYLEIGH = np.log(2.0)  # median over mean of the power of noise
@@ -57,10 +58,11 @@ def choose_inner(echoes: Echoes, bone: Material, links: Links) -> InnerChoice:
     fits = _fitted(echoes, best, bone)
     lag, sigma = _timed(fits, sureness, bone, template.probe, links)
     doubted = np.clip(DOUBT[0] - DOUBT[1] * behind[rows, best], 0.0, 1.0)
+    thick = thick_enough(echoes.merged, found.level[rows, best])
     moved = np.abs(lag - fits.envelope_us) > MOVED_CYCLES * fits.period_us
     return InnerChoice(
         lag_us=lag,
-        sureness=np.where(moved, MOVED, 1.0) * np.minimum(sureness, doubted),
+        sureness=np.where(moved, MOVED, 1.0) * np.minimum(np.minimum(sureness, doubted), thick),
         heard=np.asarray(chances[:, -1] < 0.5),
         sigma_us=sigma,
         other_us=found.lag_us[rows, second],

@@ -120,7 +120,7 @@ def find_candidates(
     probe, step = template.probe, template.step_us
     low, high = bone_gate_us(probe, bone)
     first, last = int(low / step), int(np.ceil(high / step))
-    z, gain = _through_bank(behind, template, bone, first, last)
+    z, gain = through_bank(behind, template, bone, first, last)
     level = np.abs(z)
     peaks = np.zeros(level.shape, dtype=bool)
     peaks[:, 1:-1] = (level[:, 1:-1] > level[:, :-2]) & (level[:, 1:-1] >= level[:, 2:])
@@ -155,7 +155,7 @@ def _clutter(probe: ProbeModel) -> float:
     return float(np.interp(np.log(probe.centre_mhz), np.log((low, high)), (a, b)))
 
 
-def _through_bank(
+def through_bank(
     behind: Complexes, template: Template, bone: Material, first: int, last: int
 ) -> tuple[Complexes, Floats]:
     """Return outputs (n, lags) over the noise gain, and that gain (lags,).

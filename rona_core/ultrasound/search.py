@@ -14,6 +14,7 @@ from rona_core.ultrasound.inner import Candidates, find_candidates, inner_grid_m
 from rona_core.ultrasound.matched import Template, quiet_template, trace_spectra
 from rona_core.ultrasound.material import Complexes, Material
 from rona_core.ultrasound.probe import ProbeModel
+from rona_core.ultrasound.thin import merged_levels
 
 BLOCK = 256  # A-scans at a time
 
@@ -29,6 +30,7 @@ class Echoes:
     candidates: Candidates
     evidence: Floats  # (n, m) for an inner echo at each depth of `inner_grid_mm`
     loud: Floats  # (n, m) level over the noise there
+    merged: Floats  # (n,) level of what follows the front at once, see `thin.py`
 
 
 def search_echoes(
@@ -57,6 +59,7 @@ def search_echoes(
     found: list[Candidates] = []
     nothing = np.zeros((0, len(inner_grid_mm(probe, bone))))
     evidence, loud = [nothing], [nothing]
+    merged = [np.zeros(0)]
     for start in range(0, len(track), BLOCK):
         if cancel():
             raise CancelledError("the detection of echoes was cancelled")
@@ -76,6 +79,7 @@ def search_echoes(
             found.append(peaks)
             evidence.append(everywhere)
             loud.append(over_noise)
+            merged.append(merged_levels(spectra, front, template, bone))
         progress(min(1.0, (start + BLOCK) / max(len(track), 1)))
     return Echoes(
         template,
@@ -85,4 +89,5 @@ def search_echoes(
         Candidates.concatenate(found),
         np.concatenate(evidence),
         np.concatenate(loud),
+        np.concatenate(merged),
     )

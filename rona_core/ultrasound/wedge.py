@@ -26,7 +26,7 @@ from rona_core.ultrasound.search import BLOCK, Echoes
 Singles = NDArray[np.float32]
 STEEPEST = 2.2  # slope, over that at which a disc hears nothing at the centre frequency
 SLOPES = 14  # that are tried, from 0
-REACH_CYCLES = 1.5  # around the time as it is
+REACH_US = 0.65  # around the time as it is: further off is another boundary
 STEPS_PER_CYCLE = 18
 CLUTTER = 0.6  # what the template does not know, over a nominal echo, at each frequency
 ALIKE = 2.0  # neighbouring frequencies do not err on their own: so much less they count
@@ -144,7 +144,7 @@ def _weigh(echoes: Echoes, lag_us: Floats, rows: Ints, bone: Material) -> _Weigh
     null = 1.22 / (2.0 * probe.aperture_radius_mm * probe.centre_mhz)
     slopes = as_floats(np.linspace(0.0, STEEPEST * null, SLOPES))
     step = 1.0 / (STEPS_PER_CYCLE * probe.centre_mhz)
-    reach = round(REACH_CYCLES * STEPS_PER_CYCLE)
+    reach = round(REACH_US / step)
     offsets = as_floats(np.arange(-reach, reach + 1) * step)
     ways = beam_transform(probe, f, slopes)
     turns = template.shift(offsets).T  # (f, t)
