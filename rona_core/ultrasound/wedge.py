@@ -40,8 +40,8 @@ SLOPE_SD = 0.05  # of a slope in us per mm about that of this plane
 UNKNOWN_SD = 0.08  # where nothing tells the slope
 STRANGERS = 1.5  # how much neighbours can weigh against the echo itself
 BEND_PER_MM = 0.01  # where a boundary leans it also bends, by so much of its slope
-STRUCTURE_US = 0.02  # what the boundary itself adds: roughness, bend, layers,
-LEANING_US = 0.05  # and with the outer boundary taken from a map
+STRUCTURE_CYCLES = 0.035  # what the boundary itself adds: roughness, bend, layers,
+LEANING_CYCLES = 0.11  # and with the outer boundary taken from a map
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -124,7 +124,8 @@ def refit_wedges(
     times, sigmas = found.lag_us.copy(), found.sigma_us.copy()
     width_mm = 2.0 * echoes.template.probe.aperture_radius_mm
     bent = BEND_PER_MM * width_mm**2 * np.hypot(*rise.T)
-    structure = np.hypot(bent, STRUCTURE_US if upright else LEANING_US)
+    cycles = STRUCTURE_CYCLES if upright else LEANING_CYCLES
+    structure = np.hypot(bent, cycles / echoes.template.probe.centre_mhz)
     times[rows], sigmas[rows] = lag, np.hypot(sd, structure)
     # a time that is known better makes no echo surer than it was
     surer = _within(sigmas, bone) / np.maximum(_within(found.sigma_us, bone), 1e-12)
