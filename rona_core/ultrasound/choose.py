@@ -28,7 +28,6 @@ from rona_core.ultrasound.thin import thick_enough
 
 SAME_MM = 0.5  # candidates this close are the same boundary
 RAYLEIGH = np.log(2.0)  # median over mean of the power of noise
-BEHIND = 9  # where the joint features say it
 DOUBT = 1.25, 3.0  # a boundary behind makes no choice surer than this line
 LIKELY = 0.5  # chance from which on an inner echo is a witness for those beside it
 CYCLE_ROUNDS = 6  # of asking neighbours which cycle is meant
@@ -86,7 +85,7 @@ def inner_chances(
     share = company(links)
     odds = share * log_odds(values, TOGETHER, probe) + (1.0 - share) * alone
     chances = candidate_odds(odds, depth_mm, found.exists, grid, links)
-    return chances, share * values[..., BEHIND]
+    return chances, share * tracks.behind
 
 
 def _timed(

@@ -28,7 +28,7 @@ MULTIPLE = 0.08, 0.3  # share and mm about those
 REVERBERATES = 1.6, 0.3  # within the tables: up to this many times the depth, this loud at most
 SIDE_LOBE = 0.17  # nothing weaker than this behind an echo counts
 STACK_FLOOR, STACK_SURE = 0.25, 1.5  # mean evidence from which on there is a boundary, and is sure
-LAST = 5.0  # log likelihood lost for each unit above that
+LAST = 5.0  # log likelihood that a boundary loses for each unit of one behind it
 SLOPE_STEPS = 2  # of the grid, by which a boundary may differ from that of a neighbour
 NEAR_MM = 0.5  # about a depth, its chance is summed over this much either way
 
@@ -70,6 +70,7 @@ class Tracks:
     chance: Floats  # that the last boundary runs near it
     stack: Floats  # mean evidence for a boundary
     loud: Floats  # mean level over the noise
+    behind: Floats  # that another boundary is behind, with a peak of its own: 0 to STACK_SURE
 
 
 def stacked(evidence: Floats, links: Links) -> Floats:
@@ -92,25 +93,30 @@ def _mean_around(own: Floats, others: Floats, links: Links) -> Floats:
     return mean
 
 
-def last_evidence(evidence: Floats, stack: Floats, loud: Floats, grid_mm: Floats) -> Floats:
-    """Return the evidence (n, m) for the last boundary: less where another one lies behind.
+def seen_behind(stack: Floats, loud: Floats, grid_mm: Floats) -> Floats:
+    """Return how sure (n, m) another boundary lies behind each depth, 0 to ``STACK_SURE``.
 
     Args:
-        evidence: For any boundary (n, m).
-        stack: The same with those beside (n, m).
+        stack: Mean evidence for a boundary (n, m).
         loud: Mean level over the noise (n, m): a multiple or a side lobe does not count.
         grid_mm: Depths (m,).
     """
     sure = np.clip(stack - STACK_FLOOR, 0.0, STACK_SURE)
-    last = evidence.copy()
+    behind = np.zeros(stack.shape)
     for i, depth in enumerate(grid_mm):
         first = int(np.searchsorted(grid_mm, depth + APART_MM))
         if first >= len(grid_mm):
             break
         ratio = loud[:, first:] / np.maximum(loud[:, i : i + 1], 1e-12)
         counts = ~repeats(depth, grid_mm[first:], ratio)
-        last[:, i] -= LAST * np.where(counts, sure[:, first:], 0.0).max(axis=1)
-    return last
+        behind[:, i] = np.where(counts, sure[:, first:], 0.0).max(axis=1)
+    return behind
+
+
+def _summits(loud: Floats) -> Bools:
+    """Return where levels (n, m) are highest within 0.5 mm: not on the flank of an echo."""
+    reach = 2 * round(NEAR_MM / STEP_MM) + 1
+    return np.asarray(loud >= maximum_filter1d(loud, reach, axis=1, mode="nearest"))
 
 
 def repeats(depth_mm: float | Floats, behind_mm: Floats, ratio: Floats) -> Bools:
@@ -172,9 +178,11 @@ def along_tracks(
         links: Who is beside whom.
     """
     stack, mean = stacked(evidence, links), _mean_around(loud, loud, links)
-    last = last_evidence(evidence, stack, mean, grid_mm)
+    behind = seen_behind(stack, mean, grid_mm)
+    peaks = seen_behind(np.where(_summits(mean), stack, 0.0), mean, grid_mm)
     return Tracks(
-        track_chances(last, grid_mm, depth_mm, links),
+        track_chances(evidence - LAST * behind, grid_mm, depth_mm, links),
         at_depths(stack, grid_mm, depth_mm),
         at_depths(mean, grid_mm, depth_mm),
+        at_depths(peaks, grid_mm, depth_mm),
     )

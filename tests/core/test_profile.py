@@ -10,8 +10,8 @@ from rona_core.ultrasound.profile import (
     along_tracks,
     at_depths,
     depth_evidence,
-    last_evidence,
     repeats,
+    seen_behind,
     stacked,
     track_chances,
 )
@@ -98,11 +98,34 @@ def test_a_sure_boundary_behind_makes_the_one_ahead_not_the_last():
     only = np.full((n, len(GRID)), -0.3)
     only[:, ahead], only[:, echo] = 3.0, 1.5
     loud[:, echo] = 1.2
-    last = last_evidence(only, stacked(only, links), loud, GRID)
-    np.testing.assert_array_equal(last[:, ahead], only[:, ahead])
+    stack = stacked(only, links)
+    assert np.all(seen_behind(stack, loud, GRID)[:, ahead] == 0.0)
     loud[:, echo] = 3.0  # too loud for that
-    last = last_evidence(only, stacked(only, links), loud, GRID)
-    assert np.all(last[:, ahead] < only[:, ahead] - 1.0)
+    assert np.all(seen_behind(stack, loud, GRID)[:, ahead] > 1.0)
+
+
+@settings(max_examples=10, deadline=None)
+@given(seed=seeds)
+def test_a_flank_is_no_boundary_behind_but_one_in_the_noise_is(seed):
+    rng = np.random.default_rng(seed)
+    places = square(7)
+    n = len(places)
+    links = scan_links(places, n)
+    level = 5.0 * np.exp(-0.5 * ((GRID - 5.0) / 0.7) ** 2)
+    hidden = 1.9 * np.exp(-0.5 * ((GRID - 8.2) / 0.5) ** 2)
+    at = np.full((n, 1), 5.0)
+
+    def behind(echoes):
+        seen = np.abs(echoes + noise)
+        gain = np.full(len(GRID), 0.25)
+        evidence, loud = depth_evidence(seen, np.ones(n), gain, GRID, GRID, 0.0)
+        return along_tracks(evidence, loud, GRID, at, links).behind[:, 0]
+
+    cells = len(GRID) // CELL + 2
+    noise = rng.normal(size=(n, cells)) + 1j * rng.normal(size=(n, cells))
+    noise = np.repeat(noise, CELL, axis=1)[:, : len(GRID)] / np.sqrt(2.0)
+    assert np.median(behind(level)) < 0.1
+    assert np.median(behind(level + hidden)) > np.median(behind(level)) + 0.2
 
 
 def test_what_comes_from_an_echo_itself_is_no_boundary():
