@@ -28,7 +28,7 @@ STEEPEST = 2.2  # slope, over that at which a disc hears nothing at the centre f
 SLOPES = 14  # that are tried, from 0
 REACH_US = 0.65  # around the time as it is: further off is another boundary
 STEPS_PER_CYCLE = 18
-CLUTTER = 0.6  # what the template does not know, over a nominal echo, at each frequency
+CLUTTER = 0.8  # what the template does not know, over a nominal echo, at each frequency
 ALIKE = 2.0  # neighbouring frequencies do not err on their own: so much less they count
 LEVEL_SD = 0.45  # natural logarithm of the level about that of the survey
 LEAST_LEVEL = 1e-3
@@ -173,10 +173,12 @@ def _block(
     weights = 1.0 / (noise + (CLUTTER * np.abs(echo)) ** 2)
     shape = len(rows), len(ways), turns.shape[1]
     likelihood, level = np.zeros(shape, np.float32), np.zeros(shape, np.float32)
-    for k, way in enumerate(ways):
-        leaning = echo * way
-        seen = np.maximum(((behind * weights * np.conj(leaning)) @ turns).real, 0.0)
-        energy = np.sum(weights * np.abs(leaning) ** 2, axis=1)[:, None]
+    matched = (behind * weights * np.conj(echo)).astype(np.complex64)
+    energies = (weights * np.abs(echo) ** 2) @ (np.abs(ways) ** 2).T
+    turns = turns.astype(np.complex64)
+    for k, way in enumerate(np.conj(ways).astype(np.complex64)):
+        seen = np.maximum(((matched * way) @ turns).real, 0.0)
+        energy = energies[:, k, None]
         likelihood[:, k] = seen**2 / energy / ALIKE
         level[:, k] = np.log(np.maximum(seen / energy, LEAST_LEVEL))
     return likelihood, level
