@@ -39,7 +39,8 @@ EXPECTED_SD_US = 0.1  # of a time about the plane through its neighbours
 SLOPE_SD = 0.05  # of a slope in us per mm about that of this plane
 UNKNOWN_SD = 0.08  # where nothing tells the slope
 STRANGERS = 1.5  # how much neighbours can weigh against the echo itself
-BEND_PER_MM = 0.01  # where a boundary leans it also bends, by so much of its slope
+BEND_PER_MM = 0.01  # where a boundary leans it also bends, by so much of its slope,
+BEND_US_PER_MM2 = 4e-4  # and a little everywhere: the wider the beam, the less one time says
 STRUCTURE_CYCLES = 0.035  # what the boundary itself adds: roughness, bend, layers,
 LEANING_CYCLES = 0.11  # and with the outer boundary taken from a map
 
@@ -123,7 +124,7 @@ def refit_wedges(
         lag, sd = _mean(weighed, chances, middle)
     times, sigmas = found.lag_us.copy(), found.sigma_us.copy()
     width_mm = 2.0 * echoes.template.probe.aperture_radius_mm
-    bent = BEND_PER_MM * width_mm**2 * np.hypot(*rise.T)
+    bent = width_mm**2 * np.hypot(BEND_US_PER_MM2, BEND_PER_MM * np.hypot(*rise.T))
     cycles = STRUCTURE_CYCLES if upright else LEANING_CYCLES
     structure = np.hypot(bent, cycles / echoes.template.probe.centre_mhz)
     times[rows], sigmas[rows] = lag, np.hypot(sd, structure)
