@@ -5,6 +5,10 @@ That dulls the echo, puts a null into its band and delays what is left, so that 
 parallel plate fits best a whole cycle off, and so it does at the next place, which leans as much.
 Here every time is weighed with every slope that the beam may see, and how high the echo stands then
 tells the right pair: a parallel boundary would have to reflect far too little.
+
+The fit of a parallel boundary (``refine.py``) is as exact as noise allows. What is done here moves
+its time by steps, and only where lean or neighbours ask for it: other times than that one count for
+less the less the boundary leans.
 """
 
 from dataclasses import dataclass, replace
@@ -32,6 +36,8 @@ CLUTTER = 0.8  # what the template does not know, over a nominal echo, at each f
 ALIKE = 2.0  # neighbouring frequencies do not err on their own: so much less they count
 LEVEL_SD = 0.45  # natural logarithm of the level about that of the survey
 LEAST_LEVEL = 1e-3
+HELD_CYCLES = 0.3  # how far off a time may be that was fitted for a parallel boundary,
+FLAT = 0.3  # if the slope is under this share of the steepest one
 WITNESS = 0.5  # sureness from which on an echo is a witness for those beside it
 ROUNDS = 4
 OUTER_SD_MM = 0.03
@@ -109,13 +115,16 @@ def refit_wedges(
     middle = found.lag_us[rows]
     rise = np.zeros((len(rows), 2))
     lag, sd = middle, np.maximum(found.sigma_us[rows], FLOOR)
+    cycles = weighed.offsets_us * echoes.template.probe.centre_mhz
+    flat = np.exp(-((weighed.slopes / (FLAT * weighed.slopes[-1])) ** 2))
+    held = np.multiply.outer(flat, 0.5 * (cycles / HELD_CYCLES) ** 2).astype(np.float32)
     for turn in range(ROUNDS):
         expected, rise, scatter = around.planes(lag, sd)
         slope = np.where(told, np.hypot(*(rise + outer).T), 0.0)
         unlike = (weighed.slopes - slope[:, None]) / np.where(told, SLOPE_SD, UNKNOWN_SD)[:, None]
         usual = _usual_level(weighed, slope)
         chances = weighed.likelihood - 0.5 * ((weighed.level - usual) / LEVEL_SD) ** 2
-        chances = chances - 0.5 * unlike[:, :, None] ** 2
+        chances = chances - 0.5 * unlike[:, :, None] ** 2 - held
         if turn:
             off = (middle - expected)[:, None] + weighed.offsets_us
             strange = off / np.hypot(scatter, EXPECTED_SD_US)[:, None]
@@ -176,9 +185,9 @@ def _block(
     likelihood, level = np.zeros(shape, np.float32), np.zeros(shape, np.float32)
     matched = (behind * weights * np.conj(echo)).astype(np.complex64)
     energies = (weights * np.abs(echo) ** 2) @ (np.abs(ways) ** 2).T
-    turns = turns.astype(np.complex64)
+    single = turns.astype(np.complex64)
     for k, way in enumerate(np.conj(ways).astype(np.complex64)):
-        seen = np.maximum(((matched * way) @ turns).real, 0.0)
+        seen = np.maximum(((matched * way) @ single).real, 0.0)
         energy = energies[:, k, None]
         likelihood[:, k] = seen**2 / energy / ALIKE
         level[:, k] = np.log(np.maximum(seen / energy, LEAST_LEVEL))
