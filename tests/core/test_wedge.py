@@ -154,13 +154,13 @@ def test_where_nothing_leans_and_the_echo_says_nothing_the_time_is_held():
     choice = choose_inner(echoes, BONE, scan_links(places, len(places)))
     random = np.random.default_rng(5)
     part = random.normal(size=(2, *echoes.aligned.shape))
-    size = np.sqrt(np.mean(np.abs(echoes.aligned) ** 2)) / 30.0
+    size = np.sqrt(np.mean(np.abs(echoes.aligned) ** 2)) / 10.0
     silent = replace(echoes, aligned=size * (part[0] + 1j * part[1]))
     again = refit_wedges(silent, choice, BONE, places, axes=axes)
     ok = choice.heard & (choice.sureness > 0.5)
     moved = (again.lag_us - choice.lag_us)[ok] * PROBE.centre_mhz
-    assert rms(moved) < 0.15
-    assert np.median(again.sigma_us[ok] * PROBE.centre_mhz) > 0.1  # and it says so
+    assert rms(moved) < 0.35
+    assert np.median(again.sigma_us[ok] * PROBE.centre_mhz) > 0.2  # and it says so
 
 
 def test_too_few_to_ask_are_left_alone():
