@@ -38,6 +38,7 @@ class BoneScene:
     outer_tilt_deg: Floats  # (n,) of the outer boundary against perpendicular
     inner_tilt_deg: Floats  # (n,) and of the inner one
     inner_snr_db: float | None  # inner echo of a pulse over in-band rms, where it was asked for
+    medium: Medium  # what the bone is made of
 
     def __len__(self) -> int:
         return len(self.track)
@@ -95,6 +96,7 @@ def record(
         outer_tilt_deg=outer_tilt,
         inner_tilt_deg=inner_tilt,
         inner_snr_db=inner_snr_db,
+        medium=medium,
     )
 
 

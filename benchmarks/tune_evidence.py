@@ -2,6 +2,7 @@
 
 A multinomial logistic regression: of the candidates of an A-scan one is the inner boundary, or
 none is. Run once for the log odds of single A-scans, then for those with their neighbours.
+The scenes have materials, texture, pulses and shapes drawn at random, other ones than the test.
 """
 
 import sys
@@ -11,13 +12,14 @@ import numpy as np
 from scipy.optimize import minimize
 
 from benchmarks.bone_record import BoneScene
-from benchmarks.bone_scenes import anatomical_bone, hard_bone, parallel_bone
+from benchmarks.bone_scenes import TRIAL_SEEDS, anatomical_bone, hard_bone, parallel_bone
 from rona_core.arrays import Bools, Floats, Ints
 from rona_core.devices.settings import Excitation, ProbeName
-from rona_core.ultrasound.detect import NOMINAL_LOSS_DB_PER_CM, nominal_bone
+from rona_core.ultrasound.detect import nominal_bone
 from rona_core.ultrasound.evidence import features, joint_features
-from rona_core.ultrasound.inner import Candidates
+from rona_core.ultrasound.inner import Candidates, inner_grid_mm
 from rona_core.ultrasound.neighbours import Links, scan_links
+from rona_core.ultrasound.profile import Tracks, along_tracks
 from rona_core.ultrasound.search import search_echoes
 
 RIGHT_MM = {"1MHz": 0.8, "2.25MHz": 0.6}  # a candidate this close is the inner echo
@@ -25,18 +27,36 @@ ENDLESS_SHARE = 1.0  # what a scene without inner boundary counts for
 ENDLESS_MM, ENDLESS_SNR_DB = 90.0, (50.0, 40.0, 55.0)
 PENALTY = 1e-3  # on the square of a weight
 UP, DOWN = (0.0, None), (None, 0.0)  # what a feature may speak for
-SIGNS = ((None, None), UP, DOWN, UP, DOWN, DOWN, UP, DOWN, DOWN, DOWN, UP)
-SKULL_MM, HARD_MM, PATIENTS = (3, 4, 5, 6, 7, 8, 10), (4, 6, 8), (0, 1)
+SIGNS = ((None, None), UP, DOWN, UP, DOWN, DOWN, UP, DOWN, DOWN, DOWN, UP, UP, UP)
+SKULL_MM = {"2.25MHz": (3.0, 4.0, 5.0, 7.0, 8.5, 10.0), "1MHz": (4.5, 6.0, 8.0, 10.0)}
+HARD_MM, HARD_SIDE, PATIENTS = (5.0, 7.0), 12, (0, 1, 2)
 
 
-def tuning_scenes(name: ProbeName, excitation: Excitation) -> list[BoneScene]:
-    """Return the scenes that the detection may be tuned with."""
+def tuning_scenes(name: ProbeName, excitation: Excitation, seed: int) -> list[BoneScene]:
+    """Return the scenes of one seed that the detection may be tuned with."""
     scenes: list[BoneScene] = []
-    for mm in SKULL_MM:
-        scenes += parallel_bone(float(mm), name=name, excitation=excitation, patches=1)
-    scenes += [hard_bone(float(mm), name=name, excitation=excitation) for mm in HARD_MM]
-    scenes += [anatomical_bone(p, name=name, excitation=excitation) for p in PATIENTS]
-    return scenes + [endless_bone(k, name, excitation) for k in range(len(ENDLESS_SNR_DB))]
+    for mm in SKULL_MM[name]:
+        scenes += parallel_bone(
+            mm, name=name, excitation=excitation, patches=1, tuning=False, drawn_seed=seed
+        )
+    for mm in HARD_MM:
+        scenes.append(
+            hard_bone(
+                mm,
+                name=name,
+                excitation=excitation,
+                side=HARD_SIDE,
+                tuning=False,
+                drawn_seed=seed,
+            )
+        )
+    for patient in PATIENTS:
+        scenes.append(
+            anatomical_bone(
+                patient, name=name, excitation=excitation, tuning=False, drawn_seed=seed
+            )
+        )
+    return scenes
 
 
 def endless_bone(number: int, name: ProbeName, excitation: Excitation) -> BoneScene:
@@ -46,16 +66,6 @@ def endless_bone(number: int, name: ProbeName, excitation: Excitation) -> BoneSc
         ENDLESS_MM, name=name, excitation=excitation, front_snr_db=snr, side=10, patches=1
     )[0]
     return replace(scene, name=f"endless {number}")
-
-
-def with_loss(
-    c: Candidates, depth_mm: Floats, centre_mhz: float, random: np.random.Generator
-) -> Candidates:
-    """Return candidates as in bone that loses 0.7 to 1.35 times as much, another in each scan."""
-    excess = random.uniform(-0.35, 0.3, (len(depth_mm), 1))
-    lost_db = excess * NOMINAL_LOSS_DB_PER_CM * centre_mhz * depth_mm / 5.0
-    gain = 10.0 ** (lost_db / 20.0)
-    return replace(c, level=c.level * gain, noise=c.noise * gain, clutter=c.clutter * gain)
 
 
 def fit(values: Floats, exists: Bools, right: Ints, shares: Floats) -> Floats:
@@ -87,43 +97,51 @@ class Case:
     candidates: Candidates
     own: Floats  # features (n, k, f)
     depth_mm: Floats  # (n, k)
+    tracks: Tracks
     links: Links
     right: Ints  # (n,)
     shares: Floats  # (n,)
 
 
-def cases(name: ProbeName, random: np.random.Generator) -> list[Case]:
+def cases(name: ProbeName) -> list[Case]:
     """Return all tuning scenes of a probe."""
     found: list[Case] = []
-    bone = nominal_bone()
     for excitation in ("pulse", "chirp"):
-        for scene in tuning_scenes(name, excitation):
-            c = search_echoes(scene.track, scene.probe, excitation, bone).candidates
-            depth = c.lag_us * bone.speed_mm_per_us / 2.0
-            c = with_loss(c, depth, scene.probe.centre_mhz, random)
-            off = np.abs(c.lag_us - scene.bone_us[:, None]) * bone.speed_mm_per_us / 2.0
-            off = np.where(c.exists, off, np.inf)
-            near = off.min(axis=1) < RIGHT_MM[name]
-            right = np.where(near, off.argmin(axis=1), off.shape[1])
-            share = ENDLESS_SHARE if scene.name.startswith("endless") else 1.0
-            shares = np.full(len(scene), share * len(scene) ** -0.5)
-            links = scan_links(scene.points_skull, len(scene))
-            found.append(Case(c, features(c), depth, links, right, shares))
+        scenes = [s for seed in TRIAL_SEEDS for s in tuning_scenes(name, excitation, seed)]
+        scenes += [endless_bone(k, name, excitation) for k in range(len(ENDLESS_SNR_DB))]
+        found += [case_of(scene) for scene in scenes]
     return found
+
+
+def case_of(scene: BoneScene) -> Case:
+    """Return what the regression needs of a scene."""
+    bone = nominal_bone()
+    echoes = search_echoes(scene.track, scene.probe, scene.settings.excitation, bone)
+    c = echoes.candidates
+    depth = c.lag_us * bone.speed_mm_per_us / 2.0
+    off = np.abs(c.lag_us - scene.bone_us[:, None]) * bone.speed_mm_per_us / 2.0
+    off = np.where(c.exists, off, np.inf)
+    near = off.min(axis=1) < RIGHT_MM[scene.settings.name]
+    right = np.where(near, off.argmin(axis=1), off.shape[1])
+    share = ENDLESS_SHARE if scene.name.startswith("endless") else 1.0
+    shares = np.full(len(scene), share * len(scene) ** -0.5)
+    links = scan_links(scene.points_skull, len(scene))
+    grid = inner_grid_mm(scene.probe, bone)
+    tracks = along_tracks(echoes.evidence, echoes.loud, grid, depth, links)
+    return Case(c, features(c), depth, tracks, links, right, shares)
 
 
 def main() -> None:
     """Print both sets of weights for both probes."""
-    random = np.random.default_rng(3)
     for name in ("1MHz", "2.25MHz"):
-        all_cases = cases(name, random)
+        all_cases = cases(name)
         exists = np.concatenate([case.candidates.exists for case in all_cases])
         right = np.concatenate([case.right for case in all_cases])
         shares = np.concatenate([case.shares for case in all_cases])
         own = np.concatenate([case.own for case in all_cases])
         alone = fit(own, exists, right, shares)
         joint = [
-            joint_features(x.own, x.own @ alone, x.depth_mm, x.candidates, x.links)
+            joint_features(x.own, x.own @ alone, x.depth_mm, x.candidates, x.tracks, x.links)
             for x in all_cases
         ]
         together = fit(np.concatenate(joint), exists, right, shares)

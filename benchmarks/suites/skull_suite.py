@@ -17,7 +17,7 @@ from benchmarks.metric import Metric, Progress
 from rona_core.arrays import Bools, Floats
 from rona_core.devices.settings import Excitation, ProbeName
 from rona_core.ultrasound.crlb import inner_bound
-from rona_core.ultrasound.detect import NOMINAL_SPEED_MM_PER_US, Detection, detect, nominal_bone
+from rona_core.ultrasound.detect import NOMINAL_SPEED_MM_PER_US, Detection, detect
 from rona_core.ultrasound.matched import block_template
 from rona_core.ultrasound.probe import probe_model
 
@@ -66,14 +66,14 @@ def plate_figures(name: ProbeName, excitation: Excitation) -> list[Metric]:
     """Return the scatter on a plate over the coherent bound.
 
     The ratio of signal to noise is that of a pulse in the band of the probe; a chirp is sent in the
-    same noise, and its bound is that of the chirp.
+    same noise, and its bound is that of the chirp. The bound is that of the echo that is there: of
+    this probe's pulse, off this bone.
     """
     found: list[Metric] = []
-    bone = nominal_bone()
-    pulse, sent = (block_template(probe_model(name), kind) for kind in ("pulse", excitation))
     for snr in PLATE_SNRS_DB:
         scene = plate(PLATE_MM, snr, name=name, excitation=excitation, tuning=False)
-        bound = inner_bound(pulse, bone, PLATE_MM, snr, sent).coherent_us
+        pulse, sent = (block_template(scene.probe, kind) for kind in ("pulse", excitation))
+        bound = inner_bound(pulse, scene.medium.table, PLATE_MM, snr, sent).coherent_us
         bound_mm = bound * NOMINAL_SPEED_MM_PER_US / 2.0
         for method in get_args(Method):
             error, _ = errors(scene, method)

@@ -81,14 +81,15 @@ def derive_detection(
 ) -> Detection:
     """Find both boundaries in every A-scan, with those around it as witnesses."""
     capture = need(session.captures.scan, "scan")
-    probe = session.setup.devices.probe
+    probe, poses = session.setup.devices.probe, probe_poses(session)
     return detect(
         capture.scans,
         session_probe(session),
         probe.excitation,
         method=message.method,
         sound_speed_mm_per_us=first_speed(message.sound_speed_mm_per_us),
-        positions_mm=probe_poses(session).translations,
+        positions_mm=poses.translations,
+        axes=poses.rotations[:, :, 2],
         progress=progress,
         cancel=cancel,
     )
@@ -193,6 +194,7 @@ def derive_second_detection(
         method=message.method,
         sound_speed_mm_per_us=first_speed(message.sound_speed_mm_per_us),
         positions_mm=poses.translations,
+        axes=poses.rotations[:, :, 2],
         known_standoff_mm=standoffs_mm(outer, poses),
         progress=progress,
         cancel=cancel,

@@ -15,22 +15,25 @@ from rona_core.ultrasound.evidence import (
     joint_features,
     log_odds,
 )
-from rona_core.ultrasound.inner import Candidates, InnerChoice, bone_gate_us
+from rona_core.ultrasound.expected import expected_lags
+from rona_core.ultrasound.inner import InnerChoice, inner_grid_mm
 from rona_core.ultrasound.material import Material
-from rona_core.ultrasound.neighbours import Links, expected_lags
+from rona_core.ultrasound.neighbours import Links
 from rona_core.ultrasound.probe import ProbeModel
+from rona_core.ultrasound.profile import along_tracks
 from rona_core.ultrasound.refine import InnerFits, choose_cycles, fit_inner
 from rona_core.ultrasound.search import BLOCK, Echoes
-from rona_core.ultrasound.sgm import candidate_odds, depth_grid
+from rona_core.ultrasound.sgm import candidate_odds
+from rona_core.ultrasound.thin import thick_enough
 
 SAME_MM = 0.5  # candidates this close are the same boundary
 RAYLEIGH = np.log(2.0)  # median over mean of the power of noise
-BEHIND = 8  # where the joint features say it
-DOUBT = 1.25, 3.5  # a boundary behind makes no choice surer than this line
+DOUBT = 1.25, 3.0  # a boundary behind makes no choice surer than this line
 LIKELY = 0.5  # chance from which on an inner echo is a witness for those beside it
-CYCLE_ROUNDS = 2  # of asking neighbours which cycle is meant
+CYCLE_ROUNDS = 6  # of asking neighbours which cycle is meant
 EXPECTED_SD_MM = 0.2  # of thickness about the mean of opposite neighbours
-WEDGE = 0.1  # sigma is this share of how much a tilted boundary rises under the aperture,
+MOVED_CYCLES, MOVED = 1.0, 0.5  # by those around: then they show another boundary, as likely
+WEDGE = 0.016  # per mm: sigma is this share of how much a boundary rises under the aperture,
 STEEPEST = 1.0  # up to this rise in time, there and back at the speed in bone
 SPARE_NOISE = 1.5  # what part of the noise's power counts as clutter by chance
 
@@ -45,16 +48,20 @@ def choose_inner(echoes: Echoes, bone: Material, links: Links) -> InnerChoice:
     """
     found, template = echoes.candidates, echoes.template
     depth = found.lag_us * bone.speed_mm_per_us / 2.0
-    chances, behind = inner_chances(found, depth, bone, template.probe, links)
+    chances, behind = inner_chances(echoes, depth, bone, links)
     rows, best = np.arange(len(depth)), np.argmax(chances[:, :-1], axis=1)
     same: Bools = np.abs(depth - depth[rows, best][:, None]) < SAME_MM
     sureness = np.sum(chances[:, :-1] * same, axis=1)
     others = np.where(same, 0.0, chances[:, :-1])
     second = np.argmax(others, axis=1)
-    lag, sigma = _timed(_fitted(echoes, best, bone), sureness, bone, template.probe, links)
+    fits = _fitted(echoes, best, bone)
+    lag, sigma = _timed(fits, sureness, bone, template.probe, links)
+    doubted = np.clip(DOUBT[0] - DOUBT[1] * behind[rows, best], 0.0, 1.0)
+    thick = thick_enough(echoes.merged, found.level[rows, best])
+    moved = np.abs(lag - fits.envelope_us) > MOVED_CYCLES * fits.period_us
     return InnerChoice(
         lag_us=lag,
-        sureness=np.minimum(sureness, np.clip(DOUBT[0] - DOUBT[1] * behind[rows, best], 0, 1)),
+        sureness=np.where(moved, MOVED, 1.0) * np.minimum(np.minimum(sureness, doubted), thick),
         heard=np.asarray(chances[:, -1] < 0.5),
         sigma_us=sigma,
         other_us=found.lag_us[rows, second],
@@ -63,20 +70,22 @@ def choose_inner(echoes: Echoes, bone: Material, links: Links) -> InnerChoice:
 
 
 def inner_chances(
-    found: Candidates, depth_mm: Floats, bone: Material, probe: ProbeModel, links: Links
+    echoes: Echoes, depth_mm: Floats, bone: Material, links: Links
 ) -> tuple[Floats, Floats]:
     """Return the probability (n, k + 1) of each candidate, and last that none is right.
 
     The second array (n, k) is how sure a boundary is behind each that is no multiple of it.
     """
+    found, probe = echoes.candidates, echoes.template.probe
+    grid = inner_grid_mm(probe, bone)
     own = features(found)
     alone = log_odds(own, ALONE, probe)
-    values = joint_features(own, alone, depth_mm, found, links)
+    tracks = along_tracks(echoes.evidence, echoes.loud, grid, depth_mm, links)
+    values = joint_features(own, alone, depth_mm, found, tracks, links)
     share = company(links)
     odds = share * log_odds(values, TOGETHER, probe) + (1.0 - share) * alone
-    low, high = (t * bone.speed_mm_per_us / 2.0 for t in bone_gate_us(probe, bone))
-    chances = candidate_odds(odds, depth_mm, found.exists, depth_grid(low, high), links)
-    return chances, share * values[..., BEHIND]
+    chances = candidate_odds(odds, depth_mm, found.exists, grid, links)
+    return chances, share * tracks.behind
 
 
 def _timed(
@@ -85,12 +94,12 @@ def _timed(
     """Return the lags (n,) and sigmas: which cycle is meant, the A-scans around know as well."""
     lag, sigma = choose_cycles(fits)
     floor = 2.0 * EXPECTED_SD_MM / bone.speed_mm_per_us
-    wide = WEDGE * 2.0 * probe.aperture_radius_mm
+    steep = np.zeros(len(lag))
     for _ in range(CYCLE_ROUNDS):
         expected, sd, steep = expected_lags(lag, sigma, sureness > LIKELY, links)
         lag, sigma = choose_cycles(fits, expected, np.hypot(sd, floor))
-        sigma = np.hypot(sigma, wide * np.minimum(steep, STEEPEST / bone.speed_mm_per_us))
-    return lag, sigma
+    rise = np.minimum(steep, STEEPEST / bone.speed_mm_per_us)
+    return lag, np.hypot(sigma, WEDGE * (2.0 * probe.aperture_radius_mm) ** 2 * rise)
 
 
 def _fitted(echoes: Echoes, best: Ints, bone: Material) -> InnerFits:
@@ -105,6 +114,7 @@ def _fitted(echoes: Echoes, best: Ints, bone: Material) -> InnerFits:
         fits.append(
             fit_inner(
                 echoes.aligned[block],
+                echoes.fronts[block],
                 echoes.noise[block],
                 lag[block],
                 level[block],

@@ -26,6 +26,7 @@ from rona_core.ultrasound.plain import find_plain_inner
 from rona_core.ultrasound.probe import ProbeModel
 from rona_core.ultrasound.pulse import GRID
 from rona_core.ultrasound.search import Echoes, search_echoes
+from rona_core.ultrasound.wedge import refit_wedges
 
 Method = Literal["subtract", "matched", "threshold"]
 DIPLOE_SHARE = 0.45  # of the thickness of a skull: 0.40 to 0.55 in the literature
@@ -88,6 +89,7 @@ def detect(
     method: Method = "subtract",
     sound_speed_mm_per_us: float = NOMINAL_SPEED_MM_PER_US,
     positions_mm: Floats | None = None,
+    axes: Floats | None = None,
     known_standoff_mm: Floats | None = None,
     progress: Progress = silent,
     cancel: Cancel = never,
@@ -104,6 +106,7 @@ def detect(
         sound_speed_mm_per_us: Mean speed in bone; thickness is proportional to it.
         positions_mm: Where the probe stood (n, 3), in any fixed frame; None: not known, the
             A-scans support those before and after them only.
+        axes: Of the probe, into the bone (n, 3), in the frame of the positions; None: not known.
         known_standoff_mm: Where the outer boundary is (n,), along the axis from the face of the
             uncompressed line, if that is known better than from these A-scans: a probe that leans
             towards the inner table hardly hears it. None: found in each A-scan.
@@ -130,6 +133,9 @@ def detect(
     )
     if method == "subtract":
         inner = choose_inner(echoes, bone, links)
+        if positions_mm is not None:
+            upright = known_standoff_mm is None
+            inner = refit_wedges(echoes, inner, bone, positions_mm, axes=axes, upright=upright)
     else:
         gate = bone_gate_us(probe, bone)
         sigma_us = 2.0 * PLAIN_SIGMA_MM / bone.speed_mm_per_us

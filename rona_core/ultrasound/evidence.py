@@ -10,6 +10,14 @@ from rona_core.arrays import Bools, Floats
 from rona_core.ultrasound.inner import Candidates
 from rona_core.ultrasound.neighbours import Links
 from rona_core.ultrasound.probe import ProbeModel
+from rona_core.ultrasound.profile import (
+    APART_MM,
+    MULTIPLE,
+    STACK_FLOOR,
+    STACK_SURE,
+    Tracks,
+    repeats,
+)
 from rona_core.ultrasound.sgm import change_sd_mm
 
 LOUDEST = 0.5  # log level over which nothing is too loud: bone may lose less than nominal bone
@@ -20,23 +28,20 @@ OVER_CLUTTER = 7.0  # phase counts up to this
 LATE_NOISE, LATE_ECHO = 4.0, 0.1  # what may follow: noise, and echoes of the echo
 LATEST = 12.0
 MULTIPLE_LEVEL = 0.25  # of an echo: its multiple is not louder
-APART_MM = 0.9  # a later boundary is at least this far behind
-# times the depth, where echoes of the echo come, and how loud they are at most over it
-MULTIPLES = (2.0, 0.4), (3.0, 0.1), (4.0, 0.03)
-SIDE_LOBE = 0.17  # nothing weaker than this behind an echo counts
-MULTIPLE = 0.08, 0.3  # share and mm about those
 LEAST_SD_MM = 0.15
+STACKED = 2.0  # mean evidence counts up to this
+LEAST_TRACK = 1e-3  # a track of the boundary is never less likely than that
 ENOUGH = 5.0  # neighbours, from which on their support counts in full
 FITTED_MHZ = (1.0, 2.25)
 LEVEL = 1  # where the features say it
 # As fitted, but for multiples and for boundaries behind: known from acoustics, rare in the fit.
 ALONE = (  # constant, level, loudness, noise, later peak, earlier peak, sign, multiple
-    (-2.92, 1.74, -0.78, 3.84, -1.69, -1.18, 1.36, -2.00),
-    (-1.98, 1.46, -4.00, 3.76, -1.54, 0.00, 0.07, -2.00),
+    (1.82, 2.47, 0.00, 1.46, -1.59, -1.56, 0.92, -2.00),
+    (-0.86, 1.20, -4.56, 3.07, -1.27, 0.00, 0.17, -2.00),
 )
-TOGETHER = (  # the same, and then: a boundary behind it, a sure one, support
-    (-3.62, 0.75, -0.28, 2.34, -1.05, -0.68, 1.14, -1.00, -2.00, -0.07, 4.05),
-    (-2.40, 0.75, -2.33, 1.36, 0.00, 0.00, 0.00, -1.00, -4.92, -0.09, 6.02),
+TOGETHER = (  # the same; a boundary behind it, the evidence for one, support, track, stack
+    (-2.10, 0.38, 0.00, 1.04, -0.89, -1.16, 0.94, -1.00, -0.59, -0.17, 3.04, 0.01, 1.31),
+    (-1.30, 0.00, -1.41, 1.30, -0.20, 0.00, 0.00, -1.00, -0.50, -0.79, 1.70, 0.29, 2.72),
 )
 
 
@@ -71,9 +76,14 @@ def _repeated(candidates: Candidates, own: Floats) -> Floats:
 
 
 def joint_features(
-    alone: Floats, odds: Floats, depth_mm: Floats, candidates: Candidates, links: Links
+    alone: Floats,
+    odds: Floats,
+    depth_mm: Floats,
+    candidates: Candidates,
+    tracks: Tracks,
+    links: Links,
 ) -> Floats:
-    """Return the features (n, k, 11) that the A-scans around add.
+    """Return the features (n, k, 13) that the A-scans around add.
 
     The inner boundary is the last one: a boundary behind a candidate that neighbours see as well,
     and that is no multiple of it, speaks against it.
@@ -83,22 +93,29 @@ def joint_features(
         odds: Log odds (n, k) from the A-scans alone.
         depth_mm: Of the candidates (n, k).
         candidates: The candidates.
+        tracks: What all A-scans together say of them, see ``profile.py``.
         links: Who is beside whom.
     """
     chance = np.where(candidates.exists, 1.0 / (1.0 + np.exp(-np.clip(odds, -30.0, 30.0))), 0.0)
     support = _support(chance, depth_mm, links)
     gap = depth_mm[:, None, :] - depth_mm[:, :, None]  # (n, here, behind)
-    reach = MULTIPLE[0] * depth_mm[:, None, :] + MULTIPLE[1]
-    loud = candidates.level / np.maximum(candidates.noise, 1e-12)
-    ratio = loud[:, None, :] / np.maximum(loud[:, :, None], 1e-12)
-    multiple = ratio < SIDE_LOBE
-    for times, most in MULTIPLES:
-        off = np.abs(depth_mm[:, None, :] - times * depth_mm[:, :, None])
-        multiple |= (off < reach) & (ratio < most)
-    counts = (gap > APART_MM) & ~multiple
+    later = (gap > APART_MM) & candidates.exists[:, None, :]
+    own = candidates.level / np.maximum(candidates.noise, 1e-12)
+    counts = later & ~_explained(depth_mm, own)
     behind = np.where(counts, (support * chance)[:, None, :], 0.0).max(axis=2, initial=0.0)
-    more = np.stack((behind, np.maximum(behind - 0.5, 0.0), support), axis=-1)
+    counts = later & ~_explained(depth_mm, tracks.loud)
+    seen_behind = np.where(counts, tracks.stack[:, None, :], 0.0).max(axis=2, initial=0.0)
+    seen_behind = np.clip(seen_behind - STACK_FLOOR, 0.0, STACK_SURE)
+    along = np.log(np.maximum(tracks.chance, LEAST_TRACK))
+    stack = np.clip(tracks.stack, -1.0, STACKED)
+    more = np.stack((behind, seen_behind, support, along, stack), axis=-1)
     return np.concatenate((alone, more), axis=-1)
+
+
+def _explained(depth_mm: Floats, loud: Floats) -> Bools:
+    """Return (n, here, behind) whether what is behind one (n, k) may be an echo of that one."""
+    ratio = loud[:, None, :] / np.maximum(loud[:, :, None], 1e-12)
+    return repeats(depth_mm[:, :, None], depth_mm[:, None, :], ratio)
 
 
 def log_odds(values: Floats, weights: tuple[tuple[float, ...], ...], probe: ProbeModel) -> Floats:

@@ -7,10 +7,11 @@ echo the largest later peak is usually one of its own.
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 
-from rona_core.arrays import Bools, Floats
+from rona_core.arrays import Bools, Floats, readonly
 from rona_core.ultrasound.matched import BONE_REFLECTION, Template, peak_offsets
 from rona_core.ultrasound.material import GEL, Complexes
 from rona_core.ultrasound.probe import ProbeModel
@@ -30,6 +31,16 @@ class Fronts:
     level: Floats  # amplitude over that of flat bone in perfect contact
     snr: Floats  # amplitude over the rms of the compressed noise
     positive: Bools  # False: reflected by something softer than gel, that is, air
+
+    def __getitem__(self, block: slice) -> "Fronts":
+        return Fronts(
+            self.delay_us[block], self.level[block], self.snr[block], self.positive[block]
+        )
+
+    @property
+    def heard(self) -> Bools:
+        """Which fronts were heard and not known from elsewhere."""
+        return np.asarray(np.isfinite(self.snr))
 
     @classmethod
     def concatenate(cls, parts: Sequence["Fronts"]) -> "Fronts":
@@ -102,6 +113,13 @@ def subtract_fronts(aligned: Complexes, template: Template) -> Complexes:
     The echo is fitted near its peak by a few delayed copies of the template, which absorb tilt,
     curvature and film; the fit takes its side lobes away far beyond the place of the fit.
     """
+    found, copies = _near_fit(template)
+    return aligned - (aligned @ found) @ copies
+
+
+@lru_cache(maxsize=16)
+def _near_fit(template: Template) -> tuple[Complexes, Complexes]:
+    """Return what gives the heights of the copies (f, k), and the copies (k, f)."""
     band = template.probe.bandwidth * template.probe.centre_mhz
     delays = (np.arange(TAPS, dtype=np.float64) - TAPS // 2) * TAP_SPACING / band
     copies = template.spectrum * np.conj(template.shift(delays))
@@ -110,6 +128,7 @@ def subtract_fronts(aligned: Complexes, template: Template) -> Complexes:
     basis = template.compress(copies, template.spectrum)[:, near].T
     normal = basis.conj().T @ basis
     normal += RIDGE * np.trace(normal).real / TAPS * np.eye(TAPS)
-    seen = template.compress(aligned, template.spectrum)[:, near].T
-    taps = np.linalg.solve(normal, basis.conj().T @ seen)
-    return aligned - taps.T @ copies
+    every = np.eye(len(template.frequencies_mhz), dtype=np.complex128)
+    seen = template.compress(every, template.spectrum)[:, near].T
+    found = np.asarray(np.linalg.solve(normal, basis.conj().T @ seen).T, dtype=np.complex128)
+    return readonly(found), readonly(copies)

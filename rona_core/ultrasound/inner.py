@@ -14,9 +14,11 @@ import numpy as np
 from rona_core.arrays import Bools, Floats
 from rona_core.ultrasound.matched import BONE_REFLECTION, Template, peak_offsets
 from rona_core.ultrasound.material import BRAIN, TABLE, Complexes, Material
-from rona_core.ultrasound.probe import ProbeModel
+from rona_core.ultrasound.probe import PROBES, ProbeModel
+from rona_core.ultrasound.profile import CLUTTER, depth_evidence
+from rona_core.ultrasound.sgm import depth_grid
 
-CANDIDATES = 8  # kept for each A-scan
+CANDIDATES = 12  # kept for each A-scan
 BANK_STEP_MM = 2.0  # thickness between templates
 NEAREST = 0.65  # of the least thickness: sought from here, so that what is too thin is seen
 FAR_MARGIN_MM = 1.5  # and beyond it
@@ -81,6 +83,12 @@ def bone_gate_us(probe: ProbeModel, bone: Material) -> tuple[float, float]:
     return 2.0 * low / bone.speed_mm_per_us, 2.0 * high / bone.speed_mm_per_us
 
 
+def inner_grid_mm(probe: ProbeModel, bone: Material) -> Floats:
+    """Return the depths (m,) between which an inner boundary is sought."""
+    low, high = (t * bone.speed_mm_per_us / 2.0 for t in bone_gate_us(probe, bone))
+    return depth_grid(low, high)
+
+
 def bone_filter(template: Template, bone: Material, thickness_mm: float | Floats) -> Complexes:
     """Return the spectrum (..., f) of an inner echo at its delay: lower, duller, inverted.
 
@@ -97,8 +105,11 @@ def bone_filter(template: Template, bone: Material, thickness_mm: float | Floats
 
 def find_candidates(
     behind: Complexes, noise: Floats, template: Template, bone: Material
-) -> Candidates:
+) -> tuple[Candidates, Floats, Floats]:
     """Return the peaks in spectra (n, f) aligned to their fronts and cleared of them.
+
+    The other arrays (n, m) are the evidence for each depth of ``inner_grid_mm``, and the level over
+    the noise there.
 
     Args:
         behind: Spectra without front echo, which was at time 0.
@@ -109,7 +120,7 @@ def find_candidates(
     probe, step = template.probe, template.step_us
     low, high = bone_gate_us(probe, bone)
     first, last = int(low / step), int(np.ceil(high / step))
-    z, gain = _through_bank(behind, template, bone, first, last)
+    z, gain = through_bank(behind, template, bone, first, last)
     level = np.abs(z)
     peaks = np.zeros(level.shape, dtype=bool)
     peaks[:, 1:-1] = (level[:, 1:-1] > level[:, :-2]) & (level[:, 1:-1] >= level[:, 2:])
@@ -123,7 +134,9 @@ def find_candidates(
     before = np.maximum.accumulate(level, axis=1)[rows, np.maximum(at - guard, 0)]
     behind_it = np.maximum.accumulate(level[:, ::-1], axis=1)[:, ::-1]
     after = behind_it[rows, np.minimum(at + guard, level.shape[1] - 1)]
-    return Candidates(
+    lags = np.arange(first, last + 1, dtype=np.float64) * step
+    wanted = 2.0 * inner_grid_mm(probe, bone) / bone.speed_mm_per_us
+    found = Candidates(
         lag_us=(first + at + offset) * step,
         phase_rad=np.angle(np.exp(1j * phase)),
         level=height * gain[at],
@@ -133,9 +146,16 @@ def find_candidates(
         after=after / height,
         exists=np.take_along_axis(peaks, at, axis=1),
     )
+    return found, *depth_evidence(level, noise, gain, lags, wanted, _clutter(probe))
 
 
-def _through_bank(
+def _clutter(probe: ProbeModel) -> float:
+    """Return the level of the clutter between those of the two probes."""
+    (low, a), (high, b) = sorted((PROBES[k].centre_mhz, v) for k, v in CLUTTER.items())
+    return float(np.interp(np.log(probe.centre_mhz), np.log((low, high)), (a, b)))
+
+
+def through_bank(
     behind: Complexes, template: Template, bone: Material, first: int, last: int
 ) -> tuple[Complexes, Floats]:
     """Return outputs (n, lags) over the noise gain, and that gain (lags,).
@@ -153,7 +173,8 @@ def _through_bank(
         if not share.any():
             continue
         matched = bone_filter(template, bone, float(depth))
-        rms = template.noise_gain(matched)
-        z += share * template.compress(behind, matched)[:, first : last + 1] / rms
+        weighed = template.weighed_for(matched)
+        rms = weighed.noise_gain(matched)
+        z += share * weighed.compress(behind, matched)[:, first : last + 1] / rms
         gain += share * rms
     return z * np.exp(2j * np.pi * template.carrier_mhz * lags), gain

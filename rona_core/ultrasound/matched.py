@@ -4,7 +4,7 @@ The template is what a laboratory records on a flat reference block: excitation,
 line. Everything is done in the band of the probe and mixed down to its centre frequency.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
 
 import numpy as np
@@ -39,6 +39,7 @@ class Template:
     spectrum: Complexes  # (f,) of an ideal mirror
     weights: Floats  # (f,) what matched filters count a frequency for
     carrier_bin: int
+    noise: float = 0.0  # rms in each trace sample that the weights were made for
 
     @property
     def carrier_mhz(self) -> float:
@@ -53,6 +54,14 @@ class Template:
     def shift(self, delays_us: Floats) -> Complexes:
         """Return the factors (n, f) that bring what happens at ``delays_us`` (n,) to time 0."""
         return np.exp(2j * np.pi * np.multiply.outer(delays_us, self.frequencies_mhz))
+
+    def weighed_for(self, echo: Complexes) -> "Template":
+        """Return the template with weights for an echo (f,): noise above it ends equalising."""
+        power = np.abs(self.spectrum) ** 2
+        lost = float(power.max() / max((np.abs(echo) ** 2).max(), 1e-30))
+        return replace(
+            self, weights=equal_weights(self.probe, self.frequencies_mhz, power, self.noise, lost)
+        )
 
     def compress(self, spectra: Complexes, template: Complexes) -> Complexes:
         """Return matched-filter outputs (..., COMPRESSED), mixed down, 1 where the template is."""
@@ -103,10 +112,7 @@ def block_template(probe: ProbeModel, excitation: Excitation, noise: float = 0.0
     echo *= FULL_SCALE_SHARE / BONE_REFLECTION / np.abs(np.fft.irfft(echo, GRID)).max()
     spectrum = echo[bins]
     power = np.abs(spectrum) ** 2
-    off = (f[bins] / probe.centre_mhz - 1.0) / EQUAL_BAND
-    floor = EQUAL_FLOOR[probe.name]
-    floor = max(floor, NOISE_FLOOR * GRID * noise**2 / power.max())
-    weights = np.exp(-4.0 * np.log(2.0) * off**2) / (power / power.max() + floor)
+    weights = equal_weights(probe, f[bins], power, noise)
     carrier = round(probe.centre_mhz * GRID / probe.sampling_mhz)
     return Template(
         probe,
@@ -116,7 +122,28 @@ def block_template(probe: ProbeModel, excitation: Excitation, noise: float = 0.0
         readonly(spectrum),
         readonly(weights),
         carrier,
+        noise,
     )
+
+
+def equal_weights(
+    probe: ProbeModel, frequencies_mhz: Floats, power: Floats, noise: float, lost: float = 1.0
+) -> Floats:
+    """Return what a matched filter counts frequencies (f,) for.
+
+    Args:
+        probe: The probe.
+        frequencies_mhz: In its band (f,).
+        power: Of the template (f,).
+        noise: RMS in each trace sample.
+        lost: Peak power of the template over that of the echo that is sought.
+    """
+    off = (frequencies_mhz / probe.centre_mhz - 1.0) / EQUAL_BAND
+    target = np.exp(-4.0 * np.log(2.0) * off**2)
+    noisy = NOISE_FLOOR * GRID * noise**2 * lost / power.max()
+    flat = (power / power.max() + EQUAL_FLOOR[probe.name]) / target
+    weights: Floats = 1.0 / (flat + noisy)
+    return weights
 
 
 def trace_spectra(rf: Floats, start_us: float, template: Template) -> tuple[Complexes, Floats]:

@@ -14,6 +14,7 @@ from rona_core.errors import InvalidInputError
 
 DIRECTIONS = 8
 REACH_MM = 5.0  # scans further apart say little about each other
+AROUND = 24  # of the nearest make a plane
 MOST_NEIGHBOURS = 96  # that are looked at; the reach shrinks in denser surveys
 LEAST_APART_MM = 1e-3  # scans closer than this have no direction from one to the other
 ALONG_MM = 1.0  # what a step along a survey without positions counts for
@@ -29,6 +30,8 @@ class Links:
     rounds: Ints  # (d, n) steps from the rim in this direction: 0 where there is no source
     beside: Ints  # (8, n) whom else to ask whether a boundary goes on, -1 for none
     beside_mm: Floats  # (8, n) how far those are
+    around: Ints  # (k, n) the nearest ones, -1 for none
+    around_mm: Floats  # (k, n, 2) from here to those, in the plane of the scan
 
 
 def line_links(n: int) -> Links:
@@ -42,7 +45,10 @@ def line_links(n: int) -> Links:
     beside = order + offsets
     beside = np.where((beside >= 0) & (beside < n), beside, -1)
     far = np.broadcast_to(ALONG_MM * np.abs(offsets), beside.shape)
-    return Links(sources, apart, steps, np.stack((order, order[::-1])), beside, far)
+    along = np.broadcast_to(ALONG_MM * offsets, beside.shape)
+    near_mm = np.stack((along, np.zeros(beside.shape)), axis=2)
+    rounds = np.stack((order, order[::-1]))
+    return Links(sources, apart, steps, rounds, beside, far, beside, near_mm)
 
 
 def scan_links(positions_mm: Floats | None, n: int) -> Links:
@@ -80,40 +86,8 @@ def scan_links(positions_mm: Floats | None, n: int) -> Links:
     distances[sector[first], here[first]] = apart[first]
     steps[sector[first], here[first]] = flat[there[first]] - flat[here[first]]
     rounds = np.stack([_rounds(row) for row in sources])
-    return Links(sources, distances, steps, rounds, sources, distances)
-
-
-def expected_lags(
-    lag_us: Floats, sigma_us: Floats, counts: Bools, links: Links
-) -> tuple[Floats, Floats, Floats]:
-    """Return what is expected (n,) between opposite neighbours, and its sd, infinite for nothing.
-
-    The third is how steep the boundary is (n,), in us per mm, 0 where that is not known.
-
-    Where the boundary slopes, one side is as much too early as the other is too late. The median
-    over the directions lets a single neighbour be wrong, and the spread says how well they agree.
-    """
-    half = len(links.sources) // 2
-    means: list[Floats] = []
-    steep = np.zeros(len(lag_us))
-    for k in range(half):
-        # without positions the two directions of the line are each other's opposite
-        here, there = links.sources[k], links.sources[k + half]
-        both = (here >= 0) & (there >= 0) & counts[here] & counts[there]
-        apart = np.maximum(links.apart_mm[k] + links.apart_mm[k + half], LEAST_APART_MM)
-        rise = np.where(both, (lag_us[there] - lag_us[here]) / apart, np.nan)
-        means.append(lag_us[here] + links.apart_mm[k] * rise)
-        steep = np.fmax(steep, np.abs(rise))
-    table = np.sort(np.stack(means), axis=0)  # nan last
-    count = np.isfinite(table).sum(axis=0)
-    some = count > 0
-    rows = np.arange(table.shape[1])
-    low, high = np.maximum(count - 1, 0) // 2, count // 2
-    high = np.minimum(high, np.maximum(count - 1, 0))
-    middle = np.where(some, (table[low, rows] + table[high, rows]) / 2.0, lag_us)
-    first, last = table[0], table[np.maximum(count - 1, 0), rows]
-    spread = np.where(count > 1, (last - first) / 2.0, sigma_us)
-    return middle, np.where(some, spread, np.inf), steep
+    around, around_mm = _around(flat)
+    return Links(sources, distances, steps, rounds, sources, distances, around, around_mm)
 
 
 def _laid_flat(places: Floats) -> tuple[Floats, Floats]:
@@ -122,6 +96,16 @@ def _laid_flat(places: Floats) -> tuple[Floats, Floats]:
     axes = np.linalg.svd(centred, full_matrices=False)[2]
     flat = centred @ axes[:2].T
     return flat, flat[:, 0]
+
+
+def _around(flat: Floats) -> tuple[Ints, Floats]:
+    """Return the nearest places (k, n) within reach, -1 for none, and the way there (k, n, 2)."""
+    count = min(AROUND + 1, len(flat))
+    distance, index = KDTree(flat).query(flat, k=count, distance_upper_bound=REACH_MM)
+    own = index == np.arange(len(flat))[:, None]
+    near = np.where(np.isfinite(distance) & ~own, index, -1).astype(np.int64).T
+    way: Floats = np.where(near[..., None] >= 0, flat[near] - flat, 0.0)
+    return near, way
 
 
 def _pairs(flat: Floats) -> tuple[Ints, Ints, Floats]:

@@ -10,10 +10,11 @@ from rona_core.devices.samples import AScanTrack
 from rona_core.devices.settings import Excitation
 from rona_core.errors import CancelledError
 from rona_core.ultrasound.front import Fronts, find_fronts, fronts_at, subtract_fronts
-from rona_core.ultrasound.inner import Candidates, find_candidates
+from rona_core.ultrasound.inner import Candidates, find_candidates, inner_grid_mm
 from rona_core.ultrasound.matched import Template, quiet_template, trace_spectra
 from rona_core.ultrasound.material import Complexes, Material
 from rona_core.ultrasound.probe import ProbeModel
+from rona_core.ultrasound.thin import merged_levels
 
 BLOCK = 256  # A-scans at a time
 
@@ -27,6 +28,9 @@ class Echoes:
     aligned: Complexes  # (n, f) spectra with the front echo at time 0
     fronts: Fronts
     candidates: Candidates
+    evidence: Floats  # (n, m) for an inner echo at each depth of `inner_grid_mm`
+    loud: Floats  # (n, m) level over the noise there
+    merged: Floats  # (n,) level of what follows the front at once, see `thin.py`
 
 
 def search_echoes(
@@ -53,6 +57,9 @@ def search_echoes(
     fronts: list[Fronts] = []
     aligned: list[Complexes] = [np.zeros((0, len(template.frequencies_mhz)), np.complex128)]
     found: list[Candidates] = []
+    nothing = np.zeros((0, len(inner_grid_mm(probe, bone))))
+    evidence, loud = [nothing], [nothing]
+    merged = [np.zeros(0)]
     for start in range(0, len(track), BLOCK):
         if cancel():
             raise CancelledError("the detection of echoes was cancelled")
@@ -68,7 +75,11 @@ def search_echoes(
         aligned.append(spectra)
         if candidates:
             behind = subtract_fronts(spectra, template)
-            found.append(find_candidates(behind, noise, template, bone))
+            peaks, everywhere, over_noise = find_candidates(behind, noise, template, bone)
+            found.append(peaks)
+            evidence.append(everywhere)
+            loud.append(over_noise)
+            merged.append(merged_levels(spectra, front, template, bone))
         progress(min(1.0, (start + BLOCK) / max(len(track), 1)))
     return Echoes(
         template,
@@ -76,4 +87,7 @@ def search_echoes(
         np.concatenate(aligned),
         Fronts.concatenate(fronts),
         Candidates.concatenate(found),
+        np.concatenate(evidence),
+        np.concatenate(loud),
+        np.concatenate(merged),
     )

@@ -16,11 +16,12 @@ from rona_core.ultrasound.neighbours import Links
 STEP_MM = 0.1  # of the grid of depths
 CHANGE_MM = 0.3  # rms difference in thickness, as seen 1 mm apart,
 CHANGE_POWER = 0.58  # and how it grows with the distance
-LEAST_CHANGE_MM = 0.15
+LEAST_CHANGE = 0.5  # of that, at any distance
 LINKED = 0.85  # share of neighbours that continue the same boundary
 DISTANCES_MM = (0.7, 1.2, 1.8, 2.6, 3.7, 5.0)  # links are sorted into these
 PLACED_SD_MM = 0.15  # of a peak about the boundary that caused it
 SHARED = 0.6  # log odds count for this where neighbours see partly the same clutter
+TOLD = 0.7  # and what all others say for this, since the odds know part of it
 
 
 def depth_grid(low_mm: float, high_mm: float) -> Floats:
@@ -29,22 +30,26 @@ def depth_grid(low_mm: float, high_mm: float) -> Floats:
     return low_mm + STEP_MM * np.arange(count, dtype=np.float64)
 
 
-def change_sd_mm(apart_mm: Floats) -> Floats:
+def change_sd_mm(apart_mm: Floats, change_mm: float = CHANGE_MM) -> Floats:
     """Return by how much the thickness of a skull changes over a distance, rms."""
-    return np.maximum(LEAST_CHANGE_MM, CHANGE_MM * apart_mm**CHANGE_POWER)
+    return change_mm * np.maximum(LEAST_CHANGE, apart_mm**CHANGE_POWER)
 
 
-def neighbours_say(own: Floats, links: Links) -> Floats:
+def neighbours_say(
+    own: Floats, links: Links, *, change_mm: float = CHANGE_MM, linked: float = LINKED
+) -> Floats:
     """Return the density (n, m) of each depth given all other A-scans, 1 on average.
 
     Args:
         own: Likelihood (n, m) of what each A-scan shows, for each depth of a grid.
         links: From whom each hears.
+        change_mm: RMS difference in thickness, 1 mm apart.
+        linked: Share of neighbours that continue the same boundary.
     """
     n, m = own.shape
     log_prior = np.zeros((n, m))
     bins = np.searchsorted(DISTANCES_MM[:-1], links.apart_mm)
-    kernels = [_kernel(m, float(d)) for d in DISTANCES_MM]
+    kernels = [_kernel(m, float(d), change_mm, linked) for d in DISTANCES_MM]
     for sources, rounds, kinds in zip(links.sources, links.rounds, bins, strict=True):
         message = np.ones((n, m))
         for group in _by_round(rounds):
@@ -58,13 +63,14 @@ def neighbours_say(own: Floats, links: Links) -> Floats:
     return prior / prior.mean(axis=1, keepdims=True) if n else prior
 
 
-def _kernel(m: int, apart_mm: float) -> Floats:
+def _kernel(m: int, apart_mm: float, change_mm: float, linked: float) -> Floats:
     """Return the chance (m, m) of a depth beside a depth, times m."""
     index = np.arange(m)
-    gap = (index[:, None] - index[None, :]) * STEP_MM / float(change_sd_mm(np.array(apart_mm)))
+    sd = float(change_sd_mm(np.array(apart_mm), change_mm))
+    gap = (index[:, None] - index[None, :]) * STEP_MM / sd
     bell = np.exp(-0.5 * gap**2)
     bell /= bell.sum(axis=1, keepdims=True)
-    return m * LINKED * bell + (1.0 - LINKED)
+    return m * linked * bell + (1.0 - linked)
 
 
 def _by_round(rounds: Ints) -> list[Ints]:
@@ -90,7 +96,7 @@ def candidate_odds(
     own = 1.0 + np.einsum("nk,nkm->nm", np.where(exists, np.exp(SHARED * odds), 0.0), near)
     prior = neighbours_say(own, links)
     expected = np.einsum("nkm,nm->nk", near, prior) / len(grid_mm)
-    weight = np.where(exists, np.exp(odds) * expected, 0.0)
+    weight = np.where(exists, np.exp(odds) * expected**TOLD, 0.0)
     total = 1.0 + weight.sum(axis=1)
     return np.column_stack((weight, np.ones(len(odds)))) / total[:, None]
 

@@ -89,3 +89,18 @@ def test_the_batch_finds_the_delay_of_each_echo(name, excitation):
     found = template.peak_times(rf)
     assert found.dtype == np.float32
     np.testing.assert_allclose(found, delay[:, 0], atol=0.12)
+
+
+@EVERY
+def test_an_echo_that_noise_drowns_is_matched_and_not_equalised(name, excitation):
+    noisy = block_template(probe_model(name), excitation, 0.01)
+    same = noisy.weighed_for(noisy.spectrum)
+    np.testing.assert_allclose(same.weights, noisy.weights, rtol=1e-12)
+    faint = 1e-4 * noisy.spectrum
+    drowned = noisy.weighed_for(faint)
+    # no filter hears more of it than the matched one; the equalised one hears less
+    best = np.sqrt(np.sum(np.abs(faint) ** 2) / 4096)
+    assert 1.0 / drowned.noise_gain(faint) == pytest.approx(best, rel=0.01)
+    assert 1.0 / noisy.noise_gain(faint) < 0.97 * best
+    silent = block_template(probe_model(name), excitation)
+    np.testing.assert_allclose(silent.weighed_for(faint).weights, silent.weights, rtol=1e-12)

@@ -7,7 +7,6 @@ from rona_core.errors import InvalidInputError
 from rona_core.ultrasound.neighbours import (
     DIRECTIONS,
     REACH_MM,
-    expected_lags,
     line_links,
     scan_links,
 )
@@ -89,19 +88,19 @@ def test_wrong_positions_are_refused_by_name():
         scan_links(np.full((3, 3), np.nan), 3)
 
 
-def test_on_a_slope_opposite_neighbours_expect_what_is_between_them():
-    rng = np.random.default_rng(7)
-    x, y = np.meshgrid(np.arange(9.0), np.arange(9.0))
-    places = np.column_stack((x.ravel(), y.ravel(), np.zeros(81)))
-    lag = 4.0 + places[:, :2] @ (0.1, -0.05)
-    links = scan_links(places + rng.uniform(-0.05, 0.05, (81, 1)) * (0.0, 0.0, 1.0), 81)
-    wrong = lag.copy()
-    wrong[40] += 1.0
-    sure = np.ones(81, dtype=np.bool_)
-    expected, sd, steep = expected_lags(wrong, np.full(81, 0.1), sure, links)
-    assert expected[40] == pytest.approx(lag[40], abs=1e-6)
-    assert sd[40] == pytest.approx(0.0, abs=1e-6)
-    assert steep[40] == pytest.approx(np.hypot(0.1, 0.05), rel=0.1)
-    beside = expected_lags(lag, np.full(81, 0.1), ~sure, links)
-    np.testing.assert_array_equal(beside[0], lag)
-    assert np.all(np.isinf(beside[1]))
+def test_the_nearest_are_around_with_the_way_to_them():
+    p = places(4)
+    links = scan_links(p, len(p))
+    flat = np.linalg.norm(p[:, None] - p[None], axis=2)
+    for i in range(len(p)):
+        near = links.around[:, i][links.around[:, i] >= 0]
+        assert i not in near
+        assert len(set(near)) == len(near)
+        assert len(near) == min(24, int((flat[i] < REACH_MM).sum()) - 1)
+    there = links.around >= 0
+    far = np.linalg.norm(links.around_mm, axis=2)
+    assert far[there].max() <= REACH_MM
+    assert np.all(far[~there] == 0.0)
+    # along a line each way is opposite to the way back
+    line = line_links(9)
+    assert line.around_mm[0, 5, 0] == -line.around_mm[-1, 5, 0]

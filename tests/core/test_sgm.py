@@ -76,6 +76,8 @@ def test_far_neighbours_say_less():
                 np.array([[1, 0]]),
                 np.array([[1, -1]]),
                 np.array([[d, 0.0]]),
+                np.array([[1, -1]]),
+                np.array([[(d, 0.0), (0.0, 0.0)]]),
             ),
         )[0]
         for d in (1.0, 5.0)
