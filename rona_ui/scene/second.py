@@ -5,6 +5,7 @@ import numpy as np
 from rona_core.app.second_view import SecondView, second_cells, second_view
 from rona_core.arrays import Floats
 from rona_ui.scene.adapter import Layer
+from rona_ui.scene.chosen_maps import shows_hand
 from rona_ui.scene.colors import SKY, Rgb, viridis
 from rona_ui.scene.metres import segments
 from rona_ui.view_state import Picture
@@ -39,7 +40,8 @@ class SecondLayer(Layer):
             self.stage.cloud(CELLS, points, WHITE, size_mm=CELL_MM)
         for node in (PATH, *(f"{AXES}{shade}" for shade in range(SHADES))):
             self.stage.show(node, self.shown(new) and path_drawn(new))
-        self.stage.show(CELLS, self.shown(new) and new.view.shows("inner"))
+        mapped = new.view.shows("inner") and not shows_hand(new)
+        self.stage.show(CELLS, self.shown(new) and mapped)
 
     def _draw_path(self, view: SecondView | None) -> None:
         points = np.zeros((0, 3)) if view is None else view.points_base

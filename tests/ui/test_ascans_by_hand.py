@@ -18,6 +18,7 @@ from rona_core.session.document import Session
 from rona_core.session.files import load_session
 from rona_ui.panels.ascan import AScanPanel
 from rona_ui.scene.maps import LIFT_MM, NOW, SCAN, ScanLayer, scan_places
+from rona_ui.scene.second import CELLS, SecondLayer
 from rona_ui.view_state import ViewState
 
 DEMO = Path(__file__).resolve().parents[2] / "sessions" / "demo.rona"
@@ -33,6 +34,9 @@ class Stage:
 
     def cloud(self, node, points, colors, *, size_mm):
         self.clouds[node] = np.asarray(points)
+
+    def lines(self, node, pairs, color, **_):
+        self.seen[node] = True
 
     def show(self, node, visible):
         self.seen[node] = visible
@@ -83,6 +87,11 @@ def test_both_scans_are_offered_and_choosing_one_shows_its_maps_too(session):
     assert desk.draw().scan == "hand"
     desk.click("dropdown", "A-scans of", "Second pass")
     assert (desk.view.by_hand, desk.draw().scan) == (False, "second")
+    stage = Stage()
+    for by_hand in (False, True):  # its cells belong to the robot's map
+        layer = SecondLayer(stage)
+        layer.render(None, picture(both, view=replace(MAPS, by_hand=by_hand), backdrop=ROOM))
+        assert stage.seen[CELLS] is not by_hand
 
 
 def test_without_any_scan_it_says_where_ascans_come_from():
