@@ -48,6 +48,8 @@ def settle_clipped(
         band: Of the echoes.
     """
     rows = np.flatnonzero(front.ok & clipped.any(axis=1))
+    if not len(rows):
+        return front
     at = front.aligned.at_us * sampling_mhz
     reach = round(REACH * band.length_us * sampling_mhz)
     cycle = sampling_mhz / band.centre_mhz

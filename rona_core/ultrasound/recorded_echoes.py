@@ -184,12 +184,12 @@ def _is_side_lobe(track: Track, band: Band) -> bool:
 def _compressed(lines: Complexes, front: FrontEchoes, sampling_mhz: float, band: Band) -> Complexes:
     """Return lines in which an echo like the front is one short lobe of height 1."""
     size = lines.shape[1]
-    padded = size + 4 * round(band.length_us * sampling_mhz)
-    f = np.fft.fftfreq(padded, 1.0 / sampling_mhz)
     pulse = np.fft.ifft(front.aligned.spectrum)
     half = len(pulse) // 2
+    padded = max(size + 4 * round(band.length_us * sampling_mhz), half)
+    f = np.fft.fftfreq(padded, 1.0 / sampling_mhz)
     whole = np.zeros(padded, dtype=np.complex128)
-    whole[: min(half, padded)] = pulse[: min(half, padded)]
+    whole[:half] = pulse[:half]
     whole[-half:] += pulse[-half:]
     spectrum = np.fft.fft(whole)
     power = np.abs(spectrum) ** 2

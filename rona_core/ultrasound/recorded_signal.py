@@ -94,7 +94,8 @@ def find_band(
     if whole.sum() > some and np.sort(energy[whole])[-some] > CLEAR * np.median(energy):
         energy = np.where(whole, energy, 0.0)  # what was cut off has harmonics
     floor = 0.25 if not whole[np.argmax(energy)] else COMB_FLOOR
-    loud = energy >= np.quantile(energy, 1.0 - max(LOUD_SHARE, 1.5 / len(energy)))
+    share = min(max(LOUD_SHARE, 1.5 / len(energy)), 1.0)
+    loud = energy >= np.quantile(energy, 1.0 - share)
     echo = np.clip(power[loud].mean(axis=0) - np.median(power, axis=0), 0.0, None)
     if prior_mhz is not None:
         echo = echo * np.exp(-0.5 * (np.log2(np.maximum(f, 1e-6) / prior_mhz) / PRIOR_OCTAVES) ** 2)
