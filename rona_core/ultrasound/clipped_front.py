@@ -90,6 +90,11 @@ def front_is_cut(clipped: Bools, front: FrontEchoes, sampling_mhz: float, band: 
     return np.asarray(front.ok & (clipped & near).any(axis=1))
 
 
+def are_most_cut(cut: Bools, front: FrontEchoes) -> bool:
+    """Return whether most fronts are among the lines (n,) whose front was cut off."""
+    return bool(2 * cut.sum() > front.ok.sum())
+
+
 def half_cycles_off(
     rf: Floats,
     cut: Bools,

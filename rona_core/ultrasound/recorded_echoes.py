@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from rona_core.arrays import Bools
+from rona_core.arrays import Bools, Floats
 from rona_core.devices.rf_files import RecordedRf
 from rona_core.ultrasound.back_wall import (
     WANDERS,
@@ -30,9 +30,8 @@ from rona_core.ultrasound.probe_echoes import (
 )
 from rona_core.ultrasound.recorded_back import SEARCH_CYCLES, match_echoes
 from rona_core.ultrasound.recorded_front import FrontEchoes
-from rona_core.ultrasound.recorded_signal import Band, Complexes
+from rona_core.ultrasound.recorded_signal import Band, Complexes, filtered, inverse_filter
 
-COMPRESSED_FLOOR = 0.02  # of the peak power, added before dividing
 LOCKED_REACH = 6.0  # over the pulse length
 LOCKED = 0.5  # share of the power behind the front that is the same in all scans
 SIDE_LOBE = 0.06
@@ -183,26 +182,18 @@ def _is_side_lobe(track: Track, band: Band) -> bool:
 
 def _compressed(lines: Complexes, front: FrontEchoes, sampling_mhz: float, band: Band) -> Complexes:
     """Return lines in which an echo like the front is one short lobe of height 1."""
-    size = lines.shape[1]
     pulse = np.fft.ifft(front.aligned.spectrum)
     half = len(pulse) // 2
-    padded = max(size + 4 * round(band.length_us * sampling_mhz), half)
-    f = np.fft.fftfreq(padded, 1.0 / sampling_mhz)
+    padded = max(lines.shape[1] + 4 * round(band.length_us * sampling_mhz), half)
+    f: Floats = np.fft.fftfreq(padded, 1.0 / sampling_mhz).astype(np.float64)
     whole = np.zeros(padded, dtype=np.complex128)
     whole[:half] = pulse[:half]
     whole[-half:] += pulse[-half:]
     spectrum = np.fft.fft(whole)
-    power = np.abs(spectrum) ** 2
-    target = np.where(f > 0, np.exp(-2.77 * ((f - band.centre_mhz) / band.width_mhz) ** 2), 0.0)
-    weight = target * np.conj(spectrum) / (power + COMPRESSED_FLOOR * power.max())
+    weight = inverse_filter(spectrum, f, band)
     weight = weight / np.abs(np.fft.ifft(spectrum * weight)).max()
     weight = weight * float(np.abs(pulse).max())  # the lines are over the height of the front
-    compressed = np.zeros_like(lines)
-    for start in range(0, len(lines), 64):
-        part = slice(start, start + 64)
-        spectra = np.fft.fft(lines[part], padded, axis=1)
-        compressed[part] = np.fft.ifft(spectra * weight, axis=1)[:, :size]
-    return compressed
+    return filtered(lines, weight)
 
 
 def _without_locked(

@@ -14,7 +14,8 @@ from rona_core.ultrasound.recorded import (
     detect_recorded,
 )
 from rona_core.ultrasound.recorded_figures import thickness_figures
-from rona_core.ultrasound.recorded_signal import Band, find_band, find_clipped, restore_clipped
+from rona_core.ultrasound.recorded_gaps import find_clipped, restore_clipped
+from rona_core.ultrasound.recorded_signal import Band, find_band
 
 SMALL = varied(PLATE, scans=16, floor_gap_mm=12.0, wedge_mm=1.0)
 

@@ -11,7 +11,8 @@ from rona_core.ultrasound.echo_tracks import Peaks, neighbour_tree
 from rona_core.ultrasound.hum import without_hum
 from rona_core.ultrasound.probe_echoes import without_foreign
 from rona_core.ultrasound.recorded import detect_recorded
-from rona_core.ultrasound.recorded_signal import Band, find_spikes, without_spikes
+from rona_core.ultrasound.recorded_gaps import find_spikes, without_spikes
+from rona_core.ultrasound.recorded_signal import Band
 
 ACRYLIC = Matter(2.73, 3.22, 1.3, 1.1)
 STEEL = Matter(5.9, 46.0, 0.05, 2.0)
