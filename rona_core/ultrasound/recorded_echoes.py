@@ -10,6 +10,7 @@ from rona_core.ultrasound.back_wall import (
     choose_back_wall,
     is_early_and_weak,
     is_repeated,
+    is_smeared,
     may_be_ghost,
     steadiness,
 )
@@ -143,7 +144,7 @@ def find_back(
         ]
         tracks, foreign = tracks + moving, foreign + [True] * len(moving)
         best = choose_back_wall(tracks, foreign, known, band, near, place)
-        if best is None:
+        if best is None or is_smeared(tracks[best], band):
             return None, False
         return tracks[best], is_repeated(tracks[best], tracks, band, known)
 

@@ -146,6 +146,16 @@ def test_a_front_alone_is_no_plate():
     assert found.ok.mean() <= 0.1
 
 
+@pytest.mark.parametrize("n", [1, 20])
+@pytest.mark.parametrize("length_us", [0.3, 0.4, 0.6])
+def test_a_front_alone_in_little_noise_is_no_plate(n, length_us):
+    """Made short, a front has side lobes that stand above such noise."""
+    t = np.arange(2000) / 50.0 - 20.0
+    front = np.exp(-((t / length_us) ** 2)) * np.sin(2.0 * np.pi * 2.25 * t)
+    noise = np.random.default_rng(6).normal(0.0, 0.002, (n, 2000))
+    assert not detect_lines(front + noise, 50.0, 2.8).ok.any()
+
+
 @pytest.mark.parametrize("speed", [0.0, -2.8, 28.5, float("nan")])
 def test_an_impossible_speed_is_refused(plate, speed):
     with pytest.raises(InvalidInputError, match="sound speed"):
