@@ -139,8 +139,8 @@ def test_a_hum_is_taken_away_and_echoes_are_not():
     assert np.array_equal(without_hum(rf, none, rate, band), rf)
     t = np.arange(rf.shape[1]) / rate
     phase = np.linspace(0.0, 6.0, len(rf))[:, None]
-    step = float(np.abs(rf).max())
-    hum = 0.05 * step * np.sin(2 * np.pi * 2.63 * t + phase)
+    loudest = float(np.abs(rf).max())
+    hum = 0.05 * loudest * np.sin(2 * np.pi * 2.63 * t + phase)
     left = without_hum(rf + hum, none, rate, band) - rf
     assert np.sqrt((left**2).mean()) < 0.15 * np.sqrt((hum**2).mean())
 
