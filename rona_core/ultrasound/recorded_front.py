@@ -27,7 +27,6 @@ class FrontEchoes:
     aligned: Aligned
     ok: Bools  # (n,)
     quiet_from: Ints  # (n,) sample from which there is no ring-down
-    noise: Floats  # (n,) rms of the noise within the band
 
 
 def find_recorded_fronts(
@@ -63,7 +62,7 @@ def find_recorded_fronts(
         search_us=min(0.8 * band.length_us, 1.5 / band.centre_mhz),
     )
     ok = ok & (aligned.likeness > ALIKE) & (aligned.level > FAINT_SHARE)
-    return FrontEchoes(aligned, ok, quiet, noise)
+    return FrontEchoes(aligned, ok, quiet)
 
 
 def _quiet_from(
