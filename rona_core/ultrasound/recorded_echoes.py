@@ -109,7 +109,6 @@ def find_back(
     front_us = recorded.start_us + front.aligned.at_us
     # a record that begins with ring-down begins with the emission
     timed = recorded.start_known or bool((front.quiet_from > 0).any())
-
     place = recorded.positions_mm
     last = recorded.rf.shape[1] - front.aligned.at_us * rate + zero
     ends = np.minimum(np.floor(last).astype(np.int64), lines.shape[1])
@@ -161,19 +160,33 @@ def find_back(
         return None if may_be_ghost(still, band) else still
     if aside and still.typical_level > 0.5 * plain.typical_level:
         return still
+    wanders = steadiness(still, near, place, band)[1]
+    return still if _is_better(still, plain, wanders, least_us, band) else plain
+
+
+def _is_better(still: Track, plain: Track, wanders: bool, least_us: float, band: Band) -> bool:
+    """Return whether the second look tells the back wall better than the first.
+
+    Args:
+        still: Found behind what all scans have in common.
+        plain: Found in the lines as they are.
+        wanders: Whether the one of the second look moves against the front.
+        least_us: Lag from which echoes are sought.
+        band: Of the echoes.
+    """
     same = abs(still.typical_us - plain.typical_us) < 0.3 * band.length_us
     cleaner = same and still.typical_level > 0.8 * plain.typical_level
     # a plate as even as that is the same in all scans itself
     cleaner = cleaner and spread(plain.lag_us[plain.there]) > WANDERS / band.centre_mhz
     lobe = is_early_and_weak(plain, band) and still.typical_level > 0.5 * plain.typical_level
-    lobe = lobe and steadiness(still, near, recorded.positions_mm, band)[1]
+    lobe = lobe and wanders
     # what is left of a front that was cut off is alike in all scans too
     rest = plain.typical_us < LOCKED_REACH * band.length_us and least_us > band.length_us
     rest = rest and still.typical_level > plain.typical_level
     earlier = still.typical_us < plain.typical_us - band.length_us
     earlier = earlier and still.typical_level > 0.5 * plain.typical_level
     earlier = earlier and not is_early_and_weak(still, band)
-    return still if cleaner or lobe or rest or earlier else plain
+    return bool(cleaner or lobe or rest or earlier)
 
 
 def _is_side_lobe(track: Track, band: Band) -> bool:
