@@ -18,7 +18,7 @@ from rona_core.ultrasound.material import Material
 from rona_core.ultrasound.medium import MEDIA, Medium
 from rona_core.virtual.skull.simulated import SimulatedSpecimen
 
-TUNING_SEED, TEST_SEED = 1_000, 5_470_000  # no test and no tuning uses the second
+NOMINAL_SEED, TEST_SEED = 1_000, 5_470_000  # no test and no tuning uses the second
 TRIAL_SEEDS = 200_000, 300_000, 400_000  # drawn as for the test, but to tune with and look at
 ABOVE_MM = 20.0  # rays onto a skull start this far outside
 SMOOTH = Medium(ramp_mm=0.5, outer_roughness_mm=0.0, inner_roughness_mm=0.0, speckle=0.0)
@@ -36,7 +36,7 @@ def plate(
     wedge_deg: float = 0.0,
     layered: bool = False,
     n: int = 150,
-    tuning: bool = True,
+    nominal: bool = True,
     drawn_seed: int = TEST_SEED,
 ) -> BoneScene:
     """Return shots at a flat plate of bone without texture, where only noise is in the way.
@@ -44,8 +44,8 @@ def plate(
     The noise is set by the inner echo of a pulse: its peak over the rms of the noise in the probe's
     -6 dB band. A chirp is sent with the same noise. ``layered``: with a diploe inside.
     """
-    seed, random = _random(0, tuning, drawn_seed)
-    medium = _medium(SMOOTH, random, tuning)
+    seed, random = _random(0, nominal, drawn_seed)
+    medium = _medium(SMOOTH, random, nominal)
     medium = medium if layered else replace(medium, diploe=medium.table, ramp_mm=0.0)
     gentle = 0.3 / n  # so that no two shots have quite the same lag
     bone = Dome(thickness_mm, slopes=(gentle, float(np.tan(np.deg2rad(wedge_deg)))))
@@ -55,7 +55,7 @@ def plate(
         bone.pose((float(i - n // 2), 0.0), float(lifts[i]), (leans[i, 0], leans[i, 1]))
         for i in range(n)
     ]
-    settings = _settings(name, "pulse", 90.0, random, tuning)
+    settings = _settings(name, "pulse", 90.0, random, nominal)
     front_snr = inner_snr_db - inner_level_db(bone, medium, settings, poses[n // 2])
     settings = replace(settings, excitation=excitation, front_snr_db=min(front_snr, 90.0))
     cells = np.column_stack((np.zeros(n, dtype=np.int64), np.arange(n)))
@@ -72,18 +72,18 @@ def parallel_bone(
     most_lean_deg: float = 2.0,
     side: int = 7,
     patches: int = 2,
-    tuning: bool = True,
+    nominal: bool = True,
     drawn_seed: int = TEST_SEED,
 ) -> list[BoneScene]:
     """Return patches of the skull suite: near-parallel inner table, probe up to 2 degrees off."""
     scenes: list[BoneScene] = []
     for patch in range(patches):
-        seed, random = _random(1 + round(100 * thickness_mm) * 10 + patch, tuning, drawn_seed)
-        bone = _dome(random, thickness_mm, tuning).with_relief(random, np.deg2rad(0.7), 30.0)
+        seed, random = _random(1 + round(100 * thickness_mm) * 10 + patch, nominal, drawn_seed)
+        bone = _dome(random, thickness_mm, nominal).with_relief(random, np.deg2rad(0.7), 30.0)
         leans = leans_rad(random, side * side, 0.0, most_lean_deg)
-        settings = _settings(name, excitation, front_snr_db, random, tuning)
+        settings = _settings(name, excitation, front_snr_db, random, nominal)
         label = f"skull {thickness_mm:g} mm, {name} {excitation}, patch {patch}"
-        medium = _medium(Medium(), random, tuning)
+        medium = _medium(Medium(), random, nominal)
         scenes.append(_patch(label, bone, medium, settings, leans, side, random, seed))
     return scenes
 
@@ -95,7 +95,7 @@ def hard_bone(
     excitation: Excitation = "pulse",
     front_snr_db: float = 50.0,
     side: int = 16,
-    tuning: bool = True,
+    nominal: bool = True,
     drawn_seed: int = TEST_SEED,
 ) -> BoneScene:
     """Return a grid of the hard suite: 2.5 times the scatter, sharp diploe, tilted here and there.
@@ -103,13 +103,13 @@ def hard_bone(
     15 % of the scans lean by 2 to 4 degrees, the others by up to 1; the inner table is tilted by
     2.5 degrees rms against the outer one.
     """
-    seed, random = _random(50_000 + round(100 * thickness_mm), tuning, drawn_seed)
-    bone = _dome(random, thickness_mm, tuning).with_relief(random, np.deg2rad(2.5), 30.0)
+    seed, random = _random(50_000 + round(100 * thickness_mm), nominal, drawn_seed)
+    bone = _dome(random, thickness_mm, nominal).with_relief(random, np.deg2rad(2.5), 30.0)
     tilted = random.uniform(size=side * side) < 0.15
     leans = leans_rad(random, side * side, 0.0, 1.0)
     leans[tilted] = leans_rad(random, int(tilted.sum()), 2.0, 4.0)
-    settings = _settings(name, excitation, front_snr_db, random, tuning)
-    medium = _medium(MEDIA["hard"], random, tuning)
+    settings = _settings(name, excitation, front_snr_db, random, nominal)
+    medium = _medium(MEDIA["hard"], random, nominal)
     label = f"hard {thickness_mm:g} mm, {name} {excitation}"
     return _patch(label, bone, medium, settings, leans, side, random, seed)
 
@@ -124,11 +124,11 @@ def anatomical_bone(
     pitch_mm: float = 1.0,
     lines_mm: float = 2.0,
     tilt_sd_deg: float = 1.0,
-    tuning: bool = True,
+    nominal: bool = True,
     drawn_seed: int = TEST_SEED,
 ) -> BoneScene:
     """Return a meander over the region of a simulated skull as it is, inner table and all."""
-    seed, random = _random(80_000 + patient, tuning, drawn_seed)
+    seed, random = _random(80_000 + patient, nominal, drawn_seed)
     specimen = SimulatedSpecimen(seed % 2**31)
     center, normal = specimen.region.center_skull, specimen.region.normal_skull
     across = np.linalg.svd(normal[None])[2][1:]
@@ -151,15 +151,15 @@ def anatomical_bone(
         _standing(point, axis, across[0]) @ Pose.from_rotvec((a, b, 0.0), (0.0, 0.0, -up))
         for point, axis, (a, b), up in zip(points, axes, lean, lift, strict=True)
     ]
-    settings = _settings(name, excitation, front_snr_db, random, tuning)
+    settings = _settings(name, excitation, front_snr_db, random, nominal)
     settings = replace(settings, pitch_mm=pitch_mm)
-    medium = _medium(Medium(), random, tuning)
+    medium = _medium(Medium(), random, nominal)
     label = f"anatomical, patient {patient}, {name} {excitation}"
     return record(label, specimen, medium, settings, poses, cells, pitch_mm, seed)
 
 
-def _random(place: int, tuning: bool, drawn_seed: int) -> tuple[int, np.random.Generator]:
-    seed = (TUNING_SEED if tuning else drawn_seed) + place
+def _random(place: int, nominal: bool, drawn_seed: int) -> tuple[int, np.random.Generator]:
+    seed = (NOMINAL_SEED if nominal else drawn_seed) + place
     return seed, np.random.default_rng((seed, 0xB04E))
 
 
@@ -168,20 +168,20 @@ def _settings(
     excitation: Excitation,
     front_snr_db: float,
     random: np.random.Generator,
-    tuning: bool,
+    nominal: bool,
 ) -> ProbeSettings:
     """Return the probe: one whose pulse has a shape that was drawn, if anything is.
 
     A reference block shows that pulse, so detection may know it: ``probe_model(settings)``.
     """
-    shape = None if tuning else DRAWN[int(random.integers(len(DRAWN)))]
+    shape = None if nominal else DRAWN[int(random.integers(len(DRAWN)))]
     return ProbeSettings(
         name=name, excitation=excitation, front_snr_db=front_snr_db, pulse_shape=shape
     )
 
 
-def _dome(random: np.random.Generator, thickness_mm: float, tuning: bool) -> Dome:
-    if tuning:
+def _dome(random: np.random.Generator, thickness_mm: float, nominal: bool) -> Dome:
+    if nominal:
         return Dome(thickness_mm, 80.0)
     first = random.uniform(0.24, 0.34)
     return Dome(
@@ -189,9 +189,9 @@ def _dome(random: np.random.Generator, thickness_mm: float, tuning: bool) -> Dom
     )
 
 
-def _medium(base: Medium, random: np.random.Generator, tuning: bool) -> Medium:
+def _medium(base: Medium, random: np.random.Generator, nominal: bool) -> Medium:
     """Return the nominal medium, or one whose every property was drawn anew."""
-    if tuning:
+    if nominal:
         return base
     table = _drawn(base.table, random)
     diploe = table if base.diploe == base.table else _drawn(base.diploe, random)

@@ -37,7 +37,7 @@ def tuning_scenes(name: ProbeName, excitation: Excitation, seed: int) -> list[Bo
     scenes: list[BoneScene] = []
     for mm in SKULL_MM[name]:
         scenes += parallel_bone(
-            mm, name=name, excitation=excitation, patches=1, tuning=False, drawn_seed=seed
+            mm, name=name, excitation=excitation, patches=1, nominal=False, drawn_seed=seed
         )
     for mm in HARD_MM:
         scenes.append(
@@ -46,14 +46,14 @@ def tuning_scenes(name: ProbeName, excitation: Excitation, seed: int) -> list[Bo
                 name=name,
                 excitation=excitation,
                 side=HARD_SIDE,
-                tuning=False,
+                nominal=False,
                 drawn_seed=seed,
             )
         )
     for patient in PATIENTS:
         scenes.append(
             anatomical_bone(
-                patient, name=name, excitation=excitation, tuning=False, drawn_seed=seed
+                patient, name=name, excitation=excitation, nominal=False, drawn_seed=seed
             )
         )
     return scenes

@@ -44,14 +44,14 @@ def run(progress: Progress) -> list[Metric]:
                     s
                     for mm in SKULL_MM[name]
                     for s in parallel_bone(
-                        mm, name=name, excitation=excitation, patches=1, tuning=False
+                        mm, name=name, excitation=excitation, patches=1, nominal=False
                     )
                 ],
                 "hard": [
-                    hard_bone(mm, name=name, excitation=excitation, tuning=False) for mm in HARD_MM
+                    hard_bone(mm, name=name, excitation=excitation, nominal=False) for mm in HARD_MM
                 ],
                 "anatomical": [
-                    anatomical_bone(p, name=name, excitation=excitation, tuning=False)
+                    anatomical_bone(p, name=name, excitation=excitation, nominal=False)
                     for p in PATIENTS
                 ],
             }
@@ -71,7 +71,7 @@ def plate_figures(name: ProbeName, excitation: Excitation) -> list[Metric]:
     """
     found: list[Metric] = []
     for snr in PLATE_SNRS_DB:
-        scene = plate(PLATE_MM, snr, name=name, excitation=excitation, tuning=False)
+        scene = plate(PLATE_MM, snr, name=name, excitation=excitation, nominal=False)
         pulse, sent = (block_template(scene.probe, kind) for kind in ("pulse", excitation))
         bound = inner_bound(pulse, scene.medium.table, PLATE_MM, snr, sent).coherent_us
         bound_mm = bound * NOMINAL_SPEED_MM_PER_US / 2.0

@@ -26,6 +26,7 @@ CLOSE_REACH = 4.0
 GHOST_LEVEL = 0.05
 GHOST_MOST = 0.1  # where a louder echo follows, and no loss explains why this is faint
 LOUDER = 1.5
+SMEARED = 2.0, 0.02  # within so many pulse lengths nothing so faint over the front is an echo
 CUT_SHORT = 2.5
 LOST = 0.25  # of a faint echo's loss, that must show in its spectrum
 MIRROR = 30.0  # R / (1 - R^2) of steel in water is 8, and the field spreads
@@ -245,6 +246,12 @@ def may_be_ghost(track: Track, band: Band) -> bool:
     """Return whether an echo is so early and faint that it may come from within the probe."""
     near = track.typical_us < GHOST_REACH * band.length_us
     return near and track.typical_level < GHOST_MOST
+
+
+def is_smeared(track: Track, band: Band) -> bool:
+    """Return whether an echo is so near and faint that it is left of the front's compression."""
+    reach, most = SMEARED
+    return track.typical_us < reach * band.length_us and track.typical_level < most
 
 
 def _early_and_weak(after_us: float, level: float, band: Band) -> bool:

@@ -31,10 +31,11 @@ RAYLEIGH = np.log(2.0)  # median over mean of the power of noise
 DOUBT = 1.25, 3.0  # a boundary behind makes no choice surer than this line
 LIKELY = 0.5  # chance from which on an inner echo is a witness for those beside it
 CYCLE_ROUNDS = 6  # of asking neighbours which cycle is meant
-EXPECTED_SD_MM = 0.2  # of thickness about the mean of opposite neighbours
-MOVED_CYCLES, MOVED = 1.0, 0.5  # by those around: then they show another boundary, as likely
-WEDGE = 0.016  # per mm: sigma is this share of how much a boundary rises under the aperture,
-STEEPEST = 1.0  # up to this rise in time, there and back at the speed in bone
+EXPECTED_SD_MM = 0.2  # of thickness about the plane through those around
+MOVED_CYCLES = 1.0  # by which those around may move a time; further off, they show another
+MOVED = 0.5  # boundary, and it is as likely as not that this is the right one
+WEDGE = 0.016  # sigma over rise times squared width of the aperture, 1 / mm; the rise in us per mm
+STEEPEST = 1.0  # is no larger than this over the speed: a boundary that leans by 27 degrees
 SPARE_NOISE = 1.5  # what part of the noise's power counts as clutter by chance
 
 

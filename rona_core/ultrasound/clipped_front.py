@@ -48,6 +48,8 @@ def settle_clipped(
         band: Of the echoes.
     """
     rows = np.flatnonzero(front.ok & clipped.any(axis=1))
+    if not len(rows):
+        return front
     at = front.aligned.at_us * sampling_mhz
     reach = round(REACH * band.length_us * sampling_mhz)
     cycle = sampling_mhz / band.centre_mhz
@@ -86,6 +88,11 @@ def front_is_cut(clipped: Bools, front: FrontEchoes, sampling_mhz: float, band: 
     index = np.arange(clipped.shape[1]) / sampling_mhz
     near = np.abs(index - front.aligned.at_us[:, None]) < band.length_us
     return np.asarray(front.ok & (clipped & near).any(axis=1))
+
+
+def are_most_cut(cut: Bools, front: FrontEchoes) -> bool:
+    """Return whether most fronts are among the lines (n,) whose front was cut off."""
+    return bool(2 * cut.sum() > front.ok.sum())
 
 
 def half_cycles_off(

@@ -115,10 +115,11 @@ def detect(
 
     Raises:
         InvalidInputError: an unknown method, an impossible speed, another sampling rate, or
-            positions that are not (n, 3).
+            positions, axes or stand-offs of another shape, or not finite.
         CancelledError: ``cancel`` said so.
     """
     _check(track, probe, method, sound_speed_mm_per_us)
+    _check_places(len(track), axes, known_standoff_mm)
     bone = nominal_bone(sound_speed_mm_per_us)
     links = scan_links(positions_mm, len(track))
     echoes = search_echoes(
@@ -162,6 +163,16 @@ def _check(track: AScanTrack, probe: ProbeModel, method: str, speed_mm_per_us: f
             f"the {probe.name} probe samples at {probe.sampling_mhz} MHz, "
             f"these A-scans were sampled at {track.sampling_mhz} MHz"
         )
+
+
+def _check_places(n: int, axes: Floats | None, standoff_mm: Floats | None) -> None:
+    given = (("axes", axes, (n, 3)), ("known stand-offs", standoff_mm, (n,)))
+    for what, values, shape in given:
+        if values is not None and (values.shape != shape or not np.isfinite(values).all()):
+            raise InvalidInputError(
+                f"{n} A-scans need {what} of shape {shape}, all finite: "
+                f"got {values.shape}, {int(np.isfinite(values).sum())} numbers finite"
+            )
 
 
 def _judge(

@@ -8,10 +8,10 @@ from scipy.sparse.csgraph import breadth_first_order, minimum_spanning_tree
 from scipy.spatial import KDTree
 
 from rona_core.arrays import Bools, Floats, Ints
-from rona_core.ultrasound.recorded_signal import Band, Complexes
+from rona_core.ultrasound.recorded_signal import Band, Complexes, noise_rms
 
 PEAKS = 20  # kept for each scan
-LEAST_SNR = 3.5  # of a peak over the rms of the envelope
+LEAST_SNR = 3.5  # of a peak of the envelope over the rms of the noise
 TRACKS = 10
 LEAST_COVERAGE = 0.4
 MENDED = 0.5  # of the pulse length: farther off what neighbours predict, a scan has strayed
@@ -143,11 +143,7 @@ def find_peaks(
     """
     ends = ends - round(0.5 * band.length_us / step_us)
     envelope = np.abs(compressed)
-    noise = np.quantile(envelope, 0.25, axis=1) / 0.7585
-    before = zero - round(2.5 * band.length_us / step_us)
-    if before * step_us > 5.0 * band.length_us:
-        noise = np.minimum(noise, np.quantile(envelope[:, :before], 0.5, axis=1) / 1.1774)
-    noise = np.maximum(noise, 1e-9)
+    noise = np.maximum(noise_rms(envelope, zero, band.length_us / step_us), 1e-9)
     first = min(zero + round(least_us / step_us), compressed.shape[1] - 3)
     behind = envelope[:, first:]
     top = np.zeros(behind.shape, dtype=np.bool_)

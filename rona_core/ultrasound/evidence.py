@@ -28,7 +28,6 @@ OVER_CLUTTER = 7.0  # phase counts up to this
 LATE_NOISE, LATE_ECHO = 4.0, 0.1  # what may follow: noise, and echoes of the echo
 LATEST = 12.0
 MULTIPLE_LEVEL = 0.25  # of an echo: its multiple is not louder
-LEAST_SD_MM = 0.15
 STACKED = 2.0  # mean evidence counts up to this
 LEAST_TRACK = 1e-3  # a track of the boundary is never less likely than that
 ENOUGH = 5.0  # neighbours, from which on their support counts in full
@@ -142,7 +141,7 @@ def _support(chance: Floats, depth_mm: Floats, links: Links) -> Floats:
         rows = np.flatnonzero(sources >= 0)
         there = sources[rows]
         gap = depth_mm[there][:, None, :] - depth_mm[rows][:, :, None]
-        sd = np.maximum(change_sd_mm(apart[rows]), LEAST_SD_MM)[:, None, None]
+        sd = change_sd_mm(apart[rows])[:, None, None]
         seen = chance[there][:, None, :] * np.exp(-0.5 * (gap / sd) ** 2)
         total[rows] += seen.max(axis=2, initial=0.0)
         count[rows] += 1.0

@@ -65,16 +65,6 @@ class InnerChoice:
     other_us: Floats  # lag of the runner-up
     other_sureness: Floats  # 0: there is none
 
-    @classmethod
-    def concatenate(cls, parts: Sequence["InnerChoice"]) -> "InnerChoice":
-        """Return the choices of several blocks as one."""
-        columns: dict[str, Any] = {
-            f.name: np.concatenate([np.zeros(0), *(getattr(part, f.name) for part in parts)])
-            for f in fields(cls)
-        }
-        columns["heard"] = columns["heard"].astype(np.bool_)
-        return cls(**columns)
-
 
 def bone_gate_us(probe: ProbeModel, bone: Material) -> tuple[float, float]:
     """Return the earliest and the latest time of an inner echo after the front echo."""

@@ -6,13 +6,13 @@ emission is not so short; its mean over all fronts, divided out, makes it so.
 
 import numpy as np
 
+from rona_core.arrays import Floats
 from rona_core.ultrasound.recorded_front import FrontEchoes
-from rona_core.ultrasound.recorded_signal import Band, Complexes
+from rona_core.ultrasound.recorded_signal import Band, Complexes, filtered, inverse_filter
 
 LOUD = 0.35  # of the mean front: the pulse goes on
 LONG = 2.6  # over 1 / bandwidth; rings and bursts are shorter at that level
 MARGIN = 0.8  # of 1 / bandwidth, kept on either side
-FLOOR = 0.02  # of the peak power, added before dividing
 
 
 def learn_long_pulse(
@@ -52,17 +52,9 @@ def compress(
     z: Complexes, pulse: Complexes, zero: int, sampling_mhz: float, band: Band
 ) -> Complexes:
     """Return lines (n, samples) in which every such pulse is short, where its front was timed."""
-    size = z.shape[1]
-    padded = 2 * size
-    f = np.fft.fftfreq(padded, 1.0 / sampling_mhz)
+    padded = 2 * z.shape[1]
+    f: Floats = np.fft.fftfreq(padded, 1.0 / sampling_mhz).astype(np.float64)
     whole = np.zeros(padded, dtype=np.complex128)
     whole[: len(pulse)] = pulse
     spectrum = np.fft.fft(np.roll(whole, -zero))
-    power = np.abs(spectrum) ** 2
-    target = np.where(f > 0, np.exp(-2.77 * ((f - band.centre_mhz) / band.width_mhz) ** 2), 0.0)
-    weight = target * np.conj(spectrum) / (power + FLOOR * power.max())
-    result = np.zeros_like(z)
-    for start in range(0, len(z), 64):
-        part = slice(start, start + 64)
-        result[part] = np.fft.ifft(np.fft.fft(z[part], padded, axis=1) * weight, axis=1)[:, :size]
-    return result
+    return filtered(z, inverse_filter(spectrum, f, band))

@@ -65,7 +65,8 @@ def scan_links(positions_mm: Floats | None, n: int) -> Links:
     places = np.asarray(positions_mm, dtype=np.float64)
     if places.shape != (n, 3) or not np.isfinite(places).all():
         raise InvalidInputError(
-            f"{n} A-scans need finite positions of shape ({n}, 3), not {places.shape}"
+            f"{n} A-scans need positions of shape ({n}, 3), all finite: "
+            f"got {places.shape}, {int(np.isfinite(places).sum())} numbers finite"
         )
     if n < 2 or np.ptp(places, axis=0).max() < LEAST_APART_MM:
         return line_links(n)

@@ -13,23 +13,20 @@ from rona_core.arrays import Bools, Floats, Ints, readonly
 from rona_core.devices.protocols import Cancel, Progress, never, silent
 from rona_core.devices.rf_files import RecordedRf
 from rona_core.errors import CancelledError, InvalidInputError
-from rona_core.ultrasound.clipped_front import front_is_cut, settle_clipped
+from rona_core.ultrasound.clipped_front import are_most_cut, front_is_cut, settle_clipped
 from rona_core.ultrasound.hum import without_hum
 from rona_core.ultrasound.long_pulse import compress, learn_long_pulse
 from rona_core.ultrasound.probe_echoes import pulse_delay_us, spread
 from rona_core.ultrasound.recorded_back import BackEchoes, refine_back
 from rona_core.ultrasound.recorded_echoes import align_fronts, find_back, least_lag_us
 from rona_core.ultrasound.recorded_front import FrontEchoes, find_recorded_fronts
-from rona_core.ultrasound.recorded_signal import (
-    Band,
-    analytic,
-    check_lines,
-    find_band,
+from rona_core.ultrasound.recorded_gaps import (
     find_clipped,
     find_spikes,
     restore_clipped,
     without_spikes,
 )
+from rona_core.ultrasound.recorded_signal import Band, analytic, check_lines, find_band
 
 OK, NO_FRONT, NO_BACK, UNSURE = range(4)
 SPEEDS_MM_PER_US = (0.5, 10.0)
@@ -148,9 +145,9 @@ def _found(recorded: RecordedRf, prior_mhz: float | None, told: "_Steps") -> _Fo
         front = settled
         zero, lines = align_fronts(z, front, rate, band)
     least = least_lag_us(clipped, front, rate, band)
-    fronts_cut = 2 * front_is_cut(clipped, front, rate, band).sum() > front.ok.sum()
+    fronts_cut = are_most_cut(front_is_cut(clipped, front, rate, band), front)
     back = find_back(
-        recorded, lines, zero, front, band, least, delay, bool(fronts_cut), pulse is not None
+        recorded, lines, zero, front, band, least, delay, fronts_cut, pulse is not None
     )
     told(0.7)
     found = None

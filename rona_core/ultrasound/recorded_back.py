@@ -10,11 +10,11 @@ import numpy as np
 
 from rona_core.arrays import Bools, Floats, Ints
 from rona_core.devices.rf_files import RecordedRf
-from rona_core.ultrasound.clipped_front import front_is_cut, half_cycles_off
+from rona_core.ultrasound.clipped_front import are_most_cut, front_is_cut, half_cycles_off
 from rona_core.ultrasound.echo_tracks import Track, neighbours, predicted
 from rona_core.ultrasound.learned_pulse import Aligned, align_echoes, locate_echoes
 from rona_core.ultrasound.recorded_front import FrontEchoes
-from rona_core.ultrasound.recorded_signal import Band, Complexes
+from rona_core.ultrasound.recorded_signal import Band, Complexes, noise_rms
 
 ALIKE = 0.5  # correlation with the mean back echo, below which a scan is unsure
 LEAST_SNR = 3.0
@@ -87,7 +87,8 @@ def refine_back(
     middle = float(np.median(lag[used]))
     cut = front_is_cut(clipped, front, sampling_mhz, band)
     # what was restored of a pulse does not tell a turned phase from a moved envelope
-    most_turn = 0.0 if 2 * cut.sum() > front.ok.sum() else MOST_TURN
+    restored = are_most_cut(cut, front)
+    most_turn = 0.0 if restored else MOST_TURN
     match = match_echoes(front.aligned, aligned, band, most_turn)
     rate = match.loss_np_per_mhz / middle
     reshape = _reshape(rate * (lag - middle), aligned.frequencies_mhz, band)
@@ -98,7 +99,7 @@ def refine_back(
         plain, aligned, lag, used, near, recorded.positions_mm, zero, sampling_mhz, band, reshape
     )
     match = match_echoes(front.aligned, aligned, band, most_turn)
-    if most_turn == 0.0:
+    if restored:
         whole = np.where(
             aligned.frequencies_mhz > 0,
             aligned.spectrum * _undamped(match.loss_np_per_mhz, aligned.frequencies_mhz, band),
@@ -113,7 +114,8 @@ def refine_back(
             inverted=match.inverted != bool(halves % 2),
         )
     found = aligned.at_us - zero / sampling_mhz + match.delay_us
-    noise = _noise(plain, zero, sampling_mhz, band)
+    noise = noise_rms(np.abs(plain), zero, band.length_us * sampling_mhz)
+    noise = np.maximum(noise, 1e-9)
     peak = np.abs(np.fft.ifft(aligned.spectrum)).max() * aligned.level
     snr = peak / noise
     inside = centers < lines.shape[1] - round(0.5 * band.length_us * sampling_mhz)
@@ -265,13 +267,3 @@ def _coarse(
         far = off > max(3.0 * scatter, 0.5 / band.centre_mhz)
         return np.where(used & ~far, track.lag_us, around)
     return np.where(used, track.lag_us, around)
-
-
-def _noise(lines: Complexes, zero: int, sampling_mhz: float, band: Band) -> Floats:
-    """Return the rms (n,) of the envelope where nothing arrives, over the height of the front."""
-    envelope = np.abs(lines)
-    noise = np.quantile(envelope, 0.25, axis=1) / 0.7585
-    before = zero - round(2.5 * band.length_us * sampling_mhz)
-    if before > 5.0 * band.length_us * sampling_mhz:
-        noise = np.minimum(noise, np.quantile(envelope[:, :before], 0.5, axis=1) / 1.1774)
-    return np.maximum(noise, 1e-9)

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from rona_core.arrays import Bools
+from rona_core.arrays import Bools, Floats
 from rona_core.devices.rf_files import RecordedRf
 from rona_core.ultrasound.back_wall import (
     WANDERS,
@@ -10,6 +10,7 @@ from rona_core.ultrasound.back_wall import (
     choose_back_wall,
     is_early_and_weak,
     is_repeated,
+    is_smeared,
     may_be_ghost,
     steadiness,
 )
@@ -30,9 +31,8 @@ from rona_core.ultrasound.probe_echoes import (
 )
 from rona_core.ultrasound.recorded_back import SEARCH_CYCLES, match_echoes
 from rona_core.ultrasound.recorded_front import FrontEchoes
-from rona_core.ultrasound.recorded_signal import Band, Complexes
+from rona_core.ultrasound.recorded_signal import Band, Complexes, filtered, inverse_filter
 
-COMPRESSED_FLOOR = 0.02  # of the peak power, added before dividing
 LOCKED_REACH = 6.0  # over the pulse length
 LOCKED = 0.5  # share of the power behind the front that is the same in all scans
 SIDE_LOBE = 0.06
@@ -109,7 +109,6 @@ def find_back(
     front_us = recorded.start_us + front.aligned.at_us
     # a record that begins with ring-down begins with the emission
     timed = recorded.start_known or bool((front.quiet_from > 0).any())
-
     place = recorded.positions_mm
     last = recorded.rf.shape[1] - front.aligned.at_us * rate + zero
     ends = np.minimum(np.floor(last).astype(np.int64), lines.shape[1])
@@ -144,7 +143,7 @@ def find_back(
         ]
         tracks, foreign = tracks + moving, foreign + [True] * len(moving)
         best = choose_back_wall(tracks, foreign, known, band, near, place)
-        if best is None:
+        if best is None or is_smeared(tracks[best], band):
             return None, False
         return tracks[best], is_repeated(tracks[best], tracks, band, known)
 
@@ -161,19 +160,33 @@ def find_back(
         return None if may_be_ghost(still, band) else still
     if aside and still.typical_level > 0.5 * plain.typical_level:
         return still
+    wanders = steadiness(still, near, place, band)[1]
+    return still if _is_better(still, plain, wanders, least_us, band) else plain
+
+
+def _is_better(still: Track, plain: Track, wanders: bool, least_us: float, band: Band) -> bool:
+    """Return whether the second look tells the back wall better than the first.
+
+    Args:
+        still: Found behind what all scans have in common.
+        plain: Found in the lines as they are.
+        wanders: Whether the one of the second look moves against the front.
+        least_us: Lag from which echoes are sought.
+        band: Of the echoes.
+    """
     same = abs(still.typical_us - plain.typical_us) < 0.3 * band.length_us
     cleaner = same and still.typical_level > 0.8 * plain.typical_level
     # a plate as even as that is the same in all scans itself
     cleaner = cleaner and spread(plain.lag_us[plain.there]) > WANDERS / band.centre_mhz
     lobe = is_early_and_weak(plain, band) and still.typical_level > 0.5 * plain.typical_level
-    lobe = lobe and steadiness(still, near, recorded.positions_mm, band)[1]
+    lobe = lobe and wanders
     # what is left of a front that was cut off is alike in all scans too
     rest = plain.typical_us < LOCKED_REACH * band.length_us and least_us > band.length_us
     rest = rest and still.typical_level > plain.typical_level
     earlier = still.typical_us < plain.typical_us - band.length_us
     earlier = earlier and still.typical_level > 0.5 * plain.typical_level
     earlier = earlier and not is_early_and_weak(still, band)
-    return still if cleaner or lobe or rest or earlier else plain
+    return bool(cleaner or lobe or rest or earlier)
 
 
 def _is_side_lobe(track: Track, band: Band) -> bool:
@@ -183,26 +196,18 @@ def _is_side_lobe(track: Track, band: Band) -> bool:
 
 def _compressed(lines: Complexes, front: FrontEchoes, sampling_mhz: float, band: Band) -> Complexes:
     """Return lines in which an echo like the front is one short lobe of height 1."""
-    size = lines.shape[1]
-    padded = size + 4 * round(band.length_us * sampling_mhz)
-    f = np.fft.fftfreq(padded, 1.0 / sampling_mhz)
     pulse = np.fft.ifft(front.aligned.spectrum)
     half = len(pulse) // 2
+    padded = max(lines.shape[1] + 4 * round(band.length_us * sampling_mhz), half)
+    f: Floats = np.fft.fftfreq(padded, 1.0 / sampling_mhz).astype(np.float64)
     whole = np.zeros(padded, dtype=np.complex128)
-    whole[: min(half, padded)] = pulse[: min(half, padded)]
+    whole[:half] = pulse[:half]
     whole[-half:] += pulse[-half:]
     spectrum = np.fft.fft(whole)
-    power = np.abs(spectrum) ** 2
-    target = np.where(f > 0, np.exp(-2.77 * ((f - band.centre_mhz) / band.width_mhz) ** 2), 0.0)
-    weight = target * np.conj(spectrum) / (power + COMPRESSED_FLOOR * power.max())
+    weight = inverse_filter(spectrum, f, band)
     weight = weight / np.abs(np.fft.ifft(spectrum * weight)).max()
     weight = weight * float(np.abs(pulse).max())  # the lines are over the height of the front
-    compressed = np.zeros_like(lines)
-    for start in range(0, len(lines), 64):
-        part = slice(start, start + 64)
-        spectra = np.fft.fft(lines[part], padded, axis=1)
-        compressed[part] = np.fft.ifft(spectra * weight, axis=1)[:, :size]
-    return compressed
+    return filtered(lines, weight)
 
 
 def _without_locked(

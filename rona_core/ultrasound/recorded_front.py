@@ -7,7 +7,7 @@ from scipy.ndimage import maximum_filter1d, uniform_filter1d
 
 from rona_core.arrays import Bools, Floats, Ints
 from rona_core.ultrasound.learned_pulse import Aligned, align_echoes
-from rona_core.ultrasound.recorded_signal import Band, Complexes
+from rona_core.ultrasound.recorded_signal import Band, Complexes, noise_rms
 
 FIRST_SHARE = 0.25  # of the strongest echo; the first one above it is the front
 LOUD_START = 0.2  # of the strongest echo; a line that begins so loud begins with ring-down
@@ -27,7 +27,6 @@ class FrontEchoes:
     aligned: Aligned
     ok: Bools  # (n,)
     quiet_from: Ints  # (n,) sample from which there is no ring-down
-    noise: Floats  # (n,) rms of the envelope's noise
 
 
 def find_recorded_fronts(
@@ -45,7 +44,7 @@ def find_recorded_fronts(
     quiet = _quiet_from(envelope, smooth, clipped, sampling_mhz, start_us, start_known, length)
     index = np.arange(z.shape[1])
     heard = np.where(index >= quiet[:, None], envelope, 0.0)
-    noise = np.quantile(envelope, 0.25, axis=1) / 0.7585  # of a Rayleigh distribution
+    noise = noise_rms(envelope)
     strongest = heard.max(axis=1)
     least = np.maximum(FIRST_SHARE * strongest, np.minimum(NOISE_FACTOR * noise, 0.7 * strongest))
     onset = np.argmax(heard >= least[:, None], axis=1)
@@ -63,7 +62,7 @@ def find_recorded_fronts(
         search_us=min(0.8 * band.length_us, 1.5 / band.centre_mhz),
     )
     ok = ok & (aligned.likeness > ALIKE) & (aligned.level > FAINT_SHARE)
-    return FrontEchoes(aligned, ok, quiet, noise)
+    return FrontEchoes(aligned, ok, quiet)
 
 
 def _quiet_from(

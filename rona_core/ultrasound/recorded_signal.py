@@ -1,13 +1,10 @@
-"""What a recording says about its own band, its converter's limits and what was lost at them."""
+"""The band of recorded lines, learned from themselves, and what is made of lines by it."""
 
-from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.fft import next_fast_len
-from scipy.linalg import cho_factor, cho_solve, toeplitz
-from scipy.ndimage import maximum_filter1d
 
 from rona_core.arrays import Bools, Floats
 from rona_core.errors import DegenerateGeometryError, InvalidInputError
@@ -22,16 +19,11 @@ CLEAR = 3.0  # loud over usual energy of a stretch with an echo
 RISE = 4.0  # in energy, from one stretch to a later one: an echo has come
 COMB_FLOOR = 0.04  # of the peak power
 RELATIVE_BAND = (0.2, 1.2)  # -6 dB width over centre, as far as any transducer goes
-RAIL = 0.985  # of the extreme value, from which on a flat run counts as clipped
-FLAT_RUN = 3  # samples
-MAX_LOST = 400  # clipped samples put right at once
-SPIKE = 10.0  # over the usual jump from sample to sample outside the band
-SPIKE_OUTSIDE = 0.5  # over what is inside the band
-SPIKE_CYCLES = 0.12  # on either side
-MOST_SPIKES = 0.1  # of a line; with more of them it is not spikes
-BESIDE = 4  # samples next to a gap that are all taken
-MOST_KNOWN = 200  # others
-NOISE_SHARE = 1e-4  # of the power, so that the restoration stays finite
+BELL = -2.77  # 4 ln 2: a half at either end of the width
+RAYLEIGH_QUARTER, RAYLEIGH_HALF = 0.7585, 1.1774  # quantiles of envelopes over the rms of noise
+QUIET_LENGTHS, ENOUGH_LENGTHS = 2.5, 5.0  # of the pulse: lines are quiet that far before a front
+INVERSE_FLOOR = 0.02  # of the peak power, added before dividing
+BLOCK = 64  # lines at a time
 
 
 @dataclass(frozen=True, slots=True)
@@ -52,6 +44,11 @@ class Band:
         passed = 0.5 * (1.0 + np.cos(np.pi * np.clip((off - 0.7) / 0.8, 0.0, 1.0)))
         low = np.clip((frequencies_mhz / self.centre_mhz - 0.1) / 0.25, 0.0, 1.0)
         return passed * np.sin(0.5 * np.pi * low) ** 2
+
+    def bell(self, frequencies_mhz: Floats, wider: float = 1.0) -> Floats:
+        """Return a Gaussian spectrum (f,) of this centre and width, or wider."""
+        off = (frequencies_mhz - self.centre_mhz) / (wider * self.width_mhz)
+        return np.exp(BELL * off**2)
 
 
 def find_band(
@@ -94,7 +91,8 @@ def find_band(
     if whole.sum() > some and np.sort(energy[whole])[-some] > CLEAR * np.median(energy):
         energy = np.where(whole, energy, 0.0)  # what was cut off has harmonics
     floor = 0.25 if not whole[np.argmax(energy)] else COMB_FLOOR
-    loud = energy >= np.quantile(energy, 1.0 - max(LOUD_SHARE, 1.5 / len(energy)))
+    share = min(max(LOUD_SHARE, 1.5 / len(energy)), 1.0)
+    loud = energy >= np.quantile(energy, 1.0 - share)
     echo = np.clip(power[loud].mean(axis=0) - np.median(power, axis=0), 0.0, None)
     if prior_mhz is not None:
         echo = echo * np.exp(-0.5 * (np.log2(np.maximum(f, 1e-6) / prior_mhz) / PRIOR_OCTAVES) ** 2)
@@ -154,141 +152,39 @@ def analytic(rf: Floats, sampling_mhz: float, band: Band) -> Complexes:
     return np.fft.ifft(spectra, axis=1)[:, edge : edge + size]
 
 
-# ------------------------------------------------------------------ clipping
+def noise_rms(envelope: Floats, zero: int = 0, length: float = 0.0) -> Floats:
+    """Return the rms (n,) of the noise within the band, of lines with these envelopes (n, samples).
 
+    It is told by the quietest quarter of a line, or by what comes before the front if that is less.
 
-def find_clipped(rf: Floats) -> Bools:
-    """Return which samples (n, samples) stand at a limit of the converter.
-
-    Such samples come in runs at an extreme value of the whole recording, where all but a few of
-    the values near the extreme are alike.
+    Args:
+        envelope: Of the lines.
+        zero: Sample of the fronts; 0: they are not known.
+        length: Of the pulse, in samples.
     """
-    clipped = np.zeros(rf.shape, dtype=np.bool_)
-    middle = float(np.median(rf))
-    for sign in (1.0, -1.0):
-        value = sign * (rf - middle)
-        top = float(value.max())
-        near = value >= RAIL * top
-        if top <= 0 or not near.any():
-            continue
-        # a wave that just fits reaches its extreme in one or two samples
-        runs = _in_runs(near & (value >= top - 1e-9 * abs(top)), FLAT_RUN)
-        if runs.sum() >= 2 * FLAT_RUN or (len(rf) == 1 and runs.any()):
-            clipped |= _in_runs(near, 2) & near
-    return clipped
+    noise: Floats = np.quantile(envelope, 0.25, axis=1) / RAYLEIGH_QUARTER
+    before = zero - round(QUIET_LENGTHS * length)
+    if before > ENOUGH_LENGTHS * length:
+        early = np.quantile(envelope[:, :before], 0.5, axis=1) / RAYLEIGH_HALF
+        noise = np.minimum(noise, early)
+    return noise
 
 
-def _in_runs(mask: Bools, least: int) -> Bools:
-    """Return the samples that belong to a run of at least so many."""
-    edges = np.diff(np.pad(mask.astype(np.int8), ((0, 0), (1, 1))), axis=1)
-    rows, first = np.nonzero(edges == 1)
-    last = np.nonzero(edges == -1)[1]
-    kept = np.zeros((mask.shape[0], mask.shape[1] + 1), dtype=np.int32)
-    long = last - first >= least
-    np.add.at(kept, (rows[long], first[long]), 1)
-    np.add.at(kept, (rows[long], last[long]), -1)
-    return np.cumsum(kept, axis=1)[:, :-1] > 0
+def inverse_filter(spectrum: Complexes, frequencies_mhz: Floats, band: Band) -> Complexes:
+    """Return what makes one short lobe (f,) of a pulse with this spectrum (f,)."""
+    power = np.abs(spectrum) ** 2
+    target = np.where(frequencies_mhz > 0, band.bell(frequencies_mhz), 0.0)
+    return target * np.conj(spectrum) / (power + INVERSE_FLOOR * power.max())
 
 
-def restore_clipped(rf: Floats, clipped: Bools, sampling_mhz: float, band: Band) -> Floats:
-    """Return the lines with what was cut off put back: what the band allows between the flanks.
-
-    The signal counts as Gaussian with the power of the band. Cut samples are conditioned on all
-    others near them and on being beyond the limit (a few of them at a time are pushed there).
-    """
-    restored = rf.copy()
-    if not clipped.any():
-        return restored
-    correlation = _correlation(band, sampling_mhz, rf.shape[1])
-    reach = max(8, round(2.5 * band.length_us * sampling_mhz))
-    middle = np.median(rf, axis=1)
-    for row, first, last in _clusters(clipped, reach):
-        part = slice(max(0, first - reach), min(rf.shape[1], last + reach))
-        values = rf[row, part] - middle[row]
-        lost = clipped[row, part]
-        if lost.sum() > MAX_LOST or lost.all():
-            continue
-        restored[row, part] = middle[row] + _restored(values, lost, correlation)
-    return restored
-
-
-def find_spikes(rf: Floats, clipped: Bools, sampling_mhz: float, band: Band) -> Bools:
-    """Return which samples (n, samples) are of short disturbances that no band contains.
-
-    What is outside the band jumps there by far more than it usually does, and by half as much as
-    what is inside at least; the onset of an echo has something outside too, but less.
-    """
-    z = analytic(rf, sampling_mhz, band)
-    reach = max(3, round(band.length_us * sampling_mhz))
-    jump = np.abs(np.diff(rf - z.real, axis=1, prepend=(rf - z.real)[:, :1]))
-    # what is counted in few steps often does not change at all
-    steps = np.diff(np.unique(rf[:: max(1, len(rf) // 50)]))
-    usual = np.median(jump, axis=1)[:, None] / 0.6745
-    usual = np.maximum(usual, steps.min()) if len(steps) else usual
-    inside = maximum_filter1d(np.abs(z), reach, axis=1)
-    spikes = (jump > SPIKE * usual) & (jump > SPIKE_OUTSIDE * inside) & (usual > 0)
-    # a spike jumps up and down again
-    width = 2 * max(1, round(SPIKE_CYCLES * sampling_mhz / band.centre_mhz)) + 1
-    wide = maximum_filter1d(spikes.astype(np.int8), width, axis=1) > 0
-    near = maximum_filter1d(clipped.astype(np.int8), 2 * reach + 1, axis=1) > 0
-    wide &= ~near
-    many = wide.mean(axis=1) > MOST_SPIKES
-    return wide & ~many[:, None]
-
-
-def without_spikes(rf: Floats, spikes: Bools, sampling_mhz: float, band: Band) -> Floats:
-    """Return the lines with disturbed samples put right from their neighbours and the band."""
-    restored = rf.copy()
-    if not spikes.any():
-        return restored
-    correlation = _correlation(band, sampling_mhz, rf.shape[1])
-    reach = max(8, round(1.5 * band.length_us * sampling_mhz))
-    for row, first, last in _clusters(spikes, reach):
-        part = slice(max(0, first - reach), min(rf.shape[1], last + reach))
-        lost = spikes[row, part]
-        if lost.sum() > MAX_LOST or lost.all():
-            continue
-        middle = float(np.median(rf[row, part][~lost]))
-        values = np.where(lost, 0.0, rf[row, part] - middle)
-        restored[row, part] = middle + _restored(values, lost, correlation)
-    return restored
-
-
-def _correlation(band: Band, sampling_mhz: float, size: int) -> Floats:
-    padded = 2 * size
-    f = np.fft.rfftfreq(padded, 1.0 / sampling_mhz)
-    power = np.exp(-2.77 * ((f - band.centre_mhz) / (1.15 * band.width_mhz)) ** 2)
-    correlation = np.fft.irfft(power, padded)[:size]
-    return correlation / correlation[0] + 1.0  # and an offset: what is slow stays as it is
-
-
-def _clusters(clipped: Bools, reach: int) -> Iterator[tuple[int, int, int]]:
-    for row in np.flatnonzero(clipped.any(axis=1)):
-        at = np.flatnonzero(clipped[row])
-        for group in np.split(at, np.flatnonzero(np.diff(at) > reach) + 1):
-            yield int(row), int(group[0]), int(group[-1]) + 1
-
-
-def _restored(values: Floats, lost: Bools, correlation: Floats) -> Floats:
-    limit = np.abs(values)
-    sign = np.sign(values)
-    # of what is known far from any gap, a sample now and then says as much as all of them
-    kept = maximum_filter1d(lost.astype(np.int8), 2 * BESIDE + 1) > 0
-    kept[:: max(1, len(values) // MOST_KNOWN)] = True
-    target, known = values.copy(), ~lost
-    for _ in range(6):
-        index = np.flatnonzero(known & kept)
-        covariance = toeplitz(correlation[: len(values)])
-        inner = covariance[np.ix_(index, index)] + NOISE_SHARE * np.eye(len(index))
-        weights = cho_solve(cho_factor(inner, check_finite=False), target[index])
-        guess = covariance[:, index] @ weights
-        target = np.where(known, target, guess)
-        below = lost & ~known & (sign * target < limit)
-        if not below.any():
-            break
-        target = np.where(below, sign * limit, target)  # at least as far out as the limit
-        known = known | below
-    return target
+def filtered(z: Complexes, weight: Complexes) -> Complexes:
+    """Return lines (n, samples) behind a filter (f,), longer than they by what it smears."""
+    result = np.zeros_like(z)
+    for start in range(0, len(z), BLOCK):
+        part = slice(start, start + BLOCK)
+        spectra = np.fft.fft(z[part], len(weight), axis=1)
+        result[part] = np.fft.ifft(spectra * weight, axis=1)[:, : z.shape[1]]
+    return result
 
 
 def check_lines(rf: Floats) -> None:

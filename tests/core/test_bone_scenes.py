@@ -80,7 +80,7 @@ def test_the_noise_of_a_plate_is_the_one_asked_for(name, inner_snr_db):
 
 def test_truth_is_consistent_and_scenes_repeat():
     scene, again = (
-        bone_scenes.hard_bone(6.0, side=4, tuning=False, drawn_seed=900_000) for _ in range(2)
+        bone_scenes.hard_bone(6.0, side=4, nominal=False, drawn_seed=900_000) for _ in range(2)
     )
     np.testing.assert_array_equal(scene.track.rf, again.track.rf)
     np.testing.assert_allclose(
@@ -101,6 +101,6 @@ def test_anatomical_bone_is_a_skull_with_its_own_inner_table():
     assert np.median(scene.outer_tilt_deg) < 2.0
     assert np.median(scene.inner_tilt_deg) > 1.5 * np.median(scene.outer_tilt_deg)
     other = bone_scenes.anatomical_bone(
-        3, radius_mm=8.0, lines_mm=4.0, tuning=False, drawn_seed=900_000
+        3, radius_mm=8.0, lines_mm=4.0, nominal=False, drawn_seed=900_000
     )
     assert other.thickness_mm[0] != scene.thickness_mm[0]

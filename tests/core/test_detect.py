@@ -262,6 +262,20 @@ def test_wrong_settings_are_refused_by_name():
         detect(replace(track, sampling_mhz=25.0), PROBE, "chirp")
 
 
+@pytest.mark.parametrize("bad", [np.full((1, 3), np.nan), np.ones((2, 3)), np.ones(3)])
+def test_axes_that_are_none_are_refused(bad):
+    track = plate("2.25MHz", "chirp", (0.0, 1.8, 4.2, 6.0))
+    with pytest.raises(InvalidInputError, match="1 A-scans need axes"):
+        detect(track, PROBE, "chirp", positions_mm=np.zeros((1, 3)), axes=bad)
+
+
+@pytest.mark.parametrize("bad", [np.array([np.nan]), np.zeros(2), np.zeros((1, 1))])
+def test_standoffs_that_are_none_are_refused(bad):
+    track = plate("2.25MHz", "chirp", (0.0, 1.8, 4.2, 6.0))
+    with pytest.raises(InvalidInputError, match="1 A-scans need known stand-offs"):
+        detect(track, PROBE, "chirp", known_standoff_mm=bad)
+
+
 def test_it_can_be_cancelled_and_tells_how_far_it_is():
     track = plate("2.25MHz", "chirp", (0.0, 1.8, 4.2, 6.0))
     shares = []

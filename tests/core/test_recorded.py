@@ -7,14 +7,15 @@ import pytest
 
 from benchmarks.recorded_cases import CASES, PLATE, Case, record, varied
 from rona_core.devices.rf_files import RecordedRf
-from rona_core.errors import CancelledError, InvalidInputError
+from rona_core.errors import CancelledError, DegenerateGeometryError, InvalidInputError
 from rona_core.ultrasound.recorded import (
     NO_FRONT,
     detect_lines,
     detect_recorded,
 )
 from rona_core.ultrasound.recorded_figures import thickness_figures
-from rona_core.ultrasound.recorded_signal import Band, find_band, find_clipped, restore_clipped
+from rona_core.ultrasound.recorded_gaps import find_clipped, restore_clipped
+from rona_core.ultrasound.recorded_signal import Band, find_band
 
 SMALL = varied(PLATE, scans=16, floor_gap_mm=12.0, wedge_mm=1.0)
 
@@ -145,6 +146,16 @@ def test_a_front_alone_is_no_plate():
     assert found.ok.mean() <= 0.1
 
 
+@pytest.mark.parametrize("n", [1, 20])
+@pytest.mark.parametrize("length_us", [0.3, 0.4, 0.6])
+def test_a_front_alone_in_little_noise_is_no_plate(n, length_us):
+    """Made short, a front has side lobes that stand above such noise."""
+    t = np.arange(2000) / 50.0 - 20.0
+    front = np.exp(-((t / length_us) ** 2)) * np.sin(2.0 * np.pi * 2.25 * t)
+    noise = np.random.default_rng(6).normal(0.0, 0.002, (n, 2000))
+    assert not detect_lines(front + noise, 50.0, 2.8).ok.any()
+
+
 @pytest.mark.parametrize("speed", [0.0, -2.8, 28.5, float("nan")])
 def test_an_impossible_speed_is_refused(plate, speed):
     with pytest.raises(InvalidInputError, match="sound speed"):
@@ -160,6 +171,25 @@ def test_cancelling_stops(plate):
 def test_what_is_no_lines_is_refused(bad):
     with pytest.raises(InvalidInputError, match="recorded lines"):
         detect_lines(bad, 50.0, 2.8)
+
+
+@pytest.mark.parametrize("samples", [64, 100, 200])
+def test_a_line_no_longer_than_a_stretch_has_nothing_to_stand_out_of(samples):
+    line = np.sin(np.arange(samples) * 0.3)[None]
+    with pytest.raises(DegenerateGeometryError, match="every stretch is alike"):
+        detect_lines(line, 50.0, 2.8)
+
+
+def test_records_shorter_than_the_window_about_a_front_hold_no_plate():
+    t = np.arange(200) / 50.0
+    echo = np.exp(-(((t - 0.4) / 0.4) ** 2)) * np.sin(2.0 * np.pi * 2.25 * (t - 0.4))
+    noise = np.random.default_rng(4).normal(0.0, 0.003, (3, 200))
+    assert not detect_lines(echo + noise, 50.0, 2.8).ok.any()
+
+
+def test_lines_at_their_limits_all_the_time_hold_no_plate():
+    rng = np.random.default_rng(7)
+    assert not detect_lines(np.sign(rng.normal(size=(10, 2000))), 50.0, 2.8).ok.any()
 
 
 # -- parts -----------------------------------------------------------------------------------------

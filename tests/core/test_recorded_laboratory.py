@@ -11,7 +11,8 @@ from rona_core.ultrasound.echo_tracks import Peaks, neighbour_tree
 from rona_core.ultrasound.hum import without_hum
 from rona_core.ultrasound.probe_echoes import without_foreign
 from rona_core.ultrasound.recorded import detect_recorded
-from rona_core.ultrasound.recorded_signal import Band, find_spikes, without_spikes
+from rona_core.ultrasound.recorded_gaps import find_spikes, without_spikes
+from rona_core.ultrasound.recorded_signal import Band
 
 ACRYLIC = Matter(2.73, 3.22, 1.3, 1.1)
 STEEL = Matter(5.9, 46.0, 0.05, 2.0)
@@ -138,8 +139,8 @@ def test_a_hum_is_taken_away_and_echoes_are_not():
     assert np.array_equal(without_hum(rf, none, rate, band), rf)
     t = np.arange(rf.shape[1]) / rate
     phase = np.linspace(0.0, 6.0, len(rf))[:, None]
-    step = float(np.abs(rf).max())
-    hum = 0.05 * step * np.sin(2 * np.pi * 2.63 * t + phase)
+    loudest = float(np.abs(rf).max())
+    hum = 0.05 * loudest * np.sin(2 * np.pi * 2.63 * t + phase)
     left = without_hum(rf + hum, none, rate, band) - rf
     assert np.sqrt((left**2).mean()) < 0.15 * np.sqrt((hum**2).mean())
 

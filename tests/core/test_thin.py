@@ -52,7 +52,7 @@ def test_the_more_the_front_hides_the_less_is_believed(merged, more, level):
 @pytest.mark.parametrize("excitation", ["pulse", "chirp"])
 def test_the_second_echo_of_thin_bone_is_not_taken_for_thick_bone(excitation):
     scene = bone_scenes.parallel_bone(
-        2.2, name="1MHz", excitation=excitation, patches=1, tuning=False, drawn_seed=SEED
+        2.2, name="1MHz", excitation=excitation, patches=1, nominal=False, drawn_seed=SEED
     )[0]
     found = detect(scene.track, scene.probe, excitation, positions_mm=scene.points_skull)
     doubled = np.abs(found.thickness_mm / scene.thickness_mm - 2.0) < 0.2

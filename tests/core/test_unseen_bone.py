@@ -30,9 +30,9 @@ def errors_mm(scene, *, grid=False):
 
 
 def test_what_detection_is_judged_by_is_nothing_that_it_was_tuned_with():
-    assert bone_scenes.TEST_SEED not in (*bone_scenes.TRIAL_SEEDS, bone_scenes.TUNING_SEED, SEED)
+    assert bone_scenes.TEST_SEED not in (*bone_scenes.TRIAL_SEEDS, bone_scenes.NOMINAL_SEED, SEED)
     tuned, judged = (
-        bone_scenes.parallel_bone(5.0, side=2, tuning=False, drawn_seed=seed)[0]
+        bone_scenes.parallel_bone(5.0, side=2, nominal=False, drawn_seed=seed)[0]
         for seed in (bone_scenes.TRIAL_SEEDS[0], SEED)
     )
     assert {tuned.probe.pulse_shape, judged.probe.pulse_shape} <= set(bone_scenes.DRAWN)
@@ -43,7 +43,7 @@ def test_what_detection_is_judged_by_is_nothing_that_it_was_tuned_with():
 @pytest.mark.parametrize("thickness_mm", [4.0, 6.0])
 def test_unseen_pulses_layers_and_scatter(thickness_mm):
     scenes = bone_scenes.parallel_bone(
-        thickness_mm, side=6, patches=2, tuning=False, drawn_seed=SEED
+        thickness_mm, side=6, patches=2, nominal=False, drawn_seed=SEED
     )
     error, ok = (np.concatenate(part) for part in zip(*map(errors_mm, scenes), strict=True))
     assert ok.mean() > 0.8
@@ -94,7 +94,7 @@ def test_other_scatter_ramps_and_losses(medium):
 
 
 def test_hard_bone_on_a_grid_fails_seldom_without_a_flag():
-    scene = bone_scenes.hard_bone(6.0, side=10, tuning=False, drawn_seed=SEED)
+    scene = bone_scenes.hard_bone(6.0, side=10, nominal=False, drawn_seed=SEED)
     error, ok = errors_mm(scene)
     assert (np.abs(error[ok]) > WRONG_MM).mean() <= 0.05
     assert MEDIA["hard"].speckle > 2.0 * MEDIA["normal"].speckle
@@ -102,7 +102,7 @@ def test_hard_bone_on_a_grid_fails_seldom_without_a_flag():
 
 def test_an_inner_echo_lost_in_noise_is_found_by_all_together():
     """Behind lossy hard bone few scans hear it by themselves, and the diploe is louder."""
-    scene = bone_scenes.hard_bone(7.0, excitation="pulse", side=8, tuning=False, drawn_seed=SEED)
+    scene = bone_scenes.hard_bone(7.0, excitation="pulse", side=8, nominal=False, drawn_seed=SEED)
     lonely, _ = errors_mm(scene)
     error, ok = errors_mm(scene, grid=True)
     assert (np.abs(error) > WRONG_MM).mean() <= 0.05
