@@ -26,7 +26,7 @@ from rona_core.ultrasound.recorded_gaps import (
     restore_clipped,
     without_spikes,
 )
-from rona_core.ultrasound.recorded_signal import Band, analytic, check_lines, find_band
+from rona_core.ultrasound.recorded_signal import Band, analytic, check_lines, find_band, near_one
 
 OK, NO_FRONT, NO_BACK, UNSURE = range(4)
 SPEEDS_MM_PER_US = (0.5, 10.0)
@@ -90,6 +90,7 @@ def detect_recorded(
             f"the sound speed must be {low} to {high} mm/us: {sound_speed_mm_per_us:g}"
         )
     check_lines(recorded.rf)
+    recorded = replace(recorded, rf=near_one(recorded.rf))
     found = _found(recorded, prior_mhz, _Steps(progress, cancel))
     if not recorded.start_known and _may_be_emission(found):
         later = _behind(recorded, found)

@@ -193,3 +193,13 @@ def check_lines(rf: Floats) -> None:
         raise InvalidInputError(
             f"recorded lines must be finite, (scans, 64 or more samples), not {rf.shape}"
         )
+
+
+def near_one(rf: Floats) -> Floats:
+    """Return lines (n, samples) whose largest sample is 0.5 to 1, whatever the recorder's unit.
+
+    They are multiplied by a power of two, so that no digit changes.
+    """
+    largest = float(np.abs(rf).max(initial=0.0))
+    result: Floats = np.ldexp(rf, -int(np.frexp(largest)[1]))
+    return result

@@ -35,7 +35,13 @@ def again(made, speed=SMALL.speed, **changes):
 
 def test_gain_sign_and_offset_change_nothing(plate):
     made, found = plate
-    for changed in (3.7 * made.file.rf, -made.file.rf, made.file.rf - 250.0):
+    for changed in (
+        3.7 * made.file.rf,
+        1e-14 * made.file.rf,
+        1e14 * made.file.rf,
+        -made.file.rf,
+        made.file.rf - 250.0,
+    ):
         other = again(made, rf=changed)
         np.testing.assert_allclose(other.thickness_mm, found.thickness_mm, atol=1e-6)
         assert (other.flag == found.flag).all()
