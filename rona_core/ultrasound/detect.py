@@ -136,7 +136,9 @@ def detect(
         inner = choose_inner(echoes, bone, links)
         if positions_mm is not None:
             upright = known_standoff_mm is None
-            inner = refit_wedges(echoes, inner, bone, positions_mm, axes=axes, upright=upright)
+            inner = refit_wedges(
+                echoes, inner, bone, positions_mm, links, axes=axes, upright=upright
+            )
     else:
         gate = bone_gate_us(probe, bone)
         sigma_us = 2.0 * PLAIN_SIGMA_MM / bone.speed_mm_per_us

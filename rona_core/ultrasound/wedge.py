@@ -19,10 +19,12 @@ from scipy.special import erf
 
 from rona_core.arrays import Floats, Ints, as_floats
 from rona_core.ultrasound.beam import probe_beam
+from rona_core.ultrasound.faint import loud_enough
 from rona_core.ultrasound.front import standoff_mm, subtract_fronts
 from rona_core.ultrasound.inner import InnerChoice, bone_filter
 from rona_core.ultrasound.local_planes import FLOOR, LEAST, LocalPlanes
 from rona_core.ultrasound.material import GEL, Complexes, Material
+from rona_core.ultrasound.neighbours import Links
 from rona_core.ultrasound.probe import ProbeModel
 from rona_core.ultrasound.pulse import GRID
 from rona_core.ultrasound.search import BLOCK, Echoes
@@ -87,6 +89,7 @@ def refit_wedges(
     found: InnerChoice,
     bone: Material,
     positions_mm: Floats,
+    links: Links,
     *,
     axes: Floats | None = None,
     upright: bool = True,
@@ -98,6 +101,7 @@ def refit_wedges(
         found: Which echoes are the inner ones; their times may be some cycle off.
         bone: Nominal bone.
         positions_mm: Where the probe stood (n, 3).
+        links: Who is around whom.
         axes: Of the probe, into the bone (n, 3); None: not known, it is perpendicular if upright.
         upright: The probe is nearly perpendicular to the outer boundary, which it heard itself.
     """
@@ -115,6 +119,7 @@ def refit_wedges(
     middle = found.lag_us[rows]
     rise = np.zeros((len(rows), 2))
     lag, sd = middle, np.maximum(found.sigma_us[rows], FLOOR)
+    level = np.zeros(len(rows))
     cycles = weighed.offsets_us * echoes.template.probe.centre_mhz
     flat = np.exp(-((weighed.slopes / (FLAT * weighed.slopes[-1])) ** 2))
     held = np.multiply.outer(flat, 0.5 * (cycles / HELD_CYCLES) ** 2).astype(np.float32)
@@ -130,7 +135,7 @@ def refit_wedges(
             strange = off / np.hypot(scatter, EXPECTED_SD_US)[:, None]
             together = -STRANGERS * np.log1p(0.5 * strange**2)
             chances = chances + np.where(around.known[:, None], together, 0.0)[:, None, :]
-        lag, sd = _mean(weighed, chances, middle)
+        lag, sd, level = _mean(weighed, chances, middle)
     times, sigmas = found.lag_us.copy(), found.sigma_us.copy()
     width_mm = 2.0 * echoes.template.probe.aperture_radius_mm
     bent = width_mm**2 * np.hypot(BEND_US_PER_MM2, BEND_PER_MM * np.hypot(*rise.T))
@@ -140,6 +145,7 @@ def refit_wedges(
     # a time that is known better makes no echo surer than it was
     surer = _within(sigmas, bone) / np.maximum(_within(found.sigma_us, bone), 1e-12)
     sureness = found.sureness / np.maximum(surer, 1.0)
+    sureness[rows] *= loud_enough(level, lag, rows, links, echoes.template.probe, bone)
     return replace(found, lag_us=times, sigma_us=sigmas, sureness=sureness)
 
 
@@ -202,13 +208,15 @@ def _usual_level(weighed: _Weighed, slope: Floats) -> float:
     return float(np.median(weighed.level[rows, nearest, best]))
 
 
-def _mean(weighed: _Weighed, chances: Floats, middle_us: Floats) -> tuple[Floats, Floats]:
-    """Return mean and standard deviation (n,) of the times."""
-    share = np.exp(chances - chances.max(axis=(1, 2), keepdims=True)).sum(axis=1)
-    share /= share.sum(axis=1, keepdims=True)
+def _mean(weighed: _Weighed, chances: Floats, middle_us: Floats) -> tuple[Floats, Floats, Floats]:
+    """Return mean and standard deviation (n,) of the times, and the mean level."""
+    share = np.exp(chances - chances.max(axis=(1, 2), keepdims=True))
+    share /= share.sum(axis=(1, 2), keepdims=True)
+    level = (share * weighed.level).sum(axis=(1, 2))
+    share = share.sum(axis=1)
     mean = share @ weighed.offsets_us
     spread = (share * (weighed.offsets_us - mean[:, None]) ** 2).sum(axis=1)
-    return middle_us + mean, np.sqrt(spread)
+    return middle_us + mean, np.sqrt(spread), level
 
 
 def _laid_flat(positions_mm: Floats) -> Floats:

@@ -80,8 +80,9 @@ def refitted(slope, excitation, lean_deg=0.0, *, known=False):
     track, places, axes, standoff, depth = survey(slope, excitation, lean_deg)
     at = standoff if known else None
     echoes = search_echoes(track, PROBE, excitation, BONE, known_standoff_mm=at)
-    choice = choose_inner(echoes, BONE, scan_links(places, len(places)))
-    again = refit_wedges(echoes, choice, BONE, places, axes=axes, upright=not known)
+    links = scan_links(places, len(places))
+    choice = choose_inner(echoes, BONE, links)
+    again = refit_wedges(echoes, choice, BONE, places, links, axes=axes, upright=not known)
     return error_mm(choice, depth), error_mm(again, depth)
 
 
@@ -112,10 +113,15 @@ def test_a_probe_that_leans_with_the_table_sees_no_wedge():
 def test_the_lean_of_the_probe_counts_like_that_of_the_table():
     track, places, axes, standoff, depth = survey(0.1, "chirp", 3.0)
     echoes = search_echoes(track, PROBE, "chirp", BONE, known_standoff_mm=standoff)
-    choice = choose_inner(echoes, BONE, scan_links(places, len(places)))
+    links = scan_links(places, len(places))
+    choice = choose_inner(echoes, BONE, links)
     straight = np.broadcast_to((0.0, 0.0, 1.0), axes.shape)
     told, misled, untold = (
-        rms(error_mm(refit_wedges(echoes, choice, BONE, places, axes=a, upright=False), depth))
+        rms(
+            error_mm(
+                refit_wedges(echoes, choice, BONE, places, links, axes=a, upright=False), depth
+            )
+        )
         for a in (axes, straight, None)
     )
     assert told < 0.05
@@ -127,10 +133,11 @@ def test_the_lean_of_the_probe_counts_like_that_of_the_table():
 def test_a_rigid_motion_of_the_frame_changes_nothing():
     track, places, axes, _, _ = survey(0.14, "chirp")
     echoes = search_echoes(track, PROBE, "chirp", BONE)
-    choice = choose_inner(echoes, BONE, scan_links(places, len(places)))
+    links = scan_links(places, len(places))
+    choice = choose_inner(echoes, BONE, links)
     moved = Pose.from_rotvec((0.4, -1.1, 0.7), (30.0, -200.0, 650.0))
-    here = refit_wedges(echoes, choice, BONE, places, axes=axes)
-    there = refit_wedges(echoes, choice, BONE, moved @ places, axes=moved.rotate(axes))
+    here = refit_wedges(echoes, choice, BONE, places, links, axes=axes)
+    there = refit_wedges(echoes, choice, BONE, moved @ places, links, axes=moved.rotate(axes))
     np.testing.assert_allclose(there.lag_us, here.lag_us, atol=1e-6)
     np.testing.assert_allclose(there.sigma_us, here.sigma_us, atol=1e-6)
 
@@ -138,10 +145,11 @@ def test_a_rigid_motion_of_the_frame_changes_nothing():
 def test_no_echo_becomes_surer_and_those_not_heard_stay_as_they_are():
     track, places, axes, _, _ = survey(0.14, "chirp")
     echoes = search_echoes(track, PROBE, "chirp", BONE)
-    choice = choose_inner(echoes, BONE, scan_links(places, len(places)))
+    links = scan_links(places, len(places))
+    choice = choose_inner(echoes, BONE, links)
     deaf = np.arange(len(places)) % 3 == 0
     choice = replace(choice, heard=choice.heard & ~deaf)
-    again = refit_wedges(echoes, choice, BONE, places, axes=axes)
+    again = refit_wedges(echoes, choice, BONE, places, links, axes=axes)
     np.testing.assert_array_equal(again.lag_us[deaf], choice.lag_us[deaf])
     np.testing.assert_array_equal(again.sigma_us[deaf], choice.sigma_us[deaf])
     assert (again.sureness <= choice.sureness + 1e-12).all()
@@ -151,12 +159,13 @@ def test_no_echo_becomes_surer_and_those_not_heard_stay_as_they_are():
 def test_where_nothing_leans_and_the_echo_says_nothing_the_time_is_held():
     track, places, axes, _, _ = survey(0.0, "chirp", 0.0)
     echoes = search_echoes(track, PROBE, "chirp", BONE)
-    choice = choose_inner(echoes, BONE, scan_links(places, len(places)))
+    links = scan_links(places, len(places))
+    choice = choose_inner(echoes, BONE, links)
     random = np.random.default_rng(5)
     part = random.normal(size=(2, *echoes.aligned.shape))
     size = np.sqrt(np.mean(np.abs(echoes.aligned) ** 2)) / 10.0
     silent = replace(echoes, aligned=size * (part[0] + 1j * part[1]))
-    again = refit_wedges(silent, choice, BONE, places, axes=axes)
+    again = refit_wedges(silent, choice, BONE, places, links, axes=axes)
     ok = choice.heard & (choice.sureness > 0.5)
     moved = (again.lag_us - choice.lag_us)[ok] * PROBE.centre_mhz
     assert rms(moved) < 0.35
@@ -167,8 +176,9 @@ def test_too_few_to_ask_are_left_alone():
     track, places, axes, _, _ = survey(0.14, "chirp")
     few = replace(track, rf=track.rf[:5], times_s=track.times_s[:5], clipped=track.clipped[:5])
     echoes = search_echoes(few, PROBE, "chirp", BONE)
-    choice = choose_inner(echoes, BONE, scan_links(places[:5], 5))
-    assert refit_wedges(echoes, choice, BONE, places[:5], axes=axes[:5]) is choice
+    links = scan_links(places[:5], 5)
+    choice = choose_inner(echoes, BONE, links)
+    assert refit_wedges(echoes, choice, BONE, places[:5], links, axes=axes[:5]) is choice
 
 
 def test_detection_uses_it_where_it_knows_the_places():
