@@ -107,6 +107,7 @@ def suite_figures(suite: str, scenes: list[BoneScene], method: Method) -> list[M
     ok: Bools = np.concatenate([p[1].inner_ok for p in pairs])
     quality = np.concatenate([p[1].inner_quality for p in pairs])
     sigma = np.concatenate([p[1].thickness_sigma_mm for p in pairs])
+    resolved: Bools = np.concatenate([_resolved(scene) for scene in scenes])
     wrong = np.abs(error) > WRONG_MM
     right = ok & ~wrong
     ours = method == "subtract"
@@ -129,12 +130,23 @@ def suite_figures(suite: str, scenes: list[BoneScene], method: Method) -> list[M
         figure("failures", float(wrong.mean()), "share", 0.01 if skull else 0.05 if hard else None),
         figure("unflagged_failures", missed, "share", 0.02 if anatomical else 0.0),
         figure("coverage", float(ok.mean()), "share", 0.6 if anatomical else None, higher=True),
+        figure("coverage_of_resolved", _share(ok, resolved), "share", None, higher=True),
         figure("quality_auc", area(quality, ~wrong), "1", None, higher=True),
     ]
     if ours and right.any():
         z = float(np.sqrt(np.mean((error[right] / sigma[right]) ** 2)))
         figures.append(figure("error_over_sigma_rms", z, "1", None))
     return figures
+
+
+def _resolved(scene: BoneScene) -> Bools:
+    """Return which of the A-scans (n,) stand on bone of a thickness that the probe resolves."""
+    low, high = scene.probe.min_thickness_mm, scene.probe.max_thickness_mm
+    return np.asarray((scene.thickness_mm >= low) & (scene.thickness_mm <= high))
+
+
+def _share(kept: Bools, among: Bools) -> float | None:
+    return float(kept[among].mean()) if among.any() else None
 
 
 def area(score: Floats, good: Bools) -> float | None:

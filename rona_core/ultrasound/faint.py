@@ -5,7 +5,8 @@ echo in the noise, nothing behind contradicts it, and all A-scans around confirm
 a third of what an inner boundary does, and it is parallel to the outer one. An inner boundary may
 be as faint in one A-scan if it leans; then its lean is seen in the times around, and with what the
 lean takes away given back it is as loud as it should be (``wedge.py``). Bone may also lose more on
-the way than it should, the more the thicker it is.
+the way than it should, the more the thicker it is. Deeper than the outer table of the thickest bone
+that the probe sees, there is no such step.
 """
 
 import numpy as np
@@ -18,6 +19,7 @@ from rona_core.ultrasound.probe import ProbeModel
 LEAST_LEVEL = 0.5  # of an inner echo that leans no more, over a nominal one just below the surface
 MORE_LOSS = 0.21  # and this share of the nominal loss on the way there and back
 RAMP = 0.9, 1.05  # times that: from where on an echo is an inner one, perhaps and surely
+OUTER_SHARE = 0.4, 0.5  # of bone that is outer table: mostly at most, and never more
 SAME_MM = 1.0  # neighbours closer than this in thickness show the same boundary
 
 
@@ -46,4 +48,7 @@ def loud_enough(
     loss = -2.0 * bone.wavenumber_per_mm(np.array([probe.centre_mhz])).imag[0] * depth
     over = np.exp(total / count + MORE_LOSS * loss) / LEAST_LEVEL
     low, high = RAMP
-    return np.asarray(np.clip((over - low) / (high - low), 0.0, 1.0), dtype=np.float64)
+    least, most = OUTER_SHARE
+    too_deep = (depth / probe.max_thickness_mm - least) / (most - least)
+    loud = np.clip((over - low) / (high - low), 0.0, 1.0)
+    return np.asarray(np.maximum(loud, np.clip(too_deep, 0.0, 1.0)), dtype=np.float64)

@@ -40,8 +40,14 @@ def test_louder_or_deeper_is_never_believed_less(level, more, deeper):
 
 def test_where_bone_takes_less_away_less_may_be_missing():
     levels = np.full(SIDE**2, 0.75 * LEAST_LEVEL)
-    low = believed(levels, 5.0, probe=probe_model("1MHz"))
-    assert (low < believed(levels, 5.0)).all()
+    low = believed(levels, 4.5, probe=probe_model("1MHz"))
+    assert (low < believed(levels, 4.5)).all()
+
+
+def test_what_is_deeper_than_any_outer_table_is_no_step():
+    levels = np.full(SIDE**2, 0.1)
+    np.testing.assert_array_equal(believed(levels, 0.5 * PROBE.max_thickness_mm), 1.0)
+    np.testing.assert_array_equal(believed(levels, 0.35 * PROBE.max_thickness_mm), 0.0)
 
 
 def test_those_around_speak_for_one_of_the_same_depth_only():
