@@ -67,7 +67,7 @@ def test_those_that_are_not_asked_say_nothing():
 
 @pytest.mark.parametrize("thickness_mm", [3.0, 8.0])
 def test_a_step_is_not_kept_where_the_inner_echo_drowns_and_thin_hard_bone_is(thickness_mm):
-    scene = hard_bone(thickness_mm, side=10, tuning=False, drawn_seed=UNHEARD_SEED)
+    scene = hard_bone(thickness_mm, side=10, nominal=False, drawn_seed=UNHEARD_SEED)
     found = detect(scene.track, scene.probe, "pulse", positions_mm=scene.points_skull)
     error = found.thickness_mm - scene.bone_us * found.sound_speed_mm_per_us / 2.0
     if thickness_mm > 5.0:
