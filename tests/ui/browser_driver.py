@@ -140,9 +140,10 @@ class Surgeon:
         return self.frame.get_by_role("button", name=re.compile(f"^{re.escape(name)}")).first
 
     def field(self, label: str) -> Any:
-        """Return the input beside a label by the beginning of its words."""
+        """Return the input beside a label that is seen, by the beginning of its words."""
         beside = "xpath=ancestor::div[contains(@class, 'mantine-Flex-root')][1]//input"
-        words = self.frame.locator("label", has_text=re.compile(f"^{re.escape(label)}")).first
+        begin = re.compile(f"^{re.escape(label)}")
+        words = self.frame.locator("label").filter(has_text=begin, visible=True).first
         return words.locator(beside).first
 
     def open_step(self, name: str) -> None:
