@@ -70,13 +70,13 @@ def scan_links(positions_mm: Floats | None, n: int) -> Links:
         )
     if n < 2 or np.ptp(places, axis=0).max() < LEAST_APART_MM:
         return line_links(n)
-    flat, axes = _laid_flat(places)
+    flat = _laid_flat(places)
     here, there, apart = _pairs(flat)
     gap = flat[there] - flat[here]
     # the direction a message travels in is from there to here
     sector = np.floor(np.arctan2(-gap[:, 1], -gap[:, 0]) * DIRECTIONS / (2.0 * np.pi) + 0.5)
     sector = sector.astype(np.int64) % DIRECTIONS
-    order = np.lexsort((axes[there], apart, here, sector))
+    order = np.lexsort((flat[there, 0], apart, here, sector))
     sector, here, there, apart = sector[order], here[order], there[order], apart[order]
     first = np.ones(len(here), dtype=np.bool_)
     first[1:] = (sector[1:] != sector[:-1]) | (here[1:] != here[:-1])
@@ -91,12 +91,15 @@ def scan_links(positions_mm: Floats | None, n: int) -> Links:
     return Links(sources, distances, steps, rounds, sources, distances, around, around_mm)
 
 
-def _laid_flat(places: Floats) -> tuple[Floats, Floats]:
-    """Return places (n, 2) in the best plane, and the first of the two coordinates (n,)."""
+def plane_axes(places: Floats) -> Floats:
+    """Return axes as columns (3, 3): two in the plane that fits places best, and its normal."""
     centred = places - places.mean(axis=0)
-    axes = np.linalg.svd(centred, full_matrices=False)[2]
-    flat = centred @ axes[:2].T
-    return flat, flat[:, 0]
+    return np.linalg.svd(centred, full_matrices=False)[2].T
+
+
+def _laid_flat(places: Floats) -> Floats:
+    """Return places (n, 2) in the plane that fits them best."""
+    return np.asarray((places - places.mean(axis=0)) @ plane_axes(places)[:, :2])
 
 
 def _around(flat: Floats) -> tuple[Ints, Floats]:

@@ -17,14 +17,14 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import erf
 
-from rona_core.arrays import Floats, Ints, as_floats
+from rona_core.arrays import Bools, Floats, Ints, as_floats
 from rona_core.ultrasound.beam import probe_beam
 from rona_core.ultrasound.faint import loud_enough
 from rona_core.ultrasound.front import standoff_mm, subtract_fronts
 from rona_core.ultrasound.inner import InnerChoice, bone_filter
 from rona_core.ultrasound.local_planes import FLOOR, LEAST, LocalPlanes
 from rona_core.ultrasound.material import GEL, Complexes, Material
-from rona_core.ultrasound.neighbours import Links
+from rona_core.ultrasound.neighbours import Links, plane_axes
 from rona_core.ultrasound.probe import ProbeModel
 from rona_core.ultrasound.pulse import GRID
 from rona_core.ultrasound.search import BLOCK, Echoes
@@ -109,44 +109,80 @@ def refit_wedges(
     if len(rows) <= LEAST:
         return found
     weighed = _weigh(echoes, found.lag_us, rows, bone)
-    flat = _laid_flat(positions_mm[rows])
-    around = LocalPlanes(positions_mm[rows] @ flat)
+    probe, to_plane = echoes.template.probe, plane_axes(positions_mm[rows])
+    places = positions_mm[rows] @ to_plane
+    around = LocalPlanes(places)
     outer = np.zeros((len(rows), 2))
     if axes is not None:
-        standoff = standoff_mm(echoes.fronts.delay_us[rows], echoes.template.probe)
-        outer = _outer_rise(positions_mm[rows] @ flat, standoff, axes[rows] @ flat, around)
+        standoff = standoff_mm(echoes.fronts.delay_us[rows], probe)
+        outer = _outer_rise(places, standoff, axes[rows] @ to_plane, around)
     told = around.known & (upright or axes is not None)
-    middle = found.lag_us[rows]
-    rise = np.zeros((len(rows), 2))
-    lag, sd = middle, np.maximum(found.sigma_us[rows], FLOOR)
-    level = np.zeros(len(rows))
-    cycles = weighed.offsets_us * echoes.template.probe.centre_mhz
-    flat = np.exp(-((weighed.slopes / (FLAT * weighed.slopes[-1])) ** 2))
-    held = np.multiply.outer(flat, 0.5 * (cycles / HELD_CYCLES) ** 2).astype(np.float32)
-    for turn in range(ROUNDS):
-        expected, rise, scatter = around.planes(lag, sd)
-        slope = np.where(told, np.hypot(*(rise + outer).T), 0.0)
-        unlike = (weighed.slopes - slope[:, None]) / np.where(told, SLOPE_SD, UNKNOWN_SD)[:, None]
-        usual = _usual_level(weighed, slope)
-        chances = weighed.likelihood - 0.5 * ((weighed.level - usual) / LEVEL_SD) ** 2
-        chances = chances - 0.5 * unlike[:, :, None] ** 2 - held
-        if turn:
-            off = (middle - expected)[:, None] + weighed.offsets_us
-            strange = off / np.hypot(scatter, EXPECTED_SD_US)[:, None]
-            together = -STRANGERS * np.log1p(0.5 * strange**2)
-            chances = chances + np.where(around.known[:, None], together, 0.0)[:, None, :]
-        lag, sd, level = _mean(weighed, chances, middle)
+    lag, sd, level, rise = _settled(
+        weighed, found.lag_us[rows], found.sigma_us[rows], around, outer, told, probe
+    )
     times, sigmas = found.lag_us.copy(), found.sigma_us.copy()
-    width_mm = 2.0 * echoes.template.probe.aperture_radius_mm
+    width_mm = 2.0 * probe.aperture_radius_mm
     bent = width_mm**2 * np.hypot(BEND_US_PER_MM2, BEND_PER_MM * np.hypot(*rise.T))
     cycles = STRUCTURE_CYCLES if upright else LEANING_CYCLES
-    structure = np.hypot(bent, cycles / echoes.template.probe.centre_mhz)
+    structure = np.hypot(bent, cycles / probe.centre_mhz)
     times[rows], sigmas[rows] = lag, np.hypot(sd, structure)
     # a time that is known better makes no echo surer than it was
     surer = _within(sigmas, bone) / np.maximum(_within(found.sigma_us, bone), 1e-12)
     sureness = found.sureness / np.maximum(surer, 1.0)
-    sureness[rows] *= loud_enough(level, lag, rows, links, echoes.template.probe, bone)
+    sureness[rows] *= loud_enough(level, lag, rows, links, probe, bone)
     return replace(found, lag_us=times, sigma_us=sigmas, sureness=sureness)
+
+
+def _settled(
+    weighed: _Weighed,
+    start_us: Floats,
+    sigma_us: Floats,
+    around: LocalPlanes,
+    outer_rise: Floats,
+    told: Bools,
+    probe: ProbeModel,
+) -> tuple[Floats, Floats, Floats, Floats]:
+    """Return times (n,), deviations, logarithms of levels, and rises (n, 2) of the inner time.
+
+    Each round weighs times and slopes by what the neighbours came to in the one before.
+
+    Args:
+        weighed: What the A-scans say by themselves.
+        start_us: The times that the offsets count from (n,).
+        sigma_us: And how far off they may be.
+        around: Planes through the neighbours.
+        outer_rise: What the outer boundary adds to the slope (n, 2).
+        told: Where the slope is known from the neighbours (n,).
+        probe: Its centre frequency tells how long a cycle is.
+    """
+    lag, sd = start_us, np.maximum(sigma_us, FLOOR)
+    level, rise = np.zeros(len(lag)), np.zeros((len(lag), 2))
+    held = _held(weighed, probe)
+    slope_sd = np.where(told, SLOPE_SD, UNKNOWN_SD)[:, None]
+    for turn in range(ROUNDS):
+        expected, rise, scatter = around.planes(lag, sd)
+        slope = np.where(told, np.hypot(*(rise + outer_rise).T), 0.0)
+        unlike = (weighed.slopes - slope[:, None]) / slope_sd
+        usual = _usual_level(weighed, slope)
+        chances = weighed.likelihood - 0.5 * ((weighed.level - usual) / LEVEL_SD) ** 2
+        chances = chances - 0.5 * unlike[:, :, None] ** 2 - held
+        if turn:
+            off = (start_us - expected)[:, None] + weighed.offsets_us
+            strange = off / np.hypot(scatter, EXPECTED_SD_US)[:, None]
+            together = -STRANGERS * np.log1p(0.5 * strange**2)
+            chances = chances + np.where(around.known[:, None], together, 0.0)[:, None, :]
+        lag, sd, level = _mean(weighed, chances, start_us)
+    return lag, sd, level, rise
+
+
+def _held(weighed: _Weighed, probe: ProbeModel) -> Singles:
+    """Return how unlikely offsets are (s, t) from a time that was fitted for a parallel boundary.
+
+    The flatter the boundary, the more that time counts.
+    """
+    cycles = weighed.offsets_us * probe.centre_mhz
+    flat = np.exp(-((weighed.slopes / (FLAT * weighed.slopes[-1])) ** 2))
+    return np.multiply.outer(flat, 0.5 * (cycles / HELD_CYCLES) ** 2).astype(np.float32)
 
 
 def _within(sigma_us: Floats, bone: Material) -> Floats:
@@ -217,12 +253,6 @@ def _mean(weighed: _Weighed, chances: Floats, middle_us: Floats) -> tuple[Floats
     mean = share @ weighed.offsets_us
     spread = (share * (weighed.offsets_us - mean[:, None]) ** 2).sum(axis=1)
     return middle_us + mean, np.sqrt(spread), level
-
-
-def _laid_flat(positions_mm: Floats) -> Floats:
-    """Return axes as columns (3, 3): two in the plane that fits places best, and its normal."""
-    centred = positions_mm - positions_mm.mean(axis=0)
-    return np.linalg.svd(centred, full_matrices=False)[2].T
 
 
 def _outer_rise(places: Floats, standoff_mm: Floats, axes: Floats, around: LocalPlanes) -> Floats:

@@ -56,6 +56,13 @@ def test_sharp_bone_that_does_not_lean_echoes_within_half_a_decibel_of_the_field
 
 
 @pytest.mark.parametrize("name", STRIPS)
+def test_tilt_and_curvature_cost_what_they_cost_in_the_wave_equation(name):
+    """Front echo within half a decibel of the same grid's perpendicular flat bone."""
+    flat = here(strip(f"{name.split('_')[0]}_flat"))
+    assert abs(here(strip(name)).front_db - flat.front_db) < 0.5
+
+
+@pytest.mark.parametrize("name", STRIPS)
 def test_bone_in_the_cells_of_the_field_echoes_as_loud_as_the_field(name):
     """Like beside like: flat, curved and tilted front echoes within 0.15 dB and 4 ns."""
     found = here(strip(name, cells=True))
