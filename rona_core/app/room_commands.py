@@ -45,7 +45,8 @@ class PutObstacle:
     """Add a box that the robot keeps away from, or change the one of this name.
 
     ``center_mm`` is its middle in the room, ``size_mm`` along its own x, y and z, ``turn_deg``
-    about the vertical.
+    about the vertical. ``instead_of`` is the name of the one that it takes the place of, where that
+    is to be called otherwise from now on.
     """
 
     __pydantic_config__: ClassVar = STRICT
@@ -53,6 +54,7 @@ class PutObstacle:
     center_mm: Point
     size_mm: Point
     turn_deg: float = 0.0
+    instead_of: str | None = None
 
     def __post_init__(self) -> None:
         self.box()  # refuses what is no box

@@ -145,7 +145,8 @@ def _(message: SetSurroundings, session: Session) -> Session:
 
 @handle.register
 def _(message: PutObstacle, session: Session) -> Session:
-    return _among(session, session.setup.surroundings.put(message.box()))
+    old = None if message.instead_of is None else message.instead_of.strip()
+    return _among(session, session.setup.surroundings.put(message.box(), old))
 
 
 @handle.register

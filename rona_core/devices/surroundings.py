@@ -80,10 +80,22 @@ class Surroundings:
         names = [box.name for box in self.boxes]
         require(len(set(names)) == len(names), f"obstacles need names of their own: {names}")
 
-    def put(self, box: RoomBox) -> "Surroundings":
-        """Return the surroundings with a box; it takes the place of the one of its name."""
-        if any(held.name == box.name for held in self.boxes):
-            return replace(self, boxes=tuple(box if h.name == box.name else h for h in self.boxes))
+    def put(self, box: RoomBox, instead_of: str | None = None) -> "Surroundings":
+        """Return the surroundings with a box; it takes the place of the one of its name.
+
+        Args:
+            box: To be added.
+            instead_of: Name of the one whose place it takes, where that is another one.
+
+        Raises:
+            NotFoundError: there is none of that name.
+            InvalidInputError: another box has the new name already, or there are too many.
+        """
+        name = box.name if instead_of is None else instead_of
+        if any(held.name == name for held in self.boxes):
+            return replace(self, boxes=tuple(box if h.name == name else h for h in self.boxes))
+        if instead_of is not None:
+            raise self._not_there(name, "change")
         return replace(self, boxes=(*self.boxes, box))
 
     def without(self, name: str) -> "Surroundings":
@@ -94,9 +106,12 @@ class Surroundings:
         """
         left = tuple(held for held in self.boxes if held.name != name)
         if len(left) == len(self.boxes):
-            there = ", ".join(held.name for held in self.boxes) or "none"
-            raise NotFoundError(f"there is no obstacle {name[:60]!r} to take away; added: {there}")
+            raise self._not_there(name, "take away")
         return replace(self, boxes=left)
+
+    def _not_there(self, name: str, wanted: str) -> NotFoundError:
+        there = ", ".join(held.name for held in self.boxes) or "none"
+        return NotFoundError(f"there is no obstacle {name[:60]!r} to {wanted}; added: {there}")
 
 
 def room_pose(robot: RobotSettings) -> Pose:

@@ -98,14 +98,8 @@ class RoomFields:
 
     def _on_put(self, event: Event) -> None:
         name, values, chosen = self._name.value.strip(), self._box.values(), self._which.value
-        renamed = chosen not in (NEW, name)
-
-        self._door.send(
-            lambda: PutObstacle(name, values["center_mm"], values["size_mm"], values["turn_deg"]),
-            event,
-        )
-        if renamed:
-            self._door.send(lambda: RemoveObstacle(chosen), event)
+        old = None if chosen in (NEW, name) else chosen
+        self._door.send(lambda: PutObstacle(name, **values, instead_of=old), event)
 
     def _on_remove(self, event: Event) -> None:
         name = self._which.value

@@ -100,6 +100,16 @@ def test_what_is_no_box_is_refused_by_name(parts, words):
         replace(WALL, **parts)
 
 
+def test_a_box_is_renamed_in_its_place_or_stays_as_it_was():
+    session = handle(LAMP, handle(WALL, Session()))
+    renamed = handle(replace(WALL, name="north wall", instead_of="wall"), session)
+    assert [box.name for box in renamed.setup.surroundings.boxes] == ["north wall", "lamp"]
+    with pytest.raises(InvalidInputError, match="names of their own"):
+        handle(replace(WALL, name="lamp", instead_of="wall"), session)
+    with pytest.raises(NotFoundError, match="no obstacle 'door' to change; added: wall, lamp"):
+        handle(replace(WALL, instead_of="door"), session)
+
+
 def test_too_many_boxes_and_boxes_that_are_not_there_are_refused():
     session = Session()
     for i in range(20):

@@ -70,7 +70,8 @@ def test_a_box_is_added_changed_renamed_and_taken_away():
     assert (which.value, add.label, remove.visible) == ("wall", "Change the obstacle", True)
     gui.find("text", "Name").value = "north wall"
     add.happen(CLIENT)
-    assert recorder.sent[1:] == [PutObstacle("north wall", *_rest(WALL)), RemoveObstacle("wall")]
+    renamed = PutObstacle("north wall", *_rest(WALL), instead_of="wall")
+    assert recorder.sent[1:] == [renamed], "one command: refused, it loses nothing"
     remove.happen(CLIENT)
     assert recorder.sent[-1] == RemoveObstacle("wall")
     panel.render(with_wall, empty)
