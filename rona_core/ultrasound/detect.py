@@ -18,7 +18,7 @@ from rona_core.errors import InvalidInputError
 from rona_core.ultrasound.choose import choose_inner
 from rona_core.ultrasound.crlb import Fisher, amplitude_bound
 from rona_core.ultrasound.front import gate_us, standoff_mm
-from rona_core.ultrasound.inner import InnerChoice, bone_gate_us
+from rona_core.ultrasound.inner import InnerChoice
 from rona_core.ultrasound.matched import BONE_REFLECTION
 from rona_core.ultrasound.material import DIPLOE, TABLE, Material
 from rona_core.ultrasound.neighbours import scan_links
@@ -48,7 +48,6 @@ SPEEDS_MM_PER_US = (1.5, 4.5)
 OUTER_FLOOR_MM = 0.008  # roughness, film and curvature spread the outer boundary by as much
 WRONG_MM = 1.0  # an inner boundary further off is wrong; quality is the chance that it is not
 SEARCH_SHARE = 0.7  # of the time
-PLAIN_SIGMA_MM = 0.3  # of the plain methods, which do not say how sure they are
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -140,11 +139,7 @@ def detect(
                 echoes, inner, bone, positions_mm, links, axes=axes, upright=upright
             )
     else:
-        gate = bone_gate_us(probe, bone)
-        sigma_us = 2.0 * PLAIN_SIGMA_MM / bone.speed_mm_per_us
-        inner = find_plain_inner(
-            echoes.aligned, echoes.noise, echoes.template, method, gate, sigma_us
-        )
+        inner = find_plain_inner(echoes, bone, method)
     progress(1.0)
     return _judge(track, probe, excitation, method, bone, echoes, inner)
 

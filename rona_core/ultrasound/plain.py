@@ -1,90 +1,118 @@
 """The detectors of the original system: a threshold, and the largest peak of a matched filter.
 
-Both ignore that the front echo goes on behind its peak; they stay selectable to show what that
-costs, and they need no model of the bone.
+Both work on the envelope of one A-scan, with what any such system has: a compressed chirp with low
+side lobes, a gain that makes up for the loss in bone, and a threshold that falls with time as the
+echo of a reference block does, so that the front echo is not taken for an inner one. They know
+nothing of neighbours, of polarity or of the layers in the bone.
 """
 
 from dataclasses import replace
 from typing import Literal
 
 import numpy as np
+from numpy.typing import NDArray
 
 from rona_core.arrays import Floats
-from rona_core.ultrasound.inner import InnerChoice
+from rona_core.ultrasound.inner import InnerChoice, bone_gate_us
 from rona_core.ultrasound.matched import Template, peak_offsets
-from rona_core.ultrasound.material import Complexes
+from rona_core.ultrasound.material import TABLE, Material
+from rona_core.ultrasound.search import Echoes
 
-BLANKING = 1.2  # over the -6 dB bandwidth: no inner echo is sought before
 INNER_SNR = 4.0  # below it there is no inner echo
-THRESHOLD = 0.5  # of the peak, crossed by its rising edge
-
-
-def _unequalised(template: Template, method: Literal["threshold", "matched"]) -> Template:
-    """Return a template that compresses without equalising."""
-    ones = np.ones_like(template.weights)
-    if method == "matched" or template.excitation == "chirp":
-        return replace(template, weights=ones)
-    # the filtered trace itself: only the delay of a pulse is taken out, not its shape
-    return replace(template, weights=ones / np.maximum(np.abs(template.spectrum), 1e-3))
+OVER_BLOCK = 3.0  # an inner echo exceeds what a block's echo of that front leaves, by 10 dB
+EDGE_LEVEL = 0.5  # of the peak, crossed by its rising edge
+LONGEST_RISE = 1.6  # over that of a block's echo; a longer rise is another echo's tail
+SIGMA_MM = 0.3  # what to call the sigma of methods that do not know theirs
 
 
 def find_plain_inner(
-    aligned: Complexes,
-    noise: Floats,
-    template: Template,
-    method: Literal["threshold", "matched"],
-    gate_us: tuple[float, float],
-    sigma_us: float = 0.2,
+    echoes: Echoes, bone: Material, method: Literal["threshold", "matched"]
 ) -> InnerChoice:
-    """Return the largest peak behind the blanked front echo, or the rising edge of it.
+    """Return the largest echo behind the front echo of each A-scan, gain for depth applied.
 
-    Its sureness is only by how much the peak exceeds the runner-up.
+    "matched" times it by the peak of the envelope, "threshold" by the rising edge at half of it,
+    less what both lag behind on a reference block. Its sureness is by how much it exceeds the
+    runner-up.
 
     Args:
-        aligned: Spectra (n, f) with the front echo at time 0.
-        noise: RMS of the noise in each trace sample, shape (n,).
-        template: Of the probe and excitation.
-        method: How the time is read off the peak.
-        gate_us: Earliest and latest time after the front.
-        sigma_us: What to call the sigma of the time, for these methods do not know it.
+        echoes: Spectra with the front echo at time 0, and the template of the probe.
+        bone: Nominal bone, for the range of thickness and the gain.
+        method: How the time is read off the echo.
     """
-    template, step = _unequalised(template, method), template.step_us
-    blank = BLANKING / (template.probe.bandwidth * template.probe.centre_mhz)
-    first, last = int(max(gate_us[0], blank) / step), int(np.ceil(gate_us[1] / step))
-    level = np.abs(template.compress(aligned, template.spectrum)[:, first : last + 1])
-    peaks = np.zeros_like(level)
+    template = _filter_of(echoes.template, method)
+    step = template.step_us
+    first, last = (round(t / step) for t in bone_gate_us(template.probe, bone))
+    block: Floats = np.abs(template.compress(template.spectrum[None, :], template.spectrum))[0]
+    envelope: Floats = np.abs(template.compress(echoes.aligned, template.spectrum))
+    level = envelope[:, first : last + 1]
+    rms = echoes.noise * template.noise_gain(template.spectrum)
+    left = np.maximum.accumulate(block[last::-1])[::-1][first:]  # of a block's echo, from then on
+    threshold = np.maximum(
+        OVER_BLOCK * np.multiply.outer(envelope[:, 0], left), INNER_SNR * rms[:, None]
+    )
+    peaks = np.zeros(level.shape, dtype=np.bool_)
     middle = level[:, 1:-1]
-    is_peak = (middle > level[:, :-2]) & (middle >= level[:, 2:])
-    peaks[:, 1:-1] = np.where(is_peak, middle, 0.0)
-    order = np.argsort(peaks, axis=1)
+    peaks[:, 1:-1] = (middle > level[:, :-2]) & (middle >= level[:, 2:])
+    over = np.where(peaks, level / np.maximum(threshold, 1e-12), 0.0)
+    heard = np.asarray((over > 1.0).any(axis=1))
+    gained = level * _gain(bone, template, first + np.arange(level.shape[1]))
+    score = np.where(heard[:, None], np.where(over > 1.0, gained, 0.0), over)
+    order = np.argsort(score, axis=1)
     rows, at = np.arange(len(level)), order[:, -1]
-    top, second = peaks[rows, at], peaks[rows, order[:, -2]]
-    if method == "matched":
-        samples = at + peak_offsets(level, at)
-    else:
-        samples = rising_edges(level, at) + _edge_before_peak(template)
-    rms = np.maximum(noise * template.noise_gain(template.spectrum), 1e-12)
-    margin = 1.0 - second / np.maximum(top, 1e-12)
-    lag = (first + samples) * step
-    runner_up = (first + order[:, -2].astype(np.float64)) * step
-    sigma = np.full(len(lag), sigma_us)
-    return InnerChoice(lag, margin, top / rms > INNER_SNR, sigma, runner_up, 1.0 - margin)
+    samples = at + peak_offsets(level, at)
+    if method == "threshold":
+        samples = _edge_times(level, at, samples, template)
+    other = score[rows, order[:, -2]] / np.maximum(score[rows, at], 1e-12)
+    return InnerChoice(
+        lag_us=(first + samples) * step,
+        sureness=1.0 - other,
+        heard=heard,
+        sigma_us=np.full(len(level), 2.0 * SIGMA_MM / bone.speed_mm_per_us),
+        other_us=(first + order[:, -2].astype(np.float64)) * step,
+        other_sureness=other,
+    )
 
 
-def rising_edges(level: Floats, at: np.typing.NDArray[np.int64]) -> Floats:
-    """Return where rows (n, m) last crossed the threshold before their peaks ``at`` (n,)."""
+def _filter_of(template: Template, method: Literal["threshold", "matched"]) -> Template:
+    """Return the template to compress with: for the threshold a pulse is left as it is."""
+    if method == "matched" or template.excitation == "chirp":
+        return template
+    # the trace in the band of the probe: only the delay of a pulse is taken out, not its shape
+    return replace(template, weights=1.0 / np.maximum(np.abs(template.spectrum), 1e-3))
+
+
+def _gain(bone: Material, template: Template, samples: NDArray[np.int64]) -> Floats:
+    """Return the gain (n,) that makes up for the loss there and back until ``samples`` (n,).
+
+    The loss is that of an outer table: with that of the diploe too, an echo that went through the
+    bone twice could be raised above that which went once.
+    """
+    way_cm = bone.speed_mm_per_us * samples * template.step_us / 10.0
+    loss_db = TABLE.attenuation_db_per_cm * template.probe.centre_mhz * way_cm
+    return np.asarray(10.0 ** (loss_db / 20.0), dtype=np.float64)
+
+
+def _edge_times(level: Floats, at: NDArray[np.int64], peaks: Floats, template: Template) -> Floats:
+    """Return times (n,) in samples by rising edges, by peaks where an edge is not that echo's."""
+    rise = _rise_of_block(template)
+    edges = rising_edges(level, at)
+    return np.where(peaks - edges > LONGEST_RISE * rise, peaks, edges + rise)
+
+
+def rising_edges(level: Floats, at: NDArray[np.int64]) -> Floats:
+    """Return where rows (n, m) last crossed half of their peaks ``at`` (n,); 0 if they did not."""
     rows = np.arange(len(level))
-    threshold = THRESHOLD * level[rows, at]
+    half = EDGE_LEVEL * level[rows, at]
     index = np.arange(level.shape[1])
-    below = (level < threshold[:, None]) & (index[None, :] < at[:, None])
+    below = (level < half[:, None]) & (index[None, :] < at[:, None])
     last = np.where(below.any(axis=1), below.shape[1] - 1 - np.argmax(below[:, ::-1], axis=1), 0)
     after = np.minimum(last + 1, level.shape[1] - 1)
     low, high = level[rows, last], level[rows, after]
     rise = np.maximum(high - low, 1e-12)
-    return last + np.clip((threshold - low) / rise, 0.0, 1.0)
+    return last + np.clip((half - low) / rise, 0.0, 1.0)
 
 
-def _edge_before_peak(template: Template) -> float:
+def _rise_of_block(template: Template) -> float:
     """Return by how many samples the edge of a block's echo comes before its nominal time."""
     half = int(8.0 / template.step_us)
     echo = template.compress(template.spectrum[None, :], template.spectrum)

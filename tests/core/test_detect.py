@@ -106,8 +106,6 @@ def test_subtracting_the_front_beats_the_plain_detectors(excitation):
         failures[method] = np.concatenate(wrong).mean()
     assert failures["subtract"] < 0.3
     assert failures["subtract"] < 0.8 * min(failures["matched"], failures["threshold"])
-    if excitation == "chirp":
-        assert failures["matched"] > 0.8  # its side lobes are taken for the inner echo
 
 
 @EVERY
