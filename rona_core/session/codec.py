@@ -7,6 +7,7 @@ Nothing is ever pickled: only the classes that the type hints name can come back
 import dataclasses
 import hashlib
 import json
+import re
 import sys
 import types
 import typing
@@ -22,6 +23,7 @@ from rona_core.errors import SessionFormatError
 
 Arrays = dict[str, NDArray[Any]]
 INLINE_SIZE = 16  # arrays up to this many values are written as JSON lists
+DTYPE = re.compile(r"[<>|=]?[fiub][0-9]{1,2}")
 KINDS = "fiub"  # float, int, unsigned, bool: all that a session may hold
 STEP = 2.0**-15  # of a converter with 16 bits; coarser ones give multiples of it
 TYPE_KEY = "$type"
@@ -151,18 +153,21 @@ def _decode_union(data: Any, options: tuple[Any, ...], arrays: Any, where: str) 
 def _decode_array(data: Any, arrays: Mapping[str, NDArray[Any]], where: str) -> NDArray[Any]:
     _checked(isinstance(data, dict), data, "an array", where)
     if "array" in data:
-        if data["array"] not in arrays:
-            raise SessionFormatError(f"{where}: the array {data['array']!r} is missing")
-        stored = arrays[data["array"]]
+        name = data["array"]
+        if not isinstance(name, str) or name not in arrays:
+            raise SessionFormatError(f"{where}: the array {str(name)[:120]!r} is missing")
+        stored = arrays[name]
+        _checked(stored.dtype.kind in KINDS, stored.dtype, "a numeric array", where)
         if "step" in data:
             _checked(data["step"] == STEP, data["step"], f"the step {STEP}", where)
             stored = stored.astype(np.float32) * np.float32(STEP)
-        return readonly(stored)
+        return readonly(stored) if stored.flags.writeable else stored
+    kind = data.get("dtype")
+    _checked(isinstance(kind, str) and DTYPE.fullmatch(kind), kind, "a numeric array", where)
     try:
-        array = np.array(data["values"], dtype=data["dtype"]).reshape(data["shape"])
+        array = np.array(data["values"], dtype=kind).reshape(data["shape"])
     except (KeyError, TypeError, ValueError, OverflowError) as error:
         raise SessionFormatError(f"{where}: not an array ({error})") from error
-    _checked(array.dtype.kind in KINDS, data["dtype"], "a numeric array", where)
     return readonly(array)
 
 

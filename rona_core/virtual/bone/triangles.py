@@ -12,6 +12,7 @@ from trimesh.remesh import subdivide_to_size
 from trimesh.triangles import closest_point
 
 from rona_core.arrays import Bools, Floats, Ints
+from rona_core.devices.contents import read_file
 from rona_core.errors import InvalidInputError
 
 MESH_SUFFIXES = (".stl", ".ply", ".obj")
@@ -21,6 +22,9 @@ NEAREST = 10  # triangles tried for each point
 JITTER_MM = 0.0137  # moves rays off edges, which they would hit twice
 TRIES = 4
 CHUNK = 100_000
+MOST_BYTES = {"stl": 0, "ply": 0, "obj": 0}
+MOST_FINE = 4_000_000  # triangles after the long ones were cut
+COLUMNS = 8192  # of rays at once
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -41,10 +45,10 @@ def read_mesh(path: Path) -> BoneMesh:
     Raises:
         InvalidInputError: damaged, foreign or empty, not closed, or not of the size of a skull.
     """
-    try:
-        loaded: Any = trimesh.load(
-            io.BytesIO(path.read_bytes()), file_type=path.suffix[1:], force="mesh"
-        )
+    kind = path.suffix[1:].lower()
+    data = read_file(path, f"a mesh (.{kind})", MOST_BYTES[kind])
+    try:  # of bytes, without a folder: files that the mesh names (materials) are not looked for
+        loaded: Any = trimesh.load(io.BytesIO(data), file_type=kind, force="mesh")
         loaded.merge_vertices(merge_tex=True, merge_norm=True)
         loaded.update_faces(loaded.nondegenerate_faces())
         loaded.remove_unreferenced_vertices()
@@ -52,7 +56,7 @@ def read_mesh(path: Path) -> BoneMesh:
         closed = bool(loaded.is_watertight)
     except Exception as error:
         raise InvalidInputError(
-            f"{path.name} could not be read as {path.suffix[1:].upper()} ({error}): export it again"
+            f"{path.name} could not be read as {kind.upper()} ({error}): export it again"
         ) from error
     if not len(faces) or not np.isfinite(vertices).all():
         raise InvalidInputError(f"{path.name} holds no triangles, or vertices that are not finite")
@@ -112,6 +116,24 @@ def inside(mesh: BoneMesh, origins: Floats, step: Floats, count: int) -> Bools:
         float(np.linalg.norm(np.ptp(mesh.bounds(), axis=0)))
         + np.abs((origins - mesh.vertices.mean(axis=0)) @ d).max()
     )
+    parts: list[Bools] = []
+    odd = 0
+    for first in range(0, len(origins), COLUMNS):
+        some, left = _crossed(solid, origins[first : first + COLUMNS], d, far, spacing, count)
+        parts.append(some)
+        odd += left
+    if odd:
+        raise InvalidInputError(
+            f"{odd} of {len(origins)} lines cross the mesh an odd number of times: its surfaces "
+            f"intersect or have holes; repair it, or export the mask as a volume instead"
+        )
+    return np.concatenate(parts)
+
+
+def _crossed(
+    solid: Any, origins: Floats, d: Floats, far: float, spacing: float, count: int
+) -> tuple[Bools, int]:
+    """Return which nodes (n, count) of columns along ``d`` are bone, and how many stay odd."""
     across = np.linalg.svd(d[None])[2][1:]
     result = np.zeros((len(origins), count), dtype=np.bool_)
     open_columns = np.arange(len(origins))
@@ -129,11 +151,21 @@ def inside(mesh: BoneMesh, origins: Floats, step: Floats, count: int) -> Bools:
         result[open_columns] = np.cumsum(crossings, axis=1)[:, :count] % 2 == 1
         open_columns = open_columns[odd]
         if not len(open_columns):
-            return result
-    raise InvalidInputError(
-        f"{len(open_columns)} of {len(origins)} lines cross the mesh an odd number of times: its "
-        f"surfaces intersect or have holes; repair it, or export the mask as a volume instead"
-    )
+            break
+    return result, len(open_columns)
+
+
+def _check_fine(corners: Floats) -> None:
+    """Refuse triangles (n, 3, 3) that would be cut into too many; each cut halves the edges."""
+    longest = np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2).max(axis=1)
+    cuts = np.ceil(np.log2(np.maximum(longest / FINE_MM, 1.0)))
+    count = float((4.0**cuts).sum())
+    if count > MOST_FINE:
+        raise InvalidInputError(
+            f"the mesh has {len(corners)} triangles near the disc, too many or too large: cut to "
+            f"{FINE_MM:g} mm they would be {count / 1e6:.0f} million, {MOST_FINE / 1e6:.0f} are "
+            f"allowed; reduce the mesh, or remove surfaces that are not bone"
+        )
 
 
 def distance_to(mesh: BoneMesh, points: Floats, limit_mm: float, exact_mm: float) -> Floats:
@@ -146,6 +178,7 @@ def distance_to(mesh: BoneMesh, points: Floats, limit_mm: float, exact_mm: float
     near = ((corners.max(axis=1) >= low) & (corners.min(axis=1) <= high)).all(axis=1)
     if not near.any():
         return np.full(len(points), limit_mm)
+    _check_fine(corners[near])
     fine: Any = subdivide_to_size(mesh.vertices, mesh.faces[near], FINE_MM, max_iter=14)
     triangles: Floats = fine[0][fine[1]]
     centers = KDTree(triangles.mean(axis=1))
