@@ -33,13 +33,13 @@ CODE = "from rona_core.devices.apart import main; main()"
 LONGEST_WORDS = 160
 
 
-def read_apart(reader: Reader, data: bytes, name: str, kind: str) -> Found:
+def read_apart(reader: Reader, source: bytes | Path, name: str, kind: str) -> Found:
     """Return the arrays that ``reader`` finds in a file, read in a process of its own.
 
     Args:
-        reader: A function of a module, called with the path of a copy of the file and its name;
-            it returns arrays of numbers. Whatever it throws means that the file is damaged.
-        data: Contents of the file.
+        reader: A function of a module, called with the path of the file and its name; it returns
+            arrays of numbers. Whatever it throws means that the file is damaged.
+        source: Contents of the file, or its path.
         name: Of the file, for messages.
         kind: Of the file, for messages.
 
@@ -49,9 +49,11 @@ def read_apart(reader: Reader, data: bytes, name: str, kind: str) -> Found:
     """
     with tempfile.TemporaryDirectory(prefix="rona-") as place:
         folder = Path(place)
-        (folder / CONTENTS).write_bytes(data)
-        job = json.dumps([reader.__module__, reader.__name__, place, name])
-        paths = os.pathsep.join(str(Path(path or ".").resolve()) for path in sys.path)
+        path = source.resolve() if isinstance(source, Path) else folder / CONTENTS
+        if isinstance(source, bytes):
+            path.write_bytes(source)
+        job = json.dumps([reader.__module__, reader.__name__, place, str(path), name])
+        paths = os.pathsep.join(str(Path(entry or ".").resolve()) for entry in sys.path)
         limits = {"PYTHONPATH": paths, "OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}
         try:
             ended = subprocess.run(
@@ -110,17 +112,17 @@ def _too_large(name: str) -> str:
 
 def main() -> None:
     """Read the file that the parent process put down, and put down what was found."""
-    module, function, place, name = json.loads(sys.argv[1])
+    module, function, place, path, name = json.loads(sys.argv[1])
     reader: Reader = getattr(importlib.import_module(module), function)
     _bound()
-    told = _report(reader, Path(place), name)
+    told = _report(reader, Path(path), Path(place), name)
     (Path(place) / REPORT).write_text(json.dumps(told), "utf-8")
 
 
-def _report(reader: Reader, folder: Path, name: str) -> dict[str, Any]:
+def _report(reader: Reader, path: Path, folder: Path, name: str) -> dict[str, Any]:
     files: dict[str, str | None] = {}
     try:
-        for i, (key, value) in enumerate(reader(folder / CONTENTS, name).items()):
+        for i, (key, value) in enumerate(reader(path, name).items()):
             files[key] = None if value is None else f"{i}.npy"
             if value is not None:
                 np.save(folder / f"{i}.npy", value, allow_pickle=False)

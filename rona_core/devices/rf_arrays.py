@@ -145,7 +145,9 @@ def _check_header(start: bytes, what: str) -> None:
     shape, dtype = _header(io.BytesIO(start))
     require_size(shape, MAX_VALUES, what)
     if dtype.itemsize > 8 and dtype.kind != "O":
-        raise InvalidInputError(f"{what} must be real numbers, not values of type {str(dtype)[:60]}")
+        raise InvalidInputError(
+            f"{what} must be real numbers, not values of type {str(dtype)[:60]}"
+        )
 
 
 def _header(file: io.BytesIO) -> tuple[tuple[int, ...], np.dtype[Any]]:

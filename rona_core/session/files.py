@@ -16,8 +16,7 @@ from typing import Any
 import numpy as np
 
 from rona_core import __version__
-from rona_core.devices.contents import read_file
-from rona_core.errors import InvalidInputError, NotFoundError, SessionFormatError
+from rona_core.errors import NotFoundError, SessionFormatError
 from rona_core.session.codec import Arrays, decode, encode
 from rona_core.session.document import Session
 from rona_core.session.members import (
@@ -112,15 +111,20 @@ def write_whole(path: Path, data: bytes, *, backup: bool = False) -> Path:
     try:
         with os.fdopen(handle, "wb") as file:
             file.write(data)
-            file.flush()
-            os.fsync(file.fileno())
-        os.chmod(temporary, 0o644)  # as other files are; temporary ones are private
         if backup and path.exists():
             _keep_backup(path)
-        os.replace(temporary, path)
+        return move_whole(Path(temporary), path)
     except BaseException:
         Path(temporary).unlink(missing_ok=True)
         raise
+
+
+def move_whole(temporary: Path, path: Path) -> Path:
+    """Give a complete temporary file of the same folder the name ``path``, as other files are."""
+    with temporary.open("rb") as file:
+        os.fsync(file.fileno())
+    os.chmod(temporary, 0o644)  # temporary ones are private
+    os.replace(temporary, path)
     directory = os.open(path.parent, os.O_RDONLY)
     try:
         os.fsync(directory)
@@ -140,8 +144,8 @@ def _keep_backup(path: Path) -> None:
     os.replace(link, path.with_name(path.name + ".bak"))
 
 
-def load_session(path: Path | str) -> Session:
-    """Read a session file.
+def load_session(path: Path | str, name: str | None = None) -> Session:
+    """Read a session file; messages call it ``name``, or by its own name.
 
     Raises:
         NotFoundError: no such file.
@@ -150,11 +154,13 @@ def load_session(path: Path | str) -> Session:
     path = Path(path)
     if not path.is_file():
         raise NotFoundError(f"there is no session file {path}")
-    try:
-        data = read_file(path, "a session file", MAX_FILE_BYTES)
-    except InvalidInputError as error:
-        raise SessionFormatError(str(error)) from error
-    return session_from_bytes(data, str(path.name))
+    name = path.name if name is None else name
+    size = path.stat().st_size
+    if size > MAX_FILE_BYTES:
+        raise SessionFormatError(
+            f"{name} has {size / 1e6:.0f} MB: a session file has at most {MAX_FILE_BYTES / 1e6:.0f}"
+        )
+    return session_from_bytes(path.read_bytes(), name)
 
 
 def session_from_bytes(data: bytes, name: str = "upload") -> Session:

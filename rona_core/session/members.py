@@ -183,7 +183,7 @@ def _check_digest(data: bytes, member: str, digests: dict[str, Any], name: str) 
 
 
 def _from_npy(blob: bytes, member: str) -> NDArray[Any]:
-    """Return the array of a member without a copy; its size is compared before it is made."""
+    """Return the array of a member; its size is compared before memory is taken for it."""
     file = io.BytesIO(blob)
     try:
         if np.lib.format.read_magic(file) != NPY_VERSION:
@@ -195,6 +195,7 @@ def _from_npy(blob: bytes, member: str) -> NDArray[Any]:
         if there != told:
             raise ValueError(f"{there} bytes of values instead of {told}")
         values = np.frombuffer(blob, dtype, offset=file.tell()) if told else np.zeros(0, dtype)
-        return values.reshape(shape, order="F" if turned else "C")
+        # in memory of its own, row by row: sums must have the same last bits as ever
+        return np.array(values.reshape(shape, order="F" if turned else "C"), order="C")
     except (ValueError, TypeError, EOFError, tokenize.TokenError) as error:
         raise SessionFormatError(f"{member} is not a plain array: {error}") from error

@@ -167,7 +167,9 @@ def migrate(manifest: dict[str, Any]) -> dict[str, Any]:
     """
     schema = manifest.get("schema")
     if type(schema) is not int or schema < 1:
-        raise SessionFormatError(f"the session file names no schema number, but {str(schema)[:40]!r}")
+        raise SessionFormatError(
+            f"the session file names no schema number, but {str(schema)[:40]!r}"
+        )
     if schema > SCHEMA:
         raise SessionFormatError(
             f"the session file has schema {str(schema)[:40]}, this program reads up to {SCHEMA}: "

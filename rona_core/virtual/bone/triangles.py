@@ -12,7 +12,8 @@ from trimesh.remesh import subdivide_to_size
 from trimesh.triangles import closest_point
 
 from rona_core.arrays import Bools, Floats, Ints
-from rona_core.devices.contents import read_file
+from rona_core.devices.apart import Found, read_apart
+from rona_core.devices.contents import open_file
 from rona_core.errors import InvalidInputError
 
 MESH_SUFFIXES = (".stl", ".ply", ".obj")
@@ -22,7 +23,6 @@ NEAREST = 10  # triangles tried for each point
 JITTER_MM = 0.0137  # moves rays off edges, which they would hit twice
 TRIES = 4
 CHUNK = 100_000
-MOST_BYTES = {"stl": 0, "ply": 0, "obj": 0}
 MOST_FINE = 4_000_000  # triangles after the long ones were cut
 COLUMNS = 8192  # of rays at once
 
@@ -45,19 +45,10 @@ def read_mesh(path: Path) -> BoneMesh:
     Raises:
         InvalidInputError: damaged, foreign or empty, not closed, or not of the size of a skull.
     """
-    kind = path.suffix[1:].lower()
-    data = read_file(path, f"a mesh (.{kind})", MOST_BYTES[kind])
-    try:  # of bytes, without a folder: files that the mesh names (materials) are not looked for
-        loaded: Any = trimesh.load(io.BytesIO(data), file_type=kind, force="mesh")
-        loaded.merge_vertices(merge_tex=True, merge_norm=True)
-        loaded.update_faces(loaded.nondegenerate_faces())
-        loaded.remove_unreferenced_vertices()
-        vertices, faces = np.array(loaded.vertices), np.array(loaded.faces, dtype=np.int64)
-        closed = bool(loaded.is_watertight)
-    except Exception as error:
-        raise InvalidInputError(
-            f"{path.name} could not be read as {kind.upper()} ({error}): export it again"
-        ) from error
+    kind = path.suffix[1:].upper()
+    with open_file(path, f"a mesh ({kind})"):
+        found = read_apart(load_triangles, path, path.name, kind)
+    vertices, faces, closed = (np.asarray(found[key]) for key in ("vertices", "faces", "closed"))
     if not len(faces) or not np.isfinite(vertices).all():
         raise InvalidInputError(f"{path.name} holds no triangles, or vertices that are not finite")
     extent = vertices.max(axis=0) - vertices.min(axis=0)
@@ -67,7 +58,7 @@ def read_mesh(path: Path) -> BoneMesh:
             f"{path.name} measures {extent.round(2).tolist()}: expected a skull of {low:g} to "
             f"{high:g} mm; check the unit"
         )
-    if not closed:
+    if not closed.all():
         edges, count = np.unique(
             np.sort(faces[:, (0, 1, 1, 2, 2, 0)].reshape(-1, 2)), axis=0, return_counts=True
         )
@@ -76,6 +67,33 @@ def read_mesh(path: Path) -> BoneMesh:
             f"join two triangles; close its holes, or export the mask as a volume instead"
         )
     return BoneMesh(vertices, faces)
+
+
+def load_triangles(path: Path, name: str) -> Found:
+    """Return vertices (n, 3), faces (m, 3) and whether they are closed, of a file of any mesh.
+
+    Raises:
+        InvalidInputError: damaged or foreign.
+    """
+    kind = Path(name).suffix[1:].lower()
+    try:  # of bytes, without a folder: files that the mesh names (materials) are not looked for
+        data = io.BytesIO(path.read_bytes())
+        loaded: Any = trimesh.load(data, file_type=kind, force="mesh")
+        loaded.merge_vertices(merge_tex=True, merge_norm=True)
+        loaded.update_faces(loaded.nondegenerate_faces())
+        loaded.remove_unreferenced_vertices()
+        return {
+            "vertices": np.array(loaded.vertices, dtype=np.float64),
+            "faces": np.array(loaded.faces, dtype=np.int64),
+            "closed": np.array(bool(loaded.is_watertight)),
+        }
+    except MemoryError:
+        raise
+    except Exception as error:  # the library throws whatever it likes at damaged files
+        words = str(error)[:160]
+        raise InvalidInputError(
+            f"{name} could not be read as {kind.upper()} ({words}): export it again"
+        ) from error
 
 
 def joined(outer: BoneMesh, inner: BoneMesh) -> BoneMesh:

@@ -25,6 +25,7 @@ from rona_core.errors import InvalidInputError
 MOST_VOXELS = 160_000_000
 SLAB_BYTES = 16 * 1024**2
 MAX_HEADER_BYTES = 1024**2
+UNREAD = "could not be read as "
 GZIP_MAGIC = b"\x1f\x8b"
 KINDS = "fiu"  # values that can be compared: float, int, unsigned
 
@@ -77,8 +78,8 @@ def open_voxels(path: Path) -> Iterator[Voxels]:
     Raises:
         InvalidInputError: no plain file, damaged, foreign, too large, or with data elsewhere.
     """
-    is_nrrd = path.name.lower().endswith(".nrrd")
-    kind, begin = ("NRRD", _begin_nrrd) if is_nrrd else ("NIfTI", _begin_nifti)
+    kind = _kind(path.name)
+    begin = _begin_nrrd if kind == "NRRD" else _begin_nifti
     try:
         with open_file(path, f"a {kind} file") as file:
             yield begin(file, path.name)
@@ -86,9 +87,7 @@ def open_voxels(path: Path) -> Iterator[Voxels]:
         raise
     except Exception as error:  # the libraries throw whatever they like at damaged files
         words = re.sub(r"\s+", " ", str(error))[:160] or type(error).__name__
-        raise InvalidInputError(
-            f"{path.name} could not be read as {kind} ({words}): export it again"
-        ) from error
+        raise InvalidInputError(f"{path.name} {UNREAD}{kind} ({words}): export it again") from error
 
 
 # ------------------------------------------------------------------ NRRD
@@ -100,7 +99,7 @@ def _begin_nrrd(file: BinaryIO, name: str) -> Voxels:
     if end is None:
         if re.search(rb"^data ?file[ \t]*:", start, re.MULTILINE | re.IGNORECASE):
             raise InvalidInputError(_elsewhere(name))
-        raise InvalidInputError(f"{name} could not be read as NRRD: its header has no end")
+        raise InvalidInputError(f"{name} {UNREAD}NRRD: its header has no end")
     header: Any = nrrd.read_header(io.BytesIO(start[: end.end()]))
     keys = {str(key).lower().replace(" ", ""): key for key in header}
     if "datafile" in keys:
@@ -198,10 +197,12 @@ def _begin_nifti(file: BinaryIO, name: str) -> Voxels:
     file.seek(0)
     stream: Any = gzip.GzipFile(fileobj=file) if zipped else file
     start = stream.read(4)
-    size = next((n for order in ("little", "big") if (n := int.from_bytes(start, order)) in HEADERS), 0)
+    size = next(
+        (n for order in ("little", "big") if (n := int.from_bytes(start, order)) in HEADERS), 0
+    )
     if not size:
         raise InvalidInputError(
-            f"{name} could not be read as NIfTI (its header has another size): export it again"
+            f"{name} {UNREAD}NIfTI (its header has another size): export it again"
         )
     header: Any = HEADERS[size](start + stream.read(size - 4))
     if bytes(header["magic"])[:3] not in SINGLE_FILE:
@@ -221,7 +222,7 @@ def _begin_nifti(file: BinaryIO, name: str) -> Voxels:
         raise InvalidInputError(f"{name} holds values of type {dtype}: expected numbers")
     skip = int(header.get_data_offset()) - size
     if skip < 0:
-        raise InvalidInputError(f"{name} could not be read as NIfTI: its voxels begin too early")
+        raise InvalidInputError(f"{name} {UNREAD}NIfTI: its voxels begin too early")
     while skip and (part := stream.read(min(skip, 1 << 20))):  # extensions of the header
         skip -= len(part)
     slope, start_value = header.get_slope_inter()
@@ -271,8 +272,14 @@ def _layers(
 
 
 def _too_short(name: str) -> str:
-    return f"{name} is damaged: it has fewer voxels than its header says; export it again"
+    return (
+        f"{name} {UNREAD}{_kind(name)}: it has fewer voxels than its header says; export it again"
+    )
 
 
 def _too_long(name: str) -> str:
-    return f"{name} is damaged: it has more voxels than its header says; export it again"
+    return f"{name} {UNREAD}{_kind(name)}: it has more voxels than its header says; export it again"
+
+
+def _kind(name: str) -> str:
+    return "NRRD" if name.lower().endswith(".nrrd") else "NIfTI"
