@@ -9,7 +9,7 @@ import stat
 import struct
 import zipfile
 import zlib
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Generator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import BinaryIO
@@ -47,14 +47,14 @@ def read_file(path: Path, expected: str, most_bytes: int = MAX_FILE_BYTES) -> by
         most_bytes: Largest file that is read.
 
     Raises:
-        InvalidInputError: it is not there, a folder, a pipe or a device, not readable, or too large.
+        InvalidInputError: it is not there, a folder, a pipe or a device, or too large.
     """
     with open_file(path, expected, most_bytes) as file:
         return file.read(most_bytes)
 
 
 @contextmanager
-def open_file(path: Path, expected: str, most_bytes: int = MAX_FILE_BYTES) -> Iterator[BinaryIO]:
+def open_file(path: Path, expected: str, most_bytes: int = MAX_FILE_BYTES) -> Generator[BinaryIO]:
     """Open a plain file for reading; arguments and errors as in ``read_file``."""
     try:
         status = path.stat()
@@ -93,7 +93,7 @@ def read_up_to(stream: Callable[[int], bytes], most_bytes: int, what: str) -> by
 
 
 @contextmanager
-def open_zip(data: bytes, complaint: str) -> Iterator[zipfile.ZipFile]:
+def open_zip(data: bytes, complaint: str) -> Generator[zipfile.ZipFile]:
     """Open a zip and name whatever is wrong with it.
 
     Args:

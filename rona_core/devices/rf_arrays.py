@@ -1,4 +1,4 @@
-"""Named arrays out of HDF5, MATLAB and numpy files; nothing in a file is run or looked up elsewhere.
+"""Named arrays out of HDF5, MATLAB and numpy files; nothing else is run or opened.
 
 HDF5 and MATLAB files are read in a process of their own: their libraries crash on damaged ones.
 """

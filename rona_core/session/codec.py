@@ -175,7 +175,8 @@ def _decode_array(
 def _inline(data: dict[str, Any], where: str) -> NDArray[Any]:
     """Return a small array that stands in the JSON."""
     kind = data.get("dtype")
-    _checked(isinstance(kind, str) and DTYPE.fullmatch(kind), kind, "a numeric array", where)
+    plain = isinstance(kind, str) and DTYPE.fullmatch(kind) is not None
+    _checked(plain, kind, "a numeric array", where)
     try:
         return np.array(data["values"], dtype=kind).reshape(data["shape"])
     except (KeyError, TypeError, ValueError, OverflowError) as error:

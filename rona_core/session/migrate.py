@@ -171,9 +171,10 @@ def migrate(manifest: dict[str, Any]) -> dict[str, Any]:
             f"the session file names no schema number, but {str(schema)[:40]!r}"
         )
     if schema > SCHEMA:
+        version = str(manifest.get("app_version", "unknown"))[:40]
         raise SessionFormatError(
             f"the session file has schema {str(schema)[:40]}, this program reads up to {SCHEMA}: "
-            f"it was saved by a newer RONA ({str(manifest.get('app_version', 'unknown'))[:40]}); update first"
+            f"it was saved by a newer RONA ({version}); update first"
         )
     while schema < SCHEMA:
         try:

@@ -162,10 +162,10 @@ def _place_at(bone: CoarseBone, center: Vector3) -> Choice:
     heights = np.flatnonzero(bone.mask.any(axis=(0, 1))) * bone.voxel_mm[2]
     lowest = max(0, int(np.floor((heights.max() - 100.0) / bone.voxel_mm[2])) + 1)
     upper = bone.mask[:, :, lowest:]  # the braincase, without the face
-    places = [np.flatnonzero(upper.any(axis=axes)) for axes in ((1, 2), (0, 2), (0, 1))]
+    places = [np.flatnonzero(np.asarray(upper.any(axis=axes))) for axes in ((1, 2), (0, 2), (0, 1))]
     places[2] = places[2] + lowest
     span = np.array([place[0] + place[-1] for place in places])
-    middle = bone.origin_skull + 0.5 * span * bone.voxel_mm
+    middle: Vector3 = bone.origin_skull + 0.5 * span * bone.voxel_mm
     outward = center - middle
     length = float(np.linalg.norm(outward))
     if length < 1.0:
@@ -174,7 +174,7 @@ def _place_at(bone: CoarseBone, center: Vector3) -> Choice:
     t = np.arange(length + 60.0, 0.0, -0.25 * float(bone.voxel_mm.min()))
     index = np.round((middle + t[:, None] * outward - bone.origin_skull) / bone.voxel_mm)
     held = ((index >= 0) & (index < bone.mask.shape)).all(axis=1)
-    i, j, k = np.where(held[:, None], index, 0).astype(int).T
+    i, j, k = np.where(np.asarray(held)[:, None], index, 0).astype(int).T
     solid = bone.mask[i, j, k] & held
     off = float(t[np.argmax(solid)] - length) if solid.any() else np.inf
     if abs(off) > NEAR_BONE_MM:

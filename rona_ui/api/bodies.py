@@ -2,7 +2,7 @@
 
 import os
 import tempfile
-from collections.abc import AsyncIterator
+from collections.abc import AsyncGenerator
 from contextlib import asynccontextmanager
 from pathlib import Path
 
@@ -13,7 +13,7 @@ AT_ONCE = 1 << 20  # bytes that are written together
 
 
 @asynccontextmanager
-async def spooled(request: Request, folder: Path) -> AsyncIterator[Path]:
+async def spooled(request: Request, folder: Path) -> AsyncGenerator[Path]:
     """Give a file in ``folder`` that holds the body; unless it was moved away, it goes afterwards.
 
     A body that is cut off or too large for its route leaves nothing behind.

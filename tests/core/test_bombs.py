@@ -177,7 +177,7 @@ BOMBS = {
         import_masked,
         "a.nrrd",
         lambda p: nrrd("100 100 100", 2 * GIB),
-        "more voxels than its header",
+        "more voxels than it says",
     ),
     "nii.gz of nothing": (
         import_masked,

@@ -69,7 +69,7 @@ class Voxels:
 
 
 @contextmanager
-def open_voxels(path: Path) -> Iterator[Voxels]:
+def open_voxels(path: Path) -> Generator[Voxels]:
     """Open a volume; errors in its data come while its layers are read.
 
     Args:
@@ -278,7 +278,7 @@ def _too_short(name: str) -> str:
 
 
 def _too_long(name: str) -> str:
-    return f"{name} {UNREAD}{_kind(name)}: it has more voxels than its header says; export it again"
+    return f"{name} {UNREAD}{_kind(name)}: it has more voxels than it says; export it again"
 
 
 def _kind(name: str) -> str:
