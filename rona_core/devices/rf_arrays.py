@@ -3,19 +3,17 @@
 HDF5 and MATLAB files are read in a process of their own: their libraries crash on damaged ones.
 """
 
-import io
-import math
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
 import h5py
 import numpy as np
-from numpy.typing import NDArray
 from scipy.io import loadmat, whosmat
 
 from rona_core.devices.apart import Found, read_apart, require_size
 from rona_core.devices.contents import open_zip, read_member
+from rona_core.devices.npy import MAX_HEADER_BYTES, array_from_npy, array_header
 from rona_core.devices.text_tables import NamedFile
 from rona_core.errors import InvalidInputError
 
@@ -25,7 +23,6 @@ ZIP_MAGIC = b"PK\x03\x04"
 MATLAB_MAGIC = b"MATLAB 5"
 MATLAB_73_MAGIC = b"MATLAB 7.3"
 MAX_VALUES = 32_000_000  # of one array: 256 MB as float64
-MAX_NPY_HEADER = 4096
 REAL = "iufb"
 REFUSED_HDF5 = "lies in another file: expected it in this one"
 
@@ -134,39 +131,16 @@ def _from_npz(file: NamedFile) -> Found:
         for key in KEYS:
             if key in infos:
                 with archive.open(infos[key]) as member:
-                    _check_header(member.read(MAX_NPY_HEADER), f"{file.name}: {key}")
-                most = 8 * MAX_VALUES + MAX_NPY_HEADER
-                found[key] = _from_npy(read_member(archive, infos[key], most))
+                    _check_header(member.read(MAX_HEADER_BYTES + 16), f"{file.name}: {key}")
+                most = 8 * MAX_VALUES + MAX_HEADER_BYTES + 16
+                found[key] = array_from_npy(read_member(archive, infos[key], most))
     return found
 
 
 def _check_header(start: bytes, what: str) -> None:
     """Refuse an array for its size or its type by what its file begins with."""
-    shape, dtype = _header(io.BytesIO(start))
+    shape, _, dtype, _ = array_header(start)
     require_size(shape, MAX_VALUES, what)
-    if dtype.itemsize > 8 and dtype.kind != "O":
-        raise InvalidInputError(
-            f"{what} must be real numbers, not values of type {str(dtype)[:60]}"
-        )
-
-
-def _header(file: io.BytesIO) -> tuple[tuple[int, ...], np.dtype[Any]]:
-    version = np.lib.format.read_magic(file)
-    readers = {
-        (1, 0): np.lib.format.read_array_header_1_0,
-        (2, 0): np.lib.format.read_array_header_2_0,
-    }
-    if version not in readers:
-        raise ValueError(f"version {version} of its arrays is not known")
-    shape, _, dtype = readers[version](file)
-    return tuple(shape), dtype
-
-
-def _from_npy(data: bytes) -> NDArray[Any]:
-    file = io.BytesIO(data)
-    shape, dtype = _header(file)
-    there, told = len(data) - file.tell(), math.prod(shape) * dtype.itemsize
-    if dtype.kind != "O" and there != told:
-        raise ValueError(f"{there} bytes of values instead of {told}")
-    file.seek(0)
-    return np.lib.format.read_array(file, allow_pickle=False)
+    if dtype.itemsize > 8 and not dtype.hasobject:
+        words = str(dtype)[:60]
+        raise InvalidInputError(f"{what} must be real numbers, not values of type {words}")

@@ -24,7 +24,6 @@ from rona_core.session.members import (
     LOG,
     MANIFEST,
     MAX_FILE_BYTES,
-    NPY_VERSION,
     read_members,
     require_room,
     used_bytes,
@@ -33,6 +32,7 @@ from rona_core.session.migrate import SCHEMA, migrate
 from rona_core.session.packing import pack
 
 SUFFIX = ".rona"
+NPY_VERSION = (1, 0)
 UNITS = {"length": "mm", "angle": "rad", "time": "s", "ultrasound_time": "us", "force": "N"}
 NAMING = "T_a_b is the pose of frame b in frame a; points_a are coordinates in frame a"
 
@@ -111,6 +111,8 @@ def write_whole(path: Path, data: bytes, *, backup: bool = False) -> Path:
     try:
         with os.fdopen(handle, "wb") as file:
             file.write(data)
+            file.flush()
+            os.fsync(file.fileno())
         if backup and path.exists():
             _keep_backup(path)
         return move_whole(Path(temporary), path)
@@ -120,10 +122,8 @@ def write_whole(path: Path, data: bytes, *, backup: bool = False) -> Path:
 
 
 def move_whole(temporary: Path, path: Path) -> Path:
-    """Give a complete temporary file of the same folder the name ``path``, as other files are."""
-    with temporary.open("rb") as file:
-        os.fsync(file.fileno())
-    os.chmod(temporary, 0o644)  # temporary ones are private
+    """Give a temporary file of the same folder, complete on the disk, the name ``path``."""
+    os.chmod(temporary, 0o644)  # as other files are; temporary ones are private
     os.replace(temporary, path)
     directory = os.open(path.parent, os.O_RDONLY)
     try:

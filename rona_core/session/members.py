@@ -4,19 +4,14 @@ What a file says of its size is not believed: bytes are counted while they are u
 """
 
 import hashlib
-import io
 import json
-import math
 import re
-import tokenize
 import zipfile
 from dataclasses import dataclass
 from typing import Any
 
-import numpy as np
-from numpy.typing import NDArray
-
 from rona_core.devices.contents import open_zip, read_member
+from rona_core.devices.npy import MAX_HEADER_BYTES, array_from_npy
 from rona_core.errors import InvalidInputError, SessionFormatError
 from rona_core.session.codec import Arrays, decode
 from rona_core.session.packing import Recipe, unpack
@@ -29,8 +24,6 @@ MAX_USED_BYTES = 2 * MAX_STORED_BYTES  # of all arrays of a session: many are th
 MAX_FILE_BYTES = MAX_STORED_BYTES + 64 * 1024**2
 MAX_JSON_BYTES = {MANIFEST: 12 * 1024**2, LOG: 24 * 1024**2}
 MAX_DEPTH = 64  # of lists and objects within each other; a session needs a dozen
-NPY_VERSION = (1, 0)
-NPY_HEADER = 4096
 MEMBER_NAME = re.compile(r"manifest\.json|commands\.jsonl|(arrays|packed)/[\w-]+(/[\w-]+)*\.npy")
 
 
@@ -117,10 +110,13 @@ def _read(archive: zipfile.ZipFile, name: str) -> Members:
     arrays: Arrays = {}
     left = MAX_STORED_BYTES
     for member, info in infos.items():
-        blob = read_member(archive, info, left + NPY_HEADER)
+        blob = read_member(archive, info, left + MAX_HEADER_BYTES)
         _check_digest(blob, member, digests, name)
         folder, _, array = member.removesuffix(".npy").partition("/")
-        stored = _from_npy(blob, member)
+        try:
+            stored = array_from_npy(blob)
+        except ValueError as error:
+            raise SessionFormatError(f"{member} is not a plain array: {error}") from error
         if folder == "packed":
             stored = unpack(stored, decode(recipes.get(array), Recipe, {}, member), member)
         left -= stored.nbytes
@@ -180,22 +176,3 @@ def _manifest(text: bytes, name: str) -> dict[str, Any]:
 def _check_digest(data: bytes, member: str, digests: dict[str, Any], name: str) -> None:
     if hashlib.sha256(data).hexdigest() != digests[member]:
         raise SessionFormatError(f"{name}: {member} is damaged (its digest does not match)")
-
-
-def _from_npy(blob: bytes, member: str) -> NDArray[Any]:
-    """Return the array of a member; its size is compared before memory is taken for it."""
-    file = io.BytesIO(blob)
-    try:
-        if np.lib.format.read_magic(file) != NPY_VERSION:
-            raise ValueError("its version is not 1.0")
-        shape, turned, dtype = np.lib.format.read_array_header_1_0(file)
-        if dtype.hasobject:
-            raise ValueError("it holds objects")
-        there, told = len(blob) - file.tell(), math.prod(shape) * dtype.itemsize
-        if there != told:
-            raise ValueError(f"{there} bytes of values instead of {told}")
-        values = np.frombuffer(blob, dtype, offset=file.tell()) if told else np.zeros(0, dtype)
-        # in memory of its own, row by row: sums must have the same last bits as ever
-        return np.array(values.reshape(shape, order="F" if turned else "C"), order="C")
-    except (ValueError, TypeError, EOFError, tokenize.TokenError) as error:
-        raise SessionFormatError(f"{member} is not a plain array: {error}") from error

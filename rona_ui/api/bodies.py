@@ -30,6 +30,8 @@ async def spooled(request: Request, folder: Path) -> AsyncGenerator[Path]:
                     await run_in_threadpool(file.writelines, held)
                     held = []
             file.writelines(held)
+            file.flush()
+            await run_in_threadpool(os.fsync, file.fileno())
         yield path
     finally:
         path.unlink(missing_ok=True)
