@@ -164,6 +164,7 @@ def places(value, found):
     return found
 
 
+@pytest.mark.filterwarnings("ignore::RuntimeWarning")  # numbers that overflow are refused after
 def test_only_errors_of_rona_escape_from_sealed_sessions():
     rng = np.random.default_rng(8)
     with zipfile.ZipFile(OLD) as archive:
