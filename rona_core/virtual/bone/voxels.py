@@ -123,7 +123,9 @@ def _begin_nrrd(file: BinaryIO, name: str) -> Voxels:
         spacings = header.get("spacings")
         axes = None if spacings is None else np.diag(spacings)
     if axes is None:
-        raise InvalidInputError(f"{name} does not say how large its voxels are: export again")
+        raise InvalidInputError(
+            f"{name} {UNREAD}NRRD: it does not say how large its voxels are; export again"
+        )
     affine = np.eye(4)
     affine[:3, :3] = np.asarray(axes, dtype=np.float64).T
     affine[:3, 3] = header.get("space origin", np.zeros(3))
