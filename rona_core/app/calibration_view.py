@@ -104,7 +104,7 @@ def left_out(arguments: dict[str, Any]) -> tuple[int, ...]:
 
 def _marks(used: Bools, excluded: tuple[int, ...]) -> Ints:
     marks = np.where(used, USED, REJECTED).astype(np.int64)
-    marks[[row for row in excluded if row < len(marks)]] = EXCLUDED
+    marks[[row for row in excluded if 0 <= row < len(marks)]] = EXCLUDED
     return marks
 
 

@@ -13,6 +13,7 @@ from rona_core.session.document import Session, Setup
 from rona_core.session.files import (
     SUFFIX,
     load_session,
+    move_whole,
     save_session,
     session_from_bytes,
     write_whole,
@@ -101,6 +102,10 @@ class Hub:
     def open_bytes(self, data: bytes, name: str) -> Workbench:
         """Open the contents of an uploaded session file; errors as in ``open_file``."""
         return self._add(session_from_bytes(data, name))
+
+    def open_upload(self, path: Path, name: str) -> Workbench:
+        """Open an uploaded session file that lies at ``path``; errors as in ``open_file``."""
+        return self._add(load_session(path, name))
 
     def open_session(self, session: Session) -> Workbench:
         """Open a session that was made in Python."""
@@ -195,6 +200,13 @@ class Hub:
         if path.is_dir():
             raise InvalidInputError(f"{name} is a folder: upload under another name")
         return write_whole(path, data)
+
+    def keep_upload(self, name: str, body: Path) -> Path:
+        """Keep an uploaded file that lies at ``body``, in the same folder, under its plain name."""
+        path = self.uploads / plain_name(name)
+        if path.is_dir():
+            raise InvalidInputError(f"{name} is a folder: upload under another name")
+        return move_whole(body, path)
 
     # -------------------------------------------------------------- telling
 

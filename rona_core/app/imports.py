@@ -5,12 +5,14 @@ from dataclasses import replace
 from rona_core.app.captures import begin
 from rona_core.app.messages import StartPivotImport, StartRecordingImport
 from rona_core.app.toolbox import Toolbox
+from rona_core.devices.contents import read_file
 from rona_core.devices.igs_mha import read_igs_mha
 from rona_core.devices.live import LiveState
 from rona_core.devices.markers import GEOMETRIES
 from rona_core.devices.pivot_files import chosen_tool, read_pivot
 from rona_core.devices.recording import Recording
 from rona_core.devices.replay import ReplayTracker
+from rona_core.devices.rigid_rows import require_millimetres
 from rona_core.devices.samples import ToolTrack, TrackerFrame
 from rona_core.devices.text_tables import NamedFile
 from rona_core.errors import DeviceError, NotFoundError
@@ -26,7 +28,7 @@ def import_recording(
 
     Raises:
         NotFoundError: the file was not uploaded.
-        InvalidInputError: it is no recording, or the tool is not in it.
+        InvalidInputError: it is no recording, the tool is not in it, or it is in metres.
         DeviceError: the tool was seen in no frame.
     """
     file = _uploaded(activity.file, tools)
@@ -34,6 +36,7 @@ def import_recording(
     pointer = session.setup.devices.pointer
     tool = chosen_tool(recording, activity.tool, pointer, file.name)
     alone, partial = recording.only(tool).from_zero(), False
+    require_millimetres(alone.track(tool).Ts_tracker_marker.translations, file.name)
     if activity.play:
         track, partial = _play(alone, tool, session, tools)
     else:
@@ -82,7 +85,7 @@ def _uploaded(name: str, tools: Toolbox) -> NamedFile:
     path = tools.uploads / name
     if not path.is_file():
         raise NotFoundError(f"there is no uploaded file {name!r}: upload it first")
-    return NamedFile(name, path.read_bytes())
+    return NamedFile(name, read_file(path, "an uploaded file"))
 
 
 def _play(

@@ -28,6 +28,7 @@ BYTES = {
     "MET_NONE": 0,
 }
 CHUNK = 1 << 20
+MAX_HEADER_BYTES = 48 * 1024**2
 MOST_DIGITS = 15  # of a whole number; exact as a float too
 
 
@@ -126,7 +127,12 @@ def read_header(data: bytes, name: str) -> Header:
             f"{name}: expected a sequence file that begins with 'ObjectType = Image', "
             f"got {data[:24]!r}"
         )
-    end = END.search(data)
+    end = END.search(data, 0, MAX_HEADER_BYTES)
+    if end is None and len(data) > MAX_HEADER_BYTES:
+        raise InvalidInputError(
+            f"{name}: no 'ElementDataFile = LOCAL' in its first {MAX_HEADER_BYTES / 1e6:.0f} MB: "
+            "its header is longer than what is read; cut the recording into parts"
+        )
     if end is None:
         raise InvalidInputError(
             f"{name} is cut off: expected 'ElementDataFile = LOCAL' at the end of its header"
@@ -138,7 +144,7 @@ def read_header(data: bytes, name: str) -> Header:
             f"{where!r}: save it as .igs.mha"
         )
     header = _parsed(data[: end.start()], name)
-    _check_pixels(header, data[end.end() :])
+    _check_pixels(header, memoryview(data)[end.end() :])
     return header
 
 
@@ -214,7 +220,7 @@ def _check_frames(header: Header, indices: list[int]) -> None:
         )
 
 
-def _check_pixels(header: Header, pixels: bytes) -> None:
+def _check_pixels(header: Header, pixels: memoryview) -> None:
     kind = header.fields.get("ElementType", "missing")
     if kind not in BYTES:
         raise InvalidInputError(f"{header.name}: expected a known ElementType, got {kind[:40]!r}")
@@ -233,7 +239,7 @@ def _has_channels(header: Header) -> bool:
     return "ElementNumberOfChannels" in header.fields
 
 
-def _check_compressed(header: Header, pixels: bytes, expected: int) -> None:
+def _check_compressed(header: Header, pixels: memoryview, expected: int) -> None:
     size = len(pixels)
     if "CompressedDataSize" in header.fields:
         size = header.whole("CompressedDataSize")
@@ -242,13 +248,15 @@ def _check_compressed(header: Header, pixels: bytes, expected: int) -> None:
             f"{header.name} is damaged: expected {size} bytes of compressed pixels, "
             f"got {len(pixels)}"
         )
-    inflate, count, rest = zlib.decompressobj(), 0, pixels
+    inflate, count = zlib.decompressobj(), 0
     try:
-        while count <= expected and not inflate.eof:
-            part = inflate.decompress(rest, CHUNK)
-            count, rest = count + len(part), inflate.unconsumed_tail
-            if not part and not rest:
-                break
+        for start in range(0, len(pixels), CHUNK):
+            rest: bytes | memoryview = pixels[start : start + CHUNK]
+            while rest and count <= expected and not inflate.eof:
+                count += len(inflate.decompress(rest, CHUNK))
+                rest = inflate.unconsumed_tail
+        while count <= expected and (part := inflate.decompress(b"", CHUNK)):
+            count += len(part)
     except zlib.error as error:
         raise InvalidInputError(
             f"{header.name} is damaged: its compressed pixels cannot be read ({error})"

@@ -1,8 +1,6 @@
 """Pivots that were recorded elsewhere: files of matrices, of marker positions, or of sequences."""
 
-import io
 import zipfile
-import zlib
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Literal
@@ -10,6 +8,7 @@ from typing import Literal
 import numpy as np
 
 from rona_core.arrays import Floats, Ints, readonly
+from rona_core.devices.contents import open_zip, read_member
 from rona_core.devices.igs_mha import read_igs_mha
 from rona_core.devices.marker_bodies import (
     FittedFrames,
@@ -28,7 +27,9 @@ from rona_core.geometry.pose import Poses
 
 PivotKind = Literal["matrix files", "rows of matrices", "marker positions", "sequence"]
 NAME = "marker"  # of the tool in files that do not say it
-MAX_UNPACKED_BYTES = 256 * 1024**2
+MAX_UNPACKED_BYTES = 256 * 1024**2  # of all files of a zip together
+MAX_TEXT_BYTES = 16 * 1024**2  # of all tables together: 50 000 poses with all digits
+MAX_MEMBERS = 20_000
 SINGLE = ("marker positions", "sequence")  # kinds of which there is one file at a time
 
 
@@ -71,6 +72,7 @@ def read_pivot(
     unpacked = [inner for file in files for inner in _unpacked(file)]
     if not unpacked:
         raise InvalidInputError("expected at least one file with poses, got none")
+    _check_text(unpacked)
     markers = None if geometry is None else read_geometry(geometry)
     read = [(file, *_kind(file)) for file in unpacked]
     first, kind, table = read[0]
@@ -131,6 +133,7 @@ def read_geometry(file: NamedFile) -> MarkerGeometryFile:
     Raises:
         InvalidInputError: damaged, or not such a file.
     """
+    _check_text([file])
     if file.name.lower().endswith(".rom"):
         return MarkerGeometryFile(
             None, checked_geometry(rom_from_bytes(file.data, file.name).positions_marker, file.name)
@@ -145,8 +148,21 @@ def _track(tool: str, numbers: Ints, poses: Poses, rms_mm: Floats, n_frames: int
     )
 
 
+def _is_sequence(file: NamedFile) -> bool:
+    return file.name.lower().endswith((".mha", ".mhd")) or file.data.startswith(b"ObjectType")
+
+
+def _check_text(files: Sequence[NamedFile]) -> None:
+    total = sum(len(file.data) for file in files if not _is_sequence(file))
+    if total > MAX_TEXT_BYTES:
+        raise InvalidInputError(
+            f"{files[0].name} and what came with it are {total / 1e6:.0f} MB of text: at most "
+            f"{MAX_TEXT_BYTES / 1e6:.0f} are read; leave out frames, or write fewer digits"
+        )
+
+
 def _kind(file: NamedFile) -> tuple[PivotKind, Table | None]:
-    if file.name.lower().endswith((".mha", ".mhd")) or file.data.startswith(b"ObjectType"):
+    if _is_sequence(file):
         return "sequence", None
     table = read_table(file)
     if table.header is not None and "marker" in table.header:
@@ -194,18 +210,18 @@ def _unpacked(file: NamedFile) -> list[NamedFile]:
     """Return the files in a zip, or the file itself."""
     if not file.name.lower().endswith(".zip"):
         return [file]
-    try:
-        with zipfile.ZipFile(io.BytesIO(file.data)) as archive:
-            members = [m for m in archive.infolist() if not m.is_dir() and not _is_hidden(m)]
-            total = sum(member.file_size for member in members)
-            if total > MAX_UNPACKED_BYTES:
-                raise InvalidInputError(
-                    f"{file.name} would unpack to {total / 1e6:.0f} MB: "
-                    f"{MAX_UNPACKED_BYTES / 1e6:.0f} are allowed"
-                )
-            found = [NamedFile(f"{file.name}:{m.filename}", archive.read(m)) for m in members]
-    except (zipfile.BadZipFile, zlib.error, EOFError, OSError, RuntimeError) as error:
-        raise InvalidInputError(f"{file.name} is not a readable zip: {error}") from error
+    found: list[NamedFile] = []
+    left = MAX_UNPACKED_BYTES
+    with open_zip(file.data, f"{file.name} is not a readable zip") as archive:
+        members = [m for m in archive.infolist() if not m.is_dir() and not _is_hidden(m)]
+        if len(members) > MAX_MEMBERS:
+            raise InvalidInputError(
+                f"{file.name} holds {len(members)} files: {MAX_MEMBERS} are allowed"
+            )
+        for member in members:
+            inner = NamedFile(f"{file.name}:{member.filename}", read_member(archive, member, left))
+            left -= len(inner.data)
+            found.append(inner)
     if not found:
         raise InvalidInputError(f"{file.name} is empty: expected files with poses in it")
     return found

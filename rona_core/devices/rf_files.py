@@ -4,29 +4,18 @@ A file holds ``rf`` (scans, samples), ``fs`` in Hz and, if known, ``t0``, the ti
 sample after the emission in s, and ``positions`` in mm, a row a scan. Nothing in a file is run.
 """
 
-import io
-import re
-import zipfile
-import zlib
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
-import h5py
 import numpy as np
 from numpy.typing import NDArray
-from scipy.io import loadmat
 
 from rona_core.arrays import Floats, readonly
+from rona_core.devices.rf_arrays import KEYS, MAX_VALUES, read_arrays
 from rona_core.devices.text_tables import NamedFile
 from rona_core.errors import InvalidInputError
 
-KEYS = ("rf", "fs", "t0", "positions")
-HDF5_MAGIC = b"\x89HDF\r\n\x1a\n"
-ZIP_MAGIC = b"PK\x03\x04"
-MATLAB_MAGIC = b"MATLAB 5"
-MATLAB_73_MAGIC = b"MATLAB 7.3"
-MAX_VALUES = 400_000_000  # in one file: 3.2 GB as float64
 SLOWEST_HZ, FASTEST_HZ = 1e6, 2e9  # of samples
 MIN_SAMPLES = 64
 MAX_START_S = 1.0
@@ -55,7 +44,7 @@ def read_rf(file: NamedFile) -> RecordedRf:
         InvalidInputError: no such file, damaged, a key missing, or a value that cannot be meant;
             it says which.
     """
-    return rf_from_arrays(_arrays(file), file.name)
+    return rf_from_arrays(read_arrays(file), file.name)
 
 
 def rf_from_arrays(arrays: Mapping[str, Any], name: str) -> RecordedRf:
@@ -66,7 +55,7 @@ def rf_from_arrays(arrays: Mapping[str, Any], name: str) -> RecordedRf:
     """
     missing = [key for key in KEYS[:2] if key not in arrays]
     if missing:
-        there = ", ".join(sorted(arrays)) or "nothing"
+        there = ", ".join(name[:60] for name in sorted(arrays)[:20]) or "nothing"
         raise InvalidInputError(
             f"{name} has no {' and no '.join(missing)}: expected rf (scans, samples), fs in Hz "
             f"and, if known, t0 in s and positions in mm; it holds {there}"
@@ -128,8 +117,8 @@ def _lines(value: Any, name: str) -> Floats:
 
 def _looks_transposed(rf: Floats) -> bool:
     """Return whether neighbours along scans are more alike than neighbours along samples."""
-    rf = rf[:, ~np.isnan(rf).any(axis=0)]
-    part = rf[:4096, : min(rf.shape[1], 4096)]
+    part = rf[:2048, :2048]
+    part = part[:, ~np.isnan(part).any(axis=0)]
     part = part - part.mean()
     power = float((part**2).mean())
     if power == 0 or min(part.shape) < 2:
@@ -188,91 +177,3 @@ def _numbers(value: Any, what: str) -> Floats:
     if array.size > MAX_VALUES:
         raise InvalidInputError(f"{what} has {array.size} values: {MAX_VALUES} are allowed")
     return array.astype(np.float64)
-
-
-# ------------------------------------------------------------------ files
-
-
-def _arrays(file: NamedFile) -> dict[str, Any]:
-    readers: tuple[tuple[bool, str, Callable[[NamedFile], dict[str, Any]]], ...] = (
-        # MATLAB 7.3 puts 512 bytes of its own before HDF5
-        (HDF5_MAGIC in (file.data[:8], file.data[512:520]), "HDF5", _from_hdf5),
-        (file.data.startswith(ZIP_MAGIC), "npz", _from_npz),
-        (file.data.startswith(MATLAB_MAGIC), "MATLAB", _from_matlab),
-    )
-    for matches, kind, reader in readers:
-        if matches:
-            try:
-                return reader(file)
-            except InvalidInputError:
-                raise
-            except Exception as error:  # the libraries throw whatever they like at damaged files
-                words = re.sub(r"\s+", " ", str(error))[:160]
-                raise InvalidInputError(f"{file.name} is a damaged {kind} file: {words}") from error
-    if not file.data:
-        raise InvalidInputError(f"{file.name} is empty: expected an HDF5, .mat or .npz file")
-    raise InvalidInputError(
-        f"{file.name} is no HDF5, MATLAB (.mat) or numpy (.npz) file: expected one of these with "
-        "rf (scans, samples) and fs in Hz"
-    )
-
-
-def _from_hdf5(file: NamedFile) -> dict[str, Any]:
-    found: dict[str, Any] = {}
-    with h5py.File(io.BytesIO(file.data), "r") as data:
-        matlab = file.data.startswith(MATLAB_73_MAGIC) or any(
-            "MATLAB_class" in data[key].attrs
-            for key in KEYS
-            if isinstance(data.get(key, getlink=True), h5py.HardLink)
-        )
-        found |= dict.fromkeys(str(key) for key in data)
-        for key in KEYS:
-            item = _own(data, key, file.name) if key in data else data.attrs.get(key)
-            if item is None:
-                continue
-            if isinstance(item, h5py.Group):
-                raise InvalidInputError(f"{file.name}: {key} is a group, expected numbers")
-            if int(getattr(item, "size", 0) or 0) > MAX_VALUES:
-                raise InvalidInputError(f"{file.name}: {key} has {item.size} values")
-            value = np.asarray(item[()] if isinstance(item, h5py.Dataset) else item)
-            found[key] = value.T if matlab else value  # MATLAB writes columns first
-    return _known(found)
-
-
-def _own(data: Any, key: str, name: str) -> Any:
-    """Return what is in the file itself: nothing that it points to elsewhere is opened."""
-    link = data.get(key, getlink=True)
-    item = data[key] if isinstance(link, h5py.HardLink) else None
-    elsewhere = isinstance(item, h5py.Dataset) and (item.external or item.is_virtual)
-    if item is None or elsewhere:
-        raise InvalidInputError(f"{name}: {key} lies in another file: expected it in this one")
-    return item
-
-
-def _from_npz(file: NamedFile) -> dict[str, Any]:
-    with zipfile.ZipFile(io.BytesIO(file.data)) as archive:
-        names = {n.removesuffix(".npy"): n for n in archive.namelist()}
-        found: dict[str, Any] = dict.fromkeys(names)
-        for key in KEYS:
-            if key not in names:
-                continue
-            if archive.getinfo(names[key]).file_size > 8 * MAX_VALUES + 4096:
-                raise InvalidInputError(f"{file.name}: {key} is too large")
-            try:
-                raw = io.BytesIO(archive.read(names[key]))
-            except (zlib.error, zipfile.BadZipFile) as error:
-                raise InvalidInputError(f"{file.name} is a damaged npz file: {error}") from error
-            found[key] = np.lib.format.read_array(raw, allow_pickle=False)
-    return _known(found)
-
-
-def _from_matlab(file: NamedFile) -> dict[str, Any]:
-    data: dict[str, Any] = loadmat(io.BytesIO(file.data))
-    return _known({key: value for key, value in data.items() if not key.startswith("__")})
-
-
-def _known(found: dict[str, Any]) -> dict[str, Any]:
-    """Return the arrays; other names stay, without contents, for the message."""
-    if "rf" in found and "fs" in found:
-        return {key: found[key] for key in KEYS if key in found}
-    return found

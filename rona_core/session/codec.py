@@ -7,6 +7,7 @@ Nothing is ever pickled: only the classes that the type hints name can come back
 import dataclasses
 import hashlib
 import json
+import re
 import sys
 import types
 import typing
@@ -19,9 +20,11 @@ from numpy.typing import NDArray
 
 from rona_core.arrays import readonly
 from rona_core.errors import SessionFormatError
+from rona_core.session.shapes import check_shapes
 
 Arrays = dict[str, NDArray[Any]]
 INLINE_SIZE = 16  # arrays up to this many values are written as JSON lists
+DTYPE = re.compile(r"[<>|=]?[fiub][0-9]{1,2}")
 KINDS = "fiub"  # float, int, unsigned, bool: all that a session may hold
 STEP = 2.0**-15  # of a converter with 16 bits; coarser ones give multiples of it
 TYPE_KEY = "$type"
@@ -88,7 +91,7 @@ def decode(data: Any, hint: Any, arrays: Mapping[str, NDArray[Any]], where: str 
     if origin is Literal:
         return _checked(data in arguments, data, f"one of {arguments}", where)
     if origin is np.ndarray or hint is np.ndarray:
-        return _decode_array(data, arrays, where)
+        return _decode_array(data, hint, arrays, where)
     if origin is tuple:
         return _decode_tuple(data, arguments, arrays, where)
     if origin is dict:
@@ -148,22 +151,36 @@ def _decode_union(data: Any, options: tuple[Any, ...], arrays: Any, where: str) 
     raise SessionFormatError(f"{where}: expected one of {options}, found {str(data)[:60]!r}")
 
 
-def _decode_array(data: Any, arrays: Mapping[str, NDArray[Any]], where: str) -> NDArray[Any]:
+def _decode_array(
+    data: Any, hint: Any, arrays: Mapping[str, NDArray[Any]], where: str
+) -> NDArray[Any]:
     _checked(isinstance(data, dict), data, "an array", where)
     if "array" in data:
-        if data["array"] not in arrays:
-            raise SessionFormatError(f"{where}: the array {data['array']!r} is missing")
-        stored = arrays[data["array"]]
+        name = data["array"]
+        if not isinstance(name, str) or name not in arrays:
+            raise SessionFormatError(f"{where}: the array {str(name)[:120]!r} is missing")
+        array = arrays[name]
         if "step" in data:
             _checked(data["step"] == STEP, data["step"], f"the step {STEP}", where)
-            stored = stored.astype(np.float32) * np.float32(STEP)
-        return readonly(stored)
+            _checked(array.dtype.kind in KINDS, array.dtype, "a numeric array", where)
+            array = array.astype(np.float32) * np.float32(STEP)
+    else:
+        array = _inline(data, where)
+    kinds = [typing.get_args(part)[0] for part in typing.get_args(hint)[1:]] or [None]
+    wanted = KINDS if kinds[0] is None else np.dtype(kinds[0]).kind
+    _checked(array.dtype.kind in wanted, array.dtype, f"an array of kind {wanted}", where)
+    return readonly(array) if array.flags.writeable else array
+
+
+def _inline(data: dict[str, Any], where: str) -> NDArray[Any]:
+    """Return a small array that stands in the JSON."""
+    kind = data.get("dtype")
+    plain = isinstance(kind, str) and DTYPE.fullmatch(kind) is not None
+    _checked(plain, kind, "a numeric array", where)
     try:
-        array = np.array(data["values"], dtype=data["dtype"]).reshape(data["shape"])
+        return np.array(data["values"], dtype=kind).reshape(data["shape"])
     except (KeyError, TypeError, ValueError, OverflowError) as error:
-        raise SessionFormatError(f"{where}: not an array ({error})") from error
-    _checked(array.dtype.kind in KINDS, data["dtype"], "a numeric array", where)
-    return readonly(array)
+        raise SessionFormatError(f"{where}: not an array ({str(error)[:120]})") from error
 
 
 def _decode_tuple(data: Any, arguments: tuple[Any, ...], arrays: Any, where: str) -> Any:
@@ -197,9 +214,11 @@ def _decode_dataclass(data: Any, hint: Any, arrays: Any, where: str) -> Any:
         for name, kind in hints.items()
     }
     try:
-        return target(**values)
+        made = target(**values)
     except ValueError as error:  # InvalidInputError of a __post_init__ among them
         raise SessionFormatError(f"{where}: {error}") from error
+    check_shapes(made, where)
+    return made
 
 
 def _bind(hint: Any, bound: dict[Any, Any]) -> Any:

@@ -39,6 +39,7 @@ from rona_core.ultrasound.what_if import WhatIf
 
 T = TypeVar("T")
 MAX_SEED = 2**31 - 1
+MAX_NAME = 200  # characters
 REGION_RADII_MM = (5.0, 45.0)  # smallest and largest
 PLAIN_ID = re.compile(r"(?!current$)[A-Za-z0-9_-]{1,64}")  # "current" stands for another one
 
@@ -283,5 +284,9 @@ class Session:
     log: tuple[LogEntry, ...] = ()
 
     def __post_init__(self) -> None:
+        require(
+            len(self.name) <= MAX_NAME,
+            f"name must have at most {MAX_NAME} characters, not {len(self.name)}",
+        )
         # addresses and file names are made of it
         require(bool(PLAIN_ID.fullmatch(self.id)), f"id must be plain, not {self.id[:60]!r}")

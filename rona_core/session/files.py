@@ -1,21 +1,15 @@
 """Session files: one zip of JSON and arrays, written so that a crash loses nothing.
 
-The same document gives the same bytes. Reading checks names, sizes and digests before anything is
-unpacked into the program.
+The same document gives the same bytes. How it is read: ``members``.
 """
 
 import hashlib
 import io
 import json
-import math
 import os
-import re
 import shutil
-import struct
 import tempfile
-import tokenize
 import zipfile
-import zlib
 from pathlib import Path
 from typing import Any
 
@@ -25,27 +19,34 @@ from rona_core import __version__
 from rona_core.errors import NotFoundError, SessionFormatError
 from rona_core.session.codec import Arrays, decode, encode
 from rona_core.session.document import Session
+from rona_core.session.members import (
+    FORMAT,
+    LOG,
+    MANIFEST,
+    MAX_FILE_BYTES,
+    read_members,
+    require_room,
+    used_bytes,
+)
 from rona_core.session.migrate import SCHEMA, migrate
-from rona_core.session.packing import Recipe, pack, unpack
+from rona_core.session.packing import pack
 
-FORMAT = "rona-session"
 SUFFIX = ".rona"
-MAX_MEMBERS = 20_000
-MAX_TOTAL_BYTES = 2 * 1024**3
-MAX_RATIO = 200  # unpacked over packed, for files that unpack to more than FREE_BYTES
-FREE_BYTES = 64 * 1024**2
-PACKINGS = (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED)
 NPY_VERSION = (1, 0)
-MEMBER_NAME = re.compile(r"manifest\.json|commands\.jsonl|(arrays|packed)/[\w-]+(/[\w-]+)*\.npy")
 UNITS = {"length": "mm", "angle": "rad", "time": "s", "ultrasound_time": "us", "force": "N"}
 NAMING = "T_a_b is the pose of frame b in frame a; points_a are coordinates in frame a"
 
 
 def session_bytes(session: Session) -> bytes:
-    """Return the bytes of the session file of ``session``."""
+    """Return the bytes of the session file of ``session``.
+
+    Raises:
+        SessionFormatError: it holds more than a file may hold.
+    """
     arrays: Arrays = {}
     document = encode(session, "session", arrays)
     log = document.pop("log")
+    used = used_bytes(document, arrays)
     members: dict[str, bytes] = {}
     first: dict[str, str] = {}  # digest of a member -> its name
     copies: dict[str, str] = {}  # array that equals another -> that other
@@ -60,7 +61,7 @@ def session_bytes(session: Session) -> bytes:
         else:
             members[f"packed/{name}.npy"] = _npy(packing[0])
             recipes[name] = encode(packing[1], name, {})
-    members["commands.jsonl"] = "".join(
+    members[LOG] = "".join(
         json.dumps(entry, sort_keys=True, allow_nan=False) + "\n" for entry in log
     ).encode()
     digests = {name: hashlib.sha256(data).hexdigest() for name, data in members.items()}
@@ -76,9 +77,12 @@ def session_bytes(session: Session) -> bytes:
         "packed": recipes,
     }
     text = json.dumps(manifest, sort_keys=True, indent=1, allow_nan=False).encode()
+    texts = {MANIFEST: len(text), LOG: len(members[LOG])}
+    stored = sum(map(len, members.values())) - texts[LOG]
+    require_room(stored, used, texts, f"the session {session.name!r}")
     buffer = io.BytesIO()
     with zipfile.ZipFile(buffer, "w", zipfile.ZIP_DEFLATED, compresslevel=6) as archive:
-        for name, data in [("manifest.json", text), *members.items()]:
+        for name, data in [(MANIFEST, text), *members.items()]:
             info = zipfile.ZipInfo(name, date_time=(1980, 1, 1, 0, 0, 0))
             info.compress_type = zipfile.ZIP_DEFLATED
             info.external_attr = 0o644 << 16
@@ -109,13 +113,18 @@ def write_whole(path: Path, data: bytes, *, backup: bool = False) -> Path:
             file.write(data)
             file.flush()
             os.fsync(file.fileno())
-        os.chmod(temporary, 0o644)  # as other files are; temporary ones are private
         if backup and path.exists():
             _keep_backup(path)
-        os.replace(temporary, path)
+        return move_whole(Path(temporary), path)
     except BaseException:
         Path(temporary).unlink(missing_ok=True)
         raise
+
+
+def move_whole(temporary: Path, path: Path) -> Path:
+    """Give a temporary file of the same folder, complete on the disk, the name ``path``."""
+    os.chmod(temporary, 0o644)  # as other files are; temporary ones are private
+    os.replace(temporary, path)
     directory = os.open(path.parent, os.O_RDONLY)
     try:
         os.fsync(directory)
@@ -135,8 +144,8 @@ def _keep_backup(path: Path) -> None:
     os.replace(link, path.with_name(path.name + ".bak"))
 
 
-def load_session(path: Path | str) -> Session:
-    """Read a session file.
+def load_session(path: Path | str, name: str | None = None) -> Session:
+    """Read a session file; messages call it ``name``, or by its own name.
 
     Raises:
         NotFoundError: no such file.
@@ -145,102 +154,30 @@ def load_session(path: Path | str) -> Session:
     path = Path(path)
     if not path.is_file():
         raise NotFoundError(f"there is no session file {path}")
-    return session_from_bytes(path.read_bytes(), str(path.name))
+    name = path.name if name is None else name
+    size = path.stat().st_size
+    if size > MAX_FILE_BYTES:
+        raise SessionFormatError(
+            f"{name} has {size / 1e6:.0f} MB: a session file has at most {MAX_FILE_BYTES / 1e6:.0f}"
+        )
+    return session_from_bytes(path.read_bytes(), name)
 
 
 def session_from_bytes(data: bytes, name: str = "upload") -> Session:
     """Read a session from the bytes of its file; errors as in ``load_session``."""
     try:
-        with zipfile.ZipFile(io.BytesIO(data)) as archive:
-            _check_members(archive, len(data), name)
-            contents = {info.filename: archive.read(info) for info in archive.infolist()}
-    except (zipfile.BadZipFile, zlib.error, struct.error, EOFError, OSError, RuntimeError) as error:
-        reason = str(error) or "it ends too early"
-        raise SessionFormatError(
-            f"{name} is not a readable session file: {reason}. Is there a .bak beside it?"
-        ) from error
-    except ValueError as error:
-        raise SessionFormatError(f"{name} is damaged: {error}") from error
-    manifest = _manifest(contents.pop("manifest.json"), name)
-    _check_digests(manifest, contents, name)
-    manifest = migrate(manifest)
-    document, copies = manifest.get("session"), manifest.get("copies", {})
-    recipes = manifest.get("packed", {})
-    if not (isinstance(document, dict) and isinstance(copies, dict) and isinstance(recipes, dict)):
-        raise SessionFormatError(f"{name}: its manifest holds no session")
-    arrays: Arrays = {}
-    for member in contents.keys() - {"commands.jsonl"}:
-        folder, _, array = member.removesuffix(".npy").partition("/")
-        stored = _load_npy(contents[member], member)
-        if folder == "packed":
-            stored = unpack(stored, decode(recipes.get(array), Recipe, {}, member), member)
-        arrays[array] = stored
-    for copy, known in copies.items():
-        if not isinstance(known, str) or known not in arrays:
-            raise SessionFormatError(f"{name}: the array {known!r} that {copy!r} copies is missing")
-        arrays[copy] = arrays[known]
-    lines = contents["commands.jsonl"].splitlines()
-    log = [_json(line, f"{name}: line {i + 1} of its log") for i, line in enumerate(lines)]
-    return decode({**document, "log": log}, Session, arrays)
-
-
-def _check_members(archive: zipfile.ZipFile, packed: int, name: str) -> None:
-    infos = archive.infolist()
-    names = [info.filename for info in infos]
-    total = sum(info.file_size for info in infos)
-    foreign = [n for n in names if not MEMBER_NAME.fullmatch(n)]
-    if foreign or not {"manifest.json", "commands.jsonl"} <= set(names):
-        what = f"it holds {foreign[0]!r}" if foreign else "manifest or command log is missing"
-        raise SessionFormatError(f"{name} is a zip, but not a session file of RONA: {what}")
-    if any(info.compress_type not in PACKINGS for info in infos):
-        raise SessionFormatError(f"{name} is packed in a way that RONA does not use: refused")
-    if len(set(names)) != len(names) or len(names) > MAX_MEMBERS:
-        raise SessionFormatError(f"{name} has doubled names or more than {MAX_MEMBERS} members")
-    if total > MAX_TOTAL_BYTES or (total > FREE_BYTES and total > MAX_RATIO * packed):
-        raise SessionFormatError(
-            f"{name} would unpack to {total / 1e6:.0f} MB from {packed / 1e6:.1f} MB: refused"
-        )
-
-
-def _json(text: bytes, what: str) -> Any:
-    """Return what a JSON text says; numbers that are none (NaN, Infinity) are refused."""
-
-    def refuse(number: str) -> None:
-        raise ValueError(f"{number} is not a number")
-
-    try:
-        return json.loads(text, parse_constant=refuse)
-    except (ValueError, RecursionError) as error:
-        raise SessionFormatError(f"{what} is not readable: {error}") from error
-
-
-def _manifest(text: bytes, name: str) -> dict[str, Any]:
-    manifest = _json(text, f"{name}: its manifest")
-    if not isinstance(manifest, dict) or manifest.get("format") != FORMAT:
-        raise SessionFormatError(f"{name} is a zip, but not a session file of RONA")
-    return manifest
-
-
-def _check_digests(manifest: dict[str, Any], contents: dict[str, bytes], name: str) -> None:
-    expected = manifest.get("sha256")
-    if not isinstance(expected, dict) or set(expected) != set(contents):
-        raise SessionFormatError(f"{name}: its members are not the ones its manifest lists")
-    for member, data in contents.items():
-        if hashlib.sha256(data).hexdigest() != expected[member]:
-            raise SessionFormatError(f"{name}: {member} is damaged (its digest does not match)")
-
-
-def _load_npy(blob: bytes, member: str) -> np.ndarray:
-    """Return the array of a member; its size is compared before memory is taken for it."""
-    file = io.BytesIO(blob)
-    try:
-        if np.lib.format.read_magic(file) != NPY_VERSION:
-            raise ValueError("its version is not 1.0")
-        shape, _, dtype = np.lib.format.read_array_header_1_0(file)
-        there, told = len(blob) - file.tell(), math.prod(shape) * dtype.itemsize
-        if there != told:
-            raise ValueError(f"{there} bytes of values instead of {told}")
-        file.seek(0)
-        return np.load(file, allow_pickle=False)
-    except (ValueError, TypeError, EOFError, tokenize.TokenError) as error:
-        raise SessionFormatError(f"{member} is not a plain array: {error}") from error
+        members = read_members(data, name)
+        manifest, arrays = migrate(members.manifest), members.arrays
+        document, copies = manifest.get("session"), manifest.get("copies", {})
+        if not (isinstance(document, dict) and isinstance(copies, dict)):
+            raise SessionFormatError(f"{name}: its manifest holds no session")
+        for copy, known in copies.items():
+            if not isinstance(known, str) or known not in arrays:
+                raise SessionFormatError(
+                    f"{name}: the array {str(known)[:120]!r} that {copy!r} copies is missing"
+                )
+            arrays[copy] = arrays[known]
+        require_room(0, used_bytes(document, arrays), {}, name)
+        return decode({**document, "log": members.log}, Session, arrays)
+    except MemoryError as error:
+        raise SessionFormatError(f"{name} needs more memory than there is: refused") from error

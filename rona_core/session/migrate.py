@@ -167,16 +167,19 @@ def migrate(manifest: dict[str, Any]) -> dict[str, Any]:
     """
     schema = manifest.get("schema")
     if type(schema) is not int or schema < 1:
-        raise SessionFormatError(f"the session file names no schema number, but {schema!r}")
-    if schema > SCHEMA:
         raise SessionFormatError(
-            f"the session file has schema {schema}, this program reads up to {SCHEMA}: "
-            f"it was saved by a newer RONA ({manifest.get('app_version', 'unknown')}); update first"
+            f"the session file names no schema number, but {str(schema)[:40]!r}"
+        )
+    if schema > SCHEMA:
+        version = str(manifest.get("app_version", "unknown"))[:40]
+        raise SessionFormatError(
+            f"the session file has schema {str(schema)[:40]}, this program reads up to {SCHEMA}: "
+            f"it was saved by a newer RONA ({version}); update first"
         )
     while schema < SCHEMA:
         try:
             manifest = MIGRATIONS[schema](manifest)
-        except (KeyError, TypeError) as error:
+        except (KeyError, TypeError, AttributeError) as error:
             raise SessionFormatError(
                 f"the session file of schema {schema} lacks a part that every one has: {error}"
             ) from error

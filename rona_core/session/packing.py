@@ -20,6 +20,7 @@ SMALLEST_BYTES = 512  # smaller arrays are left as they are
 N_TAPS = 8  # samples before that foretell a sample
 TAP_SHIFT = 10  # a filter weight of 1 is 2**10
 MAX_TAPS = 64
+LINES = 4096  # of a record, unpacked at once
 FIT_LINES = 128  # of a record, enough to find its filter
 DTYPES = tuple(f"<{kind}{size}" for kind in "fiu" for size in (2, 4, 8))
 
@@ -69,13 +70,15 @@ def unpack(stored: NDArray[Any], recipe: Recipe, where: str) -> NDArray[Any]:
     """
     if not _fits(stored, recipe):
         raise SessionFormatError(f"{where}: its bytes are not packed in the way that is said")
-    folded = np.ascontiguousarray(stored.T).view(f"<u{recipe.dtype[2]}")
+    folded = np.array(stored.T, order="C").view(f"<u{recipe.dtype[2]}")
     rest = _unfolded(folded.reshape(recipe.shape))
     if recipe.taps:
-        return (_rebuilt(rest, recipe.taps) * np.int32(recipe.step)).astype(recipe.dtype)
-    if recipe.axis is not None:
-        rest = np.cumsum(rest, axis=recipe.axis, dtype=rest.dtype)
-    return np.ascontiguousarray(rest).view(recipe.dtype)
+        for i in range(0, len(rest), LINES):  # some at a time: on the way they take 32 bits
+            lines = _rebuilt(rest[i : i + LINES], recipe.taps)
+            rest[i : i + LINES] = lines * np.int32(recipe.step)
+    elif recipe.axis is not None:
+        np.add.accumulate(rest, axis=recipe.axis, out=rest)
+    return rest.view(recipe.dtype)
 
 
 def _best_axis(bits: Integers) -> int | None:
@@ -98,8 +101,14 @@ def _folded(values: Integers) -> Integers:
 
 
 def _unfolded(folded: Integers) -> Integers:
+    """Return what was folded, in the memory of the folded values."""
     signed = folded.dtype.str.replace("u", "i")
-    return (folded >> 1).view(signed) ^ -(folded & 1).view(signed)
+    flips = (folded & 1).view(signed)
+    np.negative(flips, out=flips)
+    folded >>= 1
+    values: Integers = folded.view(signed)
+    values ^= flips
+    return values
 
 
 def _filter_of(lines: NDArray[np.int32]) -> tuple[int, ...]:

@@ -81,7 +81,7 @@ def import_skull(
     draft = LoadedSkull(
         name=paths[0].name,
         kind=_kind(source),
-        sha256=tuple(hashlib.sha256(p.read_bytes()).hexdigest() for p in paths),
+        sha256=tuple(map(_sha256, paths)),
         threshold=threshold,
         smoothing_mm=smoothing_mm,
         distance_um=as_micrometres(distance),
@@ -98,6 +98,11 @@ def import_skull(
     result = _settle(draft)
     step(1.0)
     return result
+
+
+def _sha256(path: Path) -> str:
+    with path.open("rb") as file:
+        return hashlib.file_digest(file, "sha256").hexdigest()
 
 
 def _stepper(progress: Progress, cancel: Cancel) -> Callable[[float], None]:
@@ -154,10 +159,13 @@ def _place_at(bone: CoarseBone, center: Vector3) -> Choice:
     Raises:
         InvalidInputError: the centre is off the bone, or on the inside.
     """
-    voxels = np.argwhere(bone.mask)
-    heights = voxels[:, 2] * bone.voxel_mm[2]
-    upper = voxels[heights > heights.max() - 100.0]  # the braincase, without the face
-    middle = bone.origin_skull + 0.5 * (upper.min(axis=0) + upper.max(axis=0)) * bone.voxel_mm
+    heights = np.flatnonzero(bone.mask.any(axis=(0, 1))) * bone.voxel_mm[2]
+    lowest = max(0, int(np.floor((heights.max() - 100.0) / bone.voxel_mm[2])) + 1)
+    upper = bone.mask[:, :, lowest:]  # the braincase, without the face
+    places = [np.flatnonzero(np.asarray(upper.any(axis=axes))) for axes in ((1, 2), (0, 2), (0, 1))]
+    places[2] = places[2] + lowest
+    span = np.array([place[0] + place[-1] for place in places])
+    middle: Vector3 = bone.origin_skull + 0.5 * span * bone.voxel_mm
     outward = center - middle
     length = float(np.linalg.norm(outward))
     if length < 1.0:
@@ -166,7 +174,7 @@ def _place_at(bone: CoarseBone, center: Vector3) -> Choice:
     t = np.arange(length + 60.0, 0.0, -0.25 * float(bone.voxel_mm.min()))
     index = np.round((middle + t[:, None] * outward - bone.origin_skull) / bone.voxel_mm)
     held = ((index >= 0) & (index < bone.mask.shape)).all(axis=1)
-    i, j, k = np.where(held[:, None], index, 0).astype(int).T
+    i, j, k = np.where(np.asarray(held)[:, None], index, 0).astype(int).T
     solid = bone.mask[i, j, k] & held
     off = float(t[np.argmax(solid)] - length) if solid.any() else np.inf
     if abs(off) > NEAR_BONE_MM:

@@ -15,6 +15,7 @@ from rona_core.devices.settings import STRICT, require
 from rona_core.errors import NotFoundError
 from rona_core.session.document import require_seed
 from rona_core.session.files import SUFFIX, session_bytes
+from rona_ui.api.bodies import spooled
 from rona_ui.api.context import PREFIX, WHOLE_TEXT, Bench, Sessions
 from rona_ui.api.plain_json import plain
 from rona_ui.resources import demo_session
@@ -161,8 +162,8 @@ async def upload_session(
     hub: Sessions, request: Request, response: Response, name: FileName = "upload.rona"
 ) -> SessionInfo:
     """Open the session file that is the body; the viewer shows it."""
-    data = await request.body()
-    bench = await run_in_threadpool(hub.open_bytes, data, name)
+    async with spooled(request, hub.uploads) as path:
+        bench = await run_in_threadpool(hub.open_upload, path, name)
     return _made(hub, bench, response)
 
 
@@ -267,6 +268,7 @@ async def upload_specimen(
     A mask, CT volume or mesh for `StartSkullImport`, a recording for `StartRecordingImport`, the
     poses of a pivot or the markers of a tool for `StartPivotImport`.
     """
-    data = await request.body()
-    path = await run_in_threadpool(hub.store_upload, name, data)
-    return Uploaded(path.name, len(data))
+    async with spooled(request, hub.uploads) as body:
+        size_bytes = body.stat().st_size
+        path = await run_in_threadpool(hub.keep_upload, name, body)
+    return Uploaded(path.name, size_bytes)

@@ -11,9 +11,11 @@ from rich.table import Table
 from rich.text import Text
 
 from rona_core.app.pivot_report import PivotReport, report_pivot
+from rona_core.devices.contents import read_file
 from rona_core.devices.text_tables import NamedFile
 from rona_core.errors import InvalidInputError
 
+EXPECTED = "a file with poses, or a folder of them"
 EXACT = 1e-6  # rotations so near to rigid ones are taken as they are
 REFUSED = 3  # exit status where the data determine no tip
 COLOURS = {"good": "green", "weak": "yellow", "bad": "red"}
@@ -21,10 +23,11 @@ COLOURS = {"good": "green", "weak": "yellow", "bad": "red"}
 
 def run(wanted: Any) -> int:
     """Calibrate and show the result as a table or as JSON."""
-    files = [NamedFile(str(p), p.read_bytes()) for given in wanted.files for p in _expanded(given)]
+    paths = [path for given in wanted.files for path in _expanded(given)]
+    files = [NamedFile(str(path), read_file(path, EXPECTED)) for path in paths]
     geometry = wanted.geometry
     if geometry is not None:
-        geometry = NamedFile(str(geometry), _existing(geometry).read_bytes())
+        geometry = NamedFile(str(geometry), read_file(geometry, "a .rom or .csv file"))
     report = report_pivot(
         files, geometry=geometry, tool=wanted.tool, dof=wanted.dof, method=wanted.method
     )
@@ -35,15 +38,9 @@ def run(wanted: Any) -> int:
     return REFUSED if report.calibration.tip_marker is None else 0
 
 
-def _existing(path: Path) -> Path:
-    if not path.exists():
-        raise InvalidInputError(f"there is no file {path}")
-    return path
-
-
 def _expanded(path: Path) -> list[Path]:
     """Return the file, or the files in a folder, those with numbers in the order of these."""
-    if not _existing(path).is_dir():
+    if not path.is_dir():
         return [path]
     found = [p for p in path.iterdir() if p.is_file() and not p.name.startswith(".")]
     if not found:

@@ -2,7 +2,6 @@
 
 import json
 import sys
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -11,16 +10,18 @@ from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 from rich.table import Table
 
 from rona_core.app.rf_report import RfReport, report_rf
+from rona_core.devices.contents import read_file
 from rona_core.devices.text_tables import NamedFile
-from rona_core.errors import InvalidInputError
 
+EXPECTED = "an HDF5, .mat or .npz file"
+MAX_BYTES = 384 * 1024**2  # more than the most values that are read, as float64
 NOTHING = 3  # exit status where no line shows a back wall
 REASONS = ("ok", "no front echo", "no back wall", "unsure")
 
 
 def run(wanted: Any) -> int:
     """Detect and show the result as a table or as JSON."""
-    file = NamedFile(str(wanted.file), _contents(wanted.file))
+    file = NamedFile(str(wanted.file), read_file(wanted.file, EXPECTED, MAX_BYTES))
     columns = (TextColumn("{task.description}"), BarColumn(40), TimeElapsedColumn())
     with Progress(*columns, console=Console(stderr=True), transient=True) as bar:
         task = bar.add_task("detecting", total=1.0)
@@ -34,13 +35,6 @@ def run(wanted: Any) -> int:
     else:
         _print(report)
     return 0 if report.detection.ok.any() else NOTHING
-
-
-def _contents(path: Path) -> bytes:
-    if not path.is_file():
-        what = "is a folder" if path.is_dir() else "does not exist"
-        raise InvalidInputError(f"{path} {what}: expected an HDF5, .mat or .npz file")
-    return path.read_bytes()
 
 
 def _print(report: RfReport) -> None:

@@ -97,7 +97,7 @@ def test_a_file_that_is_none_is_refused(capsys, tmp_path):
     assert main(["detect", str(tmp_path), "--speed", "2850"]) == 2
     assert "is a folder" in capsys.readouterr().err
     assert main(["detect", str(tmp_path / "no.npz"), "--speed", "2850"]) == 2
-    assert "does not exist" in capsys.readouterr().err
+    assert "there is no file" in capsys.readouterr().err
     text = tmp_path / "a.csv"
     text.write_text("1,2,3\n")
     assert main(["detect", str(text), "--speed", "2850"]) == 2

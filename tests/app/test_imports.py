@@ -22,6 +22,7 @@ from rona_core.app.messages import (
 from rona_core.app.replay import replay
 from rona_core.app.staleness import stale_reason
 from rona_core.compose import new_workbench
+from rona_core.devices.igs_mha import read_igs_mha, write_igs_mha
 from rona_core.devices.settings import TOOLS
 from rona_core.errors import (
     DegenerateGeometryError,
@@ -30,6 +31,7 @@ from rona_core.errors import (
     NotFoundError,
     StepBlockedError,
 )
+from rona_core.geometry.pose import Poses
 from rona_core.session.codec import digest
 from rona_core.session.document import Session
 from rona_core.session.files import load_session, save_session
@@ -257,3 +259,24 @@ def test_a_live_stream_of_all_tools_is_a_recording(bench, tmp_path):
             bench.run(activity)
         assert "none was named" not in str(refused.value)  # the pointer in use is meant
     assert [tool.tool for tool in recording.tools] == list(TOOLS)
+
+
+@pytest.mark.parametrize("play", [False, True])
+def test_a_recording_in_metres_is_refused_with_the_remedy(bench, measured, tmp_path, play):
+    recording = read_igs_mha(export_recording(measured, 2).data)
+    tools = []
+    for column in recording.tools:
+        poses = column.Ts_tracker_marker
+        metres = Poses(poses.rotations, poses.translations / 1000.0)
+        tools.append(replace(column, Ts_tracker_marker=metres))
+    written = write_igs_mha(replace(recording, tools=tuple(tools)))
+    (tmp_path / "metres.igs.mha").write_bytes(written)
+    before = bench.session
+    for activity in (
+        StartRecordingImport("metres.igs.mha", play=play),
+        StartRecordingImport("metres.igs.mha", purpose="surface", play=play),
+        StartPivotImport(("metres.igs.mha",)),
+    ):
+        with pytest.raises(InvalidInputError, match=r"look like metres.*multiply .* by 1000"):
+            bench.run(activity)
+    assert bench.session is before

@@ -13,7 +13,7 @@ import pytest
 from rona_core.devices.samples import ToolTrack
 from rona_core.errors import NotFoundError, SessionFormatError
 from rona_core.geometry.pose import Pose, Poses
-from rona_core.session import files
+from rona_core.session import files, members
 from rona_core.session.codec import digest
 from rona_core.session.document import Captures, LogEntry, PointerCapture, Session
 from rona_core.session.files import load_session, save_session, session_bytes, session_from_bytes
@@ -165,11 +165,9 @@ def test_an_exchanged_array_is_refused():
 
 
 def test_a_zip_bomb_is_refused_before_it_is_unpacked(monkeypatch):
-    monkeypatch.setattr(files, "FREE_BYTES", 1000)
-    bomb = rewritten(
-        session_bytes(session()), lambda m: m.update({"arrays/big.npy": bytes(20_000_000)})
-    )
-    with pytest.raises(SessionFormatError, match="would unpack"):
+    monkeypatch.setattr(members, "MAX_STORED_BYTES", 10_000_000)
+    bomb = resealed(lambda m: None, lambda m: m.update({"arrays/big.npy": bytes(20_000_000)}))
+    with pytest.raises(SessionFormatError, match="unpacks to more than 10 MB"):
         session_from_bytes(bomb)
 
 

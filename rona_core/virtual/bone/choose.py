@@ -10,11 +10,12 @@ import numpy as np
 from scipy.ndimage import binary_closing, gaussian_filter
 from scipy.signal import fftconvolve
 
-from rona_core.arrays import Bools, Floats, Vector3
+from rona_core.arrays import Bools, Floats, Ints, Vector3
 from rona_core.errors import InvalidInputError
 
 GAP_MM = 6.0  # air between bone (diploe, air cells) that counts as bone
 WORK_MM = 1.0
+ROWS = 32  # looked through at once
 SMOOTH_MM = 5.0
 THICKNESS_MM = (3.0, 10.0)
 RIM_MM = 4.0  # beyond the disc that must be whole too
@@ -100,6 +101,16 @@ def side_view(bone: CoarseBone, side: int) -> tuple[Floats, Floats, Bools]:
     block = bone.mask[::-1][:half] if side > 0 else bone.mask[:half]
     step = float(bone.voxel_mm[0])
     length = max(1, int(np.ceil(GAP_MM / step)) - 1)
+    parts = [
+        _seen_along(block[:, j : j + ROWS], length) for j in range(0, block.shape[1], ROWS)
+    ]  # columns know nothing of each other: some rows at a time, to spare memory
+    first, count, hit = (np.concatenate(part) for part in zip(*parts, strict=True))
+    return first * step, count * step, hit
+
+
+def _seen_along(block: Bools, length: int) -> tuple[Ints, Ints, Bools]:
+    """Return first bone and its extent along the first axis in voxels, and where there is any."""
+    half = len(block)
     hit: Bools = np.asarray(block.any(axis=0))
     first = np.argmax(block, axis=0)
     padded = np.pad(block, ((length, length), (0, 0), (0, 0)))
@@ -107,7 +118,7 @@ def side_view(bone: CoarseBone, side: int) -> tuple[Floats, Floats, Bools]:
     closed = closed | block
     beyond = ~closed & (np.arange(half)[:, None, None] > first)
     end = np.where(beyond.any(axis=0), np.argmax(beyond, axis=0), half)
-    return first * step, (end - first) * step, hit
+    return first, end - first, hit
 
 
 def _best_on_side(bone: CoarseBone, side: int, radius_mm: float) -> tuple[float, Choice] | None:

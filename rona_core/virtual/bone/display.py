@@ -31,7 +31,7 @@ def display_mesh(bone: CoarseBone) -> tuple[Floats, Ints]:
 
 
 def _nets(bone: CoarseBone, edge_mm: float) -> tuple[Floats, Ints]:
-    soft = gaussian_filter(bone.mask.astype(np.float32), 0.4 * edge_mm / bone.voxel_mm)
+    soft = gaussian_filter(bone.mask, 0.4 * edge_mm / bone.voxel_mm, output=np.float32)
     extent = np.array(bone.mask.shape) * bone.voxel_mm
     axes = [np.arange(-2.0 * edge_mm, size + 2.0 * edge_mm, edge_mm) for size in extent]
     places = np.stack(np.meshgrid(*axes, indexing="ij"), axis=0)

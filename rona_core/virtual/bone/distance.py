@@ -12,7 +12,7 @@ from scipy.ndimage import (
     map_coordinates,
 )
 
-from rona_core.arrays import Bools, Floats, Vector3
+from rona_core.arrays import Bools, Floats, Ints, Vector3
 from rona_core.errors import InvalidInputError
 from rona_core.virtual.bone.triangles import BoneMesh, distance_to, inside
 from rona_core.virtual.bone.volume import BoneVolume
@@ -22,6 +22,7 @@ LATERAL_MM = 25.0  # beyond the radius of the disc
 ABOVE_MM, BELOW_MM = 12.0, 46.0  # the surface at the centre of the disc
 BAND_MM = 4.0  # the distance is clipped to this
 SMOOTHING_VOXELS = 1.0  # sigma of the Gaussian that removes the steps of the voxels
+MOST_BLOCK_VOXELS = 30_000_000  # read around the grid
 MARGIN_MM = 6.0  # of the volume read around the grid
 SMALL_PIECE = 0.05  # bone pieces below this share of the largest are dropped (table, dust)
 
@@ -68,6 +69,7 @@ def distance_from_volume(bone: BoneVolume, grid: Grid) -> tuple[Floats, float]:
     margin = np.ceil(MARGIN_MM / voxel)
     low = np.floor(places.min(axis=0) - margin).astype(int)
     high = np.ceil(places.max(axis=0) + margin).astype(int) + 1
+    _check_block(high - low, voxel)
     inner_low = np.clip(low, 0, bone.mask.shape)
     inner_high = np.clip(high, 0, bone.mask.shape)
     block = np.zeros(high - low, dtype=np.bool_)
@@ -90,10 +92,27 @@ def distance_from_volume(bone: BoneVolume, grid: Grid) -> tuple[Floats, float]:
     return values.reshape(grid.shape).astype(np.float64), SMOOTHING_VOXELS * float(voxel.mean())
 
 
+def _check_block(shape: Ints, voxel_mm: Floats) -> None:
+    if np.prod(shape.astype(np.float64)) > MOST_BLOCK_VOXELS:
+        raise InvalidInputError(
+            f"voxels of {voxel_mm.round(3).tolist()} mm are too fine for a disc of this radius: "
+            f"{shape.tolist()} of them lie about it, {MOST_BLOCK_VOXELS / 1e6:.0f} million are "
+            f"allowed; choose a smaller radius, or resample the volume"
+        )
+
+
 def _to_nearest(inside: Bools, voxel_mm: Floats) -> NDArray[np.float32]:
     """Return for each voxel inside the distance to the nearest centre outside, else 0."""
-    distance: Any = distance_transform_edt(inside, sampling=voxel_mm)
-    return distance.astype(np.float32)
+    nearest: Any = distance_transform_edt(
+        inside, sampling=voxel_mm, return_distances=False, return_indices=True
+    )
+    distance = np.zeros(inside.shape, dtype=np.float32)
+    j, k = np.ogrid[: inside.shape[1], : inside.shape[2]]
+    for i in range(inside.shape[0]):  # layer by layer: the offsets as floats are large
+        offsets = (nearest[0, i] - i, nearest[1, i] - j, nearest[2, i] - k)
+        squares = sum((off * edge) ** 2 for off, edge in zip(offsets, voxel_mm, strict=True))
+        distance[i] = np.sqrt(squares)
+    return distance
 
 
 def distance_from_mesh(bone: BoneMesh, grid: Grid) -> Floats:

@@ -12,6 +12,8 @@ from trimesh.remesh import subdivide_to_size
 from trimesh.triangles import closest_point
 
 from rona_core.arrays import Bools, Floats, Ints
+from rona_core.devices.apart import Found, read_apart
+from rona_core.devices.contents import open_file
 from rona_core.errors import InvalidInputError
 
 MESH_SUFFIXES = (".stl", ".ply", ".obj")
@@ -21,6 +23,8 @@ NEAREST = 10  # triangles tried for each point
 JITTER_MM = 0.0137  # moves rays off edges, which they would hit twice
 TRIES = 4
 CHUNK = 100_000
+MOST_FINE = 4_000_000  # triangles after the long ones were cut
+COLUMNS = 8192  # of rays at once
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -41,19 +45,10 @@ def read_mesh(path: Path) -> BoneMesh:
     Raises:
         InvalidInputError: damaged, foreign or empty, not closed, or not of the size of a skull.
     """
-    try:
-        loaded: Any = trimesh.load(
-            io.BytesIO(path.read_bytes()), file_type=path.suffix[1:], force="mesh"
-        )
-        loaded.merge_vertices(merge_tex=True, merge_norm=True)
-        loaded.update_faces(loaded.nondegenerate_faces())
-        loaded.remove_unreferenced_vertices()
-        vertices, faces = np.array(loaded.vertices), np.array(loaded.faces, dtype=np.int64)
-        closed = bool(loaded.is_watertight)
-    except Exception as error:
-        raise InvalidInputError(
-            f"{path.name} could not be read as {path.suffix[1:].upper()} ({error}): export it again"
-        ) from error
+    kind = path.suffix[1:].upper()
+    with open_file(path, f"a mesh ({kind})"):
+        found = read_apart(load_triangles, path, path.name, kind)
+    vertices, faces, closed = (np.asarray(found[key]) for key in ("vertices", "faces", "closed"))
     if not len(faces) or not np.isfinite(vertices).all():
         raise InvalidInputError(f"{path.name} holds no triangles, or vertices that are not finite")
     extent = vertices.max(axis=0) - vertices.min(axis=0)
@@ -63,7 +58,7 @@ def read_mesh(path: Path) -> BoneMesh:
             f"{path.name} measures {extent.round(2).tolist()}: expected a skull of {low:g} to "
             f"{high:g} mm; check the unit"
         )
-    if not closed:
+    if not closed.all():
         edges, count = np.unique(
             np.sort(faces[:, (0, 1, 1, 2, 2, 0)].reshape(-1, 2)), axis=0, return_counts=True
         )
@@ -72,6 +67,33 @@ def read_mesh(path: Path) -> BoneMesh:
             f"join two triangles; close its holes, or export the mask as a volume instead"
         )
     return BoneMesh(vertices, faces)
+
+
+def load_triangles(path: Path, name: str) -> Found:
+    """Return vertices (n, 3), faces (m, 3) and whether they are closed, of a file of any mesh.
+
+    Raises:
+        InvalidInputError: damaged or foreign.
+    """
+    kind = Path(name).suffix[1:].lower()
+    try:  # of bytes, without a folder: files that the mesh names (materials) are not looked for
+        data = io.BytesIO(path.read_bytes())
+        loaded: Any = trimesh.load(data, file_type=kind, force="mesh")
+        loaded.merge_vertices(merge_tex=True, merge_norm=True)
+        loaded.update_faces(loaded.nondegenerate_faces())
+        loaded.remove_unreferenced_vertices()
+        return {
+            "vertices": np.array(loaded.vertices, dtype=np.float64),
+            "faces": np.array(loaded.faces, dtype=np.int64),
+            "closed": np.array(bool(loaded.is_watertight)),
+        }
+    except MemoryError:
+        raise
+    except Exception as error:  # the library throws whatever it likes at damaged files
+        words = str(error)[:160]
+        raise InvalidInputError(
+            f"{name} could not be read as {kind.upper()} ({words}): export it again"
+        ) from error
 
 
 def joined(outer: BoneMesh, inner: BoneMesh) -> BoneMesh:
@@ -112,6 +134,24 @@ def inside(mesh: BoneMesh, origins: Floats, step: Floats, count: int) -> Bools:
         float(np.linalg.norm(np.ptp(mesh.bounds(), axis=0)))
         + np.abs((origins - mesh.vertices.mean(axis=0)) @ d).max()
     )
+    parts: list[Bools] = []
+    odd = 0
+    for first in range(0, len(origins), COLUMNS):
+        some, left = _crossed(solid, origins[first : first + COLUMNS], d, far, spacing, count)
+        parts.append(some)
+        odd += left
+    if odd:
+        raise InvalidInputError(
+            f"{odd} of {len(origins)} lines cross the mesh an odd number of times: its surfaces "
+            f"intersect or have holes; repair it, or export the mask as a volume instead"
+        )
+    return np.concatenate(parts)
+
+
+def _crossed(
+    solid: Any, origins: Floats, d: Floats, far: float, spacing: float, count: int
+) -> tuple[Bools, int]:
+    """Return which nodes (n, count) of columns along ``d`` are bone, and how many stay odd."""
     across = np.linalg.svd(d[None])[2][1:]
     result = np.zeros((len(origins), count), dtype=np.bool_)
     open_columns = np.arange(len(origins))
@@ -129,11 +169,21 @@ def inside(mesh: BoneMesh, origins: Floats, step: Floats, count: int) -> Bools:
         result[open_columns] = np.cumsum(crossings, axis=1)[:, :count] % 2 == 1
         open_columns = open_columns[odd]
         if not len(open_columns):
-            return result
-    raise InvalidInputError(
-        f"{len(open_columns)} of {len(origins)} lines cross the mesh an odd number of times: its "
-        f"surfaces intersect or have holes; repair it, or export the mask as a volume instead"
-    )
+            break
+    return result, len(open_columns)
+
+
+def _check_fine(corners: Floats) -> None:
+    """Refuse triangles (n, 3, 3) that would be cut into too many; each cut halves the edges."""
+    longest = np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2).max(axis=1)
+    cuts = np.ceil(np.log2(np.maximum(longest / FINE_MM, 1.0)))
+    count = float((4.0**cuts).sum())
+    if count > MOST_FINE:
+        raise InvalidInputError(
+            f"the mesh has {len(corners)} triangles near the disc, too many or too large: cut to "
+            f"{FINE_MM:g} mm they would be {count / 1e6:.0f} million, {MOST_FINE / 1e6:.0f} are "
+            f"allowed; reduce the mesh, or remove surfaces that are not bone"
+        )
 
 
 def distance_to(mesh: BoneMesh, points: Floats, limit_mm: float, exact_mm: float) -> Floats:
@@ -146,6 +196,7 @@ def distance_to(mesh: BoneMesh, points: Floats, limit_mm: float, exact_mm: float
     near = ((corners.max(axis=1) >= low) & (corners.min(axis=1) <= high)).all(axis=1)
     if not near.any():
         return np.full(len(points), limit_mm)
+    _check_fine(corners[near])
     fine: Any = subdivide_to_size(mesh.vertices, mesh.faces[near], FINE_MM, max_iter=14)
     triangles: Floats = fine[0][fine[1]]
     centers = KDTree(triangles.mean(axis=1))

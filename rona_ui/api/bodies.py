@@ -1,0 +1,37 @@
+"""Bodies of uploads go to a file while they arrive: they never lie in memory whole."""
+
+import os
+import tempfile
+from collections.abc import AsyncGenerator
+from contextlib import asynccontextmanager
+from pathlib import Path
+
+from fastapi import Request
+from starlette.concurrency import run_in_threadpool
+
+AT_ONCE = 1 << 20  # bytes that are written together
+
+
+@asynccontextmanager
+async def spooled(request: Request, folder: Path) -> AsyncGenerator[Path]:
+    """Give a file in ``folder`` that holds the body; unless it was moved away, it goes afterwards.
+
+    A body that is cut off or too large for its route leaves nothing behind.
+    """
+    folder.mkdir(parents=True, exist_ok=True)
+    handle, name = tempfile.mkstemp(prefix=".upload.", dir=folder)
+    path = Path(name)
+    try:
+        with os.fdopen(handle, "wb") as file:
+            held: list[bytes] = []
+            async for part in request.stream():
+                held.append(part)
+                if sum(map(len, held)) >= AT_ONCE:
+                    await run_in_threadpool(file.writelines, held)
+                    held = []
+            file.writelines(held)
+            file.flush()
+            await run_in_threadpool(os.fsync, file.fileno())
+        yield path
+    finally:
+        path.unlink(missing_ok=True)
