@@ -6,6 +6,9 @@ from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from typing import Any
 
+from benchmarks.laboratory_families import FAMILIES
+from benchmarks.recorded_cases import CASES
+
 DEMO = Path(__file__).resolve().parents[1] / "sessions" / "demo.rona"
 ONCE = {"metric.REPEATS": 1}
 # suite -> constant of a module of the benchmarks -> its value in the smallest case
@@ -76,10 +79,13 @@ SMALLEST: Mapping[str, Mapping[str, Any]] = {
         "suites.skull_suite.HARD_MM": (5.0,),
         "suites.skull_suite.HARD_SIDE": 5,
         "suites.skull_suite.PATIENTS": (0,),
+        "suites.skull_suite.REGION_MM": 6.0,
     },
     "recorded_rf": {
         "suites.recorded_rf.SEEDS": (21,),
+        "suites.recorded_rf.CASES": {name: CASES[name] for name in ("plate over a floor",)},
         "suites.recorded_rf.LABORATORY_SEEDS": (500,),
+        "suites.recorded_rf.FAMILIES": dict(list(FAMILIES.items())[:1]),
     },
     "sound_speed": {**ONCE, "suites.sound_speed.PATIENTS": 5},
     "thickness": {"suites.thickness.SEEDS": (0,), "suites.thickness.POINTS": ()},

@@ -26,7 +26,7 @@ WRONG_MM = 1.0
 PLATE_MM, PLATE_SNRS_DB, PLATE_SCANS = 6.0, (20.0, 30.0, 40.0), 150
 SKULL_MM = {"2.25MHz": (3.0, 5.0, 7.0, 10.0), "1MHz": (4.5, 6.0, 8.0, 10.0)}
 HARD_MM, HARD_SIDE = (5.0, 7.0), 16  # scans along each side
-PATIENTS = (0, 1, 2)
+PATIENTS, REGION_MM = (0, 1, 2), 20.0
 NAMES: tuple[ProbeName, ...] = get_args(ProbeName)
 EXCITATIONS: tuple[Excitation, ...] = get_args(Excitation)
 SD_GOAL_MM = {"2.25MHz": 0.05, "1MHz": 0.12}
@@ -54,7 +54,9 @@ def run(progress: Progress) -> list[Metric]:
                     for mm in HARD_MM
                 ],
                 "anatomical": [
-                    anatomical_bone(p, name=name, excitation=excitation, nominal=False)
+                    anatomical_bone(
+                        p, name=name, excitation=excitation, radius_mm=REGION_MM, nominal=False
+                    )
                     for p in PATIENTS
                 ],
             }

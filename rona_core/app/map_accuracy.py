@@ -27,7 +27,8 @@ from rona_core.ultrasound.sound_speed import SpeedCalibration, uncalibrated
 from rona_core.ultrasound.thickness_budget import speed_doubt
 
 ROBOT_ACCURACY_MM = 0.35  # 3D RMS, as the paper states for its arm
-# of their makers: how far an arm is off when it comes to a place again; sigma on the safe side
+# As makers state it: how far an arm is off when it comes to a place again. Taken for a standard
+# deviation along the normal, which is on the safe side.
 REPEATABILITY_MM = {"rx90": 0.02, "ur5": 0.1, "ur10": 0.1}
 NEAREST = 6  # A-scans whose time of flight counts at a cell
 
@@ -134,8 +135,9 @@ def map_accuracy(session: Session, *, hand: bool = False) -> MapAccuracy | None:
             found, ("first", "second")[: len(found)], session.boundary_edits, devices.probe
         )
         maps, known = results.maps.value, speed_of_maps(session)
-        model = devices.robot.model
-        arm = _Arm(ROBOT_ACCURACY_MM / 3.0**0.5, REPEATABILITY_MM[model])
+        worst = max(REPEATABILITY_MM.values())
+        repeat_mm = REPEATABILITY_MM.get(devices.robot.model, worst)
+        arm = _Arm(ROBOT_ACCURACY_MM / 3.0**0.5, repeat_mm)
     return _accuracy(maps, samples, known, arm) if len(samples) == len(maps.inner_used) else None
 
 
@@ -212,6 +214,8 @@ def _cells_map(boundary: BoundaryMap) -> Floats:
 def _heights_at(boundary: BoundaryMap, points_map: Floats) -> Floats:
     """Return the heights (n,) of a map at the places of points (n, 3) in ``map``."""
     u, v = boundary.u_mm, boundary.v_mm
+    if min(len(u), len(v)) < 2:  # a strip of one cell has no slope
+        return np.full(len(points_map), float(boundary.height_mm.mean()))
     chart = RectBivariateSpline(
         u, v, boundary.height_mm, kx=min(3, len(u) - 1), ky=min(3, len(v) - 1)
     )
