@@ -1,4 +1,8 @@
-"""``python -m benchmarks [SUITE ...] [--json] [--gate]``: run suites and print their figures."""
+"""``python -m benchmarks [SUITE ...]``: run suites and print their figures.
+
+``--seeds N`` takes so many seeds in suites that have some; ``--smallest`` shows in seconds that a
+suite runs, and its figures tell nothing.
+"""
 
 import argparse
 import importlib
@@ -7,6 +11,7 @@ import sys
 from collections.abc import Sequence
 
 from benchmarks.metric import Metric
+from benchmarks.smallest import SMALLEST, set_to
 
 SUITES = (
     "navigation",
@@ -25,18 +30,30 @@ SUITES = (
     "sound_speed",
     "thickness",
     "procedure",
+    "map_bands",
 )
 COLUMNS = ("figure", "value", "unit", "goal", "peer", "holds")
 
 
-def run_suite(name: str) -> list[Metric]:
-    """Return the figures of one suite; what it is doing goes to standard error."""
+def run_suite(name: str, seeds: int | None = None, *, smallest: bool = False) -> list[Metric]:
+    """Return the figures of one suite; what it is doing goes to standard error.
+
+    Args:
+        name: Of the suite.
+        seeds: How many seeds to take from its first one on, where the suite has any.
+        smallest: Run its smallest case.
+    """
     suite = importlib.import_module(f"benchmarks.suites.{name}")
+    changes = dict(SMALLEST[name]) if smallest else {}
+    if seeds is not None and hasattr(suite, "SEEDS"):
+        first = next(iter(suite.SEEDS))
+        changes[f"suites.{name}.SEEDS"] = range(first, first + seeds)
 
     def progress(text: str) -> None:
         print(f"{name}: {text}", file=sys.stderr, flush=True)
 
-    return suite.run(progress)
+    with set_to(changes):
+        return suite.run(progress)
 
 
 def as_number(value: float | None) -> str:
@@ -68,13 +85,17 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("suites", nargs="*", metavar="SUITE", help=f"of {', '.join(SUITES)}")
     parser.add_argument("--json", action="store_true", help="print a list of objects")
     parser.add_argument("--gate", action="store_true", help="fail where a figure does not hold")
+    parser.add_argument("--seeds", type=int, help="take so many seeds where a suite has some")
+    parser.add_argument("--smallest", action="store_true", help="see in seconds that suites run")
     options = parser.parse_args(arguments)
+    if options.seeds is not None and options.seeds < 1:
+        parser.error(f"--seeds {options.seeds}: at least one seed is needed")
     unknown = [name for name in options.suites if name not in SUITES]
     if unknown:
         parser.error(f"there is no suite {unknown[0]!r}; the suites are {', '.join(SUITES)}")
     metrics: list[Metric] = []
     for name in options.suites or SUITES:
-        found = run_suite(name)
+        found = run_suite(name, options.seeds, smallest=options.smallest)
         metrics += found
         if not options.json:
             print(f"\n{name}\n\n{as_table(found)}", flush=True)

@@ -39,21 +39,26 @@ class Metric:
             return False
         slack = ROUNDING * abs(bound)
         if self.direction == "lower":
-            return self.value <= bound + slack
-        return self.value >= bound - slack
+            return bool(self.value <= bound + slack)  # of NumPy's numbers it is no plain bool
+        return bool(self.value >= bound - slack)
 
     def as_dict(self) -> dict[str, object]:
-        """Return plain values, ready for JSON."""
+        """Return plain values, ready for JSON: numbers that are not finite are null there."""
         return {
             "name": self.name,
-            "value": self.value,
+            "value": _plain(self.value),
             "unit": self.unit,
             "direction": self.direction,
-            "goal": self.goal,
+            "goal": _plain(self.goal),
             "peer": self.peer,
-            "peer_value": self.peer_value,
+            "peer_value": _plain(self.peer_value),
             "holds": self.holds,
         }
+
+
+def _plain(value: float | None) -> float | None:
+    """Return a number of Python, whoever made it; None for none, and for what is not finite."""
+    return None if value is None or not math.isfinite(value) else float(value)
 
 
 def over_seeds(
@@ -79,10 +84,13 @@ def over_seeds(
     ]
 
 
-def cpu_ms(work: Callable[[], object], repeats: int = REPEATS) -> float:
-    """Return the least process CPU time of ``work`` over some repetitions, in milliseconds."""
+def cpu_ms(work: Callable[[], object], repeats: int | None = None) -> float:
+    """Return the least process CPU time of ``work`` over some repetitions, in milliseconds.
+
+    Without a number it is repeated ``REPEATS`` times.
+    """
     times: list[float] = []
-    for _ in range(repeats):
+    for _ in range(REPEATS if repeats is None else repeats):
         start = process_time()
         work()
         times.append(process_time() - start)

@@ -53,9 +53,10 @@ def map_errors(seed: int, profile: TrackerProfile) -> MapErrors:
         bench.close()
 
 
-def pointer_map_metrics(progress: Progress, seeds: Sequence[int] = SEEDS) -> list[Metric]:
+def pointer_map_metrics(progress: Progress) -> list[Metric]:
     """Return the map's error over patients, as it is by default and under white noise."""
     metrics: list[Metric] = []
+    seeds = SEEDS
     workers = min(os.cpu_count() or 1, 4)
     with ProcessPoolExecutor(workers, mp_context=get_context("spawn")) as pool:
         progress(f"pointer maps of {len(seeds)} patients, profile polaris")
@@ -79,12 +80,12 @@ def _over(
     return [
         Metric(
             f"{name} (median)",
-            statistics.median(values),
+            statistics.median(values) if values else None,
             "mm",
             "lower",
             median,
             "paper",
             PAPER_MM,
         ),
-        Metric(f"{name} (worst of {len(seeds)})", max(values), "mm", "lower", goal),
+        Metric(f"{name} (worst of {len(seeds)})", max(values, default=None), "mm", "lower", goal),
     ]

@@ -1,6 +1,8 @@
 """``make results``: run the procedure over seeds and skulls and write docs/results.md."""
 
+import math
 import platform
+import statistics
 import sys
 from collections.abc import Sequence
 from pathlib import Path
@@ -34,6 +36,7 @@ def page(done: Sequence[Run]) -> str:
             for r in done
         ),
         row("**paper**", "", "", *(as_number(aim.paper) for aim in AIMS)),
+        *what_the_outer_error_is(done),
         "\n## Runs that did not complete\n",
         "\n".join(
             f"* {r.specimen}, seed {r.seed}, step {r.figures.get('failed_step')}: "
@@ -51,6 +54,28 @@ def page(done: Sequence[Run]) -> str:
         goal, paper = as_number(metric.goal), as_number(metric.peer_value)
         lines.append(row(metric.name, as_number(metric.value), metric.unit, goal, paper, holds))
     return "\n".join(lines) + "\n"
+
+
+def what_the_outer_error_is(done: Sequence[Run]) -> list[str]:
+    """Return the words that say what the figures of the outer map tell, and what they do not."""
+    keys = ("outer_rms_mm", "outer_robot_rms_mm", "outer_same_robot_rms_mm")
+    rows = [[run.number(key) for key in keys] for run in done]
+    whole = [[value for value in found if value is not None] for found in rows]
+    known = [found for found in whole if len(found) == len(keys)]
+    if not known:
+        return []
+    outer, robot, same = (
+        math.sqrt(statistics.fmean(value**2 for value in values))
+        for values in zip(*known, strict=True)
+    )
+    return [
+        "\n**What the outer RMS is.** The robot is assumed to be off by a smooth field of 0.35 mm "
+        "(3D RMS), and `outer_rms_mm` is mostly that field, seen along the normal: "
+        f"`outer_robot_rms_mm`, {robot:.3f} of {outer:.3f} mm (quadratic means over the runs). It "
+        "says what was assumed of the robot, and nothing of the method. What scan and map add is "
+        f"`outer_same_robot_rms_mm`, {same:.3f} mm: the error where the same robot uses the map in "
+        "the same posture, as the inner map's is `inner_same_robot_rms_mm`.",
+    ]
 
 
 def row(*cells: object) -> str:

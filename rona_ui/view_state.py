@@ -89,7 +89,7 @@ class ViewState:
     center: Point | None = None  # of the pattern that is to be made
     boundary: tuple[Point, ...] = ()  # of the same
     preview: Preview | None = None
-    quantity: Literal["thickness", "height"] = "thickness"
+    quantity: Literal["thickness", "height", "sigma"] = "thickness"
     cut: bool = True  # the drawn skull is open over the region once it has been mapped
     slice_across: SliceAcross = "off"  # plane that the drawn skull is cut with, in every step
     slice_mm: float = 0.0  # from the centre of the region to that plane

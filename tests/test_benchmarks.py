@@ -1,5 +1,7 @@
 """What a benchmark says holds, it says by the rule; a list of figures is what readers expect."""
 
+import contextlib
+import importlib
 import importlib.util
 import json
 from pathlib import Path
@@ -9,6 +11,10 @@ import pytest
 
 from benchmarks import __main__ as program
 from benchmarks.metric import Metric, cpu_ms, over_seeds
+from benchmarks.smallest import DEMO, SMALLEST, set_to
+from benchmarks.suites import map_bands
+from rona_core.session.document import Session
+from rona_core.session.files import load_session
 
 KEYS = ["name", "value", "unit", "direction", "goal", "peer", "peer_value", "holds"]
 SUITES = sorted((Path(program.__file__).parent / "suites").glob("[!_]*.py"))
@@ -59,7 +65,7 @@ def test_json_is_a_list_of_figures_and_the_gate_is_the_exit_status(
     monkeypatch, capsys, value, status
 ):
     metric = Metric("depth", value, "mm", "lower", 1.0, "paper", 1.5)
-    monkeypatch.setattr(program, "run_suite", lambda name: [metric])
+    monkeypatch.setattr(program, "run_suite", lambda name, *_, **__: [metric])
     assert program.main(["path", "robot", "--json"]) == 0
     found = json.loads(capsys.readouterr().out)
     assert [list(entry) for entry in found] == [KEYS, KEYS]
@@ -71,10 +77,101 @@ def test_json_is_a_list_of_figures_and_the_gate_is_the_exit_status(
 
 def test_without_a_name_all_suites_run(monkeypatch, capsys):
     ran = []
-    monkeypatch.setattr(program, "run_suite", lambda name: ran.append(name) or [])
+    monkeypatch.setattr(program, "run_suite", lambda name, *_, **__: ran.append(name) or [])
     assert program.main([]) == 0
     assert ran == list(program.SUITES)
     assert sorted(program.SUITES) == [path.stem for path in SUITES]
+
+
+@pytest.mark.parametrize("name", program.SUITES)
+def test_every_suite_gives_json_on_its_smallest_case(name, capsys):
+    """Also without the peers it looks for: a figure beside one that is not here is null."""
+    assert program.main([name, "--json", "--smallest"]) == 0
+
+    def refuse(word):
+        raise AssertionError(f"{word} is no JSON")
+
+    found = json.loads(capsys.readouterr().out, parse_constant=refuse)
+    assert found
+    assert all(list(entry) == KEYS for entry in found)
+    for entry in found:
+        for key in ("value", "goal", "peer_value"):
+            assert entry[key] is None or type(entry[key]) is float, entry["name"]
+        assert entry["holds"] in (None, True, False)
+    assert any(entry["value"] is not None for entry in found)
+
+
+def test_numbers_of_numpy_are_plain_in_json():
+    """A comparison of NumPy's numbers is no bool of Python: ``echo_model`` ended with that."""
+    for value in (np.float64(0.3), np.int64(1), np.float32(0.5), np.bool_(True)):
+        metric = Metric("figure", value, "dB", "lower", 0.5, "peer", value)
+        assert metric.holds is bool(value <= 0.5)
+        found = json.loads(json.dumps(metric.as_dict(), allow_nan=False))
+        assert found["value"] == found["peer_value"] == pytest.approx(float(value))
+    for value in (np.nan, float("inf")):
+        found = json.loads(json.dumps(Metric("f", value, "dB", "lower", 0.5).as_dict()))
+        assert found["value"] is None
+        assert found["holds"] is False
+
+
+def test_the_smallest_case_changes_constants_that_are_there_and_gives_them_back():
+    assert set(SMALLEST) == set(program.SUITES)
+    before = {}
+    for values in SMALLEST.values():
+        for place in values:
+            module, _, name = place.rpartition(".")
+            before[place] = getattr(importlib.import_module(f"benchmarks.{module}"), name)
+
+    def now():
+        parts = {place: place.rpartition(".") for place in before}
+        modules = {m: importlib.import_module(f"benchmarks.{m}") for m, _, _ in parts.values()}
+        return {place: getattr(modules[m], name) for place, (m, _, name) in parts.items()}
+
+    for values in SMALLEST.values():
+        with set_to(values):
+            assert all(now()[place] is value for place, value in values.items())
+        assert now() == before
+    with contextlib.suppress(KeyboardInterrupt), set_to(values):
+        raise KeyboardInterrupt
+    assert now() == before
+
+
+def test_so_many_seeds_are_taken_as_are_asked_for(monkeypatch, capsys):
+    seen = []
+    monkeypatch.setattr(map_bands, "run", lambda progress: seen.append(map_bands.SEEDS) or [])
+    first = map_bands.SEEDS[0]
+    assert program.main(["map_bands", "--seeds", "8"]) == 0
+    assert program.main(["map_bands"]) == 0
+    assert seen == [range(first, first + 8), map_bands.SEEDS]
+    with pytest.raises(SystemExit):
+        program.main(["map_bands", "--seeds", "0"])
+    assert "at least one seed" in capsys.readouterr().err
+
+
+def test_bands_are_told_from_errors_and_what_was_stated():
+    rng = np.random.default_rng(1)
+    own, shared = 0.1, 0.2
+    parts = []
+    for _ in range(200):
+        sigma = own * rng.uniform(0.5, 1.5, 400)
+        errors = rng.normal(0.0, shared) + sigma * rng.normal(size=400)
+        parts.append(map_bands.Band(errors, np.hypot(sigma, shared), sigma, shared))
+    found = {metric.name: metric.value for metric in map_bands.figures("thickness", parts)}
+    assert found["thickness: within the band"] == pytest.approx(0.95, abs=0.02)
+    assert found["thickness, own part: within the band"] == pytest.approx(0.95, abs=0.01)
+    assert found["thickness, shared part: within the band"] == pytest.approx(0.95, abs=0.04)
+    assert found["thickness, shared part: RMS error"] == pytest.approx(shared, rel=0.15)
+    rest = np.concatenate([part.errors_mm - part.errors_mm.mean() for part in parts])
+    stated = np.concatenate([part.own_mm for part in parts])
+    order = [np.argsort(np.argsort(values)) for values in (np.abs(rest), stated)]
+    ranks = np.corrcoef(*order)[0, 1]
+    assert found["thickness, own part: rank correlation"] == pytest.approx(ranks, abs=1e-6)
+    assert ranks > 0.2
+    seeds = [map_bands.within(part.errors_mm, part.total_mm) for part in parts]
+    assert found["thickness: least of 200 seeds"] == min(seeds) < 0.8
+    goals = {m.name: m.goal for m in map_bands.figures("thickness", parts)}
+    assert goals["thickness: within the band"] == 0.85
+    assert goals["thickness: the same, not too wide"] == 0.99
 
 
 def test_an_unknown_suite_is_refused_by_name(capsys):
@@ -90,6 +187,7 @@ def test_the_procedure_is_summed_up_over_runs():
     from benchmarks.suites.procedure import Run, summary
 
     good = {"completed": True, "surface_rms_mm": 1.0, "outer_rms_mm": 0.5, "wall_s": 10.0}
+    good |= {"outer_robot_rms_mm": 0.3, "outer_same_robot_rms_mm": 0.125}
     bad = {"completed": False, "failed_step": "roll", "surface_rms_mm": 2.5, "outer_rms_mm": None}
     done = [*(Run("simulated", seed, good) for seed in range(8)), Run("skull_c", 0, bad)]
     found = {metric.name: metric for metric in summary(done)}
@@ -102,6 +200,27 @@ def test_the_procedure_is_summed_up_over_runs():
     text = page(done)
     assert text.count("| simulated |") == 8
     assert "no: roll" in text
+    header = next(line for line in text.splitlines() if line.startswith("| skull"))
+    for key in ("outer_same_robot_rms_mm", "inner_same_robot_rms_mm", "outer_robot_rms_mm"):
+        assert f" {key} " in header
+    # quadratic means over the runs that have all three, so that the one that failed is out
+    assert "0.300 of 0.500 mm" in text
+    assert "0.125 mm" in text
+
+
+def test_the_share_of_the_robot_is_its_field_along_the_normal():
+    from benchmarks.suites.procedure import robot_share
+    from rona_core.compose import build_virtual_rig
+    from rona_core.evaluation.truth import Truth
+
+    session = load_session(DEMO)
+    scene = build_virtual_rig(session.setup).scene
+    points = session.results.maps.value.outer.points_base()
+    _, normals = Truth(scene).foot(points)
+    field = (scene.robot_error.systematic_mm(points) * normals).sum(axis=1)
+    share = robot_share(session)["outer_robot_rms_mm"]
+    assert share == pytest.approx(np.sqrt(np.mean(field**2)), rel=0.02)
+    assert robot_share(Session()) == {"outer_robot_rms_mm": None}
 
 
 def test_the_demonstration_is_checked_by_brute_force():

@@ -15,6 +15,7 @@ from rona_core.robot.scan_plan import plan_scan
 
 HOME = RobotSettings()
 PLACES = 143  # of the default grid
+SCENES = ("S3", "S0")
 
 
 def run(progress: Progress) -> list[Metric]:
@@ -24,7 +25,7 @@ def run(progress: Progress) -> list[Metric]:
     screen = Screen(scene_path("S3"), model, RoomRules(), search.n_points, search.n_rolls)
     grid_ms = PLACES * cpu_ms(lambda: screen.margin(Pose.identity()))
     metrics = [Metric("S3-90: screening of 143 places, CPU", grid_ms, "ms", "lower", 2000.0)]
-    for scene in ("S3", "S0"):
+    for scene in SCENES:
         progress(f"scene {scene}")
         start = process_time()
         found = place_base(scene_path(scene), model, HOME)

@@ -16,6 +16,7 @@ from rona_core.robot.scan_plan import PlanSettings, plan_scan
 from rona_core.robot.variable_roll import RollCurve, optimal_roll
 from rona_core.robot.vary_roll import vary_roll
 
+LONG_SCENES = ("S0", "S4")  # with 306 way-points
 ROLLS_DEG = working_set_deg(N_ROLLS, 0.0, 360.0)
 PLAIN = RollCost(evenness=0.0, limits=0.0, singularities=0.0, roll_deg_per_mm=360.0)
 BARE = RoomRules(singular_rad=1e-9, shoulder_mm=0.0)
@@ -35,7 +36,7 @@ def run(progress: Progress) -> list[Metric]:
     """Return the figures of constant and varying rolls."""
     progress("constant rolls")
     metrics = constant_metrics()
-    for scene in ("S0", "S4"):
+    for scene in LONG_SCENES:
         progress(f"varying roll on {scene}")
         metrics += varying_metrics(scene)
     progress("joint travel")
@@ -48,7 +49,7 @@ def constant_metrics() -> list[Metric]:
     """Return the time to judge every roll of the longer path on every branch."""
     model, rules = scene_model(), RoomRules()
     metrics: list[Metric] = []
-    for scene in ("S0", "S4"):
+    for scene in LONG_SCENES:
         path = scene_path(scene, 306)
         took_s = 1e-3 * cpu_ms(lambda path=path: judge_rolls(path, model, ROLLS_DEG, rules))
         name = f"{scene}: {len(path)} points, 72 rolls, 8 branches judged, CPU"

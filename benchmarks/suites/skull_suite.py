@@ -23,10 +23,12 @@ from rona_core.ultrasound.probe import probe_model
 
 Method = Literal["subtract", "matched", "threshold"]
 WRONG_MM = 1.0
-PLATE_MM, PLATE_SNRS_DB = 6.0, (20.0, 30.0, 40.0)
+PLATE_MM, PLATE_SNRS_DB, PLATE_SCANS = 6.0, (20.0, 30.0, 40.0), 150
 SKULL_MM = {"2.25MHz": (3.0, 5.0, 7.0, 10.0), "1MHz": (4.5, 6.0, 8.0, 10.0)}
-HARD_MM = (5.0, 7.0)
-PATIENTS = (0, 1, 2)
+HARD_MM, HARD_SIDE = (5.0, 7.0), 16  # scans along each side
+PATIENTS, REGION_MM = (0, 1, 2), 20.0
+NAMES: tuple[ProbeName, ...] = get_args(ProbeName)
+EXCITATIONS: tuple[Excitation, ...] = get_args(Excitation)
 SD_GOAL_MM = {"2.25MHz": 0.05, "1MHz": 0.12}
 BATCH = 2048
 
@@ -34,8 +36,8 @@ BATCH = 2048
 def run(progress: Progress) -> list[Metric]:
     """Return the figures of all suites, and the speed of matched filtering."""
     metrics: list[Metric] = []
-    for name in get_args(ProbeName):
-        for excitation in get_args(Excitation):
+    for name in NAMES:
+        for excitation in EXCITATIONS:
             kind = f"{name} {excitation}"
             progress(f"plate, {kind}")
             metrics += plate_figures(name, excitation)
@@ -48,10 +50,13 @@ def run(progress: Progress) -> list[Metric]:
                     )
                 ],
                 "hard": [
-                    hard_bone(mm, name=name, excitation=excitation, nominal=False) for mm in HARD_MM
+                    hard_bone(mm, side=HARD_SIDE, name=name, excitation=excitation, nominal=False)
+                    for mm in HARD_MM
                 ],
                 "anatomical": [
-                    anatomical_bone(p, name=name, excitation=excitation, nominal=False)
+                    anatomical_bone(
+                        p, name=name, excitation=excitation, radius_mm=REGION_MM, nominal=False
+                    )
                     for p in PATIENTS
                 ],
             }
@@ -71,7 +76,7 @@ def plate_figures(name: ProbeName, excitation: Excitation) -> list[Metric]:
     """
     found: list[Metric] = []
     for snr in PLATE_SNRS_DB:
-        scene = plate(PLATE_MM, snr, name=name, excitation=excitation, nominal=False)
+        scene = plate(PLATE_MM, snr, n=PLATE_SCANS, name=name, excitation=excitation, nominal=False)
         pulse, sent = (block_template(scene.probe, kind) for kind in ("pulse", excitation))
         bound = inner_bound(pulse, scene.medium.table, PLATE_MM, snr, sent).coherent_us
         bound_mm = bound * NOMINAL_SPEED_MM_PER_US / 2.0

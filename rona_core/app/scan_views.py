@@ -26,6 +26,8 @@ from rona_core.ultrasound.front import gate_us
 from rona_core.ultrasound.inner import bone_gate_us
 from rona_core.ultrasound.probe import ProbeModel, probe_model
 from rona_core.ultrasound.scan_image import ScanImage, scan_image
+from rona_core.ultrasound.sound_speed import uncalibrated
+from rona_core.ultrasound.thickness_budget import speed_doubt
 from rona_core.ultrasound.view import preview
 
 BONE_US = 12.0  # two-way time in which the inner boundary is looked for, for the eye
@@ -176,7 +178,7 @@ def _judged(
     fine = known and plot.inner_us is not None
     by_hand = bool(session.boundary_edits.marks(scan, len(found))[i])
     if fine:
-        told = f"bone {found.thickness_mm[i]:.2f} ± {found.thickness_sigma_mm[i]:.2f} mm"
+        told = f"bone {found.thickness_mm[i]:.2f} ± {_thickness_sigma_mm(found, i):.2f} mm"
         told += ", set by hand" if by_hand else f", {100 * found.inner_quality[i]:.0f} % sure"
     else:
         told = FLAGS[flag]
@@ -210,6 +212,16 @@ def _judged(
         fine=fine,
         by_hand=by_hand,
     )
+
+
+def _thickness_sigma_mm(found: Detection, i: int) -> float:
+    """Return how sure a thickness is at the speed that echoes are looked for with.
+
+    That is published, or asked for in words; how well it suits the place nobody knows.
+    """
+    patient, place = speed_doubt(uncalibrated(), np.zeros((1, 3)))
+    by_speed = float(found.thickness_mm[i] * np.hypot(patient, place)[0])
+    return float(np.hypot(found.thickness_sigma_mm[i], by_speed))
 
 
 def scan_picture(session: Session, scan: ScanName = "first") -> ScanPicture | None:

@@ -3,6 +3,7 @@
 from typing import TYPE_CHECKING
 
 import numpy as np
+from numpy.typing import ArrayLike
 from scipy.spatial import KDTree
 
 from rona_core.arrays import Bools, Floats, Ints
@@ -58,12 +59,16 @@ def inner_errors_mm(points_base: Floats, truth: Truth, systematic: bool) -> Floa
     Positive where the map has the inner boundary too far outside. Places where the true bone has
     no inner boundary are left out.
     """
+    errors = _inner_errors(points_base, truth, systematic)
+    return errors[np.isfinite(errors)]
+
+
+def _inner_errors(points_base: Floats, truth: Truth, systematic: bool) -> Floats:
+    """Return errors (n,) as ``inner_errors_mm`` does, infinite where there is no inner boundary."""
     arrived = _arrived(points_base, truth, systematic)
     foot, normals = truth.foot(arrived)
     depth = ((foot - arrived) * normals).sum(axis=1)
-    true = truth.thickness_mm(foot, normals)
-    known = np.isfinite(true)
-    return true[known] - depth[known]
+    return truth.thickness_mm(foot, normals) - depth
 
 
 def thickness_errors_mm(maps: "Maps", truth: Truth) -> Floats:
@@ -75,16 +80,45 @@ def thickness_errors_mm(maps: "Maps", truth: Truth) -> Floats:
     """
     if not maps.outer.ok.any() or not (maps.inner.ok & maps.outer.ok).any():
         return np.zeros(0)
+    errors = _thickness_errors(maps, truth)
+    return errors[np.isfinite(errors)]
+
+
+def _thickness_errors(maps: "Maps", truth: Truth) -> Floats:
+    """Return errors (n,) of the cells that both maps vouch for; not finite where none is known."""
     outer_error = np.zeros(maps.outer.ok.shape)
     outer_error[maps.outer.ok] = truth.signed_distance_mm(_cells(maps.outer))
-    both = maps.inner.ok & maps.outer.ok
-    points = _cells(maps.inner, both)
+    points = _cells(maps.inner, maps.inner.ok & maps.outer.ok)
     foot, normals = truth.foot(points)
     depth = ((foot - points) * normals).sum(axis=1)
     above, found = _interpolated(maps.outer, outer_error, foot)
-    true = truth.thickness_mm(foot, normals)
-    known = np.isfinite(true) & found
-    return (above + depth - true)[known]
+    errors = above + depth - truth.thickness_mm(foot, normals)
+    return np.where(found, errors, np.inf)
+
+
+def cell_errors_mm(maps: "Maps", truth: Truth) -> dict[str, Floats]:
+    """Return the signed errors of all maps over their grid (nu, nv), infinite where none is known.
+
+    Keys are ``thickness``, and ``outer``, ``inner`` and ``fused``, absolute and, with the ending
+    ``_same_robot``, for the same robot. All maps are on one grid.
+    """
+    errors: dict[str, Floats] = {}
+    for suffix, systematic in (("", False), ("_same_robot", True)):
+        for name, boundary in (("outer", maps.outer), ("fused", maps.fused)):
+            found = outer_errors_mm(_cells(boundary), truth, systematic)
+            errors[name + suffix] = _on_grid(boundary.ok, found)
+        found = _inner_errors(_cells(maps.inner), truth, systematic)
+        errors["inner" + suffix] = _on_grid(maps.inner.ok, found)
+    both = maps.inner.ok & maps.outer.ok
+    errors["thickness"] = _on_grid(both, _thickness_errors(maps, truth) if both.any() else ())
+    return errors
+
+
+def _on_grid(which: Bools, values: ArrayLike) -> Floats:
+    """Return values (n,) in their cells, infinite elsewhere."""
+    grid = np.full(which.shape, np.inf)
+    grid[which] = values
+    return grid
 
 
 def fused_on_outer_cells(maps: "Maps") -> Floats:

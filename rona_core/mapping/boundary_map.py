@@ -20,7 +20,6 @@ class BoundaryMap:
     v_mm: Floats  # (nv,) cell centres along y
     height_mm: Floats  # (nu, nv)
     ok: Bools  # (nu, nv) a sample that is not flagged lies close by
-    sigma_mm: Floats  # (nu, nv) how far the height may be off, from the scatter of the samples
 
     def points_base(self) -> Floats:
         """Return the unflagged cells as points (n, 3) in ``base``."""

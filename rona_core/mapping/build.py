@@ -130,10 +130,9 @@ class _Grid:
 
     def boundary(self, plate: PlateFit, ok: Bools) -> BoundaryMap:
         """Return a map with the heights of the plate."""
-        heights = plate.heights(self.places).reshape(self.shape)
-        return self.with_heights(heights, plate.sigma_mm(self.places).reshape(self.shape), ok)
+        return self.with_heights(plate.heights(self.places).reshape(self.shape), ok)
 
-    def with_heights(self, heights: Floats, sigma: Floats, ok: Bools) -> BoundaryMap:
+    def with_heights(self, heights: Floats, ok: Bools) -> BoundaryMap:
         """Return a map with these heights (nu, nv)."""
         return BoundaryMap(
             T_base_map=self.T_base_map,
@@ -141,7 +140,6 @@ class _Grid:
             v_mm=readonly(self.v_mm),
             height_mm=readonly(np.ascontiguousarray(heights)),
             ok=readonly(np.ascontiguousarray(ok)),
-            sigma_mm=readonly(np.ascontiguousarray(sigma)),
         )
 
 
@@ -173,19 +171,18 @@ def _inner(
     """Map what lies between the boundaries and subtract it, so that they never cross."""
     nothing = np.zeros(grid.shape, dtype=np.bool_)
     if np.count_nonzero(usable) < LEAST_SAMPLES:
-        flat = grid.with_heights(outer.height_mm - LEAST_THICKNESS_MM, outer.sigma_mm, nothing)
+        flat = grid.with_heights(outer.height_mm - LEAST_THICKNESS_MM, nothing)
         return flat, np.zeros(len(usable), dtype=np.bool_)
     below = np.zeros(len(usable))
     below[usable] = plate.heights(inner_map[usable, :2]) - inner_map[usable, 2]
     used = _agreeing_among(usable, np.column_stack((inner_map[:, :2], below)))
     if np.count_nonzero(used) < LEAST_SAMPLES:
-        flat = grid.with_heights(outer.height_mm - LEAST_THICKNESS_MM, outer.sigma_mm, nothing)
+        flat = grid.with_heights(outer.height_mm - LEAST_THICKNESS_MM, nothing)
         return flat, np.zeros(len(usable), dtype=np.bool_)
     between = fit_plate(inner_map[used, :2], below[used])
     depth = np.maximum(between.heights(grid.places), LEAST_THICKNESS_MM).reshape(grid.shape)
-    sigma = np.hypot(between.sigma_mm(grid.places).reshape(grid.shape), outer.sigma_mm)
     ok = grid.near(inner_map[used])
-    return grid.with_heights(outer.height_mm - depth, sigma, ok), used
+    return grid.with_heights(outer.height_mm - depth, ok), used
 
 
 def _fused(

@@ -3,20 +3,15 @@
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.interpolate import RBFInterpolator
-from scipy.spatial import KDTree
 
-from rona_core.arrays import Floats, Ints, Scalar
+from rona_core.arrays import Floats
 
 STIFFNESSES = (0.01, 0.1, 1.0, 10.0, 100.0, 1000.0)  # smoothing of the plate that is tried
 FOLDS = 5
 MOST_FOR_CHOICE = 500  # samples that take part in choosing the stiffness
 GLOBAL_LIMIT = 2500  # beyond this many samples, only the nearest ones hold the plate
 NEIGHBOURS = 80
-SIGMA_NEIGHBOURS = 24  # samples that share in a standard error
-LEAST_FREEDOM = 0.1
-BLOCK = 500  # places at a time
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -26,66 +21,11 @@ class PlateFit:
     plate: RBFInterpolator
     places_mm: Floats  # (n, 2)
     residuals_mm: Floats  # (n,)
-    relative_variance: Floats  # (n,)
     stiffness: float
 
     def heights(self, places_mm: Floats) -> Floats:
         """Return the heights (m,) at places (m, 2)."""
         return np.asarray(self.plate(places_mm), dtype=np.float64)
-
-    def sigma_mm(self, places_mm: Floats) -> Floats:
-        """Return the standard error of the heights (m,).
-
-        A height is a weighted sum of samples: the weights come from a plate through the nearest
-        samples alone, the noise of the samples from their residuals nearby.
-        """
-        near, weights = self._weights(self.places_mm)
-        own = np.where(near == np.arange(len(near))[:, None], weights, 0.0).sum(axis=1)
-        freedom = np.clip(1.0 - own, LEAST_FREEDOM, 1.0)  # the fit has eaten the rest
-        noise = self.residuals_mm**2 / freedom / self.relative_variance  # of a perfect sample
-        overall = float(noise.mean())
-        near, weights = self._weights(places_mm)
-        share = np.abs(weights)
-        # a robust mixture: a few residuals alone are too few to tell a variance
-        local = (share * noise[near]).sum(axis=1) / share.sum(axis=1)
-        variance = (0.5 * (local + overall))[:, None] * self.relative_variance[near]
-        return np.sqrt((variance * weights**2).sum(axis=1))
-
-    def _weights(self, places_mm: Floats) -> tuple[Ints, Floats]:
-        """Return the nearest samples (m, k) and the weight of each in the height at m places."""
-        k = min(SIGMA_NEIGHBOURS, len(self.places_mm))
-        near = np.asarray(KDTree(self.places_mm).query(places_mm, k=k)[1], dtype=np.int64)
-        parts = [
-            _plate_weights(self.places_mm[rows], self.stiffness * self.relative_variance[rows], at)
-            for rows, at in zip(_blocks(near), _blocks(places_mm), strict=True)
-        ]
-        return near, np.concatenate(parts)
-
-
-def _blocks(rows: NDArray[Scalar]) -> list[NDArray[Scalar]]:
-    return [rows[i : i + BLOCK] for i in range(0, len(rows), BLOCK)]
-
-
-def _plate_weights(samples: Floats, smoothing: Floats, at: Floats) -> Floats:
-    """Return the weights (m, k) of samples (m, k, 2) in the height of a plate at places (m, 2)."""
-    m, k, _ = samples.shape
-    offset = samples - at[:, None, :]
-    system = np.zeros((m, k + 3, k + 3))
-    system[:, :k, :k] = _kernel(np.linalg.norm(offset[:, :, None] - offset[:, None], axis=-1))
-    system[:, np.arange(k), np.arange(k)] += smoothing
-    plane = np.concatenate((np.ones((m, k, 1)), offset), axis=2)
-    system[:, :k, k:] = plane
-    system[:, k:, :k] = np.swapaxes(plane, 1, 2)
-    right = np.zeros((m, k + 3))
-    right[:, :k] = _kernel(np.linalg.norm(offset, axis=-1))
-    right[:, k] = 1.0
-    return np.asarray(np.linalg.solve(system, right[..., None])[:, :k, 0], dtype=np.float64)
-
-
-def _kernel(distance_mm: Floats) -> Floats:
-    """Return r^2 log r, the kernel of the thin plate."""
-    log = np.log(np.maximum(distance_mm, 1e-300))
-    return np.asarray(distance_mm**2 * log, dtype=np.float64)
 
 
 def fit_plate(
@@ -103,10 +43,10 @@ def fit_plate(
         stiffness: Smoothing to use; None lets the samples choose.
     """
     weights = np.ones(len(heights_mm)) if relative_variance is None else relative_variance
-    chosen = _choose(places_mm, heights_mm, weights) if stiffness is None else stiffness
+    chosen = chosen_stiffness(places_mm, heights_mm, weights) if stiffness is None else stiffness
     plate = _plate(places_mm, heights_mm, chosen * weights)
     left = heights_mm - np.asarray(plate(places_mm))
-    return PlateFit(plate, places_mm, left, weights, float(chosen))
+    return PlateFit(plate, places_mm, left, float(chosen))
 
 
 def _plate(places: Floats, heights: Floats, smoothing: Floats) -> RBFInterpolator:
@@ -120,8 +60,14 @@ def _plate(places: Floats, heights: Floats, smoothing: Floats) -> RBFInterpolato
     )
 
 
-def _choose(places: Floats, heights: Floats, weights: Floats) -> float:
-    """Return the stiffness whose plate predicts left-out samples best."""
+def chosen_stiffness(places: Floats, heights: Floats, weights: Floats) -> float:
+    """Return the stiffness whose plate predicts left-out samples best.
+
+    Args:
+        places: Where the samples lie (n, 2), in mm.
+        heights: Their heights (n,), in mm.
+        weights: How much less a sample counts than a perfect one (n,).
+    """
     n = len(heights)
     if n < 4 * FOLDS:
         return 1.0

@@ -117,6 +117,9 @@ ADDED_IN_3: dict[str, dict[str, Any]] = {
     # nobody had set a boundary by hand
     "Session": {"boundary_edits": {"$type": "BoundaryEdits", "changes": []}},
 }
+# Fields that values of schema 3 no longer have. The scatter of samples about a map passed for its
+# error, 10 to 160 times too small; how sure a map is follows from its samples, and is not stored.
+GONE_FROM_3: dict[str, tuple[str, ...]] = {"BoundaryMap": ("sigma_mm",)}
 # Results of schema 2 that schema 3 holds more of: computed again by one click each.
 OUTGROWN_IN_3 = ("roll", "detection", "maps")
 NEW_IN_3 = (  # results that schema 2 did not know
@@ -188,6 +191,18 @@ def migrate(manifest: dict[str, Any]) -> dict[str, Any]:
 
 
 def _completed(manifest: dict[str, Any]) -> dict[str, Any]:
-    """Return a manifest of the present schema with the fields that it has got since it began."""
+    """Return a manifest of the present schema with the fields that it has now."""
     session = manifest.get("session")
-    return {**manifest, "session": _with_fields(session, ADDED_IN_3)} if session else manifest
+    if not session:
+        return manifest
+    return {**manifest, "session": _without_fields(_with_fields(session, ADDED_IN_3), GONE_FROM_3)}
+
+
+def _without_fields(value: Any, gone: dict[str, tuple[str, ...]]) -> Any:
+    """Return plain values without the fields that their classes have lost since."""
+    if isinstance(value, list):
+        return [_without_fields(item, gone) for item in value]
+    if not isinstance(value, dict):
+        return value
+    lost = gone.get(str(value.get("$type")), ())
+    return {key: _without_fields(item, gone) for key, item in value.items() if key not in lost}

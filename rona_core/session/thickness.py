@@ -10,7 +10,8 @@ from rona_core.mapping.boundary_map import Maps
 from rona_core.session.codec import digest
 from rona_core.session.document import Session
 from rona_core.ultrasound.detect import Detection
-from rona_core.ultrasound.sound_speed import SpeedCalibration, speed_at, uncalibrated
+from rona_core.ultrasound.sound_speed import SpeedCalibration, uncalibrated
+from rona_core.ultrasound.thickness_budget import speed_doubt
 
 STEEPEST = 0.3  # nine tenths of all skulls are flatter: more is a step between echoes
 
@@ -35,18 +36,19 @@ def thickness_shares(session: Session) -> ThicknessShares | None:
     results = session.results
     if results.detection is None or results.maps is None:
         return None
-    speed = results.speed
-    wanted = results.maps.arguments.get("sound_speed_mm_per_us")
-    known = speed.value if speed is not None and wanted is None and _used(session) else None
-    return _shares(results.detection.value, results.maps.value, known)
+    return _shares(results.detection.value, results.maps.value, speed_of_maps(session))
 
 
-def _used(session: Session) -> bool:
-    """Return whether the maps were made with the calibration that the session holds."""
+def speed_of_maps(session: Session) -> SpeedCalibration | None:
+    """Return the calibration that the maps were made with.
+
+    None where they are at the published speed, or at one that was asked for in words, or where the
+    session does not hold their calibration any more.
+    """
     maps, speed = session.results.maps, session.results.speed
-    if maps is None or speed is None:
-        return False
-    return maps.inputs.get("speed") == digest(speed.value)
+    if maps is None or speed is None or maps.arguments.get("sound_speed_mm_per_us") is not None:
+        return None
+    return speed.value if maps.inputs.get("speed") == digest(speed.value) else None
 
 
 @lru_cache(maxsize=4)
@@ -59,10 +61,7 @@ def _shares(
         return None
     calibration = uncalibrated() if known is None else known
     depth = detection.thickness_mm[ok]
-    speed, sigma = speed_at(calibration, maps.outer_points_base[:n][ok])
-    relative = sigma / speed
-    patient = np.minimum(calibration.sigma_mm_per_us / speed, relative)
-    place = np.sqrt(np.maximum(relative**2 - patient**2, 0.0))
+    patient, place = speed_doubt(calibration, maps.outer_points_base[:n][ok])
     wedge = 0.5 * depth * _wedge(maps, maps.outer_points_base[:n][ok]) ** 2
     parts = (detection.thickness_sigma_mm[ok], depth * patient, depth * place, wedge)
     squares = [float(np.mean(part**2)) for part in parts]

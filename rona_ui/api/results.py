@@ -7,6 +7,7 @@ from fastapi import APIRouter, Query
 
 from rona_core.app.calibration_view import calibration_view
 from rona_core.app.frames import frame_rows
+from rona_core.app.map_accuracy import map_accuracy
 from rona_core.app.probe_advice import probe_advice
 from rona_core.app.quality import QualityRow, quality_rows
 from rona_core.app.queries import StepState, step_states, summary
@@ -64,7 +65,8 @@ def get_results(bench: Bench, step: str, max_points: MaxPoints = None) -> FastJs
     """Return what a step measured and computed.
 
     Lengths are mm, angles rad unless a name says otherwise; poses are a quaternion (w, x, y, z)
-    and a translation. `value` is null while there is nothing.
+    and a translation. `value` is null while there is nothing. How sure the maps are stands in
+    `accuracy` (of the scan by hand: `sono_accuracy`): standard deviations over their grid.
     """
     if step not in HELD:
         raise NotFoundError(f"there is no step {step!r}: it is one of {', '.join(STEPS)}")
@@ -77,6 +79,10 @@ def get_results(bench: Bench, step: str, max_points: MaxPoints = None) -> FastJs
             "setup": plain(session.setup, max_points) if step == "setup" else None,
             "probe_advice": plain(probe_advice(session)) if step == "maps" else None,
             "boundary_edits": plain(session.boundary_edits) if step == "maps" else None,
+            "accuracy": plain(map_accuracy(session), max_points) if step == "maps" else None,
+            "sono_accuracy": (
+                plain(map_accuracy(session, hand=True), max_points) if step == "maps" else None
+            ),
             "captures": {name: _capture(name, session, max_points) for name in captures},
             "results": {name: _result(name, session, max_points) for name in results},
         }

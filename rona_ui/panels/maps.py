@@ -5,6 +5,7 @@ from typing import Any
 
 import numpy as np
 
+from rona_core.app.map_accuracy import accuracy_words, map_accuracy
 from rona_core.app.maps import MapLayers, layers_of
 from rona_core.app.messages import StartMapping
 from rona_ui.panels import style
@@ -16,6 +17,7 @@ from rona_ui.panels.speed_fields import SpeedFields
 from rona_ui.panels.step_panel import StepPanel
 from rona_ui.scene.chosen_maps import chosen_key, chosen_maps
 from rona_ui.scene.colors import viridis_css
+from rona_ui.scene.maps import sigma_of
 from rona_ui.view_state import Picture
 
 METHODS = {
@@ -24,7 +26,12 @@ METHODS = {
     "Threshold (as the paper)": "threshold",
 }
 SPEEDS = {"Calibrated, else published": "known", "As given below": "given"}
-QUANTITIES = {"Bone thickness": "thickness", "Height over the map's plane": "height"}
+QUANTITIES = {
+    "Bone thickness": "thickness",
+    "Height over the map's plane": "height",
+    "Expected error of the boundary": "sigma",
+}
+TITLES = {"thickness": "Bone thickness", "height": "Height", "sigma": "Expected error, 1 σ"}
 SHOWN = {
     "Inner boundary": ("inner",),
     "Outer boundary": ("outer",),
@@ -105,7 +112,7 @@ class MapsPanel(StepPanel):
             or old.view.quantity != new.view.quantity
         ):
             self._bar.content = (
-                "" if maps is None else color_bar(layers_of(maps, new.view.quantity))
+                "" if maps is None else color_bar(layers_of(maps, new.view.quantity, sigma_of(new)))
             )
         self._second.render(old, new)
 
@@ -119,18 +126,22 @@ class MapsPanel(StepPanel):
             f"Outer boundary in {100.0 * float(value.outer_ok.mean()):.0f} %, inner boundary in "
             f"{100.0 * float(value.inner_ok.mean()):.0f} % of {len(value.inner_ok)} A-scans."
         )
+        accuracy = map_accuracy(picture.session)
+        if accuracy is not None:
+            words += f" {accuracy_words(picture.session.results.maps.value, accuracy)}"
         return style.note(words, "good") + advice_note(picture.session, only_another=True)
 
 
 def color_bar(layers: MapLayers) -> str:
     """Return the colour bar with its limits in mm."""
-    title = "Bone thickness" if layers.quantity == "thickness" else "Height"
+    title, places = TITLES[layers.quantity], 2 if layers.quantity == "sigma" else 1
     low, high = layers.low_mm, layers.high_mm
     values = np.concatenate([layers.part(name).values_mm for name in sorted(MAP_NAMES)])
     below, above = ("≤ " if (values < low).any() else ""), ("≥ " if (values > high).any() else "")
-    ticks = f"<span>{below}{low:.1f}</span><span>{0.5 * (low + high):.1f}</span>"
+    middle = 0.5 * (low + high)
+    ticks = f"<span>{below}{low:.{places}f}</span><span>{middle:.{places}f}</span>"
     return (
         f'<div class="r-text" style="padding-bottom:2px">{title} (mm)</div>'
         f'<div class="r-bar" style="background:{viridis_css()}"></div>'
-        f'<div class="r-ticks">{ticks}<span>{above}{high:.1f}</span></div>'
+        f'<div class="r-ticks">{ticks}<span>{above}{high:.{places}f}</span></div>'
     )

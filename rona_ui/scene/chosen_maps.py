@@ -2,6 +2,7 @@
 
 from typing import Any
 
+from rona_core.app.map_accuracy import MapAccuracy, map_accuracy
 from rona_core.mapping.boundary_map import Maps
 from rona_ui.view_state import Picture
 
@@ -26,6 +27,11 @@ def chosen_maps(picture: Picture) -> Maps | None:
         return None if made is None else made.maps
     drawn = None if picture.backdrop is None else picture.backdrop.T_base_basemarker
     return made.maps if drawn is None else made.maps.seen_from(drawn)
+
+
+def chosen_accuracy(picture: Picture) -> MapAccuracy | None:
+    """Return how sure the maps to be seen are; None where nobody knows."""
+    return map_accuracy(picture.session, hand=shows_hand(picture))
 
 
 def chosen_key(picture: Picture) -> tuple[Any, ...]:

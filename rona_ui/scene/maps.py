@@ -3,12 +3,13 @@
 import numpy as np
 
 from rona_core.app.boundary_edits import DETECTIONS, capture_of, detection_of_scan
+from rona_core.app.map_accuracy import MapAccuracy
 from rona_core.app.maps import layers_of
 from rona_core.app.scan_views import ScanName, scan_number_at, scan_poses
 from rona_core.app.sono_scans import hand_poses
 from rona_core.arrays import Bools, Floats
 from rona_ui.scene.adapter import Layer
-from rona_ui.scene.chosen_maps import chosen_key, chosen_maps
+from rona_ui.scene.chosen_maps import chosen_accuracy, chosen_key, chosen_maps
 from rona_ui.scene.colors import GREEN, SKY, VERMILLION, YELLOW, viridis
 from rona_ui.scene.cut import cut_key, cut_plane
 from rona_ui.scene.metres import Stage
@@ -38,13 +39,18 @@ class MapLayer(Layer):
             if maps is None:
                 self.stage.remove(node)
             else:
-                shown = layers_of(maps, new.view.quantity)
+                shown = layers_of(maps, new.view.quantity, sigma_of(new))
                 part = shown.part(self.layer)
                 share = (part.values_mm - shown.low_mm) / (shown.high_mm - shown.low_mm)
                 left = _left(part.points_base, new)
                 points, colors = part.points_base[left], viridis(share[left])
                 self.stage.cloud(node, points, colors, size_mm=part.cell_mm)
         self.stage.show(node, self.shown(new))
+
+
+def sigma_of(picture: Picture) -> MapAccuracy | None:
+    """Return how sure the maps are, where they are coloured by it: it takes a moment."""
+    return chosen_accuracy(picture) if picture.view.quantity == "sigma" else None
 
 
 def map_cut(picture: Picture) -> tuple[str, float] | None:

@@ -406,6 +406,13 @@ def test_an_a_scan_tells_what_was_found_and_what_was_corrected(client, at):
     maps = client.get(f"{place}/results/maps?max_points=10").json()
     assert len(maps["boundary_edits"]["changes"]) == 1
     assert "by hand" in maps["results"]["maps"]["stale_reason"]
+    assert "sigma_mm" not in maps["results"]["maps"]["value"]["outer"]
+    height = maps["results"]["maps"]["value"]["outer"]["height_mm"]
+    for name in ("outer", "inner", "fused", "thickness"):
+        part = maps["accuracy"][name]
+        assert len(part["own_mm"]) == len(part["speed_mm"]) == len(height) == 10
+        assert part["pose_mm"] == pytest.approx(0.0 if name == "thickness" else 0.35 / 3**0.5)
+    assert maps["sono_accuracy"] is None
     body = {"number": 7, "scan": "second", "outer_us": 18.0}
     assert client.post(f"{place}/commands/CorrectBoundary", json=body).status_code == 422
     assert client.get(f"{place}/ascans/second/99999").status_code == 404

@@ -7,6 +7,7 @@ import pytest
 
 from rona_core.app.boundary_edits import detection_of_scan
 from rona_core.app.handlers import handle
+from rona_core.app.map_accuracy import ROBOT_ACCURACY_MM, map_accuracy
 from rona_core.app.messages import (
     ClearBoundaryCorrections,
     CorrectBoundary,
@@ -27,6 +28,7 @@ from rona_core.app.scan_views import (
 from rona_core.app.sono_scans import NOT_SEEN, gathered, posed_scans, spread
 from rona_core.app.staleness import stale_reason
 from rona_core.compose import new_workbench
+from rona_core.devices.volumes import ACCURACY_MM
 from rona_core.errors import InvalidInputError, StepBlockedError
 from rona_core.session.codec import digest
 from rona_core.session.document import Session
@@ -112,6 +114,21 @@ def test_without_a_scan_by_hand_there_is_nothing_to_look_at():
     assert scan_number_at(empty, 0.5, "hand") is None
     with pytest.raises(StepBlockedError, match="scan by hand"):
         handle(CorrectBoundary(0, "hand", inner_us=20.0), empty)
+
+
+def test_the_maps_by_hand_are_as_sure_as_tracker_and_face(session):
+    made, found = session.results.sono_maps.value, map_accuracy(session, hand=True)
+    for part, boundary in ((found.outer, made.maps.outer), (found.inner, made.maps.inner)):
+        assert np.isfinite(part.total_mm()).all()
+        assert part.total_mm().shape == boundary.height_mm.shape
+    tracker = ACCURACY_MM[session.setup.devices.tracker.profile]
+    squares = 2.0 * tracker**2 + session.results.sono.value.face_sigma_mm**2
+    if made.frame == "base":
+        squares += session.results.tool.value.registration_sigma_mm**2 + ROBOT_ACCURACY_MM**2
+    assert found.outer.pose_mm == pytest.approx(np.sqrt(squares / 3.0))
+    assert found.thickness.pose_mm == 0.0
+    other = replace(session, results=replace(session.results, sono_detection=None))
+    assert map_accuracy(other, hand=True) is None
 
 
 def test_a_correction_makes_the_maps_by_hand_stale_and_goes_into_them(bench):

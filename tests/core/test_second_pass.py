@@ -26,7 +26,6 @@ def boundary(height, ok, T_base_map=None, cell_mm=1.0):
         cell_mm * (np.arange(nv) - nv // 2),
         height,
         ok,
-        np.full(height.shape, 0.1),
     )
 
 

@@ -343,9 +343,8 @@ def slab(seed: int, thickness_mm: float) -> Maps:
     known = np.ones(shape, dtype=np.bool_)
     missing = known.copy()
     missing[:6] = False
-    sigma = np.zeros(shape)
-    outer = BoundaryMap(pose, u, v, np.full(shape, 2.0), known, sigma)
-    inner = BoundaryMap(pose, u, v, np.full(shape, 2.0 - thickness_mm), missing, sigma)
+    outer = BoundaryMap(pose, u, v, np.full(shape, 2.0), known)
+    inner = BoundaryMap(pose, u, v, np.full(shape, 2.0 - thickness_mm), missing)
     none, used = np.zeros((0, 3)), np.zeros(0, dtype=np.bool_)
     return Maps(none, none, used, used, outer, inner, outer, None)
 

@@ -1,5 +1,6 @@
 """How results look: the robot with a roll, lines in their colours, stale results unpraised."""
 
+import re
 from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
@@ -10,6 +11,7 @@ import pytest
 from fake_gui import FakeGui
 
 from rona_core.app.jobs import JobStatus
+from rona_core.app.map_accuracy import accuracy_words, map_accuracy
 from rona_core.app.maps import layers_of
 from rona_core.app.queries import step_states
 from rona_core.devices.live import LiveState
@@ -19,7 +21,7 @@ from rona_core.session.files import load_session
 from rona_ui.panels.door import Door
 from rona_ui.panels.maps import MapsPanel, color_bar
 from rona_ui.panels.quality import QualityPanel
-from rona_ui.scene.maps import ScanLayer
+from rona_ui.scene.maps import MapLayer, ScanLayer
 from rona_ui.scene.metres import Stage
 from rona_ui.scene.path import PathLayer
 from rona_ui.scene.replay import joints_shown, shows_roll
@@ -87,6 +89,44 @@ def test_a_colour_bar_says_where_values_lie_beyond_it(demo: Session) -> None:
     whole = color_bar(replace(layers, low_mm=-1e3, high_mm=1e3))
     assert "≤" not in whole
     assert "≥" not in whole
+
+
+def test_the_maps_say_how_far_off_they_are_expected_to_be(demo: Session) -> None:
+    gui = FakeGui()
+    MapsPanel(gui, NOTHING).render(None, picture(demo, ViewState(step="maps")))
+    assert demo.results.maps is not None
+    accuracy = map_accuracy(demo)
+    assert accuracy is not None
+    assert accuracy_words(demo.results.maps.value, accuracy) in gui.html()
+    assert "Bone thickness (mm)" in gui.html()
+    MapsPanel(gui := FakeGui(), NOTHING).render(
+        None, picture(demo, ViewState(step="maps", quantity="sigma"))
+    )
+    assert "Expected error, 1 σ (mm)" in gui.html()
+    ticks = re.findall(r"(\d+\.\d+)</span>", gui.html())
+    assert all(len(tick.split(".")[1]) == 2 for tick in ticks[-3:])  # hundredths
+    assert 0.1 < float(ticks[-3]) < float(ticks[-1]) < 1.0
+
+
+def test_maps_are_drawn_in_the_colours_of_their_expected_error(demo: Session) -> None:
+    drawn: dict[str, np.ndarray] = {}
+    stage: Any = SimpleNamespace(
+        cloud=lambda name, points, colors, **_: drawn.__setitem__(name, np.asarray(colors)),
+        show=lambda *_: None,
+        remove=lambda *_: None,
+    )
+    layer = MapLayer(stage, "inner")
+    plain, sigma = (
+        picture(demo, ViewState(step="maps", quantity=quantity))
+        for quantity in ("thickness", "sigma")  # type: ignore[arg-type]
+    )
+    layer.render(None, plain)
+    before = drawn["/maps/inner"]
+    layer.render(plain, sigma)
+    after = drawn["/maps/inner"]
+    assert after.shape == before.shape  # the same cells
+    assert (after != before).any()
+    assert len(np.unique(after, axis=0)) > 20  # not one colour for all
 
 
 def test_a_stale_result_is_told_but_not_praised(demo: Session) -> None:
