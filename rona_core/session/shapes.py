@@ -20,7 +20,7 @@ SHAPES: dict[str, dict[str, str]] = {
         "x y": "margins turns_deg levels_mm blocked planned verified",
     },
     "BlockCapture": {"n": "tracks temperatures_c"},
-    "BoundaryMap": {"u": "u_mm", "v": "v_mm", "u v": "height_mm ok sigma_mm"},
+    "BoundaryMap": {"u": "u_mm", "v": "v_mm", "u v": "height_mm ok"},
     "CloudFit": {"6": "eigenvalues"},
     "DelayLine": {"n": "residuals_us"},
     "Detection": {
