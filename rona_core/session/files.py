@@ -12,7 +12,6 @@ import os
 import re
 import shutil
 import struct
-import tempfile
 import tokenize
 import zipfile
 import zlib
@@ -27,6 +26,7 @@ from rona_core.session.codec import Arrays, decode, encode
 from rona_core.session.document import Session
 from rona_core.session.migrate import SCHEMA, migrate
 from rona_core.session.packing import Recipe, pack, unpack
+from rona_core.session.temporary import open_temporary
 
 FORMAT = "rona-session"
 SUFFIX = ".rona"
@@ -103,18 +103,18 @@ def save_session(session: Session, path: Path | str, *, backup: bool = True) -> 
 def write_whole(path: Path, data: bytes, *, backup: bool = False) -> Path:
     """Write ``data`` to ``path`` atomically; with ``backup`` what was there becomes ``.bak``."""
     path.parent.mkdir(parents=True, exist_ok=True)
-    handle, temporary = tempfile.mkstemp(prefix=f".{path.name}.", dir=path.parent)
+    handle, temporary = open_temporary(path)
     try:
         with os.fdopen(handle, "wb") as file:
             file.write(data)
             file.flush()
             os.fsync(file.fileno())
-        os.chmod(temporary, 0o644)  # as other files are; temporary ones are private
-        if backup and path.exists():
-            _keep_backup(path)
-        os.replace(temporary, path)
+            os.chmod(temporary, 0o644)  # as other files are; temporary ones are private
+            if backup and path.exists():
+                _keep_backup(path)
+            os.replace(temporary, path)  # while it is still locked
     except BaseException:
-        Path(temporary).unlink(missing_ok=True)
+        temporary.unlink(missing_ok=True)
         raise
     directory = os.open(path.parent, os.O_RDONLY)
     try:
