@@ -56,6 +56,11 @@ class Autosave:
         self._closed = False
         self._thread: threading.Thread | None = None
 
+    @property
+    def run(self) -> str:
+        """Name of the folder of this program, which no other one has."""
+        return self._folder.path.name
+
     def file(self, session_id: str) -> Path:
         """Return where the copy of a session is kept while there is one."""
         return self._folder.path / f"{session_id}{SUFFIX}"
@@ -135,6 +140,14 @@ class Autosave:
             if watched.written <= len(session.log):
                 watched.written, watched.reach, watched.failed = len(session.log), None, False
                 self._remove(session.id)
+
+    def unsaved(self, session_id: str) -> None:
+        """Take note that the file of a session is there no more: a copy is needed, now."""
+        watched = self._watched.get(session_id)
+        if watched is not None:
+            with watched.writing:
+                watched.written, watched.reach = -1, None
+            self.keep(watched.store.session)
 
     def forget(self, session_id: str) -> None:
         """Drop a session and its copy; the user has closed it."""

@@ -32,7 +32,7 @@ class Hub:
         self._services = services
         self._lock = threading.RLock()
         self._open: dict[str, Workbench] = {}
-        self._begun: dict[str, int] = {}  # revision at which it was opened
+        self._begun: dict[str, int] = {}  # revision at which what has no file was opened
         self._recovered: set[str] = set()  # and not saved since
         self._current: str | None = None
         self._listeners: list[Callable[[], None]] = []
@@ -49,12 +49,22 @@ class Hub:
         """Where uploaded files wait for their import."""
         return self._files.uploads
 
+    @property
+    def run(self) -> str:
+        """Name of this run of the program, another one after each start."""
+        return self._autosave.run
+
     # -------------------------------------------------------------- asking
 
     def ids(self) -> tuple[str, ...]:
         """Return the ids of the open sessions, oldest first."""
         with self._lock:
             return tuple(self._open)
+
+    def all(self) -> tuple[Workbench, ...]:
+        """Return the workbenches of the open sessions, oldest first."""
+        with self._lock:
+            return tuple(self._open.values())
 
     def get(self, session_id: str = CURRENT) -> Workbench:
         """Return the workbench of an open session.
@@ -135,12 +145,11 @@ class Hub:
             bench = Workbench(session, self._services, self.uploads, self._autosave.keep)
             self._open[session.id] = bench
             self._autosave.watch(bench.store, changed=recovered)
-            self._begun[session.id] = -1 if recovered else bench.store.revision
             if recovered:
                 self._recovered.add(session.id)
             self._current = session.id
-        if path is not None:
-            self._files.opened(session, path)
+        if not recovered and (path is None or not self._files.opened(session, path)):
+            self._begun[session.id] = bench.store.revision
         self._tell()
         return bench
 
@@ -232,9 +241,12 @@ class Hub:
             NameTakenError: there is such a file, and ``replace`` was not said.
         """
         session = self.get(session_id).session
-        path = self._files.save(session, file, replace=replace)
+        path, other = self._files.save(session, file, replace=replace)
         self._recovered.discard(session.id)
+        self._begun.pop(session.id, None)
         self._autosave.saved(session)
+        if other is not None:
+            self._autosave.unsaved(other)
         self._tell()
         return path
 

@@ -37,11 +37,13 @@ class SessionFiles:
         """Return the revision of a session that is in its file."""
         return self._saved.get(session_id)
 
-    def opened(self, session: Session, path: Path) -> None:
-        """Take note where a session comes from, unless that is the file of another open one."""
+    def opened(self, session: Session, path: Path) -> bool:
+        """Take note where a session comes from; False if that is the file of another open one."""
         with self._lock:
-            if self._owner(path) is None:
-                self._files[session.id], self._saved[session.id] = path, len(session.log)
+            if self._owner(path) is not None:
+                return False
+            self._files[session.id], self._saved[session.id] = path, len(session.log)
+            return True
 
     def closed(self, session_id: str) -> None:
         """Forget a session; its file stays."""
@@ -49,8 +51,12 @@ class SessionFiles:
             self._files.pop(session_id, None)
             self._saved.pop(session_id, None)
 
-    def save(self, session: Session, file: str | None, *, replace: bool) -> Path:
-        """Write a session to its file, or to that of a plain name; errors as in `Hub.save`."""
+    def save(self, session: Session, file: str | None, *, replace: bool) -> tuple[Path, str | None]:
+        """Write a session to its file, or to that of a plain name; errors as in `Hub.save`.
+
+        Returns:
+            The file, and the open session whose file it was, if it was another one's.
+        """
         with self._lock:
             own = self._files.get(session.id)
             path = own or self.free_path(session.name)
@@ -63,10 +69,11 @@ class SessionFiles:
             if path != own and not replace:
                 _require_free(path, owner)
             save_session(session, path)
-            if owner is not None:
-                self.closed(owner)  # its file holds another session now
+            other = None if owner == session.id else owner
+            if other is not None:
+                self.closed(other)  # its file holds another session now
             self._files[session.id], self._saved[session.id] = path, len(session.log)
-            return path
+            return path, other
 
     def _owner(self, path: Path) -> str | None:
         return next((key for key, file in self._files.items() if file == path), None)

@@ -6,6 +6,7 @@ import sys
 import tempfile
 from typing import Any
 
+from rona_core.app.recovery import Recovery
 from rona_core.compose import build_hub
 from rona_core.errors import InvalidInputError
 from rona_ui.resources import sessions_dir
@@ -44,6 +45,12 @@ def run(wanted: Any) -> int:
 
     def say(url: str) -> None:
         sys.stdout.write(f"RONA is at {url}\nSessions are in {folder}. Ctrl-C ends it.\n")
+        if count := len(Recovery(folder).keys()):
+            what = "session was" if count == 1 else "sessions were"
+            sys.stdout.write(
+                f"{count} {what} not saved when the program ended last: the page offers to "
+                "recover, and so does rona recover.\n"
+            )
         sys.stdout.flush()
 
     signal.signal(signal.SIGTERM, _end)
