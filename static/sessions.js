@@ -79,6 +79,7 @@ async function offer(ask = true) {
   $("lostlist").replaceChildren(...found.map(row));
   if (!found.length) $("lost").close();
   else if (ask && !$("lost").open) $("lost").show(); // not modal: Stop stays in reach
+  $("lostlist").querySelector(".primary")?.focus();
 }
 
 $("lostbutton").addEventListener("click", () => offer());
@@ -94,7 +95,7 @@ function leaveFor(words) {
   if (!session?.changes) return Promise.resolve("keep");
   $("leavetitle").textContent = `Save “${session.name}” first?`;
   $("leavetext").textContent = `“${session.name}” has changes that are not saved. You are about to ${words}. Without saving, `
-    + `“${session.name}” stays open in the background: Session, Open sessions leads back to it.`;
+    + `“${session.name}” stays open in the background; Session, Open sessions leads back to it.`;
   $("leave").show();
   $("leavesave").focus();
   return new Promise((resolve) => {

@@ -8,7 +8,7 @@ from rona_ui.bindings import Event
 from rona_ui.panels import style
 from rona_ui.panels.door import listen
 
-COLORS = {"save": None, "keep": "gray", "lose": "red"}  # None: that of the primary button
+COLORS = {"save": None, "keep": "gray", "lose": (176, 0, 32)}  # None: that of the primary button
 ICONS = {"save": "device-floppy", "keep": None, "lose": "trash"}
 
 

@@ -32,8 +32,11 @@ COPIES: dict[CopyState, str] = {"none": "", "kept": ", copy kept", "failed": ", 
 
 def head(picture: Picture) -> str:
     """Return the head of the left dock; the name comes from outside and is escaped."""
-    name, lacks = picture.session.name, "recovered, not saved" if picture.recovered else "not saved"
-    state = "saved" if picture.saved else f"● {lacks}{COPIES[picture.copy]}"
+    name, state = picture.session.name, "saved"
+    if not picture.saved:
+        kept = picture.recovered and picture.copy == "kept"  # that it is there has just been seen
+        lacks = "recovered, not saved" if picture.recovered else "not saved"
+        state = f"● {lacks}{'' if kept else COPIES[picture.copy]}"
     color = "#52606d" if picture.saved else "#a34700"
     return (
         f'<div class="r-head"><b title="{escape(name)}">{escape(name)}</b>'
@@ -113,7 +116,7 @@ class SessionPanel:
         self._question.ask(
             f"Save “{name}” first?",
             f"“{name}” has changes that are not saved. You are about to {words}. Without saving, "
-            f"“{name}” stays open in the background: Session, Open sessions leads back to it.",
+            f"“{name}” stays open in the background; Session, Open sessions leads back to it.",
             (
                 Choice("Save it first", lambda e: self._serve(f"save:{key}+{what}", e), "save"),
                 Choice("Keep it open, not saved", lambda e: self._serve(what, e)),

@@ -158,7 +158,9 @@ def test_work_that_is_not_saved_does_not_go_out_of_sight_without_a_question(
     assert [s["id"] for s in surgeon.ask("/sessions")["sessions"]][-2] == key
 
     open_folder(surgeon)  # back to it
-    surgeon.field("Open sessions").click()
+    chosen = surgeon.field("Open sessions")
+    wait_for(lambda: chosen.input_value() == "3: demo seed 0", 30, "the list to follow")
+    chosen.click()
     surgeon.picture("open_sessions")
     frame.get_by_role("option", name=NAME).click()
     wait_for(lambda: current(surgeon)["id"] == key, 30, "the session before")
