@@ -39,7 +39,7 @@ from rona_core.session.files import load_session
 
 WAIT_S = (0.05, 4.0)  # from the first change to the kill
 PAUSE_S = 0.03
-CAPTURE_SHARE = 0.02
+LOOK_S = 3.0  # that a person looks at what was captured
 REPOSITORY = Path(__file__).resolve().parents[1]
 
 
@@ -56,7 +56,7 @@ class Count:
     left_over: int  # temporary files that the next start leaves lying
 
 
-def work(folder: Path, seed: int) -> None:
+def work(folder: Path, seed: int, captures: float) -> None:
     """Change a session until somebody ends the process, and say so line by line."""
     random = np.random.default_rng(seed)
     bench = build_hub(folder, processes=False).create("work", seed)
@@ -70,7 +70,7 @@ def work(folder: Path, seed: int) -> None:
             MoveTracker((float(number % 50), 0.0, 0.0)),
         )  # fmt: skip
         try:
-            if random.random() < CAPTURE_SHARE:
+            if random.random() < captures:
                 started = bench.start(StartPointerCapture())
                 ended = bench.jobs.wait(started.id)
                 kind = "capture" if ended.state == "done" else "change"
@@ -83,11 +83,14 @@ def work(folder: Path, seed: int) -> None:
         told = {"kind": kind, "revision": len(session.log), "digest": digest(session)}
         sys.stdout.write(json.dumps(told) + "\n")
         sys.stdout.flush()
+        if kind == "capture":
+            time.sleep(LOOK_S)
 
 
-def kill_one(folder: Path, seed: int, wait_s: float) -> list[dict[str, object]]:
+def kill_one(folder: Path, seed: int, captures: float, wait_s: float) -> list[dict[str, object]]:
     """Let a process work for a while, kill it, and return what it had reported."""
     command = [sys.executable, "-m", "benchmarks.crash", "--work", str(folder), "--seed", str(seed)]
+    command += ["--captures", str(captures)]
     process = subprocess.Popen(command, cwd=REPOSITORY, stdout=subprocess.PIPE, text=True)
     if process.stdout is None:
         raise RuntimeError("the process has no output")  # cannot be: it is a pipe
@@ -116,13 +119,14 @@ def recovered(folder: Path) -> tuple[Session | None, int]:
     return (found[0] if found else None), len(left)
 
 
-def measure(kills: int, seed: int) -> Count:
+def measure(kills: int, seed: int, share: float) -> Count:
     """Kill so many processes, at random moments."""
     random = np.random.default_rng(seed)
     changes = changes_lost = captures = captures_lost = differing = left_over = 0
     for number in range(kills):
         with tempfile.TemporaryDirectory() as place:
-            told = kill_one(Path(place), seed + number, float(random.uniform(*WAIT_S)))
+            wait_s = float(random.uniform(*WAIT_S))
+            told = kill_one(Path(place), seed + number, share, wait_s)
             session, left = recovered(Path(place))
             kept = 0 if session is None else len(session.log)
             lost = [t for t in told if int(str(t["revision"])) > kept]
@@ -141,12 +145,14 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=str(__doc__).splitlines()[0])
     parser.add_argument("--kills", type=int, default=20)
     parser.add_argument("--seed", type=int, default=0)
+    text = "share of the changes that are captures (0.02)"
+    parser.add_argument("--captures", type=float, default=0.02, help=text)
     parser.add_argument("--work", type=Path, help=argparse.SUPPRESS)
     wanted = parser.parse_args()
     if wanted.work is not None:
-        work(wanted.work, wanted.seed)
+        work(wanted.work, wanted.seed, wanted.captures)
     started = time.monotonic()
-    count = asdict(measure(wanted.kills, wanted.seed))
+    count = asdict(measure(wanted.kills, wanted.seed, wanted.captures))
     print(json.dumps({**count, "wall_s": round(time.monotonic() - started)}))
 
 

@@ -126,7 +126,7 @@ class Autosave:
             watched.synced = False
         else:
             self._folder.claim()
-            save_session(session, self.file(session.id), backup=False)
+            save_session(session, self.file(session.id), backup=False, quick=True)
             self.journal(session.id).unlink(missing_ok=True)
             longer = Reach()
         watched.reach, watched.written, watched.failed = longer, len(session.log), False

@@ -9,7 +9,7 @@ from rona_core.app.messages import RenameSession, SetSeed
 from rona_core.compose import build_hub
 from rona_core.session.codec import digest
 from rona_core.session.files import load_session
-from rona_ui.cli import main
+from rona_ui.cli import main, serve
 
 
 @pytest.fixture
@@ -92,3 +92,19 @@ def test_what_is_damaged_in_part_is_saved_and_stays(left, capsys, tmp_path):
     assert "but line 1 of its journal is damaged" in capsys.readouterr().out
     assert load_session(tmp_path / "new.rona").name == "new"
     assert len(facts(capsys, *where)["recoverable"]) == 3
+
+
+@pytest.mark.parametrize(("ended", "words"), [(True, "3 sessions were not saved"), (False, None)])
+def test_serve_says_at_its_start_what_can_be_recovered(
+    left, capsys, tmp_path, monkeypatch, ended, words
+):
+    def once(settings, *, build_hub, open_window, say):
+        say("http://address")
+
+    monkeypatch.setattr(serve, "serve", once)
+    folder = tmp_path if ended else tmp_path / "empty"
+    assert main(["serve", "--no-open", "--sessions", str(folder)]) == 0
+    out = capsys.readouterr().out
+    assert out.startswith("RONA is at http://address\n")
+    assert ("recover" in out) == ended
+    assert words is None or words in out

@@ -1,4 +1,4 @@
-"""The session as a whole: what is asked before unsaved work goes out of sight, and the open ones."""
+"""The session as a whole: what is asked before work goes out of sight, and the open sessions."""
 
 from pathlib import Path
 from types import SimpleNamespace
