@@ -38,10 +38,10 @@ class Autosave:
     """Writes down what is changed in a session, before the change counts as done.
 
     A copy is the whole session; commands after it are lines in a journal beside it, which cost
-    nothing. Where they do not suffice (what a device measured, a step taken back from before the
-    copy, a long journal) a whole copy is written anew. They lie in a folder of this program alone
-    below ``folder``, named by the id of the session. They go when the session is saved or closed,
-    and stay when the program ends without either.
+    next to nothing. Where they do not suffice (what a device measured, a step taken back from
+    before the copy, a long journal) a whole copy is written anew. They lie in a folder of this
+    program alone below ``folder``, named by the id of the session. They go when the session is
+    saved or closed, and stay when the program ends without either.
     """
 
     def __init__(
@@ -109,7 +109,7 @@ class Autosave:
             except Exception as error:  # no room, no right to write: work goes on without a copy
                 if not watched.failed:
                     sys.stderr.write(f"no copy of session {session.id} is kept: {error}\n")
-                watched.failed = True
+                watched.failed, watched.reach = True, None
             after = watched.reach is not None, watched.failed
         if watched.failed:
             self._schedule(session.id, RETRY_S)
@@ -119,9 +119,8 @@ class Autosave:
     def _write(self, watched: _Watched, session: Session) -> None:
         """Add to the journal where that suffices, else write a whole copy."""
         entries = session.log[max(watched.written, 0) :]
-        reach, watched.reach = watched.reach, None
-        longer = None if reach is None else reach.after(entries)
-        if longer is not None:
+        longer = None if watched.reach is None else watched.reach.after(entries)
+        if longer is not None and self.file(session.id).exists():  # nobody has cleared it away
             append_entries(self.journal(session.id), entries)
             watched.synced = False
         else:

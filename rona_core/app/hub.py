@@ -2,6 +2,7 @@
 
 import threading
 from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
 
@@ -36,8 +37,8 @@ class Hub:
         self._recovered: set[str] = set()  # and not saved since
         self._current: str | None = None
         self._listeners: list[Callable[[], None]] = []
-
-        self._recovery.tidy()
+        with suppress(OSError):  # then somebody who looks at the list is told
+            self._recovery.tidy()
 
     @property
     def folder(self) -> Path:

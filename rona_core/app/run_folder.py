@@ -24,11 +24,14 @@ class RunFolder:
         self._descriptor: int | None = None
 
     def claim(self) -> Path:
-        """Return the folder, locked; a second call finds it as it is.
+        """Return the folder, locked; a second call finds it as it is, or makes it anew.
 
         Raises:
             OSError: no room, or no right to write.
         """
+        if self._descriptor is not None and not (self.path / LOCK).exists():
+            os.close(self._descriptor)  # somebody has cleared it away
+            self._descriptor = None
         if self._descriptor is None:
             self._root.mkdir(parents=True, exist_ok=True)
             with _alone(self._root):  # else it might be taken for a dead one before it is locked
@@ -80,8 +83,8 @@ def hold(folder: Path) -> Generator[bool, None, None]:
 
 def remove_if_empty(folder: Path) -> None:
     """Remove a folder with nothing but its lock in it."""
-    if [path.name for path in folder.iterdir()] == [LOCK]:
-        (folder / LOCK).unlink()
+    if {path.name for path in folder.iterdir()} <= {LOCK}:
+        (folder / LOCK).unlink(missing_ok=True)
         folder.rmdir()
 
 

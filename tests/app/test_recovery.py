@@ -1,6 +1,7 @@
 """What a program that is killed leaves behind, and how it comes back."""
 
 import os
+import shutil
 import signal
 import subprocess
 import sys
@@ -386,6 +387,36 @@ def test_after_a_journal_that_could_not_be_written_a_whole_copy_is(tmp_path, mon
     assert not keeper.journal(store.session.id).exists()
     keeper.close()
     store.close()
+
+
+@pytest.mark.parametrize("everything", [True, False])
+def test_what_somebody_clears_away_meanwhile_is_written_anew(start, tmp_path, everything):
+    hub = start()
+    bench = hub.create("one")
+    bench.dispatch(SetSeed(1))
+    if everything:
+        shutil.rmtree(tmp_path / FOLDER)
+    else:
+        hub._autosave.file(bench.session.id).unlink()
+    bench.dispatch(SetSeed(2))
+    assert hub.copy_state(bench.session.id) == "kept"
+    assert hub.lost() == ()  # it is in a folder with a lock again
+    killed(hub)
+    assert (only(start()).revision, only(start()).problem) == (2, None)
+
+
+def test_a_folder_that_nobody_may_look_into_keeps_no_program_from_starting(tmp_path, capsys):
+    (tmp_path / FOLDER).mkdir()
+    (tmp_path / FOLDER / "lock").mkdir()  # not a file: it cannot be opened as one
+    hub = build_hub(tmp_path, processes=False)
+    with pytest.raises(OSError, match="lock"):
+        hub.lost()
+    bench = hub.create("one")
+    bench.dispatch(SetSeed(1))
+    assert hub.copy_state(bench.session.id) == "failed"
+    assert hub.save(bench.session.id).is_file()
+    hub.close_all()
+    assert "no copy of session" in capsys.readouterr().err
 
 
 # -- folders and temporary files -------------------------------------------------------------------
