@@ -104,7 +104,7 @@ def test_the_body_of_a_message_is_its_dataclass(document, name):
 def test_nobody_gets_in_without_a_token(anonymous, where):
     method, path = where
     parts = {"step": "tool", "name": "toolmarker", "ordinal": 1, "scan": "first", "number": 0}
-    path = path.format(session_id="current", job_id="x", **parts)
+    path = path.format(session_id="current", job_id="x", key="x", **parts)
     refused(anonymous.request(method, PREFIX + path), 401, "unauthorized")
 
 
