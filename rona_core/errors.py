@@ -8,6 +8,7 @@ RonaError
 ├── StepBlockedError         an earlier step is missing
 ├── StaleResultError         an input has changed since
 ├── NotFoundError            no session, job, capture or tool of that name
+├── NameTakenError           a file of that name is there, and it is not this session's
 ├── SessionFormatError       a file is damaged, foreign or newer
 └── CancelledError           somebody pressed Cancel or Stop
 """
@@ -66,6 +67,12 @@ class NotFoundError(RonaError):
     """There is no session, job, capture or tool of that name."""
 
     code = "not_found"
+
+
+class NameTakenError(RonaError):
+    """A file of that name is there, and it is not the file of this session."""
+
+    code = "name_taken"
 
 
 class SessionFormatError(RonaError):

@@ -27,6 +27,7 @@ TITLES = {
     "step_blocked": "This step has to wait",
     "stale_result": "Something has changed meanwhile",
     "not_found": "Not found",
+    "name_taken": "This name is taken",
     "session_format": "This file cannot be opened",
     "cancelled": "Cancelled",
 }

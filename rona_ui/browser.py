@@ -9,9 +9,9 @@ from typing import Any
 import numpy as np
 
 from rona_core.app.exports import export_recording
-from rona_core.app.hub import Hub
+from rona_core.app.hub import CURRENT, Hub
 from rona_core.arrays import Floats
-from rona_core.errors import NotFoundError
+from rona_core.errors import InvalidInputError, NotFoundError
 from rona_ui.bindings import Bindings, Event, notify
 from rona_ui.panels.docks import Docks
 from rona_ui.panels.door import Door
@@ -178,14 +178,21 @@ class Browser:
                 bench.jobs.cancel(status.id)
 
     def _serve(self, what: str, data: str | bytes | None) -> None:
+        then = ""
+        if what.startswith("save:"):  # an open session, and once it is saved something else
+            what, _, then = what.partition("+")
         verb, _, name = what.partition(":")
         if verb == "save":
-            path = self._hub.save()
+            path = self._hub.save(name or CURRENT)
             notify(self.client, "Saved", path.name, "green")
         elif verb == "open":
             self._hub.open_file(name)
         elif verb == "new":
             self._hub.create()
+        elif verb == "show":
+            self._hub.make_current(name)
+        elif verb in ("close", "drop"):
+            self._close(name, changed_too=verb == "drop")
         elif verb == "download":
             made = export_recording(self._hub.get().session, int(name))
             self.client.send_file_download(made.name, made.data, save_immediately=True)
@@ -193,6 +200,16 @@ class Browser:
             self._hub.store_upload(PurePath(name).name, data)
         else:
             raise NotFoundError(f"there is no service {what!r}")
+        if then:
+            self._serve(then, data)
+
+    def _close(self, session_id: str, *, changed_too: bool) -> None:
+        """Close a session; where it was the only one, a new one is opened."""
+        if self._hub.has_changes(session_id) and not changed_too:
+            raise InvalidInputError("the session has changed meanwhile: save it, or close again")
+        if self._hub.ids() == (session_id,):
+            self._hub.create()
+        self._hub.close(session_id)
 
 
 def _with_pick(view: ViewState, place: Point) -> ViewState:

@@ -24,7 +24,18 @@ from starlette.types import ASGIApp
 from rona_core import __version__
 from rona_core.app.hub import Hub
 from rona_core.errors import InvalidInputError, RonaError
-from rona_ui.api import commands, events, jobs, probe, problems, results, robot, sessions, tracker
+from rona_ui.api import (
+    commands,
+    events,
+    jobs,
+    probe,
+    problems,
+    recovery,
+    results,
+    robot,
+    sessions,
+    tracker,
+)
 from rona_ui.api import operator as hand
 from rona_ui.api.context import PREFIX
 from rona_ui.api.guard import LOOPBACK, Access, Guard, is_loopback
@@ -123,7 +134,8 @@ def bare_app(hub: Hub, gateway: ViewerGateway | None) -> FastAPI:
     app.state.streams = Streams()
     problems.install(app)
     api = APIRouter(prefix=PREFIX, responses=problems.RESPONSES)
-    for part in (sessions, commands, jobs, results, events, tracker, robot, probe, hand):
+    parts = (sessions, recovery, commands, jobs, results, events, tracker, robot, probe, hand)
+    for part in parts:
         api.include_router(part.router)
         if part is sessions:
             api.include_router(sessions.files)

@@ -138,7 +138,9 @@ class Picture:
     can_undo: bool = False
     can_redo: bool = False
     files: tuple[Path, ...] = ()
-    names: tuple[tuple[str, str], ...] = ()  # id and name of the open sessions
+    changes: bool = False  # something would be lost if the session were closed as it is
+    recovered: bool = False  # after a crash, and not saved since
+    opened: tuple[tuple[str, str], ...] = ()  # id and name of the open sessions, oldest first
     turning: bool = False  # the pointer is pivoted by hand
     refused: int = 0  # grows when a message was refused, so that fields show the truth again
 

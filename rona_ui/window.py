@@ -151,6 +151,9 @@ class Window:
             copy=self._hub.copy_state(session.id),
             can_undo=bench.store.can_undo,
             can_redo=bench.store.can_redo,
+            changes=self._hub.has_changes(session.id),
+            recovered=self._hub.is_recovered(session.id),
+            opened=tuple((b.session.id, b.session.name) for b in self._hub.all()),
             files=self._hub.files(),
             refused=self._refused,
         )

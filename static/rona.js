@@ -16,9 +16,13 @@ function say(text, bad = false, seconds = 6) {
   messageTimer = setTimeout(() => { box.hidden = true; }, seconds * 1000);
 }
 
-async function post(path, body) {
+function post(path, body) {
+  return send("POST", path, body);
+}
+
+async function send(method, path, body) {
   const answer = await fetch(API + path, {
-    method: "POST",
+    method,
     headers: body === undefined ? {} : { "Content-Type": "application/json" },
     body: body === undefined ? undefined : JSON.stringify(body),
     keepalive: true,
@@ -70,12 +74,14 @@ function show(state) {
   $("name").textContent = session ? session.name : "no session open";
   $("name").title = session ? `${session.name} (session ${session.id}, revision ${session.revision})` : "";
   const saved = $("saved");
-  saved.textContent = !session ? "" : session.saved ? `saved in ${session.file}` : "● not saved";
+  const lacks = session?.recovered ? "● recovered, not saved" : "● not saved";
+  saved.textContent = !session ? "" : session.saved ? `saved in ${session.file}` : lacks;
   saved.title = { kept: "A copy is kept until it is saved", failed: "No room for a copy" }[session?.copy] ?? "";
   saved.classList.toggle("changed", Boolean(session) && !session.saved);
   document.title = session ? `${session.saved ? "" : "● "}${session.name} – RONA` : "RONA";
   $("origin").textContent = state.origin || "NO DEVICES";
   $("origin").dataset.origin = state.origin || "";
+  document.dispatchEvent(new CustomEvent("status", { detail: state }));
   const job = state.jobs[0];
   $("job").hidden = !job;
   if (job) {
@@ -115,12 +121,4 @@ function follow() {
 }
 
 $("help").addEventListener("click", () => $("helptext").show() /* not modal: Stop stays in reach */);
-$("demo").addEventListener("click", async () => {
-  try {
-    await post("/sessions/demo");
-    say("A copy of the demo session is open");
-  } catch (error) {
-    say(error.message, true);
-  }
-});
 follow();

@@ -2,26 +2,22 @@
 
 import threading
 from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
 
 from rona_core.app.autosave import Autosave, CopyState
-from rona_core.app.names import plain_name, stem_of
+from rona_core.app.names import plain_name
+from rona_core.app.recovery import LostSession, Recovery, restore
+from rona_core.app.session_files import MAX_UPLOAD_BYTES, SessionFiles
 from rona_core.app.workbench import Services, Workbench
 from rona_core.errors import InvalidInputError, NotFoundError
 from rona_core.session.document import Session, Setup
-from rona_core.session.files import (
-    SUFFIX,
-    load_session,
-    move_whole,
-    save_session,
-    session_from_bytes,
-    write_whole,
-)
+from rona_core.session.files import load_session, session_from_bytes
 
+__all__ = ["CURRENT", "MAX_UPLOAD_BYTES", "Hub"]
 CURRENT = "current"  # alias for the session that the viewer shows
 MAX_OPEN = 16
-MAX_UPLOAD_BYTES = 512 * 1024**2
 
 
 class Hub:
@@ -30,17 +26,34 @@ class Hub:
     def __init__(
         self, services: Services, folder: Path, on_close: Callable[[], None] = lambda: None
     ) -> None:
-        self.folder = folder
         self._on_close = on_close
-        self.uploads = folder / ".uploads"
+        self._files = SessionFiles(folder)
         self._autosave = Autosave(folder, on_change=self._tell)
+        self._recovery = Recovery(folder)
         self._services = services
         self._lock = threading.RLock()
         self._open: dict[str, Workbench] = {}
-        self._files: dict[str, Path] = {}
-        self._saved: dict[str, int] = {}  # revision that is in the file
+        self._begun: dict[str, int] = {}  # revision at which what has no file was opened
+        self._recovered: set[str] = set()  # and not saved since
         self._current: str | None = None
         self._listeners: list[Callable[[], None]] = []
+        with suppress(OSError):  # then somebody who looks at the list is told
+            self._recovery.tidy()
+
+    @property
+    def folder(self) -> Path:
+        """Where session files live."""
+        return self._files.folder
+
+    @property
+    def uploads(self) -> Path:
+        """Where uploaded files wait for their import."""
+        return self._files.uploads
+
+    @property
+    def run(self) -> str:
+        """Name of this run of the program, another one after each start."""
+        return self._autosave.run
 
     # -------------------------------------------------------------- asking
 
@@ -48,6 +61,11 @@ class Hub:
         """Return the ids of the open sessions, oldest first."""
         with self._lock:
             return tuple(self._open)
+
+    def all(self) -> tuple[Workbench, ...]:
+        """Return the workbenches of the open sessions, oldest first."""
+        with self._lock:
+            return tuple(self._open.values())
 
     def get(self, session_id: str = CURRENT) -> Workbench:
         """Return the workbench of an open session.
@@ -68,12 +86,22 @@ class Hub:
 
     def file(self, session_id: str) -> Path | None:
         """Return the file that a session was loaded from or saved to last."""
-        return self._files.get(self.get(session_id).session.id)
+        return self._files.file(self.get(session_id).session.id)
 
     def is_saved(self, session_id: str) -> bool:
         """Return whether the file holds the session as it is now."""
         bench = self.get(session_id)
-        return self._saved.get(bench.session.id) == bench.store.revision
+        return self._files.saved(bench.session.id) == bench.store.revision
+
+    def has_changes(self, session_id: str) -> bool:
+        """Return whether something would be lost if the session were closed as it is now."""
+        bench = self.get(session_id)
+        unchanged = self._begun.get(bench.session.id) == bench.store.revision
+        return not self.is_saved(session_id) and not unchanged
+
+    def is_recovered(self, session_id: str) -> bool:
+        """Return whether the session was recovered and has not been saved since."""
+        return self.get(session_id).session.id in self._recovered
 
     def copy_state(self, session_id: str) -> CopyState:
         """Return whether a copy is kept of what is not saved."""
@@ -81,7 +109,7 @@ class Hub:
 
     def files(self) -> tuple[Path, ...]:
         """Return the session files in the sessions folder."""
-        return tuple(sorted(self.folder.glob(f"*{SUFFIX}")))
+        return self._files.all()
 
     # -------------------------------------------------------------- opening and closing
 
@@ -111,7 +139,9 @@ class Hub:
         """Open a session that was made in Python."""
         return self._add(session)
 
-    def _add(self, session: Session, path: Path | None = None) -> Workbench:
+    def _add(
+        self, session: Session, path: Path | None = None, *, recovered: bool = False
+    ) -> Workbench:
         with self._lock:
             if session.id in self._open:  # a second copy of an open session is another session
                 session = replace(session, id=Session().id)
@@ -119,11 +149,12 @@ class Hub:
                 raise InvalidInputError(f"{MAX_OPEN} sessions are open: close one first")
             bench = Workbench(session, self._services, self.uploads, self._autosave.keep)
             self._open[session.id] = bench
-            self._autosave.watch(bench.store)
-            if path is not None:
-                self._files[session.id] = path
-                self._saved[session.id] = bench.store.revision
+            self._autosave.watch(bench.store, changed=recovered)
+            if recovered:
+                self._recovered.add(session.id)
             self._current = session.id
+        if not recovered and (path is None or not self._files.opened(session, path)):
+            self._begun[session.id] = bench.store.revision
         self._tell()
         return bench
 
@@ -146,10 +177,11 @@ class Hub:
             bench = self.get(session_id)
             key = bench.session.id
             del self._open[key]
-            self._files.pop(key, None)
-            self._saved.pop(key, None)
+            self._begun.pop(key, None)
+            self._recovered.discard(key)
             if self._current == key:
                 self._current = next(reversed(self._open), None)
+        self._files.closed(key)
         bench.close()
         self._tell()
 
@@ -160,53 +192,76 @@ class Hub:
             self._close(session_id)
         self._on_close()
 
+    # -------------------------------------------------------------- recovering
+
+    def lost(self) -> tuple[LostSession, ...]:
+        """Return sessions that programs which have ended left unsaved, the newest first."""
+        return self._recovery.all()
+
+    def lost_keys(self) -> tuple[str, ...]:
+        """Return their keys, without reading them."""
+        return self._recovery.keys()
+
+    def recover(self, key: str) -> tuple[Workbench, str | None]:
+        """Open such a session and make it the current one; it is not saved yet.
+
+        Returns:
+            Its workbench, and what of it could not be recovered; then its copy stays in the list.
+
+        Raises:
+            NotFoundError: there is none of that key, or another program has taken it.
+            SessionFormatError: its copy cannot be read; it stays where it is.
+        """
+        with self._recovery.held(key) as copy:
+            session, journal = copy.load()
+            bench = self._add(session, recovered=True)
+            problem = restore(bench.store, journal)
+            self._autosave.keep(bench.session)
+            if problem is None and self.copy_state(bench.session.id) == "kept":
+                copy.remove()
+        self._tell()
+        return bench, problem
+
+    def discard(self, key: str) -> None:
+        """Remove the copy of such a session for good; errors as in ``recover``."""
+        self._recovery.discard(key)
+        self._tell()
+
     # -------------------------------------------------------------- saving
 
-    def save(self, session_id: str = CURRENT, file: str | None = None) -> Path:
+    def save(
+        self, session_id: str = CURRENT, file: str | None = None, *, replace: bool = False
+    ) -> Path:
         """Write a session to the sessions folder and return the file.
 
         Without a file name it goes where it came from, or under its own name.
-        """
-        bench = self.get(session_id)
-        session, revision = bench.session, bench.store.revision
-        path = self._files.get(session.id)
-        if file is not None:
-            name = plain_name(file)
-            path = self.folder / (name if name.endswith(SUFFIX) else name + SUFFIX)
-        if path is None:
-            path = self._free_path(session.name)
-        if path.is_dir():
-            raise InvalidInputError(f"{path.name} is a folder: save under another name")
-        save_session(session, path)
-        with self._lock:
-            self._files[session.id] = path
-            self._saved[session.id] = revision
-        self._autosave.saved(session)
-        self._tell()
-        return path
 
-    def _free_path(self, name: str) -> Path:
-        stem = stem_of(name)
-        path, number = self.folder / f"{stem}{SUFFIX}", 2
-        while path.exists():
-            path, number = self.folder / f"{stem} {number}{SUFFIX}", number + 1
+        Args:
+            session_id: Which session.
+            file: Plain name of the file.
+            replace: Write over a file of that name that is not this session's; what was there
+                stays beside it as ``.bak``, and an open session that it belonged to has none then.
+
+        Raises:
+            NameTakenError: there is such a file, and ``replace`` was not said.
+        """
+        session = self.get(session_id).session
+        path, other = self._files.save(session, file, replace=replace)
+        self._recovered.discard(session.id)
+        self._begun.pop(session.id, None)
+        self._autosave.saved(session)
+        if other is not None:
+            self._autosave.unsaved(other)
+        self._tell()
         return path
 
     def store_upload(self, name: str, data: bytes) -> Path:
         """Keep an uploaded file for ``StartSkullImport``; one of that name is replaced."""
-        if len(data) > MAX_UPLOAD_BYTES:
-            raise InvalidInputError(f"{name} has {len(data) / 1e6:.0f} MB, too large")
-        path = self.uploads / plain_name(name)
-        if path.is_dir():
-            raise InvalidInputError(f"{name} is a folder: upload under another name")
-        return write_whole(path, data)
+        return self._files.store_upload(name, data)
 
     def keep_upload(self, name: str, body: Path) -> Path:
         """Keep an uploaded file that lies at ``body``, in the same folder, under its plain name."""
-        path = self.uploads / plain_name(name)
-        if path.is_dir():
-            raise InvalidInputError(f"{name} is a folder: upload under another name")
-        return move_whole(body, path)
+        return self._files.keep_upload(name, body)
 
     # -------------------------------------------------------------- telling
 

@@ -56,8 +56,12 @@ class Store:
         """Whether there is a change to do again."""
         return bool(self._redo)
 
-    def dispatch(self, message: Any) -> Change:
+    def dispatch(self, message: Any, time_utc: str | None = None) -> Change:
         """Change the session by one message; a message that fails changes nothing.
+
+        Args:
+            message: What to do.
+            time_utc: When it was done first, where it is done again; else it is now.
 
         Raises:
             RonaError: the message does not fit the session; its text says why.
@@ -78,7 +82,7 @@ class Store:
                 number=len(before.log) + 1,
                 message=type(message).__name__,
                 arguments=plain_arguments(message),
-                time_utc=datetime.now(UTC).isoformat(timespec="milliseconds"),
+                time_utc=time_utc or datetime.now(UTC).isoformat(timespec="milliseconds"),
             )
             self._session = replace(after, log=(*before.log, entry))
             change = Change(entry.number, entry.message, self._session)

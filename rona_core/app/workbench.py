@@ -50,7 +50,7 @@ class Workbench:
         uploads: Path,
         keep: Callable[[Session], None] = _keep_nothing,
     ) -> None:
-        """Open ``session``; ``keep`` writes a copy of it before long work."""
+        """Open ``session``; ``keep`` makes sure that a copy holds it, before a change counts."""
         use_one_thread()
         self.store = Store(session)
         self.live = Live()
@@ -101,10 +101,12 @@ class Workbench:
             return self._rig[1]
 
     def dispatch(self, command: Any) -> Change:
-        """Change the session by a public command; errors as in ``Store.dispatch``."""
+        """Change the session by a public command, and keep that; errors as in `Store.dispatch`."""
         if type(command).__name__ not in COMMANDS:
             raise InvalidInputError(f"{type(command).__name__} is not a command")
-        return self.store.dispatch(command)
+        change = self.store.dispatch(command)
+        self._keep(change.session)
+        return change
 
     def run(self, activity: Any, progress: Progress = silent, cancel: Cancel = never) -> Session:
         """Carry out an activity here and now, and store what it produced."""
@@ -142,8 +144,11 @@ class Workbench:
             progress=progress,
             cancel=cancel,
         )
-        for message in perform(activity, self.session, tools):
-            self.store.dispatch(message)
+        try:
+            for message in perform(activity, self.session, tools):
+                self.store.dispatch(message)
+        finally:  # what was stored before another message was refused is kept too
+            self._keep(self.session)
         return self.store.revision
 
     def stop(self) -> None:

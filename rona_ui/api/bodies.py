@@ -1,13 +1,14 @@
 """Bodies of uploads go to a file while they arrive: they never lie in memory whole."""
 
 import os
-import tempfile
 from collections.abc import AsyncGenerator
 from contextlib import asynccontextmanager
 from pathlib import Path
 
 from fastapi import Request
 from starlette.concurrency import run_in_threadpool
+
+from rona_core.session.temporary import open_temporary
 
 AT_ONCE = 1 << 20  # bytes that are written together
 
@@ -19,8 +20,7 @@ async def spooled(request: Request, folder: Path) -> AsyncGenerator[Path]:
     A body that is cut off or too large for its route leaves nothing behind.
     """
     folder.mkdir(parents=True, exist_ok=True)
-    handle, name = tempfile.mkstemp(prefix=".upload.", dir=folder)
-    path = Path(name)
+    handle, path = open_temporary(folder / "upload")
     try:
         with os.fdopen(handle, "wb") as file:
             held: list[bytes] = []

@@ -14,7 +14,7 @@ from rona_core.app.workbench import Workbench
 from rona_core.errors import NotFoundError
 from rona_ui.api.context import Bench, Open, Sessions, origin_of
 from rona_ui.api.jobs import job_info
-from rona_ui.api.sessions import info
+from rona_ui.api.sessions import info, infos
 from rona_ui.api.streams import ALIVE, DESCRIBED, EventStream, Streams, event
 from rona_ui.labels import doing
 
@@ -61,12 +61,18 @@ async def _changes(hub: Hub, bench: Workbench, seen: int, streams: Streams) -> A
 
 
 def state_of(hub: Hub) -> dict[str, Any]:
-    """Return the state of the program: the session that the viewer shows, and what runs in it."""
+    """Return the state of the program: the session that the viewer shows, and what runs in it.
+
+    ``run`` is another one after each start of the program.
+    """
     state: dict[str, Any] = {
         "program": "RONA",
         "version": __version__,
         "notice": NOTICE,
+        "run": hub.run,
         "session": None,
+        "sessions": [asdict(each) for each in infos(hub)],
+        "recoverable": _count_lost(hub),
         "origin": None,
         "jobs": [],
     }
@@ -81,6 +87,13 @@ def state_of(hub: Hub) -> dict[str, Any]:
         {**asdict(job_info(bench, status)), "words": doing(status.activity)} for status in running
     ]
     return state
+
+
+def _count_lost(hub: Hub) -> int:
+    try:
+        return len(hub.lost_keys())
+    except OSError:  # `GET /recoverable` tells why nobody can look; the state goes on
+        return 0
 
 
 @router.get("/status")

@@ -1,5 +1,6 @@
 """Sessions: make, list, open, save, download, upload, show, close; and files of specimens."""
 
+from contextlib import suppress
 from dataclasses import asdict, dataclass
 from typing import Annotated, Any, ClassVar, Literal
 from urllib.parse import quote
@@ -41,6 +42,8 @@ class SessionInfo:
     revision: int  # how many messages have changed it
     current: bool  # whether the viewer shows it
     saved: bool  # whether its file holds it as it is now
+    changes: bool  # whether closing it as it is now would lose something
+    recovered: bool  # whether it was recovered after a crash, and not saved since
     copy: CopyState  # whether a copy is kept of what is not saved
     file: str | None
     seed: int
@@ -81,10 +84,14 @@ class FileToOpen:
 
 @dataclass(frozen=True, slots=True)
 class FileToSave:
-    """Name of the file to write; without one it goes where it came from."""
+    """Name of the file to write; without one it goes where it came from.
+
+    A file of that name that is not this session's is written over only where ``replace`` says so.
+    """
 
     __pydantic_config__: ClassVar = STRICT
     file: str | None = None
+    replace: bool = False
 
     def __post_init__(self) -> None:
         require(self.file is None or 0 < len(self.file) <= 120, "file must be up to 120 characters")
@@ -108,11 +115,22 @@ def info(hub: Hub, bench: Workbench) -> SessionInfo:
         revision=len(session.log),
         current=hub.is_current(session.id),
         saved=hub.is_saved(session.id),
+        changes=hub.has_changes(session.id),
+        recovered=hub.is_recovered(session.id),
         copy=hub.copy_state(session.id),
         file=None if path is None else path.name,
         seed=session.setup.seed,
         created_utc=session.created_utc,
     )
+
+
+def infos(hub: Hub) -> tuple[SessionInfo, ...]:
+    """Return all open sessions in short, oldest first."""
+    found: list[SessionInfo] = []
+    for bench in hub.all():
+        with suppress(NotFoundError):  # closed meanwhile
+            found.append(info(hub, bench))
+    return tuple(found)
 
 
 def _made(hub: Hub, bench: Workbench, response: Response) -> SessionInfo:
@@ -124,7 +142,7 @@ def _made(hub: Hub, bench: Workbench, response: Response) -> SessionInfo:
 def list_sessions(hub: Sessions) -> SessionList:
     """List the open sessions and the files in the sessions folder."""
     return SessionList(
-        tuple(info(hub, hub.get(key)) for key in hub.ids()),
+        infos(hub),
         tuple(path.name for path in hub.files()),
     )
 
@@ -215,7 +233,8 @@ def save_session(
     hub: Sessions, bench: Bench, wanted: Annotated[FileToSave | None, WHOLE_TEXT] = None
 ) -> SessionInfo:
     """Write a session to the sessions folder."""
-    hub.save(bench.session.id, wanted.file if wanted else None)
+    to = wanted or FileToSave()
+    hub.save(bench.session.id, to.file, replace=to.replace)
     return info(hub, bench)
 
 

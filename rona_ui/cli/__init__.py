@@ -1,4 +1,4 @@
-"""The command line: serve, demo, inspect, calibrate, detect."""
+"""The command line: serve, demo, inspect, recover, calibrate, detect."""
 
 import argparse
 import os
@@ -57,6 +57,7 @@ def _parser() -> argparse.ArgumentParser:
     _add_serve(verbs)
     _add_demo(verbs)
     _add_inspect(verbs)
+    _add_recover(verbs)
     _add_calibrate(verbs)
     _add_detect(verbs)
     return parser
@@ -129,6 +130,23 @@ def _add_demo(verbs: Any) -> None:
 def _add_inspect(verbs: Any) -> None:
     verb = _verb(verbs, "inspect", "say what a session file holds")
     verb.add_argument("file", type=Path, metavar="FILE")
+    verb.add_argument("--json", action="store_true", help="print one JSON object")
+
+
+def _add_recover(verbs: Any) -> None:
+    text = "list sessions that were not saved when the program ended, or save one of them"
+    verb: argparse.ArgumentParser = verbs.add_parser(
+        "recover",
+        help=text,
+        description=f"{text[0].upper()}{text[1:]}. Those of a program that still runs are not "
+        "among them. Exit status: 0 done, 2 bad input, 3 saved, but not the whole of it.",
+    )
+    verb.set_defaults(verb="recover")
+    text = "name or key of the session to save, as the list has it"
+    verb.add_argument("name", nargs="?", metavar="NAME", help=text)
+    verb.add_argument("--out", type=Path, metavar="FILE", help="save it here (its name, .rona)")
+    verb.add_argument("--discard", action="store_true", help="remove its copy instead, for good")
+    verb.add_argument("--sessions", type=Path, metavar="DIR", help="folder of session files")
     verb.add_argument("--json", action="store_true", help="print one JSON object")
 
 

@@ -4,8 +4,10 @@ import contextlib
 import signal
 import sys
 import tempfile
+from pathlib import Path
 from typing import Any
 
+from rona_core.app.recovery import Recovery
 from rona_core.compose import build_hub
 from rona_core.errors import InvalidInputError
 from rona_ui.resources import sessions_dir
@@ -16,6 +18,21 @@ from rona_ui.window import open_window
 def _end(number: int, frame: object) -> None:
     """Leave in an orderly way, so that devices and processes end too."""
     sys.exit(0)
+
+
+def _recoverable(folder: Path) -> str:
+    """Return a line about what can be recovered; empty where there is nothing."""
+    try:
+        count = len(Recovery(folder).keys())
+    except OSError as error:
+        return f"Nobody can tell whether there is unsaved work: {error}\n"
+    if not count:
+        return ""
+    what = "session was" if count == 1 else "sessions were"
+    return (
+        f"{count} {what} not saved when the program ended last: the page offers to recover, "
+        "and so does rona recover.\n"
+    )
 
 
 def run(wanted: Any) -> int:
@@ -44,6 +61,7 @@ def run(wanted: Any) -> int:
 
     def say(url: str) -> None:
         sys.stdout.write(f"RONA is at {url}\nSessions are in {folder}. Ctrl-C ends it.\n")
+        sys.stdout.write(_recoverable(folder))
         sys.stdout.flush()
 
     signal.signal(signal.SIGTERM, _end)

@@ -17,6 +17,7 @@ ROUTES = """
 GET /sessions; POST /sessions; POST /sessions/open; POST /sessions/upload; POST /sessions/demo
 GET /sessions/{session_id}; DELETE /sessions/{session_id}; GET /sessions/{session_id}/file
 POST /sessions/{session_id}/save; POST /sessions/{session_id}/current
+GET /recoverable; POST /recoverable/{key}/open; DELETE /recoverable/{key}
 GET /sessions/{session_id}/captures/{ordinal}/file
 POST /sessions/{session_id}/uploads; POST /sessions/{session_id}/undo
 POST /sessions/{session_id}/redo; GET /sessions/{session_id}/steps
@@ -103,7 +104,7 @@ def test_the_body_of_a_message_is_its_dataclass(document, name):
 def test_nobody_gets_in_without_a_token(anonymous, where):
     method, path = where
     parts = {"step": "tool", "name": "toolmarker", "ordinal": 1, "scan": "first", "number": 0}
-    path = path.format(session_id="current", job_id="x", **parts)
+    path = path.format(session_id="current", job_id="x", key="x", **parts)
     refused(anonymous.request(method, PREFIX + path), 401, "unauthorized")
 
 
@@ -295,7 +296,7 @@ def test_what_is_no_plain_file_name_is_refused_everywhere(at, client, web, file)
 def test_a_session_is_saved_whatever_its_name(at, web):
     for name in ("x" * 80, "\U0001d538" * 80, "../../x", ".", "a\nb"):
         assert at("POST", "/commands/RenameSession", json={"name": name}).status_code == 200
-        free = web.hub._free_path(name)
+        free = web.hub._files.free_path(name)
         assert free.parent == web.folder
         saved = at("POST", "/save", json={"file": free.stem})
         assert saved.status_code == 200

@@ -131,7 +131,7 @@ def hub(tmp_path):
 
 
 def copies(hub):
-    return sorted((hub.folder / autosave.FOLDER).glob("*"))
+    return sorted((hub.folder / autosave.FOLDER).rglob("*.*"))
 
 
 def test_the_copy_is_written_before_long_work_starts(tmp_path):

@@ -10,7 +10,7 @@ KINDS = [
 ]
 CODES = {
     "rona_error", "invalid_input", "degenerate_geometry", "not_reachable", "device_error",
-    "step_blocked", "stale_result", "not_found", "session_format", "cancelled",
+    "step_blocked", "stale_result", "not_found", "session_format", "cancelled", "name_taken",
 }  # fmt: skip
 
 

@@ -6,6 +6,7 @@ import json
 import os
 import zipfile
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -265,3 +266,10 @@ def test_a_packing_that_sessions_do_not_use_is_refused():
 def test_a_missing_file_is_named(tmp_path):
     with pytest.raises(NotFoundError, match=r"gone\.rona"):
         load_session(tmp_path / "gone.rona")
+
+
+def test_a_file_that_is_written_quickly_is_larger_and_holds_the_same():
+    session = load_session(Path(__file__).resolve().parents[2] / "sessions" / "demo.rona")
+    quick = session_bytes(session, quick=True)
+    assert len(quick) > 1.5 * len(session_bytes(session))
+    assert session_bytes(session_from_bytes(quick)) == session_bytes(session)

@@ -42,6 +42,8 @@ class FakeHandle(AbstractContextManager["FakeHandle"]):
     def remove(self) -> None:
         self.removed = True
 
+    close = remove  # of a modal window
+
     def happen(self, client: Any) -> None:
         """Click or change the widget; ``client`` None is an echo of the program's own write."""
         for call in self.callbacks:
