@@ -58,17 +58,18 @@ class SessionPanel:
         listen(self._open, self._open_file)
         listen(self._download, self._download_capture)
         listen(self._new, lambda e: door.service("new", e, None))
-        commands: tuple[tuple[str, str, str | None, Callable[[Event], None]], ...] = (
+        commands: tuple[tuple[str, str | None, str | None, Callable[[Event], None]], ...] = (
             ("Undo", "Z", "cmd/ctrl", lambda event: door.send(Undo, event)),
             ("Redo", "Z", "cmd/ctrl+shift", lambda event: door.send(Redo, event)),
             ("Save", "S", "cmd/ctrl", lambda event: door.service("save", event, None)),
-            ("Stop the robot", "escape", None, lambda event: door.service("stop", event, None)),
+            ("Stop the robot", None, None, lambda event: door.service("stop", event, None)),
+            ("Leave drawing", "escape", None, lambda event: door.service("escape", event, None)),
         )
         for label, key, modifier, act in commands:
             self._command(gui, label, key, modifier, act)
 
     @staticmethod
-    def _command(gui: Any, label: str, key: str, modifier: str | None, act: Any) -> None:
+    def _command(gui: Any, label: str, key: str | None, modifier: str | None, act: Any) -> None:
         command = gui.add_command(label, hotkey=key, modifier=modifier)
 
         @command.on_trigger
