@@ -87,14 +87,14 @@ class Field:
         except InvalidInputError as error:
             raise InvalidInputError(f"{self._label}: {error}") from None
         if isinstance(held, int) and value != int(value):
-            raise InvalidInputError(f"{self._label}: expected a whole number, not {value:g}")
+            raise InvalidInputError(f"{self._label}: expected a whole number, not {value:.12g}")
         low, high = (
             limit[part] if part is not None and isinstance(limit, tuple) else limit
             for limit in (self._handle.min, self._handle.max)
         )
         if (low is not None and value < low) or (high is not None and value > high):
-            least = "any" if low is None else f"{low:g}"
-            most = "any" if high is None else f"{high:g}"
+            least = "any" if low is None else f"{low:.12g}"
+            most = "any" if high is None else f"{high:.12g}"
             raise InvalidInputError(f"{self._label} must be {least} to {most}, not {value:.12g}")
         return type(held)(value)
 

@@ -9,12 +9,10 @@ const CONTROLS = ".mantine-NumberInput-controls";
 class FieldKeeper {
   constructor(page) {
     this.page = page; // window of the viewer
-    this.draft = null; // the field that is being typed into, what it shows otherwise, its name
-    this.shown = null; // a field and its text before the last key
+    this.draft = null; // the field that is being typed into, and its name
     this.sent = 0;
     this.native = Object.getOwnPropertyDescriptor(page.HTMLInputElement.prototype, "value");
     const on = (kind, act) => page.addEventListener(kind, act, true);
-    on("beforeinput", (event) => { this.shown = { field: event.target, text: event.target.value }; });
     on("input", (event) => this.begin(event));
     const typing = (event) => this.draft !== null && event.target === this.draft.field;
     for (const kind of ["input", "change"]) {
@@ -28,13 +26,13 @@ class FieldKeeper {
   begin(event) {
     const field = event.target;
     if (this.draft?.field === field || !field.matches?.(TYPED)) return;
-    if (!event.isTrusted || this.shown?.field !== field) return; // nobody typed it
+    if (!event.isTrusted) return; // nobody typed it
     const mail = this.page.document.querySelector("[data-typed]")?.dataset.typed;
     const box = this.labelled(field);
     if (!mail || !box || !this.page.__viserMutable?.sendMessage) return; // not one of the docks
     this.finish();
     const draft = {
-      field, mail, before: this.shown.text,
+      field, mail,
       name: box.querySelector("label[for]").htmlFor,
       part: [...box.querySelectorAll(TYPED)].indexOf(field),
       inner: Object.getOwnPropertyDescriptor(field, "value"), // the viewer watches it there
@@ -44,7 +42,7 @@ class FieldKeeper {
     Object.defineProperty(field, "value", {
       configurable: true,
       get: () => this.native.get.call(field),
-      set: (text) => { draft.before = String(text); },
+      set: () => {},
     });
     draft.watch.observe(field, { attributes: true, attributeFilter: ["disabled"] });
     this.draft = draft;
@@ -57,23 +55,26 @@ class FieldKeeper {
     return box && box.querySelectorAll("label[for]").length === 1 ? box : null;
   }
 
+  // What the viewer last drew: React keeps it as the value that the field began with.
+  drawn() { return this.draft.field.defaultValue; }
+
   // Show again what the viewer believes is there; return what was typed in its place.
   release() {
-    const { field, before, inner, watch } = this.draft;
+    const { field, inner, watch } = this.draft, drawn = this.drawn();
     watch.disconnect();
     this.draft = null;
     const text = this.native.get.call(field);
     delete field.value;
     if (inner) Object.defineProperty(field, "value", inner);
-    field.value = before;
+    field.value = drawn;
     return text;
   }
 
   finish() {
     if (!this.draft) return;
-    const { mail, name, part, before } = this.draft;
+    const { mail, name, part } = this.draft, drawn = this.drawn();
     const text = this.release();
-    if (text === before) return;
+    if (text === drawn) return;
     const value = JSON.stringify({ field: name, part, text, number: ++this.sent });
     this.page.__viserMutable.sendMessage({ type: "GuiUpdateMessage", uuid: mail, updates: { value } });
   }
