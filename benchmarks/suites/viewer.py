@@ -23,7 +23,7 @@ from rona_ui.window import Window, open_window
 
 VISITS, STAY_S = 100, 0.3
 WARM_UP = 10  # visits before memory is compared: threads and caches are there once
-SETTLE_S, IDLE_S = 5.0, 20.0
+SETTLE_S, IDLE_S = 20.0, 20.0
 TOKEN = "token-of-the-benchmark"
 CAMERA = {
     "type": "ViewerCameraMessage",

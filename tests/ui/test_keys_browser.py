@@ -235,6 +235,8 @@ def open_palette(surgeon: Surgeon) -> None:
     surgeon.frame.locator("canvas").first.evaluate("() => document.activeElement?.blur()")
     surgeon.frame.locator("body").press("Control+k")
     palette(surgeon).wait_for()
+    inside = "document.activeElement?.matches('input.mantine-Spotlight-search')"
+    wait_for(lambda: surgeon.frame.evaluate(inside), 10, "the palette to listen")
 
 
 def open_menu(surgeon: Surgeon) -> None:
@@ -311,12 +313,11 @@ def test_escape_stops_the_robot_that_moves_whatever_is_open(
     surgeon: Surgeon, opened: Callable[[Surgeon], None]
 ) -> None:
     page = surgeon.page
-    page.reload()
-    surgeon.come()
-    put(surgeon, "/jobs/StartToolCapture", {})
+    wait_for(lambda: announced(surgeon) == "", 20, "what was announced before to go")
+    put(surgeon, "/jobs/StartScan", {})
     moving = lambda: surgeon.ask("/sessions/current/robot/state")["moving"]  # noqa: E731
     opened(surgeon)
-    wait_for(moving, 30, "the robot to move")
+    wait_for(moving, 120, "the robot to move")
     assert announced(surgeon) == ""
     page.keyboard.press("Escape")
     wait_for(lambda: not moving(), 5, "the robot to rest")
