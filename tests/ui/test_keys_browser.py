@@ -314,7 +314,8 @@ def test_escape_stops_the_robot_that_moves_whatever_is_open(
 ) -> None:
     page = surgeon.page
     wait_for(lambda: announced(surgeon) == "", 20, "what was announced before to go")
-    put(surgeon, "/jobs/StartScan", {})
+    page.evaluate("() => fetch('/api/v1/sessions/demo', {method: 'POST'})")  # whole captures again
+    put(surgeon, "/jobs/StartToolCapture", {})
     moving = lambda: surgeon.ask("/sessions/current/robot/state")["moving"]  # noqa: E731
     opened(surgeon)
     wait_for(moving, 120, "the robot to move")
