@@ -29,6 +29,7 @@ SUITES = (
     "recorded_rf",
     "sound_speed",
     "thickness",
+    "viewer",
     "procedure",
     "map_bands",
 )

@@ -65,7 +65,12 @@ def escape(text: object) -> str:
 class Bindings:
     """Carries messages from widgets to the current session, in the order in which they came."""
 
-    def __init__(self, hub: Hub, on_refusal: Callable[[], None] = lambda: None) -> None:
+    def __init__(
+        self,
+        hub: Hub,
+        on_refusal: Callable[[Any, str, str], None] = lambda client, title, body: None,
+    ) -> None:
+        """Start the queue; ``on_refusal(client, title, body)`` is told what was refused."""
         self._hub = hub
         self._on_refusal = on_refusal
         self._ready = threading.Condition()
@@ -86,9 +91,13 @@ class Bindings:
             self._put(lambda: self._deliver(make()), event.client)
 
     def send_settled(self, key: Hashable, make: Callable[[], Any], event: Event) -> None:
-        """Send like ``send``, but only once nothing has come under ``key`` for a moment."""
+        """Send like ``send``, but only once nothing has come under ``key`` for a moment.
+
+        What was typed has been finished by Enter: it does not wait.
+        """
         if event.client is not None:
-            self._put(lambda: self._deliver(make()), event.client, key=key, wait_s=SETTLE_S)
+            wait_s = 0.0 if getattr(event, "finished", False) else SETTLE_S
+            self._put(lambda: self._deliver(make()), event.client, key=key, wait_s=wait_s)
 
     def call(self, work: Callable[[], Any], event: Event) -> None:
         """Do something else with the service (save, open, pick) in the same order."""
@@ -97,10 +106,20 @@ class Bindings:
 
     def stop(self, event: Event) -> None:
         """Stop the robot now, ahead of everything that waits in the queue."""
+        self._at_once(lambda: self._hub.get().stop(), event)
+
+    def escape(self, leave: Callable[[], None], event: Event) -> None:
+        """Stop the robot now if it moves; call ``leave()`` if it does not."""
+        self._at_once(lambda: self._hub.get().stop_if_moving() or leave(), event)
+
+    def refuse(self, error: Exception, event: Event) -> None:
+        """Tell why something was not done that never came as far as the queue."""
         if event.client is not None:
-            threading.Thread(
-                target=self._guarded, args=(self._hub.get().stop, event.client), daemon=True
-            ).start()
+            self._told(event.client, error)
+
+    def _at_once(self, work: Callable[[], Any], event: Event) -> None:
+        if event.client is not None:
+            threading.Thread(target=self._guarded, args=(work, event.client), daemon=True).start()
 
     # -------------------------------------------------------------- the queue
 
@@ -115,10 +134,14 @@ class Bindings:
         self, work: Callable[[], Any], client: Any, key: Hashable = None, wait_s: float = 0.0
     ) -> None:
         with self._ready:
+            now_s = time.monotonic()
             if key is not None:
                 self._tasks = [task for task in self._tasks if task.key != key]
-                heapq.heapify(self._tasks)
-            due_s = time.monotonic() + wait_s
+            else:  # a field changed before this click counts before it
+                for task in self._tasks:
+                    task.due_s = min(task.due_s, now_s)
+            heapq.heapify(self._tasks)
+            due_s = now_s + wait_s
             heapq.heappush(self._tasks, _Task(due_s, next(self._number), work, client, key))
             self._ready.notify()
 
@@ -141,8 +164,10 @@ class Bindings:
         try:
             work()
         except Exception as error:  # told in the browser; the queue goes on
-            tell(client, error)
-            self._on_refusal()
+            self._told(client, error)
+
+    def _told(self, client: Any, error: Exception) -> None:
+        self._on_refusal(client, *tell(client, error))
 
     def close(self) -> None:
         """End the queue; what waits in it is dropped."""
@@ -151,8 +176,8 @@ class Bindings:
             self._ready.notify_all()
 
 
-def tell(client: Notified, error: Exception) -> None:
-    """Show an error in one browser: cause and remedy, never a stack trace."""
+def tell(client: Notified, error: Exception) -> tuple[str, str]:
+    """Show an error in one browser: cause and remedy, never a stack trace; return what it says."""
     if isinstance(error, RonaError):
         title, body, color = TITLES.get(error.code, "Refused"), in_words(str(error)), "orange"
     else:
@@ -160,6 +185,7 @@ def tell(client: Notified, error: Exception) -> None:
         title, color = "Internal error", "red"
         body = "A defect in RONA; nothing was changed. The server's log has the details."
     notify(client, title, body, color)
+    return title, body
 
 
 def notify(client: Notified, title: str, body: str, color: str = "blue") -> None:

@@ -13,6 +13,7 @@ from rona_core.app.hub import CURRENT, Hub
 from rona_core.arrays import Floats
 from rona_core.errors import InvalidInputError, NotFoundError
 from rona_ui.bindings import Bindings, Event, notify
+from rona_ui.fields import Fields
 from rona_ui.panels.docks import Docks
 from rona_ui.panels.door import Door
 from rona_ui.scene.camera import FOCUS, UP, preset
@@ -42,7 +43,7 @@ class Browser:
             bindings.send, bindings.send_settled, self.change_view, self._service, self._look
         )
         with client.atomic():
-            self._docks = Docks(client.gui, door)
+            self._docks = Docks(Fields(client.gui, bindings.refuse), door)
             self._world = World(client.scene)
         client.camera.up_direction = UP
         client.camera.near, client.camera.far = NEAR_M, FAR_M
@@ -164,6 +165,8 @@ class Browser:
     def _service(self, what: str, event: Event, data: str | bytes | None) -> None:
         if what == "stop":
             self._bindings.stop(event)
+        elif what == "escape":
+            self._bindings.escape(lambda: self.change_view(without_mode), event)
         elif what == "finish":
             self._bindings.call(lambda: self._hub.get().finish_pointer(), event)
         elif what == "cancel":
@@ -210,6 +213,12 @@ class Browser:
         if self._hub.ids() == (session_id,):
             self._hub.create()
         self._hub.close(session_id)
+
+
+def without_mode(view: ViewState) -> ViewState:
+    """Return the view without drawing or editing; a line that was begun can be gone on with."""
+    picks = view.picks if view.drawing in STROKES or view.drawing is None else ()
+    return replace(view, drawing=None, picks=picks, grabbed=None, ghost=None, hand=None)
 
 
 def _with_pick(view: ViewState, place: Point) -> ViewState:

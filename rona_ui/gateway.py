@@ -186,6 +186,11 @@ def _start_viser(secret: str) -> viser.ViserServer:
     return server
 
 
+def uuid_of(handle: Any) -> str:
+    """Return the name by which page and server mean the same widget; its label points to it."""
+    return handle._impl.uuid  # noqa: SLF001
+
+
 def _refuse_sharing(*_: Any, **__: Any) -> None:
     """Take the place of viser's public tunnel, which would lead round every check."""
 

@@ -4,6 +4,8 @@ import re
 from dataclasses import fields
 
 from rona_core.app.messages import ACTIVITIES, COMMANDS
+from rona_core.app.queries import TITLES
+from rona_core.session.document import STEPS
 
 UNITS = {
     "mm_per_us": "mm/µs", "mm_per_s": "mm/s", "mm": "mm", "deg": "deg", "s": "s", "ms": "ms",
@@ -32,6 +34,29 @@ DOING = {
     "StartSonoScan": "Scanning by hand",
     "StartSonoMapping": "Mapping the scan by hand",
     "StartRobotMove": "Moving the robot",
+}
+# step that an activity belongs to; a recording may belong to several
+STEP_OF = {
+    "StartSkullImport": "setup",
+    "StartBlockShots": "setup",
+    "StartWhatIf": "setup",
+    "StartToolCapture": "tool",
+    "StartPointerCapture": "pointer",
+    "StartPivotImport": "pointer",
+    "StartSurfaceCapture": "surface",
+    "StartSkullRegistration": "surface",
+    "StartPathCapture": "path",
+    "StartRollSearch": "roll",
+    "StartBasePlacement": "roll",
+    "StartRobotMove": "roll",
+    "StartScan": "scan",
+    "StartSecondPlan": "maps",
+    "StartSecondScan": "maps",
+    "StartMapping": "maps",
+    "StartReferencePoints": "maps",
+    "StartSonoCalibration": "maps",
+    "StartSonoScan": "maps",
+    "StartSonoMapping": "maps",
 }
 # fields that stand alone, outside of the forms
 OTHERS = {
@@ -67,6 +92,13 @@ def label_of(name: str) -> str:
 def doing(activity: str) -> str:
     """Return what people read while an activity runs."""
     return DOING.get(activity, activity)
+
+
+def place_of(step: str | None, activity: str | None = None) -> str:
+    """Return where something happened: number and title of a step, and what was going on."""
+    step = STEP_OF.get(activity or "", step)
+    words = [] if step is None else [f"{STEPS.index(step) + 1} {TITLES[step]}"]
+    return ", ".join(words if activity is None else [*words, doing(activity)])
 
 
 def in_words(text: str) -> str:

@@ -14,6 +14,7 @@ from rona_core.devices.protocols import Mesh
 from rona_core.geometry.pose import Pose
 from rona_core.session.document import Session
 from rona_core.ultrasound.corrections import ScanName
+from rona_ui.refusals import Refusal
 
 Point = tuple[float, float, float]
 Drawing = Literal["surface", "path", "center", "boundary", "move", "insert", "delete", "keep"]
@@ -143,6 +144,7 @@ class Picture:
     opened: tuple[tuple[str, str], ...] = ()  # id and name of the open sessions, oldest first
     turning: bool = False  # the pointer is pivoted by hand
     refused: int = 0  # grows when a message was refused, so that fields show the truth again
+    refusals: tuple[Refusal, ...] = ()  # what was refused in this session, oldest first
 
     @property
     def scan(self) -> ScanName:

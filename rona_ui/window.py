@@ -4,6 +4,7 @@ Widgets send messages through ``bindings``; the session, the live slots and the 
 put together as one immutable picture for each browser, and drawn by comparing it with the last.
 """
 
+import contextlib
 import sys
 import threading
 import time
@@ -20,13 +21,14 @@ from rona_core.app.jobs import JobStatus
 from rona_core.app.queries import StepState, step_states
 from rona_core.app.views import motion_times
 from rona_core.app.workbench import Workbench
-from rona_core.errors import CancelledError, NotFoundError, RonaError
+from rona_core.errors import CancelledError, NotFoundError
 from rona_core.session.document import Session
 from rona_ui.bindings import TITLES, Bindings, notify
 from rona_ui.browser import Browser
-from rona_ui.labels import in_words
-from rona_ui.scene.backdrop import backdrop_key, read_backdrop
-from rona_ui.view_state import Backdrop, Picture, ViewState
+from rona_ui.facts import Behind
+from rona_ui.labels import in_words, place_of
+from rona_ui.refusals import Refusals
+from rona_ui.view_state import Picture, ViewState
 
 TICK_S = 1.0 / 30.0  # while something moves
 BRAND = (0, 91, 143)
@@ -37,18 +39,18 @@ class Window:
     """Follows the current session of a hub and draws it for every browser."""
 
     def __init__(self, server: viser.ViserServer, hub: Hub) -> None:
-        self._hub = hub
+        self._server, self._hub = server, hub
         self._lock = threading.Lock()
         self._browsers: dict[int, Browser] = {}
         self._changed = threading.Event()
         self._open = True
-        self._refused = 0
+        self._refusals = Refusals()
         self._follows: tuple[str, Callable[[], None]] | None = None
         self._steps: tuple[Session, tuple[StepState, ...]] | None = None
         self._told: set[str] = set()  # failed jobs that were told
         self._last_s = time.monotonic()
         self.bindings = Bindings(hub, self._refuse)
-        self._behind = Behind(hub, self.wake)
+        self._behind = Behind(self.wake)
         self._unsubscribe_hub = hub.subscribe(self.wake)
         server.scene.world_axes.visible = False
         server.gui.configure_theme(
@@ -75,18 +77,38 @@ class Window:
 
     # -------------------------------------------------------------- browsers come and go
 
+    @property
+    def browsers(self) -> tuple[Browser, ...]:
+        """The browsers that are drawn for."""
+        with self._lock:
+            return tuple(self._browsers.values())
+
     def _enter(self, client: viser.ClientHandle) -> None:
+        if not self._is_here(client):
+            return
         browser = Browser(client, self._hub, self.bindings, self.wake)
         with self._lock:
             self._browsers[client.client_id] = browser
+        if not self._is_here(client):  # it left meanwhile, and was told to before it was stored
+            self._leave(client)
         self.wake()
+
+    def _is_here(self, client: viser.ClientHandle) -> bool:
+        """Return whether a browser is connected; viser forgets it before it tells ``_leave``."""
+        return client.client_id in self._server.get_clients()
 
     def _leave(self, client: viser.ClientHandle) -> None:
         with self._lock:
             self._browsers.pop(client.client_id, None)
 
-    def _refuse(self) -> None:
-        self._refused += 1
+    def _refuse(self, client: Any, title: str, body: str) -> None:
+        """Keep what a browser was refused, for the log."""
+        with self._lock:
+            browser = self._browsers.get(getattr(client, "client_id", -1))
+        with contextlib.suppress(NotFoundError):  # no session is open: no log either
+            session = self._hub.get().session
+            where = place_of(None if browser is None else browser.view.step)
+            self._refusals.add(session.id, len(session.log), where, title, body)
         self.wake()
 
     # -------------------------------------------------------------- the drawing thread
@@ -108,12 +130,11 @@ class Window:
         """Draw what has changed; return whether something moves."""
         bench = self._hub.get()
         self._follow(bench)
-        with self._lock:
-            browsers = tuple(self._browsers.values())
+        browsers = self.browsers
         now_s = time.monotonic()
         elapsed_s, self._last_s = now_s - self._last_s, now_s
         job = _newest(bench)
-        self._tell_failure(job, browsers)
+        self._tell_failure(bench, job, browsers)
         base = self._picture(bench, job)
         for browser in browsers:
             if browser.view.playing:
@@ -155,7 +176,8 @@ class Window:
             recovered=self._hub.is_recovered(session.id),
             opened=tuple((b.session.id, b.session.name) for b in self._hub.all()),
             files=self._hub.files(),
-            refused=self._refused,
+            refused=self._refusals.count,
+            refusals=self._refusals.of(session.id),
         )
 
     def _follow(self, bench: Workbench) -> None:
@@ -181,7 +203,9 @@ class Window:
             self._follows[1]()
             self._follows = None
 
-    def _tell_failure(self, job: JobStatus | None, browsers: tuple[Browser, ...]) -> None:
+    def _tell_failure(
+        self, bench: Workbench, job: JobStatus | None, browsers: tuple[Browser, ...]
+    ) -> None:
         if job is None or not job.finished or job.id in self._told:
             return
         self._told.add(job.id)
@@ -192,82 +216,11 @@ class Window:
         body = (
             in_words(job.error) if known else "A defect in RONA; the server's log has the details."
         )
+        session = bench.session
+        where = place_of(None, job.activity)
+        self._refusals.add(session.id, len(session.log), where, title, body)
         for browser in browsers:
             notify(browser.client, title, body, "orange" if known else "red")
-
-
-class Facts:
-    """What takes long to find out: filled in behind the scenes."""
-
-    rig: Any = None
-    backdrop: Backdrop | None = None
-    figures: dict[str, Any] = {}  # noqa: RUF012 (replaced, never changed)
-
-
-class Behind:
-    """Builds the devices and computes the figures in a thread of its own, the newest wish only."""
-
-    def __init__(self, hub: Hub, wake: Callable[[], None]) -> None:
-        self._hub, self._wake = hub, wake
-        self._ready = threading.Condition()
-        self._wish: tuple[Workbench, Session, bool] | None = None
-        self._facts = Facts()
-        self._key: object = None
-        self._judged: object = None
-        self._open = True
-        threading.Thread(target=self._run, name="rona-behind", daemon=True).start()
-
-    def ask(self, bench: Workbench, session: Session, busy: bool) -> Facts:
-        """Return what is known by now, and have it brought up to date."""
-        with self._ready:
-            seen = self._wish
-            if seen is None or seen[1] is not session or seen[2] != busy:
-                self._wish = bench, session, busy
-                self._ready.notify()
-            return self._facts
-
-    def close(self) -> None:
-        """End the thread."""
-        with self._ready:
-            self._open = False
-            self._ready.notify()
-
-    def _run(self) -> None:
-        done = None
-        while True:
-            with self._ready:
-                self._ready.wait_for(lambda done=done: not self._open or self._wish is not done)
-                if not self._open:
-                    return
-                wish = done = self._wish
-            if wish is not None:
-                try:
-                    self._work(*wish)
-                except RonaError:
-                    continue  # a set-up that cannot be built is told by whoever starts a step
-                except Exception:  # a defect must not end the thread
-                    traceback.print_exc(file=sys.stderr)
-
-    def _work(self, bench: Workbench, session: Session, busy: bool) -> None:
-        key = session.id, *backdrop_key(session.setup)
-        if key != self._key:
-            self._put(figures={})
-            rig = bench.rig()
-            self._put(rig=rig, backdrop=read_backdrop(rig, session.setup))
-            self._key = key
-        judged = session.id, session.results, session.captures, session.setup
-        if not busy and judged != self._judged:
-            self._put(figures=bench.figures())
-            self._judged = judged
-
-    def _put(self, **parts: Any) -> None:
-        facts = Facts()
-        facts.rig = parts.get("rig", self._facts.rig)
-        facts.backdrop = parts.get("backdrop", self._facts.backdrop)
-        facts.figures = parts.get("figures", self._facts.figures)
-        with self._ready:
-            self._facts = facts
-        self._wake()
 
 
 def _newest(bench: Workbench) -> JobStatus | None:

@@ -48,24 +48,55 @@ async function stop() {
   }
 }
 
-function onKey(event) {
-  if (event.key !== "Escape" || event.repeat) return;
-  stop();
-  $("helptext").close();
+// Esc stops the robot wherever it is pressed; the server knows whether it moves. At rest it closes
+// what is open, takes back what is being typed, or leaves drawing and editing: one of them at a time.
+async function stopIfMoving() {
+  try {
+    const answer = await post("/sessions/current/robot/stop?if_moving=true");
+    if ((await answer.json()).stopped) say("Robot stopped");
+  } catch (error) {
+    say(`STOP FAILED: ${error.message}`, true, 30);
+  }
 }
+
+function onKey(event) {
+  if (event.key !== "Escape" || event.repeat || !event.isTrusted) return;
+  stopIfMoving();
+  const help = $("helptext"), target = event.target;
+  if (help.open || fields?.drop()) {
+    help.close();
+    event.preventDefault();
+    event.stopImmediatePropagation();
+  } else if (target.ownerDocument === document || (target.matches?.("input, textarea") && !opens(target))) {
+    leaveMode(); // the viewer hears no Esc from here
+  }
+}
+
+// Whether Esc closes something of the viewer's own: a list of choices, the palette.
+const opens = (field) => field.getAttribute("aria-expanded") === "true" || field.closest("[role=dialog]") !== null;
+
+function leaveMode() {
+  const page = viewer.contentWindow;
+  page.document.body.dispatchEvent(
+    new page.KeyboardEvent("keydown", { key: "Escape", code: "Escape", bubbles: true }));
+}
+
+let fields = null; // of the page that is in the viewer
+let heard = null; // the document whose keys reach us
 
 function listenIn(frame) {
   // Same origin: a key pressed in the viewer, in an input field too, reaches us first.
-  try {
-    frame.contentWindow.removeEventListener("keydown", onKey, true);
-    frame.contentWindow.addEventListener("keydown", onKey, true);
-  } catch { /* a page of another origin cannot be here */ }
+  const inside = frame.contentDocument;
+  if (!inside || inside === heard || inside.URL === "about:blank") return;
+  heard = inside;
+  frame.contentWindow.addEventListener("keydown", onKey, true);
+  fields = new FieldKeeper(frame.contentWindow);
 }
 
 $("stop").addEventListener("click", stop);
 window.addEventListener("keydown", onKey, true);
 viewer.addEventListener("load", () => { listenIn(viewer); viewer.contentWindow.focus(); });
-listenIn(viewer);
+listenIn(viewer); // it may have come before us
 
 // ---------------------------------------------------------------- state
 

@@ -81,6 +81,11 @@ DEVICE_ACTIVITIES = (
     StartBlockShots,
 )
 
+# those that drive the robot, by name; the others use tracker, probe or hand alone
+ROBOT_ACTIVITIES = frozenset(
+    kind.__name__ for kind in (StartToolCapture, StartScan, StartSecondScan, StartRobotMove)
+)
+
 
 @singledispatch
 def perform(activity: Any, session: Session, tools: Toolbox) -> Messages:

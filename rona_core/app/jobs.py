@@ -152,6 +152,12 @@ class Jobs:
         """Whether a job uses the devices."""
         return self._device_job is not None
 
+    @property
+    def device_activity(self) -> str | None:
+        """Name of the activity that uses the devices, None where none does."""
+        with self._changed:
+            return None if self._device_job is None else self._status[self._device_job].activity
+
     def cancel_all(self) -> None:
         """Ask every job to end."""
         with self._changed:

@@ -8,7 +8,7 @@ from typing import Any
 
 from numpy.typing import ArrayLike
 
-from rona_core.app.activities import DEVICE_ACTIVITIES
+from rona_core.app.activities import DEVICE_ACTIVITIES, ROBOT_ACTIVITIES
 from rona_core.app.jobs import Jobs, JobStatus
 from rona_core.app.messages import COMMANDS
 from rona_core.app.sound_activities import perform
@@ -160,6 +160,18 @@ class Workbench:
         held = self._rig
         if held is not None:
             held[1].robot.stop()
+
+    def stop_if_moving(self) -> bool:
+        """Stop like ``stop`` if the robot moves or is about to; return whether it was so.
+
+        What the hand does alone is left to go on: it ends by ``Jobs.cancel``.
+        """
+        if self.jobs.device_activity not in ROBOT_ACTIVITIES:
+            held = self._rig
+            if held is None or not held[1].robot.state().moving:
+                return False
+        self.stop()
+        return True
 
     def turn_pointer(self, wxyz: ArrayLike) -> None:
         """Turn the pointer about its tip while it is pivoted by hand; live, not a command.

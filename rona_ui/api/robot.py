@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from typing import Annotated
 
 import numpy as np
-from fastapi import APIRouter, Body, Response
+from fastapi import APIRouter, Body, Query, Response
 from starlette.concurrency import run_in_threadpool
 
 from rona_core.app.contact_report import contact_report
@@ -39,7 +39,7 @@ class RobotState:
 
 @dataclass(frozen=True, slots=True)
 class Stopped:
-    """The robot stands still."""
+    """The robot stands still; ``stopped`` is false where it did so anyway."""
 
     stopped: bool
 
@@ -100,9 +100,17 @@ def get_contact(bench: Bench) -> FastJson:
 
 
 @router.post("/stop")
-async def stop(bench: Bench) -> Stopped:
+async def stop(
+    bench: Bench,
+    if_moving: Annotated[
+        bool, Query(description="only if the robot moves; else nothing ends, `stopped` is false")
+    ] = False,
+) -> Stopped:
     """Stop the robot at once and end what uses the devices; always allowed, any number of times."""
-    await asyncio.get_running_loop().run_in_executor(_STOP, bench.stop)
+    loop = asyncio.get_running_loop()
+    if if_moving:
+        return Stopped(await loop.run_in_executor(_STOP, bench.stop_if_moving))
+    await loop.run_in_executor(_STOP, bench.stop)
     return Stopped(True)
 
 

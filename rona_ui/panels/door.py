@@ -15,7 +15,7 @@ class Door:
     send: Callable[[Callable[[], Any], Event], None]
     send_settled: Callable[[object, Callable[[], Any], Event], None]
     view: Callable[[Callable[[ViewState], ViewState]], None]
-    # save, open, new, show, close, drop, upload, download, finish, cancel, stop
+    # save, open, new, show, close, drop, upload, download, finish, cancel, stop, escape
     service: Callable[[str, Event, str | bytes | None], None]
     look: Callable[[str], None]  # camera preset by name
 

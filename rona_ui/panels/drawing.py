@@ -10,7 +10,7 @@ from rona_ui.view_state import Drawing, Picture
 
 
 class DrawingControls:
-    """A button to begin, and while drawing two to finish or to drop the line."""
+    """A button to begin or go on, and two to finish or to drop the line."""
 
     def __init__(
         self, gui: Any, door: Door, kind: Drawing, message: Callable[[tuple[Any, ...]], Any]
@@ -21,7 +21,7 @@ class DrawingControls:
         self._help = gui.add_html("")
         self._finish = gui.add_button("Finish the line", icon="check", visible=False)
         self._drop = gui.add_button("Drop the line", icon="x", color="gray", visible=False)
-        listen(self._begin, lambda e: door.view(lambda v: replace(v, drawing=kind, picks=())))
+        listen(self._begin, lambda e: door.view(lambda v: replace(v, drawing=kind)))
         listen(self._drop, lambda e: door.view(lambda v: replace(v, drawing=None, picks=())))
         listen(self._finish, self._send)
 
@@ -33,11 +33,13 @@ class DrawingControls:
     def render(self, new: Picture) -> None:
         """Show what can be done now."""
         drawing = new.view.drawing == self._kind
-        self._picks = new.view.picks if drawing else ()
+        self._picks = new.view.picks
         blocked = new.busy or new.step(self._kind).state == "blocked"
         self._begin.visible = not drawing
+        self._begin.label = "Go on drawing" if self._picks else "Draw on the skull"
         self._begin.disabled = blocked
-        self._drop.visible = self._finish.visible = drawing
+        self._finish.visible = drawing
+        self._drop.visible = drawing or len(self._picks) > 0
         self._finish.disabled = blocked or len(self._picks) < 2
         words = ""
         if drawing:

@@ -3,21 +3,8 @@
 from collections.abc import Callable, Mapping
 from typing import Any
 
-from rona_core.errors import InvalidInputError
 from rona_ui.bindings import Event
 from rona_ui.labels import note_label
-
-
-def number(text: str) -> float:
-    """Return what somebody typed as a number.
-
-    Raises:
-        InvalidInputError: it is none.
-    """
-    try:
-        return float(text)
-    except ValueError:
-        raise InvalidInputError(f"expected a number, not {text.strip()[:40]!r}") from None
 
 
 class Form:

@@ -9,6 +9,7 @@ from rona_core.session.document import LogEntry
 from rona_ui.bindings import escape
 from rona_ui.panels import style
 from rona_ui.panels.frame_picture import frame_picture
+from rona_ui.refusals import Refusal
 from rona_ui.view_state import Picture
 
 NEWEST = 60
@@ -73,16 +74,25 @@ def _three(values: Any, decimals: int) -> str:
 
 
 class LogPanel:
-    """The newest messages of the session, the last one first."""
+    """The newest messages of the session and what was refused between them, the last one first."""
 
     def __init__(self, gui: Any) -> None:
         self._html = gui.add_html(style.text("Nothing has happened yet."))
 
     def render(self, old: Picture | None, new: Picture) -> None:
-        """Follow the log."""
-        if (old is None or old.session.log is not new.session.log) and new.session.log:
-            lines = "".join(_line(entry) for entry in reversed(new.session.log[-NEWEST:]))
-            self._html.content = f'<div class="r-log">{lines}</div>'
+        """Follow the log and the refusals."""
+        log, refusals = new.session.log, new.refusals
+        if old is not None and old.session.log is log and old.refusals is refusals:
+            return
+        lines = [(entry.number, _line(entry)) for entry in log[-NEWEST:]]
+        lines += [(refusal.after, _refused(refusal)) for refusal in refusals]
+        lines.sort(key=lambda line: line[0])  # of one number the message comes first
+        shown = "".join(line for _, line in reversed(lines[-NEWEST:]))
+        self._html.content = (
+            f'<div class="r-log">{shown}</div>'
+            if lines
+            else style.text("Nothing has happened yet.")
+        )
 
 
 def _line(entry: LogEntry) -> str:
@@ -91,6 +101,16 @@ def _line(entry: LogEntry) -> str:
     return (
         f"<div><span>{entry.number} · {escape(when)} UTC</span> <b>{escape(entry.message)}</b> "
         f"<span>{escape(arguments[:ARGUMENT_CHARS])}</span></div>"
+    )
+
+
+def _refused(refusal: Refusal) -> str:
+    icon, _, color = style.VERDICTS["fail"]
+    where = f" · {refusal.where}" if refusal.where else ""
+    return (
+        f"<div><span>{escape(refusal.time_utc[11:19])} UTC{escape(where)}</span> "
+        f'<b style="color:{color}">{icon} {escape(refusal.title)}</b><br>'
+        f"{escape(refusal.body)}</div>"
     )
 
 

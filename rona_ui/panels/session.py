@@ -70,17 +70,18 @@ class SessionPanel:
         listen(self._new, lambda e: self._leave("new", "begin a new session", e))
         listen(self._close, self._close_session)
         follow(self._opened, self._show)
-        commands: tuple[tuple[str, str, str | None, Callable[[Event], None]], ...] = (
+        commands: tuple[tuple[str, str | None, str | None, Callable[[Event], None]], ...] = (
             ("Undo", "Z", "cmd/ctrl", lambda event: door.send(Undo, event)),
             ("Redo", "Z", "cmd/ctrl+shift", lambda event: door.send(Redo, event)),
             ("Save", "S", "cmd/ctrl", lambda event: door.service("save", event, None)),
-            ("Stop the robot", "escape", None, lambda event: door.service("stop", event, None)),
+            ("Stop the robot", None, None, lambda event: door.service("stop", event, None)),
+            ("Leave drawing", "escape", None, lambda event: door.service("escape", event, None)),
         )
         for label, key, modifier, act in commands:
             self._command(gui, label, key, modifier, act)
 
     @staticmethod
-    def _command(gui: Any, label: str, key: str, modifier: str | None, act: Any) -> None:
+    def _command(gui: Any, label: str, key: str | None, modifier: str | None, act: Any) -> None:
         command = gui.add_command(label, hotkey=key, modifier=modifier)
 
         @command.on_trigger

@@ -16,8 +16,8 @@ from rona_core.app.messages import (
 from rona_core.devices.settings import ROBOTS
 from rona_core.session.document import Session
 from rona_ui.bindings import Event
+from rona_ui.fields import read_number
 from rona_ui.panels import style
-from rona_ui.panels.form import number
 from rona_ui.panels.probe_fields import ProbeFields
 from rona_ui.panels.robot_figures import figures_table
 from rona_ui.panels.room_fields import RoomFields
@@ -98,7 +98,7 @@ class SetupPanel(StepPanel):
         radius_mm = self.form.values("radius_mm")["radius_mm"]
         self.door.send(
             lambda: StartSkullImport(
-                name, threshold=number(wanted) if wanted else None, radius_mm=radius_mm
+                name, threshold=read_number(wanted) if wanted else None, radius_mm=radius_mm
             ),
             event,
         )

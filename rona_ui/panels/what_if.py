@@ -6,9 +6,9 @@ from rona_core.app.messages import StartWhatIf
 from rona_core.app.sound_views import WhatIf
 from rona_core.devices.settings import Excitation, ProbeName
 from rona_core.session.specimen import BoneKind
+from rona_ui.fields import read_number
 from rona_ui.panels import style
 from rona_ui.panels.door import Door, listen
-from rona_ui.panels.form import number
 from rona_ui.panels.probe_fields import advice_note
 from rona_ui.view_state import Picture
 
@@ -83,7 +83,7 @@ class WhatIfPanel:
 
 def numbers(text: str) -> tuple[float, ...]:
     """Return the numbers in a line with commas."""
-    return tuple(number(part) for part in text.replace(";", ",").split(",") if part.strip())
+    return tuple(read_number(part) for part in text.replace(";", ",").split(",") if part.strip())
 
 
 def what_if_table(found: WhatIf) -> str:

@@ -150,6 +150,22 @@ def test_stop_and_cancel_keep_what_was_measured(at, client, gate, web, how):
     assert capture.marker.n_frames < 60
 
 
+def test_stop_if_moving_ends_nothing_while_the_robot_rests(at, gate, web):
+    job = at("POST", "/jobs/StartPointerCapture", json=QUICK).json()
+    assert gate.reached.wait(30)
+    assert at("POST", "/robot/stop", params={"if_moving": True}).json() == {"stopped": False}
+    gate.opened.set()
+    assert finished(web, job).state == "done"
+
+
+def test_stop_if_moving_ends_what_drives_the_robot(at, gate, web):
+    job = at("POST", "/jobs/StartToolCapture").json()
+    assert gate.reached.wait(30)
+    assert at("POST", "/robot/stop", params={"if_moving": True}).json() == {"stopped": True}
+    gate.opened.set()
+    assert finished(web, job).state == "cancelled"
+
+
 def test_stop_is_idempotent_and_changes_no_session(at):
     for _ in range(3):
         assert at("POST", "/robot/stop").json() == {"stopped": True}

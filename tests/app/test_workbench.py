@@ -4,7 +4,14 @@ import threading
 
 import pytest
 
-from rona_core.app.messages import SetRegion, StartPointerCapture, StartRollSearch, StartSkullImport
+from rona_core.app.messages import (
+    SetRegion,
+    StartPointerCapture,
+    StartRobotMove,
+    StartRollSearch,
+    StartSkullImport,
+    StartToolCapture,
+)
 from rona_core.app.workbench import Services, Workbench
 from rona_core.compose import build_hub, new_workbench
 from rona_core.errors import DeviceError, InvalidInputError
@@ -51,3 +58,52 @@ def test_a_closed_session_builds_no_devices_any_more(tmp_path):
         bench.rig()
     with pytest.raises(DeviceError, match="closed"):
         bench.run(StartPointerCapture())
+
+
+@pytest.mark.parametrize("activity", [StartToolCapture(), StartRobotMove((0.0,) * 6)])
+def test_stop_if_moving_stops_what_drives_the_robot_between_its_moves_too(tmp_path, activity):
+    bench, begun, go_on = new_workbench(Session(), tmp_path), threading.Event(), threading.Event()
+
+    def work(progress, cancel):
+        begun.set()
+        go_on.wait(20)
+        return 1 if cancel() else 0
+
+    job = bench.jobs.start(activity, work, device=True)
+    assert begun.wait(20)
+    assert bench.stop_if_moving()  # no devices have been built: it is about to move
+    go_on.set()
+    assert bench.jobs.wait(job.id, 20).state == "cancelled"
+    bench.close()
+
+
+def test_stop_if_moving_leaves_alone_what_the_hand_and_the_computer_do(tmp_path):
+    bench, go_on = new_workbench(Session(), tmp_path), threading.Event()
+    robot = bench.rig().robot
+
+    def work(progress, cancel):
+        go_on.wait(20)
+        return 1 if cancel() else 0
+
+    hand = bench.jobs.start(StartPointerCapture(), work, device=True)
+    search = bench.jobs.start(StartRollSearch(), work, device=False)
+    assert not robot.state().moving
+    assert not bench.stop_if_moving()
+    go_on.set()
+    for job in (hand, search):
+        assert bench.jobs.wait(job.id, 20).state == "done"
+    bench.close()
+
+
+def test_stop_if_moving_stops_a_robot_that_moves_without_a_job(tmp_path):
+    hub = build_hub(tmp_path, processes=False, pace=1.0)
+    bench = hub.create()
+    robot = bench.rig().robot
+    robot.begin(bench.session.setup.devices.robot, 0)
+    home = robot.state().q_rad
+    robot.move([0.0, 60.0], [home, home + 0.1])
+    assert robot.state().moving
+    assert bench.stop_if_moving()
+    assert not robot.state().moving
+    assert not bench.stop_if_moving()
+    hub.close_all()

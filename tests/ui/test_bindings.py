@@ -7,12 +7,14 @@ from typing import Any
 import pytest
 from fake_gui import FakeClient, FakeGui
 
-from rona_core.app.messages import ACTIVITIES, RenameSession, SetSeed, StartScan
+from rona_core.app.messages import ACTIVITIES, RenameSession, SetRegion, SetSeed, StartScan
 from rona_core.errors import InvalidInputError, StepBlockedError
+from rona_ui import bindings as bindings_module
 from rona_ui import labels
 from rona_ui.bindings import SETTLE_S, Bindings, escape, tell
-from rona_ui.labels import DOING, doing, in_words, label_of, note_label
-from rona_ui.panels.form import Form, number
+from rona_ui.fields import Typed
+from rona_ui.labels import DOING, STEP_OF, doing, in_words, label_of, note_label, place_of
+from rona_ui.panels.form import Form
 
 
 class FakeBench:
@@ -21,6 +23,7 @@ class FakeBench:
         self.stopped = threading.Event()
         self.hold = threading.Event()
         self.hold.set()
+        self.moving = False
 
     def dispatch(self, message: Any) -> None:
         self.hold.wait(5.0)
@@ -32,6 +35,11 @@ class FakeBench:
     def stop(self) -> None:
         self.stopped.set()
 
+    def stop_if_moving(self) -> bool:
+        if self.moving:
+            self.stop()
+        return self.moving
+
 
 @pytest.fixture
 def bench() -> FakeBench:
@@ -39,14 +47,14 @@ def bench() -> FakeBench:
 
 
 @pytest.fixture
-def refusals() -> list[int]:
+def refusals() -> list[tuple[str, str]]:
     return []
 
 
 @pytest.fixture
-def bindings(bench: FakeBench, refusals: list[int]) -> Iterator[Bindings]:
+def bindings(bench: FakeBench, refusals: list[tuple[str, str]]) -> Iterator[Bindings]:
     hub = SimpleNamespace(get=lambda: bench)
-    made = Bindings(hub, lambda: refusals.append(1))
+    made = Bindings(hub, lambda client, title, body: refusals.append((title, body)))
     yield made
     made.close()
 
@@ -86,7 +94,6 @@ def test_a_field_that_is_being_dragged_sends_its_last_value_once(
     client = FakeClient()
     for seed in range(50):
         bindings.send_settled("seed", lambda seed=seed: SetSeed(seed), event(client))
-    drain(bindings, client)
     assert bench.got == []
     end = time.monotonic() + 5.0
     while not bench.got and time.monotonic() < end:
@@ -95,8 +102,53 @@ def test_a_field_that_is_being_dragged_sends_its_last_value_once(
     assert bench.got == [SetSeed(49)]
 
 
+def test_what_was_typed_and_finished_need_not_settle(
+    bindings: Bindings, bench: FakeBench, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(bindings_module, "SETTLE_S", 3600.0)
+    bindings.send_settled("seed", lambda: SetSeed(7), Typed(FakeClient(), None))
+    end = time.monotonic() + 5.0
+    while not bench.got and time.monotonic() < end:
+        time.sleep(0.01)
+    assert bench.got == [SetSeed(7)]
+
+
+def test_a_click_comes_after_the_fields_that_were_changed_before_it(
+    bindings: Bindings, bench: FakeBench
+) -> None:
+    client = FakeClient()
+    bindings.send_settled("seed", lambda: SetSeed(5), event(client))
+    bindings.send_settled("radius", lambda: SetRegion(radius_mm=30.0), event(client))
+    bindings.send(lambda: RenameSession("after"), event(client))
+    drain(bindings, client)
+    assert bench.got == [SetSeed(5), SetRegion(radius_mm=30.0), RenameSession("after")]
+
+
+def test_escape_stops_what_moves_and_leaves_the_mode_only_at_rest(
+    bindings: Bindings, bench: FakeBench
+) -> None:
+    left = threading.Event()
+    bench.moving = True
+    bindings.escape(left.set, event(FakeClient()))
+    assert bench.stopped.wait(2.0)
+    assert not left.wait(0.2)
+    bench.moving = False
+    bench.stopped.clear()
+    bindings.escape(left.set, event(FakeClient()))
+    assert left.wait(2.0)
+    assert not bench.stopped.is_set()
+
+
+def test_a_refusal_beside_the_queue_is_told_and_kept_like_any_other(
+    bindings: Bindings, refusals: list[tuple[str, str]]
+) -> None:
+    client = FakeClient()
+    bindings.refuse(InvalidInputError("expected a, got b: do c"), event(client))
+    assert client.notices == refusals == [("This value cannot be used", "expected a, got b: do c")]
+
+
 def test_a_refusal_is_told_with_cause_and_remedy_and_the_queue_goes_on(
-    bindings: Bindings, bench: FakeBench, refusals: list[int]
+    bindings: Bindings, bench: FakeBench, refusals: list[tuple[str, str]]
 ) -> None:
     client = FakeClient()
     bindings.send(StartScan, event(client))
@@ -109,7 +161,7 @@ def test_a_refusal_is_told_with_cause_and_remedy_and_the_queue_goes_on(
     assert value == "This value cannot be used"
     assert "seed must be 0 to" in range_
     assert bench.got == [SetSeed(3)]
-    assert len(refusals) == 2
+    assert refusals == client.notices
 
 
 def test_a_defect_is_told_without_its_inside(
@@ -195,12 +247,14 @@ def test_a_parameter_without_a_field_or_with_two_is_told_in_words() -> None:
     assert in_words("seed must be 0 to 9") == "seed must be 0 to 9"
 
 
-def test_a_typed_text_that_is_no_number_is_refused_not_a_defect() -> None:
-    assert number(" 3.5 ") == 3.5
-    with pytest.raises(InvalidInputError, match="expected a number, not '3mm'"):
-        number("3mm")
-
-
 def test_everything_that_runs_is_named_for_people():
     assert sorted(DOING) == sorted(ACTIVITIES)
     assert doing("StartSonoMapping") == "Mapping the scan by hand"
+
+
+def test_what_runs_belongs_to_a_step():
+    assert set(ACTIVITIES) - set(STEP_OF) == {"StartRecordingImport"}  # of several steps
+    assert place_of("pointer") == "3 Pointer"
+    assert place_of(None, "StartScan") == "8 Scan, Scanning"
+    assert place_of("setup", "StartRecordingImport") == "1 Set-up, Reading the recording"
+    assert place_of(None) == ""

@@ -222,7 +222,9 @@ def test_a_value_out_of_range_is_told_and_the_field_shows_the_truth(surgeon: Sur
     radius = surgeon.field("Region radius")
     held = radius.input_value()
     radius.fill("453")
-    surgeon.frame.get_by_text("Radius (mm) must be 5 to 45").wait_for()
+    assert radius.input_value() == "453"  # nothing happens before it is finished
+    radius.press("Enter")
+    surgeon.frame.get_by_text("Region radius (mm) must be 5 to 45, not 453").first.wait_for()
     wait_for(lambda: radius.input_value() == held, 10, "the field to show the truth")
 
 

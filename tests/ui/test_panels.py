@@ -22,6 +22,7 @@ from rona_core.app.weigh import STOPPED
 from rona_core.devices.live import LiveState
 from rona_core.devices.settings import TrackerPlace, TrackerSettings
 from rona_core.session.document import STEPS, LogEntry, Session
+from rona_ui.browser import without_mode
 from rona_ui.panels.docks import STEP_PANELS
 from rona_ui.panels.door import Door
 from rona_ui.panels.drawing import DrawingControls
@@ -38,6 +39,7 @@ from rona_ui.panels.session import SessionHead, SessionPanel
 from rona_ui.panels.setup import SetupPanel
 from rona_ui.panels.steps import StepList
 from rona_ui.panels.tool import ToolPanel
+from rona_ui.refusals import Refusal
 from rona_ui.view_state import NEEDED, Backdrop, Picture, ViewState
 
 EVIL = "<img src=x onerror=alert(1)>"
@@ -328,6 +330,64 @@ def test_only_a_line_of_two_points_can_be_finished() -> None:
     assert recorder.shown.drawing is None
 
 
+def test_a_line_that_was_left_can_be_gone_on_with_or_dropped() -> None:
+    gui, recorder = FakeGui(), Recorder()
+    controls = DrawingControls(gui, recorder.door, "path", lambda picks: ("line", picks))
+    states = tuple(replace(s, state="ready") for s in step_states(Session()))
+    base = replace(picture(), steps=states)
+    line = ((1.0, 2.0, 3.0), (4.0, 5.0, 6.0))
+    drawn = ViewState(step="path", drawing="path", picks=line)
+    recorder.shown = without_mode(drawn)
+    assert recorder.shown == replace(drawn, drawing=None)
+    controls.render(replace(base, view=recorder.shown))
+    assert not gui.find("button", "Finish the line").visible
+    drop = gui.find("button", "Drop the line")
+    assert drop.visible
+    gui.find("button", "Go on drawing").happen(CLIENT)
+    assert recorder.shown == drawn
+    drop.happen(CLIENT)
+    assert recorder.shown == ViewState(step="path")
+    controls.render(replace(base, view=recorder.shown))
+    assert gui.find("button", "Draw on the skull").visible
+    assert not drop.visible
+
+
+@pytest.mark.parametrize("mode", ["center", "boundary", "move", "insert", "delete", "keep"])
+def test_leaving_an_edit_lets_go_of_what_was_held(mode: Any) -> None:
+    held = ViewState(
+        step="smoothing", drawing=mode, picks=((1.0, 2.0, 3.0),), grabbed=3, ghost=(1.0, 2.0, 3.0),
+        hand=(4, 5.0),
+    )  # fmt: skip
+    assert without_mode(held) == ViewState(step="smoothing")
+
+
+def test_refusals_stand_in_the_log_where_they_happened() -> None:
+    gui = FakeGui()
+    log = LogPanel(gui)
+    time_utc = "2026-01-01T10:20:30.000+00:00"
+    entries = tuple(LogEntry(n, f"Message{n}", {}, "2026-01-01T00:00:00.000") for n in (1, 2))
+    session = Session(log=entries)
+    first = picture(session)
+    log.render(None, first)
+    assert "swing" not in gui.html()
+    refusals = (
+        Refusal(1, "3 Pointer", "The data cannot", f"swing in two directions {EVIL}", time_utc),
+        Refusal(2, "", "Refused", "not so", time_utc),
+    )
+    second = replace(first, refusals=refusals)
+    log.render(first, second)
+    shown = gui.html()
+    assert EVIL not in shown
+    assert "10:20:30 UTC · 3 Pointer" in shown
+    order = [shown.index(word) for word in ("not so", "Message2", "swing in two", "Message1")]
+    assert order == sorted(order)
+    alone = picture(refusals=refusals[1:])
+    log.render(second, alone)  # another session, without any message
+    assert "not so" in gui.html()
+    log.render(alone, picture())
+    assert "Nothing has happened yet." in gui.html()
+
+
 def test_save_undo_and_stop_reach_the_service() -> None:
     gui, recorder = FakeGui(), Recorder()
     SessionPanel(gui, recorder.door)
@@ -336,7 +396,8 @@ def test_save_undo_and_stop_reach_the_service() -> None:
         history.value = word
         history.happen(CLIENT)
     gui.find("command", "Stop the robot").happen(CLIENT)
-    assert recorder.services == ["save", "stop"]
+    gui.find("command", "Leave drawing").happen(CLIENT)
+    assert recorder.services == ["save", "stop", "escape"]
     assert [type(message).__name__ for message in recorder.sent] == ["Undo"]
 
 

@@ -1,0 +1,45 @@
+"""What was refused, kept for the log: a notice is gone after a moment, its reason is not."""
+
+import threading
+from dataclasses import dataclass
+from datetime import UTC, datetime
+
+KEPT = 60  # of each session, the newest
+
+
+@dataclass(frozen=True, slots=True)
+class Refusal:
+    """One thing that was not done, and why."""
+
+    after: int  # number of the last message in the session's log when it happened
+    where: str  # step, or what was going on
+    title: str
+    body: str  # cause and remedy
+    time_utc: str
+
+
+class Refusals:
+    """Keeps refusals by session as long as the program runs; safe to use from several threads."""
+
+    def __init__(self) -> None:
+        self._lock = threading.Lock()
+        self._held: dict[str, tuple[Refusal, ...]] = {}
+        self._count = 0
+
+    @property
+    def count(self) -> int:
+        """How many there have been, of all sessions."""
+        return self._count
+
+    def add(self, session_id: str, after: int, where: str, title: str, body: str) -> None:
+        """Keep a refusal of now."""
+        now = datetime.now(UTC).isoformat(timespec="milliseconds")
+        with self._lock:
+            held = (*self._held.get(session_id, ()), Refusal(after, where, title, body, now))
+            self._held[session_id] = held[-KEPT:]
+            self._count += 1
+
+    def of(self, session_id: str) -> tuple[Refusal, ...]:
+        """Return what was refused in a session, oldest first; one object until there is more."""
+        with self._lock:
+            return self._held.get(session_id, ())
