@@ -24,6 +24,7 @@ SUITES = (
     "recorded_rf",
     "sound_speed",
     "thickness",
+    "kills",
     "procedure",
 )
 COLUMNS = ("figure", "value", "unit", "goal", "peer", "holds")

@@ -98,7 +98,11 @@ class Workbench:
                 if self._rig is not None:
                     self._rig[1].close()
                 self._rig = (key, rig)
-            return self._rig[1]
+            held = self._rig[1]
+        if self._closed:  # in the meantime: closing does not wait for devices that are being built
+            self._release()
+            raise DeviceError("the session is closed, and its devices with it")
+        return held
 
     def dispatch(self, command: Any) -> Change:
         """Change the session by a public command; errors as in ``Store.dispatch``."""
@@ -208,7 +212,12 @@ class Workbench:
         self.jobs.cancel_all()
         self.stop()
         self.store.close()
-        with self._rig_lock:
-            if self._rig is not None:
-                self._rig[1].close()
-            self._rig = None
+        self._release()
+
+    def _release(self) -> None:
+        """Close the devices, unless somebody builds them, who then closes them."""
+        if self._rig_lock.acquire(blocking=False):
+            held, self._rig = self._rig, None
+            self._rig_lock.release()
+            if held is not None:
+                held[1].close()

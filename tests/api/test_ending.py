@@ -1,4 +1,4 @@
-"""How a real `rona serve` ends: asked to or killed, idle or busy, with followers or stuck threads."""
+"""How a real `rona serve` ends: asked or killed, idle or busy, followed or with stuck threads."""
 
 import contextlib
 import os

@@ -51,3 +51,33 @@ def test_a_closed_session_builds_no_devices_any_more(tmp_path):
         bench.rig()
     with pytest.raises(DeviceError, match="closed"):
         bench.run(StartPointerCapture())
+
+
+def test_closing_does_not_wait_for_devices_that_are_being_built(tmp_path):
+    building, built, closed, refused = (threading.Event() for _ in range(4))
+
+    class Rig:
+        def close(self):
+            closed.set()
+
+    def build(setup):
+        building.set()
+        built.wait(60)
+        return Rig()
+
+    def ask():
+        with pytest.raises(DeviceError, match="closed"):
+            bench.rig()
+        refused.set()
+
+    bench = Workbench(Session(), Services(build, None, None), tmp_path)
+    threading.Thread(target=ask, daemon=True).start()
+    assert building.wait(20)
+    closing = threading.Thread(target=bench.close, daemon=True)
+    closing.start()
+    closing.join(20)
+    assert not closing.is_alive()
+    assert not closed.is_set()
+    built.set()
+    assert refused.wait(20)
+    assert closed.is_set(), "who built them closes them"
