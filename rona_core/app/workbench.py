@@ -9,6 +9,7 @@ from typing import Any
 from numpy.typing import ArrayLike
 
 from rona_core.app.activities import DEVICE_ACTIVITIES
+from rona_core.app.exact import require_exact
 from rona_core.app.jobs import Jobs, JobStatus
 from rona_core.app.messages import COMMANDS
 from rona_core.app.sound_activities import perform
@@ -108,10 +109,12 @@ class Workbench:
         """Change the session by a public command; errors as in ``Store.dispatch``."""
         if type(command).__name__ not in COMMANDS:
             raise InvalidInputError(f"{type(command).__name__} is not a command")
+        require_exact(command)
         return self.store.dispatch(command)
 
     def run(self, activity: Any, progress: Progress = silent, cancel: Cancel = never) -> Session:
         """Carry out an activity here and now, and store what it produced."""
+        require_exact(activity)
         self._carry_out(activity, progress, cancel)
         return self.session
 
@@ -120,7 +123,9 @@ class Workbench:
 
         Raises:
             DeviceError: the devices are busy with another job.
+            InvalidInputError: a field has a value of another type.
         """
+        require_exact(activity)
 
         def work(progress: Progress, cancel: Cancel) -> int:
             self._keep(self.session)

@@ -10,7 +10,7 @@ from rona_core.devices.samples import AScan
 from rona_core.devices.settings import ProbeSettings
 from rona_core.errors import CancelledError, DeviceError
 from rona_ui.api.commands import Changed, changed
-from rona_ui.api.context import Bench, idle_rig
+from rona_ui.api.context import EXACT, Bench, idle_rig
 from rona_ui.api.plain_json import FastJson, plain
 
 router = APIRouter(prefix="/sessions/{session_id}/probe", tags=["probe"])
@@ -29,7 +29,7 @@ def get_probe_settings(bench: Bench) -> ProbeSettings:
 
 
 @router.put("/settings")
-def put_probe_settings(bench: Bench, settings: Annotated[SetProbe, Body()]) -> Changed:
+def put_probe_settings(bench: Bench, settings: Annotated[SetProbe, EXACT, Body()]) -> Changed:
     """Set probe, excitation, signal-to-noise ratio and scan pitch; the command `SetProbe`."""
     return changed(bench, settings)
 

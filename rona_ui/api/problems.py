@@ -121,7 +121,8 @@ def install(app: FastAPI) -> None:
 def _place(item: dict[str, Any]) -> dict[str, str]:
     """Return where in the request something is wrong, and what; never the input itself."""
     where, *path = [str(part) for part in item.get("loc", ("body",))]
-    tokens = [part.replace("~", "~0").replace("/", "~1") for part in path]
+    whole = [part.encode(errors="replace").decode() for part in path]
+    tokens = [part.replace("~", "~0").replace("/", "~1") for part in whole]
     pointer = "".join(f"/{token}" for token in tokens)
     if where != "body":
         pointer = f"{where}:{pointer.removeprefix('/')}"

@@ -5,6 +5,7 @@ from typing import Annotated, Any, ClassVar, Literal
 from urllib.parse import quote
 
 from fastapi import APIRouter, Query, Request, Response
+from fastapi.exceptions import RequestValidationError
 from starlette.concurrency import run_in_threadpool
 
 from rona_core.app.autosave import CopyState
@@ -15,7 +16,7 @@ from rona_core.devices.settings import STRICT, require
 from rona_core.errors import NotFoundError
 from rona_core.session.document import require_seed
 from rona_core.session.files import SUFFIX, session_bytes
-from rona_ui.api.context import PREFIX, WHOLE_TEXT, Bench, Sessions
+from rona_ui.api.context import EXACT, PREFIX, Bench, Sessions
 from rona_ui.api.plain_json import plain
 from rona_ui.resources import demo_session
 
@@ -130,7 +131,7 @@ def list_sessions(hub: Sessions) -> SessionList:
 
 @router.post("/sessions", status_code=201)
 def create_session(
-    hub: Sessions, response: Response, new: Annotated[NewSession | None, WHOLE_TEXT] = None
+    hub: Sessions, response: Response, new: Annotated[NewSession | None, EXACT] = None
 ) -> SessionInfo:
     """Make a new session; the viewer shows it."""
     wanted = new or NewSession()
@@ -139,7 +140,7 @@ def create_session(
 
 @router.post("/sessions/open", status_code=201)
 def open_session(
-    hub: Sessions, response: Response, wanted: Annotated[FileToOpen, WHOLE_TEXT]
+    hub: Sessions, response: Response, wanted: Annotated[FileToOpen, EXACT]
 ) -> SessionInfo:
     """Open a file of the sessions folder; the viewer shows it."""
     return _made(hub, hub.open_file(wanted.file), response)
@@ -211,7 +212,7 @@ def show_session(hub: Sessions, bench: Bench) -> SessionInfo:
 
 @files.post("/sessions/{session_id}/save")
 def save_session(
-    hub: Sessions, bench: Bench, wanted: Annotated[FileToSave | None, WHOLE_TEXT] = None
+    hub: Sessions, bench: Bench, wanted: Annotated[FileToSave | None, EXACT] = None
 ) -> SessionInfo:
     """Write a session to the sessions folder."""
     hub.save(bench.session.id, wanted.file if wanted else None)
@@ -268,5 +269,8 @@ async def upload_specimen(
     poses of a pivot or the markers of a tool for `StartPivotImport`.
     """
     data = await request.body()
+    if not data:
+        text = "expected the file as the body"
+        raise RequestValidationError([{"loc": ("body",), "msg": text, "type": "missing"}])
     path = await run_in_threadpool(hub.store_upload, name, data)
     return Uploaded(path.name, len(data))
