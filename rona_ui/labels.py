@@ -31,6 +31,7 @@ DOING = {
     "StartSonoCalibration": "Calibrating the SonoPointer",
     "StartSonoScan": "Scanning by hand",
     "StartSonoMapping": "Mapping the scan by hand",
+    "StartReplay": "Computing all results again",
     "StartRobotMove": "Moving the robot",
 }
 # fields that stand alone, outside of the forms

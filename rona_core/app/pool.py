@@ -66,7 +66,11 @@ def _listen(pipe: Connection, tasks: SimpleQueue[bytes], cancelled: threading.Ev
 
 
 def _say(pipe: Connection, kind: str, value: Any) -> None:
-    pipe.send_bytes(pickle.dumps((kind, value)))
+    message = pickle.dumps((kind, value))
+    try:
+        pipe.send_bytes(message)
+    except OSError:
+        os._exit(0)  # as when listening: nobody waits for it any more
 
 
 def _reporter(pipe: Connection) -> Progress:

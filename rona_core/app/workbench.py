@@ -8,9 +8,9 @@ from typing import Any
 
 from numpy.typing import ArrayLike
 
-from rona_core.app.activities import DEVICE_ACTIVITIES
+from rona_core.app.activities import DEVICE_ACTIVITIES, Answer
 from rona_core.app.exact import require_exact
-from rona_core.app.jobs import Jobs, JobStatus
+from rona_core.app.jobs import Ended, Jobs, JobStatus
 from rona_core.app.messages import COMMANDS
 from rona_core.app.sound_activities import perform
 from rona_core.app.store import Change, Store
@@ -127,13 +127,13 @@ class Workbench:
         """
         require_exact(activity)
 
-        def work(progress: Progress, cancel: Cancel) -> int:
+        def work(progress: Progress, cancel: Cancel) -> Ended:
             self._keep(self.session)
             return self._carry_out(activity, progress, cancel)
 
         return self.jobs.start(activity, work, device=isinstance(activity, DEVICE_ACTIVITIES))
 
-    def _carry_out(self, activity: Any, progress: Progress, cancel: Cancel) -> int:
+    def _carry_out(self, activity: Any, progress: Progress, cancel: Cancel) -> Ended:
         devices = self.rig
         if isinstance(activity, DEVICE_ACTIVITIES):
             rig = self._fitting_rig()  # stays the same until the activity ends
@@ -151,9 +151,13 @@ class Workbench:
             progress=progress,
             cancel=cancel,
         )
+        found = None
         for message in perform(activity, self.session, tools):
-            self.store.dispatch(message)
-        return self.store.revision
+            if isinstance(message, Answer):
+                found = message.value
+            else:
+                self.store.dispatch(message)
+        return Ended(self.store.revision, found)
 
     def stop(self) -> None:
         """Stop the robot and end what uses the devices; always allowed, wins over everything.

@@ -105,7 +105,10 @@ def install(app: FastAPI) -> None:
 
     @app.exception_handler(HTTPException)
     async def _http(request: Request, error: HTTPException) -> Response:
-        return problem(error.status_code, str(error.detail), headers=dict(error.headers or {}))
+        headers = dict(error.headers or {})
+        if error.status_code == 405 and (methods := _methods(request)):
+            headers["Allow"] = ", ".join(methods)
+        return problem(error.status_code, str(error.detail), headers=headers)
 
     @app.exception_handler(OSError)
     async def _storage(request: Request, error: OSError) -> Response:
@@ -116,6 +119,19 @@ def install(app: FastAPI) -> None:
         traceback.print_exception(error, file=sys.stderr)
         text = f"{type(error).__name__}; the server's terminal says more"
         return problem(500, text)
+
+
+def _methods(request: Request) -> list[str]:
+    """Return the methods of all routes at an address; the router names those of one route alone."""
+    found: set[str] = set()
+    asked = request.url.path.split("/")
+    for path, verbs in request.app.openapi()["paths"].items():
+        parts = path.split("/")
+        if len(parts) == len(asked) and all(
+            part == name or part.startswith("{") for part, name in zip(parts, asked, strict=True)
+        ):
+            found |= {verb.upper() for verb in verbs}
+    return sorted(found)
 
 
 def _place(item: dict[str, Any]) -> dict[str, str]:
@@ -139,10 +155,17 @@ RESPONSES: dict[int | str, dict[str, Any]] = {
         "content": {MEDIA_TYPE: {"schema": {"$ref": "#/components/schemas/Problem"}}},
     }
     for status, text in {
+        400: "The request could not be read: a body that is no JSON, say",
         401: "No or a wrong token",
+        403: "It comes from a page of another origin",
         404: "No such session, job, file or tool",
+        405: "The address knows other methods; `Allow` names them",
         409: "Not possible in the present state; `code` says why",
+        413: "The body is larger than this route takes",
+        421: "The server does not go by the name in `Host`",
         422: "Invalid input; `errors` points at the places",
+        500: "A defect of the program",
+        507: "The file system refused",
     }.items()
 }
 SCHEMA: dict[str, Any] = {

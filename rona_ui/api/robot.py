@@ -19,7 +19,7 @@ from rona_core.errors import RonaError
 from rona_ui.api.commands import Changed, changed
 from rona_ui.api.context import EXACT, Bench, Open
 from rona_ui.api.jobs import JobInfo, start
-from rona_ui.api.plain_json import FastJson, plain
+from rona_ui.api.plain_json import FastJson, described, plain
 from rona_ui.api.streams import ALIVE, DESCRIBED, PERIOD_S, EventStream, Streams, event
 
 router = APIRouter(prefix="/sessions/{session_id}/robot", tags=["robot"])
@@ -91,7 +91,7 @@ def put_contact(bench: Bench, contact: Annotated[SetContact, EXACT, Body()]) -> 
     return changed(bench, contact)
 
 
-@router.get("/contact", response_class=FastJson)
+@router.get("/contact", response_class=FastJson, responses=described("object", "null"))
 def get_contact(bench: Bench) -> FastJson:
     """Return what the last scan says of force and clocks; `null` before there is one.
 
