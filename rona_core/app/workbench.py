@@ -18,7 +18,7 @@ from rona_core.app.threads import use_one_thread
 from rona_core.app.toolbox import Compute, ImportSkull, Sweep, Toolbox, compute_here
 from rona_core.devices.live import Live
 from rona_core.devices.protocols import Cancel, Operator, Progress, Rig, never, silent
-from rona_core.errors import DeviceError, InvalidInputError
+from rona_core.errors import CancelledError, DeviceError, InvalidInputError
 from rona_core.session.codec import digest
 from rona_core.session.document import Session, Setup
 from rona_core.session.prediction import predicted_figures
@@ -129,6 +129,8 @@ class Workbench:
 
         def work(progress: Progress, cancel: Cancel) -> Ended:
             self._keep(self.session)
+            if cancel():  # writing the copy takes a moment
+                raise CancelledError("cancelled before it began")
             return self._carry_out(activity, progress, cancel)
 
         return self.jobs.start(activity, work, device=isinstance(activity, DEVICE_ACTIVITIES))

@@ -4,10 +4,17 @@ import threading
 
 import pytest
 
-from rona_core.app.messages import SetRegion, StartPointerCapture, StartRollSearch, StartSkullImport
+from rona_core.app import captures
+from rona_core.app.messages import (
+    SetRegion,
+    StartPointerCapture,
+    StartRollSearch,
+    StartSkullImport,
+    StartToolCapture,
+)
 from rona_core.app.workbench import Services, Workbench
-from rona_core.compose import build_hub, new_workbench
-from rona_core.errors import DeviceError, InvalidInputError
+from rona_core.compose import build_hub, new_workbench, virtual_services
+from rona_core.errors import CancelledError, DeviceError, InvalidInputError
 from rona_core.session.document import Session
 from rona_ui.resources import demo_session
 
@@ -81,3 +88,37 @@ def test_closing_does_not_wait_for_devices_that_are_being_built(tmp_path):
     built.set()
     assert refused.wait(20)
     assert closed.is_set(), "who built them closes them"
+
+
+def test_what_is_cancelled_while_the_copy_is_written_does_not_begin(tmp_path):
+    writing, written = threading.Event(), threading.Event()
+
+    def keep(session):
+        writing.set()
+        written.wait(60)
+
+    held = Workbench(Session(), virtual_services(), tmp_path, keep)
+    job = held.start(StartPointerCapture())
+    assert writing.wait(20)
+    held.jobs.cancel(job.id)
+    written.set()
+    ended = held.jobs.wait(job.id, 20)
+    assert (ended.state, ended.error) == ("cancelled", "cancelled before it began")
+    assert held.session.archive == ()
+    held.close()
+
+
+def test_what_is_cancelled_while_it_is_planned_does_not_move_the_robot(tmp_path, monkeypatch):
+    planned = threading.Event()
+    genuine = captures.plan_tool_motion
+
+    def plan(*args, **rest):
+        planned.set()  # and Cancel is pressed
+        return genuine(*args, **rest)
+
+    monkeypatch.setattr(captures, "plan_tool_motion", plan)
+    bench = new_workbench(Session(), tmp_path)
+    with pytest.raises(CancelledError, match="nothing was recorded"):
+        bench.run(StartToolCapture(n_pivot=5, n_translate=3), cancel=planned.is_set)
+    assert bench.session.archive == ()
+    bench.close()
