@@ -30,6 +30,7 @@ SUITES = (
     "sound_speed",
     "thickness",
     "viewer",
+    "kills",
     "procedure",
     "map_bands",
 )

@@ -33,6 +33,7 @@ DOING = {
     "StartSonoCalibration": "Calibrating the SonoPointer",
     "StartSonoScan": "Scanning by hand",
     "StartSonoMapping": "Mapping the scan by hand",
+    "StartReplay": "Computing all results again",
     "StartRobotMove": "Moving the robot",
 }
 # step that an activity belongs to; a recording may belong to several

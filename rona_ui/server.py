@@ -44,7 +44,7 @@ from rona_ui.gateway import MAX_MESSAGE_BYTES, ViewerGateway
 from rona_ui.resources import demo_session, sessions_dir, static_dir
 
 MAX_BODY_BYTES = 1024**2  # of a request that is not an upload
-GRACE_S = 3
+GRACE_S = 1  # for requests under way when the server ends
 PORT = 8642
 TAGS = {
     "session": "Open sessions and their changes. `current` stands for the one the viewer shows.",

@@ -73,7 +73,7 @@ class Window:
         self.bindings.close()
         self._behind.close()
         self.wake()
-        self._thread.join(timeout=5.0)
+        self._thread.join(timeout=1.0)
 
     # -------------------------------------------------------------- browsers come and go
 

@@ -1,6 +1,6 @@
 """What takes time or touches a device: each activity ends in messages for the session."""
 
-from dataclasses import fields, replace
+from dataclasses import dataclass, fields, replace
 from functools import singledispatch
 from typing import Any
 
@@ -22,6 +22,7 @@ from rona_core.app.messages import (
     StartPivotImport,
     StartPointerCapture,
     StartRecordingImport,
+    StartReplay,
     StartRobotMove,
     StartRollSearch,
     StartScan,
@@ -54,6 +55,7 @@ from rona_core.app.outcomes import (
     StoreToolCapture,
 )
 from rona_core.app.plain import plain_arguments
+from rona_core.app.replay import replay_report
 from rona_core.app.scan_capture import capture_scan
 from rona_core.app.sono_capture import capture_sono_calibration, capture_sono_scan
 from rona_core.app.sound_messages import StartBlockShots, StartReferencePoints
@@ -63,6 +65,14 @@ from rona_core.errors import InvalidInputError, NotFoundError
 from rona_core.session.document import Derived, Session
 
 Messages = tuple[Any, ...]  # dispatched in this order when the activity ends
+
+
+@dataclass(frozen=True, slots=True)
+class Answer:
+    """Instead of a message: what an activity found, for who asked; the session does not hold it."""
+
+    value: Any
+
 
 # Activities that move or read a device, or make a capture: one at a time. The others only compute.
 DEVICE_ACTIVITIES = (
@@ -248,6 +258,11 @@ def _(activity: StartSonoMapping, session: Session, tools: Toolbox) -> Messages:
     mapped = tools.run(derive_sono_mapping, lean(session), activity)
     values, arguments, inputs = _digested(mapped, activity, session)
     return (StoreSonoMaps(**values, arguments=arguments, inputs=inputs),)
+
+
+@perform.register
+def _(activity: StartReplay, session: Session, tools: Toolbox) -> Messages:
+    return (Answer(tools.run(replay_report, session)),)
 
 
 @perform.register

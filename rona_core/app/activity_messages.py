@@ -272,6 +272,16 @@ class StartMapping:
 
 
 @dataclass(frozen=True, slots=True)
+class StartReplay:
+    """Compute every result again from the captures and compare; the session stays as it is.
+
+    Results that are stale are left out. What was found is the `result` of the job.
+    """
+
+    __pydantic_config__: ClassVar = STRICT
+
+
+@dataclass(frozen=True, slots=True)
 class StartRobotMove:
     """Move the robot to joint angles in degrees; refused unless the motion is certified."""
 

@@ -25,6 +25,10 @@ from rona_core.session.document import PointerCapture, Session, ToolCapture
 SAME_PLACE_RAD = 1e-6
 ARRIVAL_S = 0.12  # after a motion, until the last joint angles have arrived
 LIVE_PERIOD_S = 0.02  # how often a positioning move looks at Cancel
+STOPPED = (
+    "the robot was stopped on its way to the start: nothing was recorded, and what was recorded "
+    "earlier is kept"
+)
 
 
 def begin(session: Session, tools: Toolbox) -> int:
@@ -41,6 +45,8 @@ def drive_to(q_rad: Floats, session: Session, tools: Toolbox) -> None:
         NotReachableError: there is no such motion, or the verifier refuses it; it says why.
         CancelledError: somebody pressed Cancel or Stop on the way.
     """
+    if tools.cancel():  # while what the robot is to do was planned
+        raise CancelledError(STOPPED)
     model = robot_model(session.setup.devices.robot.model)
     begin(session, tools)
     start = tools.rig.robot.state().q_rad
@@ -50,10 +56,7 @@ def drive_to(q_rad: Floats, session: Session, tools: Toolbox) -> None:
     for planned in moves.plan(start, q_rad):
         motion = tools.rig.robot.move(planned.times_s, planned.qs_rad)
         if not finish(motion, tools):
-            raise CancelledError(
-                "the robot was stopped on its way to the start: nothing was recorded, and what "
-                "was recorded earlier is kept"
-            )
+            raise CancelledError(STOPPED)
 
 
 def capture_tool(activity: StartToolCapture, session: Session, tools: Toolbox) -> ToolCapture:

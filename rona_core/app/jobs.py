@@ -27,6 +27,7 @@ class JobStatus:
     error_code: str | None = None
     error: str | None = None
     revision: int | None = None  # of the session, once the outcome is stored
+    result: Any = None  # what was found, where the session does not hold it
 
     @property
     def finished(self) -> bool:
@@ -34,7 +35,15 @@ class JobStatus:
         return self.state != "running"
 
 
-Work = Callable[[Callable[[float], None], Callable[[], bool]], int]
+@dataclass(frozen=True, slots=True)
+class Ended:
+    """How work has ended: the revision of the session, and what was found beside it."""
+
+    revision: int
+    result: Any = None
+
+
+Work = Callable[[Callable[[float], None], Callable[[], bool]], int | Ended]
 
 
 class Jobs:
@@ -50,6 +59,8 @@ class Jobs:
 
     def start(self, activity: Any, work: Work, *, device: bool) -> JobStatus:
         """Start ``work(progress, cancel) -> revision`` and return at once.
+
+        What else it found, it returns with the revision as ``Ended``.
 
         Raises:
             DeviceError: the devices are busy with another job.
@@ -94,10 +105,12 @@ class Jobs:
 
         end: dict[str, Any]
         try:
-            revision = work(progress, cancel.is_set)
-            end = {"state": "done", "progress": 1.0, "revision": revision}
+            made = work(progress, cancel.is_set)
+            ended = made if isinstance(made, Ended) else Ended(made)
+            end = {"state": "done", "progress": 1.0}
             if cancel.is_set():  # stopped early, but what came was stored
-                end = {"state": "cancelled", "revision": revision}
+                end = {"state": "cancelled"}
+            end |= {"revision": ended.revision, "result": ended.result}
         except CancelledError as error:
             end = {"state": "cancelled", "error_code": error.code, "error": str(error)}
         except RonaError as error:

@@ -13,6 +13,7 @@ from rona_core.app.activity_messages import (
     StartPivotImport,
     StartPointerCapture,
     StartRecordingImport,
+    StartReplay,
     StartRobotMove,
     StartRollSearch,
     StartScan,
@@ -138,6 +139,7 @@ Activity = (
     | StartSonoCalibration
     | StartSonoScan
     | StartSonoMapping
+    | StartReplay
     | StartRobotMove
 )
 COMMANDS: dict[str, type] = {kind.__name__: kind for kind in get_args(Command)}
@@ -195,6 +197,7 @@ __all__ = [
     "StartPointerCapture",
     "StartRecordingImport",
     "StartReferencePoints",
+    "StartReplay",
     "StartRobotMove",
     "StartRollSearch",
     "StartScan",

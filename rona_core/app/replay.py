@@ -1,5 +1,6 @@
 """Compute every result of a session again from its captures, and compare."""
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -18,7 +19,8 @@ from rona_core.app.derive_sono import derive_sono_detection, derive_sono_maps
 from rona_core.app.plain import message_from
 from rona_core.app.staleness import RESULTS, input_digests, stale_reason
 from rona_core.app.threads import use_one_thread
-from rona_core.devices.protocols import Progress, silent
+from rona_core.devices.protocols import Cancel, Progress, never, silent
+from rona_core.errors import CancelledError
 from rona_core.session.codec import digest
 from rona_core.session.compare import Difference, compare
 from rona_core.session.document import Derived, Session
@@ -39,59 +41,102 @@ class Replayed:
         return self.stored == self.recomputed
 
 
-def recompute(session: Session, progress: Progress = silent) -> Session:
-    """Return the session with every result computed anew; stale ones are left out."""
+@dataclass(frozen=True, slots=True)
+class ReplayedResult:
+    """One result, computed again: digests of the stored and of the new value."""
+
+    result: str
+    stored: str
+    recomputed: str
+    same: bool
+
+
+@dataclass(frozen=True, slots=True)
+class Replay:
+    """All results that are not stale, computed again from the captures."""
+
+    same: bool
+    results: tuple[ReplayedResult, ...]
+
+
+LONG: dict[str, Callable[..., Any]] = {  # what tells its progress and can be cancelled
+    "placement": derive_placement,
+    "registration": derive_registration,
+    "detection": derive_detection,
+    "second": derive_second,
+    "second_detection": derive_second_detection,
+    "sono_detection": derive_sono_detection,
+    "sono_maps": derive_sono_maps,
+    "maps": derive_maps,
+}
+
+
+def recompute(session: Session, progress: Progress = silent, cancel: Cancel = never) -> Session:
+    """Return the session with every result computed anew; stale ones are left out.
+
+    Raises:
+        CancelledError: ``cancel`` said so.
+    """
     use_one_thread()
     fresh = replace(session, results=type(session.results)())
     for i, name in enumerate(RESULTS):
+        if cancel():
+            raise CancelledError("the replay was cancelled")
         stored = getattr(session.results, name)
         if stored is None or stale_reason(name, session) is not None:
             continue
-        value = _value(name, fresh, stored)
+
+        def within(share: float, i: int = i) -> None:
+            progress((i + share) / len(RESULTS))
+
+        value = _value(name, fresh, stored, within, cancel)
         made = Derived(
             value, stored.message, stored.arguments, input_digests(name, fresh, stored.message)
         )
         fresh = replace(fresh, results=replace(fresh.results, **{name: made}))
-        progress((i + 1) / len(RESULTS))
+        within(1.0)
     return fresh
 
 
-def _value(name: str, session: Session, stored: Derived[Any]) -> Any:
+def _value(
+    name: str, session: Session, stored: Derived[Any], progress: Progress, cancel: Cancel
+) -> Any:
     arguments = dict(stored.arguments)
     chosen, branch = arguments.pop("chosen", None), arguments.pop("branch", None)
     message = message_from(stored.message, arguments)
     if name == "roll":
-        plan = derive_roll(session, message)
+        plan = derive_roll(session, message, progress=progress, cancel=cancel)
         if not isinstance(chosen, int):
             return plan
         return derive_chosen_roll(
             session, plan, chosen, branch if isinstance(branch, int) else None
         )
-    if name == "placement":
-        return derive_placement(session, message)
-    if name == "registration":
-        return derive_registration(session, message)
-    if name == "detection":
-        return derive_detection(session, message)
-    if name == "second":
-        return derive_second(session, message)
-    if name == "second_detection":
-        return derive_second_detection(session, message)
-    if name == "sono_detection":
-        return derive_sono_detection(session, message)
-    if name == "sono_maps":
-        return derive_sono_maps(session, message)
-    if name == "maps":
-        return derive_maps(session, message)
+    if name in LONG:
+        return LONG[name](session, message, progress=progress, cancel=cancel)
     return SHORT[type(message)][1](session, message)
 
 
-def replay(session: Session, progress: Progress = silent) -> tuple[Replayed, ...]:
-    """Compute all results that are not stale again and compare them with the stored ones."""
-    fresh = recompute(session, progress)
+def replay(
+    session: Session, progress: Progress = silent, cancel: Cancel = never
+) -> tuple[Replayed, ...]:
+    """Compute all results that are not stale again and compare them with the stored ones.
+
+    Raises:
+        CancelledError: ``cancel`` said so.
+    """
+    fresh = recompute(session, progress, cancel)
     return tuple(
         Replayed(name, digest(old.value), digest(new.value), compare(old.value, new.value))
         for name in RESULTS
         if (old := getattr(session.results, name)) is not None
         and (new := getattr(fresh.results, name)) is not None
     )
+
+
+def replay_report(session: Session, *, progress: Progress, cancel: Cancel) -> Replay:
+    """Return in plain values what ``replay`` finds; picklable, so that it can run elsewhere."""
+    rows = tuple(
+        ReplayedResult(row.result, row.stored, row.recomputed, row.same)
+        for row in replay(session, progress, cancel)
+    )
+    return Replay(all(row.same for row in rows), rows)

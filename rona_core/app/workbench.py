@@ -8,8 +8,9 @@ from typing import Any
 
 from numpy.typing import ArrayLike
 
-from rona_core.app.activities import DEVICE_ACTIVITIES, ROBOT_ACTIVITIES
-from rona_core.app.jobs import Jobs, JobStatus
+from rona_core.app.activities import DEVICE_ACTIVITIES, ROBOT_ACTIVITIES, Answer
+from rona_core.app.exact import require_exact
+from rona_core.app.jobs import Ended, Jobs, JobStatus
 from rona_core.app.messages import COMMANDS
 from rona_core.app.sound_activities import perform
 from rona_core.app.store import Change, Store
@@ -17,7 +18,7 @@ from rona_core.app.threads import use_one_thread
 from rona_core.app.toolbox import Compute, ImportSkull, Sweep, Toolbox, compute_here
 from rona_core.devices.live import Live
 from rona_core.devices.protocols import Cancel, Operator, Progress, Rig, never, silent
-from rona_core.errors import DeviceError, InvalidInputError
+from rona_core.errors import CancelledError, DeviceError, InvalidInputError
 from rona_core.session.codec import digest
 from rona_core.session.document import Session, Setup
 from rona_core.session.prediction import predicted_figures
@@ -98,18 +99,24 @@ class Workbench:
                 if self._rig is not None:
                     self._rig[1].close()
                 self._rig = (key, rig)
-            return self._rig[1]
+            held = self._rig[1]
+        if self._closed:  # in the meantime: closing does not wait for devices that are being built
+            self._release()
+            raise DeviceError("the session is closed, and its devices with it")
+        return held
 
     def dispatch(self, command: Any) -> Change:
         """Change the session by a public command, and keep that; errors as in `Store.dispatch`."""
         if type(command).__name__ not in COMMANDS:
             raise InvalidInputError(f"{type(command).__name__} is not a command")
+        require_exact(command)
         change = self.store.dispatch(command)
         self._keep(change.session)
         return change
 
     def run(self, activity: Any, progress: Progress = silent, cancel: Cancel = never) -> Session:
         """Carry out an activity here and now, and store what it produced."""
+        require_exact(activity)
         self._carry_out(activity, progress, cancel)
         return self.session
 
@@ -118,15 +125,19 @@ class Workbench:
 
         Raises:
             DeviceError: the devices are busy with another job.
+            InvalidInputError: a field has a value of another type.
         """
+        require_exact(activity)
 
-        def work(progress: Progress, cancel: Cancel) -> int:
+        def work(progress: Progress, cancel: Cancel) -> Ended:
             self._keep(self.session)
+            if cancel():  # writing the copy takes a moment
+                raise CancelledError("cancelled before it began")
             return self._carry_out(activity, progress, cancel)
 
         return self.jobs.start(activity, work, device=isinstance(activity, DEVICE_ACTIVITIES))
 
-    def _carry_out(self, activity: Any, progress: Progress, cancel: Cancel) -> int:
+    def _carry_out(self, activity: Any, progress: Progress, cancel: Cancel) -> Ended:
         devices = self.rig
         if isinstance(activity, DEVICE_ACTIVITIES):
             rig = self._fitting_rig()  # stays the same until the activity ends
@@ -144,12 +155,16 @@ class Workbench:
             progress=progress,
             cancel=cancel,
         )
+        found = None
         try:
             for message in perform(activity, self.session, tools):
-                self.store.dispatch(message)
+                if isinstance(message, Answer):
+                    found = message.value
+                else:
+                    self.store.dispatch(message)
         finally:  # what was stored before another message was refused is kept too
             self._keep(self.session)
-        return self.store.revision
+        return Ended(self.store.revision, found)
 
     def stop(self) -> None:
         """Stop the robot and end what uses the devices; always allowed, wins over everything.
@@ -225,7 +240,12 @@ class Workbench:
         self.jobs.cancel_all()
         self.stop()
         self.store.close()
-        with self._rig_lock:
-            if self._rig is not None:
-                self._rig[1].close()
-            self._rig = None
+        self._release()
+
+    def _release(self) -> None:
+        """Close the devices, unless somebody builds them, who then closes them."""
+        if self._rig_lock.acquire(blocking=False):
+            held, self._rig = self._rig, None
+            self._rig_lock.release()
+            if held is not None:
+                held[1].close()

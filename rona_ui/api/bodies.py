@@ -6,6 +6,7 @@ from contextlib import asynccontextmanager
 from pathlib import Path
 
 from fastapi import Request
+from fastapi.exceptions import RequestValidationError
 from starlette.concurrency import run_in_threadpool
 
 from rona_core.session.temporary import open_temporary
@@ -18,6 +19,9 @@ async def spooled(request: Request, folder: Path) -> AsyncGenerator[Path]:
     """Give a file in ``folder`` that holds the body; unless it was moved away, it goes afterwards.
 
     A body that is cut off or too large for its route leaves nothing behind.
+
+    Raises:
+        RequestValidationError: there is no body.
     """
     folder.mkdir(parents=True, exist_ok=True)
     handle, path = open_temporary(folder / "upload")
@@ -32,6 +36,9 @@ async def spooled(request: Request, folder: Path) -> AsyncGenerator[Path]:
             file.writelines(held)
             file.flush()
             await run_in_threadpool(os.fsync, file.fileno())
+            if not file.tell():
+                text = "expected the file as the body"
+                raise RequestValidationError([{"loc": ("body",), "msg": text, "type": "missing"}])
         yield path
     finally:
         path.unlink(missing_ok=True)

@@ -8,7 +8,7 @@ from fastapi import APIRouter, Body
 
 from rona_core.app.messages import COMMANDS, Redo, Undo
 from rona_core.app.workbench import Workbench
-from rona_ui.api.context import WHOLE_TEXT, Bench
+from rona_ui.api.context import EXACT, Bench
 
 router = APIRouter(tags=["commands"])
 
@@ -34,7 +34,7 @@ def body_of(kind: Any) -> Any:
         for field in fields(kind)
     )
     body = Body(default_factory=kind) if optional else Body()
-    return Annotated[kind, WHOLE_TEXT, body]
+    return Annotated[kind, EXACT, body]
 
 
 def _route(kind: type) -> Callable[..., Changed]:

@@ -1,11 +1,14 @@
 """What every route needs: the hub, the open session that the address names, its devices."""
 
-from typing import Annotated, Any
+from functools import partial
+from typing import Annotated, Any, LiteralString, cast
 from weakref import WeakKeyDictionary
 
 from fastapi import Depends, Path, Request
-from pydantic import BeforeValidator
+from pydantic import GetCoreSchemaHandler, ValidationError
+from pydantic_core import InitErrorDetails, PydanticCustomError, core_schema
 
+from rona_core.app.exact import misfits
 from rona_core.app.hub import Hub
 from rona_core.app.workbench import Workbench
 from rona_core.devices.protocols import Rig
@@ -15,24 +18,38 @@ from rona_ui.api.streams import Streams
 PREFIX = "/api/v1"
 
 
-def _whole_text(body: Any) -> Any:
-    """Return a body unless it holds half a character, which no file and no answer could carry."""
-    if isinstance(body, str):
-        try:
-            body.encode()
-        except UnicodeEncodeError as error:
-            raise ValueError("text must consist of whole Unicode characters") from error
-    elif isinstance(body, dict):
-        for key, item in body.items():
-            _whole_text(key)
-            _whole_text(item)
-    elif isinstance(body, list):
-        for item in body:
-            _whole_text(item)
+class Exact:
+    """Marks a body whose values must have the types of their fields, nothing taken for another."""
+
+    def __get_pydantic_core_schema__(
+        self, source: Any, handler: GetCoreSchemaHandler
+    ) -> core_schema.CoreSchema:
+        """Look at the body before pydantic makes a value of it."""
+        return core_schema.no_info_before_validator_function(
+            partial(_require_fitting, source), handler(source)
+        )
+
+
+def _require_fitting(kind: Any, body: Any) -> Any:
+    """Return a body unless ``misfits`` finds something; then all of that is told."""
+    wrong = [
+        InitErrorDetails(
+            type=PydanticCustomError(
+                cast("LiteralString", found.code),
+                "expected {expected}",
+                {"expected": found.expected},
+            ),
+            loc=found.path,
+            input=None,
+        )
+        for found in misfits(body, kind)
+    ]
+    if wrong:
+        raise ValidationError.from_exception_data("body", wrong)
     return body
 
 
-WHOLE_TEXT = BeforeValidator(_whole_text)
+EXACT = Exact()
 
 
 async def hub_of(request: Request) -> Hub:

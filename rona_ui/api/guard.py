@@ -16,6 +16,7 @@ from rona_ui.api.problems import MEDIA_TYPE, problem
 
 COOKIE = "rona_token"
 LOOPBACK = ("localhost", "127.0.0.1", "::1")
+FOREIGN = "requests from pages of other origins are refused"
 SAFE = ("GET", "HEAD", "OPTIONS")
 HEADERS = (
     (b"x-content-type-options", b"nosniff"),
@@ -77,7 +78,10 @@ class Guard:
         websocket = scope["type"] == "websocket"
         if origin is not None and (websocket or scope["method"] not in SAFE):
             if origin.lower() not in (f"http://{host}".lower(), f"https://{host}".lower()):
-                return problem(403, "requests from pages of other origins are refused")
+                return problem(403, FOREIGN)
+        site = headers.get("sec-fetch-site", "none").lower()  # which site's page asks for it
+        if site not in ("none", "same-origin") and not websocket and scope["method"] not in SAFE:
+            return problem(403, FOREIGN)
         if self._access.token is None:
             return None
         return self._unless_known(scope, headers)

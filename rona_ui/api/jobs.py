@@ -1,7 +1,7 @@
 """Activities as jobs: start, list, ask, follow, cancel."""
 
 from collections.abc import AsyncIterator, Callable
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, fields
 from typing import Annotated, Any
 
 from fastapi import APIRouter, Depends, Response
@@ -9,7 +9,8 @@ from fastapi import APIRouter, Depends, Response
 from rona_core.app.hub import Hub
 from rona_core.app.inputs import require_for
 from rona_core.app.jobs import JobState, JobStatus
-from rona_core.app.messages import ACTIVITIES
+from rona_core.app.messages import ACTIVITIES, StartReplay
+from rona_core.app.replay import Replay
 from rona_core.app.workbench import Workbench
 from rona_core.errors import NotFoundError
 from rona_ui.api.commands import body_of
@@ -34,11 +35,13 @@ class JobInfo:
     error_code: str | None
     error: str | None
     revision: int | None  # of the session, once the outcome is stored
+    result: Replay | None  # what `StartReplay` found, once it is done
 
 
 def job_info(bench: Workbench, status: JobStatus) -> JobInfo:
     """Return how a job stands, with its session."""
-    return JobInfo(session=bench.session.id, finished=status.finished, **asdict(status))
+    held = {field.name: getattr(status, field.name) for field in fields(status)}
+    return JobInfo(session=bench.session.id, finished=status.finished, **held)
 
 
 def start(bench: Workbench, activity: Any, response: Response) -> JobInfo:
@@ -73,6 +76,12 @@ for _name, _kind in ACTIVITIES.items():
         summary=(_kind.__doc__ or _name).splitlines()[0],
         description=_kind.__doc__,
     )
+
+
+@router.post("/sessions/{session_id}/replay", status_code=202, tags=["results"])
+def replay_session(bench: Bench, response: Response) -> JobInfo:
+    """Compute every result again from the captures and compare; the same as job `StartReplay`."""
+    return start(bench, StartReplay(), response)
 
 
 def _benches(hub: Hub) -> list[Workbench]:

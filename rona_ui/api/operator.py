@@ -6,7 +6,7 @@ from typing import Annotated, ClassVar
 from fastapi import APIRouter, Body
 
 from rona_core.devices.settings import STRICT, require
-from rona_ui.api.context import Bench
+from rona_ui.api.context import EXACT, Bench
 
 router = APIRouter(prefix="/sessions/{session_id}/operator", tags=["operator"])
 
@@ -37,7 +37,7 @@ def get_pointer(bench: Bench) -> InHand:
 
 
 @router.put("/pointer")
-def put_pointer(bench: Bench, turn: Annotated[PointerTurn, Body()]) -> PointerTurn:
+def put_pointer(bench: Bench, turn: Annotated[PointerTurn, EXACT, Body()]) -> PointerTurn:
     """Turn the pointer while the job `StartPointerCapture` with `by_hand` runs; live, else 409.
 
     The hand follows smoothly at a bounded speed; the last rotation told counts.

@@ -13,6 +13,12 @@ from starlette.responses import Response
 from rona_core.geometry.pose import Pose, Poses
 
 
+def described(*kinds: str) -> dict[int | str, dict[str, Any]]:
+    """Return what the document says of an answer: JSON of these kinds, ``object`` or ``null``."""
+    schema = {"type": kinds[0] if len(kinds) == 1 else list(kinds)}
+    return {200: {"content": {"application/json": {"schema": schema}}}}
+
+
 class FastJson(Response):
     """JSON that is encoded where it is made, in the thread of the handler."""
 

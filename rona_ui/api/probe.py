@@ -10,8 +10,8 @@ from rona_core.devices.samples import AScan
 from rona_core.devices.settings import ProbeSettings
 from rona_core.errors import CancelledError, DeviceError
 from rona_ui.api.commands import Changed, changed
-from rona_ui.api.context import Bench, idle_rig
-from rona_ui.api.plain_json import FastJson, plain
+from rona_ui.api.context import EXACT, Bench, idle_rig
+from rona_ui.api.plain_json import FastJson, described, plain
 
 router = APIRouter(prefix="/sessions/{session_id}/probe", tags=["probe"])
 TIMEOUT_S = 20.0
@@ -29,12 +29,12 @@ def get_probe_settings(bench: Bench) -> ProbeSettings:
 
 
 @router.put("/settings")
-def put_probe_settings(bench: Bench, settings: Annotated[SetProbe, Body()]) -> Changed:
+def put_probe_settings(bench: Bench, settings: Annotated[SetProbe, EXACT, Body()]) -> Changed:
     """Set probe, excitation, signal-to-noise ratio and scan pitch; the command `SetProbe`."""
     return changed(bench, settings)
 
 
-@router.post("/acquire", response_class=FastJson)
+@router.post("/acquire", response_class=FastJson, responses=described("object"))
 def acquire(bench: Bench) -> FastJson:
     """Fire once where the robot holds the probe now and return the trace; changes no session."""
     rig = idle_rig(bench)

@@ -107,7 +107,10 @@ def install(app: FastAPI) -> None:
 
     @app.exception_handler(HTTPException)
     async def _http(request: Request, error: HTTPException) -> Response:
-        return problem(error.status_code, str(error.detail), headers=dict(error.headers or {}))
+        headers = dict(error.headers or {})
+        if error.status_code == 405 and (methods := _methods(request)):
+            headers["Allow"] = ", ".join(methods)
+        return problem(error.status_code, str(error.detail), headers=headers)
 
     @app.exception_handler(OSError)
     async def _storage(request: Request, error: OSError) -> Response:
@@ -120,10 +123,24 @@ def install(app: FastAPI) -> None:
         return problem(500, text)
 
 
+def _methods(request: Request) -> list[str]:
+    """Return the methods of all routes at an address; the router names those of one route alone."""
+    found: set[str] = set()
+    asked = request.url.path.split("/")
+    for path, verbs in request.app.openapi()["paths"].items():
+        parts = path.split("/")
+        if len(parts) == len(asked) and all(
+            part == name or part.startswith("{") for part, name in zip(parts, asked, strict=True)
+        ):
+            found |= {verb.upper() for verb in verbs}
+    return sorted(found)
+
+
 def _place(item: dict[str, Any]) -> dict[str, str]:
     """Return where in the request something is wrong, and what; never the input itself."""
     where, *path = [str(part) for part in item.get("loc", ("body",))]
-    tokens = [part.replace("~", "~0").replace("/", "~1") for part in path]
+    whole = [part.encode(errors="replace").decode() for part in path]
+    tokens = [part.replace("~", "~0").replace("/", "~1") for part in whole]
     pointer = "".join(f"/{token}" for token in tokens)
     if where != "body":
         pointer = f"{where}:{pointer.removeprefix('/')}"
@@ -140,10 +157,17 @@ RESPONSES: dict[int | str, dict[str, Any]] = {
         "content": {MEDIA_TYPE: {"schema": {"$ref": "#/components/schemas/Problem"}}},
     }
     for status, text in {
+        400: "The request could not be read: a body that is no JSON, say",
         401: "No or a wrong token",
+        403: "It comes from a page of another origin",
         404: "No such session, job, file or tool",
+        405: "The address knows other methods; `Allow` names them",
         409: "Not possible in the present state; `code` says why",
+        413: "The body is larger than this route takes",
+        421: "The server does not go by the name in `Host`",
         422: "Invalid input; `errors` points at the places",
+        500: "A defect of the program",
+        507: "The file system refused",
     }.items()
 }
 SCHEMA: dict[str, Any] = {

@@ -1,4 +1,4 @@
-"""What can be asked of a session: steps, results, frames, figures; and whether it reproduces."""
+"""What can be asked of a session: steps, results, frames, figures."""
 
 import dataclasses
 from typing import Annotated, Any, Literal
@@ -11,13 +11,12 @@ from rona_core.app.map_accuracy import map_accuracy
 from rona_core.app.probe_advice import probe_advice
 from rona_core.app.quality import QualityRow, quality_rows
 from rona_core.app.queries import StepState, step_states, summary
-from rona_core.app.replay import replay
 from rona_core.app.scan_views import ScanName, ascan_plot
 from rona_core.app.staleness import stale_reason
 from rona_core.errors import NotFoundError
 from rona_core.session.document import STEPS, Session
 from rona_ui.api.context import Bench
-from rona_ui.api.plain_json import FastJson, plain
+from rona_ui.api.plain_json import FastJson, described, plain
 
 router = APIRouter(tags=["results"])
 
@@ -60,7 +59,9 @@ def list_steps(bench: Bench) -> tuple[StepState, ...]:
     return step_states(bench.session)
 
 
-@router.get("/sessions/{session_id}/results/{step}", response_class=FastJson)
+@router.get(
+    "/sessions/{session_id}/results/{step}", response_class=FastJson, responses=described("object")
+)
 def get_results(bench: Bench, step: str, max_points: MaxPoints = None) -> FastJson:
     """Return what a step measured and computed.
 
@@ -103,7 +104,11 @@ def _result(name: str, session: Session, max_points: int | None) -> dict[str, An
     return {**plain(derived, max_points), "stale_reason": stale_reason(name, session)}
 
 
-@router.get("/sessions/{session_id}/calibration/{step}", response_class=FastJson)
+@router.get(
+    "/sessions/{session_id}/calibration/{step}",
+    response_class=FastJson,
+    responses=described("object", "null"),
+)
 def get_calibration(bench: Bench, step: Literal["tool", "pointer"]) -> FastJson:
     """Return how good a calibration is expected to be, each pose's residual, and the next pose.
 
@@ -117,7 +122,11 @@ def get_calibration(bench: Bench, step: Literal["tool", "pointer"]) -> FastJson:
 NAMES = {"first": "first pass", "second": "second pass", "hand": "scan by hand"}
 
 
-@router.get("/sessions/{session_id}/ascans/{scan}/{number}", response_class=FastJson)
+@router.get(
+    "/sessions/{session_id}/ascans/{scan}/{number}",
+    response_class=FastJson,
+    responses=described("object"),
+)
 def get_ascan(bench: Bench, scan: ScanName, number: int) -> FastJson:
     """Return an A-scan (from 0) of either pass or of the scan by hand, and what was found in it.
 
@@ -182,31 +191,3 @@ def list_figures(bench: Bench) -> list[QualityRow]:
     """
     rows = quality_rows(bench.figures(), bench.session)
     return [dataclasses.replace(row, value=plain(row.value)) for row in rows]
-
-
-@dataclasses.dataclass(frozen=True, slots=True)
-class ReplayedResult:
-    """One result, computed again: digests of the stored and of the new value."""
-
-    result: str
-    stored: str
-    recomputed: str
-    same: bool
-
-
-@dataclasses.dataclass(frozen=True, slots=True)
-class Replay:
-    """All results that are not stale, computed again from the captures."""
-
-    same: bool
-    results: tuple[ReplayedResult, ...]
-
-
-@router.post("/sessions/{session_id}/replay")
-def replay_session(bench: Bench) -> Replay:
-    """Compute every result again from the captures and compare; changes nothing, takes a while."""
-    rows = tuple(
-        ReplayedResult(row.result, row.stored, row.recomputed, row.same)
-        for row in replay(bench.session)
-    )
-    return Replay(all(row.same for row in rows), rows)

@@ -17,9 +17,9 @@ from rona_core.app.workbench import Workbench
 from rona_core.devices.settings import RobotSettings
 from rona_core.errors import RonaError
 from rona_ui.api.commands import Changed, changed
-from rona_ui.api.context import Bench, Open
+from rona_ui.api.context import EXACT, Bench, Open
 from rona_ui.api.jobs import JobInfo, start
-from rona_ui.api.plain_json import FastJson, plain
+from rona_ui.api.plain_json import FastJson, described, plain
 from rona_ui.api.streams import ALIVE, DESCRIBED, PERIOD_S, EventStream, Streams, event
 
 router = APIRouter(prefix="/sessions/{session_id}/robot", tags=["robot"])
@@ -57,7 +57,9 @@ def get_state(bench: Bench) -> RobotState:
 
 
 @router.post("/move", status_code=202)
-def move(bench: Bench, target: Annotated[StartRobotMove, Body()], response: Response) -> JobInfo:
+def move(
+    bench: Bench, target: Annotated[StartRobotMove, EXACT, Body()], response: Response
+) -> JobInfo:
     """Move to joint angles in degrees; the job fails unless the verifier certifies the motion."""
     return start(bench, target, response)
 
@@ -69,7 +71,7 @@ def get_robot_settings(bench: Bench) -> RobotSettings:
 
 
 @router.put("/settings")
-def put_robot_settings(bench: Bench, settings: Annotated[SetRobot, Body()]) -> Changed:
+def put_robot_settings(bench: Bench, settings: Annotated[SetRobot, EXACT, Body()]) -> Changed:
     """Set model, errors, scan speed and place of the base; the command `SetRobot`."""
     return changed(bench, settings)
 
@@ -84,12 +86,12 @@ def list_robot_figures(bench: Bench) -> list[RobotFigure]:
 
 
 @router.put("/contact")
-def put_contact(bench: Bench, contact: Annotated[SetContact, Body()]) -> Changed:
+def put_contact(bench: Bench, contact: Annotated[SetContact, EXACT, Body()]) -> Changed:
     """Set how the probe is pressed on; the command `SetContact`."""
     return changed(bench, contact)
 
 
-@router.get("/contact", response_class=FastJson)
+@router.get("/contact", response_class=FastJson, responses=described("object", "null"))
 def get_contact(bench: Bench) -> FastJson:
     """Return what the last scan says of force and clocks; `null` before there is one.
 

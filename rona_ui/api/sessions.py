@@ -17,7 +17,7 @@ from rona_core.errors import NotFoundError
 from rona_core.session.document import require_seed
 from rona_core.session.files import SUFFIX, session_bytes
 from rona_ui.api.bodies import spooled
-from rona_ui.api.context import PREFIX, WHOLE_TEXT, Bench, Sessions
+from rona_ui.api.context import EXACT, PREFIX, Bench, Sessions
 from rona_ui.api.plain_json import plain
 from rona_ui.resources import demo_session
 
@@ -149,7 +149,7 @@ def list_sessions(hub: Sessions) -> SessionList:
 
 @router.post("/sessions", status_code=201)
 def create_session(
-    hub: Sessions, response: Response, new: Annotated[NewSession | None, WHOLE_TEXT] = None
+    hub: Sessions, response: Response, new: Annotated[NewSession | None, EXACT] = None
 ) -> SessionInfo:
     """Make a new session; the viewer shows it."""
     wanted = new or NewSession()
@@ -158,7 +158,7 @@ def create_session(
 
 @router.post("/sessions/open", status_code=201)
 def open_session(
-    hub: Sessions, response: Response, wanted: Annotated[FileToOpen, WHOLE_TEXT]
+    hub: Sessions, response: Response, wanted: Annotated[FileToOpen, EXACT]
 ) -> SessionInfo:
     """Open a file of the sessions folder; the viewer shows it."""
     return _made(hub, hub.open_file(wanted.file), response)
@@ -230,7 +230,7 @@ def show_session(hub: Sessions, bench: Bench) -> SessionInfo:
 
 @files.post("/sessions/{session_id}/save")
 def save_session(
-    hub: Sessions, bench: Bench, wanted: Annotated[FileToSave | None, WHOLE_TEXT] = None
+    hub: Sessions, bench: Bench, wanted: Annotated[FileToSave | None, EXACT] = None
 ) -> SessionInfo:
     """Write a session to the sessions folder."""
     to = wanted or FileToSave()

@@ -17,7 +17,7 @@ from rona_core.devices.settings import STRICT, TOOLS, TrackerSettings, require
 from rona_core.errors import DeviceError, NotFoundError, RonaError
 from rona_core.geometry.pose import Pose
 from rona_ui.api.commands import Changed, changed
-from rona_ui.api.context import Bench, Open, idle_rig
+from rona_ui.api.context import EXACT, Bench, Open, idle_rig
 from rona_ui.api.plain_json import plain
 from rona_ui.api.streams import DESCRIBED, EventStream, Streams, event
 
@@ -107,20 +107,20 @@ def get_tracker_settings(bench: Bench) -> TrackerSettings:
 
 
 @router.put("/settings")
-def put_tracker_settings(bench: Bench, settings: Annotated[SetTracker, Body()]) -> Changed:
+def put_tracker_settings(bench: Bench, settings: Annotated[SetTracker, EXACT, Body()]) -> Changed:
     """Set noise profile and frame rate; the command `SetTracker`."""
     return changed(bench, settings)
 
 
 @router.put("/tools/{name}/visible")
-def put_tool_visible(bench: Bench, name: Tool, wanted: Visible) -> Changed:
+def put_tool_visible(bench: Bench, name: Tool, wanted: Annotated[Visible, EXACT]) -> Changed:
     """Cover a tool up or uncover it; the command `SetToolVisible`."""
     _require_tool(name)
     return changed(bench, SetToolVisible(name, wanted.visible))
 
 
 @router.put("/tools/{name}/pose")
-def put_tool_pose(bench: Bench, name: Tool, pose: ToolPose) -> dict[str, Any]:
+def put_tool_pose(bench: Bench, name: Tool, pose: Annotated[ToolPose, EXACT]) -> dict[str, Any]:
     """Put a pointer somewhere before the tracker, as a hand would; returns what is seen of it.
 
     Live only: it changes no session, and recorded motions do not start there. The tool on the

@@ -1,11 +1,12 @@
 """``rona serve``: the program for the browser."""
 
 import contextlib
+import os
 import signal
 import sys
 import tempfile
 from pathlib import Path
-from typing import Any
+from typing import Any, NoReturn
 
 from rona_core.app.recovery import Recovery
 from rona_core.compose import build_hub
@@ -16,8 +17,8 @@ from rona_ui.window import open_window
 
 
 def _end(number: int, frame: object) -> None:
-    """Leave in an orderly way, so that devices and processes end too."""
-    sys.exit(0)
+    """Leave as after Ctrl-C, so that devices and processes end too."""
+    raise KeyboardInterrupt
 
 
 def _recoverable(folder: Path) -> str:
@@ -35,8 +36,18 @@ def _recoverable(folder: Path) -> str:
     )
 
 
-def run(wanted: Any) -> int:
-    """Serve until somebody interrupts."""
+def _leave() -> NoReturn:
+    """End the process now that everything is closed.
+
+    The interpreter would first wait for every thread that still answers somebody, stuck ones too.
+    """
+    sys.stdout.flush()
+    sys.stderr.flush()
+    os._exit(0)
+
+
+def run(wanted: Any) -> NoReturn:
+    """Serve until somebody interrupts; the process ends with it."""
     pace = wanted.pace or None
     if pace is not None and not 0.0 < pace <= 1000.0:
         raise InvalidInputError(f"--pace must be 0 to 1000, not {wanted.pace:g}")
@@ -72,4 +83,4 @@ def run(wanted: Any) -> int:
             open_window=open_window,
             say=say,
         )
-    return 0
+    _leave()

@@ -56,6 +56,23 @@ def client(web):
         yield client
 
 
+@pytest.fixture(scope="session")
+def replayed(web, client):
+    """Return a function that replays a session as a job and returns what was found."""
+
+    def replay(session_id):
+        answer = client.post(f"/sessions/{session_id}/replay")
+        assert answer.status_code == 202, answer.text
+        job = answer.json()
+        assert answer.headers["location"] == f"/api/v1/jobs/{job['id']}"
+        web.hub.get(job["session"]).jobs.wait(job["id"], 300)
+        job = client.get(f"/jobs/{job['id']}").json()
+        assert (job["state"], job["progress"]) == ("done", 1.0), job
+        return job["result"]
+
+    return replay
+
+
 @pytest.fixture
 def session(client):
     """A new session; its id."""

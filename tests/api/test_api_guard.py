@@ -105,6 +105,22 @@ def test_our_own_page_may_change_things(anonymous, known, web):
     anonymous.delete(f"/api/v1/sessions/{answer.json()['id']}", headers=known)
 
 
+@pytest.mark.parametrize("site", ["cross-site", "same-site", "Cross-Site", "nonsense"])
+def test_pages_of_other_sites_change_nothing_even_without_an_origin(anonymous, known, web, site):
+    sessions = web.hub.ids()
+    answer = anonymous.post("/api/v1/sessions", headers={**known, "Sec-Fetch-Site": site})
+    assert (answer.status_code, answer.json()["code"]) == (403, "forbidden")
+    assert web.hub.ids() == sessions
+    assert anonymous.get(CURRENT, headers={**known, "Sec-Fetch-Site": site}).status_code == 200
+
+
+@pytest.mark.parametrize("site", ["same-origin", "none"])
+def test_our_own_page_and_the_address_bar_may_change(client, site):
+    made = client.post("/sessions", headers={"Sec-Fetch-Site": site})
+    assert made.status_code == 201
+    client.delete(f"/sessions/{made.json()['id']}")
+
+
 def test_no_other_origin_may_read(anonymous, known):
     answer = anonymous.get(CURRENT, headers={**known, "Origin": "http://evil.example"})
     assert not [name for name in answer.headers if name.startswith("access-control")]

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from rona_core.devices.settings import TOOLS
-from rona_core.errors import DeviceError
+from rona_core.errors import CancelledError, DeviceError
 from rona_core.session.document import PointerCapture
 from rona_ui.server import PREFIX
 
@@ -57,6 +57,43 @@ def test_a_job_from_start_to_end(at, client, web):
     assert states[-1] in client.get("/jobs").json()
     late = client.delete(f"/jobs/{job['id']}")
     assert (late.status_code, late.json()["code"]) == (409, "job_finished")
+
+
+def test_a_replay_is_a_job_that_changes_nothing(at, client, web, session, replayed):
+    finished(web, at("POST", "/jobs/StartPointerCapture", json=QUICK).json())
+    before = {**at("GET", "").json(), "copy": None}  # that may be written meanwhile
+    found = replayed(session)
+    assert found["same"]
+    assert [row["result"] for row in found["results"]] == ["pointer"]
+    assert found["results"][0]["stored"] == found["results"][0]["recomputed"]
+    assert {**at("GET", "").json(), "copy": None} == before
+    started = at("POST", "/jobs/StartReplay").json()
+    finished(web, started)
+    ended = client.get(f"/jobs/{started['id']}").json()
+    assert (ended["result"], ended["revision"]) == (found, before["revision"])
+    others = [job for job in client.get("/jobs").json() if job["activity"] != "StartReplay"]
+    assert {json.dumps(job["result"]) for job in others} == {"null"}
+
+
+def test_a_replay_does_not_hold_its_request_up_and_can_be_cancelled(at, client, web, monkeypatch):
+    told = threading.Event()
+
+    def endless(session, *, progress, cancel):
+        progress(0.25)
+        told.set()
+        while not cancel():
+            threading.Event().wait(0.002)
+        raise CancelledError("the replay was cancelled")
+
+    monkeypatch.setattr("rona_core.app.activities.replay_report", endless)
+    answer = at("POST", "/replay")
+    job = answer.json()
+    assert (answer.status_code, job["state"], job["result"]) == (202, "running", None)
+    assert told.wait(30)
+    assert client.get(f"/jobs/{job['id']}").json()["progress"] == 0.25
+    assert client.delete(f"/jobs/{job['id']}").status_code == 202
+    assert finished(web, job).state == "cancelled"
+    assert client.get(f"/jobs/{job['id']}").json()["result"] is None
 
 
 def test_results_are_thinned_out_evenly(at, web):
@@ -441,7 +478,7 @@ def test_a_pointer_is_turned_by_hand_while_its_capture_runs(at, web):
 # -- calibrations ----------------------------------------------------------------------------------
 
 
-def test_poses_are_left_out_and_the_view_tells_how_good_it_is(at, web):
+def test_poses_are_left_out_and_the_view_tells_how_good_it_is(at, web, session, replayed):
     assert at("GET", "/calibration/pointer").json() is None
     assert at("GET", "/calibration/surface").status_code == 422
     body = {"step": "pointer", "indices": [4, 2]}
@@ -457,7 +494,7 @@ def test_poses_are_left_out_and_the_view_tells_how_good_it_is(at, web):
     assert view["swing"]["next_words"]
     stored = at("GET", "/results/pointer").json()["results"]["pointer"]
     assert stored["arguments"] == {"method": "ml", "exclude": [2, 4]}
-    assert at("POST", "/replay").json()["same"]
+    assert replayed(session)["same"]
     beyond = {"step": "pointer", "indices": [10_000]}
     answer = at("POST", "/commands/ExcludePoses", json=beyond)
     assert (answer.status_code, answer.json()["code"]) == (422, "invalid_input")

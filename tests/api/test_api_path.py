@@ -57,13 +57,13 @@ def test_a_change_that_cannot_be_made_is_a_problem_and_changes_nothing(client, a
     assert smoothing(client, address) == before
 
 
-def test_a_pattern_is_made_smoothed_and_reproduced_over_rest(client, address):
+def test_a_pattern_is_made_smoothed_and_reproduced_over_rest(client, address, replayed):
     body = {"kind": "spiral", "spacing_mm": 5.0, "radius_mm": 15.0}
     assert client.post(f"{address}/commands/DrawPattern", json=body).status_code == 200
     assert client.post(f"{address}/commands/SmoothScanPath", json={}).status_code == 200
     states = {s["name"]: s["state"] for s in client.get(f"{address}/steps").json()}
     assert (states["path"], states["smoothing"], states["roll"]) == ("done", "done", "ready")
-    replayed = client.post(f"{address}/replay").json()
-    same = {r["result"]: r["stored"] == r["recomputed"] for r in replayed["results"]}
+    found = replayed(address.rpartition("/")[2])
+    same = {r["result"]: r["stored"] == r["recomputed"] for r in found["results"]}
     assert same["path"]
     assert same["smoothing"]

@@ -9,6 +9,7 @@ import pytest
 from rona_core.app.messages import ACTIVITIES, COMMANDS
 from rona_core.session.codec import digest
 from rona_core.session.files import load_session
+from rona_ui.api.problems import TITLES
 from rona_ui.server import PREFIX, TAGS
 
 PROBLEM = "application/problem+json"
@@ -82,6 +83,38 @@ def test_every_route_is_described(document):
         assert set(operation["tags"]) <= tags, where
         assert operation["summary"].endswith((".", ":", ";")) or len(operation["summary"]) > 20
         assert "401" in operation["responses"], where
+
+
+def test_every_refusal_is_in_the_document(document):
+    refusals = {str(status) for status in TITLES} - {"415"}  # no route looks at the media type
+    for where, operation in operations(document).items():
+        assert refusals <= operation["responses"].keys(), where
+        for status in refusals:
+            content = operation["responses"][status]["content"]
+            assert content == {PROBLEM: {"schema": {"$ref": "#/components/schemas/Problem"}}}
+
+
+def test_no_json_is_described_as_text(document):
+    for where, operation in operations(document).items():
+        for status, answer in operation["responses"].items():
+            schema = answer.get("content", {}).get("application/json", {}).get("schema", {})
+            assert schema.get("type") != "string", (where, status)
+    held = operations(document)["GET", "/sessions/{session_id}/calibration/{step}"]["responses"]
+    assert held["200"]["content"]["application/json"]["schema"] == {"type": ["object", "null"]}
+
+
+@pytest.mark.parametrize(
+    ("path", "methods"),
+    [
+        ("/robot/contact", "GET, PUT"),
+        ("/operator/pointer", "GET, PUT"),
+        ("", "DELETE, GET"),
+        ("/undo", "POST"),
+    ],
+)
+def test_a_wrong_method_is_told_all_the_right_ones(at, path, methods):
+    answer = at("PATCH", path)
+    assert (answer.status_code, answer.headers["allow"]) == (405, methods)
 
 
 def test_every_reference_in_the_document_leads_somewhere(document):
@@ -359,8 +392,8 @@ def test_figures_without_results_have_no_value_and_no_verdict(at):
     assert {(row["value"], row["verdict"]) for row in rows} == {(None, "none")}
 
 
-def test_replay_of_nothing_is_the_same(at):
-    assert at("POST", "/replay").json() == {"same": True, "results": []}
+def test_replay_of_nothing_is_the_same(session, replayed):
+    assert replayed(session) == {"same": True, "results": []}
 
 
 def test_the_program_says_how_it_is(client, session):

@@ -72,7 +72,7 @@ def in_python(folder, messages, seed=3):
     return session
 
 
-def test_rest_and_python_give_the_same_session(client, web, tmp_path):
+def test_rest_and_python_give_the_same_session(client, web, replayed, tmp_path):
     messages = [
         SetSeed(11),
         SetTracker("white035", 30.0),
@@ -84,7 +84,7 @@ def test_rest_and_python_give_the_same_session(client, web, tmp_path):
     ]
     session = through_rest(client, messages)
     assert content(web.hub.get(session).session) == content(in_python(tmp_path, messages))
-    assert client.post(f"/sessions/{session}/replay").json()["same"]
+    assert replayed(session)["same"]
     client.delete(f"/sessions/{session}")
 
 

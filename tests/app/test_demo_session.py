@@ -8,6 +8,7 @@ from rona_core.app.derive_scan import derive_detection, derive_second_detection
 from rona_core.app.plain import message_from
 from rona_core.app.queries import step_states
 from rona_core.app.replay import replay
+from rona_core.errors import CancelledError
 from rona_core.session.codec import digest
 from rona_core.session.files import load_session, session_bytes, session_from_bytes
 
@@ -52,6 +53,14 @@ def test_a_packed_file_gives_the_very_same_detection(session, packed, name, deri
     stored = getattr(session.results, name)
     message = message_from(stored.message, dict(stored.arguments))
     assert digest(derive(back, message)) == digest(derive(session, message))
+
+
+def test_a_replay_tells_how_far_it_is_and_heeds_cancel(session):
+    shares = []
+    with pytest.raises(CancelledError):
+        replay(session, shares.append, lambda: len(shares) >= 3)
+    assert 0.0 < shares[-1] < 1.0
+    assert shares == sorted(shares)
 
 
 @pytest.mark.slow

@@ -4,6 +4,7 @@ import threading
 
 import pytest
 
+from rona_core.app import captures
 from rona_core.app.messages import (
     SetRegion,
     StartPointerCapture,
@@ -13,8 +14,8 @@ from rona_core.app.messages import (
     StartToolCapture,
 )
 from rona_core.app.workbench import Services, Workbench
-from rona_core.compose import build_hub, new_workbench
-from rona_core.errors import DeviceError, InvalidInputError
+from rona_core.compose import build_hub, new_workbench, virtual_services
+from rona_core.errors import CancelledError, DeviceError, InvalidInputError
 from rona_core.session.document import Session
 from rona_ui.resources import demo_session
 
@@ -107,3 +108,67 @@ def test_stop_if_moving_stops_a_robot_that_moves_without_a_job(tmp_path):
     assert not robot.state().moving
     assert not bench.stop_if_moving()
     hub.close_all()
+
+
+def test_closing_does_not_wait_for_devices_that_are_being_built(tmp_path):
+    building, built, closed, refused = (threading.Event() for _ in range(4))
+
+    class Rig:
+        def close(self):
+            closed.set()
+
+    def build(setup):
+        building.set()
+        built.wait(60)
+        return Rig()
+
+    def ask():
+        with pytest.raises(DeviceError, match="closed"):
+            bench.rig()
+        refused.set()
+
+    bench = Workbench(Session(), Services(build, None, None), tmp_path)
+    threading.Thread(target=ask, daemon=True).start()
+    assert building.wait(20)
+    closing = threading.Thread(target=bench.close, daemon=True)
+    closing.start()
+    closing.join(20)
+    assert not closing.is_alive()
+    assert not closed.is_set()
+    built.set()
+    assert refused.wait(20)
+    assert closed.is_set(), "who built them closes them"
+
+
+def test_what_is_cancelled_while_the_copy_is_written_does_not_begin(tmp_path):
+    writing, written = threading.Event(), threading.Event()
+
+    def keep(session):
+        writing.set()
+        written.wait(60)
+
+    held = Workbench(Session(), virtual_services(), tmp_path, keep)
+    job = held.start(StartPointerCapture())
+    assert writing.wait(20)
+    held.jobs.cancel(job.id)
+    written.set()
+    ended = held.jobs.wait(job.id, 20)
+    assert (ended.state, ended.error) == ("cancelled", "cancelled before it began")
+    assert held.session.archive == ()
+    held.close()
+
+
+def test_what_is_cancelled_while_it_is_planned_does_not_move_the_robot(tmp_path, monkeypatch):
+    planned = threading.Event()
+    genuine = captures.plan_tool_motion
+
+    def plan(*args, **rest):
+        planned.set()  # and Cancel is pressed
+        return genuine(*args, **rest)
+
+    monkeypatch.setattr(captures, "plan_tool_motion", plan)
+    bench = new_workbench(Session(), tmp_path)
+    with pytest.raises(CancelledError, match="nothing was recorded"):
+        bench.run(StartToolCapture(n_pivot=5, n_translate=3), cancel=planned.is_set)
+    assert bench.session.archive == ()
+    bench.close()
