@@ -9,7 +9,6 @@ from rona_core.app.derive_placement import derive_placement
 from rona_core.app.derive_scan import derive_mapping, derive_roll, derive_second, lean
 from rona_core.app.derive_skull import derive_registration
 from rona_core.app.derive_sono import derive_sono_mapping
-from rona_core.app.inputs import require_for, require_inputs
 from rona_core.app.messages import (
     BuildPath,
     BuildSurface,
@@ -54,6 +53,7 @@ from rona_core.app.outcomes import (
     StoreToolCapture,
 )
 from rona_core.app.plain import plain_arguments
+from rona_core.app.requirements import require_for, require_inputs
 from rona_core.app.scan_capture import capture_scan
 from rona_core.app.sono_capture import capture_sono_calibration, capture_sono_scan
 from rona_core.app.sound_messages import StartBlockShots, StartReferencePoints

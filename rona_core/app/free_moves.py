@@ -57,10 +57,11 @@ def require_certified(
     what: str, certificate: Certificate, motion: TimedMotion, around: Obstacles
 ) -> None:
     """Raise NotReachableError unless this motion was certified among what stands around now."""
-    if certificate.certifies(motion, around.digest()):
+    same = around.has_digest(certificate.obstacles)
+    if same and certificate.certifies(motion, certificate.obstacles):
         return
     reasons = "; ".join(check.sentence for check in certificate.failures())
     if not reasons:
-        other = "motion" if certificate.obstacles == around.digest() else "surroundings"
+        other = "motion" if same else "surroundings"
         reasons = f"the certificate belongs to another {other}, plan it again"
     raise NotReachableError(f"{what} is refused: {reasons}")

@@ -7,7 +7,6 @@ from rona_core.app import boundary_edits as boundary_edits  # its handlers count
 from rona_core.app.derive import SHORT
 from rona_core.app.derive_placement import require_move
 from rona_core.app.derive_scan import derive_chosen_roll
-from rona_core.app.inputs import require_inputs
 from rona_core.app.messages import (
     ApplyBasePlacement,
     BuildPath,
@@ -22,6 +21,7 @@ from rona_core.app.messages import (
     SetRobot,
     SmoothScanPath,
 )
+from rona_core.app.needs import need
 from rona_core.app.outcomes import (
     StoreBasePlacement,
     StoreMaps,
@@ -42,6 +42,7 @@ from rona_core.app.outcomes import (
 from rona_core.app.path_commands import PathChange
 from rona_core.app.path_edits import edited
 from rona_core.app.plain import message_from, plain_arguments
+from rona_core.app.requirements import require_inputs
 from rona_core.app.setup_handlers import handle, robot_choice
 from rona_core.app.staleness import input_digests, stale_reason
 from rona_core.errors import StaleResultError, StepBlockedError
@@ -192,9 +193,8 @@ def _(message: ApplyBasePlacement, session: Session) -> Session:
 
 @handle.register
 def _(message: ChooseRoll, session: Session) -> Session:
-    searched = session.results.roll
-    if searched is None:
-        raise StepBlockedError("ChooseRoll is blocked: first search the roll (step 7)")
+    require_inputs(type(message), session)
+    searched = need(session.results.roll, "search the roll (step 7)")
     plan = derive_chosen_roll(session, searched.value, message.index, message.branch)
     arguments = {**searched.arguments, "chosen": message.index, "branch": message.branch}
     made = Derived(plan, searched.message, arguments, searched.inputs)

@@ -4,6 +4,7 @@ from collections.abc import Callable
 from typing import Any
 
 from rona_core.errors import SessionFormatError
+from rona_core.session.redigest import with_present_digests
 
 SCHEMA = 3  # raise it with every change of the document, and add the step below
 
@@ -185,6 +186,8 @@ def migrate(manifest: dict[str, Any]) -> dict[str, Any]:
 
 
 def _completed(manifest: dict[str, Any]) -> dict[str, Any]:
-    """Return a manifest of the present schema with the fields that it has got since it began."""
+    """Return a manifest of the present schema with what it has got since it began."""
     session = manifest.get("session")
-    return {**manifest, "session": _with_fields(session, ADDED_IN_3)} if session else manifest
+    if not session:
+        return manifest
+    return {**manifest, "session": with_present_digests(_with_fields(session, ADDED_IN_3))}

@@ -7,9 +7,9 @@ from typing import Annotated, Any
 from fastapi import APIRouter, Depends, Response
 
 from rona_core.app.hub import Hub
-from rona_core.app.inputs import require_for
 from rona_core.app.jobs import JobState, JobStatus
 from rona_core.app.messages import ACTIVITIES
+from rona_core.app.requirements import require_for
 from rona_core.app.workbench import Workbench
 from rona_core.errors import NotFoundError
 from rona_ui.api.commands import body_of
