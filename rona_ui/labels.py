@@ -32,6 +32,7 @@ DOING = {
     "StartSonoScan": "Scanning by hand",
     "StartSonoMapping": "Mapping the scan by hand",
     "StartRobotMove": "Moving the robot",
+    "StartRetract": "Drawing the probe back",
 }
 # fields that stand alone, outside of the forms
 OTHERS = {

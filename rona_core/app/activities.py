@@ -21,6 +21,7 @@ from rona_core.app.messages import (
     StartPivotImport,
     StartPointerCapture,
     StartRecordingImport,
+    StartRetract,
     StartRobotMove,
     StartRollSearch,
     StartScan,
@@ -77,6 +78,7 @@ DEVICE_ACTIVITIES = (
     StartSonoCalibration,
     StartSonoScan,
     StartRobotMove,
+    StartRetract,
     StartReferencePoints,
     StartBlockShots,
 )
@@ -227,8 +229,9 @@ def _(activity: StartSonoCalibration, session: Session, tools: Toolbox) -> Messa
     pivot, spin = capture_sono_calibration(activity, session, tools)
     if spin is None:
         return (StoreSonoPivot(pivot),)
-    both = (StoreSonoPivot(pivot), StoreSonoSpin(spin))
-    return both if spin.partial else (*both, CalibrateSono())
+    if spin.partial:  # the two count together
+        return (StoreSonoPivot(replace(pivot, partial=True)), StoreSonoSpin(spin))
+    return (StoreSonoPivot(pivot), StoreSonoSpin(spin), CalibrateSono())
 
 
 @perform.register
@@ -243,6 +246,12 @@ def _(activity: StartSonoMapping, session: Session, tools: Toolbox) -> Messages:
     mapped = tools.run(derive_sono_mapping, lean(session), activity)
     values, arguments, inputs = _digested(mapped, activity, session)
     return (StoreSonoMaps(**values, arguments=arguments, inputs=inputs),)
+
+
+@perform.register
+def _(activity: StartRetract, session: Session, tools: Toolbox) -> Messages:
+    captures.draw_probe_back(session, tools)
+    return ()
 
 
 @perform.register

@@ -272,6 +272,16 @@ class StartMapping:
 
 
 @dataclass(frozen=True, slots=True)
+class StartRetract:
+    """Draw the probe straight back along its axis from the bone it stands on, as after a stop.
+
+    The line is certified first; where the probe stands clear of everything it is refused.
+    """
+
+    __pydantic_config__: ClassVar = STRICT
+
+
+@dataclass(frozen=True, slots=True)
 class StartRobotMove:
     """Move the robot to joint angles in degrees; refused unless the motion is certified."""
 

@@ -13,6 +13,7 @@ from rona_core.app.activity_messages import (
     StartPivotImport,
     StartPointerCapture,
     StartRecordingImport,
+    StartRetract,
     StartRobotMove,
     StartRollSearch,
     StartScan,
@@ -139,6 +140,7 @@ Activity = (
     | StartSonoScan
     | StartSonoMapping
     | StartRobotMove
+    | StartRetract
 )
 COMMANDS: dict[str, type] = {kind.__name__: kind for kind in get_args(Command)}
 ACTIVITIES: dict[str, type] = {kind.__name__: kind for kind in get_args(Activity)}
@@ -195,6 +197,7 @@ __all__ = [
     "StartPointerCapture",
     "StartRecordingImport",
     "StartReferencePoints",
+    "StartRetract",
     "StartRobotMove",
     "StartRollSearch",
     "StartScan",

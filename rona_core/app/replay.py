@@ -40,17 +40,24 @@ class Replayed:
 
 
 def recompute(session: Session, progress: Progress = silent) -> Session:
-    """Return the session with every result computed anew; stale ones are left out."""
+    """Return the session with every result computed anew; stale ones are left out.
+
+    Each is computed from what it was computed from, as the session holds it: so a last bit that
+    another processor rounds otherwise is told where it arises, and makes nothing stale.
+    """
     use_one_thread()
     fresh = replace(session, results=type(session.results)())
+    held = session
+    for name in RESULTS:
+        if getattr(session.results, name) is not None and stale_reason(name, session) is not None:
+            held = replace(held, results=replace(held.results, **{name: None}))
     for i, name in enumerate(RESULTS):
         stored = getattr(session.results, name)
         if stored is None or stale_reason(name, session) is not None:
             continue
-        value = _value(name, fresh, stored)
-        made = Derived(
-            value, stored.message, stored.arguments, input_digests(name, fresh, stored.message)
-        )
+        value = _value(name, held, stored)
+        inputs = input_digests(name, held, stored.message)
+        made = Derived(value, stored.message, stored.arguments, inputs)
         fresh = replace(fresh, results=replace(fresh.results, **{name: made}))
         progress((i + 1) / len(RESULTS))
     return fresh

@@ -97,6 +97,7 @@ class Workbench:
                 rig = self._services.build_rig(setup)
                 if self._rig is not None:
                     self._rig[1].close()
+                    self.live.clear()  # the new ones stand at rest
                 self._rig = (key, rig)
             return self._rig[1]
 
