@@ -126,12 +126,12 @@ def blocked_reason(message_type: type, session: Session) -> str | None:
 
 def _stale_before(inputs: tuple[Input, ...], session: Session) -> str | None:
     """Return which stale input is to be made again first, and why; None where all are fresh."""
-    for item in inputs:
-        if item is SCAN_CAPTURE and session.results.roll is None:
-            continue  # of a file too old to hold the plan: it can be mapped all the same
-        if item.upstream is not None and (reason := stale_reason(item.upstream, session)):
-            return f"first {stale_root(item, session).wanted} again: {reason}"
-    return None
+    if session.results.roll is None:  # a file too old to hold the plan: its scan can be mapped
+        inputs = tuple(item for item in inputs if item is not SCAN_CAPTURE)
+    root = stale_root(inputs, session)
+    if root is None or root.upstream is None:
+        return None
+    return f"first {root.wanted} again: {stale_reason(root.upstream, session)}"
 
 
 def plan_reason(session: Session) -> str | None:

@@ -52,7 +52,7 @@ from rona_core.app.messages import DrawPattern
 from rona_core.errors import StepBlockedError
 from rona_core.robot.obstacles import Obstacles
 from rona_core.session.codec import digest
-from rona_core.session.document import PointerCapture, ScanCapture, Session
+from rona_core.session.document import STEPS, PointerCapture, ScanCapture, Session
 from rona_core.session.imported import is_imported
 from rona_core.session.surroundings import obstacles_of
 from rona_core.ultrasound.delay_line import DelayLine
@@ -220,18 +220,32 @@ def _is_as_held(item: Input, value: Any, held: str | None, session: Session) -> 
     return item.earlier is not None and held == digest_of(item.earlier(session))
 
 
-def stale_root(item: Input, session: Session) -> Input:
-    """Return what is to be done again first, for an input that is stale: itself or one before."""
-    name = item.upstream or ""
-    before: list[Input] = []
+def stale_root(inputs: tuple[Input, ...], session: Session) -> Input | None:
+    """Return what is to be done again first, for inputs that may be stale; None if none is.
+
+    It is stale itself, not for the sake of something before it, and belongs to the earliest step.
+    """
+    found = [root for item in inputs for root in _stale_roots(item, session)]
+    return min(found, key=lambda root: _place(root.upstream or ""), default=None)
+
+
+def _stale_roots(item: Input, session: Session) -> list[Input]:
+    name = item.upstream
+    if name is None or stale_reason(name, session) is None:
+        return []
+    before: tuple[Input, ...] = ()
     if name in ("capture scan", "capture second"):
-        before = [ROLL if name == "capture scan" else SCAN_CAPTURE]
+        before = (ROLL if name == "capture scan" else SCAN_CAPTURE,)
     elif derived := getattr(session.results, name, None):
-        before = list(inputs_of(name, derived.message).values())
-    for one in before:
-        if one.upstream is not None and stale_reason(one.upstream, session):
-            return stale_root(one, session)
-    return item
+        before = tuple(inputs_of(name, derived.message).values())
+    roots = [root for one in before for root in _stale_roots(one, session)]
+    return roots or [item]
+
+
+def _place(name: str) -> int:
+    """Return where in the procedure a result or capture comes; what is of no step comes last."""
+    step = name.removeprefix("capture ")
+    return STEPS.index(step) if step in STEPS else len(STEPS)
 
 
 def _stale_capture(kind: str, session: Session) -> str | None:

@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike
 from rona_core.app.activities import DEVICE_ACTIVITIES
 from rona_core.app.jobs import Jobs, JobStatus
 from rona_core.app.messages import COMMANDS
+from rona_core.app.requirements import require_for
 from rona_core.app.sound_activities import perform
 from rona_core.app.store import Change, Store
 from rona_core.app.threads import use_one_thread
@@ -116,8 +117,10 @@ class Workbench:
         """Start an activity as a job and return at once.
 
         Raises:
+            StepBlockedError: an earlier step is missing or stale.
             DeviceError: the devices are busy with another job.
         """
+        require_for(activity, self.session)
 
         def work(progress: Progress, cancel: Cancel) -> int:
             self._keep(self.session)

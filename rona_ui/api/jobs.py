@@ -9,7 +9,6 @@ from fastapi import APIRouter, Depends, Response
 from rona_core.app.hub import Hub
 from rona_core.app.jobs import JobState, JobStatus
 from rona_core.app.messages import ACTIVITIES
-from rona_core.app.requirements import require_for
 from rona_core.app.workbench import Workbench
 from rona_core.errors import NotFoundError
 from rona_ui.api.commands import body_of
@@ -45,10 +44,9 @@ def start(bench: Workbench, activity: Any, response: Response) -> JobInfo:
     """Start an activity and say where to ask for it.
 
     Raises:
-        StepBlockedError: an earlier step is missing.
+        StepBlockedError: an earlier step is missing or stale.
         DeviceError: the devices are busy.
     """
-    require_for(activity, bench.session)
     status = bench.start(activity)
     response.headers["Location"] = f"{PREFIX}/jobs/{status.id}"
     return job_info(bench, status)
