@@ -185,7 +185,21 @@ def quality_rows(
             of their own, and whose stale results have no figures: they would be compared with the
             truth of another set-up.
     """
+    if session is not None:
+        figures = {**figures, **_known_at_once(session)}
     return tuple(_row(key, figures.get(key), figures, session) for key in FIGURES)
+
+
+def _known_at_once(session: Session) -> dict[str, float]:
+    """Return figures that the session tells without the truth, which takes seconds to ask."""
+    results, known = session.results, dict[str, float]()
+    if results.tool is not None:
+        known["tool_tip_sigma_mm"] = results.tool.value.tip_sigma_mm
+    if results.pointer is not None:
+        known["pointer_tip_sigma_mm"] = results.pointer.value.tip_sigma_mm
+    if results.smoothing is not None:
+        known["path_deviation_max_mm"] = float(results.smoothing.value.from_filtered_mm.max())
+    return known
 
 
 def _row(key: str, value: Any, figures: Mapping[str, Any], session: Session | None) -> QualityRow:
