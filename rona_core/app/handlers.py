@@ -47,6 +47,7 @@ from rona_core.app.setup_handlers import handle, robot_choice
 from rona_core.app.staleness import input_digests, stale_reason
 from rona_core.errors import StaleResultError, StepBlockedError
 from rona_core.path.edits import PathEdits
+from rona_core.robot.plan import RobotPlan
 from rona_core.session.document import Capture, Derived, Session
 from rona_core.ultrasound.corrections import BoundaryEdits
 
@@ -214,7 +215,7 @@ def _(message: ApplyBasePlacement, session: Session) -> Session:
 @handle.register
 def _(message: ChooseRoll, session: Session) -> Session:
     require_inputs(type(message), session)
-    searched = need(session.results.roll, "search the roll (step 7)")
+    searched: Derived[RobotPlan] = need(session.results.roll, "search the roll (step 7)")
     plan = derive_chosen_roll(session, searched.value, message.index, message.branch)
     arguments = {**searched.arguments, "chosen": message.index, "branch": message.branch}
     made = Derived(plan, searched.message, arguments, searched.inputs)

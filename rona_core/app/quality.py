@@ -246,7 +246,11 @@ def _with_own_word(key: str, judged: Verdict, session: Session) -> tuple[Verdict
 
 def worst(verdicts: Iterable[Verdict]) -> Verdict:
     """Return the worst of some verdicts; "none" where there are none."""
-    return min(verdicts, key=WORST_FIRST.index, default="none")
+    found = set(verdicts)
+    for one in WORST_FIRST:
+        if one in found:
+            return one
+    return "none"
 
 
 def judgement(rows: Iterable[QualityRow], step: str) -> Judgement:

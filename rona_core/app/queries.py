@@ -118,16 +118,20 @@ def partial_reason(name: str, session: Session) -> str | None:
     if name == "maps":
         cut = partial_reason("scan", session)
         return None if cut is None else f"the maps cover only part of the path: {cut}"
-    held: Any = getattr(session.captures, name, None)
-    strokes = held if isinstance(held, tuple) else (held,)
     if name == "path" and is_pattern(session):
         return None
+    if name == "scan":
+        scan = session.captures.scan
+        if scan is None or not scan.partial:
+            return None
+        came = len(scan.scans)
+        planned = max(came, planned_scans(session))
+        return f"the scan stopped early, after {came} of {planned} A-scans"
+    held: Any = getattr(session.captures, name, None)
+    strokes: list[Any] = [*held] if isinstance(held, tuple) else [held]
     if not any(stroke is not None and stroke.partial for stroke in strokes):
         return None
-    if name != "scan":
-        return "the recording was stopped early: do it again, or go on with what came"
-    came, planned = len(held.scans), planned_scans(session)
-    return f"the scan stopped early, after {came} of {max(came, planned)} A-scans"
+    return "the recording was stopped early: do it again, or go on with what came"
 
 
 def summary(step: str, session: Session) -> str:
