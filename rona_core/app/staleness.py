@@ -1,5 +1,6 @@
 """What each result is computed from, and whether that has changed since."""
 
+from functools import lru_cache
 from typing import Any
 
 from rona_core.app.capture_setup import SCANS, capture_setup_digest
@@ -196,6 +197,7 @@ def usable_speed(session: Session) -> SpeedCalibration | None:
     return held.value
 
 
+@lru_cache(maxsize=128)  # a few sessions: they never change, and each result asks those before it
 def stale_reason(name: str, session: Session) -> str | None:
     """Return why a result (``"roll"``) or capture (``"capture scan"``) is stale, or None."""
     if name.startswith("capture "):
