@@ -28,6 +28,7 @@ from rona_core.app.inputs import (
     missing,
 )
 from rona_core.app.messages import (
+    COMMANDS,
     ApplyBasePlacement,
     BuildPath,
     BuildSurface,
@@ -119,9 +120,17 @@ def blocked_reason(message_type: type, session: Session) -> str | None:
         reason = placed_reason(session)
         if reason is not None:
             return reason
-    if message_type not in OF_STALE and (reason := _stale_before(inputs, session)) is not None:
-        return reason
+    if message_type not in OF_STALE:
+        # to compute anew from a capture that is stale changes nothing: the result is stale, too
+        again = message_type.__name__ in COMMANDS
+        behind = tuple(i for i in inputs if not (again and _is_capture(i)))
+        if (reason := _stale_before(behind, session)) is not None:
+            return reason
     return plan_reason(session) if message_type is StartScan else None
+
+
+def _is_capture(item: Input) -> bool:
+    return item.upstream is not None and item.upstream.startswith("capture ")
 
 
 def _stale_before(inputs: tuple[Input, ...], session: Session) -> str | None:
