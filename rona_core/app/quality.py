@@ -96,7 +96,7 @@ FIGURES: dict[str, FigureKind] = {
     "surface_sigma_predicted_mm": FigureKind(
         "Surface cloud, predicted RMS", "surface", "mm", 2, 0.5
     ),
-    "surface_tip_3d_rms_mm": FigureKind("Pointer tip on the surface, 3D RMS", "surface", "mm", 2),
+    "surface_tip_3d_rms_mm": FigureKind("Pointer tip on surface, 3D RMS", "surface", "mm", 2),
     "skull_registration_tre_mm": FigureKind(
         "Loaded skull, TRE on the skull", "registration", "mm", 2, 1.5
     ),

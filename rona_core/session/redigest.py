@@ -7,9 +7,9 @@ result is fresh by the old rule, and so by the new one, which looks at fewer of 
 
 from typing import Any
 
+from rona_core.devices.settings import ROOM_C
 from rona_core.session.codec import digest
 
-ROOM_C = 22.0
 NO_ARM = ("contact", "latency_ms")  # of the robot's settings, that results never depended on
 DRIVEN = ("roll", "placement", "second")  # they depend on the speed of the scan
 BLOCK_PROBE = {"pitch_mm": 1.0, "line_temperature_c": ROOM_C}

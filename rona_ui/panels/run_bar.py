@@ -31,7 +31,9 @@ class StepTitle:
         if state.state == "blocked":
             html += style.note(f"Blocked: {state.reason}.", "warn")
         elif state.state == "stale":
-            again = "Do it again" if state.blocked is None else f"Again only once: {state.blocked}"
+            again = "Do it again"
+            if state.blocked is not None:
+                again = state.blocked[:1].upper() + state.blocked[1:]
             html += style.note(f"Stale: {state.reason}. {again}.", "warn")
         elif state.state == "partial" or (state.state == "ready" and state.reason != "ready"):
             html += style.note(f"{state.reason[:1].upper()}{state.reason[1:]}.", "warn")

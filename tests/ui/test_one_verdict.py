@@ -268,5 +268,5 @@ def test_what_is_behind_another_robot_cannot_be_started(demo):
     assert bar(at).find("button", "Scan").disabled
     title = FakeGui()
     StepTitle(title).render(None, at)
-    assert "first record the tool motion (step 2) again" in title.html()
+    assert "First record the tool motion (step 2) again" in title.html()
     assert not bar(picture(demo, "scan")).find("button", "Scan again").disabled
