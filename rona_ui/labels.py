@@ -35,6 +35,7 @@ DOING = {
     "StartSonoMapping": "Mapping the scan by hand",
     "StartReplay": "Computing all results again",
     "StartRobotMove": "Moving the robot",
+    "StartRetract": "Drawing the probe back",
 }
 # step that an activity belongs to; a recording may belong to several
 STEP_OF = {

@@ -120,6 +120,7 @@ class Backdrop:
     home_rad: Floats
     head_axes_base: Floats | None = None  # (3, 3) columns right, front, top; None if not known
     T_base_basemarker: Pose | None = None  # None where there is none
+    robot: str = ""  # model of the robot; "" where nobody said
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -9,7 +9,6 @@ from rona_core.app.derive_placement import derive_placement
 from rona_core.app.derive_scan import derive_mapping, derive_roll, derive_second, lean
 from rona_core.app.derive_skull import derive_registration
 from rona_core.app.derive_sono import derive_sono_mapping
-from rona_core.app.inputs import require_for, require_inputs
 from rona_core.app.messages import (
     BuildPath,
     BuildSurface,
@@ -23,6 +22,7 @@ from rona_core.app.messages import (
     StartPointerCapture,
     StartRecordingImport,
     StartReplay,
+    StartRetract,
     StartRobotMove,
     StartRollSearch,
     StartScan,
@@ -56,6 +56,7 @@ from rona_core.app.outcomes import (
 )
 from rona_core.app.plain import plain_arguments
 from rona_core.app.replay import replay_report
+from rona_core.app.requirements import require_for, require_inputs
 from rona_core.app.scan_capture import capture_scan
 from rona_core.app.sono_capture import capture_sono_calibration, capture_sono_scan
 from rona_core.app.sound_messages import StartBlockShots, StartReferencePoints
@@ -87,13 +88,15 @@ DEVICE_ACTIVITIES = (
     StartSonoCalibration,
     StartSonoScan,
     StartRobotMove,
+    StartRetract,
     StartReferencePoints,
     StartBlockShots,
 )
 
 # those that drive the robot, by name; the others use tracker, probe or hand alone
 ROBOT_ACTIVITIES = frozenset(
-    kind.__name__ for kind in (StartToolCapture, StartScan, StartSecondScan, StartRobotMove)
+    kind.__name__
+    for kind in (StartToolCapture, StartScan, StartSecondScan, StartRobotMove, StartRetract)
 )
 
 
@@ -242,8 +245,9 @@ def _(activity: StartSonoCalibration, session: Session, tools: Toolbox) -> Messa
     pivot, spin = capture_sono_calibration(activity, session, tools)
     if spin is None:
         return (StoreSonoPivot(pivot),)
-    both = (StoreSonoPivot(pivot), StoreSonoSpin(spin))
-    return both if spin.partial else (*both, CalibrateSono())
+    if spin.partial:  # the two count together
+        return (StoreSonoPivot(replace(pivot, partial=True)), StoreSonoSpin(spin))
+    return (StoreSonoPivot(pivot), StoreSonoSpin(spin), CalibrateSono())
 
 
 @perform.register
@@ -263,6 +267,12 @@ def _(activity: StartSonoMapping, session: Session, tools: Toolbox) -> Messages:
 @perform.register
 def _(activity: StartReplay, session: Session, tools: Toolbox) -> Messages:
     return (Answer(tools.run(replay_report, session)),)
+
+
+@perform.register
+def _(activity: StartRetract, session: Session, tools: Toolbox) -> Messages:
+    captures.draw_probe_back(session, tools)
+    return ()
 
 
 @perform.register

@@ -282,6 +282,16 @@ class StartReplay:
 
 
 @dataclass(frozen=True, slots=True)
+class StartRetract:
+    """Draw the probe straight back along its axis from the bone it stands on, as after a stop.
+
+    The line is certified first; where the probe stands clear of everything it is refused.
+    """
+
+    __pydantic_config__: ClassVar = STRICT
+
+
+@dataclass(frozen=True, slots=True)
 class StartRobotMove:
     """Move the robot to joint angles in degrees; refused unless the motion is certified."""
 

@@ -154,6 +154,24 @@ def move_robot(activity: StartRobotMove, session: Session, tools: Toolbox) -> No
     drive_to(q_rad, session, tools)
 
 
+def draw_probe_back(session: Session, tools: Toolbox) -> None:
+    """Draw the probe back along its axis from where it stands, certified first.
+
+    Raises:
+        StepBlockedError: it stands clear of everything.
+        NotReachableError: the joints or something in the way do not allow it; it says why.
+        CancelledError: somebody pressed Cancel or Stop on the way.
+    """
+    model = robot_model(session.setup.devices.robot.model)
+    begin(session, tools)
+    clock = tools.rig.clock
+    clock.wait_until(clock.now() + ARRIVAL_S)  # until it is known where it came to rest
+    moves = FreeMoves(model, session_obstacles(session))
+    line = moves.back(tools.rig.robot.state().q_rad)
+    if not finish(tools.rig.robot.move(line.times_s, line.qs_rad), tools):
+        raise CancelledError("the robot was stopped while it drew the probe back: retract again")
+
+
 def _check_joints(q_rad: Floats, model: RobotModel) -> None:
     outside = (q_rad < model.lower_rad) | (q_rad > model.upper_rad)
     if outside.any():

@@ -8,9 +8,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from rona_core.app.inputs import require_loaded
 from rona_core.app.messages import StartSkullRegistration
-from rona_core.app.needs import need
+from rona_core.app.needs import need, require_loaded
 from rona_core.arrays import Floats, Vector3
 from rona_core.devices.protocols import Cancel, Progress, never, silent
 from rona_core.errors import DegenerateGeometryError

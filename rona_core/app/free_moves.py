@@ -1,7 +1,7 @@
 """Every move of the robot that is not a scan: planned and certified among what stands around."""
 
 from rona_core.arrays import Floats
-from rona_core.errors import NotReachableError
+from rona_core.errors import NotReachableError, StepBlockedError
 from rona_core.robot.collision import CollisionWorld, clear_among, require_clear
 from rona_core.robot.draw_back import draw_back
 from rona_core.robot.model import RobotModel
@@ -31,13 +31,30 @@ class FreeMoves:
         """
         model, motions = self._model, list[Trajectory]()
         require_clear(model, self._free, goal_rad)
-        if not self._world.clear(start_rad[None])[0]:
+        if not self.stands_clear(start_rad):
             motions.append(self._away(start_rad))
             start_rad = motions[-1].qs_rad[-1]
         planned = plan_joint_move(start_rad, goal_rad, model, clear=self._world.clear)
         certificate = verify_motion(model, planned, obstacles=self._free)
         require_certified("the move", certificate, planned, self._free)
         return (*motions, planned)
+
+    def back(self, start_rad: Floats) -> Trajectory:
+        """Return the certified motion that draws the probe back along its axis from the bone.
+
+        Raises:
+            StepBlockedError: it stands clear of everything.
+            NotReachableError: there is no such motion, or the verifier refuses it.
+        """
+        if self.stands_clear(start_rad):
+            raise StepBlockedError(
+                "StartRetract is blocked: the probe stands clear of everything, move the robot"
+            )
+        return self._away(start_rad)
+
+    def stands_clear(self, q_rad: Floats) -> bool:
+        """Return whether nothing is touched, or nearly so, at joint angles (6,)."""
+        return bool(self._world.clear(q_rad[None])[0])
 
     def _away(self, start_rad: Floats) -> Trajectory:
         model, around = self._model, self._around
@@ -57,10 +74,11 @@ def require_certified(
     what: str, certificate: Certificate, motion: TimedMotion, around: Obstacles
 ) -> None:
     """Raise NotReachableError unless this motion was certified among what stands around now."""
-    if certificate.certifies(motion, around.digest()):
+    same = around.has_digest(certificate.obstacles)
+    if same and certificate.certifies(motion, certificate.obstacles):
         return
     reasons = "; ".join(check.sentence for check in certificate.failures())
     if not reasons:
-        other = "motion" if certificate.obstacles == around.digest() else "surroundings"
+        other = "motion" if same else "surroundings"
         reasons = f"the certificate belongs to another {other}, plan it again"
     raise NotReachableError(f"{what} is refused: {reasons}")

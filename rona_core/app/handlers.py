@@ -7,7 +7,6 @@ from rona_core.app import boundary_edits as boundary_edits  # its handlers count
 from rona_core.app.derive import SHORT
 from rona_core.app.derive_placement import require_move
 from rona_core.app.derive_scan import derive_chosen_roll
-from rona_core.app.inputs import require_inputs
 from rona_core.app.messages import (
     ApplyBasePlacement,
     BuildPath,
@@ -22,6 +21,7 @@ from rona_core.app.messages import (
     SetRobot,
     SmoothScanPath,
 )
+from rona_core.app.needs import need
 from rona_core.app.outcomes import (
     StoreBasePlacement,
     StoreMaps,
@@ -42,19 +42,41 @@ from rona_core.app.outcomes import (
 from rona_core.app.path_commands import PathChange
 from rona_core.app.path_edits import edited
 from rona_core.app.plain import message_from, plain_arguments
+from rona_core.app.requirements import require_inputs
 from rona_core.app.setup_handlers import handle, robot_choice
 from rona_core.app.staleness import input_digests, stale_reason
 from rona_core.errors import StaleResultError, StepBlockedError
 from rona_core.path.edits import PathEdits
+from rona_core.robot.plan import RobotPlan
 from rona_core.session.document import Capture, Derived, Session
+from rona_core.ultrasound.corrections import BoundaryEdits
 
 # ------------------------------------------------------------------ captures: always kept
 
 
 def captured(session: Session, capture: Capture, **parts: Any) -> Session:
-    """Return the session with a capture in its place, and in the archive."""
-    captures = replace(session.captures, **parts)
-    return replace(session, captures=captures, archive=(*session.archive, capture))
+    """Return the session with a capture in its place, and in the archive.
+
+    One that was stopped early takes no place of a whole one that is not stale: the archive alone
+    has it then, and all that rests on the whole one stays as it was.
+    """
+    archive = (*session.archive, capture)
+    if capture.partial and all(_stands(name, session) for name in parts):
+        return replace(session, archive=archive)
+    return replace(session, captures=replace(session.captures, **parts), archive=archive)
+
+
+def _stands(name: str, session: Session) -> bool:
+    """Return whether there is a whole capture of this name that is not stale."""
+    held = getattr(session.captures, name)
+    captures = held if isinstance(held, tuple) else (held,)
+    whole = all(capture is not None and not capture.partial for capture in captures)
+    return bool(captures) and whole and stale_reason(f"capture {name}", session) is None
+
+
+def _without_edits(before: Session, after: Session, edits: BoundaryEdits) -> Session:
+    """Return ``after`` with what is left of the edits, where it has another capture."""
+    return after if after.captures is before.captures else replace(after, boundary_edits=edits)
 
 
 @handle.register
@@ -80,8 +102,8 @@ def _(message: StorePathCapture, session: Session) -> Session:
 
 @handle.register
 def _(message: StoreScanCapture, session: Session) -> Session:
-    session = replace(session, boundary_edits=session.boundary_edits.of("hand"))  # not of these
-    return captured(session, message.capture, scan=message.capture)
+    after = captured(session, message.capture, scan=message.capture)
+    return _without_edits(session, after, session.boundary_edits.of("hand"))  # not of these
 
 
 @handle.register
@@ -96,8 +118,8 @@ def _(message: StoreSonoSpin, session: Session) -> Session:
 
 @handle.register
 def _(message: StoreSonoScan, session: Session) -> Session:
-    session = replace(session, boundary_edits=session.boundary_edits.without("hand"))
-    return captured(session, message.capture, sono_scan=message.capture)
+    after = captured(session, message.capture, sono_scan=message.capture)
+    return _without_edits(session, after, session.boundary_edits.without("hand"))
 
 
 @handle.register
@@ -192,9 +214,8 @@ def _(message: ApplyBasePlacement, session: Session) -> Session:
 
 @handle.register
 def _(message: ChooseRoll, session: Session) -> Session:
-    searched = session.results.roll
-    if searched is None:
-        raise StepBlockedError("ChooseRoll is blocked: first search the roll (step 7)")
+    require_inputs(type(message), session)
+    searched: Derived[RobotPlan] = need(session.results.roll, "search the roll (step 7)")
     plan = derive_chosen_roll(session, searched.value, message.index, message.branch)
     arguments = {**searched.arguments, "chosen": message.index, "branch": message.branch}
     made = Derived(plan, searched.message, arguments, searched.inputs)
@@ -235,8 +256,8 @@ def _(message: StoreSecondPlan, session: Session) -> Session:
 
 @handle.register
 def _(message: StoreSecondCapture, session: Session) -> Session:
-    session = replace(session, boundary_edits=session.boundary_edits.without("second"))
-    return captured(session, message.capture, second=message.capture)
+    after = captured(session, message.capture, second=message.capture)
+    return _without_edits(session, after, session.boundary_edits.without("second"))
 
 
 def _require_unchanged(name: str, inputs: dict[str, str], session: Session) -> None:

@@ -1,45 +1,13 @@
-"""What can be an input of a result, and what must be there before a message makes sense."""
+"""What can be an input of a result, and how it is read from a session."""
 
 from collections.abc import Callable
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, replace
 from typing import Any
 
-from rona_core.app.messages import (
-    ApplyBasePlacement,
-    BuildPath,
-    BuildSurface,
-    CalibrateDelayLine,
-    CalibratePointer,
-    CalibrateSono,
-    CalibrateSoundSpeed,
-    DeletePathPoint,
-    DrawPattern,
-    InsertPathPoint,
-    KeepPathSample,
-    MovePathPoint,
-    RegisterTool,
-    SmoothScanPath,
-    StartBasePlacement,
-    StartMapping,
-    StartPathCapture,
-    StartPointerCapture,
-    StartRecordingImport,
-    StartReferencePoints,
-    StartRollSearch,
-    StartScan,
-    StartSecondPlan,
-    StartSecondScan,
-    StartSkullRegistration,
-    StartSonoCalibration,
-    StartSonoMapping,
-    StartSonoScan,
-    StartSurfaceCapture,
-    StartToolCapture,
-)
-from rona_core.errors import StepBlockedError
+from rona_core.app.messages import DrawPattern
+from rona_core.devices.settings import ROOM_C
 from rona_core.session.document import Session
-from rona_core.session.reference import placed_reason
-from rona_core.session.specimen import LoadedSkull
+from rona_core.session.reference import found_again
 
 
 @dataclass(frozen=True, slots=True)
@@ -50,6 +18,7 @@ class Input:
     wanted: str  # what to do to get it, for the message
     upstream: str | None = None  # the result or capture that may itself be stale
     optional: bool = False  # the result can do without it
+    earlier: Callable[[Session], Any] | None = None  # how older files read it
 
 
 def _value(name: str) -> Callable[[Session], Any]:
@@ -60,13 +29,10 @@ def _value(name: str) -> Callable[[Session], Any]:
     return read
 
 
-def _arm(session: Session) -> dict[str, Any]:
-    """Return what a registration or a plan depends on: not how the probe is pressed on."""
-    robot = session.setup.devices.robot
-    scan_only = ("contact", "latency_ms")
-    names = [f.name for f in fields(robot) if f.name not in scan_only]
-    # it reads like the settings did before they knew of contact, so that older results stay valid
-    return {"$type": type(robot).__name__, **{name: getattr(robot, name) for name in names}}
+def _block_probe(session: Session) -> Any:
+    """Return the probe as the block knows it: used elsewhere its line may be warmer."""
+    probe = session.setup.devices.probe
+    return replace(probe, line_temperature_c=ROOM_C, pitch_mm=1.0)
 
 
 TOOL_CAPTURE = Input(lambda s: s.captures.tool, "record the tool motion (step 2)", "capture tool")
@@ -103,13 +69,25 @@ ANY_TOOL = Input(_value("tool"), "register the tool (step 2)", "tool", optional=
 ANY_SURFACE = Input(_value("surface"), "sample the surface (step 4)", "surface", optional=True)
 SKULL = Input(lambda s: s.setup.specimen, "load a skull (step 1)")
 REGION = Input(lambda s: s.setup.region, "choose a region (step 1)")
+RADIUS = Input(lambda s: s.setup.region.radius_mm, "choose a region (step 1)")
 DETECTION = Input(_value("detection"), "detect the boundaries (step 9)", "detection")
 SECOND = Input(_value("second"), "plan the second pass (step 9)", "second")
 ANY_SECOND = Input(lambda s: s.captures.second, "scan the gaps again (step 9)", optional=True)
 ANY_SECOND_DETECTION = Input(_value("second_detection"), "detect the boundaries", optional=True)
 MAPS = Input(_value("maps"), "compute the maps (step 9)", "maps")
-ROBOT = Input(_arm, "choose a robot (step 1)")
-REFERENCE = Input(lambda s: s.setup.use_base_marker, "choose the reference (step 1)")
+# Of the robot's settings a computation uses its geometry, a plan also the speed. Whether it errs
+# and where its base stands count in captures.
+MODEL = Input(lambda s: s.setup.devices.robot.model, "choose a robot (step 1)")
+SCAN_SPEED = Input(lambda s: s.setup.devices.robot.scan_speed_mm_per_s, "choose a speed (step 1)")
+BASE = Input(
+    lambda s: (s.setup.devices.robot.base_shift_mm, s.setup.devices.robot.base_turn_deg),
+    "choose where the base stands (step 1)",
+)
+# False where the tracker has moved and may not be found again; it counts for nothing else
+_CHOOSE = "choose the reference (step 1)"
+SURFACE_REFERENCE = Input(lambda s: found_again(s, s.captures.surface), _CHOOSE)
+PATH_REFERENCE = Input(lambda s: found_again(s, (s.captures.path,)), _CHOOSE)
+HAND_REFERENCE = Input(lambda s: found_again(s, (s.captures.sono_scan,)), _CHOOSE)
 EDITS = Input(lambda s: s.path_edits, "smooth the path (step 6)")
 BOUNDARY_EDITS = Input(lambda s: s.boundary_edits.without("hand"), "scan (step 8)")
 HAND_EDITS = Input(lambda s: s.boundary_edits.of("hand"), "scan by hand (step 9)")
@@ -120,39 +98,10 @@ REFERENCES = Input(
 )
 BLOCK = Input(lambda s: s.captures.block, "take A-scans on the block (step 1)", "capture block")
 PROBE = Input(lambda s: s.setup.devices.probe, "choose a probe (step 1)")
-
-# message -> what must be there before it makes sense
-NEEDS: dict[type, tuple[Input, ...]] = {
-    StartToolCapture: (),
-    RegisterTool: (TOOL_CAPTURE,),
-    StartPointerCapture: (),
-    CalibratePointer: (POINTER_CAPTURE,),
-    StartSurfaceCapture: (TOOL, POINTER),
-    BuildSurface: (SURFACE_CAPTURE, TOOL, POINTER),
-    StartSkullRegistration: (SURFACE,),
-    StartPathCapture: (TOOL, POINTER),
-    BuildPath: (PATH_CAPTURE, TOOL, POINTER),
-    DrawPattern: (SURFACE,),
-    SmoothScanPath: (PATH, SURFACE),
-    MovePathPoint: (SMOOTHING, SURFACE),
-    InsertPathPoint: (SMOOTHING, SURFACE),
-    DeletePathPoint: (SMOOTHING,),
-    KeepPathSample: (PATH, SURFACE),
-    StartRollSearch: (SMOOTHING,),
-    StartBasePlacement: (SMOOTHING,),
-    ApplyBasePlacement: (PLACEMENT,),
-    StartScan: (ROLL,),
-    StartMapping: (SCAN_CAPTURE, SURFACE),
-    StartReferencePoints: (SCAN_CAPTURE, DETECTION),
-    CalibrateSoundSpeed: (REFERENCES, DETECTION),
-    CalibrateDelayLine: (BLOCK,),
-    StartSecondPlan: (SCAN_CAPTURE, SURFACE, MAPS),
-    StartSecondScan: (SECOND,),
-    StartSonoCalibration: (),
-    CalibrateSono: (SONO_PIVOT, SONO_SPIN),
-    StartSonoScan: (SONO_CALIBRATION,),
-    StartSonoMapping: (SONO_SCAN, SONO_CALIBRATION),
-}
+BLOCK_PROBE = Input(_block_probe, "choose a probe (step 1)")
+HAND_PROBE = Input(  # in the hand it fires by the clock, not by the way
+    lambda s: replace(s.setup.devices.probe, pitch_mm=1.0), "choose a probe (step 1)"
+)
 
 
 def missing(inputs: tuple[Input, ...], session: Session) -> str | None:
@@ -161,46 +110,6 @@ def missing(inputs: tuple[Input, ...], session: Session) -> str | None:
         if not item.optional and item.read(session) in (None, ()):
             return item.wanted
     return None
-
-
-def require_inputs(message_type: type, session: Session) -> None:
-    """Raise StepBlockedError if ``session`` lacks what the message needs."""
-    wanted = missing(NEEDS.get(message_type, ()), session)
-    if wanted is not None:
-        raise StepBlockedError(f"{message_type.__name__} is blocked: first {wanted}")
-    if message_type in (StartSurfaceCapture, StartPathCapture):
-        reason = placed_reason(session)
-        if reason is not None:
-            raise StepBlockedError(f"{message_type.__name__} is blocked: {reason}")
-
-
-def require_loaded(session: Session) -> LoadedSkull:
-    """Return the loaded skull of a session.
-
-    Raises:
-        StepBlockedError: a simulated skull lies on the table.
-    """
-    skull = session.setup.specimen
-    if not isinstance(skull, LoadedSkull):
-        raise StepBlockedError(
-            "the registration of the skull needs a loaded CT, mask or mesh: a simulated skull has "
-            "no file to register to; load one in step 1"
-        )
-    return skull
-
-
-def require_for(activity: Any, session: Session) -> None:
-    """Raise StepBlockedError if ``session`` lacks what an activity needs."""
-    kind = type(activity)
-    if isinstance(activity, StartSkullRegistration):
-        require_loaded(session)
-    if isinstance(activity, StartRecordingImport):  # needs what the capture it stands for needs
-        kind = {
-            "pivot": StartPointerCapture,
-            "surface": StartSurfaceCapture,
-            "path": StartPathCapture,
-        }[activity.purpose]
-    require_inputs(kind, session)
 
 
 def is_pattern(session: Session) -> bool:

@@ -14,6 +14,7 @@ from rona_core.app.activity_messages import (
     StartPointerCapture,
     StartRecordingImport,
     StartReplay,
+    StartRetract,
     StartRobotMove,
     StartRollSearch,
     StartScan,
@@ -141,6 +142,7 @@ Activity = (
     | StartSonoMapping
     | StartReplay
     | StartRobotMove
+    | StartRetract
 )
 COMMANDS: dict[str, type] = {kind.__name__: kind for kind in get_args(Command)}
 ACTIVITIES: dict[str, type] = {kind.__name__: kind for kind in get_args(Activity)}
@@ -198,6 +200,7 @@ __all__ = [
     "StartRecordingImport",
     "StartReferencePoints",
     "StartReplay",
+    "StartRetract",
     "StartRobotMove",
     "StartRollSearch",
     "StartScan",

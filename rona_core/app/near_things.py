@@ -15,7 +15,7 @@ from rona_core.errors import InvalidInputError
 from rona_core.robot.collision import CollisionWorld
 from rona_core.robot.envelope import outer_bounds
 from rona_core.robot.model import robot_model
-from rona_core.robot.obstacles import Box, Capsule, Hull, Obstacle
+from rona_core.robot.obstacles import Box, Capsule, Hull, Obstacle, Obstacles
 from rona_core.robot.shape import link_shapes
 from rona_core.session.document import Session
 
@@ -67,6 +67,18 @@ def collision_world(session: Session) -> CollisionWorld:
         while len(_WORLDS) > _WORLDS_KEPT:
             _WORLDS.popitem(last=False)
     return known[1]
+
+
+def stands_clear(session: Session, q_rad: Floats) -> bool:
+    """Return whether nothing is touched, not even by the delay line, at joint angles (6,)."""
+    name, around = session.setup.devices.robot.model, session_obstacles(session)
+    return _stands_clear(name, around, q_rad.tobytes())
+
+
+@lru_cache(maxsize=8)  # a picture asks whenever it is drawn
+def _stands_clear(name: str, around: Obstacles, q_rad: bytes) -> bool:
+    world = CollisionWorld(robot_model(name), around.without_touch())
+    return bool(world.clear(np.frombuffer(q_rad)[None])[0])
 
 
 def near_pairs(session: Session, q_rad: Floats) -> tuple[Nearness, ...]:

@@ -1,7 +1,7 @@
 """What can be asked of a session: the state of each step, its results in short, its frames."""
 
 from dataclasses import dataclass
-from typing import Literal
+from typing import Any, Literal
 
 from rona_core.app.inputs import (
     PATH,
@@ -19,11 +19,23 @@ from rona_core.app.inputs import (
     is_pattern,
     missing,
 )
+from rona_core.app.messages import (
+    SmoothScanPath,
+    StartMapping,
+    StartPathCapture,
+    StartPointerCapture,
+    StartRollSearch,
+    StartScan,
+    StartSurfaceCapture,
+    StartToolCapture,
+)
+from rona_core.app.requirements import blocked_reason, plan_reason
 from rona_core.app.staleness import stale_reason
+from rona_core.app.views import planned_scans
 from rona_core.session.document import STEPS, Session
 from rona_core.session.reference import carried_remark, placed_reason
 
-State = Literal["done", "ready", "blocked", "stale"]
+State = Literal["done", "partial", "ready", "blocked", "stale"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -34,7 +46,8 @@ class StepState:
     name: str
     title: str
     state: State
-    reason: str  # why blocked or stale, or a line about the result
+    reason: str  # why blocked, stale or partial, or a line about the result
+    blocked: str | None = None  # what is to be done before it can be started, again too
 
 
 TITLES = {
@@ -48,31 +61,35 @@ TITLES = {
     "scan": "Scan",
     "maps": "Maps",
 }
-# step -> (what it needs, what it leaves behind)
-FLOW: dict[str, tuple[tuple[Input, ...], tuple[Input, ...]]] = {
-    "tool": ((), (TOOL_CAPTURE, TOOL)),
-    "pointer": ((), (POINTER_CAPTURE, POINTER)),
-    "surface": ((TOOL, POINTER), (SURFACE_CAPTURE, SURFACE)),
-    "path": ((TOOL, POINTER), (PATH_CAPTURE, PATH)),
-    "smoothing": ((PATH, SURFACE), (SMOOTHING,)),
-    "roll": ((SMOOTHING,), (ROLL,)),
-    "scan": ((ROLL,), (SCAN_CAPTURE,)),
-    "maps": ((SCAN_CAPTURE, SURFACE), ()),
+# step -> (what does it, what that leaves behind)
+FLOW: dict[str, tuple[type, tuple[Input, ...]]] = {
+    "tool": (StartToolCapture, (TOOL_CAPTURE, TOOL)),
+    "pointer": (StartPointerCapture, (POINTER_CAPTURE, POINTER)),
+    "surface": (StartSurfaceCapture, (SURFACE_CAPTURE, SURFACE)),
+    "path": (StartPathCapture, (PATH_CAPTURE, PATH)),
+    "smoothing": (SmoothScanPath, (SMOOTHING,)),
+    "roll": (StartRollSearch, (ROLL,)),
+    "scan": (StartScan, (SCAN_CAPTURE,)),
+    "maps": (StartMapping, ()),
 }
 
 
 def step_states(session: Session) -> tuple[StepState, ...]:
     """Return the state of the nine steps, in order."""
     return tuple(
-        StepState(number, name, TITLES[name], *_state(name, session))
+        StepState(number, name, TITLES[name], *_state(name, session), _blocked(name, session))
         for number, name in enumerate(STEPS, start=1)
     )
+
+
+def _blocked(name: str, session: Session) -> str | None:
+    return None if name == "setup" else blocked_reason(FLOW[name][0], session)
 
 
 def _state(name: str, session: Session) -> tuple[State, str]:
     if name == "setup":
         return "done", summary("setup", session)
-    needs, leaves = FLOW[name]
+    leaves = FLOW[name][1]
     if name == "path" and is_pattern(session):
         leaves = (PATH,)
     results = ("detection", "maps") if name == "maps" else tuple(i.upstream or "" for i in leaves)
@@ -85,21 +102,36 @@ def _state(name: str, session: Session) -> tuple[State, str]:
         for result in results:
             if (reason := stale_reason(result, session)) is not None:
                 return "stale", reason
-        if name == "roll" and session.results.roll and session.results.roll.value.mode == "none":
+        if name == "roll" and plan_reason(session) is not None:
             return "ready", summary("roll", session)
-        if name == "roll" and _is_refused(session):
-            return "ready", summary("roll", session)
+    elif (blocked := _blocked(name, session)) is not None:
+        return "blocked", blocked
+    if (reason := partial_reason(name, session)) is not None and (there or name != "maps"):
+        return "partial", reason
+    if there:
         return "done", summary(name, session)
-    wanted = missing(needs, session)
-    if wanted is not None:
-        return "blocked", f"first {wanted}"
-    if name in ("surface", "path") and (reason := placed_reason(session)) is not None:
-        return "blocked", reason
-    if name == "scan" and session.results.roll and session.results.roll.value.mode == "none":
-        return "blocked", "first find a roll that the robot can traverse (step 7)"
-    if name == "scan" and _is_refused(session):
-        return "blocked", "the verifier refuses the motion (step 7): choose another roll"
-    return "ready", "ready"
+    return "ready", partial_reason(name, session) or "ready"
+
+
+def partial_reason(name: str, session: Session) -> str | None:
+    """Return what a step lacks because a recording was stopped early; None where it is whole."""
+    if name == "maps":
+        cut = partial_reason("scan", session)
+        return None if cut is None else f"the maps cover only part of the path: {cut}"
+    if name == "path" and is_pattern(session):
+        return None
+    if name == "scan":
+        scan = session.captures.scan
+        if scan is None or not scan.partial:
+            return None
+        came = len(scan.scans)
+        planned = max(came, planned_scans(session))
+        return f"the scan stopped early, after {came} of {planned} A-scans"
+    held: Any = getattr(session.captures, name, None)
+    strokes: list[Any] = [*held] if isinstance(held, tuple) else [held]
+    if not any(stroke is not None and stroke.partial for stroke in strokes):
+        return None
+    return "the recording was stopped early: do it again, or go on with what came"
 
 
 def summary(step: str, session: Session) -> str:
@@ -125,14 +157,14 @@ def summary(step: str, session: Session) -> str:
         remark = "" if made else carried_remark(session, strokes)
         return f"{made}{len(results.path.value.points_base)} points{remark}"
     if step == "smoothing" and results.smoothing:
-        kept = results.smoothing.value.simplified
+        smooth = results.smoothing.value
+        kept, off_mm = smooth.simplified, float(smooth.from_filtered_mm.max())
         by_hand = f", {len(session.path_edits)} by hand" if len(session.path_edits) else ""
-        return f"{kept.n_original} to {len(kept.index)} points, K1 {kept.k1_mm:.2f} mm{by_hand}"
+        return f"{kept.n_original} to {len(kept.index)} points, K1 {off_mm:.2f} mm{by_hand}"
     if step == "roll" and results.roll:
         return _roll_summary(session)
     if step == "scan" and session.captures.scan:
-        scan = session.captures.scan
-        return f"{len(scan.scans)} A-scans" + (", stopped early" if scan.partial else "")
+        return partial_reason("scan", session) or f"{len(session.captures.scan.scans)} A-scans"
     if step == "maps" and results.detection and results.maps:
         found = results.detection.value
         return f"inner boundary in {100 * float(found.inner_ok.mean()):.0f} % of A-scans"
@@ -152,13 +184,6 @@ def _roll_summary(session: Session) -> str:
         chosen = f"varying over {plan.roll_variation_deg:.0f}°"
     else:
         chosen = f"{plan.verdicts[plan.chosen].roll_deg:.0f}°"
-    if _is_refused(session):
+    if plan_reason(session) is not None:
         return f"{counts}, {chosen}, refused by the verifier"
     return f"{counts}, {chosen}, {plan.trajectory.times_s[-1]:.0f} s"
-
-
-def _is_refused(session: Session) -> bool:
-    """Return whether a motion is planned that the verifier has refused."""
-    derived = session.results.roll
-    certificate = None if derived is None else derived.value.certificate
-    return certificate is not None and not certificate.certified

@@ -74,11 +74,18 @@ LONG: dict[str, Callable[..., Any]] = {  # what tells its progress and can be ca
 def recompute(session: Session, progress: Progress = silent, cancel: Cancel = never) -> Session:
     """Return the session with every result computed anew; stale ones are left out.
 
+    Each is computed from what it was computed from, as the session holds it: so a last bit that
+    another processor rounds otherwise is told where it arises, and makes nothing stale.
+
     Raises:
         CancelledError: ``cancel`` said so.
     """
     use_one_thread()
     fresh = replace(session, results=type(session.results)())
+    held = session
+    for name in RESULTS:
+        if getattr(session.results, name) is not None and stale_reason(name, session) is not None:
+            held = replace(held, results=replace(held.results, **{name: None}))
     for i, name in enumerate(RESULTS):
         if cancel():
             raise CancelledError("the replay was cancelled")
@@ -89,9 +96,9 @@ def recompute(session: Session, progress: Progress = silent, cancel: Cancel = ne
         def within(share: float, i: int = i) -> None:
             progress((i + share) / len(RESULTS))
 
-        value = _value(name, fresh, stored, within, cancel)
+        value = _value(name, held, stored, within, cancel)
         made = Derived(
-            value, stored.message, stored.arguments, input_digests(name, fresh, stored.message)
+            value, stored.message, stored.arguments, input_digests(name, held, stored.message)
         )
         fresh = replace(fresh, results=replace(fresh.results, **{name: made}))
         within(1.0)

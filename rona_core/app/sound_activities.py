@@ -8,10 +8,10 @@ import numpy as np
 from rona_core.app.activities import Messages, perform
 from rona_core.app.captures import begin
 from rona_core.app.derive_speed import entry_points
-from rona_core.app.inputs import require_inputs
 from rona_core.app.outcomes import StoreBlockCapture, StoreReferences, StoreWhatIf
 from rona_core.app.plain import plain_arguments
 from rona_core.app.pose_timing import probe_poses_of
+from rona_core.app.requirements import require_inputs
 from rona_core.app.sound_messages import (
     CalibrateDelayLine,
     CalibrateSoundSpeed,

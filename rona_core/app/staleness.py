@@ -1,30 +1,38 @@
 """What each result is computed from, and whether that has changed since."""
 
-from dataclasses import replace
+from functools import lru_cache
 from typing import Any
 
+from rona_core.app.capture_setup import SCANS, capture_setup_digest
 from rona_core.app.inputs import (
     ANY_SECOND,
     ANY_SECOND_DETECTION,
     ANY_SURFACE,
     ANY_TOOL,
+    BASE,
     BLOCK,
+    BLOCK_PROBE,
     BOUNDARY_EDITS,
     DETECTION,
     EDITS,
     FIRST_EDITS,
     HAND_EDITS,
+    HAND_PROBE,
+    HAND_REFERENCE,
+    MODEL,
     OUTER_EDITS,
     PATH,
     PATH_CAPTURE,
+    PATH_REFERENCE,
     POINTER,
     POINTER_CAPTURE,
     PROBE,
-    REFERENCE,
+    RADIUS,
     REFERENCES,
     REGION,
-    ROBOT,
+    ROLL,
     SCAN_CAPTURE,
+    SCAN_SPEED,
     SECOND_CAPTURE,
     SKULL,
     SMOOTHING,
@@ -35,68 +43,68 @@ from rona_core.app.inputs import (
     SONO_SPIN,
     SURFACE,
     SURFACE_CAPTURE,
+    SURFACE_REFERENCE,
     TOOL,
     TOOL_CAPTURE,
     Input,
     missing,
 )
 from rona_core.app.messages import DrawPattern
-from rona_core.devices.settings import ROOM_C, TrackerSettings
 from rona_core.errors import StepBlockedError
 from rona_core.robot.obstacles import Obstacles
 from rona_core.session.codec import digest
-from rona_core.session.document import PointerCapture, ScanCapture, Session
+from rona_core.session.document import STEPS, PointerCapture, ScanCapture, Session
 from rona_core.session.imported import is_imported
 from rona_core.session.surroundings import obstacles_of
 from rona_core.ultrasound.delay_line import DelayLine
 from rona_core.ultrasound.sound_speed import SpeedCalibration
 
-BY_HAND = ("sono_pivot", "sono_spin", "sono_scan")  # with the probe in the hand
-SCANS = {"scan": "roll", "second": "capture scan"}  # capture -> what it rests on
-PLAIN = TrackerSettings(stereo=False, occlusion=False)  # the tracker of sessions of schema 1
-
-
-OBSTACLES = Input(lambda s: session_obstacles(s), "say what stands around the robot (step 1)")
+# by their digest, which is the same whatever processor computed them
+OBSTACLES = Input(
+    lambda s: session_obstacles(s).digest(),
+    "say what stands around the robot (step 1)",
+    earlier=lambda s: session_obstacles(s),
+)
 
 KNOWN_LINE = Input(lambda s: usable_line(s), "calibrate the delay line (step 1)", optional=True)
 KNOWN_SPEED = Input(lambda s: usable_speed(s), "calibrate the speed (step 9)", optional=True)
 
+DRIVEN = {"robot": MODEL, "scan speed": SCAN_SPEED, "obstacles": OBSTACLES}  # what plans rest on
 # result -> the names and kinds of its inputs
 RESULT_INPUTS: dict[str, dict[str, Input]] = {
-    "tool": {"capture": TOOL_CAPTURE, "robot": ROBOT},
+    "tool": {"capture": TOOL_CAPTURE, "robot": MODEL},
     "pointer": {"capture": POINTER_CAPTURE},
     "surface": {
         "capture": SURFACE_CAPTURE,
         "tool": TOOL,
         "pointer": POINTER,
-        "reference": REFERENCE,
+        "reference": SURFACE_REFERENCE,
     },
     "registration": {"surface": SURFACE, "skull": SKULL, "region": REGION},
     "path": {
         "capture": PATH_CAPTURE,
         "tool": TOOL,
         "pointer": POINTER,
-        "reference": REFERENCE,
+        "reference": PATH_REFERENCE,
     },
     "smoothing": {"path": PATH, "surface": SURFACE, "edits": EDITS},
-    "roll": {"smoothing": SMOOTHING, "robot": ROBOT, "obstacles": OBSTACLES},
-    "placement": {"smoothing": SMOOTHING, "robot": ROBOT, "obstacles": OBSTACLES},
-    "line": {"block": BLOCK, "probe": PROBE},
+    "roll": {"smoothing": SMOOTHING, **DRIVEN},
+    "placement": {"smoothing": SMOOTHING, "base": BASE, **DRIVEN},
+    "line": {"block": BLOCK, "probe": BLOCK_PROBE},
     "detection": {"capture": SCAN_CAPTURE, "probe": PROBE, "line": KNOWN_LINE},
     "second": {
         "detection": DETECTION,
         "correction by hand": FIRST_EDITS,
         "capture": SCAN_CAPTURE,
         "surface": SURFACE,
-        "robot": ROBOT,
-        "obstacles": OBSTACLES,
+        **DRIVEN,
     },
     "second_detection": {
         "capture": SECOND_CAPTURE,
         "detection": DETECTION,
         "correction by hand": OUTER_EDITS,
         "scan": SCAN_CAPTURE,
-        "robot": ROBOT,
+        "robot": MODEL,
         "probe": PROBE,
         "line": KNOWN_LINE,
     },
@@ -104,7 +112,7 @@ RESULT_INPUTS: dict[str, dict[str, Input]] = {
         "references": REFERENCES,
         "detection": DETECTION,
         "capture": SCAN_CAPTURE,
-        "robot": ROBOT,
+        "robot": MODEL,
     },
     "maps": {
         "detection": DETECTION,
@@ -113,11 +121,11 @@ RESULT_INPUTS: dict[str, dict[str, Input]] = {
         "correction by hand": BOUNDARY_EDITS,
         "capture": SCAN_CAPTURE,
         "surface": SURFACE,
-        "robot": ROBOT,
+        "robot": MODEL,
         "speed": KNOWN_SPEED,
     },
     "sono": {"pivot": SONO_PIVOT, "spin": SONO_SPIN},
-    "sono_detection": {"capture": SONO_SCAN, "tool": ANY_TOOL, "probe": PROBE},
+    "sono_detection": {"capture": SONO_SCAN, "tool": ANY_TOOL, "probe": HAND_PROBE},
     "sono_maps": {
         "detection": SONO_DETECTION,
         "correction by hand": HAND_EDITS,
@@ -125,10 +133,10 @@ RESULT_INPUTS: dict[str, dict[str, Input]] = {
         "capture": SONO_SCAN,
         "tool": ANY_TOOL,
         "surface": ANY_SURFACE,
-        "reference": REFERENCE,
+        "reference": HAND_REFERENCE,
     },
 }
-PATTERN_INPUTS = {"surface": SURFACE}  # of a path that nobody demonstrated
+PATTERN_INPUTS = {"surface": SURFACE, "region": RADIUS}  # of a path that nobody demonstrated
 RESULTS = tuple(RESULT_INPUTS)  # in the order in which they follow from one another
 
 
@@ -189,51 +197,7 @@ def usable_speed(session: Session) -> SpeedCalibration | None:
     return held.value
 
 
-def capture_setup_digest(kind: str, session: Session) -> str:
-    """Return a digest of the part of the set-up that a capture of this kind depends on."""
-    setup, devices = session.setup, session.setup.devices
-    robot = devices.robot
-    seen: list[Any] = [setup.seed]
-    if kind in ("tool", "pointer", "surface", "path", *BY_HAND):
-        seen += [devices.tracker.profile, devices.tracker.rate_hz, *_faults(devices.tracker)]
-    if kind in ("tool", "surface", "path", "references", "sono_scan", *SCANS):
-        seen += [robot.model, robot.base_shift_mm, robot.base_turn_deg]
-    if kind in ("tool", *SCANS):
-        seen += [robot.errors]
-        seen += [robot.latency_ms] if robot.latency_ms else []  # nothing for older captures
-    if kind in ("pointer", "surface", "path"):
-        seen += [devices.pointer]
-    if kind in ("surface", "path", "references", "sono_scan", *SCANS):
-        seen += [digest(setup.specimen), digest(setup.region)]
-    if kind == "block":  # whatever the line is used at later: its temperature was measured
-        seen += [digest(replace(devices.probe, line_temperature_c=ROOM_C, pitch_mm=1.0))]
-    if kind == "sono_scan":
-        seen += [digest(setup.bone), digest(devices.probe)]
-    if kind in SCANS:
-        plan = None if session.results.roll is None else session.results.roll.value
-        # the second pass looks into gaps of the first: it counts as long as that one does
-        before = plan if kind == "scan" else session.captures.scan
-        seen += [digest(setup.bone), digest(devices.probe)]
-        seen += ["" if before is None else digest(before)]
-        seen += [] if robot.contact is None else [digest(robot.contact)]
-    return digest(seen)
-
-
-def _faults(tracker: TrackerSettings) -> list[str]:
-    """Return a digest of what else a capture depends on; nothing for captures of schema 1.
-
-    Where the tracker stands is not among it: a stroke stays valid where it was taken.
-    """
-    rest = replace(
-        tracker,
-        profile=PLAIN.profile,
-        rate_hz=PLAIN.rate_hz,
-        hidden_tools=(),
-        place=PLAIN.place,
-    )
-    return [] if rest == PLAIN else [digest(rest)]
-
-
+@lru_cache(maxsize=128)  # a few sessions: they never change, and each result asks those before it
 def stale_reason(name: str, session: Session) -> str | None:
     """Return why a result (``"roll"``) or capture (``"capture scan"``) is stale, or None."""
     if name.startswith("capture "):
@@ -246,23 +210,59 @@ def stale_reason(name: str, session: Session) -> str | None:
             return reason
         value = item.read(session)
         lost = value in (None, ()) and not item.optional
-        if lost or digest_of(value) != derived.inputs.get(key):
+        if lost or not _is_as_held(item, value, derived.inputs.get(key), session):
             return f"{key} has changed since the {name} result was computed"
     return None
+
+
+def _is_as_held(item: Input, value: Any, held: str | None, session: Session) -> bool:
+    """Return whether an input still has the digest that a result remembers of it."""
+    if held == digest_of(value):
+        return True
+    return item.earlier is not None and held == digest_of(item.earlier(session))
+
+
+def stale_root(inputs: tuple[Input, ...], session: Session) -> Input | None:
+    """Return what is to be done again first, for inputs that may be stale; None if none is.
+
+    It is stale itself, not for the sake of something before it, and belongs to the earliest step.
+    """
+    found = [root for item in inputs for root in _stale_roots(item, session)]
+    return min(found, key=lambda root: _place(root.upstream or ""), default=None)
+
+
+def _stale_roots(item: Input, session: Session) -> list[Input]:
+    name = item.upstream
+    if name is None or stale_reason(name, session) is None:
+        return []
+    before: tuple[Input, ...] = ()
+    if name in ("capture scan", "capture second"):
+        before = (ROLL if name == "capture scan" else SCAN_CAPTURE,)
+    elif derived := getattr(session.results, name, None):
+        before = tuple(inputs_of(name, derived.message).values())
+    roots = [root for one in before for root in _stale_roots(one, session)]
+    return roots or [item]
+
+
+def _place(name: str) -> int:
+    """Return where in the procedure a result or capture comes; what is of no step comes last."""
+    step = name.removeprefix("capture ")
+    return STEPS.index(step) if step in STEPS else len(STEPS)
 
 
 def _stale_capture(kind: str, session: Session) -> str | None:
     held = getattr(session.captures, kind)
     captures = held if isinstance(held, tuple) else (held,)
     now = capture_setup_digest(kind, session)
-    if any(_is_of_another(capture, now, session) for capture in captures):
+    known = (now, capture_setup_digest(kind, session, whole_probe=True))
+    if any(_is_of_another(capture, known, session) for capture in captures):
         return f"the set-up or plan has changed since the {kind} capture was taken"
     if kind in SCANS and held is not None:
         return stale_reason(SCANS[kind], session)
     return None
 
 
-def _is_of_another(capture: Any, now: str, session: Session) -> bool:
+def _is_of_another(capture: Any, known: tuple[str, ...], session: Session) -> bool:
     if isinstance(capture, PointerCapture) and is_imported(capture):
         return capture.pointer != session.setup.devices.pointer  # all that it depends on
-    return capture is not None and capture.setup_digest != now
+    return capture is not None and capture.setup_digest not in known

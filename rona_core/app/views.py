@@ -1,7 +1,11 @@
-"""What the graphs and the replay show of a session: the planned motion."""
+"""What the graphs and the replay show of a session: the planned motion, while it is not stale."""
+
+from functools import lru_cache
 
 import numpy as np
 
+from rona_core.app.scan_capture import fire_times
+from rona_core.app.staleness import stale_reason
 from rona_core.arrays import Floats
 from rona_core.robot.plan import RobotPlan
 from rona_core.session.document import Session
@@ -13,6 +17,20 @@ def plan_of(session: Session, *, second: bool = False) -> RobotPlan | None:
         again = session.results.second
         return None if again is None else again.value.plan
     return None if session.results.roll is None else session.results.roll.value
+
+
+@lru_cache(maxsize=4)  # sessions never change, and the replay asks many times a second
+def motion_stale(session: Session, *, second: bool = False) -> str | None:
+    """Return why the planned motion counts no more, None while it does: then it may be drawn."""
+    return stale_reason("second" if second else "roll", session)
+
+
+def planned_scans(session: Session) -> int:
+    """Return how many A-scans the planned motion has places for; 0 before there is one."""
+    plan = plan_of(session)
+    if plan is None or plan.trajectory is None:
+        return 0
+    return len(fire_times(plan.trajectory, session.setup.devices.probe.pitch_mm))
 
 
 def motion_times(session: Session, *, second: bool = False) -> tuple[float, float, float] | None:

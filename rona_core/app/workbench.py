@@ -12,6 +12,7 @@ from rona_core.app.activities import DEVICE_ACTIVITIES, ROBOT_ACTIVITIES, Answer
 from rona_core.app.exact import require_exact
 from rona_core.app.jobs import Ended, Jobs, JobStatus
 from rona_core.app.messages import COMMANDS
+from rona_core.app.requirements import require_for
 from rona_core.app.sound_activities import perform
 from rona_core.app.store import Change, Store
 from rona_core.app.threads import use_one_thread
@@ -98,6 +99,7 @@ class Workbench:
                 rig = self._services.build_rig(setup)
                 if self._rig is not None:
                     self._rig[1].close()
+                    self.live.clear()  # the new ones stand at rest
                 self._rig = (key, rig)
             held = self._rig[1]
         if self._closed:  # in the meantime: closing does not wait for devices that are being built
@@ -124,10 +126,12 @@ class Workbench:
         """Start an activity as a job and return at once.
 
         Raises:
+            StepBlockedError: an earlier step is missing or stale.
             DeviceError: the devices are busy with another job.
             InvalidInputError: a field has a value of another type.
         """
         require_exact(activity)
+        require_for(activity, self.session)
 
         def work(progress: Progress, cancel: Cancel) -> Ended:
             self._keep(self.session)

@@ -33,6 +33,11 @@ class Live:
         with self._lock:
             self._state = replace(self._state, **parts)
 
+    def clear(self) -> None:
+        """Forget everything: it was said by devices that are no more."""
+        with self._lock:
+            self._state = LiveState()
+
     def get(self) -> LiveState:
         """Return the state now; it never changes afterwards."""
         with self._lock:

@@ -18,6 +18,7 @@ from rona_core.geometry.pose import Pose
 
 HEAD = "head"
 FLAT_MM = 0.5  # a hull thinner than this encloses nothing
+DIGEST_DECIMALS = 6  # of mm, and of the components of axes
 FLOOR_MM = (12000.0, 12000.0, 100.0)
 BAR_MM, BAR_RADIUS_MM = 320.0, 90.0  # half length and radius of the cameras of a tracker
 
@@ -96,7 +97,17 @@ class Obstacles:
         return replace(self, things=things)
 
     def digest(self) -> str:
-        """Return the SHA-256 of all shapes, places and margins, as hexadecimal digits."""
+        """Return the SHA-256 of all shapes, places and margins, as hexadecimal digits.
+
+        They count to the nanometre: the last bits depend on the processor that computed them.
+        """
+        return self._hashed(DIGEST_DECIMALS)
+
+    def has_digest(self, digest: str | None) -> bool:
+        """Return whether a digest is of these things; that of older files took every bit."""
+        return digest in (self.digest(), self._hashed(None))
+
+    def _hashed(self, decimals: int | None) -> str:
         hasher = hashlib.sha256()
         for thing in self.things:
             pose = thing.pose
@@ -105,6 +116,8 @@ class Obstacles:
             hasher.update(f"{thing.name}\n{type(thing.shape).__name__}\n".encode())
             for values in numbers:
                 exact = np.ascontiguousarray(values, dtype="<f8")
+                if decimals is not None:
+                    exact = np.round(exact, decimals) + 0.0  # no negative zero
                 hasher.update(f"{exact.shape}".encode() + exact.tobytes())
         hasher.update(np.float64(self.self_margin_mm).tobytes())
         return hasher.hexdigest()

@@ -4,6 +4,7 @@ from collections.abc import Callable
 from typing import Any
 
 from rona_core.errors import SessionFormatError
+from rona_core.session.redigest import with_present_digests
 
 SCHEMA = 3  # raise it with every change of the document, and add the step below
 
@@ -195,7 +196,8 @@ def _completed(manifest: dict[str, Any]) -> dict[str, Any]:
     session = manifest.get("session")
     if not session:
         return manifest
-    return {**manifest, "session": _without_fields(_with_fields(session, ADDED_IN_3), GONE_FROM_3)}
+    present = _without_fields(_with_fields(session, ADDED_IN_3), GONE_FROM_3)
+    return {**manifest, "session": with_present_digests(present)}
 
 
 def _without_fields(value: Any, gone: dict[str, tuple[str, ...]]) -> Any:

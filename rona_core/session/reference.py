@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import Literal
 
 import numpy as np
@@ -105,6 +106,26 @@ def reference_of(session: Session, capture: PointerCapture | SonoCapture) -> Tra
             f"expected error of {added_mm:.2f} mm."
         ),
     )
+
+
+def found_again(session: Session, captures: Sequence[PointerCapture | SonoCapture | None]) -> bool:
+    """Return whether the tracker may be found again wherever that is needed to map captures.
+
+    False where it moved between the registration and a capture, and the base marker is not to be
+    used. What was captured from where the tracker was registered needs no marker.
+    """
+    held = session.results.tool
+    if session.setup.use_base_marker or held is None:
+        return True
+    return not any(_has_moved(held.value, capture) for capture in captures if capture is not None)
+
+
+@lru_cache(maxsize=32)  # registrations and captures never change
+def _has_moved(tool: ToolRegistration, capture: PointerCapture | SonoCapture) -> bool:
+    """Return whether the base marker shows that the tracker stood elsewhere in a capture."""
+    if tool.base is None or capture.base is None or _unseen(tool, capture) is not None:
+        return False
+    return compare_base(tool.base.seen, mean_base(capture.base.Ts_tracker_marker)).moved
 
 
 def weakest_reference(

@@ -7,7 +7,6 @@ from typing import Annotated, Any
 from fastapi import APIRouter, Depends, Response
 
 from rona_core.app.hub import Hub
-from rona_core.app.inputs import require_for
 from rona_core.app.jobs import JobState, JobStatus
 from rona_core.app.messages import ACTIVITIES, StartReplay
 from rona_core.app.replay import Replay
@@ -48,10 +47,9 @@ def start(bench: Workbench, activity: Any, response: Response) -> JobInfo:
     """Start an activity and say where to ask for it.
 
     Raises:
-        StepBlockedError: an earlier step is missing.
+        StepBlockedError: an earlier step is missing or stale.
         DeviceError: the devices are busy.
     """
-    require_for(activity, bench.session)
     status = bench.start(activity)
     response.headers["Location"] = f"{PREFIX}/jobs/{status.id}"
     return job_info(bench, status)

@@ -15,6 +15,7 @@ class PathPanel(StepPanel):
     """A meander by the operator, a line drawn by mouse, or a pattern."""
 
     step = "path"
+    activity = "StartPathCapture"
     explanation = (
         "The pointer shows where the probe shall go: a meander over the region, or the line you "
         "draw on the skull. Or it is a pattern on the measured surface."

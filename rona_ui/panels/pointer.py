@@ -21,6 +21,7 @@ class PointerPanel(StepPanel):
     """Parameters of the pivoting, and the method of the fit."""
 
     step = "pointer"
+    activity = "StartPointerCapture"
     explanation = (
         "The tip of the pointer rests in a dimple while the pointer is swung over a cone. "
         "The wider the cone, the better the tip is known."

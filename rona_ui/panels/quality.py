@@ -4,11 +4,12 @@ from typing import Any
 
 from rona_core.app.contact_report import contact_report
 from rona_core.app.delay import delay_words
-from rona_core.app.quality import QualityRow, quality_rows
+from rona_core.app.quality import QualityRow
 from rona_core.app.sound_views import thickness_shares
 from rona_core.session.document import Session
 from rona_ui.bindings import escape
 from rona_ui.panels import style
+from rona_ui.panels.judged import rows_of
 from rona_ui.view_state import Picture
 
 SECTIONS = (  # title, what the keys begin with, steps that the figures come from
@@ -64,28 +65,53 @@ class QualityPanel:
             or old.steps is not new.steps
         ):
             stale = frozenset(step.name for step in new.steps if step.state == "stale")
-            rows = quality_rows(new.figures, new.session)
-            self._html.content = table(rows, new.session, stale)
+            self._html.content = table(rows_of(new), new.session, stale)
 
 
 def table(rows: tuple[QualityRow, ...], session: Session, stale: frozenset[str]) -> str:
-    """Return the figures that have a value, by section; it says which steps are stale."""
+    """Return the figures that have a value, by section; it says which steps are stale.
+
+    Above it stands how many fail, are for review and pass. Those of stale results are left out.
+    """
     known = [row for row in rows if row.value is not None]
     expected = {row.key: row for row in known if row.key in PREDICTED.values()}
     known = [row for row in known if row.key not in expected]
     body = _own_word(session, expected, _mark(("tool", "pointer", "surface"), stale))
     for title, starts, steps in SECTIONS:
         part = [row for row in known if row.key.startswith(starts)]
-        if part:
+        left = [row for row in rows if row.stale_reason and row.key.startswith(starts)]
+        if part or left:
             words = f"{title}, against the truth{_mark(steps, stale)}"
             body += f'<tr class="sec"><td colspan="3">{words}</td></tr>'
             body += "".join(_row(row, expected.get(PREDICTED.get(row.key, ""))) for row in part)
+            body += _left_out(left)
     if not body:
         return style.text(
             "No figures yet. Each step adds its own, with a limit and a verdict beside it."
         )
     head = '<tr><th>Quantity</th><th class="n">Value, limit</th><th>Verdict</th></tr>'
-    return f'<table class="r-table">{head}{body}</table>'
+    return f'{counts(rows)}<table class="r-table">{head}{body}</table>'
+
+
+def counts(rows: tuple[QualityRow, ...]) -> str:
+    """Return how many figures fail, are for review and pass, as a line of HTML."""
+    told = [
+        f"{style.verdict(kind)}: {n}"
+        for kind in ("fail", "review", "pass")
+        if (n := sum(row.verdict == kind for row in rows))
+    ]
+    left = sum(row.stale_reason is not None for row in rows)
+    told += [f"stale, left out: {left}"] if left else []
+    return f'<div class="r-text">{"&ensp; ".join(told)}</div>' if told else ""
+
+
+def _left_out(rows: list[QualityRow]) -> str:
+    """Return a line about figures of stale results: the truth is another one by now."""
+    if not rows:
+        return ""
+    figures = "1 figure is" if len(rows) == 1 else f"{len(rows)} figures are"
+    words = f"{figures} left out: {rows[0].stale_reason}"
+    return f'<tr><td colspan="3" class="g">{escape(words)}</td></tr>'
 
 
 def _mark(steps: tuple[str, ...], stale: frozenset[str]) -> str:
@@ -101,6 +127,8 @@ def _row(row: QualityRow, expected: QualityRow | None = None) -> str:
     limit += "" if row.limit is None else f"{row.limit:.{row.decimals}f} {row.unit}".rstrip()
     beside = "" if expected is None else f'<br><span class="g">predicted {_value(expected)}</span>'
     limit = f'<br><span class="g">{limit}</span>' if limit else ""
+    if row.reason:
+        beside += f'<br><span class="g">{escape(row.reason)}</span>'
     return (
         f'<tr><td>{escape(row.title)}{beside}</td><td class="n"><b>{_value(row)}</b>{limit}</td>'
         f"<td>{style.verdict(row.verdict)}</td></tr>"

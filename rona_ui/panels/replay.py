@@ -4,7 +4,7 @@ from dataclasses import replace
 from typing import Any
 
 from rona_core.app.roll_views import place_of_roll
-from rona_core.app.views import motion_times
+from rona_core.app.views import motion_stale, motion_times
 from rona_ui.panels import style
 from rona_ui.panels.door import Door, follow, listen
 from rona_ui.scene.replay import shows_roll
@@ -58,15 +58,19 @@ class ReplayPanel:
             and old.view.shown_roll == new.view.shown_roll
             and old.view.place == new.view.place
             and old.busy == new.busy
+            and old.steps is new.steps
         ):
             return
         times = motion_times(new.session, second=new.view.second)
+        stale = motion_stale(new.session, second=new.view.second)
         cursor = new.view.cursor
         seen = times is not None and (cursor is not None or new.view.step in REPLAYED)
         if self._window.visible != seen:
             self._window.visible = seen
         if times is None:
             words = "The planned motion can be replayed after step 7."
+        elif stale is not None:
+            words = f"The planned motion is stale, the robot is not drawn on it: {stale}."
         elif shows_roll(new):
             place = place_of_roll(new.session, new.view.shown_roll, new.view.place)
             words = (

@@ -3,13 +3,17 @@
 from dataclasses import replace
 from typing import Any
 
+from rona_core.app.messages import StartRetract
 from rona_core.session.document import STEPS
 from rona_ui.bindings import escape
 from rona_ui.labels import doing
 from rona_ui.panels import style
 from rona_ui.panels.door import Door, listen
 from rona_ui.panels.step_panel import StepPanel
+from rona_ui.scene.replay import rests_on_bone
 from rona_ui.view_state import Picture
+
+GO_ON = (0, 105, 77)
 
 
 class StepTitle:
@@ -27,7 +31,12 @@ class StepTitle:
         if state.state == "blocked":
             html += style.note(f"Blocked: {state.reason}.", "warn")
         elif state.state == "stale":
-            html += style.note(f"Stale: {state.reason}. Do it again.", "warn")
+            again = "Do it again"
+            if state.blocked is not None:
+                again = state.blocked[:1].upper() + state.blocked[1:]
+            html += style.note(f"Stale: {state.reason}. {again}.", "warn")
+        elif state.state == "partial" or (state.state == "ready" and state.reason != "ready"):
+            html += style.note(f"{state.reason[:1].upper()}{state.reason[1:]}.", "warn")
         self._html.content = html
 
 
@@ -43,8 +52,12 @@ class RunBar:
         self._cancel = gui.add_button(
             "Cancel", icon="player-stop", color=(176, 0, 32), visible=False
         )
-        self._next = gui.add_button("Next step", icon="arrow-right", color=(0, 105, 77))
+        self._next = gui.add_button("Next step", icon="arrow-right", color=GO_ON)
+        self._back = gui.add_button(
+            "Draw the probe back", icon="arrow-back-up", color="gray", visible=False
+        )
         listen(self._start, self._run)
+        listen(self._back, lambda e: door.send(StartRetract, e))
         listen(self._cancel, lambda e: door.service("cancel", e, None))
         listen(self._next, self._go_on)
 
@@ -63,13 +76,14 @@ class RunBar:
         panel, state = self._panels[step], new.step(step)
         self._step, busy = step, new.busy
         drawing = new.view.drawing is not None
-        done = state.state == "done"
+        done, partial = state.state == "done", state.state == "partial"
         self._start.visible = panel.start is not None and not busy and not drawing
         label = panel.start or "Start"
-        self._start.label = f"{label} again" if done else label
-        self._start.icon = "refresh" if done else "player-play"
+        self._start.label = f"{label} again" if done or partial else label
+        self._start.icon = "refresh" if done or partial else "player-play"
         self._start.color = "gray" if done else None
-        self._start.disabled = state.state == "blocked"
+        self._start.disabled = state.blocked is not None
+        self._back.visible = not busy and rests_on_bone(new)
         self._cancel.visible = self._progress.visible = busy
         words = ""
         if busy and job is not None:
@@ -79,7 +93,8 @@ class RunBar:
         if self._progress_words.content != html:
             self._progress_words.content = html
         last = step == STEPS[-1]
-        self._next.visible = done and not busy and not last and not drawing
+        self._next.visible = (done or partial) and not busy and not last and not drawing
+        self._next.color = "gray" if partial else GO_ON
         if not last:
             after = new.step(STEPS[STEPS.index(step) + 1])
             self._next.label = f"Next: {after.number} {after.title}"

@@ -5,7 +5,7 @@ from typing import Any
 from rona_core.app.messages import StartScan
 from rona_ui.panels import style
 from rona_ui.panels.contact_fields import ContactFields, contact_note
-from rona_ui.panels.step_panel import StepPanel, stopped_note
+from rona_ui.panels.step_panel import StepPanel
 from rona_ui.scene.colors import GREEN, SKY, VERMILLION, css
 from rona_ui.view_state import Picture
 
@@ -14,6 +14,7 @@ class ScanPanel(StepPanel):
     """One button; Stop is in the bar above and on the key Esc."""
 
     step = "scan"
+    activity = "StartScan"
     explanation = (
         "The robot follows the certified plan and the probe records A-scans. Stop (key Esc) halts "
         "the robot at once; what was recorded is kept."
@@ -35,21 +36,20 @@ class ScanPanel(StepPanel):
     def remarks(self, picture: Picture) -> str:
         """Say what was recorded."""
         capture = picture.session.captures.scan
-        stopped = stopped_note(picture, "StartScan")
         if capture is None:
-            return stopped
+            return ""
         words = f"{len(capture.scans)} A-scans in {_span_s(capture):.1f} s."
         pressed = contact_note(picture.session)
         if capture.partial:
-            words += " Stopped early: start the scan again."
-            return stopped + style.note(words, "warn") + pressed
+            words += " Stopped early: start the scan again, or the maps cover only this part."
+            return style.note(words, "warn") + pressed
         legend = (
             (css(SKY), "recorded"),
             (css(GREEN), "inner boundary found"),
             (css(VERMILLION), "not found"),
         )
         recorded = style.note(words + " Replay them below.", "good")
-        return stopped + recorded + style.key(legend) + pressed
+        return recorded + style.key(legend) + pressed
 
 
 def _span_s(capture: Any) -> float:

@@ -1,11 +1,13 @@
 """What the nine step panels share: fields that show only while the step is active."""
 
+from dataclasses import fields
 from typing import Any, ClassVar
 
 from rona_core.errors import InvalidInputError
 from rona_ui.panels import style
 from rona_ui.panels.door import Door
 from rona_ui.panels.form import Form
+from rona_ui.panels.judged import judged, missed_note
 from rona_ui.view_state import Picture
 
 
@@ -14,6 +16,7 @@ class StepPanel:
 
     step: ClassVar[str] = ""
     explanation: ClassVar[str] = ""
+    activity: ClassVar[str] = ""  # that the primary button starts, where it records something
     start: ClassVar[str | None] = None  # words of the primary button; None: the step has none
     again: ClassVar[str] = "Do it again"
 
@@ -56,16 +59,35 @@ class StepPanel:
             or old.figures is not new.figures
             or old.backdrop is not new.backdrop
         ):
-            html = self.remarks(new)
-            if new.step(self.step).state == "stale":
-                html = html.replace("r-note good", "r-note")  # a stale result is not praised
+            html = (stopped_note(new, self.activity) if self.activity else "") + self.remarks(new)
+            html = self._judged(html, new)
             if self.remark.content != html:
                 self.remark.content = html
 
+    def _judged(self, html: str, picture: Picture) -> str:
+        """Return the remarks with the verdict of the step: what is not good is not praised."""
+        if picture.step(self.step).state == "stale":
+            return html.replace("r-note good", "r-note")
+        found = judged(picture, self.step)
+        if not found.missed:
+            return html
+        return missed_note(found) + html.replace("r-note good", "r-note")
+
 
 def stopped_note(picture: Picture, activity: str) -> str:
-    """Return what an activity said that was stopped before it recorded anything, as HTML."""
+    """Return what became of an activity that was stopped, as HTML; empty where none was."""
     job = picture.job
-    if job is None or job.activity != activity or job.state != "cancelled" or not job.error:
+    if job is None or job.activity != activity or job.state != "cancelled":
         return ""
-    return style.note(f"Stopped: {job.error}.", "warn")
+    if job.error:
+        return style.note(f"Stopped: {job.error}.", "warn")
+    session = picture.session
+    last = session.archive[-1] if session.archive else None
+    captures = [getattr(session.captures, part.name) for part in fields(session.captures)]
+    if last is None or any(last is c or (isinstance(c, tuple) and last in c) for c in captures):
+        return ""
+    return style.note(
+        "Stopped early: the recording of before stays as it was, and all that rests on it. "
+        "What came now is kept in the session's archive.",
+        "warn",
+    )

@@ -5,6 +5,7 @@ from rona_ui.bindings import escape
 INK, MUTED, LINE = "#1f2933", "#52606d", "#d9dee4"
 STATES = {  # state -> (icon, word, colour); text, icon and colour together
     "done": ("✔", "done", "#00694d"),
+    "partial": ("◐", "partial", "#a34700"),
     "ready": ("▶", "ready", "#005b8f"),
     "blocked": ("–", "blocked", "#5f6b76"),
     "stale": ("!", "stale", "#a34700"),

@@ -26,6 +26,7 @@ class SurfacePanel(StepPanel):
     """Sweep the region, or add strokes by hand."""
 
     step = "surface"
+    activity = "StartSurfaceCapture"
     explanation = (
         "The pointer slides over the bone in dense strokes, in the region and somewhat beyond. "
         "Drawn lines add strokes where points are missing."

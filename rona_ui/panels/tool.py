@@ -13,6 +13,7 @@ class ToolPanel(StepPanel):
     """Parameters of the tool motion and what came of it."""
 
     step = "tool"
+    activity = "StartToolCapture"
     explanation = (
         "The robot pivots the tool about its tip and moves it along its x and y axes while the "
         "tracker watches the marker plate."

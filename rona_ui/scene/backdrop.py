@@ -29,4 +29,5 @@ def read_backdrop(rig: Rig, setup: Setup) -> Backdrop:
         T_base_basemarker=rig.display.T_base_basemarker(),
         home_rad=robot_model(setup.devices.robot.model).home_rad,
         head_axes_base=rig.display.head_axes_base(),
+        robot=setup.devices.robot.model,
     )

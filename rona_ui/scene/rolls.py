@@ -9,6 +9,7 @@ from rona_core.app.roll_views import (
     shown_roll,
     shows_varying,
 )
+from rona_core.app.views import motion_stale
 from rona_core.arrays import Floats
 from rona_core.geometry.pose import Poses
 from rona_ui.scene.adapter import Layer
@@ -23,6 +24,10 @@ class RollsLayer(Layer):
     """Draws an arrow per roll: green if the robot can follow the path with it, red if not."""
 
     layer = "rolls"
+
+    def shown(self, picture: Picture) -> bool:
+        """Hide rolls that were judged for another robot, path or room."""
+        return Layer.shown(self, picture) and motion_stale(picture.session) is None
 
     def render(self, old: Picture | None, new: Picture) -> None:
         """Draw the fan where the search or the shown roll is another one."""

@@ -22,7 +22,7 @@ FIGURES_OF_A_RUN = {
     "specimen": "simulated",
     "robot": "rx90",
     "surface_rms_mm": 0.123,
-    "outer_rms_mm": 0.7,
+    "outer_rms_mm": 0.5,
     "thickness_rms_mm": 9.0,
     "path_points_smoothed": 51,
     "roll_mode": "constant",
@@ -89,7 +89,7 @@ def test_demo_prints_a_table_with_limits_and_the_papers_figures(run_demo, capsys
     def row(title):
         return next(line for line in lines if title in line).replace("│", " ").split()
 
-    assert row("Surface cloud, RMS")[-6:] == ["0.12", "mm", "≤", "1.5", "pass", "2.5"]
+    assert row("Surface cloud, RMS")[-6:] == ["0.12", "mm", "≤", "0.5", "pass", "2.5"]
     assert "review" in row("Outer boundary, RMS")
     assert "fail" in row("Thickness, RMS")
     assert "51" in row("Path points, smoothed")

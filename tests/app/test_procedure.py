@@ -140,12 +140,27 @@ def test_a_covered_pointer_yields_no_points(registered):
     assert bench.session.results.surface is None
 
 
+def as_if_recorded_now(session):
+    """Return the session with tool and pointer as if they had been recorded with its set-up."""
+    from rona_core.app.capture_setup import capture_setup_digest
+    from rona_core.app.staleness import input_digests
+
+    for kind in ("tool", "pointer"):
+        capture = getattr(session.captures, kind)
+        capture = replace(capture, setup_digest=capture_setup_digest(kind, session))
+        session = replace(session, captures=replace(session.captures, **{kind: capture}))
+        made = replace(getattr(session.results, kind), inputs=input_digests(kind, session))
+        session = replace(session, results=replace(session.results, **{kind: made}))
+    return session
+
+
 def test_the_bias_of_the_tracker_moves_the_cloud(registered):
     """The same hand, with and without the bias field: the clouds differ by what it is."""
     clouds = []
     for profile in ("polaris", "ideal"):
-        bench = opened(registered.session)
-        bench.dispatch(SetTracker(profile))
+        set_up = opened(registered.session)
+        set_up.dispatch(SetTracker(profile))
+        bench = opened(as_if_recorded_now(set_up.session))
         bench.run(StartSurfaceCapture(duration_s=10.0))
         clouds.append(bench.session.results.surface.value.points_base)
     apart = clouds[0] - clouds[1]

@@ -46,10 +46,10 @@ def test_a_bias_fails_on_either_side():
 
 
 def test_every_figure_has_its_row_in_order():
-    rows = quality_rows({"surface_rms_mm": 2.0, "unknown": 1.0})
+    rows = quality_rows({"surface_rms_mm": 0.7, "unknown": 1.0})
     assert [row.key for row in rows] == list(FIGURES)
     values = {row.key: (row.value, row.verdict) for row in rows}
-    assert values.pop("surface_rms_mm") == (2.0, "review")
+    assert values.pop("surface_rms_mm") == (0.7, "review")
     assert set(values.values()) == {(None, "none")}
 
 

@@ -92,7 +92,7 @@ def test_too_small_a_patch_leaves_the_head_where_it_was_put():
 
 def test_surroundings_are_an_input_of_the_plan():
     session = Session()
-    assert RESULT_INPUTS["roll"]["obstacles"].read(session) is session_obstacles(session)
+    assert RESULT_INPUTS["roll"]["obstacles"].read(session) == session_obstacles(session).digest()
     wider = Session(setup=setup_with(margin_mm=30.0))
     assert digest(session_obstacles(wider)) != digest(session_obstacles(Session()))
 

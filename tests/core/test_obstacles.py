@@ -50,7 +50,7 @@ def test_a_session_can_hold_them():
 def test_every_change_of_shape_place_or_margin_changes_the_digest():
     base = some()
     rock, box, pole = base.things
-    nudged = Pose.from_translation((1, 2, 3 + 1e-9))
+    nudged = Pose.from_translation((1, 2, 3 + 2e-6))
     others = [
         replace(base, things=(rock, box)),
         replace(base, things=(box, rock, pole)),
@@ -67,6 +67,18 @@ def test_every_change_of_shape_place_or_margin_changes_the_digest():
     digests = [one.digest() for one in (base, *others)]
     assert len(set(digests)) == len(digests)
     assert replace(base, sentence="said by another").digest() == base.digest()
+
+
+def test_the_last_bits_of_another_processor_make_no_other_surroundings():
+    base = some()
+    rock, box, pole = base.things
+    there = replace(rock, shape=Hull(ROCK * (1.0 + 1e-15)))
+    elsewhere = replace(base, things=(there, box, pole))
+    assert elsewhere.digest() == base.digest()
+    assert base.has_digest(elsewhere.digest())
+    assert base.has_digest(base._hashed(None))  # as certificates of older files have it
+    assert not base.has_digest(replace(base, self_margin_mm=6.0).digest())
+    assert not base.has_digest("")
 
 
 def test_a_capsule_lies_between_its_places():

@@ -22,6 +22,9 @@ from browser_driver import (
     wait_for,
 )
 
+from rona_core.session.files import load_session
+from rona_ui.resources import demo_session
+
 pytestmark = [pytest.mark.browser, pytest.mark.slow]
 PICTURES = os.environ.get("RONA_SCREENSHOTS") == "1"
 # a name that would be markup if it were not escaped; a plain one where pictures are kept
@@ -237,6 +240,28 @@ def ascans_told(surgeon: Surgeon, ending: str) -> int:
     return int(found.group())
 
 
+CHOOSE = """async (index) => (await fetch('/api/v1/sessions/current/commands/ChooseRoll', {
+  method: 'POST', headers: {'Content-Type': 'application/json'}, body: JSON.stringify({index}),
+})).status"""
+
+
+def stopped_by_escape(surgeon: Surgeon, words: str) -> Any:
+    """Scan, press Esc once A-scans come; return how the robot stands then."""
+    surgeon.button(words).click()
+    share = surgeon.frame.get_by_text(re.compile(r"^Scanning: [1-9]\d* %$"))
+    share.wait_for()  # A-scans have begun to come
+    assert surgeon.ask("/sessions/current/robot/state")["moving"]
+    surgeon.page.keyboard.press("Escape")
+    pressed_s = time.monotonic()
+    wait_for(lambda: not surgeon.ask("/sessions/current/robot/state")["moving"], 1.0, "rest")
+    stopped = surgeon.ask("/sessions/current/robot/state")
+    assert time.monotonic() - pressed_s < 1.0  # at once, whatever the page has to draw
+    surgeon.wait_idle(5.0)  # most of the path is still ahead
+    recorded = surgeon.ask("/sessions/current")["captures"][-1]
+    assert (recorded["kind"], recorded["partial"]) == ("ScanCapture", True)
+    return stopped
+
+
 def test_escape_stops_the_robot_while_it_scans(
     tmp_path_factory: pytest.TempPathFactory, pictures: Path, browser: Any
 ) -> None:
@@ -247,31 +272,38 @@ def test_escape_stops_the_robot_while_it_scans(
         surgeon = Surgeon(page, address, pictures)
         surgeon.open_step("Scan")
         whole = ascans_told(surgeon, "Replay them below")
-        surgeon.button("Scan again").click()
-        share = surgeon.frame.get_by_text(re.compile(r"^Scanning: [1-9]\d* %$"))
-        share.wait_for()  # A-scans have begun to come
-        assert surgeon.ask("/sessions/current/robot/state")["moving"]
-
-        page.keyboard.press("Escape")
-        pressed_s = time.monotonic()
-        wait_for(lambda: not surgeon.ask("/sessions/current/robot/state")["moving"], 1.0, "rest")
-        stopped = surgeon.ask("/sessions/current/robot/state")
-        assert time.monotonic() - pressed_s < 1.0  # at once, whatever the page has to draw
-        surgeon.wait_idle(5.0)  # most of the path is still ahead
-
-        count = ascans_told(surgeon, "Stopped early: start the scan again")
-        assert 0 < count < 0.9 * whole
-        assert surgeon.frame.get_by_text("Replay them below").count() == 0
-        recorded = surgeon.ask("/sessions/current")["captures"][-1]
-        assert (recorded["kind"], recorded["partial"]) == ("ScanCapture", True)
-        ascans = "/sessions/current/ascans/first"
-        assert "code" not in surgeon.ask(f"{ascans}/{count - 1}")
-        assert surgeon.ask(f"{ascans}/{count}")["code"] == "not_found"
+        before = surgeon.states()
+        stopped = stopped_by_escape(surgeon, "Scan again")
+        # a repeat: the whole scan of before stands, with its maps
+        surgeon.frame.get_by_text("the recording of before stays as it was").wait_for()
+        assert ascans_told(surgeon, "Replay them below") == whole
+        assert surgeon.states() == before
 
         time.sleep(2.0)  # a hand off the keys: nothing may move by itself
         later = surgeon.ask("/sessions/current/robot/state")
         assert later["joints_deg"] == stopped["joints_deg"]
         assert not later["moving"]
         assert all(job["state"] != "running" for job in surgeon.ask("/jobs"))
+
+        back = surgeon.button("Draw the probe back")  # it stands on the bone
+        back.click()
+        back.wait_for(state="hidden")
+        surgeon.wait_idle(30.0)
+        wait_for(lambda: surgeon.ask("/jobs")[-1]["state"] == "done", 10, "the probe to be back")
+        assert surgeon.ask("/jobs")[-1]["activity"] == "StartRetract"
+        assert back.is_hidden()
+
+        plan = load_session(demo_session()).results.roll.value
+        other = next(i for i, v in enumerate(plan.verdicts) if v.feasible and i != plan.chosen)
+        assert page.evaluate(CHOOSE, other) == 200
+        surgeon.wait_state("Scan", "stale", 60)
+        stopped_by_escape(surgeon, "Scan")
+        count = ascans_told(surgeon, "Stopped early: start the scan again")
+        assert 0 < count < 0.9 * whole
+        assert surgeon.frame.get_by_text("Replay them below").count() == 0
+        surgeon.wait_state("Scan", "partial", 30)
+        ascans = "/sessions/current/ascans/first"
+        assert "code" not in surgeon.ask(f"{ascans}/{count - 1}")
+        assert surgeon.ask(f"{ascans}/{count}")["code"] == "not_found"
         assert surgeon.errors == []
         page.close()
