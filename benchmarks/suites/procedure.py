@@ -11,6 +11,7 @@ from math import ceil
 from pathlib import Path
 
 from benchmarks.metric import Direction, Metric, Progress, over_seeds
+from rona_core.app.quality import FIGURES
 from rona_core.compose import build_virtual_rig, run_demo
 from rona_core.evaluation.figures import rms
 from rona_core.evaluation.map_figures import outer_errors_mm
@@ -47,24 +48,36 @@ class Aim:
     paper: float | None = None
 
 
-AIMS = (
-    Aim("surface_rms_mm", "mm", "lower", 1.5, 2.5),
-    Aim("surface_sigma_predicted_mm", "mm", "lower"),
-    Aim("normal_error_median_deg", "deg", "lower", 1.0),
-    Aim("normal_error_p95_deg", "deg", "lower", 2.5),
-    Aim("outer_rms_mm", "mm", "lower", 0.6, 0.35),
-    Aim("outer_robot_rms_mm", "mm", "lower"),
-    Aim("outer_same_robot_rms_mm", "mm", "lower"),
-    Aim("thickness_rms_mm", "mm", "lower", 1.0, 0.5),
-    Aim("inner_rms_mm", "mm", "lower", None, 0.85),  # the paper's total of position and thickness
-    Aim("inner_same_robot_rms_mm", "mm", "lower"),
-    Aim("fused_outer_rms_mm", "mm", "lower"),
-    Aim("coverage_fraction", "share", "higher"),
-    Aim("inner_coverage_fraction", "share", "higher", 0.3),
-    Aim("unflagged_failure_fraction", "share", "lower"),
-    Aim("detection_failure_fraction", "share", "lower"),
-    Aim("flagged_fraction", "share", "lower"),
+KEYS = (
+    "surface_rms_mm",
+    "surface_sigma_predicted_mm",
+    "normal_error_median_deg",
+    "normal_error_p95_deg",
+    "outer_rms_mm",
+    "outer_robot_rms_mm",
+    "outer_same_robot_rms_mm",
+    "thickness_rms_mm",
+    "inner_rms_mm",
+    "inner_same_robot_rms_mm",
+    "fused_outer_rms_mm",
+    "coverage_fraction",
+    "inner_coverage_fraction",
+    "unflagged_failure_fraction",
+    "detection_failure_fraction",
+    "flagged_fraction",
 )
+
+
+def _aim(key: str) -> Aim:
+    """Return the aim for a figure: the limit that the program judges it by."""
+    kind = FIGURES.get(key)
+    if kind is None:
+        return Aim(key, "mm", "lower")
+    direction: Direction = "lower" if kind.sense == "at most" else "higher"
+    return Aim(key, kind.unit or "share", direction, kind.limit, kind.paper)
+
+
+AIMS = tuple(_aim(key) for key in KEYS)
 
 
 def data_folder() -> Path:
