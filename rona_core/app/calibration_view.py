@@ -11,7 +11,7 @@ from rona_core.calibration.coverage import NextPose, next_best_pose, swing_cover
 from rona_core.calibration.handeye_view import GOOD_MM
 from rona_core.calibration.pivot_verdict import GOOD_SIGMA_MM
 from rona_core.devices.markers import GEOMETRIES
-from rona_core.errors import RonaError
+from rona_core.errors import DegenerateGeometryError, RonaError
 from rona_core.geometry.pose import Poses
 from rona_core.session.document import Session
 
@@ -152,7 +152,10 @@ def _swing(session: Session, step: Step, found: Any, marks: Ints) -> SwingView |
 def _motion(session: Session, step: Step, found: Any) -> tuple[Poses | None, Floats, str, int]:
     """Return the poses of the marker, the tip in it, the name of its geometry, and 6 or 5."""
     if step == "tool":
-        poses = None if session.captures.tool is None else tool_poses(session)[1]
+        try:
+            poses = None if session.captures.tool is None else tool_poses(session)[1]
+        except DegenerateGeometryError:  # a motion that was stopped before the tracker saw it
+            poses = None
         return poses, found.T_toolmarker_tip.translation, "toolmarker", 6
     capture = session.captures.pointer
     poses = None if capture is None else capture.marker.Ts_tracker_marker

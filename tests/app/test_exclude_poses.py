@@ -1,9 +1,12 @@
 """Leaving single poses out of a calibration: pure, to be undone, and reproduced by a replay."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from rona_core.app.calibration_view import EXCLUDED, REJECTED, USED, calibration_view
+from rona_core.app.derive import tool_poses
 from rona_core.app.messages import (
     CalibratePointer,
     ExcludePoses,
@@ -14,7 +17,7 @@ from rona_core.app.messages import (
 )
 from rona_core.app.replay import replay
 from rona_core.compose import new_workbench
-from rona_core.errors import InvalidInputError, StepBlockedError
+from rona_core.errors import DegenerateGeometryError, InvalidInputError, StepBlockedError
 from rona_core.session.codec import digest
 from rona_core.session.document import Session
 
@@ -112,3 +115,15 @@ def test_the_view_tells_verdict_coverage_and_the_next_pose(bench):
     assert len(tool.swing.marks) == 30, "the poses that pivot"
     assert (tool.swing.marks == USED).sum() >= 20
     assert float(np.quantile(tool.swing.tilts_deg, 0.9)) > 10.0
+
+
+def test_a_newer_motion_that_was_stopped_before_anything_was_seen_has_no_picture(bench):
+    capture = bench.session.captures.tool
+    nothing = replace(capture, dwell_end_s=capture.dwell_start_s)
+    session = bench.session
+    session = replace(session, captures=replace(session.captures, tool=nothing))
+    with pytest.raises(DegenerateGeometryError):
+        tool_poses(session)
+    view = calibration_view(session, "tool")
+    assert view.swing is None
+    assert view.n_used == calibration_view(bench.session, "tool").n_used
