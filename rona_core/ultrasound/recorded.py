@@ -131,7 +131,8 @@ def _found(recorded: RecordedRf, prior_mhz: float | None, told: "_Steps") -> _Fo
     told(0.5)
     zero, lines = align_fronts(z, front, rate, band)
     delay = pulse_delay_us(lines, zero, front.ok, rate)
-    pulse = learn_long_pulse(lines, zero, front, rate, band)
+    cutoff = are_most_cut(front_is_cut(clipped, front, rate, band), front)
+    pulse = None if cutoff else learn_long_pulse(lines, zero, front, rate, band)
     if pulse is not None:
         z = compress(z, pulse, zero, rate, band)
         clipped = np.zeros_like(clipped)  # nothing stands at a limit any more
