@@ -10,7 +10,13 @@ import numpy as np
 
 from rona_core.arrays import Bools, Floats, Ints
 from rona_core.devices.rf_files import RecordedRf
-from rona_core.ultrasound.clipped_front import are_most_cut, front_is_cut, half_cycles_off
+from rona_core.ultrasound.clipped_front import (
+    are_most_cut,
+    front_is_cut,
+    half_cycles_apart,
+    half_cycles_off,
+    is_cut_at,
+)
 from rona_core.ultrasound.echo_tracks import Track, neighbours, predicted
 from rona_core.ultrasound.learned_pulse import Aligned, align_echoes, locate_echoes
 from rona_core.ultrasound.recorded_front import FrontEchoes
@@ -87,7 +93,7 @@ def refine_back(
     middle = float(np.median(lag[used]))
     cut = front_is_cut(clipped, front, sampling_mhz, band)
     # what was restored of a pulse does not tell a turned phase from a moved envelope
-    restored = are_most_cut(cut, front)
+    restored = are_most_cut(cut, front.ok)
     most_turn = 0.0 if restored else MOST_TURN
     match = match_echoes(front.aligned, aligned, band, most_turn)
     rate = match.loss_np_per_mhz / middle
@@ -100,14 +106,26 @@ def refine_back(
     )
     match = match_echoes(front.aligned, aligned, band, most_turn)
     if restored:
-        whole = np.where(
-            aligned.frequencies_mhz > 0,
-            aligned.spectrum * _undamped(match.loss_np_per_mhz, aligned.frequencies_mhz, band),
-            0.0,
-        ) * np.exp(2j * np.pi * aligned.frequencies_mhz * match.delay_us)
-        halves = half_cycles_off(
-            recorded.rf, cut, front, -whole if match.inverted else whole, sampling_mhz, band
-        )
+        back_us = front.aligned.at_us + aligned.at_us - zero / sampling_mhz
+        if are_most_cut(is_cut_at(clipped, back_us, used, sampling_mhz, band), used):
+            rows = np.flatnonzero(used & cut)
+            halves = half_cycles_apart(
+                recorded.rf[rows],
+                front.aligned.at_us[rows],
+                back_us[rows] + match.delay_us,
+                match.inverted,
+                sampling_mhz,
+                band,
+            )
+        else:
+            whole = np.where(
+                aligned.frequencies_mhz > 0,
+                aligned.spectrum * _undamped(match.loss_np_per_mhz, aligned.frequencies_mhz, band),
+                0.0,
+            ) * np.exp(2j * np.pi * aligned.frequencies_mhz * match.delay_us)
+            halves = half_cycles_off(
+                recorded.rf, cut, front, -whole if match.inverted else whole, sampling_mhz, band
+            )
         match = replace(
             match,
             delay_us=match.delay_us + 0.5 * halves / band.centre_mhz,

@@ -36,7 +36,7 @@ class BoneMesh:
 
 
 def read_mesh(path: Path) -> BoneMesh:
-    """Read one closed mesh.
+    """Read one closed mesh; its sheets may touch along edges.
 
     Raises:
         InvalidInputError: damaged, foreign or empty, not closed, or not of the size of a skull.
@@ -49,7 +49,6 @@ def read_mesh(path: Path) -> BoneMesh:
         loaded.update_faces(loaded.nondegenerate_faces())
         loaded.remove_unreferenced_vertices()
         vertices, faces = np.array(loaded.vertices), np.array(loaded.faces, dtype=np.int64)
-        closed = bool(loaded.is_watertight)
     except Exception as error:
         raise InvalidInputError(
             f"{path.name} could not be read as {path.suffix[1:].upper()} ({error}): export it again"
@@ -63,13 +62,13 @@ def read_mesh(path: Path) -> BoneMesh:
             f"{path.name} measures {extent.round(2).tolist()}: expected a skull of {low:g} to "
             f"{high:g} mm; check the unit"
         )
-    if not closed:
-        edges, count = np.unique(
-            np.sort(faces[:, (0, 1, 1, 2, 2, 0)].reshape(-1, 2)), axis=0, return_counts=True
-        )
+    sides = np.sort(faces[:, (0, 1, 1, 2, 2, 0)].reshape(-1, 2), axis=1)
+    edges, count = np.unique(sides, axis=0, return_counts=True)
+    # where two sheets touch along an edge it has four triangles: in and out are still told apart
+    if (odd := int((count % 2).sum())) > 0:
         raise InvalidInputError(
-            f"{path.name} is not closed: {int((count != 2).sum())} of {len(edges)} edges do not "
-            f"join two triangles; close its holes, or export the mask as a volume instead"
+            f"{path.name} is not closed: {odd} of {len(edges)} edges have one triangle, or another "
+            f"odd number; close its holes, or export the mask as a volume instead"
         )
     return BoneMesh(vertices, faces)
 
