@@ -95,9 +95,7 @@ def derive_sono_maps(
     posed = posed_scans(session, capture)
     detection = _with_hand(session, detection, posed.known)
     frame, T_base_tracker, sentence = hand_reference(session, capture)
-    Ts_base_probe: Poses = (
-        T_base_tracker @ posed.Ts_tracker_marker @ calibration.T_sonomarker_probe
-    )
+    Ts_base_probe: Poses = T_base_tracker @ posed.Ts_tracker_marker @ calibration.T_sonomarker_probe
     if frame == "base":
         wanted = message.sound_speed_mm_per_us
         detection = with_known_speed(detection, Ts_base_probe, session, wanted)

@@ -10,7 +10,7 @@ from dataclasses import replace
 import numpy as np
 from scipy.interpolate import CubicSpline
 
-from rona_core.arrays import Bools, Floats
+from rona_core.arrays import Bools, Floats, Ints
 from rona_core.ultrasound.learned_pulse import locate_echoes
 from rona_core.ultrasound.recorded_front import FrontEchoes
 from rona_core.ultrasound.recorded_signal import Band, Complexes
@@ -85,19 +85,15 @@ def settle_clipped(
 
 def front_is_cut(clipped: Bools, front: FrontEchoes, sampling_mhz: float, band: Band) -> Bools:
     """Return which lines (n,) have a front that was cut off."""
-    return is_cut_at(clipped, front.aligned.at_us, front.ok, sampling_mhz, band)
+    lost = samples_lost(clipped, front.aligned.at_us, sampling_mhz, band)
+    return np.asarray(front.ok & (lost > 0))
 
 
-def is_cut_at(
-    clipped: Bools, at_us: Floats, there: Bools, sampling_mhz: float, band: Band
-) -> Bools:
-    """Return which lines (n,) have an echo at these times (n,), if it is there, that was cut off.
-
-    Times are from the first sample.
-    """
+def samples_lost(clipped: Bools, at_us: Floats, sampling_mhz: float, band: Band) -> Ints:
+    """Return how many samples (n,) were cut off of echoes at times (n,) from the first sample."""
     index = np.arange(clipped.shape[1]) / sampling_mhz
     near = np.abs(index - at_us[:, None]) < band.length_us
-    return np.asarray(there & (clipped & near).any(axis=1))
+    return (clipped & near).sum(axis=1)
 
 
 def are_most_cut(cut: Bools, there: Bools) -> bool:
@@ -115,8 +111,8 @@ def half_cycles_off(
 ) -> int:
     """Return by how many half cycles a pulse must move (and turn over) to explain the fronts.
 
-    The back wall's echo is whole where the front's was cut off: with its loss taken back, moved,
-    and cut off at the same limits it must give the recorded line.
+    The back wall's echo is whole where the front's was cut off, or lost less at least: with its
+    loss taken back, moved, and cut off at the same limits it must give the recorded line.
 
     Args:
         rf: Lines (n, samples) as they were recorded.
@@ -149,42 +145,3 @@ def half_cycles_off(
             misfit[number] += float(((line[index] - scaled) ** 2).sum(axis=1).min())
     best = int(np.argmin(misfit))
     return HALVES[best] if misfit[best] < KEPT * misfit[HALVES.index(0)] else 0
-
-
-def half_cycles_apart(
-    rf: Floats,
-    front_us: Floats,
-    back_us: Floats,
-    inverted: bool,
-    sampling_mhz: float,
-    band: Band,
-) -> int:
-    """Return by how many half cycles an echo must move (and turn over) to be like the front.
-
-    Both were cut off, so that neither tells what the other was. But they were cut off alike, and
-    are compared as they were recorded.
-
-    Args:
-        rf: Lines (n, samples) as they were recorded, whose fronts were cut off.
-        front_us: Times (n,) of the fronts, from the first sample.
-        back_us: And of the other echo, at the same point of the waveform.
-        inverted: Whether it is turned over.
-        sampling_mhz: Of the lines.
-        band: Of the echoes.
-    """
-    reach = REACH * band.length_us
-    offsets = np.arange(-reach, reach, 0.5 / sampling_mhz)
-    sign = -1.0 if inverted else 1.0
-    alike = np.zeros(len(HALVES))
-    for line, front, back in zip(rf, front_us, back_us, strict=True):
-        wave = CubicSpline(np.arange(len(line)) / sampling_mhz, line - np.median(line))
-        last = (len(line) - 1) / sampling_mhz
-        first = wave(np.clip(front + offsets, 0.0, last))
-        for number, halves in enumerate(HALVES):
-            moved = back + offsets + 0.5 * halves / band.centre_mhz
-            other = sign * (-1.0) ** halves * wave(np.clip(moved, 0.0, last))
-            norm = np.sqrt(float(first @ first) * float(other @ other))
-            alike[number] += float(first @ other) / max(norm, 1e-12)
-    best = int(np.argmax(alike))
-    usual = len(rf) - alike[HALVES.index(0)]
-    return HALVES[best] if len(rf) - alike[best] < KEPT * usual else 0

@@ -13,9 +13,8 @@ from rona_core.devices.rf_files import RecordedRf
 from rona_core.ultrasound.clipped_front import (
     are_most_cut,
     front_is_cut,
-    half_cycles_apart,
     half_cycles_off,
-    is_cut_at,
+    samples_lost,
 )
 from rona_core.ultrasound.echo_tracks import Track, neighbours, predicted
 from rona_core.ultrasound.learned_pulse import Aligned, align_echoes, locate_echoes
@@ -105,27 +104,20 @@ def refine_back(
         plain, aligned, lag, used, near, recorded.positions_mm, zero, sampling_mhz, band, reshape
     )
     match = match_echoes(front.aligned, aligned, band, most_turn)
-    if restored:
-        back_us = front.aligned.at_us + aligned.at_us - zero / sampling_mhz
-        if are_most_cut(is_cut_at(clipped, back_us, used, sampling_mhz, band), used):
-            rows = np.flatnonzero(used & cut)
-            halves = half_cycles_apart(
-                recorded.rf[rows],
-                front.aligned.at_us[rows],
-                back_us[rows] + match.delay_us,
-                match.inverted,
-                sampling_mhz,
-                band,
-            )
-        else:
-            whole = np.where(
-                aligned.frequencies_mhz > 0,
-                aligned.spectrum * _undamped(match.loss_np_per_mhz, aligned.frequencies_mhz, band),
-                0.0,
-            ) * np.exp(2j * np.pi * aligned.frequencies_mhz * match.delay_us)
-            halves = half_cycles_off(
-                recorded.rf, cut, front, -whole if match.inverted else whole, sampling_mhz, band
-            )
+    # an echo that was cut off as much does not tell what the front was before
+    back_us = front.aligned.at_us + aligned.at_us - zero / sampling_mhz
+    more = samples_lost(clipped, back_us, sampling_mhz, band) >= samples_lost(
+        clipped, front.aligned.at_us, sampling_mhz, band
+    )
+    if restored and not are_most_cut(more & cut & used, cut & used):
+        whole = np.where(
+            aligned.frequencies_mhz > 0,
+            aligned.spectrum * _undamped(match.loss_np_per_mhz, aligned.frequencies_mhz, band),
+            0.0,
+        ) * np.exp(2j * np.pi * aligned.frequencies_mhz * match.delay_us)
+        halves = half_cycles_off(
+            recorded.rf, cut, front, -whole if match.inverted else whole, sampling_mhz, band
+        )
         match = replace(
             match,
             delay_us=match.delay_us + 0.5 * halves / band.centre_mhz,

@@ -191,10 +191,11 @@ def _place_at(bone: CoarseBone, center: Vector3) -> Choice:
     within = bool(len(solid)) and np.abs(t[solid] - length).min() <= NEAR_BONE_MM
     if off < -NEAR_BONE_MM or off > (MOST_BONE_MM if within else NEAR_BONE_MM):
         apart = bone.origin_skull + voxels * bone.voxel_mm - center
+        nearest = float(np.linalg.norm(apart, axis=1).min())
         raise InvalidInputError(
             f"the centre {center.round(1).tolist()} must lie on the outer surface, but it is "
-            f"{np.linalg.norm(apart, axis=1).min():.1f} mm from the nearest bone, and {abs(off):.1f} "
-            f"mm from the surface on the line from the middle of the head: choose a point within "
+            f"{nearest:.1f} mm from the nearest bone, and {abs(off):.1f} mm from the surface on "
+            f"the line from the middle of the head: choose a point within "
             f"{NEAR_BONE_MM:g} mm of the surface"
         )
     return Choice(center + off * outward, outward)

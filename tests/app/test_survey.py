@@ -76,7 +76,12 @@ def passes(session):
     hand = session.captures.sono_scan
     posed = posed_scans(session, hand)
     return {
-        "first": (derive_detection, StartMapping, session.captures.scan.scans, probe_poses(session)),
+        "first": (
+            derive_detection,
+            StartMapping,
+            session.captures.scan.scans,
+            probe_poses(session),
+        ),
         "second": (
             derive_second_detection,
             StartMapping,

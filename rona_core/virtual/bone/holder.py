@@ -62,19 +62,26 @@ def without_holder(bone: BoneVolume) -> FreedBone:
     if middle is None:
         return nothing
     up = np.linalg.inv(T_skull_block[:3, :3]) @ UP * edge_mm
-    rays = _directions(up / np.linalg.norm(up))
+    up = up / np.linalg.norm(up)
+    rays = _directions(up)
     radius = _first_exits(solid, middle, edge_mm, rays)
     surface = _smooth_surface(rays[np.isfinite(radius)], radius[np.isfinite(radius)])
     offset = (np.argwhere(solid) - middle) * edge_mm
     distance = np.linalg.norm(offset, axis=1)
     ways = offset / np.maximum(distance, 1e-9)[:, None]
+    low = ways @ up < LOWEST
     beyond = distance - _powers(ways) @ surface
-    beyond[ways @ (up / np.linalg.norm(up)) < LOWEST] = -np.inf
-    if (beyond > FAR_MM).sum() * np.prod(edge_mm) < LEAST_MM3:
+    far = ~low & (beyond > FAR_MM)
+    if far.sum() * np.prod(edge_mm) < LEAST_MM3:
         return nothing
-    held = _held(solid, beyond)
+    # below, the surface goes straight down; only what hangs on something higher up is taken away
+    flat = offset - np.outer(offset @ up, up)
+    away = np.linalg.norm(flat, axis=1)
+    rim = flat / np.maximum(away, 1e-9)[:, None] * np.sqrt(1.0 - LOWEST**2) + LOWEST * up
+    straight = away - _powers(rim) @ surface * np.sqrt(1.0 - LOWEST**2)
+    held = _held(solid, np.where(low, straight, beyond), far)
     kept = solid & ~held
-    cut = binary_dilation(held) & kept
+    cut = _grown(held) & kept
     cuts = np.argwhere(cut) @ T_skull_block[:3, :3].T + T_skull_block[:3, 3]
     gone = np.repeat(np.repeat(np.repeat(held, blocks[0], 0), blocks[1], 1), blocks[2], 2)
     nx, ny, nz = bone.mask.shape
@@ -128,7 +135,8 @@ def _first_exits(solid: Bools, middle: Floats, edge_mm: Floats, rays: Floats) ->
     step = 0.5 * float(edge_mm.min())
     t = np.arange(step, REACH_MM, step)
     places = np.rint(middle + t[None, :, None] * rays[:, None, :] / edge_mm).astype(np.int64)
-    there = ((places >= 0) & (places < solid.shape)).all(axis=2)
+    inside = (places >= 0) & (places < np.array(solid.shape))
+    there: Bools = np.asarray(inside.all(axis=2), dtype=np.bool_)
     x, y, z = np.moveaxis(np.where(there[..., None], places, 0), 2, 0)
     bone = solid[x, y, z] & there
     gap = max(1, round(GAP_MM / step))
@@ -162,28 +170,38 @@ def _smooth_surface(ways: Floats, radius: Floats) -> Floats:
         left = radius - design @ factors
         scale = max(1.4826 * float(np.median(np.abs(left))), LEAST_MM)
         weight = np.clip(1.0 - (left / (4.0 * scale)) ** 2, 0.0, 1.0) ** 2
-    return factors
+    return np.asarray(factors, dtype=np.float64)
 
 
-def _held(solid: Bools, beyond: Floats) -> Bools:
-    """Return which blocks belong to the holder: far beyond the skull, or hanging on what is."""
+def _held(solid: Bools, beyond: Floats, far: Bools) -> Bools:
+    """Return which blocks belong to the holder: far beyond the skull, or hanging on what is.
+
+    Args:
+        solid: All blocks with bone.
+        beyond: How far (n,) each of these is beyond the surface of the skull.
+        far: Which of them (n,) are no skull for certain.
+    """
     places = tuple(np.argwhere(solid).T)
-    outside, far = np.zeros(solid.shape, dtype=np.bool_), np.zeros(solid.shape, dtype=np.bool_)
-    outside[places], far[places] = beyond > NEAR_MM, beyond > FAR_MM
-    held = _touched(outside, far)
+    outside, seeds = np.zeros(solid.shape, dtype=np.bool_), np.zeros(solid.shape, dtype=np.bool_)
+    outside[places], seeds[places] = beyond > NEAR_MM, far
+    held = _touched(outside, seeds)
     # whole pieces that never touched the skull, and the ends that the first cut left over
     pieces = np.zeros(solid.shape, dtype=np.int32)
     label(solid & ~held, output=pieces)
     on_surface = pieces[places][np.abs(beyond) < NEAR_MM]
     skull = int(np.bincount(on_surface[on_surface > 0]).argmax())
     rest = (pieces > 0) & (pieces != skull)
-    return held | _touched(rest, binary_dilation(held))
+    return held | _touched(rest, _grown(held))
+
+
+def _grown(region: Bools) -> Bools:
+    return np.asarray(binary_dilation(region), dtype=np.bool_)
 
 
 def _touched(region: Bools, seeds: Bools) -> Bools:
     """Return the pieces of a region that hold a seed."""
     pieces = np.zeros(region.shape, dtype=np.int32)
-    count = label(region, output=pieces)
+    count = int(label(region, output=pieces))  # pyright: ignore[reportArgumentType]
     chosen = np.zeros(count + 1, dtype=np.bool_)
     chosen[np.unique(pieces[seeds & region])] = True
     chosen[0] = False
