@@ -15,8 +15,8 @@ from rona_core.ultrasound.recorded_signal import Band, analytic
 RAIL = 0.985  # of the extreme value, from which on a flat run counts as clipped
 FLAT_RUN = 3  # samples
 CONVERTERS = (1, 2)  # that take samples in turn
-PILED = 6  # samples at one value,
-PILE = 4.0  # times as many as next to it: a limit,
+PILED = 24  # samples at one value,
+PILE = 8.0  # times as many as next to it: a limit,
 UNLIKE = 0.2  # of it, by which what is beside them differs
 MAX_LOST = 400  # clipped samples put right at once
 SPIKE = 10.0  # over the usual jump from sample to sample outside the band
