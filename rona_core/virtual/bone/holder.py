@@ -55,13 +55,13 @@ def without_holder(bone: BoneVolume) -> FreedBone:
     """
     blocks = np.maximum(1, np.round(COARSE_MM / bone.voxel_mm())).astype(int)
     solid = _pooled(bone.mask, blocks)
-    T_skull_block = bone.T_skull_voxel @ _affine(blocks, 0.5 * (blocks - 1.0))
+    to_skull = bone.T_skull_voxel @ _affine(blocks, 0.5 * (blocks - 1.0))
     edge_mm = bone.voxel_mm() * blocks
     nothing = FreedBone(bone, np.zeros((0, 3)))
     middle = _middle(solid, edge_mm)
     if middle is None:
         return nothing
-    up = np.linalg.inv(T_skull_block[:3, :3]) @ UP * edge_mm
+    up = np.linalg.inv(to_skull[:3, :3]) @ UP * edge_mm
     up = up / np.linalg.norm(up)
     rays = _directions(up)
     radius = _first_exits(solid, middle, edge_mm, rays)
@@ -82,7 +82,7 @@ def without_holder(bone: BoneVolume) -> FreedBone:
     held = _held(solid, np.where(low, straight, beyond), far)
     kept = solid & ~held
     cut = _grown(held) & kept
-    cuts = np.argwhere(cut) @ T_skull_block[:3, :3].T + T_skull_block[:3, 3]
+    cuts = np.argwhere(cut) @ to_skull[:3, :3].T + to_skull[:3, 3]
     gone = np.repeat(np.repeat(np.repeat(held, blocks[0], 0), blocks[1], 1), blocks[2], 2)
     nx, ny, nz = bone.mask.shape
     return FreedBone(replace(bone, mask=bone.mask & ~gone[:nx, :ny, :nz]), cuts)
