@@ -117,7 +117,7 @@ def _without_patchwork(tracks: list[Track], own: list[int], near: Ints, band: Ba
     """
     if len(near) < FEW:
         return own
-    step_us = AGREES * band.length_us
+    step_us = band.length_us
     share = {k: largest_piece(tracks[k], near, step_us).sum() / tracks[k].there.sum() for k in own}
     even = max((tracks[k].typical_level for k in own if share[k] >= PATCHED), default=0.0)
     return [k for k in own if share[k] >= PATCHED or tracks[k].typical_level > even]
@@ -290,6 +290,6 @@ def steadiness(
         return 0.0, False
     off = (track.lag_us - around)[known]
     # a track that jumps from one still echo to another does not wander
-    wide = spread(track.lag_us[known & largest_piece(track, near, AGREES * band.length_us)])
+    wide = spread(track.lag_us[known & largest_piece(track, near, band.length_us)])
     wanders = wide > WANDERS / band.centre_mhz and spread(off) < 0.5 * wide
     return float((np.abs(off) < AGREES * band.length_us).mean()), wanders

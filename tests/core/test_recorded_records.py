@@ -104,3 +104,10 @@ def test_a_back_wall_cut_off_as_much_as_the_front_turns_no_half_cycle(back, seed
     off = (found.thickness_mm - made.thickness_mm)[found.ok]
     half_cycle_mm = 0.25 * COARSE.speed / COARSE.centre_mhz
     assert abs(np.median(off)) < 0.2 * half_cycle_mm
+
+
+def test_a_steep_wedge_over_a_floor_is_no_patchwork():
+    made = record(Case(scans=16, floor_gap_mm=12.0, wedge_mm=1.0))
+    found = detect_recorded(made.file, 2.85)
+    assert found.ok.all()
+    assert np.abs(found.thickness_mm - made.thickness_mm).max() < 0.05
