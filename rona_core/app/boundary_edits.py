@@ -2,6 +2,7 @@
 
 from dataclasses import replace
 
+from rona_core.app.derive_speed import session_probe
 from rona_core.app.messages import ClearBoundaryCorrections, CorrectBoundary
 from rona_core.app.needs import need
 from rona_core.app.setup_handlers import handle
@@ -11,7 +12,6 @@ from rona_core.session.codec import digest
 from rona_core.session.document import ScanCapture, Session, SonoCapture
 from rona_core.ultrasound.corrections import BoundaryEdits, ScanName, corrected
 from rona_core.ultrasound.detect import Detection
-from rona_core.ultrasound.probe import probe_model
 
 CAPTURES = {"first": "scan", "second": "second", "hand": "sono_scan"}
 DETECTIONS = {"first": "detection", "second": "second_detection", "hand": "sono_detection"}
@@ -42,8 +42,7 @@ def detection_of_scan(session: Session, scan: ScanName = "first") -> Detection |
         found = spread(derived.value, posed_scans(session, capture).known)
     if found is None:
         return None  # of other A-scans: the delay of the tracker is another one now
-    probe = probe_model(session.setup.devices.probe)
-    return corrected(found, session.boundary_edits, scan, probe)
+    return corrected(found, session.boundary_edits, scan, session_probe(session))
 
 
 @handle.register

@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass, replace
 
-from rona_core.app.derive_speed import first_speed, session_probe, with_known_speed
+from rona_core.app.derive_speed import session_probe, with_known_speed
 from rona_core.app.messages import StartMapping, StartRollSearch, StartSecondPlan
 from rona_core.app.needs import need
 from rona_core.app.plain import plain_arguments
@@ -13,6 +13,7 @@ from rona_core.app.staleness import (
     stale_reason,
     usable_second,
 )
+from rona_core.app.survey import Survey, detect_survey
 from rona_core.devices.protocols import Cancel, Progress, never, silent
 from rona_core.errors import StepBlockedError
 from rona_core.geometry.pose import Poses
@@ -25,7 +26,7 @@ from rona_core.robot.scan_plan import PlanSettings, choose_roll, plan_scan
 from rona_core.robot.timing import ScanSettings
 from rona_core.session.document import Derived, ScanCapture, SecondPass, Session
 from rona_core.ultrasound.corrections import corrected
-from rona_core.ultrasound.detect import Detection, detect
+from rona_core.ultrasound.detect import Detection
 
 
 def derive_roll(
@@ -80,19 +81,8 @@ def derive_detection(
     cancel: Cancel = never,
 ) -> Detection:
     """Find both boundaries in every A-scan, with those around it as witnesses."""
-    capture = need(session.captures.scan, "scan")
-    probe, poses = session.setup.devices.probe, probe_poses(session)
-    return detect(
-        capture.scans,
-        session_probe(session),
-        probe.excitation,
-        method=message.method,
-        sound_speed_mm_per_us=first_speed(message.sound_speed_mm_per_us),
-        positions_mm=poses.translations,
-        axes=poses.rotations[:, :, 2],
-        progress=progress,
-        cancel=cancel,
-    )
+    survey = Survey(need(session.captures.scan, "scan").scans, probe_poses(session))
+    return detect_survey(session, survey, message, progress=progress, cancel=cancel)
 
 
 def probe_poses(session: Session, capture: ScanCapture | None = None) -> Poses:
@@ -186,19 +176,8 @@ def derive_second_detection(
     capture = need(usable_second(session), "scan the gaps again")
     outer = derive_maps(session, message, first_only=True).outer
     poses = probe_poses(session, capture)
-    probe = session.setup.devices.probe
-    return detect(
-        capture.scans,
-        session_probe(session),
-        probe.excitation,
-        method=message.method,
-        sound_speed_mm_per_us=first_speed(message.sound_speed_mm_per_us),
-        positions_mm=poses.translations,
-        axes=poses.rotations[:, :, 2],
-        known_standoff_mm=standoffs_mm(outer, poses),
-        progress=progress,
-        cancel=cancel,
-    )
+    survey = Survey(capture.scans, poses, standoffs_mm(outer, poses))
+    return detect_survey(session, survey, message, progress=progress, cancel=cancel)
 
 
 @dataclass(frozen=True, slots=True)

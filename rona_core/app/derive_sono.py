@@ -4,9 +4,11 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from rona_core.app.derive_speed import session_probe, with_known_speed
 from rona_core.app.needs import need
 from rona_core.app.sono_messages import StartSonoMapping
 from rona_core.app.sono_scans import gathered, hand_reference, posed_scans, sono_delay_s, spread
+from rona_core.app.survey import Survey, detect_survey
 from rona_core.arrays import Bools
 from rona_core.devices.protocols import Cancel, Progress, never, silent
 from rona_core.devices.samples import AScanTrack
@@ -15,8 +17,7 @@ from rona_core.geometry.pose import Poses
 from rona_core.mapping.build import build_maps
 from rona_core.session.document import Derived, Session, SonoMaps
 from rona_core.ultrasound.corrections import corrected
-from rona_core.ultrasound.detect import Detection, detect
-from rona_core.ultrasound.probe import probe_model
+from rona_core.ultrasound.detect import Detection
 
 
 @dataclass(frozen=True, slots=True)
@@ -59,22 +60,17 @@ def derive_sono_detection(
         DegenerateGeometryError: it saw it at none.
     """
     capture = need(session.captures.sono_scan, "scan by hand")
-    known = posed_scans(session, capture).known
+    calibration = need(session.results.sono, "calibrate the SonoPointer").value
+    posed = posed_scans(session, capture)
+    known = posed.known
     if not known.any():
         raise DegenerateGeometryError(
             f"the tracker saw the probe at none of the {len(known)} A-scans: uncover its markers, "
             "and turn them towards the tracker"
         )
-    probe = session.setup.devices.probe
-    return detect(
-        _chosen(capture.scans, known),
-        probe_model(probe),
-        probe.excitation,
-        method=message.method,
-        sound_speed_mm_per_us=message.sound_speed_mm_per_us,
-        progress=progress,
-        cancel=cancel,
-    )
+    Ts_tracker_probe: Poses = posed.Ts_tracker_marker @ calibration.T_sonomarker_probe
+    survey = Survey(_chosen(capture.scans, known), Ts_tracker_probe)
+    return detect_survey(session, survey, message, progress=progress, cancel=cancel)
 
 
 def derive_sono_maps(
@@ -86,7 +82,8 @@ def derive_sono_maps(
 ) -> SonoMaps:
     """Map both boundaries; fuse the outer one with the pointer cloud where there is one.
 
-    Boundaries that were set by hand take the place of those that were found.
+    Boundaries that were set by hand take the place of those that were found. Where the robot is
+    registered, a calibrated speed of sound holds here too: the bone is the same.
 
     Raises:
         StepBlockedError: nothing tells where the tracker stood.
@@ -98,14 +95,17 @@ def derive_sono_maps(
     posed = posed_scans(session, capture)
     detection = _with_hand(session, detection, posed.known)
     frame, T_base_tracker, sentence = hand_reference(session, capture)
-    Ts_tracker_probe: Poses = posed.Ts_tracker_marker @ calibration.T_sonomarker_probe
+    Ts_base_probe: Poses = T_base_tracker @ posed.Ts_tracker_marker @ calibration.T_sonomarker_probe
+    if frame == "base":
+        wanted = message.sound_speed_mm_per_us
+        detection = with_known_speed(detection, Ts_base_probe, session, wanted)
     cloud = session.results.surface if frame == "base" else None
     maps = build_maps(
         detection,
-        T_base_tracker @ Ts_tracker_probe,
+        Ts_base_probe,
         None if cloud is None else cloud.value.points_base,
         cell_mm=message.cell_mm,
-        probe=probe_model(session.setup.devices.probe),
+        probe=session_probe(session),
         progress=progress,
         cancel=cancel,
     )
@@ -124,7 +124,7 @@ def _with_hand(session: Session, detection: Detection, known: Bools) -> Detectio
     whole = spread(detection, known)
     if whole is None or not len(session.boundary_edits.of("hand")):
         return detection
-    probe = probe_model(session.setup.devices.probe)
+    probe = session_probe(session)
     return gathered(corrected(whole, session.boundary_edits, "hand", probe), known)
 
 

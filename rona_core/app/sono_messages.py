@@ -54,11 +54,14 @@ class StartSonoScan:
 
 @dataclass(frozen=True, slots=True)
 class StartSonoMapping:
-    """Detect both boundaries in the A-scans of the hand-held probe, and map them."""
+    """Detect both boundaries in the A-scans of the hand-held probe, and map them.
+
+    Without a speed of sound it is the calibrated one, if the maps are in base, else the published.
+    """
 
     __pydantic_config__: ClassVar = STRICT
     method: Literal["subtract", "matched", "threshold"] = "subtract"
-    sound_speed_mm_per_us: float = 2.65  # published; a calibrated one is of the robot's scan
+    sound_speed_mm_per_us: float | None = None  # None: calibrated, else published: 2.45 to 2.85
     cell_mm: float = 1.0
 
     def __post_init__(self) -> None:

@@ -125,7 +125,13 @@ RESULT_INPUTS: dict[str, dict[str, Input]] = {
         "speed": KNOWN_SPEED,
     },
     "sono": {"pivot": SONO_PIVOT, "spin": SONO_SPIN},
-    "sono_detection": {"capture": SONO_SCAN, "tool": ANY_TOOL, "probe": HAND_PROBE},
+    "sono_detection": {
+        "capture": SONO_SCAN,
+        "calibration": SONO_CALIBRATION,
+        "tool": ANY_TOOL,
+        "probe": HAND_PROBE,
+        "line": KNOWN_LINE,
+    },
     "sono_maps": {
         "detection": SONO_DETECTION,
         "correction by hand": HAND_EDITS,
@@ -134,6 +140,7 @@ RESULT_INPUTS: dict[str, dict[str, Input]] = {
         "tool": ANY_TOOL,
         "surface": ANY_SURFACE,
         "reference": HAND_REFERENCE,
+        "speed": KNOWN_SPEED,
     },
 }
 PATTERN_INPUTS = {"surface": SURFACE, "region": RADIUS}  # of a path that nobody demonstrated
@@ -209,7 +216,12 @@ def stale_reason(name: str, session: Session) -> str | None:
         if item.upstream is not None and (reason := stale_reason(item.upstream, session)):
             return reason
         value = item.read(session)
-        lost = value in (None, ()) and not item.optional
+        nothing = value in (None, ())
+        if key not in derived.inputs:  # made by a version that did not know of it
+            if nothing and item.optional:
+                continue
+            return f"the {name} result was computed without {key}: compute it again"
+        lost = nothing and not item.optional
         if lost or not _is_as_held(item, value, derived.inputs.get(key), session):
             return f"{key} has changed since the {name} result was computed"
     return None

@@ -60,7 +60,7 @@ def rf_from_arrays(arrays: Mapping[str, Any], name: str) -> RecordedRf:
             f"{name} has no {' and no '.join(missing)}: expected rf (scans, samples), fs in Hz "
             f"and, if known, t0 in s and positions in mm; it holds {there}"
         )
-    rf = _lines(arrays["rf"], name)
+    rf = _lines(arrays["rf"], name, _rows(arrays.get("positions")))
     rate_hz = _number(arrays["fs"], f"{name}: fs")
     _check_rate(rate_hz, name)
     start_known = "t0" in arrays
@@ -71,7 +71,7 @@ def rf_from_arrays(arrays: Mapping[str, Any], name: str) -> RecordedRf:
         )
     positions = None
     if "positions" in arrays:
-        rows = len(np.atleast_1d(arrays["positions"]))
+        rows = _rows(arrays["positions"])
         if rows == rf.shape[1] != len(rf):
             raise InvalidInputError(
                 f"{name}: rf has shape {rf.shape} and positions have {rows} rows: expected rf "
@@ -84,7 +84,15 @@ def rf_from_arrays(arrays: Mapping[str, Any], name: str) -> RecordedRf:
 # ------------------------------------------------------------------ values
 
 
-def _lines(value: Any, name: str) -> Floats:
+def _rows(positions: Any) -> int:
+    """Return of how many scans there are positions; 0 without any."""
+    shape = () if positions is None else np.shape(positions)
+    # MATLAB has no vectors, only rows and columns
+    return shape[1] if len(shape) == 2 and shape[0] == 1 else (shape or (0,))[0]
+
+
+def _lines(value: Any, name: str, placed: int) -> Floats:
+    """Return lines (n, samples) that can be meant; ``placed`` of them have positions."""
     rf = _numbers(value, f"{name}: rf")
     if rf.ndim != 2 or 0 in rf.shape:
         hint = {1: f"; a single line is written as (1, {rf.size})", 3: "; join its scans"}
@@ -98,10 +106,12 @@ def _lines(value: Any, name: str) -> Floats:
             f"{name}: rf has {n} scans of {samples} samples, shape (scans, samples): at least "
             f"{MIN_SAMPLES} samples are needed{turned}"
         )
-    if n > samples and _looks_transposed(rf):
+    # with few samples a cycle a plate too is smoother from scan to scan: positions know better
+    if n > samples and placed != n and _looks_transposed(rf):
         raise InvalidInputError(
             f"{name}: rf has shape {rf.shape}, expected (scans, samples): it runs smoothly along "
-            "its first axis and not along its second, so it seems to be transposed"
+            "its first axis and not along its second, so it seems to be transposed; if it is not, "
+            "give positions, a row a scan"
         )
     bad = int(np.count_nonzero(~np.isfinite(rf)))
     if bad:

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from rona_core.arrays import Floats, Ints
-from rona_core.ultrasound.echo_tracks import Track, predicted
+from rona_core.ultrasound.echo_tracks import Track, largest_piece, predicted
 from rona_core.ultrasound.probe_echoes import spread
 from rona_core.ultrasound.recorded_signal import Band
 
@@ -36,6 +36,7 @@ FAINT = 0.05
 DOUBLE = 1.4  # between once and twice
 FEW = 12  # scans, among which neighbours may be far apart
 LOUD_SHARE = 0.5
+PATCHED = 0.5  # share of a whole echo's scans that are in one piece
 STEADY = 0.6  # share of scans that agree with their neighbours
 AGREES = 0.25  # of the pulse length
 WANDERS = 0.2  # cycles that a lobe may seem to move
@@ -93,6 +94,7 @@ def choose_back_wall(
         or len(near) < FEW
         or tracks[k].typical_level >= LOUD_SHARE * loudest
     ]
+    own = _without_patchwork(tracks, own, near, band)
     while own:
         loudest = max(tracks[k].typical_level for k in own)
         loud = [k for k in own if tracks[k].typical_level >= LEAST_SHARE * loudest]
@@ -106,6 +108,19 @@ def choose_back_wall(
         # all of them belong to the pulse: the plate is among what is fainter
         own = [k for k in own if k not in loud]
     return None
+
+
+def _without_patchwork(tracks: list[Track], own: list[int], near: Ints, band: Band) -> list[int]:
+    """Return the echoes that are in one piece, or than which no such one is louder.
+
+    A track pieced together from holes that lie one beside the other is no back wall.
+    """
+    if len(near) < FEW:
+        return own
+    step_us = band.length_us
+    share = {k: largest_piece(tracks[k], near, step_us).sum() / tracks[k].there.sum() for k in own}
+    even = max((tracks[k].typical_level for k in own if share[k] >= PATCHED), default=0.0)
+    return [k for k in own if share[k] >= PATCHED or tracks[k].typical_level > even]
 
 
 def _contact(tracks: list[Track], known: Evidence, band: Band) -> int | None:
@@ -274,6 +289,7 @@ def steadiness(
     if not known.any():
         return 0.0, False
     off = (track.lag_us - around)[known]
-    wide = spread(track.lag_us[known])
+    # a track that jumps from one still echo to another does not wander
+    wide = spread(track.lag_us[known & largest_piece(track, near, band.length_us)])
     wanders = wide > WANDERS / band.centre_mhz and spread(off) < 0.5 * wide
     return float((np.abs(off) < AGREES * band.length_us).mean()), wanders

@@ -10,7 +10,7 @@ from dataclasses import replace
 import numpy as np
 from scipy.interpolate import CubicSpline
 
-from rona_core.arrays import Bools, Floats
+from rona_core.arrays import Bools, Floats, Ints
 from rona_core.ultrasound.learned_pulse import locate_echoes
 from rona_core.ultrasound.recorded_front import FrontEchoes
 from rona_core.ultrasound.recorded_signal import Band, Complexes
@@ -85,14 +85,20 @@ def settle_clipped(
 
 def front_is_cut(clipped: Bools, front: FrontEchoes, sampling_mhz: float, band: Band) -> Bools:
     """Return which lines (n,) have a front that was cut off."""
+    lost = samples_lost(clipped, front.aligned.at_us, sampling_mhz, band)
+    return np.asarray(front.ok & (lost > 0))
+
+
+def samples_lost(clipped: Bools, at_us: Floats, sampling_mhz: float, band: Band) -> Ints:
+    """Return how many samples (n,) were cut off of echoes at times (n,) from the first sample."""
     index = np.arange(clipped.shape[1]) / sampling_mhz
-    near = np.abs(index - front.aligned.at_us[:, None]) < band.length_us
-    return np.asarray(front.ok & (clipped & near).any(axis=1))
+    near = np.abs(index - at_us[:, None]) < band.length_us
+    return (clipped & near).sum(axis=1)
 
 
-def are_most_cut(cut: Bools, front: FrontEchoes) -> bool:
-    """Return whether most fronts are among the lines (n,) whose front was cut off."""
-    return bool(2 * cut.sum() > front.ok.sum())
+def are_most_cut(cut: Bools, there: Bools) -> bool:
+    """Return whether most of the echoes that are there (n,) are among those cut off (n,)."""
+    return bool(2 * cut.sum() > there.sum())
 
 
 def half_cycles_off(
@@ -105,8 +111,8 @@ def half_cycles_off(
 ) -> int:
     """Return by how many half cycles a pulse must move (and turn over) to explain the fronts.
 
-    The back wall's echo is whole where the front's was cut off: with its loss taken back, moved,
-    and cut off at the same limits it must give the recorded line.
+    The back wall's echo is whole where the front's was cut off, or lost less at least: with its
+    loss taken back, moved, and cut off at the same limits it must give the recorded line.
 
     Args:
         rf: Lines (n, samples) as they were recorded.

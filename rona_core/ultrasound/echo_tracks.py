@@ -4,7 +4,11 @@ from dataclasses import dataclass
 
 import numpy as np
 from scipy.sparse import coo_matrix
-from scipy.sparse.csgraph import breadth_first_order, minimum_spanning_tree
+from scipy.sparse.csgraph import (
+    breadth_first_order,
+    connected_components,
+    minimum_spanning_tree,
+)
 from scipy.spatial import KDTree
 
 from rona_core.arrays import Bools, Floats, Ints
@@ -132,6 +136,23 @@ def _median(values: Floats, there: Bools) -> Floats:
     low = ordered[rows, np.clip((count - 1) // 2, 0, last)]
     high = ordered[rows, np.clip(count // 2, 0, last)]
     return np.where(count > 0, 0.5 * (low + np.where(np.isfinite(high), high, low)), np.inf)
+
+
+def largest_piece(track: Track, near: Ints, step_us: float) -> Bools:
+    """Return the scans (n,) of the largest part of a track without a jump.
+
+    Args:
+        track: An echo.
+        near: Neighbours (n, k) of each scan.
+        step_us: By which neighbours may differ.
+    """
+    here = np.repeat(np.arange(len(near)), near.shape[1])
+    there = near.ravel()
+    joined = track.there[here] & track.there[there]
+    joined &= np.abs(track.lag_us[here] - track.lag_us[there]) < step_us
+    graph = coo_matrix((np.ones(joined.sum()), (here[joined], there[joined])), [len(near)] * 2)
+    pieces = connected_components(graph, directed=False)[1]
+    return track.there & (pieces == np.bincount(pieces[track.there]).argmax())
 
 
 def find_peaks(

@@ -131,7 +131,8 @@ def _found(recorded: RecordedRf, prior_mhz: float | None, told: "_Steps") -> _Fo
     told(0.5)
     zero, lines = align_fronts(z, front, rate, band)
     delay = pulse_delay_us(lines, zero, front.ok, rate)
-    pulse = learn_long_pulse(lines, zero, front, rate, band)
+    cutoff = are_most_cut(front_is_cut(clipped, front, rate, band), front.ok)
+    pulse = None if cutoff else learn_long_pulse(lines, zero, front, rate, band)
     if pulse is not None:
         z = compress(z, pulse, zero, rate, band)
         clipped = np.zeros_like(clipped)  # nothing stands at a limit any more
@@ -146,7 +147,7 @@ def _found(recorded: RecordedRf, prior_mhz: float | None, told: "_Steps") -> _Fo
         front = settled
         zero, lines = align_fronts(z, front, rate, band)
     least = least_lag_us(clipped, front, rate, band)
-    fronts_cut = are_most_cut(front_is_cut(clipped, front, rate, band), front)
+    fronts_cut = are_most_cut(front_is_cut(clipped, front, rate, band), front.ok)
     back = find_back(
         recorded, lines, zero, front, band, least, delay, fronts_cut, pulse is not None
     )

@@ -10,7 +10,12 @@ import numpy as np
 
 from rona_core.arrays import Bools, Floats, Ints
 from rona_core.devices.rf_files import RecordedRf
-from rona_core.ultrasound.clipped_front import are_most_cut, front_is_cut, half_cycles_off
+from rona_core.ultrasound.clipped_front import (
+    are_most_cut,
+    front_is_cut,
+    half_cycles_off,
+    samples_lost,
+)
 from rona_core.ultrasound.echo_tracks import Track, neighbours, predicted
 from rona_core.ultrasound.learned_pulse import Aligned, align_echoes, locate_echoes
 from rona_core.ultrasound.recorded_front import FrontEchoes
@@ -87,7 +92,7 @@ def refine_back(
     middle = float(np.median(lag[used]))
     cut = front_is_cut(clipped, front, sampling_mhz, band)
     # what was restored of a pulse does not tell a turned phase from a moved envelope
-    restored = are_most_cut(cut, front)
+    restored = are_most_cut(cut, front.ok)
     most_turn = 0.0 if restored else MOST_TURN
     match = match_echoes(front.aligned, aligned, band, most_turn)
     rate = match.loss_np_per_mhz / middle
@@ -99,7 +104,12 @@ def refine_back(
         plain, aligned, lag, used, near, recorded.positions_mm, zero, sampling_mhz, band, reshape
     )
     match = match_echoes(front.aligned, aligned, band, most_turn)
-    if restored:
+    # an echo that was cut off as much does not tell what the front was before
+    back_us = front.aligned.at_us + aligned.at_us - zero / sampling_mhz
+    more = samples_lost(clipped, back_us, sampling_mhz, band) >= samples_lost(
+        clipped, front.aligned.at_us, sampling_mhz, band
+    )
+    if restored and not are_most_cut(more & cut & used, cut & used):
         whole = np.where(
             aligned.frequencies_mhz > 0,
             aligned.spectrum * _undamped(match.loss_np_per_mhz, aligned.frequencies_mhz, band),

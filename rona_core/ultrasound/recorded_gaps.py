@@ -14,6 +14,10 @@ from rona_core.ultrasound.recorded_signal import Band, analytic
 
 RAIL = 0.985  # of the extreme value, from which on a flat run counts as clipped
 FLAT_RUN = 3  # samples
+CONVERTERS = (1, 2)  # that take samples in turn
+PILED = 24  # samples at one value,
+PILE = 8.0  # times as many as next to it: a limit,
+UNLIKE = 0.2  # of it, by which what is beside them differs
 MAX_LOST = 400  # clipped samples put right at once
 SPIKE = 10.0  # over the usual jump from sample to sample outside the band
 SPIKE_OUTSIDE = 0.5  # over what is inside the band
@@ -27,22 +31,44 @@ NOISE_SHARE = 1e-4  # of the power, so that the restoration stays finite
 def find_clipped(rf: Floats) -> Bools:
     """Return which samples (n, samples) stand at a limit of the converter.
 
-    Such samples come in runs at an extreme value of the whole recording, where all but a few of
-    the values near the extreme are alike.
+    Either they come in runs at an extreme value, or, with few samples a cycle, many single ones
+    share it and hardly any come near. Two converters that take turns have limits of their own.
     """
     clipped = np.zeros(rf.shape, dtype=np.bool_)
     middle = float(np.median(rf))
     for sign in (1.0, -1.0):
         value = sign * (rf - middle)
-        top = float(value.max())
-        near = value >= RAIL * top
-        if top <= 0 or not near.any():
-            continue
-        # a wave that just fits reaches its extreme in one or two samples
-        runs = _in_runs(near & (value >= top - 1e-9 * abs(top)), FLAT_RUN)
-        if runs.sum() >= 2 * FLAT_RUN or (len(rf) == 1 and runs.any()):
-            clipped |= _in_runs(near, 2) & near
+        for turns in CONVERTERS:
+            tops = np.array([value[:, k::turns].max() for k in range(turns)])
+            if (tops <= 0).any():
+                continue
+            top = tops[np.arange(rf.shape[1]) % turns]
+            at, near = value >= top - 1e-9 * np.abs(top), value >= RAIL * top
+            # a wave that just fits reaches its extreme in one or two samples
+            runs = _in_runs(at, FLAT_RUN)
+            if runs.sum() >= 2 * FLAT_RUN or (len(rf) == 1 and runs.any()):
+                clipped |= _in_runs(near, 2) & near
+            if _is_limit(value, at, near):
+                clipped |= at | (_in_runs(near, 2) & near)
     return clipped
+
+
+def _is_limit(value: Floats, at: Bools, near: Bools) -> bool:
+    """Return whether samples (n, samples) ``at`` one extreme value were cut off there.
+
+    A wave whose samples fall anywhere in its cycle has at most 1 / (sqrt(2) - 1) = 2.4 times as
+    many at its highest step as one step below. If its samples always fall at the same places, it
+    is the same beside them too.
+    """
+    if at.sum() < PILED or at.all():
+        return False
+    below = np.count_nonzero((near | (value >= value[~at].max())) & ~at)
+    if at.sum() < PILE * below:
+        return False
+    rows, samples = np.nonzero(at)
+    beside = np.stack([value[rows, np.clip(samples + k, 0, at.shape[1] - 1)] for k in (-1, 1)])
+    wide = np.ptp(np.quantile(beside, (0.1, 0.9), axis=1), axis=0)
+    return bool(wide.max() > UNLIKE * value[at].max())
 
 
 def _in_runs(mask: Bools, least: int) -> Bools:

@@ -12,7 +12,13 @@ from rona_core.arrays import Vector3, as_vector3, readonly
 from rona_core.devices.protocols import Cancel, Progress, never, silent
 from rona_core.errors import CancelledError, InvalidInputError
 from rona_core.session.specimen import LoadedSkull, SkullKind
-from rona_core.virtual.bone.choose import Choice, CoarseBone, choose_region, coarse_bone
+from rona_core.virtual.bone.choose import (
+    GAP_MM,
+    Choice,
+    CoarseBone,
+    choose_region,
+    coarse_bone,
+)
 from rona_core.virtual.bone.display import display_mesh
 from rona_core.virtual.bone.distance import (
     Grid,
@@ -21,13 +27,15 @@ from rona_core.virtual.bone.distance import (
     distance_from_volume,
     grid_about,
 )
+from rona_core.virtual.bone.holder import without_holder
 from rona_core.virtual.bone.loaded import LoadedSpecimen
 from rona_core.virtual.bone.triangles import MESH_SUFFIXES, BoneMesh, inside, joined, read_mesh
 from rona_core.virtual.bone.volume import VOLUME_SUFFIXES, BoneVolume, read_volume, without
 
 COARSE_MM = 1.25  # voxels in which a mesh is looked over
 RADII_MM = (5.0, 60.0)  # smallest and largest region
-NEAR_BONE_MM = 15.0  # a chosen centre farther from the bone than this is refused
+NEAR_BONE_MM = 3.0  # a chosen centre farther from the bone than this is refused
+MOST_BONE_MM = 15.0  # from a centre within the bone out to its surface
 WHOLE = 0.98  # share of the disc whose thickness must exist
 
 
@@ -66,6 +74,8 @@ def import_skull(
     step = _stepper(progress, cancel)
     step(0.02)
     source = _read(paths, threshold)
+    freed = without_holder(source) if isinstance(source, BoneVolume) else None
+    source = source if freed is None else freed.bone
     step(0.25)
     coarse = _look_over(source)
     step(0.4)
@@ -73,6 +83,8 @@ def import_skull(
         choice = choose_region(coarse, radius_mm)
     else:
         choice = _place_at(coarse, chosen)
+    if freed is not None:
+        freed.require_whole(choice.center_skull, radius_mm)
     grid = grid_about(choice.center_skull, choice.outward_skull, radius_mm)
     distance, smoothing_mm = _distance(source, grid)
     step(0.8)
@@ -154,7 +166,9 @@ def _look_over(source: BoneVolume | BoneMesh) -> CoarseBone:
 
 
 def _place_at(bone: CoarseBone, center: Vector3) -> Choice:
-    """Return the outer surface where the line from the middle of the head to ``center`` leaves it.
+    """Return the outer surface at ``center``, on the line to it from the middle of the head.
+
+    Other bone on that line, farther out or in, does not count.
 
     Raises:
         InvalidInputError: the centre is off the bone, or on the inside.
@@ -171,17 +185,26 @@ def _place_at(bone: CoarseBone, center: Vector3) -> Choice:
     if length < 1.0:
         raise InvalidInputError("the centre lies in the middle of the head: choose one on the bone")
     outward = outward / length
-    t = np.arange(length + 60.0, 0.0, -0.25 * float(bone.voxel_mm.min()))
+    step = 0.25 * float(bone.voxel_mm.min())
+    t = np.arange(length + 60.0, 0.0, -step)  # inwards
     index = np.round((middle + t[:, None] * outward - bone.origin_skull) / bone.voxel_mm)
     held = ((index >= 0) & (index < bone.mask.shape)).all(axis=1)
     i, j, k = np.where(np.asarray(held)[:, None], index, 0).astype(int).T
-    solid = bone.mask[i, j, k] & held
-    off = float(t[np.argmax(solid)] - length) if solid.any() else np.inf
-    if abs(off) > NEAR_BONE_MM:
-        where = "no bone lies in that direction" if np.isinf(off) else f"it lies {-off:+.0f} mm off"
+    solid = np.flatnonzero(bone.mask[i, j, k] & held)
+    # the line enters bone where it was in air for longer than in the gaps of the diploe
+    enters = solid[np.diff(solid, prepend=-len(t)) * step > GAP_MM]
+    off = t[enters] - length
+    off = float(off[np.argmin(np.abs(off))]) if len(off) else np.inf
+    # from within the bone it goes out to the surface, but not from the cavity
+    within = bool(len(solid)) and np.abs(t[solid] - length).min() <= NEAR_BONE_MM
+    if off < -NEAR_BONE_MM or off > (MOST_BONE_MM if within else NEAR_BONE_MM):
+        apart = bone.origin_skull + np.argwhere(bone.mask) * bone.voxel_mm - center
+        nearest = float(np.linalg.norm(apart, axis=1).min())
         raise InvalidInputError(
-            f"the centre {center.round(1).tolist()} must lie on the outer surface, but {where}: "
-            f"choose a point within {NEAR_BONE_MM:g} mm of it"
+            f"the centre {center.round(1).tolist()} must lie on the outer surface, but it is "
+            f"{nearest:.1f} mm from the nearest bone, and {abs(off):.1f} mm from the surface on "
+            f"the line from the middle of the head: choose a point within "
+            f"{NEAR_BONE_MM:g} mm of the surface"
         )
     return Choice(center + off * outward, outward)
 

@@ -32,6 +32,7 @@ from rona_core.devices.volumes import ACCURACY_MM
 from rona_core.errors import InvalidInputError, StepBlockedError
 from rona_core.session.codec import digest
 from rona_core.session.document import Session
+from rona_core.ultrasound.detect import NOMINAL_SPEED_MM_PER_US
 
 GAP = slice(40, 70)  # A-scans at which the tracker does not see the probe
 
@@ -147,7 +148,7 @@ def test_a_correction_makes_the_maps_by_hand_stale_and_goes_into_them(bench):
     assert np.flatnonzero(moved > 1e-6).tolist() == [
         int(np.count_nonzero(posed_scans(session, session.captures.sono_scan).known[:i]))
     ]
-    assert moved.max() == pytest.approx(0.5 * 2.65 / 2.0, rel=1e-6)
+    assert moved.max() == pytest.approx(0.5 * NOMINAL_SPEED_MM_PER_US / 2.0, rel=1e-6)
     assert all(row.same for row in replay(bench.session))
     bench.dispatch(ClearBoundaryCorrections("hand", i))
     assert stale_reason("sono_maps", bench.session) is not None

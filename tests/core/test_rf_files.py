@@ -206,3 +206,16 @@ def test_an_empty_file_is_called_so():
 def test_another_kind_of_file_is_refused(data):
     with pytest.raises(InvalidInputError, match="no HDF5, MATLAB"):
         read_rf(NamedFile("a.h5", data))
+
+
+def test_lines_with_few_samples_a_cycle_are_no_transposed_ones_if_their_positions_say_so():
+    t = np.arange(150) / 8.0  # 3.5 samples a cycle
+    pulse = 900 * np.exp(-(((t - 6.0) / 1.5) ** 2)) * np.sin(2 * np.pi * 2.3 * t)
+    rf = np.repeat(pulse[None], 400, axis=0)
+    with pytest.raises(InvalidInputError, match="seems to be transposed; if it is not, give posit"):
+        read_rf(npz(rf=rf, fs=8e6, positions=None))
+    for positions in (np.arange(400.0), np.zeros((400, 2)), np.zeros((1, 400))):
+        read = read_rf(npz(rf=rf, fs=8e6, positions=positions))
+        np.testing.assert_array_equal(read.rf, rf)
+    with pytest.raises(InvalidInputError, match="transposed"):
+        read_rf(npz(rf=rf, fs=8e6, positions=np.zeros((150, 2))))

@@ -16,7 +16,8 @@ NIFTI_SUFFIXES = (".nii", ".nii.gz")  # whose coordinates are right, anterior, s
 GAP_MM = 6.0  # air between bone (diploe, air cells) that counts as bone
 SKIN_MM = 0.2  # walked beyond a boundary before the next is looked for
 EDGE_MM = 8.0  # between the disc and the side of the grid
-OFF_SURFACE_MM = 15.0  # a chosen centre farther from the bone than this is refused
+OFF_SURFACE_MM = 3.0  # a chosen centre farther outside the bone than this is refused,
+WITHIN_MM = 15.0  # or farther within it, below the outer surface
 NORMAL_PATCH_MM = 10.0  # radius over which the normal of the region is averaged
 SHEET_NODES = 1.0  # pitch of the columns that sample the boundaries, in nodes
 
@@ -57,10 +58,13 @@ class LoadedSpecimen:
         top = center + (edges[2] - place[2]) * axes[:, 2]
         depth = self._first(top[None], -axes[:, 2][None])[0]
         found = top - depth * axes[:, 2] if np.isfinite(depth) else center
-        if not np.isfinite(depth) or np.linalg.norm(found - center) > OFF_SURFACE_MM:
+        above = float((center - found) @ axes[:, 2])  # the surface
+        if not np.isfinite(depth) or not -WITHIN_MM <= above <= OFF_SURFACE_MM:
+            where = f"{abs(above):.1f} mm {'above' if above > 0 else 'below'} it"
+            where = where if np.isfinite(depth) else "beside all bone"
             raise InvalidInputError(
-                f"{center.round(1).tolist()} is not on the outer surface of {skull.name}: choose a "
-                f"point within {OFF_SURFACE_MM:g} mm of it"
+                f"{center.round(1).tolist()} is not on the outer surface of {skull.name}, but "
+                f"{where}: choose a point within {OFF_SURFACE_MM:g} mm of it"
             )
         angles = np.linspace(0.0, 2.0 * np.pi, 24, endpoint=False)
         ring = np.stack((np.cos(angles), np.sin(angles)), 1) @ axes[:, :2].T

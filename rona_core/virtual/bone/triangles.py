@@ -40,7 +40,7 @@ class BoneMesh:
 
 
 def read_mesh(path: Path) -> BoneMesh:
-    """Read one closed mesh.
+    """Read one closed mesh; its sheets may touch along edges.
 
     Raises:
         InvalidInputError: damaged, foreign or empty, not closed, or not of the size of a skull.
@@ -48,7 +48,7 @@ def read_mesh(path: Path) -> BoneMesh:
     kind = path.suffix[1:].upper()
     with open_file(path, f"a mesh ({kind})"):
         found = read_apart(load_triangles, path, path.name, kind)
-    vertices, faces, closed = (np.asarray(found[key]) for key in ("vertices", "faces", "closed"))
+    vertices, faces = np.asarray(found["vertices"]), np.asarray(found["faces"])
     if not len(faces) or not np.isfinite(vertices).all():
         raise InvalidInputError(f"{path.name} holds no triangles, or vertices that are not finite")
     extent = vertices.max(axis=0) - vertices.min(axis=0)
@@ -58,19 +58,19 @@ def read_mesh(path: Path) -> BoneMesh:
             f"{path.name} measures {extent.round(2).tolist()}: expected a skull of {low:g} to "
             f"{high:g} mm; check the unit"
         )
-    if not closed.all():
-        edges, count = np.unique(
-            np.sort(faces[:, (0, 1, 1, 2, 2, 0)].reshape(-1, 2)), axis=0, return_counts=True
-        )
+    sides = np.sort(faces[:, (0, 1, 1, 2, 2, 0)].reshape(-1, 2), axis=1)
+    edges, count = np.unique(sides, axis=0, return_counts=True)
+    # where two sheets touch along an edge it has four triangles: in and out are still told apart
+    if (odd := int((count % 2).sum())) > 0:
         raise InvalidInputError(
-            f"{path.name} is not closed: {int((count != 2).sum())} of {len(edges)} edges do not "
-            f"join two triangles; close its holes, or export the mask as a volume instead"
+            f"{path.name} is not closed: {odd} of {len(edges)} edges have one triangle, or another "
+            f"odd number; close its holes, or export the mask as a volume instead"
         )
     return BoneMesh(vertices, faces)
 
 
 def load_triangles(path: Path, name: str) -> Found:
-    """Return vertices (n, 3), faces (m, 3) and whether they are closed, of a file of any mesh.
+    """Return vertices (n, 3) and faces (m, 3) of a file of any mesh.
 
     Raises:
         InvalidInputError: damaged or foreign.
@@ -85,7 +85,6 @@ def load_triangles(path: Path, name: str) -> Found:
         return {
             "vertices": np.array(loaded.vertices, dtype=np.float64),
             "faces": np.array(loaded.faces, dtype=np.int64),
-            "closed": np.array(bool(loaded.is_watertight)),
         }
     except MemoryError:
         raise
