@@ -1,8 +1,7 @@
-"""Surveys of whole scans, fired again at the same places into other bone.
+"""Surveys of simulated patients, fired again at the same places into bone of another kind or loss.
 
-One robot scan is planned and carried out for each patient, with the bone that a session has by
-default. Then the virtual probe fires again at the true poses of that scan, into bone of another
-kind or with another loss: as long as the places are the same, what changes is the bone.
+``scanned`` carries out the procedure up to the robot's scan; ``stood_on`` puts the probe on the
+bone without a robot, which is quicker. The places stay as they are: what changes is the bone.
 """
 
 from dataclasses import dataclass, replace
@@ -10,21 +9,25 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from benchmarks.bone_record import BoneScene, record
+from benchmarks.bone_scenes import standing_meander
 from rona_core.app.messages import SetSeed
 from rona_core.app.procedure import PROCEDURE, run_procedure
 from rona_core.app.scan_views import scan_poses
-from rona_core.compose import new_workbench
+from rona_core.compose import new_workbench, specimen_of
 from rona_core.devices.settings import ProbeSettings
 from rona_core.errors import StepBlockedError
 from rona_core.evaluation.scan_figures import true_probe_poses
 from rona_core.evaluation.truth import Truth
-from rona_core.geometry.pose import Pose, Poses
+from rona_core.geometry.pose import Poses
 from rona_core.session.document import Session
 from rona_core.session.specimen import BoneChoice, BoneKind
 from rona_core.ultrasound.detect import Detection, detect
 from rona_core.virtual.bone_medium import bone_medium
 from rona_core.virtual.probe import Layered
+from rona_core.virtual.rig import build_scene
+from rona_core.virtual.skull.simulated import SimulatedSpecimen
 
+STANDING_STREAM = 0x57A4D  # names the draw of leans and heights of a probe that no robot holds
 UP_TO_SCAN = PROCEDURE[: 1 + [step for step, _ in PROCEDURE].index("scan")]
 
 
@@ -52,13 +55,27 @@ def scanned(seed: int) -> Survey:
         scan, believed = bench.session.captures.scan, scan_poses(bench.session)
         if not ending.completed or scan is None or believed is None:
             raise StepBlockedError(f"seed {seed} has no scan: {ending.reason}")
-        truth = Truth(bench.rig().scene)
-        T_skull_base = truth.scene.T_base_skull.inv()
-        true = [T_skull_base @ pose for pose in true_probe_poses(scan, truth)]
-        settings = bench.session.setup.devices.probe
-        return Survey(seed, truth.scene.specimen, settings, Poses.stack(true), believed)
+        setup = bench.session.setup
+        scene = build_scene(setup.seed, specimen_of(setup), setup.devices)
+        T_skull_base = scene.T_base_skull.inv()
+        true = [T_skull_base @ pose for pose in true_probe_poses(scan, Truth(scene))]
+        return Survey(seed, scene.specimen, setup.devices.probe, Poses.stack(true), believed)
     finally:
         bench.close()
+
+
+def stood_on(seed: int, radius_mm: float, lines_mm: float = 4.0) -> Survey:
+    """Return a survey of one patient's region whose places are known exactly."""
+    specimen, settings = SimulatedSpecimen(seed), ProbeSettings()
+    poses, _ = standing_meander(
+        specimen,
+        np.random.default_rng((seed, STANDING_STREAM)),
+        radius_mm=radius_mm,
+        pitch_mm=settings.pitch_mm,
+        lines_mm=lines_mm,
+    )
+    places = Poses.stack(poses)
+    return Survey(seed, specimen, settings, places, places)
 
 
 def fired_again(survey: Survey, kind: BoneKind = "normal", loss: float = 1.0) -> BoneScene:

@@ -164,15 +164,14 @@ def _settled(
         slope = np.where(told, np.hypot(*(rise + outer_rise).T), 0.0)
         unlike = (weighed.slopes - slope[:, None]) / slope_sd
         usual = _usual_level(weighed, slope)
-        alone = weighed.likelihood - 0.5 * unlike[:, :, None] ** 2 - held
+        chances = weighed.likelihood - 0.5 * ((weighed.level - usual) / LEVEL_SD) ** 2
+        chances = chances - 0.5 * unlike[:, :, None] ** 2 - held
         if turn:
             off = (start_us - expected)[:, None] + weighed.offsets_us
             strange = off / np.hypot(scatter, EXPECTED_SD_US)[:, None]
             together = -STRANGERS * np.log1p(0.5 * strange**2)
-            alone = alone + np.where(around.known[:, None], together, 0.0)[:, None, :]
-        chances = alone - 0.5 * ((weighed.level - usual) / LEVEL_SD) ** 2
-        lag, sd, _ = _mean(weighed, chances, start_us)
-        level = _mean(weighed, alone, start_us)[2]
+            chances = chances + np.where(around.known[:, None], together, 0.0)[:, None, :]
+        lag, sd, level = _mean(weighed, chances, start_us)
     return lag, sd, level, rise
 
 
