@@ -26,6 +26,7 @@ SUITES = (
     "echo_model",
     "ultrasound",
     "skull_suite",
+    "bone_kinds",
     "recorded_rf",
     "sound_speed",
     "thickness",

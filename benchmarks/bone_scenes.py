@@ -11,7 +11,7 @@ import numpy as np
 
 from benchmarks.bone_record import BoneScene, inner_level_db, record
 from benchmarks.bone_shapes import Dome, grid_places, leans_rad
-from rona_core.arrays import Floats
+from rona_core.arrays import Floats, Ints
 from rona_core.devices.settings import Excitation, ProbeName, ProbeSettings, PulseShape
 from rona_core.geometry.pose import Pose
 from rona_core.ultrasound.material import Material
@@ -130,6 +130,34 @@ def anatomical_bone(
     """Return a meander over the region of a simulated skull as it is, inner table and all."""
     seed, random = _random(80_000 + patient, nominal, drawn_seed)
     specimen = SimulatedSpecimen(seed % 2**31)
+    poses, cells = standing_meander(
+        specimen,
+        random,
+        radius_mm=radius_mm,
+        pitch_mm=pitch_mm,
+        lines_mm=lines_mm,
+        tilt_sd_deg=tilt_sd_deg,
+    )
+    settings = _settings(name, excitation, front_snr_db, random, nominal)
+    settings = replace(settings, pitch_mm=pitch_mm)
+    medium = _medium(Medium(), random, nominal)
+    label = f"anatomical, patient {patient}, {name} {excitation}"
+    return record(label, specimen, medium, settings, poses, cells, pitch_mm, seed)
+
+
+def standing_meander(
+    specimen: SimulatedSpecimen,
+    random: np.random.Generator,
+    *,
+    radius_mm: float = 20.0,
+    pitch_mm: float = 1.0,
+    lines_mm: float = 2.0,
+    tilt_sd_deg: float = 1.0,
+) -> tuple[list[Pose], Ints]:
+    """Return poses of a probe in ``skull`` on a meander over the region, and their cells (n, 2).
+
+    The probe stands on the bone, off the normal and off the ground as a robot would be.
+    """
     center, normal = specimen.region.center_skull, specimen.region.normal_skull
     across = np.linalg.svd(normal[None])[2][1:]
     rows = np.arange(-radius_mm, radius_mm + 1e-9, lines_mm)
@@ -151,11 +179,7 @@ def anatomical_bone(
         _standing(point, axis, across[0]) @ Pose.from_rotvec((a, b, 0.0), (0.0, 0.0, -up))
         for point, axis, (a, b), up in zip(points, axes, lean, lift, strict=True)
     ]
-    settings = _settings(name, excitation, front_snr_db, random, nominal)
-    settings = replace(settings, pitch_mm=pitch_mm)
-    medium = _medium(Medium(), random, nominal)
-    label = f"anatomical, patient {patient}, {name} {excitation}"
-    return record(label, specimen, medium, settings, poses, cells, pitch_mm, seed)
+    return poses, cells
 
 
 def _random(place: int, nominal: bool, drawn_seed: int) -> tuple[int, np.random.Generator]:

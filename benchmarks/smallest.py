@@ -81,6 +81,10 @@ SMALLEST: Mapping[str, Mapping[str, Any]] = {
         "suites.skull_suite.PATIENTS": (0,),
         "suites.skull_suite.REGION_MM": 6.0,
     },
+    "bone_kinds": {
+        "suites.bone_kinds.SEEDS": (41_000,),
+        "suites.bone_kinds.WORLDS": (("hard", 1.0, 1),),
+    },
     "recorded_rf": {
         "suites.recorded_rf.SEEDS": (21,),
         "suites.recorded_rf.CASES": {name: CASES[name] for name in ("plate over a floor",)},
@@ -89,6 +93,13 @@ SMALLEST: Mapping[str, Mapping[str, Any]] = {
     },
     "sound_speed": {**ONCE, "suites.sound_speed.PATIENTS": 5},
     "thickness": {"suites.thickness.SEEDS": (0,), "suites.thickness.POINTS": ()},
+    "viewer": {
+        "suites.viewer.VISITS": 2,
+        "suites.viewer.WARM_UP": 1,
+        "suites.viewer.SETTLE_S": 0.5,
+        "suites.viewer.IDLE_S": 0.5,
+    },
+    "kills": {"suites.kills.KILLS": 1, "suites.kills.ENDS": 1},
     "procedure": {"suites.procedure.SEEDS": (0,), "suites.procedure.SKULLS": ()},
     "map_bands": {"suites.map_bands.SEEDS": (), "suites.map_bands.FILES": (DEMO,)},
 }

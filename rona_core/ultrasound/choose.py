@@ -7,6 +7,7 @@ and what was chosen is timed (``refine.py``). The runner-up is kept with its odd
 import numpy as np
 
 from rona_core.arrays import Bools, Floats, Ints
+from rona_core.ultrasound.diploe import seen_behind_along
 from rona_core.ultrasound.evidence import (
     ALONE,
     TOGETHER,
@@ -57,6 +58,7 @@ def choose_inner(echoes: Echoes, bone: Material, links: Links) -> InnerChoice:
     second = np.argmax(others, axis=1)
     fits = _fitted(echoes, best, bone)
     lag, sigma = _timed(fits, sureness, bone, template.probe, links)
+    behind = seen_behind_along(behind, depth, found, links, template.probe)
     doubted = np.clip(DOUBT[0] - DOUBT[1] * behind[rows, best], 0.0, 1.0)
     thick = thick_enough(echoes.merged, found.level[rows, best])
     moved = np.abs(lag - fits.envelope_us) > MOVED_CYCLES * fits.period_us

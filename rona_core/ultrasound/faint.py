@@ -48,7 +48,12 @@ def loud_enough(
     loss = -2.0 * bone.wavenumber_per_mm(np.array([probe.centre_mhz])).imag[0] * depth
     over = np.exp(total / count + MORE_LOSS * loss) / LEAST_LEVEL
     low, high = RAMP
-    least, most = OUTER_SHARE
-    too_deep = (depth / probe.max_thickness_mm - least) / (most - least)
     loud = np.clip((over - low) / (high - low), 0.0, 1.0)
-    return np.asarray(np.maximum(loud, np.clip(too_deep, 0.0, 1.0)), dtype=np.float64)
+    return np.asarray(np.maximum(loud, 1.0 - within_table(depth, probe)), dtype=np.float64)
+
+
+def within_table(depth_mm: Floats, probe: ProbeModel) -> Floats:
+    """Return how far depths (...), 1 to 0, may be within the outer table of the bone."""
+    least, most = OUTER_SHARE
+    too_deep = (depth_mm / probe.max_thickness_mm - least) / (most - least)
+    return np.asarray(1.0 - np.clip(too_deep, 0.0, 1.0), dtype=np.float64)

@@ -26,7 +26,7 @@ APART_MM = 0.9  # a later boundary is at least this far behind
 MULTIPLES = (2.0, 0.4), (3.0, 0.1), (4.0, 0.03)
 MULTIPLE = 0.08, 0.3  # share and mm about those
 REVERBERATES = 1.6, 0.3  # within the tables: up to this many times the depth, this loud at most
-SIDE_LOBE = 0.17  # nothing weaker than this behind an echo counts
+SIDE_LOBES = (3.0, 0.17), (5.0, 0.1)  # mm behind an echo, and what is weaker there may be its own
 STACK_FLOOR, STACK_SURE = 0.25, 1.5  # mean evidence from which on there is a boundary, and is sure
 LAST = 5.0  # log likelihood that a boundary loses for each unit of one behind it
 SLOPE_STEPS = 2  # of the grid, by which a boundary may differ from that of a neighbour
@@ -128,7 +128,9 @@ def repeats(depth_mm: float | Floats, behind_mm: Floats, ratio: Floats) -> Bools
         ratio: Of their levels over the noise, the one behind over the one ahead.
     """
     times, most = REVERBERATES
-    same = np.asarray((ratio < SIDE_LOBE) | ((behind_mm < times * depth_mm) & (ratio < most)))
+    (near, high), (far, low) = SIDE_LOBES
+    lobe = np.interp(behind_mm - depth_mm, (near, far), (high, low))
+    same = np.asarray((ratio < lobe) | ((behind_mm < times * depth_mm) & (ratio < most)))
     for times, most in MULTIPLES:
         off = np.abs(behind_mm - times * depth_mm)
         same = same | ((off < MULTIPLE[0] * behind_mm + MULTIPLE[1]) & (ratio < most))

@@ -134,6 +134,8 @@ def test_what_comes_from_an_echo_itself_is_no_boundary():
     assert repeats(8.0, np.array([11.0]), np.array([0.29]))[0]  # within the tables
     assert not repeats(2.2, np.array([7.0]), np.array([0.2]))[0]
     assert repeats(2.2, np.array([7.0]), np.array([0.1]))[0]  # a side lobe, or a third echo
+    assert not repeats(2.1, np.array([7.9]), np.array([0.12]))[0]  # no lobe is so far off, so loud
+    assert repeats(2.1, np.array([4.9]), np.array([0.16]))[0]
 
 
 def test_no_scans_have_no_tracks():
