@@ -1,6 +1,7 @@
 """`rona recover`: what it lists, saves, discards and refuses."""
 
 import json
+import sys
 
 import pytest
 from test_cli import refused
@@ -101,9 +102,14 @@ def test_serve_says_at_its_start_what_can_be_recovered(
     def once(settings, *, build_hub, open_window, say):
         say("http://address")
 
+    def leave():
+        sys.exit(0)  # not the whole process, which is that of the tests
+
     monkeypatch.setattr(serve, "serve", once)
+    monkeypatch.setattr(serve, "_leave", leave)
     folder = tmp_path if ended else tmp_path / "empty"
-    assert main(["serve", "--no-open", "--sessions", str(folder)]) == 0
+    with pytest.raises(SystemExit):
+        main(["serve", "--no-open", "--sessions", str(folder)])
     out = capsys.readouterr().out
     assert out.startswith("RONA is at http://address\n")
     assert ("recover" in out) == ended
