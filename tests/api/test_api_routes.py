@@ -304,7 +304,8 @@ def test_a_file_that_cannot_be_opened(client, body, status, code):
 def test_a_damaged_upload_is_refused_and_nothing_opens(client, at):
     before = len(client.get("/sessions").json()["sessions"])
     content = at("GET", "/file").content
-    for damaged in (b"", b"PK", content[:-50], content[:100] + b"x" + content[101:]):
+    refused(client.post("/sessions/upload", content=b""), 422, "invalid_input")
+    for damaged in (b"PK", content[:-50], content[:100] + b"x" + content[101:]):
         answer = client.post("/sessions/upload", content=damaged)
         refused(answer, 422, "session_format")
     assert len(client.get("/sessions").json()["sessions"]) == before

@@ -55,7 +55,8 @@ from rona_ui.resources import demo_session
 
 NOTHING: frozenset[str] = frozenset()
 MAPS = frozenset(("maps",))
-FROM_SCAN = MAPS | {
+FROM_SPEED = MAPS | {"sono_maps"}  # both kinds of maps take the calibrated speed of sound
+FROM_SCAN = FROM_SPEED | {
     "capture scan",
     "detection",
     "second",
@@ -64,7 +65,7 @@ FROM_SCAN = MAPS | {
     "speed",
 }
 FROM_PLAN = FROM_SCAN | {"roll", "placement"}
-FROM_CLOUD = FROM_PLAN | {"surface", "path", "smoothing", "sono_maps"}
+FROM_CLOUD = FROM_PLAN | {"surface", "path", "smoothing"}
 FROM_TOOL = FROM_CLOUD | {"tool", "sono_detection"}
 STROKES = frozenset(("capture surface", "capture path"))
 HAND = frozenset(("capture sono_scan", "sono_detection", "sono_maps"))
