@@ -28,7 +28,7 @@ def with_present_digests(session: Any) -> Any:
             for name, held in session["results"].items()
             if isinstance(held, dict)
         }
-    except (KeyError, TypeError, AttributeError):
+    except (KeyError, TypeError, AttributeError, ValueError):
         return session  # decoding says what is wrong
     return {**session, "results": {**session["results"], **results}}
 
