@@ -52,6 +52,7 @@ STEP_OF = {
     "StartBasePlacement": "roll",
     "StartRobotMove": "roll",
     "StartScan": "scan",
+    "StartRetract": "scan",
     "StartSecondPlan": "maps",
     "StartSecondScan": "maps",
     "StartMapping": "maps",

@@ -29,6 +29,7 @@ AFTER_A_SCAN = (
     "sound_speed_error_percent",
     "scan_thickness_rms_mm",
 )
+IN_THE_TOOL_MOTION = 400  # times that a capture has asked whether to stop, when poses come
 IN_THE_SCAN = 1500  # times that a scan has asked whether to stop, when A-scans come
 
 
@@ -51,7 +52,7 @@ def bench(demo, tmp_path):
         (StartPathCapture(), 0),
         (StartSurfaceCapture(), 0),
         (StartSurfaceCapture(append=True), 0),
-        (StartToolCapture(), 0),
+        (StartToolCapture(), IN_THE_TOOL_MOTION),
         (StartPointerCapture(), 0),
     ],
     ids=lambda value: type(value).__name__ if not isinstance(value, int) else "",
@@ -73,7 +74,7 @@ def test_a_repeat_that_was_cut_short_leaves_captures_states_and_figures_as_they_
 
 def test_a_scan_stopped_before_it_touched_leaves_all_figures_as_they_were(bench):
     before = bench.figures()
-    with pytest.raises(CancelledError, match="scan is kept"):
+    with pytest.raises(CancelledError, match="earlier is kept"):
         bench.run(StartScan(), cancel=lambda: True)
     assert bench.figures() == before
 

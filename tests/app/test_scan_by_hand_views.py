@@ -178,7 +178,7 @@ def test_corrections_of_each_scan_go_with_that_scan_alone(session):
     i = sure(session)
     at_us = float(detection_of_scan(session, "hand").inner_us[i]) + 0.1
     edited = handle(CorrectBoundary(i, "hand", inner_us=at_us), session)
-    robot = StoreScanCapture(None)
+    robot = StoreScanCapture(session.captures.sono_scan)  # any capture will do here
     assert len(handle(robot, edited).boundary_edits) == 1, "the robot's scan is another one"
     again = handle(StoreSonoScan(session.captures.sono_scan), edited)
     assert len(again.boundary_edits) == 0

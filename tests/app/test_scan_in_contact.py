@@ -1,6 +1,7 @@
 """Step 8 on the virtual devices: pressed on and by position alone, lost contact, one clock."""
 
 from dataclasses import replace
+from itertools import count
 from pathlib import Path
 
 import numpy as np
@@ -177,9 +178,17 @@ def test_cancel_ends_it_and_keeps_what_came():
     assert not rig.robot.state().moving
 
 
-def test_cancel_while_the_tool_is_weighed_records_nothing_and_says_so():
-    with pytest.raises(CancelledError, match=r"while the tool was weighed.*earlier scan is kept"):
-        scan(session_with(contact=ContactSettings()), cancel=lambda: True)
+@pytest.mark.parametrize(
+    ("asked", "words"),
+    [
+        (0, "on its way to the start.*earlier is kept"),
+        (1, "tool was weighed.*earlier scan is kept"),
+    ],
+)
+def test_cancel_while_the_tool_is_weighed_records_nothing_and_says_so(asked, words):
+    questions = count()
+    with pytest.raises(CancelledError, match=words):
+        scan(session_with(contact=ContactSettings()), cancel=lambda: next(questions) >= asked)
 
 
 def test_after_a_stop_on_the_bone_the_probe_is_drawn_back_first():

@@ -161,14 +161,14 @@ def test_the_residuals_are_bars_that_grow_with_them(session):
 def test_quality_says_what_is_expected_first_and_beside_the_truth(session):
     figures = {
         "tool_tip_error_mm": 0.21,
-        "tool_tip_sigma_mm": 0.11,
         "surface_rms_mm": 0.31,
         "surface_sigma_predicted_mm": 0.29,
     }
     html = table(quality_rows(figures, session), session, frozenset())
     truth = html.index("against the truth")
-    assert html.index("Predicted, without the truth") < html.index("0.11 mm") < truth
+    predicted = f"{session.results.tool.value.tip_sigma_mm:.2f} mm"  # the session tells it at once
+    assert html.index("Predicted, without the truth") < html.index(predicted) < truth
     assert html.index("Tool tip, random error") < html.index("RMSE") < truth
-    assert re.search(r"Tool tip error<br>.*?predicted 0.11 mm.*?<b>0.21 mm", html)
+    assert re.search(rf"Tool tip error<br>.*?predicted {predicted}.*?<b>0.21 mm", html)
     assert re.search(r"Surface cloud, RMS<br>.*?predicted 0.29 mm.*?<b>0.31 mm", html)
     assert html.count("Tool tip, random error") == 1
