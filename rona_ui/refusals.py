@@ -39,6 +39,11 @@ class Refusals:
             self._held[session_id] = held[-KEPT:]
             self._count += 1
 
+    def keep_only(self, session_ids: tuple[str, ...]) -> None:
+        """Forget the refusals of all other sessions: they are closed."""
+        with self._lock:
+            self._held = {key: held for key, held in self._held.items() if key in session_ids}
+
     def of(self, session_id: str) -> tuple[Refusal, ...]:
         """Return what was refused in a session, oldest first; one object until there is more."""
         with self._lock:

@@ -109,6 +109,7 @@ class Window:
             session = self._hub.get().session
             where = place_of(None if browser is None else browser.view.step)
             self._refusals.add(session.id, len(session.log), where, title, body)
+        self._refusals.keep_only(self._hub.ids())
         self.wake()
 
     # -------------------------------------------------------------- the drawing thread

@@ -93,6 +93,10 @@ DEVICE_ACTIVITIES = (
     StartBlockShots,
 )
 
+# those that record something, which has to fit into the session file
+CAPTURE_ACTIVITIES = tuple(
+    kind for kind in DEVICE_ACTIVITIES if kind not in (StartRobotMove, StartRetract)
+)
 # those that drive the robot, by name; the others use tracker, probe or hand alone
 ROBOT_ACTIVITIES = frozenset(
     kind.__name__

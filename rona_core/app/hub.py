@@ -1,6 +1,7 @@
 """All open sessions: made, opened from files, saved, closed; one of them is the current one."""
 
 import threading
+import time
 from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import replace
@@ -18,6 +19,7 @@ from rona_core.session.files import load_session, session_from_bytes
 __all__ = ["CURRENT", "MAX_UPLOAD_BYTES", "Hub"]
 CURRENT = "current"  # alias for the session that the viewer shows
 MAX_OPEN = 16
+ENDING_S = 1.5  # that the end of the program waits for jobs, all together
 
 
 class Hub:
@@ -186,7 +188,17 @@ class Hub:
         self._tell()
 
     def close_all(self) -> None:
-        """Close every session, at the end of the program; copies of what is not saved stay."""
+        """Close every session, at the end of the program; copies of what is not saved stay.
+
+        What jobs have measured until now is stored and kept first, if they end soon.
+        """
+        benches = [self.get(session_id) for session_id in self.ids()]
+        for bench in benches:
+            bench.jobs.cancel_all()
+            bench.stop()
+        ends_s = time.monotonic() + ENDING_S
+        for bench in benches:
+            bench.jobs.wait_all(max(0.0, ends_s - time.monotonic()))
         self._autosave.close()
         for session_id in self.ids():
             self._close(session_id)

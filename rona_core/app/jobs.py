@@ -178,6 +178,13 @@ class Jobs:
                 if not status.finished:
                     self._cancel[key].set()
 
+    def wait_all(self, timeout_s: float) -> bool:
+        """Return whether every job has ended, at the latest after the timeout."""
+        with self._changed:
+            return self._changed.wait_for(
+                lambda: all(status.finished for status in self._status.values()), timeout_s
+            )
+
     def cancel_device_job(self) -> None:
         """Ask whatever uses the devices to end."""
         with self._changed:

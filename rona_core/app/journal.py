@@ -97,6 +97,6 @@ def replay_entries(store: Store, entries: Sequence[LogEntry]) -> str | None:
     for entry in entries:
         try:
             store.dispatch(message_from(entry.message, entry.arguments), entry.time_utc)
-        except RonaError as error:
+        except Exception as error:  # a defect of this version too: what came before is recovered
             return f"change {entry.number} ({entry.message}) cannot be done again: {error}"
     return None

@@ -2,6 +2,8 @@
 
 import contextlib
 import re
+import threading
+import time
 from collections.abc import Generator
 from dataclasses import dataclass
 from datetime import UTC, datetime
@@ -18,6 +20,7 @@ from rona_core.session.files import SUFFIX, load_session
 from rona_core.session.temporary import MADE, remove_stale_temporaries
 
 OLD_TEMPORARY = re.compile(r"\.[\w-]+\.rona\.[a-z0-9_]{8}")  # before they ended in .part
+TRIES, WAIT_S = 20, 0.05  # of holding a folder
 
 
 @dataclass(frozen=True, slots=True)
@@ -69,6 +72,9 @@ class Recovery:
     def __init__(self, folder: Path) -> None:
         self._root = folder / FOLDER
         self._known: dict[Path, tuple[object, LostSession]] = {}
+        self._lock = threading.Lock()
+        self._held: dict[Path, tuple[contextlib.ExitStack, int]] = {}  # folders, and how often
+        self._taken: set[str] = set()  # keys of the copies that are being recovered or discarded
 
     def tidy(self) -> int:
         """Remove what was left half written, and folders without a copy; return how many files."""
@@ -108,15 +114,37 @@ class Recovery:
             NotFoundError: there is none of that key, or another program has taken it.
         """
         copy = next((copy for copy in self._copies() if copy.key == key), None)
-        if copy is not None:
-            with self._hold(copy.path.parent) as held:
-                if held and copy.path.is_file():
+        if copy is not None and self._take(copy):
+            try:
+                if copy.path.is_file():
                     yield copy
                     return
+            finally:
+                self._let_go(copy)
         raise NotFoundError(f"there is no unsaved session {key!r} to recover: look at the list")
 
-    def _hold(self, folder: Path) -> contextlib.AbstractContextManager[bool]:
-        return contextlib.nullcontext(True) if folder == self._root else hold(folder)
+    def _take(self, copy: LostCopy) -> bool:
+        """Return whether this thread has the copy now; others of the same folder may be taken."""
+        folder = copy.path.parent
+        with self._lock:
+            if copy.key in self._taken:
+                return False
+            stack, count = self._held.get(folder, (contextlib.ExitStack(), 0))
+            if count == 0 and folder != self._root and not _held_soon(stack, folder):
+                return False
+            self._held[folder] = stack, count + 1
+            self._taken.add(copy.key)
+            return True
+
+    def _let_go(self, copy: LostCopy) -> None:
+        folder = copy.path.parent
+        with self._lock:
+            self._taken.discard(copy.key)
+            stack, count = self._held.pop(folder)
+            if count > 1:
+                self._held[folder] = stack, count - 1
+            else:
+                stack.close()
 
     def discard(self, key: str) -> None:
         """Remove a copy for good; errors as in `held`."""
@@ -124,10 +152,21 @@ class Recovery:
             copy.remove()
 
     def _copies(self) -> list[LostCopy]:
-        folders = dead_folders(self._root)
+        with self._lock:  # a folder that this program holds is not held by one that runs
+            folders = {*dead_folders(self._root), *self._held} - {self._root}
         found = [LostCopy(f"{f.name}-{p.stem}", p) for f in folders for p in f.glob(f"*{SUFFIX}")]
         old = self._root.glob(f"*{SUFFIX}")  # of a version that had one folder for all programs
         return sorted([*found, *(LostCopy(p.stem, p) for p in old)], key=lambda copy: copy.key)
+
+
+def _held_soon(stack: contextlib.ExitStack, folder: Path) -> bool:
+    """Hold a dead folder; somebody who only looks whether it is dead holds it for a moment."""
+    for _ in range(TRIES):
+        if stack.enter_context(hold(folder)):
+            return True
+        stack.close()
+        time.sleep(WAIT_S)
+    return False
 
 
 def restore(store: Store, journal: Journal) -> str | None:

@@ -5,7 +5,7 @@ from typing import Literal
 
 import numpy as np
 
-from rona_core.app.captures import begin, drive_to, finish
+from rona_core.app.captures import STOPPED, begin, drive_to, finish
 from rona_core.app.contact_loop import ContactLoop
 from rona_core.app.free_moves import require_certified
 from rona_core.app.staleness import capture_setup_digest, session_obstacles
@@ -15,7 +15,7 @@ from rona_core.arrays import Floats
 from rona_core.devices.force import ForceTrack
 from rona_core.devices.samples import AScan, AScanTrack, JointSample, JointTrack
 from rona_core.devices.settings import ContactSettings
-from rona_core.errors import NotReachableError
+from rona_core.errors import CancelledError, NotReachableError
 from rona_core.robot.collision import CollisionWorld
 from rona_core.robot.contact_band import contact_band, straight_line
 from rona_core.robot.model import RobotModel, robot_model
@@ -65,6 +65,8 @@ def capture_scan(
         recorded = _by_position(trajectory, places_s, model, tools)
     else:
         ordinal, recorded = _in_contact(trajectory, places_s, contact, model, session, tools)
+    if recorded.partial and not recorded.scans:
+        raise CancelledError(STOPPED)
     return ScanCapture(
         ordinal=ordinal,
         setup_digest=capture_setup_digest(kind, session),

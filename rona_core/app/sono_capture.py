@@ -10,6 +10,7 @@ from rona_core.app.staleness import capture_setup_digest
 from rona_core.app.toolbox import Toolbox
 from rona_core.devices.samples import AScan, AScanTrack, ToolTrack, TrackerFrame
 from rona_core.devices.settings import SONO
+from rona_core.errors import CancelledError
 from rona_core.session.document import PointerCapture, Session, SonoCapture
 
 PIVOT_SHARE = 0.5  # of the time of a calibration, for the progress
@@ -75,6 +76,8 @@ def capture_sono_scan(activity: StartSonoScan, session: Session, tools: Toolbox)
         if not frames or frame.number > frames[-1].number:
             frames.append(frame)
             tools.live.put(frame=frame)
+    if partial and not scans:
+        raise CancelledError("stopped before the probe fired: what was recorded earlier is kept")
     return SonoCapture(
         ordinal=ordinal,
         setup_digest=capture_setup_digest("sono_scan", session),

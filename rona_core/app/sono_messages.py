@@ -7,7 +7,9 @@ from dataclasses import dataclass
 from typing import ClassVar, Literal
 
 from rona_core.app.activity_messages import StartMapping
-from rona_core.devices.settings import STRICT, require_within
+from rona_core.devices.settings import STRICT, require, require_within
+
+MOST_SHOTS = 16_000  # of one scan by hand: some 60 MB
 
 
 @dataclass(frozen=True, slots=True)
@@ -50,6 +52,11 @@ class StartSonoScan:
         require_within("duration_s", self.duration_s, 5.0, 600.0)
         require_within("spacing_mm", self.spacing_mm, 0.5, 10.0)
         require_within("rate_hz", self.rate_hz, 1.0, 100.0)
+        require(
+            self.duration_s * self.rate_hz <= MOST_SHOTS,
+            f"duration_s times rate_hz must be at most {MOST_SHOTS} A-scans, "
+            f"not {self.duration_s * self.rate_hz:.0f}",
+        )
 
 
 @dataclass(frozen=True, slots=True)

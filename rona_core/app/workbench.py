@@ -8,7 +8,12 @@ from typing import Any
 
 from numpy.typing import ArrayLike
 
-from rona_core.app.activities import DEVICE_ACTIVITIES, ROBOT_ACTIVITIES, Answer
+from rona_core.app.activities import (
+    CAPTURE_ACTIVITIES,
+    DEVICE_ACTIVITIES,
+    ROBOT_ACTIVITIES,
+    Answer,
+)
 from rona_core.app.exact import require_exact
 from rona_core.app.jobs import Ended, Jobs, JobStatus
 from rona_core.app.messages import COMMANDS
@@ -22,6 +27,7 @@ from rona_core.devices.protocols import Cancel, Operator, Progress, Rig, never, 
 from rona_core.errors import CancelledError, DeviceError, InvalidInputError
 from rona_core.session.codec import digest
 from rona_core.session.document import Session, Setup
+from rona_core.session.members import require_room_for_capture
 from rona_core.session.prediction import predicted_figures
 
 Figures = dict[str, Any]
@@ -119,6 +125,7 @@ class Workbench:
     def run(self, activity: Any, progress: Progress = silent, cancel: Cancel = never) -> Session:
         """Carry out an activity here and now, and store what it produced."""
         require_exact(activity)
+        self._require_room_for(activity)
         self._carry_out(activity, progress, cancel)
         return self.session
 
@@ -126,12 +133,13 @@ class Workbench:
         """Start an activity as a job and return at once.
 
         Raises:
-            StepBlockedError: an earlier step is missing or stale.
+            StepBlockedError: an earlier step is missing or stale, or the session is full.
             DeviceError: the devices are busy with another job.
             InvalidInputError: a field has a value of another type.
         """
         require_exact(activity)
         require_for(activity, self.session)
+        self._require_room_for(activity)
 
         def work(progress: Progress, cancel: Cancel) -> Ended:
             self._keep(self.session)
@@ -140,6 +148,10 @@ class Workbench:
             return self._carry_out(activity, progress, cancel)
 
         return self.jobs.start(activity, work, device=isinstance(activity, DEVICE_ACTIVITIES))
+
+    def _require_room_for(self, activity: Any) -> None:
+        if isinstance(activity, CAPTURE_ACTIVITIES):
+            require_room_for_capture(self.session.archive)
 
     def _carry_out(self, activity: Any, progress: Progress, cancel: Cancel) -> Ended:
         devices = self.rig

@@ -12,8 +12,8 @@ from typing import Any
 
 from rona_core.devices.contents import open_zip, read_member
 from rona_core.devices.npy import MAX_HEADER_BYTES, array_from_npy
-from rona_core.errors import InvalidInputError, SessionFormatError
-from rona_core.session.codec import Arrays, decode
+from rona_core.errors import InvalidInputError, SessionFormatError, StepBlockedError
+from rona_core.session.codec import Arrays, decode, encode
 from rona_core.session.packing import Recipe, unpack
 
 FORMAT = "rona-session"
@@ -22,6 +22,7 @@ MAX_MEMBERS = 20_000
 MAX_STORED_BYTES = 192 * 1024**2  # of all arrays of a file
 MAX_USED_BYTES = 2 * MAX_STORED_BYTES  # of all arrays of a session: many are there twice
 MAX_FILE_BYTES = MAX_STORED_BYTES + 64 * 1024**2
+MAX_CAPTURE_BYTES = 64 * 1024**2  # that one more capture may take, with what follows from it
 MAX_JSON_BYTES = {MANIFEST: 12 * 1024**2, LOG: 24 * 1024**2}
 MAX_DEPTH = 64  # of lists and objects within each other; a session needs a dozen
 MEMBER_NAME = re.compile(r"manifest\.json|commands\.jsonl|(arrays|packed)/[\w-]+(/[\w-]+)*\.npy")
@@ -74,6 +75,25 @@ def require_room(stored_bytes: int, used_bytes: int, texts: dict[str, int], name
                 f"{name} holds {_mb(size)} of {what}, a session file holds at most {_mb(most)}: "
                 "start another session for further captures"
             )
+
+
+def require_room_for_capture(archive: tuple[Any, ...]) -> None:
+    """Refuse a further capture where the file might not hold it, before anything is measured.
+
+    Args:
+        archive: All captures of a session.
+
+    Raises:
+        StepBlockedError: there are too many already.
+    """
+    arrays: Arrays = {}
+    encode(archive, "archive", arrays)
+    held = sum(array.nbytes for array in arrays.values())
+    if held > MAX_STORED_BYTES - MAX_CAPTURE_BYTES:
+        raise StepBlockedError(
+            f"the session holds {_mb(held)} of recordings, and a session file at most "
+            f"{_mb(MAX_STORED_BYTES)}: save it, and begin another session for further ones"
+        )
 
 
 def used_bytes(document: Any, arrays: Arrays) -> int:

@@ -6,6 +6,7 @@ import signal
 import subprocess
 import sys
 import threading
+import time
 from dataclasses import replace
 from pathlib import Path
 
@@ -349,6 +350,49 @@ def test_what_cannot_be_recovered_is_refused_and_nothing_changes(start):
     with pytest.raises(InvalidInputError, match="close one first"):
         hub.recover(only(hub).key)
     assert only(hub).name == "one"
+
+
+def test_while_one_copy_is_recovered_the_others_of_its_program_stay_within_reach(start, tmp_path):
+    hub = start()
+    for number in (1, 2):
+        hub.create(f"session {number}").dispatch(SetSeed(number))
+    killed(hub)
+    recovery = Recovery(tmp_path)
+    first, second = recovery.keys()
+    with recovery.held(first) as copy:
+        assert recovery.keys() == (first, second)
+        with recovery.held(second) as other:
+            assert other.path != copy.path
+        with pytest.raises(NotFoundError), recovery.held(first):
+            pass
+        with pytest.raises(NotFoundError), Recovery(tmp_path).held(second):
+            pass  # of another program
+    with recovery.held(first):
+        pass
+
+
+def test_what_cannot_be_done_again_for_a_defect_does_not_hide_what_came_before():
+    class Broken:
+        def dispatch(self, message, time_utc):
+            raise TypeError("of this version")
+
+    entry = LogEntry(1, "SetSeed", {"seed": 3}, "2026-01-01T00:00:00+00:00")
+    assert "cannot be done again: of this version" in journal.replay_entries(Broken(), [entry])
+
+
+def test_what_is_being_measured_when_the_program_ends_is_kept(tmp_path):
+    hub = build_hub(tmp_path, processes=False, pace=1.0)
+    bench = hub.create("measuring")
+    bench.start(StartPointerCapture())
+    deadline_s = time.monotonic() + DEADLINE_S
+    while bench.live.get().frame is None and time.monotonic() < deadline_s:
+        time.sleep(0.02)
+    hub.close_all()
+    after = build_hub(tmp_path, processes=False)
+    bench, problem = after.recover(only(after).key)
+    assert problem is None
+    assert [capture.partial for capture in bench.session.archive] == [True]
+    after.close_all()
 
 
 def test_a_copy_stays_until_the_recovered_session_has_one_of_its_own(start, monkeypatch):

@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from rona_core.app import scan_capture
 from rona_core.app.captures import drive_to
 from rona_core.app.pose_timing import pose_delay, probe_poses_of
 from rona_core.app.scan_capture import capture_scan
@@ -189,6 +190,19 @@ def test_cancel_while_the_tool_is_weighed_records_nothing_and_says_so(asked, wor
     questions = count()
     with pytest.raises(CancelledError, match=words):
         scan(session_with(contact=ContactSettings()), cancel=lambda: next(questions) >= asked)
+
+
+def test_a_scan_by_position_that_is_stopped_on_its_way_to_the_bone_records_nothing(monkeypatch):
+    arrived = [False]
+    genuine = scan_capture.drive_to
+
+    def drive_to_start(*args):
+        genuine(*args)
+        arrived[0] = True
+
+    monkeypatch.setattr(scan_capture, "drive_to", drive_to_start)
+    with pytest.raises(CancelledError, match="nothing was recorded"):
+        scan(session_with(contact=None), cancel=lambda: arrived[0])
 
 
 def test_after_a_stop_on_the_bone_the_probe_is_drawn_back_first():

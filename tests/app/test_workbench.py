@@ -2,6 +2,7 @@
 
 import threading
 
+import numpy as np
 import pytest
 
 from rona_core.app import captures
@@ -15,7 +16,8 @@ from rona_core.app.messages import (
 )
 from rona_core.app.workbench import Services, Workbench
 from rona_core.compose import build_hub, new_workbench, virtual_services
-from rona_core.errors import CancelledError, DeviceError, InvalidInputError
+from rona_core.errors import CancelledError, DeviceError, InvalidInputError, StepBlockedError
+from rona_core.session import members
 from rona_core.session.document import Session
 from rona_ui.resources import demo_session
 
@@ -171,4 +173,18 @@ def test_what_is_cancelled_while_it_is_planned_does_not_move_the_robot(tmp_path,
     with pytest.raises(CancelledError, match="nothing was recorded"):
         bench.run(StartToolCapture(n_pivot=5, n_translate=3), cancel=planned.is_set)
     assert bench.session.archive == ()
+    bench.close()
+
+
+def test_a_capture_that_the_session_file_might_not_hold_is_refused_before_it_is_measured(
+    tmp_path, monkeypatch
+):
+    bench = new_workbench(Session(), tmp_path)
+    bench.run(StartPointerCapture(duration_s=5.0))
+    monkeypatch.setattr(members, "MAX_STORED_BYTES", members.MAX_CAPTURE_BYTES + 1000)
+    for begin in (bench.run, bench.start):
+        with pytest.raises(StepBlockedError, match=r"holds 0 MB.*begin another session"):
+            begin(StartPointerCapture())
+    bench.run(StartRobotMove(tuple(np.rad2deg(bench.rig().robot.state().q_rad))))
+    assert len(bench.session.archive) == 1
     bench.close()
