@@ -125,7 +125,7 @@ def map_accuracy(session: Session, *, hand: bool = False) -> MapAccuracy | None:
         samples = _Samples(
             (results.sono_detection.value,), ("hand",), BoundaryEdits(), devices.probe
         )
-        maps, known, arm = results.sono_maps.value.maps, None, _Arm(_hand_pose_mm(session), 0.0)
+        maps, arm = results.sono_maps.value.maps, _Arm(_hand_pose_mm(session), 0.0)
     else:
         if results.maps is None or results.detection is None:
             return None
@@ -134,10 +134,11 @@ def map_accuracy(session: Session, *, hand: bool = False) -> MapAccuracy | None:
         samples = _Samples(
             found, ("first", "second")[: len(found)], session.boundary_edits, devices.probe
         )
-        maps, known = results.maps.value, speed_of_maps(session)
+        maps = results.maps.value
         worst = max(REPEATABILITY_MM.values())
         repeat_mm = REPEATABILITY_MM.get(devices.robot.model, worst)
         arm = _Arm(ROBOT_ACCURACY_MM / 3.0**0.5, repeat_mm)
+    known = speed_of_maps(session, hand=hand)
     return _accuracy(maps, samples, known, arm) if len(samples) == len(maps.inner_used) else None
 
 

@@ -83,8 +83,10 @@ def read_apart(reader: Reader, source: bytes | Path, name: str, kind: str) -> Fo
 
 def _why(status: int, name: str, kind: str) -> str:
     """Return why there is no report."""
-    if -status in (signal.SIGXCPU, signal.SIGKILL):
+    if -status == signal.SIGXCPU:
         return _too_slow(name, kind)
+    if -status == signal.SIGKILL:  # by the limit of time, or by a system that is short of memory
+        return f"{_too_slow(name, kind)}. It may also need more memory than there is"
     if status < 0:
         return (
             f"{name} is a damaged {kind} file: its reader crashed on it "

@@ -39,14 +39,17 @@ def thickness_shares(session: Session) -> ThicknessShares | None:
     return _shares(results.detection.value, results.maps.value, speed_of_maps(session))
 
 
-def speed_of_maps(session: Session) -> SpeedCalibration | None:
-    """Return the calibration that the maps were made with.
+def speed_of_maps(session: Session, *, hand: bool = False) -> SpeedCalibration | None:
+    """Return the calibration that the maps were made with; with ``hand`` those of the hand scan.
 
     None where they are at the published speed, or at one that was asked for in words, or where the
-    session does not hold their calibration any more.
+    session does not hold their calibration any more. Maps by hand take it in ``base`` alone.
     """
-    maps, speed = session.results.maps, session.results.speed
+    results, speed = session.results, session.results.speed
+    maps = results.sono_maps if hand else results.maps
     if maps is None or speed is None or maps.arguments.get("sound_speed_mm_per_us") is not None:
+        return None
+    if results.sono_maps is not None and hand and results.sono_maps.value.frame != "base":
         return None
     return speed.value if maps.inputs.get("speed") == digest(speed.value) else None
 

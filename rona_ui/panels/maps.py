@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 
-from rona_core.app.map_accuracy import accuracy_words, map_accuracy
+from rona_core.app.map_accuracy import accuracy_words
 from rona_core.app.maps import MapLayers, layers_of
 from rona_core.app.messages import StartMapping
 from rona_ui.panels import style
@@ -15,7 +15,7 @@ from rona_ui.panels.second import SecondFolder
 from rona_ui.panels.sono import SonoControls
 from rona_ui.panels.speed_fields import SpeedFields
 from rona_ui.panels.step_panel import StepPanel
-from rona_ui.scene.chosen_maps import chosen_key, chosen_maps
+from rona_ui.scene.chosen_maps import chosen_accuracy, chosen_key, chosen_maps, shows_hand
 from rona_ui.scene.colors import viridis_css
 from rona_ui.scene.maps import sigma_of
 from rona_ui.view_state import Picture
@@ -118,17 +118,18 @@ class MapsPanel(StepPanel):
 
     def remarks(self, picture: Picture) -> str:
         """Say how much of the inner boundary was found."""
-        found = picture.session.results.detection
-        if found is None or picture.session.results.maps is None:
+        results, maps = picture.session.results, chosen_maps(picture)
+        found = results.sono_detection if shows_hand(picture) else results.detection
+        if found is None or maps is None:
             return ""
         value = found.value
         words = (
             f"Outer boundary in {100.0 * float(value.outer_ok.mean()):.0f} %, inner boundary in "
             f"{100.0 * float(value.inner_ok.mean()):.0f} % of {len(value.inner_ok)} A-scans."
         )
-        accuracy = map_accuracy(picture.session)
+        accuracy = chosen_accuracy(picture)
         if accuracy is not None:
-            words += f" {accuracy_words(picture.session.results.maps.value, accuracy)}"
+            words += f" {accuracy_words(maps, accuracy)}"
         return style.note(words, "good") + advice_note(picture.session, only_another=True)
 
 

@@ -17,9 +17,10 @@ from rona_core.app.messages import CorrectBoundary
 from rona_core.app.scan_views import ascan_plot
 from rona_core.devices.settings import ROBOTS
 from rona_core.session.codec import decode, digest, encode
-from rona_core.session.document import Derived, Session
+from rona_core.session.document import Derived, Session, SonoMaps
 from rona_core.session.files import load_session
 from rona_core.session.migrate import SCHEMA, migrate
+from rona_core.session.thickness import speed_of_maps
 from rona_core.ultrasound.sound_speed import calibrate_speed
 from rona_ui.resources import demo_session
 
@@ -113,6 +114,17 @@ def test_reference_points_make_it_surer_once_the_maps_were_made_with_them(demo, 
     assert np.median(after.thickness.speed_mm[ok] / accuracy.thickness.speed_mm[ok]) < 0.8
     assert (after.thickness.own_mm[ok] < accuracy.thickness.own_mm[ok]).all()
     np.testing.assert_array_equal(after.outer.own_mm, accuracy.outer.own_mm)
+
+
+def test_maps_by_hand_know_the_speed_that_they_were_made_with_in_base_alone(demo):
+    known = calibrate_speed(np.full(3, 6.0), np.full(3, 4.6))
+    speed = Derived(known, "CalibrateSoundSpeed", {}, {})
+    for frame, expected in (("base", known), ("basemarker", None)):
+        made = SonoMaps(demo.results.maps.value, frame, 1, 1, 0.0, "")
+        maps = Derived(made, "StartSonoMapping", {}, {"speed": digest(known)})
+        session = replace(demo, results=replace(demo.results, speed=speed, sono_maps=maps))
+        assert speed_of_maps(session, hand=True) is expected
+        assert speed_of_maps(session) is None  # those of the robot know nothing of it
 
 
 def test_a_boundary_set_by_hand_is_as_sure_as_an_eye(demo, accuracy):
