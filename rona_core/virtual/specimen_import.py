@@ -196,8 +196,7 @@ def _place_at(bone: CoarseBone, center: Vector3) -> Choice:
     # from within the bone it goes out to the surface, but not from the cavity
     within = bool(len(solid)) and np.abs(t[solid] - length).min() <= OFF_SURFACE_MM
     if off < -OFF_SURFACE_MM or off > (WITHIN_MM if within else OFF_SURFACE_MM):
-        apart = bone.origin_skull + np.argwhere(bone.mask) * bone.voxel_mm - center
-        nearest = float(np.linalg.norm(apart, axis=1).min())
+        nearest = _nearest_bone_mm(bone, center)
         raise InvalidInputError(
             f"the centre {center.round(1).tolist()} must lie on the outer surface, but it is "
             f"{nearest:.1f} mm from the nearest bone, and {abs(off):.1f} mm from the surface on "
@@ -205,6 +204,18 @@ def _place_at(bone: CoarseBone, center: Vector3) -> Choice:
             f"{OFF_SURFACE_MM:g} mm of the surface"
         )
     return Choice(center + off * outward, outward)
+
+
+def _nearest_bone_mm(bone: CoarseBone, center: Vector3) -> float:
+    off = [
+        bone.origin_skull[axis] + bone.voxel_mm[axis] * np.arange(n) - center[axis]
+        for axis, n in enumerate(bone.mask.shape)
+    ]
+    flat = off[1][:, None] ** 2 + off[2] ** 2
+    squares = [
+        x**2 + flat[layer].min() for x, layer in zip(off[0], bone.mask, strict=True) if layer.any()
+    ]  # layer by layer, to spare memory
+    return float(np.sqrt(min(squares)))
 
 
 def _distance(
