@@ -270,7 +270,7 @@ def test_a_small_file_takes_no_large_memory(reader, name, make, words, tmp_path)
 
 
 LARGE = {
-    "65 % bone at 1.1 mm": (import_masked, lambda: nearly_solid(150, 28)),
+    "65 % bone at 1.1 mm": (import_masked, lambda: nearly_solid(158, 28)),
     "much bone at 1.1 mm": (import_masked, lambda: nearly_solid(256, 40)),
     "much bone and a centre off it": (import_far_off, lambda: nearly_solid(400, 40)),
     "little bone in the largest volume": (import_masked, lambda: lost_head(540, 67, 60)),
