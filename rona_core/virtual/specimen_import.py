@@ -28,14 +28,12 @@ from rona_core.virtual.bone.distance import (
     grid_about,
 )
 from rona_core.virtual.bone.holder import without_holder
-from rona_core.virtual.bone.loaded import LoadedSpecimen
+from rona_core.virtual.bone.loaded import OFF_SURFACE_MM, WITHIN_MM, LoadedSpecimen
 from rona_core.virtual.bone.triangles import MESH_SUFFIXES, BoneMesh, inside, joined, read_mesh
 from rona_core.virtual.bone.volume import VOLUME_SUFFIXES, BoneVolume, read_volume, without
 
 COARSE_MM = 1.25  # voxels in which a mesh is looked over
 RADII_MM = (5.0, 60.0)  # smallest and largest region
-NEAR_BONE_MM = 3.0  # a chosen centre farther from the bone than this is refused
-MOST_BONE_MM = 15.0  # from a centre within the bone out to its surface
 WHOLE = 0.98  # share of the disc whose thickness must exist
 
 
@@ -196,17 +194,28 @@ def _place_at(bone: CoarseBone, center: Vector3) -> Choice:
     off = t[enters] - length
     off = float(off[np.argmin(np.abs(off))]) if len(off) else np.inf
     # from within the bone it goes out to the surface, but not from the cavity
-    within = bool(len(solid)) and np.abs(t[solid] - length).min() <= NEAR_BONE_MM
-    if off < -NEAR_BONE_MM or off > (MOST_BONE_MM if within else NEAR_BONE_MM):
-        apart = bone.origin_skull + np.argwhere(bone.mask) * bone.voxel_mm - center
-        nearest = float(np.linalg.norm(apart, axis=1).min())
+    within = bool(len(solid)) and np.abs(t[solid] - length).min() <= OFF_SURFACE_MM
+    if off < -OFF_SURFACE_MM or off > (WITHIN_MM if within else OFF_SURFACE_MM):
+        nearest = _nearest_bone_mm(bone, center)
         raise InvalidInputError(
             f"the centre {center.round(1).tolist()} must lie on the outer surface, but it is "
             f"{nearest:.1f} mm from the nearest bone, and {abs(off):.1f} mm from the surface on "
             f"the line from the middle of the head: choose a point within "
-            f"{NEAR_BONE_MM:g} mm of the surface"
+            f"{OFF_SURFACE_MM:g} mm of the surface"
         )
     return Choice(center + off * outward, outward)
+
+
+def _nearest_bone_mm(bone: CoarseBone, center: Vector3) -> float:
+    off = [
+        bone.origin_skull[axis] + bone.voxel_mm[axis] * np.arange(n) - center[axis]
+        for axis, n in enumerate(bone.mask.shape)
+    ]
+    flat = off[1][:, None] ** 2 + off[2] ** 2
+    squares = [
+        x**2 + flat[layer].min() for x, layer in zip(off[0], bone.mask, strict=True) if layer.any()
+    ]  # layer by layer, to spare memory
+    return float(np.sqrt(min(squares)))
 
 
 def _distance(

@@ -1,5 +1,6 @@
 """Small files that unpack to much, or say that they do; and how much memory reading one takes."""
 
+import gzip
 import io
 import json
 import struct
@@ -8,6 +9,8 @@ import sys
 import zipfile
 import zlib
 from pathlib import Path
+
+import numpy as np
 
 from rona_core.devices.pivot_files import read_pivot
 from rona_core.devices.rf_files import read_rf
@@ -69,6 +72,10 @@ def import_masked(path):
     return import_skull(path, threshold=0.5)
 
 
+def import_far_off(path):
+    return import_skull(path, threshold=0.5, center=(1.0, 2.0, 3.0))
+
+
 def deflated(start: bytes, count: int) -> bytes:
     """Raw deflate of some bytes and then ``count`` zeros, or a little more."""
     packer = zlib.compressobj(9, zlib.DEFLATED, -15)
@@ -108,3 +115,40 @@ def plain_zip(members: dict[str, bytes]) -> bytes:
         for name, data in members.items():
             archive.writestr(name, data)
     return out.getvalue()
+
+
+def nearly_solid(n, hollow):
+    """A block of bone about a cavity, both in voxels, with air on all sides."""
+    mask = np.zeros((n,) * 3, dtype=np.uint8)
+    rim = n // 16
+    mask[rim:-rim, rim:-rim, rim:-rim] = 1
+    side = np.arange(n) - n / 2
+    mask[side[:, None, None] ** 2 + side[:, None] ** 2 + side**2 < hollow**2] = 0
+    return mask
+
+
+def lost_head(n, outer, inner):
+    """A small hollow ball and a plate in a wide volume."""
+    mask = np.zeros((n,) * 3, dtype=np.uint8, order="F")
+    middle = slice(n // 2 - outer - 2, n // 2 + outer + 3)
+    side = np.arange(-outer - 2, outer + 3)
+    r2 = side[:, None, None] ** 2 + side[:, None] ** 2 + side**2
+    mask[middle, middle, middle] = (r2 <= outer**2) & (r2 > inner**2)
+    mask[:, :, -8:] = 1
+    return mask
+
+
+def nifti_mask(mask, voxel_mm):
+    """A mask on an upright grid."""
+    head = bytearray(352)
+    struct.pack_into("<i", head, 0, 348)
+    struct.pack_into("<8h", head, 40, 3, *mask.shape, 1, 1, 1, 1)
+    struct.pack_into("<hh", head, 70, 2, 8)
+    struct.pack_into("<f", head, 108, 352)
+    struct.pack_into("<B", head, 123, 2)
+    struct.pack_into("<h", head, 254, 1)
+    affine = np.diag((voxel_mm,) * 3 + (0.0,))[:3]
+    struct.pack_into("<8f", head, 76, 1, voxel_mm, voxel_mm, voxel_mm, 0, 0, 0, 0)
+    struct.pack_into("<12f", head, 280, *affine.ravel())
+    head[344:348] = b"n+1\0"
+    return gzip.compress(bytes(head) + mask.tobytes("F"), 1)

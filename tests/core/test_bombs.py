@@ -18,8 +18,12 @@ from rona_core.virtual.specimen_import import import_skull
 from tests.core.bombs import (
     deflated,
     gzipped,
+    import_far_off,
     import_masked,
+    lost_head,
     measured,
+    nearly_solid,
+    nifti_mask,
     plain_zip,
     read_pivot_at,
     read_rf_at,
@@ -262,4 +266,21 @@ def test_a_small_file_takes_no_large_memory(reader, name, make, words, tmp_path)
     said, grown_mb = measured(reader, path)
     assert said.startswith(("InvalidInputError: ", "SessionFormatError: ")), said
     assert re.search(words, said), said
+    assert grown_mb < MOST_MB, said
+
+
+LARGE = {
+    "65 % bone at 1.1 mm": (import_masked, lambda: nearly_solid(158, 28)),
+    "much bone at 1.1 mm": (import_masked, lambda: nearly_solid(256, 40)),
+    "much bone and a centre off it": (import_far_off, lambda: nearly_solid(400, 40)),
+    "little bone in the largest volume": (import_masked, lambda: lost_head(540, 67, 60)),
+}
+
+
+@pytest.mark.parametrize(("reader", "make"), LARGE.values(), ids=LARGE)
+def test_a_volume_of_bone_takes_no_large_memory(reader, make, tmp_path):
+    path = tmp_path / "a.nii.gz"
+    path.write_bytes(nifti_mask(make(), 1.1))
+    said, grown_mb = measured(reader, path)
+    assert said == "" or said.startswith("InvalidInputError: "), said
     assert grown_mb < MOST_MB, said

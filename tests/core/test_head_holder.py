@@ -1,5 +1,6 @@
 """Skulls that were scanned in a head holder or on a table, and centres that are looked up."""
 
+from dataclasses import replace
 from functools import cache
 
 import nibabel
@@ -10,7 +11,7 @@ import trimesh
 from rona_core.errors import InvalidInputError
 from rona_core.virtual.bone.holder import without_holder
 from rona_core.virtual.bone.triangles import inside, read_mesh
-from rona_core.virtual.bone.volume import read_volume
+from rona_core.virtual.bone.volume import BoneVolume, read_volume
 from rona_core.virtual.specimen import build_specimen
 from rona_core.virtual.specimen_import import import_skull
 from tests.core.test_specimen_import import SHARED
@@ -152,11 +153,55 @@ def test_a_centre_of_a_loaded_skull_off_its_bone_is_refused_with_its_distance(al
     assert build_specimen(skull, 0, center_mesh_mm=near, radius_mm=10.0).region is not None
 
 
-@pytest.mark.skipif(not SHARED.is_dir(), reason="the real skulls are not here")
-@pytest.mark.parametrize("name", ["skull_c_mask.nrrd", "skull_d_mask.nii.gz"])
-def test_real_skulls_have_no_holder(name):
-    bone = read_volume(SHARED / "data" / name, None)
+def tilted(degrees):
+    """Return the turn of a head about x."""
+    cosine, sine = np.cos(np.deg2rad(degrees)), np.sin(np.deg2rad(degrees))
+    turn = np.eye(4)
+    turn[1:3, 1:3] = ((cosine, -sine), (sine, cosine))
+    return turn
+
+
+def face():
+    """Return a face below the forehead, in front, as much before the head as real ones are."""
+    x, y, z = np.moveaxis(places(), -1, 0)
+    reach = ((places() / (RADII_MM + 42.0)) ** 2).sum(axis=-1) <= 1.0
+    return reach & (np.abs(x) < 40.0) & (y > -100.0) & (y < -60.0) & (z > -104.0) & (z < -24.0)
+
+
+TILTS = (-25.0, -15.0, 0.0, 15.0, 25.0, 90.0)
+
+
+@pytest.mark.parametrize("degrees", [*TILTS, -90.0])
+def test_the_face_of_a_tilted_head_is_no_holder(degrees):
+    affine = tilted(degrees) @ np.diag((VOXEL_MM,) * 3 + (1.0,))
+    bone = BoneVolume(head() | face(), affine, 0, False)
     assert without_holder(bone).bone is bone
+
+
+@pytest.mark.skipif(not SHARED.is_dir(), reason="the real skulls are not here")
+@pytest.mark.parametrize("degrees", TILTS)
+@pytest.mark.parametrize("name", ["skull_c_mask.nrrd", "skull_d_mask.nii.gz"])
+def test_real_skulls_have_no_holder(name, degrees):
+    bone = read_volume(SHARED / "data" / name, None)
+    bone = replace(bone, T_skull_voxel=tilted(degrees) @ bone.T_skull_voxel)
+    assert without_holder(bone).bone is bone
+
+
+@pytest.mark.parametrize("radius_mm", [146.0, 150.0, 165.0])
+def test_a_ball_that_is_no_head_is_left_as_it_is(radius_mm):
+    side = 4.0 * np.arange(-43, 44)
+    r = np.linalg.norm(np.meshgrid(side, side, side, indexing="ij"), axis=0)
+    bone = BoneVolume((r <= radius_mm) & (r > radius_mm - 12.0), np.diag((4, 4, 4, 1.0)), 0, False)
+    assert without_holder(bone).bone is bone
+
+
+def test_a_plate_about_a_ball_that_is_no_head_is_no_error():
+    side = 4.0 * np.arange(-60, 61)
+    grid = np.meshgrid(side, side, side, indexing="ij")
+    r = np.linalg.norm(grid, axis=0)
+    shell = (r <= 165.0) & (r > 153.0)
+    bone = BoneVolume(shell | (grid[0] > 200.0), np.diag((4, 4, 4, 1.0)), 0, False)
+    assert (without_holder(bone).bone.mask & shell).sum() == shell.sum()
 
 
 def touching_balls():

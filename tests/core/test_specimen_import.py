@@ -12,8 +12,11 @@ import trimesh
 
 from rona_core.errors import CancelledError, InvalidInputError
 from rona_core.session.specimen import SimulatedSkull
+from rona_core.virtual.bone import distance
+from rona_core.virtual.bone.distance import grid_about
 from rona_core.virtual.bone.loaded import LoadedSpecimen
 from rona_core.virtual.bone.surface_nets import surface_nets
+from rona_core.virtual.bone.volume import BoneVolume
 from rona_core.virtual.specimen import build_specimen
 from rona_core.virtual.specimen_import import import_skull
 
@@ -306,3 +309,43 @@ def test_a_simulated_skull_saved_as_a_mesh_keeps_its_thickness(tmp_path):
 
 def _plain(mesh):
     return np.array(mesh.vertices), np.array(mesh.faces)
+
+
+def slanted_shell(voxel_mm, axes):
+    """Return a hollow ball in a box, as fine as a cone beam sees it, and a grid about its top."""
+    outward = axes[:, 2]
+    half = round(88.0 / voxel_mm)
+    squares = (voxel_mm * np.arange(-half, half + 1, dtype=np.float32)) ** 2
+    mask = np.zeros((len(squares),) * 3, dtype=np.bool_)
+    for i, square in enumerate(squares):
+        r2 = square + squares[:, None] + squares
+        mask[i] = (r2 <= OUTER_MM**2) & (r2 >= INNER_MM**2)
+    affine = np.diag((voxel_mm,) * 3 + (1.0,))
+    affine[:3, 3] = -half * voxel_mm
+    return BoneVolume(mask, affine, 0, False), OUTER_MM * outward
+
+
+def test_tiles_of_the_distance_are_as_one(monkeypatch):
+    axes = np.linalg.qr(np.array(((1.0, 0.2, 0.5), (0.3, 1.0, 0.6), (-0.4, -0.5, 0.7))))[0]
+    bone, center = slanted_shell(1.0, axes)
+    grid = grid_about(center, axes[:, 2], 12.0)
+    whole, _ = distance.distance_from_volume(bone, grid)
+    monkeypatch.setattr(distance, "MOST_TILE_VOXELS", 120_000)
+    monkeypatch.setattr(distance, "MOST_LABELLED", 200_000)
+    tiles, _ = distance.distance_from_volume(bone, grid)
+    assert (
+        np.abs(distance.as_micrometres(whole).astype(int) - distance.as_micrometres(tiles)).max()
+        <= 1
+    )
+
+
+@pytest.mark.parametrize(("voxel_mm", "radius_mm"), [(0.4, 25.0), (0.45, 45.0)])
+def test_a_slanted_disc_in_fine_voxels_has_its_distance(voxel_mm, radius_mm):
+    axes = np.linalg.qr(np.array(((1.0, 0.2, 0.5), (0.3, 1.0, 0.6), (-0.4, -0.5, 0.7))))[0]
+    bone, center = slanted_shell(voxel_mm, axes)
+    grid = grid_about(center, axes[:, 2], radius_mm)
+    found, smoothing_mm = distance.distance_from_volume(bone, grid)
+    assert smoothing_mm == pytest.approx(voxel_mm)
+    r = np.linalg.norm(grid.nodes(), axis=1).reshape(grid.shape)
+    near = np.abs(r - OUTER_MM) < 2.0
+    assert np.abs(found - (r - OUTER_MM))[near].max() < 0.75 * voxel_mm

@@ -12,6 +12,7 @@ from rona_core.virtual.bone.surface_nets import surface_nets
 MOST_FACES = 30_000
 TRIAL_MM = 6.0  # edge of the cells of a first mesh, from which the size of the final one follows
 FINEST_MM, COARSER = 2.5, 1.04  # its least edge, and the growth until the mesh is small enough
+MOST_VOXELS, MOST_CELLS = 20_000_000, 4_000_000  # smoothed, and looked through, at once
 VIEWS = 40  # directions from which the mesh is looked at
 LIFT_MM = 0.3  # a ray starts this far above its face
 
@@ -21,13 +22,23 @@ def display_mesh(bone: CoarseBone) -> tuple[Floats, Ints]:
 
     Faces that no far viewer sees, such as the inside of the braincase, are left out.
     """
+    bone = _thinned(bone)
+    extent = np.array(bone.mask.shape) * bone.voxel_mm
+    finest = max(FINEST_MM, float(np.cbrt(np.prod(extent) / MOST_CELLS)))
     _, trial = _visible(*_nets(bone, TRIAL_MM))
-    edge = max(FINEST_MM, COARSER * TRIAL_MM * float(np.sqrt(len(trial) / MOST_FACES)))
+    edge = max(finest, COARSER * TRIAL_MM * float(np.sqrt(len(trial) / MOST_FACES)))
     while True:
         vertices, faces = _visible(*_nets(bone, edge))
         if len(faces) <= MOST_FACES:
             return vertices, faces
         edge *= COARSER
+
+
+def _thinned(bone: CoarseBone) -> CoarseBone:
+    """Return fewer voxels of a volume that is much larger than a head."""
+    stride = max(1, int(np.ceil(np.cbrt(bone.mask.size / MOST_VOXELS))))
+    mask = bone.mask[::stride, ::stride, ::stride]
+    return CoarseBone(mask, bone.origin_skull, bone.voxel_mm * stride, bone.back)
 
 
 def _nets(bone: CoarseBone, edge_mm: float) -> tuple[Floats, Ints]:

@@ -1,5 +1,6 @@
 """The signed distance to bone on a grid about the scanned disc: negative in bone, in mm."""
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Any
 
@@ -15,14 +16,15 @@ from scipy.ndimage import (
 from rona_core.arrays import Bools, Floats, Ints, Vector3
 from rona_core.errors import InvalidInputError
 from rona_core.virtual.bone.triangles import BoneMesh, distance_to, inside
-from rona_core.virtual.bone.volume import BoneVolume
+from rona_core.virtual.bone.volume import BoneVolume, pooled
 
 SPACING_MM = 0.8
 LATERAL_MM = 25.0  # beyond the radius of the disc
 ABOVE_MM, BELOW_MM = 12.0, 46.0  # the surface at the centre of the disc
 BAND_MM = 4.0  # the distance is clipped to this
 SMOOTHING_VOXELS = 1.0  # sigma of the Gaussian that removes the steps of the voxels
-MOST_BLOCK_VOXELS = 30_000_000  # read around the grid
+MOST_LABELLED = 30_000_000  # voxels in which pieces are told apart; more are pooled for that
+MOST_TILE_VOXELS = 8_000_000  # whose distance is taken at once, at some 30 bytes each
 MARGIN_MM = 6.0  # of the volume read around the grid
 SMALL_PIECE = 0.05  # bone pieces below this share of the largest are dropped (table, dust)
 
@@ -58,47 +60,106 @@ def distance_from_volume(bone: BoneVolume, grid: Grid) -> tuple[Floats, float]:
     """Return the smoothed distance on the grid, and the sigma of the smoothing in mm.
 
     The exact distance between voxel centres, half a voxel taken off on either side, has its zero
-    level midway between bone and air voxels; the Gaussian takes out their steps.
+    level midway between bone and air voxels; the Gaussian takes out their steps. Tile by tile: a
+    box about a whole slanted grid of fine voxels would not fit into memory.
 
     Raises:
         InvalidInputError: no bone near the grid.
     """
+    tiles = list(_tiles(grid, bone))
+    boxes = np.array([_box(tile, bone) for _, tile in tiles])
+    large = _large_pieces(bone, boxes[:, 0].min(axis=0), boxes[:, 1].max(axis=0))
+    result = np.zeros(grid.shape)
+    for where, tile in tiles:
+        result[where] = _tile_distance(bone, large, tile)
+    return result, SMOOTHING_VOXELS * float(bone.voxel_mm().mean())
+
+
+def _tiles(grid: Grid, bone: BoneVolume) -> Iterator[tuple[tuple[slice, ...], Grid]]:
+    """Yield parts of the grid about which few enough voxels lie, and where in it they are."""
     voxel = bone.voxel_mm()
+    across = np.abs(np.linalg.inv(bone.T_skull_voxel)[:3, :3] @ grid.axes_skull)
+    size = np.array(grid.shape)
+    while np.prod(across @ (grid.spacing_mm * size) + 2 * MARGIN_MM / voxel) > MOST_TILE_VOXELS:
+        size[np.argmax(size)] = (size.max() + 1) // 2
+    for corner in np.ndindex(*(-(-np.array(grid.shape) // size)).tolist()):
+        start = np.array(corner) * size
+        end = np.minimum(start + size, grid.shape)
+        origin = grid.origin_skull + grid.spacing_mm * grid.axes_skull @ start
+        nx, ny, nz = (int(n) for n in end - start)
+        where = tuple(slice(int(a), int(b)) for a, b in zip(start, end, strict=True))
+        yield where, Grid(origin, grid.axes_skull, grid.spacing_mm, (nx, ny, nz))
+
+
+def _box(grid: Grid, bone: BoneVolume) -> Ints:
+    """Return the first and the end (2, 3) of the voxels about a grid; some lie off the volume."""
     to_index = np.linalg.inv(bone.T_skull_voxel)
-    places = grid.nodes() @ to_index[:3, :3].T + to_index[:3, 3]
-    margin = np.ceil(MARGIN_MM / voxel)
-    low = np.floor(places.min(axis=0) - margin).astype(int)
-    high = np.ceil(places.max(axis=0) + margin).astype(int) + 1
-    _check_block(high - low, voxel)
+    ends = np.stack(np.meshgrid(*((0, n - 1) for n in grid.shape), indexing="ij"), axis=-1)
+    corners = grid.origin_skull + grid.spacing_mm * ends.reshape(-1, 3) @ grid.axes_skull.T
+    places = corners @ to_index[:3, :3].T + to_index[:3, 3]
+    margin = np.ceil(MARGIN_MM / bone.voxel_mm())
+    low = np.floor(places.min(axis=0) - margin)
+    high = np.ceil(places.max(axis=0) + margin) + 1
+    return np.stack((low, high)).astype(np.int64)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _LargePieces:
+    """Blocks of voxels, from a corner on, that belong to a large piece of bone."""
+
+    blocks: Bools
+    edge: int  # of a block, in voxels
+    low: Ints  # (3,) first voxel
+
+    def hold(self, low: Ints, high: Ints) -> Bools:
+        """Return whether each voxel of a box does."""
+        index = [
+            (np.arange(a, b) - o) // self.edge for a, b, o in zip(low, high, self.low, strict=True)
+        ]
+        return self.blocks[np.ix_(*index)]
+
+
+def _large_pieces(bone: BoneVolume, low: Ints, high: Ints) -> _LargePieces:
+    """Return the large pieces in a box.
+
+    Raises:
+        InvalidInputError: there are none.
+    """
+    low, high = np.clip(low, 0, bone.mask.shape), np.clip(high, 0, bone.mask.shape)
+    edge = int(np.ceil(np.cbrt(np.prod((high - low).astype(np.float64)) / MOST_LABELLED)))
+    block = bone.mask[tuple(slice(a, b) for a, b in zip(low, high, strict=True))]
+    edge = max(edge, 1)
+    solid = block if edge == 1 else pooled(block, np.full(3, edge))
+    pieces = np.zeros(solid.shape, dtype=np.int32)
+    if not solid.size or not label(solid, output=pieces):
+        raise InvalidInputError("there is no bone near the chosen centre: choose another")
+    sizes = np.bincount(pieces.ravel())
+    sizes[0] = 0
+    return _LargePieces((sizes >= SMALL_PIECE * sizes.max())[pieces], edge, low)
+
+
+def _tile_distance(bone: BoneVolume, large: _LargePieces, grid: Grid) -> Floats:
+    """Return the smoothed distance on a grid."""
+    voxel = bone.voxel_mm()
+    low, high = _box(grid, bone)
     inner_low = np.clip(low, 0, bone.mask.shape)
     inner_high = np.clip(high, 0, bone.mask.shape)
     block = np.zeros(high - low, dtype=np.bool_)
     source = bone.mask[tuple(slice(a, b) for a, b in zip(inner_low, inner_high, strict=True))]
     block[
         tuple(slice(a - o, b - o) for a, b, o in zip(inner_low, inner_high, low, strict=True))
-    ] = source
-    pieces = np.zeros(block.shape, dtype=np.int32)
-    if not label(block, output=pieces):
-        raise InvalidInputError("there is no bone near the chosen centre: choose another")
-    sizes = np.bincount(pieces.ravel())
-    sizes[0] = 0
-    block = (sizes >= SMALL_PIECE * sizes.max())[pieces]
+    ] = source & large.hold(inner_low, inner_high)
+    if block.all() or not block.any():
+        return np.full(grid.shape, -2.0 * BAND_MM if block.any() else 2.0 * BAND_MM)
     half = float(voxel.mean()) / 2.0
     signed = _to_nearest(~block, voxel)
     signed[block] = -_to_nearest(block, voxel)[block]
     signed -= np.where(block, -half, half).astype(np.float32)
     smooth = gaussian_filter(np.clip(signed, -2 * BAND_MM, 2 * BAND_MM), SMOOTHING_VOXELS)
+    to_index = np.linalg.inv(bone.T_skull_voxel)
+    places = grid.nodes() @ to_index[:3, :3].T + to_index[:3, 3]
     values = map_coordinates(smooth, (places - low).T, order=3, mode="nearest")
-    return values.reshape(grid.shape).astype(np.float64), SMOOTHING_VOXELS * float(voxel.mean())
-
-
-def _check_block(shape: Ints, voxel_mm: Floats) -> None:
-    if np.prod(shape.astype(np.float64)) > MOST_BLOCK_VOXELS:
-        raise InvalidInputError(
-            f"voxels of {voxel_mm.round(3).tolist()} mm are too fine for a disc of this radius: "
-            f"{shape.tolist()} of them lie about it, {MOST_BLOCK_VOXELS / 1e6:.0f} million are "
-            f"allowed; choose a smaller radius, or resample the volume"
-        )
+    return values.reshape(grid.shape).astype(np.float64)
 
 
 def _to_nearest(inside: Bools, voxel_mm: Floats) -> NDArray[np.float32]:

@@ -11,22 +11,28 @@ from typing import Any
 import numpy as np
 from scipy.ndimage import binary_dilation, distance_transform_edt, label
 
-from rona_core.arrays import Bools, Floats, Vector3
+from rona_core.arrays import Bools, Floats, Ints, Vector3
 from rona_core.errors import InvalidInputError
-from rona_core.virtual.bone.volume import BoneVolume
+from rona_core.virtual.bone.choose import GAP_MM
+from rona_core.virtual.bone.volume import LEAST_BONE_MM3, BoneVolume, pooled
 
 COARSE_MM = 1.5  # blocks in which the volume is looked over
 SIDES = 5  # of six, on which a cavity has bone; the spine leaves below
 LEAST_CAVITY_MM = 25.0  # radius of a ball in the cavity of a head; of a part of one nothing is told
 DIRECTIONS = 3000
 LOWEST = -0.3  # sine of the elevation: below, the face sticks out of the braincase
-GAP_MM = 6.0  # of air, behind which something else begins
 REACH_MM = 150.0  # from the middle of a head to its surface, at most
 DEGREE = 4  # of the smooth surface, in the components of the direction
 ROUNDS = 12
 LEAST_MM = 1.5  # what the surface is off it for sure
-NEAR_MM, FAR_MM = 10.0, 25.0  # beyond the surface: maybe, and certainly, no skull
+NEAR_MM = 10.0  # beyond the surface: maybe no skull
+FAR_MM = 50.0  # certainly none: the face of a tilted head, even of a lying one, reaches less far
+OUTLIER_MM = 25.0  # beyond the median of the surface, where its fit begins
 LEAST_MM3 = 200.0  # beyond it; less is dust
+LEAST_MET = 0.5  # share of the rays that meet bone; about a braincase nearly all do
+LEAST_KEPT = 0.5  # share of the bone at the surface that is left when the holder is gone
+MOST_BLOCKS = 4_000_000
+CHUNK = 1 << 17  # blocks
 UP = np.array((0.0, 0.0, 1.0))
 
 
@@ -51,10 +57,11 @@ class FreedBone:
 def without_holder(bone: BoneVolume) -> FreedBone:
     """Return the bone without head holder and table, touching or not; all of it if there is none.
 
-    A part of a skull without a cavity is left as it is.
+    Left as it is: a part of a skull without a cavity, a cavity that is no braincase, and a volume
+    of which too little would be left.
     """
-    blocks = np.maximum(1, np.round(COARSE_MM / bone.voxel_mm())).astype(int)
-    solid = _pooled(bone.mask, blocks)
+    blocks = _blocks(bone)
+    solid = pooled(bone.mask, blocks)
     to_skull = bone.T_skull_voxel @ _affine(blocks, 0.5 * (blocks - 1.0))
     edge_mm = bone.voxel_mm() * blocks
     nothing = FreedBone(bone, np.zeros((0, 3)))
@@ -65,41 +72,72 @@ def without_holder(bone: BoneVolume) -> FreedBone:
     up = up / np.linalg.norm(up)
     rays = _directions(up)
     radius = _first_exits(solid, middle, edge_mm, rays)
-    surface = _smooth_surface(rays[np.isfinite(radius)], radius[np.isfinite(radius)])
-    offset = (np.argwhere(solid) - middle) * edge_mm
-    distance = np.linalg.norm(offset, axis=1)
-    ways = offset / np.maximum(distance, 1e-9)[:, None]
-    low = ways @ up < LOWEST
-    beyond = distance - _powers(ways) @ surface
-    far = ~low & (beyond > FAR_MM)
+    met = np.isfinite(radius)
+    if met.mean() < LEAST_MET:
+        return nothing
+    surface = _smooth_surface(rays[met], radius[met])
+    beyond, far = _beyond(np.argwhere(solid), middle, edge_mm, up, surface)
     if far.sum() * np.prod(edge_mm) < LEAST_MM3:
         return nothing
-    # below, the surface goes straight down; only what hangs on something higher up is taken away
-    flat = offset - np.outer(offset @ up, up)
-    away = np.linalg.norm(flat, axis=1)
-    rim = flat / np.maximum(away, 1e-9)[:, None] * np.sqrt(1.0 - LOWEST**2) + LOWEST * up
-    straight = away - _powers(rim) @ surface * np.sqrt(1.0 - LOWEST**2)
-    held = _held(solid, np.where(low, straight, beyond), far)
-    kept = solid & ~held
-    cut = _grown(held) & kept
+    near = np.abs(beyond) < NEAR_MM
+    held = _held(solid, beyond, far) if near.any() else solid
+    if (~held[solid] & near).sum() < LEAST_KEPT * near.sum() or not near.any():
+        return nothing
+    mask = _taken_out(bone.mask, held, blocks)
+    if np.count_nonzero(mask) * np.prod(bone.voxel_mm()) < LEAST_BONE_MM3:
+        return nothing
+    cut = _grown(held) & solid & ~held
     cuts = np.argwhere(cut) @ to_skull[:3, :3].T + to_skull[:3, 3]
-    gone = np.repeat(np.repeat(np.repeat(held, blocks[0], 0), blocks[1], 1), blocks[2], 2)
-    nx, ny, nz = bone.mask.shape
-    return FreedBone(replace(bone, mask=bone.mask & ~gone[:nx, :ny, :nz]), cuts)
+    return FreedBone(replace(bone, mask=mask), cuts)
+
+
+def _blocks(bone: BoneVolume) -> Ints:
+    """Return how many voxels (3,) make a block: small ones, unless they become too many."""
+    voxel = bone.voxel_mm()
+    blocks = np.maximum(1, np.round(COARSE_MM / voxel)).astype(np.int64)
+    while np.prod(np.ceil(np.array(bone.mask.shape) / blocks)) > MOST_BLOCKS:
+        blocks[np.argmin(blocks * voxel)] += 1
+    return blocks
+
+
+def _beyond(
+    places: Ints, middle: Floats, edge_mm: Floats, up: Floats, surface: Floats
+) -> tuple[Floats, Bools]:
+    """Return how far (n,) blocks lie beyond the surface, in mm, and which are no skull for sure.
+
+    Below, the surface goes straight down, and nothing is sure; it may hang on something higher up.
+    """
+    beyond, far = np.zeros(len(places)), np.zeros(len(places), dtype=np.bool_)
+    cosine = np.sqrt(1.0 - LOWEST**2)
+    for first in range(0, len(places), CHUNK):  # the powers of all would not fit into memory
+        part = slice(first, first + CHUNK)
+        offset = (places[part] - middle) * edge_mm
+        distance = np.linalg.norm(offset, axis=1)
+        ways = offset / np.maximum(distance, 1e-9)[:, None]
+        low = ways @ up < LOWEST
+        flat = offset - np.outer(offset @ up, up)
+        away = np.linalg.norm(flat, axis=1)
+        rim = flat / np.maximum(away, 1e-9)[:, None] * cosine + LOWEST * up
+        radial = distance - _powers(ways) @ surface
+        beyond[part] = np.where(low, away - _powers(rim) @ surface * cosine, radial)
+        far[part] = ~low & (radial > FAR_MM)
+    return beyond, far
+
+
+def _taken_out(mask: Bools, held: Bools, blocks: Ints) -> Bools:
+    """Return the voxels (nx, ny, nz) that lie in no held block."""
+    mask = mask.copy(order="K")
+    nx, ny, nz = mask.shape
+    for k in range(nz):  # layer by layer, to spare memory
+        gone = np.repeat(np.repeat(held[:, :, k // blocks[2]], blocks[0], 0), blocks[1], 1)
+        mask[:, :, k] &= ~gone[:nx, :ny]
+    return mask
 
 
 def _affine(scale: Any, shift: Any) -> Floats:
     result = np.eye(4)
     result[:3, :3], result[:3, 3] = np.diag(scale), shift
     return result
-
-
-def _pooled(mask: Bools, blocks: Any) -> Bools:
-    """Return which blocks hold any bone, so that what is joined stays joined."""
-    for axis, step in enumerate(blocks):
-        starts = np.arange(0, mask.shape[axis], int(step))
-        mask = np.logical_or.reduceat(mask, starts, axis=axis)
-    return mask
 
 
 def _middle(solid: Bools, edge_mm: Floats) -> Floats | None:
@@ -162,7 +200,7 @@ def _powers(ways: Floats) -> Floats:
 def _smooth_surface(ways: Floats, radius: Floats) -> Floats:
     """Return the factors (k,) of the surface over directions (n, 3), outliers left out."""
     design = _powers(ways)
-    weight = (radius < np.median(radius) + FAR_MM).astype(np.float64)
+    weight = (radius < np.median(radius) + OUTLIER_MM).astype(np.float64)
     factors = np.zeros(design.shape[1])
     for _ in range(ROUNDS):
         root = np.sqrt(weight)

@@ -8,12 +8,12 @@ from rona_core.arrays import Bools, Floats, as_points, as_unit_vectors, as_vecto
 from rona_core.devices.protocols import Mesh
 from rona_core.errors import InvalidInputError
 from rona_core.session.specimen import LoadedSkull
+from rona_core.virtual.bone.choose import GAP_MM
 from rona_core.virtual.bone.field import RIM_NODES, BoneField
 from rona_core.virtual.boundaries import Boundary, Region, boundary_index
 from rona_core.virtual.skull.shape import diploe_share, layer_depths
 
 NIFTI_SUFFIXES = (".nii", ".nii.gz")  # whose coordinates are right, anterior, superior
-GAP_MM = 6.0  # air between bone (diploe, air cells) that counts as bone
 SKIN_MM = 0.2  # walked beyond a boundary before the next is looked for
 EDGE_MM = 8.0  # between the disc and the side of the grid
 OFF_SURFACE_MM = 3.0  # a chosen centre farther outside the bone than this is refused,

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import numpy as np
 
-from rona_core.arrays import Bools, Floats
+from rona_core.arrays import Bools, Floats, Ints
 from rona_core.errors import InvalidInputError
 from rona_core.virtual.bone.voxels import Voxels, open_voxels
 
@@ -13,7 +13,7 @@ VOLUME_SUFFIXES = (".nrrd", ".nii", ".nii.gz")
 VOXELS_MM = (0.1, 3.0)  # edges of a voxel
 SKEW = 1e-3  # largest cosine between grid axes
 LEAST_BONE_MM3 = 5000.0
-MOST_BONE = 0.7  # of all voxels
+MOST_BONE_SHARE = 0.7  # of all voxels
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -55,7 +55,7 @@ def read_volume(path: Path, threshold: float | None) -> BoneVolume:
         )
     count = int(np.count_nonzero(mask))
     share, bone_mm3 = count / mask.size, count * abs(float(np.linalg.det(affine[:3, :3])))
-    if bone_mm3 < LEAST_BONE_MM3 or share > MOST_BONE:
+    if bone_mm3 < LEAST_BONE_MM3 or share > MOST_BONE_SHARE:
         raise InvalidInputError(
             f"{path.name} has {bone_mm3 / 1000:.1f} cm3 of bone, {share:.0%} of the volume: "
             f"expected a skull surrounded by air; check the threshold or whether it is inverted"
@@ -118,6 +118,14 @@ def without(outer: BoneVolume, inner: BoneVolume) -> BoneVolume:
         )
     mask = np.greater(outer.mask, inner.mask)
     return BoneVolume(mask, outer.T_skull_voxel, outer.back, outer.grey or inner.grey)
+
+
+def pooled(mask: Bools, blocks: Ints) -> Bools:
+    """Return which blocks of so many voxels (3,) hold any bone: what is joined stays joined."""
+    for axis, step in enumerate(blocks):
+        starts = np.arange(0, mask.shape[axis], int(step))
+        mask = np.logical_or.reduceat(mask, starts, axis=axis)
+    return mask
 
 
 def _check_grid(name: str, affine: Floats) -> None:
