@@ -49,6 +49,7 @@ SHEET = """<style>
 .r-step .i{font-size:13px;text-align:center}.r-step .t{font-size:13px;line-height:1.15}
 .r-step .s{display:block;font-size:11px;color:#52606d;white-space:nowrap;overflow:hidden;
  text-overflow:ellipsis;max-width:212px}
+.r-step .v{font-size:11px;white-space:nowrap}
 .r-badge{font-size:11px;color:#fff;border-radius:4px;padding:1px 7px}
 div:has(>.r-step)+div:has(>button){height:33px;margin:-33px 0 0!important;padding:0!important;
  position:relative;z-index:2}
