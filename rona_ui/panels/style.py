@@ -43,12 +43,12 @@ SHEET = """<style>
 .r-head{display:flex;align-items:baseline;gap:10px;padding:2px 12px 6px;color:#1f2933}
 .r-head b{font-size:15px;flex:1;overflow:hidden;text-overflow:ellipsis;white-space:nowrap}
 .r-head span{font-size:12.5px;white-space:nowrap}
-.r-step{height:33px;display:grid;grid-template-columns:22px 1fr auto;column-gap:6px;
+.r-step{height:33px;display:grid;grid-template-columns:22px minmax(0,1fr) auto;column-gap:6px;
  align-items:center;padding:0 12px;border-left:4px solid transparent;color:#1f2933}
 .r-step.on{background:#e7f0f7;border-left-color:#005b8f}
 .r-step .i{font-size:13px;text-align:center}.r-step .t{font-size:13px;line-height:1.15}
 .r-step .s{display:block;font-size:11px;color:#52606d;white-space:nowrap;overflow:hidden;
- text-overflow:ellipsis;max-width:212px}
+ text-overflow:ellipsis}
 .r-step .v{font-size:11px;white-space:nowrap}
 .r-badge{font-size:11px;color:#fff;border-radius:4px;padding:1px 7px}
 div:has(>.r-step)+div:has(>button){height:33px;margin:-33px 0 0!important;padding:0!important;
