@@ -166,13 +166,18 @@ class Browser:
         if what == "stop":
             self._bindings.stop(event)
         elif what == "escape":
-            self._bindings.escape(lambda: self.change_view(without_mode), event)
+            self._bindings.escape(self._escape, event)
         elif what == "finish":
             self._bindings.call(lambda: self._hub.get().finish_pointer(), event)
         elif what == "cancel":
             self._bindings.call(self._cancel, event)
         else:
             self._bindings.call(lambda: self._serve(what, data), event)
+
+    def _escape(self) -> None:
+        """Close one thing: a question, by Cancel, or else drawing and editing."""
+        if not self._docks.cancel_question():
+            self.change_view(without_mode)
 
     def _cancel(self) -> None:
         bench = self._hub.get()

@@ -67,10 +67,17 @@ function onKey(event) {
     help.close();
     event.preventDefault();
     event.stopImmediatePropagation();
+  } else if (asked()) {
+    $(asked()).click();
+    event.preventDefault();
+    event.stopImmediatePropagation();
   } else if (target.ownerDocument === document || (target.matches?.("input, textarea") && !opens(target))) {
     leaveMode(); // the viewer hears no Esc from here
   }
 }
+
+// Which answer leaves everything as it is, while something is asked over the page.
+const asked = () => ($("leave").open ? "leavecancel" : $("lost").open ? "lostlater" : null);
 
 // Whether Esc closes something of the viewer's own: a list of choices, the palette.
 const opens = (field) => field.getAttribute("aria-expanded") === "true" || field.closest("[role=dialog]") !== null;

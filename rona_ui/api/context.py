@@ -66,12 +66,12 @@ Sessions = Annotated[Hub, Depends(hub_of)]
 Open = Annotated[Streams, Depends(streams_of)]
 
 
-async def bench_of(
-    hub: Sessions,
-    session_id: Annotated[
-        str, Path(description="id of an open session, or `current` for the one the viewer shows")
-    ],
-) -> Workbench:
+SessionId = Annotated[
+    str, Path(description="id of an open session, or `current` for the one the viewer shows")
+]
+
+
+async def bench_of(hub: Sessions, session_id: SessionId) -> Workbench:
     """Return the workbench that the address names."""
     return hub.get(session_id)
 

@@ -9,12 +9,12 @@ from fastapi import APIRouter, Header, Query
 from starlette.concurrency import run_in_threadpool
 
 from rona_core import __version__
-from rona_core.app.hub import Hub
+from rona_core.app.hub import CURRENT, Hub
 from rona_core.app.workbench import Workbench
 from rona_core.errors import NotFoundError
 from rona_ui.api.context import Bench, Open, Sessions, origin_of
 from rona_ui.api.jobs import job_info
-from rona_ui.api.sessions import info, infos
+from rona_ui.api.session_info import found, infos
 from rona_ui.api.streams import ALIVE, DESCRIBED, EventStream, Streams, event
 from rona_ui.labels import doing
 
@@ -77,10 +77,10 @@ def state_of(hub: Hub) -> dict[str, Any]:
         "jobs": [],
     }
     try:
-        bench = hub.get()
-        state["session"] = asdict(info(hub, bench))
+        bench, short = found(hub, CURRENT)
     except NotFoundError:
         return state
+    state["session"] = asdict(short)
     state["origin"] = origin_of(bench)
     running = [status for status in bench.jobs.all() if not status.finished]
     state["jobs"] = [

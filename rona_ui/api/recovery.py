@@ -7,7 +7,7 @@ from fastapi import APIRouter, Path, Response
 
 from rona_core.app.recovery import LostSession
 from rona_ui.api.context import PREFIX, Sessions
-from rona_ui.api.sessions import SessionInfo, info
+from rona_ui.api.session_info import SessionInfo, info
 
 router = APIRouter(tags=["files"])
 Key = Annotated[str, Path(max_length=100, description="key of an unsaved session, from the list")]

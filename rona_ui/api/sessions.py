@@ -1,6 +1,5 @@
 """Sessions: make, list, open, save, download, upload, show, close; and files of specimens."""
 
-from contextlib import suppress
 from dataclasses import asdict, dataclass
 from typing import Annotated, Any, ClassVar, Literal
 from urllib.parse import quote
@@ -8,7 +7,6 @@ from urllib.parse import quote
 from fastapi import APIRouter, Query, Request, Response
 from starlette.concurrency import run_in_threadpool
 
-from rona_core.app.autosave import CopyState
 from rona_core.app.exports import export_recording
 from rona_core.app.hub import MAX_UPLOAD_BYTES, Hub
 from rona_core.app.workbench import Workbench
@@ -17,8 +15,9 @@ from rona_core.errors import NotFoundError
 from rona_core.session.document import require_seed
 from rona_core.session.files import SUFFIX, session_bytes
 from rona_ui.api.bodies import spooled
-from rona_ui.api.context import EXACT, PREFIX, Bench, Sessions
+from rona_ui.api.context import EXACT, PREFIX, Bench, SessionId, Sessions
 from rona_ui.api.plain_json import plain
+from rona_ui.api.session_info import SessionInfo, found, info, infos
 from rona_ui.resources import demo_session
 
 router = APIRouter(tags=["session"])
@@ -31,23 +30,6 @@ RAW_BODY = {
         "content": {"application/octet-stream": {"schema": {"type": "string", "format": "binary"}}},
     }
 }
-
-
-@dataclass(frozen=True, slots=True)
-class SessionInfo:
-    """An open session in short."""
-
-    id: str
-    name: str
-    revision: int  # how many messages have changed it
-    current: bool  # whether the viewer shows it
-    saved: bool  # whether its file holds it as it is now
-    changes: bool  # whether closing it as it is now would lose something
-    recovered: bool  # whether it was recovered after a crash, and not saved since
-    copy: CopyState  # whether a copy is kept of what is not saved
-    file: str | None
-    seed: int
-    created_utc: str
 
 
 @dataclass(frozen=True, slots=True)
@@ -105,34 +87,6 @@ class Uploaded:
     size_bytes: int
 
 
-def info(hub: Hub, bench: Workbench) -> SessionInfo:
-    """Return an open session in short."""
-    session = bench.session
-    path = hub.file(session.id)
-    return SessionInfo(
-        id=session.id,
-        name=session.name,
-        revision=len(session.log),
-        current=hub.is_current(session.id),
-        saved=hub.is_saved(session.id),
-        changes=hub.has_changes(session.id),
-        recovered=hub.is_recovered(session.id),
-        copy=hub.copy_state(session.id),
-        file=None if path is None else path.name,
-        seed=session.setup.seed,
-        created_utc=session.created_utc,
-    )
-
-
-def infos(hub: Hub) -> tuple[SessionInfo, ...]:
-    """Return all open sessions in short, oldest first."""
-    found: list[SessionInfo] = []
-    for bench in hub.all():
-        with suppress(NotFoundError):  # closed meanwhile
-            found.append(info(hub, bench))
-    return tuple(found)
-
-
 def _made(hub: Hub, bench: Workbench, response: Response) -> SessionInfo:
     response.headers["Location"] = f"{PREFIX}/sessions/{bench.session.id}"
     return info(hub, bench)
@@ -186,11 +140,12 @@ async def upload_session(
 
 
 @router.get("/sessions/{session_id}")
-def get_session(hub: Sessions, bench: Bench) -> dict[str, Any]:
+def get_session(hub: Sessions, session_id: SessionId) -> dict[str, Any]:
     """Return a session in short, with its set-up, what it holds and what can be undone."""
+    bench, short = found(hub, session_id)
     session, store = bench.session, bench.store
     return {
-        **asdict(info(hub, bench)),
+        **asdict(short),
         "can_undo": store.can_undo,
         "can_redo": store.can_redo,
         "setup": {

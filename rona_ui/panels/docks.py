@@ -58,7 +58,8 @@ class Docks:
         run_bar = RunBar(gui, door, steps)  # above the fields, so that it never scrolls away
         steps.update({kind.step: kind(gui, door) for kind in STEP_PANELS})
         panels += [*steps.values(), run_bar]
-        panels += [LookPanel(gui, door), SessionPanel(gui, door)]
+        self._session = SessionPanel(gui, door)
+        panels += [LookPanel(gui, door), self._session]
         panels += self._right(gui, door)
         replay = gui.add_panel(visible=False)
         with replay.add_tab("Replay", "player-play"):
@@ -94,6 +95,10 @@ class Docks:
         lower.dock_below(upper)
         upper.set_width(RIGHT_PX)
         return panels
+
+    def cancel_question(self) -> bool:
+        """Answer what is asked over the viewer with Cancel; return whether something was asked."""
+        return self._session.cancel_question()
 
     def render(self, old: Picture | None, new: Picture) -> None:
         """Bring every panel from ``old`` to ``new``."""

@@ -37,6 +37,10 @@ class Question:
             for choice in (*choices, Choice("Cancel", lambda event: None)):
                 self._add(choice)
 
+    def cancel(self) -> bool:
+        """Answer with Cancel; return whether a question was open."""
+        return self._answered()
+
     def _add(self, choice: Choice) -> None:
         button = self._gui.add_button(
             choice.label, icon=ICONS[choice.kind], color=COLORS[choice.kind]
@@ -48,7 +52,8 @@ class Question:
 
         listen(button, answer)
 
-    def _answered(self) -> None:
-        if self._modal is not None:
-            self._modal.close()
-            self._modal = None
+    def _answered(self) -> bool:
+        modal, self._modal = self._modal, None
+        if modal is not None:
+            modal.close()
+        return modal is not None

@@ -45,7 +45,7 @@ class RunBar:
 
     def __init__(self, gui: Any, door: Door, panels: dict[str, StepPanel]) -> None:
         self._panels, self._door = panels, door
-        self._step = "setup"
+        self._step, self._rests = "setup", False
         self._start = gui.add_button("Start", icon="player-play")
         self._progress_words = gui.add_html("")
         self._progress = gui.add_progress_bar(0.0, visible=False)
@@ -69,9 +69,11 @@ class RunBar:
         self._door.view(lambda v: replace(v, step=after, drawing=None, picks=()))
 
     def render(self, old: Picture | None, new: Picture) -> None:
-        """Follow step and job."""
+        """Follow step, job, and whether the probe stands on the bone."""
         job, step = new.job, new.view.step
-        if old is not None and old.job is job and old.steps is new.steps and old.view is new.view:
+        rests, self._rests = self._rests, rests_on_bone(new)  # follows live joints, not only steps
+        same = old is not None and old.job is job and old.steps is new.steps
+        if same and old.view is new.view and rests is self._rests:
             return
         panel, state = self._panels[step], new.step(step)
         self._step, busy = step, new.busy
@@ -83,7 +85,7 @@ class RunBar:
         self._start.icon = "refresh" if done or partial else "player-play"
         self._start.color = "gray" if done else None
         self._start.disabled = state.blocked is not None
-        self._back.visible = not busy and rests_on_bone(new)
+        self._back.visible = not busy and self._rests
         self._cancel.visible = self._progress.visible = busy
         words = ""
         if busy and job is not None:

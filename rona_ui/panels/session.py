@@ -88,6 +88,10 @@ class SessionPanel:
         async def _(event: Any) -> None:
             act(event)
 
+    def cancel_question(self) -> bool:
+        """Answer what is asked with Cancel; return whether something was asked."""
+        return self._question.cancel()
+
     def _clicked(self, event: Any) -> None:
         wanted = self._buttons.value
         if wanted == "Save":

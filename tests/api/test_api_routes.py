@@ -455,3 +455,19 @@ def test_an_a_scan_tells_what_was_found_and_what_was_corrected(client, at):
     assert at("GET", "/ascans/hand/0").status_code == 404
     assert at("GET", "/ascans/third/0").status_code == 422
     client.delete(place)
+
+
+def test_the_current_session_is_found_while_the_one_before_is_closed(web, client, monkeypatch):
+    stays, closing = (client.post("/sessions").json()["id"] for _ in range(2))
+    whole = web.hub.file
+
+    def file(session_id):  # closed just when somebody has begun to look at it
+        monkeypatch.setattr(web.hub, "file", whole)
+        web.hub.close(closing)
+        return whole(session_id)
+
+    monkeypatch.setattr(web.hub, "file", file)
+    answer = client.get("/sessions/current")
+    assert (answer.status_code, answer.json()["id"]) == (200, stays), answer.text
+    refused(client.get(f"/sessions/{closing}"), 404, "not_found")
+    client.delete(f"/sessions/{stays}")
