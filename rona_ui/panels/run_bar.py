@@ -1,6 +1,7 @@
 """Title of the active step, and beneath it the primary button, progress, cancel, next."""
 
 from dataclasses import replace
+from operator import is_
 from typing import Any
 
 from rona_core.app.messages import StartRetract
@@ -72,8 +73,9 @@ class RunBar:
         """Follow step, job, and whether the probe stands on the bone."""
         job, step = new.job, new.view.step
         rests, self._rests = self._rests, rests_on_bone(new)  # follows live joints, not only steps
-        same = old is not None and old.job is job and old.steps is new.steps
-        if same and old.view is new.view and rests is self._rests:
+        known = (job, new.steps, new.view)
+        same = old is not None and all(map(is_, (old.job, old.steps, old.view), known))
+        if same and rests is self._rests:
             return
         panel, state = self._panels[step], new.step(step)
         self._step, busy = step, new.busy

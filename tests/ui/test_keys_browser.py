@@ -315,9 +315,9 @@ def test_escape_stops_the_robot_that_moves_whatever_is_open(
     page = surgeon.page
     wait_for(lambda: announced(surgeon) == "", 20, "what was announced before to go")
     page.evaluate("() => fetch('/api/v1/sessions/demo', {method: 'POST'})")  # whole captures again
-    put(surgeon, "/jobs/StartToolCapture", {})
     moving = lambda: surgeon.ask("/sessions/current/robot/state")["moving"]  # noqa: E731
-    opened(surgeon)
+    opened(surgeon)  # first: while the robot moves, the fields rest
+    put(surgeon, "/jobs/StartToolCapture", {})
     wait_for(moving, 120, "the robot to move")
     assert announced(surgeon) == ""
     page.keyboard.press("Escape")
