@@ -13,6 +13,7 @@ from rona_core.compose import build_hub
 from rona_core.errors import InvalidInputError
 from rona_core.session.document import Session
 from rona_ui.browser import Browser
+from rona_ui.panels.question import Choice, Question
 from rona_ui.panels.session import SessionPanel, head
 
 A, B = Session(id="a1", name="bone"), Session(id="b2", name="bone")
@@ -138,3 +139,26 @@ def test_what_has_changed_meanwhile_is_not_closed_and_the_last_leaves_a_new_one(
     assert hub.get().session.name == "untitled"
     assert key not in hub.ids()
     assert hub.lost() == ()
+
+
+def test_a_question_is_answered_with_cancel_once():
+    class Modal:
+        closed = 0
+
+        def __enter__(self):
+            return self
+
+        def __exit__(self, *error):
+            return None
+
+        def close(self):
+            self.closed += 1
+
+    gui, modal, done = FakeGui(), Modal(), []
+    gui.add_modal = lambda title: modal
+    question = Question(gui)
+    assert not question.cancel()  # nothing is asked: Esc means something else
+    question.ask("Leave?", "Not saved.", (Choice("Close", done.append, "lose"),))
+    assert question.cancel()
+    assert not question.cancel()
+    assert (modal.closed, done) == (1, [])
