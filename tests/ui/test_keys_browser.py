@@ -232,8 +232,10 @@ def palette(surgeon: Surgeon) -> Any:
 
 
 def open_palette(surgeon: Surgeon) -> None:
-    surgeon.frame.locator("canvas").first.evaluate("() => document.activeElement?.blur()")
-    surgeon.frame.locator("body").press("Control+k")
+    # the keys go to the viewer, and not to a button of the page around it that was clicked last
+    surgeon.frame.evaluate("() => { document.activeElement?.blur(); window.focus(); }")
+    wait_for(lambda: surgeon.frame.evaluate("document.hasFocus()"), 10, "the viewer's focus")
+    surgeon.page.keyboard.press("Control+k")
     palette(surgeon).wait_for()
     inside = "document.activeElement?.matches('input.mantine-Spotlight-search')"
     wait_for(lambda: surgeon.frame.evaluate(inside), 10, "the palette to listen")
@@ -314,7 +316,8 @@ def test_escape_stops_the_robot_that_moves_whatever_is_open(
 ) -> None:
     page = surgeon.page
     wait_for(lambda: announced(surgeon) == "", 20, "what was announced before to go")
-    page.evaluate("() => fetch('/api/v1/sessions/demo', {method: 'POST'})")  # whole captures again
+    opens = "async () => (await fetch('/api/v1/sessions/demo', {method: 'POST'})).status"
+    assert page.evaluate(opens) == 201  # whole captures again
     moving = lambda: surgeon.ask("/sessions/current/robot/state")["moving"]  # noqa: E731
     opened(surgeon)  # first: while the robot moves, the fields rest
     put(surgeon, "/jobs/StartToolCapture", {})
