@@ -103,7 +103,7 @@ demo-session: $(VENV)/.product
 	$(BIN)/rona demo --seed 0 --out sessions/demo.rona
 
 pictures: $(VENV)/.test
-	RONA_SCREENSHOTS=1 $(BIN)/python -m pytest -q tests/ui/test_browser.py
+	RONA_SCREENSHOTS=1 $(BIN)/python -m pytest -q tests/ui/browser/test_browser.py
 
 results: $(VENV)/.product
 	$(ONE_THREAD) $(BIN)/python -m benchmarks.procedure_table

@@ -6,15 +6,15 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from benchmarks.bone_shapes import angles_deg, axes_of
-from rona_core.arrays import Floats, Ints
 from rona_core.devices.samples import AScan, AScanTrack
 from rona_core.devices.settings import ProbeSettings
+from rona_core.geometry.arrays import Floats, Ints
 from rona_core.geometry.pose import Pose, Poses
-from rona_core.ultrasound.bone_speed import local_speed_factors
-from rona_core.ultrasound.medium import Medium
-from rona_core.ultrasound.probe import FULL_SCALE_SHARE, ProbeModel, probe_model
+from rona_core.ultrasound.probe.probe_model import FULL_SCALE_SHARE, ProbeModel, probe_model
+from rona_core.virtual.acoustics.medium import Medium
+from rona_core.virtual.acoustics.probe import Layered, VirtualProbe
+from rona_core.virtual.acoustics.speed_field import local_speed_factors
 from rona_core.virtual.clock import CaptureClock
-from rona_core.virtual.probe import Layered, VirtualProbe
 
 PERIOD_S = 0.05
 BEHIND_MM = 10.0  # rays start this far before the face

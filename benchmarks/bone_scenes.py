@@ -11,12 +11,12 @@ import numpy as np
 
 from benchmarks.bone_record import BoneScene, inner_level_db, record
 from benchmarks.bone_shapes import Dome, grid_places, leans_rad
-from rona_core.arrays import Floats, Ints
 from rona_core.devices.settings import Excitation, ProbeName, ProbeSettings, PulseShape
+from rona_core.geometry.arrays import Floats, Ints
 from rona_core.geometry.pose import Pose
-from rona_core.ultrasound.material import Material
-from rona_core.ultrasound.medium import MEDIA, Medium
-from rona_core.virtual.skull.simulated import SimulatedSpecimen
+from rona_core.ultrasound.probe.materials import Material
+from rona_core.virtual.acoustics.medium import MEDIA, Medium
+from rona_core.virtual.specimen.simulated.simulated_skull import SimulatedSpecimen
 
 NOMINAL_SEED, TEST_SEED = 1_000, 35_170_000  # no test and no tuning uses the second
 TRIAL_SEEDS = 200_000, 300_000, 400_000  # drawn as for the test, but to tune with and look at

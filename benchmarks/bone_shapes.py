@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from rona_core.arrays import Floats
+from rona_core.geometry.arrays import Floats
 from rona_core.geometry.pose import Pose, Poses
 
 WAVES = 12  # that make up the relief of the inner table

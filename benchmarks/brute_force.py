@@ -4,7 +4,7 @@ import itertools
 
 import numpy as np
 
-from rona_core.arrays import Bools, Floats, Ints
+from rona_core.geometry.arrays import Bools, Floats, Ints
 
 TIE_MM = 1e-9
 

@@ -8,7 +8,7 @@ as in the paper, which does not publish its path; so that agreement is no valida
 
 import numpy as np
 
-from rona_core.arrays import Bools, Floats
+from rona_core.geometry.arrays import Bools, Floats
 
 LINES, LENGTH_MM, SPACING_MM, RADIUS_MM = 9, 60.0, 5.0, 80.0
 DURATION_S = 35.0

@@ -12,13 +12,13 @@ import numpy as np
 from scipy.special import j1
 
 from benchmarks.kwave_cases import Comparison, envelope
-from rona_core.arrays import Floats
-from rona_core.ultrasound.beam import WINDOW, probe_beam
-from rona_core.ultrasound.bone_stack import BoneStack, LayerProfile
-from rona_core.ultrasound.material import BRAIN, TABLE, Complexes, Material
-from rona_core.ultrasound.medium import Medium
-from rona_core.ultrasound.probe import PROBES, ProbeModel
-from rona_core.ultrasound.pulse import transducer_response
+from rona_core.geometry.arrays import Floats
+from rona_core.ultrasound.probe.beam import WINDOW, probe_beam
+from rona_core.ultrasound.probe.excitation import transducer_response
+from rona_core.ultrasound.probe.materials import BRAIN, TABLE, Complexes, Material
+from rona_core.ultrasound.probe.probe_model import PROBES, ProbeModel
+from rona_core.virtual.acoustics.layer_stack import BoneStack, LayerProfile
+from rona_core.virtual.acoustics.medium import Medium
 
 BONE = replace(TABLE, shear_mm_per_us=0.0)
 BONE_MM, GAP_MM = 6.0, 0.5

@@ -16,16 +16,16 @@ from rona_core.app.scan_views import scan_poses
 from rona_core.compose import new_workbench, specimen_of
 from rona_core.devices.settings import ProbeSettings
 from rona_core.errors import StepBlockedError
-from rona_core.evaluation.scan_figures import true_probe_poses
+from rona_core.evaluation.scan_metrics import true_probe_poses
 from rona_core.evaluation.truth import Truth
 from rona_core.geometry.pose import Poses
 from rona_core.session.document import Session
 from rona_core.session.specimen import BoneChoice, BoneKind
-from rona_core.ultrasound.detect import Detection, detect
-from rona_core.virtual.bone_medium import bone_medium
-from rona_core.virtual.probe import Layered
+from rona_core.ultrasound.detection.detect import Detection, detect
+from rona_core.virtual.acoustics.probe import Layered
+from rona_core.virtual.acoustics.specimen_medium import bone_medium
 from rona_core.virtual.rig import build_scene
-from rona_core.virtual.skull.simulated import SimulatedSpecimen
+from rona_core.virtual.specimen.simulated.simulated_skull import SimulatedSpecimen
 
 STANDING_STREAM = 0x57A4D  # names the draw of leans and heights of a probe that no robot holds
 UP_TO_SCAN = PROCEDURE[: 1 + [step for step, _ in PROCEDURE].index("scan")]

@@ -10,11 +10,11 @@ from typing import Any
 import numpy as np
 import pinocchio as pin
 
-from rona_core.arrays import Floats
+from rona_core.geometry.arrays import Floats
 from rona_core.geometry.pose import Pose, Poses
-from rona_core.robot.model import RobotModel
-from rona_core.robot.pinocchio_model import PinocchioArm, pinocchio_model
-from rona_core.robot.solutions import IkSolutions
+from rona_core.robot.kinematics.ik_solutions import IkSolutions
+from rona_core.robot.kinematics.pinocchio_model import PinocchioArm, pinocchio_model
+from rona_core.robot.kinematics.robot_model import RobotModel
 
 MM_PER_M = 1000.0
 SAME_RAD = 1e-6

@@ -14,8 +14,8 @@ from scipy import fft
 
 from benchmarks.kwave_cases import STRIPS, Comparison, Strip, stored_strip, strip_record
 from benchmarks.kwave_cells import LAYERS
-from rona_core.arrays import Floats
-from rona_core.ultrasound.material import Material
+from rona_core.geometry.arrays import Floats
+from rona_core.ultrasound.probe.materials import Material
 
 Singles = NDArray[np.float32]
 Phasors = NDArray[np.complexfloating]

@@ -13,10 +13,10 @@ from scipy.signal import hilbert
 from scipy.special import hankel2
 
 from benchmarks.kwave_cells import LAYERS, THICKNESSES_MM, WATER, echo_in_cells
-from rona_core.arrays import Floats
-from rona_core.ultrasound.bone_stack import BoneStack, LayerProfile
-from rona_core.ultrasound.material import Complexes
-from rona_core.ultrasound.medium import Medium
+from rona_core.geometry.arrays import Floats
+from rona_core.ultrasound.probe.materials import Complexes
+from rona_core.virtual.acoustics.layer_stack import BoneStack, LayerProfile
+from rona_core.virtual.acoustics.medium import Medium
 
 SHARED = Path(
     os.environ.get("RONA_SHARED", str(Path(__file__).resolve().parents[1].parent / "shared"))

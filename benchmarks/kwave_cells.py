@@ -8,10 +8,10 @@ at all places. The rule is no guess: with it ``kspace_grid`` gives back all four
 
 import numpy as np
 
-from rona_core.arrays import Floats
 from rona_core.errors import InvalidInputError
-from rona_core.ultrasound.layers import stack_reflection
-from rona_core.ultrasound.material import Complexes, Material
+from rona_core.geometry.arrays import Floats
+from rona_core.ultrasound.probe.materials import Complexes, Material
+from rona_core.virtual.acoustics.layered_reflection import stack_reflection
 
 WATER, TABLE, DIPLOE = Material(1.5, 1.0), Material(2.85, 1.9), Material(2.45, 1.7)
 LAYERS = (WATER, TABLE, DIPLOE, TABLE, Material(1.56, 1.04))  # water above, brain below

@@ -11,8 +11,8 @@ import numpy as np
 from benchmarks.laboratory_bench import WATER, WATER_SPEED, Bench, Hit, Matter
 from benchmarks.laboratory_recorder import faulty, step_of, written
 from benchmarks.laboratory_waves import bang_of, copy_of, piston, pulse_of
-from rona_core.arrays import Bools, Floats
-from rona_core.devices.rf_files import RecordedRf
+from rona_core.devices.files.rf.rf_data import RecordedRf
+from rona_core.geometry.arrays import Bools, Floats
 
 FAINTEST = 1e-4  # arrivals below it over a perfect mirror are left out
 AUDIBLE = 4.0  # the back wall's peak over the rms of noise and quantising

@@ -4,7 +4,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from benchmarks.laboratory_bench import Bench
-from rona_core.arrays import Bools, Floats
+from rona_core.geometry.arrays import Bools, Floats
 
 
 def faulty(bench: Bench, rf: Floats, rng: np.random.Generator) -> Floats:

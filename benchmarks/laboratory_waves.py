@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from scipy.special import j0, j1
 
 from benchmarks.laboratory_bench import WATER_SPEED, Bench, Hit
-from rona_core.arrays import Floats
+from rona_core.geometry.arrays import Floats
 
 Complexes = NDArray[np.complex128]
 

@@ -13,10 +13,11 @@ from typing import Literal
 
 import numpy as np
 
-from rona_core.arrays import Floats, Vector3
+from rona_core.geometry.arrays import Floats, Vector3
 from rona_core.geometry.path5d import Path5D
 from rona_core.geometry.pose import Pose
-from rona_core.robot.model import RobotModel, robot_model
+from rona_core.robot.kinematics.catalog import robot_model
+from rona_core.robot.kinematics.robot_model import RobotModel
 
 WayPoints = Literal[90, 306]
 

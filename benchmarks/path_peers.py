@@ -6,7 +6,7 @@ from types import ModuleType
 
 import numpy as np
 
-from rona_core.arrays import Floats, Ints
+from rona_core.geometry.arrays import Floats, Ints
 
 Simplify = Callable[[Floats], Floats]  # points (n, 3) -> points kept (k, 2 or 3)
 

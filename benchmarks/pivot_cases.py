@@ -16,10 +16,10 @@ from scipy.spatial.transform import Rotation
 from scipy.stats import chi2
 
 from benchmarks.metric import Metric, Progress, cpu_ms
-from rona_core.arrays import Floats
-from rona_core.calibration.marker_noise import EVEN, MarkerNoise
-from rona_core.calibration.pointer import PointerCalibration, calibrate_pointer
-from rona_core.calibration.tracked_poses import tracked_from_markers
+from rona_core.calibration.handheld.pointer import PointerCalibration, calibrate_pointer
+from rona_core.calibration.tracking_error.marker_noise import EVEN, MarkerNoise
+from rona_core.calibration.tracking_error.poses_with_covariance import tracked_from_markers
+from rona_core.geometry.arrays import Floats
 from rona_core.geometry.pose import Poses
 
 TRIALS = 300

@@ -11,8 +11,8 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from rona_core.arrays import Bools, Floats
-from rona_core.devices.rf_files import RecordedRf
+from rona_core.devices.files.rf.rf_data import RecordedRf
+from rona_core.geometry.arrays import Bools, Floats
 
 Shape = Literal["ring", "gauss", "damped"]
 WATER = 1.483

@@ -11,6 +11,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from benchmarks.metric import Metric, Progress, cpu_ms
+from benchmarks.reference.paired_point_registration import register_fiducials
 from benchmarks.registration_worlds import (
     STEREO,
     TARGETS_BASE,
@@ -22,18 +23,17 @@ from benchmarks.registration_worlds import (
     tool_world,
     tracked,
 )
-from rona_core.arrays import Floats
-from rona_core.calibration.handeye import solve_hand_eye
-from rona_core.calibration.pointer import calibrate_pointer
-from rona_core.calibration.registration import register_fiducials
-from rona_core.calibration.tool_paper import solve_paper
-from rona_core.calibration.uncertainty import MapSetup, predict_map_error
-from rona_core.devices.markers import GEOMETRIES
+from rona_core.calibration.error_propagation import MapSetup, predict_map_error
+from rona_core.calibration.hand_eye.hand_eye import solve_hand_eye
+from rona_core.calibration.hand_eye.published_method import solve_paper
+from rona_core.calibration.handheld.pointer import calibrate_pointer
+from rona_core.devices.marker_geometry import GEOMETRIES
 from rona_core.errors import RonaError
-from rona_core.geometry.fit import fit_rigid
+from rona_core.geometry.arrays import Floats
 from rona_core.geometry.pose import Pose, Poses
-from rona_core.geometry.tangent import point_jacobians
-from rona_core.surface.registration import point_surface, register_surface
+from rona_core.geometry.pose_covariance import point_jacobians
+from rona_core.geometry.rigid_fit import fit_rigid
+from rona_core.surface.icp import point_surface, register_surface
 
 TRIALS = 300
 MAPS, PIVOT_FRAMES, PLACES = 60, 300, 40

@@ -5,9 +5,9 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from rona_core.arrays import Floats, Ints
-from rona_core.calibration.marker_noise import MarkerNoise
-from rona_core.devices.markers import GEOMETRIES
+from rona_core.calibration.tracking_error.marker_noise import MarkerNoise
+from rona_core.devices.marker_geometry import GEOMETRIES
+from rona_core.geometry.arrays import Floats, Ints
 from rona_core.geometry.pose import Pose, Poses
 
 STEREO = MarkerNoise(sigma_mm=0.35)  # depth three times worse, 3D RMS of one marker

@@ -13,14 +13,14 @@ from scipy.optimize import minimize
 
 from benchmarks.bone_record import BoneScene
 from benchmarks.bone_scenes import TRIAL_SEEDS, anatomical_bone, hard_bone, parallel_bone
-from rona_core.arrays import Bools, Floats, Ints
 from rona_core.devices.settings import Excitation, ProbeName
-from rona_core.ultrasound.detect import nominal_bone
-from rona_core.ultrasound.evidence import features, joint_features
-from rona_core.ultrasound.inner import Candidates, inner_grid_mm
-from rona_core.ultrasound.neighbours import Links, scan_links
-from rona_core.ultrasound.profile import Tracks, along_tracks
-from rona_core.ultrasound.search import search_echoes
+from rona_core.geometry.arrays import Bools, Floats, Ints
+from rona_core.ultrasound.detection.detect import nominal_bone
+from rona_core.ultrasound.detection.single.candidates import search_echoes
+from rona_core.ultrasound.detection.single.inner_echo import Candidates, inner_grid_mm
+from rona_core.ultrasound.detection.spatial.candidate_features import features, joint_features
+from rona_core.ultrasound.detection.spatial.neighbour_graph import Links, scan_links
+from rona_core.ultrasound.detection.spatial.track_before_detect import Tracks, along_tracks
 
 RIGHT_MM = {"1MHz": 0.8, "2.25MHz": 0.6}  # a candidate this close is the inner echo
 ENDLESS_SHARE = 1.0  # what a scene without inner boundary counts for

@@ -17,11 +17,11 @@ from rona_core.errors import DeviceError, RonaError
 from rona_core.evaluation.metrics import evaluate
 from rona_core.session.document import Session, Setup
 from rona_core.session.specimen import LoadedSkull
-from rona_core.virtual.bone_medium import bone_medium
-from rona_core.virtual.plates import sweep as sweep_plates
+from rona_core.virtual.acoustics.plate_sweep import sweep as sweep_plates
+from rona_core.virtual.acoustics.specimen_medium import bone_medium
 from rona_core.virtual.rig import VirtualRig
-from rona_core.virtual.specimen import Specimen, build_specimen
-from rona_core.virtual.specimen_import import import_skull
+from rona_core.virtual.specimen.build_specimen import Specimen, build_specimen
+from rona_core.virtual.specimen.import_skull import import_skull
 
 
 def specimen_of(setup: Setup) -> Specimen:

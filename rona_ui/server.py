@@ -24,24 +24,24 @@ from starlette.types import ASGIApp
 from rona_core import __version__
 from rona_core.app.hub import Hub
 from rona_core.errors import InvalidInputError, RonaError
-from rona_ui.api import (
+from rona_ui.api import problems
+from rona_ui.api.access_guard import LOOPBACK, Access, Guard, is_loopback
+from rona_ui.api.context import PREFIX
+from rona_ui.api.routes import (
     commands,
     events,
     jobs,
     probe,
-    problems,
     recovery,
     results,
     robot,
     sessions,
     tracker,
 )
-from rona_ui.api import operator as hand
-from rona_ui.api.context import PREFIX
-from rona_ui.api.guard import LOOPBACK, Access, Guard, is_loopback
+from rona_ui.api.routes import operator as hand
 from rona_ui.api.streams import Streams
-from rona_ui.gateway import MAX_MESSAGE_BYTES, ViewerGateway
 from rona_ui.resources import demo_session, sessions_dir, static_dir
+from rona_ui.viewer.gateway import MAX_MESSAGE_BYTES, ViewerGateway
 
 MAX_BODY_BYTES = 1024**2  # of a request that is not an upload
 GRACE_S = 1  # for requests under way when the server ends

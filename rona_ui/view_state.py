@@ -8,12 +8,12 @@ from rona_core.app.autosave import CopyState
 from rona_core.app.jobs import JobStatus
 from rona_core.app.queries import StepState
 from rona_core.app.roll_margins import Quantity
-from rona_core.arrays import Floats, Vector3
 from rona_core.devices.live import LiveState
 from rona_core.devices.protocols import Mesh
+from rona_core.geometry.arrays import Floats, Vector3
 from rona_core.geometry.pose import Pose
 from rona_core.session.document import Session
-from rona_core.ultrasound.corrections import ScanName
+from rona_core.ultrasound.detection.manual_corrections import ScanName
 from rona_ui.refusals import Refusal
 
 Point = tuple[float, float, float]

@@ -8,8 +8,9 @@ import subprocess
 import sys
 from pathlib import Path
 
-import frame_names
 import pytest
+
+from tests.helpers import frame_names
 
 ROOT = Path(__file__).resolve().parents[1]
 PRODUCT = ("rona_core", "rona_ui")
@@ -151,9 +152,21 @@ PLANTED_IMPORTS = [
     ("rona_core/app/planted.py", "import rona_core.evaluation", "Layers of rona_core"),
     ("rona_core/planted.py", "", "Layers of rona_core"),  # a new module must choose a layer
     ("rona_core/arrays_user.py", "import rona_ui", "does not know the interface"),
-    ("rona_core/ultrasound/detect.py", "import rona_core.ultrasound.ascan", "simulation of echoes"),
-    ("rona_core/ultrasound/detect.py", "import rona_core.ultrasound.medium", "simulated medium"),
-    ("rona_core/ultrasound/inner.py", "import rona_core.ultrasound.medium", "generator of echoes"),
+    (
+        "rona_core/ultrasound/detection/detect.py",
+        "import rona_core.virtual.acoustics.echo_model",
+        "simulation of echoes",
+    ),
+    (
+        "rona_core/ultrasound/detection/detect.py",
+        "import rona_core.virtual.acoustics.medium",
+        "simulated medium",
+    ),
+    (
+        "rona_core/ultrasound/detection/single/inner_echo.py",
+        "import rona_core.virtual.acoustics.medium",
+        "generator of echoes",
+    ),
     ("rona_ui/panels/planted.py", "import rona_core.path", "only through rona_core.app"),
     ("rona_ui/api/planted.py", "import rona_core.robot", "only through rona_core.app"),
     ("rona_ui/panels/planted.py", "import rona_core.virtual", "only through compose"),

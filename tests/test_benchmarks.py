@@ -224,7 +224,7 @@ def test_the_share_of_the_robot_is_its_field_along_the_normal():
 
 
 def test_the_demonstration_is_checked_by_brute_force():
-    if importlib.util.find_spec("rona_core.path.smooth") is None:
+    if importlib.util.find_spec("rona_core.path.simplification.simplify") is None:
         pytest.skip("there is no smoothing yet")
     from benchmarks.suites.path import POINTS, demonstration, segment_deviation_mm
 

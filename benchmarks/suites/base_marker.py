@@ -7,10 +7,10 @@ that what is measured is what the move alone costs, at a place on the head.
 import numpy as np
 
 from benchmarks.metric import Metric, Progress
-from rona_core.calibration.base_marker import ErrorField, SeenBase, carry_over, mean_base
-from rona_core.devices.markers import GEOMETRIES
+from rona_core.calibration.hand_eye.base_marker import ErrorField, SeenBase, carry_over, mean_base
+from rona_core.devices.marker_geometry import GEOMETRIES
 from rona_core.devices.settings import TrackerPlace, TrackerProfile, TrackerSettings
-from rona_core.devices.volumes import FIELD_MM
+from rona_core.devices.tracker_volumes import FIELD_MM
 from rona_core.geometry.pose import Pose, Poses
 from rona_core.virtual.scene import (
     BASE_MARKER,
@@ -18,7 +18,7 @@ from rona_core.virtual.scene import (
     TRACKER_DIRECTION,
     TRACKER_DISTANCE_MM,
 )
-from rona_core.virtual.tracker import observe, white_numbers
+from rona_core.virtual.tracker.tracker import observe, white_numbers
 
 TRIALS, FRAMES = 300, 15
 HONEST = 15.0  # per cent that measured and predicted RMS may differ by

@@ -6,12 +6,12 @@ from benchmarks.metric import Metric, Progress, cpu_ms
 from benchmarks.patch_scenes import scene_model, scene_path
 from rona_core.devices.settings import RobotSettings
 from rona_core.geometry.pose import Pose
-from rona_core.robot.base_placement import place_base
-from rona_core.robot.base_places import BasePlace, BaseSearch, base_pose, path_from
-from rona_core.robot.base_screen import Screen
-from rona_core.robot.model import RobotModel
-from rona_core.robot.room import RoomRules
-from rona_core.robot.scan_plan import plan_scan
+from rona_core.robot.base_placement.candidates import BasePlace, BaseSearch, base_pose, path_from
+from rona_core.robot.base_placement.placement import place_base
+from rona_core.robot.base_placement.screening import Screen
+from rona_core.robot.kinematics.robot_model import RobotModel
+from rona_core.robot.planning.plan_scan import plan_scan
+from rona_core.robot.redundancy.margins import RoomRules
 
 HOME = RobotSettings()
 PLACES = 143  # of the default grid

@@ -5,15 +5,16 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from benchmarks.metric import Metric, Progress, cpu_ms
-from rona_core.arrays import Floats, readonly
-from rona_core.devices.surroundings import Surroundings
+from rona_core.devices.workcell import Surroundings
+from rona_core.geometry.arrays import Floats, readonly
 from rona_core.geometry.pose import Pose
-from rona_core.robot.collision import CollisionWorld
-from rona_core.robot.head_shape import LARGE_HEAD_MM, head_from_cloud
-from rona_core.robot.model import RobotModel, robot_model
-from rona_core.robot.motion import joint_move
-from rona_core.robot.obstacles import Capsule, Hull, Obstacle, Obstacles, table_and_floor
-from rona_core.robot.verify import Tolerances, verify_motion
+from rona_core.robot.collision.collision_world import CollisionWorld
+from rona_core.robot.collision.head_obstacle import LARGE_HEAD_MM, head_from_cloud
+from rona_core.robot.collision.obstacles import Capsule, Hull, Obstacle, Obstacles, table_and_floor
+from rona_core.robot.kinematics.catalog import robot_model
+from rona_core.robot.kinematics.robot_model import RobotModel
+from rona_core.robot.trajectory.joint_moves import joint_move
+from rona_core.robot.verification.verifier import Tolerances, verify_motion
 
 CONFIGURATIONS = 1526  # the dense points of the longer scan over a sphere patch
 HEADS = 40

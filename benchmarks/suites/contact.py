@@ -10,16 +10,17 @@ from dataclasses import replace
 import numpy as np
 
 from benchmarks.metric import Metric, Progress, cpu_ms
-from rona_core.calibration.pose_timing import EchoSegment, estimate_pose_delay
-from rona_core.devices.force import JR3
+from benchmarks.reference.force_loop_bench import BenchRun, run_bench, wave_mm
+from rona_core.calibration.timing.robot_latency import EchoSegment, estimate_pose_delay
 from rona_core.devices.settings import ContactSettings
+from rona_core.devices.wrench import JR3
 from rona_core.geometry.path5d import Path5D
-from rona_core.robot.contact_band import contact_band
-from rona_core.robot.model import RobotModel, robot_model
-from rona_core.robot.plan import Trajectory
-from rona_core.robot.scan_plan import plan_scan
-from rona_core.robot.tool_load import force_range_n, lever_mm
-from rona_core.virtual.contact_bench import BenchRun, run_bench, wave_mm
+from rona_core.robot.force_control.correction_corridor import contact_band
+from rona_core.robot.force_control.gravity_compensation import force_range_n, lever_mm
+from rona_core.robot.kinematics.catalog import robot_model
+from rona_core.robot.kinematics.robot_model import RobotModel
+from rona_core.robot.planning.plan_scan import plan_scan
+from rona_core.robot.trajectory.trajectory import Trajectory
 
 RMS_N, PEAK_N = 0.7, 6.0
 SLOW = ContactSettings()

@@ -15,13 +15,13 @@ from benchmarks.disc_oracle import curved, leaning
 from benchmarks.kspace_grid import front_on_grid
 from benchmarks.kwave_cases import STRIPS, mirror_level_db, plane_wave, stored_strip, strip
 from benchmarks.metric import Metric, Progress, cpu_ms
-from rona_core.arrays import Floats
-from rona_core.ultrasound.ascan import EchoModel
-from rona_core.ultrasound.bone_stack import LayerProfile
-from rona_core.ultrasound.material import GEL, TABLE
-from rona_core.ultrasound.medium import MEDIA
-from rona_core.ultrasound.oblique import oblique_step
-from rona_core.ultrasound.probe import PROBES
+from rona_core.geometry.arrays import Floats
+from rona_core.ultrasound.probe.materials import GEL, TABLE
+from rona_core.ultrasound.probe.probe_model import PROBES
+from rona_core.virtual.acoustics.echo_model import EchoModel
+from rona_core.virtual.acoustics.layer_stack import LayerProfile
+from rona_core.virtual.acoustics.medium import MEDIA
+from rona_core.virtual.acoustics.oblique_incidence import oblique_step
 
 L2, CORRELATION, FRONT_DB, FRONT_NS = 0.015, 0.99, 0.5, 31.0
 FASTEST, FAST_ERROR = 800.0, 0.001  # A-scans a second; share of the exact record

@@ -16,10 +16,10 @@ from scipy.stats import spearmanr
 
 from benchmarks.metric import Metric, Progress
 from rona_core.app.map_accuracy import MapAccuracy, map_accuracy
-from rona_core.arrays import Floats
 from rona_core.compose import build_virtual_rig, run_demo
-from rona_core.evaluation.map_figures import cell_errors_mm
+from rona_core.evaluation.map_metrics import cell_errors_mm
 from rona_core.evaluation.truth import Truth
+from rona_core.geometry.arrays import Floats
 from rona_core.session.document import Session
 from rona_core.session.files import load_session
 

@@ -13,13 +13,13 @@ from benchmarks.metric import Metric, Progress, cpu_ms, over_seeds
 from benchmarks.pivot_cases import pivot_metrics
 from benchmarks.pointer_map import pointer_map_metrics
 from benchmarks.registration_cases import registration_metrics
-from rona_core.arrays import Floats
-from rona_core.calibration.pivot import PivotMethod
-from rona_core.calibration.pointer import calibrate_pointer
-from rona_core.calibration.tool import register_tool
-from rona_core.devices.markers import GEOMETRIES
-from rona_core.geometry.fit import fit_rigid
+from rona_core.calibration.hand_eye.tool_registration import register_tool
+from rona_core.calibration.handheld.pointer import calibrate_pointer
+from rona_core.calibration.pivot.pivot_calibration import PivotMethod
+from rona_core.devices.marker_geometry import GEOMETRIES
+from rona_core.geometry.arrays import Floats
 from rona_core.geometry.pose import Pose, Poses
+from rona_core.geometry.rigid_fit import fit_rigid
 
 TRIALS = 20
 FRAMES = 300

@@ -9,11 +9,11 @@ from benchmarks.brute_force import fewest, segment_deviation_mm, textbook_order
 from benchmarks.demonstrated import demonstration as demonstrated
 from benchmarks.metric import Metric, Progress, cpu_ms, over_seeds
 from benchmarks.path_peers import PEERS, as_index
-from rona_core.arrays import Floats
-from rona_core.path.coverage import length_mm
-from rona_core.path.deviation import deviations, within_frechet
-from rona_core.path.removal import removal_order
-from rona_core.path.smooth import METHODS, SimplifiedPath, simplify
+from benchmarks.reference.path_coverage import length_mm
+from rona_core.geometry.arrays import Floats
+from rona_core.path.simplification.deviation import deviations, within_frechet
+from rona_core.path.simplification.simplify import METHODS, SimplifiedPath, simplify
+from rona_core.path.simplification.vertex_decimation import removal_order
 
 __all__ = ["POINTS", "demonstration", "run", "segment_deviation_mm"]
 

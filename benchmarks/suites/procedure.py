@@ -14,7 +14,7 @@ from benchmarks.metric import Direction, Metric, Progress, over_seeds
 from rona_core.app.quality import FIGURES
 from rona_core.compose import build_virtual_rig, run_demo
 from rona_core.evaluation.figures import rms
-from rona_core.evaluation.map_figures import outer_errors_mm
+from rona_core.evaluation.map_metrics import outer_errors_mm
 from rona_core.evaluation.truth import Truth
 from rona_core.session.document import Session
 

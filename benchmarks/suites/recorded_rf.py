@@ -13,10 +13,10 @@ import numpy as np
 from benchmarks.laboratory_families import FAMILIES, draw
 from benchmarks.metric import Metric, Progress, cpu_ms
 from benchmarks.recorded_cases import CASES, Case, Recording, record, varied
-from rona_core.arrays import Bools, Floats
-from rona_core.ultrasound.recorded import detect_recorded
+from rona_core.geometry.arrays import Bools, Floats
+from rona_core.ultrasound.recorded.band import Band, Complexes, analytic
+from rona_core.ultrasound.recorded.plate_detector import detect_recorded
 from rona_core.ultrasound.recorded_figures import thickness_figures
-from rona_core.ultrasound.recorded_signal import Band, Complexes, analytic
 
 SEEDS = (21, 22, 23)  # others than those the detection was adjusted with
 LABORATORY_SEEDS = range(500, 530)

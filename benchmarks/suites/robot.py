@@ -4,10 +4,11 @@ import numpy as np
 
 from benchmarks.independent_ik import OneAnswer, agreement, all_answers
 from benchmarks.metric import Metric, Progress, cpu_ms
-from rona_core.arrays import Floats
 from rona_core.devices.settings import ROBOTS
-from rona_core.robot.model import RobotModel, robot_model
-from rona_core.robot.pinocchio_model import PinocchioArm
+from rona_core.geometry.arrays import Floats
+from rona_core.robot.kinematics.catalog import robot_model
+from rona_core.robot.kinematics.pinocchio_model import PinocchioArm
+from rona_core.robot.kinematics.robot_model import RobotModel
 
 RESIDUAL_POSES = 100_000
 POSES = 110_000  # 1526 path points times 72 rolls

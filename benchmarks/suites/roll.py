@@ -6,15 +6,17 @@ import numpy as np
 
 from benchmarks.metric import Metric, Progress, cpu_ms
 from benchmarks.patch_scenes import N_ROLLS, SCENES, WayPoints, scene_model, scene_path
-from rona_core.robot.judged_rolls import cheapest_constant, judge_rolls
-from rona_core.robot.refine_roll import refine_roll
-from rona_core.robot.roll_cost import RollCost
-from rona_core.robot.roll_grid import roll_grid
-from rona_core.robot.roll_search import working_set_deg
-from rona_core.robot.room import RoomRules
-from rona_core.robot.scan_plan import PlanSettings, plan_scan
-from rona_core.robot.variable_roll import RollCurve, optimal_roll
-from rona_core.robot.vary_roll import vary_roll
+from benchmarks.reference.cheapest_constant_roll import cheapest_constant
+from rona_core.robot.planning.plan_scan import PlanSettings, plan_scan
+from rona_core.robot.redundancy.choice import working_set_deg
+from rona_core.robot.redundancy.cost import RollCost
+from rona_core.robot.redundancy.evaluate_rolls import judge_rolls
+from rona_core.robot.redundancy.margins import RoomRules
+from rona_core.robot.redundancy.result import RollCurve
+from rona_core.robot.redundancy.roll_grid import roll_grid
+from rona_core.robot.redundancy.variable.gauss_newton import refine_roll
+from rona_core.robot.redundancy.variable.optimal_roll import optimal_roll
+from rona_core.robot.redundancy.variable.plan_variable_roll import vary_roll
 
 LONG_SCENES = ("S0", "S4")  # with 306 way-points
 ROLLS_DEG = working_set_deg(N_ROLLS, 0.0, 360.0)

@@ -14,12 +14,12 @@ from scipy.stats import rankdata
 from benchmarks.bone_record import BoneScene
 from benchmarks.bone_scenes import anatomical_bone, hard_bone, parallel_bone, plate
 from benchmarks.metric import Metric, Progress
-from rona_core.arrays import Bools, Floats
 from rona_core.devices.settings import Excitation, ProbeName
-from rona_core.ultrasound.crlb import inner_bound
-from rona_core.ultrasound.detect import NOMINAL_SPEED_MM_PER_US, Detection, detect
-from rona_core.ultrasound.matched import block_template
-from rona_core.ultrasound.probe import probe_model
+from rona_core.geometry.arrays import Bools, Floats
+from rona_core.ultrasound.detection.detect import NOMINAL_SPEED_MM_PER_US, Detection, detect
+from rona_core.ultrasound.detection.single.cramer_rao import inner_bound
+from rona_core.ultrasound.detection.single.matched_filter import block_template
+from rona_core.ultrasound.probe.probe_model import probe_model
 
 Method = Literal["subtract", "matched", "threshold"]
 WRONG_MM = 1.0

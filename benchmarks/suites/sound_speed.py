@@ -9,16 +9,16 @@ calibration knows none of these draws, and takes 3.5 % and 20 mm for all.
 import numpy as np
 
 from benchmarks.metric import Metric, Progress, cpu_ms
-from rona_core.arrays import Floats
-from rona_core.ultrasound.detect import NOMINAL_SPEED_MM_PER_US
-from rona_core.ultrasound.sound_speed import (
+from benchmarks.reference.thickness_budget import thickness_budget
+from rona_core.geometry.arrays import Floats
+from rona_core.ultrasound.acoustic_calibration.speed_calibration import (
     PUBLISHED,
     SpeedCalibration,
     calibrate_speed,
     speed_at,
     uncalibrated,
 )
-from rona_core.ultrasound.thickness_budget import thickness_budget
+from rona_core.ultrasound.detection.detect import NOMINAL_SPEED_MM_PER_US
 
 PATIENTS = 2000
 PLACES = 40  # measured in each

@@ -6,14 +6,14 @@ import numpy as np
 
 from benchmarks.metric import Metric, Progress, cpu_ms
 from benchmarks.patch_scenes import N_ROLLS, scene_model, scene_path
-from rona_core.arrays import Floats
+from benchmarks.reference.trajectory_figures import TimingFigures, timing_figures
+from rona_core.geometry.arrays import Floats
 from rona_core.geometry.path5d import Path5D
-from rona_core.robot.blend import blend
-from rona_core.robot.model import RobotModel
-from rona_core.robot.plan import Trajectory
-from rona_core.robot.roll_search import joint_path, search_rolls
-from rona_core.robot.timing import ScanSettings, time_path
-from rona_core.robot.timing_figures import TimingFigures, timing_figures
+from rona_core.robot.kinematics.robot_model import RobotModel
+from rona_core.robot.redundancy.choice import joint_path, search_rolls
+from rona_core.robot.trajectory.corner_blend import blend
+from rona_core.robot.trajectory.scan_timing import ScanSettings, time_path
+from rona_core.robot.trajectory.trajectory import Trajectory
 
 FEASIBLE_SCENES = ("S0", "S1", "S2", "S5")
 SPEEDS = (5.0, 20.0, 50.0)

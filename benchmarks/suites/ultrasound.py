@@ -10,14 +10,14 @@ from typing import Literal, get_args
 import numpy as np
 
 from benchmarks.metric import Metric, Progress
-from rona_core.arrays import Floats
 from rona_core.devices.samples import AScan, AScanTrack
 from rona_core.devices.settings import Excitation, ProbeSettings
+from rona_core.geometry.arrays import Floats
 from rona_core.geometry.pose import Pose
-from rona_core.ultrasound.detect import detect
-from rona_core.ultrasound.probe import probe_model
+from rona_core.ultrasound.detection.detect import detect
+from rona_core.ultrasound.probe.probe_model import probe_model
+from rona_core.virtual.acoustics.probe import VirtualProbe
 from rona_core.virtual.clock import CaptureClock
-from rona_core.virtual.probe import VirtualProbe
 
 Method = Literal["subtract", "matched", "threshold"]
 

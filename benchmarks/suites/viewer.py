@@ -17,9 +17,9 @@ import websockets.asyncio.client
 
 from benchmarks.metric import Metric, Progress
 from rona_core.compose import build_hub
-from rona_ui.gateway import ViewerGateway
 from rona_ui.server import ServerSettings, open_first_session, server_of
-from rona_ui.window import Window, open_window
+from rona_ui.viewer.gateway import ViewerGateway
+from rona_ui.window.window import Window, open_window
 
 VISITS, STAY_S = 100, 0.3
 WARM_UP = 10  # visits before memory is compared: threads and caches are there once

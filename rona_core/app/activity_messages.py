@@ -10,7 +10,7 @@ from rona_core.app.commands import Point
 from rona_core.app.names import plain_name
 from rona_core.devices.settings import STRICT, require, require_within
 from rona_core.mapping.second_pass import SecondPassSettings
-from rona_core.robot.base_places import BaseSearch
+from rona_core.robot.base_placement.candidates import BaseSearch
 from rona_core.session.document import RegionChoice
 
 MAX_PICKS = 500

@@ -4,7 +4,7 @@ from dataclasses import dataclass
 from typing import ClassVar
 
 from rona_core.devices.settings import STRICT, require, require_within
-from rona_core.ultrasound.corrections import Boundary, BoundaryEdit, ScanName
+from rona_core.ultrasound.detection.manual_corrections import Boundary, BoundaryEdit, ScanName
 
 MAX_NUMBER, MAX_TIME_US = 10_000_000, 1000.0
 

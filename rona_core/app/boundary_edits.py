@@ -10,8 +10,8 @@ from rona_core.app.sono_scans import NOT_SEEN, posed_scans, spread
 from rona_core.errors import InvalidInputError, StepBlockedError
 from rona_core.session.codec import digest
 from rona_core.session.document import ScanCapture, Session, SonoCapture
-from rona_core.ultrasound.corrections import BoundaryEdits, ScanName, corrected
-from rona_core.ultrasound.detect import Detection
+from rona_core.ultrasound.detection.detect import Detection
+from rona_core.ultrasound.detection.manual_corrections import BoundaryEdits, ScanName, corrected
 
 CAPTURES = {"first": "scan", "second": "second", "hand": "sono_scan"}
 DETECTIONS = {"first": "detection", "second": "second_detection", "hand": "sono_detection"}

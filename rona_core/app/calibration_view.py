@@ -6,12 +6,12 @@ from typing import Any, Literal
 import numpy as np
 
 from rona_core.app.derive import tool_poses
-from rona_core.arrays import Bools, Floats, Ints, readonly
-from rona_core.calibration.coverage import NextPose, next_best_pose, swing_coverage
-from rona_core.calibration.handeye_view import GOOD_MM
-from rona_core.calibration.pivot_verdict import GOOD_SIGMA_MM
-from rona_core.devices.markers import GEOMETRIES
+from rona_core.calibration.hand_eye.quality import GOOD_MM
+from rona_core.calibration.pivot.pose_coverage import NextPose, next_best_pose, swing_coverage
+from rona_core.calibration.pivot.quality import GOOD_SIGMA_MM
+from rona_core.devices.marker_geometry import GEOMETRIES
 from rona_core.errors import DegenerateGeometryError, RonaError
+from rona_core.geometry.arrays import Bools, Floats, Ints, readonly
 from rona_core.geometry.pose import Poses
 from rona_core.session.document import Session
 

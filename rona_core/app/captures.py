@@ -14,12 +14,13 @@ from rona_core.app.messages import (
 )
 from rona_core.app.staleness import capture_setup_digest, session_obstacles
 from rona_core.app.toolbox import Toolbox
-from rona_core.arrays import Floats, readonly
 from rona_core.devices.protocols import Motion, never
 from rona_core.devices.samples import JointSample, JointTrack, ToolTrack, TrackerFrame
 from rona_core.errors import CancelledError, DeviceError, InvalidInputError
-from rona_core.robot.model import RobotModel, robot_model
-from rona_core.robot.tool_motion import plan_tool_motion
+from rona_core.geometry.arrays import Floats, readonly
+from rona_core.robot.kinematics.catalog import robot_model
+from rona_core.robot.kinematics.robot_model import RobotModel
+from rona_core.robot.planning.calibration_motion import plan_tool_motion
 from rona_core.session.document import PointerCapture, Session, ToolCapture
 
 SAME_PLACE_RAD = 1e-6

@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from rona_core.robot.plan import Check
+from rona_core.robot.verification.certificate import Check
 from rona_core.session.document import Session
 
 

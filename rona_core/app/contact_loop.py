@@ -3,8 +3,9 @@
 import numpy as np
 
 from rona_core.app.toolbox import Toolbox
-from rona_core.arrays import Floats
-from rona_core.devices.force import (
+from rona_core.devices.samples import AScan, JointSample
+from rona_core.devices.settings import ContactSettings
+from rona_core.devices.wrench import (
     APPROACH,
     CONTACT,
     FREE,
@@ -17,19 +18,18 @@ from rona_core.devices.force import (
     force_now,
     force_track,
 )
-from rona_core.devices.samples import AScan, JointSample
-from rona_core.devices.settings import ContactSettings
-from rona_core.robot.contact import (
+from rona_core.geometry.arrays import Floats
+from rona_core.robot.force_control.controller import (
     FALL_PER_S,
     MOST_MM_PER_S,
     TOUCH_N,
     ContactController,
     ContactSample,
 )
-from rona_core.robot.contact_band import ContactBand
-from rona_core.robot.model import RobotModel
-from rona_core.robot.plan import Trajectory
-from rona_core.robot.tool_load import pressing_force_n, probe_axis_sensor
+from rona_core.robot.force_control.correction_corridor import ContactBand
+from rona_core.robot.force_control.gravity_compensation import pressing_force_n, probe_axis_sensor
+from rona_core.robot.kinematics.robot_model import RobotModel
+from rona_core.robot.trajectory.trajectory import Trajectory
 
 SLOWING_MM = 2.5  # way in which the approach slows down before a surface can be met
 LIFTED_MM = 6.0  # from here on the correction may be taken back

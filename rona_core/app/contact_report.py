@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 
 from rona_core.app.pose_timing import pose_delay
-from rona_core.devices.force_summary import ForceSummary, summarize
+from rona_core.devices.wrench import ForceSummary, summarize
 from rona_core.session.document import Session
 
 SLOWED = 0.97  # of the certified speed: less is worth a word

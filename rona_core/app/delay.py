@@ -1,9 +1,9 @@
 """How late the samples of the tracker are, as the tool motion tells; and what is done about it."""
 
-from rona_core.arrays import Floats
-from rona_core.calibration.time_offset import TimeOffset, estimate_time_offset
+from rona_core.calibration.timing.time_offset import TimeOffset, estimate_time_offset
 from rona_core.errors import DegenerateGeometryError, InvalidInputError
-from rona_core.robot.model import RobotModel
+from rona_core.geometry.arrays import Floats
+from rona_core.robot.kinematics.robot_model import RobotModel
 from rona_core.session.document import ToolCapture
 
 TOLD_SIGMAS = 3.0  # a delay smaller than this cannot be told from none, and is not corrected

@@ -21,15 +21,15 @@ from rona_core.app.messages import (
     SmoothScanPath,
 )
 from rona_core.app.needs import need
-from rona_core.arrays import Bools, Floats, Ints
-from rona_core.calibration.pointer import PointerCalibration, calibrate_pointer
-from rona_core.calibration.sono import SonoCalibration, calibrate_sono
-from rona_core.calibration.tool import ToolRegistration, register_tool
-from rona_core.devices.markers import GEOMETRIES
+from rona_core.calibration.hand_eye.tool_registration import ToolRegistration, register_tool
+from rona_core.calibration.handheld.pointer import PointerCalibration, calibrate_pointer
+from rona_core.calibration.handheld.tracked_probe import SonoCalibration, calibrate_sono
+from rona_core.devices.marker_geometry import GEOMETRIES
 from rona_core.devices.settings import SONO
 from rona_core.errors import DegenerateGeometryError, InvalidInputError, StepBlockedError
+from rona_core.geometry.arrays import Bools, Floats, Ints
 from rona_core.geometry.pose import Poses
-from rona_core.robot.model import robot_model
+from rona_core.robot.kinematics.catalog import robot_model
 from rona_core.session.document import PointerCapture, RawPath, Session
 from rona_core.session.reference import base_reference, reference_of
 from rona_core.surface.cloud import SurfaceCloud, build_cloud, merge_clouds

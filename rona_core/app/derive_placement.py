@@ -11,12 +11,12 @@ from rona_core.devices.settings import RobotSettings
 from rona_core.errors import NotReachableError
 from rona_core.geometry.path5d import Path5D
 from rona_core.geometry.pose import Pose
-from rona_core.robot.base_placement import place_base
-from rona_core.robot.base_places import BasePlace, BasePlacement
-from rona_core.robot.model import robot_model
-from rona_core.robot.obstacles import Obstacles
-from rona_core.robot.plan import RobotPlan
-from rona_core.robot.scan_plan import plan_scan
+from rona_core.robot.base_placement.candidates import BasePlace, BasePlacement
+from rona_core.robot.base_placement.placement import place_base
+from rona_core.robot.collision.obstacles import Obstacles
+from rona_core.robot.kinematics.catalog import robot_model
+from rona_core.robot.planning.plan import RobotPlan
+from rona_core.robot.planning.plan_scan import plan_scan
 from rona_core.session.document import Session
 
 Which = Literal["best", "smallest"]

@@ -18,15 +18,15 @@ from rona_core.devices.protocols import Cancel, Progress, never, silent
 from rona_core.errors import StepBlockedError
 from rona_core.geometry.pose import Poses
 from rona_core.mapping.boundary_map import Maps
-from rona_core.mapping.build import build_maps
+from rona_core.mapping.build_maps import build_maps
 from rona_core.mapping.second_pass import SecondPassSettings, plan_second_pass, standoffs_mm
-from rona_core.robot.model import robot_model
-from rona_core.robot.plan import RobotPlan
-from rona_core.robot.scan_plan import PlanSettings, choose_roll, plan_scan
-from rona_core.robot.timing import ScanSettings
+from rona_core.robot.kinematics.catalog import robot_model
+from rona_core.robot.planning.plan import RobotPlan
+from rona_core.robot.planning.plan_scan import PlanSettings, choose_roll, plan_scan
+from rona_core.robot.trajectory.scan_timing import ScanSettings
 from rona_core.session.document import Derived, ScanCapture, SecondPass, Session
-from rona_core.ultrasound.corrections import corrected
-from rona_core.ultrasound.detect import Detection
+from rona_core.ultrasound.detection.detect import Detection
+from rona_core.ultrasound.detection.manual_corrections import corrected
 
 
 def derive_roll(

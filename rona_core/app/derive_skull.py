@@ -10,13 +10,13 @@ import numpy as np
 
 from rona_core.app.messages import StartSkullRegistration
 from rona_core.app.needs import need, require_loaded
-from rona_core.arrays import Floats, Vector3
 from rona_core.devices.protocols import Cancel, Progress, never, silent
 from rona_core.errors import DegenerateGeometryError
+from rona_core.geometry.arrays import Floats, Vector3
 from rona_core.geometry.pose import Pose
 from rona_core.session.document import Session
 from rona_core.session.specimen import LoadedSkull
-from rona_core.surface.registration import (
+from rona_core.surface.icp import (
     Closest,
     SurfaceRegistration,
     point_surface,

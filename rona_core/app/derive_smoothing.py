@@ -7,19 +7,19 @@ import numpy as np
 from rona_core.app.inputs import is_pattern
 from rona_core.app.messages import DrawPattern, SmoothScanPath
 from rona_core.app.needs import need
-from rona_core.arrays import Floats, Vector3, readonly
 from rona_core.errors import DegenerateGeometryError
-from rona_core.geometry.fit import fit_plane
-from rona_core.path.edits import EditedPath, distances_to_edited, edit_path
-from rona_core.path.filter import filter_path
-from rona_core.path.interpolate import densify, places_between
-from rona_core.path.patterns import patch_pose, raster, spiral
-from rona_core.path.relief import relief
-from rona_core.path.smooth import SimplifiedPath, simplify
+from rona_core.geometry.arrays import Floats, Vector3, readonly
+from rona_core.geometry.rigid_fit import fit_plane
+from rona_core.path.densify import densify, places_between
+from rona_core.path.height_field import relief
+from rona_core.path.manual_edits import EditedPath, distances_to_edited, edit_path
+from rona_core.path.scan_patterns import patch_pose, raster, spiral
+from rona_core.path.simplification.simplify import SimplifiedPath, simplify
+from rona_core.path.temporal_filter import filter_path
 from rona_core.session.document import RawPath, Session, SmoothPath
 from rona_core.session.reference import reference_of
-from rona_core.surface.normals import NormalField
-from rona_core.surface.place import place_beside
+from rona_core.surface.normals.normals import NormalField
+from rona_core.surface.surface_pick import place_beside
 
 DOUBTFUL = ("one_sided", "uncertain")  # flags of normals that serve where there are no better
 RIM_CORNERS = 72  # of a round boundary

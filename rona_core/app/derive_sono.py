@@ -9,15 +9,15 @@ from rona_core.app.needs import need
 from rona_core.app.sono_messages import StartSonoMapping
 from rona_core.app.sono_scans import gathered, hand_reference, posed_scans, sono_delay_s, spread
 from rona_core.app.survey import Survey, detect_survey
-from rona_core.arrays import Bools
 from rona_core.devices.protocols import Cancel, Progress, never, silent
 from rona_core.devices.samples import AScanTrack
 from rona_core.errors import DegenerateGeometryError
+from rona_core.geometry.arrays import Bools
 from rona_core.geometry.pose import Poses
-from rona_core.mapping.build import build_maps
+from rona_core.mapping.build_maps import build_maps
 from rona_core.session.document import Derived, Session, SonoMaps
-from rona_core.ultrasound.corrections import corrected
-from rona_core.ultrasound.detect import Detection
+from rona_core.ultrasound.detection.detect import Detection
+from rona_core.ultrasound.detection.manual_corrections import corrected
 
 
 @dataclass(frozen=True, slots=True)

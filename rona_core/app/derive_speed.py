@@ -4,16 +4,24 @@ from rona_core.app.needs import need
 from rona_core.app.pose_timing import probe_poses_of
 from rona_core.app.sound_messages import CalibrateDelayLine, CalibrateSoundSpeed
 from rona_core.app.staleness import usable_line, usable_speed
-from rona_core.arrays import Floats
 from rona_core.errors import InvalidInputError
+from rona_core.geometry.arrays import Floats
 from rona_core.geometry.pose import Poses
-from rona_core.mapping.build import boundary_points
+from rona_core.mapping.build_maps import boundary_points
 from rona_core.session.document import Session
-from rona_core.ultrasound.delay_line import DelayLine, calibrate_delay_line, calibrated_probe
-from rona_core.ultrasound.detect import NOMINAL_SPEED_MM_PER_US, Detection
-from rona_core.ultrasound.probe import ProbeModel, probe_model
-from rona_core.ultrasound.reference_points import at_speed, lags_at
-from rona_core.ultrasound.sound_speed import SpeedCalibration, calibrate_speed, speed_at
+from rona_core.ultrasound.acoustic_calibration.delay_line import (
+    DelayLine,
+    calibrate_delay_line,
+    calibrated_probe,
+)
+from rona_core.ultrasound.acoustic_calibration.reference_points import at_speed, lags_at
+from rona_core.ultrasound.acoustic_calibration.speed_calibration import (
+    SpeedCalibration,
+    calibrate_speed,
+    speed_at,
+)
+from rona_core.ultrasound.detection.detect import NOMINAL_SPEED_MM_PER_US, Detection
+from rona_core.ultrasound.probe.probe_model import ProbeModel, probe_model
 
 
 def derive_speed(session: Session, message: CalibrateSoundSpeed) -> SpeedCalibration:

@@ -5,8 +5,8 @@ from typing import Literal
 
 import numpy as np
 
-from rona_core.arrays import Floats
-from rona_core.devices.force import CONTACT, LOST, STATES, STOPPED, ForceNow
+from rona_core.devices.wrench import CONTACT, LOST, STATES, STOPPED, ForceNow
+from rona_core.geometry.arrays import Floats
 from rona_core.session.document import Session
 
 Across = Literal["path", "time"]

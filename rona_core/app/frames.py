@@ -6,13 +6,13 @@ from typing import Any
 import numpy as np
 
 from rona_core.app.staleness import stale_reason
-from rona_core.arrays import Floats
-from rona_core.calibration.base_marker import point_sigmas_mm
-from rona_core.calibration.tool import ToolRegistration
+from rona_core.calibration.hand_eye.base_marker import point_sigmas_mm
+from rona_core.calibration.hand_eye.tool_registration import ToolRegistration
 from rona_core.devices.live import LiveState
 from rona_core.errors import RonaError
+from rona_core.geometry.arrays import Floats
 from rona_core.geometry.pose import Pose
-from rona_core.robot.model import robot_model
+from rona_core.robot.kinematics.catalog import robot_model
 from rona_core.session.document import Derived, PointerCapture, Session
 from rona_core.session.imported import is_imported
 from rona_core.session.reference import TrackerReference, placed_reason, reference_of

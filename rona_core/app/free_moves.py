@@ -1,14 +1,15 @@
 """Every move of the robot that is not a scan: planned and certified among what stands around."""
 
-from rona_core.arrays import Floats
 from rona_core.errors import NotReachableError, StepBlockedError
-from rona_core.robot.collision import CollisionWorld, clear_among, require_clear
-from rona_core.robot.draw_back import draw_back
-from rona_core.robot.model import RobotModel
-from rona_core.robot.motion import plan_joint_move
-from rona_core.robot.obstacles import Obstacles
-from rona_core.robot.plan import Certificate, TimedMotion, Trajectory
-from rona_core.robot.verify import verify_motion
+from rona_core.geometry.arrays import Floats
+from rona_core.robot.collision.collision_world import CollisionWorld, clear_among, require_clear
+from rona_core.robot.collision.obstacles import Obstacles
+from rona_core.robot.kinematics.robot_model import RobotModel
+from rona_core.robot.trajectory.joint_moves import plan_joint_move
+from rona_core.robot.trajectory.retract import draw_back
+from rona_core.robot.trajectory.trajectory import TimedMotion, Trajectory
+from rona_core.robot.verification.certificate import Certificate
+from rona_core.robot.verification.verifier import verify_motion
 
 
 class FreeMoves:

@@ -46,10 +46,10 @@ from rona_core.app.requirements import require_inputs
 from rona_core.app.setup_handlers import handle, robot_choice
 from rona_core.app.staleness import input_digests, stale_reason
 from rona_core.errors import StaleResultError, StepBlockedError
-from rona_core.path.edits import PathEdits
-from rona_core.robot.plan import RobotPlan
+from rona_core.path.manual_edits import PathEdits
+from rona_core.robot.planning.plan import RobotPlan
 from rona_core.session.document import Capture, Derived, Session
-from rona_core.ultrasound.corrections import BoundaryEdits
+from rona_core.ultrasound.detection.manual_corrections import BoundaryEdits
 
 # ------------------------------------------------------------------ captures: always kept
 

@@ -5,16 +5,15 @@ from dataclasses import replace
 from rona_core.app.captures import begin
 from rona_core.app.messages import StartPivotImport, StartRecordingImport
 from rona_core.app.toolbox import Toolbox
-from rona_core.devices.contents import read_file
-from rona_core.devices.igs_mha import read_igs_mha
+from rona_core.devices.files.poses.igs_mha import read_igs_mha
+from rona_core.devices.files.poses.pivot_recordings import chosen_tool, read_pivot
+from rona_core.devices.files.poses.pose_matrices import require_millimetres
+from rona_core.devices.files.size_limits import read_file
+from rona_core.devices.files.text_tables import NamedFile
 from rona_core.devices.live import LiveState
-from rona_core.devices.markers import GEOMETRIES
-from rona_core.devices.pivot_files import chosen_tool, read_pivot
-from rona_core.devices.recording import Recording
-from rona_core.devices.replay import ReplayTracker
-from rona_core.devices.rigid_rows import require_millimetres
+from rona_core.devices.marker_geometry import GEOMETRIES
+from rona_core.devices.recording import Recording, ReplayTracker
 from rona_core.devices.samples import ToolTrack, TrackerFrame
-from rona_core.devices.text_tables import NamedFile
 from rona_core.errors import DeviceError, NotFoundError
 from rona_core.geometry.pose import Pose
 from rona_core.session.document import PointerCapture, Session

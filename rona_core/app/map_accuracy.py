@@ -13,18 +13,21 @@ import numpy as np
 from scipy.interpolate import RectBivariateSpline
 from scipy.spatial import KDTree
 
-from rona_core.arrays import Bools, Floats, readonly
+from benchmarks.reference.thickness_budget import speed_doubt
 from rona_core.devices.settings import ProbeSettings
-from rona_core.devices.volumes import ACCURACY_MM
+from rona_core.devices.tracker_volumes import ACCURACY_MM
+from rona_core.geometry.arrays import Bools, Floats, readonly
 from rona_core.mapping.boundary_map import BoundaryMap, Maps
-from rona_core.mapping.left_out import left_out_error
+from rona_core.mapping.interpolation_error import left_out_error
 from rona_core.session.document import Session
 from rona_core.session.thickness import speed_of_maps
-from rona_core.ultrasound.corrections import BoundaryEdits, ScanName, corrected
-from rona_core.ultrasound.detect import Detection
-from rona_core.ultrasound.probe import probe_model
-from rona_core.ultrasound.sound_speed import SpeedCalibration, uncalibrated
-from rona_core.ultrasound.thickness_budget import speed_doubt
+from rona_core.ultrasound.acoustic_calibration.speed_calibration import (
+    SpeedCalibration,
+    uncalibrated,
+)
+from rona_core.ultrasound.detection.detect import Detection
+from rona_core.ultrasound.detection.manual_corrections import BoundaryEdits, ScanName, corrected
+from rona_core.ultrasound.probe.probe_model import probe_model
 
 ROBOT_ACCURACY_MM = 0.35  # 3D RMS, as the paper states for its arm
 # As makers state it: how far an arm is off when it comes to a place again. Taken for a standard

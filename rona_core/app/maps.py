@@ -6,7 +6,7 @@ from typing import Literal
 import numpy as np
 
 from rona_core.app.map_accuracy import CellSigma, MapAccuracy
-from rona_core.arrays import Floats, readonly
+from rona_core.geometry.arrays import Floats, readonly
 from rona_core.mapping.boundary_map import BoundaryMap, Maps
 
 Quantity = Literal["thickness", "height", "sigma"]

@@ -9,14 +9,14 @@ import numpy as np
 from scipy.spatial import ConvexHull
 
 from rona_core.app.staleness import session_obstacles
-from rona_core.arrays import Floats
 from rona_core.devices.protocols import Mesh
 from rona_core.errors import InvalidInputError
-from rona_core.robot.collision import CollisionWorld
-from rona_core.robot.envelope import outer_bounds
-from rona_core.robot.model import robot_model
-from rona_core.robot.obstacles import Box, Capsule, Hull, Obstacle, Obstacles
-from rona_core.robot.shape import link_shapes
+from rona_core.geometry.arrays import Floats
+from rona_core.robot.collision.collision_world import CollisionWorld
+from rona_core.robot.collision.convex_bounds import outer_bounds
+from rona_core.robot.collision.obstacles import Box, Capsule, Hull, Obstacle, Obstacles
+from rona_core.robot.kinematics.catalog import robot_model
+from rona_core.robot.meshes.link_meshes import link_shapes
 from rona_core.session.document import Session
 
 LARGEST_MM = 5000.0  # what is larger (the floor) is not drawn

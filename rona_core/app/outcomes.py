@@ -3,8 +3,8 @@
 from dataclasses import dataclass
 
 from rona_core.mapping.boundary_map import Maps
-from rona_core.robot.base_places import BasePlacement
-from rona_core.robot.plan import RobotPlan
+from rona_core.robot.base_placement.candidates import BasePlacement
+from rona_core.robot.planning.plan import RobotPlan
 from rona_core.session.document import (
     BlockCapture,
     PointerCapture,
@@ -16,9 +16,9 @@ from rona_core.session.document import (
     ToolCapture,
 )
 from rona_core.session.specimen import LoadedSkull
-from rona_core.surface.registration import SurfaceRegistration
-from rona_core.ultrasound.detect import Detection
-from rona_core.ultrasound.what_if import WhatIf
+from rona_core.surface.icp import SurfaceRegistration
+from rona_core.ultrasound.acoustic_calibration.parameter_sweep import WhatIf
+from rona_core.ultrasound.detection.detect import Detection
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -4,11 +4,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from rona_core.arrays import Bools, Floats, Ints, readonly
+from rona_core.geometry.arrays import Bools, Floats, Ints, readonly
 from rona_core.session.document import Session
-from rona_core.surface.thin import REASONS, thin_places
-from rona_core.ultrasound.probe import probe_model
-from rona_core.ultrasound.tilt import half_echo_tilt_deg
+from rona_core.surface.normals.sparse_regions import REASONS, thin_places
+from rona_core.ultrasound.probe.beam import half_echo_tilt_deg
+from rona_core.ultrasound.probe.probe_model import probe_model
 
 UNSURE = "the normal is uncertain by {worst:.1f}°"
 BENT = "no normal is known where the bone turns: up to {worst:.1f}°; take normals closer"

@@ -16,11 +16,11 @@ from rona_core.app.messages import (
 )
 from rona_core.app.needs import need
 from rona_core.app.staleness import stale_reason
-from rona_core.arrays import Floats, Vector3, as_vector3
 from rona_core.errors import InvalidInputError, StaleResultError
-from rona_core.path.edits import PathEdit, PathEdits, edit_path
+from rona_core.geometry.arrays import Floats, Vector3, as_vector3
+from rona_core.path.manual_edits import PathEdit, PathEdits, edit_path
 from rona_core.session.document import Session, SmoothPath
-from rona_core.surface.place import measured_place, place_beside
+from rona_core.surface.surface_pick import measured_place, place_beside
 
 PICK_MM = 5.0  # a click farther from every point means none of them
 

@@ -9,15 +9,15 @@ import numpy as np
 
 from rona_core.app.derive_smoothing import PathSource, path_source, viewpoint_base
 from rona_core.app.plain import message_from
-from rona_core.arrays import Floats, readonly
 from rona_core.devices.protocols import never
 from rona_core.errors import RonaError
-from rona_core.geometry.fit import fit_plane
+from rona_core.geometry.arrays import Floats, readonly
 from rona_core.geometry.pose import Pose
-from rona_core.path.edits import distances_to_edited
-from rona_core.path.patterns import patch_pose
-from rona_core.path.removal import as_keep
-from rona_core.path.smooth import as_bound, chosen_points
+from rona_core.geometry.rigid_fit import fit_plane
+from rona_core.path.manual_edits import distances_to_edited
+from rona_core.path.scan_patterns import patch_pose
+from rona_core.path.simplification.simplify import as_bound, chosen_points
+from rona_core.path.simplification.vertex_decimation import as_keep
 from rona_core.session.document import Session
 
 # The fast method looks on from every point that it keeps, for some 0.7 ms each: up to so many

@@ -4,12 +4,12 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from rona_core.calibration.recorded_pivot import (
+from rona_core.calibration.handheld.imported_pivot import (
     RecordedPivotCalibration,
     calibrate_recorded_pivot,
 )
-from rona_core.devices.pivot_files import RecordedPivot, read_pivot
-from rona_core.devices.text_tables import NamedFile
+from rona_core.devices.files.poses.pivot_recordings import RecordedPivot, read_pivot
+from rona_core.devices.files.text_tables import NamedFile
 
 
 @dataclass(frozen=True, slots=True, eq=False)

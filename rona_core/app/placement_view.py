@@ -4,9 +4,9 @@ from dataclasses import dataclass
 
 from rona_core.app.derive_placement import moves
 from rona_core.app.staleness import stale_reason
-from rona_core.arrays import Bools, Floats
+from rona_core.geometry.arrays import Bools, Floats
 from rona_core.geometry.pose import Pose
-from rona_core.robot.base_places import BasePlace, BasePlacement, base_pose
+from rona_core.robot.base_placement.candidates import BasePlace, BasePlacement, base_pose
 from rona_core.session.document import Session
 
 __all__ = ["BasePlace", "BasePlacement", "PlacementView", "fresh_placement", "placement_view"]

@@ -4,8 +4,7 @@ from functools import lru_cache
 
 import numpy as np
 
-from rona_core.arrays import Floats
-from rona_core.calibration.pose_timing import (
+from rona_core.calibration.timing.robot_latency import (
     EchoSegment,
     PoseDelay,
     estimate_pose_delay,
@@ -13,11 +12,12 @@ from rona_core.calibration.pose_timing import (
 )
 from rona_core.devices.settings import ProbeSettings
 from rona_core.errors import DegenerateGeometryError
+from rona_core.geometry.arrays import Floats
 from rona_core.geometry.pose import Poses
-from rona_core.robot.model import robot_model
+from rona_core.robot.kinematics.catalog import robot_model
 from rona_core.session.document import ScanCapture, Session
-from rona_core.ultrasound.detect import detect
-from rona_core.ultrasound.probe import probe_model
+from rona_core.ultrasound.detection.detect import detect
+from rona_core.ultrasound.probe.probe_model import probe_model
 
 MARGIN_S = 0.3  # joint angles so long before and after a segment belong to it
 

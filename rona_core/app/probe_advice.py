@@ -7,8 +7,8 @@ import numpy as np
 from rona_core.app.boundary_edits import detection_of_scan
 from rona_core.devices.settings import ProbeName
 from rona_core.session.document import Session
-from rona_core.ultrasound.corrections import ScanName
-from rona_core.ultrasound.detect import NO_INNER, TOO_THICK, TOO_THIN, UNSURE, Detection
+from rona_core.ultrasound.detection.detect import NO_INNER, TOO_THICK, TOO_THIN, UNSURE, Detection
+from rona_core.ultrasound.detection.manual_corrections import ScanName
 
 THIN_MM, THICK_MM = 4.0, 8.0  # below it the echoes merge at 1 MHz; beyond it 2.25 MHz fades
 ENOUGH = 20  # A-scans that tell a thickness

@@ -23,7 +23,7 @@ from rona_core.app.messages import (
 from rona_core.app.workbench import Workbench
 from rona_core.devices.protocols import Cancel, never, silent
 from rona_core.errors import CancelledError, RonaError
-from rona_core.robot.plan import RobotPlan
+from rona_core.robot.planning.plan import RobotPlan
 
 StepProgress = Callable[[str, float], None]  # step, share done
 

@@ -17,7 +17,7 @@ from rona_core.app.store import Store
 from rona_core.errors import NotFoundError, RonaError
 from rona_core.session.document import STEPS, Session
 from rona_core.session.files import SUFFIX, load_session
-from rona_core.session.temporary import MADE, remove_stale_temporaries
+from rona_core.session.temporary_files import MADE, remove_stale_temporaries
 
 OLD_TEMPORARY = re.compile(r"\.[\w-]+\.rona\.[a-z0-9_]{8}")  # before they ended in .part
 TRIES, WAIT_S = 20, 0.05  # of holding a folder

@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 from functools import lru_cache
 
-from rona_core.robot.model import figures_of
+from rona_core.robot.kinematics.catalog import figures_of
 
 
 @dataclass(frozen=True, slots=True)

@@ -8,10 +8,10 @@ import numpy as np
 
 from rona_core.app.near_things import collision_world
 from rona_core.app.roll_views import shown_roll, shows_chosen
-from rona_core.arrays import Bools, Floats, readonly
-from rona_core.robot.margins import margins
-from rona_core.robot.model import robot_model
-from rona_core.robot.plan import RobotPlan
+from rona_core.geometry.arrays import Bools, Floats, readonly
+from rona_core.robot.kinematics.catalog import robot_model
+from rona_core.robot.planning.plan import RobotPlan
+from rona_core.robot.redundancy.path_margins import margins
 from rona_core.session.document import Session
 
 Quantity = Literal["room", "limits", "singularity", "clearance"]

@@ -5,11 +5,12 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from rona_core.arrays import Bools, Floats, Ints, readonly
+from rona_core.geometry.arrays import Bools, Floats, Ints, readonly
 from rona_core.geometry.pose import Pose, Poses
-from rona_core.robot.model import robot_model
-from rona_core.robot.plan import RobotPlan, RollVerdict
-from rona_core.robot.solutions import BRANCHES
+from rona_core.robot.kinematics.catalog import robot_model
+from rona_core.robot.kinematics.ik_solutions import BRANCHES
+from rona_core.robot.planning.plan import RobotPlan
+from rona_core.robot.redundancy.result import RollVerdict
 from rona_core.session.document import Session
 
 

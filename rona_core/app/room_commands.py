@@ -8,7 +8,7 @@ from typing import Any, ClassVar
 
 from rona_core.app.commands import Point
 from rona_core.devices.settings import STRICT
-from rona_core.devices.surroundings import RoomBox, Surroundings
+from rona_core.devices.workcell import RoomBox, Surroundings
 
 STANDARD = Surroundings()
 

@@ -11,15 +11,16 @@ from rona_core.app.free_moves import require_certified
 from rona_core.app.staleness import capture_setup_digest, session_obstacles
 from rona_core.app.toolbox import Toolbox
 from rona_core.app.weigh import weigh_tool
-from rona_core.arrays import Floats
-from rona_core.devices.force import ForceTrack
 from rona_core.devices.samples import AScan, AScanTrack, JointSample, JointTrack
 from rona_core.devices.settings import ContactSettings
+from rona_core.devices.wrench import ForceTrack
 from rona_core.errors import CancelledError, NotReachableError
-from rona_core.robot.collision import CollisionWorld
-from rona_core.robot.contact_band import contact_band, straight_line
-from rona_core.robot.model import RobotModel, robot_model
-from rona_core.robot.plan import Trajectory
+from rona_core.geometry.arrays import Floats
+from rona_core.robot.collision.collision_world import CollisionWorld
+from rona_core.robot.force_control.correction_corridor import contact_band, straight_line
+from rona_core.robot.kinematics.catalog import robot_model
+from rona_core.robot.kinematics.robot_model import RobotModel
+from rona_core.robot.trajectory.trajectory import Trajectory
 from rona_core.session.document import ScanCapture, Session
 
 TICK_S = 0.016  # between joint samples of a scan by position alone

@@ -9,26 +9,26 @@ from functools import lru_cache
 
 import numpy as np
 
+from benchmarks.reference.thickness_budget import speed_doubt
 from rona_core.app.boundary_edits import capture_of, detection_of_scan
 from rona_core.app.derive_scan import probe_poses
 from rona_core.app.scan_capture import fire_times
 from rona_core.app.sono_scans import hand_poses
 from rona_core.app.views import motion_times, plan_of
-from rona_core.arrays import Bools, Floats, readonly
 from rona_core.devices.samples import AScan, AScanTrack
 from rona_core.devices.settings import ProbeSettings
+from rona_core.geometry.arrays import Bools, Floats, readonly
 from rona_core.geometry.pose import Poses
-from rona_core.robot.plan import Trajectory
+from rona_core.robot.trajectory.trajectory import Trajectory
 from rona_core.session.document import ScanCapture, Session, SonoCapture
-from rona_core.ultrasound.corrections import ScanName
-from rona_core.ultrasound.detect import Detection, nominal_bone
-from rona_core.ultrasound.front import gate_us
-from rona_core.ultrasound.inner import bone_gate_us
-from rona_core.ultrasound.probe import ProbeModel, probe_model
-from rona_core.ultrasound.scan_image import ScanImage, scan_image
-from rona_core.ultrasound.sound_speed import uncalibrated
-from rona_core.ultrasound.thickness_budget import speed_doubt
-from rona_core.ultrasound.view import preview
+from rona_core.ultrasound.acoustic_calibration.speed_calibration import uncalibrated
+from rona_core.ultrasound.detection.ascan_curves import preview
+from rona_core.ultrasound.detection.bscan_image import ScanImage, scan_image
+from rona_core.ultrasound.detection.detect import Detection, nominal_bone
+from rona_core.ultrasound.detection.manual_corrections import ScanName
+from rona_core.ultrasound.detection.single.front_echo import gate_us
+from rona_core.ultrasound.detection.single.inner_echo import bone_gate_us
+from rona_core.ultrasound.probe.probe_model import ProbeModel, probe_model
 
 BONE_US = 12.0  # two-way time in which the inner boundary is looked for, for the eye
 WORTH_TELLING = 0.02  # probability of another echo

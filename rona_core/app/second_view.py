@@ -7,8 +7,8 @@ from scipy.spatial import KDTree
 
 from rona_core.app.procedure import why_no_plan
 from rona_core.app.staleness import digest_of, stale_reason, usable_second
-from rona_core.arrays import Bools, Floats, readonly
-from rona_core.mapping.build import NEAR_MM
+from rona_core.geometry.arrays import Bools, Floats, readonly
+from rona_core.mapping.build_maps import NEAR_MM
 from rona_core.session.document import Session
 
 

@@ -7,7 +7,7 @@ from rona_core.app.names import plain_name, stem_of
 from rona_core.errors import InvalidInputError, NameTakenError
 from rona_core.session.document import Session
 from rona_core.session.files import SUFFIX, move_whole, save_session, write_whole
-from rona_core.session.temporary import remove_stale_temporaries
+from rona_core.session.temporary_files import remove_stale_temporaries
 
 MAX_UPLOAD_BYTES = 512 * 1024**2
 

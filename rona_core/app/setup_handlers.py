@@ -31,9 +31,9 @@ from rona_core.devices.settings import (
     RobotSettings,
     TrackerPlace,
 )
-from rona_core.devices.surroundings import Surroundings
+from rona_core.devices.workcell import Surroundings
 from rona_core.errors import InvalidInputError
-from rona_core.robot.model import robot_model
+from rona_core.robot.kinematics.catalog import robot_model
 from rona_core.session.document import RegionChoice, Session
 from rona_core.session.specimen import BoneChoice, SimulatedSkull
 

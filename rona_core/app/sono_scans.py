@@ -9,15 +9,15 @@ from functools import lru_cache
 
 import numpy as np
 
-from rona_core.arrays import Bools, readonly
-from rona_core.calibration.base_marker import MIN_FRAMES, mean_base
-from rona_core.devices.pose_track import PosesAt, poses_at
+from rona_core.calibration.hand_eye.base_marker import MIN_FRAMES, mean_base
+from rona_core.devices.pose_interpolation import PosesAt, poses_at
 from rona_core.devices.settings import LATENCY_MS
 from rona_core.errors import RonaError, StepBlockedError
+from rona_core.geometry.arrays import Bools, readonly
 from rona_core.geometry.pose import Pose, Poses
 from rona_core.session.document import Session, SonoCapture
 from rona_core.session.reference import reference_of
-from rona_core.ultrasound.detect import Detection
+from rona_core.ultrasound.detection.detect import Detection
 
 TOLD_SIGMAS = 3.0  # a delay smaller than this cannot be told from none
 NOT_SEEN = 9  # flag of an A-scan at which the tracker did not see the probe

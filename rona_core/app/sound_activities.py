@@ -21,11 +21,11 @@ from rona_core.app.sound_messages import (
 )
 from rona_core.app.staleness import capture_setup_digest, stale_reason
 from rona_core.app.toolbox import Toolbox
-from rona_core.arrays import readonly
 from rona_core.errors import CancelledError, StepBlockedError
+from rona_core.geometry.arrays import readonly
 from rona_core.session.document import BlockCapture, ReferenceCapture, Session
-from rona_core.ultrasound.reference_points import choose_reference_scans
-from rona_core.ultrasound.what_if import WhatIfGrid
+from rona_core.ultrasound.acoustic_calibration.parameter_sweep import WhatIfGrid
+from rona_core.ultrasound.acoustic_calibration.reference_points import choose_reference_scans
 
 __all__ = ["perform"]
 

@@ -16,8 +16,8 @@ from rona_core.app.sound_messages import (
     RemoveReferencePoint,
 )
 from rona_core.app.staleness import capture_setup_digest, stale_reason
-from rona_core.arrays import readonly
 from rona_core.errors import InvalidInputError, StepBlockedError
+from rona_core.geometry.arrays import readonly
 from rona_core.session.document import Derived, ReferenceCapture, Session
 
 __all__ = ["handle"]

@@ -8,9 +8,9 @@ from rona_core.app.staleness import stale_reason
 from rona_core.devices.settings import ProbeSettings
 from rona_core.session.document import Session
 from rona_core.session.thickness import ThicknessShares, thickness_shares
-from rona_core.ultrasound.outlook import ProbeOutlook, outlooks
-from rona_core.ultrasound.probe import probe_model
-from rona_core.ultrasound.what_if import WhatIf
+from rona_core.ultrasound.acoustic_calibration.expected_performance import ProbeOutlook, outlooks
+from rona_core.ultrasound.acoustic_calibration.parameter_sweep import WhatIf
+from rona_core.ultrasound.probe.probe_model import probe_model
 
 __all__ = ["ProbeOutlook", "ThicknessShares", "WhatIf", "thickness_shares"]
 EDITABLE = ("centre_mhz", "bandwidth", "aperture_mm", "line_length_mm", "pulse_shape")

@@ -51,13 +51,13 @@ from rona_core.app.inputs import (
 )
 from rona_core.app.messages import DrawPattern
 from rona_core.errors import StepBlockedError
-from rona_core.robot.obstacles import Obstacles
+from rona_core.robot.collision.obstacles import Obstacles
 from rona_core.session.codec import digest
 from rona_core.session.document import STEPS, PointerCapture, ScanCapture, Session
 from rona_core.session.imported import is_imported
 from rona_core.session.surroundings import obstacles_of
-from rona_core.ultrasound.delay_line import DelayLine
-from rona_core.ultrasound.sound_speed import SpeedCalibration
+from rona_core.ultrasound.acoustic_calibration.delay_line import DelayLine
+from rona_core.ultrasound.acoustic_calibration.speed_calibration import SpeedCalibration
 
 # by their digest, which is the same whatever processor computed them
 OBSTACLES = Input(

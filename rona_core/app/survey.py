@@ -4,12 +4,12 @@ from dataclasses import dataclass
 
 from rona_core.app.derive_speed import first_speed, session_probe
 from rona_core.app.messages import StartMapping, StartSonoMapping
-from rona_core.arrays import Floats
 from rona_core.devices.protocols import Cancel, Progress
 from rona_core.devices.samples import AScanTrack
+from rona_core.geometry.arrays import Floats
 from rona_core.geometry.pose import Poses
 from rona_core.session.document import Session
-from rona_core.ultrasound.detect import Detection, detect
+from rona_core.ultrasound.detection.detect import Detection, detect
 
 
 @dataclass(frozen=True, slots=True, eq=False)

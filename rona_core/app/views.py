@@ -6,8 +6,8 @@ import numpy as np
 
 from rona_core.app.scan_capture import fire_times
 from rona_core.app.staleness import stale_reason
-from rona_core.arrays import Floats
-from rona_core.robot.plan import RobotPlan
+from rona_core.geometry.arrays import Floats
+from rona_core.robot.planning.plan import RobotPlan
 from rona_core.session.document import Session
 
 

@@ -4,12 +4,12 @@ import numpy as np
 
 from rona_core.app.free_moves import FreeMoves
 from rona_core.app.toolbox import Toolbox
-from rona_core.arrays import Floats
-from rona_core.devices.force import ToolLoad
+from rona_core.devices.wrench import ToolLoad
 from rona_core.errors import CancelledError, DegenerateGeometryError, NotReachableError
-from rona_core.robot.model import RobotModel
-from rona_core.robot.obstacles import Obstacles
-from rona_core.robot.tool_load import fit_tool_load
+from rona_core.geometry.arrays import Floats
+from rona_core.robot.collision.obstacles import Obstacles
+from rona_core.robot.force_control.gravity_compensation import fit_tool_load
+from rona_core.robot.kinematics.robot_model import RobotModel
 
 # Turns of joints 4 to 6 in degrees, about two axes, so that weight and offset can be told apart.
 TURNS_DEG = ((0, 0, 0), (0, 25, 0), (0, -25, 0), (0, 0, 35), (0, 0, -35), (20, 15, 20))

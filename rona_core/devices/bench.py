@@ -2,9 +2,9 @@
 
 from typing import Protocol
 
-from rona_core.arrays import Floats
 from rona_core.devices.samples import AScanTrack
 from rona_core.devices.settings import ProbeSettings
+from rona_core.geometry.arrays import Floats
 
 
 class Bench(Protocol):

@@ -2,11 +2,13 @@
 
 import threading
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, Protocol, cast
 
-from rona_core.devices.force import ForceNow
-from rona_core.devices.protocols import Origin
+from rona_core.devices.protocols import Origin, Rig
 from rona_core.devices.samples import AScan, JointSample, TrackerFrame
+from rona_core.devices.settings import TrackerSettings
+from rona_core.devices.wrench import ForceNow
+from rona_core.geometry.pose import Pose
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -42,3 +44,24 @@ class Live:
         """Return the state now; it never changes afterwards."""
         with self._lock:
             return self._state
+
+
+class LiveTracker(Protocol):
+    """A tracker that can be watched while no capture runs."""
+
+    def frame(self, settings: TrackerSettings) -> TrackerFrame:
+        """Return the newest frame, measured with these settings."""
+        ...
+
+    def place(self, tool: str, T_tracker_marker: Pose | None) -> None:
+        """Put a pointer somewhere before the tracker; None lays it aside.
+
+        Raises:
+            DeviceError: this tool cannot be put anywhere by hand.
+        """
+        ...
+
+
+def live_tracker_of(rig: Rig) -> LiveTracker | None:
+    """Return the live tracker of a rig, or None where it has none."""
+    return cast("LiveTracker | None", getattr(rig, "live_tracker", None))

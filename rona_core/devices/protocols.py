@@ -9,11 +9,11 @@ from typing import Literal, Protocol
 
 from numpy.typing import ArrayLike
 
-from rona_core.arrays import Floats, Ints, Vector3
 from rona_core.devices.bench import Bench
-from rona_core.devices.force import ForceSensor
 from rona_core.devices.samples import AScan, JointSample, TrackerFrame
 from rona_core.devices.settings import DeviceSettings
+from rona_core.devices.wrench import ForceSensor
+from rona_core.geometry.arrays import Floats, Ints, Vector3
 from rona_core.geometry.pose import Pose
 
 Origin = Literal["VIRTUAL", "REPLAY", "REAL"]

@@ -9,7 +9,7 @@ from typing import Literal
 
 import numpy as np
 
-from rona_core.arrays import Bools, Floats, Ints, readonly
+from rona_core.geometry.arrays import Bools, Floats, Ints, readonly
 from rona_core.geometry.pose import Pose, Poses
 
 ToolStatus = Literal[

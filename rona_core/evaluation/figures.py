@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from rona_core.arrays import Floats
+from rona_core.geometry.arrays import Floats
 
 Figure = float | int | str | bool | None  # None where there is nothing to score yet
 Figures = dict[str, Figure]

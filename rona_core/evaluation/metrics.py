@@ -9,17 +9,17 @@ from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 from rona_core.evaluation.figures import Figures
-from rona_core.evaluation.map_figures import map_figures, one_pass_figures
-from rona_core.evaluation.navigation_figures import (
+from rona_core.evaluation.handheld_metrics import sono_calibration_figures, sono_map_figures
+from rona_core.evaluation.map_metrics import map_figures, one_pass_figures
+from rona_core.evaluation.navigation_metrics import (
     pointer_figures,
     skull_figures,
     surface_figures,
     tool_figures,
 )
-from rona_core.evaluation.path_figures import normal_figures, plan_figures, smoothing_figures
-from rona_core.evaluation.scan_figures import contact_figures, detection_figures
-from rona_core.evaluation.sono_figures import sono_calibration_figures, sono_map_figures
-from rona_core.evaluation.speed_figures import speed_figures
+from rona_core.evaluation.path_metrics import normal_figures, plan_figures, smoothing_figures
+from rona_core.evaluation.scan_metrics import contact_figures, detection_figures
+from rona_core.evaluation.speed_metrics import speed_figures
 from rona_core.evaluation.truth import Truth
 from rona_core.session.codec import digest
 from rona_core.session.imported import is_imported

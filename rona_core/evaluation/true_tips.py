@@ -11,15 +11,15 @@ from itertools import combinations
 
 import numpy as np
 
-from rona_core.arrays import Bools, Floats, Ints
-from rona_core.devices.markers import GEOMETRIES, MarkerGeometry
+from rona_core.devices.marker_geometry import GEOMETRIES, MarkerGeometry
 from rona_core.devices.samples import ToolTrack
 from rona_core.devices.settings import TrackerSettings
+from rona_core.geometry.arrays import Bools, Floats, Ints
 from rona_core.geometry.pose import Pose
 from rona_core.virtual.scene import VirtualScene
-from rona_core.virtual.tracker import observe, white_numbers
-from rona_core.virtual.tracker_decision import MIN_MARKERS
-from rona_core.virtual.tracker_faults import drift_mm, swapped_markers
+from rona_core.virtual.tracker.faults import drift_mm, swapped_markers
+from rona_core.virtual.tracker.reporting_rules import MIN_MARKERS
+from rona_core.virtual.tracker.tracker import observe, white_numbers
 
 ROUNDS = 4  # each makes the remaining error smaller by a factor of about 1000
 SAME_RMS_MM = 1e-6  # reported and recomputed RMS errors that agree like this belong together

@@ -3,9 +3,9 @@
 import numpy as np
 from numpy.typing import ArrayLike
 
-from rona_core.arrays import Bools, Floats, Vector3, as_points
+from rona_core.geometry.arrays import Bools, Floats, Vector3, as_points
 from rona_core.geometry.pose import Poses
-from rona_core.virtual.hand import cross
+from rona_core.virtual.pointer_motion import cross
 from rona_core.virtual.scene import VirtualScene
 
 LANDMARK_MM = 30.0  # distance of the named points from the middle of the region

@@ -5,8 +5,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
-from rona_core.arrays import Floats, as_floats, as_points, as_unit_vectors, readonly
 from rona_core.errors import DegenerateGeometryError, InvalidInputError
+from rona_core.geometry.arrays import Floats, as_floats, as_points, as_unit_vectors, readonly
 from rona_core.geometry.pose import Poses
 
 REFERENCE_CONE_RAD = np.deg2rad(30.0)  # closer to the axis than this, base x is no reference

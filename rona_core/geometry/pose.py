@@ -8,8 +8,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy.spatial.transform import Rotation
 
-from rona_core.arrays import Floats, Vector3, as_floats, as_vector3, readonly
 from rona_core.errors import InvalidInputError
+from rona_core.geometry.arrays import Floats, Vector3, as_floats, as_vector3, readonly
 
 ROTATION_TOLERANCE = 1e-6
 

@@ -4,7 +4,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from rona_core.arrays import Bools, Floats, readonly
+from rona_core.geometry.arrays import Bools, Floats, readonly
 from rona_core.geometry.pose import Pose
 
 

@@ -16,12 +16,12 @@ from scipy.ndimage import (
     map_coordinates,
 )
 
-from rona_core.arrays import Bools, Floats, Ints, readonly
 from rona_core.devices.settings import require_within
+from rona_core.geometry.arrays import Bools, Floats, Ints, readonly
 from rona_core.geometry.path5d import Path5D
 from rona_core.geometry.pose import Poses
 from rona_core.mapping.boundary_map import BoundaryMap, Maps
-from rona_core.ultrasound.material import GEL
+from rona_core.ultrasound.probe.materials import GEL
 
 LEAST_CELLS = 6  # a smaller gap is left to the smooth map
 JOINED_CELLS = 2  # gaps this close are scanned as one

@@ -18,8 +18,8 @@ from typing import Any, Literal, TypeVar, Union
 import numpy as np
 from numpy.typing import NDArray
 
-from rona_core.arrays import readonly
 from rona_core.errors import SessionFormatError
+from rona_core.geometry.arrays import readonly
 from rona_core.session.shapes import check_shapes
 
 Arrays = dict[str, NDArray[Any]]

@@ -6,11 +6,9 @@ from dataclasses import dataclass, field
 from datetime import UTC, datetime
 from typing import Generic, Literal, TypeVar
 
-from rona_core.arrays import Floats, Ints
-from rona_core.calibration.pointer import PointerCalibration
-from rona_core.calibration.sono import SonoCalibration
-from rona_core.calibration.tool import ToolRegistration
-from rona_core.devices.force import ForceTrack
+from rona_core.calibration.hand_eye.tool_registration import ToolRegistration
+from rona_core.calibration.handheld.pointer import PointerCalibration
+from rona_core.calibration.handheld.tracked_probe import SonoCalibration
 from rona_core.devices.samples import AScanTrack, JointTrack, ToolTrack
 from rona_core.devices.settings import (
     FIRST_PLACE,
@@ -19,23 +17,25 @@ from rona_core.devices.settings import (
     require,
     require_within,
 )
-from rona_core.devices.surroundings import Surroundings
+from rona_core.devices.workcell import Surroundings
+from rona_core.devices.wrench import ForceTrack
+from rona_core.geometry.arrays import Floats, Ints
 from rona_core.geometry.path5d import Path5D
 from rona_core.mapping.boundary_map import Maps
 from rona_core.mapping.second_pass import SecondPassPath
-from rona_core.path.edits import PathEdits
-from rona_core.path.smooth import SimplifiedPath
-from rona_core.robot.base_places import BasePlacement
-from rona_core.robot.plan import RobotPlan
+from rona_core.path.manual_edits import PathEdits
+from rona_core.path.simplification.simplify import SimplifiedPath
+from rona_core.robot.base_placement.candidates import BasePlacement
+from rona_core.robot.planning.plan import RobotPlan
 from rona_core.session.specimen import BoneChoice, LoadedSkull, SimulatedSkull
 from rona_core.surface.cloud import SurfaceCloud
-from rona_core.surface.normals import Normals
-from rona_core.surface.registration import SurfaceRegistration
-from rona_core.ultrasound.corrections import BoundaryEdits
-from rona_core.ultrasound.delay_line import DelayLine
-from rona_core.ultrasound.detect import Detection
-from rona_core.ultrasound.sound_speed import SpeedCalibration
-from rona_core.ultrasound.what_if import WhatIf
+from rona_core.surface.icp import SurfaceRegistration
+from rona_core.surface.normals.normals import Normals
+from rona_core.ultrasound.acoustic_calibration.delay_line import DelayLine
+from rona_core.ultrasound.acoustic_calibration.parameter_sweep import WhatIf
+from rona_core.ultrasound.acoustic_calibration.speed_calibration import SpeedCalibration
+from rona_core.ultrasound.detection.detect import Detection
+from rona_core.ultrasound.detection.manual_corrections import BoundaryEdits
 
 T = TypeVar("T")
 MAX_SEED = 2**31 - 1

@@ -16,6 +16,7 @@ import numpy as np
 
 from rona_core import __version__
 from rona_core.errors import NotFoundError, SessionFormatError
+from rona_core.session.array_packing import pack
 from rona_core.session.codec import Arrays, decode, encode
 from rona_core.session.document import Session
 from rona_core.session.members import (
@@ -28,8 +29,7 @@ from rona_core.session.members import (
     used_bytes,
 )
 from rona_core.session.migrate import SCHEMA, migrate
-from rona_core.session.packing import pack
-from rona_core.session.temporary import open_temporary
+from rona_core.session.temporary_files import open_temporary
 
 SUFFIX = ".rona"
 NPY_VERSION = (1, 0)

@@ -10,11 +10,11 @@ import zipfile
 from dataclasses import dataclass
 from typing import Any
 
-from rona_core.devices.contents import open_zip, read_member
-from rona_core.devices.npy import MAX_HEADER_BYTES, array_from_npy
+from rona_core.devices.files.npy import MAX_HEADER_BYTES, array_from_npy
+from rona_core.devices.files.size_limits import open_zip, read_member
 from rona_core.errors import InvalidInputError, SessionFormatError, StepBlockedError
+from rona_core.session.array_packing import Recipe, unpack
 from rona_core.session.codec import Arrays, decode, encode
-from rona_core.session.packing import Recipe, unpack
 
 FORMAT = "rona-session"
 MANIFEST, LOG = "manifest.json", "commands.jsonl"

@@ -4,7 +4,7 @@ from collections.abc import Callable
 from typing import Any
 
 from rona_core.errors import SessionFormatError
-from rona_core.session.redigest import with_present_digests
+from rona_core.session.digest_migration import with_present_digests
 
 SCHEMA = 3  # raise it with every change of the document, and add the step below
 

@@ -11,19 +11,19 @@ from functools import lru_cache
 
 import numpy as np
 
-from rona_core.arrays import Floats
-from rona_core.calibration.marker_noise import MarkerNoise
-from rona_core.calibration.pointer import PointerCalibration
-from rona_core.calibration.tool import ToolRegistration
-from rona_core.calibration.uncertainty import MapSetup, predict_map_error
-from rona_core.devices.markers import GEOMETRIES
-from rona_core.devices.volumes import ACCURACY_MM
+from rona_core.calibration.error_propagation import MapSetup, predict_map_error
+from rona_core.calibration.hand_eye.tool_registration import ToolRegistration
+from rona_core.calibration.handheld.pointer import PointerCalibration
+from rona_core.calibration.tracking_error.marker_noise import MarkerNoise
+from rona_core.devices.marker_geometry import GEOMETRIES
+from rona_core.devices.tracker_volumes import ACCURACY_MM
+from rona_core.geometry.arrays import Floats
 from rona_core.geometry.pose import Poses
 from rona_core.session.document import PointerCapture, Session
 from rona_core.session.reference import TrackerReference, weakest_reference
 from rona_core.session.thickness import thickness_shares
 from rona_core.surface.cloud import SurfaceCloud
-from rona_core.surface.normals import NormalField
+from rona_core.surface.normals.normals import NormalField
 
 PLACES = 120  # touched places that stand for all
 NORMAL_RADIUS_MM = 10.0

@@ -8,8 +8,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import ArrayLike
 
-from rona_core.arrays import Floats, as_points
-from rona_core.calibration.base_marker import (
+from rona_core.calibration.hand_eye.base_marker import (
     MIN_FRAMES,
     BaseReference,
     ErrorField,
@@ -19,11 +18,12 @@ from rona_core.calibration.base_marker import (
     mean_base,
     point_sigmas_mm,
 )
-from rona_core.calibration.tool import ToolRegistration
+from rona_core.calibration.hand_eye.tool_registration import ToolRegistration
 from rona_core.devices.samples import ToolTrack
 from rona_core.devices.settings import TrackerSettings
-from rona_core.devices.volumes import FIELD_MM
+from rona_core.devices.tracker_volumes import FIELD_MM
 from rona_core.errors import RonaError, StaleResultError, StepBlockedError
+from rona_core.geometry.arrays import Floats, as_points
 from rona_core.geometry.pose import Pose
 from rona_core.session.document import PointerCapture, Session, SonoCapture
 from rona_core.session.imported import is_imported

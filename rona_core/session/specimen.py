@@ -9,8 +9,8 @@ from typing import ClassVar, Literal, get_args
 import numpy as np
 from numpy.typing import NDArray
 
-from rona_core.arrays import Floats, Vector3, readonly
 from rona_core.errors import InvalidInputError
+from rona_core.geometry.arrays import Floats, Vector3, readonly
 
 Side = Literal["left", "right"]
 BoneKind = Literal["normal", "sharp", "hard"]

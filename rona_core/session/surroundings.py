@@ -6,23 +6,23 @@ from typing import Any
 
 import numpy as np
 
-from rona_core.arrays import Vector3
-from rona_core.calibration.tool import ToolRegistration
-from rona_core.devices.surroundings import room_pose
+from rona_core.calibration.hand_eye.tool_registration import ToolRegistration
+from rona_core.devices.workcell import room_pose
 from rona_core.errors import DegenerateGeometryError
-from rona_core.robot.head_shape import head_as_placed, head_from_cloud, head_from_mesh
-from rona_core.robot.model import robot_model
-from rona_core.robot.obstacles import (
+from rona_core.geometry.arrays import Vector3
+from rona_core.robot.collision.head_obstacle import head_as_placed, head_from_cloud, head_from_mesh
+from rona_core.robot.collision.obstacles import (
     Obstacle,
     Obstacles,
     added_boxes,
     table_and_floor,
     tracker_stand,
 )
+from rona_core.robot.kinematics.catalog import robot_model
 from rona_core.session.document import PointerCapture, Session
 from rona_core.session.specimen import LoadedSkull
 from rona_core.surface.cloud import SurfaceCloud
-from rona_core.surface.registration import SurfaceRegistration
+from rona_core.surface.icp import SurfaceRegistration
 
 UP = np.array((0.0, 0.0, 1.0))
 

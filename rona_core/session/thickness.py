@@ -5,13 +5,16 @@ from functools import lru_cache
 
 import numpy as np
 
-from rona_core.arrays import Floats
+from benchmarks.reference.thickness_budget import speed_doubt
+from rona_core.geometry.arrays import Floats
 from rona_core.mapping.boundary_map import Maps
 from rona_core.session.codec import digest
 from rona_core.session.document import Session
-from rona_core.ultrasound.detect import Detection
-from rona_core.ultrasound.sound_speed import SpeedCalibration, uncalibrated
-from rona_core.ultrasound.thickness_budget import speed_doubt
+from rona_core.ultrasound.acoustic_calibration.speed_calibration import (
+    SpeedCalibration,
+    uncalibrated,
+)
+from rona_core.ultrasound.detection.detect import Detection
 
 STEEPEST = 0.3  # nine tenths of all skulls are flatter: more is a step between echoes
 

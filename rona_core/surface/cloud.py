@@ -6,8 +6,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
-from rona_core.arrays import Bools, Floats, Ints, as_floats, as_points, readonly
 from rona_core.errors import InvalidInputError
+from rona_core.geometry.arrays import Bools, Floats, Ints, as_floats, as_points, readonly
 
 MAX_SPEED_MM_PER_S = 250.0  # a sliding hand is slower; noise of one frame makes up to 100
 MAX_GAP_S = 0.5  # without a sample for longer, a new stroke begins

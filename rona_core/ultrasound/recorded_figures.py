@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from rona_core.arrays import Bools, Floats, readonly
+from rona_core.geometry.arrays import Bools, Floats, readonly
 
 MAD_TO_SD = 1.4826
 FAR_MM = 1.0  # from the plane of the others: not the same echo

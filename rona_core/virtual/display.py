@@ -5,9 +5,9 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import ArrayLike
 
-from rona_core.arrays import Floats, Vector3, as_vector3
 from rona_core.devices.protocols import Mesh
 from rona_core.errors import InvalidInputError
+from rona_core.geometry.arrays import Floats, Vector3, as_vector3
 from rona_core.geometry.pose import Pose
 from rona_core.virtual.scene import VirtualScene
 

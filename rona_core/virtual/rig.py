@@ -4,29 +4,30 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from rona_core.arrays import Bools, Floats
 from rona_core.devices.protocols import Origin
 from rona_core.devices.settings import DeviceSettings
+from rona_core.geometry.arrays import Bools, Floats
 from rona_core.geometry.pose import Pose
-from rona_core.robot.model import RobotModel, robot_model
-from rona_core.ultrasound.medium import Medium
-from rona_core.virtual.bench import VirtualBench
+from rona_core.robot.kinematics.catalog import robot_model
+from rona_core.robot.kinematics.robot_model import RobotModel
+from rona_core.virtual.acoustics.caliper_and_block import VirtualBench
+from rona_core.virtual.acoustics.medium import Medium
+from rona_core.virtual.acoustics.probe import VirtualProbe
 from rona_core.virtual.clock import CaptureClock
 from rona_core.virtual.display import VirtualDisplay
-from rona_core.virtual.force_sensor import VirtualForceSensor
-from rona_core.virtual.live_tracker import VirtualLiveTracker
-from rona_core.virtual.occlusion import LinesOfSight
-from rona_core.virtual.operator import VirtualOperator
-from rona_core.virtual.probe import VirtualProbe
-from rona_core.virtual.robot import VirtualRobot
-from rona_core.virtual.robot_error import RobotError
+from rona_core.virtual.operator.operator import VirtualOperator
+from rona_core.virtual.robot.accuracy_error import RobotError
+from rona_core.virtual.robot.contact_depth import VirtualTouch
+from rona_core.virtual.robot.force_sensor import VirtualForceSensor
+from rona_core.virtual.robot.robot import VirtualRobot
 from rona_core.virtual.scene import VirtualScene
-from rona_core.virtual.tools import MovingTools
-from rona_core.virtual.touch import VirtualTouch
-from rona_core.virtual.tracker import VirtualTracker
+from rona_core.virtual.tracker.live_tracker import VirtualLiveTracker
+from rona_core.virtual.tracker.occlusion import LinesOfSight
+from rona_core.virtual.tracker.tracker import VirtualTracker
+from rona_core.virtual.true_tool_poses import MovingTools
 
 if TYPE_CHECKING:
-    from rona_core.virtual.specimen import Specimen
+    from rona_core.virtual.specimen.build_specimen import Specimen
 
 
 def build_scene(seed: int, specimen: "Specimen", settings: DeviceSettings) -> VirtualScene:

@@ -4,8 +4,7 @@ from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
 
-from rona_core.arrays import Floats, Vector3, readonly
-from rona_core.devices.markers import GEOMETRIES
+from rona_core.devices.marker_geometry import GEOMETRIES
 from rona_core.devices.settings import (
     FIRST_PLACE,
     SONO,
@@ -13,12 +12,13 @@ from rona_core.devices.settings import (
     RobotSettings,
     TrackerPlace,
 )
+from rona_core.geometry.arrays import Floats, Vector3, readonly
 from rona_core.geometry.pose import Pose
-from rona_core.virtual.hand import UP
 from rona_core.virtual.noise import rng
+from rona_core.virtual.pointer_motion import UP
 
 if TYPE_CHECKING:
-    from rona_core.virtual.specimen import Specimen
+    from rona_core.virtual.specimen.build_specimen import Specimen
 
 # The room, in coordinates of the robot base at its default place. An arm of another reach has head,
 # tracker and dimple nearer or further away: see ``region_center``.

@@ -10,8 +10,8 @@ from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 from rich.table import Table
 
 from rona_core.app.rf_report import RfReport, report_rf
-from rona_core.devices.contents import read_file
-from rona_core.devices.text_tables import NamedFile
+from rona_core.devices.files.size_limits import read_file
+from rona_core.devices.files.text_tables import NamedFile
 
 EXPECTED = "an HDF5, .mat or .npz file"
 MAX_BYTES = 384 * 1024**2  # more than the most values that are read, as float64

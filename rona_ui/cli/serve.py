@@ -13,7 +13,7 @@ from rona_core.compose import build_hub
 from rona_core.errors import InvalidInputError
 from rona_ui.resources import sessions_dir
 from rona_ui.server import ServerSettings, serve, token_from_environment
-from rona_ui.window import open_window
+from rona_ui.window.window import open_window
 
 
 def _end(number: int, frame: object) -> None:

@@ -3,11 +3,11 @@
 from typing import Any
 
 from rona_core.app.messages import CalibratePointer, StartPointerCapture
-from rona_ui.panels import style
-from rona_ui.panels.calibration import CalibrationControls
-from rona_ui.panels.door import listen
-from rona_ui.panels.importing import ImportControls
-from rona_ui.panels.step_panel import StepPanel
+from rona_ui.panels.tool.calibration import CalibrationControls
+from rona_ui.panels.widgets import style
+from rona_ui.panels.widgets.import_recording import ImportControls
+from rona_ui.panels.widgets.panel_context import listen
+from rona_ui.panels.widgets.step_panel import StepPanel
 from rona_ui.view_state import Picture
 
 METHODS = {

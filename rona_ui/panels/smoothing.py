@@ -6,12 +6,12 @@ from typing import Any
 from rona_core.app.messages import ClearPathEdits, SmoothScanPath
 from rona_core.app.path_check import PathCheck, Stretch, check_path
 from rona_core.app.path_views import PathView
-from rona_ui.panels import style
-from rona_ui.panels.door import follow, listen
-from rona_ui.panels.path_graph import bar
-from rona_ui.panels.step_panel import StepPanel
+from rona_ui.panels.path.path_graph import bar
+from rona_ui.panels.widgets import style
+from rona_ui.panels.widgets.panel_context import follow, listen
+from rona_ui.panels.widgets.step_panel import StepPanel
 from rona_ui.scene.colors import BLUE, PURPLE, VERMILLION, css
-from rona_ui.scene.path import shown_path
+from rona_ui.scene.path.path import shown_path
 from rona_ui.view_state import Drawing, Picture, Preview
 
 METRICS = {"K1: largest distance": "k1", "K2: RMS distance": "k2", "K3: area": "k3"}

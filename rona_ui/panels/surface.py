@@ -12,14 +12,14 @@ from rona_core.app.staleness import stale_reason
 from rona_core.session.document import Session
 from rona_core.session.prediction import predict_skull_mm, predict_surface
 from rona_core.session.specimen import LoadedSkull
-from rona_ui.bindings import escape
-from rona_ui.panels import style
-from rona_ui.panels.calibration import VERDICTS
-from rona_ui.panels.door import listen
-from rona_ui.panels.drawing import DrawingControls
-from rona_ui.panels.importing import ImportControls
-from rona_ui.panels.step_panel import StepPanel
+from rona_ui.panels.tool.calibration import VERDICTS
+from rona_ui.panels.widgets import style
+from rona_ui.panels.widgets.draw_on_skull import DrawingControls
+from rona_ui.panels.widgets.import_recording import ImportControls
+from rona_ui.panels.widgets.panel_context import listen
+from rona_ui.panels.widgets.step_panel import StepPanel
 from rona_ui.view_state import Picture
+from rona_ui.viewer.bindings import escape
 
 
 class SurfacePanel(StepPanel):

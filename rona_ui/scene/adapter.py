@@ -2,7 +2,7 @@
 
 from typing import Protocol
 
-from rona_ui.scene.metres import Stage
+from rona_ui.scene.viser_nodes import Stage
 from rona_ui.view_state import Picture
 
 

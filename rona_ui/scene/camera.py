@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from rona_core.arrays import Vector3
+from rona_core.geometry.arrays import Vector3
 from rona_ui.view_state import Backdrop
 
 FOCUS = {  # step -> preset; the camera moves only where the preset changes

@@ -5,26 +5,26 @@ from typing import Any
 import numpy as np
 
 from rona_ui.scene.adapter import Adapter
-from rona_ui.scene.cloud import CloudLayer, RegionLayer
 from rona_ui.scene.colors import BACKGROUND
-from rona_ui.scene.editing import EditLayer
-from rona_ui.scene.ghost import GhostLayer
-from rona_ui.scene.maps import MapLayer, ScanLayer
-from rona_ui.scene.margins import MarginsLayer
-from rona_ui.scene.metres import Stage
-from rona_ui.scene.nearness import NearLayer, ObstaclesLayer
-from rona_ui.scene.path import AxesLayer, PathLayer, WarningsLayer
-from rona_ui.scene.places import PlacesLayer
-from rona_ui.scene.pointer import DrawingLayer, PointerLayer
-from rona_ui.scene.profile import ProfileLayer
-from rona_ui.scene.references import ReferencesLayer
-from rona_ui.scene.robot import RobotLayer
-from rona_ui.scene.rolls import RollsLayer
-from rona_ui.scene.second import SecondLayer
-from rona_ui.scene.skull import NODE, SkullLayer
-from rona_ui.scene.tracker import TrackerLayer
-from rona_ui.scene.turn import NODE as TURN
-from rona_ui.scene.turn import TurnLayer
+from rona_ui.scene.maps.map_section import ProfileLayer
+from rona_ui.scene.maps.maps import MapLayer, ScanLayer
+from rona_ui.scene.maps.reference_points import ReferencesLayer
+from rona_ui.scene.maps.second_pass import SecondLayer
+from rona_ui.scene.path.path import AxesLayer, PathLayer, WarningsLayer
+from rona_ui.scene.path.path_editing import EditLayer
+from rona_ui.scene.pointer.pivot_handles import NODE as TURN
+from rona_ui.scene.pointer.pivot_handles import TurnLayer
+from rona_ui.scene.pointer.pointer import DrawingLayer, PointerLayer
+from rona_ui.scene.roll.base_places import PlacesLayer
+from rona_ui.scene.roll.margins import MarginsLayer
+from rona_ui.scene.roll.rolls import RollsLayer
+from rona_ui.scene.setup.clearance import NearLayer, ObstaclesLayer
+from rona_ui.scene.setup.robot import RobotLayer
+from rona_ui.scene.setup.skull import NODE, SkullLayer
+from rona_ui.scene.setup.tracker import TrackerLayer
+from rona_ui.scene.surface.cloud import CloudLayer, RegionLayer
+from rona_ui.scene.surface.registered_skull import GhostLayer
+from rona_ui.scene.viser_nodes import Stage
 from rona_ui.view_state import Picture
 
 FLOOR_MM = -420.0  # the robot stands on a pedestal of about its base's height

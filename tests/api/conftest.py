@@ -8,8 +8,8 @@ import httpx2
 import pytest
 
 from rona_core.compose import build_hub
-from rona_ui.gateway import ViewerGateway
 from rona_ui.server import ServerSettings, server_of
+from rona_ui.viewer.gateway import ViewerGateway
 
 TOKEN = "a-token-of-the-tests"
 

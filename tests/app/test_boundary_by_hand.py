@@ -22,8 +22,8 @@ from rona_core.app.staleness import stale_reason
 from rona_core.app.store import Store
 from rona_core.app.views import joints_at, plan_of
 from rona_core.errors import InvalidInputError, StepBlockedError
-from rona_core.mapping.build import boundary_points
-from rona_core.robot.model import robot_model
+from rona_core.mapping.build_maps import boundary_points
+from rona_core.robot.kinematics.catalog import robot_model
 from rona_core.session.codec import digest
 from rona_core.session.document import Session
 from rona_core.session.files import load_session, session_bytes, session_from_bytes

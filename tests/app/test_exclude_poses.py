@@ -59,7 +59,7 @@ def test_left_out_poses_do_not_count_and_undo_counts_them_again(bench, step, com
 def test_a_pose_left_out_has_no_say_in_the_tool(bench, method):
     """The result is that of the same poses without it."""
     from rona_core.app.derive import tool_poses
-    from rona_core.calibration.tool import register_tool
+    from rona_core.calibration.hand_eye.tool_registration import register_tool
 
     robot, marker, phases = tool_poses(bench.session)
     out = np.zeros(len(phases), dtype=bool)

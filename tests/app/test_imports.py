@@ -22,7 +22,7 @@ from rona_core.app.messages import (
 from rona_core.app.replay import replay
 from rona_core.app.staleness import stale_reason
 from rona_core.compose import new_workbench
-from rona_core.devices.igs_mha import read_igs_mha, write_igs_mha
+from rona_core.devices.files.poses.igs_mha import read_igs_mha, write_igs_mha
 from rona_core.devices.settings import TOOLS
 from rona_core.errors import (
     DegenerateGeometryError,
@@ -248,7 +248,7 @@ def test_plain_names_only():
 
 def test_a_live_stream_of_all_tools_is_a_recording(bench, tmp_path):
     """Whatever delivers frames can be recorded, not only captures."""
-    from rona_core.devices.igs_mha import read_igs_mha, write_igs_mha
+    from rona_core.devices.files.poses.igs_mha import read_igs_mha, write_igs_mha
     from rona_core.devices.recording import Recording
 
     frames = list(islice(bench.rig().tracker.frames(), 20))

@@ -21,7 +21,7 @@ from rona_core.session.document import Derived, Session, SonoMaps
 from rona_core.session.files import load_session
 from rona_core.session.migrate import SCHEMA, migrate
 from rona_core.session.thickness import speed_of_maps
-from rona_core.ultrasound.sound_speed import calibrate_speed
+from rona_core.ultrasound.acoustic_calibration.speed_calibration import calibrate_speed
 from rona_ui.resources import demo_session
 
 

@@ -7,7 +7,7 @@ from rona_core.app.messages import SetRobot, Undo
 from rona_core.compose import new_workbench, run_demo
 from rona_core.devices.settings import ROBOTS
 from rona_core.errors import InvalidInputError
-from rona_core.robot.model import robot_model
+from rona_core.robot.kinematics.catalog import robot_model
 from rona_core.session.document import Session
 from rona_core.session.files import load_session, save_session
 

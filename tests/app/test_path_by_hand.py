@@ -36,8 +36,8 @@ from rona_core.errors import (
     StaleResultError,
     StepBlockedError,
 )
-from rona_core.evaluation.path_figures import smoothing_figures
-from rona_core.path.deviation import deviations
+from rona_core.evaluation.path_metrics import smoothing_figures
+from rona_core.path.simplification.deviation import deviations
 from rona_core.session.codec import digest
 from rona_core.session.document import Session
 from rona_core.session.files import load_session, session_bytes, session_from_bytes

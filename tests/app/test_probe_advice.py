@@ -9,10 +9,10 @@ import pytest
 from rona_core.app.handlers import handle
 from rona_core.app.messages import SetProbe
 from rona_core.app.probe_advice import advised, probe_advice
-from rona_core.arrays import readonly
+from rona_core.geometry.arrays import readonly
 from rona_core.session.document import Session
 from rona_core.session.files import load_session
-from rona_core.ultrasound.detect import NO_INNER, OK, TILTED, TOO_THICK, TOO_THIN
+from rona_core.ultrasound.detection.detect import NO_INNER, OK, TILTED, TOO_THICK, TOO_THIN
 
 DEMO = Path(__file__).parents[2] / "sessions" / "demo.rona"
 

@@ -15,7 +15,7 @@ from rona_core.compose import new_workbench
 from rona_core.devices.live import LiveState
 from rona_core.devices.samples import JointSample, ToolSample, TrackerFrame
 from rona_core.geometry.pose import Pose
-from rona_core.robot.model import robot_model
+from rona_core.robot.kinematics.catalog import robot_model
 from rona_core.session.document import Session
 
 ORDER = ["fail", "review", "pass"]

@@ -481,7 +481,7 @@ def test_a_folder_is_dead_once_its_lock_is_free(tmp_path):
 def test_temporary_files_of_killed_programs_go_at_the_start_and_no_others(tmp_path):
     script = (
         "import os, sys\nfrom pathlib import Path\n"
-        "from rona_core.session.temporary import open_temporary\n"
+        "from rona_core.session.temporary_files import open_temporary\n"
         "for place in sys.argv[1:]:\n"
         "    Path(place).parent.mkdir(parents=True, exist_ok=True)\n"
         "    os.write(open_temporary(Path(place))[0], b'half')\n"

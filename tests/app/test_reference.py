@@ -22,11 +22,11 @@ from rona_core.app.messages import (
 )
 from rona_core.app.queries import step_states
 from rona_core.app.staleness import stale_reason
-from rona_core.calibration.time_offset import TimeOffset
+from rona_core.calibration.timing.time_offset import TimeOffset
 from rona_core.compose import new_workbench
 from rona_core.devices.settings import DeviceSettings, RobotSettings, TrackerPlace
 from rona_core.errors import InvalidInputError, RonaError, StaleResultError, StepBlockedError
-from rona_core.robot.model import robot_model
+from rona_core.robot.kinematics.catalog import robot_model
 from rona_core.session.document import Session, Setup
 from rona_core.session.files import session_bytes, session_from_bytes
 from rona_core.session.imported import imported_digest

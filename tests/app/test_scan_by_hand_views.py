@@ -28,11 +28,11 @@ from rona_core.app.scan_views import (
 from rona_core.app.sono_scans import NOT_SEEN, gathered, posed_scans, spread
 from rona_core.app.staleness import stale_reason
 from rona_core.compose import new_workbench
-from rona_core.devices.volumes import ACCURACY_MM
+from rona_core.devices.tracker_volumes import ACCURACY_MM
 from rona_core.errors import InvalidInputError, StepBlockedError
 from rona_core.session.codec import digest
 from rona_core.session.document import Session
-from rona_core.ultrasound.detect import NOMINAL_SPEED_MM_PER_US
+from rona_core.ultrasound.detection.detect import NOMINAL_SPEED_MM_PER_US
 
 GAP = slice(40, 70)  # A-scans at which the tracker does not see the probe
 

@@ -13,19 +13,19 @@ from rona_core.app.pose_timing import pose_delay, probe_poses_of
 from rona_core.app.scan_capture import capture_scan
 from rona_core.app.staleness import session_obstacles
 from rona_core.app.toolbox import Toolbox
-from rona_core.devices.force import APPROACH, CONTACT, RETRACT, STOPPED
 from rona_core.devices.live import Live
 from rona_core.devices.settings import ContactSettings
+from rona_core.devices.wrench import APPROACH, CONTACT, RETRACT, STOPPED
 from rona_core.errors import CancelledError
-from rona_core.evaluation.scan_figures import contact_figures, true_probe_poses
+from rona_core.evaluation.scan_metrics import contact_figures, true_probe_poses
 from rona_core.evaluation.truth import Truth
-from rona_core.robot.collision import CollisionWorld
-from rona_core.robot.model import robot_model
+from rona_core.robot.collision.collision_world import CollisionWorld
+from rona_core.robot.kinematics.catalog import robot_model
 from rona_core.session.codec import decode, digest, encode
 from rona_core.session.document import ScanCapture
 from rona_core.session.files import load_session
 from rona_core.virtual.rig import VirtualRig
-from rona_core.virtual.specimen import build_specimen
+from rona_core.virtual.specimen.build_specimen import build_specimen
 
 DEMO = Path(__file__).parents[2] / "sessions" / "demo.rona"
 pytestmark = pytest.mark.slow

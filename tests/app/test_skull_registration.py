@@ -26,9 +26,9 @@ from rona_core.session.document import Session
 from rona_core.session.files import session_bytes, session_from_bytes
 from rona_core.session.prediction import predict_skull_mm
 from rona_core.session.specimen import SimulatedSkull
-from rona_core.virtual.specimen import build_specimen
+from rona_core.virtual.specimen.build_specimen import build_specimen
 from rona_ui.panels.surface import registered as words_of
-from rona_ui.scene.ghost import contours
+from rona_ui.scene.surface.registered_skull import contours
 
 
 @pytest.fixture(scope="module")

@@ -34,7 +34,7 @@ from rona_core.errors import InvalidInputError, StepBlockedError
 from rona_core.session.codec import decode, digest, encode
 from rona_core.session.document import Session
 from rona_core.session.thickness import thickness_shares
-from rona_core.ultrasound.probe import probe_model
+from rona_core.ultrasound.probe.probe_model import probe_model
 from rona_ui.resources import demo_session
 
 

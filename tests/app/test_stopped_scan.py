@@ -13,8 +13,8 @@ from rona_core.app.staleness import session_obstacles
 from rona_core.app.workbench import Workbench
 from rona_core.compose import virtual_services
 from rona_core.errors import StepBlockedError
-from rona_core.robot.collision import CollisionWorld
-from rona_core.robot.model import robot_model
+from rona_core.robot.collision.collision_world import CollisionWorld
+from rona_core.robot.kinematics.catalog import robot_model
 from rona_core.session.document import Results
 from rona_core.session.files import load_session
 from rona_ui.resources import demo_session

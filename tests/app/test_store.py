@@ -12,7 +12,7 @@ from rona_core.app.store import Store
 from rona_core.errors import InvalidInputError, StepBlockedError
 from rona_core.session.codec import digest
 from rona_core.session.document import Session
-from tests.core.test_session_files import capture
+from tests.core.session.test_session_files import capture
 
 
 def document(session: Session) -> tuple[str, ...]:

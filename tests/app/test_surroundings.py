@@ -11,12 +11,12 @@ from rona_core.app.scan_capture import capture_scan
 from rona_core.app.staleness import RESULT_INPUTS, session_obstacles
 from rona_core.compose import new_workbench
 from rona_core.devices.settings import DeviceSettings, RobotSettings
-from rona_core.devices.surroundings import Surroundings
+from rona_core.devices.workcell import Surroundings
 from rona_core.errors import NotReachableError
 from rona_core.geometry.path5d import Path5D
 from rona_core.geometry.pose import Pose, Poses
-from rona_core.robot.model import robot_model
-from rona_core.robot.scan_plan import PlanSettings, plan_scan
+from rona_core.robot.kinematics.catalog import robot_model
+from rona_core.robot.planning.plan_scan import PlanSettings, plan_scan
 from rona_core.session.codec import digest
 from rona_core.session.document import Derived, Session, Setup
 from rona_core.session.surroundings import obstacles_of

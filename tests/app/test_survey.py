@@ -29,9 +29,9 @@ from rona_core.app.staleness import input_digests, stale_reason, usable_speed
 from rona_core.compose import new_workbench
 from rona_core.session.document import Session
 from rona_core.session.files import load_session
-from rona_core.ultrasound.detect import NOMINAL_SPEED_MM_PER_US
-from rona_core.ultrasound.probe import probe_model
-from rona_core.ultrasound.sound_speed import speed_at
+from rona_core.ultrasound.acoustic_calibration.speed_calibration import speed_at
+from rona_core.ultrasound.detection.detect import NOMINAL_SPEED_MM_PER_US
+from rona_core.ultrasound.probe.probe_model import probe_model
 from rona_ui.resources import demo_session
 
 WARM_C = 34.0

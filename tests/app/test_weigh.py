@@ -8,16 +8,16 @@ import pytest
 from rona_core.app.free_moves import FreeMoves
 from rona_core.app.toolbox import Toolbox
 from rona_core.app.weigh import TURNS_DEG, weigh_tool
-from rona_core.devices.force import ToolLoad
 from rona_core.devices.live import Live
+from rona_core.devices.wrench import ToolLoad
 from rona_core.errors import CancelledError, DegenerateGeometryError, NotReachableError
 from rona_core.geometry.pose import Pose
-from rona_core.robot.collision import CollisionWorld
-from rona_core.robot.model import robot_model
-from rona_core.robot.obstacles import NOTHING_AROUND, Capsule, Obstacle, Obstacles
-from rona_core.robot.tool_load import weight_wrench
+from rona_core.robot.collision.collision_world import CollisionWorld
+from rona_core.robot.collision.obstacles import NOTHING_AROUND, Capsule, Obstacle, Obstacles
+from rona_core.robot.force_control.gravity_compensation import weight_wrench
+from rona_core.robot.kinematics.catalog import robot_model
 from rona_core.virtual.clock import CaptureClock
-from rona_core.virtual.robot import VirtualRobot
+from rona_core.virtual.robot.robot import VirtualRobot
 
 RX90 = robot_model("rx90")
 HOME = RX90.home_rad

@@ -9,9 +9,11 @@ from rona_core.devices.settings import ProbeSettings
 from rona_core.errors import DeviceError
 from rona_core.geometry.pose import Pose
 from rona_core.virtual.clock import CaptureClock
-from tests.core.sphere_world import SphereSpecimen
+from tests.helpers.sphere_world import SphereSpecimen
 
-virtual_probe = pytest.importorskip("rona_core.virtual.probe", reason="there is no virtual probe")
+virtual_probe = pytest.importorskip(
+    "rona_core.virtual.acoustics.probe", reason="there is no virtual probe"
+)
 
 
 def virtual(name, excitation):

@@ -9,8 +9,12 @@ from rona_core.devices.settings import RobotSettings
 from rona_core.errors import DeviceError
 from rona_core.virtual.clock import CaptureClock
 
-robot_model = pytest.importorskip("rona_core.robot.model", reason="there is no robot model")
-virtual_robot = pytest.importorskip("rona_core.virtual.robot", reason="there is no virtual robot")
+robot_model = pytest.importorskip(
+    "rona_core.robot.kinematics.robot_model", reason="there is no robot model"
+)
+virtual_robot = pytest.importorskip(
+    "rona_core.virtual.robot.robot", reason="there is no virtual robot"
+)
 
 
 def virtual(name):

@@ -7,15 +7,14 @@ from typing import get_args
 import numpy as np
 import pytest
 
-from rona_core.devices.igs_mha import read_igs_mha, write_igs_mha
-from rona_core.devices.markers import GEOMETRIES
-from rona_core.devices.recording import Recording
-from rona_core.devices.replay import ReplayTracker
+from rona_core.devices.files.poses.igs_mha import read_igs_mha, write_igs_mha
+from rona_core.devices.marker_geometry import GEOMETRIES
+from rona_core.devices.recording import Recording, ReplayTracker
 from rona_core.devices.samples import WITH_POSE, ToolStatus
 from rona_core.devices.settings import TOOLS, TrackerSettings
 from rona_core.geometry.pose import Pose
 from rona_core.virtual.clock import CaptureClock
-from rona_core.virtual.tracker import VirtualTracker
+from rona_core.virtual.tracker.tracker import VirtualTracker
 
 FACING = Pose(np.diag((1.0, -1.0, -1.0)), np.array((0.0, 0.0, 1900.0)))
 

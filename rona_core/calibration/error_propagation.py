@@ -1,0 +1,231 @@
+"""How far a place that the pointer touches is off in ``base``, before anything is touched.
+
+    tip_base = T_base_tracker T_tracker_pointermarker tip_pointermarker
+
+Three errors meet: that of the registration (the same for all places), that of the calibrated tip
+(turns with the pointer) and that of the single frame (new in each, so averaging reduces it). A bias
+that all frames share may be added; averaging does not touch it.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from rona_core.calibration.hand_eye.residuals import fit_covariances
+from rona_core.calibration.tracking_error.marker_noise import MarkerNoise
+from rona_core.devices.protocols import Cancel, Progress, never, silent
+from rona_core.errors import CancelledError, InvalidInputError
+from rona_core.geometry.arrays import Floats, Vector3, as_floats, as_points, as_vector3, readonly
+from rona_core.geometry.frame_graph import FrameEdge, FrameGraph, JointCovariance
+from rona_core.geometry.pose import Pose, Poses
+from rona_core.geometry.pose_covariance import as_covariance, cross_matrices
+
+DRAWS = 1000
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class MapError:
+    """Expected errors of places in ``base``: covariances in mm^2 and what they add up to."""
+
+    registration: Floats  # (n, 3, 3) from T_base_tracker
+    pointer: Floats  # (n, 3, 3) from the calibrated tip
+    frame: Floats  # (n, 3, 3) from the frames that were averaged
+    total: Floats  # (n, 3, 3) of these and of the shared bias
+    registration_rms_mm: float  # 3D RMS over the places, as all that follow
+    pointer_rms_mm: float
+    frame_rms_mm: float
+    rms_mm: float
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class MapSetup:
+    """What a prediction of the map needs to know."""
+
+    T_base_tracker: Pose
+    registration: Floats  # (12, 12) of T_base_tracker and T_toolmarker_tip, or (6, 6)
+    tip_pointermarker: Vector3  # (3,)
+    tip_covariance: Floats  # (3, 3) mm^2, in pointermarker
+    positions_pointermarker: Floats  # (m, 3) markers
+    noise: MarkerNoise  # with its size
+    n_averaged: int = 1  # frames averaged at each place
+    bias_mm: float = 0.0  # 3D RMS that averaging leaves: tracker's volume, robot's workspace
+
+    def __post_init__(self) -> None:
+        """Check the values.
+
+        Raises:
+            InvalidInputError: a covariance of the wrong shape, a noise without size, a count or
+                bias out of range.
+        """
+        size = 12 if np.shape(self.registration) == (12, 12) else 6
+        object.__setattr__(
+            self,
+            "registration",
+            readonly(as_covariance(self.registration, size, name="covariance")),
+        )
+        object.__setattr__(
+            self,
+            "tip_covariance",
+            readonly(as_covariance(self.tip_covariance, 3, name="covariance")),
+        )
+        as_vector3(self.tip_pointermarker, name="tip_pointermarker")
+        as_points(self.positions_pointermarker, at_least=3, name="positions_pointermarker")
+        if self.noise.sigma_mm is None:
+            raise InvalidInputError("the noise needs a size: give MarkerNoise(sigma_mm=...)")
+        if self.n_averaged < 1 or self.bias_mm < 0.0:
+            raise InvalidInputError("n_averaged must be 1 or more, and bias_mm not negative")
+
+
+def pose_covariance(
+    T_tracker_marker: Pose, positions_marker: ArrayLike, noise: MarkerNoise, n_averaged: int = 1
+) -> Floats:
+    """Return the covariance (6, 6) of a pose that the tracker fits to its markers.
+
+    Args:
+        T_tracker_marker: The pose.
+        positions_marker: Markers (m, 3); on one line the turn about it, which moves no tip on that
+            line, counts as known.
+        noise: Of one marker, with its size.
+        n_averaged: Frames averaged.
+    """
+    positions = as_points(positions_marker, at_least=3, name="positions_marker")
+    central = fit_covariances(T_tracker_marker.rotation[None], positions, noise)[0]
+    change = np.eye(6)  # from the centroid of the markers to the origin of their frame
+    change[3:, :3] = cross_matrices(T_tracker_marker.rotation @ positions.mean(axis=0))
+    return (noise.sigma_mm or 0.0) ** 2 / n_averaged * change @ central @ change.T
+
+
+def pointer_graph(setup: MapSetup, T_tracker_pointermarker: Pose) -> FrameGraph:
+    """Return the frame graph from ``base`` to ``pointermarker`` for one pose of the pointer."""
+    edges = [
+        FrameEdge("base", "tracker", setup.T_base_tracker, "tool"),
+        FrameEdge(
+            "tracker",
+            "pointermarker",
+            T_tracker_pointermarker,
+            "frame",
+            covariance=pose_covariance(
+                T_tracker_pointermarker,
+                setup.positions_pointermarker,
+                setup.noise,
+                setup.n_averaged,
+            ),
+        ),
+    ]
+    return FrameGraph(
+        tuple(edges), (JointCovariance(("T_base_tracker",), setup.registration[:6, :6]),)
+    )
+
+
+def predict_map_error(setup: MapSetup, Ts_tracker_pointermarker: Poses) -> MapError:
+    """Return the expected error of the touched places for poses of the pointer (n)."""
+    tip = as_points(np.asarray(setup.tip_pointermarker)[None])
+    parts: dict[str, list[Floats]] = {"registration": [], "pointer": [], "frame": []}
+    for T_tracker_pointermarker in Ts_tracker_pointermarker:
+        graph = pointer_graph(setup, T_tracker_pointermarker)
+        tip_tracker = T_tracker_pointermarker @ tip
+        parts["registration"].append(graph.point_covariances("base", "tracker", tip_tracker)[0])
+        by_frame = graph.point_covariances("tracker", "pointermarker", tip)[0]
+        turn = setup.T_base_tracker.rotation
+        parts["frame"].append(turn @ by_frame @ turn.T)
+        R_base_pointermarker = turn @ T_tracker_pointermarker.rotation
+        parts["pointer"].append(
+            R_base_pointermarker @ setup.tip_covariance @ R_base_pointermarker.T
+        )
+    covariances = {name: np.array(values).reshape(-1, 3, 3) for name, values in parts.items()}
+    total = sum(covariances.values(), np.zeros((3, 3))) + setup.bias_mm**2 / 3.0 * np.eye(3)
+    return MapError(
+        registration=readonly(covariances["registration"]),
+        pointer=readonly(covariances["pointer"]),
+        frame=readonly(covariances["frame"]),
+        total=readonly(total),
+        registration_rms_mm=_rms_mm(covariances["registration"]),
+        pointer_rms_mm=_rms_mm(covariances["pointer"]),
+        frame_rms_mm=_rms_mm(covariances["frame"]),
+        rms_mm=_rms_mm(total),
+    )
+
+
+def monte_carlo(
+    setup: MapSetup,
+    Ts_tracker_pointermarker: Poses,
+    *,
+    draws: int = DRAWS,
+    seed: int = 0,
+    cancel: Cancel = never,
+    progress: Progress = silent,
+) -> MapError:
+    """Return the same errors from repeated simulation: the referee of ``predict_map_error``.
+
+    In each draw the registration and the tip are deviated, and every frame is seen anew, marker by
+    marker, fitted and averaged; nothing is linearised.
+
+    Raises:
+        CancelledError: ``cancel`` returned True.
+    """
+    rng = np.random.default_rng(seed)
+    n, tip = len(Ts_tracker_pointermarker), np.asarray(setup.tip_pointermarker)
+    exact_tracker = Ts_tracker_pointermarker @ tip
+    exact = setup.T_base_tracker @ exact_tracker
+    edge = FrameEdge(
+        "base", "tracker", setup.T_base_tracker, "tool", covariance=setup.registration[:6, :6]
+    )
+    graph = FrameGraph((edge,))
+    root = np.linalg.cholesky(setup.tip_covariance + 1e-18 * np.eye(3))
+    sums = {name: np.zeros((n, 3, 3)) for name in ("registration", "pointer", "frame", "total")}
+    for draw in range(draws):
+        if cancel():
+            raise CancelledError("the simulation was cancelled")
+        T_base_tracker = graph.disturbed(rng).pose("base", "tracker")
+        drawn = tip + root @ rng.normal(size=3)
+        rotations, translations = _seen(setup, Ts_tracker_pointermarker, rng)
+        turn = setup.T_base_tracker.rotation
+        offs = {
+            "registration": T_base_tracker @ exact_tracker - exact,
+            "pointer": setup.T_base_tracker @ (Ts_tracker_pointermarker @ drawn) - exact,
+            "frame": (rotations @ tip + translations - exact_tracker) @ turn.T,
+            "total": T_base_tracker @ (rotations @ drawn + translations)
+            - exact
+            + setup.bias_mm / np.sqrt(3.0) * rng.normal(size=3),
+        }
+        for name, off in offs.items():
+            sums[name] += off[:, :, None] * off[:, None, :]
+        progress((draw + 1) / draws)
+    found = {name: readonly(total / draws) for name, total in sums.items()}
+    return MapError(
+        **found,
+        registration_rms_mm=_rms_mm(found["registration"]),
+        pointer_rms_mm=_rms_mm(found["pointer"]),
+        frame_rms_mm=_rms_mm(found["frame"]),
+        rms_mm=_rms_mm(found["total"]),
+    )
+
+
+def _seen(
+    setup: MapSetup, Ts_tracker_pointermarker: Poses, rng: np.random.Generator
+) -> tuple[Floats, Floats]:
+    """Return poses as averages of fits to noisy markers: rotations (n, 3, 3), translations."""
+    positions = as_floats(setup.positions_pointermarker)
+    middle = positions.mean(axis=0)
+    R, t = Ts_tracker_pointermarker.rotations, Ts_tracker_pointermarker.translations
+    exact = np.einsum("nij,mj->nmi", R, positions) + t[:, None]
+    shape = (len(R), setup.n_averaged, len(positions), 3)
+    noise = (setup.noise.sigma_mm or 0.0) * setup.noise.shape() * rng.normal(size=shape)
+    seen = exact[:, None] + noise
+    centers = seen.mean(axis=2)
+    spread = np.einsum("nami,mj->naij", seen - centers[:, :, None], positions - middle)
+    fitted = _nearest_rotations(spread)
+    rotations = _nearest_rotations(fitted.mean(axis=1))
+    return rotations, centers.mean(axis=1) - rotations @ middle
+
+
+def _nearest_rotations(matrices: Floats) -> Floats:
+    u, _, vt = np.linalg.svd(matrices)
+    u[..., 2] *= np.linalg.det(u @ vt)[..., None]
+    return u @ vt
+
+
+def _rms_mm(covariances: Floats) -> float:
+    traces = np.trace(covariances, axis1=1, axis2=2)
+    return float(np.sqrt(traces.mean())) if len(traces) else 0.0

@@ -1,0 +1,167 @@
+"""What a tracked marker on a robot's tool should look like, and how far each pose is off.
+
+The tracker fits a pose to the markers without weights, so the error of that pose follows from the
+error S of one marker through the pseudo-inverse of J_k = (-[r_k]x, 1): cov = J+ S J+'. In the axes
+of ``tracker`` and about the centroid of the markers, rotation and shift part:
+
+    cov(shift) = S / m,    cov(turn) = I^-1 (sum [r_k]x S [r_k]x') I^-1,   I = sum |r|^2 1 - r r'
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from rona_core.calibration.tracking_error.marker_noise import MarkerNoise
+from rona_core.geometry.arrays import Floats
+from rona_core.geometry.pose import Pose, Poses
+from rona_core.geometry.pose_covariance import cross_matrices, rotation_vectors
+
+SERIES = 1e-4  # of the angle; below it the expansion of the inverse Jacobian is exact enough
+COLLINEAR_MM = 1e-6  # markers closer than this to one line are on it
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Observations:
+    """Poses seen by robot and tracker, ready for the solve."""
+
+    Ts_base_tip: Poses
+    Ts_tracker_toolmarker: Poses
+    centroid_toolmarker: Floats  # (3,) of the markers
+    centroids_tracker: Floats  # (n, 3)
+    unit_covariances: Floats  # (n, 6, 6) of (turn, shift) in tracker, marker error 1 mm 3D RMS
+    robot_variances: tuple[float, float]  # per axis: of the tip in mm^2, of its rotation in rad^2
+
+    def __len__(self) -> int:
+        return len(self.Ts_base_tip)
+
+
+def observe(
+    Ts_base_tip: Poses,
+    Ts_tracker_toolmarker: Poses,
+    positions_toolmarker: Floats,
+    noise: MarkerNoise,
+    robot_variances: tuple[float, float],
+) -> Observations:
+    """Return the observations with the covariance of every pose that the tracker fits."""
+    centroid = positions_toolmarker.mean(axis=0)
+    return Observations(
+        Ts_base_tip,
+        Ts_tracker_toolmarker,
+        centroid,
+        Ts_tracker_toolmarker @ centroid,
+        fit_covariances(Ts_tracker_toolmarker.rotations, positions_toolmarker, noise),
+        robot_variances,
+    )
+
+
+def fit_covariances(rotations: Floats, positions_marker: Floats, noise: MarkerNoise) -> Floats:
+    """Return the covariances (n, 6, 6) of poses fitted to markers with an error of 1 mm 3D RMS.
+
+    Args:
+        rotations: Of the marker body in ``tracker`` (n, 3, 3).
+        positions_marker: Markers (m, 3); on one line the turn about it counts as known.
+        noise: Its shape; the size is 1.
+
+    Returns:
+        Covariances of (turn, shift of the centroid) in the axes of ``tracker``, rad and mm.
+    """
+    variances = np.asarray(noise.shape()) ** 2
+    offsets = positions_marker - positions_marker.mean(axis=0)
+    levers = np.einsum("nij,mj->nmi", rotations, offsets)
+    crossed = cross_matrices(levers)
+    inertia = np.einsum("nmij,nmkj->nik", crossed, crossed)
+    torque = np.einsum("nmij,j,nmkj->nik", crossed, variances, crossed)
+    if np.linalg.matrix_rank(offsets, tol=COLLINEAR_MM) < 2:
+        inverse = np.linalg.pinv(inertia, rcond=1e-9, hermitian=True)
+    else:
+        inverse = np.linalg.inv(inertia)
+    covariances = np.zeros((len(rotations), 6, 6))
+    covariances[:, :3, :3] = inverse @ torque @ inverse
+    covariances[:, 3:, 3:] = np.diag(variances) / len(offsets)
+    return covariances
+
+
+def residuals(seen: Observations, T_base_tracker: Pose, T_toolmarker_tip: Pose) -> Floats:
+    """Return measured minus expected marker pose (n, 6): turn, shift of the centroid in tracker."""
+    R_tracker_base = T_base_tracker.rotation.T
+    expected = R_tracker_base @ seen.Ts_base_tip.rotations @ T_toolmarker_tip.rotation.T
+    turns = rotation_vectors(seen.Ts_tracker_toolmarker.rotations @ np.swapaxes(expected, 1, 2))
+    centroid_tip = T_toolmarker_tip.inv() @ seen.centroid_toolmarker
+    centroids_base = seen.Ts_base_tip @ centroid_tip
+    shifts = seen.centroids_tracker - T_base_tracker.inv() @ centroids_base
+    return np.concatenate((turns, shifts), axis=1)
+
+
+def jacobians(
+    seen: Observations,
+    T_base_tracker: Pose,
+    T_toolmarker_tip: Pose,
+    turns: Floats,
+    center_base: Floats,
+) -> Floats:
+    """Return the derivatives (n, 6, 12) of the residuals.
+
+    The columns are the deviation of ``T_base_tracker`` turned about ``center_base`` instead of the
+    tracker (which keeps the equations well conditioned), then that of ``T_toolmarker_tip``.
+    """
+    n = len(seen)
+    R_tracker_base = T_base_tracker.rotation.T
+    R_expected = R_tracker_base @ seen.Ts_base_tip.rotations @ T_toolmarker_tip.rotation.T
+    inverse = _inverse_right_jacobians(turns)
+    lever_toolmarker = seen.centroid_toolmarker - T_toolmarker_tip.translation
+    centroid_tip = T_toolmarker_tip.rotation.T @ lever_toolmarker
+    levers_base = seen.Ts_base_tip @ centroid_tip - center_base
+    J = np.zeros((n, 6, 12))
+    J[:, :3, :3] = inverse @ R_tracker_base
+    J[:, :3, 6:9] = inverse @ R_expected
+    J[:, 3:, :3] = -R_tracker_base @ cross_matrices(levers_base)
+    J[:, 3:, 3:6] = R_tracker_base
+    J[:, 3:, 6:9] = -R_expected @ cross_matrices(lever_toolmarker)
+    J[:, 3:, 9:] = R_expected
+    return J
+
+
+def moved(
+    T_base_tracker: Pose, T_toolmarker_tip: Pose, step: Floats, center_base: Floats
+) -> tuple[Pose, Pose]:
+    """Return both poses after a step (12,) in the tangent of ``jacobians``."""
+    turn = Rotation.from_rotvec(step[:3]).as_matrix()
+    R_base_tracker = turn @ T_base_tracker.rotation
+    arm = turn @ (T_base_tracker.translation - center_base)
+    turned = Rotation.from_rotvec(step[6:9]).as_matrix() @ T_toolmarker_tip.rotation
+    return (
+        Pose(R_base_tracker, center_base + arm + step[3:6]),
+        Pose(turned, T_toolmarker_tip.translation + step[9:]),
+    )
+
+
+def from_center(T_base_tracker: Pose, center_base: Floats) -> Floats:
+    """Return the matrix (12, 12) from the tangent of ``jacobians`` to that of geometry/tangent."""
+    change = np.eye(12)
+    change[3:6, :3] = -cross_matrices(T_base_tracker.translation - center_base)
+    return change
+
+
+def robot_covariances(seen: Observations, T_base_tracker: Pose, T_toolmarker_tip: Pose) -> Floats:
+    """Return what the robot's own error adds to the residuals: covariances (n, 6, 6)."""
+    tip_variance, turn_variance = seen.robot_variances
+    centroid_tip = T_toolmarker_tip.inv() @ seen.centroid_toolmarker
+    levers = seen.Ts_base_tip.rotations @ centroid_tip @ T_base_tracker.rotation
+    crossed = cross_matrices(levers)
+    covariances = np.zeros((len(seen), 6, 6))
+    covariances[:, :3, :3] = turn_variance * np.eye(3)
+    covariances[:, :3, 3:] = turn_variance * crossed
+    covariances[:, 3:, :3] = -turn_variance * crossed
+    covariances[:, 3:, 3:] = tip_variance * np.eye(3) - turn_variance * crossed @ crossed
+    return covariances
+
+
+def _inverse_right_jacobians(turns: Floats) -> Floats:
+    """Return d Log(Exp(a) Exp(d)) / d d at d = 0 for rotation vectors a (n, 3)."""
+    crossed = cross_matrices(turns)
+    angle = np.linalg.norm(turns, axis=1)
+    safe = np.where(angle > SERIES, angle, 1.0)
+    exact = 1.0 / safe**2 - 1.0 / (2.0 * safe * np.tan(safe / 2.0))
+    factor = np.where(angle > SERIES, exact, 1.0 / 12.0)
+    return np.eye(3) + crossed / 2.0 + factor[:, None, None] * (crossed @ crossed)

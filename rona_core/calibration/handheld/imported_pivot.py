@@ -1,0 +1,148 @@
+"""Calibrate a tip from what was recorded elsewhere, and say what the result is worth.
+
+Data that determine no tip are no accident here but an answer: the verdict is bad, with the reason.
+"""
+
+from dataclasses import dataclass
+from typing import get_args
+
+import numpy as np
+
+from rona_core.calibration.handheld.pointer import MIN_POSES
+from rona_core.calibration.pivot.depth_anisotropy import noise_told_by
+from rona_core.calibration.pivot.pivot_calibration import (
+    PivotMethod,
+    solve_pivot,
+    solve_pivot_from_markers,
+)
+from rona_core.calibration.pivot.quality import Verdict
+from rona_core.calibration.pivot.result import PivotFit
+from rona_core.calibration.tracking_error.marker_noise import EVEN
+from rona_core.devices.files.poses.marker_body_fit import FittedFrames
+from rona_core.errors import DegenerateGeometryError, InvalidInputError
+from rona_core.geometry.arrays import Floats, Vector3
+from rona_core.geometry.pose import Poses
+
+RING_MM = (20.0, 200.0)  # radius of the markers that stand in for unknown ones
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class RecordedPivotCalibration:
+    """The tip and how well it is known; None where the data determine none."""
+
+    verdict: Verdict
+    reasons: tuple[str, ...]  # why not good, and what to do about it; none where it is good
+    n_used: int
+    n_rejected: int
+    tip_marker: Vector3 | None = None  # (3,) mm
+    pivot_tracker: Vector3 | None = None  # (3,) mm
+    sigma_mm: float | None = None  # predicted 3D standard deviation of the tip
+    rmse_mm: float | None = None  # distance of the tip from the pivot over the poses used
+
+
+def calibrate_recorded_pivot(
+    Ts_tracker_marker: Poses,
+    *,
+    dof: int = 6,
+    method: str = "ml",
+    geometry_marker: Floats | None = None,
+    frames: FittedFrames | None = None,
+) -> RecordedPivotCalibration:
+    """Return the tip of a marker that swung about it, with a verdict.
+
+    "ml" uses the single markers where they were recorded, and how much worse they were seen in
+    depth is told by them. Of poses alone it assumes errors alike in all directions, and where the
+    markers are unknown, a ring of four whose radius explains the scatter of the tip.
+
+    Args:
+        Ts_tracker_marker: Poses of the marker.
+        dof: 6; or 5 where only the z axis of the marker is known and the tip lies on it.
+        method: "ml", "aos" or "sphere", see :func:`rona_core.calibration.pivot.pivot_calibration.solve_pivot`.
+        geometry_marker: Markers (m, 3) of the tool, where they are known.
+        frames: The single markers behind the poses, where they were recorded.
+
+    Raises:
+        InvalidInputError: unknown method or dof.
+    """
+    if dof not in (5, 6):
+        raise InvalidInputError(f"dof must be 6 or 5, not {dof}")
+    n = len(Ts_tracker_marker)
+    known = [name for name in get_args(PivotMethod) if name == method]
+    if not known:
+        wanted = ", ".join(get_args(PivotMethod))
+        raise InvalidInputError(f"method must be one of {wanted}, not {method!r}")
+    if n < MIN_POSES:
+        return _refused(f"too few poses: at least {MIN_POSES} are needed, not {n}", n)
+    try:
+        fit = _solve(Ts_tracker_marker, dof, known[0], geometry_marker, frames)
+    except DegenerateGeometryError as error:
+        return _refused(str(error), n)
+    if dof == 5 and fit.tip_marker[2] <= 0.0:
+        return _refused(
+            f"the tip lies {-fit.tip_marker[2]:.1f} mm behind the markers: z must point to the tip",
+            n,
+        )
+    n_used = int(fit.used.sum())
+    return RecordedPivotCalibration(
+        verdict=fit.verdict,
+        reasons=fit.reasons,
+        n_used=n_used,
+        n_rejected=len(fit.used) - n_used,
+        tip_marker=fit.tip_marker,
+        pivot_tracker=fit.pivot_tracker,
+        sigma_mm=fit.tip_sigma_mm,
+        rmse_mm=fit.rmse_mm,
+    )
+
+
+def _solve(
+    Ts_tracker_marker: Poses,
+    dof: int,
+    method: PivotMethod,
+    geometry_marker: Floats | None,
+    frames: FittedFrames | None,
+) -> PivotFit:
+    if method != "ml":
+        return solve_pivot(Ts_tracker_marker, dof=dof, method=method, at_least=MIN_POSES)
+    if frames is not None:
+        y, seen, markers = frames.points_tracker, frames.seen, frames.positions_marker
+        noise = noise_told_by(y, seen, Ts_tracker_marker, markers)
+        return solve_pivot_from_markers(
+            y, markers, dof=dof, at_least=MIN_POSES, seen=seen, noise=noise
+        )
+    first = None
+    if geometry_marker is None:
+        first = solve_pivot(Ts_tracker_marker, dof=dof, method="aos", at_least=MIN_POSES)
+        if dof == 5:  # on a line the place of its markers weighs nothing but their common noise
+            return first
+        geometry_marker = _stand_in(Ts_tracker_marker, first)
+    return solve_pivot(
+        Ts_tracker_marker,
+        dof=dof,
+        method="ml",
+        at_least=MIN_POSES,
+        positions_marker=geometry_marker,
+        noise=EVEN,
+    )
+
+
+def _stand_in(Ts_tracker_marker: Poses, fit: PivotFit) -> Floats:
+    """Return a ring of four markers about the origin whose errors scatter the tip as it was found.
+
+    Along the lever L the tip scatters with the shift of the poses alone, across it with their turn
+    as well. Four markers at radius r turn by sqrt(2) / r per unit of shift.
+    """
+    used = Ts_tracker_marker.select(fit.used)
+    length = float(np.linalg.norm(fit.tip_marker))
+    misses = used @ fit.tip_marker - fit.pivot_tracker
+    along = np.einsum("ni,ni->n", misses, used.rotations @ (fit.tip_marker / length))
+    shift = float((along**2).mean())
+    turn = (float((misses**2).sum(axis=1).mean()) - shift) / 2.0 - shift
+    radius = RING_MM[1]
+    if turn > 0.0:
+        radius = float(np.clip(length * np.sqrt(2.0 * shift / turn), *RING_MM))
+    return radius * np.array(((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (-1.0, 0.0, 0.0), (0.0, -1.0, 0.0)))
+
+
+def _refused(reason: str, n: int) -> RecordedPivotCalibration:
+    return RecordedPivotCalibration("bad", (reason,), 0, n)

@@ -1,0 +1,181 @@
+"""How late the robot's joint angles arrive, seen by the echoes while the probe moves up or down.
+
+Against bone that keeps still, the stand-off shrinks exactly as the face goes forward: the delay is
+the shift in time at which stand-off and place agree. A robot settles a little elsewhere now and
+then: where one step from an A-scan to the next stands out, a new piece with its own offset begins.
+See docs/algorithms/pose_timing.md.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+from scipy.interpolate import CubicSpline
+from scipy.optimize import minimize_scalar
+
+from rona_core.errors import DegenerateGeometryError, InvalidInputError
+from rona_core.geometry.arrays import Floats, Ints, as_floats
+
+MAX_DELAY_S = 0.1  # either way
+STEP_S = 0.004  # of the search, before it is refined
+LEAST_SCANS = 12
+ROUNDS = 3  # of looking for breaks
+OUTLIER_MADS = 5.0  # a step between A-scans that is off by more deviations is a break
+LEAST_DEVIATION_MM = 0.001
+LAGS = 4  # A-scans over which errors hang together
+WORST_SIGMA_S = 0.01  # less certain than this, the delay is not worth applying
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class EchoSegment:
+    """One movement along the probe's axis over bone that keeps still."""
+
+    scan_times_s: Floats  # (n,) instants at which A-scans were fired
+    standoff_mm: Floats  # (n,) distance to the bone that they show
+    joint_times_s: Floats  # (m,) times at which joint angles arrived, growing
+    place_mm: Floats  # (m,) place of the face along the probe's axis that they stand for
+
+
+@dataclass(frozen=True, slots=True)
+class PoseDelay:
+    """How much later a pose is reported than it was taken."""
+
+    delay_s: float
+    sigma_s: float  # standard deviation
+    scale: float  # change of stand-off over change of place: 1 if both are true
+    rms_mm: float  # what the fit leaves over
+    n_scans: int
+    n_pieces: int  # segments, and parts of them between which the robot settled elsewhere
+
+    def way_mm(self, speed_mm_per_s: float) -> float:
+        """Return by how much a map would be shifted along the path without correction."""
+        return abs(self.delay_s) * speed_mm_per_s
+
+    def sigma_mm(self, speed_mm_per_s: float) -> float:
+        """Return the standard deviation of that shift that the correction leaves."""
+        return self.sigma_s * speed_mm_per_s
+
+
+def estimate_pose_delay(segments: Sequence[EchoSegment]) -> PoseDelay:
+    """Return the delay for which place(t + delay) and stand-off(t) of all segments agree best.
+
+    The scale is common, because the speed of sound in the delay line may not be exactly known.
+
+    Raises:
+        InvalidInputError: arrays that do not fit together.
+        DegenerateGeometryError: too few A-scans, or a motion too slow or too even to tell.
+    """
+    parts = [_Part(segment) for segment in segments]
+    n = sum(len(part.times_s) for part in parts)
+    if n < LEAST_SCANS:
+        raise DegenerateGeometryError(f"{n} A-scans are too few for a delay: {LEAST_SCANS}")
+    standoffs = np.concatenate([part.standoff_mm for part in parts])
+    pieces = np.repeat(np.arange(len(parts)), [len(part.times_s) for part in parts])
+    fit = _best_fit(parts, standoffs, pieces)
+    for _ in range(ROUNDS):
+        # a break stands out among the steps between A-scans that the fit leaves over
+        steps = np.diff(standoffs - fit.fitted_mm)
+        within = np.diff(pieces) == 0
+        deviation = 1.4826 * float(np.median(np.abs(steps[within])))
+        breaks = within & (np.abs(steps) > OUTLIER_MADS * max(deviation, LEAST_DEVIATION_MM))
+        if not breaks.any():
+            break
+        pieces = np.concatenate(([0], np.cumsum(breaks | ~within)))
+        fit = _best_fit(parts, standoffs, pieces)
+    sizes = np.bincount(pieces)
+    freedom = n - len(sizes) - 2
+    sigma_s = _sigma_s(fit.told, standoffs - fit.fitted_mm, freedom)
+    if sigma_s > WORST_SIGMA_S or abs(fit.delay_s) > MAX_DELAY_S - STEP_S:
+        raise DegenerateGeometryError(
+            f"the motion tells the delay of the poses only to {1e3 * sigma_s:.2g} ms: move faster, "
+            "and not evenly"
+        )
+    rms_mm = float(np.sqrt(((standoffs - fit.fitted_mm) ** 2).mean()))
+    return PoseDelay(fit.delay_s, sigma_s, fit.scale, rms_mm, n, len(sizes))
+
+
+class _Part:
+    """A segment as a curve that can be looked up at any time."""
+
+    def __init__(self, segment: EchoSegment) -> None:
+        self.times_s = as_floats(segment.scan_times_s, name="scan_times_s")
+        self.standoff_mm = as_floats(segment.standoff_mm, name="standoff_mm")
+        times = as_floats(segment.joint_times_s, name="joint_times_s")
+        places = as_floats(segment.place_mm, name="place_mm")
+        if self.times_s.shape != self.standoff_mm.shape or times.shape != places.shape:
+            raise InvalidInputError("a segment needs one stand-off per A-scan, one place per pose")
+        if len(times) < 4 or (np.diff(times) <= 0.0).any():
+            raise InvalidInputError("a segment needs poses at 4 times or more, which must grow")
+        self._curve = CubicSpline(times, places)
+        self._range = times[0], times[-1]
+
+    def at(self, delay_s: float, order: int = 0) -> Floats:
+        """Return places, or speeds with order 1, at the A-scans for some delay."""
+        times = np.clip(self.times_s + delay_s, *self._range)
+        return np.asarray(self._curve(times, order), dtype=np.float64)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Fit:
+    delay_s: float
+    scale: float
+    fitted_mm: Floats  # (n,) stand-offs by the fit
+    told: Floats  # (n,) change of them with the delay that neither scale nor offsets imitate
+
+
+def _best_fit(parts: Sequence[_Part], standoffs: Floats, pieces: Ints) -> _Fit:
+    wanted = _centred(standoffs, pieces)
+
+    def places(delay_s: float, order: int = 0) -> Floats:
+        curve = np.concatenate([part.at(delay_s, order) for part in parts])
+        return _centred(curve, pieces)
+
+    def cost(delay_s: float) -> float:
+        left = wanted - _along(places(float(delay_s)), wanted)
+        return float(left @ left)
+
+    delays = np.arange(-MAX_DELAY_S, MAX_DELAY_S + STEP_S / 2.0, STEP_S)
+    best = float(delays[int(np.argmin([cost(float(d)) for d in delays]))])
+    found: Any = minimize_scalar(
+        cost, bounds=(best - STEP_S, best + STEP_S), method="bounded", options={"xatol": 1e-7}
+    )
+    delay_s = float(found.x)
+    moved = places(delay_s)
+    fitted = _along(moved, wanted)
+    power = float(moved @ moved)
+    scale = float(moved @ wanted) / power if power > 0.0 else 0.0
+    slope = scale * places(delay_s, 1)
+    return _Fit(delay_s, -scale, standoffs - wanted + fitted, slope - _along(moved, slope))
+
+
+def _centred(values: Floats, pieces: Ints) -> Floats:
+    """Return values (n,) without the mean of their piece."""
+    means = np.bincount(pieces, values) / np.bincount(pieces)
+    return np.asarray(values - means[pieces], dtype=np.float64)
+
+
+def _along(direction: Floats, values: Floats) -> Floats:
+    """Return the part of ``values`` (n,) that is a multiple of ``direction`` (n,)."""
+    power = float(direction @ direction)
+    return direction * (float(direction @ values) / power if power > 0.0 else 0.0)
+
+
+def _sigma_s(told: Floats, left: Floats, freedom: int) -> float:
+    """Return the deviation of the delay, with residuals that hang together over a few A-scans."""
+    information = float(told @ told)
+    if information <= 0.0 or freedom < 1:
+        return float("inf")
+    score = told * left
+    variance = float(score @ score)
+    for lag in range(1, LAGS + 1):
+        variance += 2.0 * (1.0 - lag / (LAGS + 1.0)) * float(score[lag:] @ score[:-lag])
+    plain = float(left @ left) / freedom * information  # as if they did not
+    return float(np.sqrt(max(variance * len(left) / freedom, plain)) / information)
+
+
+def segment_places(points_base: ArrayLike, axes_base: ArrayLike, near: int) -> Floats:
+    """Return places (m,) of faces (m, 3) along the axis of one of them."""
+    points, axes = np.asarray(points_base), np.asarray(axes_base)
+    return np.asarray((points - points[near]) @ axes[near], dtype=np.float64)

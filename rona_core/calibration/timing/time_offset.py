@@ -1,0 +1,178 @@
+"""Delay between two devices that saw the same motion, e.g. tracker and robot.
+
+Both streams are smoothed alike. For each candidate delay the positions of one are predicted from
+those of the other by the best linear map, which stands for the unknown frames; the delay at which
+least is left over is refined between samples. A motion that can be mapped onto its own shifted
+copy (rest, a circle at constant speed) does not determine the delay, and is refused.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+from scipy.interpolate import CubicSpline
+from scipy.ndimage import gaussian_filter1d
+from scipy.optimize import minimize_scalar
+
+from rona_core.errors import DegenerateGeometryError, InvalidInputError
+from rona_core.geometry.arrays import Floats, as_floats, as_points
+
+SMOOTHING_S = 0.03  # width of the common low-pass; at least one sample of the slower stream
+LEAST_MOTION_MM = 2.0  # RMS about the mean, below which a stream is at rest
+LEAST_CORRELATION = 0.9  # of two streams that show the same motion
+LEAST_OVERLAP_S = 1.0
+SAME_SHARE = 1e-4  # of the motion: two delays that leave this much alike are equally good
+WORST_SIGMA = 0.1  # share of the searched range; a wider result says nothing
+
+
+@dataclass(frozen=True, slots=True)
+class TimeOffset:
+    """How much later a motion appears in stream b than in stream a."""
+
+    offset_s: float
+    sigma_s: float  # standard deviation, from what the motion tells and what is left over
+    correlation: float  # 0 to 1, between b and what a predicts for it
+    overlap_s: float  # duration that was compared
+
+
+def estimate_time_offset(
+    times_a_s: ArrayLike,
+    positions_a: ArrayLike,
+    times_b_s: ArrayLike,
+    positions_b: ArrayLike,
+    *,
+    max_offset_s: float = 0.3,
+) -> TimeOffset:
+    """Return the delay d for which ``positions_b`` at t belong to ``positions_a`` at t - d.
+
+    Args:
+        times_a_s: Growing times (n,) in seconds.
+        positions_a: Positions (n, 3) in mm, in any frame fixed to the room.
+        times_b_s: Growing times (m,) of the other device, on its own clock.
+        positions_b: Positions (m, 3) in mm of a point on the same body, in any other frame.
+        max_offset_s: Delays up to this are searched, either way.
+
+    Raises:
+        InvalidInputError: wrong shapes, times that do not grow, or less than a second in common.
+        DegenerateGeometryError: no motion, another motion, one that repeats itself or is too even
+            to tell the delay, or a delay beyond the range.
+    """
+    if not 0.0 < max_offset_s <= 10.0:
+        raise InvalidInputError(f"max_offset_s must be 0 to 10, not {max_offset_s}")
+    a, b = _stream(times_a_s, positions_a, "a"), _stream(times_b_s, positions_b, "b")
+    step_s = max(np.median(np.diff(a[0])), np.median(np.diff(b[0])))
+    width_s = max(SMOOTHING_S, float(step_s))
+    margin_s = max_offset_s + 3.0 * width_s
+    start_s = max(a[0][0] + margin_s, b[0][0] + 3.0 * width_s)
+    end_s = min(a[0][-1] - margin_s, b[0][-1] - 3.0 * width_s)
+    if end_s - start_s < LEAST_OVERLAP_S:
+        raise InvalidInputError(
+            f"the two recordings have {max(end_s - start_s, 0.0):.2g} s in common beside the "
+            f"margin of {margin_s:.2g} s, {LEAST_OVERLAP_S:g} s are needed"
+        )
+    times = np.arange(start_s, end_s, float(step_s))
+    curve_a, curve_b = _smooth(*a, width_s), _smooth(*b, width_s)
+    wanted = curve_b(times) - curve_b(times).mean(axis=0)
+    for name, seen in (("a", curve_a(times)), ("b", wanted)):
+        motion_mm = float(np.sqrt(((seen - seen.mean(axis=0)) ** 2).sum(axis=1).mean()))
+        if motion_mm < LEAST_MOTION_MM:
+            raise DegenerateGeometryError(
+                f"stream {name} moves by {motion_mm:.2g} mm RMS: without motion there is no delay "
+                f"to be seen, {LEAST_MOTION_MM:g} mm are needed"
+            )
+
+    def left_over(offset_s: float) -> float:
+        return float((_residual(curve_a(times - offset_s), wanted) ** 2).sum())
+
+    count = int(np.ceil(max_offset_s / (0.5 * step_s)))
+    offsets = np.linspace(-max_offset_s, max_offset_s, 2 * count + 1)
+    costs = np.array([left_over(float(offset)) for offset in offsets])
+    total = float((wanted**2).sum())
+    places = _valleys(offsets, costs, total)
+    valleys = sorted(_deepest(left_over, offsets[k - 1], offsets[k + 1]) for k in places)
+    cost, offset_s = valleys[0]
+    correlation = float(np.sqrt(max(0.0, 1.0 - cost / total)))
+    sigma_s = _sigma(curve_a, times - offset_s, wanted, int(np.ceil(6.0 * width_s / step_s)))
+    if sigma_s > WORST_SIGMA * max_offset_s:
+        raise DegenerateGeometryError(
+            f"the motion is too even: it tells the delay only to {1e3 * sigma_s:.3g} ms; "
+            "start, stop and turn more often"
+        )
+    if len(valleys) > 1 and valleys[1][0] < 1.5 * cost + SAME_SHARE * total:
+        raise DegenerateGeometryError(
+            f"the motion repeats itself after {abs(valleys[1][1] - offset_s):.3g} s: the delay is "
+            "ambiguous; move irregularly, or search a narrower range"
+        )
+    return TimeOffset(offset_s, sigma_s, correlation, float(end_s - start_s))
+
+
+def _stream(times_s: ArrayLike, positions: ArrayLike, name: str) -> tuple[Floats, Floats]:
+    times = as_floats(times_s, name=f"times_{name}_s")
+    points = as_points(positions, at_least=8, name=f"positions_{name}")
+    if times.shape != (len(points),):
+        raise InvalidInputError(f"stream {name}: {len(points)} positions need as many times")
+    if (np.diff(times) <= 0.0).any():
+        raise InvalidInputError(f"times_{name}_s must grow")
+    return times, points
+
+
+def _smooth(times_s: Floats, positions: Floats, width_s: float) -> CubicSpline:
+    """Return a stream as a smooth curve, filtered on a regular grid of its own rate."""
+    step_s = float(np.median(np.diff(times_s)))
+    count = int(np.floor((times_s[-1] - times_s[0]) / step_s + 1e-6)) + 1
+    grid = times_s[0] + step_s * np.arange(count)
+    regular = np.stack([np.interp(grid, times_s, column) for column in positions.T], axis=1)
+    return CubicSpline(grid, gaussian_filter1d(regular, width_s / step_s, axis=0, mode="nearest"))
+
+
+def _residual(predictors: Floats, wanted: Floats) -> Floats:
+    """Return what the best linear map of some columns (n, k) leaves of others (n, 3)."""
+    centred = predictors - predictors.mean(axis=0)
+    map_: Floats = np.linalg.lstsq(centred, wanted, rcond=1e-6)[0]
+    return wanted - centred @ map_
+
+
+def _deepest(cost: Callable[[float], float], low: float, high: float) -> tuple[float, float]:
+    """Return the least cost between two delays, and where it is."""
+    found: Any = minimize_scalar(
+        cost, bounds=(low, high), method="bounded", options={"xatol": 1e-7}
+    )
+    return float(found.fun), float(found.x)
+
+
+def _valleys(offsets: Floats, costs: Floats, total: float) -> list[int]:
+    """Return where the cost has a minimum that explains the motion, refused if there is none."""
+    best = int(np.argmin(costs))
+    enough = (1.0 - LEAST_CORRELATION**2) * total
+    if costs[best] > enough:
+        raise DegenerateGeometryError(
+            f"the streams do not show the same motion: correlation "
+            f"{np.sqrt(max(0.0, 1.0 - costs[best] / total)):.2f}, {LEAST_CORRELATION:g} is needed"
+        )
+    if best in (0, len(offsets) - 1):
+        raise DegenerateGeometryError(
+            f"no delay within {1e3 * offsets[-1]:.0f} ms stands out: the true one is beyond, or "
+            "the motion is too even to tell it"
+        )
+    inner = costs[1:-1]
+    low = (inner <= costs[:-2]) & (inner <= costs[2:]) & (inner <= enough)
+    return [int(k) + 1 for k in np.flatnonzero(low)]
+
+
+def _sigma(curve_a: CubicSpline, times: Floats, wanted: Floats, lags: int) -> float:
+    """Return the standard deviation of the delay, with residuals that are correlated in time."""
+    seen = np.asarray(curve_a(times))
+    seen = seen - seen.mean(axis=0)
+    map_: Floats = np.linalg.lstsq(seen, wanted, rcond=1e-6)[0]
+    slope = np.asarray(curve_a(times, 1)) @ map_
+    told = _residual(seen, slope - slope.mean(axis=0))  # what no other map could imitate
+    information = float((told**2).sum())
+    if information <= 0.0:
+        return float("inf")
+    score = (told * (wanted - seen @ map_)).sum(axis=1)
+    variance = float(score @ score)
+    for lag in range(1, min(lags, len(score) - 1) + 1):
+        variance += 2.0 * (1.0 - lag / (lags + 1.0)) * float(score[lag:] @ score[:-lag])
+    return float(np.sqrt(max(variance, 0.0)) / information)

@@ -1,0 +1,146 @@
+"""Named arrays out of HDF5, MATLAB and numpy files; nothing else is run or opened.
+
+HDF5 and MATLAB files are read in a process of their own: their libraries crash on damaged ones.
+"""
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import h5py
+import numpy as np
+from scipy.io import loadmat, whosmat
+
+from rona_core.devices.files.npy import MAX_HEADER_BYTES, array_from_npy, array_header
+from rona_core.devices.files.reader_process import Found, read_apart, require_size
+from rona_core.devices.files.size_limits import open_zip, read_member
+from rona_core.devices.files.text_tables import NamedFile
+from rona_core.errors import InvalidInputError
+
+KEYS = ("rf", "fs", "t0", "positions")
+HDF5_MAGIC = b"\x89HDF\r\n\x1a\n"
+ZIP_MAGIC = b"PK\x03\x04"
+MATLAB_MAGIC = b"MATLAB 5"
+MATLAB_73_MAGIC = b"MATLAB 7.3"
+MAX_VALUES = 32_000_000  # of one array: 256 MB as float64
+REAL = "iufb"
+REFUSED_HDF5 = "lies in another file: expected it in this one"
+
+
+def read_arrays(file: NamedFile) -> Mapping[str, Any]:
+    """Return the arrays of a file, told apart by what is in it and not by its name.
+
+    Where ``rf`` and ``fs`` are there, those of ``KEYS``; else all names, for the message.
+
+    Raises:
+        InvalidInputError: another kind of file, damaged, or one with too many values.
+    """
+    data = file.data
+    # MATLAB 7.3 puts 512 bytes of its own before HDF5
+    if HDF5_MAGIC in (data[:8], data[512:520]):
+        return _known(read_apart(read_hdf5, data, file.name, "HDF5"))
+    if data.startswith(ZIP_MAGIC):
+        return _known(_from_npz(file))
+    if data.startswith(MATLAB_MAGIC):
+        return _known(read_apart(read_matlab, data, file.name, "MATLAB"))
+    if not data:
+        raise InvalidInputError(f"{file.name} is empty: expected an HDF5, .mat or .npz file")
+    raise InvalidInputError(
+        f"{file.name} is no HDF5, MATLAB (.mat) or numpy (.npz) file: expected one of these with "
+        "rf (scans, samples) and fs in Hz"
+    )
+
+
+def _known(found: Found) -> Found:
+    """Return the arrays; other names stay, without contents, for the message."""
+    if "rf" in found and "fs" in found:
+        return {key: found[key] for key in KEYS if key in found}
+    return found
+
+
+def read_hdf5(path: Path, name: str) -> Found:
+    """Return the arrays of an HDF5 file; sizes are compared before anything is read.
+
+    Raises:
+        InvalidInputError: an array in another file, too large, or not of numbers.
+    """
+    with path.open("rb") as file:
+        matlab = file.read(len(MATLAB_73_MAGIC)) == MATLAB_73_MAGIC
+    found: Found = {}
+    with h5py.File(path, "r") as data:
+        matlab = matlab or any(
+            "MATLAB_class" in data[key].attrs
+            for key in KEYS
+            if isinstance(data.get(key, getlink=True), h5py.HardLink)
+        )
+        found |= dict.fromkeys(str(key) for key in data)
+        for key in KEYS:
+            item: Any
+            if key in data:
+                item = _own(data, key, name)
+            elif key in data.attrs:
+                item = data.attrs.get_id(key)  # not yet its value
+            else:
+                continue
+            require_size(tuple(item.shape or ()), MAX_VALUES, f"{name}: {key}")
+            if item.dtype.kind not in REAL:  # texts, records: whatever is in them is not read
+                found[key] = np.zeros(0, dtype=item.dtype if item.dtype.kind == "c" else "S1")
+                continue
+            value = np.asarray(item[()] if isinstance(item, h5py.Dataset) else data.attrs[key])
+            found[key] = value.T if matlab else value  # MATLAB writes columns first
+    return found
+
+
+def _own(data: Any, key: str, name: str) -> Any:
+    """Return what is in the file itself: nothing that it points to elsewhere is opened."""
+    link = data.get(key, getlink=True)
+    item = data[key] if isinstance(link, h5py.HardLink) else None
+    if isinstance(item, h5py.Group):
+        raise InvalidInputError(f"{name}: {key} is a group, expected numbers")
+    if not isinstance(item, h5py.Dataset) or item.external or item.is_virtual:
+        raise InvalidInputError(f"{name}: {key} {REFUSED_HDF5}")
+    if item.chunks is not None:  # one is unpacked as a whole, however little of it is wanted
+        require_size(item.chunks, MAX_VALUES, f"{name}: a chunk of {key}")
+    return item
+
+
+def read_matlab(path: Path, name: str) -> Found:
+    """Return the arrays of a MATLAB 5 file, those that are no numbers without their contents.
+
+    Raises:
+        InvalidInputError: an array that is too large.
+    """
+    shapes = {key: tuple(shape) for key, shape, _ in whosmat(path, appendmat=False)}
+    for key in KEYS:
+        require_size(shapes.get(key, ()), MAX_VALUES, f"{name}: {key}")
+    data: dict[str, Any] = loadmat(path, appendmat=False, variable_names=list(KEYS))
+    found: Found = dict.fromkeys(shapes)
+    for key in KEYS:
+        if key in data:
+            value = np.asarray(data[key])
+            plain = value.dtype.kind in f"{REAL}c"
+            found[key] = value if plain else np.zeros(0, dtype="S1")
+    return found
+
+
+def _from_npz(file: NamedFile) -> Found:
+    found: Found = {}
+    with open_zip(file.data, f"{file.name} is a damaged npz file") as archive:
+        infos = {info.filename.removesuffix(".npy"): info for info in archive.infolist()}
+        found |= dict.fromkeys(infos)
+        for key in KEYS:
+            if key in infos:
+                with archive.open(infos[key]) as member:
+                    _check_header(member.read(MAX_HEADER_BYTES + 16), f"{file.name}: {key}")
+                most = 8 * MAX_VALUES + MAX_HEADER_BYTES + 16
+                found[key] = array_from_npy(read_member(archive, infos[key], most))
+    return found
+
+
+def _check_header(start: bytes, what: str) -> None:
+    """Refuse an array for its size or its type by what its file begins with."""
+    shape, _, dtype, _ = array_header(start)
+    require_size(shape, MAX_VALUES, what)
+    if dtype.itemsize > 8 and not dtype.hasobject:
+        words = str(dtype)[:60]
+        raise InvalidInputError(f"{what} must be real numbers, not values of type {words}")

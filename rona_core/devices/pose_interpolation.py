@@ -1,0 +1,49 @@
+"""The pose of a tracked tool at any instant, between the frames that a tracker delivered."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.spatial.transform import Rotation, Slerp
+
+from rona_core.devices.samples import ToolTrack
+from rona_core.geometry.arrays import Bools, Floats, readonly
+from rona_core.geometry.pose import Poses
+
+NEAR_S = 0.05  # an instant counts only if the tool was seen this shortly before and after it
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class PosesAt:
+    """Poses of a tool at those of n instants at which it is known."""
+
+    known: Bools  # (n,)
+    Ts_tracker_marker: Poses  # one for each known instant
+
+
+def poses_at(
+    track: ToolTrack, times_s: Floats, *, delay_s: float = 0.0, near_s: float = NEAR_S
+) -> PosesAt:
+    """Return where a tool was at some instants.
+
+    Between two frames the position runs straight and the rotation by the shortest way, evenly.
+
+    Args:
+        track: What the tracker delivered.
+        times_s: Instants (n,), by the clock of the capture.
+        delay_s: By how much later than it was measured each frame arrived.
+        near_s: A frame must be this near, before the instant and after it.
+    """
+    measured_s, wanted = track.times_s - delay_s, np.asarray(times_s, dtype=np.float64)
+    if len(measured_s) < 2:
+        nowhere = Poses(np.zeros((0, 3, 3)), np.zeros((0, 3)))
+        return PosesAt(readonly(np.zeros(len(wanted), dtype=np.bool_)), nowhere)
+    after = np.clip(np.searchsorted(measured_s, wanted), 1, len(measured_s) - 1)
+    before = after - 1
+    slack = 1e-9
+    known = (wanted >= measured_s[before] - slack) & (wanted <= measured_s[after] + slack)
+    known &= (wanted - measured_s[before] <= near_s) & (measured_s[after] - wanted <= near_s)
+    at = np.clip(wanted[known], measured_s[0], measured_s[-1])
+    poses = track.Ts_tracker_marker
+    turns = Slerp(measured_s, Rotation.from_matrix(poses.rotations))(at)
+    places = np.stack([np.interp(at, measured_s, p) for p in poses.translations.T], axis=1)
+    return PosesAt(readonly(known), Poses(turns.as_matrix().reshape(-1, 3, 3), places))

@@ -1,0 +1,198 @@
+"""Figures of step 9: the maps against the true bone."""
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import ArrayLike
+from scipy.spatial import KDTree
+
+from rona_core.evaluation.figures import Figures, rms
+from rona_core.evaluation.truth import Truth
+from rona_core.geometry.arrays import Bools, Floats, Ints
+from rona_core.mapping.build_maps import NEAR_MM
+
+if TYPE_CHECKING:
+    from rona_core.mapping.boundary_map import BoundaryMap, Maps
+
+
+def map_figures(maps: "Maps", truth: Truth) -> Figures:
+    """Return the errors of the maps, absolute and for the same robot, and their coverage."""
+    outer = _cells(maps.outer)
+    inner = _cells(maps.inner)
+    figures: Figures = {}
+    for suffix, systematic in (("", False), ("_same_robot", True)):
+        figures[f"outer{suffix}_rms_mm"] = rms(outer_errors_mm(outer, truth, systematic))
+        figures[f"inner{suffix}_rms_mm"] = rms(inner_errors_mm(inner, truth, systematic))
+    thickness = thickness_errors_mm(maps, truth)
+    figures["thickness_bias_mm"] = float(thickness.mean()) if len(thickness) else None
+    figures["thickness_rms_mm"] = rms(thickness)
+    fused = fused_on_outer_cells(maps)
+    figures["fused_outer_rms_mm"] = rms(outer_errors_mm(fused, truth, False))
+    region = truth.region_points()
+    figures["coverage_fraction"] = covered(maps.outer, region)
+    figures["inner_coverage_fraction"] = covered(maps.inner, region)
+    return figures
+
+
+def one_pass_figures(maps: "Maps", n_first: int, truth: Truth) -> Figures:
+    """Return the share of the region whose inner boundary the first ``n_first`` A-scans show."""
+    T_map_base = maps.inner.T_base_map.inv()
+    used = maps.inner_used[:n_first]
+    samples = (T_map_base @ maps.inner_points_base[:n_first][used])[:, :2]
+    region = (T_map_base @ truth.region_points())[:, :2]
+    near = KDTree(samples).query(region)[0] <= NEAR_MM if len(samples) else np.zeros(len(region))
+    return {"inner_coverage_one_pass_fraction": float(np.mean(near)) if len(region) else 0.0}
+
+
+def outer_errors_mm(points_base: Floats, truth: Truth, systematic: bool) -> Floats:
+    """Return the signed errors (n,) of mapped outer points, along the true outer normal.
+
+    With ``systematic`` the robot is sent to the mapped points, and the places where it really
+    arrives are compared: what remains when the same robot uses the map.
+    """
+    return truth.signed_distance_mm(_arrived(points_base, truth, systematic))
+
+
+def inner_errors_mm(points_base: Floats, truth: Truth, systematic: bool) -> Floats:
+    """Return the signed errors (n,) of mapped inner points, along the true outer normal.
+
+    Positive where the map has the inner boundary too far outside. Places where the true bone has
+    no inner boundary are left out.
+    """
+    errors = _inner_errors(points_base, truth, systematic)
+    return errors[np.isfinite(errors)]
+
+
+def _inner_errors(points_base: Floats, truth: Truth, systematic: bool) -> Floats:
+    """Return errors (n,) as ``inner_errors_mm`` does, infinite where there is no inner boundary."""
+    arrived = _arrived(points_base, truth, systematic)
+    foot, normals = truth.foot(arrived)
+    depth = ((foot - arrived) * normals).sum(axis=1)
+    return truth.thickness_mm(foot, normals) - depth
+
+
+def thickness_errors_mm(maps: "Maps", truth: Truth) -> Floats:
+    """Return mapped minus true thickness (n,), both along the true outer normal.
+
+    Each unflagged inner cell whose cell of the outer map is not flagged either counts. The line
+    along the true normal through the inner point meets the outer map where that map's error, a
+    smooth field of fractions of a millimetre, is interpolated between its cells.
+    """
+    if not maps.outer.ok.any() or not (maps.inner.ok & maps.outer.ok).any():
+        return np.zeros(0)
+    errors = _thickness_errors(maps, truth)
+    return errors[np.isfinite(errors)]
+
+
+def _thickness_errors(maps: "Maps", truth: Truth) -> Floats:
+    """Return errors (n,) of the cells that both maps vouch for; not finite where none is known."""
+    outer_error = np.zeros(maps.outer.ok.shape)
+    outer_error[maps.outer.ok] = truth.signed_distance_mm(_cells(maps.outer))
+    points = _cells(maps.inner, maps.inner.ok & maps.outer.ok)
+    foot, normals = truth.foot(points)
+    depth = ((foot - points) * normals).sum(axis=1)
+    above, found = _interpolated(maps.outer, outer_error, foot)
+    errors = above + depth - truth.thickness_mm(foot, normals)
+    return np.where(found, errors, np.inf)
+
+
+def cell_errors_mm(maps: "Maps", truth: Truth) -> dict[str, Floats]:
+    """Return the signed errors of all maps over their grid (nu, nv), infinite where none is known.
+
+    Keys are ``thickness``, and ``outer``, ``inner`` and ``fused``, absolute and, with the ending
+    ``_same_robot``, for the same robot. All maps are on one grid.
+    """
+    errors: dict[str, Floats] = {}
+    for suffix, systematic in (("", False), ("_same_robot", True)):
+        for name, boundary in (("outer", maps.outer), ("fused", maps.fused)):
+            found = outer_errors_mm(_cells(boundary), truth, systematic)
+            errors[name + suffix] = _on_grid(boundary.ok, found)
+        found = _inner_errors(_cells(maps.inner), truth, systematic)
+        errors["inner" + suffix] = _on_grid(maps.inner.ok, found)
+    both = maps.inner.ok & maps.outer.ok
+    errors["thickness"] = _on_grid(both, _thickness_errors(maps, truth) if both.any() else ())
+    return errors
+
+
+def _on_grid(which: Bools, values: ArrayLike) -> Floats:
+    """Return values (n,) in their cells, infinite elsewhere."""
+    grid = np.full(which.shape, np.inf)
+    grid[which] = values
+    return grid
+
+
+def fused_on_outer_cells(maps: "Maps") -> Floats:
+    """Return the fused map's points (n, 3) on those cells that the outer map vouches for."""
+    same = (
+        maps.fused.height_mm.shape == maps.outer.height_mm.shape
+        and np.array_equal(maps.fused.u_mm, maps.outer.u_mm)
+        and np.array_equal(maps.fused.v_mm, maps.outer.v_mm)
+        and np.array_equal(maps.fused.T_base_map.matrix(), maps.outer.T_base_map.matrix())
+    )
+    if same:
+        return _cells(maps.fused, maps.outer.ok & maps.fused.ok)
+    where = maps.fused.T_base_map.inv() @ _cells(maps.outer)
+    height, found = _interpolated_at(maps.fused, maps.fused.height_mm, where)
+    where[:, 2] = height
+    return maps.fused.T_base_map @ where[found]
+
+
+def covered(boundary: "BoundaryMap", region_base: Floats) -> float:
+    """Return the share of points (n, 3) of the requested region that lie in unflagged cells."""
+    if not len(region_base):
+        return 0.0
+    where = boundary.T_base_map.inv() @ region_base
+    i, in_u = _nearest(boundary.u_mm, where[:, 0])
+    j, in_v = _nearest(boundary.v_mm, where[:, 1])
+    return float(np.mean(in_u & in_v & boundary.ok[i, j]))
+
+
+def _arrived(points_base: Floats, truth: Truth, systematic: bool) -> Floats:
+    if not systematic:
+        return points_base
+    return points_base + truth.scene.robot_error.systematic_mm(points_base)
+
+
+def _cells(boundary: "BoundaryMap", which: Bools | None = None) -> Floats:
+    """Return the points (n, 3) of the unflagged cells, or of the cells named, in ``base``."""
+    chosen = boundary.ok if which is None else which
+    i, j = np.nonzero(chosen)
+    points_map = np.column_stack((boundary.u_mm[i], boundary.v_mm[j], boundary.height_mm[i, j]))
+    return boundary.T_base_map @ points_map
+
+
+def _interpolated(
+    boundary: "BoundaryMap", values: Floats, points_base: Floats
+) -> tuple[Floats, Bools]:
+    return _interpolated_at(boundary, values, boundary.T_base_map.inv() @ points_base)
+
+
+def _interpolated_at(
+    boundary: "BoundaryMap", values: Floats, where: Floats
+) -> tuple[Floats, Bools]:
+    """Interpolate cell values bilinearly among unflagged corners; also where one was found."""
+    u, v = boundary.u_mm, boundary.v_mm
+    i = np.clip(np.searchsorted(u, where[:, 0], side="right") - 1, 0, len(u) - 2)
+    j = np.clip(np.searchsorted(v, where[:, 1], side="right") - 1, 0, len(v) - 2)
+    a = np.clip((where[:, 0] - u[i]) / (u[i + 1] - u[i]), 0.0, 1.0)
+    b = np.clip((where[:, 1] - v[j]) / (v[j + 1] - v[j]), 0.0, 1.0)
+    total, weight = np.zeros(len(where)), np.zeros(len(where))
+    for di, dj, share in (
+        (0, 0, (1 - a) * (1 - b)),
+        (1, 0, a * (1 - b)),
+        (0, 1, (1 - a) * b),
+        (1, 1, a * b),
+    ):
+        known = share * boundary.ok[i + di, j + dj]
+        total += known * values[i + di, j + dj]
+        weight += known
+    found = weight > 1e-9
+    return np.where(found, total / np.maximum(weight, 1e-9), 0.0), found
+
+
+def _nearest(axis_mm: Floats, values: Floats) -> tuple[Ints, Bools]:
+    """Return the nearest index (n,) on a grid axis, and whether the value lies on the grid."""
+    step = float(axis_mm[1] - axis_mm[0]) if len(axis_mm) > 1 else 1.0
+    index = np.rint((values - axis_mm[0]) / step).astype(np.int64)
+    inside = (index >= 0) & (index < len(axis_mm))
+    return np.clip(index, 0, len(axis_mm) - 1), inside

@@ -1,0 +1,77 @@
+"""Figures of step 8: what the detection says of each A-scan against the true bone."""
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from rona_core.devices.wrench import summarize
+from rona_core.evaluation.figures import Figures
+from rona_core.evaluation.truth import Truth
+from rona_core.geometry.arrays import Bools, Floats
+from rona_core.geometry.pose import Poses
+from rona_core.robot.kinematics.catalog import robot_model
+from rona_core.virtual.true_tool_poses import error_key
+
+if TYPE_CHECKING:
+    from rona_core.session.document import ScanCapture
+    from rona_core.ultrasound.detection.detect import Detection
+
+WRONG_MM = 1.0  # an inner boundary further off than this is a failure
+
+
+def detection_figures(passes: Sequence["tuple[Detection, ScanCapture]"], truth: Truth) -> Figures:
+    """Return the shares of A-scans that are wrong, wrong without a flag, and flagged.
+
+    The A-scans of a second pass count like those of the first.
+    """
+    flagged = np.concatenate([detection.flag != 0 for detection, _ in passes])
+    if not len(flagged):
+        return dict.fromkeys(
+            ("detection_failure_fraction", "unflagged_failure_fraction", "flagged_fraction")
+        )
+    wrong = np.concatenate(
+        [
+            wrong_inner(detection, truth.inner_below_mm(true_probe_poses(scan, truth)))
+            for detection, scan in passes
+        ]
+    )
+    return {
+        "detection_failure_fraction": float(wrong.mean()),
+        "unflagged_failure_fraction": float(wrong[~flagged].mean()) if (~flagged).any() else None,
+        "flagged_fraction": float(flagged.mean()),
+    }
+
+
+def contact_figures(scan: "ScanCapture") -> Figures:
+    """Return how well the force kept to its set point, and the largest force of the scan."""
+    found = None if scan.forces is None else summarize(scan.forces)
+    if found is None:
+        return {}
+    return {"contact_force_rms_n": found.rms_n, "contact_force_peak_n": found.peak_n}
+
+
+def wrong_inner(detection: "Detection", true_mm: Floats) -> Bools:
+    """Return which A-scans (n,) place the inner boundary more than 1 mm off along the probe axis.
+
+    Where there is no inner boundary, an A-scan is wrong only if it claims one without a flag.
+    """
+    measured = detection.standoff_mm + detection.thickness_mm
+    missing = ~np.isfinite(true_mm)
+    off = np.abs(measured - np.where(missing, 0.0, true_mm)) > WRONG_MM
+    return np.where(missing, detection.flag == 0, off)
+
+
+def true_probe_poses(scan: "ScanCapture", truth: Truth) -> Poses:
+    """Return where the probe really was at each A-scan: joint angles arrive somewhat later."""
+    scene = truth.scene
+    model = robot_model(scene.settings.robot.model)
+    late_s = scene.settings.robot.latency_ms / 1000.0
+    Ts_base_flange = model.forward(scan.joints.at(scan.scans.times_s + late_s))
+    T_tip_probe = model.T_flange_tip.inv() @ model.T_flange_probe
+    poses = []
+    for index, time_s in enumerate(scan.scans.times_s):
+        nominal = Ts_base_flange[index] @ model.T_flange_tip
+        true = scene.T_base_tip_true(nominal, scan.ordinal, error_key(float(time_s)))
+        poses.append(true @ T_tip_probe)
+    return Poses.stack(poses)

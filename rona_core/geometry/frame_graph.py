@@ -1,0 +1,205 @@
+"""The frame graph: poses with where they come from, how old they are and how well they are known.
+
+The graph is a tree. A pose between any two of its frames is the chain of edges on the way, and its
+covariance follows to first order from those of the edges, correlated ones taken together. Every
+covariance is that of the deviation in ``geometry/tangent.py``.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from rona_core.errors import InvalidInputError, NotFoundError
+from rona_core.geometry.arrays import Floats, as_points, readonly
+from rona_core.geometry.pose import Pose
+from rona_core.geometry.pose_covariance import as_covariance, deviate, point_jacobians
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class FrameEdge:
+    """The pose of frame ``right`` in frame ``left``."""
+
+    left: str
+    right: str
+    T_a_b: Pose  # a is left, b is right
+    source: str  # what it was measured or computed by
+    covariance: Floats | None = None  # (6, 6); None: exact, or part of a joint covariance
+    time_s: float | None = None  # when it was measured; None: it holds always
+    stale_reason: str | None = None  # None while it is up to date
+
+    @property
+    def name(self) -> str:
+        """Name of the transform, ``T_left_right``."""
+        return f"T_{self.left}_{self.right}"
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class JointCovariance:
+    """Covariance of several edges whose errors belong together: (6 k, 6 k) in their order."""
+
+    names: tuple[str, ...]
+    covariance: Floats
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class FrameGraph:
+    """A tree of frames."""
+
+    edges: tuple[FrameEdge, ...]
+    joint: tuple[JointCovariance, ...] = ()
+
+    def __post_init__(self) -> None:
+        """Check that there is one way between any two frames, and one covariance an edge.
+
+        Raises:
+            InvalidInputError: two ways between frames, or covariances that do not fit the edges.
+        """
+        root: dict[str, str] = {}
+
+        def find(frame: str) -> str:
+            while root.setdefault(frame, frame) != frame:
+                frame = root[frame]
+            return frame
+
+        for edge in self.edges:
+            a, b = find(edge.left), find(edge.right)
+            if a == b:
+                raise InvalidInputError(f"{edge.name} is a second way between its frames")
+            root[a] = b
+            if edge.covariance is not None:
+                as_covariance(edge.covariance, 6, name=f"covariance of {edge.name}")
+        free = {edge.name for edge in self.edges if edge.covariance is None}
+        for block in self.joint:
+            as_covariance(block.covariance, 6 * len(block.names), name="joint covariance")
+            for name in block.names:
+                if name not in free:
+                    raise InvalidInputError(
+                        f"{name} has a covariance already, occurs twice, or is not in the graph"
+                    )
+                free.remove(name)
+
+    def way(self, left: str, right: str) -> tuple[tuple[FrameEdge, bool], ...]:
+        """Return the edges from ``left`` to ``right``, each with whether it points along the way.
+
+        Raises:
+            NotFoundError: no such frame, or the two are not connected.
+        """
+        frames = {frame for edge in self.edges for frame in (edge.left, edge.right)}
+        for frame in (left, right):
+            if frame not in frames:
+                raise NotFoundError(f"there is no frame {frame!r} in the graph")
+        ways: dict[str, tuple[tuple[FrameEdge, bool], ...]] = {left: ()}
+        queue = [left]
+        for frame in queue:
+            for edge in self.edges:
+                for here, there, along in (
+                    (edge.left, edge.right, True),
+                    (edge.right, edge.left, False),
+                ):
+                    if here == frame and there not in ways:
+                        ways[there] = (*ways[frame], (edge, along))
+                        queue.append(there)
+        if right not in ways:
+            raise NotFoundError(f"frames {left!r} and {right!r} are not connected")
+        return ways[right]
+
+    def pose(self, left: str, right: str) -> Pose:
+        """Return the pose of frame ``right`` in frame ``left``."""
+        T_a_b = Pose.identity()
+        for edge, along in self.way(left, right):
+            T_a_b = T_a_b @ (edge.T_a_b if along else edge.T_a_b.inv())
+        return T_a_b
+
+    def stale_reasons(self, left: str, right: str) -> tuple[str, ...]:
+        """Return why the pose between two frames is not up to date; empty if it is."""
+        reasons = ((edge.name, edge.stale_reason) for edge, _ in self.way(left, right))
+        return tuple(f"{name}: {reason}" for name, reason in reasons if reason is not None)
+
+    def oldest_s(self, left: str, right: str) -> float | None:
+        """Return when the oldest measurement on the way was made, None where none has a time."""
+        times = [e.time_s for e, _ in self.way(left, right) if e.time_s is not None]
+        return min(times, default=None)
+
+    def covariance(self, left: str, right: str) -> Floats:
+        """Return the covariance (6, 6) of the pose of ``right`` in ``left``."""
+        blocks = self._jacobians(left, right)
+        total = np.zeros((6, 6))
+        for edge, _ in self.way(left, right):
+            if edge.covariance is not None:
+                total += blocks[edge.name] @ edge.covariance @ blocks[edge.name].T
+        for joint in self.joint:
+            whole = np.hstack([blocks.get(name, np.zeros((6, 6))) for name in joint.names])
+            total += whole @ joint.covariance @ whole.T
+        return readonly((total + total.T) / 2.0)
+
+    def point_covariances(
+        self, left: str, right: str, points_right: ArrayLike, covariances: ArrayLike | None = None
+    ) -> Floats:
+        """Return the covariances (n, 3, 3) in ``left``, mm^2, of places (n, 3) in ``right``.
+
+        Args:
+            left: Frame that they are mapped into.
+            right: Frame that they are given in.
+            points_right: The places, mm.
+            covariances: Of the places themselves, (3, 3) or (n, 3, 3), mm^2; None: exact.
+        """
+        T_a_b = self.pose(left, right)
+        J = point_jacobians(T_a_b, as_points(points_right, name="points_right"))
+        found = J @ self.covariance(left, right) @ np.swapaxes(J, 1, 2)
+        if covariances is not None:
+            found = found + T_a_b.rotation @ np.asarray(covariances) @ T_a_b.rotation.T
+        return found
+
+    def disturbed(self, rng: np.random.Generator) -> "FrameGraph":
+        """Return the graph with every pose deviated at random by its covariance."""
+        drawn: dict[str, Floats] = {}
+        for joint in self.joint:
+            whole = _draw(joint.covariance, rng)
+            drawn |= {name: whole[6 * i : 6 * i + 6] for i, name in enumerate(joint.names)}
+        for edge in self.edges:
+            if edge.covariance is not None:
+                drawn[edge.name] = _draw(edge.covariance, rng)
+        edges = tuple(
+            replace(edge, T_a_b=deviate(edge.T_a_b, drawn.get(edge.name, np.zeros(6))))
+            for edge in self.edges
+        )
+        return replace(self, edges=edges)
+
+    def _jacobians(self, left: str, right: str) -> dict[str, Floats]:
+        """Return by edge how the deviation of the whole pose depends on that of the edge."""
+        way = self.way(left, right)
+        rotation = np.eye(3)  # from the frame before the edge into left
+        found: dict[str, Floats] = {}
+        for i, (edge, along) in enumerate(way):
+            origin = _origin(way[i + 1 :])  # of right, in the frame behind the edge
+            if along:
+                rotating = rotation
+                shifting = point_jacobians(edge.T_a_b, origin[None])[0]
+                behind = edge.T_a_b.rotation
+            else:
+                rotating = -rotation @ edge.T_a_b.rotation.T
+                shifting = point_jacobians(edge.T_a_b, origin[None], direction="backward")[0]
+                behind = edge.T_a_b.rotation.T
+            J = np.zeros((6, 6))
+            J[:3, :3] = rotating
+            J[3:] = rotation @ shifting
+            found[edge.name] = J
+            rotation = rotation @ behind
+        return found
+
+
+def _origin(rest: Sequence[tuple[FrameEdge, bool]]) -> Floats:
+    """Return where the last frame of a way has its origin, in the first one."""
+    point = np.zeros(3)
+    for edge, along in reversed(rest):
+        point = (edge.T_a_b if along else edge.T_a_b.inv()) @ point
+    return point
+
+
+def _draw(covariance: Floats, rng: np.random.Generator) -> Floats:
+    """Return one deviation with a covariance that may be singular."""
+    scale = np.sqrt(np.maximum(np.diag(covariance), 1e-300))
+    values, vectors = np.linalg.eigh(covariance / np.outer(scale, scale))
+    return scale * (vectors @ (np.sqrt(np.maximum(values, 0.0)) * rng.normal(size=len(scale))))

@@ -1,0 +1,217 @@
+"""Make maps of both boundaries from A-scans with their poses, and fuse the pointer cloud."""
+
+import numpy as np
+from numpy.typing import ArrayLike
+from scipy.spatial import KDTree
+
+from rona_core.devices.protocols import Cancel, Progress, never, silent
+from rona_core.errors import CancelledError, DegenerateGeometryError, InvalidInputError
+from rona_core.geometry.arrays import Bools, Floats, as_points, readonly
+from rona_core.geometry.pose import Pose, Poses
+from rona_core.mapping.boundary_map import BoundaryMap, CloudFit, Maps
+from rona_core.mapping.cloud_fusion import fit_cloud, thinned
+from rona_core.mapping.curvature_correction import lateness_mm, mean_curvature_per_mm
+from rona_core.mapping.hampel_filter import agreeing
+from rona_core.mapping.thin_plate_spline import PlateFit, fit_plate
+from rona_core.ultrasound.detection.detect import Detection
+from rona_core.ultrasound.probe.probe_model import ProbeModel, probe_model
+
+NEAR_MM = 2.5  # a cell is mapped if a sample lies this close
+LEAST_SAMPLES = 12
+LEAST_THICKNESS_MM = 0.2  # the inner map stays at least this far below the outer one
+CLOUD_REACH_MM = 6.0  # the cloud extends the map by no more than this
+
+
+def build_maps(
+    detection: Detection,
+    Ts_base_probe: Poses,
+    cloud_points_base: ArrayLike | None = None,
+    *,
+    second: tuple[Detection, Poses] | None = None,
+    cell_mm: float = 1.0,
+    probe: ProbeModel | None = None,
+    progress: Progress = silent,
+    cancel: Cancel = never,
+) -> Maps:
+    """Return the maps of the outer and inner boundary and of the outer one fused with the cloud.
+
+    Args:
+        detection: What was found in n A-scans.
+        Ts_base_probe: Pose of the probe at each of them, z into the bone.
+        cloud_points_base: Points of the pointer (m, 3) in ``base``.
+        second: What was found in the A-scans of a second pass, and the poses of the probe. Only
+            their inner boundary counts, and they come last in the points of the maps.
+        cell_mm: Width of a cell.
+        probe: That took the A-scans; None: the one that the detection names, unchanged.
+        progress: Told the share that is done.
+        cancel: Asked between the parts.
+
+    Raises:
+        InvalidInputError: numbers of A-scans and poses differ.
+        DegenerateGeometryError: too few A-scans have an outer boundary, or they lie on a line.
+        CancelledError: somebody cancelled.
+    """
+    if len(Ts_base_probe) != len(detection.flag):
+        raise InvalidInputError(
+            f"{len(detection.flag)} A-scans need as many poses, not {len(Ts_base_probe)}"
+        )
+    axes_base = Ts_base_probe.rotations[:, :, 2]
+    outer_base, inner_base = boundary_points(detection, Ts_base_probe)
+    usable = detection.outer_ok
+    if np.count_nonzero(usable) < LEAST_SAMPLES:
+        raise DegenerateGeometryError(
+            f"{np.count_nonzero(usable)} of {len(usable)} A-scans show the outer boundary, "
+            f"{LEAST_SAMPLES} are the least for a map: was the probe in contact?"
+        )
+    T_base_map = _frame(outer_base[usable], axes_base[usable])
+    outer_map = T_base_map.inv() @ outer_base
+    curvature = mean_curvature_per_mm(outer_map[_agreeing_among(usable, outer_map)])
+    late = lateness_mm(probe or probe_model(detection.probe), curvature) * axes_base
+    outer_base, inner_base = outer_base - late, inner_base - late
+    outer_map = T_base_map.inv() @ outer_base
+    outer_used = _agreeing_among(usable, outer_map)
+    grid = _Grid(T_base_map, outer_map[outer_used], cell_mm)
+    _pause(progress, 0.2, cancel)
+    plate = fit_plate(outer_map[outer_used, :2], outer_map[outer_used, 2])
+    outer = grid.boundary(plate, grid.near(outer_map[outer_used]))
+    _pause(progress, 0.5, cancel)
+    usable_inner = np.asarray(detection.outer_ok & detection.inner_ok & (detection.flag == 0))
+    if second is not None:
+        again_outer, again_inner = boundary_points(*second)
+        outer_base = np.vstack((outer_base, again_outer))
+        inner_base = np.vstack((inner_base, again_inner))
+        usable_inner = np.concatenate((usable_inner, second[0].flag == 0))
+    inner, inner_used = _inner(usable_inner, T_base_map.inv() @ inner_base, plate, grid, outer)
+    _pause(progress, 0.7, cancel)
+    fused, fit = outer, None
+    if cloud_points_base is not None:
+        fused, fit = _fused(as_points(cloud_points_base), outer_map[outer_used], plate, grid)
+    progress(1.0)
+    return Maps(
+        outer_points_base=readonly(outer_base),
+        inner_points_base=readonly(inner_base),
+        outer_used=readonly(np.pad(outer_used, (0, len(outer_base) - len(outer_used)))),
+        inner_used=readonly(inner_used),
+        outer=outer,
+        inner=inner,
+        fused=fused,
+        cloud_fit=fit,
+    )
+
+
+def boundary_points(detection: Detection, Ts_base_probe: Poses) -> tuple[Floats, Floats]:
+    """Return where A-scans place the outer and the inner boundary (n, 3), in ``base``."""
+    axes_base = Ts_base_probe.rotations[:, :, 2]
+    outer_base = Ts_base_probe.translations + detection.standoff_mm[:, None] * axes_base
+    return outer_base, outer_base + detection.thickness_mm[:, None] * axes_base
+
+
+class _Grid:
+    """The cells that all maps share."""
+
+    def __init__(self, T_base_map: Pose, points_map: Floats, cell_mm: float) -> None:
+        low = np.floor(points_map[:, :2].min(axis=0) / cell_mm) * cell_mm
+        high = np.ceil(points_map[:, :2].max(axis=0) / cell_mm) * cell_mm
+        self.T_base_map = T_base_map
+        self.cell_mm = cell_mm
+        self.u_mm, self.v_mm = (
+            np.arange(low[k], high[k] + 0.5 * cell_mm, cell_mm) for k in range(2)
+        )
+        u, v = np.meshgrid(self.u_mm, self.v_mm, indexing="ij")
+        self.places = np.column_stack((u.ravel(), v.ravel()))
+        self.shape = u.shape
+
+    def near(self, points_map: Floats, reach_mm: float = NEAR_MM) -> Bools:
+        """Return which cells (nu, nv) have one of the points (n, 3) close by."""
+        if not len(points_map):
+            return np.zeros(self.shape, dtype=np.bool_)
+        distance = KDTree(points_map[:, :2]).query(self.places)[0]
+        return (distance <= reach_mm).reshape(self.shape)
+
+    def boundary(self, plate: PlateFit, ok: Bools) -> BoundaryMap:
+        """Return a map with the heights of the plate."""
+        return self.with_heights(plate.heights(self.places).reshape(self.shape), ok)
+
+    def with_heights(self, heights: Floats, ok: Bools) -> BoundaryMap:
+        """Return a map with these heights (nu, nv)."""
+        return BoundaryMap(
+            T_base_map=self.T_base_map,
+            u_mm=readonly(self.u_mm),
+            v_mm=readonly(self.v_mm),
+            height_mm=readonly(np.ascontiguousarray(heights)),
+            ok=readonly(np.ascontiguousarray(ok)),
+        )
+
+
+def _frame(points: Floats, axes: Floats) -> Pose:
+    """Return the frame ``map`` in base: origin in the middle, z out of the bone."""
+    middle = points.mean(axis=0)
+    _, widths, directions = np.linalg.svd(points - middle, full_matrices=False)
+    if widths[1] < 1e-3 * max(widths[0], 1e-12):
+        raise DegenerateGeometryError(
+            f"the {len(points)} scanned points lie on one line: scan an area, not a stroke"
+        )
+    z = directions[2] if directions[2] @ axes.mean(axis=0) < 0 else -directions[2]
+    x = np.array((1.0, 0.0, 0.0)) if abs(z[0]) < 0.9 else np.array((0.0, 1.0, 0.0))
+    x = x - (x @ z) * z
+    x = x / np.linalg.norm(x)
+    return Pose(np.column_stack((x, np.cross(z, x), z)), middle)
+
+
+def _agreeing_among(usable: Bools, points_map: Floats) -> Bools:
+    """Return which of the usable points (n, 3) have a height that agrees with their neighbours."""
+    used = usable.copy()
+    used[usable] = agreeing(points_map[usable, :2], points_map[usable, 2])
+    return used
+
+
+def _inner(
+    usable: Bools, inner_map: Floats, plate: PlateFit, grid: _Grid, outer: BoundaryMap
+) -> tuple[BoundaryMap, Bools]:
+    """Map what lies between the boundaries and subtract it, so that they never cross."""
+    nothing = np.zeros(grid.shape, dtype=np.bool_)
+    if np.count_nonzero(usable) < LEAST_SAMPLES:
+        flat = grid.with_heights(outer.height_mm - LEAST_THICKNESS_MM, nothing)
+        return flat, np.zeros(len(usable), dtype=np.bool_)
+    below = np.zeros(len(usable))
+    below[usable] = plate.heights(inner_map[usable, :2]) - inner_map[usable, 2]
+    used = _agreeing_among(usable, np.column_stack((inner_map[:, :2], below)))
+    if np.count_nonzero(used) < LEAST_SAMPLES:
+        flat = grid.with_heights(outer.height_mm - LEAST_THICKNESS_MM, nothing)
+        return flat, np.zeros(len(usable), dtype=np.bool_)
+    between = fit_plate(inner_map[used, :2], below[used])
+    depth = np.maximum(between.heights(grid.places), LEAST_THICKNESS_MM).reshape(grid.shape)
+    ok = grid.near(inner_map[used])
+    return grid.with_heights(outer.height_mm - depth, ok), used
+
+
+def _fused(
+    cloud_base: Floats, outer_map: Floats, plate: PlateFit, grid: _Grid
+) -> tuple[BoundaryMap, CloudFit | None]:
+    cloud_map = grid.T_base_map.inv() @ cloud_base
+    fit = fit_cloud(cloud_map, plate, NEAR_MM)
+    if fit is None:
+        return grid.boundary(plate, grid.near(outer_map)), None
+    moved = fit.correction @ cloud_map  # both in map
+    reach = KDTree(outer_map[:, :2]).query(moved[:, :2])[0]
+    points = thinned(moved[reach <= CLOUD_REACH_MM], grid.cell_mm)
+    points = points[agreeing(points[:, :2], points[:, 2])] if len(points) else points
+    ultrasound_sd = max(float(np.sqrt(np.mean(plate.residuals_mm**2))), 0.02)
+    # neighbouring samples of one stroke share their errors, so a cell counts as one sample
+    cloud_variance = np.full(len(points), max(fit.rms_mm / ultrasound_sd, 1.0) ** 2)
+    joined = fit_plate(
+        np.vstack((outer_map[:, :2], points[:, :2])),
+        np.concatenate((outer_map[:, 2], points[:, 2])),
+        np.concatenate((np.ones(len(outer_map)), cloud_variance)),
+        stiffness=plate.stiffness,
+    )
+    ok = grid.near(outer_map) | grid.near(points)
+    correction = grid.T_base_map @ fit.correction @ grid.T_base_map.inv()
+    in_base = CloudFit(correction, fit.rms_mm, fit.n_used, fit.eigenvalues)
+    return grid.boundary(joined, ok), in_base
+
+
+def _pause(progress: Progress, share: float, cancel: Cancel) -> None:
+    progress(share)
+    if cancel():
+        raise CancelledError("the mapping was cancelled")

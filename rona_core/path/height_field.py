@@ -1,0 +1,66 @@
+"""The height of measured surface points over the tangent plane of a patch, at any place."""
+
+from collections.abc import Callable
+
+import numpy as np
+from numpy.typing import ArrayLike
+from scipy.spatial import KDTree
+
+from rona_core.errors import DegenerateGeometryError
+from rona_core.geometry.arrays import Floats, as_points
+from rona_core.geometry.pose import Pose
+
+NEIGHBOURS = 24
+RIDGE = 1e-3  # of the weight: a lean that the points do not show is not made up
+
+
+def relief(
+    points_base: ArrayLike, T_base_patch: Pose, *, reach_mm: float = 6.0, depth_mm: float = 40.0
+) -> Callable[[Floats], Floats]:
+    """Return the height (k,) in mm of a surface cloud over places (k, 2) of a patch.
+
+    At each place a plane is fitted to the points around it, with weights that fall to zero at the
+    last of 24 neighbours; so noise is averaged and a lean is followed.
+
+    Args:
+        points_base: Surface points (n, 3) in ``base``.
+        T_base_patch: Pose of the patch, z out of the bone.
+        reach_mm: A place with no point within this distance has no height.
+        depth_mm: Points farther from the tangent plane belong to something else.
+
+    Raises:
+        DegenerateGeometryError: too few points near the patch, or, from the function returned,
+            places without a point nearby.
+    """
+    points_patch = T_base_patch.inv() @ as_points(points_base, name="points_base")
+    points_patch = points_patch[np.abs(points_patch[:, 2]) <= depth_mm]
+    if len(points_patch) < 3:
+        raise DegenerateGeometryError(
+            f"only {len(points_patch)} surface points lie within {depth_mm:g} mm of the patch"
+        )
+    tree = KDTree(points_patch[:, :2])
+    k = min(NEIGHBOURS, len(points_patch))
+
+    def heights(places: Floats) -> Floats:
+        distances, rows = tree.query(places, k=k)
+        bare = distances[:, 0] > reach_mm
+        if bare.any():
+            raise DegenerateGeometryError(
+                f"{int(bare.sum())} of {len(places)} places of the pattern have no surface point "
+                f"within {reach_mm:g} mm: sample the surface there or draw the boundary closer"
+            )
+        width = np.maximum(distances[:, -1:], 1e-9) * (1.0 + 1e-9)
+        weights = (1.0 - (distances / width) ** 2) ** 2
+        weights /= weights.sum(axis=1, keepdims=True)
+        offsets = points_patch[rows, :2] - places[:, None]
+        z = points_patch[rows, 2]
+        middle = (weights[..., None] * offsets).sum(axis=1)
+        mean = (weights * z).sum(axis=1)
+        q, r = offsets - middle[:, None], z - mean[:, None]
+        moments = np.einsum("pk,pki,pkj->pij", weights, q, q)
+        moments += RIDGE * np.trace(moments, axis1=1, axis2=2)[:, None, None] * np.eye(2)
+        moments += 1e-12 * np.eye(2)
+        lean = np.linalg.solve(moments, np.einsum("pk,pki,pk->pi", weights, q, r)[..., None])
+        return mean - (lean[..., 0] * middle).sum(axis=1)
+
+    return heights

@@ -1,0 +1,156 @@
+"""Measure how far a simplified path is from its original: the paper's K1, K2 and K3.
+
+Written apart from the simplifier, so that it can check it. A piece is the original points from one
+kept point to the next, both included; a figure of a path is that of its worst piece.
+"""
+
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from rona_core.errors import InvalidInputError
+from rona_core.geometry.arrays import Floats, Ints, as_floats
+from rona_core.path.simplification.segment_distance import (
+    Metric,
+    distances_to_segment,
+    feet_on_segment,
+    strip_areas,
+)
+
+METRICS: tuple[Metric, ...] = ("k1", "k2", "k3")
+
+
+@dataclass(frozen=True, slots=True)
+class Deviations:
+    """The worst piece of a simplified path by each measure."""
+
+    k1_mm: float  # largest distance of the originals from the replacing segment
+    k2_mm: float  # root of their mean squared distance
+    k3_mm2: float  # area between the original and the segment
+    where: int  # index of the original point with the largest distance
+
+
+def deviations(points: ArrayLike, index: ArrayLike, *, closed: bool = False) -> Deviations:
+    """Return K1, K2 and K3 of the path that keeps ``points[index]``.
+
+    K1 is also the Hausdorff distance, in both directions, of the continuous piece from its
+    segment: the distance from a segment is convex, so the corners are the farthest, and every
+    place of the segment lies below some place of the piece.
+
+    Args:
+        points: Original path (n, m), any m, in mm.
+        index: Increasing indices (k,) of the points kept, first and last among them.
+        closed: The last point goes on to the first; then no index must be among those kept.
+
+    Raises:
+        InvalidInputError: wrong shapes, or indices that do not start at 0, increase, and end.
+    """
+    p = as_path(points)
+    n = len(p)
+    p, kept = _opened(p, index) if closed else (p, _as_index(index, n))
+    if len(kept) < 2:
+        return Deviations(0.0, 0.0, 0.0, 0)
+    piece = np.clip(np.searchsorted(kept, np.arange(len(p)), side="right") - 1, 0, len(kept) - 2)
+    start, end = p[kept[piece]], p[kept[piece + 1]]
+    distances = distances_to_segment(p, start, end)
+    distances[kept] = 0.0  # by definition, whatever rounding says
+    sizes = np.diff(kept) + 1.0
+    sums = np.add.reduceat(distances**2, kept[:-1])  # the last of each piece adds nothing
+    start, end = start[:-1], end[:-1]  # every step belongs to the piece that it begins in
+    feet = (feet_on_segment(q, start, end) for q in (p[:-1], p[1:]))
+    areas = np.add.reduceat(strip_areas(p[:-1], p[1:], *feet), kept[:-1])
+    areas[np.diff(kept) == 1] = 0.0
+    worst = int(distances.argmax())
+    return Deviations(
+        k1_mm=float(distances.max()),
+        k2_mm=float(np.sqrt((sums / sizes).max())),
+        k3_mm2=float(areas.max()),
+        where=(worst + _first(index)) % n if closed else worst,
+    )
+
+
+def within_frechet(
+    points: ArrayLike, index: ArrayLike, tolerance: float, *, closed: bool = False
+) -> bool:
+    """Return whether each piece stays within ``tolerance`` of its segment in the sense of Fréchet.
+
+    One piece and one point after the other: slow and plain, to check what is fast.
+
+    Args:
+        points: Original path (n, m).
+        index: Indices (k,) of the points kept, as in :func:`deviations`.
+        tolerance: Bound in mm.
+        closed: As in :func:`deviations`.
+    """
+    p = as_path(points)
+    p, kept = _opened(p, index) if closed else (p, _as_index(index, len(p)))
+    for a, b in pairwise(kept.tolist()):
+        chord = p[b] - p[a]
+        length_sq, at = float(chord @ chord), 0.0
+        for q in p[a + 1 : b] - p[a]:
+            # the share t of the segment where |q - t chord| <= tolerance
+            if length_sq == 0.0:
+                if float(q @ q) > tolerance**2:
+                    return False
+                continue
+            foot = float(q @ chord) / length_sq
+            away = q - foot * chord
+            room = tolerance**2 - float(away @ away)
+            if room < 0.0:
+                return False
+            half = float(np.sqrt(room / length_sq))
+            at = max(at, foot - half)
+            if at > min(foot + half, 1.0):
+                return False
+    return True
+
+
+def _first(index: ArrayLike) -> int:
+    return int(np.asarray(index).ravel()[0])
+
+
+def _opened(p: Floats, index: ArrayLike) -> tuple[Floats, Ints]:
+    """Return a closed path opened at its first kept point, which then is the last one too."""
+    kept = np.asarray(index)
+    whole = kept.ndim == 1 and len(kept) > 0 and np.issubdtype(kept.dtype, np.integer)
+    if not whole or kept[0] < 0 or kept[-1] >= len(p) or (np.diff(kept) <= 0).any():
+        raise InvalidInputError(f"index must increase within 0 to {len(p) - 1}")
+    first = int(kept[0])
+    turned = np.roll(p, -first, axis=0)
+    return np.vstack((turned, turned[:1])), np.append(kept - first, len(p))
+
+
+def deviation(points: ArrayLike, index: ArrayLike, metric: Metric = "k1") -> float:
+    """Return one figure of :func:`deviations`: mm for "k1" and "k2", mm^2 for "k3"."""
+    found = deviations(points, index)
+    return {"k1": found.k1_mm, "k2": found.k2_mm, "k3": found.k3_mm2}[as_metric(metric)]
+
+
+def as_metric(metric: str) -> Metric:
+    """Return ``metric`` after checking its name."""
+    for known in METRICS:
+        if metric == known:
+            return known
+    raise InvalidInputError(f"metric must be one of {', '.join(METRICS)}, not {metric!r}")
+
+
+def as_path(points: ArrayLike) -> Floats:
+    """Return a path (n, m) with n >= 1 and m >= 1 as finite float64.
+
+    Raises:
+        InvalidInputError: another shape, or values that are not finite.
+    """
+    p = as_floats(points, name="points")
+    if p.ndim != 2 or not len(p) or not p.shape[1]:
+        raise InvalidInputError(f"a path must have shape (n, m) with n, m >= 1, not {p.shape}")
+    return p
+
+
+def _as_index(index: ArrayLike, n: int) -> Ints:
+    kept = np.asarray(index)
+    whole = kept.ndim == 1 and len(kept) > 0 and np.issubdtype(kept.dtype, np.integer)
+    if not whole or kept[0] != 0 or kept[-1] != n - 1 or (np.diff(kept) <= 0).any():
+        raise InvalidInputError(f"index must increase from 0 to {n - 1}")
+    return kept.astype(np.int64)

@@ -1,0 +1,193 @@
+"""Smooth a demonstrated path: as few points as possible within a bound of the original."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from rona_core.devices.protocols import never
+from rona_core.errors import InvalidInputError
+from rona_core.geometry.arrays import Bools, Floats, Ints, readonly
+from rona_core.path.simplification.deviation import as_metric, as_path, deviations
+from rona_core.path.simplification.douglas_peucker import SPLIT_RULE, split_points
+from rona_core.path.simplification.error_bound import Bound, rounding_of
+from rona_core.path.simplification.greedy import FAST_RULE, few_points
+from rona_core.path.simplification.lower_bound import fewest_possible
+from rona_core.path.simplification.segment_distance import Metric
+from rona_core.path.simplification.shortest_path import (
+    MAX_WORK,
+    OPTIMAL_RULE,
+    fewest_points,
+    work_estimate,
+)
+from rona_core.path.simplification.vertex_decimation import GREEDY_RULE, as_keep, order_within
+
+SimplifyMethod = Literal["optimal", "fast", "greedy", "rdp"]
+METHODS: tuple[SimplifyMethod, ...] = ("optimal", "fast", "greedy", "rdp")
+RULES = {"optimal": OPTIMAL_RULE, "fast": FAST_RULE, "greedy": GREEDY_RULE, "rdp": SPLIT_RULE}
+ANCHOR_RULE = "; closed: the point farthest from the centroid stays"
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class SimplifiedPath:
+    """Which points of a path are kept, and how far the others are from what is left."""
+
+    index: Ints  # (k,) increasing; first and last point among them unless the path is closed
+    tolerance: float  # mm, or mm^2 for "k3"
+    metric: str
+    method: str  # that was used
+    n_original: int
+    k1_mm: float  # of the worst piece: largest distance of an original point
+    k2_mm: float  # of the worst piece: root mean square distance
+    k3_mm2: float  # of the worst piece: area between original and segment
+    where: int  # index of the original point that is farthest away
+    frechet: bool  # K1, or the cap on it, holds in the sense of Fréchet: no stroke is lost
+    closed: bool  # the last point goes on to the first
+    lower_bound: int  # no path within the same bound has fewer points
+    exact: bool  # this one has as few as that
+    rule: str  # what decides which points stay, ties included
+
+    def __len__(self) -> int:
+        return len(self.index)
+
+
+def simplify(
+    points: ArrayLike,
+    tolerance: float,
+    *,
+    method: SimplifyMethod = "optimal",
+    metric: Metric = "k1",
+    frechet: bool = True,
+    keep: ArrayLike | None = None,
+    closed: bool = False,
+    cap_mm: float | None = None,
+    cancel: Callable[[], bool] | None = None,
+) -> SimplifiedPath:
+    """Return a path of fewer points that stays within ``tolerance`` of the original in each piece.
+
+    Args:
+        points: Path (n, m), any m, in mm.
+        tolerance: Bound in mm, or mm^2 for "k3"; only "k1" bounds the distance itself.
+        method: "optimal": the fewest points; where that would take too long, "fast" is used and
+            the result says so. "fast": few points, not surely the fewest. "greedy", the paper's:
+            the point of least deviation goes first, until none can. "rdp": Ramer, Douglas and
+            Peucker.
+        metric: "k1" largest distance, "k2" root mean square, "k3" area.
+        frechet: Bound the distance in the sense of Fréchet, so that strokes that run back and
+            forth within the tolerance stay. False: K1 alone, as in the paper.
+        keep: Mask (n,) or indices of points that must stay; the two ends always do.
+        closed: The last point goes on to the first. The point farthest from the centroid stays in
+            place of the ends.
+        cap_mm: Bound on the distance beside "k2" or "k3", which do not bound it.
+        cancel: Asked now and then by "optimal" and "fast"; True gives up.
+
+    Raises:
+        InvalidInputError: wrong shape, unknown method or metric, negative tolerance, or "optimal"
+            or "fast" for "k2" or "k3" on a path too long for it.
+        CancelledError: ``cancel`` said so.
+    """
+    p = as_path(points)
+    bound = as_bound(p, tolerance, metric, frechet, cap_mm)
+    fixed = as_keep(keep, len(p), ends=not closed)
+    original, turned = p, 0
+    if closed:
+        p, fixed, turned = _opened(p, fixed)
+    index, used = chosen_points(p, fixed, bound, method, cancel or never)
+    columns = np.ascontiguousarray(p.T)
+    least = len(index) if used == "optimal" else fewest_possible(columns, fixed, bound)
+    exact = len(index) == least
+    if closed and len(p) > 1:
+        index, least = np.sort((index[:-1] + turned) % (len(p) - 1)), least - 1
+    found = deviations(original, index, closed=closed)
+    return SimplifiedPath(
+        index=readonly(index),
+        tolerance=bound.tolerance,
+        metric=bound.metric,
+        method=used,
+        n_original=len(original),
+        k1_mm=found.k1_mm,
+        k2_mm=found.k2_mm,
+        k3_mm2=found.k3_mm2,
+        where=found.where,
+        frechet=bound.walks,
+        closed=closed,
+        lower_bound=least,
+        exact=exact,
+        rule=RULES[used] + (ANCHOR_RULE if closed else ""),
+    )
+
+
+def chosen_points(
+    points: Floats,
+    fixed: Bools,
+    bound: Bound,
+    method: SimplifyMethod,
+    cancel: Callable[[], bool],
+) -> tuple[Ints, SimplifyMethod]:
+    """Return the indices (k,) that stay, and the method that was used.
+
+    Raises:
+        InvalidInputError: unknown method, or one that would take too long.
+        CancelledError: ``cancel`` said so.
+    """
+    if method not in METHODS:
+        raise InvalidInputError(f"method must be one of {', '.join(METHODS)}, not {method!r}")
+    columns = np.ascontiguousarray(points.T)
+    used = _feasible(columns, fixed, bound, method)
+    if used == "optimal":
+        return fewest_points(columns, fixed, bound, cancel=cancel), used
+    if used == "fast":
+        return few_points(columns, fixed, bound, cancel=cancel), used
+    if used == "rdp":
+        return split_points(columns, fixed, bound), used
+    there = np.ones(len(points), dtype=np.bool_)
+    there[order_within(points, fixed, bound)[0]] = False
+    return np.flatnonzero(there), used
+
+
+def as_bound(
+    points: Floats, tolerance: float, metric: str, frechet: bool, cap_mm: float | None
+) -> Bound:
+    """Return what a piece must fulfil.
+
+    Raises:
+        InvalidInputError: unknown metric, a bound below 0, or a cap beside "k1".
+    """
+    known = as_metric(metric)
+    if not 0.0 <= tolerance < np.inf:
+        raise InvalidInputError(f"tolerance must be 0 or more, not {tolerance}")
+    if cap_mm is not None and (known == "k1" or not cap_mm >= 0.0):
+        raise InvalidInputError(
+            f"cap_mm must be 0 or more, and beside k2 or k3, not {cap_mm} beside {known}"
+        )
+    near = float(tolerance) if known == "k1" else np.inf if cap_mm is None else float(cap_mm)
+    return Bound(known, float(tolerance), near, frechet, rounding_of(points, known))
+
+
+def _feasible(
+    columns: Floats, fixed: Bools, bound: Bound, method: SimplifyMethod
+) -> SimplifyMethod:
+    """Return the method that is used: "fast" where "optimal" would take too long."""
+    searches = method == "optimal" or (method == "fast" and bound.near_mm == np.inf)
+    if not searches or columns.shape[1] < 3:
+        return method
+    work = work_estimate(columns, fixed, bound)
+    if work > MAX_WORK and bound.near_mm == np.inf:
+        raise InvalidInputError(
+            f"method {method} with {bound.metric} must look at every piece of "
+            f"{columns.shape[1]} points, about {work:.2g} distances ({MAX_WORK:.2g} at most): "
+            "give cap_mm, a bound on the distance, or use greedy"
+        )
+    return "fast" if work > MAX_WORK else method
+
+
+def _opened(p: Floats, fixed: Bools) -> tuple[Floats, Bools, int]:
+    """Return a closed path opened at its anchor, which is then first and last, and the shift."""
+    away = ((p - p.mean(axis=0)) ** 2).sum(axis=1)
+    anchor = int(away.argmax())
+    p, fixed = np.roll(p, -anchor, axis=0), np.roll(fixed, -anchor)
+    fixed = np.append(fixed, True)
+    fixed[0] = True
+    return np.vstack((p, p[:1])), fixed, anchor

@@ -1,0 +1,100 @@
+"""Places of the robot's base: where to look for them, one of them, and a map of all."""
+
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rona_core.devices.settings import RobotSettings, require
+from rona_core.geometry.arrays import Bools, Floats
+from rona_core.geometry.path5d import Path5D
+from rona_core.geometry.pose import Pose
+from rona_core.robot.redundancy.margins import RoomRules
+
+FARTHEST_MM = 2000.0  # settings of the robot allow no more
+
+
+@dataclass(frozen=True, slots=True)
+class BaseSearch:
+    """Where to look for a place of the base, and how closely."""
+
+    half_x_mm: float = 500.0  # to either side of where the base stands
+    half_y_mm: float = 600.0
+    step_mm: float = 100.0
+    levels_mm: tuple[float, ...] = (0.0,)  # heights to try, from where the base stands
+    keep_off_mm: float = 350.0  # least level distance of the base from the middle of the path
+    n_points: int = 60  # of the path that are looked at when screening
+    n_rolls: int = 36
+    reserve: float = 0.05  # room that another place must have: calibrated anew, the path is another
+    rules: RoomRules = field(default_factory=RoomRules)
+
+    def __post_init__(self) -> None:
+        for name in ("half_x_mm", "half_y_mm"):
+            value = getattr(self, name)
+            require(0.0 <= value <= FARTHEST_MM, f"{name} must be 0 to 2000, not {value}")
+        require(10.0 <= self.step_mm <= 500.0, f"step_mm must be 10 to 500, not {self.step_mm}")
+        require(len(self.levels_mm) > 0, "levels_mm needs at least one height")
+        require(0.0 <= self.reserve <= 2.0, f"reserve must be 0 to 2, not {self.reserve}")
+        require(self.keep_off_mm >= 0.0, "keep_off_mm must not be negative")
+        require(2 <= self.n_points <= 2000, f"n_points must be 2 to 2000, not {self.n_points}")
+        require(1 <= self.n_rolls <= 360, f"n_rolls must be 1 to 360, not {self.n_rolls}")
+
+
+@dataclass(frozen=True, slots=True)
+class BasePlace:
+    """A place of the base from which the whole scan was planned, timed and certified."""
+
+    shift_mm: tuple[float, float, float]  # as in RobotSettings: from the default place
+    turn_deg: float  # likewise, about the vertical
+    moved_mm: float  # from where the base stands
+    turned_deg: float
+    margin: float  # room with the best constant roll, as screened; negative where only
+    mode: str  # a roll that varies along the path works: "constant" or "variable"
+    n_feasible: int  # constant rolls that work from there on the dense path
+    sentence: str
+
+    def moved(self, robot: RobotSettings) -> RobotSettings:
+        """Return the robot's settings with its base at this place."""
+        return replace(robot, base_shift_mm=self.shift_mm, base_turn_deg=self.turn_deg)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class BasePlacement:
+    """A map of places for the base, the best of them and the smallest move that works.
+
+    The map is screened: its margins are of some points of the path and do not know of jumps.
+    Only ``best``, ``smallest`` and the places marked ``verified`` were planned in full.
+    """
+
+    x_mm: Floats  # (nx,) base_shift_mm[0] of the columns
+    y_mm: Floats  # (ny,) base_shift_mm[1]
+    margins: NDArray[np.float32]  # (nx, ny) at the best height; 0 and more seems to work
+    turns_deg: NDArray[np.float32]  # (nx, ny) base_turn_deg, towards the head
+    levels_mm: NDArray[np.float32]  # (nx, ny) base_shift_mm[2], the best height
+    blocked: Bools  # (nx, ny) too near the head, not looked at; the margin means nothing
+    planned: Bools  # (nx, ny) planned in full
+    verified: Bools  # (nx, ny) of those, certified
+    here: float  # margin where the base stands, as screened
+    best: BasePlace | None
+    smallest: BasePlace | None
+    reasons: tuple[str, ...]
+
+    @property
+    def n_working(self) -> int:
+        """Number of places that seem to work."""
+        return int(np.count_nonzero((self.margins >= 0.0) & ~self.blocked))
+
+
+def base_pose(shift_mm: tuple[float, float, float] | Floats, turn_deg: float) -> Pose:
+    """Return the pose of the base in its default place: turned about the vertical, shifted."""
+    return Pose.from_rotvec((0.0, 0.0, float(np.deg2rad(turn_deg))), shift_mm)
+
+
+def path_from(path: Path5D, old_in_new: Pose) -> Path5D:
+    """Return a path (in ``base``) as it is seen from a new place of the base.
+
+    Args:
+        path: The path in ``base`` as the base stands now.
+        old_in_new: Pose of the base as it stands now, in the frame of the base at its new place.
+    """
+    return Path5D(old_in_new @ path.points_base, path.axes_base @ old_in_new.rotation.T)

@@ -1,0 +1,108 @@
+"""What the tool weighs: found from free poses, taken off every reading of the force sensor.
+
+The sensor sits on the flange: ``sensor`` is ``flange``. Forces in N, torques in N mm.
+"""
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from rona_core.devices.wrench import SensorModel, ToolLoad
+from rona_core.errors import DegenerateGeometryError, InvalidInputError
+from rona_core.geometry.arrays import Floats, as_floats, readonly
+from rona_core.robot.kinematics.robot_model import RobotModel
+
+GRAVITY_BASE = np.array((0.0, 0.0, -9.80665))  # m/s^2, z of ``base`` is up
+LEAST_POSES = 4
+LEAST_SPREAD = 0.1  # of gravity's direction in the sensor: smallest singular value, per pose
+LEAST_MASS_KG = 1e-3
+
+
+def fit_tool_load(rotations_base_sensor: ArrayLike, wrenches: ArrayLike) -> ToolLoad:
+    """Return mass, centre of mass and offset from readings in free poses, by least squares.
+
+    Args:
+        rotations_base_sensor: Orientation of the sensor (n, 3, 3) in each pose.
+        wrenches: What it showed there (n, 6), averaged.
+
+    Raises:
+        InvalidInputError: wrong shapes.
+        DegenerateGeometryError: too few poses, or the sensor was turned too little between them.
+    """
+    rotations = as_floats(rotations_base_sensor, name="rotations_base_sensor")
+    seen = as_floats(wrenches, name="wrenches")
+    n = len(seen)
+    if rotations.shape != (n, 3, 3) or seen.shape != (n, 6):
+        raise InvalidInputError("n poses need rotations (n, 3, 3) and wrenches (n, 6)")
+    if n < LEAST_POSES:
+        raise DegenerateGeometryError(f"{n} poses are too few to weigh a tool: {LEAST_POSES}")
+    gravity = np.einsum("nji,j->ni", rotations, GRAVITY_BASE)  # (n, 3) in the sensor
+    down = gravity / np.linalg.norm(GRAVITY_BASE)
+    spread = np.linalg.svd(down - down.mean(axis=0), compute_uv=False) / np.sqrt(n)
+    if spread[1] < LEAST_SPREAD:
+        raise DegenerateGeometryError(
+            f"the tool was turned too little to be weighed: {spread[1]:.2g} of gravity across the "
+            f"first turn, {LEAST_SPREAD:g} is needed; turn it about two axes"
+        )
+    eyes = np.tile(np.eye(3), (n, 1))
+    by_force = np.column_stack((gravity.reshape(-1), eyes))  # mass, offset
+    force = np.linalg.lstsq(by_force, seen[:, :3].reshape(-1))[0]
+    # (m com) x g = -[g]x (m com)
+    turning = np.concatenate([-cross_matrix(g) for g in gravity])
+    by_torque = np.column_stack((turning, eyes))  # mass times centre, offset
+    torque = np.linalg.lstsq(by_torque, seen[:, 3:].reshape(-1))[0]
+    mass = float(force[0])
+    if mass < LEAST_MASS_KG:
+        raise DegenerateGeometryError(f"the tool seems to weigh {1000.0 * mass:.2g} g")
+    left = seen[:, :3].reshape(-1) - by_force @ force, seen[:, 3:].reshape(-1) - by_torque @ torque
+    return ToolLoad(
+        mass_kg=mass,
+        com_sensor_mm=readonly(as_floats(torque[:3] / mass)),
+        offset=readonly(as_floats(np.concatenate((force[1:], torque[3:])))),
+        residual_n=float(np.sqrt((left[0] ** 2).mean())),
+        residual_nmm=float(np.sqrt((left[1] ** 2).mean())),
+        n_poses=n,
+    )
+
+
+def weight_wrench(load: ToolLoad, rotation_base_sensor: Floats) -> Floats:
+    """Return the wrench (6,) of the tool alone at an orientation (3, 3), offset included."""
+    weight = load.mass_kg * (rotation_base_sensor.T @ GRAVITY_BASE)
+    return np.concatenate((weight, np.cross(load.com_sensor_mm, weight))) + load.offset
+
+
+def pressing_force_n(
+    load: ToolLoad, rotation_base_sensor: Floats, wrench: Floats, axis_sensor: Floats
+) -> float:
+    """Return the force with which the tool presses along its axis, the weight taken off."""
+    touch = wrench - weight_wrench(load, rotation_base_sensor)
+    return -float(touch[:3] @ axis_sensor)
+
+
+def probe_axis_sensor(model: RobotModel) -> Floats:
+    """Return the axis of the probe (3,) in ``sensor``, whose axes are those of ``flange``."""
+    return model.T_flange_probe.rotation[:, 2]
+
+
+def lever_mm(model: RobotModel) -> float:
+    """Return the distance of the probe's axis from the origin of the sensor."""
+    T_flange_probe = model.T_flange_probe
+    return float(
+        np.linalg.norm(np.cross(T_flange_probe.translation, T_flange_probe.rotation[:, 2]))
+    )
+
+
+def force_range_n(model: RobotModel, sensor: SensorModel) -> float:
+    """Return the largest pressing force that leaves neither force nor torque range.
+
+    A tool across the flange turns force into torque: with a lever beyond torque range over force
+    range (79 mm for 5000 N mm and 63 N) the torque range is what limits the force.
+    """
+    lever = lever_mm(model)
+    by_torque = sensor.torque_range_nmm / lever if lever > 0.0 else np.inf
+    return float(min(sensor.force_range_n, by_torque))
+
+
+def cross_matrix(v: Floats) -> Floats:
+    """Return the matrix (3, 3) that takes the cross product with ``v`` from the left."""
+    x, y, z = v
+    return np.array(((0.0, -z, y), (z, 0.0, -x), (-y, x, 0.0)))

@@ -1,0 +1,119 @@
+"""Where each figure of a robot model comes from, how far to trust it, and how to override it.
+
+A table of rows: the page, the interface and the tests read the same one.
+"""
+
+import json
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Literal
+
+import numpy as np
+
+from rona_core.errors import InvalidInputError
+from rona_core.geometry.arrays import Floats, as_floats
+
+Trust = Literal["drawing", "two sources", "one source", "description", "assumed", "given"]
+
+
+@dataclass(frozen=True, slots=True)
+class Figure:
+    """One figure of a model and its origin; joint figures in degrees, joint 1 first."""
+
+    name: str
+    key: str  # by which it is overridden; empty where only another description file can
+    values: tuple[float, ...]
+    unit: str
+    trust: Trust
+    source: str
+
+    @property
+    def sourced(self) -> bool:
+        """Whether somebody else states this figure."""
+        return self.trust not in ("assumed", "given")
+
+    @property
+    def override(self) -> str:
+        """How to put in another value."""
+        if not self.key:
+            return "another URDF file"
+        shape = "a number" if len(self.values) == 1 else f"{len(self.values)} numbers"
+        return f"`{self.key}`: {shape}"
+
+
+def overridden(
+    figures: Sequence[Figure], overrides: Mapping[str, object] | None
+) -> tuple[Figure, ...]:
+    """Return the figures with the values that somebody gives in place of ours.
+
+    Args:
+        figures: Rows of the table.
+        overrides: A number, or as many numbers as the row has, by the key of the row.
+
+    Raises:
+        InvalidInputError: an unknown key, a wrong count, or values that are not finite numbers.
+    """
+    given = dict(overrides or {})
+    known = [figure.key for figure in figures if figure.key]
+    unknown = sorted(set(given) - set(known))
+    if unknown:
+        raise InvalidInputError(
+            f"there is no figure {unknown[0]!r} to override; known are {', '.join(known)}"
+        )
+    return tuple(
+        replace(f, values=_numbers(f, given[f.key]), trust="given", source="override")
+        if f.key in given
+        else f
+        for f in figures
+    )
+
+
+def read_overrides(path: str | Path) -> dict[str, object]:
+    """Return the overrides of a JSON file: one object, numbers or lists of numbers by key.
+
+    Raises:
+        InvalidInputError: no such file, or not a JSON object.
+    """
+    try:
+        content = json.loads(Path(path).read_text("utf-8"))
+    except (OSError, UnicodeDecodeError, json.JSONDecodeError) as error:
+        raise InvalidInputError(f"{path} cannot be read as JSON: {error}") from error
+    if not isinstance(content, dict):
+        raise InvalidInputError(f"{path} must hold one JSON object, not a {type(content).__name__}")
+    return {str(key): value for key, value in content.items()}
+
+
+def arrays_of(figures: Sequence[Figure]) -> dict[str, Floats]:
+    """Return the values of all figures that have a key, as arrays by key."""
+    return {figure.key: np.array(figure.values) for figure in figures if figure.key}
+
+
+def markdown(figures: Sequence[Figure]) -> str:
+    """Return the table as it stands on the page of the robot."""
+    lines = ["| figure | value | trust | source | override |", "|---|---|---|---|---|"]
+    for figure in figures:
+        values = ", ".join(f"{value:.6g}" for value in figure.values).replace("-", "−")
+        trust = f"**{figure.trust}**" if not figure.sourced else figure.trust
+        lines.append(
+            f"| {figure.name} | {values} {figure.unit} | {trust} | {figure.source} | "
+            f"{figure.override} |"
+        )
+    return "\n".join(lines)
+
+
+def _numbers(figure: Figure, value: object) -> tuple[float, ...]:
+    row = value if isinstance(value, Sequence | np.ndarray) else [value]
+    if isinstance(row, str) or any(isinstance(number, bool | str) for number in row):
+        raise InvalidInputError(f"{figure.key} must be given as {_shape(figure)}, not {value!r}")
+    numbers = as_floats(row, name=figure.key)  # type: ignore[arg-type]
+    if numbers.shape != (len(figure.values),):
+        raise InvalidInputError(
+            f"{figure.key} must be given as {_shape(figure)}, not {numbers.size} numbers"
+        )
+    return tuple(float(number) for number in numbers)
+
+
+def _shape(figure: Figure) -> str:
+    count = len(figure.values)
+    return f"a number in {figure.unit}" if count == 1 else f"{count} numbers in {figure.unit}"

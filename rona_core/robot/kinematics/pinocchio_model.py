@@ -1,0 +1,130 @@
+"""The robot a second time, as a Pinocchio model: what the verifier trusts instead of the planner.
+
+Where the maker's description is at hand, Pinocchio reads that file itself, so that lengths and
+directions of turning are checked too. Pinocchio works in metres; no other module of this package
+does.
+"""
+
+# pyright: reportAttributeAccessIssue=false
+# (the members of pinocchio come from a compiled module without stubs)
+
+from typing import Any
+
+import numpy as np
+import pinocchio as pin
+
+from rona_core.errors import InvalidInputError
+from rona_core.geometry.arrays import Floats
+from rona_core.geometry.pose import Pose, Poses
+from rona_core.robot.kinematics.joint_limits import JointLimits
+from rona_core.robot.kinematics.robot_model import RobotModel
+from rona_core.robot.kinematics.spherical_wrist import SphericalWristArm
+
+MM_PER_M = 1000.0
+FLANGE_LINK = "tool0"  # as ROS-Industrial names the flange face in descriptions
+N_JOINTS = 6
+
+
+class PinocchioArm:
+    """Forward kinematics and joint axes by Pinocchio; results in millimetres."""
+
+    def __init__(self, model: RobotModel) -> None:
+        """Build the model from the robot's description, or from its lengths where it has none.
+
+        Raises:
+            InvalidInputError: neither a description nor the lengths of a known build.
+        """
+        self._model, self._flange = pinocchio_model(model)
+        self._data = self._model.createData()
+        joints = self._model.joints
+        self._axes = np.array(
+            [np.eye(3)["XYZ".index(joints[i].shortname()[-1])] for i in range(1, N_JOINTS + 1)]
+        )
+
+    def forward(self, qs_rad: Floats) -> Poses:
+        """Return ``Ts_base_flange`` for joint angles (n, 6) in radians."""
+        rotations, positions = np.zeros((len(qs_rad), 3, 3)), np.zeros((len(qs_rad), 3))
+        for i, q in enumerate(qs_rad):
+            pin.framesForwardKinematics(self._model, self._data, q)
+            placement = self._data.oMf[self._flange]
+            rotations[i], positions[i] = placement.rotation, placement.translation
+        return Poses(rotations, positions * MM_PER_M)
+
+    def joint_axes(self, qs_rad: Floats) -> tuple[Floats, Floats]:
+        """Return directions and origins (n, 6, 3) of all joint axes in ``base``, origins in mm."""
+        directions = np.zeros((len(qs_rad), N_JOINTS, 3))
+        origins = np.zeros((len(qs_rad), N_JOINTS, 3))
+        for i, q in enumerate(qs_rad):
+            pin.forwardKinematics(self._model, self._data, q)
+            for joint in range(N_JOINTS):
+                placement = self._data.oMi[joint + 1]
+                directions[i, joint] = placement.rotation @ self._axes[joint]
+                origins[i, joint] = placement.translation
+        return directions, MM_PER_M * origins
+
+    def singular_margins(self, qs_rad: Floats) -> tuple[Floats, Floats, Floats]:
+        """Return how far from a lost freedom the arm is, from the placement of its joints.
+
+        The same three for every arm whose axes 2 and 3 are parallel and whose axis 6 starts at
+        the wrist centre.
+
+        Returns:
+            Sine of the angle between axes 4 and 6 (n,), sine of the angle between upper arm and
+            forearm seen along axis 3 (n,), and distance of the wrist centre from the plane of
+            axes 1 and 2 in mm (n,): from axis 1 where nothing is offset sideways.
+        """
+        axes, origins = self.joint_axes(qs_rad)
+        wrist = np.linalg.norm(np.cross(axes[:, 3], axes[:, 5]), axis=1)
+        upper = np.cross(axes[:, 2], origins[:, 2] - origins[:, 1])
+        fore = np.cross(axes[:, 2], origins[:, 3] - origins[:, 2])
+        lengths = np.linalg.norm(upper, axis=1) * np.linalg.norm(fore, axis=1)
+        elbow = np.linalg.norm(np.cross(upper, fore), axis=1) / lengths
+        normal = np.cross(axes[:, 0], axes[:, 1])
+        out_mm = np.abs(np.einsum("ij,ij->i", normal, origins[:, 5] - origins[:, 1]))
+        return wrist, elbow, out_mm
+
+    def tool(self, qs_rad: Floats, T_flange_tip: Pose) -> Poses:
+        """Return ``Ts_base_tip`` for joint angles (n, 6) in radians."""
+        return self.forward(qs_rad) @ T_flange_tip
+
+
+def pinocchio_model(model: RobotModel) -> tuple[Any, int]:
+    """Return Pinocchio's model and the number of its flange frame.
+
+    Raises:
+        InvalidInputError: neither a description nor the lengths of a known build.
+    """
+    if model.urdf is not None:
+        built = pin.buildModelFromUrdf(model.urdf)
+        return built, built.getFrameId(FLANGE_LINK)
+    if isinstance(model.arm, SphericalWristArm):
+        return _from_lengths(model.name, model.arm, model.limits)
+    raise InvalidInputError(f"{model.name} has no description for Pinocchio to read")
+
+
+def _from_lengths(name: str, arm: SphericalWristArm, limits: JointLimits) -> tuple[Any, int]:
+    chain = (
+        (pin.JointModelRZ(), arm.shoulder_mm),
+        (pin.JointModelRY(), 0.0),
+        (pin.JointModelRY(), arm.upper_arm_mm),
+        (pin.JointModelRZ(), arm.forearm_mm),
+        (pin.JointModelRY(), 0.0),
+        (pin.JointModelRZ(), 0.0),
+    )
+    built = pin.Model()
+    built.name = name
+    parent = 0
+    for i, (joint, up_mm) in enumerate(chain):
+        parent = built.addJoint(
+            parent,
+            joint,
+            pin.SE3(np.eye(3), np.array((0.0, 0.0, up_mm / MM_PER_M))),
+            f"joint{i + 1}",
+            np.full(1, np.inf),
+            limits.speed_rad_per_s[i : i + 1],
+            limits.lower_rad[i : i + 1],
+            limits.upper_rad[i : i + 1],
+        )
+    placement = pin.SE3(np.eye(3), np.array((0.0, 0.0, arm.flange_mm / MM_PER_M)))
+    frame = pin.Frame("flange", parent, 0, placement, pin.FrameType.OP_FRAME)
+    return built, built.addFrame(frame)

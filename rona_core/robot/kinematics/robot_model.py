@@ -1,0 +1,81 @@
+"""A robot as the planner sees it: kinematics, limits, rest pose and the tool on its flange."""
+
+from dataclasses import dataclass, field
+
+from numpy.typing import ArrayLike
+
+from rona_core.geometry.arrays import Floats
+from rona_core.geometry.pose import Pose, Poses
+from rona_core.robot.kinematics.ik_solutions import IkSolutions
+from rona_core.robot.kinematics.joint_limits import JointLimits
+from rona_core.robot.kinematics.spherical_wrist import Arm
+from rona_core.robot.kinematics.tool_frames import Tool
+
+
+@dataclass(frozen=True, slots=True)
+class Workplace:
+    """Places in ``base`` that suit the reach of an arm; the base stands at its default place."""
+
+    region_base: tuple[float, float, float] = (600.0, 60.0, 400.0)  # centre of what is scanned
+    pivot_base: tuple[float, float, float] = (560.0, -50.0, 560.0)  # clear of the head
+    facing_base: tuple[float, float, float] = (0.866, 0.5, 0.0)  # of the marker plate meanwhile
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class RobotModel:
+    """One robot with its tool. ``dataclasses.replace`` overrides any part of it."""
+
+    name: str
+    arm: Arm
+    limits: JointLimits
+    home_rad: Floats  # (6,) where the robot rests, tool down and clear of the head
+    tool: Tool
+    workplace: Workplace = field(default_factory=Workplace)
+    urdf: str | None = None  # path of the maker's description, where there is one
+
+    def forward(self, qs_rad: ArrayLike) -> Poses:
+        """Return ``Ts_base_flange`` for joint angles (n, 6) in radians."""
+        return self.arm.forward(qs_rad)
+
+    def inverse(self, Ts_base_flange: Poses) -> IkSolutions:
+        """Return every joint vector that brings the flange to each pose."""
+        return self.arm.inverse(Ts_base_flange)
+
+    def joint_poses(self, q_rad: ArrayLike) -> Poses:
+        """Return the seven link frames in ``base``, base and links 1 to 6, for drawing."""
+        return self.arm.link_poses(q_rad)
+
+    @property
+    def lower_rad(self) -> Floats:
+        """Lower joint limits (6,)."""
+        return self.limits.lower_rad
+
+    @property
+    def upper_rad(self) -> Floats:
+        """Upper joint limits (6,)."""
+        return self.limits.upper_rad
+
+    @property
+    def speed_rad_per_s(self) -> Floats:
+        """Largest joint speeds (6,)."""
+        return self.limits.speed_rad_per_s
+
+    @property
+    def acceleration_rad_per_s2(self) -> Floats:
+        """Largest joint accelerations (6,)."""
+        return self.limits.acceleration_rad_per_s2
+
+    @property
+    def T_flange_tip(self) -> Pose:  # noqa: N802 (frame grammar)
+        """Pose of the tool tip on the flange, z along the tool axis."""
+        return self.tool.T_flange_tip
+
+    @property
+    def T_flange_probe(self) -> Pose:  # noqa: N802 (frame grammar)
+        """Pose of the probe face on the flange, z into the bone."""
+        return self.tool.T_flange_probe
+
+    @property
+    def T_flange_toolmarker(self) -> Pose:  # noqa: N802 (frame grammar)
+        """Pose of the marker plate on the flange as drawn up; the true one is calibrated."""
+        return self.tool.T_flange_toolmarker

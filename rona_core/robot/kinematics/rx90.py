@@ -1,0 +1,93 @@
+"""The Stäubli RX90: lengths and limits, and where each figure comes from.
+
+No data sheet of the maker was at hand. Every figure carries its source and how far to trust it,
+so that whoever has the real robot can put in better ones. See docs/algorithms/rx90.md.
+"""
+
+from collections.abc import Mapping
+
+import numpy as np
+
+from rona_core.geometry.arrays import readonly
+from rona_core.robot.kinematics.joint_limits import JointLimits
+from rona_core.robot.kinematics.parameter_sources import Figure, arrays_of, overridden
+from rona_core.robot.kinematics.robot_model import RobotModel
+from rona_core.robot.kinematics.spherical_wrist import SphericalWristArm
+from rona_core.robot.kinematics.tool_frames import TOOL_TIP_FLANGE_MM, perpendicular_tool
+
+MANUAL = "drawing of the RX90B manual, Figure 2.3 (copy in sdobz/staubli_robot)"
+LIMITS = "rx90l.py of dimpap5555/Staubli-RX90L-Simulator; luismarzo/rx90 agrees in J1 to J4 and J6"
+SPEEDS = "joint_limits.yaml of luismarzo/rx90; the smaller of two sets in circulation"
+NONE_FOUND = "no source found; chosen well below what arms of this size do"
+CHOSEN = "tool perpendicular to the flange as in Figure 1 of the paper; lengths chosen"
+RESTING = "tool pointing down, above the working space"
+
+PROVENANCE = (
+    Figure("base to shoulder", "shoulder_mm", (420.0,), "mm", "drawing", MANUAL),
+    Figure("upper arm", "upper_arm_mm", (450.0,), "mm", "drawing", MANUAL),
+    Figure("forearm", "forearm_mm", (450.0,), "mm", "drawing", MANUAL),
+    Figure("wrist centre to flange", "flange_mm", (85.0,), "mm", "drawing", MANUAL),
+    Figure(
+        "lower limit",
+        "lower_deg",
+        (-160.0, -137.5, -142.5, -270.0, -105.0, -270.0),
+        "deg",
+        "two sources",
+        LIMITS,
+    ),
+    Figure(
+        "upper limit",
+        "upper_deg",
+        (160.0, 137.5, 142.5, 270.0, 120.0, 270.0),
+        "deg",
+        "two sources",
+        LIMITS,
+    ),
+    Figure(
+        "speed",
+        "speed_deg_per_s",
+        (236.0, 200.0, 286.0, 401.0, 320.0, 580.0),
+        "deg/s",
+        "one source",
+        SPEEDS,
+    ),
+    Figure(
+        "acceleration",
+        "acceleration_rad_per_s2",
+        (5.0, 5.0, 7.0, 10.0, 10.0, 15.0),
+        "rad/s^2",
+        "assumed",
+        NONE_FOUND,
+    ),
+    Figure("tool tip on the flange", "tip_flange_mm", TOOL_TIP_FLANGE_MM, "mm", "assumed", CHOSEN),
+    Figure("home", "home_deg", (15.0, -25.0, 130.0, 0.0, -15.0, 0.0), "deg", "assumed", RESTING),
+)
+
+
+def rx90(overrides: Mapping[str, object] | None = None) -> RobotModel:
+    """Return the RX90 with the tool of the paper: perpendicular to the flange.
+
+    Args:
+        overrides: Better figures by the keys of ``PROVENANCE``.
+
+    Raises:
+        InvalidInputError: an unknown key, or values that make no robot.
+    """
+    values = arrays_of(overridden(PROVENANCE, overrides))
+    return RobotModel(
+        name="rx90",
+        arm=SphericalWristArm(
+            shoulder_mm=float(values["shoulder_mm"][0]),
+            upper_arm_mm=float(values["upper_arm_mm"][0]),
+            forearm_mm=float(values["forearm_mm"][0]),
+            flange_mm=float(values["flange_mm"][0]),
+        ),
+        limits=JointLimits(
+            lower_rad=np.deg2rad(values["lower_deg"]),
+            upper_rad=np.deg2rad(values["upper_deg"]),
+            speed_rad_per_s=np.deg2rad(values["speed_deg_per_s"]),
+            acceleration_rad_per_s2=values["acceleration_rad_per_s2"],
+        ),
+        home_rad=readonly(np.deg2rad(values["home_deg"])),
+        tool=perpendicular_tool(values["tip_flange_mm"]),
+    )

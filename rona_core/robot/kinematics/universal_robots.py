@@ -1,0 +1,203 @@
+"""The UR5 and UR10 of Universal Robots, read from the descriptions of example-robot-data.
+
+Lengths, ranges and speeds stand in the URDF file of the package; none of them is copied here.
+Accelerations are assumed, as the file has none. See docs/algorithms/ur_arms.md.
+"""
+
+from collections.abc import Mapping
+from pathlib import Path
+
+import numpy as np
+
+from rona_core.errors import InvalidInputError
+from rona_core.geometry.arrays import Floats, readonly
+from rona_core.robot.kinematics.joint_limits import JointLimits
+from rona_core.robot.kinematics.offset_wrist import ParallelArm
+from rona_core.robot.kinematics.parameter_sources import Figure, arrays_of, overridden
+from rona_core.robot.kinematics.robot_model import RobotModel, Workplace
+from rona_core.robot.kinematics.tool_frames import TOOL_TIP_FLANGE_MM, perpendicular_tool
+from rona_core.robot.kinematics.urdf import UrdfChain, description_path, read_chain
+
+BASE_LINK, FLANGE_LINK = "base_link", "tool0"
+AXES = "zyyyzy"
+PATTERN = (  # which components of each offset the family has: joints 1 to 6 and the flange
+    (0, 0, 1),
+    (0, 1, 0),
+    (0, 1, 1),
+    (0, 1, 1),
+    (0, 1, 0),
+    (0, 0, 1),
+    (0, 1, 0),
+)
+CLOSE_MM, CLOSE = 1e-6, 1e-9  # rounding of the file's numbers
+HOME_DEG = {
+    "ur5": (-10.0, -99.0, 56.0, 43.0, 65.0, -90.0),
+    "ur10": (-20.0, -117.0, 98.0, 19.0, 55.0, -90.0),
+}
+ACCELERATION_RAD_PER_S2 = {
+    "ur5": (8.0, 8.0, 8.0, 12.0, 12.0, 12.0),
+    "ur10": (5.0, 5.0, 7.0, 10.0, 10.0, 15.0),
+}
+ROOM_LOWER_DEG = (-135.0, -180.0, -360.0, -360.0, -360.0, -180.0)
+ROOM_UPPER_DEG = (135.0, 0.0, 360.0, 360.0, 360.0, 0.0)
+ROOM = "work before the base, elbow above the table, tool hanging below the wrist"
+TO_TRACKER = (0.966, 0.259, 0.0)
+WORKPLACES = {  # the head nearer to the shorter arm
+    "ur5": Workplace((480.0, 60.0, 300.0), (420.0, 60.0, 480.0), TO_TRACKER),
+    "ur10": Workplace((600.0, 60.0, 400.0), (540.0, 60.0, 580.0), TO_TRACKER),
+}
+
+
+def ur5(overrides: Mapping[str, object] | None = None) -> RobotModel:
+    """Return the UR5 with the same tool as the RX90.
+
+    Raises:
+        InvalidInputError: the description is not installed, or an override is no good.
+    """
+    return ur("ur5", overrides)
+
+
+def ur10(overrides: Mapping[str, object] | None = None) -> RobotModel:
+    """Return the UR10 with the same tool as the RX90.
+
+    Raises:
+        InvalidInputError: the description is not installed, or an override is no good.
+    """
+    return ur("ur10", overrides)
+
+
+def ur(
+    name: str, overrides: Mapping[str, object] | None = None, *, urdf: str | Path | None = None
+) -> RobotModel:
+    """Return an arm of this family, from its own description or from another file.
+
+    Args:
+        name: ``ur5`` or ``ur10``.
+        overrides: Better figures by the keys of ``provenance``.
+        urdf: A description of the same build with other lengths.
+
+    Raises:
+        InvalidInputError: no usable description, or an override is no good.
+    """
+    path = urdf_path(name) if urdf is None else Path(urdf)
+    values = arrays_of(overridden(provenance(name, path), overrides))
+    return RobotModel(
+        name=name,
+        arm=parallel_arm(read_chain(path, BASE_LINK, FLANGE_LINK), path),
+        limits=JointLimits(
+            lower_rad=np.deg2rad(np.maximum(values["lower_deg"], values["room_lower_deg"])),
+            upper_rad=np.deg2rad(np.minimum(values["upper_deg"], values["room_upper_deg"])),
+            speed_rad_per_s=np.deg2rad(values["speed_deg_per_s"]),
+            acceleration_rad_per_s2=values["acceleration_rad_per_s2"],
+        ),
+        home_rad=readonly(np.deg2rad(values["home_deg"])),
+        tool=perpendicular_tool(values["tip_flange_mm"]),
+        workplace=WORKPLACES[name],
+        urdf=str(path),
+    )
+
+
+def urdf_path(name: str) -> Path:
+    """Return the description of an arm in the installed package.
+
+    Raises:
+        InvalidInputError: it is not installed.
+    """
+    return description_path(f"ur_description/urdf/{name}_robot.urdf")
+
+
+def provenance(name: str, path: str | Path) -> tuple[Figure, ...]:
+    """Return the table of figures of an arm whose description lies at ``path``.
+
+    Raises:
+        InvalidInputError: the file cannot be read, or describes an arm of another build.
+    """
+    chain = read_chain(path, BASE_LINK, FLANGE_LINK)
+    arm = parallel_arm(chain, path)
+    source = f"{Path(path).name} of example-robot-data"
+    lengths = [
+        Figure(words, "", (getattr(arm, field),), "mm", "description", source)
+        for words, field in (
+            ("base to shoulder", "shoulder_mm"),
+            ("column to upper arm, sideways", "shoulder_side_mm"),
+            ("upper arm", "upper_arm_mm"),
+            ("upper arm to forearm, sideways", "elbow_side_mm"),
+            ("forearm", "forearm_mm"),
+            ("forearm to axis 5, sideways", "wrist_side_mm"),
+            ("axis 4 to axis 6", "wrist_mm"),
+            ("axis 5 to flange", "flange_mm"),
+        )
+    ]
+    stated = [
+        Figure(words, key, _degrees(values), unit, "description", source)
+        for words, key, values, unit in (
+            ("lower limit", "lower_deg", chain.lower_rad, "deg"),
+            ("upper limit", "upper_deg", chain.upper_rad, "deg"),
+            ("speed", "speed_deg_per_s", chain.speed_rad_per_s, "deg/s"),
+        )
+    ]
+    chosen = [
+        Figure(words, key, values, unit, "assumed", why)
+        for words, key, values, unit, why in (
+            ("lower limit in this room", "room_lower_deg", ROOM_LOWER_DEG, "deg", ROOM),
+            ("upper limit in this room", "room_upper_deg", ROOM_UPPER_DEG, "deg", ROOM),
+            (
+                "acceleration",
+                "acceleration_rad_per_s2",
+                ACCELERATION_RAD_PER_S2[name],
+                "rad/s^2",
+                "the description has none; chosen well below what such arms do",
+            ),
+            (
+                "tool tip on the flange",
+                "tip_flange_mm",
+                TOOL_TIP_FLANGE_MM,
+                "mm",
+                "the tool of the RX90",
+            ),
+            ("home", "home_deg", HOME_DEG[name], "deg", "tool pointing down, above the work"),
+        )
+    ]
+    return (*lengths, *stated, *chosen)
+
+
+def parallel_arm(chain: UrdfChain, path: str | Path) -> ParallelArm:
+    """Return the lengths of an arm with three parallel axes.
+
+    Raises:
+        InvalidInputError: the chain is of another build.
+    """
+    directions = np.array([np.eye(3)["xyz".index(axis)] for axis in AXES])
+    off = np.where(np.array(PATTERN) == 1, 0.0, chain.offsets_mm)
+    same = (
+        np.abs(off).max() <= CLOSE_MM
+        and np.abs(chain.axes - directions).max() <= CLOSE
+        and np.abs(chain.rotations - _turns()).max() <= CLOSE
+    )
+    if not same:
+        raise InvalidInputError(
+            f"{path}: not an arm with axes {AXES}, three parallel, as those of the UR family"
+        )
+    offsets = chain.offsets_mm
+    return ParallelArm(
+        shoulder_mm=float(offsets[0, 2]),
+        shoulder_side_mm=float(offsets[1, 1]),
+        upper_arm_mm=float(offsets[2, 2]),
+        elbow_side_mm=float(offsets[2, 1]),
+        forearm_mm=float(offsets[3, 2]),
+        wrist_side_mm=float(offsets[3, 1] + offsets[4, 1]),
+        wrist_mm=float(offsets[5, 2]),
+        flange_mm=float(offsets[6, 1]),
+    )
+
+
+def _turns() -> Floats:
+    """Return the rotations (7, 3, 3) of the joints at zero in this family."""
+    right = np.array(((0.0, 0.0, 1.0), (0.0, 1.0, 0.0), (-1.0, 0.0, 0.0)))  # about y
+    forwards = np.array(((1.0, 0.0, 0.0), (0.0, 0.0, 1.0), (0.0, -1.0, 0.0)))  # about -x
+    still = np.eye(3)
+    return np.stack((still, right, still, right, still, still, forwards))
+
+
+def _degrees(angles_rad: Floats) -> tuple[float, ...]:
+    return tuple(float(angle) for angle in np.rad2deg(angles_rad))

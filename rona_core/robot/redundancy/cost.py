@@ -1,0 +1,155 @@
+"""What a roll along the path costs: joint motion, nearness to limits and to singularities.
+
+One objective for constant, varying and refined rolls, so that they can be compared. See
+docs/algorithms/variable_roll.md.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from rona_core.devices.settings import require
+from rona_core.geometry.arrays import Bools, Floats
+from rona_core.geometry.path5d import Path5D
+from rona_core.robot.kinematics.joint_limits import TURN_RAD, JointLimits
+from rona_core.robot.redundancy.margins import RoomRules
+
+LEAST_STRIDE = 0.05  # a repeated point still counts as a step of this length
+EVERY_JOINT = (1.0, 1.0, 1.0, 1.0, 1.0, 1.0)
+
+
+@dataclass(frozen=True, slots=True)
+class RollCost:
+    """Weights of the objective, and how fast the roll may change.
+
+    A *stride* is the length of a step along the path in mm, or its turn in degrees where that is
+    more. Room is that of ``RoomRules``: it costs nothing from 1 upwards.
+    """
+
+    travel: float = 1.0  # per radian of joint travel, the root of the squares of all joints
+    joint_weights: tuple[float, ...] = EVERY_JOINT  # of each joint in that root
+    evenness: float = 5.0  # per squared radian and stride: many small steps, not one big one
+    limits: float = 0.05  # per stride and joint at its limit, falling to 0 at room 1
+    singularities: float = 0.05  # per stride at the edge of a singularity, falling to 0 at room 1
+    roll_deg_per_mm: float = 10.0  # largest change of the roll, per mm of stride
+
+    def __post_init__(self) -> None:
+        for name in ("travel", "evenness", "limits", "singularities"):
+            value = getattr(self, name)
+            require(0.0 <= value <= 1e6, f"{name} must be 0 to 1e6, not {value}")
+        require(self.travel + self.evenness > 0.0, "joint motion must cost something")
+        weights = self.joint_weights
+        require(
+            len(weights) == 6 and all(0.0 < weight <= 1e3 for weight in weights),
+            f"joint_weights must be six numbers above 0, not {weights}",
+        )
+        require(
+            0.0 < self.roll_deg_per_mm <= 360.0,
+            f"roll_deg_per_mm must be above 0 and at most 360, not {self.roll_deg_per_mm}",
+        )
+
+    def largest_roll_rad(self, strides: Floats) -> Floats:
+        """Return the largest change of the roll (n - 1,) over steps of these strides."""
+        return np.deg2rad(self.roll_deg_per_mm) * strides
+
+    def motion(self, squares: Floats, strides: Floats) -> Floats:
+        """Return the cost of steps whose weighted squared joint travel is ``squares``."""
+        cost = self.travel * np.sqrt(squares)
+        if self.evenness:
+            cost += self.evenness * squares / np.maximum(strides, LEAST_STRIDE)
+        return cost
+
+
+@dataclass(frozen=True, slots=True)
+class CostShares:
+    """The cost of one path, by cause."""
+
+    motion: float
+    limits: float
+    singularities: float
+
+    @property
+    def total(self) -> float:
+        """Return the objective."""
+        return self.motion + self.limits + self.singularities
+
+
+def strides_of(path: Path5D) -> Floats:
+    """Return the stride (n - 1,) of each step: mm, or degrees where the axis turns by more."""
+    steps_mm = np.linalg.norm(np.diff(path.points_base, axis=0), axis=1)
+    before, after = path.axes_base[:-1], path.axes_base[1:]
+    sines = np.linalg.norm(np.cross(before, after), axis=1)
+    turns_deg = np.rad2deg(np.arctan2(sines, np.einsum("ij,ij->i", before, after)))
+    return np.maximum(steps_mm, turns_deg)
+
+
+def shares_of_points(strides: Floats) -> Floats:
+    """Return the stride (n,) that each point stands for: half of either side."""
+    half = strides / 2.0
+    return np.concatenate((half, [0.0])) + np.concatenate(([0.0], half))
+
+
+def limit_penalty(
+    q_rad: Floats, lower_rad: float, upper_rad: float, rules: RoomRules, *, turning: bool
+) -> Floats:
+    """Return the penalty (...) of one joint: 1 at its limit, 0 from room 1, turned to suit best."""
+    away = np.abs(q_rad - (lower_rad + upper_rad) / 2.0)
+    if turning:
+        away = np.abs(away - TURN_RAD * np.round(away / TURN_RAD))
+    return hinge(((upper_rad - lower_rad) / 2.0 - away) / rules.limit_unit_rad)
+
+
+def hinge(room: Floats) -> Floats:
+    """Return the penalty of room: (1 - room) squared below 1, 0 above."""
+    return np.square(np.maximum(0.0, 1.0 - room))
+
+
+def turn_to_suit(
+    qs_rad: Floats, limits: JointLimits, turning: Bools, rules: RoomRules
+) -> tuple[Floats, Floats]:
+    """Return a continuous joint path (n, 6) turned by whole turns, and its penalties (n, 6).
+
+    Each joint that may turn is shifted as a whole to where it keeps its limits and its penalty is
+    least; of equal ones, to where it has the most room.
+    """
+    qs, penalties = qs_rad.copy(), np.zeros_like(qs_rad)
+    for joint in range(6):
+        lower, upper = float(limits.lower_rad[joint]), float(limits.upper_rad[joint])
+        q = qs_rad[:, joint]
+        if turning[joint]:
+            first = round(float(((lower + upper) / 2.0 - q.mean()) / TURN_RAD))
+            best = (-np.inf, -np.inf, -np.inf)
+            for turns in range(first - 2, first + 3):
+                moved = q + TURN_RAD * turns
+                room = float(np.minimum(moved - lower, upper - moved).min())
+                penalty = float(limit_penalty(moved, lower, upper, rules, turning=False).sum())
+                score = (min(0.0, room), -round(penalty, 9), room)
+                if score > best:
+                    best, qs[:, joint] = score, moved
+        penalties[:, joint] = limit_penalty(qs[:, joint], lower, upper, rules, turning=False)
+    return qs, penalties
+
+
+def path_cost(
+    qs_rad: Floats,
+    penalties: Floats,
+    singular: Floats,
+    strides: Floats,
+    cost: RollCost,
+) -> CostShares:
+    """Return the cost of a joint path.
+
+    Args:
+        qs_rad: Continuous joint angles (n, 6).
+        penalties: Of each joint's limits (n, 6), as ``turn_to_suit`` gives them.
+        singular: Room (n,) to singularities.
+        strides: Stride (n - 1,) of each step.
+        cost: The weights.
+    """
+    squares = np.square(np.diff(qs_rad, axis=0) * np.array(cost.joint_weights)).sum(axis=1)
+    share = shares_of_points(strides)
+    return CostShares(
+        motion=float(cost.motion(squares, strides).sum()),
+        limits=cost.limits * float(share @ penalties.sum(axis=1)),
+        singularities=cost.singularities * float(share @ hinge(singular)),
+    )

@@ -1,0 +1,93 @@
+"""Result of the search for a roll: a verdict on every roll, and the one chosen."""
+
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rona_core.geometry.arrays import Floats, Ints
+from rona_core.geometry.path5d import Path5D
+from rona_core.robot.redundancy.cost import (
+    CostShares,
+)
+
+Reason = Literal["none", "reach", "singularity", "limit", "jump", "blocked", "roll rate", "no way"]
+
+
+Mode = Literal["constant", "variable", "none"]
+
+
+@dataclass(frozen=True, slots=True)
+class RollVerdict:
+    """Whether the whole path can be followed with one roll, and if not, what stops it first.
+
+    For a roll that varies along the path ``roll_deg`` is the roll at the path point ``index``.
+    ``branch`` is the best branch of the arm, or for a roll that fails the one that gets furthest.
+    ``value`` and ``limit`` are those of the first failing sample in ``unit``; for a roll that is
+    feasible they are the smallest room of the whole path and 0, both without unit.
+    """
+
+    roll_deg: float
+    feasible: bool
+    branch: int  # index into ik.BRANCHES
+    margin: float  # smallest room along the path, see docs/algorithms/roll_search.md; >= 0 passes
+    reason: Reason
+    index: int  # path point that fails first; where the room is smallest if none fails
+    joint: int  # 1 to 6, or 0 where no single joint is to blame
+    value: float
+    limit: float
+    unit: str
+    sentence: str
+
+
+@dataclass(frozen=True, slots=True)
+class RankedRoll:
+    """One way to follow the whole path with a constant roll."""
+
+    index: int  # into the verdicts
+    branch: int  # into ik.BRANCHES
+    margin: float  # smallest room along the path
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class RollSearch:
+    """Every roll that was tried on a path, and the one chosen: constant or varying."""
+
+    mode: Mode
+    verdicts: tuple[RollVerdict, ...]  # on constant rolls
+    ranked: tuple[RankedRoll, ...]  # every constant roll and branch that is feasible, best first
+    varying: RollVerdict | None  # on a roll that varies; None where none was looked for
+    chosen: int  # index into verdicts; -1 where the chosen roll varies, and where none will do
+    branch: int  # of the chosen roll; -1 where none will do
+    rolls_rad: Floats  # (n,) the chosen roll at every path point; zeros where none will do
+    path: Path5D
+    shown_points: Ints  # (k,) path points at which the curves below are kept
+    curves_rad: NDArray[np.float32]  # (rolls, k, 6) joints of the branch named in the verdict
+    room: NDArray[np.float32]  # (rolls, k) smallest room from each shown point to the next
+    node_room: NDArray[np.float32]  # (k, rolls) the same on the best branch there, by itself
+    chosen_curve_rad: NDArray[np.float32]  # (k, 6) joints of the chosen roll; empty where none
+
+    @property
+    def n_feasible(self) -> int:
+        """Number of constant rolls with which the whole path can be followed."""
+        return sum(verdict.feasible for verdict in self.verdicts)
+
+    @property
+    def roll_variation_deg(self) -> float:
+        """Largest less smallest roll of the chosen one along the path; 0 if it is constant."""
+        return _spread_deg(self.rolls_rad)
+
+
+def _spread_deg(rolls_rad: Floats) -> float:
+    return float(np.rad2deg(np.ptp(rolls_rad))) if len(rolls_rad) else 0.0
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class RollCurve:
+    """A roll at each path point with the joint path that follows it, and what it costs."""
+
+    rolls_rad: Floats  # (n,) continuous
+    branch: int
+    qs_rad: Floats  # (n, 6) continuous, within the limits
+    cost: CostShares

@@ -1,0 +1,97 @@
+"""The verifier's look at collisions: everything around, over the whole motion, samples and between.
+
+At each sample the distance of every pair of bodies is known. On the way to the next one no point of
+the robot moves farther than the joint steps times the longest levers. Where that is less than the
+room at both ends together, nothing can touch in between; elsewhere the step is halved, and halved
+again.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from rona_core.geometry.arrays import Floats, Ints
+from rona_core.robot.collision.collision_world import ITSELF, CollisionWorld
+from rona_core.robot.collision.obstacles import Obstacles
+from rona_core.robot.kinematics.robot_model import RobotModel
+from rona_core.robot.verification.certificate import Check
+from rona_core.robot.verification.motion_checks import DENSITY, DenseMotion, check
+
+HALVINGS = 6  # of a step between samples at most
+
+
+@dataclass(frozen=True, slots=True)
+class Clearance:
+    """The checks against everything around, and the least distance of all."""
+
+    checks: tuple[Check, ...]
+    least_mm: float | None  # of pairs that must not touch; None where there is no such pair
+
+
+def clearance(model: RobotModel, dense: DenseMotion, obstacles: Obstacles) -> Clearance:
+    """Check the whole motion against every obstacle, and the robot against itself.
+
+    It is looked at afresh: nothing of what a planner found is used.
+    """
+    world = CollisionWorld(model, obstacles)
+    return judged(world, *_distances(world, dense))
+
+
+def _distances(world: CollisionWorld, dense: DenseMotion) -> tuple[Floats, Floats]:
+    """Return distances (k, p) of all pairs where they were looked at, and the sample numbers."""
+    qs, numbers = dense.qs_rad[::DENSITY], dense.numbers[::DENSITY]
+    found = world.distances_mm(qs)
+    room = (found - world.least_mm).min(axis=1)
+    looked, at = [found], [numbers]
+    ends = [(qs[:-1], qs[1:]), (room[:-1], room[1:]), (numbers[:-1], numbers[1:])]
+    for _ in range(HALVINGS):
+        (q_from, q_to), (room_from, room_to), (first, last) = ends
+        moved_mm = np.abs(q_to - q_from) @ world.levers_mm
+        near = (room_from + room_to <= moved_mm) & (np.minimum(room_from, room_to) >= 0.0)
+        if not near.any():
+            break
+        q_mid, middle = 0.5 * (q_from + q_to)[near], 0.5 * (first + last)[near]
+        found = world.distances_mm(q_mid)
+        room_mid = (found - world.least_mm).min(axis=1)
+        looked.append(found)
+        at.append(middle)
+        ends = [
+            (np.concatenate((low[near], mid)), np.concatenate((mid, high[near])))
+            for (low, high), mid in zip(ends, (q_mid, room_mid, middle), strict=True)
+        ]
+    return np.concatenate(looked), np.concatenate(at)
+
+
+def judged(world: CollisionWorld, distances: Floats, numbers: Floats) -> Clearance:
+    """Return checks for the robot itself, for obstacles in reach, and for what may be touched."""
+    checks: list[Check] = []
+    for group in (ITSELF, *(thing.name for thing in world.obstacles.things)):
+        clear = "clearance of" if group == ITSELF else "clearance from the"
+        of_group = np.array([pair.group == group for pair in world.pairs], dtype=np.bool_)
+        for words, columns in (
+            (clear, np.flatnonzero(of_group & (world.least_mm >= 0.0))),
+            ("touch of the", np.flatnonzero(of_group & (world.least_mm < 0.0))),
+        ):
+            if len(columns):  # else out of reach, or not to be touched
+                checks.append(_worst(f"{words} {group}", world, columns, distances, numbers))
+    counted = world.least_mm >= 0.0
+    least = float(distances[:, counted].min()) if counted.any() else None
+    return Clearance(tuple(checks), least)
+
+
+def _worst(
+    name: str, world: CollisionWorld, columns: Ints, distances: Floats, numbers: Floats
+) -> Check:
+    """Return the check of the pair, of those in some columns, that has the least room."""
+    room = distances[:, columns] - world.least_mm[columns]
+    row, column = np.unravel_index(int(room.argmin()), room.shape)
+    pair = world.pairs[int(columns[column])]
+    return check(
+        name,
+        distances[row, columns[column]][None],
+        pair.least_mm,
+        "mm",
+        least=True,
+        first=int(numbers[row]),
+        remark=f" between {pair.first} and {pair.second}",
+    )

@@ -1,0 +1,146 @@
+"""What the verifier looks at in any motion: joints, the way of the tool, and what is around.
+
+Everything between two samples is looked at as the robot drives it, linear in the joints.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from rona_core.devices.settings import require
+from rona_core.errors import InvalidInputError
+from rona_core.geometry.arrays import Floats, as_floats
+from rona_core.robot.kinematics.pinocchio_model import PinocchioArm
+from rona_core.robot.kinematics.robot_model import RobotModel
+from rona_core.robot.kinematics.spherical_wrist import as_joints
+from rona_core.robot.trajectory.trajectory import TimedMotion
+from rona_core.robot.verification.certificate import Check
+
+DENSITY = 4  # poses looked at for each sample of the motion
+EXACT = 1e-9  # rounding that is forgiven
+SHORTEST_S = 1e-4  # least time between samples
+EXCESS = 1e-6  # share of a speed or acceleration limit that rounding may add
+
+
+@dataclass(frozen=True, slots=True)
+class Tolerances:
+    """What the verifier insists on."""
+
+    step_rad: float = float(np.deg2rad(10.0))  # largest joint step between samples
+    position_mm: float = 0.3  # of the probe face from the path
+    axis_rad: float = float(np.deg2rad(0.5))  # of the probe axis from that of the path
+    roll_rad: float = float(np.deg2rad(0.5))  # about the probe axis
+    singular_rad: float = float(np.deg2rad(4.9))  # of elbow and wrist from straight, on the path
+    shoulder_mm: float = 29.0  # of the wrist centre from axis 1, on the path
+    speed_excess: float = 0.01  # over the scan speed that was asked for, also of the probe itself
+    uneven_excess: float = 0.1  # likewise, between samples: the probe is uneven, joints are linear
+    dip_mm: float = 0.5  # into the bone while approaching or leaving
+    chord_mm: float = 0.1  # of the tool between samples from the straight line between them
+    tool_speed_mm_per_s: float = 250.0  # of the tip; what robots near people are held to
+    path_acceleration_mm_per_s2: float = 250.0  # of the probe while it scans
+
+    def __post_init__(self) -> None:
+        for name in self.__slots__:
+            require(getattr(self, name) > 0.0, f"{name} must be positive")
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class DenseMotion:
+    """A motion at four times its density, as Pinocchio places it."""
+
+    arm: PinocchioArm
+    numbers: Floats  # (m,) sample number, in quarters
+    times_s: Floats  # (m,)
+    qs_rad: Floats  # (m, 6)
+    places_base: Floats  # (m, 3) of the probe face
+    rotations: Floats  # (m, 3, 3) of the probe
+
+
+def check(
+    name: str,
+    values: Floats,
+    limit: float,
+    unit: str,
+    *,
+    least: bool = False,
+    first: int = 0,
+    remark: str = "",
+) -> Check:
+    """Return a check that no value exceeds the limit (or, with ``least``, none falls below it)."""
+    worst = int(np.argmin(values) if least else np.argmax(values))
+    value = float(values[worst])
+    holds = bool(value >= limit - EXACT if least else value <= limit + EXACT)
+    relation = ("at least" if least else "at most") + f" {limit:.4g} {unit}".rstrip()
+    verdict = "holds" if holds else "fails"
+    index = first + worst
+    sentence = f"{name} {verdict}: {value:.4g} {unit} at sample {index}{remark}, "
+    sentence += f"{relation} is allowed"
+    return Check(name, value, float(limit), unit, index, holds, sentence)
+
+
+def joint_checks(model: RobotModel, motion: TimedMotion, allowed: Tolerances) -> list[Check]:
+    """Check limits, steps, speeds and accelerations of the joints, from rest to rest.
+
+    The first check is that time runs forwards; where it fails, speeds mean nothing and are left
+    out.
+
+    Raises:
+        InvalidInputError: arrays of the wrong shape, or values that are not finite.
+    """
+    qs, times = as_joints(motion.qs_rad), as_floats(motion.times_s, name="times_s")
+    if times.shape != (len(qs),) or len(qs) < 2:
+        raise InvalidInputError(f"a motion needs 2 samples with a time each, not {times.shape}")
+    gaps = np.diff(times)
+    order = check("time between samples", gaps, SHORTEST_S, "s", least=True)
+    room = np.rad2deg(np.minimum(qs - model.lower_rad, model.upper_rad - qs).min(axis=1))
+    steps = np.rad2deg(np.abs(np.diff(qs, axis=0)).max(axis=1))
+    checks = [
+        order,
+        check("room to the joint limits", room, 0.0, "°", least=True),
+        check("joint step", steps, float(np.rad2deg(allowed.step_rad)), "°", first=1),
+    ]
+    if not order.holds:
+        return checks
+    speeds = np.diff(qs, axis=0) / gaps[:, None]
+    resting = np.vstack((np.zeros(6), speeds, np.zeros(6)))  # at rest before and afterwards
+    spans = np.concatenate((gaps[:1], (gaps[1:] + gaps[:-1]) / 2.0, gaps[-1:]))
+    accelerations = np.diff(resting, axis=0) / spans[:, None]
+    speed_share = 100.0 * (np.abs(speeds) / model.speed_rad_per_s).max(axis=1)
+    share = 100.0 * (np.abs(accelerations) / model.acceleration_rad_per_s2).max(axis=1)
+    checks.append(check("joint speed", speed_share, 100.0 * (1.0 + EXCESS), "%", first=1))
+    checks.append(check("joint acceleration", share, 100.0 * (1.0 + EXCESS), "%"))
+    return checks
+
+
+def dense_motion(model: RobotModel, motion: TimedMotion) -> DenseMotion:
+    """Return the whole motion at four times its density."""
+    samples = np.arange(len(motion.times_s))
+    numbers = np.arange((len(samples) - 1) * DENSITY + 1) / DENSITY
+    columns = [np.interp(numbers, samples, q) for q in np.asarray(motion.qs_rad).T]
+    qs = np.stack(columns, axis=1)
+    arm = PinocchioArm(model)
+    poses = arm.tool(qs, model.T_flange_probe)
+    times = np.interp(numbers, samples, motion.times_s)
+    return DenseMotion(arm, numbers, times, qs, poses.translations, poses.rotations)
+
+
+def tool_checks(dense: DenseMotion, allowed: Tolerances) -> list[Check]:
+    """Check that the tool goes nearly straight between samples, and never too fast."""
+    places = dense.places_base
+    ends = places[::DENSITY]
+    share = np.arange(1, DENSITY)[None, :, None] / DENSITY
+    chords = ends[:-1, None] * (1.0 - share) + ends[1:, None] * share
+    inside = places[:-1].reshape(-1, DENSITY, 3)[:, 1:]
+    off_mm = np.linalg.norm(inside - chords, axis=2).max(axis=1)
+    steps_mm = np.linalg.norm(np.diff(places, axis=0), axis=1)
+    speed = per_sample(steps_mm / np.diff(dense.times_s))
+    fastest = allowed.tool_speed_mm_per_s * (1.0 + EXCESS)
+    return [
+        check("bend between samples", off_mm, allowed.chord_mm, "mm"),
+        check("speed of the tool", speed, fastest, "mm/s"),
+    ]
+
+
+def per_sample(dense: Floats) -> Floats:
+    """Return the worst of the dense values that follow each sample."""
+    return np.maximum.reduceat(dense, np.arange(0, len(dense), DENSITY))

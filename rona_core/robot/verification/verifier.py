@@ -1,0 +1,258 @@
+"""The verifier: looks at a finished motion, knows nothing of how it was planned.
+
+Forward kinematics come from Pinocchio, at four times the density of the motion, linear in between
+as the robot drives it. What it certifies may be executed, nothing else may. See
+docs/algorithms/verification_and_timing.md.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.spatial import KDTree
+
+from rona_core.errors import InvalidInputError
+from rona_core.geometry.arrays import Floats
+from rona_core.geometry.path5d import Path5D
+from rona_core.geometry.pose import Poses
+from rona_core.robot.collision.obstacles import Obstacles
+from rona_core.robot.kinematics.pinocchio_model import PinocchioArm
+from rona_core.robot.kinematics.robot_model import RobotModel
+from rona_core.robot.trajectory.trajectory import TimedMotion, Trajectory, motion_digest
+from rona_core.robot.verification.certificate import Certificate, Check
+from rona_core.robot.verification.clearance_checks import clearance
+from rona_core.robot.verification.motion_checks import (
+    DENSITY,
+    EXACT,
+    EXCESS,
+    DenseMotion,
+    Tolerances,
+    check,
+    dense_motion,
+    joint_checks,
+    per_sample,
+    tool_checks,
+)
+
+__all__ = ["Tolerances", "verify_motion", "verify_scan"]
+
+NEAR_MM = 60.0  # within this of a path point, the tip must stay outside the bone
+
+
+def verify_motion(
+    model: RobotModel,
+    motion: TimedMotion,
+    tolerances: Tolerances | None = None,
+    obstacles: Obstacles | None = None,
+) -> Certificate:
+    """Certify any motion: joints, the way of the tool and collisions, from rest to rest.
+
+    Args:
+        model: The robot with its tool.
+        motion: Joint angles in time; linear in between.
+        tolerances: What to insist on.
+        obstacles: What stands around; None looks at no collisions, not even with itself.
+
+    Raises:
+        InvalidInputError: arrays of the wrong shape, or values that are not finite.
+    """
+    allowed = tolerances or Tolerances()
+    checks = joint_checks(model, motion, allowed)
+    if not checks[0].holds:
+        return _certificate(model, motion, checks, obstacles, None)
+    dense = dense_motion(model, motion)
+    checks += tool_checks(dense, allowed)
+    return _certificate(model, motion, checks, obstacles, dense)
+
+
+def verify_scan(
+    model: RobotModel,
+    trajectory: Trajectory,
+    path: Path5D,
+    roll_rad: float | Floats,
+    scan_speed_mm_per_s: float,
+    tolerances: Tolerances | None = None,
+    obstacles: Obstacles | None = None,
+) -> Certificate:
+    """Certify the motion of a scan: as ``verify_motion``, and that it follows the path.
+
+    Args:
+        model: The robot with its tool.
+        trajectory: The motion with the way along the path that it claims at each sample.
+        path: The 5D path in ``base`` that the probe is to follow.
+        roll_rad: Roll about the probe axis, from the transported reference of the path: one for
+            all, or one for each path point (n,).
+        scan_speed_mm_per_s: Speed along the path that was asked for.
+        tolerances: What to insist on.
+        obstacles: What stands around; None looks at no collisions, not even with itself.
+
+    Raises:
+        InvalidInputError: arrays of the wrong shape, or values that are not finite.
+    """
+    allowed = tolerances or Tolerances()
+    checks = joint_checks(model, trajectory, allowed)
+    if not checks[0].holds:  # time runs backwards: there are no speeds to speak of
+        return _certificate(model, trajectory, checks, obstacles, None)
+    dense = dense_motion(model, trajectory)
+    checks += tool_checks(dense, allowed)
+    scan = _scan_part(trajectory, dense)
+    checks += _path_checks(scan, path, roll_rad, allowed)
+    checks += _speed_checks(scan, trajectory, path, scan_speed_mm_per_s, allowed)
+    checks += _singular_checks(dense.arm, scan, allowed)
+    checks.append(_dip_check(trajectory, dense, path, allowed))
+    return _certificate(model, trajectory, checks, obstacles, dense)
+
+
+def _certificate(
+    model: RobotModel,
+    motion: TimedMotion,
+    checks: list[Check],
+    obstacles: Obstacles | None,
+    dense: DenseMotion | None,
+) -> Certificate:
+    around = "" if obstacles is None else obstacles.digest()
+    least_mm = None
+    if obstacles is not None and dense is not None:
+        found = clearance(model, dense, obstacles)
+        checks = [*checks, *found.checks]
+        least_mm = found.least_mm
+    return Certificate(
+        model=model.name,
+        certified=all(check.holds for check in checks),
+        checks=tuple(checks),
+        digest=motion_digest(model.name, motion, around),
+        obstacles=around,
+        min_clearance_mm=least_mm,
+    )
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Scan:
+    """The part of a motion in which the probe scans, at four times its density."""
+
+    first: int  # sample of the whole motion
+    poses: Poses  # Ts_base_probe (m,)
+    qs_rad: Floats  # (m, 6)
+    times_s: Floats  # (m,)
+    way_mm: Floats  # (m,) along the path, as claimed
+
+
+def _scan_part(trajectory: Trajectory, dense: DenseMotion) -> _Scan:
+    times = trajectory.times_s
+    inside = np.flatnonzero(
+        (times >= trajectory.scan_start_s - EXACT) & (times <= trajectory.scan_end_s + EXACT)
+    )
+    if len(inside) < 2:
+        raise InvalidInputError("the trajectory has no scan: scan_end_s must follow scan_start_s")
+    first, last = int(inside[0]), int(inside[-1])
+    rows = slice(first * DENSITY, last * DENSITY + 1)
+    return _Scan(
+        first=first,
+        poses=Poses(dense.rotations[rows], dense.places_base[rows]),
+        qs_rad=dense.qs_rad[rows],
+        times_s=dense.times_s[rows],
+        way_mm=np.interp(dense.numbers[rows], np.arange(len(times)), trajectory.path_mm),
+    )
+
+
+def _expected(path: Path5D, way_mm: Floats, roll_rad: float | Floats) -> Poses:
+    """Return where the probe ought to be at ways (m,) along the path, by interpolation."""
+    steps = np.linalg.norm(np.diff(path.points_base, axis=0), axis=1)
+    places = np.concatenate(([0.0], np.cumsum(steps)))
+    i = np.clip(np.searchsorted(places, way_mm, side="right") - 1, 0, max(0, len(path) - 2))
+    j = np.minimum(i + 1, len(path) - 1)
+    length = np.maximum(places[j] - places[i], EXACT)
+    share = np.clip((way_mm - places[i]) / length, 0.0, 1.0)[:, None]
+    points = path.points_base[i] * (1 - share) + path.points_base[j] * share
+    frames = path.Ts_base_probe(roll_rad).rotations
+    mixed = frames[i] * (1 - share[:, None]) + frames[j] * share[:, None]
+    z = mixed[:, :, 2] / np.linalg.norm(mixed[:, :, 2], axis=1, keepdims=True)
+    x = mixed[:, :, 0] - np.einsum("ij,ij->i", mixed[:, :, 0], z)[:, None] * z
+    x /= np.linalg.norm(x, axis=1, keepdims=True)
+    return Poses(np.stack((x, np.cross(z, x), z), axis=2), points)
+
+
+def _path_checks(
+    scan: _Scan, path: Path5D, roll_rad: float | Floats, allowed: Tolerances
+) -> list[Check]:
+    wanted = _expected(path, scan.way_mm, roll_rad)
+    position = np.linalg.norm(scan.poses.translations - wanted.translations, axis=1)
+    turned = np.swapaxes(wanted.rotations, 1, 2) @ scan.poses.rotations
+    axis = np.rad2deg(np.arctan2(np.hypot(turned[:, 0, 2], turned[:, 1, 2]), turned[:, 2, 2]))
+    roll = np.rad2deg(
+        np.abs(np.arctan2(turned[:, 1, 0] - turned[:, 0, 1], turned[:, 0, 0] + turned[:, 1, 1]))
+    )
+    limits = (allowed.position_mm, *np.rad2deg((allowed.axis_rad, allowed.roll_rad)))
+    return [
+        check(name, per_sample(values), float(limit), unit, first=scan.first)
+        for name, values, limit, unit in (
+            ("distance from the path", position, limits[0], "mm"),
+            ("tilt of the probe", axis, limits[1], "°"),
+            ("roll of the probe", roll, limits[2], "°"),
+        )
+    ]
+
+
+def _speed_checks(
+    scan: _Scan,
+    trajectory: Trajectory,
+    path: Path5D,
+    scan_speed_mm_per_s: float,
+    allowed: Tolerances,
+) -> list[Check]:
+    way, gaps = trajectory.path_mm, np.diff(trajectory.times_s)
+    total = float(np.linalg.norm(np.diff(path.points_base, axis=0), axis=1).sum())
+    missing = np.array((abs(scan.way_mm[0]), abs(total - scan.way_mm[-1])))
+    fastest = scan_speed_mm_per_s * (1.0 + allowed.speed_excess)
+    uneven = scan_speed_mm_per_s * (1.0 + allowed.uneven_excess)
+    places = scan.poses.translations
+    ends = places[::DENSITY]
+    between = np.diff(scan.times_s[::DENSITY])
+    mean = np.linalg.norm(np.diff(ends, axis=0), axis=1) / between
+    speed = np.linalg.norm(np.diff(places, axis=0), axis=1) / np.diff(scan.times_s)
+    acceleration = np.zeros(1)
+    if len(places) > 2 * DENSITY:
+        speeds = np.diff(ends, axis=0) / between[:, None]
+        spans = (between[1:] + between[:-1]) / 2.0
+        acceleration = np.linalg.norm(np.diff(speeds, axis=0), axis=1) / spans
+    probe = "speed of the probe"
+    most = allowed.path_acceleration_mm_per_s2 * (1.0 + EXCESS)
+    return [
+        check("scan speed", np.diff(way) / gaps, fastest, "mm/s", first=1),
+        check(probe, mean, fastest, "mm/s", first=scan.first + 1),
+        check(f"{probe} between samples", per_sample(speed), uneven, "mm/s", first=scan.first),
+        check("acceleration of the probe", acceleration, most, "mm/s²", first=scan.first + 1),
+        check("step back along the path", -np.diff(way), 0.0, "mm", first=1),
+        check("part of the path left out", missing, allowed.position_mm, "mm"),
+    ]
+
+
+def _singular_checks(arm: PinocchioArm, scan: _Scan, allowed: Tolerances) -> list[Check]:
+    wrist, elbow, shoulder_mm = arm.singular_margins(scan.qs_rad)
+    least = float(np.rad2deg(allowed.singular_rad))
+    angles = (np.rad2deg(np.arcsin(np.clip(sine, 0.0, 1.0))) for sine in (wrist, elbow))
+    checks = [
+        check(
+            f"{name} from straight", -per_sample(-angle), least, "°", least=True, first=scan.first
+        )
+        for name, angle in zip(("wrist", "elbow"), angles, strict=True)
+    ]
+    values = -per_sample(-shoulder_mm)
+    distance = ("wrist from axis 1", values, allowed.shoulder_mm, "mm")
+    checks.append(check(*distance, least=True, first=scan.first))
+    return checks
+
+
+def _dip_check(
+    trajectory: Trajectory, dense: DenseMotion, path: Path5D, allowed: Tolerances
+) -> Check:
+    """Look whether the probe dips into the bone near the path while approaching or leaving."""
+    times = dense.times_s
+    outside = (times <= trajectory.scan_start_s) | (times >= trajectory.scan_end_s)
+    tips_base = dense.places_base[outside]
+    distance, nearest = KDTree(path.points_base).query(tips_base)
+    rays = tips_base - path.points_base[nearest]
+    depth = np.einsum("ij,ij->i", rays, path.axes_base[nearest])
+    depth = np.where(distance < NEAR_MM, depth, -NEAR_MM)
+    values = np.full(len(times), -NEAR_MM)
+    values[outside] = depth
+    return check("dip into the bone off the path", per_sample(values), allowed.dip_mm, "mm")

@@ -1,0 +1,256 @@
+"""Surface normals from a cloud of points, each with what it is worth."""
+
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from rona_core.errors import InvalidInputError
+from rona_core.geometry.arrays import Bools, Floats, Ints, as_points, as_vector3, readonly
+from rona_core.surface.normals.neighbourhood_radius import (
+    RADII_MM,
+    RadiusChoice,
+    centred,
+    choose_radius,
+    measure_noise_mm,
+)
+from rona_core.surface.normals.normal_estimator import (
+    EDGE_ON,
+    METHODS,
+    ONE_SIDED,
+    UNCERTAIN,
+    Estimates,
+    NormalMethod,
+    estimate,
+    estimate_by_grid,
+    hash_for,
+)
+from rona_core.surface.normals.spatial_hash import CellHash
+
+NormalFlag = Literal[
+    "ok", "too_few", "rank_deficient", "not_flat", "one_sided", "edge_on", "uncertain"
+]
+FLAGS: tuple[NormalFlag, ...] = (
+    "ok",
+    "too_few",  # points near the place
+    "rank_deficient",  # they lie along one strand, or do not fix the quadric
+    "not_flat",  # they are as thick as they are wide
+    "one_sided",  # a plane through them leans with the curvature; the quadric does not
+    "edge_on",  # the plane is seen from its edge: which side is outside is a guess
+    "uncertain",  # noise or relief may turn the normal by over 5 degrees
+)
+MIN_FACING = 0.1  # |cos| to the outward direction; below it the sign is a guess
+MAX_WIDER = 3  # steps of the ladder of radii for a place that the chosen radius does not suit
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Normals:
+    """Surface normals at m places, and how far each can be trusted.
+
+    Where ``ok`` is False the normal is not to be used, and ``flags`` says why; it then holds the
+    best that the points gave, or the outward direction where too few points were near.
+    """
+
+    normals: Floats  # (m, 3) unit, in the frame of the points, out of the bone
+    count: Ints  # (m,) points within the radius
+    eigenvalues: Floats  # (m, 3) variances of those points, ascending, mm^2
+    sigma_deg: Floats  # (m,) predicted RMS error; 180 where there is no plane
+    ok: Bools  # (m,)
+    radius_mm: float
+    method: str
+    refused: dict[str, tuple[int, ...]]  # name of the flag -> the places that are not ok
+    radii_mm: Floats | None  # (m,) where some places needed wider ones; None: the same for all
+    choice: RadiusChoice | None  # how the radius was chosen; None where it was given
+
+    def __len__(self) -> int:
+        return len(self.normals)
+
+    @property
+    def flags(self) -> tuple[str, ...]:
+        """Return for each place "ok" or the name of what is wrong there, see ``FLAGS``."""
+        flags = ["ok"] * len(self.normals)
+        for flag, places in self.refused.items():
+            for place in places:
+                flags[place] = flag
+        return tuple(flags)
+
+
+class NormalField:
+    """A cloud prepared for the normals at any number of places, to which points can be added.
+
+    Places need not belong to the cloud; they should be close to it.
+    """
+
+    def __init__(self, points_base: ArrayLike, radius_mm: float | None = None) -> None:
+        """Take ``points_base`` (n, 3).
+
+        Args:
+            points_base: The cloud, mm.
+            radius_mm: Size of the neighbourhoods. None lets noise, density and curvature of the
+                cloud decide, anew for every cloud; to follow a scan while it grows, give one.
+
+        Raises:
+            InvalidInputError: wrong shape, values not finite, or a radius that is not positive.
+        """
+        if radius_mm is not None and not 0.0 < radius_mm < np.inf:
+            raise InvalidInputError(f"radius_mm must be positive, not {radius_mm}")
+        self._radius_mm = None if radius_mm is None else float(radius_mm)
+        self._parts = [as_points(points_base, name="points_base")]
+        self._hash: CellHash | None = None
+        self._choices: dict[str, RadiusChoice] = {}
+        self._noise_mm: float | None = None
+        self._noise_known = False
+
+    def add(self, points_base: ArrayLike) -> None:
+        """Add points (k, 3); with a given radius the work grows with those near, not with all.
+
+        Raises:
+            InvalidInputError: wrong shape or values not finite.
+        """
+        points = as_points(points_base, name="points_base")
+        self._parts.append(points)
+        self._choices.clear()
+        self._noise_known = False
+        if self._hash is not None:
+            self._hash.add(points)
+
+    def choose(self, method: NormalMethod = "tls") -> RadiusChoice:
+        """Return the radius that the cloud suggests for ``method``, and why."""
+        if method not in self._choices:
+            self._choices[method] = choose_radius(self._points(), method)
+        return self._choices[method]
+
+    def noise_mm(self) -> float | None:
+        """Return the noise of one point along the normal, None where the cloud does not tell."""
+        if not self._noise_known:
+            self._noise_mm, self._noise_known = measure_noise_mm(self._points()), True
+        return self._noise_mm
+
+    def normals(
+        self,
+        at: ArrayLike,
+        *,
+        method: NormalMethod = "tls",
+        outward: ArrayLike | None = None,
+        viewpoint: ArrayLike | None = None,
+    ) -> Normals:
+        """Return the normals at places ``at`` (m, 3).
+
+        Args:
+            at: Places in the frame of the points, mm.
+            method: "tls", the plane of least squared distances. "ols", the paper's regression
+                plane: one coordinate is regressed on the other two, for each of the three, and
+                the one with the largest denominator is kept; noise tilts it towards that axis.
+                "jet", a quadric: right also where all points lie on one side, and over relief.
+                "robust", a plane that outliers do not tilt. "grid", a plane from the moments of
+                cells instead of points: for hundreds of thousands of places at once.
+            outward: A direction (3,) that points out of the bone; or
+            viewpoint: a place (3,) outside the bone, from which all of it is seen.
+
+        Raises:
+            InvalidInputError: wrong shapes, unknown method, or not exactly one of ``outward`` and
+                ``viewpoint``.
+        """
+        if method not in METHODS:
+            raise InvalidInputError(f"method must be one of {', '.join(METHODS)}, not {method!r}")
+        places = as_points(at, name="at")
+        sides = _outward_at(places, outward, viewpoint)
+        if method == "grid":
+            choice = self.choose(method) if self._radius_mm is None else None
+            radius = self._radius_mm if choice is None else choice.radius_mm
+            found = estimate_by_grid(self._points(), places, float(radius or 0.0))
+            return _judged(found, sides, float(radius or 0.0), method, None, choice)
+        if self._radius_mm is not None:
+            noise = self.noise_mm() if method == "jet" else None
+            if self._hash is None:
+                self._hash = hash_for(self._points(), self._radius_mm)
+            found = estimate(self._hash, places, self._radius_mm, method, noise)
+            return _judged(found, sides, self._radius_mm, method, None, None)
+        choice = self.choose(method)
+        found = estimate(
+            hash_for(self._points(), choice.radius_mm),
+            places,
+            choice.radius_mm,
+            method,
+            choice.noise_mm if len(choice.radii_mm) else None,
+        )
+        radii = self._widen(found, places, method, choice)
+        widened = (radii != choice.radius_mm).any()
+        return _judged(found, sides, choice.radius_mm, method, radii if widened else None, choice)
+
+    def _widen(
+        self, found: Estimates, places: Floats, method: NormalMethod, choice: RadiusChoice
+    ) -> Floats:
+        """Give places without a usable normal a wider one; return the radii (m,) used.
+
+        At a rim the noise of a quadric is several times that in the middle; there a wider
+        neighbourhood is taken where it errs less in all, by noise and lean.
+        """
+        radii = np.full(len(places), choice.radius_mm)
+        for wider in RADII_MM[RADII_MM > choice.radius_mm * 1.01][:MAX_WIDER].tolist():
+            refused = ~np.isin(found.flag, (0, ONE_SIDED, UNCERTAIN))
+            shaky = (found.flag == UNCERTAIN) | ((found.flag == 0) & ~centred(found, radii))
+            poor = np.flatnonzero(refused | (shaky & (wider <= choice.radii_mm.max(initial=0.0))))
+            if not len(poor):
+                break
+            cells = hash_for(self._points(), wider)
+            more = estimate(cells, places[poor], wider, method, choice.noise_mm)
+            before = np.hypot(found.sigma_deg[poor], choice.lean_at_deg(radii[poor]))
+            after = np.hypot(more.sigma_deg, choice.lean_at_deg(np.array(wider)))
+            usable = (more.flag == 0) | (more.flag == UNCERTAIN)
+            better = usable & (refused[poor] | (after < before))
+            found.replace(poor[better], more.select(better))
+            radii[poor[better]] = wider
+        return radii
+
+    def _points(self) -> Floats:
+        if len(self._parts) > 1:
+            self._parts = [np.concatenate(self._parts)]
+        return self._parts[0]
+
+
+def _judged(
+    found: Estimates,
+    sides: Floats,
+    radius_mm: float,
+    method: str,
+    radii_mm: Floats | None,
+    choice: RadiusChoice | None,
+) -> Normals:
+    """Return estimates turned to the outer side, with the names of what is wrong."""
+    bare = (found.count < 3) | (np.linalg.norm(found.normals, axis=1) < 0.5)
+    normals = np.where(bare[:, None], sides, found.normals)
+    facing = np.einsum("ij,ij->i", normals, sides)
+    normals = normals * np.where(facing < 0, -1.0, 1.0)[:, None]
+    flag = np.where((found.flag == 0) & (np.abs(facing) < MIN_FACING), EDGE_ON, found.flag)
+    return Normals(
+        normals=readonly(normals),
+        count=readonly(found.count),
+        eigenvalues=readonly(found.eigenvalues),
+        sigma_deg=readonly(np.where(bare, 180.0, found.sigma_deg)),
+        ok=readonly(flag == 0),
+        radius_mm=radius_mm,
+        method=method,
+        refused={
+            name: tuple(np.flatnonzero(flag == i).tolist())
+            for i, name in enumerate(FLAGS)
+            if i and (flag == i).any()
+        },
+        radii_mm=None if radii_mm is None else readonly(radii_mm),
+        choice=choice,
+    )
+
+
+def _outward_at(places: Floats, outward: ArrayLike | None, viewpoint: ArrayLike | None) -> Floats:
+    """Return unit vectors (m, 3) towards the outside of the bone at each place."""
+    if outward is not None and viewpoint is None:
+        towards = np.broadcast_to(as_vector3(outward, name="outward"), places.shape)
+    elif viewpoint is not None and outward is None:
+        towards = as_vector3(viewpoint, name="viewpoint") - places
+    else:
+        raise InvalidInputError("give either outward (a direction) or viewpoint (a place)")
+    lengths = np.linalg.norm(towards, axis=1)
+    if (lengths == 0.0).any():
+        raise InvalidInputError("outward must not be zero, nor viewpoint one of the places")
+    return towards / lengths[:, None]

@@ -1,0 +1,138 @@
+"""The front echo: where the bone begins, how well the probe stands on it, and taking it away.
+
+What comes back from the outer boundary is 20 to 30 dB above the echo of the inner one, and the
+side lobes of a compressed chirp are only 20 dB below their peak: without subtracting the front
+echo the largest later peak is usually one of its own.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import lru_cache
+
+import numpy as np
+
+from rona_core.geometry.arrays import Bools, Floats, readonly
+from rona_core.ultrasound.detection.single.matched_filter import (
+    BONE_REFLECTION,
+    Template,
+    peak_offsets,
+)
+from rona_core.ultrasound.probe.materials import GEL, Complexes
+from rona_core.ultrasound.probe.probe_model import ProbeModel
+
+GATE_MARGIN_MM = 0.3  # the front is sought this far beyond the compliance of the line
+TAPS = 9
+TAP_SPACING = 0.12  # over the -6 dB bandwidth
+FIT_HALF_WIDTH = 1.0  # of the fit, over the bandwidth
+RIDGE = 1e-3
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Fronts:
+    """The front echo of each A-scan (n,)."""
+
+    delay_us: Floats  # after the echo of a block on the face of the line
+    level: Floats  # amplitude over that of flat bone in perfect contact
+    snr: Floats  # amplitude over the rms of the compressed noise
+    positive: Bools  # False: reflected by something softer than gel, that is, air
+
+    def __getitem__(self, block: slice) -> "Fronts":
+        return Fronts(
+            self.delay_us[block], self.level[block], self.snr[block], self.positive[block]
+        )
+
+    @property
+    def heard(self) -> Bools:
+        """Which fronts were heard and not known from elsewhere."""
+        return np.asarray(np.isfinite(self.snr))
+
+    @classmethod
+    def concatenate(cls, parts: Sequence["Fronts"]) -> "Fronts":
+        """Return the fronts of several blocks as one."""
+        none = np.zeros(0)
+        return cls(
+            np.concatenate([none, *(p.delay_us for p in parts)]),
+            np.concatenate([none, *(p.level for p in parts)]),
+            np.concatenate([none, *(p.snr for p in parts)]),
+            np.concatenate([none.astype(np.bool_), *(p.positive for p in parts)]),
+        )
+
+
+def gate_us(probe: ProbeModel) -> tuple[float, float]:
+    """Return the earliest and the latest delay at which the front may come."""
+    reach = probe.compliance_mm + GATE_MARGIN_MM
+    return -2.0 * reach / probe.line.speed_mm_per_us, 2.0 * reach / GEL.speed_mm_per_us
+
+
+def find_fronts(spectra: Complexes, noise: Floats, template: Template) -> Fronts:
+    """Return the largest echo within reach of the line, timed to a fraction of a cycle."""
+    early, late = gate_us(template.probe)
+    at_gate = template.shift(np.array((template.probe.line_delay_us + early,)))
+    z = template.compress(spectra * at_gate, template.spectrum)
+    z = z[:, : int((late - early) / template.step_us) + 1]
+    level = np.abs(z)
+    at = np.argmax(level, axis=1)
+    rows = np.arange(len(z))
+    samples = at + peak_offsets(level, at)
+    delay = early + samples * template.step_us
+    phase = np.angle(
+        z[rows, at] * np.exp(2j * np.pi * template.carrier_mhz * at * template.step_us)
+    )
+    # phase at the sample, carried on to the interpolated peak
+    phase = phase + 2.0 * np.pi * template.carrier_mhz * (samples - at) * template.step_us
+    phase = np.angle(np.exp(1j * phase))
+    positive = np.abs(phase) < 0.6 * np.pi
+    delay = np.where(positive, delay - phase / (2.0 * np.pi * template.carrier_mhz), delay)
+    peak = level[rows, at]
+    rms = noise * template.noise_gain(template.spectrum)
+    return Fronts(
+        delay, peak / BONE_REFLECTION, peak / np.maximum(rms, 1e-12), np.asarray(positive)
+    )
+
+
+def standoff_mm(delay_us: Floats, probe: ProbeModel) -> Floats:
+    """Return the distance (n,) from the face of the uncompressed line to the bone.
+
+    The line is pressed or a gap is filled with gel; a film of gel is always there.
+    """
+    film, line, gel = probe.film_mm, probe.line.speed_mm_per_us, GEL.speed_mm_per_us
+    at_film = 2.0 * film / gel
+    pressed = film + (delay_us - at_film) / 2.0 * line
+    gap = film + (delay_us - at_film) / 2.0 * gel
+    return np.where(delay_us < at_film, pressed, gap)
+
+
+def fronts_at(standoffs_mm: Floats, probe: ProbeModel) -> Fronts:
+    """Return fronts at known distances (n,) from the face of the uncompressed line."""
+    film, line, gel = probe.film_mm, probe.line.speed_mm_per_us, GEL.speed_mm_per_us
+    beyond = standoffs_mm - film
+    delay = 2.0 * film / gel + 2.0 * beyond / np.where(beyond < 0.0, line, gel)
+    sure = np.ones(len(standoffs_mm))
+    return Fronts(delay, sure, np.full(len(sure), np.inf), np.asarray(sure > 0.0))
+
+
+def subtract_fronts(aligned: Complexes, template: Template) -> Complexes:
+    """Return spectra (n, f) without their front echo, which must be aligned to time 0.
+
+    The echo is fitted near its peak by a few delayed copies of the template, which absorb tilt,
+    curvature and film; the fit takes its side lobes away far beyond the place of the fit.
+    """
+    found, copies = _near_fit(template)
+    return aligned - (aligned @ found) @ copies
+
+
+@lru_cache(maxsize=16)
+def _near_fit(template: Template) -> tuple[Complexes, Complexes]:
+    """Return what gives the heights of the copies (f, k), and the copies (k, f)."""
+    band = template.probe.bandwidth * template.probe.centre_mhz
+    delays = (np.arange(TAPS, dtype=np.float64) - TAPS // 2) * TAP_SPACING / band
+    copies = template.spectrum * np.conj(template.shift(delays))
+    reach = int(FIT_HALF_WIDTH / band / template.step_us)
+    near = np.arange(-reach, reach + 1)
+    basis = template.compress(copies, template.spectrum)[:, near].T
+    normal = basis.conj().T @ basis
+    normal += RIDGE * np.trace(normal).real / TAPS * np.eye(TAPS)
+    every = np.eye(len(template.frequencies_mhz), dtype=np.complex128)
+    seen = template.compress(every, template.spectrum)[:, near].T
+    found = np.asarray(np.linalg.solve(normal, basis.conj().T @ seen).T, dtype=np.complex128)
+    return readonly(found), readonly(copies)

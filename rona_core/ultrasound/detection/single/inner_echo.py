@@ -1,0 +1,173 @@
+"""Candidates for the inner echo: peaks of what is left behind the front echo.
+
+The search uses the envelope, since the phase of a broadband echo repeats every cycle. With each
+peak goes what tells an inner echo from clutter: its sign, its level, what came before, and that
+nothing comes after it, for the inner boundary is the last one.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, fields
+from typing import Any
+
+import numpy as np
+
+from rona_core.geometry.arrays import Bools, Floats
+from rona_core.ultrasound.detection.single.depth_evidence import CLUTTER, depth_evidence, depth_grid
+from rona_core.ultrasound.detection.single.matched_filter import (
+    BONE_REFLECTION,
+    Template,
+    peak_offsets,
+)
+from rona_core.ultrasound.probe.materials import BRAIN, TABLE, Complexes, Material
+from rona_core.ultrasound.probe.probe_model import PROBES, ProbeModel
+
+CANDIDATES = 12  # kept for each A-scan
+BANK_STEP_MM = 2.0  # thickness between templates
+NEAREST = 0.65  # of the least thickness: sought from here, so that what is too thin is seen
+FAR_MARGIN_MM = 1.5  # and beyond it
+BRAIN_MRAYL, BONE_MRAYL = (m.speed_mm_per_us * m.density_g_per_cm3 for m in (BRAIN, TABLE))
+INNER_OVER_FRONT = (
+    (1.0 - BONE_REFLECTION**2) * (BRAIN_MRAYL - BONE_MRAYL) / (BRAIN_MRAYL + BONE_MRAYL)
+) / BONE_REFLECTION  # nominal, without attenuation; negative
+GUARD = 0.9  # over the -6 dB bandwidth: closer than this, peaks are one echo
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Candidates:
+    """The strongest peaks behind the front echo, shape (n, CANDIDATES), in order of time."""
+
+    lag_us: Floats  # of the envelope, after the front echo
+    phase_rad: Floats  # of the peak; 0 where its sign is that of an inner echo
+    level: Floats  # amplitude over that of a nominal inner echo at this depth
+    noise: Floats  # rms of the noise on the same scale
+    clutter: Floats  # median of the trace behind the front, on the same scale
+    before: Floats  # largest peak ahead of this one over it, both over the noise
+    after: Floats  # largest peak behind this one over it
+    exists: Bools  # False: fewer peaks than that
+
+    @classmethod
+    def concatenate(cls, parts: Sequence["Candidates"]) -> "Candidates":
+        """Return the candidates of several blocks as one."""
+        none = np.zeros((0, CANDIDATES))
+        columns: dict[str, Any] = {
+            f.name: np.concatenate([none, *(getattr(part, f.name) for part in parts)])
+            for f in fields(cls)
+        }
+        columns["exists"] = columns["exists"].astype(np.bool_)
+        return cls(**columns)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class InnerChoice:
+    """The inner echo of each A-scan (n,), and what else it might be."""
+
+    lag_us: Floats  # after the front echo; the best guess where it is not heard
+    sureness: Floats  # 0 to 1
+    heard: Bools
+    sigma_us: Floats  # of the lag, if this is the inner echo
+    other_us: Floats  # lag of the runner-up
+    other_sureness: Floats  # 0: there is none
+
+
+def bone_gate_us(probe: ProbeModel, bone: Material) -> tuple[float, float]:
+    """Return the earliest and the latest time of an inner echo after the front echo."""
+    low = NEAREST * probe.min_thickness_mm
+    high = probe.max_thickness_mm + FAR_MARGIN_MM
+    return 2.0 * low / bone.speed_mm_per_us, 2.0 * high / bone.speed_mm_per_us
+
+
+def inner_grid_mm(probe: ProbeModel, bone: Material) -> Floats:
+    """Return the depths (m,) between which an inner boundary is sought."""
+    low, high = (t * bone.speed_mm_per_us / 2.0 for t in bone_gate_us(probe, bone))
+    return depth_grid(low, high)
+
+
+def bone_filter(template: Template, bone: Material, thickness_mm: float | Floats) -> Complexes:
+    """Return the spectrum (..., f) of an inner echo at its delay: lower, duller, inverted.
+
+    Args:
+        template: Of the probe and excitation.
+        bone: Nominal bone, whose loss and dispersion over the thickness are in it.
+        thickness_mm: One, or one per A-scan (n,).
+    """
+    f = template.frequencies_mhz
+    at_centre = 2.0 * np.pi * f / bone.speed_mm_per_us
+    loss = np.multiply.outer(thickness_mm, -2j * (bone.wavenumber_per_mm(f) - at_centre))
+    return template.spectrum * INNER_OVER_FRONT * BONE_REFLECTION * np.exp(loss)
+
+
+def find_candidates(
+    behind: Complexes, noise: Floats, template: Template, bone: Material
+) -> tuple[Candidates, Floats, Floats]:
+    """Return the peaks in spectra (n, f) aligned to their fronts and cleared of them.
+
+    The other arrays (n, m) are the evidence for each depth of ``inner_grid_mm``, and the level over
+    the noise there.
+
+    Args:
+        behind: Spectra without front echo, which was at time 0.
+        noise: RMS of the noise in each trace sample, shape (n,).
+        template: Of the probe and excitation.
+        bone: Nominal bone; its speed turns the range of thicknesses into one of time.
+    """
+    probe, step = template.probe, template.step_us
+    low, high = bone_gate_us(probe, bone)
+    first, last = int(low / step), int(np.ceil(high / step))
+    z, gain = through_bank(behind, template, bone, first, last)
+    level = np.abs(z)
+    peaks = np.zeros(level.shape, dtype=bool)
+    peaks[:, 1:-1] = (level[:, 1:-1] > level[:, :-2]) & (level[:, 1:-1] >= level[:, 2:])
+    ranked = np.argsort(np.where(peaks, level, 0.0), axis=1)[:, -CANDIDATES:]
+    at = np.sort(ranked, axis=1)
+    rows = np.arange(len(z))[:, None]
+    offset = np.stack([peak_offsets(level, column) for column in at.T], axis=1)
+    phase = np.angle(z[rows, at]) + 2 * np.pi * template.carrier_mhz * offset * step
+    height = np.maximum(level[rows, at], 1e-12)
+    guard = int(GUARD / (probe.bandwidth * probe.centre_mhz) / step)
+    before = np.maximum.accumulate(level, axis=1)[rows, np.maximum(at - guard, 0)]
+    behind_it = np.maximum.accumulate(level[:, ::-1], axis=1)[:, ::-1]
+    after = behind_it[rows, np.minimum(at + guard, level.shape[1] - 1)]
+    lags = np.arange(first, last + 1, dtype=np.float64) * step
+    wanted = 2.0 * inner_grid_mm(probe, bone) / bone.speed_mm_per_us
+    found = Candidates(
+        lag_us=(first + at + offset) * step,
+        phase_rad=np.angle(np.exp(1j * phase)),
+        level=height * gain[at],
+        noise=noise[:, None] * gain[at],
+        clutter=np.median(level, axis=1)[:, None] * gain[at],
+        before=before / height,
+        after=after / height,
+        exists=np.take_along_axis(peaks, at, axis=1),
+    )
+    return found, *depth_evidence(level, noise, gain, lags, wanted, _clutter(probe))
+
+
+def _clutter(probe: ProbeModel) -> float:
+    """Return the level of the clutter between those of the two probes."""
+    (low, a), (high, b) = sorted((PROBES[k].centre_mhz, v) for k, v in CLUTTER.items())
+    return float(np.interp(np.log(probe.centre_mhz), np.log((low, high)), (a, b)))
+
+
+def through_bank(
+    behind: Complexes, template: Template, bone: Material, first: int, last: int
+) -> tuple[Complexes, Floats]:
+    """Return outputs (n, lags) over the noise gain, and that gain (lags,).
+
+    Peaks are sought over the noise: amplitudes over the nominal echo rise steeply with depth.
+    """
+    probe, step, speed = template.probe, template.step_us, bone.speed_mm_per_us
+    lags = np.arange(first, last + 1, dtype=np.float64) * step
+    depths = np.arange(probe.min_thickness_mm, probe.max_thickness_mm + BANK_STEP_MM, BANK_STEP_MM)
+    at = np.clip(lags * speed / 2.0, depths[0], depths[-1])
+    z = np.zeros((len(behind), len(lags)), dtype=np.complex128)
+    gain = np.zeros(len(lags))
+    for depth in depths:  # every lag takes its share from the two nearest templates
+        share = np.clip(1.0 - np.abs(at - depth) / BANK_STEP_MM, 0.0, 1.0)
+        if not share.any():
+            continue
+        matched = bone_filter(template, bone, float(depth))
+        weighed = template.weighed_for(matched)
+        rms = weighed.noise_gain(matched)
+        z += share * weighed.compress(behind, matched)[:, first : last + 1] / rms
+        gain += share * rms
+    return z * np.exp(2j * np.pi * template.carrier_mhz * lags), gain

@@ -1,0 +1,156 @@
+"""How likely the inner echo is at every depth, before any peak is picked: track before detect.
+
+Where the echo is hardly louder than the noise no peak stands out, and picking peaks throws away
+what many A-scans know together. Here every depth keeps its likelihood ratio, that of a magnitude
+with an echo of uncertain loudness against one of noise and clutter alone (Rice against Rayleigh),
+and neighbours add up what none of them shows by itself.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.ndimage import maximum_filter1d
+
+from rona_core.geometry.arrays import Bools, Floats
+from rona_core.ultrasound.detection.single.depth_evidence import STEP_MM
+from rona_core.ultrasound.detection.spatial.neighbour_graph import Links
+from rona_core.ultrasound.detection.spatial.semi_global_matching import neighbours_say
+
+SMOOTH_MM, LINKED = 0.1, 0.95  # change of thickness 1 mm apart, and where it does not jump
+APART_MM = 0.9  # a later boundary is at least this far behind
+# times the depth, where echoes of the echo come, and how loud they are at most over it
+MULTIPLES = (2.0, 0.4), (3.0, 0.1), (4.0, 0.03)
+MULTIPLE = 0.08, 0.3  # share and mm about those
+REVERBERATES = 1.6, 0.3  # within the tables: up to this many times the depth, this loud at most
+SIDE_LOBES = (3.0, 0.17), (5.0, 0.1)  # mm behind an echo, and what is weaker there may be its own
+STACK_FLOOR, STACK_SURE = 0.25, 1.5  # mean evidence from which on there is a boundary, and is sure
+LAST = 5.0  # log likelihood that a boundary loses for each unit of one behind it
+SLOPE_STEPS = 2  # of the grid, by which a boundary may differ from that of a neighbour
+NEAR_MM = 0.5  # about a depth, its chance is summed over this much either way
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Tracks:
+    """What all A-scans together say of depths (n, k)."""
+
+    chance: Floats  # that the last boundary runs near it
+    stack: Floats  # mean evidence for a boundary
+    loud: Floats  # mean level over the noise
+    behind: Floats  # that another boundary is behind, with a peak of its own: 0 to STACK_SURE
+
+
+def stacked(evidence: Floats, links: Links) -> Floats:
+    """Return the mean evidence (n, m) of each A-scan and those around it, for every depth.
+
+    Unlike the chances of tracks this is no contest: two boundaries, one behind the other, both
+    have it. Where there is nothing it is about 0.
+    """
+    wide = maximum_filter1d(evidence, 2 * SLOPE_STEPS + 1, axis=1, mode="nearest")
+    return _mean_around(evidence, wide, links)
+
+
+def _mean_around(own: Floats, others: Floats, links: Links) -> Floats:
+    total, count = own.copy(), np.ones((len(own), 1))
+    for sources in links.around:
+        rows = np.flatnonzero(sources >= 0)
+        total[rows] += others[sources[rows]]
+        count[rows] += 1.0
+    mean: Floats = total / count
+    return mean
+
+
+def seen_behind(stack: Floats, loud: Floats, grid_mm: Floats) -> Floats:
+    """Return how sure (n, m) another boundary lies behind each depth, 0 to ``STACK_SURE``.
+
+    Args:
+        stack: Mean evidence for a boundary (n, m).
+        loud: Mean level over the noise (n, m): a multiple or a side lobe does not count.
+        grid_mm: Depths (m,).
+    """
+    sure = np.clip(stack - STACK_FLOOR, 0.0, STACK_SURE)
+    behind = np.zeros(stack.shape)
+    for i, depth in enumerate(grid_mm):
+        first = int(np.searchsorted(grid_mm, depth + APART_MM))
+        if first >= len(grid_mm):
+            break
+        ratio = loud[:, first:] / np.maximum(loud[:, i : i + 1], 1e-12)
+        counts = ~repeats(depth, grid_mm[first:], ratio)
+        behind[:, i] = np.where(counts, sure[:, first:], 0.0).max(axis=1)
+    return behind
+
+
+def _summits(loud: Floats) -> Bools:
+    """Return where levels (n, m) are highest within 0.5 mm: not on the flank of an echo."""
+    reach = 2 * round(NEAR_MM / STEP_MM) + 1
+    return np.asarray(loud >= maximum_filter1d(loud, reach, axis=1, mode="nearest"))
+
+
+def repeats(depth_mm: float | Floats, behind_mm: Floats, ratio: Floats) -> Bools:
+    """Return whether something behind an echo may come from it: a multiple, or a side lobe.
+
+    Args:
+        depth_mm: Of the echo.
+        behind_mm: Of what is behind it.
+        ratio: Of their levels over the noise, the one behind over the one ahead.
+    """
+    times, most = REVERBERATES
+    (near, high), (far, low) = SIDE_LOBES
+    lobe = np.interp(behind_mm - depth_mm, (near, far), (high, low))
+    same = np.asarray((ratio < lobe) | ((behind_mm < times * depth_mm) & (ratio < most)))
+    for times, most in MULTIPLES:
+        off = np.abs(behind_mm - times * depth_mm)
+        same = same | ((off < MULTIPLE[0] * behind_mm + MULTIPLE[1]) & (ratio < most))
+    return same
+
+
+def at_depths(values: Floats, grid_mm: Floats, depth_mm: Floats) -> Floats:
+    """Return what a grid of depths has (n, m) at depths (n, k)."""
+    at = np.clip(np.rint((depth_mm - grid_mm[0]) / STEP_MM).astype(np.int64), 0, len(grid_mm) - 1)
+    return np.asarray(np.take_along_axis(values, at, axis=1), dtype=np.float64)
+
+
+def track_chances(evidence: Floats, grid_mm: Floats, depth_mm: Floats, links: Links) -> Floats:
+    """Return how likely (n, k) the boundary runs near depths (n, k), all A-scans together.
+
+    Args:
+        evidence: Of each A-scan for each depth (n, m).
+        grid_mm: Those depths (m,).
+        depth_mm: What is asked for (n, k).
+        links: Who is beside whom.
+    """
+    if not len(evidence):
+        return np.zeros(depth_mm.shape)
+    said = neighbours_say(np.exp(evidence), links, change_mm=SMOOTH_MM, linked=LINKED)
+    odds = np.log(said) + evidence
+    chance = np.exp(odds - odds.max(axis=1, keepdims=True))
+    total = np.cumsum(chance / chance.sum(axis=1, keepdims=True), axis=1)
+    total = np.column_stack((np.zeros(len(total)), total))
+    at = np.rint((depth_mm - grid_mm[0]) / STEP_MM).astype(np.int64)
+    reach = round(NEAR_MM / STEP_MM)
+    rows = np.arange(len(total))[:, None]
+    first = np.clip(at - reach, 0, len(grid_mm))
+    after = np.clip(at + reach + 1, 0, len(grid_mm))
+    return np.asarray(total[rows, after] - total[rows, first], dtype=np.float64)
+
+
+def along_tracks(
+    evidence: Floats, loud: Floats, grid_mm: Floats, depth_mm: Floats, links: Links
+) -> Tracks:
+    """Return what all A-scans together say of depths (n, k).
+
+    Args:
+        evidence: Of each A-scan for each depth (n, m).
+        loud: Level over the noise (n, m).
+        grid_mm: Those depths (m,).
+        depth_mm: What is asked for (n, k).
+        links: Who is beside whom.
+    """
+    stack, mean = stacked(evidence, links), _mean_around(loud, loud, links)
+    behind = seen_behind(stack, mean, grid_mm)
+    peaks = seen_behind(np.where(_summits(mean), stack, 0.0), mean, grid_mm)
+    return Tracks(
+        track_chances(evidence - LAST * behind, grid_mm, depth_mm, links),
+        at_depths(stack, grid_mm, depth_mm),
+        at_depths(mean, grid_mm, depth_mm),
+        at_depths(peaks, grid_mm, depth_mm),
+    )

@@ -1,0 +1,121 @@
+"""The two A-mode probes: transducer, delay line, transmitter and digitiser."""
+
+from dataclasses import dataclass, replace
+from typing import get_args
+
+from rona_core.devices.settings import ROOM_C, Excitation, ProbeName, ProbeSettings, PulseShape
+from rona_core.errors import InvalidInputError
+from rona_core.ultrasound.probe.materials import Material
+
+SAMPLING_MHZ = 50.0
+ADC_BITS = 14
+FULL_SCALE_SHARE = 0.5  # a perfect front echo peaks at this share of full scale
+LEAD_US = 4.0  # the record begins this long before the echo of the uncompressed line's face
+TAIL_US = 4.0  # and lasts this long after the last possible echo
+RING_DOWN_US = 1.0  # between the end of a chirp and the record
+SLOWEST_BONE_MM_PER_US = 2.3  # for the length of the record
+AQUALENE = Material(1.60, 0.92, 0.4, 1.2)
+SPEED_PER_K = -0.0025  # mm/us, of the line: rubber slows down as it warms
+LOSS_PER_K = -0.012  # and loses less, as a share of its loss
+
+
+@dataclass(frozen=True, slots=True)
+class ProbeModel:
+    """A disc transducer behind a compliant elastomer delay line.
+
+    The face keeps contact while the robot misplaces it along its axis: the line gives way by up
+    to ``compliance_mm`` and gel fills gaps of the same size; a film of gel always remains.
+    """
+
+    name: ProbeName
+    centre_mhz: float
+    aperture_radius_mm: float
+    min_thickness_mm: float  # of bone that the probe resolves
+    max_thickness_mm: float
+    bandwidth: float = 0.46  # full width at -6 dB over the centre frequency
+    line_length_mm: float = 15.0
+    line: Material = AQUALENE
+    crystal_reflection: float = 0.25  # of an echo that returns to the transducer
+    compliance_mm: float = 2.0
+    film_mm: float = 0.1
+    sampling_mhz: float = SAMPLING_MHZ
+    adc_bits: int = ADC_BITS
+    pulse_shape: PulseShape = "resonant"
+    gain_db: float = 0.0  # of the receiver, over the gain that leaves a front echo half the scale
+
+    @property
+    def front_share(self) -> float:
+        """Peak of a perfect front echo over full scale; above 1 the converter clips it."""
+        return FULL_SCALE_SHARE * float(10.0 ** (self.gain_db / 20.0))
+
+    @property
+    def line_delay_us(self) -> float:
+        """Two-way time through the uncompressed line."""
+        return 2.0 * self.line_length_mm / self.line.speed_mm_per_us
+
+    @property
+    def start_us(self) -> float:
+        """Time of the first recorded sample after the emission starts."""
+        return round((self.line_delay_us - LEAD_US) * self.sampling_mhz) / self.sampling_mhz
+
+    @property
+    def chirp_length_us(self) -> float:
+        """Duration of the coded emission: as long as the line allows."""
+        return self.start_us - RING_DOWN_US
+
+    @property
+    def chirp_band_mhz(self) -> float:
+        """Width of the coded emission, 1.14 times the -6 dB band (Pollakowski and Ermert 1994)."""
+        return 1.14 * self.bandwidth * self.centre_mhz
+
+    def n_samples(self, excitation: Excitation) -> int:
+        """Return the length of the record in samples."""
+        bone_us = 2.0 * self.max_thickness_mm / SLOWEST_BONE_MM_PER_US
+        emission_us = self.chirp_length_us if excitation == "chirp" else 0.0
+        length_us = LEAD_US + 2.0 * self.compliance_mm / 1.5 + bone_us + emission_us + TAIL_US
+        return round(length_us * self.sampling_mhz)
+
+
+PROBES = {
+    "2.25MHz": ProbeModel("2.25MHz", 2.25, 3.175, min_thickness_mm=2.0, max_thickness_mm=12.0),
+    "1MHz": ProbeModel("1MHz", 1.0, 6.35, min_thickness_mm=4.0, max_thickness_mm=14.0),
+}
+
+
+def probe_model(probe: str | ProbeSettings) -> ProbeModel:
+    """Return the model of a probe: by its name, or as its settings have changed it.
+
+    It is what a laboratory knows of its probe. What it does not know, the temperature of the line,
+    is not in it: the line is that of room temperature.
+
+    Raises:
+        InvalidInputError: there is no such probe.
+    """
+    name = probe if isinstance(probe, str) else probe.name
+    if name not in PROBES:
+        raise InvalidInputError(f"probe must be one of {', '.join(get_args(ProbeName))}: {name!r}")
+    if isinstance(probe, str):
+        return PROBES[name]
+    aperture_radius_mm = None if probe.aperture_mm is None else probe.aperture_mm / 2.0
+    chosen = {
+        "centre_mhz": probe.centre_mhz,
+        "bandwidth": probe.bandwidth,
+        "aperture_radius_mm": aperture_radius_mm,
+        "line_length_mm": probe.line_length_mm,
+        "pulse_shape": probe.pulse_shape,
+        "adc_bits": probe.adc_bits,
+        "gain_db": probe.gain_db,
+    }
+    return replace(PROBES[name], **{k: value for k, value in chosen.items() if value is not None})
+
+
+def warmed(line: Material, temperature_c: float) -> Material | None:
+    """Return a delay line at another temperature; None at the one it is specified for."""
+    rise = temperature_c - ROOM_C
+    if rise == 0.0:
+        return None
+    return replace(
+        line,
+        speed_mm_per_us=line.speed_mm_per_us + SPEED_PER_K * rise,
+        attenuation_db_per_cm=line.attenuation_db_per_cm * (1.0 + LOSS_PER_K * rise),
+    )

@@ -1,0 +1,279 @@
+"""The echo of the back wall, timed coherently against a template learned from all scans.
+
+Attenuation and polarity make it unlike the front; what remains alike decides how far apart the two
+are: the delay at which the mean front, damped and perhaps turned over, is most like the mean back.
+"""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from rona_core.devices.files.rf.rf_data import RecordedRf
+from rona_core.geometry.arrays import Bools, Floats, Ints
+from rona_core.ultrasound.recorded.band import Band, Complexes, noise_rms
+from rona_core.ultrasound.recorded.clipping import (
+    are_most_cut,
+    front_is_cut,
+    half_cycles_off,
+    samples_lost,
+)
+from rona_core.ultrasound.recorded.echo_tracks import Track, neighbours, predicted
+from rona_core.ultrasound.recorded.front_echo import FrontEchoes
+from rona_core.ultrasound.recorded.template_learning import Aligned, align_echoes, locate_echoes
+
+ALIKE = 0.5  # correlation with the mean back echo, below which a scan is unsure
+LEAST_SNR = 3.0
+TAIL_REACH = 7.0  # over the pulse length: nearer back walls sit on the end of the front's pulse
+SMOOTH_CYCLES = 0.35  # a coarse lag that scatters less about its neighbours is replaced by theirs
+SEARCH_CYCLES = 0.6
+OFF_COST = 0.05  # likeness that a scan off its neighbours by a cycle must have more
+LOSSES = np.linspace(0.0, 3.0, 61)  # Np per MHz tried for the way through the plate
+MOST_TURN = 0.5 * np.pi  # of the phase, from a piston's near field to its far field
+TURN_COST = 0.005  # likeness that the whole of it must bring
+BEYOND = 0.5  # of the range of lags that were followed
+MOST_GAIN = 5.0  # by which a loss is taken back
+MAX_RESHAPE_NP = 0.7
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class BackEchoes:
+    """The back wall in each line (n,)."""
+
+    lag_us: Floats
+    likeness: Floats
+    sigma_us: Floats
+    heard: Bools
+    sure: Bools
+    level: float  # over the front, typical
+    inverted: bool
+    alike: float  # correlation of the mean back echo with the mean front, its loss allowed for
+
+
+@dataclass(frozen=True, slots=True)
+class Match:
+    """How the mean back echo follows from the mean front."""
+
+    delay_us: float  # of the back's point of time against the front's
+    loss_np_per_mhz: float
+    inverted: bool
+    likeness: float
+    worth: float  # likeness less the price of a turned phase
+
+
+def refine_back(
+    lines: Complexes,
+    zero: int,
+    front: FrontEchoes,
+    track: Track,
+    sampling_mhz: float,
+    band: Band,
+    recorded: RecordedRf,
+    clipped: Bools,
+) -> BackEchoes:
+    """Return the time from front to back wall in each line.
+
+    Args:
+        lines: Analytic lines (n, samples) with every front at sample ``zero``.
+        zero: That sample.
+        front: The fronts.
+        track: The coarse lag of the back wall.
+        sampling_mhz: Of the lines.
+        band: Of the echoes.
+        recorded: The lines as they were written, and their positions.
+        clipped: Samples (n, samples) at a limit of the converter.
+    """
+    used = track.there & front.ok
+    near = neighbours(len(lines), recorded.positions_mm)
+    lag = _coarse(track, used, near, recorded.positions_mm, band)
+    plain = _without_front(lines, zero, lag[used], front.ok, sampling_mhz, band)
+    centers = np.rint(zero + lag * sampling_mhz).astype(np.int64)
+    search = SEARCH_CYCLES / band.centre_mhz
+    aligned = align_echoes(plain, centers, used, sampling_mhz, band, search_us=search)
+    middle = float(np.median(lag[used]))
+    cut = front_is_cut(clipped, front, sampling_mhz, band)
+    # what was restored of a pulse does not tell a turned phase from a moved envelope
+    restored = are_most_cut(cut, front.ok)
+    most_turn = 0.0 if restored else MOST_TURN
+    match = match_echoes(front.aligned, aligned, band, most_turn)
+    rate = match.loss_np_per_mhz / middle
+    reshape = _reshape(rate * (lag - middle), aligned.frequencies_mhz, band)
+    aligned = align_echoes(
+        plain, centers, used, sampling_mhz, band, search_us=search, reshape=reshape
+    )
+    aligned = _settled(
+        plain, aligned, lag, used, near, recorded.positions_mm, zero, sampling_mhz, band, reshape
+    )
+    match = match_echoes(front.aligned, aligned, band, most_turn)
+    # an echo that was cut off as much does not tell what the front was before
+    back_us = front.aligned.at_us + aligned.at_us - zero / sampling_mhz
+    more = samples_lost(clipped, back_us, sampling_mhz, band) >= samples_lost(
+        clipped, front.aligned.at_us, sampling_mhz, band
+    )
+    if restored and not are_most_cut(more & cut & used, cut & used):
+        whole = np.where(
+            aligned.frequencies_mhz > 0,
+            aligned.spectrum * _undamped(match.loss_np_per_mhz, aligned.frequencies_mhz, band),
+            0.0,
+        ) * np.exp(2j * np.pi * aligned.frequencies_mhz * match.delay_us)
+        halves = half_cycles_off(
+            recorded.rf, cut, front, -whole if match.inverted else whole, sampling_mhz, band
+        )
+        match = replace(
+            match,
+            delay_us=match.delay_us + 0.5 * halves / band.centre_mhz,
+            inverted=match.inverted != bool(halves % 2),
+        )
+    found = aligned.at_us - zero / sampling_mhz + match.delay_us
+    noise = noise_rms(np.abs(plain), zero, band.length_us * sampling_mhz)
+    noise = np.maximum(noise, 1e-9)
+    peak = np.abs(np.fft.ifft(aligned.spectrum)).max() * aligned.level
+    snr = peak / noise
+    inside = centers < lines.shape[1] - round(0.5 * band.length_us * sampling_mhz)
+    heard = front.ok & inside & (snr > LEAST_SNR)
+    sure = heard & (aligned.likeness > ALIKE) & (used | (aligned.likeness > 0.75))
+    # where the echo was not followed to, neighbours may have pointed anywhere
+    low, high = np.quantile(lag[used], (0.02, 0.98))
+    reach = max(band.length_us, BEYOND * (high - low))
+    sure &= used | ((found > low - reach) & (found < high + reach))
+    # bound of a coherent estimate: bandwidth times time is about 1, both echoes have noise
+    sigma = np.hypot(1.0 / np.maximum(snr, 1.0), noise) / (2.0 * np.pi * band.centre_mhz)
+    return BackEchoes(
+        found,
+        aligned.likeness,
+        sigma,
+        heard,
+        sure,
+        track.typical_level,
+        match.inverted,
+        match.likeness,
+    )
+
+
+def match_echoes(front: Aligned, back: Aligned, band: Band, most_turn: float = MOST_TURN) -> Match:
+    """Return delay, loss and sign that make the mean front most like the mean back echo.
+
+    Loss grows with frequency and has its Kramers-Kronig dispersion, 0 in mid-band. The field of a
+    probe spreads between front and back wall, which advances the phase by up to a quarter turn.
+    """
+    f = front.frequencies_mhz
+    half = f > 0
+    fine = 16
+    size = len(f) * fine
+    step = 1.0 / (float(f[1]) * size)
+    reach = int(0.8 / band.centre_mhz / step)
+    lags = np.arange(-reach, reach + 1)
+    best = Match(0.0, 0.0, True, -1.0, -1.0)
+    norm_back = np.sqrt((np.abs(back.spectrum[half]) ** 2).sum())
+    for loss in LOSSES:
+        model = np.where(half, front.spectrum * damping(loss, f, band), 0.0)
+        cross = np.zeros(size, dtype=np.complex128)
+        cross[: len(f) // 2] = (back.spectrum * np.conj(model))[: len(f) // 2]
+        value = (np.fft.ifft(cross) * size)[lags]
+        value = value / (norm_back * np.sqrt((np.abs(model) ** 2).sum()) + 1e-12)
+        for sign in (-1.0, 1.0):
+            turn = np.clip(np.angle(sign * value), 0.0, most_turn)
+            fit = (sign * value * np.exp(-1j * turn)).real
+            worth = fit - TURN_COST * turn / MOST_TURN
+            at = int(np.argmax(worth))
+            if worth[at] > best.worth:
+                best = Match(
+                    float(lags[at] * step), float(loss), sign < 0, float(fit[at]), float(worth[at])
+                )
+    return best
+
+
+def damping(loss_np_per_mhz: Floats | float, f: Floats, band: Band) -> Complexes:
+    """Return what a loss in proportion to frequency does to a spectrum (..., f)."""
+    safe = np.where(f > 0, f, band.centre_mhz)
+    turn = 2.0 * safe / np.pi * np.log(safe / band.centre_mhz)
+    # level at mid-band stays
+    return np.exp(np.asarray(loss_np_per_mhz)[..., None] * (-(safe - band.centre_mhz) + 1j * turn))
+
+
+def _undamped(loss_np_per_mhz: float, f: Floats, band: Band) -> Complexes:
+    """Return what takes a loss back, within reason."""
+    gain = damping(-loss_np_per_mhz, f, band)
+    size = np.abs(gain)
+    return gain * np.minimum(size, MOST_GAIN) / size
+
+
+def _reshape(loss_np_per_mhz: Floats, f: Floats, band: Band) -> Complexes:
+    """Return factors (n, f) that give every back echo the loss of the typical one."""
+    limit = MAX_RESHAPE_NP / band.width_mhz
+    return damping(-np.clip(loss_np_per_mhz, -limit, limit), f, band)
+
+
+def _without_front(
+    lines: Complexes, zero: int, lag_us: Floats, ok: Bools, sampling_mhz: float, band: Band
+) -> Complexes:
+    """Return the lines without the mean front and as much of its end as is known for sure."""
+    first = float(np.quantile(lag_us, 0.02)) - 0.6 * band.length_us
+    if first > TAIL_REACH * band.length_us:
+        return lines
+    last = zero + max(round(first * sampling_mhz), 1)
+    fall = max(2, round(0.6 * band.length_us * sampling_mhz))
+    index = np.arange(lines.shape[1])
+    taper = np.clip((last - index) / fall, 0.0, 1.0)
+    return lines - np.where(ok, 1.0, 0.0)[:, None] * (lines[ok].mean(axis=0) * taper)
+
+
+def _around(lag_us: Floats, used: Bools, near: Ints, positions_mm: Floats | None) -> Floats:
+    """Return the lags (n,) that neighbours predict; where none do, the scan's own or the usual."""
+    around = predicted(lag_us, used, near, positions_mm)
+    own = np.where(used, lag_us, np.median(lag_us[used]) if used.any() else 0.0)
+    return np.where(np.isfinite(around), around, own)
+
+
+def _settled(
+    plain: Complexes,
+    aligned: Aligned,
+    lag: Floats,
+    used: Bools,
+    near: Ints,
+    positions_mm: Floats | None,
+    zero: int,
+    sampling_mhz: float,
+    band: Band,
+    reshape: Complexes,
+) -> Aligned:
+    """Return the echoes at the cycle that fits both the template and the neighbours best."""
+    cycle = 1.0 / band.centre_mhz
+    fine = aligned.at_us - zero / sampling_mhz
+    around = _around(fine, used & (aligned.likeness > ALIKE), near, positions_mm)
+    best, worth = fine.copy(), _worth(aligned.likeness, fine - around, cycle)
+    for guess in (lag, around, fine + cycle, fine - cycle):
+        centers = np.rint(zero + guess * sampling_mhz).astype(np.int64)
+        other = locate_echoes(
+            plain,
+            centers,
+            aligned,
+            sampling_mhz,
+            band,
+            search_us=SEARCH_CYCLES * cycle,
+            reshape=reshape,
+        )
+        there = other.at_us - zero / sampling_mhz
+        better = _worth(other.likeness, there - around, cycle) > worth
+        best = np.where(better, there, best)
+        worth = np.maximum(worth, _worth(other.likeness, there - around, cycle))
+    centers = np.rint(zero + best * sampling_mhz).astype(np.int64)
+    return locate_echoes(
+        plain, centers, aligned, sampling_mhz, band, search_us=0.3 * cycle, reshape=reshape
+    )
+
+
+def _worth(likeness: Floats, off_us: Floats, cycle_us: float) -> Floats:
+    return likeness - OFF_COST * np.minimum((off_us / cycle_us) ** 2, 4.0)
+
+
+def _coarse(
+    track: Track, used: Bools, near: Ints, positions_mm: Floats | None, band: Band
+) -> Floats:
+    """Return lags (n,) to start from: those of the neighbours where these agree."""
+    around = _around(track.lag_us, used, near, positions_mm)
+    off = np.abs(track.lag_us - around)
+    scatter = 1.4826 * float(np.median(off[used]))
+    if scatter < SMOOTH_CYCLES / band.centre_mhz and near.shape[1] >= 3:
+        far = off > max(3.0 * scatter, 0.5 / band.centre_mhz)
+        return np.where(used & ~far, track.lag_us, around)
+    return np.where(used, track.lag_us, around)

@@ -1,0 +1,238 @@
+"""Thickness of a plate from recorded lines of which nothing else is known.
+
+The band, the pulse, where the front is, and what the back wall's echo looks like are all learned
+from the lines; only the sound speed must be given.
+"""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from rona_core.devices.files.rf.rf_data import RecordedRf
+from rona_core.devices.protocols import Cancel, Progress, never, silent
+from rona_core.errors import CancelledError, InvalidInputError
+from rona_core.geometry.arrays import Bools, Floats, Ints, readonly
+from rona_core.ultrasound.recorded.alignment import align_fronts, find_back, least_lag_us
+from rona_core.ultrasound.recorded.artefacts import (
+    find_clipped,
+    find_spikes,
+    restore_clipped,
+    without_hum,
+    without_spikes,
+)
+from rona_core.ultrasound.recorded.back_wall_timing import BackEchoes, refine_back
+from rona_core.ultrasound.recorded.band import Band, analytic, check_lines, find_band, near_one
+from rona_core.ultrasound.recorded.chirp_compression import compress, learn_long_pulse
+from rona_core.ultrasound.recorded.clipping import are_most_cut, front_is_cut, settle_clipped
+from rona_core.ultrasound.recorded.front_echo import FrontEchoes, find_recorded_fronts
+from rona_core.ultrasound.recorded.probe_reverberations import pulse_delay_us, spread
+
+OK, NO_FRONT, NO_BACK, UNSURE = range(4)
+SPEEDS_MM_PER_US = (0.5, 10.0)
+START_US = 1.0  # after the emission, that a record begins with it
+UNLIKE = 0.95  # correlation of front and back wall, below which one of them is no echo
+MORE_ALIKE = 0.03
+TRIGGER_US = 0.003
+FEW = 4  # scans, which do not tell what stands still
+LEAST_REST = 0.3  # of a record
+SETTLINGS = 3  # of clipped fronts; the mean front gets sharper each time
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class RecordedDetection:
+    """Front and back of the plate in each recorded line (n,)."""
+
+    front_us: Floats  # after the emission, or after the first sample where that is not known
+    lag_us: Floats  # from the front to the back wall and back; 0 where not ok
+    thickness_mm: Floats  # 0 where not ok
+    ok: Bools
+    flag: Ints  # 0 ok, 1 no front, 2 no back wall, 3 unsure
+    front_level: Floats  # over the mean front
+    likeness: Floats  # correlation of the back echo with the mean one, -1 to 1
+    sigma_mm: Floats  # predicted from the noise; 0 where not ok
+    clipped: Bools  # lines with samples at a limit of the converter
+    centre_mhz: float
+    width_mhz: float  # at -6 dB
+    back_level: float  # over the front, typical
+    back_inverted: bool  # against the front
+    sound_speed_mm_per_us: float
+
+    def __len__(self) -> int:
+        return len(self.flag)
+
+
+def detect_recorded(
+    recorded: RecordedRf,
+    sound_speed_mm_per_us: float,
+    *,
+    prior_mhz: float | None = None,
+    progress: Progress = silent,
+    cancel: Cancel = never,
+) -> RecordedDetection:
+    """Return the thickness of the first plate in each line.
+
+    Args:
+        recorded: Lines from a file.
+        sound_speed_mm_per_us: In the plate; thickness is proportional to it.
+        prior_mhz: Nominal frequency of the probe, where it is known.
+        progress: Told the share that is done.
+        cancel: Asked between steps.
+
+    Raises:
+        InvalidInputError: an impossible speed, or lines that are none.
+        DegenerateGeometryError: there is no echo in them.
+        CancelledError: ``cancel`` said so.
+    """
+    low, high = SPEEDS_MM_PER_US
+    if not low <= sound_speed_mm_per_us <= high:
+        raise InvalidInputError(
+            f"the sound speed must be {low} to {high} mm/us: {sound_speed_mm_per_us:g}"
+        )
+    check_lines(recorded.rf)
+    recorded = replace(recorded, rf=near_one(recorded.rf))
+    found = _found(recorded, prior_mhz, _Steps(progress, cancel))
+    if not recorded.start_known and _may_be_emission(found):
+        later = _behind(recorded, found)
+        if later is not None:
+            again = _found(later, prior_mhz, _Steps(silent, cancel))
+            if again.alike > found.alike + MORE_ALIKE:
+                recorded, found = later, again
+    return _judged(recorded, found, sound_speed_mm_per_us)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Found:
+    front: FrontEchoes
+    back: BackEchoes | None
+    cut: Bools  # (n,) lines with clipped samples
+    band: Band
+
+    @property
+    def alike(self) -> float:
+        return 0.0 if self.back is None else self.back.alike
+
+
+def _found(recorded: RecordedRf, prior_mhz: float | None, told: "_Steps") -> _Found:
+    rf, rate = recorded.rf, recorded.sampling_mhz
+    clipped = find_clipped(rf)
+    emitting = recorded.start_known and abs(recorded.start_us) < START_US
+    band = find_band(rf, clipped, rate, prior_mhz, emitting)
+    cut: Bools = np.asarray(clipped.any(axis=1))
+    told(0.1)
+    spikes = find_spikes(rf, clipped, rate, band)
+    if spikes.any():
+        rf = without_spikes(rf, spikes, rate, band)
+        band = find_band(rf, clipped, rate, prior_mhz, emitting)
+    rf = without_hum(rf, clipped, rate, band)
+    z = analytic(restore_clipped(rf, clipped, rate, band), rate, band)
+    told(0.3)
+    front = find_recorded_fronts(z, clipped, rate, recorded.start_us, recorded.start_known, band)
+    told(0.5)
+    zero, lines = align_fronts(z, front, rate, band)
+    delay = pulse_delay_us(lines, zero, front.ok, rate)
+    cutoff = are_most_cut(front_is_cut(clipped, front, rate, band), front.ok)
+    pulse = None if cutoff else learn_long_pulse(lines, zero, front, rate, band)
+    if pulse is not None:
+        z = compress(z, pulse, zero, rate, band)
+        clipped = np.zeros_like(clipped)  # nothing stands at a limit any more
+        front = find_recorded_fronts(
+            z, clipped, rate, recorded.start_us, recorded.start_known, band
+        )
+        zero, lines = align_fronts(z, front, rate, band)
+    for _ in range(SETTLINGS if clipped.any() else 0):
+        settled = settle_clipped(rf, clipped, z, front, lines, zero, rate, band)
+        if settled is front:
+            break
+        front = settled
+        zero, lines = align_fronts(z, front, rate, band)
+    least = least_lag_us(clipped, front, rate, band)
+    fronts_cut = are_most_cut(front_is_cut(clipped, front, rate, band), front.ok)
+    back = find_back(
+        recorded, lines, zero, front, band, least, delay, fronts_cut, pulse is not None
+    )
+    told(0.7)
+    found = None
+    if back is not None:
+        found = refine_back(lines, zero, front, back, rate, band, recorded, clipped)
+    told(1.0)
+    return _Found(front, found, cut, band)
+
+
+def _may_be_emission(found: _Found) -> bool:
+    """Return whether the front may be the emission, in a record that began before it.
+
+    It stands still to the trigger's precision, and what follows is not alike.
+    """
+    at = found.front.aligned.at_us[found.front.ok]
+    if len(at) == 0 or found.front.quiet_from.any() or found.alike > UNLIKE:
+        return False
+    return len(at) < FEW or spread(at) < TRIGGER_US
+
+
+def _behind(recorded: RecordedRf, found: _Found) -> RecordedRf | None:
+    """Return what was recorded from the emission on, its time known; None where that is nothing."""
+    emitted = float(np.median(found.front.aligned.at_us[found.front.ok]))
+    first = max(0, round((emitted + 0.5 * found.band.length_us) * recorded.sampling_mhz))
+    rf = recorded.rf[:, first:]
+    if rf.shape[1] < LEAST_REST * recorded.rf.shape[1]:
+        return None
+    start = first / recorded.sampling_mhz - emitted
+    return replace(recorded, rf=rf, start_us=start, start_known=True)
+
+
+def detect_lines(
+    rf: ArrayLike, sampling_mhz: float, sound_speed_mm_per_us: float
+) -> RecordedDetection:
+    """Return the thickness of the first plate in lines (n, samples) of which no more is known.
+
+    Raises:
+        InvalidInputError: an impossible speed, or lines that are none.
+        DegenerateGeometryError: there is no echo in them.
+    """
+    lines = np.asarray(rf, dtype=np.float64)
+    return detect_recorded(
+        RecordedRf("lines", lines, sampling_mhz, 0.0, False, None), sound_speed_mm_per_us
+    )
+
+
+class _Steps:
+    def __init__(self, progress: Progress, cancel: Cancel) -> None:
+        self._progress, self._cancel = progress, cancel
+
+    def __call__(self, share: float) -> None:
+        if self._cancel():
+            raise CancelledError("the detection of echoes was cancelled")
+        self._progress(share)
+
+
+def _judged(
+    recorded: RecordedRf,
+    found: _Found,
+    speed: float,
+) -> RecordedDetection:
+    n = len(recorded)
+    front, back, band = found.front, found.back, found.band
+    nothing, no = np.zeros(n), np.zeros(n, dtype=np.bool_)
+    heard = no if back is None else back.heard
+    sure = no if back is None else back.sure
+    flag = np.select([~front.ok, ~heard, ~sure], [NO_FRONT, NO_BACK, UNSURE], OK)
+    ok = flag == OK
+    lag = nothing if back is None else np.where(ok, back.lag_us, 0.0)
+    sigma = nothing if back is None else np.where(ok, back.sigma_us * speed / 2.0, 0.0)
+    return RecordedDetection(
+        front_us=readonly(recorded.start_us + front.aligned.at_us),
+        lag_us=readonly(lag),
+        thickness_mm=readonly(lag * speed / 2.0),
+        ok=readonly(ok),
+        flag=readonly(flag.astype(np.int64)),
+        front_level=readonly(front.aligned.level.copy()),
+        likeness=readonly(nothing if back is None else back.likeness.copy()),
+        sigma_mm=readonly(sigma),
+        clipped=readonly(found.cut),
+        centre_mhz=band.centre_mhz,
+        width_mhz=band.width_mhz,
+        back_level=0.0 if back is None else back.level,
+        back_inverted=back is not None and back.inverted,
+        sound_speed_mm_per_us=speed,
+    )

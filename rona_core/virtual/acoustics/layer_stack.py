@@ -1,0 +1,187 @@
+"""The echo of the layers under each ray of a beam: line, gel, table, diploe, table, brain.
+
+Exact in the layers, all multiples included. The usual way counts with 24 bits, for sines of such
+numbers are thirty times as fast; the exact one with 53, to hold the other against.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rona_core.geometry.arrays import Bools, Floats
+from rona_core.ultrasound.probe.materials import Complexes, Material
+from rona_core.virtual.acoustics.layered_reflection import Boundary, ramp, step
+from rona_core.virtual.acoustics.medium import Medium
+from rona_core.virtual.acoustics.microstructure import AXIAL_CELL_MM, cells, grains
+from rona_core.virtual.acoustics.oblique_incidence import ObliqueFactors
+from rona_core.virtual.acoustics.speed_field import local_speed_factors
+
+SPECKLE_CELLS = 54  # of diploe, 8 mm deep
+GAP_LIMIT_MM = 4.0  # a ray further than this from the bone is lost
+Phasors = NDArray[np.complexfloating]
+There = Callable[[Floats], Phasors]  # distances (n,) to exp(-2 j k d), shape (n, f)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class LayerProfile:
+    """What each ray of the beam (n,) meets, all along the probe axis, in millimetres."""
+
+    outer_mm: Floats  # face of the uncompressed line to bone; negative where the bone is inside it
+    table_mm: Floats
+    diploe_mm: Floats
+    inner_table_mm: Floats
+    hit: Bools  # False: the ray misses the bone
+    entries_skull: Floats  # (n, 3) where the rays enter the bone, names the cells of the texture
+    outer_angle_rad: Floats | None = None  # of incidence, in the gel; None: perpendicular
+    inner_angle_rad: Floats | None = None  # of incidence on the inner boundary, in the bone
+
+
+def echo_bands(
+    weights: Phasors, line: Phasors, gel: Phasors, bone: Phasors, face: Phasors
+) -> Phasors:
+    """Return the echo (f,): rays (n, f) with a phase in line and gel, bone behind them, added.
+
+    Args:
+        weights: Area times squared incident field.
+        line: exp(-2 j k d) for the change of the line's length.
+        gel: exp(-2 j k d) for the gap filled with gel.
+        bone: Reflection of the bone seen from the gel.
+        face: Reflection (f,) of the step from line to gel.
+    """
+    behind = gel * bone
+    return np.sum(
+        weights * line * (face + quotient((1.0 - face**2) * behind, 1.0 + face * behind)), 0
+    )
+
+
+def quotient(above: Phasors, below: Phasors) -> Phasors:
+    """Return above / below, by way of the conjugate: nothing here is near the range of numbers."""
+    if below.dtype != np.complex64:
+        return above / below
+    power = below.real**2 + below.imag**2
+    return above * np.conj(below) * np.reciprocal(power)
+
+
+def there_and_back(k_per_mm: Complexes, exact: bool) -> There:
+    """Return what a distance does to a wave of these wavenumbers (f,), there and back."""
+    if exact:
+        rate = -2j * k_per_mm
+        return lambda distances_mm: np.exp(np.multiply.outer(distances_mm, rate))
+    turn, fade = ((2.0 * part).astype(np.float32) for part in (k_per_mm.real, k_per_mm.imag))
+    lossless = not fade.any()
+
+    def fast(distances_mm: Floats) -> Phasors:
+        distance = distances_mm.astype(np.float32)[:, None]
+        angle = distance * turn
+        result = np.zeros(angle.shape, dtype=np.complex64)
+        np.cos(angle, out=result.real)
+        np.sin(-angle, out=result.imag)
+        return result if lossless else result * np.exp(distance * fade)
+
+    return fast
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Edge:
+    """A boundary with as many bits as the rest; see ``layers.Boundary``."""
+
+    near: Phasors
+    far: Phasors
+    through: Phasors
+
+    def seen_with(self, beyond: Phasors) -> Phasors:
+        return self.near + quotient(self.through * beyond, 1.0 - self.far * beyond)
+
+
+class BoneStack:
+    """The layers of one medium behind one delay line, prepared for a set of frequencies."""
+
+    def __init__(
+        self,
+        line: Material,
+        medium: Medium,
+        frequencies_mhz: Floats,
+        *,
+        film_mm: float,
+        seed: int,
+        exact: bool = False,
+    ) -> None:
+        """Prepare everything that does not depend on the rays.
+
+        Args:
+            line: Material of the delay line.
+            medium: Gel and bone.
+            frequencies_mhz: Shape (f,), above 0.
+            film_mm: Gel that always remains between line and bone.
+            seed: Which texture, and which local speeds.
+            exact: Count with 53 bits.
+        """
+        f, self.medium, self.film_mm, self.seed = frequencies_mhz, medium, film_mm, seed
+        self._real = np.float64 if exact else np.float32
+        number = np.complex128 if exact else np.complex64
+        materials = (line, medium.gel, medium.table, medium.diploe)
+        k = [material.wavenumber_per_mm(f) for material in materials]
+        self._line, self._gel, self._table, self._diploe = (there_and_back(x, exact) for x in k)
+        gel, table = medium.gel.impedance(f), medium.table.impedance(f)
+        self._face = step(line.impedance(f), gel).near.astype(number)
+
+        def edge(exact: Boundary) -> _Edge:
+            return _Edge(*(part.astype(number) for part in (exact.near, exact.far, exact.through)))
+
+        self._outer = edge(step(gel, table))
+        self._into_diploe = edge(ramp(medium.table, medium.diploe, medium.ramp_mm, f))
+        self._into_table = edge(ramp(medium.diploe, medium.table, medium.ramp_mm, f))
+        self._inner = step(table, medium.brain.impedance(f)).near.astype(number)
+        self._outside = ObliqueFactors(medium.gel, medium.table)
+        self._inside = ObliqueFactors(medium.brain, medium.table)
+        depth = (np.arange(SPECKLE_CELLS) + 0.5) * AXIAL_CELL_MM
+        self._depths = depth
+        # row by row real and imaginary parts in turn, so that one real product does both
+        speckle = medium.speckle * np.exp(-2j * k[3][None, :] * depth[:, None])
+        self._speckle = np.ascontiguousarray(speckle.astype(number)).view(self._real)
+        self._number = number
+
+    def front(self, weights: Phasors) -> Phasors:
+        """Return the echo (f,) of endless bone, perpendicular, behind the film of gel."""
+        film = np.full(1, self.film_mm)
+        bone = self._outer.near[None, :]
+        return echo_bands(weights, self._line(-film), self._gel(film), bone, self._face)
+
+    def echo(self, weights: Phasors, profile: LayerProfile) -> Phasors:
+        """Return the echo (f,) of the layers under rays of these weights (n, f)."""
+        medium, real = self.medium, self._real
+        keys = cells(profile.entries_skull, self.seed)
+        rough = grains(keys, 2) * (medium.outer_roughness_mm, medium.inner_roughness_mm)
+        slow = 1.0 / local_speed_factors(profile.entries_skull, self.seed, medium.local_speed_sd)
+        outer_mm = profile.outer_mm + rough[:, 0]
+        half_ramp = medium.ramp_mm / 2.0
+        table_mm = slow * (profile.table_mm - rough[:, 0]) - half_ramp
+        diploe_mm = slow * profile.diploe_mm - medium.ramp_mm
+        inner_mm = slow * (profile.inner_table_mm + rough[:, 1]) - half_ramp
+        gel_mm = np.maximum(outer_mm, self.film_mm)
+
+        bone = self._inner * self._table(inner_mm)
+        if profile.inner_angle_rad is not None:
+            bone = bone * _column(self._inside.back(profile.inner_angle_rad), real)
+        bone = self._into_table.seen_with(bone) * self._diploe(diploe_mm)
+        if medium.speckle > 0.0:
+            grain = grains(keys ^ np.uint64(0x5EED), SPECKLE_CELLS).astype(real)
+            grain[self._depths[None, :] > diploe_mm[:, None]] = 0.0
+            bone = bone + (grain @ self._speckle).view(self._number)
+        bone = self._into_diploe.seen_with(bone) * self._table(table_mm)
+        near, passed = self._outer.near, self._outer.through
+        if profile.outer_angle_rad is not None:
+            near = near * _column(self._outside.front(profile.outer_angle_rad), real)
+            passed = passed * _column(self._outside.passage(profile.outer_angle_rad), real)
+        bone = near + quotient(passed * bone, 1.0 - self._outer.far * bone)
+        kept = profile.hit & (outer_mm < GAP_LIMIT_MM)
+        if not kept.all():
+            bone = bone * _column(kept, real)
+        line = self._line(outer_mm - gel_mm)  # <= 0: the line gives way
+        return echo_bands(weights, line, self._gel(gel_mm), bone, self._face)
+
+
+def _column(values: Floats | Bools, real: type[np.floating]) -> NDArray[np.floating]:
+    return values.astype(real)[:, None]

@@ -1,1 +1,0 @@
-"""Skulls from files: reading them, choosing where to scan, and the bone as a smooth distance."""

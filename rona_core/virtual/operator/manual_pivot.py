@@ -1,0 +1,92 @@
+"""A pointer that somebody turns about its resting tip while the capture runs."""
+
+import threading
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from rona_core.geometry.arrays import Floats
+from rona_core.geometry.pose import Pose
+from rona_core.virtual.pointer_motion import HandMotion, Sway
+
+FOLLOW_S = 0.08  # how far a hand lags behind what it is told
+MAX_TURN_RAD_S = np.deg2rad(120.0)
+
+
+class HandTurn:
+    """The rest pose of a pointer, turned about its tip towards what the hand was told last.
+
+    A rotation is relative to the pose at the start of the capture, along the axes of ``base``. The
+    hand follows smoothly, at a bounded angular speed. What was asked for once stays as it was.
+    """
+
+    def __init__(self, rest: HandMotion, tremor: Sway) -> None:
+        """Start from ``rest``; ``tremor`` are angles in rad about the axes of ``base``."""
+        self.pointer = rest.pointer
+        self.duration_s = rest.duration_s
+        self._tip_base = rest.tip_base(0.0)
+        self._shaft_base = rest.shaft_base(0.0)
+        self._T_base_pointermarker = rest.T_base_pointermarker(0.0)
+        self._tremor = tremor
+        self._lock = threading.Lock()
+        self._wanted = Rotation.identity()
+        self._times_s = [0.0]
+        self._turns = [Rotation.identity()]
+        self._ended = False
+
+    @property
+    def ended(self) -> bool:
+        """Whether somebody said that the turning is done."""
+        return self._ended
+
+    def end(self) -> None:
+        """Say that the turning is done; a second call does nothing."""
+        self._ended = True
+
+    def turn(self, turn_base: Floats) -> None:
+        """Be told to go to this rotation (3, 3); the last one told counts."""
+        wanted = Rotation.from_matrix(turn_base)
+        with self._lock:
+            self._wanted = wanted
+
+    def tip_base(self, time_s: float) -> Floats:
+        """Return the true tip (3,): it rests."""
+        return self._tip_base
+
+    def shaft_base(self, time_s: float) -> Floats:
+        """Return the unit direction (3,) from the tip to the hand."""
+        return self._turn_at(time_s).apply(self._shaft_base)
+
+    def T_base_pointermarker(self, time_s: float) -> Pose:  # noqa: N802 (frame grammar)
+        """Return the true pose of the pointer's marker at one time."""
+        R_base = self._turn_at(time_s).as_matrix()
+        lever = self._T_base_pointermarker.translation - self._tip_base
+        return Pose(R_base @ self._T_base_pointermarker.rotation, self._tip_base + R_base @ lever)
+
+    def _turn_at(self, time_s: float) -> Rotation:
+        shake = self._tremor.at(np.array([time_s]))[0]
+        with self._lock:
+            return Rotation.from_rotvec(shake) * self._followed(time_s)
+
+    def _followed(self, time_s: float) -> Rotation:
+        last_s, last = self._times_s[-1], self._turns[-1]
+        if time_s <= last_s:
+            return self._past(time_s)
+        way = (self._wanted * last.inv()).as_rotvec()
+        angle = float(np.linalg.norm(way))
+        passed_s = time_s - last_s
+        going = min(angle * -np.expm1(-passed_s / FOLLOW_S), MAX_TURN_RAD_S * passed_s)
+        now = last if angle < 1e-12 else Rotation.from_rotvec(way * (going / angle)) * last
+        self._times_s.append(time_s)
+        self._turns.append(now)
+        return now
+
+    def _past(self, time_s: float) -> Rotation:
+        """Return the turn at a time gone by, between the two that are known beside it."""
+        after = int(np.searchsorted(self._times_s, time_s))
+        if after == 0 or self._times_s[after] == time_s:
+            return self._turns[after]
+        before_s, after_s = self._times_s[after - 1], self._times_s[after]
+        way = (self._turns[after] * self._turns[after - 1].inv()).as_rotvec()
+        share = (time_s - before_s) / (after_s - before_s)
+        return Rotation.from_rotvec(share * way) * self._turns[after - 1]

@@ -1,0 +1,73 @@
+"""How far the virtual robot's tip is from where its encoders say: the truth of its accuracy.
+
+Three parts: a smooth systematic field over the workspace (what calibration of the arm would
+remove), a small new deviation with every motion (repeatability), and a tilt of the tool.
+"""
+
+import numpy as np
+from numpy.typing import ArrayLike
+from scipy.spatial.transform import Rotation
+
+from rona_core.geometry.arrays import Floats, Vector3, as_points, readonly
+from rona_core.geometry.pose import Pose
+
+SYSTEMATIC_RMS_MM = 0.35  # 3D, over the workspace
+REPEATABILITY_RMS_MM = 0.03  # 3D
+TILT_RMS_DEG = 0.02
+WORKSPACE_CENTER = (600.0, 0.0, 350.0)  # in base
+WORKSPACE_SIZE = (500.0, 500.0, 400.0)
+LENGTH_SCALE_MM = 400.0  # over which the systematic field changes
+N_WAVES = 32  # each with its own direction, length and phase
+SALT_FIELD, SALT_MOTION = 0x6669656C, 0x6D6F7665  # keep the two kinds of noise apart
+
+
+class RobotError:
+    """Deviation of the true tip pose from the nominal one; a pure function of its arguments."""
+
+    def __init__(self, seed: int, enabled: bool = True) -> None:
+        self.enabled = enabled
+        self._seed = seed
+        rng = np.random.default_rng((SALT_FIELD, *_words(seed)))
+        self._waves = rng.normal(0.0, 1.0 / LENGTH_SCALE_MM, (N_WAVES, 3))
+        self._phases_rad = rng.uniform(0.0, 2.0 * np.pi, N_WAVES)
+        self._sizes_mm = rng.normal(0.0, 1.0, (N_WAVES, 3))
+        axes = [np.linspace(-0.5, 0.5, 15) * size for size in WORKSPACE_SIZE]
+        box = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3)
+        rms = np.sqrt((self._field(box + np.array(WORKSPACE_CENTER)) ** 2).sum(axis=1).mean())
+        self._sizes_mm *= SYSTEMATIC_RMS_MM / rms
+
+    def systematic_mm(self, points_base: ArrayLike) -> Floats:
+        """Return the part (n, 3) that is the same every time, at tip positions (n, 3) in base."""
+        points = as_points(points_base, name="points_base")
+        return readonly(self._field(points) if self.enabled else np.zeros_like(points))
+
+    def T_base_tip_true(  # noqa: N802 (frame grammar)
+        self, T_base_tip_nominal: Pose, ordinal: int, key: int
+    ) -> Pose:
+        """Return where the tip really is while the encoders say ``T_base_tip_nominal``.
+
+        Args:
+            T_base_tip_nominal: Pose from the encoders.
+            ordinal: Number of the capture.
+            key: Number of the commanded motion, or of the slice of time, within the capture.
+        """
+        if not self.enabled:
+            return T_base_tip_nominal
+        shift, tilt_rad = self._repeatability(ordinal, key)
+        position = T_base_tip_nominal.translation
+        rotation = Rotation.from_rotvec(tilt_rad).as_matrix() @ T_base_tip_nominal.rotation
+        return Pose(rotation, position + self._field(position[None])[0] + shift)
+
+    def _repeatability(self, ordinal: int, key: int) -> tuple[Vector3, Vector3]:
+        """Return shift (3,) in mm and rotation vector (3,) in radians of one motion."""
+        words = (SALT_MOTION, *_words(self._seed), *_words(ordinal), *_words(key))
+        values = np.random.default_rng(words).normal(0.0, 1.0 / np.sqrt(3.0), 6)
+        return REPEATABILITY_RMS_MM * values[:3], np.deg2rad(TILT_RMS_DEG) * values[3:]
+
+    def _field(self, points: Floats) -> Floats:
+        return np.cos(points @ self._waves.T + self._phases_rad) @ self._sizes_mm
+
+
+def _words(number: int) -> tuple[int, int]:
+    """Return any integer as two words without sign, as seeds have to be."""
+    return abs(int(number)), int(number < 0)

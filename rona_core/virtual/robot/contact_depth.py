@@ -1,0 +1,71 @@
+"""How deep the probe is really pressed in: the true bone before the true face, robot error and all.
+
+The bone does not give way, the delay line does. So the depth is that of the face of the
+uncompressed line under the true surface, along the probe's axis, which is the stand-off that the
+echoes show, with the other sign.
+"""
+
+import numpy as np
+
+from rona_core.geometry.arrays import Floats
+from rona_core.geometry.pose import Poses
+from rona_core.robot.kinematics.robot_model import RobotModel
+from rona_core.virtual.robot.corrected_motion import GuidedCourse
+from rona_core.virtual.scene import VirtualScene
+from rona_core.virtual.true_tool_poses import error_key
+
+BEFORE_MM = 60.0  # rays start this far before the face
+FAR_MM = 1e3  # depth of nothing: a gap
+
+
+class VirtualTouch:
+    """Depths along one guided motion, for one capture."""
+
+    def __init__(self, scene: VirtualScene, model: RobotModel, ordinal: int) -> None:
+        """Look at this scene."""
+        self._scene, self._model, self._ordinal = scene, model, ordinal
+        self._course: GuidedCourse | None = None
+        self._shifts: dict[int, Floats] = {}
+
+    def depths_mm(self, course: GuidedCourse | None, times_s: Floats) -> Floats:
+        """Return how deep (n,) the face is pressed in at times of the capture; negative: a gap."""
+        if course is None:
+            return np.full(len(times_s), -FAR_MM)
+        if course is not self._course:
+            self._look_along(course)
+        reached = np.array([course.reached_s(float(t)) for t in times_s])
+        travels = np.array([course.travel_mm(float(t)) for t in times_s])
+        gaps = np.interp(reached, course.motion_times_s, self._gaps_mm)
+        axis = self._axes_base[int(np.searchsorted(course.motion_times_s, reached[-1]))]
+        shift = self._shift(error_key(float(times_s[-1])), reached[-1], course)
+        return travels - gaps + float(shift @ axis)
+
+    def _look_along(self, course: GuidedCourse) -> None:
+        """Cast a ray for every sample of the motion without correction, all at once."""
+        middle = int(np.argmin(np.abs(course.travels_mm)))
+        T_tip_probe = self._model.T_flange_tip.inv() @ self._model.T_flange_probe
+        tips = self._model.forward(course.qs_rad[:, middle]) @ self._model.T_flange_tip
+        moved = tips.translations + self._systematic_mm(tips.translations)
+        probes = Poses(tips.rotations, moved) @ T_tip_probe
+        self._axes_base = probes.rotations[:, :, 2]
+        self._gaps_mm = np.full(len(course.motion_times_s), FAR_MM)
+        at = course.guided
+        T_skull_base = self._scene.T_base_skull.inv()
+        axes_skull = T_skull_base.rotate(self._axes_base[at])
+        faces_skull = T_skull_base @ probes.translations[at]
+        met = self._scene.specimen.ray(faces_skull - BEFORE_MM * axes_skull, axes_skull)
+        self._gaps_mm[at] = np.where(np.isfinite(met), met - BEFORE_MM, FAR_MM)
+        self._tips_base = tips
+        self._course, self._shifts = course, {}
+
+    def _systematic_mm(self, points_base: Floats) -> Floats:
+        return self._scene.robot_error.systematic_mm(points_base)
+
+    def _shift(self, key: int, reached_s: float, course: GuidedCourse) -> Floats:
+        """Return the part (3,) of the robot's error that changes with every motion."""
+        if key not in self._shifts:
+            tip = self._tips_base[int(np.searchsorted(course.motion_times_s, reached_s))]
+            true = self._scene.T_base_tip_true(tip, self._ordinal, key)
+            off = true.translation - tip.translation
+            self._shifts[key] = off - self._systematic_mm(tip.translation[None])[0]
+        return self._shifts[key]

@@ -1,0 +1,98 @@
+"""The virtual contact: a spring with some damping before a surface, felt through a filter.
+
+Between two steps of the control loop the robot and the sensor are linear, so their states are
+carried on in closed form; force is looked at every millisecond, because it cannot pull.
+"""
+
+import numpy as np
+
+from rona_core.devices.settings import require
+from rona_core.devices.wrench import JR3
+from rona_core.geometry.arrays import Floats
+
+INNER_S = 0.001  # time between looks at the spring
+LINE_N_PER_MM = 2.0  # the elastomer delay line: 12 mm wide, 15 mm long, about 0.25 MPa
+DAMPING_S = 0.005  # time constant of its creep, over which its force builds up
+
+
+def in_series(*stiffnesses_n_per_mm: float) -> float:
+    """Return the stiffness of springs one behind the other."""
+    require(min(stiffnesses_n_per_mm) > 0.0, "a stiffness must be positive")
+    return 1.0 / sum(1.0 / k for k in stiffnesses_n_per_mm)
+
+
+class LaggingAxis:
+    """Correction of a robot that takes up speeds after a delay and a time constant.
+
+    Speeds are commanded one after another; travel and speed at any later time follow in closed
+    form. It rests at 0 until the first command arrives.
+    """
+
+    def __init__(self, delay_s: float, lag_s: float, limit_mm: float = np.inf) -> None:
+        """Rest at 0."""
+        self.delay_s, self.lag_s, self.limit_mm = delay_s, lag_s, limit_mm
+        # knots: time from which a commanded speed holds, travel and speed reached there
+        self._times: list[float] = [-np.inf]
+        self._knots: list[tuple[float, float, float]] = [(0.0, 0.0, 0.0)]
+
+    def command(self, time_s: float, velocity_mm_per_s: float) -> None:
+        """Ask for a speed at some time; times must grow."""
+        at_s = time_s + self.delay_s
+        travel, speed = self._state(at_s)
+        self._times.append(at_s)
+        self._knots.append((travel, speed, velocity_mm_per_s))
+
+    def travel_mm(self, time_s: float) -> float:
+        """Return the correction at some time, kept within the limit."""
+        return float(np.clip(self._state(time_s)[0], -self.limit_mm, self.limit_mm))
+
+    def travels_mm(self, times_s: Floats) -> Floats:
+        """Return the corrections (n,) at some times."""
+        return np.array([self.travel_mm(float(t)) for t in times_s])
+
+    def _state(self, time_s: float) -> tuple[float, float]:
+        i = len(self._times) - 1
+        while self._times[i] > time_s:  # what is asked for lies among the last few
+            i -= 1
+        travel, speed, commanded = self._knots[i]
+        if i == 0:
+            return travel, speed
+        passed = time_s - self._times[i]
+        fading = np.exp(-passed / self.lag_s)
+        way = commanded * passed + (speed - commanded) * self.lag_s * (1.0 - fading)
+        return travel + float(way), float(commanded + (speed - commanded) * fading)
+
+
+class ContactSpring:
+    """Pressing force of a Kelvin-Voigt contact, as a first-order filter shows it."""
+
+    def __init__(
+        self,
+        stiffness_n_per_mm: float = LINE_N_PER_MM,
+        *,
+        damping_s: float = DAMPING_S,
+        cutoff_hz: float = JR3.cutoff_hz,
+    ) -> None:
+        """Begin without contact; ``damping_s`` is the damping over the stiffness."""
+        require(stiffness_n_per_mm > 0.0, "stiffness_n_per_mm must be positive")
+        self.stiffness_n_per_mm = stiffness_n_per_mm
+        self._damping_s = damping_s
+        self._keep = float(np.exp(-2.0 * np.pi * cutoff_hz * INNER_S))
+        self._last_mm = -np.inf
+        self.force_n = 0.0  # of the spring
+        self.shown_n = 0.0  # behind the filter
+
+    def advance(self, pressed_mm: Floats) -> float:
+        """Go on by one look for each depth (n,) that the face is pressed in; return what shows.
+
+        Negative depths are gaps.
+        """
+        before = np.concatenate(([max(self._last_mm, pressed_mm[0] - 1.0)], pressed_mm[:-1]))
+        rate = (pressed_mm - before) / INNER_S
+        force = self.stiffness_n_per_mm * (pressed_mm + self._damping_s * rate)
+        force = np.where(pressed_mm > 0.0, np.maximum(force, 0.0), 0.0)
+        n = len(force)
+        weights = (1.0 - self._keep) * self._keep ** np.arange(n - 1, -1, -1)
+        self.shown_n = float(self._keep**n * self.shown_n + weights @ force)
+        self._last_mm, self.force_n = float(pressed_mm[-1]), float(force[-1])
+        return self.shown_n

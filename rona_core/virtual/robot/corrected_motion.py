@@ -1,0 +1,107 @@
+"""A course of the virtual robot that is corrected along the tool axis while it is driven."""
+
+import numpy as np
+
+from rona_core.devices.protocols import Clock
+from rona_core.geometry.arrays import Floats
+from rona_core.virtual.robot.contact_dynamics import LaggingAxis
+
+
+class GuidedCourse:
+    """Joint angles over time: a motion driven at some share of its speed, with a correction.
+
+    What was commanded until now fixes the whole past, so any earlier time may be asked for.
+    """
+
+    def __init__(
+        self,
+        start_s: float,
+        times_s: Floats,
+        qs_rad: Floats,
+        travels_mm: Floats,
+        axis: LaggingAxis,
+    ) -> None:
+        """Stand at the beginning of the motion ``times_s`` (n,), ``qs_rad`` (n, m, 6)."""
+        self.motion_times_s, self.qs_rad, self.travels_mm = times_s, qs_rad, travels_mm
+        self.guided = np.ptp(qs_rad, axis=1).max(axis=1) > 0.0  # a correction changes something
+        self._axis = axis
+        # of each command: when it came, what had been reached, and the share of speed from then on
+        self._knots: list[tuple[float, float, float]] = [(start_s, float(times_s[0]), 0.0)]
+        self._weights = 1.0 / np.array(
+            [np.prod(own - np.delete(travels_mm, i)) for i, own in enumerate(travels_mm)]
+        )
+        self.stopped_s = np.inf
+        self.over = False
+
+    def command(self, time_s: float, velocity_mm_per_s: float, feed_share: float) -> None:
+        """Correct at this speed and drive at this share from now on."""
+        self._axis.command(time_s, velocity_mm_per_s)
+        self._knots.append((time_s, self.reached_s(time_s), feed_share))
+
+    def reached_s(self, time_s: float) -> float:
+        """Return the time of the motion that has been reached at some time of the capture."""
+        time_s = self._until(time_s)
+        i = len(self._knots) - 1
+        while i > 0 and self._knots[i][0] > time_s:
+            i -= 1
+        since_s, reached_s, share = self._knots[i]
+        end_s = float(self.motion_times_s[-1])
+        return min(reached_s + share * max(time_s - since_s, 0.0), end_s)
+
+    def travel_mm(self, time_s: float) -> float:
+        """Return the correction at some time of the capture."""
+        return self._axis.travel_mm(self._until(time_s))
+
+    def _until(self, time_s: float) -> float:
+        """Return a time at which the robot was under way, as far as anybody knows."""
+        time_s = min(time_s, self.stopped_s)
+        return time_s if np.isfinite(time_s) else self._knots[-1][0]
+
+    def at(self, time_s: float) -> Floats:
+        """Return the joint angles (6,) at some time of the capture."""
+        times, reached = self.motion_times_s, self.reached_s(time_s)
+        i = min(max(int(np.searchsorted(times, reached, side="right")) - 1, 0), len(times) - 2)
+        share = (reached - times[i]) / (times[i + 1] - times[i])
+        sheet = self.qs_rad[i] + share * (self.qs_rad[i + 1] - self.qs_rad[i])
+        away = self.travel_mm(time_s) - self.travels_mm
+        if (away == 0.0).any():
+            return sheet[int(np.argmin(np.abs(away)))]
+        terms = self._weights / away  # the polynomial through the levels, barycentric
+        return terms @ sheet / terms.sum()
+
+    @property
+    def end_s(self) -> float:
+        """When the robot comes to rest, infinite while nobody can know."""
+        since_s, reached_s, share = self._knots[-1]
+        left_s = float(self.motion_times_s[-1]) - reached_s
+        arrival_s = since_s + left_s / share if share > 0.0 else np.inf
+        return min(since_s if left_s <= 0.0 else arrival_s, self.stopped_s)
+
+
+class VirtualGuidedMotion:
+    """Satisfies ``devices.protocols.GuidedMotion``."""
+
+    def __init__(self, course: GuidedCourse, clock: Clock, latency_s: float) -> None:
+        self._course, self._clock, self._latency_s = course, clock, latency_s
+
+    def done(self) -> bool:
+        """Return whether the motion has ended, by arriving or by being stopped."""
+        return self._course.over or self._clock.now() >= self._course.end_s
+
+    def progress(self) -> float:
+        """Return the share that is done, 0 to 1."""
+        reached = self._course.reached_s(self._clock.now())
+        return float(np.clip(reached / self._course.motion_times_s[-1], 0.0, 1.0))
+
+    def correct(self, velocity_mm_per_s: float, feed_share: float) -> None:
+        """Correct at this speed along the tool axis, and drive at this share of the speed."""
+        if not self.done():
+            self._course.command(self._clock.now(), velocity_mm_per_s, feed_share)
+
+    def reached_s(self) -> float:
+        """Return the time of the motion that has been reached."""
+        return self._course.reached_s(self._clock.now())
+
+    def travel_mm(self) -> float:
+        """Return the correction, as late as everything that the robot reports."""
+        return self._course.travel_mm(self._clock.now() - self._latency_s)

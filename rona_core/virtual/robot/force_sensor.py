@@ -1,0 +1,109 @@
+"""The virtual force sensor: weight, touch and offset, with noise, in the steps of its converter."""
+
+from collections.abc import Callable
+
+import numpy as np
+
+from rona_core.devices.protocols import Clock
+from rona_core.devices.wrench import JR3, SensorModel, WrenchSample
+from rona_core.errors import DeviceError
+from rona_core.geometry.arrays import Floats, as_floats, readonly
+from rona_core.robot.force_control.gravity_compensation import GRAVITY_BASE
+from rona_core.robot.kinematics.robot_model import RobotModel
+from rona_core.virtual.noise import rng
+from rona_core.virtual.robot.contact_dynamics import INNER_S, LINE_N_PER_MM, ContactSpring
+
+MASS_KG = (0.20, 0.01)  # of tool and probe: mean and spread over seeds
+COM_FLANGE_MM = ((70.0, 0.0, 45.0), 4.0)
+OFFSET = (1.5, 60.0)  # N and N mm, what is shown without load
+NOISE_N = 0.03
+NOISE_NMM = 2.4  # the same share of the torque range
+LONGEST_S = 0.2  # what came earlier has left the filter
+MICROSECONDS = 1e6
+
+DepthsAt = Callable[[Floats], Floats]  # times (n,) in s -> depth (n,) in mm that the face is in
+
+
+class VirtualForceSensor:
+    """Satisfies ``devices.force.ForceSensor``."""
+
+    def __init__(
+        self,
+        clock: Clock,
+        robot_model: RobotModel,
+        q_at: Callable[[float], Floats],
+        depths_mm: DepthsAt,
+        *,
+        sensor: SensorModel = JR3,
+        stiffness_n_per_mm: float = LINE_N_PER_MM,
+        drift_n_per_min: float = 0.0,
+    ) -> None:
+        """Sit on the flange of a robot.
+
+        Args:
+            clock: Time of the capture.
+            robot_model: The robot with its tool.
+            q_at: Joint angles (6,) at a time of the capture.
+            depths_mm: How deep the face is pressed in.
+            sensor: Ranges and resolution.
+            stiffness_n_per_mm: Of the delay line.
+            drift_n_per_min: By which the forces creep.
+        """
+        self.model = sensor
+        self._clock, self._robot_model, self._q_at = clock, robot_model, q_at
+        self._depths_mm = depths_mm
+        self._stiffness, self._drift = stiffness_n_per_mm, drift_n_per_min
+        self._closed = False
+        self.begin(0, 0)
+
+    def begin(self, seed: int, ordinal: int) -> None:
+        """Start capture number ``ordinal`` of a session with this seed, without contact."""
+        generator = rng(seed, "force sensor", 0, 0)
+        self.mass_kg = float(generator.normal(*MASS_KG))
+        self.com_flange_mm: Floats = COM_FLANGE_MM[0] + generator.normal(0.0, COM_FLANGE_MM[1], 3)
+        spread = np.repeat(OFFSET, 3)
+        self.offset = spread * generator.normal(0.0, 1.0, 6)
+        self._seed, self._ordinal = seed, ordinal
+        self._spring = ContactSpring(self._stiffness, cutoff_hz=self.model.cutoff_hz)
+        self._until_s = 0.0
+        self._closed = False
+
+    def read(self) -> WrenchSample:
+        """Return what the sensor shows now.
+
+        Raises:
+            DeviceError: the sensor is closed.
+        """
+        if self._closed:
+            raise DeviceError("the force sensor is closed; open a new one")
+        now_s = self._clock.now()
+        true = self._wrench(now_s)
+        random = rng(self._seed, "force noise", self._ordinal, round(now_s * MICROSECONDS))
+        true += np.repeat((NOISE_N, NOISE_NMM), 3) * random.normal(0.0, 1.0, 6)
+        ranges = self.model.ranges
+        steps = ranges / self.model.steps
+        shown = as_floats(np.clip(np.rint(true / steps) * steps, -ranges, ranges))
+        return WrenchSample(now_s, readonly(shown), bool((np.abs(true) >= ranges).any()))
+
+    def pressing_n(self) -> float:
+        """Return the true force of the line, behind the filter, when it was read last."""
+        return self._spring.shown_n
+
+    def close(self) -> None:
+        """Release the device; a second call does nothing."""
+        self._closed = True
+
+    def _wrench(self, now_s: float) -> Floats:
+        looks = round((now_s - max(self._until_s, now_s - LONGEST_S)) / INNER_S)
+        if looks > 0:
+            times = as_floats(now_s - INNER_S * np.arange(looks - 1, -1, -1))
+            self._spring.advance(self._depths_mm(times))
+            self._until_s = now_s
+        T_base_flange = self._robot_model.forward(self._q_at(now_s)[None])[0]
+        weight = self.mass_kg * (T_base_flange.rotation.T @ GRAVITY_BASE)
+        T_flange_probe = self._robot_model.T_flange_probe
+        touch = -self._spring.shown_n * T_flange_probe.rotation[:, 2]
+        torque = np.cross(self.com_flange_mm, weight) + np.cross(T_flange_probe.translation, touch)
+        drift = self._drift * now_s / 60.0
+        wrench = np.concatenate((weight + touch + drift, torque)) + self.offset
+        return np.asarray(wrench, dtype=np.float64)

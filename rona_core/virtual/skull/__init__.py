@@ -1,1 +1,0 @@
-"""The simulated skull: closed-form boundaries, and the splines that make them fast."""

@@ -1,0 +1,90 @@
+"""What every specimen can be asked: where its four boundaries lie. Frame ``skull``, millimetres."""
+
+from dataclasses import dataclass
+from typing import Literal, Protocol
+
+from numpy.typing import ArrayLike
+
+from rona_core.devices.protocols import Mesh
+from rona_core.errors import InvalidInputError
+from rona_core.geometry.arrays import Floats, Vector3
+
+Boundary = Literal["outer", "diploe_outer", "diploe_inner", "inner"]
+BOUNDARIES: tuple[Boundary, ...] = ("outer", "diploe_outer", "diploe_inner", "inner")
+
+
+def boundary_index(boundary: str) -> int:
+    """Return 0 for the outer boundary up to 3 for the inner one.
+
+    Raises:
+        InvalidInputError: no boundary of that name.
+    """
+    if boundary not in BOUNDARIES:
+        raise InvalidInputError(f"boundary must be one of {', '.join(BOUNDARIES)}: {boundary!r}")
+    return BOUNDARIES.index(boundary)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Region:
+    """The disc that is scanned."""
+
+    center_skull: Vector3  # (3,), on the outer surface
+    normal_skull: Vector3  # (3,), outward, the mean over the middle of the disc
+    radius_mm: float
+
+
+class Specimen(Protocol):
+    """The bone under the probe. All points and directions are in ``skull``; directions are unit."""
+
+    region: Region
+
+    @property
+    def head_axes_skull(self) -> Floats | None:
+        """Right, front and top of the head as unit columns (3, 3); None if nobody said so."""
+        ...
+
+    def ray(
+        self, origins_skull: ArrayLike, directions_skull: ArrayLike, boundary: Boundary = "outer"
+    ) -> Floats:
+        """Return the distance in mm (n,) along each ray to a boundary.
+
+        Args:
+            origins_skull: (n, 3), outside the head, or between boundaries.
+            directions_skull: (n, 3), unit length.
+            boundary: Which one.
+
+        Returns:
+            Distance to the first place where the ray is inside the boundary: inf where it misses,
+            0 where it starts inside.
+        """
+        ...
+
+    def layers(self, origins_skull: ArrayLike, directions_skull: ArrayLike) -> Floats:
+        """Return the distances (n, 4) in mm of the four boundaries along each ray, outermost first.
+
+        They never decrease; inf where a boundary is missing.
+        """
+        ...
+
+    def thickness(self, points_skull: ArrayLike, directions_skull: ArrayLike) -> Floats:
+        """Return the bone (n,) in mm from outer surface points along inward directions.
+
+        The scored truth is the thickness along the inward true normal of the outer surface.
+        """
+        ...
+
+    def closest(self, points_skull: ArrayLike, boundary: Boundary = "outer") -> Floats:
+        """Return the nearest point (n, 3) of a boundary to each point near it."""
+        ...
+
+    def normal(self, points_skull: ArrayLike, boundary: Boundary = "outer") -> Floats:
+        """Return the outward unit normals (n, 3) of a boundary at points on or near it."""
+        ...
+
+    def signed_distance(self, points_skull: ArrayLike) -> Floats:
+        """Return the distance (n,) in mm to the outer surface, positive outside the head."""
+        ...
+
+    def mesh(self, boundary: Boundary = "outer", edge_mm: float = 3.0) -> Mesh:
+        """Return triangles of a boundary for the eye; never an input of an algorithm."""
+        ...

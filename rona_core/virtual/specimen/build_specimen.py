@@ -1,0 +1,56 @@
+"""Build the specimen that a session names."""
+
+from functools import lru_cache
+
+from numpy.typing import ArrayLike
+
+from rona_core.errors import InvalidInputError
+from rona_core.geometry.arrays import as_vector3
+from rona_core.session.specimen import LoadedSkull, SimulatedSkull
+from rona_core.virtual.specimen.boundaries import BOUNDARIES, Boundary, Region, Specimen
+from rona_core.virtual.specimen.imported.imported_skull import LoadedSpecimen
+from rona_core.virtual.specimen.simulated.simulated_skull import SimulatedSpecimen
+
+__all__ = ["BOUNDARIES", "Boundary", "Region", "Specimen", "build_specimen"]
+
+RADII_MM = (5.0, 60.0)  # smallest and largest region
+
+
+def build_specimen(
+    choice: SimulatedSkull | LoadedSkull,
+    seed: int,
+    *,
+    center_mesh_mm: ArrayLike | None = None,
+    radius_mm: float = 25.0,
+) -> Specimen:
+    """Return the specimen of a session; the same arguments give the same one.
+
+    Args:
+        choice: What is scanned.
+        seed: Of the session; which simulated patient.
+        center_mesh_mm: Centre of the region (3,) in ``skull``, on or near the outer surface. None:
+            35 mm behind and 45 mm above the ear canal, or the stored region of a loaded skull.
+        radius_mm: Radius of the region.
+
+    Raises:
+        InvalidInputError: a centre off the bone, or outside what was stored of a loaded skull.
+    """
+    low, high = RADII_MM
+    if not low <= radius_mm <= high:
+        raise InvalidInputError(f"radius_mm must be {low:g} to {high:g}, not {radius_mm}")
+    if center_mesh_mm is None:
+        return _build(choice, seed, None, radius_mm)
+    x, y, z = (float(value) for value in as_vector3(center_mesh_mm, name="center_mesh_mm"))
+    return _build(choice, seed, (x, y, z), radius_mm)
+
+
+@lru_cache(maxsize=4)
+def _build(
+    choice: SimulatedSkull | LoadedSkull,
+    seed: int,
+    center: tuple[float, float, float] | None,
+    radius_mm: float,
+) -> Specimen:
+    if isinstance(choice, SimulatedSkull):
+        return SimulatedSpecimen(seed, choice.side, center, radius_mm)
+    return LoadedSpecimen(choice, center, radius_mm)

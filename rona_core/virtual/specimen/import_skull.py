@@ -1,0 +1,273 @@
+"""Load a skull from a file: a mask, a CT with a threshold, or closed meshes."""
+
+import hashlib
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from rona_core.devices.protocols import Cancel, Progress, never, silent
+from rona_core.errors import CancelledError, InvalidInputError
+from rona_core.geometry.arrays import Vector3, as_vector3, readonly
+from rona_core.session.specimen import LoadedSkull, SkullKind
+from rona_core.virtual.specimen.imported.display_mesh import display_mesh
+from rona_core.virtual.specimen.imported.distance_grid import (
+    Grid,
+    as_micrometres,
+    distance_from_mesh,
+    distance_from_volume,
+    grid_about,
+)
+from rona_core.virtual.specimen.imported.holder_removal import without_holder
+from rona_core.virtual.specimen.imported.imported_skull import (
+    OFF_SURFACE_MM,
+    WITHIN_MM,
+    LoadedSpecimen,
+)
+from rona_core.virtual.specimen.imported.mesh_reader import (
+    MESH_SUFFIXES,
+    BoneMesh,
+    inside,
+    joined,
+    read_mesh,
+)
+from rona_core.virtual.specimen.imported.region_choice import (
+    GAP_MM,
+    Choice,
+    CoarseBone,
+    choose_region,
+    coarse_bone,
+)
+from rona_core.virtual.specimen.imported.volume_reader import (
+    VOLUME_SUFFIXES,
+    BoneVolume,
+    read_volume,
+    without,
+)
+
+COARSE_MM = 1.25  # voxels in which a mesh is looked over
+RADII_MM = (5.0, 60.0)  # smallest and largest region
+WHOLE = 0.98  # share of the disc whose thickness must exist
+
+
+def import_skull(
+    path: str | Path,
+    *,
+    inner: str | Path | None = None,
+    threshold: float | None = None,
+    center: ArrayLike | None = None,
+    radius_mm: float = 25.0,
+    progress: Progress = silent,
+    cancel: Cancel = never,
+) -> LoadedSkull:
+    """Read the bone of a skull and fix its boundaries about the disc to be scanned.
+
+    Args:
+        path: A mask or CT (.nrrd, .nii, .nii.gz) or a closed mesh (.stl, .ply, .obj), in mm, z up
+            and x to a side. With ``inner``, the filled head; else the bone itself.
+        inner: The filled cavity of the head, a file of the same kind.
+        threshold: Grey value from which a voxel is bone; needed for a CT only.
+        center: Centre of the disc (3,) on the outer surface, in coordinates of the file; None
+            chooses a smooth, whole place on the side of the head.
+        radius_mm: Radius of the disc.
+        progress: Told the share done, 0 to 1.
+        cancel: Asked between the steps.
+
+    Raises:
+        InvalidInputError: a file or value that does not fit; says what was expected.
+        CancelledError: ``cancel`` said so.
+    """
+    low, high = RADII_MM
+    if not low <= radius_mm <= high:
+        raise InvalidInputError(f"radius_mm must be {low:g} to {high:g}, not {radius_mm}")
+    chosen = None if center is None else as_vector3(center, name="center")
+    paths = [Path(path)] if inner is None else [Path(path), Path(inner)]
+    step = _stepper(progress, cancel)
+    step(0.02)
+    source = _read(paths, threshold)
+    freed = without_holder(source) if isinstance(source, BoneVolume) else None
+    source = source if freed is None else freed.bone
+    step(0.25)
+    coarse = _look_over(source)
+    step(0.4)
+    if chosen is None:
+        choice = choose_region(coarse, radius_mm)
+    else:
+        choice = _place_at(coarse, chosen)
+    if freed is not None:
+        freed.require_whole(choice.center_skull, radius_mm)
+    grid = grid_about(choice.center_skull, choice.outward_skull, radius_mm)
+    distance, smoothing_mm = _distance(source, grid)
+    step(0.8)
+    vertices, faces = display_mesh(coarse)
+    step(0.95)
+    draft = LoadedSkull(
+        name=paths[0].name,
+        kind=_kind(source),
+        sha256=tuple(map(_sha256, paths)),
+        threshold=threshold,
+        smoothing_mm=smoothing_mm,
+        distance_um=as_micrometres(distance),
+        spacing_mm=grid.spacing_mm,
+        origin_skull=grid.origin_skull,
+        axes_skull=grid.axes_skull,
+        mesh_vertices_skull=vertices.astype(np.float32),
+        mesh_faces=faces.astype(np.int32),
+        center_skull=choice.center_skull,
+        normal_skull=choice.outward_skull,
+        radius_mm=float(radius_mm),
+        mean_thickness_mm=0.0,
+    )
+    result = _settle(draft)
+    step(1.0)
+    return result
+
+
+def _sha256(path: Path) -> str:
+    with path.open("rb") as file:
+        return hashlib.file_digest(file, "sha256").hexdigest()
+
+
+def _stepper(progress: Progress, cancel: Cancel) -> Callable[[float], None]:
+    def step(share: float) -> None:
+        if cancel():
+            raise CancelledError("loading the skull was cancelled")
+        progress(share)
+
+    return step
+
+
+def _read(paths: list[Path], threshold: float | None) -> BoneVolume | BoneMesh:
+    for path in paths:
+        if not path.is_file():
+            raise InvalidInputError(f"there is no file {path}: check the path")
+    volumes = [path.name.lower().endswith(VOLUME_SUFFIXES) for path in paths]
+    meshes = [path.name.lower().endswith(MESH_SUFFIXES) for path in paths]
+    if all(volumes):
+        parts = [read_volume(path, threshold) for path in paths]
+        return parts[0] if len(parts) == 1 else without(parts[0], parts[1])
+    if all(meshes):
+        if threshold is not None:
+            raise InvalidInputError("a mesh has no grey values: leave the threshold out")
+        surfaces = [read_mesh(path) for path in paths]
+        return surfaces[0] if len(surfaces) == 1 else joined(surfaces[0], surfaces[1])
+    raise InvalidInputError(
+        f"cannot load {', '.join(path.name for path in paths)}: expected a volume "
+        f"({', '.join(VOLUME_SUFFIXES)}) or a mesh ({', '.join(MESH_SUFFIXES)}), both files alike"
+    )
+
+
+def _kind(source: BoneVolume | BoneMesh) -> SkullKind:
+    if isinstance(source, BoneMesh):
+        return "mesh"
+    return "ct" if source.grey else "mask"
+
+
+def _look_over(source: BoneVolume | BoneMesh) -> CoarseBone:
+    if isinstance(source, BoneVolume):
+        return coarse_bone(source.mask, source.T_skull_voxel, source.back)
+    low, high = source.bounds()
+    low = low - 2.0 * COARSE_MM
+    nx, ny, nz = np.ceil((high - low) / COARSE_MM).astype(int) + 3
+    y, z = np.meshgrid(np.arange(ny) * COARSE_MM, np.arange(nz) * COARSE_MM, indexing="ij")
+    columns = low + np.stack((np.zeros_like(y), y, z), axis=-1).reshape(-1, 3)
+    solid = inside(source, columns, np.array((COARSE_MM, 0.0, 0.0)), int(nx))
+    mask = np.moveaxis(solid.reshape(ny, nz, nx), 2, 0)
+    return CoarseBone(mask, low, np.full(3, COARSE_MM), 0)
+
+
+def _place_at(bone: CoarseBone, center: Vector3) -> Choice:
+    """Return the outer surface at ``center``, on the line to it from the middle of the head.
+
+    Other bone on that line, farther out or in, does not count.
+
+    Raises:
+        InvalidInputError: the centre is off the bone, or on the inside.
+    """
+    heights = np.flatnonzero(bone.mask.any(axis=(0, 1))) * bone.voxel_mm[2]
+    lowest = max(0, int(np.floor((heights.max() - 100.0) / bone.voxel_mm[2])) + 1)
+    upper = bone.mask[:, :, lowest:]  # the braincase, without the face
+    places = [np.flatnonzero(np.asarray(upper.any(axis=axes))) for axes in ((1, 2), (0, 2), (0, 1))]
+    places[2] = places[2] + lowest
+    span = np.array([place[0] + place[-1] for place in places])
+    middle: Vector3 = bone.origin_skull + 0.5 * span * bone.voxel_mm
+    outward = center - middle
+    length = float(np.linalg.norm(outward))
+    if length < 1.0:
+        raise InvalidInputError("the centre lies in the middle of the head: choose one on the bone")
+    outward = outward / length
+    step = 0.25 * float(bone.voxel_mm.min())
+    t = np.arange(length + 60.0, 0.0, -step)  # inwards
+    index = np.round((middle + t[:, None] * outward - bone.origin_skull) / bone.voxel_mm)
+    held = ((index >= 0) & (index < bone.mask.shape)).all(axis=1)
+    i, j, k = np.where(np.asarray(held)[:, None], index, 0).astype(int).T
+    solid = np.flatnonzero(bone.mask[i, j, k] & held)
+    # the line enters bone where it was in air for longer than in the gaps of the diploe
+    enters = solid[np.diff(solid, prepend=-len(t)) * step > GAP_MM]
+    off = t[enters] - length
+    off = float(off[np.argmin(np.abs(off))]) if len(off) else np.inf
+    # from within the bone it goes out to the surface, but not from the cavity
+    within = bool(len(solid)) and np.abs(t[solid] - length).min() <= OFF_SURFACE_MM
+    if off < -OFF_SURFACE_MM or off > (WITHIN_MM if within else OFF_SURFACE_MM):
+        nearest = _nearest_bone_mm(bone, center)
+        raise InvalidInputError(
+            f"the centre {center.round(1).tolist()} must lie on the outer surface, but it is "
+            f"{nearest:.1f} mm from the nearest bone, and {abs(off):.1f} mm from the surface on "
+            f"the line from the middle of the head: choose a point within "
+            f"{OFF_SURFACE_MM:g} mm of the surface"
+        )
+    return Choice(center + off * outward, outward)
+
+
+def _nearest_bone_mm(bone: CoarseBone, center: Vector3) -> float:
+    off = [
+        bone.origin_skull[axis] + bone.voxel_mm[axis] * np.arange(n) - center[axis]
+        for axis, n in enumerate(bone.mask.shape)
+    ]
+    flat = off[1][:, None] ** 2 + off[2] ** 2
+    squares = [
+        x**2 + flat[layer].min() for x, layer in zip(off[0], bone.mask, strict=True) if layer.any()
+    ]  # layer by layer, to spare memory
+    return float(np.sqrt(min(squares)))
+
+
+def _distance(
+    source: BoneVolume | BoneMesh, grid: Grid
+) -> tuple[np.typing.NDArray[np.float64], float]:
+    if isinstance(source, BoneMesh):
+        return distance_from_mesh(source, grid), 0.0
+    return distance_from_volume(source, grid)
+
+
+def _settle(draft: LoadedSkull) -> LoadedSkull:
+    """Put the centre on the surface, fill in the normal and thickness, and check the disc.
+
+    Raises:
+        InvalidInputError: the disc is not whole bone.
+    """
+    specimen = LoadedSpecimen(draft, radius_mm=draft.radius_mm)
+    region = specimen.region
+    across = np.linalg.svd(region.normal_skull[None])[2][1:]
+    side = np.arange(-draft.radius_mm, draft.radius_mm + 1e-9, 1.0)
+    lattice = np.stack(np.meshgrid(side, side, indexing="ij"), axis=-1).reshape(-1, 2)
+    lattice = lattice[np.linalg.norm(lattice, axis=1) <= draft.radius_mm]
+    o = region.center_skull + lattice @ across + 10.0 * region.normal_skull
+    d = np.repeat(-region.normal_skull[None], len(o), axis=0)
+    t = specimen.ray(o, d)
+    points = o[np.isfinite(t)] + t[np.isfinite(t), None] * d[np.isfinite(t)]
+    thickness = specimen.thickness(points, -specimen.normal(points))
+    there = np.isfinite(thickness)
+    share = float(there.sum()) / len(lattice)
+    if share < WHOLE:
+        raise InvalidInputError(
+            f"only {share:.0%} of the disc about {region.center_skull.round(1).tolist()} is bone "
+            f"with both boundaries: choose another centre or a smaller radius"
+        )
+    return replace(
+        draft,
+        center_skull=readonly(region.center_skull.copy()),
+        normal_skull=readonly(region.normal_skull.copy()),
+        mean_thickness_mm=float(thickness[there].mean()),
+    )

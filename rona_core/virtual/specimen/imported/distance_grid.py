@@ -1,0 +1,192 @@
+"""The signed distance to bone on a grid about the scanned disc: negative in bone, in mm."""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.ndimage import (
+    distance_transform_edt,
+    gaussian_filter,
+    label,
+    map_coordinates,
+)
+
+from rona_core.errors import InvalidInputError
+from rona_core.geometry.arrays import Bools, Floats, Ints, Vector3
+from rona_core.virtual.specimen.imported.mesh_reader import BoneMesh, distance_to, inside
+from rona_core.virtual.specimen.imported.volume_reader import BoneVolume, pooled
+
+SPACING_MM = 0.8
+LATERAL_MM = 25.0  # beyond the radius of the disc
+ABOVE_MM, BELOW_MM = 12.0, 46.0  # the surface at the centre of the disc
+BAND_MM = 4.0  # the distance is clipped to this
+SMOOTHING_VOXELS = 1.0  # sigma of the Gaussian that removes the steps of the voxels
+MOST_LABELLED = 30_000_000  # voxels in which pieces are told apart; more are pooled for that
+MOST_TILE_VOXELS = 8_000_000  # whose distance is taken at once, at some 30 bytes each
+MARGIN_MM = 6.0  # of the volume read around the grid
+SMALL_PIECE = 0.05  # bone pieces below this share of the largest are dropped (table, dust)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Grid:
+    """A cubic grid; node (i, j, k) lies at ``origin + spacing * axes @ (i, j, k)``."""
+
+    origin_skull: Vector3
+    axes_skull: Floats  # (3, 3), columns
+    spacing_mm: float
+    shape: tuple[int, int, int]
+
+    def nodes(self) -> Floats:
+        """Return all nodes (n, 3) in ``skull``, in C order."""
+        index = np.stack(np.meshgrid(*map(np.arange, self.shape), indexing="ij"), axis=-1)
+        places = self.spacing_mm * index.reshape(-1, 3).astype(np.float64)
+        return self.origin_skull + places @ self.axes_skull.T
+
+
+def grid_about(center_skull: Vector3, outward_skull: Vector3, radius_mm: float) -> Grid:
+    """Return the grid that holds whatever a scan of a disc can touch; its third axis is outward."""
+    across: Floats = np.linalg.svd(outward_skull[None])[2][1:]
+    axes: Any = np.stack((across[0], np.cross(outward_skull, across[0]), outward_skull), axis=1)
+    n = 2 * int(np.ceil((radius_mm + LATERAL_MM) / SPACING_MM)) + 1
+    below, above = int(np.ceil(BELOW_MM / SPACING_MM)), int(np.ceil(ABOVE_MM / SPACING_MM))
+    start = np.array(((n - 1) / 2, (n - 1) / 2, below))
+    origin = center_skull - SPACING_MM * axes @ start
+    return Grid(origin, axes, SPACING_MM, (n, n, below + above + 1))
+
+
+def distance_from_volume(bone: BoneVolume, grid: Grid) -> tuple[Floats, float]:
+    """Return the smoothed distance on the grid, and the sigma of the smoothing in mm.
+
+    The exact distance between voxel centres, half a voxel taken off on either side, has its zero
+    level midway between bone and air voxels; the Gaussian takes out their steps. Tile by tile: a
+    box about a whole slanted grid of fine voxels would not fit into memory.
+
+    Raises:
+        InvalidInputError: no bone near the grid.
+    """
+    tiles = list(_tiles(grid, bone))
+    boxes = np.array([_box(tile, bone) for _, tile in tiles])
+    large = _large_pieces(bone, boxes[:, 0].min(axis=0), boxes[:, 1].max(axis=0))
+    result = np.zeros(grid.shape)
+    for where, tile in tiles:
+        result[where] = _tile_distance(bone, large, tile)
+    return result, SMOOTHING_VOXELS * float(bone.voxel_mm().mean())
+
+
+def _tiles(grid: Grid, bone: BoneVolume) -> Iterator[tuple[tuple[slice, ...], Grid]]:
+    """Yield parts of the grid about which few enough voxels lie, and where in it they are."""
+    voxel = bone.voxel_mm()
+    across = np.abs(np.linalg.inv(bone.T_skull_voxel)[:3, :3] @ grid.axes_skull)
+    size = np.array(grid.shape)
+    while np.prod(across @ (grid.spacing_mm * size) + 2 * MARGIN_MM / voxel) > MOST_TILE_VOXELS:
+        size[np.argmax(size)] = (size.max() + 1) // 2
+    for corner in np.ndindex(*(-(-np.array(grid.shape) // size)).tolist()):
+        start = np.array(corner) * size
+        end = np.minimum(start + size, grid.shape)
+        origin = grid.origin_skull + grid.spacing_mm * grid.axes_skull @ start
+        nx, ny, nz = (int(n) for n in end - start)
+        where = tuple(slice(int(a), int(b)) for a, b in zip(start, end, strict=True))
+        yield where, Grid(origin, grid.axes_skull, grid.spacing_mm, (nx, ny, nz))
+
+
+def _box(grid: Grid, bone: BoneVolume) -> Ints:
+    """Return the first and the end (2, 3) of the voxels about a grid; some lie off the volume."""
+    to_index = np.linalg.inv(bone.T_skull_voxel)
+    ends = np.stack(np.meshgrid(*((0, n - 1) for n in grid.shape), indexing="ij"), axis=-1)
+    corners = grid.origin_skull + grid.spacing_mm * ends.reshape(-1, 3) @ grid.axes_skull.T
+    places = corners @ to_index[:3, :3].T + to_index[:3, 3]
+    margin = np.ceil(MARGIN_MM / bone.voxel_mm())
+    low = np.floor(places.min(axis=0) - margin)
+    high = np.ceil(places.max(axis=0) + margin) + 1
+    return np.stack((low, high)).astype(np.int64)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _LargePieces:
+    """Blocks of voxels, from a corner on, that belong to a large piece of bone."""
+
+    blocks: Bools
+    edge: int  # of a block, in voxels
+    low: Ints  # (3,) first voxel
+
+    def hold(self, low: Ints, high: Ints) -> Bools:
+        """Return whether each voxel of a box does."""
+        index = [
+            (np.arange(a, b) - o) // self.edge for a, b, o in zip(low, high, self.low, strict=True)
+        ]
+        return self.blocks[np.ix_(*index)]
+
+
+def _large_pieces(bone: BoneVolume, low: Ints, high: Ints) -> _LargePieces:
+    """Return the large pieces in a box.
+
+    Raises:
+        InvalidInputError: there are none.
+    """
+    low, high = np.clip(low, 0, bone.mask.shape), np.clip(high, 0, bone.mask.shape)
+    edge = int(np.ceil(np.cbrt(np.prod((high - low).astype(np.float64)) / MOST_LABELLED)))
+    block = bone.mask[tuple(slice(a, b) for a, b in zip(low, high, strict=True))]
+    edge = max(edge, 1)
+    solid = block if edge == 1 else pooled(block, np.full(3, edge))
+    pieces = np.zeros(solid.shape, dtype=np.int32)
+    if not solid.size or not label(solid, output=pieces):
+        raise InvalidInputError("there is no bone near the chosen centre: choose another")
+    sizes = np.bincount(pieces.ravel())
+    sizes[0] = 0
+    return _LargePieces((sizes >= SMALL_PIECE * sizes.max())[pieces], edge, low)
+
+
+def _tile_distance(bone: BoneVolume, large: _LargePieces, grid: Grid) -> Floats:
+    """Return the smoothed distance on a grid."""
+    voxel = bone.voxel_mm()
+    low, high = _box(grid, bone)
+    inner_low = np.clip(low, 0, bone.mask.shape)
+    inner_high = np.clip(high, 0, bone.mask.shape)
+    block = np.zeros(high - low, dtype=np.bool_)
+    source = bone.mask[tuple(slice(a, b) for a, b in zip(inner_low, inner_high, strict=True))]
+    block[
+        tuple(slice(a - o, b - o) for a, b, o in zip(inner_low, inner_high, low, strict=True))
+    ] = source & large.hold(inner_low, inner_high)
+    if block.all() or not block.any():
+        return np.full(grid.shape, -2.0 * BAND_MM if block.any() else 2.0 * BAND_MM)
+    half = float(voxel.mean()) / 2.0
+    signed = _to_nearest(~block, voxel)
+    signed[block] = -_to_nearest(block, voxel)[block]
+    signed -= np.where(block, -half, half).astype(np.float32)
+    smooth = gaussian_filter(np.clip(signed, -2 * BAND_MM, 2 * BAND_MM), SMOOTHING_VOXELS)
+    to_index = np.linalg.inv(bone.T_skull_voxel)
+    places = grid.nodes() @ to_index[:3, :3].T + to_index[:3, 3]
+    values = map_coordinates(smooth, (places - low).T, order=3, mode="nearest")
+    return values.reshape(grid.shape).astype(np.float64)
+
+
+def _to_nearest(inside: Bools, voxel_mm: Floats) -> NDArray[np.float32]:
+    """Return for each voxel inside the distance to the nearest centre outside, else 0."""
+    nearest: Any = distance_transform_edt(
+        inside, sampling=voxel_mm, return_distances=False, return_indices=True
+    )
+    distance = np.zeros(inside.shape, dtype=np.float32)
+    j, k = np.ogrid[: inside.shape[1], : inside.shape[2]]
+    for i in range(inside.shape[0]):  # layer by layer: the offsets as floats are large
+        offsets = (nearest[0, i] - i, nearest[1, i] - j, nearest[2, i] - k)
+        squares = sum((off * edge) ** 2 for off, edge in zip(offsets, voxel_mm, strict=True))
+        distance[i] = np.sqrt(squares)
+    return distance
+
+
+def distance_from_mesh(bone: BoneMesh, grid: Grid) -> Floats:
+    """Return the distance on the grid, exact near the surface."""
+    nodes = grid.nodes()
+    columns = nodes.reshape(*grid.shape, 3)[:, :, 0].reshape(-1, 3)
+    step = grid.axes_skull[:, 2] * grid.spacing_mm
+    solid = inside(bone, columns, step, grid.shape[2]).ravel()
+    distance = distance_to(bone, nodes, BAND_MM, exact_mm=2.0 * grid.spacing_mm)
+    return np.where(solid, -distance, distance).reshape(grid.shape)
+
+
+def as_micrometres(distance_mm: Floats) -> NDArray[np.int16]:
+    """Return a distance, clipped to the band, in whole micrometres."""
+    clipped = np.clip(distance_mm, -BAND_MM, BAND_MM)
+    return np.round(1000.0 * clipped).astype(np.int16)

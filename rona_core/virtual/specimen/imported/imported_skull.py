@@ -1,0 +1,227 @@
+"""A skull from a file as a specimen: rays and feet on the zero level of its stored distance."""
+
+import numpy as np
+from numpy.typing import ArrayLike
+from scipy.spatial import KDTree
+
+from rona_core.devices.protocols import Mesh
+from rona_core.errors import InvalidInputError
+from rona_core.geometry.arrays import (
+    Bools,
+    Floats,
+    as_points,
+    as_unit_vectors,
+    as_vector3,
+    readonly,
+)
+from rona_core.session.specimen import LoadedSkull
+from rona_core.virtual.specimen.boundaries import Boundary, Region, boundary_index
+from rona_core.virtual.specimen.imported.distance_field import RIM_NODES, BoneField
+from rona_core.virtual.specimen.imported.region_choice import GAP_MM
+from rona_core.virtual.specimen.simulated.layer_radii import diploe_share, layer_depths
+
+NIFTI_SUFFIXES = (".nii", ".nii.gz")  # whose coordinates are right, anterior, superior
+SKIN_MM = 0.2  # walked beyond a boundary before the next is looked for
+EDGE_MM = 8.0  # between the disc and the side of the grid
+OFF_SURFACE_MM = 3.0  # a chosen centre farther outside the bone than this is refused,
+WITHIN_MM = 15.0  # or farther within it, below the outer surface
+NORMAL_PATCH_MM = 10.0  # radius over which the normal of the region is averaged
+SHEET_NODES = 1.0  # pitch of the columns that sample the boundaries, in nodes
+
+
+class LoadedSpecimen:
+    """A loaded skull; see ``boundaries.Specimen`` for what each method means."""
+
+    def __init__(
+        self, skull: LoadedSkull, center_skull: ArrayLike | None = None, radius_mm: float = 25.0
+    ) -> None:
+        self._skull = skull
+        self._field = BoneField(skull)
+        self._sheets: dict[int, tuple[Floats, Bools]] = {}
+        self._trees: dict[int, tuple[KDTree, Floats]] = {}
+        self.region = self._region(skull, center_skull, radius_mm)
+
+    @property
+    def head_axes_skull(self) -> Floats | None:
+        """Right, front and top of the head: those of NIfTI; other files' are not stored."""
+        nifti = self._skull.name.lower().endswith(NIFTI_SUFFIXES)
+        return np.eye(3) if nifti else None
+
+    def _region(
+        self, skull: LoadedSkull, center_skull: ArrayLike | None, radius_mm: float
+    ) -> Region:
+        axes = skull.axes_skull
+        center = skull.center_skull
+        if center_skull is not None:
+            center = as_vector3(center_skull, name="center")
+        place = (center - skull.origin_skull) @ axes
+        edges = np.array(skull.distance_um.shape) * skull.spacing_mm
+        room = np.minimum(place, edges - place)
+        if room[:2].min() < radius_mm + EDGE_MM or room[2] < EDGE_MM / 2.0:
+            raise InvalidInputError(
+                f"a disc of {radius_mm:g} mm about {center.round(1).tolist()} leaves the stored "
+                f"part of {skull.name}: load it again with this centre and radius"
+            )
+        top = center + (edges[2] - place[2]) * axes[:, 2]
+        depth = self._first(top[None], -axes[:, 2][None])[0]
+        found = top - depth * axes[:, 2] if np.isfinite(depth) else center
+        above = float((center - found) @ axes[:, 2])  # the surface
+        if not np.isfinite(depth) or not -WITHIN_MM <= above <= OFF_SURFACE_MM:
+            where = f"{abs(above):.1f} mm {'above' if above > 0 else 'below'} it"
+            where = where if np.isfinite(depth) else "beside all bone"
+            raise InvalidInputError(
+                f"{center.round(1).tolist()} is not on the outer surface of {skull.name}, but "
+                f"{where}: choose a point within {OFF_SURFACE_MM:g} mm of it"
+            )
+        angles = np.linspace(0.0, 2.0 * np.pi, 24, endpoint=False)
+        ring = np.stack((np.cos(angles), np.sin(angles)), 1) @ axes[:, :2].T
+        offsets = np.concatenate(
+            (np.zeros((1, 3)), ring * NORMAL_PATCH_MM / 2, ring * NORMAL_PATCH_MM)
+        )
+        tops = top + offsets
+        depths = self._first(tops, np.repeat(-axes[:, 2][None], len(tops), axis=0))
+        hit = np.isfinite(depths)
+        feet = tops[hit] - depths[hit, None] * axes[:, 2]
+        normal = self._field.unit_gradient(feet).mean(axis=0)
+        return Region(readonly(found), readonly(normal / np.linalg.norm(normal)), radius_mm)
+
+    def _first(self, o: Floats, d: Floats) -> Floats:
+        """Return the distance (n,) to the outer surface."""
+        return self._field.entries(o, d, 1.0, *self._field.span(o, d))
+
+    def _last_exit(self, o: Floats, d: Floats, outer: Floats) -> Floats:
+        """Return the distance (n,) at which each ray leaves the bone for good; inf: missing."""
+        inner = np.full(len(o), np.inf)
+        rays = np.flatnonzero(np.isfinite(outer))
+        _, leave = self._field.span(o, d)
+        entry = outer[rays]
+        while len(rays):
+            exits = self._field.entries(o[rays], d[rays], -1.0, entry + SKIN_MM, leave[rays])
+            inner[rays] = exits
+            rays, exits = rays[np.isfinite(exits)], exits[np.isfinite(exits)]
+            beyond = np.minimum(exits + GAP_MM, leave[rays])
+            entry = self._field.entries(o[rays], d[rays], 1.0, exits + SKIN_MM, beyond)
+            rays, entry = rays[np.isfinite(entry)], entry[np.isfinite(entry)]
+        return inner
+
+    def _rays(self, origins: ArrayLike, directions: ArrayLike) -> tuple[Floats, Floats]:
+        o = as_points(origins, name="origins_skull")
+        d = as_unit_vectors(directions, name="directions_skull")
+        if len(o) != len(d):
+            raise InvalidInputError(f"{len(o)} origins need as many directions, not {len(d)}")
+        return o, d
+
+    def ray(
+        self, origins_skull: ArrayLike, directions_skull: ArrayLike, boundary: Boundary = "outer"
+    ) -> Floats:
+        """Return the distance (n,) to a boundary along each ray; inf where missed."""
+        k = boundary_index(boundary)
+        if k == 0:
+            return self._first(*self._rays(origins_skull, directions_skull))
+        return self.layers(origins_skull, directions_skull)[:, k].copy()
+
+    def layers(self, origins_skull: ArrayLike, directions_skull: ArrayLike) -> Floats:
+        """Return the distances (n, 4) of the four boundaries along each ray."""
+        o, d = self._rays(origins_skull, directions_skull)
+        outer = self._first(o, d)
+        inner = self._last_exit(o, d, outer)
+        whole = np.isfinite(inner)
+        distances = np.full((len(o), 4), np.inf)
+        distances[:, 0] = outer
+        thickness = inner[whole] - outer[whole]
+        depths = layer_depths(thickness, diploe_share(thickness))
+        distances[whole] = outer[whole, None] + depths
+        return distances
+
+    def thickness(self, points_skull: ArrayLike, directions_skull: ArrayLike) -> Floats:
+        """Return the bone (n,) in mm from outer surface points along inward directions."""
+        o, d = self._rays(points_skull, directions_skull)
+        return self._last_exit(o, d, np.zeros(len(o)))
+
+    def _sheet(self, k: int) -> tuple[Floats, Bools]:
+        """Return boundary points (a, b, 3) under a lattice on top, and which exist (a, b)."""
+        if k not in self._sheets:
+            axes, spacing = self._skull.axes_skull, self._skull.spacing_mm
+            sides = [
+                np.arange(RIM_NODES, high + 1e-9, SHEET_NODES) for high in self._field.high[:2]
+            ]
+            a, b = np.meshgrid(*sides, indexing="ij")
+            places = np.stack((a, b, np.full_like(a, self._field.high[2])), axis=-1).reshape(-1, 3)
+            o = self._skull.origin_skull + spacing * places @ axes.T
+            d = np.repeat(-axes[:, 2][None], len(o), axis=0)
+            t = self.layers(o, d)
+            for number, column in enumerate(t.T):
+                there = np.isfinite(column)
+                points = o + np.where(there, column, 0.0)[:, None] * d
+                self._sheets[number] = points.reshape(*a.shape, 3), there.reshape(a.shape)
+        return self._sheets[k]
+
+    def _foot(self, q: Floats, k: int) -> Floats:
+        """Return the nearest point (n, 3) of the outer (0) or inner (3) boundary."""
+        if k not in self._trees:
+            points, there = self._sheet(k)
+            self._trees[k] = KDTree(points[there]), points[there]
+        tree, samples = self._trees[k]
+        return self._field.foot(q, samples[tree.query(q)[1]])
+
+    def closest(self, points_skull: ArrayLike, boundary: Boundary = "outer") -> Floats:
+        """Return the nearest point (n, 3) of a boundary to each point near it.
+
+        The two boundaries of the diploe run between the others: their point is taken below the
+        nearest point of the outer boundary, along its inward normal.
+        """
+        q = as_points(points_skull, name="points_skull")
+        k = boundary_index(boundary)
+        if k in (0, 3):
+            return self._foot(q, k)
+        outer = self._foot(q, 0)
+        inward = -self._field.unit_gradient(outer)
+        depth = self.layers(outer - SKIN_MM * inward, inward)[:, k] - SKIN_MM
+        if not np.isfinite(depth).all():
+            raise InvalidInputError("the bone has no inner boundary here: ask nearer to the region")
+        return outer + depth[:, None] * inward
+
+    def normal(self, points_skull: ArrayLike, boundary: Boundary = "outer") -> Floats:
+        """Return the outward unit normals (n, 3) at points on or near a boundary."""
+        q = as_points(points_skull, name="points_skull")
+        k = boundary_index(boundary)
+        if k == 0:
+            return self._field.unit_gradient(q)
+        if k == 3:
+            return -self._field.unit_gradient(q)
+        outer = self._field.unit_gradient(self._foot(q, 0))
+        inner = -self._field.unit_gradient(self._foot(q, 3))
+        blend = (3 - k) * outer + k * inner
+        return blend / np.linalg.norm(blend, axis=1, keepdims=True)
+
+    def signed_distance(self, points_skull: ArrayLike) -> Floats:
+        """Return the distance (n,) to the outer surface, positive outside."""
+        q = as_points(points_skull, name="points_skull")
+        foot = self._foot(q, 0)
+        side = np.einsum("ij,ij->i", q - foot, self._field.unit_gradient(foot))
+        return np.where(side < 0.0, -1.0, 1.0) * np.linalg.norm(q - foot, axis=1)
+
+    def mesh(self, boundary: Boundary = "outer", edge_mm: float = 3.0) -> Mesh:
+        """Return triangles for the eye: the whole skull as stored, or a boundary near the region.
+
+        The stored mesh has its own edge length; ``edge_mm`` applies to the other boundaries.
+        """
+        if not 0.5 <= edge_mm <= 30.0:
+            raise InvalidInputError(f"edge_mm must be 0.5 to 30, not {edge_mm}")
+        k = boundary_index(boundary)
+        if k == 0:
+            vertices = self._skull.mesh_vertices_skull.astype(np.float64)
+            return Mesh(readonly(vertices), readonly(self._skull.mesh_faces.astype(np.int64)))
+        points, there = self._sheet(k)
+        stride = max(1, round(edge_mm / (SHEET_NODES * self._skull.spacing_mm)))
+        points, there = points[::stride, ::stride], there[::stride, ::stride]
+        numbers = np.arange(there.size).reshape(there.shape)
+        corners = [
+            part.ravel()
+            for part in (numbers[:-1, :-1], numbers[1:, :-1], numbers[1:, 1:], numbers[:-1, 1:])
+        ]
+        quads = np.stack(corners, axis=1)
+        quads = quads[there.ravel()[quads].all(axis=1)]
+        faces = np.concatenate((quads[:, (0, 1, 2)], quads[:, (0, 2, 3)]))
+        used, faces = np.unique(faces, return_inverse=True)
+        return Mesh(readonly(points.reshape(-1, 3)[used]), readonly(faces.reshape(-1, 3)))

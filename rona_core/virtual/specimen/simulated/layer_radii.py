@@ -1,0 +1,91 @@
+"""The four boundaries of the simulated skull as radii about its centre, in closed form."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.special import expit
+
+from rona_core.geometry.arrays import Floats, Vector3
+from rona_core.virtual.specimen.simulated.spherical_fields import Curves, Egg, Field, Waves
+
+FLOOR_MM = 1.3  # bone is never radially thinner than this
+FLOOR_WIDTH_MM = 0.4  # over which the floor sets in
+SUTURE_CAP_MM = 0.4  # deepest suture; less than the thinnest outer table
+
+DIPLOE_SHARE = (0.30, 0.50)  # of the thickness, in thin and in thick bone
+DIPLOE_AT_MM = 4.0  # thickness halfway between the two
+DIPLOE_WIDTH_MM = 0.8
+OUTER_TABLE_SHARE = 0.55  # of what is not diploe
+
+
+def diploe_share(thickness_mm: Floats) -> Floats:
+    """Return the share of the diploe (n,) in bone of a thickness (n,): narrow in thin bone."""
+    low, high = DIPLOE_SHARE
+    return low + (high - low) * expit((thickness_mm - DIPLOE_AT_MM) / DIPLOE_WIDTH_MM)
+
+
+def layer_depths(thickness_mm: Floats, share: Floats) -> Floats:
+    """Return the depths (n, 4) of the four boundaries below the outer one."""
+    tables = (1.0 - share) * thickness_mm
+    outer_table = OUTER_TABLE_SHARE * tables
+    inner_table = tables - outer_table
+    zero = np.zeros_like(thickness_mm)
+    return np.stack((zero, outer_table, thickness_mm - inner_table, thickness_mm), axis=-1)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class SkullShape:
+    """One simulated head: every boundary is ``|x - center| = radius(direction)``."""
+
+    center_skull: Vector3
+    egg: Egg
+    relief: tuple[Field, ...]  # added to the egg
+    sutures: Curves  # carved into the outer boundary only
+    base_thickness_mm: float
+    template: tuple[Field, ...]  # added to the base thickness
+    diploe: Waves  # shifts where the diploe widens
+
+    def _outer(self, u: Floats) -> Floats:
+        return self.egg.value(u) + sum((field.value(u) for field in self.relief), 0.0)
+
+    def _thickness(self, u: Floats) -> tuple[Floats, Floats]:
+        """Return the radial thickness (n,) and how steeply it follows the template (n,)."""
+        wish = self.base_thickness_mm + sum((field.value(u) for field in self.template), 0.0)
+        x = (wish - FLOOR_MM) / FLOOR_WIDTH_MM
+        return FLOOR_MM + FLOOR_WIDTH_MM * np.logaddexp(0.0, x), expit(x)
+
+    def radii(self, u: Floats) -> Floats:
+        """Return the radii (n, 4) in mm of the four boundaries, outermost first.
+
+        Args:
+            u: Unit directions from the centre, (n, 3).
+        """
+        outer, (thickness, _) = self._outer(u), self._thickness(u)
+        depths = layer_depths(thickness, diploe_share(thickness + self.diploe.value(u)))
+        depths[:, 0] = SUTURE_CAP_MM * np.tanh(self.sutures.value(u) / SUTURE_CAP_MM)
+        return outer[:, None] - depths
+
+    def gradients(self, u: Floats) -> Floats:
+        """Return the derivatives (n, 4, 3) of the radii by ``u``, in closed form."""
+        d_outer = self.egg.gradient(u) + sum((f.gradient(u) for f in self.relief), np.zeros(3))
+        thickness, follow = self._thickness(u)
+        d_template = sum((f.gradient(u) for f in self.template), np.zeros(3))
+        d_thickness = follow[:, None] * d_template
+        share = diploe_share(thickness + self.diploe.value(u))
+        low, high = DIPLOE_SHARE
+        rise = (share - low) * (high - share) / ((high - low) * DIPLOE_WIDTH_MM)
+        d_share = rise[:, None] * (d_thickness + self.diploe.gradient(u))
+        d_tables = (1.0 - share)[:, None] * d_thickness - thickness[:, None] * d_share
+        d_outer_table = OUTER_TABLE_SHARE * d_tables
+        cut = np.tanh(self.sutures.value(u) / SUTURE_CAP_MM)
+        d_suture = (1.0 - cut**2)[:, None] * self.sutures.gradient(u)
+        depths = (d_suture, d_outer_table, d_thickness - (d_tables - d_outer_table), d_thickness)
+        return d_outer[:, None, :] - np.stack(depths, axis=1)
+
+    def normals(self, u: Floats) -> Floats:
+        """Return the outward unit normals (n, 4, 3) where the boundaries meet the directions."""
+        slopes = self.gradients(u)
+        along = np.einsum("nkj,nj->nk", slopes, u)
+        tangential = slopes - along[..., None] * u[:, None, :]
+        n = u[:, None, :] - tangential / self.radii(u)[..., None]
+        return n / np.linalg.norm(n, axis=2, keepdims=True)

@@ -1,0 +1,159 @@
+"""The simulated skull as a specimen: the atlas behind the questions that every specimen answers."""
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from rona_core.devices.protocols import Mesh
+from rona_core.errors import InvalidInputError
+from rona_core.geometry.arrays import Floats, as_points, as_unit_vectors, as_vector3, readonly
+from rona_core.session.specimen import Side
+from rona_core.virtual.specimen.boundaries import BOUNDARIES, Boundary, Region, boundary_index
+from rona_core.virtual.specimen.simulated.atlas import Atlas
+from rona_core.virtual.specimen.simulated.layer_radii import SkullShape
+from rona_core.virtual.specimen.simulated.patient_sampling import draw_patient
+from rona_core.virtual.specimen.simulated.sphere_mesh import cube_sphere
+from rona_core.virtual.specimen.simulated.spherical_fields import HEAD_MM
+from rona_core.virtual.specimen.sphere_tracing import first_entries, sphere_span
+
+REGION_PLACE_MM = (35.0, 45.0)  # behind and above the ear canal
+REGION_RIM_MM = 35.0  # how far the fine splines go beyond the region
+NORMAL_PATCH_MM = 10.0  # radius over which the normal of the region is averaged
+OFF_SURFACE_MM = 15.0  # a chosen centre farther from the bone than this is refused
+NEVER_INSIDE_MM = 1e-7  # a start this little inside the outer surface still counts as on it
+
+
+class SimulatedSpecimen:
+    """A simulated head; see ``boundaries.Specimen`` for what each method means."""
+
+    def __init__(
+        self,
+        seed: int,
+        side: Side = "left",
+        center_skull: ArrayLike | None = None,
+        radius_mm: float = 25.0,
+    ) -> None:
+        self.shape: SkullShape = draw_patient(seed)
+        self._center = self.shape.center_skull
+        _, directions = cube_sphere(24)
+        self._bound_mm = float(self.shape.radii(directions).max()) + 2.0
+        middle = self._region_center(side, center_skull)
+        axis = middle / np.linalg.norm(middle)
+        self._atlas = Atlas(self.shape, axis, (radius_mm + REGION_RIM_MM) / HEAD_MM)
+        self.region = self._region(middle, radius_mm)
+
+    @property
+    def head_axes_skull(self) -> Floats:
+        """Right, front and top of the head: x, y and z of ``skull``."""
+        return np.eye(3)
+
+    def _region_center(self, side: Side, center_skull: ArrayLike | None) -> Floats:
+        """Return the centre of the region on the closed-form outer surface, from the head's."""
+        if center_skull is not None:
+            v = as_vector3(center_skull, name="center") - self._center
+            distance = float(np.linalg.norm(v))
+            u = v / max(distance, 1e-9)
+            radius = float(self.shape.radii(u[None])[0, 0])
+            if abs(distance - radius) > OFF_SURFACE_MM:
+                raise InvalidInputError(
+                    f"the centre must lie on the skull, but lies {distance - radius:+.0f} "
+                    f"mm off it: choose a point within {OFF_SURFACE_MM:g} mm of the surface"
+                )
+            return radius * u
+        behind, above = REGION_PLACE_MM
+        sign = 1.0 if side == "right" else -1.0
+        origin = np.array((sign * 2.0 * HEAD_MM, -behind, above)) - self._center
+        inward = np.array((-sign, 0.0, 0.0))
+
+        def gap(t: Floats, _: object) -> Floats:
+            v = origin + t[:, None] * inward
+            r = np.linalg.norm(v, axis=1)
+            return r - self.shape.radii(v / r[:, None])[:, 0]
+
+        t = first_entries(gap, np.zeros(1), np.full(1, 2.0 * HEAD_MM))
+        return origin + t[0] * inward
+
+    def _region(self, middle: Floats, radius_mm: float) -> Region:
+        normal = self._atlas.normals(middle[None], 0)[0]
+        e1 = np.linalg.svd(normal[None])[2][1]
+        e2 = np.cross(normal, e1)
+        ring = np.linspace(0.0, 2.0 * np.pi, 12, endpoint=False)
+        offsets = [
+            r * (np.cos(angle) * e1 + np.sin(angle) * e2)
+            for r in (NORMAL_PATCH_MM / 2.0, NORMAL_PATCH_MM)
+            for angle in ring
+        ]
+        patch = self._atlas.normals(middle + np.array([np.zeros(3), *offsets]), 0).mean(axis=0)
+        return Region(
+            readonly(middle + self._center), readonly(patch / np.linalg.norm(patch)), radius_mm
+        )
+
+    def _rays(self, origins: ArrayLike, directions: ArrayLike) -> tuple[Floats, Floats]:
+        o = as_points(origins, name="origins_skull")
+        d = as_unit_vectors(directions, name="directions_skull")
+        if len(d) == 1 and len(o) > 1:
+            d = np.repeat(d, len(o), axis=0)
+        if len(o) != len(d):
+            raise InvalidInputError(f"{len(o)} origins need as many directions, not {len(d)}")
+        return o - self._center, d
+
+    def _trace(
+        self, v: Floats, d: Floats, k: np.typing.NDArray[np.int64], starts: Floats
+    ) -> Floats:
+        enter, leave = sphere_span(v, d, self._bound_mm)
+
+        def gap(t: Floats, rays: np.typing.NDArray[np.int64]) -> Floats:
+            g = self._atlas.gap(v[rays] + t[:, None] * d[rays], k[rays])
+            return g
+
+        return first_entries(gap, np.maximum(enter, starts), leave)
+
+    def ray(
+        self, origins_skull: ArrayLike, directions_skull: ArrayLike, boundary: Boundary = "outer"
+    ) -> Floats:
+        """Return the distance (n,) to a boundary along each ray; inf where missed."""
+        v, d = self._rays(origins_skull, directions_skull)
+        k = np.full(len(v), boundary_index(boundary))
+        return self._trace(v, d, k, np.zeros(len(v)))
+
+    def layers(self, origins_skull: ArrayLike, directions_skull: ArrayLike) -> Floats:
+        """Return the distances (n, 4) of the four boundaries along each ray."""
+        v, d = self._rays(origins_skull, directions_skull)
+        n = len(v)
+        outer = self._trace(v, d, np.zeros(n, dtype=np.int64), np.zeros(n))
+        hit = np.flatnonzero(np.isfinite(outer))
+        k = np.repeat(np.arange(1, len(BOUNDARIES)), len(hit))
+        rows = np.tile(hit, len(BOUNDARIES) - 1)
+        deeper = self._trace(v[rows], d[rows], k, outer[rows])
+        distances = np.full((n, len(BOUNDARIES)), np.inf)
+        distances[:, 0] = outer
+        distances[hit, 1:] = deeper.reshape(len(BOUNDARIES) - 1, len(hit)).T
+        return distances
+
+    def thickness(self, points_skull: ArrayLike, directions_skull: ArrayLike) -> Floats:
+        """Return the bone (n,) in mm from outer surface points along inward directions."""
+        return self.ray(points_skull, directions_skull, "inner")
+
+    def closest(self, points_skull: ArrayLike, boundary: Boundary = "outer") -> Floats:
+        """Return the nearest point (n, 3) of a boundary to each point near it."""
+        v = as_points(points_skull, name="points_skull") - self._center
+        return self._atlas.closest(v, boundary_index(boundary)) + self._center
+
+    def normal(self, points_skull: ArrayLike, boundary: Boundary = "outer") -> Floats:
+        """Return the outward unit normals (n, 3) at points on or near a boundary."""
+        v = as_points(points_skull, name="points_skull") - self._center
+        return self._atlas.normals(v, boundary_index(boundary))
+
+    def signed_distance(self, points_skull: ArrayLike) -> Floats:
+        """Return the distance (n,) to the outer surface, positive outside."""
+        v = as_points(points_skull, name="points_skull") - self._center
+        gaps = self._atlas.gap(v, np.zeros(len(v), dtype=np.int64))
+        return np.sign(gaps) * np.linalg.norm(v - self._atlas.closest(v, 0), axis=1)
+
+    def mesh(self, boundary: Boundary = "outer", edge_mm: float = 3.0) -> Mesh:
+        """Return triangles of a boundary for the eye."""
+        if not 0.5 <= edge_mm <= 30.0:
+            raise InvalidInputError(f"edge_mm must be 0.5 to 30, not {edge_mm}")
+        k = boundary_index(boundary)
+        faces, directions = cube_sphere(int(np.ceil(0.5 * np.pi * HEAD_MM / edge_mm)))
+        vertices = self._center + self.shape.radii(directions)[:, k, None] * directions
+        return Mesh(readonly(vertices), readonly(faces))

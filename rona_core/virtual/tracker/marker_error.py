@@ -1,0 +1,121 @@
+"""How wrong the virtual tracker sees single markers: a smooth fixed field and white noise."""
+
+from dataclasses import dataclass
+from functools import lru_cache
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from rona_core.devices.settings import TrackerProfile, TrackerSettings
+from rona_core.devices.tracker_volumes import SILO, VOLUMES, Volume
+from rona_core.geometry.arrays import Bools, Floats, readonly
+from rona_core.virtual.noise import rng
+from rona_core.virtual.tracker.stereo_geometry import Moments, moments_of, volume_grid
+
+BIAS_LENGTH_MM = 400.0  # over which the field changes noticeably
+WAVES = 48  # random plane waves that make up the field
+FIELD_GRID = 36  # nodes a side of the grid that the field is scaled on
+
+
+@dataclass(frozen=True, slots=True)
+class Spec:
+    """3D RMS errors of a profile over its volume."""
+
+    total_mm: float  # white noise and field together
+    white_mm: float
+    isotropic: bool = False  # equal in all directions and everywhere
+
+
+SPECS: dict[TrackerProfile, Spec] = {
+    "ideal": Spec(0.0, 0.0, isotropic=True),
+    "polaris": Spec(0.35, 0.05),  # Polaris specification, paper section IV
+    "white035": Spec(0.35, 0.35, isotropic=True),
+    "spectra": Spec(0.25, 0.06),  # volume figure of its maker; the white part is a choice
+    "vega": Spec(0.12, 0.03),  # likewise
+}
+
+
+def in_volume(points_tracker: ArrayLike, profile: TrackerProfile = "polaris") -> Bools:
+    """Return which points (n, 3) lie in the work volume, (n,)."""
+    return VOLUMES[profile].contains(points_tracker)
+
+
+def sample_volume(n: int, generator: np.random.Generator, volume: Volume = SILO) -> Floats:
+    """Return n points (n, 3) spread evenly over a work volume, in ``tracker``."""
+    half_x, half_y, low, high = volume.box()
+    kept: list[Floats] = []
+    while sum(map(len, kept)) < n:
+        box = generator.uniform(-1.0, 1.0, (2 * n + 16, 3))
+        box[:, 0] *= half_x
+        box[:, 1] *= half_y
+        box[:, 2] = (box[:, 2] + 1.0) / 2 * (high - low) + low
+        kept.append(box[volume.contains(box)])
+    return np.concatenate(kept)[:n]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class MarkerError:
+    """Error of one marker as a function of where it is, plus white noise; all in ``tracker``."""
+
+    white_mm: Floats  # (3,) standard deviation per axis, RMS over the volume
+    waves: Floats  # (w, 3) radians per mm
+    phases: Floats  # (w,)
+    amplitudes_mm: Floats  # (w, 3)
+    moments: Moments | None = None  # how both grow with the distance; None: they do not
+
+    def bias_mm(self, points_tracker: Floats) -> Floats:
+        """Return the fixed error (n, 3) at points (n, 3); averaging does not remove it."""
+        if not len(self.waves):
+            return np.zeros_like(points_tracker)
+        field = np.cos(points_tracker @ self.waves.T + self.phases) @ self.amplitudes_mm
+        return field if self.moments is None else field * self.moments.growth(points_tracker)
+
+    def sigmas_mm(self, points_tracker: Floats) -> Floats:
+        """Return the standard deviations (n, 3) of the white noise at points (n, 3)."""
+        if self.moments is None:
+            return np.broadcast_to(self.white_mm, points_tracker.shape)
+        return self.white_mm * self.moments.growth(points_tracker)
+
+    def measure(self, points_tracker: Floats, white: Floats) -> Floats:
+        """Return measured positions (n, 3); ``white`` (n, 3) are standard normal numbers."""
+        noise = white * self.sigmas_mm(points_tracker)
+        return points_tracker + self.bias_mm(points_tracker) + noise
+
+
+def marker_error(settings: TrackerSettings, seed: int) -> MarkerError:
+    """Return the error of one tracker; the field belongs to the device, so only the seed draws it.
+
+    ``ideal`` is exact and ``white035`` 0.35 mm 3D RMS white, equal in all directions, no field.
+    The others have white noise and a field, together the figure of the profile as 3D RMS over its
+    volume, both larger in depth than laterally by the depth ratio. With ``stereo`` they grow with
+    the distance from the cameras.
+    """
+    return _marker_error(settings.profile, settings.stereo, settings.depth_ratio, seed)
+
+
+@lru_cache(maxsize=64)
+def _marker_error(
+    profile: TrackerProfile, stereo: bool, depth_ratio: float, seed: int
+) -> MarkerError:
+    spec, volume, none = SPECS[profile], VOLUMES[profile], np.zeros((0, 3))
+    if spec.isotropic:
+        each = np.full(3, spec.white_mm / np.sqrt(3.0))
+        return MarkerError(readonly(each), none, np.zeros(0), none)
+    shares = np.array((1.0, 1.0, depth_ratio))
+    shares /= np.linalg.norm(shares)  # 3D RMS 1
+    generator = rng(seed, "tracker-bias", 0, 0)
+    waves = generator.normal(0.0, 1.0 / BIAS_LENGTH_MM, (WAVES, 3))
+    phases = generator.uniform(0.0, 2.0 * np.pi, WAVES)
+    amplitudes = generator.normal(0.0, 1.0, (WAVES, 3))
+    moments = moments_of(volume) if stereo else None
+    places = volume_grid(volume, FIELD_GRID) if stereo else sample_volume(4000, generator, volume)
+    raw = MarkerError(np.zeros(3), waves, phases, amplitudes, moments)
+    rms = np.sqrt((raw.bias_mm(places) ** 2).mean(axis=0))
+    bias_rms_mm = np.sqrt(spec.total_mm**2 - spec.white_mm**2)
+    return MarkerError(
+        readonly(spec.white_mm * shares),
+        readonly(waves),
+        readonly(phases),
+        readonly(amplitudes * (bias_rms_mm * shares / rms)),
+        moments,
+    )

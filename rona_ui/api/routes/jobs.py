@@ -1,0 +1,144 @@
+"""Activities as jobs: start, list, ask, follow, cancel."""
+
+from collections.abc import AsyncIterator, Callable
+from dataclasses import asdict, dataclass, fields
+from typing import Annotated, Any
+
+from fastapi import APIRouter, Depends, Response
+
+from rona_core.app.hub import Hub
+from rona_core.app.jobs import JobState, JobStatus
+from rona_core.app.messages import ACTIVITIES, StartReplay
+from rona_core.app.replay import Replay
+from rona_core.app.workbench import Workbench
+from rona_core.errors import NotFoundError
+from rona_ui.api.context import PREFIX, Bench, Open, Sessions
+from rona_ui.api.problems import JobFinishedError
+from rona_ui.api.routes.commands import body_of
+from rona_ui.api.streams import ALIVE, DESCRIBED, EventStream, Streams, event
+
+router = APIRouter(tags=["jobs"])
+
+
+@dataclass(frozen=True, slots=True)
+class JobInfo:
+    """How a job stands."""
+
+    id: str
+    session: str
+    activity: str
+    state: JobState
+    finished: bool
+    progress: float  # 0 to 1
+    version: int  # grows with every change
+    error_code: str | None
+    error: str | None
+    revision: int | None  # of the session, once the outcome is stored
+    result: Replay | None  # what `StartReplay` found, once it is done
+
+
+def job_info(bench: Workbench, status: JobStatus) -> JobInfo:
+    """Return how a job stands, with its session."""
+    held = {field.name: getattr(status, field.name) for field in fields(status)}
+    return JobInfo(session=bench.session.id, finished=status.finished, **held)
+
+
+def start(bench: Workbench, activity: Any, response: Response) -> JobInfo:
+    """Start an activity and say where to ask for it.
+
+    Raises:
+        StepBlockedError: an earlier step is missing or stale.
+        DeviceError: the devices are busy.
+    """
+    status = bench.start(activity)
+    response.headers["Location"] = f"{PREFIX}/jobs/{status.id}"
+    return job_info(bench, status)
+
+
+def _route(kind: type) -> Callable[..., JobInfo]:
+    def begin(bench: Bench, response: Response, activity: Any) -> JobInfo:
+        return start(bench, activity, response)
+
+    begin.__annotations__["activity"] = body_of(kind)
+    return begin
+
+
+for _name, _kind in ACTIVITIES.items():
+    router.add_api_route(
+        f"/sessions/{{session_id}}/jobs/{_name}",
+        _route(_kind),
+        methods=["POST"],
+        status_code=202,
+        name=_name,
+        operation_id=_name,
+        summary=(_kind.__doc__ or _name).splitlines()[0],
+        description=_kind.__doc__,
+    )
+
+
+@router.post("/sessions/{session_id}/replay", status_code=202, tags=["results"])
+def replay_session(bench: Bench, response: Response) -> JobInfo:
+    """Compute every result again from the captures and compare; the same as job `StartReplay`."""
+    return start(bench, StartReplay(), response)
+
+
+def _benches(hub: Hub) -> list[Workbench]:
+    found: list[Workbench] = []
+    for key in hub.ids():
+        try:
+            found.append(hub.get(key))
+        except NotFoundError:  # closed in the meantime
+            continue
+    return found
+
+
+async def _bench_of_job(hub: Sessions, job_id: str) -> Workbench:
+    for bench in _benches(hub):
+        if any(status.id == job_id for status in bench.jobs.all()):
+            return bench
+    raise NotFoundError(f"there is no job {job_id!r}")
+
+
+JobBench = Annotated[Workbench, Depends(_bench_of_job)]
+
+
+@router.get("/jobs")
+def list_jobs(hub: Sessions) -> list[JobInfo]:
+    """List the jobs of all open sessions, oldest first in each."""
+    return [job_info(bench, status) for bench in _benches(hub) for status in bench.jobs.all()]
+
+
+@router.get("/jobs/{job_id}")
+def get_job(bench: JobBench, job_id: str) -> JobInfo:
+    """Return how a job stands."""
+    return job_info(bench, bench.jobs.status(job_id))
+
+
+@router.delete("/jobs/{job_id}", status_code=202)
+def cancel_job(bench: JobBench, job_id: str) -> JobInfo:
+    """Ask a job to end; what was measured so far is kept. 409 if it has ended."""
+    status = bench.jobs.status(job_id)
+    if status.finished:
+        raise JobFinishedError(f"job {job_id} has ended already: it is {status.state}")
+    bench.jobs.cancel(job_id)
+    return job_info(bench, bench.jobs.status(job_id))
+
+
+@router.get("/jobs/{job_id}/events", response_class=EventStream, responses=DESCRIBED)
+async def job_events(bench: JobBench, job_id: str, streams: Open) -> EventStream:
+    """Follow a job by server-sent events until it ends."""
+    return EventStream(_events(bench, job_id, streams))
+
+
+async def _events(bench: Workbench, job_id: str, streams: Streams) -> AsyncIterator[bytes]:
+    with streams.waker(bench.jobs.subscribe) as waker:
+        seen = -1
+        while not streams.closing:
+            status = bench.jobs.status(job_id)
+            if status.version > seen:
+                seen = status.version
+                yield event(asdict(job_info(bench, status)), kind="job", number=seen)
+            if status.finished:
+                return
+            if not await waker.wait():
+                yield ALIVE

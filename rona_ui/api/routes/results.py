@@ -1,0 +1,193 @@
+"""What can be asked of a session: steps, results, frames, figures."""
+
+import dataclasses
+from typing import Annotated, Any, Literal
+
+from fastapi import APIRouter, Query
+
+from rona_core.app.calibration_view import calibration_view
+from rona_core.app.frames import frame_rows
+from rona_core.app.map_accuracy import map_accuracy
+from rona_core.app.probe_advice import probe_advice
+from rona_core.app.quality import QualityRow, quality_rows
+from rona_core.app.queries import StepState, step_states, summary
+from rona_core.app.scan_views import ScanName, ascan_plot
+from rona_core.app.staleness import stale_reason
+from rona_core.errors import NotFoundError
+from rona_core.session.document import STEPS, Session
+from rona_ui.api.context import Bench
+from rona_ui.api.json_response import FastJson, described, plain
+
+router = APIRouter(tags=["results"])
+
+MaxPoints = Annotated[
+    int | None,
+    Query(
+        ge=2,
+        le=1_000_000,
+        description="thin arrays out evenly to this many rows; all rows if left out",
+    ),
+]
+# step -> (its captures, its results)
+HELD: dict[str, tuple[tuple[str, ...], tuple[str, ...]]] = {
+    "setup": ((), ()),
+    "tool": (("tool",), ("tool",)),
+    "pointer": (("pointer",), ("pointer",)),
+    "surface": (("surface",), ("surface", "registration")),
+    "path": (("path",), ("path",)),
+    "smoothing": ((), ("smoothing",)),
+    "roll": ((), ("roll", "placement")),
+    "scan": (("scan",), ()),
+    "maps": (
+        ("second", "sono_pivot", "sono_spin", "sono_scan"),
+        (
+            "detection",
+            "second",
+            "second_detection",
+            "maps",
+            "sono",
+            "sono_detection",
+            "sono_maps",
+        ),
+    ),
+}
+
+
+@router.get("/sessions/{session_id}/steps")
+def list_steps(bench: Bench) -> tuple[StepState, ...]:
+    """Return the state of every step: done, ready, blocked or stale, and why."""
+    return step_states(bench.session)
+
+
+@router.get(
+    "/sessions/{session_id}/results/{step}", response_class=FastJson, responses=described("object")
+)
+def get_results(bench: Bench, step: str, max_points: MaxPoints = None) -> FastJson:
+    """Return what a step measured and computed.
+
+    Lengths are mm, angles rad unless a name says otherwise; poses are a quaternion (w, x, y, z)
+    and a translation. `value` is null while there is nothing. How sure the maps are stands in
+    `accuracy` (of the scan by hand: `sono_accuracy`): standard deviations over their grid.
+    """
+    if step not in HELD:
+        raise NotFoundError(f"there is no step {step!r}: it is one of {', '.join(STEPS)}")
+    session = bench.session
+    captures, results = HELD[step]
+    return FastJson(
+        {
+            "step": step,
+            "summary": summary(step, session),
+            "setup": plain(session.setup, max_points) if step == "setup" else None,
+            "probe_advice": plain(probe_advice(session)) if step == "maps" else None,
+            "boundary_edits": plain(session.boundary_edits) if step == "maps" else None,
+            "accuracy": plain(map_accuracy(session), max_points) if step == "maps" else None,
+            "sono_accuracy": (
+                plain(map_accuracy(session, hand=True), max_points) if step == "maps" else None
+            ),
+            "captures": {name: _capture(name, session, max_points) for name in captures},
+            "results": {name: _result(name, session, max_points) for name in results},
+        }
+    )
+
+
+def _capture(name: str, session: Session, max_points: int | None) -> dict[str, Any]:
+    held = getattr(session.captures, name)
+    missing = held in (None, ())
+    stale = None if missing else stale_reason(f"capture {name}", session)
+    return {"value": None if missing else plain(held, max_points), "stale_reason": stale}
+
+
+def _result(name: str, session: Session, max_points: int | None) -> dict[str, Any]:
+    derived = getattr(session.results, name)
+    if derived is None:
+        return {"value": None, "stale_reason": None}
+    return {**plain(derived, max_points), "stale_reason": stale_reason(name, session)}
+
+
+@router.get(
+    "/sessions/{session_id}/calibration/{step}",
+    response_class=FastJson,
+    responses=described("object", "null"),
+)
+def get_calibration(bench: Bench, step: Literal["tool", "pointer"]) -> FastJson:
+    """Return how good a calibration is expected to be, each pose's residual, and the next pose.
+
+    `marks` of the poses: 0 used, 1 rejected, 2 left out by hand (command `ExcludePoses`). Azimuths
+    count from away from the tracker (0) to its +x side (90). `null` while nothing is calibrated.
+    """
+    view = calibration_view(bench.session, step)
+    return FastJson(plain(view))
+
+
+NAMES = {"first": "first pass", "second": "second pass", "hand": "scan by hand"}
+
+
+@router.get(
+    "/sessions/{session_id}/ascans/{scan}/{number}",
+    response_class=FastJson,
+    responses=described("object"),
+)
+def get_ascan(bench: Bench, scan: ScanName, number: int) -> FastJson:
+    """Return an A-scan (from 0) of either pass or of the scan by hand, and what was found in it.
+
+    Curves are shares of their own largest value; times are in µs from the emission. What was
+    corrected by hand (command `CorrectBoundary`) is in its place, and `by_hand` says so.
+    """
+    plot = ascan_plot(bench.session, number, scan=scan)
+    if plot is None:
+        raise NotFoundError(f"there is no A-scan {number} in the {NAMES[scan]}")
+    return FastJson(plain(plot))
+
+
+@dataclasses.dataclass(frozen=True, slots=True)
+class FrameInfo:
+    """One transform: the pose of frame `child` in frame `parent`.
+
+    `sigma_mm` and `sigma_deg` are predicted errors (that of `T_base_tracker` at the skull), null
+    for nominal and live ones; `time_utc` says when it was made, null for those.
+    """
+
+    name: str
+    parent: str
+    child: str
+    source: str  # the step that made it, "tool, base marker", "robot" (nominal) or "live"
+    wxyz: list[float]
+    translation_mm: list[float]
+    stale: bool
+    reason: str | None  # the same as stale_reason
+    stale_reason: str | None
+    time_utc: str | None
+    sigma_mm: float | None
+    sigma_deg: float | None
+
+
+@router.get("/sessions/{session_id}/frames")
+def list_frames(bench: Bench) -> list[FrameInfo]:
+    """Return the frame graph: every transform that is known, since when, how well, and if stale."""
+    return [
+        FrameInfo(
+            name=row.name,
+            parent=row.parent,
+            child=row.child,
+            source=row.source,
+            wxyz=row.pose.wxyz().tolist(),
+            translation_mm=row.pose.translation.tolist(),
+            stale=row.stale_reason is not None,
+            reason=row.stale_reason,
+            stale_reason=row.stale_reason,
+            time_utc=row.time_utc,
+            sigma_mm=row.sigma_mm,
+            sigma_deg=row.sigma_deg,
+        )
+        for row in frame_rows(bench.session, bench.live.get())
+    ]
+
+
+@router.get("/sessions/{session_id}/quality")
+def list_figures(bench: Bench) -> list[QualityRow]:
+    """Return every figure against ground truth: value, unit, limit and verdict.
+
+    `value` is null while a step is missing, or where the devices are real.
+    """
+    rows = quality_rows(bench.figures(), bench.session)
+    return [dataclasses.replace(row, value=plain(row.value)) for row in rows]

@@ -1,0 +1,193 @@
+"""Figures against ground truth beside their limits, and what the calibrations say of themselves."""
+
+from typing import Any
+
+from rona_core.app.contact_report import contact_report
+from rona_core.app.delay import delay_words
+from rona_core.app.quality import QualityRow
+from rona_core.app.sound_views import thickness_shares
+from rona_core.session.document import Session
+from rona_ui.panels.widgets import style
+from rona_ui.panels.widgets.verdicts import rows_of
+from rona_ui.view_state import Picture
+from rona_ui.viewer.bindings import escape
+
+SECTIONS = (  # title, what the keys begin with, steps that the figures come from
+    ("Calibration", ("tool_tip", "tracker_reg", "pointer_tip"), ("tool", "pointer")),
+    (
+        "Surface and path",
+        ("surface", "skull_reg", "path", "normal"),
+        ("surface", "path", "smoothing"),
+    ),
+    ("Robot and scan", ("roll", "scan_p", "scan_d", "min_", "contact", "second"), ("roll", "scan")),
+    (
+        "Maps",
+        (
+            "outer",
+            "inner",
+            "thickness",
+            "fused",
+            "coverage",
+            "detection",
+            "unfl",
+            "flagged",
+            "scan_thick",
+            "sound",
+        ),
+        ("maps",),
+    ),
+    ("Scan by hand", ("sono",), ()),
+)
+
+
+# true error -> what the program expects of it without the truth
+PREDICTED = {
+    "tool_tip_error_mm": "tool_tip_sigma_mm",
+    "pointer_tip_error_mm": "pointer_tip_sigma_mm",
+    "surface_rms_mm": "surface_sigma_predicted_mm",
+    "skull_registration_tre_mm": "skull_registration_sigma_mm",
+    "scan_thickness_rms_mm": "thickness_sigma_predicted_mm",
+}
+
+
+class QualityPanel:
+    """A table: quantity, value with unit, limit, verdict."""
+
+    def __init__(self, gui: Any) -> None:
+        self._html = gui.add_html(style.text("No figures yet: do the first steps."))
+
+    def render(self, old: Picture | None, new: Picture) -> None:
+        """Follow figures and session."""
+        if (
+            old is None
+            or old.figures is not new.figures
+            or old.session.results is not new.session.results
+            or old.steps is not new.steps
+        ):
+            stale = frozenset(step.name for step in new.steps if step.state == "stale")
+            self._html.content = table(rows_of(new), new.session, stale)
+
+
+def table(rows: tuple[QualityRow, ...], session: Session, stale: frozenset[str]) -> str:
+    """Return the figures that have a value, by section; it says which steps are stale.
+
+    Above it stands how many fail, are for review and pass. Those of stale results are left out.
+    """
+    known = [row for row in rows if row.value is not None]
+    expected = {row.key: row for row in known if row.key in PREDICTED.values()}
+    known = [row for row in known if row.key not in expected]
+    body = _own_word(session, expected, _mark(("tool", "pointer", "surface"), stale))
+    for title, starts, steps in SECTIONS:
+        part = [row for row in known if row.key.startswith(starts)]
+        left = [row for row in rows if row.stale_reason and row.key.startswith(starts)]
+        if part or left:
+            words = f"{title}, against the truth{_mark(steps, stale)}"
+            body += f'<tr class="sec"><td colspan="3">{words}</td></tr>'
+            body += "".join(_row(row, expected.get(PREDICTED.get(row.key, ""))) for row in part)
+            body += _left_out(left)
+    if not body:
+        return style.text(
+            "No figures yet. Each step adds its own, with a limit and a verdict beside it."
+        )
+    head = '<tr><th>Quantity</th><th class="n">Value, limit</th><th>Verdict</th></tr>'
+    return f'{counts(rows)}<table class="r-table">{head}{body}</table>'
+
+
+def counts(rows: tuple[QualityRow, ...]) -> str:
+    """Return how many figures fail, are for review and pass, as a line of HTML."""
+    told = [
+        f"{style.verdict(kind)}: {n}"
+        for kind in ("fail", "review", "pass")
+        if (n := sum(row.verdict == kind for row in rows))
+    ]
+    left = sum(row.stale_reason is not None for row in rows)
+    told += [f"stale, left out: {left}"] if left else []
+    return f'<div class="r-text">{"&ensp; ".join(told)}</div>' if told else ""
+
+
+def _left_out(rows: list[QualityRow]) -> str:
+    """Return a line about figures of stale results: the truth is another one by now."""
+    if not rows:
+        return ""
+    figures = "1 figure is" if len(rows) == 1 else f"{len(rows)} figures are"
+    words = f"{figures} left out: {rows[0].stale_reason}"
+    return f'<tr><td colspan="3" class="g">{escape(words)}</td></tr>'
+
+
+def _mark(steps: tuple[str, ...], stale: frozenset[str]) -> str:
+    """Return a mark for figures of steps that something earlier has changed since."""
+    if stale.isdisjoint(steps):
+        return ""
+    icon, word, color = style.STATES["stale"]
+    return f' <span style="color:{color}">{icon} {word}</span>'
+
+
+def _row(row: QualityRow, expected: QualityRow | None = None) -> str:
+    limit = "" if row.limit is None else f"{'≤' if row.sense == 'at most' else '≥'} "
+    limit += "" if row.limit is None else f"{row.limit:.{row.decimals}f} {row.unit}".rstrip()
+    beside = "" if expected is None else f'<br><span class="g">predicted {_value(expected)}</span>'
+    limit = f'<br><span class="g">{limit}</span>' if limit else ""
+    if row.reason:
+        beside += f'<br><span class="g">{escape(row.reason)}</span>'
+    return (
+        f'<tr><td>{escape(row.title)}{beside}</td><td class="n"><b>{_value(row)}</b>{limit}</td>'
+        f"<td>{style.verdict(row.verdict)}</td></tr>"
+    )
+
+
+def _value(row: QualityRow) -> str:
+    if isinstance(row.value, bool) or not isinstance(row.value, int | float):
+        return escape(row.value)
+    return escape(f"{row.value:.{row.decimals}f} {row.unit}".strip())
+
+
+def _own_word(session: Session, expected: dict[str, QualityRow], mark: str) -> str:
+    """Return what the session expects of itself without any truth; what only fits comes last."""
+    results = session.results
+    rows = "".join(_row(row) for row in expected.values())
+    if results.tool is not None:
+        rows += _line(
+            "Tracker near the tip, random error", results.tool.value.registration_sigma_mm
+        )
+        if results.tool.value.delay is not None:
+            rows += _text_line(*delay_words(results.tool.value.delay))
+    report = contact_report(session)
+    if report is not None and report.delay is not None:
+        late = report.delay
+        sigma_ms = max(late.sigma_ms, 0.1)
+        rows += _text_line(
+            "Robot joints late at the scan", f"{late.delay_ms:.1f} ± {sigma_ms:.1f} ms"
+        )
+        share = f"{late.uncorrected_mm:.2f} → {late.left_mm:.3f} mm"
+        rows += _text_line("Its shift of the map, corrected", share)
+    if results.registration is not None:
+        rows += _line("Loaded skull, points off it (RMS)", results.registration.value.rms_mm)
+    if results.pointer is not None:
+        rows += _line("Pointer, scatter of the tip (RMSE)", results.pointer.value.rmse_mm)
+    rows += _budget(session)
+    if not rows:
+        return ""
+    return f'<tr class="sec"><td colspan="3">Predicted, without the truth{mark}</td></tr>{rows}'
+
+
+def _budget(session: Session) -> str:
+    """Return what makes a thickness unsure, part by part."""
+    shares = thickness_shares(session)
+    if shares is None:
+        return ""
+    speed = f"calibrated at {shares.points}" if shares.points else "published"
+    return (
+        _line("Thickness, σ by the time of flight", shares.timing_mm)
+        + _line(f"… by this patient's speed ({speed})", shares.patient_mm)
+        + _line("… by the speed from place to place", shares.place_mm)
+        + _line("… by a wedge of the inner table", shares.wedge_mm)
+    )
+
+
+def _line(title: str, value_mm: float) -> str:
+    """Return a row without limit."""
+    return _text_line(title, f"{value_mm:.2f} mm")
+
+
+def _text_line(title: str, value: str) -> str:
+    return f'<tr><td>{escape(title)}</td><td class="n" colspan="2"><b>{escape(value)}</b></td></tr>'

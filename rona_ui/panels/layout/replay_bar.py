@@ -1,0 +1,94 @@
+"""The replay: one cursor along the planned motion for robot, joints, A-scan and scan point."""
+
+from dataclasses import replace
+from typing import Any
+
+from rona_core.app.roll_views import place_of_roll
+from rona_core.app.views import motion_stale, motion_times
+from rona_ui.panels.widgets import style
+from rona_ui.panels.widgets.panel_context import Door, follow, listen
+from rona_ui.scene.roll.replay_joints import shows_roll
+from rona_ui.view_state import Picture
+
+REPLAYED = ("roll", "scan", "maps")  # steps in which the replay is offered
+SPEEDS = {"1×": 1.0, "4×": 4.0, "16×": 16.0}
+
+
+class ReplayPanel:
+    """Slider, play, back, and a choice of speeds."""
+
+    def __init__(self, gui: Any, door: Door, window: Any) -> None:
+        self._window = window
+        self._words = gui.add_html("")
+        self._slider = gui.add_slider("Motion (%)", 0.0, 100.0, 0.1, 0.0)
+        self._buttons = gui.add_button_group("Replay", ("Play", "Pause", "Back", "Live"))
+        self._speed = gui.add_button_group("Speed", tuple(SPEEDS))
+        follow(
+            self._slider,
+            lambda e: door.view(
+                lambda v: replace(v, cursor=self._slider.value / 100.0, playing=False)
+            ),
+        )
+        listen(self._buttons, lambda e: door.view(self._change))
+        listen(
+            self._speed,
+            lambda e: door.view(lambda v: replace(v, speed=SPEEDS[self._speed.value])),
+        )
+
+    def _change(self, view: Any) -> Any:
+        wanted = self._buttons.value
+        if wanted == "Play":
+            start = view.cursor if view.cursor is not None and view.cursor < 1.0 else 0.0
+            return replace(view, playing=True, cursor=start)
+        if wanted == "Pause":
+            return replace(view, playing=False)
+        return replace(view, playing=False, cursor=0.0 if wanted == "Back" else None)
+
+    def render(self, old: Picture | None, new: Picture) -> None:
+        """Follow the cursor; without a planned motion there is nothing to replay."""
+        if (
+            old is not None
+            and old.session.results.roll is new.session.results.roll
+            and old.session.results.second is new.session.results.second
+            and old.view.second == new.view.second
+            and old.view.cursor == new.view.cursor
+            and old.view.playing == new.view.playing
+            and old.view.speed == new.view.speed
+            and old.view.step == new.view.step
+            and old.view.shown_roll == new.view.shown_roll
+            and old.view.place == new.view.place
+            and old.busy == new.busy
+            and old.steps is new.steps
+        ):
+            return
+        times = motion_times(new.session, second=new.view.second)
+        stale = motion_stale(new.session, second=new.view.second)
+        cursor = new.view.cursor
+        seen = times is not None and (cursor is not None or new.view.step in REPLAYED)
+        if self._window.visible != seen:
+            self._window.visible = seen
+        if times is None:
+            words = "The planned motion can be replayed after step 7."
+        elif stale is not None:
+            words = f"The planned motion is stale, the robot is not drawn on it: {stale}."
+        elif shows_roll(new):
+            place = place_of_roll(new.session, new.view.shown_roll, new.view.place)
+            words = (
+                f"Drawn: the roll that is looked at, at {100.0 * place:.0f} % of the path. "
+                f"Play shows the planned motion of {times[0]:.1f} s."
+            )
+        elif cursor is None:
+            words = f"Live. The planned motion takes {times[0]:.1f} s."
+        else:
+            words = (
+                f"{cursor * times[0]:.1f} of {times[0]:.1f} s, "
+                f"{_phase(cursor * times[0], times)}; {new.view.speed:.0f}× real time"
+            )
+        self._words.content = style.text(("Second pass. " if new.view.second else "") + words)
+        self._slider.value = round(100.0 * (cursor or 0.0), 1)
+
+
+def _phase(time_s: float, times: tuple[float, float, float]) -> str:
+    if time_s < times[1]:
+        return "approach"
+    return "scan" if time_s <= times[2] else "retract"

@@ -1,0 +1,122 @@
+"""The certificate: everything that the verifier looked at, its worst value, limit and place."""
+
+from dataclasses import replace
+from typing import Any
+
+from rona_core.app.certificate_view import CertificateView, CheckPlace, certificate_view
+from rona_ui.panels.widgets import style
+from rona_ui.panels.widgets.panel_context import Door, follow
+from rona_ui.view_state import Picture
+from rona_ui.viewer.bindings import escape
+
+NOTHING = "What the verifier looked at appears here once a motion is planned (step 7)."
+NOWHERE = "Choose a check"
+ROUNDING, SMALL = 1e-9, 1e-3
+
+
+class ChecksPanel:
+    """A verdict, a choice that drives the replay to a check's worst place, and the whole list."""
+
+    def __init__(self, gui: Any, door: Door) -> None:
+        self._words = gui.add_html(style.text(NOTHING))
+        self._choice = gui.add_dropdown(
+            "Show worst",
+            (NOWHERE,),
+            visible=False,
+            hint="Puts the replay where this check has its worst value",
+        )
+        self._table = gui.add_html("")
+        self._rows: dict[str, CheckPlace] = {}
+
+        def go(event: Any) -> None:
+            row = self._rows.get(self._choice.value)
+            if row is not None:
+                door.view(lambda v: replace(v, cursor=row.share, playing=False))
+                door.look("Scan" if row.path_percent is not None else "Robot")
+
+        follow(self._choice, go)
+
+    def render(self, old: Picture | None, new: Picture) -> None:
+        """Follow the plan."""
+        same = old is not None and old.session.results.roll is new.session.results.roll
+        if same and old is not None and old.steps is new.steps:
+            return
+        view = certificate_view(new.session)
+        self._choice.visible = view is not None
+        if view is None:
+            self._words.content, self._table.content = style.text(NOTHING), ""
+            return
+        stale = new.step("roll").state == "stale"
+        self._words.content = verdict(view, stale=stale)
+        if not same:
+            self._rows = {
+                ("✖ " if not row.check.holds else "") + row.check.name: row for row in view.rows
+            }
+            self._choice.options = (NOWHERE, *self._rows)
+            self._choice.value = NOWHERE
+            self._table.content = table(view)
+
+
+def verdict(view: CertificateView, *, stale: bool) -> str:
+    """Return what the verifier says as a whole, and for a refusal why and where."""
+    number = len(view.rows)
+    if not view.certified:
+        return style.note(refusal(view), "warn")
+    if stale:
+        return style.note(f"All {number} checks held, but something has changed since.", "warn")
+    words = f"Certified: all {number} checks hold over {view.duration_s:.1f} s of motion."
+    if view.min_clearance_mm is not None:
+        words += f" Least clearance {view.min_clearance_mm:.1f} mm."
+    return style.note(words, "good")
+
+
+def refusal(view: CertificateView) -> str:
+    """Return why and where the motion is refused."""
+    failures = view.failures
+    if not failures:
+        return "Refused: the certificate is of another motion. Search the roll again."
+    parts = "; ".join(f"{row.check.sentence} ({row.place})" for row in failures[:3])
+    more = f"; and {len(failures) - 3} more" if len(failures) > 3 else ""
+    return f"Refused: {parts}{more}. The robot will not execute it."
+
+
+def refusal_in_short(view: CertificateView) -> str:
+    """Return what is refused, for beside the plan."""
+    names = ", ".join(f"{row.check.name} ({value(row)}, {limit(row)})" for row in view.failures[:3])
+    more = len(view.failures) - 3
+    names += f" and {more} more" if more > 0 else ""
+    return f"Refused for: {names or 'another motion'}. Why and where: Checks, on the right."
+
+
+def table(view: CertificateView) -> str:
+    """Return one row a check: name and place, worst value, limit, verdict."""
+    rows = "".join(
+        f'<tr><td>{escape(row.check.name)}<br><span class="g">{escape(row.place)}</span></td>'
+        f'<td class="n"><b>{escape(value(row))}</b><br>'
+        f'<span class="g">{escape(limit(row))}</span></td>'
+        f"<td>{style.verdict('pass' if row.check.holds else 'fail')}</td></tr>"
+        for row in view.rows
+    )
+    head = '<tr><th>Check, where it is worst</th><th class="n">Value, limit</th><th></th></tr>'
+    return f'<table class="r-table">{head}{rows}</table>'
+
+
+def value(row: CheckPlace) -> str:
+    """Return the worst value with its unit."""
+    return f"{_number(row.check.value)} {row.check.unit}".strip()
+
+
+def limit(row: CheckPlace) -> str:
+    """Return what is allowed."""
+    words = f"{'≥' if row.at_least else '≤'} {_number(row.check.limit)}"
+    return f"{words} {row.check.unit}".strip()
+
+
+def _number(value: float) -> str:
+    """Return at most four digits; what only rounding keeps from 0 is 0."""
+    size = abs(value)
+    if size < ROUNDING:
+        return "0"
+    if size < SMALL:
+        return f"{value:.1g}"
+    return f"{value:.{0 if size >= 1000 else 1 if size >= 10 else 2 if size >= 0.1 else 3}f}"

@@ -1,0 +1,76 @@
+"""The ways to follow the path with a constant roll, ranked: roll, branch of the arm, room."""
+
+from dataclasses import replace
+from typing import Any
+
+from rona_core.app.messages import ChooseRoll
+from rona_core.app.roll_views import RankedWay, ranked_ways
+from rona_ui.panels.widgets import style
+from rona_ui.panels.widgets.panel_context import Door, follow
+from rona_ui.view_state import Picture, ViewState
+from rona_ui.viewer.bindings import escape
+
+LISTED = 12  # ways in the table; the choice has more
+
+
+class RankingPart:
+    """A closed folder: the table of the best ways, and a choice that plans with one of them."""
+
+    def __init__(self, gui: Any, door: Door) -> None:
+        self._ways: tuple[RankedWay, ...] = ()
+        self._folder = gui.add_folder("Ranking", expand_by_default=False, visible=False)
+        with self._folder:
+            self._choice = gui.add_dropdown("Take", ("–",), hint="Plans and verifies this one")
+            self._table = gui.add_html("")
+
+        def take(event: Any) -> None:
+            names = [name_of(number, way) for number, way in enumerate(self._ways, start=1)]
+            if self._choice.value in names:
+                way = self._ways[names.index(self._choice.value)]
+                door.view(_plan_shown)
+                door.send(lambda: ChooseRoll(way.index, way.branch), event)
+
+        follow(self._choice, take)
+
+    def render(self, old: Picture | None, new: Picture) -> None:
+        """Follow the search."""
+        if old is not None and old.session.results.roll is new.session.results.roll:
+            if old.busy != new.busy:
+                self._choice.disabled = new.busy
+            return
+        self._ways = ranked_ways(new.session)
+        self._folder.visible = bool(self._ways)
+        names = [name_of(number, way) for number, way in enumerate(self._ways, start=1)]
+        chosen = next((n for n, way in zip(names, self._ways, strict=True) if way.chosen), "–")
+        self._choice.options = ("–", *names)
+        self._choice.value = chosen
+        self._table.content = table(self._ways)
+
+
+def _plan_shown(view: ViewState) -> ViewState:
+    return replace(view, shown_roll=None, place=None, cursor=None, playing=False)
+
+
+def name_of(number: int, way: RankedWay) -> str:
+    """Return what the choice says of a way."""
+    return f"{number}: {way.roll_deg:.0f}°, room {way.margin:.2f}"
+
+
+def table(ways: tuple[RankedWay, ...]) -> str:
+    """Return the best ways and the chosen one."""
+    rows = ""
+    for number, way in enumerate(ways, start=1):
+        if number > LISTED and not way.chosen:
+            continue
+        mark = " ✔" if way.chosen else ""
+        rows += (
+            f'<tr><td class="n">{number}{mark}</td><td class="n">{way.roll_deg:.0f}°</td>'
+            f'<td>{escape(way.label)}</td><td class="n">{way.margin:.2f}</td></tr>'
+        )
+    head = '<tr><th class="n">#</th><th class="n">Roll</th><th>Arm</th><th class="n">Room</th></tr>'
+    return (
+        f'<table class="r-table">{head}{rows}</table>'
+        + style.text("Room: least distance from limits, singularities and jumps along the path.")
+        if ways
+        else ""
+    )

@@ -1,0 +1,112 @@
+"""Correcting a boundary of the A-scan that is looked at."""
+
+from dataclasses import replace
+from typing import Any
+
+from rona_core.app.messages import ClearBoundaryCorrections, CorrectBoundary
+from rona_core.app.scan_views import AScanPlot, ScanName
+from rona_ui.panels.widgets import style
+from rona_ui.panels.widgets.panel_context import Door, follow, listen
+from rona_ui.view_state import Picture
+
+BOUNDARIES = {"Inner boundary": "inner", "Outer boundary": "outer"}
+EXPLANATION = (
+    "Drag the black line to the echo, then set it. The maps become stale; map them again. Ctrl+Z "
+    "takes a correction back."
+)
+
+
+class BoundaryHand:
+    """A closed folder: which boundary, where, and what to do."""
+
+    def __init__(self, gui: Any, door: Door) -> None:
+        self._door = door
+        self._plot: AScanPlot | None = None
+        self._scan: ScanName = "first"
+        self._hand_us: float | None = None
+        self._window = gui.add_folder("Correct by hand", expand_by_default=False, visible=False)
+        with self._window:
+            gui.add_html(style.text(EXPLANATION))
+            self._which = gui.add_dropdown("Which", tuple(BOUNDARIES))
+            self._at = gui.add_slider("At (µs)", 0.0, 60.0, 0.01, 0.0)
+            self._set = gui.add_button("Set here", icon="check")
+            self._other = gui.add_button("Take the other echo", icon="switch-horizontal")
+            self._remove = gui.add_button("Take this boundary away", icon="x", color="gray")
+            self._back = gui.add_button("This A-scan as detected", icon="arrow-back", color="gray")
+            self._clear = gui.add_button("All as detected", icon="trash", color="gray")
+            self._words = gui.add_html("")
+        follow(self._at, self._hold)
+        follow(self._which, lambda e: self._let_go())
+        listen(self._set, lambda e: self._send(self._place, e))
+        listen(self._other, lambda e: self._send(self._take_other, e))
+        listen(self._remove, lambda e: self._send(self._take_away, e))
+        listen(self._back, lambda e: self._send(self._as_detected, e))
+        listen(self._clear, lambda e: door.send(ClearBoundaryCorrections, e))
+
+    @property
+    def _boundary(self) -> str:
+        return BOUNDARIES[self._which.value]
+
+    def _hold(self, event: Any) -> None:
+        plot, at_us = self._plot, float(self._at.value)
+        if plot is not None:
+            self._door.view(lambda v: replace(v, hand=(plot.number, at_us), playing=False))
+
+    def _let_go(self) -> None:
+        self._door.view(lambda v: replace(v, hand=None))
+        self._follow(None)
+
+    def _send(self, make: Any, event: Any) -> None:
+        plot, scan = self._plot, self._scan
+        if plot is not None:
+            message = make(plot, scan)
+            self._door.send(lambda: message, event)
+            self._door.view(lambda v: replace(v, hand=None))
+
+    def _place(self, plot: AScanPlot, scan: ScanName) -> CorrectBoundary:
+        at_us = float(self._at.value)
+        if self._boundary == "outer":
+            return CorrectBoundary(plot.number, scan, outer_us=at_us)
+        return CorrectBoundary(plot.number, scan, inner_us=at_us)
+
+    @staticmethod
+    def _take_other(plot: AScanPlot, scan: ScanName) -> CorrectBoundary:
+        return CorrectBoundary(plot.number, scan, inner_us=plot.alternative_us)
+
+    def _take_away(self, plot: AScanPlot, scan: ScanName) -> CorrectBoundary:
+        remove = "outer" if self._boundary == "outer" else "inner"
+        return CorrectBoundary(plot.number, scan, remove=remove)
+
+    @staticmethod
+    def _as_detected(plot: AScanPlot, scan: ScanName) -> ClearBoundaryCorrections:
+        return ClearBoundaryCorrections(scan, plot.number)
+
+    def render(self, plot: AScanPlot | None, new: Picture) -> None:
+        """Follow the A-scan that is looked at; without boundaries there is nothing to correct."""
+        judged = plot is not None and plot.front_gate_us is not None and not new.busy
+        self._plot, self._scan = plot, new.scan
+        self._window.visible = judged
+        if plot is None or not judged:
+            return
+        end_us = float(plot.end_us or plot.time_us[-1])
+        self._at.min, self._at.max = round(float(plot.time_us[0]), 2), round(end_us, 2)
+        self._other.visible = plot.alternative_us is not None
+        self._back.visible = plot.by_hand
+        count = len(new.session.boundary_edits)
+        self._clear.visible = count > 0
+        words = "" if not count else f"{count} corrected by hand in all."
+        self._words.content = style.text(words) if words else ""
+        self._follow(new.view.hand)
+
+    def _follow(self, hand: tuple[int, float] | None) -> None:
+        """Put the slider where the boundary is, unless somebody holds it."""
+        plot = self._plot
+        if plot is None or (hand is not None and hand[0] == plot.number):
+            return
+        found = plot.outer_us
+        if self._boundary == "inner":
+            found = next(
+                (t for t in (plot.inner_us, plot.guess_us, plot.outer_us) if t is not None), None
+            )
+        if found is not None:
+            self._at.value = round(found, 2)

@@ -1,0 +1,159 @@
+"""The probe in step 1: which one, what it promises, its details, and its delay line on a block."""
+
+from typing import Any
+
+from rona_core.app.messages import CalibrateDelayLine, SetProbe, StartBlockShots
+from rona_core.app.probe_advice import THICK_MM, THIN_MM, probe_advice
+from rona_core.app.sound_views import (
+    EDITABLE,
+    ProbeOutlook,
+    edited_probe,
+    line_state,
+    probe_outlooks,
+    probe_values,
+)
+from rona_core.devices.settings import PROBE_LIMITS, ProbeSettings
+from rona_core.session.document import Session
+from rona_ui.panels.widgets import style
+from rona_ui.panels.widgets.form import Form
+from rona_ui.panels.widgets.panel_context import Door, listen
+
+CHOICE = ("name", "excitation", "front_snr_db", "pitch_mm")
+NAMES = (*CHOICE, *EDITABLE, "line_temperature_c")
+SHAPES = {
+    "Resonant": "resonant",
+    "Damped": "damped",
+    "Two lobes": "double",
+    "Ringing": "ringing",
+}
+TITLES = {"2.25MHz": "2.25 MHz", "1MHz": "1 MHz"}
+SHOWN_MM = (4.0, 6.0, 8.0, 10.0)  # thicknesses of the small table
+
+
+class ProbeFields:
+    """Fields that together make one ``SetProbe``, and what follows from them."""
+
+    def __init__(self, form: Form, gui: Any, door: Door) -> None:
+        self._form, self._gui, self._door = form, gui, door
+        self._settings = ProbeSettings()
+
+    def build(self) -> None:
+        """Add probe and excitation, and what each combination promises."""
+        form = self._form
+        form.choice("name", "Probe", {v: k for k, v in TITLES.items()}, "2.25MHz")
+        form.choice("excitation", "Excitation", {"Chirp": "chirp", "Pulse": "pulse"}, "chirp")
+        form.number("front_snr_db", "SNR (dB)", 50.0, 0.0, 90.0, 1.0)
+        form.number("pitch_mm", "Pitch (mm)", 1.0, 0.2, 10.0, 0.1, "Between A-scans")
+        self._advice = self._gui.add_html("")
+        self._table = self._gui.add_html("")
+
+    def build_details(self) -> None:
+        """Add what a probe is made of, for whoever has another one."""
+        form = self._form
+        for name, label, step, hint in (
+            ("centre_mhz", "Centre (MHz)", 0.05, None),
+            ("bandwidth", "Bandwidth (share)", 0.02, "-6 dB width over the centre frequency"),
+            ("aperture_mm", "Crystal (mm)", 0.1, "Diameter"),
+            ("line_length_mm", "Delay line (mm)", 0.5, "Length of the elastomer"),
+        ):
+            low, high = PROBE_LIMITS[name]
+            form.number(name, label, _first(name), low, high, step, hint)
+        form.choice("pulse_shape", "Pulse", SHAPES, "resonant", "As a block shows it")
+        low, high = PROBE_LIMITS["line_temperature_c"]
+        form.number("line_temperature_c", "Line (°C)", 22.0, low, high, 1.0, "Sound slows in it")
+        self._plain = self._gui.add_button("As the named probe", icon="restore", color="gray")
+        listen(self._plain, self._reset)
+
+    def build_block(self) -> None:
+        """Add the calibration of the delay line."""
+        self._gui.add_html(
+            style.text(
+                "The time through the delay line places the outer boundary and moves with "
+                "temperature. A flat block of steel tells it."
+            )
+        )
+        self._shoot = self._gui.add_button("Shoot the block", icon="target", color="gray")
+        self._forget = self._gui.add_button("Nominal line again", icon="restore", color="gray")
+        self._line = self._gui.add_html("")
+        listen(self._shoot, lambda e: self._door.send(StartBlockShots, e))
+        listen(self._forget, lambda e: self._door.send(lambda: CalibrateDelayLine(use=False), e))
+
+    def message(self) -> SetProbe:
+        """Return the command that the fields make; another name brings its own details."""
+        values = self._form.values(*NAMES)
+        if values["name"] != self._settings.name:
+            own = dict.fromkeys(EDITABLE)
+            return SetProbe(**{**values, **own}, **self._kept())
+        return SetProbe(**{**self._kept(), **edited_probe(self._settings, values)})
+
+    def _kept(self) -> dict[str, Any]:
+        """Return what has no field."""
+        return {"adc_bits": self._settings.adc_bits, "gain_db": self._settings.gain_db}
+
+    def _reset(self, event: Any) -> None:
+        values = self._form.values(*CHOICE)
+        self._door.send(lambda: SetProbe(**values), event)
+
+    def held(self, settings: ProbeSettings) -> dict[str, Any]:
+        """Return what the fields are to show of a session's settings."""
+        self._settings = settings
+        shown = {name: getattr(settings, name) for name in (*CHOICE, "line_temperature_c")}
+        return {**shown, **probe_values(settings)}
+
+    def show(self, session: Session, busy: bool) -> None:
+        """Write table and state of the line."""
+        settings = session.setup.devices.probe
+        self._table.content = outlook_table(probe_outlooks(settings), settings)
+        self._advice.content = advice_note(session)
+        state = line_state(session)
+        good = {"good": "good", "weak": "", "bad": "warn", "stale": "warn"}
+        self._line.content = (
+            style.note("Nominal delay: not calibrated.")
+            if state is None
+            else style.note(state.sentence, good[state.verdict])
+        )
+        self._forget.visible = state is not None
+        for button in (self._shoot, self._forget, self._plain):
+            button.disabled = busy
+
+
+def advice_note(session: Session, *, only_another: bool = False) -> str:
+    """Return which probe the bone wants, as HTML; before a scan what can be said without one."""
+    advice = probe_advice(session)
+    if only_another and (advice is None or not advice.another):
+        return ""
+    if advice is not None:
+        return style.note(advice.sentence, "warn" if advice.another else "good")
+    return style.text(
+        f"2.25 MHz is the sharper one, and the one for bone under {THIN_MM:g} mm; 1 MHz is for "
+        f"bone over {THICK_MM:g} mm or hard bone. A scan that was mapped tells which it is."
+    )
+
+
+def _first(name: str) -> float:
+    return float(probe_values(ProbeSettings())[name])
+
+
+def outlook_table(rows: tuple[ProbeOutlook, ...], chosen: ProbeSettings) -> str:
+    """Return what each probe and excitation promises: sigma by thickness, depth range."""
+    head = "".join(f'<th class="n">{mm:.0f}</th>' for mm in SHOWN_MM)
+    body = ""
+    for row in rows:
+        mine = row.probe == chosen.name and row.excitation == chosen.excitation
+        cells = ""
+        for mm in SHOWN_MM:
+            at = {float(t): float(s) for t, s in zip(row.thickness_mm, row.sigma_mm, strict=True)}
+            words = f"{1e3 * at[mm]:.0f}" if row.reaches(mm) and mm in at else "–"
+            cells += f'<td class="n">{words}</td>'
+        name = f"{TITLES[row.probe]} {row.excitation}"
+        name = f"<b>▶ {name}</b>" if mine else name
+        reach = f"{row.least_mm:.0f}–{row.most_mm:.0f}" if row.most_mm > row.least_mm else "none"
+        body += f'<tr><td>{name}</td>{cells}<td class="n">{reach}</td></tr>'
+    words = (
+        '<div class="r-text" style="padding-bottom:0">Least σ of the thickness in µm, by noise '
+        "alone, in bone of so many mm; and the depth range in mm.</div>"
+    )
+    return (
+        f'{words}<table class="r-table"><tr><th>Probe</th>{head}<th class="n">depth</th></tr>'
+        f"{body}</table>"
+    )

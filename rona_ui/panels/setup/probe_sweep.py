@@ -1,0 +1,125 @@
+"""What if the probe were another: a sweep over virtual plates, as a table coloured by failures."""
+
+from typing import Any
+
+from rona_core.app.messages import StartWhatIf
+from rona_core.app.sound_views import WhatIf
+from rona_core.devices.settings import Excitation, ProbeName
+from rona_core.session.specimen import BoneKind
+from rona_ui.panels.setup.probe import advice_note
+from rona_ui.panels.widgets import style
+from rona_ui.panels.widgets.panel_context import Door, listen
+from rona_ui.view_state import Picture
+from rona_ui.viewer.fields import read_number
+
+PROBES: dict[str, tuple[ProbeName, ...]] = {
+    "Both": ("2.25MHz", "1MHz"),
+    "2.25 MHz": ("2.25MHz",),
+    "1 MHz": ("1MHz",),
+}
+EXCITATIONS: dict[str, tuple[Excitation, ...]] = {
+    "Both": ("pulse", "chirp"),
+    "Chirp": ("chirp",),
+    "Pulse": ("pulse",),
+}
+BONES: dict[str, BoneKind] = {"Normal": "normal", "Sharp diploe": "sharp", "Hard": "hard"}
+GOOD, FAIR, POOR = "#e8f5f0", "#fdf1e7", "#f9d9d9"  # behind a cell
+FAIR_SHARE, POOR_SHARE = 0.01, 0.1  # of A-scans that would mislead
+
+
+class WhatIfPanel:
+    """Axes of the sweep, a button with progress, and the table."""
+
+    def __init__(self, gui: Any, door: Door) -> None:
+        self._door = door
+        gui.add_html(
+            style.text(
+                "Other probes and noise on virtual plates of layered bone, with the detection of "
+                "step 9. Nothing of this patient goes into the table."
+            )
+        )
+        self._advice = gui.add_html("")
+        with gui.add_folder("What to try", expand_by_default=False):
+            self._probes = gui.add_dropdown("Probes", tuple(PROBES))
+            self._excitations = gui.add_dropdown("Excitation", tuple(EXCITATIONS))
+            self._bone = gui.add_dropdown("Bone", tuple(BONES))
+            self._snr = gui.add_text("SNR (dB)", "30, 50", hint="Several with commas")
+            self._thickness = gui.add_text(
+                "Thickness (mm)", "3, 5, 8, 11", hint="Several with commas"
+            )
+        self._start = gui.add_button("Try them", icon="player-play", color="gray")
+        self._cancel = gui.add_button("Cancel", icon="player-stop", visible=False)
+        self._html = gui.add_html("")
+        listen(self._start, lambda e: door.send(self.message, e))
+        listen(self._cancel, lambda e: door.service("cancel", e, None))
+
+    def message(self) -> StartWhatIf:
+        """Return the sweep that the fields make."""
+        return StartWhatIf(
+            probes=PROBES[self._probes.value],
+            excitations=EXCITATIONS[self._excitations.value],
+            snr_db=numbers(self._snr.value),
+            thickness_mm=numbers(self._thickness.value),
+            bone=BONES[self._bone.value],
+        )
+
+    def render(self, old: Picture | None, new: Picture) -> None:
+        """Follow job and result."""
+        held = new.session.results.what_if
+        mine = new.busy and new.job is not None and new.job.activity == "StartWhatIf"
+        self._start.disabled = new.busy
+        self._cancel.visible = mine
+        if mine and new.job is not None:
+            self._start.label = f"Trying: {100 * new.job.progress:.0f} %"
+        else:
+            self._start.label = "Try them again" if held is not None else "Try them"
+        if old is None or old.session is not new.session:
+            advice = advice_note(new.session)
+            if self._advice.content != advice:
+                self._advice.content = advice
+        if old is None or old.session.results.what_if is not held:
+            self._html.content = "" if held is None else what_if_table(held.value)
+
+
+def numbers(text: str) -> tuple[float, ...]:
+    """Return the numbers in a line with commas."""
+    return tuple(read_number(part) for part in text.replace(";", ",").split(",") if part.strip())
+
+
+def what_if_table(found: WhatIf) -> str:
+    """Return a row for each probe, excitation and noise, a column for each thickness."""
+    depths = sorted(set(found.thickness_mm.tolist()))
+    rows: dict[tuple[str, str, float], dict[float, int]] = {}
+    for i, (probe, excitation) in enumerate(zip(found.probes, found.excitations, strict=True)):
+        key = (probe, excitation, float(found.snr_db[i]))
+        rows.setdefault(key, {})[float(found.thickness_mm[i])] = i
+    head = "".join(f'<th class="n">{mm:g} mm</th>' for mm in depths)
+    body = ""
+    for (probe, excitation, snr_db), cells in rows.items():
+        title = f"{probe.replace('MHz', ' MHz')}<br>{excitation} {snr_db:g} dB"
+        body += (
+            f'<tr><td style="white-space:nowrap">{title}</td>'
+            + f"{''.join(_cell(found, cells[mm]) for mm in depths)}</tr>"
+        )
+    words = (
+        f"Each cell, of {found.n} A-scans: found %, SD and bias in µm (sign: too thick). Colour: "
+        "share of all A-scans that claim a wrong inner boundary."
+    )
+    legend = ((GOOD, "up to 1 %"), (FAIR, "up to 10 %"), (POOR, "more, or hardly any found"))
+    return (
+        f'<table class="r-table"><tr><th>Probe</th>{head}</tr>{body}</table>'
+        f"{style.text(words)}{style.key(legend)}"
+    )
+
+
+def _cell(found: WhatIf, i: int) -> str:
+    coverage, wrong = float(found.coverage[i]), float(found.unflagged[i] * found.coverage[i])
+    poor = wrong > POOR_SHARE or coverage < 0.05
+    color = POOR if poor else FAIR if wrong > FAIR_SHARE else GOOD
+    figures = "–"
+    if found.n_right[i] > 1:
+        figures = f"{1e3 * found.sd_mm[i]:.0f} / {1e3 * found.bias_mm[i]:+.0f}"
+    return (
+        f'<td class="n" style="background:{color}">{100 * coverage:.0f} %'
+        f'<br><span class="g">{figures}</span></td>'
+    )

@@ -1,0 +1,185 @@
+"""Step 1: what is scanned and with which devices. Every field is a command of its own."""
+
+from pathlib import PurePath
+from typing import Any
+
+from rona_core.app.messages import (
+    SetBone,
+    SetPointer,
+    SetReference,
+    SetRegion,
+    SetRobot,
+    SetSeed,
+    StartSkullImport,
+    UseSimulatedSkull,
+)
+from rona_core.devices.settings import ROBOTS
+from rona_core.session.document import Session
+from rona_ui.panels.setup.obstacles import RoomFields
+from rona_ui.panels.setup.probe import ProbeFields
+from rona_ui.panels.setup.robot_parameters import figures_table
+from rona_ui.panels.setup.tracker import NAMES, PLACE, TrackerFields
+from rona_ui.panels.widgets import style
+from rona_ui.panels.widgets.step_panel import StepPanel
+from rona_ui.view_state import Picture
+from rona_ui.viewer.bindings import Event
+from rona_ui.viewer.fields import read_number
+
+FILES = ".nrrd,.nii,.gz,.stl,.ply,.obj"
+ROBOT = ("model", "errors", "scan_speed_mm_per_s", "base_shift_mm", "base_turn_deg")
+BONES = {"Normal": "normal", "Sharp diploe": "sharp", "Hard: sharp, more scatter": "hard"}
+SKULLS = {"Simulated, left side": "left", "Simulated, right side": "right", "From a file": "file"}
+
+
+class SetupPanel(StepPanel):
+    """Specimen, region, tracker, robot, probe and pointer."""
+
+    step = "setup"
+    explanation = (
+        "Choose what lies on the table and which devices look at it. "
+        "Later steps that depend on a change are marked stale."
+    )
+
+    def build(self) -> None:
+        """Add the fields in folders, the rarer ones closed."""
+        form, gui = self.form, self.gui
+        self._tracker = TrackerFields(form)
+        self._probe = ProbeFields(form, gui, self.door)
+        form.number("seed", "Seed", 0, 0, 2**31 - 1, 1, "Patient, placement and every noise")
+        form.choice("skull", "Skull", SKULLS, "left", "A file is read below")
+        form.choice("kind", "Bone", BONES, "normal", "Known to the virtual probe alone")
+        form.tick("own_speed", "Own speed of sound", True, "As people differ: by 3 %")
+        form.number("radius_mm", "Region radius (mm)", 25.0, 5.0, 45.0, 1.0)
+        with gui.add_folder("Devices", expand_by_default=False):
+            self._tracker.build()
+            form.choice("pointer", "Pointer", {"6D": "pointer6d", "5D": "pointer5d"}, "pointer6d")
+        with gui.add_folder("Probe", expand_by_default=False):
+            self._probe.build()
+            with gui.add_folder("What it is made of", expand_by_default=False):
+                self._probe.build_details()
+            with gui.add_folder("Delay line", expand_by_default=False):
+                self._probe.build_block()
+        with gui.add_folder("Tracker details", expand_by_default=False):
+            self._tracker.build_details()
+        with gui.add_folder("Moved tracker", expand_by_default=False):
+            self._tracker.build_place()
+        with gui.add_folder("Robot", expand_by_default=False):
+            form.choice("model", "Arm", {title: name for name, title in ROBOTS.items()}, "rx90")
+            form.tick("errors", "Robot errs", True, "0.35 mm RMS over its workspace")
+            form.number("scan_speed_mm_per_s", "Scan speed (mm/s)", 20.0, 0.5, 100.0, 1.0)
+            form.vector("base_shift_mm", "Base shift (mm)", (0.0, 0.0, 0.0))
+            form.number("base_turn_deg", "Base turn (deg)", 0.0, -180.0, 180.0, 1.0)
+            with gui.add_folder("Where these numbers come from", expand_by_default=False):
+                self._figures = gui.add_html("")
+        with gui.add_folder("Obstacles", expand_by_default=False):
+            self._room = RoomFields(gui, self.door)
+        with gui.add_folder("Skull from a file", expand_by_default=False):
+            gui.add_html(
+                style.text(
+                    "A mask or CT volume (NRRD, NIfTI) or a mesh (STL, PLY, OBJ), in mm. "
+                    "A CT needs the threshold of bone."
+                )
+            )
+            self._threshold = gui.add_text("Threshold", "", hint="Empty for masks and meshes")
+            self._upload = gui.add_upload_button(
+                "Read a skull", icon="upload", mime_type=FILES, color="gray"
+            )
+        form.on_change(self._changed)
+
+        @self._upload.on_upload
+        async def _(event: Any) -> None:
+            self._read(event)
+
+    def _read(self, event: Any) -> None:
+        uploaded = self._upload.value
+        name = PurePath(uploaded.name.replace("\\", "/")).name
+        wanted = self._threshold.value.strip()
+        self.door.service(f"upload:{name}", event, uploaded.content)
+        radius_mm = self.form.values("radius_mm")["radius_mm"]
+        self.door.send(
+            lambda: StartSkullImport(
+                name, threshold=read_number(wanted) if wanted else None, radius_mm=radius_mm
+            ),
+            event,
+        )
+
+    def _changed(self, name: str, event: Event) -> None:
+        make = {
+            "seed": lambda: SetSeed(**self.form.values("seed")),
+            "radius_mm": lambda: SetRegion(**self.form.values("radius_mm")),
+            "pointer": lambda: SetPointer(self.form.values("pointer")["pointer"]),
+            "skull": self._skull,
+            "kind": self._bone,
+            "own_speed": self._bone,
+            "use_base_marker": lambda: SetReference(**self.form.values("use_base_marker")),
+        }
+        if name in PLACE:
+            key, build = "place", self._tracker.place
+        elif name in make:
+            key, build = "bone" if make[name] == self._bone else name, make[name]
+        elif name in NAMES:
+            self._tracker.changed(name)
+            key, build = "tracker", self._tracker.message
+        elif name in ROBOT:
+            key, build = "robot", self._robot
+        else:
+            key, build = "probe", self._probe.message
+        if name == "skull" and self.form.values("skull")["skull"] == "file":
+            return  # nothing happens until a file has been read
+        self.door.send_settled(("setup", key), build, event)
+
+    def _skull(self) -> UseSimulatedSkull:
+        return UseSimulatedSkull(self.form.values("skull")["skull"])
+
+    def _bone(self) -> SetBone:
+        return SetBone(**self.form.values("kind", "own_speed"))
+
+    def _robot(self) -> SetRobot:
+        return SetRobot(**self.form.values(*ROBOT))
+
+    def update(self, old: Picture | None, new: Picture) -> None:
+        """Write what the session holds into the fields where it has changed or was refused."""
+        if old is None or old.session.setup is not new.session.setup or old.refused != new.refused:
+            tracker = new.session.setup.devices.tracker
+            probe = self._probe.held(new.session.setup.devices.probe)
+            self.form.show({**_held(new.session), **self._tracker.held(tracker), **probe})
+            table = figures_table(new.session.setup.devices.robot.model)
+            if self._figures.content != table:
+                self._figures.content = table
+        self._room.render(old, new)
+        if (
+            old is None
+            or old.session.setup is not new.session.setup
+            or old.session.results is not new.session.results
+            or old.busy != new.busy
+        ):
+            self._probe.show(new.session, new.busy)
+
+    def remarks(self, picture: Picture) -> str:
+        """Say what the region is."""
+        backdrop = picture.backdrop
+        if backdrop is None:
+            return style.note("The specimen is being put on the table …")
+        x, y, z = backdrop.region_center_base
+        return style.note(
+            f"Region: centre ({x:.0f}, {y:.0f}, {z:.0f}) mm in the robot base, "
+            f"radius {backdrop.region_radius_mm:.0f} mm (purple ring)"
+        )
+
+
+def _held(session: Session) -> dict[str, Any]:
+    setup, devices = session.setup, session.setup.devices
+    return {
+        "seed": setup.seed,
+        "skull": getattr(setup.specimen, "side", "file"),
+        "kind": setup.bone.kind,
+        "own_speed": setup.bone.own_speed,
+        "radius_mm": setup.region.radius_mm,
+        "pointer": devices.pointer,
+        "model": devices.robot.model,
+        "errors": devices.robot.errors,
+        "scan_speed_mm_per_s": devices.robot.scan_speed_mm_per_s,
+        "base_shift_mm": devices.robot.base_shift_mm,
+        "base_turn_deg": devices.robot.base_turn_deg,
+        "use_base_marker": setup.use_base_marker,
+    }

@@ -1,0 +1,84 @@
+"""The tracker in step 1: its profile among the devices, its details in a folder of their own."""
+
+from typing import Any
+
+from rona_core.app.messages import MoveTracker, SetTracker
+from rona_core.devices.settings import TrackerSettings
+from rona_ui.panels.widgets.form import Form
+
+PROFILES = {
+    "Polaris (0.35 mm RMS)": "polaris",
+    "Spectra (0.25 mm RMS)": "spectra",
+    "Vega (0.12 mm RMS)": "vega",
+    "White noise 0.35 mm": "white035",
+    "Without noise": "ideal",
+}
+PERCENT = {"phantom_percent": "phantom_share", "dropped_percent": "dropped_share"}
+PLAIN = ("profile", "rate_hz", "stereo", "depth_ratio", "occlusion", "drift_mm", "minutes_on")
+NAMES = (*PLAIN, *PERCENT, "latency_ms")
+PLACE = ("tracker_shift_mm", "tracker_turn_deg")
+
+
+class TrackerFields:
+    """Fields that together make one ``SetTracker``."""
+
+    def __init__(self, form: Form) -> None:
+        self._form = form
+        self._latency_ms: float | None = None  # None: that of the profile
+
+    def build(self) -> None:
+        """Add profile and rate."""
+        self._form.choice("profile", "Tracker", PROFILES, "polaris")
+        self._form.number("rate_hz", "Rate (Hz)", 60.0, 20.0, 60.0, 1.0)
+
+    def build_details(self) -> None:
+        """Add what makes the virtual tracker like a real one."""
+        form = self._form
+        form.tick("stereo", "Two cameras", True, "Errors grow with the distance")
+        form.number("depth_ratio", "Depth ratio", 3.0, 1.0, 8.0, 0.5, "Error in depth over lateral")
+        form.tick("occlusion", "Lines of sight", True, "Head, robot and hand hide markers")
+        form.number("latency_ms", "Latency (ms)", 0.0, 0.0, 200.0, 1.0, "A profile sets its own")
+        form.number("dropped_percent", "Dropped (%)", 0.0, 0.0, 50.0, 1.0, "Frames that get lost")
+        form.number(
+            "phantom_percent", "Phantoms (%)", 0.0, 0.0, 20.0, 1.0, "5D: line seen reversed"
+        )
+        form.number("drift_mm", "Cold drift (mm)", 0.0, 0.0, 2.0, 0.1, "At switch-on; it decays")
+        form.number("minutes_on", "On for (min)", 60.0, 0.0, 600.0, 1.0, "At the first capture")
+
+    def build_place(self) -> None:
+        """Add where the tracker stands, and whether it is found again once it has moved."""
+        form = self._form
+        form.vector("tracker_shift_mm", "Shift (mm)", (0.0, 0.0, 0.0), "Along x, y, z of the base")
+        form.number("tracker_turn_deg", "Turn (deg)", 0.0, -20.0, 20.0, 0.5, "About the vertical")
+        form.tick(
+            "use_base_marker", "Base marker", True, "Finds a tracker again that was moved; it costs"
+        )
+
+    def place(self) -> MoveTracker:
+        """Return the command that the fields of the place make."""
+        values = self._form.values(*PLACE)
+        return MoveTracker(values["tracker_shift_mm"], values["tracker_turn_deg"])
+
+    def changed(self, name: str) -> None:
+        """Note that a field was changed: a new profile brings its own latency."""
+        if name == "profile":
+            self._latency_ms = None
+        elif name == "latency_ms":
+            self._latency_ms = float(self._form.values("latency_ms")["latency_ms"])
+
+    def message(self) -> SetTracker:
+        """Return the command that the fields make."""
+        values = self._form.values(*PLAIN, *PERCENT)
+        shares = {share: round(values.pop(name) / 100.0, 9) for name, share in PERCENT.items()}
+        return SetTracker(**values, **shares, latency_ms=self._latency_ms)
+
+    def held(self, settings: TrackerSettings) -> dict[str, Any]:
+        """Return what the fields are to show of a session's settings."""
+        self._latency_ms = settings.latency_ms
+        shown = {name: getattr(settings, name) for name in PLAIN}
+        shown |= {
+            name: round(100.0 * getattr(settings, share), 7) for name, share in PERCENT.items()
+        }
+        place = settings.place
+        shown |= {"tracker_shift_mm": place.shift_mm, "tracker_turn_deg": place.turn_deg}
+        return shown | {"latency_ms": 1000.0 * settings.latency_s}

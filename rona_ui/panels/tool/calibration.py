@@ -1,0 +1,186 @@
+"""What steps 2 and 3 share: expected error and verdict, the motion, and each pose with its say."""
+
+from typing import Any
+
+from rona_core.app.calibration_view import (
+    EXCLUDED,
+    MARKS,
+    REJECTED,
+    USED,
+    CalibrationView,
+    Step,
+    calibration_view,
+)
+from rona_core.app.messages import ExcludePoses
+from rona_ui.panels.tool.calibration_images import (
+    GREY,
+    HEIGHT,
+    coverage_svg,
+    residual_top_mm,
+    residuals_svg,
+)
+from rona_ui.panels.widgets import style
+from rona_ui.panels.widgets.image_slider import sheet
+from rona_ui.panels.widgets.panel_context import Door, follow, listen
+from rona_ui.scene.colors import BLUE, VERMILLION, css
+from rona_ui.view_state import Picture
+from rona_ui.viewer.bindings import escape
+
+VERDICTS = {  # verdict -> (icon, words, colour, box)
+    "good": ("✔", "good", "#00694d", "good"),
+    "weak": ("▲", "weak", "#a34700", "warn"),
+    "bad": ("✖", "bad", "#b00020", "warn"),
+}
+
+
+class CalibrationControls:
+    """Shows a calibration and lets single poses be left out, or counted again."""
+
+    def __init__(self, gui: Any, door: Door, step: Step) -> None:
+        self._gui, self._door = gui, door
+        self._step: Step = step
+        self._view: CalibrationView | None = None
+        self._words = gui.add_html("")
+        self._coverage = gui.add_html("")
+        self._folder = gui.add_folder(
+            "Residual of each pose", visible=False, expand_by_default=False
+        )
+        with self._folder:
+            self._title = gui.add_html("")
+            self._poses = gui.add_folder(None)
+            self._sheet: Any = None
+            self._slider: Any = None
+            self._pose = gui.add_html("")
+            self._count = gui.add_number("Poses in a row", 1, min=1, max=5000, step=1)
+            self._toggle = gui.add_button("Leave out", icon="circle-minus", color="gray")
+            self._all = gui.add_button("Count all poses", icon="circle-check", color="gray")
+        follow(self._count, lambda event: self._show_pose())
+        listen(self._toggle, self._change)
+        listen(self._all, lambda e: door.send(lambda: ExcludePoses(step), e))
+
+    def excluded(self) -> tuple[int, ...]:
+        """Return the poses that are left out by hand."""
+        return () if self._view is None else self._view.excluded
+
+    def render(self, old: Picture | None, new: Picture) -> None:
+        """Follow the calibration; rest while a job runs."""
+        self._toggle.disabled = self._all.disabled = new.busy
+        held = getattr(new.session.results, self._step)
+        stale = new.step(self._step).state == "stale"
+        if (
+            old is not None
+            and getattr(old.session.results, self._step) is held
+            and getattr(old.session.captures, self._step)
+            is getattr(new.session.captures, self._step)
+            and (old.step(self._step).state == "stale") == stale
+        ):
+            return
+        view = self._view = calibration_view(new.session, self._step)
+        self._folder.visible = view is not None
+        self._words.content = "" if view is None else words(view, stale)
+        self._coverage.content = "" if view is None else coverage(view)
+        if view is None:
+            return
+        self._title.content = _residuals_title(view)
+        self._draw(view)
+        self._all.visible = bool(view.excluded)
+        self._show_pose()
+
+    def _draw(self, view: CalibrationView) -> None:
+        last = max(len(view.residuals_mm) - 1, 1)
+        at = 0 if self._slider is None else min(int(self._slider.value), last)
+        for part in (self._sheet, self._slider):
+            if part is not None:
+                part.remove()
+        with self._poses:
+            picture = sheet(
+                f"r-{self._step}-poses", int(HEIGHT), "image/svg+xml", residuals_svg(view)
+            )
+            self._sheet = self._gui.add_html(picture)
+            marks = tuple((i, str(i)) for i in sorted({0, last // 2, last}))
+            self._slider = self._gui.add_slider("Pose", 0, last, 1, at, marks=marks)
+        follow(self._slider, lambda event: self._show_pose())
+
+    def _rows(self) -> range:
+        """Return the poses that are chosen."""
+        if self._view is None or self._slider is None:
+            return range(0)
+        first = int(self._slider.value)
+        return range(first, min(first + int(self._count.value), len(self._view.residuals_mm)))
+
+    def _show_pose(self) -> None:
+        rows, view = self._rows(), self._view
+        if view is None or not len(rows):
+            return
+        mark, residual_mm = int(view.marks[rows[0]]), float(view.residuals_mm[rows[0]])
+        self._pose.content = style.text(
+            f"Pose {rows[0]}: {residual_mm:.2f} mm from the common tip, {MARKS[mark]}."
+        )
+        which = f"pose {rows[0]}" if len(rows) == 1 else f"poses {rows[0]} to {rows[-1]}"
+        again = set(rows) <= set(view.excluded)
+        self._toggle.label = f"Count {which} again" if again else f"Leave out {which}"
+
+    def _change(self, event: Any) -> None:
+        rows, before = set(self._rows()), set(self.excluded())
+        wanted = before - rows if rows <= before else before | rows
+        self._door.send(lambda: ExcludePoses(self._step, tuple(sorted(wanted))), event)
+
+
+def words(view: CalibrationView, stale: bool = False) -> str:
+    """Return the expected errors beside what is good, the verdict, and reasons with remedies."""
+    head = (
+        '<tr><th>Random error, expected</th><th class="n">Value</th><th class="n">Good</th>'
+        "<th></th></tr>"
+    )
+    rows = "".join(
+        f'<tr><td>{escape(one.title)}</td><td class="n"><b>{one.sigma_mm:.2f} mm</b></td>'
+        f'<td class="n g">≤ {one.limit_mm:.2f} mm</td>'
+        f"<td>{style.verdict('pass' if one.good else 'review')}</td></tr>"
+        for one in view.expected
+    )
+    icon, word, color, box = VERDICTS[view.verdict]
+    box = "" if stale and box == "good" else box
+    verdict = f'<b style="color:{color}">{icon} {word}</b>'
+    reasons = "".join(f"<br>{escape(reason[0].upper() + reason[1:])}." for reason in view.reasons)
+    note = f'<div class="r-note {box}">Calibration: {verdict}{reasons}</div>'
+    return f'<table class="r-table">{head}{rows}</table>{note}'
+
+
+def coverage(view: CalibrationView) -> str:
+    """Return the picture of the motion and what to do next in words."""
+    swing = view.swing
+    if swing is None:
+        return ""
+    gap = f"Widest gap of directions: {swing.gap_deg:.0f}°. "
+    after = ""
+    if swing.next_sigma_mm is not None:
+        after = f" (the tip then within {swing.next_sigma_mm:.3f} mm)"
+    if swing.next_tilt_deg is None:
+        advice = f"No next pose can be proposed: {swing.next_words}."
+    else:
+        advice = f"Next best pose: {swing.next_words}{after}."
+    return (
+        style.text("Directions of the shaft, by tilt")
+        + coverage_svg(swing)
+        + style.note(gap + advice)
+    )
+
+
+def _residuals_title(view: CalibrationView) -> str:
+    n = len(view.residuals_mm)
+    text = (
+        f"Height: up to {residual_top_mm(view):.2f} mm; dashed: RMSE "
+        f"{view.rmse_mm:.2f} mm of {view.n_used} of {n} used. Small residuals alone do not make a "
+        "good calibration. Click at a pose to choose it."
+    )
+    entries = (
+        (css(BLUE), "●", USED),
+        (css(VERMILLION), "×", REJECTED),
+        (GREY, "○", EXCLUDED),
+    )
+    spans = "".join(
+        f'<span><b style="color:{color}">{symbol}</b> {MARKS[mark]} '
+        f"({int((view.marks == mark).sum())})</span>"
+        for color, symbol, mark in entries
+    )
+    return style.text(text) + f'<div class="r-key">{spans}</div>'

@@ -1,0 +1,51 @@
+"""Draw on the skull with the mouse: what steps 4 and 5 share."""
+
+from collections.abc import Callable
+from dataclasses import replace
+from typing import Any
+
+from rona_ui.panels.widgets import style
+from rona_ui.panels.widgets.panel_context import Door, listen
+from rona_ui.view_state import Drawing, Picture
+
+
+class DrawingControls:
+    """A button to begin or go on, and two to finish or to drop the line."""
+
+    def __init__(
+        self, gui: Any, door: Door, kind: Drawing, message: Callable[[tuple[Any, ...]], Any]
+    ) -> None:
+        self._kind, self._door, self._message = kind, door, message
+        self._picks: tuple[Any, ...] = ()
+        self._begin = gui.add_button("Draw on the skull", icon="pencil", color="gray")
+        self._help = gui.add_html("")
+        self._finish = gui.add_button("Finish the line", icon="check", visible=False)
+        self._drop = gui.add_button("Drop the line", icon="x", color="gray", visible=False)
+        listen(self._begin, lambda e: door.view(lambda v: replace(v, drawing=kind)))
+        listen(self._drop, lambda e: door.view(lambda v: replace(v, drawing=None, picks=())))
+        listen(self._finish, self._send)
+
+    def _send(self, event: Any) -> None:
+        picks = self._picks
+        self._door.send(lambda: self._message(picks), event)
+        self._door.view(lambda v: replace(v, drawing=None, picks=()))
+
+    def render(self, new: Picture) -> None:
+        """Show what can be done now."""
+        drawing = new.view.drawing == self._kind
+        self._picks = new.view.picks
+        blocked = new.busy or new.step(self._kind).state == "blocked"
+        self._begin.visible = not drawing
+        self._begin.label = "Go on drawing" if self._picks else "Draw on the skull"
+        self._begin.disabled = blocked
+        self._finish.visible = drawing
+        self._drop.visible = drawing or len(self._picks) > 0
+        self._finish.disabled = blocked or len(self._picks) < 2
+        words = ""
+        if drawing:
+            words = style.note(
+                "Click places on the skull, or drag over it. Beside the skull a drag turns the "
+                f"view. {len(self._picks)} points so far."
+            )
+        if self._help.content != words:
+            self._help.content = words

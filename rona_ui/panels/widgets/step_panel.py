@@ -1,0 +1,93 @@
+"""What the nine step panels share: fields that show only while the step is active."""
+
+from dataclasses import fields
+from typing import Any, ClassVar
+
+from rona_core.errors import InvalidInputError
+from rona_ui.panels.widgets import style
+from rona_ui.panels.widgets.form import Form
+from rona_ui.panels.widgets.panel_context import Door
+from rona_ui.panels.widgets.verdicts import judged, missed_note
+from rona_ui.view_state import Picture
+
+
+class StepPanel:
+    """Fields of one step; subclasses say what they are and what the primary button sends."""
+
+    step: ClassVar[str] = ""
+    explanation: ClassVar[str] = ""
+    activity: ClassVar[str] = ""  # that the primary button starts, where it records something
+    start: ClassVar[str | None] = None  # words of the primary button; None: the step has none
+    again: ClassVar[str] = "Do it again"
+
+    def __init__(self, gui: Any, door: Door) -> None:
+        self.gui, self.door = gui, door
+        self.form = Form(gui)
+        self.folder = gui.add_folder(None, visible=False)
+        with self.folder:
+            gui.add_html(style.text(self.explanation))
+            self.build()
+            self.remark = gui.add_html("")
+
+    def build(self) -> None:
+        """Add the fields."""
+
+    def message(self) -> Any:
+        """Return what the primary button sends."""
+        raise InvalidInputError(f"step {self.step} starts nothing: change its fields")
+
+    def remarks(self, picture: Picture) -> str:
+        """Return HTML about the result of the step."""
+        return ""
+
+    def update(self, old: Picture | None, new: Picture) -> None:
+        """Draw what else has changed."""
+
+    def render(self, old: Picture | None, new: Picture) -> None:
+        """Show the fields while the step is active, and follow the session."""
+        active = new.view.step == self.step
+        if self.folder.visible != active:
+            self.folder.visible = active
+        if old is None or old.busy != new.busy:
+            self.form.enable(not new.busy)
+        self.update(old, new)
+        if active and (
+            old is None
+            or old.session is not new.session
+            or old.view is not new.view
+            or old.busy != new.busy
+            or old.figures is not new.figures
+            or old.backdrop is not new.backdrop
+        ):
+            html = (stopped_note(new, self.activity) if self.activity else "") + self.remarks(new)
+            html = self._judged(html, new)
+            if self.remark.content != html:
+                self.remark.content = html
+
+    def _judged(self, html: str, picture: Picture) -> str:
+        """Return the remarks with the verdict of the step: what is not good is not praised."""
+        if picture.step(self.step).state == "stale":
+            return html.replace("r-note good", "r-note")
+        found = judged(picture, self.step)
+        if not found.missed:
+            return html
+        return missed_note(found) + html.replace("r-note good", "r-note")
+
+
+def stopped_note(picture: Picture, activity: str) -> str:
+    """Return what became of an activity that was stopped, as HTML; empty where none was."""
+    job = picture.job
+    if job is None or job.activity != activity or job.state != "cancelled":
+        return ""
+    if job.error:
+        return style.note(f"Stopped: {job.error}.", "warn")
+    session = picture.session
+    last = session.archive[-1] if session.archive else None
+    captures = [getattr(session.captures, part.name) for part in fields(session.captures)]
+    if last is None or any(last is c or (isinstance(c, tuple) and last in c) for c in captures):
+        return ""
+    return style.note(
+        "Stopped early: the recording of before stays as it was, and all that rests on it. "
+        "What came now is kept in the session's archive.",
+        "warn",
+    )

@@ -1,0 +1,62 @@
+"""Places of known thickness for the speed of sound: a dot each, its number, how far the echo is."""
+
+import numpy as np
+
+from rona_core.app.sound_views import ReferenceRow, reference_rows
+from rona_ui.scene.adapter import Layer
+from rona_ui.scene.colors import ORANGE, PURPLE
+from rona_ui.scene.viser_nodes import Stage
+from rona_ui.view_state import Picture
+
+POINTS = "/references/points"
+SIZE_MM = 2.4
+LIFT_MM, LABEL_MM = 1.0, 4.0  # above the outer boundary
+
+
+class ReferencesLayer(Layer):
+    """Draws the reference points of step 9; doubtful ones are orange, and their label says so."""
+
+    layer = "references"
+
+    def __init__(self, stage: Stage) -> None:
+        super().__init__(stage)
+        self._labels = 0
+        self._rows: tuple[ReferenceRow, ...] = ()
+
+    def render(self, old: Picture | None, new: Picture) -> None:
+        """Draw the points where they, what is said of them, or the region are others."""
+        moved = old is None or old.backdrop is not new.backdrop
+        if old is None or moved or old.session is not new.session:
+            rows = reference_rows(new.session)
+            same = old is not None and old.session.captures.references is (
+                new.session.captures.references
+            )
+            if moved or not same or rows != self._rows:
+                self._rows = rows
+                self._draw(new)
+        for node in (POINTS, *map(_label, range(self._labels))):
+            self.stage.show(node, self.shown(new))
+
+    def _draw(self, new: Picture) -> None:
+        held, rows = new.session.captures.references, self._rows
+        places = np.zeros((0, 3)) if held is None else held.places_base
+        up = np.zeros(3) if new.backdrop is None else new.backdrop.region_normal_base
+        colors = np.array([PURPLE if row.counts else ORANGE for row in rows], dtype=np.uint8)
+        self.stage.cloud(POINTS, places + LIFT_MM * up, colors.reshape(-1, 3), size_mm=SIZE_MM)
+        for row, place in zip(rows, places, strict=True):
+            self.stage.label(_label(row.number), label_words(row), place + LABEL_MM * up)
+        for number in range(len(rows), self._labels):
+            self.stage.remove(_label(number))
+        self._labels = len(rows)
+
+
+def label_words(row: ReferenceRow) -> str:
+    """Return number and caliper of a point, and how far the echo is from it where that is known."""
+    words = f"{row.number + 1}: {row.caliper_mm:.2f} mm"
+    if row.off_mm is not None:
+        words += f", echo {row.off_mm:+.2f}"
+    return words if row.counts else f"{words} doubtful"
+
+
+def _label(number: int) -> str:
+    return f"/references/label{number}"

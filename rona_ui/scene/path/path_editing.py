@@ -1,0 +1,148 @@
+"""What a click or drag on the skull means in steps 5 and 6: points of the path, a boundary.
+
+The drawn skull only says which way somebody looks. Where the line of sight ends is taken from the
+measured surface, so that nothing of the true shape gets into the path.
+"""
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from rona_core.app.messages import DeletePathPoint, InsertPathPoint, KeepPathSample, MovePathPoint
+from rona_core.app.path_edits import is_kept, nearest_piece, nearest_point, sight
+from rona_core.errors import InvalidInputError, RonaError
+from rona_core.geometry.arrays import Floats, Vector3
+from rona_core.session.document import Session
+from rona_ui.scene.adapter import Layer
+from rona_ui.scene.colors import PURPLE, SKY, YELLOW
+from rona_ui.scene.viser_nodes import segments
+from rona_ui.view_state import Picture, Point, ViewState
+
+STROKES = ("surface", "path")  # drawn with the pointer itself
+CORNER_STEP_MM = 1.5  # a drag adds a corner of the boundary once it has come so far
+MOST_CORNERS = 500
+LIFT_MM = 2.0
+MARK_MM = 1.4
+GRABBED, GHOST = "/edit/grabbed", "/edit/place"
+BOUNDARY, CENTER = "/pattern/boundary", "/pattern/center"
+
+
+def point_at(
+    session: Session, view: ViewState, eye_base: Vector3, ray: Vector3, phase: str
+) -> tuple[ViewState, Any | None]:
+    """Return the view after somebody pointed at the skull, and the command to send, or None.
+
+    Args:
+        session: As it is now.
+        view: Its ``drawing`` says what is being done.
+        eye_base: Where the eye is (3,), mm.
+        ray: Direction of sight (3,).
+        phase: "click", or "start", "update" and "end" of a drag.
+
+    Raises:
+        RonaError: there is nothing at this place; it says what to do.
+    """
+    if view.drawing == "move":
+        return _move(session, view, eye_base, ray, phase)
+    if view.drawing == "boundary":
+        if phase == "end":
+            return view, None
+        return _with_corner(view, _point(sight(session, eye_base, ray))), None
+    if phase not in ("click", "end"):
+        return view, None
+    if view.drawing == "center":
+        return replace(view, center=_point(sight(session, eye_base, ray)), drawing=None), None
+    if view.drawing == "insert":
+        place = sight(session, eye_base, ray)
+        after = nearest_piece(corners_of(session), place)
+        return view, InsertPathPoint(after, _point(place), _point(eye_base))
+    if view.drawing == "delete":
+        return view, DeletePathPoint(_found(corners_of(session), eye_base, ray))
+    if view.drawing == "keep" and session.results.path is not None:
+        sample = _found(session.results.path.value.points_base, eye_base, ray)
+        return view, KeepPathSample(sample, not is_kept(session, sample))
+    return view, None
+
+
+def _move(
+    session: Session, view: ViewState, eye_base: Vector3, ray: Vector3, phase: str
+) -> tuple[ViewState, Any | None]:
+    """Two clicks, or one drag: from a point to its new place."""
+    if phase == "start" or (phase == "click" and view.grabbed is None):
+        return replace(view, grabbed=_found(corners_of(session), eye_base, ray), ghost=None), None
+    if view.grabbed is None:
+        return view, None
+    if phase == "update":
+        try:
+            return replace(view, ghost=_point(sight(session, eye_base, ray))), None
+        except RonaError:  # beside the surface: told only if it is let go there
+            return replace(view, ghost=None), None
+    let_go = replace(view, grabbed=None, ghost=None)
+    try:
+        place = _point(sight(session, eye_base, ray))
+    except RonaError:
+        if phase == "end":
+            return let_go, None
+        raise
+    return let_go, MovePathPoint(view.grabbed, place, _point(eye_base))
+
+
+def corners_of(session: Session) -> Floats:
+    """Return the points of the smoothed path (k, 3), none before there is one."""
+    smooth = session.results.smoothing
+    return np.zeros((0, 3)) if smooth is None else smooth.value.corners_base
+
+
+def _found(points: Floats, eye_base: Vector3, ray: Vector3) -> int:
+    number = nearest_point(points, eye_base, ray)
+    if number is None:
+        raise InvalidInputError("no point of the path lies there: point nearer to one")
+    return number
+
+
+def _point(place: Vector3) -> Point:
+    x, y, z = (float(part) for part in place)
+    return x, y, z
+
+
+def _with_corner(view: ViewState, corner: Point) -> ViewState:
+    held = view.boundary
+    near = bool(held) and float(np.linalg.norm(np.subtract(held[-1], corner))) < CORNER_STEP_MM
+    if near or len(held) >= MOST_CORNERS:
+        return view
+    return replace(view, boundary=(*held, corner))
+
+
+class EditLayer(Layer):
+    """Draws the point that is being moved, and centre and boundary of a pattern."""
+
+    layer = "path"
+
+    def render(self, old: Picture | None, new: Picture) -> None:
+        """Follow the view."""
+        view = new.view
+        lift = np.zeros(3) if new.backdrop is None else LIFT_MM * new.backdrop.region_normal_base
+        if old is None or _marks(old) != _marks(new) or old.session is not new.session:
+            corners = corners_of(new.session)
+            grabbed = view.grabbed if view.drawing == "move" else None
+            there = grabbed is not None and grabbed < len(corners)
+            self._mark(GRABBED, corners[grabbed] if there else None, YELLOW, lift)
+            self._mark(GHOST, view.ghost if there else None, SKY, lift)
+            ring = np.array(view.boundary, dtype=np.float64).reshape(-1, 3)
+            closed = np.vstack((ring, ring[:1])) + lift
+            pairs = segments(closed) if len(ring) > 1 else np.zeros((0, 2, 3))
+            self.stage.lines(BOUNDARY, pairs, PURPLE, width_px=4.0)
+            self._mark(CENTER, view.center, PURPLE, lift)
+        for node in (BOUNDARY, CENTER):
+            self.stage.show(node, self.shown(new) and (view.step == "path" or view.everything))
+
+    def _mark(self, node: str, place: object, color: tuple[int, int, int], lift: Vector3) -> None:
+        points = np.array([] if place is None else [place], dtype=np.float64).reshape(-1, 3)
+        self.stage.cloud(node, points + lift, color, size_mm=MARK_MM)
+
+
+def _marks(picture: Picture) -> tuple[object, ...]:
+    view = picture.view
+    held = (view.drawing == "move", view.grabbed, view.ghost, view.center, view.boundary)
+    return (*held, picture.backdrop is None)

@@ -1,0 +1,174 @@
+"""Fields of one browser: what is typed counts once Enter is pressed or the field is left.
+
+viser tells of every key. The page keeps what is being typed to itself (``static/fields.js``) and
+sends the text as it stands when it is finished. It is read here, held against the limits of its
+field and written into it, or refused; then the field shows what it held before.
+"""
+
+import json
+import re
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+from rona_core.errors import InvalidInputError
+from rona_ui.viewer.bindings import Event, escape
+from rona_ui.viewer.gateway import uuid_of
+
+DECIMALS = 6  # that a number field shows; viser takes those of its step
+MOST_CHARS = 40  # of a refused text that are told
+_NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)(e[+-]?\d+)?", re.ASCII | re.IGNORECASE)
+_THOUSANDS = re.compile(r"[+-]?\d{1,3}(,\d{3})+")  # or a decimal comma: nobody can know
+
+
+def read_number(text: str) -> float:
+    """Return what somebody typed as a number; a comma may stand for the point.
+
+    Raises:
+        InvalidInputError: it is none, or 1,000 that may be one or a thousand.
+    """
+    plain = text.strip().replace("\N{MINUS SIGN}", "-")
+    if not _THOUSANDS.fullmatch(plain):
+        plain = plain.replace(",", ".") if plain.count(",") == 1 else plain
+        if _NUMBER.fullmatch(plain) and abs(value := float(plain)) < float("inf"):
+            return value
+    raise InvalidInputError(f"expected a number such as 2.5, not {text.strip()[:MOST_CHARS]!r}")
+
+
+@dataclass(frozen=True, slots=True)
+class Typed:
+    """What a panel is told when somebody has finished typing, in place of viser's event."""
+
+    client: Any
+    target: Any
+    finished: bool = True  # nothing more comes: it need not settle
+
+
+class Field:
+    """A field of viser under the same names, which can be filled from a typed text."""
+
+    def __init__(self, handle: Any, label: str) -> None:
+        self.__dict__.update(_handle=handle, _label=label, _calls=[])
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self._handle, name)
+
+    def __setattr__(self, name: str, value: Any) -> None:
+        setattr(self._handle, name, value)
+
+    def on_update(self, call: Callable[[Any], Any]) -> Any:
+        """Call ``await call(event)`` whenever the field changes."""
+        self._calls.append(call)
+        return self._handle.on_update(call)
+
+    def take(self, text: str, part: int) -> bool:
+        """Write a typed text into the field, or a component of it; return whether that changed it.
+
+        Raises:
+            InvalidInputError: no number where one is expected, or outside of the limits.
+        """
+        if self._handle.disabled:
+            raise InvalidInputError(
+                f"{self._label} cannot be changed now: wait for the job or cancel it"
+            )
+        held = self._handle.value
+        if isinstance(held, tuple):
+            value: Any = tuple(
+                self._number(text, old, at) if at == part else old for at, old in enumerate(held)
+            )
+        else:
+            value = text if isinstance(held, str) else self._number(text, held, None)
+        self._handle.value = value
+        return value != held
+
+    def _number(self, text: str, held: float, part: int | None) -> float:
+        try:
+            value = read_number(text)
+        except InvalidInputError as error:
+            raise InvalidInputError(f"{self._label}: {error}") from None
+        if isinstance(held, int) and value != int(value):
+            raise InvalidInputError(f"{self._label}: expected a whole number, not {value:.12g}")
+        low, high = (
+            limit[part] if part is not None and isinstance(limit, tuple) else limit
+            for limit in (self._handle.min, self._handle.max)
+        )
+        if (low is not None and value < low) or (high is not None and value > high):
+            least = "any" if low is None else f"{low:.12g}"
+            most = "any" if high is None else f"{high:.12g}"
+            raise InvalidInputError(f"{self._label} must be {least} to {most}, not {value:.12g}")
+        return type(held)(value)
+
+    async def tell(self, client: Any) -> None:
+        """Tell all who listen that ``client`` has finished typing."""
+        for call in self._calls:
+            await call(Typed(client, self))
+
+
+class Fields:
+    """The gui of one browser; its fields for texts and numbers wait until the typing is finished.
+
+    ``refuse(error, event)`` tells what could not be taken.
+    """
+
+    def __init__(self, gui: Any, refuse: Callable[[Exception, Event], None]) -> None:
+        self._gui, self._refuse = gui, refuse
+        self._fields: dict[str, Field] = {}
+        mail = gui.add_text("Typed", "{}", visible=False)  # what the page sends when it is finished
+        mail.on_update(self._typed)
+        gui.add_html(f'<i hidden data-typed="{escape(uuid_of(mail))}"></i>')
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self._gui, name)
+
+    def add_text(self, label: str, *rest: Any, **options: Any) -> Field:
+        """Add a text."""
+        return self._keep(self._gui.add_text(label, *rest, **options), label)
+
+    def add_number(self, label: str, *rest: Any, **options: Any) -> Field:
+        """Add a number."""
+        return self._keep(_finely(self._gui.add_number(label, *rest, **options)), label)
+
+    def add_vector3(self, label: str, *rest: Any, **options: Any) -> Field:
+        """Add three numbers."""
+        return self._keep(_finely(self._gui.add_vector3(label, *rest, **options)), label)
+
+    def add_slider(self, label: str, *rest: Any, **options: Any) -> Field:
+        """Add a number that can be dragged too."""
+        return self._keep(self._gui.add_slider(label, *rest, **options), label)
+
+    def _keep(self, handle: Any, label: str) -> Field:
+        field = self._fields[uuid_of(handle)] = Field(handle, label)
+        return field
+
+    async def _typed(self, event: Any) -> None:
+        if event.client is None:
+            return
+        try:
+            field, part, text = self._read(event.target.value)
+            changed = field.take(text, part)
+        except InvalidInputError as error:
+            self._refuse(error, event)
+            return
+        if changed:
+            await field.tell(event.client)
+
+    def _read(self, mail: str) -> tuple[Field, int, str]:
+        """Return field, component and text of what the page sent."""
+        try:
+            sent = json.loads(mail)
+            field = self._fields[sent["field"]]
+            part, text = sent["part"], sent["text"]
+            if not isinstance(part, int) or not isinstance(text, str):
+                raise TypeError
+        except (ValueError, KeyError, TypeError, RecursionError):
+            raise InvalidInputError(
+                "expected a field of this page and a text: load the page again"
+            ) from None
+        return field, part, text
+
+
+def _finely(handle: Any) -> Any:
+    """Have a field show more decimals than its step has, where it is not for whole numbers."""
+    if not isinstance(handle.value, int):
+        handle.precision = DECIMALS
+    return handle

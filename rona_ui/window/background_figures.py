@@ -1,0 +1,87 @@
+"""What takes long to find out about the current session, found out behind the scenes."""
+
+import sys
+import threading
+import traceback
+from collections.abc import Callable
+from typing import Any
+
+from rona_core.app.workbench import Workbench
+from rona_core.errors import RonaError
+from rona_core.session.document import Session
+from rona_ui.scene.setup.static_scene import backdrop_key, read_backdrop
+from rona_ui.view_state import Backdrop
+
+
+class Facts:
+    """What takes long to find out: filled in behind the scenes."""
+
+    rig: Any = None
+    backdrop: Backdrop | None = None
+    figures: dict[str, Any] = {}  # noqa: RUF012 (replaced, never changed)
+
+
+class Behind:
+    """Builds the devices and computes the figures in a thread of its own, the newest wish only."""
+
+    def __init__(self, wake: Callable[[], None]) -> None:
+        self._wake = wake
+        self._ready = threading.Condition()
+        self._wish: tuple[Workbench, Session, bool] | None = None
+        self._facts = Facts()
+        self._key: object = None
+        self._judged: object = None
+        self._open = True
+        threading.Thread(target=self._run, name="rona-behind", daemon=True).start()
+
+    def ask(self, bench: Workbench, session: Session, busy: bool) -> Facts:
+        """Return what is known by now, and have it brought up to date."""
+        with self._ready:
+            seen = self._wish
+            if seen is None or seen[1] is not session or seen[2] != busy:
+                self._wish = bench, session, busy
+                self._ready.notify()
+            return self._facts
+
+    def close(self) -> None:
+        """End the thread."""
+        with self._ready:
+            self._open = False
+            self._ready.notify()
+
+    def _run(self) -> None:
+        done = None
+        while True:
+            with self._ready:
+                self._ready.wait_for(lambda done=done: not self._open or self._wish is not done)
+                if not self._open:
+                    return
+                wish = done = self._wish
+            if wish is not None:
+                try:
+                    self._work(*wish)
+                except RonaError:
+                    continue  # a set-up that cannot be built is told by whoever starts a step
+                except Exception:  # a defect must not end the thread
+                    traceback.print_exc(file=sys.stderr)
+
+    def _work(self, bench: Workbench, session: Session, busy: bool) -> None:
+        key = session.id, *backdrop_key(session.setup)
+        if key != self._key:
+            self._put(figures={})
+            rig = bench.rig()
+            self._put(rig=rig, backdrop=read_backdrop(rig, session.setup))
+            self._key = key
+        judged = session.id, session.results, session.captures, session.setup
+        if not busy and judged != self._judged:
+            self._put(figures=bench.figures())
+            self._judged = judged
+
+    def _put(self, **parts: Any) -> None:
+        facts = Facts()
+        facts.rig = parts.get("rig", self._facts.rig)
+        facts.backdrop = parts.get("backdrop", self._facts.backdrop)
+        facts.figures = parts.get("figures", self._facts.figures)
+        with self._ready:
+            self._facts = facts
+        self._wake()

@@ -1,0 +1,236 @@
+"""One browser that looks at the current session: its docks, its scene, its view."""
+
+import threading
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import PurePath
+from typing import Any
+
+import numpy as np
+
+from rona_core.app.exports import export_recording
+from rona_core.app.hub import CURRENT, Hub
+from rona_core.errors import InvalidInputError, NotFoundError
+from rona_core.geometry.arrays import Floats
+from rona_ui.panels.layout.docks import Docks
+from rona_ui.panels.widgets.panel_context import Door
+from rona_ui.scene.camera import FOCUS, UP, preset
+from rona_ui.scene.path.path_editing import STROKES, point_at
+from rona_ui.scene.pointer.pivot_handles import turn_of
+from rona_ui.scene.viser_nodes import M_PER_MM, metres
+from rona_ui.scene.world import World
+from rona_ui.view_state import Picture, Point, ViewState
+from rona_ui.viewer.bindings import Bindings, Event, notify
+from rona_ui.viewer.fields import Fields
+
+PICK_STEP_MM = 1.5  # a drag adds a point once it has come so far
+MOST_PICKS = 500
+NEAR_M, FAR_M = 0.01, 20.0
+
+
+class Browser:
+    """Draws pictures for one client and carries its clicks out."""
+
+    def __init__(self, client: Any, hub: Hub, bindings: Bindings, wake: Callable[[], None]) -> None:
+        self.client = client
+        self._hub, self._bindings, self._wake = hub, bindings, wake
+        self._lock = threading.Lock()
+        self._view = ViewState()
+        self._drawn: Picture | None = None
+        self._listening = False
+        self._arcs: Any = None
+        door = Door(
+            bindings.send, bindings.send_settled, self.change_view, self._service, self._look
+        )
+        with client.atomic():
+            self._docks = Docks(Fields(client.gui, bindings.refuse), door)
+            self._world = World(client.scene)
+        client.camera.up_direction = UP
+        client.camera.near, client.camera.far = NEAR_M, FAR_M
+        self._look("Overview")
+
+    @property
+    def view(self) -> ViewState:
+        """How this browser looks at the session now."""
+        return self._view
+
+    def change_view(self, change: Callable[[ViewState], ViewState]) -> None:
+        """Replace the view by ``change(view)`` and have it drawn."""
+        with self._lock:
+            self._view = change(self._view)
+        self._wake()
+
+    def draw(self, new: Picture) -> None:
+        """Bring this browser to ``new``, in one go."""
+        old = self._drawn
+        if old is not None and old.session.id != new.session.id:
+            self.change_view(lambda v: ViewState(step=v.step))
+            new = replace(new, view=self._view)
+        self._listen(new)
+        with self.client.atomic():
+            self._docks.render(old, new)
+            self._world.render(old, new)
+        self._drawn = new
+        self._follow_arcs()
+        if new.backdrop is not None:
+            focus = FOCUS[new.view.step]
+            if old is None or old.backdrop is None or FOCUS[old.view.step] != focus:
+                self._look(focus)
+
+    # -------------------------------------------------------------- camera
+
+    def _look(self, name: str) -> None:
+        backdrop = None if self._drawn is None else self._drawn.backdrop
+        sight = preset(name, backdrop)
+        with self.client.atomic():
+            self.client.camera.position = metres(sight.eye_base)
+            self.client.camera.look_at = metres(sight.target_base)
+            self.client.camera.up_direction = sight.up_base
+
+    # -------------------------------------------------------------- drawing on the skull
+
+    def _listen(self, new: Picture) -> None:
+        """Listen to the mouse on the skull while somebody draws on it, and only then."""
+        skull, wanted = self._world.skull(), new.view.drawing is not None
+        if skull is None or wanted == self._listening:
+            return
+        self._listening = wanted
+        if not wanted:
+            skull.remove_click_callback()
+            skull.remove_drag_callback()
+            return
+
+        @skull.on_click
+        async def _(event: Any) -> None:
+            self._point(event, event.ray_origin, event.ray_direction, "click")
+
+        @skull.on_drag("left")
+        async def _(event: Any) -> None:
+            eye = np.asarray(event.client.camera.position)
+            self._point(event, eye, np.asarray(event.end_position) - eye, event.phase)
+
+    def _point(self, event: Event, origin_m: Any, direction: Any, phase: str) -> None:
+        if self._view.drawing in STROKES:
+            self._pick(event, origin_m, direction)
+            return
+        origin_base = np.asarray(origin_m, dtype=np.float64) / M_PER_MM
+        ray = np.asarray(direction, dtype=np.float64)
+
+        def work() -> None:
+            bench = self._hub.get()
+            before = self._view
+            after, command = point_at(bench.session, before, origin_base, ray, phase)
+            if after is not before:
+                self.change_view(lambda v: after if v is before else v)
+            if command is not None:
+                bench.dispatch(command)
+
+        self._bindings.call(work, event)
+
+    def _pick(self, event: Event, origin_m: Any, direction: Any) -> None:
+        origin_base = np.asarray(origin_m, dtype=np.float64) / M_PER_MM
+        ray = np.asarray(direction, dtype=np.float64)
+
+        def touch() -> None:
+            place = self._hub.get().rig().display.pick(origin_base, ray)
+            if place is not None:
+                x, y, z = (float(v) for v in place)
+                self.change_view(lambda v: _with_pick(v, (x, y, z)))
+
+        self._bindings.call(touch, event)
+
+    # -------------------------------------------------------------- the pointer in the hand
+
+    def _follow_arcs(self) -> None:
+        """Listen to the arcs about the pointer's tip as long as they are there."""
+        arcs = self._world.arcs()
+        if arcs is self._arcs:
+            return
+        self._arcs = arcs
+        if arcs is None:
+            return
+
+        @arcs.on_update
+        async def _(event: Any) -> None:
+            turn = turn_of(event.target.wxyz)  # as it is now, not when its turn comes
+            self._bindings.call(lambda: self._turn(turn), event)
+
+    def _turn(self, wxyz: Floats) -> None:
+        bench = self._hub.get()
+        if bench.pointer_in_hand():  # a drag may end after the capture has
+            bench.turn_pointer(wxyz)
+
+    # -------------------------------------------------------------- the service
+
+    def _service(self, what: str, event: Event, data: str | bytes | None) -> None:
+        if what == "stop":
+            self._bindings.stop(event)
+        elif what == "escape":
+            self._bindings.escape(self._escape, event)
+        elif what == "finish":
+            self._bindings.call(lambda: self._hub.get().finish_pointer(), event)
+        elif what == "cancel":
+            self._bindings.call(self._cancel, event)
+        else:
+            self._bindings.call(lambda: self._serve(what, data), event)
+
+    def _escape(self) -> None:
+        """Close one thing: a question, by Cancel, or else drawing and editing."""
+        if not self._docks.cancel_question():
+            self.change_view(without_mode)
+
+    def _cancel(self) -> None:
+        bench = self._hub.get()
+        for status in bench.jobs.all():
+            if not status.finished:
+                bench.jobs.cancel(status.id)
+
+    def _serve(self, what: str, data: str | bytes | None) -> None:
+        then = ""
+        if what.startswith("save:"):  # an open session, and once it is saved something else
+            what, _, then = what.partition("+")
+        verb, _, name = what.partition(":")
+        if verb == "save":
+            path = self._hub.save(name or CURRENT)
+            notify(self.client, "Saved", path.name, "green")
+        elif verb == "open":
+            self._hub.open_file(name)
+        elif verb == "new":
+            self._hub.create()
+        elif verb == "show":
+            self._hub.make_current(name)
+        elif verb in ("close", "drop"):
+            self._close(name, changed_too=verb == "drop")
+        elif verb == "download":
+            made = export_recording(self._hub.get().session, int(name))
+            self.client.send_file_download(made.name, made.data, save_immediately=True)
+        elif verb == "upload" and isinstance(data, bytes):
+            self._hub.store_upload(PurePath(name).name, data)
+        else:
+            raise NotFoundError(f"there is no service {what!r}")
+        if then:
+            self._serve(then, data)
+
+    def _close(self, session_id: str, *, changed_too: bool) -> None:
+        """Close a session; where it was the only one, a new one is opened."""
+        if self._hub.has_changes(session_id) and not changed_too:
+            raise InvalidInputError("the session has changed meanwhile: save it, or close again")
+        if self._hub.ids() == (session_id,):
+            self._hub.create()
+        self._hub.close(session_id)
+
+
+def without_mode(view: ViewState) -> ViewState:
+    """Return the view without drawing or editing; a line that was begun can be gone on with."""
+    picks = view.picks if view.drawing in STROKES or view.drawing is None else ()
+    return replace(view, drawing=None, picks=picks, grabbed=None, ghost=None, hand=None)
+
+
+def _with_pick(view: ViewState, place: Point) -> ViewState:
+    if view.drawing is None or len(view.picks) >= MOST_PICKS:
+        return view
+    if view.picks:
+        gap = np.linalg.norm(np.subtract(view.picks[-1], place))
+        if gap < PICK_STEP_MM:
+            return view
+    return replace(view, picks=(*view.picks, place))

@@ -1,0 +1,250 @@
+"""The window on the current session: one thread reads, and draws what has changed for each browser.
+
+Widgets send messages through ``bindings``; the session, the live slots and the jobs are read here,
+put together as one immutable picture for each browser, and drawn by comparing it with the last.
+"""
+
+import contextlib
+import sys
+import threading
+import time
+import traceback
+from collections.abc import Callable
+from dataclasses import replace
+from typing import Any
+
+import viser
+
+from rona_core.app.hub import Hub
+from rona_core.app.imports import replayed_pointer
+from rona_core.app.jobs import JobStatus
+from rona_core.app.queries import StepState, step_states
+from rona_core.app.views import motion_times
+from rona_core.app.workbench import Workbench
+from rona_core.errors import CancelledError, NotFoundError
+from rona_core.session.document import Session
+from rona_ui.labels import in_words, place_of
+from rona_ui.refusals import Refusals
+from rona_ui.view_state import Picture, ViewState
+from rona_ui.viewer.bindings import TITLES, Bindings, notify
+from rona_ui.window.background_figures import Behind
+from rona_ui.window.browser import Browser
+
+TICK_S = 1.0 / 30.0  # while something moves
+BRAND = (0, 91, 143)
+IDLE_S = 0.5  # while nothing does; a change wakes the thread at once
+
+
+class Window:
+    """Follows the current session of a hub and draws it for every browser."""
+
+    def __init__(self, server: viser.ViserServer, hub: Hub) -> None:
+        self._server, self._hub = server, hub
+        self._lock = threading.Lock()
+        self._browsers: dict[int, Browser] = {}
+        self._changed = threading.Event()
+        self._open = True
+        self._refusals = Refusals()
+        self._follows: tuple[str, Callable[[], None]] | None = None
+        self._steps: tuple[Session, tuple[StepState, ...]] | None = None
+        self._told: set[str] = set()  # failed jobs that were told
+        self._last_s = time.monotonic()
+        self.bindings = Bindings(hub, self._refuse)
+        self._behind = Behind(self.wake)
+        self._unsubscribe_hub = hub.subscribe(self.wake)
+        server.scene.world_axes.visible = False
+        server.gui.configure_theme(
+            brand_color=BRAND, show_logo=False, show_share_button=False, dark_mode=False
+        )
+        server.on_client_connect(self._enter)
+        server.on_client_disconnect(self._leave)
+        self._thread = threading.Thread(target=self._run, name="rona-window", daemon=True)
+        self._thread.start()
+
+    def wake(self) -> None:
+        """Have the window drawn soon."""
+        self._changed.set()
+
+    def close(self) -> None:
+        """Stop drawing and listening; a second call does nothing."""
+        self._open = False
+        self._unsubscribe_hub()
+        self._unfollow()
+        self.bindings.close()
+        self._behind.close()
+        self.wake()
+        self._thread.join(timeout=1.0)
+
+    # -------------------------------------------------------------- browsers come and go
+
+    @property
+    def browsers(self) -> tuple[Browser, ...]:
+        """The browsers that are drawn for."""
+        with self._lock:
+            return tuple(self._browsers.values())
+
+    def _enter(self, client: viser.ClientHandle) -> None:
+        if not self._is_here(client):
+            return
+        browser = Browser(client, self._hub, self.bindings, self.wake)
+        with self._lock:
+            self._browsers[client.client_id] = browser
+        if not self._is_here(client):  # it left meanwhile, and was told to before it was stored
+            self._leave(client)
+        self.wake()
+
+    def _is_here(self, client: viser.ClientHandle) -> bool:
+        """Return whether a browser is connected; viser forgets it before it tells ``_leave``."""
+        return client.client_id in self._server.get_clients()
+
+    def _leave(self, client: viser.ClientHandle) -> None:
+        with self._lock:
+            self._browsers.pop(client.client_id, None)
+
+    def _refuse(self, client: Any, title: str, body: str) -> None:
+        """Keep what a browser was refused, for the log."""
+        with self._lock:
+            browser = self._browsers.get(getattr(client, "client_id", -1))
+        with contextlib.suppress(NotFoundError):  # no session is open: no log either
+            session = self._hub.get().session
+            where = place_of(None if browser is None else browser.view.step)
+            self._refusals.add(session.id, len(session.log), where, title, body)
+        self._refusals.keep_only(self._hub.ids())
+        self.wake()
+
+    # -------------------------------------------------------------- the drawing thread
+
+    def _run(self) -> None:
+        quick = False
+        while self._open:
+            self._changed.wait(TICK_S if quick else IDLE_S)
+            self._changed.clear()
+            try:
+                quick = self._tick()
+            except NotFoundError:
+                quick = False  # no session is open
+            except Exception:  # a defect in drawing must not stop the window
+                traceback.print_exc(file=sys.stderr)
+                quick = False
+
+    def _tick(self) -> bool:
+        """Draw what has changed; return whether something moves."""
+        bench = self._hub.get()
+        self._follow(bench)
+        browsers = self.browsers
+        now_s = time.monotonic()
+        elapsed_s, self._last_s = now_s - self._last_s, now_s
+        job = _newest(bench)
+        self._tell_failure(bench, job, browsers)
+        base = self._picture(bench, job)
+        for browser in browsers:
+            if browser.view.playing:
+                _advance(browser, bench.session, elapsed_s)
+            self._draw(browser, replace(base, view=browser.view))
+        return base.busy or any(b.view.playing for b in browsers)
+
+    def _draw(self, browser: Browser, picture: Picture) -> None:
+        try:
+            browser.draw(picture)
+        except Exception:  # one browser that fails must not hold up the others
+            traceback.print_exc(file=sys.stderr)
+
+    def _picture(self, bench: Workbench, job: JobStatus | None) -> Picture:
+        session = bench.session
+        if self._steps is None or self._steps[0] is not session:
+            self._steps = session, step_states(session)
+        busy = job is not None and not job.finished
+        facts = self._behind.ask(bench, session, busy)
+        live = bench.live.get()
+        pointer = replayed_pointer(session, live)
+        if live.origin is None and busy and facts.rig is not None:
+            pointer = facts.rig.display.T_base_pointermarker()
+        return Picture(
+            session=session,
+            view=ViewState(),
+            steps=self._steps[1],
+            live=live,
+            job=job,
+            backdrop=facts.backdrop,
+            T_base_pointermarker=pointer,
+            figures=facts.figures,
+            turning=busy and bench.pointer_in_hand(),
+            saved=self._hub.is_saved(session.id),
+            copy=self._hub.copy_state(session.id),
+            can_undo=bench.store.can_undo,
+            can_redo=bench.store.can_redo,
+            changes=self._hub.has_changes(session.id),
+            recovered=self._hub.is_recovered(session.id),
+            opened=tuple((b.session.id, b.session.name) for b in self._hub.all()),
+            files=self._hub.files(),
+            refused=self._refusals.count,
+            refusals=self._refusals.of(session.id),
+        )
+
+    def _follow(self, bench: Workbench) -> None:
+        """Be woken by the store and the jobs of the current session."""
+        key = bench.session.id
+        if self._follows is not None and self._follows[0] == key:
+            return
+        self._unfollow()
+        ends = (
+            bench.store.subscribe(lambda old, new: self.wake()),
+            bench.jobs.subscribe(lambda status: self.wake()),
+        )
+
+        def unfollow() -> None:
+            for end in ends:
+                end()
+
+        self._follows = key, unfollow
+        self._told = {status.id for status in bench.jobs.all() if status.finished}
+
+    def _unfollow(self) -> None:
+        if self._follows is not None:
+            self._follows[1]()
+            self._follows = None
+
+    def _tell_failure(
+        self, bench: Workbench, job: JobStatus | None, browsers: tuple[Browser, ...]
+    ) -> None:
+        if job is None or not job.finished or job.id in self._told:
+            return
+        self._told.add(job.id)
+        if job.error is None or job.error_code == CancelledError.code:
+            return
+        known = job.error_code in TITLES
+        title = TITLES.get(job.error_code or "", "Internal error")
+        body = (
+            in_words(job.error) if known else "A defect in RONA; the server's log has the details."
+        )
+        session = bench.session
+        where = place_of(None, job.activity)
+        self._refusals.add(session.id, len(session.log), where, title, body)
+        for browser in browsers:
+            notify(browser.client, title, body, "orange" if known else "red")
+
+
+def _newest(bench: Workbench) -> JobStatus | None:
+    """Return the job that is under way, else the one started last."""
+    jobs = bench.jobs.all()
+    running = [status for status in jobs if not status.finished]
+    return running[-1] if running else jobs[-1] if jobs else None
+
+
+def _advance(browser: Browser, session: Session, elapsed_s: float) -> None:
+    """Move the replay cursor on; at the end it stops."""
+    times = motion_times(session, second=browser.view.second)
+    if times is None:
+        browser.change_view(lambda v: replace(v, playing=False))
+        return
+
+    def step(view: ViewState) -> ViewState:
+        at = (view.cursor or 0.0) + elapsed_s * view.speed / max(times[0], 1e-9)
+        return replace(view, cursor=min(at, 1.0), playing=at < 1.0)
+
+    browser.change_view(step)
+
+
+def open_window(server: viser.ViserServer, hub: Hub) -> Window:
+    """Show the current session of ``hub`` in every browser that comes to ``server``."""
+    return Window(server, hub)

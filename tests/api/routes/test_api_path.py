@@ -1,0 +1,69 @@
+"""Steps 5 and 6 over REST: parameters, patterns and changes by hand; refusals change nothing."""
+
+from pathlib import Path
+
+import pytest
+
+FILE = Path(__file__).parents[2] / "contract" / "sessions" / "schema_1.rona"
+FIRST = (
+    ("RegisterTool", {"method": "paper"}),
+    ("CalibratePointer", {"method": "sphere"}),
+    ("BuildSurface", {}),
+    ("BuildPath", {}),
+    ("SmoothScanPath", {"tolerance_mm": 1.5}),
+)
+
+
+@pytest.fixture
+def address(client):
+    opened = client.post("/sessions/upload", content=FILE.read_bytes())
+    assert opened.status_code < 300, opened.text
+    address = f"/sessions/{opened.json()['id']}"
+    for name, body in FIRST:
+        assert client.post(f"{address}/commands/{name}", json=body).status_code == 200
+    yield address
+    client.delete(address)
+
+
+def smoothing(client, address):
+    return client.get(f"{address}/results/smoothing").json()["results"]["smoothing"]["value"]
+
+
+def test_points_of_the_path_are_moved_and_taken_back_over_rest(client, address):
+    before = smoothing(client, address)
+    assert before["simplified"]["method"] == "optimal"
+    assert before["simplified"]["exact"]
+    assert max(before["from_filtered_mm"]) <= 1.5 + 1e-9
+    x, y, z = before["corners_base"][2]
+    body = {"index": 2, "point_base_mm": [x + 2.0, y, z]}
+    assert client.post(f"{address}/commands/MovePathPoint", json=body).status_code == 200
+    after = smoothing(client, address)
+    assert before["corners_base"][2] not in after["corners_base"]
+    assert client.post(f"{address}/undo").status_code == 200
+    assert smoothing(client, address) == before
+
+
+def test_a_change_that_cannot_be_made_is_a_problem_and_changes_nothing(client, address):
+    before = smoothing(client, address)
+    for name, body, status, code in (
+        ("DeletePathPoint", {"index": 999}, 422, "invalid_input"),
+        ("MovePathPoint", {"index": 1, "point_base_mm": [0, 0, 0]}, 409, "degenerate_geometry"),
+        ("InsertPathPoint", {"after": 0}, 422, "invalid_input"),
+        ("DrawPattern", {"kind": "zigzag"}, 422, "invalid_input"),
+        ("DrawPattern", {"boundary_base_mm": [[0, 0, 0]]}, 422, "invalid_input"),
+    ):
+        answer = client.post(f"{address}/commands/{name}", json=body)
+        assert (answer.status_code, answer.json()["code"]) == (status, code), name
+    assert smoothing(client, address) == before
+
+
+def test_a_pattern_is_made_smoothed_and_reproduced_over_rest(client, address, replayed):
+    body = {"kind": "spiral", "spacing_mm": 5.0, "radius_mm": 15.0}
+    assert client.post(f"{address}/commands/DrawPattern", json=body).status_code == 200
+    assert client.post(f"{address}/commands/SmoothScanPath", json={}).status_code == 200
+    states = {s["name"]: s["state"] for s in client.get(f"{address}/steps").json()}
+    assert (states["path"], states["smoothing"], states["roll"]) == ("done", "done", "ready")
+    found = replayed(address.rpartition("/")[2])
+    same = {r["result"]: r["stored"] == r["recomputed"] for r in found["results"]}
+    assert same["path"]
+    assert same["smoothing"]

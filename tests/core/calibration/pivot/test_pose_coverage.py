@@ -1,0 +1,150 @@
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from scipy.spatial.transform import Rotation
+
+from rona_core.calibration.handheld.pointer import calibrate_pointer
+from rona_core.calibration.pivot.pose_coverage import (
+    RINGS_DEG,
+    SECTORS,
+    next_best_pose,
+    swing_coverage,
+)
+from rona_core.calibration.tracking_error.marker_noise import EVEN, MarkerNoise
+from rona_core.errors import DegenerateGeometryError, InvalidInputError
+from rona_core.geometry.pose import Poses
+from tests.helpers.pivots import GEOMETRY, TIPS, pose_sweep
+from tests.helpers.strategies import seeds
+
+few = settings(max_examples=15, deadline=None)
+DEPTH = MarkerNoise()
+
+
+def tilted(tilts_deg, azimuths_deg, dof=6):
+    """Return poses whose shaft, upright in y, is tilted towards azimuths (0: +z, 90: +x)."""
+    along = Rotation.from_euler("x", 180.0 if dof == 6 else 90.0, degrees=True)
+    azimuths, tilts = np.deg2rad(azimuths_deg), np.deg2rad(tilts_deg)
+    toward = np.column_stack((np.sin(azimuths), np.zeros(len(tilts)), np.cos(azimuths)))
+    up = -(along.as_matrix() @ TIPS[dof]) / np.linalg.norm(TIPS[dof])
+    turns = tilts[:, None] * np.cross(up, toward)
+    R = (Rotation.from_rotvec(turns) * along).as_matrix()
+    return Poses(R, np.array((0.0, 0.0, 1900.0)) - R @ TIPS[dof])
+
+
+def ring(tilt_deg, step_deg=10.0):
+    azimuths = np.arange(0.5 * step_deg, 360.0, step_deg)
+    return tilted(np.full(len(azimuths), tilt_deg), azimuths)
+
+
+def test_an_even_ring_is_counted_sector_by_sector():
+    found = swing_coverage(ring(15.0), TIPS[6])
+    assert found.counts.shape == (len(RINGS_DEG) - 1, SECTORS)
+    np.testing.assert_array_equal(found.counts[1], 3)
+    assert found.counts.sum() == 36
+    np.testing.assert_allclose(found.tilts_deg, 15.0, atol=1e-6)
+    np.testing.assert_allclose(np.diff(np.sort(found.azimuths_deg)), 10.0, atol=1e-6)
+    assert found.gap_deg == pytest.approx(10.0, abs=1e-6)
+
+
+def test_the_gap_of_a_swing_is_found_where_it_is():
+    whole = swing_coverage(ring(20.0), TIPS[6])
+    poses = ring(20.0)
+    kept = (whole.azimuths_deg < 95.0) | (whole.azimuths_deg > 195.0)
+    found = swing_coverage(poses.select(kept), TIPS[6])
+    assert found.gap_deg > 80.0
+    away = (found.gap_azimuth_deg - 145.0 + 180.0) % 360.0 - 180.0
+    assert abs(away) < 15.0
+    still = swing_coverage(tilted(np.zeros(5), np.zeros(5)), TIPS[6])
+    assert still.gap_deg == 360.0
+
+
+@given(seed=seeds)
+@few
+def test_each_pose_is_counted_once_and_the_directions_are_those_of_the_shaft(seed):
+    poses = pose_sweep(np.random.default_rng(seed), 6, DEPTH, cone_deg=35.0)
+    found = swing_coverage(poses, TIPS[6])
+    assert found.counts.sum() == 100
+    np.testing.assert_allclose(np.linalg.norm(found.directions_tracker, axis=1), 1.0)
+    cosines = found.directions_tracker @ found.axis_tracker
+    np.testing.assert_allclose(np.cos(np.deg2rad(found.tilts_deg)), cosines, atol=1e-9)
+
+
+def in_one_plane(azimuth_deg):
+    """Return a swing to and fro along one azimuth, hardly across it."""
+    tilts = np.array([20.0, 10.0, 1.0, 10.0, 20.0, 2.0])
+    return tilted(tilts, azimuth_deg + np.array([0.0, 0.0, 90.0, 180.0, 180.0, 80.0]))
+
+
+@pytest.mark.parametrize(
+    ("azimuth", "sides"),
+    [(90.0, ("away from the tracker", "towards the tracker")), (0.0, ("+x side", "-x side"))],
+)
+def test_the_next_pose_goes_across_a_swing_in_one_plane_and_words_say_where(azimuth, sides):
+    poses = in_one_plane(azimuth)
+    best = next_best_pose(poses, TIPS[6], GEOMETRY[6], dof=6, sigma_mm=0.35, noise=EVEN)
+    assert best.tilt_deg == 30.0
+    assert best.tip_sigma_mm < 0.8 * best.tip_sigma_before_mm
+    chosen = [side for side in sides if side in best.words]
+    assert len(chosen) == 1
+    depth = "tracker" in chosen[0]
+    moved = best.direction_tracker - swing_coverage(poses, TIPS[6]).axis_tracker
+    along = moved[2] if depth else moved[0]
+    assert along * (1.0 if chosen[0] in ("away from the tracker", "+x side") else -1.0) > 0.4
+    limited = next_best_pose(
+        poses, TIPS[6], GEOMETRY[6], dof=6, sigma_mm=0.35, noise=EVEN, max_tilt_deg=12.0
+    )
+    assert limited.tilt_deg <= 10.0
+    assert limited.tip_sigma_mm > best.tip_sigma_mm
+
+
+@pytest.mark.parametrize("dof", [6, 5])
+@few
+@given(seed=seeds)
+def test_no_random_tilt_tells_more_than_the_best_one(dof, seed):
+    rng = np.random.default_rng(seed)
+    poses = pose_sweep(rng, dof, DEPTH, n=8, cone_deg=15.0)
+    best = next_best_pose(poses, TIPS[dof], GEOMETRY[dof], dof=dof, sigma_mm=0.35)
+    start = poses.mean().rotation
+    before, after = [], []
+    for azimuth in rng.uniform(0.0, 2.0 * np.pi, 5):
+        # a tilt of the shaft by 30 degrees in any direction
+        shaft = -(start @ TIPS[dof]) / np.linalg.norm(TIPS[dof])
+        across = np.linalg.svd(shaft[None])[2][1:]
+        axis = np.cos(azimuth) * across[0] + np.sin(azimuth) * across[1]
+        R = Rotation.from_rotvec(np.deg2rad(30.0) * axis).as_matrix() @ start
+        more = Poses(
+            np.concatenate((poses.rotations, R[None])), np.zeros((9, 3))
+        )  # where it is does not matter to what it tells
+        tried = next_best_pose(more, TIPS[dof], GEOMETRY[dof], dof=dof, sigma_mm=0.35)
+        before.append(tried.tip_sigma_before_mm)
+        after.append(best.tip_sigma_mm)
+    assert (np.array(after) <= 1.02 * np.array(before)).all()  # the grid has steps of 30 degrees
+
+
+def test_the_predicted_error_is_that_of_the_calibration():
+    poses = pose_sweep(np.random.default_rng(3), 6, DEPTH)
+    found = calibrate_pointer(poses, pointer="p", dof=6, positions_pointermarker=GEOMETRY[6])
+    best = next_best_pose(
+        poses, found.tip_pointermarker, GEOMETRY[6], dof=6, sigma_mm=found.marker_sigma_mm
+    )
+    assert best.tip_sigma_before_mm == pytest.approx(found.tip_sigma_mm, rel=0.06)
+
+
+def test_along_the_line_of_sight_the_axes_of_the_tracker_are_named():
+    R = Rotation.from_euler("x", 90.0, degrees=True).as_matrix()  # shaft along -z
+    turns = Rotation.from_rotvec([[0.2, 0, 0], [-0.2, 0, 0], [0, 0.2, 0], [0, -0.2, 0]])
+    poses = Poses(turns.as_matrix() @ R, np.zeros((4, 3)))
+    best = next_best_pose(poses, TIPS[6], GEOMETRY[6], dof=6, sigma_mm=0.35)
+    assert "counted from +y to +x of the tracker" in best.words
+
+
+def test_what_has_no_answer_is_refused():
+    one = ring(10.0).select([0, 0, 0])
+    with pytest.raises(InvalidInputError, match="no poses"):
+        swing_coverage(Poses.stack([]), TIPS[6])
+    with pytest.raises(DegenerateGeometryError, match="no shaft"):
+        swing_coverage(ring(10.0), np.zeros(3))
+    with pytest.raises(DegenerateGeometryError, match="leave the tip open"):
+        next_best_pose(one, TIPS[6], GEOMETRY[6], dof=6, sigma_mm=0.3)
+    with pytest.raises(InvalidInputError, match="max_tilt_deg"):
+        next_best_pose(ring(10.0), TIPS[6], GEOMETRY[6], dof=6, sigma_mm=0.3, max_tilt_deg=2.0)

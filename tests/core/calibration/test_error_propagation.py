@@ -1,0 +1,116 @@
+import numpy as np
+import pytest
+from hypothesis import given, settings
+
+from rona_core.calibration.error_propagation import (
+    MapSetup,
+    monte_carlo,
+    pose_covariance,
+    predict_map_error,
+)
+from rona_core.calibration.tracking_error.marker_noise import EVEN, MarkerNoise
+from rona_core.devices.marker_geometry import GEOMETRIES
+from rona_core.errors import CancelledError, InvalidInputError
+from rona_core.geometry.pose import Pose, Poses
+from rona_core.geometry.pose_covariance import deviation_between
+from rona_core.geometry.rigid_fit import fit_rigid
+from tests.helpers.strategies import random_pose, random_rotation, seeds, swings
+
+POINTER = GEOMETRIES["pointer6d"]
+STRESS = MarkerNoise(sigma_mm=0.35)
+
+
+def setup(rng, **changes):
+    root = rng.normal(size=(12, 12)) * np.tile(np.repeat((2e-4, 0.1), 3), 2)[:, None]
+    values = {
+        "T_base_tracker": random_pose(rng, 1500),
+        "registration": root @ root.T / 12,
+        "tip_pointermarker": POINTER.nominal_tip_marker,
+        "tip_covariance": np.diag((0.01, 0.02, 0.04)),
+        "positions_pointermarker": POINTER.positions_marker,
+        "noise": STRESS,
+    }
+    return MapSetup(**(values | changes))
+
+
+def poses(rng, n=12):
+    rotations = random_rotation(rng) @ swings(rng, n, 40.0)
+    return Poses(rotations, rng.uniform(-60, 60, (n, 3)) + (0.0, 0.0, 1900.0))
+
+
+@pytest.mark.parametrize("n_averaged", [1, 5])
+def test_the_prediction_is_what_a_simulation_gives(n_averaged):
+    rng = np.random.default_rng(4)
+    wanted = setup(rng, n_averaged=n_averaged, bias_mm=0.2)
+    pointer = poses(rng)
+    expected, simulated = predict_map_error(wanted, pointer), monte_carlo(wanted, pointer, seed=2)
+    for name in ("registration_rms_mm", "pointer_rms_mm", "frame_rms_mm", "rms_mm"):
+        assert getattr(expected, name) == pytest.approx(getattr(simulated, name), rel=0.06), name
+    size = np.sqrt(np.trace(expected.total, axis1=1, axis2=2))[:, None, None]
+    np.testing.assert_allclose(expected.total / size**2, simulated.total / size**2, atol=0.12)
+    parts = (expected.registration_rms_mm, expected.pointer_rms_mm, expected.frame_rms_mm, 0.2)
+    assert expected.rms_mm == pytest.approx(np.linalg.norm(parts))
+
+
+@given(seed=seeds)
+@settings(max_examples=10, deadline=None)
+def test_moving_the_base_turns_the_errors_with_it(seed):
+    rng = np.random.default_rng(seed)
+    first, pointer = setup(rng), poses(rng, 3)
+    T_a_base = random_pose(rng)
+    turn = np.kron(np.eye(2), T_a_base.rotation)
+    second = setup(
+        np.random.default_rng(seed),
+        T_base_tracker=T_a_base @ first.T_base_tracker,
+        registration=turn @ first.registration[:6, :6] @ turn.T,
+    )
+    before, after = predict_map_error(first, pointer), predict_map_error(second, pointer)
+    np.testing.assert_allclose(
+        after.total, T_a_base.rotation @ before.total @ T_a_base.rotation.T, atol=1e-6
+    )
+    assert after.rms_mm == pytest.approx(before.rms_mm, abs=1e-7)
+
+
+def test_averaging_reduces_the_error_of_the_frame_only():
+    rng = np.random.default_rng(5)
+    pointer = poses(rng)
+    one = predict_map_error(setup(np.random.default_rng(6)), pointer)
+    many = predict_map_error(setup(np.random.default_rng(6), n_averaged=25), pointer)
+    assert many.frame_rms_mm == pytest.approx(one.frame_rms_mm / 5)
+    assert many.pointer_rms_mm == pytest.approx(one.pointer_rms_mm)
+    assert many.registration_rms_mm == pytest.approx(one.registration_rms_mm)
+
+
+@pytest.mark.parametrize("noise", [STRESS, MarkerNoise(EVEN.depth_ratio, 0.35)])
+def test_the_covariance_of_a_frame_is_that_of_many_fits(noise):
+    rng = np.random.default_rng(7)
+    truth = Pose(random_rotation(rng), np.array((50.0, -80.0, 1900.0)))
+    markers = truth @ POINTER.positions_marker
+    offs = []
+    for _ in range(2500):
+        error = noise.sigma_mm * noise.shape() * rng.normal(size=markers.shape)
+        offs.append(deviation_between(truth, fit_rigid(POINTER.positions_marker, markers + error)))
+    expected = pose_covariance(truth, POINTER.positions_marker, noise)
+    size = np.sqrt(np.diag(expected))
+    np.testing.assert_allclose(
+        np.cov(np.transpose(offs)) / np.outer(size, size),
+        expected / np.outer(size, size),
+        atol=0.1,
+    )
+
+
+def test_a_setup_that_says_too_little_is_refused():
+    rng = np.random.default_rng(8)
+    with pytest.raises(InvalidInputError, match="needs a size"):
+        setup(rng, noise=MarkerNoise())
+    with pytest.raises(InvalidInputError, match="n_averaged"):
+        setup(rng, n_averaged=0)
+    with pytest.raises(InvalidInputError, match=r"\(6, 6\)"):
+        setup(rng, registration=np.eye(5))
+    with pytest.raises(InvalidInputError, match=r"\(3, 3\)"):
+        setup(rng, tip_covariance=np.eye(2))
+    with pytest.raises(CancelledError):
+        monte_carlo(setup(rng), poses(rng), cancel=lambda: True)
+    shares = []
+    monte_carlo(setup(rng), poses(rng, 2), draws=4, progress=shares.append)
+    assert shares == [0.25, 0.5, 0.75, 1.0]

@@ -1,0 +1,198 @@
+"""Damaged files of every format: only errors of RONA escape from the readers."""
+
+import contextlib
+import gzip
+import io
+import json
+import os
+import zipfile
+from hashlib import sha256
+from pathlib import Path
+
+import nibabel
+import nrrd
+import numpy as np
+import pytest
+import trimesh
+
+from rona_core.devices.files.ndi_rom import rom_bytes, rom_from_bytes, tool_file_of
+from rona_core.devices.files.poses.igs_mha import read_igs_mha
+from rona_core.devices.files.poses.pivot_recordings import read_pivot
+from rona_core.devices.files.rf.rf_data import read_rf
+from rona_core.devices.files.text_tables import NamedFile
+from rona_core.devices.marker_geometry import GEOMETRIES
+from rona_core.errors import RonaError
+from rona_core.session.files import session_from_bytes
+from rona_core.virtual.specimen.imported.mesh_reader import read_mesh
+from rona_core.virtual.specimen.imported.volume_reader import read_volume
+from tests.core.devices.files.test_rf_data import hdf5, mat, npz
+
+MANY = int(os.environ.get("RONA_FUZZ", "1"))  # times as many mutations
+OLD = Path(__file__).resolve().parents[3] / "contract" / "sessions" / "schema_2.rona"
+WORDS = (b"0", b"-1", b"nan", b"1e999", b"99999999999999999999", b"\0", b"\xff", b"\n", b"=", b":")
+
+
+def mutated(data, rng):
+    """Some bytes changed, cut out, doubled or exchanged for a word."""
+    data = bytearray(data)
+    for _ in range(rng.integers(1, 5)):
+        at = int(
+            rng.integers(0, max(1, len(data) - 1) if rng.random() < 0.5 else min(400, len(data)))
+        )
+        match int(rng.integers(0, 6)):
+            case 0:
+                data[at] ^= 1 << int(rng.integers(0, 8))
+            case 1:
+                data[at : at + int(rng.integers(1, 9))] = rng.bytes(int(rng.integers(1, 9)))
+            case 2:
+                del data[at : at + int(rng.integers(1, 40))]
+            case 3:
+                data[at:at] = data[at : at + int(rng.integers(1, 40))]
+            case 4:
+                data[at : at + 1] = WORDS[int(rng.integers(0, len(WORDS)))]
+            case _:
+                del data[int(rng.integers(len(data) // 2, len(data))) :]
+        if not data:
+            break
+    return bytes(data)
+
+
+def poses():
+    row = "1 0 0 10\n0 1 0 20\n0 0 1 900\n0 0 0 1\n"
+    return "".join(row for _ in range(3)).encode()
+
+
+def zipped():
+    out = io.BytesIO()
+    with zipfile.ZipFile(out, "w", zipfile.ZIP_DEFLATED) as archive:
+        for i in range(3):
+            archive.writestr(f"{i}.txt", poses())
+    return out.getvalue()
+
+
+def sequence():
+    lines = ["ObjectType = Image", "NDims = 3", "DimSize = 1 1 2", "ElementType = MET_UCHAR"]
+    for i in range(2):
+        lines += [
+            f"Seq_Frame{i:04d}_StylusToTrackerTransform = 1 0 0 1 0 1 0 2 0 0 1 900 0 0 0 1",
+            f"Seq_Frame{i:04d}_StylusToTrackerTransformStatus = OK",
+            f"Seq_Frame{i:04d}_Timestamp = {i}.5",
+        ]
+    return "\n".join([*lines, "ElementDataFile = LOCAL\n"]).encode() + bytes(2)
+
+
+def ball():
+    side = np.mgrid[-12:13, -12:13, -12:13] * 2.0
+    return ((side**2).sum(axis=0) < 20.0**2).astype(np.uint8)
+
+
+def nifti():
+    return nibabel.Nifti1Image(ball(), np.diag((2.0, 2.0, 2.0, 1.0))).to_bytes()
+
+
+def nrrd_bytes(tmp_path, encoding):
+    nrrd.write(str(tmp_path / "x.nrrd"), ball(), {"encoding": encoding, "spacings": [2.0] * 3})
+    return (tmp_path / "x.nrrd").read_bytes()
+
+
+def mesh(kind):
+    made = trimesh.creation.icosphere(2, 70.0).export(file_type=kind)
+    return made if isinstance(made, bytes) else made.encode()
+
+
+def volume(name):
+    def read(data, tmp_path):
+        (tmp_path / name).write_bytes(data)
+        read_volume(tmp_path / name, 0.5)
+
+    return read
+
+
+def surface(name):
+    def read(data, tmp_path):
+        (tmp_path / name).write_bytes(data)
+        read_mesh(tmp_path / name)
+
+    return read
+
+
+FORMATS = {
+    "pivot text": (lambda p: poses(), lambda d, p: read_pivot([NamedFile("a.txt", d)]), 400),
+    "pivot zip": (lambda p: zipped(), lambda d, p: read_pivot([NamedFile("a.zip", d)]), 400),
+    "igs.mha": (lambda p: sequence(), lambda d, p: read_igs_mha(d), 400),
+    "rom": (
+        lambda p: rom_bytes(tool_file_of(GEOMETRIES["pointer6d"])),
+        lambda d, p: rom_from_bytes(d),
+        400,
+    ),
+    "npz": (lambda p: npz().data, lambda d, p: read_rf(NamedFile("a", d)), 300),
+    "h5": (lambda p: hdf5().data, lambda d, p: read_rf(NamedFile("a", d)), 8),
+    "mat": (lambda p: mat().data, lambda d, p: read_rf(NamedFile("a", d)), 8),
+    "nii": (lambda p: nifti(), volume("a.nii"), 300),
+    "nii.gz": (lambda p: gzip.compress(nifti()), volume("a.nii.gz"), 200),
+    "nrrd": (lambda p: nrrd_bytes(p, "gzip"), volume("a.nrrd"), 300),
+    "nrrd, raw": (lambda p: nrrd_bytes(p, "raw"), volume("a.nrrd"), 200),
+    "nrrd, text": (lambda p: nrrd_bytes(p, "ascii"), volume("a.nrrd"), 100),
+    "stl": (lambda p: mesh("stl"), surface("a.stl"), 4),
+    "ply": (lambda p: mesh("ply"), surface("a.ply"), 4),
+    "obj": (lambda p: mesh("obj"), surface("a.obj"), 4),
+    "session": (lambda p: OLD.read_bytes(), lambda d, p: session_from_bytes(d), 150),
+}
+
+
+@pytest.mark.parametrize(("make", "read", "count"), FORMATS.values(), ids=FORMATS)
+def test_only_errors_of_rona_escape(make, read, count, tmp_path):
+    data, rng = make(tmp_path), np.random.default_rng(7)
+    with contextlib.suppress(RonaError):  # what is not damaged may be refused too, as too small
+        read(data, tmp_path)
+    for _ in range(count * MANY):
+        with contextlib.suppress(RonaError):
+            read(mutated(data, rng), tmp_path)
+
+
+# ------------------------------------------------------------------ what a sealed session says
+
+VALUES = (None, [], {}, "", "x", 0, -1, 10**30, 1e300, True, [[]], [1], {"array": []}, {"$type": 1})
+
+
+def places(value, found):
+    """Every object and list in plain values."""
+    if isinstance(value, dict | list):
+        found.append(value)
+        for item in value.values() if isinstance(value, dict) else value:
+            places(item, found)
+    return found
+
+
+@pytest.mark.filterwarnings("ignore::RuntimeWarning")  # numbers that overflow are refused after
+def test_only_errors_of_rona_escape_from_sealed_sessions():
+    rng = np.random.default_rng(8)
+    with zipfile.ZipFile(OLD) as archive:
+        members = {name: archive.read(name) for name in archive.namelist()}
+    text = members.pop("manifest.json")
+    arrays = [name for name in members if name.endswith(".npy")]
+    for _ in range(200 * MANY):
+        manifest, changed = json.loads(text), dict(members)
+        for _ in range(int(rng.integers(1, 4))):
+            inside = places({k: v for k, v in manifest.items() if k != "sha256"}, [])
+            place = inside[int(rng.integers(0, len(inside)))]
+            keys = list(place) if isinstance(place, dict) else list(range(len(place)))
+            if not keys:
+                continue
+            key = keys[int(rng.integers(0, len(keys)))]
+            match int(rng.integers(0, 4)):
+                case 0:
+                    del place[key]
+                case 1:
+                    name = arrays[int(rng.integers(0, len(arrays)))]
+                    changed[name] = mutated(changed[name], rng)
+                case _:
+                    place[key] = VALUES[int(rng.integers(0, len(VALUES)))]
+        manifest["sha256"] = {name: sha256(data).hexdigest() for name, data in changed.items()}
+        out = io.BytesIO()
+        with zipfile.ZipFile(out, "w") as archive:
+            archive.writestr("manifest.json", json.dumps(manifest))
+            for name, data in changed.items():
+                archive.writestr(name, data)
+        with contextlib.suppress(RonaError):
+            session_from_bytes(out.getvalue())

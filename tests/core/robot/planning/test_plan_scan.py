@@ -1,0 +1,448 @@
+"""Timing, verification and the plan that ties them together."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from benchmarks.patch_scenes import dense_path, serpentine
+from rona_core.app.procedure import why_no_plan
+from rona_core.errors import (
+    CancelledError,
+    DegenerateGeometryError,
+    InvalidInputError,
+    NotReachableError,
+)
+from rona_core.geometry.arrays import readonly
+from rona_core.geometry.path5d import Path5D
+from rona_core.geometry.pose import Pose
+from rona_core.robot.collision.obstacles import Box, Obstacle, Obstacles
+from rona_core.robot.kinematics.catalog import robot_model
+from rona_core.robot.kinematics.joint_limits import JointLimits
+from rona_core.robot.planning.plan_scan import PlanSettings, choose_roll, plan_scan
+from rona_core.robot.trajectory.joint_moves import TIP_SPEED_MM_PER_S, plan_joint_move
+from rona_core.robot.trajectory.resample import dense
+from rona_core.robot.trajectory.scan_timing import ScanSettings
+from rona_core.robot.trajectory.trajectory import Trajectory
+from rona_core.robot.verification.verifier import verify_motion, verify_scan
+
+RX90 = robot_model("rx90")
+SPEED = 20.0
+SETTINGS = PlanSettings(n_rolls=36, scan=ScanSettings(scan_speed_mm_per_s=SPEED))
+
+
+@pytest.fixture(scope="module")
+def path():
+    return dense_path("S1", lines=4, per_line=5, half_mm=25.0)
+
+
+@pytest.fixture(scope="module")
+def plan(path):
+    return plan_scan(path, RX90, SETTINGS)
+
+
+def tampered(plan, **parts):
+    trajectory = plan.trajectory
+    arrays = {name: readonly(np.array(value)) for name, value in parts.items()}
+    return replace(trajectory, **arrays)
+
+
+def failing(plan, trajectory):
+    certificate = verify_scan(RX90, trajectory, plan.path, plan.rolls_rad, SPEED)
+    assert certificate.certified == (not certificate.failures())
+    assert not certificate.certified
+    assert not certificate.certifies(trajectory)
+    return {check.name: check for check in certificate.failures()}
+
+
+def test_a_plan_is_certified_and_its_certificate_is_for_this_motion_alone(plan):
+    assert plan.may_move
+    assert plan.mode == "constant"
+    assert plan.verdicts[plan.chosen].feasible
+    assert len(plan.certificate.checks) == 20
+    moved = tampered(plan, qs_rad=plan.trajectory.qs_rad + 1e-12)
+    assert not plan.certificate.certifies(moved)
+    later = tampered(plan, times_s=plan.trajectory.times_s * 1.000001)
+    assert not plan.certificate.certifies(later)
+    assert not replace(plan, trajectory=moved).may_move
+    other = replace(plan.certificate, model="other")
+    assert not other.certifies(plan.trajectory)
+
+
+def test_the_trajectory_starts_and_ends_at_home_and_keeps_all_limits(plan):
+    trajectory = plan.trajectory
+    times, qs = trajectory.times_s, trajectory.qs_rad
+    np.testing.assert_array_equal(qs[0], RX90.home_rad)
+    np.testing.assert_array_equal(qs[-1], RX90.home_rad)
+    assert (RX90.limits.clearance_rad(qs) >= 0).all()
+    gap = times[1]
+    np.testing.assert_allclose(np.diff(times), gap, atol=1e-9)
+    speeds = np.diff(np.vstack((qs[:1], qs, qs[-1:])), axis=0) / gap
+    assert (np.abs(speeds) <= RX90.speed_rad_per_s).all()
+    accelerations = np.diff(speeds, axis=0) / gap
+    assert (np.abs(accelerations) <= RX90.acceleration_rad_per_s2).all()
+    tips = (RX90.forward(qs) @ RX90.T_flange_tip).translations
+    tip_speed = np.linalg.norm(np.diff(tips, axis=0), axis=1) / gap
+    assert tip_speed.max() <= TIP_SPEED_MM_PER_S
+
+
+def test_the_scan_runs_at_constant_speed_but_for_corners_and_ends(plan, path):
+    trajectory = plan.trajectory
+    inside = (trajectory.times_s >= trajectory.scan_start_s - 1e-9) & (
+        trajectory.times_s <= trajectory.scan_end_s + 1e-9
+    )
+    way, gap = trajectory.path_mm[inside], trajectory.times_s[1]
+    assert way[0] == 0
+    assert way[-1] == pytest.approx(path.arc_length_mm()[-1], abs=1e-9)
+    speed = np.diff(way) / gap
+    assert speed.max() <= SPEED * (1 + 1e-9)
+    assert np.mean(speed > 0.99 * SPEED) > 0.5
+    acceleration = np.diff(np.concatenate(([0.0], speed, [0.0]))) / gap
+    assert np.abs(acceleration).max() <= 250.0
+    jerk = np.diff(acceleration[:10]) / gap
+    assert np.abs(jerk).max() <= 2500.0 * 1.05
+    # slower at the corners, which lie where the direction turns by much
+    corner_mm = path.arc_length_mm()[1:-1][_turns(path) > np.deg2rad(60)]
+    at_corners = np.interp(corner_mm, way[1:], speed)
+    assert len(corner_mm) == 6
+    assert (at_corners < 0.7 * SPEED).all()
+    probe = (RX90.forward(trajectory.qs_rad[inside]) @ RX90.T_flange_probe).translations
+    felt = np.diff(probe, 2, axis=0) / gap**2
+    assert np.linalg.norm(felt, axis=1).max() <= 250.0 * 1.1
+
+
+def _turns(path):
+    steps = np.diff(path.points_base, axis=0)
+    steps /= np.linalg.norm(steps, axis=1, keepdims=True)
+    return np.arccos(np.clip(np.einsum("ij,ij->i", steps[1:], steps[:-1]), -1, 1))
+
+
+def test_the_probe_comes_and_goes_along_its_axis(plan, path):
+    trajectory = plan.trajectory
+    probe = RX90.forward(trajectory.qs_rad) @ RX90.T_flange_probe
+    for time_s, index, order in (
+        (trajectory.scan_start_s, 0, -1),
+        (trajectory.scan_end_s, -1, 1),
+    ):
+        contact = round(time_s / trajectory.times_s[1])
+        point, axis = path.points_base[index], path.axes_base[index]
+        np.testing.assert_allclose(probe.translations[contact], point, atol=1e-6)
+        rows = np.arange(contact, contact + order * 90, order)
+        away = probe.translations[rows] - point
+        height = -away @ axis
+        line = height <= 30.0 + 1e-6
+        assert np.linalg.norm(away + height[:, None] * axis, axis=1)[line].max() <= 0.01
+        assert height[line].max() > 10.0
+        assert (np.diff(height) >= -1e-9).all()
+
+
+def test_a_faster_scan_takes_less_time_and_a_slow_one_is_nearly_ideal(path, plan):
+    ideal_mm = path.arc_length_mm()[-1]
+    durations = []
+    for speed in (5.0, 20.0, 50.0):
+        settings = replace(SETTINGS, scan=ScanSettings(scan_speed_mm_per_s=speed))
+        again = choose_roll(plan, plan.chosen, RX90, settings)
+        assert again.may_move
+        durations.append(again.trajectory.scan_end_s - again.trajectory.scan_start_s)
+        assert durations[-1] >= ideal_mm / speed
+    assert durations[0] <= 1.02 * ideal_mm / 5.0
+    assert durations[0] > durations[1] > durations[2]
+
+
+@pytest.mark.parametrize("joint", range(6))
+def test_a_planted_jump_is_caught(plan, joint):
+    qs = plan.trajectory.qs_rad.copy()
+    middle = len(qs) // 2
+    qs[middle:, joint] += np.deg2rad(158.0)
+    caught = failing(plan, tampered(plan, qs_rad=qs))
+    assert caught["joint step"].index == middle
+    assert caught["joint step"].value == pytest.approx(158.0, abs=1.0)
+    assert {"joint speed", "joint acceleration"} <= set(caught)
+    assert "distance from the path" in caught or "roll of the probe" in caught
+
+
+def test_a_planted_jump_between_wrists_is_caught_though_the_pose_is_right(plan):
+    """The tool stays where it ought to be; only the arm flips over."""
+    qs = plan.trajectory.qs_rad.copy()
+    middle = len(qs) // 2
+    flip = np.array((0, 0, 0, np.pi, 0, np.pi)) * np.where(qs[middle] > 0, -1, 1)
+    qs[middle:] = qs[middle:] * (1, 1, 1, 1, -1, 1) + flip
+    caught = failing(plan, tampered(plan, qs_rad=qs))
+    assert caught["joint step"].value > 150.0
+    moved = {"distance from the path", "tilt of the probe"} & set(caught)
+    assert all(abs(caught[name].index - middle) <= 1 for name in moved)
+
+
+def test_a_limit_violation_is_caught(plan):
+    room = RX90.limits.clearance_rad(plan.trajectory.qs_rad)
+    sample, joint = np.unravel_index(np.argmin(room), room.shape)
+    limits = RX90.limits
+    side = -1 if plan.trajectory.qs_rad[sample, joint] < 0 else 1
+    shift = np.eye(6)[joint] * (room.min() + np.deg2rad(0.5)) * side
+    low, high = limits.lower_rad.copy(), limits.upper_rad.copy()
+    (low if side < 0 else high)[joint] -= shift[joint]
+    tight = replace(
+        RX90, limits=JointLimits(low, high, limits.speed_rad_per_s, limits.acceleration_rad_per_s2)
+    )
+    certificate = verify_scan(tight, plan.trajectory, plan.path, plan.rolls_rad, SPEED)
+    (check,) = certificate.failures()
+    assert check.name == "room to the joint limits"
+    assert check.value == pytest.approx(-0.5, abs=1e-6)
+    assert np.isclose(room[check.index].min(), room.min())
+
+
+def test_a_wrong_pose_is_caught(plan):
+    """Half a degree of joint one moves the probe by about 5 mm; everything else stays smooth."""
+    qs = plan.trajectory.qs_rad + np.array((np.deg2rad(0.5), 0, 0, 0, 0, 0))
+    caught = failing(plan, tampered(plan, qs_rad=qs))
+    assert "distance from the path" in caught
+    assert caught["distance from the path"].value > 3.0
+    turned = plan.trajectory.qs_rad + np.array((0, 0, 0, 0, 0, np.deg2rad(2.0)))
+    assert "tilt of the probe" in failing(plan, tampered(plan, qs_rad=turned))
+
+
+def test_another_roll_or_path_is_caught(plan, path):
+    certificate = verify_scan(RX90, plan.trajectory, path, plan.rolls_rad + 0.02, SPEED)
+    assert [check.name for check in certificate.failures()] == ["roll of the probe"]
+    shifted = Path5D(path.points_base + np.array((0, 0, 0.4)), path.axes_base)
+    certificate = verify_scan(RX90, plan.trajectory, shifted, plan.rolls_rad, SPEED)
+    assert "distance from the path" in {check.name for check in certificate.failures()}
+    sunk = Path5D(path.points_base - 2.0 * path.axes_base, path.axes_base)
+    certificate = verify_scan(RX90, plan.trajectory, sunk, plan.rolls_rad, SPEED)
+    assert "dip into the bone off the path" in {check.name for check in certificate.failures()}
+
+
+def test_a_scan_that_is_too_fast_or_incomplete_or_goes_back_is_caught(plan):
+    trajectory = plan.trajectory
+    fast = failing(plan, tampered(plan, times_s=trajectory.times_s / 1.5))
+    assert fast.keys() >= {"scan speed"}
+    middle = (trajectory.scan_start_s + trajectory.scan_end_s) / 2
+    half = failing(plan, replace(trajectory, scan_end_s=middle))
+    assert "part of the path left out" in half
+    back = trajectory.path_mm.copy()
+    back[len(back) // 2] -= 1.0
+    assert "step back along the path" in failing(plan, tampered(plan, path_mm=back))
+    times = trajectory.times_s.copy()
+    times[100] = times[101]
+    assert "time between samples" in failing(plan, tampered(plan, times_s=times))
+
+
+def test_a_start_that_is_not_at_rest_is_caught(plan):
+    trajectory = plan.trajectory
+    begin = int(trajectory.scan_start_s / trajectory.times_s[1]) // 3
+    cut = Trajectory(
+        readonly(trajectory.times_s[begin:] - trajectory.times_s[begin]),
+        readonly(trajectory.qs_rad[begin:]),
+        trajectory.scan_start_s - trajectory.times_s[begin],
+        trajectory.scan_end_s - trajectory.times_s[begin],
+        readonly(trajectory.path_mm[begin:]),
+    )
+    assert failing(plan, cut)["joint acceleration"].index == 0
+
+
+def test_a_path_through_a_singularity_is_not_certified():
+    """Straight wrist at both ends of a joint move that is passed off as a scan."""
+    q = np.array((0.2, 0.1, 1.4, 0.3, 0.0, 0.2))
+    points = RX90.forward(q[None]) @ RX90.T_flange_probe
+    still = Path5D(points.translations, points.rotations[:, :, 2])
+    move = plan_joint_move(q, q, RX90)
+    fake = replace(move, scan_end_s=float(move.times_s[-1]))
+    certificate = verify_scan(RX90, fake, still, 0.0, SPEED)
+    assert "wrist from straight" in {check.name for check in certificate.failures()}
+
+
+def test_no_constant_roll_says_so_and_plans_nothing():
+    constant = replace(SETTINGS, mode="constant")
+    plan = plan_scan(dense_path("S4", step_mm=2, step_deg=2), RX90, constant)
+    assert plan.mode == "none"
+    assert plan.chosen == -1
+    assert plan.trajectory is None
+    assert plan.certificate is None
+    assert not plan.may_move
+    assert all(verdict.sentence and not verdict.feasible for verdict in plan.verdicts)
+    with pytest.raises(NotReachableError, match="limit"):
+        choose_roll(plan, 0, RX90, SETTINGS)
+    with pytest.raises(InvalidInputError, match="roll 36 does not exist"):
+        choose_roll(plan, 36, RX90, SETTINGS)
+
+
+@pytest.fixture(scope="module")
+def varying():
+    return plan_scan(dense_path("S4"), RX90, PlanSettings())
+
+
+def test_where_no_constant_roll_will_do_a_varying_one_is_planned_and_certified(varying):
+    assert (varying.mode, varying.chosen, varying.n_feasible) == ("variable", -1, 0)
+    assert varying.may_move
+    assert varying.verdict is varying.varying
+    assert varying.varying.feasible
+    assert varying.roll_variation_deg > 90.0
+    assert varying.rolls_rad.shape == (len(varying.path),)
+    inside = varying.trajectory.path_mm[varying.trajectory.times_s <= varying.trajectory.scan_end_s]
+    assert inside[-1] == pytest.approx(varying.path.arc_length_mm()[-1])
+    with pytest.raises(NotReachableError, match="limit"):
+        choose_roll(varying, 0, RX90, SETTINGS)
+
+
+def test_the_verifier_looks_at_the_roll_of_every_point(varying):
+    speed = PlanSettings().scan.scan_speed_mm_per_s
+
+    def failures(rolls_rad):
+        certificate = verify_scan(RX90, varying.trajectory, varying.path, rolls_rad, speed)
+        return {check.name: check for check in certificate.failures()}
+
+    assert failures(varying.rolls_rad) == {}
+    assert "roll of the probe" in failures(float(varying.rolls_rad[0]))
+    wrong = varying.rolls_rad.copy()
+    wrong[400:410] += 0.05
+    (check,) = failures(wrong).values()
+    assert check.name == "roll of the probe"
+    assert check.value == pytest.approx(np.rad2deg(0.05), abs=0.1)
+
+
+def test_the_mode_decides_whether_the_roll_may_vary(path, plan):
+    asked = plan_scan(path, RX90, replace(SETTINGS, mode="variable"))
+    assert asked.mode == "variable"
+    assert asked.may_move
+    assert asked.verdicts == plan.verdicts
+    again = choose_roll(asked, plan.chosen, RX90, SETTINGS)
+    assert (again.mode, again.chosen, again.branch) == ("constant", plan.chosen, plan.branch)
+    np.testing.assert_array_equal(again.rolls_rad, plan.rolls_rad)
+    assert again.certificate == plan.certificate
+    with pytest.raises(InvalidInputError, match="mode must be"):
+        plan_scan(path, RX90, replace(SETTINGS, mode="any"))
+
+
+def test_a_path_that_no_roll_can_follow_is_refused_with_the_place():
+    refused = plan_scan(dense_path("S3"), RX90, SETTINGS)
+    assert (refused.mode, refused.trajectory, refused.branch) == ("none", None, -1)
+    assert refused.verdict is None
+    assert not refused.varying.feasible
+    assert refused.varying.index >= max(verdict.index for verdict in refused.verdicts)
+    assert f"path point {refused.varying.index} of" in refused.varying.sentence
+
+
+def test_a_roll_that_was_tried_in_vain_is_green_no_longer_and_says_why(path, plan):
+    """A wall below the place of rest: every roll can be followed, but nobody gets there."""
+    home = RX90.forward(RX90.home_rad[None])[0] @ RX90.T_flange_probe
+    rest = Obstacle("lid", Box((20.0, 20.0, 20.0)), Pose.from_translation(home.translation), 5.0)
+    settings = replace(SETTINGS, mode="constant", obstacles=Obstacles((rest,)))
+    refused = plan_scan(path, RX90, settings)
+    assert (refused.mode, refused.trajectory) == ("none", None)
+    tried = [i for i, verdict in enumerate(refused.verdicts) if verdict.reason == "no way"]
+    assert 1 <= len(tried) <= 4
+    for i in tried:
+        verdict = refused.verdicts[i]
+        assert not verdict.feasible
+        assert "where the robot stands it touches something" in verdict.sentence
+        assert all(pair.index != i for pair in refused.ranked)
+        with pytest.raises(NotReachableError, match="where the robot stands it touches"):
+            choose_roll(refused, i, RX90, settings)
+    assert refused.refused in refused.verdicts
+    assert refused.n_feasible > 0
+    told = why_no_plan(refused)
+    assert "tried first: roll" in told
+    assert "touches something" in told
+    assert f"{refused.n_feasible} with less room were not tried" in told
+    assert "by none" not in told
+
+
+def test_every_green_roll_can_be_driven_where_nothing_is_in_the_way(path, plan):
+    for i in [i for i, verdict in enumerate(plan.verdicts) if verdict.feasible][::3]:
+        assert choose_roll(plan, i, RX90, SETTINGS).may_move
+
+
+def test_another_branch_can_be_chosen(plan):
+    pair = next(p for p in plan.ranked if p.branch != plan.verdicts[p.index].branch)
+    again = choose_roll(plan, pair.index, RX90, SETTINGS, branch=pair.branch)
+    assert again.branch == pair.branch
+    assert again.may_move
+    with pytest.raises(InvalidInputError, match=r"on the branches \[.*\], not on 9"):
+        choose_roll(plan, pair.index, RX90, SETTINGS, branch=9)
+
+
+def test_another_roll_can_be_chosen_and_first_is_first(plan, path):
+    feasible = [i for i, verdict in enumerate(plan.verdicts) if verdict.feasible]
+    other = next(i for i in feasible if i != plan.chosen)
+    again = choose_roll(plan, other, RX90, SETTINGS)
+    assert again.chosen == other
+    assert again.may_move
+    assert again.verdicts is plan.verdicts
+    assert not plan.certificate.certifies(again.trajectory)
+    first = plan_scan(path, RX90, replace(SETTINGS, choice="first"))
+    assert first.chosen == feasible[0]
+
+
+def test_planning_is_reproducible_bit_by_bit(path, plan):
+    again = plan_scan(path, RX90, SETTINGS)
+    assert again.certificate == plan.certificate
+    np.testing.assert_array_equal(again.trajectory.path_mm, plan.trajectory.path_mm)
+
+
+def test_repeated_points_and_turns_on_the_spot(path, plan):
+    twice = Path5D(np.repeat(path.points_base, 2, axis=0), np.repeat(path.axes_base, 2, axis=0))
+    doubled = plan_scan(twice, RX90, SETTINGS)
+    assert doubled.may_move
+    np.testing.assert_allclose(
+        doubled.trajectory.times_s[-1], plan.trajectory.times_s[-1], atol=0.05
+    )
+    with pytest.raises(InvalidInputError, match="two different points"):
+        plan_scan(Path5D(path.points_base[:1], path.axes_base[:1]), RX90, SETTINGS)
+
+
+def test_a_sparse_path_is_filled_in_and_followed():
+    points, normals = serpentine("S1", lines=4, per_line=5, half_mm=25.0)
+    sparse = Path5D(points, -normals)
+    filled = dense(sparse)
+    reference = dense_path("S1", lines=4, per_line=5, half_mm=25.0)
+    assert dense(reference) is reference
+    steps = np.linalg.norm(np.diff(filled.points_base, axis=0), axis=1)
+    assert steps.max() <= 1.0 + 1e-9
+    turns = np.linalg.norm(np.diff(filled.axes_base, axis=0), axis=1)
+    assert turns.max() <= np.deg2rad(1.0)
+    np.testing.assert_allclose(filled.points_base, reference.points_base, atol=1e-9)
+    np.testing.assert_allclose(filled.axes_base, reference.axes_base, atol=1e-9)
+    planned = plan_scan(sparse, RX90, SETTINGS)
+    assert planned.may_move
+    assert len(planned.path) == len(filled)
+    assert dense(Path5D(points[:1], normals[:1])).points_base.shape == (1, 3)
+    with pytest.raises(DegenerateGeometryError, match="opposite"):
+        dense(Path5D(points[:2], np.array(((0, 0, 1.0), (0, 0, -1.0)))))
+
+
+def test_cancelling_a_plan(path):
+    with pytest.raises(CancelledError):
+        plan_scan(path, RX90, SETTINGS, cancel=lambda: True)
+
+
+def test_progress_only_grows_to_one(path):
+    heard = []
+    plan_scan(path, RX90, replace(SETTINGS, n_rolls=8), progress=heard.append)
+    assert heard == sorted(heard)
+    assert heard[-1] == 1.0
+
+
+def test_joint_moves_are_certified_and_refused_beyond_the_limits():
+    rng = np.random.default_rng(3)
+    for _ in range(10):
+        a, b = rng.uniform(RX90.lower_rad, RX90.upper_rad, (2, 6))
+        move = plan_joint_move(a, b, RX90, speed_share=0.5)
+        certificate = verify_motion(RX90, move)
+        assert certificate.certifies(move), certificate.failures()
+        np.testing.assert_allclose(move.qs_rad[[0, -1]], (a, b), atol=1e-12)
+    with pytest.raises(NotReachableError, match=r"joint 5 cannot go to 130\.0°"):
+        plan_joint_move(RX90.home_rad, np.deg2rad((0, 0, 90, 0, 130, 0)), RX90)
+    with pytest.raises(InvalidInputError, match="speed_share"):
+        plan_joint_move(RX90.home_rad, RX90.home_rad, RX90, speed_share=2.0)
+
+
+def test_verifying_nonsense_is_refused_by_name(plan):
+    qs = plan.trajectory.qs_rad.copy()
+    qs[5, 2] = np.nan
+    with pytest.raises(InvalidInputError, match="qs_rad must be finite"):
+        verify_motion(RX90, tampered(plan, qs_rad=qs))
+    with pytest.raises(InvalidInputError, match="a time each"):
+        verify_motion(RX90, tampered(plan, times_s=np.arange(3.0)))
+    backwards = replace(plan.trajectory, scan_end_s=-1.0)
+    with pytest.raises(InvalidInputError, match="has no scan"):
+        verify_scan(RX90, backwards, plan.path, plan.rolls_rad, SPEED)

@@ -1,0 +1,116 @@
+"""Packing loses no bit, makes what can be foretold small, and refuses what does not fit."""
+
+import zlib
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from hypothesis.extra.numpy import array_shapes, arrays
+
+from rona_core.errors import SessionFormatError
+from rona_core.session.array_packing import DTYPES, pack, unpack
+
+SHAPES = array_shapes(min_dims=1, max_dims=3, min_side=1, max_side=12)
+
+
+def there_and_back(array):
+    packing = pack(array)
+    return array if packing is None else unpack(*packing, "here")
+
+
+def same_bits(one, other) -> bool:
+    return (one.dtype, one.shape, one.tobytes()) == (other.dtype, other.shape, other.tobytes())
+
+
+@settings(max_examples=150, deadline=None)
+@given(st.sampled_from(DTYPES).flatmap(lambda kind: arrays(kind, SHAPES)))
+def test_any_array_comes_back_to_the_bit(array):
+    wide = np.concatenate([array.ravel()] * 256).reshape(*array.shape, 256)  # not left as it is
+    assert pack(wide) is not None
+    assert same_bits(there_and_back(wide), wide)
+    assert same_bits(there_and_back(array), array)
+
+
+@settings(max_examples=60, deadline=None)
+@given(arrays(np.int16, (7, 40)), st.sampled_from([1, 2, 4, 64, 2**14]))
+def test_any_record_of_a_converter_comes_back_to_the_bit(samples, step):
+    record = (samples.astype(np.int32) * step).astype(np.int16)
+    stored, recipe = pack(record)
+    assert recipe.step % step == 0 or not record.any()
+    assert same_bits(unpack(stored, recipe, "here"), record)
+
+
+@pytest.mark.parametrize("value", [0, 1, -1, 2**15 - 1, -(2**15)])
+def test_extreme_records_come_back(value):
+    constant = np.full((5, 60), value, dtype=np.int16)
+    constant[2, 30:] = -1 - value
+    assert same_bits(there_and_back(constant), constant)
+    assert same_bits(there_and_back(np.full_like(constant, value)), np.full_like(constant, value))
+
+
+def test_noise_on_a_narrow_band_packs_to_little_more_than_the_noise():
+    """White noise of sigma LSB carries log2(sigma sqrt(2 pi e)) bits a sample, and no less."""
+    rng = np.random.default_rng(1)
+    sigma, t = 60.0, np.arange(1500)
+    delays = rng.uniform(500, 700, size=(200, 1))
+    echo = 3000 * np.cos(0.22 * (t - delays)) * np.exp(-(((t - delays) / 200) ** 2))
+    record = (4 * np.rint(echo + rng.normal(0, sigma, echo.shape))).astype(np.int16)
+    entropy_bits = np.log2(sigma * np.sqrt(2 * np.pi * np.e))
+    stored, _ = pack(record)
+    packed_bits = 8 * len(zlib.compress(stored.tobytes(), 6)) / record.size
+    plain_bits = 8 * len(zlib.compress(record.tobytes(), 6)) / record.size
+    assert entropy_bits < packed_bits < entropy_bits + 1.2
+    assert packed_bits < plain_bits - 2
+
+
+def test_what_changes_slowly_is_differenced_along_the_axis_where_it_does():
+    rng = np.random.default_rng(2)
+    columns = np.linspace(0.6, 0.7, 4000).reshape(-1, 1) * (1.0, 1.2, 1.4)
+    slow = columns + 1e-9 * rng.random((4000, 3))
+    for array, axis in ((slow, 0), (np.ascontiguousarray(slow.T), 1)):
+        stored, recipe = pack(array)
+        assert recipe.axis == axis
+        assert len(zlib.compress(stored.tobytes())) < 0.85 * len(zlib.compress(array.tobytes()))
+
+
+@pytest.mark.parametrize("array", [np.zeros(4), np.zeros(9000, bool), np.zeros(9000, np.uint8)])
+def test_small_arrays_and_single_bytes_are_left_as_they_are(array):
+    assert pack(array) is None
+
+
+RECORD = np.arange(600, dtype=np.int16).reshape(10, 60)
+
+
+@pytest.mark.parametrize(
+    "wrong",
+    [
+        {"dtype": "|O"},
+        {"dtype": "<f8"},
+        {"dtype": "<f2"},
+        {"dtype": ""},
+        {"shape": (10, 61)},
+        {"shape": (-10, -60)},
+        {"shape": ()},
+        {"shape": (600,)},
+        {"axis": 2, "taps": ()},
+        {"axis": -1, "taps": ()},
+        {"taps": (1,) * 61},
+        {"taps": (2**40,)},
+        {"step": 0},
+        {"step": 2**20},
+    ],
+    ids=str,
+)
+def test_a_recipe_that_does_not_fit_is_refused(wrong):
+    stored, recipe = pack(RECORD)
+    assert same_bits(unpack(stored, recipe, "here"), RECORD)
+    with pytest.raises(SessionFormatError, match="here"):
+        unpack(stored, replace(recipe, **wrong), "here")
+
+
+@pytest.mark.parametrize("stored", [np.zeros(1200, np.uint8), np.zeros((2, 600), np.int8)])
+def test_stored_values_of_another_form_are_refused(stored):
+    with pytest.raises(SessionFormatError, match="here"):
+        unpack(stored, pack(RECORD)[1], "here")

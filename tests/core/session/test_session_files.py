@@ -1,0 +1,275 @@
+"""Session files: the same document gives the same bytes, and nothing foreign gets in."""
+
+import hashlib
+import io
+import json
+import os
+import zipfile
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from rona_core.devices.samples import ToolTrack
+from rona_core.errors import NotFoundError, SessionFormatError
+from rona_core.geometry.pose import Pose, Poses
+from rona_core.session import files, members
+from rona_core.session.codec import digest
+from rona_core.session.document import Captures, LogEntry, PointerCapture, Session
+from rona_core.session.files import load_session, save_session, session_bytes, session_from_bytes
+
+
+def capture(n: int = 60) -> PointerCapture:
+    rng = np.random.default_rng(5)
+    poses = Poses.stack(
+        [Pose.from_rotvec(rng.normal(size=3), rng.normal(size=3)) for _ in range(n)]
+    )
+    track = ToolTrack(
+        "pointer6d", np.arange(n), np.arange(n) / 60.0, poses, rng.random(n), n_frames=n
+    )
+    return PointerCapture(1, "digest of the setup", "pointer6d", track)
+
+
+def session() -> Session:
+    log = (LogEntry(1, "SetSeed", {"seed": 4}, "2026-01-01T00:00:00+00:00"),)
+    taken = capture()
+    return Session(name="ä <b>", captures=Captures(pointer=taken), archive=(taken,), log=log)
+
+
+def rewritten(data: bytes, change) -> bytes:
+    """The same zip with its members changed."""
+    with zipfile.ZipFile(io.BytesIO(data)) as archive:
+        members = {info.filename: archive.read(info) for info in archive.infolist()}
+    change(members)
+    out = io.BytesIO()
+    with zipfile.ZipFile(out, "w", zipfile.ZIP_DEFLATED) as archive:
+        for name, content in members.items():
+            archive.writestr(name, content)
+    return out.getvalue()
+
+
+def names_in(data: bytes) -> list[str]:
+    with zipfile.ZipFile(io.BytesIO(data)) as archive:
+        return archive.namelist()
+
+
+def with_manifest(data: bytes, change) -> bytes:
+    def edit(members):
+        manifest = json.loads(members["manifest.json"])
+        change(manifest)
+        members["manifest.json"] = json.dumps(manifest).encode()
+
+    return rewritten(data, edit)
+
+
+def test_saving_and_loading_gives_the_same_document_and_the_same_bytes(tmp_path):
+    original = session()
+    path = save_session(original, tmp_path / "one.rona")
+    back = load_session(path)
+    assert digest(back) == digest(original)
+    assert session_bytes(back) == path.read_bytes() == session_bytes(original)
+
+
+def test_a_file_of_before_packing_loads(monkeypatch):
+    original = session()
+    assert any(name.startswith("packed/") for name in names_in(session_bytes(original)))
+    monkeypatch.setattr(files, "pack", lambda array: None)
+    plain = session_bytes(original)
+    assert not any(name.startswith("packed/") for name in names_in(plain))
+    assert digest(session_from_bytes(plain)) == digest(original)
+    older = with_manifest(plain, lambda manifest: manifest.pop("packed"))
+    assert digest(session_from_bytes(older)) == digest(original)
+
+
+def test_the_last_good_file_is_kept(tmp_path):
+    path = tmp_path / "one.rona"
+    save_session(session(), path)
+    save_session(replace(session(), name="second"), path)
+    assert load_session(path).name == "second"
+    assert session_from_bytes((tmp_path / "one.rona.bak").read_bytes()).name == "ä <b>"
+    assert sorted(p.name for p in tmp_path.iterdir()) == ["one.rona", "one.rona.bak"]
+
+
+def test_a_crash_while_writing_leaves_the_old_file(tmp_path, monkeypatch):
+    path = save_session(session(), tmp_path / "one.rona")
+    before = path.read_bytes()
+
+    def crash(_):
+        raise OSError("disk full")
+
+    monkeypatch.setattr(os, "fsync", crash)
+    with pytest.raises(OSError, match="disk full"):
+        save_session(replace(session(), name="second"), path)
+    assert path.read_bytes() == before
+    assert [p.name for p in tmp_path.iterdir()] == ["one.rona"]
+
+
+def test_every_flipped_byte_is_noticed():
+    data = session_bytes(session())
+    reference = digest(session_from_bytes(data))
+    rng = np.random.default_rng(0)
+    for position in rng.choice(len(data), 150, replace=False):
+        spoiled = bytearray(data)
+        spoiled[position] ^= 0x10
+        try:
+            back = session_from_bytes(bytes(spoiled))
+        except SessionFormatError:
+            continue
+        assert digest(back) == reference, f"byte {position} changed the document unnoticed"
+
+
+@pytest.mark.parametrize("share", [0.0, 0.3, 0.9, 0.999])
+def test_a_truncated_file_is_refused(share):
+    data = session_bytes(session())
+    with pytest.raises(SessionFormatError):
+        session_from_bytes(data[: int(share * len(data))])
+
+
+def test_a_newer_schema_is_refused_and_says_so():
+    data = with_manifest(session_bytes(session()), lambda m: m.update(schema=999))
+    with pytest.raises(SessionFormatError, match="newer RONA"):
+        session_from_bytes(data)
+
+
+@pytest.mark.parametrize("schema", [None, 0, -1, "1", 1.5, True])
+def test_a_strange_schema_is_refused(schema):
+    data = with_manifest(session_bytes(session()), lambda m: m.update(schema=schema))
+    with pytest.raises(SessionFormatError, match="schema"):
+        session_from_bytes(data)
+
+
+@pytest.mark.parametrize(
+    "name", ["../evil.npy", "/etc/passwd", "arrays/../../x.npy", "arrays/x.pkl", "notes.txt"]
+)
+def test_foreign_members_are_refused_before_anything_is_read(name):
+    data = rewritten(session_bytes(session()), lambda members: members.update({name: b"x"}))
+    with pytest.raises(SessionFormatError, match="not a session file"):
+        session_from_bytes(data)
+
+
+def test_a_zip_of_something_else_is_refused():
+    data = rewritten(session_bytes(session()), dict.clear)
+    with pytest.raises(SessionFormatError, match="not a session file"):
+        session_from_bytes(data)
+
+
+def test_an_exchanged_array_is_refused():
+    def exchange(members):
+        name = next(n for n in members if n.endswith("translations.npy"))
+        buffer = io.BytesIO()
+        np.save(buffer, np.zeros((60, 3)))
+        members[name] = buffer.getvalue()
+
+    with pytest.raises(SessionFormatError, match="digest"):
+        session_from_bytes(rewritten(session_bytes(session()), exchange))
+
+
+def test_a_zip_bomb_is_refused_before_it_is_unpacked(monkeypatch):
+    monkeypatch.setattr(members, "MAX_STORED_BYTES", 10_000_000)
+    bomb = resealed(lambda m: None, lambda m: m.update({"arrays/big.npy": bytes(20_000_000)}))
+    with pytest.raises(SessionFormatError, match="unpacks to more than 10 MB"):
+        session_from_bytes(bomb)
+
+
+def resealed(change, members_change=lambda members: None) -> bytes:
+    """A session file that somebody else has written: its digests hold, its content is strange."""
+
+    def edit(members):
+        members_change(members)
+        manifest = json.loads(members.pop("manifest.json"))
+        manifest["sha256"] = {k: hashlib.sha256(v).hexdigest() for k, v in members.items()}
+        change(manifest)
+        members["manifest.json"] = json.dumps(manifest).encode()
+
+    return rewritten(session_bytes(session()), edit)
+
+
+def of_session(**parts):
+    return lambda manifest: manifest["session"].update(parts)
+
+
+STRANGE = {
+    "no session": lambda m: m.pop("session"),
+    "a list as session": lambda m: m.update(session=[1]),
+    "copies in a list": lambda m: m.update(copies=[1]),
+    "recipes in a list": lambda m: m.update(packed=[1]),
+    "no recipes": lambda m: m.update(packed={}),
+    "a copy of nothing": lambda m: m.update(copies={"a": ["b"]}),
+    "an id that leads elsewhere": of_session(id="../../elsewhere"),
+    "the id of the alias": of_session(id="current"),
+    "half a character": of_session(name="\ud800"),
+    "no seed": lambda m: m["session"]["setup"].update(seed=-1),
+    "too large a seed": lambda m: m["session"]["setup"].update(seed=10**30),
+    "a radius that is no number": lambda m: m["session"]["setup"]["region"].update(
+        radius_mm=float("nan")
+    ),
+    "a radius without end": lambda m: m["session"]["setup"]["region"].update(radius_mm=10**400),
+    "a centre far away": lambda m: m["session"]["setup"]["region"].update(
+        center_mesh_mm=[0.0, 0.0, 1e9]
+    ),
+}
+
+
+@pytest.mark.parametrize("change", STRANGE.values(), ids=STRANGE)
+def test_a_sealed_file_with_strange_content_is_refused(change):
+    assert session_from_bytes(resealed(lambda m: None)).name == session().name
+    with pytest.raises(SessionFormatError):
+        session_from_bytes(resealed(change))
+
+
+@pytest.mark.parametrize(
+    "log", [b"\xff\xfe\n", b"{nope\n", b"[" * 100_000, b'{"number": NaN}', b'{"number": 1e999}']
+)
+def test_a_log_that_cannot_be_read_is_refused(log):
+    with pytest.raises(SessionFormatError):
+        session_from_bytes(resealed(lambda m: None, lambda ms: ms.update({"commands.jsonl": log})))
+
+
+def array_of(header: dict, values: bytes) -> bytes:
+    out = io.BytesIO()
+    np.lib.format.write_array_header_1_0(out, header)
+    return out.getvalue() + values
+
+
+@pytest.mark.parametrize(
+    "blob",
+    [
+        array_of({"descr": "<f8", "fortran_order": False, "shape": (10**11,)}, b""),
+        array_of({"descr": "|O", "fortran_order": False, "shape": (1,)}, bytes(8)),
+        b"\x93NUMPY\x01\x00\x10\x00{'descr': '<f8' ",
+        b"PK\x05\x06" + bytes(18),
+        b"",
+    ],
+    ids=["more values than bytes", "objects", "half a header", "a zip", "nothing"],
+)
+def test_a_member_that_is_no_plain_array_is_refused_without_taking_memory(blob):
+    with pytest.raises(SessionFormatError, match="not a plain array"):
+        session_from_bytes(
+            resealed(lambda m: None, lambda ms: ms.update({"arrays/session/x.npy": blob}))
+        )
+
+
+def test_a_packing_that_sessions_do_not_use_is_refused():
+    data = session_bytes(session())
+    out = io.BytesIO()
+    with (
+        zipfile.ZipFile(io.BytesIO(data)) as old,
+        zipfile.ZipFile(out, "w", zipfile.ZIP_LZMA) as new,
+    ):
+        for info in old.infolist():
+            new.writestr(info.filename, old.read(info))
+    with pytest.raises(SessionFormatError, match="packed"):
+        session_from_bytes(out.getvalue())
+
+
+def test_a_missing_file_is_named(tmp_path):
+    with pytest.raises(NotFoundError, match=r"gone\.rona"):
+        load_session(tmp_path / "gone.rona")
+
+
+def test_a_file_that_is_written_quickly_is_larger_and_holds_the_same():
+    session = load_session(Path(__file__).resolve().parents[3] / "sessions" / "demo.rona")
+    quick = session_bytes(session, quick=True)
+    assert len(quick) > 1.5 * len(session_bytes(session))
+    assert session_bytes(session_from_bytes(quick)) == session_bytes(session)

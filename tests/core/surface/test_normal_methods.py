@@ -1,0 +1,254 @@
+"""What each way of fitting is for: bias, rims, outliers, relief; honest errors; the radius."""
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from rona_core.errors import InvalidInputError
+from rona_core.surface.normals.grid_moments import smallest_axes
+from rona_core.surface.normals.neighbourhood_radius import choose_radius
+from rona_core.surface.normals.normals import FLAGS, NormalField
+from rona_core.surface.normals.sparse_regions import REASONS, thin_places
+from tests.core.surface.test_normals import angles_deg
+from tests.helpers.strategies import cap, random_rotation, seeds
+
+few = settings(max_examples=15, deadline=None)
+SIGMA, R = 0.35, 80.0
+
+
+def noisy_cap(rng, n, half_angle_deg=40.0, sigma=SIGMA):
+    """Return a noisy cap about z in a random attitude, the way out, and its true points."""
+    turn = random_rotation(rng)
+    true = cap(rng, n, R, half_angle_deg) @ turn.T
+    return true + rng.normal(0, sigma, (n, 3)), turn[:, 2], true
+
+
+def errors_deg(found, at):
+    return angles_deg(found.normals, at / np.linalg.norm(at, axis=1)[:, None])
+
+
+@pytest.mark.parametrize("method", ["tls", "jet", "robust", "grid"])
+@pytest.mark.parametrize("density", [0.5, 3.0])
+def test_predicted_errors_are_honest(method, density):
+    rng = np.random.default_rng(int(density * 10))
+    area = 2 * np.pi * R**2 * (1 - np.cos(np.deg2rad(40)))
+    points, out, true = noisy_cap(rng, int(density * area))
+    at = points[true @ out > R * np.cos(np.deg2rad(30))][:1500]
+    found = NormalField(points, 8.0).normals(at, method=method, viewpoint=4 * R * out)
+    squares = (errors_deg(found, at) / found.sigma_deg) ** 2
+    assert (
+        0.7 < squares.mean() < 1.35
+    )  # 1 where the prediction is right; cells err to the safe side
+    assert 0.95 < np.mean(squares < 4.0)  # two sigma of two angles: 0.982
+
+
+def test_a_quadric_stands_upright_at_the_rim_where_a_plane_leans():
+    rng = np.random.default_rng(1)
+    points, out, true = noisy_cap(rng, 20000)
+    rim = points[true @ out < R * np.cos(np.deg2rad(40) - 1 / R)]
+    for method, low, high in (("tls", 3.0, 6.0), ("jet", 0.0, 0.7)):
+        found = NormalField(points, 15.0).normals(rim, method=method, viewpoint=4 * R * out)
+        assert low < np.median(errors_deg(found, rim)) <= high
+        assert (np.array(found.flags) == "one_sided").mean() == (method == "tls")
+    found = NormalField(points).normals(rim, method="jet", viewpoint=4 * R * out)
+    assert found.ok.all()
+    assert np.median(errors_deg(found, rim)) <= 0.7  # where it matters it takes a wider one
+    assert found.radii_mm is not None
+    assert (found.radii_mm > found.radius_mm).mean() > 0.5
+
+
+def test_outliers_do_not_tilt_the_robust_plane():
+    rng = np.random.default_rng(2)
+    points, out, true = noisy_cap(rng, 8000, sigma=0.2)
+    stray = rng.random(len(points)) < 0.1
+    points[stray] += out * rng.uniform(2, 6, stray.sum())[:, None]
+    at = true[(true @ out > R * np.cos(np.deg2rad(30)))][:300]
+    found = {
+        m: NormalField(points, 8.0).normals(at, method=m, viewpoint=4 * R * out)
+        for m in ("tls", "robust")
+    }
+    robust, plain = (errors_deg(found[m], at) for m in ("robust", "tls"))
+    assert np.median(robust) < 0.45
+    assert np.median(robust) < 0.4 * np.median(plain)
+    # strays widen the median distance too: the prediction errs to the safe side
+    assert 0.55 < ((robust / found["robust"].sigma_deg) ** 2).mean() < 1.3
+
+
+@given(seed=seeds)
+@few
+def test_quadrics_are_exact_on_quadrics(seed):
+    rng = np.random.default_rng(seed)
+    flat = rng.uniform(-6, 6, (300, 2))
+    bend = rng.normal(0, 0.01, 3)
+    height = bend[0] * flat[:, 0] ** 2 + bend[1] * flat.prod(axis=1) + bend[2] * flat[:, 1] ** 2
+    turn, shift = random_rotation(rng), rng.uniform(-500, 500, 3)
+    points = np.column_stack((flat, height)) @ turn.T + shift
+    found = NormalField(points, 6.0).normals([shift], method="jet", outward=turn[:, 2])
+    # the plane's frame differs from the quadric's own by terms of third order
+    assert angles_deg(found.normals, turn[None, :, 2]).max() < 0.1
+    assert found.ok.all()
+
+
+@given(seed=seeds, spread=st.sampled_from([0.0, 1e-9, 1e-3, 1.0]))
+@few
+def test_smallest_axes_agree_with_a_general_solver(seed, spread):
+    rng = np.random.default_rng(seed)
+    turn = random_rotation(rng)
+    sizes = np.sort(rng.uniform(0.01, 1.0, 3)) + np.array((0.0, 5.0, 5.0 + spread))
+    s = (turn * sizes) @ turn.T
+    values, axis = smallest_axes(np.array([[s[i, j]] for i in range(3) for j in range(i, 3)]))
+    np.testing.assert_allclose(values[0], np.linalg.eigvalsh(s), atol=1e-6)
+    assert abs(axis[0] @ turn[:, 0]) == pytest.approx(1.0, abs=1e-9)
+
+
+def test_the_grid_agrees_with_the_ball_and_cuts_up_large_clouds(monkeypatch):
+    rng = np.random.default_rng(4)
+    points, out, true = noisy_cap(rng, 20000)
+    at = points[true @ out > R * np.cos(np.deg2rad(30))]
+    field = NormalField(points, 8.0)
+    ball, grid = (
+        field.normals(at, method=method, viewpoint=4 * R * out) for method in ("tls", "grid")
+    )
+    assert grid.ok.all()
+    # the two weigh the same points differently: they differ by less than either errs
+    apart = np.median(angles_deg(ball.normals, grid.normals))
+    assert apart < np.median(errors_deg(ball, at))
+    assert np.median(errors_deg(grid, at)) < 1.2 * np.median(errors_deg(ball, at))
+    assert np.median(grid.count / ball.count) == pytest.approx(1.0, abs=0.15)
+    monkeypatch.setattr("rona_core.surface.normals.grid_moments.MAX_NODES", 15_000)
+    cut = field.normals(at, method="grid", viewpoint=4 * R * out)
+    # blocks begin elsewhere, so cells do; still the same neighbourhoods
+    assert np.median(angles_deg(cut.normals, grid.normals)) < 0.2
+    lonely = field.normals([[500.0, 0, 0]], method="grid", outward=(0, 0, 1))
+    assert lonely.flags == ("too_few",)
+
+
+@pytest.mark.parametrize("method", ["tls", "ols", "jet", "robust", "grid"])
+def test_adding_points_while_scanning_gives_the_same_bits(method):
+    rng = np.random.default_rng(6)
+    points, out, _ = noisy_cap(rng, 3000)
+    at, options = points[::60], {"method": method, "viewpoint": 4 * R * out}
+    grown = NormalField(points[:1000], 8.0)
+    before = grown.normals(at, **options)
+    grown.add(points[1000:1001])
+    grown.add(points[1001:])
+    after, at_once = grown.normals(at, **options), NormalField(points, 8.0).normals(at, **options)
+    assert (after.count > before.count).all()
+    if method == "jet":  # its noise is measured on a sample of the cloud, taken in order
+        np.testing.assert_array_equal(after.normals, at_once.normals)
+    for name in ("normals", "count", "eigenvalues", "sigma_deg", "ok"):
+        np.testing.assert_array_equal(getattr(after, name), getattr(at_once, name))
+
+
+def test_the_radius_grows_with_noise_and_shrinks_with_density_and_relief():
+    rng = np.random.default_rng(7)
+    flat = rng.uniform(-45, 45, (12000, 2))
+
+    def chosen(n, sigma, relief):
+        xy = flat[:n]
+        height = relief * np.sin(xy[:, 0] / 3.0) * np.sin(xy[:, 1] / 3.0)
+        points = np.column_stack((xy, height)) + rng.normal(0, sigma, (n, 3))
+        return choose_radius(points, "jet")
+
+    base = chosen(6000, 0.15, 0.4)
+    assert base.noise_mm == pytest.approx(0.15, rel=0.15)
+    assert base.density_per_mm2 == pytest.approx(6000 / 90**2, rel=0.1)
+    assert chosen(6000, 0.45, 0.4).radius_mm > base.radius_mm
+    assert chosen(12000, 0.15, 0.4).radius_mm <= base.radius_mm
+    assert chosen(6000, 0.15, 0.0).radius_mm > base.radius_mm
+    i = int(np.flatnonzero(base.radii_mm == base.radius_mm)[0])
+    assert np.hypot(base.noise_deg, base.lean_deg).argmin() == i
+    sphere, _, _ = noisy_cap(rng, 10000, sigma=0.1)
+    assert 1 / choose_radius(sphere, "jet").curvature_per_mm == pytest.approx(R, rel=0.15)
+
+
+@pytest.mark.parametrize("method", ["tls", "jet"])
+def test_the_chosen_radius_is_nearly_as_good_as_the_best(method):
+    rng = np.random.default_rng(8)
+    xy = rng.uniform(-40, 40, (5000, 2))
+    wave, high = 4.0, 0.3
+
+    def surface(u):
+        z = high * np.sin(u[:, 0] / wave) * np.sin(u[:, 1] / wave)
+        dx = high / wave * np.cos(u[:, 0] / wave) * np.sin(u[:, 1] / wave)
+        dy = high / wave * np.sin(u[:, 0] / wave) * np.cos(u[:, 1] / wave)
+        n = np.column_stack((-dx, -dy, np.ones(len(u))))
+        return np.column_stack((u, z)), n / np.linalg.norm(n, axis=1)[:, None]
+
+    points = surface(xy)[0] + rng.normal(0, 0.15, (5000, 3))
+    at, true = surface(rng.uniform(-28, 28, (300, 2)))
+
+    def rms(radius):
+        found = NormalField(points, radius).normals(at, method=method, outward=(0, 0, 1))
+        return float(np.sqrt((angles_deg(found.normals, true) ** 2).mean()))
+
+    best = min(rms(float(radius)) for radius in np.geomspace(2.5, 16, 9))
+    assert rms(None) < 1.25 * best
+
+
+def test_a_place_on_a_strand_gets_a_wider_neighbourhood_or_a_reason():
+    rng = np.random.default_rng(9)
+    dense = np.column_stack((rng.uniform(-30, 0, (3000, 1)), rng.uniform(-20, 20, (3000, 1))))
+    lines = np.array([(x, y) for y in np.arange(-20, 21, 6.0) for x in np.arange(0, 30, 1.0)])
+    flat = np.vstack((dense, lines))
+    points = np.column_stack((flat, np.zeros(len(flat)))) + rng.normal(0, 0.02, (len(flat), 3))
+    at = np.array([(-15.0, 0, 0), (15.0, -2.0, 0), (150.0, 0, 0)])
+    field = NormalField(points)
+    found = field.normals(at, method="tls", outward=(0, 0, 1))
+    assert found.flags == ("ok", "ok", "too_few")
+    assert found.choice is not None
+    assert found.radii_mm is not None
+    assert found.radius_mm == found.choice.radius_mm == found.radii_mm[0] < found.radii_mm[1]
+    thin = thin_places(found, at)
+    assert thin.reasons == ("too_few", "widened")
+    np.testing.assert_array_equal(thin.places, (2, 1))
+    np.testing.assert_array_equal(thin.points_base, at[[2, 1]])
+    assert (np.diff(thin.times) <= 0).all()
+    narrow = NormalField(points, 5.5).normals(at, method="tls", outward=(0, 0, 1))
+    assert narrow.flags == ("ok", "rank_deficient", "too_few")
+    assert narrow.choice is None
+    assert narrow.radii_mm is None
+    doubtful = thin_places(narrow, at, max_sigma_deg=1e-3)
+    assert set(doubtful.reasons) == {"too_few", "rank_deficient", "uncertain"}
+    assert set(REASONS) - {"widened"} == set(FLAGS) - {"ok"}
+    with pytest.raises(InvalidInputError, match="places"):
+        thin_places(found, at[:2])
+    with pytest.raises(InvalidInputError, match="max_sigma_deg"):
+        thin_places(found, at, max_sigma_deg=0.0)
+
+
+def test_an_empty_cloud_has_a_radius_and_no_normals():
+    found = NormalField(np.zeros((0, 3))).normals([[0, 0, 0.0]], method="jet", outward=(0, 0, 1))
+    assert found.flags == ("too_few",)
+    assert found.radius_mm > 0
+    np.testing.assert_array_equal(found.normals, [[0, 0, 1.0]])
+
+
+def test_a_path_alone_gives_its_normals_or_says_why_not():
+    rng = np.random.default_rng(10)
+    flat = np.array([(x, y) for y in np.arange(-20, 21, 5.0) for x in np.linspace(-30, 30, 34)])
+    true = np.column_stack((flat, np.sqrt(R**2 - (flat**2).sum(axis=1))))
+    points = true + rng.normal(0, SIGMA, true.shape)
+    narrow = NormalField(points, 3.0).normals(points, method="jet", outward=(0, 0, 1))
+    assert not narrow.ok.any()
+    found = NormalField(points).normals(points, method="jet", outward=(0, 0, 1))
+    assert found.ok.all()
+    assert np.median(errors_deg(found, true)) < 0.8
+    assert np.percentile(errors_deg(found, true), 95) < 3.0
+
+
+@pytest.mark.parametrize("method", ["tls", "jet", "robust"])
+def test_no_normal_is_silently_wrong_in_sparse_clouds(method):
+    rng = np.random.default_rng(11)
+    wrong, fine = 0, 0
+    for n in (150, 500, 1500):
+        points, out, _ = noisy_cap(rng, n)
+        for radius in (None, 6.0, 12.0):
+            field = NormalField(points, radius)
+            found = field.normals(points, method=method, viewpoint=4 * R * out)
+            errors = errors_deg(found, points)[found.ok]
+            wrong += int(((errors > 10.0) & (errors > 4.0 * found.sigma_deg[found.ok])).sum())
+            fine += len(errors)
+    assert fine > 2000
+    assert wrong <= fine // 1000

@@ -1,0 +1,121 @@
+"""Where a caliper is put, and the time of flight there."""
+
+import numpy as np
+import pytest
+
+from rona_core.errors import DegenerateGeometryError, InvalidInputError
+from rona_core.geometry.arrays import readonly
+from rona_core.ultrasound.acoustic_calibration.reference_points import (
+    at_speed,
+    choose_reference_scans,
+    lags_at,
+)
+from rona_core.ultrasound.detection.detect import Detection
+
+SPEED = 2.6
+
+
+def disc(n=400, radius=25.0, seed=0):
+    rng = np.random.default_rng(seed)
+    angle, r = rng.uniform(0, 2 * np.pi, n), radius * np.sqrt(rng.uniform(0, 1, n))
+    return np.column_stack((r * np.cos(angle), r * np.sin(angle), np.full(n, 400.0)))
+
+
+def detection(thickness, ok=None, speed=SPEED):
+    n = len(thickness)
+    zero, lag = np.zeros(n), 2.0 * np.asarray(thickness) / speed
+    good = np.ones(n, dtype=np.bool_) if ok is None else ok
+    return Detection(
+        outer_us=readonly(zero + 20.0),
+        inner_us=readonly(zero + 20.0 + lag),
+        outer_ok=readonly(np.ones(n, dtype=np.bool_)),
+        inner_ok=readonly(good),
+        outer_quality=readonly(zero + 1.0),
+        inner_quality=readonly(zero + 1.0),
+        flag=readonly(np.where(good, 0, 6)),
+        standoff_mm=readonly(zero),
+        thickness_mm=readonly(np.array(thickness, dtype=float)),
+        outer_sigma_mm=readonly(zero + 0.01),
+        thickness_sigma_mm=readonly(zero + 0.02),
+        inner_sigma_us=readonly(zero + 0.015),
+        alternative_us=readonly(zero),
+        alternative_quality=readonly(zero),
+        probe="2.25MHz",
+        excitation="chirp",
+        method="subtract",
+        sound_speed_mm_per_us=speed,
+    )
+
+
+def test_the_places_are_spread_thick_and_among_the_sure_ones():
+    places = disc()
+    thickness = np.where(places[:, 0] > 10.0, 2.5, 6.0)  # one side is too thin
+    ok = places[:, 1] > -15.0
+    rows = choose_reference_scans(places, detection(thickness, ok), 3)
+    assert len(set(rows.tolist())) == 3
+    assert ok[rows].all()
+    assert (thickness[rows] >= 3.0).all()
+    chosen = places[rows]
+    apart = np.linalg.norm(chosen[:, None] - chosen[None], axis=2)[np.triu_indices(3, 1)]
+    assert apart.min() > 8.0
+    far = np.linalg.norm(places[ok][:, None] - chosen[None], axis=2).min(axis=1)
+    assert far.max() < 35.0
+
+
+def test_a_parallel_place_is_preferred_to_a_wedge_beside_it():
+    places = disc(800)
+    slope = np.where(places[:, 0] > 0.0, 0.25, 0.0)
+    rows = choose_reference_scans(places, detection(6.0 + slope * places[:, 0]), 1)
+    assert places[rows[0], 0] < 0.0
+
+
+def test_a_place_whose_echo_disagrees_with_all_around_it_is_not_chosen():
+    places = disc()
+    middle = int(np.argmin(np.linalg.norm(places[:, :2], axis=1)))
+    thickness = np.full(len(places), 6.0)
+    thickness[middle] = 4.0
+    assert choose_reference_scans(places, detection(thickness), 1)[0] != middle
+
+
+def test_the_lag_is_that_of_the_plane_around_it_whatever_one_stray_echo_says():
+    places = disc()
+    thickness = 6.0 + 0.05 * places[:, 0]
+    stray = int(np.argmin(np.linalg.norm(places - (5.0, 5.0, 400.0), axis=1)))
+    thickness[stray] += 2.0
+    wanted = np.array([(5.0, 5.0, 400.0), (-8.0, 0.0, 400.0)])
+    lag, sigma = lags_at(wanted, places, detection(thickness))
+    np.testing.assert_allclose(lag, 2.0 * (6.0 + 0.05 * wanted[:, 0]) / SPEED, atol=0.02)
+    assert (sigma >= 0.03).all()
+    assert (sigma < 0.06).all()
+    turn = np.array([[0.0, -1.0, 0.0], [0.0, 0.0, 1.0], [-1.0, 0.0, 0.0]])
+    moved = lags_at(wanted @ turn.T + 7.0, places @ turn.T + 7.0, detection(thickness))
+    np.testing.assert_allclose(moved[0], lag, atol=1e-9)
+
+
+def test_a_steeper_wedge_is_less_sure():
+    places = disc()
+    sigmas = [
+        lags_at(np.array([(0.0, 0.0, 400.0)]), places, detection(8.0 + s * places[:, 0]))[1][0]
+        for s in (0.0, 0.1, 0.2)
+    ]
+    assert sigmas[0] < sigmas[1] < sigmas[2]
+
+
+def test_thickness_is_proportional_to_the_speed_place_by_place():
+    found = detection(np.array([4.0, 6.0]))
+    faster = at_speed(found, np.array([SPEED * 1.1, SPEED]))
+    np.testing.assert_allclose(faster.thickness_mm, (4.4, 6.0))
+    np.testing.assert_allclose(faster.thickness_sigma_mm, (0.022, 0.02))
+    assert faster.sound_speed_mm_per_us == pytest.approx(1.05 * SPEED)
+    np.testing.assert_array_equal(faster.inner_us, found.inner_us)
+
+
+def test_what_tells_nothing_is_refused_by_name():
+    places = disc(50)
+    none = np.zeros(50, dtype=np.bool_)
+    with pytest.raises(InvalidInputError, match="no A-scan"):
+        lags_at(places[:1], places, detection(np.full(50, 6.0), none))
+    with pytest.raises(InvalidInputError, match="reference point 2"):
+        lags_at(np.vstack((places[:1], places[:1] + 60.0)), places, detection(np.full(50, 6.0)))
+    with pytest.raises(DegenerateGeometryError, match="0 A-scans"):
+        choose_reference_scans(places, detection(np.full(50, 2.0)), 3)

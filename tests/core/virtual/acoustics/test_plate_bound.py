@@ -1,0 +1,26 @@
+"""Times of flight through a plate scatter as the bound of Cramer and Rao says, and no less."""
+
+import numpy as np
+import pytest
+
+from benchmarks.bone_scenes import plate
+from rona_core.ultrasound.detection.detect import detect
+from rona_core.ultrasound.detection.single.cramer_rao import inner_bound
+from rona_core.ultrasound.detection.single.matched_filter import block_template
+from rona_core.ultrasound.probe.probe_model import PROBES
+
+WRONG_MM = 1.0
+
+
+@pytest.mark.parametrize("excitation", ["pulse", "chirp"])
+@pytest.mark.parametrize("name", list(PROBES))
+@pytest.mark.parametrize("thickness_mm", [6.0, 8.0])
+@pytest.mark.parametrize("snr_db", [20.0, 40.0])
+def test_on_a_plate_the_scatter_is_that_of_the_bound(name, excitation, thickness_mm, snr_db):
+    scene = plate(thickness_mm, snr_db, name=name, excitation=excitation)
+    found = detect(scene.track, scene.probe, excitation, positions_mm=scene.points_skull)
+    error_us = found.inner_us - found.outer_us - scene.bone_us
+    pulse, sent = (block_template(scene.probe, kind) for kind in ("pulse", excitation))
+    bound = inner_bound(pulse, scene.medium.table, thickness_mm, snr_db, sent).coherent_us
+    assert np.abs(error_us).max() * found.sound_speed_mm_per_us / 2.0 < WRONG_MM
+    assert 0.85 < error_us.std() / bound < 1.5

@@ -1,0 +1,119 @@
+import numpy as np
+import pytest
+
+from rona_core.virtual.specimen.simulated.landmarks import direction_of, tangents, trace_curve
+from rona_core.virtual.specimen.simulated.layer_radii import FLOOR_MM
+from rona_core.virtual.specimen.simulated.patient_sampling import draw_patient
+from rona_core.virtual.specimen.simulated.sphere_mesh import cube_sphere
+from rona_core.virtual.specimen.simulated.spherical_fields import Bumps, Curves, Egg, Waves
+
+STEP = 1e-6
+
+
+def directions(n, seed=0):
+    u = np.random.default_rng(seed).normal(size=(n, 3))
+    return u / np.linalg.norm(u, axis=1, keepdims=True)
+
+
+def differences(function, u):
+    """Central differences of values (n, ...) by each coordinate of u, last axis."""
+    parts = [
+        (function(u + STEP * axis) - function(u - STEP * axis)) / (2 * STEP) for axis in np.eye(3)
+    ]
+    return np.stack(parts, axis=-1)
+
+
+def fields():
+    rng = np.random.default_rng(5)
+    axes = np.array([tangents(d) for d in directions(3, 1)])
+    line = trace_curve(directions(4, 2)[:3], 0.01)
+    return {
+        "bumps": Bumps(axes, np.array([[0.3, 0.2]] * 3), np.array([1.0, -2.0, 3.0])),
+        "waves": Waves.draw(rng, np.array([45.0, 7.5]), np.array([0.8, 0.4])),
+        "curves": Curves(line, np.full(len(line), 0.1), 0.02),
+        "egg": Egg((70.0, 92.0, 75.0)),
+    }
+
+
+@pytest.mark.parametrize("name", ["bumps", "waves", "curves", "egg"])
+def test_gradients_are_the_derivatives(name):
+    field, u = fields()[name], directions(400)
+    if name == "curves":  # look where there is something to see
+        u = field.points[::3] + 0.01 * directions(len(field.points[::3]), 3)
+        u /= np.linalg.norm(u, axis=1, keepdims=True)
+        assert np.abs(field.gradient(u)).max() > 1.0
+    np.testing.assert_allclose(field.gradient(u), differences(field.value, u), atol=2e-6)
+
+
+def test_waves_have_the_asked_deviation_and_correlation():
+    rng = np.random.default_rng(0)
+    u = directions(300)
+    step = 20.0 / 76.0
+    v = u + step * np.cross(u, directions(300, 9))  # a chord of at most 20 mm
+    chord = 76.0 * np.linalg.norm(u - v, axis=1)
+    draws = [Waves.draw(rng, np.array([19.0]), np.array([0.75])) for _ in range(200)]
+    a, b = (np.array([w.value(p) for w in draws]) for p in (u, v))
+    assert a.std() == pytest.approx(0.75, rel=0.05)
+    wanted = 0.75**2 * np.exp(-(chord**2) / (2 * 19.0**2))
+    np.testing.assert_allclose((a * b).mean(axis=0).mean(), wanted.mean(), rtol=0.12)
+
+
+def test_a_smeared_curve_is_as_deep_as_its_weights_say():
+    turn = np.linspace(0.0, 1.0, 4)
+    line = trace_curve(np.stack((np.cos(turn), np.sin(turn), 0 * turn), 1), 0.002)
+    width = 0.012
+    curve = Curves(line, np.full(len(line), 0.002 / (width * np.sqrt(2 * np.pi))), width)
+    up = np.array([0.0, 0.5 * width, width])
+    u = np.stack((np.cos(0.5) * np.cos(up), np.sin(0.5) * np.cos(up), np.sin(up)), 1)
+    np.testing.assert_allclose(curve.value(u), np.exp(-0.5 * (up / width) ** 2), rtol=5e-3)
+
+
+def test_landmarks_lie_where_they_are_named():
+    egg = Egg((70.0, 92.0, 75.0))
+    for side in (1, -1):
+        u = direction_of(egg, (35.0, 45.0), side)
+        p = np.array((0.0, -6.0, 48.0)) + egg.value(u[None])[0] * u
+        np.testing.assert_allclose(p[1:], (-35.0, 45.0), atol=1e-6)
+        assert np.sign(p[0]) == side
+
+
+@pytest.mark.parametrize("seed", [0, 1, 7])
+def test_gradients_and_normals_of_the_whole_shape(seed):
+    shape, u = draw_patient(seed), directions(600, seed)
+    gradients = shape.gradients(u)
+    np.testing.assert_allclose(gradients, differences(shape.radii, u), atol=1e-6)
+    assert np.abs(gradients).max() > 10.0
+
+    def level(v):
+        r = np.linalg.norm(v, axis=1)
+        return r[:, None] - shape.radii(v / r[:, None])
+
+    for k in range(4):
+        surface = shape.radii(u)[:, k, None] * u
+        parts = [
+            (level(surface + 1e-5 * e)[:, k] - level(surface - 1e-5 * e)[:, k]) for e in np.eye(3)
+        ]
+        n = np.stack(parts, axis=1)
+        n /= np.linalg.norm(n, axis=1, keepdims=True)
+        np.testing.assert_allclose(shape.normals(u)[:, k], n, atol=1e-5)
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_boundaries_never_touch(seed):
+    _, u = cube_sphere(90)  # 1.3 mm apart
+    radii = draw_patient(seed).radii(u)
+    between = -np.diff(radii, axis=1)
+    assert between.min() > 0.03
+    assert (radii[:, 0] - radii[:, 3]).min() > FLOOR_MM - 0.4  # the floor, less a suture
+    assert radii.min() > 30.0
+
+
+def test_cube_sphere_is_closed_and_faces_outward():
+    faces, vertices = cube_sphere(7)
+    edges = np.sort(faces[:, (0, 1, 1, 2, 2, 0)].reshape(-1, 2), axis=1)
+    _, count = np.unique(edges, axis=0, return_counts=True)
+    assert (count == 2).all()
+    assert len(vertices) - len(count) + len(faces) == 2
+    corners = vertices[faces]
+    normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    assert (np.einsum("ij,ij->i", normals, corners.mean(axis=1)) > 0).all()

@@ -1,0 +1,309 @@
+"""The whole procedure in a real browser, by mouse and keyboard alone."""
+
+import os
+import re
+import time
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from rona_core.session.files import load_session
+from rona_ui.resources import demo_session
+from tests.helpers.browser_driver import (
+    CHROMIUM,
+    DRAWN_BY,
+    FLAGS,
+    REPOSITORY,
+    SMALL,
+    STEPS,
+    VIEWPORT,
+    Surgeon,
+    running_server,
+    wait_for,
+)
+
+pytestmark = [pytest.mark.browser, pytest.mark.slow]
+PICTURES = os.environ.get("RONA_SCREENSHOTS") == "1"
+# a name that would be markup if it were not escaped; a plain one where pictures are kept
+NAME = "Bone 7" if PICTURES else "Bone <b>7</b> & co"
+
+
+@pytest.fixture(scope="module")
+def pictures(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    if PICTURES:
+        folder = REPOSITORY / "docs" / "images"
+        folder.mkdir(parents=True, exist_ok=True)
+        return folder
+    return tmp_path_factory.mktemp("pictures")
+
+
+@pytest.fixture(scope="module")
+def browser() -> Iterator[Any]:
+    if not CHROMIUM.is_file():
+        reason = f"no browser at {CHROMIUM}: see tests/install_browser.sh, or set RONA_CHROMIUM"
+        if os.environ.get("CI"):
+            pytest.fail(reason)
+        pytest.skip(reason)
+    playwright = pytest.importorskip("playwright.sync_api")
+    flags = (*FLAGS, *DRAWN_BY[os.environ.get("RONA_E2E_GL", "mesa")])
+    with playwright.sync_playwright() as driver:
+        started = driver.chromium.launch(executable_path=CHROMIUM, args=list(flags))
+        yield started
+        started.close()
+
+
+@pytest.fixture(scope="module")
+def surgeon(
+    tmp_path_factory: pytest.TempPathFactory, pictures: Path, browser: Any
+) -> Iterator[Surgeon]:
+    with running_server(tmp_path_factory.mktemp("sessions")) as address:
+        page = browser.new_page(viewport=VIEWPORT if PICTURES else SMALL)
+        page.set_default_timeout(60_000)
+        yield Surgeon(page, address, pictures)
+
+
+def region_center(surgeon: Surgeon) -> np.ndarray:
+    """Read the centre of the region from what the set-up step says."""
+    words = surgeon.frame.get_by_text("Region: centre").inner_text()
+    found = re.search(r"\((-?\d+), (-?\d+), (-?\d+)\)", words)
+    assert found is not None
+    return np.array([float(part) for part in found.groups()])
+
+
+def quality(surgeon: Surgeon) -> list[str]:
+    surgeon.tab("Quality")
+    rows = surgeon.frame.locator(".r-table", has_text="Quantity").locator("tr")
+    return [row.strip() for row in rows.all_inner_texts()]
+
+
+def draw_meander(surgeon: Surgeon, center: np.ndarray) -> None:
+    """Draw on the skull: drag along eight lines over the region."""
+    mouse = surgeon.page.mouse
+    for number, y in enumerate(np.arange(-17.5, 18.0, 5.0)):
+        half = np.sqrt(22.0**2 - y**2)
+        ends = [
+            center + np.array([x, y, 0.15 * x - 0.006 * (x * x + y * y)]) for x in (-half, half)
+        ]
+        if number % 2:
+            ends.reverse()
+        (x0, y0), (x1, y1) = surgeon.pixels([tuple(end) for end in ends])
+        mouse.move(x0, y0)
+        mouse.down()
+        for share in np.linspace(0.05, 1.0, 20):
+            mouse.move(x0 + share * (x1 - x0), y0 + share * (y1 - y0))
+            time.sleep(0.03)  # a hand; the page reports a drag at most 20 times a second
+        mouse.up()
+
+
+def points_so_far(surgeon: Surgeon) -> int:
+    words = surgeon.frame.get_by_text("points so far").inner_text()
+    found = re.search(r"(\d+) points so far", words)
+    return int(found.group(1)) if found else 0
+
+
+def test_the_page_opens_on_a_copy_of_the_demo_session(surgeon: Surgeon) -> None:
+    assert surgeon.states() == ["done"] * len(STEPS)
+    assert "not saved" in surgeon.frame.locator(".r-head").inner_text()
+    surgeon.open_step("Maps")
+    wait_for(lambda: any("Inner boundary" in row for row in quality(surgeon)), 60, "figures")
+    surgeon.tab("A-scan")
+    wait_for(lambda: "/maps/inner" in surgeon.nodes(), 30, "the maps")
+    surgeon.frame.locator(".uplot canvas").filter(visible=True).wait_for()
+    surgeon.picture("demo")
+
+
+def test_nine_steps_by_mouse_then_saved_and_opened_again(surgeon: Surgeon) -> None:
+    frame, page = surgeon.frame, surgeon.page
+
+    # a new session under a name of its own
+    frame.get_by_text("Session", exact=True).click()
+    surgeon.button("New session").click()
+    wait_for(lambda: surgeon.states()[1:3] == ["ready", "ready"], 30, "a new session")
+    name = surgeon.field("Name")
+    name.fill(NAME)
+    surgeon.button("Rename").click()
+    frame.locator(".r-head").get_by_text(NAME, exact=True).wait_for()
+    assert frame.locator(".r-head b").count() == 1  # the program's own, none from the name
+    frame.get_by_text("Session", exact=True).click()
+    surgeon.open_step("Set-up")
+    assert surgeon.states() == ["done", "ready", "ready", *["blocked"] * 6]
+    center = region_center(surgeon)
+    surgeon.picture("setup")
+
+    # a step that is blocked says why and cannot be started
+    surgeon.open_step("Scan")
+    assert frame.get_by_text("Blocked: first search the roll").is_visible()
+    assert surgeon.button("Scan").is_disabled()
+
+    for step, primary in (("Tool", "Move and register"), ("Pointer", "Pivot and calibrate")):
+        surgeon.open_step(step)
+        surgeon.button(primary).click()
+        surgeon.wait_state(step, "done")
+        surgeon.picture(step.lower())
+    surgeon.button("Next: 4 Surface").click()
+    surgeon.button("Sweep the region").click()
+    surgeon.wait_state("Surface", "done")
+    surgeon.picture("surface")
+
+    # the path is drawn on the skull in the 3D scene
+    surgeon.open_step("Path")
+    surgeon.button("Draw on the skull").click()
+    frame.get_by_text("points so far").wait_for()
+    draw_meander(surgeon, center)
+    wait_for(lambda: points_so_far(surgeon) >= 60, 20, "60 points on the skull")
+    assert {"/drawing/line", "/drawing/points"} <= set(surgeon.nodes())
+    surgeon.picture("path")
+    surgeon.button("Finish the line").click()
+    surgeon.wait_state("Path", "done")
+    wait_for(lambda: "/path/raw" in surgeon.nodes(), 20, "the path in the scene")
+    assert "/drawing/line" not in surgeon.nodes()
+
+    surgeon.open_step("Smoothing")
+    surgeon.button("Smooth the path").click()
+    surgeon.wait_state("Smoothing", "done")
+    surgeon.picture("smoothing")
+    surgeon.open_step("Roll")
+    surgeon.button("Search the roll").click()
+    surgeon.wait_state("Roll", "done")
+    surgeon.tab("Rolls")
+    assert frame.get_by_text("The verifier certifies the motion").is_visible()
+    surgeon.picture("roll")
+    surgeon.open_step("Scan")
+    surgeon.button("Scan").click()
+    surgeon.wait_state("Scan", "done")
+    surgeon.tab("A-scan")
+    surgeon.picture("scan")
+    surgeon.open_step("Maps")
+    surgeon.button("Map the boundaries").click()
+    surgeon.wait_state("Maps", "done")
+    surgeon.wait_idle()
+    wait_for(lambda: any("Inner boundary" in row for row in quality(surgeon)), 60, "figures")
+    assert {"/maps/outer", "/maps/inner", "/maps/fused"} <= set(surgeon.nodes())
+    surgeon.picture("maps")
+
+    # saved, gone, and opened again: the same states, figures and scene
+    page.keyboard.press("Control+s")
+    wait_for(lambda: "not saved" not in frame.locator(".r-head").inner_text(), 30, "the file")
+    states, figures, nodes = surgeon.states(), quality(surgeon), surgeon.nodes()
+    assert states == ["done"] * len(STEPS)
+    frame.get_by_text("Session", exact=True).click()
+    surgeon.button("New session").click()
+    wait_for(lambda: surgeon.states()[1] == "ready", 30, "a new session")
+    assert "/maps/inner" not in surgeon.nodes()
+    surgeon.field("File").click()
+    frame.get_by_role("option", name=re.compile("^Bone")).click()
+    surgeon.button("Open the file").click()
+    surgeon.wait_state("Maps", "done", 30)
+    surgeon.come()  # the page anew: nothing that is shown may live in the browser
+    wait_for(lambda: quality(surgeon) == figures, 60, "the figures to come back")
+    assert surgeon.states() == states
+    assert surgeon.nodes() == nodes
+    assert surgeon.frame.locator(".r-head").get_by_text(NAME, exact=True).is_visible()
+    assert surgeon.errors == []
+
+
+def test_undo_by_key_takes_back_one_change_and_an_earlier_change_makes_later_steps_stale(
+    surgeon: Surgeon,
+) -> None:
+    surgeon.open_step("Set-up")
+    before = surgeon.states()
+    seed = surgeon.field("Seed")
+    seed.fill("5")
+    seed.press("Enter")
+    surgeon.wait_state("Tool", "stale", 30)
+    assert surgeon.states()[1:] == ["stale"] * 8
+    surgeon.page.mouse.click(800, 120)  # beside every field
+    surgeon.page.keyboard.press("Control+z")
+    wait_for(lambda: surgeon.states() == before, 30, "the steps to be done again")
+
+
+def test_a_value_out_of_range_is_told_and_the_field_shows_the_truth(surgeon: Surgeon) -> None:
+    surgeon.open_step("Set-up")
+    radius = surgeon.field("Region radius")
+    held = radius.input_value()
+    radius.fill("453")
+    assert radius.input_value() == "453"  # nothing happens before it is finished
+    radius.press("Enter")
+    surgeon.frame.get_by_text("Region radius (mm) must be 5 to 45, not 453").first.wait_for()
+    wait_for(lambda: radius.input_value() == held, 10, "the field to show the truth")
+
+
+def ascans_told(surgeon: Surgeon, ending: str) -> int:
+    """Wait for the word of the scan step that ends so; return how many A-scans it tells of."""
+    told = surgeon.frame.get_by_text(re.compile(rf"^\d+ A-scans in .*{ending}"))
+    told.wait_for()
+    found = re.match(r"\d+", told.inner_text())
+    assert found is not None
+    return int(found.group())
+
+
+CHOOSE = """async (index) => (await fetch('/api/v1/sessions/current/commands/ChooseRoll', {
+  method: 'POST', headers: {'Content-Type': 'application/json'}, body: JSON.stringify({index}),
+})).status"""
+
+
+def stopped_by_escape(surgeon: Surgeon, words: str) -> Any:
+    """Scan, press Esc once A-scans come; return how the robot stands then."""
+    surgeon.button(words).click()
+    share = surgeon.frame.get_by_text(re.compile(r"^Scanning: [1-9]\d* %$"))
+    share.wait_for()  # A-scans have begun to come
+    assert surgeon.ask("/sessions/current/robot/state")["moving"]
+    surgeon.page.keyboard.press("Escape")
+    pressed_s = time.monotonic()
+    wait_for(lambda: not surgeon.ask("/sessions/current/robot/state")["moving"], 1.0, "rest")
+    stopped = surgeon.ask("/sessions/current/robot/state")
+    assert time.monotonic() - pressed_s < 1.0  # at once, whatever the page has to draw
+    surgeon.wait_idle(5.0)  # most of the path is still ahead
+    recorded = surgeon.ask("/sessions/current")["captures"][-1]
+    assert (recorded["kind"], recorded["partial"]) == ("ScanCapture", True)
+    return stopped
+
+
+def test_escape_stops_the_robot_while_it_scans(
+    tmp_path_factory: pytest.TempPathFactory, pictures: Path, browser: Any
+) -> None:
+    """On the demo session, slowly enough to be stopped in the middle of the path."""
+    with running_server(tmp_path_factory.mktemp("stopped"), pace=2.0) as address:
+        page = browser.new_page(viewport=SMALL)
+        page.set_default_timeout(60_000)
+        surgeon = Surgeon(page, address, pictures)
+        surgeon.open_step("Scan")
+        whole = ascans_told(surgeon, "Replay them below")
+        before = surgeon.states()
+        stopped = stopped_by_escape(surgeon, "Scan again")
+        # a repeat: the whole scan of before stands, with its maps
+        surgeon.frame.get_by_text("the recording of before stays as it was").wait_for()
+        assert ascans_told(surgeon, "Replay them below") == whole
+        assert surgeon.states() == before
+
+        time.sleep(2.0)  # a hand off the keys: nothing may move by itself
+        later = surgeon.ask("/sessions/current/robot/state")
+        assert later["joints_deg"] == stopped["joints_deg"]
+        assert not later["moving"]
+        assert all(job["state"] != "running" for job in surgeon.ask("/jobs"))
+
+        back = surgeon.button("Draw the probe back")  # it stands on the bone
+        back.click()
+        back.wait_for(state="hidden")
+        surgeon.wait_idle(30.0)
+        wait_for(lambda: surgeon.ask("/jobs")[-1]["state"] == "done", 10, "the probe to be back")
+        assert surgeon.ask("/jobs")[-1]["activity"] == "StartRetract"
+        assert back.is_hidden()
+
+        plan = load_session(demo_session()).results.roll.value
+        other = next(i for i, v in enumerate(plan.verdicts) if v.feasible and i != plan.chosen)
+        assert page.evaluate(CHOOSE, other) == 200
+        surgeon.wait_state("Scan", "stale", 60)
+        stopped_by_escape(surgeon, "Scan")
+        count = ascans_told(surgeon, "Stopped early: start the scan again")
+        assert 0 < count < 0.9 * whole
+        assert surgeon.frame.get_by_text("Replay them below").count() == 0
+        surgeon.wait_state("Scan", "partial", 30)
+        ascans = "/sessions/current/ascans/first"
+        assert "code" not in surgeon.ask(f"{ascans}/{count - 1}")
+        assert surgeon.ask(f"{ascans}/{count}")["code"] == "not_found"
+        assert surgeon.errors == []
+        page.close()

@@ -1,0 +1,75 @@
+"""Recordings in a real browser: a pivot from a file is calibrated, and saved as a sequence file."""
+
+import os
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from rona_core.devices.files.poses.igs_mha import read_igs_mha
+from tests.helpers.browser_driver import (
+    CHROMIUM,
+    DRAWN_BY,
+    FLAGS,
+    SMALL,
+    Surgeon,
+    running_server,
+    wait_for,
+)
+from tests.helpers.pivot_data import TIP, poses, rows_file
+
+pytestmark = [pytest.mark.browser, pytest.mark.slow]
+
+
+@pytest.fixture(scope="module")
+def surgeon(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Surgeon]:
+    if not CHROMIUM.is_file():
+        reason = f"no browser at {CHROMIUM}: see tests/install_browser.sh, or set RONA_CHROMIUM"
+        if os.environ.get("CI"):
+            pytest.fail(reason)
+        pytest.skip(reason)
+    playwright = pytest.importorskip("playwright.sync_api")
+    flags = (*FLAGS, *DRAWN_BY[os.environ.get("RONA_E2E_GL", "mesa")])
+    with (
+        running_server(tmp_path_factory.mktemp("sessions")) as address,
+        playwright.sync_playwright() as driver,
+    ):
+        browser = driver.chromium.launch(executable_path=CHROMIUM, args=list(flags))
+        page = browser.new_page(viewport=SMALL)
+        page.set_default_timeout(60_000)
+        yield Surgeon(page, address, tmp_path_factory.mktemp("pictures"))
+        browser.close()
+
+
+def test_a_pivot_is_imported_and_what_was_imported_is_downloaded(
+    surgeon: Surgeon, tmp_path: Path
+) -> None:
+    frame, page = surgeon.frame, surgeon.page
+    frame.get_by_text("Session", exact=True).click()
+    surgeon.button("New session").click()
+    wait_for(lambda: surgeon.states()[1:3] == ["ready", "ready"], 30, "a new session")
+
+    made, _ = poses(n=60, sigma_mm=0.1)
+    file = tmp_path / "pivot.csv"
+    file.write_bytes(rows_file(made).data)
+    surgeon.open_step("Pointer")
+    frame.locator("text=Import a recording >> visible=true").click()
+    with page.expect_file_chooser() as chooser:
+        surgeon.button("Import recording").click()
+    chooser.value.set_files(file)
+    surgeon.wait_state("Pointer", "done")
+    note = frame.get_by_text("Tip at (").inner_text()
+    found = [float(part) for part in note.partition("(")[2].partition(")")[0].split(",")]
+    np.testing.assert_allclose(found, TIP, atol=0.5)
+
+    surgeon.field("Recording").click()
+    frame.get_by_role("option", name="1: pointer, marker").click()
+    with page.expect_download() as download:
+        surgeon.button("Download .igs.mha").click()
+    assert download.value.suggested_filename == "untitled_1_marker.igs.mha"
+    saved = tmp_path / "back.igs.mha"
+    download.value.save_as(saved)
+    track = read_igs_mha(saved.read_bytes()).track("marker")
+    assert track.Ts_tracker_marker.translations.tobytes() == made.translations.tobytes()
+    assert surgeon.errors == []

@@ -1,0 +1,170 @@
+"""How results look: the robot with a roll, lines in their colours, stale results unpraised."""
+
+import re
+from dataclasses import replace
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from rona_core.app.jobs import JobStatus
+from rona_core.app.map_accuracy import accuracy_words, map_accuracy
+from rona_core.app.maps import layers_of
+from rona_core.app.queries import step_states
+from rona_core.devices.live import LiveState
+from rona_core.robot.kinematics.catalog import robot_model
+from rona_core.session.document import Session
+from rona_core.session.files import load_session
+from rona_ui.panels.layout.quality import QualityPanel
+from rona_ui.panels.maps.maps import MapsPanel, color_bar
+from rona_ui.panels.widgets.panel_context import Door
+from rona_ui.scene.maps.maps import MapLayer, ScanLayer
+from rona_ui.scene.path.path import PathLayer
+from rona_ui.scene.roll.replay_joints import joints_shown, shows_roll
+from rona_ui.scene.viser_nodes import Stage
+from rona_ui.view_state import Picture, ViewState
+from tests.helpers.fake_gui import FakeGui
+
+DEMO = Path(__file__).resolve().parents[3] / "sessions" / "demo.rona"
+SCANNING = JobStatus("1", "StartScan", "running", 0.5)
+NOTHING = Door(*[lambda *_: None] * 5)  # type: ignore[arg-type]
+
+
+@pytest.fixture(scope="module")
+def demo() -> Session:
+    return load_session(DEMO)
+
+
+def picture(session: Session, view: ViewState, **parts: Any) -> Picture:
+    return Picture(session, view, step_states(session), LiveState(), **parts)
+
+
+def test_in_the_roll_step_the_probe_stands_on_the_middle_of_the_path(demo: Session) -> None:
+    plan = demo.results.roll.value  # type: ignore[union-attr]
+    model = robot_model(plan.model)
+    index = next(i for i, v in enumerate(plan.verdicts) if v.feasible and i != plan.chosen)
+    at = picture(demo, ViewState(step="roll", shown_roll=index))
+    q_rad = joints_shown(at)
+    assert shows_roll(at)
+    assert q_rad is not None
+    T_base_flange = model.joint_poses(q_rad)[-1]
+    tip_base = (T_base_flange @ model.T_flange_probe).translation
+    along = np.linalg.norm(plan.path.points_base - tip_base, axis=1)
+    assert along.min() < 0.01
+    assert abs(along.argmin() / len(along) - 0.5) < 0.05
+
+
+def test_elsewhere_and_while_it_scans_the_robot_stands_where_it_is(demo: Session) -> None:
+    for other in (
+        picture(demo, ViewState(step="scan")),
+        picture(demo, ViewState(step="roll"), job=SCANNING),
+    ):
+        assert not shows_roll(other)
+        assert joints_shown(other) is None  # nothing is known of the robot
+
+
+def test_a_line_keeps_the_one_colour_it_was_given() -> None:
+    there: list[Any] = []
+
+    def add(name: str, points: Any, colors: Any, **options: Any) -> Any:
+        there.append(SimpleNamespace(points=points, colors=colors))
+        return there[-1]
+
+    stage = Stage(SimpleNamespace(add_line_segments=add))
+    for n in (5, 8):
+        stage.lines("/line", np.zeros((n, 2, 3)), (230, 159, 0))
+        (node,) = there
+        assert node.points.shape == (n, 2, 3)
+        assert np.asarray(node.colors).tolist() == [230, 159, 0]
+
+
+def test_a_colour_bar_says_where_values_lie_beyond_it(demo: Session) -> None:
+    mapped = demo.results.maps
+    assert mapped is not None
+    layers = layers_of(mapped.value)
+    assert "≤" in color_bar(replace(layers, low_mm=4.0))
+    assert "≥" in color_bar(replace(layers, high_mm=5.0))
+    whole = color_bar(replace(layers, low_mm=-1e3, high_mm=1e3))
+    assert "≤" not in whole
+    assert "≥" not in whole
+
+
+def test_the_maps_say_how_far_off_they_are_expected_to_be(demo: Session) -> None:
+    gui = FakeGui()
+    MapsPanel(gui, NOTHING).render(None, picture(demo, ViewState(step="maps")))
+    assert demo.results.maps is not None
+    accuracy = map_accuracy(demo)
+    assert accuracy is not None
+    assert accuracy_words(demo.results.maps.value, accuracy) in gui.html()
+    assert "Bone thickness (mm)" in gui.html()
+    MapsPanel(gui := FakeGui(), NOTHING).render(
+        None, picture(demo, ViewState(step="maps", quantity="sigma"))
+    )
+    assert "Expected error, 1 σ (mm)" in gui.html()
+    ticks = re.findall(r"(\d+\.\d+)</span>", gui.html())
+    assert all(len(tick.split(".")[1]) == 2 for tick in ticks[-3:])  # hundredths
+    assert 0.1 < float(ticks[-3]) < float(ticks[-1]) < 1.0
+
+
+def test_maps_are_drawn_in_the_colours_of_their_expected_error(demo: Session) -> None:
+    drawn: dict[str, np.ndarray] = {}
+    stage: Any = SimpleNamespace(
+        cloud=lambda name, points, colors, **_: drawn.__setitem__(name, np.asarray(colors)),
+        show=lambda *_: None,
+        remove=lambda *_: None,
+    )
+    layer = MapLayer(stage, "inner")
+    plain, sigma = (
+        picture(demo, ViewState(step="maps", quantity=quantity))
+        for quantity in ("thickness", "sigma")  # type: ignore[arg-type]
+    )
+    layer.render(None, plain)
+    before = drawn["/maps/inner"]
+    layer.render(plain, sigma)
+    after = drawn["/maps/inner"]
+    assert after.shape == before.shape  # the same cells
+    assert (after != before).any()
+    assert len(np.unique(after, axis=0)) > 20  # not one colour for all
+
+
+def test_a_stale_result_is_told_but_not_praised(demo: Session) -> None:
+    for session, praised in (
+        (demo, True),
+        (replace(demo, setup=replace(demo.setup, seed=demo.setup.seed + 1)), False),
+    ):
+        gui = FakeGui()
+        MapsPanel(gui, NOTHING).render(None, picture(session, ViewState(step="maps")))
+        assert "Outer boundary in" in gui.html()
+        assert ("r-note good" in gui.html()) == praised
+
+
+def test_figures_of_stale_steps_are_marked(demo: Session) -> None:
+    figures = {"tool_tip_error_mm": 0.2, "outer_rms_mm": 0.3}
+    other = replace(demo, setup=replace(demo.setup, seed=demo.setup.seed + 1))
+    for session, marks in ((demo, 0), (other, 4)):  # tool, pointer, path, maps
+        gui = FakeGui()
+        QualityPanel(gui).render(None, picture(session, ViewState(), figures=figures))
+        assert gui.html().count("! stale") == marks
+
+
+def test_points_of_the_scan_before_are_not_shown_while_the_robot_scans(demo: Session) -> None:
+    shown: dict[str, bool] = {}
+
+    def draw(name: str, *_: Any, **__: Any) -> None:
+        shown[name] = True
+
+    stage: Any = SimpleNamespace(
+        cloud=draw,
+        lines=draw,
+        show=shown.__setitem__,
+        names=shown.keys,
+        remove=lambda name: shown.pop(name, None),
+    )
+    at_rest = picture(demo, ViewState(step="scan"))
+    for at, scanning in ((at_rest, False), (replace(at_rest, job=SCANNING), True)):
+        ScanLayer(stage).render(None, at)
+        PathLayer(stage).render(None, at)
+        assert shown["/scan/points"] != scanning
+        assert shown["/path/smooth"] == shown["/path/raw"] == scanning

@@ -1,0 +1,124 @@
+"""Panels of probe, delay line, speed of sound and sweep: what they send and what they say."""
+
+import numpy as np
+
+from rona_core.app.messages import (
+    AddReferencePoint,
+    CalibrateDelayLine,
+    SetProbe,
+    StartBlockShots,
+    StartMapping,
+    StartReferencePoints,
+    StartWhatIf,
+)
+from rona_core.app.probe_advice import ProbeAdvice
+from rona_core.app.sound_views import ReferenceRow, probe_outlooks
+from rona_core.devices.settings import ProbeSettings
+from rona_core.session.document import Derived, Results, Session
+from rona_core.ultrasound.acoustic_calibration.parameter_sweep import WhatIf
+from rona_ui.panels.acoustics import points_table
+from rona_ui.panels.maps.maps import MapsPanel
+from rona_ui.panels.setup.probe import advice_note, outlook_table
+from rona_ui.panels.setup.probe_sweep import WhatIfPanel, numbers
+from rona_ui.panels.setup.setup import SetupPanel
+from tests.helpers.fake_gui import FakeGui
+from tests.ui.panels.test_panels import CLIENT, Recorder, picture
+
+
+def test_an_edited_probe_is_sent_with_what_differs_and_another_name_without():
+    gui, recorder = FakeGui(), Recorder()
+    panel = SetupPanel(gui, recorder.door)
+    panel.render(None, picture())
+    width = gui.find("number", "Bandwidth (share)")
+    assert width.value == 0.46
+    width.value = 0.6
+    width.happen(CLIENT)
+    assert recorder.sent == [SetProbe(bandwidth=0.6)]
+    name = gui.find("dropdown", "Probe")
+    name.value = "1 MHz"
+    name.happen(CLIENT)
+    assert recorder.sent[-1] == SetProbe(name="1MHz")
+    gui.find("button", "Shoot the block").happen(CLIENT)
+    gui.find("button", "Nominal line again").happen(CLIENT)
+    assert recorder.sent[-2:] == [StartBlockShots(), CalibrateDelayLine(use=False)]
+
+
+def test_the_table_marks_the_chosen_probe_and_leaves_out_what_it_cannot_reach():
+    chosen = ProbeSettings()
+    html = outlook_table(probe_outlooks(chosen), chosen)
+    assert html.count("▶") == 1
+    assert "▶ 2.25 MHz chirp" in html
+    assert ">–<" in html  # the pulse of 2.25 MHz at 10 mm
+
+
+def test_the_probe_that_the_bone_wants_is_told_where_probes_are_chosen(monkeypatch):
+    gui = FakeGui()
+    setup, sweep = SetupPanel(gui, Recorder().door), WhatIfPanel(gui, Recorder().door)
+    before = picture()
+    for panel in (setup, sweep):
+        panel.render(None, before)
+    assert gui.html().count("1 MHz is for bone over 8 mm") == 2
+    advice = ProbeAdvice("2.25MHz", "1MHz", "The bone is thick.")
+    monkeypatch.setattr("rona_ui.panels.setup.probe.probe_advice", lambda session: advice)
+    for panel in (setup, sweep):
+        panel.render(before, picture(Session(results=Results())))
+    assert gui.html().count('<div class="r-note warn">The bone is thick.') == 2
+    assert advice_note(Session(), only_another=True) == advice_note(Session())
+    suits = ProbeAdvice("1MHz", "1MHz", "It suits.")
+    monkeypatch.setattr("rona_ui.panels.setup.probe.probe_advice", lambda session: suits)
+    assert advice_note(Session(), only_another=True) == ""
+    assert "r-note good" in advice_note(Session())
+
+
+def test_points_can_be_measured_and_added_once_there_is_a_map_only():
+    gui, recorder = FakeGui(), Recorder()
+    panel = MapsPanel(gui, recorder.door)
+    panel.render(None, picture())
+    assert gui.find("button", "Measure with a caliper").disabled
+    assert not gui.find("button", "Calibrate the speed").visible
+    assert "Map the boundaries once" in gui.html()
+    gui.find("number", "Points").value = 5
+    gui.find("button", "Measure with a caliper").happen(CLIENT)
+    gui.find("number", "A-scan no.").value = 12
+    gui.find("button", "Add this point").happen(CLIENT)
+    thickness = gui.find("number", "Thickness (mm)").value
+    assert recorder.sent == [StartReferencePoints(n=5), AddReferencePoint(thickness, scan=12)]
+
+
+def test_a_speed_is_given_only_where_somebody_chose_so():
+    gui = FakeGui()
+    panel = MapsPanel(gui, Recorder().door)
+    given = gui.find("number", "Bone (mm/µs)")
+    given.value = 2.5
+    assert panel.message() == StartMapping()
+    gui.find("dropdown", "Bone speed").value = "As given below"
+    assert panel.message() == StartMapping(sound_speed_mm_per_us=2.5)
+
+
+def test_a_doubtful_point_is_named():
+    rows = (ReferenceRow(0, 5.5, 0.02, 2.65, True), ReferenceRow(1, 6.0, 0.9, 3.1, False))
+    html = points_table(rows)
+    assert html.count("doubtful") == 1
+    assert "+0.90" in html
+    assert points_table(()) == ""
+
+
+def test_the_sweep_is_sent_as_the_fields_say_and_shown_cell_by_cell():
+    gui, recorder = FakeGui(), Recorder()
+    panel = WhatIfPanel(gui, recorder.door)
+    gui.find("text", "SNR (dB)").value = "20; 40"
+    panel.render(None, picture())
+    gui.find("button", "Try them").happen(CLIENT)
+    assert recorder.sent == [StartWhatIf(snr_db=(20.0, 40.0))]
+    assert numbers(" 3, 4.5,") == (3.0, 4.5)
+    two = np.array([0.0, 0.5])
+    found = WhatIf(
+        ("1MHz",) * 2, ("chirp",) * 2, two * 0 + 50.0, np.array([4.0, 8.0]), two, two,
+        1.0 - two, two * 0 + 0.031, two * 0 - 0.004, np.array([40, 20]), "normal", 40,
+    )  # fmt: skip
+    held = Results(what_if=Derived(found, "StartWhatIf", {}, {}))
+    panel.render(picture(), picture(Session(results=held)))
+    html = gui.html()
+    assert "100 %" in html
+    assert "31 / -4" in html
+    assert html.count("#f9d9d9") == 2  # the poor cell, and the legend

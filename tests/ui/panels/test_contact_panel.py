@@ -1,0 +1,96 @@
+"""How the probe is pressed on, in step 8: fields, command, refusals and what the scan told."""
+
+from dataclasses import replace
+from types import SimpleNamespace
+
+from rona_core.app.contact_report import ContactReport, DelayShare
+from rona_core.app.handlers import handle
+from rona_core.app.messages import SetContact
+from rona_core.session.document import Session
+from rona_ui.panels.scan.contact import ContactFields, contact_note, held
+from rona_ui.panels.scan.scan import ScanPanel
+from tests.helpers.fake_gui import FakeGui
+from tests.ui.panels.test_panels import CLIENT, Recorder, picture
+
+
+def built():
+    gui, recorder = FakeGui(), Recorder()
+    return gui, recorder, ContactFields(gui, recorder.door)
+
+
+def test_one_field_sends_all_of_them_as_one_command():
+    gui, recorder, fields = built()
+    fields.render(None, picture(handle(SetContact(), Session())))
+    force = gui.find("number", "Force (N)")
+    assert force.value == 3.0
+    force.value = 4.5
+    force.happen(CLIENT)
+    gui.find("number", "Correction (mm)").value = 2.0
+    gui.find("number", "Correction (mm)").happen(CLIENT)
+    assert recorder.sent == [SetContact(force_n=4.5), SetContact(force_n=4.5, travel_mm=2.0)]
+
+
+def test_what_the_program_writes_sends_nothing():
+    gui, recorder, fields = built()
+    fields.render(None, picture())
+    gui.find("number", "Force (N)").happen(None)
+    assert recorder.sent == []
+
+
+def test_switched_off_the_limits_stay_as_they_were():
+    gui, recorder, fields = built()
+    on = picture(handle(SetContact(force_n=5.0, monitor_n=12.0), Session()))
+    fields.render(None, on)
+    pressed = gui.find("checkbox", "Press the probe on")
+    assert pressed.value is True
+    pressed.value = False
+    pressed.happen(CLIENT)
+    assert recorder.sent == [SetContact(pressed=False, force_n=5.0, monitor_n=12.0)]
+    off = picture(handle(recorder.sent[0], on.session))
+    assert held(off.session) == {"pressed": False}
+    fields.render(on, off)
+    assert pressed.value is False
+    assert gui.find("number", "Force (N)").value == 5.0
+
+
+def test_a_refused_value_is_written_back():
+    gui, _, fields = built()
+    before = picture(handle(SetContact(), Session()))
+    fields.render(None, before)
+    stop = gui.find("number", "Stop above (N)")
+    stop.value = 5.0  # below the force at which the probe yields
+    fields.render(before, replace(before, refused=1))
+    assert stop.value == 20.0
+
+
+def test_fields_rest_while_a_job_runs():
+    gui, _, fields = built()
+    idle = picture()
+    fields.render(None, idle)
+    assert not gui.find("number", "Force (N)").disabled
+    fields.render(idle, replace(idle, job=SimpleNamespace(finished=False)))
+    assert gui.find("number", "Force (N)").disabled
+    assert gui.find("number", "Robot lag (ms)").disabled
+
+
+def test_the_panel_of_the_scan_has_them():
+    gui = FakeGui()
+    ScanPanel(gui, Recorder().door).render(None, picture())
+    assert gui.find("number", "Yield above (N)").value == 10.0
+
+
+def test_what_the_scan_told_is_a_warning_only_where_the_contact_ended_it(monkeypatch):
+    late = DelayShare(8.0, 0.2, 20.0, 0.16, 0.004)
+    reports = {
+        "good": ContactReport(SimpleNamespace(reason=""), late, "Set point 3.0 N."),
+        "ended": ContactReport(SimpleNamespace(reason="too hard"), None, "Ended: too <hard>."),
+        "none": None,
+    }
+    monkeypatch.setattr("rona_ui.panels.scan.contact.contact_report", reports.get)
+    good, ended = contact_note("good"), contact_note("ended")
+    assert 'class="r-note"' in good
+    assert "arrive 8.0 ± 0.2 ms late" in good
+    assert 'class="r-note warn"' in ended
+    assert "too &lt;hard&gt;" in ended
+    assert "late" not in ended
+    assert contact_note("none") == ""

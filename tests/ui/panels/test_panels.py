@@ -1,0 +1,498 @@
+import io
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from rona_core.app.jobs import JobStatus
+from rona_core.app.messages import (
+    MoveTracker,
+    SetBone,
+    SetReference,
+    SetRobot,
+    SetTracker,
+    StartPointerCapture,
+    StartToolCapture,
+)
+from rona_core.app.queries import step_states
+from rona_core.app.roll_views import JointCurves
+from rona_core.app.weigh import STOPPED
+from rona_core.devices.live import LiveState
+from rona_core.devices.settings import TrackerPlace, TrackerSettings
+from rona_core.session.document import STEPS, LogEntry, Session
+from rona_ui.panels.layout.docks import STEP_PANELS
+from rona_ui.panels.layout.frames_and_log import LogPanel
+from rona_ui.panels.layout.quality import QualityPanel
+from rona_ui.panels.layout.run_bar import RunBar, StepTitle
+from rona_ui.panels.layout.session import SessionHead, SessionPanel
+from rona_ui.panels.layout.step_list import StepList
+from rona_ui.panels.layout.view_options import LookPanel
+from rona_ui.panels.maps.second_pass import words as second_words
+from rona_ui.panels.pointer import PointerPanel
+from rona_ui.panels.scan.scan import ScanPanel
+from rona_ui.panels.setup.setup import SetupPanel
+from rona_ui.panels.tool.tool import ToolPanel
+from rona_ui.panels.widgets.draw_on_skull import DrawingControls
+from rona_ui.panels.widgets.graphs import joint_data
+from rona_ui.panels.widgets.panel_context import Door
+from rona_ui.panels.widgets.roll_image import png
+from rona_ui.refusals import Refusal
+from rona_ui.view_state import NEEDED, Backdrop, Picture, ViewState
+from rona_ui.window.browser import without_mode
+from tests.helpers.fake_gui import FakeClient, FakeGui
+
+EVIL = "<img src=x onerror=alert(1)>"
+CLIENT = FakeClient()
+
+
+class Recorder:
+    """Keeps what panels send; a view of its own."""
+
+    def __init__(self) -> None:
+        self.sent: list[Any] = []
+        self.services: list[str] = []
+        self.looks: list[str] = []
+        self.shown = ViewState()
+        self.door = Door(
+            send=lambda make, event: self.sent.append(make()) if event.client else None,
+            send_settled=lambda key, make, event: (
+                self.sent.append(make()) if event.client else None
+            ),
+            view=self._view,
+            service=lambda what, event, data: self.services.append(what),
+            look=self.looks.append,
+        )
+
+    def _view(self, change: Any) -> None:
+        self.shown = change(self.shown)
+
+
+def picture(session: Session | None = None, **parts: Any) -> Picture:
+    held = session or Session()
+    view = parts.pop("view", ViewState())
+    return Picture(held, view, step_states(held), LiveState(), **parts)
+
+
+def test_every_step_has_a_panel_and_says_what_it_needs_to_be_seen() -> None:
+    assert tuple(kind.step for kind in STEP_PANELS) == STEPS
+    assert set(NEEDED) == set(STEPS)
+
+
+@pytest.mark.parametrize("kind", STEP_PANELS)
+def test_the_fields_of_a_step_make_its_message_with_the_defaults(kind: Any) -> None:
+    panel = kind(FakeGui(), Recorder().door)
+    if kind.start is None:
+        return
+    made = panel.message()
+    assert made == type(made)()
+
+
+@pytest.mark.parametrize("kind", STEP_PANELS)
+def test_fields_are_to_be_seen_in_their_step_only(kind: Any) -> None:
+    panel = kind(FakeGui(), Recorder().door)
+    for step in STEPS:
+        panel.render(None, picture(view=ViewState(step=step)))
+        assert panel.folder.visible == (step == kind.step)
+
+
+def test_a_name_that_is_markup_is_shown_as_text() -> None:
+    gui = FakeGui()
+    head, log = SessionHead(gui), LogPanel(gui)
+    entry = LogEntry(1, "RenameSession", {"name": EVIL}, "2026-01-01T00:00:00.000")
+    evil = Session(name=EVIL, log=(entry,))
+    for panel in (head, log):
+        panel.render(None, picture(evil))
+    assert EVIL not in gui.html()
+    assert gui.html().count("&lt;img src=x onerror=alert(1)&gt;") == 3  # title, text, log
+
+
+def test_figures_that_are_markup_are_shown_as_text() -> None:
+    gui = FakeGui()
+    QualityPanel(gui).render(None, picture(figures={"roll_mode": EVIL, "outer_rms_mm": 0.345}))
+    assert EVIL not in gui.html()
+    assert "0.34 mm" in gui.html() or "0.35 mm" in gui.html()
+    assert "pass" in gui.html()
+
+
+def test_the_step_list_tells_state_by_icon_word_and_reason_and_a_click_opens() -> None:
+    gui, recorder = FakeGui(), Recorder()
+    StepList(gui, recorder.door).render(None, picture())
+    rows = [h.content for h in gui.handles if h.kind == "html"]
+    assert "done" in rows[0]
+    assert "ready" in rows[1]
+    assert "blocked" in rows[7]
+    assert "first search the roll (step 7)" in rows[7]
+    gui.find("button", "Step 4: Surface").happen(CLIENT)
+    assert recorder.shown.step == "surface"
+
+
+def bar() -> tuple[FakeGui, Recorder, RunBar]:
+    gui, recorder = FakeGui(), Recorder()
+    panels = {kind.step: kind(gui, recorder.door) for kind in (SetupPanel, ToolPanel, ScanPanel)}
+    return gui, recorder, RunBar(gui, recorder.door, panels)
+
+
+def test_a_scan_that_was_stopped_while_the_tool_was_weighed_says_so_and_goes_on_saying_it() -> None:
+    gui = FakeGui()
+    panel = ScanPanel(gui, Recorder().door)
+    view = ViewState(step="scan")
+    running = JobStatus("1", "StartScan", "running", 0.0)
+    before = picture(view=view, job=running)
+    panel.render(None, before)
+    assert "Stopped" not in panel.remark.content
+    words = f"{STOPPED} {EVIL}"
+    ended = replace(running, state="cancelled", error_code="cancelled", error=words)
+    after = replace(before, job=ended)
+    panel.render(before, after)
+    shown = panel.remark.content
+    assert "Stopped: the robot was stopped while the tool was weighed" in shown
+    assert "no A-scan was recorded, and an earlier scan is kept" in shown
+    assert EVIL not in shown
+    panel.render(after, replace(after, view=replace(view, cursor=3)))
+    assert panel.remark.content == shown
+    again = replace(after, job=replace(running, id="2"))
+    panel.render(after, again)
+    assert "Stopped" not in panel.remark.content
+    other = replace(after, job=replace(ended, activity="StartSecondScan"))
+    panel.render(None, other)
+    assert "Stopped" not in panel.remark.content
+    assert "the tool was weighed" in second_words(other, None, False)
+
+
+def test_a_blocked_step_cannot_be_started_and_says_why() -> None:
+    gui, _, run = bar()
+    title = StepTitle(gui)
+    for part in (run, title):
+        part.render(None, picture(view=ViewState(step="scan")))
+    assert gui.find("button", "Scan").disabled
+    assert "Blocked: first search the roll" in gui.html()
+
+
+def test_the_primary_button_sends_one_activity_and_rests_while_the_job_runs() -> None:
+    gui, recorder, run = bar()
+    before = picture(view=ViewState(step="tool"))
+    run.render(None, before)
+    button = gui.find("button", "Move and register the tool")
+    assert not button.disabled
+    button.happen(CLIENT)
+    assert recorder.sent == [StartToolCapture()]
+    job = JobStatus("1", "StartToolCapture", "running", 0.25)
+    run.render(before, replace(before, job=job))
+    assert not button.visible
+    assert gui.find("button", "Cancel").visible
+    assert next(h for h in gui.handles if h.kind == "progress_bar").value == 25.0
+    assert "Moving the tool: 25 %" in gui.html()
+    gui.find("button", "Cancel").happen(CLIENT)
+    assert recorder.services == ["cancel"]
+
+
+def test_the_pointer_is_pivoted_by_hand_until_somebody_finishes() -> None:
+    gui, recorder = FakeGui(), Recorder()
+    panel = PointerPanel(gui, recorder.door)
+    idle = picture(view=ViewState(step="pointer"))
+    panel.render(None, idle)
+    begin, finish = gui.find("button", "Pivot by hand"), gui.find("button", "Finish and calibrate")
+    assert (begin.visible, finish.visible) == (True, False)
+    begin.happen(CLIENT)
+    assert recorder.sent == [StartPointerCapture(by_hand=True)]
+    job = JobStatus("1", "StartPointerCapture", "running", 0.1)
+    panel.render(idle, replace(idle, job=job, turning=True))
+    assert (begin.visible, finish.visible) == (False, True)
+    assert "Drag the coloured arcs" in gui.html()
+    finish.happen(CLIENT)
+    assert recorder.services == ["finish"]
+
+
+def test_fields_rest_while_a_job_runs() -> None:
+    gui = FakeGui()
+    panel = ToolPanel(gui, Recorder().door)
+    idle = picture()
+    panel.render(None, idle)
+    field = gui.find("number", "Pivot poses")
+    assert not field.disabled
+    panel.render(idle, replace(idle, job=JobStatus("1", "StartScan", "running", 0.0)))
+    assert field.disabled
+
+
+def test_a_field_of_the_set_up_sends_its_command_and_its_echo_sends_nothing() -> None:
+    gui, recorder = FakeGui(), Recorder()
+    panel = SetupPanel(gui, recorder.door)
+    first = picture()
+    panel.render(None, first)
+    rate = gui.find("number", "Rate (Hz)")
+    rate.value = 30.0
+    rate.happen(None)
+    assert recorder.sent == []
+    rate.happen(CLIENT)
+    assert recorder.sent == [SetTracker("polaris", 30.0)]
+    panel.render(first, replace(first, refused=1))  # it was refused: the session's value again
+    assert rate.value == 60.0
+
+
+def held_picture(**tracker: Any) -> Picture:
+    first = picture()
+    devices = replace(first.session.setup.devices, tracker=TrackerSettings(**tracker))
+    setup = replace(first.session.setup, devices=devices)
+    return replace(first, session=replace(first.session, setup=setup))
+
+
+def test_the_details_of_the_tracker_go_into_one_command_and_are_shown_as_held() -> None:
+    gui, recorder = FakeGui(), Recorder()
+    panel = SetupPanel(gui, recorder.door)
+    held = held_picture(dropped_share=0.07, drift_mm=0.5, minutes_on=5.0, occlusion=False)
+    panel.render(None, held)
+    assert gui.find("number", "Dropped (%)").value == pytest.approx(7.0)
+    phantoms = gui.find("number", "Phantoms (%)")
+    phantoms.value = 5.0
+    phantoms.happen(CLIENT)
+    wanted = SetTracker(
+        dropped_share=0.07, drift_mm=0.5, minutes_on=5.0, occlusion=False, phantom_share=0.05
+    )
+    assert recorder.sent == [wanted]
+
+
+def test_the_robot_is_chosen_in_the_set_up_and_keeps_its_other_settings() -> None:
+    gui, recorder = FakeGui(), Recorder()
+    panel = SetupPanel(gui, recorder.door)
+    panel.render(None, picture())
+    arm = gui.find("dropdown", "Arm")
+    assert arm.value == "Stäubli RX90"
+    gui.find("checkbox", "Robot errs").value = False
+    arm.value = "UR10"
+    arm.happen(CLIENT)
+    assert recorder.sent == [SetRobot(model="ur10", errors=False)]
+
+
+def test_moving_the_tracker_is_one_command_and_the_base_marker_another() -> None:
+    gui, recorder = FakeGui(), Recorder()
+    panel = SetupPanel(gui, recorder.door)
+    held = held_picture(place=TrackerPlace((5.0, 0.0, 0.0), 1.0))
+    panel.render(None, held)
+    turn, marker = gui.find("number", "Turn (deg)"), gui.find("checkbox", "Base marker")
+    assert (turn.value, marker.value) == (1.0, True)
+    turn.value = 2.0
+    turn.happen(CLIENT)
+    marker.value = False
+    marker.happen(CLIENT)
+    assert recorder.sent == [MoveTracker((5.0, 0.0, 0.0), 2.0), SetReference(False)]
+
+
+def test_the_kind_of_bone_and_its_speed_are_one_command() -> None:
+    gui, recorder = FakeGui(), Recorder()
+    panel = SetupPanel(gui, recorder.door)
+    panel.render(None, held_picture())
+    kind, own = gui.find("dropdown", "Bone"), gui.find("checkbox", "Own speed of sound")
+    assert own.value is True
+    kind.value = "Hard: sharp, more scatter"
+    kind.happen(CLIENT)
+    own.value = False
+    own.happen(CLIENT)
+    assert recorder.sent[-1] == SetBone("hard", own_speed=False)
+
+
+def test_a_profile_brings_its_own_latency_until_one_is_typed() -> None:
+    gui, recorder = FakeGui(), Recorder()
+    panel = SetupPanel(gui, recorder.door)
+    held = held_picture(latency_ms=30.0)
+    panel.render(None, held)
+    latency, profile = gui.find("number", "Latency (ms)"), gui.find("dropdown", "Tracker")
+    assert latency.value == pytest.approx(30.0)
+    gui.find("number", "Rate (Hz)").happen(CLIENT)
+    assert recorder.sent[-1].latency_ms == 30.0  # another field leaves it alone
+    profile.value = "Vega (0.12 mm RMS)"
+    profile.happen(CLIENT)
+    assert recorder.sent[-1] == SetTracker("vega")
+    panel.render(held, held_picture(profile="vega"))
+    assert latency.value == pytest.approx(14.0)
+    latency.value = 20.0
+    latency.happen(CLIENT)
+    assert recorder.sent[-1] == SetTracker("vega", latency_ms=20.0)
+
+
+def test_only_a_line_of_two_points_can_be_finished() -> None:
+    gui, recorder = FakeGui(), Recorder()
+    controls = DrawingControls(gui, recorder.door, "path", lambda picks: ("line", picks))
+    states = tuple(replace(s, state="ready") for s in step_states(Session()))
+    base = replace(picture(), steps=states)
+    controls.render(base)
+    gui.find("button", "Draw on the skull").happen(CLIENT)
+    assert recorder.shown.drawing == "path"
+    finish = gui.find("button", "Finish the line")
+    one = ((1.0, 2.0, 3.0),)
+    controls.render(replace(base, view=ViewState(drawing="path", picks=one)))
+    assert finish.disabled
+    two = (*one, (4.0, 5.0, 6.0))
+    controls.render(replace(base, view=ViewState(drawing="path", picks=two)))
+    assert not finish.disabled
+    finish.happen(CLIENT)
+    assert recorder.sent == [("line", two)]
+    assert recorder.shown.drawing is None
+
+
+def test_a_line_that_was_left_can_be_gone_on_with_or_dropped() -> None:
+    gui, recorder = FakeGui(), Recorder()
+    controls = DrawingControls(gui, recorder.door, "path", lambda picks: ("line", picks))
+    states = tuple(replace(s, state="ready") for s in step_states(Session()))
+    base = replace(picture(), steps=states)
+    line = ((1.0, 2.0, 3.0), (4.0, 5.0, 6.0))
+    drawn = ViewState(step="path", drawing="path", picks=line)
+    recorder.shown = without_mode(drawn)
+    assert recorder.shown == replace(drawn, drawing=None)
+    controls.render(replace(base, view=recorder.shown))
+    assert not gui.find("button", "Finish the line").visible
+    drop = gui.find("button", "Drop the line")
+    assert drop.visible
+    gui.find("button", "Go on drawing").happen(CLIENT)
+    assert recorder.shown == drawn
+    drop.happen(CLIENT)
+    assert recorder.shown == ViewState(step="path")
+    controls.render(replace(base, view=recorder.shown))
+    assert gui.find("button", "Draw on the skull").visible
+    assert not drop.visible
+
+
+@pytest.mark.parametrize("mode", ["center", "boundary", "move", "insert", "delete", "keep"])
+def test_leaving_an_edit_lets_go_of_what_was_held(mode: Any) -> None:
+    held = ViewState(
+        step="smoothing", drawing=mode, picks=((1.0, 2.0, 3.0),), grabbed=3, ghost=(1.0, 2.0, 3.0),
+        hand=(4, 5.0),
+    )  # fmt: skip
+    assert without_mode(held) == ViewState(step="smoothing")
+
+
+def test_refusals_stand_in_the_log_where_they_happened() -> None:
+    gui = FakeGui()
+    log = LogPanel(gui)
+    time_utc = "2026-01-01T10:20:30.000+00:00"
+    entries = tuple(LogEntry(n, f"Message{n}", {}, "2026-01-01T00:00:00.000") for n in (1, 2))
+    session = Session(log=entries)
+    first = picture(session)
+    log.render(None, first)
+    assert "swing" not in gui.html()
+    refusals = (
+        Refusal(1, "3 Pointer", "The data cannot", f"swing in two directions {EVIL}", time_utc),
+        Refusal(2, "", "Refused", "not so", time_utc),
+    )
+    second = replace(first, refusals=refusals)
+    log.render(first, second)
+    shown = gui.html()
+    assert EVIL not in shown
+    assert "10:20:30 UTC · 3 Pointer" in shown
+    order = [shown.index(word) for word in ("not so", "Message2", "swing in two", "Message1")]
+    assert order == sorted(order)
+    alone = picture(refusals=refusals[1:])
+    log.render(second, alone)  # another session, without any message
+    assert "not so" in gui.html()
+    log.render(alone, picture())
+    assert "Nothing has happened yet." in gui.html()
+
+
+def test_save_undo_and_stop_reach_the_service() -> None:
+    gui, recorder = FakeGui(), Recorder()
+    SessionPanel(gui, recorder.door)
+    history = gui.find("button_group", "History")
+    for word in ("Save", "Undo"):
+        history.value = word
+        history.happen(CLIENT)
+    gui.find("command", "Stop the robot").happen(CLIENT)
+    gui.find("command", "Leave drawing").happen(CLIENT)
+    assert recorder.services == ["save", "stop", "escape"]
+    assert [type(message).__name__ for message in recorder.sent] == ["Undo"]
+
+
+def test_the_cut_has_a_slider_while_it_is_on_and_rests_while_somebody_draws() -> None:
+    gui, recorder = FakeGui(), Recorder()
+    panel = LookPanel(gui, recorder.door)
+    off = picture()
+    panel.render(None, off)
+    across, at = gui.find("dropdown", "Cut"), gui.find("slider", "Cut at (mm)")
+    maps = gui.find("checkbox", "Cut the maps")
+    assert (across.value, at.value, maps.value) == ("Off", 0.0, False)
+    assert not at.visible
+    across.value = "Crosswise"
+    across.happen(CLIENT)
+    at.value = -12.5
+    at.happen(None)  # an echo of our own write
+    assert recorder.shown == ViewState(slice_across="crosswise")
+    at.happen(CLIENT)
+    maps.value = True
+    maps.happen(CLIENT)
+    assert recorder.shown == ViewState(slice_across="crosswise", slice_mm=-12.5, slice_maps=True)
+    on = picture(view=recorder.shown)
+    panel.render(off, on)
+    assert at.visible
+    assert maps.visible
+    at.value = -13.0  # the slider is dragged on while the picture before is drawn
+    panel.render(on, replace(on, view=replace(on.view, slice_mm=-12.8)))
+    assert at.value == -13.0
+    drawing = replace(on, view=replace(on.view, drawing="path"))
+    panel.render(on, drawing)
+    assert across.disabled
+    assert at.disabled
+    panel.render(drawing, on)
+    assert not at.disabled
+    panel.render(on, picture())  # another session begins with a view of its own
+    assert (across.value, at.value, maps.value) == ("Off", 0.0, False)
+    assert not at.visible
+
+
+def test_views_of_the_head_have_their_names_only_where_its_axes_are_known() -> None:
+    gui, recorder = FakeGui(), Recorder()
+    panel = LookPanel(gui, recorder.door)
+    groups = [h for h in gui.handles if h.kind == "button_group"]
+    words = ["Overview", "AP", "Lateral L", "Top"]
+    assert [group.value for group in groups] == words
+    known = Backdrop("VIRTUAL", *[np.zeros(3)] * 6, head_axes_base=np.eye(3))  # type: ignore
+    old = None
+    for new, seen in (
+        (picture(), [True, False, False, True]),
+        (picture(backdrop=known), [True, True, True, False]),
+        (picture(backdrop=replace(known, head_axes_base=None)), [True, False, False, True]),
+    ):
+        panel.render(old, new)
+        assert [group.visible for group in groups] == seen
+        old = new
+    for group in groups:
+        group.happen(CLIENT)
+    assert recorder.looks == words
+
+
+def curves(feasible: bool) -> JointCurves:
+    lower, upper = np.full(6, -100.0), np.full(6, 300.0)
+    x = np.linspace(0.0, 100.0, 11)
+    values = np.outer(np.linspace(-100.0, 300.0, 11), np.ones(6))
+    return JointCurves(20.0, feasible, "words", x, values, lower, upper, 35.0, 4)
+
+
+def test_all_joints_are_drawn_as_a_share_of_their_range() -> None:
+    data, low, high = joint_data(curves(True), 0, None)
+    assert len(data) == 1 + 6 + 2 + 4 + 1
+    assert (data[-1] < low).all()  # no failing spots
+    np.testing.assert_allclose(data[1], np.linspace(0.0, 100.0, 11), atol=1e-9)
+    assert low < 0.0 < 100.0 < high
+    assert (data[7] < low).all()  # nothing fails
+    assert (data[8] < low).all()  # no cursor
+
+
+def test_failing_place_and_cursor_are_upright_lines_and_one_joint_is_in_degrees() -> None:
+    data, low, high = joint_data(curves(False), 2, 62.0)
+    x, joint, worst, now, _, lower, upper, _, _ = data
+    assert (np.diff(x) >= 0.0).all()
+    np.testing.assert_allclose(joint, np.interp(x, [0.0, 100.0], [-100.0, 300.0]))
+    for column, place in ((worst, 35.0), (now, 62.0)):
+        there = np.flatnonzero(x == place)
+        assert len(there) == 3  # up and down again at the same place
+        np.testing.assert_array_equal(column[there] >= low, [False, True, False])
+        assert column[there[1]] == high
+        assert np.delete(column, there[1]).max() < low
+    assert np.isfinite(np.array(data)).all()
+    assert (lower == -100.0).all()
+    assert (upper == 300.0).all()
+
+
+def test_png_is_read_back_by_another_reader() -> None:
+    image_module = pytest.importorskip("PIL.Image")
+    image = np.random.default_rng(0).integers(0, 256, (7, 5, 3), dtype=np.uint8)
+    read = image_module.open(io.BytesIO(png(image)))
+    np.testing.assert_array_equal(np.asarray(read.convert("RGB")), image)

@@ -1,0 +1,395 @@
+"""Steps 5 and 6 in the browser: the slider with its preview, clicks on the skull, colours."""
+
+import re
+from dataclasses import replace
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from rona_core.app.handlers import handle
+from rona_core.app.messages import (
+    BuildPath,
+    BuildSurface,
+    CalibratePointer,
+    ClearPathEdits,
+    DeletePathPoint,
+    DrawPattern,
+    InsertPathPoint,
+    KeepPathSample,
+    MovePathPoint,
+    RegisterTool,
+    SmoothScanPath,
+)
+from rona_core.app.path_check import check_path
+from rona_core.app.path_views import path_view, preview_path
+from rona_core.app.queries import step_states
+from rona_core.devices.live import LiveState
+from rona_core.errors import DegenerateGeometryError, InvalidInputError
+from rona_core.session.document import Session
+from rona_core.session.files import load_session
+from rona_ui.panels.path.path import PathPanel
+from rona_ui.panels.path.path_graph import PathGraph, graph
+from rona_ui.panels.path.pattern import PatternControls
+from rona_ui.panels.smoothing import SmoothingPanel, told
+from rona_ui.panels.widgets.panel_context import Door
+from rona_ui.scene.colors import viridis
+from rona_ui.scene.path import path as scene_path
+from rona_ui.scene.path.path_editing import EditLayer, point_at
+from rona_ui.scene.viser_nodes import Stage
+from rona_ui.view_state import Picture, Preview, ViewState
+from tests.helpers.fake_gui import FakeClient, FakeGui
+
+FILE = Path(__file__).parents[2] / "contract" / "sessions" / "schema_1.rona"
+CLIENT = FakeClient()
+SMOOTHING = ViewState(step="smoothing")
+
+
+@pytest.fixture(scope="module")
+def smoothed() -> Session:
+    session = load_session(FILE)
+    first = (RegisterTool("paper"), CalibratePointer("sphere"), BuildSurface(), BuildPath())
+    for command in (*first, SmoothScanPath()):
+        session = handle(command, session)
+    return session
+
+
+class Recorder:
+    """Keeps what panels send; settled messages apart."""
+
+    def __init__(self, view: ViewState) -> None:
+        self.sent: list[Any] = []
+        self.settled: list[tuple[object, Any]] = []
+        self.shown = view
+        self.door = Door(
+            send=lambda make, event: self.sent.append(make()),
+            send_settled=lambda key, make, event: self.settled.append((key, make())),
+            view=self._view,
+            service=lambda *_: None,
+            look=lambda *_: None,
+        )
+
+    def _view(self, change: Any) -> None:
+        self.shown = change(self.shown)
+
+
+class FakeScene:
+    """Remembers what was drawn, by name."""
+
+    def __init__(self) -> None:
+        self.nodes: dict[str, Any] = {}
+
+    def __getattr__(self, kind: str) -> Any:
+        def add(name: str, points: Any, colors: Any = None, **options: Any) -> Any:
+            node = SimpleNamespace(points=points, colors=colors, visible=True)
+            node.remove = lambda: self.nodes.pop(name)
+            self.nodes[name] = node
+            return node
+
+        return add
+
+
+def picture(session: Session, view: ViewState = SMOOTHING, **parts: Any) -> Picture:
+    return Picture(session, view, step_states(session), LiveState(), **parts)
+
+
+def corners(session: Session) -> np.ndarray:
+    smooth = session.results.smoothing
+    assert smooth is not None
+    return smooth.value.corners_base
+
+
+def dragged(session: Session, tolerance_mm: float) -> ViewState:
+    return replace(SMOOTHING, preview=Preview(tolerance_mm, session.results.smoothing, 0))
+
+
+# -- the slider ------------------------------------------------------------------------------------
+
+
+def test_dragging_the_bound_previews_and_letting_go_asks_for_the_fewest_points(smoothed) -> None:
+    gui, recorder = FakeGui(), Recorder(SMOOTHING)
+    panel = SmoothingPanel(gui, recorder.door)
+    panel.render(None, picture(smoothed))
+    slider = gui.find("slider", "Bound (mm)")
+    slider.value = 2.5
+    slider.happen(CLIENT)
+    assert recorder.sent == []
+    assert recorder.settled == [("tolerance", SmoothScanPath(tolerance_mm=2.5))]
+    now = picture(smoothed, recorder.shown)
+    assert now.preview_mm == 2.5
+    view = scene_path.shown_path(now)
+    assert view is preview_path(smoothed, 2.5)
+    panel.render(picture(smoothed), now)
+    assert f"about {len(view.corners_base)} of 121 points" in gui.html()
+    done = handle(recorder.settled[0][1], smoothed)
+    assert picture(done, recorder.shown).preview_mm is None, "the result ends the preview"
+    assert scene_path.shown_path(picture(done, recorder.shown)).exact
+
+
+def test_our_own_writes_and_a_busy_program_start_no_preview(smoothed) -> None:
+    gui, recorder = FakeGui(), Recorder(SMOOTHING)
+    panel = SmoothingPanel(gui, recorder.door)
+    panel.render(None, picture(handle(SmoothScanPath(tolerance_mm=3.0, metric="k2"), smoothed)))
+    slider = gui.find("slider", "Bound (mm)")
+    assert slider.value == 3.0, "fields follow the result, after undo as well"
+    assert gui.find("dropdown", "Measure").value == "K2: RMS distance"
+    slider.happen(None)
+    assert recorder.settled == []
+    assert recorder.shown.preview is None
+
+
+def test_a_refused_message_ends_the_preview(smoothed) -> None:
+    assert picture(smoothed, dragged(smoothed, 2.0)).preview_mm == 2.0
+    assert picture(smoothed, dragged(smoothed, 2.0), refused=1).preview_mm is None
+
+
+def test_the_panel_tells_counts_bound_deviations_radius_and_tilt(smoothed) -> None:
+    gui = FakeGui()
+    SmoothingPanel(gui, Recorder(SMOOTHING).door).render(None, picture(smoothed))
+    view = path_view(smoothed)
+    html = gui.html()
+    assert f"121 points became {len(view.corners_base)} (the fewest possible)" in html
+    assert f"{view.k1_filtered_mm:.2f} mm from the filtered samples" in html
+    assert f"{view.k1_raw_mm:.2f} mm from the raw ones" in html
+    assert "Normals over a radius of 25.4 mm (chosen by the cloud" in html
+    assert "tilt tolerance" in html or "slower or denser" in html
+    greedy = handle(SmoothScanPath(method="greedy"), smoothed)
+    gui = FakeGui()
+    SmoothingPanel(gui, Recorder(SMOOTHING).door).render(None, picture(greedy))
+    assert (
+        f"at least {greedy.results.smoothing.value.simplified.lower_bound} are needed" in gui.html()
+    )
+
+
+def test_warnings_name_the_place_and_do_not_crowd(smoothed) -> None:
+    coarse = handle(SmoothScanPath(tolerance_mm=5.0, normal_step_mm=0.0), smoothed)
+    check = check_path(coarse)
+    words = told(check)
+    assert "The probe may lean beyond 2.1°" in words
+    first = check.warnings[0]
+    assert f"{first.from_mm:.0f} to {first.to_mm:.0f} mm" in words
+    reasons = {stretch.sentence for stretch in check.proposals}
+    assert words.count("Pass with the pointer once more") == len(reasons)
+    assert sum(words.count(reason) for reason in reasons) == len(reasons), "each is said once"
+
+
+# -- changes by hand -------------------------------------------------------------------------------
+
+
+def sight_of(session: Session, place: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    eye = corners(session).mean(axis=0) + np.array((10.0, -20.0, 400.0))
+    return eye, place - eye
+
+
+def test_a_drag_moves_a_point_and_shows_where_it_is_held(smoothed) -> None:
+    view = replace(SMOOTHING, drawing="move")
+    eye, ray = sight_of(smoothed, corners(smoothed)[4])
+    view, command = point_at(smoothed, view, eye, ray, "start")
+    assert (view.grabbed, command) == (4, None)
+    _, onward = sight_of(smoothed, corners(smoothed)[4] + (2.0, 1.0, 0.0))
+    view, command = point_at(smoothed, view, eye, onward, "update")
+    assert command is None
+    assert view.ghost is not None
+    view, command = point_at(smoothed, view, eye, onward, "end")
+    assert (view.grabbed, view.ghost) == (None, None)
+    assert isinstance(command, MovePathPoint)
+    assert command.index == 4
+    after = handle(command, smoothed)
+    place = after.path_edits.changes[0].points_base[0]
+    assert np.linalg.norm(np.cross(place - eye, onward)) / np.linalg.norm(onward) < 1e-3
+
+
+def test_two_clicks_move_a_point_too(smoothed) -> None:
+    view = replace(SMOOTHING, drawing="move")
+    view, _ = point_at(smoothed, view, *sight_of(smoothed, corners(smoothed)[7]), "click")
+    assert view.grabbed == 7
+    view, command = point_at(smoothed, view, *sight_of(smoothed, corners(smoothed)[8]), "click")
+    assert isinstance(command, MovePathPoint)
+    assert command.index == 7
+
+
+def test_clicks_put_in_take_away_and_keep(smoothed) -> None:
+    eye, ray = sight_of(smoothed, 0.5 * (corners(smoothed)[4] + corners(smoothed)[5]))
+    _, put = point_at(smoothed, replace(SMOOTHING, drawing="insert"), eye, ray, "click")
+    assert isinstance(put, InsertPathPoint)
+    assert put.after == 4
+    at = sight_of(smoothed, corners(smoothed)[9])
+    _, taken = point_at(smoothed, replace(SMOOTHING, drawing="delete"), *at, "click")
+    assert taken == DeletePathPoint(9)
+    raw = smoothed.results.path.value.points_base
+    keep = replace(SMOOTHING, drawing="keep")
+    _, kept = point_at(smoothed, keep, *sight_of(smoothed, raw[30]), "click")
+    assert isinstance(kept, KeepPathSample)
+    assert kept.keep
+    again = handle(kept, smoothed)
+    _, freed = point_at(again, keep, *sight_of(smoothed, raw[30]), "click")
+    assert freed == KeepPathSample(kept.sample, keep=False)
+
+
+def test_beside_path_and_surface_a_click_is_refused_with_words(smoothed) -> None:
+    eye, ray = sight_of(smoothed, corners(smoothed)[0] + (0.0, 150.0, 0.0))
+    for mode in ("move", "delete", "keep"):
+        with pytest.raises(InvalidInputError, match="point nearer"):
+            point_at(smoothed, replace(SMOOTHING, drawing=mode), eye, ray, "click")
+    with pytest.raises(DegenerateGeometryError, match="slide the pointer"):
+        point_at(smoothed, replace(SMOOTHING, drawing="insert"), eye, ray, "click")
+
+
+def test_the_buttons_choose_what_a_click_means_and_forget(smoothed) -> None:
+    gui, recorder = FakeGui(), Recorder(SMOOTHING)
+    panel = SmoothingPanel(gui, recorder.door)
+    panel.render(None, picture(smoothed))
+    assert not gui.find("button", "Forget the changes").visible
+    modes = gui.find("button_group", "By hand")
+    modes.value = "Insert"
+    modes.happen(CLIENT)
+    assert recorder.shown.drawing == "insert"
+    changed = handle(DeletePathPoint(5), smoothed)
+    panel.render(picture(smoothed), picture(changed, recorder.shown))
+    assert "Click the skull where the path shall pass" in gui.html()
+    assert "1 by hand." in gui.html()
+    gui.find("button", "Done").happen(CLIENT)
+    assert recorder.shown.drawing is None
+    gui.find("button", "Forget the changes").happen(CLIENT)
+    assert recorder.sent == [ClearPathEdits()]
+
+
+# -- patterns --------------------------------------------------------------------------------------
+
+
+def test_a_pattern_takes_centre_and_boundary_that_were_clicked(smoothed) -> None:
+    gui, recorder = FakeGui(), Recorder(ViewState(step="path"))
+    controls = PatternControls(gui, recorder.door)
+    controls.render(picture(smoothed, recorder.shown))
+    gui.find("button", "Click the centre").happen(CLIENT)
+    at = sight_of(smoothed, corners(smoothed)[9])
+    recorder.shown, _ = point_at(smoothed, recorder.shown, *at, "click")
+    assert recorder.shown.drawing is None, "one click is all it takes"
+    gui.find("button", "Draw the boundary").happen(CLIENT)
+    for place in (corners(smoothed)[0], corners(smoothed)[12], corners(smoothed)[21]):
+        at = sight_of(smoothed, place)
+        for phase in ("click", "update", "end"):  # the same place again adds no corner
+            recorder.shown, _ = point_at(smoothed, recorder.shown, *at, phase)
+    assert len(recorder.shown.boundary) == 3
+    gui.find("button", "Done").happen(CLIENT)
+    controls.render(picture(smoothed, recorder.shown))
+    assert "a boundary of 3 corners" in gui.html()
+    gui.find("button", "Make the pattern").happen(CLIENT)
+    (made,) = recorder.sent
+    assert made == DrawPattern(
+        center_base_mm=recorder.shown.center, boundary_base_mm=recorder.shown.boundary
+    )
+    gui.find("button", "Forget centre and boundary").happen(CLIENT)
+    assert (recorder.shown.center, recorder.shown.boundary) == (None, ())
+
+
+def test_without_a_surface_there_is_no_pattern() -> None:
+    gui, recorder = FakeGui(), Recorder(ViewState(step="path"))
+    PatternControls(gui, recorder.door).render(picture(Session(), recorder.shown))
+    assert gui.find("button", "Make the pattern").disabled
+    assert "First sample the surface" in gui.html()
+
+
+def test_the_path_step_says_that_it_is_a_pattern(smoothed) -> None:
+    gui, view = FakeGui(), ViewState(step="path")
+    made = handle(DrawPattern(), smoothed)
+    PathPanel(gui, Recorder(view).door).render(None, picture(made, view))
+    assert "A pattern of" in gui.html()
+
+
+# -- what is drawn ---------------------------------------------------------------------------------
+
+
+def test_both_paths_stand_side_by_side_to_one_scale(smoothed) -> None:
+    view = path_view(smoothed)
+    html = graph(view)
+    lines = re.findall(r'<polyline points="([^"]+)"', html)
+    left, right = (
+        np.array([[float(x) for x in pair.split(",")] for pair in line.split()]) for line in lines
+    )
+    assert len(left) == 121
+    assert len(right) == len(view.corners_base)
+    assert left[:, 0].max() <= 170.0 <= right[:, 0].min()
+    scale = np.ptp(left[:, 1]) / np.ptp(view.raw_patch[:, 1])
+    np.testing.assert_allclose(right[0] - left[0], (170.0, 0.0), atol=2.0 * scale)
+    worst = int(view.from_raw_mm.argmax())
+    r, g, b = viridis(view.from_raw_mm[worst : worst + 1] / view.tolerance_mm)[0]
+    assert f"rgb({r},{g},{b})" in html
+    assert "Original: 121 points" in html
+    gui = FakeGui()
+    panel = PathGraph(gui)
+    panel.render(None, picture(Session()))
+    assert "appears here after step 6" in gui.html()
+    panel.render(picture(Session()), picture(smoothed))
+    assert gui.html() == html
+
+
+def drawn(session: Session, view: ViewState) -> dict[str, Any]:
+    scene = FakeScene()
+    stage = Stage(scene)
+    layers = (scene_path.PathLayer, scene_path.AxesLayer, scene_path.WarningsLayer, EditLayer)
+    for layer in layers:
+        layer(stage).render(None, picture(session, view))
+    return scene.nodes
+
+
+def test_the_demonstrated_path_is_coloured_by_its_deviation_in_step_6_only(smoothed) -> None:
+    nodes = drawn(smoothed, SMOOTHING)
+    dots = nodes[scene_path.DEVIATION]
+    assert dots.visible
+    assert not nodes[scene_path.RAW].visible
+    view = path_view(smoothed)
+    np.testing.assert_array_equal(
+        dots.colors[0], viridis(view.from_raw_mm[:1] / view.tolerance_mm)[0]
+    )
+    assert len(np.unique(dots.colors, axis=0)) > 20
+    nodes = drawn(smoothed, ViewState(step="path"))
+    assert nodes[scene_path.RAW].visible
+    assert not nodes[scene_path.DEVIATION].visible
+
+
+def test_every_normal_is_drawn_in_the_shade_of_its_error(smoothed) -> None:
+    nodes, check = drawn(smoothed, SMOOTHING), check_path(smoothed)
+    held = scene_path.shades(check.sigma_deg, check.tolerance_deg)
+    counts = {f"{scene_path.AXES}{s}": int((held == s).sum()) for s in range(scene_path.SHADES)}
+    for name, count in counts.items():
+        assert (len(nodes[name].points) if name in nodes else 0) == count
+    assert sum(counts.values()) == len(check.sigma_deg)
+    edges = np.array([0.0, 0.24, 2.3, 180.0])
+    assert scene_path.shades(edges, 2.0).tolist() == [0, 0, 7, 7]
+
+
+def test_warned_places_are_marked_and_rest_while_the_bound_is_dragged(smoothed) -> None:
+    coarse = handle(SmoothScanPath(tolerance_mm=5.0, normal_step_mm=0.0), smoothed)
+    nodes = drawn(coarse, SMOOTHING)
+    assert len(nodes[scene_path.TILTED].points) == int(check_path(coarse).tilted.sum()) > 0
+    assert nodes[scene_path.TILTED].visible
+    nodes = drawn(coarse, dragged(coarse, 2.0))
+    assert not nodes[scene_path.TILTED].visible
+    assert len(nodes[scene_path.CORNERS].points) == len(preview_path(coarse, 2.0).corners_base)
+
+
+def test_the_point_that_is_held_and_the_boundary_are_drawn(smoothed) -> None:
+    view = replace(SMOOTHING, drawing="move", grabbed=3, ghost=(600.0, 50.0, 390.0))
+    nodes = drawn(smoothed, view)
+    np.testing.assert_allclose(
+        nodes["/edit/grabbed"].points[0], corners(smoothed)[3] / 1000, atol=1e-6
+    )
+    assert "/edit/place" in nodes
+    assert "/edit/place" not in drawn(smoothed, SMOOTHING)
+    ring = ((600.0, 50.0, 390.0), (610.0, 50.0, 390.0), (610.0, 60.0, 390.0))
+    nodes = drawn(smoothed, ViewState(step="path", boundary=ring, center=ring[0]))
+    assert len(nodes["/pattern/boundary"].points) == 3
+    assert nodes["/pattern/center"].visible
+
+
+def test_dots_follow_the_path_evenly() -> None:
+    points = np.array([[0.0, 0.0, 0.0], [10.0, 0.0, 0.0], [10.0, 1.0, 0.0]])
+    places, values = scene_path.dots(points, np.array([0.0, 1.0, 0.0]))
+    steps = np.linalg.norm(np.diff(places, axis=0), axis=1)
+    assert steps.max() <= scene_path.DOTS_MM + 1e-9
+    assert values.max() == pytest.approx(1.0, abs=0.05)
+    one, _ = scene_path.dots(points[:1], np.zeros(1))
+    assert len(one) == 1

@@ -1,0 +1,261 @@
+import threading
+import time
+from collections.abc import Iterator
+from types import SimpleNamespace
+from typing import Any
+
+import pytest
+
+from rona_core.app.messages import ACTIVITIES, RenameSession, SetRegion, SetSeed, StartScan
+from rona_core.errors import InvalidInputError, StepBlockedError
+from rona_ui import labels
+from rona_ui.labels import DOING, STEP_OF, doing, in_words, label_of, note_label, place_of
+from rona_ui.panels.widgets.form import Form
+from rona_ui.viewer import bindings as bindings_module
+from rona_ui.viewer.bindings import SETTLE_S, Bindings, escape, tell
+from rona_ui.viewer.fields import Typed
+from tests.helpers.fake_gui import FakeClient, FakeGui
+
+
+class FakeBench:
+    def __init__(self) -> None:
+        self.got: list[Any] = []
+        self.stopped = threading.Event()
+        self.hold = threading.Event()
+        self.hold.set()
+        self.moving = False
+
+    def dispatch(self, message: Any) -> None:
+        self.hold.wait(5.0)
+        self.got.append(message)
+
+    def start(self, message: Any) -> None:
+        raise StepBlockedError("StartScan is blocked: first search the roll (step 7)")
+
+    def stop(self) -> None:
+        self.stopped.set()
+
+    def stop_if_moving(self) -> bool:
+        if self.moving:
+            self.stop()
+        return self.moving
+
+
+@pytest.fixture
+def bench() -> FakeBench:
+    return FakeBench()
+
+
+@pytest.fixture
+def refusals() -> list[tuple[str, str]]:
+    return []
+
+
+@pytest.fixture
+def bindings(bench: FakeBench, refusals: list[tuple[str, str]]) -> Iterator[Bindings]:
+    hub = SimpleNamespace(get=lambda: bench)
+    made = Bindings(hub, lambda client, title, body: refusals.append((title, body)))
+    yield made
+    made.close()
+
+
+def event(client: Any) -> Any:
+    return SimpleNamespace(client=client)
+
+
+def drain(bindings: Bindings, client: Any) -> None:
+    """Wait until everything that was put before has been done."""
+    done = threading.Event()
+    bindings.call(done.set, event(client))
+    assert done.wait(5.0)
+
+
+def test_messages_arrive_in_the_order_of_the_clicks(bindings: Bindings, bench: FakeBench) -> None:
+    client = FakeClient()
+    for seed in range(200):
+        bindings.send(lambda seed=seed: SetSeed(seed), event(client))
+    drain(bindings, client)
+    assert [message.seed for message in bench.got] == list(range(200))
+
+
+def test_what_we_wrote_ourselves_sends_nothing(bindings: Bindings, bench: FakeBench) -> None:
+    bindings.send(lambda: SetSeed(1), event(None))
+    bindings.send_settled("seed", lambda: SetSeed(2), event(None))
+    bindings.call(lambda: bench.got.append("call"), event(None))
+    bindings.stop(event(None))
+    drain(bindings, FakeClient())
+    assert bench.got == []
+    assert not bench.stopped.is_set()
+
+
+def test_a_field_that_is_being_dragged_sends_its_last_value_once(
+    bindings: Bindings, bench: FakeBench
+) -> None:
+    client = FakeClient()
+    for seed in range(50):
+        bindings.send_settled("seed", lambda seed=seed: SetSeed(seed), event(client))
+    assert bench.got == []
+    end = time.monotonic() + 5.0
+    while not bench.got and time.monotonic() < end:
+        time.sleep(SETTLE_S / 10)
+    drain(bindings, client)
+    assert bench.got == [SetSeed(49)]
+
+
+def test_what_was_typed_and_finished_need_not_settle(
+    bindings: Bindings, bench: FakeBench, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(bindings_module, "SETTLE_S", 3600.0)
+    bindings.send_settled("seed", lambda: SetSeed(7), Typed(FakeClient(), None))
+    end = time.monotonic() + 5.0
+    while not bench.got and time.monotonic() < end:
+        time.sleep(0.01)
+    assert bench.got == [SetSeed(7)]
+
+
+def test_a_click_comes_after_the_fields_that_were_changed_before_it(
+    bindings: Bindings, bench: FakeBench
+) -> None:
+    client = FakeClient()
+    bindings.send_settled("seed", lambda: SetSeed(5), event(client))
+    bindings.send_settled("radius", lambda: SetRegion(radius_mm=30.0), event(client))
+    bindings.send(lambda: RenameSession("after"), event(client))
+    drain(bindings, client)
+    assert bench.got == [SetSeed(5), SetRegion(radius_mm=30.0), RenameSession("after")]
+
+
+def test_escape_stops_what_moves_and_leaves_the_mode_only_at_rest(
+    bindings: Bindings, bench: FakeBench
+) -> None:
+    left = threading.Event()
+    bench.moving = True
+    bindings.escape(left.set, event(FakeClient()))
+    assert bench.stopped.wait(2.0)
+    assert not left.wait(0.2)
+    bench.moving = False
+    bench.stopped.clear()
+    bindings.escape(left.set, event(FakeClient()))
+    assert left.wait(2.0)
+    assert not bench.stopped.is_set()
+
+
+def test_a_refusal_beside_the_queue_is_told_and_kept_like_any_other(
+    bindings: Bindings, refusals: list[tuple[str, str]]
+) -> None:
+    client = FakeClient()
+    bindings.refuse(InvalidInputError("expected a, got b: do c"), event(client))
+    assert client.notices == refusals == [("This value cannot be used", "expected a, got b: do c")]
+
+
+def test_a_refusal_is_told_with_cause_and_remedy_and_the_queue_goes_on(
+    bindings: Bindings, bench: FakeBench, refusals: list[tuple[str, str]]
+) -> None:
+    client = FakeClient()
+    bindings.send(StartScan, event(client))
+    bindings.send(lambda: SetSeed(-1), event(client))
+    bindings.send(lambda: SetSeed(3), event(client))
+    drain(bindings, client)
+    (blocked, why), (value, range_) = client.notices
+    assert blocked == "This step has to wait"
+    assert "first search the roll (step 7)" in why
+    assert value == "This value cannot be used"
+    assert "seed must be 0 to" in range_
+    assert bench.got == [SetSeed(3)]
+    assert refusals == client.notices
+
+
+def test_a_defect_is_told_without_its_inside(
+    bindings: Bindings, capsys: pytest.CaptureFixture[str]
+) -> None:
+    client = FakeClient()
+
+    def broken() -> None:
+        raise ZeroDivisionError("secret detail")
+
+    bindings.call(broken, event(client))
+    drain(bindings, client)
+    ((title, body),) = client.notices
+    assert title == "Internal error"
+    assert "secret detail" not in body
+    assert "Traceback" not in body
+    assert "secret detail" in capsys.readouterr().err
+
+
+def test_stop_overtakes_what_waits_in_the_queue(bindings: Bindings, bench: FakeBench) -> None:
+    client = FakeClient()
+    bench.hold.clear()
+    bindings.send(lambda: RenameSession("slow"), event(client))
+    bindings.stop(event(client))
+    assert bench.stopped.wait(2.0)
+    assert bench.got == []
+    bench.hold.set()
+
+
+def test_a_browser_that_has_gone_does_not_end_the_queue(
+    bindings: Bindings, bench: FakeBench, capsys: pytest.CaptureFixture[str]
+) -> None:
+    class Gone:
+        def add_notification(self, title: str, body: str, **options: Any) -> None:
+            raise RuntimeError("connection closed")
+
+    bindings.send(StartScan, event(Gone()))
+    bindings.send(lambda: SetSeed(4), event(FakeClient()))
+    drain(bindings, FakeClient())
+    assert bench.got == [SetSeed(4)]
+    assert "connection closed" in capsys.readouterr().err
+
+
+def test_markup_is_escaped() -> None:
+    assert escape("<img src=x onerror='a'>\"&") == (
+        "&lt;img src=x onerror=&#x27;a&#x27;&gt;&quot;&amp;"
+    )
+
+
+def test_tell_names_the_kind_of_error() -> None:
+    client = FakeClient()
+    tell(client, InvalidInputError("expected a, got b: do c"))
+    assert client.notices == [("This value cannot be used", "expected a, got b: do c")]
+
+
+@pytest.fixture
+def only_own_fields(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Forget the fields of panels that other tests have built: two of a name have no label."""
+    monkeypatch.setattr(labels, "_LABELS", {n: {words} for n, words in labels.OTHERS.items()})
+
+
+@pytest.mark.usefixtures("only_own_fields")
+def test_a_refusal_calls_a_parameter_what_its_field_is_called() -> None:
+    form = Form(FakeGui())
+    form.number("radius_mm", "Region radius (mm)", 25.0, 5.0, 45.0, 1.0)
+    client = FakeClient()
+    tell(client, InvalidInputError("radius_mm must be 5 to 45, not 453"))
+    tell(client, InvalidInputError("travel_mm_per_year of my_file.nrrd is 3"))
+    assert [body for _, body in client.notices] == [
+        "Region radius (mm) must be 5 to 45, not 453",
+        "travel_mm_per_year of my_file.nrrd is 3",
+    ]
+
+
+@pytest.mark.usefixtures("only_own_fields")
+def test_a_parameter_without_a_field_or_with_two_is_told_in_words() -> None:
+    assert in_words("half_turn_deg must be 1 to 85") == "Half turn (deg) must be 1 to 85"
+    assert label_of("sound_speed_mm_per_us") == "Bone (mm/µs)"
+    note_label("half_turn_deg", "Turn (deg)")
+    assert label_of("half_turn_deg") == "Turn (deg)"
+    note_label("half_turn_deg", "Another turn (deg)")
+    assert label_of("half_turn_deg") == "half turn (deg)"
+    assert in_words("seed must be 0 to 9") == "seed must be 0 to 9"
+
+
+def test_everything_that_runs_is_named_for_people():
+    assert sorted(DOING) == sorted(ACTIVITIES)
+    assert doing("StartSonoMapping") == "Mapping the scan by hand"
+
+
+def test_what_runs_belongs_to_a_step():
+    of_several = {"StartRecordingImport", "StartReplay"}  # or of none
+    assert set(ACTIVITIES) - set(STEP_OF) == of_several
+    assert place_of("pointer") == "3 Pointer"
+    assert place_of(None, "StartScan") == "8 Scan, Scanning"
+    assert place_of("setup", "StartRecordingImport") == "1 Set-up, Reading the recording"
+    assert place_of(None) == ""

@@ -1,0 +1,254 @@
+"""Browsers come and go: one that leaves while its page is being built is kept by nobody."""
+
+import asyncio
+import threading
+import time
+from collections.abc import Iterator
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+import msgspec
+import pytest
+import viser
+import websockets.asyncio.client
+
+from rona_core.app.jobs import JobStatus
+from rona_core.compose import build_hub
+from rona_core.errors import InvalidInputError
+from rona_ui.server import ServerSettings, server_of
+from rona_ui.view_state import Picture, ViewState
+from rona_ui.viewer.gateway import ViewerGateway
+from rona_ui.window import window as window_module
+from rona_ui.window.browser import Browser
+from rona_ui.window.window import Window
+from tests.helpers.fake_gui import FakeClient
+
+CAMERA = {
+    "type": "ViewerCameraMessage",
+    "wxyz": (1.0, 0.0, 0.0, 0.0),
+    "position": (0.0, 0.0, 3.0),
+    "fov": 1.0,
+    "near": 0.01,
+    "far": 10.0,
+    "image_height": 600,
+    "image_width": 800,
+    "look_at": (0.0, 0.0, 0.0),
+    "up_direction": (0.0, 0.0, 1.0),
+}
+TOKEN = "token-of-the-window-test"
+
+
+class Client(FakeClient):
+    """A browser with a number."""
+
+    def __init__(self, number: int) -> None:
+        super().__init__()
+        self.client_id = number
+
+
+class FakeServer:
+    """Tells of browsers in viser's order: out of the list first, then word of it."""
+
+    def __init__(self) -> None:
+        self.scene = SimpleNamespace(world_axes=SimpleNamespace(visible=True))
+        self.gui = SimpleNamespace(configure_theme=lambda **_: None)
+        self.clients: dict[int, Client] = {}
+
+    def get_clients(self) -> dict[int, Client]:
+        return dict(self.clients)
+
+    def on_client_connect(self, call: Any) -> None:
+        self.told_of_coming = call
+
+    def on_client_disconnect(self, call: Any) -> None:
+        self.told_of_leaving = call
+
+    def leave(self, client: Client) -> None:
+        self.clients.pop(client.client_id, None)
+        self.told_of_leaving(client)
+
+
+class FakeBrowser:
+    """Takes as long to be built as the test wants, and counts what is drawn for it."""
+
+    hold = threading.Event()
+    building = threading.Event()
+    built = 0
+
+    def __init__(self, client: Client, *_: Any) -> None:
+        FakeBrowser.built += 1
+        self.client, self.view, self.pictures = client, ViewState(step="pointer"), 0
+        FakeBrowser.building.set()
+        FakeBrowser.hold.wait(10.0)
+
+    def draw(self, picture: Picture) -> None:
+        self.pictures += 1
+        self.newest = picture
+
+
+@pytest.fixture
+def world(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[tuple[FakeServer, Window]]:
+    monkeypatch.setattr(window_module, "Browser", FakeBrowser)
+    FakeBrowser.hold.set()
+    FakeBrowser.building.clear()
+    FakeBrowser.built = 0
+    hub, server = build_hub(tmp_path, processes=False), FakeServer()
+    hub.create()
+    window = Window(server, hub)  # type: ignore[arg-type]
+    yield server, window
+    window.close()
+    hub.close_all()
+
+
+def soon(condition: Any) -> bool:
+    end = time.monotonic() + 10.0
+    while not condition() and time.monotonic() < end:
+        time.sleep(0.01)
+    return bool(condition())
+
+
+def test_a_browser_that_leaves_while_its_page_is_built_is_not_kept(world: Any) -> None:
+    server, window = world
+    server.clients[1] = client = Client(1)
+    FakeBrowser.hold.clear()
+    coming = threading.Thread(target=server.told_of_coming, args=(client,))
+    coming.start()
+    assert FakeBrowser.building.wait(10.0)
+    server.leave(client)
+    FakeBrowser.hold.set()
+    coming.join(10.0)
+    assert window.browsers == ()
+
+
+def test_a_browser_that_has_left_before_its_turn_came_is_not_even_built(world: Any) -> None:
+    server, window = world
+    server.told_of_coming(Client(1))
+    assert FakeBrowser.built == 0
+    assert window.browsers == ()
+
+
+def test_a_browser_is_drawn_for_as_long_as_it_stays(world: Any) -> None:
+    server, window = world
+    server.clients[1] = client = Client(1)
+    server.told_of_coming(client)
+    (browser,) = window.browsers
+    assert soon(lambda: browser.pictures > 0)
+    server.leave(client)
+    assert window.browsers == ()
+    count = browser.pictures
+    time.sleep(2.5 * window_module.IDLE_S)
+    assert browser.pictures <= count + 1  # one may have been on its way
+
+
+# -- refusals --------------------------------------------------------------------------------------
+
+
+def test_a_refusal_is_kept_with_the_step_that_was_open_and_fields_are_shown_anew(
+    world: Any,
+) -> None:
+    server, window = world
+    server.clients[1] = client = Client(1)
+    server.told_of_coming(client)
+    (browser,) = window.browsers
+    error = InvalidInputError("radius_mm must be 5 to 45, not 3: choose another")
+    window.bindings.refuse(error, SimpleNamespace(client=client))
+    assert soon(lambda: browser.pictures and browser.newest.refused == 1)
+    (refusal,) = browser.newest.refusals
+    assert refusal.where == "3 Pointer"
+    assert refusal.title == "This value cannot be used"
+    assert refusal.body.endswith("must be 5 to 45, not 3: choose another")
+    assert client.notices == [(refusal.title, refusal.body)]
+
+
+def test_a_job_that_failed_is_kept_with_its_step_and_one_that_was_cancelled_is_not(
+    world: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    server, window = world
+    server.clients[1] = client = Client(1)
+    server.told_of_coming(client)
+    (browser,) = window.browsers
+    assert soon(lambda: browser.pictures > 0)
+    words = "18.5 degrees one way, 0.31 the other: swing in two directions"
+    failed = JobStatus(
+        "a", "StartPointerCapture", "failed", 0.5, error_code="degenerate_geometry", error=words
+    )
+    ended = JobStatus(
+        "b", "StartScan", "cancelled", 0.5, error_code="cancelled", error="the user cancelled"
+    )
+    for status in (failed, ended):
+        monkeypatch.setattr(window_module, "_newest", lambda bench, status=status: status)
+        window.wake()
+        assert soon(lambda status=status: status.id in window._told)
+    window.wake()
+    assert soon(lambda: browser.newest.refusals)
+    (refusal,) = browser.newest.refusals
+    assert refusal.where == "3 Pointer, Pivoting the pointer"
+    assert refusal.body == words
+    assert client.notices == [("The data cannot determine the answer", words)]
+
+
+# -- real websockets -------------------------------------------------------------------------------
+
+
+@pytest.mark.filterwarnings("ignore:Queued a:UserWarning")  # what is built for nobody goes nowhere
+def test_short_visits_leave_nobody_behind(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Browsers that stay a moment only, by the way that real ones come."""
+    begun: list[int] = []
+    ended: list[int] = []
+
+    class Counted(Browser):
+        def __init__(self, client: Any, *rest: Any) -> None:
+            begun.append(client.client_id)
+            try:
+                super().__init__(client, *rest)
+            finally:
+                ended.append(client.client_id)
+
+    monkeypatch.setattr(window_module, "Browser", Counted)
+    hub, gateway = build_hub(tmp_path, processes=False), ViewerGateway()
+    hub.create()
+    window = Window(gateway.server, hub)
+    settings = ServerSettings(port=0, sessions=tmp_path, token=TOKEN, open_browser=False)
+    server = server_of(hub, gateway, settings)
+    thread = threading.Thread(target=server.run, daemon=True)
+    thread.start()
+    try:
+        assert soon(lambda: server.started)
+        port = server.servers[0].sockets[0].getsockname()[1]
+        for stay_s in (0.0, 0.05, 0.1, 0.2):
+            asyncio.run(visit(port, stay_s))
+        assert begun
+        assert stays(lambda: len(ended) == len(begun) and window.browsers == ())
+    finally:
+        server.should_exit = True
+        thread.join(20.0)
+        window.close()
+        gateway.close()
+        hub.close_all()
+
+
+def stays(condition: Any, for_s: float = 1.0, within_s: float = 30.0) -> bool:
+    """Return whether a condition comes to hold, and holds on."""
+    end, since = time.monotonic() + within_s, None
+    while time.monotonic() < end:
+        now_s = time.monotonic()
+        since = (since or now_s) if condition() else None
+        if since is not None and now_s - since > for_s:
+            return True
+        time.sleep(0.02)
+    return False
+
+
+async def visit(port: int, stay_s: float) -> None:
+    """Connect as a browser does, say where the camera is, and leave."""
+    async with websockets.asyncio.client.connect(
+        f"ws://127.0.0.1:{port}/viewer",
+        subprotocols=[websockets.Subprotocol(f"viser-v{viser.__version__}")],
+        additional_headers={"Authorization": f"Bearer {TOKEN}"},
+        proxy=None,
+        max_size=None,
+    ) as socket:
+        await asyncio.wait_for(socket.recv(), 20.0)
+        await socket.send(msgspec.msgpack.encode(CAMERA))
+        await asyncio.sleep(stay_s)
