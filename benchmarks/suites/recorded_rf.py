@@ -16,7 +16,7 @@ from benchmarks.recorded_cases import CASES, Case, Recording, record, varied
 from rona_core.geometry.arrays import Bools, Floats
 from rona_core.ultrasound.recorded.band import Band, Complexes, analytic
 from rona_core.ultrasound.recorded.plate_detector import detect_recorded
-from rona_core.ultrasound.recorded_figures import thickness_figures
+from rona_core.ultrasound.recorded.thickness_figures import thickness_figures
 
 SEEDS = (21, 22, 23)  # others than those the detection was adjusted with
 LABORATORY_SEEDS = range(500, 530)

@@ -25,7 +25,7 @@ class ManyFits:
 def fit_rigid_many(points_a: ArrayLike, points_b: ArrayLike, there: ArrayLike) -> ManyFits:
     """Return for each of n measurements the pose that maps ``points_a`` best onto it.
 
-    The same as :func:`rona_core.geometry.rigid_fit.register_points` one by one, on the points present.
+    The same as `rigid_fit.register_points` one by one, on the points present.
 
     Args:
         points_a: The known points (m, 3) in frame ``a``, in mm.

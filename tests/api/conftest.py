@@ -1,28 +1,14 @@
 """A real server on a free port, with virtual devices and no window, for all tests of the API."""
 
-import threading
-import time
 from types import SimpleNamespace
 
 import httpx2
 import pytest
 
 from rona_core.compose import build_hub
-from rona_ui.server import ServerSettings, server_of
+from rona_ui.server import ServerSettings
 from rona_ui.viewer.gateway import ViewerGateway
-
-TOKEN = "a-token-of-the-tests"
-
-
-def start(hub, gateway, settings):
-    server = server_of(hub, gateway, settings)
-    thread = threading.Thread(target=server.run, daemon=True)
-    thread.start()
-    while not server.started:
-        if not thread.is_alive():
-            raise RuntimeError("the server did not start")
-        time.sleep(0.01)
-    return server, thread, server.servers[0].sockets[0].getsockname()[1]
+from tests.helpers.api_server import TOKEN, start
 
 
 @pytest.fixture(scope="session")

@@ -57,7 +57,7 @@ def calibrate_recorded_pivot(
     Args:
         Ts_tracker_marker: Poses of the marker.
         dof: 6; or 5 where only the z axis of the marker is known and the tip lies on it.
-        method: "ml", "aos" or "sphere", see :func:`rona_core.calibration.pivot.pivot_calibration.solve_pivot`.
+        method: "ml", "aos" or "sphere", as in `solve_pivot`.
         geometry_marker: Markers (m, 3) of the tool, where they are known.
         frames: The single markers behind the poses, where they were recorded.
 

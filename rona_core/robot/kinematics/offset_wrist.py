@@ -145,7 +145,6 @@ def _triangle(arm: "ParallelArm", x: Floats, z: Floats) -> tuple[Floats, Floats,
     return (squared - a * a - b * b) / (2.0 * a * b), reach, np.arctan2(x, z)
 
 
-RIGHT_RAD = np.pi / 2.0
 FLANGE = np.array(((1.0, 0.0, 0.0), (0.0, 0.0, 1.0), (0.0, -1.0, 0.0)))  # z along axis 6
 
 

@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from rona_core.geometry.arrays import Floats, Ints
 from rona_core.geometry.path5d import Path5D
-from rona_core.robot.redundancy.result import Mode, RankedRoll, RollVerdict, _spread_deg
+from rona_core.robot.redundancy.result import Mode, RankedRoll, RollVerdict, spread_deg
 from rona_core.robot.trajectory.trajectory import Trajectory
 from rona_core.robot.verification.certificate import Certificate
 
@@ -41,7 +41,7 @@ class RobotPlan:
     @property
     def roll_variation_deg(self) -> float:
         """Largest less smallest roll of the chosen one along the path; 0 if it is constant."""
-        return _spread_deg(self.rolls_rad)
+        return spread_deg(self.rolls_rad)
 
     @property
     def verdict(self) -> RollVerdict | None:

@@ -76,10 +76,11 @@ class RollSearch:
     @property
     def roll_variation_deg(self) -> float:
         """Largest less smallest roll of the chosen one along the path; 0 if it is constant."""
-        return _spread_deg(self.rolls_rad)
+        return spread_deg(self.rolls_rad)
 
 
-def _spread_deg(rolls_rad: Floats) -> float:
+def spread_deg(rolls_rad: Floats) -> float:
+    """Return how far rolls (n,) lie apart (degrees)."""
     return float(np.rad2deg(np.ptp(rolls_rad))) if len(rolls_rad) else 0.0
 
 

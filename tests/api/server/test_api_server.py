@@ -5,7 +5,6 @@ import threading
 
 import httpx2
 import pytest
-from conftest import TOKEN, start
 
 from rona_core.app.messages import (
     COMMANDS,
@@ -34,6 +33,7 @@ from rona_core.session.codec import digest
 from rona_core.session.document import Session, Setup
 from rona_core.session.files import save_session
 from rona_ui.server import ServerSettings, open_first_session, serve
+from tests.helpers.api_server import TOKEN, start
 
 
 def content(session):

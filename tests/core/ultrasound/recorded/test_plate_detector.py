@@ -15,7 +15,7 @@ from rona_core.ultrasound.recorded.plate_detector import (
     detect_lines,
     detect_recorded,
 )
-from rona_core.ultrasound.recorded_figures import thickness_figures
+from rona_core.ultrasound.recorded.thickness_figures import thickness_figures
 
 SMALL = varied(PLATE, scans=16, floor_gap_mm=12.0, wedge_mm=1.0)
 
