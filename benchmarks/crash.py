@@ -20,8 +20,8 @@ from threading import Timer
 
 import numpy as np
 
-from rona_core.app.activity_messages import StartPointerCapture
-from rona_core.app.messages import (
+from rona_core.app.messages.activities import StartPointerCapture
+from rona_core.app.messages.registry import (
     CalibratePointer,
     MoveTracker,
     PutObstacle,

@@ -10,7 +10,7 @@ from itertools import repeat
 from multiprocessing import get_context
 
 from benchmarks.metric import Metric, Progress
-from rona_core.app.messages import (
+from rona_core.app.messages.registry import (
     BuildSurface,
     SetSeed,
     SetTracker,

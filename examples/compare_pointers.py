@@ -5,7 +5,7 @@ Run it with the Python of the project: .venv/bin/python examples/compare_pointer
 
 from statistics import median
 
-from rona_core.app.messages import (
+from rona_core.app.messages.registry import (
     SetPointer,
     SetSeed,
     StartPointerCapture,

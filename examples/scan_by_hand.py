@@ -3,7 +3,12 @@
 Run it with the Python of the project: .venv/bin/python examples/scan_by_hand.py
 """
 
-from rona_core.app.messages import SetSeed, StartSonoCalibration, StartSonoMapping, StartSonoScan
+from rona_core.app.messages.registry import (
+    SetSeed,
+    StartSonoCalibration,
+    StartSonoMapping,
+    StartSonoScan,
+)
 from rona_core.compose import new_workbench
 from rona_core.session.document import Session
 

@@ -5,13 +5,13 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from rona_core.app.hub import Hub
-from rona_core.app.messages import SetRegion, SetRobot, SetSeed
-from rona_core.app.outcomes import StoreSkull
-from rona_core.app.pool import ProcessCompute
+from rona_core.app.messages.outcomes import StoreSkull
+from rona_core.app.messages.registry import SetRegion, SetRobot, SetSeed
 from rona_core.app.procedure import Ending, StepProgress, run_procedure, unwatched
+from rona_core.app.runtime.process_pool import ProcessCompute
+from rona_core.app.runtime.session_registry import Hub
+from rona_core.app.runtime.workbench import Services, Workbench
 from rona_core.app.toolbox import Compute, compute_here
-from rona_core.app.workbench import Services, Workbench
 from rona_core.devices.protocols import Cancel, Progress, Rig, never
 from rona_core.errors import DeviceError, RonaError
 from rona_core.evaluation.metrics import evaluate

@@ -3,8 +3,8 @@
 import re
 from dataclasses import fields
 
-from rona_core.app.messages import ACTIVITIES, COMMANDS
-from rona_core.app.queries import TITLES
+from rona_core.app.messages.registry import ACTIVITIES, COMMANDS
+from rona_core.app.overview.step_states import TITLES
 from rona_core.session.document import STEPS
 
 UNITS = {

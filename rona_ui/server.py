@@ -22,7 +22,7 @@ from starlette.routing import Route
 from starlette.types import ASGIApp
 
 from rona_core import __version__
-from rona_core.app.hub import Hub
+from rona_core.app.runtime.session_registry import Hub
 from rona_core.errors import InvalidInputError, RonaError
 from rona_ui.api import problems
 from rona_ui.api.access_guard import LOOPBACK, Access, Guard, is_loopback

@@ -4,10 +4,10 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Literal
 
-from rona_core.app.autosave import CopyState
-from rona_core.app.jobs import JobStatus
-from rona_core.app.queries import StepState
-from rona_core.app.roll_margins import Quantity
+from rona_core.app.overview.step_states import StepState
+from rona_core.app.runtime.jobs import JobStatus
+from rona_core.app.runtime.saving.autosave import CopyState
+from rona_core.app.steps.roll.margins_view import Quantity
 from rona_core.devices.live import LiveState
 from rona_core.devices.protocols import Mesh
 from rona_core.geometry.arrays import Floats, Vector3

@@ -15,7 +15,7 @@ from pathlib import Path
 
 from benchmarks.metric import Metric, Progress
 from benchmarks.server_process import left_after, server
-from rona_core.app.pool import ProcessCompute
+from rona_core.app.runtime.process_pool import ProcessCompute
 from rona_core.devices.protocols import Cancel, never, silent
 from rona_core.devices.protocols import Progress as Report
 from rona_core.errors import CancelledError, RonaError

@@ -15,7 +15,7 @@ import numpy as np
 from scipy.stats import spearmanr
 
 from benchmarks.metric import Metric, Progress
-from rona_core.app.map_accuracy import MapAccuracy, map_accuracy
+from rona_core.app.steps.maps.map_accuracy import MapAccuracy, map_accuracy
 from rona_core.compose import build_virtual_rig, run_demo
 from rona_core.evaluation.map_metrics import cell_errors_mm
 from rona_core.evaluation.truth import Truth

@@ -11,7 +11,7 @@ from math import ceil
 from pathlib import Path
 
 from benchmarks.metric import Direction, Metric, Progress, over_seeds
-from rona_core.app.quality import FIGURES
+from rona_core.app.overview.acceptance import FIGURES
 from rona_core.compose import build_virtual_rig, run_demo
 from rona_core.evaluation.figures import rms
 from rona_core.evaluation.map_metrics import outer_errors_mm

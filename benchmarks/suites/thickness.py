@@ -13,7 +13,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from benchmarks.metric import Metric, Progress, over_seeds
-from rona_core.app.messages import (
+from rona_core.app.messages.registry import (
     SetBone,
     SetSeed,
     StartMapping,
@@ -21,7 +21,7 @@ from rona_core.app.messages import (
     StartScan,
 )
 from rona_core.app.procedure import PROCEDURE, run_procedure
-from rona_core.app.workbench import Workbench
+from rona_core.app.runtime.workbench import Workbench
 from rona_core.compose import new_workbench
 from rona_core.errors import RonaError
 from rona_core.session.document import Session

@@ -4,12 +4,28 @@ from dataclasses import dataclass, fields, replace
 from functools import singledispatch
 from typing import Any
 
-from rona_core.app import captures, imports
-from rona_core.app.derive_placement import derive_placement
-from rona_core.app.derive_scan import derive_mapping, derive_roll, derive_second, lean
-from rona_core.app.derive_skull import derive_registration
-from rona_core.app.derive_sono import derive_sono_mapping
-from rona_core.app.messages import (
+from rona_core.app import captures
+from rona_core.app.dependencies.requirements import require_for, require_inputs
+from rona_core.app.dependencies.staleness import input_digests
+from rona_core.app.messages.outcomes import (
+    StoreBasePlacement,
+    StoreMaps,
+    StorePathCapture,
+    StorePointerCapture,
+    StoreRegistration,
+    StoreRobotPlan,
+    StoreScanCapture,
+    StoreSecondCapture,
+    StoreSecondPlan,
+    StoreSkull,
+    StoreSonoMaps,
+    StoreSonoPivot,
+    StoreSonoScan,
+    StoreSonoSpin,
+    StoreSurfaceCapture,
+    StoreToolCapture,
+)
+from rona_core.app.messages.registry import (
     BuildPath,
     BuildSurface,
     CalibratePointer,
@@ -36,31 +52,16 @@ from rona_core.app.messages import (
     StartSurfaceCapture,
     StartToolCapture,
 )
-from rona_core.app.outcomes import (
-    StoreBasePlacement,
-    StoreMaps,
-    StorePathCapture,
-    StorePointerCapture,
-    StoreRegistration,
-    StoreRobotPlan,
-    StoreScanCapture,
-    StoreSecondCapture,
-    StoreSecondPlan,
-    StoreSkull,
-    StoreSonoMaps,
-    StoreSonoPivot,
-    StoreSonoScan,
-    StoreSonoSpin,
-    StoreSurfaceCapture,
-    StoreToolCapture,
-)
-from rona_core.app.plain import plain_arguments
-from rona_core.app.replay import replay_report
-from rona_core.app.requirements import require_for, require_inputs
-from rona_core.app.scan_capture import capture_scan
-from rona_core.app.sono_capture import capture_sono_calibration, capture_sono_scan
-from rona_core.app.sound_messages import StartBlockShots, StartReferencePoints
-from rona_core.app.staleness import input_digests
+from rona_core.app.messages.serialization import plain_arguments
+from rona_core.app.runtime.recompute import replay_report
+from rona_core.app.steps.acoustics.messages import StartBlockShots, StartReferencePoints
+from rona_core.app.steps.handheld.capture import capture_sono_calibration, capture_sono_scan
+from rona_core.app.steps.handheld.derivation import derive_sono_mapping
+from rona_core.app.steps.maps.derivation import derive_mapping, derive_roll, derive_second, lean
+from rona_core.app.steps.pointer import import_recordings as imports
+from rona_core.app.steps.roll.base_placement import derive_placement
+from rona_core.app.steps.scan.capture import capture_scan
+from rona_core.app.steps.surface.skull_registration import derive_registration
 from rona_core.app.toolbox import Toolbox
 from rona_core.errors import InvalidInputError, NotFoundError
 from rona_core.session.document import Derived, Session

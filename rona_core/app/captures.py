@@ -4,15 +4,15 @@ from collections.abc import Callable
 
 import numpy as np
 
-from rona_core.app.free_moves import FreeMoves, require_certified
-from rona_core.app.messages import (
+from rona_core.app.dependencies.staleness import capture_setup_digest, session_obstacles
+from rona_core.app.messages.registry import (
     StartPathCapture,
     StartPointerCapture,
     StartRobotMove,
     StartSurfaceCapture,
     StartToolCapture,
 )
-from rona_core.app.staleness import capture_setup_digest, session_obstacles
+from rona_core.app.steps.scan.certified_moves import FreeMoves, require_certified
 from rona_core.app.toolbox import Toolbox
 from rona_core.devices.protocols import Motion, never
 from rona_core.devices.samples import JointSample, JointTrack, ToolTrack, TrackerFrame

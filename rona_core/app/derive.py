@@ -6,10 +6,9 @@ from typing import Any
 
 import numpy as np
 
-from rona_core.app.delay import measured_times_s, tracker_delay
-from rona_core.app.derive_smoothing import derive_pattern, derive_smoothing
-from rona_core.app.derive_speed import derive_line, derive_speed
-from rona_core.app.messages import (
+from rona_core.app.dependencies.base_reference import base_reference, reference_of
+from rona_core.app.dependencies.inputs import need
+from rona_core.app.messages.registry import (
     BuildPath,
     BuildSurface,
     CalibrateDelayLine,
@@ -20,7 +19,9 @@ from rona_core.app.messages import (
     RegisterTool,
     SmoothScanPath,
 )
-from rona_core.app.needs import need
+from rona_core.app.steps.acoustics.derivation import derive_line, derive_speed
+from rona_core.app.steps.smoothing.derivation import derive_pattern, derive_smoothing
+from rona_core.app.steps.tool.tracker_delay import measured_times_s, tracker_delay
 from rona_core.calibration.hand_eye.tool_registration import ToolRegistration, register_tool
 from rona_core.calibration.handheld.pointer import PointerCalibration, calibrate_pointer
 from rona_core.calibration.handheld.tracked_probe import SonoCalibration, calibrate_sono
@@ -31,7 +32,6 @@ from rona_core.geometry.arrays import Bools, Floats, Ints
 from rona_core.geometry.pose import Poses
 from rona_core.robot.kinematics.catalog import robot_model
 from rona_core.session.document import PointerCapture, RawPath, Session
-from rona_core.session.reference import base_reference, reference_of
 from rona_core.surface.cloud import SurfaceCloud, build_cloud, merge_clouds
 
 SETTLE_S = 0.1  # after the robot has stopped, before frames count

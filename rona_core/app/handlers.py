@@ -3,26 +3,11 @@
 from dataclasses import replace
 from typing import Any
 
-from rona_core.app import boundary_edits as boundary_edits  # its handlers count, too
+from rona_core.app.dependencies.inputs import need
+from rona_core.app.dependencies.requirements import require_inputs
+from rona_core.app.dependencies.staleness import input_digests, stale_reason
 from rona_core.app.derive import SHORT
-from rona_core.app.derive_placement import require_move
-from rona_core.app.derive_scan import derive_chosen_roll
-from rona_core.app.messages import (
-    ApplyBasePlacement,
-    BuildPath,
-    BuildSurface,
-    CalibratePointer,
-    CalibrateSono,
-    ChooseRoll,
-    ClearSurface,
-    DrawPattern,
-    ExcludePoses,
-    RegisterTool,
-    SetRobot,
-    SmoothScanPath,
-)
-from rona_core.app.needs import need
-from rona_core.app.outcomes import (
+from rona_core.app.messages.outcomes import (
     StoreBasePlacement,
     StoreMaps,
     StorePathCapture,
@@ -39,12 +24,26 @@ from rona_core.app.outcomes import (
     StoreSurfaceCapture,
     StoreToolCapture,
 )
-from rona_core.app.path_commands import PathChange
-from rona_core.app.path_edits import edited
-from rona_core.app.plain import message_from, plain_arguments
-from rona_core.app.requirements import require_inputs
-from rona_core.app.setup_handlers import handle, robot_choice
-from rona_core.app.staleness import input_digests, stale_reason
+from rona_core.app.messages.registry import (
+    ApplyBasePlacement,
+    BuildPath,
+    BuildSurface,
+    CalibratePointer,
+    CalibrateSono,
+    ChooseRoll,
+    ClearSurface,
+    DrawPattern,
+    ExcludePoses,
+    RegisterTool,
+    SetRobot,
+    SmoothScanPath,
+)
+from rona_core.app.messages.serialization import message_from, plain_arguments
+from rona_core.app.steps.maps.derivation import derive_chosen_roll
+from rona_core.app.steps.path.handlers import edited
+from rona_core.app.steps.path.messages import PathChange
+from rona_core.app.steps.roll.base_placement import require_move
+from rona_core.app.steps.setup.handlers import handle, robot_choice
 from rona_core.errors import StaleResultError, StepBlockedError
 from rona_core.path.manual_edits import PathEdits
 from rona_core.robot.planning.plan import RobotPlan

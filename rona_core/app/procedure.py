@@ -5,8 +5,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
-from rona_core.app.derive_placement import advice
-from rona_core.app.messages import (
+from rona_core.app.messages.registry import (
     COMMANDS,
     SmoothScanPath,
     StartBasePlacement,
@@ -20,7 +19,8 @@ from rona_core.app.messages import (
     StartSurfaceCapture,
     StartToolCapture,
 )
-from rona_core.app.workbench import Workbench
+from rona_core.app.runtime.workbench import Workbench
+from rona_core.app.steps.roll.base_placement import advice
 from rona_core.devices.protocols import Cancel, never, silent
 from rona_core.errors import CancelledError, RonaError
 from rona_core.robot.planning.plan import RobotPlan

@@ -8,6 +8,7 @@ was measured elsewhere.
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
+from rona_core.app.overview.predicted_accuracy import predicted_figures
 from rona_core.evaluation.figures import Figures
 from rona_core.evaluation.handheld_metrics import sono_calibration_figures, sono_map_figures
 from rona_core.evaluation.map_metrics import map_figures, one_pass_figures
@@ -23,7 +24,6 @@ from rona_core.evaluation.speed_metrics import speed_figures
 from rona_core.evaluation.truth import Truth
 from rona_core.session.codec import digest
 from rona_core.session.imported import is_imported
-from rona_core.session.prediction import predicted_figures
 from rona_core.virtual.rig import build_scene
 from rona_core.virtual.scene import VirtualScene
 

@@ -8,9 +8,9 @@ from fastapi import Depends, Path, Request
 from pydantic import GetCoreSchemaHandler, ValidationError
 from pydantic_core import InitErrorDetails, PydanticCustomError, core_schema
 
-from rona_core.app.exact import misfits
-from rona_core.app.hub import Hub
-from rona_core.app.workbench import Workbench
+from rona_core.app.messages.exact_types import misfits
+from rona_core.app.runtime.session_registry import Hub
+from rona_core.app.runtime.workbench import Workbench
 from rona_core.devices.protocols import Rig
 from rona_core.errors import DeviceError, RonaError
 from rona_ui.api.streams import Streams

@@ -3,9 +3,9 @@
 from contextlib import suppress
 from dataclasses import dataclass
 
-from rona_core.app.autosave import CopyState
-from rona_core.app.hub import Hub
-from rona_core.app.workbench import Workbench
+from rona_core.app.runtime.saving.autosave import CopyState
+from rona_core.app.runtime.session_registry import Hub
+from rona_core.app.runtime.workbench import Workbench
 from rona_core.errors import NotFoundError
 
 TRIES = 3  # to find a session that nobody closes meanwhile

@@ -10,7 +10,7 @@ from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
-from rona_core.app.pivot_report import PivotReport, report_pivot
+from rona_core.app.steps.pointer.pivot_report import PivotReport, report_pivot
 from rona_core.devices.files.size_limits import read_file
 from rona_core.devices.files.text_tables import NamedFile
 from rona_core.errors import InvalidInputError

@@ -12,7 +12,7 @@ from rich.progress import BarColumn, Progress, TaskID, TextColumn, TimeElapsedCo
 from rich.table import Table
 from rich.text import Text
 
-from rona_core.app.quality import quality_rows
+from rona_core.app.overview.acceptance import quality_rows
 from rona_core.compose import run_demo
 from rona_core.errors import InvalidInputError
 from rona_core.session.document import Session

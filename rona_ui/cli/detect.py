@@ -9,7 +9,7 @@ from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 from rich.table import Table
 
-from rona_core.app.rf_report import RfReport, report_rf
+from rona_core.app.steps.scan.rf_report import RfReport, report_rf
 from rona_core.devices.files.size_limits import read_file
 from rona_core.devices.files.text_tables import NamedFile
 

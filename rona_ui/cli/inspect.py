@@ -4,8 +4,8 @@ import json
 import sys
 from typing import Any
 
-from rona_core.app.queries import step_states
-from rona_core.app.staleness import RESULTS
+from rona_core.app.dependencies.staleness import RESULTS
+from rona_core.app.overview.step_states import step_states
 from rona_core.session.files import load_session
 from rona_core.session.migrate import SCHEMA
 

@@ -7,9 +7,9 @@ from datetime import datetime
 from pathlib import Path
 from typing import Any
 
-from rona_core.app.recovery import LostSession, Recovery, restore
-from rona_core.app.session_files import SessionFiles
-from rona_core.app.store import Store
+from rona_core.app.runtime.saving.recovery import LostSession, Recovery, restore
+from rona_core.app.runtime.saving.session_files import SessionFiles
+from rona_core.app.runtime.store import Store
 from rona_core.errors import InvalidInputError, NameTakenError, NotFoundError
 from rona_core.session.document import STEPS
 from rona_core.session.files import save_session

@@ -2,13 +2,13 @@
 
 from typing import Any
 
-from rona_core.app.messages import (
+from rona_core.app.messages.registry import (
     AddReferencePoint,
     CalibrateSoundSpeed,
     RemoveReferencePoint,
     StartReferencePoints,
 )
-from rona_core.app.sound_views import ReferenceRow, reference_rows, speed_state
+from rona_core.app.steps.acoustics.view import ReferenceRow, reference_rows, speed_state
 from rona_core.session.document import Session
 from rona_ui.panels.widgets import style
 from rona_ui.panels.widgets.panel_context import Door, listen

@@ -3,8 +3,8 @@
 from dataclasses import replace
 from typing import Any
 
-from rona_core.app.messages import StartSonoCalibration, StartSonoMapping, StartSonoScan
-from rona_core.app.staleness import stale_reason
+from rona_core.app.dependencies.staleness import stale_reason
+from rona_core.app.messages.registry import StartSonoCalibration, StartSonoMapping, StartSonoScan
 from rona_core.session.document import Session
 from rona_ui.panels.widgets import style
 from rona_ui.panels.widgets.form import Form

@@ -11,8 +11,8 @@ from collections.abc import Callable, Hashable
 from dataclasses import dataclass
 from typing import Any, Protocol
 
-from rona_core.app.hub import Hub
-from rona_core.app.messages import ACTIVITIES
+from rona_core.app.messages.registry import ACTIVITIES
+from rona_core.app.runtime.session_registry import Hub
 from rona_core.errors import RonaError
 from rona_ui.labels import in_words
 

@@ -6,7 +6,7 @@ import traceback
 from collections.abc import Callable
 from typing import Any
 
-from rona_core.app.workbench import Workbench
+from rona_core.app.runtime.workbench import Workbench
 from rona_core.errors import RonaError
 from rona_core.session.document import Session
 from rona_ui.scene.setup.static_scene import backdrop_key, read_backdrop

@@ -8,8 +8,8 @@ from typing import Any
 
 import numpy as np
 
-from rona_core.app.exports import export_recording
-from rona_core.app.hub import CURRENT, Hub
+from rona_core.app.runtime.saving.export_captures import export_recording
+from rona_core.app.runtime.session_registry import CURRENT, Hub
 from rona_core.errors import InvalidInputError, NotFoundError
 from rona_core.geometry.arrays import Floats
 from rona_ui.panels.layout.docks import Docks

@@ -15,12 +15,12 @@ from typing import Any
 
 import viser
 
-from rona_core.app.hub import Hub
-from rona_core.app.imports import replayed_pointer
-from rona_core.app.jobs import JobStatus
-from rona_core.app.queries import StepState, step_states
-from rona_core.app.views import motion_times
-from rona_core.app.workbench import Workbench
+from rona_core.app.overview.step_states import StepState, step_states
+from rona_core.app.runtime.jobs import JobStatus
+from rona_core.app.runtime.session_registry import Hub
+from rona_core.app.runtime.workbench import Workbench
+from rona_core.app.steps.pointer.import_recordings import replayed_pointer
+from rona_core.app.steps.roll.planned_motion import motion_times
 from rona_core.errors import CancelledError, NotFoundError
 from rona_core.session.document import Session
 from rona_ui.labels import in_words, place_of

@@ -13,8 +13,8 @@ import numpy as np
 import pytest
 
 from rona_core.app.handlers import handle
-from rona_core.app.messages import BuildPath, BuildSurface, CalibratePointer, RegisterTool
-from rona_core.app.queries import step_states
+from rona_core.app.messages.registry import BuildPath, BuildSurface, CalibratePointer, RegisterTool
+from rona_core.app.overview.step_states import step_states
 from rona_core.session.codec import digest
 from rona_core.session.files import load_session, session_bytes, session_from_bytes
 from rona_core.session.migrate import MIGRATIONS, SCHEMA

@@ -6,8 +6,8 @@ from typing import Annotated, Any
 
 from fastapi import APIRouter, Body
 
-from rona_core.app.messages import COMMANDS, Redo, Undo
-from rona_core.app.workbench import Workbench
+from rona_core.app.messages.registry import COMMANDS, Redo, Undo
+from rona_core.app.runtime.workbench import Workbench
 from rona_ui.api.context import EXACT, Bench
 
 router = APIRouter(tags=["commands"])

@@ -9,8 +9,8 @@ from fastapi import APIRouter, Header, Query
 from starlette.concurrency import run_in_threadpool
 
 from rona_core import __version__
-from rona_core.app.hub import CURRENT, Hub
-from rona_core.app.workbench import Workbench
+from rona_core.app.runtime.session_registry import CURRENT, Hub
+from rona_core.app.runtime.workbench import Workbench
 from rona_core.errors import NotFoundError
 from rona_ui.api.context import Bench, Open, Sessions, origin_of
 from rona_ui.api.routes.jobs import job_info

@@ -6,11 +6,11 @@ from typing import Annotated, Any
 
 from fastapi import APIRouter, Depends, Response
 
-from rona_core.app.hub import Hub
-from rona_core.app.jobs import JobState, JobStatus
-from rona_core.app.messages import ACTIVITIES, StartReplay
-from rona_core.app.replay import Replay
-from rona_core.app.workbench import Workbench
+from rona_core.app.messages.registry import ACTIVITIES, StartReplay
+from rona_core.app.runtime.jobs import JobState, JobStatus
+from rona_core.app.runtime.recompute import Replay
+from rona_core.app.runtime.session_registry import Hub
+from rona_core.app.runtime.workbench import Workbench
 from rona_core.errors import NotFoundError
 from rona_ui.api.context import PREFIX, Bench, Open, Sessions
 from rona_ui.api.problems import JobFinishedError

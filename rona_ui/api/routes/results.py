@@ -5,14 +5,14 @@ from typing import Annotated, Any, Literal
 
 from fastapi import APIRouter, Query
 
-from rona_core.app.calibration_view import calibration_view
-from rona_core.app.frames import frame_rows
-from rona_core.app.map_accuracy import map_accuracy
-from rona_core.app.probe_advice import probe_advice
-from rona_core.app.quality import QualityRow, quality_rows
-from rona_core.app.queries import StepState, step_states, summary
-from rona_core.app.scan_views import ScanName, ascan_plot
-from rona_core.app.staleness import stale_reason
+from rona_core.app.dependencies.staleness import stale_reason
+from rona_core.app.overview.acceptance import QualityRow, quality_rows
+from rona_core.app.overview.frame_graph import frame_rows
+from rona_core.app.overview.step_states import StepState, step_states, summary
+from rona_core.app.steps.maps.map_accuracy import map_accuracy
+from rona_core.app.steps.scan.ascan_view import ScanName, ascan_plot
+from rona_core.app.steps.setup.probe_advice import probe_advice
+from rona_core.app.steps.tool.calibration_view import calibration_view
 from rona_core.errors import NotFoundError
 from rona_core.session.document import STEPS, Session
 from rona_ui.api.context import Bench

@@ -7,9 +7,9 @@ from urllib.parse import quote
 from fastapi import APIRouter, Query, Request, Response
 from starlette.concurrency import run_in_threadpool
 
-from rona_core.app.exports import export_recording
-from rona_core.app.hub import MAX_UPLOAD_BYTES, Hub
-from rona_core.app.workbench import Workbench
+from rona_core.app.runtime.saving.export_captures import export_recording
+from rona_core.app.runtime.session_registry import MAX_UPLOAD_BYTES, Hub
+from rona_core.app.runtime.workbench import Workbench
 from rona_core.devices.settings import STRICT, require
 from rona_core.errors import NotFoundError
 from rona_core.session.document import require_seed

@@ -6,7 +6,7 @@ known yet a faint dotted line. The numbers are those of the list below the pictu
 
 from collections.abc import Sequence
 
-from rona_core.app.frames import FrameRow
+from rona_core.app.overview.frame_graph import FrameRow
 from rona_ui.viewer.bindings import escape
 
 WIDTH = 340  # with room for a scroll bar at the right

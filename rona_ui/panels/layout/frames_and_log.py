@@ -4,7 +4,7 @@ from typing import Any
 
 import numpy as np
 
-from rona_core.app.frames import FrameRow, frame_rows
+from rona_core.app.overview.frame_graph import FrameRow, frame_rows
 from rona_core.session.document import LogEntry
 from rona_ui.panels.layout.frame_graph_image import frame_picture
 from rona_ui.panels.widgets import style

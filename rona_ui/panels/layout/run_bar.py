@@ -4,7 +4,7 @@ from dataclasses import replace
 from operator import is_
 from typing import Any
 
-from rona_core.app.messages import StartRetract
+from rona_core.app.messages.registry import StartRetract
 from rona_core.session.document import STEPS
 from rona_ui.labels import doing
 from rona_ui.panels.widgets import style

@@ -3,9 +3,9 @@
 from collections.abc import Callable
 from typing import Any
 
-from rona_core.app.autosave import CopyState
-from rona_core.app.exports import recorded_captures
-from rona_core.app.messages import Redo, RenameSession, Undo
+from rona_core.app.messages.registry import Redo, RenameSession, Undo
+from rona_core.app.runtime.saving.autosave import CopyState
+from rona_core.app.runtime.saving.export_captures import recorded_captures
 from rona_ui.panels.layout.question import Choice, Question
 from rona_ui.panels.widgets.panel_context import Door, follow, listen
 from rona_ui.view_state import Picture

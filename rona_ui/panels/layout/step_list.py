@@ -3,8 +3,8 @@
 from dataclasses import replace
 from typing import Any
 
-from rona_core.app.quality import Judgement
-from rona_core.app.queries import TITLES, StepState
+from rona_core.app.overview.acceptance import Judgement
+from rona_core.app.overview.step_states import TITLES, StepState
 from rona_core.session.document import STEPS
 from rona_ui.panels.widgets import style
 from rona_ui.panels.widgets.panel_context import Door, listen

@@ -5,9 +5,9 @@ from typing import Any
 
 import numpy as np
 
-from rona_core.app.map_accuracy import accuracy_words
-from rona_core.app.maps import MapLayers, layers_of
-from rona_core.app.messages import StartMapping
+from rona_core.app.messages.registry import StartMapping
+from rona_core.app.steps.maps.map_accuracy import accuracy_words
+from rona_core.app.steps.maps.view import MapLayers, layers_of
 from rona_ui.panels.acoustics import SpeedFields
 from rona_ui.panels.handheld import SonoControls
 from rona_ui.panels.maps.second_pass import SecondFolder

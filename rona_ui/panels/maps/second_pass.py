@@ -4,9 +4,9 @@ from collections.abc import Callable
 from dataclasses import replace
 from typing import Any
 
-from rona_core.app.messages import StartMapping, StartSecondPlan, StartSecondScan
-from rona_core.app.second_view import SecondView, second_cells, second_view
-from rona_core.app.staleness import usable_second
+from rona_core.app.dependencies.staleness import usable_second
+from rona_core.app.messages.registry import StartMapping, StartSecondPlan, StartSecondScan
+from rona_core.app.steps.maps.second_pass_view import SecondView, second_cells, second_view
 from rona_ui.panels.widgets import style
 from rona_ui.panels.widgets.form import Form
 from rona_ui.panels.widgets.panel_context import Door, listen

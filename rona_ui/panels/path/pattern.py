@@ -3,7 +3,7 @@
 from dataclasses import replace
 from typing import Any
 
-from rona_core.app.messages import DrawPattern
+from rona_core.app.messages.registry import DrawPattern
 from rona_ui.panels.widgets import style
 from rona_ui.panels.widgets.form import Form
 from rona_ui.panels.widgets.panel_context import Door, listen

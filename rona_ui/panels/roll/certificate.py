@@ -3,7 +3,7 @@
 from dataclasses import replace
 from typing import Any
 
-from rona_core.app.certificate_view import CertificateView, CheckPlace, certificate_view
+from rona_core.app.steps.roll.certificate_view import CertificateView, CheckPlace, certificate_view
 from rona_ui.panels.widgets import style
 from rona_ui.panels.widgets.panel_context import Door, follow
 from rona_ui.view_state import Picture

@@ -3,8 +3,8 @@
 from dataclasses import replace
 from typing import Any
 
-from rona_core.app.near_things import Nearness
-from rona_core.app.roll_margins import PathMargins, Quantity, path_margins
+from rona_core.app.steps.roll.margins_view import PathMargins, Quantity, path_margins
+from rona_core.app.steps.setup.clearance import Nearness
 from rona_ui.panels.widgets import style
 from rona_ui.panels.widgets.panel_context import Door, follow
 from rona_ui.scene.colors import VERMILLION, css, viridis_css

@@ -3,9 +3,9 @@
 from dataclasses import replace
 from typing import Any
 
-from rona_core.app.certificate_view import certificate_view
-from rona_core.app.messages import StartRollSearch
-from rona_core.app.roll_views import joint_curves, none_works
+from rona_core.app.messages.registry import StartRollSearch
+from rona_core.app.steps.roll.certificate_view import certificate_view
+from rona_core.app.steps.roll.view import joint_curves, none_works
 from rona_ui.panels.roll.base_placement import BasePlaceControls
 from rona_ui.panels.roll.certificate import refusal_in_short
 from rona_ui.panels.widgets import style

@@ -5,8 +5,8 @@ from typing import Any
 
 import numpy as np
 
-from rona_core.app.messages import ChooseRoll
-from rona_core.app.roll_views import (
+from rona_core.app.messages.registry import ChooseRoll
+from rona_core.app.steps.roll.view import (
     joint_curves,
     place_of_roll,
     point_at,

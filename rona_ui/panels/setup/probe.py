@@ -2,9 +2,8 @@
 
 from typing import Any
 
-from rona_core.app.messages import CalibrateDelayLine, SetProbe, StartBlockShots
-from rona_core.app.probe_advice import THICK_MM, THIN_MM, probe_advice
-from rona_core.app.sound_views import (
+from rona_core.app.messages.registry import CalibrateDelayLine, SetProbe, StartBlockShots
+from rona_core.app.steps.acoustics.view import (
     EDITABLE,
     ProbeOutlook,
     edited_probe,
@@ -12,6 +11,7 @@ from rona_core.app.sound_views import (
     probe_outlooks,
     probe_values,
 )
+from rona_core.app.steps.setup.probe_advice import THICK_MM, THIN_MM, probe_advice
 from rona_core.devices.settings import PROBE_LIMITS, ProbeSettings
 from rona_core.session.document import Session
 from rona_ui.panels.widgets import style

@@ -2,8 +2,8 @@
 
 from typing import Any
 
-from rona_core.app.messages import StartWhatIf
-from rona_core.app.sound_views import WhatIf
+from rona_core.app.messages.registry import StartWhatIf
+from rona_core.app.steps.acoustics.view import WhatIf
 from rona_core.devices.settings import Excitation, ProbeName
 from rona_core.session.specimen import BoneKind
 from rona_ui.panels.setup.probe import advice_note

@@ -1,6 +1,6 @@
 """Where the figures of the chosen robot come from, as a table."""
 
-from rona_core.app.robot_figures import robot_figures
+from rona_core.app.steps.setup.robot_parameters import robot_figures
 from rona_core.errors import RonaError
 from rona_ui.panels.widgets import style
 from rona_ui.viewer.bindings import escape

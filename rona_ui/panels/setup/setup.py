@@ -3,7 +3,7 @@
 from pathlib import PurePath
 from typing import Any
 
-from rona_core.app.messages import (
+from rona_core.app.messages.registry import (
     SetBone,
     SetPointer,
     SetReference,

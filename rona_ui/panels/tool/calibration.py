@@ -2,7 +2,8 @@
 
 from typing import Any
 
-from rona_core.app.calibration_view import (
+from rona_core.app.messages.registry import ExcludePoses
+from rona_core.app.steps.tool.calibration_view import (
     EXCLUDED,
     MARKS,
     REJECTED,
@@ -11,7 +12,6 @@ from rona_core.app.calibration_view import (
     Step,
     calibration_view,
 )
-from rona_core.app.messages import ExcludePoses
 from rona_ui.panels.tool.calibration_images import (
     GREY,
     HEIGHT,

@@ -2,7 +2,13 @@
 
 import numpy as np
 
-from rona_core.app.calibration_view import EXCLUDED, REJECTED, USED, CalibrationView, SwingView
+from rona_core.app.steps.tool.calibration_view import (
+    EXCLUDED,
+    REJECTED,
+    USED,
+    CalibrationView,
+    SwingView,
+)
 from rona_core.geometry.arrays import Floats
 from rona_ui.scene.colors import BLUE, GREEN, ORANGE, VERMILLION, css
 

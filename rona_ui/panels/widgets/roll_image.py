@@ -8,7 +8,7 @@ from collections import Counter
 import numpy as np
 from numpy.typing import NDArray
 
-from rona_core.app.roll_views import RollStrip
+from rona_core.app.steps.roll.view import RollStrip
 from rona_core.geometry.arrays import Floats
 from rona_ui.scene.colors import (
     BLUE,

@@ -2,7 +2,7 @@
 
 from typing import Any
 
-from rona_core.app.quality import Judgement, QualityRow, judgement, quality_rows
+from rona_core.app.overview.acceptance import Judgement, QualityRow, judgement, quality_rows
 from rona_core.session.document import Session
 from rona_ui.panels.widgets import style
 from rona_ui.view_state import Picture

@@ -2,7 +2,7 @@
 
 from typing import Any
 
-from rona_core.app.map_accuracy import MapAccuracy, map_accuracy
+from rona_core.app.steps.maps.map_accuracy import MapAccuracy, map_accuracy
 from rona_core.mapping.boundary_map import Maps
 from rona_ui.view_state import Picture
 

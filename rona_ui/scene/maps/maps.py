@@ -2,11 +2,11 @@
 
 import numpy as np
 
-from rona_core.app.boundary_edits import DETECTIONS, capture_of, detection_of_scan
-from rona_core.app.map_accuracy import MapAccuracy
-from rona_core.app.maps import layers_of
-from rona_core.app.scan_views import ScanName, scan_number_at, scan_poses
-from rona_core.app.sono_scans import hand_poses
+from rona_core.app.steps.handheld.scans import hand_poses
+from rona_core.app.steps.maps.map_accuracy import MapAccuracy
+from rona_core.app.steps.maps.view import layers_of
+from rona_core.app.steps.scan.ascan_view import ScanName, scan_number_at, scan_poses
+from rona_core.app.steps.scan.boundary_handlers import DETECTIONS, capture_of, detection_of_scan
 from rona_core.geometry.arrays import Bools, Floats
 from rona_ui.scene.adapter import Layer
 from rona_ui.scene.colors import GREEN, SKY, VERMILLION, YELLOW, viridis

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from rona_core.app.sound_views import ReferenceRow, reference_rows
+from rona_core.app.steps.acoustics.view import ReferenceRow, reference_rows
 from rona_ui.scene.adapter import Layer
 from rona_ui.scene.colors import ORANGE, PURPLE
 from rona_ui.scene.viser_nodes import Stage

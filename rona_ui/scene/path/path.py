@@ -2,8 +2,8 @@
 
 import numpy as np
 
-from rona_core.app.path_check import PathCheck, check_path
-from rona_core.app.path_views import PathView, path_view, preview_path
+from rona_core.app.steps.path.path_checks import PathCheck, check_path
+from rona_core.app.steps.path.view import PathView, path_view, preview_path
 from rona_core.geometry.arrays import Floats
 from rona_ui.scene.adapter import Layer
 from rona_ui.scene.colors import BLUE, ORANGE, PURPLE, VERMILLION, viridis

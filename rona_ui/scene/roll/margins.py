@@ -2,8 +2,8 @@
 
 import numpy as np
 
-from rona_core.app.roll_margins import PathMargins, path_margins
-from rona_core.app.roll_views import joint_curves, shown_roll
+from rona_core.app.steps.roll.margins_view import PathMargins, path_margins
+from rona_core.app.steps.roll.view import joint_curves, shown_roll
 from rona_core.geometry.arrays import Floats
 from rona_ui.scene.adapter import Layer
 from rona_ui.scene.colors import VERMILLION, viridis

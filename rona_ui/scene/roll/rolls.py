@@ -2,14 +2,14 @@
 
 import numpy as np
 
-from rona_core.app.roll_views import (
+from rona_core.app.steps.roll.planned_motion import motion_stale
+from rona_core.app.steps.roll.view import (
     place_of_roll,
     point_at,
     roll_poses,
     shown_roll,
     shows_varying,
 )
-from rona_core.app.views import motion_stale
 from rona_core.geometry.arrays import Floats
 from rona_core.geometry.pose import Poses
 from rona_ui.scene.adapter import Layer

@@ -1,6 +1,7 @@
 """Parts that come too close are drawn red; what stands around the robot is drawn faintly."""
 
-from rona_core.app.near_things import (
+from rona_core.app.steps.roll.view import joint_curves
+from rona_core.app.steps.setup.clearance import (
     DrawnThing,
     Nearness,
     drawn_link,
@@ -8,7 +9,6 @@ from rona_core.app.near_things import (
     drawn_parts,
     near_pairs,
 )
-from rona_core.app.roll_views import joint_curves
 from rona_core.robot.kinematics.catalog import robot_model
 from rona_core.robot.meshes.link_meshes import link_shapes
 from rona_ui.scene.adapter import Layer

@@ -7,8 +7,8 @@ from pathlib import Path
 
 import pytest
 
-from rona_core.app.quality import FIGURES
-from rona_core.app.workbench import Workbench
+from rona_core.app.overview.acceptance import FIGURES
+from rona_core.app.runtime.workbench import Workbench
 from rona_core.compose import new_workbench
 from rona_core.errors import DegenerateGeometryError
 from rona_core.session.document import Session, Setup

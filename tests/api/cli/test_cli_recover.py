@@ -5,7 +5,7 @@ import sys
 
 import pytest
 
-from rona_core.app.messages import RenameSession, SetSeed
+from rona_core.app.messages.registry import RenameSession, SetSeed
 from rona_core.compose import build_hub
 from rona_core.session.codec import digest
 from rona_core.session.files import load_session

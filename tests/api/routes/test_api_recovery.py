@@ -2,7 +2,7 @@
 
 import pytest
 
-from rona_core.app.messages import RenameSession, SetSeed
+from rona_core.app.messages.registry import RenameSession, SetSeed
 from rona_core.compose import build_hub
 from rona_core.session.codec import digest
 from rona_core.session.document import Session

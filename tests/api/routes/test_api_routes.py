@@ -6,7 +6,7 @@ import re
 
 import pytest
 
-from rona_core.app.messages import ACTIVITIES, COMMANDS
+from rona_core.app.messages.registry import ACTIVITIES, COMMANDS
 from rona_core.session.codec import digest
 from rona_core.session.files import load_session
 from rona_ui.api.problems import TITLES

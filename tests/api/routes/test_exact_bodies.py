@@ -7,7 +7,14 @@ from typing import Literal, Union, get_args, get_origin, get_type_hints
 
 import pytest
 
-from rona_core.app.messages import ACTIVITIES, COMMANDS, SetContact, SetProbe, SetRobot, SetTracker
+from rona_core.app.messages.registry import (
+    ACTIVITIES,
+    COMMANDS,
+    SetContact,
+    SetProbe,
+    SetRobot,
+    SetTracker,
+)
 from rona_ui.api.routes.operator import PointerTurn
 from rona_ui.api.routes.sessions import FileToOpen, FileToSave, NewSession
 from rona_ui.api.routes.tracker import ToolPose, Visible

@@ -6,7 +6,7 @@ import threading
 import httpx2
 import pytest
 
-from rona_core.app.messages import (
+from rona_core.app.messages.registry import (
     COMMANDS,
     CalibratePointer,
     SetPointer,
@@ -25,7 +25,7 @@ from rona_core.app.messages import (
     StartToolCapture,
     Undo,
 )
-from rona_core.app.plain import plain_arguments
+from rona_core.app.messages.serialization import plain_arguments
 from rona_core.app.procedure import PROCEDURE
 from rona_core.compose import build_hub
 from rona_core.errors import InvalidInputError

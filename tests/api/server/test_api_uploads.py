@@ -4,7 +4,7 @@ from pathlib import Path
 
 import pytest
 
-from rona_core.app.hub import MAX_UPLOAD_BYTES
+from rona_core.app.runtime.session_registry import MAX_UPLOAD_BYTES
 from rona_core.session.document import Session
 from rona_core.session.files import session_bytes
 

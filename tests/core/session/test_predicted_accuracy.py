@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from rona_core.app.messages import (
+from rona_core.app.messages.registry import (
     SetPointer,
     SetSeed,
     SetTracker,
@@ -13,10 +13,10 @@ from rona_core.app.messages import (
     StartSurfaceCapture,
     StartToolCapture,
 )
+from rona_core.app.overview.predicted_accuracy import predict_surface, predicted_figures
 from rona_core.compose import new_workbench
 from rona_core.devices.tracker_volumes import ACCURACY_MM
 from rona_core.session.document import Session
-from rona_core.session.prediction import predict_surface, predicted_figures
 from rona_core.virtual.tracker.marker_error import SPECS
 
 KEYS = (

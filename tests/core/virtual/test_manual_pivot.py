@@ -5,10 +5,10 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from rona_core.app.messages import StartPointerCapture
-from rona_core.app.plain import message_from, plain_arguments
-from rona_core.app.replay import replay
-from rona_core.app.workbench import Workbench
+from rona_core.app.messages.registry import StartPointerCapture
+from rona_core.app.messages.serialization import message_from, plain_arguments
+from rona_core.app.runtime.recompute import replay
+from rona_core.app.runtime.workbench import Workbench
 from rona_core.compose import build_virtual_rig, virtual_services
 from rona_core.devices.settings import DeviceSettings
 from rona_core.errors import (

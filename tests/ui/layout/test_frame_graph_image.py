@@ -7,8 +7,7 @@ from itertools import combinations
 
 import pytest
 
-from rona_core.app.frames import FrameRow, frame_rows
-from rona_core.app.messages import (
+from rona_core.app.messages.registry import (
     MoveTracker,
     SetReference,
     SetTracker,
@@ -16,6 +15,7 @@ from rona_core.app.messages import (
     StartSurfaceCapture,
     StartToolCapture,
 )
+from rona_core.app.overview.frame_graph import FrameRow, frame_rows
 from rona_core.compose import new_workbench
 from rona_core.geometry.pose import Pose
 from rona_core.session.document import Session

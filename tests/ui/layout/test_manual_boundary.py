@@ -5,10 +5,10 @@ from pathlib import Path
 
 import numpy as np
 
-from rona_core.app.boundary_edits import detection_of_scan
-from rona_core.app.messages import CorrectBoundary
-from rona_core.app.scan_views import scan_number_at
-from rona_core.app.sono_scans import hand_poses
+from rona_core.app.messages.registry import CorrectBoundary
+from rona_core.app.steps.handheld.scans import hand_poses
+from rona_core.app.steps.scan.ascan_view import scan_number_at
+from rona_core.app.steps.scan.boundary_handlers import detection_of_scan
 from rona_core.geometry.pose import Pose
 from rona_core.session.document import Session
 from rona_core.session.files import load_session

@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 from rona_core.app.handlers import handle
-from rona_core.app.messages import MovePathPoint, SetRobot, SetSeed, StartRetract
-from rona_core.app.quality import FIGURES, judgement, quality_rows
-from rona_core.app.queries import step_states
+from rona_core.app.messages.registry import MovePathPoint, SetRobot, SetSeed, StartRetract
+from rona_core.app.overview.acceptance import FIGURES, judgement, quality_rows
+from rona_core.app.overview.step_states import step_states
 from rona_core.devices.live import LiveState
 from rona_core.devices.samples import JointSample
 from rona_core.robot.kinematics.catalog import robot_model
@@ -160,7 +160,7 @@ def test_normals_of_a_skull_of_voxels_are_told_why(demo):
     object.__setattr__(skull, "kind", "mask")
     of_voxels = replace(demo, setup=replace(demo.setup, specimen=demo.setup.specimen))
     object.__setattr__(of_voxels.setup, "specimen", skull)
-    from rona_core.app.quality import _with_own_word
+    from rona_core.app.overview.acceptance import _with_own_word
 
     judged_as, reason = _with_own_word("normal_error_p95_deg", "fail", of_voxels)
     assert judged_as == "fail"

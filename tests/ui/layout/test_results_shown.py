@@ -9,10 +9,10 @@ from typing import Any
 import numpy as np
 import pytest
 
-from rona_core.app.jobs import JobStatus
-from rona_core.app.map_accuracy import accuracy_words, map_accuracy
-from rona_core.app.maps import layers_of
-from rona_core.app.queries import step_states
+from rona_core.app.overview.step_states import step_states
+from rona_core.app.runtime.jobs import JobStatus
+from rona_core.app.steps.maps.map_accuracy import accuracy_words, map_accuracy
+from rona_core.app.steps.maps.view import layers_of
 from rona_core.devices.live import LiveState
 from rona_core.robot.kinematics.catalog import robot_model
 from rona_core.session.document import Session

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from rona_core.app.messages import (
+from rona_core.app.messages.registry import (
     AddReferencePoint,
     CalibrateDelayLine,
     SetProbe,
@@ -11,8 +11,8 @@ from rona_core.app.messages import (
     StartReferencePoints,
     StartWhatIf,
 )
-from rona_core.app.probe_advice import ProbeAdvice
-from rona_core.app.sound_views import ReferenceRow, probe_outlooks
+from rona_core.app.steps.acoustics.view import ReferenceRow, probe_outlooks
+from rona_core.app.steps.setup.probe_advice import ProbeAdvice
 from rona_core.devices.settings import ProbeSettings
 from rona_core.session.document import Derived, Results, Session
 from rona_core.ultrasound.acoustic_calibration.parameter_sweep import WhatIf

@@ -7,16 +7,16 @@ from typing import Any
 import numpy as np
 import pytest
 
-from rona_core.app.messages import (
+from rona_core.app.messages.registry import (
     ClearBoundaryCorrections,
     CorrectBoundary,
     StartMapping,
     StartSecondPlan,
     StartSecondScan,
 )
-from rona_core.app.queries import step_states
-from rona_core.app.scan_views import ascan_plot, scan_marks, scan_number_at, scan_picture
-from rona_core.app.views import joints_at
+from rona_core.app.overview.step_states import step_states
+from rona_core.app.steps.roll.planned_motion import joints_at
+from rona_core.app.steps.scan.ascan_view import ascan_plot, scan_marks, scan_number_at, scan_picture
 from rona_core.devices.live import LiveState
 from rona_core.session.document import Session
 from rona_core.session.files import load_session

@@ -5,8 +5,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from rona_core.app.messages import StartSonoCalibration, StartSonoMapping, StartSonoScan
-from rona_core.app.queries import step_states
+from rona_core.app.messages.registry import StartSonoCalibration, StartSonoMapping, StartSonoScan
+from rona_core.app.overview.step_states import step_states
 from rona_core.compose import new_workbench
 from rona_core.devices.live import LiveState
 from rona_core.devices.protocols import Mesh

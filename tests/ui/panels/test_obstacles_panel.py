@@ -3,7 +3,7 @@
 import numpy as np
 
 from rona_core.app.handlers import handle
-from rona_core.app.messages import PutObstacle, RemoveObstacle, SetSurroundings
+from rona_core.app.messages.registry import PutObstacle, RemoveObstacle, SetSurroundings
 from rona_core.devices.protocols import Mesh
 from rona_core.geometry.pose import Pose
 from rona_core.session.document import Session

@@ -5,8 +5,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from rona_core.app.jobs import JobStatus
-from rona_core.app.messages import (
+from rona_core.app.messages.registry import (
     MoveTracker,
     SetBone,
     SetReference,
@@ -15,9 +14,10 @@ from rona_core.app.messages import (
     StartPointerCapture,
     StartToolCapture,
 )
-from rona_core.app.queries import step_states
-from rona_core.app.roll_views import JointCurves
-from rona_core.app.weigh import STOPPED
+from rona_core.app.overview.step_states import step_states
+from rona_core.app.runtime.jobs import JobStatus
+from rona_core.app.steps.roll.view import JointCurves
+from rona_core.app.steps.scan.payload_identification import STOPPED
 from rona_core.devices.live import LiveState
 from rona_core.devices.settings import TrackerPlace, TrackerSettings
 from rona_core.session.document import STEPS, LogEntry, Session

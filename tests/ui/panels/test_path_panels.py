@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from rona_core.app.handlers import handle
-from rona_core.app.messages import (
+from rona_core.app.messages.registry import (
     BuildPath,
     BuildSurface,
     CalibratePointer,
@@ -23,9 +23,9 @@ from rona_core.app.messages import (
     RegisterTool,
     SmoothScanPath,
 )
-from rona_core.app.path_check import check_path
-from rona_core.app.path_views import path_view, preview_path
-from rona_core.app.queries import step_states
+from rona_core.app.overview.step_states import step_states
+from rona_core.app.steps.path.path_checks import check_path
+from rona_core.app.steps.path.view import path_view, preview_path
 from rona_core.devices.live import LiveState
 from rona_core.errors import DegenerateGeometryError, InvalidInputError
 from rona_core.session.document import Session

@@ -6,7 +6,7 @@ from typing import Any
 
 import pytest
 
-from rona_core.app.messages import SetSeed
+from rona_core.app.messages.registry import SetSeed
 from rona_core.compose import build_hub
 from rona_core.errors import InvalidInputError
 from rona_core.session.document import Session

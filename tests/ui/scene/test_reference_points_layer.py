@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from rona_core.app.sound_views import ReferenceRow
+from rona_core.app.steps.acoustics.view import ReferenceRow
 from rona_core.session.document import Captures, ReferenceCapture, Session
 from rona_ui.scene.colors import ORANGE, PURPLE
 from rona_ui.scene.maps.reference_points import POINTS, ReferencesLayer, label_words

@@ -6,7 +6,7 @@ from typing import Any
 
 import pytest
 
-from rona_core.app.messages import ACTIVITIES, RenameSession, SetRegion, SetSeed, StartScan
+from rona_core.app.messages.registry import ACTIVITIES, RenameSession, SetRegion, SetSeed, StartScan
 from rona_core.errors import InvalidInputError, StepBlockedError
 from rona_ui import labels
 from rona_ui.labels import DOING, STEP_OF, doing, in_words, label_of, note_label, place_of

@@ -13,7 +13,7 @@ import pytest
 import viser
 import websockets.asyncio.client
 
-from rona_core.app.jobs import JobStatus
+from rona_core.app.runtime.jobs import JobStatus
 from rona_core.compose import build_hub
 from rona_core.errors import InvalidInputError
 from rona_ui.server import ServerSettings, server_of

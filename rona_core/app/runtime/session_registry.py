@@ -1,0 +1,296 @@
+"""All open sessions: made, opened from files, saved, closed; one of them is the current one."""
+
+import threading
+import time
+from collections.abc import Callable
+from contextlib import suppress
+from dataclasses import replace
+from pathlib import Path
+
+from rona_core.app.runtime.saving.autosave import Autosave, CopyState
+from rona_core.app.runtime.saving.file_names import plain_name
+from rona_core.app.runtime.saving.recovery import LostSession, Recovery, restore
+from rona_core.app.runtime.saving.session_files import MAX_UPLOAD_BYTES, SessionFiles
+from rona_core.app.runtime.workbench import Services, Workbench
+from rona_core.errors import InvalidInputError, NotFoundError
+from rona_core.session.document import Session, Setup
+from rona_core.session.files import load_session, session_from_bytes
+
+__all__ = ["CURRENT", "MAX_UPLOAD_BYTES", "Hub"]
+CURRENT = "current"  # alias for the session that the viewer shows
+MAX_OPEN = 16
+ENDING_S = 1.5  # that the end of the program waits for jobs, all together
+
+
+class Hub:
+    """Opens and closes workbenches. Safe to use from several threads."""
+
+    def __init__(
+        self, services: Services, folder: Path, on_close: Callable[[], None] = lambda: None
+    ) -> None:
+        self._on_close = on_close
+        self._files = SessionFiles(folder)
+        self._autosave = Autosave(folder, on_change=self._tell)
+        self._recovery = Recovery(folder)
+        self._services = services
+        self._lock = threading.RLock()
+        self._open: dict[str, Workbench] = {}
+        self._begun: dict[str, int] = {}  # revision at which what has no file was opened
+        self._recovered: set[str] = set()  # and not saved since
+        self._current: str | None = None
+        self._listeners: list[Callable[[], None]] = []
+        with suppress(OSError):  # then somebody who looks at the list is told
+            self._recovery.tidy()
+
+    @property
+    def folder(self) -> Path:
+        """Where session files live."""
+        return self._files.folder
+
+    @property
+    def uploads(self) -> Path:
+        """Where uploaded files wait for their import."""
+        return self._files.uploads
+
+    @property
+    def run(self) -> str:
+        """Name of this run of the program, another one after each start."""
+        return self._autosave.run
+
+    # -------------------------------------------------------------- asking
+
+    def ids(self) -> tuple[str, ...]:
+        """Return the ids of the open sessions, oldest first."""
+        with self._lock:
+            return tuple(self._open)
+
+    def all(self) -> tuple[Workbench, ...]:
+        """Return the workbenches of the open sessions, oldest first."""
+        with self._lock:
+            return tuple(self._open.values())
+
+    def get(self, session_id: str = CURRENT) -> Workbench:
+        """Return the workbench of an open session.
+
+        Raises:
+            NotFoundError: it is not open.
+        """
+        with self._lock:
+            wanted = self._current if session_id == CURRENT else session_id
+            if wanted is None or wanted not in self._open:
+                known = ", ".join(self._open) or "none"
+                raise NotFoundError(f"there is no open session {session_id!r} (open: {known})")
+            return self._open[wanted]
+
+    def is_current(self, session_id: str) -> bool:
+        """Return whether this is the session that the viewer shows."""
+        return session_id == self._current
+
+    def file(self, session_id: str) -> Path | None:
+        """Return the file that a session was loaded from or saved to last."""
+        return self._files.file(self.get(session_id).session.id)
+
+    def is_saved(self, session_id: str) -> bool:
+        """Return whether the file holds the session as it is now."""
+        bench = self.get(session_id)
+        return self._files.saved(bench.session.id) == bench.store.revision
+
+    def has_changes(self, session_id: str) -> bool:
+        """Return whether something would be lost if the session were closed as it is now."""
+        bench = self.get(session_id)
+        unchanged = self._begun.get(bench.session.id) == bench.store.revision
+        return not self.is_saved(session_id) and not unchanged
+
+    def is_recovered(self, session_id: str) -> bool:
+        """Return whether the session was recovered and has not been saved since."""
+        return self.get(session_id).session.id in self._recovered
+
+    def copy_state(self, session_id: str) -> CopyState:
+        """Return whether a copy is kept of what is not saved."""
+        return self._autosave.state(self.get(session_id).session.id)
+
+    def files(self) -> tuple[Path, ...]:
+        """Return the session files in the sessions folder."""
+        return self._files.all()
+
+    # -------------------------------------------------------------- opening and closing
+
+    def create(self, name: str = "untitled", seed: int = 0) -> Workbench:
+        """Open a new, empty session and make it the current one."""
+        return self._add(Session(name=name, setup=Setup(seed=seed)))
+
+    def open_file(self, file: str) -> Workbench:
+        """Open a file of the sessions folder by its plain name.
+
+        Raises:
+            NotFoundError: no such file.
+            SessionFormatError: it is damaged, foreign or newer; what is open stays as it was.
+        """
+        path = self.folder / plain_name(file)
+        return self._add(load_session(path), path)
+
+    def open_bytes(self, data: bytes, name: str) -> Workbench:
+        """Open the contents of an uploaded session file; errors as in ``open_file``."""
+        return self._add(session_from_bytes(data, name))
+
+    def open_upload(self, path: Path, name: str) -> Workbench:
+        """Open an uploaded session file that lies at ``path``; errors as in ``open_file``."""
+        return self._add(load_session(path, name))
+
+    def open_session(self, session: Session) -> Workbench:
+        """Open a session that was made in Python."""
+        return self._add(session)
+
+    def _add(
+        self, session: Session, path: Path | None = None, *, recovered: bool = False
+    ) -> Workbench:
+        with self._lock:
+            if session.id in self._open:  # a second copy of an open session is another session
+                session = replace(session, id=Session().id)
+            if len(self._open) >= MAX_OPEN:
+                raise InvalidInputError(f"{MAX_OPEN} sessions are open: close one first")
+            bench = Workbench(session, self._services, self.uploads, self._autosave.keep)
+            self._open[session.id] = bench
+            self._autosave.watch(bench.store, changed=recovered)
+            if recovered:
+                self._recovered.add(session.id)
+            self._current = session.id
+        if not recovered and (path is None or not self._files.opened(session, path)):
+            self._begun[session.id] = bench.store.revision
+        self._tell()
+        return bench
+
+    def make_current(self, session_id: str) -> Workbench:
+        """Show another open session in the viewer."""
+        with self._lock:
+            bench = self.get(session_id)
+            self._current = bench.session.id
+        self._tell()
+        return bench
+
+    def close(self, session_id: str) -> None:
+        """Close a session; what was not saved is gone. Its file stays."""
+        key = self.get(session_id).session.id
+        self._close(key)
+        self._autosave.forget(key)
+
+    def _close(self, session_id: str) -> None:
+        with self._lock:
+            bench = self.get(session_id)
+            key = bench.session.id
+            del self._open[key]
+            self._begun.pop(key, None)
+            self._recovered.discard(key)
+            if self._current == key:
+                self._current = next(reversed(self._open), None)
+        self._files.closed(key)
+        bench.close()
+        self._tell()
+
+    def close_all(self) -> None:
+        """Close every session, at the end of the program; copies of what is not saved stay.
+
+        What jobs have measured until now is stored and kept first, if they end soon.
+        """
+        benches = [self.get(session_id) for session_id in self.ids()]
+        for bench in benches:
+            bench.jobs.cancel_all()
+            bench.stop()
+        ends_s = time.monotonic() + ENDING_S
+        for bench in benches:
+            bench.jobs.wait_all(max(0.0, ends_s - time.monotonic()))
+        self._autosave.close()
+        for session_id in self.ids():
+            self._close(session_id)
+        self._on_close()
+
+    # -------------------------------------------------------------- recovering
+
+    def lost(self) -> tuple[LostSession, ...]:
+        """Return sessions that programs which have ended left unsaved, the newest first."""
+        return self._recovery.all()
+
+    def lost_keys(self) -> tuple[str, ...]:
+        """Return their keys, without reading them."""
+        return self._recovery.keys()
+
+    def recover(self, key: str) -> tuple[Workbench, str | None]:
+        """Open such a session and make it the current one; it is not saved yet.
+
+        Returns:
+            Its workbench, and what of it could not be recovered; then its copy stays in the list.
+
+        Raises:
+            NotFoundError: there is none of that key, or another program has taken it.
+            SessionFormatError: its copy cannot be read; it stays where it is.
+        """
+        with self._recovery.held(key) as copy:
+            session, journal = copy.load()
+            bench = self._add(session, recovered=True)
+            problem = restore(bench.store, journal)
+            self._autosave.keep(bench.session)
+            if problem is None and self.copy_state(bench.session.id) == "kept":
+                copy.remove()
+        self._tell()
+        return bench, problem
+
+    def discard(self, key: str) -> None:
+        """Remove the copy of such a session for good; errors as in ``recover``."""
+        self._recovery.discard(key)
+        self._tell()
+
+    # -------------------------------------------------------------- saving
+
+    def save(
+        self, session_id: str = CURRENT, file: str | None = None, *, replace: bool = False
+    ) -> Path:
+        """Write a session to the sessions folder and return the file.
+
+        Without a file name it goes where it came from, or under its own name.
+
+        Args:
+            session_id: Which session.
+            file: Plain name of the file.
+            replace: Write over a file of that name that is not this session's; what was there
+                stays beside it as ``.bak``, and an open session that it belonged to has none then.
+
+        Raises:
+            NameTakenError: there is such a file, and ``replace`` was not said.
+        """
+        session = self.get(session_id).session
+        path, other = self._files.save(session, file, replace=replace)
+        self._recovered.discard(session.id)
+        self._begun.pop(session.id, None)
+        self._autosave.saved(session)
+        if other is not None:
+            self._autosave.unsaved(other)
+        self._tell()
+        return path
+
+    def store_upload(self, name: str, data: bytes) -> Path:
+        """Keep an uploaded file for ``StartSkullImport``; one of that name is replaced."""
+        return self._files.store_upload(name, data)
+
+    def keep_upload(self, name: str, body: Path) -> Path:
+        """Keep an uploaded file that lies at ``body``, in the same folder, under its plain name."""
+        return self._files.keep_upload(name, body)
+
+    # -------------------------------------------------------------- telling
+
+    def subscribe(self, listener: Callable[[], None]) -> Callable[[], None]:
+        """Call ``listener()`` when sessions are opened, closed, saved or another is shown."""
+        with self._lock:
+            self._listeners.append(listener)
+
+        def unsubscribe() -> None:
+            with self._lock:
+                if listener in self._listeners:
+                    self._listeners.remove(listener)
+
+        return unsubscribe
+
+    def _tell(self) -> None:
+        with self._lock:
+            listeners = tuple(self._listeners)
+        for listener in listeners:
+            listener()

@@ -1,0 +1,112 @@
+"""The one place where the session changes: a lock, a log, and the steps to take back."""
+
+import threading
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from datetime import UTC, datetime
+from typing import Any
+
+from rona_core.app.messages.registry import Redo, Undo
+from rona_core.app.messages.serialization import plain_arguments
+from rona_core.app.runtime.notifier import Notifier
+from rona_core.app.steps.acoustics.handlers import handle
+from rona_core.errors import InvalidInputError
+from rona_core.session.document import LogEntry, Session
+
+Listener = Callable[[Session, Session], None]
+UNDO_STEPS = 200
+
+
+@dataclass(frozen=True, slots=True)
+class Change:
+    """A session, its revision and the name of the message that made it."""
+
+    revision: int
+    message: str
+    session: Session
+
+
+class Store:
+    """Holds one session. ``dispatch`` is the only way to change it."""
+
+    def __init__(self, session: Session) -> None:
+        self._lock = threading.RLock()
+        self._session = session
+        self._undo: list[Session] = []
+        self._redo: list[Session] = []
+        self._notifier = Notifier(session)
+
+    @property
+    def session(self) -> Session:
+        """The session now."""
+        return self._session
+
+    @property
+    def revision(self) -> int:
+        """How many messages have changed this session."""
+        return len(self._session.log)
+
+    @property
+    def can_undo(self) -> bool:
+        """Whether there is a change to take back."""
+        return bool(self._undo)
+
+    @property
+    def can_redo(self) -> bool:
+        """Whether there is a change to do again."""
+        return bool(self._redo)
+
+    def dispatch(self, message: Any, time_utc: str | None = None) -> Change:
+        """Change the session by one message; a message that fails changes nothing.
+
+        Args:
+            message: What to do.
+            time_utc: When it was done first, where it is done again; else it is now.
+
+        Raises:
+            RonaError: the message does not fit the session; its text says why.
+        """
+        with self._lock:
+            before = self._session
+            if isinstance(message, Undo):
+                after = _restored(before, _pop(self._undo, "there is nothing to undo"))
+                self._redo.append(before)
+            elif isinstance(message, Redo):
+                after = _restored(before, _pop(self._redo, "there is nothing to do again"))
+                self._undo.append(before)
+            else:
+                after = handle(message, before)
+                self._undo = [*self._undo[-UNDO_STEPS + 1 :], before]
+                self._redo.clear()
+            entry = LogEntry(
+                number=len(before.log) + 1,
+                message=type(message).__name__,
+                arguments=plain_arguments(message),
+                time_utc=time_utc or datetime.now(UTC).isoformat(timespec="milliseconds"),
+            )
+            self._session = replace(after, log=(*before.log, entry))
+            change = Change(entry.number, entry.message, self._session)
+        self._notifier.publish(change.session)
+        return change
+
+    def subscribe(self, listener: Listener) -> Callable[[], None]:
+        """Call ``listener(old, new)`` after changes, in order, from one thread; may skip some.
+
+        Returns a function that ends the subscription.
+        """
+        return self._notifier.subscribe(listener)
+
+    def close(self) -> None:
+        """Stop telling listeners; a second call does nothing."""
+        self._notifier.close()
+
+
+def _pop(steps: list[Session], message: str) -> Session:
+    if not steps:
+        raise InvalidInputError(message)
+    return steps.pop()
+
+
+def _restored(now: Session, then: Session) -> Session:
+    """Return ``then``, but keep every capture taken since and the log."""
+    return replace(then, archive=now.archive, log=now.log)

@@ -1,0 +1,86 @@
+"""Activities about sound: caliper, block of steel, and a sweep over virtual plates.
+
+Imported so that they are registered.
+"""
+
+import numpy as np
+
+from rona_core.app.activities import Messages, perform
+from rona_core.app.captures import begin
+from rona_core.app.dependencies.requirements import require_inputs
+from rona_core.app.dependencies.staleness import capture_setup_digest, stale_reason
+from rona_core.app.messages.outcomes import StoreBlockCapture, StoreReferences, StoreWhatIf
+from rona_core.app.messages.serialization import plain_arguments
+from rona_core.app.steps.acoustics.derivation import entry_points
+from rona_core.app.steps.acoustics.messages import (
+    CalibrateDelayLine,
+    CalibrateSoundSpeed,
+    StartBlockShots,
+    StartReferencePoints,
+    StartWhatIf,
+)
+from rona_core.app.steps.maps.probe_poses import probe_poses_of
+from rona_core.app.toolbox import Toolbox
+from rona_core.errors import CancelledError, StepBlockedError
+from rona_core.geometry.arrays import readonly
+from rona_core.session.document import BlockCapture, ReferenceCapture, Session
+from rona_core.ultrasound.acoustic_calibration.parameter_sweep import WhatIfGrid
+from rona_core.ultrasound.acoustic_calibration.reference_points import choose_reference_scans
+
+__all__ = ["perform"]
+
+
+@perform.register
+def _(activity: StartReferencePoints, session: Session, tools: Toolbox) -> Messages:
+    require_inputs(type(activity), session)
+    detection, poses = session.results.detection, probe_poses_of(session)
+    if detection is None or poses is None or stale_reason("detection", session) is not None:
+        raise StepBlockedError("StartReferencePoints is blocked: map the boundaries first (step 9)")
+    places = entry_points(session, detection.value)
+    rows = choose_reference_scans(places, detection.value, activity.n)
+    ordinal = begin(session, tools)
+    axes = poses.rotations[rows][:, :, 2]
+    thickness_mm, sigma_mm = tools.rig.bench.measure_thickness(places[rows], axes)
+    capture = ReferenceCapture(
+        ordinal=ordinal,
+        setup_digest=capture_setup_digest("references", session),
+        places_base=readonly(places[rows]),
+        thickness_mm=readonly(thickness_mm),
+        sigma_mm=readonly(np.full(len(rows), sigma_mm)),
+    )
+    return (StoreReferences(capture, activity.append), CalibrateSoundSpeed())
+
+
+@perform.register
+def _(activity: StartBlockShots, session: Session, tools: Toolbox) -> Messages:
+    probe = session.setup.devices.probe
+    ordinal = begin(session, tools)
+    temperatures = activity.temperatures_c or (probe.line_temperature_c,)
+    tracks = []
+    for number, temperature_c in enumerate(temperatures):
+        if tools.cancel():
+            raise CancelledError("the A-scans on the block were cancelled")
+        tracks.append(tools.rig.bench.shoot_block(probe, temperature_c, activity.n))
+        tools.progress((number + 1) / len(temperatures))
+    capture = BlockCapture(
+        ordinal=ordinal,
+        setup_digest=capture_setup_digest("block", session),
+        tracks=tuple(tracks),
+        temperatures_c=readonly(np.array(temperatures, dtype=np.float64)),
+    )
+    return (StoreBlockCapture(capture), CalibrateDelayLine())
+
+
+@perform.register
+def _(activity: StartWhatIf, session: Session, tools: Toolbox) -> Messages:
+    if tools.sweep is None:
+        raise StepBlockedError("StartWhatIf is blocked: there are no virtual plates to try it on")
+    grid = WhatIfGrid(
+        probes=activity.probes,
+        excitations=activity.excitations,
+        snr_db=activity.snr_db,
+        thickness_mm=activity.thickness_mm,
+        kind=activity.bone,
+        n=activity.n,
+    )
+    return (StoreWhatIf(tools.run(tools.sweep, grid), plain_arguments(activity)),)

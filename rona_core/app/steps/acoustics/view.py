@@ -1,0 +1,125 @@
+"""What is shown of probe, delay line, speed of sound and sweep, ready to be written."""
+
+from dataclasses import dataclass, fields, replace
+from functools import lru_cache
+from typing import Any
+
+from rona_core.app.dependencies.staleness import stale_reason
+from rona_core.app.steps.maps.thickness_uncertainty import ThicknessShares, thickness_shares
+from rona_core.devices.settings import ProbeSettings
+from rona_core.session.document import Session
+from rona_core.ultrasound.acoustic_calibration.expected_performance import ProbeOutlook, outlooks
+from rona_core.ultrasound.acoustic_calibration.parameter_sweep import WhatIf
+from rona_core.ultrasound.probe.probe_model import probe_model
+
+__all__ = ["ProbeOutlook", "ThicknessShares", "WhatIf", "thickness_shares"]
+EDITABLE = ("centre_mhz", "bandwidth", "aperture_mm", "line_length_mm", "pulse_shape")
+
+
+@dataclass(frozen=True, slots=True)
+class Judged:
+    """One line about a result, and whether it is good, weak, bad or stale."""
+
+    sentence: str
+    verdict: str
+
+
+@dataclass(frozen=True, slots=True)
+class ReferenceRow:
+    """One reference point: thickness by caliper, and by ultrasound at the mean speed."""
+
+    number: int
+    caliper_mm: float
+    off_mm: float | None  # thickness by the patient's mean speed less the caliper's
+    speed_mm_per_us: float | None  # what this point alone says
+    counts: bool  # False: it disagrees with the others and hardly counts
+
+
+def probe_values(settings: ProbeSettings) -> dict[str, Any]:
+    """Return the editable values of a probe as they are in effect."""
+    model = probe_model(settings)
+    return {
+        "centre_mhz": model.centre_mhz,
+        "bandwidth": model.bandwidth,
+        "aperture_mm": 2.0 * model.aperture_radius_mm,
+        "line_length_mm": model.line_length_mm,
+        "pulse_shape": model.pulse_shape,
+    }
+
+
+def edited_probe(settings: ProbeSettings, values: dict[str, Any]) -> dict[str, Any]:
+    """Return the arguments of ``SetProbe``: what is as the named probe has it becomes None."""
+    named = probe_values(ProbeSettings(name=settings.name))
+    changed = {
+        name: None if _same(value, named[name]) else value
+        for name, value in values.items()
+        if name in EDITABLE
+    }
+    held = {part.name: getattr(settings, part.name) for part in fields(settings)}
+    return {**held, **values, **changed}
+
+
+def _same(a: Any, b: Any) -> bool:
+    return a == b if isinstance(a, str) or isinstance(b, str) else abs(a - b) < 1e-6
+
+
+@lru_cache(maxsize=16)
+def probe_outlooks(settings: ProbeSettings) -> tuple[ProbeOutlook, ...]:
+    """Return what each probe and excitation promises with the settings of this session."""
+    return outlooks(replace(settings, pitch_mm=1.0, line_temperature_c=22.0))
+
+
+def line_state(session: Session) -> Judged | None:
+    """Return what is known of the delay line; None without a calibration."""
+    held = session.results.line
+    if held is None:
+        return None
+    line = held.value
+    temperature = session.setup.devices.probe.line_temperature_c
+    delay_us, sigma_us = line.at(temperature)
+    nominal = probe_model(session.setup.devices.probe).line_delay_us
+    words = (
+        f"Line: {delay_us:.3f} ± {sigma_us:.3f} µs at {temperature:.0f} °C "
+        f"(nominal {nominal:.3f} µs), {line.n_used} A-scans"
+    )
+    reason = stale_reason("line", session)
+    if reason is not None:
+        return Judged(f"{words}. Not used: {reason}.", "stale")
+    reasons = "; ".join(line.reasons)
+    return Judged(f"{words}, {line.verdict}{': ' if reasons else ''}{reasons}.", line.verdict)
+
+
+def speed_state(session: Session) -> Judged | None:
+    """Return what is known of the speed of sound; None without a calibration."""
+    held = session.results.speed
+    if held is None:
+        return None
+    speed = held.value
+    words = (
+        f"{speed.speed_mm_per_us:.3f} ± {speed.sigma_mm_per_us:.3f} mm/µs, "
+        f"places differ by ± {speed.local_sd_mm_per_us:.3f}"
+    )
+    reason = stale_reason("speed", session)
+    if reason is not None:
+        return Judged(f"{words}. Not used: {reason}.", "stale")
+    reasons = "; ".join(speed.reasons)
+    return Judged(f"{words}: {speed.verdict}{'; ' if reasons else ''}{reasons}.", speed.verdict)
+
+
+def reference_rows(session: Session) -> tuple[ReferenceRow, ...]:
+    """Return the reference points, with what the calibration says of each where it is fresh."""
+    points, held = session.captures.references, session.results.speed
+    if points is None:
+        return ()
+    fresh = held is not None and stale_reason("speed", session) is None
+    speed = held.value if held is not None and fresh else None
+    return tuple(
+        ReferenceRow(
+            number=i,
+            caliper_mm=float(points.thickness_mm[i]),
+            off_mm=None if speed is None else float(speed.residuals_mm[i]),
+            speed_mm_per_us=None if speed is None else float(speed.point_speeds_mm_per_us[i]),
+            counts=True if speed is None else bool(speed.weights[i] >= 0.5),
+        )
+        for i in range(len(points.thickness_mm))
+    )

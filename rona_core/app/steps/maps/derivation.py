@@ -1,0 +1,243 @@
+"""Compute plan, boundaries and maps: what takes longer, and runs in another process."""
+
+from dataclasses import dataclass, replace
+
+from rona_core.app.dependencies.inputs import need
+from rona_core.app.dependencies.staleness import (
+    input_digests,
+    session_obstacles,
+    stale_reason,
+    usable_second,
+)
+from rona_core.app.messages.registry import StartMapping, StartRollSearch, StartSecondPlan
+from rona_core.app.messages.serialization import plain_arguments
+from rona_core.app.steps.acoustics.derivation import session_probe, with_known_speed
+from rona_core.app.steps.maps.probe_poses import probe_poses_of
+from rona_core.app.steps.maps.survey import Survey, detect_survey
+from rona_core.devices.protocols import Cancel, Progress, never, silent
+from rona_core.errors import StepBlockedError
+from rona_core.geometry.pose import Poses
+from rona_core.mapping.boundary_map import Maps
+from rona_core.mapping.build_maps import build_maps
+from rona_core.mapping.second_pass import SecondPassSettings, plan_second_pass, standoffs_mm
+from rona_core.robot.kinematics.catalog import robot_model
+from rona_core.robot.planning.plan import RobotPlan
+from rona_core.robot.planning.plan_scan import PlanSettings, choose_roll, plan_scan
+from rona_core.robot.trajectory.scan_timing import ScanSettings
+from rona_core.session.document import Derived, ScanCapture, SecondPass, Session
+from rona_core.ultrasound.detection.detect import Detection
+from rona_core.ultrasound.detection.manual_corrections import corrected
+
+
+def derive_roll(
+    session: Session,
+    message: StartRollSearch,
+    *,
+    progress: Progress = silent,
+    cancel: Cancel = never,
+) -> RobotPlan:
+    """Judge every roll, and plan, time and verify the scan with the chosen one."""
+    smooth = need(session.results.smoothing, "smooth the path").value
+    return plan_scan(
+        smooth.path,
+        robot_model(session.setup.devices.robot.model),
+        plan_settings(session, message),
+        progress=progress,
+        cancel=cancel,
+    )
+
+
+def plan_settings(session: Session, message: StartRollSearch) -> PlanSettings:
+    """Return how to search and drive, from what was asked for and the robot's settings."""
+    return PlanSettings(
+        n_rolls=message.n_rolls,
+        roll_from_deg=message.roll_from_deg,
+        roll_to_deg=message.roll_to_deg,
+        choice=message.choice,
+        mode=message.mode,
+        scan=ScanSettings(scan_speed_mm_per_s=session.setup.devices.robot.scan_speed_mm_per_s),
+        obstacles=session_obstacles(session),
+    )
+
+
+def derive_chosen_roll(
+    session: Session, plan: RobotPlan, index: int, branch: int | None = None
+) -> RobotPlan:
+    """Plan, time and verify the scan with another roll of a search, by default on its best branch.
+
+    Raises:
+        NotReachableError: the path cannot be followed with this roll; it says why.
+    """
+    model = robot_model(session.setup.devices.robot.model)
+    settings = plan_settings(session, StartRollSearch())
+    return choose_roll(plan, index, model, settings, branch=branch)
+
+
+def derive_detection(
+    session: Session,
+    message: StartMapping,
+    *,
+    progress: Progress = silent,
+    cancel: Cancel = never,
+) -> Detection:
+    """Find both boundaries in every A-scan, with those around it as witnesses."""
+    survey = Survey(need(session.captures.scan, "scan").scans, probe_poses(session))
+    return detect_survey(session, survey, message, progress=progress, cancel=cancel)
+
+
+def probe_poses(session: Session, capture: ScanCapture | None = None) -> Poses:
+    """Return the pose of the probe in ``base`` at each A-scan, from the robot's joint angles.
+
+    Without a capture it is that of the first pass.
+    """
+    return need(probe_poses_of(session, capture), "scan")
+
+
+def derive_maps(
+    session: Session,
+    message: StartMapping,
+    *,
+    first_only: bool = False,
+    progress: Progress = silent,
+    cancel: Cancel = never,
+) -> Maps:
+    """Map both boundaries and fuse the outer one with the pointer cloud.
+
+    What the second pass found is mapped as well, and thickness is at the calibrated speed of sound
+    where there is one, unless ``first_only``: plans do not wait for a caliper. Boundaries that were
+    set by hand take the place of those that were found.
+    """
+    edits, probe = session.boundary_edits, session_probe(session)
+    cloud = need(session.results.surface, "sample the surface").value
+    detection = need(session.results.detection, "detect the boundaries").value
+    detection = corrected(detection, edits, "first", probe)
+    capture, again = usable_second(session), session.results.second_detection
+    second = None
+    poses, wanted = probe_poses(session), message.sound_speed_mm_per_us
+    if not first_only:
+        detection = with_known_speed(detection, poses, session, wanted)
+    if not first_only and capture is not None and again is not None:
+        there = probe_poses(session, capture)
+        seen = corrected(again.value, edits, "second", probe)
+        second = with_known_speed(seen, there, session, wanted), there
+    return build_maps(
+        detection,
+        poses,
+        cloud.points_base,
+        second=second,
+        cell_mm=message.cell_mm,
+        probe=probe,
+        progress=progress,
+        cancel=cancel,
+    )
+
+
+def derive_second(
+    session: Session,
+    message: StartSecondPlan,
+    *,
+    progress: Progress = silent,
+    cancel: Cancel = never,
+) -> SecondPass:
+    """Plan, time and verify a scan of the gaps that the first pass left in the inner map.
+
+    Raises:
+        StepBlockedError: there is no gap worth a scan.
+    """
+    detection = need(session.results.detection, "detect the boundaries").value
+    settings = SecondPassSettings(message.spacing_mm, message.fan, message.largest_lean_deg)
+    way = plan_second_pass(
+        derive_maps(session, StartMapping(), first_only=True),
+        detection.sound_speed_mm_per_us,
+        settings,
+    )
+    if way is None:
+        raise StepBlockedError(
+            "StartSecondPlan is blocked: the first pass left no gap in the inner map"
+        )
+    plan = plan_scan(
+        way.path,
+        robot_model(session.setup.devices.robot.model),
+        plan_settings(session, StartRollSearch()),
+        progress=progress,
+        cancel=cancel,
+    )
+    return SecondPass(way, plan)
+
+
+def derive_second_detection(
+    session: Session,
+    message: StartMapping,
+    *,
+    progress: Progress = silent,
+    cancel: Cancel = never,
+) -> Detection:
+    """Find the inner boundary in the second pass; the outer one is where the first one saw it."""
+    capture = need(usable_second(session), "scan the gaps again")
+    outer = derive_maps(session, message, first_only=True).outer
+    poses = probe_poses(session, capture)
+    survey = Survey(capture.scans, poses, standoffs_mm(outer, poses))
+    return detect_survey(session, survey, message, progress=progress, cancel=cancel)
+
+
+@dataclass(frozen=True, slots=True)
+class Mapped:
+    """The results of step 9."""
+
+    detection: Detection
+    second_detection: Detection | None  # None: there was no second pass
+    maps: Maps
+
+
+def derive_mapping(
+    session: Session,
+    message: StartMapping,
+    *,
+    progress: Progress = silent,
+    cancel: Cancel = never,
+) -> Mapped:
+    """Detect the boundaries, then map them.
+
+    Where only the maps are out of date, because boundaries were set by hand or the gaps scanned
+    again, what was detected with the same settings is taken as it is.
+    """
+
+    def part(start: float, end: float) -> Progress:
+        return lambda share: progress(start + (end - start) * share)
+
+    kept = _kept("detection", session, message)
+    again = _kept("second_detection", session, message)
+    found = kept or derive_detection(session, message, progress=part(0.0, 0.5), cancel=cancel)
+    session = _with_result(session, "detection", found)
+    if usable_second(session) is None:
+        again = None
+    elif again is None:
+        again = derive_second_detection(session, message, progress=part(0.5, 0.7), cancel=cancel)
+    session = _with_result(session, "second_detection", again)
+    maps = derive_maps(session, message, progress=part(0.7, 1.0), cancel=cancel)
+    return Mapped(found, again, maps)
+
+
+def _kept(name: str, session: Session, message: StartMapping) -> Detection | None:
+    """Return a detection that need not be made again: one that is fresh beneath stale maps."""
+    derived = getattr(session.results, name)
+    if derived is None or stale_reason(name, session) is not None:
+        return None
+    if session.results.maps is not None and stale_reason("maps", session) is None:
+        return None  # nothing has changed: somebody wants all of it anew
+    wanted = plain_arguments(message)
+    same = all(derived.arguments.get(k) == v for k, v in wanted.items() if k != "cell_mm")
+    return derived.value if same else None
+
+
+def _with_result(session: Session, name: str, value: object) -> Session:
+    """Return the session with a result that later parts of the same computation look up."""
+    made = None
+    if value is not None:  # with its inputs, so that what follows from it is known to be fresh
+        made = Derived(value, StartMapping.__name__, {}, input_digests(name, session))
+    return replace(session, results=replace(session.results, **{name: made}))
+
+
+def lean(session: Session) -> Session:
+    """Return the session without what no computation needs, to send it to another process."""
+    return replace(session, archive=(), log=())

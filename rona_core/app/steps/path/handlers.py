@@ -1,0 +1,152 @@
+"""Changes of the path by hand: which point is meant, and where it goes on the measured surface."""
+
+from functools import singledispatch
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from rona_core.app.dependencies.inputs import need
+from rona_core.app.dependencies.staleness import stale_reason
+from rona_core.app.messages.registry import (
+    ClearPathEdits,
+    DeletePathPoint,
+    InsertPathPoint,
+    KeepPathSample,
+    MovePathPoint,
+    Point,
+)
+from rona_core.errors import InvalidInputError, StaleResultError
+from rona_core.geometry.arrays import Floats, Vector3, as_vector3
+from rona_core.path.manual_edits import PathEdit, PathEdits, edit_path
+from rona_core.session.document import Session, SmoothPath
+from rona_core.surface.surface_pick import measured_place, place_beside
+
+PICK_MM = 5.0  # a click farther from every point means none of them
+
+
+@singledispatch
+def edited(message: Any, session: Session) -> PathEdits:
+    """Return the changes of the path after one more.
+
+    Raises:
+        InvalidInputError: there is no such point.
+        StaleResultError: the smoothed path that the numbers count on is stale.
+        DegenerateGeometryError: no surface was measured at the place.
+    """
+    raise InvalidInputError(f"{type(message).__name__} does not change the path")
+
+
+@edited.register
+def _(message: MovePathPoint, session: Session) -> PathEdits:
+    before, after = _beside(message.index, session)
+    place = _place(message.point_base_mm, message.seen_from_base_mm, session)
+    return _with(session, PathEdit("replace", before, after, (place,)))
+
+
+@edited.register
+def _(message: InsertPathPoint, session: Session) -> PathEdits:
+    kept = _fresh(session).simplified.index
+    if not -1 <= message.after < len(kept):
+        raise InvalidInputError(f"after must be -1 to {len(kept) - 1}, not {message.after}")
+    first = None if message.after < 0 else int(kept[message.after])
+    last = None if message.after == len(kept) - 1 else int(kept[message.after + 1])
+    place = _place(message.point_base_mm, message.seen_from_base_mm, session)
+    return _with(session, PathEdit("replace", first, last, (place,)))
+
+
+@edited.register
+def _(message: DeletePathPoint, session: Session) -> PathEdits:
+    before, after = _beside(message.index, session)
+    if len(_fresh(session).simplified.index) < 3:
+        raise InvalidInputError("a path needs two points: neither can be taken away")
+    return _with(session, PathEdit("replace", before, after))
+
+
+@edited.register
+def _(message: KeepPathSample, session: Session) -> PathEdits:
+    raw = need(session.results.path, "demonstrate the scan path").value.points_base
+    at = np.flatnonzero(edit_path(raw, session.path_edits.changes).samples == message.sample)
+    if message.sample < 0 or not len(at):
+        raise InvalidInputError(
+            f"the path has no sample {message.sample}: it has 0 to {len(raw) - 1}, less those "
+            "that were taken away by hand"
+        )
+    return _with(session, PathEdit("keep" if message.keep else "free", int(at[0])))
+
+
+@edited.register
+def _(message: ClearPathEdits, session: Session) -> PathEdits:
+    return PathEdits()
+
+
+def sight(session: Session, origin_base: ArrayLike, direction_base: ArrayLike) -> Vector3:
+    """Return the place (3,) on the measured surface that somebody points at from an eye.
+
+    Raises:
+        StepBlockedError: no surface was sampled yet.
+        DegenerateGeometryError: none was measured there.
+    """
+    cloud = need(session.results.surface, "sample the surface (step 4)").value
+    return measured_place(cloud.points_base, origin_base, direction_base)
+
+
+def nearest_point(points_base: Floats, origin_base: ArrayLike, direction: ArrayLike) -> int | None:
+    """Return the number of the point (n, 3) nearest to a line of sight, None if all are far."""
+    origin, ray = as_vector3(origin_base), as_vector3(direction)
+    if not len(points_base):
+        return None
+    ray = ray / np.linalg.norm(ray)
+    away = points_base - origin
+    aside = np.linalg.norm(away - (away @ ray)[:, None] * ray, axis=1)
+    nearest = int(aside.argmin())
+    return nearest if aside[nearest] <= PICK_MM else None
+
+
+def nearest_piece(corners_base: Floats, place_base: ArrayLike) -> int:
+    """Return the number of the corner behind which a place lies best: that of the nearest piece."""
+    place, starts = as_vector3(place_base), corners_base[:-1]
+    along = corners_base[1:] - starts
+    length2 = np.maximum((along**2).sum(axis=1), 1e-300)
+    share = np.clip(((place - starts) * along).sum(axis=1) / length2, 0.0, 1.0)
+    return int(np.linalg.norm(starts + share[:, None] * along - place, axis=1).argmin())
+
+
+def _with(session: Session, edit: PathEdit) -> PathEdits:
+    return PathEdits((*session.path_edits.changes, edit))
+
+
+def _fresh(session: Session) -> SmoothPath:
+    smooth = need(session.results.smoothing, "smooth the path (step 6)").value
+    reason = stale_reason("smoothing", session)
+    if reason is not None:
+        raise StaleResultError(f"the points of a stale path cannot be changed ({reason}): smooth "
+                               "the path again first")  # fmt: skip
+    return smooth
+
+
+def _beside(index: int, session: Session) -> tuple[int | None, int | None]:
+    """Return the points of the path beside a point of the smoothed one; None beyond an end."""
+    kept = _fresh(session).simplified.index
+    if not 0 <= index < len(kept):
+        raise InvalidInputError(f"index must be 0 to {len(kept) - 1}, not {index}")
+    before = None if index == 0 else int(kept[index - 1])
+    after = None if index == len(kept) - 1 else int(kept[index + 1])
+    return before, after
+
+
+def _place(point: Point, eye: Point | None, session: Session) -> Point:
+    cloud = need(session.results.surface, "sample the surface (step 4)").value.points_base
+    if eye is None:
+        place = place_beside(cloud, point)
+    else:
+        place = measured_place(cloud, eye, np.subtract(point, eye))
+    x, y, z = (float(part) for part in place)
+    return x, y, z
+
+
+def is_kept(session: Session, sample: int) -> bool:
+    """Return whether a sample of the demonstrated path must stay when it is smoothed."""
+    raw = need(session.results.path, "demonstrate the scan path").value.points_base
+    path = edit_path(raw, session.path_edits.changes)
+    return bool(path.keep[path.samples == sample].any())

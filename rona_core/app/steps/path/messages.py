@@ -1,0 +1,116 @@
+"""Commands that make a path by rule or change one by hand; all of them are undone like any other.
+
+Lengths are in millimetres, angles in degrees. A place that somebody points at only says where to
+look: how deep it lies is taken from the measured surface.
+"""
+
+from dataclasses import dataclass
+from typing import ClassVar, Literal
+
+import numpy as np
+
+from rona_core.app.messages.commands import Point
+from rona_core.devices.settings import STRICT, require, require_within
+from rona_core.session.document import REGION_RADII_MM
+
+MAX_CORNERS = 500
+
+
+def _require_place(name: str, place: Point | None) -> None:
+    finite = place is None or all(np.isfinite(part) and abs(part) <= 1e5 for part in place)
+    require(finite, f"{name} must be numbers within 100 m, not {place}")
+
+
+@dataclass(frozen=True, slots=True)
+class DrawPattern:
+    """Make a scan path by rule on the measured surface: a raster or a spiral round a centre.
+
+    It ends at the boundary (corners in base); without one, ``radius_mm`` from the centre, and
+    without that at the radius of the region. Without a centre it lies in the middle of the surface
+    that was sampled.
+    """
+
+    __pydantic_config__: ClassVar = STRICT
+    kind: Literal["raster", "spiral"] = "raster"
+    spacing_mm: float = 4.0
+    turn_deg: float = 0.0  # of the lines, about the normal
+    margin_mm: float = 0.0  # from the boundary
+    radius_mm: float | None = None
+    center_base_mm: Point | None = None
+    boundary_base_mm: tuple[Point, ...] = ()
+
+    def __post_init__(self) -> None:
+        require_within("spacing_mm", self.spacing_mm, 0.5, 20.0)
+        require_within("turn_deg", self.turn_deg, -360.0, 360.0)
+        require_within("margin_mm", self.margin_mm, 0.0, 40.0)
+        if self.radius_mm is not None:
+            require_within("radius_mm", self.radius_mm, *REGION_RADII_MM)
+        _require_place("center_base_mm", self.center_base_mm)
+        count = len(self.boundary_base_mm)
+        require(
+            count == 0 or 3 <= count <= MAX_CORNERS, f"a boundary has 3 to {MAX_CORNERS} corners"
+        )
+        for corner in self.boundary_base_mm:
+            _require_place("boundary_base_mm", corner)
+
+
+@dataclass(frozen=True, slots=True)
+class MovePathPoint:
+    """Move a point of the smoothed path (its number, from 0) to a place on the measured surface.
+
+    ``seen_from_base_mm`` is where the eye was: the surface is met on the line of sight. Without it
+    the place goes to the surface along the normal.
+    """
+
+    __pydantic_config__: ClassVar = STRICT
+    index: int
+    point_base_mm: Point
+    seen_from_base_mm: Point | None = None
+
+    def __post_init__(self) -> None:
+        _require_place("point_base_mm", self.point_base_mm)
+        _require_place("seen_from_base_mm", self.seen_from_base_mm)
+
+
+@dataclass(frozen=True, slots=True)
+class InsertPathPoint:
+    """Put a point into the smoothed path behind the one of number ``after``; -1: before the first.
+
+    The place is found on the measured surface as for `MovePathPoint`.
+    """
+
+    __pydantic_config__: ClassVar = STRICT
+    after: int
+    point_base_mm: Point
+    seen_from_base_mm: Point | None = None
+
+    def __post_init__(self) -> None:
+        _require_place("point_base_mm", self.point_base_mm)
+        _require_place("seen_from_base_mm", self.seen_from_base_mm)
+
+
+@dataclass(frozen=True, slots=True)
+class DeletePathPoint:
+    """Take a point of the smoothed path (its number, from 0) away; its neighbours stay."""
+
+    __pydantic_config__: ClassVar = STRICT
+    index: int
+
+
+@dataclass(frozen=True, slots=True)
+class KeepPathSample:
+    """Say that a sample of the demonstrated path (its number, from 0) must stay, or need not."""
+
+    __pydantic_config__: ClassVar = STRICT
+    sample: int
+    keep: bool = True
+
+
+@dataclass(frozen=True, slots=True)
+class ClearPathEdits:
+    """Forget all changes of the path by hand."""
+
+    __pydantic_config__: ClassVar = STRICT
+
+
+PathChange = MovePathPoint | InsertPathPoint | DeletePathPoint | KeepPathSample | ClearPathEdits

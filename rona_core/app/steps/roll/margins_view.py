@@ -1,0 +1,94 @@
+"""What is shown of one roll along the path: margins, and the parts that come too close."""
+
+from collections import OrderedDict
+from dataclasses import dataclass
+from typing import Any, Literal
+
+import numpy as np
+
+from rona_core.app.steps.roll.view import shown_roll, shows_chosen
+from rona_core.app.steps.setup.clearance import collision_world
+from rona_core.geometry.arrays import Bools, Floats, readonly
+from rona_core.robot.kinematics.catalog import robot_model
+from rona_core.robot.planning.plan import RobotPlan
+from rona_core.robot.redundancy.path_margins import margins
+from rona_core.session.document import Session
+
+Quantity = Literal["room", "limits", "singularity", "clearance"]
+
+_KNOWN: OrderedDict[tuple[int, ...], tuple[tuple[Any, ...], "PathMargins"]] = OrderedDict()
+_KNOWN_KEPT = 8
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class PathMargins:
+    """How far the robot stays from each border along the path, with one roll and branch."""
+
+    points_base: Floats  # (k, 3)
+    room: Floats  # (k,) least of all but collisions, without unit; below 0: cannot follow
+    limit_deg: Floats  # (k,) from the nearest joint limit
+    singularity: Floats  # (k,) room to the nearest singularity
+    clearance_mm: Floats  # (k,) of any parts that must not touch
+    collides: Bools  # (k,) some pair is closer than it must be
+    closest: tuple[str, str]  # the pair with the least to spare
+    closest_mm: float  # how far apart it is there
+    needed_mm: float  # how far apart it must be; below 0: it may be pressed in so far
+    closest_at: int  # place, into k
+
+    def values(self, quantity: Quantity) -> Floats:
+        """Return one quantity (k,)."""
+        return {
+            "room": self.room,
+            "limits": self.limit_deg,
+            "singularity": self.singularity,
+            "clearance": self.clearance_mm,
+        }[quantity]
+
+    def fails(self, quantity: Quantity) -> Bools:
+        """Return where (k,) the robot cannot or must not be, as far as a quantity tells."""
+        return self.collides if quantity == "clearance" else self.values(quantity) < 0.0
+
+
+def path_margins(session: Session, wanted: int | None) -> PathMargins | None:
+    """Return the margins of the roll that is looked at; None before the search."""
+    index, searched = shown_roll(session, wanted), session.results.roll
+    if index is None or searched is None:
+        return None
+    plan, world = searched.value, collision_world(session)
+    chosen = shows_chosen(plan, wanted)
+    key = (id(plan), id(world), -1 if chosen else index)
+    known = _KNOWN.get(key)
+    if known is None:
+        known = (plan, world), _margins(plan, world, index, chosen=chosen)
+        _KNOWN[key] = known
+        while len(_KNOWN) > _KNOWN_KEPT:
+            _KNOWN.popitem(last=False)
+    return known[1]
+
+
+def _margins(plan: RobotPlan, world: Any, index: int, *, chosen: bool) -> PathMargins:
+    verdict, model, shown = plan.verdicts[index], robot_model(plan.model), plan.shown_points
+    rolls_rad = plan.rolls_rad if chosen else np.deg2rad(verdict.roll_deg)
+    branch = plan.branch if chosen else verdict.branch
+    found = margins(plan.path, model, rolls_rad, branch)
+    curve = plan.chosen_curve_rad if chosen else plan.curves_rad[index]
+    report = world.report(curve.astype(np.float64))
+    at = int(np.argmin(report.room_mm))
+    pair = int(report.closest[at])
+    first, second = report.names[pair]
+    least = [
+        readonly(np.minimum.reduceat(values, shown))
+        for values in (found.least, found.limit_deg, found.singularity)
+    ]
+    return PathMargins(
+        points_base=readonly(plan.path.points_base[shown]),
+        room=least[0],
+        limit_deg=least[1],
+        singularity=least[2],
+        clearance_mm=report.clearance_mm,
+        collides=readonly(report.room_mm < 0.0),
+        closest=(first, second),
+        closest_mm=float(report.least_mm[pair] + report.room_mm[at]),
+        needed_mm=float(report.least_mm[pair]),
+        closest_at=at,
+    )

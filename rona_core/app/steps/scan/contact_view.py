@@ -1,0 +1,87 @@
+"""What a scan says of its contact and of its clocks: figures, and sentences for people."""
+
+from dataclasses import dataclass
+
+from rona_core.app.steps.maps.probe_poses import pose_delay
+from rona_core.devices.wrench import ForceSummary, summarize
+from rona_core.session.document import Session
+
+SLOWED = 0.97  # of the certified speed: less is worth a word
+
+
+@dataclass(frozen=True, slots=True)
+class DelayShare:
+    """How late the joint angles arrive, and what of it is left in the map along the path."""
+
+    delay_ms: float
+    sigma_ms: float
+    speed_mm_per_s: float
+    uncorrected_mm: float  # by which the map would be shifted
+    left_mm: float  # standard deviation that the correction leaves
+
+
+@dataclass(frozen=True, slots=True)
+class ContactReport:
+    """One scan: how it was pressed on, and how well poses and echoes share one clock."""
+
+    contact: ForceSummary | None  # None: driven by position alone, or never pressed on
+    delay: DelayShare | None  # None: the scan does not tell
+    sentence: str
+
+
+def contact_report(session: Session) -> ContactReport | None:
+    """Return what the scan says; None before there is one."""
+    capture = session.captures.scan
+    if capture is None:
+        return None
+    found = None if capture.forces is None else summarize(capture.forces)
+    if capture.forces is None:
+        sentence = "Driven by position alone: nobody measured the force."
+    elif found is None:
+        why = capture.forces.reason
+        sentence = "The probe was never pressed on" + (f": {why}." if why else ".")
+    else:
+        sentence = contact_sentence(found)
+    return ContactReport(found, delay_share(session), sentence)
+
+
+def delay_share(session: Session) -> DelayShare | None:
+    """Return the delay of the poses and its share in the error along the path."""
+    delay = pose_delay(session)
+    if delay is None:
+        return None
+    speed = session.setup.devices.robot.scan_speed_mm_per_s
+    return DelayShare(
+        delay_ms=1e3 * delay.delay_s,
+        sigma_ms=1e3 * delay.sigma_s,
+        speed_mm_per_s=speed,
+        uncorrected_mm=delay.way_mm(speed),
+        left_mm=delay.sigma_mm(speed),
+    )
+
+
+def contact_sentence(found: ForceSummary) -> str:
+    """Return a summary of the force as people read it."""
+    rms = "" if found.rms_n is None else f"±{found.rms_n:.2f} N (RMS) about it, "
+    words = (
+        f"Set point {found.setpoint_n:.1f} N: {rms}largest force {found.peak_n:.1f} N. "
+        f"Corrections of {found.travel_low_mm:+.1f} to {found.travel_high_mm:+.1f} mm along the "
+        f"tool axis; stiffness {found.stiffness_n_per_mm:.1f} N/mm."
+    )
+    if found.mean_share < SLOWED:
+        words += f" The contact slowed the scan to {100 * found.mean_share:.0f} % of its speed."
+    if found.lost_s > 0.0:
+        words += f" Contact was lost for {found.lost_s:.1f} s."
+    if found.reason:
+        words += f" Ended early: {found.reason}."
+    return words
+
+
+def delay_sentence(share: DelayShare) -> str:
+    """Return the delay and its share in the error of the maps."""
+    return (
+        f"Joint angles arrive {share.delay_ms:.1f} ± {max(share.sigma_ms, 0.1):.1f} ms late. "
+        f"At {share.speed_mm_per_s:.0f} mm/s that would shift the map by "
+        f"{share.uncorrected_mm:.2f} mm along the path; "
+        f"corrected, {max(share.left_mm, 0.001):.3f} mm are left."
+    )

@@ -1,0 +1,134 @@
+"""A step behind stale ones is refused before anything starts, with what is to be done first."""
+
+from dataclasses import replace
+
+import pytest
+
+from rona_core.app.dependencies.staleness import session_obstacles, stale_reason
+from rona_core.app.handlers import handle
+from rona_core.app.messages.registry import (
+    BuildSurface,
+    ChooseRoll,
+    DrawPattern,
+    SetRobot,
+    SetSeed,
+    SmoothScanPath,
+    StartMapping,
+    StartPathCapture,
+    StartRollSearch,
+    StartScan,
+    StartSecondScan,
+    StartSurfaceCapture,
+    StartToolCapture,
+)
+from rona_core.app.overview.step_states import step_states
+from rona_core.app.runtime.workbench import Workbench
+from rona_core.compose import virtual_services
+from rona_core.errors import StepBlockedError
+from rona_core.session.codec import digest
+from rona_core.session.files import load_session, session_bytes, session_from_bytes
+from rona_ui.resources import demo_session
+
+
+@pytest.fixture(scope="module")
+def demo():
+    return load_session(demo_session())
+
+
+@pytest.fixture(scope="module")
+def other_robot(demo):
+    return handle(SetRobot(model="ur10"), demo)
+
+
+@pytest.fixture
+def bench(other_robot, tmp_path):
+    bench = Workbench(other_robot, virtual_services(), tmp_path)
+    yield bench
+    bench.close()
+
+
+@pytest.mark.parametrize(
+    "message",
+    [
+        StartSurfaceCapture(),
+        StartPathCapture(),
+        StartRollSearch(),
+        StartScan(),
+        StartMapping(),
+        StartSecondScan(),
+        SmoothScanPath(),
+        BuildSurface(),
+        DrawPattern(),
+        ChooseRoll(0),
+    ],
+    ids=lambda message: type(message).__name__,
+)
+def test_what_rests_on_another_robot_is_refused_before_a_job_begins(bench, other_robot, message):
+    start = bench.start if type(message).__name__.startswith("Start") else bench.dispatch
+    with pytest.raises(StepBlockedError, match=r"first record the tool motion \(step 2\) again"):
+        start(message)
+    assert bench.jobs.all() == ()
+    assert bench.session is other_robot
+
+
+def test_the_steps_say_themselves_that_they_cannot_be_started(demo, other_robot):
+    assert all(state.blocked is None for state in step_states(demo))
+    found = {state.name: state for state in step_states(other_robot)}
+    for name in ("surface", "path", "smoothing", "roll", "scan", "maps"):
+        assert found[name].state == "stale"
+        assert found[name].blocked.startswith("first record the tool motion (step 2) again: ")
+    assert found["tool"].state == "stale"
+    assert found["tool"].blocked is None, "here it begins"
+
+
+def test_a_step_not_done_yet_behind_a_stale_one_is_blocked(demo):
+    results = replace(demo.results, roll=None, maps=None, detection=None)
+    captures = replace(demo.captures, scan=None, second=None)
+    session = handle(SetSeed(5), replace(demo, results=results, captures=captures))
+    state = {state.name: state for state in step_states(session)}["roll"]
+    assert state.state == "blocked"
+    assert "again" in state.reason
+
+
+def test_the_first_step_that_is_stale_may_be_done_again(bench):
+    bench.run(StartToolCapture(n_pivot=8, n_translate=3))
+    assert bench.session.results.tool.inputs["robot"] == digest("ur10")
+    assert stale_reason("tool", bench.session) is None
+
+
+def old_form(session):
+    """Return the session with digests of inputs as older files have them."""
+    robot, probe = session.setup.devices.robot, session.setup.devices.probe
+    names = ("model", "errors", "scan_speed_mm_per_s", "base_shift_mm", "base_turn_deg")
+    arm = {"$type": "RobotSettings", **{name: getattr(robot, name) for name in names}}
+    results = session.results
+    for name in ("tool", "surface", "path", "roll", "second", "second_detection", "maps"):
+        held = getattr(results, name)
+        inputs = {key: value for key, value in held.inputs.items() if key != "scan speed"}
+        if "robot" in inputs:
+            inputs["robot"] = digest(arm)
+        if "probe" in inputs:
+            inputs["probe"] = digest(probe)
+        if "obstacles" in inputs:
+            inputs["obstacles"] = digest(session_obstacles(session))
+        results = replace(results, **{name: replace(held, inputs=inputs)})
+    return replace(session, results=results)
+
+
+def test_an_older_file_is_as_fresh_as_it_was_and_ages_by_the_new_rule(demo):
+    old = old_form(demo)
+    assert old.results.tool.inputs != demo.results.tool.inputs
+    loaded = session_from_bytes(session_bytes(old))
+    assert {state.state for state in step_states(loaded)} == {"done"}
+    faster = handle(SetRobot(scan_speed_mm_per_s=30.0), loaded)
+    found = {state.name: state.state for state in step_states(faster)}
+    assert [name for name, state in found.items() if state == "stale"] == ["roll", "scan", "maps"]
+
+
+def test_an_older_file_that_was_stale_stays_so(demo):
+    results = replace(
+        demo.results,
+        tool=replace(demo.results.tool, inputs={**demo.results.tool.inputs, "robot": "x"}),
+    )
+    loaded = session_from_bytes(session_bytes(replace(demo, results=results)))
+    assert "robot has changed" in stale_reason("tool", loaded)

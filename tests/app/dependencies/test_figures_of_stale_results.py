@@ -1,0 +1,90 @@
+"""A result is judged against the capture it was computed from, never against a later one."""
+
+from dataclasses import replace
+from itertools import count
+
+import pytest
+
+from rona_core.app.messages.registry import (
+    StartPathCapture,
+    StartPointerCapture,
+    StartScan,
+    StartSurfaceCapture,
+    StartToolCapture,
+)
+from rona_core.app.overview.step_states import step_states
+from rona_core.app.runtime.workbench import Workbench
+from rona_core.app.steps.scan.ascan_view import ascan_plot
+from rona_core.app.steps.scan.boundary_handlers import detection_of_scan
+from rona_core.compose import virtual_services
+from rona_core.errors import CancelledError
+from rona_core.session.document import Session
+from rona_core.session.files import load_session
+from rona_ui.resources import demo_session
+
+AFTER_A_SCAN = (
+    "detection_failure_fraction",
+    "unflagged_failure_fraction",
+    "flagged_fraction",
+    "sound_speed_error_percent",
+    "scan_thickness_rms_mm",
+)
+IN_THE_TOOL_MOTION = 400  # times that a capture has asked whether to stop, when poses come
+IN_THE_SCAN = 1500  # times that a scan has asked whether to stop, when A-scans come
+
+
+@pytest.fixture(scope="module")
+def demo() -> Session:
+    return load_session(demo_session())
+
+
+@pytest.fixture
+def bench(demo, tmp_path):
+    bench = Workbench(demo, virtual_services(), tmp_path)
+    yield bench
+    bench.close()
+
+
+@pytest.mark.parametrize(
+    ("activity", "asked"),
+    [
+        (StartScan(), IN_THE_SCAN),
+        (StartPathCapture(), 0),
+        (StartSurfaceCapture(), 0),
+        (StartSurfaceCapture(append=True), 0),
+        (StartToolCapture(), IN_THE_TOOL_MOTION),
+        (StartPointerCapture(), 0),
+    ],
+    ids=lambda value: type(value).__name__ if not isinstance(value, int) else "",
+)
+def test_a_repeat_that_was_cut_short_leaves_captures_states_and_figures_as_they_were(
+    bench, demo, activity, asked
+):
+    before = bench.figures()
+    questions = count()
+    bench.run(activity, cancel=lambda: next(questions) >= asked)
+    session = bench.session
+    assert session.captures is demo.captures
+    assert session.results is demo.results
+    assert session.boundary_edits is demo.boundary_edits
+    assert session.archive[-1].partial, "what came is kept"
+    assert step_states(session) == step_states(demo)
+    assert bench.figures() == before
+
+
+def test_a_scan_stopped_before_it_touched_leaves_all_figures_as_they_were(bench):
+    before = bench.figures()
+    with pytest.raises(CancelledError, match="earlier is kept"):
+        bench.run(StartScan(), cancel=lambda: True)
+    assert bench.figures() == before
+
+
+def test_a_capture_of_the_same_length_is_another_one_all_the_same(bench, demo):
+    scan = demo.captures.scan
+    shifted = replace(scan, ordinal=scan.ordinal + 1)
+    bench.store._session = replace(demo, captures=replace(demo.captures, scan=shifted))
+    assert all(bench.figures()[key] is None for key in AFTER_A_SCAN)
+    assert detection_of_scan(demo) is demo.results.detection.value
+    assert detection_of_scan(bench.session) is None
+    assert ascan_plot(demo, 0).outer_us is not None
+    assert ascan_plot(bench.session, 0).outer_us is None

@@ -1,0 +1,186 @@
+"""Copies of what is not saved: written after a change and before long work, gone when saved."""
+
+import threading
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+
+from rona_core.app.messages.activities import StartPointerCapture
+from rona_core.app.messages.registry import RenameSession, SetSeed
+from rona_core.app.runtime.saving import autosave
+from rona_core.app.runtime.saving.autosave import Autosave
+from rona_core.app.runtime.session_registry import Hub
+from rona_core.app.runtime.store import Store
+from rona_core.compose import build_hub, virtual_services
+from rona_core.session.document import Session
+from rona_core.session.files import load_session, session_bytes
+
+DEADLINE_S = 20.0
+
+
+class Bell:
+    """Lets a test wait until the autosave has reported a change of its state."""
+
+    def __init__(self):
+        self._event = threading.Event()
+
+    def __call__(self):
+        self._event.set()
+
+    def wait(self):
+        assert self._event.wait(DEADLINE_S)
+        self._event.clear()
+
+
+@pytest.fixture
+def watched(tmp_path):
+    """A watched store, its autosave with a short delay, and the bell."""
+    bell, store = Bell(), Store(Session(name="first"))
+    keeper = Autosave(tmp_path, bell, delay_s=0.02)
+    keeper.watch(store)
+    yield store, keeper, bell
+    keeper.close()
+    store.close()
+
+
+def test_a_change_is_copied_and_the_copy_is_the_session(watched):
+    store, keeper, bell = watched
+    assert keeper.state(store.session.id) == "none"
+    store.dispatch(RenameSession("second"))
+    bell.wait()
+    assert keeper.state(store.session.id) == "kept"
+    copy = load_session(keeper.file(store.session.id))
+    assert copy.name == "second"
+    assert session_bytes(copy) == session_bytes(store.session)
+
+
+def test_an_unchanged_session_is_not_copied(watched):
+    store, keeper, _ = watched
+    keeper.keep(store.session)
+    assert not keeper.file(store.session.id).exists()
+
+
+def test_what_is_saved_needs_no_copy_until_it_changes_again(watched):
+    store, keeper, bell = watched
+    store.dispatch(RenameSession("second"))
+    bell.wait()
+    keeper.saved(store.session)
+    assert keeper.state(store.session.id) == "none"
+    assert not keeper.file(store.session.id).exists()
+    store.dispatch(RenameSession("third"))
+    bell.wait()
+    assert load_session(keeper.file(store.session.id)).name == "third"
+
+
+def test_saving_an_older_state_leaves_the_copy_of_the_newer_one(watched):
+    store, keeper, _ = watched
+    older = store.dispatch(RenameSession("second")).session
+    newer = store.dispatch(RenameSession("third")).session
+    keeper.keep(newer)
+    keeper.saved(older)
+    assert load_session(keeper.file(newer.id)).name == "third"
+
+
+def test_a_full_disk_is_told_and_tried_again(watched, monkeypatch):
+    store, keeper, bell = watched
+
+    def full(*args, **kwargs):
+        raise OSError(28, "No space left on device")
+
+    real = autosave.save_session
+    monkeypatch.setattr(autosave, "save_session", full)
+    store.dispatch(RenameSession("second"))
+    bell.wait()
+    assert keeper.state(store.session.id) == "failed"
+    monkeypatch.setattr(autosave, "save_session", real)
+    store.dispatch(RenameSession("third"))
+    bell.wait()
+    assert keeper.state(store.session.id) == "kept"
+
+
+@pytest.mark.parametrize("error", [OSError(28, "full"), ValueError("not a number"), MemoryError()])
+def test_a_copy_that_cannot_be_written_is_tried_again_by_itself(
+    watched, monkeypatch, capsys, error
+):
+    store, keeper, bell = watched
+    real, tries = autosave.save_session, []
+
+    def fails_once(*args, **kwargs):
+        tries.append(args)
+        if len(tries) == 1:
+            raise error
+        return real(*args, **kwargs)
+
+    monkeypatch.setattr(autosave, "RETRY_S", 0.2)
+    monkeypatch.setattr(autosave, "save_session", fails_once)
+    store.dispatch(RenameSession("second"))
+    bell.wait()
+    assert keeper.state(store.session.id) == "failed"
+    assert store.session.id in capsys.readouterr().err
+    bell.wait()
+    assert keeper.state(store.session.id) == "kept"
+    assert load_session(keeper.file(store.session.id)).name == "second"
+
+
+@pytest.fixture
+def hub(tmp_path):
+    hub = build_hub(tmp_path, processes=False)
+    yield hub
+    hub.close_all()
+
+
+def copies(hub):
+    return sorted((hub.folder / autosave.FOLDER).rglob("*.*"))
+
+
+def test_the_copy_is_written_before_long_work_starts(tmp_path):
+    services = virtual_services()
+    found = []
+
+    def build_rig(setup):  # the first thing that the work does
+        found.extend(load_session(copy).setup.seed for copy in copies(hub))
+        return services.build_rig(setup)
+
+    hub = Hub(replace(services, build_rig=build_rig), tmp_path)
+    bench = hub.create("long")
+    bench.dispatch(SetSeed(7))
+    status = bench.start(StartPointerCapture())
+    assert bench.jobs.wait(status.id, DEADLINE_S).state == "done"
+    hub.close_all()
+    assert found == [7]
+
+
+def test_saving_removes_the_copy_and_closing_too(hub):
+    for leave in (lambda b: hub.save(b.session.id), lambda b: hub.close(b.session.id)):
+        bench = hub.create("one")
+        bench.dispatch(SetSeed(1))
+        hub._autosave.keep(bench.session)
+        assert len(copies(hub)) == 1
+        assert hub.copy_state(bench.session.id) == "kept"
+        leave(bench)
+        assert copies(hub) == []
+
+
+def test_a_copy_that_cannot_be_removed_stops_neither_saving_nor_closing(hub, monkeypatch):
+    bench = hub.create("one")
+    bench.dispatch(SetSeed(1))
+    hub._autosave.keep(bench.session)
+
+    def refuse(path, missing_ok=False):
+        raise PermissionError(13, "Permission denied", str(path))
+
+    monkeypatch.setattr(Path, "unlink", refuse)
+    assert hub.save(bench.session.id).is_file()
+    hub.close(bench.session.id)
+    assert hub.ids() == ()
+
+
+def test_the_end_of_the_program_keeps_what_was_not_saved(tmp_path):
+    hub = build_hub(tmp_path, processes=False)
+    bench = hub.create("one")
+    bench.dispatch(SetSeed(5))
+    hub.close_all()
+    (copy,) = copies(hub)
+    assert load_session(copy).setup.seed == 5
+    assert not hub.files()  # it does not pass for a saved session

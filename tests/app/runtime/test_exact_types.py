@@ -1,0 +1,118 @@
+"""Types of messages: every field of every message takes what it is annotated with, nothing else."""
+
+import dataclasses
+from types import NoneType, UnionType
+from typing import Literal, Union, get_args, get_origin, get_type_hints
+
+import numpy as np
+import pytest
+
+from rona_core.app.messages.exact_types import misfits, require_exact
+from rona_core.app.messages.registry import (
+    ACTIVITIES,
+    COMMANDS,
+    SetSeed,
+    SetTracker,
+    StartRobotMove,
+)
+from rona_core.compose import new_workbench
+from rona_core.errors import InvalidInputError
+from rona_core.session.document import Session
+
+MESSAGES = COMMANDS | ACTIVITIES
+# for each plain type, what JSON can send that is of another one, and what fits
+WRONG = {
+    int: ["1", True, 1.0, 1.5, [1], {}],
+    float: ["60", True, False, [1.0], {}],
+    bool: ["yes", "true", 1, 0, 1.0, [True], {}],
+    str: [1, 1.5, True, ["a"], {}, "a\0b", "\ud800"],
+}
+FITS = {int: [1], float: [1, 1.5], bool: [True, False], str: ["1"]}
+
+
+def values(hint):
+    """Return values that fit an annotation, and pairs of a wrong value and where it is wrong."""
+    origin, arguments = get_origin(hint), get_args(hint)
+    if origin in (Union, UnionType):
+        kept = [option for option in arguments if option is not NoneType]
+        assert len(kept) == 1, "a field with several kinds needs a rule"
+        fits, wrong = values(kept[0])
+        return [None, *fits], wrong
+    if origin is Literal:
+        return list(arguments), [(value, ()) for value in (1, True, None, "no such choice", [])]
+    if origin is tuple:
+        endless = arguments[-1] is Ellipsis
+        kinds = arguments[:1] if endless else arguments
+        inside = [values(kind) for kind in kinds]
+        good = [fits[0] for fits, _ in inside]
+        wrong = [(value, ()) for value in ("1", 1, {}, True, None)]
+        wrong += [] if endless else [([*good, good[0]], ()), (good[1:], ())]
+        for place, (_, bad) in enumerate(inside):
+            for value, deeper in bad:
+                wrong.append(([*good[:place], value, *good[place + 1 :]], (place, *deeper)))
+        return [good, tuple(good)] + ([[], good * 3] if endless else []), wrong
+    return FITS[hint], [(value, ()) for value in (*WRONG[hint], None)]
+
+
+def cases():
+    """Return (message, field, annotation) for every field of every message."""
+    found = []
+    for name, kind in MESSAGES.items():
+        hints = get_type_hints(kind)
+        for field in dataclasses.fields(kind):
+            where = f"{name}.{field.name}"
+            found.append(pytest.param(kind, field.name, hints[field.name], id=where))
+    return found
+
+
+@pytest.mark.parametrize(("kind", "field", "hint"), cases())
+def test_a_field_takes_its_type_and_nothing_else(kind, field, hint):
+    fits, wrong = values(hint)
+    optional = None in fits
+    for value in fits:
+        assert list(misfits({field: value}, kind)) == [], value
+    for value, place in wrong:
+        if value is None and optional:
+            continue
+        found = [misfit.path for misfit in misfits({field: value}, kind)]
+        assert found == [(field, *place)], value
+
+
+@pytest.mark.parametrize(("kind", "field", "hint"), cases())
+def test_python_is_refused_the_same(kind, field, hint):
+    fits, wrong = values(hint)
+    for value, _ in wrong:
+        if value is None and None in fits:
+            continue
+        message = object.__new__(kind)  # its own check may refuse it sooner, with fewer words
+        for other in dataclasses.fields(kind):
+            good = values(get_type_hints(kind)[other.name])[0][0]
+            object.__setattr__(message, other.name, value if other.name == field else good)
+        with pytest.raises(InvalidInputError, match=f"{kind.__name__} /{field}"):
+            require_exact(message)
+
+
+def test_a_workbench_refuses_what_is_lax_and_changes_nothing():
+    bench = new_workbench(Session())
+    with pytest.raises(InvalidInputError, match=r"SetTracker /rate_hz: expected a number"):
+        bench.dispatch(SetTracker(rate_hz=True))
+    with pytest.raises(InvalidInputError, match=r"/joints_deg/0: expected a number"):
+        bench.start(StartRobotMove(("0", 0, 0, 0, 0, 0)))
+    with pytest.raises(InvalidInputError, match=r"/joints_deg: expected 6 values, not 5"):
+        bench.run(StartRobotMove((0, 0, 0, 0, 0)))
+    assert (bench.store.revision, bench.jobs.all()) == (0, ())
+    bench.dispatch(SetSeed(int(np.int64(3))))
+    bench.close()
+
+
+def test_all_faults_are_found_and_unknown_fields_named():
+    body = {"joints_deg": [0, True, 0.5, "1", float("nan"), 10**400], "speed": 1}
+    found = [(misfit.path, misfit.code) for misfit in misfits(body, StartRobotMove)]
+    assert found == [
+        (("joints_deg", 1), "float_type"),
+        (("joints_deg", 3), "float_type"),
+        (("joints_deg", 4), "finite_number"),
+        (("joints_deg", 5), "finite_number"),
+        (("speed",), "extra_forbidden"),
+    ]
+    assert [misfit.path for misfit in misfits([], StartRobotMove)] == [()]

@@ -1,0 +1,127 @@
+"""Jobs: one at a time on the devices, always an end, never a lost outcome."""
+
+import threading
+from dataclasses import dataclass
+
+import pytest
+
+from rona_core.app.runtime.jobs import MAX_RUNNING, Jobs
+from rona_core.errors import (
+    CancelledError,
+    DeviceError,
+    NotFoundError,
+    NotReachableError,
+    RonaError,
+)
+
+
+@dataclass(frozen=True)
+class Work:
+    """An activity by name only."""
+
+
+def until_cancelled(progress, cancel):
+    while not cancel():
+        threading.Event().wait(0.002)
+    raise CancelledError("stopped")
+
+
+def test_a_job_ends_with_the_revision_it_stored():
+    jobs = Jobs()
+    job = jobs.start(Work(), lambda progress, cancel: 42, device=False)
+    end = jobs.wait(job.id, 10)
+    assert (end.state, end.revision, end.progress) == ("done", 42, 1.0)
+
+
+def test_progress_only_shows_what_was_reported_and_ends_at_the_end():
+    jobs = Jobs()
+    seen = []
+    jobs.subscribe(lambda status: seen.append(status.progress))
+
+    def work(progress, cancel):
+        for share in (0.25, 0.5, 0.75):
+            progress(share)
+        return 1
+
+    jobs.wait(jobs.start(Work(), work, device=False).id, 10)
+    assert seen == [0.25, 0.5, 0.75, 1.0]
+
+
+def test_an_error_of_ours_ends_the_job_with_its_code_and_text():
+    jobs = Jobs()
+
+    def work(progress, cancel):
+        raise NotReachableError("too far")
+
+    end = jobs.wait(jobs.start(Work(), work, device=True).id, 10)
+    assert (end.state, end.error_code, end.error) == ("failed", "not_reachable", "too far")
+
+
+def test_a_defect_ends_the_job_too(capsys):
+    jobs = Jobs()
+    end = jobs.wait(jobs.start(Work(), lambda p, c: 1 // 0, device=True).id, 10)
+    assert (end.state, end.error_code) == ("failed", "internal")
+    assert "ZeroDivisionError" in capsys.readouterr().err
+    again = jobs.wait(jobs.start(Work(), lambda p, c: 1, device=True).id, 10)
+    assert again.state == "done", "the devices are free again"
+
+
+def test_the_devices_do_one_thing_at_a_time():
+    jobs = Jobs()
+    first = jobs.start(Work(), until_cancelled, device=True)
+    with pytest.raises(DeviceError, match=first.id):
+        jobs.start(Work(), until_cancelled, device=True)
+    beside = jobs.wait(jobs.start(Work(), lambda p, c: 7, device=False).id, 10)
+    assert beside.state == "done", "computations go on beside"
+    jobs.cancel_device_job()
+    assert jobs.wait(first.id, 10).state == "cancelled"
+    assert jobs.wait(jobs.start(Work(), lambda p, c: 1, device=True).id, 10).state == "done"
+
+
+def test_a_crowd_of_jobs_is_refused_until_some_have_ended():
+    jobs = Jobs()
+    started = [jobs.start(Work(), until_cancelled, device=False) for _ in range(MAX_RUNNING)]
+    with pytest.raises(RonaError, match="jobs are running"):
+        jobs.start(Work(), until_cancelled, device=True)
+    assert not jobs.devices_busy
+    jobs.cancel_all()
+    assert {jobs.wait(job.id, 10).state for job in started} == {"cancelled"}
+    assert jobs.wait(jobs.start(Work(), lambda p, c: 1, device=True).id, 10).state == "done"
+
+
+def test_cancelled_work_that_stored_a_part_says_both():
+    jobs = Jobs()
+
+    def work(progress, cancel):
+        while not cancel():
+            threading.Event().wait(0.002)
+        return 5
+
+    job = jobs.start(Work(), work, device=True)
+    jobs.cancel(job.id)
+    end = jobs.wait(job.id, 10)
+    assert (end.state, end.revision) == ("cancelled", 5)
+
+
+def test_changes_arrive_in_order_up_to_the_end():
+    jobs = Jobs()
+    go = threading.Event()
+
+    def work(progress, cancel):
+        go.wait(10)
+        progress(0.5)
+        return 1
+
+    job = jobs.start(Work(), work, device=False)
+    stream = jobs.changes(job.id)
+    first = next(stream)
+    go.set()
+    rest = [status for status in stream if status is not None]
+    versions = [first.version, *(status.version for status in rest)]
+    assert versions == sorted(set(versions))
+    assert rest[-1].state == "done"
+
+
+def test_an_unknown_job_is_named():
+    with pytest.raises(NotFoundError, match="nope"):
+        Jobs().status("nope")

@@ -1,0 +1,283 @@
+"""Recordings become captures: what left the program comes back as it was, foreign files too."""
+
+from dataclasses import replace
+from itertools import islice
+
+import numpy as np
+import pytest
+
+from rona_core.app.dependencies.staleness import stale_reason
+from rona_core.app.messages.registry import (
+    SetPointer,
+    SetSeed,
+    SetTracker,
+    StartPathCapture,
+    StartPivotImport,
+    StartPointerCapture,
+    StartRecordingImport,
+    StartSurfaceCapture,
+    StartToolCapture,
+)
+from rona_core.app.runtime.recompute import replay
+from rona_core.app.runtime.saving.export_captures import export_recording, recorded_captures
+from rona_core.app.steps.pointer.import_recordings import replayed_pointer
+from rona_core.compose import new_workbench
+from rona_core.devices.files.poses.igs_mha import read_igs_mha, write_igs_mha
+from rona_core.devices.settings import TOOLS
+from rona_core.errors import (
+    DegenerateGeometryError,
+    DeviceError,
+    InvalidInputError,
+    NotFoundError,
+    StepBlockedError,
+)
+from rona_core.geometry.pose import Poses
+from rona_core.session.codec import digest
+from rona_core.session.document import Session
+from rona_core.session.files import load_session, save_session
+from rona_core.session.imported import is_imported
+
+QUICK = {"cone_deg": 30.0, "duration_s": 3.0}
+
+
+@pytest.fixture(scope="module")
+def measured():
+    """A session with four captures, each of some seconds."""
+    bench = new_workbench(Session(name="a b/ü"))
+    bench.run(StartToolCapture(n_pivot=8, n_translate=3))
+    bench.run(StartPointerCapture(**QUICK))
+    bench.run(StartSurfaceCapture(duration_s=4.0))
+    bench.run(StartPathCapture(duration_s=4.0))
+    bench.close()
+    return bench.session
+
+
+@pytest.fixture
+def bench(measured, tmp_path):
+    """The same session in a workbench whose uploads hold its captures."""
+    for ordinal, name in ((1, "tool"), (2, "pivot"), (3, "stroke"), (4, "path")):
+        (tmp_path / f"{name}.igs.mha").write_bytes(export_recording(measured, ordinal).data)
+    made = new_workbench(measured, tmp_path)
+    yield made
+    made.close()
+
+
+def same_track(a, b):
+    np.testing.assert_array_equal(a.times_s - a.times_s[0], b.times_s - b.times_s[0])
+    np.testing.assert_array_equal(a.frame_numbers, b.frame_numbers)
+    np.testing.assert_array_equal(a.Ts_tracker_marker.rotations, b.Ts_tracker_marker.rotations)
+    np.testing.assert_array_equal(
+        a.Ts_tracker_marker.translations, b.Ts_tracker_marker.translations
+    )
+    np.testing.assert_array_equal(a.rms_error_mm, b.rms_error_mm)
+    assert a.n_frames == b.n_frames
+
+
+def test_a_pivot_that_left_and_came_back_gives_the_same_tip_bit_by_bit(bench, measured):
+    bench.run(StartRecordingImport("pivot.igs.mha"))
+    held = bench.session.captures.pointer
+    same_track(held.marker, measured.captures.pointer.marker)
+    assert (held.ordinal, held.pointer, held.partial) == (5, "pointer6d", False)
+    a, b = (s.results.pointer.value for s in (bench.session, measured))
+    assert digest(a) == digest(b)
+
+
+@pytest.mark.parametrize("purpose", ["surface", "path"])
+def test_strokes_come_back_too(bench, measured, purpose):
+    file = {"surface": "stroke.igs.mha", "path": "path.igs.mha"}[purpose]
+    bench.run(StartRecordingImport(file, purpose=purpose))
+    a, b = (getattr(s.results, purpose).value for s in (bench.session, measured))
+    np.testing.assert_array_equal(a.points_base, b.points_base)
+
+
+def test_a_stroke_is_added_or_takes_the_place_of_the_others(bench):
+    bench.run(StartRecordingImport("path.igs.mha", purpose="surface", append=True))
+    assert len(bench.session.captures.surface) == 2
+    bench.run(StartRecordingImport("path.igs.mha", purpose="surface"))
+    assert len(bench.session.captures.surface) == 1
+
+
+def test_played_or_read_at_once_the_capture_is_the_same_and_the_devices_say_replay(bench):
+    told, places = [], []
+
+    def watch(share):
+        live = bench.live.get()
+        told.append(live.origin)
+        places.append(replayed_pointer(bench.session, live))
+
+    bench.run(StartRecordingImport("stroke.igs.mha", purpose="surface", play=True), watch)
+    played = bench.session.captures.surface[0]
+    assert set(told) == {"REPLAY"}
+    assert bench.live.get().origin is None
+    assert replayed_pointer(bench.session, bench.live.get()) is None
+    poses = played.marker.Ts_tracker_marker
+    expected = bench.session.results.tool.value.T_base_tracker @ poses[0]
+    np.testing.assert_allclose(places[0].matrix(), expected.matrix())
+    bench.run(StartRecordingImport("stroke.igs.mha", purpose="surface"))
+    read = bench.session.captures.surface[0]
+    same_track(played.marker, read.marker)
+    np.testing.assert_array_equal(played.marker.times_s, read.marker.times_s)
+
+
+def test_a_replay_that_is_cancelled_keeps_what_was_played(bench, measured):
+    asked = iter(range(10**6))
+    bench.run(StartRecordingImport("pivot.igs.mha", play=True), cancel=lambda: next(asked) >= 19)
+    played = bench.session.archive[-1]
+    assert played.partial
+    assert played.marker.n_frames == len(played.marker.times_s) == 20
+    assert bench.session.captures is measured.captures  # the whole one stands
+    assert bench.session.results is measured.results
+    assert bench.live.get().origin is None
+
+
+def test_an_import_is_stale_only_for_another_pointer_and_has_no_truth(bench):
+    before = bench.figures()
+    assert before["pointer_tip_error_mm"] is not None
+    bench.run(StartRecordingImport("pivot.igs.mha"))
+    bench.run(StartRecordingImport("stroke.igs.mha", purpose="surface"))
+    after = bench.figures()
+    assert after["pointer_tip_error_mm"] is None
+    assert after["surface_rms_mm"] is after["surface_tip_3d_rms_mm"] is None
+    assert after["surface_points"] == before["surface_points"]
+    assert after["tool_tip_error_mm"] == before["tool_tip_error_mm"]
+    bench.dispatch(SetTracker("ideal"))
+    assert stale_reason("pointer", bench.session) is None
+    assert stale_reason("tool", bench.session) is not None
+    bench.dispatch(SetPointer("pointer5d"))
+    assert "pointer capture" in stale_reason("pointer", bench.session)
+
+
+def test_imported_captures_are_saved_and_recomputed(bench, tmp_path):
+    bench.run(StartRecordingImport("pivot.igs.mha"))
+    back = load_session(save_session(bench.session, tmp_path / "x.rona"))
+    assert is_imported(back.captures.pointer)
+    assert not is_imported(back.captures.path)
+    assert digest(back.captures) == digest(bench.session.captures)
+    assert {r.result: r.same for r in replay(back)}["pointer"]
+
+
+def test_the_same_file_has_the_same_digest_and_another_one_another(bench):
+    digests = []
+    for name in ("pivot", "pivot", "stroke"):
+        bench.run(StartRecordingImport(f"{name}.igs.mha", purpose="surface"))
+        digests.append(bench.session.captures.surface[0].setup_digest)
+    assert digests[0] == digests[1] != digests[2]
+
+
+def test_what_cannot_be_imported_changes_nothing(bench, tmp_path):
+    (tmp_path / "junk.igs.mha").write_bytes(b"junk")
+    unseen = export_recording(bench.session, 2).data.replace(b"Status = OK", b"Status = MISSING")
+    (tmp_path / "unseen.igs.mha").write_bytes(unseen)
+    for activity, error, words in (
+        (StartRecordingImport("absent.igs.mha"), NotFoundError, "upload it first"),
+        (StartRecordingImport("junk.igs.mha"), InvalidInputError, "junk.igs.mha: expected"),
+        (StartRecordingImport("unseen.igs.mha"), DeviceError, "seen in none of its"),
+        (StartRecordingImport("pivot.igs.mha", tool="Probe"), InvalidInputError, "got 'Probe'"),
+        (StartPivotImport(("junk.igs.mha",)), InvalidInputError, "junk.igs.mha"),
+        (StartPivotImport(("absent.csv",)), NotFoundError, "upload it first"),
+        (StartPivotImport(("pivot.igs.mha",), "no.rom"), NotFoundError, "'no.rom'"),
+    ):
+        before = bench.session
+        with pytest.raises(error, match=words):
+            bench.run(activity)
+        assert bench.session is before
+
+
+def test_strokes_need_the_calibrations(tmp_path, measured):
+    (tmp_path / "s.igs.mha").write_bytes(export_recording(measured, 3).data)
+    bench = new_workbench(Session(), tmp_path)
+    with pytest.raises(StepBlockedError, match="first register the tool"):
+        bench.run(StartRecordingImport("s.igs.mha", purpose="surface"))
+    bench.close()
+
+
+def test_a_pivot_as_rows_of_numbers(bench, tmp_path, measured):
+    poses = measured.captures.pointer.marker.Ts_tracker_marker
+    rows = [",".join(repr(float(v)) for v in pose.matrix().ravel()) for pose in poses]
+    (tmp_path / "p.csv").write_text("\n".join(rows))
+    bench.run(StartPivotImport(("p.csv",)))
+    a, b = (s.results.pointer.value for s in (bench.session, measured))
+    assert digest(a) == digest(b)
+    held = bench.session.captures.pointer
+    assert (held.marker.tool, held.marker.n_frames) == ("marker", len(poses))
+    (tmp_path / "still.csv").write_text("\n".join(rows[:1] * 30))
+    with pytest.raises(DegenerateGeometryError, match="hardly turned"):
+        bench.run(StartPivotImport(("still.csv",)))
+    assert len(bench.session.captures.pointer.marker.times_s) == 30  # measured, so kept
+    assert stale_reason("pointer", bench.session) is not None
+
+
+def test_the_5d_pointer_takes_the_line_of_a_pivot(tmp_path):
+    bench = new_workbench(Session(), tmp_path)
+    bench.dispatch(SetPointer("pointer5d"))
+    bench.run(StartPointerCapture(**QUICK))
+    tip = bench.session.results.pointer.value.tip_pointermarker
+    (tmp_path / "five.igs.mha").write_bytes(export_recording(bench.session, 1).data)
+    bench.dispatch(SetSeed(5))
+    bench.run(StartPivotImport(("five.igs.mha",)))
+    assert bench.session.results.pointer.value.dof == 5
+    np.testing.assert_array_equal(bench.session.results.pointer.value.tip_pointermarker, tip)
+    bench.close()
+
+
+def test_exports_are_named_and_listed(measured):
+    listed = recorded_captures(measured)
+    assert listed == (
+        (1, "1: tool, toolmarker"),
+        (2, "2: pointer, pointer6d"),
+        (3, "3: surface, pointer6d"),
+        (4, "4: path, pointer6d"),
+    )
+    assert export_recording(measured, 2).name == "a_b_ü_2_pointer6d.igs.mha"
+    for ordinal in (0, 9, -1):
+        with pytest.raises(NotFoundError, match="captures with one are 1, 2, 3, 4"):
+            export_recording(measured, ordinal)
+    again = replace(measured, captures=type(measured.captures)())
+    assert recorded_captures(again)[1] == (2, "2: earlier, pointer6d")
+
+
+def test_plain_names_only():
+    for name in ("", "..", "a/b", "a\\b"):
+        with pytest.raises(InvalidInputError, match="plain file name"):
+            StartRecordingImport(name)
+        with pytest.raises(InvalidInputError, match="plain file name"):
+            StartPivotImport(("ok.csv", name))
+    with pytest.raises(InvalidInputError, match="files must be 1 to"):
+        StartPivotImport(())
+
+
+def test_a_live_stream_of_all_tools_is_a_recording(bench, tmp_path):
+    """Whatever delivers frames can be recorded, not only captures."""
+    from rona_core.devices.files.poses.igs_mha import read_igs_mha, write_igs_mha
+    from rona_core.devices.recording import Recording
+
+    frames = list(islice(bench.rig().tracker.frames(), 20))
+    data = write_igs_mha(Recording.from_frames(frames))
+    recording = read_igs_mha(data)
+    (tmp_path / "all.igs.mha").write_bytes(data)
+    for activity in (StartRecordingImport("all.igs.mha"), StartPivotImport(("all.igs.mha",))):
+        with pytest.raises((DeviceError, DegenerateGeometryError, InvalidInputError)) as refused:
+            bench.run(activity)
+        assert "none was named" not in str(refused.value)  # the pointer in use is meant
+    assert [tool.tool for tool in recording.tools] == list(TOOLS)
+
+
+@pytest.mark.parametrize("play", [False, True])
+def test_a_recording_in_metres_is_refused_with_the_remedy(bench, measured, tmp_path, play):
+    recording = read_igs_mha(export_recording(measured, 2).data)
+    tools = []
+    for column in recording.tools:
+        poses = column.Ts_tracker_marker
+        metres = Poses(poses.rotations, poses.translations / 1000.0)
+        tools.append(replace(column, Ts_tracker_marker=metres))
+    written = write_igs_mha(replace(recording, tools=tuple(tools)))
+    (tmp_path / "metres.igs.mha").write_bytes(written)
+    before = bench.session
+    for activity in (
+        StartRecordingImport("metres.igs.mha", play=play),
+        StartRecordingImport("metres.igs.mha", purpose="surface", play=play),
+        StartPivotImport(("metres.igs.mha",)),
+    ):
+        with pytest.raises(InvalidInputError, match=r"look like metres.*multiply .* by 1000"):
+            bench.run(activity)
+    assert bench.session is before

@@ -1,0 +1,183 @@
+"""How sure the maps are: against the truth, whole and part by part, and never out of a file."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from benchmarks.suites.map_bands import bands, within
+from rona_core.app.messages.registry import CorrectBoundary
+from rona_core.app.steps.maps.map_accuracy import (
+    REPEATABILITY_MM,
+    ROBOT_ACCURACY_MM,
+    accuracy_words,
+    map_accuracy,
+)
+from rona_core.app.steps.maps.thickness_uncertainty import speed_of_maps
+from rona_core.app.steps.maps.view import layers_of
+from rona_core.app.steps.scan.ascan_view import ascan_plot
+from rona_core.devices.settings import ROBOTS
+from rona_core.session.codec import decode, digest, encode
+from rona_core.session.document import Derived, Session, SonoMaps
+from rona_core.session.files import load_session
+from rona_core.session.migrate import SCHEMA, migrate
+from rona_core.ultrasound.acoustic_calibration.speed_calibration import calibrate_speed
+from rona_ui.resources import demo_session
+
+
+@pytest.fixture(scope="module")
+def demo():
+    return load_session(demo_session())
+
+
+@pytest.fixture(scope="module")
+def accuracy(demo):
+    return map_accuracy(demo)
+
+
+def test_bands_of_95_percent_hold_the_truth(demo):
+    found = dict(bands(demo))
+    assert set(found) == {
+        "thickness", "outer", "inner", "fused", "outer_same_robot", "inner_same_robot",
+        "fused_same_robot",
+    }  # fmt: skip
+    for name, band in found.items():
+        assert within(band.errors_mm, band.total_mm) > 0.85, name
+        # wide enough, and no wider: a band of a metre holds everything
+        size = np.sqrt(np.mean(band.total_mm**2) / np.mean(band.errors_mm**2))
+        assert 0.5 < size < 3.0, name
+    for name in ("thickness", "inner"):
+        band = found[name]
+        rest = band.errors_mm - band.errors_mm.mean()
+        assert within(rest, band.own_mm) > 0.85
+        assert abs(band.errors_mm.mean()) < 1.96 * band.shared_mm
+
+
+def test_the_parts_add_up_and_the_robot_counts_where_another_uses_the_map(demo, accuracy):
+    maps = demo.results.maps.value
+    for part in (accuracy.outer, accuracy.inner, accuracy.fused):
+        robot = part.total_mm() ** 2 - part.same_robot_mm() ** 2
+        np.testing.assert_allclose(robot, ROBOT_ACCURACY_MM**2 / 3.0)
+    bone, inner, outer = accuracy.thickness, accuracy.inner, accuracy.outer
+    assert bone.pose_mm == 0.0
+    np.testing.assert_allclose(inner.own_mm**2, bone.own_mm**2 + outer.own_mm**2)
+    np.testing.assert_array_equal(inner.speed_mm, bone.speed_mm)
+    both = maps.inner.ok & maps.outer.ok
+    share = bone.speed_mm[both] / maps.thickness_mm()[both]
+    np.testing.assert_allclose(share, 0.13 / 12**0.5, rtol=1e-9)  # nobody told the speed
+    for part in (outer, inner, accuracy.fused, bone):
+        assert part.own_mm.shape == maps.outer.height_mm.shape
+        assert not part.own_mm.flags.writeable
+
+
+def test_a_place_is_less_sure_the_farther_the_nearest_sample_is(demo, accuracy):
+    maps = demo.results.maps.value
+    u, v = np.meshgrid(maps.inner.u_mm, maps.inner.v_mm, indexing="ij")
+    samples = maps.inner.T_base_map.inv() @ maps.inner_points_base[maps.inner_used]
+    away = np.hypot(u[..., None] - samples[:, 0], v[..., None] - samples[:, 1]).min(axis=-1)
+    depth = maps.thickness_mm()
+    by_speed = 0.035 * depth  # of the place
+    own = np.sqrt(np.maximum(accuracy.thickness.own_mm**2 - by_speed**2, 0.0))
+    near, far = (away < 0.5) & maps.inner.ok, (away > 2.0) & maps.inner.ok
+    assert np.median(own[far]) > 1.1 * np.median(own[near])
+
+
+def test_the_stated_sigma_of_an_older_file_is_not_taken(demo):
+    """Files of this schema once held the scatter about the plate as ``sigma_mm`` of each map."""
+    arrays = {}
+    plain = encode(demo, "session", arrays)
+    maps = plain["results"]["maps"]["value"]
+    for name in ("outer", "inner", "fused"):
+        assert "sigma_mm" not in maps[name]
+        maps[name]["sigma_mm"] = {"values": [0.0002], "shape": [1], "dtype": "<f8"}
+    manifest = {"schema": SCHEMA, "session": plain}
+    old = decode(migrate(manifest)["session"], Session, arrays)
+    assert not hasattr(old.results.maps.value.outer, "sigma_mm")
+    found, here = map_accuracy(old), map_accuracy(demo)
+    for name in ("outer", "inner", "fused", "thickness"):
+        mine, same = getattr(found, name), getattr(here, name)
+        np.testing.assert_array_equal(mine.total_mm(), same.total_mm())
+    assert maps["outer"]["sigma_mm"]["values"] == [0.0002]  # what it is given stays as it is
+
+
+def test_reference_points_make_it_surer_once_the_maps_were_made_with_them(demo, accuracy):
+    maps = demo.results.maps
+    places = maps.value.outer_points_base[maps.value.outer_used][::60]
+    depth = np.full(len(places), 6.0)
+    known = calibrate_speed(depth, 2.0 * depth / 2.6, positions_mm=places)
+    results = replace(demo.results, speed=Derived(known, "CalibrateSoundSpeed", {}, {}))
+    calibrated = replace(demo, results=results)
+    assert map_accuracy(calibrated) is accuracy  # the maps know nothing of it yet
+    made = replace(maps, inputs={**maps.inputs, "speed": digest(known)})
+    after = map_accuracy(replace(calibrated, results=replace(results, maps=made)))
+    ok = maps.value.inner.ok
+    assert np.median(after.thickness.speed_mm[ok] / accuracy.thickness.speed_mm[ok]) < 0.8
+    assert (after.thickness.own_mm[ok] < accuracy.thickness.own_mm[ok]).all()
+    np.testing.assert_array_equal(after.outer.own_mm, accuracy.outer.own_mm)
+
+
+def test_maps_by_hand_know_the_speed_that_they_were_made_with_in_base_alone(demo):
+    known = calibrate_speed(np.full(3, 6.0), np.full(3, 4.6))
+    speed = Derived(known, "CalibrateSoundSpeed", {}, {})
+    for frame, expected in (("base", known), ("basemarker", None)):
+        made = SonoMaps(demo.results.maps.value, frame, 1, 1, 0.0, "")
+        maps = Derived(made, "StartSonoMapping", {}, {"speed": digest(known)})
+        session = replace(demo, results=replace(demo.results, speed=speed, sono_maps=maps))
+        assert speed_of_maps(session, hand=True) is expected
+        assert speed_of_maps(session) is None  # those of the robot know nothing of it
+
+
+def test_a_boundary_set_by_hand_is_as_sure_as_an_eye(demo, accuracy):
+    maps, found = demo.results.maps.value, demo.results.detection.value
+    i = int(np.flatnonzero(maps.inner_used[: len(found)])[40])
+    time_us = float(found.inner_us[i])
+    edit = CorrectBoundary(i, inner_us=time_us).edit()
+    after = map_accuracy(replace(demo, boundary_edits=demo.boundary_edits.put(edit)))
+    cell = maps.inner.T_base_map.inv() @ maps.inner_points_base[i]
+    at = np.argmin(np.abs(maps.inner.u_mm - cell[0])), np.argmin(np.abs(maps.inner.v_mm - cell[1]))
+    assert after.thickness.own_mm[at] > accuracy.thickness.own_mm[at]
+
+
+def test_of_other_ascans_than_those_of_the_maps_nothing_is_said(demo):
+    results = demo.results
+    gone = replace(demo, results=replace(results, second_detection=None))
+    assert results.second_detection is not None
+    assert map_accuracy(gone) is None
+    assert map_accuracy(Session()) is None
+    assert map_accuracy(demo, hand=True) is None  # nobody scanned by hand
+
+
+def test_every_arm_has_a_repeatability():
+    assert set(REPEATABILITY_MM) == set(ROBOTS)
+
+
+def test_the_sentence_says_the_size_of_each_error(demo, accuracy):
+    words = accuracy_words(demo.results.maps.value, accuracy)
+    maps = demo.results.maps.value
+    rms = np.sqrt(np.mean(accuracy.outer.total_mm()[maps.outer.ok] ** 2))
+    assert f"outer boundary {rms:.2f} mm" in words
+    assert rms > 0.2
+    both = maps.outer.ok & maps.inner.ok
+    rms = np.sqrt(np.mean(accuracy.thickness.total_mm()[both] ** 2))
+    assert f"thickness {rms:.2f} mm" in words
+
+
+def test_maps_are_coloured_by_it(demo, accuracy):
+    maps = demo.results.maps.value
+    layers = layers_of(maps, "sigma", accuracy)
+    for name in ("outer", "inner", "fused"):
+        boundary, part = getattr(maps, name), layers.part(name)
+        np.testing.assert_array_equal(
+            part.values_mm, getattr(accuracy, name).total_mm()[boundary.ok]
+        )
+    assert 0.15 <= layers.low_mm < layers.high_mm < 1.0
+    assert not len(layers_of(maps, "sigma").outer.values_mm)  # nobody knows
+
+
+def test_an_ascan_states_the_thickness_with_the_speed_of_sound_in_it(demo):
+    found = demo.results.detection.value
+    i = int(np.argmax(np.where(found.inner_ok, found.thickness_mm, 0.0)))
+    told = float(ascan_plot(demo, i).remark.split("±")[1].split("mm")[0])
+    speed = np.hypot(0.13 / 12**0.5, 0.035) * found.thickness_mm[i]
+    assert told == pytest.approx(np.hypot(found.thickness_sigma_mm[i], speed), abs=0.006)
+    assert told > 2.0 * found.thickness_sigma_mm[i]

@@ -1,0 +1,222 @@
+"""What detection gets from a scan: the same from both passes of the robot and from one by hand."""
+
+import ast
+from dataclasses import fields, replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import rona_core.app
+from rona_core.app.dependencies.staleness import input_digests, stale_reason, usable_speed
+from rona_core.app.messages.registry import (
+    CalibrateDelayLine,
+    SetProbe,
+    SetSeed,
+    StartBlockShots,
+    StartMapping,
+    StartReferencePoints,
+    StartSonoCalibration,
+    StartSonoMapping,
+    StartSonoScan,
+    Undo,
+)
+from rona_core.app.steps.acoustics.derivation import session_probe
+from rona_core.app.steps.handheld.derivation import derive_sono_detection
+from rona_core.app.steps.handheld.scans import hand_poses, hand_reference, posed_scans
+from rona_core.app.steps.maps import survey
+from rona_core.app.steps.maps.derivation import (
+    derive_detection,
+    derive_second_detection,
+    probe_poses,
+)
+from rona_core.compose import new_workbench
+from rona_core.session.document import Session
+from rona_core.session.files import load_session
+from rona_core.ultrasound.acoustic_calibration.speed_calibration import speed_at
+from rona_core.ultrasound.detection.detect import NOMINAL_SPEED_MM_PER_US
+from rona_core.ultrasound.probe.probe_model import probe_model
+from rona_ui.resources import demo_session
+
+WARM_C = 34.0
+
+
+@pytest.fixture(scope="module")
+def measured():
+    """The demo session with its line calibrated on the block, and a short scan by hand."""
+    session = load_session(demo_session())
+    # whatever version planned the motion: its plan is that of the scans, and counts
+    plan = replace(session.results.roll, inputs=input_digests("roll", session))
+    session = replace(session, results=replace(session.results, roll=plan))
+    bench = new_workbench(session)
+    bench.run(StartBlockShots(n=8, temperatures_c=(20.0, 30.0, 40.0)))
+    bench.run(StartSonoCalibration(pivot_s=8.0, spin_s=8.0))
+    bench.run(StartSonoScan(duration_s=12.0, rate_hz=15.0, spacing_mm=6.0))
+    bench.run(StartMapping())
+    yield bench.session
+    bench.close()
+
+
+class _AskedError(Exception):
+    """Detection was asked; holds what it was given."""
+
+
+@pytest.fixture
+def asked(monkeypatch):
+    def ask(derive, session, message):
+        def spy(*given, **named):
+            raise _AskedError(given, named)
+
+        monkeypatch.setattr(survey, "detect", spy)
+        with pytest.raises(_AskedError) as caught:
+            derive(session, message)
+        return caught.value.args
+
+    return ask
+
+
+def passes(session):
+    """Return how each kind of scan is detected, what asks for it, its A-scans and its poses."""
+    hand = session.captures.sono_scan
+    posed = posed_scans(session, hand)
+    return {
+        "first": (
+            derive_detection,
+            StartMapping,
+            session.captures.scan.scans,
+            probe_poses(session),
+        ),
+        "second": (
+            derive_second_detection,
+            StartMapping,
+            session.captures.second.scans,
+            probe_poses(session, session.captures.second),
+        ),
+        "hand": (
+            derive_sono_detection,
+            StartSonoMapping,
+            replace(
+                hand.scans,
+                times_s=hand.scans.times_s[posed.known],
+                rf=hand.scans.rf[posed.known],
+                clipped=hand.scans.clipped[posed.known],
+            ),
+            hand_poses(session),
+        ),
+    }
+
+
+@pytest.mark.parametrize("name", ["first", "second", "hand"])
+@pytest.mark.parametrize("speed", [None, 2.75])
+def test_every_kind_of_scan_gives_detection_all_that_is_known(measured, asked, name, speed):
+    session = measured
+    posed = posed_scans(session, session.captures.sono_scan)
+    frame, T_base_tracker, _ = hand_reference(session, session.captures.sono_scan)
+    assert frame == "base"
+    mounted = session.results.sono.value.T_sonomarker_probe
+    derive, message, scans, Ts_base_probe = passes(session)[name]
+    (track, probe, excitation), given = asked(derive, session, message(sound_speed_mm_per_us=speed))
+    np.testing.assert_array_equal(track.rf, scans.rf)
+    line = session.results.line.value
+    assert probe == session_probe(session) != probe_model(session.setup.devices.probe)
+    assert probe.line_delay_us == pytest.approx(line.at(22.0)[0], abs=1e-9)
+    assert excitation == session.setup.devices.probe.excitation
+    assert given["method"] == "subtract"
+    assert given["sound_speed_mm_per_us"] == (speed or NOMINAL_SPEED_MM_PER_US)
+    places, axes = given["positions_mm"], given["axes"]
+    if name == "hand":  # there in the frame of the tracker, which stands still
+        Ts_base_probe = T_base_tracker @ posed.Ts_tracker_marker @ mounted
+        places, axes = T_base_tracker @ places, T_base_tracker.rotate(axes)
+    np.testing.assert_allclose(places, Ts_base_probe.translations, atol=1e-9)
+    np.testing.assert_allclose(axes, Ts_base_probe.rotations[:, :, 2], atol=1e-12)
+    assert (given["known_standoff_mm"] is None) == (name != "second")
+
+
+def test_detection_is_called_at_one_place_for_all_scans():
+    folder = Path(rona_core.app.__file__).parent
+    callers = set()
+    for path in folder.rglob("*.py"):
+        for node in ast.walk(ast.parse(path.read_text())):
+            called = node.func if isinstance(node, ast.Call) else None
+            if isinstance(called, ast.Name) and called.id == "detect":
+                callers.add(path.stem)
+    # the touch-down of a scan is timed before anything is known of its poses
+    assert callers == {"survey", "pose_timing"}
+    assert [part.name for part in fields(survey.Survey)] == ["scans", "poses", "known_standoff_mm"]
+
+
+def test_a_warm_line_that_was_calibrated_is_that_of_the_scan_by_hand():
+    bench = new_workbench(Session())
+    try:
+        bench.dispatch(SetSeed(1))
+        bench.dispatch(SetProbe(line_temperature_c=WARM_C))
+        bench.run(StartBlockShots(n=8))
+        bench.run(StartSonoCalibration(pivot_s=8.0, spin_s=8.0))
+        bench.run(StartSonoScan(duration_s=15.0, rate_hz=15.0, spacing_mm=5.0))
+        bench.run(StartSonoMapping())
+        found = bench.session.results.sono_detection.value
+        off_mm = bench.figures()["sono_outer_rms_mm"]
+        bench.dispatch(CalibrateDelayLine(use=False))
+        assert "line" in stale_reason("sono_detection", bench.session)
+        assert stale_reason("sono_maps", bench.session) is not None
+        bench.run(StartSonoMapping())
+        nominal = bench.session.results.sono_detection.value
+        both = found.outer_ok & nominal.outer_ok
+        lower = np.median((nominal.standoff_mm - found.standoff_mm)[both])
+        warm = 1.60 / (1.60 - 0.0025 * (WARM_C - 22.0))  # rubber slows down as it warms
+        late_us = 15.0 / 1.60 * 2.0 * (warm - 1.0)
+        assert lower == pytest.approx(late_us * 1.5 / 2.0, abs=0.03)
+        assert off_mm < bench.figures()["sono_outer_rms_mm"] - 0.03
+    finally:
+        bench.close()
+
+
+def test_the_calibrated_speed_holds_in_the_scan_by_hand_too(measured):
+    bench = new_workbench(measured)
+    try:
+        bench.run(StartSonoMapping())
+        assert stale_reason("sono_maps", bench.session) is None
+        before = bench.session.results.sono_maps.value.maps
+        bench.run(StartReferencePoints(n=3))
+        assert "speed" in stale_reason("sono_maps", bench.session)
+        assert stale_reason("sono_detection", bench.session) is None
+        bench.run(StartSonoMapping())
+        after = bench.session.results.sono_maps.value.maps
+        used = before.inner_used & after.inner_used
+        thick = [
+            np.linalg.norm(m.inner_points_base - m.outer_points_base, axis=1)[used]
+            for m in (before, after)
+        ]
+        there = speed_at(usable_speed(bench.session), before.outer_points_base[used])[0]
+        np.testing.assert_allclose(thick[1] / thick[0], there / NOMINAL_SPEED_MM_PER_US, rtol=1e-4)
+        assert np.abs(there / NOMINAL_SPEED_MM_PER_US - 1.0).max() > 0.002
+        bench.run(StartSonoMapping(sound_speed_mm_per_us=NOMINAL_SPEED_MM_PER_US))
+        asked = bench.session.results.sono_maps.value.maps  # a speed that is asked for wins
+        np.testing.assert_allclose(asked.inner_points_base, before.inner_points_base)
+    finally:
+        bench.close()
+
+
+def test_another_calibration_of_the_probe_makes_the_detection_by_hand_stale(measured):
+    bench = new_workbench(measured)
+    try:
+        bench.run(StartSonoMapping())
+        bench.run(StartSonoCalibration(pivot_s=9.0, spin_s=9.0))
+        assert "calibration" in stale_reason("sono_detection", bench.session)
+        bench.dispatch(Undo())
+    finally:
+        bench.close()
+
+
+def test_what_was_detected_without_the_places_counts_no_more(measured):
+    bench = new_workbench(measured)
+    try:
+        bench.run(StartSonoMapping())
+        made = bench.session.results.sono_detection
+        known = {key: made.inputs[key] for key in ("capture", "tool", "probe")}
+        older = replace(made, inputs=known)  # as it was written before
+        session = bench.session
+        session = replace(session, results=replace(session.results, sono_detection=older))
+        assert "without calibration: compute it again" in stale_reason("sono_detection", session)
+    finally:
+        bench.close()
