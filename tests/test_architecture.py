@@ -114,6 +114,7 @@ PLANTED_IMPORTS = [
     ("rona_core/devices/planted.py", "import viser", "no viewer and no web framework"),
     ("rona_core/geometry/planted.py", "import rona_core.devices.live", "Layers of rona_core"),
     ("rona_core/path/planted.py", "import rona_core.surface", "Layers of rona_core"),
+    ("rona_core/path/planted.py", "import benchmarks.reference", "neither tests nor benchmarks"),
     ("rona_core/app/planted.py", "import rona_core.virtual", "ground truth"),
     ("rona_core/app/planted.py", "import rona_core.evaluation", "Layers of rona_core"),
     ("rona_core/planted.py", "", "Layers of rona_core"),  # a new module must choose a layer

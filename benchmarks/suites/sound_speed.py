@@ -9,7 +9,6 @@ calibration knows none of these draws, and takes 3.5 % and 20 mm for all.
 import numpy as np
 
 from benchmarks.metric import Metric, Progress, cpu_ms
-from benchmarks.reference.thickness_budget import thickness_budget
 from rona_core.geometry.arrays import Floats
 from rona_core.ultrasound.acoustic_calibration.speed_calibration import (
     PUBLISHED,
@@ -18,6 +17,7 @@ from rona_core.ultrasound.acoustic_calibration.speed_calibration import (
     speed_at,
     uncalibrated,
 )
+from rona_core.ultrasound.acoustic_calibration.thickness_budget import thickness_budget
 from rona_core.ultrasound.detection.detect import NOMINAL_SPEED_MM_PER_US
 
 PATIENTS = 2000

@@ -13,7 +13,6 @@ import numpy as np
 from scipy.interpolate import RectBivariateSpline
 from scipy.spatial import KDTree
 
-from benchmarks.reference.thickness_budget import speed_doubt
 from rona_core.app.steps.maps.thickness_uncertainty import speed_of_maps
 from rona_core.devices.settings import ProbeSettings
 from rona_core.devices.tracker_volumes import ACCURACY_MM
@@ -25,6 +24,7 @@ from rona_core.ultrasound.acoustic_calibration.speed_calibration import (
     SpeedCalibration,
     uncalibrated,
 )
+from rona_core.ultrasound.acoustic_calibration.thickness_budget import speed_doubt
 from rona_core.ultrasound.detection.detect import Detection
 from rona_core.ultrasound.detection.manual_corrections import BoundaryEdits, ScanName, corrected
 from rona_core.ultrasound.probe.probe_model import probe_model

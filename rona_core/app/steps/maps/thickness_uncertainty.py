@@ -5,7 +5,6 @@ from functools import lru_cache
 
 import numpy as np
 
-from benchmarks.reference.thickness_budget import speed_doubt
 from rona_core.geometry.arrays import Floats
 from rona_core.mapping.boundary_map import Maps
 from rona_core.session.codec import digest
@@ -14,6 +13,7 @@ from rona_core.ultrasound.acoustic_calibration.speed_calibration import (
     SpeedCalibration,
     uncalibrated,
 )
+from rona_core.ultrasound.acoustic_calibration.thickness_budget import speed_doubt
 from rona_core.ultrasound.detection.detect import Detection
 
 STEEPEST = 0.3  # nine tenths of all skulls are flatter: more is a step between echoes

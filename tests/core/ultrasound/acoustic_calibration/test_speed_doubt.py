@@ -3,13 +3,13 @@
 import numpy as np
 import pytest
 
-from benchmarks.reference.thickness_budget import STUDIES_SHARE, speed_doubt
 from rona_core.ultrasound.acoustic_calibration.speed_calibration import (
     PUBLISHED,
     SpeedPrior,
     calibrate_speed,
     uncalibrated,
 )
+from rona_core.ultrasound.acoustic_calibration.thickness_budget import STUDIES_SHARE, speed_doubt
 
 HERE = np.array([[0.0, 0.0]])
 FAR = np.array([[200.0, 0.0]])
