@@ -233,7 +233,7 @@ RIGHT_FRAMES = [
     "Ts_base_marker = T_base_tracker @ track.Ts_tracker_marker",
     "T_tracker_toolmarker = frame.tool(name).T_tracker_marker",
     "T_b_a = fit(points_a, points_b)",
-    "fit_rigid(points_a=points_base, points_b=points_skull)",
+    "register_points(points_a=points_base, points_b=points_skull)",
     "tip_base = T_base_tip.translation + T_base_tip.rotate(offset_tip)",
     "axis_base = Ts_base_probe.rotations[:, :, 2]",
     "points_skull = T_base_skull.inv() @ points_base",
