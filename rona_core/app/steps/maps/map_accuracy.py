@@ -3,7 +3,8 @@
 Four parts, whose squares add up: the time of flight of the nearest A-scans, what left-out samples
 tell of places between samples, the speed of sound, and where the probe was. The last two are
 nearly the same for all cells of a map. Nothing of it is stored: it follows from what a session
-holds, so that maps of older files are as honest as new ones. See docs/algorithms/boundary_maps.md.
+holds, so that maps of older files are as honest as new ones. See
+docs/algorithms/maps/boundary_maps.md.
 """
 
 from dataclasses import dataclass
