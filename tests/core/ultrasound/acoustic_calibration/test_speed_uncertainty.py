@@ -3,12 +3,15 @@
 import numpy as np
 import pytest
 
-from benchmarks.reference.thickness_budget import STUDIES_SHARE, speed_doubt
 from rona_core.ultrasound.acoustic_calibration.speed_calibration import (
     PUBLISHED,
     SpeedPrior,
     calibrate_speed,
     uncalibrated,
+)
+from rona_core.ultrasound.acoustic_calibration.speed_uncertainty import (
+    STUDIES_SHARE,
+    speed_uncertainty,
 )
 
 HERE = np.array([[0.0, 0.0]])
@@ -21,14 +24,14 @@ def test_studies_that_differ_by_13_percent_are_evenly_spread():
 
 
 def test_without_a_reference_point_it_is_what_studies_and_places_differ_by():
-    shared, place = speed_doubt(uncalibrated(), np.vstack((HERE, FAR)))
+    shared, place = speed_uncertainty(uncalibrated(), np.vstack((HERE, FAR)))
     np.testing.assert_allclose(shared, STUDIES_SHARE, rtol=1e-9)
     np.testing.assert_allclose(place, PUBLISHED.local_sd_mm_per_us / NOMINAL, rtol=1e-9)
 
 
 def test_a_prior_wider_than_the_studies_is_kept():
     wide = SpeedPrior(patient_sd_mm_per_us=0.08 * NOMINAL)
-    assert speed_doubt(uncalibrated(wide), HERE)[0][0] == pytest.approx(0.08)
+    assert speed_uncertainty(uncalibrated(wide), HERE)[0][0] == pytest.approx(0.08)
 
 
 @pytest.mark.parametrize("n", [1, 3, 6])
@@ -45,7 +48,7 @@ def test_it_is_the_error_of_the_mean_over_patients_of_all_studies(n):
         caliper = d + rng.normal(0.0, 0.1, n)
         found = calibrate_speed(caliper, lags, lag_sigma_us=0.001, positions_mm=far_apart)
         errors.append(found.speed_mm_per_us / patient - 1.0)
-        stated.append(speed_doubt(found, np.array([[-900.0, 0.0]]))[0][0])
+        stated.append(speed_uncertainty(found, np.array([[-900.0, 0.0]]))[0][0])
     assert np.sqrt(np.mean(np.square(stated))) == pytest.approx(np.std(errors), rel=0.06)
 
 
@@ -53,5 +56,5 @@ def test_next_to_a_reference_point_little_is_left_of_it():
     found = calibrate_speed(
         [7.0], [14.0 / 2.5], thickness_sigma_mm=0.01, lag_sigma_us=0.001, positions_mm=HERE
     )
-    near, far = (np.hypot(*speed_doubt(found, at))[0] for at in (HERE, FAR))
+    near, far = (np.hypot(*speed_uncertainty(found, at))[0] for at in (HERE, FAR))
     assert near < 0.005 < 0.04 < far
