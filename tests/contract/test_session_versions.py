@@ -12,10 +12,16 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from rona_core.app.handlers import handle
-from rona_core.app.messages.registry import BuildPath, BuildSurface, CalibratePointer, RegisterTool
 from rona_core.app.dependencies.staleness import RESULTS, stale_reason
-from rona_core.app.messages.registry import ACTIVITIES, COMMANDS
+from rona_core.app.handlers import handle
+from rona_core.app.messages.registry import (
+    ACTIVITIES,
+    COMMANDS,
+    BuildPath,
+    BuildSurface,
+    CalibratePointer,
+    RegisterTool,
+)
 from rona_core.app.overview.step_states import step_states
 from rona_core.session.codec import digest
 from rona_core.session.files import load_session, session_bytes, session_from_bytes
@@ -93,13 +99,13 @@ def test_messages_of_schema_3_have_their_present_names_in_log_and_results():
         said = [json.loads(line)["message"] for line in archive.read("commands.jsonl").splitlines()]
     log = [entry.message for entry in session.log]
     assert log == [RENAMED_IN_4.get(name, name) for name in said] != said
-    assert not set(RENAMED_IN_4) & (set(log) | set(public)) and set(RENAMED_IN_4.values()) <= {
-        *public
-    }
+    assert not set(RENAMED_IN_4) & (set(log) | set(public))
+    assert set(RENAMED_IN_4.values()) <= set(public)
     results = manifest["session"]["results"]
     held = {k: v["message"] for k, v in results.items() if isinstance(v, dict)}
     made = {name: getattr(session.results, name).message for name in held}
     assert made == {name: RENAMED_IN_4.get(message, message) for name, message in held.items()}
     assert set(made.values()) <= set(public)
-    assert made["path"] == "GenerateScanPattern" and made["sono_maps"] == "StartHandheldMapping"
+    assert made["path"] == "GenerateScanPattern"
+    assert made["sono_maps"] == "StartHandheldMapping"
     assert {name for name in RESULTS if stale_reason(name, session) is not None} == set()

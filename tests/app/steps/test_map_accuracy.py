@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from benchmarks.suites.map_bands import bands, within
+from benchmarks.reference.map_coverage import bands, within
 from rona_core.app.messages.registry import CorrectBoundary
 from rona_core.app.steps.maps.map_accuracy import (
     REPEATABILITY_MM,
