@@ -8,8 +8,8 @@ from rona_core.app.messages.registry import StartSonoCalibration, StartSonoMappi
 from rona_core.session.document import Session
 from rona_ui.panels.widgets import style
 from rona_ui.panels.widgets.form import Form
-from rona_ui.panels.widgets.panel_context import Door, follow, listen
-from rona_ui.view_state import Picture
+from rona_ui.panels.widgets.panel_context import PanelContext, on_change, on_click
+from rona_ui.presentation.snapshot import Snapshot
 from rona_ui.viewer.bindings import escape
 
 WHOSE = {"Robot's scan": False, "Scan by hand": True}
@@ -22,11 +22,11 @@ LINES = (  # title, key of the figure, unit
 )
 
 
-class SonoControls:
+class HandheldControls:
     """Three buttons in the order in which they are pressed, and what came of each."""
 
-    def __init__(self, gui: Any, door: Door) -> None:
-        self._door = door
+    def __init__(self, gui: Any, context: PanelContext) -> None:
+        self._context = context
         start = StartSonoScan()
         with gui.add_folder("Scan by hand (SonoPointer)", expand_by_default=False):
             gui.add_html(
@@ -46,24 +46,24 @@ class SonoControls:
             self._map = gui.add_button("3. Map the scan by hand", icon="map", color="gray")
             self._maps = gui.add_html("")
             self._whose = gui.add_dropdown("Show maps of", tuple(WHOSE))
-        listen(self._calibrate, lambda e: door.send(StartSonoCalibration, e))
-        listen(self._scan, lambda e: door.send(self.scan, e))
-        listen(self._map, self._mapped)
-        follow(self._whose, lambda e: self._choose())
+        on_click(self._calibrate, lambda e: context.send(StartSonoCalibration, e))
+        on_click(self._scan, lambda e: context.send(self.scan, e))
+        on_click(self._map, self._mapped)
+        on_change(self._whose, lambda e: self._choose())
 
     def scan(self) -> Any:
         """Return the scan with these parameters."""
         return StartSonoScan(**self._form.values())
 
     def _mapped(self, event: Any) -> None:
-        self._door.send(StartSonoMapping, event)
-        self._door.view(lambda v: replace(v, by_hand=True))
+        self._context.send(StartSonoMapping, event)
+        self._context.change_view(lambda v: replace(v, handheld=True))
 
     def _choose(self) -> None:
         by_hand = WHOSE[self._whose.value]
-        self._door.view(lambda v: replace(v, by_hand=by_hand))
+        self._context.change_view(lambda v: replace(v, handheld=by_hand))
 
-    def render(self, new: Picture) -> None:
+    def render(self, new: Snapshot) -> None:
         """Show what can be done now, and what is there."""
         session, busy = new.session, new.busy
         results, scanned = session.results, session.captures.sono_scan is not None
@@ -109,11 +109,11 @@ def _heard(session: Session) -> str:
     return _stale("capture sono_scan", session) or style.text(words)
 
 
-def _maps(picture: Picture) -> str:
-    made = picture.session.results.sono_maps
+def _maps(snapshot: Snapshot) -> str:
+    made = snapshot.session.results.sono_maps
     if made is None:
         return ""
-    value, figures = made.value, picture.figures
+    value, figures = made.value, snapshot.figures
     words = f"{value.n_posed} of {value.n_scans} A-scans have a pose. {value.sentence}"
     rows = "".join(
         f'<tr><td>{escape(title)}</td><td class="n"><b>{figures[key]:.2f}{unit}</b></td></tr>'
@@ -121,4 +121,4 @@ def _maps(picture: Picture) -> str:
         if isinstance(figures.get(key), float)
     )
     table = f'<table class="r-table">{rows}</table>' if rows else ""
-    return (_stale("sono_maps", picture.session) or style.text(words)) + table
+    return (_stale("sono_maps", snapshot.session) or style.text(words)) + table

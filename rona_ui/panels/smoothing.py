@@ -8,11 +8,12 @@ from rona_core.app.steps.path.path_checks import PathCheck, Stretch, check_path
 from rona_core.app.steps.path.view import PathView
 from rona_ui.panels.path.path_graph import bar
 from rona_ui.panels.widgets import style
-from rona_ui.panels.widgets.panel_context import follow, listen
+from rona_ui.panels.widgets.panel_context import on_change, on_click
 from rona_ui.panels.widgets.step_panel import StepPanel
-from rona_ui.scene.colors import BLUE, PURPLE, VERMILLION, css
-from rona_ui.scene.path.path import shown_path
-from rona_ui.view_state import Drawing, Picture, Preview
+from rona_ui.presentation.colors import BLUE, PURPLE, VERMILLION, css
+from rona_ui.presentation.shown_path import shown_path
+from rona_ui.presentation.snapshot import Snapshot
+from rona_ui.presentation.view_state import Drawing, Preview
 
 METRICS = {"K1: largest distance": "k1", "K2: RMS distance": "k2", "K3: area": "k3"}
 METHODS = {
@@ -50,9 +51,9 @@ class SmoothingPanel(StepPanel):
     def build(self) -> None:
         """Add the parameters."""
         form, gui = self.form, self.gui
-        self._seen: Picture | None = None
+        self._seen: Snapshot | None = None
         bound = form.slider("tolerance_mm", "Bound (mm)", 1.0, 0.1, 5.0, 0.05)
-        follow(bound, self._drag)
+        on_change(bound, self._drag)
         with gui.add_folder("Advanced", expand_by_default=False):
             form.choice("method", "Method", METHODS, "optimal")
             form.choice("metric", "Measure", METRICS, "k1", "K3 reads the bound in mm²")
@@ -68,12 +69,14 @@ class SmoothingPanel(StepPanel):
         self._help = gui.add_html("")
         self._done = gui.add_button("Done", icon="check", visible=False)
         self._forget = gui.add_button("Forget the changes", icon="trash", color="gray")
-        listen(self._edit, lambda e: self._mode(EDITS[self._edit.value]))
-        listen(self._done, lambda e: self._mode(None))
-        listen(self._forget, lambda e: self.door.send(ClearPathEdits, e))
+        on_click(self._edit, lambda e: self._mode(EDITS[self._edit.value]))
+        on_click(self._done, lambda e: self._mode(None))
+        on_click(self._forget, lambda e: self.context.send(ClearPathEdits, e))
 
     def _mode(self, mode: Drawing | None) -> None:
-        self.door.view(lambda v: replace(v, drawing=mode, picks=(), grabbed=None, ghost=None))
+        self.context.change_view(
+            lambda v: replace(v, drawing=mode, picks=(), moved_point=None, move_target=None)
+        )
 
     def _drag(self, event: Any) -> None:
         """Preview while the slider is dragged; once it rests, compute."""
@@ -81,9 +84,9 @@ class SmoothingPanel(StepPanel):
         if seen is None or seen.session.results.path is None or seen.busy:
             return
         preview = Preview(value, seen.session.results.smoothing, seen.refused)
-        self.door.view(lambda v: replace(v, preview=preview))
+        self.context.change_view(lambda v: replace(v, preview=preview))
         if seen.session.results.surface is not None:
-            self.door.send_settled("tolerance", self.message, event)
+            self.context.send_debounced("tolerance", self.message, event)
 
     def message(self) -> Any:
         """Return the smoothing with these parameters."""
@@ -91,7 +94,7 @@ class SmoothingPanel(StepPanel):
         values["normal_radius_mm"] = values["normal_radius_mm"] or None
         return SmoothScanPath(**values)
 
-    def update(self, old: Picture | None, new: Picture) -> None:
+    def update(self, old: Snapshot | None, new: Snapshot) -> None:
         """Follow the result, and what is being changed by hand."""
         self._seen = new
         smooth = new.session.results.smoothing
@@ -109,13 +112,13 @@ class SmoothingPanel(StepPanel):
         self._forget.visible = len(new.session.path_edits) > 0
         self._forget.disabled = new.busy
 
-    def remarks(self, picture: Picture) -> str:
+    def remarks(self, snapshot: Snapshot) -> str:
         """Say what is left and how far off, what the normals are worth, and what to beware of."""
-        view = shown_path(picture)
+        view = shown_path(snapshot)
         words = "" if view is None else counts(view)
-        check = check_path(picture.session)
-        smooth = picture.session.results.smoothing
-        if check is None or smooth is None or picture.preview_mm is not None:
+        check = check_path(snapshot.session)
+        smooth = snapshot.session.results.smoothing
+        if check is None or smooth is None or snapshot.preview_mm is not None:
             return words
         normals = smooth.value.normals
         chosen = "given" if normals.choice is None else "chosen by the cloud"

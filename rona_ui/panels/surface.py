@@ -16,9 +16,9 @@ from rona_ui.panels.tool.calibration import VERDICTS
 from rona_ui.panels.widgets import style
 from rona_ui.panels.widgets.draw_on_skull import DrawingControls
 from rona_ui.panels.widgets.import_recording import ImportControls
-from rona_ui.panels.widgets.panel_context import listen
+from rona_ui.panels.widgets.panel_context import on_click
 from rona_ui.panels.widgets.step_panel import StepPanel
-from rona_ui.view_state import Picture
+from rona_ui.presentation.snapshot import Snapshot
 from rona_ui.viewer.bindings import escape
 
 
@@ -39,20 +39,20 @@ class SurfacePanel(StepPanel):
         self.form.number(
             "average_s", "Averaging (s)", 0.1, 0.0, 2.0, 0.05, "Moving average along a stroke"
         )
-        self._drawing = DrawingControls(self.gui, self.door, "surface", self._stroke)
+        self._drawing = DrawingControls(self.gui, self.context, "surface", self._stroke)
         self._rebuild = self.gui.add_button("Build the cloud again", icon="refresh", color="gray")
         self._clear = self.gui.add_button("Forget the strokes", icon="trash", color="gray")
-        listen(
+        on_click(
             self._rebuild,
-            lambda e: self.door.send(lambda: BuildSurface(**self.form.values("average_s")), e),
+            lambda e: self.context.send(lambda: BuildSurface(**self.form.values("average_s")), e),
         )
-        listen(self._clear, lambda e: self.door.send(ClearSurface, e))
+        on_click(self._clear, lambda e: self.context.send(ClearSurface, e))
         self._register = self.gui.add_button(
             "Register the loaded skull", icon="puzzle", color="gray", visible=False
         )
         self._registered = self.gui.add_html("")
-        listen(self._register, lambda e: self.door.send(StartSkullRegistration, e))
-        self._import = ImportControls(self.gui, self.door, "surface")
+        on_click(self._register, lambda e: self.context.send(StartSkullRegistration, e))
+        self._import = ImportControls(self.gui, self.context, "surface")
 
     def _stroke(self, picks: tuple[Any, ...]) -> Any:
         duration_s = max(3.0, 0.5 * len(picks))
@@ -62,7 +62,7 @@ class SurfacePanel(StepPanel):
         """Return the sweep."""
         return StartSurfaceCapture(**self.form.values("duration_s"))
 
-    def update(self, old: Picture | None, new: Picture) -> None:
+    def update(self, old: Snapshot | None, new: Snapshot) -> None:
         """Follow drawing and recordings."""
         self._drawing.render(new)
         self._import.render(new)
@@ -77,13 +77,13 @@ class SurfacePanel(StepPanel):
             if self._registered.content != words:
                 self._registered.content = words
 
-    def remarks(self, picture: Picture) -> str:
+    def remarks(self, snapshot: Snapshot) -> str:
         """Say how many points there are."""
-        derived, strokes = picture.session.results.surface, picture.session.captures.surface
+        derived, strokes = snapshot.session.results.surface, snapshot.session.captures.surface
         if derived is None:
             return ""
         cloud = derived.value
-        expected = predict_surface(picture.session)
+        expected = predict_surface(snapshot.session)
         words = ""
         if expected is not None and expected.normal_mm is not None:
             words = (

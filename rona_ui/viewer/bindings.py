@@ -16,7 +16,7 @@ from rona_core.app.runtime.session_registry import Hub
 from rona_core.errors import RonaError
 from rona_ui.labels import in_words
 
-SETTLE_S = 0.4  # a field sends its message once it has been left alone for so long
+DEBOUNCE_S = 0.4  # a field sends its message once it has been left alone for so long
 NOTICE_S = 12.0
 
 TITLES = {
@@ -90,13 +90,13 @@ class Bindings:
         if event.client is not None:
             self._put(lambda: self._deliver(make()), event.client)
 
-    def send_settled(self, key: Hashable, make: Callable[[], Any], event: Event) -> None:
+    def send_debounced(self, key: Hashable, make: Callable[[], Any], event: Event) -> None:
         """Send like ``send``, but only once nothing has come under ``key`` for a moment.
 
         What was typed has been finished by Enter: it does not wait.
         """
         if event.client is not None:
-            wait_s = 0.0 if getattr(event, "finished", False) else SETTLE_S
+            wait_s = 0.0 if getattr(event, "finished", False) else DEBOUNCE_S
             self._put(lambda: self._deliver(make()), event.client, key=key, wait_s=wait_s)
 
     def call(self, work: Callable[[], Any], event: Event) -> None:

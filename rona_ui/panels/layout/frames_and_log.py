@@ -8,8 +8,8 @@ from rona_core.app.overview.frame_graph import FrameRow, frame_rows
 from rona_core.session.document import LogEntry
 from rona_ui.panels.layout.frame_graph_image import frame_picture
 from rona_ui.panels.widgets import style
+from rona_ui.presentation.snapshot import Snapshot
 from rona_ui.refusals import Refusal
-from rona_ui.view_state import Picture
 from rona_ui.viewer.bindings import escape
 
 NEWEST = 60
@@ -22,16 +22,16 @@ class FramesPanel:
     def __init__(self, gui: Any) -> None:
         self._html = gui.add_html("")
 
-    def render(self, old: Picture | None, new: Picture) -> None:
+    def render(self, old: Snapshot | None, new: Snapshot) -> None:
         """Follow the session, and which transforms the devices report."""
         if old is None or old.session is not new.session or _reported(old) != _reported(new):
             rows = frame_rows(new.session, new.live)
             self._html.content = frame_picture(rows) + frames_table(rows)
 
 
-def _reported(picture: Picture) -> tuple[object, ...]:
+def _reported(snapshot: Snapshot) -> tuple[object, ...]:
     """Return what is live: not its values, which change thirty times a second."""
-    frame, joints = picture.live.frame, picture.live.joints
+    frame, joints = snapshot.live.frame, snapshot.live.joints
     seen = () if frame is None else tuple(s.tool for s in frame.tools if s.T_tracker_marker)
     return (*seen, joints is not None)
 
@@ -79,7 +79,7 @@ class LogPanel:
     def __init__(self, gui: Any) -> None:
         self._html = gui.add_html(style.text("Nothing has happened yet."))
 
-    def render(self, old: Picture | None, new: Picture) -> None:
+    def render(self, old: Snapshot | None, new: Snapshot) -> None:
         """Follow the log and the refusals."""
         log, refusals = new.session.log, new.refusals
         if old is not None and old.session.log is log and old.refusals is refusals:

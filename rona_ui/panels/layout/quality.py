@@ -9,7 +9,7 @@ from rona_core.app.steps.tool.tracker_delay import delay_words
 from rona_core.session.document import Session
 from rona_ui.panels.widgets import style
 from rona_ui.panels.widgets.verdicts import rows_of
-from rona_ui.view_state import Picture
+from rona_ui.presentation.snapshot import Snapshot
 from rona_ui.viewer.bindings import escape
 
 SECTIONS = (  # title, what the keys begin with, steps that the figures come from
@@ -56,7 +56,7 @@ class QualityPanel:
     def __init__(self, gui: Any) -> None:
         self._html = gui.add_html(style.text("No figures yet: do the first steps."))
 
-    def render(self, old: Picture | None, new: Picture) -> None:
+    def render(self, old: Snapshot | None, new: Snapshot) -> None:
         """Follow figures and session."""
         if (
             old is None

@@ -7,8 +7,8 @@ from rona_core.app.messages.registry import Redo, RenameSession, Undo
 from rona_core.app.runtime.saving.autosave import CopyState
 from rona_core.app.runtime.saving.export_captures import recorded_captures
 from rona_ui.panels.layout.question import Choice, Question
-from rona_ui.panels.widgets.panel_context import Door, follow, listen
-from rona_ui.view_state import Picture
+from rona_ui.panels.widgets.panel_context import PanelContext, on_change, on_click
+from rona_ui.presentation.snapshot import Snapshot
 from rona_ui.viewer.bindings import Event, escape
 
 NOTHING = "choose …"
@@ -20,7 +20,7 @@ class SessionHead:
     def __init__(self, gui: Any) -> None:
         self._html = gui.add_html("")
 
-    def render(self, old: Picture | None, new: Picture) -> None:
+    def render(self, old: Snapshot | None, new: Snapshot) -> None:
         """Follow name and save state."""
         content = head(new)
         if old is None or content != head(old):
@@ -30,14 +30,14 @@ class SessionHead:
 COPIES: dict[CopyState, str] = {"none": "", "kept": ", copy kept", "failed": ", no room for a copy"}
 
 
-def head(picture: Picture) -> str:
+def head(snapshot: Snapshot) -> str:
     """Return the head of the left dock; the name comes from outside and is escaped."""
-    name, state = picture.session.name, "saved"
-    if not picture.saved:
-        kept = picture.recovered and picture.copy == "kept"  # that it is there has just been seen
-        lacks = "recovered, not saved" if picture.recovered else "not saved"
-        state = f"● {lacks}{'' if kept else COPIES[picture.copy]}"
-    color = "#52606d" if picture.saved else "#a34700"
+    name, state = snapshot.session.name, "saved"
+    if not snapshot.saved:
+        kept = snapshot.recovered and snapshot.copy == "kept"  # that it is there has just been seen
+        lacks = "recovered, not saved" if snapshot.recovered else "not saved"
+        state = f"● {lacks}{'' if kept else COPIES[snapshot.copy]}"
+    color = "#52606d" if snapshot.saved else "#a34700"
     return (
         f'<div class="r-head"><b title="{escape(name)}">{escape(name)}</b>'
         f'<span style="color:{color}">{state}</span></div>'
@@ -47,10 +47,10 @@ def head(picture: Picture) -> str:
 class SessionPanel:
     """What can be done with the session as a whole."""
 
-    def __init__(self, gui: Any, door: Door) -> None:
-        self._door = door
+    def __init__(self, gui: Any, context: PanelContext) -> None:
+        self._context = context
         self._question = Question(gui)
-        self._picture: Picture | None = None
+        self._snapshot: Snapshot | None = None
         self._buttons = gui.add_button_group("History", ("Undo", "Redo", "Save"))
         with gui.add_folder("Session", expand_by_default=False):
             self._name = gui.add_text("Name", "")
@@ -63,19 +63,19 @@ class SessionPanel:
             self._new = gui.add_button("New session", icon="plus", color="gray")
             self._capture = gui.add_dropdown("Recording", (NOTHING,), hint="What the tracker saw")
             self._download = gui.add_button("Download .igs.mha", icon="download", color="gray")
-        listen(self._buttons, self._clicked)
-        listen(self._rename, lambda e: door.send(lambda: RenameSession(self._name.value), e))
-        listen(self._open, self._open_file)
-        listen(self._download, self._download_capture)
-        listen(self._new, lambda e: self._leave("new", "begin a new session", e))
-        listen(self._close, self._close_session)
-        follow(self._opened, self._show)
+        on_click(self._buttons, self._clicked)
+        on_click(self._rename, lambda e: context.send(lambda: RenameSession(self._name.value), e))
+        on_click(self._open, self._open_file)
+        on_click(self._download, self._download_capture)
+        on_click(self._new, lambda e: self._leave("new", "begin a new session", e))
+        on_click(self._close, self._close_session)
+        on_change(self._opened, self._show)
         commands: tuple[tuple[str, str | None, str | None, Callable[[Event], None]], ...] = (
-            ("Undo", "Z", "cmd/ctrl", lambda event: door.send(Undo, event)),
-            ("Redo", "Z", "cmd/ctrl+shift", lambda event: door.send(Redo, event)),
-            ("Save", "S", "cmd/ctrl", lambda event: door.service("save", event, None)),
-            ("Stop the robot", None, None, lambda event: door.service("stop", event, None)),
-            ("Leave drawing", "escape", None, lambda event: door.service("escape", event, None)),
+            ("Undo", "Z", "cmd/ctrl", lambda event: context.send(Undo, event)),
+            ("Redo", "Z", "cmd/ctrl+shift", lambda event: context.send(Redo, event)),
+            ("Save", "S", "cmd/ctrl", lambda event: context.service("save", event, None)),
+            ("Stop the robot", None, None, lambda event: context.service("stop", event, None)),
+            ("Leave drawing", "escape", None, lambda event: context.service("escape", event, None)),
         )
         for label, key, modifier, act in commands:
             self._command(gui, label, key, modifier, act)
@@ -95,16 +95,16 @@ class SessionPanel:
     def _clicked(self, event: Any) -> None:
         wanted = self._buttons.value
         if wanted == "Save":
-            self._door.service("save", event, None)
+            self._context.service("save", event, None)
         else:
-            self._door.send(Undo if wanted == "Undo" else Redo, event)
+            self._context.send(Undo if wanted == "Undo" else Redo, event)
 
     def _open_file(self, event: Any) -> None:
         if self._file.value != NOTHING:
             self._leave(f"open:{self._file.value}", f"open {self._file.value}", event)
 
     def _show(self, event: Any) -> None:
-        shown = self._picture
+        shown = self._snapshot
         labels = () if shown is None else labels_of(shown.opened)
         if shown is not None and self._opened.value in labels:
             key = shown.opened[labels.index(self._opened.value)][0]
@@ -113,7 +113,7 @@ class SessionPanel:
 
     def _leave(self, what: str, words: str, event: Any) -> None:
         """Do something that puts another session in sight; ask first where work is not saved."""
-        shown = self._picture
+        shown = self._snapshot
         if shown is None or not shown.changes:
             self._serve(what, event)
             return
@@ -129,7 +129,7 @@ class SessionPanel:
         )
 
     def _close_session(self, event: Any) -> None:
-        shown = self._picture
+        shown = self._snapshot
         if shown is None:
             return
         key, name = shown.session.id, shown.session.name
@@ -145,16 +145,16 @@ class SessionPanel:
         )
 
     def _serve(self, what: str, event: Any) -> None:
-        self._door.service(what, event, None)
+        self._context.service(what, event, None)
 
     def _download_capture(self, event: Any) -> None:
         number = self._capture.value.partition(":")[0]
         if number.isdigit():
-            self._door.service(f"download:{number}", event, None)
+            self._context.service(f"download:{number}", event, None)
 
-    def render(self, old: Picture | None, new: Picture) -> None:
+    def render(self, old: Snapshot | None, new: Snapshot) -> None:
         """Follow name, open sessions, files and captures."""
-        self._picture = new
+        self._snapshot = new
         if old is None or (old.opened, old.session.id) != (new.opened, new.session.id):
             labels, ids = labels_of(new.opened), [key for key, _ in new.opened]
             self._opened.options = labels or (NOTHING,)

@@ -9,11 +9,11 @@ from rona_core.app.messages.registry import StartMapping, StartSecondPlan, Start
 from rona_core.app.steps.maps.second_pass_view import SecondView, second_cells, second_view
 from rona_ui.panels.widgets import style
 from rona_ui.panels.widgets.form import Form
-from rona_ui.panels.widgets.panel_context import Door, listen
+from rona_ui.panels.widgets.panel_context import PanelContext, on_click
 from rona_ui.panels.widgets.step_panel import stopped_note
-from rona_ui.scene.colors import SKY, css, viridis_css
-from rona_ui.scene.maps.second_pass import path_drawn, top_deg
-from rona_ui.view_state import Picture
+from rona_ui.presentation.colors import SKY, css, viridis_css
+from rona_ui.presentation.shown_path import shows_second_path, tilt_scale_max_deg
+from rona_ui.presentation.snapshot import Snapshot
 
 EXPLANATION = (
     "Where the inner table leans, its echo misses the upright probe. The robot goes there again "
@@ -24,7 +24,9 @@ EXPLANATION = (
 class SecondFolder:
     """Plan, scan and map the gaps, and what came of it."""
 
-    def __init__(self, gui: Any, door: Door, mapping: Callable[[], StartMapping]) -> None:
+    def __init__(
+        self, gui: Any, context: PanelContext, mapping: Callable[[], StartMapping]
+    ) -> None:
         self._form = Form(gui)
         self._window = gui.add_folder("Second pass over the gaps", visible=False)
         with self._window:
@@ -44,20 +46,20 @@ class SecondFolder:
                     "largest_lean_deg", "Most lean (deg)", plan.largest_lean_deg, 0.5, 15.0, 0.5,
                     "Beyond about 6 degrees the face of the probe loses its contact",
                 )  # fmt: skip
-        listen(self._plan, lambda e: self._send(door, self.message, e))
-        listen(self._scan, lambda e: self._send(door, StartSecondScan, e))
-        listen(self._map, lambda e: self._send(door, mapping, e, second=False))
+        on_click(self._plan, lambda e: self._send(context, self.message, e))
+        on_click(self._scan, lambda e: self._send(context, StartSecondScan, e))
+        on_click(self._map, lambda e: self._send(context, mapping, e, second=False))
 
     def message(self) -> StartSecondPlan:
         """Return the planning with these parameters."""
         return StartSecondPlan(**self._form.values())
 
     @staticmethod
-    def _send(door: Door, make: Any, event: Any, *, second: bool = True) -> None:
-        door.send(make, event)
-        door.view(lambda v: replace(v, second=second, cursor=None, playing=False))
+    def _send(context: PanelContext, make: Any, event: Any, *, second: bool = True) -> None:
+        context.send(make, event)
+        context.change_view(lambda v: replace(v, second=second, cursor=None, playing=False))
 
-    def render(self, old: Picture | None, new: Picture) -> None:
+    def render(self, old: Snapshot | None, new: Snapshot) -> None:
         """Follow maps, plan and scan of the gaps."""
         if (
             old is not None
@@ -84,9 +86,9 @@ class SecondFolder:
             self._words.content = html
 
 
-def words(picture: Picture, view: SecondView | None, scanned: bool) -> str:
+def words(snapshot: Snapshot, view: SecondView | None, scanned: bool) -> str:
     """Return what is planned, what was scanned, and the coverage before and after."""
-    session, html = picture.session, stopped_note(picture, "StartSecondScan")
+    session, html = snapshot.session, stopped_note(snapshot, "StartSecondScan")
     if view is not None:
         told = (
             f"Gaps: {100 * view.gap_share:.0f} % of the map. Path of {view.length_mm:.0f} mm, the "
@@ -98,7 +100,7 @@ def words(picture: Picture, view: SecondView | None, scanned: bool) -> str:
             html += style.note(f"{told}. Stale: {view.stale}. Plan it again.", "warn")
         else:
             html += style.note(f"{told}; it takes {view.duration_s or 0.0:.0f} s.")
-        if path_drawn(picture):
+        if shows_second_path(snapshot):
             html += lean_bar(view) + style.key(((css(SKY), "its path"),))
     capture = session.captures.second
     if capture is None:
@@ -122,5 +124,5 @@ def lean_bar(view: SecondView) -> str:
     return (
         '<div class="r-text" style="padding-bottom:2px">Lean of the probe (deg)</div>'
         f'<div class="r-bar" style="background:{viridis_css()}"></div>'
-        f'<div class="r-ticks"><span>0</span><span>{top_deg(view):.0f}</span></div>'
+        f'<div class="r-ticks"><span>0</span><span>{tilt_scale_max_deg(view):.0f}</span></div>'
     )

@@ -6,8 +6,9 @@ from typing import Any
 from rona_core.app.messages.registry import DrawPattern
 from rona_ui.panels.widgets import style
 from rona_ui.panels.widgets.form import Form
-from rona_ui.panels.widgets.panel_context import Door, listen
-from rona_ui.view_state import Drawing, Picture, ViewState
+from rona_ui.panels.widgets.panel_context import PanelContext, on_click
+from rona_ui.presentation.snapshot import Snapshot
+from rona_ui.presentation.view_state import Drawing, ViewState
 
 KINDS = {"Raster": "raster", "Spiral": "spiral"}
 HELP = {
@@ -19,8 +20,8 @@ HELP = {
 class PatternControls:
     """What the pattern is like, where its middle and its boundary are, and a button to make it."""
 
-    def __init__(self, gui: Any, door: Door) -> None:
-        self._door, self._view = door, ViewState()
+    def __init__(self, gui: Any, context: PanelContext) -> None:
+        self._context, self._view = context, ViewState()
         with gui.add_folder("Pattern", expand_by_default=False):
             gui.add_html(
                 style.text(
@@ -42,14 +43,14 @@ class PatternControls:
                 "Forget centre and boundary", icon="x", color="gray", visible=False
             )
             self._make = gui.add_button("Make the pattern", icon="route")
-        listen(self._center, lambda e: self._mode("center"))
-        listen(self._boundary, lambda e: self._mode("boundary"))
-        listen(self._done, lambda e: self._mode(None))
-        listen(self._drop, lambda e: door.view(_without))
-        listen(self._make, lambda e: door.send(self.message, e))
+        on_click(self._center, lambda e: self._mode("center"))
+        on_click(self._boundary, lambda e: self._mode("boundary"))
+        on_click(self._done, lambda e: self._mode(None))
+        on_click(self._drop, lambda e: context.change_view(_without))
+        on_click(self._make, lambda e: context.send(self.message, e))
 
     def _mode(self, mode: Drawing | None) -> None:
-        self._door.view(lambda v: replace(v, drawing=mode, picks=()))
+        self._context.change_view(lambda v: replace(v, drawing=mode, picks=()))
 
     def message(self) -> Any:
         """Return the pattern with these parameters."""
@@ -59,7 +60,7 @@ class PatternControls:
             **values, center_base_mm=self._view.center, boundary_base_mm=self._view.boundary
         )
 
-    def render(self, new: Picture) -> None:
+    def render(self, new: Snapshot) -> None:
         """Show what can be done now."""
         view = self._view = new.view
         blocked = new.busy or new.session.results.surface is None

@@ -8,10 +8,9 @@ from rona_core.app.steps.roll.base_placement_view import BasePlace, BasePlacemen
 from rona_core.session.document import Session
 from rona_ui.panels.widgets import style
 from rona_ui.panels.widgets.form import Form
-from rona_ui.panels.widgets.panel_context import Door, listen
-from rona_ui.scene.colors import ORANGE, SKY, VERMILLION, css, viridis_css
-from rona_ui.scene.roll.base_places import NEAR
-from rona_ui.view_state import Picture
+from rona_ui.panels.widgets.panel_context import PanelContext, on_click
+from rona_ui.presentation.colors import BLOCKED, ORANGE, SKY, VERMILLION, css, viridis_css
+from rona_ui.presentation.snapshot import Snapshot
 
 AGAIN = (
     "The tracker is registered to the base: after a move do steps 2 and 4 to 7 again (the pointer "
@@ -19,10 +18,10 @@ AGAIN = (
 )
 
 
-class BasePlaceControls:
+class BasePlacementControls:
     """A button that searches, a summary, and a button for each place that was certified."""
 
-    def __init__(self, gui: Any, door: Door) -> None:
+    def __init__(self, gui: Any, context: PanelContext) -> None:
         self._search = gui.add_button("Where to put the robot?", icon="map-search", color="gray")
         self._words = gui.add_html("")
         self._take = {
@@ -36,16 +35,17 @@ class BasePlaceControls:
             form.number("half_x_mm", "To and fro (mm)", 500.0, 0.0, 2000.0, 50.0, "Along base x")
             form.number("half_y_mm", "To the sides (mm)", 600.0, 0.0, 2000.0, 50.0, "Along base y")
             form.number("step_mm", "Cells of (mm)", 100.0, 25.0, 500.0, 25.0)
-        listen(self._search, lambda e: door.send(self._message, e))
-        listen(
-            self._take["smallest"], lambda e: door.send(lambda: ApplyBasePlacement("smallest"), e)
+        on_click(self._search, lambda e: context.send(self._message, e))
+        on_click(
+            self._take["smallest"],
+            lambda e: context.send(lambda: ApplyBasePlacement("smallest"), e),
         )
-        listen(self._take["best"], lambda e: door.send(lambda: ApplyBasePlacement("best"), e))
+        on_click(self._take["best"], lambda e: context.send(lambda: ApplyBasePlacement("best"), e))
 
     def _message(self) -> StartBasePlacement:
         return StartBasePlacement(**self._form.values())
 
-    def render(self, old: Picture | None, new: Picture) -> None:
+    def render(self, old: Snapshot | None, new: Snapshot) -> None:
         """Follow the search, and rest while something runs."""
         if old is not None and old.session is new.session and old.busy == new.busy:
             return
@@ -106,7 +106,7 @@ def placement_key(found: BasePlacement | None) -> str:
         f'<div class="r-key"><span><i style="width:44px;background:{viridis_css()}"></i>'
         f"on the floor: seems to work, room 0 to {_top(found):.1f}</span></div>"
     )
-    others = [(css(VERMILLION), "does not"), (css(NEAR), "too near the head")]
+    others = [(css(VERMILLION), "does not"), (css(BLOCKED), "too near the head")]
     marks = {"smallest": (css(ORANGE), "smallest move"), "best": (css(SKY), "most room")}
     return legend + style.key(tuple(others + [marks[name] for name in offers(found)]))
 

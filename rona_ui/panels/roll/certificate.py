@@ -5,8 +5,8 @@ from typing import Any
 
 from rona_core.app.steps.roll.certificate_view import CertificateView, CheckPlace, certificate_view
 from rona_ui.panels.widgets import style
-from rona_ui.panels.widgets.panel_context import Door, follow
-from rona_ui.view_state import Picture
+from rona_ui.panels.widgets.panel_context import PanelContext, on_change
+from rona_ui.presentation.snapshot import Snapshot
 from rona_ui.viewer.bindings import escape
 
 NOTHING = "What the verifier looked at appears here once a motion is planned (step 7)."
@@ -17,7 +17,7 @@ ROUNDING, SMALL = 1e-9, 1e-3
 class ChecksPanel:
     """A verdict, a choice that drives the replay to a check's worst place, and the whole list."""
 
-    def __init__(self, gui: Any, door: Door) -> None:
+    def __init__(self, gui: Any, context: PanelContext) -> None:
         self._words = gui.add_html(style.text(NOTHING))
         self._choice = gui.add_dropdown(
             "Show worst",
@@ -31,12 +31,12 @@ class ChecksPanel:
         def go(event: Any) -> None:
             row = self._rows.get(self._choice.value)
             if row is not None:
-                door.view(lambda v: replace(v, cursor=row.share, playing=False))
-                door.look("Scan" if row.path_percent is not None else "Robot")
+                context.change_view(lambda v: replace(v, cursor=row.share, playing=False))
+                context.set_camera("Scan" if row.path_percent is not None else "Robot")
 
-        follow(self._choice, go)
+        on_change(self._choice, go)
 
-    def render(self, old: Picture | None, new: Picture) -> None:
+    def render(self, old: Snapshot | None, new: Snapshot) -> None:
         """Follow the plan."""
         same = old is not None and old.session.results.roll is new.session.results.roll
         if same and old is not None and old.steps is new.steps:

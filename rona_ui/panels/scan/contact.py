@@ -8,8 +8,8 @@ from rona_core.devices.settings import ContactSettings
 from rona_core.session.document import Session
 from rona_ui.panels.widgets import style
 from rona_ui.panels.widgets.form import Form
-from rona_ui.panels.widgets.panel_context import Door
-from rona_ui.view_state import Picture
+from rona_ui.panels.widgets.panel_context import PanelContext
+from rona_ui.presentation.snapshot import Snapshot
 from rona_ui.viewer.bindings import Event
 
 STANDARD = ContactSettings()
@@ -18,8 +18,8 @@ STANDARD = ContactSettings()
 class ContactFields:
     """Fields of their own command; every change is sent."""
 
-    def __init__(self, gui: Any, door: Door) -> None:
-        self._door = door
+    def __init__(self, gui: Any, context: PanelContext) -> None:
+        self._context = context
         form = self._form = Form(gui)
         form.tick("pressed", "Press the probe on", True, "Off: driven by position alone")
         form.number("force_n", "Force (N)", STANDARD.force_n, 0.5, 8.0, 0.5, "Along the tool axis")
@@ -36,12 +36,12 @@ class ContactFields:
         form.on_change(self._changed)
 
     def _changed(self, name: str, event: Event) -> None:
-        self._door.send_settled("contact", self._message, event)
+        self._context.send_debounced("contact", self._message, event)
 
     def _message(self) -> SetContact:
         return SetContact(**self._form.values())
 
-    def render(self, old: Picture | None, new: Picture) -> None:
+    def render(self, old: Snapshot | None, new: Snapshot) -> None:
         """Write what the session holds into the fields where it has changed or was refused."""
         if old is None or old.busy != new.busy:
             self._form.enable(not new.busy)

@@ -9,8 +9,8 @@ from rona_core.app.steps.setup.workcell_messages import STANDARD
 from rona_core.devices.workcell import RoomBox, Surroundings
 from rona_ui.panels.widgets import style
 from rona_ui.panels.widgets.form import Form
-from rona_ui.panels.widgets.panel_context import Door, follow, listen
-from rona_ui.view_state import Picture
+from rona_ui.panels.widgets.panel_context import PanelContext, on_change, on_click
+from rona_ui.presentation.snapshot import Snapshot
 from rona_ui.viewer.bindings import Event, escape
 
 NEW = "A new one"
@@ -22,11 +22,11 @@ EXPLANATION = (
 )
 
 
-class RoomFields:
+class WorkcellFields:
     """A closed folder: see what stands around, add, change and take away."""
 
-    def __init__(self, gui: Any, door: Door) -> None:
-        self._door = door
+    def __init__(self, gui: Any, context: PanelContext) -> None:
+        self._context = context
         self._held = Surroundings()
         gui.add_html(style.text(EXPLANATION))
         self._list = gui.add_html("")
@@ -47,10 +47,10 @@ class RoomFields:
         with gui.add_folder("Table, floor and distances", expand_by_default=False):
             self._room = self._room_form(gui)
         self._room.on_change(self._changed)
-        follow(self._seen, lambda e: self._show(bool(self._seen.value)))
-        follow(self._which, lambda e: self._choose())
-        listen(self._put, self._on_put)
-        listen(self._remove, self._on_remove)
+        on_change(self._seen, lambda e: self._show(bool(self._seen.value)))
+        on_change(self._which, lambda e: self._choose())
+        on_click(self._put, self._on_put)
+        on_click(self._remove, self._on_remove)
 
     @staticmethod
     def _room_form(gui: Any) -> Form:
@@ -73,10 +73,10 @@ class RoomFields:
         return form
 
     def _changed(self, name: str, event: Event) -> None:
-        self._door.send_settled("room", lambda: SetSurroundings(**self._room.values()), event)
+        self._context.send_debounced("room", lambda: SetSurroundings(**self._room.values()), event)
 
     def _show(self, wanted: bool) -> None:
-        self._door.view(
+        self._context.change_view(
             lambda v: replace(v, hidden=v.hidden - LAYER if wanted else v.hidden | LAYER)
         )
 
@@ -99,13 +99,13 @@ class RoomFields:
     def _on_put(self, event: Event) -> None:
         name, values, chosen = self._name.value.strip(), self._box.values(), self._which.value
         old = None if chosen in (NEW, name) else chosen
-        self._door.send(lambda: PutObstacle(name, **values, instead_of=old), event)
+        self._context.send(lambda: PutObstacle(name, **values, instead_of=old), event)
 
     def _on_remove(self, event: Event) -> None:
         name = self._which.value
-        self._door.send(lambda: RemoveObstacle(name), event)
+        self._context.send(lambda: RemoveObstacle(name), event)
 
-    def render(self, old: Picture | None, new: Picture) -> None:
+    def render(self, old: Snapshot | None, new: Snapshot) -> None:
         """Follow the session and the layers."""
         around, busy = new.session.setup.surroundings, new.busy
         shown = "obstacles" not in new.view.hidden
@@ -121,7 +121,7 @@ class RoomFields:
             self._room.show({name: getattr(around, name) for name in self._room.values()})
         if changed:
             self._follow(around)
-        if changed or (old is not None and old.backdrop is not new.backdrop):
+        if changed or (old is not None and old.static_scene is not new.static_scene):
             self._near.content = too_near(new)
 
     def _follow(self, around: Surroundings) -> None:
@@ -152,11 +152,11 @@ def listed(around: Surroundings) -> str:
     return f'<table class="r-table">{rows}</table>'
 
 
-def too_near(picture: Picture) -> str:
+def too_near(snapshot: Snapshot) -> str:
     """Return what the robot at rest comes too close to: nothing can be planned then."""
-    if picture.backdrop is None:
+    if snapshot.static_scene is None:
         return ""
-    pairs = near_pairs(picture.session, picture.backdrop.home_rad)
+    pairs = near_pairs(snapshot.session, snapshot.static_scene.home_rad)
     names = sorted({pair.second for pair in pairs if pair.too_close})
     if not names:
         return ""

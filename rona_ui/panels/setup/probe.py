@@ -16,7 +16,7 @@ from rona_core.devices.settings import PROBE_LIMITS, ProbeSettings
 from rona_core.session.document import Session
 from rona_ui.panels.widgets import style
 from rona_ui.panels.widgets.form import Form
-from rona_ui.panels.widgets.panel_context import Door, listen
+from rona_ui.panels.widgets.panel_context import PanelContext, on_click
 
 CHOICE = ("name", "excitation", "front_snr_db", "pitch_mm")
 NAMES = (*CHOICE, *EDITABLE, "line_temperature_c")
@@ -33,8 +33,8 @@ SHOWN_MM = (4.0, 6.0, 8.0, 10.0)  # thicknesses of the small table
 class ProbeFields:
     """Fields that together make one ``SetProbe``, and what follows from them."""
 
-    def __init__(self, form: Form, gui: Any, door: Door) -> None:
-        self._form, self._gui, self._door = form, gui, door
+    def __init__(self, form: Form, gui: Any, context: PanelContext) -> None:
+        self._form, self._gui, self._context = form, gui, context
         self._settings = ProbeSettings()
 
     def build(self) -> None:
@@ -62,7 +62,7 @@ class ProbeFields:
         low, high = PROBE_LIMITS["line_temperature_c"]
         form.number("line_temperature_c", "Line (°C)", 22.0, low, high, 1.0, "Sound slows in it")
         self._plain = self._gui.add_button("As the named probe", icon="restore", color="gray")
-        listen(self._plain, self._reset)
+        on_click(self._plain, self._reset)
 
     def build_block(self) -> None:
         """Add the calibration of the delay line."""
@@ -75,8 +75,10 @@ class ProbeFields:
         self._shoot = self._gui.add_button("Shoot the block", icon="target", color="gray")
         self._forget = self._gui.add_button("Nominal line again", icon="restore", color="gray")
         self._line = self._gui.add_html("")
-        listen(self._shoot, lambda e: self._door.send(StartBlockShots, e))
-        listen(self._forget, lambda e: self._door.send(lambda: CalibrateDelayLine(use=False), e))
+        on_click(self._shoot, lambda e: self._context.send(StartBlockShots, e))
+        on_click(
+            self._forget, lambda e: self._context.send(lambda: CalibrateDelayLine(use=False), e)
+        )
 
     def message(self) -> SetProbe:
         """Return the command that the fields make; another name brings its own details."""
@@ -92,7 +94,7 @@ class ProbeFields:
 
     def _reset(self, event: Any) -> None:
         values = self._form.values(*CHOICE)
-        self._door.send(lambda: SetProbe(**values), event)
+        self._context.send(lambda: SetProbe(**values), event)
 
     def held(self, settings: ProbeSettings) -> dict[str, Any]:
         """Return what the fields are to show of a session's settings."""

@@ -21,9 +21,9 @@ from rona_ui.panels.tool.calibration_images import (
 )
 from rona_ui.panels.widgets import style
 from rona_ui.panels.widgets.image_slider import sheet
-from rona_ui.panels.widgets.panel_context import Door, follow, listen
-from rona_ui.scene.colors import BLUE, VERMILLION, css
-from rona_ui.view_state import Picture
+from rona_ui.panels.widgets.panel_context import PanelContext, on_change, on_click
+from rona_ui.presentation.colors import BLUE, VERMILLION, css
+from rona_ui.presentation.snapshot import Snapshot
 from rona_ui.viewer.bindings import escape
 
 VERDICTS = {  # verdict -> (icon, words, colour, box)
@@ -36,8 +36,8 @@ VERDICTS = {  # verdict -> (icon, words, colour, box)
 class CalibrationControls:
     """Shows a calibration and lets single poses be left out, or counted again."""
 
-    def __init__(self, gui: Any, door: Door, step: Step) -> None:
-        self._gui, self._door = gui, door
+    def __init__(self, gui: Any, context: PanelContext, step: Step) -> None:
+        self._gui, self._context = gui, context
         self._step: Step = step
         self._view: CalibrationView | None = None
         self._words = gui.add_html("")
@@ -54,15 +54,15 @@ class CalibrationControls:
             self._count = gui.add_number("Poses in a row", 1, min=1, max=5000, step=1)
             self._toggle = gui.add_button("Leave out", icon="circle-minus", color="gray")
             self._all = gui.add_button("Count all poses", icon="circle-check", color="gray")
-        follow(self._count, lambda event: self._show_pose())
-        listen(self._toggle, self._change)
-        listen(self._all, lambda e: door.send(lambda: ExcludePoses(step), e))
+        on_change(self._count, lambda event: self._show_pose())
+        on_click(self._toggle, self._change)
+        on_click(self._all, lambda e: context.send(lambda: ExcludePoses(step), e))
 
     def excluded(self) -> tuple[int, ...]:
         """Return the poses that are left out by hand."""
         return () if self._view is None else self._view.excluded
 
-    def render(self, old: Picture | None, new: Picture) -> None:
+    def render(self, old: Snapshot | None, new: Snapshot) -> None:
         """Follow the calibration; rest while a job runs."""
         self._toggle.disabled = self._all.disabled = new.busy
         held = getattr(new.session.results, self._step)
@@ -99,7 +99,7 @@ class CalibrationControls:
             self._sheet = self._gui.add_html(picture)
             marks = tuple((i, str(i)) for i in sorted({0, last // 2, last}))
             self._slider = self._gui.add_slider("Pose", 0, last, 1, at, marks=marks)
-        follow(self._slider, lambda event: self._show_pose())
+        on_change(self._slider, lambda event: self._show_pose())
 
     def _rows(self) -> range:
         """Return the poses that are chosen."""
@@ -123,7 +123,7 @@ class CalibrationControls:
     def _change(self, event: Any) -> None:
         rows, before = set(self._rows()), set(self.excluded())
         wanted = before - rows if rows <= before else before | rows
-        self._door.send(lambda: ExcludePoses(self._step, tuple(sorted(wanted))), event)
+        self._context.send(lambda: ExcludePoses(self._step, tuple(sorted(wanted))), event)
 
 
 def words(view: CalibrationView, stale: bool = False) -> str:

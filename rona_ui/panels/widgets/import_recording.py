@@ -5,8 +5,8 @@ from typing import Any, Literal
 
 from rona_core.app.messages.registry import StartPivotImport, StartRecordingImport
 from rona_ui.panels.widgets import style
-from rona_ui.panels.widgets.panel_context import Door
-from rona_ui.view_state import Picture
+from rona_ui.panels.widgets.panel_context import PanelContext
+from rona_ui.presentation.snapshot import Snapshot
 
 Purpose = Literal["pivot", "surface", "path"]
 SEQUENCES = ".mha"
@@ -23,8 +23,8 @@ WORDS: dict[Purpose, str] = {
 class ImportControls:
     """A closed folder with the tool's name and a button that takes a file."""
 
-    def __init__(self, gui: Any, door: Door, purpose: Purpose) -> None:
-        self._door, self._purpose = door, purpose
+    def __init__(self, gui: Any, context: PanelContext, purpose: Purpose) -> None:
+        self._context, self._purpose = context, purpose
         self._geometry: str | None = None  # uploaded, for the next import
         self._folder = gui.add_folder("Import a recording", expand_by_default=False)
         with self._folder:
@@ -57,22 +57,22 @@ class ImportControls:
         if self._purpose == "pivot":
             geometry, self._geometry = self._geometry, None
             self._markers_words.content = ""
-            self._door.send(lambda: StartPivotImport((name,), geometry, tool), event)
+            self._context.send(lambda: StartPivotImport((name,), geometry, tool), event)
         elif self._purpose == "surface":
             append, play = bool(self._append.value), bool(self._play.value)
-            self._door.send(
+            self._context.send(
                 lambda: StartRecordingImport(name, "surface", tool, append, play), event
             )
         else:
             play = bool(self._play.value)
-            self._door.send(lambda: StartRecordingImport(name, "path", tool, play=play), event)
+            self._context.send(lambda: StartRecordingImport(name, "path", tool, play=play), event)
 
     def _store(self, event: Any, uploaded: Any) -> str:
         name = PurePath(uploaded.name.replace("\\", "/")).name
-        self._door.service(f"upload:{name}", event, uploaded.content)
+        self._context.service(f"upload:{name}", event, uploaded.content)
         return name
 
-    def render(self, new: Picture) -> None:
+    def render(self, new: Snapshot) -> None:
         """Rest while a job runs or the step is blocked."""
         step = "pointer" if self._purpose == "pivot" else self._purpose
         self._upload.disabled = new.busy or new.step(step).state == "blocked"

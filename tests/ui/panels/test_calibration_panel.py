@@ -23,9 +23,9 @@ from rona_ui.panels.layout.quality import table
 from rona_ui.panels.pointer import PointerPanel
 from rona_ui.panels.tool.calibration import CalibrationControls, words
 from rona_ui.panels.tool.calibration_images import HEIGHT, coverage_svg, residuals_svg
-from rona_ui.view_state import ViewState
+from rona_ui.presentation.view_state import ViewState
 from tests.helpers.fake_gui import FakeGui
-from tests.ui.panels.test_panels import CLIENT, Recorder, picture
+from tests.ui.panels.test_panels import CLIENT, Recorder, snapshot
 
 
 @pytest.fixture(scope="module")
@@ -40,8 +40,8 @@ def session():
 
 def controls(session, step="tool"):
     gui, recorder = FakeGui(), Recorder()
-    made = CalibrationControls(gui, recorder.door, step)
-    made.render(None, picture(session))
+    made = CalibrationControls(gui, recorder.context, step)
+    made.render(None, snapshot(session))
     return gui, recorder, made
 
 
@@ -102,11 +102,11 @@ def test_choosing_a_pose_and_the_button_leave_it_out_or_count_it_again(session):
 
 def test_another_fit_keeps_what_is_left_out_and_a_job_lets_the_buttons_rest(session):
     gui, recorder = FakeGui(), Recorder()
-    panel = PointerPanel(gui, recorder.door)
+    panel = PointerPanel(gui, recorder.context)
     derived = session.results.pointer
     told = replace(derived, arguments={**derived.arguments, "exclude": [5]})
     held = replace(session, results=replace(session.results, pointer=told))
-    shown = picture(held, view=ViewState(step="pointer"))
+    shown = snapshot(held, view=ViewState(step="pointer"))
     panel.render(None, shown)
     gui.find("button", "Fit again").happen(CLIENT)
     assert recorder.sent == [CalibratePointer("ml", (5,))]

@@ -10,17 +10,17 @@ from rona_core.session.document import Session
 from rona_ui.panels.scan.contact import ContactFields, contact_note, held
 from rona_ui.panels.scan.scan import ScanPanel
 from tests.helpers.fake_gui import FakeGui
-from tests.ui.panels.test_panels import CLIENT, Recorder, picture
+from tests.ui.panels.test_panels import CLIENT, Recorder, snapshot
 
 
 def built():
     gui, recorder = FakeGui(), Recorder()
-    return gui, recorder, ContactFields(gui, recorder.door)
+    return gui, recorder, ContactFields(gui, recorder.context)
 
 
 def test_one_field_sends_all_of_them_as_one_command():
     gui, recorder, fields = built()
-    fields.render(None, picture(handle(SetContact(), Session())))
+    fields.render(None, snapshot(handle(SetContact(), Session())))
     force = gui.find("number", "Force (N)")
     assert force.value == 3.0
     force.value = 4.5
@@ -32,21 +32,21 @@ def test_one_field_sends_all_of_them_as_one_command():
 
 def test_what_the_program_writes_sends_nothing():
     gui, recorder, fields = built()
-    fields.render(None, picture())
+    fields.render(None, snapshot())
     gui.find("number", "Force (N)").happen(None)
     assert recorder.sent == []
 
 
 def test_switched_off_the_limits_stay_as_they_were():
     gui, recorder, fields = built()
-    on = picture(handle(SetContact(force_n=5.0, monitor_n=12.0), Session()))
+    on = snapshot(handle(SetContact(force_n=5.0, monitor_n=12.0), Session()))
     fields.render(None, on)
     pressed = gui.find("checkbox", "Press the probe on")
     assert pressed.value is True
     pressed.value = False
     pressed.happen(CLIENT)
     assert recorder.sent == [SetContact(pressed=False, force_n=5.0, monitor_n=12.0)]
-    off = picture(handle(recorder.sent[0], on.session))
+    off = snapshot(handle(recorder.sent[0], on.session))
     assert held(off.session) == {"pressed": False}
     fields.render(on, off)
     assert pressed.value is False
@@ -55,7 +55,7 @@ def test_switched_off_the_limits_stay_as_they_were():
 
 def test_a_refused_value_is_written_back():
     gui, _, fields = built()
-    before = picture(handle(SetContact(), Session()))
+    before = snapshot(handle(SetContact(), Session()))
     fields.render(None, before)
     stop = gui.find("number", "Stop above (N)")
     stop.value = 5.0  # below the force at which the probe yields
@@ -65,7 +65,7 @@ def test_a_refused_value_is_written_back():
 
 def test_fields_rest_while_a_job_runs():
     gui, _, fields = built()
-    idle = picture()
+    idle = snapshot()
     fields.render(None, idle)
     assert not gui.find("number", "Force (N)").disabled
     fields.render(idle, replace(idle, job=SimpleNamespace(finished=False)))
@@ -75,7 +75,7 @@ def test_fields_rest_while_a_job_runs():
 
 def test_the_panel_of_the_scan_has_them():
     gui = FakeGui()
-    ScanPanel(gui, Recorder().door).render(None, picture())
+    ScanPanel(gui, Recorder().context).render(None, snapshot())
     assert gui.find("number", "Yield above (N)").value == 10.0
 
 

@@ -34,12 +34,13 @@ from rona_ui.panels.path.path import PathPanel
 from rona_ui.panels.path.path_graph import PathGraph, graph
 from rona_ui.panels.path.pattern import PatternControls
 from rona_ui.panels.smoothing import SmoothingPanel, told
-from rona_ui.panels.widgets.panel_context import Door
-from rona_ui.scene.colors import viridis
+from rona_ui.panels.widgets.panel_context import PanelContext
+from rona_ui.presentation.colors import viridis
+from rona_ui.presentation.snapshot import Snapshot
+from rona_ui.presentation.view_state import Preview, ViewState
 from rona_ui.scene.path import path as scene_path
 from rona_ui.scene.path.path_editing import EditLayer, point_at
-from rona_ui.scene.viser_nodes import Stage
-from rona_ui.view_state import Picture, Preview, ViewState
+from rona_ui.scene.viser_nodes import SceneNodes
 from tests.helpers.fake_gui import FakeClient, FakeGui
 
 FILE = Path(__file__).parents[2] / "contract" / "sessions" / "schema_1.rona"
@@ -63,12 +64,12 @@ class Recorder:
         self.sent: list[Any] = []
         self.settled: list[tuple[object, Any]] = []
         self.shown = view
-        self.door = Door(
+        self.context = PanelContext(
             send=lambda make, event: self.sent.append(make()),
-            send_settled=lambda key, make, event: self.settled.append((key, make())),
-            view=self._view,
+            send_debounced=lambda key, make, event: self.settled.append((key, make())),
+            change_view=self._view,
             service=lambda *_: None,
-            look=lambda *_: None,
+            set_camera=lambda *_: None,
         )
 
     def _view(self, change: Any) -> None:
@@ -91,8 +92,8 @@ class FakeScene:
         return add
 
 
-def picture(session: Session, view: ViewState = SMOOTHING, **parts: Any) -> Picture:
-    return Picture(session, view, step_states(session), LiveState(), **parts)
+def snapshot(session: Session, view: ViewState = SMOOTHING, **parts: Any) -> Snapshot:
+    return Snapshot(session, view, step_states(session), LiveState(), **parts)
 
 
 def corners(session: Session) -> np.ndarray:
@@ -110,28 +111,28 @@ def dragged(session: Session, tolerance_mm: float) -> ViewState:
 
 def test_dragging_the_bound_previews_and_letting_go_asks_for_the_fewest_points(smoothed) -> None:
     gui, recorder = FakeGui(), Recorder(SMOOTHING)
-    panel = SmoothingPanel(gui, recorder.door)
-    panel.render(None, picture(smoothed))
+    panel = SmoothingPanel(gui, recorder.context)
+    panel.render(None, snapshot(smoothed))
     slider = gui.find("slider", "Bound (mm)")
     slider.value = 2.5
     slider.happen(CLIENT)
     assert recorder.sent == []
     assert recorder.settled == [("tolerance", SmoothScanPath(tolerance_mm=2.5))]
-    now = picture(smoothed, recorder.shown)
+    now = snapshot(smoothed, recorder.shown)
     assert now.preview_mm == 2.5
     view = scene_path.shown_path(now)
     assert view is preview_path(smoothed, 2.5)
-    panel.render(picture(smoothed), now)
+    panel.render(snapshot(smoothed), now)
     assert f"about {len(view.corners_base)} of 121 points" in gui.html()
     done = handle(recorder.settled[0][1], smoothed)
-    assert picture(done, recorder.shown).preview_mm is None, "the result ends the preview"
-    assert scene_path.shown_path(picture(done, recorder.shown)).exact
+    assert snapshot(done, recorder.shown).preview_mm is None, "the result ends the preview"
+    assert scene_path.shown_path(snapshot(done, recorder.shown)).exact
 
 
 def test_our_own_writes_and_a_busy_program_start_no_preview(smoothed) -> None:
     gui, recorder = FakeGui(), Recorder(SMOOTHING)
-    panel = SmoothingPanel(gui, recorder.door)
-    panel.render(None, picture(handle(SmoothScanPath(tolerance_mm=3.0, metric="k2"), smoothed)))
+    panel = SmoothingPanel(gui, recorder.context)
+    panel.render(None, snapshot(handle(SmoothScanPath(tolerance_mm=3.0, metric="k2"), smoothed)))
     slider = gui.find("slider", "Bound (mm)")
     assert slider.value == 3.0, "fields follow the result, after undo as well"
     assert gui.find("dropdown", "Measure").value == "K2: RMS distance"
@@ -141,13 +142,13 @@ def test_our_own_writes_and_a_busy_program_start_no_preview(smoothed) -> None:
 
 
 def test_a_refused_message_ends_the_preview(smoothed) -> None:
-    assert picture(smoothed, dragged(smoothed, 2.0)).preview_mm == 2.0
-    assert picture(smoothed, dragged(smoothed, 2.0), refused=1).preview_mm is None
+    assert snapshot(smoothed, dragged(smoothed, 2.0)).preview_mm == 2.0
+    assert snapshot(smoothed, dragged(smoothed, 2.0), refused=1).preview_mm is None
 
 
 def test_the_panel_tells_counts_bound_deviations_radius_and_tilt(smoothed) -> None:
     gui = FakeGui()
-    SmoothingPanel(gui, Recorder(SMOOTHING).door).render(None, picture(smoothed))
+    SmoothingPanel(gui, Recorder(SMOOTHING).context).render(None, snapshot(smoothed))
     view = path_view(smoothed)
     html = gui.html()
     assert f"121 points became {len(view.corners_base)} (the fewest possible)" in html
@@ -157,7 +158,7 @@ def test_the_panel_tells_counts_bound_deviations_radius_and_tilt(smoothed) -> No
     assert "tilt tolerance" in html or "slower or denser" in html
     greedy = handle(SmoothScanPath(method="greedy"), smoothed)
     gui = FakeGui()
-    SmoothingPanel(gui, Recorder(SMOOTHING).door).render(None, picture(greedy))
+    SmoothingPanel(gui, Recorder(SMOOTHING).context).render(None, snapshot(greedy))
     assert (
         f"at least {greedy.results.smoothing.value.simplified.lower_bound} are needed" in gui.html()
     )
@@ -187,13 +188,13 @@ def test_a_drag_moves_a_point_and_shows_where_it_is_held(smoothed) -> None:
     view = replace(SMOOTHING, drawing="move")
     eye, ray = sight_of(smoothed, corners(smoothed)[4])
     view, command = point_at(smoothed, view, eye, ray, "start")
-    assert (view.grabbed, command) == (4, None)
+    assert (view.moved_point, command) == (4, None)
     _, onward = sight_of(smoothed, corners(smoothed)[4] + (2.0, 1.0, 0.0))
     view, command = point_at(smoothed, view, eye, onward, "update")
     assert command is None
-    assert view.ghost is not None
+    assert view.move_target is not None
     view, command = point_at(smoothed, view, eye, onward, "end")
-    assert (view.grabbed, view.ghost) == (None, None)
+    assert (view.moved_point, view.move_target) == (None, None)
     assert isinstance(command, MovePathPoint)
     assert command.index == 4
     after = handle(command, smoothed)
@@ -204,7 +205,7 @@ def test_a_drag_moves_a_point_and_shows_where_it_is_held(smoothed) -> None:
 def test_two_clicks_move_a_point_too(smoothed) -> None:
     view = replace(SMOOTHING, drawing="move")
     view, _ = point_at(smoothed, view, *sight_of(smoothed, corners(smoothed)[7]), "click")
-    assert view.grabbed == 7
+    assert view.moved_point == 7
     view, command = point_at(smoothed, view, *sight_of(smoothed, corners(smoothed)[8]), "click")
     assert isinstance(command, MovePathPoint)
     assert command.index == 7
@@ -239,15 +240,15 @@ def test_beside_path_and_surface_a_click_is_refused_with_words(smoothed) -> None
 
 def test_the_buttons_choose_what_a_click_means_and_forget(smoothed) -> None:
     gui, recorder = FakeGui(), Recorder(SMOOTHING)
-    panel = SmoothingPanel(gui, recorder.door)
-    panel.render(None, picture(smoothed))
+    panel = SmoothingPanel(gui, recorder.context)
+    panel.render(None, snapshot(smoothed))
     assert not gui.find("button", "Forget the changes").visible
     modes = gui.find("button_group", "By hand")
     modes.value = "Insert"
     modes.happen(CLIENT)
     assert recorder.shown.drawing == "insert"
     changed = handle(DeletePathPoint(5), smoothed)
-    panel.render(picture(smoothed), picture(changed, recorder.shown))
+    panel.render(snapshot(smoothed), snapshot(changed, recorder.shown))
     assert "Click the skull where the path shall pass" in gui.html()
     assert "1 by hand." in gui.html()
     gui.find("button", "Done").happen(CLIENT)
@@ -261,8 +262,8 @@ def test_the_buttons_choose_what_a_click_means_and_forget(smoothed) -> None:
 
 def test_a_pattern_takes_centre_and_boundary_that_were_clicked(smoothed) -> None:
     gui, recorder = FakeGui(), Recorder(ViewState(step="path"))
-    controls = PatternControls(gui, recorder.door)
-    controls.render(picture(smoothed, recorder.shown))
+    controls = PatternControls(gui, recorder.context)
+    controls.render(snapshot(smoothed, recorder.shown))
     gui.find("button", "Click the centre").happen(CLIENT)
     at = sight_of(smoothed, corners(smoothed)[9])
     recorder.shown, _ = point_at(smoothed, recorder.shown, *at, "click")
@@ -274,7 +275,7 @@ def test_a_pattern_takes_centre_and_boundary_that_were_clicked(smoothed) -> None
             recorder.shown, _ = point_at(smoothed, recorder.shown, *at, phase)
     assert len(recorder.shown.boundary) == 3
     gui.find("button", "Done").happen(CLIENT)
-    controls.render(picture(smoothed, recorder.shown))
+    controls.render(snapshot(smoothed, recorder.shown))
     assert "a boundary of 3 corners" in gui.html()
     gui.find("button", "Make the pattern").happen(CLIENT)
     (made,) = recorder.sent
@@ -287,7 +288,7 @@ def test_a_pattern_takes_centre_and_boundary_that_were_clicked(smoothed) -> None
 
 def test_without_a_surface_there_is_no_pattern() -> None:
     gui, recorder = FakeGui(), Recorder(ViewState(step="path"))
-    PatternControls(gui, recorder.door).render(picture(Session(), recorder.shown))
+    PatternControls(gui, recorder.context).render(snapshot(Session(), recorder.shown))
     assert gui.find("button", "Make the pattern").disabled
     assert "First sample the surface" in gui.html()
 
@@ -295,7 +296,7 @@ def test_without_a_surface_there_is_no_pattern() -> None:
 def test_the_path_step_says_that_it_is_a_pattern(smoothed) -> None:
     gui, view = FakeGui(), ViewState(step="path")
     made = handle(DrawPattern(), smoothed)
-    PathPanel(gui, Recorder(view).door).render(None, picture(made, view))
+    PathPanel(gui, Recorder(view).context).render(None, snapshot(made, view))
     assert "A pattern of" in gui.html()
 
 
@@ -320,18 +321,18 @@ def test_both_paths_stand_side_by_side_to_one_scale(smoothed) -> None:
     assert "Original: 121 points" in html
     gui = FakeGui()
     panel = PathGraph(gui)
-    panel.render(None, picture(Session()))
+    panel.render(None, snapshot(Session()))
     assert "appears here after step 6" in gui.html()
-    panel.render(picture(Session()), picture(smoothed))
+    panel.render(snapshot(Session()), snapshot(smoothed))
     assert gui.html() == html
 
 
 def drawn(session: Session, view: ViewState) -> dict[str, Any]:
     scene = FakeScene()
-    stage = Stage(scene)
+    nodes = SceneNodes(scene)
     layers = (scene_path.PathLayer, scene_path.AxesLayer, scene_path.WarningsLayer, EditLayer)
     for layer in layers:
-        layer(stage).render(None, picture(session, view))
+        layer(nodes).render(None, snapshot(session, view))
     return scene.nodes
 
 
@@ -372,7 +373,7 @@ def test_warned_places_are_marked_and_rest_while_the_bound_is_dragged(smoothed) 
 
 
 def test_the_point_that_is_held_and_the_boundary_are_drawn(smoothed) -> None:
-    view = replace(SMOOTHING, drawing="move", grabbed=3, ghost=(600.0, 50.0, 390.0))
+    view = replace(SMOOTHING, drawing="move", moved_point=3, move_target=(600.0, 50.0, 390.0))
     nodes = drawn(smoothed, view)
     np.testing.assert_allclose(
         nodes["/edit/grabbed"].points[0], corners(smoothed)[3] / 1000, atol=1e-6

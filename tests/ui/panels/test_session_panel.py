@@ -14,7 +14,7 @@ from rona_ui.panels.layout.question import Choice, Question
 from rona_ui.panels.layout.session import SessionPanel, head
 from rona_ui.window.browser import Browser
 from tests.helpers.fake_gui import FakeClient, FakeGui
-from tests.ui.panels.test_panels import CLIENT, Recorder, picture
+from tests.ui.panels.test_panels import CLIENT, Recorder, snapshot
 
 A, B = Session(id="a1", name="bone"), Session(id="b2", name="bone")
 OPENED = (("a1", "bone"), ("b2", "bone"))
@@ -22,9 +22,9 @@ OPENED = (("a1", "bone"), ("b2", "bone"))
 
 def panel(**parts: Any) -> tuple[FakeGui, Recorder]:
     gui, recorder = FakeGui(), Recorder()
-    shown = SessionPanel(gui, recorder.door)
+    shown = SessionPanel(gui, recorder.context)
     files = (Path("old+new.rona"),)
-    shown.render(None, picture(B, opened=OPENED, files=files, **parts))
+    shown.render(None, snapshot(B, opened=OPENED, files=files, **parts))
     return gui, recorder
 
 
@@ -96,7 +96,7 @@ def test_the_open_sessions_are_listed_and_one_is_chosen() -> None:
     ],
 )
 def test_the_head_says_how_the_session_stands(parts: dict[str, Any], words: str) -> None:
-    assert f">{words}</span>" in head(picture(A, **parts))
+    assert f">{words}</span>" in head(snapshot(A, **parts))
 
 
 @pytest.fixture

@@ -12,7 +12,7 @@ from rona_ui import labels
 from rona_ui.labels import DOING, STEP_OF, doing, in_words, label_of, note_label, place_of
 from rona_ui.panels.widgets.form import Form
 from rona_ui.viewer import bindings as bindings_module
-from rona_ui.viewer.bindings import SETTLE_S, Bindings, escape, tell
+from rona_ui.viewer.bindings import DEBOUNCE_S, Bindings, escape, tell
 from rona_ui.viewer.fields import Typed
 from tests.helpers.fake_gui import FakeClient, FakeGui
 
@@ -80,7 +80,7 @@ def test_messages_arrive_in_the_order_of_the_clicks(bindings: Bindings, bench: F
 
 def test_what_we_wrote_ourselves_sends_nothing(bindings: Bindings, bench: FakeBench) -> None:
     bindings.send(lambda: SetSeed(1), event(None))
-    bindings.send_settled("seed", lambda: SetSeed(2), event(None))
+    bindings.send_debounced("seed", lambda: SetSeed(2), event(None))
     bindings.call(lambda: bench.got.append("call"), event(None))
     bindings.stop(event(None))
     drain(bindings, FakeClient())
@@ -93,11 +93,11 @@ def test_a_field_that_is_being_dragged_sends_its_last_value_once(
 ) -> None:
     client = FakeClient()
     for seed in range(50):
-        bindings.send_settled("seed", lambda seed=seed: SetSeed(seed), event(client))
+        bindings.send_debounced("seed", lambda seed=seed: SetSeed(seed), event(client))
     assert bench.got == []
     end = time.monotonic() + 5.0
     while not bench.got and time.monotonic() < end:
-        time.sleep(SETTLE_S / 10)
+        time.sleep(DEBOUNCE_S / 10)
     drain(bindings, client)
     assert bench.got == [SetSeed(49)]
 
@@ -105,8 +105,8 @@ def test_a_field_that_is_being_dragged_sends_its_last_value_once(
 def test_what_was_typed_and_finished_need_not_settle(
     bindings: Bindings, bench: FakeBench, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(bindings_module, "SETTLE_S", 3600.0)
-    bindings.send_settled("seed", lambda: SetSeed(7), Typed(FakeClient(), None))
+    monkeypatch.setattr(bindings_module, "DEBOUNCE_S", 3600.0)
+    bindings.send_debounced("seed", lambda: SetSeed(7), Typed(FakeClient(), None))
     end = time.monotonic() + 5.0
     while not bench.got and time.monotonic() < end:
         time.sleep(0.01)
@@ -117,8 +117,8 @@ def test_a_click_comes_after_the_fields_that_were_changed_before_it(
     bindings: Bindings, bench: FakeBench
 ) -> None:
     client = FakeClient()
-    bindings.send_settled("seed", lambda: SetSeed(5), event(client))
-    bindings.send_settled("radius", lambda: SetRegion(radius_mm=30.0), event(client))
+    bindings.send_debounced("seed", lambda: SetSeed(5), event(client))
+    bindings.send_debounced("radius", lambda: SetRegion(radius_mm=30.0), event(client))
     bindings.send(lambda: RenameSession("after"), event(client))
     drain(bindings, client)
     assert bench.got == [SetSeed(5), SetRegion(radius_mm=30.0), RenameSession("after")]

@@ -16,8 +16,9 @@ import websockets.asyncio.client
 from rona_core.app.runtime.jobs import JobStatus
 from rona_core.compose import build_hub
 from rona_core.errors import InvalidInputError
+from rona_ui.presentation.snapshot import Snapshot
+from rona_ui.presentation.view_state import ViewState
 from rona_ui.server import ServerSettings, server_of
-from rona_ui.view_state import Picture, ViewState
 from rona_ui.viewer.gateway import ViewerGateway
 from rona_ui.window import window as window_module
 from rona_ui.window.browser import Browser
@@ -82,9 +83,9 @@ class FakeBrowser:
         FakeBrowser.building.set()
         FakeBrowser.hold.wait(10.0)
 
-    def draw(self, picture: Picture) -> None:
+    def draw(self, snapshot: Snapshot) -> None:
         self.pictures += 1
-        self.newest = picture
+        self.newest = snapshot
 
 
 @pytest.fixture

@@ -1,8 +1,6 @@
 """The picture of all rolls: a strip that says which work, and below it the map of path by roll."""
 
 import base64
-import struct
-import zlib
 from collections import Counter
 
 import numpy as np
@@ -10,7 +8,8 @@ from numpy.typing import NDArray
 
 from rona_core.app.steps.roll.view import RollStrip
 from rona_core.geometry.arrays import Floats
-from rona_ui.scene.colors import (
+from rona_ui.panels.widgets.image_slider import png
+from rona_ui.presentation.colors import (
     BLUE,
     GREEN,
     ORANGE,
@@ -121,21 +120,3 @@ def roll_image(strip: RollStrip) -> NDArray[np.uint8]:
     image = viridis(np.clip(strip.node_room / _top(strip), 0.0, 1.0))
     image[strip.node_room < 0.0] = VERMILLION
     return image
-
-
-def png(image: NDArray[np.uint8]) -> bytes:
-    """Return an image (h, w, 3) as a PNG file."""
-
-    def chunk(kind: bytes, data: bytes) -> bytes:
-        check = zlib.crc32(kind + data)
-        return struct.pack(">I", len(data)) + kind + data + struct.pack(">I", check)
-
-    height, width = image.shape[:2]
-    rows = np.concatenate((np.zeros((height, 1), np.uint8), image.reshape(height, -1)), axis=1)
-    header = struct.pack(">IIBBBBB", width, height, 8, 2, 0, 0, 0)
-    return (
-        b"\x89PNG\r\n\x1a\n"
-        + chunk(b"IHDR", header)
-        + chunk(b"IDAT", zlib.compress(rows.tobytes()))
-        + chunk(b"IEND", b"")
-    )
