@@ -12,7 +12,7 @@ from rona_ui.panels.widgets.panel_context import PanelContext, on_change, on_cli
 from rona_ui.presentation.snapshot import Snapshot
 from rona_ui.viewer.bindings import escape
 
-WHOSE = {"Robot's scan": False, "Scan by hand": True}
+WHOSE = {"Robot scan": False, "Handheld scan": True}
 LINES = (  # title, key of the figure, unit
     ("Outer boundary, RMS", "sono_outer_rms_mm", " mm"),
     ("Inner boundary, RMS", "sono_inner_rms_mm", " mm"),
@@ -28,22 +28,28 @@ class HandheldControls:
     def __init__(self, gui: Any, context: PanelContext) -> None:
         self._context = context
         start = StartSonoScan()
-        with gui.add_folder("Scan by hand (SonoPointer)", expand_by_default=False):
+        with gui.add_folder("Handheld scan (SonoPointer)", expand_by_default=False):
             gui.add_html(
                 style.text(
-                    "The same probe, tracked in the hand, makes the same maps without the robot."
+                    "The tracked probe in the hand produces the same maps without the robot."
                 )
             )
-            self._calibrate = gui.add_button("1. Calibrate the probe", icon="target", color="gray")
+            self._calibrate = gui.add_button("1. Calibrate probe", icon="target", color="gray")
             self._probe = gui.add_html("")
             form = self._form = Form(gui)
             form.number("duration_s", "Duration (s)", start.duration_s, 5.0, 600.0, 5.0)
             form.number(
-                "spacing_mm", "Lines (mm)", start.spacing_mm, 0.5, 10.0, 0.5, "Between two lines"
+                "spacing_mm",
+                "Line spacing (mm)",
+                start.spacing_mm,
+                0.5,
+                10.0,
+                0.5,
+                "Between two lines",
             )
-            self._scan = gui.add_button("2. Scan by hand", icon="hand-grab", color="gray")
+            self._scan = gui.add_button("2. Start handheld scan", icon="hand-grab", color="gray")
             self._heard = gui.add_html("")
-            self._map = gui.add_button("3. Map the scan by hand", icon="map", color="gray")
+            self._map = gui.add_button("3. Map handheld scan", icon="map", color="gray")
             self._maps = gui.add_html("")
             self._whose = gui.add_dropdown("Show maps of", tuple(WHOSE))
         on_click(self._calibrate, lambda e: context.send(StartSonoCalibration, e))
@@ -83,17 +89,19 @@ class HandheldControls:
 
 def _stale(name: str, session: Session) -> str:
     reason = stale_reason(name, session)
-    return "" if reason is None else style.note(f"Stale: {reason}. Do it again.", "warn")
+    return "" if reason is None else style.note(f"Stale: {reason}. Repeat this step.", "warn")
 
 
 def _probe(session: Session) -> str:
     made = session.results.sono
     if made is None:
-        return style.text("Pivots on a calibration point, then turns about its axis in a bush.")
+        return style.text(
+            "Pivots the probe on a calibration point, then rotates it about its axis in a bushing."
+        )
     found = made.value
     words = (
-        f"Face known to {found.face_sigma_mm:.2f} mm (random error), axis to "
-        f"{found.axis_sigma_deg:.2f} deg, from a turn of {found.spin_deg:.0f} deg."
+        f"Probe face σ {found.face_sigma_mm:.2f} mm, axis σ {found.axis_sigma_deg:.2f} deg "
+        f"(random errors), rotation of {found.spin_deg:.0f} deg."
     )
     if found.verdict != "good":
         return style.note(f"{words} {'; '.join(found.reasons)}.", "warn") + _stale("sono", session)
@@ -103,9 +111,9 @@ def _probe(session: Session) -> str:
 def _heard(session: Session) -> str:
     capture = session.captures.sono_scan
     if capture is None:
-        return style.text("With gel, upright, lightly pressed on.")
+        return style.text("Scan with gel, probe upright, light pressure.")
     seen = 100.0 * len(capture.marker.times_s) / max(capture.marker.n_frames, 1)
-    words = f"{len(capture.scans)} A-scans; the probe was seen in {seen:.0f} % of the frames."
+    words = f"{len(capture.scans)} A-scans; probe visible in {seen:.0f} % of the frames."
     return _stale("capture sono_scan", session) or style.text(words)
 
 

@@ -23,8 +23,8 @@ class PointerPanel(StepPanel):
     step = "pointer"
     activity = "StartPointerCapture"
     explanation = (
-        "The tip of the pointer rests in a dimple while the pointer is swung over a cone. "
-        "The wider the cone, the better the tip is known."
+        "The pointer tip rests in a dimple while the pointer pivots over a cone. A wider "
+        "cone determines the tip better."
     )
     start = "Pivot and calibrate"
 
@@ -34,7 +34,7 @@ class PointerPanel(StepPanel):
             "cone_deg", "Cone (deg)", StartPointerCapture().cone_deg, 1.0, 60.0, 1.0, "Half-angle"
         )
         self.form.number("duration_s", "Duration (s)", 15.0, 1.0, 120.0, 1.0)
-        self.form.choice("method", "Fit", METHODS, "ml")
+        self.form.choice("method", "Method", METHODS, "ml")
         self._by_hand = self.gui.add_button("Pivot by hand", icon="hand-grab", color="gray")
         self._help = self.gui.add_html("")
         self._finish = self.gui.add_button("Finish and calibrate", icon="check", visible=False)
@@ -67,8 +67,8 @@ class PointerPanel(StepPanel):
         words = ""
         if new.pivoting_by_hand:
             words = style.note(
-                "Drag the coloured arcs about the tip: the pointer turns with them. Tilt it in two "
-                "directions, then finish; at the end of the time that happens by itself."
+                "Drag the coloured handles to pivot the pointer. Tilt it in two directions, "
+                "then finish. The capture ends by itself after the set duration."
             )
         if self._help.content != words:
             self._help.content = words

@@ -6,7 +6,7 @@ from typing import Any, Literal
 from rona_core.app.steps.roll.margins_view import Quantity
 
 Point = tuple[float, float, float]
-Drawing = Literal["surface", "path", "center", "boundary", "move", "insert", "delete", "keep"]
+Drawing = Literal["surface", "path", "center", "boundary", "move", "insert", "delete", "pin"]
 CutDirection = Literal["off", "lengthwise", "crosswise"]
 
 # Layers of the scene that can be switched off: name -> what the surgeon reads
@@ -23,7 +23,7 @@ LAYERS = {
     "warnings": "Path warnings",
     "rolls": "Roll candidates",
     "obstacles": "Obstacles",
-    "places": "Base places",
+    "places": "Base poses",
     "scan": "Scan points",
     "outer": "Outer map",
     "inner": "Inner map",

@@ -215,9 +215,7 @@ class Window:
             return
         known = job.error_code in TITLES
         title = TITLES.get(job.error_code or "", "Internal error")
-        body = (
-            in_words(job.error) if known else "A defect in RONA; the server's log has the details."
-        )
+        body = in_words(job.error) if known else "Defect in RONA: see the server log."
         session = bench.session
         where = place_of(None, job.activity)
         self._refusals.add(session.id, len(session.log), where, title, body)

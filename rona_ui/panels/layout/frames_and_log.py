@@ -40,8 +40,8 @@ def frames_table(rows: tuple[FrameRow, ...]) -> str:
     """Return the transforms as a list: name, source and time, predicted error, pose."""
     body = "".join(_frame(number, row) for number, row in enumerate(rows, start=1))
     words = style.text(
-        "T_a_b is the pose of b in a: where its origin is, and its turn as a rotation vector. σ is "
-        "the predicted error, of T_base_tracker at the skull; nominal and live poses have none."
+        "T_a_b is the pose of frame b in frame a: origin and rotation vector. σ is the "
+        "predicted error (of T_base_tracker: at the skull); nominal and live poses have none."
     )
     return f'<div class="r-log" role="list">{body}</div>{words}'
 
@@ -51,7 +51,7 @@ def _frame(number: int, row: FrameRow) -> str:
     lines = [f"{number}. <b>{escape(row.name)}</b> <span>{escape(row.source + made)}</span>"]
     if not row.live:  # those change thirty times a second
         turn = _three(np.rad2deg(_rotvec(row.pose.wxyz())), 1)
-        lines.append(f"<span>at {_three(row.pose.translation, 2)} mm, turn {turn}°</span>")
+        lines.append(f"<span>at {_three(row.pose.translation, 2)} mm, rotation {turn}°</span>")
     if row.sigma_mm is not None:
         turn = "" if row.sigma_deg is None else f", {row.sigma_deg:.2g}°"
         lines.append(escape(f"σ {row.sigma_mm:.2f} mm{turn}"))

@@ -70,12 +70,12 @@ class ReplayPanel:
         if times is None:
             words = "The planned motion can be replayed after step 7."
         elif stale is not None:
-            words = f"The planned motion is stale, the robot is not drawn on it: {stale}."
+            words = f"The planned motion is stale and not shown: {stale}."
         elif shows_roll_preview(new):
             place = place_of_roll(new.session, new.view.shown_roll, new.view.place)
             words = (
-                f"Drawn: the roll that is looked at, at {100.0 * place:.0f} % of the path. "
-                f"Play shows the planned motion of {times[0]:.1f} s."
+                f"Shown: the selected roll at {100.0 * place:.0f} % of the path. Play runs "
+                f"the planned motion ({times[0]:.1f} s)."
             )
         elif cursor is None:
             words = f"Live. The planned motion takes {times[0]:.1f} s."

@@ -32,7 +32,7 @@ class StepTitle:
         if state.state == "blocked":
             html += style.note(f"Blocked: {state.reason}.", "warn")
         elif state.state == "stale":
-            again = "Do it again"
+            again = "Repeat this step"
             if state.blocked is not None:
                 again = state.blocked[:1].upper() + state.blocked[1:]
             html += style.note(f"Stale: {state.reason}. {again}.", "warn")
@@ -55,7 +55,7 @@ class RunBar:
         )
         self._next = gui.add_button("Next step", icon="arrow-right", color=GO_ON)
         self._back = gui.add_button(
-            "Draw the probe back", icon="arrow-back-up", color="gray", visible=False
+            "Retract probe", icon="arrow-back-up", color="gray", visible=False
         )
         on_click(self._start, self._run)
         on_click(self._back, lambda e: context.send(StartRetract, e))

@@ -27,7 +27,11 @@ class SessionHead:
             self._html.content = content
 
 
-COPIES: dict[CopyState, str] = {"none": "", "kept": ", copy kept", "failed": ", no room for a copy"}
+COPIES: dict[CopyState, str] = {
+    "none": "",
+    "kept": ", copy kept",
+    "failed": ", no space for a copy",
+}
 
 
 def head(snapshot: Snapshot) -> str:
@@ -55,19 +59,21 @@ class SessionPanel:
         with gui.add_folder("Session", expand_by_default=False):
             self._name = gui.add_text("Name", "")
             self._rename = gui.add_button("Rename", icon="pencil", color="gray")
-            hint = "Choose one to look at and work with"
+            hint = "Switch to another open session"
             self._opened = gui.add_dropdown("Open sessions", (NOTHING,), hint=hint)
-            self._close = gui.add_button("Close this session", icon="x", color="gray")
+            self._close = gui.add_button("Close session", icon="x", color="gray")
             self._file = gui.add_dropdown("File", (NOTHING,))
-            self._open = gui.add_button("Open the file", icon="folder-open", color="gray")
+            self._open = gui.add_button("Open file", icon="folder-open", color="gray")
             self._new = gui.add_button("New session", icon="plus", color="gray")
-            self._capture = gui.add_dropdown("Recording", (NOTHING,), hint="What the tracker saw")
+            self._capture = gui.add_dropdown(
+                "Recording", (NOTHING,), hint="Tracker recording of a capture"
+            )
             self._download = gui.add_button("Download .igs.mha", icon="download", color="gray")
         on_click(self._buttons, self._clicked)
         on_click(self._rename, lambda e: context.send(lambda: RenameSession(self._name.value), e))
         on_click(self._open, self._open_file)
         on_click(self._download, self._download_capture)
-        on_click(self._new, lambda e: self._leave("new", "begin a new session", e))
+        on_click(self._new, lambda e: self._leave("new", "start a new session", e))
         on_click(self._close, self._close_session)
         on_change(self._opened, self._show)
         commands: tuple[tuple[str, str | None, str | None, Callable[[Event], None]], ...] = (
@@ -75,7 +81,7 @@ class SessionPanel:
             ("Redo", "Z", "cmd/ctrl+shift", lambda event: context.send(Redo, event)),
             ("Save", "S", "cmd/ctrl", lambda event: context.service("save", event, None)),
             ("Stop the robot", None, None, lambda event: context.service("stop", event, None)),
-            ("Leave drawing", "escape", None, lambda event: context.service("escape", event, None)),
+            ("Exit drawing", "escape", None, lambda event: context.service("escape", event, None)),
         )
         for label, key, modifier, act in commands:
             self._command(gui, label, key, modifier, act)
@@ -120,11 +126,12 @@ class SessionPanel:
         key, name = shown.session.id, shown.session.name
         self._question.ask(
             f"Save “{name}” first?",
-            f"“{name}” has changes that are not saved. You are about to {words}. Without saving, "
-            f"“{name}” stays open in the background; Session, Open sessions leads back to it.",
+            f"“{name}” has unsaved changes. You are about to {words}. Without saving, "
+            f"“{name}” stays open in the background: return to it with Session, Open "
+            "sessions.",
             (
-                Choice("Save it first", lambda e: self._serve(f"save:{key}+{what}", e), "save"),
-                Choice("Keep it open, not saved", lambda e: self._serve(what, e)),
+                Choice("Save first", lambda e: self._serve(f"save:{key}+{what}", e), "save"),
+                Choice("Keep open, unsaved", lambda e: self._serve(what, e)),
             ),
         )
 
@@ -136,12 +143,12 @@ class SessionPanel:
         if not (shown.changes or shown.busy):
             self._serve(f"close:{key}", event)
             return
-        why = "has changes that are not saved" if shown.changes else "has a job under way"
-        loses = "its changes are gone" if shown.changes else "the job is cancelled"
+        why = "has unsaved changes" if shown.changes else "has a running job"
+        loses = "the changes are lost" if shown.changes else "the job is cancelled"
         save = Choice("Save and close", lambda e: self._serve(f"save:{key}+drop:{key}", e), "save")
         drop = Choice("Close without saving", lambda e: self._serve(f"drop:{key}", e), "lose")
         self._question.ask(
-            f"Close “{name}”?", f"“{name}” {why}. Closed as it is, {loses}.", (save, drop)
+            f"Close “{name}”?", f"“{name}” {why}. If you close it now, {loses}.", (save, drop)
         )
 
     def _serve(self, what: str, event: Any) -> None:

@@ -40,7 +40,7 @@ class ViewOptionsPanel:
             self._table = self._camera(gui, context, " ", TABLE)
             self._cut(gui, context)
             all_layers = gui.add_checkbox(
-                "All layers", False, hint="Also those that the active step does not need"
+                "All layers", False, hint="Also layers that the active step does not need"
             )
             on_change(
                 all_layers,
@@ -63,17 +63,25 @@ class ViewOptionsPanel:
         across = self._across = gui.add_dropdown(
             "Cut",
             tuple(CUTS),
-            hint="Cuts the drawn skull upright on the region: lengthwise from front to back, "
-            "crosswise at right angles to it",
+            hint=(
+                "Cuts the drawn skull perpendicular to the region: lengthwise from front to "
+                "back, or crosswise"
+            ),
         )
         at = self._at = gui.add_slider(
-            "Cut at (mm)", -REACH_MM, REACH_MM, 0.5, 0.0, visible=False, hint="From the centre"
+            "Cut offset (mm)",
+            -REACH_MM,
+            REACH_MM,
+            0.5,
+            0.0,
+            visible=False,
+            hint="From the centre of the region",
         )
         maps = self._maps = gui.add_checkbox(
-            "Cut the maps",
+            "Cut maps",
             False,
             visible=False,
-            hint="Also the maps of step 9, not the skull alone",
+            hint="Cuts the maps of step 9 as well",
         )
         self._key = gui.add_html(style.key(CUT_KEY), visible=False)
         on_change(

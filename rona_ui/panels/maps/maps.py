@@ -30,11 +30,11 @@ METHODS = {
     "Matched filter (as the paper)": "matched",
     "Threshold (as the paper)": "threshold",
 }
-SPEEDS = {"Calibrated, else published": "known", "As given below": "given"}
+SPEEDS = {"Calibrated, else published": "known", "Entered below": "given"}
 QUANTITIES = {
     "Bone thickness": "thickness",
-    "Height over the map's plane": "height",
-    "Expected error of the boundary": "sigma",
+    "Height above the map plane": "height",
+    "Expected boundary error": "sigma",
 }
 TITLES = {"thickness": "Bone thickness", "height": "Height", "sigma": "Expected error, 1 σ"}
 SHOWN = {
@@ -51,8 +51,8 @@ class MapsPanel(StepPanel):
 
     step = "maps"
     explanation = (
-        "Two echoes in every A-scan give the outer and the inner boundary of the bone. "
-        "Places that cannot be trusted are left out, never guessed."
+        "Detects the outer and inner bone boundary in each A-scan. Unreliable A-scans are "
+        "excluded from the maps."
     )
     start = "Map the boundaries"
 
@@ -65,15 +65,15 @@ class MapsPanel(StepPanel):
     def build(self) -> None:
         """Add the parameters and the choice of what is shown."""
         self.form.choice("method", "Detection", METHODS, "subtract")
-        self.form.choice("speed", "Bone speed", SPEEDS, "known")
-        self._given = self.gui.add_number("Bone (mm/µs)", 2.65, min=1.5, max=4.5, step=0.01)
-        self.form.number("cell_mm", "Cell (mm)", 1.0, 0.5, 5.0, 0.5)
-        with self.gui.add_folder("Speed of sound", expand_by_default=False):
+        self.form.choice("speed", "Speed of sound", SPEEDS, "known")
+        self._given = self.gui.add_number("Sound speed (mm/µs)", 2.65, min=1.5, max=4.5, step=0.01)
+        self.form.number("cell_mm", "Cell size (mm)", 1.0, 0.5, 5.0, 0.5)
+        with self.gui.add_folder("Sound speed calibration", expand_by_default=False):
             self._speed = SpeedFields(self.gui, self.context)
         self._shown = self.gui.add_dropdown("Show", tuple(SHOWN))
-        self._quantity = self.gui.add_dropdown("Colours", tuple(QUANTITIES))
+        self._quantity = self.gui.add_dropdown("Colour by", tuple(QUANTITIES))
         self._cut = self.gui.add_checkbox(
-            "Open the skull", True, hint="Takes the drawn bone away over the region"
+            "Cut-away window", True, hint="Hides the drawn bone over the region"
         )
         self._bar = self.gui.add_html("")
         self.form.on_change(self._changed)

@@ -16,8 +16,8 @@ from rona_ui.presentation.shown_path import shows_second_path, tilt_scale_max_de
 from rona_ui.presentation.snapshot import Snapshot
 
 EXPLANATION = (
-    "Where the inner table leans, its echo misses the upright probe. The robot goes there again "
-    "with the probe leaning towards it."
+    "Where the inner table is inclined, its echo misses the probe. The robot scans these "
+    "gaps again with the probe tilted."
 )
 
 
@@ -33,18 +33,19 @@ class SecondFolder:
             gui.add_html(style.text(EXPLANATION))
             self._words = gui.add_html("")
             self._plan = gui.add_button("Plan second pass", icon="route")
-            self._scan = gui.add_button("Scan the gaps", icon="player-play")
-            self._map = gui.add_button("Map with the second pass", icon="map", visible=False)
-            with gui.add_folder("Rows and lean", expand_by_default=False):
+            self._scan = gui.add_button("Scan gaps", icon="player-play")
+            self._map = gui.add_button("Map with second pass", icon="map", visible=False)
+            with gui.add_folder("Row spacing and tilt", expand_by_default=False):
                 form, plan = self._form, StartSecondPlan()
-                form.number("spacing_mm", "Rows (mm)", plan.spacing_mm, 0.5, 5.0, 0.5)
+                form.number("spacing_mm", "Row spacing (mm)", plan.spacing_mm, 0.5, 5.0, 0.5)
                 form.number(
-                    "fan", "Fan", plan.fan, 0.0, 0.5, 0.05,
-                    "By how much the slope that neighbouring rows expect differs (mm per mm)",
+                    "fan", "Slope spread", plan.fan, 0.0, 0.5, 0.05,
+                    "Difference of the expected inner-table slope between neighbouring rows "
+                    "(mm/mm)",
                 )  # fmt: skip
                 form.number(
-                    "largest_lean_deg", "Most lean (deg)", plan.largest_lean_deg, 0.5, 15.0, 0.5,
-                    "Beyond about 6 degrees the face of the probe loses its contact",
+                    "largest_lean_deg", "Max. tilt (deg)", plan.largest_lean_deg, 0.5, 15.0, 0.5,
+                    "Above about 6° the probe face loses contact",
                 )  # fmt: skip
         on_click(self._plan, lambda e: self._send(context, self.message, e))
         on_click(self._scan, lambda e: self._send(context, StartSecondScan, e))
@@ -76,7 +77,7 @@ class SecondFolder:
         self._scan.disabled = new.busy or not ready
         scanned = usable_second(new.session) is not None
         self._plan.label = "Plan second pass again" if view is not None else "Plan second pass"
-        self._scan.label = "Scan the gaps again" if scanned else "Scan the gaps"
+        self._scan.label = "Scan gaps again" if scanned else "Scan gaps"
         self._plan.color = "gray" if ready else None
         self._scan.color = "gray" if scanned else None
         self._map.visible = scanned and second_cells(new.session) is None
@@ -91,30 +92,33 @@ def words(snapshot: Snapshot, view: SecondView | None, scanned: bool) -> str:
     session, html = snapshot.session, stopped_note(snapshot, "StartSecondScan")
     if view is not None:
         told = (
-            f"Gaps: {100 * view.gap_share:.0f} % of the map. Path of {view.length_mm:.0f} mm, the "
-            f"probe leans up to {view.lean_deg.max(initial=0.0):.1f}°"
+            f"Gaps: {100 * view.gap_share:.0f} % of the map. Path of {view.length_mm:.0f} "
+            f"mm, probe tilt up to {view.lean_deg.max(initial=0.0):.1f}°"
         )
         if view.blocked is not None:
-            html += style.note(f"{told}. It cannot be scanned: {view.blocked}.", "warn")
+            html += style.note(f"{told}. Cannot be scanned: {view.blocked}.", "warn")
         elif view.stale is not None and not scanned:
-            html += style.note(f"{told}. Stale: {view.stale}. Plan it again.", "warn")
+            html += style.note(f"{told}. Stale: {view.stale}. Plan again.", "warn")
         else:
-            html += style.note(f"{told}; it takes {view.duration_s or 0.0:.0f} s.")
+            html += style.note(f"{told}, duration {view.duration_s or 0.0:.0f} s.")
         if shows_second_path(snapshot):
-            html += lean_bar(view) + style.key(((css(SKY), "its path"),))
+            html += lean_bar(view) + style.key(((css(SKY), "second path"),))
     capture = session.captures.second
     if capture is None:
         return html
     if not scanned:
-        return html + style.note("What was scanned of the gaps belongs to another scan.", "warn")
+        return html + style.note(
+            "The gap scan belongs to another scan. Scan the gaps again.", "warn"
+        )
     cells = second_cells(session)
     if cells is None:
         return html + style.note(
             f"{len(capture.scans)} A-scans of the gaps recorded. Map the boundaries with them."
         )
     return html + style.note(
-        f"Inner coverage {100 * cells.before:.0f} % before, {100 * cells.after:.0f} % with the "
-        f"second pass ({len(capture.scans)} A-scans). White dots: cells that only it saw.",
+        f"Inner coverage {100 * cells.before:.0f} % before, {100 * cells.after:.0f} % with "
+        f"the second pass ({len(capture.scans)} A-scans). White dots: cells seen only by the "
+        "second pass.",
         "good",
     )
 

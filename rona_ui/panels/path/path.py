@@ -17,10 +17,10 @@ class PathPanel(StepPanel):
     step = "path"
     activity = "StartPathCapture"
     explanation = (
-        "The pointer shows where the probe shall go: a meander over the region, or the line you "
-        "draw on the skull. Or it is a pattern on the measured surface."
+        "The pointer demonstrates the scan path: a raster over the region, or a line you "
+        "draw on the skull. Or generate a pattern on the measured surface."
     )
-    start = "Demonstrate a meander"
+    start = "Record raster path"
 
     def build(self) -> None:
         """Add duration, spacing, drawing."""
@@ -51,5 +51,5 @@ class PathPanel(StepPanel):
             return ""
         count = len(derived.value.points_base)
         if derived.message == "DrawPattern":
-            return style.note(f"A pattern of {count} points (orange line).", "good")
-        return style.note(f"{count} points demonstrated (orange line).", "good")
+            return style.note(f"Pattern of {count} points (orange line).", "good")
+        return style.note(f"Demonstrated path of {count} points (orange line).", "good")

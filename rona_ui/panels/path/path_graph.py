@@ -13,7 +13,7 @@ from rona_ui.presentation.snapshot import Snapshot
 
 WIDTH, HEIGHT, MARGIN = 170.0, 190.0, 8.0  # of one graph, in pixels
 MOST_DOTS = 900  # drawn of the original
-EMPTY = "The path appears here after step 6, beside the demonstrated one."
+EMPTY = "The demonstrated and the simplified path appear here after step 6."
 
 
 class PathGraph:
@@ -64,7 +64,7 @@ def graph(view: PathView) -> str:
         f"{_ruler(scale)}</svg></div>"
         f'<div class="r-ticks"><span>Original: {len(view.raw_patch)} points</span>'
         f"<span>Smoothed: {about}{len(view.corners_base)} points</span></div>"
-        + bar("Distance of the original from the smoothed path (mm)", view.tolerance_mm, "≥ ")
+        + bar("Deviation of the original from the smoothed path (mm)", view.tolerance_mm, "≥ ")
     )
 
 

@@ -195,5 +195,5 @@ def _joint_words(curves: JointCurves) -> str:
             "Shaded: beyond the joint limits."
         )
     if not curves.feasible:
-        words += " Dashed: where it fails first; dots: everywhere that the robot cannot follow."
+        words += " Dashed: first failure. Dots: all infeasible places."
     return style.key(names) + style.text(words)

@@ -14,15 +14,15 @@ from rona_ui.presentation.snapshot import Snapshot
 from rona_ui.viewer.bindings import escape
 
 QUANTITIES: dict[str, Quantity] = {
-    "Room, least of all": "room",
+    "Smallest margin": "room",
     "Joint limits": "limits",
     "Singularities": "singularity",
     "Collisions": "clearance",
 }
 UNITS: dict[Quantity, str] = {
-    "room": "Room to limits, singularities, jumps and reach (1 is comfortable)",
+    "room": "Margin to limits, singularities, jumps and reach (1 is comfortable)",
     "limits": "Distance from the nearest joint limit (°)",
-    "singularity": "Room to the nearest singularity (1 is comfortable)",
+    "singularity": "Margin to the nearest singularity (1 is comfortable)",
     "clearance": "Clearance of robot, tool and obstacles (mm)",
 }
 DECIMALS: dict[Quantity, int] = {"room": 1, "limits": 0, "singularity": 1, "clearance": 0}
@@ -74,14 +74,14 @@ def bar(found: PathMargins, quantity: Quantity) -> str:
     more = "≥ " if float(values.max(initial=0.0)) > top else ""
     ticks = f"<span>0</span><span>{0.5 * top:.{decimals}f}</span>"
     least = float(values.min())
-    words = f"Least along the path: {least:.{max(decimals, 1)}f}."
+    words = f"Minimum along the path: {least:.{max(decimals, 1)}f}."
     if fails.any():
         part = 100.0 * float(fails.mean())
         words += f" Red on {max(part, 1.0):.0f} % of the path: not allowed."
     closest = Nearness(*found.closest, found.closest_mm, found.needed_mm)
     if quantity == "clearance":
         share = 100.0 * found.closest_at / max(len(values) - 1, 1)
-        words += f" Least to spare: {closest.sentence} (at {share:.0f} %)."
+        words += f" Closest: {closest.sentence} (at {share:.0f} %)."
     return (
         f'<div class="r-text" style="padding-bottom:2px">{escape(UNITS[quantity])}</div>'
         '<div style="display:flex;margin:0 12px;gap:4px">'

@@ -15,7 +15,7 @@ from rona_ui.presentation.colors import GREEN, VERMILLION, YELLOW, css
 from rona_ui.presentation.snapshot import Snapshot
 from rona_ui.presentation.view_state import ViewState
 
-CHOICES = {"Most room": "best", "First that works (as the paper)": "first"}
+CHOICES = {"Largest margin": "best", "First feasible (as the paper)": "first"}
 MODES = {"Constant, else varying": "auto", "Constant": "constant", "Varying": "variable"}
 
 
@@ -24,10 +24,10 @@ class RollPanel(StepPanel):
 
     step = "roll"
     explanation = (
-        "Every roll is tried along the whole path: reach, joint limits, singularities and jumps. "
-        "The chosen one is timed and checked by an independent verifier."
+        "Evaluates each roll angle along the path (reach, joint limits, singularities, "
+        "continuity). The selected plan is time-parameterised and verified independently."
     )
-    start = "Search the roll"
+    start = "Plan motion"
 
     def __init__(self, gui: Any, context: PanelContext) -> None:
         super().__init__(gui, context)
@@ -36,13 +36,13 @@ class RollPanel(StepPanel):
 
     def build(self) -> None:
         """Add the range."""
-        self.form.number("n_rolls", "Rolls", 72, 1, 720, 1)
+        self.form.number("n_rolls", "Roll angles", 72, 1, 720, 1)
         self.form.number("roll_from_deg", "From (deg)", 0.0, -360.0, 360.0, 5.0)
         self.form.number("roll_to_deg", "To (deg)", 360.0, -355.0, 720.0, 5.0)
-        self.form.choice("choice", "Choose", CHOICES, "best")
-        self.form.choice("mode", "Roll", MODES, "auto")
+        self.form.choice("choice", "Select by", CHOICES, "best")
+        self.form.choice("mode", "Roll mode", MODES, "auto")
         seen = self._obstacles = self.gui.add_checkbox(
-            "Obstacles", False, hint="What robot and tool keep away from, drawn faintly"
+            "Show obstacles", False, hint="Draws the obstacles of robot and tool"
         )
         on_change(
             seen, lambda e: self.context.change_view(lambda v: _with_obstacles(v, seen.value))
@@ -71,12 +71,12 @@ class RollPanel(StepPanel):
             view = certificate_view(snapshot.session)
             certified = view is not None and view.certified
             varies = plan.mode == "variable"
-            turned = f"varying over {plan.roll_variation_deg:.0f}°"
+            turned = f"a roll varying over {plan.roll_variation_deg:.0f}°"
             chosen = turned if varies else f"{plan.verdicts[plan.chosen].roll_deg:.0f}°"
             first = style.note(
-                f"{works} of {len(plan.verdicts)} rolls work; {chosen} chosen, motion of "
-                f"{plan.trajectory.times_s[-1]:.1f} s. The verifier "
-                + ("certifies the motion." if certified else "refuses the motion."),
+                f"{works} of {len(plan.verdicts)} roll angles feasible. Selected {chosen}, "
+                f"duration {plan.trajectory.times_s[-1]:.1f} s, "
+                + ("verified." if certified else "refused by the verifier."),
                 "good" if certified else "warn",
             )
             if view is not None and not certified:
@@ -85,7 +85,7 @@ class RollPanel(StepPanel):
         second = ""
         if curves is not None and not curves.feasible:
             second = style.note(curves.sentence[:1].upper() + curves.sentence[1:], "warn")
-        legend = ((css(GREEN), "works"), (css(VERMILLION), "fails"), (css(YELLOW), "shown"))
+        legend = ((css(GREEN), "feasible"), (css(VERMILLION), "infeasible"), (css(YELLOW), "shown"))
         return first + second + style.key(legend)
 
 

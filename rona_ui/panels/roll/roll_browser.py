@@ -24,10 +24,10 @@ from rona_ui.panels.widgets.panel_context import PanelContext, on_change, on_cli
 from rona_ui.presentation.snapshot import Snapshot
 
 HEIGHT_PX = 190
-NOTHING = "The map of rolls appears after step 7."
+NOTHING = "The roll map appears after step 7."
 WORDS = (
-    "Across: roll. Down: along the path. Click or drag to look at a roll; one that works is "
-    "planned and verified."
+    "Across: roll angle. Down: position along the path. Click or drag to select a roll; a "
+    "feasible one is planned and verified."
 )
 
 
@@ -42,10 +42,16 @@ class RollsPanel:
         self._slider: Any = None
         self._remark = gui.add_html("")
         self._back = gui.add_button(
-            "Show the chosen roll", icon="arrow-back-up", color="gray", visible=False
+            "Show selected roll", icon="arrow-back-up", color="gray", visible=False
         )
         self._place = gui.add_slider(
-            "Place (%)", 0.0, 100.0, 0.5, 50.0, visible=False, hint="Of the path, for a look at it"
+            "Path position (%)",
+            0.0,
+            100.0,
+            0.5,
+            50.0,
+            visible=False,
+            hint="Where along the path the robot is shown",
         )
         self._legend = gui.add_html("")
         self._margins = MarginControls(gui, context)
@@ -142,7 +148,7 @@ def remark(snapshot: Snapshot) -> str:
         return ""
     words = curves.sentence[:1].upper() + curves.sentence[1:]
     if not curves.feasible and curves.worst_joint:
-        words += f". Red in the scene: that place, and what joint {curves.worst_joint} carries"
+        words += f". Red in the scene: this place, and the links after joint {curves.worst_joint}"
     if snapshot.step("roll").state == "stale":
-        return style.note(f"{words}. Stale: search the roll again.", "warn")
+        return style.note(f"{words}. Stale: plan again.", "warn")
     return style.note(words, "good" if curves.feasible else "warn")

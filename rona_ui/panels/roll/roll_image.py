@@ -25,14 +25,14 @@ from rona_ui.presentation.colors import (
 from rona_ui.viewer.bindings import escape
 
 REASONS: dict[str, tuple[str, Rgb]] = {  # reason of a verdict -> words, colour in the strip
-    "none": ("works", GREEN),
+    "none": ("feasible", GREEN),
     "limit": ("joint limit", VERMILLION),
     "reach": ("out of reach", PURPLE),
     "singularity": ("singularity", ORANGE),
-    "jump": ("jump of a joint", BLUE),
+    "jump": ("joint jump", BLUE),
     "blocked": ("collision", SKY),
-    "roll rate": ("turns too fast", SKY),
-    "no way": ("no way there or back", YELLOW),
+    "roll rate": ("roll rate", SKY),
+    "no way": ("no approach or retract", YELLOW),
 }
 STRIP, GAP, MAP = 80.0, 20.0, 1000.0  # heights in the picture
 WIDE = 10.0  # of a roll in the picture
@@ -97,12 +97,12 @@ def legend(strip: RollStrip) -> str:
         if counts[reason]
     ]
     map_key = [
-        (viridis_css(), "width:44px;", f"room, 0 to {_top(strip):.1f}"),
-        (css(VERMILLION), "", "no room"),
-        ("#fff;border:1px solid #52606d", "height:4px;", "fails first"),
+        (viridis_css(), "width:44px;", f"margin, 0 to {_top(strip):.1f}"),
+        (css(VERMILLION), "", "no margin"),
+        ("#fff;border:1px solid #52606d", "height:4px;", "first failure"),
     ]
     if len(strip.curve_deg):
-        map_key.append(("#1f2933", "width:3px;", "chosen roll"))
+        map_key.append(("#1f2933", "width:3px;", "selected roll"))
     spans = "".join(
         f'<span><i style="{size}background:{color}"></i>{escape(words)}</span>'
         for color, size, words in (*entries, *map_key)

@@ -21,7 +21,9 @@ class RollRanking:
         self._ways: tuple[RankedWay, ...] = ()
         self._folder = gui.add_folder("Ranking", expand_by_default=False, visible=False)
         with self._folder:
-            self._choice = gui.add_dropdown("Take", ("–",), hint="Plans and verifies this one")
+            self._choice = gui.add_dropdown(
+                "Use", ("–",), hint="Plans and verifies this configuration"
+            )
             self._table = gui.add_html("")
 
         def take(event: Any) -> None:
@@ -54,7 +56,7 @@ def _plan_shown(view: ViewState) -> ViewState:
 
 def name_of(number: int, way: RankedWay) -> str:
     """Return what the choice says of a way."""
-    return f"{number}: {way.roll_deg:.0f}°, room {way.margin:.2f}"
+    return f"{number}: {way.roll_deg:.0f}°, margin {way.margin:.2f}"
 
 
 def table(ways: tuple[RankedWay, ...]) -> str:
@@ -68,10 +70,14 @@ def table(ways: tuple[RankedWay, ...]) -> str:
             f'<tr><td class="n">{number}{mark}</td><td class="n">{way.roll_deg:.0f}°</td>'
             f'<td>{escape(way.label)}</td><td class="n">{way.margin:.2f}</td></tr>'
         )
-    head = '<tr><th class="n">#</th><th class="n">Roll</th><th>Arm</th><th class="n">Room</th></tr>'
+    head = (
+        '<tr><th class="n">#</th><th class="n">Roll</th><th>Arm</th><th class="n">Margin</th></tr>'
+    )
     return (
         f'<table class="r-table">{head}{rows}</table>'
-        + style.text("Room: least distance from limits, singularities and jumps along the path.")
+        + style.text(
+            "Margin: smallest distance from limits, singularities and jumps along the path."
+        )
         if ways
         else ""
     )

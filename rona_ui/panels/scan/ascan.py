@@ -17,10 +17,10 @@ from rona_ui.presentation.view_state import ViewState
 SCANS: dict[str, ScanName] = {
     "First pass": "first",
     "Second pass": "second",
-    "Scan by hand": "hand",
+    "Handheld scan": "hand",
 }
-BARS = "Bars along the bottom: where each boundary is looked for. Drag across to zoom."
-NOTHING = "A-scans appear with the scan, step 8, or with the scan by hand, step 9."
+BARS = "Bars at the bottom: search gates of the boundaries. Drag to zoom."
+NOTHING = "A-scans appear with a scan (step 8) or a handheld scan (step 9)."
 
 
 def shown_scans(snapshot: Snapshot) -> tuple[str, ...]:
@@ -115,7 +115,7 @@ class AScanPanel:
                 SERIES,
                 bands=BANDS,
                 scales={"x": {"time": False, "range": extent}, "y": {"range": (LOW, HIGH)}},
-                axes=(axis("time (µs)"), axis("share of the largest")),
+                axes=(axis("time (µs)"), axis("normalised amplitude")),
                 legend={"show": False},
                 cursor={"drag": {"x": True, "y": False}},
                 height=210,

@@ -58,7 +58,7 @@ class ScanSlider:
             "Show",
             tuple(PARTS),
             visible=False,
-            hint="Echoes along the path, bright ones grey to white; a click jumps to an A-scan",
+            hint="Echo level along the path. Click to go to an A-scan",
         )
         self._sheet = gui.add_html("")
         self._folder = gui.add_folder(None, visible=False)

@@ -21,16 +21,23 @@ class ContactFields:
     def __init__(self, gui: Any, context: PanelContext) -> None:
         self._context = context
         form = self._form = Form(gui)
-        form.tick("pressed", "Press the probe on", True, "Off: driven by position alone")
-        form.number("force_n", "Force (N)", STANDARD.force_n, 0.5, 8.0, 0.5, "Along the tool axis")
-        with gui.add_folder("Limits of the contact", expand_by_default=False):
-            form.number("travel_mm", "Correction (mm)", STANDARD.travel_mm, 1.0, 10.0, 0.5)
-            form.number("monitor_n", "Yield above (N)", STANDARD.monitor_n, 1.5, 30.0, 0.5)
-            form.number("stop_n", "Stop above (N)", STANDARD.stop_n, 2.5, 50.0, 0.5)
+        form.tick("pressed", "Force control", True, "Off: position control only")
+        form.number(
+            "force_n", "Contact force (N)", STANDARD.force_n, 0.5, 8.0, 0.5, "Along the tool axis"
+        )
+        with gui.add_folder("Contact limits", expand_by_default=False):
+            form.number("travel_mm", "Max. correction (mm)", STANDARD.travel_mm, 1.0, 10.0, 0.5)
+            form.number("monitor_n", "Soft force limit (N)", STANDARD.monitor_n, 1.5, 30.0, 0.5)
+            form.number("stop_n", "Hard force limit (N)", STANDARD.stop_n, 2.5, 50.0, 0.5)
             form.number(
-                "approach_mm_per_s", "Touch down (mm/s)", STANDARD.approach_mm_per_s, 0.2, 10.0, 0.2
+                "approach_mm_per_s",
+                "Approach speed (mm/s)",
+                STANDARD.approach_mm_per_s,
+                0.2,
+                10.0,
+                0.2,
             )
-            form.number("period_ms", "Control every (ms)", STANDARD.period_ms, 1.0, 50.0, 1.0)
+            form.number("period_ms", "Control period (ms)", STANDARD.period_ms, 1.0, 50.0, 1.0)
             form.number("delay_ms", "Robot delay (ms)", STANDARD.delay_ms, 0.0, 200.0, 1.0)
             form.number("lag_ms", "Robot lag (ms)", STANDARD.lag_ms, 1.0, 200.0, 1.0)
         form.on_change(self._changed)

@@ -21,7 +21,7 @@ FILLS = {  # state -> colour of its background
     "retract": "rgba(138,151,165,0.25)",
     "stopped": "rgba(176,0,32,0.35)",
 }
-EMPTY = "The force appears with the scan, step 8."
+EMPTY = "The force appears during the scan (step 8)."
 LEAST_N = 1.5  # above the set point, that the graph shows
 
 
@@ -30,7 +30,7 @@ class ForcePanel:
 
     def __init__(self, gui: Any, context: PanelContext) -> None:
         self._gui = gui
-        self._across = gui.add_dropdown("Over", tuple(ACROSS))
+        self._across = gui.add_dropdown("Horizontal axis", tuple(ACROSS))
         self._words = gui.add_html(style.text(EMPTY))
         self._folder = gui.add_folder(None)
         self._plot: Any = None
@@ -94,7 +94,7 @@ class ForcePanel:
                     {"label": curve.axis},
                     *states,
                     {"label": "set point", "stroke": css(GREEN), "width": 1, **line},
-                    {"label": "yield", **limit},
+                    {"label": "soft limit", **limit},
                     {"label": "stop", **limit},
                     {"label": "force", "stroke": css(CATEGORIES[0]), "width": 1.5, **line},
                 ),
@@ -145,7 +145,7 @@ def force_data(curve: ForceCurve) -> tuple[Floats, ...]:
 def force_key(curve: ForceCurve) -> tuple[tuple[str, str], ...]:
     """Return colours and words of what is to be seen."""
     high_n = graph_frame(curve).high_n
-    limits = ((curve.monitor_n, "yields above"), (curve.stop_n, "stops above"))
+    limits = ((curve.monitor_n, "soft limit"), (curve.stop_n, "hard limit"))
     words = ", ".join(f"{word} {at:.0f} N" for at, word in limits if at is not None and at < high_n)
     seen = [(css(CATEGORIES[0]), "force"), (css(GREEN), "set point")]
     seen += [(css(VERMILLION), words)] if words else []

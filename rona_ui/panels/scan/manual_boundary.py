@@ -11,8 +11,8 @@ from rona_ui.presentation.snapshot import Snapshot
 
 BOUNDARIES = {"Inner boundary": "inner", "Outer boundary": "outer"}
 EXPLANATION = (
-    "Drag the black line to the echo, then set it. The maps become stale; map them again. Ctrl+Z "
-    "takes a correction back."
+    "Drag the black line to the echo, then set the boundary. The maps become stale: map "
+    "again. Undo with Ctrl+Z."
 )
 
 
@@ -27,13 +27,13 @@ class ManualBoundaryControls:
         self._window = gui.add_folder("Correct by hand", expand_by_default=False, visible=False)
         with self._window:
             gui.add_html(style.text(EXPLANATION))
-            self._which = gui.add_dropdown("Which", tuple(BOUNDARIES))
-            self._at = gui.add_slider("At (µs)", 0.0, 60.0, 0.01, 0.0)
-            self._set = gui.add_button("Set here", icon="check")
-            self._other = gui.add_button("Take the other echo", icon="switch-horizontal")
-            self._remove = gui.add_button("Take this boundary away", icon="x", color="gray")
-            self._back = gui.add_button("This A-scan as detected", icon="arrow-back", color="gray")
-            self._clear = gui.add_button("All as detected", icon="trash", color="gray")
+            self._which = gui.add_dropdown("Boundary", tuple(BOUNDARIES))
+            self._at = gui.add_slider("Time (µs)", 0.0, 60.0, 0.01, 0.0)
+            self._set = gui.add_button("Set boundary", icon="check")
+            self._other = gui.add_button("Use other echo", icon="switch-horizontal")
+            self._remove = gui.add_button("Delete boundary", icon="x", color="gray")
+            self._back = gui.add_button("Reset this A-scan", icon="arrow-back", color="gray")
+            self._clear = gui.add_button("Reset all A-scans", icon="trash", color="gray")
             self._words = gui.add_html("")
         on_change(self._at, self._hold)
         on_change(self._which, lambda e: self._let_go())
@@ -96,7 +96,7 @@ class ManualBoundaryControls:
         self._back.visible = plot.by_hand
         count = len(new.session.boundary_edits)
         self._clear.visible = count > 0
-        words = "" if not count else f"{count} corrected by hand in all."
+        words = "" if not count else f"{count} corrected by hand in total."
         self._words.content = style.text(words) if words else ""
         self._follow(new.view.dragged_boundary)
 

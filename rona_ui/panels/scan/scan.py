@@ -16,8 +16,8 @@ class ScanPanel(StepPanel):
     step = "scan"
     activity = "StartScan"
     explanation = (
-        "The robot follows the certified plan and the probe records A-scans. Stop (key Esc) halts "
-        "the robot at once; what was recorded is kept."
+        "The robot executes the verified plan while the probe records A-scans. Stop (Esc) "
+        "halts the robot at once; recorded data are kept."
     )
     start = "Scan"
 
@@ -41,7 +41,7 @@ class ScanPanel(StepPanel):
         words = f"{len(capture.scans)} A-scans in {_span_s(capture):.1f} s."
         pressed = contact_note(snapshot.session)
         if capture.partial:
-            words += " Stopped early: start the scan again, or the maps cover only this part."
+            words += " Stopped early: scan again, or the maps cover only this part."
             return style.note(words, "warn") + pressed
         legend = (
             (css(SKY), "recorded"),

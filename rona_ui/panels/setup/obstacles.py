@@ -13,12 +13,12 @@ from rona_ui.panels.widgets.panel_context import PanelContext, on_change, on_cli
 from rona_ui.presentation.snapshot import Snapshot
 from rona_ui.viewer.bindings import Event, escape
 
-NEW = "A new one"
+NEW = "New obstacle"
 FIRST = RoomBox("cupboard", (300.0, 1000.0, 300.0), (600.0, 300.0, 1400.0))  # fields offer it
 LAYER = frozenset(("obstacles",))
 EXPLANATION = (
-    "The robot keeps away from head, table, floor and tracker, and from what you add here. Places "
-    "are in mm from the robot base as it stood at first: x forward, y to its left, z up."
+    "The robot keeps clear of head, table, floor, tracker and the obstacles you add. "
+    "Positions are in mm from the initial robot base: x forward, y left, z up."
 )
 
 
@@ -31,20 +31,20 @@ class WorkcellFields:
         gui.add_html(style.text(EXPLANATION))
         self._list = gui.add_html("")
         self._seen = gui.add_checkbox(
-            "Show all", False, hint="The layer Obstacles of the scene, table and head too"
+            "Show all", False, hint="Shows all obstacles in the scene, with table and head"
         )
         self._which = gui.add_dropdown("Obstacle", (NEW,))
         self._name = gui.add_text("Name", FIRST.name)
         self._box = Form(gui)
-        self._box.vector("center_mm", "Middle (mm)", FIRST.center_mm, "x, y, z in the room")
+        self._box.vector("center_mm", "Centre (mm)", FIRST.center_mm, "x, y, z in the work cell")
         self._box.vector("size_mm", "Size (mm)", FIRST.size_mm, "Along its own x, y and z")
         self._box.number(
-            "turn_deg", "Turned by (deg)", 0.0, -180.0, 180.0, 5.0, "About the vertical"
+            "turn_deg", "Rotation (deg)", 0.0, -180.0, 180.0, 5.0, "About the vertical"
         )
-        self._put = gui.add_button("Add the obstacle", icon="plus", color="gray")
-        self._remove = gui.add_button("Take it away", icon="trash", color="gray", visible=False)
+        self._put = gui.add_button("Add obstacle", icon="plus", color="gray")
+        self._remove = gui.add_button("Remove obstacle", icon="trash", color="gray", visible=False)
         self._near = gui.add_html("")
-        with gui.add_folder("Table, floor and distances", expand_by_default=False):
+        with gui.add_folder("Table, floor and clearances", expand_by_default=False):
             self._room = self._room_form(gui)
         self._room.on_change(self._changed)
         on_change(self._seen, lambda e: self._show(bool(self._seen.value)))
@@ -56,20 +56,32 @@ class WorkcellFields:
     def _room_form(gui: Any) -> Form:
         form, now = Form(gui), STANDARD
         form.tick("table", "Table", now.table)
-        form.vector("table_center_mm", "Table top (mm)", now.table_center_mm, "From the region")
+        form.vector(
+            "table_center_mm", "Table top (mm)", now.table_center_mm, "Offset from the region"
+        )
         form.vector("table_size_mm", "Table size (mm)", now.table_size_mm, "x, y, thickness")
-        form.number("floor_mm", "Floor (mm)", now.floor_mm, -5000.0, 5000.0, 10.0, "Its height")
         form.number(
-            "head_below_mm", "Head (mm)", now.head_below_mm, -500.0, 500.0, 5.0,
-            "Its middle below the region, until it is touched",
+            "floor_mm", "Floor height (mm)", now.floor_mm, -5000.0, 5000.0, 10.0, "Its height"
+        )
+        form.number(
+            "head_below_mm", "Head depth (mm)", now.head_below_mm, -500.0, 500.0, 5.0,
+            "Head centre below the region, until the surface is measured",
         )  # fmt: skip
         for name, label, most, step, hint in (
-            ("head_margin_mm", "From the head (mm)", 200.0, 1.0, "All but the probe"),
-            ("margin_mm", "From the rest (mm)", 200.0, 1.0, "Table, floor, tracker, your own"),
-            ("self_margin_mm", "From itself (mm)", 50.0, 1.0, "Between parts of the robot"),
+            ("head_margin_mm", "Head clearance (mm)", 200.0, 1.0, "Except for the probe"),
+            (
+                "margin_mm",
+                "Obstacle clearance (mm)",
+                200.0,
+                1.0,
+                "Table, floor, tracker and added obstacles",
+            ),
+            ("self_margin_mm", "Self-clearance (mm)", 50.0, 1.0, "Between links of the robot"),
         ):
             form.number(name, label, getattr(now, name), 0.0, most, step, hint)
-        form.number("stand_radius_mm", "Tracker pole (mm)", now.stand_radius_mm, 10.0, 1000.0, 10.0)
+        form.number(
+            "stand_radius_mm", "Tracker stand (mm)", now.stand_radius_mm, 10.0, 1000.0, 10.0
+        )
         return form
 
     def _changed(self, name: str, event: Event) -> None:
@@ -92,7 +104,7 @@ class WorkcellFields:
     def _offer(self) -> None:
         """Name the button by what it does."""
         known = self._which.value != NEW
-        self._put.label = "Change the obstacle" if known else "Add the obstacle"
+        self._put.label = "Update obstacle" if known else "Add obstacle"
         self._put.icon = "check" if known else "plus"
         self._remove.visible = known
 
@@ -139,12 +151,12 @@ class WorkcellFields:
 def listed(around: Surroundings) -> str:
     """Return what was added, as a table."""
     if not around.boxes:
-        return style.note("Nothing was added.")
+        return style.note("No obstacles added.")
     rows = ""
     for box in around.boxes:
         middle = ", ".join(f"{part:.0f}" for part in box.center_mm).replace("-", "−")
         size = " × ".join(f"{part:.0f}" for part in box.size_mm)
-        turn = f", turned by {box.turn_deg:.0f}°" if box.turn_deg else ""
+        turn = f", rotated by {box.turn_deg:.0f}°" if box.turn_deg else ""
         rows += (
             f"<tr><td><b>{escape(box.name)}</b></td>"
             f'<td>at ({middle}) mm<br><span class="g">{size} mm{turn}</span></td></tr>'
@@ -161,7 +173,7 @@ def too_near(snapshot: Snapshot) -> str:
     if not names:
         return ""
     return style.note(
-        f"Where the robot rests it comes too close to: {', '.join(names)}. It cannot move so: put "
-        "that farther away, or lower the distances below.",
+        f"The home pose of the robot is too close to: {', '.join(names)}. Move the obstacle "
+        "away, or lower the clearances below.",
         "warn",
     )

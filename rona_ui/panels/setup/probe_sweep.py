@@ -34,20 +34,20 @@ class ProbeComparisonPanel:
         self._context = context
         gui.add_html(
             style.text(
-                "Other probes and noise on virtual plates of layered bone, with the detection of "
-                "step 9. Nothing of this patient goes into the table."
+                "Compares probes and noise levels on virtual plates of layered bone, with "
+                "the detection of step 9. Uses no patient data."
             )
         )
         self._advice = gui.add_html("")
-        with gui.add_folder("What to try", expand_by_default=False):
+        with gui.add_folder("Sweep parameters", expand_by_default=False):
             self._probes = gui.add_dropdown("Probes", tuple(PROBES))
             self._excitations = gui.add_dropdown("Excitation", tuple(EXCITATIONS))
             self._bone = gui.add_dropdown("Bone", tuple(BONES))
-            self._snr = gui.add_text("SNR (dB)", "30, 50", hint="Several with commas")
+            self._snr = gui.add_text("SNR (dB)", "30, 50", hint="Comma-separated list")
             self._thickness = gui.add_text(
-                "Thickness (mm)", "3, 5, 8, 11", hint="Several with commas"
+                "Thickness (mm)", "3, 5, 8, 11", hint="Comma-separated list"
             )
-        self._start = gui.add_button("Try them", icon="player-play", color="gray")
+        self._start = gui.add_button("Run sweep", icon="player-play", color="gray")
         self._cancel = gui.add_button("Cancel", icon="player-stop", visible=False)
         self._html = gui.add_html("")
         on_click(self._start, lambda e: context.send(self.message, e))
@@ -70,9 +70,9 @@ class ProbeComparisonPanel:
         self._start.disabled = new.busy
         self._cancel.visible = mine
         if mine and new.job is not None:
-            self._start.label = f"Trying: {100 * new.job.progress:.0f} %"
+            self._start.label = f"Running: {100 * new.job.progress:.0f} %"
         else:
-            self._start.label = "Try them again" if held is not None else "Try them"
+            self._start.label = "Run sweep again" if held is not None else "Run sweep"
         if old is None or old.session is not new.session:
             advice = advice_note(new.session)
             if self._advice.content != advice:
@@ -102,10 +102,10 @@ def probe_comparison_table(found: WhatIf) -> str:
             + f"{''.join(_cell(found, cells[mm]) for mm in depths)}</tr>"
         )
     words = (
-        f"Each cell, of {found.n} A-scans: found %, SD and bias in µm (sign: too thick). Colour: "
-        "share of all A-scans that claim a wrong inner boundary."
+        f"Each cell: detected share of {found.n} A-scans, SD and bias of the thickness in "
+        "µm. Colour: share of all A-scans with an undetected wrong inner boundary."
     )
-    legend = ((GOOD, "up to 1 %"), (FAIR, "up to 10 %"), (POOR, "more, or hardly any found"))
+    legend = ((GOOD, "up to 1 %"), (FAIR, "up to 10 %"), (POOR, "more, or under 5 % detected"))
     return (
         f'<table class="r-table"><tr><th>Probe</th>{head}</tr>{body}</table>'
         f"{style.text(words)}{style.key(legend)}"

@@ -37,8 +37,8 @@ class SetupPanel(StepPanel):
 
     step = "setup"
     explanation = (
-        "Choose what lies on the table and which devices look at it. "
-        "Later steps that depend on a change are marked stale."
+        "Choose the skull, the scan region and the devices. A change marks the later steps "
+        "that depend on it as stale."
     )
 
     def build(self) -> None:
@@ -46,44 +46,51 @@ class SetupPanel(StepPanel):
         form, gui = self.form, self.gui
         self._tracker = TrackerFields(form)
         self._probe = ProbeFields(form, gui, self.context)
-        form.number("seed", "Seed", 0, 0, 2**31 - 1, 1, "Patient, placement and every noise")
-        form.choice("skull", "Skull", SKULLS, "left", "A file is read below")
-        form.choice("kind", "Bone", BONES, "normal", "Known to the virtual probe alone")
-        form.tick("own_speed", "Own speed of sound", True, "As people differ: by 3 %")
+        form.number("seed", "Seed", 0, 0, 2**31 - 1, 1, "For patient, placement and noise")
+        form.choice("skull", "Skull", SKULLS, "left", "Load a file below")
+        form.choice("kind", "Bone", BONES, "normal", "Known only to the virtual probe")
+        form.tick(
+            "own_speed",
+            "Patient-specific speed",
+            True,
+            "Sound speed of bone differs by 3 % between patients",
+        )
         form.number("radius_mm", "Region radius (mm)", 25.0, 5.0, 45.0, 1.0)
         with gui.add_folder("Devices", expand_by_default=False):
             self._tracker.build()
             form.choice("pointer", "Pointer", {"6D": "pointer6d", "5D": "pointer5d"}, "pointer6d")
         with gui.add_folder("Probe", expand_by_default=False):
             self._probe.build()
-            with gui.add_folder("What it is made of", expand_by_default=False):
+            with gui.add_folder("Probe parameters", expand_by_default=False):
                 self._probe.build_details()
             with gui.add_folder("Delay line", expand_by_default=False):
                 self._probe.build_block()
         with gui.add_folder("Tracker details", expand_by_default=False):
             self._tracker.build_details()
-        with gui.add_folder("Moved tracker", expand_by_default=False):
+        with gui.add_folder("Tracker displacement", expand_by_default=False):
             self._tracker.build_place()
         with gui.add_folder("Robot", expand_by_default=False):
             form.choice("model", "Arm", {title: name for name, title in ROBOTS.items()}, "rx90")
-            form.tick("errors", "Robot errs", True, "0.35 mm RMS over its workspace")
+            form.tick("errors", "Simulate robot error", True, "0.35 mm RMS over its workspace")
             form.number("scan_speed_mm_per_s", "Scan speed (mm/s)", 20.0, 0.5, 100.0, 1.0)
             form.vector("base_shift_mm", "Base shift (mm)", (0.0, 0.0, 0.0))
-            form.number("base_turn_deg", "Base turn (deg)", 0.0, -180.0, 180.0, 1.0)
-            with gui.add_folder("Where these numbers come from", expand_by_default=False):
+            form.number("base_turn_deg", "Base rotation (deg)", 0.0, -180.0, 180.0, 1.0)
+            with gui.add_folder("Sources of the parameters", expand_by_default=False):
                 self._figures = gui.add_html("")
         with gui.add_folder("Obstacles", expand_by_default=False):
             self._room = WorkcellFields(gui, self.context)
-        with gui.add_folder("Skull from a file", expand_by_default=False):
+        with gui.add_folder("Load a skull", expand_by_default=False):
             gui.add_html(
                 style.text(
-                    "A mask or CT volume (NRRD, NIfTI) or a mesh (STL, PLY, OBJ), in mm. "
-                    "A CT needs the threshold of bone."
+                    "A mask or CT volume (NRRD, NIfTI) or a mesh (STL, PLY, OBJ), in mm. A "
+                    "CT volume needs a bone threshold."
                 )
             )
-            self._threshold = gui.add_text("Threshold", "", hint="Empty for masks and meshes")
+            self._threshold = gui.add_text(
+                "Bone threshold", "", hint="Leave empty for masks and meshes"
+            )
             self._upload = gui.add_upload_button(
-                "Read a skull", icon="upload", mime_type=FILES, color="gray"
+                "Load skull file…", icon="upload", mime_type=FILES, color="gray"
             )
         form.on_change(self._changed)
 
@@ -160,7 +167,7 @@ class SetupPanel(StepPanel):
         """Say what the region is."""
         static_scene = snapshot.static_scene
         if static_scene is None:
-            return style.note("The specimen is being put on the table …")
+            return style.note("Placing the specimen …")
         x, y, z = static_scene.region_center_base
         return style.note(
             f"Region: centre ({x:.0f}, {y:.0f}, {z:.0f}) mm in the robot base, "
@@ -202,7 +209,7 @@ def figures_table(model: str) -> str:
             f'<span class="g">{escape(trust)}: {escape(row.source)}</span></td></tr>'
         )
     words = style.text(
-        f"{len(rows)} figures, {assumed} of them assumed (marked ▲). All can be overridden in "
+        f"{len(rows)} parameters, {assumed} of them assumed (marked ▲). Override them in "
         "Python: robot_model(name, overrides)."
     )
     return f'{words}<table class="r-table">{body}</table>'

@@ -15,8 +15,8 @@ class ToolPanel(StepPanel):
     step = "tool"
     activity = "StartToolCapture"
     explanation = (
-        "The robot pivots the tool about its tip and moves it along its x and y axes while the "
-        "tracker watches the marker plate."
+        "The robot pivots the tool about its tip and translates it along x and y while the "
+        "tracker records the tool marker."
     )
     start = "Move and register the tool"
 

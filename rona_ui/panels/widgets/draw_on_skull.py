@@ -24,8 +24,8 @@ class DrawingControls:
         self._picks: tuple[Any, ...] = ()
         self._begin = gui.add_button("Draw on the skull", icon="pencil", color="gray")
         self._help = gui.add_html("")
-        self._finish = gui.add_button("Finish the line", icon="check", visible=False)
-        self._drop = gui.add_button("Drop the line", icon="x", color="gray", visible=False)
+        self._finish = gui.add_button("Finish stroke", icon="check", visible=False)
+        self._drop = gui.add_button("Discard stroke", icon="x", color="gray", visible=False)
         on_click(self._begin, lambda e: context.change_view(lambda v: replace(v, drawing=kind)))
         on_click(
             self._drop, lambda e: context.change_view(lambda v: replace(v, drawing=None, picks=()))
@@ -43,7 +43,7 @@ class DrawingControls:
         self._picks = new.view.picks
         blocked = new.busy or new.step(self._kind).state == "blocked"
         self._begin.visible = not drawing
-        self._begin.label = "Go on drawing" if self._picks else "Draw on the skull"
+        self._begin.label = "Continue drawing" if self._picks else "Draw on the skull"
         self._begin.disabled = blocked
         self._finish.visible = drawing
         self._drop.visible = drawing or len(self._picks) > 0
@@ -51,8 +51,8 @@ class DrawingControls:
         words = ""
         if drawing:
             words = style.note(
-                "Click places on the skull, or drag over it. Beside the skull a drag turns the "
-                f"view. {len(self._picks)} points so far."
+                "Click points on the skull, or drag over it. Dragging beside the skull "
+                f"rotates the view. {len(self._picks)} points so far."
             )
         if self._help.content != words:
             self._help.content = words

@@ -13,10 +13,12 @@ SEQUENCES = ".mha"
 PIVOTS = ".mha,.csv,.txt,.zip"
 GEOMETRIES = ".csv,.txt,.rom"
 WORDS: dict[Purpose, str] = {
-    "pivot": "A recording (.igs.mha), 4 x 4 matrices as text (sixteen numbers a row, or a zip of "
-    "one file each), or frame,marker,x,y,z with the markers of the tool, in mm.",
-    "surface": "A recording of the pointer (.igs.mha), of PLUS, 3D Slicer or this program.",
-    "path": "A recording of the pointer (.igs.mha), of PLUS, 3D Slicer or this program.",
+    "pivot": (
+        "A recording (.igs.mha), 4 x 4 matrices as text (16 numbers a row, or a zip with one "
+        "file each), or rows of frame,marker,x,y,z with the tool geometry, in mm."
+    ),
+    "surface": "A recording of the pointer (.igs.mha) from PLUS, 3D Slicer or RONA.",
+    "path": "A recording of the pointer (.igs.mha) from PLUS, 3D Slicer or RONA.",
 }
 
 
@@ -26,30 +28,32 @@ class ImportControls:
     def __init__(self, gui: Any, context: PanelContext, purpose: Purpose) -> None:
         self._context, self._purpose = context, purpose
         self._geometry: str | None = None  # uploaded, for the next import
-        self._folder = gui.add_folder("Import a recording", expand_by_default=False)
+        self._folder = gui.add_folder("Import recording", expand_by_default=False)
         with self._folder:
             gui.add_html(style.text(WORDS[purpose]))
-            self._tool = gui.add_text("Tool", "", hint="Where the recording has several")
+            self._tool = gui.add_text("Tool", "", hint="Needed if the recording has several tools")
             if purpose == "pivot":
                 self._markers = gui.add_upload_button(
-                    "Markers of the tool", icon="upload", mime_type=GEOMETRIES, color="gray"
+                    "Load tool geometry…", icon="upload", mime_type=GEOMETRIES, color="gray"
                 )
                 self._markers_words = gui.add_html("")
                 self._markers.on_upload(self._take_markers)
             else:
-                hint = "Show it at the pace of captures"
-                self._play = gui.add_checkbox("Play it", False, hint=hint)
+                hint = "Plays the recording at the speed of a capture"
+                self._play = gui.add_checkbox("Play back", False, hint=hint)
             if purpose == "surface":
-                self._append = gui.add_checkbox("Add to the strokes", True)
+                self._append = gui.add_checkbox("Append to strokes", True)
             kinds = PIVOTS if purpose == "pivot" else SEQUENCES
             self._upload = gui.add_upload_button(
-                "Import recording…", icon="upload", mime_type=kinds, color="gray"
+                "Choose file…", icon="upload", mime_type=kinds, color="gray"
             )
             self._upload.on_upload(self._take)
 
     async def _take_markers(self, event: Any) -> None:
         self._geometry = self._store(event, self._markers.value)
-        self._markers_words.content = style.note(f"Markers of {self._geometry}: for the next one.")
+        self._markers_words.content = style.note(
+            f"Tool geometry {self._geometry}: used for the next import."
+        )
 
     async def _take(self, event: Any) -> None:
         name = self._store(event, self._upload.value)

@@ -18,7 +18,7 @@ class StepPanel:
     explanation: ClassVar[str] = ""
     activity: ClassVar[str] = ""  # that the primary button starts, where it records something
     start: ClassVar[str | None] = None  # words of the primary button; None: the step has none
-    again: ClassVar[str] = "Do it again"
+    again: ClassVar[str] = "Repeat this step"
 
     def __init__(self, gui: Any, context: PanelContext) -> None:
         self.gui, self.context = gui, context
@@ -87,7 +87,7 @@ def stopped_note(snapshot: Snapshot, activity: str) -> str:
     if last is None or any(last is c or (isinstance(c, tuple) and last in c) for c in captures):
         return ""
     return style.note(
-        "Stopped early: the recording of before stays as it was, and all that rests on it. "
-        "What came now is kept in the session's archive.",
+        "Stopped early: the previous recording and its results are unchanged. The partial "
+        "recording is kept in the session archive.",
         "warn",
     )

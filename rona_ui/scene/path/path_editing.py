@@ -65,7 +65,7 @@ def point_at(
         return view, InsertPathPoint(after, _point(place), _point(eye_base))
     if view.drawing == "delete":
         return view, DeletePathPoint(_found(corners_of(session), eye_base, ray))
-    if view.drawing == "keep" and session.results.path is not None:
+    if view.drawing == "pin" and session.results.path is not None:
         sample = _found(session.results.path.value.points_base, eye_base, ray)
         return view, KeepPathSample(sample, not is_kept(session, sample))
     return view, None

@@ -12,7 +12,7 @@ from rona_ui.scene.layer import Layer
 from rona_ui.scene.viser_nodes import SceneNodes, segments
 
 MAP = "/places/map"
-MARKS = (("smallest", "smallest move", ORANGE), ("best", "most room", SKY))
+MARKS = (("smallest", "nearest pose", ORANGE), ("best", "largest margin", SKY))
 CELL_PX, GAP_PX = 24, 1
 OPAQUE, FAINT = 225, 110  # of places that seem to work, and of the others
 RING_MM, ABOVE_MM = 90.0, 4.0  # radius of the mark; over the floor, so that it is seen

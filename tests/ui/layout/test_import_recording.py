@@ -27,14 +27,14 @@ def upload(gui: FakeGui, label: str, name: str) -> None:
 def test_a_pivot_is_uploaded_with_the_markers_of_its_tool() -> None:
     gui, recorder = FakeGui(), Recorder()
     ImportControls(gui, recorder.context, "pivot")
-    upload(gui, "Markers of the tool", "C:\\tools\\stylus.rom")
+    upload(gui, "Load tool geometry…", "C:\\tools\\stylus.rom")
     assert "stylus.rom" in gui.html()
     gui.find("text", "Tool").value = " Stylus "
-    upload(gui, "Import recording…", "pivot.csv")
+    upload(gui, "Choose file…", "pivot.csv")
     assert recorder.services == ["upload:stylus.rom", "upload:pivot.csv"]
     assert recorder.sent == [StartPivotImport(("pivot.csv",), "stylus.rom", "Stylus")]
     gui.find("text", "Tool").value = ""
-    upload(gui, "Import recording…", "next.csv")  # the markers counted once
+    upload(gui, "Choose file…", "next.csv")  # the markers counted once
     assert recorder.sent[1] == StartPivotImport(("next.csv",))
     assert "stylus.rom" not in gui.html()
 
@@ -43,8 +43,8 @@ def test_a_pivot_is_uploaded_with_the_markers_of_its_tool() -> None:
 def test_a_stroke_or_path_is_uploaded(purpose: Any) -> None:
     gui, recorder = FakeGui(), Recorder()
     ImportControls(gui, recorder.context, purpose)
-    gui.find("checkbox", "Play it").value = True
-    upload(gui, "Import recording…", "s.igs.mha")
+    gui.find("checkbox", "Play back").value = True
+    upload(gui, "Choose file…", "s.igs.mha")
     assert recorder.services == ["upload:s.igs.mha"]
     assert recorder.sent == [
         StartRecordingImport("s.igs.mha", purpose, None, purpose == "surface", True)
@@ -54,7 +54,7 @@ def test_a_stroke_or_path_is_uploaded(purpose: Any) -> None:
 def test_a_blocked_step_takes_no_recording() -> None:
     gui = FakeGui()
     controls = {p: ImportControls(gui, Recorder().context, p) for p in ("pivot", "surface")}
-    uploads = [h for h in gui.handles if h.label == "Import recording…"]
+    uploads = [h for h in gui.handles if h.label == "Choose file…"]
     for control in controls.values():
         control.render(snapshot())
     assert [h.disabled for h in uploads] == [False, True]

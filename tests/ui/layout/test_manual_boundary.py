@@ -57,12 +57,12 @@ def test_a_boundary_of_the_scan_by_hand_is_corrected_like_any_other(session):
     i = int(np.flatnonzero(detection_of_scan(session, "hand").inner_ok)[5])
     desk = Desk(AScanPanel, session, MAPS)
     desk.click("slider", "A-scan", i)
-    at = desk.gui.find("slider", "At (µs)")
+    at = desk.gui.find("slider", "Time (µs)")
     assert at.value == round(float(detection_of_scan(session, "hand").inner_us[i]), 2)
     held_us = at.value + 0.5
-    desk.click("slider", "At (µs)", held_us)
+    desk.click("slider", "Time (µs)", held_us)
     assert desk.view.dragged_boundary == (i, held_us)
-    desk.click("button", "Set here")
+    desk.click("button", "Set boundary")
     assert desk.sent == [CorrectBoundary(i, "hand", inner_us=held_us)]
 
 
@@ -80,9 +80,9 @@ def test_both_scans_are_offered_and_choosing_one_shows_its_maps_too(session):
     )
     desk = Desk(AScanPanel, both, MAPS)
     which = desk.gui.find("dropdown", "A-scans of")
-    assert which.options == ("First pass", "Second pass", "Scan by hand")
+    assert which.options == ("First pass", "Second pass", "Handheld scan")
     assert which.value == "First pass"
-    desk.click("dropdown", "A-scans of", "Scan by hand")
+    desk.click("dropdown", "A-scans of", "Handheld scan")
     assert desk.view.handheld
     assert desk.draw().scan == "hand"
     desk.click("dropdown", "A-scans of", "Second pass")
@@ -96,7 +96,7 @@ def test_both_scans_are_offered_and_choosing_one_shows_its_maps_too(session):
 
 def test_without_any_scan_it_says_where_ascans_come_from():
     desk = Desk(AScanPanel, Session(), MAPS)
-    assert "or with the scan by hand" in shown(desk)
+    assert "or a handheld scan" in shown(desk)
     assert CLIENT.notices == []
 
 

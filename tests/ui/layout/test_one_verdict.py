@@ -230,13 +230,13 @@ def test_retract_is_offered_while_the_probe_stands_on_the_bone_and_only_then(dem
         live = LiveState(joints=JointSample(0.0, q_rad))
         at = snapshot(demo, "scan", live=live)
         assert probe_on_bone(at) is offered
-        button = bar(at).find("button", "Draw the probe back")
+        button = bar(at).find("button", "Retract probe")
         assert button.visible is offered
     sent: list[Any] = []
     context = replace(NOTHING, send=lambda make, event: sent.append(make()))
     gui = FakeGui()
     RunBar(gui, context, {"scan": ScanPanel(gui, context)})
-    gui.find("button", "Draw the probe back").happen(FakeClient())
+    gui.find("button", "Retract probe").happen(FakeClient())
     assert sent == [StartRetract()]
 
 

@@ -29,7 +29,7 @@ def test_an_edited_probe_is_sent_with_what_differs_and_another_name_without():
     gui, recorder = FakeGui(), Recorder()
     panel = SetupPanel(gui, recorder.context)
     panel.render(None, snapshot())
-    width = gui.find("number", "Bandwidth (share)")
+    width = gui.find("number", "Relative bandwidth")
     assert width.value == 0.46
     width.value = 0.6
     width.happen(CLIENT)
@@ -38,8 +38,8 @@ def test_an_edited_probe_is_sent_with_what_differs_and_another_name_without():
     name.value = "1 MHz"
     name.happen(CLIENT)
     assert recorder.sent[-1] == SetProbe(name="1MHz")
-    gui.find("button", "Shoot the block").happen(CLIENT)
-    gui.find("button", "Nominal line again").happen(CLIENT)
+    gui.find("button", "Record on reference block").happen(CLIENT)
+    gui.find("button", "Reset delay line").happen(CLIENT)
     assert recorder.sent[-2:] == [StartBlockShots(), CalibrateDelayLine(use=False)]
 
 
@@ -60,7 +60,7 @@ def test_the_probe_that_the_bone_wants_is_told_where_probes_are_chosen(monkeypat
     before = snapshot()
     for panel in (setup, sweep):
         panel.render(None, before)
-    assert gui.html().count("1 MHz is for bone over 8 mm") == 2
+    assert gui.html().count("1 MHz for bone over 8 mm") == 2
     advice = ProbeAdvice("2.25MHz", "1MHz", "The bone is thick.")
     monkeypatch.setattr("rona_ui.panels.setup.probe.probe_advice", lambda session: advice)
     for panel in (setup, sweep):
@@ -77,13 +77,13 @@ def test_points_can_be_measured_and_added_once_there_is_a_map_only():
     gui, recorder = FakeGui(), Recorder()
     panel = MapsPanel(gui, recorder.context)
     panel.render(None, snapshot())
-    assert gui.find("button", "Measure with a caliper").disabled
-    assert not gui.find("button", "Calibrate the speed").visible
-    assert "Map the boundaries once" in gui.html()
-    gui.find("number", "Points").value = 5
-    gui.find("button", "Measure with a caliper").happen(CLIENT)
+    assert gui.find("button", "Measure with caliper").disabled
+    assert not gui.find("button", "Calibrate speed").visible
+    assert "Map the boundaries first" in gui.html()
+    gui.find("number", "Number of points").value = 5
+    gui.find("button", "Measure with caliper").happen(CLIENT)
     gui.find("number", "A-scan no.").value = 12
-    gui.find("button", "Add this point").happen(CLIENT)
+    gui.find("button", "Add point").happen(CLIENT)
     thickness = gui.find("number", "Thickness (mm)").value
     assert recorder.sent == [StartReferencePoints(n=5), AddReferencePoint(thickness, scan=12)]
 
@@ -91,10 +91,10 @@ def test_points_can_be_measured_and_added_once_there_is_a_map_only():
 def test_a_speed_is_given_only_where_somebody_chose_so():
     gui = FakeGui()
     panel = MapsPanel(gui, Recorder().context)
-    given = gui.find("number", "Bone (mm/µs)")
+    given = gui.find("number", "Sound speed (mm/µs)")
     given.value = 2.5
     assert panel.message() == StartMapping()
-    gui.find("dropdown", "Bone speed").value = "As given below"
+    gui.find("dropdown", "Speed of sound").value = "Entered below"
     assert panel.message() == StartMapping(sound_speed_mm_per_us=2.5)
 
 
@@ -111,7 +111,7 @@ def test_the_sweep_is_sent_as_the_fields_say_and_shown_cell_by_cell():
     panel = ProbeComparisonPanel(gui, recorder.context)
     gui.find("text", "SNR (dB)").value = "20; 40"
     panel.render(None, snapshot())
-    gui.find("button", "Try them").happen(CLIENT)
+    gui.find("button", "Run sweep").happen(CLIENT)
     assert recorder.sent == [StartWhatIf(snr_db=(20.0, 40.0))]
     assert numbers(" 3, 4.5,") == (3.0, 4.5)
     two = np.array([0.0, 0.5])

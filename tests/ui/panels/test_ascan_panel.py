@@ -190,22 +190,22 @@ def test_a_flag_is_told_in_words(demo: Session) -> None:
 def test_a_boundary_is_set_taken_away_and_given_back(demo: Session) -> None:
     desk = Desk(AScanPanel, demo, ViewState(step="maps"))
     desk.click("slider", "A-scan", 50)
-    desk.click("slider", "At (µs)", 21.5)
+    desk.click("slider", "Time (µs)", 21.5)
     assert desk.view.dragged_boundary == (50, 21.5)
-    desk.click("button", "Set here")
+    desk.click("button", "Set boundary")
     assert desk.sent[-1] == CorrectBoundary(50, inner_us=21.5)
     assert desk.view.dragged_boundary is None
-    desk.click("dropdown", "Which", "Outer boundary")
-    desk.click("button", "Take this boundary away")
+    desk.click("dropdown", "Boundary", "Outer boundary")
+    desk.click("button", "Delete boundary")
     assert desk.sent[-1] == CorrectBoundary(50, remove="outer")
-    assert not desk.gui.find("button", "This A-scan as detected").visible
+    assert not desk.gui.find("button", "Reset this A-scan").visible
     edits = demo.boundary_edits.put(desk.sent[-1].edit())
     desk.session = replace(demo, boundary_edits=edits)
     desk.draw()
     assert "1 corrected by hand" in shown(desk)
-    desk.click("button", "This A-scan as detected")
+    desk.click("button", "Reset this A-scan")
     assert desk.sent[-1] == ClearBoundaryCorrections("first", 50)
-    desk.click("button", "All as detected")
+    desk.click("button", "Reset all A-scans")
     assert desk.sent[-1] == ClearBoundaryCorrections()
 
 
@@ -214,7 +214,7 @@ def test_the_other_echo_is_taken_by_one_click(demo: Session) -> None:
     i = int(np.argmax(found.alternative_quality))
     desk = Desk(AScanPanel, demo, ViewState(step="maps"))
     desk.click("slider", "A-scan", i)
-    desk.click("button", "Take the other echo")
+    desk.click("button", "Use other echo")
     assert desk.sent == [CorrectBoundary(i, inner_us=float(found.alternative_us[i]))]
 
 
@@ -233,7 +233,7 @@ def test_the_second_pass_is_planned_scanned_and_told(demo: Session) -> None:
     desk.session = first_only
     desk.draw()
     assert "Inner coverage" not in shown(desk)
-    assert desk.gui.find("button", "Scan the gaps").disabled
+    assert desk.gui.find("button", "Scan gaps").disabled
     desk.click("button", "Plan second pass")
     assert desk.sent == [StartSecondPlan()]
     assert desk.view.second
@@ -241,18 +241,18 @@ def test_the_second_pass_is_planned_scanned_and_told(demo: Session) -> None:
         first_only, results=replace(first_only.results, second=demo.results.second)
     )
     desk.draw()
-    assert "the probe leans up to" in shown(desk)
-    desk.click("button", "Scan the gaps")
+    assert "probe tilt up to" in shown(desk)
+    desk.click("button", "Scan gaps")
     assert desk.sent[-1] == StartSecondScan()
 
 
 def test_a_scan_of_the_gaps_is_mapped_where_it_was_made(demo: Session) -> None:
     desk = Desk(MapsPanel, demo, ViewState(step="maps", second=True))
-    assert not desk.gui.find("button", "Map with the second pass").visible
+    assert not desk.gui.find("button", "Map with second pass").visible
     again = replace(demo.captures.second, ordinal=99)  # type: ignore[type-var]
     desk.session = replace(demo, captures=replace(demo.captures, second=again))
     desk.draw()
-    desk.click("button", "Map with the second pass")
+    desk.click("button", "Map with second pass")
     assert desk.sent == [desk.panel.message()]
     assert isinstance(desk.sent[0], StartMapping)
     assert not desk.view.second

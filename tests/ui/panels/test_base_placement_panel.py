@@ -75,10 +75,10 @@ def drawn(session):
 
 def test_the_search_is_sent_with_its_fields_and_waits_for_a_path():
     gui, recorder, _ = drawn(Session())
-    search = gui.find("button", "Where to put the robot?")
+    search = gui.find("button", "Find base pose")
     assert search.disabled, "without a smoothed path there is nothing to search for"
     search.happen(CLIENT)
-    gui.find("number", "To the sides (mm)").value = 300.0
+    gui.find("number", "Range y, ± (mm)").value = 300.0
     search.happen(CLIENT)
     assert recorder.sent == [StartBasePlacement(), StartBasePlacement(half_y_mm=300.0)]
     assert gui.html() == ""
@@ -86,53 +86,55 @@ def test_the_search_is_sent_with_its_fields_and_waits_for_a_path():
 
 def test_both_places_are_offered_and_each_button_takes_its_own(fresh):
     gui, recorder, _ = drawn(searched(found()))
-    smallest = gui.find("button", "Take the smallest move")
-    best = gui.find("button", "Take the most room")
+    smallest = gui.find("button", "Use nearest pose")
+    best = gui.find("button", "Use pose with largest margin")
     assert smallest.visible
     assert best.visible
     smallest.happen(CLIENT)
     best.happen(CLIENT)
     assert recorder.sent == [ApplyBasePlacement("smallest"), ApplyBasePlacement("best")]
     html = gui.html()
-    assert "Smallest move: 112 mm away and turned by 10°, to (100, -50, 0) mm" in html
-    assert "7 constant rolls work" in html
-    assert "a roll that varies along the path works" in html
-    assert "do steps 2 and 4 to 7 again" in html
+    assert "Nearest pose: Moved by 112 mm and rotated by 10°, to (100, -50, 0) mm" in html
+    assert "7 constant roll angles feasible" in html
+    assert "a varying roll is feasible" in html
+    assert "repeat steps 2 and 4 to 7" in html
 
 
 def test_one_place_that_is_both_is_offered_once_and_staying_not_at_all(fresh):
     assert list(offers(found(best=STEP, smallest=STEP))) == ["smallest"]
     gui, _, _ = drawn(searched(found(best=STAY, smallest=STAY)))
-    assert not gui.find("button", "Take the smallest move").visible
-    assert not gui.find("button", "Take the most room").visible
-    assert "certified from where the base stands" in gui.html()
-    assert "again (the pointer" not in gui.html(), "nothing is moved, nothing is to be done again"
+    assert not gui.find("button", "Use nearest pose").visible
+    assert not gui.find("button", "Use pose with largest margin").visible
+    assert "verified from the present base pose" in gui.html()
+    assert "the pointer calibration stays valid" not in gui.html(), (
+        "nothing is moved, nothing is repeated"
+    )
 
 
 def test_without_any_place_the_reasons_are_given(fresh):
     nowhere = found(best=None, smallest=None, reasons=("too far", "the <table> is in the way"))
     gui, _, _ = drawn(searched(nowhere))
-    assert "No place was found that is certified: too far; the &lt;table&gt;" in gui.html()
-    assert "most room" not in placement_key(nowhere)
+    assert "No verified base pose found: too far; the &lt;table&gt;" in gui.html()
+    assert "largest margin" not in placement_key(nowhere)
 
 
 def test_a_search_that_no_longer_holds_offers_nothing_and_says_so():
     gui, _, _ = drawn(searched(found()))
-    assert not gui.find("button", "Take the smallest move").visible
-    assert "look again for places" in gui.html()
+    assert not gui.find("button", "Use nearest pose").visible
+    assert "Search again" in gui.html()
     robot = RobotSettings(base_shift_mm=STEP.shift_mm, base_turn_deg=STEP.turn_deg)
     there, _, _ = drawn(searched(found(), robot))
-    assert "stands at the place that was chosen" in there.html()
+    assert "stands at the selected pose" in there.html()
 
 
 def test_while_something_runs_nothing_can_be_taken(fresh):
     gui, _, controls = drawn(searched(found()))
-    assert not gui.find("button", "Take the smallest move").disabled
+    assert not gui.find("button", "Use nearest pose").disabled
     old = snapshot(searched(found()), view=ROLL)
     busy = replace(old, job=_Running())
     controls.render(old, busy)
-    assert gui.find("button", "Take the smallest move").disabled
-    assert gui.find("button", "Where to put the robot?").disabled
+    assert gui.find("button", "Use nearest pose").disabled
+    assert gui.find("button", "Find base pose").disabled
 
 
 class _Running:
@@ -140,7 +142,7 @@ class _Running:
 
 
 def test_place_words_have_units_and_whole_numbers():
-    assert place_words(STEP).startswith("112 mm away and turned by 10°")
+    assert place_words(STEP).startswith("Moved by 112 mm and rotated by 10°")
 
 
 # ------------------------------------------------------------------ the map in the scene

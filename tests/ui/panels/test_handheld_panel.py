@@ -54,13 +54,13 @@ def test_the_buttons_come_one_after_the_other(session):
     gui, controls, sent, views = built()
     buttons = [
         gui.find("button", label)
-        for label in ("1. Calibrate the probe", "2. Scan by hand", "3. Map the scan by hand")
+        for label in ("1. Calibrate probe", "2. Start handheld scan", "3. Map handheld scan")
     ]
     controls.render(snapshot(Session()))
     assert [b.disabled for b in buttons] == [False, True, True]
     controls.render(snapshot(session))
     assert [b.disabled for b in buttons] == [False, False, False]
-    gui.find("number", "Lines (mm)").value = 3.0
+    gui.find("number", "Line spacing (mm)").value = 3.0
     for button in buttons:
         button.happen(CLIENT)
     assert sent == [StartSonoCalibration(), StartSonoScan(spacing_mm=3.0), StartSonoMapping()]
@@ -112,7 +112,7 @@ def test_where_there_are_both_somebody_chooses(session):
     controls.render(snapshot(both))
     choice = gui.find("dropdown", "Show maps of")
     assert choice.visible
-    choice.value = "Scan by hand"
+    choice.value = "Handheld scan"
     choice.happen(CLIENT)
     assert views[-1].handheld
     controls.render(snapshot(session))

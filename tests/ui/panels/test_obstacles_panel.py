@@ -52,8 +52,8 @@ def test_a_box_is_added_changed_renamed_and_taken_away():
     panel = SetupPanel(gui, recorder.context)
     empty = snapshot()
     panel.render(None, empty)
-    assert "Nothing was added" in gui.html()
-    add, remove = gui.find("button", "Add the obstacle"), gui.find("button", "Take it away")
+    assert "No obstacles added" in gui.html()
+    add, remove = gui.find("button", "Add obstacle"), gui.find("button", "Remove obstacle")
     assert not remove.visible
     add.happen(CLIENT)
     assert recorder.sent == [FIRST]
@@ -68,7 +68,7 @@ def test_a_box_is_added_changed_renamed_and_taken_away():
     which.happen(CLIENT)
     assert "<b>wall</b>" in gui.html()
     assert "3000 × 100 × 2500 mm" in gui.html()
-    assert (which.value, add.label, remove.visible) == ("wall", "Change the obstacle", True)
+    assert (which.value, add.label, remove.visible) == ("wall", "Update obstacle", True)
     gui.find("text", "Name").value = "north wall"
     add.happen(CLIENT)
     renamed = PutObstacle("north wall", *_rest(WALL), instead_of="wall")
@@ -76,7 +76,7 @@ def test_a_box_is_added_changed_renamed_and_taken_away():
     remove.happen(CLIENT)
     assert recorder.sent[-1] == RemoveObstacle("wall")
     panel.render(with_wall, empty)
-    assert (which.value, add.label, remove.visible) == ("A new one", "Add the obstacle", False)
+    assert (which.value, add.label, remove.visible) == ("New obstacle", "Add obstacle", False)
 
 
 def _rest(box):
@@ -88,11 +88,11 @@ def test_choosing_a_box_fills_the_fields():
     panel = SetupPanel(gui, Recorder().context)
     panel.render(None, snapshot(handle(CLOSE, handle(WALL, Session()))))
     which = gui.find("dropdown", "Obstacle")
-    assert which.options == ("A new one", "wall", "cupboard")
+    assert which.options == ("New obstacle", "wall", "cupboard")
     which.value = "cupboard"
     which.happen(CLIENT)
     assert gui.find("text", "Name").value == "cupboard"
-    assert gui.find("vector3", "Middle (mm)").value == CLOSE.center_mm
+    assert gui.find("vector3", "Centre (mm)").value == CLOSE.center_mm
     assert gui.find("vector3", "Size (mm)").value == CLOSE.size_mm
 
 
@@ -102,11 +102,11 @@ def test_table_and_distances_are_one_command_and_show_what_the_session_holds():
     old = snapshot()
     panel.render(None, old)
     gui.find("checkbox", "Table").value = False
-    gui.find("number", "From the rest (mm)").value = 35.0
-    gui.find("number", "From the rest (mm)").happen(CLIENT)
+    gui.find("number", "Obstacle clearance (mm)").value = 35.0
+    gui.find("number", "Obstacle clearance (mm)").happen(CLIENT)
     assert recorder.sent == [SetSurroundings(table=False, margin_mm=35.0)]
     panel.render(old, snapshot(handle(SetSurroundings(floor_mm=-420.0), Session())))
-    assert gui.find("number", "Floor (mm)").value == -420.0
+    assert gui.find("number", "Floor height (mm)").value == -420.0
     assert gui.find("checkbox", "Table").value is True
 
 
@@ -115,7 +115,7 @@ def test_a_box_that_the_resting_robot_is_in_is_told():
     panel = SetupPanel(gui, Recorder().context)
     near, far = (snapshot(handle(box, Session()), static_scene=ROOM) for box in (CLOSE, WALL))
     panel.render(None, near)
-    assert "comes too close to: cupboard" in gui.html()
+    assert "is too close to: cupboard" in gui.html()
     panel.render(near, far)
     assert "too close" not in gui.html()
 

@@ -201,7 +201,7 @@ def test_the_pointer_is_pivoted_by_hand_until_somebody_finishes() -> None:
     job = JobStatus("1", "StartPointerCapture", "running", 0.1)
     panel.render(idle, replace(idle, job=job, pivoting_by_hand=True))
     assert (begin.visible, finish.visible) == (False, True)
-    assert "Drag the coloured arcs" in gui.html()
+    assert "Drag the coloured handles" in gui.html()
     finish.happen(CLIENT)
     assert recorder.services == ["finish"]
 
@@ -244,8 +244,8 @@ def test_the_details_of_the_tracker_go_into_one_command_and_are_shown_as_held() 
     panel = SetupPanel(gui, recorder.context)
     held = held_picture(dropped_share=0.07, drift_mm=0.5, minutes_on=5.0, occlusion=False)
     panel.render(None, held)
-    assert gui.find("number", "Dropped (%)").value == pytest.approx(7.0)
-    phantoms = gui.find("number", "Phantoms (%)")
+    assert gui.find("number", "Frame loss (%)").value == pytest.approx(7.0)
+    phantoms = gui.find("number", "Ghost solutions (%)")
     phantoms.value = 5.0
     phantoms.happen(CLIENT)
     wanted = SetTracker(
@@ -260,7 +260,7 @@ def test_the_robot_is_chosen_in_the_set_up_and_keeps_its_other_settings() -> Non
     panel.render(None, snapshot())
     arm = gui.find("dropdown", "Arm")
     assert arm.value == "Stäubli RX90"
-    gui.find("checkbox", "Robot errs").value = False
+    gui.find("checkbox", "Simulate robot error").value = False
     arm.value = "UR10"
     arm.happen(CLIENT)
     assert recorder.sent == [SetRobot(model="ur10", errors=False)]
@@ -271,7 +271,7 @@ def test_moving_the_tracker_is_one_command_and_the_base_marker_another() -> None
     panel = SetupPanel(gui, recorder.context)
     held = held_picture(place=TrackerPlace((5.0, 0.0, 0.0), 1.0))
     panel.render(None, held)
-    turn, marker = gui.find("number", "Turn (deg)"), gui.find("checkbox", "Base marker")
+    turn, marker = gui.find("number", "Tracker rotation (deg)"), gui.find("checkbox", "Base marker")
     assert (turn.value, marker.value) == (1.0, True)
     turn.value = 2.0
     turn.happen(CLIENT)
@@ -284,7 +284,7 @@ def test_the_kind_of_bone_and_its_speed_are_one_command() -> None:
     gui, recorder = FakeGui(), Recorder()
     panel = SetupPanel(gui, recorder.context)
     panel.render(None, held_picture())
-    kind, own = gui.find("dropdown", "Bone"), gui.find("checkbox", "Own speed of sound")
+    kind, own = gui.find("dropdown", "Bone"), gui.find("checkbox", "Patient-specific speed")
     assert own.value is True
     kind.value = "Hard: sharp, more scatter"
     kind.happen(CLIENT)
@@ -320,7 +320,7 @@ def test_only_a_line_of_two_points_can_be_finished() -> None:
     controls.render(base)
     gui.find("button", "Draw on the skull").happen(CLIENT)
     assert recorder.shown.drawing == "path"
-    finish = gui.find("button", "Finish the line")
+    finish = gui.find("button", "Finish stroke")
     one = ((1.0, 2.0, 3.0),)
     controls.render(replace(base, view=ViewState(drawing="path", picks=one)))
     assert finish.disabled
@@ -342,10 +342,10 @@ def test_a_line_that_was_left_can_be_gone_on_with_or_dropped() -> None:
     recorder.shown = without_mode(drawn)
     assert recorder.shown == replace(drawn, drawing=None)
     controls.render(replace(base, view=recorder.shown))
-    assert not gui.find("button", "Finish the line").visible
-    drop = gui.find("button", "Drop the line")
+    assert not gui.find("button", "Finish stroke").visible
+    drop = gui.find("button", "Discard stroke")
     assert drop.visible
-    gui.find("button", "Go on drawing").happen(CLIENT)
+    gui.find("button", "Continue drawing").happen(CLIENT)
     assert recorder.shown == drawn
     drop.happen(CLIENT)
     assert recorder.shown == ViewState(step="path")
@@ -354,7 +354,7 @@ def test_a_line_that_was_left_can_be_gone_on_with_or_dropped() -> None:
     assert not drop.visible
 
 
-@pytest.mark.parametrize("mode", ["center", "boundary", "move", "insert", "delete", "keep"])
+@pytest.mark.parametrize("mode", ["center", "boundary", "move", "insert", "delete", "pin"])
 def test_leaving_an_edit_lets_go_of_what_was_held(mode: Any) -> None:
     held = ViewState(
         step="smoothing", drawing=mode, picks=((1.0, 2.0, 3.0),), moved_point=3,
@@ -398,7 +398,7 @@ def test_save_undo_and_stop_reach_the_service() -> None:
         history.value = word
         history.happen(CLIENT)
     gui.find("command", "Stop the robot").happen(CLIENT)
-    gui.find("command", "Leave drawing").happen(CLIENT)
+    gui.find("command", "Exit drawing").happen(CLIENT)
     assert recorder.services == ["save", "stop", "escape"]
     assert [type(message).__name__ for message in recorder.sent] == ["Undo"]
 
@@ -408,8 +408,8 @@ def test_the_cut_has_a_slider_while_it_is_on_and_rests_while_somebody_draws() ->
     panel = ViewOptionsPanel(gui, recorder.context)
     off = snapshot()
     panel.render(None, off)
-    across, at = gui.find("dropdown", "Cut"), gui.find("slider", "Cut at (mm)")
-    maps = gui.find("checkbox", "Cut the maps")
+    across, at = gui.find("dropdown", "Cut"), gui.find("slider", "Cut offset (mm)")
+    maps = gui.find("checkbox", "Cut maps")
     assert (across.value, at.value, maps.value) == ("Off", 0.0, False)
     assert not at.visible
     across.value = "Crosswise"

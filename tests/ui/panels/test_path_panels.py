@@ -113,7 +113,7 @@ def test_dragging_the_bound_previews_and_letting_go_asks_for_the_fewest_points(s
     gui, recorder = FakeGui(), Recorder(SMOOTHING)
     panel = SmoothingPanel(gui, recorder.context)
     panel.render(None, snapshot(smoothed))
-    slider = gui.find("slider", "Bound (mm)")
+    slider = gui.find("slider", "Tolerance (mm)")
     slider.value = 2.5
     slider.happen(CLIENT)
     assert recorder.sent == []
@@ -133,9 +133,9 @@ def test_our_own_writes_and_a_busy_program_start_no_preview(smoothed) -> None:
     gui, recorder = FakeGui(), Recorder(SMOOTHING)
     panel = SmoothingPanel(gui, recorder.context)
     panel.render(None, snapshot(handle(SmoothScanPath(tolerance_mm=3.0, metric="k2"), smoothed)))
-    slider = gui.find("slider", "Bound (mm)")
+    slider = gui.find("slider", "Tolerance (mm)")
     assert slider.value == 3.0, "fields follow the result, after undo as well"
-    assert gui.find("dropdown", "Measure").value == "K2: RMS distance"
+    assert gui.find("dropdown", "Error metric").value == "K2: RMS deviation"
     slider.happen(None)
     assert recorder.settled == []
     assert recorder.shown.preview is None
@@ -151,16 +151,16 @@ def test_the_panel_tells_counts_bound_deviations_radius_and_tilt(smoothed) -> No
     SmoothingPanel(gui, Recorder(SMOOTHING).context).render(None, snapshot(smoothed))
     view = path_view(smoothed)
     html = gui.html()
-    assert f"121 points became {len(view.corners_base)} (the fewest possible)" in html
+    assert f"121 points simplified to {len(view.corners_base)} (minimum)" in html
     assert f"{view.k1_filtered_mm:.2f} mm from the filtered samples" in html
-    assert f"{view.k1_raw_mm:.2f} mm from the raw ones" in html
-    assert "Normals over a radius of 25.4 mm (chosen by the cloud" in html
+    assert f"{view.k1_raw_mm:.2f} mm from the raw samples" in html
+    assert "Normal radius 25.4 mm (from the point cloud" in html
     assert "tilt tolerance" in html or "slower or denser" in html
     greedy = handle(SmoothScanPath(method="greedy"), smoothed)
     gui = FakeGui()
     SmoothingPanel(gui, Recorder(SMOOTHING).context).render(None, snapshot(greedy))
     assert (
-        f"at least {greedy.results.smoothing.value.simplified.lower_bound} are needed" in gui.html()
+        f"at least {greedy.results.smoothing.value.simplified.lower_bound} needed" in gui.html()
     )
 
 
@@ -168,11 +168,11 @@ def test_warnings_name_the_place_and_do_not_crowd(smoothed) -> None:
     coarse = handle(SmoothScanPath(tolerance_mm=5.0, normal_step_mm=0.0), smoothed)
     check = check_path(coarse)
     words = told(check)
-    assert "The probe may lean beyond 2.1°" in words
+    assert "Probe tilt may exceed 2.1°" in words
     first = check.warnings[0]
     assert f"{first.from_mm:.0f} to {first.to_mm:.0f} mm" in words
     reasons = {stretch.sentence for stretch in check.proposals}
-    assert words.count("Pass with the pointer once more") == len(reasons)
+    assert words.count("Sample the surface again") == len(reasons)
     assert sum(words.count(reason) for reason in reasons) == len(reasons), "each is said once"
 
 
@@ -220,7 +220,7 @@ def test_clicks_put_in_take_away_and_keep(smoothed) -> None:
     _, taken = point_at(smoothed, replace(SMOOTHING, drawing="delete"), *at, "click")
     assert taken == DeletePathPoint(9)
     raw = smoothed.results.path.value.points_base
-    keep = replace(SMOOTHING, drawing="keep")
+    keep = replace(SMOOTHING, drawing="pin")
     _, kept = point_at(smoothed, keep, *sight_of(smoothed, raw[30]), "click")
     assert isinstance(kept, KeepPathSample)
     assert kept.keep
@@ -231,7 +231,7 @@ def test_clicks_put_in_take_away_and_keep(smoothed) -> None:
 
 def test_beside_path_and_surface_a_click_is_refused_with_words(smoothed) -> None:
     eye, ray = sight_of(smoothed, corners(smoothed)[0] + (0.0, 150.0, 0.0))
-    for mode in ("move", "delete", "keep"):
+    for mode in ("move", "delete", "pin"):
         with pytest.raises(InvalidInputError, match="point nearer"):
             point_at(smoothed, replace(SMOOTHING, drawing=mode), eye, ray, "click")
     with pytest.raises(DegenerateGeometryError, match="slide the pointer"):
@@ -242,18 +242,18 @@ def test_the_buttons_choose_what_a_click_means_and_forget(smoothed) -> None:
     gui, recorder = FakeGui(), Recorder(SMOOTHING)
     panel = SmoothingPanel(gui, recorder.context)
     panel.render(None, snapshot(smoothed))
-    assert not gui.find("button", "Forget the changes").visible
-    modes = gui.find("button_group", "By hand")
+    assert not gui.find("button", "Discard edits").visible
+    modes = gui.find("button_group", "Edit")
     modes.value = "Insert"
     modes.happen(CLIENT)
     assert recorder.shown.drawing == "insert"
     changed = handle(DeletePathPoint(5), smoothed)
     panel.render(snapshot(smoothed), snapshot(changed, recorder.shown))
-    assert "Click the skull where the path shall pass" in gui.html()
-    assert "1 by hand." in gui.html()
+    assert "Click the skull to insert a point" in gui.html()
+    assert "1 edited by hand." in gui.html()
     gui.find("button", "Done").happen(CLIENT)
     assert recorder.shown.drawing is None
-    gui.find("button", "Forget the changes").happen(CLIENT)
+    gui.find("button", "Discard edits").happen(CLIENT)
     assert recorder.sent == [ClearPathEdits()]
 
 
@@ -264,11 +264,11 @@ def test_a_pattern_takes_centre_and_boundary_that_were_clicked(smoothed) -> None
     gui, recorder = FakeGui(), Recorder(ViewState(step="path"))
     controls = PatternControls(gui, recorder.context)
     controls.render(snapshot(smoothed, recorder.shown))
-    gui.find("button", "Click the centre").happen(CLIENT)
+    gui.find("button", "Pick centre").happen(CLIENT)
     at = sight_of(smoothed, corners(smoothed)[9])
     recorder.shown, _ = point_at(smoothed, recorder.shown, *at, "click")
     assert recorder.shown.drawing is None, "one click is all it takes"
-    gui.find("button", "Draw the boundary").happen(CLIENT)
+    gui.find("button", "Draw boundary").happen(CLIENT)
     for place in (corners(smoothed)[0], corners(smoothed)[12], corners(smoothed)[21]):
         at = sight_of(smoothed, place)
         for phase in ("click", "update", "end"):  # the same place again adds no corner
@@ -276,28 +276,28 @@ def test_a_pattern_takes_centre_and_boundary_that_were_clicked(smoothed) -> None
     assert len(recorder.shown.boundary) == 3
     gui.find("button", "Done").happen(CLIENT)
     controls.render(snapshot(smoothed, recorder.shown))
-    assert "a boundary of 3 corners" in gui.html()
-    gui.find("button", "Make the pattern").happen(CLIENT)
+    assert "boundary of 3 corners" in gui.html()
+    gui.find("button", "Generate pattern").happen(CLIENT)
     (made,) = recorder.sent
     assert made == DrawPattern(
         center_base_mm=recorder.shown.center, boundary_base_mm=recorder.shown.boundary
     )
-    gui.find("button", "Forget centre and boundary").happen(CLIENT)
+    gui.find("button", "Clear centre and boundary").happen(CLIENT)
     assert (recorder.shown.center, recorder.shown.boundary) == (None, ())
 
 
 def test_without_a_surface_there_is_no_pattern() -> None:
     gui, recorder = FakeGui(), Recorder(ViewState(step="path"))
     PatternControls(gui, recorder.context).render(snapshot(Session(), recorder.shown))
-    assert gui.find("button", "Make the pattern").disabled
-    assert "First sample the surface" in gui.html()
+    assert gui.find("button", "Generate pattern").disabled
+    assert "Measure the surface first" in gui.html()
 
 
 def test_the_path_step_says_that_it_is_a_pattern(smoothed) -> None:
     gui, view = FakeGui(), ViewState(step="path")
     made = handle(DrawPattern(), smoothed)
     PathPanel(gui, Recorder(view).context).render(None, snapshot(made, view))
-    assert "A pattern of" in gui.html()
+    assert "Pattern of" in gui.html()
 
 
 # -- what is drawn ---------------------------------------------------------------------------------
@@ -322,7 +322,7 @@ def test_both_paths_stand_side_by_side_to_one_scale(smoothed) -> None:
     gui = FakeGui()
     panel = PathGraph(gui)
     panel.render(None, snapshot(Session()))
-    assert "appears here after step 6" in gui.html()
+    assert "appear here after step 6" in gui.html()
     panel.render(snapshot(Session()), snapshot(smoothed))
     assert gui.html() == html
 

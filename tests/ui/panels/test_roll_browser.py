@@ -146,7 +146,7 @@ def test_the_strip_tells_every_reason_by_colour_word_and_count() -> None:
     assert tops[0] == tops[3] == css(GREEN)
     assert len(set(tops)) == 3
     words = legend(a_strip())
-    assert "2 × works" in words
+    assert "2 × feasible" in words
     assert "1 × joint limit" in words
     assert "1 × out of reach" in words
     assert "singularity" not in words
@@ -214,7 +214,7 @@ def test_margins_are_those_of_the_search_and_of_the_verifier(demo: Session) -> N
     assert chosen.room.min() == pytest.approx(plan.verdicts[plan.chosen].margin, abs=1e-6)
     assert plan.certificate.min_clearance_mm <= chosen.clearance_mm.min() + 0.5
     assert not chosen.collides.any()
-    assert "Least along the path" in bar(chosen, "clearance")
+    assert "Minimum along the path" in bar(chosen, "clearance")
 
 
 def test_near_pairs_are_all_that_are_too_close_worst_first(refused: Session) -> None:
@@ -293,7 +293,7 @@ def test_the_slider_follows_a_varying_roll_and_one_click_leads_back(demo: Sessio
     rolls = [v.roll_deg for v in plan_of(session).verdicts]
     assert rolls[column_shown(snapshot(session, view=replace(ROLL, place=0.0))) or 0] == 330.0
     assert rolls[column_shown(snapshot(session, view=replace(ROLL, place=1.0))) or 0] == 30.0
-    back = gui.find("button", "Show the chosen roll")
+    back = gui.find("button", "Show selected roll")
     assert not back.visible
     slider = gui.find("slider", "Roll")
     slider.value = failing_roll(demo)
@@ -310,7 +310,7 @@ def test_moving_along_the_path_ends_the_replay(demo: Session) -> None:
     gui, recorder = FakeGui(), Recorder()
     recorder.shown = replace(ROLL, cursor=0.3, playing=True)
     RollsPanel(gui, recorder.context).render(None, snapshot(demo, view=ROLL))
-    place = gui.find("slider", "Place (%)")
+    place = gui.find("slider", "Path position (%)")
     assert place.visible
     place.value = 80.0
     place.happen(CLIENT)
@@ -323,7 +323,7 @@ def test_the_ranking_plans_with_the_roll_and_branch_that_is_taken(demo: Session)
     RollRanking(gui, recorder.context).render(None, snapshot(demo, view=ROLL))
     ways = ranked_ways(demo)
     assert [way.margin for way in ways] == sorted((w.margin for w in ways), reverse=True)
-    choice = gui.find("dropdown", "Take")
+    choice = gui.find("dropdown", "Use")
     assert choice.value.startswith("1: ")  # the best one was chosen
     choice.value = choice.options[3]
     choice.happen(CLIENT)
@@ -334,14 +334,14 @@ def test_every_check_is_listed_with_value_limit_and_verdict(demo: Session) -> No
     gui, recorder = FakeGui(), Recorder()
     ChecksPanel(gui, recorder.context).render(None, snapshot(demo, view=ROLL))
     html, checks = gui.html(), plan_of(demo).certificate.checks
-    assert "Certified" in html
+    assert "Verified" in html
     assert html.count("pass") == len(checks)
     for check in checks:
         assert check.name in html
     view = certificate_view(demo)
     assert view is not None
     row = next(r for r in view.rows if r.check.name == "wrist from straight")
-    choice = gui.find("dropdown", "Show worst")
+    choice = gui.find("dropdown", "Go to worst")
     choice.value = "wrist from straight"
     choice.happen(CLIENT)
     assert recorder.shown.cursor == row.share
@@ -356,12 +356,12 @@ def test_a_refused_plan_says_why_and_where_and_blocks_the_scan(refused: Session)
     assert "Refused" in html
     assert "clearance from the head" in html
     assert re.search(r"at \d+\.\d s, path \d+ %", html)
-    assert "Certified" not in html
-    failing = gui.find("dropdown", "Show worst").options[1]
+    assert "Verified" not in html
+    failing = gui.find("dropdown", "Go to worst").options[1]
     assert failing == "✖ clearance from the head"  # what fails comes first
     panel = FakeGui()
     RollPanel(panel, recorder.context).render(None, at)
-    assert "Refused for: clearance from the head" in panel.html()
+    assert "Refused: clearance from the head" in panel.html()
     states = {step.name: step for step in step_states(refused)}
     assert states["roll"].state == "ready"
     assert "refused by the verifier" in states["roll"].reason

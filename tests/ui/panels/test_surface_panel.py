@@ -14,7 +14,7 @@ from rona_ui.presentation.view_state import ViewState
 from tests.helpers.fake_gui import FakeGui
 from tests.ui.panels.test_panels import CLIENT, Recorder, snapshot
 
-WORDS = "Register the loaded skull"
+WORDS = "Register loaded skull"
 
 
 def loaded() -> LoadedSkull:

@@ -144,7 +144,7 @@ def test_a_refusal_beside_the_queue_is_told_and_kept_like_any_other(
 ) -> None:
     client = FakeClient()
     bindings.refuse(InvalidInputError("expected a, got b: do c"), event(client))
-    assert client.notices == refusals == [("This value cannot be used", "expected a, got b: do c")]
+    assert client.notices == refusals == [("Invalid value", "expected a, got b: do c")]
 
 
 def test_a_refusal_is_told_with_cause_and_remedy_and_the_queue_goes_on(
@@ -156,9 +156,9 @@ def test_a_refusal_is_told_with_cause_and_remedy_and_the_queue_goes_on(
     bindings.send(lambda: SetSeed(3), event(client))
     drain(bindings, client)
     (blocked, why), (value, range_) = client.notices
-    assert blocked == "This step has to wait"
+    assert blocked == "Step blocked"
     assert "first search the roll (step 7)" in why
-    assert value == "This value cannot be used"
+    assert value == "Invalid value"
     assert "seed must be 0 to" in range_
     assert bench.got == [SetSeed(3)]
     assert refusals == client.notices
@@ -214,7 +214,7 @@ def test_markup_is_escaped() -> None:
 def test_tell_names_the_kind_of_error() -> None:
     client = FakeClient()
     tell(client, InvalidInputError("expected a, got b: do c"))
-    assert client.notices == [("This value cannot be used", "expected a, got b: do c")]
+    assert client.notices == [("Invalid value", "expected a, got b: do c")]
 
 
 @pytest.fixture
@@ -239,9 +239,9 @@ def test_a_refusal_calls_a_parameter_what_its_field_is_called() -> None:
 @pytest.mark.usefixtures("only_own_fields")
 def test_a_parameter_without_a_field_or_with_two_is_told_in_words() -> None:
     assert in_words("half_turn_deg must be 1 to 85") == "Half turn (deg) must be 1 to 85"
-    assert label_of("sound_speed_mm_per_us") == "Bone (mm/µs)"
-    note_label("half_turn_deg", "Turn (deg)")
-    assert label_of("half_turn_deg") == "Turn (deg)"
+    assert label_of("sound_speed_mm_per_us") == "Sound speed (mm/µs)"
+    note_label("half_turn_deg", "Rotation (deg)")
+    assert label_of("half_turn_deg") == "Rotation (deg)"
     note_label("half_turn_deg", "Another turn (deg)")
     assert label_of("half_turn_deg") == "half turn (deg)"
     assert in_words("seed must be 0 to 9") == "seed must be 0 to 9"
