@@ -12,8 +12,9 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from rona_core.calibration.pivot.initial_guess import robust_start
-from rona_core.calibration.tracking_error.poses_with_covariance import TrackedPoses, cross_matrices
+from rona_core.calibration.tracking_error.poses_with_covariance import TrackedPoses
 from rona_core.geometry.arrays import Bools, Floats, Vector3, readonly
+from rona_core.geometry.pose_covariance import cross_matrices
 from rona_core.geometry.robust import tukey_weights_of_squares
 
 CUTOFF = 5.49  # standard deviations; 95 % efficient in three dimensions

@@ -10,7 +10,7 @@ from scipy.interpolate import CubicSpline
 from rona_core.geometry.arrays import Floats, Vector3
 from rona_core.virtual.operator.scan_curves import along_curve, meander
 from rona_core.virtual.operator.strokes import leaned, lowered, tangents
-from rona_core.virtual.pointer_motion import TILT_HZ, WANDER_HZ, Sway, progress_of
+from rona_core.virtual.pointer_motion import TILT_HZ, WANDER_HZ, Sway, TipTrajectory, progress_of
 from rona_core.virtual.scene import VirtualScene
 
 PLAY_MM = 0.05  # of the probe in its bush, RMS along each axis
@@ -23,8 +23,6 @@ PRESSED_MM = (0.0, 1.5)  # into the delay line
 PRESSED_RMS_MM = 0.35
 SEATED_HZ = 20.0  # how often the hand feels how the bone lies
 
-Led = tuple[Floats, Floats, Floats | None]  # tips (n, 3), shafts (n, 3), rolls (n,)
-
 
 def in_bush(
     place: Vector3,
@@ -32,7 +30,7 @@ def in_bush(
     half_turn_rad: float,
     times: Floats,
     generator: np.random.Generator,
-) -> Led:
+) -> TipTrajectory:
     """Return the probe turned to and fro about an axis (3,) through a place (3,), with some play.
 
     The play is what the bush leaves: the axis wanders in it while the hand turns.
@@ -44,7 +42,7 @@ def in_bush(
     tips = place + Sway.draw(generator, WANDER_HZ, PLAY_MM, 3).at(times)
     play = Sway.draw(generator, WANDER_HZ, PLAY_RAD, 2).at(times)
     shafts = leaned(np.broadcast_to(z, tips.shape), x, y, play)
-    return tips, shafts, rolls
+    return TipTrajectory(times, tips, shafts, rolls)
 
 
 def slide(
@@ -53,7 +51,7 @@ def slide(
     generator: np.random.Generator,
     spacing_mm: float,
     shake: Floats,
-) -> Led:
+) -> TipTrajectory:
     """Return the face slid over the region in lines, pressed on, nearly upright on the bone.
 
     Args:
@@ -80,7 +78,7 @@ def slide(
     shafts = leaned(outward, x, y, tilt)
     swing = Sway.draw(generator, WANDER_HZ, PRESSED_RMS_MM, 1).at(times)
     pressed = np.clip(np.mean(PRESSED_MM) + swing, *PRESSED_MM)
-    return seats - pressed * shafts, shafts, None
+    return TipTrajectory(times, seats - pressed * shafts, shafts)
 
 
 def _normals(scene: VirtualScene, times: Floats, points_base: Floats) -> Floats:

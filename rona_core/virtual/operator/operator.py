@@ -21,6 +21,7 @@ from rona_core.virtual.pointer_motion import (
     WANDER_MM,
     HandMotion,
     Sway,
+    TipTrajectory,
     progress_of,
     sample_times_s,
 )
@@ -87,7 +88,7 @@ class VirtualOperator:
         x, y, z = tangents(self._pivot_axis(tip), self._sight(tip))
         lean = angle[:, None] * np.column_stack((np.cos(around), np.sin(around))) + tremor
         shafts = leaned(np.broadcast_to(z, (len(times), 3)), x, y, lean)
-        return self._prepare(times, np.broadcast_to(tip, shafts.shape), shafts)
+        return self._prepare(TipTrajectory(times, np.broadcast_to(tip, shafts.shape), shafts))
 
     def pivot_by_hand(self, *, duration_s: float) -> float:
         """Hold the tip in the dimple; the pointer turns about it as :meth:`turn` says.
@@ -103,7 +104,7 @@ class VirtualOperator:
         tip = self._scene.dimple_base
         times = np.array((0.0, duration_s))
         axis = self._pivot_axis(tip)
-        rest = self._led(times, np.tile(tip, (2, 1)), np.tile(axis, (2, 1)))
+        rest = self._motion_of(TipTrajectory(times, np.tile(tip, (2, 1)), np.tile(axis, (2, 1))))
         self._motion = HandTurn(rest, tremor)
         self._at_usual_speed()
         if self._clock is not None:
@@ -203,7 +204,7 @@ class VirtualOperator:
         turned = in_bush(
             self._scene.dimple_base, axis, np.deg2rad(half_turn_deg), times, self._generator()
         )
-        return self._prepare(times, *turned)
+        return self._prepare(turned)
 
     def slide_probe(self, *, spacing_mm: float, duration_s: float) -> float:
         """Slide the face of the probe over the region in lines, pressed on and nearly upright.
@@ -214,7 +215,7 @@ class VirtualOperator:
         _check("duration_s", duration_s, DURATION_S)
         times, generator = sample_times_s(duration_s), self._generator()
         shake = self._shake(generator, times)
-        return self._prepare(times, *slide(self._scene, times, generator, spacing_mm, shake))
+        return self._prepare(slide(self._scene, times, generator, spacing_mm, shake))
 
     def _cover(
         self, radius_mm: float, edge_mm: float, spacing_mm: float, duration_s: float
@@ -246,32 +247,25 @@ class VirtualOperator:
         tilt[:, 0] -= MEAN_TILT_RAD  # x points to the tracker
         size = np.linalg.norm(tilt, axis=1)
         tilt *= (np.minimum(size, MAX_TILT_RAD) / np.maximum(size, 1e-9))[:, None]
-        return self._prepare(times, tips, leaned(outward, x, y, tilt))
+        return self._prepare(TipTrajectory(times, tips, leaned(outward, x, y, tilt)))
 
     def _at_usual_speed(self) -> None:
         speeds, self._speeds = self._speeds, ()
         if self._clock is not None and speeds:
             self._clock.speed = speeds[0]
 
-    def _prepare(
-        self, times: Floats, tips: Floats, shafts: Floats, rolls: Floats | None = None
-    ) -> float:
-        self._motion = self._led(times, tips, shafts, rolls)
+    def _prepare(self, trajectory: TipTrajectory) -> float:
+        self._motion = self._motion_of(trajectory)
         return self._motion.duration_s
 
-    def _led(
-        self, times: Floats, tips: Floats, shafts: Floats, rolls: Floats | None = None
-    ) -> HandMotion:
+    def _motion_of(self, trajectory: TipTrajectory) -> HandMotion:
         scene = self._scene
         return HandMotion(
             self._pointer,
             scene.tips[self._pointer],
             scene.T_base_tracker.translation,
-            times,
-            tips,
-            shafts,
+            trajectory,
             shaft_pointermarker=scene.shafts[self._pointer],
-            rolls_rad=rolls,
         )
 
     def _shake(self, generator: np.random.Generator, times: Floats) -> Floats:

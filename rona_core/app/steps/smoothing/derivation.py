@@ -14,6 +14,7 @@ from rona_core.path.densify import densify, places_between
 from rona_core.path.height_field import relief
 from rona_core.path.manual_edits import EditedPath, distances_to_edited, edit_path
 from rona_core.path.scan_patterns import patch_pose, raster, spiral
+from rona_core.path.simplification.error_bound import ErrorBound
 from rona_core.path.simplification.simplify import SimplifiedPath, simplify
 from rona_core.path.temporal_filter import filter_path
 from rona_core.session.document import RawPath, Session, SmoothPath
@@ -72,9 +73,8 @@ def derive_smoothing(session: Session, message: SmoothScanPath) -> SmoothPath:
     edited = source.edited
     simplified = simplify(
         edited.points_base,
-        message.tolerance_mm,
+        ErrorBound(message.tolerance_mm, message.metric),
         method=message.method,
-        metric=message.metric,
         keep=edited.keep,
     )
     return finished_path(session, message, source, simplified)
