@@ -16,7 +16,7 @@ from rona_core.errors import InvalidInputError
 from rona_core.geometry.arrays import Bools, Floats, Ints, as_floats, as_points, readonly
 from rona_core.path.simplification.deviation import deviations
 from rona_core.path.simplification.error_bound import ShortcutTest, rounding_of
-from rona_core.path.simplification.lower_bound import fewest_possible
+from rona_core.path.simplification.lower_bound import points_lower_bound
 from rona_core.path.simplification.simplify import RULES, SimplifyMethod, chosen_points
 from rona_core.path.simplification.vertex_decimation import as_keep
 
@@ -109,7 +109,7 @@ def simplify_poses(
     fixed = as_keep(keep, len(p))
     index, used = chosen_points(p, fixed, bound, method, cancel or never)
     columns = np.ascontiguousarray(p.T)
-    least = len(index) if used == "optimal" else fewest_possible(columns, fixed, bound)
+    least = len(index) if used == "optimal" else points_lower_bound(columns, fixed, bound)
     found = deviations(p, index)
     turns = piece_turns(columns, rows, index[:-1], index[1:])
     worst = int(turns.argmax()) if len(turns) else 0

@@ -1,4 +1,4 @@
-"""Where a pointer's tip really was in each frame of a capture.
+"""True tip of a pointer in each frame of a capture.
 
 What the virtual tracker adds to the truth is known: its bias field, its drift, and noise that is a
 pure function of seed, capture and frame. So the true pose behind a measured one can be solved for,

@@ -1,4 +1,4 @@
-"""A pointer in motion: where a hand leads its tip and its shaft, as a smooth function of time."""
+"""Motion of a hand-held tool: tip and shaft as smooth functions of time, with tremor."""
 
 from dataclasses import dataclass
 
@@ -111,7 +111,7 @@ def cross(a: Floats, b: Floats) -> Floats:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Sway:
+class BandLimitedNoise:
     """A smooth random function of time with mean 0: a few sines of random frequency and phase."""
 
     frequencies_hz: Floats  # (d, w)
@@ -125,7 +125,7 @@ class Sway:
         band_hz: tuple[float, float],
         rms: float,
         dimensions: int,
-    ) -> "Sway":
+    ) -> "BandLimitedNoise":
         """Return a sway in so many dimensions, of RMS ``rms`` in each."""
         shape = (dimensions, WAVES)
         return cls(
@@ -149,7 +149,7 @@ def sample_times_s(duration_s: float) -> Floats:
     return np.linspace(0.0, duration_s, int(np.ceil(duration_s * SAMPLES_HZ)) + 1)
 
 
-def progress_of(times_s: Floats, generator: np.random.Generator) -> Floats:
+def motion_progress(times_s: Floats, generator: np.random.Generator) -> Floats:
     """Return how far along its way a hand is, 0 to 1 (n,): it starts and stops gently.
 
     In between its speed rises and falls by up to a fifth.

@@ -1,4 +1,4 @@
-"""Solve robot and tracker together, from poses that both have seen.
+"""Robot-world/hand-eye calibration by weighted least squares over poses seen by both.
 
     T_base_tip = T_base_tracker T_tracker_toolmarker T_toolmarker_tip
 
@@ -18,12 +18,12 @@ from rona_core.calibration.hand_eye.quality import require_two_axes
 from rona_core.calibration.hand_eye.residuals import (
     Observations,
     RobotNoise,
-    from_center,
     jacobians,
     moved,
     observe,
     residuals,
     robot_covariances,
+    tangent_at_tracker,
 )
 from rona_core.calibration.hand_eye.robust_weights import (
     DOF,
@@ -146,7 +146,7 @@ def _refine(
     _require_belief(sigma * np.sqrt(max(1.0, chi_square)))
     # a stated error that the residuals exceed is not believed; an estimated one always fits
     scale = chi_square if sigma_mm is None else max(1.0, chi_square)
-    change = from_center(T_base_tracker, center)
+    change = tangent_at_tracker(T_base_tracker, center)
     covariance = scale * change @ np.linalg.inv(information) @ change.T
     return HandEyeFit(
         T_base_tracker=T_base_tracker,

@@ -1,4 +1,4 @@
-"""What a tracked marker on a robot's tool should look like, and how far each pose is off.
+"""Residuals of the hand-eye equation, their Jacobians and covariances.
 
 The tracker fits a pose to the markers without weights, so the error of that pose follows from the
 error S of one marker through the pseudo-inverse of J_k = (-[r_k]x, 1): cov = J+ S J+'. In the axes
@@ -158,7 +158,7 @@ def moved(
     )
 
 
-def from_center(T_base_tracker: Pose, center_base: Floats) -> Floats:
+def tangent_at_tracker(T_base_tracker: Pose, center_base: Floats) -> Floats:
     """Return the matrix (12, 12) from the tangent of ``jacobians`` to that of geometry/tangent."""
     change = np.eye(12)
     change[3:6, :3] = -cross_matrices(T_base_tracker.translation - center_base)

@@ -1,4 +1,4 @@
-"""Register robot and tracker: find the tracker in ``base`` and the tip in ``toolmarker``.
+"""Registration of robot and tracker: tracker in ``base`` and tip in ``toolmarker``.
 
 The robot pivots its tool about the tip, then translates it along tool x and tool y. By default all
 poses are solved together; the published method (a pivot and two lines) stays for comparison.
@@ -19,7 +19,7 @@ from rona_core.calibration.hand_eye.hand_eye import (
     solve_hand_eye,
 )
 from rona_core.calibration.hand_eye.published_method import angle_deg, bootstrap, solve_paper
-from rona_core.calibration.hand_eye.quality import Judged, judge, registration_sigma_mm
+from rona_core.calibration.hand_eye.quality import RegistrationFacts, judge, registration_sigma_mm
 from rona_core.calibration.hand_eye.residuals import RobotNoise, observe
 from rona_core.calibration.pivot.result import as_keep
 from rona_core.calibration.pivot.sphere_fit import cap_half_angle_deg
@@ -165,7 +165,7 @@ def _assemble(
     tip_sigma_mm = float(np.sqrt(np.trace(covariance[9:, 9:])))
     error_mm = registration_sigma_mm(T_base_tracker, covariance[:6, :6], center_base)
     verdict, reasons = judge(
-        Judged(tip_sigma_mm, error_mm, sigma_mm, used[keep], Ts_base_tip.rotations[used])
+        RegistrationFacts(tip_sigma_mm, error_mm, sigma_mm, used[keep], Ts_base_tip.rotations[used])
     )
     axes = None if lines is None else angle_deg(lines[0].direction, lines[1].direction)
     return ToolRegistration(

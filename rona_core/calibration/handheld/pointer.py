@@ -1,4 +1,4 @@
-"""Calibrate a hand-held pointer: find its tip in the frame of its markers."""
+"""Pointer calibration: the tip in the frame of the pointer's markers."""
 
 from dataclasses import dataclass
 from typing import Literal

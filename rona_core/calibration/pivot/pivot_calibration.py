@@ -1,4 +1,4 @@
-"""Find the fixed tip of a tracked body that swings about it: shared by pointer and tool."""
+"""Pivot calibration: the fixed tip of a tracked body, for pointer and tool."""
 
 from dataclasses import dataclass, replace
 from typing import Literal
@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from rona_core.calibration.pivot.algebraic import MIN_SHARE, solve_linear, without_gross_errors
-from rona_core.calibration.pivot.maximum_likelihood import fit_likely_tip
+from rona_core.calibration.pivot.maximum_likelihood import estimate_tip
 from rona_core.calibration.pivot.motion_extent import (
     require_cone,
     require_swing,
@@ -17,8 +17,8 @@ from rona_core.calibration.pivot.pose_coverage import sigma_by_cone
 from rona_core.calibration.pivot.quality import (
     GOOD_SIGMA_MM,
     PivotFacts,
+    correlated_poses,
     judge_pivot,
-    poses_alike,
 )
 from rona_core.calibration.pivot.result import (
     AWAY,
@@ -165,7 +165,7 @@ def _solve_likely(
     complaints: tuple[str, ...],
 ) -> PivotFit:
     counting = keep & tracked.seen
-    found = fit_likely_tip(tracked, dof=dof, keep=counting, sigma_mm=noise.sigma_mm)
+    found = estimate_tip(tracked, dof=dof, keep=counting, sigma_mm=noise.sigma_mm)
     used = found.weights > 0.0
     n, n_used = int(counting.sum()), int(used.sum())
     if n_used < max(at_least, MIN_SHARE * n):
@@ -211,7 +211,7 @@ def _finish(
         raise DegenerateGeometryError(
             f"the tip scatters by {rmse_mm:.1f} mm about its pivot: it has slipped"
         )
-    alike = 1.0 if markers is None else poses_alike(misses[used])
+    alike = 1.0 if markers is None else correlated_poses(misses[used])
     covariance = estimate.covariance * alike
     rejected = rejected_poses(residuals, used, estimate.known_reasons)
     facts = PivotFacts(

@@ -1,4 +1,4 @@
-"""Where a swing has been, and where to tilt next so that the tip is known best.
+"""Pose coverage of a pivot motion, and the next best pose.
 
 Directions of the shaft, from the tip to the markers, are told as a tilt from their middle and an
 azimuth about it: 0 degrees is away from the tracker (its +z), 90 degrees is to the side of +x.

@@ -1,4 +1,4 @@
-"""Delay between two devices that saw the same motion, e.g. tracker and robot.
+"""Time offset between two devices that measured the same motion, e.g. tracker and robot.
 
 Both streams are smoothed alike. For each candidate delay the positions of one are predicted from
 those of the other by the best linear map, which stands for the unknown frames; the delay at which

@@ -1,4 +1,4 @@
-"""Measure how far a simplified path is from its original: the paper's K1, K2 and K3.
+"""Deviation of a simplified path from its original: the paper's K1, K2 and K3.
 
 Written apart from the simplifier, so that it can check it. A piece is the original points from one
 kept point to the next, both included; a figure of a path is that of its worst piece.

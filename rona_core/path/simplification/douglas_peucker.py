@@ -1,4 +1,4 @@
-"""Split a path at its farthest point until every piece is within the bound.
+"""Ramer-Douglas-Peucker simplification: split at the farthest point until the bound holds.
 
 Source: Ramer 1972, Douglas and Peucker 1973; here with the distance from the segment, not from
 the infinite line, and all pieces of one depth at a time.
@@ -13,7 +13,7 @@ from rona_core.path.simplification.segment_distance import distances_to_segment
 SPLIT_RULE = "split at the farthest point, the first among equals, until the bound holds"
 
 
-def split_points(columns: Floats, fixed: Bools, test: ShortcutTest) -> Ints:
+def douglas_peucker(columns: Floats, fixed: Bools, test: ShortcutTest) -> Ints:
     """Return the indices (k,) of the points at which the path was split, ends included.
 
     Args:

@@ -1,4 +1,4 @@
-"""Error bound of a simplified path, and the test of a shortcut: may a segment replace a piece?"""
+"""Error bound of a simplified path, and the test whether a segment may replace a piece."""
 
 from dataclasses import dataclass
 

@@ -1,4 +1,4 @@
-"""Few path points within a bound, in time that hardly grows faster than the path.
+"""Beam search for a path of few points, in nearly linear time.
 
 A breadth-first search like the exact one, of which only the farthest few points survive each step.
 """
@@ -24,7 +24,7 @@ FAST_RULE = f"few points, not surely the fewest; the farthest {BEAM} of each ste
 MAX_PAIRS = 6000  # segments looked at in one step; beyond it, ends are left out evenly
 
 
-def few_points(
+def beam_search(
     columns: Floats,
     fixed: Bools,
     test: ShortcutTest,

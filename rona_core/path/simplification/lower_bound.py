@@ -1,4 +1,4 @@
-"""How few points a path within a bound must have at least, in nearly linear time.
+"""Lower bound on the number of points of any path within an error bound, in nearly linear time.
 
 If a segment within the Fréchet bound replaces the originals a to b, then any piece between a and b
 is within twice the bound of its own segment. So where a piece that starts at i is not, the next
@@ -17,7 +17,7 @@ from rona_core.path.simplification.shortest_path import next_fixed
 CHAIN, SAMPLES = 12, 15  # stretches in a chain; all chains advance together
 
 
-def fewest_possible(columns: Floats, fixed: Bools, test: ShortcutTest) -> int:
+def points_lower_bound(columns: Floats, fixed: Bools, test: ShortcutTest) -> int:
     """Return a number of points that no path within the error bound can undercut.
 
     Without a Fréchet bound this is the number of points that must stay.

@@ -1,4 +1,4 @@
-"""Distances from points to segments, and the area of the strip between a path and a segment.
+"""Distances from points to segments, and area between a path and a segment.
 
 All work in any dimension: points are (k, m), the ends of a segment (m,) or one each (k, m). Sums
 over the dimensions run column by column, so one piece alone gives the bits it gives among many.

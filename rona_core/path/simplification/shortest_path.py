@@ -1,4 +1,4 @@
-"""The fewest path points within a bound: a shortest path over all admissible segments.
+"""Fewest path points within an error bound: shortest path over all admissible segments.
 
 Source: Imai and Iri, Polygonal approximations of a curve (1988). A segment is admissible if the
 original piece is within the bound; in the sense of Fréchet, strokes that run back over themselves

@@ -11,17 +11,17 @@ from rona_core.devices.protocols import never
 from rona_core.errors import InvalidInputError
 from rona_core.geometry.arrays import Bools, Floats, Ints, readonly
 from rona_core.path.simplification.deviation import as_path, deviations
-from rona_core.path.simplification.douglas_peucker import SPLIT_RULE, split_points
+from rona_core.path.simplification.douglas_peucker import SPLIT_RULE, douglas_peucker
 from rona_core.path.simplification.error_bound import ErrorBound, ShortcutTest
-from rona_core.path.simplification.greedy import FAST_RULE, few_points
-from rona_core.path.simplification.lower_bound import fewest_possible
+from rona_core.path.simplification.greedy import FAST_RULE, beam_search
+from rona_core.path.simplification.lower_bound import points_lower_bound
 from rona_core.path.simplification.shortest_path import (
     MAX_WORK,
     OPTIMAL_RULE,
     fewest_points,
     work_estimate,
 )
-from rona_core.path.simplification.vertex_decimation import GREEDY_RULE, as_keep, order_within
+from rona_core.path.simplification.vertex_decimation import GREEDY_RULE, as_keep, decimation_order
 
 SimplifyMethod = Literal["optimal", "fast", "greedy", "rdp"]
 METHODS: tuple[SimplifyMethod, ...] = ("optimal", "fast", "greedy", "rdp")
@@ -89,7 +89,7 @@ def simplify(
         p, fixed, shift = _opened(p, fixed)
     index, used = chosen_points(p, fixed, test, method, cancel)
     columns = np.ascontiguousarray(p.T)
-    least = len(index) if used == "optimal" else fewest_possible(columns, fixed, test)
+    least = len(index) if used == "optimal" else points_lower_bound(columns, fixed, test)
     exact = len(index) == least
     if closed and len(p) > 1:
         index, least = np.sort((index[:-1] + shift) % (len(p) - 1)), least - 1
@@ -132,11 +132,11 @@ def chosen_points(
     if used == "optimal":
         return fewest_points(columns, fixed, test, cancel=cancel), used
     if used == "fast":
-        return few_points(columns, fixed, test, cancel=cancel), used
+        return beam_search(columns, fixed, test, cancel=cancel), used
     if used == "rdp":
-        return split_points(columns, fixed, test), used
+        return douglas_peucker(columns, fixed, test), used
     there = np.ones(len(points), dtype=np.bool_)
-    there[order_within(points, fixed, test)[0]] = False
+    there[decimation_order(points, fixed, test)[0]] = False
     return np.flatnonzero(there), used
 
 

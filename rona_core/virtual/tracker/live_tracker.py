@@ -1,4 +1,4 @@
-"""The virtual tracker between captures: real time, and pointers that a hand put somewhere."""
+"""Virtual tracker between captures: real time, with pointers placed by hand."""
 
 import threading
 import time

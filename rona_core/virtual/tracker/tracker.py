@@ -1,4 +1,4 @@
-"""The virtual optical tracker: true marker positions, seen with errors, fitted to known tools."""
+"""Virtual optical tracker: true markers, measured with errors, fitted to known tools."""
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
@@ -15,7 +15,7 @@ from rona_core.geometry.pose import Pose
 from rona_core.virtual.noise import rng
 from rona_core.virtual.tracker.faults import NO_DRIFT, drift_mm, dropped, swapped_markers
 from rona_core.virtual.tracker.marker_error import in_volume, marker_error
-from rona_core.virtual.tracker.reporting_rules import Seen, decide
+from rona_core.virtual.tracker.reporting_rules import ToolReport, report_tool
 
 FACING_LIMIT_RAD = np.deg2rad(60.0)  # flat markers are lost beyond this angle to the line of sight
 HYSTERESIS_RAD = np.deg2rad(2.0)  # and found again this much earlier
@@ -46,7 +46,7 @@ def observe(
     settings: TrackerSettings,
     seed: int,
     conditions: ViewConditions = UNDISTURBED,
-) -> Seen:
+) -> ToolReport:
     """Return what a tracker measures of a tool that really is at ``T_tracker_marker``.
 
     Args:
@@ -63,7 +63,7 @@ def observe(
         cosines = sight_cosines(geometry, T_tracker_marker)
         facing = np.asarray(cosines >= np.cos(FACING_LIMIT_RAD))
     measured = marker_error(settings, seed).measure(points, white) + conditions.drift
-    return decide(
+    return report_tool(
         geometry,
         measured,
         facing=facing,

@@ -1,4 +1,4 @@
-"""Pivots that were recorded elsewhere: files of matrices, of marker positions, or of sequences."""
+"""Reader of recorded pivots: matrices, marker positions or sequences."""
 
 import zipfile
 from collections.abc import Sequence
