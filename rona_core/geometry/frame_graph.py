@@ -1,4 +1,4 @@
-"""The frame graph: poses with where they come from, how old they are and how well they are known.
+"""Frame graph: poses between named frames, with source, age and covariance.
 
 The graph is a tree. A pose between any two of its frames is the chain of edges on the way, and its
 covariance follows to first order from those of the edges, correlated ones taken together. Every

@@ -1,4 +1,4 @@
-"""The height of measured surface points over the tangent plane of a patch, at any place."""
+"""Height field of a point cloud over the tangent plane of a patch, by local regression."""
 
 from collections.abc import Callable
 
@@ -14,7 +14,7 @@ NEIGHBOURS = 24
 RIDGE = 1e-3  # of the weight: a lean that the points do not show is not made up
 
 
-def relief(
+def fit_height_field(
     points_base: ArrayLike, T_base_patch: Pose, *, reach_mm: float = 6.0, depth_mm: float = 40.0
 ) -> Callable[[Floats], Floats]:
     """Return the height (k,) in mm of a surface cloud over places (k, 2) of a patch.

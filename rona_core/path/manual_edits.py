@@ -1,4 +1,4 @@
-"""Changes of a path by hand: points moved, put in and taken away, and points that must stay."""
+"""Manual edits of a path: points moved, inserted, deleted and pinned."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass

@@ -1,4 +1,4 @@
-"""Register a digitised patch of bone to a surface: robust point-to-plane distances.
+"""Surface registration of digitised points: robust point-to-plane ICP.
 
 Distances to the tangent plane (Chen 1991) let points slide along the surface where that fits
 better, which distances to the nearest point hold back. Tukey weights leave gross errors out, and

@@ -1,4 +1,4 @@
-"""A place on the surface as it was measured: where a line of sight meets the cloud."""
+"""Picking on a point cloud: where a line of sight meets the measured surface."""
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -13,7 +13,7 @@ ROUNDS = 8
 DONE_MM = 1e-3
 
 
-def measured_place(
+def pick_surface_point(
     points_base: ArrayLike,
     origin_base: ArrayLike,
     direction_base: ArrayLike,
@@ -57,7 +57,7 @@ def measured_place(
     return readonly(origin + at * ray)
 
 
-def place_beside(points_base: ArrayLike, place_base: ArrayLike) -> Vector3:
+def project_to_surface(points_base: ArrayLike, place_base: ArrayLike) -> Vector3:
     """Return the place on the measured surface beside a given one, along the normal there.
 
     Raises:
@@ -67,7 +67,7 @@ def place_beside(points_base: ArrayLike, place_base: ArrayLike) -> Vector3:
     place = as_vector3(place_base, name="place_base")
     near = _nearest(points, place)
     _, normal = _plane(points[near])
-    return measured_place(points, place + 10.0 * ASIDE_MM * normal, -normal)
+    return pick_surface_point(points, place + 10.0 * ASIDE_MM * normal, -normal)
 
 
 def _cut(points: Floats, origin: Vector3, ray: Vector3, at: float) -> float:

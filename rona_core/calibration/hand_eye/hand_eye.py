@@ -1,4 +1,4 @@
-"""Solve robot and tracker together, from poses that both have seen.
+"""Robot-world/hand-eye calibration by weighted least squares over poses seen by both.
 
     T_base_tip = T_base_tracker T_tracker_toolmarker T_toolmarker_tip
 
@@ -17,12 +17,13 @@ from rona_core.calibration.hand_eye.initial_guess import first_guess
 from rona_core.calibration.hand_eye.quality import require_two_axes
 from rona_core.calibration.hand_eye.residuals import (
     Observations,
-    from_center,
+    RobotNoise,
     jacobians,
     moved,
     observe,
     residuals,
     robot_covariances,
+    tangent_at_tracker,
 )
 from rona_core.calibration.hand_eye.robust_weights import (
     DOF,
@@ -49,8 +50,7 @@ TURNS = np.tile(np.repeat((True, False), 3), 2)
 MIN_WIDTH = 0.01  # width over length of the marker plate
 TOOL_MARKERS = GEOMETRIES["toolmarker"].positions_marker
 TYPICAL = MarkerNoise()
-ROBOT_SIGMA_MM = 0.1
-ROBOT_SIGMA_DEG = 0.02
+TYPICAL_ROBOT = RobotNoise()
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -83,8 +83,7 @@ def solve_hand_eye(
     *,
     positions_toolmarker: ArrayLike = TOOL_MARKERS,
     noise: MarkerNoise = TYPICAL,
-    robot_sigma_mm: float = ROBOT_SIGMA_MM,
-    robot_sigma_deg: float = ROBOT_SIGMA_DEG,
+    robot_noise: RobotNoise = TYPICAL_ROBOT,
 ) -> HandEyeFit:
     """Return tracker in ``base`` and tip in ``toolmarker`` from poses seen by both.
 
@@ -93,11 +92,10 @@ def solve_hand_eye(
         Ts_tracker_toolmarker: Tool marker as the tracker sees it, the same n poses.
         positions_toolmarker: Markers (m, 3), m >= 3, not on one line.
         noise: Of one marker; its size is taken from the residuals where it is None.
-        robot_sigma_mm: Random error of the robot's tip position, 3D RMS.
-        robot_sigma_deg: Random error of the robot's orientation, RMS of the whole turn.
+        robot_noise: Random error of the robot's tool pose.
 
     Raises:
-        InvalidInputError: different numbers of poses, too few, or a negative error.
+        InvalidInputError: different numbers of poses, or too few.
         DegenerateGeometryError: the tool stood still or turned about one axis only (the message
             names what stays open), or fewer than 60 % of the poses agree.
     """
@@ -108,17 +106,9 @@ def solve_hand_eye(
         )
     if n < MIN_POSES:
         raise InvalidInputError(f"a registration needs at least {MIN_POSES} poses, not {n}")
-    if not (0.0 <= robot_sigma_mm < np.inf and 0.0 <= robot_sigma_deg < np.inf):
-        raise InvalidInputError("robot_sigma_mm and robot_sigma_deg must not be negative")
     positions = _as_markers(positions_toolmarker)
     require_two_axes(Ts_base_tip.rotations, Ts_tracker_toolmarker.rotations)
-    seen = observe(
-        Ts_base_tip,
-        Ts_tracker_toolmarker,
-        positions,
-        noise,
-        (robot_sigma_mm**2 / 3.0, float(np.deg2rad(robot_sigma_deg)) ** 2 / 3.0),
-    )
+    seen = observe(Ts_base_tip, Ts_tracker_toolmarker, positions, noise, robot_noise)
     return _refine(seen, *first_guess(Ts_base_tip, Ts_tracker_toolmarker), noise.sigma_mm)
 
 
@@ -156,7 +146,7 @@ def _refine(
     _require_belief(sigma * np.sqrt(max(1.0, chi_square)))
     # a stated error that the residuals exceed is not believed; an estimated one always fits
     scale = chi_square if sigma_mm is None else max(1.0, chi_square)
-    change = from_center(T_base_tracker, center)
+    change = tangent_at_tracker(T_base_tracker, center)
     covariance = scale * change @ np.linalg.inv(information) @ change.T
     return HandEyeFit(
         T_base_tracker=T_base_tracker,

@@ -1,4 +1,4 @@
-"""The published registration of robot and tracker: a pivot gives the tip, two lines the rotation.
+"""Published registration of robot and tracker: tip from a pivot, rotation from two lines.
 
 The robot pivots its tool about the tip, then translates it along tool x and tool y. How certain
 the result is, is told by repeating it on simulated noise (parametric bootstrap).

@@ -1,4 +1,4 @@
-"""What a motion of the robot shows, in words: what it leaves open, and how good it is.
+"""Quality of a hand-eye calibration: observability of the motion, verdict and its reasons.
 
 With turns about one axis only, the tip may slide along that axis in the marker frame while the
 tracker slides with it: no data tell. Without turns the tip is open altogether.
@@ -81,7 +81,7 @@ def in_words(direction: Floats) -> str:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Judged:
+class RegistrationFacts:
     """What the verdict on a registration looks at."""
 
     tip_sigma_mm: float
@@ -106,7 +106,7 @@ def registration_sigma_mm(T_base_tracker: Pose, covariance: Floats, center_base:
     return float(np.sqrt(at_center + around))
 
 
-def judge(found: Judged) -> tuple[Literal["good", "weak", "bad"], tuple[str, ...]]:
+def judge(found: RegistrationFacts) -> tuple[Literal["good", "weak", "bad"], tuple[str, ...]]:
     """Return the verdict and, where it is not good, the reasons with their remedies."""
     reasons: list[str] = []
     worst = max(found.tip_sigma_mm, found.registration_sigma_mm)

@@ -1,4 +1,4 @@
-"""What a tracked marker on a robot's tool should look like, and how far each pose is off.
+"""Residuals of the hand-eye equation, their Jacobians and covariances.
 
 The tracker fits a pose to the markers without weights, so the error of that pose follows from the
 error S of one marker through the pseudo-inverse of J_k = (-[r_k]x, 1): cov = J+ S J+'. In the axes
@@ -13,12 +13,34 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from rona_core.calibration.tracking_error.marker_noise import MarkerNoise
+from rona_core.errors import InvalidInputError
 from rona_core.geometry.arrays import Floats
 from rona_core.geometry.pose import Pose, Poses
 from rona_core.geometry.pose_covariance import cross_matrices, rotation_vectors
 
 SERIES = 1e-4  # of the angle; below it the expansion of the inverse Jacobian is exact enough
 COLLINEAR_MM = 1e-6  # markers closer than this to one line are on it
+
+
+@dataclass(frozen=True, slots=True)
+class RobotNoise:
+    """Random error of the robot's tool pose."""
+
+    position_mm: float = 0.1  # of the tip, 3D RMS
+    rotation_deg: float = 0.02  # RMS of the whole turn
+
+    def __post_init__(self) -> None:
+        """Check the values.
+
+        Raises:
+            InvalidInputError: a negative or infinite error.
+        """
+        if not (0.0 <= self.position_mm < np.inf and 0.0 <= self.rotation_deg < np.inf):
+            raise InvalidInputError("the error of the robot must be finite and not negative")
+
+    def variances(self) -> tuple[float, float]:
+        """Return the variances per axis: of the tip in mm^2, of its rotation in rad^2."""
+        return self.position_mm**2 / 3.0, float(np.deg2rad(self.rotation_deg)) ** 2 / 3.0
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -41,7 +63,7 @@ def observe(
     Ts_tracker_toolmarker: Poses,
     positions_toolmarker: Floats,
     noise: MarkerNoise,
-    robot_variances: tuple[float, float],
+    robot_noise: RobotNoise,
 ) -> Observations:
     """Return the observations with the covariance of every pose that the tracker fits."""
     centroid = positions_toolmarker.mean(axis=0)
@@ -51,7 +73,7 @@ def observe(
         centroid,
         Ts_tracker_toolmarker @ centroid,
         fit_covariances(Ts_tracker_toolmarker.rotations, positions_toolmarker, noise),
-        robot_variances,
+        robot_noise.variances(),
     )
 
 
@@ -136,7 +158,7 @@ def moved(
     )
 
 
-def from_center(T_base_tracker: Pose, center_base: Floats) -> Floats:
+def tangent_at_tracker(T_base_tracker: Pose, center_base: Floats) -> Floats:
     """Return the matrix (12, 12) from the tangent of ``jacobians`` to that of geometry/tangent."""
     change = np.eye(12)
     change[3:6, :3] = -cross_matrices(T_base_tracker.translation - center_base)

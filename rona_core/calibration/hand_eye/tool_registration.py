@@ -1,4 +1,4 @@
-"""Register robot and tracker: find the tracker in ``base`` and the tip in ``toolmarker``.
+"""Registration of robot and tracker: tracker in ``base`` and tip in ``toolmarker``.
 
 The robot pivots its tool about the tip, then translates it along tool x and tool y. By default all
 poses are solved together; the published method (a pivot and two lines) stays for comparison.
@@ -12,16 +12,15 @@ from numpy.typing import ArrayLike
 
 from rona_core.calibration.hand_eye.base_marker import BaseReference
 from rona_core.calibration.hand_eye.hand_eye import (
-    ROBOT_SIGMA_DEG,
-    ROBOT_SIGMA_MM,
     TOOL_MARKERS,
     TYPICAL,
+    TYPICAL_ROBOT,
     HandEyeFit,
     solve_hand_eye,
 )
 from rona_core.calibration.hand_eye.published_method import angle_deg, bootstrap, solve_paper
-from rona_core.calibration.hand_eye.quality import Judged, judge, registration_sigma_mm
-from rona_core.calibration.hand_eye.residuals import observe
+from rona_core.calibration.hand_eye.quality import RegistrationFacts, judge, registration_sigma_mm
+from rona_core.calibration.hand_eye.residuals import RobotNoise, observe
 from rona_core.calibration.pivot.result import as_keep
 from rona_core.calibration.pivot.sphere_fit import cap_half_angle_deg
 from rona_core.calibration.timing.time_offset import TimeOffset
@@ -69,8 +68,7 @@ def register_tool(
     *,
     method: ToolMethod = "joint",
     noise: MarkerNoise = TYPICAL,
-    robot_sigma_mm: float = ROBOT_SIGMA_MM,
-    robot_sigma_deg: float = ROBOT_SIGMA_DEG,
+    robot_noise: RobotNoise = TYPICAL_ROBOT,
     exclude: ArrayLike | None = None,
 ) -> ToolRegistration:
     """Return the registration of robot, tool and tracker from poses seen by both.
@@ -82,8 +80,7 @@ def register_tool(
             "joint" needs none: any motion with turns about two axes will do.
         method: "joint" (all poses together, weighted, robust) or "paper" (pivot and two lines).
         noise: Of one marker; its size is taken from the residuals where it is None.
-        robot_sigma_mm: Random error of the robot's tip position, 3D RMS.
-        robot_sigma_deg: Random error of the robot's orientation, RMS of the whole turn.
+        robot_noise: Random error of the robot's tool pose.
         exclude: (n,) True for poses that must not count; they have a residual all the same.
 
     Raises:
@@ -96,18 +93,11 @@ def register_tool(
     keep = as_keep(exclude, len(Ts_base_tip))
     robot_tips, markers = Ts_base_tip.select(keep), Ts_tracker_toolmarker.select(keep)
     paper = solve_paper(robot_tips, markers, chosen[keep]) if method == "paper" else None
-    joint = solve_hand_eye(
-        robot_tips,
-        markers,
-        noise=noise,
-        robot_sigma_mm=robot_sigma_mm,
-        robot_sigma_deg=robot_sigma_deg,
-    )
+    joint = solve_hand_eye(robot_tips, markers, noise=noise, robot_noise=robot_noise)
     if paper is None:
         joint = replace(joint, used=_among_all(joint.used, keep))
         return _from_joint(joint, Ts_base_tip, Ts_tracker_toolmarker, chosen, keep)
-    variances = (robot_sigma_mm**2 / 3.0, float(np.deg2rad(robot_sigma_deg)) ** 2 / 3.0)
-    seen = observe(robot_tips, markers, TOOL_MARKERS, noise, variances)
+    seen = observe(robot_tips, markers, TOOL_MARKERS, noise, robot_noise)
     covariance = bootstrap(paper, seen, chosen[keep], joint)
     return _assemble(
         "paper",
@@ -175,7 +165,7 @@ def _assemble(
     tip_sigma_mm = float(np.sqrt(np.trace(covariance[9:, 9:])))
     error_mm = registration_sigma_mm(T_base_tracker, covariance[:6, :6], center_base)
     verdict, reasons = judge(
-        Judged(tip_sigma_mm, error_mm, sigma_mm, used[keep], Ts_base_tip.rotations[used])
+        RegistrationFacts(tip_sigma_mm, error_mm, sigma_mm, used[keep], Ts_base_tip.rotations[used])
     )
     axes = None if lines is None else angle_deg(lines[0].direction, lines[1].direction)
     return ToolRegistration(

@@ -1,4 +1,4 @@
-"""Find the axis of a tracked body that is turned about it: all poses agree on one direction.
+"""Rotation axis of a tracked body, from poses that turn about it.
 
 The direction a with the longest mean of ``R a`` over all poses is the right singular vector of the
 mean rotation with the largest singular value. Its sign is not determined by the poses.
@@ -23,7 +23,7 @@ FITTED = 2  # complex numbers that the fit takes out of the bins
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class SpinFit:
+class RotationAxisFit:
     """The axis of a body that was turned about it, in its ``marker`` frame."""
 
     axis_marker: Vector3  # (3,) unit length, of arbitrary sign
@@ -36,7 +36,7 @@ class SpinFit:
     sigma_deg: float  # predicted RMS angle between this axis and the true one
 
 
-def fit_spin(Ts_tracker_marker: Poses) -> SpinFit:
+def fit_rotation_axis(Ts_tracker_marker: Poses) -> RotationAxisFit:
     """Return the axis that a body was turned about.
 
     Args:
@@ -70,7 +70,7 @@ def fit_spin(Ts_tracker_marker: Poses) -> SpinFit:
         raise DegenerateGeometryError(
             f"the probe wobbled by {rms_deg:.1f} degrees RMS: it must turn about its own axis only"
         )
-    return SpinFit(
+    return RotationAxisFit(
         axis_marker=readonly(axis),
         axis_tracker=readonly(mean),
         point_marker=readonly(_point(Ts_tracker_marker.select(used), axis)),

@@ -1,4 +1,4 @@
-"""Pivot calibration as the paper and other programs do it: a sphere, or linear least squares."""
+"""Pivot calibration by a sphere fit or by linear least squares (algebraic one step)."""
 
 from dataclasses import dataclass
 

@@ -1,4 +1,4 @@
-"""How much worse a tracker measured in depth than across, told by the markers it saw."""
+"""Ratio of depth error to lateral error of a tracker, estimated from marker residuals."""
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -12,7 +12,7 @@ MAX_RATIO = 6.0
 MIN_FREEDOM = 60.0  # residual degrees of freedom in depth below which nothing is claimed
 
 
-def noise_told_by(
+def estimate_marker_noise(
     points_tracker: ArrayLike, seen: Bools, Ts_tracker_marker: Poses, positions_marker: Floats
 ) -> MarkerNoise:
     """Return the noise whose depth ratio explains how far markers lie from their fitted bodies.

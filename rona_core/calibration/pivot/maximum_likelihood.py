@@ -1,4 +1,4 @@
-"""The tip of a swinging body by maximum likelihood, robust, with its covariance.
+"""Maximum-likelihood estimate of tip and pivot, robust, with its covariance.
 
 Every pose may be corrected a little, by a turn and a shift that cost as much as the noise of the
 markers makes them unlikely, until the tip stays in one place: errors in variables, solved by
@@ -11,9 +11,10 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from rona_core.calibration.pivot.initial_guess import robust_start
-from rona_core.calibration.tracking_error.poses_with_covariance import TrackedPoses, cross_matrices
+from rona_core.calibration.pivot.initial_guess import robust_initial_guess
+from rona_core.calibration.tracking_error.poses_with_covariance import TrackedPoses
 from rona_core.geometry.arrays import Bools, Floats, Vector3, readonly
+from rona_core.geometry.pose_covariance import cross_matrices
 from rona_core.geometry.robust import tukey_weights_of_squares
 
 CUTOFF = 5.49  # standard deviations; 95 % efficient in three dimensions
@@ -27,7 +28,7 @@ MIN_SIGMA_MM = 1e-9
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class LikelyTip:
+class TipEstimate:
     """The most likely tip and pivot; per-pose statistics in units of the estimated noise."""
 
     tip_marker: Vector3  # (3,) mm
@@ -50,14 +51,14 @@ class _Step:
     information: Floats  # (n, k + 3, k + 3)
 
 
-def fit_likely_tip(
+def estimate_tip(
     tracked: TrackedPoses,
     *,
     dof: int,
     keep: Bools,
     sigma_mm: float | None = None,
     cutoff: float = CUTOFF,
-) -> LikelyTip:
+) -> TipEstimate:
     """Return the tip that makes the measured poses most likely.
 
     Args:
@@ -72,7 +73,7 @@ def fit_likely_tip(
     k = basis.shape[1]
     origin = p[keep].mean(axis=0)
     p = p - origin
-    x = robust_start(R @ basis, p, keep)
+    x = robust_initial_guess(R @ basis, p, keep)
     turns = np.zeros_like(p)
     step = _linearise(R, p, tracked.covariances, turns, x, basis, keep.astype(np.float64))
     variance = max(float(np.median(step.costs_before[keep])) / MEDIAN_CHI2, MIN_SIGMA_MM**2)
@@ -95,7 +96,7 @@ def fit_likely_tip(
     tip = basis @ x[:k] + (tracked.reference_marker if dof == 6 else 0.0)
     if dof == 5:
         tip = np.array((0.0, 0.0, x[0] + tracked.reference_marker[2]))
-    return LikelyTip(
+    return TipEstimate(
         tip_marker=readonly(tip),
         pivot_tracker=readonly(x[k:] + origin),
         covariance=readonly(spread @ tip_covariance @ spread.T),

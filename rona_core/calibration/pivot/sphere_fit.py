@@ -1,4 +1,4 @@
-"""Fit a sphere to tracked positions: the first step of pivot calibration.
+"""Sphere fit to tracked positions: algebraic start, then geometric least squares.
 
 Start: linear least squares (Coope, J. Optim. Theory Appl. 76 (1993) 381). Then the sum of squared
 distances to the sphere is minimised, which has no bias towards small spheres on small caps.

@@ -1,4 +1,4 @@
-"""How late the robot's joint angles arrive, seen by the echoes while the probe moves up or down.
+"""Latency of the robot's joint angles, estimated from echoes while the probe moves along its axis.
 
 Against bone that keeps still, the stand-off shrinks exactly as the face goes forward: the delay is
 the shift in time at which stand-off and place agree. A robot settles a little elsewhere now and

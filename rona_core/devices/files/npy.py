@@ -1,4 +1,4 @@
-"""Arrays in the format of numpy, read without pickles and without taking a header's word."""
+"""Reader of numpy arrays without pickles, with bounds on what a header may claim."""
 
 import ast
 import math

@@ -1,4 +1,4 @@
-"""Readers of foreign formats in a process of their own, with bounded memory and time.
+"""Readers of foreign formats in a separate process, with bounded memory and time.
 
 Libraries that read binary files of others crash on some damaged ones, and take whatever memory a
 file asks for. Here that ends a process that did nothing else, and the file is refused.

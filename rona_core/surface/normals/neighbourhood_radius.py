@@ -1,4 +1,4 @@
-"""How large a neighbourhood should be: as wide as the relief allows, to average out the noise.
+"""Choice of the neighbourhood radius for normals: noise against bias.
 
 After Mitra and Nguyen 2003 the error of a normal is noise, falling with the square of the radius
 and the root of the density, plus a lean, rising with it. Both are measured on the cloud itself:

@@ -1,4 +1,4 @@
-"""Planes through many neighbourhoods at once: regression, total least squares, and a robust one."""
+"""Plane fits of many neighbourhoods at once: regression, total least squares, robust."""
 
 from dataclasses import dataclass
 

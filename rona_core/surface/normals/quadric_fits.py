@@ -1,4 +1,4 @@
-"""Quadrics through many neighbourhoods at once: normals where a plane would lean.
+"""Quadric fits (osculating jets) of many neighbourhoods at once: normals free of curvature bias.
 
 A plane through points that lie on one side only leans with the curvature; a quadric
 z = a + b u + c v + d u^2 + e u v + f v^2 over the plane bends with it, and its slope at the place

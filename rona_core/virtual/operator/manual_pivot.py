@@ -1,4 +1,4 @@
-"""A pointer that somebody turns about its resting tip while the capture runs."""
+"""Manual pivot: a pointer that a user turns about its resting tip during a capture."""
 
 import threading
 
@@ -7,20 +7,20 @@ from scipy.spatial.transform import Rotation
 
 from rona_core.geometry.arrays import Floats
 from rona_core.geometry.pose import Pose
-from rona_core.virtual.pointer_motion import HandMotion, Sway
+from rona_core.virtual.pointer_motion import BandLimitedNoise, HandMotion
 
 FOLLOW_S = 0.08  # how far a hand lags behind what it is told
 MAX_TURN_RAD_S = np.deg2rad(120.0)
 
 
-class HandTurn:
+class ManualPivot:
     """The rest pose of a pointer, turned about its tip towards what the hand was told last.
 
     A rotation is relative to the pose at the start of the capture, along the axes of ``base``. The
     hand follows smoothly, at a bounded angular speed. What was asked for once stays as it was.
     """
 
-    def __init__(self, rest: HandMotion, tremor: Sway) -> None:
+    def __init__(self, rest: HandMotion, tremor: BandLimitedNoise) -> None:
         """Start from ``rest``; ``tremor`` are angles in rad about the axes of ``base``."""
         self.pointer = rest.pointer
         self.duration_s = rest.duration_s

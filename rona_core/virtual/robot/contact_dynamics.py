@@ -1,4 +1,4 @@
-"""The virtual contact: a spring with some damping before a surface, felt through a filter.
+"""Contact dynamics: Kelvin-Voigt spring, sensor filter and lag of the corrected axis.
 
 Between two steps of the control loop the robot and the sensor are linear, so their states are
 carried on in closed form; force is looked at every millisecond, because it cannot pull.

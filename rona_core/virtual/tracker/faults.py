@@ -1,4 +1,4 @@
-"""What goes wrong with an optical tracker now and then, as pure functions of seed and frame."""
+"""Faults of an optical tracker: dropped frames, warm-up drift and ghost solutions."""
 
 import numpy as np
 

@@ -1,4 +1,4 @@
-"""A coarse mesh of a whole skull for the eye, small enough for a session file and a browser."""
+"""Coarse display mesh of an imported skull, small enough for a session file and a browser."""
 
 import numpy as np
 from scipy.ndimage import gaussian_filter, map_coordinates

@@ -1,4 +1,4 @@
-"""A skull from a file as a specimen: rays and feet on the zero level of its stored distance."""
+"""Imported skull as a specimen: rays and feet on the zero level of its distance field."""
 
 import numpy as np
 from numpy.typing import ArrayLike
