@@ -155,6 +155,7 @@ PLANTED_IMPORTS = [
     ("rona_core/devices/planted.py", "import viser", "no viewer and no web framework"),
     ("rona_core/geometry/planted.py", "import rona_core.devices.live", "Layers of rona_core"),
     ("rona_core/path/planted.py", "import rona_core.surface", "Layers of rona_core"),
+    ("rona_core/path/planted.py", "import benchmarks.reference", "neither tests nor benchmarks"),
     ("rona_core/app/planted.py", "import rona_core.virtual", "ground truth"),
     ("rona_core/app/planted.py", "import rona_core.evaluation", "Layers of rona_core"),
     ("rona_core/planted.py", "", "Layers of rona_core"),  # a new module must choose a layer
@@ -273,7 +274,7 @@ RIGHT_FRAMES = [
     "Ts_base_marker = T_base_tracker @ track.Ts_tracker_marker",
     "T_tracker_toolmarker = frame.tool(name).T_tracker_marker",
     "T_b_a = fit(points_a, points_b)",
-    "fit_rigid(points_a=points_base, points_b=points_skull)",
+    "register_points(points_a=points_base, points_b=points_skull)",
     "tip_base = T_base_tip.translation + T_base_tip.rotate(offset_tip)",
     "axis_base = Ts_base_probe.rotations[:, :, 2]",
     "points_skull = T_base_skull.inv() @ points_base",

@@ -32,7 +32,7 @@ from rona_core.errors import RonaError
 from rona_core.geometry.arrays import Floats
 from rona_core.geometry.pose import Pose, Poses
 from rona_core.geometry.pose_covariance import point_jacobians
-from rona_core.geometry.rigid_fit import fit_rigid
+from rona_core.geometry.rigid_fit import register_points
 from rona_core.surface.icp import point_surface, register_surface
 
 TRIALS = 300
@@ -177,7 +177,9 @@ def point_registration(progress: Progress) -> list[Metric]:
         rng = np.random.default_rng(4)
         points, goal_point = fiducials + shift, target + shift
         noise = rng.normal(0.0, sigma_mm, (draws, *points.shape))
-        misses = [fit_rigid(points, points + e) @ goal_point - goal_point for e in noise]
+        misses = [
+            register_points(points, points + e).T_b_a @ goal_point - goal_point for e in noise
+        ]
         simulated = float(np.sqrt((np.array(misses) ** 2).sum(axis=1).mean()))
         known = register_fiducials(points, points, covariances=sigma_mm**2 * np.eye(3))
         ours = float(known.target_errors_mm(goal_point[None])[0])

@@ -22,9 +22,9 @@ import numpy as np
 
 from rona_core.app.messages.activities import StartPointerCapture
 from rona_core.app.messages.registry import (
+    AddObstacle,
     CalibratePointer,
     MoveTracker,
-    PutObstacle,
     Redo,
     RenameSession,
     SetSeed,
@@ -66,7 +66,7 @@ def work(folder: Path, seed: int, captures: float) -> None:
         choices = (
             SetSeed(number), RenameSession(f"work {number}"), Undo(), Redo(),
             SetToolVisible("pointer6d", bool(number % 2)), CalibratePointer(),
-            PutObstacle(f"box{number % 5}", (500.0, float(number), 100.0), (50.0, 50.0, 50.0)),
+            AddObstacle(f"box{number % 5}", (500.0, float(number), 100.0), (50.0, 50.0, 50.0)),
             MoveTracker((float(number % 50), 0.0, 0.0)),
         )  # fmt: skip
         try:

@@ -65,7 +65,7 @@ class ServerProcess:
 
     def compute(self) -> None:
         """Keep it busy: start a long computation and return once it is under way."""
-        with self.open("/sessions/current/jobs/StartWhatIf", {"n": 400}) as answer:
+        with self.open("/sessions/current/jobs/StartProbeSweep", {"n": 400}) as answer:
             where = "/jobs/" + json.load(answer)["id"]
         progress = 0.0
         while progress == 0.0:

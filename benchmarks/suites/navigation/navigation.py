@@ -19,7 +19,7 @@ from rona_core.calibration.pivot.pivot_calibration import PivotMethod
 from rona_core.devices.marker_geometry import GEOMETRIES
 from rona_core.geometry.arrays import Floats
 from rona_core.geometry.pose import Pose, Poses
-from rona_core.geometry.rigid_fit import fit_rigid
+from rona_core.geometry.rigid_fit import register_points
 
 TRIALS = 20
 FRAMES = 300
@@ -88,7 +88,7 @@ def measured(
     fits: list[Pose] = []
     for T_tracker_marker in Ts_tracker_marker:
         seen = T_tracker_marker @ positions + rng.normal(0.0, noise_mm, positions.shape)
-        fits.append(fit_rigid(positions, seen))
+        fits.append(register_points(positions, seen).T_b_a)
     return Poses.stack(fits)
 
 

@@ -13,11 +13,12 @@ from benchmarks.reference.brute_force_simplification import (
     segment_deviation_mm,
     textbook_order,
 )
+from benchmarks.reference.frechet_distance import within_frechet
 from benchmarks.reference.path_coverage import length_mm
+from benchmarks.reference.removal_order import removal_order
 from rona_core.geometry.arrays import Floats
-from rona_core.path.simplification.deviation import deviations, within_frechet
+from rona_core.path.simplification.deviation import deviations
 from rona_core.path.simplification.simplify import METHODS, SimplifiedPath, simplify
-from rona_core.path.simplification.vertex_decimation import removal_order
 
 __all__ = ["POINTS", "demonstration", "run", "segment_deviation_mm"]
 

@@ -12,7 +12,7 @@ from pathlib import Path
 
 from benchmarks.metric import Direction, Metric, Progress, over_seeds
 from rona_core.app.overview.acceptance import FIGURES
-from rona_core.compose import build_virtual_rig, run_demo
+from rona_core.compose import DemoSkull, build_virtual_rig, run_demo
 from rona_core.evaluation.figures import rms
 from rona_core.evaluation.map_metrics import outer_errors_mm
 from rona_core.evaluation.truth import Truth
@@ -96,7 +96,7 @@ def runs(progress: Progress) -> Iterator[Run]:
         path = data_folder() / name
         if path.is_file():
             progress(name)
-            session, figures = run_demo(0, specimen=str(path))
+            session, figures = run_demo(0, DemoSkull(str(path)))
             yield Run(name.partition("_mask")[0], 0, {**figures, **robot_share(session)})
         else:
             progress(f"{name} is not there: left out")

@@ -14,10 +14,10 @@ import numpy as np
 
 from benchmarks.metric import Metric, Progress, over_seeds
 from rona_core.app.messages.registry import (
-    SetBone,
+    SetBoneModel,
     SetSeed,
+    StartCaliperMeasurements,
     StartMapping,
-    StartReferencePoints,
     StartScan,
 )
 from rona_core.app.procedure import PROCEDURE, run_procedure
@@ -94,13 +94,13 @@ def ways(seed: int, runs: Runs) -> Iterator[str]:
         yield "published speed"
         for points in POINTS:
             try:
-                bench.run(StartReferencePoints(n=points))
+                bench.run(StartCaliperMeasurements(n=points))
             except RonaError:
                 continue
             bench.run(StartMapping())
             runs.add(f"{points} points", bench)
             yield f"{points} points"
-        bench.dispatch(SetBone(own_speed=False))
+        bench.dispatch(SetBoneModel(own_speed=False))
         bench.run(StartScan())
         bench.run(StartMapping())
         runs.add("nominal patient", bench)
