@@ -14,9 +14,9 @@ from benchmarks.laboratory_families import FAMILIES, draw
 from benchmarks.metric import Metric, Progress, cpu_ms
 from benchmarks.recorded_cases import CASES, Case, Recording, record, varied
 from rona_core.geometry.arrays import Bools, Floats
+from rona_core.mapping.thickness_figures import thickness_figures
 from rona_core.ultrasound.recorded.band import Band, Complexes, analytic
 from rona_core.ultrasound.recorded.plate_detector import detect_recorded
-from rona_core.ultrasound.recorded.thickness_figures import thickness_figures
 
 SEEDS = (21, 22, 23)  # others than those the detection was adjusted with
 LABORATORY_SEEDS = range(500, 530)
