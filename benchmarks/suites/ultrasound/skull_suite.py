@@ -18,6 +18,7 @@ from rona_core.ultrasound.detection.detect import NOMINAL_SPEED_MM_PER_US, Detec
 from rona_core.ultrasound.detection.single.cramer_rao import inner_bound
 from rona_core.ultrasound.detection.single.matched_filter import block_template
 from rona_core.ultrasound.probe.probe_model import probe_model
+from rona_core.ultrasound.probe.survey import ProbeSurvey
 from tests.scenes.bone_record import BoneScene
 from tests.scenes.bone_scenes import anatomical_bone, hard_bone, parallel_bone, plate
 
@@ -95,11 +96,10 @@ def plate_figures(name: ProbeName, excitation: Excitation) -> list[Metric]:
 def errors(scene: BoneScene, method: Method) -> tuple[Floats, Detection]:
     """Return the errors (n,) of the time of flight as thickness, and the detection."""
     found = detect(
-        scene.track,
-        scene.probe,
-        scene.settings.excitation,
+        ProbeSurvey(
+            scene.track, scene.probe, scene.settings.excitation, positions_mm=scene.points_skull
+        ),
         method=method,
-        positions_mm=scene.points_skull,
     )
     true_mm = scene.bone_us * found.sound_speed_mm_per_us / 2.0
     return found.thickness_mm - true_mm, found

@@ -15,6 +15,7 @@ from rona_core.mapping.interpolation_error import left_out_error
 from rona_core.mapping.thin_plate_spline import fit_plate
 from rona_core.ultrasound.detection.detect import detect
 from rona_core.ultrasound.probe.probe_model import probe_model
+from rona_core.ultrasound.probe.survey import ProbeSurvey
 from tests.helpers.mapping_scenes import T_BASE_SKULL, cloud, errors_mm, survey
 from tests.helpers.ultrasound_scenes import WavySkull, scan
 
@@ -197,7 +198,7 @@ def test_moving_everything_moves_the_surfaces(seed):
 def test_the_whole_way_from_echoes_to_maps():
     skull = WavySkull(14)
     track, Ts_skull_probe, _ = scan(skull, ProbeSettings(), seed=14, lines_mm=2.5)
-    found = detect(track, PROBE, "chirp")
+    found = detect(ProbeSurvey(track, PROBE, "chirp"))
     maps = build_maps(found, T_BASE_SKULL @ Ts_skull_probe)
     assert rms(errors_mm(maps.outer, skull.outer_z)) < 0.05
     assert rms(errors_mm(maps.inner, inner_z(skull))) < 0.45

@@ -15,6 +15,7 @@ from rona_core.ultrasound.detection.detect import detect
 from rona_core.ultrasound.probe.beam import mirror_spectrum
 from rona_core.ultrasound.probe.excitation import GRID, emission_spectrum, grid_frequencies_mhz
 from rona_core.ultrasound.probe.probe_model import probe_model
+from rona_core.ultrasound.probe.survey import ProbeSurvey
 
 PROBE = probe_model("2.25MHz")
 
@@ -77,7 +78,10 @@ def test_a_calibrated_probe_moves_the_outer_boundary_and_not_the_thickness():
     assert better.line_delay_us == pytest.approx(line.delay_us, abs=1e-12)
     assert replace(better, line=PROBE.line) == PROBE
     track = on_block(true + 0.1, level=0.4, second=4.0, seed=5)  # bone in front of which gel lies
-    before, after = detect(track, PROBE, "pulse"), detect(track, better, "pulse")
+    before, after = (
+        detect(ProbeSurvey(track, PROBE, "pulse")),
+        detect(ProbeSurvey(track, better, "pulse")),
+    )
     np.testing.assert_allclose(before.outer_us, after.outer_us, atol=2e-3)  # times stay
     moved = before.standoff_mm - after.standoff_mm
     np.testing.assert_allclose(moved, 0.3 * 1.5 / 2, atol=0.03)
