@@ -4,7 +4,11 @@ from dataclasses import replace
 from typing import Any
 
 from rona_core.app.dependencies.staleness import stale_reason
-from rona_core.app.messages.registry import StartSonoCalibration, StartSonoMapping, StartSonoScan
+from rona_core.app.messages.registry import (
+    StartHandheldCalibration,
+    StartHandheldMapping,
+    StartHandheldScan,
+)
 from rona_core.session.document import Session
 from rona_ui.panels.widgets import style
 from rona_ui.panels.widgets.form import Form
@@ -27,7 +31,7 @@ class HandheldControls:
 
     def __init__(self, gui: Any, context: PanelContext) -> None:
         self._context = context
-        start = StartSonoScan()
+        start = StartHandheldScan()
         with gui.add_folder("Handheld scan (SonoPointer)", expand_by_default=False):
             gui.add_html(
                 style.text(
@@ -52,17 +56,17 @@ class HandheldControls:
             self._map = gui.add_button("3. Map handheld scan", icon="map", color="gray")
             self._maps = gui.add_html("")
             self._whose = gui.add_dropdown("Show maps of", tuple(WHOSE))
-        on_click(self._calibrate, lambda e: context.send(StartSonoCalibration, e))
+        on_click(self._calibrate, lambda e: context.send(StartHandheldCalibration, e))
         on_click(self._scan, lambda e: context.send(self.scan, e))
         on_click(self._map, self._mapped)
         on_change(self._whose, lambda e: self._choose())
 
     def scan(self) -> Any:
         """Return the scan with these parameters."""
-        return StartSonoScan(**self._form.values())
+        return StartHandheldScan(**self._form.values())
 
     def _mapped(self, event: Any) -> None:
-        self._context.send(StartSonoMapping, event)
+        self._context.send(StartHandheldMapping, event)
         self._context.change_view(lambda v: replace(v, handheld=True))
 
     def _choose(self) -> None:

@@ -45,7 +45,9 @@ class PointerLayer(Layer):
 def holds_probe(snapshot: Snapshot) -> bool:
     """Return whether it is the ultrasound probe that somebody holds in the hand."""
     return (
-        snapshot.busy and snapshot.job is not None and snapshot.job.activity.startswith("StartSono")
+        snapshot.busy
+        and snapshot.job is not None
+        and snapshot.job.activity.startswith("StartHandheld")
     )
 
 

@@ -5,7 +5,7 @@ from dataclasses import replace
 from typing import Any
 
 from rona_core.app.dependencies.staleness import usable_second
-from rona_core.app.messages.registry import StartMapping, StartSecondPlan, StartSecondScan
+from rona_core.app.messages.registry import StartGapPlan, StartGapScan, StartMapping
 from rona_core.app.steps.maps.second_pass_view import SecondView, second_cells, second_view
 from rona_ui.panels.widgets import style
 from rona_ui.panels.widgets.form import Form
@@ -36,7 +36,7 @@ class SecondFolder:
             self._scan = gui.add_button("Scan gaps", icon="player-play")
             self._map = gui.add_button("Map with second pass", icon="map", visible=False)
             with gui.add_folder("Row spacing and tilt", expand_by_default=False):
-                form, plan = self._form, StartSecondPlan()
+                form, plan = self._form, StartGapPlan()
                 form.number("spacing_mm", "Row spacing (mm)", plan.spacing_mm, 0.5, 5.0, 0.5)
                 form.number(
                     "fan", "Slope spread", plan.fan, 0.0, 0.5, 0.05,
@@ -48,12 +48,12 @@ class SecondFolder:
                     "Above about 6° the probe face loses contact",
                 )  # fmt: skip
         on_click(self._plan, lambda e: self._send(context, self.message, e))
-        on_click(self._scan, lambda e: self._send(context, StartSecondScan, e))
+        on_click(self._scan, lambda e: self._send(context, StartGapScan, e))
         on_click(self._map, lambda e: self._send(context, mapping, e, second=False))
 
-    def message(self) -> StartSecondPlan:
+    def message(self) -> StartGapPlan:
         """Return the planning with these parameters."""
-        return StartSecondPlan(**self._form.values())
+        return StartGapPlan(**self._form.values())
 
     @staticmethod
     def _send(context: PanelContext, make: Any, event: Any, *, second: bool = True) -> None:
@@ -89,7 +89,7 @@ class SecondFolder:
 
 def words(snapshot: Snapshot, view: SecondView | None, scanned: bool) -> str:
     """Return what is planned, what was scanned, and the coverage before and after."""
-    session, html = snapshot.session, stopped_note(snapshot, "StartSecondScan")
+    session, html = snapshot.session, stopped_note(snapshot, "StartGapScan")
     if view is not None:
         told = (
             f"Gaps: {100 * view.gap_share:.0f} % of the map. Path of {view.length_mm:.0f} "

@@ -3,7 +3,7 @@
 from dataclasses import replace
 from typing import Any
 
-from rona_core.app.messages.registry import PutObstacle, RemoveObstacle, SetSurroundings
+from rona_core.app.messages.registry import AddObstacle, RemoveObstacle, SetWorkcell
 from rona_core.app.steps.setup.clearance import near_pairs
 from rona_core.app.steps.setup.workcell_messages import STANDARD
 from rona_core.devices.workcell import RoomBox, Surroundings
@@ -85,7 +85,7 @@ class WorkcellFields:
         return form
 
     def _changed(self, name: str, event: Event) -> None:
-        self._context.send_debounced("room", lambda: SetSurroundings(**self._room.values()), event)
+        self._context.send_debounced("room", lambda: SetWorkcell(**self._room.values()), event)
 
     def _show(self, wanted: bool) -> None:
         self._context.change_view(
@@ -111,7 +111,7 @@ class WorkcellFields:
     def _on_put(self, event: Event) -> None:
         name, values, chosen = self._name.value.strip(), self._box.values(), self._which.value
         old = None if chosen in (NEW, name) else chosen
-        self._context.send(lambda: PutObstacle(name, **values, instead_of=old), event)
+        self._context.send(lambda: AddObstacle(name, **values, instead_of=old), event)
 
     def _on_remove(self, event: Event) -> None:
         name = self._which.value

@@ -2,7 +2,7 @@
 
 from typing import Any
 
-from rona_core.app.messages.registry import CalibrateDelayLine, SetProbe, StartBlockShots
+from rona_core.app.messages.registry import CalibrateDelayLine, SetProbe, StartDelayLineCapture
 from rona_core.app.steps.acoustics.view import (
     EDITABLE,
     ProbeOutlook,
@@ -88,7 +88,7 @@ class ProbeFields:
         self._shoot = self._gui.add_button("Record on reference block", icon="target", color="gray")
         self._forget = self._gui.add_button("Reset delay line", icon="restore", color="gray")
         self._line = self._gui.add_html("")
-        on_click(self._shoot, lambda e: self._context.send(StartBlockShots, e))
+        on_click(self._shoot, lambda e: self._context.send(StartDelayLineCapture, e))
         on_click(
             self._forget, lambda e: self._context.send(lambda: CalibrateDelayLine(use=False), e)
         )
