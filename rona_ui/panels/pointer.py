@@ -12,7 +12,7 @@ from rona_ui.presentation.snapshot import Snapshot
 
 METHODS = {
     "Maximum likelihood": "ml",
-    "Sphere (as the paper)": "sphere",
+    "Sphere (paper)": "sphere",
     "Algebraic one-step": "aos",
 }
 

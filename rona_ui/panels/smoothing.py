@@ -19,13 +19,13 @@ METRICS = {"K1: maximum deviation": "k1", "K2: RMS deviation": "k2", "K3: area":
 METHODS = {
     "Fewest points": "optimal",
     "Few points, fast": "fast",
-    "Greedy (as the paper)": "greedy",
+    "Greedy (paper)": "greedy",
     "Douglas-Peucker": "rdp",
 }
 NORMALS = {
     "Quadric": "jet",
     "Total least squares": "tls",
-    "Least squares (as the paper)": "ols",
+    "Least squares (paper)": "ols",
     "Robust plane": "robust",
 }
 EDITS: dict[str, Drawing] = {"Move": "move", "Insert": "insert", "Delete": "delete", "Pin": "pin"}

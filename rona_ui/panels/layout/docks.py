@@ -89,7 +89,7 @@ class Docks:
             panels.append(AScanPanel(gui, context))
         with lower.add_tab("Force", "arrow-bar-to-down"):
             panels.append(ForcePanel(gui, context))
-        with lower.add_tab("Probe comparison", "flask"):
+        with lower.add_tab("Probes", "flask"):
             panels.append(ProbeComparisonPanel(gui, context))
         upper.dock_right()
         lower.dock_below(upper)

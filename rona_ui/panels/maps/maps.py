@@ -27,8 +27,8 @@ from rona_ui.presentation.snapshot import Snapshot
 
 METHODS = {
     "Front echo subtracted": "subtract",
-    "Matched filter (as the paper)": "matched",
-    "Threshold (as the paper)": "threshold",
+    "Matched filter (paper)": "matched",
+    "Threshold (paper)": "threshold",
 }
 SPEEDS = {"Calibrated, else published": "known", "Entered below": "given"}
 QUANTITIES = {

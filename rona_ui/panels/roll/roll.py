@@ -15,7 +15,7 @@ from rona_ui.presentation.colors import GREEN, VERMILLION, YELLOW, css
 from rona_ui.presentation.snapshot import Snapshot
 from rona_ui.presentation.view_state import ViewState
 
-CHOICES = {"Largest margin": "best", "First feasible (as the paper)": "first"}
+CHOICES = {"Largest margin": "best", "First feasible (paper)": "first"}
 MODES = {"Constant, else varying": "auto", "Constant": "constant", "Varying": "variable"}
 
 

@@ -135,7 +135,7 @@ def test_nine_steps_by_mouse_then_saved_and_opened_again(surgeon: Surgeon) -> No
 
     # a step that is blocked says why and cannot be started
     surgeon.open_step("Scan")
-    assert frame.get_by_text("Blocked: first search the roll").is_visible()
+    assert frame.get_by_text("Blocked: first plan the motion").is_visible()
     assert surgeon.button("Scan").is_disabled()
 
     for step, primary in (("Tool", "Move and register"), ("Pointer", "Pivot and calibrate")):

@@ -124,7 +124,7 @@ def test_the_step_list_tells_state_by_icon_word_and_reason_and_a_click_opens() -
     assert "done" in rows[0]
     assert "ready" in rows[1]
     assert "blocked" in rows[7]
-    assert "first search the roll (step 7)" in rows[7]
+    assert "first plan the motion (step 7)" in rows[7]
     gui.find("button", "Step 4: Surface").happen(CLIENT)
     assert recorder.shown.step == "surface"
 
@@ -168,7 +168,7 @@ def test_a_blocked_step_cannot_be_started_and_says_why() -> None:
     for part in (run, title):
         part.render(None, snapshot(view=ViewState(step="scan")))
     assert gui.find("button", "Scan").disabled
-    assert "Blocked: first search the roll" in gui.html()
+    assert "Blocked: first plan the motion" in gui.html()
 
 
 def test_the_primary_button_sends_one_activity_and_rests_while_the_job_runs() -> None:

@@ -30,7 +30,7 @@ class FakeBench:
         self.got.append(message)
 
     def start(self, message: Any) -> None:
-        raise StepBlockedError("StartScan is blocked: first search the roll (step 7)")
+        raise StepBlockedError("StartScan is blocked: first plan the motion (step 7)")
 
     def stop(self) -> None:
         self.stopped.set()
@@ -157,7 +157,7 @@ def test_a_refusal_is_told_with_cause_and_remedy_and_the_queue_goes_on(
     drain(bindings, client)
     (blocked, why), (value, range_) = client.notices
     assert blocked == "Step blocked"
-    assert "first search the roll (step 7)" in why
+    assert "first plan the motion (step 7)" in why
     assert value == "Invalid value"
     assert "seed must be 0 to" in range_
     assert bench.got == [SetSeed(3)]
