@@ -97,8 +97,8 @@ def register_tool(
     if paper is None:
         joint = replace(joint, used=_among_all(joint.used, keep))
         return _from_joint(joint, Ts_base_tip, Ts_tracker_toolmarker, chosen, keep)
-    seen = observe(robot_tips, markers, TOOL_MARKERS, noise, robot_noise)
-    covariance = bootstrap(paper, seen, chosen[keep], joint)
+    observations = observe(robot_tips, markers, TOOL_MARKERS, noise, robot_noise)
+    covariance = bootstrap(paper, observations, chosen[keep], joint)
     return _assemble(
         "paper",
         (paper.T_base_tracker, paper.T_toolmarker_tip),

@@ -33,8 +33,8 @@ def drift_mm(settings: TrackerSettings, seed: int, ordinal: int, time_s: float) 
     if settings.drift_mm <= 0.0:
         return NO_DRIFT
     direction = rng(seed, "tracker-drift", 0, 0).normal(0.0, (1.0, 1.0, settings.depth_ratio))
-    left = np.exp(-minutes_on(settings, ordinal, time_s) / WARM_UP_MIN)
-    return settings.drift_mm * left * direction / np.linalg.norm(direction)
+    remaining = np.exp(-minutes_on(settings, ordinal, time_s) / WARM_UP_MIN)
+    return settings.drift_mm * remaining * direction / np.linalg.norm(direction)
 
 
 def swapped_markers(
