@@ -153,7 +153,7 @@ def update_registration(
 
     Args:
         T_base_tracker: As registered.
-        covariance: Of it (6, 6), as geometry/tangent.py says.
+        covariance: Of it (6, 6), as geometry/pose_covariance.py says.
         registered: The base marker then.
         now: The base marker since the tracker was moved.
         field: What averaging does not remove.

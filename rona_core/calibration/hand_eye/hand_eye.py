@@ -58,7 +58,8 @@ class HandEyeFit:
     """Tracker in ``base`` and tip in ``toolmarker``, with the errors they share.
 
     ``covariance`` is that of the deviation (12,): of ``T_base_tracker``, then of
-    ``T_toolmarker_tip``, each (rx, ry, rz, tx, ty, tz) in rad and mm as geometry/tangent.py says.
+    ``T_toolmarker_tip``, each (rx, ry, rz, tx, ty, tz) in rad and mm, see
+    geometry/pose_covariance.py.
     """
 
     T_base_tracker: Pose

@@ -96,7 +96,7 @@ def registration_sigma_mm(T_base_tracker: Pose, covariance: Floats, center_base:
 
     Args:
         T_base_tracker: The pose.
-        covariance: Of its deviation (6, 6), as geometry/tangent.py says.
+        covariance: Of its deviation (6, 6), as geometry/pose_covariance.py says.
         center_base: (3,)
     """
     arm = center_base - T_base_tracker.translation

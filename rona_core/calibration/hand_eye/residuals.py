@@ -161,7 +161,7 @@ def moved(
 
 
 def tangent_at_tracker(T_base_tracker: Pose, center_base: Floats) -> Floats:
-    """Return the matrix (12, 12) from the tangent of ``jacobians`` to that of geometry/tangent."""
+    """Return the matrix (12, 12) from the tangent of ``jacobians`` to that of pose_covariance."""
     change = np.eye(12)
     change[3:6, :3] = -cross_matrices(T_base_tracker.translation - center_base)
     return change

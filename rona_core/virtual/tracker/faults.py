@@ -4,12 +4,12 @@ import numpy as np
 
 from rona_core.devices.marker_geometry import MarkerGeometry
 from rona_core.devices.settings import TrackerSettings
-from rona_core.geometry.arrays import Vector3
+from rona_core.geometry.arrays import Vector3, readonly
 from rona_core.virtual.noise import rng
 
 WARM_UP_MIN = 14.0  # time constant: after three of them, 42 minutes, a twentieth is left
 CAPTURE_MIN = 3.0  # from the start of one capture to that of the next
-NO_DRIFT = np.zeros(3)
+NO_DRIFT = readonly(np.zeros(3))
 
 
 def dropped(settings: TrackerSettings, seed: int, ordinal: int, number: int) -> bool:
