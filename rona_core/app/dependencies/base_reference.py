@@ -37,7 +37,7 @@ class TrackerReference:
 
     state: Literal["kept", "carried", "unchecked"]
     T_base_tracker: Pose
-    covariance: Floats  # (6, 6), as geometry/tangent.py says
+    covariance: Floats  # (6, 6), as geometry/pose_covariance.py says
     added_mm: float  # predicted 3D RMS error that the move costs where the pointer was
     movement: Movement | None  # None where the base marker was not seen
     sentence: str

@@ -153,7 +153,7 @@ def update_registration(
 
     Args:
         T_base_tracker: As registered.
-        covariance: Of it (6, 6), as geometry/tangent.py says.
+        covariance: Of it (6, 6), as geometry/pose_covariance.py says.
         registered: The base marker then.
         now: The base marker since the tracker was moved.
         field: What averaging does not remove.
@@ -161,15 +161,15 @@ def update_registration(
     T_a_b = detect_tracker_movement(registered, now).T_a_b
     carried = T_base_tracker @ T_a_b
     turn_base, turn_a = T_base_tracker.rotation, T_a_b.rotation
-    own = _shifted(turn_base @ T_a_b.translation)
-    both = np.kron(np.eye(2), turn_a)
-    off = registered.covariance + both @ now.covariance @ both.T
-    off = off + _field_covariance(registered, now, turn_a, field)
+    transport = _shifted(turn_base @ T_a_b.translation)
+    axes_a = np.kron(np.eye(2), turn_a)
+    deviation = registered.covariance + axes_a @ now.covariance @ axes_a.T
+    deviation = deviation + _field_covariance(registered, now, turn_a, field)
     place_base = T_base_tracker @ registered.T_tracker_basemarker.translation
     to_base = np.kron(np.eye(2), turn_base)
-    about = _shifted(carried.translation - place_base)
-    added = about @ to_base @ off @ to_base.T @ about.T
-    total = own @ covariance @ own.T + added
+    to_marker = _shifted(carried.translation - place_base)
+    added = to_marker @ to_base @ deviation @ to_base.T @ to_marker.T
+    total = transport @ covariance @ transport.T + added
     return UpdatedRegistration(
         carried,
         readonly((total + total.T) / 2.0),

@@ -58,7 +58,8 @@ class HandEyeFit:
     """Tracker in ``base`` and tip in ``toolmarker``, with the errors they share.
 
     ``covariance`` is that of the deviation (12,): of ``T_base_tracker``, then of
-    ``T_toolmarker_tip``, each (rx, ry, rz, tx, ty, tz) in rad and mm as geometry/tangent.py says.
+    ``T_toolmarker_tip``, each (rx, ry, rz, tx, ty, tz) in rad and mm, see
+    geometry/pose_covariance.py.
     """
 
     T_base_tracker: Pose
@@ -108,29 +109,29 @@ def solve_hand_eye(
         raise InvalidInputError(f"a registration needs at least {MIN_POSES} poses, not {n}")
     positions = _as_markers(positions_toolmarker)
     require_two_axes(Ts_base_tip.rotations, Ts_tracker_toolmarker.rotations)
-    seen = observe(Ts_base_tip, Ts_tracker_toolmarker, positions, noise, robot_noise)
-    return _refine(seen, *first_guess(Ts_base_tip, Ts_tracker_toolmarker), noise.sigma_mm)
+    observations = observe(Ts_base_tip, Ts_tracker_toolmarker, positions, noise, robot_noise)
+    return _refine(observations, *first_guess(Ts_base_tip, Ts_tracker_toolmarker), noise.sigma_mm)
 
 
 def _refine(
-    seen: Observations, T_base_tracker: Pose, T_toolmarker_tip: Pose, sigma_mm: float | None
+    observations: Observations, T_base_tracker: Pose, T_toolmarker_tip: Pose, sigma_mm: float | None
 ) -> HandEyeFit:
     """Iterate weights, choice of poses and both unknowns until none of them changes."""
-    used = np.ones(len(seen), dtype=np.bool_)
+    used = np.ones(len(observations), dtype=np.bool_)
     for step in range(MAX_STEPS):
-        e = residuals(seen, T_base_tracker, T_toolmarker_tip)
-        robot = robot_covariances(seen, T_base_tracker, T_toolmarker_tip)
-        sizes = spectrum(e, seen.unit_covariances, robot)
+        e = residuals(observations, T_base_tracker, T_toolmarker_tip)
+        robot = robot_covariances(observations, T_base_tracker, T_toolmarker_tip)
+        sizes = spectrum(e, observations.unit_covariances, robot)
         before = used
         if step < SETTLE_STEPS:
             # the unknowns take their share of what is left over; a stated error may be too small
-            rough = sigma_by_median(sizes) / np.sqrt(1.0 - UNKNOWNS / (DOF * len(seen)))
+            rough = sigma_by_median(sizes) / np.sqrt(1.0 - UNKNOWNS / (DOF * len(observations)))
             used = sizes.distances(max(rough, sigma_mm or 0.0)) <= GROSS
             _require_agreement(used)
         sigma = sigma_mm or sigma_by_mean(sizes, used, UNKNOWNS)
-        center = seen.Ts_base_tip.translations[used].mean(axis=0)
-        J = jacobians(seen, T_base_tracker, T_toolmarker_tip, e[:, :3], center)[used]
-        weighted = np.linalg.inv(sigma**2 * seen.unit_covariances + robot)[used] @ J
+        center = observations.Ts_base_tip.translations[used].mean(axis=0)
+        J = jacobians(observations, T_base_tracker, T_toolmarker_tip, e[:, :3], center)[used]
+        weighted = np.linalg.inv(sigma**2 * observations.unit_covariances + robot)[used] @ J
         information = np.einsum("nij,nik->jk", J, weighted)
         change = -np.linalg.solve(information, np.einsum("nij,ni->j", weighted, e[used]))
         size = max(np.abs(change[TURNS]).max(), np.abs(change[~TURNS]).max() / MM_PER_RAD)

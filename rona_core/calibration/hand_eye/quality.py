@@ -60,8 +60,8 @@ def require_two_axes(rotations_base_tip: Floats, rotations_tracker_toolmarker: F
     by_robot = rotation_vectors(mean.T @ rotations_base_tip)
     reference = int(np.argmax(np.abs(by_robot @ axes_tip[0])))
     robot = rotation_vectors(rotations_base_tip[reference].T @ rotations_base_tip)
-    seen = rotations_tracker_toolmarker[reference].T @ rotations_tracker_toolmarker
-    tracker = rotation_vectors(seen)
+    turns_toolmarker = rotations_tracker_toolmarker[reference].T @ rotations_tracker_toolmarker
+    tracker = rotation_vectors(turns_toolmarker)
     apart = np.linalg.norm(tracker, axis=1) - np.linalg.norm(robot, axis=1)
     match = np.abs(apart) < np.deg2rad(MATCH_DEG)
     axis_toolmarker = np.linalg.svd(tracker[match], full_matrices=False)[2][0]
@@ -96,7 +96,7 @@ def registration_sigma_mm(T_base_tracker: Pose, covariance: Floats, center_base:
 
     Args:
         T_base_tracker: The pose.
-        covariance: Of its deviation (6, 6), as geometry/tangent.py says.
+        covariance: Of its deviation (6, 6), as geometry/pose_covariance.py says.
         center_base: (3,)
     """
     arm = center_base - T_base_tracker.translation

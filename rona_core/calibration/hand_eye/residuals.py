@@ -104,19 +104,21 @@ def fit_covariances(rotations: Floats, positions_marker: Floats, noise: MarkerNo
     return covariances
 
 
-def residuals(seen: Observations, T_base_tracker: Pose, T_toolmarker_tip: Pose) -> Floats:
+def residuals(observations: Observations, T_base_tracker: Pose, T_toolmarker_tip: Pose) -> Floats:
     """Return measured minus expected marker pose (n, 6): turn, shift of the centroid in tracker."""
     R_tracker_base = T_base_tracker.rotation.T
-    expected = R_tracker_base @ seen.Ts_base_tip.rotations @ T_toolmarker_tip.rotation.T
-    turns = rotation_vectors(seen.Ts_tracker_toolmarker.rotations @ np.swapaxes(expected, 1, 2))
-    centroid_tip = T_toolmarker_tip.inv() @ seen.centroid_toolmarker
-    centroids_base = seen.Ts_base_tip @ centroid_tip
-    shifts = seen.centroids_tracker - T_base_tracker.inv() @ centroids_base
+    expected = R_tracker_base @ observations.Ts_base_tip.rotations @ T_toolmarker_tip.rotation.T
+    turns = rotation_vectors(
+        observations.Ts_tracker_toolmarker.rotations @ np.swapaxes(expected, 1, 2)
+    )
+    centroid_tip = T_toolmarker_tip.inv() @ observations.centroid_toolmarker
+    centroids_base = observations.Ts_base_tip @ centroid_tip
+    shifts = observations.centroids_tracker - T_base_tracker.inv() @ centroids_base
     return np.concatenate((turns, shifts), axis=1)
 
 
 def jacobians(
-    seen: Observations,
+    observations: Observations,
     T_base_tracker: Pose,
     T_toolmarker_tip: Pose,
     turns: Floats,
@@ -127,13 +129,13 @@ def jacobians(
     The columns are the deviation of ``T_base_tracker`` turned about ``center_base`` instead of the
     tracker (which keeps the equations well conditioned), then that of ``T_toolmarker_tip``.
     """
-    n = len(seen)
+    n = len(observations)
     R_tracker_base = T_base_tracker.rotation.T
-    R_expected = R_tracker_base @ seen.Ts_base_tip.rotations @ T_toolmarker_tip.rotation.T
+    R_expected = R_tracker_base @ observations.Ts_base_tip.rotations @ T_toolmarker_tip.rotation.T
     inverse = _inverse_right_jacobians(turns)
-    lever_toolmarker = seen.centroid_toolmarker - T_toolmarker_tip.translation
+    lever_toolmarker = observations.centroid_toolmarker - T_toolmarker_tip.translation
     centroid_tip = T_toolmarker_tip.rotation.T @ lever_toolmarker
-    levers_base = seen.Ts_base_tip @ centroid_tip - center_base
+    levers_base = observations.Ts_base_tip @ centroid_tip - center_base
     J = np.zeros((n, 6, 12))
     J[:, :3, :3] = inverse @ R_tracker_base
     J[:, :3, 6:9] = inverse @ R_expected
@@ -159,19 +161,21 @@ def moved(
 
 
 def tangent_at_tracker(T_base_tracker: Pose, center_base: Floats) -> Floats:
-    """Return the matrix (12, 12) from the tangent of ``jacobians`` to that of geometry/tangent."""
+    """Return the matrix (12, 12) from the tangent of ``jacobians`` to that of pose_covariance."""
     change = np.eye(12)
     change[3:6, :3] = -cross_matrices(T_base_tracker.translation - center_base)
     return change
 
 
-def robot_covariances(seen: Observations, T_base_tracker: Pose, T_toolmarker_tip: Pose) -> Floats:
+def robot_covariances(
+    observations: Observations, T_base_tracker: Pose, T_toolmarker_tip: Pose
+) -> Floats:
     """Return what the robot's own error adds to the residuals: covariances (n, 6, 6)."""
-    tip_variance, turn_variance = seen.robot_variances
-    centroid_tip = T_toolmarker_tip.inv() @ seen.centroid_toolmarker
-    levers = seen.Ts_base_tip.rotations @ centroid_tip @ T_base_tracker.rotation
+    tip_variance, turn_variance = observations.robot_variances
+    centroid_tip = T_toolmarker_tip.inv() @ observations.centroid_toolmarker
+    levers = observations.Ts_base_tip.rotations @ centroid_tip @ T_base_tracker.rotation
     crossed = cross_matrices(levers)
-    covariances = np.zeros((len(seen), 6, 6))
+    covariances = np.zeros((len(observations), 6, 6))
     covariances[:, :3, :3] = turn_variance * np.eye(3)
     covariances[:, :3, 3:] = turn_variance * crossed
     covariances[:, 3:, :3] = -turn_variance * crossed

@@ -51,7 +51,9 @@ class ToolRegistration:
     cone_deg: float  # half-angle of the pivot
     travel_mm: tuple[float, float]  # along tool x and y
     tip_sigma_mm: float  # predicted 3D standard deviation of the tip in toolmarker
-    covariance: Floats  # (12, 12) of T_base_tracker, then T_toolmarker_tip: geometry/tangent.py
+    covariance: (
+        Floats  # (12, 12) of T_base_tracker, then T_toolmarker_tip: geometry/pose_covariance.py
+    )
     registration_sigma_mm: float  # predicted 3D RMS error in base of places 100 mm about the tips
     marker_sigma_mm: float  # 3D RMS error of one marker that the residuals speak of
     used: Bools  # (n,) False for poses excluded, or dropped as gross errors
@@ -97,8 +99,8 @@ def register_tool(
     if paper is None:
         joint = replace(joint, used=_among_all(joint.used, keep))
         return _from_joint(joint, Ts_base_tip, Ts_tracker_toolmarker, chosen, keep)
-    seen = observe(robot_tips, markers, TOOL_MARKERS, noise, robot_noise)
-    covariance = bootstrap(paper, seen, chosen[keep], joint)
+    observations = observe(robot_tips, markers, TOOL_MARKERS, noise, robot_noise)
+    covariance = bootstrap(paper, observations, chosen[keep], joint)
     return _assemble(
         "paper",
         (paper.T_base_tracker, paper.T_toolmarker_tip),

@@ -84,11 +84,11 @@ def fit_rotation_axis(Ts_tracker_marker: Poses) -> RotationAxisFit:
 
 def _common(rotations: Floats, used: Bools) -> tuple[Floats, Floats, Floats]:
     """Return the common axis in ``marker`` and ``tracker``, and each pose's angle (n,) to it."""
-    left, _, right = np.linalg.svd(rotations[used].mean(axis=0))
-    axis, mean = right[0], left[:, 0]
-    seen = rotations @ axis
-    sines = np.linalg.norm(seen - (seen @ mean)[:, None] * mean, axis=1)
-    return axis, mean, np.arctan2(sines, seen @ mean)
+    U, _, Vt = np.linalg.svd(rotations[used].mean(axis=0))
+    axis, mean = Vt[0], U[:, 0]
+    axes_tracker = rotations @ axis
+    sines = np.linalg.norm(axes_tracker - (axes_tracker @ mean)[:, None] * mean, axis=1)
+    return axis, mean, np.arctan2(sines, axes_tracker @ mean)
 
 
 def _across(z: Floats) -> tuple[Floats, Floats]:
@@ -100,8 +100,8 @@ def _across(z: Floats) -> tuple[Floats, Floats]:
 def _turns(rotations: Floats, axis: Floats, mean: Floats) -> Floats:
     """Return by how much (n,) each pose is turned about the axis in rad, from their middle."""
     x, y = _across(mean)
-    seen = rotations @ _across(axis)[0]
-    turns = np.exp(1j * np.arctan2(seen @ y, seen @ x))
+    arms_tracker = rotations @ _across(axis)[0]
+    turns = np.exp(1j * np.arctan2(arms_tracker @ y, arms_tracker @ x))
     return np.angle(turns / np.exp(1j * np.angle(turns.mean())))
 
 
@@ -124,8 +124,8 @@ def _sigma_deg(rotations: Floats, axis: Floats, mean: Floats) -> float:
     (the play of the bush); the larger of both variances counts.
     """
     (x, y), (arm, _) = _across(mean), _across(axis)
-    seen, arms = rotations @ axis, rotations @ arm
-    errors = seen @ x + 1j * (seen @ y)
+    axes_tracker, arms = rotations @ axis, rotations @ arm
+    errors = axes_tracker @ x + 1j * (axes_tracker @ y)
     turned = arms @ x + 1j * (arms @ y)
     turned = turned / np.abs(turned)
     parts = turned - turned.mean()

@@ -79,5 +79,5 @@ def _solve(weights: Floats, normals: Floats, pulls: Floats) -> Floats:
 
 def _squares(design: Floats, wanted: Floats, trials: Floats) -> Floats:
     """Return the squared distances (s, n) that solutions (s, k) leave at each pose."""
-    left = np.tensordot(trials, design, axes=(1, 2)) - wanted
-    return (left**2).sum(axis=2)
+    residuals = np.tensordot(trials, design, axes=(1, 2)) - wanted
+    return (residuals**2).sum(axis=2)

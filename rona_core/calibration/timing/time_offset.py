@@ -175,15 +175,17 @@ def _valleys(offsets: Floats, costs: Floats, total: float) -> list[int]:
 
 def _sigma(curve_a: CubicSpline, times: Floats, wanted: Floats, lags: int) -> float:
     """Return the standard deviation of the delay, with residuals that are correlated in time."""
-    seen = np.asarray(curve_a(times))
-    seen = seen - seen.mean(axis=0)
-    map_: Floats = np.linalg.lstsq(seen, wanted, rcond=1e-6)[0]
+    predictors = np.asarray(curve_a(times))
+    predictors = predictors - predictors.mean(axis=0)
+    map_: Floats = np.linalg.lstsq(predictors, wanted, rcond=1e-6)[0]
     slope = np.asarray(curve_a(times, 1)) @ map_
-    told = _residual(seen, slope - slope.mean(axis=0))  # what no other map could imitate
-    information = float((told**2).sum())
+    sensitivity = _residual(
+        predictors, slope - slope.mean(axis=0)
+    )  # what no other map could imitate
+    information = float((sensitivity**2).sum())
     if information <= 0.0:
         return float("inf")
-    score = (told * (wanted - seen @ map_)).sum(axis=1)
+    score = (sensitivity * (wanted - predictors @ map_)).sum(axis=1)
     variance = float(score @ score)
     for lag in range(1, min(lags, len(score) - 1) + 1):
         variance += 2.0 * (1.0 - lag / (lags + 1.0)) * float(score[lag:] @ score[:-lag])

@@ -48,18 +48,18 @@ def _within(columns: Floats, starts: Ints, ends: Ints, tolerance: float) -> Bool
         ray -= along * unit
         ray *= ray
         across_sq += ray
-    room = tolerance**2 - across_sq
-    half = np.sqrt(np.maximum(room, 0.0))
+    slack = tolerance**2 - across_sq
+    half = np.sqrt(np.maximum(slack, 0.0))
     low = np.maximum(along - half, 0.0)
     high = np.minimum(along + half, np.repeat(length, counts))
-    good = np.logical_and.reduceat((room >= 0.0) & (low <= high), first)
+    good = np.logical_and.reduceat((slack >= 0.0) & (low <= high), first)
     back = np.append(along[1:] < along[:-1], False)
     back[first[1:] - 1] = False  # from one piece to the next is no step
     unsure = np.flatnonzero(good & np.logical_or.reduceat(back, first))
     if len(unsure):  # pieces whose feet only go forward need no walk
-        at = np.flatnonzero(np.repeat(np.isin(np.arange(len(counts)), unsure), counts))
+        rows_unsure = np.flatnonzero(np.repeat(np.isin(np.arange(len(counts)), unsure), counts))
         some = counts[unsure]
-        walked = _farthest_so_far(low[at], some) <= high[at]
+        walked = _farthest_so_far(low[rows_unsure], some) <= high[rows_unsure]
         good[unsure] = np.logical_and.reduceat(walked, np.cumsum(some) - some)
     return good
 

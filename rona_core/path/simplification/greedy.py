@@ -88,16 +88,16 @@ def _step(
     order = np.argsort(-ends, kind="stable")
     starts, ends = starts[order], ends[order]
     found: list[Ints] = []
-    count, at, batch = 0, 0, 2 * beam
-    while at < len(starts) and count < beam:
-        some = slice(at, at + batch)
+    count, start, batch = 0, 0, 2 * beam
+    while start < len(starts) and count < beam:
+        some = slice(start, start + batch)
         good = test.holds(columns, starts[some], ends[some])
         met, which = np.unique(ends[some][good][::-1], return_index=True)
         fresh = before[met] < 0
         met, which = met[fresh], which[fresh]
         before[met] = starts[some][good][::-1][which]
         found.append(met[::-1])
-        count, at, batch = count + len(met), at + batch, 2 * batch
+        count, start, batch = count + len(met), start + batch, 2 * batch
     if not count:  # a step to the next point always holds
         before[farthest + 1] = farthest
         return np.array([farthest + 1])

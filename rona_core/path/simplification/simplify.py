@@ -135,9 +135,9 @@ def chosen_points(
         return beam_search(columns, fixed, test, cancel=cancel), used
     if used == "rdp":
         return douglas_peucker(columns, fixed, test), used
-    there = np.ones(len(points), dtype=np.bool_)
-    there[decimation_order(points, fixed, test)[0]] = False
-    return np.flatnonzero(there), used
+    remaining = np.ones(len(points), dtype=np.bool_)
+    remaining[decimation_order(points, fixed, test)[0]] = False
+    return np.flatnonzero(remaining), used
 
 
 def _feasible(

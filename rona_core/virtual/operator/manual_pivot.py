@@ -72,11 +72,15 @@ class ManualPivot:
         last_s, last = self._times_s[-1], self._turns[-1]
         if time_s <= last_s:
             return self._past(time_s)
-        way = (self._wanted * last.inv()).as_rotvec()
-        angle = float(np.linalg.norm(way))
+        rotation_vector = (self._wanted * last.inv()).as_rotvec()
+        angle = float(np.linalg.norm(rotation_vector))
         passed_s = time_s - last_s
         going = min(angle * -np.expm1(-passed_s / FOLLOW_S), MAX_TURN_RAD_S * passed_s)
-        now = last if angle < 1e-12 else Rotation.from_rotvec(way * (going / angle)) * last
+        now = (
+            last
+            if angle < 1e-12
+            else Rotation.from_rotvec(rotation_vector * (going / angle)) * last
+        )
         self._times_s.append(time_s)
         self._turns.append(now)
         return now
@@ -87,6 +91,6 @@ class ManualPivot:
         if after == 0 or self._times_s[after] == time_s:
             return self._turns[after]
         before_s, after_s = self._times_s[after - 1], self._times_s[after]
-        way = (self._turns[after] * self._turns[after - 1].inv()).as_rotvec()
+        rotation_vector = (self._turns[after] * self._turns[after - 1].inv()).as_rotvec()
         share = (time_s - before_s) / (after_s - before_s)
-        return Rotation.from_rotvec(share * way) * self._turns[after - 1]
+        return Rotation.from_rotvec(share * rotation_vector) * self._turns[after - 1]

@@ -92,8 +92,8 @@ class VirtualOperator:
         around = 2.0 * np.pi * turns * share + generator.uniform(0.0, 2.0 * np.pi)
         tip = self._scene.dimple_base
         x, y, z = tangent_axes(self._pivot_axis(tip), self._sight(tip))
-        lean = angle[:, None] * np.column_stack((np.cos(around), np.sin(around))) + tremor
-        shafts = tilted(np.broadcast_to(z, (len(times), 3)), x, y, lean)
+        tilt = angle[:, None] * np.column_stack((np.cos(around), np.sin(around))) + tremor
+        shafts = tilted(np.broadcast_to(z, (len(times), 3)), x, y, tilt)
         return self._prepare(TipTrajectory(times, np.broadcast_to(tip, shafts.shape), shafts))
 
     def pivot_by_hand(self, *, duration_s: float) -> float:

@@ -51,10 +51,10 @@ class LaggingAxis:
         travel, speed, commanded = self._knots[i]
         if i == 0:
             return travel, speed
-        passed = time_s - self._times[i]
-        fading = np.exp(-passed / self.lag_s)
-        way = commanded * passed + (speed - commanded) * self.lag_s * (1.0 - fading)
-        return travel + float(way), float(commanded + (speed - commanded) * fading)
+        elapsed = time_s - self._times[i]
+        decay = np.exp(-elapsed / self.lag_s)
+        moved_mm = commanded * elapsed + (speed - commanded) * self.lag_s * (1.0 - decay)
+        return travel + float(moved_mm), float(commanded + (speed - commanded) * decay)
 
 
 class ContactSpring:

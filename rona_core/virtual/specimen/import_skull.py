@@ -276,8 +276,8 @@ def _settle(draft: LoadedSkull) -> LoadedSkull:
     t = specimen.ray(o, d)
     points = o[np.isfinite(t)] + t[np.isfinite(t), None] * d[np.isfinite(t)]
     thickness = specimen.thickness(points, -specimen.normal(points))
-    there = np.isfinite(thickness)
-    share = float(there.sum()) / len(lattice)
+    valid = np.isfinite(thickness)
+    share = float(valid.sum()) / len(lattice)
     if share < WHOLE:
         raise InvalidInputError(
             f"only {share:.0%} of the disc about {region.center_skull.round(1).tolist()} is bone "
@@ -287,5 +287,5 @@ def _settle(draft: LoadedSkull) -> LoadedSkull:
         draft,
         center_skull=readonly(region.center_skull.copy()),
         normal_skull=readonly(region.normal_skull.copy()),
-        mean_thickness_mm=float(thickness[there].mean()),
+        mean_thickness_mm=float(thickness[valid].mean()),
     )

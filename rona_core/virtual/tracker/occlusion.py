@@ -9,14 +9,14 @@ from dataclasses import dataclass
 import numpy as np
 
 from rona_core.devices.marker_geometry import GEOMETRIES
-from rona_core.geometry.arrays import Bools, Floats
+from rona_core.geometry.arrays import Bools, Floats, readonly
 from rona_core.geometry.pose import Pose
 from rona_core.robot.kinematics.robot_model import RobotModel
 from rona_core.surface.raycast import MeshRaycaster
 from rona_core.virtual.scene import VirtualScene
 from rona_core.virtual.tracker.line_of_sight_capsules import Capsules, link_capsules
 
-CAMERAS_TRACKER = np.array(((-240.0, 0.0, 0.0), (240.0, 0.0, 0.0)))
+CAMERAS_TRACKER = readonly(np.array(((-240.0, 0.0, 0.0), (240.0, 0.0, 0.0))))
 MARKER_MM = 8.0  # a line of sight ends this far before the middle of the marker
 HAND_FROM_TIP_MM = (50.0, 110.0)  # where the hand holds a pointer, along its shaft
 HAND_RADIUS_MM = 30.0
