@@ -15,7 +15,7 @@ from rona_core.robot.collision.convex_bounds import (
     PROBE_BODY,
     TABLES,
     Bound,
-    outer_bounds,
+    collision_bodies,
 )
 from rona_core.robot.collision.edge_check import Clear
 from rona_core.robot.collision.obstacles import NOTHING_AROUND, Obstacle, Obstacles
@@ -70,7 +70,7 @@ class CollisionWorld:
     def __init__(self, model: RobotModel, obstacles: Obstacles = NOTHING_AROUND) -> None:
         """Build the bodies and find the pairs that can meet."""
         self.obstacles = obstacles
-        bounds = outer_bounds(model)
+        bounds = collision_bodies(model)
         self._bodies = Bodies(model, bounds, obstacles.things)
         self.pairs = (
             *self._own_pairs(model, bounds),

@@ -52,7 +52,7 @@ HELD_APART = {
 }
 
 
-def outer_bounds(model: RobotModel) -> tuple[Bound, ...]:
+def collision_bodies(model: RobotModel) -> tuple[Bound, ...]:
     """Return bodies that contain the robot and its tool, base first."""
     arm = TABLES[model.name](model) if model.name in TABLES else drawn_bounds(model)
     return (*arm, *_tool(model))

@@ -61,17 +61,19 @@ class RollPanel(StepPanel):
         if derived is None:
             return ""
         plan = derived.value
-        works = sum(verdict.feasible for verdict in plan.verdicts)
-        if plan.mode == "none" or plan.trajectory is None or plan.certificate is None:
+        works = sum(verdict.feasible for verdict in plan.search.verdicts)
+        if plan.search.mode == "none" or plan.trajectory is None or plan.certificate is None:
             first = style.note(none_works(plan), "warn")
         else:
             view = certificate_view(picture.session)
             certified = view is not None and view.certified
-            varies = plan.mode == "variable"
-            turned = f"varying over {plan.roll_variation_deg:.0f}°"
-            chosen = turned if varies else f"{plan.verdicts[plan.chosen].roll_deg:.0f}°"
+            varies = plan.search.mode == "variable"
+            turned = f"varying over {plan.search.roll_variation_deg:.0f}°"
+            chosen = (
+                turned if varies else f"{plan.search.verdicts[plan.search.chosen].roll_deg:.0f}°"
+            )
             first = style.note(
-                f"{works} of {len(plan.verdicts)} rolls work; {chosen} chosen, motion of "
+                f"{works} of {len(plan.search.verdicts)} rolls work; {chosen} chosen, motion of "
                 f"{plan.trajectory.times_s[-1]:.1f} s. The verifier "
                 + ("certifies the motion." if certified else "refuses the motion."),
                 "good" if certified else "warn",

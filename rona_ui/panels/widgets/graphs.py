@@ -114,7 +114,7 @@ class JointsPanel:
 def _is_planned(picture: Picture) -> bool:
     roll = picture.session.results.roll
     return roll is not None and shown_roll(picture.session, picture.view.shown_roll) == max(
-        roll.value.chosen, 0
+        roll.value.search.chosen, 0
     )
 
 

@@ -44,14 +44,16 @@ def picture(session: Session, view: ViewState, **parts: Any) -> Picture:
 def test_in_the_roll_step_the_probe_stands_on_the_middle_of_the_path(demo: Session) -> None:
     plan = demo.results.roll.value  # type: ignore[union-attr]
     model = robot_model(plan.model)
-    index = next(i for i, v in enumerate(plan.verdicts) if v.feasible and i != plan.chosen)
+    index = next(
+        i for i, v in enumerate(plan.search.verdicts) if v.feasible and i != plan.search.chosen
+    )
     at = picture(demo, ViewState(step="roll", shown_roll=index))
     q_rad = joints_shown(at)
     assert shows_roll(at)
     assert q_rad is not None
     T_base_flange = model.joint_poses(q_rad)[-1]
     tip_base = (T_base_flange @ model.T_flange_probe).translation
-    along = np.linalg.norm(plan.path.points_base - tip_base, axis=1)
+    along = np.linalg.norm(plan.search.path.points_base - tip_base, axis=1)
     assert along.min() < 0.01
     assert abs(along.argmin() / len(along) - 0.5) < 0.05
 
