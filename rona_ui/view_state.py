@@ -171,7 +171,7 @@ class Picture:
     @property
     def scanning(self) -> bool:
         """Return whether A-scans are taken at this moment, by the robot or by hand."""
-        scans = ("StartScan", "StartSecondScan", "StartSonoScan")
+        scans = ("StartScan", "StartGapScan", "StartHandheldScan")
         return self.busy and self.job is not None and self.job.activity in scans
 
     @property

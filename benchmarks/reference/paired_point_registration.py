@@ -17,7 +17,7 @@ from rona_core.errors import DegenerateGeometryError, InvalidInputError
 from rona_core.geometry.arrays import Bools, Floats, as_floats, as_points, readonly
 from rona_core.geometry.pose import Pose
 from rona_core.geometry.pose_covariance import as_covariance, cross_matrices, point_jacobians
-from rona_core.geometry.rigid_fit import fit_rigid
+from rona_core.geometry.rigid_fit import register_points
 
 MIN_POINTS = 3
 MAX_STEPS = 30
@@ -146,7 +146,7 @@ def pose_covariance(
 
 def _fit(a: Floats, b: Floats, weights: Floats | None) -> Pose:
     """Return the pose with the least weighted sum of squares, by Gauss-Newton from the even one."""
-    T_b_a = fit_rigid(a, b)
+    T_b_a = register_points(a, b).T_b_a
     if weights is None:
         return T_b_a
     for _ in range(MAX_STEPS):

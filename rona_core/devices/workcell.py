@@ -2,7 +2,7 @@
 
 The room is the robot base at its default place, so that moving the base does not move the table.
 Table and head are told from the place of work, where the scanned region is put up before the robot.
-See docs/algorithms/collision.md.
+See docs/algorithms/robot/collision.md.
 """
 
 import re

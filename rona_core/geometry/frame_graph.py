@@ -112,16 +112,6 @@ class FrameGraph:
             T_a_b = T_a_b @ (edge.T_a_b if along else edge.T_a_b.inv())
         return T_a_b
 
-    def stale_reasons(self, left: str, right: str) -> tuple[str, ...]:
-        """Return why the pose between two frames is not up to date; empty if it is."""
-        reasons = ((edge.name, edge.stale_reason) for edge, _ in self.way(left, right))
-        return tuple(f"{name}: {reason}" for name, reason in reasons if reason is not None)
-
-    def oldest_s(self, left: str, right: str) -> float | None:
-        """Return when the oldest measurement on the way was made, None where none has a time."""
-        times = [e.time_s for e, _ in self.way(left, right) if e.time_s is not None]
-        return min(times, default=None)
-
     def covariance(self, left: str, right: str) -> Floats:
         """Return the covariance (6, 6) of the pose of ``right`` in ``left``."""
         blocks = self._jacobians(left, right)

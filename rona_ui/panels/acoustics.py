@@ -6,7 +6,7 @@ from rona_core.app.messages.registry import (
     AddReferencePoint,
     CalibrateSoundSpeed,
     RemoveReferencePoint,
-    StartReferencePoints,
+    StartCaliperMeasurements,
 )
 from rona_core.app.steps.acoustics.view import ReferenceRow, reference_rows, speed_state
 from rona_core.session.document import Session
@@ -41,7 +41,7 @@ class SpeedFields:
 
     def _on_measure(self, event: Any) -> None:
         n = int(self._number.value)
-        self._door.send(lambda: StartReferencePoints(n=n), event)
+        self._door.send(lambda: StartCaliperMeasurements(n=n), event)
 
     def _on_add(self, event: Any) -> None:
         scan, thickness_mm = int(self._scan.value), float(self._thickness.value)

@@ -4,7 +4,11 @@ from dataclasses import replace
 from typing import Any
 
 from rona_core.app.dependencies.staleness import stale_reason
-from rona_core.app.messages.registry import StartSonoCalibration, StartSonoMapping, StartSonoScan
+from rona_core.app.messages.registry import (
+    StartHandheldCalibration,
+    StartHandheldMapping,
+    StartHandheldScan,
+)
 from rona_core.session.document import Session
 from rona_ui.panels.widgets import style
 from rona_ui.panels.widgets.form import Form
@@ -27,7 +31,7 @@ class SonoControls:
 
     def __init__(self, gui: Any, door: Door) -> None:
         self._door = door
-        start = StartSonoScan()
+        start = StartHandheldScan()
         with gui.add_folder("Scan by hand (SonoPointer)", expand_by_default=False):
             gui.add_html(
                 style.text(
@@ -46,17 +50,17 @@ class SonoControls:
             self._map = gui.add_button("3. Map the scan by hand", icon="map", color="gray")
             self._maps = gui.add_html("")
             self._whose = gui.add_dropdown("Show maps of", tuple(WHOSE))
-        listen(self._calibrate, lambda e: door.send(StartSonoCalibration, e))
+        listen(self._calibrate, lambda e: door.send(StartHandheldCalibration, e))
         listen(self._scan, lambda e: door.send(self.scan, e))
         listen(self._map, self._mapped)
         follow(self._whose, lambda e: self._choose())
 
     def scan(self) -> Any:
         """Return the scan with these parameters."""
-        return StartSonoScan(**self._form.values())
+        return StartHandheldScan(**self._form.values())
 
     def _mapped(self, event: Any) -> None:
-        self._door.send(StartSonoMapping, event)
+        self._door.send(StartHandheldMapping, event)
         self._door.view(lambda v: replace(v, by_hand=True))
 
     def _choose(self) -> None:

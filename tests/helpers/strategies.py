@@ -18,6 +18,11 @@ def random_pose(rng, reach_mm=3000.0):
     return Pose(random_rotation(rng), rng.uniform(-reach_mm, reach_mm, 3))
 
 
+def angle_rad(pose, other):
+    """Return the angle between the rotations of two poses."""
+    return float(Rotation.from_matrix(pose.rotation.T @ other.rotation).magnitude())
+
+
 def random_poses(rng, n, reach_mm=3000.0):
     return Poses(Rotation.random(n, rng=rng).as_matrix(), rng.uniform(-reach_mm, reach_mm, (n, 3)))
 

@@ -5,7 +5,7 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 from rona_core.app.dependencies.base_reference import found_again
-from rona_core.app.messages.registry import DrawPattern
+from rona_core.app.messages.registry import GenerateScanPattern
 from rona_core.devices.settings import ROOM_C
 from rona_core.errors import StepBlockedError
 from rona_core.session.document import Session
@@ -117,7 +117,7 @@ def missing(inputs: tuple[Input, ...], session: Session) -> str | None:
 def is_pattern(session: Session) -> bool:
     """Return whether the path is a pattern drawn by rule, not a demonstration."""
     path = session.results.path
-    return path is not None and path.message == DrawPattern.__name__
+    return path is not None and path.message == GenerateScanPattern.__name__
 
 
 def need(value: Any, wanted: str) -> Any:

@@ -5,13 +5,9 @@ from typing import Literal
 
 from numpy.typing import ArrayLike
 
-from rona_core.calibration.pivot.pivot_calibration import (
-    PivotMethod,
-    solve_pivot,
-    solve_pivot_from_markers,
-)
+from rona_core.calibration.pivot.pivot_calibration import PivotMethod, solve_pivot
 from rona_core.calibration.pivot.quality import Verdict
-from rona_core.calibration.pivot.result import PivotFit, RejectedPose
+from rona_core.calibration.pivot.result import RejectedPose
 from rona_core.calibration.tracking_error.marker_noise import MarkerNoise
 from rona_core.errors import DegenerateGeometryError
 from rona_core.geometry.arrays import Bools, Floats, Vector3, readonly
@@ -83,46 +79,6 @@ def calibrate_pointer(
         noise=noise,
         exclude=exclude,
     )
-    return _calibration(fit, pointer, dof, method)
-
-
-def calibrate_pointer_from_markers(
-    points_tracker: ArrayLike,
-    positions_pointermarker: ArrayLike,
-    *,
-    pointer: str,
-    dof: Literal[6, 5],
-    seen: ArrayLike | None = None,
-    noise: MarkerNoise | None = None,
-    exclude: ArrayLike | None = None,
-) -> PointerCalibration:
-    """Return the most likely tip of a pointer from raw markers, which also show a wrong geometry.
-
-    Args:
-        points_tracker: Measured markers (n, m, 3) in mm; values of unseen ones are ignored.
-        positions_pointermarker: Marker geometry (m, 3) in mm.
-        pointer: Name of the pointer.
-        dof: 6, or 5 for collinear markers.
-        seen: (n, m) which markers were seen; all if None.
-        noise: What is assumed about single markers; by default three times as much in depth.
-        exclude: (n,) True for frames that must not count.
-
-    Raises:
-        InvalidInputError, DegenerateGeometryError: as in :func:`calibrate_pointer`.
-    """
-    fit = solve_pivot_from_markers(
-        points_tracker,
-        positions_pointermarker,
-        dof=dof,
-        at_least=MIN_POSES,
-        seen=seen,
-        noise=noise,
-        exclude=exclude,
-    )
-    return _calibration(fit, pointer, dof, "ml")
-
-
-def _calibration(fit: PivotFit, pointer: str, dof: int, method: str) -> PointerCalibration:
     if dof == 5 and fit.tip_marker[2] <= 0.0:
         raise DegenerateGeometryError(
             f"the tip lies {-fit.tip_marker[2]:.1f} mm behind the markers: z must point to the tip"

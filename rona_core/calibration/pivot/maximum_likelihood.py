@@ -14,6 +14,7 @@ from scipy.spatial.transform import Rotation
 from rona_core.calibration.pivot.initial_guess import robust_start
 from rona_core.calibration.tracking_error.poses_with_covariance import TrackedPoses, cross_matrices
 from rona_core.geometry.arrays import Bools, Floats, Vector3, readonly
+from rona_core.geometry.robust import tukey_weights_of_squares
 
 CUTOFF = 5.49  # standard deviations; 95 % efficient in three dimensions
 MEDIAN_CHI2 = 2.366  # of three degrees of freedom
@@ -75,7 +76,7 @@ def fit_likely_tip(
     turns = np.zeros_like(p)
     step = _linearise(R, p, tracked.covariances, turns, x, basis, keep.astype(np.float64))
     variance = max(float(np.median(step.costs_before[keep])) / MEDIAN_CHI2, MIN_SIGMA_MM**2)
-    weights = _tukey(step.costs_before / variance, cutoff) * keep
+    weights = tukey_weights_of_squares(step.costs_before / variance / cutoff**2) * keep
     scaled, change = False, np.inf  # first the scale, then with it the tip (an MM estimator)
     for number in range(MAX_STEPS):
         step = _linearise(R, p, tracked.covariances, turns, x, basis, weights)
@@ -84,7 +85,7 @@ def fit_likely_tip(
         if not scaled:
             was, variance = variance, _variance(step.costs[keep], variance, cutoff, k + 3)
             scaled = abs(variance - was) < SCALE_TOLERANCE * was or number >= SCALE_STEPS
-        weights = _tukey(step.costs / variance, cutoff) * keep
+        weights = tukey_weights_of_squares(step.costs / variance / cutoff**2) * keep
         if scaled and change < TOLERANCE:
             break
     scale = variance if sigma_mm is None else sigma_mm**2
@@ -178,14 +179,9 @@ def _linearise(
     )
 
 
-def _tukey(squared: Floats, cutoff: float) -> Floats:
-    """Return the weights (n,) of squared standardised distances (n,)."""
-    return np.maximum(1.0 - squared / cutoff**2, 0.0) ** 2
-
-
 def _variance(costs: Floats, variance: float, cutoff: float, unknowns: int) -> float:
     """Return the next estimate of the variance, right for normal errors of three freedoms."""
-    weights = _tukey(costs / variance, cutoff)
+    weights = tukey_weights_of_squares(costs / variance / cutoff**2)
     # E[w r^2] / E[w] of Tukey's weights, where r^2 has a chi-square distribution
     c2 = cutoff**2
     expected = (3.0 - 30.0 / c2 + 105.0 / c2**2) / (1.0 - 6.0 / c2 + 15.0 / c2**2)

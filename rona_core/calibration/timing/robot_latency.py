@@ -3,7 +3,7 @@
 Against bone that keeps still, the stand-off shrinks exactly as the face goes forward: the delay is
 the shift in time at which stand-off and place agree. A robot settles a little elsewhere now and
 then: where one step from an A-scan to the next stands out, a new piece with its own offset begins.
-See docs/algorithms/pose_timing.md.
+See docs/algorithms/navigation/pose_timing.md.
 """
 
 from collections.abc import Sequence
@@ -17,6 +17,7 @@ from scipy.optimize import minimize_scalar
 
 from rona_core.errors import DegenerateGeometryError, InvalidInputError
 from rona_core.geometry.arrays import Floats, Ints, as_floats
+from rona_core.geometry.robust import mad_sigma
 
 MAX_DELAY_S = 0.1  # either way
 STEP_S = 0.004  # of the search, before it is refined
@@ -78,8 +79,8 @@ def estimate_pose_delay(segments: Sequence[EchoSegment]) -> PoseDelay:
         # a break stands out among the steps between A-scans that the fit leaves over
         steps = np.diff(standoffs - fit.fitted_mm)
         within = np.diff(pieces) == 0
-        deviation = 1.4826 * float(np.median(np.abs(steps[within])))
-        breaks = within & (np.abs(steps) > OUTLIER_MADS * max(deviation, LEAST_DEVIATION_MM))
+        deviation = mad_sigma(steps[within], floor=LEAST_DEVIATION_MM)
+        breaks = within & (np.abs(steps) > OUTLIER_MADS * deviation)
         if not breaks.any():
             break
         pieces = np.concatenate(([0], np.cumsum(breaks | ~within)))

@@ -5,7 +5,6 @@ kept point to the next, both included; a figure of a path is that of its worst p
 """
 
 from dataclasses import dataclass
-from itertools import pairwise
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -69,42 +68,6 @@ def deviations(points: ArrayLike, index: ArrayLike, *, closed: bool = False) -> 
         k3_mm2=float(areas.max()),
         where=(worst + _first(index)) % n if closed else worst,
     )
-
-
-def within_frechet(
-    points: ArrayLike, index: ArrayLike, tolerance: float, *, closed: bool = False
-) -> bool:
-    """Return whether each piece stays within ``tolerance`` of its segment in the sense of Fréchet.
-
-    One piece and one point after the other: slow and plain, to check what is fast.
-
-    Args:
-        points: Original path (n, m).
-        index: Indices (k,) of the points kept, as in :func:`deviations`.
-        tolerance: Bound in mm.
-        closed: As in :func:`deviations`.
-    """
-    p = as_path(points)
-    p, kept = _opened(p, index) if closed else (p, _as_index(index, len(p)))
-    for a, b in pairwise(kept.tolist()):
-        chord = p[b] - p[a]
-        length_sq, at = float(chord @ chord), 0.0
-        for q in p[a + 1 : b] - p[a]:
-            # the share t of the segment where |q - t chord| <= tolerance
-            if length_sq == 0.0:
-                if float(q @ q) > tolerance**2:
-                    return False
-                continue
-            foot = float(q @ chord) / length_sq
-            away = q - foot * chord
-            room = tolerance**2 - float(away @ away)
-            if room < 0.0:
-                return False
-            half = float(np.sqrt(room / length_sq))
-            at = max(at, foot - half)
-            if at > min(foot + half, 1.0):
-                return False
-    return True
 
 
 def _first(index: ArrayLike) -> int:

@@ -59,12 +59,6 @@ def piece_costs(columns: Floats, starts: Ints, ends: Ints, metric: Metric) -> Fl
     return costs
 
 
-def piece_cost(piece: Floats, metric: Metric) -> float:
-    """Return the deviation of the originals ``piece`` (k, m) from the segment between its ends."""
-    ends = np.array([len(piece) - 1])
-    return float(piece_costs(np.ascontiguousarray(piece.T), np.zeros_like(ends), ends, metric)[0])
-
-
 def inner_rows(starts: Ints, ends: Ints) -> tuple[Ints, Ints, Ints]:
     """Return the originals between the ends of all pieces in a row.
 

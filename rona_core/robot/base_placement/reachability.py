@@ -37,8 +37,8 @@ class ReachabilityMap:
         self.path, self.search, self._planner = path, search, planner
         self._progress, self._cancel, self._done = progress, cancel, 0.0
         self.now: Spot = (*robot.base_shift_mm, robot.base_turn_deg)
-        self._T_workcell_base = base_pose(robot.base_shift_mm, robot.base_turn_deg)
-        self._head_workcell = self._T_workcell_base @ path.points_base.mean(axis=0)
+        self._base_before = base_pose(robot.base_shift_mm, robot.base_turn_deg)
+        self._head_center = self._base_before @ path.points_base.mean(axis=0)
         self._middle_deg = float(np.rad2deg((model.lower_rad[0] + model.upper_rad[0]) / 2.0))
         self._screening = CoarseScreening(
             path, model, search.margin_limits, search.n_points, search.n_rolls
@@ -55,19 +55,19 @@ class ReachabilityMap:
 
     def aimed(self, x_mm: float, y_mm: float, z_mm: float) -> Spot:
         """Return the spot with the base turned so that the middle of joint 1 faces the head."""
-        away = self._head_workcell[:2] - (x_mm, y_mm)
+        away = self._head_center[:2] - (x_mm, y_mm)
         turn_deg = float(np.rad2deg(np.arctan2(away[1], away[0]))) - self._middle_deg
         turn_deg = round((turn_deg + 180.0) % 360.0 - 180.0, 1)
         return (float(x_mm), float(y_mm), float(z_mm), turn_deg)
 
     def too_near(self, x_mm: float, y_mm: float) -> bool:
         """Return whether base and head would meet."""
-        away = self._head_workcell[:2] - (x_mm, y_mm)
+        away = self._head_center[:2] - (x_mm, y_mm)
         return bool(np.hypot(*away) < self.search.keep_off_mm)
 
     def margin(self, spot: Spot) -> float:
         """Return the least margin from a spot, as screened."""
-        return self._screening.margin(base_pose(spot[:3], spot[3]).inv() @ self._T_workcell_base)
+        return self._screening.margin(base_pose(spot[:3], spot[3]).inv() @ self._base_before)
 
     def moved_mm(self, spot: Spot) -> float:
         """Return how far a spot is from where the base stands."""
@@ -78,7 +78,7 @@ class ReachabilityMap:
         if spot in self._tries:
             return self._tries[spot]
         self.tick(self._done + (1.0 - self._done) * STEP_SHARE)
-        old_in_new = base_pose(spot[:3], spot[3]).inv() @ self._T_workcell_base
+        old_in_new = base_pose(spot[:3], spot[3]).inv() @ self._base_before
         plan = self._planner(path_from(self.path, old_in_new), old_in_new)
         place = self._place(spot, plan) if plan.may_move else None
         if place is None:

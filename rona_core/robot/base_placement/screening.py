@@ -1,7 +1,7 @@
 """Coarse screening of base places: the margin of a scan path from many places of the base.
 
 Only some points of the path are checked, with all rolls and branches at once, and no jumps: good
-enough to find places that are worth planning in full. See docs/algorithms/base_placement.md.
+enough to find places that are worth planning in full. See docs/algorithms/robot/base_placement.md.
 """
 
 import numpy as np

@@ -14,7 +14,7 @@ from rona_core.robot.redundancy.roll_grid import flange_parts, flange_poses
 
 @dataclass(frozen=True, slots=True, eq=False)
 class BranchMargins:
-    """Margins of one branch by cause, see docs/algorithms/roll_search.md; negative: not allowed."""
+    """Margins of one branch by cause; negative is not allowed (see ``margins``)."""
 
     qs_rad: Floats  # (n, 6) continuous
     least: Floats  # (n,) of all causes

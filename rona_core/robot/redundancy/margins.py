@@ -2,7 +2,7 @@
 
 A margin is a plain number: the distance from the border of what is allowed, in units of a size
 that is comfortable for that quantity. A negative margin is not allowed. See
-docs/algorithms/roll_search.md.
+docs/algorithms/robot/roll_search.md.
 """
 
 from dataclasses import dataclass

@@ -15,12 +15,6 @@ LINE_N_PER_MM = 2.0  # the elastomer delay line: 12 mm wide, 15 mm long, about 0
 DAMPING_S = 0.005  # time constant of its creep, over which its force builds up
 
 
-def in_series(*stiffnesses_n_per_mm: float) -> float:
-    """Return the stiffness of springs one behind the other."""
-    require(min(stiffnesses_n_per_mm) > 0.0, "a stiffness must be positive")
-    return 1.0 / sum(1.0 / k for k in stiffnesses_n_per_mm)
-
-
 class LaggingAxis:
     """Correction of a robot that takes up speeds after a delay and a time constant.
 

@@ -85,10 +85,6 @@ class VirtualForceSensor:
         shown = as_floats(np.clip(np.rint(true / steps) * steps, -ranges, ranges))
         return WrenchSample(now_s, readonly(shown), bool((np.abs(true) >= ranges).any()))
 
-    def pressing_n(self) -> float:
-        """Return the true force of the line, behind the filter, when it was read last."""
-        return self._spring.shown_n
-
     def close(self) -> None:
         """Release the device; a second call does nothing."""
         self._closed = True

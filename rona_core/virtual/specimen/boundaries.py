@@ -81,10 +81,6 @@ class Specimen(Protocol):
         """Return the outward unit normals (n, 3) of a boundary at points on or near it."""
         ...
 
-    def signed_distance(self, points_skull: ArrayLike) -> Floats:
-        """Return the distance (n,) in mm to the outer surface, positive outside the head."""
-        ...
-
     def mesh(self, boundary: Boundary = "outer", edge_mm: float = 3.0) -> Mesh:
         """Return triangles of a boundary for the eye; never an input of an algorithm."""
         ...

@@ -1,4 +1,4 @@
-"""Two virtual cameras side by side: how exactly they place a point, by how far away it is.
+"""Triangulation error of a stereo camera: how it grows with depth over a measuring volume.
 
 For parallel cameras of focal length f and baseline b that find image points to s pixels,
 triangulation gives, at depth z,
@@ -32,34 +32,6 @@ class Moments:
         z = points_tracker[:, 2]
         lateral = z / self.z_mm
         return np.stack((lateral, lateral, z * z / self.z2_mm2), axis=1)
-
-
-@dataclass(frozen=True, slots=True)
-class StereoPair:
-    """Two parallel cameras, at -b/2 and b/2 along x."""
-
-    baseline_mm: float
-    pixel_over_focal: float  # s / f, the error of a direction in radians
-
-    def sigmas_mm(self, depths_mm: Floats) -> Floats:
-        """Return the standard deviations (n, 3) along x, y and z at depths (n,)."""
-        lateral = depths_mm * self.pixel_over_focal / np.sqrt(2.0)
-        depth = np.sqrt(2.0) * depths_mm**2 * self.pixel_over_focal / self.baseline_mm
-        return np.stack((lateral, lateral, depth), axis=1)
-
-
-def stereo_pair(volume: Volume, depth_ratio: float, rms_mm: float) -> StereoPair:
-    """Return the cameras with a 3D RMS error and a ratio of depth to lateral over a volume.
-
-    Args:
-        volume: Over which the RMS is taken, evenly.
-        depth_ratio: RMS in depth over RMS in either lateral direction.
-        rms_mm: 3D RMS.
-    """
-    moments = moments_of(volume)
-    baseline_mm = 2.0 * moments.z2_mm2 / (moments.z_mm * depth_ratio)
-    lateral_mm = rms_mm / np.sqrt(2.0 + depth_ratio**2)
-    return StereoPair(baseline_mm, float(np.sqrt(2.0) * lateral_mm / moments.z_mm))
 
 
 @lru_cache(maxsize=8)

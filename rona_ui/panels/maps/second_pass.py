@@ -5,7 +5,7 @@ from dataclasses import replace
 from typing import Any
 
 from rona_core.app.dependencies.staleness import usable_second
-from rona_core.app.messages.registry import StartMapping, StartSecondPlan, StartSecondScan
+from rona_core.app.messages.registry import StartGapPlan, StartGapScan, StartMapping
 from rona_core.app.steps.maps.second_pass_view import SecondView, second_cells, second_view
 from rona_ui.panels.widgets import style
 from rona_ui.panels.widgets.form import Form
@@ -34,7 +34,7 @@ class SecondFolder:
             self._scan = gui.add_button("Scan the gaps", icon="player-play")
             self._map = gui.add_button("Map with the second pass", icon="map", visible=False)
             with gui.add_folder("Rows and lean", expand_by_default=False):
-                form, plan = self._form, StartSecondPlan()
+                form, plan = self._form, StartGapPlan()
                 form.number("spacing_mm", "Rows (mm)", plan.spacing_mm, 0.5, 5.0, 0.5)
                 form.number(
                     "fan", "Fan", plan.fan, 0.0, 0.5, 0.05,
@@ -45,12 +45,12 @@ class SecondFolder:
                     "Beyond about 6 degrees the face of the probe loses its contact",
                 )  # fmt: skip
         listen(self._plan, lambda e: self._send(door, self.message, e))
-        listen(self._scan, lambda e: self._send(door, StartSecondScan, e))
+        listen(self._scan, lambda e: self._send(door, StartGapScan, e))
         listen(self._map, lambda e: self._send(door, mapping, e, second=False))
 
-    def message(self) -> StartSecondPlan:
+    def message(self) -> StartGapPlan:
         """Return the planning with these parameters."""
-        return StartSecondPlan(**self._form.values())
+        return StartGapPlan(**self._form.values())
 
     @staticmethod
     def _send(door: Door, make: Any, event: Any, *, second: bool = True) -> None:
@@ -86,7 +86,7 @@ class SecondFolder:
 
 def words(picture: Picture, view: SecondView | None, scanned: bool) -> str:
     """Return what is planned, what was scanned, and the coverage before and after."""
-    session, html = picture.session, stopped_note(picture, "StartSecondScan")
+    session, html = picture.session, stopped_note(picture, "StartGapScan")
     if view is not None:
         told = (
             f"Gaps: {100 * view.gap_share:.0f} % of the map. Path of {view.length_mm:.0f} mm, the "

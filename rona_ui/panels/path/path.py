@@ -50,6 +50,6 @@ class PathPanel(StepPanel):
         if derived is None:
             return ""
         count = len(derived.value.points_base)
-        if derived.message == "DrawPattern":
+        if derived.message == "GenerateScanPattern":
             return style.note(f"A pattern of {count} points (orange line).", "good")
         return style.note(f"{count} points demonstrated (orange line).", "good")

@@ -3,7 +3,7 @@
 from dataclasses import replace
 from typing import Any
 
-from rona_core.app.messages.registry import DrawPattern
+from rona_core.app.messages.registry import GenerateScanPattern
 from rona_ui.panels.widgets import style
 from rona_ui.panels.widgets.form import Form
 from rona_ui.panels.widgets.panel_context import Door, listen
@@ -55,7 +55,7 @@ class PatternControls:
         """Return the pattern with these parameters."""
         values = self._form.values()
         values["radius_mm"] = values["radius_mm"] or None
-        return DrawPattern(
+        return GenerateScanPattern(
             **values, center_base_mm=self._view.center, boundary_base_mm=self._view.boundary
         )
 

@@ -3,7 +3,7 @@
 from dataclasses import replace
 from typing import Any
 
-from rona_core.app.messages.registry import PutObstacle, RemoveObstacle, SetSurroundings
+from rona_core.app.messages.registry import AddObstacle, RemoveObstacle, SetWorkcell
 from rona_core.app.steps.setup.clearance import near_pairs
 from rona_core.app.steps.setup.workcell_messages import STANDARD
 from rona_core.devices.workcell import RoomBox, Surroundings
@@ -73,7 +73,7 @@ class RoomFields:
         return form
 
     def _changed(self, name: str, event: Event) -> None:
-        self._door.send_settled("room", lambda: SetSurroundings(**self._room.values()), event)
+        self._door.send_settled("room", lambda: SetWorkcell(**self._room.values()), event)
 
     def _show(self, wanted: bool) -> None:
         self._door.view(
@@ -99,7 +99,7 @@ class RoomFields:
     def _on_put(self, event: Event) -> None:
         name, values, chosen = self._name.value.strip(), self._box.values(), self._which.value
         old = None if chosen in (NEW, name) else chosen
-        self._door.send(lambda: PutObstacle(name, **values, instead_of=old), event)
+        self._door.send(lambda: AddObstacle(name, **values, instead_of=old), event)
 
     def _on_remove(self, event: Event) -> None:
         name = self._which.value

@@ -2,7 +2,7 @@
 
 from typing import Any
 
-from rona_core.app.messages.registry import CalibrateDelayLine, SetProbe, StartBlockShots
+from rona_core.app.messages.registry import CalibrateDelayLine, SetProbe, StartDelayLineCapture
 from rona_core.app.steps.acoustics.view import (
     EDITABLE,
     ProbeOutlook,
@@ -75,7 +75,7 @@ class ProbeFields:
         self._shoot = self._gui.add_button("Shoot the block", icon="target", color="gray")
         self._forget = self._gui.add_button("Nominal line again", icon="restore", color="gray")
         self._line = self._gui.add_html("")
-        listen(self._shoot, lambda e: self._door.send(StartBlockShots, e))
+        listen(self._shoot, lambda e: self._door.send(StartDelayLineCapture, e))
         listen(self._forget, lambda e: self._door.send(lambda: CalibrateDelayLine(use=False), e))
 
     def message(self) -> SetProbe:

@@ -2,7 +2,7 @@
 
 from typing import Any
 
-from rona_core.app.messages.registry import StartWhatIf
+from rona_core.app.messages.registry import StartProbeSweep
 from rona_core.app.steps.acoustics.view import WhatIf
 from rona_core.devices.settings import Excitation, ProbeName
 from rona_core.session.specimen import BoneKind
@@ -53,9 +53,9 @@ class WhatIfPanel:
         listen(self._start, lambda e: door.send(self.message, e))
         listen(self._cancel, lambda e: door.service("cancel", e, None))
 
-    def message(self) -> StartWhatIf:
+    def message(self) -> StartProbeSweep:
         """Return the sweep that the fields make."""
-        return StartWhatIf(
+        return StartProbeSweep(
             probes=PROBES[self._probes.value],
             excitations=EXCITATIONS[self._excitations.value],
             snr_db=numbers(self._snr.value),
@@ -66,7 +66,7 @@ class WhatIfPanel:
     def render(self, old: Picture | None, new: Picture) -> None:
         """Follow job and result."""
         held = new.session.results.what_if
-        mine = new.busy and new.job is not None and new.job.activity == "StartWhatIf"
+        mine = new.busy and new.job is not None and new.job.activity == "StartProbeSweep"
         self._start.disabled = new.busy
         self._cancel.visible = mine
         if mine and new.job is not None:

@@ -4,12 +4,12 @@ from pathlib import PurePath
 from typing import Any
 
 from rona_core.app.messages.registry import (
-    SetBone,
+    SetBoneModel,
     SetPointer,
-    SetReference,
     SetRegion,
     SetRobot,
     SetSeed,
+    SetUseBaseMarker,
     StartSkullImport,
     UseSimulatedSkull,
 )
@@ -111,7 +111,7 @@ class SetupPanel(StepPanel):
             "skull": self._skull,
             "kind": self._bone,
             "own_speed": self._bone,
-            "use_base_marker": lambda: SetReference(**self.form.values("use_base_marker")),
+            "use_base_marker": lambda: SetUseBaseMarker(**self.form.values("use_base_marker")),
         }
         if name in PLACE:
             key, build = "place", self._tracker.place
@@ -131,8 +131,8 @@ class SetupPanel(StepPanel):
     def _skull(self) -> UseSimulatedSkull:
         return UseSimulatedSkull(self.form.values("skull")["skull"])
 
-    def _bone(self) -> SetBone:
-        return SetBone(**self.form.values("kind", "own_speed"))
+    def _bone(self) -> SetBoneModel:
+        return SetBoneModel(**self.form.values("kind", "own_speed"))
 
     def _robot(self) -> SetRobot:
         return SetRobot(**self.form.values(*ROBOT))

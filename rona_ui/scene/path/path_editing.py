@@ -12,8 +12,8 @@ import numpy as np
 from rona_core.app.messages.registry import (
     DeletePathPoint,
     InsertPathPoint,
-    KeepPathSample,
     MovePathPoint,
+    PinPathSample,
 )
 from rona_core.app.steps.path.handlers import is_kept, nearest_piece, nearest_point, sight
 from rona_core.errors import InvalidInputError, RonaError
@@ -66,7 +66,7 @@ def point_at(
         return view, DeletePathPoint(_found(corners_of(session), eye_base, ray))
     if view.drawing == "keep" and session.results.path is not None:
         sample = _found(session.results.path.value.points_base, eye_base, ray)
-        return view, KeepPathSample(sample, not is_kept(session, sample))
+        return view, PinPathSample(sample, not is_kept(session, sample))
     return view, None
 
 

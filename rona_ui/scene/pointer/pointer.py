@@ -39,7 +39,11 @@ class PointerLayer(Layer):
 
 def holds_probe(picture: Picture) -> bool:
     """Return whether it is the ultrasound probe that somebody holds in the hand."""
-    return picture.busy and picture.job is not None and picture.job.activity.startswith("StartSono")
+    return (
+        picture.busy
+        and picture.job is not None
+        and picture.job.activity.startswith("StartHandheld")
+    )
 
 
 def pointer_points(T_base_pointermarker: Pose, pointer: str) -> tuple[Floats, Floats]:

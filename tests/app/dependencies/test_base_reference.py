@@ -13,10 +13,10 @@ from rona_core.app.messages.registry import (
     BuildSurface,
     MoveTracker,
     RegisterTool,
-    SetReference,
     SetRobot,
     SetToolVisible,
     SetTracker,
+    SetUseBaseMarker,
     StartPointerCapture,
     StartSurfaceCapture,
     StartToolCapture,
@@ -70,7 +70,7 @@ def before(ideal):
 
 
 def _refused(bench):
-    bench.dispatch(SetReference(use_base_marker=False))
+    bench.dispatch(SetUseBaseMarker(use_base_marker=False))
     bench.dispatch(BuildSurface())
 
 
@@ -170,7 +170,7 @@ def test_strokes_from_before_the_move_stay_as_good_as_they_were(before):
     bench.dispatch(MOVE)
     assert stale_reason("surface", bench.session) is None
     assert stale_reason("capture surface", bench.session) is None
-    bench.dispatch(SetReference(use_base_marker=False))
+    bench.dispatch(SetUseBaseMarker(use_base_marker=False))
     bench.dispatch(BuildSurface())
     again = bench.session
     np.testing.assert_array_equal(

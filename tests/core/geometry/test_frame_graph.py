@@ -139,14 +139,6 @@ def test_disturbed_graphs_scatter_as_told():
     )
 
 
-def test_age_and_staleness_are_told_along_the_way():
-    frames = graph(np.random.default_rng(2))
-    assert frames.oldest_s("base", "pointertip") == 3.0
-    assert frames.oldest_s("tracker", "toolmarker") is None
-    assert frames.stale_reasons("base", "pointertip") == ()
-    assert frames.stale_reasons("base", "tip") == ("T_tip_toolmarker: moved",)
-
-
 def test_graphs_that_are_no_trees_are_refused():
     eye = Pose.identity()
     one, two = FrameEdge("base", "tracker", eye, "a"), FrameEdge("tracker", "base", eye, "b")

@@ -11,7 +11,7 @@ from rona_core.virtual.operator.operator import PICK_REACH_MM, RIM_MM, VirtualOp
 from rona_core.virtual.operator.scan_curves import along_curve, meander, through
 from rona_core.virtual.scene import VirtualScene
 from rona_core.virtual.tracker.tracker import observe
-from tests.helpers.sphere_world import ShiftError, SphereSpecimen
+from tests.helpers.sphere_world import ShiftError, SphereSpecimen, signed_distance
 
 seeds = st.integers(0, 2**32 - 1)
 
@@ -31,7 +31,7 @@ def operator_of(seed=0, pointer="pointer6d", ordinal=1, specimen=None):
 
 
 def heights(scene, tips):
-    return scene.specimen.signed_distance(scene.T_base_skull.inv() @ tips)
+    return signed_distance(scene.specimen, scene.T_base_skull.inv() @ tips)
 
 
 def in_region(scene, tips):

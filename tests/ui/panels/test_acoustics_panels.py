@@ -6,10 +6,10 @@ from rona_core.app.messages.registry import (
     AddReferencePoint,
     CalibrateDelayLine,
     SetProbe,
-    StartBlockShots,
+    StartCaliperMeasurements,
+    StartDelayLineCapture,
     StartMapping,
-    StartReferencePoints,
-    StartWhatIf,
+    StartProbeSweep,
 )
 from rona_core.app.steps.acoustics.view import ReferenceRow, probe_outlooks
 from rona_core.app.steps.setup.probe_advice import ProbeAdvice
@@ -40,7 +40,7 @@ def test_an_edited_probe_is_sent_with_what_differs_and_another_name_without():
     assert recorder.sent[-1] == SetProbe(name="1MHz")
     gui.find("button", "Shoot the block").happen(CLIENT)
     gui.find("button", "Nominal line again").happen(CLIENT)
-    assert recorder.sent[-2:] == [StartBlockShots(), CalibrateDelayLine(use=False)]
+    assert recorder.sent[-2:] == [StartDelayLineCapture(), CalibrateDelayLine(use=False)]
 
 
 def test_the_table_marks_the_chosen_probe_and_leaves_out_what_it_cannot_reach():
@@ -82,7 +82,7 @@ def test_points_can_be_measured_and_added_once_there_is_a_map_only():
     gui.find("number", "A-scan no.").value = 12
     gui.find("button", "Add this point").happen(CLIENT)
     thickness = gui.find("number", "Thickness (mm)").value
-    assert recorder.sent == [StartReferencePoints(n=5), AddReferencePoint(thickness, scan=12)]
+    assert recorder.sent == [StartCaliperMeasurements(n=5), AddReferencePoint(thickness, scan=12)]
 
 
 def test_a_speed_is_given_only_where_somebody_chose_so():
@@ -109,14 +109,14 @@ def test_the_sweep_is_sent_as_the_fields_say_and_shown_cell_by_cell():
     gui.find("text", "SNR (dB)").value = "20; 40"
     panel.render(None, picture())
     gui.find("button", "Try them").happen(CLIENT)
-    assert recorder.sent == [StartWhatIf(snr_db=(20.0, 40.0))]
+    assert recorder.sent == [StartProbeSweep(snr_db=(20.0, 40.0))]
     assert numbers(" 3, 4.5,") == (3.0, 4.5)
     two = np.array([0.0, 0.5])
     found = WhatIf(
         ("1MHz",) * 2, ("chirp",) * 2, two * 0 + 50.0, np.array([4.0, 8.0]), two, two,
         1.0 - two, two * 0 + 0.031, two * 0 - 0.004, np.array([40, 20]), "normal", 40,
     )  # fmt: skip
-    held = Results(what_if=Derived(found, "StartWhatIf", {}, {}))
+    held = Results(what_if=Derived(found, "StartProbeSweep", {}, {}))
     panel.render(picture(), picture(Session(results=held)))
     html = gui.html()
     assert "100 %" in html

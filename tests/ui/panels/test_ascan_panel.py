@@ -10,9 +10,9 @@ import pytest
 from rona_core.app.messages.registry import (
     ClearBoundaryCorrections,
     CorrectBoundary,
+    StartGapPlan,
+    StartGapScan,
     StartMapping,
-    StartSecondPlan,
-    StartSecondScan,
 )
 from rona_core.app.overview.step_states import step_states
 from rona_core.app.steps.roll.planned_motion import joints_at
@@ -234,7 +234,7 @@ def test_the_second_pass_is_planned_scanned_and_told(demo: Session) -> None:
     assert "Inner coverage" not in shown(desk)
     assert desk.gui.find("button", "Scan the gaps").disabled
     desk.click("button", "Plan second pass")
-    assert desk.sent == [StartSecondPlan()]
+    assert desk.sent == [StartGapPlan()]
     assert desk.view.second
     desk.session = replace(
         first_only, results=replace(first_only.results, second=demo.results.second)
@@ -242,7 +242,7 @@ def test_the_second_pass_is_planned_scanned_and_told(demo: Session) -> None:
     desk.draw()
     assert "the probe leans up to" in shown(desk)
     desk.click("button", "Scan the gaps")
-    assert desk.sent[-1] == StartSecondScan()
+    assert desk.sent[-1] == StartGapScan()
 
 
 def test_a_scan_of_the_gaps_is_mapped_where_it_was_made(demo: Session) -> None:

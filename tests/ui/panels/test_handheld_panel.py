@@ -5,7 +5,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from rona_core.app.messages.registry import StartSonoCalibration, StartSonoMapping, StartSonoScan
+from rona_core.app.messages.registry import (
+    StartHandheldCalibration,
+    StartHandheldMapping,
+    StartHandheldScan,
+)
 from rona_core.app.overview.step_states import step_states
 from rona_core.compose import new_workbench
 from rona_core.devices.live import LiveState
@@ -24,8 +28,12 @@ CLIENT = FakeClient()
 @pytest.fixture(scope="module")
 def session():
     bench = new_workbench(Session())
-    quick = StartSonoScan(duration_s=15.0, rate_hz=20.0, spacing_mm=5.0)
-    for activity in (StartSonoCalibration(pivot_s=6.0, spin_s=6.0), quick, StartSonoMapping()):
+    quick = StartHandheldScan(duration_s=15.0, rate_hz=20.0, spacing_mm=5.0)
+    for activity in (
+        StartHandheldCalibration(pivot_s=6.0, spin_s=6.0),
+        quick,
+        StartHandheldMapping(),
+    ):
         bench.run(activity)
     yield bench.session
     bench.close()
@@ -61,7 +69,11 @@ def test_the_buttons_come_one_after_the_other(session):
     gui.find("number", "Lines (mm)").value = 3.0
     for button in buttons:
         button.happen(CLIENT)
-    assert sent == [StartSonoCalibration(), StartSonoScan(spacing_mm=3.0), StartSonoMapping()]
+    assert sent == [
+        StartHandheldCalibration(),
+        StartHandheldScan(spacing_mm=3.0),
+        StartHandheldMapping(),
+    ]
     assert views[-1].by_hand, "what is mapped is shown"
 
 

@@ -3,7 +3,7 @@
 import numpy as np
 
 from rona_core.app.handlers import handle
-from rona_core.app.messages.registry import PutObstacle, RemoveObstacle, SetSurroundings
+from rona_core.app.messages.registry import AddObstacle, RemoveObstacle, SetWorkcell
 from rona_core.devices.protocols import Mesh
 from rona_core.geometry.pose import Pose
 from rona_core.session.document import Session
@@ -13,9 +13,9 @@ from rona_ui.view_state import Backdrop, ViewState
 from tests.helpers.fake_gui import FakeGui
 from tests.ui.panels.test_panels import CLIENT, Recorder, picture
 
-WALL = PutObstacle("wall", (0.0, -1200.0, 0.0), (3000.0, 100.0, 2500.0))
-FIRST = PutObstacle("cupboard", (300.0, 1000.0, 300.0), (600.0, 300.0, 1400.0))
-CLOSE = PutObstacle("cupboard", (0.0, 0.0, 500.0), (300.0, 300.0, 500.0))
+WALL = AddObstacle("wall", (0.0, -1200.0, 0.0), (3000.0, 100.0, 2500.0))
+FIRST = AddObstacle("cupboard", (300.0, 1000.0, 300.0), (600.0, 300.0, 1400.0))
+CLOSE = AddObstacle("cupboard", (0.0, 0.0, 500.0), (300.0, 300.0, 500.0))
 EMPTY = Mesh(np.zeros((0, 3)), np.zeros((0, 3), dtype=np.int64))
 ROOM = Backdrop(
     "VIRTUAL", EMPTY, np.zeros(3), np.array((0.0, 0.0, 1.0)), 25.0, Pose.identity(), np.zeros(6)
@@ -70,7 +70,7 @@ def test_a_box_is_added_changed_renamed_and_taken_away():
     assert (which.value, add.label, remove.visible) == ("wall", "Change the obstacle", True)
     gui.find("text", "Name").value = "north wall"
     add.happen(CLIENT)
-    renamed = PutObstacle("north wall", *_rest(WALL), instead_of="wall")
+    renamed = AddObstacle("north wall", *_rest(WALL), instead_of="wall")
     assert recorder.sent[1:] == [renamed], "one command: refused, it loses nothing"
     remove.happen(CLIENT)
     assert recorder.sent[-1] == RemoveObstacle("wall")
@@ -103,8 +103,8 @@ def test_table_and_distances_are_one_command_and_show_what_the_session_holds():
     gui.find("checkbox", "Table").value = False
     gui.find("number", "From the rest (mm)").value = 35.0
     gui.find("number", "From the rest (mm)").happen(CLIENT)
-    assert recorder.sent == [SetSurroundings(table=False, margin_mm=35.0)]
-    panel.render(old, picture(handle(SetSurroundings(floor_mm=-420.0), Session())))
+    assert recorder.sent == [SetWorkcell(table=False, margin_mm=35.0)]
+    panel.render(old, picture(handle(SetWorkcell(floor_mm=-420.0), Session())))
     assert gui.find("number", "Floor (mm)").value == -420.0
     assert gui.find("checkbox", "Table").value is True
 

@@ -7,10 +7,10 @@ import pytest
 
 from rona_core.app.messages.registry import (
     MoveTracker,
-    SetBone,
-    SetReference,
+    SetBoneModel,
     SetRobot,
     SetTracker,
+    SetUseBaseMarker,
     StartPointerCapture,
     StartToolCapture,
 )
@@ -154,7 +154,7 @@ def test_a_scan_that_was_stopped_while_the_tool_was_weighed_says_so_and_goes_on_
     again = replace(after, job=replace(running, id="2"))
     panel.render(after, again)
     assert "Stopped" not in panel.remark.content
-    other = replace(after, job=replace(ended, activity="StartSecondScan"))
+    other = replace(after, job=replace(ended, activity="StartGapScan"))
     panel.render(None, other)
     assert "Stopped" not in panel.remark.content
     assert "the tool was weighed" in second_words(other, None, False)
@@ -275,7 +275,7 @@ def test_moving_the_tracker_is_one_command_and_the_base_marker_another() -> None
     turn.happen(CLIENT)
     marker.value = False
     marker.happen(CLIENT)
-    assert recorder.sent == [MoveTracker((5.0, 0.0, 0.0), 2.0), SetReference(False)]
+    assert recorder.sent == [MoveTracker((5.0, 0.0, 0.0), 2.0), SetUseBaseMarker(False)]
 
 
 def test_the_kind_of_bone_and_its_speed_are_one_command() -> None:
@@ -288,7 +288,7 @@ def test_the_kind_of_bone_and_its_speed_are_one_command() -> None:
     kind.happen(CLIENT)
     own.value = False
     own.happen(CLIENT)
-    assert recorder.sent[-1] == SetBone("hard", own_speed=False)
+    assert recorder.sent[-1] == SetBoneModel("hard", own_speed=False)
 
 
 def test_a_profile_brings_its_own_latency_until_one_is_typed() -> None:

@@ -16,10 +16,10 @@ from rona_core.app.messages.registry import (
     CalibratePointer,
     ClearPathEdits,
     DeletePathPoint,
-    DrawPattern,
+    GenerateScanPattern,
     InsertPathPoint,
-    KeepPathSample,
     MovePathPoint,
+    PinPathSample,
     RegisterTool,
     SmoothScanPath,
 )
@@ -221,11 +221,11 @@ def test_clicks_put_in_take_away_and_keep(smoothed) -> None:
     raw = smoothed.results.path.value.points_base
     keep = replace(SMOOTHING, drawing="keep")
     _, kept = point_at(smoothed, keep, *sight_of(smoothed, raw[30]), "click")
-    assert isinstance(kept, KeepPathSample)
+    assert isinstance(kept, PinPathSample)
     assert kept.keep
     again = handle(kept, smoothed)
     _, freed = point_at(again, keep, *sight_of(smoothed, raw[30]), "click")
-    assert freed == KeepPathSample(kept.sample, keep=False)
+    assert freed == PinPathSample(kept.sample, keep=False)
 
 
 def test_beside_path_and_surface_a_click_is_refused_with_words(smoothed) -> None:
@@ -278,7 +278,7 @@ def test_a_pattern_takes_centre_and_boundary_that_were_clicked(smoothed) -> None
     assert "a boundary of 3 corners" in gui.html()
     gui.find("button", "Make the pattern").happen(CLIENT)
     (made,) = recorder.sent
-    assert made == DrawPattern(
+    assert made == GenerateScanPattern(
         center_base_mm=recorder.shown.center, boundary_base_mm=recorder.shown.boundary
     )
     gui.find("button", "Forget centre and boundary").happen(CLIENT)
@@ -294,7 +294,7 @@ def test_without_a_surface_there_is_no_pattern() -> None:
 
 def test_the_path_step_says_that_it_is_a_pattern(smoothed) -> None:
     gui, view = FakeGui(), ViewState(step="path")
-    made = handle(DrawPattern(), smoothed)
+    made = handle(GenerateScanPattern(), smoothed)
     PathPanel(gui, Recorder(view).door).render(None, picture(made, view))
     assert "A pattern of" in gui.html()
 

@@ -249,7 +249,7 @@ def test_a_parameter_without_a_field_or_with_two_is_told_in_words() -> None:
 
 def test_everything_that_runs_is_named_for_people():
     assert sorted(DOING) == sorted(ACTIVITIES)
-    assert doing("StartSonoMapping") == "Mapping the scan by hand"
+    assert doing("StartHandheldMapping") == "Mapping the scan by hand"
 
 
 def test_what_runs_belongs_to_a_step():

@@ -3,7 +3,7 @@
 Bellman's recursion over the path points k, with the costs N of postures and S of steps of the
 lattice (a ladder graph, Maeyer 2017):
 V[k + 1, r] = min over o of (V[k, r + o - K] + S[k, o, r]) + N[k + 1, r].
-See docs/algorithms/variable_roll.md.
+See docs/algorithms/robot/variable_roll.md.
 """
 
 import itertools

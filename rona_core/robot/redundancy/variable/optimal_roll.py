@@ -1,7 +1,7 @@
 """Optimal varying roll on a grid of rolls, over all branches, by dynamic programming.
 
 It is the optimum of the stated objective among all sequences of rolls of the working set that
-keep every limit. See docs/algorithms/variable_roll.md.
+keep every limit. See docs/algorithms/robot/variable_roll.md.
 """
 
 from dataclasses import dataclass

@@ -194,13 +194,6 @@ class LoadedSpecimen:
         blend = (3 - k) * outer + k * inner
         return blend / np.linalg.norm(blend, axis=1, keepdims=True)
 
-    def signed_distance(self, points_skull: ArrayLike) -> Floats:
-        """Return the distance (n,) to the outer surface, positive outside."""
-        q = as_points(points_skull, name="points_skull")
-        foot = self._foot(q, 0)
-        side = np.einsum("ij,ij->i", q - foot, self._field.unit_gradient(foot))
-        return np.where(side < 0.0, -1.0, 1.0) * np.linalg.norm(q - foot, axis=1)
-
     def mesh(self, boundary: Boundary = "outer", edge_mm: float = 3.0) -> Mesh:
         """Return triangles for the eye: the whole skull as stored, or a boundary near the region.
 

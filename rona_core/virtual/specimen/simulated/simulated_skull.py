@@ -143,12 +143,6 @@ class SimulatedSpecimen:
         v = as_points(points_skull, name="points_skull") - self._center
         return self._atlas.normals(v, boundary_index(boundary))
 
-    def signed_distance(self, points_skull: ArrayLike) -> Floats:
-        """Return the distance (n,) to the outer surface, positive outside."""
-        v = as_points(points_skull, name="points_skull") - self._center
-        gaps = self._atlas.gap(v, np.zeros(len(v), dtype=np.int64))
-        return np.sign(gaps) * np.linalg.norm(v - self._atlas.closest(v, 0), axis=1)
-
     def mesh(self, boundary: Boundary = "outer", edge_mm: float = 3.0) -> Mesh:
         """Return triangles of a boundary for the eye."""
         if not 0.5 <= edge_mm <= 30.0:

@@ -6,7 +6,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from rona_core.calibration.handheld.pointer import calibrate_pointer, calibrate_pointer_from_markers
+from rona_core.calibration.handheld.pointer import calibrate_pointer
+from rona_core.calibration.pivot.pivot_calibration import solve_pivot_from_markers
 from rona_core.calibration.pivot.quality import (
     PivotFacts,
     judge_pivot,
@@ -127,13 +128,13 @@ def test_a_wrong_geometry_is_named_from_raw_markers():
     markers, _ = marker_sweep(np.random.default_rng(6), 6)
     wrong = GEOMETRY[6].copy()
     wrong[2] += (0.8, 0.8, 0.0)
-    found = calibrate_pointer_from_markers(markers, wrong, pointer="p", dof=6)
+    found = solve_pivot_from_markers(markers, wrong, dof=6, at_least=10)
     assert found.verdict == "bad"
     assert "marker C is not where the geometry has it" in " | ".join(found.reasons)
     wrong[2] += (40.0, 0.0, 0.0)
     with pytest.raises(DegenerateGeometryError, match="marker C is not where"):
-        calibrate_pointer_from_markers(markers, wrong, pointer="p", dof=6)
-    right = calibrate_pointer_from_markers(markers, GEOMETRY[6], pointer="p", dof=6)
+        solve_pivot_from_markers(markers, wrong, dof=6, at_least=10)
+    right = solve_pivot_from_markers(markers, GEOMETRY[6], dof=6, at_least=10)
     assert right.verdict == "good"
 
 

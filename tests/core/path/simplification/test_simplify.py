@@ -5,16 +5,16 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from benchmarks.reference.frechet_distance import within_frechet as path_within_frechet
 from benchmarks.reference.path_coverage import length_mm
+from benchmarks.reference.removal_order import removal_order
 from rona_core.errors import CancelledError, InvalidInputError
 from rona_core.path.simplification import batch_decimation as bands
 from rona_core.path.simplification.deviation import deviation, deviations
-from rona_core.path.simplification.deviation import within_frechet as path_within_frechet
 from rona_core.path.simplification.error_bound import ROUNDING
-from rona_core.path.simplification.segment_distance import distances_to_segment, piece_cost
+from rona_core.path.simplification.segment_distance import distances_to_segment
 from rona_core.path.simplification.simplify import METHODS, simplify
-from rona_core.path.simplification.vertex_decimation import removal_order
-from tests.helpers.paths import demonstration
+from tests.helpers.paths import demonstration, piece_cost
 from tests.helpers.strategies import random_pose, seeds
 
 few = settings(max_examples=25, deadline=None)

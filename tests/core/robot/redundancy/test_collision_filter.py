@@ -3,7 +3,6 @@
 import numpy as np
 import pytest
 
-from benchmarks.patch_scenes import scene_model, scene_path
 from rona_core.geometry.path5d import Path5D
 from rona_core.geometry.pose import Poses
 from rona_core.robot.collision.collision_world import CollisionWorld
@@ -13,6 +12,7 @@ from rona_core.robot.redundancy.collision_filter import remove_blocked_rolls
 from rona_core.robot.redundancy.evaluate_rolls import evaluate_constant_rolls
 from rona_core.robot.redundancy.joint_path import joint_path
 from rona_core.robot.redundancy.margins import MarginLimits
+from tests.scenes.patch_scenes import scene_model, scene_path
 
 
 class Wall:

@@ -6,7 +6,6 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from benchmarks.patch_scenes import SCENES, dense_path
 from rona_core.errors import CancelledError, InvalidInputError
 from rona_core.geometry.path5d import Path5D
 from rona_core.robot.kinematics.catalog import robot_model
@@ -17,7 +16,8 @@ from rona_core.robot.redundancy.choice import working_set_deg
 from rona_core.robot.redundancy.constant_roll import best_branch
 from rona_core.robot.redundancy.joint_path import joint_path
 from rona_core.robot.redundancy.margins import MarginLimits
-from tests.helpers.roll_search import search_rolls
+from tests.scenes.patch_scenes import SCENES, dense_path
+from tests.scenes.roll_search import search_rolls
 
 RX90 = robot_model("rx90")
 RULES = MarginLimits()

@@ -6,7 +6,6 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from benchmarks.patch_scenes import SCENES, dense_path, scene_model, scene_path
 from benchmarks.reference.cheapest_constant_roll import cheapest_constant
 from rona_core.errors import CancelledError, InvalidInputError
 from rona_core.geometry.path5d import Path5D
@@ -28,7 +27,8 @@ from rona_core.robot.redundancy.variable.infeasibility import curve_margins, var
 from rona_core.robot.redundancy.variable.optimal_roll import BlockedPath, optimal_roll
 from rona_core.robot.redundancy.variable.plan_variable_roll import plan_variable_roll
 from rona_core.robot.redundancy.variable.problem import RollProblem
-from tests.helpers.roll_search import roll_problem, search_rolls, solved
+from tests.scenes.patch_scenes import SCENES, dense_path, scene_model, scene_path
+from tests.scenes.roll_search import roll_problem, search_rolls, solved
 
 RX90 = scene_model()
 RULES, COST = MarginLimits(), RollCost()

@@ -7,7 +7,6 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from benchmarks.patch_scenes import dense_path
 from benchmarks.reference.trajectory_figures import timing_figures
 from rona_core.errors import InvalidInputError
 from rona_core.geometry.path5d import Path5D
@@ -20,7 +19,8 @@ from rona_core.robot.trajectory.scan_timing import time_scan
 from rona_core.robot.trajectory.time_parameterization import SpeedLimits, parameterize_time
 from rona_core.robot.trajectory.trajectory import Trajectory
 from rona_core.robot.verification.verifier import verify_scan
-from tests.helpers.roll_search import search_rolls
+from tests.scenes.patch_scenes import dense_path
+from tests.scenes.roll_search import search_rolls
 
 RX90 = robot_model("rx90")
 WIDE = (np.full(6, 10.0), np.full(6, 100.0))

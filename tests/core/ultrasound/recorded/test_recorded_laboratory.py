@@ -5,13 +5,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from benchmarks.laboratory import Bench, Hit, Matter, laboratory
-from benchmarks.laboratory_families import FAMILIES, draw
 from rona_core.ultrasound.recorded.artefacts import find_spikes, without_hum, without_spikes
 from rona_core.ultrasound.recorded.band import Band
 from rona_core.ultrasound.recorded.echo_tracks import Peaks, neighbour_tree
 from rona_core.ultrasound.recorded.plate_detector import detect_recorded
 from rona_core.ultrasound.recorded.probe_reverberations import without_foreign
+from tests.scenes.laboratory.families import FAMILIES, draw
+from tests.scenes.laboratory.laboratory import Bench, Hit, Matter, laboratory
 
 ACRYLIC = Matter(2.73, 3.22, 1.3, 1.1)
 STEEL = Matter(5.9, 46.0, 0.05, 2.0)

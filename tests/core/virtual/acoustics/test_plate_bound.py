@@ -3,11 +3,11 @@
 import numpy as np
 import pytest
 
-from benchmarks.bone_scenes import plate
 from rona_core.ultrasound.detection.detect import detect
 from rona_core.ultrasound.detection.single.cramer_rao import inner_bound
 from rona_core.ultrasound.detection.single.matched_filter import block_template
 from rona_core.ultrasound.probe.probe_model import PROBES
+from tests.scenes.bone_scenes import plate
 
 WRONG_MM = 1.0
 

@@ -4,8 +4,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.stats import rayleigh, rice
 
+from rona_core.ultrasound.detection.single import depth_evidence as evidence
 from rona_core.ultrasound.detection.single.depth_evidence import depth_evidence, depth_grid
-from rona_core.ultrasound.detection.spatial import track_before_detect as profile
+from rona_core.ultrasound.detection.spatial import track_before_detect
 from rona_core.ultrasound.detection.spatial.neighbour_graph import line_links, scan_links
 from rona_core.ultrasound.detection.spatial.track_before_detect import (
     along_tracks,
@@ -45,9 +46,9 @@ def test_evidence_is_the_ratio_of_rice_and_rayleigh_densities(seed, nominal, see
     found, loud = depth_evidence(np.full((1, 3), seen), np.ones(1), gain, lags, lags, 0.0)
     s = np.sqrt(0.5)  # of either part of noise of rms 1
     none = rayleigh.pdf(seen, scale=s)
-    echo = np.mean([rice.pdf(seen, a * nominal / s, scale=s) for a in profile.LEVELS])
-    there = min(echo / none, np.exp(profile.MOST))
-    expected = np.log(profile.ABSENT + (1.0 - profile.ABSENT) * there)
+    echo = np.mean([rice.pdf(seen, a * nominal / s, scale=s) for a in evidence.LEVELS])
+    there = min(echo / none, np.exp(evidence.MOST))
+    expected = np.log(evidence.ABSENT + (1.0 - evidence.ABSENT) * there)
     np.testing.assert_allclose(found, expected, rtol=1e-9, atol=1e-12)
     np.testing.assert_allclose(loud, seen)
 
@@ -72,7 +73,7 @@ def test_noise_stacks_to_nothing_and_an_echo_does_not(seed):
     places = square(9)
     links = scan_links(places, len(places))
     nothing = stacked(noisy(rng, 8.0, 0.0, len(places)), links)
-    assert np.percentile(nothing, 99) < profile.STACK_FLOOR + 0.2
+    assert np.percentile(nothing, 99) < track_before_detect.STACK_FLOOR + 0.2
     assert np.median(nothing) < 0.1
     at = np.full((len(places), 1), 8.0)
     seen = at_depths(stacked(noisy(rng, 8.0, 3.0, len(places)), links), GRID, at)
