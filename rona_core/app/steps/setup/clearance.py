@@ -12,8 +12,8 @@ from rona_core.app.dependencies.staleness import session_obstacles
 from rona_core.devices.protocols import Mesh
 from rona_core.errors import InvalidInputError
 from rona_core.geometry.arrays import Floats
+from rona_core.robot.collision.collision_geometry import collision_bodies
 from rona_core.robot.collision.collision_world import CollisionWorld
-from rona_core.robot.collision.convex_bounds import collision_bodies
 from rona_core.robot.collision.obstacles import Box, Capsule, Hull, Obstacle, Obstacles
 from rona_core.robot.kinematics.catalog import robot_model
 from rona_core.robot.meshes.link_meshes import link_shapes

@@ -13,8 +13,12 @@ from scipy.spatial import ConvexHull
 from rona_core.devices.workcell import Surroundings
 from rona_core.errors import InvalidInputError
 from rona_core.geometry.pose import Pose, Poses
+from rona_core.robot.collision.collision_geometry import (
+    collision_bodies,
+    link_capsules,
+    solid_hulls,
+)
 from rona_core.robot.collision.collision_world import ITSELF, CollisionWorld
-from rona_core.robot.collision.convex_bounds import collision_bodies, drawn_bounds, joint_bounds
 from rona_core.robot.collision.obstacles import (
     Box,
     Capsule,
@@ -23,9 +27,11 @@ from rona_core.robot.collision.obstacles import (
     Obstacles,
     table_and_floor,
 )
+from rona_core.robot.collision.solids import Solid
 from rona_core.robot.kinematics.catalog import robot_model
 from rona_core.robot.kinematics.spherical_wrist import SphericalWristArm
 from rona_core.robot.meshes.link_meshes import link_shapes
+from rona_core.robot.meshes.tool_mesh import tool_shapes
 
 PLACE_OF_WORK = (600.0, 60.0, 400.0)  # of the RX90, in the room
 
@@ -56,10 +62,15 @@ def around(seed=1):
 
 
 WORLD = CollisionWorld(RX90, around())
+DRAWN_ARM = [
+    Solid(shape.frame, shape.name, shape.mesh)
+    for shape in link_shapes(RX90)
+    if shape.name not in {s.name for s in tool_shapes(RX90)} or shape.name == "force sensor"
+]
 
 
 @pytest.mark.parametrize(
-    "bounds", [collision_bodies(RX90), drawn_bounds(RX90) + collision_bodies(RX90)[-5:]]
+    "bounds", [collision_bodies(RX90), solid_hulls(DRAWN_ARM) + collision_bodies(RX90)[-5:]]
 )
 def test_everything_that_is_drawn_lies_within_the_bounds(bounds):
     assert all(bound.radius_mm == 0.0 for bound in bounds)
@@ -75,8 +86,8 @@ def test_everything_that_is_drawn_lies_within_the_bounds(bounds):
 
 def test_an_arm_that_is_not_drawn_gets_capsules_that_follow_its_joints():
     unknown = replace(RX90, name="unknown", arm=SphericalWristArm(400.0, 500.0, 400.0, 90.0))
-    bounds = joint_bounds(unknown)
-    assert drawn_bounds(unknown)[0].radius_mm > 0.0
+    bounds = link_capsules(unknown)
+    assert collision_bodies(unknown)[0].radius_mm > 0.0
     for q in random_qs(5):
         frames = unknown.joint_poses(q)
         for link, (start, end) in enumerate(pairwise(range(7))):
