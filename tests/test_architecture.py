@@ -6,6 +6,7 @@ import re
 import shutil
 import subprocess
 import sys
+import tomllib
 from pathlib import Path
 
 import pytest
@@ -180,6 +181,16 @@ PLANTED_IMPORTS = [
         "import rona_core.robot.trajectory.scan_timing",
         "verifier knows no planner",
     ),
+    (
+        "rona_core/robot/collision/edge_check.py",
+        "import rona_core.robot.redundancy",
+        "Rooms of the robot",  # else the verifier knew a planner through the collision bodies
+    ),
+    (
+        "rona_core/robot/collision/collision_geometry.py",
+        "import rona_core.robot.meshes",
+        "Collision bodies do not depend on what is drawn",
+    ),
     ("rona_core/robot/kinematics/rx90.py", "import rona_core.robot.planning", "Rooms of the robot"),
     (
         "rona_core/ultrasound/detection/single/inner_echo.py",
@@ -194,6 +205,16 @@ PLANTED_IMPORTS = [
     ("rona_ui/panels/surface.py", "import rona_ui.scene.viser_nodes", "Layers of rona_ui"),
     ("rona_ui/presentation/colors.py", "import rona_ui.scene", "Layers of rona_ui"),
 ]
+
+
+def test_every_module_that_times_a_motion_is_kept_from_the_verifier():
+    """A new module of trajectory has to be forbidden, too: only the motion itself is shared."""
+    contracts = tomllib.loads((ROOT / "pyproject.toml").read_text())["tool"]["importlinter"]
+    verifier = next(c for c in contracts["contracts"] if c["id"] == "verifier-without-planner")
+    room = ROOT / "rona_core" / "robot" / "trajectory"
+    named = {path.stem for path in room.glob("*.py")} - {"__init__", "trajectory"}
+    forbidden = {name.rpartition(".")[2] for name in verifier["forbidden_modules"]}
+    assert named <= forbidden
 
 
 @pytest.fixture(scope="module")

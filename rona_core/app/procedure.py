@@ -113,27 +113,26 @@ def _base_move(bench: Workbench, cancel: Cancel) -> str:
 
 def _varying(plan: RobotPlan) -> str:
     """Return what became of a roll that varies, where one was looked for."""
-    return "" if plan.varying is None else f"; {plan.varying.sentence}"
+    return "" if plan.search.varying is None else f"; {plan.search.varying.sentence}"
 
 
 def why_no_plan(plan: RobotPlan) -> str | None:
     """Return why a plan cannot be executed, or None if it can."""
     if plan.may_move:
         return None
-    if plan.mode == "none":
-        stopped = [verdict for verdict in plan.verdicts if not verdict.feasible]
+    if plan.search.mode == "none":
+        stopped = [verdict for verdict in plan.search.verdicts if not verdict.feasible]
         causes = Counter(verdict.reason for verdict in stopped)
         counts = [f"{count} by {cause}" for cause, count in causes.most_common()]
-        if plan.n_feasible:
-            counts.append(f"{plan.n_feasible} with less room were not tried")
+        if plan.search.n_feasible:
+            counts.append(f"{plan.search.n_feasible} with less room were not tried")
         told = ""
         if stopped:
             furthest = max(stopped, key=lambda verdict: verdict.index)
             told = f"; the one that gets furthest: {furthest.sentence}"
-        if refused := plan.refused:
+        if refused := plan.search.refused:
             told = f"; tried first: {refused.sentence}{told}"
-        return (
-            f"none of {len(plan.verdicts)} rolls works ({', '.join(counts)}){told}{_varying(plan)}"
-        )
+        reasons = f"({', '.join(counts)}){told}{_varying(plan)}"
+        return f"none of {len(plan.search.verdicts)} rolls works {reasons}"
     failures = plan.certificate.failures() if plan.certificate is not None else ()
     return "the verifier refuses the plan: " + "; ".join(check.sentence for check in failures)

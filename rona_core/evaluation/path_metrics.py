@@ -94,7 +94,7 @@ def normal_figures(path: "Path5D", truth: Truth) -> Figures:
 def plan_figures(plan: "RobotPlan") -> Figures:
     """Return how many rolls were tried, how the chosen one fares, and how long the scan takes."""
     trajectory = plan.trajectory
-    least_deg, chosen = None, plan.mode != "none"
+    least_deg, chosen = None, plan.search.mode != "none"
     if trajectory is not None:
         limits = robot_model(plan.model).limits
         times_s = trajectory.times_s
@@ -104,11 +104,11 @@ def plan_figures(plan: "RobotPlan") -> Figures:
     certificate = plan.certificate
     duration_s = None if trajectory is None else trajectory.times_s[-1] - trajectory.times_s[0]
     return {
-        "rolls_tried": len(plan.verdicts),
-        "rolls_feasible": sum(verdict.feasible for verdict in plan.verdicts),
-        "roll_mode": plan.mode,
+        "rolls_tried": len(plan.search.verdicts),
+        "rolls_feasible": sum(verdict.feasible for verdict in plan.search.verdicts),
+        "roll_mode": plan.search.mode,
         "min_clearance_mm": None if certificate is None else certificate.min_clearance_mm,
-        "roll_variation_deg": plan.roll_variation_deg if chosen else None,
+        "roll_variation_deg": plan.search.roll_variation_deg if chosen else None,
         "min_joint_margin_deg": least_deg,
         "scan_duration_s": None if duration_s is None else float(duration_s),
     }

@@ -1,7 +1,8 @@
 """Turn frozen dataclasses into plain JSON values and named arrays, and back, by their type hints.
 
 Small arrays stay in the JSON; larger ones are collected under a name that tells where they belong.
-Nothing is ever pickled: only the classes that the type hints name can come back.
+Nothing is ever pickled: only the classes that the type hints name can come back. The fields of a
+part that is declared with ``field(metadata={"flatten": True})`` stand among those of its owner.
 """
 
 import dataclasses
@@ -28,6 +29,7 @@ DTYPE = re.compile(r"[<>|=]?[fiub][0-9]{1,2}")
 KINDS = "fiub"  # float, int, unsigned, bool: all that a session may hold
 STEP = 2.0**-15  # of a converter with 16 bits; coarser ones give multiples of it
 TYPE_KEY = "$type"
+FLATTEN = "flatten"  # in the metadata of a field
 
 
 def encode(value: Any, name: str, arrays: Arrays) -> Any:
@@ -43,16 +45,23 @@ def encode(value: Any, name: str, arrays: Arrays) -> Any:
     if isinstance(value, np.ndarray):
         return _encode_array(value, name, arrays)
     if dataclasses.is_dataclass(value) and not isinstance(value, type):
-        fields = {
-            f.name: encode(getattr(value, f.name), f"{name}/{f.name}", arrays)
-            for f in dataclasses.fields(value)
-        }
-        return {TYPE_KEY: type(value).__name__, **fields}
+        return {TYPE_KEY: type(value).__name__, **_encode_fields(value, name, arrays)}
     if isinstance(value, tuple | list):
         return [encode(item, f"{name}/{i}", arrays) for i, item in enumerate(value)]
     if isinstance(value, Mapping):
         return {str(key): encode(item, f"{name}/{key}", arrays) for key, item in value.items()}
     raise SessionFormatError(f"{name}: a session cannot hold a {type(value).__name__}")
+
+
+def _encode_fields(value: Any, name: str, arrays: Arrays) -> dict[str, Any]:
+    fields: dict[str, Any] = {}
+    for f in dataclasses.fields(value):
+        part = getattr(value, f.name)
+        if f.metadata.get(FLATTEN):
+            fields |= _encode_fields(part, name, arrays)
+        else:
+            fields[f.name] = encode(part, f"{name}/{f.name}", arrays)
+    return fields
 
 
 def _encode_array(array: NDArray[Any], name: str, arrays: Arrays) -> dict[str, Any]:
@@ -199,19 +208,28 @@ def _decode_dataclass(data: Any, hint: Any, arrays: Any, where: str) -> Any:
     _checked(isinstance(data, dict), data, target.__name__, where)
     named = data.get(TYPE_KEY)
     _checked(named == target.__name__, named, target.__name__, f"{where}/{TYPE_KEY}")
-    hints = _field_hints(target)
-    parameters = getattr(target, "__parameters__", ())
-    bound = dict(zip(parameters, typing.get_args(hint), strict=False))
-    missing, extra = hints.keys() - data.keys(), data.keys() - hints.keys() - {TYPE_KEY}
+    bound = dict(zip(getattr(target, "__parameters__", ()), typing.get_args(hint), strict=False))
+    expected = _stored_names(target)
+    missing, extra = expected - data.keys(), data.keys() - expected - {TYPE_KEY}
     if missing or extra:
         lacks = f"lacks {', '.join(sorted(missing))}" if missing else ""
         knows = f"does not know {', '.join(sorted(extra))}" if extra else ""
         raise SessionFormatError(
             f"{where}: {target.__name__} {' and '.join(part for part in (lacks, knows) if part)}"
         )
+    return _decode_fields(data, target, bound, arrays, where)
+
+
+def _decode_fields(
+    data: dict[str, Any], target: Any, bound: dict[Any, Any], arrays: Any, where: str
+) -> Any:
+    """Return a dataclass made of the fields of ``data`` that it has, flattened parts included."""
+    flattened = _flattened(target)
     values = {
-        name: decode(data[name], _bind(kind, bound), arrays, f"{where}/{name}")
-        for name, kind in hints.items()
+        name: _decode_fields(data, kind, {}, arrays, where)
+        if name in flattened
+        else decode(data[name], _bind(kind, bound), arrays, f"{where}/{name}")
+        for name, kind in _field_hints(target).items()
     }
     try:
         made = target(**values)
@@ -219,6 +237,17 @@ def _decode_dataclass(data: Any, hint: Any, arrays: Any, where: str) -> Any:
         raise SessionFormatError(f"{where}: {error}") from error
     check_shapes(made, where)
     return made
+
+
+def _flattened(target: Any) -> set[str]:
+    return {f.name for f in dataclasses.fields(target) if f.metadata.get(FLATTEN)}
+
+
+def _stored_names(target: Any) -> set[str]:
+    """Return the names of the fields under which a dataclass and its flattened parts stand."""
+    hints, flattened = _field_hints(target), _flattened(target)
+    inner = (_stored_names(hints[name]) for name in flattened)
+    return (hints.keys() - flattened).union(*inner)
 
 
 def _bind(hint: Any, bound: dict[Any, Any]) -> Any:

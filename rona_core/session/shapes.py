@@ -57,7 +57,7 @@ SHAPES: dict[str, dict[str, str]] = {
     "RadiusChoice": {"k": "radii_mm noise_deg lean_deg"},
     "RawPath": {"n 3": "points_base"},
     "ReferenceCapture": {"n 3": "places_base", "n": "thickness_mm sigma_mm"},
-    "RobotPlan": {
+    "RollSearch": {
         "n": "rolls_rad",
         "n 3": "path.points_base",
         "rolls": "verdicts",
@@ -107,7 +107,7 @@ INDICES: dict[str, dict[str, str | int]] = {
     "Detection": {"flag": 8},
     "ForceTrack": {"states": 6},
     "LoadedSkull": {"mesh_faces": "mesh_vertices_skull"},
-    "RobotPlan": {"shown_points": "rolls_rad"},
+    "RollSearch": {"shown_points": "rolls_rad"},
     "SimplifiedPath": {"index": "n_original"},
     "ToolCapture": {"phases": 3},
 }

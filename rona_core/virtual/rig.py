@@ -43,7 +43,7 @@ def build_scene(seed: int, specimen: "Specimen", settings: DeviceSettings) -> Vi
         settings,
         robot_error=RobotError(seed, settings.robot.errors),
         T_tip_toolmarker=model.T_flange_tip.inv() @ model.T_flange_toolmarker,
-        region_center=model.workplace.region_base,
+        region_center=model.work_area.region_base,
     )
 
 

@@ -8,14 +8,14 @@ from benchmarks.cases import surface_normals as normal_cases
 from benchmarks.cases.demonstrated_path import demonstration as demonstrated
 from benchmarks.metric import Metric, Progress, cpu_ms, over_seeds
 from benchmarks.peers.line_simplification import PEERS, as_index
-from benchmarks.reference.brute_force_simplification import (
+from benchmarks.reference.path.brute_force_simplification import (
     fewest,
     segment_deviation_mm,
     textbook_order,
 )
-from benchmarks.reference.frechet_distance import within_frechet
-from benchmarks.reference.path_coverage import length_mm
-from benchmarks.reference.removal_order import removal_order
+from benchmarks.reference.path.frechet_distance import within_frechet
+from benchmarks.reference.path.path_coverage import length_mm
+from benchmarks.reference.path.removal_order import removal_order
 from rona_core.geometry.arrays import Floats
 from rona_core.path.simplification.deviation import deviations
 from rona_core.path.simplification.error_bound import ErrorBound

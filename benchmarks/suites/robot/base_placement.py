@@ -7,10 +7,10 @@ from rona_core.devices.settings import RobotSettings
 from rona_core.geometry.pose import Pose
 from rona_core.robot.base_placement.candidates import BasePlace, BaseSearch, base_pose, path_from
 from rona_core.robot.base_placement.placement import place_base
-from rona_core.robot.base_placement.screening import Screen
+from rona_core.robot.base_placement.screening import CoarseScreening
 from rona_core.robot.kinematics.robot_model import RobotModel
 from rona_core.robot.planning.plan_scan import plan_scan
-from rona_core.robot.redundancy.margins import RoomRules
+from rona_core.robot.redundancy.margins import MarginLimits
 from tests.scenes.patch_scenes import scene_model, scene_path
 
 HOME = RobotSettings()
@@ -22,7 +22,9 @@ def run(progress: Progress) -> list[Metric]:
     """Return whether suggestions verify on the dense path, how far the base moves, and times."""
     model = scene_model()
     search = BaseSearch()
-    screen = Screen(scene_path("S3"), model, RoomRules(), search.n_points, search.n_rolls)
+    screen = CoarseScreening(
+        scene_path("S3"), model, MarginLimits(), search.n_points, search.n_rolls
+    )
     grid_ms = PLACES * cpu_ms(lambda: screen.margin(Pose.identity()))
     metrics = [Metric("S3-90: screening of 143 places, CPU", grid_ms, "ms", "lower", 2000.0)]
     for scene in SCENES:

@@ -67,7 +67,7 @@ def scene() -> Obstacles:
     flat = rng.uniform(-32.0, 32.0, (2000, 2))
     flat = flat[np.hypot(*flat.T) < 32.0]
     height = np.sqrt(90.0**2 - (flat**2).sum(axis=1)) - 90.0
-    place = robot_model().workplace.region_base
+    place = robot_model().work_area.region_base
     points = np.column_stack((flat, height)) + place
     head = head_from_cloud(points, (0.0, 0.0, 1.0), 10.0)
     return Obstacles(

@@ -15,7 +15,7 @@ from rona_core.calibration.timing.robot_latency import EchoSegment, estimate_pos
 from rona_core.devices.settings import ContactSettings
 from rona_core.devices.wrench import JR3
 from rona_core.geometry.path5d import Path5D
-from rona_core.robot.force_control.correction_corridor import contact_band
+from rona_core.robot.force_control.correction_corridor import correction_corridor
 from rona_core.robot.force_control.gravity_compensation import force_range_n, lever_mm
 from rona_core.robot.kinematics.catalog import robot_model
 from rona_core.robot.kinematics.robot_model import RobotModel
@@ -95,8 +95,8 @@ def _speed() -> Metric:
 
 def _band(model: RobotModel) -> list[Metric]:
     trajectory = _trajectory(model)
-    band = contact_band(model, trajectory, SLOW)
-    value = cpu_ms(lambda: contact_band(model, trajectory, SLOW))
+    band = correction_corridor(model, trajectory, SLOW)
+    value = cpu_ms(lambda: correction_corridor(model, trajectory, SLOW))
     off = max(c.value for c in band.certificate.checks if c.unit == "mm")
     return [
         Metric("certify the band of a scan", value, "ms", "lower", 200.0),

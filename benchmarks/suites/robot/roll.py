@@ -9,19 +9,20 @@ from benchmarks.reference.cheapest_constant_roll import cheapest_constant
 from rona_core.robot.planning.plan_scan import PlanSettings, plan_scan
 from rona_core.robot.redundancy.choice import working_set_deg
 from rona_core.robot.redundancy.cost import RollCost
-from rona_core.robot.redundancy.evaluate_rolls import judge_rolls
-from rona_core.robot.redundancy.margins import RoomRules
+from rona_core.robot.redundancy.evaluate_rolls import evaluate_constant_rolls
+from rona_core.robot.redundancy.margins import MarginLimits
 from rona_core.robot.redundancy.result import RollCurve
-from rona_core.robot.redundancy.roll_grid import roll_grid
+from rona_core.robot.redundancy.roll_grid import solve_roll_grid
 from rona_core.robot.redundancy.variable.gauss_newton import refine_roll
 from rona_core.robot.redundancy.variable.optimal_roll import optimal_roll
-from rona_core.robot.redundancy.variable.plan_variable_roll import vary_roll
+from rona_core.robot.redundancy.variable.plan_variable_roll import plan_variable_roll
+from rona_core.robot.redundancy.variable.problem import RollProblem
 from tests.scenes.patch_scenes import N_ROLLS, SCENES, WayPoints, scene_model, scene_path
 
 LONG_SCENES = ("S0", "S4")  # with 306 way-points
 ROLLS_DEG = working_set_deg(N_ROLLS, 0.0, 360.0)
 PLAIN = RollCost(evenness=0.0, limits=0.0, singularities=0.0, roll_deg_per_mm=360.0)
-BARE = RoomRules(singular_rad=1e-9, shoulder_mm=0.0)
+BARE = MarginLimits(singular_rad=1e-9, shoulder_mm=0.0)
 DESCARTES = "Descartes (Tesseract), published run"
 # joint travel in rad; CPU in s and memory in GB where they were taken (another machine)
 TRAVEL_RAD: dict[tuple[str, WayPoints], float] = {
@@ -49,23 +50,25 @@ def run(progress: Progress) -> list[Metric]:
 
 def constant_metrics() -> list[Metric]:
     """Return the time to judge every roll of the longer path on every branch."""
-    model, rules = scene_model(), RoomRules()
+    model, margin_limits = scene_model(), MarginLimits()
     metrics: list[Metric] = []
     for scene in LONG_SCENES:
         path = scene_path(scene, 306)
-        took_s = 1e-3 * cpu_ms(lambda path=path: judge_rolls(path, model, ROLLS_DEG, rules))
-        name = f"{scene}: {len(path)} points, 72 rolls, 8 branches judged, CPU"
+        took_s = 1e-3 * cpu_ms(
+            lambda path=path: evaluate_constant_rolls(path, model, ROLLS_DEG, margin_limits)
+        )
+        name = f"{scene}: {len(path)} points, 72 rolls, 8 branches evaluation, CPU"
         metrics.append(Metric(name, took_s, "s", "lower", goal=0.4))
     return metrics
 
 
 def varying_metrics(scene: str) -> list[Metric]:
     """Return time and memory of a varying roll, inverse kinematics and refinement included."""
-    path, model, rules, cost = scene_path(scene, 306), scene_model(), RoomRules(), RollCost()
+    path, model = scene_path(scene, 306), scene_model()
     took_s = 1e-3 * cpu_ms(lambda: solve(scene))
     rolls_rad = np.deg2rad(ROLLS_DEG)
-    grid = roll_grid(path, model, rolls_rad, rules)
-    rough = optimal_roll(path, model, grid, rules, cost)
+    problem = RollProblem(solve_roll_grid(path, model, rolls_rad, MarginLimits()), RollCost())
+    rough = optimal_roll(problem)
     metrics = [
         Metric(f"{scene}: varying roll, CPU", took_s, "s", "lower", 0.6, DESCARTES, CPU_S[scene]),
         Metric(
@@ -79,7 +82,7 @@ def varying_metrics(scene: str) -> list[Metric]:
         ),
     ]
     if isinstance(rough, RollCurve):
-        fine = refine_roll(path, model, grid, rough, rules, cost)
+        fine = refine_roll(problem, rough)
         share = fine.cost.total / rough.cost.total
         step_deg = float(np.rad2deg(np.abs(np.diff(fine.qs_rad, axis=0)).max()))
         metrics.append(
@@ -95,7 +98,7 @@ def travel_metrics() -> list[Metric]:
     metrics: list[Metric] = []
     for (scene, points), bar in TRAVEL_RAD.items():
         path = scene_path(scene, points)
-        found = optimal_roll(path, model, roll_grid(path, model, rolls_rad, BARE), BARE, PLAIN)
+        found = optimal_roll(RollProblem(solve_roll_grid(path, model, rolls_rad, BARE), PLAIN))
         value = found.cost.total if isinstance(found, RollCurve) else None
         name = f"{scene}-{points}: joint travel"
         metrics.append(Metric(name, value, "rad", "lower", bar, DESCARTES, bar))
@@ -104,16 +107,16 @@ def travel_metrics() -> list[Metric]:
 
 def scene_metrics() -> list[Metric]:
     """Return how many scenes are certified or refused as they ought to be, and the cost won."""
-    model, rules, cost = scene_model(), RoomRules(), RollCost()
+    model, margin_limits, cost = scene_model(), MarginLimits(), RollCost()
     right, shares = 0, list[float]()
     for name, scene in SCENES.items():
         path = scene_path(name)
         plan = plan_scan(path, model, PlanSettings())
         wanted = "constant" if scene.feasible else "variable" if scene.variable else "none"
-        right += plan.mode == wanted and plan.may_move == scene.variable
-        judged = judge_rolls(path, model, ROLLS_DEG, rules)
-        curve, _ = vary_roll(judged, cost)
-        constant = cheapest_constant(judged, cost)
+        right += plan.search.mode == wanted and plan.may_move == scene.variable
+        evaluation = evaluate_constant_rolls(path, model, ROLLS_DEG, margin_limits)
+        curve, _ = plan_variable_roll(evaluation.grid, cost)
+        constant = cheapest_constant(evaluation, cost)
         if curve is not None and constant is not None:
             shares.append(curve.cost.total / constant.cost.total)
     return [
@@ -124,11 +127,12 @@ def scene_metrics() -> list[Metric]:
 
 def solve(scene: str) -> object:
     """Find the varying roll of a scene of 306 way-points from its path alone."""
-    path, model, rules, cost = scene_path(scene, 306), scene_model(), RoomRules(), RollCost()
-    grid = roll_grid(path, model, np.deg2rad(ROLLS_DEG), rules)
-    found = optimal_roll(path, model, grid, rules, cost)
+    rolls_rad = np.deg2rad(ROLLS_DEG)
+    grid = solve_roll_grid(scene_path(scene, 306), scene_model(), rolls_rad, MarginLimits())
+    problem = RollProblem(grid, RollCost())
+    found = optimal_roll(problem)
     if isinstance(found, RollCurve):
-        return refine_roll(path, model, grid, found, rules, cost)
+        return refine_roll(problem, found)
     return found
 
 

@@ -9,9 +9,13 @@ from benchmarks.reference.trajectory_figures import TimingFigures, timing_figure
 from rona_core.geometry.arrays import Floats
 from rona_core.geometry.path5d import Path5D
 from rona_core.robot.kinematics.robot_model import RobotModel
-from rona_core.robot.redundancy.choice import joint_path, search_rolls
-from rona_core.robot.trajectory.corner_blend import blend
-from rona_core.robot.trajectory.scan_timing import ScanSettings, time_path
+from rona_core.robot.redundancy.choice import choose_constant_roll, working_set_deg
+from rona_core.robot.redundancy.evaluate_rolls import evaluate_constant_rolls
+from rona_core.robot.redundancy.joint_path import joint_path
+from rona_core.robot.redundancy.margins import MarginLimits
+from rona_core.robot.trajectory.corner_blend import blend_corners
+from rona_core.robot.trajectory.path_timing import ScanSettings
+from rona_core.robot.trajectory.scan_timing import time_scan
 from rona_core.robot.trajectory.trajectory import Trajectory
 from tests.scenes.patch_scenes import N_ROLLS, scene_model, scene_path
 
@@ -65,8 +69,9 @@ def run(progress: Progress) -> list[Metric]:
 
 def _followed(path: Path5D, model: RobotModel) -> tuple[Floats, int]:
     """Return the joint path with the best constant roll, and its branch."""
-    search = search_rolls(path, model, n_rolls=N_ROLLS)
-    verdict = search.verdicts[search.chosen]
+    rolls_deg = working_set_deg(N_ROLLS, 0.0, 360.0)
+    verdicts = evaluate_constant_rolls(path, model, rolls_deg, MarginLimits()).verdicts
+    verdict = verdicts[choose_constant_roll(verdicts, "best")]
     return joint_path(path, model, float(np.deg2rad(verdict.roll_deg)), verdict.branch), (
         verdict.branch
     )
@@ -75,7 +80,7 @@ def _followed(path: Path5D, model: RobotModel) -> tuple[Floats, int]:
 def _driver(
     path: Path5D, qs_rad: Floats, model: RobotModel, settings: ScanSettings, branch: int
 ) -> Callable[[], Trajectory]:
-    return lambda: time_path(path, qs_rad, model, settings, branch=branch)
+    return lambda: time_scan(path, qs_rad, model, settings, branch=branch)
 
 
 def _toppra(path: Path5D, qs_rad: Floats, model: RobotModel, speed_mm_per_s: float) -> Metric:
@@ -90,7 +95,7 @@ def _toppra(path: Path5D, qs_rad: Floats, model: RobotModel, speed_mm_per_s: flo
         from toppra import algorithm, constraint  # pyright: ignore[reportMissingImports]
     except ImportError:
         return Metric(name, None, "s", "lower")
-    rounded = blend(path.arc_length_mm(), qs_rad, model, ScanSettings().corner_deviation_mm)
+    rounded = blend_corners(path.arc_length_mm(), qs_rad, model, ScanSettings().corner_deviation_mm)
     joints = np.column_stack((rounded.qs_rad, rounded.way_mm))
     spline = toppra.SplineInterpolator(rounded.way_mm, joints)
     speeds = np.append(model.speed_rad_per_s, speed_mm_per_s)

@@ -73,7 +73,7 @@ def _build(
 ) -> Obstacles:
     settings = session.setup.surroundings
     robot = session.setup.devices.robot
-    room, work_room = workcell_pose(robot), np.array(robot_model(robot.model).workplace.region_base)
+    room, work_room = workcell_pose(robot), np.array(robot_model(robot.model).work_area.region_base)
     head, sentence = _head(session, room @ work_room, tool, cloud, found)
     stand = () if tool is None else tracker_stand(settings, tool.T_base_tracker)
     return Obstacles(

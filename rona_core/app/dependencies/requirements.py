@@ -148,7 +148,7 @@ def plan_reason(session: Session) -> str | None:
     searched = session.results.roll
     if searched is None:
         return None
-    if searched.value.mode == "none":
+    if searched.value.search.mode == "none":
         return "first find a roll that the robot can traverse (step 7)"
     certificate = searched.value.certificate
     if certificate is not None and not certificate.certified:

@@ -176,14 +176,14 @@ def _roll_summary(session: Session) -> str:
     if derived is None:
         return ""
     plan = derived.value
-    feasible = sum(verdict.feasible for verdict in plan.verdicts)
-    counts = f"{feasible} of {len(plan.verdicts)} roll angles feasible"
-    if plan.mode == "none" or plan.trajectory is None:
+    feasible = sum(verdict.feasible for verdict in plan.search.verdicts)
+    counts = f"{feasible} of {len(plan.search.verdicts)} roll angles feasible"
+    if plan.search.mode == "none" or plan.trajectory is None:
         return f"{counts}: move the robot base or change the path"
-    if plan.mode == "variable":
-        chosen = f"varying over {plan.roll_variation_deg:.0f}°"
+    if plan.search.mode == "variable":
+        chosen = f"varying over {plan.search.roll_variation_deg:.0f}°"
     else:
-        chosen = f"{plan.verdicts[plan.chosen].roll_deg:.0f}°"
+        chosen = f"{plan.search.verdicts[plan.search.chosen].roll_deg:.0f}°"
     if plan_reason(session) is not None:
         return f"{counts}, {chosen}, refused by the verifier"
     return f"{counts}, {chosen}, {plan.trajectory.times_s[-1]:.0f} s"

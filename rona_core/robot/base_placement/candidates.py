@@ -9,7 +9,7 @@ from rona_core.devices.settings import RobotSettings, require
 from rona_core.geometry.arrays import Bools, Floats
 from rona_core.geometry.path5d import Path5D
 from rona_core.geometry.pose import Pose
-from rona_core.robot.redundancy.margins import RoomRules
+from rona_core.robot.redundancy.margins import MarginLimits
 
 FARTHEST_MM = 2000.0  # settings of the robot allow no more
 
@@ -26,7 +26,7 @@ class BaseSearch:
     n_points: int = 60  # of the path that are looked at when screening
     n_rolls: int = 36
     reserve: float = 0.05  # room that another place must have: calibrated anew, the path is another
-    rules: RoomRules = field(default_factory=RoomRules)
+    margin_limits: MarginLimits = field(default_factory=MarginLimits)
 
     def __post_init__(self) -> None:
         for name in ("half_x_mm", "half_y_mm"):

@@ -20,10 +20,10 @@ from rona_core.robot.base_placement.candidates import (
     BasePlacement,
     BaseSearch,
 )
-from rona_core.robot.base_placement.reachability import BaseGround, Planner, Spot
+from rona_core.robot.base_placement.reachability import Planner, ReachabilityMap, Spot
 from rona_core.robot.kinematics.robot_model import RobotModel
 from rona_core.robot.planning.plan_scan import PlanSettings, plan_scan
-from rona_core.robot.trajectory.resample import dense
+from rona_core.robot.trajectory.resample import resample_path
 
 HALVINGS = 5  # of the smallest move
 DIRECTIONS, SHARES = 16, (0.4, 0.6, 0.8)  # looked at for a smaller move
@@ -64,12 +64,12 @@ def place_base(
     """
     search = search or BaseSearch()
     require(path.arc_length_mm()[-1] > 0.0, "a scan path needs two different points")
-    settings = PlanSettings(rules=search.rules)
+    settings = PlanSettings(margin_limits=search.margin_limits)
     planner = planner or (lambda seen, old_in_new: plan_scan(seen, model, settings, cancel=cancel))
-    ground = BaseGround(dense(path), model, robot, search, planner, progress, cancel)
-    chart = _screened(ground)
-    smallest = _smallest(ground, chart)
-    best = _best(ground, chart, smallest)
+    places = ReachabilityMap(resample_path(path), model, robot, search, planner, progress, cancel)
+    chart = _screened(places)
+    smallest = _smallest(places, chart)
+    best = _best(places, chart, smallest)
     progress(1.0)
     return BasePlacement(
         x_mm=readonly(chart.x_mm),
@@ -78,12 +78,12 @@ def place_base(
         turns_deg=readonly(chart.spots[:, :, 3].astype(np.float32)),
         levels_mm=readonly(chart.spots[:, :, 2].astype(np.float32)),
         blocked=readonly(chart.blocked),
-        planned=readonly(ground.marked(chart.spots, certified=False)),
-        verified=readonly(ground.marked(chart.spots, certified=True)),
-        here=ground.margin(ground.now),
+        planned=readonly(places.marked(chart.spots, certified=False)),
+        verified=readonly(places.marked(chart.spots, certified=True)),
+        here=places.margin(places.now),
         best=best,
         smallest=smallest,
-        reasons=_reasons(ground, chart, best, smallest),
+        reasons=_reasons(places, chart, best, smallest),
     )
 
 
@@ -106,25 +106,25 @@ class _Chart:
         return sorted(found, key=lambda item: (-item[0], item[1]))
 
 
-def _screened(ground: BaseGround) -> _Chart:
+def _screened(places: ReachabilityMap) -> _Chart:
     """Return the margins of all places of the grid."""
-    search = ground.search
+    search = places.search
     halves = (search.half_x_mm, search.half_y_mm)
     x, y = (
-        _ticks(now, half, search.step_mm) for now, half in zip(ground.now, halves, strict=False)
+        _ticks(now, half, search.step_mm) for now, half in zip(places.now, halves, strict=False)
     )
     shape = (len(x), len(y))
     margins, blocked = np.full(shape, -np.inf), np.zeros(shape, dtype=np.bool_)
     spots = np.zeros((*shape, 4))
     for i, j in np.ndindex(shape):
         x_mm, y_mm = float(x[i]), float(y[j])
-        blocked[i, j] = ground.too_near(x_mm, y_mm)
+        blocked[i, j] = places.too_near(x_mm, y_mm)
         for level_mm in search.levels_mm:
-            spot = ground.aimed(x_mm, y_mm, ground.now[2] + level_mm)
-            margin = -1.0 if blocked[i, j] else ground.margin(spot)
+            spot = places.aimed(x_mm, y_mm, places.now[2] + level_mm)
+            margin = -1.0 if blocked[i, j] else places.margin(spot)
             if margin > margins[i, j]:
                 margins[i, j], spots[i, j] = margin, spot
-        ground.tick(SCREENED * (i * len(y) + j + 1) / margins.size)
+        places.tick(SCREENED * (i * len(y) + j + 1) / margins.size)
     return _Chart(x, y, spots, margins, blocked)
 
 
@@ -134,103 +134,103 @@ def _ticks(now_mm: float, half_mm: float, step_mm: float) -> Floats:
     return ticks[np.abs(ticks) <= FARTHEST_MM]
 
 
-def _smallest(ground: BaseGround, chart: _Chart) -> BasePlace | None:
+def _smallest(places: ReachabilityMap, chart: _Chart) -> BasePlace | None:
     """Return the nearest place that was found to work, where the base stands if that does."""
-    place = ground.plan(ground.now)
+    place = places.plan(places.now)
     if place is not None:
         return place
-    working = chart.ranked(ground.search.reserve)
-    near = sorted(working, key=lambda item: (ground.moved_mm(item[1]), item[1]))
+    working = chart.ranked(places.search.reserve)
+    near = sorted(working, key=lambda item: (places.moved_mm(item[1]), item[1]))
     calm = [item for item in near if item[0] >= COMFORTABLE]
     for _, spot in near[:MOST_TRIES] + calm[:MOST_TRIES]:
-        place = ground.plan(_unturned(ground, spot))
+        place = places.plan(_unturned(places, spot))
         if place is not None:
-            return _around(ground, _nearer(ground, place))
+            return _around(places, _nearer(places, place))
     return None
 
 
-def _unturned(ground: BaseGround, spot: Spot) -> Spot:
+def _unturned(places: ReachabilityMap, spot: Spot) -> Spot:
     """Return the spot without a turn of the base, where that seems to work as well."""
-    kept: Spot = (spot[0], spot[1], spot[2], ground.now[3])
-    return kept if ground.margin(kept) >= ground.search.reserve else spot
+    kept: Spot = (spot[0], spot[1], spot[2], places.now[3])
+    return kept if places.margin(kept) >= places.search.reserve else spot
 
 
-def _nearer(ground: BaseGround, place: BasePlace) -> BasePlace:
+def _nearer(places: ReachabilityMap, place: BasePlace) -> BasePlace:
     """Return a place on the way to a place that works, as far back as works."""
-    start, end = np.array(ground.now[:3]), np.array(place.shift_mm)
-    kept = place.turn_deg == ground.now[3]
+    start, end = np.array(places.now[:3]), np.array(place.shift_mm)
+    kept = place.turn_deg == places.now[3]
 
     def at(share: float) -> Spot:
         x, y, z = (float(v) for v in np.round(start + share * (end - start)))
-        return (x, y, z, ground.now[3]) if kept else ground.aimed(x, y, z)
+        return (x, y, z, places.now[3]) if kept else places.aimed(x, y, z)
 
     low, high = 0.0, 1.0
     for _ in range(HALVINGS):
         middle = (low + high) / 2.0
-        if ground.margin(at(middle)) >= ground.search.reserve:
+        if places.margin(at(middle)) >= places.search.reserve:
             high = middle
         else:
             low = middle
     for share in (high, (high + 1.0) / 2.0):
         if share < 1.0:
-            nearer = ground.plan(at(share))
+            nearer = places.plan(at(share))
             if nearer is not None:
                 return nearer
     return place
 
 
-def _around(ground: BaseGround, place: BasePlace) -> BasePlace:
+def _around(places: ReachabilityMap, place: BasePlace) -> BasePlace:
     """Return a place less far away in another direction, where there is one."""
     angles = 2.0 * np.pi * np.arange(DIRECTIONS) / DIRECTIONS
     for share in SHARES:
         found: list[tuple[float, Spot]] = []
         for angle in angles:
             x, y = np.round(share * place.moved_mm * np.array((np.cos(angle), np.sin(angle))))
-            spot = ground.aimed(ground.now[0] + x, ground.now[1] + y, ground.now[2])
-            spot = _unturned(ground, spot)
-            if not ground.too_near(*spot[:2]):
-                found.append((ground.margin(spot), spot))
-        margin, spot = max(found, default=(-1.0, ground.now))
-        other = ground.plan(spot) if margin >= ground.search.reserve else None
+            spot = places.aimed(places.now[0] + x, places.now[1] + y, places.now[2])
+            spot = _unturned(places, spot)
+            if not places.too_near(*spot[:2]):
+                found.append((places.margin(spot), spot))
+        margin, spot = max(found, default=(-1.0, places.now))
+        other = places.plan(spot) if margin >= places.search.reserve else None
         if other is not None:
-            return _nearer(ground, other)
+            return _nearer(places, other)
     return place
 
 
-def _best(ground: BaseGround, chart: _Chart, smallest: BasePlace | None) -> BasePlace | None:
+def _best(places: ReachabilityMap, chart: _Chart, smallest: BasePlace | None) -> BasePlace | None:
     """Return the place with the most room that was found to work."""
     ranked = chart.ranked(-np.inf)
     working = [item for item in ranked if item[0] >= 0.0]
     hopeless = [item for item in ranked if item[0] < 0.0]
     if working:
-        working.insert(0, _polished(ground, *working[0]))
+        working.insert(0, _polished(places, *working[0]))
     tries = working[:MOST_TRIES] or ([] if smallest else hopeless[:HOPELESS_TRIES])
     for _, spot in tries:
-        place = ground.plan(spot)
+        place = places.plan(spot)
         if place is not None:
             better = smallest is None or place.margin >= smallest.margin
             return place if better else smallest
     return smallest
 
 
-def _polished(ground: BaseGround, margin: float, spot: Spot) -> tuple[float, Spot]:
+def _polished(places: ReachabilityMap, margin: float, spot: Spot) -> tuple[float, Spot]:
     """Return a spot with more room near the most roomy one of the grid."""
     for share in POLISH:
-        step = share * ground.search.step_mm
+        step = share * places.search.step_mm
         x0, y0, z0, _ = spot
         for x, y in ((x0 + i * step, y0 + j * step) for i in (-1, 0, 1) for j in (-1, 0, 1)):
-            near = ground.aimed(x, y, z0)
-            inside = max(abs(x), abs(y)) <= FARTHEST_MM and not ground.too_near(x, y)
-            if inside and (value := ground.margin(near)) > margin:
+            near = places.aimed(x, y, z0)
+            inside = max(abs(x), abs(y)) <= FARTHEST_MM and not places.too_near(x, y)
+            if inside and (value := places.margin(near)) > margin:
                 margin, spot = value, near
     return margin, spot
 
 
 def _reasons(
-    ground: BaseGround, chart: _Chart, best: BasePlace | None, smallest: BasePlace | None
+    places: ReachabilityMap, chart: _Chart, best: BasePlace | None, smallest: BasePlace | None
 ) -> tuple[str, ...]:
     """Return in plain words what was found."""
-    here = ground.margin(ground.now)
+    here = places.margin(places.now)
     looked = int(np.count_nonzero(~chart.blocked))
     seeming = len(chart.ranked(0.0))
     words = [
@@ -242,4 +242,4 @@ def _reasons(
         words += [f"smallest move: {smallest.sentence}", f"most room: {best.sentence}"]
     else:
         words.append("no place was found from which the scan is certified")
-    return tuple(words + ground.refusals)
+    return tuple(words + places.refusals)

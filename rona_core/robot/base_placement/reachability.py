@@ -1,4 +1,4 @@
-"""What is known of the spots around a robot: the room seen from each, what was planned there."""
+"""Reachability map of base places: the screened margin of each, and what was planned there."""
 
 from collections.abc import Callable
 
@@ -11,7 +11,7 @@ from rona_core.geometry.arrays import Bools, Floats
 from rona_core.geometry.path5d import Path5D
 from rona_core.geometry.pose import Pose
 from rona_core.robot.base_placement.candidates import BasePlace, BaseSearch, base_pose, path_from
-from rona_core.robot.base_placement.screening import Screen
+from rona_core.robot.base_placement.screening import CoarseScreening
 from rona_core.robot.kinematics.robot_model import RobotModel
 from rona_core.robot.planning.plan import RobotPlan
 
@@ -21,8 +21,8 @@ Spot = tuple[float, float, float, float]  # base_shift_mm and base_turn_deg
 STEP_SHARE = 0.15  # of the progress that is left, told for each place that is planned
 
 
-class BaseGround:
-    """The room around the robot: what is known of each spot of its base."""
+class ReachabilityMap:
+    """The screened margins of base places, and the plans made from some of them."""
 
     def __init__(
         self,
@@ -37,10 +37,12 @@ class BaseGround:
         self.path, self.search, self._planner = path, search, planner
         self._progress, self._cancel, self._done = progress, cancel, 0.0
         self.now: Spot = (*robot.base_shift_mm, robot.base_turn_deg)
-        self._stands = base_pose(robot.base_shift_mm, robot.base_turn_deg)
-        self._head_room = self._stands @ path.points_base.mean(axis=0)
+        self._base_before = base_pose(robot.base_shift_mm, robot.base_turn_deg)
+        self._head_center = self._base_before @ path.points_base.mean(axis=0)
         self._middle_deg = float(np.rad2deg((model.lower_rad[0] + model.upper_rad[0]) / 2.0))
-        self._screen = Screen(path, model, search.rules, search.n_points, search.n_rolls)
+        self._screening = CoarseScreening(
+            path, model, search.margin_limits, search.n_points, search.n_rolls
+        )
         self._tries: dict[Spot, BasePlace | None] = {}
         self.refusals: list[str] = []
 
@@ -53,19 +55,19 @@ class BaseGround:
 
     def aimed(self, x_mm: float, y_mm: float, z_mm: float) -> Spot:
         """Return the spot with the base turned so that the middle of joint 1 faces the head."""
-        away = self._head_room[:2] - (x_mm, y_mm)
+        away = self._head_center[:2] - (x_mm, y_mm)
         turn_deg = float(np.rad2deg(np.arctan2(away[1], away[0]))) - self._middle_deg
         turn_deg = round((turn_deg + 180.0) % 360.0 - 180.0, 1)
         return (float(x_mm), float(y_mm), float(z_mm), turn_deg)
 
     def too_near(self, x_mm: float, y_mm: float) -> bool:
         """Return whether base and head would meet."""
-        away = self._head_room[:2] - (x_mm, y_mm)
+        away = self._head_center[:2] - (x_mm, y_mm)
         return bool(np.hypot(*away) < self.search.keep_off_mm)
 
     def margin(self, spot: Spot) -> float:
-        """Return the least room from a spot, as screened."""
-        return self._screen.margin(base_pose(spot[:3], spot[3]).inv() @ self._stands)
+        """Return the least margin from a spot, as screened."""
+        return self._screening.margin(base_pose(spot[:3], spot[3]).inv() @ self._base_before)
 
     def moved_mm(self, spot: Spot) -> float:
         """Return how far a spot is from where the base stands."""
@@ -76,7 +78,7 @@ class BaseGround:
         if spot in self._tries:
             return self._tries[spot]
         self.tick(self._done + (1.0 - self._done) * STEP_SHARE)
-        old_in_new = base_pose(spot[:3], spot[3]).inv() @ self._stands
+        old_in_new = base_pose(spot[:3], spot[3]).inv() @ self._base_before
         plan = self._planner(path_from(self.path, old_in_new), old_in_new)
         place = self._place(spot, plan) if plan.may_move else None
         if place is None:
@@ -87,8 +89,8 @@ class BaseGround:
     def _place(self, spot: Spot, plan: RobotPlan) -> BasePlace:
         margin, moved_mm = self.margin(spot), self.moved_mm(spot)
         turned_deg = abs((spot[3] - self.now[3] + 180.0) % 360.0 - 180.0)
-        rolls = f"{plan.n_feasible} constant rolls work, least room {margin:.2f}"
-        if plan.mode != "constant":
+        rolls = f"{plan.search.n_feasible} constant rolls work, least room {margin:.2f}"
+        if plan.search.mode != "constant":
             rolls = "a roll that varies along the path works"
         sentence = (
             f"the base moved by {moved_mm:.0f} mm and turned by {turned_deg:.0f}°, "
@@ -100,8 +102,8 @@ class BaseGround:
             moved_mm=moved_mm,
             turned_deg=turned_deg,
             margin=margin,
-            mode=plan.mode,
-            n_feasible=plan.n_feasible,
+            mode=plan.search.mode,
+            n_feasible=plan.search.n_feasible,
             sentence=sentence,
         )
 
@@ -123,6 +125,6 @@ def _refusal(plan: RobotPlan) -> str:
     """Return what a plan that is not certified failed of."""
     if plan.certificate is not None:
         return "; ".join(check.sentence for check in plan.certificate.failures()) or "no motion"
-    if not plan.verdicts:
+    if not plan.search.verdicts:
         return "no roll works"
-    return max(plan.verdicts, key=lambda verdict: (verdict.margin, -verdict.index)).sentence
+    return max(plan.search.verdicts, key=lambda verdict: (verdict.margin, -verdict.index)).sentence

@@ -17,7 +17,7 @@ import pinocchio as pin
 from rona_core.errors import InvalidInputError
 from rona_core.geometry.arrays import Floats
 from rona_core.geometry.pose import Pose
-from rona_core.robot.collision.convex_bounds import Bound
+from rona_core.robot.collision.collision_geometry import ConvexBody
 from rona_core.robot.collision.obstacles import Capsule, Hull, Obstacle, capsule_between
 from rona_core.robot.kinematics.pinocchio_model import MM_PER_M, PinocchioArm
 from rona_core.robot.kinematics.robot_model import RobotModel
@@ -40,7 +40,7 @@ class Bodies:
     """Robot, tool and obstacles with the pairs that matter; all answers for one (6,) at a time."""
 
     def __init__(
-        self, model: RobotModel, bounds: tuple[Bound, ...], things: tuple[Obstacle, ...]
+        self, model: RobotModel, bodies: tuple[ConvexBody, ...], things: tuple[Obstacle, ...]
     ) -> None:
         """Build everything once; no pair is looked at until :meth:`look_at`.
 
@@ -53,10 +53,10 @@ class Bodies:
         _compare(model, self._robot, self._state, frames)
         self._shapes = pin.GeometryModel()
         self._index: dict[str, int] = {}
-        self.levers_mm = _levers_mm(self._robot, frames, bounds)
-        for bound in bounds:
-            shape, on_link = _bound_shape(bound)
-            self._add(bound.name, bound.link, frames[bound.link] * on_link, shape)
+        self.levers_mm = _levers_mm(self._robot, frames, bodies)
+        for body in bodies:
+            shape, on_link = _body_shape(body)
+            self._add(body.name, body.link, frames[body.link] * on_link, shape)
         for thing in things:
             self._add(thing.name, 0, _se3(thing.pose), _shape(thing.shape))
         self.look_at(())
@@ -116,12 +116,12 @@ def _shape(shape: Any) -> Any:
     return coal.Box(*(np.array(shape.size_mm) / MM_PER_M))
 
 
-def _bound_shape(bound: Bound) -> tuple[Any, Any]:
+def _body_shape(body: ConvexBody) -> tuple[Any, Any]:
     """Return the shape of a body of the robot and where it sits on its link."""
-    if not bound.radius_mm:
-        return _convex(bound.vertices), pin.SE3.Identity()
-    start, end = bound.vertices
-    made = capsule_between(bound.name, start, end, bound.radius_mm, 0.0)
+    if not body.radius_mm:
+        return _convex(body.vertices), pin.SE3.Identity()
+    start, end = body.vertices
+    made = capsule_between(body.name, start, end, body.radius_mm, 0.0)
     return _shape(made.shape), _se3(made.pose)
 
 
@@ -161,15 +161,15 @@ def _joints(model: RobotModel) -> tuple[Any, list[Any]]:
     return robot, frames
 
 
-def _levers_mm(robot: Any, frames: list[Any], bounds: tuple[Bound, ...]) -> Floats:
+def _levers_mm(robot: Any, frames: list[Any], bodies: tuple[ConvexBody, ...]) -> Floats:
     """Return how far any part of the robot can be from each joint axis at most, (6,)."""
     steps_mm = [MM_PER_M * np.linalg.norm(robot.jointPlacements[i].translation) for i in range(7)]
     levers = np.zeros(N_JOINTS)
-    for bound in bounds:
-        places = bound.vertices + MM_PER_M * frames[bound.link].translation
-        own_mm = float(np.linalg.norm(places, axis=1).max()) + bound.radius_mm
-        for joint in range(1, bound.link + 1):
-            lever_mm = own_mm + sum(steps_mm[joint + 1 : bound.link + 1])
+    for body in bodies:
+        places = body.vertices + MM_PER_M * frames[body.link].translation
+        own_mm = float(np.linalg.norm(places, axis=1).max()) + body.radius_mm
+        for joint in range(1, body.link + 1):
+            lever_mm = own_mm + sum(steps_mm[joint + 1 : body.link + 1])
             levers[joint - 1] = max(levers[joint - 1], lever_mm)
     return levers
 

@@ -11,14 +11,14 @@ from numpy.typing import ArrayLike
 from rona_core.errors import NotReachableError
 from rona_core.geometry.arrays import Bools, Floats, Ints, readonly
 from rona_core.robot.collision.coal_geometry import Bodies, Pair
-from rona_core.robot.collision.convex_bounds import (
+from rona_core.robot.collision.collision_geometry import (
     DELAY_LINE,
     HELD_APART,
     PROBE,
     PROBE_BODY,
     TABLES,
-    Bound,
-    outer_bounds,
+    ConvexBody,
+    collision_bodies,
 )
 from rona_core.robot.collision.edge_check import Clear
 from rona_core.robot.collision.obstacles import NOTHING_AROUND, Obstacle, Obstacles
@@ -73,15 +73,15 @@ class CollisionWorld:
     def __init__(self, model: RobotModel, obstacles: Obstacles = NOTHING_AROUND) -> None:
         """Build the bodies and find the pairs that can meet."""
         self.obstacles = obstacles
-        bounds = outer_bounds(model)
-        self._bodies = Bodies(model, bounds, obstacles.things)
+        bodies = collision_bodies(model)
+        self._bodies = Bodies(model, bodies, obstacles.things)
         self.pairs = (
-            *self._own_pairs(model, bounds),
+            *self._own_pairs(model, bodies),
             *(
                 pair
                 for thing in obstacles.things
                 if self._bodies.within_reach(thing)
-                for pair in _pairs_with(thing, bounds)
+                for pair in _pairs_with(thing, bodies)
             ),
         )
         self._bodies.look_at(self.pairs)
@@ -89,13 +89,13 @@ class CollisionWorld:
         self.levers_mm = readonly(self._bodies.levers_mm)
         self._counted = self.least_mm >= 0.0
 
-    def _own_pairs(self, model: RobotModel, bounds: tuple[Bound, ...]) -> list[Pair]:
+    def _own_pairs(self, model: RobotModel, bodies: tuple[ConvexBody, ...]) -> list[Pair]:
         """Return which parts of the robot can meet.
 
-        Where only a drawing tells what the arm looks like, parts that are too close at rest already
-        are taken as built that way.
+        Of an arm without a table of its own, parts that are too close at rest already are taken
+        as built that way.
         """
-        pairs = _own_pairs(model, bounds, self.obstacles.self_margin_mm)
+        pairs = _own_pairs(model, bodies, self.obstacles.self_margin_mm)
         if model.name in TABLES:
             return pairs
         self._bodies.look_at(tuple(pairs))
@@ -141,10 +141,10 @@ class CollisionWorld:
         )
 
 
-def _own_pairs(model: RobotModel, bounds: tuple[Bound, ...], least_mm: float) -> list[Pair]:
+def _own_pairs(model: RobotModel, bodies: tuple[ConvexBody, ...], least_mm: float) -> list[Pair]:
     """Return which parts of the robot can meet: two joints apart at least, and not held apart."""
     held = HELD_APART.get(model.name, ())
-    parts = [bound for bound in bounds if bound.name not in (DELAY_LINE, PROBE_BODY)]
+    parts = [body for body in bodies if body.name not in (DELAY_LINE, PROBE_BODY)]
     candidates = [
         (a, b)
         for i, a in enumerate(parts)
@@ -159,10 +159,10 @@ def _own_pairs(model: RobotModel, bounds: tuple[Bound, ...], least_mm: float) ->
     ]
 
 
-def _pairs_with(thing: Obstacle, bounds: tuple[Bound, ...]) -> list[Pair]:
+def _pairs_with(thing: Obstacle, bodies: tuple[ConvexBody, ...]) -> list[Pair]:
     """Return the parts that an obstacle has to be looked at with."""
     apart = (PROBE,) if thing.touch_mm else (PROBE_BODY, DELAY_LINE)
-    parts = [bound for bound in bounds if bound.link >= MOVING and bound.name not in apart]
+    parts = [body for body in bodies if body.link >= MOVING and body.name not in apart]
     return [
         Pair(
             part.name,
@@ -174,7 +174,7 @@ def _pairs_with(thing: Obstacle, bounds: tuple[Bound, ...]) -> list[Pair]:
     ]
 
 
-def _ever_near(model: RobotModel, candidates: list[tuple[Bound, Bound]]) -> list[bool]:
+def _ever_near(model: RobotModel, candidates: list[tuple[ConvexBody, ConvexBody]]) -> list[bool]:
     """Return which parts can come near each other; for parts with one joint between them.
 
     Their distance depends on few joints, so that some hundred positions tell how it varies.

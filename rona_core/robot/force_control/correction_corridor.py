@@ -30,7 +30,7 @@ THINNING = 8  # every so many samples are looked at by the independent kinematic
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class ContactBand:
+class CorrectionCorridor:
     """Joint angles of a motion for several corrections along the tool axis."""
 
     times_s: Floats  # (n,) of the certified motion
@@ -45,12 +45,12 @@ class ContactBand:
         return float(self.travels_mm[-1])
 
 
-def contact_band(
+def correction_corridor(
     model: RobotModel,
     trajectory: Trajectory,
     settings: ContactSettings,
     world: CollisionWorld | None = None,
-) -> ContactBand:
+) -> CorrectionCorridor:
     """Return the widest band within the settings that holds, and its certificate.
 
     Args:
@@ -80,7 +80,7 @@ def band_is_safe(
     trajectory: Trajectory,
     width_mm: float,
     world: CollisionWorld | None = None,
-) -> ContactBand:
+) -> CorrectionCorridor:
     """Return the band of one width with a certificate that says whether it holds, and why not."""
     travels = np.linspace(-width_mm, width_mm, LEVELS)
     probes = model.forward(trajectory.qs_rad) @ model.T_flange_probe
@@ -102,7 +102,9 @@ def band_is_safe(
     around = "" if world is None else world.obstacles.digest()
     digest = motion_digest(model.name, motion, around)
     certificate = Certificate(model.name, holds, tuple(checks), digest, obstacles=around)
-    return ContactBand(trajectory.times_s, readonly(travels), readonly(qs), guided, certificate)
+    return CorrectionCorridor(
+        trajectory.times_s, readonly(travels), readonly(qs), guided, certificate
+    )
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -13,7 +13,7 @@ from rona_core.robot.kinematics.tool_frames import Tool
 
 
 @dataclass(frozen=True, slots=True)
-class Workplace:
+class WorkArea:
     """Places in ``base`` that suit the reach of an arm; the base stands at its default place."""
 
     region_base: tuple[float, float, float] = (600.0, 60.0, 400.0)  # centre of what is scanned
@@ -30,7 +30,7 @@ class RobotModel:
     limits: JointLimits
     home_rad: Floats  # (6,) where the robot rests, tool down and clear of the head
     tool: Tool
-    workplace: Workplace = field(default_factory=Workplace)
+    work_area: WorkArea = field(default_factory=WorkArea)
     urdf: str | None = None  # path of the maker's description, where there is one
 
     def forward(self, qs_rad: ArrayLike) -> Poses:

@@ -14,7 +14,7 @@ from rona_core.geometry.arrays import Floats, readonly
 from rona_core.robot.kinematics.joint_limits import JointLimits
 from rona_core.robot.kinematics.offset_wrist import ParallelArm
 from rona_core.robot.kinematics.parameter_sources import Figure, arrays_of, overridden
-from rona_core.robot.kinematics.robot_model import RobotModel, Workplace
+from rona_core.robot.kinematics.robot_model import RobotModel, WorkArea
 from rona_core.robot.kinematics.tool_frames import TOOL_TIP_FLANGE_MM, perpendicular_tool
 from rona_core.robot.kinematics.urdf import UrdfChain, description_path, read_chain
 
@@ -42,9 +42,9 @@ ROOM_LOWER_DEG = (-135.0, -180.0, -360.0, -360.0, -360.0, -180.0)
 ROOM_UPPER_DEG = (135.0, 0.0, 360.0, 360.0, 360.0, 0.0)
 ROOM = "work before the base, elbow above the table, tool hanging below the wrist"
 TO_TRACKER = (0.966, 0.259, 0.0)
-WORKPLACES = {  # the head nearer to the shorter arm
-    "ur5": Workplace((480.0, 60.0, 300.0), (420.0, 60.0, 480.0), TO_TRACKER),
-    "ur10": Workplace((600.0, 60.0, 400.0), (540.0, 60.0, 580.0), TO_TRACKER),
+WORK_AREAS = {  # the head nearer to the shorter arm
+    "ur5": WorkArea((480.0, 60.0, 300.0), (420.0, 60.0, 480.0), TO_TRACKER),
+    "ur10": WorkArea((600.0, 60.0, 400.0), (540.0, 60.0, 580.0), TO_TRACKER),
 }
 
 
@@ -92,7 +92,7 @@ def ur(
         ),
         home_rad=readonly(np.deg2rad(values["home_deg"])),
         tool=perpendicular_tool(values["tip_flange_mm"]),
-        workplace=WORKPLACES[name],
+        work_area=WORK_AREAS[name],
         urdf=str(path),
     )
 

@@ -1,13 +1,15 @@
-"""What the robot looks like: solids built from the published dimensions, for the eye only.
+"""Drawn meshes of the robots: solids built from the published dimensions, for the eye only.
 
 The outlines of the RX90 follow its drawing (docs/algorithms/robot/rx90.md), those of the other arms
 their lengths; they are not the makers' geometry and no input of any algorithm.
 """
 
 from rona_core.errors import InvalidInputError
+from rona_core.robot.collision.solids import along_axis, merged, slab, turned
+from rona_core.robot.collision.ur_solids import ur_solids
+from rona_core.robot.kinematics.offset_wrist import ParallelArm
 from rona_core.robot.kinematics.robot_model import RobotModel
 from rona_core.robot.kinematics.spherical_wrist import SphericalWristArm
-from rona_core.robot.meshes.primitives import along_axis, merged, slab, turned
 from rona_core.robot.meshes.tool_mesh import (
     GREY,
     SPHERE_RADIUS_MM,
@@ -17,11 +19,34 @@ from rona_core.robot.meshes.tool_mesh import (
     Rgb,
     tool_shapes,
 )
-from rona_core.robot.meshes.ur_meshes import ur_shapes
 
 __all__ = ["SPHERE_RADIUS_MM", "LinkShape", "link_shapes"]
 
 YELLOW: Rgb = (242, 190, 58)
+TUBE: Rgb = (206, 210, 214)
+HOUSING: Rgb = (222, 225, 228)
+COVER: Rgb = (108, 160, 204)
+UR_COLORS: dict[Rgb, tuple[str, ...]] = {
+    STEEL: ("base", "shoulder ring", "flange"),
+    HOUSING: ("shoulder", "shoulder neck", "wrist 1", "wrist 2"),
+    COVER: (
+        "shoulder cover",
+        "root cover",
+        "head cover",
+        "forearm root cover",
+        "forearm head cover",
+        "wrist 1 cover",
+        "wrist 2 cover",
+    ),
+    TUBE: (
+        "upper arm root",
+        "upper arm",
+        "upper arm head",
+        "forearm root",
+        "forearm",
+        "forearm head",
+    ),
+}
 ARM_SIDE_MM = (96.0, 188.0)  # the upper arm runs beside the plane of the wrist
 
 
@@ -31,7 +56,7 @@ def link_shapes(model: RobotModel) -> tuple[LinkShape, ...]:
     Raises:
         InvalidInputError: no shape is known for this robot.
     """
-    makers = {"rx90": _rx90, "ur5": ur_shapes, "ur10": ur_shapes}
+    makers = {"rx90": _rx90, "ur5": _universal_robot, "ur10": _universal_robot}
     if model.name not in makers:
         known = ", ".join(makers)
         raise InvalidInputError(f"there is no shape for {model.name!r}; known shapes: {known}")
@@ -48,6 +73,17 @@ def _rx90(model: RobotModel) -> tuple[LinkShape, ...]:
         *_forearm(arm),
         *_wrist(),
         *_flange(arm),
+        *tool_shapes(model),
+    )
+
+
+def _universal_robot(model: RobotModel) -> tuple[LinkShape, ...]:
+    if not isinstance(model.arm, ParallelArm):
+        raise InvalidInputError(f"{model.name} is drawn as an arm with three parallel axes")
+    colors = {name: color for color, names in UR_COLORS.items() for name in names}
+    solids = ur_solids(model.arm)
+    return (
+        *(LinkShape(solid.frame, solid.name, colors[solid.name], solid.mesh) for solid in solids),
         *tool_shapes(model),
     )
 

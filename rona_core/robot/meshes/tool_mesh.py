@@ -1,4 +1,4 @@
-"""What the tool looks like: force sensor, holder, probe and marker plate on a flange."""
+"""Drawn meshes of the tool: force sensor, holder, probe and marker plate on a flange."""
 
 from dataclasses import dataclass
 
@@ -6,8 +6,17 @@ import numpy as np
 
 from rona_core.devices.marker_geometry import GEOMETRIES
 from rona_core.devices.protocols import Mesh
+from rona_core.robot.collision.solids import (
+    along_axis,
+    ball,
+    force_sensor,
+    merged,
+    moved,
+    rod,
+    slab,
+    turned,
+)
 from rona_core.robot.kinematics.robot_model import RobotModel
-from rona_core.robot.meshes.primitives import along_axis, ball, merged, moved, rod, slab, turned
 
 Rgb = tuple[int, int, int]
 
@@ -34,9 +43,8 @@ class LinkShape:
 
 def tool_shapes(model: RobotModel) -> tuple[LinkShape, ...]:
     """Return the solids on the flange; all move with link 6."""
-    sensor = turned(((0, 0), (42, 0), (42, 22), (0, 22)), edge_mm=3.0)
     return (
-        LinkShape(6, "force sensor", BLACK, sensor),
+        LinkShape(6, "force sensor", BLACK, force_sensor()),
         *_tool(model),
         *_marker_plate(model),
     )

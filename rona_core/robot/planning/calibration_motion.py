@@ -18,9 +18,9 @@ from rona_core.geometry.pose import Pose, Poses
 from rona_core.robot.collision.collision_world import clear_among, require_clear
 from rona_core.robot.collision.obstacles import Obstacles
 from rona_core.robot.kinematics.robot_model import RobotModel
-from rona_core.robot.redundancy.margins import Room, RoomRules, judge
+from rona_core.robot.redundancy.margins import MarginLimits, compute_margins
 from rona_core.robot.trajectory.joint_moves import SAMPLE_S, clear_move
-from rona_core.robot.trajectory.time_parameterization import SpeedLimits, time_along
+from rona_core.robot.trajectory.time_parameterization import SpeedLimits, parameterize_time
 from rona_core.robot.verification.certificate import Certificate
 from rona_core.robot.verification.verifier import verify_motion
 
@@ -65,7 +65,7 @@ def plan_tool_motion(
 
     Args:
         model: The robot with its tool.
-        tip_base: Where the tip pivots (3,), in ``base``; by default as the robot's workplace says.
+        tip_base: Where the tip pivots (3,), in ``base``; by default as the robot's work_area says.
         facing_base: Horizontal direction (3,) in which the marker plate looks; likewise.
         cone_deg: Largest tilt of the tool from upright, 2 to 60.
         n_pivot: Dwells of the pivot, at least 4.
@@ -85,8 +85,8 @@ def plan_tool_motion(
     require(2 <= n_translate <= 200, f"n_translate must be 2 to 200, not {n_translate}")
     require(10.0 <= length_mm <= 400.0, f"length_mm must be 10 to 400, not {length_mm}")
     require(0.1 <= dwell_s <= 10.0, f"dwell_s must be 0.1 to 10, not {dwell_s}")
-    place = model.workplace.pivot_base if tip_base is None else tip_base
-    facing = model.workplace.facing_base if facing_base is None else facing_base
+    place = model.work_area.pivot_base if tip_base is None else tip_base
+    facing = model.work_area.facing_base if facing_base is None else facing_base
     center = _upright(as_vector3(place, name="tip_base"), as_vector3(facing, name="facing"))
     stops = (
         _pivot_stops(center, np.deg2rad(cone_deg), n_pivot)
@@ -199,26 +199,26 @@ def _reach(model: RobotModel, legs: list[Poses]) -> list[Floats]:
         np.concatenate([leg.rotations for leg in legs]),
         np.concatenate([leg.translations for leg in legs]),
     )
-    room: Room = judge(model, whole @ model.T_flange_tip.inv(), RoomRules())
-    margins = room.least().min(axis=0)
+    found = compute_margins(model, whole @ model.T_flange_tip.inv(), MarginLimits())
+    margins = found.least().min(axis=0)
     if margins.max() < 0.0:
         place = ", ".join(f"{value:.0f}" for value in legs[0].translations[0])
         raise NotReachableError(
             f"the arm cannot move the tool about ({place}) mm through all poses: choose another "
             f"place, another direction for the marker or a smaller cone"
         )
-    detours = np.abs(room.qs_rad[0] - model.home_rad).max(axis=1)
+    detours = np.abs(found.qs_rad[0] - model.home_rad).max(axis=1)
     detours[margins < NEARLY * margins.max()] = np.inf
     branch = int(np.argmin(detours))
     cuts = np.cumsum([len(leg) for leg in legs])[:-1]
-    return np.split(room.qs_rad[:, branch], cuts)
+    return np.split(found.qs_rad[:, branch], cuts)
 
 
 def _drive(model: RobotModel, leg: Poses, qs_rad: Floats) -> Floats:
     """Return samples (m, 6) of one leg, ``SAMPLE_S`` apart, from rest to rest."""
     markers = (leg @ model.T_flange_tip.inv() @ model.T_flange_toolmarker).translations
     way_mm = np.concatenate(([0.0], np.cumsum(np.linalg.norm(np.diff(markers, axis=0), axis=1))))
-    timed = time_along(
+    timed = parameterize_time(
         way_mm, qs_rad, markers, LEGS, model.speed_rad_per_s, model.acceleration_rad_per_s2
     )
     count = max(1, int(np.ceil(timed.duration_s / SAMPLE_S - 1e-9)))

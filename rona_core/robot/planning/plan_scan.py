@@ -1,5 +1,6 @@
-"""From a 5D path to a certified motion: search the roll, time the scan, have it verified."""
+"""Planning of a scan: from a 5D path to a timed motion that the verifier certifies."""
 
+from collections.abc import Generator, Iterator
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -7,7 +8,7 @@ import numpy as np
 from rona_core.devices.protocols import Cancel, Progress, never, silent
 from rona_core.devices.settings import require
 from rona_core.errors import InvalidInputError, NotReachableError
-from rona_core.geometry.arrays import Floats, readonly
+from rona_core.geometry.arrays import Floats
 from rona_core.geometry.path5d import Path5D
 from rona_core.robot.collision.collision_world import CollisionWorld, clear_among
 from rona_core.robot.collision.edge_check import Clear
@@ -17,25 +18,30 @@ from rona_core.robot.planning.plan import RobotPlan
 from rona_core.robot.redundancy.choice import (
     Choice,
     RollMode,
-    constant_search,
-    joint_path,
-    varying_search,
+    choose_constant_roll,
+    search_without_roll,
+    with_constant_roll,
+    with_variable_roll,
     working_set_deg,
 )
-from rona_core.robot.redundancy.collision_filter import clear_of, no_way, without
+from rona_core.robot.redundancy.collision_filter import no_way, remove_blocked_rolls, remove_rolls
 from rona_core.robot.redundancy.cost import RollCost
-from rona_core.robot.redundancy.evaluate_rolls import JudgedRolls, judge_rolls
-from rona_core.robot.redundancy.margins import RoomRules
+from rona_core.robot.redundancy.evaluate_rolls import RollEvaluation, evaluate_constant_rolls
+from rona_core.robot.redundancy.joint_path import joint_path
+from rona_core.robot.redundancy.margins import MarginLimits
 from rona_core.robot.redundancy.result import RollSearch
 from rona_core.robot.redundancy.variable.infeasibility import NAME
-from rona_core.robot.redundancy.variable.plan_variable_roll import vary_roll
-from rona_core.robot.trajectory.resample import dense
-from rona_core.robot.trajectory.scan_timing import LEAST_STANDOFF_MM, ScanSettings, time_path
+from rona_core.robot.redundancy.variable.plan_variable_roll import plan_variable_roll
+from rona_core.robot.trajectory.path_timing import ScanSettings
+from rona_core.robot.trajectory.resample import resample_path
+from rona_core.robot.trajectory.retract import LEAST_STANDOFF_MM
+from rona_core.robot.trajectory.scan_timing import time_scan
 from rona_core.robot.verification.verifier import verify_scan
 
-MAX_TRIES = 4  # rolls that are timed and verified before giving up,
+MAX_TRIES = 4  # constant rolls that are timed and verified before giving up,
 MAX_WAYS = 12  # with all their branches
-SEARCH_SHARE, TRIED_SHARE = 0.4, 0.7  # of the progress, when rolls are judged, and when timed
+START = 0  # path point that a refused motion is put down to
+SEARCH_SHARE, TRIED_SHARE = 0.4, 0.7  # of the progress, when rolls are evaluated, and when timed
 
 
 @dataclass(frozen=True, slots=True)
@@ -48,9 +54,19 @@ class PlanSettings:
     choice: Choice = "best"
     mode: RollMode = "auto"
     cost: RollCost = field(default_factory=RollCost)
-    rules: RoomRules = field(default_factory=RoomRules)
+    margin_limits: MarginLimits = field(default_factory=MarginLimits)
     scan: ScanSettings = field(default_factory=ScanSettings)
-    obstacles: Obstacles | None = None  # what stands around; None: nothing is looked at
+    obstacles: Obstacles | None = None  # None: no collisions are checked
+
+    def __post_init__(self) -> None:
+        require(
+            self.choice in ("best", "first"),
+            f"choice must be best or first, not {self.choice!r}",
+        )
+        require(
+            self.mode in ("auto", "constant", "variable"),
+            f"mode must be auto, constant or variable, not {self.mode!r}",
+        )
 
 
 def plan_scan(
@@ -63,13 +79,13 @@ def plan_scan(
 ) -> RobotPlan:
     """Plan the scan of a dense path: roll, trajectory and certificate.
 
-    Constant rolls are taken in the order of ``settings.choice``, each on its branches in turn; the
-    first whose motion the verifier certifies is kept. In the mode ``auto`` a roll that varies along
-    the path is planned where no constant one is certified, in the mode ``variable`` at once. A roll
-    counts as feasible if the probe can be drawn back at both ends of the path; one that was tried
-    and refused on all its branches does not, and says why. Where no roll is feasible the plan has
-    mode ``none``, and its verdicts say why; where none is certified it carries the first motion and
-    the certificate that refuses it.
+    Constant rolls are candidates in the order of ``settings.choice``, each on its branches in turn.
+    In the mode ``auto`` a roll that varies along the path is the last candidate, in the mode
+    ``variable`` the only one. The first candidate whose motion the verifier certifies is the plan.
+    A roll counts as feasible if the probe can be retracted at both ends of the path; one that was
+    tried and refused on all its branches does not, and says why. Where no roll is feasible the plan
+    has mode ``none``, and its verdicts say why; where none is certified it carries the first motion
+    and the certificate that refuses it.
 
     Args:
         path: Positions and probe axes in ``base``, interpolated densely (1 mm, 1 degree); wider
@@ -80,64 +96,26 @@ def plan_scan(
         cancel: Asked during the search.
 
     Raises:
-        InvalidInputError: an empty working set, an unknown mode, or a path without length.
+        InvalidInputError: an empty working set, or a path without length.
         CancelledError: somebody cancelled.
     """
     settings = settings or PlanSettings()
     require(path.arc_length_mm()[-1] > 0.0, "a scan path needs two different points")
-    require(
-        settings.mode in ("auto", "constant", "variable"),
-        f"mode must be auto, constant or variable, not {settings.mode!r}",
-    )
-    judged = judge_rolls(
-        dense(path),
+    evaluation = evaluate_constant_rolls(
+        resample_path(path),
         model,
         working_set_deg(settings.n_rolls, settings.roll_from_deg, settings.roll_to_deg),
-        settings.rules,
+        settings.margin_limits,
         progress=lambda share: progress(SEARCH_SHARE * share),
         cancel=cancel,
     )
-    around = settings.obstacles
-    world = None if around is None else CollisionWorld(model, around)
-    judged, clear = clear_of(judged, world), None if world is None else world.clear
-    plan = planned(constant_search(judged, -1), model)
-    refused: RobotPlan | None = None
-    if settings.mode != "variable":
-        tried: list[int] = []
-        for attempt in range(MAX_WAYS):
-            if not tried or not judged.verdicts[tried[-1]].feasible:  # on no branch
-                tried.append(_next(judged, settings.choice))
-            index = tried[-1]
-            if index < 0 or len(tried) > MAX_TRIES:
-                break
-            pair = index, judged.verdicts[index].branch
-            try:
-                candidate = _with_roll(plan, index, model, settings, clear)
-                if candidate.may_move:
-                    progress(1.0)
-                    return candidate
-                refused = refused or candidate
-                why = _refusal(candidate)
-            except NotReachableError as error:
-                why = str(error)  # there is no way to the path or back
-            judged = without(judged, {pair: lambda why=why: (0, no_way(why))})
-            plan = planned(constant_search(judged, -1), model)
-            progress(SEARCH_SHARE + (TRIED_SHARE - SEARCH_SHARE) * (attempt + 1) / MAX_WAYS)
-    if settings.mode != "constant":
-        varying = _varying(
-            judged,
-            settings,
-            clear,
-            progress=lambda share: progress(TRIED_SHARE + (1.0 - TRIED_SHARE) * share),
-            cancel=cancel,
-        )
-        if varying.may_move:
-            progress(1.0)
-            return varying
-        refused = refused or (varying if varying.trajectory is not None else None)
-        plan = varying
+    world = None if settings.obstacles is None else CollisionWorld(model, settings.obstacles)
+    planner = _MotionPlanner(model, settings, None if world is None else world.clear)
+    evaluation = remove_blocked_rolls(evaluation, world)
+    candidates = _candidates(evaluation, planner, progress, cancel)
+    plan = _first_certified(candidates)
     progress(1.0)
-    return refused or plan
+    return plan
 
 
 def choose_roll(
@@ -152,135 +130,143 @@ def choose_roll(
 
     Args:
         plan: A plan for this robot.
-        index: The roll, into ``plan.verdicts``.
+        index: The roll, into ``plan.search.verdicts``.
         model: The robot with its tool.
         settings: How to drive.
-        branch: One of the branches that ``plan.ranked`` has for the roll; by default the best.
+        branch: One of the branches that ``plan.search.ranked`` has for the roll; by default the
+            best.
 
     Raises:
         InvalidInputError: no roll of that number, a branch that fails, or another robot.
         NotReachableError: the path cannot be followed with this roll.
     """
-    if not 0 <= index < len(plan.verdicts):
-        raise InvalidInputError(f"roll {index} does not exist: there are {len(plan.verdicts)}")
+    search, settings = plan.search, settings or PlanSettings()
+    if not 0 <= index < len(search.verdicts):
+        raise InvalidInputError(f"roll {index} does not exist: there are {len(search.verdicts)}")
     if model.name != plan.model:
         raise InvalidInputError(f"the plan is for {plan.model}, not {model.name}")
-    verdict = plan.verdicts[index]
+    verdict = search.verdicts[index]
     if not verdict.feasible:
         raise NotReachableError(verdict.sentence, index=index, joint=verdict.joint)
-    possible = sorted(pair.branch for pair in plan.ranked if pair.index == index)
+    possible = sorted(pair.branch for pair in search.ranked if pair.index == index)
     require(
         branch is None or branch in possible,
         f"roll {index} can be followed on the branches {possible}, not on {branch}",
     )
-    settings = settings or PlanSettings()
-    return _with_roll(plan, index, model, settings, _clear(model, settings), branch)
-
-
-def planned(search: RollSearch, model: RobotModel) -> RobotPlan:
-    """Return a plan with what a search found, not timed yet."""
-    return RobotPlan(
-        model=model.name,
-        mode=search.mode,
-        verdicts=search.verdicts,
-        ranked=search.ranked,
-        varying=search.varying,
-        chosen=search.chosen,
-        branch=search.branch,
-        rolls_rad=search.rolls_rad,
-        path=search.path,
-        shown_points=search.shown_points,
-        curves_rad=search.curves_rad,
-        room=search.room,
-        node_room=search.node_room,
-        chosen_curve_rad=search.chosen_curve_rad,
-        trajectory=None,
-        certificate=None,
+    obstacles = settings.obstacles
+    clear = None if obstacles is None else clear_among(model, obstacles)
+    return _MotionPlanner(model, settings, clear).constant(
+        search, index, verdict.branch if branch is None else branch
     )
 
 
-def _next(judged: JudgedRolls, choice: Choice) -> int:
-    """Return the feasible roll that is to be tried next, -1 for none."""
-    feasible = [i for i, verdict in enumerate(judged.verdicts) if verdict.feasible]
-    if choice == "first":
-        return min(feasible, default=-1)
-    return max(feasible, key=lambda i: judged.verdicts[i].margin, default=-1)
+@dataclass(frozen=True, slots=True)
+class _MotionPlanner:
+    """Timing and verification of a chosen roll."""
+
+    model: RobotModel
+    settings: PlanSettings
+    clear: Clear | None  # tells for joint angles (n, 6) where nothing is touched
+
+    def constant(self, search: RollSearch, index: int, branch: int) -> RobotPlan:
+        """Return the plan with a constant roll; raise NotReachableError where none is possible."""
+        roll_rad = float(np.deg2rad(search.verdicts[index].roll_deg))
+        margin_limits = self.settings.margin_limits
+        qs = joint_path(search.path, self.model, roll_rad, branch, margin_limits)
+        return self._timed(with_constant_roll(search, index, branch, qs), qs)
+
+    def variable(self, evaluation: RollEvaluation, progress: Progress, cancel: Cancel) -> RobotPlan:
+        """Return the plan with a varying roll; its mode is ``none`` if there is none."""
+        curve, verdict = plan_variable_roll(
+            evaluation.grid,
+            self.settings.cost,
+            clear=self.clear,
+            standoff_mm=LEAST_STANDOFF_MM,
+            progress=progress,
+            cancel=cancel,
+        )
+        search = search_without_roll(evaluation, verdict)
+        if curve is None:
+            return RobotPlan(self.model.name, search)
+        try:
+            return self._timed(with_variable_roll(search, curve), curve.qs_rad)
+        except NotReachableError as error:
+            stuck = replace(verdict, feasible=False, reason="reach", sentence=f"{NAME}: {error}")
+            return RobotPlan(self.model.name, replace(search, varying=stuck))
+
+    def _timed(self, search: RollSearch, qs_rad: Floats) -> RobotPlan:
+        model, scan = self.model, self.settings.scan
+        trajectory = time_scan(
+            search.path, qs_rad, model, scan, branch=search.branch, clear=self.clear
+        )
+        certificate = verify_scan(
+            model,
+            trajectory,
+            search.path,
+            search.rolls_rad,
+            scan.scan_speed_mm_per_s,
+            obstacles=self.settings.obstacles,
+        )
+        return RobotPlan(model.name, search, trajectory, certificate)
+
+
+def _first_certified(candidates: Iterator[RobotPlan]) -> RobotPlan:
+    """Return the first plan that is certified, else the first with a motion, else the last."""
+    refused: RobotPlan | None = None
+    plan = next(candidates)
+    while not plan.may_move:
+        if refused is None and plan.trajectory is not None:
+            refused = plan
+        following = next(candidates, None)
+        if following is None:
+            return refused or plan
+        plan = following
+    return plan
+
+
+def _candidates(
+    evaluation: RollEvaluation, planner: _MotionPlanner, progress: Progress, cancel: Cancel
+) -> Iterator[RobotPlan]:
+    """Yield plans with constant rolls, then one with a varying roll or none, as the mode says."""
+    if planner.settings.mode != "variable":
+        evaluation = yield from _constant_candidates(evaluation, planner, progress)
+    if planner.settings.mode == "constant":
+        yield RobotPlan(planner.model.name, search_without_roll(evaluation))
+    else:
+        yield planner.variable(
+            evaluation,
+            lambda share: progress(TRIED_SHARE + (1.0 - TRIED_SHARE) * share),
+            cancel,
+        )
+
+
+def _constant_candidates(
+    evaluation: RollEvaluation, planner: _MotionPlanner, progress: Progress
+) -> Generator[RobotPlan, None, RollEvaluation]:
+    """Yield plans with constant rolls that have a motion; return what is left of the rolls.
+
+    A roll is given up where its motion was refused on all its branches.
+    """
+    tried: list[int] = []
+    for attempt in range(MAX_WAYS):
+        if not tried or not evaluation.verdicts[tried[-1]].feasible:  # on no branch any more
+            tried.append(choose_constant_roll(evaluation.verdicts, planner.settings.choice))
+        index = tried[-1]
+        if index < 0 or len(tried) > MAX_TRIES:
+            break
+        branch = evaluation.verdicts[index].branch
+        try:
+            candidate = planner.constant(search_without_roll(evaluation), index, branch)
+            yield candidate
+            cause = no_way(_refusal(candidate))
+        except NotReachableError as error:  # there is no way to the path or back
+            cause = no_way(str(error))
+        evaluation = remove_rolls(evaluation, {(index, branch): lambda cause=cause: (START, cause)})
+        progress(SEARCH_SHARE + (TRIED_SHARE - SEARCH_SHARE) * (attempt + 1) / MAX_WAYS)
+    return evaluation
 
 
 def _refusal(plan: RobotPlan) -> str:
     """Return why the verifier refuses the motion of a plan."""
     failures = () if plan.certificate is None else plan.certificate.failures()
     return "the verifier refuses its motion: " + "; ".join(check.sentence for check in failures)
-
-
-def _with_roll(
-    plan: RobotPlan,
-    index: int,
-    model: RobotModel,
-    settings: PlanSettings,
-    clear: Clear | None,
-    branch: int | None = None,
-) -> RobotPlan:
-    verdict = plan.verdicts[index]
-    branch = verdict.branch if branch is None else branch
-    rolls_rad = np.full(len(plan.path), np.deg2rad(verdict.roll_deg))
-    qs = joint_path(plan.path, model, rolls_rad, branch, settings.rules)
-    chosen = replace(plan, mode="constant", chosen=index)
-    return _timed(chosen, rolls_rad, branch, qs, model, settings, clear)
-
-
-def _varying(
-    judged: JudgedRolls,
-    settings: PlanSettings,
-    clear: Clear | None,
-    *,
-    progress: Progress,
-    cancel: Cancel,
-) -> RobotPlan:
-    """Return the plan with a varying roll, timed and verified; mode ``none`` if there is none."""
-    curve, verdict = vary_roll(
-        judged,
-        settings.cost,
-        clear=clear,
-        standoff_mm=LEAST_STANDOFF_MM,
-        progress=progress,
-        cancel=cancel,
-    )
-    plan = planned(varying_search(judged, curve, verdict), judged.model)
-    if curve is None:
-        return plan
-    try:
-        return _timed(
-            plan, curve.rolls_rad, curve.branch, curve.qs_rad, judged.model, settings, clear
-        )
-    except NotReachableError as error:
-        stuck = replace(verdict, feasible=False, reason="reach", sentence=f"{NAME}: {error}")
-        return planned(varying_search(judged, None, stuck), judged.model)
-
-
-def _timed(
-    plan: RobotPlan,
-    rolls_rad: Floats,
-    branch: int,
-    qs_rad: Floats,
-    model: RobotModel,
-    settings: PlanSettings,
-    clear: Clear | None,
-) -> RobotPlan:
-    trajectory = time_path(plan.path, qs_rad, model, settings.scan, branch=branch, clear=clear)
-    speed = settings.scan.scan_speed_mm_per_s
-    return replace(
-        plan,
-        branch=branch,
-        rolls_rad=readonly(rolls_rad),
-        chosen_curve_rad=readonly(qs_rad[plan.shown_points].astype(np.float32)),
-        trajectory=trajectory,
-        certificate=verify_scan(
-            model, trajectory, plan.path, rolls_rad, speed, obstacles=settings.obstacles
-        ),
-    )
-
-
-def _clear(model: RobotModel, settings: PlanSettings) -> Clear | None:
-    """Return what tells where nothing is touched; None where nothing is known of what is around."""
-    return None if settings.obstacles is None else clear_among(model, settings.obstacles)

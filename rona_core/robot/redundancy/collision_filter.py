@@ -1,6 +1,6 @@
-"""Take constant rolls out of the choice that the robot cannot drive: something is in the way.
+"""Removal of constant rolls that the robot cannot drive although the arm alone could.
 
-On the path it would touch something, the probe could not be drawn back from one of its ends, or a
+On the path it would touch something, the probe could not be retracted from one of its ends, or a
 motion that was tried with the roll was refused.
 """
 
@@ -12,63 +12,68 @@ import numpy as np
 from rona_core.errors import NotReachableError
 from rona_core.geometry.arrays import Floats, Ints
 from rona_core.robot.collision.collision_world import CollisionWorld
-from rona_core.robot.redundancy.choice import joint_path
-from rona_core.robot.redundancy.constant_roll import column_room
-from rona_core.robot.redundancy.evaluate_rolls import JudgedRolls
-from rona_core.robot.redundancy.infeasibility import Blame, failing, passing
+from rona_core.robot.redundancy.constant_roll import constant_roll_margins
+from rona_core.robot.redundancy.evaluate_rolls import RollEvaluation
+from rona_core.robot.redundancy.infeasibility import (
+    FailureCause,
+    feasible_verdict,
+    infeasible_verdict,
+)
+from rona_core.robot.redundancy.joint_path import joint_path
 from rona_core.robot.redundancy.result import RankedRoll
-from rona_core.robot.trajectory.scan_timing import LEAST_STANDOFF_MM, line_back
+from rona_core.robot.trajectory.retract import LEAST_STANDOFF_MM, retract_line
 
-EVERY = 4  # path points between two looks; the verifier looks at all, and in between
+EVERY = 4  # path points from one check to the next; the verifier checks all, and in between
 
 Pair = tuple[int, int]  # roll, branch
-Cause = Callable[[], tuple[int, Blame]]  # path point and what is to blame
+Cause = Callable[[], tuple[int, FailureCause]]  # path point and why
 
 
-def clear_of(judged: JudgedRolls, world: CollisionWorld | None) -> JudgedRolls:
-    """Return what is known of constant rolls with what stands around taken into account.
+def remove_blocked_rolls(
+    evaluation: RollEvaluation, world: CollisionWorld | None
+) -> RollEvaluation:
+    """Remove the constant rolls that obstacles rule out.
 
-    A roll keeps the branch with the most room that touches nothing and from which the probe can be
-    drawn back at both ends of the path, as every scan has to. Where no branch will do, the verdict
-    says why not.
+    A roll keeps the branch with the largest margin that touches nothing and from which the probe
+    can be retracted at both ends of the path, as every scan has to. Where no branch will do, the
+    verdict says why not.
 
     Args:
-        judged: The rolls, as the arm alone allows them.
-        world: What stands around; None: nothing is looked at but the drawing back.
+        evaluation: The rolls, as the arm alone allows them.
+        world: The obstacles; None: only the retraction is checked.
     """
-    last = len(judged.path) - 1
-    at = np.unique(np.append(np.arange(0, last + 1, EVERY), last))
+    last = evaluation.grid.n_points - 1
+    checked = np.unique(np.append(np.arange(0, last + 1, EVERY), last))
+    clear = None if world is None else world.clear
     refused: dict[Pair, Cause] = {}
-    for pair in judged.ranked:
-        curve = _curve(judged, pair)
-        if world is not None and not bool(world.clear(curve[at]).all()):
-            refused[pair.index, pair.branch] = lambda qs=curve[at], w=world: _touch(qs, at, w)
+    for pair in evaluation.ranked:
+        curve = _curve(evaluation, pair)
+        if world is not None and not bool(world.clear(curve[checked]).all()):
+            refused[pair.index, pair.branch] = lambda qs=curve[checked], w=world: _collision(
+                qs, checked, w
+            )
             continue
         for end in (0, last):
             try:
-                line_back(
-                    judged.model,
-                    curve[end],
-                    pair.branch,
-                    LEAST_STANDOFF_MM,
-                    None if world is None else world.clear,
+                retract_line(
+                    evaluation.grid.model, curve[end], pair.branch, LEAST_STANDOFF_MM, clear
                 )
             except NotReachableError as error:
                 refused[pair.index, pair.branch] = lambda end=end, e=error: (end, no_way(str(e)))
                 break
-    return without(judged, refused)
+    return remove_rolls(evaluation, refused)
 
 
-def without(judged: JudgedRolls, refused: Mapping[Pair, Cause]) -> JudgedRolls:
-    """Return what is known of constant rolls where some rolls cannot be driven on some branches.
+def remove_rolls(evaluation: RollEvaluation, refused: Mapping[Pair, Cause]) -> RollEvaluation:
+    """Remove some rolls on some branches.
 
-    A roll goes over to its next best branch; where it has none left, its verdict says what became
-    of the best.
+    A roll goes over to its next best branch; where it has none left, its verdict gives the cause
+    that refused the best.
     """
-    swept, n = judged.swept, len(judged.path)
-    verdicts = list(judged.verdicts)
-    ranked = tuple(p for p in judged.ranked if (p.index, p.branch) not in refused)
-    qs, least, branches = swept.qs_rad.copy(), swept.least.copy(), swept.branches.copy()
+    rolls, n = evaluation.rolls, evaluation.grid.n_points
+    verdicts = list(evaluation.verdicts)
+    ranked = tuple(p for p in evaluation.ranked if (p.index, p.branch) not in refused)
+    qs, margins, branches = rolls.qs_rad.copy(), rolls.margins.copy(), rolls.branches.copy()
     for i in sorted({index for index, _ in refused}):
         verdict = verdicts[i]
         name = f"roll {verdict.roll_deg:.4g}°"
@@ -76,36 +81,40 @@ def without(judged: JudgedRolls, refused: Mapping[Pair, Cause]) -> JudgedRolls:
         if kept is None:
             place, cause = refused[i, verdict.branch]()
             branch, margin = verdict.branch, verdict.margin
-            verdicts[i] = failing(name, verdict.roll_deg, branch, margin, place, n, cause)
+            verdicts[i] = infeasible_verdict(
+                name, verdict.roll_deg, branch, margin, place, n, cause
+            )
             if cause.reason == "no way":
                 verdicts[i] = replace(verdicts[i], sentence=f"{name}: {cause.words}")
         elif kept.branch != verdict.branch:
-            room = column_room(judged.grid, kept.branch, judged.model.limits, judged.rules)[i]
-            least[i], branches[i], qs[:, i] = room, kept.branch, _curve(judged, kept).T
-            worst = int(np.argmin(room))
-            verdicts[i] = passing(name, verdict.roll_deg, kept.branch, kept.margin, worst)
+            margins[i] = constant_roll_margins(evaluation.grid, kept.branch)[i]
+            branches[i], qs[:, i] = kept.branch, _curve(evaluation, kept).T
+            worst = int(np.argmin(margins[i]))
+            verdicts[i] = feasible_verdict(name, verdict.roll_deg, kept.branch, kept.margin, worst)
     return replace(
-        judged,
-        swept=replace(swept, qs_rad=qs, least=least, branches=branches),
+        evaluation,
+        rolls=replace(rolls, qs_rad=qs, margins=margins, branches=branches),
         verdicts=tuple(verdicts),
         ranked=ranked,
     )
 
 
-def no_way(words: str) -> Blame:
-    """Blame what stops the way to the path or back, in words."""
-    return Blame("no way", 0, 0.0, 0.0, "", words)
+def no_way(words: str) -> FailureCause:
+    """Return the failure cause of a missing way to the path or back, in words."""
+    return FailureCause("no way", 0, 0.0, 0.0, "", words)
 
 
-def _curve(judged: JudgedRolls, pair: RankedRoll) -> Floats:
+def _curve(evaluation: RollEvaluation, pair: RankedRoll) -> Floats:
     """Return the joints (n, 6) along the path with one roll on one branch."""
-    if pair.branch == judged.swept.branches[pair.index]:
-        return judged.swept.qs_rad[:, pair.index].T
-    roll_rad = float(np.deg2rad(judged.verdicts[pair.index].roll_deg))
-    return joint_path(judged.path, judged.model, roll_rad, pair.branch, judged.rules)
+    if pair.branch == evaluation.rolls.branches[pair.index]:
+        return evaluation.rolls.qs_rad[:, pair.index].T
+    grid, roll_rad = evaluation.grid, float(np.deg2rad(evaluation.verdicts[pair.index].roll_deg))
+    return joint_path(grid.path, grid.model, roll_rad, pair.branch, grid.margin_limits)
 
 
-def _touch(qs_rad: Floats, at: Ints, world: CollisionWorld) -> tuple[int, Blame]:
+def _collision(
+    qs_rad: Floats, path_points: Ints, world: CollisionWorld
+) -> tuple[int, FailureCause]:
     """Return where the robot first touches something at path points (k,), and what."""
     report = world.report(qs_rad)
     hit = max(0, report.first_hit)
@@ -114,4 +123,4 @@ def _touch(qs_rad: Floats, at: Ints, world: CollisionWorld) -> tuple[int, Blame]
     apart = wanted + float(report.room_mm[hit])
     first, second = report.names[pair]
     words = f"{first} and {second} are {apart:.1f} mm apart, {wanted:.0f} mm are needed,"
-    return int(at[hit]), Blame("blocked", 0, apart, wanted, "mm", words)
+    return int(path_points[hit]), FailureCause("blocked", 0, apart, wanted, "mm", words)

@@ -12,7 +12,7 @@ from rona_core.devices.settings import require
 from rona_core.geometry.arrays import Bools, Floats
 from rona_core.geometry.path5d import Path5D
 from rona_core.robot.kinematics.joint_limits import TURN_RAD, JointLimits
-from rona_core.robot.redundancy.margins import RoomRules
+from rona_core.robot.redundancy.margins import MarginLimits
 
 LEAST_STRIDE = 0.05  # a repeated point still counts as a step of this length
 EVERY_JOINT = (1.0, 1.0, 1.0, 1.0, 1.0, 1.0)
@@ -23,14 +23,14 @@ class RollCost:
     """Weights of the objective, and how fast the roll may change.
 
     A *stride* is the length of a step along the path in mm, or its turn in degrees where that is
-    more. Room is that of ``RoomRules``: it costs nothing from 1 upwards.
+    more. Margins are those of ``MarginLimits``: they cost nothing from 1 upwards.
     """
 
     travel: float = 1.0  # per radian of joint travel, the root of the squares of all joints
     joint_weights: tuple[float, ...] = EVERY_JOINT  # of each joint in that root
     evenness: float = 5.0  # per squared radian and stride: many small steps, not one big one
-    limits: float = 0.05  # per stride and joint at its limit, falling to 0 at room 1
-    singularities: float = 0.05  # per stride at the edge of a singularity, falling to 0 at room 1
+    limits: float = 0.05  # per stride and joint at its limit, falling to 0 at margin 1
+    singularities: float = 0.05  # per stride at the edge of a singularity, falling to 0 at margin 1
     roll_deg_per_mm: float = 10.0  # largest change of the roll, per mm of stride
 
     def __post_init__(self) -> None:
@@ -90,27 +90,27 @@ def shares_of_points(strides: Floats) -> Floats:
 
 
 def limit_penalty(
-    q_rad: Floats, lower_rad: float, upper_rad: float, rules: RoomRules, *, turning: bool
+    q_rad: Floats, lower_rad: float, upper_rad: float, margin_limits: MarginLimits, *, turning: bool
 ) -> Floats:
-    """Return the penalty (...) of one joint: 1 at its limit, 0 from room 1, turned to suit best."""
+    """Return the penalty (...) of one joint: 1 at its limit, 0 from margin 1, at its best turn."""
     away = np.abs(q_rad - (lower_rad + upper_rad) / 2.0)
     if turning:
         away = np.abs(away - TURN_RAD * np.round(away / TURN_RAD))
-    return hinge(((upper_rad - lower_rad) / 2.0 - away) / rules.limit_unit_rad)
+    return hinge(((upper_rad - lower_rad) / 2.0 - away) / margin_limits.limit_unit_rad)
 
 
-def hinge(room: Floats) -> Floats:
-    """Return the penalty of room: (1 - room) squared below 1, 0 above."""
-    return np.square(np.maximum(0.0, 1.0 - room))
+def hinge(margin: Floats) -> Floats:
+    """Return the penalty of a margin: (1 - margin) squared below 1, 0 above."""
+    return np.square(np.maximum(0.0, 1.0 - margin))
 
 
 def turn_to_suit(
-    qs_rad: Floats, limits: JointLimits, turning: Bools, rules: RoomRules
+    qs_rad: Floats, limits: JointLimits, turning: Bools, margin_limits: MarginLimits
 ) -> tuple[Floats, Floats]:
     """Return a continuous joint path (n, 6) turned by whole turns, and its penalties (n, 6).
 
     Each joint that may turn is shifted as a whole to where it keeps its limits and its penalty is
-    least; of equal ones, to where it has the most room.
+    least; of equal ones, to where it has the largest margin.
     """
     qs, penalties = qs_rad.copy(), np.zeros_like(qs_rad)
     for joint in range(6):
@@ -121,12 +121,16 @@ def turn_to_suit(
             best = (-np.inf, -np.inf, -np.inf)
             for turns in range(first - 2, first + 3):
                 moved = q + TURN_RAD * turns
-                room = float(np.minimum(moved - lower, upper - moved).min())
-                penalty = float(limit_penalty(moved, lower, upper, rules, turning=False).sum())
-                score = (min(0.0, room), -round(penalty, 9), room)
+                margin = float(np.minimum(moved - lower, upper - moved).min())
+                penalty = float(
+                    limit_penalty(moved, lower, upper, margin_limits, turning=False).sum()
+                )
+                score = (min(0.0, margin), -round(penalty, 9), margin)
                 if score > best:
                     best, qs[:, joint] = score, moved
-        penalties[:, joint] = limit_penalty(qs[:, joint], lower, upper, rules, turning=False)
+        penalties[:, joint] = limit_penalty(
+            qs[:, joint], lower, upper, margin_limits, turning=False
+        )
     return qs, penalties
 
 

@@ -1,7 +1,7 @@
-"""How much room a joint path leaves: to limits, singularities, jumps and the end of the reach.
+"""Margins of joint paths to limits, singularities, jumps and the end of the reach.
 
-Room is a plain number: the distance from the border of what is allowed, in steps of a size that
-is comfortable for that quantity. Negative room means not allowed. See
+A margin is a plain number: the distance from the border of what is allowed, in units of a size
+that is comfortable for that quantity. A negative margin is not allowed. See
 docs/algorithms/robot/roll_search.md.
 """
 
@@ -10,23 +10,27 @@ from dataclasses import dataclass
 import numpy as np
 
 from rona_core.devices.settings import require
-from rona_core.geometry.arrays import Floats
+from rona_core.geometry.arrays import Bools, Floats
 from rona_core.geometry.pose import Poses
-from rona_core.robot.kinematics.joint_limits import JointLimits, shift_to_fit, unwrap
+from rona_core.robot.kinematics.joint_limits import TURN_RAD, JointLimits, shift_to_fit, unwrap
 from rona_core.robot.kinematics.robot_model import RobotModel
 from rona_core.robot.kinematics.spherical_wrist import IkSolutions
 
-EVEN_DIGITS = 9  # decimals of room; what agrees in them is the same room
+SINGULARITY_MARGIN_RAD = float(np.deg2rad(5.0))  # least angle of elbow and wrist from straight
+SHOULDER_MARGIN_MM = 30.0  # least distance of the wrist centre from axis 1
+LARGEST_STEP_RAD = float(np.deg2rad(10.0))  # of a joint between dense samples
+
+EVEN_DIGITS = 9  # decimals in which margins must differ to count as different
 ROUNDED_MM = 1e-9  # a pose that cannot be reached is outside by at least this much
 
 
 @dataclass(frozen=True, slots=True)
-class RoomRules:
-    """What is allowed along a path, and what counts as one unit of room."""
+class MarginLimits:
+    """What is allowed along a path, and what counts as one unit of margin."""
 
-    singular_rad: float = float(np.deg2rad(5.0))  # least angle of elbow and wrist from straight
-    shoulder_mm: float = 30.0  # least distance of the wrist centre from axis 1
-    step_rad: float = float(np.deg2rad(10.0))  # largest joint step between dense samples
+    singular_rad: float = SINGULARITY_MARGIN_RAD
+    shoulder_mm: float = SHOULDER_MARGIN_MM
+    step_rad: float = LARGEST_STEP_RAD
     limit_unit_rad: float = float(np.deg2rad(20.0))
     singular_unit: float = float(np.sin(np.deg2rad(20.0)))
     shoulder_unit_mm: float = 150.0
@@ -40,8 +44,8 @@ class RoomRules:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Room:
-    """Room of all branches over n samples, by cause; the least of them decides."""
+class JointMargins:
+    """Margins of all branches over n samples, by cause; the least of them decides."""
 
     qs_rad: Floats  # (n, 8, 6) continuous, turns chosen to fit the limits
     reach: Floats  # (n, 8)
@@ -50,39 +54,67 @@ class Room:
     jump: Floats  # (n, 8) of the step that leads to the sample
 
     def least(self) -> Floats:
-        """Return the least room (n, 8) of each sample."""
+        """Return the least margin (n, 8) of each sample."""
         return np.minimum(
             np.minimum(self.reach, self.singularity), np.minimum(self.limit, self.jump)
         )
 
 
-def judge(model: RobotModel, Ts_base_flange: Poses, rules: RoomRules) -> Room:
-    """Return the room of every branch along a sequence of flange poses."""
+def compute_margins(
+    model: RobotModel, Ts_base_flange: Poses, margin_limits: MarginLimits
+) -> JointMargins:
+    """Compute the margins of every branch along a sequence of flange poses."""
     solutions = model.inverse(Ts_base_flange)
-    qs = continuous(solutions.qs_rad, model.limits)
+    qs = continuous_branches(solutions.qs_rad, model.limits)
     steps = np.abs(np.diff(qs, axis=0)).max(axis=2, initial=0.0)
-    jump = np.full(qs.shape[:2], rules.step_rad / rules.step_unit_rad)
-    jump[1:] = (rules.step_rad - steps) / rules.step_unit_rad
-    outside = np.minimum(solutions.reaches_mm, -ROUNDED_MM)
-    reach = np.where(solutions.valid, np.maximum(solutions.reaches_mm, 0.0), outside)
-    return Room(
+    jump = np.full(qs.shape[:2], margin_limits.step_rad / margin_limits.step_unit_rad)
+    jump[1:] = (margin_limits.step_rad - steps) / margin_limits.step_unit_rad
+    return JointMargins(
         qs_rad=qs,
-        reach=reach / rules.reach_unit_mm,
-        singularity=singular_room(solutions, rules),
-        limit=model.limits.clearance_rad(qs).min(axis=2) / rules.limit_unit_rad,
+        reach=reach_margin(solutions, margin_limits),
+        singularity=singularity_margin(solutions, margin_limits),
+        limit=model.limits.clearance_rad(qs).min(axis=2) / margin_limits.limit_unit_rad,
         jump=jump,
     )
 
 
-def singular_room(solutions: IkSolutions, rules: RoomRules) -> Floats:
-    """Return the room (n, 8) to the nearest of elbow, wrist and shoulder singularity."""
+def reach_margin(solutions: IkSolutions, margin_limits: MarginLimits) -> Floats:
+    """Return the margin (n, 8) to the end of the reach; negative outside."""
+    outside = np.minimum(solutions.reaches_mm, -ROUNDED_MM)
+    inside = np.maximum(solutions.reaches_mm, 0.0)
+    return np.where(solutions.valid, inside, outside) / margin_limits.reach_unit_mm
+
+
+def singularity_margin(solutions: IkSolutions, margin_limits: MarginLimits) -> Floats:
+    """Return the margin (n, 8) to the nearest of elbow, wrist and shoulder singularity."""
     sine = np.minimum(solutions.sin_wrist, solutions.sin_elbows)
-    angular = (sine - np.sin(rules.singular_rad)) / rules.singular_unit
-    away = (solutions.wrist_distance_mm - rules.shoulder_mm) / rules.shoulder_unit_mm
-    return np.minimum(angular, away[:, None])
+    angular = (sine - np.sin(margin_limits.singular_rad)) / margin_limits.singular_unit
+    shoulder_mm = solutions.wrist_distance_mm - margin_limits.shoulder_mm
+    return np.minimum(angular, (shoulder_mm / margin_limits.shoulder_unit_mm)[:, None])
 
 
-def continuous(qs_rad: Floats, limits: JointLimits) -> Floats:
+def limit_margin(
+    qs_rad: Floats, limits: JointLimits, turning: Bools, margin_limits: MarginLimits
+) -> Floats:
+    """Return the margin (...) to the joint limits of postures (6, ...), at their best whole turns.
+
+    Args:
+        qs_rad: Principal values of the joint angles (6, ...).
+        limits: The joint limits.
+        turning: Joints (6,) that may stand whole turns away from their principal value.
+        margin_limits: The units.
+    """
+    least = np.full(qs_rad.shape[1:], np.inf)
+    for joint in range(6):
+        lower, upper = float(limits.lower_rad[joint]), float(limits.upper_rad[joint])
+        off_middle = np.abs(qs_rad[joint] - (lower + upper) / 2.0)
+        if turning[joint]:
+            off_middle = np.abs(off_middle - TURN_RAD * np.round(off_middle / TURN_RAD))
+        np.minimum(least, (upper - lower) / 2.0 - off_middle, out=least)
+    return least / margin_limits.limit_unit_rad
+
+
+def continuous_branches(qs_rad: Floats, limits: JointLimits) -> Floats:
     """Return branches (n, 8, 6) with spinning joints unwrapped and shifted by full turns to fit."""
     qs = qs_rad.copy()
     if not len(qs):

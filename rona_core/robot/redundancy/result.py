@@ -76,12 +76,20 @@ class RollSearch:
     @property
     def roll_variation_deg(self) -> float:
         """Largest less smallest roll of the chosen one along the path; 0 if it is constant."""
-        return spread_deg(self.rolls_rad)
+        return float(np.rad2deg(np.ptp(self.rolls_rad))) if len(self.rolls_rad) else 0.0
 
+    @property
+    def verdict(self) -> RollVerdict | None:
+        """The verdict on the chosen roll, constant or varying; None where none will do."""
+        if self.mode == "variable":
+            return self.varying
+        return self.verdicts[self.chosen] if self.mode == "constant" else None
 
-def spread_deg(rolls_rad: Floats) -> float:
-    """Return how far rolls (n,) lie apart (degrees)."""
-    return float(np.rad2deg(np.ptp(rolls_rad))) if len(rolls_rad) else 0.0
+    @property
+    def refused(self) -> RollVerdict | None:
+        """The verdict with the largest margin among those without a way to the path or back."""
+        refused = [verdict for verdict in self.verdicts if verdict.reason == "no way"]
+        return max(refused, key=lambda verdict: verdict.margin, default=None)
 
 
 @dataclass(frozen=True, slots=True, eq=False)

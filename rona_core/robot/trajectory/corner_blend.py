@@ -36,7 +36,7 @@ class BlendedPath:
     turn_rad: float  # largest angle between the two orientations
 
 
-def blend(
+def blend_corners(
     way_mm: Floats,
     qs_rad: Floats,
     model: RobotModel,

@@ -12,7 +12,7 @@ from rona_core.geometry.arrays import Floats, readonly
 from rona_core.robot.collision.edge_check import Clear
 from rona_core.robot.kinematics.robot_model import RobotModel
 from rona_core.robot.kinematics.spherical_wrist import as_joints
-from rona_core.robot.trajectory.point_to_point import find_way
+from rona_core.robot.trajectory.point_to_point import plan_joint_path
 from rona_core.robot.trajectory.trajectory import Trajectory
 
 SAMPLE_S = 0.02  # time between samples of a motion
@@ -80,7 +80,7 @@ def clear_move(
     """
     if clear is None:
         return joint_move(model, q_from_rad, q_to_rad, speed_share=speed_share)
-    stops = find_way(q_from_rad, q_to_rad, model, clear)
+    stops = plan_joint_path(q_from_rad, q_to_rad, model, clear)
     return chain([joint_move(model, a, b, speed_share=speed_share) for a, b in pairwise(stops)])
 
 

@@ -22,7 +22,7 @@ LIFT_STEP_MM = 20.0
 LARGEST_LIFT_STEP_RAD = float(np.deg2rad(30.0))  # more is another branch of the arm
 
 
-def find_way(
+def plan_joint_path(
     q_from_rad: Floats,
     q_to_rad: Floats,
     model: RobotModel,

@@ -10,7 +10,7 @@ STEP_RAD = float(np.deg2rad(1.0))
 SLACK = 1.25  # a path that is nearly dense enough is left as it is
 
 
-def dense(path: Path5D) -> Path5D:
+def resample_path(path: Path5D) -> Path5D:
     """Return the path with steps of at most about 1 mm and 1 degree; its own points stay.
 
     Positions in between lie on straight lines, axes turn evenly. A path that is dense already is

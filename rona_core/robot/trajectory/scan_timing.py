@@ -1,64 +1,28 @@
-"""Time a joint path: approach, scan at constant speed where the joints allow, retract."""
-
-from dataclasses import dataclass
+"""Timing of a scan: approach, scan at constant speed where the joints allow, retract."""
 
 import numpy as np
 
-from rona_core.devices.settings import require
-from rona_core.errors import InvalidInputError, NotReachableError
+from rona_core.errors import InvalidInputError
 from rona_core.geometry.arrays import Floats, readonly
 from rona_core.geometry.path5d import Path5D
-from rona_core.geometry.pose import Pose, Poses
 from rona_core.robot.collision.edge_check import Clear, outside_bone
-from rona_core.robot.kinematics.joint_limits import unwrap
 from rona_core.robot.kinematics.robot_model import RobotModel
-from rona_core.robot.trajectory.corner_blend import blend
-from rona_core.robot.trajectory.joint_moves import SAMPLE_S, chain, clear_move, sample_times
-from rona_core.robot.trajectory.time_parameterization import (
-    MERGED,
-    SpeedLimits,
-    TimedPath,
-    kept,
-    time_along,
+from rona_core.robot.trajectory.corner_blend import blend_corners
+from rona_core.robot.trajectory.joint_moves import SAMPLE_S, chain, clear_move
+from rona_core.robot.trajectory.path_timing import (
+    ScanSettings,
+    sample_path,
+    speed_limits,
+    timed_line,
 )
+from rona_core.robot.trajectory.retract import retract_line
+from rona_core.robot.trajectory.time_parameterization import MERGED, kept
 from rona_core.robot.trajectory.trajectory import Trajectory
 
 TURN_WAY_MM = 10.0  # a turn of one radian on the spot counts as this much way
-LINE_STEP_MM = 1.0
-LEAST_STANDOFF_MM = 5.0
-SLOWER = 6  # times that a motion is slowed down until its samples keep all limits
-SHARE_ASKED = 1.0 - 1e-9
 
 
-@dataclass(frozen=True, slots=True)
-class ScanSettings:
-    """How the scan path is driven."""
-
-    scan_speed_mm_per_s: float = 20.0
-    path_acceleration_mm_per_s2: float = 250.0
-    jerk_mm_per_s3: float = 2500.0
-    standoff_mm: float = 30.0  # straight along the probe axis, before and after contact
-    approach_speed_mm_per_s: float = 15.0
-    corner_deviation_mm: float = 0.2  # the probe may cut corners by this much
-
-    def __post_init__(self) -> None:
-        for name in ("scan_speed_mm_per_s", "approach_speed_mm_per_s"):
-            value = getattr(self, name)
-            require(0.5 <= value <= 100.0, f"{name} must be 0.5 to 100, not {value}")
-        for name in ("path_acceleration_mm_per_s2", "jerk_mm_per_s3"):
-            value = getattr(self, name)
-            require(10.0 <= value <= 1e5, f"{name} must be 10 to 100000, not {value}")
-        require(
-            5.0 <= self.standoff_mm <= 200.0,
-            f"standoff_mm must be 5 to 200, not {self.standoff_mm}",
-        )
-        require(
-            0.05 <= self.corner_deviation_mm <= 0.25,  # the verifier allows 0.3 in all
-            f"corner_deviation_mm must be 0.05 to 0.25, not {self.corner_deviation_mm}",
-        )
-
-
-def time_path(
+def time_scan(
     path: Path5D,
     qs_rad: Floats,
     model: RobotModel,
@@ -93,8 +57,8 @@ def time_path(
     if qs_rad.shape != (len(path), 6):
         raise InvalidInputError(f"qs_rad must have shape ({len(path)}, 6), not {qs_rad.shape}")
     start = model.home_rad if q_start_rad is None else np.asarray(q_start_rad, dtype=np.float64)
-    down = line_back(model, qs_rad[0], branch, settings.standoff_mm, clear)[::-1]
-    up = line_back(model, qs_rad[-1], branch, settings.standoff_mm, clear)
+    down = retract_line(model, qs_rad[0], branch, settings.standoff_mm, clear)[::-1]
+    up = retract_line(model, qs_rad[-1], branch, settings.standoff_mm, clear)
     way, along = _way(path), path.arc_length_mm()
     scan_ways, scan = _timed_scan(way, qs_rad, model, settings)
     free = outside_bone(path, model, clear)
@@ -114,12 +78,6 @@ def time_path(
     )
 
 
-def _limits(settings: ScanSettings, speed_mm_per_s: float) -> SpeedLimits:
-    return SpeedLimits(
-        speed_mm_per_s, settings.path_acceleration_mm_per_s2, settings.jerk_mm_per_s3
-    )
-
-
 def _timed_scan(
     way_mm: Floats, qs_rad: Floats, model: RobotModel, settings: ScanSettings
 ) -> tuple[Floats, Floats]:
@@ -127,50 +85,9 @@ def _timed_scan(
     keep = kept(way_mm)
     if np.count_nonzero(keep) < 2 or way_mm[-1] <= MERGED:
         raise InvalidInputError("a path without length cannot be timed; it needs two places")
-    rounded = blend(way_mm[keep], qs_rad[keep], model, settings.corner_deviation_mm)
-    limits = _limits(settings, settings.scan_speed_mm_per_s)
-    return _timed(rounded.way_mm, rounded.qs_rad, rounded.points_base, limits, model)
-
-
-def _timed(
-    way_mm: Floats, qs_rad: Floats, points_base: Floats, limits: SpeedLimits, model: RobotModel
-) -> tuple[Floats, Floats]:
-    """Return way (m,) and joints (m, 6) at samples ``SAMPLE_S`` apart, from rest to rest.
-
-    Limits are planned with some reserve at every point of the way. Should the samples, driven
-    linearly, still exceed one of them, the motion is slowed down until they do not.
-    """
-    joints_speed, joints_gain = model.speed_rad_per_s, model.acceleration_rad_per_s2
-    timed = time_along(way_mm, qs_rad, points_base, limits, joints_speed, joints_gain)
-    duration_s = timed.duration_s
-    ways, qs = _sampled(timed, duration_s, qs_rad)
-    for _ in range(SLOWER):
-        speeds = np.diff(qs, axis=0) / SAMPLE_S
-        resting = np.vstack((np.zeros(6), speeds, np.zeros(6)))
-        gains = np.abs(np.diff(resting, axis=0)) / SAMPLE_S
-        tips = (model.forward(qs) @ model.T_flange_probe).translations
-        moving = np.vstack((np.zeros(3), np.diff(tips, axis=0) / SAMPLE_S, np.zeros(3)))
-        felt = np.linalg.norm(np.diff(moving, axis=0), axis=1).max() / SAMPLE_S
-        excess = max(
-            float((np.abs(speeds) / joints_speed).max()) ** 2,
-            float((gains / joints_gain).max()),
-            float(felt / limits.acceleration_mm_per_s2),
-        )
-        if excess <= SHARE_ASKED:
-            break
-        duration_s *= 1.001 * np.sqrt(excess)
-        ways, qs = _sampled(timed, duration_s, qs_rad)
-    return ways, qs
-
-
-def _sampled(timed: TimedPath, duration_s: float, qs_rad: Floats) -> tuple[Floats, Floats]:
-    """Return way (m,) and joints (m, 6) at whole samples, a little slower to fill the last one."""
-    times = sample_times(duration_s)
-    ways = timed.way_at(times * (timed.duration_s / times[-1]))
-    ways[0], ways[-1] = timed.way_mm[0], timed.way_mm[-1]
-    qs = timed.joints(ways)
-    qs[0], qs[-1] = qs_rad[0], qs_rad[-1]
-    return ways, qs
+    rounded = blend_corners(way_mm[keep], qs_rad[keep], model, settings.corner_deviation_mm)
+    limits = speed_limits(settings, settings.scan_speed_mm_per_s)
+    return sample_path(rounded.way_mm, rounded.qs_rad, rounded.points_base, limits, model)
 
 
 def _way(path: Path5D) -> Floats:
@@ -180,45 +97,3 @@ def _way(path: Path5D) -> Floats:
     turns_mm = TURN_WAY_MM * np.arccos(np.clip(cosines, -1.0, 1.0))
     turns_mm[turns_mm < TURN_WAY_MM * 1e-6] = 0.0  # rounding of the cosine, not a turn
     return np.concatenate(([0.0], np.cumsum(np.maximum(steps_mm, turns_mm))))
-
-
-def line_back(
-    model: RobotModel,
-    q_contact_rad: Floats,
-    branch: int,
-    standoff_mm: float,
-    clear: Clear | None,
-) -> Floats:
-    """Return joint angles (m, 6) straight back along the probe axis, ``LINE_STEP_MM`` apart.
-
-    The line ends at the stand-off, or earlier where the joints allow no more or something is
-    touched.
-
-    Raises:
-        NotReachableError: not even the shortest stand-off is possible.
-    """
-    T_base_probe = model.forward(q_contact_rad[None])[0] @ model.T_flange_probe
-    backs_mm = np.arange(0.0, standoff_mm + LINE_STEP_MM / 2.0, LINE_STEP_MM)
-    away = Poses.stack([Pose.from_translation((0.0, 0.0, -back)) for back in backs_mm])
-    rotations = T_base_probe.rotation @ away.rotations
-    places = away.translations @ T_base_probe.rotation.T + T_base_probe.translation
-    solutions = model.inverse(Poses(rotations, places) @ model.T_flange_probe.inv())
-    qs = unwrap(np.vstack((q_contact_rad, solutions.qs_rad[:, branch])))[1:]
-    possible = solutions.valid[:, branch] & (model.limits.clearance_rad(qs).min(axis=1) >= 0.0)
-    if clear is not None:
-        possible &= clear(qs)
-    count = len(qs) if possible.all() else int(np.argmin(possible))
-    if (count - 1) * LINE_STEP_MM < LEAST_STANDOFF_MM:
-        raise NotReachableError(
-            f"the probe can only be drawn back by {max(0, count - 1) * LINE_STEP_MM:g} mm from "
-            f"one end of the path, {LEAST_STANDOFF_MM:g} mm are needed"
-        )
-    return qs[:count].copy()
-
-
-def timed_line(qs_rad: Floats, settings: ScanSettings, model: RobotModel) -> Floats:
-    """Return samples (m, 6) of a straight line, driven at approach speed from rest to rest."""
-    points = (model.forward(qs_rad) @ model.T_flange_probe).translations
-    way_mm = LINE_STEP_MM * np.arange(len(qs_rad), dtype=np.float64)
-    slow = _limits(settings, settings.approach_speed_mm_per_s)
-    return _timed(way_mm, qs_rad, points, slow, model)[1]

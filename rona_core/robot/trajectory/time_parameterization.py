@@ -60,7 +60,7 @@ class TimedPath:
         return np.clip(way, self.raw_way_mm[0], self.raw_way_mm[-1])
 
 
-def time_along(
+def parameterize_time(
     way_mm: Floats,
     qs_rad: Floats,
     points_base: Floats,

@@ -114,7 +114,7 @@ class JointsPanel:
 def _is_planned(snapshot: Snapshot) -> bool:
     roll = snapshot.session.results.roll
     return roll is not None and shown_roll(snapshot.session, snapshot.view.shown_roll) == max(
-        roll.value.chosen, 0
+        roll.value.search.chosen, 0
     )
 
 

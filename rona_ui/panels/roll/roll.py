@@ -64,17 +64,19 @@ class RollPanel(StepPanel):
         if derived is None:
             return ""
         plan = derived.value
-        works = sum(verdict.feasible for verdict in plan.verdicts)
-        if plan.mode == "none" or plan.trajectory is None or plan.certificate is None:
+        works = sum(verdict.feasible for verdict in plan.search.verdicts)
+        if plan.search.mode == "none" or plan.trajectory is None or plan.certificate is None:
             first = style.note(none_works(plan), "warn")
         else:
             view = certificate_view(snapshot.session)
             certified = view is not None and view.certified
-            varies = plan.mode == "variable"
-            turned = f"a roll varying over {plan.roll_variation_deg:.0f}°"
-            chosen = turned if varies else f"{plan.verdicts[plan.chosen].roll_deg:.0f}°"
+            varies = plan.search.mode == "variable"
+            turned = f"a roll varying over {plan.search.roll_variation_deg:.0f}°"
+            chosen = (
+                turned if varies else f"{plan.search.verdicts[plan.search.chosen].roll_deg:.0f}°"
+            )
             first = style.note(
-                f"{works} of {len(plan.verdicts)} roll angles feasible. Selected {chosen}, "
+                f"{works} of {len(plan.search.verdicts)} roll angles feasible. Selected {chosen}, "
                 f"duration {plan.trajectory.times_s[-1]:.1f} s, "
                 + ("verified." if certified else "refused by the verifier."),
                 "good" if certified else "warn",

@@ -81,7 +81,7 @@ class RollsPanel:
         if index is not None and self._slider is not None:
             self._slider.value = index
         self._back.visible = roll is not None and not shows_chosen(roll.value, new.view.shown_roll)
-        self._back.disabled = roll is None or roll.value.mode == "none"
+        self._back.disabled = roll is None or roll.value.search.mode == "none"
         self._remark.content = remark(new)
         if index is not None:
             place = place_of_roll(new.session, new.view.shown_roll, new.view.place)
@@ -136,8 +136,8 @@ def column_shown(snapshot: Snapshot) -> int | None:
         return index
     plan = searched.value
     place = place_of_roll(snapshot.session, view.shown_roll, view.place)
-    roll_deg = np.rad2deg(plan.rolls_rad[point_at(plan, place)])
-    apart = [abs((v.roll_deg - roll_deg + 180.0) % 360.0 - 180.0) for v in plan.verdicts]
+    roll_deg = np.rad2deg(plan.search.rolls_rad[point_at(plan, place)])
+    apart = [abs((v.roll_deg - roll_deg + 180.0) % 360.0 - 180.0) for v in plan.search.verdicts]
     return int(np.argmin(apart))
 
 

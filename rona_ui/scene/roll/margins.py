@@ -42,8 +42,8 @@ class MarginsLayer(Layer):
         stop, words = np.zeros((0, 3)), ""
         if curves is not None and searched is not None and not curves.feasible:
             index = shown_roll(new.session, new.view.shown_roll) or 0
-            verdict = searched.value.verdicts[index]
-            stop = searched.value.path.points_base[verdict.index][None] + lift
+            verdict = searched.value.search.verdicts[index]
+            stop = searched.value.search.path.points_base[verdict.index][None] + lift
             words = stop_words(verdict.reason, verdict.joint, verdict.value, verdict.limit)
         self.nodes.cloud(STOP, stop, VERMILLION, size_mm=5.0)
         if len(stop):

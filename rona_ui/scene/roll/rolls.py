@@ -54,10 +54,10 @@ class RollsLayer(Layer):
             index = shown_roll(new.session, new.view.shown_roll)
             if index is not None:
                 plan = searched.value
-                rolls_rad = np.deg2rad(plan.verdicts[index].roll_deg)
+                rolls_rad = np.deg2rad(plan.search.verdicts[index].roll_deg)
                 if shows_varying(plan, new.view.shown_roll):
-                    rolls_rad = plan.rolls_rad
-                pose = plan.path.Ts_base_probe(rolls_rad)[point_at(plan, place)]
+                    rolls_rad = plan.search.rolls_rad
+                pose = plan.search.path.Ts_base_probe(rolls_rad)[point_at(plan, place)]
                 chosen = arrows(Poses.stack([pose]), 60.0).reshape(-1, 2, 3)
         self.nodes.lines(WORKS, works, GREEN, width_px=4.0)
         self.nodes.lines(FAILS, fails, VERMILLION, width_px=4.0)

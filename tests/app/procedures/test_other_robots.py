@@ -21,7 +21,7 @@ def test_the_room_is_set_up_for_the_arm_that_is_chosen(name):
         rig.begin(bench.session.setup.devices, 0)
         center, _, _ = rig.display.region()
         model = robot_model(name)
-        assert np.linalg.norm(center - model.workplace.region_base) < 15.0
+        assert np.linalg.norm(center - model.work_area.region_base) < 15.0
         np.testing.assert_array_equal(rig.robot.state().q_rad, model.home_rad)
         bench.dispatch(Undo())
         rig.begin(bench.session.setup.devices, 1)

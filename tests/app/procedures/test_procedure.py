@@ -202,16 +202,16 @@ def test_an_uncertified_plan_is_not_executed(demo):
 def test_another_roll_is_planned_and_a_failing_one_refused_with_its_reason(demo):
     session, _ = demo
     bench = opened(session)
-    verdicts = session.results.roll.value.verdicts
-    works = session.results.roll.value.ranked[3].index
+    verdicts = session.results.roll.value.search.verdicts
+    works = session.results.roll.value.search.ranked[3].index
     fails = next(i for i, v in enumerate(verdicts) if not v.feasible)
     bench.dispatch(ChooseRoll(works))
-    assert bench.session.results.roll.value.chosen == works
+    assert bench.session.results.roll.value.search.chosen == works
     assert bench.session.results.roll.value.may_move
     states = {s.name: s.state for s in step_states(bench.session)}
     assert (states["roll"], states["scan"], states["maps"]) == ("done", "stale", "stale")
     assert {r.result: r.same for r in replay(bench.session)}["roll"]
-    pair = next(p for p in bench.session.results.roll.value.ranked if p.branch != 0)
+    pair = next(p for p in bench.session.results.roll.value.search.ranked if p.branch != 0)
     bench.dispatch(ChooseRoll(pair.index, pair.branch))
     taken = bench.session.results.roll.value
     assert (taken.chosen, taken.branch) == (pair.index, pair.branch)
@@ -219,7 +219,7 @@ def test_another_roll_is_planned_and_a_failing_one_refused_with_its_reason(demo)
     bench.dispatch(ChooseRoll(works))
     with pytest.raises(NotReachableError, match=r"joint|reach|singular"):
         bench.dispatch(ChooseRoll(fails))
-    assert bench.session.results.roll.value.chosen == works
+    assert bench.session.results.roll.value.search.chosen == works
     bench.close()
 
 
@@ -228,24 +228,26 @@ def test_a_varying_roll_is_planned_replayed_drawn_and_executed(demo):
     bench = opened(session)
     bench.run(StartRollSearch(mode="variable"))
     plan = bench.session.results.roll.value
-    assert (plan.mode, plan.chosen) == ("variable", -1)
+    assert (plan.search.mode, plan.search.chosen) == ("variable", -1)
     assert plan.may_move
     assert {r.result: r.same for r in replay(bench.session)}["roll"]
     state = next(s for s in step_states(bench.session) if s.name == "roll")
-    assert f"varying over {plan.roll_variation_deg:.0f}°" in state.reason
+    assert f"varying over {plan.search.roll_variation_deg:.0f}°" in state.reason
     curves = joint_curves(bench.session, None)
     assert curves.feasible
-    np.testing.assert_allclose(curves.joints_deg, np.rad2deg(plan.chosen_curve_rad), atol=1e-4)
+    np.testing.assert_allclose(
+        curves.joints_deg, np.rad2deg(plan.search.chosen_curve_rad), atol=1e-4
+    )
     other = joint_curves(bench.session, 0)
-    np.testing.assert_allclose(other.joints_deg, np.rad2deg(plan.curves_rad[0]), atol=1e-4)
+    np.testing.assert_allclose(other.joints_deg, np.rad2deg(plan.search.curves_rad[0]), atol=1e-4)
     bench.run(StartScan())
     assert len(bench.session.captures.scan.scans) > 100
     figures = evaluate_virtual(bench.session, bench.rig())
     assert figures["roll_mode"] == "variable"
-    assert figures["roll_variation_deg"] == plan.roll_variation_deg
+    assert figures["roll_variation_deg"] == plan.search.roll_variation_deg
     assert figures["min_joint_margin_deg"] > 0.0
-    bench.dispatch(ChooseRoll(plan.ranked[0].index))
-    assert bench.session.results.roll.value.mode == "constant"
+    bench.dispatch(ChooseRoll(plan.search.ranked[0].index))
+    assert bench.session.results.roll.value.search.mode == "constant"
     bench.close()
 
 

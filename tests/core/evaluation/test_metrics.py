@@ -83,7 +83,8 @@ def test_the_scene_follows_the_settings_of_the_session(scene):
 
 def test_a_path_that_no_roll_can_follow_says_so(scene):
     verdicts = (SimpleNamespace(feasible=False),) * 72
-    plan = SimpleNamespace(verdicts=verdicts, mode="none", trajectory=None, certificate=None)
+    search = SimpleNamespace(verdicts=verdicts, mode="none")
+    plan = SimpleNamespace(search=search, trajectory=None, certificate=None)
     figures = evaluate(session_of(roll=plan), scene)
     assert (figures["rolls_tried"], figures["rolls_feasible"]) == (72, 0)
     assert figures["roll_mode"] == "none"

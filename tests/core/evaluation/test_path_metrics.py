@@ -128,9 +128,7 @@ def test_a_plan_is_counted_by_rolls_and_timed_from_end_to_end():
     trajectory = SimpleNamespace(times_s=times_s, qs_rad=qs_rad, scan_start_s=1.5, scan_end_s=55.0)
     plan = SimpleNamespace(
         model="rx90",
-        verdicts=verdicts,
-        mode="variable",
-        roll_variation_deg=35.0,
+        search=SimpleNamespace(verdicts=verdicts, mode="variable", roll_variation_deg=35.0),
         trajectory=trajectory,
         certificate=SimpleNamespace(min_clearance_mm=7.5),
     )
@@ -143,9 +141,8 @@ def test_a_plan_is_counted_by_rolls_and_timed_from_end_to_end():
         "min_joint_margin_deg": pytest.approx(7.5),
         "scan_duration_s": 61.25,
     }
-    nothing = SimpleNamespace(
-        verdicts=verdicts[1:3], mode="none", trajectory=None, certificate=None
-    )
+    search = SimpleNamespace(verdicts=verdicts[1:3], mode="none")
+    nothing = SimpleNamespace(search=search, trajectory=None, certificate=None)
     figures = plan_figures(nothing)
     assert figures["scan_duration_s"] is None
     assert figures["roll_variation_deg"] is None

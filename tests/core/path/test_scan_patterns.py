@@ -3,8 +3,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from benchmarks.reference.path_coverage import disc_coverage, spacing_mm
-from benchmarks.reference.path_crossings import crossings
+from benchmarks.reference.path.path_coverage import disc_coverage, spacing_mm
+from benchmarks.reference.path.path_crossings import crossings
 from rona_core.errors import DegenerateGeometryError, InvalidInputError
 from rona_core.path.height_field import fit_height_field
 from rona_core.path.scan_patterns import patch_pose, raster, spiral

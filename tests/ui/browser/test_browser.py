@@ -12,7 +12,7 @@ import pytest
 
 from rona_core.session.files import load_session
 from rona_ui.resources import demo_session
-from tests.helpers.browser_driver import (
+from tests.helpers.ui.browser_driver import (
     CHROMIUM,
     DRAWN_BY,
     FLAGS,
@@ -294,7 +294,9 @@ def test_escape_stops_the_robot_while_it_scans(
         assert back.is_hidden()
 
         plan = load_session(demo_session()).results.roll.value
-        other = next(i for i, v in enumerate(plan.verdicts) if v.feasible and i != plan.chosen)
+        other = next(
+            i for i, v in enumerate(plan.search.verdicts) if v.feasible and i != plan.search.chosen
+        )
         assert page.evaluate(CHOOSE, other) == 200
         surgeon.wait_state("Scan", "stale", 60)
         stopped_by_escape(surgeon, "Scan")

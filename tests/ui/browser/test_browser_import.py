@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 
 from rona_core.devices.files.poses.igs_mha import read_igs_mha
-from tests.helpers.browser_driver import (
+from tests.helpers.pivot_data import TIP, poses, rows_file
+from tests.helpers.ui.browser_driver import (
     CHROMIUM,
     DRAWN_BY,
     FLAGS,
@@ -17,7 +18,6 @@ from tests.helpers.browser_driver import (
     running_server,
     wait_for,
 )
-from tests.helpers.pivot_data import TIP, poses, rows_file
 
 pytestmark = [pytest.mark.browser, pytest.mark.slow]
 

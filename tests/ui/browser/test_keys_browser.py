@@ -8,7 +8,7 @@ from typing import Any
 
 import pytest
 
-from tests.helpers.browser_driver import (
+from tests.helpers.ui.browser_driver import (
     CHROMIUM,
     DRAWN_BY,
     FLAGS,

@@ -12,7 +12,7 @@ from rona_ui.panels.layout.session import SessionPanel
 from rona_ui.panels.widgets.import_recording import ImportControls
 from rona_ui.presentation.view_state import ViewState
 from rona_ui.window.browser import Browser
-from tests.helpers.fake_gui import FakeClient, FakeGui
+from tests.helpers.ui.fake_gui import FakeClient, FakeGui
 from tests.ui.panels.test_panels import Recorder, snapshot
 
 CLIENT = FakeClient()

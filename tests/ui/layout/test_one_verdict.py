@@ -31,7 +31,7 @@ from rona_ui.presentation.snapshot import Snapshot
 from rona_ui.presentation.static_scene import StaticScene
 from rona_ui.presentation.view_state import ViewState
 from rona_ui.scene.roll.rolls import RollsLayer
-from tests.helpers.fake_gui import FakeClient, FakeGui
+from tests.helpers.ui.fake_gui import FakeClient, FakeGui
 
 DEMO = Path(__file__).resolve().parents[3] / "sessions" / "demo.rona"
 NOTHING = PanelContext(*[lambda *_: None] * 5)  # type: ignore[arg-type]

@@ -26,7 +26,7 @@ from rona_ui.presentation.view_state import ViewState
 from rona_ui.scene.maps.maps import MapLayer, ScanLayer
 from rona_ui.scene.path.path import PathLayer
 from rona_ui.scene.viser_nodes import SceneNodes
-from tests.helpers.fake_gui import FakeGui
+from tests.helpers.ui.fake_gui import FakeGui
 
 DEMO = Path(__file__).resolve().parents[3] / "sessions" / "demo.rona"
 SCANNING = JobStatus("1", "StartScan", "running", 0.5)
@@ -45,14 +45,16 @@ def snapshot(session: Session, view: ViewState, **parts: Any) -> Snapshot:
 def test_in_the_roll_step_the_probe_stands_on_the_middle_of_the_path(demo: Session) -> None:
     plan = demo.results.roll.value  # type: ignore[union-attr]
     model = robot_model(plan.model)
-    index = next(i for i, v in enumerate(plan.verdicts) if v.feasible and i != plan.chosen)
+    index = next(
+        i for i, v in enumerate(plan.search.verdicts) if v.feasible and i != plan.search.chosen
+    )
     at = snapshot(demo, ViewState(step="roll", shown_roll=index))
     q_rad = shown_joints(at)
     assert shows_roll_preview(at)
     assert q_rad is not None
     T_base_flange = model.joint_poses(q_rad)[-1]
     tip_base = (T_base_flange @ model.T_flange_probe).translation
-    along = np.linalg.norm(plan.path.points_base - tip_base, axis=1)
+    along = np.linalg.norm(plan.search.path.points_base - tip_base, axis=1)
     assert along.min() < 0.01
     assert abs(along.argmin() / len(along) - 0.5) < 0.05
 

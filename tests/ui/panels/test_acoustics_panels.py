@@ -21,7 +21,7 @@ from rona_ui.panels.maps.maps import MapsPanel
 from rona_ui.panels.setup.probe import advice_note, outlook_table
 from rona_ui.panels.setup.probe_sweep import ProbeComparisonPanel, numbers
 from rona_ui.panels.setup.setup import SetupPanel
-from tests.helpers.fake_gui import FakeGui
+from tests.helpers.ui.fake_gui import FakeGui
 from tests.ui.panels.test_panels import CLIENT, Recorder, snapshot
 
 

@@ -30,7 +30,7 @@ from rona_ui.presentation.shown_robot import shown_joints
 from rona_ui.presentation.snapshot import Snapshot
 from rona_ui.presentation.view_state import ViewState
 from rona_ui.scene.maps.second_pass import CELLS, PATH, SecondLayer
-from tests.helpers.fake_gui import FakeClient, FakeGui
+from tests.helpers.ui.fake_gui import FakeClient, FakeGui
 
 DEMO = Path(__file__).resolve().parents[3] / "sessions" / "demo.rona"
 CLIENT = FakeClient()

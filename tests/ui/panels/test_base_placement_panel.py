@@ -28,7 +28,7 @@ from rona_ui.scene.roll.base_places import (
     base_mark,
     place_image,
 )
-from tests.helpers.fake_gui import FakeGui
+from tests.helpers.ui.fake_gui import FakeGui
 from tests.ui.panels.test_panels import CLIENT, Recorder, snapshot
 
 STAY = BasePlace((0.0, 0.0, 0.0), 0.0, 0.0, 0.0, 0.3, "constant", 5, "stay")

@@ -9,7 +9,7 @@ from rona_core.app.steps.scan.contact_view import ContactReport, DelayShare
 from rona_core.session.document import Session
 from rona_ui.panels.scan.contact import ContactFields, contact_note, held
 from rona_ui.panels.scan.scan import ScanPanel
-from tests.helpers.fake_gui import FakeGui
+from tests.helpers.ui.fake_gui import FakeGui
 from tests.ui.panels.test_panels import CLIENT, Recorder, snapshot
 
 

@@ -22,7 +22,7 @@ from rona_ui.presentation.shown_maps import shown_maps, shown_maps_key, shows_ha
 from rona_ui.presentation.snapshot import Snapshot
 from rona_ui.presentation.static_scene import StaticScene
 from rona_ui.presentation.view_state import ViewState
-from tests.helpers.fake_gui import FakeClient, FakeGui
+from tests.helpers.ui.fake_gui import FakeClient, FakeGui
 
 CLIENT = FakeClient()
 

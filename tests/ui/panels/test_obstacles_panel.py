@@ -11,7 +11,7 @@ from rona_ui.panels.setup.setup import SetupPanel
 from rona_ui.presentation.static_scene import StaticScene
 from rona_ui.presentation.view_state import ViewState
 from rona_ui.scene.setup.clearance import ObstaclesLayer
-from tests.helpers.fake_gui import FakeGui
+from tests.helpers.ui.fake_gui import FakeGui
 from tests.ui.panels.test_panels import CLIENT, Recorder, snapshot
 
 WALL = AddObstacle("wall", (0.0, -1200.0, 0.0), (3000.0, 100.0, 2500.0))

@@ -42,7 +42,7 @@ from rona_ui.presentation.static_scene import StaticScene
 from rona_ui.presentation.view_state import NEEDED, ViewState
 from rona_ui.refusals import Refusal
 from rona_ui.window.browser import without_mode
-from tests.helpers.fake_gui import FakeClient, FakeGui
+from tests.helpers.ui.fake_gui import FakeClient, FakeGui
 
 EVIL = "<img src=x onerror=alert(1)>"
 CLIENT = FakeClient()

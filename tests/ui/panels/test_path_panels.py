@@ -41,7 +41,7 @@ from rona_ui.presentation.view_state import Preview, ViewState
 from rona_ui.scene.path import path as scene_path
 from rona_ui.scene.path.path_editing import EditLayer, point_at
 from rona_ui.scene.viser_nodes import SceneNodes
-from tests.helpers.fake_gui import FakeClient, FakeGui
+from tests.helpers.ui.fake_gui import FakeClient, FakeGui
 
 FILE = Path(__file__).parents[2] / "contract" / "sessions" / "schema_1.rona"
 CLIENT = FakeClient()

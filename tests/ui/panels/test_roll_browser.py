@@ -44,7 +44,7 @@ from rona_ui.scene.roll.margins import PATH, STOP, WORDS, MarginsLayer
 from rona_ui.scene.setup.clearance import RED, ClearanceLayer, ObstaclesLayer, highlighted_parts
 from rona_ui.scene.setup.robot import ROOT
 from rona_ui.scene.viser_nodes import SceneNodes
-from tests.helpers.fake_gui import FakeGui
+from tests.helpers.ui.fake_gui import FakeGui
 from tests.ui.panels.test_panels import CLIENT, Recorder, snapshot
 
 DEMO = Path(__file__).resolve().parents[3] / "sessions" / "demo.rona"
@@ -82,8 +82,8 @@ def refused(demo: Session) -> Session:
     certificate = verify_scan(
         robot_model(plan.model),
         plan.trajectory,  # type: ignore[arg-type]
-        plan.path,
-        plan.rolls_rad,
+        plan.search.path,
+        plan.search.rolls_rad,
         session.setup.devices.robot.scan_speed_mm_per_s,
         obstacles=session_obstacles(session),
     )
@@ -97,20 +97,23 @@ def plan_of(session: Session) -> Any:
 
 
 def failing_roll(session: Session) -> int:
-    verdicts = plan_of(session).verdicts
+    verdicts = plan_of(session).search.verdicts
     return next(i for i, v in enumerate(verdicts) if not v.feasible and v.index > 0)
 
 
 def with_plan(session: Session, **parts: Any) -> Session:
-    made = replace(session.results.roll, value=replace(plan_of(session), **parts))  # type: ignore
+    plan = plan_of(session)
+    whole = {name: parts.pop(name) for name in ("trajectory", "certificate") if name in parts}
+    changed = replace(plan, search=replace(plan.search, **parts), **whole)
+    made = replace(session.results.roll, value=changed)  # type: ignore
     return replace(session, results=replace(session.results, roll=made))
 
 
 def varying(session: Session) -> Session:
     """The plan with a roll that swings through 0 degrees along the path."""
     plan = plan_of(session)
-    rolls_rad = np.linspace(np.deg2rad(-30.0), np.deg2rad(30.0), len(plan.path))
-    verdict = replace(plan.verdicts[plan.chosen], sentence="Varying roll: works")
+    rolls_rad = np.linspace(np.deg2rad(-30.0), np.deg2rad(30.0), len(plan.search.path))
+    verdict = replace(plan.search.verdicts[plan.search.chosen], sentence="Varying roll: works")
     return with_plan(session, mode="variable", varying=verdict, chosen=-1, rolls_rad=rolls_rad)
 
 
@@ -168,19 +171,19 @@ def test_a_roll_that_leaves_at_one_edge_comes_back_at_the_other() -> None:
 
 def test_a_failing_roll_shows_the_pose_that_it_would_need_where_it_fails(demo: Session) -> None:
     plan, fails = plan_of(demo), failing_roll(demo)
-    verdict, model = plan.verdicts[fails], robot_model(plan.model)
+    verdict, model = plan.search.verdicts[fails], robot_model(plan.model)
     at = snapshot(demo, view=replace(ROLL, shown_roll=fails))
     q_rad = shown_joints(at)
     assert q_rad is not None
     tip = (model.joint_poses(q_rad)[-1] @ model.T_flange_probe).translation
-    gap = np.linalg.norm(plan.path.points_base[verdict.index] - tip)
-    assert gap <= np.diff(plan.path.arc_length_mm()[plan.shown_points]).max()
+    gap = np.linalg.norm(plan.search.path.points_base[verdict.index] - tip)
+    assert gap <= np.diff(plan.search.path.arc_length_mm()[plan.search.shown_points]).max()
     assert {link for link, _ in highlighted_parts(at)} >= {verdict.joint}
     moved = snapshot(demo, view=replace(ROLL, shown_roll=fails, place=1.0))
     q_end = shown_joints(moved)
     assert q_end is not None
     end = (model.joint_poses(q_end)[-1] @ model.T_flange_probe).translation
-    np.testing.assert_allclose(end, plan.path.points_base[-1], atol=0.01)
+    np.testing.assert_allclose(end, plan.search.path.points_base[-1], atol=0.01)
 
 
 def test_failing_spots_lie_on_the_joint_that_is_to_blame(demo: Session) -> None:
@@ -205,13 +208,15 @@ def test_margins_are_those_of_the_search_and_of_the_verifier(demo: Session) -> N
     plan, fails = plan_of(demo), failing_roll(demo)
     found = path_margins(demo, fails)
     assert found is not None
-    np.testing.assert_allclose(found.room, plan.room[fails], atol=1e-5)
+    np.testing.assert_allclose(found.room, plan.search.room[fails], atol=1e-5)
     np.testing.assert_array_equal(found.fails("limits"), found.limit_deg < 0.0)
     assert (found.room <= found.limit_deg / 20.0 + 1e-9).all()
     chosen = path_margins(demo, None)
     assert chosen is not None
-    assert chosen is path_margins(demo, plan.chosen)
-    assert chosen.room.min() == pytest.approx(plan.verdicts[plan.chosen].margin, abs=1e-6)
+    assert chosen is path_margins(demo, plan.search.chosen)
+    assert chosen.room.min() == pytest.approx(
+        plan.search.verdicts[plan.search.chosen].margin, abs=1e-6
+    )
     assert plan.certificate.min_clearance_mm <= chosen.clearance_mm.min() + 0.5
     assert not chosen.collides.any()
     assert "Minimum along the path" in bar(chosen, "clearance")
@@ -277,8 +282,10 @@ def test_the_path_is_drawn_by_margins_and_stops_where_the_roll_fails(demo: Sessi
     colors = scene.nodes[PATH].values[1]
     assert (colors == VERMILLION).all(axis=1).any()
     stop = scene.nodes[STOP].values[0][0] * 1000.0
-    np.testing.assert_allclose(stop, plan.path.points_base[plan.verdicts[fails].index], atol=1e-3)
-    assert f"joint {plan.verdicts[fails].joint}" in scene.nodes[WORDS].values[0]
+    np.testing.assert_allclose(
+        stop, plan.search.path.points_base[plan.search.verdicts[fails].index], atol=1e-3
+    )
+    assert f"joint {plan.search.verdicts[fails].joint}" in scene.nodes[WORDS].values[0]
     layer.render(None, snapshot(demo, view=ROLL))
     assert STOP not in scene.nodes
     assert WORDS not in scene.nodes
@@ -379,9 +386,9 @@ def test_without_a_plan_the_best_roll_is_shown_and_the_words_say_what_is_missing
     assert not len(strip.curve_deg)
     curves = joint_curves(nothing, None)
     assert curves is not None
-    assert curves.roll_deg == plan.verdicts[plan.ranked[0].index].roll_deg
+    assert curves.roll_deg == plan.search.verdicts[plan.search.ranked[0].index].roll_deg
     assert "keep clear" in none_works(plan_of(nothing))
-    verdicts = tuple(replace(v, feasible=False) for v in plan.verdicts)
+    verdicts = tuple(replace(v, feasible=False) for v in plan.search.verdicts)
     without = with_plan(nothing, verdicts=verdicts, ranked=())
     assert none_works(plan_of(without)).startswith(f"None of {len(verdicts)} rolls")
     assert place_of_roll(nothing, None) == 0.5

@@ -13,7 +13,7 @@ from rona_core.session.document import Session
 from rona_ui.panels.layout.question import Choice, Question
 from rona_ui.panels.layout.session import SessionPanel, head
 from rona_ui.window.browser import Browser
-from tests.helpers.fake_gui import FakeClient, FakeGui
+from tests.helpers.ui.fake_gui import FakeClient, FakeGui
 from tests.ui.panels.test_panels import CLIENT, Recorder, snapshot
 
 A, B = Session(id="a1", name="bone"), Session(id="b2", name="bone")

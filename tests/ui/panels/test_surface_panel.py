@@ -11,7 +11,7 @@ from rona_core.session.specimen import LoadedSkull
 from rona_core.surface.cloud import SurfaceCloud
 from rona_ui.panels.surface import SurfacePanel
 from rona_ui.presentation.view_state import ViewState
-from tests.helpers.fake_gui import FakeGui
+from tests.helpers.ui.fake_gui import FakeGui
 from tests.ui.panels.test_panels import CLIENT, Recorder, snapshot
 
 WORDS = "Register loaded skull"

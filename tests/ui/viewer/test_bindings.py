@@ -14,7 +14,7 @@ from rona_ui.panels.widgets.form import Form
 from rona_ui.viewer import bindings as bindings_module
 from rona_ui.viewer.bindings import DEBOUNCE_S, Bindings, escape, tell
 from rona_ui.viewer.fields import Typed
-from tests.helpers.fake_gui import FakeClient, FakeGui
+from tests.helpers.ui.fake_gui import FakeClient, FakeGui
 
 
 class FakeBench:

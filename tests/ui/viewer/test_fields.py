@@ -12,7 +12,7 @@ from rona_core.errors import InvalidInputError
 from rona_ui.viewer import fields as fields_module
 from rona_ui.viewer.fields import DECIMALS, Field, Fields, read_number
 from rona_ui.viewer.gateway import ViewerGateway, uuid_of
-from tests.helpers.fake_gui import FakeClient, FakeGui, FakeHandle
+from tests.helpers.ui.fake_gui import FakeClient, FakeGui, FakeHandle
 
 CLIENT = FakeClient()
 

@@ -23,7 +23,7 @@ from rona_ui.viewer.gateway import ViewerGateway
 from rona_ui.window import window as window_module
 from rona_ui.window.browser import Browser
 from rona_ui.window.window import Window
-from tests.helpers.fake_gui import FakeClient
+from tests.helpers.ui.fake_gui import FakeClient
 
 CAMERA = {
     "type": "ViewerCameraMessage",

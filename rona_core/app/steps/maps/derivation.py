@@ -23,7 +23,7 @@ from rona_core.mapping.second_pass import SecondPassSettings, plan_second_pass, 
 from rona_core.robot.kinematics.catalog import robot_model
 from rona_core.robot.planning.plan import RobotPlan
 from rona_core.robot.planning.plan_scan import PlanSettings, choose_roll, plan_scan
-from rona_core.robot.trajectory.scan_timing import ScanSettings
+from rona_core.robot.trajectory.path_timing import ScanSettings
 from rona_core.session.document import Derived, ScanCapture, SecondPass, Session
 from rona_core.ultrasound.detection.detect import Detection
 from rona_core.ultrasound.detection.manual_corrections import corrected

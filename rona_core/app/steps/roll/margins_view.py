@@ -11,7 +11,7 @@ from rona_core.app.steps.setup.clearance import collision_world
 from rona_core.geometry.arrays import Bools, Floats, readonly
 from rona_core.robot.kinematics.catalog import robot_model
 from rona_core.robot.planning.plan import RobotPlan
-from rona_core.robot.redundancy.path_margins import margins
+from rona_core.robot.redundancy.joint_path import branch_margins
 from rona_core.session.document import Session
 
 Quantity = Literal["room", "limits", "singularity", "clearance"]
@@ -67,11 +67,15 @@ def path_margins(session: Session, wanted: int | None) -> PathMargins | None:
 
 
 def _margins(plan: RobotPlan, world: Any, index: int, *, chosen: bool) -> PathMargins:
-    verdict, model, shown = plan.verdicts[index], robot_model(plan.model), plan.shown_points
-    rolls_rad = plan.rolls_rad if chosen else np.deg2rad(verdict.roll_deg)
-    branch = plan.branch if chosen else verdict.branch
-    found = margins(plan.path, model, rolls_rad, branch)
-    curve = plan.chosen_curve_rad if chosen else plan.curves_rad[index]
+    verdict, model, shown = (
+        plan.search.verdicts[index],
+        robot_model(plan.model),
+        plan.search.shown_points,
+    )
+    rolls_rad = plan.search.rolls_rad if chosen else np.deg2rad(verdict.roll_deg)
+    branch = plan.search.branch if chosen else verdict.branch
+    found = branch_margins(plan.search.path, model, rolls_rad, branch)
+    curve = plan.search.chosen_curve_rad if chosen else plan.search.curves_rad[index]
     report = world.report(curve.astype(np.float64))
     at = int(np.argmin(report.room_mm))
     pair = int(report.closest[at])
@@ -81,7 +85,7 @@ def _margins(plan: RobotPlan, world: Any, index: int, *, chosen: bool) -> PathMa
         for values in (found.least, found.limit_deg, found.singularity)
     ]
     return PathMargins(
-        points_base=readonly(plan.path.points_base[shown]),
+        points_base=readonly(plan.search.path.points_base[shown]),
         room=least[0],
         limit_deg=least[1],
         singularity=least[2],

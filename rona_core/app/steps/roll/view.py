@@ -63,28 +63,30 @@ def shown_roll(session: Session, wanted: int | None) -> int | None:
     Where there is none, the one with the most room, or the one that gets furthest.
     """
     searched = session.results.roll
-    if searched is None or not searched.value.verdicts:
+    if searched is None or not searched.value.search.verdicts:
         return None
     plan = searched.value
-    if wanted is not None and 0 <= wanted < len(plan.verdicts):
+    if wanted is not None and 0 <= wanted < len(plan.search.verdicts):
         return wanted
-    if plan.mode == "none":
-        furthest = max(range(len(plan.verdicts)), key=lambda i: plan.verdicts[i].index)
-        return plan.ranked[0].index if plan.ranked else furthest
-    return max(plan.chosen, 0)
+    if plan.search.mode == "none":
+        furthest = max(
+            range(len(plan.search.verdicts)), key=lambda i: plan.search.verdicts[i].index
+        )
+        return plan.search.ranked[0].index if plan.search.ranked else furthest
+    return max(plan.search.chosen, 0)
 
 
 def shows_varying(plan: RobotPlan, wanted: int | None) -> bool:
     """Return whether the roll to show is the one that varies along the path."""
-    return plan.mode == "variable" and wanted is None
+    return plan.search.mode == "variable" and wanted is None
 
 
 def shows_chosen(plan: RobotPlan, wanted: int | None) -> bool:
     """Return whether the roll to show is the chosen one, constant or varying."""
-    if plan.mode == "none":
+    if plan.search.mode == "none":
         return False
     return shows_varying(plan, wanted) or (
-        plan.mode == "constant" and wanted in (None, plan.chosen)
+        plan.search.mode == "constant" and wanted in (None, plan.search.chosen)
     )
 
 
@@ -96,20 +98,20 @@ def joint_curves(session: Session, wanted: int | None) -> JointCurves | None:
     plan = session.results.roll.value
     model, (verdict, curve) = robot_model(plan.model), _shown_curve(plan, index, wanted)
     varies = shows_varying(plan, wanted)
-    way = plan.path.arc_length_mm()
+    way = plan.search.path.arc_length_mm()
     percent = 100.0 * way / max(float(way[-1]), 1e-9)
     return JointCurves(
         roll_deg=verdict.roll_deg,
         feasible=verdict.feasible,
         sentence=verdict.sentence,
-        path_percent=readonly(percent[plan.shown_points]),
+        path_percent=readonly(percent[plan.search.shown_points]),
         joints_deg=readonly(np.rad2deg(curve.astype(np.float64))),
         lower_deg=readonly(np.rad2deg(model.lower_rad)),
         upper_deg=readonly(np.rad2deg(model.upper_rad)),
         worst_percent=float(percent[min(verdict.index, len(percent) - 1)]),
         worst_joint=verdict.joint,
-        fails=None if verdict.feasible else readonly(plan.room[index] < 0.0),
-        variation_deg=plan.roll_variation_deg if varies else 0.0,
+        fails=None if verdict.feasible else readonly(plan.search.room[index] < 0.0),
+        variation_deg=plan.search.roll_variation_deg if varies else 0.0,
     )
 
 
@@ -117,9 +119,9 @@ def _shown_curve(
     plan: RobotPlan, index: int, wanted: int | None
 ) -> tuple[RollVerdict, NDArray[np.float32]]:
     """Return the verdict on the roll that is shown, and its joints (k, 6)."""
-    verdict, curve = plan.verdicts[index], plan.curves_rad[index]
+    verdict, curve = plan.search.verdicts[index], plan.search.curves_rad[index]
     if shows_chosen(plan, wanted):
-        verdict, curve = plan.verdict or verdict, plan.chosen_curve_rad
+        verdict, curve = plan.verdict or verdict, plan.search.chosen_curve_rad
     return verdict, curve
 
 
@@ -129,17 +131,23 @@ def roll_strip(session: Session) -> RollStrip | None:
     if searched is None:
         return None
     plan = searched.value
-    way = plan.path.arc_length_mm()
+    way = plan.search.path.arc_length_mm()
     share = way / max(float(way[-1]), 1e-9)
-    curve = plan.rolls_rad[plan.shown_points] if plan.mode != "none" else np.zeros(0)
+    curve = (
+        plan.search.rolls_rad[plan.search.shown_points]
+        if plan.search.mode != "none"
+        else np.zeros(0)
+    )
     return RollStrip(
-        rolls_deg=readonly(np.array([v.roll_deg for v in plan.verdicts])),
-        feasible=readonly(np.array([v.feasible for v in plan.verdicts], dtype=np.bool_)),
-        node_room=readonly(plan.node_room.astype(np.float64)),
-        sentences=tuple(v.sentence for v in plan.verdicts),
-        reasons=tuple(v.reason for v in plan.verdicts),
-        fails_at=readonly(np.array([1.0 if v.feasible else share[v.index] for v in plan.verdicts])),
-        chosen=plan.chosen,
+        rolls_deg=readonly(np.array([v.roll_deg for v in plan.search.verdicts])),
+        feasible=readonly(np.array([v.feasible for v in plan.search.verdicts], dtype=np.bool_)),
+        node_room=readonly(plan.search.node_room.astype(np.float64)),
+        sentences=tuple(v.sentence for v in plan.search.verdicts),
+        reasons=tuple(v.reason for v in plan.search.verdicts),
+        fails_at=readonly(
+            np.array([1.0 if v.feasible else share[v.index] for v in plan.search.verdicts])
+        ),
+        chosen=plan.search.chosen,
         curve_deg=readonly(np.rad2deg(curve)),
     )
 
@@ -154,13 +162,13 @@ def ranked_ways(session: Session, most: int = 40) -> tuple[RankedWay, ...]:
         RankedWay(
             index=pair.index,
             branch=pair.branch,
-            roll_deg=plan.verdicts[pair.index].roll_deg,
+            roll_deg=plan.search.verdicts[pair.index].roll_deg,
             margin=pair.margin,
             label=BRANCHES[pair.branch].label,
-            chosen=plan.mode == "constant"
-            and (pair.index, pair.branch) == (plan.chosen, plan.branch),
+            chosen=plan.search.mode == "constant"
+            and (pair.index, pair.branch) == (plan.search.chosen, plan.search.branch),
         )
-        for pair in plan.ranked[:most]
+        for pair in plan.search.ranked[:most]
     )
 
 
@@ -169,22 +177,22 @@ def roll_poses(
 ) -> tuple[Poses, Bools, Ints] | None:
     """Return the probe at a share of the path for some rolls, and which of them work."""
     searched = session.results.roll
-    if searched is None or not searched.value.verdicts:
+    if searched is None or not searched.value.search.verdicts:
         return None
     plan = searched.value
-    index = np.unique(np.linspace(0, len(plan.verdicts) - 1, most).round().astype(np.int64))
+    index = np.unique(np.linspace(0, len(plan.search.verdicts) - 1, most).round().astype(np.int64))
     index = index if every <= 1 else index[::every]
     at, poses = point_at(plan, place), list[Pose]()
     for i in index:
-        turned = plan.path.Ts_base_probe(np.deg2rad(plan.verdicts[int(i)].roll_deg))
+        turned = plan.search.path.Ts_base_probe(np.deg2rad(plan.search.verdicts[int(i)].roll_deg))
         poses.append(turned[at])
-    works = np.array([plan.verdicts[int(i)].feasible for i in index], dtype=np.bool_)
+    works = np.array([plan.search.verdicts[int(i)].feasible for i in index], dtype=np.bool_)
     return Poses.stack(poses), readonly(works), readonly(index)
 
 
 def point_at(plan: RobotPlan, place: float) -> int:
     """Return the number of the path point nearest to a share (0 to 1) of the path."""
-    way = plan.path.arc_length_mm()
+    way = plan.search.path.arc_length_mm()
     return int(np.argmin(np.abs(way - place * way[-1])))
 
 
@@ -222,14 +230,14 @@ def joints_of_roll(
 def none_works(plan: RobotPlan) -> str:
     """Return why there is no plan at all, and what helps."""
     remedy = "Look below where to put the robot, shorten the path or tilt it less."
-    varying = "" if plan.varying is None else f" {plan.varying.sentence}."
-    if plan.refused is not None:
-        told = plan.refused.sentence
+    varying = "" if plan.search.varying is None else f" {plan.search.varying.sentence}."
+    if plan.search.refused is not None:
+        told = plan.search.refused.sentence
         varying = f" {told[:1].upper()}{told[1:]}.{varying}"
-    if not plan.n_feasible:
-        return f"None of {len(plan.verdicts)} rolls can be followed.{varying} {remedy}"
+    if not plan.search.n_feasible:
+        return f"None of {len(plan.search.verdicts)} rolls can be followed.{varying} {remedy}"
     return (
-        f"{plan.n_feasible} of {len(plan.verdicts)} rolls could be followed by the arm alone, but "
-        "those with the most room have no way there and back on which robot and tool keep clear "
-        f"of everything (path colour Collisions, on the right).{varying} {remedy}"
+        f"{plan.search.n_feasible} of {len(plan.search.verdicts)} rolls could be followed by the "
+        "arm alone, but those with the most room have no way there and back on which robot and "
+        f"tool keep clear of everything (path colour Collisions, on the right).{varying} {remedy}"
     )

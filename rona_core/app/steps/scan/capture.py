@@ -17,7 +17,7 @@ from rona_core.devices.wrench import ForceTrack
 from rona_core.errors import CancelledError, NotReachableError
 from rona_core.geometry.arrays import Floats
 from rona_core.robot.collision.collision_world import CollisionWorld
-from rona_core.robot.force_control.correction_corridor import contact_band, straight_line
+from rona_core.robot.force_control.correction_corridor import correction_corridor, straight_line
 from rona_core.robot.kinematics.catalog import robot_model
 from rona_core.robot.kinematics.robot_model import RobotModel
 from rona_core.robot.trajectory.trajectory import Trajectory
@@ -100,7 +100,7 @@ def _in_contact(
 ) -> tuple[int, Recorded]:
     """Weigh the tool, press it on, and follow the path with the force loop."""
     around = session_obstacles(session)
-    band = contact_band(model, trajectory, contact, CollisionWorld(model, around))
+    band = correction_corridor(model, trajectory, contact, CollisionWorld(model, around))
     drive_to(trajectory.qs_rad[0], session, tools)
     ordinal = begin(session, tools)
     load = weigh_tool(trajectory.qs_rad[0], model, around, tools)

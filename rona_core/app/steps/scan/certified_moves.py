@@ -6,7 +6,7 @@ from rona_core.robot.collision.collision_world import CollisionWorld, clear_amon
 from rona_core.robot.collision.obstacles import Obstacles
 from rona_core.robot.kinematics.robot_model import RobotModel
 from rona_core.robot.trajectory.joint_moves import plan_joint_move
-from rona_core.robot.trajectory.retract import draw_back
+from rona_core.robot.trajectory.retract import retract_after_stop
 from rona_core.robot.trajectory.trajectory import TimedMotion, Trajectory
 from rona_core.robot.verification.certificate import Certificate
 from rona_core.robot.verification.verifier import verify_motion
@@ -65,7 +65,7 @@ class FreeMoves:
             raise NotReachableError(
                 f"{error}: undo what was changed since it went there, and move it away first"
             ) from error
-        line = draw_back(model, start_rad, clear_among(model, around))
+        line = retract_after_stop(model, start_rad, clear_among(model, around))
         certificate = verify_motion(model, line, obstacles=around)
         require_certified("drawing the probe back", certificate, line, around)
         return line

@@ -26,7 +26,7 @@ from rona_core.robot.force_control.controller import (
     ContactController,
     ContactSample,
 )
-from rona_core.robot.force_control.correction_corridor import ContactBand
+from rona_core.robot.force_control.correction_corridor import CorrectionCorridor
 from rona_core.robot.force_control.gravity_compensation import pressing_force_n, probe_axis_sensor
 from rona_core.robot.kinematics.robot_model import RobotModel
 from rona_core.robot.trajectory.trajectory import Trajectory
@@ -46,7 +46,7 @@ class ContactLoop:
     def __init__(
         self,
         trajectory: Trajectory,
-        band: ContactBand,
+        band: CorrectionCorridor,
         places_s: Floats,
         settings: ContactSettings,
         load: ToolLoad,

@@ -12,8 +12,8 @@ from rona_core.app.dependencies.staleness import session_obstacles
 from rona_core.devices.protocols import Mesh
 from rona_core.errors import InvalidInputError
 from rona_core.geometry.arrays import Floats
+from rona_core.robot.collision.collision_geometry import collision_bodies
 from rona_core.robot.collision.collision_world import CollisionWorld
-from rona_core.robot.collision.convex_bounds import outer_bounds
 from rona_core.robot.collision.obstacles import Box, Capsule, Hull, Obstacle, Obstacles
 from rona_core.robot.kinematics.catalog import robot_model
 from rona_core.robot.meshes.link_meshes import link_shapes
@@ -104,7 +104,7 @@ def near_pairs(session: Session, q_rad: Floats) -> tuple[Nearness, ...]:
 def drawn_parts(model_name: str, part: str) -> frozenset[tuple[int, str]]:
     """Return link and name of the drawn solids that a part of the collision model stands for."""
     model = robot_model(model_name)
-    links = {bound.link for bound in outer_bounds(model) if bound.name == part}
+    links = {bound.link for bound in collision_bodies(model) if bound.name == part}
     shapes = [shape for shape in _shapes(model_name) if shape.frame in links]
     names = DRAWN_AS.get(part, (part,))
     alike = [shape for shape in shapes if any(_alike(shape.name, name) for name in names)] or shapes

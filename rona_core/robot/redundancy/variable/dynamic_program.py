@@ -1,4 +1,10 @@
-"""Dynamic programming over a lattice of rolls: the cheapest way through it."""
+"""Dynamic programming over a lattice of rolls: the cheapest path through it.
+
+Bellman's recursion over the path points k, with the costs N of postures and S of steps of the
+lattice (a ladder graph, Maeyer 2017):
+V[k + 1, r] = min over o of (V[k, r + o - K] + S[k, o, r]) + N[k + 1, r].
+See docs/algorithms/robot/variable_roll.md.
+"""
 
 import itertools
 from dataclasses import dataclass
@@ -10,30 +16,31 @@ from rona_core.devices.protocols import Cancel, Progress, never, silent
 from rona_core.errors import CancelledError
 from rona_core.geometry.arrays import Floats, Ints
 from rona_core.robot.kinematics.joint_limits import TURN_RAD, JointLimits
-from rona_core.robot.redundancy.cost import RollCost, limit_penalty, shares_of_points
-from rona_core.robot.redundancy.margins import EVEN_DIGITS, RoomRules
+from rona_core.robot.redundancy.cost import limit_penalty, shares_of_points
+from rona_core.robot.redundancy.margins import EVEN_DIGITS
 from rona_core.robot.redundancy.roll_grid import RollGrid
 from rona_core.robot.redundancy.variable.lattice import Lattice
+from rona_core.robot.redundancy.variable.problem import RollProblem
 
 ASK_EVERY = 64  # path points between two questions whether to go on
 ROUNDING_RAD = 1e-9
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Way:
-    """The cheapest way through a lattice, or how far any way leads."""
+class LatticePath:
+    """The cheapest path through a lattice, or how far any path leads."""
 
-    cost: float  # infinite where no way leads through
-    branch: int  # of the arm; -1 where no way leads through
-    bins: Ints  # (n,) of the rolls; empty where no way leads through
-    furthest: int  # last path point that some way leads to; -1 if none is open at the first
-    frontier: Floats  # (8, R) costs of the ways that lead there
+    cost: float  # infinite where none leads through
+    branch: int  # of the arm; -1 where none leads through
+    bins: Ints  # (n,) of the rolls; empty where none leads through
+    furthest: int  # last path point that some path leads to; -1 if none is open at the first
+    frontier: Floats  # (8, R) costs of the paths that lead there
 
 
-def cheapest(
+def cheapest_path(
     lattice: Lattice, *, progress: Progress = silent, cancel: Cancel = never, n_branches: int = 8
-) -> Way:
-    """Return the cheapest way; the whole turns that joints make are not looked at.
+) -> LatticePath:
+    """Find the cheapest path; the whole turns that joints make are not counted.
 
     Raises:
         CancelledError: somebody cancelled.
@@ -52,7 +59,7 @@ def cheapest(
         if furthest < k:
             break
         if k % ASK_EVERY == 0:
-            _ask(k, n, progress, cancel)
+            _report(k, n, progress, cancel)
         padded[:, middle] = values[k]
         if lattice.closed and band:
             padded[:, :band], padded[:, -band:] = values[k, :, -band:], values[k, :, :band]
@@ -65,7 +72,7 @@ def cheapest(
     if len(lattice.branches) and furthest >= 0:
         reached[lattice.branches] = values[furthest]
     if furthest < n - 1 or not len(lattice.branches):
-        return Way(np.inf, -1, np.zeros(0, dtype=np.int64), furthest, reached)
+        return LatticePath(np.inf, -1, np.zeros(0, dtype=np.int64), furthest, reached)
     row, last = _least(values[-1])
     bins = np.zeros(n, dtype=np.int64)
     bins[-1] = last
@@ -74,22 +81,20 @@ def cheapest(
         before = (bins[k + 1] + offsets) % count  # outside an open range the step is infinite
         costs = values[k, row, before] + lattice.steps[k, row, :, bins[k + 1]]
         bins[k] = before[int(np.argmin(costs))]
-    return Way(float(values[-1, row, last]), int(lattice.branches[row]), bins, n - 1, reached)
+    return LatticePath(
+        float(values[-1, row, last]), int(lattice.branches[row]), bins, n - 1, reached
+    )
 
 
-def cheapest_within_turns(
+def cheapest_path_with_turns(
     lattice: Lattice,
-    grid: RollGrid,
+    problem: RollProblem,
     aware: tuple[int, ...],
-    limits: JointLimits,
-    strides: Floats,
-    cost: RollCost,
-    rules: RoomRules,
     *,
     progress: Progress = silent,
     cancel: Cancel = never,
-) -> Way:
-    """Return the cheapest way that keeps the limits of some joints, whole turns counted.
+) -> LatticePath:
+    """Find the cheapest path that keeps the limits of some joints, whole turns counted.
 
     A state is a branch, a roll and the whole turns of each joint in ``aware``; a step from +179 to
     -179 degrees adds one. The lattice must leave the limits of these joints out.
@@ -99,7 +104,7 @@ def cheapest_within_turns(
     """
     n, rows, count = lattice.nodes.shape
     band, width = lattice.band, 2 * lattice.band + 1
-    ranges = [_turns(limits, joint) for joint in aware]
+    ranges = [_turns(problem.grid.model.limits, joint) for joint in aware]
     shape = tuple(len(turns) for turns in ranges)
     padded = np.full((rows, *(size + 2 for size in shape), count + 2 * band), np.inf)
     inner = (slice(None), *(slice(1, size + 1) for size in shape), slice(band, band + count))
@@ -112,18 +117,18 @@ def cheapest_within_turns(
         axis=2,
     )  # (B, T, 2 K + 1, R): where the state before stands if no joint passes half a turn
     jumps = [
-        padded.strides[1 + i] // padded.itemsize * _crossings(grid, lattice, joint)
+        padded.strides[1 + i] // padded.itemsize * _crossings(problem.grid, lattice, joint)
         for i, joint in enumerate(aware)
     ]
     crossed = np.sum(jumps, axis=0)  # (n - 1, B, 2 K + 1, R)
-    values = _within(lattice, grid, aware, ranges, limits, strides, cost, rules)
+    values = _state_costs(lattice, problem, aware, ranges)
     flat = padded.reshape(-1)
     furthest = 0 if np.isfinite(values[0]).any() else -1
     for k in range(n - 1):
         if furthest < k:
             break
         if k % ASK_EVERY == 0:
-            _ask(k, n, progress, cancel)
+            _report(k, n, progress, cancel)
         padded[inner] = values[k].reshape(rows, *shape, count)
         if lattice.closed and band:
             padded[..., :band] = padded[..., count : count + band]
@@ -136,14 +141,14 @@ def cheapest_within_turns(
     if furthest >= 0:
         reached[lattice.branches] = values[furthest].min(axis=1)
     if furthest < n - 1:
-        return Way(np.inf, -1, np.zeros(0, dtype=np.int64), furthest, reached)
+        return LatticePath(np.inf, -1, np.zeros(0, dtype=np.int64), furthest, reached)
     row, turn, last = _least(values[-1])
-    bins = _back(values, lattice, crossed, base, padded, inner, (row, turn, last))
+    bins = _backtrack(values, lattice, crossed, base, padded, inner, (row, turn, last))
     total = float(values[-1, row, turn, last])
-    return Way(total, int(lattice.branches[row]), bins, n - 1, reached)
+    return LatticePath(total, int(lattice.branches[row]), bins, n - 1, reached)
 
 
-def _back(
+def _backtrack(
     values: Floats,
     lattice: Lattice,
     crossed: NDArray[np.int32],
@@ -152,7 +157,7 @@ def _back(
     inner: tuple[slice, ...],
     end: tuple[int, int, int],
 ) -> Ints:
-    """Return the bins (n,) of the way that ends in a state (row, turn, bin)."""
+    """Return the bins (n,) of the path that ends in a state (row, turn, bin)."""
     n, band, count = len(values), lattice.band, values.shape[-1]
     row, turn, last = end
     bins = np.zeros(n, dtype=np.int64)
@@ -192,30 +197,24 @@ def _crossings(grid: RollGrid, lattice: Lattice, joint: int) -> NDArray[np.int32
     return np.stack(gained, axis=1).transpose(3, 0, 1, 2).astype(np.int32)
 
 
-def _within(
-    lattice: Lattice,
-    grid: RollGrid,
-    aware: tuple[int, ...],
-    ranges: list[Ints],
-    limits: JointLimits,
-    strides: Floats,
-    cost: RollCost,
-    rules: RoomRules,
+def _state_costs(
+    lattice: Lattice, problem: RollProblem, aware: tuple[int, ...], ranges: list[Ints]
 ) -> Floats:
     """Return the cost (n, B, T, R) of each state by itself; infinite outside the limits."""
     n, rows, count = lattice.nodes.shape
+    grid, cost, limits = problem.grid, problem.cost, problem.grid.model.limits
     states = list(itertools.product(*ranges))
     result = np.zeros((n, rows, len(states), count))
-    share = shares_of_points(strides)
+    share = shares_of_points(problem.strides)
     for t, turns in enumerate(states):
-        price = lattice.nodes.copy()
+        state_cost = lattice.nodes.copy()
         for joint, turn in zip(aware, turns, strict=True):
             lower, upper = float(limits.lower_rad[joint]), float(limits.upper_rad[joint])
             q = (grid.qs_rad[lattice.branches, joint] + TURN_RAD * turn).transpose(2, 0, 1)
-            penalty = limit_penalty(q, lower, upper, rules, turning=False)
-            price += cost.limits * share[:, None, None] * penalty
-            price[(q < lower) | (q > upper)] = np.inf
-        result[:, :, t] = price
+            penalty = limit_penalty(q, lower, upper, grid.margin_limits, turning=False)
+            state_cost += cost.limits * share[:, None, None] * penalty
+            state_cost[(q < lower) | (q > upper)] = np.inf
+        result[:, :, t] = state_cost
     return result
 
 
@@ -225,7 +224,7 @@ def _least(values: Floats) -> tuple[int, ...]:
     return tuple(int(i) for i in place)
 
 
-def _ask(k: int, n: int, progress: Progress, cancel: Cancel) -> None:
+def _report(k: int, n: int, progress: Progress, cancel: Cancel) -> None:
     if cancel():
         raise CancelledError(f"the search of a varying roll was cancelled at point {k} of {n}")
     progress(k / n)

@@ -1,4 +1,4 @@
-"""The lattice that a varying roll runs through: what each posture and each small step costs.
+"""Lattice of a varying roll: the cost of each posture and of each small step.
 
 Steps join postures of the same branch at neighbouring path points whose rolls differ by a few
 bins at most. What is not allowed costs infinity.
@@ -8,11 +8,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from rona_core.geometry.arrays import Bools, Floats, Ints
-from rona_core.robot.kinematics.joint_limits import TURN_RAD, JointLimits
-from rona_core.robot.redundancy.cost import RollCost, hinge, limit_penalty, shares_of_points
-from rona_core.robot.redundancy.margins import RoomRules
+from rona_core.geometry.arrays import Floats, Ints
+from rona_core.robot.kinematics.joint_limits import TURN_RAD
+from rona_core.robot.redundancy.cost import hinge, limit_penalty, shares_of_points
 from rona_core.robot.redundancy.roll_grid import RollGrid
+from rona_core.robot.redundancy.variable.problem import RollProblem
 
 BAND = 2  # bins that the roll may change by from one path point to the next
 PIECE = 256  # path points worked on together, so that intermediate arrays stay in the cache
@@ -33,55 +33,39 @@ class Lattice:
     closed: bool
 
 
-def open_nodes(grid: RollGrid, blocked: Bools | None) -> Bools:
-    """Return which postures (8, R, n) are allowed by themselves."""
-    allowed = grid.room >= 0.0
-    if blocked is not None:
-        allowed &= ~blocked.transpose(2, 1, 0)
-    return allowed
-
-
 def band_of(grid: RollGrid) -> int:
     """Return K: how many bins the roll may change by at once."""
     count = len(grid.rolls_rad)
     return min(BAND, (count - 1) // 2 if grid.closed else count - 1)
 
 
-def lattice(
-    grid: RollGrid,
-    allowed: Bools,
-    branches: Ints,
-    limits: JointLimits,
-    strides: Floats,
-    cost: RollCost,
-    rules: RoomRules,
-    aware: tuple[int, ...] = (),
-) -> Lattice:
+def build_lattice(problem: RollProblem, branches: Ints, aware: tuple[int, ...] = ()) -> Lattice:
     """Return the costs of some branches; the limits of joints in ``aware`` are left out."""
+    grid, cost, limits = problem.grid, problem.cost, problem.grid.model.limits
     n, count, band = grid.n_points, len(grid.rolls_rad), band_of(grid)
     nodes = np.zeros((n, len(branches), count))
     steps = np.zeros((max(0, n - 1), len(branches), 2 * band + 1, count))
+    strides, allowed = problem.strides, problem.allowed()
     share = shares_of_points(strides)
     for i, branch in enumerate(branches):
-        own = cost.singularities * hinge(grid.singular[branch])
+        node_cost = cost.singularities * hinge(grid.singularity[branch])
         for joint in range(6):
             if cost.limits and joint not in aware:
                 ends = float(limits.lower_rad[joint]), float(limits.upper_rad[joint])
-                q, turns = grid.qs_rad[branch, joint], bool(grid.turning[joint])
-                own += cost.limits * limit_penalty(q, *ends, rules, turning=turns)
-        nodes[:, i] = np.where(allowed[branch], own * share, np.inf).T
+                q, turning = grid.qs_rad[branch, joint], bool(grid.turning[joint])
+                penalty = limit_penalty(q, *ends, grid.margin_limits, turning=turning)
+                node_cost += cost.limits * penalty
+        nodes[:, i] = np.where(allowed[branch], node_cost * share, np.inf).T
         for start in range(0, n - 1, PIECE):
             stop = min(start + PIECE, n - 1)
             piece = grid.qs_rad[branch, :, :, start : stop + 1]
-            steps[start:stop, i] = _steps(piece, grid, strides[start:stop], band, cost, rules)
+            steps[start:stop, i] = _step_costs(problem, piece, strides[start:stop], band)
     return Lattice(branches, nodes, steps, band, grid.closed)
 
 
-def _steps(
-    qs: Floats, grid: RollGrid, strides: Floats, band: int, cost: RollCost, rules: RoomRules
-) -> Floats:
+def _step_costs(problem: RollProblem, qs: Floats, strides: Floats, band: int) -> Floats:
     """Return the cost (m, 2 K + 1, R) of the steps between m + 1 path points, qs (6, R, m + 1)."""
-    count = qs.shape[1]
+    grid, cost, count = problem.grid, problem.cost, qs.shape[1]
     padded = np.concatenate((qs[:, count - band :], qs, qs[:, :band]), axis=1)[:, :, :-1]
     after = qs[:, :, 1:]
     result = np.zeros((len(strides), 2 * band + 1, count))
@@ -96,12 +80,12 @@ def _steps(
             np.maximum(widest, change, out=widest)
             weight = cost.joint_weights[joint]
             squares += change if weight == 1.0 else weight**2 * change
-        price = cost.motion(squares, strides)
-        price[widest > rules.step_rad**2] = np.inf
-        price[:, abs(o - band) * grid.spacing_rad > largest] = np.inf
+        step_cost = cost.motion(squares, strides)
+        step_cost[widest > grid.margin_limits.step_rad**2] = np.inf
+        step_cost[:, abs(o - band) * grid.spacing_rad > largest] = np.inf
         if not grid.closed and o < band:
-            price[: band - o] = np.inf
+            step_cost[: band - o] = np.inf
         if not grid.closed and o > band:
-            price[count - (o - band) :] = np.inf
-        result[:, o] = price.T
+            step_cost[count - (o - band) :] = np.inf
+        result[:, o] = step_cost.T
     return result

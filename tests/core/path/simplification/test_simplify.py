@@ -5,9 +5,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from benchmarks.reference.frechet_distance import within_frechet as path_within_frechet
-from benchmarks.reference.path_coverage import length_mm
-from benchmarks.reference.removal_order import removal_order
+from benchmarks.reference.path.frechet_distance import within_frechet as path_within_frechet
+from benchmarks.reference.path.path_coverage import length_mm
+from benchmarks.reference.path.removal_order import removal_order
 from rona_core.errors import CancelledError, InvalidInputError
 from rona_core.path.simplification import batch_decimation as bands
 from rona_core.path.simplification.deviation import deviation, deviations

@@ -13,8 +13,12 @@ from scipy.spatial import ConvexHull
 from rona_core.devices.workcell import Surroundings
 from rona_core.errors import InvalidInputError
 from rona_core.geometry.pose import Pose, Poses
+from rona_core.robot.collision.collision_geometry import (
+    collision_bodies,
+    link_capsules,
+    solid_hulls,
+)
 from rona_core.robot.collision.collision_world import ITSELF, CollisionWorld
-from rona_core.robot.collision.convex_bounds import drawn_bounds, joint_bounds, outer_bounds
 from rona_core.robot.collision.obstacles import (
     Box,
     Capsule,
@@ -23,14 +27,16 @@ from rona_core.robot.collision.obstacles import (
     Obstacles,
     table_and_floor,
 )
+from rona_core.robot.collision.solids import Solid
 from rona_core.robot.kinematics.catalog import robot_model
 from rona_core.robot.kinematics.spherical_wrist import SphericalWristArm
 from rona_core.robot.meshes.link_meshes import link_shapes
+from rona_core.robot.meshes.tool_mesh import tool_shapes
 
 PLACE_OF_WORK = (600.0, 60.0, 400.0)  # of the RX90, in the room
 
 RX90 = robot_model("rx90")
-ARM = [bound.name for bound in outer_bounds(RX90)]
+ARM = [bound.name for bound in collision_bodies(RX90)]
 
 
 def ball(name, center, radius=60.0, margin=10.0, touch=0.0):
@@ -56,10 +62,15 @@ def around(seed=1):
 
 
 WORLD = CollisionWorld(RX90, around())
+DRAWN_ARM = [
+    Solid(shape.frame, shape.name, shape.mesh)
+    for shape in link_shapes(RX90)
+    if shape.name not in {s.name for s in tool_shapes(RX90)} or shape.name == "force sensor"
+]
 
 
 @pytest.mark.parametrize(
-    "bounds", [outer_bounds(RX90), drawn_bounds(RX90) + outer_bounds(RX90)[-5:]]
+    "bounds", [collision_bodies(RX90), solid_hulls(DRAWN_ARM) + collision_bodies(RX90)[-5:]]
 )
 def test_everything_that_is_drawn_lies_within_the_bounds(bounds):
     assert all(bound.radius_mm == 0.0 for bound in bounds)
@@ -75,8 +86,8 @@ def test_everything_that_is_drawn_lies_within_the_bounds(bounds):
 
 def test_an_arm_that_is_not_drawn_gets_capsules_that_follow_its_joints():
     unknown = replace(RX90, name="unknown", arm=SphericalWristArm(400.0, 500.0, 400.0, 90.0))
-    bounds = joint_bounds(unknown)
-    assert drawn_bounds(unknown)[0].radius_mm > 0.0
+    bounds = link_capsules(unknown)
+    assert collision_bodies(unknown)[0].radius_mm > 0.0
     for q in random_qs(5):
         frames = unknown.joint_poses(q)
         for link, (start, end) in enumerate(pairwise(range(7))):
@@ -92,7 +103,7 @@ def test_distances_to_a_ball_are_those_of_the_nearest_point_of_a_hull():
     """The nearest point of a hull by non-negative least squares over weights that sum to one."""
     center = np.array((500.0, 200.0, 500.0))
     world = CollisionWorld(RX90, Obstacles((ball("ball", center, 50.0),)))
-    bounds = {bound.name: bound for bound in outer_bounds(RX90)}
+    bounds = {bound.name: bound for bound in collision_bodies(RX90)}
     checked = 0
     for q in random_qs(6, seed=5):
         found = world.distances_mm(q[None])[0]
@@ -118,7 +129,7 @@ def test_depth_is_negative_and_exact_for_a_ball_in_a_box():
     column = [pair.first for pair in world.pairs if pair.group == "box"].index("probe")
     columns = [k for k, pair in enumerate(world.pairs) if pair.group == "box"]
     frames = RX90.joint_poses(q)
-    (probe,) = (bound for bound in outer_bounds(RX90) if bound.name == "probe")
+    (probe,) = (bound for bound in collision_bodies(RX90) if bound.name == "probe")
     lowest = (frames[6] @ probe.vertices)[:, 2].min()
     found = world.distances_mm(q[None])[0, columns[column]]
     assert found == pytest.approx(lowest - 500.0, abs=0.01)
@@ -197,7 +208,7 @@ def test_the_robot_can_meet_itself_but_not_at_home():
 
 def test_levers_bound_every_motion():
     rng = np.random.default_rng(2)
-    bounds = outer_bounds(RX90)
+    bounds = collision_bodies(RX90)
     for q in random_qs(20, 8):
         step = rng.normal(0, 0.05, 6)
         most = np.abs(step) @ WORLD.levers_mm

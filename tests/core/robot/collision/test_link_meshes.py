@@ -10,9 +10,9 @@ import trimesh
 from rona_core.devices.marker_geometry import GEOMETRIES
 from rona_core.devices.settings import ROBOTS
 from rona_core.errors import InvalidInputError
+from rona_core.robot.collision.solids import ball, rod, slab, turned
 from rona_core.robot.kinematics.catalog import robot_model
 from rona_core.robot.meshes.link_meshes import SPHERE_RADIUS_MM, link_shapes
-from rona_core.robot.meshes.primitives import ball, rod, slab, turned
 
 RX90 = robot_model("rx90")
 SHAPES = link_shapes(RX90)

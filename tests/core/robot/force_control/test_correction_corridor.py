@@ -12,7 +12,7 @@ from rona_core.robot.collision.collision_world import CollisionWorld
 from rona_core.robot.collision.obstacles import Capsule, Obstacle, Obstacles
 from rona_core.robot.force_control.correction_corridor import (
     band_is_safe,
-    contact_band,
+    correction_corridor,
     interpolation_weights,
     straight_line,
 )
@@ -34,7 +34,7 @@ def trajectory():
 
 @pytest.fixture(scope="module")
 def band(trajectory):
-    return contact_band(RX90, trajectory, SETTINGS)
+    return correction_corridor(RX90, trajectory, SETTINGS)
 
 
 def test_the_middle_of_the_band_is_the_certified_motion(trajectory, band):
@@ -102,13 +102,13 @@ def test_a_joint_limit_inside_the_band_narrows_it_and_then_refuses(trajectory, b
     joint = int(np.argmax(spans))
     full, middle = reach[:, joint].max(), reach[len(reach) // 2, joint]
     tight = with_lower_limit(joint, middle + 0.75 * (full - middle))
-    narrower = contact_band(tight, trajectory, SETTINGS)
+    narrower = correction_corridor(tight, trajectory, SETTINGS)
     assert 3.0 <= narrower.travel_mm < SETTINGS.travel_mm
     refused = band_is_safe(tight, trajectory, SETTINGS.travel_mm)
     assert not refused.certificate.certified
     assert "joint limits" in refused.certificate.failures()[0].name
     with pytest.raises(NotReachableError, match="joint limits"):
-        contact_band(with_lower_limit(joint, middle + 1e-6), trajectory, SETTINGS)
+        correction_corridor(with_lower_limit(joint, middle + 1e-6), trajectory, SETTINGS)
 
 
 def ball_ahead(trajectory, least_mm, margin_mm=5.0, touch_mm=0.0):
@@ -131,7 +131,7 @@ def test_what_stands_in_the_band_narrows_it_and_then_refuses_by_name(trajectory)
     for least_mm, width_mm in ((11.0, 5.0), (9.2, 4.0)):
         world = ball_ahead(trajectory, least_mm)
         assert world.clear(trajectory.qs_rad).all()
-        band = contact_band(RX90, trajectory, SETTINGS, world)
+        band = correction_corridor(RX90, trajectory, SETTINGS, world)
         assert band.travel_mm == width_mm
         assert band.certificate.obstacles == world.obstacles.digest()
         for level in range(len(band.travels_mm)):
@@ -146,8 +146,8 @@ def test_what_stands_in_the_band_narrows_it_and_then_refuses_by_name(trajectory)
     assert "probe and ball are" in check.sentence
     assert check.index in np.flatnonzero(band.guided)
     with pytest.raises(NotReachableError, match=r"±3 mm.*probe and ball are \d\.\d mm apart"):
-        contact_band(RX90, trajectory, SETTINGS, world)
-    assert contact_band(RX90, trajectory, SETTINGS).travel_mm == SETTINGS.travel_mm
+        correction_corridor(RX90, trajectory, SETTINGS, world)
+    assert correction_corridor(RX90, trajectory, SETTINGS).travel_mm == SETTINGS.travel_mm
 
 
 def test_the_delay_line_may_be_pressed_in_as_far_as_the_head_allows(trajectory):

@@ -16,7 +16,7 @@ from rona_core.robot.kinematics.joint_limits import aliases
 from rona_core.robot.kinematics.pinocchio_model import PinocchioArm
 from rona_core.robot.planning.calibration_motion import plan_tool_motion
 from rona_core.robot.planning.plan_scan import plan_scan
-from rona_core.robot.redundancy.margins import RoomRules, judge
+from rona_core.robot.redundancy.margins import MarginLimits, compute_margins
 
 MODELS = {name: robot_model(name) for name in ROBOTS}
 every_arm = pytest.mark.parametrize("name", ROBOTS)
@@ -209,7 +209,7 @@ def test_home_points_the_tool_down_clear_of_the_limits_and_of_the_head(name):
     assert model.limits.clearance_rad(model.home_rad).min() > np.deg2rad(10)
     T_base_tip = model.forward(model.home_rad[None])[0] @ model.T_flange_tip
     np.testing.assert_allclose(T_base_tip.rotation[:, 2], (0, 0, -1), atol=1e-9)
-    assert np.linalg.norm(T_base_tip.translation - model.workplace.region_base) > 180.0
+    assert np.linalg.norm(T_base_tip.translation - model.work_area.region_base) > 180.0
     assert np.isfinite(model.home_rad).all()
     assert not model.home_rad.flags.writeable
 
@@ -219,7 +219,7 @@ def test_the_tool_motion_at_the_workplace_is_certified(name):
     motion = plan_tool_motion(MODELS[name])
     assert motion.certificate.certifies(motion)
     np.testing.assert_allclose(
-        motion.T_base_tip_center.translation, MODELS[name].workplace.pivot_base
+        motion.T_base_tip_center.translation, MODELS[name].work_area.pivot_base
     )
 
 
@@ -227,14 +227,14 @@ def test_the_tool_motion_at_the_workplace_is_certified(name):
 def test_a_path_in_the_workplace_is_planned_and_certified(name):
     model = MODELS[name]
     steps = np.linspace(-20.0, 20.0, 41)
-    points = np.array(model.workplace.region_base) + np.stack(
+    points = np.array(model.work_area.region_base) + np.stack(
         (steps, 10.0 * np.sin(steps / 8.0), np.zeros(41)), axis=1
     )
     tilted = np.stack((0.005 * steps, np.zeros(41), -np.ones(41)), axis=1)
     path = Path5D(points, tilted / np.linalg.norm(tilted, axis=1, keepdims=True))
     plan = plan_scan(path, model)
     assert plan.may_move
-    assert plan.n_feasible >= 20
+    assert plan.search.n_feasible >= 20
 
 
 @every_arm
@@ -243,7 +243,7 @@ def test_rooms_of_a_branch_are_its_own(name):
     model = MODELS[name]
     qs = random_joints(model, 4000, seed=11)
     solutions = model.inverse(model.forward(qs))
-    room = judge(model, model.forward(qs), RoomRules())
+    room = compute_margins(model, model.forward(qs), MarginLimits())
     sine = np.minimum(solutions.sin_elbows, solutions.sin_wrist)
     clear = (sine > np.sin(np.deg2rad(5.0))) & (solutions.wrist_distance_mm > 30.0)[:, None]
     np.testing.assert_array_equal(room.singularity > 0.0, clear)

@@ -18,14 +18,14 @@ from rona_core.robot.base_placement.candidates import (
     path_from,
 )
 from rona_core.robot.base_placement.placement import place_base
-from rona_core.robot.base_placement.screening import Screen
+from rona_core.robot.base_placement.screening import CoarseScreening
 from rona_core.robot.kinematics.catalog import robot_model
 from rona_core.robot.planning.plan_scan import PlanSettings, plan_scan
-from rona_core.robot.redundancy.choice import search_rolls
-from rona_core.robot.redundancy.margins import RoomRules
-from rona_core.robot.trajectory.resample import dense
+from rona_core.robot.redundancy.margins import MarginLimits
+from rona_core.robot.trajectory.resample import resample_path
 from rona_core.session.codec import decode, digest, encode
 from rona_core.virtual.scene import base_displacement
+from tests.helpers.roll_search import search_rolls
 from tests.scenes.patch_scenes import dense_path
 
 RX90 = robot_model("rx90")
@@ -36,7 +36,7 @@ QUICK = PlanSettings(n_rolls=36)
 def quick(path, old_in_new):
     """Plan with a constant roll or not at all."""
     plan = plan_scan(path, RX90, QUICK)
-    return plan if plan.mode == "constant" else replace(plan, trajectory=None)
+    return plan if plan.search.mode == "constant" else replace(plan, trajectory=None)
 
 
 def short(scene, half_mm=40.0):
@@ -84,22 +84,22 @@ def test_a_base_moved_towards_the_path_sees_it_nearer():
 def test_the_screen_with_every_point_and_roll_agrees_with_the_search(scene):
     """But for jumps, which the screen does not know of."""
     path = short(scene)
-    rules = RoomRules(step_rad=3.0, step_unit_rad=1e-3)
-    search = search_rolls(path, RX90, n_rolls=24, rules=rules)
+    margin_limits = MarginLimits(step_rad=3.0, step_unit_rad=1e-3)
+    search = search_rolls(path, RX90, working_set=(24, 0.0, 360.0), margin_limits=margin_limits)
     best = max(verdict.margin for verdict in search.verdicts)
-    margin = Screen(path, RX90, rules, len(path), 24).margin(Pose.identity())
+    margin = CoarseScreening(path, RX90, margin_limits, len(path), 24).margin(Pose.identity())
     if best >= 0.0:
         assert margin == pytest.approx(best, abs=1e-9)
     else:
         assert margin < 0.0
-    coarse = Screen(path, RX90, rules, 25, 24).margin(Pose.identity())
+    coarse = CoarseScreening(path, RX90, margin_limits, 25, 24).margin(Pose.identity())
     assert coarse >= margin - 1e-9  # fewer points can only hide trouble
 
 
 @settings(max_examples=15, deadline=None)
 @given(turn=st.floats(-60.0, 60.0))
 def test_turning_the_base_is_an_offset_of_joint_one(turn):
-    screen = Screen(short("S2"), RX90, RoomRules(), 20, 12)
+    screen = CoarseScreening(short("S2"), RX90, MarginLimits(), 20, 12)
     straight = screen.margin(Pose.identity())
     turned = screen.margin(base_pose((0.0, 0.0, 0.0), turn).inv())
     assert turned == pytest.approx(straight, abs=1e-9)
@@ -126,10 +126,10 @@ def test_what_is_refused_gets_suggestions_that_verify_on_the_dense_path(refused)
     for place in (found.best, found.smallest):
         robot = place.moved(RobotSettings())
         old_in_new = base_displacement(robot).inv()
-        plan = plan_scan(path_from(dense(path), old_in_new), RX90, QUICK)
+        plan = plan_scan(path_from(resample_path(path), old_in_new), RX90, QUICK)
         assert plan.may_move
-        assert plan.n_feasible == place.n_feasible
-        assert plan.mode == place.mode
+        assert plan.search.n_feasible == place.n_feasible
+        assert plan.search.mode == place.mode
         assert place.moved_mm == pytest.approx(np.linalg.norm(place.shift_mm))
     assert 0.0 < found.smallest.moved_mm <= found.best.moved_mm
     assert found.best.margin >= found.smallest.margin
@@ -143,7 +143,9 @@ def test_the_map_is_what_the_screen_says(refused):
     assert found.margins.dtype == np.float32
     assert not (found.verified & ~found.planned).any()
     assert not (found.planned & found.blocked).any()
-    screen = Screen(dense(path), RX90, RoomRules(), SMALL.n_points, SMALL.n_rolls)
+    screen = CoarseScreening(
+        resample_path(path), RX90, MarginLimits(), SMALL.n_points, SMALL.n_rolls
+    )
     assert found.blocked.any()
     for i, j in np.argwhere(~found.blocked)[::3]:
         shift = (found.x_mm[i], found.y_mm[j], found.levels_mm[i, j])

@@ -20,8 +20,8 @@ from rona_core.robot.kinematics.catalog import robot_model
 from rona_core.robot.kinematics.joint_limits import JointLimits
 from rona_core.robot.planning.plan_scan import PlanSettings, choose_roll, plan_scan
 from rona_core.robot.trajectory.joint_moves import TIP_SPEED_MM_PER_S, plan_joint_move
-from rona_core.robot.trajectory.resample import dense
-from rona_core.robot.trajectory.scan_timing import ScanSettings
+from rona_core.robot.trajectory.path_timing import ScanSettings
+from rona_core.robot.trajectory.resample import resample_path
 from rona_core.robot.trajectory.trajectory import Trajectory
 from rona_core.robot.verification.verifier import verify_motion, verify_scan
 from tests.scenes.patch_scenes import dense_path, serpentine
@@ -48,7 +48,7 @@ def tampered(plan, **parts):
 
 
 def failing(plan, trajectory):
-    certificate = verify_scan(RX90, trajectory, plan.path, plan.rolls_rad, SPEED)
+    certificate = verify_scan(RX90, trajectory, plan.search.path, plan.search.rolls_rad, SPEED)
     assert certificate.certified == (not certificate.failures())
     assert not certificate.certified
     assert not certificate.certifies(trajectory)
@@ -57,8 +57,8 @@ def failing(plan, trajectory):
 
 def test_a_plan_is_certified_and_its_certificate_is_for_this_motion_alone(plan):
     assert plan.may_move
-    assert plan.mode == "constant"
-    assert plan.verdicts[plan.chosen].feasible
+    assert plan.search.mode == "constant"
+    assert plan.search.verdicts[plan.search.chosen].feasible
     assert len(plan.certificate.checks) == 20
     moved = tampered(plan, qs_rad=plan.trajectory.qs_rad + 1e-12)
     assert not plan.certificate.certifies(moved)
@@ -141,7 +141,7 @@ def test_a_faster_scan_takes_less_time_and_a_slow_one_is_nearly_ideal(path, plan
     durations = []
     for speed in (5.0, 20.0, 50.0):
         settings = replace(SETTINGS, scan=ScanSettings(scan_speed_mm_per_s=speed))
-        again = choose_roll(plan, plan.chosen, RX90, settings)
+        again = choose_roll(plan, plan.search.chosen, RX90, settings)
         assert again.may_move
         durations.append(again.trajectory.scan_end_s - again.trajectory.scan_start_s)
         assert durations[-1] >= ideal_mm / speed
@@ -184,7 +184,9 @@ def test_a_limit_violation_is_caught(plan):
     tight = replace(
         RX90, limits=JointLimits(low, high, limits.speed_rad_per_s, limits.acceleration_rad_per_s2)
     )
-    certificate = verify_scan(tight, plan.trajectory, plan.path, plan.rolls_rad, SPEED)
+    certificate = verify_scan(
+        tight, plan.trajectory, plan.search.path, plan.search.rolls_rad, SPEED
+    )
     (check,) = certificate.failures()
     assert check.name == "room to the joint limits"
     assert check.value == pytest.approx(-0.5, abs=1e-6)
@@ -202,13 +204,13 @@ def test_a_wrong_pose_is_caught(plan):
 
 
 def test_another_roll_or_path_is_caught(plan, path):
-    certificate = verify_scan(RX90, plan.trajectory, path, plan.rolls_rad + 0.02, SPEED)
+    certificate = verify_scan(RX90, plan.trajectory, path, plan.search.rolls_rad + 0.02, SPEED)
     assert [check.name for check in certificate.failures()] == ["roll of the probe"]
     shifted = Path5D(path.points_base + np.array((0, 0, 0.4)), path.axes_base)
-    certificate = verify_scan(RX90, plan.trajectory, shifted, plan.rolls_rad, SPEED)
+    certificate = verify_scan(RX90, plan.trajectory, shifted, plan.search.rolls_rad, SPEED)
     assert "distance from the path" in {check.name for check in certificate.failures()}
     sunk = Path5D(path.points_base - 2.0 * path.axes_base, path.axes_base)
-    certificate = verify_scan(RX90, plan.trajectory, sunk, plan.rolls_rad, SPEED)
+    certificate = verify_scan(RX90, plan.trajectory, sunk, plan.search.rolls_rad, SPEED)
     assert "dip into the bone off the path" in {check.name for check in certificate.failures()}
 
 
@@ -254,12 +256,12 @@ def test_a_path_through_a_singularity_is_not_certified():
 def test_no_constant_roll_says_so_and_plans_nothing():
     constant = replace(SETTINGS, mode="constant")
     plan = plan_scan(dense_path("S4", step_mm=2, step_deg=2), RX90, constant)
-    assert plan.mode == "none"
-    assert plan.chosen == -1
+    assert plan.search.mode == "none"
+    assert plan.search.chosen == -1
     assert plan.trajectory is None
     assert plan.certificate is None
     assert not plan.may_move
-    assert all(verdict.sentence and not verdict.feasible for verdict in plan.verdicts)
+    assert all(verdict.sentence and not verdict.feasible for verdict in plan.search.verdicts)
     with pytest.raises(NotReachableError, match="limit"):
         choose_roll(plan, 0, RX90, SETTINGS)
     with pytest.raises(InvalidInputError, match="roll 36 does not exist"):
@@ -272,14 +274,18 @@ def varying():
 
 
 def test_where_no_constant_roll_will_do_a_varying_one_is_planned_and_certified(varying):
-    assert (varying.mode, varying.chosen, varying.n_feasible) == ("variable", -1, 0)
+    assert (varying.search.mode, varying.search.chosen, varying.search.n_feasible) == (
+        "variable",
+        -1,
+        0,
+    )
     assert varying.may_move
-    assert varying.verdict is varying.varying
-    assert varying.varying.feasible
-    assert varying.roll_variation_deg > 90.0
-    assert varying.rolls_rad.shape == (len(varying.path),)
+    assert varying.verdict is varying.search.varying
+    assert varying.search.varying.feasible
+    assert varying.search.roll_variation_deg > 90.0
+    assert varying.search.rolls_rad.shape == (len(varying.search.path),)
     inside = varying.trajectory.path_mm[varying.trajectory.times_s <= varying.trajectory.scan_end_s]
-    assert inside[-1] == pytest.approx(varying.path.arc_length_mm()[-1])
+    assert inside[-1] == pytest.approx(varying.search.path.arc_length_mm()[-1])
     with pytest.raises(NotReachableError, match="limit"):
         choose_roll(varying, 0, RX90, SETTINGS)
 
@@ -288,12 +294,12 @@ def test_the_verifier_looks_at_the_roll_of_every_point(varying):
     speed = PlanSettings().scan.scan_speed_mm_per_s
 
     def failures(rolls_rad):
-        certificate = verify_scan(RX90, varying.trajectory, varying.path, rolls_rad, speed)
+        certificate = verify_scan(RX90, varying.trajectory, varying.search.path, rolls_rad, speed)
         return {check.name: check for check in certificate.failures()}
 
-    assert failures(varying.rolls_rad) == {}
-    assert "roll of the probe" in failures(float(varying.rolls_rad[0]))
-    wrong = varying.rolls_rad.copy()
+    assert failures(varying.search.rolls_rad) == {}
+    assert "roll of the probe" in failures(float(varying.search.rolls_rad[0]))
+    wrong = varying.search.rolls_rad.copy()
     wrong[400:410] += 0.05
     (check,) = failures(wrong).values()
     assert check.name == "roll of the probe"
@@ -302,12 +308,16 @@ def test_the_verifier_looks_at_the_roll_of_every_point(varying):
 
 def test_the_mode_decides_whether_the_roll_may_vary(path, plan):
     asked = plan_scan(path, RX90, replace(SETTINGS, mode="variable"))
-    assert asked.mode == "variable"
+    assert asked.search.mode == "variable"
     assert asked.may_move
-    assert asked.verdicts == plan.verdicts
-    again = choose_roll(asked, plan.chosen, RX90, SETTINGS)
-    assert (again.mode, again.chosen, again.branch) == ("constant", plan.chosen, plan.branch)
-    np.testing.assert_array_equal(again.rolls_rad, plan.rolls_rad)
+    assert asked.search.verdicts == plan.search.verdicts
+    again = choose_roll(asked, plan.search.chosen, RX90, SETTINGS)
+    assert (again.search.mode, again.search.chosen, again.search.branch) == (
+        "constant",
+        plan.search.chosen,
+        plan.search.branch,
+    )
+    np.testing.assert_array_equal(again.search.rolls_rad, plan.search.rolls_rad)
     assert again.certificate == plan.certificate
     with pytest.raises(InvalidInputError, match="mode must be"):
         plan_scan(path, RX90, replace(SETTINGS, mode="any"))
@@ -315,11 +325,11 @@ def test_the_mode_decides_whether_the_roll_may_vary(path, plan):
 
 def test_a_path_that_no_roll_can_follow_is_refused_with_the_place():
     refused = plan_scan(dense_path("S3"), RX90, SETTINGS)
-    assert (refused.mode, refused.trajectory, refused.branch) == ("none", None, -1)
+    assert (refused.search.mode, refused.trajectory, refused.search.branch) == ("none", None, -1)
     assert refused.verdict is None
-    assert not refused.varying.feasible
-    assert refused.varying.index >= max(verdict.index for verdict in refused.verdicts)
-    assert f"path point {refused.varying.index} of" in refused.varying.sentence
+    assert not refused.search.varying.feasible
+    assert refused.search.varying.index >= max(verdict.index for verdict in refused.search.verdicts)
+    assert f"path point {refused.search.varying.index} of" in refused.search.varying.sentence
 
 
 def test_a_roll_that_was_tried_in_vain_is_green_no_longer_and_says_why(path, plan):
@@ -328,49 +338,49 @@ def test_a_roll_that_was_tried_in_vain_is_green_no_longer_and_says_why(path, pla
     rest = Obstacle("lid", Box((20.0, 20.0, 20.0)), Pose.from_translation(home.translation), 5.0)
     settings = replace(SETTINGS, mode="constant", obstacles=Obstacles((rest,)))
     refused = plan_scan(path, RX90, settings)
-    assert (refused.mode, refused.trajectory) == ("none", None)
-    tried = [i for i, verdict in enumerate(refused.verdicts) if verdict.reason == "no way"]
+    assert (refused.search.mode, refused.trajectory) == ("none", None)
+    tried = [i for i, verdict in enumerate(refused.search.verdicts) if verdict.reason == "no way"]
     assert 1 <= len(tried) <= 4
     for i in tried:
-        verdict = refused.verdicts[i]
+        verdict = refused.search.verdicts[i]
         assert not verdict.feasible
         assert "where the robot stands it touches something" in verdict.sentence
-        assert all(pair.index != i for pair in refused.ranked)
+        assert all(pair.index != i for pair in refused.search.ranked)
         with pytest.raises(NotReachableError, match="where the robot stands it touches"):
             choose_roll(refused, i, RX90, settings)
-    assert refused.refused in refused.verdicts
-    assert refused.n_feasible > 0
+    assert refused.search.refused in refused.search.verdicts
+    assert refused.search.n_feasible > 0
     told = why_no_plan(refused)
     assert "tried first: roll" in told
     assert "touches something" in told
-    assert f"{refused.n_feasible} with less room were not tried" in told
+    assert f"{refused.search.n_feasible} with less room were not tried" in told
     assert "by none" not in told
 
 
 def test_every_green_roll_can_be_driven_where_nothing_is_in_the_way(path, plan):
-    for i in [i for i, verdict in enumerate(plan.verdicts) if verdict.feasible][::3]:
+    for i in [i for i, verdict in enumerate(plan.search.verdicts) if verdict.feasible][::3]:
         assert choose_roll(plan, i, RX90, SETTINGS).may_move
 
 
 def test_another_branch_can_be_chosen(plan):
-    pair = next(p for p in plan.ranked if p.branch != plan.verdicts[p.index].branch)
+    pair = next(p for p in plan.search.ranked if p.branch != plan.search.verdicts[p.index].branch)
     again = choose_roll(plan, pair.index, RX90, SETTINGS, branch=pair.branch)
-    assert again.branch == pair.branch
+    assert again.search.branch == pair.branch
     assert again.may_move
     with pytest.raises(InvalidInputError, match=r"on the branches \[.*\], not on 9"):
         choose_roll(plan, pair.index, RX90, SETTINGS, branch=9)
 
 
 def test_another_roll_can_be_chosen_and_first_is_first(plan, path):
-    feasible = [i for i, verdict in enumerate(plan.verdicts) if verdict.feasible]
-    other = next(i for i in feasible if i != plan.chosen)
+    feasible = [i for i, verdict in enumerate(plan.search.verdicts) if verdict.feasible]
+    other = next(i for i in feasible if i != plan.search.chosen)
     again = choose_roll(plan, other, RX90, SETTINGS)
-    assert again.chosen == other
+    assert again.search.chosen == other
     assert again.may_move
-    assert again.verdicts is plan.verdicts
+    assert again.search.verdicts is plan.search.verdicts
     assert not plan.certificate.certifies(again.trajectory)
     first = plan_scan(path, RX90, replace(SETTINGS, choice="first"))
-    assert first.chosen == feasible[0]
+    assert first.search.chosen == feasible[0]
 
 
 def test_planning_is_reproducible_bit_by_bit(path, plan):
@@ -393,9 +403,9 @@ def test_repeated_points_and_turns_on_the_spot(path, plan):
 def test_a_sparse_path_is_filled_in_and_followed():
     points, normals = serpentine("S1", lines=4, per_line=5, half_mm=25.0)
     sparse = Path5D(points, -normals)
-    filled = dense(sparse)
+    filled = resample_path(sparse)
     reference = dense_path("S1", lines=4, per_line=5, half_mm=25.0)
-    assert dense(reference) is reference
+    assert resample_path(reference) is reference
     steps = np.linalg.norm(np.diff(filled.points_base, axis=0), axis=1)
     assert steps.max() <= 1.0 + 1e-9
     turns = np.linalg.norm(np.diff(filled.axes_base, axis=0), axis=1)
@@ -404,10 +414,10 @@ def test_a_sparse_path_is_filled_in_and_followed():
     np.testing.assert_allclose(filled.axes_base, reference.axes_base, atol=1e-9)
     planned = plan_scan(sparse, RX90, SETTINGS)
     assert planned.may_move
-    assert len(planned.path) == len(filled)
-    assert dense(Path5D(points[:1], normals[:1])).points_base.shape == (1, 3)
+    assert len(planned.search.path) == len(filled)
+    assert resample_path(Path5D(points[:1], normals[:1])).points_base.shape == (1, 3)
     with pytest.raises(DegenerateGeometryError, match="opposite"):
-        dense(Path5D(points[:2], np.array(((0, 0, 1.0), (0, 0, -1.0)))))
+        resample_path(Path5D(points[:2], np.array(((0, 0, 1.0), (0, 0, -1.0)))))
 
 
 def test_cancelling_a_plan(path):
@@ -445,4 +455,4 @@ def test_verifying_nonsense_is_refused_by_name(plan):
         verify_motion(RX90, tampered(plan, times_s=np.arange(3.0)))
     backwards = replace(plan.trajectory, scan_end_s=-1.0)
     with pytest.raises(InvalidInputError, match="has no scan"):
-        verify_scan(RX90, backwards, plan.path, plan.rolls_rad, SPEED)
+        verify_scan(RX90, backwards, plan.search.path, plan.search.rolls_rad, SPEED)

@@ -221,31 +221,38 @@ def test_a_scan_is_looked_at_from_home_to_home(plan):
     ):
         obstacles = ball(way[sample])
         certificate = verify_scan(
-            RX90, trajectory, plan.path, float(plan.rolls_rad[0]), SPEED, obstacles=obstacles
+            RX90,
+            trajectory,
+            plan.search.path,
+            float(plan.search.rolls_rad[0]),
+            SPEED,
+            obstacles=obstacles,
         )
         assert names(certificate) == ["clearance from the ball"]
         assert certificate.failures()[0].value < -15.0, "the face is in the middle of the ball"
 
 
 def test_a_roll_for_each_path_point_is_compared_point_by_point(plan):
-    n = len(plan.path)
-    same = np.full(n, float(plan.rolls_rad[0]))
-    one = verify_scan(RX90, plan.trajectory, plan.path, same, SPEED)
+    n = len(plan.search.path)
+    same = np.full(n, float(plan.search.rolls_rad[0]))
+    one = verify_scan(RX90, plan.trajectory, plan.search.path, same, SPEED)
     assert one.certified
     bent = same + np.where(np.arange(n) == n // 2, np.deg2rad(2.0), 0.0)
-    certificate = verify_scan(RX90, plan.trajectory, plan.path, bent, SPEED)
+    certificate = verify_scan(RX90, plan.trajectory, plan.search.path, bent, SPEED)
     assert names(certificate) == ["roll of the probe"]
     at = plan.trajectory.path_mm[certificate.failures()[0].index]
-    assert at == pytest.approx(plan.path.arc_length_mm()[n // 2], abs=1.0)
+    assert at == pytest.approx(plan.search.path.arc_length_mm()[n // 2], abs=1.0)
 
 
 def test_a_roll_that_varies_is_followed_or_caught(plan):
     """The joints of another roll at each point: certified for that profile, not for its mean."""
-    n = len(plan.path)
-    profile = float(plan.rolls_rad[0]) + np.deg2rad(6.0) * np.sin(np.linspace(0, np.pi, n)) ** 2
+    n = len(plan.search.path)
+    profile = (
+        float(plan.search.rolls_rad[0]) + np.deg2rad(6.0) * np.sin(np.linspace(0, np.pi, n)) ** 2
+    )
     trajectory = plan.trajectory
-    way = plan.path.arc_length_mm()
-    wanted = plan.path.Ts_base_probe(profile) @ RX90.T_flange_probe.inv()
+    way = plan.search.path.arc_length_mm()
+    wanted = plan.search.path.Ts_base_probe(profile) @ RX90.T_flange_probe.inv()
     solutions = RX90.inverse(wanted)
     start = np.argmin(np.abs(trajectory.times_s - trajectory.scan_start_s))
     end = np.argmin(np.abs(trajectory.times_s - trajectory.scan_end_s))
@@ -261,16 +268,20 @@ def test_a_roll_that_varies_is_followed_or_caught(plan):
     loose = Tolerances(path_acceleration_mm_per_s2=1e6, speed_excess=0.2, position_mm=1.0)
     turned = replace(trajectory, qs_rad=qs)
     free = with_limits(acceleration_rad_per_s2=np.full(6, 1e4))
-    followed = verify_scan(free, turned, plan.path, profile, SPEED, loose)
+    followed = verify_scan(free, turned, plan.search.path, profile, SPEED, loose)
     assert followed.certified, followed.failures()
     mean = float(profile.mean())
-    assert "roll of the probe" in names(verify_scan(free, turned, plan.path, mean, SPEED, loose))
+    assert "roll of the probe" in names(
+        verify_scan(free, turned, plan.search.path, mean, SPEED, loose)
+    )
 
 
 def test_a_probe_that_jerks_or_hurries_while_it_scans_is_caught(plan):
     strict = Tolerances(path_acceleration_mm_per_s2=50.0)
     found = names(
-        verify_scan(RX90, plan.trajectory, plan.path, float(plan.rolls_rad[0]), SPEED, strict)
+        verify_scan(
+            RX90, plan.trajectory, plan.search.path, float(plan.search.rolls_rad[0]), SPEED, strict
+        )
     )
     assert found == ["acceleration of the probe"]
 
@@ -284,18 +295,21 @@ def test_a_probe_that_jerks_or_hurries_while_it_scans_is_caught(plan):
     ],
 )
 def test_a_probe_faster_than_was_asked_for_is_caught(plan, share, caught):
-    roll_rad = float(plan.rolls_rad[0])
-    assert names(verify_scan(RX90, plan.trajectory, plan.path, roll_rad, share * SPEED)) == caught
+    roll_rad = float(plan.search.rolls_rad[0])
+    assert (
+        names(verify_scan(RX90, plan.trajectory, plan.search.path, roll_rad, share * SPEED))
+        == caught
+    )
 
 
 def test_the_probe_itself_is_held_to_the_scan_speed_whatever_way_is_claimed(plan):
     """It stands still on the path for a sample, and makes up for it in the next."""
-    trajectory, roll_rad = plan.trajectory, float(plan.rolls_rad[0])
+    trajectory, roll_rad = plan.trajectory, float(plan.search.rolls_rad[0])
     fast = np.flatnonzero(np.diff(trajectory.path_mm) > 0.99 * SPEED * 0.02)
     i = int(fast[len(fast) // 2])
     share, qs = 0.05, trajectory.qs_rad.copy()
     qs[i] += share * (qs[i - 1] - qs[i])
-    found = verify_scan(RX90, replace(trajectory, qs_rad=qs), plan.path, roll_rad, SPEED)
+    found = verify_scan(RX90, replace(trajectory, qs_rad=qs), plan.search.path, roll_rad, SPEED)
     assert "speed of the probe" in names(found)
     assert "scan speed" not in names(found)
     check = next(check for check in found.checks if check.name == "speed of the probe")

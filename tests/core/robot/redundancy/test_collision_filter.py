@@ -7,10 +7,11 @@ from rona_core.geometry.path5d import Path5D
 from rona_core.geometry.pose import Poses
 from rona_core.robot.collision.collision_world import CollisionWorld
 from rona_core.robot.collision.obstacles import NOTHING_AROUND
-from rona_core.robot.redundancy.choice import joint_path, working_set_deg
-from rona_core.robot.redundancy.collision_filter import clear_of
-from rona_core.robot.redundancy.evaluate_rolls import judge_rolls
-from rona_core.robot.redundancy.margins import RoomRules
+from rona_core.robot.redundancy.choice import working_set_deg
+from rona_core.robot.redundancy.collision_filter import remove_blocked_rolls
+from rona_core.robot.redundancy.evaluate_rolls import evaluate_constant_rolls
+from rona_core.robot.redundancy.joint_path import joint_path
+from rona_core.robot.redundancy.margins import MarginLimits
 from tests.scenes.patch_scenes import scene_model, scene_path
 
 
@@ -29,60 +30,72 @@ class Wall:
 
 
 @pytest.fixture(scope="module")
-def judged():
+def evaluation():
     path, model = scene_path("S0", 90), scene_model()
-    return judge_rolls(path, model, working_set_deg(24, 0.0, 360.0), RoomRules())
+    return evaluate_constant_rolls(path, model, working_set_deg(24, 0.0, 360.0), MarginLimits())
 
 
-def test_where_nothing_touches_nothing_changes(judged):
-    after = clear_of(judged, Wall(lambda q: True))
-    assert after.verdicts == judged.verdicts
-    assert after.ranked == judged.ranked
-    assert np.array_equal(after.swept.qs_rad, judged.swept.qs_rad)
+def test_where_nothing_touches_nothing_changes(evaluation):
+    after = remove_blocked_rolls(evaluation, Wall(lambda q: True))
+    assert after.verdicts == evaluation.verdicts
+    assert after.ranked == evaluation.ranked
+    assert np.array_equal(after.rolls.qs_rad, evaluation.rolls.qs_rad)
 
 
-def test_where_everything_touches_no_roll_is_left_and_each_says_so(judged):
-    after = clear_of(judged, Wall(lambda q: False))
+def test_where_everything_touches_no_roll_is_left_and_each_says_so(evaluation):
+    after = remove_blocked_rolls(evaluation, Wall(lambda q: False))
     assert after.ranked == ()
-    for old, new in zip(judged.verdicts, after.verdicts, strict=True):
+    for old, new in zip(evaluation.verdicts, after.verdicts, strict=True):
         assert not new.feasible
         assert new.reason == ("blocked" if old.feasible else old.reason)
         if old.feasible:
             assert "mm are needed" in new.sentence
-            assert 0 <= new.index < len(judged.path)
+            assert 0 <= new.index < len(evaluation.grid.path)
 
 
-def test_a_roll_keeps_the_best_branch_that_touches_nothing(judged):
-    feasible = [i for i, verdict in enumerate(judged.verdicts) if verdict.feasible]
-    usual = np.sign(np.median(judged.swept.qs_rad[4][feasible]))
+def test_a_roll_keeps_the_best_branch_that_touches_nothing(evaluation):
+    feasible = [i for i, verdict in enumerate(evaluation.verdicts) if verdict.feasible]
+    usual = np.sign(np.median(evaluation.rolls.qs_rad[4][feasible]))
     wall = Wall(lambda q: q[4] * usual < 0.0)  # the wrist has to be turned the other way
-    after = clear_of(judged, wall)
+    after = remove_blocked_rolls(evaluation, wall)
     changed = 0
     for i, verdict in enumerate(after.verdicts):
         if not verdict.feasible:
             continue
         roll_rad = np.deg2rad(verdict.roll_deg)
-        curve = joint_path(judged.path, judged.model, roll_rad, verdict.branch, judged.rules)
-        np.testing.assert_allclose(after.swept.qs_rad[:, i].T, curve, atol=1e-9)
+        curve = joint_path(
+            evaluation.grid.path,
+            evaluation.grid.model,
+            roll_rad,
+            verdict.branch,
+            evaluation.grid.margin_limits,
+        )
+        np.testing.assert_allclose(after.rolls.qs_rad[:, i].T, curve, atol=1e-9)
         assert wall.clear(curve[::4]).all()
-        better = [p for p in judged.ranked if p.index == i and p.margin > verdict.margin + 1e-9]
+        better = [p for p in evaluation.ranked if p.index == i and p.margin > verdict.margin + 1e-9]
         for pair in better:
-            other = joint_path(judged.path, judged.model, roll_rad, pair.branch, judged.rules)
+            other = joint_path(
+                evaluation.grid.path,
+                evaluation.grid.model,
+                roll_rad,
+                pair.branch,
+                evaluation.grid.margin_limits,
+            )
             assert not wall.clear(other).all()
-        assert after.swept.branches[i] == verdict.branch
-        assert after.swept.least[i].min() == pytest.approx(verdict.margin)
-        changed += verdict.branch != judged.verdicts[i].branch
+        assert after.rolls.branches[i] == verdict.branch
+        assert after.rolls.margins[i].min() == pytest.approx(verdict.margin)
+        changed += verdict.branch != evaluation.verdicts[i].branch
     assert changed > 0
     kept = {(pair.index, pair.branch) for pair in after.ranked}
-    assert kept < {(pair.index, pair.branch) for pair in judged.ranked}
+    assert kept < {(pair.index, pair.branch) for pair in evaluation.ranked}
 
 
 class Ceiling(Wall):
     """The probe may be on the path, but not drawn back from its last point by 5 mm."""
 
-    def __init__(self, judged, room_mm):
+    def __init__(self, evaluation, room_mm):
         super().__init__(None)
-        path, model = judged.path, judged.model
+        path, model = evaluation.grid.path, evaluation.grid.model
         end, axis = path.points_base[-1], path.axes_base[-1]
 
         def passes(q):
@@ -92,16 +105,16 @@ class Ceiling(Wall):
         self.passes = passes
 
 
-def test_a_roll_from_which_the_probe_cannot_be_drawn_back_is_not_offered(judged):
-    last = len(judged.path) - 1
-    after = clear_of(judged, Ceiling(judged, 3.5))
+def test_a_roll_from_which_the_probe_cannot_be_drawn_back_is_not_offered(evaluation):
+    last = len(evaluation.grid.path) - 1
+    after = remove_blocked_rolls(evaluation, Ceiling(evaluation, 3.5))
     assert not after.ranked
-    for old, new in zip(judged.verdicts, after.verdicts, strict=True):
+    for old, new in zip(evaluation.verdicts, after.verdicts, strict=True):
         assert not new.feasible
         if old.feasible:
             assert (new.reason, new.index) == ("no way", last)
             assert "can only be drawn back by 3 mm" in new.sentence
-    assert clear_of(judged, Ceiling(judged, 5.5)).ranked == judged.ranked
+    assert remove_blocked_rolls(evaluation, Ceiling(evaluation, 5.5)).ranked == evaluation.ranked
 
 
 def test_without_anything_around_only_the_drawing_back_counts():
@@ -116,8 +129,10 @@ def test_without_anything_around_only_the_drawing_back_counts():
         along = np.linspace(-5.0, 5.0, 11)[:, None] * np.array((0.0, 0.0, 1.0))
         points = reach_mm * outward + np.array((0.0, 0.0, 700.0)) + along
         path = Path5D(points, np.tile(-outward, (11, 1)))
-        rolls = judge_rolls(path, model, working_set_deg(12, 0.0, 360.0), RoomRules())
-        after = clear_of(rolls, None)
+        rolls = evaluate_constant_rolls(
+            path, model, working_set_deg(12, 0.0, 360.0), MarginLimits()
+        )
+        after = remove_blocked_rolls(rolls, None)
         if len(after.ranked) < len(rolls.ranked):
             found = rolls, after
             break
@@ -126,7 +141,9 @@ def test_without_anything_around_only_the_drawing_back_counts():
     lost = {(p.index, p.branch) for p in rolls.ranked} - {(p.index, p.branch) for p in after.ranked}
     for index, branch in lost:
         roll_rad = np.deg2rad(rolls.verdicts[index].roll_deg)
-        ends = joint_path(rolls.path, model, roll_rad, branch, rolls.rules)[[0, -1]]
+        ends = joint_path(rolls.grid.path, model, roll_rad, branch, rolls.grid.margin_limits)[
+            [0, -1]
+        ]
         probes = model.forward(ends) @ model.T_flange_probe
         back = Poses(probes.rotations, probes.translations - 5.0 * probes.rotations[:, :, 2])
         solved = model.inverse(back @ model.T_flange_probe.inv())

@@ -11,20 +11,23 @@ from rona_core.geometry.path5d import Path5D
 from rona_core.robot.kinematics.catalog import robot_model
 from rona_core.robot.kinematics.joint_limits import JointLimits
 from rona_core.robot.kinematics.spherical_wrist import BRANCHES
-from rona_core.robot.redundancy.choice import joint_path, search_rolls, working_set_deg
+from rona_core.robot.planning.plan_scan import PlanSettings
+from rona_core.robot.redundancy.choice import working_set_deg
 from rona_core.robot.redundancy.constant_roll import best_branch
-from rona_core.robot.redundancy.margins import RoomRules
+from rona_core.robot.redundancy.joint_path import joint_path
+from rona_core.robot.redundancy.margins import MarginLimits
+from tests.helpers.roll_search import search_rolls
 from tests.scenes.patch_scenes import SCENES, dense_path
 
 RX90 = robot_model("rx90")
-RULES = RoomRules()
+RULES = MarginLimits()
 
 
 def part(path, start, stop):
     return Path5D(path.points_base[start:stop], path.axes_base[start:stop])
 
 
-def slow_feasible(path, model, roll_rad, rules):
+def slow_feasible(path, model, roll_rad, margin_limits):
     """Judge one roll pose by pose, trying every winding of joints 4 and 6 on every branch."""
     poses = list(path.Ts_base_probe(roll_rad))
     T_probe_flange = model.T_flange_probe.inv()
@@ -44,14 +47,14 @@ def slow_feasible(path, model, roll_rad, rules):
                             q[joint] -= 2 * np.pi
                         while q[joint] - q_before[joint] < -np.pi:
                             q[joint] += 2 * np.pi
-                    if np.abs(q - q_before).max() > rules.step_rad:
+                    if np.abs(q - q_before).max() > margin_limits.step_rad:
                         break
                 if (q < model.lower_rad).any() or (q > model.upper_rad).any():
                     break
-                if min(abs(np.sin(q[4])), abs(np.sin(q[2]))) < np.sin(rules.singular_rad):
+                if min(abs(np.sin(q[4])), abs(np.sin(q[2]))) < np.sin(margin_limits.singular_rad):
                     break
                 out = 450 * np.sin(q[1]) + 450 * np.sin(q[1] + q[2])
-                if abs(out) < rules.shoulder_mm:
+                if abs(out) < margin_limits.shoulder_mm:
                     break
                 q_before = q
             else:
@@ -86,10 +89,11 @@ def test_the_search_agrees_with_a_slow_one(scene):
             RX90.acceleration_rad_per_s2,
         ),
     )
-    rules = RoomRules(step_rad=float(np.deg2rad(6.0)))
-    search = search_rolls(path, tight, n_rolls=24, rules=rules)
+    margin_limits = MarginLimits(step_rad=float(np.deg2rad(6.0)))
+    search = search_rolls(path, tight, working_set=(24, 0.0, 360.0), margin_limits=margin_limits)
     expected = [
-        slow_feasible(path, OneByOne(tight), np.deg2rad(v.roll_deg), rules) for v in search.verdicts
+        slow_feasible(path, OneByOne(tight), np.deg2rad(v.roll_deg), margin_limits)
+        for v in search.verdicts
     ]
     assert [v.feasible for v in search.verdicts] == expected
     assert 0 < sum(expected) < 24
@@ -183,17 +187,19 @@ def test_every_cause_of_failure_is_told_apart():
         points = np.linspace(a, b, n)
         return Path5D(points, np.repeat(np.array(axis)[None], n, axis=0))
 
-    far = search_rolls(line((1200, 0, 300), (1400, 0, 300)), RX90, n_rolls=4)
+    far = search_rolls(line((1200, 0, 300), (1400, 0, 300)), RX90, working_set=(4, 0.0, 360.0))
     assert {v.reason for v in far.verdicts} == {"reach"}
     assert all(v.index == 0 and v.value < 0 and v.unit == "mm" for v in far.verdicts)
     flip = np.array(((500.0, 0, 500), (500, 30, 500), (500, 60, 500)))
     axes = np.array(((0.0, 0, -1), (0, 0, -1), (0.0, np.sin(0.6), -np.cos(0.6))))
-    jump = search_rolls(Path5D(flip, axes), RX90, n_rolls=36)
+    jump = search_rolls(Path5D(flip, axes), RX90, working_set=(36, 0.0, 360.0))
     reasons = {v.reason: v for v in jump.verdicts}
     assert "jump" in reasons
     assert reasons["jump"].value > reasons["jump"].limit == pytest.approx(10.0)
-    strict = RoomRules(shoulder_mm=600.0)
-    near = search_rolls(line((500, 0, 500), (520, 0, 500)), RX90, n_rolls=8, rules=strict)
+    strict = MarginLimits(shoulder_mm=600.0)
+    near = search_rolls(
+        line((500, 0, 500), (520, 0, 500)), RX90, working_set=(8, 0.0, 360.0), margin_limits=strict
+    )
     shoulder = [v for v in near.verdicts if v.reason == "singularity" and v.joint == 1]
     assert shoulder
     assert all(v.value < v.limit == 600.0 for v in shoulder)
@@ -220,11 +226,11 @@ def test_working_sets():
 def test_bad_requests_are_refused_and_cancel_is_heard(s1):
     path, _ = s1
     with pytest.raises(InvalidInputError, match="n_rolls"):
-        search_rolls(path, RX90, n_rolls=0)
+        search_rolls(path, RX90, working_set=(0, 0.0, 360.0))
     with pytest.raises(InvalidInputError, match="upwards"):
-        search_rolls(path, RX90, roll_from_deg=20, roll_to_deg=-20)
+        search_rolls(path, RX90, working_set=(72, 20.0, -20.0))
     with pytest.raises(InvalidInputError, match="choice"):
-        search_rolls(path, RX90, choice="any")
+        PlanSettings(choice="any")
     heard = []
     with pytest.raises(CancelledError, match=r"after \d+ of 72 rolls"):
         search_rolls(path, RX90, progress=heard.append, cancel=lambda: len(heard) == 3)
@@ -235,7 +241,7 @@ def test_bad_requests_are_refused_and_cancel_is_heard(s1):
 def test_repeated_points_are_harmless():
     path = part(dense_path("S0"), 0, 40)
     twice = Path5D(np.repeat(path.points_base, 2, axis=0), np.repeat(path.axes_base, 2, axis=0))
-    once, doubled = (search_rolls(p, RX90, n_rolls=12) for p in (path, twice))
+    once, doubled = (search_rolls(p, RX90, working_set=(12, 0.0, 360.0)) for p in (path, twice))
     assert [v.feasible for v in once.verdicts] == [v.feasible for v in doubled.verdicts]
     assert [v.margin for v in once.verdicts] == pytest.approx([v.margin for v in doubled.verdicts])
 

@@ -12,27 +12,30 @@ from rona_core.geometry.path5d import Path5D
 from rona_core.geometry.pose import Pose, Poses
 from rona_core.robot.kinematics.joint_limits import TURN_RAD, JointLimits
 from rona_core.robot.kinematics.pinocchio_model import PinocchioArm
-from rona_core.robot.redundancy.choice import search_rolls, working_set_deg
+from rona_core.robot.planning.plan_scan import PlanSettings
+from rona_core.robot.redundancy.choice import working_set_deg
 from rona_core.robot.redundancy.cost import RollCost, shares_of_points, strides_of
-from rona_core.robot.redundancy.evaluate_rolls import judge_rolls
-from rona_core.robot.redundancy.margins import RoomRules
+from rona_core.robot.redundancy.evaluate_rolls import evaluate_constant_rolls
+from rona_core.robot.redundancy.margins import MarginLimits
 from rona_core.robot.redundancy.result import RollCurve
-from rona_core.robot.redundancy.roll_grid import roll_grid
+from rona_core.robot.redundancy.roll_grid import solve_roll_grid
 from rona_core.robot.redundancy.variable import optimal_roll as variable_roll
-from rona_core.robot.redundancy.variable.collision_mask import dead_ends
-from rona_core.robot.redundancy.variable.dynamic_program import cheapest_within_turns
+from rona_core.robot.redundancy.variable.collision_mask import blocked_retracts
+from rona_core.robot.redundancy.variable.dynamic_program import cheapest_path_with_turns
 from rona_core.robot.redundancy.variable.gauss_newton import refine_roll
-from rona_core.robot.redundancy.variable.infeasibility import curve_room, varying_verdict
-from rona_core.robot.redundancy.variable.optimal_roll import NoWay, optimal_roll
-from rona_core.robot.redundancy.variable.plan_variable_roll import vary_roll
+from rona_core.robot.redundancy.variable.infeasibility import curve_margins, variable_roll_verdict
+from rona_core.robot.redundancy.variable.optimal_roll import BlockedPath, optimal_roll
+from rona_core.robot.redundancy.variable.plan_variable_roll import plan_variable_roll
+from rona_core.robot.redundancy.variable.problem import RollProblem
+from tests.helpers.roll_search import roll_problem, search_rolls, solved
 from tests.scenes.patch_scenes import SCENES, dense_path, scene_model, scene_path
 
 RX90 = scene_model()
-RULES, COST = RoomRules(), RollCost()
+RULES, COST = MarginLimits(), RollCost()
 ROLLS = np.deg2rad(working_set_deg(72, 0.0, 360.0))
 # joint travel alone, nothing kept away from singularities, roll as fast as it likes
 TRAVEL = RollCost(evenness=0.0, limits=0.0, singularities=0.0, roll_deg_per_mm=360.0)
-BARE = RoomRules(singular_rad=1e-9, shoulder_mm=0.0)
+BARE = MarginLimits(singular_rad=1e-9, shoulder_mm=0.0)
 # Tesseract's Descartes planner, 72 rolls, with all full turns of joints 4 and 6 (radians); and
 # what dynamic programming finds where roll zero is the x axis of the base, put into the plane
 PEER = {("S0", 90): 8.401, ("S4", 90): 17.0094, ("S0", 306): 15.172, ("S4", 306): 29.762}
@@ -60,7 +63,7 @@ def limited(low_deg, high_deg):
     )
 
 
-def assert_allowed(curve, path, model, rules=RULES, cost=COST):
+def assert_allowed(curve, path, model, margin_limits=RULES, cost=COST):
     """Everything that is promised of a roll curve, by Pinocchio and by hand."""
     probe = PinocchioArm(model).tool(curve.qs_rad, model.T_flange_probe)
     wanted = path.Ts_base_probe(curve.rolls_rad)
@@ -68,8 +71,10 @@ def assert_allowed(curve, path, model, rules=RULES, cost=COST):
     np.testing.assert_allclose(probe.rotations, wanted.rotations, atol=1e-9)
     assert (curve.qs_rad >= model.lower_rad).all()
     assert (curve.qs_rad <= model.upper_rad).all()
-    assert np.abs(np.diff(curve.qs_rad, axis=0)).max() <= rules.step_rad
-    assert np.abs(np.sin(curve.qs_rad[:, [2, 4]])).min() >= np.sin(rules.singular_rad) - 1e-9
+    assert np.abs(np.diff(curve.qs_rad, axis=0)).max() <= margin_limits.step_rad
+    assert (
+        np.abs(np.sin(curve.qs_rad[:, [2, 4]])).min() >= np.sin(margin_limits.singular_rad) - 1e-9
+    )
     allowed = cost.largest_roll_rad(strides_of(path))
     assert (np.abs(np.diff(curve.rolls_rad)) <= allowed + 1e-8).all()
 
@@ -89,7 +94,7 @@ def test_joint_travel_is_that_of_the_peer_and_less_with_transported_roll(scene, 
     found = {}
     for kind in (Path5D, FromX):
         there = kind(path.points_base, path.axes_base)
-        found[kind] = optimal_roll(there, RX90, roll_grid(there, RX90, ROLLS, BARE), BARE, TRAVEL)
+        found[kind] = solved(there, RX90, ROLLS, BARE, TRAVEL)
         assert found[kind].cost.total == pytest.approx(travel(found[kind].qs_rad), abs=1e-9)
     assert found[FromX].cost.total == pytest.approx(FROM_X[scene, points], abs=1e-4)
     assert found[FromX].cost.total <= PEER[scene, points]
@@ -97,7 +102,7 @@ def test_joint_travel_is_that_of_the_peer_and_less_with_transported_roll(scene, 
     assert_allowed(found[Path5D], path, RX90, BARE, TRAVEL)
 
 
-def slow_optimum(path, model, rules, cost, rolls):
+def slow_optimum(path, model, margin_limits, cost, rolls):
     """Every posture of every branch to every other, all full turns of joints 4 and 6."""
     strides = strides_of(path)
     share = shares_of_points(strides)
@@ -120,14 +125,14 @@ def slow_optimum(path, model, rules, cost, rolls):
                 sine = min(np.abs(np.sin(q[[2, 4]])))
                 away = solved.wrist_distance_mm[0]
                 room = min(
-                    (sine - np.sin(rules.singular_rad)) / rules.singular_unit,
-                    (away - rules.shoulder_mm) / rules.shoulder_unit_mm,
+                    (sine - np.sin(margin_limits.singular_rad)) / margin_limits.singular_unit,
+                    (away - margin_limits.shoulder_mm) / margin_limits.shoulder_unit_mm,
                 )
                 clear = np.minimum(q - model.lower_rad, model.upper_rad - q)
                 if not solved.valid[0, branch] or room < 0 or clear.min() < 0:
                     continue
                 price = cost.singularities * max(0, 1 - room) ** 2
-                short = np.maximum(0, 1 - clear / rules.limit_unit_rad)
+                short = np.maximum(0, 1 - clear / margin_limits.limit_unit_rad)
                 nodes.append((q, share[k] * (price + cost.limits * (short**2).sum()), roll))
         layers.append(nodes)
     if not all(layers):
@@ -139,7 +144,7 @@ def slow_optimum(path, model, rules, cost, rolls):
         steps = q1[:, None] - q0[None]
         squares = (steps**2).sum(axis=2)
         prices = cost.travel * np.sqrt(squares) + cost.evenness * squares / strides[k]
-        prices[np.abs(steps).max(axis=2) > rules.step_rad] = np.inf
+        prices[np.abs(steps).max(axis=2) > margin_limits.step_rad] = np.inf
         turned = np.abs(r1[:, None] - r0[None])
         turned = np.minimum(turned, TURN_RAD - turned)
         prices[turned > cost.largest_roll_rad(strides)[k] + 1e-9] = np.inf
@@ -152,14 +157,14 @@ def slow_optimum(path, model, rules, cost, rolls):
 def test_the_banded_optimum_is_that_of_all_to_all(scene, start, cost):
     cost = replace(cost, roll_deg_per_mm=360.0)
     path = part(dense_path(scene, step_mm=4.0, step_deg=4.0), start, start + 24)
-    rules = RoomRules(step_rad=float(np.deg2rad(20.0)))
+    margin_limits = MarginLimits(step_rad=float(np.deg2rad(20.0)))
     # narrow, so that full turns and limits of joints 4 and 6 matter
     model = limited((-160, -137, -142, -190, -105, -190), (160, 137, 142, 200, 120, 200))
-    found = optimal_roll(path, model, roll_grid(path, model, ROLLS[::2], rules), rules, cost)
+    found = solved(path, model, ROLLS[::2], margin_limits, cost)
     assert found.cost.total == pytest.approx(
-        slow_optimum(path, model, rules, cost, ROLLS[::2]), rel=1e-9
+        slow_optimum(path, model, margin_limits, cost, ROLLS[::2]), rel=1e-9
     )
-    assert_allowed(found, path, model, rules, cost)
+    assert_allowed(found, path, model, margin_limits, cost)
 
 
 class Spinning(Path5D):
@@ -197,43 +202,43 @@ def test_full_turns_are_counted_where_the_range_runs_out(monkeypatch, tilt_deg, 
 
     def counting(*args, **options):
         counted.append(args[2])
-        return cheapest_within_turns(*args, **options)
+        return cheapest_path_with_turns(*args, **options)
 
-    monkeypatch.setattr(variable_roll, "cheapest_within_turns", counting)
+    monkeypatch.setattr(variable_roll, "cheapest_path_with_turns", counting)
     path, model = spinning_path(tilt_deg), straight_model(range_deg)
-    rolls, rules = np.deg2rad(np.arange(-20.0, 21.0, 5.0)), RoomRules(step_rad=0.5)
-    found = optimal_roll(path, model, roll_grid(path, model, rolls, rules), rules, cost)
-    slow = slow_optimum(path, model, rules, cost, rolls)
+    rolls, margin_limits = np.deg2rad(np.arange(-20.0, 21.0, 5.0)), MarginLimits(step_rad=0.5)
+    found = solved(path, model, rolls, margin_limits, cost)
+    slow = slow_optimum(path, model, margin_limits, cost, rolls)
     assert counted or (range_deg, tilt_deg) != (230.0, 40.0)  # there, and elsewhere, it matters
-    if isinstance(found, NoWay):
+    if isinstance(found, BlockedPath):
         assert slow == np.inf
         assert model.limits.clearance_rad(found.spun.qs_rad).min() < 0.0
-        verdict = varying_verdict(
-            found, path, model, roll_grid(path, model, rolls, rules), rules, cost
+        verdict = variable_roll_verdict(
+            roll_problem(path, model, rolls, margin_limits, cost), found
         )
         assert (verdict.reason, verdict.feasible) == ("limit", False)
         assert abs(verdict.value) > abs(verdict.limit) == pytest.approx(range_deg)
         return
     assert found.cost.total == pytest.approx(slow, rel=1e-9)
-    assert_allowed(found, path, model, rules, cost)
+    assert_allowed(found, path, model, margin_limits, cost)
 
 
 @pytest.fixture(scope="module", params=sorted(SCENES))
 def scene(request):
     path = scene_path(request.param)
-    judged = judge_rolls(path, RX90, np.rad2deg(ROLLS), RULES)
-    return request.param, path, judged, vary_roll(judged, COST)
+    evaluation = evaluate_constant_rolls(path, RX90, np.rad2deg(ROLLS), RULES)
+    return request.param, path, evaluation, plan_variable_roll(evaluation.grid, COST)
 
 
 def test_scenes_are_solved_or_refused_with_a_reason(scene):
-    name, path, judged, (curve, verdict) = scene
+    name, path, evaluation, (curve, verdict) = scene
     assert (curve is not None) == SCENES[name].variable == verdict.feasible
     if curve is not None:
         assert_allowed(curve, path, RX90)
-        assert verdict.margin == pytest.approx(curve_room(curve, path, RX90, RULES).min())
+        assert verdict.margin == pytest.approx(curve_margins(curve, evaluation.grid).min())
         assert verdict.margin >= 0.0
         return
-    furthest = max(judged.verdicts, key=lambda v: v.index)
+    furthest = max(evaluation.verdicts, key=lambda v: v.index)
     assert verdict.reason == "limit"
     assert furthest.index <= verdict.index < len(path)
     assert verdict.value > verdict.limit
@@ -242,23 +247,23 @@ def test_scenes_are_solved_or_refused_with_a_reason(scene):
 
 
 def test_a_varying_roll_never_costs_more_than_any_constant_one(scene):
-    _, path, judged, (curve, _) = scene
-    constant = cheapest_constant(judged, COST)
+    _, _, evaluation, (curve, _) = scene
+    constant = cheapest_constant(evaluation, COST)
     if curve is None:
         assert constant is None
         return
-    found = optimal_roll(path, RX90, judged.grid, RULES, COST)
+    found = optimal_roll(RollProblem(evaluation.grid, COST))
     assert curve.cost.total <= found.cost.total
     if constant is not None:
         assert found.cost.total <= constant.cost.total + 1e-9
-    again = refine_roll(path, RX90, judged.grid, curve, RULES, COST)
+    again = refine_roll(RollProblem(evaluation.grid, COST), curve)
     assert again.cost.total <= curve.cost.total
 
 
 def test_a_constant_roll_costs_the_same_in_either_book(scene):
     """The cost of a constant curve, added up by hand."""
-    _, path, judged, _ = scene
-    constant = cheapest_constant(judged, COST)
+    _, path, evaluation, _ = scene
+    constant = cheapest_constant(evaluation, COST)
     if constant is None:
         return
     strides = strides_of(path)
@@ -273,9 +278,9 @@ def test_a_constant_roll_costs_the_same_in_either_book(scene):
 
 def test_refining_spreads_the_roll_evenly():
     path = scene_path("S4")
-    grid = roll_grid(path, RX90, ROLLS, RULES)
-    rough = optimal_roll(path, RX90, grid, RULES, COST)
-    fine = refine_roll(path, RX90, grid, rough, RULES, COST)
+    problem = roll_problem(path, RX90, ROLLS, RULES, COST)
+    rough = optimal_roll(problem)
+    fine = refine_roll(problem, rough)
     assert fine.cost.total < 0.95 * rough.cost.total
     assert np.abs(np.diff(fine.rolls_rad)).max() < 0.5 * np.abs(np.diff(rough.rolls_rad)).max()
     assert np.abs(np.diff(fine.qs_rad, axis=0)).max() < np.deg2rad(2.5)
@@ -283,18 +288,17 @@ def test_refining_spreads_the_roll_evenly():
 
 def test_blocked_postures_are_not_used_and_the_optimum_goes_round_them():
     path = part(scene_path("S0"), 0, 200)
-    judged = judge_rolls(path, RX90, np.rad2deg(ROLLS), RULES)
-    free, _ = vary_roll(judged, COST)
+    evaluation = evaluate_constant_rolls(path, RX90, np.rad2deg(ROLLS), RULES)
+    free, _ = plan_variable_roll(evaluation.grid, COST)
     blocked = np.zeros((len(path), 72, 8), dtype=bool)
     bins = np.round(free.rolls_rad[80:120] / np.deg2rad(5.0)).astype(int)
     for k, middle in zip(range(80, 120), bins, strict=True):
         blocked[k, np.arange(middle - 4, middle + 5) % 72] = True
-    round_it, verdict = vary_roll(judged, COST, blocked=blocked)
+    round_it, verdict = plan_variable_roll(evaluation.grid, COST, blocked=blocked)
     assert verdict.feasible
     assert_allowed(round_it, path, RX90)
     on_grid = [
-        optimal_roll(path, RX90, judged.grid, RULES, COST, blocked=b).cost.total
-        for b in (None, blocked)
+        optimal_roll(RollProblem(evaluation.grid, COST, b)).cost.total for b in (None, blocked)
     ]
     assert on_grid[0] < on_grid[1]
     for k in range(len(path)):
@@ -302,19 +306,19 @@ def test_blocked_postures_are_not_used_and_the_optimum_goes_round_them():
         high = np.ceil(round_it.rolls_rad[k] / np.deg2rad(5.0) - 1e-9).astype(int)
         assert not blocked[k, [low % 72, high % 72], round_it.branch].any()
     blocked[100] = True
-    none, verdict = vary_roll(judged, COST, blocked=blocked)
+    none, verdict = plan_variable_roll(evaluation.grid, COST, blocked=blocked)
     assert none is None
     assert (verdict.reason, verdict.index) == ("blocked", 100)
     assert verdict.value > 0
     with pytest.raises(InvalidInputError, match=r"blocked must have shape \(200, 72, 8\)"):
-        vary_roll(judged, COST, blocked=blocked[1:])
+        plan_variable_roll(evaluation.grid, COST, blocked=blocked[1:])
 
 
 def test_a_varying_roll_goes_round_what_the_arm_would_touch():
     """An obstacle in joint space: joints 4 and 6 must keep away from where they would be."""
     path = part(scene_path("S0"), 0, 300)
-    judged = judge_rolls(path, RX90, np.rad2deg(ROLLS), RULES)
-    free, _ = vary_roll(judged, COST)
+    evaluation = evaluate_constant_rolls(path, RX90, np.rad2deg(ROLLS), RULES)
+    free, _ = plan_variable_roll(evaluation.grid, COST)
     place, asked = free.qs_rad[150], []
 
     def clear(qs_rad):
@@ -322,28 +326,30 @@ def test_a_varying_roll_goes_round_what_the_arm_would_touch():
         return np.abs(qs_rad[:, [3, 5]] - place[[3, 5]]).max(axis=1) > 0.12
 
     assert not clear(free.qs_rad).all()
-    round_it, verdict = vary_roll(judged, COST, clear=clear)
+    round_it, verdict = plan_variable_roll(evaluation.grid, COST, clear=clear)
     assert verdict.feasible
     assert clear(round_it.qs_rad).all()
     assert_allowed(round_it, path, RX90)
     assert sum(asked) < 40_000  # not every posture of the path was looked at
-    none, verdict = vary_roll(judged, COST, clear=lambda qs: np.zeros(len(qs), dtype=bool))
+    none, verdict = plan_variable_roll(
+        evaluation.grid, COST, clear=lambda qs: np.zeros(len(qs), dtype=bool)
+    )
     assert none is None
     assert verdict.reason == "blocked"
 
 
 def test_ends_from_which_the_probe_cannot_be_drawn_back_are_left_out():
     path = dense_path("S3", lines=5)
-    judged = judge_rolls(path, RX90, np.rad2deg(ROLLS), RULES)
-    stuck = dead_ends(path, RX90, judged.grid, RULES, 5.0)
+    evaluation = evaluate_constant_rolls(path, RX90, np.rad2deg(ROLLS), RULES)
+    stuck = blocked_retracts(evaluation.grid, 5.0)
     assert stuck.any()
     assert not stuck.all()
-    roll, branch = np.argwhere(~stuck[1] & (judged.grid.room[:, :, -1].T >= 0.0))[0]
+    roll, branch = np.argwhere(~stuck[1] & (evaluation.grid.margins[:, :, -1].T >= 0.0))[0]
     T_base_probe = path.Ts_base_probe(ROLLS[roll])[len(path) - 1]
     back = Poses.stack([T_base_probe @ Pose.from_translation((0.0, 0.0, -5.0))])
     q = RX90.inverse(back @ RX90.T_flange_probe.inv()).qs_rad[0, branch]
     assert RX90.limits.clearance_rad(q).min() >= 0.0
-    curve, _ = vary_roll(judged, COST, standoff_mm=5.0)
+    curve, _ = plan_variable_roll(evaluation.grid, COST, standoff_mm=5.0)
     bins = np.round(curve.rolls_rad[[0, -1]] / np.deg2rad(5.0)).astype(int) % 72
     assert not stuck[[0, 1], bins, curve.branch].any()
 
@@ -351,10 +357,10 @@ def test_ends_from_which_the_probe_cannot_be_drawn_back_are_left_out():
 def test_the_roll_keeps_its_rate_and_says_so_where_that_is_not_enough():
     path = scene_path("S4")
     slow = replace(COST, roll_deg_per_mm=6.0)
-    judged = judge_rolls(path, RX90, np.rad2deg(ROLLS), RULES)
-    curve, _ = vary_roll(judged, slow)
+    evaluation = evaluate_constant_rolls(path, RX90, np.rad2deg(ROLLS), RULES)
+    curve, _ = plan_variable_roll(evaluation.grid, slow)
     assert_allowed(curve, path, RX90, RULES, slow)
-    none, verdict = vary_roll(judged, replace(COST, roll_deg_per_mm=1.0))
+    none, verdict = plan_variable_roll(evaluation.grid, replace(COST, roll_deg_per_mm=1.0))
     assert none is None  # bins of 5 degrees cannot be changed at 1 degree per mm
     assert not verdict.feasible
     assert verdict.sentence.startswith("varying roll")
@@ -379,7 +385,7 @@ def test_the_search_takes_what_its_mode_says():
     assert not stuck.varying.feasible
     assert stuck.chosen_curve_rad.shape == (0, 6)
     with pytest.raises(InvalidInputError, match="mode must be"):
-        search_rolls(path, RX90, mode="any")
+        PlanSettings(mode="any")
 
 
 def test_every_feasible_pair_is_ranked_and_the_map_has_the_room_of_single_postures():
@@ -399,36 +405,33 @@ def test_every_feasible_pair_is_ranked_and_the_map_has_the_room_of_single_postur
 
 def test_coarse_rolls_get_others_in_between():
     path = dense_path("S4", step_mm=2.0, step_deg=2.0)
-    judged = judge_rolls(path, RX90, working_set_deg(24, 0.0, 360.0), RULES)
-    curve, verdict = vary_roll(judged, COST)
+    evaluation = evaluate_constant_rolls(path, RX90, working_set_deg(24, 0.0, 360.0), RULES)
+    curve, verdict = plan_variable_roll(evaluation.grid, COST)
     assert verdict.feasible
     assert_allowed(curve, path, RX90)
 
 
 def test_part_of_a_turn_has_ends():
     path = part(scene_path("S0"), 0, 100)
-    judged = judge_rolls(path, RX90, working_set_deg(9, 100.0, 140.0), RULES)
-    assert not judged.grid.closed
-    curve, _ = vary_roll(judged, COST)
+    evaluation = evaluate_constant_rolls(path, RX90, working_set_deg(9, 100.0, 140.0), RULES)
+    assert not evaluation.grid.closed
+    curve, _ = plan_variable_roll(evaluation.grid, COST)
     assert curve.rolls_rad.min() >= np.deg2rad(100.0) - 1e-9
     assert curve.rolls_rad.max() <= np.deg2rad(140.0) + 1e-9
-    single = judge_rolls(path, RX90, np.array([120.0]), RULES)
-    curve, _ = vary_roll(single, COST)
+    single = evaluate_constant_rolls(path, RX90, np.array([120.0]), RULES)
+    curve, _ = plan_variable_roll(single.grid, COST)
     np.testing.assert_array_equal(curve.rolls_rad, np.deg2rad(120.0))
 
 
 def test_repeated_points_and_a_single_point():
     path = part(scene_path("S0"), 0, 60)
     twice = Path5D(np.repeat(path.points_base, 2, axis=0), np.repeat(path.axes_base, 2, axis=0))
-    once, doubled = (
-        optimal_roll(p, RX90, roll_grid(p, RX90, ROLLS, RULES), RULES, TRAVEL)
-        for p in (path, twice)
-    )
+    once, doubled = (solved(p, RX90, ROLLS, RULES, TRAVEL) for p in (path, twice))
     assert isinstance(doubled, RollCurve)
     assert doubled.cost.total == pytest.approx(once.cost.total)
     assert_allowed(doubled, twice, RX90, RULES, TRAVEL)
     alone = part(path, 0, 1)
-    curve, verdict = vary_roll(judge_rolls(alone, RX90, np.rad2deg(ROLLS), RULES), COST)
+    curve, verdict = plan_variable_roll(solve_roll_grid(alone, RX90, ROLLS, RULES), COST)
     assert verdict.feasible
     assert curve.cost.total == 0.0
 
@@ -444,10 +447,7 @@ def test_turning_path_and_base_together_changes_joint_one_alone():
             return path.references() @ turn.T
 
     turned = Turned(path.points_base @ turn.T, path.axes_base @ turn.T)
-    plain, there = (
-        optimal_roll(p, RX90, roll_grid(p, RX90, ROLLS, RULES), RULES, TRAVEL)
-        for p in (path, turned)
-    )
+    plain, there = (solved(p, RX90, ROLLS, RULES, TRAVEL) for p in (path, turned))
     np.testing.assert_allclose(there.rolls_rad, plain.rolls_rad, atol=1e-9)
     moved = np.broadcast_to((angle, 0, 0, 0, 0, 0), plain.qs_rad.shape)
     np.testing.assert_allclose(there.qs_rad - plain.qs_rad, moved, atol=1e-8)

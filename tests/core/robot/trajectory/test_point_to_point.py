@@ -13,12 +13,14 @@ from rona_core.robot.collision.edge_check import Checker, n_steps, outside_bone
 from rona_core.robot.collision.obstacles import NOTHING_AROUND
 from rona_core.robot.kinematics.catalog import robot_model
 from rona_core.robot.planning.calibration_motion import plan_tool_motion
-from rona_core.robot.redundancy.choice import joint_path, search_rolls
+from rona_core.robot.redundancy.joint_path import joint_path
 from rona_core.robot.trajectory.joint_moves import joint_move, plan_joint_move
-from rona_core.robot.trajectory.point_to_point import LIFTS_MM, find_way, raised
+from rona_core.robot.trajectory.path_timing import ScanSettings
+from rona_core.robot.trajectory.point_to_point import LIFTS_MM, plan_joint_path, raised
 from rona_core.robot.trajectory.rrt_connect import search, shortened
-from rona_core.robot.trajectory.scan_timing import ScanSettings, time_path
+from rona_core.robot.trajectory.scan_timing import time_scan
 from rona_core.robot.verification.verifier import verify_motion, verify_scan
+from tests.helpers.roll_search import search_rolls
 from tests.scenes.patch_scenes import dense_path
 
 RX90 = robot_model("rx90")
@@ -59,7 +61,7 @@ def surely_clear(way, clear):
 
 
 def test_a_clear_move_is_the_straight_one():
-    way = find_way(LEFT, RIGHT, RX90, lambda qs: np.ones(len(qs), dtype=bool))
+    way = plan_joint_path(LEFT, RIGHT, RX90, lambda qs: np.ones(len(qs), dtype=bool))
     np.testing.assert_array_equal(way, (LEFT, RIGHT))
     move = plan_joint_move(LEFT, RIGHT, RX90, clear=world())
     np.testing.assert_array_equal(move.qs_rad, joint_move(RX90, LEFT, RIGHT))
@@ -69,7 +71,7 @@ def test_a_ball_in_the_way_is_passed_by_a_usual_way():
     clear = world(BALL)
     assert clear(np.array((LEFT, RIGHT))).all()
     assert not clear(np.array(((LEFT + RIGHT) / 2,)))[0]
-    way = find_way(LEFT, RIGHT, RX90, clear)
+    way = plan_joint_path(LEFT, RIGHT, RX90, clear)
     np.testing.assert_array_equal(way[[0, -1]], (LEFT, RIGHT))
     assert len(way) > 2
     assert surely_clear(way, clear)
@@ -87,11 +89,11 @@ def test_where_no_usual_way_is_clear_the_search_finds_one():
     checker = Checker(RX90, clear)
     found = search(LEFT, RIGHT, checker, 1)
     assert not checker.spent
-    way = find_way(LEFT, RIGHT, RX90, clear, seed=1)
+    way = plan_joint_path(LEFT, RIGHT, RX90, clear, seed=1)
     np.testing.assert_array_equal(way, shortened(found, checker, 1))
     assert len(way) < len(found)
-    np.testing.assert_array_equal(way, find_way(LEFT, RIGHT, RX90, clear, seed=1))
-    assert not np.array_equal(way, find_way(LEFT, RIGHT, RX90, clear, seed=2))
+    np.testing.assert_array_equal(way, plan_joint_path(LEFT, RIGHT, RX90, clear, seed=1))
+    assert not np.array_equal(way, plan_joint_path(LEFT, RIGHT, RX90, clear, seed=2))
     assert (RX90.limits.clearance_rad(way) >= 0).all()
     assert 3 <= len(way) <= 8
     assert surely_clear(way, clear)
@@ -99,12 +101,12 @@ def test_where_no_usual_way_is_clear_the_search_finds_one():
 
 def test_what_cannot_be_done_is_refused_with_the_reason():
     with pytest.raises(NotReachableError, match="where the robot stands"):
-        find_way(LEFT, RIGHT, RX90, lambda qs: np.abs(qs - LEFT).max(axis=1) > 0.1)
+        plan_joint_path(LEFT, RIGHT, RX90, lambda qs: np.abs(qs - LEFT).max(axis=1) > 0.1)
     with pytest.raises(NotReachableError, match="is to go"):
-        find_way(LEFT, RIGHT, RX90, lambda qs: np.abs(qs - RIGHT).max(axis=1) > 0.1)
+        plan_joint_path(LEFT, RIGHT, RX90, lambda qs: np.abs(qs - RIGHT).max(axis=1) > 0.1)
     # joint 1 may not pass zero: there is no way at all
     with pytest.raises(NotReachableError, match="no way to the goal") as refusal:
-        find_way(LEFT, RIGHT, RX90, lambda qs: np.abs(qs[:, 0]) > 0.05, most_checks=4000)
+        plan_joint_path(LEFT, RIGHT, RX90, lambda qs: np.abs(qs[:, 0]) > 0.05, most_checks=4000)
     assert refusal.value.data["clear_share"] == pytest.approx(0.48, abs=0.02)
 
 
@@ -116,7 +118,7 @@ def test_the_search_ends_when_enough_was_looked_at():
         return np.abs(qs[:, 0]) > 0.05
 
     with pytest.raises(NotReachableError):
-        find_way(LEFT, RIGHT, RX90, clear, most_checks=3000)
+        plan_joint_path(LEFT, RIGHT, RX90, clear, most_checks=3000)
     assert 3000 <= sum(looked) <= 3000 + 500
 
 
@@ -159,18 +161,18 @@ def test_lifting_moves_the_tool_straight_up():
 
 def test_a_scan_is_approached_and_left_around_an_obstacle():
     path = dense_path("S5", lines=3, per_line=4, half_mm=15.0)
-    search = search_rolls(path, RX90, n_rolls=12)
+    search = search_rolls(path, RX90, working_set=(12, 0.0, 360.0))
     verdict = search.verdicts[search.chosen]
     roll_rad = float(np.deg2rad(verdict.roll_deg))
     qs = joint_path(path, RX90, roll_rad, verdict.branch)
-    plain = time_path(path, qs, RX90, ScanSettings(), branch=verdict.branch)
+    plain = time_scan(path, qs, RX90, ScanSettings(), branch=verdict.branch)
     before = int(plain.scan_start_s / 0.02)
     kept = np.vstack([skeleton(q) for q in (RX90.home_rad, *plain.qs_rad[before - 40 :: 100])])
     swept = skeleton(plain.qs_rad[before // 3])
     gaps = np.linalg.norm(swept[:, None] - kept, axis=2).min(axis=1)
     clear = world((swept[np.argmax(gaps)], 0.0), radius_mm=0.6 * gaps.max())
     assert not clear(plain.qs_rad).all()
-    around = time_path(path, qs, RX90, ScanSettings(), branch=verdict.branch, clear=clear)
+    around = time_scan(path, qs, RX90, ScanSettings(), branch=verdict.branch, clear=clear)
     assert clear(around.qs_rad).all()
     assert verify_scan(RX90, around, path, roll_rad, 20.0).certified
     length = round((plain.scan_end_s - plain.scan_start_s) / 0.02)
@@ -179,7 +181,7 @@ def test_a_scan_is_approached_and_left_around_an_obstacle():
         around.qs_rad[start : start + length], plain.qs_rad[before : before + length]
     )
     with pytest.raises(NotReachableError, match="drawn back"):
-        time_path(
+        time_scan(
             path,
             qs,
             RX90,
@@ -211,11 +213,11 @@ def test_the_tool_goes_to_its_calibration_around_what_is_in_the_way(monkeypatch)
 def test_the_probe_goes_around_the_bone_under_the_path():
     """From home the straight way to this path leads through the sphere under it."""
     path = path_from(dense_path("S4"), Pose.from_translation((200.0, 0.0, 0.0)))
-    search = search_rolls(path, RX90, n_rolls=72)
+    search = search_rolls(path, RX90, working_set=(72, 0.0, 360.0))
     verdict = search.verdicts[search.chosen]
     roll_rad = float(np.deg2rad(verdict.roll_deg))
     qs = joint_path(path, RX90, roll_rad, verdict.branch)
-    trajectory = time_path(path, qs, RX90, ScanSettings(), branch=verdict.branch)
+    trajectory = time_scan(path, qs, RX90, ScanSettings(), branch=verdict.branch)
     free = outside_bone(path, RX90)
     before = int(trajectory.scan_start_s / 0.02)
     approach = trajectory.qs_rad[: before - 100]

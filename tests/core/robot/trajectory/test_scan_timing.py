@@ -12,12 +12,14 @@ from rona_core.errors import InvalidInputError
 from rona_core.geometry.path5d import Path5D
 from rona_core.robot.kinematics.catalog import robot_model
 from rona_core.robot.kinematics.joint_limits import JointLimits
-from rona_core.robot.redundancy.choice import joint_path, search_rolls
-from rona_core.robot.trajectory.corner_blend import NARROWEST_MM, TURN_RAD, blend
-from rona_core.robot.trajectory.scan_timing import ScanSettings, time_path
-from rona_core.robot.trajectory.time_parameterization import SpeedLimits, time_along
+from rona_core.robot.redundancy.joint_path import joint_path
+from rona_core.robot.trajectory.corner_blend import NARROWEST_MM, TURN_RAD, blend_corners
+from rona_core.robot.trajectory.path_timing import ScanSettings
+from rona_core.robot.trajectory.scan_timing import time_scan
+from rona_core.robot.trajectory.time_parameterization import SpeedLimits, parameterize_time
 from rona_core.robot.trajectory.trajectory import Trajectory
 from rona_core.robot.verification.verifier import verify_scan
+from tests.helpers.roll_search import search_rolls
 from tests.scenes.patch_scenes import dense_path
 
 RX90 = robot_model("rx90")
@@ -28,7 +30,7 @@ WIDE = (np.full(6, 10.0), np.full(6, 100.0))
 def followed():
     """A path with square corners, its joint path, branch and roll."""
     path = dense_path("S5", lines=4, per_line=5, half_mm=25.0)
-    search = search_rolls(path, RX90, n_rolls=12)
+    search = search_rolls(path, RX90, working_set=(12, 0.0, 360.0))
     verdict = search.verdicts[search.chosen]
     roll_rad = float(np.deg2rad(verdict.roll_deg))
     return path, joint_path(path, RX90, roll_rad, verdict.branch), verdict.branch, roll_rad
@@ -42,7 +44,7 @@ def probe(qs):
 def test_blending_stays_within_the_deviation_and_keeps_the_ends(followed, deviation_mm):
     path, qs, _, _ = followed
     way = path.arc_length_mm()
-    rounded = blend(way, qs, RX90, deviation_mm)
+    rounded = blend_corners(way, qs, RX90, deviation_mm)
     assert rounded.deviation_mm <= deviation_mm
     assert rounded.turn_rad <= TURN_RAD
     np.testing.assert_array_equal(rounded.qs_rad[[0, -1]], qs[[0, -1]])
@@ -63,7 +65,7 @@ def test_blending_is_the_mean_under_a_triangle(followed):
     rates = np.array((0.0, 0.0, 0.0, 0.0, 0.0, 1e-4))  # about the tool's own flange: small motions
     start = followed[1][0]
     qs = start + rates * np.abs(way - 20.0)[:, None]
-    rounded = blend(way, qs, RX90, 0.2)
+    rounded = blend_corners(way, qs, RX90, 0.2)
     top = float(np.interp(20.0, rounded.way_mm, rounded.qs_rad[:, 5])) - start[5]
     assert top == pytest.approx(2e-4 * 6.0 / 6.0, rel=1e-9)  # the widest window, half 6 mm
     left = float(np.interp(8.0, rounded.way_mm, rounded.qs_rad[:, 5])) - start[5]
@@ -77,7 +79,7 @@ def test_blending_does_not_care_where_joint_one_stands(seed, angle):
     way = np.cumsum(rng.uniform(0.3, 1.5, 60))
     qs = RX90.home_rad + np.cumsum(rng.normal(0, 2e-3, (60, 6)), axis=0)
     turned = qs + np.array((angle, 0, 0, 0, 0, 0))
-    a, b = blend(way, qs, RX90, 0.2), blend(way + 5.0, turned, RX90, 0.2)
+    a, b = blend_corners(way, qs, RX90, 0.2), blend_corners(way + 5.0, turned, RX90, 0.2)
     assert a.deviation_mm <= 0.2
     assert a.deviation_mm == pytest.approx(b.deviation_mm, abs=1e-6)
     assert len(a.way_mm) == len(b.way_mm)
@@ -87,11 +89,11 @@ def test_blending_does_not_care_where_joint_one_stands(seed, angle):
 
 def test_a_window_too_narrow_changes_nothing(followed):
     path, qs, _, _ = followed
-    rounded = blend(path.arc_length_mm(), qs, RX90, 1e-4)
+    rounded = blend_corners(path.arc_length_mm(), qs, RX90, 1e-4)
     assert rounded.deviation_mm <= 1e-4
     assert NARROWEST_MM > 0
     with pytest.raises(InvalidInputError, match="must grow"):
-        blend(np.zeros(3), np.zeros((3, 6)), RX90, 0.2)
+        blend_corners(np.zeros(3), np.zeros((3, 6)), RX90, 0.2)
 
 
 def test_a_straight_way_takes_the_time_of_the_closed_form():
@@ -100,7 +102,7 @@ def test_a_straight_way_takes_the_time_of_the_closed_form():
     qs = way[:, None] * np.full(6, 1e-5)
     points = way[:, None] * np.array((1.0, 0, 0))
     for speed in (2.0, 20.0, 60.0):
-        timed = time_along(way, qs, points, SpeedLimits(speed, 250.0, 2500.0), *WIDE)
+        timed = parameterize_time(way, qs, points, SpeedLimits(speed, 250.0, 2500.0), *WIDE)
         reached = min(0.9 * 0.6 * 250.0, np.sqrt(speed * 2500.0))
         expected = 200 / speed + speed / reached + reached / 2500.0
         assert timed.duration_s == pytest.approx(expected, rel=1e-3)
@@ -119,7 +121,7 @@ def test_the_way_over_time_is_the_integral_of_its_speed():
     way = np.linspace(0, 50, 51)
     qs = np.sin(way[:, None] / np.array((5.0, 7.0, 9.0, 11.0, 13.0, 15.0))) * 0.2
     points = np.column_stack((way, np.sin(way / 3.0), 0 * way))
-    timed = time_along(way, qs, points, SpeedLimits(30.0, 250.0, 2500.0), *WIDE)
+    timed = parameterize_time(way, qs, points, SpeedLimits(30.0, 250.0, 2500.0), *WIDE)
     at, h = timed.times_s[1:-1], 1e-5
     slope = (timed.way_at(at + h) - timed.way_at(at - h)) / (2 * h)
     np.testing.assert_allclose(slope, timed.speed_mm_per_s[1:-1], atol=0.01)
@@ -133,7 +135,7 @@ def test_slow_joints_hold_the_scan_back():
     qs[:, 3] = 0.02 * way  # 20 mm/s would be 0.4 rad/s
     points = way[:, None] * np.array((1.0, 0, 0))
     limits = SpeedLimits(20.0, 250.0, 2500.0)
-    timed = time_along(way, qs, points, limits, np.full(6, 0.2), np.full(6, 100.0))
+    timed = parameterize_time(way, qs, points, limits, np.full(6, 0.2), np.full(6, 100.0))
     assert timed.speed_mm_per_s.max() == pytest.approx(0.9 * 0.2 / 0.02)
 
 
@@ -141,7 +143,7 @@ def test_slow_joints_hold_the_scan_back():
 def test_no_sampled_limit_is_exceeded_and_the_verifier_agrees(followed, speed):
     path, qs, branch, roll_rad = followed
     asked = ScanSettings(scan_speed_mm_per_s=speed)
-    trajectory = time_path(path, qs, RX90, asked, branch=branch)
+    trajectory = time_scan(path, qs, RX90, asked, branch=branch)
     figures = timing_figures(trajectory, path, RX90, speed)
     assert figures.joint_speed_share <= 1.0 + 1e-6
     assert figures.joint_acceleration_share <= 1.0 + 1e-6
@@ -165,7 +167,7 @@ def test_weak_joints_are_not_overdriven_either(followed):
             limits.acceleration_rad_per_s2 / 60.0,
         ),
     )
-    trajectory = time_path(path, qs, weak, ScanSettings(), branch=branch)
+    trajectory = time_scan(path, qs, weak, ScanSettings(), branch=branch)
     figures = timing_figures(trajectory, path, weak, 20.0)
     assert 0.5 < figures.joint_speed_share <= 1.0 + 1e-6
     assert 0.5 < figures.joint_acceleration_share <= 1.0 + 1e-6
@@ -178,14 +180,14 @@ def test_wider_corners_are_faster_and_most_of_the_path_is_at_scan_speed(followed
     for deviation_mm in (0.05, 0.1, 0.2):
         asked = ScanSettings(corner_deviation_mm=deviation_mm)
         figures = timing_figures(
-            time_path(path, qs, RX90, asked, branch=branch), path, RX90, asked.scan_speed_mm_per_s
+            time_scan(path, qs, RX90, asked, branch=branch), path, RX90, asked.scan_speed_mm_per_s
         )
         assert figures.deviation_mm <= deviation_mm + 0.01
         durations.append(figures.scan_duration_s)
     assert durations[0] > durations[1] > durations[2]
     assert figures.steady_share > 0.85
     slow = ScanSettings(scan_speed_mm_per_s=5.0)
-    calm = timing_figures(time_path(path, qs, RX90, slow, branch=branch), path, RX90, 5.0)
+    calm = timing_figures(time_scan(path, qs, RX90, slow, branch=branch), path, RX90, 5.0)
     assert calm.steady_share > 0.99
 
 
@@ -197,7 +199,7 @@ def test_the_smoothest_path_is_driven_at_scan_speed_throughout(followed):
         np.repeat(path.axes_base[:1], 41, axis=0),
     )
     qs = joint_path(line, RX90, roll_rad, branch)
-    trajectory = time_path(line, qs, RX90, ScanSettings(), branch=branch)
+    trajectory = time_scan(line, qs, RX90, ScanSettings(), branch=branch)
     figures = timing_figures(trajectory, line, RX90, 20.0)
     ramps_mm = 20.0 * (20.0 / 135.0 + 135.0 / 2500.0)
     assert figures.steady_share == pytest.approx(1.0 - ramps_mm / 40.0, abs=0.03)
@@ -209,10 +211,10 @@ def test_nonsense_is_refused_by_name(followed):
     with pytest.raises(InvalidInputError, match="corner_deviation_mm must be"):
         ScanSettings(corner_deviation_mm=0.4)
     with pytest.raises(InvalidInputError, match="qs_rad must have shape"):
-        time_path(path, qs[:-1], RX90, ScanSettings(), branch=branch)
+        time_scan(path, qs[:-1], RX90, ScanSettings(), branch=branch)
     still = Path5D(np.repeat(path.points_base[:1], 3, axis=0), path.axes_base[[0, 0, 0]])
     with pytest.raises(InvalidInputError, match="two places"):
-        time_path(still, qs[[0, 0, 0]], RX90, ScanSettings(), branch=branch)
+        time_scan(still, qs[[0, 0, 0]], RX90, ScanSettings(), branch=branch)
     resting = Trajectory(np.arange(3.0), qs[:3], 1.0, 0.0, np.zeros(3))
     with pytest.raises(InvalidInputError, match="no scan"):
         timing_figures(resting, path, RX90, 20.0)

@@ -6,7 +6,7 @@ import pytest
 from rona_core.devices.settings import ContactSettings, RobotSettings
 from rona_core.devices.wrench import JR3
 from rona_core.errors import DeviceError, InvalidInputError
-from rona_core.robot.force_control.correction_corridor import contact_band
+from rona_core.robot.force_control.correction_corridor import correction_corridor
 from rona_core.robot.force_control.gravity_compensation import GRAVITY_BASE
 from rona_core.robot.kinematics.catalog import robot_model
 from rona_core.robot.planning.plan_scan import plan_scan
@@ -22,7 +22,7 @@ CONTACT = ContactSettings()
 @pytest.fixture(scope="module")
 def band():
     plan = plan_scan(dense_path("S0", lines=2, per_line=4), RX90)
-    return contact_band(RX90, plan.trajectory, CONTACT)
+    return correction_corridor(RX90, plan.trajectory, CONTACT)
 
 
 @pytest.fixture

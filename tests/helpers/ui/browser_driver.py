@@ -13,7 +13,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
-REPOSITORY = Path(__file__).resolve().parents[2]
+REPOSITORY = Path(__file__).resolve().parents[3]
 CHROMIUM = Path(os.environ.get("RONA_CHROMIUM", "/usr/bin/chromium"))
 TOKEN = "token-of-the-browser-test"
 STEPS = ("Set-up", "Tool", "Pointer", "Surface", "Path", "Smoothing", "Roll", "Scan", "Maps")

@@ -1,18 +1,13 @@
-"""What the UR arms look like: tubes between round joint housings with blue covers.
+"""Solids of the UR arms: tubes between round joint housings with covers.
 
-Each solid is nearly convex, so that its hull is a close bound.
+Their hulls are the collision bodies of these arms, and they are what is drawn of them. Each solid
+is nearly convex, so that its hull is a close bound.
 """
 
 from rona_core.devices.protocols import Mesh
-from rona_core.errors import InvalidInputError
+from rona_core.robot.collision.solids import Solid, along_axis, merged, turned
 from rona_core.robot.kinematics.offset_wrist import ParallelArm
-from rona_core.robot.kinematics.robot_model import RobotModel
-from rona_core.robot.meshes.primitives import along_axis, merged, turned
-from rona_core.robot.meshes.tool_mesh import STEEL, LinkShape, Rgb, tool_shapes
 
-TUBE: Rgb = (206, 210, 214)
-HOUSING: Rgb = (222, 225, 228)
-COVER: Rgb = (108, 160, 204)
 JOINT_RADIUS = 0.44  # of the lateral offset of the shoulder
 ELBOW_RADIUS = 0.84  # of the joint
 WRIST_RADIUS = 0.40  # of the distance between axes 4 and 6
@@ -21,22 +16,9 @@ ELBOW_SPLIT = 0.35  # where upper arm and forearm meet, of the way between them
 PLATE_MM = 26.0  # the turning flange is so thick
 
 
-def ur_shapes(model: RobotModel) -> tuple[LinkShape, ...]:
-    """Return the solids of a UR arm and its tool.
-
-    Raises:
-        InvalidInputError: the arm is of another build.
-    """
-    arm = model.arm
-    if not isinstance(arm, ParallelArm):
-        raise InvalidInputError(f"{model.name} is drawn as an arm with three parallel axes")
-    return (
-        *_column(arm),
-        *_upper_arm(arm),
-        *_forearm(arm),
-        *_wrist(arm),
-        *tool_shapes(model),
-    )
+def ur_solids(arm: ParallelArm) -> tuple[Solid, ...]:
+    """Return the solids of a UR arm without its tool."""
+    return (*_column(arm), *_upper_arm(arm), *_forearm(arm), *_wrist(arm))
 
 
 def radii_mm(arm: ParallelArm) -> tuple[float, float, float]:
@@ -57,7 +39,7 @@ def _across(
     return along_axis(_round(radius, low, high, edge=edge), "y", (0.0, 0.0, height))
 
 
-def _column(arm: ParallelArm) -> tuple[LinkShape, ...]:
+def _column(arm: ParallelArm) -> tuple[Solid, ...]:
     joint, _, _ = radii_mm(arm)
     top = arm.shoulder_mm - 0.78 * joint
     foot = turned(
@@ -71,15 +53,15 @@ def _column(arm: ParallelArm) -> tuple[LinkShape, ...]:
         ((0, 0.78 * joint), (0.9 * joint, 0.78 * joint), (0.8 * joint, joint), (0, joint))
     )
     return (
-        LinkShape(0, "base", STEEL, foot),
-        LinkShape(1, "shoulder", HOUSING, body),
-        LinkShape(1, "shoulder neck", HOUSING, _across(0.97 * joint, 0.0, neck - 6)),
-        LinkShape(1, "shoulder ring", STEEL, ring),
-        LinkShape(1, "shoulder cover", COVER, cover),
+        Solid(0, "base", foot),
+        Solid(1, "shoulder", body),
+        Solid(1, "shoulder neck", _across(0.97 * joint, 0.0, neck - 6)),
+        Solid(1, "shoulder ring", ring),
+        Solid(1, "shoulder cover", cover),
     )
 
 
-def _upper_arm(arm: ParallelArm) -> tuple[LinkShape, ...]:
+def _upper_arm(arm: ParallelArm) -> tuple[Solid, ...]:
     joint, elbow, _ = radii_mm(arm)
     half = SPREAD * arm.shoulder_side_mm
     meeting = ELBOW_SPLIT * arm.elbow_side_mm
@@ -87,15 +69,15 @@ def _upper_arm(arm: ParallelArm) -> tuple[LinkShape, ...]:
     root = _across(joint, -half, half - 12)
     head = _across(elbow, meeting, half - 12, length)
     return (
-        LinkShape(2, "upper arm root", TUBE, root),
-        LinkShape(2, "upper arm", TUBE, _round(0.72 * joint, 0.0, length, edge=0.0)),
-        LinkShape(2, "upper arm head", TUBE, head),
-        LinkShape(2, "root cover", COVER, _across(0.94 * joint, half - 14, half, edge=6.0)),
-        LinkShape(2, "head cover", COVER, _across(0.94 * elbow, half - 14, half, length, edge=6.0)),
+        Solid(2, "upper arm root", root),
+        Solid(2, "upper arm", _round(0.72 * joint, 0.0, length, edge=0.0)),
+        Solid(2, "upper arm head", head),
+        Solid(2, "root cover", _across(0.94 * joint, half - 14, half, edge=6.0)),
+        Solid(2, "head cover", _across(0.94 * elbow, half - 14, half, length, edge=6.0)),
     )
 
 
-def _forearm(arm: ParallelArm) -> tuple[LinkShape, ...]:
+def _forearm(arm: ParallelArm) -> tuple[Solid, ...]:
     _, elbow, wrist = radii_mm(arm)
     inner = (ELBOW_SPLIT - 1.0) * arm.elbow_side_mm  # where it meets the upper arm
     low, length = -0.9 * elbow, arm.forearm_mm
@@ -103,15 +85,15 @@ def _forearm(arm: ParallelArm) -> tuple[LinkShape, ...]:
     root_cover = _across(0.85 * elbow, low, low + 14, edge=6.0)
     head_cover = _across(wrist, -wrist - 10, -wrist + 2, length, edge=4.0)
     return (
-        LinkShape(3, "forearm root", TUBE, _across(0.9 * elbow, low + 12, inner)),
-        LinkShape(3, "forearm", TUBE, _round(0.62 * elbow, 0.0, length, edge=0.0)),
-        LinkShape(3, "forearm head", TUBE, head),
-        LinkShape(3, "forearm root cover", COVER, root_cover),
-        LinkShape(3, "forearm head cover", COVER, head_cover),
+        Solid(3, "forearm root", _across(0.9 * elbow, low + 12, inner)),
+        Solid(3, "forearm", _round(0.62 * elbow, 0.0, length, edge=0.0)),
+        Solid(3, "forearm head", head),
+        Solid(3, "forearm root cover", root_cover),
+        Solid(3, "forearm head cover", head_cover),
     )
 
 
-def _wrist(arm: ParallelArm) -> tuple[LinkShape, ...]:
+def _wrist(arm: ParallelArm) -> tuple[Solid, ...]:
     _, _, wrist = radii_mm(arm)
     first = merged(
         _across(wrist, -wrist, wrist, edge=5.0),
@@ -125,9 +107,9 @@ def _wrist(arm: ParallelArm) -> tuple[LinkShape, ...]:
     second_cover = _across(0.92 * wrist, -wrist - 9, -0.6 * wrist, edge=4.0)
     flange = _round(0.92 * wrist, -PLATE_MM, 0.0, edge=3.0)
     return (
-        LinkShape(4, "wrist 1", HOUSING, first),
-        LinkShape(4, "wrist 1 cover", COVER, first_cover),
-        LinkShape(5, "wrist 2", HOUSING, second),
-        LinkShape(5, "wrist 2 cover", COVER, second_cover),
-        LinkShape(6, "flange", STEEL, flange),
+        Solid(4, "wrist 1", first),
+        Solid(4, "wrist 1 cover", first_cover),
+        Solid(5, "wrist 2", second),
+        Solid(5, "wrist 2 cover", second_cover),
+        Solid(6, "flange", flange),
     )

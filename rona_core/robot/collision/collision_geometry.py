@@ -6,7 +6,7 @@ its drawn solids, or where it is not drawn by capsules from joint to joint, as t
 are.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from itertools import product
 
@@ -17,26 +17,20 @@ from scipy.spatial import ConvexHull, QhullError
 from rona_core.devices.marker_geometry import GEOMETRIES
 from rona_core.errors import DegenerateGeometryError, InvalidInputError
 from rona_core.geometry.arrays import Floats, readonly
+from rona_core.robot.collision.solids import Solid, force_sensor
+from rona_core.robot.collision.ur_solids import ur_solids
+from rona_core.robot.kinematics.offset_wrist import ParallelArm
 from rona_core.robot.kinematics.robot_model import RobotModel
 from rona_core.robot.kinematics.spherical_wrist import SphericalWristArm
-from rona_core.robot.meshes.link_meshes import link_shapes
 
 CORNERS = 12  # of the prisms that stand for drums, drawn about them
 DELAY_LINE, PROBE_BODY, PROBE, TOOL_LINK = "delay line", "probe body", "probe", 6
 BALL_MM = 7.0  # about a marker, its post included
-DRAWN_TOOL = (
-    "tool holder",
-    "probe body",
-    "probe ring",
-    "delay line",
-    "marker plate",
-    "marker balls",
-)
 THICKNESS = (0.17, 0.15, 0.14, 0.11, 0.075, 0.065, 0.065)  # radius over mean link length, fallback
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Bound:
+class ConvexBody:
     """A convex body: all places within a radius of the hull of some points."""
 
     name: str
@@ -53,31 +47,33 @@ HELD_APART = {
 }
 
 
-def outer_bounds(model: RobotModel) -> tuple[Bound, ...]:
+def collision_bodies(model: RobotModel) -> tuple[ConvexBody, ...]:
     """Return bodies that contain the robot and its tool, base first."""
-    arm = TABLES[model.name](model) if model.name in TABLES else drawn_bounds(model)
+    if model.name in TABLES:
+        arm = TABLES[model.name](model)
+    elif isinstance(model.arm, ParallelArm):
+        sensor = Solid(TOOL_LINK, "force sensor", force_sensor())
+        arm = solid_hulls((*ur_solids(model.arm), sensor))
+    else:
+        arm = link_capsules(model)
     return (*arm, *_tool(model))
 
 
-def drawn_bounds(model: RobotModel) -> tuple[Bound, ...]:
-    """Return hulls of the drawn solids of an arm without its tool, or capsules where none is drawn.
+def solid_hulls(solids: Sequence[Solid]) -> tuple[ConvexBody, ...]:
+    """Return the hulls of solids.
 
     A solid whose name begins with that of another one of its link ("wrist 1 cover") joins its hull.
 
     Raises:
-        DegenerateGeometryError: a drawn solid is flat.
+        DegenerateGeometryError: a solid is flat.
     """
-    try:
-        shapes = link_shapes(model)
-    except InvalidInputError:
-        return joint_bounds(model)
     groups: dict[tuple[str, int], list[Floats]] = {}
-    for shape in (shape for shape in shapes if shape.name not in DRAWN_TOOL):
-        beside = (other.name for other in shapes if other.frame == shape.frame)
-        head = min((name for name in beside if _in_name(name, shape.name)), key=len)
-        groups.setdefault((head, shape.frame), []).append(shape.mesh.vertices)
+    for solid in solids:
+        on_link = (other.name for other in solids if other.frame == solid.frame)
+        head = min((name for name in on_link if _in_name(name, solid.name)), key=len)
+        groups.setdefault((head, solid.frame), []).append(solid.mesh.vertices)
     return tuple(
-        Bound(name, link, readonly(_corners(np.concatenate(parts))))
+        ConvexBody(name, link, readonly(_corners(np.concatenate(parts))))
         for (name, link), parts in groups.items()
     )
 
@@ -91,7 +87,7 @@ def _corners(points: Floats) -> Floats:
     try:
         return points[ConvexHull(points).vertices]
     except QhullError as error:
-        raise DegenerateGeometryError("a drawn solid encloses nothing") from error
+        raise DegenerateGeometryError("a solid encloses nothing") from error
 
 
 def drum(radii_and_heights: ArrayLike, axis: str = "z", origin: ArrayLike = (0, 0, 0)) -> Floats:
@@ -109,45 +105,45 @@ def drum(radii_and_heights: ArrayLike, axis: str = "z", origin: ArrayLike = (0, 
     return points + np.asarray(origin, dtype=np.float64)
 
 
-def _bound(name: str, link: int, *parts: Floats) -> Bound:
-    return Bound(name, link, readonly(np.concatenate(parts)))
+def _body(name: str, link: int, *parts: Floats) -> ConvexBody:
+    return ConvexBody(name, link, readonly(np.concatenate(parts)))
 
 
-def _rx90(model: RobotModel) -> tuple[Bound, ...]:
+def _rx90(model: RobotModel) -> tuple[ConvexBody, ...]:
     arm = model.arm
     if not isinstance(arm, SphericalWristArm):
-        raise InvalidInputError(f"the bounds of the RX90 do not fit the arm of {model.name}")
+        raise InvalidInputError(f"the bodies of the RX90 do not fit the arm of {model.name}")
     up, upper, fore = arm.shoulder_mm, arm.upper_arm_mm, arm.forearm_mm
     return (
-        _bound("base", 0, drum(((160, 0), (160, 40), (132, 60), (124, up - 216)))),
-        _bound("shoulder column", 1, drum(((125, 204 - up), (120, -70), (97, 41)))),
-        _bound("shoulder", 1, drum(((85, -129), (119, -119), (131, -97), (131, 93)), "y")),
-        _bound(
+        _body("base", 0, drum(((160, 0), (160, 40), (132, 60), (124, up - 216)))),
+        _body("shoulder column", 1, drum(((125, 204 - up), (120, -70), (97, 41)))),
+        _body("shoulder", 1, drum(((85, -129), (119, -119), (131, -97), (131, 93)), "y")),
+        _body(
             "upper arm",
             2,
             drum(((129, 95), (129, 189), (87, 198)), "y"),
             drum(((105, 95), (105, 189), (69, 198)), "y", (0, 0, upper)),
         ),
-        _bound("elbow", 3, drum(((95, -93), (107, -77), (107, 93)), "y")),
-        _bound("elbow motors", 3, drum(((59, -169), (79, -150), (93, 60), (85, 157)))),
-        _bound(
+        _body("elbow", 3, drum(((95, -93), (107, -77), (107, 93)), "y")),
+        _body("elbow motors", 3, drum(((59, -169), (79, -150), (93, 60), (85, 157)))),
+        _body(
             "forearm",
             4,
             drum(((85, 155 - fore), (85, 197 - fore), (61, -117))),
             drum(((47, -54), (47, 54)), "y"),
         ),
-        _bound(
+        _body(
             "wrist",
             5,
             drum(((25, -57), (42, -37), (42, 37), (25, 57)), "y"),
             drum(((39, 44), (35, 57))),
         ),
-        _bound("flange", TOOL_LINK, drum(((51, 56 - arm.flange_mm), (51, 23)))),
+        _body("flange", TOOL_LINK, drum(((51, 56 - arm.flange_mm), (51, 23)))),
     )
 
 
-def _tool(model: RobotModel) -> tuple[Bound, ...]:
-    """Return holder, probe body, delay line and marker plate, as ``shape.py`` draws them."""
+def _tool(model: RobotModel) -> tuple[ConvexBody, ...]:
+    """Return holder, probe body, delay line and marker plate, one body each."""
     T_flange_probe, T_flange_tip = model.T_flange_probe, model.T_flange_tip
     height = float(T_flange_tip.translation[2])
     clamp = T_flange_tip @ drum(((28, -129), (28, -91)))
@@ -162,27 +158,29 @@ def _tool(model: RobotModel) -> tuple[Bound, ...]:
     plate = model.T_flange_toolmarker @ around
     stem = T_flange_tip @ (np.array((0.0, 0.0, -112.0)) + cube)
     return (
-        _bound("tool holder", TOOL_LINK, drum(((37, 21), (37, 31))), near, far, clamp),
-        _bound(PROBE_BODY, TOOL_LINK, body),  # beside the head, where the next may touch
-        _bound(DELAY_LINE, TOOL_LINK, line),
-        _bound(PROBE, TOOL_LINK, body, line),  # beside everything else
-        _bound("marker plate", TOOL_LINK, plate, stem),
+        _body("tool holder", TOOL_LINK, drum(((37, 21), (37, 31))), near, far, clamp),
+        _body(PROBE_BODY, TOOL_LINK, body),  # beside the head, where the next may touch
+        _body(DELAY_LINE, TOOL_LINK, line),
+        _body(PROBE, TOOL_LINK, body, line),  # beside everything else
+        _body("marker plate", TOOL_LINK, plate, stem),
     )
 
 
-def joint_bounds(model: RobotModel) -> tuple[Bound, ...]:
+def link_capsules(model: RobotModel) -> tuple[ConvexBody, ...]:
     """Return a capsule for each link, from its joint to the next one."""
     poses = model.joint_poses(np.zeros(6))
     places = poses.translations
     lengths = np.linalg.norm(np.diff(places, axis=0), axis=1)
     size = float(lengths.sum()) / 2.0
-    bounds: list[Bound] = []
+    capsules: list[ConvexBody] = []
     for link in range(7):
         T_link_base = poses[link].inv()
         end = T_link_base @ places[min(link + 1, 6)]
         radius = THICKNESS[link] * size
-        bounds.append(Bound(f"link {link}", link, readonly(np.stack((np.zeros(3), end))), radius))
-    return tuple(bounds)
+        capsules.append(
+            ConvexBody(f"link {link}", link, readonly(np.stack((np.zeros(3), end))), radius)
+        )
+    return tuple(capsules)
 
 
-TABLES: dict[str, Callable[[RobotModel], tuple[Bound, ...]]] = {"rx90": _rx90}
+TABLES: dict[str, Callable[[RobotModel], tuple[ConvexBody, ...]]] = {"rx90": _rx90}

@@ -1,10 +1,11 @@
-"""Solids to draw a robot with: turned parts, slabs, rods and balls, edges rounded.
+"""Solids of robot and tool: turned parts, slabs, rods and balls, edges rounded.
 
 Vertices are shared within a smooth face and doubled along sharp edges, so that a viewer that
 averages normals over shared vertices shades both as they are.
 """
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
@@ -17,6 +18,15 @@ from rona_core.geometry.pose import Pose
 AROUND = 26  # vertices around a turned part
 CREASE_RAD = np.deg2rad(40.0)  # a profile that bends by more has an edge there
 ARC_POINTS = 3  # of a rounded edge
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Solid:
+    """A named solid that moves with a link."""
+
+    frame: int  # index of the link frame of ``RobotModel.joint_poses`` it is attached to
+    name: str
+    mesh: Mesh  # mm, in that link frame
 
 
 def rounded(profile: Sequence[tuple[float, float]], radius_mm: float) -> Floats:
@@ -150,3 +160,8 @@ def _strip(loops: list[Floats]) -> Mesh:
     corners = vertices[faces]
     normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     return Mesh(readonly(vertices), readonly(faces[np.linalg.norm(normals, axis=1) > 1e-9]))
+
+
+def force_sensor() -> Mesh:
+    """Return the force sensor between flange and tool, in ``flange``."""
+    return turned(((0, 0), (42, 0), (42, 22), (0, 22)), edge_mm=3.0)

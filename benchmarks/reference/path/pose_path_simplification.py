@@ -10,7 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
-from benchmarks.reference.pose_path_angles import piece_turns
+from benchmarks.reference.path.pose_path_angles import piece_turns
 from rona_core.devices.protocols import never
 from rona_core.errors import InvalidInputError
 from rona_core.geometry.arrays import Bools, Floats, Ints, as_floats, as_points, readonly
