@@ -1,4 +1,4 @@
-"""What somebody said at set-up about the things around the robot: facts of the room, not measured.
+"""Work cell: table, floor, head rest, tracker stand and added obstacles, as stated at set-up.
 
 The room is the robot base at its default place, so that moving the base does not move the table.
 Table and head are told from the place of work, where the scanned region is put up before the robot.

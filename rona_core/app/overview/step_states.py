@@ -177,7 +177,7 @@ def _roll_summary(session: Session) -> str:
         return ""
     plan = derived.value
     feasible = sum(verdict.feasible for verdict in plan.search.verdicts)
-    counts = f"{feasible} of {len(plan.search.verdicts)} rolls work"
+    counts = f"{feasible} of {len(plan.search.verdicts)} roll angles feasible"
     if plan.search.mode == "none" or plan.trajectory is None:
         return f"{counts}: move the robot base or change the path"
     if plan.search.mode == "variable":

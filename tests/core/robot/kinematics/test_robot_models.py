@@ -214,7 +214,7 @@ def test_home_points_the_tool_down_clear_of_the_limits_and_of_the_head(name):
 
 
 @every_arm
-def test_the_tool_motion_at_the_workplace_is_certified(name):
+def test_the_tool_motion_in_the_work_area_is_certified(name):
     motion = plan_tool_motion(MODELS[name])
     assert motion.certificate.certifies(motion)
     np.testing.assert_allclose(
@@ -223,7 +223,7 @@ def test_the_tool_motion_at_the_workplace_is_certified(name):
 
 
 @every_arm
-def test_a_path_in_the_workplace_is_planned_and_certified(name):
+def test_a_path_in_the_work_area_is_planned_and_certified(name):
     model = MODELS[name]
     steps = np.linspace(-20.0, 20.0, 41)
     points = np.array(model.work_area.region_base) + np.stack(

@@ -1,8 +1,6 @@
 """The picture of all rolls: a strip that says which work, and below it the map of path by roll."""
 
 import base64
-import struct
-import zlib
 from collections import Counter
 
 import numpy as np
@@ -10,7 +8,8 @@ from numpy.typing import NDArray
 
 from rona_core.app.steps.roll.view import RollStrip
 from rona_core.geometry.arrays import Floats
-from rona_ui.scene.colors import (
+from rona_ui.panels.widgets.image_slider import png
+from rona_ui.presentation.colors import (
     BLUE,
     GREEN,
     ORANGE,
@@ -26,14 +25,14 @@ from rona_ui.scene.colors import (
 from rona_ui.viewer.bindings import escape
 
 REASONS: dict[str, tuple[str, Rgb]] = {  # reason of a verdict -> words, colour in the strip
-    "none": ("works", GREEN),
+    "none": ("feasible", GREEN),
     "limit": ("joint limit", VERMILLION),
     "reach": ("out of reach", PURPLE),
     "singularity": ("singularity", ORANGE),
-    "jump": ("jump of a joint", BLUE),
+    "jump": ("joint jump", BLUE),
     "blocked": ("collision", SKY),
-    "roll rate": ("turns too fast", SKY),
-    "no way": ("no way there or back", YELLOW),
+    "roll rate": ("roll rate", SKY),
+    "no way": ("no approach or retract", YELLOW),
 }
 STRIP, GAP, MAP = 80.0, 20.0, 1000.0  # heights in the picture
 WIDE = 10.0  # of a roll in the picture
@@ -98,12 +97,12 @@ def legend(strip: RollStrip) -> str:
         if counts[reason]
     ]
     map_key = [
-        (viridis_css(), "width:44px;", f"room, 0 to {_top(strip):.1f}"),
-        (css(VERMILLION), "", "no room"),
-        ("#fff;border:1px solid #52606d", "height:4px;", "fails first"),
+        (viridis_css(), "width:44px;", f"margin, 0 to {_top(strip):.1f}"),
+        (css(VERMILLION), "", "no margin"),
+        ("#fff;border:1px solid #52606d", "height:4px;", "first failure"),
     ]
     if len(strip.curve_deg):
-        map_key.append(("#1f2933", "width:3px;", "chosen roll"))
+        map_key.append(("#1f2933", "width:3px;", "selected roll"))
     spans = "".join(
         f'<span><i style="{size}background:{color}"></i>{escape(words)}</span>'
         for color, size, words in (*entries, *map_key)
@@ -121,21 +120,3 @@ def roll_image(strip: RollStrip) -> NDArray[np.uint8]:
     image = viridis(np.clip(strip.node_room / _top(strip), 0.0, 1.0))
     image[strip.node_room < 0.0] = VERMILLION
     return image
-
-
-def png(image: NDArray[np.uint8]) -> bytes:
-    """Return an image (h, w, 3) as a PNG file."""
-
-    def chunk(kind: bytes, data: bytes) -> bytes:
-        check = zlib.crc32(kind + data)
-        return struct.pack(">I", len(data)) + kind + data + struct.pack(">I", check)
-
-    height, width = image.shape[:2]
-    rows = np.concatenate((np.zeros((height, 1), np.uint8), image.reshape(height, -1)), axis=1)
-    header = struct.pack(">IIBBBBB", width, height, 8, 2, 0, 0, 0)
-    return (
-        b"\x89PNG\r\n\x1a\n"
-        + chunk(b"IHDR", header)
-        + chunk(b"IDAT", zlib.compress(rows.tobytes()))
-        + chunk(b"IEND", b"")
-    )

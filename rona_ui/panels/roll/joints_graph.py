@@ -9,34 +9,34 @@ from rona_core.app.steps.roll.planned_motion import path_percent_at
 from rona_core.app.steps.roll.view import JointCurves, joint_curves, shown_roll
 from rona_core.geometry.arrays import Floats
 from rona_ui.panels.widgets import style
-from rona_ui.panels.widgets.panel_context import Door, follow
-from rona_ui.scene.colors import CATEGORIES, VERMILLION, css
-from rona_ui.view_state import Picture
+from rona_ui.panels.widgets.graph_style import INK, PADDING, axis
+from rona_ui.panels.widgets.panel_context import PanelContext, on_change
+from rona_ui.presentation.colors import CATEGORIES, VERMILLION, css
+from rona_ui.presentation.snapshot import Snapshot
 
 JOINTS = ("All, share of range", *(f"Joint {j}" for j in range(1, 7)))
-GRID = {"stroke": "#e3e8ed", "width": 1}
-INK = "#3e4c59"
 BELOW = 3.0  # graph heights
-PADDING = (8, 14, 0, 0)  # pixels above and to the right, for the last numbers of the axes
 SHADE = "rgba(213,94,0,0.20)"
 
 
 class JointsPanel:
     """Six joints of the shown roll; the forbidden zones are shaded, the failing place is marked."""
 
-    def __init__(self, gui: Any, door: Door) -> None:
+    def __init__(self, gui: Any, context: PanelContext) -> None:
         self._gui = gui
         self._select = gui.add_dropdown("Joint", JOINTS)
         self._words = gui.add_html(style.text("The joint graphs appear after step 7."))
         self._folder = gui.add_folder(None)
         self._plot: Any = None
         self._shape: tuple[Any, ...] = ()
-        follow(
+        on_change(
             self._select,
-            lambda e: door.view(lambda v: replace(v, joint=JOINTS.index(self._select.value))),
+            lambda e: context.change_view(
+                lambda v: replace(v, joint=JOINTS.index(self._select.value))
+            ),
         )
 
-    def render(self, old: Picture | None, new: Picture) -> None:
+    def render(self, old: Snapshot | None, new: Snapshot) -> None:
         """Follow the shown roll, the chosen joint and the cursor."""
         if (
             old is not None
@@ -103,7 +103,7 @@ class JointsPanel:
                     "x": {"time": False, "range": (0.0, 100.0)},
                     "y": {"range": (low, high)},
                 },
-                axes=(_axis("path (%)"), _axis(unit)),
+                axes=(axis("path (%)"), axis(unit)),
                 legend={"show": False},
                 cursor={"drag": {"x": True, "y": False}},
                 height=225,
@@ -111,15 +111,11 @@ class JointsPanel:
             )
 
 
-def _is_planned(picture: Picture) -> bool:
-    roll = picture.session.results.roll
-    return roll is not None and shown_roll(picture.session, picture.view.shown_roll) == max(
+def _is_planned(snapshot: Snapshot) -> bool:
+    roll = snapshot.session.results.roll
+    return roll is not None and shown_roll(snapshot.session, snapshot.view.shown_roll) == max(
         roll.value.search.chosen, 0
     )
-
-
-def _axis(label: str) -> dict[str, Any]:
-    return {"label": label, "grid": GRID, "stroke": INK, "labelSize": 22, "font": "11px sans-serif"}
 
 
 def joint_data(
@@ -199,5 +195,5 @@ def _joint_words(curves: JointCurves) -> str:
             "Shaded: beyond the joint limits."
         )
     if not curves.feasible:
-        words += " Dashed: where it fails first; dots: everywhere that the robot cannot follow."
+        words += " Dashed: first failure. Dots: all infeasible places."
     return style.key(names) + style.text(words)

@@ -9,6 +9,7 @@ BACKGROUND: Rgb = (70, 78, 88)
 BONE: Rgb = (226, 217, 198)
 BONE_RIM: Rgb = (199, 160, 105)  # of bone that is cut
 STEEL: Rgb = (154, 160, 168)
+BLOCKED: Rgb = (120, 128, 136)  # base place too close to the head
 
 BLUE: Rgb = (0, 114, 178)
 ORANGE: Rgb = (230, 159, 0)

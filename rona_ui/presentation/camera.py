@@ -5,9 +5,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from rona_core.geometry.arrays import Vector3
-from rona_ui.view_state import Backdrop
+from rona_ui.presentation.static_scene import StaticScene
 
-FOCUS = {  # step -> preset; the camera moves only where the preset changes
+STEP_PRESETS = {  # step -> preset; the camera moves only where the preset changes
     "setup": "Overview",
     "tool": "Overview",
     "pointer": "Overview",
@@ -37,7 +37,7 @@ HEAD_DISTANCE_MM = 270.0
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Sight:
+class CameraPose:
     """Where the camera is, the place it looks at, and what is up in its picture."""
 
     eye_base: Vector3
@@ -45,22 +45,24 @@ class Sight:
     up_base: Vector3
 
 
-def preset(name: str, backdrop: Backdrop | None) -> Sight:
+def camera_pose(name: str, static_scene: StaticScene | None) -> CameraPose:
     """Return the sight of a camera preset; of an unknown name the overview."""
-    if backdrop is None:
-        return Sight(np.array(FIRST[0]), np.array(FIRST[1]), UP)
-    if name in HEAD and backdrop.head_axes_base is not None:
+    if static_scene is None:
+        return CameraPose(np.array(FIRST[0]), np.array(FIRST[1]), UP)
+    if name in HEAD and static_scene.head_axes_base is not None:
         column, sign, upper = HEAD[name]
-        axes = backdrop.head_axes_base
-        along = backdrop.skull.vertices @ axes
+        axes = static_scene.head_axes_base
+        along = static_scene.skull.vertices @ axes
         middle = axes @ (0.5 * (along.min(axis=0) + along.max(axis=0)))
-        return Sight(middle + sign * HEAD_DISTANCE_MM * axes[:, column], middle, axes[:, upper])
-    return Sight(*_room(name, backdrop), UP)
+        return CameraPose(
+            middle + sign * HEAD_DISTANCE_MM * axes[:, column], middle, axes[:, upper]
+        )
+    return CameraPose(*_room(name, static_scene), UP)
 
 
-def _room(name: str, backdrop: Backdrop) -> tuple[Vector3, Vector3]:
+def _room(name: str, static_scene: StaticScene) -> tuple[Vector3, Vector3]:
     """Return the places of eye and target for a view in which the robot stands upright."""
-    center, normal = backdrop.region_center_base, backdrop.region_normal_base
+    center, normal = static_scene.region_center_base, static_scene.region_normal_base
     head = np.array([center[0], center[1], center[2] - 60.0])
     if name == "Region":
         return center + 82.0 * normal + REGION_EYE, center - 3.0 * normal

@@ -2,14 +2,14 @@
 
 from typing import Protocol
 
-from rona_ui.scene.viser_nodes import Stage
-from rona_ui.view_state import Picture
+from rona_ui.presentation.snapshot import Snapshot
+from rona_ui.scene.viser_nodes import SceneNodes
 
 
 class Adapter(Protocol):
     """Draws one thing; never sends a message, never keeps what it read."""
 
-    def render(self, old: Picture | None, new: Picture) -> None:
+    def render(self, old: Snapshot | None, new: Snapshot) -> None:
         """Bring the scene from ``old`` to ``new``; ``old`` is None for the first time."""
         ...
 
@@ -19,13 +19,13 @@ class Layer:
 
     layer = ""
 
-    def __init__(self, stage: Stage) -> None:
-        self.stage = stage
+    def __init__(self, nodes: SceneNodes) -> None:
+        self.nodes = nodes
 
-    def shown(self, picture: Picture) -> bool:
+    def shown(self, snapshot: Snapshot) -> bool:
         """Return whether the layer is switched on in this browser."""
-        return picture.view.shows(self.layer)
+        return snapshot.view.shows(self.layer)
 
-    def toggled(self, old: Picture | None, new: Picture) -> bool:
+    def toggled(self, old: Snapshot | None, new: Snapshot) -> bool:
         """Return whether the layer was switched on or off, or is drawn for the first time."""
         return old is None or self.shown(old) != self.shown(new)
