@@ -20,7 +20,7 @@ from rona_core.errors import CancelledError, DeviceError, InvalidInputError
 from rona_core.geometry.arrays import Floats, readonly
 from rona_core.robot.kinematics.catalog import robot_model
 from rona_core.robot.kinematics.robot_model import RobotModel
-from rona_core.robot.planning.calibration_motion import plan_tool_motion
+from rona_core.robot.planning.calibration_motion import ToolMotionSettings, plan_tool_motion
 from rona_core.session.document import PointerCapture, Session, ToolCapture
 
 SAME_PLACE_RAD = 1e-6
@@ -66,9 +66,11 @@ def capture_tool(activity: StartToolCapture, session: Session, tools: Toolbox) -
     around = session_obstacles(session).without_touch()
     plan = plan_tool_motion(
         model,
-        cone_deg=activity.cone_deg,
-        n_pivot=activity.n_pivot,
-        n_translate=activity.n_translate,
+        ToolMotionSettings(
+            cone_deg=activity.cone_deg,
+            n_pivot=activity.n_pivot,
+            n_translate=activity.n_translate,
+        ),
         obstacles=around,
     )
     require_certified("the tool motion", plan.certificate, plan, around)

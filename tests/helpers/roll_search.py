@@ -2,8 +2,13 @@
 
 import numpy as np
 
-from rona_core.devices.protocols import never, silent
+from rona_core.devices.protocols import Cancel, Progress, never, silent
+from rona_core.geometry.arrays import Floats
+from rona_core.geometry.path5d import Path5D
+from rona_core.robot.kinematics.robot_model import RobotModel
 from rona_core.robot.redundancy.choice import (
+    Choice,
+    RollMode,
     choose_constant_roll,
     search_without_roll,
     with_constant_roll,
@@ -14,23 +19,25 @@ from rona_core.robot.redundancy.cost import RollCost
 from rona_core.robot.redundancy.evaluate_rolls import evaluate_constant_rolls
 from rona_core.robot.redundancy.joint_path import joint_path
 from rona_core.robot.redundancy.margins import MarginLimits
+from rona_core.robot.redundancy.result import RollCurve, RollSearch
 from rona_core.robot.redundancy.roll_grid import solve_roll_grid
-from rona_core.robot.redundancy.variable.optimal_roll import optimal_roll
+from rona_core.robot.redundancy.variable.optimal_roll import BlockedPath, optimal_roll
 from rona_core.robot.redundancy.variable.plan_variable_roll import plan_variable_roll
 from rona_core.robot.redundancy.variable.problem import RollProblem
 
 
 def search_rolls(
-    path,
-    model,
+    path: Path5D,
+    model: RobotModel,
     *,
-    working_set=(72, 0.0, 360.0),
-    choice="best",
-    mode="constant",
-    margin_limits=None,
-    progress=silent,
-    cancel=never,
-):
+    working_set: tuple[int, float, float] = (72, 0.0, 360.0),
+    choice: Choice = "best",
+    mode: RollMode = "constant",
+    margin_limits: MarginLimits | None = None,
+    progress: Progress = silent,
+    cancel: Cancel = never,
+) -> RollSearch:
+    """Search a roll among a working set (count, first, last degrees), or one that varies."""
     limits = margin_limits or MarginLimits()
     evaluation = evaluate_constant_rolls(
         path,
@@ -43,7 +50,7 @@ def search_rolls(
     index = choose_constant_roll(evaluation.verdicts, choice)
     if index >= 0 and mode != "variable":
         verdict = evaluation.verdicts[index]
-        roll_rad = np.deg2rad(verdict.roll_deg)
+        roll_rad = float(np.deg2rad(verdict.roll_deg))
         qs = joint_path(path, model, roll_rad, verdict.branch, limits)
         return with_constant_roll(search_without_roll(evaluation), index, verdict.branch, qs)
     if mode == "constant":
@@ -59,11 +66,15 @@ def search_rolls(
     return search if curve is None else with_variable_roll(search, curve)
 
 
-def roll_problem(path, model, rolls_rad, margin_limits, cost, blocked=None):
+def roll_problem(
+    path: Path5D, model: RobotModel, rolls_rad: Floats, margin_limits: MarginLimits, cost: RollCost
+) -> RollProblem:
     """A varying roll on a grid of rolls."""
-    return RollProblem(solve_roll_grid(path, model, rolls_rad, margin_limits), cost, blocked)
+    return RollProblem(solve_roll_grid(path, model, rolls_rad, margin_limits), cost)
 
 
-def solved(path, model, rolls_rad, margin_limits, cost):
+def solved(
+    path: Path5D, model: RobotModel, rolls_rad: Floats, margin_limits: MarginLimits, cost: RollCost
+) -> RollCurve | BlockedPath:
     """The optimum on a grid of rolls."""
     return optimal_roll(roll_problem(path, model, rolls_rad, margin_limits, cost))

@@ -1,8 +1,8 @@
-"""Where to put the robot when it cannot scan from where it stands.
+"""Base placement: places of the robot base from which the path can be scanned.
 
-A grid of places around the base is screened; the most roomy place and the nearest one that works
-are then planned in full on the dense path, timed and verified. Turning the base about the vertical
-is the same as an offset of joint 1, so every place is judged with the base turned towards the
+A grid of places around the base is screened; the place with the largest margin and the nearest one
+that works are then planned in full on the dense path, timed and verified. Turning the base about
+the vertical is the same as an offset of joint 1, so every place has the base turned towards the
 head. See docs/algorithms/robot/base_placement.md.
 """
 

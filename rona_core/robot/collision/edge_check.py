@@ -1,4 +1,4 @@
-"""Look along a straight move of the joints whether anything is touched, closely enough."""
+"""Collision checks along straight joint moves, at steps that leave no gap for the arm."""
 
 from collections.abc import Callable
 

@@ -1,4 +1,4 @@
-"""What the tool weighs: found from free poses, taken off every reading of the force sensor.
+"""Payload identification from static wrench measurements, and gravity compensation.
 
 The sensor sits on the flange: ``sensor`` is ``flange``. Forces in N, torques in N mm.
 """

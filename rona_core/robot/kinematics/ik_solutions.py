@@ -43,7 +43,7 @@ class IkSolutions:
 
     A branch that cannot reach its pose has ``valid`` false; its angles then point the stretched
     (or folded) arm at it. Angles are principal values, within [-pi, pi]: each may be shifted by
-    full turns where limits allow, see ``limits.aliases``.
+    full turns where limits allow.
 
     The determinant of the Jacobian is a product of lengths, the sines of elbow and wrist and the
     distance of the wrist: it vanishes where one of these three does, and nowhere else.

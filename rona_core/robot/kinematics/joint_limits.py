@@ -1,4 +1,4 @@
-"""Joint limits, and full turns of joints that can make more than one."""
+"""Joint limits, and full turns of joints whose range is more than one."""
 
 from dataclasses import dataclass
 
@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from rona_core.errors import InvalidInputError
-from rona_core.geometry.arrays import Bools, Floats, Ints, as_floats, readonly
+from rona_core.geometry.arrays import Bools, Floats, as_floats, readonly
 
 TURN_RAD = 2.0 * np.pi
 NEARLY_ROUND_RAD = np.deg2rad(300.0)  # a joint with this range may pass the far side at +-180
@@ -15,7 +15,7 @@ EDGE_RAD = 1e-9  # rounding that is forgiven at a limit
 
 @dataclass(frozen=True, slots=True, eq=False)
 class JointLimits:
-    """What the six joints may do; every array is (6,)."""
+    """Position, speed and acceleration limits of the six joints; every array is (6,)."""
 
     lower_rad: Floats
     upper_rad: Floats
@@ -34,7 +34,7 @@ class JointLimits:
             raise InvalidInputError("speed and acceleration limits must be positive")
 
     def clearance_rad(self, qs_rad: ArrayLike) -> Floats:
-        """Return the room (..., 6) to the nearer limit; negative outside."""
+        """Return the distance (..., 6) to the nearer limit; negative outside."""
         qs = np.asarray(qs_rad, dtype=np.float64)
         return np.minimum(qs - self.lower_rad, self.upper_rad - qs)
 
@@ -45,42 +45,6 @@ class JointLimits:
     def spinning(self) -> tuple[int, ...]:
         """Return the joints (0 to 5) for which +180 and -180 degrees are one place on a path."""
         return tuple(np.flatnonzero(self.upper_rad - self.lower_rad >= NEARLY_ROUND_RAD).tolist())
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Aliases:
-    """Joint vectors within the limits that differ from given ones by full turns only."""
-
-    qs_rad: Floats  # (m, 6)
-    rows: Ints  # (m,) the given vector that each stands for
-
-
-def aliases(qs_rad: ArrayLike, limits: JointLimits) -> Aliases:
-    """Return every joint vector within the limits that is the same posture as a given one.
-
-    A joint of +-270 degrees reaches half of its postures twice, one of +-360 degrees all of them.
-    A posture outside the limits whatever the turns has no row.
-
-    Args:
-        qs_rad: Joint vectors (n, 6), such as principal values of the inverse kinematics.
-        limits: What the joints may do.
-
-    Raises:
-        InvalidInputError: wrong shape, NaN or infinite values.
-    """
-    qs = as_floats(qs_rad, name="qs_rad")
-    if qs.ndim != 2 or qs.shape[1] != 6:
-        raise InvalidInputError(f"qs_rad must have shape (n, 6), not {qs.shape}")
-    rows = np.arange(len(qs), dtype=np.int64)
-    for joint in range(6):
-        angles = qs[:, joint]
-        first = np.ceil((limits.lower_rad[joint] - EDGE_RAD - angles) / TURN_RAD)
-        last = np.floor((limits.upper_rad[joint] + EDGE_RAD - angles) / TURN_RAD)
-        counts = np.maximum(0, last - first + 1).astype(np.int64)
-        ordinal = np.arange(counts.sum()) - np.repeat(np.cumsum(counts) - counts, counts)
-        qs, rows = np.repeat(qs, counts, axis=0), np.repeat(rows, counts)
-        qs[:, joint] += TURN_RAD * (np.repeat(first, counts) + ordinal)
-    return Aliases(readonly(qs), readonly(rows))
 
 
 def unwrap(angles_rad: Floats) -> Floats:
@@ -97,8 +61,8 @@ def unwrap(angles_rad: Floats) -> Floats:
 def shift_to_fit(angles_rad: Floats, lower_rad: float, upper_rad: float) -> Floats:
     """Return continuous angles (n, b) of one joint, each column shifted by full turns.
 
-    A column that fits between the limits is shifted to where its room is largest. One that does
-    not is shifted to where it stays inside for longest from the start.
+    A column that fits between the limits is shifted to where its clearance is largest, any other
+    one to where it stays inside for longest from the start.
     """
     middle = (lower_rad + upper_rad) / 2.0
     low, high = angles_rad.min(axis=0), angles_rad.max(axis=0)

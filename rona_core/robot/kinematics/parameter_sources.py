@@ -3,10 +3,8 @@
 A table of rows: the page, the interface and the tests read the same one.
 """
 
-import json
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from pathlib import Path
 from typing import Literal
 
 import numpy as np
@@ -69,37 +67,9 @@ def overridden(
     )
 
 
-def read_overrides(path: str | Path) -> dict[str, object]:
-    """Return the overrides of a JSON file: one object, numbers or lists of numbers by key.
-
-    Raises:
-        InvalidInputError: no such file, or not a JSON object.
-    """
-    try:
-        content = json.loads(Path(path).read_text("utf-8"))
-    except (OSError, UnicodeDecodeError, json.JSONDecodeError) as error:
-        raise InvalidInputError(f"{path} cannot be read as JSON: {error}") from error
-    if not isinstance(content, dict):
-        raise InvalidInputError(f"{path} must hold one JSON object, not a {type(content).__name__}")
-    return {str(key): value for key, value in content.items()}
-
-
 def arrays_of(figures: Sequence[Figure]) -> dict[str, Floats]:
     """Return the values of all figures that have a key, as arrays by key."""
     return {figure.key: np.array(figure.values) for figure in figures if figure.key}
-
-
-def markdown(figures: Sequence[Figure]) -> str:
-    """Return the table as it stands on the page of the robot."""
-    lines = ["| figure | value | trust | source | override |", "|---|---|---|---|---|"]
-    for figure in figures:
-        values = ", ".join(f"{value:.6g}" for value in figure.values).replace("-", "−")
-        trust = f"**{figure.trust}**" if not figure.sourced else figure.trust
-        lines.append(
-            f"| {figure.name} | {values} {figure.unit} | {trust} | {figure.source} | "
-            f"{figure.override} |"
-        )
-    return "\n".join(lines)
 
 
 def _numbers(figure: Figure, value: object) -> tuple[float, ...]:

@@ -1,4 +1,4 @@
-"""The robot's own calibration motion: pivot about the tool tip, then shift along tool x and y.
+"""Calibration motion of the tool: pivot about the tool tip, then shifts along tool x and y.
 
 The tip stays in one place while the tool tilts through a spread of directions, so that the marker
 moves on a sphere; the shifts at constant orientation give the axes (Section III.A of the paper).
@@ -16,6 +16,7 @@ from rona_core.errors import InvalidInputError, NotReachableError
 from rona_core.geometry.arrays import Floats, Ints, as_vector3, readonly
 from rona_core.geometry.pose import Pose, Poses
 from rona_core.robot.collision.collision_world import clear_among, require_clear
+from rona_core.robot.collision.edge_check import Clear
 from rona_core.robot.collision.obstacles import Obstacles
 from rona_core.robot.kinematics.robot_model import RobotModel
 from rona_core.robot.redundancy.margins import MarginLimits, compute_margins
@@ -28,9 +29,9 @@ PIVOT, ALONG_X, ALONG_Y = 0, 1, 2  # phases of the dwells
 TWIST_RAD = np.deg2rad(12.0)  # the tool also turns about its own axis, to and fro
 GOLDEN_RAD = np.pi * (3.0 - np.sqrt(5.0))  # between neighbours on a spiral that fills a disc
 LEGS = SpeedLimits(speed_mm_per_s=60.0, acceleration_mm_per_s2=250.0, jerk_mm_per_s3=2500.0)
-TURN_WAY_MM = 150.0  # turning by a radian counts as this much way: the marker's distance
+TURN_WAY_MM = 150.0  # turning by a radian counts as this far: the distance of the marker
 DENSE_MM = 2.0
-NEARLY = 0.8  # of the most room is as good
+NEARLY = 0.8  # of the largest margin is as good
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -46,16 +47,34 @@ class ToolMotion:
     certificate: Certificate
 
 
+@dataclass(frozen=True, slots=True)
+class ToolMotionSettings:
+    """How far the tool is tilted and shifted, and at how many dwells."""
+
+    cone_deg: float = 20.0  # largest tilt of the tool from upright
+    n_pivot: int = 30  # dwells of the pivot
+    n_translate: int = 10  # dwells along each of tool x and tool y
+    length_mm: float = 100.0  # of each shift, half to either side of the middle
+    dwell_s: float = 0.5  # the robot stands still at each dwell
+
+    def __post_init__(self) -> None:
+        for name, least, most in (
+            ("cone_deg", 2.0, 60.0),
+            ("n_pivot", 4, 500),
+            ("n_translate", 2, 200),
+            ("length_mm", 10.0, 400.0),
+            ("dwell_s", 0.1, 10.0),
+        ):
+            value = getattr(self, name)
+            require(least <= value <= most, f"{name} must be {least:g} to {most:g}, not {value}")
+
+
 def plan_tool_motion(
     model: RobotModel,
-    tip_base: ArrayLike | None = None,
+    settings: ToolMotionSettings | None = None,
     *,
+    tip_base: ArrayLike | None = None,
     facing_base: ArrayLike | None = None,
-    cone_deg: float = 20.0,
-    n_pivot: int = 30,
-    n_translate: int = 10,
-    length_mm: float = 100.0,
-    dwell_s: float = 0.5,
     obstacles: Obstacles | None = None,
 ) -> ToolMotion:
     """Plan the calibration motion of the tool, from home and back.
@@ -65,31 +84,24 @@ def plan_tool_motion(
 
     Args:
         model: The robot with its tool.
-        tip_base: Where the tip pivots (3,), in ``base``; by default as the robot's work_area says.
+        settings: How far the tool is moved.
+        tip_base: Where the tip pivots (3,), in ``base``; by default as the robot's work area says.
         facing_base: Horizontal direction (3,) in which the marker plate looks; likewise.
-        cone_deg: Largest tilt of the tool from upright, 2 to 60.
-        n_pivot: Dwells of the pivot, at least 4.
-        n_translate: Dwells along each of tool x and tool y, at least 2.
-        length_mm: Length of each shift, half to either side of the middle.
-        dwell_s: How long the robot stands still at each dwell.
-        obstacles: What stands around: all ways go around it, and the verifier looks for
-            collisions. None: nothing is around.
+        obstacles: All moves go around them, and the verifier checks collisions. None: no
+            collisions are checked.
 
     Raises:
-        InvalidInputError: a count, angle or duration out of range.
+        InvalidInputError: a wrong shape, or a vertical ``facing_base``.
         NotReachableError: no branch of the arm reaches all poses, something is in the way of one,
             or there is no clear way from one to the next.
     """
-    require(2.0 <= cone_deg <= 60.0, f"cone_deg must be 2 to 60, not {cone_deg}")
-    require(4 <= n_pivot <= 500, f"n_pivot must be 4 to 500, not {n_pivot}")
-    require(2 <= n_translate <= 200, f"n_translate must be 2 to 200, not {n_translate}")
-    require(10.0 <= length_mm <= 400.0, f"length_mm must be 10 to 400, not {length_mm}")
-    require(0.1 <= dwell_s <= 10.0, f"dwell_s must be 0.1 to 10, not {dwell_s}")
+    settings = settings or ToolMotionSettings()
     place = model.work_area.pivot_base if tip_base is None else tip_base
     facing = model.work_area.facing_base if facing_base is None else facing_base
     center = _upright(as_vector3(place, name="tip_base"), as_vector3(facing, name="facing"))
+    n_pivot, n_translate, length_mm = settings.n_pivot, settings.n_translate, settings.length_mm
     stops = (
-        _pivot_stops(center, np.deg2rad(cone_deg), n_pivot)
+        _pivot_stops(center, np.deg2rad(settings.cone_deg), n_pivot)
         + _shift_stops(center, 0, length_mm, n_translate)
         + _shift_stops(center, 1, length_mm, n_translate)
     )
@@ -102,9 +114,38 @@ def plan_tool_motion(
         q_stops = [qs[0] for qs in qs_legs] + [qs_legs[-1][-1]]
         _require_clear_stops(model, obstacles, np.array(q_stops))
         clear = clear_among(model, obstacles)
+    qs, starts, ends = _samples(model, legs, qs_legs, settings.dwell_s, clear)
+    times = readonly(np.arange(len(qs), dtype=np.float64) * SAMPLE_S)
+    return ToolMotion(
+        times_s=times,
+        qs_rad=qs,
+        dwell_start_s=readonly(times[starts].copy()),
+        dwell_end_s=readonly(times[ends].copy()),
+        phases=readonly(phases.astype(np.int64)),
+        T_base_tip_center=center,
+        certificate=verify_motion(model, _Timed(times, qs), obstacles=obstacles),
+    )
+
+
+def _samples(
+    model: RobotModel,
+    legs: list[Poses],
+    qs_legs: list[Floats],
+    dwell_s: float,
+    clear: Clear | None,
+) -> tuple[Floats, Ints, Ints]:
+    """Return samples (m, 6) from home through all stops and back, and those of each dwell.
+
+    Args:
+        model: The robot with its tool.
+        legs: Tool poses from each stop to the next.
+        qs_legs: Joint angles of the legs.
+        dwell_s: How long the robot stands still at each stop.
+        clear: Tells for joint angles (n, 6) where nothing is touched.
+    """
     parts, dwells = [clear_move(model, model.home_rad, qs_legs[0][0], clear)], []
     length = len(parts[0])
-    for i in range(len(stops)):
+    for i in range(len(legs) + 1):
         q_stop = qs_legs[i][0] if i < len(legs) else qs_legs[-1][-1]
         stay = np.repeat(q_stop[None], int(np.ceil(dwell_s / SAMPLE_S - 1e-9)), axis=0)
         dwells.append((length - 1, length - 1 + len(stay)))
@@ -117,19 +158,8 @@ def plan_tool_motion(
         parts += [stay, leg]
         length += len(stay) + len(leg)
     parts.append(clear_move(model, qs_legs[-1][-1], model.home_rad, clear)[1:])
-    qs = readonly(np.concatenate(parts))
-    times = readonly(np.arange(len(qs), dtype=np.float64) * SAMPLE_S)
     starts, ends = np.array(dwells).T
-    motion = _Timed(times, qs)
-    return ToolMotion(
-        times_s=times,
-        qs_rad=qs,
-        dwell_start_s=readonly(times[starts].copy()),
-        dwell_end_s=readonly(times[ends].copy()),
-        phases=readonly(phases.astype(np.int64)),
-        T_base_tip_center=center,
-        certificate=verify_motion(model, motion, obstacles=obstacles),
-    )
+    return readonly(np.concatenate(parts)), starts, ends
 
 
 def _require_clear_stops(model: RobotModel, obstacles: Obstacles, qs_rad: Floats) -> None:
@@ -190,7 +220,7 @@ def _leg(start: Pose, end: Pose) -> Poses:
 def _reach(model: RobotModel, legs: list[Poses]) -> list[Floats]:
     """Return joint angles (m, 6) of each leg, all on one branch of the arm.
 
-    Among the branches with nearly the most room it is the one closest to home.
+    Among the branches with nearly the largest margin it is the one closest to home.
 
     Raises:
         NotReachableError: no branch reaches all poses without a jump.

@@ -1,4 +1,4 @@
-"""Round the corners of a joint path, as far as the tool may leave the path and no farther.
+"""Corner blending of a joint path, as far as the tool may leave the path and no farther.
 
 Each joint is averaged over a window of the way that is as wide as the allowed deviation of the
 tool permits: wide along smooth stretches, narrow at corners, closed at both ends. A path that is

@@ -1,7 +1,7 @@
-"""Find a way for the joints from one place to another on which nothing is touched.
+"""Collision-free joint paths from one place to another.
 
-First the straight move, then a few ways that usually do (up and over, by way of home), then a
-search. See docs/algorithms/robot/collision_free_moves.md.
+First the straight move, then a few detours that usually do (up and over, by way of home), then
+RRT-Connect. See docs/algorithms/robot/collision_free_moves.md.
 """
 
 from collections.abc import Sequence

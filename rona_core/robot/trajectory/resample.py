@@ -1,4 +1,4 @@
-"""Make sure that a path is dense enough to be judged, timed and followed point by point."""
+"""Resampling of a path, dense enough to be evaluated, timed and followed point by point."""
 
 import numpy as np
 

@@ -1,6 +1,6 @@
-"""Search a clear way between two places with two growing trees, and shorten what is found.
+"""RRT-Connect (Kuffner 2000): collision-free joint paths by two growing trees, and shortcuts.
 
-RRT-Connect (Kuffner and LaValle 2000): both trees grow towards random places and then towards
+Both trees grow towards random places and then towards
 each other. The numbers come from a seed, so that the same question has the same answer.
 """
 

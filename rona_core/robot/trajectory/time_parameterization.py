@@ -1,4 +1,4 @@
-"""How fast to go along a joint path: constant speed where the joints allow, smooth everywhere.
+"""Time parameterisation of a joint path (TOPP): constant speed where the joints allow, no jerks.
 
 The path is a spline over its own length. Two passes over a fine grid, forward and backward, give
 the fastest speed profile within all limits (time-optimal path parameterisation after Bobrow 1985
@@ -105,11 +105,12 @@ def parameterize_time(
             np.sqrt(SAFETY * BENT_PATH * limits.acceleration_mm_per_s2 / np.maximum(bend, TINY)),
         )
     )
-    ceiling = _eroded(ceiling, step, span_s)
+    ceiling = _min_filtered(ceiling, step, span_s)
+    # Bobrow 1985: |q'(s)| s'' <= q''_max - |q''(s)| s'^2 for each joint
     spare = (most - ddq * ceiling[:, None] ** 2) / np.maximum(dq, TINY)
-    room = np.minimum(gain, spare.min(axis=1))
-    speed = _two_passes(ceiling, room, step)
-    speed = _two_passes(_opened(speed, step, span_s), room, step)
+    gain_left = np.minimum(gain, spare.min(axis=1))
+    speed = _two_passes(ceiling, gain_left, step)
+    speed = _two_passes(_peaks_cut(speed, step, span_s), gain_left, step)
     pace = speed[1:] + speed[:-1]
     if pace.min() <= 0.0:
         raise NotReachableError(
@@ -148,8 +149,8 @@ def _reach(speed: Floats, step: float, span_s: float) -> Floats:
     return np.ceil(SPREAD * speed * span_s / 2.0 / step)
 
 
-def _eroded(ceiling: Floats, step: float, span_s: float) -> Floats:
-    """Return the ceiling (g,) with each low place as wide as half a span before and after it.
+def _min_filtered(ceiling: Floats, step: float, span_s: float) -> Floats:
+    """Return the ceiling (g,) after a min-filter: each low place half a span wider on both sides.
 
     Then the mean over a span that is centred at a low place is no higher than that place.
     """
@@ -161,8 +162,8 @@ def _eroded(ceiling: Floats, step: float, span_s: float) -> Floats:
     return result
 
 
-def _opened(speed: Floats, step: float, span_s: float) -> Floats:
-    """Return the speed (g,) with peaks cut that last shorter than a span.
+def _peaks_cut(speed: Floats, step: float, span_s: float) -> Floats:
+    """Return the speed (g,) after a min- and a max-filter: peaks shorter than a span are cut.
 
     Gaining and losing speed are then at least a span apart, and their ramps do not add up.
     """

@@ -1,4 +1,4 @@
-"""The verifier's look at collisions: everything around, over the whole motion, samples and between.
+"""Clearance checks of the verifier: every obstacle, over the whole motion, samples and between.
 
 At each sample the distance of every pair of bodies is known. On the way to the next one no point of
 the robot moves farther than the joint steps times the longest levers. Where that is less than the

@@ -1,4 +1,4 @@
-"""The verifier: looks at a finished motion, knows nothing of how it was planned.
+"""Verification of a finished motion, independent of how it was planned.
 
 Forward kinematics come from Pinocchio, at four times the density of the motion, linear in between
 as the robot drives it. What it certifies may be executed, nothing else may. See

@@ -142,13 +142,13 @@ def test_times_that_make_no_sense_are_refused(times_b, words):
 @pytest.mark.parametrize("latency_ms", [0.0, 14.0, 60.0])
 def test_the_latency_of_the_virtual_tracker_shows_against_the_robot(latency_ms):
     from rona_core.devices.settings import DeviceSettings, RobotSettings, TrackerSettings
-    from rona_core.robot.planning.calibration_motion import plan_tool_motion
+    from rona_core.robot.planning.calibration_motion import ToolMotionSettings, plan_tool_motion
     from rona_core.virtual.rig import VirtualRig
     from tests.helpers.sphere_world import SphereSpecimen
 
     tracker, robot = TrackerSettings(latency_ms=latency_ms), RobotSettings(latency_ms=0.0)
     rig = VirtualRig(2, SphereSpecimen(), DeviceSettings(tracker=tracker, robot=robot))
-    plan = plan_tool_motion(rig.model, cone_deg=20.0, n_pivot=12, n_translate=4)
+    plan = plan_tool_motion(rig.model, ToolMotionSettings(cone_deg=20.0, n_pivot=12, n_translate=4))
     rig.robot.place(plan.qs_rad[0])
     rig.begin(rig.scene.settings, 1)
     moving = rig.robot.move(plan.times_s, plan.qs_rad)

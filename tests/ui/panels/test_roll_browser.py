@@ -297,7 +297,7 @@ def test_the_slider_follows_a_varying_roll_and_one_click_leads_back(demo: Sessio
     session, recorder, gui = varying(demo), Recorder(), FakeGui()
     panel = RollsPanel(gui, recorder.context)
     panel.render(None, snapshot(session, view=ROLL))
-    rolls = [v.roll_deg for v in plan_of(session).verdicts]
+    rolls = [v.roll_deg for v in plan_of(session).search.verdicts]
     assert rolls[column_shown(snapshot(session, view=replace(ROLL, place=0.0))) or 0] == 330.0
     assert rolls[column_shown(snapshot(session, view=replace(ROLL, place=1.0))) or 0] == 30.0
     back = gui.find("button", "Show selected roll")

@@ -8,7 +8,13 @@ from rona_core.geometry.pose import Pose
 from rona_core.robot.collision.collision_world import CollisionWorld
 from rona_core.robot.collision.obstacles import Capsule, Obstacle, Obstacles
 from rona_core.robot.kinematics.catalog import robot_model
-from rona_core.robot.planning.calibration_motion import ALONG_X, ALONG_Y, PIVOT, plan_tool_motion
+from rona_core.robot.planning.calibration_motion import (
+    ALONG_X,
+    ALONG_Y,
+    PIVOT,
+    ToolMotionSettings,
+    plan_tool_motion,
+)
 
 RX90 = robot_model("rx90")
 TRACKER_BASE = np.array((2220.0, 540.0, 1280.0))  # in front, to the left and above
@@ -88,11 +94,9 @@ def test_the_marker_plate_faces_the_tracker_all_the_time(motion):
 def test_other_places_and_directions_work_too():
     motion = plan_tool_motion(
         RX90,
-        (600.0, 60.0, 500.0),
+        ToolMotionSettings(n_pivot=6, n_translate=3, dwell_s=0.2),
+        tip_base=(600.0, 60.0, 500.0),
         facing_base=(0.5, 0.8, 0.0),
-        n_pivot=6,
-        n_translate=3,
-        dwell_s=0.2,
     )
     assert motion.certificate.certifies(motion)
     assert len(motion.phases) == 12
@@ -101,11 +105,11 @@ def test_other_places_and_directions_work_too():
 
 def test_what_cannot_be_done_is_refused_by_name():
     with pytest.raises(NotReachableError, match="choose another place"):
-        plan_tool_motion(RX90, (1500.0, 0.0, 500.0))
+        plan_tool_motion(RX90, tip_base=(1500.0, 0.0, 500.0))
     with pytest.raises(InvalidInputError, match="cone_deg"):
-        plan_tool_motion(RX90, cone_deg=0.0)
+        plan_tool_motion(RX90, ToolMotionSettings(cone_deg=0.0))
     with pytest.raises(InvalidInputError, match="n_pivot"):
-        plan_tool_motion(RX90, n_pivot=1)
+        plan_tool_motion(RX90, ToolMotionSettings(n_pivot=1))
     with pytest.raises(InvalidInputError, match="must not be vertical"):
         plan_tool_motion(RX90, facing_base=(0.0, 0.0, 1.0))
 
@@ -116,7 +120,7 @@ def ball(center, radius=12.0):
 
 
 def test_from_one_dwell_to_the_next_it_goes_around_what_is_in_the_way():
-    plain = plan_tool_motion(RX90, n_pivot=4, n_translate=2)
+    plain = plan_tool_motion(RX90, ToolMotionSettings(n_pivot=4, n_translate=2))
     rows = dwell_rows(plain)
     leg = plain.qs_rad[rows[4][1] : rows[5][0]]  # the shift along tool x, through the middle
     places = (RX90.forward(leg) @ RX90.T_flange_tip).translations
@@ -125,7 +129,7 @@ def test_from_one_dwell_to_the_next_it_goes_around_what_is_in_the_way():
     stops = [start for start, _ in rows]
     assert clear(plain.qs_rad[stops]).all()
     assert not clear(leg).all()
-    motion = plan_tool_motion(RX90, n_pivot=4, n_translate=2, obstacles=around)
+    motion = plan_tool_motion(RX90, ToolMotionSettings(n_pivot=4, n_translate=2), obstacles=around)
     assert motion.certificate.certifies(motion, around.digest())
     assert clear(motion.qs_rad).all()
     found = [start for start, _ in dwell_rows(motion)]
@@ -134,8 +138,12 @@ def test_from_one_dwell_to_the_next_it_goes_around_what_is_in_the_way():
 
 
 def test_a_dwell_at_which_something_stands_is_refused_by_name():
-    plain = plan_tool_motion(RX90, n_pivot=4, n_translate=2)
+    plain = plan_tool_motion(RX90, ToolMotionSettings(n_pivot=4, n_translate=2))
     start, _ = dwell_rows(plain)[5]
     tip = (RX90.forward(plain.qs_rad[[start]]) @ RX90.T_flange_tip).translations[0]
     with pytest.raises(NotReachableError, match=r"place 6 of 8.*ball are -?\d+ mm apart"):
-        plan_tool_motion(RX90, n_pivot=4, n_translate=2, obstacles=ball(tip - (0.0, 0.0, 10.0)))
+        plan_tool_motion(
+            RX90,
+            ToolMotionSettings(n_pivot=4, n_translate=2),
+            obstacles=ball(tip - (0.0, 0.0, 10.0)),
+        )

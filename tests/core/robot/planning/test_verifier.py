@@ -10,7 +10,7 @@ from rona_core.geometry.pose import Pose
 from rona_core.robot.collision.obstacles import NOTHING_AROUND, Capsule, Obstacle, Obstacles
 from rona_core.robot.kinematics.catalog import robot_model
 from rona_core.robot.kinematics.joint_limits import JointLimits
-from rona_core.robot.planning.calibration_motion import plan_tool_motion
+from rona_core.robot.planning.calibration_motion import ToolMotionSettings, plan_tool_motion
 from rona_core.robot.planning.plan_scan import PlanSettings, plan_scan
 from rona_core.robot.trajectory.joint_moves import joint_move, plan_joint_move
 from rona_core.robot.verification.verifier import Tolerances, verify_motion, verify_scan
@@ -319,9 +319,11 @@ def test_the_probe_itself_is_held_to_the_scan_speed_whatever_way_is_claimed(plan
 
 def test_the_tool_motion_is_looked_at_too():
     obstacles = ball((560.0, -50.0, 560.0), radius=30.0, name="block")
-    plain = plan_tool_motion(RX90, n_pivot=4, n_translate=2)
+    plain = plan_tool_motion(RX90, ToolMotionSettings(n_pivot=4, n_translate=2))
     assert names(verify_motion(RX90, plain, obstacles=obstacles)) == ["clearance from the block"]
     with pytest.raises(NotReachableError, match="mm must be kept"):
-        plan_tool_motion(RX90, n_pivot=4, n_translate=2, obstacles=obstacles)
-    free = plan_tool_motion(RX90, n_pivot=4, n_translate=2, obstacles=NOTHING_AROUND)
+        plan_tool_motion(RX90, ToolMotionSettings(n_pivot=4, n_translate=2), obstacles=obstacles)
+    free = plan_tool_motion(
+        RX90, ToolMotionSettings(n_pivot=4, n_translate=2), obstacles=NOTHING_AROUND
+    )
     assert free.certificate.certifies(free, NOTHING_AROUND.digest())

@@ -12,7 +12,7 @@ from rona_core.robot.base_placement.candidates import path_from
 from rona_core.robot.collision.edge_check import Checker, n_steps, outside_bone
 from rona_core.robot.collision.obstacles import NOTHING_AROUND
 from rona_core.robot.kinematics.catalog import robot_model
-from rona_core.robot.planning.calibration_motion import plan_tool_motion
+from rona_core.robot.planning.calibration_motion import ToolMotionSettings, plan_tool_motion
 from rona_core.robot.redundancy.joint_path import joint_path
 from rona_core.robot.trajectory.joint_moves import joint_move, plan_joint_move
 from rona_core.robot.trajectory.path_timing import ScanSettings
@@ -192,7 +192,7 @@ def test_a_scan_is_approached_and_left_around_an_obstacle():
 
 
 def test_the_tool_goes_to_its_calibration_around_what_is_in_the_way(monkeypatch):
-    plain = plan_tool_motion(RX90, n_pivot=4, n_translate=2)
+    plain = plan_tool_motion(RX90, ToolMotionSettings(n_pivot=4, n_translate=2))
     start = int(plain.dwell_start_s[0] / 0.02)
     middle = plain.qs_rad[start // 2, 0]
 
@@ -203,7 +203,9 @@ def test_the_tool_goes_to_its_calibration_around_what_is_in_the_way(monkeypatch)
     monkeypatch.setattr(
         "rona_core.robot.planning.calibration_motion.clear_among", lambda model, things: clear
     )
-    around = plan_tool_motion(RX90, n_pivot=4, n_translate=2, obstacles=NOTHING_AROUND)
+    around = plan_tool_motion(
+        RX90, ToolMotionSettings(n_pivot=4, n_translate=2), obstacles=NOTHING_AROUND
+    )
     there = round(around.dwell_start_s[0] / 0.02)
     assert clear(around.qs_rad[:there]).all()
     assert around.certificate.certified
