@@ -2,7 +2,7 @@
 
 Frame ``room``: the robot base at its default place, so that moving the base does not move the
 table. Table and head are given relative to the place of work, where the scanned region lies.
-See docs/algorithms/collision.md.
+See docs/algorithms/robot/collision.md.
 """
 
 import re

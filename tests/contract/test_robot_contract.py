@@ -9,8 +9,8 @@ from rona_core.devices.settings import RobotSettings
 from rona_core.errors import DeviceError
 from rona_core.virtual.clock import CaptureClock
 
-robot_model = pytest.importorskip(
-    "rona_core.robot.kinematics.robot_model", reason="there is no robot model"
+catalog = pytest.importorskip(
+    "rona_core.robot.kinematics.catalog", reason="there is no robot model"
 )
 virtual_robot = pytest.importorskip(
     "rona_core.virtual.robot.robot", reason="there is no virtual robot"
@@ -19,7 +19,7 @@ virtual_robot = pytest.importorskip(
 
 def virtual(name):
     def build():
-        model, clock = robot_model.robot_model(name), CaptureClock()
+        model, clock = catalog.robot_model(name), CaptureClock()
         robot = virtual_robot.VirtualRobot(model, clock)
         robot.begin(RobotSettings(model=name, latency_ms=0.0), 1)
         return robot, clock, model

@@ -3,7 +3,7 @@
 Against bone that keeps still, the stand-off shrinks exactly as the face goes forward: the delay is
 the shift in time at which stand-off and place agree. A robot settles a little elsewhere now and
 then: where one step from an A-scan to the next stands out, a new piece with its own offset begins.
-See docs/algorithms/pose_timing.md.
+See docs/algorithms/navigation/pose_timing.md.
 """
 
 from collections.abc import Sequence

@@ -9,8 +9,8 @@ import pytest
 
 from rona_core.app.messages.registry import (
     MoveTracker,
-    SetReference,
     SetTracker,
+    SetUseBaseMarker,
     StartPointerCapture,
     StartSurfaceCapture,
     StartToolCapture,
@@ -105,7 +105,7 @@ def test_a_moved_tracker_is_stale_until_a_stroke_finds_it_again(bench):
     assert (found.source, found.stale_reason) == ("tool, base marker", None)
     assert found.time_utc >= before.time_utc
     assert angle_rad(found.pose, before.pose) > 0.01
-    bench.dispatch(SetReference(use_base_marker=False))
+    bench.dispatch(SetUseBaseMarker(use_base_marker=False))
     assert "register again" in tracker().stale_reason
 
 

@@ -6,7 +6,7 @@ import numpy as np
 
 from rona_core.app.dependencies.inputs import need
 from rona_core.app.steps.acoustics.derivation import session_probe, with_known_speed
-from rona_core.app.steps.handheld.messages import StartSonoMapping
+from rona_core.app.steps.handheld.messages import StartHandheldMapping
 from rona_core.app.steps.handheld.scans import (
     gathered,
     hand_reference,
@@ -20,7 +20,7 @@ from rona_core.devices.samples import AScanTrack
 from rona_core.errors import DegenerateGeometryError
 from rona_core.geometry.arrays import Bools
 from rona_core.geometry.pose import Poses
-from rona_core.mapping.build_maps import build_maps
+from rona_core.mapping.build_maps import LocatedDetection, build_maps
 from rona_core.session.document import Derived, Session, SonoMaps
 from rona_core.ultrasound.detection.detect import Detection
 from rona_core.ultrasound.detection.manual_corrections import corrected
@@ -36,7 +36,7 @@ class SonoMapped:
 
 def derive_sono_mapping(
     session: Session,
-    message: StartSonoMapping,
+    message: StartHandheldMapping,
     *,
     progress: Progress = silent,
     cancel: Cancel = never,
@@ -55,7 +55,7 @@ def derive_sono_mapping(
 
 def derive_sono_detection(
     session: Session,
-    message: StartSonoMapping,
+    message: StartHandheldMapping,
     *,
     progress: Progress = silent,
     cancel: Cancel = never,
@@ -81,7 +81,7 @@ def derive_sono_detection(
 
 def derive_sono_maps(
     session: Session,
-    message: StartSonoMapping,
+    message: StartHandheldMapping,
     *,
     progress: Progress = silent,
     cancel: Cancel = never,
@@ -107,8 +107,7 @@ def derive_sono_maps(
         detection = with_known_speed(detection, Ts_base_probe, session, wanted)
     cloud = session.results.surface if frame == "base" else None
     maps = build_maps(
-        detection,
-        Ts_base_probe,
+        LocatedDetection(detection, Ts_base_probe),
         None if cloud is None else cloud.value.points_base,
         cell_mm=message.cell_mm,
         probe=session_probe(session),

@@ -12,8 +12,8 @@ from rona_core.app.messages.registry import (
     ClearPathEdits,
     DeletePathPoint,
     InsertPathPoint,
-    KeepPathSample,
     MovePathPoint,
+    PinPathSample,
     Point,
 )
 from rona_core.errors import InvalidInputError, StaleResultError
@@ -64,7 +64,7 @@ def _(message: DeletePathPoint, session: Session) -> PathEdits:
 
 
 @edited.register
-def _(message: KeepPathSample, session: Session) -> PathEdits:
+def _(message: PinPathSample, session: Session) -> PathEdits:
     raw = need(session.results.path, "demonstrate the scan path").value.points_base
     at = np.flatnonzero(edit_path(raw, session.path_edits.changes).samples == message.sample)
     if message.sample < 0 or not len(at):

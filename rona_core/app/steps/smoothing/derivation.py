@@ -6,7 +6,7 @@ import numpy as np
 
 from rona_core.app.dependencies.base_reference import reference_of
 from rona_core.app.dependencies.inputs import is_pattern, need
-from rona_core.app.messages.registry import DrawPattern, SmoothScanPath
+from rona_core.app.messages.registry import GenerateScanPattern, SmoothScanPath
 from rona_core.errors import DegenerateGeometryError
 from rona_core.geometry.arrays import Floats, Vector3, readonly
 from rona_core.geometry.rigid_fit import fit_plane
@@ -119,7 +119,7 @@ def finished_path(
     )
 
 
-def derive_pattern(session: Session, message: DrawPattern) -> RawPath:
+def derive_pattern(session: Session, message: GenerateScanPattern) -> RawPath:
     """Make a path by rule on the measured surface; no other surface is looked at.
 
     Raises:
