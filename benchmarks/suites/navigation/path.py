@@ -12,8 +12,8 @@ from benchmarks.reference.brute_force_simplification import (
     fewest,
     segment_deviation_mm,
     textbook_order,
+    within_frechet,
 )
-from benchmarks.reference.frechet_distance import within_frechet
 from benchmarks.reference.path_coverage import length_mm
 from benchmarks.reference.removal_order import removal_order
 from rona_core.geometry.arrays import Floats

@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from benchmarks.reference.frechet_distance import within_frechet as path_within_frechet
+from benchmarks.reference.brute_force_simplification import within_frechet as path_within_frechet
 from benchmarks.reference.path_coverage import length_mm
 from benchmarks.reference.removal_order import removal_order
 from rona_core.errors import CancelledError, InvalidInputError
