@@ -2,7 +2,7 @@
 
 The toolmarker and the 6D pointer carry four markers in one plane; the 5D pointer three on a line,
 so that its roll about that line cannot be seen. The SonoPointer is the ultrasound probe, in the
-hand, with a plate of four. The base marker is a large plate: what it tells of a turn acts over the
+hand, with a plate of four. The base marker is a large plate: an error of its turn acts over the
 whole way from the robot base to the head.
 """
 

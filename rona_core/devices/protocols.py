@@ -106,7 +106,7 @@ class Robot(Protocol):
         ...
 
     def guide(self, times_s: ArrayLike, qs_rad: ArrayLike, travels_mm: ArrayLike) -> GuidedMotion:
-        """Start a motion that stands still until it is told a correction and a share of speed.
+        """Start a motion that rests until a correction and a share of speed are commanded.
 
         Args:
             times_s: Times (n,) of the motion at its full speed, from 0.
@@ -160,7 +160,7 @@ class Operator(Protocol):
     def turn(self, wxyz: ArrayLike) -> None:
         """Tell the hand a rotation (4,) relative to the start, along the axes of ``base``.
 
-        Safe from any thread, the last one told counts; the hand follows at its own speed.
+        Safe from any thread, the last one counts; the hand follows at its own speed.
 
         Raises:
             DeviceError: nobody pivots by hand.

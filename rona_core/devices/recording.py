@@ -83,10 +83,10 @@ class Recording:
             raise InvalidInputError("a recording needs at least one frame")
         names = [sample.tool for sample in frames[0].tools]
         for frame in frames:
-            told = [sample.tool for sample in frame.tools]
-            if told != names:
+            tools = [sample.tool for sample in frame.tools]
+            if tools != names:
                 raise InvalidInputError(
-                    f"frame {frame.number} tells of {', '.join(told) or 'no tools'}, "
+                    f"frame {frame.number} tells of {', '.join(tools) or 'no tools'}, "
                     f"the first one of {', '.join(names) or 'no tools'}"
                 )
         columns = [_column([frame.tools[k] for frame in frames]) for k in range(len(names))]

@@ -1,7 +1,7 @@
 """Work cell: table, floor, head rest, tracker stand and added obstacles, as stated at set-up.
 
-The room is the robot base at its default place, so that moving the base does not move the table.
-Table and head are told from the place of work, where the scanned region is put up before the robot.
+Frame ``room``: the robot base at its default place, so that moving the base does not move the
+table. Table and head are given relative to the place of work, where the scanned region lies.
 See docs/algorithms/robot/collision.md.
 """
 

@@ -22,7 +22,7 @@ PATTERN = "GenerateScanPattern"  # the message that makes a path that nobody dem
 def smoothing_figures(session: "Session") -> Figures:
     """Return the number of points left, and K1 to the samples before and after filtering.
 
-    The filter is no result of its own: it is applied again as the smoothing was told to.
+    The filter is no result of its own: it is applied again with the settings of the simplification.
     """
     smoothing, raw, capture = session.results.smoothing, session.results.path, session.captures.path
     figures: Figures = {}

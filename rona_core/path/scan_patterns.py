@@ -1,7 +1,7 @@
 """Scan patterns on a surface: raster and spiral within a boundary.
 
 A pattern is drawn in the tangent plane of a patch and dropped onto the surface along its normal,
-so distances on a surface that leans by the angle a are longer by 1 / cos a.
+so distances on a surface inclined by the angle a are longer by 1 / cos a.
 """
 
 from collections.abc import Callable
@@ -140,7 +140,7 @@ def _check_lengths(corners: Floats, spacing_mm: float, step_mm: float) -> None:
 
 
 def _region(boundary: ArrayLike, margin_mm: float) -> Callable[[Floats], Bools]:
-    """Return a function that tells which places (k, 2) lie in the polygon, off its edges."""
+    """Return the test which places (k, 2) lie in the polygon, off its edges."""
     corners = as_floats(boundary, name="boundary")
     if corners.ndim != 2 or corners.shape[1] != 2 or len(corners) < 3:
         raise InvalidInputError(f"boundary must have shape (k, 2), k >= 3, not {corners.shape}")

@@ -12,8 +12,8 @@ from benchmarks.reference.path.brute_force_simplification import (
     fewest,
     segment_deviation_mm,
     textbook_order,
+    within_frechet,
 )
-from benchmarks.reference.path.frechet_distance import within_frechet
 from benchmarks.reference.path.path_coverage import length_mm
 from benchmarks.reference.path.removal_order import removal_order
 from rona_core.geometry.arrays import Floats

@@ -66,7 +66,7 @@ class HandEyeFit:
     T_toolmarker_tip: Pose
     covariance: Floats  # (12, 12)
     center_base: Floats  # (3,) mean of the robot's tip positions that were used
-    marker_sigma_mm: float  # 3D RMS error of one marker: given, or as the residuals tell
+    marker_sigma_mm: float  # 3D RMS error of one marker: given, or estimated from the residuals
     chi_square: float  # of the residuals over their degrees of freedom; 1 if the model holds
     residuals: Floats  # (n, 6) measured minus expected marker pose in tracker: rad, mm of centroid
     distances: Floats  # (n,) size of these in deviations, as the model expects them

@@ -1,7 +1,7 @@
 """Published registration of robot and tracker: tip from a pivot, rotation from two lines.
 
 The robot pivots its tool about the tip, then translates it along tool x and tool y. How certain
-the result is, is told by repeating it on simulated noise (parametric bootstrap).
+the result is, is estimated by repeating it on simulated noise (parametric bootstrap).
 """
 
 from dataclasses import dataclass
@@ -110,7 +110,7 @@ def bootstrap(fit: PaperFit, observations: Observations, phases: Ints, noise: Ha
         fit: The registration.
         observations: What it was made from.
         phases: (n,) as for ``solve_paper``.
-        noise: The joint solve of the same poses, whose residuals tell the size of the errors.
+        noise: The joint solve of the same poses, whose residuals give the size of the errors.
 
     Raises:
         DegenerateGeometryError: most of the repetitions find no registration.

@@ -1,7 +1,7 @@
 """Quality of a hand-eye calibration: observability of the motion, verdict and its reasons.
 
 With turns about one axis only, the tip may slide along that axis in the marker frame while the
-tracker slides with it: no data tell. Without turns the tip is open altogether.
+tracker slides with it: not observable. Without turns the tip is open altogether.
 """
 
 from dataclasses import dataclass

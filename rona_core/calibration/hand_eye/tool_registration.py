@@ -32,7 +32,7 @@ from rona_core.geometry.rigid_fit import LineFit, fit_line_direction
 
 ToolMethod = Literal["joint", "paper"]
 METHODS: tuple[ToolMethod, ...] = get_args(ToolMethod)
-MIN_TRAVEL_MM = 10.0  # along a line, for its direction to be told
+MIN_TRAVEL_MM = 10.0  # along a line, for its direction to be determined
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -55,12 +55,12 @@ class ToolRegistration:
         Floats  # (12, 12) of T_base_tracker, then T_toolmarker_tip: geometry/pose_covariance.py
     )
     registration_sigma_mm: float  # predicted 3D RMS error in base of places 100 mm about the tips
-    marker_sigma_mm: float  # 3D RMS error of one marker that the residuals speak of
+    marker_sigma_mm: float  # 3D RMS error of one marker, estimated
     used: Bools  # (n,) False for poses excluded, or dropped as gross errors
     verdict: Literal["good", "weak", "bad"]
     reasons: tuple[str, ...]  # of a verdict that is not good, each with its remedy
     base: BaseReference | None = None  # the base marker meanwhile; None: it was not seen
-    delay: TimeOffset | None = None  # of the tracker behind the robot; None: it cannot be told
+    delay: TimeOffset | None = None  # of the tracker behind the robot; None: undetermined
 
 
 def register_tool(

@@ -50,9 +50,9 @@ def calibrate_recorded_pivot(
 ) -> RecordedPivotCalibration:
     """Return the tip of a marker that swung about it, with a verdict.
 
-    "ml" uses the single markers where they were recorded, and how much worse they were seen in
-    depth is told by them. Of poses alone it assumes errors alike in all directions, and where the
-    markers are unknown, a ring of four whose radius explains the scatter of the tip.
+    "ml" uses the single markers where they were recorded, and estimates the ratio of their depth
+    error to the lateral one. Of poses alone it assumes errors alike in all directions, and where
+    the markers are unknown, a ring of four whose radius explains the scatter of the tip.
 
     Args:
         Ts_tracker_marker: Poses of the marker.

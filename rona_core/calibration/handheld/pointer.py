@@ -33,7 +33,7 @@ class PointerCalibration:
     n_used: int
     cone_deg: float  # half-angle covered
     tip_sigma_mm: float  # predicted 3D standard deviation of the tip
-    marker_sigma_mm: float | None  # 3D RMS of one marker that the scatter tells of; only "ml"
+    marker_sigma_mm: float | None  # 3D RMS of one marker, estimated; only "ml"
     verdict: Verdict
     reasons: tuple[str, ...]  # why not good, and what to do about it
 

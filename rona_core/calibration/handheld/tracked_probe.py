@@ -1,8 +1,8 @@
 """Calibration of the tracked hand-held probe: face and axis in the frame of its marker.
 
-Two motions tell it. With a calibration point of the delay line's length in place of the line, the
-probe pivots in a dimple: that gives the middle of the face. Turned about its own axis in a bush,
-all poses agree on the direction of that axis.
+Two motions are needed. With a calibration point of the delay line's length in place of the line,
+the probe pivots in a dimple: that gives the middle of the face. Turned about its own axis in a
+bush, all poses agree on the direction of that axis.
 """
 
 from dataclasses import dataclass
@@ -53,7 +53,7 @@ def calibrate_sono(
 
     Raises:
         InvalidInputError: too few poses, or no geometry.
-        DegenerateGeometryError: a pivot or a spin that tells too little, or that slipped.
+        DegenerateGeometryError: a pivot or a rotation that is too small, or that slipped.
     """
     face = calibrate_pointer(
         pivot, pointer=pointer, dof=6, positions_pointermarker=positions_marker

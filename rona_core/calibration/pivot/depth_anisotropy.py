@@ -7,7 +7,7 @@ from rona_core.calibration.tracking_error.marker_noise import MarkerNoise
 from rona_core.geometry.arrays import Bools, Floats
 from rona_core.geometry.pose import Poses
 
-MAX_FRAMES = 400  # more tell no more
+MAX_FRAMES = 400  # more add nothing
 MAX_RATIO = 6.0
 MIN_FREEDOM = 60.0  # residual degrees of freedom in depth below which nothing is claimed
 

@@ -34,7 +34,7 @@ class TipEstimate:
     tip_marker: Vector3  # (3,) mm
     pivot_tracker: Vector3  # (3,) mm
     covariance: Floats  # (6, 6) mm^2 of tip (in marker), then pivot (in tracker)
-    sigma_mm: float  # 3D RMS of one marker that the tip's scatter tells of
+    sigma_mm: float  # 3D RMS of one marker, estimated from the tip's scatter
     distances: Floats  # (n,) Mahalanobis distance of each pose from a common tip, 3 freedoms
     weights: Floats  # (n,) 0 for poses that were dropped
     settled: bool
@@ -65,7 +65,7 @@ def estimate_tip(
         tracked: Poses with the covariance of their errors.
         dof: 6; or 5, where the tip is sought on the z axis of ``marker`` only.
         keep: (n,) False for poses that must not count.
-        sigma_mm: 3D RMS of one marker for the covariance; None takes what the data tell.
+        sigma_mm: 3D RMS of one marker for the covariance; None takes the estimate.
         cutoff: Mahalanobis distance from which a pose counts nothing; infinity for no such limit.
     """
     R, p = tracked.Ts_tracker_marker.rotations, tracked.centers_tracker()
@@ -108,7 +108,7 @@ def estimate_tip(
 
 
 def tip_information(tracked: TrackedPoses, tip_marker: Vector3, *, dof: int) -> Floats:
-    """Return what each pose tells about tip and pivot (n, k + 3, k + 3), per mm^2 of noise.
+    """Return the information of each pose on tip and pivot (n, k + 3, k + 3), per mm^2 of noise.
 
     Its sum is the inverse of the covariance for markers with a 3D RMS of 1 mm; k is 3, or 1 for 5D.
     """

@@ -1,6 +1,6 @@
 """Pose coverage of a pivot motion, and the next best pose.
 
-Directions of the shaft, from the tip to the markers, are told as a tilt from their middle and an
+Directions of the shaft, from the tip to the markers, are given as a tilt from their middle and an
 azimuth about it: 0 degrees is away from the tracker (its +z), 90 degrees is to the side of +x.
 """
 
@@ -43,7 +43,7 @@ class SwingCoverage:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class NextPose:
-    """The tilt that tells most about the tip."""
+    """Next best pose: the tilt with most information on the tip."""
 
     tilt_deg: float  # from the middle of the swing so far
     azimuth_deg: float

@@ -35,7 +35,7 @@ class PivotFacts:
     n: int
     n_used: int
     narrowness: int  # power of sin(cone) by which the error falls: 1, or 2 for a sphere fit
-    marker_sigma_mm: float | None = None  # what the scatter of the tip tells of one marker
+    marker_sigma_mm: float | None = None  # 3D RMS of one marker, estimated
     stated_sigma_mm: float | None = None
     alike: float = 1.0  # neighbouring poses that count as one
     geometry: tuple[str, ...] = ()  # complaints about the marker geometry

@@ -34,7 +34,7 @@ class PivotFit:
     rmse_mm: float  # of the residuals that were used
     tip_sigma_mm: float  # predicted 3D standard deviation of the tip
     cone_deg: float  # half-angle covered by the lever
-    marker_sigma_mm: float | None  # 3D RMS of one marker that the scatter tells of; only "ml"
+    marker_sigma_mm: float | None  # 3D RMS of one marker, estimated; only "ml"
     verdict: Verdict
     reasons: tuple[str, ...]  # why not good, and what to do about it
 

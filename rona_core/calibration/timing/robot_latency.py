@@ -87,7 +87,7 @@ def estimate_pose_delay(segments: Sequence[EchoSegment]) -> PoseDelay:
         fit = _best_fit(parts, standoffs, pieces)
     sizes = np.bincount(pieces)
     freedom = n - len(sizes) - 2
-    sigma_s = _sigma_s(fit.told, standoffs - fit.fitted_mm, freedom)
+    sigma_s = _sigma_s(fit.sensitivity, standoffs - fit.fitted_mm, freedom)
     if sigma_s > WORST_SIGMA_S or abs(fit.delay_s) > MAX_DELAY_S - STEP_S:
         raise DegenerateGeometryError(
             f"the motion tells the delay of the poses only to {1e3 * sigma_s:.2g} ms: move faster, "
@@ -123,7 +123,7 @@ class _Fit:
     delay_s: float
     scale: float
     fitted_mm: Floats  # (n,) stand-offs by the fit
-    told: Floats  # (n,) change of them with the delay that neither scale nor offsets imitate
+    sensitivity: Floats  # (n,) of them to the delay, without what scale and offsets explain
 
 
 def _best_fit(parts: Sequence[_Part], standoffs: Floats, pieces: Ints) -> _Fit:

@@ -32,7 +32,7 @@ class TimeOffset:
     """How much later a motion appears in stream b than in stream a."""
 
     offset_s: float
-    sigma_s: float  # standard deviation, from what the motion tells and what is left over
+    sigma_s: float  # standard deviation, from the sensitivity and the residuals
     correlation: float  # 0 to 1, between b and what a predicts for it
     overlap_s: float  # duration that was compared
 

@@ -1,7 +1,7 @@
 """Poses of a tracked body with the covariance of their errors.
 
 A tracker fits the known marker geometry to noisy markers. To first order the fitted pose holds all
-that the markers tell, so its covariance is the likelihood that a calibration needs.
+of the markers, so its covariance is the likelihood that a calibration needs.
 """
 
 from dataclasses import dataclass

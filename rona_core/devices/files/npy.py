@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 MAGIC = b"\x93NUMPY"
-LENGTHS = {b"\x01\x00": 2, b"\x02\x00": 4}  # version -> bytes that tell the length of the header
+LENGTHS = {b"\x01\x00": 2, b"\x02\x00": 4}  # version -> bytes of the header's length
 MAX_HEADER_BYTES = 4096
 KEYS = {"descr", "fortran_order", "shape"}
 

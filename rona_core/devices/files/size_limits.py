@@ -127,7 +127,7 @@ def read_member(archive: zipfile.ZipFile, info: zipfile.ZipInfo, most_bytes: int
 
 
 def _directory_bytes(data: bytes) -> int:
-    """Return the size of a zip's directory as its end tells it; 64-bit zips are refused.
+    """Return the size of a zip's directory as its end states it; 64-bit zips are refused.
 
     Files of the size that is taken need no 64 bits, and the directory is read as a whole.
     """

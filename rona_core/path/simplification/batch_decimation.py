@@ -246,8 +246,8 @@ class _Band:
         n = len(pop)
         rank = np.zeros(n, dtype=np.int64)
         rank[np.lexsort((pop, gap, cost))] = np.arange(n)
-        told = np.lexsort((rank, turn, cluster))
-        offset = cluster[told] * n
-        due = np.maximum.accumulate(rank[told] + offset) - offset
-        told = told[np.argsort(due, kind="stable")]
-        return pop[told], cost[told]
+        rows = np.lexsort((rank, turn, cluster))
+        offset = cluster[rows] * n
+        due = np.maximum.accumulate(rank[rows] + offset) - offset
+        rows = rows[np.argsort(due, kind="stable")]
+        return pop[rows], cost[rows]

@@ -67,7 +67,7 @@ def estimate(
         radius_mm: Size of the neighbourhoods.
         method: How to fit.
         noise_mm: Noise of one point, for telling relief from noise where a quadric is fitted;
-            None where nobody knows it: then all scatter is noise.
+            None where it is unknown: then all scatter is noise.
     """
     m = len(places)
     found = Estimates(

@@ -122,7 +122,7 @@ class NormalField:
         return self._choices[method]
 
     def noise_mm(self) -> float | None:
-        """Return the noise of one point along the normal, None where the cloud does not tell."""
+        """Return the noise of one point along the normal, None where it cannot be estimated."""
         if not self._noise_known:
             self._noise_mm, self._noise_known = measure_noise_mm(self._points()), True
         return self._noise_mm

@@ -9,12 +9,12 @@ from rona_core.geometry.arrays import Floats
 from rona_core.geometry.pose import Pose
 from rona_core.virtual.pointer_motion import BandLimitedNoise, HandMotion
 
-FOLLOW_S = 0.08  # how far a hand lags behind what it is told
+FOLLOW_S = 0.08  # lag of the hand behind the command
 MAX_TURN_RAD_S = np.deg2rad(120.0)
 
 
 class ManualPivot:
-    """The rest pose of a pointer, turned about its tip towards what the hand was told last.
+    """Manual pivot: a pointer at rest, turned about its tip towards the rotation commanded last.
 
     A rotation is relative to the pose at the start of the capture, along the axes of ``base``. The
     hand follows smoothly, at a bounded angular speed. What was asked for once stays as it was.
@@ -36,15 +36,15 @@ class ManualPivot:
 
     @property
     def ended(self) -> bool:
-        """Whether somebody said that the turning is done."""
+        """Whether the manual pivot has ended."""
         return self._ended
 
     def end(self) -> None:
-        """Say that the turning is done; a second call does nothing."""
+        """End the manual pivot; a second call does nothing."""
         self._ended = True
 
     def turn(self, turn_base: Floats) -> None:
-        """Be told to go to this rotation (3, 3); the last one told counts."""
+        """Command a rotation (3, 3); the last one counts."""
         wanted = Rotation.from_matrix(turn_base)
         with self._lock:
             self._wanted = wanted

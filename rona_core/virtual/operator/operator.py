@@ -226,7 +226,7 @@ class VirtualOperator:
     def _cover(
         self, radius_mm: float, edge_mm: float, spacing_mm: float, duration_s: float
     ) -> float:
-        """Slide over a disc about the centre of the region, kept inside it by all means."""
+        """Slide over a disc about the centre of the region, never beyond its rim."""
         _check("duration_s", duration_s, DURATION_S)
         center, normal, _ = self._scene.region_base()
         generator = self._generator()

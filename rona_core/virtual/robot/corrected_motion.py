@@ -53,7 +53,7 @@ class CorrectedMotion:
         return self._axis.travel_mm(self._until(time_s))
 
     def _until(self, time_s: float) -> float:
-        """Return a time at which the robot was under way, as far as anybody knows."""
+        """Return a time, at latest that of the stop or of the last command."""
         time_s = min(time_s, self.stopped_s)
         return time_s if np.isfinite(time_s) else self._knots[-1][0]
 
@@ -71,7 +71,7 @@ class CorrectedMotion:
 
     @property
     def end_s(self) -> float:
-        """When the robot comes to rest, infinite while nobody can know."""
+        """Time at which the robot comes to rest, infinite while it is open."""
         since_s, reached_s, share = self._knots[-1]
         left_s = float(self.motion_times_s[-1]) - reached_s
         arrival_s = since_s + left_s / share if share > 0.0 else np.inf

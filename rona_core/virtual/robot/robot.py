@@ -88,7 +88,7 @@ class VirtualRobot:
             now_s = self._clock.now()
             late_s, course = self._settings.latency_ms / 1000.0, self._course
             q = readonly(course.at(now_s - late_s))
-            # it has arrived when its joint angles say so; a stop is told at once
+            # it has arrived when its joint angles say so; a stop is reported at once
             end_s = course.end_s + (0.0 if np.isfinite(course.stopped_s) else late_s)
             return JointSample(now_s, q, moving=now_s < end_s)
 

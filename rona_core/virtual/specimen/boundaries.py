@@ -40,7 +40,7 @@ class Specimen(Protocol):
 
     @property
     def head_axes_skull(self) -> Floats | None:
-        """Right, front and top of the head as unit columns (3, 3); None if nobody said so."""
+        """Right, front and top of the head as unit columns (3, 3); None where unknown."""
         ...
 
     def ray(

@@ -4,7 +4,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation, Slerp
 
-from benchmarks.reference.path.frechet_distance import within_frechet
+from benchmarks.reference.path.brute_force_simplification import within_frechet
 from benchmarks.reference.path.pose_path_simplification import simplify_poses
 from rona_core.errors import InvalidInputError
 from rona_core.path.simplification.simplify import METHODS, simplify

@@ -28,7 +28,7 @@ REFUSED_HDF5 = "lies in another file: expected it in this one"
 
 
 def read_arrays(file: NamedFile) -> Mapping[str, Any]:
-    """Return the arrays of a file, told apart by what is in it and not by its name.
+    """Return the arrays of a file, recognised by its content, not by its name.
 
     Where ``rf`` and ``fs`` are there, those of ``KEYS``; else all names, for the message.
 

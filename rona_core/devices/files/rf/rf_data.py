@@ -38,7 +38,7 @@ class RecordedRf:
 
 
 def read_rf(file: NamedFile) -> RecordedRf:
-    """Read recorded lines, told apart by what is in the file and not by its name.
+    """Read recorded lines, recognised by their content, not by the name of the file.
 
     Raises:
         InvalidInputError: no such file, damaged, a key missing, or a value that cannot be meant;

@@ -19,7 +19,7 @@ from rona_core.virtual.specimen.imported.volume_reader import LEAST_BONE_MM3, Bo
 
 COARSE_MM = 1.5  # blocks in which the volume is looked over
 SIDES = 5  # of six, on which a cavity has bone; the spine leaves below
-LEAST_CAVITY_MM = 25.0  # radius of a ball in the cavity of a head; of a part of one nothing is told
+LEAST_CAVITY_MM = 25.0  # radius of a ball in the cavity of a head; a part of one decides nothing
 DIRECTIONS = 3000
 LOWEST = -0.3  # sine of the elevation: below, the face sticks out of the braincase
 REACH_MM = 150.0  # from the middle of a head to its surface, at most

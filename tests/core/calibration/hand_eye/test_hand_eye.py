@@ -148,7 +148,7 @@ def test_the_derivatives_are_those_of_the_residuals(seed):
     rng = np.random.default_rng(seed)
     robot, marker, (T_base_tracker, T_toolmarker_tip) = scene(rng, 6)
     marker, _ = upset(rng, marker, 0.5)  # so that the turns left over are not small
-    seen = observe(robot, marker, TOOL_MARKERS, STEREO, (0.0, 0.0))
+    seen = observe(robot, marker, TOOL_MARKERS, STEREO, RobotNoise(0.0, 0.0))
     center = robot.translations.mean(axis=0)
     e = residuals(seen, T_base_tracker, T_toolmarker_tip)
     J = jacobians(seen, T_base_tracker, T_toolmarker_tip, e[:, :3], center)
@@ -170,7 +170,7 @@ def test_a_general_minimiser_finds_the_same_place_and_the_same_covariance():
     known = MarkerNoise(sigma_mm=SIGMA_MM)
     fit = solve_hand_eye(robot, marker, noise=known)
     assert fit.used.all()
-    seen = observe(robot, marker, TOOL_MARKERS, known, (0.1**2 / 3, np.deg2rad(0.02) ** 2 / 3))
+    seen = observe(robot, marker, TOOL_MARKERS, known, RobotNoise(0.1, 0.02))
     covariances = SIGMA_MM**2 * seen.unit_covariances + robot_covariances(
         seen, fit.T_base_tracker, fit.T_toolmarker_tip
     )
