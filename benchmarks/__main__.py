@@ -8,33 +8,34 @@ import argparse
 import importlib
 import json
 import sys
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 from benchmarks.metric import Metric
 from benchmarks.smallest import SMALLEST, set_to
 
-SUITES = (
-    "navigation",
-    "base_marker",
-    "path",
-    "robot",
-    "roll",
-    "timing",
-    "collision",
-    "base_placement",
-    "contact",
-    "echo_model",
-    "ultrasound",
-    "skull_suite",
-    "bone_kinds",
-    "recorded_rf",
-    "sound_speed",
-    "thickness",
-    "viewer",
-    "kills",
-    "procedure",
-    "map_bands",
-)
+# suite -> the room of ``benchmarks/suites`` that it stands in
+SUITES: Mapping[str, str] = {
+    "navigation": "navigation",
+    "base_marker": "navigation",
+    "path": "navigation",
+    "robot": "robot",
+    "roll": "robot",
+    "timing": "robot",
+    "collision": "robot",
+    "base_placement": "robot",
+    "contact": "robot",
+    "echo_model": "ultrasound",
+    "ultrasound": "ultrasound",
+    "skull_suite": "ultrasound",
+    "bone_kinds": "ultrasound",
+    "recorded_rf": "ultrasound",
+    "sound_speed": "ultrasound",
+    "thickness": "ultrasound",
+    "viewer": "procedure",
+    "kills": "procedure",
+    "procedure": "procedure",
+    "map_bands": "procedure",
+}
 COLUMNS = ("figure", "value", "unit", "goal", "peer", "holds")
 
 
@@ -46,11 +47,12 @@ def run_suite(name: str, seeds: int | None = None, *, smallest: bool = False) ->
         seeds: How many seeds to take from its first one on, where the suite has any.
         smallest: Run its smallest case.
     """
-    suite = importlib.import_module(f"benchmarks.suites.{name}")
+    module = f"suites.{SUITES[name]}.{name}"
+    suite = importlib.import_module(f"benchmarks.{module}")
     changes = dict(SMALLEST[name]) if smallest else {}
     if seeds is not None and hasattr(suite, "SEEDS"):
         first = next(iter(suite.SEEDS))
-        changes[f"suites.{name}.SEEDS"] = range(first, first + seeds)
+        changes[f"{module}.SEEDS"] = range(first, first + seeds)
 
     def progress(text: str) -> None:
         print(f"{name}: {text}", file=sys.stderr, flush=True)

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import rona_core
 from benchmarks.__main__ import as_number
-from benchmarks.suites.procedure import AIMS, Run, runs, summary
+from benchmarks.suites.procedure.procedure import AIMS, Run, runs, summary
 
 PAGE = Path(__file__).resolve().parents[1] / "docs" / "results.md"
 

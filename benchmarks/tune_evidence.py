@@ -11,8 +11,6 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.optimize import minimize
 
-from benchmarks.bone_record import BoneScene
-from benchmarks.bone_scenes import TRIAL_SEEDS, anatomical_bone, hard_bone, parallel_bone
 from rona_core.devices.settings import Excitation, ProbeName
 from rona_core.geometry.arrays import Bools, Floats, Ints
 from rona_core.ultrasound.detection.detect import nominal_bone
@@ -22,6 +20,8 @@ from rona_core.ultrasound.detection.spatial.candidate_features import features, 
 from rona_core.ultrasound.detection.spatial.neighbour_graph import Links, scan_links
 from rona_core.ultrasound.detection.spatial.track_before_detect import Tracks, along_tracks
 from rona_core.ultrasound.probe.survey import ProbeSurvey
+from tests.scenes.bone_record import BoneScene
+from tests.scenes.bone_scenes import TRIAL_SEEDS, anatomical_bone, hard_bone, parallel_bone
 
 RIGHT_MM = {"1MHz": 0.8, "2.25MHz": 0.6}  # a candidate this close is the inner echo
 ENDLESS_SHARE = 1.0  # what a scene without inner boundary counts for

@@ -5,20 +5,24 @@ Run it with the Python of the project: .venv/bin/python examples/scan_by_hand.py
 
 from rona_core.app.messages.registry import (
     SetSeed,
-    StartSonoCalibration,
-    StartSonoMapping,
-    StartSonoScan,
+    StartHandheldCalibration,
+    StartHandheldMapping,
+    StartHandheldScan,
 )
 from rona_core.compose import new_workbench
 from rona_core.session.document import Session
 
 
-def main(seed: int = 0, scan: StartSonoScan | None = None) -> dict[str, float]:
+def main(seed: int = 0, scan: StartHandheldScan | None = None) -> dict[str, float]:
     """Calibrate, scan and map; return the figures against the truth of a virtual scene."""
     bench = new_workbench(Session(name="by hand"))
     try:
         bench.dispatch(SetSeed(seed))
-        for activity in (StartSonoCalibration(), scan or StartSonoScan(), StartSonoMapping()):
+        for activity in (
+            StartHandheldCalibration(),
+            scan or StartHandheldScan(),
+            StartHandheldMapping(),
+        ):
             bench.run(activity)
         results = bench.session.results
         figures = {key: v for key, v in bench.figures().items() if key.startswith("sono_")}

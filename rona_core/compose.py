@@ -1,7 +1,7 @@
 """Put the parts together: sessions with virtual devices, and the whole procedure in one call."""
 
 import time
-from collections.abc import Sequence
+from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -107,14 +107,29 @@ def new_workbench(session: Session, uploads: Path | None = None) -> Workbench:
     return Workbench(session, virtual_services(), uploads or Path.cwd())
 
 
+@dataclass(frozen=True, slots=True)
+class DemoSkull:
+    """The skull of a demo: simulated, or read from a file, and the region of it that is scanned."""
+
+    path: str | None = None  # mask, CT volume or mesh; None: a simulated skull
+    inner: str | None = None  # the inner surface, where it is a file of its own
+    threshold: float | None = None  # of the bone in a CT volume
+    center: tuple[float, float, float] | None = None  # of the region, in mm of the file
+    radius: float | None = None  # of the region in mm, 25 if not given
+
+    @property
+    def name(self) -> str:
+        """What the figures call it."""
+        return "simulated" if self.path is None else Path(self.path).name
+
+
+SIMULATED = DemoSkull()
+
+
 def run_demo(
     seed: int = 0,
+    skull: DemoSkull = SIMULATED,
     *,
-    specimen: str = "simulated",
-    inner: str | None = None,
-    threshold: float | None = None,
-    center: Sequence[float] | None = None,
-    radius: float | None = None,
     robot: str = "rx90",
     progress: StepProgress = unwatched,
     cancel: Cancel = never,
@@ -123,11 +138,7 @@ def run_demo(
 
     Args:
         seed: Seed of the patient, the placement and every noise.
-        specimen: ``"simulated"``, or the path of a skull: mask, CT volume or mesh.
-        inner: Path of the inner surface, where it is a file of its own.
-        threshold: Bone threshold of a CT volume.
-        center: Centre of the region in coordinates of the specimen, in mm.
-        radius: Radius of the region in mm, 25 if not given.
+        skull: What is scanned.
         robot: Name of the robot.
         progress: Called with the step and the share of it that is done.
         cancel: Asked now and then; returns True to end.
@@ -140,36 +151,40 @@ def run_demo(
     """
     started = time.monotonic()
     bench = new_workbench(Session(name=f"demo seed {seed}"))
-    bench.dispatch(SetSeed(seed))
-    place = None if center is None else (float(center[0]), float(center[1]), float(center[2]))
-    radius_mm = 25.0 if radius is None else float(radius)
-    SetRegion(place, radius_mm)  # refuses a bad region before a file is read
-    if robot != "rx90":
-        bench.dispatch(SetRobot(model=robot))
-    if specimen != "simulated":
-        progress("setup", 0.0)
-        skull = read_skull(
-            specimen,
-            inner,
-            threshold,
-            place,
-            radius_mm,
-            progress=lambda share: progress("setup", share),
-            cancel=cancel,
-        )
-        bench.store.dispatch(StoreSkull(skull))
-    elif place is not None or radius is not None:
-        bench.dispatch(SetRegion(place, radius_mm))
     try:
+        bench.dispatch(SetSeed(seed))
+        if robot != "rx90":
+            bench.dispatch(SetRobot(model=robot))
+        _put_on_the_table(skull, bench, lambda share: progress("setup", share), cancel)
         bench.rig()
         progress("setup", 1.0)
         ending = run_procedure(bench, progress=progress, cancel=cancel)
         figures = _figures(bench, ending)
     finally:
         bench.close()
-    name = "simulated" if specimen == "simulated" else Path(specimen).name
-    head = {"seed": seed, "specimen": name, "robot": robot}
+    head = {"seed": seed, "specimen": skull.name, "robot": robot}
     return bench.session, {**head, **figures, "wall_s": time.monotonic() - started}
+
+
+def _put_on_the_table(
+    skull: DemoSkull, bench: Workbench, progress: Progress, cancel: Cancel
+) -> None:
+    radius_mm = 25.0 if skull.radius is None else float(skull.radius)
+    region = SetRegion(skull.center, radius_mm)  # refuses a bad region before a file is read
+    if skull.path is not None:
+        progress(0.0)
+        read = read_skull(
+            skull.path,
+            skull.inner,
+            skull.threshold,
+            skull.center,
+            radius_mm,
+            progress=progress,
+            cancel=cancel,
+        )
+        bench.store.dispatch(StoreSkull(read))
+    elif skull.center is not None or skull.radius is not None:
+        bench.dispatch(region)
 
 
 def _figures(bench: Workbench, ending: Ending) -> dict[str, Any]:

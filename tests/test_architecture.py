@@ -103,6 +103,47 @@ def test_no_path_of_somebodys_machine():
     assert not found, "\n".join(found)
 
 
+def imported(path: Path) -> set[str]:
+    """Return the modules that a file imports."""
+    nodes = list(ast.walk(ast.parse(path.read_text("utf-8"))))
+    plain = {alias.name for node in nodes if isinstance(node, ast.Import) for alias in node.names}
+    return plain | {node.module or "" for node in nodes if isinstance(node, ast.ImportFrom)}
+
+
+def test_the_product_imports_neither_tests_nor_benchmarks():
+    found = {path: imported(path) for path in modules(*PRODUCT)}
+    assert not [
+        (path, name)
+        for path, names in found.items()
+        for name in names
+        if name.partition(".")[0] in OTHERS
+    ]
+
+
+def test_tests_take_nothing_but_reference_implementations_from_the_benchmarks():
+    elsewhere = [p for p in modules("tests") if p.parts[len(ROOT.parts) + 1] != "benchmarks"]
+    assert not [
+        (path, name)
+        for path in elsewhere
+        for name in imported(path)
+        if name.partition(".")[0] == "benchmarks" and not name.startswith("benchmarks.reference.")
+    ]
+
+
+MOST_ENTRIES = 14  # of a folder; ``__init__.py`` does not count
+
+
+def test_folders_are_small():
+    found = {}
+    for top in (*PRODUCT, *OTHERS, "docs"):
+        for folder in [ROOT / top, *(p for p in (ROOT / top).rglob("*") if p.is_dir())]:
+            names = {p.name for p in folder.iterdir() if p.suffix in {".py", ".md"} or p.is_dir()}
+            n = len(names - {"__init__.py", "__pycache__"})
+            if n > MOST_ENTRIES:
+                found[str(folder.relative_to(ROOT))] = n
+    assert not found
+
+
 def test_test_files_have_names_of_their_own():
     names = [p.name for p in modules("tests") if p.name.startswith("test_")]
     assert sorted(names) == sorted(set(names))
@@ -149,7 +190,9 @@ PLANTED_IMPORTS = [
     ("rona_ui/api/planted.py", "import rona_core.robot", "only through rona_core.app"),
     ("rona_ui/panels/planted.py", "import rona_core.virtual", "only through compose"),
     ("rona_ui/panels/widgets/form.py", "import rona_ui.panels.layout", "Panels: a room a step"),
-    ("rona_ui/scene/planted.py", "import rona_ui.panels", "Layers of rona_ui"),
+    ("rona_ui/scene/cut_plane.py", "import rona_ui.panels", "Layers of rona_ui"),
+    ("rona_ui/panels/surface.py", "import rona_ui.scene.viser_nodes", "Layers of rona_ui"),
+    ("rona_ui/presentation/colors.py", "import rona_ui.scene", "Layers of rona_ui"),
 ]
 
 
@@ -233,7 +276,7 @@ RIGHT_FRAMES = [
     "Ts_base_marker = T_base_tracker @ track.Ts_tracker_marker",
     "T_tracker_toolmarker = frame.tool(name).T_tracker_marker",
     "T_b_a = fit(points_a, points_b)",
-    "fit_rigid(points_a=points_base, points_b=points_skull)",
+    "register_points(points_a=points_base, points_b=points_skull)",
     "tip_base = T_base_tip.translation + T_base_tip.rotate(offset_tip)",
     "axis_base = Ts_base_probe.rotations[:, :, 2]",
     "points_skull = T_base_skull.inv() @ points_base",

@@ -13,7 +13,7 @@ import pytest
 ROOT = Path(__file__).resolve().parents[1]
 DOCS = ROOT / "docs"
 PAGES = [*sorted(DOCS.rglob("*.md")), *sorted(ROOT.glob("*.md"))]
-ALGORITHMS = sorted((DOCS / "algorithms").glob("*.md"))
+ALGORITHMS = sorted((DOCS / "algorithms").rglob("*.md"))
 DECISIONS = sorted((DOCS / "decisions").glob("*.md"))
 LINK = re.compile(r"!?\[[^\]]*\]\(([^)\s]+)\)")
 
@@ -64,6 +64,17 @@ def test_links_lead_somewhere(page):
     assert not broken
 
 
+def test_pages_that_code_names_exist():
+    named = {
+        (name(file), page)
+        for top in ("rona_core", "rona_ui", "benchmarks", "examples", "tests")
+        for file in (ROOT / top).rglob("*.py")
+        for page in re.findall(r"\bdocs/[\w/-]+\.md\b", text(file))
+    }
+    assert named
+    assert not [(file, page) for file, page in named if not (ROOT / page).is_file()]
+
+
 def anchors(page):
     titles = re.findall(r"^#+ (.*)$", page, flags=re.MULTILINE)
     return {re.sub(r"[^\w\- ]", "", title.lower()).strip().replace(" ", "-") for title in titles}
@@ -75,7 +86,7 @@ def test_an_algorithm_page_has_its_parts_and_is_linked(page):
     headings = " | ".join(title or bold for title, bold in found)
     missing = [part for part, words in PARTS.items() if not re.search(words, headings, re.I)]
     assert not missing, f"no heading for {missing} among: {headings}"
-    assert f"(algorithms/{page.name})" in text(DOCS / "index.md")
+    assert f"({page.relative_to(DOCS)})" in text(DOCS / "index.md")
 
 
 @pytest.mark.parametrize("page", ALGORITHMS, ids=name)

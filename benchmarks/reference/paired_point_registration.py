@@ -17,7 +17,7 @@ from rona_core.errors import DegenerateGeometryError, InvalidInputError
 from rona_core.geometry.arrays import Bools, Floats, as_floats, as_points, readonly
 from rona_core.geometry.pose import Pose
 from rona_core.geometry.pose_covariance import as_covariance, cross_matrices, point_jacobians
-from rona_core.geometry.rigid_fit import fit_rigid
+from rona_core.geometry.rigid_fit import register_points
 
 MIN_POINTS = 3
 MAX_STEPS = 30
@@ -29,7 +29,7 @@ class FiducialRegistration:
     """``T_b_a`` from points in both frames, its residuals and its covariance."""
 
     T_b_a: Pose
-    covariance: Floats  # (6, 6) of the deviation of T_b_a, as geometry/tangent.py says
+    covariance: Floats  # (6, 6) of the deviation of T_b_a, as geometry/pose_covariance.py says
     residuals_b: Floats  # (n, 3) point in b minus mapped point, mm; of those left out too
     residuals_mm: Floats  # (n,) their lengths
     leave_one_out_mm: Floats  # (n,) the same after a fit without that point; empty for 3 points
@@ -146,7 +146,7 @@ def pose_covariance(
 
 def _fit(a: Floats, b: Floats, weights: Floats | None) -> Pose:
     """Return the pose with the least weighted sum of squares, by Gauss-Newton from the even one."""
-    T_b_a = fit_rigid(a, b)
+    T_b_a = register_points(a, b).T_b_a
     if weights is None:
         return T_b_a
     for _ in range(MAX_STEPS):

@@ -28,10 +28,15 @@ from rona_core.app.messages.outcomes import (
 from rona_core.app.messages.registry import (
     BuildPath,
     BuildSurface,
+    CalibrateHandheldProbe,
     CalibratePointer,
-    CalibrateSono,
     RegisterTool,
     StartBasePlacement,
+    StartGapPlan,
+    StartGapScan,
+    StartHandheldCalibration,
+    StartHandheldMapping,
+    StartHandheldScan,
     StartMapping,
     StartPathCapture,
     StartPivotImport,
@@ -42,19 +47,14 @@ from rona_core.app.messages.registry import (
     StartRobotMove,
     StartRollSearch,
     StartScan,
-    StartSecondPlan,
-    StartSecondScan,
     StartSkullImport,
     StartSkullRegistration,
-    StartSonoCalibration,
-    StartSonoMapping,
-    StartSonoScan,
     StartSurfaceCapture,
     StartToolCapture,
 )
 from rona_core.app.messages.serialization import plain_arguments
 from rona_core.app.runtime.recompute import replay_report
-from rona_core.app.steps.acoustics.messages import StartBlockShots, StartReferencePoints
+from rona_core.app.steps.acoustics.messages import StartCaliperMeasurements, StartDelayLineCapture
 from rona_core.app.steps.handheld.capture import capture_sono_calibration, capture_sono_scan
 from rona_core.app.steps.handheld.derivation import derive_sono_mapping
 from rona_core.app.steps.maps.derivation import derive_mapping, derive_roll, derive_second, lean
@@ -85,13 +85,13 @@ DEVICE_ACTIVITIES = (
     StartRecordingImport,
     StartPivotImport,
     StartScan,
-    StartSecondScan,
-    StartSonoCalibration,
-    StartSonoScan,
+    StartGapScan,
+    StartHandheldCalibration,
+    StartHandheldScan,
     StartRobotMove,
     StartRetract,
-    StartReferencePoints,
-    StartBlockShots,
+    StartCaliperMeasurements,
+    StartDelayLineCapture,
 )
 
 # those that record something, which has to fit into the session file
@@ -101,7 +101,7 @@ CAPTURE_ACTIVITIES = tuple(
 # those that drive the robot, by name; the others use tracker, probe or hand alone
 ROBOT_ACTIVITIES = frozenset(
     kind.__name__
-    for kind in (StartToolCapture, StartScan, StartSecondScan, StartRobotMove, StartRetract)
+    for kind in (StartToolCapture, StartScan, StartGapScan, StartRobotMove, StartRetract)
 )
 
 
@@ -232,7 +232,7 @@ def _digested(
 
 
 @perform.register
-def _(activity: StartSecondPlan, session: Session, tools: Toolbox) -> Messages:
+def _(activity: StartGapPlan, session: Session, tools: Toolbox) -> Messages:
     require_inputs(type(activity), session)
     inputs = input_digests("second", session)
     second = tools.run(derive_second, lean(session), activity)
@@ -240,29 +240,29 @@ def _(activity: StartSecondPlan, session: Session, tools: Toolbox) -> Messages:
 
 
 @perform.register
-def _(activity: StartSecondScan, session: Session, tools: Toolbox) -> Messages:
+def _(activity: StartGapScan, session: Session, tools: Toolbox) -> Messages:
     require_inputs(type(activity), session)
     return (StoreSecondCapture(capture_scan(session, tools, "second")),)
 
 
 @perform.register
-def _(activity: StartSonoCalibration, session: Session, tools: Toolbox) -> Messages:
+def _(activity: StartHandheldCalibration, session: Session, tools: Toolbox) -> Messages:
     pivot, spin = capture_sono_calibration(activity, session, tools)
     if spin is None:
         return (StoreSonoPivot(pivot),)
     if spin.partial:  # the two count together
         return (StoreSonoPivot(replace(pivot, partial=True)), StoreSonoSpin(spin))
-    return (StoreSonoPivot(pivot), StoreSonoSpin(spin), CalibrateSono())
+    return (StoreSonoPivot(pivot), StoreSonoSpin(spin), CalibrateHandheldProbe())
 
 
 @perform.register
-def _(activity: StartSonoScan, session: Session, tools: Toolbox) -> Messages:
+def _(activity: StartHandheldScan, session: Session, tools: Toolbox) -> Messages:
     require_inputs(type(activity), session)
     return (StoreSonoScan(capture_sono_scan(activity, session, tools)),)
 
 
 @perform.register
-def _(activity: StartSonoMapping, session: Session, tools: Toolbox) -> Messages:
+def _(activity: StartHandheldMapping, session: Session, tools: Toolbox) -> Messages:
     require_inputs(type(activity), session)
     mapped = tools.run(derive_sono_mapping, lean(session), activity)
     values, arguments, inputs = _digested(mapped, activity, session)

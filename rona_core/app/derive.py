@@ -12,10 +12,10 @@ from rona_core.app.messages.registry import (
     BuildPath,
     BuildSurface,
     CalibrateDelayLine,
+    CalibrateHandheldProbe,
     CalibratePointer,
-    CalibrateSono,
     CalibrateSoundSpeed,
-    DrawPattern,
+    GenerateScanPattern,
     RegisterTool,
     SmoothScanPath,
 )
@@ -110,7 +110,7 @@ def derive_pointer(session: Session, message: CalibratePointer) -> PointerCalibr
     )
 
 
-def derive_sono(session: Session, message: CalibrateSono) -> SonoCalibration:
+def derive_sono(session: Session, message: CalibrateHandheldProbe) -> SonoCalibration:
     """Calibrate the probe in the hand from its pivoting and its turning.
 
     Raises:
@@ -193,10 +193,10 @@ def derive_path(session: Session, message: BuildPath) -> RawPath:
 SHORT: dict[type, tuple[str, Callable[[Session, Any], Any]]] = {
     RegisterTool: ("tool", derive_registration),
     CalibratePointer: ("pointer", derive_pointer),
-    CalibrateSono: ("sono", derive_sono),
+    CalibrateHandheldProbe: ("sono", derive_sono),
     BuildSurface: ("surface", derive_surface),
     BuildPath: ("path", derive_path),
-    DrawPattern: ("path", derive_pattern),
+    GenerateScanPattern: ("path", derive_pattern),
     SmoothScanPath: ("smoothing", derive_smoothing),
     CalibrateSoundSpeed: ("speed", derive_speed),
     CalibrateDelayLine: ("line", derive_line),

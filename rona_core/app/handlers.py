@@ -28,12 +28,12 @@ from rona_core.app.messages.registry import (
     ApplyBasePlacement,
     BuildPath,
     BuildSurface,
+    CalibrateHandheldProbe,
     CalibratePointer,
-    CalibrateSono,
     ChooseRoll,
     ClearSurface,
-    DrawPattern,
     ExcludePoses,
+    GenerateScanPattern,
     RegisterTool,
     SetRobot,
     SmoothScanPath,
@@ -133,13 +133,13 @@ def _(message: ClearSurface, session: Session) -> Session:
 @handle.register(CalibratePointer)
 @handle.register(BuildSurface)
 @handle.register(SmoothScanPath)
-@handle.register(CalibrateSono)
+@handle.register(CalibrateHandheldProbe)
 def _(message: Any, session: Session) -> Session:
     return computed(message, session)
 
 
 @handle.register(BuildPath)
-@handle.register(DrawPattern)
+@handle.register(GenerateScanPattern)
 def _(message: Any, session: Session) -> Session:
     return replace(computed(message, session), path_edits=PathEdits())  # those of another path
 
@@ -214,7 +214,7 @@ def _(message: ApplyBasePlacement, session: Session) -> Session:
 @handle.register
 def _(message: ChooseRoll, session: Session) -> Session:
     require_inputs(type(message), session)
-    searched: Derived[RobotPlan] = need(session.results.roll, "search the roll (step 7)")
+    searched: Derived[RobotPlan] = need(session.results.roll, "plan the motion (step 7)")
     plan = derive_chosen_roll(session, searched.value, message.index, message.branch)
     arguments = {**searched.arguments, "chosen": message.index, "branch": message.branch}
     made = Derived(plan, searched.message, arguments, searched.inputs)
@@ -230,7 +230,7 @@ def _(message: StoreMaps, session: Session) -> Session:
 @handle.register
 def _(message: StoreSonoMaps, session: Session) -> Session:
     names = ("sono_detection", "sono_maps")
-    return _with_mapped(session, message, "StartSonoMapping", names)
+    return _with_mapped(session, message, "StartHandheldMapping", names)
 
 
 def _with_mapped(
@@ -249,7 +249,7 @@ def _with_mapped(
 @handle.register
 def _(message: StoreSecondPlan, session: Session) -> Session:
     _require_unchanged("second", message.inputs, session)
-    made = Derived(message.second, "StartSecondPlan", message.arguments, message.inputs)
+    made = Derived(message.second, "StartGapPlan", message.arguments, message.inputs)
     return replace(session, results=replace(session.results, second=made))
 
 

@@ -9,13 +9,13 @@ from rona_core.app.messages.registry import (
     COMMANDS,
     SmoothScanPath,
     StartBasePlacement,
+    StartGapPlan,
+    StartGapScan,
     StartMapping,
     StartPathCapture,
     StartPointerCapture,
     StartRollSearch,
     StartScan,
-    StartSecondPlan,
-    StartSecondScan,
     StartSurfaceCapture,
     StartToolCapture,
 )
@@ -36,8 +36,8 @@ PROCEDURE: tuple[tuple[str, Any], ...] = (
     ("roll", StartRollSearch()),
     ("scan", StartScan()),
     ("maps", StartMapping()),
-    ("second", StartSecondPlan()),
-    ("second", StartSecondScan()),
+    ("second", StartGapPlan()),
+    ("second", StartGapScan()),
     ("second", StartMapping()),
 )
 SPARED = "second"  # the procedure is complete without it: there may be no gap, or no way to it

@@ -1,4 +1,4 @@
-"""How far a place that the pointer touches is off in ``base``, before anything is touched.
+"""Error propagation from the calibrations to touched points in ``base``, to first order.
 
     tip_base = T_base_tracker T_tracker_pointermarker tip_pointermarker
 
@@ -14,14 +14,11 @@ from numpy.typing import ArrayLike
 
 from rona_core.calibration.hand_eye.residuals import fit_covariances
 from rona_core.calibration.tracking_error.marker_noise import MarkerNoise
-from rona_core.devices.protocols import Cancel, Progress, never, silent
-from rona_core.errors import CancelledError, InvalidInputError
-from rona_core.geometry.arrays import Floats, Vector3, as_floats, as_points, as_vector3, readonly
+from rona_core.errors import InvalidInputError
+from rona_core.geometry.arrays import Floats, Vector3, as_points, as_vector3, readonly
 from rona_core.geometry.frame_graph import FrameEdge, FrameGraph, JointCovariance
 from rona_core.geometry.pose import Pose, Poses
 from rona_core.geometry.pose_covariance import as_covariance, cross_matrices
-
-DRAWS = 1000
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -145,85 +142,6 @@ def predict_map_error(setup: MapSetup, Ts_tracker_pointermarker: Poses) -> MapEr
         frame_rms_mm=_rms_mm(covariances["frame"]),
         rms_mm=_rms_mm(total),
     )
-
-
-def monte_carlo(
-    setup: MapSetup,
-    Ts_tracker_pointermarker: Poses,
-    *,
-    draws: int = DRAWS,
-    seed: int = 0,
-    cancel: Cancel = never,
-    progress: Progress = silent,
-) -> MapError:
-    """Return the same errors from repeated simulation: the referee of ``predict_map_error``.
-
-    In each draw the registration and the tip are deviated, and every frame is seen anew, marker by
-    marker, fitted and averaged; nothing is linearised.
-
-    Raises:
-        CancelledError: ``cancel`` returned True.
-    """
-    rng = np.random.default_rng(seed)
-    n, tip = len(Ts_tracker_pointermarker), np.asarray(setup.tip_pointermarker)
-    exact_tracker = Ts_tracker_pointermarker @ tip
-    exact = setup.T_base_tracker @ exact_tracker
-    edge = FrameEdge(
-        "base", "tracker", setup.T_base_tracker, "tool", covariance=setup.registration[:6, :6]
-    )
-    graph = FrameGraph((edge,))
-    root = np.linalg.cholesky(setup.tip_covariance + 1e-18 * np.eye(3))
-    sums = {name: np.zeros((n, 3, 3)) for name in ("registration", "pointer", "frame", "total")}
-    for draw in range(draws):
-        if cancel():
-            raise CancelledError("the simulation was cancelled")
-        T_base_tracker = graph.disturbed(rng).pose("base", "tracker")
-        drawn = tip + root @ rng.normal(size=3)
-        rotations, translations = _seen(setup, Ts_tracker_pointermarker, rng)
-        turn = setup.T_base_tracker.rotation
-        offs = {
-            "registration": T_base_tracker @ exact_tracker - exact,
-            "pointer": setup.T_base_tracker @ (Ts_tracker_pointermarker @ drawn) - exact,
-            "frame": (rotations @ tip + translations - exact_tracker) @ turn.T,
-            "total": T_base_tracker @ (rotations @ drawn + translations)
-            - exact
-            + setup.bias_mm / np.sqrt(3.0) * rng.normal(size=3),
-        }
-        for name, off in offs.items():
-            sums[name] += off[:, :, None] * off[:, None, :]
-        progress((draw + 1) / draws)
-    found = {name: readonly(total / draws) for name, total in sums.items()}
-    return MapError(
-        **found,
-        registration_rms_mm=_rms_mm(found["registration"]),
-        pointer_rms_mm=_rms_mm(found["pointer"]),
-        frame_rms_mm=_rms_mm(found["frame"]),
-        rms_mm=_rms_mm(found["total"]),
-    )
-
-
-def _seen(
-    setup: MapSetup, Ts_tracker_pointermarker: Poses, rng: np.random.Generator
-) -> tuple[Floats, Floats]:
-    """Return poses as averages of fits to noisy markers: rotations (n, 3, 3), translations."""
-    positions = as_floats(setup.positions_pointermarker)
-    middle = positions.mean(axis=0)
-    R, t = Ts_tracker_pointermarker.rotations, Ts_tracker_pointermarker.translations
-    exact = np.einsum("nij,mj->nmi", R, positions) + t[:, None]
-    shape = (len(R), setup.n_averaged, len(positions), 3)
-    noise = (setup.noise.sigma_mm or 0.0) * setup.noise.shape() * rng.normal(size=shape)
-    seen = exact[:, None] + noise
-    centers = seen.mean(axis=2)
-    spread = np.einsum("nami,mj->naij", seen - centers[:, :, None], positions - middle)
-    fitted = _nearest_rotations(spread)
-    rotations = _nearest_rotations(fitted.mean(axis=1))
-    return rotations, centers.mean(axis=1) - rotations @ middle
-
-
-def _nearest_rotations(matrices: Floats) -> Floats:
-    u, _, vt = np.linalg.svd(matrices)
-    u[..., 2] *= np.linalg.det(u @ vt)[..., None]
-    return u @ vt
 
 
 def _rms_mm(covariances: Floats) -> float:

@@ -1,4 +1,4 @@
-"""Settings of the devices: plain frozen values that a session holds and a device is given."""
+"""Device settings: frozen values that a session holds and a device is given."""
 
 from dataclasses import dataclass, field
 from typing import ClassVar, Literal, get_args
@@ -64,7 +64,10 @@ FIRST_PLACE = TrackerPlace()
 
 @dataclass(frozen=True, slots=True)
 class TrackerSettings:
-    """How the optical tracker measures; ``docs/algorithms/virtual_tracker.md`` explains each."""
+    """Errors and faults of the optical tracker.
+
+    ``docs/algorithms/virtual_world/virtual_tracker.md`` explains each.
+    """
 
     __pydantic_config__: ClassVar = STRICT
 
@@ -105,7 +108,7 @@ ROBOTS = {"rx90": "Stäubli RX90", "ur5": "UR5", "ur10": "UR10"}  # what people 
 
 @dataclass(frozen=True, slots=True)
 class ContactSettings:
-    """How the robot presses the probe on; ``docs/algorithms/contact_control.md`` explains each."""
+    """Force control of the probe; ``docs/algorithms/robot/force_control.md`` explains each."""
 
     __pydantic_config__: ClassVar = STRICT
 

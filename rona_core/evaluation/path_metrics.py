@@ -1,4 +1,4 @@
-"""Figures of steps 5 to 7: the demonstrated path, its smoothing, its normals and the plan."""
+"""Figures of steps 5 to 7: demonstrated path, simplification, normals and plan."""
 
 from typing import TYPE_CHECKING
 
@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from rona_core.robot.planning.plan import RobotPlan
     from rona_core.session.document import Session
 
-PATTERN = "DrawPattern"  # the message that makes a path that nobody demonstrated
+PATTERN = "GenerateScanPattern"  # the message that makes a path that nobody demonstrated
 
 
 def smoothing_figures(session: "Session") -> Figures:

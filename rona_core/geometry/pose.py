@@ -116,10 +116,6 @@ class Pose:
         """Return directions (3,) or (n, 3) turned into the left frame, without translation."""
         return np.asarray(vectors, dtype=np.float64) @ self.rotation.T
 
-    def angle_to_rad(self, other: "Pose") -> float:
-        """Return the angle between the rotations of two poses."""
-        return float(Rotation.from_matrix(self.rotation.T @ other.rotation).magnitude())
-
     @overload
     def __matmul__(self, other: "Pose") -> "Pose": ...
     @overload

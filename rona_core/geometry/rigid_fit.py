@@ -1,4 +1,4 @@
-"""Least-squares fits that several packages share: rigid motion, plane and line.
+"""Least-squares fits: rigid motion between point sets, plane and line.
 
 Each refuses points that do not determine its answer, with the number that says why.
 """
@@ -44,8 +44,10 @@ class LineFit:
     length_mm: float  # extent of the points along the line
 
 
-def fit_rigid(points_a: ArrayLike, points_b: ArrayLike) -> Pose:
-    """Return ``T_b_a``, the pose that maps ``points_a`` best onto ``points_b``.
+def register_points(points_a: ArrayLike, points_b: ArrayLike) -> RigidFit:
+    """Register two point sets rigidly: ``T_b_a`` with the least sum of squared residuals.
+
+    Source: Kabsch 1976; reflection test after Umeyama 1991.
 
     Args:
         points_a: Points in frame ``a``, shape (n, 3) with n >= 3, in mm.
@@ -54,14 +56,6 @@ def fit_rigid(points_a: ArrayLike, points_b: ArrayLike) -> Pose:
     Raises:
         InvalidInputError: wrong shape, different numbers of points, values not finite.
         DegenerateGeometryError: the points lie on one line, or mirror each other.
-    """
-    return register_points(points_a, points_b).T_b_a
-
-
-def register_points(points_a: ArrayLike, points_b: ArrayLike) -> RigidFit:
-    """Return the rigid motion of :func:`fit_rigid` together with its residuals.
-
-    Source: Kabsch, Acta Cryst. A32 (1976) 922; reflection test after Umeyama, PAMI 13 (1991) 376.
     """
     a = as_points(points_a, at_least=3, name="points_a")
     b = as_points(points_b, at_least=3, name="points_b")

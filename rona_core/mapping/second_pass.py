@@ -2,7 +2,7 @@
 
 The inner table is rarely parallel to the outer one; leaning by more than two degrees or so its echo
 misses the probe. Where the map around a gap says how the thickness changes, the probe can be leant
-so that its sound meets the inner table squarely. See docs/algorithms/second_pass.md.
+so that its sound meets the inner table squarely. See docs/algorithms/maps/second_pass.md.
 """
 
 from dataclasses import dataclass

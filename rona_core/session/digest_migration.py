@@ -50,6 +50,6 @@ def _inputs(name: str, held: dict[str, Any], setup: dict[str, Any]) -> dict[str,
     probe = setup["devices"]["probe"]
     if parts and inputs.get("probe") == digest(probe):
         inputs["probe"] = digest({**probe, **parts})
-    if held["message"] == "DrawPattern":
+    if held["message"] == "GenerateScanPattern":
         inputs.setdefault("region", digest(setup["region"]["radius_mm"]))
     return inputs

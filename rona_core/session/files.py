@@ -24,6 +24,7 @@ from rona_core.session.members import (
     LOG,
     MANIFEST,
     MAX_FILE_BYTES,
+    Members,
     read_members,
     require_room,
     used_bytes,
@@ -172,7 +173,7 @@ def session_from_bytes(data: bytes, name: str = "upload") -> Session:
     """Read a session from the bytes of its file; errors as in ``load_session``."""
     try:
         members = read_members(data, name)
-        manifest, arrays = migrate(members.manifest), members.arrays
+        manifest, arrays = migrate(_with_log(members)), members.arrays
         document, copies = manifest.get("session"), manifest.get("copies", {})
         if not (isinstance(document, dict) and isinstance(copies, dict)):
             raise SessionFormatError(f"{name}: its manifest holds no session")
@@ -183,6 +184,14 @@ def session_from_bytes(data: bytes, name: str = "upload") -> Session:
                 )
             arrays[copy] = arrays[known]
         require_room(0, used_bytes(document, arrays), {}, name)
-        return decode({**document, "log": members.log}, Session, arrays)
+        return decode(document, Session, arrays)
     except MemoryError as error:
         raise SessionFormatError(f"{name} needs more memory than there is: refused") from error
+
+
+def _with_log(members: Members) -> dict[str, Any]:
+    """Return the manifest with the log inside its session, as the document has it."""
+    document = members.manifest.get("session")
+    if not isinstance(document, dict):
+        return members.manifest
+    return {**members.manifest, "session": {**document, "log": members.log}}

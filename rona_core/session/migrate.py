@@ -6,7 +6,7 @@ from typing import Any
 from rona_core.errors import SessionFormatError
 from rona_core.session.digest_migration import with_present_digests
 
-SCHEMA = 3  # raise it with every change of the document, and add the step below
+SCHEMA = 4  # raise it with every change of the document, and add the step below
 
 # What the tracker was before schema 2: errors alike everywhere, nothing in the way, no faults.
 FIRST_PLACE: dict[str, Any] = {
@@ -159,8 +159,58 @@ def _with_fields(value: Any, added: dict[str, dict[str, Any]]) -> Any:
     return {**added.get(str(value.get("$type")), {}), **inside}
 
 
+# Messages that schema 4 calls by the field's terms; logs and results remember them by name.
+RENAMED_IN_4 = {
+    "CalibrateSono": "CalibrateHandheldProbe",
+    "DrawPattern": "GenerateScanPattern",
+    "KeepPathSample": "PinPathSample",
+    "PutObstacle": "AddObstacle",
+    "SetBone": "SetBoneModel",
+    "SetReference": "SetUseBaseMarker",
+    "SetSurroundings": "SetWorkcell",
+    "StartBlockShots": "StartDelayLineCapture",
+    "StartReferencePoints": "StartCaliperMeasurements",
+    "StartSecondPlan": "StartGapPlan",
+    "StartSecondScan": "StartGapScan",
+    "StartSonoCalibration": "StartHandheldCalibration",
+    "StartSonoMapping": "StartHandheldMapping",
+    "StartSonoScan": "StartHandheldScan",
+    "StartWhatIf": "StartProbeSweep",
+}
+
+
+def with_present_message(held: Any) -> Any:
+    """Return a log entry or result, as plain values, with the present name of its message."""
+    if not isinstance(held, dict) or not isinstance(held.get("message"), str):
+        return held
+    return {**held, "message": RENAMED_IN_4.get(held["message"], held["message"])}
+
+
+def _with_present_messages(session: dict[str, Any]) -> dict[str, Any]:
+    """Return a session of schema 3 whose log and results name messages as schema 4 does."""
+    results = {name: with_present_message(held) for name, held in session["results"].items()}
+    log = [with_present_message(entry) for entry in session.get("log", ())]
+    return {**session, "results": results, "log": log}
+
+
+# What schema 4 changed: each function takes the plain values of a session and returns new ones.
+CHANGES_IN_4: tuple[Callable[[dict[str, Any]], dict[str, Any]], ...] = (_with_present_messages,)
+
+
+def from_3(manifest: dict[str, Any]) -> dict[str, Any]:
+    """Return a manifest of schema 3 as one of schema 4: no capture and no result is lost."""
+    session = manifest["session"]
+    for change in CHANGES_IN_4:
+        session = change(session)
+    return {**manifest, "schema": 4, "session": session}
+
+
 # MIGRATIONS[n] turns a manifest of schema n into one of schema n + 1.
-MIGRATIONS: dict[int, Callable[[dict[str, Any]], dict[str, Any]]] = {1: from_1, 2: from_2}
+MIGRATIONS: dict[int, Callable[[dict[str, Any]], dict[str, Any]]] = {
+    1: from_1,
+    2: from_2,
+    3: from_3,
+}
 
 
 def migrate(manifest: dict[str, Any]) -> dict[str, Any]:

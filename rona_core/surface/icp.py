@@ -1,4 +1,4 @@
-"""Register a digitised patch of bone to a surface: robust point-to-plane distances.
+"""Surface registration of digitised points: robust point-to-plane ICP.
 
 Distances to the tangent plane (Chen 1991) let points slide along the surface where that fits
 better, which distances to the nearest point hold back. Tukey weights leave gross errors out, and
@@ -11,7 +11,6 @@ from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
-import trimesh
 from numpy.typing import ArrayLike
 from scipy.spatial import KDTree
 from scipy.spatial.transform import Rotation
@@ -21,14 +20,13 @@ from rona_core.errors import CancelledError, DegenerateGeometryError, InvalidInp
 from rona_core.geometry.arrays import Bools, Floats, as_points, as_unit_vectors, readonly
 from rona_core.geometry.pose import Pose
 from rona_core.geometry.pose_covariance import cross_matrices, point_jacobians
+from rona_core.geometry.robust import TUKEY_CUTOFF, mad_sigma, tukey_weights
 
 # Points (n, 3) in the frame of the surface -> their nearest points (n, 3) and unit normals (n, 3).
 Closest = Callable[[Floats], tuple[Floats, Floats]]
 
 MIN_POINTS = 12
 NEIGHBOURS = 8  # points of a sampled surface that are averaged
-TUKEY = 4.685  # deviations beyond which a point has no weight
-MAD = 1.4826  # deviations per median absolute residual
 SCALE_FLOOR_MM = 1e-6
 MAX_STEPS = 60
 STEP_MM = 1e-7  # at the typical distance from the middle of the patch
@@ -45,7 +43,7 @@ class SurfaceRegistration:
     """``T_b_a`` from the points' frame a into the surface's frame b, and what the patch shows."""
 
     T_b_a: Pose
-    covariance: Floats  # (6, 6) of the deviation of T_b_a, as geometry/tangent.py says
+    covariance: Floats  # (6, 6) of the deviation of T_b_a, as geometry/pose_covariance.py says
     residuals_mm: Floats  # (n,) signed distance of each mapped point from the surface
     weights: Floats  # (n,) 0 for points that were left out, up to 1
     used: Bools  # (n,) weight above 0
@@ -87,15 +85,6 @@ def point_surface(points: ArrayLike, normals: ArrayLike) -> Closest:
         return queries - (weights * heights).sum(axis=1)[:, None] * n, n
 
     return closest
-
-
-def mesh_surface(mesh: trimesh.Trimesh) -> Closest:
-    """Return the surface of a mesh whose triangles are small beside its radius of curvature."""
-    points = np.concatenate((mesh.vertices, mesh.triangles_center))
-    normals = np.concatenate((mesh.vertex_normals, mesh.face_normals))
-    lengths = np.linalg.norm(normals, axis=1)
-    whole = lengths > 0.5  # vertices without triangles have none
-    return point_surface(points[whole], normals[whole] / lengths[whole, None])
 
 
 def register_surface(
@@ -164,7 +153,8 @@ def _descend(
         if cancel():
             raise CancelledError("the registration of the surface was cancelled")
         distances, J, center = _linearise(a, surface, T_b_a, reach_mm)
-        weights = _tukey(distances / _scale_mm(distances))
+        sigma_mm = mad_sigma(distances, floor=SCALE_FLOOR_MM)
+        weights = tukey_weights(distances / sigma_mm, TUKEY_CUTOFF)
         hessian = J.T @ (weights[:, None] * J)
         damping = DAMPING * np.trace(hessian) * np.eye(6)
         step = -np.linalg.solve(hessian + damping, J.T @ (weights * distances))
@@ -187,15 +177,6 @@ def _linearise(
     return distances, np.hstack((np.cross(p - center, normals) / reach_mm, normals)), center
 
 
-def _scale_mm(distances: Floats) -> float:
-    return max(MAD * float(np.median(np.abs(distances))), SCALE_FLOOR_MM)
-
-
-def _tukey(standardised: Floats) -> Floats:
-    inside = np.maximum(1.0 - (standardised / TUKEY) ** 2, 0.0)
-    return inside**2
-
-
 def _misfit(a: Floats, surface: Closest, T_b_a: Pose) -> float:
     """Return the median distance: what ranks the starts."""
     p = T_b_a @ a
@@ -205,15 +186,15 @@ def _misfit(a: Floats, surface: Closest, T_b_a: Pose) -> float:
 
 def _assemble(a: Floats, surface: Closest, T_b_a: Pose, reach_mm: float) -> SurfaceRegistration:
     distances, J, center = _linearise(a, surface, T_b_a, reach_mm)
-    scale = _scale_mm(distances)
-    weights = _tukey(distances / scale)
+    scale = mad_sigma(distances, floor=SCALE_FLOOR_MM)
+    weights = tukey_weights(distances / scale, TUKEY_CUTOFF)
     used = weights > 0.0
     if used.mean() < MIN_SHARE:
         raise DegenerateGeometryError(
             f"only {int(used.sum())} of {len(a)} points lie on the surface: give a better start"
         )
     # variance of an M-estimate (Huber): E psi^2 / (E psi')^2 (J'J)^-1
-    u = (distances / scale / TUKEY) ** 2
+    u = (distances / scale / TUKEY_CUTOFF) ** 2
     slopes = np.where(used, (1.0 - u) * (1.0 - 5.0 * u), 0.0)
     psi = weights * distances
     variance = float((psi**2).sum() / (len(a) - 6) / slopes.mean() ** 2)

@@ -13,7 +13,7 @@ from rich.table import Table
 from rich.text import Text
 
 from rona_core.app.overview.acceptance import quality_rows
-from rona_core.compose import run_demo
+from rona_core.compose import DemoSkull, run_demo
 from rona_core.errors import InvalidInputError
 from rona_core.session.document import Session
 from rona_core.session.files import save_session
@@ -28,11 +28,13 @@ def run(wanted: Any) -> int:
     with _Bars() as bars:
         session, figures = run_demo(
             wanted.seed,
-            specimen=wanted.specimen,
-            inner=wanted.inner,
-            threshold=wanted.threshold,
-            center=wanted.center,
-            radius=wanted.radius,
+            DemoSkull(
+                None if wanted.specimen == "simulated" else wanted.specimen,
+                wanted.inner,
+                wanted.threshold,
+                None if wanted.center is None else tuple(wanted.center),
+                wanted.radius,
+            ),
             robot=wanted.robot,
             progress=bars.show,
         )

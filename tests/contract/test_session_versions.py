@@ -1,7 +1,7 @@
 """Every session file that a released schema wrote still loads, and its captures still compute.
 
 The files are small sessions taken with seed 3 at 20 frames a second: that of schema 1 up to the
-path, that of schema 2 with all steps.
+path, that of schema 2 with all steps, that of schema 3 with what can be done beside them too.
 """
 
 import hashlib
@@ -12,12 +12,20 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from rona_core.app.dependencies.staleness import RESULTS, stale_reason
 from rona_core.app.handlers import handle
-from rona_core.app.messages.registry import BuildPath, BuildSurface, CalibratePointer, RegisterTool
+from rona_core.app.messages.registry import (
+    ACTIVITIES,
+    COMMANDS,
+    BuildPath,
+    BuildSurface,
+    CalibratePointer,
+    RegisterTool,
+)
 from rona_core.app.overview.step_states import step_states
 from rona_core.session.codec import digest
 from rona_core.session.files import load_session, session_bytes, session_from_bytes
-from rona_core.session.migrate import MIGRATIONS, SCHEMA
+from rona_core.session.migrate import MIGRATIONS, RENAMED_IN_4, SCHEMA
 
 FILES = sorted((Path(__file__).parent / "sessions").glob("schema_*.rona"))
 
@@ -82,3 +90,22 @@ def test_plan_and_maps_of_schema_2_are_computed_again_from_its_scan():
     states = {state.name: state.state for state in step_states(session)}
     assert states["smoothing"] == "done"
     assert states["roll"] == states["maps"] == "ready"
+
+
+def test_messages_of_schema_3_have_their_present_names_in_log_and_results():
+    manifest, session = manifest_of(FILES[2]), load_session(FILES[2])
+    public = {**COMMANDS, **ACTIVITIES}
+    with zipfile.ZipFile(FILES[2]) as archive:
+        said = [json.loads(line)["message"] for line in archive.read("commands.jsonl").splitlines()]
+    log = [entry.message for entry in session.log]
+    assert log == [RENAMED_IN_4.get(name, name) for name in said] != said
+    assert not set(RENAMED_IN_4) & (set(log) | set(public))
+    assert set(RENAMED_IN_4.values()) <= set(public)
+    results = manifest["session"]["results"]
+    held = {k: v["message"] for k, v in results.items() if isinstance(v, dict)}
+    made = {name: getattr(session.results, name).message for name in held}
+    assert made == {name: RENAMED_IN_4.get(message, message) for name, message in held.items()}
+    assert set(made.values()) <= set(public)
+    assert made["path"] == "GenerateScanPattern"
+    assert made["sono_maps"] == "StartHandheldMapping"
+    assert {name for name in RESULTS if stale_reason(name, session) is not None} == set()

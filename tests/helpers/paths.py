@@ -2,6 +2,8 @@
 
 import numpy as np
 
+from rona_core.path.simplification.segment_distance import piece_costs
+
 
 def meander(n, *, lines=9, length_mm=60.0, spacing_mm=5.0, radius_mm=80.0):
     """Return n points (n, 3), evenly spaced along a meander on a sphere."""
@@ -30,3 +32,9 @@ def demonstration(rng, n=307, duration_s=35.0):
     wander = unsteady(rng, times, 0.2, 1.5, 1.0)
     noise = rng.normal(0, 0.35 / np.sqrt(3), (n, 3))
     return meander(n) + tremor + wander + noise, times
+
+
+def piece_cost(piece, metric):
+    """Return the deviation of the originals ``piece`` (k, m) from the segment between its ends."""
+    ends = np.array([len(piece) - 1])
+    return float(piece_costs(np.ascontiguousarray(piece.T), np.zeros_like(ends), ends, metric)[0])

@@ -58,9 +58,6 @@ class SphereSpecimen:
         p = np.asarray(points_skull) - self.center
         return p / np.linalg.norm(p, axis=1)[:, None]
 
-    def signed_distance(self, points_skull):
-        return np.linalg.norm(np.asarray(points_skull) - self.center, axis=1) - self.radius_mm
-
     def mesh(self, boundary="outer", edge_mm=3.0):
         import trimesh
 
@@ -81,3 +78,10 @@ class ShiftError:
 
     def systematic_mm(self, points_base):
         return np.broadcast_to(np.array(self.offset), np.shape(points_base)).copy()
+
+
+def signed_distance(specimen, points_skull):
+    """Return the distance (n,) of points to the outer surface of any specimen, positive outside."""
+    foot = specimen.closest(points_skull)
+    side = ((points_skull - foot) * specimen.normal(foot)).sum(axis=1)
+    return np.where(side < 0.0, -1.0, 1.0) * np.linalg.norm(points_skull - foot, axis=1)

@@ -5,7 +5,7 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 from rona_core.app.dependencies.base_reference import found_again
-from rona_core.app.messages.registry import DrawPattern
+from rona_core.app.messages.registry import GenerateScanPattern
 from rona_core.devices.settings import ROOM_C
 from rona_core.errors import StepBlockedError
 from rona_core.session.document import Session
@@ -56,7 +56,7 @@ POINTER = Input(_value("pointer"), "calibrate the pointer (step 3)", "pointer")
 SURFACE = Input(_value("surface"), "sample the surface (step 4)", "surface")
 PATH = Input(_value("path"), "demonstrate the path (step 5)", "path")
 SMOOTHING = Input(_value("smoothing"), "smooth the path (step 6)", "smoothing")
-ROLL = Input(_value("roll"), "search the roll (step 7)", "roll")
+ROLL = Input(_value("roll"), "plan the motion (step 7)", "roll")
 PLACEMENT = Input(_value("placement"), "look for a place of the base (step 7)", "placement")
 SONO_PIVOT = Input(
     lambda s: s.captures.sono_pivot, "pivot the SonoPointer (step 9)", "capture sono_pivot"
@@ -117,7 +117,7 @@ def missing(inputs: tuple[Input, ...], session: Session) -> str | None:
 def is_pattern(session: Session) -> bool:
     """Return whether the path is a pattern drawn by rule, not a demonstration."""
     path = session.results.path
-    return path is not None and path.message == DrawPattern.__name__
+    return path is not None and path.message == GenerateScanPattern.__name__
 
 
 def need(value: Any, wanted: str) -> Any:

@@ -50,7 +50,7 @@ from rona_core.app.dependencies.inputs import (
     missing,
 )
 from rona_core.app.dependencies.obstacles import obstacles_of
-from rona_core.app.messages.registry import DrawPattern
+from rona_core.app.messages.registry import GenerateScanPattern
 from rona_core.errors import StepBlockedError
 from rona_core.robot.collision.obstacles import Obstacles
 from rona_core.session.codec import digest
@@ -149,7 +149,7 @@ RESULTS = tuple(RESULT_INPUTS)  # in the order in which they follow from one ano
 
 def inputs_of(result: str, message: str) -> dict[str, Input]:
     """Return what a result depends on that a message of this name makes."""
-    return PATTERN_INPUTS if message == DrawPattern.__name__ else RESULT_INPUTS[result]
+    return PATTERN_INPUTS if message == GenerateScanPattern.__name__ else RESULT_INPUTS[result]
 
 
 def input_digests(result: str, session: Session, message: str = "") -> dict[str, str]:

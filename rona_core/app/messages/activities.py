@@ -234,7 +234,7 @@ class StartScan:
 
 
 @dataclass(frozen=True, slots=True)
-class StartSecondPlan:
+class StartGapPlan:
     """Plan a second scan over the gaps of the inner map, the probe leaning towards its table."""
 
     __pydantic_config__: ClassVar = STRICT
@@ -247,7 +247,7 @@ class StartSecondPlan:
 
 
 @dataclass(frozen=True, slots=True)
-class StartSecondScan:
+class StartGapScan:
     """Let the robot execute the second pass while the probe records A-scans."""
 
     __pydantic_config__: ClassVar = STRICT

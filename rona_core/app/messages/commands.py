@@ -67,7 +67,7 @@ class UseSimulatedSkull:
 
 
 @dataclass(frozen=True, slots=True)
-class SetBone:
+class SetBoneModel:
     """Choose what the bone on the table is made of: its texture, and whose speed of sound it has.
 
     Only the virtual probe knows it; what detects the echoes does not.
@@ -123,7 +123,7 @@ class MoveTracker:
 
 
 @dataclass(frozen=True, slots=True)
-class SetReference:
+class SetUseBaseMarker:
     """Choose whether a tracker that has moved is found again by the marker on the robot base."""
 
     __pydantic_config__: ClassVar = STRICT

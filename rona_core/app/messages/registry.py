@@ -8,6 +8,8 @@ from typing import get_args
 
 from rona_core.app.messages.activities import (
     StartBasePlacement,
+    StartGapPlan,
+    StartGapScan,
     StartMapping,
     StartPathCapture,
     StartPivotImport,
@@ -18,8 +20,6 @@ from rona_core.app.messages.activities import (
     StartRobotMove,
     StartRollSearch,
     StartScan,
-    StartSecondPlan,
-    StartSecondScan,
     StartSkullImport,
     StartSkullRegistration,
     StartSurfaceCapture,
@@ -37,15 +37,15 @@ from rona_core.app.messages.commands import (
     Redo,
     RegisterTool,
     RenameSession,
-    SetBone,
+    SetBoneModel,
     SetPointer,
     SetProbe,
-    SetReference,
     SetRegion,
     SetRobot,
     SetSeed,
     SetToolVisible,
     SetTracker,
+    SetUseBaseMarker,
     SmoothScanPath,
     Undo,
     UseSimulatedSkull,
@@ -55,42 +55,42 @@ from rona_core.app.steps.acoustics.messages import (
     CalibrateDelayLine,
     CalibrateSoundSpeed,
     RemoveReferencePoint,
-    StartBlockShots,
-    StartReferencePoints,
-    StartWhatIf,
+    StartCaliperMeasurements,
+    StartDelayLineCapture,
+    StartProbeSweep,
 )
 from rona_core.app.steps.handheld.messages import (
-    CalibrateSono,
-    StartSonoCalibration,
-    StartSonoMapping,
-    StartSonoScan,
+    CalibrateHandheldProbe,
+    StartHandheldCalibration,
+    StartHandheldMapping,
+    StartHandheldScan,
 )
 from rona_core.app.steps.path.messages import (
     ClearPathEdits,
     DeletePathPoint,
-    DrawPattern,
+    GenerateScanPattern,
     InsertPathPoint,
-    KeepPathSample,
     MovePathPoint,
+    PinPathSample,
 )
 from rona_core.app.steps.scan.boundary_messages import ClearBoundaryCorrections, CorrectBoundary
 from rona_core.app.steps.setup.robot_messages import ApplyBasePlacement, SetContact
-from rona_core.app.steps.setup.workcell_messages import PutObstacle, RemoveObstacle, SetSurroundings
+from rona_core.app.steps.setup.workcell_messages import AddObstacle, RemoveObstacle, SetWorkcell
 
 Command = (
     RenameSession
     | SetSeed
     | UseSimulatedSkull
-    | SetBone
+    | SetBoneModel
     | SetRegion
     | SetTracker
     | MoveTracker
-    | SetReference
+    | SetUseBaseMarker
     | SetToolVisible
     | SetRobot
     | SetContact
-    | SetSurroundings
-    | PutObstacle
+    | SetWorkcell
+    | AddObstacle
     | RemoveObstacle
     | SetProbe
     | SetPointer
@@ -100,12 +100,12 @@ Command = (
     | BuildSurface
     | ClearSurface
     | BuildPath
-    | DrawPattern
+    | GenerateScanPattern
     | SmoothScanPath
     | MovePathPoint
     | InsertPathPoint
     | DeletePathPoint
-    | KeepPathSample
+    | PinPathSample
     | ClearPathEdits
     | ChooseRoll
     | ApplyBasePlacement
@@ -115,7 +115,7 @@ Command = (
     | RemoveReferencePoint
     | CalibrateSoundSpeed
     | CalibrateDelayLine
-    | CalibrateSono
+    | CalibrateHandheldProbe
     | Undo
     | Redo
 )
@@ -131,15 +131,15 @@ Activity = (
     | StartRollSearch
     | StartBasePlacement
     | StartScan
-    | StartSecondPlan
-    | StartSecondScan
+    | StartGapPlan
+    | StartGapScan
     | StartMapping
-    | StartReferencePoints
-    | StartBlockShots
-    | StartWhatIf
-    | StartSonoCalibration
-    | StartSonoScan
-    | StartSonoMapping
+    | StartCaliperMeasurements
+    | StartDelayLineCapture
+    | StartProbeSweep
+    | StartHandheldCalibration
+    | StartHandheldScan
+    | StartHandheldMapping
     | StartReplay
     | StartRobotMove
     | StartRetract
@@ -151,13 +151,14 @@ __all__ = [
     "ACTIVITIES",
     "COMMANDS",
     "Activity",
+    "AddObstacle",
     "AddReferencePoint",
     "ApplyBasePlacement",
     "BuildPath",
     "BuildSurface",
     "CalibrateDelayLine",
+    "CalibrateHandheldProbe",
     "CalibratePointer",
-    "CalibrateSono",
     "CalibrateSoundSpeed",
     "ChooseRoll",
     "ClearBoundaryCorrections",
@@ -166,54 +167,53 @@ __all__ = [
     "Command",
     "CorrectBoundary",
     "DeletePathPoint",
-    "DrawPattern",
     "ExcludePoses",
+    "GenerateScanPattern",
     "InsertPathPoint",
-    "KeepPathSample",
     "MovePathPoint",
     "MoveTracker",
+    "PinPathSample",
     "Point",
-    "PutObstacle",
     "Redo",
     "RegisterTool",
     "RemoveObstacle",
     "RemoveReferencePoint",
     "RenameSession",
-    "SetBone",
+    "SetBoneModel",
     "SetContact",
     "SetPointer",
     "SetProbe",
-    "SetReference",
     "SetRegion",
     "SetRobot",
     "SetSeed",
-    "SetSurroundings",
     "SetToolVisible",
     "SetTracker",
+    "SetUseBaseMarker",
+    "SetWorkcell",
     "SmoothScanPath",
     "StartBasePlacement",
-    "StartBlockShots",
+    "StartCaliperMeasurements",
+    "StartDelayLineCapture",
+    "StartGapPlan",
+    "StartGapScan",
+    "StartHandheldCalibration",
+    "StartHandheldMapping",
+    "StartHandheldScan",
     "StartMapping",
     "StartPathCapture",
     "StartPivotImport",
     "StartPointerCapture",
+    "StartProbeSweep",
     "StartRecordingImport",
-    "StartReferencePoints",
     "StartReplay",
     "StartRetract",
     "StartRobotMove",
     "StartRollSearch",
     "StartScan",
-    "StartSecondPlan",
-    "StartSecondScan",
     "StartSkullImport",
     "StartSkullRegistration",
-    "StartSonoCalibration",
-    "StartSonoMapping",
-    "StartSonoScan",
     "StartSurfaceCapture",
     "StartToolCapture",
-    "StartWhatIf",
     "Undo",
     "UseSimulatedSkull",
 ]

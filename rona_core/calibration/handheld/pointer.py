@@ -1,17 +1,13 @@
-"""Calibrate a hand-held pointer: find its tip in the frame of its markers."""
+"""Pointer calibration: the tip in the frame of the pointer's markers."""
 
 from dataclasses import dataclass
 from typing import Literal
 
 from numpy.typing import ArrayLike
 
-from rona_core.calibration.pivot.pivot_calibration import (
-    PivotMethod,
-    solve_pivot,
-    solve_pivot_from_markers,
-)
+from rona_core.calibration.pivot.pivot_calibration import PivotMethod, solve_pivot
 from rona_core.calibration.pivot.quality import Verdict
-from rona_core.calibration.pivot.result import PivotFit, RejectedPose
+from rona_core.calibration.pivot.result import RejectedPose
 from rona_core.calibration.tracking_error.marker_noise import MarkerNoise
 from rona_core.errors import DegenerateGeometryError
 from rona_core.geometry.arrays import Bools, Floats, Vector3, readonly
@@ -54,17 +50,15 @@ def calibrate_pointer(
 ) -> PointerCalibration:
     """Return the tip of a pointer from poses swung about its resting tip.
 
-    With ``dof=5`` the markers lie on one line, the z axis of ``pointermarker`` towards the tip, and
-    x and y are arbitrary in each pose. Then only a tip *on* that line can be calibrated: the result
-    is (0, 0, L), and a tip beside the line by e mm leaves an error of up to e that no data show.
-    The covariance does not contain it either.
+    With ``dof=5`` the markers lie on one line, the z axis of ``pointermarker`` towards the tip. The
+    result is (0, 0, L): a tip beside the line by e mm leaves an error of up to e that neither data
+    nor covariance show.
 
     Args:
         Ts_tracker_pointermarker: Poses in which the pointer was seen, at least 10, in order.
         pointer: Name of the pointer.
         dof: 6, or 5 for collinear markers.
-        method: "ml" (maximum likelihood), "sphere" (the paper's) or "aos" (linear least squares, as
-            other programs do).
+        method: "ml" (maximum likelihood), "sphere" (the paper's) or "aos" (linear least squares).
         positions_pointermarker: Marker geometry (m, 3) in mm; "ml" needs it.
         noise: What "ml" assumes about single markers; by default three times as much in depth.
         exclude: (n,) True for poses that must not count.
@@ -83,46 +77,6 @@ def calibrate_pointer(
         noise=noise,
         exclude=exclude,
     )
-    return _calibration(fit, pointer, dof, method)
-
-
-def calibrate_pointer_from_markers(
-    points_tracker: ArrayLike,
-    positions_pointermarker: ArrayLike,
-    *,
-    pointer: str,
-    dof: Literal[6, 5],
-    seen: ArrayLike | None = None,
-    noise: MarkerNoise | None = None,
-    exclude: ArrayLike | None = None,
-) -> PointerCalibration:
-    """Return the most likely tip of a pointer from raw markers, which also show a wrong geometry.
-
-    Args:
-        points_tracker: Measured markers (n, m, 3) in mm; values of unseen ones are ignored.
-        positions_pointermarker: Marker geometry (m, 3) in mm.
-        pointer: Name of the pointer.
-        dof: 6, or 5 for collinear markers.
-        seen: (n, m) which markers were seen; all if None.
-        noise: What is assumed about single markers; by default three times as much in depth.
-        exclude: (n,) True for frames that must not count.
-
-    Raises:
-        InvalidInputError, DegenerateGeometryError: as in :func:`calibrate_pointer`.
-    """
-    fit = solve_pivot_from_markers(
-        points_tracker,
-        positions_pointermarker,
-        dof=dof,
-        at_least=MIN_POSES,
-        seen=seen,
-        noise=noise,
-        exclude=exclude,
-    )
-    return _calibration(fit, pointer, dof, "ml")
-
-
-def _calibration(fit: PivotFit, pointer: str, dof: int, method: str) -> PointerCalibration:
     if dof == 5 and fit.tip_marker[2] <= 0.0:
         raise DegenerateGeometryError(
             f"the tip lies {-fit.tip_marker[2]:.1f} mm behind the markers: z must point to the tip"

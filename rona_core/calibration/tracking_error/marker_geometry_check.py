@@ -1,4 +1,4 @@
-"""Do measured markers fit the geometry that is claimed for them? The distance that does not, named.
+"""Check of measured markers against their stated geometry; names the distance that is wrong.
 
 Distances between markers do not depend on the pose, so a wrong geometry shows in every motion.
 Markers are lettered A, B, C, ... in the order of the geometry.
@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike
 
 from rona_core.errors import InvalidInputError
 from rona_core.geometry.arrays import Bools, Floats, as_floats, as_points
+from rona_core.geometry.robust import mad_sigma
 
 TOLERANCE_MM = 0.5  # a distance may be off by this much: volume bias of a tracker, machining
 STANDARD_ERRORS = 5.0
@@ -101,7 +102,7 @@ def _distance(y: Floats, mask: Bools, p: Floats, i: int, j: int) -> MarkerDistan
         return None
     lengths = np.linalg.norm(y[both, i] - y[both, j], axis=1)
     middle = float(np.median(lengths))
-    spread = 1.4826 * float(np.median(np.abs(lengths - middle)))
+    spread = mad_sigma(lengths, center=middle)
     stated = float(np.linalg.norm(p[i] - p[j]))
     return MarkerDistance((i, j), middle, stated, 1.25 * spread / float(np.sqrt(both.sum())))
 

@@ -1,11 +1,10 @@
-"""Measure how far a simplified path is from its original: the paper's K1, K2 and K3.
+"""Deviation of a simplified path from its original: the paper's K1, K2 and K3.
 
 Written apart from the simplifier, so that it can check it. A piece is the original points from one
 kept point to the next, both included; a figure of a path is that of its worst piece.
 """
 
 from dataclasses import dataclass
-from itertools import pairwise
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -14,12 +13,11 @@ from rona_core.errors import InvalidInputError
 from rona_core.geometry.arrays import Floats, Ints, as_floats
 from rona_core.path.simplification.segment_distance import (
     Metric,
+    as_metric,
     distances_to_segment,
     feet_on_segment,
     strip_areas,
 )
-
-METRICS: tuple[Metric, ...] = ("k1", "k2", "k3")
 
 
 @dataclass(frozen=True, slots=True)
@@ -71,42 +69,6 @@ def deviations(points: ArrayLike, index: ArrayLike, *, closed: bool = False) -> 
     )
 
 
-def within_frechet(
-    points: ArrayLike, index: ArrayLike, tolerance: float, *, closed: bool = False
-) -> bool:
-    """Return whether each piece stays within ``tolerance`` of its segment in the sense of Fréchet.
-
-    One piece and one point after the other: slow and plain, to check what is fast.
-
-    Args:
-        points: Original path (n, m).
-        index: Indices (k,) of the points kept, as in :func:`deviations`.
-        tolerance: Bound in mm.
-        closed: As in :func:`deviations`.
-    """
-    p = as_path(points)
-    p, kept = _opened(p, index) if closed else (p, _as_index(index, len(p)))
-    for a, b in pairwise(kept.tolist()):
-        chord = p[b] - p[a]
-        length_sq, at = float(chord @ chord), 0.0
-        for q in p[a + 1 : b] - p[a]:
-            # the share t of the segment where |q - t chord| <= tolerance
-            if length_sq == 0.0:
-                if float(q @ q) > tolerance**2:
-                    return False
-                continue
-            foot = float(q @ chord) / length_sq
-            away = q - foot * chord
-            room = tolerance**2 - float(away @ away)
-            if room < 0.0:
-                return False
-            half = float(np.sqrt(room / length_sq))
-            at = max(at, foot - half)
-            if at > min(foot + half, 1.0):
-                return False
-    return True
-
-
 def _first(index: ArrayLike) -> int:
     return int(np.asarray(index).ravel()[0])
 
@@ -126,14 +88,6 @@ def deviation(points: ArrayLike, index: ArrayLike, metric: Metric = "k1") -> flo
     """Return one figure of :func:`deviations`: mm for "k1" and "k2", mm^2 for "k3"."""
     found = deviations(points, index)
     return {"k1": found.k1_mm, "k2": found.k2_mm, "k3": found.k3_mm2}[as_metric(metric)]
-
-
-def as_metric(metric: str) -> Metric:
-    """Return ``metric`` after checking its name."""
-    for known in METRICS:
-        if metric == known:
-            return known
-    raise InvalidInputError(f"metric must be one of {', '.join(METRICS)}, not {metric!r}")
 
 
 def as_path(points: ArrayLike) -> Floats:

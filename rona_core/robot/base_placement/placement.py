@@ -3,7 +3,7 @@
 A grid of places around the base is screened; the most roomy place and the nearest one that works
 are then planned in full on the dense path, timed and verified. Turning the base about the vertical
 is the same as an offset of joint 1, so every place is judged with the base turned towards the
-head. See docs/algorithms/base_placement.md.
+head. See docs/algorithms/robot/base_placement.md.
 """
 
 from dataclasses import dataclass

@@ -1,7 +1,7 @@
 """Judge a scan path quickly from many places of the robot's base.
 
 Only some points of the path are looked at, with all rolls and branches at once, and jumps are not:
-good enough to find places that are worth a full look. See docs/algorithms/base_placement.md.
+good enough to find places that are worth a full look. See docs/algorithms/robot/base_placement.md.
 """
 
 import numpy as np

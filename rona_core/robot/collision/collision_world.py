@@ -1,4 +1,7 @@
-"""Does the robot come too close to anything, itself included? See docs/algorithms/collision.md."""
+"""Does the robot come too close to anything, itself included?
+
+See docs/algorithms/robot/collision.md.
+"""
 
 from dataclasses import dataclass
 

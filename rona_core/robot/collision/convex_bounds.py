@@ -1,8 +1,9 @@
 """Outer bounds of robot and tool: convex bodies that contain them, for keeping clear of things.
 
-The lengths are those of the drawing of the RX90 (docs/algorithms/rx90.md) and of the tool as drawn
-up; whatever is drawn lies inside. An arm without a table of its own is bounded by hulls of its
-drawn solids, or where it is not drawn by capsules from joint to joint, as thick as such arms are.
+The lengths are those of the drawing of the RX90 (docs/algorithms/robot/rx90.md) and of the tool as
+drawn up; whatever is drawn lies inside. An arm without a table of its own is bounded by hulls of
+its drawn solids, or where it is not drawn by capsules from joint to joint, as thick as such arms
+are.
 """
 
 from collections.abc import Callable

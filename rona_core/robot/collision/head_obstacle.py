@@ -3,7 +3,8 @@
 A pointer touches only the patch that is to be scanned. A convex body whose radii of curvature are
 nowhere larger than R lies inside the ball of radius R that touches it from outside at any of its
 points (Blaschke 1916). So the head lies in the ball that touches the middle of the patch, whatever
-part of the head the patch is and whichever way the head lies. See docs/algorithms/collision.md.
+part of the head the patch is and whichever way the head lies. See
+docs/algorithms/robot/collision.md.
 """
 
 import numpy as np

@@ -1,7 +1,7 @@
 """What stands around the robot: simple convex shapes in ``base``, each with a margin to keep.
 
 Plain values, so that they can be stored, sent to another process and told apart by their digest.
-Nothing here knows where things really are: see docs/algorithms/collision.md for who says so.
+Nothing here knows where things really are: see docs/algorithms/robot/collision.md for who says so.
 """
 
 import hashlib

@@ -2,7 +2,7 @@
 
 One step a control period, in: what sensor and robot say; out: a speed along the tool axis and a
 share of the scan speed. It knows nothing of where the surface really is. See
-docs/algorithms/contact_control.md.
+docs/algorithms/robot/force_control.md.
 """
 
 from dataclasses import dataclass

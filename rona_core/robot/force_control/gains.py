@@ -1,7 +1,7 @@
 """How hard the force loop may pull: gains from delay and stiffness, and the speed that follows.
 
 The contact is a spring K behind a robot that integrates speed after a dead time: F/v = K e^{-sT}/s.
-See docs/algorithms/contact_control.md.
+See docs/algorithms/robot/force_control.md.
 """
 
 from dataclasses import dataclass

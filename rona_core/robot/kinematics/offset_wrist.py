@@ -2,7 +2,7 @@
 
 At q = 0 the arm lies along +x, the flange looks along +y. Axis 1 is vertical; axes 2, 3 and 4 run
 along y, axis 5 crosses axis 4, axis 6 crosses axis 5. These are the conventions of the maker's
-description; see docs/algorithms/ur_arms.md.
+description; see docs/algorithms/robot/universal_robots.md.
 """
 
 from dataclasses import dataclass, fields

@@ -1,7 +1,7 @@
 """The UR5 and UR10 of Universal Robots, read from the descriptions of example-robot-data.
 
 Lengths, ranges and speeds stand in the URDF file of the package; none of them is copied here.
-Accelerations are assumed, as the file has none. See docs/algorithms/ur_arms.md.
+Accelerations are assumed, as the file has none. See docs/algorithms/robot/universal_robots.md.
 """
 
 from collections.abc import Mapping

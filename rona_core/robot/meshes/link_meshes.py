@@ -1,7 +1,7 @@
 """What the robot looks like: solids built from the published dimensions, for the eye only.
 
-The outlines of the RX90 follow its drawing (docs/algorithms/rx90.md), those of the other arms their
-lengths; they are not the makers' geometry and no input of any algorithm.
+The outlines of the RX90 follow its drawing (docs/algorithms/robot/rx90.md), those of the other arms
+their lengths; they are not the makers' geometry and no input of any algorithm.
 """
 
 from rona_core.errors import InvalidInputError

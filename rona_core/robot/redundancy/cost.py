@@ -1,7 +1,7 @@
 """What a roll along the path costs: joint motion, nearness to limits and to singularities.
 
 One objective for constant, varying and refined rolls, so that they can be compared. See
-docs/algorithms/variable_roll.md.
+docs/algorithms/robot/variable_roll.md.
 """
 
 from dataclasses import dataclass

@@ -2,7 +2,7 @@
 
 Room is a plain number: the distance from the border of what is allowed, in steps of a size that
 is comfortable for that quantity. Negative room means not allowed. See
-docs/algorithms/roll_search.md.
+docs/algorithms/robot/roll_search.md.
 """
 
 from dataclasses import dataclass

@@ -14,7 +14,7 @@ from rona_core.robot.redundancy.roll_grid import flange_parts, follow_poses
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Margins:
-    """Room by cause, see docs/algorithms/roll_search.md; below 0 is not allowed."""
+    """Room by cause, see docs/algorithms/robot/roll_search.md; below 0 is not allowed."""
 
     qs_rad: Floats  # (n, 6) continuous
     least: Floats  # (n,) of all causes

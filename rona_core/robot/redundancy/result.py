@@ -31,7 +31,7 @@ class RollVerdict:
     roll_deg: float
     feasible: bool
     branch: int  # index into ik.BRANCHES
-    margin: float  # smallest room along the path, see docs/algorithms/roll_search.md; >= 0 passes
+    margin: float  # smallest along the path (docs/algorithms/robot/roll_search.md); >= 0 passes
     reason: Reason
     index: int  # path point that fails first; where the room is smallest if none fails
     joint: int  # 1 to 6, or 0 where no single joint is to blame

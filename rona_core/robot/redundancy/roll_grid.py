@@ -2,7 +2,7 @@
 
 What counts here does not depend on the way a posture is come to: reach, singularities, and the
 limits with the full turns that a joint may make. Arrays are contiguous along the path, which is
-how both searches read them. See docs/algorithms/roll_search.md.
+how both searches read them. See docs/algorithms/robot/roll_search.md.
 """
 
 from dataclasses import dataclass

@@ -3,7 +3,7 @@
 Each joint is averaged over a window of the way that is as wide as the allowed deviation of the
 tool permits: wide along smooth stretches, narrow at corners, closed at both ends. A path that is
 straight in pieces gets a continuous second derivative, so that it can be driven at a steady speed.
-See docs/algorithms/verification_and_timing.md.
+See docs/algorithms/robot/verification_and_timing.md.
 """
 
 from dataclasses import dataclass

@@ -1,7 +1,7 @@
 """Find a way for the joints from one place to another on which nothing is touched.
 
 First the straight move, then a few ways that usually do (up and over, by way of home), then a
-search. See docs/algorithms/clear_moves.md.
+search. See docs/algorithms/robot/collision_free_moves.md.
 """
 
 from collections.abc import Sequence

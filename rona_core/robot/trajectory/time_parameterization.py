@@ -4,7 +4,7 @@ The path is a spline over its own length. Two passes over a fine grid, forward a
 the fastest speed profile within all limits (time-optimal path parameterisation after Bobrow 1985
 and Verscheure 2009, with the path speed capped). Its way over time is then averaged over a short
 span, which turns steps of the acceleration into ramps: the jerk along the path is limited.
-See docs/algorithms/verification_and_timing.md.
+See docs/algorithms/robot/verification_and_timing.md.
 """
 
 from dataclasses import dataclass

@@ -2,7 +2,7 @@
 
 Forward kinematics come from Pinocchio, at four times the density of the motion, linear in between
 as the robot drives it. What it certifies may be executed, nothing else may. See
-docs/algorithms/verification_and_timing.md.
+docs/algorithms/robot/verification_and_timing.md.
 """
 
 from dataclasses import dataclass

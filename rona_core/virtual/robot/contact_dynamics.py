@@ -1,4 +1,4 @@
-"""The virtual contact: a spring with some damping before a surface, felt through a filter.
+"""Contact dynamics: Kelvin-Voigt spring, sensor filter and lag of the corrected axis.
 
 Between two steps of the control loop the robot and the sensor are linear, so their states are
 carried on in closed form; force is looked at every millisecond, because it cannot pull.
@@ -13,12 +13,6 @@ from rona_core.geometry.arrays import Floats
 INNER_S = 0.001  # time between looks at the spring
 LINE_N_PER_MM = 2.0  # the elastomer delay line: 12 mm wide, 15 mm long, about 0.25 MPa
 DAMPING_S = 0.005  # time constant of its creep, over which its force builds up
-
-
-def in_series(*stiffnesses_n_per_mm: float) -> float:
-    """Return the stiffness of springs one behind the other."""
-    require(min(stiffnesses_n_per_mm) > 0.0, "a stiffness must be positive")
-    return 1.0 / sum(1.0 / k for k in stiffnesses_n_per_mm)
 
 
 class LaggingAxis:
@@ -57,10 +51,10 @@ class LaggingAxis:
         travel, speed, commanded = self._knots[i]
         if i == 0:
             return travel, speed
-        passed = time_s - self._times[i]
-        fading = np.exp(-passed / self.lag_s)
-        way = commanded * passed + (speed - commanded) * self.lag_s * (1.0 - fading)
-        return travel + float(way), float(commanded + (speed - commanded) * fading)
+        elapsed = time_s - self._times[i]
+        decay = np.exp(-elapsed / self.lag_s)
+        moved_mm = commanded * elapsed + (speed - commanded) * self.lag_s * (1.0 - decay)
+        return travel + float(moved_mm), float(commanded + (speed - commanded) * decay)
 
 
 class ContactSpring:

@@ -1,4 +1,4 @@
-"""The virtual force sensor: weight, touch and offset, with noise, in the steps of its converter."""
+"""Virtual force sensor: gravity, contact force, offset, drift, noise and quantisation."""
 
 from collections.abc import Callable
 
@@ -84,10 +84,6 @@ class VirtualForceSensor:
         steps = ranges / self.model.steps
         shown = as_floats(np.clip(np.rint(true / steps) * steps, -ranges, ranges))
         return WrenchSample(now_s, readonly(shown), bool((np.abs(true) >= ranges).any()))
-
-    def pressing_n(self) -> float:
-        """Return the true force of the line, behind the filter, when it was read last."""
-        return self._spring.shown_n
 
     def close(self) -> None:
         """Release the device; a second call does nothing."""

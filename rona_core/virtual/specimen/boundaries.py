@@ -1,4 +1,4 @@
-"""What every specimen can be asked: where its four boundaries lie. Frame ``skull``, millimetres."""
+"""Interface of a specimen: its four boundaries in the frame ``skull``, in millimetres."""
 
 from dataclasses import dataclass
 from typing import Literal, Protocol
@@ -79,10 +79,6 @@ class Specimen(Protocol):
 
     def normal(self, points_skull: ArrayLike, boundary: Boundary = "outer") -> Floats:
         """Return the outward unit normals (n, 3) of a boundary at points on or near it."""
-        ...
-
-    def signed_distance(self, points_skull: ArrayLike) -> Floats:
-        """Return the distance (n,) in mm to the outer surface, positive outside the head."""
         ...
 
     def mesh(self, boundary: Boundary = "outer", edge_mm: float = 3.0) -> Mesh:

@@ -1,4 +1,4 @@
-"""Two virtual cameras side by side: how exactly they place a point, by how far away it is.
+"""Triangulation error of a stereo camera: how it grows with depth over a measuring volume.
 
 For parallel cameras of focal length f and baseline b that find image points to s pixels,
 triangulation gives, at depth z,
@@ -15,7 +15,7 @@ from functools import lru_cache
 import numpy as np
 
 from rona_core.devices.tracker_volumes import Volume
-from rona_core.geometry.arrays import Floats
+from rona_core.geometry.arrays import Floats, readonly
 
 GRID = 48  # nodes a side of the grid that integrates over a volume
 
@@ -34,34 +34,6 @@ class Moments:
         return np.stack((lateral, lateral, z * z / self.z2_mm2), axis=1)
 
 
-@dataclass(frozen=True, slots=True)
-class StereoPair:
-    """Two parallel cameras, at -b/2 and b/2 along x."""
-
-    baseline_mm: float
-    pixel_over_focal: float  # s / f, the error of a direction in radians
-
-    def sigmas_mm(self, depths_mm: Floats) -> Floats:
-        """Return the standard deviations (n, 3) along x, y and z at depths (n,)."""
-        lateral = depths_mm * self.pixel_over_focal / np.sqrt(2.0)
-        depth = np.sqrt(2.0) * depths_mm**2 * self.pixel_over_focal / self.baseline_mm
-        return np.stack((lateral, lateral, depth), axis=1)
-
-
-def stereo_pair(volume: Volume, depth_ratio: float, rms_mm: float) -> StereoPair:
-    """Return the cameras with a 3D RMS error and a ratio of depth to lateral over a volume.
-
-    Args:
-        volume: Over which the RMS is taken, evenly.
-        depth_ratio: RMS in depth over RMS in either lateral direction.
-        rms_mm: 3D RMS.
-    """
-    moments = moments_of(volume)
-    baseline_mm = 2.0 * moments.z2_mm2 / (moments.z_mm * depth_ratio)
-    lateral_mm = rms_mm / np.sqrt(2.0 + depth_ratio**2)
-    return StereoPair(baseline_mm, float(np.sqrt(2.0) * lateral_mm / moments.z_mm))
-
-
 @lru_cache(maxsize=8)
 def moments_of(volume: Volume) -> Moments:
     """Return the moments of a volume."""
@@ -78,4 +50,4 @@ def volume_grid(volume: Volume, nodes: int = GRID) -> Floats:
     points = np.stack(
         ((2.0 * x - 1.0) * half_x, (2.0 * y - 1.0) * half_y, low + z * (high - low)), axis=1
     )
-    return points[volume.contains(points)]
+    return readonly(points[volume.contains(points)])

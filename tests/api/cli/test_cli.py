@@ -9,7 +9,7 @@ import pytest
 
 from rona_core.app.overview.acceptance import FIGURES
 from rona_core.app.runtime.workbench import Workbench
-from rona_core.compose import new_workbench
+from rona_core.compose import DemoSkull, new_workbench
 from rona_core.errors import DegenerateGeometryError
 from rona_core.session.document import Session, Setup
 from rona_core.session.files import load_session, save_session
@@ -37,8 +37,8 @@ def run_demo(monkeypatch):
     asked = {}
     outcome = dict(FIGURES_OF_A_RUN)
 
-    def fake(seed, *, progress, **options):
-        asked.update(seed=seed, **options)
+    def fake(seed, skull, *, progress, **options):
+        asked.update(seed=seed, skull=skull, **options)
         progress("tool", 0.5)
         return Session(name="run", setup=Setup(seed=seed)), outcome
 
@@ -65,11 +65,7 @@ def test_demo_passes_everything_on(run_demo, capsys, tmp_path):
     assert main([*arguments, "--robot", "rx90"]) == 0
     assert asked == {
         "seed": 5,
-        "specimen": str(bone),
-        "inner": str(inner),
-        "threshold": 300.0,
-        "center": [1.0, -2.0, 3.5],
-        "radius": 20.0,
+        "skull": DemoSkull(str(bone), str(inner), 300.0, (1.0, -2.0, 3.5), 20.0),
         "robot": "rx90",
     }
 

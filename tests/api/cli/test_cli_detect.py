@@ -5,8 +5,8 @@ import json
 import numpy as np
 import pytest
 
-from benchmarks.recorded_cases import PLATE, record, varied
 from rona_ui.cli import main
+from tests.scenes.tank_recordings import PLATE, record, varied
 
 KEYS = [
     "n_scans",

@@ -1,7 +1,7 @@
 """The example scripts do what they say, the one over REST against a real server."""
 
 from examples import compare_pointers, drive_over_rest, scan_by_hand
-from rona_core.app.messages.registry import StartSonoScan
+from rona_core.app.messages.registry import StartHandheldScan
 
 
 def test_the_harness_calibrates_the_pointer_over_rest(web):
@@ -20,7 +20,7 @@ def test_the_comparison_names_both_pointers(capsys):
 
 
 def test_the_scan_by_hand_prints_its_figures(capsys):
-    quick = StartSonoScan(duration_s=25.0, rate_hz=15.0, spacing_mm=4.0)
+    quick = StartHandheldScan(duration_s=25.0, rate_hz=15.0, spacing_mm=4.0)
     figures = scan_by_hand.main(seed=4, scan=quick)
     lines = capsys.readouterr().out.splitlines()
     assert lines[0].startswith("probe: good")

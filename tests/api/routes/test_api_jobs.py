@@ -333,7 +333,9 @@ def test_a_moved_tracker_sees_the_base_marker_elsewhere(at):
     np.testing.assert_allclose(after["wxyz"], before["wxyz"], atol=1e-9)
     refused = at("POST", "/commands/MoveTracker", json={"shift_mm": [900.0, 0.0, 0.0]})
     assert refused.status_code == 422
-    assert at("POST", "/commands/SetReference", json={"use_base_marker": False}).status_code == 200
+    assert (
+        at("POST", "/commands/SetUseBaseMarker", json={"use_base_marker": False}).status_code == 200
+    )
 
 
 def test_a_tracker_without_a_hand_says_so(at, web, session, monkeypatch):

@@ -49,8 +49,8 @@ def test_a_change_that_cannot_be_made_is_a_problem_and_changes_nothing(client, a
         ("DeletePathPoint", {"index": 999}, 422, "invalid_input"),
         ("MovePathPoint", {"index": 1, "point_base_mm": [0, 0, 0]}, 409, "degenerate_geometry"),
         ("InsertPathPoint", {"after": 0}, 422, "invalid_input"),
-        ("DrawPattern", {"kind": "zigzag"}, 422, "invalid_input"),
-        ("DrawPattern", {"boundary_base_mm": [[0, 0, 0]]}, 422, "invalid_input"),
+        ("GenerateScanPattern", {"kind": "zigzag"}, 422, "invalid_input"),
+        ("GenerateScanPattern", {"boundary_base_mm": [[0, 0, 0]]}, 422, "invalid_input"),
     ):
         answer = client.post(f"{address}/commands/{name}", json=body)
         assert (answer.status_code, answer.json()["code"]) == (status, code), name
@@ -59,7 +59,7 @@ def test_a_change_that_cannot_be_made_is_a_problem_and_changes_nothing(client, a
 
 def test_a_pattern_is_made_smoothed_and_reproduced_over_rest(client, address, replayed):
     body = {"kind": "spiral", "spacing_mm": 5.0, "radius_mm": 15.0}
-    assert client.post(f"{address}/commands/DrawPattern", json=body).status_code == 200
+    assert client.post(f"{address}/commands/GenerateScanPattern", json=body).status_code == 200
     assert client.post(f"{address}/commands/SmoothScanPath", json={}).status_code == 200
     states = {s["name"]: s["state"] for s in client.get(f"{address}/steps").json()}
     assert (states["path"], states["smoothing"], states["roll"]) == ("done", "done", "ready")

@@ -8,13 +8,13 @@ def surroundings(at):
 
 
 def test_obstacles_are_added_changed_and_taken_away(at):
-    assert at("POST", "/commands/PutObstacle", json=WALL).status_code == 200
+    assert at("POST", "/commands/AddObstacle", json=WALL).status_code == 200
     assert [box["name"] for box in surroundings(at)["boxes"]] == ["wall"]
     changed = {**WALL, "turn_deg": 30.0}
-    assert at("POST", "/commands/PutObstacle", json=changed).status_code == 200
+    assert at("POST", "/commands/AddObstacle", json=changed).status_code == 200
     assert [box["turn_deg"] for box in surroundings(at)["boxes"]] == [30.0]
     body = {"table": False, "margin_mm": 40}
-    assert at("POST", "/commands/SetSurroundings", json=body).status_code == 200
+    assert at("POST", "/commands/SetWorkcell", json=body).status_code == 200
     held = surroundings(at)
     assert (held["table"], held["margin_mm"], len(held["boxes"])) == (False, 40.0, 1)
     assert at("POST", "/commands/RemoveObstacle", json={"name": "wall"}).status_code == 200
@@ -29,7 +29,7 @@ def test_what_is_no_obstacle_is_refused_and_changes_nothing(at):
         ({**WALL, "size_mm": [1, 1, 0]}, 422, "size of wall"),
         ({**WALL, "colour": "red"}, 422, "colour"),
     ):
-        answer = at("POST", "/commands/PutObstacle", json=body)
+        answer = at("POST", "/commands/AddObstacle", json=body)
         assert answer.status_code == status
         assert words in answer.text
     answer = at("POST", "/commands/RemoveObstacle", json={"name": "door"})

@@ -58,7 +58,7 @@ def program(tmp_path):
 
 def start_search(client):
     """Start a job in the computing process and wait until it is under way."""
-    sent = client.post("/sessions/current/jobs/StartWhatIf", json={"n": 60})
+    sent = client.post("/sessions/current/jobs/StartProbeSweep", json={"n": 60})
     assert sent.status_code == 202, sent.text
     where = sent.headers["location"].removeprefix("/api/v1")
     while client.get(where).json()["progress"] == 0.0:

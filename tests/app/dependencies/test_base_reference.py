@@ -13,10 +13,10 @@ from rona_core.app.messages.registry import (
     BuildSurface,
     MoveTracker,
     RegisterTool,
-    SetReference,
     SetRobot,
     SetToolVisible,
     SetTracker,
+    SetUseBaseMarker,
     StartPointerCapture,
     StartSurfaceCapture,
     StartToolCapture,
@@ -70,7 +70,7 @@ def before(ideal):
 
 
 def _refused(bench):
-    bench.dispatch(SetReference(use_base_marker=False))
+    bench.dispatch(SetUseBaseMarker(use_base_marker=False))
     bench.dispatch(BuildSurface())
 
 
@@ -170,7 +170,7 @@ def test_strokes_from_before_the_move_stay_as_good_as_they_were(before):
     bench.dispatch(MOVE)
     assert stale_reason("surface", bench.session) is None
     assert stale_reason("capture surface", bench.session) is None
-    bench.dispatch(SetReference(use_base_marker=False))
+    bench.dispatch(SetUseBaseMarker(use_base_marker=False))
     bench.dispatch(BuildSurface())
     again = bench.session
     np.testing.assert_array_equal(
@@ -272,11 +272,11 @@ def test_a_motion_that_tells_no_delay_leaves_the_times_alone(before):
 
 
 def test_a_delay_reads_as_people_write_it():
-    late = ("Tracker behind the robot, put right", "14.2 ± 0.4 ms")
+    late = ("Tracker latency (compensated)", "14.2 ± 0.4 ms")
     assert delay_words(TimeOffset(0.01423, 0.0004, 1.0, 9.0)) == late
-    early = ("Robot joints behind tracker, put right", "7.9 ± 0.1 ms")
+    early = ("Robot joint latency (compensated)", "7.9 ± 0.1 ms")
     assert delay_words(TimeOffset(-0.0079, 0.00002, 1.0, 9.0)) == early
-    none = ("Tracker and robot joints", "together, ± 0.4 ms")
+    none = ("Robot-tracker latency", "none, ± 0.4 ms")
     assert delay_words(TimeOffset(-0.001, 0.0004, 1.0, 9.0)) == none
 
 

@@ -14,31 +14,31 @@ from rona_core.app.dependencies.staleness import RESULTS, digest_of, input_diges
 from rona_core.app.derive import SHORT
 from rona_core.app.messages import registry as messages
 from rona_core.app.messages.registry import (
+    AddObstacle,
     CalibrateDelayLine,
     MoveTracker,
-    PutObstacle,
     RemoveObstacle,
     RenameSession,
-    SetBone,
+    SetBoneModel,
     SetContact,
     SetPointer,
     SetProbe,
-    SetReference,
     SetRegion,
     SetRobot,
     SetSeed,
-    SetSurroundings,
     SetToolVisible,
     SetTracker,
+    SetUseBaseMarker,
+    SetWorkcell,
     StartBasePlacement,
-    StartBlockShots,
+    StartCaliperMeasurements,
+    StartDelayLineCapture,
+    StartHandheldCalibration,
+    StartHandheldMapping,
+    StartHandheldScan,
     StartPathCapture,
     StartPointerCapture,
-    StartReferencePoints,
     StartRollSearch,
-    StartSonoCalibration,
-    StartSonoMapping,
-    StartSonoScan,
     StartSurfaceCapture,
     UseSimulatedSkull,
 )
@@ -85,7 +85,7 @@ TABLE: dict[type, dict[str, tuple[Any, frozenset[str]]]] = {
     RenameSession: {"name": ("another", NOTHING)},
     SetSeed: {"seed": (9, EVERYTHING)},
     UseSimulatedSkull: {"side": ("right", HEAD)},
-    SetBone: {"kind": ("hard", ECHOES), "own_speed": (False, ECHOES)},
+    SetBoneModel: {"kind": ("hard", ECHOES), "own_speed": (False, ECHOES)},
     SetRegion: {"center_mesh_mm": ((1.0, 2.0, 3.0), HEAD), "radius_mm": (20.0, HEAD)},
     SetTracker: {
         "profile": ("vega", TRACKER),
@@ -102,7 +102,7 @@ TABLE: dict[type, dict[str, tuple[Any, frozenset[str]]]] = {
     # what was captured from the old place, or while the tool was seen, stays as it was measured
     MoveTracker: {"shift_mm": ((50.0, 0.0, 0.0), NOTHING), "turn_deg": (2.0, NOTHING)},
     SetToolVisible: {"tool": ("pointer6d", NOTHING), "visible": (False, NOTHING)},
-    SetReference: {"use_base_marker": (False, NOTHING)},  # nobody moved the tracker
+    SetUseBaseMarker: {"use_base_marker": (False, NOTHING)},  # nobody moved the tracker
     SetRobot: {
         "model": ("ur10", BASE),
         "errors": (False, FROM_TOOL | {"capture tool"}),
@@ -121,7 +121,7 @@ TABLE: dict[type, dict[str, tuple[Any, frozenset[str]]]] = {
         "delay_ms": (16.0, FROM_SCAN),
         "lag_ms": (10.0, FROM_SCAN),
     },
-    SetSurroundings: {
+    SetWorkcell: {
         "table": (False, FROM_PLAN),
         "table_center_mm": ((640.0, 0.0, -175.0), FROM_PLAN),
         "table_size_mm": ((1500.0, 610.0, 60.0), FROM_PLAN),
@@ -132,7 +132,7 @@ TABLE: dict[type, dict[str, tuple[Any, frozenset[str]]]] = {
         "margin_mm": (21.0, FROM_PLAN),
         "self_margin_mm": (6.0, FROM_PLAN),
     },
-    PutObstacle: {
+    AddObstacle: {
         "name": ("shelf", FROM_PLAN),
         "center_mm": ((950.0, 900.0, 900.0), FROM_PLAN),
         "size_mm": ((60.0, 50.0, 50.0), FROM_PLAN),
@@ -157,8 +157,8 @@ TABLE: dict[type, dict[str, tuple[Any, frozenset[str]]]] = {
     SetPointer: {"kind": ("pointer5d", FROM_CLOUD | STROKES | POINTER)},
 }
 ROWS = [(kind, name) for kind, row in TABLE.items() for name in row]
-SETTINGS = ("Set", "Use", "Move", "Put", "Remove", "Rename")  # how such messages are called
-NOT_SETTINGS = ("MovePathPoint", "RemoveReferencePoint")
+SETTINGS = ("Set", "Use", "Move", "Add", "Remove", "Rename")  # how such messages are called
+NOT_SETTINGS = ("MovePathPoint", "AddReferencePoint", "RemoveReferencePoint")
 CAPTURES = tuple(f"capture {part.name}" for part in fields(Captures))
 CHEAP = ("tool", "pointer", "surface", "path", "smoothing", "speed", "sono")
 SHORT_STROKES = {
@@ -184,11 +184,11 @@ def session(tmp_path_factory):
     bench = bench_of(load_session(demo_session()), tmp_path_factory.mktemp("uploads"))
     for activity in (
         StartBasePlacement(half_x_mm=0.0, half_y_mm=0.0),
-        StartReferencePoints(n=3),
-        StartSonoCalibration(pivot_s=5.0, spin_s=8.0),
-        StartSonoScan(duration_s=10.0, rate_hz=10.0),
-        StartSonoMapping(),
-        StartBlockShots(n=8),
+        StartCaliperMeasurements(n=3),
+        StartHandheldCalibration(pivot_s=5.0, spin_s=8.0),
+        StartHandheldScan(duration_s=10.0, rate_hz=10.0),
+        StartHandheldMapping(),
+        StartDelayLineCapture(n=8),
     ):
         bench.run(activity)
     bench.dispatch(CalibrateDelayLine(use=False))  # else the boundaries are to be found again
@@ -203,7 +203,7 @@ def session(tmp_path_factory):
 def lined(tmp_path_factory):
     """A session with a calibrated delay line and nothing else."""
     bench = bench_of(Session(), tmp_path_factory.mktemp("uploads"))
-    bench.run(StartBlockShots(n=8))
+    bench.run(StartDelayLineCapture(n=8))
     yield bench.session
     bench.close()
 
@@ -216,14 +216,14 @@ def message_of(kind, name, session):
         SetRobot: devices.robot,
         SetProbe: devices.probe,
         SetContact: devices.robot.contact,
-        SetSurroundings: session.setup.surroundings,
-        SetBone: session.setup.bone,
+        SetWorkcell: session.setup.surroundings,
+        SetBoneModel: session.setup.bone,
         SetRegion: session.setup.region,
         UseSimulatedSkull: session.setup.specimen,
         MoveTracker: devices.tracker.place,
     }.get(kind)
     known = {f.name: getattr(held, f.name) for f in fields(kind) if hasattr(held, f.name)}
-    if kind is PutObstacle:
+    if kind is AddObstacle:
         known = dict(BOX)
     if kind is SetToolVisible:
         known = {"tool": "pointer6d", "visible": False}
@@ -232,7 +232,7 @@ def message_of(kind, name, session):
 
 def changed(session, kind, name):
     if kind is RemoveObstacle:
-        session = handle(PutObstacle(**BOX), session)
+        session = handle(AddObstacle(**BOX), session)
     return handle(message_of(kind, name, session), session)
 
 
@@ -305,8 +305,8 @@ def test_what_stays_fresh_is_computed_bit_for_bit_the_same(session, values, grou
     ("kind", "name"),
     [
         (SetRobot, "scan_speed_mm_per_s"),
-        (SetSurroundings, "table_center_mm"),
-        (PutObstacle, "name"),
+        (SetWorkcell, "table_center_mm"),
+        (AddObstacle, "name"),
     ],
     ids=lambda v: getattr(v, "__name__", v),
 )

@@ -14,9 +14,9 @@ import pytest
 
 from rona_core.app.messages.activities import StartPointerCapture
 from rona_core.app.messages.registry import (
+    AddObstacle,
     CalibratePointer,
     ExcludePoses,
-    PutObstacle,
     Redo,
     RenameSession,
     SetSeed,
@@ -76,7 +76,7 @@ def test_every_change_is_written_down_before_it_counts(start):
     assert job.state == "done"
     steps = [
         None, SetSeed(7), RenameSession("two"), ExcludePoses("pointer", (3, 4)), Undo(), Undo(),
-        Redo(), PutObstacle("box", (500.0, 0.0, 100.0), (50.0, 50.0, 50.0)), Undo(), Undo(), Undo(),
+        Redo(), AddObstacle("box", (500.0, 0.0, 100.0), (50.0, 50.0, 50.0)), Undo(), Undo(), Undo(),
         Undo(), Redo(), CalibratePointer(),
     ]  # fmt: skip
     whole = 0

@@ -13,10 +13,10 @@ from rona_core.app.messages.registry import (
     RemoveReferencePoint,
     SetProbe,
     SetSeed,
-    StartBlockShots,
+    StartCaliperMeasurements,
+    StartDelayLineCapture,
     StartMapping,
-    StartReferencePoints,
-    StartWhatIf,
+    StartProbeSweep,
     Undo,
 )
 from rona_core.app.runtime.recompute import recompute
@@ -52,7 +52,7 @@ def mapped():
 @pytest.fixture(scope="module")
 def calibrated(mapped):
     bench = new_workbench(mapped)
-    bench.run(StartReferencePoints(n=3))
+    bench.run(StartCaliperMeasurements(n=3))
     yield bench.session
     bench.close()
 
@@ -61,13 +61,13 @@ def test_a_block_gives_the_line_that_detection_then_takes():
     bench = new_workbench(Session())
     bench.dispatch(SetProbe(line_temperature_c=35.0))
     nominal = probe_model(bench.session.setup.devices.probe).line_delay_us
-    bench.run(StartBlockShots(n=8))
+    bench.run(StartDelayLineCapture(n=8))
     line = bench.session.results.line.value
     slower = 1.60 / (1.60 - 0.0025 * 13.0)  # rubber slows down as it warms
     assert line.delay_us == pytest.approx(nominal * slower, abs=0.02)
     assert session_probe(bench.session).line_delay_us == pytest.approx(line.delay_us, abs=1e-9)
     assert line_state(bench.session).verdict == "weak"  # one temperature only
-    bench.run(StartBlockShots(n=8, temperatures_c=(20.0, 30.0, 40.0)))
+    bench.run(StartDelayLineCapture(n=8, temperatures_c=(20.0, 30.0, 40.0)))
     line = bench.session.results.line.value
     assert line.slope_measured
     assert line.at(35.0)[0] == pytest.approx(nominal * slower, abs=0.02)
@@ -83,7 +83,7 @@ def test_a_block_gives_the_line_that_detection_then_takes():
 
 def test_a_sweep_is_stored_by_the_session_and_outlives_a_change_of_set_up():
     bench = new_workbench(Session())
-    bench.run(StartWhatIf(probes=("2.25MHz",), snr_db=(50.0,), thickness_mm=(5.0,), n=9))
+    bench.run(StartProbeSweep(probes=("2.25MHz",), snr_db=(50.0,), thickness_mm=(5.0,), n=9))
     found = bench.session.results.what_if.value
     assert found.excitations == ("pulse", "chirp")
     arrays = {}
@@ -101,7 +101,7 @@ def test_nothing_can_be_calibrated_before_there_is_a_scan():
         with pytest.raises(StepBlockedError, match="first"):
             bench.dispatch(message)
     with pytest.raises(StepBlockedError, match="first"):
-        bench.run(StartReferencePoints())
+        bench.run(StartCaliperMeasurements())
     with pytest.raises(InvalidInputError, match="no reference point"):
         bench.dispatch(RemoveReferencePoint())
     bench.close()

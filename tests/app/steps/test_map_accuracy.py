@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from benchmarks.suites.map_bands import bands, within
+from benchmarks.reference.map_coverage import bands, within
 from rona_core.app.messages.registry import CorrectBoundary
 from rona_core.app.steps.maps.map_accuracy import (
     REPEATABILITY_MM,
@@ -121,7 +121,7 @@ def test_maps_by_hand_know_the_speed_that_they_were_made_with_in_base_alone(demo
     speed = Derived(known, "CalibrateSoundSpeed", {}, {})
     for frame, expected in (("base", known), ("basemarker", None)):
         made = SonoMaps(demo.results.maps.value, frame, 1, 1, 0.0, "")
-        maps = Derived(made, "StartSonoMapping", {}, {"speed": digest(known)})
+        maps = Derived(made, "StartHandheldMapping", {}, {"speed": digest(known)})
         session = replace(demo, results=replace(demo.results, speed=speed, sono_maps=maps))
         assert speed_of_maps(session, hand=True) is expected
         assert speed_of_maps(session) is None  # those of the robot know nothing of it

@@ -14,10 +14,10 @@ from rona_core.app.messages.registry import (
     CalibratePointer,
     ClearPathEdits,
     DeletePathPoint,
-    DrawPattern,
+    GenerateScanPattern,
     InsertPathPoint,
-    KeepPathSample,
     MovePathPoint,
+    PinPathSample,
     RegisterTool,
     SetProbe,
     SmoothScanPath,
@@ -123,10 +123,10 @@ def test_a_sample_that_must_stay_stays_whatever_the_bound(smoothed):
     sample = next(
         i for i in range(120) if i not in free.results.smoothing.value.simplified.index.tolist()
     )
-    kept = handle(wide, handle(KeepPathSample(sample), smoothed))
+    kept = handle(wide, handle(PinPathSample(sample), smoothed))
     assert sample in kept.results.smoothing.value.simplified.index
     assert is_kept(kept, sample)
-    again = handle(KeepPathSample(sample, False), kept)
+    again = handle(PinPathSample(sample, False), kept)
     assert not is_kept(again, sample)
     assert digest(again.results.smoothing.value) == digest(free.results.smoothing.value)
 
@@ -136,7 +136,7 @@ def test_changes_are_undone_saved_and_reproduced(smoothed):
     start = digest(smoothed.results), digest(smoothed.path_edits)
     store.dispatch(MovePathPoint(4, plain(corners(smoothed)[4] + 1.5)))
     store.dispatch(DeletePathPoint(9))
-    store.dispatch(KeepPathSample(3))
+    store.dispatch(PinPathSample(3))
     changed = store.session
     assert len(changed.path_edits) == 3
     assert states(changed)["smoothing"] == "done"
@@ -164,7 +164,7 @@ def test_without_its_changes_a_smoothing_does_not_come_out_the_same(smoothed):
 def test_a_new_path_forgets_the_changes_of_the_old_one(smoothed):
     changed = handle(DeletePathPoint(5), smoothed)
     assert len(handle(BuildPath(), changed).path_edits) == 0
-    assert len(handle(DrawPattern(), changed).path_edits) == 0
+    assert len(handle(GenerateScanPattern(), changed).path_edits) == 0
 
 
 def test_what_cannot_be_changed_is_refused(smoothed):
@@ -175,7 +175,7 @@ def test_what_cannot_be_changed_is_refused(smoothed):
     with pytest.raises(InvalidInputError, match="after must be"):
         handle(InsertPathPoint(n, (0.0, 0.0, 0.0)), smoothed)
     with pytest.raises(InvalidInputError, match="no sample 5000"):
-        handle(KeepPathSample(5000), smoothed)
+        handle(PinPathSample(5000), smoothed)
     with pytest.raises(DegenerateGeometryError, match="slide the pointer"):
         handle(MovePathPoint(3, (0.0, 0.0, 0.0)), smoothed)
     with pytest.raises(InvalidInputError, match="within 100 m"):
@@ -196,7 +196,7 @@ def test_the_figures_of_a_changed_path_are_those_of_its_own_samples(smoothed):
     assert found["path_deviation_raw_max_mm"] == value.from_raw_mm.max()
     forgotten = replace(changed, path_edits=smoothed.path_edits)
     assert smoothing_figures(forgotten) == {"path_points_smoothed": len(corners(changed))}
-    other = handle(DrawPattern(), changed)
+    other = handle(GenerateScanPattern(), changed)
     assert smoothing_figures(other) == {"path_points_smoothed": len(corners(changed))}
     made = handle(SmoothScanPath(), other)
     assert smoothing_figures(made)["path_deviation_max_mm"] <= 1.0 + 1e-9
@@ -207,7 +207,7 @@ def test_the_figures_of_a_changed_path_are_those_of_its_own_samples(smoothed):
 
 @pytest.mark.parametrize("kind", ["raster", "spiral"])
 def test_a_pattern_lies_on_the_measured_surface_and_goes_through_all_steps(smoothed, kind):
-    session = handle(DrawPattern(kind, spacing_mm=5.0), smoothed)
+    session = handle(GenerateScanPattern(kind, spacing_mm=5.0), smoothed)
     points = session.results.path.value.points_base
     assert max(off_surface_mm(session, place) for place in points[::25]) < 1.5
     assert states(session)["path"] == "done"
@@ -224,12 +224,12 @@ def test_a_pattern_lies_on_the_measured_surface_and_goes_through_all_steps(smoot
 
 def test_a_pattern_keeps_within_the_boundary_round_the_centre(smoothed):
     middle = np.median(cloud(smoothed), axis=0)
-    small = handle(DrawPattern(radius_mm=10.0, center_base_mm=plain(middle)), smoothed)
+    small = handle(GenerateScanPattern(radius_mm=10.0, center_base_mm=plain(middle)), smoothed)
     points = small.results.path.value.points_base
     assert np.linalg.norm(points - middle, axis=1).max() < 12.5
     square = [(x, y, 0.0) for x, y in ((-8, -8), (8, -8), (8, 8), (-8, 8))]
     boundary = tuple(plain(middle + np.array(corner)) for corner in square)
-    drawn = handle(DrawPattern(spacing_mm=2.0, boundary_base_mm=boundary), smoothed)
+    drawn = handle(GenerateScanPattern(spacing_mm=2.0, boundary_base_mm=boundary), smoothed)
     across = np.ptp(drawn.results.path.value.points_base[:, :2], axis=0)
     assert (across > 10.0).all()
     assert (across < 17.0).all()
@@ -240,11 +240,11 @@ def test_a_boundary_that_cuts_the_pattern_is_refused(smoothed):
     shape = [(-15, -10), (15, -10), (15, 10), (1, 10), (0, -8), (-1, 10), (-15, 10)]
     boundary = tuple(plain(middle + np.array((x, y, 0.0))) for x, y in shape)
     with pytest.raises(DegenerateGeometryError, match="strokes"):
-        handle(DrawPattern(spacing_mm=2.0, boundary_base_mm=boundary), smoothed)
+        handle(GenerateScanPattern(spacing_mm=2.0, boundary_base_mm=boundary), smoothed)
     with pytest.raises(InvalidInputError, match="3 to"):
-        DrawPattern(boundary_base_mm=boundary[:2])
+        GenerateScanPattern(boundary_base_mm=boundary[:2])
     with pytest.raises(StepBlockedError, match="sample the surface"):
-        handle(DrawPattern(), Session())
+        handle(GenerateScanPattern(), Session())
 
 
 # -- what is shown ---------------------------------------------------------------------------------
@@ -260,7 +260,9 @@ def test_the_view_has_the_figures_of_the_result_in_the_plane_of_the_path(smoothe
     inner = np.linalg.norm(np.diff(view.raw_base, axis=0), axis=1).sum()
     flat = np.linalg.norm(np.diff(view.raw_patch, axis=0), axis=1).sum()
     assert 0.9 * inner < flat <= inner + 1e-9  # the tangent plane shows nearly its whole length
-    assert path_view(handle(DrawPattern(), smoothed)) is None  # the smoothing is of another path
+    assert (
+        path_view(handle(GenerateScanPattern(), smoothed)) is None
+    )  # the smoothing is of another path
 
 
 def test_a_preview_keeps_the_bound_changes_nothing_and_follows_changes_by_hand(smoothed):
@@ -279,7 +281,7 @@ def test_a_preview_keeps_the_bound_changes_nothing_and_follows_changes_by_hand(s
 
 
 def test_a_preview_of_a_long_path_keeps_must_keep_points(smoothed):
-    source = path_source(handle(KeepPathSample(7), smoothed), 0.05)
+    source = path_source(handle(PinPathSample(7), smoothed), 0.05)
     assert 7 in quickly(source, 5.0, "k1")
 
 

@@ -5,14 +5,14 @@ import pytest
 
 from rona_core.app.dependencies.staleness import stale_reason
 from rona_core.app.messages.registry import (
-    CalibrateSono,
-    SetReference,
+    CalibrateHandheldProbe,
     SetSeed,
     SetToolVisible,
     SetTracker,
-    StartSonoCalibration,
-    StartSonoMapping,
-    StartSonoScan,
+    SetUseBaseMarker,
+    StartHandheldCalibration,
+    StartHandheldMapping,
+    StartHandheldScan,
     StartToolCapture,
     Undo,
 )
@@ -24,7 +24,7 @@ from rona_core.evaluation.metrics import KEYS
 from rona_core.session.document import Session
 from rona_core.session.files import load_session, save_session
 
-QUICK = StartSonoScan(duration_s=30.0, rate_hz=20.0, spacing_mm=3.0)
+QUICK = StartHandheldScan(duration_s=30.0, rate_hz=20.0, spacing_mm=3.0)
 SONO_KEYS = tuple(key for key in KEYS if key.startswith("sono"))
 
 
@@ -33,7 +33,7 @@ def by_hand():
     """A scan by hand with nothing else done before."""
     bench = new_workbench(Session())
     bench.dispatch(SetSeed(2))
-    for activity in (StartSonoCalibration(), QUICK, StartSonoMapping()):
+    for activity in (StartHandheldCalibration(), QUICK, StartHandheldMapping()):
         bench.run(activity)
     yield bench
     bench.close()
@@ -75,7 +75,7 @@ def test_it_follows_from_the_captures_and_survives_a_file(by_hand, tmp_path):
 def test_what_has_changed_makes_it_stale_and_undo_brings_it_back(by_hand):
     names = ("sono", "sono_detection", "sono_maps")
     assert [stale_reason(name, by_hand.session) for name in names] == [None] * 3
-    by_hand.dispatch(SetReference(use_base_marker=False))
+    by_hand.dispatch(SetUseBaseMarker(use_base_marker=False))
     assert stale_reason("sono_maps", by_hand.session) is None  # nobody moved the tracker
     by_hand.dispatch(Undo())
     by_hand.dispatch(SetSeed(3))
@@ -88,13 +88,13 @@ def test_an_order_that_makes_no_sense_is_blocked():
     bench = new_workbench(Session())
     try:
         with pytest.raises(StepBlockedError, match="calibrate the SonoPointer"):
-            bench.run(StartSonoScan())
+            bench.run(StartHandheldScan())
         with pytest.raises(StepBlockedError, match="pivot the SonoPointer"):
-            bench.dispatch(CalibrateSono())
+            bench.dispatch(CalibrateHandheldProbe())
         with pytest.raises(StepBlockedError, match="scan by hand"):
-            bench.run(StartSonoMapping())
+            bench.run(StartHandheldMapping())
         with pytest.raises(DegenerateGeometryError, match="from end to end"):
-            bench.run(StartSonoCalibration(half_turn_deg=15.0))
+            bench.run(StartHandheldCalibration(half_turn_deg=15.0))
         kept = bench.session.captures
         assert kept.sono_pivot.ordinal + 1 == kept.sono_spin.ordinal  # nothing measured is lost
         assert bench.session.results.sono is None
@@ -106,9 +106,9 @@ def test_with_a_covered_base_marker_and_no_robot_there_is_no_reference(by_hand):
     bench = new_workbench(by_hand.session)
     try:
         bench.dispatch(SetToolVisible("basemarker", False))
-        bench.run(StartSonoScan(duration_s=8.0, rate_hz=5.0, spacing_mm=8.0))
+        bench.run(StartHandheldScan(duration_s=8.0, rate_hz=5.0, spacing_mm=8.0))
         with pytest.raises(StepBlockedError, match="uncover it"):
-            bench.run(StartSonoMapping())
+            bench.run(StartHandheldMapping())
     finally:
         bench.close()
 
@@ -119,7 +119,7 @@ def test_with_a_registered_robot_the_maps_are_in_its_base_and_the_delay_is_known
         bench.dispatch(SetSeed(1))
         bench.dispatch(SetTracker(profile="vega"))
         tool = StartToolCapture(n_pivot=12, n_translate=5)
-        for activity in (tool, StartSonoCalibration(), QUICK, StartSonoMapping()):
+        for activity in (tool, StartHandheldCalibration(), QUICK, StartHandheldMapping()):
             bench.run(activity)
         made = bench.session.results.sono_maps.value
         assert made.frame == "base"
@@ -137,10 +137,10 @@ def test_a_probe_that_the_tracker_lost_counts_at_no_ascan(by_hand):
     bench = new_workbench(by_hand.session)
     try:
         bench.dispatch(SetToolVisible("sonopointer", False))
-        bench.run(StartSonoScan(duration_s=5.0, rate_hz=5.0, spacing_mm=8.0))
+        bench.run(StartHandheldScan(duration_s=5.0, rate_hz=5.0, spacing_mm=8.0))
         assert len(bench.session.captures.sono_scan.scans) == 25
         with pytest.raises(DegenerateGeometryError, match="none of the 25 A-scans"):
-            bench.run(StartSonoMapping())
+            bench.run(StartHandheldMapping())
     finally:
         bench.close()
 
@@ -148,14 +148,14 @@ def test_a_probe_that_the_tracker_lost_counts_at_no_ascan(by_hand):
 @pytest.mark.parametrize(
     "make",
     [
-        lambda: StartSonoCalibration(cone_deg=0.5),
-        lambda: StartSonoCalibration(half_turn_deg=90.0),
-        lambda: StartSonoCalibration(spin_s=np.inf),
-        lambda: StartSonoScan(duration_s=1.0),
-        lambda: StartSonoScan(rate_hz=0.0),
-        lambda: StartSonoScan(spacing_mm=0.1),
-        lambda: StartSonoMapping(sound_speed_mm_per_us=9.0),
-        lambda: StartSonoMapping(cell_mm=0.1),
+        lambda: StartHandheldCalibration(cone_deg=0.5),
+        lambda: StartHandheldCalibration(half_turn_deg=90.0),
+        lambda: StartHandheldCalibration(spin_s=np.inf),
+        lambda: StartHandheldScan(duration_s=1.0),
+        lambda: StartHandheldScan(rate_hz=0.0),
+        lambda: StartHandheldScan(spacing_mm=0.1),
+        lambda: StartHandheldMapping(sound_speed_mm_per_us=9.0),
+        lambda: StartHandheldMapping(cell_mm=0.1),
     ],
 )
 def test_values_out_of_range_are_refused(make):

@@ -11,9 +11,9 @@ from rona_core.app.messages.outcomes import StoreScanCapture, StoreSonoScan
 from rona_core.app.messages.registry import (
     ClearBoundaryCorrections,
     CorrectBoundary,
-    StartSonoCalibration,
-    StartSonoMapping,
-    StartSonoScan,
+    StartHandheldCalibration,
+    StartHandheldMapping,
+    StartHandheldScan,
 )
 from rona_core.app.runtime.recompute import replay
 from rona_core.app.steps.handheld.scans import NOT_SEEN, gathered, posed_scans, spread
@@ -40,8 +40,8 @@ GAP = slice(40, 70)  # A-scans at which the tracker does not see the probe
 @pytest.fixture(scope="module")
 def bench():
     made = new_workbench(Session())
-    quick = StartSonoScan(duration_s=20.0, rate_hz=20.0, spacing_mm=4.0)
-    for activity in (StartSonoCalibration(pivot_s=8.0, spin_s=8.0), quick):
+    quick = StartHandheldScan(duration_s=20.0, rate_hz=20.0, spacing_mm=4.0)
+    for activity in (StartHandheldCalibration(pivot_s=8.0, spin_s=8.0), quick):
         made.run(activity)
     capture = made.session.captures.sono_scan
     first, last = capture.scans.times_s[[GAP.start, GAP.stop - 1]]
@@ -57,7 +57,7 @@ def bench():
     session = handle(StoreSonoScan(replace(capture, marker=gone)), made.session)
     made.close()
     made = new_workbench(session)
-    made.run(StartSonoMapping())
+    made.run(StartHandheldMapping())
     yield made
     made.close()
 
@@ -141,7 +141,7 @@ def test_a_correction_makes_the_maps_by_hand_stale_and_goes_into_them(bench):
     assert stale_reason("sono_detection", bench.session) is None
     assert ascan_plot(bench.session, i, scan="hand").inner_us == at_us
     assert ascan_plot(bench.session, i, scan="hand").by_hand
-    bench.run(StartSonoMapping())
+    bench.run(StartHandheldMapping())
     after = bench.session.results.sono_maps.value.maps
     assert stale_reason("sono_maps", bench.session) is None
     moved = np.linalg.norm(after.inner_points_base - before.inner_points_base, axis=1)
@@ -152,7 +152,7 @@ def test_a_correction_makes_the_maps_by_hand_stale_and_goes_into_them(bench):
     assert all(row.same for row in replay(bench.session))
     bench.dispatch(ClearBoundaryCorrections("hand", i))
     assert stale_reason("sono_maps", bench.session) is not None
-    bench.run(StartSonoMapping())
+    bench.run(StartHandheldMapping())
     assert digest(bench.session.results.sono_maps.value.maps) == digest(before)
 
 

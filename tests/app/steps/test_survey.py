@@ -13,12 +13,12 @@ from rona_core.app.messages.registry import (
     CalibrateDelayLine,
     SetProbe,
     SetSeed,
-    StartBlockShots,
+    StartCaliperMeasurements,
+    StartDelayLineCapture,
+    StartHandheldCalibration,
+    StartHandheldMapping,
+    StartHandheldScan,
     StartMapping,
-    StartReferencePoints,
-    StartSonoCalibration,
-    StartSonoMapping,
-    StartSonoScan,
     Undo,
 )
 from rona_core.app.steps.acoustics.derivation import session_probe
@@ -49,9 +49,9 @@ def measured():
     plan = replace(session.results.roll, inputs=input_digests("roll", session))
     session = replace(session, results=replace(session.results, roll=plan))
     bench = new_workbench(session)
-    bench.run(StartBlockShots(n=8, temperatures_c=(20.0, 30.0, 40.0)))
-    bench.run(StartSonoCalibration(pivot_s=8.0, spin_s=8.0))
-    bench.run(StartSonoScan(duration_s=12.0, rate_hz=15.0, spacing_mm=6.0))
+    bench.run(StartDelayLineCapture(n=8, temperatures_c=(20.0, 30.0, 40.0)))
+    bench.run(StartHandheldCalibration(pivot_s=8.0, spin_s=8.0))
+    bench.run(StartHandheldScan(duration_s=12.0, rate_hz=15.0, spacing_mm=6.0))
     bench.run(StartMapping())
     yield bench.session
     bench.close()
@@ -94,7 +94,7 @@ def passes(session):
         ),
         "hand": (
             derive_sono_detection,
-            StartSonoMapping,
+            StartHandheldMapping,
             replace(
                 hand.scans,
                 times_s=hand.scans.times_s[posed.known],
@@ -141,7 +141,7 @@ def test_detection_is_called_at_one_place_for_all_scans():
             if isinstance(called, ast.Name) and called.id == "detect":
                 callers.add(path.stem)
     # the touch-down of a scan is timed before anything is known of its poses
-    assert callers == {"survey", "pose_timing"}
+    assert callers == {"survey", "probe_poses"}
     assert [part.name for part in fields(survey.Survey)] == ["scans", "poses", "known_standoff_mm"]
 
 
@@ -150,16 +150,16 @@ def test_a_warm_line_that_was_calibrated_is_that_of_the_scan_by_hand():
     try:
         bench.dispatch(SetSeed(1))
         bench.dispatch(SetProbe(line_temperature_c=WARM_C))
-        bench.run(StartBlockShots(n=8))
-        bench.run(StartSonoCalibration(pivot_s=8.0, spin_s=8.0))
-        bench.run(StartSonoScan(duration_s=15.0, rate_hz=15.0, spacing_mm=5.0))
-        bench.run(StartSonoMapping())
+        bench.run(StartDelayLineCapture(n=8))
+        bench.run(StartHandheldCalibration(pivot_s=8.0, spin_s=8.0))
+        bench.run(StartHandheldScan(duration_s=15.0, rate_hz=15.0, spacing_mm=5.0))
+        bench.run(StartHandheldMapping())
         found = bench.session.results.sono_detection.value
         off_mm = bench.figures()["sono_outer_rms_mm"]
         bench.dispatch(CalibrateDelayLine(use=False))
         assert "line" in stale_reason("sono_detection", bench.session)
         assert stale_reason("sono_maps", bench.session) is not None
-        bench.run(StartSonoMapping())
+        bench.run(StartHandheldMapping())
         nominal = bench.session.results.sono_detection.value
         both = found.outer_ok & nominal.outer_ok
         lower = np.median((nominal.standoff_mm - found.standoff_mm)[both])
@@ -174,13 +174,13 @@ def test_a_warm_line_that_was_calibrated_is_that_of_the_scan_by_hand():
 def test_the_calibrated_speed_holds_in_the_scan_by_hand_too(measured):
     bench = new_workbench(measured)
     try:
-        bench.run(StartSonoMapping())
+        bench.run(StartHandheldMapping())
         assert stale_reason("sono_maps", bench.session) is None
         before = bench.session.results.sono_maps.value.maps
-        bench.run(StartReferencePoints(n=3))
+        bench.run(StartCaliperMeasurements(n=3))
         assert "speed" in stale_reason("sono_maps", bench.session)
         assert stale_reason("sono_detection", bench.session) is None
-        bench.run(StartSonoMapping())
+        bench.run(StartHandheldMapping())
         after = bench.session.results.sono_maps.value.maps
         used = before.inner_used & after.inner_used
         thick = [
@@ -190,7 +190,7 @@ def test_the_calibrated_speed_holds_in_the_scan_by_hand_too(measured):
         there = speed_at(usable_speed(bench.session), before.outer_points_base[used])[0]
         np.testing.assert_allclose(thick[1] / thick[0], there / NOMINAL_SPEED_MM_PER_US, rtol=1e-4)
         assert np.abs(there / NOMINAL_SPEED_MM_PER_US - 1.0).max() > 0.002
-        bench.run(StartSonoMapping(sound_speed_mm_per_us=NOMINAL_SPEED_MM_PER_US))
+        bench.run(StartHandheldMapping(sound_speed_mm_per_us=NOMINAL_SPEED_MM_PER_US))
         asked = bench.session.results.sono_maps.value.maps  # a speed that is asked for wins
         np.testing.assert_allclose(asked.inner_points_base, before.inner_points_base)
     finally:
@@ -200,8 +200,8 @@ def test_the_calibrated_speed_holds_in_the_scan_by_hand_too(measured):
 def test_another_calibration_of_the_probe_makes_the_detection_by_hand_stale(measured):
     bench = new_workbench(measured)
     try:
-        bench.run(StartSonoMapping())
-        bench.run(StartSonoCalibration(pivot_s=9.0, spin_s=9.0))
+        bench.run(StartHandheldMapping())
+        bench.run(StartHandheldCalibration(pivot_s=9.0, spin_s=9.0))
         assert "calibration" in stale_reason("sono_detection", bench.session)
         bench.dispatch(Undo())
     finally:
@@ -211,7 +211,7 @@ def test_another_calibration_of_the_probe_makes_the_detection_by_hand_stale(meas
 def test_what_was_detected_without_the_places_counts_no_more(measured):
     bench = new_workbench(measured)
     try:
-        bench.run(StartSonoMapping())
+        bench.run(StartHandheldMapping())
         made = bench.session.results.sono_detection
         known = {key: made.inputs[key] for key in ("capture", "tool", "probe")}
         older = replace(made, inputs=known)  # as it was written before

@@ -9,7 +9,7 @@ import pytest
 from rona_core.app.dependencies.obstacles import obstacles_of
 from rona_core.app.dependencies.staleness import stale_reason
 from rona_core.app.handlers import handle
-from rona_core.app.messages.registry import PutObstacle, RemoveObstacle, SetRobot, SetSurroundings
+from rona_core.app.messages.registry import AddObstacle, RemoveObstacle, SetRobot, SetWorkcell
 from rona_core.app.steps.setup.clearance import drawn_obstacles, near_pairs
 from rona_core.errors import InvalidInputError, NotFoundError
 from rona_core.session.codec import decode, encode
@@ -18,8 +18,8 @@ from rona_core.session.files import load_session, session_bytes, session_from_by
 from rona_core.session.migrate import SCHEMA, migrate
 
 DEMO = Path(__file__).parents[3] / "sessions" / "demo.rona"
-WALL = PutObstacle("wall", (0.0, -1200.0, 0.0), (3000.0, 100.0, 2500.0))
-LAMP = PutObstacle("lamp", (600.0, 200.0, 900.0), (300.0, 200.0, 80.0), 45.0)
+WALL = AddObstacle("wall", (0.0, -1200.0, 0.0), (3000.0, 100.0, 2500.0))
+LAMP = AddObstacle("lamp", (600.0, 200.0, 900.0), (300.0, 200.0, 80.0), 45.0)
 
 
 def nothing_fresh(name):
@@ -61,19 +61,19 @@ def test_the_robot_keeps_away_from_a_box_by_the_margin_that_was_said():
     home = np.zeros(6)
     free = near_pairs(handle(WALL, Session()), home)
     assert not any(pair.too_close for pair in free)
-    close = handle(PutObstacle("cupboard", (0.0, 0.0, 500.0), (300.0, 300.0, 500.0)), Session())
+    close = handle(AddObstacle("cupboard", (0.0, 0.0, 500.0), (300.0, 300.0, 500.0)), Session())
     hit = [pair for pair in near_pairs(close, home) if pair.too_close]
     assert {pair.second for pair in hit} == {"cupboard"}
     room = {p.first: p.distance_mm for p in hit}["elbow"]
     assert 0.0 < room < 20.0, "not touched, but nearer than the margin"
-    less = handle(SetSurroundings(margin_mm=room - 1.0), close)
+    less = handle(SetWorkcell(margin_mm=room - 1.0), close)
     left = {pair.first for pair in near_pairs(less, home) if pair.too_close}
     assert left
     assert "elbow" not in left
 
 
 def test_the_room_is_changed_as_a_whole_and_keeps_its_boxes():
-    session = handle(SetSurroundings(table=False, floor_mm=-400.0), handle(WALL, Session()))
+    session = handle(SetWorkcell(table=False, floor_mm=-400.0), handle(WALL, Session()))
     held = session.setup.surroundings
     assert (held.table, held.floor_mm, len(held.boxes)) == (False, -400.0, 1)
     assert [thing.name for thing in around(session).things] == ["head", "floor", "wall"]
@@ -119,7 +119,7 @@ def test_too_many_boxes_and_boxes_that_are_not_there_are_refused():
     with pytest.raises(NotFoundError, match="no obstacle 'door'"):
         handle(RemoveObstacle("door"), session)
     with pytest.raises(InvalidInputError, match="margin_mm"):
-        SetSurroundings(margin_mm=-1.0)
+        SetWorkcell(margin_mm=-1.0)
 
 
 def test_a_new_box_makes_a_plan_stale_and_taking_it_away_makes_it_good_again():

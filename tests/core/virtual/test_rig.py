@@ -10,7 +10,7 @@ from rona_core.devices.settings import DeviceSettings, RobotSettings, TrackerSet
 from rona_core.errors import DeviceError, InvalidInputError
 from rona_core.geometry.pose import Pose, Poses
 from rona_core.session.specimen import SimulatedSkull
-from tests.helpers.sphere_world import SphereSpecimen
+from tests.helpers.sphere_world import SphereSpecimen, signed_distance
 
 pytest.importorskip("rona_core.virtual.robot.robot", reason="there is no virtual robot")
 pytest.importorskip("rona_core.virtual.acoustics.probe", reason="there is no virtual probe")
@@ -89,7 +89,7 @@ def test_only_the_pointer_in_the_hand_is_seen(rig):
         true = rig.display.T_base_pointermarker() @ rig.scene.tips[pointer]
         np.testing.assert_allclose(tip, true, atol=1e-8)
         assert (
-            abs(rig.scene.specimen.signed_distance((rig.scene.T_base_skull.inv() @ tip)[None])[0])
+            abs(signed_distance(rig.scene.specimen, (rig.scene.T_base_skull.inv() @ tip)[None])[0])
             < 1e-3
         )
 
@@ -154,7 +154,7 @@ def test_moving_the_base_moves_what_is_drawn(rig):
     np.testing.assert_allclose(before - after, (100.0, 0.0, 0.0), atol=1e-9)
     assert rig.scene.settings == moved
     mesh = rig.display.skull_mesh_base()
-    distances = rig.scene.specimen.signed_distance(rig.scene.T_base_skull.inv() @ mesh.vertices)
+    distances = signed_distance(rig.scene.specimen, rig.scene.T_base_skull.inv() @ mesh.vertices)
     np.testing.assert_allclose(distances, 0.0, atol=1e-6)
 
 

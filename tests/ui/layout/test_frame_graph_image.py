@@ -9,8 +9,8 @@ import pytest
 
 from rona_core.app.messages.registry import (
     MoveTracker,
-    SetReference,
     SetTracker,
+    SetUseBaseMarker,
     StartPointerCapture,
     StartSurfaceCapture,
     StartToolCapture,
@@ -21,6 +21,7 @@ from rona_core.geometry.pose import Pose
 from rona_core.session.document import Session
 from rona_ui.panels.layout.frame_graph_image import PLACES, WIDTH, frame_picture
 from rona_ui.panels.layout.frames_and_log import frames_table
+from tests.helpers.strategies import angle_rad
 
 SVG = "{http://www.w3.org/2000/svg}"
 
@@ -103,8 +104,8 @@ def test_a_moved_tracker_is_stale_until_a_stroke_finds_it_again(bench):
     found = tracker()
     assert (found.source, found.stale_reason) == ("tool, base marker", None)
     assert found.time_utc >= before.time_utc
-    assert found.pose.angle_to_rad(before.pose) > 0.01
-    bench.dispatch(SetReference(use_base_marker=False))
+    assert angle_rad(found.pose, before.pose) > 0.01
+    bench.dispatch(SetUseBaseMarker(use_base_marker=False))
     assert "register again" in tracker().stale_reason
 
 

@@ -11,6 +11,7 @@ from rona_core.app.runtime.store import Store
 from rona_core.errors import RonaError
 from rona_core.session.codec import decode, encode
 from rona_core.session.document import LogEntry
+from rona_core.session.migrate import with_present_message
 
 JOURNAL_SUFFIX = ".jsonl"
 MOST_ENTRIES = 64  # then a whole copy is due: doing them again takes time
@@ -77,7 +78,8 @@ def read_journal(path: Path, after: int) -> Journal:
     found: list[LogEntry] = []
     for number, line in enumerate(complete, 1):
         try:
-            entry = decode(json.loads(line), LogEntry, {}, f"line {number} of its journal")
+            plain = with_present_message(json.loads(line))  # an older RONA may have written it
+            entry = decode(plain, LogEntry, {}, f"line {number} of its journal")
         except (ValueError, TypeError, RecursionError, RonaError):
             return Journal(tuple(found), f"line {number} of its journal is damaged")
         if entry.number <= after:  # the copy has it: it was written before the journal was cut

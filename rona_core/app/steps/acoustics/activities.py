@@ -15,9 +15,9 @@ from rona_core.app.steps.acoustics.derivation import entry_points
 from rona_core.app.steps.acoustics.messages import (
     CalibrateDelayLine,
     CalibrateSoundSpeed,
-    StartBlockShots,
-    StartReferencePoints,
-    StartWhatIf,
+    StartCaliperMeasurements,
+    StartDelayLineCapture,
+    StartProbeSweep,
 )
 from rona_core.app.steps.maps.probe_poses import probe_poses_of
 from rona_core.app.toolbox import Toolbox
@@ -31,11 +31,13 @@ __all__ = ["perform"]
 
 
 @perform.register
-def _(activity: StartReferencePoints, session: Session, tools: Toolbox) -> Messages:
+def _(activity: StartCaliperMeasurements, session: Session, tools: Toolbox) -> Messages:
     require_inputs(type(activity), session)
     detection, poses = session.results.detection, probe_poses_of(session)
     if detection is None or poses is None or stale_reason("detection", session) is not None:
-        raise StepBlockedError("StartReferencePoints is blocked: map the boundaries first (step 9)")
+        raise StepBlockedError(
+            "StartCaliperMeasurements is blocked: map the boundaries first (step 9)"
+        )
     places = entry_points(session, detection.value)
     rows = choose_reference_scans(places, detection.value, activity.n)
     ordinal = begin(session, tools)
@@ -52,7 +54,7 @@ def _(activity: StartReferencePoints, session: Session, tools: Toolbox) -> Messa
 
 
 @perform.register
-def _(activity: StartBlockShots, session: Session, tools: Toolbox) -> Messages:
+def _(activity: StartDelayLineCapture, session: Session, tools: Toolbox) -> Messages:
     probe = session.setup.devices.probe
     ordinal = begin(session, tools)
     temperatures = activity.temperatures_c or (probe.line_temperature_c,)
@@ -60,7 +62,7 @@ def _(activity: StartBlockShots, session: Session, tools: Toolbox) -> Messages:
     for number, temperature_c in enumerate(temperatures):
         if tools.cancel():
             raise CancelledError("the A-scans on the block were cancelled")
-        tracks.append(tools.rig.bench.shoot_block(probe, temperature_c, activity.n))
+        tracks.append(tools.rig.bench.record_reference_block(probe, temperature_c, activity.n))
         tools.progress((number + 1) / len(temperatures))
     capture = BlockCapture(
         ordinal=ordinal,
@@ -72,9 +74,11 @@ def _(activity: StartBlockShots, session: Session, tools: Toolbox) -> Messages:
 
 
 @perform.register
-def _(activity: StartWhatIf, session: Session, tools: Toolbox) -> Messages:
+def _(activity: StartProbeSweep, session: Session, tools: Toolbox) -> Messages:
     if tools.sweep is None:
-        raise StepBlockedError("StartWhatIf is blocked: there are no virtual plates to try it on")
+        raise StepBlockedError(
+            "StartProbeSweep is blocked: there are no virtual plates to try it on"
+        )
     grid = WhatIfGrid(
         probes=activity.probes,
         excitations=activity.excitations,

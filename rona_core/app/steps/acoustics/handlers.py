@@ -98,7 +98,7 @@ def _(message: StoreBlockCapture, session: Session) -> Session:
 
 @handle.register
 def _(message: StoreWhatIf, session: Session) -> Session:
-    made = Derived(message.what_if, "StartWhatIf", message.arguments, {})  # of no session
+    made = Derived(message.what_if, "StartProbeSweep", message.arguments, {})  # of no session
     return replace(session, results=replace(session.results, what_if=made))
 
 

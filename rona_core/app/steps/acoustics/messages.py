@@ -77,7 +77,7 @@ class CalibrateDelayLine:
 
 
 @dataclass(frozen=True, slots=True)
-class StartReferencePoints:
+class StartCaliperMeasurements:
     """Measure the thickness at some places with a caliper; then calibrate the speed of sound.
 
     The places are chosen among the A-scans: spread over the region, thick, and sure.
@@ -92,7 +92,7 @@ class StartReferencePoints:
 
 
 @dataclass(frozen=True, slots=True)
-class StartBlockShots:
+class StartDelayLineCapture:
     """Hold the probe on a flat block of steel and record A-scans; then calibrate its delay line.
 
     Without temperatures it is done at the one that the line has now. Several of them tell how the
@@ -111,7 +111,7 @@ class StartBlockShots:
 
 
 @dataclass(frozen=True, slots=True)
-class StartWhatIf:
+class StartProbeSweep:
     """Try probes, excitations and noise levels on virtual plates of bone of some thicknesses.
 
     Nothing of the specimen goes into it. Every combination is a cell of ``n`` A-scans.

@@ -6,7 +6,7 @@ import numpy as np
 
 from rona_core.app.captures import begin, capture_hand
 from rona_core.app.dependencies.staleness import capture_setup_digest
-from rona_core.app.steps.handheld.messages import StartSonoCalibration, StartSonoScan
+from rona_core.app.steps.handheld.messages import StartHandheldCalibration, StartHandheldScan
 from rona_core.app.toolbox import Toolbox
 from rona_core.devices.samples import AScan, AScanTrack, ToolTrack, TrackerFrame
 from rona_core.devices.settings import SONO
@@ -17,7 +17,7 @@ PIVOT_SHARE = 0.5  # of the time of a calibration, for the progress
 
 
 def capture_sono_calibration(
-    activity: StartSonoCalibration, session: Session, tools: Toolbox
+    activity: StartHandheldCalibration, session: Session, tools: Toolbox
 ) -> tuple[PointerCapture, PointerCapture | None]:
     """Record the pivoting, then the turning; None for the second if the first was cut short."""
     operator = tools.rig.operator
@@ -46,7 +46,7 @@ def _part(tools: Toolbox, start: float) -> Toolbox:
     return replace(tools, progress=progress)
 
 
-def capture_sono_scan(activity: StartSonoScan, session: Session, tools: Toolbox) -> SonoCapture:
+def capture_sono_scan(activity: StartHandheldScan, session: Session, tools: Toolbox) -> SonoCapture:
     """Record the marker on the probe and its A-scans while it slides over the region."""
     ordinal = begin(session, tools)
     rig = tools.rig

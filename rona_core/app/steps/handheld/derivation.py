@@ -6,7 +6,7 @@ import numpy as np
 
 from rona_core.app.dependencies.inputs import need
 from rona_core.app.steps.acoustics.derivation import session_probe, with_known_speed
-from rona_core.app.steps.handheld.messages import StartSonoMapping
+from rona_core.app.steps.handheld.messages import StartHandheldMapping
 from rona_core.app.steps.handheld.scans import (
     gathered,
     hand_reference,
@@ -36,7 +36,7 @@ class SonoMapped:
 
 def derive_sono_mapping(
     session: Session,
-    message: StartSonoMapping,
+    message: StartHandheldMapping,
     *,
     progress: Progress = silent,
     cancel: Cancel = never,
@@ -55,7 +55,7 @@ def derive_sono_mapping(
 
 def derive_sono_detection(
     session: Session,
-    message: StartSonoMapping,
+    message: StartHandheldMapping,
     *,
     progress: Progress = silent,
     cancel: Cancel = never,
@@ -81,7 +81,7 @@ def derive_sono_detection(
 
 def derive_sono_maps(
     session: Session,
-    message: StartSonoMapping,
+    message: StartHandheldMapping,
     *,
     progress: Progress = silent,
     cancel: Cancel = never,

@@ -13,14 +13,14 @@ MOST_SHOTS = 16_000  # of one scan by hand: some 60 MB
 
 
 @dataclass(frozen=True, slots=True)
-class CalibrateSono:
+class CalibrateHandheldProbe:
     """Find the face and the axis of the probe from its pivoting and its turning."""
 
     __pydantic_config__: ClassVar = STRICT
 
 
 @dataclass(frozen=True, slots=True)
-class StartSonoCalibration:
+class StartHandheldCalibration:
     """Pivot the SonoPointer with a calibration point, turn it in a bush; then calibrate it.
 
     ``half_turn_deg`` is how far it turns either way; the tracker loses it beyond about 60 degrees.
@@ -40,7 +40,7 @@ class StartSonoCalibration:
 
 
 @dataclass(frozen=True, slots=True)
-class StartSonoScan:
+class StartHandheldScan:
     """Slide the SonoPointer over the region in lines by hand while it fires ``rate_hz`` times."""
 
     __pydantic_config__: ClassVar = STRICT
@@ -60,7 +60,7 @@ class StartSonoScan:
 
 
 @dataclass(frozen=True, slots=True)
-class StartSonoMapping:
+class StartHandheldMapping:
     """Detect both boundaries in the A-scans of the hand-held probe, and map them.
 
     Without a speed of sound it is the calibrated one, if the maps are in base, else the published.

@@ -9,7 +9,7 @@ from rona_core.app.dependencies.staleness import (
     stale_reason,
     usable_second,
 )
-from rona_core.app.messages.registry import StartMapping, StartRollSearch, StartSecondPlan
+from rona_core.app.messages.registry import StartGapPlan, StartMapping, StartRollSearch
 from rona_core.app.messages.serialization import plain_arguments
 from rona_core.app.steps.acoustics.derivation import session_probe, with_known_speed
 from rona_core.app.steps.maps.probe_poses import probe_poses_of
@@ -134,7 +134,7 @@ def derive_maps(
 
 def derive_second(
     session: Session,
-    message: StartSecondPlan,
+    message: StartGapPlan,
     *,
     progress: Progress = silent,
     cancel: Cancel = never,
@@ -153,7 +153,7 @@ def derive_second(
     )
     if way is None:
         raise StepBlockedError(
-            "StartSecondPlan is blocked: the first pass left no gap in the inner map"
+            "StartGapPlan is blocked: the first pass left no gap in the inner map"
         )
     plan = plan_scan(
         way.path,

@@ -3,7 +3,8 @@
 Four parts, whose squares add up: the time of flight of the nearest A-scans, what left-out samples
 tell of places between samples, the speed of sound, and where the probe was. The last two are
 nearly the same for all cells of a map. Nothing of it is stored: it follows from what a session
-holds, so that maps of older files are as honest as new ones. See docs/algorithms/boundary_maps.md.
+holds, so that maps of older files are as honest as new ones. See
+docs/algorithms/maps/boundary_maps.md.
 """
 
 from dataclasses import dataclass
@@ -24,7 +25,7 @@ from rona_core.ultrasound.acoustic_calibration.speed_calibration import (
     SpeedCalibration,
     uncalibrated,
 )
-from rona_core.ultrasound.acoustic_calibration.thickness_budget import speed_doubt
+from rona_core.ultrasound.acoustic_calibration.speed_uncertainty import speed_uncertainty
 from rona_core.ultrasound.detection.detect import Detection
 from rona_core.ultrasound.detection.manual_corrections import BoundaryEdits, ScanName, corrected
 from rona_core.ultrasound.probe.probe_model import probe_model
@@ -176,7 +177,7 @@ def _accuracy(
     own_between = _own_mm(maps.inner, between_map, timing)
     depth = np.maximum(maps.thickness_mm(), 0.0)
     cells_base = maps.outer.T_base_map @ _cells_map(maps.outer)
-    shared, place = speed_doubt(uncalibrated() if known is None else known, cells_base)
+    shared, place = speed_uncertainty(uncalibrated() if known is None else known, cells_base)
     speed_mm = depth * shared.reshape(depth.shape)
     own_thickness = np.hypot(own_between, depth * place.reshape(depth.shape))
     none = readonly(np.zeros(depth.shape))

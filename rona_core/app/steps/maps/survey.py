@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass
 
-from rona_core.app.messages.registry import StartMapping, StartSonoMapping
+from rona_core.app.messages.registry import StartHandheldMapping, StartMapping
 from rona_core.app.steps.acoustics.derivation import first_speed, session_probe
 from rona_core.devices.protocols import Cancel, Progress
 from rona_core.devices.samples import AScanTrack
@@ -25,7 +25,7 @@ class Survey:
 def detect_survey(
     session: Session,
     survey: Survey,
-    message: StartMapping | StartSonoMapping,
+    message: StartMapping | StartHandheldMapping,
     *,
     progress: Progress,
     cancel: Cancel,

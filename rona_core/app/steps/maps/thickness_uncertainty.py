@@ -13,7 +13,7 @@ from rona_core.ultrasound.acoustic_calibration.speed_calibration import (
     SpeedCalibration,
     uncalibrated,
 )
-from rona_core.ultrasound.acoustic_calibration.thickness_budget import speed_doubt
+from rona_core.ultrasound.acoustic_calibration.speed_uncertainty import speed_uncertainty
 from rona_core.ultrasound.detection.detect import Detection
 
 STEEPEST = 0.3  # nine tenths of all skulls are flatter: more is a step between echoes
@@ -67,7 +67,7 @@ def _shares(
         return None
     calibration = uncalibrated() if known is None else known
     depth = detection.thickness_mm[ok]
-    patient, place = speed_doubt(calibration, maps.outer_points_base[:n][ok])
+    patient, place = speed_uncertainty(calibration, maps.outer_points_base[:n][ok])
     wedge = 0.5 * depth * _wedge(maps, maps.outer_points_base[:n][ok]) ** 2
     parts = (detection.thickness_sigma_mm[ok], depth * patient, depth * place, wedge)
     squares = [float(np.mean(part**2)) for part in parts]

@@ -22,7 +22,7 @@ def _require_place(name: str, place: Point | None) -> None:
 
 
 @dataclass(frozen=True, slots=True)
-class DrawPattern:
+class GenerateScanPattern:
     """Make a scan path by rule on the measured surface: a raster or a spiral round a centre.
 
     It ends at the boundary (corners in base); without one, ``radius_mm`` from the centre, and
@@ -98,7 +98,7 @@ class DeletePathPoint:
 
 
 @dataclass(frozen=True, slots=True)
-class KeepPathSample:
+class PinPathSample:
     """Say that a sample of the demonstrated path (its number, from 0) must stay, or need not."""
 
     __pydantic_config__: ClassVar = STRICT
@@ -113,4 +113,4 @@ class ClearPathEdits:
     __pydantic_config__: ClassVar = STRICT
 
 
-PathChange = MovePathPoint | InsertPathPoint | DeletePathPoint | KeepPathSample | ClearPathEdits
+PathChange = MovePathPoint | InsertPathPoint | DeletePathPoint | PinPathSample | ClearPathEdits

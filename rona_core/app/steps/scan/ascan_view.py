@@ -21,7 +21,7 @@ from rona_core.geometry.pose import Poses
 from rona_core.robot.trajectory.trajectory import Trajectory
 from rona_core.session.document import ScanCapture, Session, SonoCapture
 from rona_core.ultrasound.acoustic_calibration.speed_calibration import uncalibrated
-from rona_core.ultrasound.acoustic_calibration.thickness_budget import speed_doubt
+from rona_core.ultrasound.acoustic_calibration.speed_uncertainty import speed_uncertainty
 from rona_core.ultrasound.detection.ascan_curves import preview
 from rona_core.ultrasound.detection.bscan_image import ScanImage, scan_image
 from rona_core.ultrasound.detection.detect import Detection, nominal_bone
@@ -179,7 +179,7 @@ def _judged(
     by_hand = bool(session.boundary_edits.marks(scan, len(found))[i])
     if fine:
         told = f"bone {found.thickness_mm[i]:.2f} ± {_thickness_sigma_mm(found, i):.2f} mm"
-        told += ", set by hand" if by_hand else f", {100 * found.inner_quality[i]:.0f} % sure"
+        told += ", set by hand" if by_hand else f", confidence {100 * found.inner_quality[i]:.0f} %"
     else:
         told = FLAGS[flag]
     other = None
@@ -219,7 +219,7 @@ def _thickness_sigma_mm(found: Detection, i: int) -> float:
 
     That is published, or asked for in words; how well it suits the place nobody knows.
     """
-    patient, place = speed_doubt(uncalibrated(), np.zeros((1, 3)))
+    patient, place = speed_uncertainty(uncalibrated(), np.zeros((1, 3)))
     by_speed = float(found.thickness_mm[i] * np.hypot(patient, place)[0])
     return float(np.hypot(found.thickness_sigma_mm[i], by_speed))
 

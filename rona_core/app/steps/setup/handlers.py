@@ -8,21 +8,21 @@ from rona_core.app.messages.outcomes import (
     StoreSkull,
 )
 from rona_core.app.messages.registry import (
+    AddObstacle,
     MoveTracker,
-    PutObstacle,
     RemoveObstacle,
     RenameSession,
-    SetBone,
+    SetBoneModel,
     SetContact,
     SetPointer,
     SetProbe,
-    SetReference,
     SetRegion,
     SetRobot,
     SetSeed,
-    SetSurroundings,
     SetToolVisible,
     SetTracker,
+    SetUseBaseMarker,
+    SetWorkcell,
     UseSimulatedSkull,
 )
 from rona_core.devices.settings import (
@@ -65,7 +65,7 @@ def _(message: UseSimulatedSkull, session: Session) -> Session:
 
 
 @handle.register
-def _(message: SetBone, session: Session) -> Session:
+def _(message: SetBoneModel, session: Session) -> Session:
     bone = BoneChoice(message.kind, message.own_speed)
     return replace(session, setup=replace(session.setup, bone=bone))
 
@@ -99,7 +99,7 @@ def _(message: MoveTracker, session: Session) -> Session:
 
 
 @handle.register
-def _(message: SetReference, session: Session) -> Session:
+def _(message: SetUseBaseMarker, session: Session) -> Session:
     setup = replace(session.setup, use_base_marker=message.use_base_marker)
     return replace(session, setup=setup)
 
@@ -139,12 +139,12 @@ def _among(session: Session, surroundings: Surroundings) -> Session:
 
 
 @handle.register
-def _(message: SetSurroundings, session: Session) -> Session:
+def _(message: SetWorkcell, session: Session) -> Session:
     return _among(session, replace(session.setup.surroundings, **message.chosen()))
 
 
 @handle.register
-def _(message: PutObstacle, session: Session) -> Session:
+def _(message: AddObstacle, session: Session) -> Session:
     old = None if message.instead_of is None else message.instead_of.strip()
     return _among(session, session.setup.surroundings.put(message.box(), old))
 

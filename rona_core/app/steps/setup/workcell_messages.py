@@ -14,7 +14,7 @@ STANDARD = Surroundings()
 
 
 @dataclass(frozen=True, slots=True)
-class SetSurroundings:
+class SetWorkcell:
     """Say where table and floor are and how far the robot keeps from what; boxes stay as they are.
 
     Table and head are told from the place of work, where the scanned region is put up. A plan that
@@ -41,7 +41,7 @@ class SetSurroundings:
 
 
 @dataclass(frozen=True, slots=True)
-class PutObstacle:
+class AddObstacle:
     """Add a box that the robot keeps away from, or change the one of this name.
 
     ``center_mm`` is its middle in the room, ``size_mm`` along its own x, y and z, ``turn_deg``

@@ -1,7 +1,7 @@
 """Refine a roll between the bins of the grid: Gauss-Newton that never leaves what is allowed.
 
 The joint angles depend on the roll at the same path point alone, and the cost couples neighbours
-only, so that each step solves a tridiagonal system. See docs/algorithms/variable_roll.md.
+only, so that each step solves a tridiagonal system. See docs/algorithms/robot/variable_roll.md.
 """
 
 from dataclasses import dataclass

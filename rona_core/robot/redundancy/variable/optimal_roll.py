@@ -1,7 +1,7 @@
 """A roll that varies along the path: the cheapest one on a grid of rolls, over all branches.
 
 Dynamic programming finds the optimum of the stated objective among all sequences of rolls of the
-working set that keep every rule. See docs/algorithms/variable_roll.md.
+working set that keep every rule. See docs/algorithms/robot/variable_roll.md.
 """
 
 from dataclasses import dataclass

@@ -1,4 +1,4 @@
-"""Take away what held the head while it was scanned: frame, pins, table.
+"""Removal of the head holder from a scan: frame, pins, table.
 
 The skull is what surrounds the largest cavity. Seen from the middle of that cavity its outer
 surface is smooth; what reaches far beyond it, and what hangs on that, is no skull.
@@ -13,6 +13,7 @@ from scipy.ndimage import binary_dilation, distance_transform_edt, label
 
 from rona_core.errors import InvalidInputError
 from rona_core.geometry.arrays import Bools, Floats, Ints, Vector3
+from rona_core.geometry.robust import mad_sigma, reweighted_least_squares, tukey_weights
 from rona_core.virtual.specimen.imported.region_choice import GAP_MM
 from rona_core.virtual.specimen.imported.volume_reader import LEAST_BONE_MM3, BoneVolume, pooled
 
@@ -200,15 +201,13 @@ def _powers(ways: Floats) -> Floats:
 def _smooth_surface(ways: Floats, radius: Floats) -> Floats:
     """Return the factors (k,) of the surface over directions (n, 3), outliers left out."""
     design = _powers(ways)
-    weight = (radius < np.median(radius) + OUTLIER_MM).astype(np.float64)
-    factors = np.zeros(design.shape[1])
-    for _ in range(ROUNDS):
-        root = np.sqrt(weight)
-        factors = np.linalg.lstsq(design * root[:, None], radius * root)[0]
-        left = radius - design @ factors
-        scale = max(1.4826 * float(np.median(np.abs(left))), LEAST_MM)
-        weight = np.clip(1.0 - (left / (4.0 * scale)) ** 2, 0.0, 1.0) ** 2
-    return np.asarray(factors, dtype=np.float64)
+    return reweighted_least_squares(
+        design,
+        radius,
+        lambda residuals: tukey_weights(residuals, 4.0 * mad_sigma(residuals, floor=LEAST_MM)),
+        rounds=ROUNDS,
+        weights=(radius < np.median(radius) + OUTLIER_MM).astype(np.float64),
+    )
 
 
 def _held(solid: Bools, beyond: Floats, far: Bools) -> Bools:

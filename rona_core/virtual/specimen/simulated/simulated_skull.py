@@ -1,4 +1,4 @@
-"""The simulated skull as a specimen: the atlas behind the questions that every specimen answers."""
+"""Simulated skull as a specimen, answered by its atlas."""
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -142,12 +142,6 @@ class SimulatedSpecimen:
         """Return the outward unit normals (n, 3) at points on or near a boundary."""
         v = as_points(points_skull, name="points_skull") - self._center
         return self._atlas.normals(v, boundary_index(boundary))
-
-    def signed_distance(self, points_skull: ArrayLike) -> Floats:
-        """Return the distance (n,) to the outer surface, positive outside."""
-        v = as_points(points_skull, name="points_skull") - self._center
-        gaps = self._atlas.gap(v, np.zeros(len(v), dtype=np.int64))
-        return np.sign(gaps) * np.linalg.norm(v - self._atlas.closest(v, 0), axis=1)
 
     def mesh(self, boundary: Boundary = "outer", edge_mm: float = 3.0) -> Mesh:
         """Return triangles of a boundary for the eye."""

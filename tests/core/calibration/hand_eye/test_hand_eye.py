@@ -7,6 +7,7 @@ from scipy.spatial.transform import Rotation
 from rona_core.calibration.hand_eye.hand_eye import TOOL_MARKERS, solve_hand_eye
 from rona_core.calibration.hand_eye.initial_guess import first_guess
 from rona_core.calibration.hand_eye.residuals import (
+    RobotNoise,
     fit_covariances,
     jacobians,
     moved,
@@ -23,8 +24,8 @@ from rona_core.geometry.pose_covariance import (
     deviation_between,
     point_jacobians,
 )
-from rona_core.geometry.rigid_fit import fit_rigid
-from tests.helpers.strategies import random_pose, random_rotation, seeds
+from rona_core.geometry.rigid_fit import register_points
+from tests.helpers.strategies import angle_rad, random_pose, random_rotation, seeds
 
 few = settings(max_examples=10, deadline=None)
 SIGMA_MM = 0.35
@@ -56,7 +57,7 @@ def tracked(rng, poses, sigma_mm=SIGMA_MM, noise=STEREO):
     for T_tracker_toolmarker in poses:
         seen = T_tracker_toolmarker @ TOOL_MARKERS
         seen = seen + rng.normal(size=seen.shape) * noise.shape() * sigma_mm
-        fits.append(fit_rigid(TOOL_MARKERS, seen))
+        fits.append(register_points(TOOL_MARKERS, seen).T_b_a)
     return Poses.stack(fits)
 
 
@@ -254,7 +255,7 @@ def test_the_first_guess_is_near_the_answer():
         robot, marker, truth = scene(rng, 40)
         marker, _ = upset(rng, tracked(rng, marker), 0.2)
         T_base_tracker, T_toolmarker_tip = first_guess(robot, marker)
-        assert T_base_tracker.angle_to_rad(truth[0]) < np.deg2rad(5.0)
+        assert angle_rad(T_base_tracker, truth[0]) < np.deg2rad(5.0)
         assert np.linalg.norm(T_toolmarker_tip.translation - truth[1].translation) < 30.0
 
 
@@ -308,7 +309,7 @@ def test_poses_that_do_not_belong_together_are_refused():
     with pytest.raises(InvalidInputError, match="as many"):
         solve_hand_eye(robot, marker.select(slice(0, 3)))
     with pytest.raises(InvalidInputError, match="negative"):
-        solve_hand_eye(robot, marker, robot_sigma_mm=-1.0)
+        RobotNoise(position_mm=-1.0)
     line = np.outer(np.arange(3.0), (10.0, 0.0, 0.0))
     with pytest.raises(DegenerateGeometryError, match="one line"):
         solve_hand_eye(robot, marker, positions_toolmarker=line)

@@ -6,8 +6,9 @@ from scipy.optimize import least_squares
 from scipy.spatial.transform import Rotation
 from scipy.stats import chi2
 
-from rona_core.calibration.handheld.pointer import calibrate_pointer, calibrate_pointer_from_markers
-from rona_core.calibration.pivot.maximum_likelihood import fit_likely_tip
+from rona_core.calibration.handheld.pointer import calibrate_pointer
+from rona_core.calibration.pivot.maximum_likelihood import estimate_tip
+from rona_core.calibration.pivot.pivot_calibration import solve_pivot_from_markers
 from rona_core.calibration.tracking_error.marker_noise import EVEN, MarkerNoise
 from rona_core.calibration.tracking_error.poses_with_covariance import (
     tracked_from_markers,
@@ -25,7 +26,7 @@ dofs = st.sampled_from([6, 5])
 
 def fit(poses, dof, noise=DEPTH, **options):
     tracked = tracked_from_poses(poses, GEOMETRY[dof], noise, dof=dof)
-    return fit_likely_tip(tracked, dof=dof, keep=tracked.seen, **options)
+    return estimate_tip(tracked, dof=dof, keep=tracked.seen, **options)
 
 
 def calibrate(poses, dof=6, noise=DEPTH, **options):
@@ -82,7 +83,7 @@ def test_another_marker_frame_gives_the_same_tip_in_that_frame(seed):
     T_other_marker = T_marker_other.inv()
     one = fit(poses, 6)
     tracked = tracked_from_poses(poses @ T_marker_other, T_other_marker @ GEOMETRY[6], DEPTH, dof=6)
-    other = fit_likely_tip(tracked, dof=6, keep=tracked.seen)
+    other = estimate_tip(tracked, dof=6, keep=tracked.seen)
     np.testing.assert_allclose(other.tip_marker, T_other_marker @ one.tip_marker, atol=1e-6)
     np.testing.assert_allclose(other.pivot_tracker, one.pivot_tracker, atol=1e-6)
     turn = T_other_marker.rotation
@@ -105,10 +106,10 @@ def test_the_order_of_the_poses_does_not_move_the_tip(seed, dof):
 def test_exact_markers_give_the_tip_exactly(seed, dof, cone):
     rng = np.random.default_rng(seed)
     markers, pivot = marker_sweep(rng, dof, n=30, cone_deg=cone, sigma_mm=0.0)
-    found = calibrate_pointer_from_markers(markers, GEOMETRY[dof], pointer="p", dof=dof)
-    np.testing.assert_allclose(found.tip_pointermarker, TIPS[dof], atol=1e-8)
+    found = solve_pivot_from_markers(markers, GEOMETRY[dof], dof=dof, at_least=10)
+    np.testing.assert_allclose(found.tip_marker, TIPS[dof], atol=1e-8)
     np.testing.assert_allclose(found.pivot_tracker, pivot, atol=1e-8)
-    assert found.n_used == 30
+    assert found.used.sum() == 30
 
 
 # -- oracles ---------------------------------------------------------------------------------------
@@ -136,7 +137,7 @@ def all_at_once(tracked, start_tip, start_pivot, dof):
 def test_eliminating_the_poses_gives_the_optimum_over_all_parameters():
     poses = pose_sweep(np.random.default_rng(4), 6, DEPTH, n=12)
     tracked = tracked_from_poses(poses, GEOMETRY[6], DEPTH, dof=6)
-    found = fit_likely_tip(tracked, dof=6, keep=tracked.seen, cutoff=np.inf)
+    found = estimate_tip(tracked, dof=6, keep=tracked.seen, cutoff=np.inf)
     x = all_at_once(tracked, TIPS[6], found.pivot_tracker + 1.0, 6)
     np.testing.assert_allclose(found.tip_marker, x[:3], atol=2e-5)
     np.testing.assert_allclose(found.pivot_tracker, x[3:6], atol=2e-5)
@@ -148,8 +149,8 @@ def test_poses_tell_what_their_markers_tell():
     raw = tracked_from_markers(markers, GEOMETRY[6], EVEN, dof=6)
     from_poses = tracked_from_poses(raw.Ts_tracker_marker, GEOMETRY[6], EVEN, dof=6)
     np.testing.assert_allclose(raw.covariances, from_poses.covariances, rtol=0.02, atol=1e-8)
-    one = fit_likely_tip(raw, dof=6, keep=raw.seen)
-    other = fit_likely_tip(from_poses, dof=6, keep=raw.seen)
+    one = estimate_tip(raw, dof=6, keep=raw.seen)
+    other = estimate_tip(from_poses, dof=6, keep=raw.seen)
     np.testing.assert_allclose(one.tip_marker, other.tip_marker, atol=0.01)
 
 
@@ -290,12 +291,12 @@ def test_frames_with_too_few_markers_are_left_out():
     markers, _ = marker_sweep(rng, 6, n=80)
     seen = rng.random((80, 4)) > 0.15
     hidden = np.where(seen[:, :, None], markers, np.nan)
-    found = calibrate_pointer_from_markers(hidden, GEOMETRY[6], pointer="p", dof=6, seen=seen)
+    found = solve_pivot_from_markers(hidden, GEOMETRY[6], dof=6, at_least=10, seen=seen)
     few_seen = np.flatnonzero(seen.sum(axis=1) < 3)
     assert len(few_seen) > 3
     assert [r.index for r in found.rejected if "too few" in r.reason] == list(few_seen)
-    assert np.linalg.norm(found.tip_pointermarker - TIPS[6]) < 4.0 * found.tip_sigma_mm
-    whole = calibrate_pointer_from_markers(markers, GEOMETRY[6], pointer="p", dof=6)
+    assert np.linalg.norm(found.tip_marker - TIPS[6]) < 4.0 * found.tip_sigma_mm
+    whole = solve_pivot_from_markers(markers, GEOMETRY[6], dof=6, at_least=10)
     assert whole.tip_sigma_mm < found.tip_sigma_mm
 
 
@@ -309,7 +310,7 @@ def test_what_cannot_be_solved_is_refused_by_name():
     with pytest.raises(InvalidInputError, match="z axis"):
         calibrate_pointer(lines, pointer="p", dof=5, positions_pointermarker=line[:, ::-1])
     with pytest.raises(InvalidInputError, match=r"\(n, 4, 3\)"):
-        calibrate_pointer_from_markers(np.zeros((20, 3, 3)), GEOMETRY[6], pointer="p", dof=6)
+        solve_pivot_from_markers(np.zeros((20, 3, 3)), GEOMETRY[6], dof=6, at_least=10)
     half = np.arange(100) % 2 == 0
     shift = np.where(half[:, None], (0.0, 0.0, 0.0), (30.0, 0.0, 0.0))
     with pytest.raises(DegenerateGeometryError, match="slipped"):

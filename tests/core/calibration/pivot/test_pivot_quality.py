@@ -6,12 +6,13 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from rona_core.calibration.handheld.pointer import calibrate_pointer, calibrate_pointer_from_markers
+from rona_core.calibration.handheld.pointer import calibrate_pointer
+from rona_core.calibration.pivot.pivot_calibration import solve_pivot_from_markers
 from rona_core.calibration.pivot.quality import (
     PivotFacts,
+    correlated_poses,
     judge_pivot,
     longest_run,
-    poses_alike,
     predicted_by_cone,
 )
 from rona_core.calibration.tracking_error.marker_noise import EVEN, MarkerNoise
@@ -127,13 +128,13 @@ def test_a_wrong_geometry_is_named_from_raw_markers():
     markers, _ = marker_sweep(np.random.default_rng(6), 6)
     wrong = GEOMETRY[6].copy()
     wrong[2] += (0.8, 0.8, 0.0)
-    found = calibrate_pointer_from_markers(markers, wrong, pointer="p", dof=6)
+    found = solve_pivot_from_markers(markers, wrong, dof=6, at_least=10)
     assert found.verdict == "bad"
     assert "marker C is not where the geometry has it" in " | ".join(found.reasons)
     wrong[2] += (40.0, 0.0, 0.0)
     with pytest.raises(DegenerateGeometryError, match="marker C is not where"):
-        calibrate_pointer_from_markers(markers, wrong, pointer="p", dof=6)
-    right = calibrate_pointer_from_markers(markers, GEOMETRY[6], pointer="p", dof=6)
+        solve_pivot_from_markers(markers, wrong, dof=6, at_least=10)
+    right = solve_pivot_from_markers(markers, GEOMETRY[6], dof=6, at_least=10)
     assert right.verdict == "good"
 
 
@@ -152,11 +153,11 @@ def test_a_slow_error_counts_as_fewer_poses():
     slow = np.zeros((4000, 3))
     for i in range(1, 4000):
         slow[i] = 0.9 * slow[i - 1] + white[i]
-    assert poses_alike(white) == 1.0
-    assert 10.0 < poses_alike(slow) < 30.0  # (1 + 0.9) / (1 - 0.9) = 19
-    assert poses_alike(np.zeros((50, 3))) == 1.0
+    assert correlated_poses(white) == 1.0
+    assert 10.0 < correlated_poses(slow) < 30.0  # (1 + 0.9) / (1 - 0.9) = 19
+    assert correlated_poses(np.zeros((50, 3))) == 1.0
     drift = np.linspace(-1.0, 1.0, 60)[:, None] * np.ones(3)
-    assert poses_alike(drift) == 10.0
+    assert correlated_poses(drift) == 10.0
     # the same on real sweeps: a slow tremor of the tip, as large as the noise
     poses = pose_sweep(np.random.default_rng(1), 5, DEPTH, n=200)
     tremor = np.cumsum(rng.normal(0.0, 0.15, (200, 3)), axis=0)

@@ -15,7 +15,7 @@ import numpy as np
 import pytest
 import trimesh
 
-from rona_core.devices.files.ndi_rom import rom_bytes, rom_from_bytes, tool_file_of
+from rona_core.devices.files.ndi_rom import rom_from_bytes
 from rona_core.devices.files.poses.igs_mha import read_igs_mha
 from rona_core.devices.files.poses.pivot_recordings import read_pivot
 from rona_core.devices.files.rf.rf_data import read_rf
@@ -26,6 +26,7 @@ from rona_core.session.files import session_from_bytes
 from rona_core.virtual.specimen.imported.mesh_reader import read_mesh
 from rona_core.virtual.specimen.imported.volume_reader import read_volume
 from tests.core.devices.files.test_rf_data import hdf5, mat, npz
+from tests.helpers.rom_files import rom_bytes, tool_file_of
 
 MANY = int(os.environ.get("RONA_FUZZ", "1"))  # times as many mutations
 OLD = Path(__file__).resolve().parents[3] / "contract" / "sessions" / "schema_2.rona"

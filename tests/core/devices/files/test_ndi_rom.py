@@ -11,14 +11,11 @@ from rona_core.devices.files.ndi_rom import (
     SIZE,
     ToolFile,
     checksum,
-    read_rom,
-    rom_bytes,
     rom_from_bytes,
-    tool_file_of,
-    write_rom,
 )
 from rona_core.devices.marker_geometry import GEOMETRIES
-from rona_core.errors import InvalidInputError, NotFoundError
+from rona_core.errors import InvalidInputError
+from tests.helpers.rom_files import rom_bytes, tool_file_of
 
 seeds = st.integers(0, 2**32 - 1)
 BODY = tool_file_of(GEOMETRIES["toolmarker"])
@@ -64,9 +61,9 @@ def test_what_is_written_is_read_back(seed):
 
 
 @pytest.mark.parametrize("name", GEOMETRIES)
-def test_the_tools_survive_as_files(tmp_path, name):
+def test_the_tools_survive_as_files(name):
     geometry = GEOMETRIES[name]
-    back = read_rom(write_rom(tool_file_of(geometry), tmp_path / f"{name}.rom")).geometry(name)
+    back = rom_from_bytes(rom_bytes(tool_file_of(geometry))).geometry(name)
     assert (back.tool, back.dof) == (geometry.tool, geometry.dof)
     np.testing.assert_array_equal(back.positions_marker, geometry.positions_marker)
     np.testing.assert_allclose(back.facing_marker, geometry.facing_marker, atol=1e-6)
@@ -133,26 +130,3 @@ def test_every_flipped_bit_is_noticed():
             continue  # between the name and the checksum, a byte without meaning
         with pytest.raises(InvalidInputError):
             rom_from_bytes(bytes(spoiled))
-
-
-def test_a_missing_file_is_named(tmp_path):
-    with pytest.raises(NotFoundError, match=r"gone\.rom"):
-        read_rom(tmp_path / "gone.rom")
-
-
-@pytest.mark.parametrize(
-    ("change", "words"),
-    [
-        ({"positions_marker": np.zeros((2, 3))}, "3 to 20 markers, not 2"),
-        ({"min_markers": 5}, "min_markers"),
-        ({"min_markers": 2}, "min_markers"),
-        ({"max_angle_deg": 200}, "max_angle_deg"),
-        ({"maker": "a name that is too long"}, "at most 12"),
-        ({"part": "Ü"}, "plain"),
-        ({"positions_marker": np.zeros((4, 3))}, "one place"),
-    ],
-)
-def test_what_a_file_cannot_hold_is_refused(change, words):
-    parts = {name: getattr(BODY, name) for name in ToolFile.__slots__}
-    with pytest.raises(InvalidInputError, match=words):
-        rom_bytes(ToolFile(**{**parts, **change}))

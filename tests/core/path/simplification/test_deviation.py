@@ -10,9 +10,9 @@ from rona_core.path.simplification.deviation import deviation, deviations
 from rona_core.path.simplification.segment_distance import (
     distances_to_segment,
     feet_on_segment,
-    piece_cost,
     strip_areas,
 )
+from tests.helpers.paths import piece_cost
 from tests.helpers.strategies import random_pose, seeds
 
 few = settings(max_examples=25, deadline=None)

@@ -5,7 +5,6 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from benchmarks.patch_scenes import dense_path
 from rona_core.devices.settings import ContactSettings
 from rona_core.errors import NotReachableError
 from rona_core.geometry.pose import Pose
@@ -20,6 +19,7 @@ from rona_core.robot.force_control.correction_corridor import (
 from rona_core.robot.kinematics.catalog import robot_model
 from rona_core.robot.kinematics.joint_limits import JointLimits
 from rona_core.robot.planning.plan_scan import plan_scan
+from tests.scenes.patch_scenes import dense_path
 
 RX90 = robot_model("rx90")
 SETTINGS = ContactSettings()

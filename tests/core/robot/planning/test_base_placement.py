@@ -7,7 +7,6 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from benchmarks.patch_scenes import dense_path
 from rona_core.devices.settings import RobotSettings
 from rona_core.errors import CancelledError, InvalidInputError
 from rona_core.geometry.path5d import Path5D
@@ -27,6 +26,7 @@ from rona_core.robot.redundancy.margins import RoomRules
 from rona_core.robot.trajectory.resample import dense
 from rona_core.session.codec import decode, digest, encode
 from rona_core.virtual.scene import base_displacement
+from tests.scenes.patch_scenes import dense_path
 
 RX90 = robot_model("rx90")
 SMALL = BaseSearch(half_x_mm=200.0, half_y_mm=200.0, n_points=30, n_rolls=24)

@@ -5,7 +5,6 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from benchmarks.patch_scenes import dense_path, serpentine
 from rona_core.app.procedure import why_no_plan
 from rona_core.errors import (
     CancelledError,
@@ -25,6 +24,7 @@ from rona_core.robot.trajectory.resample import dense
 from rona_core.robot.trajectory.scan_timing import ScanSettings
 from rona_core.robot.trajectory.trajectory import Trajectory
 from rona_core.robot.verification.verifier import verify_motion, verify_scan
+from tests.scenes.patch_scenes import dense_path, serpentine
 
 RX90 = robot_model("rx90")
 SPEED = 20.0

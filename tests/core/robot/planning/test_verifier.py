@@ -5,7 +5,6 @@ from dataclasses import dataclass, replace
 import numpy as np
 import pytest
 
-from benchmarks.patch_scenes import dense_path
 from rona_core.errors import NotReachableError
 from rona_core.geometry.pose import Pose
 from rona_core.robot.collision.obstacles import NOTHING_AROUND, Capsule, Obstacle, Obstacles
@@ -15,6 +14,7 @@ from rona_core.robot.planning.calibration_motion import plan_tool_motion
 from rona_core.robot.planning.plan_scan import PlanSettings, plan_scan
 from rona_core.robot.trajectory.joint_moves import joint_move, plan_joint_move
 from rona_core.robot.verification.verifier import Tolerances, verify_motion, verify_scan
+from tests.scenes.patch_scenes import dense_path
 
 RX90 = robot_model("rx90")
 SPEED = 20.0

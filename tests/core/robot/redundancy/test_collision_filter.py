@@ -3,7 +3,6 @@
 import numpy as np
 import pytest
 
-from benchmarks.patch_scenes import scene_model, scene_path
 from rona_core.geometry.path5d import Path5D
 from rona_core.geometry.pose import Poses
 from rona_core.robot.collision.collision_world import CollisionWorld
@@ -12,6 +11,7 @@ from rona_core.robot.redundancy.choice import joint_path, working_set_deg
 from rona_core.robot.redundancy.collision_filter import clear_of
 from rona_core.robot.redundancy.evaluate_rolls import judge_rolls
 from rona_core.robot.redundancy.margins import RoomRules
+from tests.scenes.patch_scenes import scene_model, scene_path
 
 
 class Wall:

@@ -6,7 +6,6 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from benchmarks.patch_scenes import SCENES, dense_path
 from rona_core.errors import CancelledError, InvalidInputError
 from rona_core.geometry.path5d import Path5D
 from rona_core.robot.kinematics.catalog import robot_model
@@ -15,6 +14,7 @@ from rona_core.robot.kinematics.spherical_wrist import BRANCHES
 from rona_core.robot.redundancy.choice import joint_path, search_rolls, working_set_deg
 from rona_core.robot.redundancy.constant_roll import best_branch
 from rona_core.robot.redundancy.margins import RoomRules
+from tests.scenes.patch_scenes import SCENES, dense_path
 
 RX90 = robot_model("rx90")
 RULES = RoomRules()

@@ -6,7 +6,6 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from benchmarks.patch_scenes import SCENES, dense_path, scene_model, scene_path
 from benchmarks.reference.cheapest_constant_roll import cheapest_constant
 from rona_core.errors import CancelledError, InvalidInputError
 from rona_core.geometry.path5d import Path5D
@@ -26,6 +25,7 @@ from rona_core.robot.redundancy.variable.gauss_newton import refine_roll
 from rona_core.robot.redundancy.variable.infeasibility import curve_room, varying_verdict
 from rona_core.robot.redundancy.variable.optimal_roll import NoWay, optimal_roll
 from rona_core.robot.redundancy.variable.plan_variable_roll import vary_roll
+from tests.scenes.patch_scenes import SCENES, dense_path, scene_model, scene_path
 
 RX90 = scene_model()
 RULES, COST = RoomRules(), RollCost()

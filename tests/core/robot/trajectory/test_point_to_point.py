@@ -5,7 +5,6 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from benchmarks.patch_scenes import dense_path
 from rona_core.errors import NotReachableError
 from rona_core.geometry.path5d import Path5D
 from rona_core.geometry.pose import Pose
@@ -20,6 +19,7 @@ from rona_core.robot.trajectory.point_to_point import LIFTS_MM, find_way, raised
 from rona_core.robot.trajectory.rrt_connect import search, shortened
 from rona_core.robot.trajectory.scan_timing import ScanSettings, time_path
 from rona_core.robot.verification.verifier import verify_motion, verify_scan
+from tests.scenes.patch_scenes import dense_path
 
 RX90 = robot_model("rx90")
 LEFT, RIGHT = np.deg2rad((-60.0, 40, 70, 0, 60, 0)), np.deg2rad((60.0, 40, 70, 0, 60, 0))

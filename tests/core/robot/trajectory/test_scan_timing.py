@@ -7,7 +7,6 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from benchmarks.patch_scenes import dense_path
 from benchmarks.reference.trajectory_figures import timing_figures
 from rona_core.errors import InvalidInputError
 from rona_core.geometry.path5d import Path5D
@@ -19,6 +18,7 @@ from rona_core.robot.trajectory.scan_timing import ScanSettings, time_path
 from rona_core.robot.trajectory.time_parameterization import SpeedLimits, time_along
 from rona_core.robot.trajectory.trajectory import Trajectory
 from rona_core.robot.verification.verifier import verify_scan
+from tests.scenes.patch_scenes import dense_path
 
 RX90 = robot_model("rx90")
 WIDE = (np.full(6, 10.0), np.full(6, 100.0))

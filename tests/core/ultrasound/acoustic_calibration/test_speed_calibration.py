@@ -5,6 +5,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from benchmarks.reference.thickness_budget import thickness_budget
 from rona_core.errors import InvalidInputError
 from rona_core.ultrasound.acoustic_calibration.speed_calibration import (
     PUBLISHED,
@@ -13,7 +14,6 @@ from rona_core.ultrasound.acoustic_calibration.speed_calibration import (
     speed_at,
     uncalibrated,
 )
-from rona_core.ultrasound.acoustic_calibration.thickness_budget import thickness_budget
 
 NOMINAL = PUBLISHED.mean_mm_per_us
 

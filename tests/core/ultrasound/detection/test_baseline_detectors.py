@@ -3,7 +3,6 @@
 import numpy as np
 import pytest
 
-from benchmarks.bone_scenes import plate
 from rona_core.devices.samples import AScanTrack
 from rona_core.devices.settings import ProbeSettings
 from rona_core.geometry.pose import Pose
@@ -14,6 +13,7 @@ from rona_core.ultrasound.probe.survey import ProbeSurvey
 from rona_core.virtual.acoustics.medium import Medium
 from rona_core.virtual.acoustics.probe import VirtualProbe
 from tests.helpers.ultrasound_scenes import Plates, StillClock
+from tests.scenes.bone_scenes import plate
 
 CASES = [(name, kind) for name in ("2.25MHz", "1MHz") for kind in ("pulse", "chirp")]
 EVERY = pytest.mark.parametrize(("name", "excitation"), CASES)

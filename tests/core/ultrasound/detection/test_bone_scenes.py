@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from benchmarks import bone_scenes
-from benchmarks.bone_shapes import Dome, grid_places, leans_rad
 from rona_core.ultrasound.probe.probe_model import probe_model
+from tests.scenes import bone_scenes
+from tests.scenes.bone_shapes import Dome, grid_places, leans_rad
 
 
 def test_a_dome_is_a_sphere_met_along_its_axis():

@@ -7,15 +7,15 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from benchmarks import bone_scenes
-from benchmarks.bone_record import record
-from benchmarks.bone_shapes import Dome
 from rona_core.devices.settings import ProbeSettings
 from rona_core.ultrasound.detection.detect import detect
 from rona_core.ultrasound.probe.excitation import PULSES, Pulse
 from rona_core.ultrasound.probe.materials import DIPLOE, TABLE, Material
 from rona_core.ultrasound.probe.survey import ProbeSurvey
 from rona_core.virtual.acoustics.medium import MEDIA, Medium
+from tests.scenes import bone_scenes
+from tests.scenes.bone_record import record
+from tests.scenes.bone_shapes import Dome
 
 WRONG_MM = 1.0
 SEED = 900_000  # neither tuned with nor judged by

@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from benchmarks import disc_oracle
-from benchmarks.disc_oracle import curved, ideal_probe, leaning
 from rona_core.ultrasound.probe.beam import probe_beam
+from tests.oracles import disc_oracle
+from tests.oracles.disc_oracle import curved, ideal_probe, leaning
 
 PROBE_NAMES = ("2.25MHz", "1MHz")
 

@@ -5,7 +5,6 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from benchmarks.recorded_cases import CASES, PLATE, Case, record, varied
 from rona_core.devices.files.rf.rf_data import RecordedRf
 from rona_core.errors import CancelledError, DegenerateGeometryError, InvalidInputError
 from rona_core.ultrasound.recorded.artefacts import find_clipped, restore_clipped
@@ -14,6 +13,7 @@ from rona_core.ultrasound.recorded.plate_detector import (
     NO_FRONT,
     detect_recorded,
 )
+from tests.scenes.tank_recordings import CASES, PLATE, Case, record, varied
 
 SMALL = varied(PLATE, scans=16, floor_gap_mm=12.0, wedge_mm=1.0)
 

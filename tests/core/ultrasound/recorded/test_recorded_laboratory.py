@@ -5,8 +5,6 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from benchmarks.laboratory import Bench, Hit, Matter, laboratory
-from benchmarks.laboratory_families import FAMILIES, draw
 from rona_core.ultrasound.recorded.artefacts import (
     find_spikes,
     remove_narrow_band_interference,
@@ -19,6 +17,8 @@ from rona_core.ultrasound.recorded.probe_reverberations import (
     FrontArrivals,
     suppress_reverberations,
 )
+from tests.scenes.laboratory.families import FAMILIES, draw
+from tests.scenes.laboratory.laboratory import Bench, Hit, Matter, laboratory
 
 ACRYLIC = Matter(2.73, 3.22, 1.3, 1.1)
 STEEL = Matter(5.9, 46.0, 0.05, 2.0)

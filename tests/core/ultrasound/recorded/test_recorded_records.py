@@ -7,10 +7,10 @@ import numpy as np
 import pytest
 from scipy.io import loadmat
 
-from benchmarks.recorded_cases import Case, record, varied
 from rona_core.devices.files.rf.rf_data import rf_from_arrays
 from rona_core.ultrasound.recorded.artefacts import find_clipped
 from rona_core.ultrasound.recorded.plate_detector import detect_recorded
+from tests.scenes.tank_recordings import Case, record, varied
 
 SHARED = Path(os.environ.get("RONA_SHARED", Path(__file__).resolve().parents[4].parent / "shared"))
 RECORDS = SHARED / "data" / "rf"

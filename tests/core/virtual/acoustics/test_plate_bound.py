@@ -3,12 +3,12 @@
 import numpy as np
 import pytest
 
-from benchmarks.bone_scenes import plate
 from benchmarks.reference.echo_time_bounds import inner_bound
 from rona_core.ultrasound.detection.detect import detect
 from rona_core.ultrasound.detection.single.matched_filter import block_template
 from rona_core.ultrasound.probe.probe_model import PROBES
 from rona_core.ultrasound.probe.survey import ProbeSurvey
+from tests.scenes.bone_scenes import plate
 
 WRONG_MM = 1.0
 

@@ -5,7 +5,7 @@ import pytest
 
 from rona_core.app.dependencies.staleness import capture_setup_digest
 from rona_core.app.handlers import handle
-from rona_core.app.messages.commands import SetBone
+from rona_core.app.messages.commands import SetBoneModel
 from rona_core.compose import build_virtual_rig
 from rona_core.errors import InvalidInputError
 from rona_core.session.document import Session, Setup
@@ -59,20 +59,20 @@ def test_an_unknown_kind_of_bone_is_refused():
 def test_the_choice_reaches_the_virtual_probe_and_makes_its_scan_another():
     heard = {}
     for kind in ("normal", "hard"):
-        session = handle(SetBone(kind, own_speed=False), Session(name="bone"))
+        session = handle(SetBoneModel(kind, own_speed=False), Session(name="bone"))
         assert session.setup.bone == BoneChoice(kind, own_speed=False)
         rig = build_virtual_rig(session.setup)
         heard[kind] = rig.probe.medium
         rig.close()
     assert heard == {kind: MEDIA[kind] for kind in heard}
     digests = {
-        capture_setup_digest(kind, handle(SetBone(bone), Session(name="bone")))
+        capture_setup_digest(kind, handle(SetBoneModel(bone), Session(name="bone")))
         for kind in ("scan",)
         for bone in ("normal", "hard")
     }
     assert len(digests) == 2
     touched = [
-        capture_setup_digest("surface", handle(SetBone(bone), Session(name="bone")))
+        capture_setup_digest("surface", handle(SetBoneModel(bone), Session(name="bone")))
         for bone in ("normal", "hard")
     ]
     assert touched[0] == touched[1]  # a pointer does not hear the bone

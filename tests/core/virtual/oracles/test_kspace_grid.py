@@ -3,11 +3,11 @@
 import numpy as np
 import pytest
 
-from benchmarks import kwave_cases
-from benchmarks.kspace_grid import BEHIND_MM, on_grid, record, rendered
-from benchmarks.kwave_cases import stored_strip
-from benchmarks.kwave_cells import LAYERS, WATER
 from rona_core.virtual.acoustics.layered_reflection import step
+from tests.oracles import kwave_cases
+from tests.oracles.kspace_grid import BEHIND_MM, on_grid, record, rendered
+from tests.oracles.kwave_cases import stored_strip
+from tests.oracles.kwave_cells import LAYERS, WATER
 
 HALF = (WATER, LAYERS[1])
 

@@ -3,15 +3,17 @@
 import numpy as np
 import pytest
 
-from benchmarks import kwave_cases
-from benchmarks.kwave_cases import (
+from rona_core.errors import InvalidInputError
+from rona_core.virtual.acoustics.layered_reflection import stack_reflection
+from tests.oracles import kwave_cases
+from tests.oracles.kwave_cases import (
     STRIPS,
     bone_echo,
     mirror_level_db,
     plane_wave,
     strip,
 )
-from benchmarks.kwave_cells import (
+from tests.oracles.kwave_cells import (
     LAYERS,
     THICKNESSES_MM,
     WATER,
@@ -19,8 +21,6 @@ from benchmarks.kwave_cells import (
     layers_in_cells,
     mixed,
 )
-from rona_core.errors import InvalidInputError
-from rona_core.virtual.acoustics.layered_reflection import stack_reflection
 
 EXACT = pytest.mark.parametrize("exact", [False, True])
 EDGES_MM = 10.0 + np.concatenate(([0.0], np.cumsum(THICKNESSES_MM)))

@@ -6,7 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from rona_core.errors import InvalidInputError
-from rona_core.virtual.robot.contact_dynamics import ContactSpring, LaggingAxis, in_series
+from rona_core.virtual.robot.contact_dynamics import ContactSpring, LaggingAxis
 
 
 @settings(max_examples=20, deadline=None)
@@ -78,10 +78,6 @@ def test_the_filter_delays_by_one_over_two_pi_its_frequency():
     assert late_s == pytest.approx(1.0 / (2.0 * np.pi * 30.0), abs=0.001)
 
 
-def test_springs_in_series_are_softer_than_the_softest():
-    assert in_series(2.0, 2.0) == pytest.approx(1.0)
-    assert in_series(2.0, 150.0) < 2.0
-    with pytest.raises(InvalidInputError):
-        in_series(2.0, 0.0)
+def test_a_spring_without_stiffness_is_refused():
     with pytest.raises(InvalidInputError):
         ContactSpring(0.0)

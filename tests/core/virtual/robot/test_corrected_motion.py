@@ -3,7 +3,6 @@
 import numpy as np
 import pytest
 
-from benchmarks.patch_scenes import dense_path
 from rona_core.devices.settings import ContactSettings, RobotSettings
 from rona_core.devices.wrench import JR3
 from rona_core.errors import DeviceError, InvalidInputError
@@ -14,6 +13,7 @@ from rona_core.robot.planning.plan_scan import plan_scan
 from rona_core.virtual.clock import CaptureClock
 from rona_core.virtual.robot.force_sensor import NOISE_N, VirtualForceSensor
 from rona_core.virtual.robot.robot import VirtualRobot
+from tests.scenes.patch_scenes import dense_path
 
 RX90 = robot_model("rx90")
 CONTACT = ContactSettings()

@@ -14,6 +14,7 @@ from rona_core.robot.kinematics.catalog import robot_model
 from rona_core.robot.trajectory.joint_moves import plan_joint_move
 from rona_core.virtual.robot.accuracy_error import WORKSPACE_CENTER, WORKSPACE_SIZE, RobotError
 from rona_core.virtual.robot.robot import VirtualRobot
+from tests.helpers.strategies import angle_rad
 
 RX90 = robot_model("rx90")
 GOAL = RX90.home_rad + np.deg2rad((20, 10, -15, 30, 5, -40))
@@ -166,7 +167,7 @@ def test_repeatability_and_tilt_have_their_size():
     shifts = np.array([pose.translation - nominal.translation - systematic for pose in poses])
     assert np.sqrt((shifts**2).sum(axis=1).mean()) == pytest.approx(0.03, rel=0.05)
     assert np.abs(shifts.mean(axis=0)).max() < 0.002
-    tilts = np.array([pose.angle_to_rad(nominal) for pose in poses])
+    tilts = np.array([angle_rad(pose, nominal) for pose in poses])
     assert np.rad2deg(np.sqrt((tilts**2).mean())) == pytest.approx(0.02, rel=0.05)
 
 

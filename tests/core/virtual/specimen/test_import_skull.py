@@ -19,6 +19,7 @@ from rona_core.virtual.specimen.imported.distance_grid import grid_about
 from rona_core.virtual.specimen.imported.imported_skull import LoadedSpecimen
 from rona_core.virtual.specimen.imported.surface_nets import surface_nets
 from rona_core.virtual.specimen.imported.volume_reader import BoneVolume
+from tests.helpers.sphere_world import signed_distance
 
 OUTER_MM, INNER_MM = 72.0, 66.0
 MIDDLE = np.array((10.0, -20.0, 30.0))
@@ -117,7 +118,7 @@ def test_concentric_spheres_have_their_radii_and_normals(folder, name, inner, th
         assert along.min() > 0.95  # outward on both
         off = np.linalg.norm(np.cross(q - foot, specimen.normal(foot, boundary)), axis=1)
         assert off.max() < 0.02
-    signed = specimen.signed_distance(np.concatenate((o, q)))
+    signed = signed_distance(specimen, np.concatenate((o, q)))
     expected = np.linalg.norm(np.concatenate((o, q)) - MIDDLE, axis=1) - OUTER_MM
     assert np.abs(signed - expected).max() < tolerance
     assert len(skull.sha256) == (1 if inner is None else 2)

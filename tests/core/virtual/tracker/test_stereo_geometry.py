@@ -1,19 +1,44 @@
 """Two cameras: the closed form against triangulation, and exact figures over each volume."""
 
+from dataclasses import dataclass
+
 import numpy as np
 import pytest
 
 from rona_core.devices.settings import TrackerSettings
 from rona_core.devices.tracker_volumes import PYRAMID, SILO, VOLUMES
 from rona_core.virtual.tracker.marker_error import SPECS, marker_error, sample_volume
-from rona_core.virtual.tracker.stereo_geometry import (
-    StereoPair,
-    moments_of,
-    stereo_pair,
-    volume_grid,
-)
+from rona_core.virtual.tracker.stereo_geometry import moments_of, volume_grid
 
 STEREO = ("polaris", "spectra", "vega")
+
+
+@dataclass(frozen=True, slots=True)
+class StereoPair:
+    """Two parallel cameras, at -b/2 and b/2 along x."""
+
+    baseline_mm: float
+    pixel_over_focal: float  # s / f, the error of a direction in radians
+
+    def sigmas_mm(self, depths_mm):
+        """Return the standard deviations (n, 3) along x, y and z at depths (n,)."""
+        lateral = depths_mm * self.pixel_over_focal / np.sqrt(2.0)
+        depth = np.sqrt(2.0) * depths_mm**2 * self.pixel_over_focal / self.baseline_mm
+        return np.stack((lateral, lateral, depth), axis=1)
+
+
+def stereo_pair(volume, depth_ratio, rms_mm):
+    """Return the cameras with a 3D RMS error and a ratio of depth to lateral over a volume.
+
+    Args:
+        volume: Over which the RMS is taken, evenly.
+        depth_ratio: RMS in depth over RMS in either lateral direction.
+        rms_mm: 3D RMS.
+    """
+    moments = moments_of(volume)
+    baseline_mm = 2.0 * moments.z2_mm2 / (moments.z_mm * depth_ratio)
+    lateral_mm = rms_mm / np.sqrt(2.0 + depth_ratio**2)
+    return StereoPair(baseline_mm, float(np.sqrt(2.0) * lateral_mm / moments.z_mm))
 
 
 def test_the_closed_form_is_what_triangulation_scatters():

@@ -3,7 +3,6 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from benchmarks import bone_scenes
 from rona_core.ultrasound.detection.detect import detect, nominal_bone
 from rona_core.ultrasound.detection.single.front_echo import Fronts, fronts_at
 from rona_core.ultrasound.detection.single.inner_echo import bone_filter
@@ -11,6 +10,7 @@ from rona_core.ultrasound.detection.single.matched_filter import BONE_REFLECTION
 from rona_core.ultrasound.detection.single.thin_bone import merged_levels, thick_enough
 from rona_core.ultrasound.probe.probe_model import PROBES, probe_model
 from rona_core.ultrasound.probe.survey import ProbeSurvey
+from tests.scenes import bone_scenes
 
 BONE = nominal_bone()
 SEED = 900_000  # neither tuned with nor judged by

@@ -7,7 +7,6 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from benchmarks.fired_again import detected, fired_again, stood_on
 from rona_core.ultrasound.detection.detect import nominal_bone
 from rona_core.ultrasound.detection.single.inner_echo import (
     Candidates,
@@ -20,6 +19,7 @@ from rona_core.ultrasound.detection.spatial.detectability import spread_along_in
 from rona_core.ultrasound.detection.spatial.neighbour_graph import line_links, scan_links
 from rona_core.ultrasound.detection.spatial.track_before_detect import STACK_SURE, repeats
 from rona_core.ultrasound.probe.probe_model import probe_model
+from tests.scenes.bone_surveys import detected, fired_again, stood_on
 
 PROBE = probe_model("2.25MHz")
 SIDE = 9
