@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from benchmarks.reference.echo_time_bounds import spectrum_bound
+from benchmarks.reference.echo_timing import spectrum_bound
 from rona_core.devices.settings import ProbeSettings
 from rona_core.errors import InvalidInputError
 from rona_core.ultrasound.acoustic_calibration.expected_performance import (
