@@ -1,4 +1,4 @@
-"""Make maps of both boundaries from A-scans with their poses, and fuse the pointer cloud."""
+"""Maps of both boundaries from A-scans with their poses, fused with the pointer cloud."""
 
 from dataclasses import dataclass
 

@@ -1,4 +1,4 @@
-"""A curved front echo comes late: the beam averages how far the bone falls away under the face."""
+"""Correction of the front echo for the curvature of the bone, over which the beam averages."""
 
 import numpy as np
 
@@ -31,10 +31,10 @@ def lateness_mm(probe: ProbeModel, curvature_per_mm: float) -> float:
     k = 2.0 * np.pi * beam.frequencies_mhz / GEL.speed_mm_per_us
     flat = beam.weights.sum(axis=0)
     curved = (beam.weights * np.exp(-2j * np.outer(fall, k))).sum(axis=0)
-    heard = np.interp(
+    power = np.interp(
         beam.frequencies_mhz,
         spectrum.frequencies_mhz,
         spectrum.weights * np.abs(spectrum.spectrum) ** 2,
     )
     late = -np.angle(curved * np.conj(flat)) / (2.0 * k)
-    return float(np.sum(heard * late) / np.sum(heard))
+    return float(np.sum(power * late) / np.sum(power))

@@ -1,4 +1,4 @@
-"""How far a map errs between its samples: samples are left out, and the others predict them.
+"""Interpolation error of a map by cross-validation: samples are left out and predicted.
 
 A thin plate through the samples that are left tells the height of the one that is not; what it
 is off by holds the error of interpolation, which no scatter about a plate through all samples does.
@@ -54,16 +54,16 @@ def left_out_error(places_mm: Floats, heights_mm: Floats) -> LeftOutError:
     near = np.asarray(near, dtype=np.int64)
     found: list[tuple[float, float]] = []
     for hole_mm in HOLES_MM:
-        left = away > hole_mm  # never the sample itself, which is 0 away
-        told = np.flatnonzero(left.sum(axis=1) >= k)
-        if len(told) < LEAST_PREDICTED:
+        remaining = away > hole_mm  # never the sample itself, which is 0 away
+        enough = np.flatnonzero(remaining.sum(axis=1) >= k)
+        if len(enough) < LEAST_PREDICTED:
             continue
-        order = np.argsort(~left[told], axis=1, kind="stable")[:, :k]
-        witnesses = np.take_along_axis(near[told], order, axis=1)
-        predicted = _predicted(places_mm, heights_mm, witnesses, places_mm[told], stiffness)
-        nearest = float(np.take_along_axis(away[told], order[:, :1], axis=1).mean())
+        order = np.argsort(~remaining[enough], axis=1, kind="stable")[:, :k]
+        witnesses = np.take_along_axis(near[enough], order, axis=1)
+        predicted = _predicted(places_mm, heights_mm, witnesses, places_mm[enough], stiffness)
+        nearest = float(np.take_along_axis(away[enough], order[:, :1], axis=1).mean())
         if not found or nearest > found[-1][0]:  # on a regular grid two holes may be alike
-            errors = heights_mm[told] - predicted
+            errors = heights_mm[enough] - predicted
             found.append((nearest, float(np.sqrt(np.mean(errors**2)))))
     if not found:
         return LeftOutError(readonly(np.zeros(1)), readonly(np.full(1, np.inf)))

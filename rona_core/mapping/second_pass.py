@@ -1,4 +1,4 @@
-"""A second pass over the places without an inner echo, the probe leaning towards the inner table.
+"""Second pass over the gaps of the inner map, the probe tilted towards the inner table.
 
 The inner table is rarely parallel to the outer one; leaning by more than two degrees or so its echo
 misses the probe. Where the map around a gap says how the thickness changes, the probe can be leant
@@ -112,25 +112,25 @@ def _rows(gaps: Bools, every: int) -> list[tuple[Floats, Floats]]:
     groups: list[Ints] = [np.argwhere(labels == k + 1) for k in range(int(labels.max()))]
     groups = [group for group in groups if gaps[tuple(group.T)].sum() >= LEAST_CELLS]
     rows: list[tuple[Floats, Floats]] = []
-    here = np.zeros(2)
+    end = np.zeros(2)
     while groups:
-        nearest = min(range(len(groups)), key=lambda k: _distance(groups[k], here))
-        rows += _to_and_fro(groups.pop(nearest), every, here)
-        here = rows[-1][1]
+        nearest = min(range(len(groups)), key=lambda k: _distance(groups[k], end))
+        rows += _to_and_fro(groups.pop(nearest), every, end)
+        end = rows[-1][1]
     return rows
 
 
-def _distance(group: Ints, here: Floats) -> float:
-    return float(np.linalg.norm(group - here, axis=1).min())
+def _distance(group: Ints, place: Floats) -> float:
+    return float(np.linalg.norm(group - place, axis=1).min())
 
 
-def _to_and_fro(group: Ints, every: int, here: Floats) -> list[tuple[Floats, Floats]]:
-    """Return rows along the longer side of a group of cells (n, 2), from the side nearest here."""
+def _to_and_fro(group: Ints, every: int, start: Floats) -> list[tuple[Floats, Floats]]:
+    """Return rows along the longer side of a group of cells (n, 2), from the side at ``start``."""
     extent = np.ptp(group, axis=0)
     along = int(np.argmax(extent))
     across = 1 - along
     levels = np.arange(group[:, across].min(), group[:, across].max() + 1, every)
-    if abs(levels[-1] - here[across]) < abs(levels[0] - here[across]):
+    if abs(levels[-1] - start[across]) < abs(levels[0] - start[across]):
         levels = levels[::-1]
     rows, forward = [], True
     for level in levels:
@@ -151,11 +151,11 @@ def _walk(rows: list[tuple[Floats, Floats]], step: float) -> tuple[Floats, Ints]
     numbers = np.repeat(np.arange(len(rows)), 2)
     places, row_of = [corners[:1]], [numbers[:1]]
     for i in range(1, len(corners)):
-        way = corners[i] - corners[i - 1]
-        count = int(np.ceil(np.linalg.norm(way) / step - 1e-9))
+        step_cells = corners[i] - corners[i - 1]
+        count = int(np.ceil(np.linalg.norm(step_cells) / step - 1e-9))
         if count:
             shares = (np.arange(count) + 1.0)[:, None] / count
-            places.append(corners[i - 1] + shares * way)
+            places.append(corners[i - 1] + shares * step_cells)
             row_of.append(np.full(count, numbers[i]))
     return np.concatenate(places), np.concatenate(row_of)
 

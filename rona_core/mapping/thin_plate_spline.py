@@ -1,4 +1,4 @@
-"""Smooth scattered heights by a thin plate whose stiffness the samples choose themselves."""
+"""Smoothing thin-plate spline through scattered heights, its stiffness by cross-validation."""
 
 from dataclasses import dataclass
 

@@ -11,8 +11,8 @@ from rona_core.geometry.arrays import Floats, Ints
 from rona_core.geometry.pose import Pose, Poses
 from rona_core.ultrasound.probe.probe_model import FULL_SCALE_SHARE, ProbeModel, probe_model
 from rona_core.virtual.acoustics.medium import Medium
+from rona_core.virtual.acoustics.microstructure import local_speed_factors
 from rona_core.virtual.acoustics.probe import Layered, VirtualProbe
-from rona_core.virtual.acoustics.speed_field import local_speed_factors
 from rona_core.virtual.clock import CaptureClock
 from tests.scenes.bone_shapes import angles_deg, axes_of
 

@@ -12,8 +12,7 @@ import numpy as np
 from scipy.stats import rankdata
 
 from benchmarks.metric import Metric, Progress
-from benchmarks.reference.echo_time_bounds import inner_bound
-from benchmarks.reference.matched_filter_throughput import peak_times
+from benchmarks.reference.echo_timing import inner_bound, peak_times
 from rona_core.devices.settings import Excitation, ProbeName
 from rona_core.geometry.arrays import Bools, Floats
 from rona_core.ultrasound.detection.detect import NOMINAL_SPEED_MM_PER_US, Detection, detect

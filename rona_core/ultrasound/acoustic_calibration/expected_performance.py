@@ -1,4 +1,4 @@
-"""What a probe and an excitation promise before anything is measured: sigma and depth range.
+"""Expected performance of a probe and an excitation: sigma and depth range, before measuring.
 
 The bound of Cramer and Rao for a nominal inner echo in the receiver's noise, and the depth down to
 which that echo stands out. Rough surfaces, scatter and tilt come on top: no probe does better.
@@ -25,8 +25,8 @@ DEPTHS_MM = np.arange(1.0, 30.1, 0.25)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class ProbeOutlook:
-    """What one probe with one excitation promises at some thicknesses (n,)."""
+class ExpectedPerformance:
+    """Expected performance of one probe with one excitation at some thicknesses (n,)."""
 
     probe: ProbeName
     excitation: Excitation
@@ -41,8 +41,10 @@ class ProbeOutlook:
         return self.least_mm <= thickness_mm <= self.most_mm
 
 
-def probe_outlook(settings: ProbeSettings, thickness_mm: ArrayLike = THICKNESS_MM) -> ProbeOutlook:
-    """Return what a probe promises in nominal bone.
+def expected_performance(
+    settings: ProbeSettings, thickness_mm: ArrayLike = THICKNESS_MM
+) -> ExpectedPerformance:
+    """Return the expected performance of a probe in nominal bone.
 
     Raises:
         InvalidInputError: thicknesses that are not positive.
@@ -54,7 +56,7 @@ def probe_outlook(settings: ProbeSettings, thickness_mm: ArrayLike = THICKNESS_M
     sigma_mm, snr_db = _at(settings, wanted)
     deep = _at(settings, DEPTHS_MM)[1] >= LEAST_SNR_DB
     most = float(DEPTHS_MM[deep][-1]) if deep.any() else 0.0
-    return ProbeOutlook(
+    return ExpectedPerformance(
         probe=settings.name,
         excitation=settings.excitation,
         thickness_mm=readonly(wanted),
@@ -65,14 +67,14 @@ def probe_outlook(settings: ProbeSettings, thickness_mm: ArrayLike = THICKNESS_M
     )
 
 
-def outlooks(settings: ProbeSettings) -> tuple[ProbeOutlook, ...]:
-    """Return what each probe and excitation promises; what was edited counts for its own probe."""
+def expected_performances(settings: ProbeSettings) -> tuple[ExpectedPerformance, ...]:
+    """Return those of each probe and excitation; what was edited counts for its own probe."""
     names: tuple[ProbeName, ...] = ("2.25MHz", "1MHz")
     kinds: tuple[Excitation, ...] = ("pulse", "chirp")
-    plain = ProbeSettings(front_snr_db=settings.front_snr_db, pitch_mm=settings.pitch_mm)
+    unedited = ProbeSettings(front_snr_db=settings.front_snr_db, pitch_mm=settings.pitch_mm)
     return tuple(
-        probe_outlook(
-            replace(settings if name == settings.name else plain, name=name, excitation=kind)
+        expected_performance(
+            replace(settings if name == settings.name else unedited, name=name, excitation=kind)
         )
         for name in names
         for kind in kinds

@@ -1,4 +1,4 @@
-"""Sound speed in bone: what is published, what a few places of known thickness add, what it costs.
+"""Calibration of the sound speed in bone at a few places of known thickness.
 
 The speed at a place is that of the literature, plus how this patient differs, plus how this place
 differs from the rest of the patient. A caliper at reference points tells the last two apart as far
@@ -23,14 +23,14 @@ CALIPER_MM = 0.1
 TIMING_US = 0.03
 MAX_THICKNESS_MM = 30.0
 THIN_MM = 3.0  # below it a caliper's error is several per cent
-FREEDOM = 4.0  # of Student's t: how much a single strange point counts
-STRANGE = 3.0  # standard deviations
+FREEDOM = 4.0  # of Student's t: how much a single outlier counts
+OUTLYING = 3.0  # standard deviations
 ROUNDS = 25
 
 
 @dataclass(frozen=True, slots=True)
 class SpeedPrior:
-    """What is believed before anything is measured."""
+    """Prior distribution of the speed: mean, spread between patients and between places."""
 
     mean_mm_per_us: float = NOMINAL_SPEED_MM_PER_US
     patient_sd_mm_per_us: float = PATIENT_SHARE * NOMINAL_SPEED_MM_PER_US
@@ -88,8 +88,8 @@ def calibrate_speed(
         lag_us: By ultrasound at the same places (n,).
         thickness_sigma_mm: Standard deviation of the caliper.
         lag_sigma_us: Standard deviation of a lag.
-        positions_mm: Of the places (n, 1 to 3); with them neighbours share what they know.
-        prior: What is believed without the points.
+        positions_mm: Of the places (n, 1 to 3); with them neighbours are correlated.
+        prior: The distribution without the points.
 
     Raises:
         InvalidInputError: different numbers of values, or values that no bone has.
@@ -100,21 +100,21 @@ def calibrate_speed(
     measured = (2.0 * thickness_sigma_mm / lag) ** 2 + (speeds / lag * lag_sigma_us) ** 2
     local = _correlation(positions, positions, len(d), prior) * prior.local_sd_mm_per_us**2
     weights = np.ones(len(d))
-    mean, variance, strangeness = prior.mean_mm_per_us, 0.0, np.zeros(len(d))
+    mean, variance, residuals = prior.mean_mm_per_us, 0.0, np.zeros(len(d))  # standardised
     for _ in range(ROUNDS if len(d) >= 3 else 1):
         mean, variance = _patient(speeds, local, measured, weights, prior)
         expected = np.sqrt(measured + prior.local_sd_mm_per_us**2)
-        strangeness = (speeds - mean) / expected
-        if len(d) >= 3:
-            weights = np.minimum((FREEDOM + 1.0) / (FREEDOM + strangeness**2), 1.0)
-    verdict, reasons = _judged(d, speeds, mean, strangeness, weights, measured, prior)
+        residuals = (speeds - mean) / expected
+        if len(d) >= 3:  # weights of Student's t
+            weights = np.minimum((FREEDOM + 1.0) / (FREEDOM + residuals**2), 1.0)
+    verdict, reasons = _judged(d, speeds, residuals, weights, measured, prior)
     return SpeedCalibration(
         speed_mm_per_us=mean,
         sigma_mm_per_us=float(np.sqrt(variance)),
         local_sd_mm_per_us=prior.local_sd_mm_per_us,
         point_speeds_mm_per_us=readonly(speeds),
         residuals_mm=readonly(mean * lag / 2.0 - d),
-        strangeness=readonly(strangeness),
+        strangeness=readonly(residuals),
         weights=readonly(weights),
         positions_mm=None if positions is None else readonly(positions),
         variances=readonly(_inflated(measured, weights, prior)),
@@ -125,7 +125,7 @@ def calibrate_speed(
 
 
 def uncalibrated(prior: SpeedPrior = PUBLISHED) -> SpeedCalibration:
-    """Return what is believed without any reference point."""
+    """Return the prior as a calibration without any reference point."""
     none = readonly(np.zeros(0))
     return SpeedCalibration(
         prior.mean_mm_per_us,
@@ -152,32 +152,31 @@ def speed_at(calibration: SpeedCalibration, positions_mm: ArrayLike) -> tuple[Fl
     Raises:
         InvalidInputError: positions of another shape than those of the reference points.
     """
-    there = _places(positions_mm, None)
-    prior, known = calibration.prior, calibration.positions_mm
-    if there is None:
+    places = _places(positions_mm, None)
+    prior, measured = calibration.prior, calibration.positions_mm
+    if places is None:
         raise InvalidInputError("positions must be given")
     total = prior.patient_sd_mm_per_us**2 + prior.local_sd_mm_per_us**2
-    if known is None or not len(calibration):
+    if measured is None or not len(calibration):
         sd = np.hypot(calibration.sigma_mm_per_us, calibration.local_sd_mm_per_us)
-        n = len(there)
+        n = len(places)
         return np.full(n, calibration.speed_mm_per_us), np.full(n, float(sd))
-    if there.shape[1] != known.shape[1]:
+    if places.shape[1] != measured.shape[1]:
         raise InvalidInputError(
-            f"positions must have {known.shape[1]} coordinates, not {there.shape[1]}"
+            f"positions must have {measured.shape[1]} coordinates, not {places.shape[1]}"
         )
-    own = _correlation(known, known, len(known), prior) * prior.local_sd_mm_per_us**2
-    own = own + prior.patient_sd_mm_per_us**2 + np.diag(calibration.variances)
-    cross = _correlation(there, known, len(known), prior) * prior.local_sd_mm_per_us**2
+    covariance = (
+        _correlation(measured, measured, len(measured), prior) * prior.local_sd_mm_per_us**2
+    )
+    covariance = covariance + prior.patient_sd_mm_per_us**2 + np.diag(calibration.variances)
+    cross = _correlation(places, measured, len(measured), prior) * prior.local_sd_mm_per_us**2
     cross = cross + prior.patient_sd_mm_per_us**2
-    gain = np.linalg.solve(own, cross.T).T
+    gain = np.linalg.solve(covariance, cross.T).T
     speed = prior.mean_mm_per_us + gain @ (
         calibration.point_speeds_mm_per_us - prior.mean_mm_per_us
     )
     variance = total - np.einsum("mn,mn->m", gain, cross)
     return speed, np.sqrt(np.maximum(variance, 0.0))
-
-
-# ------------------------------------------------------------------ parts
 
 
 def _patient(
@@ -194,7 +193,7 @@ def _patient(
 
 
 def _inflated(measured: Floats, weights: Floats, prior: SpeedPrior) -> Floats:
-    """Return the variances (n,) with which strange points count less."""
+    """Return the variances (n,) with which outliers count less."""
     total = measured + prior.local_sd_mm_per_us**2
     return measured + total * (1.0 / weights - 1.0)
 
@@ -209,8 +208,7 @@ def _correlation(a: Floats | None, b: Floats | None, n: int, prior: SpeedPrior) 
 def _judged(
     d: Floats,
     speeds: Floats,
-    mean: float,
-    strangeness: Floats,
+    residuals: Floats,
     weights: Floats,
     measured: Floats,
     prior: SpeedPrior,
@@ -226,11 +224,11 @@ def _judged(
             f"point speeds of {speeds.min():.2f} to {speeds.max():.2f} mm/us are not those of "
             "bone: another echo, or another place than the caliper's"
         )
-    if len(d) < 3 and off.max() > STRANGE:
+    if len(d) < 3 and off.max() > OUTLYING:
         bad.append(f"a point is {off.max():.1f} standard deviations off what is published")
-    strange = np.flatnonzero(np.abs(strangeness) > STRANGE) if len(d) >= 3 else np.zeros(0)
-    if len(strange):
-        names = ", ".join(str(int(i) + 1) for i in strange)
+    outliers = np.flatnonzero(np.abs(residuals) > OUTLYING) if len(d) >= 3 else np.zeros(0)
+    if len(outliers):
+        names = ", ".join(str(int(i) + 1) for i in outliers)
         weak.append(f"point {names} does not agree with the others: measure it again")
     if len(d) >= 3 and weights.sum() < 0.6 * len(d):
         bad.append("the points do not agree with each other")

@@ -1,4 +1,4 @@
-"""One A-scan for the eye: trace, envelope, matched output and the boundaries found in it."""
+"""Curves of one A-scan for display: trace, envelope, matched output, and its boundaries."""
 
 from dataclasses import dataclass
 

@@ -1,4 +1,4 @@
-"""The A-scans of a survey side by side as one grey image: depth down, A-scans across."""
+"""B-scan image of a survey: depth down, A-scans across."""
 
 from dataclasses import dataclass
 

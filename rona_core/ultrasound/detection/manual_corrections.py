@@ -1,4 +1,4 @@
-"""Boundaries set or taken away by hand, kept beside what detection found."""
+"""Manual corrections of boundaries, kept beside the results of detection."""
 
 from dataclasses import dataclass, replace
 from typing import Any, Literal
@@ -94,19 +94,19 @@ def corrected(
         )
     }  # fmt: skip
     for edit in sorted(mine, key=lambda e: e.boundary, reverse=True):  # outer before inner
-        i, there = edit.number, edit.time_us is not None
-        if there:
+        i, present = edit.number, edit.time_us is not None
+        if present:
             held[f"{edit.boundary}_us"][i] = edit.time_us
         if edit.boundary == "inner" and scan != "second":  # that one knows the outer boundary
-            there = there and bool(held["outer_ok"][i])
-        held[f"{edit.boundary}_ok"][i] = there
-        held[f"{edit.boundary}_quality"][i] = float(there)
+            present = present and bool(held["outer_ok"][i])
+        held[f"{edit.boundary}_ok"][i] = present
+        held[f"{edit.boundary}_quality"][i] = float(present)
         if edit.boundary == "inner":
-            held["flag"][i] = OK if there else REMOVED
-            if there:
+            held["flag"][i] = OK if present else REMOVED
+            if present:
                 held["inner_sigma_us"][i] = hand_us
                 held["thickness_sigma_mm"][i] = hand_us * half_speed
-        elif there:
+        elif present:
             delay = held["outer_us"][i : i + 1] - probe.line_delay_us
             held["standoff_mm"][i] = standoff_mm(delay, probe)[0]
             held["outer_sigma_mm"][i] = hand_us * probe.line.speed_mm_per_us / 2.0

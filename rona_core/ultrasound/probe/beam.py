@@ -1,5 +1,9 @@
 """The sound field of the transducer on the face of its delay line, as weighted rays.
 
+Shared by detection and by the virtual world: a laboratory knows the field of its probe from its
+dimensions. That both use one model means that errors of this model do not show in rehearsals; an
+independent disc oracle and k-space simulations in the tests hold it against others.
+
 By reciprocity the echo of a smooth surface is the integral over the face of the squared incident
 field times the local reflection. The field is that of a disc of constant pressure (second
 Rayleigh integral), with the loss of the line in it.

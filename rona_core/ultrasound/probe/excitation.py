@@ -1,4 +1,7 @@
-"""What the transducer emits and how it rings: spectra of the excitation and of the response."""
+"""Excitation and impulse response of the transducer, as spectra.
+
+Shared by detection and by the virtual world: a laboratory records both on a reference block.
+"""
 
 from dataclasses import dataclass
 from functools import cached_property, lru_cache

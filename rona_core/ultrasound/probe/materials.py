@@ -1,4 +1,7 @@
-"""What the sound travels through: materials with loss and dispersion, nominal values of them.
+"""Acoustic materials with loss and dispersion, and nominal values of them.
+
+Shared by detection and by the virtual world: the physics of a material, and published values that
+everybody knows. What the bone of a specimen really is, is in ``virtual.acoustics.medium`` alone.
 
 Speeds are mm/us, densities g/cm3, attenuations dB/cm at 1 MHz. Published values of the speed in
 skull bone differ by 13 %, so every speed is an explicit parameter and nothing else knows it.

@@ -1,4 +1,8 @@
-"""The two A-mode probes: transducer, delay line, transmitter and digitiser."""
+"""The two A-mode probes: transducer, delay line, transmitter and digitiser.
+
+Shared by detection and by the virtual world: what a laboratory knows of its probe. The virtual
+probe adds what it does not know: the temperature of the line (``warmed``) and noise.
+"""
 
 from dataclasses import dataclass, replace
 from typing import get_args

@@ -1,6 +1,6 @@
-"""Samples that a recorder lost, at its limits or under spikes: found, and put right.
+"""Artefacts of a recorder: clipped samples and spikes restored, interference subtracted.
 
-What stood there follows from the samples around it, for the band allows but one course.
+A lost sample follows from those around it, for the band allows but one course.
 """
 
 from collections.abc import Iterator

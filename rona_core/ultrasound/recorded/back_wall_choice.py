@@ -1,4 +1,4 @@
-"""Which of the echoes behind the front is the back wall of the first plate.
+"""Choice of the back wall of the first plate among the echoes behind the front.
 
 Behind a plate lie its own multiples, a floor or a second plate, and the front seen again by way
 of the probe; in front of its back wall lie the last lobes of the pulse and, in bone, layers.
@@ -72,7 +72,7 @@ def choose_back_wall(
         positions_mm: Of the scans (n, 1 to 3), where they are known.
     """
     others = [t for t, no in zip(tracks, foreign, strict=True) if no]
-    own: list[int] = [
+    candidates: list[int] = [
         k
         for k, no in enumerate(foreign)
         if not no and not any(_is_lobe_of(tracks[k], t, band) for t in others)
@@ -80,49 +80,52 @@ def choose_back_wall(
     first = _contact(tracks, known, band)
     if first is not None:
         return first
-    if not own:
+    if not candidates:
         return None
     judged = [steadiness(t, near, positions_mm, band) for t in tracks]
-    full = max(float(tracks[k].present.sum()) for k in own)
-    own = [k for k in own if tracks[k].present.sum() >= 0.5 * full]
-    loudest = max(tracks[k].typical_level for k in own)
+    full = max(float(tracks[k].present.sum()) for k in candidates)
+    candidates = [k for k in candidates if tracks[k].present.sum() >= 0.5 * full]
+    loudest = max(tracks[k].typical_level for k in candidates)
     # what is nearly as loud as anything is an echo, however it jumps from scan to scan
-    own = [
+    candidates = [
         k
-        for k in own
+        for k in candidates
         if judged[k][0] >= STEADY
         or len(near) < FEW
         or tracks[k].typical_level >= LOUD_SHARE * loudest
     ]
-    own = _without_patchwork(tracks, own, near, band)
-    while own:
-        loudest = max(tracks[k].typical_level for k in own)
-        loud = [k for k in own if tracks[k].typical_level >= LEAST_SHARE * loudest]
+    candidates = _without_patchwork(tracks, candidates, near, band)
+    while candidates:
+        loudest = max(tracks[k].typical_level for k in candidates)
+        loud = [k for k in candidates if tracks[k].typical_level >= LEAST_SHARE * loudest]
         loud.sort(key=lambda k: tracks[k].typical_us)
         for k in loud:
-            rest = [tracks[j] for j in own if j != k]
+            rest = [tracks[j] for j in candidates if j != k]
             lobe = _is_lobe(tracks[k], judged[k][1], rest, band, known)
             lobe = lobe or _is_alone(tracks[k], judged[k][1], tracks, others, band, known)
             if not lobe or _comes_twice(tracks[k], tracks, others, band):
                 return k
         # all of them belong to the pulse: the plate is among what is fainter
-        own = [k for k in own if k not in loud]
+        candidates = [k for k in candidates if k not in loud]
     return None
 
 
-def _without_patchwork(tracks: list[Track], own: list[int], near: Ints, band: Band) -> list[int]:
+def _without_patchwork(
+    tracks: list[Track], candidates: list[int], near: Ints, band: Band
+) -> list[int]:
     """Return the echoes that are in one piece, or than which no such one is louder.
 
     A track pieced together from holes that lie one beside the other is no back wall.
     """
     if len(near) < FEW:
-        return own
+        return candidates
     step_us = band.length_us
     share = {
-        k: largest_piece(tracks[k], near, step_us).sum() / tracks[k].present.sum() for k in own
+        k: largest_piece(tracks[k], near, step_us).sum() / tracks[k].present.sum()
+        for k in candidates
     }
-    even = max((tracks[k].typical_level for k in own if share[k] >= PATCHED), default=0.0)
-    return [k for k in own if share[k] >= PATCHED or tracks[k].typical_level > even]
+    even = max((tracks[k].typical_level for k in candidates if share[k] >= PATCHED), default=0.0)
+    return [k for k in candidates if share[k] >= PATCHED or tracks[k].typical_level > even]
 
 
 def _contact(tracks: list[Track], known: Evidence, band: Band) -> int | None:

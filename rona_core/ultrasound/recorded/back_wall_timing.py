@@ -1,4 +1,4 @@
-"""The echo of the back wall, timed coherently against a template learned from all scans.
+"""Coherent timing of the back-wall echo against a template learned from all scans.
 
 Attenuation and polarity make it unlike the front; what remains alike decides how far apart the two
 are: the delay at which the mean front, damped and perhaps turned over, is most like the mean back.

@@ -1,4 +1,4 @@
-"""The band of recorded lines, learned from themselves, and what is made of lines by it."""
+"""Frequency band of recorded lines, learned from themselves, and filters made of it."""
 
 from dataclasses import dataclass
 

@@ -1,4 +1,4 @@
-"""Fronts that were cut off: which cycle of the pulse is which.
+"""Cycle of clipped front echoes, resolved with the limits of the recorder.
 
 Zero crossings survive clipping and time a front to nanoseconds, but a restored peak is rounder
 than the real one, so that two neighbouring cycles look alike. The limits decide: the mean front,

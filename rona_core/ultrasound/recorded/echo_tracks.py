@@ -1,4 +1,4 @@
-"""Echoes behind the front, followed from scan to scan, and which of them is the back wall."""
+"""Tracks of echoes behind the front, followed from scan to scan."""
 
 from dataclasses import dataclass
 
@@ -93,9 +93,9 @@ def neighbours(n: int, positions_mm: Floats | None) -> Ints:
     count = min(NEIGHBOURS + 1, n)
     found = np.asarray(KDTree(place).query(place, k=count)[1], dtype=np.int64).reshape(n, count)
     # among scans at one place the first found need not be the scan itself
-    own = found == np.arange(n)[:, None]
-    own[~own.any(axis=1), -1] = True
-    return found[~own].reshape(n, count - 1)
+    itself_column = found == np.arange(n)[:, None]
+    itself_column[~itself_column.any(axis=1), -1] = True
+    return found[~itself_column].reshape(n, count - 1)
 
 
 def predicted(values: Floats, present: Bools, near: Ints, positions_mm: Floats | None) -> Floats:

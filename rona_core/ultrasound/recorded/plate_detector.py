@@ -1,4 +1,4 @@
-"""Thickness of a plate from recorded lines of which nothing else is known.
+"""Detection of the thickness of a plate in recorded lines of which nothing else is known.
 
 The band, the pulse, where the front is, and what the back wall's echo looks like are all learned
 from the lines; only the sound speed must be given.

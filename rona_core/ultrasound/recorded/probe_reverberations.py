@@ -144,7 +144,7 @@ def _tilts_alike(lag: Floats, front: Floats, start_known: bool) -> bool:
     """Return whether an echo stands still where the front moves far, if but along a plane."""
     if start_known or robust_sd(front) < FAR_US:
         return False
-    return any(robust_sd(lag - way * front) < LEFT_FAR * robust_sd(lag) for way in (-1.0, 1.0))
+    return any(robust_sd(lag - slope * front) < LEFT_FAR * robust_sd(lag) for slope in (-1.0, 1.0))
 
 
 def _slips(front: Floats, band: Band) -> bool:
@@ -155,14 +155,14 @@ def _slips(front: Floats, band: Band) -> bool:
 
 
 def plane_residuals(values: Floats, place: Floats) -> Floats:
-    """Return what is left of values (n,) about a plane of least absolute deviation over places."""
+    """Return the residuals (n,) of a plane of least absolute deviation over places."""
     centred = place - place.mean(axis=0)
     design = np.column_stack((np.ones(len(values)), centred / max(np.abs(centred).max(), 1e-9)))
-    left, root = values - np.median(values), np.ones(len(values))
+    residuals, root = values - np.median(values), np.ones(len(values))
     for _ in range(ROUNDS):
-        left = values - design @ np.linalg.lstsq(design * root[:, None], values * root)[0]
-        root = 1.0 / np.sqrt(np.maximum(np.abs(left), LEAST_US))
-    return left
+        residuals = values - design @ np.linalg.lstsq(design * root[:, None], values * root)[0]
+        root = 1.0 / np.sqrt(np.maximum(np.abs(residuals), LEAST_US))
+    return residuals
 
 
 def robust_sd(values: Floats) -> float:
@@ -177,7 +177,7 @@ def _slope(x: Floats, y: Floats) -> float:
     for _ in range(4):
         dx, dy = x[kept] - x[kept].mean(), y[kept] - y[kept].mean()
         slope = float((dx * dy).sum() / max(float((dx**2).sum()), 1e-12))
-        left = y - slope * x
-        left = left - np.median(left[kept])
-        kept = np.abs(left) <= max(3.0 * robust_sd(left), 1e-6)
+        residuals = y - slope * x
+        residuals = residuals - np.median(residuals[kept])
+        kept = np.abs(residuals) <= max(3.0 * robust_sd(residuals), 1e-6)
     return slope

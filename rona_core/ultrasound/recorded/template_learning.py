@@ -1,4 +1,4 @@
-"""An echo learned from the lines themselves: align many copies, average, align again."""
+"""Learning of an echo template: align many copies to each other, average, align again."""
 
 from dataclasses import dataclass
 

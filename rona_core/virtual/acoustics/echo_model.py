@@ -111,8 +111,8 @@ class EchoModel:
         probe, f = self._true, grid_frequencies_mhz(self.probe)
         audible = np.maximum(f, 1e-3)
         front = stack_reflection((self.medium.gel, self.medium.table), (), audible)
-        there = np.exp(-2j * probe.line.wavenumber_per_mm(audible) * probe.line_length_mm)
-        return 1.0 + probe.crystal_reflection * front * there
+        round_trip = np.exp(-2j * probe.line.wavenumber_per_mm(audible) * probe.line_length_mm)
+        return 1.0 + probe.crystal_reflection * front * round_trip
 
     def _record(self, spectra: Phasors) -> Floats:
         """Return records (..., samples) of echo spectra (..., f) without the line's delay."""

@@ -8,7 +8,7 @@ from rona_core.geometry.arrays import Bools, Floats
 from rona_core.geometry.pose import Poses
 from rona_core.session.specimen import BoneChoice
 from rona_core.virtual.acoustics.medium import MEDIA, Medium
-from rona_core.virtual.acoustics.speed_field import local_speed_factors
+from rona_core.virtual.acoustics.microstructure import local_speed_factors
 from rona_core.virtual.scene import VirtualScene
 
 PATIENT_STREAM = 0x50EED  # names the share of this draw in the session's seed

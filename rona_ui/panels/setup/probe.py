@@ -5,10 +5,10 @@ from typing import Any
 from rona_core.app.messages.registry import CalibrateDelayLine, SetProbe, StartDelayLineCapture
 from rona_core.app.steps.acoustics.view import (
     EDITABLE,
-    ProbeOutlook,
+    ExpectedPerformance,
     edited_probe,
     line_state,
-    probe_outlooks,
+    probe_performances,
     probe_values,
 )
 from rona_core.app.steps.setup.probe_advice import THICK_MM, THIN_MM, probe_advice
@@ -118,7 +118,7 @@ class ProbeFields:
     def show(self, session: Session, busy: bool) -> None:
         """Write table and state of the line."""
         settings = session.setup.devices.probe
-        self._table.content = outlook_table(probe_outlooks(settings), settings)
+        self._table.content = performance_table(probe_performances(settings), settings)
         self._advice.content = advice_note(session)
         state = line_state(session)
         good = {"good": "good", "weak": "", "bad": "warn", "stale": "warn"}
@@ -149,7 +149,7 @@ def _first(name: str) -> float:
     return float(probe_values(ProbeSettings())[name])
 
 
-def outlook_table(rows: tuple[ProbeOutlook, ...], chosen: ProbeSettings) -> str:
+def performance_table(rows: tuple[ExpectedPerformance, ...], chosen: ProbeSettings) -> str:
     """Return what each probe and excitation promises: sigma by thickness, depth range."""
     head = "".join(f'<th class="n">{mm:.0f}</th>' for mm in SHOWN_MM)
     body = ""

@@ -11,14 +11,14 @@ from rona_core.app.messages.registry import (
     StartMapping,
     StartProbeSweep,
 )
-from rona_core.app.steps.acoustics.view import ReferenceRow, probe_outlooks
+from rona_core.app.steps.acoustics.view import ReferenceRow, probe_performances
 from rona_core.app.steps.setup.probe_advice import ProbeAdvice
 from rona_core.devices.settings import ProbeSettings
 from rona_core.session.document import Derived, Results, Session
 from rona_core.ultrasound.acoustic_calibration.parameter_sweep import WhatIf
 from rona_ui.panels.acoustics import points_table
 from rona_ui.panels.maps.maps import MapsPanel
-from rona_ui.panels.setup.probe import advice_note, outlook_table
+from rona_ui.panels.setup.probe import advice_note, performance_table
 from rona_ui.panels.setup.probe_sweep import ProbeComparisonPanel, numbers
 from rona_ui.panels.setup.setup import SetupPanel
 from tests.helpers.ui.fake_gui import FakeGui
@@ -45,7 +45,7 @@ def test_an_edited_probe_is_sent_with_what_differs_and_another_name_without():
 
 def test_the_table_marks_the_chosen_probe_and_leaves_out_what_it_cannot_reach():
     chosen = ProbeSettings()
-    html = outlook_table(probe_outlooks(chosen), chosen)
+    html = performance_table(probe_performances(chosen), chosen)
     assert html.count("▶") == 1
     assert "▶ 2.25 MHz chirp" in html
     assert ">–<" in html  # the pulse of 2.25 MHz at 10 mm

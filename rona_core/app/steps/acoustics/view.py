@@ -8,11 +8,14 @@ from rona_core.app.dependencies.staleness import stale_reason
 from rona_core.app.steps.maps.thickness_uncertainty import ThicknessShares, thickness_shares
 from rona_core.devices.settings import ProbeSettings
 from rona_core.session.document import Session
-from rona_core.ultrasound.acoustic_calibration.expected_performance import ProbeOutlook, outlooks
+from rona_core.ultrasound.acoustic_calibration.expected_performance import (
+    ExpectedPerformance,
+    expected_performances,
+)
 from rona_core.ultrasound.acoustic_calibration.parameter_sweep import WhatIf
 from rona_core.ultrasound.probe.probe_model import probe_model
 
-__all__ = ["ProbeOutlook", "ThicknessShares", "WhatIf", "thickness_shares"]
+__all__ = ["ExpectedPerformance", "ThicknessShares", "WhatIf", "thickness_shares"]
 EDITABLE = ("centre_mhz", "bandwidth", "aperture_mm", "line_length_mm", "pulse_shape")
 
 
@@ -64,9 +67,9 @@ def _same(a: Any, b: Any) -> bool:
 
 
 @lru_cache(maxsize=16)
-def probe_outlooks(settings: ProbeSettings) -> tuple[ProbeOutlook, ...]:
+def probe_performances(settings: ProbeSettings) -> tuple[ExpectedPerformance, ...]:
     """Return what each probe and excitation promises with the settings of this session."""
-    return outlooks(replace(settings, pitch_mm=1.0, line_temperature_c=22.0))
+    return expected_performances(replace(settings, pitch_mm=1.0, line_temperature_c=22.0))
 
 
 def line_state(session: Session) -> Judged | None:

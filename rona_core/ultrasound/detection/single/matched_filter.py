@@ -163,7 +163,7 @@ def peak_offsets(levels: Floats, at: np.typing.NDArray[np.int64]) -> Floats:
     """Return by how many samples (n,) a parabola moves the maxima ``at`` (n,) of rows (n, m)."""
     rows = np.arange(len(levels))
     inside = np.clip(at, 1, levels.shape[1] - 2)
-    before, here, after = (levels[rows, inside + i] for i in (-1, 0, 1))
-    bend = before - 2.0 * here + after
+    before, middle, after = (levels[rows, inside + i] for i in (-1, 0, 1))
+    bend = before - 2.0 * middle + after
     offset = np.divide(0.5 * (before - after), bend, out=np.zeros(len(at)), where=bend < 0)
     return np.asarray(np.clip(offset, -0.5, 0.5) + (inside - at), dtype=np.float64)

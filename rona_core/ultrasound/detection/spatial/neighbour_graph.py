@@ -1,4 +1,4 @@
-"""Which A-scans stand beside which: for each of eight directions the nearest one that way.
+"""Neighbour graph of a survey: for each A-scan the nearest one in each of eight directions.
 
 Positions may be scattered. Without positions the order of the survey is a line, one scan after
 another, and there are two directions instead of eight.
@@ -22,7 +22,7 @@ ALONG_MM = 1.0  # what a step along a survey without positions counts for
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Links:
-    """From whom each of n A-scans hears in each of d directions."""
+    """Neighbours of each of n A-scans in each of d directions."""
 
     sources: Ints  # (d, n) number of the A-scan on that side, -1 for none
     apart_mm: Floats  # (d, n) how far that one is
@@ -71,21 +71,21 @@ def scan_links(positions_mm: Floats | None, n: int) -> Links:
     if n < 2 or np.ptp(places, axis=0).max() < LEAST_APART_MM:
         return line_links(n)
     flat = _laid_flat(places)
-    here, there, apart = _pairs(flat)
-    gap = flat[there] - flat[here]
-    # the direction a message travels in is from there to here
+    first, second, apart = _pairs(flat)
+    gap = flat[second] - flat[first]
+    # a message travels from the second of a pair to the first
     sector = np.floor(np.arctan2(-gap[:, 1], -gap[:, 0]) * DIRECTIONS / (2.0 * np.pi) + 0.5)
     sector = sector.astype(np.int64) % DIRECTIONS
-    order = np.lexsort((flat[there, 0], apart, here, sector))
-    sector, here, there, apart = sector[order], here[order], there[order], apart[order]
-    first = np.ones(len(here), dtype=np.bool_)
-    first[1:] = (sector[1:] != sector[:-1]) | (here[1:] != here[:-1])
+    order = np.lexsort((flat[second, 0], apart, first, sector))
+    sector, first, second, apart = sector[order], first[order], second[order], apart[order]
+    nearest = np.ones(len(first), dtype=np.bool_)
+    nearest[1:] = (sector[1:] != sector[:-1]) | (first[1:] != first[:-1])
     sources = np.full((DIRECTIONS, n), -1, dtype=np.int64)
     distances = np.zeros((DIRECTIONS, n))
     steps = np.zeros((DIRECTIONS, n, 2))
-    sources[sector[first], here[first]] = there[first]
-    distances[sector[first], here[first]] = apart[first]
-    steps[sector[first], here[first]] = flat[there[first]] - flat[here[first]]
+    sources[sector[nearest], first[nearest]] = second[nearest]
+    distances[sector[nearest], first[nearest]] = apart[nearest]
+    steps[sector[nearest], first[nearest]] = flat[second[nearest]] - flat[first[nearest]]
     rounds = np.stack([_rounds(row) for row in sources])
     around, around_mm = _around(flat)
     return Links(sources, distances, steps, rounds, sources, distances, around, around_mm)
@@ -106,8 +106,8 @@ def _around(flat: Floats) -> tuple[Ints, Floats]:
     """Return the nearest places (k, n) within reach, -1 for none, and the way there (k, n, 2)."""
     count = min(AROUND + 1, len(flat))
     distance, index = KDTree(flat).query(flat, k=count, distance_upper_bound=REACH_MM)
-    own = index == np.arange(len(flat))[:, None]
-    near = np.where(np.isfinite(distance) & ~own, index, -1).astype(np.int64).T
+    itself = index == np.arange(len(flat))[:, None]
+    near = np.where(np.isfinite(distance) & ~itself, index, -1).astype(np.int64).T
     way: Floats = np.where(near[..., None] >= 0, flat[near] - flat, 0.0)
     return near, way
 
@@ -117,10 +117,10 @@ def _pairs(flat: Floats) -> tuple[Ints, Ints, Floats]:
     tree = KDTree(flat)
     count = min(MOST_NEIGHBOURS + 1, len(flat))
     distance, index = tree.query(flat, k=count, distance_upper_bound=REACH_MM)
-    here = np.repeat(np.arange(len(flat)), count)
-    there, apart = index.ravel(), distance.ravel()
+    first = np.repeat(np.arange(len(flat)), count)
+    second, apart = index.ravel(), distance.ravel()
     kept: Bools = np.isfinite(apart) & (apart > LEAST_APART_MM)
-    return here[kept], there[kept].astype(np.int64), apart[kept]
+    return first[kept], second[kept].astype(np.int64), apart[kept]
 
 
 def _rounds(sources: Ints) -> Ints:

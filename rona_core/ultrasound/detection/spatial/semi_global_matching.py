@@ -36,7 +36,7 @@ def neighbour_density(
 
     Args:
         own: Likelihood (n, m) of what each A-scan shows, for each depth of a grid.
-        links: From whom each hears.
+        links: The neighbours of each.
         change_mm: RMS difference in thickness, 1 mm apart.
         linked: Share of neighbours that continue the same boundary.
     """
@@ -84,7 +84,7 @@ def candidate_probabilities(
         depth_mm: Where it would put the boundary (n, k).
         exists: Which candidates there are (n, k).
         grid_mm: Depths (m,).
-        links: From whom each A-scan hears.
+        links: The neighbours of each A-scan.
     """
     near = _bells(depth_mm, grid_mm)  # (n, k, m), mean 1 over the grid
     own = 1.0 + np.einsum("nk,nkm->nm", np.where(exists, np.exp(SHARED * odds), 0.0), near)

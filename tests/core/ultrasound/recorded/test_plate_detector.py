@@ -7,7 +7,6 @@ import pytest
 
 from rona_core.devices.files.rf.rf_data import RecordedRf
 from rona_core.errors import CancelledError, DegenerateGeometryError, InvalidInputError
-from rona_core.mapping.thickness_figures import thickness_figures
 from rona_core.ultrasound.recorded.artefacts import find_clipped, restore_clipped
 from rona_core.ultrasound.recorded.band import Band, find_band
 from rona_core.ultrasound.recorded.plate_detector import (
@@ -229,31 +228,6 @@ def test_clipped_samples_are_known_and_put_back():
     np.testing.assert_array_equal(back[~clipped], cut[~clipped])
     assert np.abs(back - lines).max() < 0.25 * np.abs(cut - lines).max()
     assert not find_clipped(lines).any()  # a wave that just fits is not clipped
-
-
-def test_the_mean_is_over_what_is_not_flagged_and_the_deviation_about_a_plane():
-    rng = np.random.default_rng(6)
-    positions = rng.uniform(-20, 20, (200, 3))
-    positions[:, 2] = 0.01 * positions[:, 0]  # a third coordinate that says nothing new
-    thickness = 8.0 + 0.03 * positions[:, 0] - 0.05 * positions[:, 1] + rng.normal(0, 0.02, 200)
-    ok = np.ones(200, dtype=bool)
-    ok[:20] = False
-    thickness[20:30] += 3.0
-    figures = thickness_figures(thickness, ok, positions)
-    assert figures.mean_mm == pytest.approx(thickness[20:].mean())
-    assert figures.robust_sd_mm == pytest.approx(0.02, rel=0.25)
-    assert figures.flagged_fraction == pytest.approx(0.1)
-    assert figures.failure_fraction == pytest.approx(0.15)
-    plain = thickness_figures(thickness, ok, None)
-    assert plain.robust_sd_mm > 0.3
-    nothing = thickness_figures(thickness, np.zeros(200, dtype=bool), positions)
-    assert (nothing.mean_mm, nothing.robust_sd_mm, nothing.failure_fraction) == (None, None, 1.0)
-
-
-@pytest.mark.parametrize("n", [1, 2, 3, 5])
-def test_few_scans_have_figures_too(n):
-    figures = thickness_figures(np.full(n, 5.0), np.ones(n, dtype=bool), np.zeros((n, 2)))
-    assert (figures.mean_mm, figures.robust_sd_mm, figures.failure_fraction) == (5.0, 0.0, 0.0)
 
 
 def test_a_recording_of_one_scan_gives_one_thickness():

@@ -11,7 +11,7 @@ from rona_core.ultrasound.probe.probe_model import PROBES
 from rona_core.virtual.acoustics.echo_model import EchoModel
 from rona_core.virtual.acoustics.layer_stack import BoneStack, LayerProfile
 from rona_core.virtual.acoustics.medium import MEDIA, Medium
-from rona_core.virtual.acoustics.speed_field import local_speed_factors
+from rona_core.virtual.acoustics.microstructure import local_speed_factors
 
 STEP = 1.0 / 2**13  # of a 14-bit converter
 

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from benchmarks.reference.echo_time_bounds import inner_bound
+from benchmarks.reference.echo_timing import inner_bound
 from rona_core.ultrasound.detection.detect import detect
 from rona_core.ultrasound.detection.single.matched_filter import block_template
 from rona_core.ultrasound.probe.probe_model import PROBES

@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from benchmarks.reference.echo_time_bounds import (
+from benchmarks.reference.echo_timing import (
     inner_bound,
     inner_noise,
     spectrum_bound,

@@ -3,7 +3,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from benchmarks.reference.matched_filter_throughput import peak_times
+from benchmarks.reference.echo_timing import peak_times
 from rona_core.ultrasound.detection.single.front_echo import (
     find_fronts,
     gate_us,
