@@ -1,6 +1,58 @@
-"""Property tests draw the same examples on every run, and a busy machine fails none of them."""
+"""How the suite runs: examples of property tests, and in which order files go to the workers.
+
+Property tests draw the same examples on every run, and a busy machine fails none of them.
+``make test-all`` draws ``RONA_EXAMPLES`` times as many and adds the tests marked ``statistical``.
+Workers begin with the files that took longest in the last run, so that they end together.
+"""
+
+import os
+from collections import Counter
 
 from hypothesis import settings
 
 settings.register_profile("rona", deadline=None, derandomize=True)
 settings.load_profile("rona")
+
+MORE_EXAMPLES = int(os.environ.get("RONA_EXAMPLES", "1"))
+SECONDS = "rona/seconds_of_files"
+BY_HYPOTHESIS = "_hypothesis_internal_use_settings"
+
+
+def file_of(nodeid):
+    return nodeid.partition("::")[0]
+
+
+class FileTimes:
+    """Notes how long the tests of each file take."""
+
+    def __init__(self, config):
+        self.seconds, self.cache = Counter(config.cache.get(SECONDS, {})), config.cache
+        self.seen = set()
+
+    def pytest_runtest_logreport(self, report):
+        file = file_of(report.nodeid)
+        if file not in self.seen:
+            self.seen.add(file)
+            self.seconds[file] = 0.0
+        self.seconds[file] += report.duration
+
+    def pytest_sessionfinish(self):
+        self.cache.set(SECONDS, dict(self.seconds))
+
+
+def pytest_configure(config):
+    if not hasattr(config, "workerinput") and config.getoption("numprocesses", None):
+        config.pluginmanager.register(FileTimes(config))
+
+
+def pytest_collection_modifyitems(config, items):
+    for item in items:
+        test = getattr(item, "obj", None)
+        if MORE_EXAMPLES > 1 and getattr(test, "is_hypothesis_test", False):
+            own = getattr(test, BY_HYPOTHESIS)
+            more = settings(own, max_examples=own.max_examples * MORE_EXAMPLES)
+            setattr(getattr(test, "__func__", test), BY_HYPOTHESIS, more)
+    if hasattr(config, "workerinput"):
+        known = config.cache.get(SECONDS, {})
+        slow = {file_of(item.nodeid) for item in items if item.get_closest_marker("slow")}
+        items.sort(key=lambda item: -known.get(f := file_of(item.nodeid), 60.0 * (f in slow)))

@@ -15,8 +15,8 @@ from rona_core.devices.protocols import never
 from rona_core.errors import InvalidInputError
 from rona_core.geometry.arrays import Bools, Floats, Ints, as_floats, as_points, readonly
 from rona_core.path.simplification.deviation import deviations
-from rona_core.path.simplification.error_bound import Bound, rounding_of
-from rona_core.path.simplification.lower_bound import fewest_possible
+from rona_core.path.simplification.error_bound import ShortcutTest, rounding_of
+from rona_core.path.simplification.lower_bound import points_lower_bound
 from rona_core.path.simplification.simplify import RULES, SimplifyMethod, chosen_points
 from rona_core.path.simplification.vertex_decimation import as_keep
 
@@ -46,7 +46,7 @@ class SimplifiedPoses:
 
 
 @dataclass(frozen=True, slots=True)
-class PoseBound(Bound):
+class PoseBound(ShortcutTest):
     """A bound on the distance and on the angle; the measure is the larger share of the two."""
 
     units: Floats  # (3, n) axes or (4, n) quaternions
@@ -54,7 +54,7 @@ class PoseBound(Bound):
 
     def costs(self, columns: Floats, starts: Ints, ends: Ints) -> Floats:
         """Return the larger of distance and angle (q,), each as a share of its bound."""
-        near = Bound.costs(self, columns, starts, ends) / self.near_mm
+        near = ShortcutTest.costs(self, columns, starts, ends) / self.near_mm
         return np.maximum(near, piece_turns(columns, self.units, starts, ends) / self.turn_rad)
 
     def holds(self, columns: Floats, starts: Ints, ends: Ints) -> Bools:
@@ -109,7 +109,7 @@ def simplify_poses(
     fixed = as_keep(keep, len(p))
     index, used = chosen_points(p, fixed, bound, method, cancel or never)
     columns = np.ascontiguousarray(p.T)
-    least = len(index) if used == "optimal" else fewest_possible(columns, fixed, bound)
+    least = len(index) if used == "optimal" else points_lower_bound(columns, fixed, bound)
     found = deviations(p, index)
     turns = piece_turns(columns, rows, index[:-1], index[1:])
     worst = int(turns.argmax()) if len(turns) else 0

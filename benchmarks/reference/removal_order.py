@@ -7,10 +7,10 @@ from numpy.typing import ArrayLike
 
 from rona_core.errors import InvalidInputError
 from rona_core.geometry.arrays import Floats, Ints, readonly
-from rona_core.path.simplification.deviation import as_metric, as_path
-from rona_core.path.simplification.error_bound import Bound, rounding_of
-from rona_core.path.simplification.segment_distance import Metric
-from rona_core.path.simplification.vertex_decimation import as_keep, order_within
+from rona_core.path.simplification.deviation import as_path
+from rona_core.path.simplification.error_bound import ShortcutTest, rounding_of
+from rona_core.path.simplification.segment_distance import Metric, as_metric
+from rona_core.path.simplification.vertex_decimation import as_keep, decimation_order
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -66,6 +66,6 @@ def removal_order(
     near = np.inf if frechet_mm is None else frechet_mm
     if not near >= 0:
         raise InvalidInputError(f"frechet_mm must be 0 or more, not {frechet_mm}")
-    bound = Bound(metric, tolerance, near, frechet_mm is not None, rounding_of(p, metric))
-    index, cost = order_within(p, as_keep(keep, len(p)), bound)
+    bound = ShortcutTest(metric, tolerance, near, frechet_mm is not None, rounding_of(p, metric))
+    index, cost = decimation_order(p, as_keep(keep, len(p)), bound)
     return RemovalOrder(readonly(index), readonly(cost), metric, len(p))

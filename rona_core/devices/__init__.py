@@ -1,1 +1,1 @@
-"""What a tracker, a robot, a probe and a hand are to RONA, whether virtual, replayed or real."""
+"""Device protocols, samples, settings and recordings, whether virtual, replayed or real."""

@@ -1,1 +1,1 @@
-"""Rigid poses, fits of simple shapes, and the 5D path: the words the other packages share."""
+"""Poses with covariance, frame graph, least-squares fits, robust statistics and the 5D path."""

@@ -1,1 +1,1 @@
-"""Scan paths: smoothing with a bound on the deviation, interpolation, coverage."""
+"""Scan paths: simplification within an error bound, filter, patterns, edits, densifying."""

@@ -1,1 +1,1 @@
-"""Surfaces: meshes, rays against them, sampled clouds and their normals."""
+"""Surface point clouds, normals, ray casting and registration."""

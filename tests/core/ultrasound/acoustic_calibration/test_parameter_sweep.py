@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from rona_core.errors import CancelledError
-from rona_core.ultrasound.acoustic_calibration.parameter_sweep import WhatIfGrid
-from rona_core.virtual.acoustics.plate_sweep import sweep
+from rona_core.ultrasound.acoustic_calibration.parameter_sweep import WhatIfGrid, sweep
+from rona_core.virtual.acoustics.plates import record_plate
 
 GRID = WhatIfGrid(
     probes=("2.25MHz", "1MHz"),
@@ -18,7 +18,7 @@ GRID = WhatIfGrid(
 
 @pytest.fixture(scope="module")
 def found():
-    return sweep(GRID, seed=4)
+    return sweep(GRID, record_plate, seed=4)
 
 
 def at(found, probe, snr_db, thickness_mm):
@@ -46,7 +46,7 @@ def test_in_little_noise_five_millimetres_are_found_and_right(found):
 
 def test_over_several_textures_there_is_no_bias():
     small = WhatIfGrid(("2.25MHz", "1MHz"), ("chirp",), (50.0,), (5.0,), n=16)
-    biases_mm = np.array([sweep(small, seed=seed).bias_mm for seed in range(8)])
+    biases_mm = np.array([sweep(small, record_plate, seed=seed).bias_mm for seed in range(8)])
     np.testing.assert_array_less(np.abs(biases_mm.mean(axis=0)), 0.03)
 
 
@@ -60,7 +60,11 @@ def test_more_noise_costs_coverage_and_deep_bone_wants_the_slower_probe(found):
 
 def test_the_same_seed_gives_the_same_and_another_one_does_not(found):
     small = WhatIfGrid(("2.25MHz",), ("chirp",), (20.0,), (5.0,), n=16)
-    first, again, other = sweep(small, seed=4), sweep(small, seed=4), sweep(small, seed=5)
+    first, again, other = (
+        sweep(small, record_plate, seed=4),
+        sweep(small, record_plate, seed=4),
+        sweep(small, record_plate, seed=5),
+    )
     assert (first.sd_mm, first.bias_mm) == (again.sd_mm, again.bias_mm)
     assert first.failures[0] == found.failures[at(found, "2.25MHz", 20.0, 5.0)]
     assert (first.bias_mm, first.coverage) != (other.bias_mm, other.coverage)
@@ -69,5 +73,5 @@ def test_the_same_seed_gives_the_same_and_another_one_does_not(found):
 def test_it_tells_its_progress_and_can_be_cancelled():
     told = []
     with pytest.raises(CancelledError, match="after 2 of 8"):
-        sweep(GRID, progress=told.append, cancel=lambda: len(told) >= 2)
+        sweep(GRID, record_plate, progress=told.append, cancel=lambda: len(told) >= 2)
     assert told == [1 / 8, 2 / 8]

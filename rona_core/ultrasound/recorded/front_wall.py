@@ -5,6 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.ndimage import maximum_filter1d, uniform_filter1d
 
+from rona_core.devices.files.rf.rf_data import RecordedRf
 from rona_core.geometry.arrays import Bools, Floats, Ints
 from rona_core.ultrasound.recorded.band import Band, Complexes, noise_rms
 from rona_core.ultrasound.recorded.template_learning import Aligned, align_echoes
@@ -30,27 +31,23 @@ class FrontEchoes:
 
 
 def find_recorded_fronts(
-    z: Complexes,
-    clipped: Bools,
-    sampling_mhz: float,
-    start_us: float,
-    start_known: bool,
-    band: Band,
+    z: Complexes, clipped: Bools, recorded: RecordedRf, band: Band
 ) -> FrontEchoes:
     """Return the front echo of each line (n, samples) of analytic signals."""
+    sampling_mhz = recorded.sampling_mhz
     envelope = np.abs(z)
     length = max(2, round(band.length_us * sampling_mhz))
     smooth = uniform_filter1d(envelope, max(1, length // 2), axis=1)
-    quiet = _quiet_from(envelope, smooth, clipped, sampling_mhz, start_us, start_known, length)
+    quiet = _quiet_from(envelope, smooth, clipped, recorded, length)
     index = np.arange(z.shape[1])
-    heard = np.where(index >= quiet[:, None], envelope, 0.0)
+    audible = np.where(index >= quiet[:, None], envelope, 0.0)
     noise = noise_rms(envelope)
-    strongest = heard.max(axis=1)
+    strongest = audible.max(axis=1)
     least = np.maximum(FIRST_SHARE * strongest, np.minimum(NOISE_FACTOR * noise, 0.7 * strongest))
-    onset = np.argmax(heard >= least[:, None], axis=1)
+    onset = np.argmax(audible >= least[:, None], axis=1)
     span = (index >= onset[:, None]) & (index <= onset[:, None] + round(1.2 * length))
-    center = np.argmax(np.where(span, heard, -1.0), axis=1)
-    level = heard[np.arange(len(z)), center]
+    center = np.argmax(np.where(span, audible, -1.0), axis=1)
+    level = audible[np.arange(len(z)), center]
     usual = float(np.median(level))
     ok = (level > NOISE_FACTOR * noise) & (level > FAINT_SHARE * usual)
     aligned = align_echoes(
@@ -61,7 +58,7 @@ def find_recorded_fronts(
         band,
         search_us=min(0.8 * band.length_us, 1.5 / band.centre_mhz),
     )
-    ok = ok & (aligned.likeness > ALIKE) & (aligned.level > FAINT_SHARE)
+    ok = ok & (aligned.correlation > ALIKE) & (aligned.level > FAINT_SHARE)
     return FrontEchoes(aligned, ok, quiet)
 
 
@@ -69,18 +66,17 @@ def _quiet_from(
     envelope: Floats,
     smooth: Floats,
     clipped: Bools,
-    sampling_mhz: float,
-    start_us: float,
-    start_known: bool,
+    recorded: RecordedRf,
     length: int,
 ) -> Ints:
     """Return the sample (n,) at which the first arrival after the emission rises."""
+    sampling_mhz, start_known = recorded.sampling_mhz, recorded.start_known
     n, size = envelope.shape
     nothing = np.zeros(n, dtype=np.int64)
     usual = np.median(envelope, axis=0)
     # the emission, if it is in the record at all, is at time 0; a record that was cut out of a
     # longer one without saying so begins anywhere
-    zero = round(-start_us * sampling_mhz)
+    zero = round(-recorded.start_us * sampling_mhz)
     if start_known and zero < -2 * length:
         end = length // 2  # only if it is loud from the first sample on
     elif 0 <= zero < size:

@@ -1,22 +1,21 @@
-"""Mean and scatter of thicknesses that nobody knows the truth of."""
+"""Statistics of thicknesses without a known truth: mean, and scatter about a robust plane."""
 
 from dataclasses import dataclass
 
 import numpy as np
 
 from rona_core.geometry.arrays import Bools, Floats, readonly
+from rona_core.geometry.robust import TUKEY_CUTOFF, mad_sigma, tukey_weights
 
-MAD_TO_SD = 1.4826
 FAR_MM = 1.0  # from the plane of the others: not the same echo
 FAR_SD = 4.0
 ROUNDS = 30
-TUKEY = 4.685
 FLAT = 1e-6  # width over length below which positions do not determine a slope
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ThicknessFigures:
-    """What can be said of a survey without knowing the truth."""
+    """Statistics of a survey whose true thickness is not known."""
 
     n_scans: int
     mean_mm: float | None  # of the scans that are not flagged; None where there are none
@@ -41,9 +40,9 @@ def thickness_figures(
     if not ok.any():
         return ThicknessFigures(n, None, None, flagged, flagged, readonly(np.zeros(n)))
     plane = _robust_plane(thickness_mm, ok, positions_mm)
-    left = (thickness_mm - plane)[ok]
-    sd = MAD_TO_SD * float(np.median(np.abs(left - np.median(left))))
-    off = np.abs(left) > max(FAR_MM, FAR_SD * sd)
+    residuals = (thickness_mm - plane)[ok]
+    sd = mad_sigma(residuals, center=float(np.median(residuals)))
+    off = np.abs(residuals) > max(FAR_MM, FAR_SD * sd)
     failures = (float(off.sum()) + float((~ok).sum())) / n
     mean = float(thickness_mm[ok].mean())
     return ThicknessFigures(n, mean, sd, failures, flagged, readonly(plane))
@@ -63,12 +62,11 @@ def _robust_plane(thickness_mm: Floats, ok: Bools, positions_mm: Floats | None) 
     for number in range(2 * ROUNDS):
         root = np.sqrt(weight)[:, None]
         coefficients = np.linalg.lstsq(used * root, value * root[:, 0])[0]
-        left = value - used @ coefficients
+        residuals = value - used @ coefficients
         if number < ROUNDS:
-            weight = 1.0 / np.maximum(np.abs(left), 1e-3)
+            weight = 1.0 / np.maximum(np.abs(residuals), 1e-3)
         else:
-            scale = max(MAD_TO_SD * float(np.median(np.abs(left))), 1e-6)
-            weight = np.clip(1.0 - (left / (TUKEY * scale)) ** 2, 0.0, 1.0) ** 2
+            weight = tukey_weights(residuals, TUKEY_CUTOFF * mad_sigma(residuals, floor=1e-6))
     return np.asarray(design @ coefficients)
 
 

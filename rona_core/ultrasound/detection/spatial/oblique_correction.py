@@ -1,14 +1,14 @@
-"""The time of an inner echo that leans: fitted together with the lean, neighbours being asked.
+"""Correction of the times of oblique inner echoes: where outer and inner boundary are not parallel.
 
-Where the inner table leans against the outer one, one side of the beam is heard before the other.
-That dulls the echo, puts a null into its band and delays what is left, so that a template of a
-parallel plate fits best a whole cycle off, and so it does at the next place, which leans as much.
-Here every time is weighed with every slope that the beam may see, and how high the echo stands then
-tells the right pair: a parallel boundary would have to reflect far too little.
+Where the inner boundary is oblique, one side of the beam receives its echo before the other. That
+dulls the echo, puts a null into its band and delays what is left, so that a template of a parallel
+plate fits best a whole cycle off, and so it does at the next place, which is as oblique. Here every
+time is weighed with every slope that the beam may see, and the level of the echo then selects the
+right pair: a parallel boundary would have to reflect far too little.
 
-The fit of a parallel boundary (``refine.py``) is as exact as noise allows. What is done here moves
-its time by steps, and only where lean or neighbours ask for it: other times than that one count for
-less the less the boundary leans.
+The fit of a parallel boundary (``time_of_flight.py``) is as exact as noise allows. The correction
+moves its time by steps, and only where slope or neighbours ask for it: the less oblique the
+boundary, the less other times than that one count.
 """
 
 from dataclasses import dataclass, replace
@@ -20,17 +20,22 @@ from scipy.special import erf
 from rona_core.geometry.arrays import Bools, Floats, Ints, as_floats
 from rona_core.ultrasound.detection.single.candidates import BLOCK, Echoes
 from rona_core.ultrasound.detection.single.front_echo import standoff_mm, subtract_fronts
-from rona_core.ultrasound.detection.single.inner_echo import InnerChoice, bone_filter
-from rona_core.ultrasound.detection.spatial.detectability import loud_enough
+from rona_core.ultrasound.detection.single.inner_echo import InnerEchoes, bone_filter
+from rona_core.ultrasound.detection.spatial.detectability import detectability
 from rona_core.ultrasound.detection.spatial.neighbour_graph import Links, plane_axes
-from rona_core.ultrasound.detection.spatial.robust_planes import FLOOR, LEAST, LocalPlanes
+from rona_core.ultrasound.detection.spatial.neighbour_prediction import (
+    LEAST_NEIGHBOURS,
+    SCATTER_FLOOR,
+    LocalPlanes,
+)
 from rona_core.ultrasound.probe.beam import probe_beam
 from rona_core.ultrasound.probe.excitation import GRID
 from rona_core.ultrasound.probe.materials import GEL, Complexes, Material
 from rona_core.ultrasound.probe.probe_model import ProbeModel
+from rona_core.ultrasound.probe.survey import ProbeSurvey
 
 Singles = NDArray[np.float32]
-STEEPEST = 2.2  # slope, over that at which a disc hears nothing at the centre frequency
+STEEPEST = 2.2  # slope, over that at which a disc receives nothing at the centre frequency
 SLOPES = 14  # that are tried, from 0
 REACH_US = 0.65  # around the time as it is: further off is another boundary
 STEPS_PER_CYCLE = 18
@@ -40,22 +45,22 @@ LEVEL_SD = 0.45  # natural logarithm of the level about that of the survey
 LEAST_LEVEL = 1e-3
 HELD_CYCLES = 0.3  # how far off a time may be that was fitted for a parallel boundary,
 FLAT = 0.3  # if the slope is under this share of the steepest one
-WITNESS = 0.5  # sureness from which on an echo is a witness for those beside it
+WITNESS = 0.5  # confidence from which on an echo is a witness for those beside it
 ROUNDS = 4
 OUTER_SD_MM = 0.03
 EXPECTED_SD_US = 0.1  # of a time about the plane through its neighbours
 SLOPE_SD = 0.05  # of a slope in us per mm about that of this plane
-UNKNOWN_SD = 0.08  # where nothing tells the slope
-STRANGERS = 1.5  # how much neighbours can weigh against the echo itself
-BEND_PER_MM = 0.01  # where a boundary leans it also bends, by so much of its slope,
+UNKNOWN_SD = 0.08  # where the slope is not known
+NEIGHBOUR_WEIGHT = 1.5  # how much neighbours can weigh against the echo itself
+BEND_PER_MM = 0.01  # where a boundary is oblique it also bends, by so much of its slope,
 BEND_US_PER_MM2 = 4e-4  # and a little everywhere: the wider the beam, the less one time says
 STRUCTURE_CYCLES = 0.035  # what the boundary itself adds: roughness, bend, layers,
-LEANING_CYCLES = 0.11  # and with the outer boundary taken from a map
+TILTED_CYCLES = 0.11  # and with the outer boundary taken from a map
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Weighed:
-    """What the A-scans (n,) say of each slope (s,) and time (t,) about the time they had."""
+    """Likelihoods of the A-scans (n,) for each slope (s,) and time (t,) about the start time."""
 
     slopes: Floats  # (s,) us per mm
     offsets_us: Floats  # (t,)
@@ -84,95 +89,88 @@ def beam_transform(probe: ProbeModel, frequencies_mhz: Floats, slopes: Floats) -
     )
 
 
-def refit_wedges(
-    echoes: Echoes,
-    found: InnerChoice,
-    bone: Material,
-    positions_mm: Floats,
-    links: Links,
-    *,
-    axes: Floats | None = None,
-    upright: bool = True,
-) -> InnerChoice:
-    """Return the choice with times and sigmas that know of the lean of the inner boundary.
+def correct_oblique_echoes(
+    echoes: Echoes, found: InnerEchoes, bone: Material, survey: ProbeSurvey, links: Links
+) -> InnerEchoes:
+    """Return the inner echoes with times and sigmas corrected for an oblique inner boundary.
+
+    Without positions they are returned as they are. Without axes the probe counts as
+    perpendicular to the outer boundary, unless that was not measured but known from elsewhere.
 
     Args:
         echoes: Of the survey.
         found: Which echoes are the inner ones; their times may be some cycle off.
         bone: Nominal bone.
-        positions_mm: Where the probe stood (n, 3).
+        survey: Where the probe was.
         links: Who is around whom.
-        axes: Of the probe, into the bone (n, 3); None: not known, it is perpendicular if upright.
-        upright: The probe is nearly perpendicular to the outer boundary, which it heard itself.
     """
-    rows = np.flatnonzero(found.heard & (found.sureness > WITNESS))
-    if len(rows) <= LEAST:
+    rows = np.flatnonzero(found.detected & (found.confidence > WITNESS))
+    if survey.positions_mm is None or len(rows) <= LEAST_NEIGHBOURS:
         return found
+    upright = survey.known_standoff_mm is None
     weighed = _weigh(echoes, found.lag_us, rows, bone)
-    probe, to_plane = echoes.template.probe, plane_axes(positions_mm[rows])
-    places = positions_mm[rows] @ to_plane
+    probe, to_plane = echoes.template.probe, plane_axes(survey.positions_mm[rows])
+    places = survey.positions_mm[rows] @ to_plane
     around = LocalPlanes(places)
-    outer = np.zeros((len(rows), 2))
-    if axes is not None:
+    outer_slope = np.zeros((len(rows), 2))
+    if survey.axes is not None:
         standoff = standoff_mm(echoes.fronts.delay_us[rows], probe)
-        outer = _outer_rise(places, standoff, axes[rows] @ to_plane, around)
-    told = around.known & (upright or axes is not None)
-    lag, sd, level, rise = _settled(
-        weighed, found.lag_us[rows], found.sigma_us[rows], around, outer, told, probe
-    )
+        outer_slope = _outer_slope(places, standoff, survey.axes[rows] @ to_plane, around)
+    slope_known = around.known & (upright or survey.axes is not None)
+    start = found.lag_us[rows], found.sigma_us[rows]
+    lag, sd, level, slope = _settled(weighed, start, around, outer_slope, slope_known, probe)
     times, sigmas = found.lag_us.copy(), found.sigma_us.copy()
     width_mm = 2.0 * probe.aperture_radius_mm
-    bent = width_mm**2 * np.hypot(BEND_US_PER_MM2, BEND_PER_MM * np.hypot(*rise.T))
-    cycles = STRUCTURE_CYCLES if upright else LEANING_CYCLES
+    bent = width_mm**2 * np.hypot(BEND_US_PER_MM2, BEND_PER_MM * np.hypot(*slope.T))
+    cycles = STRUCTURE_CYCLES if upright else TILTED_CYCLES
     structure = np.hypot(bent, cycles / probe.centre_mhz)
     times[rows], sigmas[rows] = lag, np.hypot(sd, structure)
-    # a time that is known better makes no echo surer than it was
+    # a time that is known better makes no echo more certain than it was
     surer = _within(sigmas, bone) / np.maximum(_within(found.sigma_us, bone), 1e-12)
-    sureness = found.sureness / np.maximum(surer, 1.0)
-    sureness[rows] *= loud_enough(level, lag, rows, links, probe, bone)
-    return replace(found, lag_us=times, sigma_us=sigmas, sureness=sureness)
+    confidence = found.confidence / np.maximum(surer, 1.0)
+    confidence[rows] *= detectability(level, lag, rows, links, probe, bone)
+    return replace(found, lag_us=times, sigma_us=sigmas, confidence=confidence)
 
 
 def _settled(
     weighed: _Weighed,
-    start_us: Floats,
-    sigma_us: Floats,
+    start: tuple[Floats, Floats],
     around: LocalPlanes,
-    outer_rise: Floats,
-    told: Bools,
+    outer_slope: Floats,
+    slope_known: Bools,
     probe: ProbeModel,
 ) -> tuple[Floats, Floats, Floats, Floats]:
-    """Return times (n,), deviations, logarithms of levels, and rises (n, 2) of the inner time.
+    """Return times (n,), deviations, logarithms of levels, and slopes (n, 2) of the inner time.
 
     Each round weighs times and slopes by what the neighbours came to in the one before.
 
     Args:
-        weighed: What the A-scans say by themselves.
-        start_us: The times that the offsets count from (n,).
-        sigma_us: And how far off they may be.
+        weighed: Likelihoods of the A-scans by themselves.
+        start: The times that the offsets count from (n,), and how far off they may be (n,).
         around: Planes through the neighbours.
-        outer_rise: What the outer boundary adds to the slope (n, 2).
-        told: Where the slope is known from the neighbours (n,).
-        probe: Its centre frequency tells how long a cycle is.
+        outer_slope: What the outer boundary adds to the slope (n, 2).
+        slope_known: Where the slope is known from the neighbours (n,).
+        probe: Its centre frequency gives the length of a cycle.
     """
-    lag, sd = start_us, np.maximum(sigma_us, FLOOR)
-    level, rise = np.zeros(len(lag)), np.zeros((len(lag), 2))
+    start_us, sigma_us = start
+    lag, sd = start_us, np.maximum(sigma_us, SCATTER_FLOOR)
+    level, slopes = np.zeros(len(lag)), np.zeros((len(lag), 2))
     held = _held(weighed, probe)
-    slope_sd = np.where(told, SLOPE_SD, UNKNOWN_SD)[:, None]
+    slope_sd = np.where(slope_known, SLOPE_SD, UNKNOWN_SD)[:, None]
     for turn in range(ROUNDS):
-        expected, rise, scatter = around.planes(lag, sd)
-        slope = np.where(told, np.hypot(*(rise + outer_rise).T), 0.0)
+        expected, slopes, scatter = around.planes(lag, sd)
+        slope = np.where(slope_known, np.hypot(*(slopes + outer_slope).T), 0.0)
         unlike = (weighed.slopes - slope[:, None]) / slope_sd
         usual = _usual_level(weighed, slope)
-        chances = weighed.likelihood - 0.5 * ((weighed.level - usual) / LEVEL_SD) ** 2
-        chances = chances - 0.5 * unlike[:, :, None] ** 2 - held
+        log_chance = weighed.likelihood - 0.5 * ((weighed.level - usual) / LEVEL_SD) ** 2
+        log_chance = log_chance - 0.5 * unlike[:, :, None] ** 2 - held
         if turn:
             off = (start_us - expected)[:, None] + weighed.offsets_us
-            strange = off / np.hypot(scatter, EXPECTED_SD_US)[:, None]
-            together = -STRANGERS * np.log1p(0.5 * strange**2)
-            chances = chances + np.where(around.known[:, None], together, 0.0)[:, None, :]
-        lag, sd, level = _mean(weighed, chances, start_us)
-    return lag, sd, level, rise
+            residual = off / np.hypot(scatter, EXPECTED_SD_US)[:, None]  # standardised
+            together = -NEIGHBOUR_WEIGHT * np.log1p(0.5 * residual**2)
+            log_chance = log_chance + np.where(around.known[:, None], together, 0.0)[:, None, :]
+        lag, sd, level = _mean(weighed, log_chance, start_us)
+    return lag, sd, level, slopes
 
 
 def _held(weighed: _Weighed, probe: ProbeModel) -> Singles:
@@ -199,10 +197,10 @@ def _weigh(echoes: Echoes, lag_us: Floats, rows: Ints, bone: Material) -> _Weigh
     step = 1.0 / (STEPS_PER_CYCLE * probe.centre_mhz)
     reach = round(REACH_US / step)
     offsets = as_floats(np.arange(-reach, reach + 1) * step)
-    ways = beam_transform(probe, f, slopes)
+    responses = beam_transform(probe, f, slopes)
     turns = template.shift(offsets).T  # (f, t)
     parts = [
-        _block(echoes, lag_us, rows[k : k + BLOCK], bone, ways, turns)
+        _block(echoes, lag_us, rows[k : k + BLOCK], bone, responses, turns)
         for k in range(0, len(rows), BLOCK)
     ]
     likelihood, level = (np.concatenate(part) for part in zip(*parts, strict=True))
@@ -214,7 +212,7 @@ def _block(
     lag_us: Floats,
     rows: Ints,
     bone: Material,
-    ways: Complexes,
+    responses: Complexes,
     turns: Complexes,
 ) -> tuple[Singles, Singles]:
     template = echoes.template
@@ -223,21 +221,21 @@ def _block(
     echo = bone_filter(template, bone, lag * bone.speed_mm_per_us / 2.0)
     noise = GRID * np.maximum(echoes.noise[rows], 1e-9)[:, None] ** 2
     weights = 1.0 / (noise + (CLUTTER * np.abs(echo)) ** 2)
-    shape = len(rows), len(ways), turns.shape[1]
+    shape = len(rows), len(responses), turns.shape[1]
     likelihood, level = np.zeros(shape, np.float32), np.zeros(shape, np.float32)
     matched = (behind * weights * np.conj(echo)).astype(np.complex64)
-    energies = (weights * np.abs(echo) ** 2) @ (np.abs(ways) ** 2).T
+    energies = (weights * np.abs(echo) ** 2) @ (np.abs(responses) ** 2).T
     single = turns.astype(np.complex64)
-    for k, way in enumerate(np.conj(ways).astype(np.complex64)):
-        seen = np.maximum(((matched * way) @ single).real, 0.0)
+    for k, response in enumerate(np.conj(responses).astype(np.complex64)):
+        output = np.maximum(((matched * response) @ single).real, 0.0)
         energy = energies[:, k, None]
-        likelihood[:, k] = seen**2 / energy / ALIKE
-        level[:, k] = np.log(np.maximum(seen / energy, LEAST_LEVEL))
+        likelihood[:, k] = output**2 / energy / ALIKE
+        level[:, k] = np.log(np.maximum(output / energy, LEAST_LEVEL))
     return likelihood, level
 
 
 def _usual_level(weighed: _Weighed, slope: Floats) -> float:
-    """Return the logarithm of how high the echoes of this survey are, where they lean like this."""
+    """Return the logarithm of the median level of the echoes of this survey, at these slopes."""
     nearest = np.abs(weighed.slopes - slope[:, None]).argmin(axis=1)
     rows = np.arange(len(nearest))
     best = weighed.likelihood[rows, nearest].argmax(axis=1)
@@ -255,11 +253,11 @@ def _mean(weighed: _Weighed, chances: Floats, middle_us: Floats) -> tuple[Floats
     return middle_us + mean, np.sqrt(spread), level
 
 
-def _outer_rise(places: Floats, standoff_mm: Floats, axes: Floats, around: LocalPlanes) -> Floats:
+def _outer_slope(places: Floats, standoff_mm: Floats, axes: Floats, around: LocalPlanes) -> Floats:
     """Return how the time to the outer boundary rises (n, 2) across each probe, in us per mm.
 
     All coordinates are those of the plane of the survey, its normal last.
     """
     points = places + standoff_mm[:, None] * axes
-    _, rise, _ = around.planes(points[:, 2], np.full(len(points), OUTER_SD_MM))
-    return 2.0 / GEL.speed_mm_per_us * (axes[:, :2] + axes[:, 2:] * rise)
+    _, slope, _ = around.planes(points[:, 2], np.full(len(points), OUTER_SD_MM))
+    return 2.0 / GEL.speed_mm_per_us * (axes[:, :2] + axes[:, 2:] * slope)

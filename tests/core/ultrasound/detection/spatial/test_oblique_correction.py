@@ -11,13 +11,17 @@ from rona_core.devices.settings import ProbeSettings
 from rona_core.geometry.pose import Pose
 from rona_core.ultrasound.detection.detect import NOMINAL_SPEED_MM_PER_US, detect, nominal_bone
 from rona_core.ultrasound.detection.single.candidates import search_echoes
-from rona_core.ultrasound.detection.spatial.candidate_selection import choose_inner
+from rona_core.ultrasound.detection.spatial.candidate_selection import select_inner_echoes
 from rona_core.ultrasound.detection.spatial.neighbour_graph import scan_links
-from rona_core.ultrasound.detection.spatial.robust_planes import LocalPlanes
-from rona_core.ultrasound.detection.spatial.wedge_correction import beam_transform, refit_wedges
+from rona_core.ultrasound.detection.spatial.neighbour_prediction import LocalPlanes
+from rona_core.ultrasound.detection.spatial.oblique_correction import (
+    beam_transform,
+    correct_oblique_echoes,
+)
 from rona_core.ultrasound.probe.beam import probe_beam
 from rona_core.ultrasound.probe.materials import TABLE
 from rona_core.ultrasound.probe.probe_model import probe_model
+from rona_core.ultrasound.probe.survey import ProbeSurvey
 from rona_core.virtual.acoustics.medium import Medium
 from rona_core.virtual.acoustics.probe import VirtualProbe
 from tests.helpers.ultrasound_scenes import StillClock
@@ -67,7 +71,7 @@ def survey(slope, excitation, lean_deg=0.0):
 
 
 def error_mm(choice, depth):
-    ok = choice.heard & (choice.sureness > 0.5)
+    ok = choice.detected & (choice.confidence > 0.5)
     return (choice.lag_us * NOMINAL_SPEED_MM_PER_US / 2.0 - depth)[ok]
 
 
@@ -75,20 +79,26 @@ def rms(values):
     return float(np.sqrt(np.mean(values**2)))
 
 
-def refitted(slope, excitation, lean_deg=0.0, *, known=False):
+def selected(scans):
+    """Return the echoes of a survey, its links, and the inner echoes before the correction."""
+    echoes = search_echoes(scans, BONE)
+    links = scan_links(scans.positions_mm, len(scans))
+    return echoes, links, select_inner_echoes(echoes, BONE, links)
+
+
+def corrected(slope, excitation, lean_deg=0.0, *, known=False):
     """Return the errors before and after, in mm."""
     track, places, axes, standoff, depth = survey(slope, excitation, lean_deg)
     at = standoff if known else None
-    echoes = search_echoes(track, PROBE, excitation, BONE, known_standoff_mm=at)
-    links = scan_links(places, len(places))
-    choice = choose_inner(echoes, BONE, links)
-    again = refit_wedges(echoes, choice, BONE, places, links, axes=axes, upright=not known)
+    scans = ProbeSurvey(track, PROBE, excitation, places, axes, at)
+    echoes, links, choice = selected(scans)
+    again = correct_oblique_echoes(echoes, choice, BONE, scans, links)
     return error_mm(choice, depth), error_mm(again, depth)
 
 
 @pytest.mark.parametrize("slope", [0.14, 0.16])
 def test_a_leaning_table_is_a_cycle_off_before_and_right_afterwards(slope):
-    before, after = refitted(slope, "chirp")
+    before, after = corrected(slope, "chirp")
     assert len(after) > 0.9 * SIDE**2
     assert np.median(before) > 0.4  # the far edge of the beam, all over the survey
     assert np.abs(after).max() < 0.1
@@ -98,28 +108,27 @@ def test_a_leaning_table_is_a_cycle_off_before_and_right_afterwards(slope):
 @pytest.mark.parametrize("excitation", ["pulse", "chirp"])
 @pytest.mark.parametrize("slope", [0.0, 0.05, 0.1])
 def test_a_time_that_was_right_stays_right(slope, excitation):
-    before, after = refitted(slope, excitation)
+    before, after = corrected(slope, excitation)
     assert len(after) > 0.9 * SIDE**2
     assert rms(after) < rms(before) + 0.003
     assert np.abs(after).max() < 0.05
 
 
 def test_a_probe_that_leans_with_the_table_sees_no_wedge():
-    _, after = refitted(0.2, "chirp", -5.0, known=True)
+    _, after = corrected(0.2, "chirp", -5.0, known=True)
     assert len(after) > 0.9 * SIDE**2
     assert np.abs(after).max() < 0.05
 
 
 def test_the_lean_of_the_probe_counts_like_that_of_the_table():
     track, places, axes, standoff, depth = survey(0.1, "chirp", 3.0)
-    echoes = search_echoes(track, PROBE, "chirp", BONE, known_standoff_mm=standoff)
-    links = scan_links(places, len(places))
-    choice = choose_inner(echoes, BONE, links)
+    scans = ProbeSurvey(track, PROBE, "chirp", places, axes, standoff)
+    echoes, links, choice = selected(scans)
     straight = np.broadcast_to((0.0, 0.0, 1.0), axes.shape)
     told, misled, untold = (
         rms(
             error_mm(
-                refit_wedges(echoes, choice, BONE, places, links, axes=a, upright=False), depth
+                correct_oblique_echoes(echoes, choice, BONE, replace(scans, axes=a), links), depth
             )
         )
         for a in (axes, straight, None)
@@ -132,41 +141,39 @@ def test_the_lean_of_the_probe_counts_like_that_of_the_table():
 
 def test_a_rigid_motion_of_the_frame_changes_nothing():
     track, places, axes, _, _ = survey(0.14, "chirp")
-    echoes = search_echoes(track, PROBE, "chirp", BONE)
-    links = scan_links(places, len(places))
-    choice = choose_inner(echoes, BONE, links)
+    scans = ProbeSurvey(track, PROBE, "chirp", places, axes)
+    echoes, links, choice = selected(scans)
     moved = Pose.from_rotvec((0.4, -1.1, 0.7), (30.0, -200.0, 650.0))
-    here = refit_wedges(echoes, choice, BONE, places, links, axes=axes)
-    there = refit_wedges(echoes, choice, BONE, moved @ places, links, axes=moved.rotate(axes))
+    here = correct_oblique_echoes(echoes, choice, BONE, scans, links)
+    turned = replace(scans, positions_mm=moved @ places, axes=moved.rotate(axes))
+    there = correct_oblique_echoes(echoes, choice, BONE, turned, links)
     np.testing.assert_allclose(there.lag_us, here.lag_us, atol=1e-6)
     np.testing.assert_allclose(there.sigma_us, here.sigma_us, atol=1e-6)
 
 
 def test_no_echo_becomes_surer_and_those_not_heard_stay_as_they_are():
     track, places, axes, _, _ = survey(0.14, "chirp")
-    echoes = search_echoes(track, PROBE, "chirp", BONE)
-    links = scan_links(places, len(places))
-    choice = choose_inner(echoes, BONE, links)
+    scans = ProbeSurvey(track, PROBE, "chirp", places, axes)
+    echoes, links, choice = selected(scans)
     deaf = np.arange(len(places)) % 3 == 0
-    choice = replace(choice, heard=choice.heard & ~deaf)
-    again = refit_wedges(echoes, choice, BONE, places, links, axes=axes)
+    choice = replace(choice, detected=choice.detected & ~deaf)
+    again = correct_oblique_echoes(echoes, choice, BONE, scans, links)
     np.testing.assert_array_equal(again.lag_us[deaf], choice.lag_us[deaf])
     np.testing.assert_array_equal(again.sigma_us[deaf], choice.sigma_us[deaf])
-    assert (again.sureness <= choice.sureness + 1e-12).all()
-    assert (again.sigma_us[again.heard] > 0.0).all()
+    assert (again.confidence <= choice.confidence + 1e-12).all()
+    assert (again.sigma_us[again.detected] > 0.0).all()
 
 
 def test_where_nothing_leans_and_the_echo_says_nothing_the_time_is_held():
     track, places, axes, _, _ = survey(0.0, "chirp", 0.0)
-    echoes = search_echoes(track, PROBE, "chirp", BONE)
-    links = scan_links(places, len(places))
-    choice = choose_inner(echoes, BONE, links)
+    scans = ProbeSurvey(track, PROBE, "chirp", places, axes)
+    echoes, links, choice = selected(scans)
     random = np.random.default_rng(5)
     part = random.normal(size=(2, *echoes.aligned.shape))
     size = np.sqrt(np.mean(np.abs(echoes.aligned) ** 2)) / 10.0
     silent = replace(echoes, aligned=size * (part[0] + 1j * part[1]))
-    again = refit_wedges(silent, choice, BONE, places, links, axes=axes)
-    ok = choice.heard & (choice.sureness > 0.5)
+    again = correct_oblique_echoes(silent, choice, BONE, scans, links)
+    ok = choice.detected & (choice.confidence > 0.5)
     moved = (again.lag_us - choice.lag_us)[ok] * PROBE.centre_mhz
     assert rms(moved) < 0.35
     assert np.median(again.sigma_us[ok] * PROBE.centre_mhz) > 0.2  # and it says so
@@ -175,15 +182,14 @@ def test_where_nothing_leans_and_the_echo_says_nothing_the_time_is_held():
 def test_too_few_to_ask_are_left_alone():
     track, places, axes, _, _ = survey(0.14, "chirp")
     few = replace(track, rf=track.rf[:5], times_s=track.times_s[:5], clipped=track.clipped[:5])
-    echoes = search_echoes(few, PROBE, "chirp", BONE)
-    links = scan_links(places[:5], 5)
-    choice = choose_inner(echoes, BONE, links)
-    assert refit_wedges(echoes, choice, BONE, places[:5], links, axes=axes[:5]) is choice
+    scans = ProbeSurvey(few, PROBE, "chirp", places[:5], axes[:5])
+    echoes, links, choice = selected(scans)
+    assert correct_oblique_echoes(echoes, choice, BONE, scans, links) is choice
 
 
 def test_detection_uses_it_where_it_knows_the_places():
     track, places, axes, _, depth = survey(0.14, "chirp")
-    found = detect(track, PROBE, "chirp", positions_mm=places, axes=axes)
+    found = detect(ProbeSurvey(track, PROBE, "chirp", positions_mm=places, axes=axes))
     ok = found.inner_ok
     assert ok.mean() > 0.8
     assert np.abs(found.thickness_mm - depth)[ok].max() < 0.1

@@ -15,7 +15,7 @@ from rona_core.ultrasound.detection.single.inner_echo import (
     through_bank,
 )
 from rona_core.ultrasound.detection.single.matched_filter import block_template
-from rona_core.ultrasound.detection.spatial.diploe_step import seen_behind_along
+from rona_core.ultrasound.detection.spatial.detectability import spread_along_interface
 from rona_core.ultrasound.detection.spatial.neighbour_graph import line_links, scan_links
 from rona_core.ultrasound.detection.spatial.track_before_detect import STACK_SURE, repeats
 from rona_core.ultrasound.probe.probe_model import probe_model
@@ -26,7 +26,9 @@ SIDE = 9
 PLACES = np.stack(np.meshgrid(*[2.0 * np.arange(SIDE)] * 2, [0.0]), axis=-1).reshape(-1, 3)
 LINKS = scan_links(PLACES, SIDE**2)
 NEAR = PLACES[:, 0] < 10.0  # the inner boundary is seen behind the step here, and not further on
-SURE_NO_MORE = 0.15  # from here on, `choose.DOUBT` leaves less than what counts as sure
+SURE_NO_MORE = (
+    0.15  # from here on, `candidate_selection.DOUBT` leaves less than what counts as sure
+)
 WRONG_MM = 1.0
 
 
@@ -38,7 +40,7 @@ def candidates(levels):
 
 def along(behind, depth, levels=None, links=LINKS):
     levels = np.full(np.shape(depth), 0.4) if levels is None else levels
-    return seen_behind_along(
+    return spread_along_interface(
         np.asarray(behind), np.asarray(depth), candidates(levels), links, PROBE
     )
 

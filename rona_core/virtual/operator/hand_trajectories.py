@@ -1,16 +1,20 @@
-"""Plane curves that a hand follows: a meander over a disc, a curve through picked places."""
+"""Hand trajectories: plane curves that a hand follows, and their projection onto the bone."""
 
 import numpy as np
 from scipy.interpolate import PchipInterpolator
 
 from rona_core.errors import InvalidInputError
 from rona_core.geometry.arrays import Floats
+from rona_core.virtual.pointer_motion import cross
+from rona_core.virtual.scene import VirtualScene
 
 MIN_SPACING_MM = 0.2
 SAMPLE_MM = 0.1  # between the points that a curve is given by
+STAND_OFF_MM = 40.0  # from where a place is projected onto the bone
+MAX_GAP = 0.05  # share of a stroke that may cross holes of the bone
 
 
-def meander(radius_mm: float, spacing_mm: float) -> Floats:
+def raster_curve(radius_mm: float, spacing_mm: float) -> Floats:
     """Return a meander over a disc about the origin as a dense polyline (n, 2).
 
     Straight lines along x, ``spacing_mm`` apart, joined by half circles; every point lies in the
@@ -46,7 +50,7 @@ def meander(radius_mm: float, spacing_mm: float) -> Floats:
     return np.concatenate(pieces)
 
 
-def through(points: Floats) -> Floats:
+def interpolating_curve(points: Floats) -> Floats:
     """Return a smooth curve (m, d) through points (n, d) in their order, without overshoot.
 
     Repeated points are passed once; a single point gives a curve that stays there.
@@ -63,7 +67,7 @@ def through(points: Floats) -> Floats:
     return PchipInterpolator(along, kept)(where)
 
 
-def along_curve(curve: Floats, shares: Floats) -> Floats:
+def points_along(curve: Floats, shares: Floats) -> Floats:
     """Return positions (n, d) at shares (n,) in 0..1 of the length of a polyline (m, d)."""
     steps = np.linalg.norm(np.diff(curve, axis=0), axis=1)
     along = np.concatenate(([0.0], np.cumsum(steps)))
@@ -73,3 +77,40 @@ def along_curve(curve: Floats, shares: Floats) -> Floats:
     return np.column_stack(
         [np.interp(shares * along[-1], along[keep], column[keep]) for column in curve.T]
     )
+
+
+def project_onto_bone(
+    scene: VirtualScene, times: Floats, points: Floats, outward: Floats
+) -> Floats:
+    """Return points (n, 3) of a stroke brought onto the bone along ``-outward`` (n, 3).
+
+    Raises:
+        InvalidInputError: more than a twentieth of them miss the bone.
+    """
+    T_base_skull = scene.T_base_skull
+    T_skull_base = T_base_skull.inv()
+    starts = points + STAND_OFF_MM * outward
+    depths = scene.specimen.ray(T_skull_base @ starts, T_skull_base.rotate(-outward))
+    met = np.isfinite(depths) & (np.abs(depths - STAND_OFF_MM) < STAND_OFF_MM)
+    if np.count_nonzero(~met) > MAX_GAP * len(met):
+        raise InvalidInputError(
+            f"{np.mean(~met):.0%} of the stroke lies beyond the specimen or over holes of it: "
+            "choose another region or other places"
+        )
+    depths = np.interp(times, times[met], depths[met])  # the tip passes over a small hole
+    return starts - depths[:, None] * outward
+
+
+def tangent_axes(z: Floats, towards: Floats) -> tuple[Floats, Floats, Floats]:
+    """Return right-handed axes (..., 3) with this z, x as near to ``towards`` as that allows."""
+    z = z / np.linalg.norm(z, axis=-1, keepdims=True)
+    x = towards - (towards * z).sum(axis=-1, keepdims=True) * z
+    x = x / np.linalg.norm(x, axis=-1, keepdims=True)
+    return x, cross(z, x), z
+
+
+def tilted(z: Floats, x: Floats, y: Floats, lean_rad: Floats) -> Floats:
+    """Return z (n, 3) leaned by angles (n, 2) towards x and y, along great circles."""
+    angle = np.linalg.norm(lean_rad, axis=1)[:, None]
+    direction = lean_rad[:, :1] * x + lean_rad[:, 1:] * y
+    return np.cos(angle) * z + np.sinc(angle / np.pi) * direction
