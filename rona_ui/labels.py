@@ -1,4 +1,4 @@
-"""What fields and activities are called: programs name parameters, people read labels."""
+"""Labels: maps names of parameters and activities to the words shown in the interface."""
 
 import re
 from dataclasses import fields

@@ -1,4 +1,4 @@
-"""What was refused, kept for the log: a notice is gone after a moment, its reason is not."""
+"""Refusals of the sessions, kept for the log."""
 
 import threading
 from dataclasses import dataclass

@@ -1,4 +1,4 @@
-"""Where the files that are not code lie: the page's static files, the demo session, saved sessions.
+"""Resource folders: static files of the page, demo session, saved sessions.
 
 In a checkout they are the folders ``static/`` and ``sessions/`` at the top of the repository; an
 installed wheel carries them as ``rona_ui/_static`` and ``rona_ui/_sessions``.

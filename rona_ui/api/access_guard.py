@@ -1,4 +1,4 @@
-"""Who may talk to the server: Host, Origin and token are checked before anything else happens.
+"""Access guard: checks Host, Origin and token of every request.
 
 It wraps the whole application, so that pages, REST and the viewer's websocket obey one rule.
 """

@@ -1,4 +1,4 @@
-"""What every route needs: the hub, the open session that the address names, its devices."""
+"""Dependencies of the routes: session registry, open session, devices."""
 
 from functools import partial
 from typing import Annotated, Any, LiteralString, cast

@@ -1,1 +1,1 @@
-"""What stands in the docks of the window: steps, fields, quality, plots."""
+"""Panels of the docks: steps, fields, figures, graphs."""

@@ -1,4 +1,4 @@
-"""The speed of sound in step 9: places of known thickness, and what they say."""
+"""Calibration of the speed of sound in step 9 at points of known thickness."""
 
 from typing import Any
 
@@ -17,7 +17,7 @@ KINDS = {"good": "good", "weak": "", "bad": "warn", "stale": "warn"}
 
 
 class SpeedFields:
-    """A folder of its own: measure with a caliper, add by hand, calibrate."""
+    """Fields to measure or enter reference points and to calibrate."""
 
     def __init__(self, gui: Any, context: PanelContext) -> None:
         self._context = context

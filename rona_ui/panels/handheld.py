@@ -1,4 +1,4 @@
-"""The probe in the hand (SonoPointer): calibrate it, scan with it, map what it heard."""
+"""Handheld probe (SonoPointer): calibrate, scan, map."""
 
 from dataclasses import replace
 from typing import Any
@@ -16,7 +16,7 @@ from rona_ui.panels.widgets.panel_context import PanelContext, on_change, on_cli
 from rona_ui.presentation.snapshot import Snapshot
 from rona_ui.viewer.bindings import escape
 
-WHOSE = {"Robot scan": False, "Handheld scan": True}
+SOURCES = {"Robot scan": False, "Handheld scan": True}
 LINES = (  # title, key of the figure, unit
     ("Outer boundary, RMS", "sono_outer_rms_mm", " mm"),
     ("Inner boundary, RMS", "sono_inner_rms_mm", " mm"),
@@ -27,7 +27,7 @@ LINES = (  # title, key of the figure, unit
 
 
 class HandheldControls:
-    """Three buttons in the order in which they are pressed, and what came of each."""
+    """Buttons to calibrate, scan and map by hand, each with its result."""
 
     def __init__(self, gui: Any, context: PanelContext) -> None:
         self._context = context
@@ -52,14 +52,14 @@ class HandheldControls:
                 "Between two lines",
             )
             self._scan = gui.add_button("2. Start handheld scan", icon="hand-grab", color="gray")
-            self._heard = gui.add_html("")
+            self._scan_text = gui.add_html("")
             self._map = gui.add_button("3. Map handheld scan", icon="map", color="gray")
             self._maps = gui.add_html("")
-            self._whose = gui.add_dropdown("Show maps of", tuple(WHOSE))
+            self._shown = gui.add_dropdown("Show maps of", tuple(SOURCES))
         on_click(self._calibrate, lambda e: context.send(StartHandheldCalibration, e))
         on_click(self._scan, lambda e: context.send(self.scan, e))
         on_click(self._map, self._mapped)
-        on_change(self._whose, lambda e: self._choose())
+        on_change(self._shown, lambda e: self._choose())
 
     def scan(self) -> Any:
         """Return the scan with these parameters."""
@@ -70,7 +70,7 @@ class HandheldControls:
         self._context.change_view(lambda v: replace(v, handheld=True))
 
     def _choose(self) -> None:
-        by_hand = WHOSE[self._whose.value]
+        by_hand = SOURCES[self._shown.value]
         self._context.change_view(lambda v: replace(v, handheld=by_hand))
 
     def render(self, new: Snapshot) -> None:
@@ -81,10 +81,10 @@ class HandheldControls:
         self._calibrate.disabled = busy
         self._scan.disabled = busy or results.sono is None
         self._map.disabled = busy or results.sono is None or not scanned
-        self._whose.visible = results.sono_maps is not None and results.maps is not None
+        self._shown.visible = results.sono_maps is not None and results.maps is not None
         for html, words in (
             (self._probe, _probe(session)),
-            (self._heard, _heard(session)),
+            (self._scan_text, _scan_text(session)),
             (self._maps, _maps(new)),
         ):
             if html.content != words:
@@ -112,7 +112,7 @@ def _probe(session: Session) -> str:
     return _stale("sono", session) or style.note(words, "good")
 
 
-def _heard(session: Session) -> str:
+def _scan_text(session: Session) -> str:
     capture = session.captures.sono_scan
     if capture is None:
         return style.text("Scan with gel, probe upright, light pressure.")

@@ -1,4 +1,4 @@
-"""Step 6: fewer path points within a bound, changes by hand, and a surface normal for each."""
+"""Step 6: path simplification within a tolerance, edits by hand, surface normals."""
 
 from dataclasses import replace
 from typing import Any
@@ -38,11 +38,11 @@ HELP = {
         "to release it."
     ),
 }
-MOST_TOLD, MOST_PLACES = 4, 8
+MAX_LISTED, MAX_PLACES = 4, 8
 
 
 class SmoothingPanel(StepPanel):
-    """The bound as a slider, changes by hand, and what is rarely changed in a folder."""
+    """Tolerance slider, edits by hand, and advanced parameters in a folder."""
 
     step = "smoothing"
     explanation = (
@@ -55,8 +55,8 @@ class SmoothingPanel(StepPanel):
         """Add the parameters."""
         form, gui = self.form, self.gui
         self._seen: Snapshot | None = None
-        bound = form.slider("tolerance_mm", "Tolerance (mm)", 1.0, 0.1, 5.0, 0.05)
-        on_change(bound, self._drag)
+        tolerance = form.slider("tolerance_mm", "Tolerance (mm)", 1.0, 0.1, 5.0, 0.05)
+        on_change(tolerance, self._drag)
         with gui.add_folder("Advanced", expand_by_default=False):
             form.choice("method", "Method", METHODS, "optimal")
             form.choice("metric", "Error metric", METRICS, "k1", "For K3 the tolerance is in mm²")
@@ -83,10 +83,10 @@ class SmoothingPanel(StepPanel):
         self._edit = gui.add_button_group("Edit", tuple(EDITS))
         self._help = gui.add_html("")
         self._done = gui.add_button("Done", icon="check", visible=False)
-        self._forget = gui.add_button("Discard edits", icon="trash", color="gray")
+        self._discard = gui.add_button("Discard edits", icon="trash", color="gray")
         on_click(self._edit, lambda e: self._mode(EDITS[self._edit.value]))
         on_click(self._done, lambda e: self._mode(None))
-        on_click(self._forget, lambda e: self.context.send(ClearPathEdits, e))
+        on_click(self._discard, lambda e: self.context.send(ClearPathEdits, e))
 
     def _mode(self, mode: Drawing | None) -> None:
         self.context.change_view(
@@ -124,11 +124,11 @@ class SmoothingPanel(StepPanel):
         fresh = smooth is not None and new.step("smoothing").state != "stale"
         self._edit.visible = fresh and not new.busy  # a group cannot be disabled
         self._done.visible = mode in HELP
-        self._forget.visible = len(new.session.path_edits) > 0
-        self._forget.disabled = new.busy
+        self._discard.visible = len(new.session.path_edits) > 0
+        self._discard.disabled = new.busy
 
     def remarks(self, snapshot: Snapshot) -> str:
-        """Say what is left and how far off, what the normals are worth, and what to beware of."""
+        """Return counts, deviations, normal uncertainty and warnings."""
         view = shown_path(snapshot)
         words = "" if view is None else counts(view)
         check = check_path(snapshot.session)
@@ -141,7 +141,7 @@ class SmoothingPanel(StepPanel):
             chosen += f": noise {normals.choice.noise_mm:.2f} mm"
         words += style.text(f"Normal radius {normals.radius_mm:.1f} mm ({chosen}).")
         words += bar("Uncertainty of the normals (deg)", check.tolerance_deg, "≥ ")
-        return words + told(check) + style.key(LEGEND)
+        return words + warning_notes(check) + style.key(LEGEND)
 
 
 LEGEND = (
@@ -169,12 +169,12 @@ def counts(view: PathView) -> str:
     )
 
 
-def told(check: PathCheck) -> str:
+def warning_notes(check: PathCheck) -> str:
     """Return the warnings, then where the pointer should pass once more."""
     words = ""
     if check.warnings:
-        lines = [f"{_at((s,))}: {s.sentence}." for s in check.warnings[:MOST_TOLD]]
-        more = len(check.warnings) - MOST_TOLD
+        lines = [f"{_at((s,))}: {s.sentence}." for s in check.warnings[:MAX_LISTED]]
+        more = len(check.warnings) - MAX_LISTED
         lines += [f"And {more} more."] if more > 0 else []
         title = f"Probe tilt may exceed {check.tolerance_deg:.1f}°."
         words += style.note(f"{title} {' '.join(lines)}", "warn")
@@ -194,7 +194,7 @@ def _at(stretches: tuple[Stretch, ...]) -> str:
     """Return places along the path, in mm from its start."""
     shown = [
         f"{s.from_mm:.0f}" if s.to_mm - s.from_mm < 1.0 else f"{s.from_mm:.0f} to {s.to_mm:.0f}"
-        for s in stretches[:MOST_PLACES]
+        for s in stretches[:MAX_PLACES]
     ]
-    more = len(stretches) - MOST_PLACES
+    more = len(stretches) - MAX_PLACES
     return f"{', '.join(shown)} mm" + (f" and {more} more places" if more > 0 else "")

@@ -1,4 +1,4 @@
-"""Camera places by name, in base and mm."""
+"""Camera presets, in base and mm."""
 
 from dataclasses import dataclass
 
@@ -38,7 +38,7 @@ HEAD_DISTANCE_MM = 270.0
 
 @dataclass(frozen=True, slots=True, eq=False)
 class CameraPose:
-    """Where the camera is, the place it looks at, and what is up in its picture."""
+    """Camera pose: eye, target and up direction in base."""
 
     eye_base: Vector3
     target_base: Vector3
@@ -46,7 +46,7 @@ class CameraPose:
 
 
 def camera_pose(name: str, static_scene: StaticScene | None) -> CameraPose:
-    """Return the sight of a camera preset; of an unknown name the overview."""
+    """Return the camera pose of a preset; of an unknown name that of the overview."""
     if static_scene is None:
         return CameraPose(np.array(FIRST[0]), np.array(FIRST[1]), UP)
     if name in HEAD and static_scene.head_axes_base is not None:

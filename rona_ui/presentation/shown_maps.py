@@ -1,4 +1,4 @@
-"""Which maps are drawn: those of the robot's scan, or those of the scan by hand."""
+"""Maps that are shown: of the robot's scan or of the handheld scan."""
 
 from typing import Any
 
@@ -8,7 +8,7 @@ from rona_ui.presentation.snapshot import Snapshot
 
 
 def shows_handheld_maps(snapshot: Snapshot) -> bool:
-    """Return whether the maps to be seen are those of the scan by hand."""
+    """Return whether the shown maps are those of the handheld scan."""
     results = snapshot.session.results
     return results.sono_maps is not None and (snapshot.view.handheld or results.maps is None)
 
@@ -30,17 +30,17 @@ def shown_maps(snapshot: Snapshot) -> Maps | None:
 
 
 def shown_map_accuracy(snapshot: Snapshot) -> MapAccuracy | None:
-    """Return how sure the maps to be seen are; None where nobody knows."""
+    """Return the predicted accuracy of the shown maps; None where it is unknown."""
     return map_accuracy(snapshot.session, hand=shows_handheld_maps(snapshot))
 
 
 def shown_maps_key(snapshot: Snapshot) -> tuple[Any, ...]:
-    """Return what the chosen maps depend on: the same objects mean the same maps."""
+    """Return a key of the shown maps: equal keys mean the same maps."""
     results = snapshot.session.results
     made = results.sono_maps if shows_handheld_maps(snapshot) else results.maps
     return (id(made), id(snapshot.static_scene))
 
 
 def map_sigma(snapshot: Snapshot) -> MapAccuracy | None:
-    """Return how sure the maps are, where they are coloured by it: it takes a moment."""
+    """Return the map accuracy if the maps are coloured by it (computing it takes a moment)."""
     return shown_map_accuracy(snapshot) if snapshot.view.quantity == "sigma" else None

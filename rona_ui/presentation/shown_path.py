@@ -17,28 +17,28 @@ MARGIN_SCALE_MAX: dict[Quantity, float] = {
 
 
 def shown_path(snapshot: Snapshot) -> PathView | None:
-    """Return the path to be shown: that of the slider while it is dragged, else the computed."""
+    """Return the shown path: the preview while the tolerance is dragged, else the result."""
     if snapshot.preview_mm is not None:
         return preview_path(snapshot.session, snapshot.preview_mm)
     return path_view(snapshot.session)
 
 
 def shown_path_key(snapshot: Snapshot) -> tuple[int, int, float | None]:
-    """Return what tells one shown path from another."""
+    """Return a key of the shown path."""
     results = snapshot.session.results
     return id(results.path), id(results.smoothing), snapshot.preview_mm
 
 
 def shows_margins(snapshot: Snapshot) -> bool:
-    """Return whether the path is drawn by its margins in place of its plain colour."""
+    """Return whether the path is coloured by margins."""
     return snapshot.view.step == "roll" and snapshot.session.results.roll is not None
 
 
 def shows_second_path(snapshot: Snapshot) -> bool:
-    """Return whether that pass is looked at or still to be scanned, so that its path matters."""
+    """Return whether the second path is shown: selected, or not yet scanned."""
     return snapshot.view.second or snapshot.session.captures.second is None
 
 
 def tilt_scale_max_deg(view: SecondView) -> float:
-    """Return where the colours of the lean end."""
+    """Return the tilt at the end of the colour scale, degrees."""
     return float(np.ceil(view.lean_deg.max(initial=1.0)))

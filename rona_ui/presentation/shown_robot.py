@@ -1,7 +1,7 @@
-"""Which joints the robot is drawn with: live while it works, else the replay cursor, else rest.
+"""Joint angles of the drawn robot: live during a job, else at the replay cursor, else at home.
 
-In the step that chooses a roll it is drawn with that roll, where nothing is replayed. A plan that
-is stale is not drawn: it may be that of another robot, or lead through what has been moved.
+Step 7 shows the selected roll unless something is replayed. A stale plan is not drawn: it may
+belong to another robot, or lead through an obstacle that was moved.
 """
 
 from rona_core.app.steps.roll.planned_motion import joints_at, motion_stale
@@ -33,7 +33,7 @@ def shown_joints(snapshot: Snapshot) -> Floats | None:
 
 
 def probe_on_bone(snapshot: Snapshot) -> bool:
-    """Return whether the robot stands where the probe touches something, as after a stop."""
+    """Return whether the robot at rest is in contact, as after a stop."""
     live, static_scene = snapshot.live.joints, snapshot.static_scene
     robot = snapshot.session.setup.devices.robot.model
     if (
@@ -46,7 +46,7 @@ def probe_on_bone(snapshot: Snapshot) -> bool:
 
 
 def shows_roll_preview(snapshot: Snapshot) -> bool:
-    """Return whether the robot is drawn with the roll that is looked at, not where it stands."""
+    """Return whether the robot is drawn at the selected roll instead of its present pose."""
     view = snapshot.view
     if snapshot.busy or view.cursor is not None or view.step != "roll":
         return False
@@ -56,7 +56,7 @@ def shows_roll_preview(snapshot: Snapshot) -> bool:
 
 
 def shown_clearances(snapshot: Snapshot) -> tuple[Nearness, ...]:
-    """Return what comes too close with the robot as it is drawn, else the nearest pair."""
+    """Return the clearance violations of the drawn robot, else the nearest pair."""
     q_rad = shown_joints(snapshot)
     if snapshot.view.step not in CLEARANCE_STEPS or q_rad is None:
         return ()

@@ -1,1 +1,1 @@
-"""What is drawn in 3D: one adapter per thing, in metres."""
+"""3D scene: one layer per kind of object, drawn from snapshots."""

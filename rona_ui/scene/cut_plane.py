@@ -1,4 +1,4 @@
-"""The plane that the drawn skull is cut with, and triangles clipped at a plane. Base frame, mm."""
+"""Cut plane of the drawn skull, and meshes clipped at a plane. Base frame, mm."""
 
 from dataclasses import dataclass
 
@@ -15,7 +15,7 @@ STEEPEST = 0.9  # cosine to the region's normal from which an axis says nothing 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Plane:
-    """A plane; what lies on the side that its unit normal points to is taken away."""
+    """Cut plane; the side its unit normal points to is removed."""
 
     point_base: Vector3
     normal_base: Vector3
@@ -27,7 +27,7 @@ class Plane:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Crossings:
-    """Where a plane goes through the edges of a mesh; two of them for each triangle it cuts."""
+    """Intersections of a plane with the edges of a mesh, two for each cut triangle."""
 
     start: Ints  # (e,) vertex at one end of each edge
     end: Ints  # (e,) vertex at the other

@@ -1,4 +1,4 @@
-"""What every adapter of the scene is: it draws the difference between two pictures."""
+"""Layers of the scene: each draws the difference between two snapshots."""
 
 from typing import Protocol
 
@@ -7,7 +7,7 @@ from rona_ui.scene.viser_nodes import SceneNodes
 
 
 class Adapter(Protocol):
-    """Draws one thing; never sends a message, never keeps what it read."""
+    """Draws one kind of object; sends no messages and keeps no session."""
 
     def render(self, old: Snapshot | None, new: Snapshot) -> None:
         """Bring the scene from ``old`` to ``new``; ``old`` is None for the first time."""

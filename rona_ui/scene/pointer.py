@@ -27,7 +27,7 @@ class PointerLayer(Layer):
     layer = "pointer"
 
     def render(self, old: Snapshot | None, new: Snapshot) -> None:
-        """Move the pointer; take it away while it lies aside."""
+        """Move the pointer; remove it while it is not in use."""
         pose = new.T_base_pointermarker if self.shown(new) else None
         if pose is None:
             for node in (SHAFT, MARKERS, TIP):
@@ -43,7 +43,7 @@ class PointerLayer(Layer):
 
 
 def holds_probe(snapshot: Snapshot) -> bool:
-    """Return whether it is the ultrasound probe that somebody holds in the hand."""
+    """Return whether the handheld tool is the ultrasound probe."""
     return (
         snapshot.busy
         and snapshot.job is not None
@@ -82,7 +82,7 @@ def handle_rotation(wxyz: ArrayLike) -> Floats:
 
 
 class DrawingLayer(Layer):
-    """Draws the places that were clicked on the skull and the line through them."""
+    """Draws the points clicked on the skull and the line through them."""
 
     layer = "drawing"
 

@@ -1,4 +1,4 @@
-"""The one place where millimetres become the viewer's metres: named nodes, updated in place."""
+"""Scene nodes of viser by name, updated in place; converts millimetres to viser's metres."""
 
 from typing import Any
 
@@ -143,7 +143,7 @@ class SceneNodes:
             node.text, node.position = text, metres(place)
 
     def floor(self, name: str, height_mm: float) -> None:
-        """Draw a quiet grid of 100 mm cells as a measure of size."""
+        """Draw the floor as a grid of 100 mm cells."""
         self._nodes[name] = self._scene.add_grid(
             name,
             width=6.0,
@@ -196,7 +196,7 @@ class SceneNodes:
             node.visible = visible
 
     def remove(self, name: str) -> None:
-        """Take a node away, if it exists."""
+        """Remove a node, if it exists."""
         node = self._nodes.pop(name, None)
         if node is not None:
             node.remove()

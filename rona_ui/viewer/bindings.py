@@ -1,4 +1,4 @@
-"""The only place where widgets touch the service: one ordered queue of messages."""
+"""Bindings: the ordered queue that carries messages from widgets to the current session."""
 
 import heapq
 import html
@@ -115,11 +115,13 @@ class Bindings:
     def refuse(self, error: Exception, event: Event) -> None:
         """Tell why something was not done that never came as far as the queue."""
         if event.client is not None:
-            self._told(event.client, error)
+            self._report(event.client, error)
 
     def _at_once(self, work: Callable[[], Any], event: Event) -> None:
         if event.client is not None:
-            threading.Thread(target=self._guarded, args=(work, event.client), daemon=True).start()
+            threading.Thread(
+                target=self._run_guarded, args=(work, event.client), daemon=True
+            ).start()
 
     # -------------------------------------------------------------- the queue
 
@@ -158,16 +160,16 @@ class Bindings:
 
     def _run(self) -> None:
         while (task := self._next()) is not None:
-            self._guarded(task.work, task.client)
+            self._run_guarded(task.work, task.client)
 
-    def _guarded(self, work: Callable[[], Any], client: Any) -> None:
+    def _run_guarded(self, work: Callable[[], Any], client: Any) -> None:
         try:
             work()
         except Exception as error:  # told in the browser; the queue goes on
-            self._told(client, error)
+            self._report(client, error)
 
-    def _told(self, client: Any, error: Exception) -> None:
-        self._on_refusal(client, *tell(client, error))
+    def _report(self, client: Any, error: Exception) -> None:
+        self._on_refusal(client, *report_error(client, error))
 
     def close(self) -> None:
         """End the queue; what waits in it is dropped."""
@@ -176,7 +178,7 @@ class Bindings:
             self._ready.notify_all()
 
 
-def tell(client: Notified, error: Exception) -> tuple[str, str]:
+def report_error(client: Notified, error: Exception) -> tuple[str, str]:
     """Show an error in one browser: cause and remedy, never a stack trace; return what it says."""
     if isinstance(error, RonaError):
         title, body, color = TITLES.get(error.code, "Refused"), in_words(str(error)), "orange"

@@ -98,7 +98,7 @@ class Field:
             raise InvalidInputError(f"{self._label} must be {least} to {most}, not {value:.12g}")
         return type(held)(value)
 
-    async def tell(self, client: Any) -> None:
+    async def notify_listeners(self, client: Any) -> None:
         """Tell all who listen that ``client`` has finished typing."""
         for call in self._calls:
             await call(Typed(client, self))
@@ -113,9 +113,11 @@ class Fields:
     def __init__(self, gui: Any, refuse: Callable[[Exception, Event], None]) -> None:
         self._gui, self._refuse = gui, refuse
         self._fields: dict[str, Field] = {}
-        mail = gui.add_text("Typed", "{}", visible=False)  # what the page sends when it is finished
-        mail.on_update(self._typed)
-        gui.add_html(f'<i hidden data-typed="{escape(uuid_of(mail))}"></i>')
+        message = gui.add_text(
+            "Typed", "{}", visible=False
+        )  # what the page sends when it is finished
+        message.on_update(self._typed)
+        gui.add_html(f'<i hidden data-typed="{escape(uuid_of(message))}"></i>')
 
     def __getattr__(self, name: str) -> Any:
         return getattr(self._gui, name)
@@ -126,11 +128,11 @@ class Fields:
 
     def add_number(self, label: str, *rest: Any, **options: Any) -> Field:
         """Add a number."""
-        return self._keep(_finely(self._gui.add_number(label, *rest, **options)), label)
+        return self._keep(_with_decimals(self._gui.add_number(label, *rest, **options)), label)
 
     def add_vector3(self, label: str, *rest: Any, **options: Any) -> Field:
         """Add three numbers."""
-        return self._keep(_finely(self._gui.add_vector3(label, *rest, **options)), label)
+        return self._keep(_with_decimals(self._gui.add_vector3(label, *rest, **options)), label)
 
     def add_slider(self, label: str, *rest: Any, **options: Any) -> Field:
         """Add a number that can be dragged too."""
@@ -150,12 +152,12 @@ class Fields:
             self._refuse(error, event)
             return
         if changed:
-            await field.tell(event.client)
+            await field.notify_listeners(event.client)
 
-    def _read(self, mail: str) -> tuple[Field, int, str]:
+    def _read(self, message: str) -> tuple[Field, int, str]:
         """Return field, component and text of what the page sent."""
         try:
-            sent = json.loads(mail)
+            sent = json.loads(message)
             field = self._fields[sent["field"]]
             part, text = sent["part"], sent["text"]
             if not isinstance(part, int) or not isinstance(text, str):
@@ -167,7 +169,7 @@ class Fields:
         return field, part, text
 
 
-def _finely(handle: Any) -> Any:
+def _with_decimals(handle: Any) -> Any:
     """Have a field show more decimals than its step has, where it is not for whole numbers."""
     if not isinstance(handle.value, int):
         handle.precision = DECIMALS

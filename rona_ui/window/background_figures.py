@@ -1,4 +1,4 @@
-"""What takes long to find out about the current session, found out behind the scenes."""
+"""Background computation of the devices' static scene and the quality figures."""
 
 import sys
 import threading
@@ -13,7 +13,7 @@ from rona_ui.presentation.static_scene import StaticScene, read_static_scene, st
 
 
 class BackgroundState:
-    """What takes long to find out: filled in behind the scenes."""
+    """Results of the background thread."""
 
     rig: Any = None
     static_scene: StaticScene | None = None

@@ -1,4 +1,4 @@
-"""One browser that looks at the current session: its docks, its scene, its view."""
+"""Browser: docks, scene and view of one client."""
 
 import threading
 from collections.abc import Callable
@@ -30,7 +30,7 @@ NEAR_M, FAR_M = 0.01, 20.0
 
 
 class Browser:
-    """Draws pictures for one client and carries its clicks out."""
+    """Draws snapshots for one client and executes its clicks."""
 
     def __init__(self, client: Any, hub: Hub, bindings: Bindings, wake: Callable[[], None]) -> None:
         self.client = client

@@ -1,7 +1,7 @@
 """The window on the current session: one thread reads, and draws what has changed for each browser.
 
 Widgets send messages through ``bindings``; the session, the live slots and the jobs are read here,
-put together as one immutable picture for each browser, and drawn by comparing it with the last.
+put together as one immutable snapshot for each browser, and drawn by comparison with the last.
 """
 
 import contextlib
@@ -48,7 +48,7 @@ class Window:
         self._refusals = Refusals()
         self._follows: tuple[str, Callable[[], None]] | None = None
         self._steps: tuple[Session, tuple[StepState, ...]] | None = None
-        self._told: set[str] = set()  # failed jobs that were told
+        self._reported: set[str] = set()  # failed jobs that were told
         self._last_s = time.monotonic()
         self.bindings = Bindings(hub, self._refuse)
         self._background = BackgroundFigures(self.wake)
@@ -136,7 +136,7 @@ class Window:
         now_s = time.monotonic()
         elapsed_s, self._last_s = now_s - self._last_s, now_s
         job = _newest(bench)
-        self._tell_failure(bench, job, browsers)
+        self._report_failure(bench, job, browsers)
         base = self._snapshot(bench, job)
         for browser in browsers:
             if browser.view.playing:
@@ -198,19 +198,19 @@ class Window:
                 end()
 
         self._follows = key, unfollow
-        self._told = {status.id for status in bench.jobs.all() if status.finished}
+        self._reported = {status.id for status in bench.jobs.all() if status.finished}
 
     def _unfollow(self) -> None:
         if self._follows is not None:
             self._follows[1]()
             self._follows = None
 
-    def _tell_failure(
+    def _report_failure(
         self, bench: Workbench, job: JobStatus | None, browsers: tuple[Browser, ...]
     ) -> None:
-        if job is None or not job.finished or job.id in self._told:
+        if job is None or not job.finished or job.id in self._reported:
             return
-        self._told.add(job.id)
+        self._reported.add(job.id)
         if job.error is None or job.error_code == CancelledError.code:
             return
         known = job.error_code in TITLES

@@ -1,4 +1,4 @@
-"""What changes, as server-sent events: the log of a session, and the state of the program."""
+"""Event streams: the log of a session and the state of the program."""
 
 import asyncio
 from collections.abc import AsyncIterator, Callable
@@ -109,7 +109,7 @@ async def status_events(hub: Sessions, streams: Open) -> EventStream:
 
 
 async def _states(hub: Hub, streams: Streams) -> AsyncIterator[bytes]:
-    told = None
+    sent = None
     with streams.waker(hub.subscribe) as waker:
         followed: Workbench | None = None
         ends: list[Callable[[], None]] = []
@@ -126,8 +126,8 @@ async def _states(hub: Hub, streams: Streams) -> AsyncIterator[bytes]:
                     sources = () if bench is None else (bench.store, bench.jobs)
                     ends = [source.subscribe(waker.wake) for source in sources]
                 state = await run_in_threadpool(state_of, hub)
-                if state != told:
-                    told = state
+                if state != sent:
+                    sent = state
                     yield event(state, kind="status")
                     await asyncio.sleep(QUICK_S)
                 if not await waker.wait():

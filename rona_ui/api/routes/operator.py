@@ -1,4 +1,4 @@
-"""The hand that holds the pointer, told by a program what a mouse would tell it."""
+"""Virtual operator: pivots the hand-held pointer by REST, as the mouse does in the page."""
 
 from dataclasses import dataclass
 from typing import Annotated, ClassVar

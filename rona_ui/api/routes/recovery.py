@@ -1,4 +1,4 @@
-"""What an earlier run of the program left unsaved: list it, open it, discard it."""
+"""Recovery: list, open and discard unsaved sessions of an earlier run."""
 
 from dataclasses import dataclass
 from typing import Annotated

@@ -1,4 +1,4 @@
-"""What can be asked of a session: steps, results, frames, figures."""
+"""Queries of a session: steps, results, frames, figures."""
 
 import dataclasses
 from typing import Annotated, Any, Literal

@@ -1,4 +1,4 @@
-"""All docks of one browser: the wizard on the left, figures and graphs on the right, the replay."""
+"""Docks of one browser: procedure on the left, figures and graphs on the right, replay."""
 
 from typing import Any
 
@@ -45,7 +45,7 @@ LEFT_PX, RIGHT_PX, REPLAY_PX = 340, 380, 430
 
 
 class Docks:
-    """Builds every panel once and draws pictures into them."""
+    """Builds every panel once and draws snapshots into them."""
 
     def __init__(self, gui: Any, context: PanelContext) -> None:
         gui.set_panel_label("Procedure")

@@ -1,4 +1,4 @@
-"""Figures against ground truth beside their limits, and what the calibrations say of themselves."""
+"""Quality table: figures versus ground truth with their limits, and predicted errors."""
 
 from typing import Any
 
@@ -76,15 +76,15 @@ def table(rows: tuple[QualityRow, ...], session: Session, stale: frozenset[str])
     known = [row for row in rows if row.value is not None]
     expected = {row.key: row for row in known if row.key in PREDICTED.values()}
     known = [row for row in known if row.key not in expected]
-    body = _own_word(session, expected, _mark(("tool", "pointer", "surface"), stale))
+    body = _predicted_rows(session, expected, _mark(("tool", "pointer", "surface"), stale))
     for title, starts, steps in SECTIONS:
         part = [row for row in known if row.key.startswith(starts)]
-        left = [row for row in rows if row.stale_reason and row.key.startswith(starts)]
-        if part or left:
+        left_out = [row for row in rows if row.stale_reason and row.key.startswith(starts)]
+        if part or left_out:
             words = f"{title}, versus ground truth{_mark(steps, stale)}"
             body += f'<tr class="sec"><td colspan="3">{words}</td></tr>'
             body += "".join(_row(row, expected.get(PREDICTED.get(row.key, ""))) for row in part)
-            body += _left_out(left)
+            body += _left_out(left_out)
     if not body:
         return style.text(
             "No figures yet. Each step adds its own, with a limit and a verdict beside it."
@@ -95,14 +95,14 @@ def table(rows: tuple[QualityRow, ...], session: Session, stale: frozenset[str])
 
 def counts(rows: tuple[QualityRow, ...]) -> str:
     """Return how many figures fail, are for review and pass, as a line of HTML."""
-    told = [
+    parts = [
         f"{style.verdict(kind)}: {n}"
         for kind in ("fail", "review", "pass")
         if (n := sum(row.verdict == kind for row in rows))
     ]
-    left = sum(row.stale_reason is not None for row in rows)
-    told += [f"stale, left out: {left}"] if left else []
-    return f'<div class="r-text">{"&ensp; ".join(told)}</div>' if told else ""
+    left_out = sum(row.stale_reason is not None for row in rows)
+    parts += [f"stale, left out: {left_out}"] if left_out else []
+    return f'<div class="r-text">{"&ensp; ".join(parts)}</div>' if parts else ""
 
 
 def _left_out(rows: list[QualityRow]) -> str:
@@ -141,8 +141,8 @@ def _value(row: QualityRow) -> str:
     return escape(f"{row.value:.{row.decimals}f} {row.unit}".strip())
 
 
-def _own_word(session: Session, expected: dict[str, QualityRow], mark: str) -> str:
-    """Return what the session expects of itself without any truth; what only fits comes last."""
+def _predicted_rows(session: Session, expected: dict[str, QualityRow], mark: str) -> str:
+    """Return the predicted errors, without ground truth; mere residuals come last."""
     results = session.results
     rows = "".join(_row(row) for row in expected.values())
     if results.tool is not None:
@@ -171,7 +171,7 @@ def _own_word(session: Session, expected: dict[str, QualityRow], mark: str) -> s
 
 
 def _budget(session: Session) -> str:
-    """Return what makes a thickness unsure, part by part."""
+    """Return the contributions to the thickness error."""
     shares = thickness_shares(session)
     if shares is None:
         return ""

@@ -1,4 +1,4 @@
-"""A question that somebody has to answer before work goes out of sight or is lost."""
+"""Question dialog before unsaved work is hidden or lost."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -22,7 +22,7 @@ class Choice:
 
 
 class Question:
-    """Asks in a window over the viewer; Cancel is always an answer."""
+    """Modal dialog over the viewer; Cancel is always an answer."""
 
     def __init__(self, gui: Any) -> None:
         self._gui = gui

@@ -1,4 +1,4 @@
-"""The replay: one cursor along the planned motion for robot, joints, A-scan and scan point."""
+"""Replay: one cursor along the planned motion for robot, joints, A-scan and scan point."""
 
 from dataclasses import replace
 from typing import Any

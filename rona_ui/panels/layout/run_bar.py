@@ -1,4 +1,4 @@
-"""Title of the active step, and beneath it the primary button, progress, cancel, next."""
+"""Title of the active step, its primary button, progress, cancel and next."""
 
 from dataclasses import replace
 from operator import is_
@@ -42,7 +42,7 @@ class StepTitle:
 
 
 class RunBar:
-    """One primary button for whatever the active step starts."""
+    """Primary button of the active step, progress, cancel and next."""
 
     def __init__(self, gui: Any, context: PanelContext, panels: dict[str, StepPanel]) -> None:
         self._panels, self._context = panels, context

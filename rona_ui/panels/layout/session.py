@@ -49,7 +49,7 @@ def head(snapshot: Snapshot) -> str:
 
 
 class SessionPanel:
-    """What can be done with the session as a whole."""
+    """Controls of the session: undo, save, rename, open, close."""
 
     def __init__(self, gui: Any, context: PanelContext) -> None:
         self._context = context

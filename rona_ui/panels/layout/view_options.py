@@ -1,4 +1,4 @@
-"""How this browser looks at the scene: camera presets, cut plane and layers."""
+"""View options of this browser: camera presets, cut plane and layers."""
 
 from collections.abc import Sequence
 from dataclasses import replace

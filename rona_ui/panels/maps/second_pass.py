@@ -91,16 +91,16 @@ def words(snapshot: Snapshot, view: SecondView | None, scanned: bool) -> str:
     """Return what is planned, what was scanned, and the coverage before and after."""
     session, html = snapshot.session, stopped_note(snapshot, "StartGapScan")
     if view is not None:
-        told = (
+        text = (
             f"Gaps: {100 * view.gap_share:.0f} % of the map. Path of {view.length_mm:.0f} "
             f"mm, probe tilt up to {view.lean_deg.max(initial=0.0):.1f}°"
         )
         if view.blocked is not None:
-            html += style.note(f"{told}. Cannot be scanned: {view.blocked}.", "warn")
+            html += style.note(f"{text}. Cannot be scanned: {view.blocked}.", "warn")
         elif view.stale is not None and not scanned:
-            html += style.note(f"{told}. Stale: {view.stale}. Plan again.", "warn")
+            html += style.note(f"{text}. Stale: {view.stale}. Plan again.", "warn")
         else:
-            html += style.note(f"{told}, duration {view.duration_s or 0.0:.0f} s.")
+            html += style.note(f"{text}, duration {view.duration_s or 0.0:.0f} s.")
         if shows_second_path(snapshot):
             html += lean_bar(view) + style.key(((css(SKY), "second path"),))
     capture = session.captures.second

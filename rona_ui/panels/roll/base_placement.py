@@ -1,4 +1,4 @@
-"""Where to put the robot: search places of its base, and move it to one by a click (step 7)."""
+"""Base placement (step 7): search base poses and apply one."""
 
 from typing import Any
 
@@ -19,12 +19,12 @@ AGAIN = (
 
 
 class BasePlacementControls:
-    """A button that searches, a summary, and a button for each place that was certified."""
+    """Search button, summary, and a button for each verified base pose."""
 
     def __init__(self, gui: Any, context: PanelContext) -> None:
         self._search = gui.add_button("Find base pose", icon="map-search", color="gray")
         self._words = gui.add_html("")
-        self._take = {
+        self._use = {
             "smallest": gui.add_button("Use nearest pose", icon="check", visible=False),
             "best": gui.add_button("Use pose with largest margin", icon="check", visible=False),
         }
@@ -37,10 +37,10 @@ class BasePlacementControls:
             form.number("step_mm", "Cell size (mm)", 100.0, 25.0, 500.0, 25.0)
         on_click(self._search, lambda e: context.send(self._message, e))
         on_click(
-            self._take["smallest"],
+            self._use["smallest"],
             lambda e: context.send(lambda: ApplyBasePlacement("smallest"), e),
         )
-        on_click(self._take["best"], lambda e: context.send(lambda: ApplyBasePlacement("best"), e))
+        on_click(self._use["best"], lambda e: context.send(lambda: ApplyBasePlacement("best"), e))
 
     def _message(self) -> StartBasePlacement:
         return StartBasePlacement(**self._form.values())
@@ -53,7 +53,7 @@ class BasePlacementControls:
         self._search.disabled = new.busy or new.step("roll").state == "blocked"
         self._form.enable(not new.busy)
         offered = {} if found is None else offers(found)
-        for name, button in self._take.items():
+        for name, button in self._use.items():
             button.visible, button.disabled = name in offered, new.busy
         words = placement_words(new.session, found)
         for html, content in ((self._words, words), (self._key, placement_key(found))):
@@ -71,7 +71,7 @@ def offers(found: BasePlacement) -> dict[str, BasePlace]:
 def placement_words(session: Session, found: BasePlacement | None) -> str:
     """Return what the search found, as HTML."""
     if found is None:
-        return _past_words(session)
+        return _outdated_note(session)
     offered = offers(found)
     words = ""
     if found.smallest is None:
@@ -85,7 +85,7 @@ def placement_words(session: Session, found: BasePlacement | None) -> str:
     return words + (style.text(AGAIN) if offered else "")
 
 
-def _past_words(session: Session) -> str:
+def _outdated_note(session: Session) -> str:
     """Return what is left to say of a search that no longer holds."""
     searched, robot = session.results.placement, session.setup.devices.robot
     if searched is None:
@@ -102,7 +102,7 @@ def placement_key(found: BasePlacement | None) -> str:
         return ""
     legend = (
         f'<div class="r-key"><span><i style="width:44px;background:{viridis_css()}"></i>'
-        f"floor map: feasible, margin 0 to {_top(found):.1f}</span></div>"
+        f"floor map: feasible, margin 0 to {_scale_max(found):.1f}</span></div>"
     )
     others = [(css(VERMILLION), "infeasible"), (css(BLOCKED), "too close to the head")]
     marks = {"smallest": (css(ORANGE), "nearest pose"), "best": (css(SKY), "largest margin")}
@@ -121,5 +121,5 @@ def place_words(place: BasePlace) -> str:
     )
 
 
-def _top(found: BasePlacement) -> float:
+def _scale_max(found: BasePlacement) -> float:
     return float(found.margins[~found.blocked].max(initial=0.0))

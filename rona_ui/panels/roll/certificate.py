@@ -1,4 +1,4 @@
-"""The certificate: everything that the verifier looked at, its worst value, limit and place."""
+"""Certificate: all checks of the verifier with worst value, limit and place."""
 
 from dataclasses import replace
 from typing import Any
@@ -58,7 +58,7 @@ class ChecksPanel:
 
 
 def verdict(view: CertificateView, *, stale: bool) -> str:
-    """Return what the verifier says as a whole, and for a refusal why and where."""
+    """Return the overall verdict; for a refusal with cause and place."""
     number = len(view.rows)
     if not view.certified:
         return style.note(refusal(view), "warn")

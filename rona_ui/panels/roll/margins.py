@@ -1,4 +1,4 @@
-"""What the path is coloured by in step 7, with its colour bar, and what comes closest to what."""
+"""Margin controls of step 7: quantity of the path colour, colour bar, nearest pair."""
 
 from dataclasses import replace
 from typing import Any
@@ -44,9 +44,9 @@ class MarginControls:
 
     def render(self, old: Snapshot | None, new: Snapshot) -> None:
         """Follow search, shown roll, quantity and the robot as it is drawn."""
-        there = new.session.results.roll is not None
-        if self._choice.visible != there:
-            self._choice.visible = there
+        has_view = new.session.results.roll is not None
+        if self._choice.visible != has_view:
+            self._choice.visible = has_view
         if old is not None and old.session.id != new.session.id:
             self._choice.value = next(w for w, q in QUANTITIES.items() if q == new.view.margin)
         if (
@@ -62,7 +62,7 @@ class MarginControls:
             if new.view.step in ("roll", "scan"):
                 found = path_margins(new.session, new.view.shown_roll)
             self._bar.content = "" if found is None else bar(found, new.view.margin)
-        words = near_words(shown_clearances(new)) if there else ""
+        words = near_words(shown_clearances(new)) if has_view else ""
         if self._near.content != words:
             self._near.content = words
 

@@ -1,4 +1,4 @@
-"""Step 7: the roll about the probe axis with which the robot can follow the whole path."""
+"""Step 7: choice of the roll about the probe axis, and motion planning."""
 
 from dataclasses import replace
 from typing import Any

@@ -1,4 +1,4 @@
-"""The roll browser: a picture of all rolls, which is also the slider that chooses one."""
+"""Roll browser: the roll image, which is also the slider that selects a roll."""
 
 from dataclasses import replace
 from typing import Any
@@ -129,7 +129,7 @@ class RollsPanel:
 
 
 def column_shown(snapshot: Snapshot) -> int | None:
-    """Return where the slider stands: at the roll that is shown, or a varying one at its place."""
+    """Return the slider position: the shown roll, or a varying roll at its path position."""
     view, searched = snapshot.view, snapshot.session.results.roll
     index = shown_roll(snapshot.session, view.shown_roll)
     if index is None or searched is None or not shows_varying(searched.value, view.shown_roll):
@@ -142,7 +142,7 @@ def column_shown(snapshot: Snapshot) -> int | None:
 
 
 def remark(snapshot: Snapshot) -> str:
-    """Return what there is to say about the shown roll."""
+    """Return the verdict on the shown roll as HTML."""
     curves = joint_curves(snapshot.session, snapshot.view.shown_roll)
     if curves is None:
         return ""

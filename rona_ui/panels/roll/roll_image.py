@@ -1,4 +1,4 @@
-"""The picture of all rolls: a strip that says which work, and below it the map of path by roll."""
+"""Roll image: a strip of feasibility by roll angle, and the margin map of path by roll angle."""
 
 import base64
 from collections import Counter

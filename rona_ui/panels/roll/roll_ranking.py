@@ -1,4 +1,4 @@
-"""The ways to follow the path with a constant roll, ranked: roll, branch of the arm, room."""
+"""Ranking of constant rolls by margin, with the branch of the arm."""
 
 from dataclasses import replace
 from typing import Any

@@ -1,4 +1,4 @@
-"""The A-scans: an image of all of them, which is also the slider, and a graph of one."""
+"""A-scan panel: B-scan image, which is also the slider, and the graph of one A-scan."""
 
 from dataclasses import replace
 from typing import Any

@@ -1,4 +1,4 @@
-"""The A-scans side by side as a grey image with their boundaries; a click jumps to one."""
+"""B-scan slider: all A-scans as a grey image with their boundaries; a click selects one."""
 
 from dataclasses import replace
 from typing import Any

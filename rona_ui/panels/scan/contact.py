@@ -1,4 +1,4 @@
-"""How the probe is pressed on, in step 8: set point in sight, limits in a closed folder."""
+"""Force control settings of step 8."""
 
 from typing import Any
 
@@ -53,10 +53,10 @@ class ContactFields:
         if old is None or old.busy != new.busy:
             self._form.enable(not new.busy)
         if old is None or old.session.setup is not new.session.setup or old.refused != new.refused:
-            self._form.show(held(new.session))
+            self._form.show(contact_values(new.session))
 
 
-def held(session: Session) -> dict[str, Any]:
+def contact_values(session: Session) -> dict[str, Any]:
     """Return what the fields show: the limits stay as they are where nothing is pressed on."""
     contact = session.setup.devices.robot.contact
     if contact is None:
@@ -75,7 +75,7 @@ def held(session: Session) -> dict[str, Any]:
 
 
 def contact_note(session: Session) -> str:
-    """Return how the last scan was pressed on, and how late its poses were, as HTML."""
+    """Return force and latency of the last scan as HTML."""
     report = contact_report(session)
     if report is None:
         return ""

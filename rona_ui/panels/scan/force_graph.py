@@ -1,4 +1,4 @@
-"""The pressing force: live while the robot scans, over the path or over time afterwards."""
+"""Contact force: live during the scan, over path or time afterwards."""
 
 from dataclasses import dataclass, replace
 from typing import Any

@@ -1,4 +1,4 @@
-"""Correcting a boundary of the A-scan that is looked at."""
+"""Manual correction of a boundary in the shown A-scan."""
 
 from dataclasses import replace
 from typing import Any

@@ -1,4 +1,4 @@
-"""What stands around the robot, in step 1: table and margins, and a list of boxes by name."""
+"""Obstacles and clearances of the work cell in step 1."""
 
 from dataclasses import replace
 from typing import Any
@@ -14,7 +14,7 @@ from rona_ui.presentation.snapshot import Snapshot
 from rona_ui.viewer.bindings import Event, escape
 
 NEW = "New obstacle"
-FIRST = RoomBox("cupboard", (300.0, 1000.0, 300.0), (600.0, 300.0, 1400.0))  # fields offer it
+EXAMPLE = RoomBox("cupboard", (300.0, 1000.0, 300.0), (600.0, 300.0, 1400.0))  # fields offer it
 LAYER = frozenset(("obstacles",))
 EXPLANATION = (
     "The robot keeps clear of head, table, floor, tracker and the obstacles you add. "
@@ -23,37 +23,37 @@ EXPLANATION = (
 
 
 class WorkcellFields:
-    """A closed folder: see what stands around, add, change and take away."""
+    """Fields to show, add, update and remove obstacles."""
 
     def __init__(self, gui: Any, context: PanelContext) -> None:
         self._context = context
-        self._held = Surroundings()
+        self._obstacles = Surroundings()
         gui.add_html(style.text(EXPLANATION))
         self._list = gui.add_html("")
-        self._seen = gui.add_checkbox(
+        self._show_all = gui.add_checkbox(
             "Show all", False, hint="Shows all obstacles in the scene, with table and head"
         )
         self._which = gui.add_dropdown("Obstacle", (NEW,))
-        self._name = gui.add_text("Name", FIRST.name)
+        self._name = gui.add_text("Name", EXAMPLE.name)
         self._box = Form(gui)
-        self._box.vector("center_mm", "Centre (mm)", FIRST.center_mm, "x, y, z in the work cell")
-        self._box.vector("size_mm", "Size (mm)", FIRST.size_mm, "Along its own x, y and z")
+        self._box.vector("center_mm", "Centre (mm)", EXAMPLE.center_mm, "x, y, z in the work cell")
+        self._box.vector("size_mm", "Size (mm)", EXAMPLE.size_mm, "Along its own x, y and z")
         self._box.number(
             "turn_deg", "Rotation (deg)", 0.0, -180.0, 180.0, 5.0, "About the vertical"
         )
-        self._put = gui.add_button("Add obstacle", icon="plus", color="gray")
+        self._add = gui.add_button("Add obstacle", icon="plus", color="gray")
         self._remove = gui.add_button("Remove obstacle", icon="trash", color="gray", visible=False)
-        self._near = gui.add_html("")
+        self._warning = gui.add_html("")
         with gui.add_folder("Table, floor and clearances", expand_by_default=False):
-            self._room = self._room_form(gui)
-        self._room.on_change(self._changed)
-        on_change(self._seen, lambda e: self._show(bool(self._seen.value)))
+            self._workcell = self._workcell_form(gui)
+        self._workcell.on_change(self._changed)
+        on_change(self._show_all, lambda e: self._show(bool(self._show_all.value)))
         on_change(self._which, lambda e: self._choose())
-        on_click(self._put, self._on_put)
+        on_click(self._add, self._on_add)
         on_click(self._remove, self._on_remove)
 
     @staticmethod
-    def _room_form(gui: Any) -> Form:
+    def _workcell_form(gui: Any) -> Form:
         form, now = Form(gui), STANDARD
         form.tick("table", "Table", now.table)
         form.vector(
@@ -85,7 +85,7 @@ class WorkcellFields:
         return form
 
     def _changed(self, name: str, event: Event) -> None:
-        self._context.send_debounced("room", lambda: SetWorkcell(**self._room.values()), event)
+        self._context.send_debounced("room", lambda: SetWorkcell(**self._workcell.values()), event)
 
     def _show(self, wanted: bool) -> None:
         self._context.change_view(
@@ -93,7 +93,7 @@ class WorkcellFields:
         )
 
     def _choose(self) -> None:
-        box = next((b for b in self._held.boxes if b.name == self._which.value), None)
+        box = next((b for b in self._obstacles.boxes if b.name == self._which.value), None)
         if box is not None:
             self._name.value = box.name
             self._box.show(
@@ -104,11 +104,11 @@ class WorkcellFields:
     def _offer(self) -> None:
         """Name the button by what it does."""
         known = self._which.value != NEW
-        self._put.label = "Update obstacle" if known else "Add obstacle"
-        self._put.icon = "check" if known else "plus"
+        self._add.label = "Update obstacle" if known else "Add obstacle"
+        self._add.icon = "check" if known else "plus"
         self._remove.visible = known
 
-    def _on_put(self, event: Event) -> None:
+    def _on_add(self, event: Event) -> None:
         name, values, chosen = self._name.value.strip(), self._box.values(), self._which.value
         old = None if chosen in (NEW, name) else chosen
         self._context.send(lambda: AddObstacle(name, **values, instead_of=old), event)
@@ -119,41 +119,41 @@ class WorkcellFields:
 
     def render(self, old: Snapshot | None, new: Snapshot) -> None:
         """Follow the session and the layers."""
-        around, busy = new.session.setup.surroundings, new.busy
+        workcell, busy = new.session.setup.surroundings, new.busy
         shown = "obstacles" not in new.view.hidden
-        if self._seen.value != shown:
-            self._seen.value = shown
+        if self._show_all.value != shown:
+            self._show_all.value = shown
         if old is None or old.busy != busy:
-            self._room.enable(not busy)
+            self._workcell.enable(not busy)
             self._box.enable(not busy)
-            for part in (self._put, self._remove, self._which, self._name):
+            for part in (self._add, self._remove, self._which, self._name):
                 part.disabled = busy
         changed = old is None or old.session.setup is not new.session.setup
         if changed or (old is not None and old.refused != new.refused):
-            self._room.show({name: getattr(around, name) for name in self._room.values()})
+            self._workcell.show({name: getattr(workcell, name) for name in self._workcell.values()})
         if changed:
-            self._follow(around)
+            self._follow(workcell)
         if changed or (old is not None and old.static_scene is not new.static_scene):
-            self._near.content = too_near(new)
+            self._warning.content = clearance_warning(new)
 
-    def _follow(self, around: Surroundings) -> None:
+    def _follow(self, workcell: Surroundings) -> None:
         """Offer the boxes that there are; one that was just added or changed stays chosen."""
-        before, self._held = {box.name for box in self._held.boxes}, around
-        names = tuple(box.name for box in around.boxes)
+        before, self._obstacles = {box.name for box in self._obstacles.boxes}, workcell
+        names = tuple(box.name for box in workcell.boxes)
         chosen = self._which.value
         fresh = [name for name in names if name not in before]
         self._which.options = (NEW, *names)
         self._which.value = fresh[-1] if fresh else chosen if chosen in names else NEW
-        self._list.content = listed(around)
+        self._list.content = obstacle_table(workcell)
         self._offer()
 
 
-def listed(around: Surroundings) -> str:
+def obstacle_table(workcell: Surroundings) -> str:
     """Return what was added, as a table."""
-    if not around.boxes:
+    if not workcell.boxes:
         return style.note("No obstacles added.")
     rows = ""
-    for box in around.boxes:
+    for box in workcell.boxes:
         middle = ", ".join(f"{part:.0f}" for part in box.center_mm).replace("-", "−")
         size = " × ".join(f"{part:.0f}" for part in box.size_mm)
         turn = f", rotated by {box.turn_deg:.0f}°" if box.turn_deg else ""
@@ -164,8 +164,8 @@ def listed(around: Surroundings) -> str:
     return f'<table class="r-table">{rows}</table>'
 
 
-def too_near(snapshot: Snapshot) -> str:
-    """Return what the robot at rest comes too close to: nothing can be planned then."""
+def clearance_warning(snapshot: Snapshot) -> str:
+    """Return a warning if the home pose violates a clearance: nothing can be planned then."""
     if snapshot.static_scene is None:
         return ""
     pairs = near_pairs(snapshot.session, snapshot.static_scene.home_rad)

@@ -1,4 +1,4 @@
-"""The probe in step 1: which one, what it promises, its details, and its delay line on a block."""
+"""Probe in step 1: choice, expected performance, parameters, delay line calibration."""
 
 from typing import Any
 
@@ -31,7 +31,7 @@ SHOWN_MM = (4.0, 6.0, 8.0, 10.0)  # thicknesses of the small table
 
 
 class ProbeFields:
-    """Fields that together make one ``SetProbe``, and what follows from them."""
+    """Fields of one ``SetProbe`` command, and the expected performance."""
 
     def __init__(self, form: Form, gui: Any, context: PanelContext) -> None:
         self._form, self._gui, self._context = form, gui, context
@@ -74,8 +74,8 @@ class ProbeFields:
             1.0,
             "The line slows sound when warm",
         )
-        self._plain = self._gui.add_button("Restore probe defaults", icon="restore", color="gray")
-        on_click(self._plain, self._reset)
+        self._restore = self._gui.add_button("Restore probe defaults", icon="restore", color="gray")
+        on_click(self._restore, self._reset)
 
     def build_block(self) -> None:
         """Add the calibration of the delay line."""
@@ -85,20 +85,22 @@ class ProbeFields:
                 "changes with temperature. Calibrate it on a flat steel block."
             )
         )
-        self._shoot = self._gui.add_button("Record on reference block", icon="target", color="gray")
-        self._forget = self._gui.add_button("Reset delay line", icon="restore", color="gray")
+        self._record = self._gui.add_button(
+            "Record on reference block", icon="target", color="gray"
+        )
+        self._reset_line = self._gui.add_button("Reset delay line", icon="restore", color="gray")
         self._line = self._gui.add_html("")
-        on_click(self._shoot, lambda e: self._context.send(StartDelayLineCapture, e))
+        on_click(self._record, lambda e: self._context.send(StartDelayLineCapture, e))
         on_click(
-            self._forget, lambda e: self._context.send(lambda: CalibrateDelayLine(use=False), e)
+            self._reset_line, lambda e: self._context.send(lambda: CalibrateDelayLine(use=False), e)
         )
 
     def message(self) -> SetProbe:
         """Return the command that the fields make; another name brings its own details."""
         values = self._form.values(*NAMES)
         if values["name"] != self._settings.name:
-            own = dict.fromkeys(EDITABLE)
-            return SetProbe(**{**values, **own}, **self._kept())
+            defaults = dict.fromkeys(EDITABLE)
+            return SetProbe(**{**values, **defaults}, **self._kept())
         return SetProbe(**{**self._kept(), **edited_probe(self._settings, values)})
 
     def _kept(self) -> dict[str, Any]:
@@ -109,7 +111,7 @@ class ProbeFields:
         values = self._form.values(*CHOICE)
         self._context.send(lambda: SetProbe(**values), event)
 
-    def held(self, settings: ProbeSettings) -> dict[str, Any]:
+    def field_values(self, settings: ProbeSettings) -> dict[str, Any]:
         """Return what the fields are to show of a session's settings."""
         self._settings = settings
         shown = {name: getattr(settings, name) for name in (*CHOICE, "line_temperature_c")}
@@ -127,13 +129,13 @@ class ProbeFields:
             if state is None
             else style.note(state.sentence, good[state.verdict])
         )
-        self._forget.visible = state is not None
-        for button in (self._shoot, self._forget, self._plain):
+        self._reset_line.visible = state is not None
+        for button in (self._record, self._reset_line, self._restore):
             button.disabled = busy
 
 
 def advice_note(session: Session, *, only_another: bool = False) -> str:
-    """Return which probe the bone wants, as HTML; before a scan what can be said without one."""
+    """Return the probe recommendation as HTML; before a scan the general rule."""
     advice = probe_advice(session)
     if only_another and (advice is None or not advice.another):
         return ""
@@ -150,18 +152,18 @@ def _first(name: str) -> float:
 
 
 def performance_table(rows: tuple[ExpectedPerformance, ...], chosen: ProbeSettings) -> str:
-    """Return what each probe and excitation promises: sigma by thickness, depth range."""
+    """Return the expected performance of each probe and excitation: sigma by thickness, range."""
     head = "".join(f'<th class="n">{mm:.0f}</th>' for mm in SHOWN_MM)
     body = ""
     for row in rows:
-        mine = row.probe == chosen.name and row.excitation == chosen.excitation
+        chosen_row = row.probe == chosen.name and row.excitation == chosen.excitation
         cells = ""
         for mm in SHOWN_MM:
             at = {float(t): float(s) for t, s in zip(row.thickness_mm, row.sigma_mm, strict=True)}
             words = f"{1e3 * at[mm]:.0f}" if row.reaches(mm) and mm in at else "–"
             cells += f'<td class="n">{words}</td>'
         name = f"{TITLES[row.probe]} {row.excitation}"
-        name = f"<b>▶ {name}</b>" if mine else name
+        name = f"<b>▶ {name}</b>" if chosen_row else name
         reach = f"{row.least_mm:.0f}–{row.most_mm:.0f}" if row.most_mm > row.least_mm else "none"
         body += f'<tr><td>{name}</td>{cells}<td class="n">{reach}</td></tr>'
     words = (

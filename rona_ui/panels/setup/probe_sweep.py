@@ -1,4 +1,4 @@
-"""What if the probe were another: a sweep over virtual plates, as a table coloured by failures."""
+"""Probe comparison: a sweep over virtual plates, as a table coloured by failures."""
 
 from typing import Any
 

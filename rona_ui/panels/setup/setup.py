@@ -1,4 +1,4 @@
-"""Step 1: what is scanned and with which devices. Every field is a command of its own."""
+"""Step 1: specimen, region and devices. Every field sends its own command."""
 
 from pathlib import PurePath
 from typing import Any
@@ -149,8 +149,8 @@ class SetupPanel(StepPanel):
         """Write what the session holds into the fields where it has changed or was refused."""
         if old is None or old.session.setup is not new.session.setup or old.refused != new.refused:
             tracker = new.session.setup.devices.tracker
-            probe = self._probe.held(new.session.setup.devices.probe)
-            self.form.show({**_held(new.session), **self._tracker.held(tracker), **probe})
+            probe = self._probe.field_values(new.session.setup.devices.probe)
+            self.form.show({**_held(new.session), **self._tracker.field_values(tracker), **probe})
             table = figures_table(new.session.setup.devices.robot.model)
             if self._figures.content != table:
                 self._figures.content = table

@@ -1,4 +1,4 @@
-"""The tracker in step 1: its profile among the devices, its details in a folder of their own."""
+"""Tracker settings of step 1."""
 
 from typing import Any
 
@@ -107,7 +107,7 @@ class TrackerFields:
         shares = {share: round(values.pop(name) / 100.0, 9) for name, share in PERCENT.items()}
         return SetTracker(**values, **shares, latency_ms=self._latency_ms)
 
-    def held(self, settings: TrackerSettings) -> dict[str, Any]:
+    def field_values(self, settings: TrackerSettings) -> dict[str, Any]:
         """Return what the fields are to show of a session's settings."""
         self._latency_ms = settings.latency_ms
         shown = {name: getattr(settings, name) for name in PLAIN}

@@ -1,4 +1,4 @@
-"""What steps 2 and 3 share: expected error and verdict, the motion, and each pose with its say."""
+"""Calibration controls of steps 2 and 3: expected error, verdict, coverage, residuals."""
 
 from typing import Any
 
@@ -34,7 +34,7 @@ VERDICTS = {  # verdict -> (icon, words, colour, box)
 
 
 class CalibrationControls:
-    """Shows a calibration and lets single poses be left out, or counted again."""
+    """Shows a calibration and lets poses be excluded or included."""
 
     def __init__(self, gui: Any, context: PanelContext, step: Step) -> None:
         self._gui, self._context = gui, context

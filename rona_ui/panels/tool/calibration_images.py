@@ -1,4 +1,4 @@
-"""Two small pictures of a calibration: where the shaft swung, and what each pose leaves over."""
+"""Images of a calibration: coverage of shaft directions, and residuals of the poses."""
 
 import numpy as np
 

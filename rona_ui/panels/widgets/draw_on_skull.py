@@ -1,4 +1,4 @@
-"""Draw on the skull with the mouse: what steps 4 and 5 share."""
+"""Strokes drawn on the skull by mouse (steps 4 and 5)."""
 
 from collections.abc import Callable
 from dataclasses import replace
@@ -11,7 +11,7 @@ from rona_ui.presentation.view_state import Drawing
 
 
 class DrawingControls:
-    """A button to begin or go on, and two to finish or to drop the line."""
+    """Buttons to draw, finish or discard a stroke."""
 
     def __init__(
         self,

@@ -1,4 +1,4 @@
-"""Fields of a step by name, with their unit in the label; what they hold goes into a message."""
+"""Form: named fields of a step whose values become the arguments of a message."""
 
 from collections.abc import Callable, Mapping
 from typing import Any
@@ -8,7 +8,7 @@ from rona_ui.viewer.bindings import Event
 
 
 class Form:
-    """A few fields; ``values()`` gives the arguments of a message."""
+    """Named fields; ``values()`` returns the arguments of a message."""
 
     def __init__(self, gui: Any) -> None:
         self._gui = gui

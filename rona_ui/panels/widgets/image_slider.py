@@ -1,4 +1,4 @@
-"""A slider whose track is a picture: a click in the picture chooses the place."""
+"""Image slider: a slider whose track is an image. Also encodes PNG images."""
 
 import base64
 import struct

@@ -1,4 +1,4 @@
-"""Take what was recorded elsewhere as the capture of a step: what steps 3, 4 and 5 share."""
+"""Import of external recordings (steps 3, 4 and 5)."""
 
 from pathlib import PurePath
 from typing import Any, Literal

@@ -1,4 +1,4 @@
-"""What a panel is given: ways to send messages and to change this browser's view. Nothing else."""
+"""Panel context: the callbacks through which a panel sends messages and changes the view."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -11,7 +11,7 @@ from rona_ui.viewer.bindings import Event
 
 @dataclass(frozen=True, slots=True)
 class PanelContext:
-    """Ways out of a panel."""
+    """Callbacks of a panel."""
 
     send: Callable[[Callable[[], Any], Event], None]
     send_debounced: Callable[[object, Callable[[], Any], Event], None]
@@ -22,7 +22,7 @@ class PanelContext:
 
 
 class Panel(Protocol):
-    """Draws its part of the docks from pictures."""
+    """Draws its part of the docks from snapshots."""
 
     def render(self, old: Snapshot | None, new: Snapshot) -> None:
         """Bring the panel from ``old`` to ``new``; ``old`` is None for the first time."""
@@ -38,7 +38,7 @@ def on_click(handle: Any, call: Callable[[Any], None]) -> None:
 
 
 def on_change(handle: Any, call: Callable[[Any], None]) -> None:
-    """Call ``call(event)`` when somebody changes a field; our own writes are dropped."""
+    """Call ``call(event)`` when a user changes a field; our own writes are ignored."""
 
     @handle.on_update
     async def _(event: Any) -> None:

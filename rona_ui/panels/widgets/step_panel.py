@@ -1,4 +1,4 @@
-"""What the nine step panels share: fields that show only while the step is active."""
+"""Base class of the nine step panels: fields shown only while the step is active."""
 
 from dataclasses import fields
 from typing import Any, ClassVar

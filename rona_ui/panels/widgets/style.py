@@ -1,4 +1,4 @@
-"""The look of the docks: one style sheet, and small pieces of HTML. Everything is escaped here."""
+"""Style sheet of the docks and HTML helpers; all text is escaped here."""
 
 from rona_ui.viewer.bindings import escape
 

@@ -1,4 +1,4 @@
-"""What the figures of a picture come to: one verdict for step list, notes and table."""
+"""Verdicts of the figures: one verdict for step list, notes and table."""
 
 from typing import Any
 
@@ -7,11 +7,11 @@ from rona_core.session.document import Session
 from rona_ui.panels.widgets import style
 from rona_ui.presentation.snapshot import Snapshot
 
-MOST_TOLD = 3  # figures in a note
+MAX_LISTED = 3  # figures in a note
 
 
 class _Latest:
-    """The rows of the last picture: every panel of every browser asks for the same ones."""
+    """Rows of the last snapshot: every panel of every browser asks for the same ones."""
 
     key: tuple[dict[str, Any], Session] | None = None
     rows: tuple[QualityRow, ...] = ()
@@ -28,7 +28,7 @@ def rows_of(snapshot: Snapshot) -> tuple[QualityRow, ...]:
 
 
 def judged(snapshot: Snapshot, step: str) -> Judgement:
-    """Return what the figures of a step come to."""
+    """Return the verdict of the figures of a step."""
     return judgement(rows_of(snapshot), step)
 
 
@@ -37,7 +37,7 @@ def missed_note(found: Judgement) -> str:
     if not found.missed:
         return ""
     icon, word, _ = style.VERDICTS[found.verdict]
-    told = [row.sentence for row in found.missed[:MOST_TOLD]]
-    more = len(found.missed) - MOST_TOLD
-    told += [f"and {more} more, see Quality"] if more > 0 else []
-    return style.note(f"{icon} {word}. {'. '.join(told)}.", "warn")
+    lines = [row.sentence for row in found.missed[:MAX_LISTED]]
+    more = len(found.missed) - MAX_LISTED
+    lines += [f"and {more} more, see Quality"] if more > 0 else []
+    return style.note(f"{icon} {word}. {'. '.join(lines)}.", "warn")

@@ -1,4 +1,4 @@
-"""The bone in the cut: outer and inner boundary where the plane goes through the maps."""
+"""Bone section: outer and inner boundary map intersected with the cut plane."""
 
 import numpy as np
 

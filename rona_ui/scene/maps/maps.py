@@ -1,4 +1,4 @@
-"""Outer, inner and fused boundary map as unlit points in viridis, and the A-scans' places."""
+"""Boundary maps as unlit points in viridis, and the positions of the A-scans."""
 
 import numpy as np
 
@@ -41,8 +41,8 @@ class MapLayer(Layer):
                 shown = layers_of(maps, new.view.quantity, map_sigma(new))
                 part = shown.part(self.layer)
                 share = (part.values_mm - shown.low_mm) / (shown.high_mm - shown.low_mm)
-                left = _left(part.points_base, new)
-                points, colors = part.points_base[left], viridis(share[left])
+                kept = _kept_by_cut(part.points_base, new)
+                points, colors = part.points_base[kept], viridis(share[kept])
                 self.nodes.cloud(node, points, colors, size_mm=part.cell_mm)
         self.nodes.show(node, self.shown(new))
 
@@ -52,7 +52,7 @@ def map_cut(snapshot: Snapshot) -> tuple[str, float] | None:
     return cut_key(snapshot) if snapshot.view.cut_maps else None
 
 
-def _left(points_base: Floats, snapshot: Snapshot) -> Bools:
+def _kept_by_cut(points_base: Floats, snapshot: Snapshot) -> Bools:
     """Return which points (n,) of a map the cut leaves."""
     plane = cut_plane(snapshot) if map_cut(snapshot) is not None else None
     if plane is None:
@@ -61,7 +61,7 @@ def _left(points_base: Floats, snapshot: Snapshot) -> Bools:
 
 
 class ScanLayer(Layer):
-    """Draws where A-scans were taken: green where the inner boundary was found, red where not."""
+    """Draws A-scan positions: green where the inner boundary was found, red where not."""
 
     layer = "scan"
 

@@ -1,4 +1,4 @@
-"""Places of known thickness for the speed of sound: a dot each, its number, how far the echo is."""
+"""Reference points of known thickness: a dot, its number, and echo minus caliper."""
 
 import numpy as np
 
@@ -14,7 +14,7 @@ LIFT_MM, LABEL_MM = 1.0, 4.0  # above the outer boundary
 
 
 class ReferencesLayer(Layer):
-    """Draws the reference points of step 9; doubtful ones are orange, and their label says so."""
+    """Draws the reference points of step 9; doubtful ones are orange and labelled so."""
 
     layer = "references"
 

@@ -1,4 +1,4 @@
-"""The second pass: its path, the leaning probe along it, and the cells that only it saw."""
+"""Second pass: its path, the tilted probe axes, and the cells seen only by it."""
 
 import numpy as np
 
@@ -21,7 +21,7 @@ WHITE: Rgb = (255, 255, 255)
 
 
 class SecondLayer(Layer):
-    """Draws the path until its A-scans are mapped, and whenever that pass is looked at."""
+    """Draws the second path until it is scanned, and while that pass is selected."""
 
     layer = "second"
 
@@ -68,6 +68,6 @@ def axes(view: SecondView) -> Floats:
 
 
 def shades(view: SecondView) -> np.ndarray:
-    """Return the number of the shade (n,) of each axis, from no lean to the largest."""
+    """Return the number of the shade (n,) of each axis, from no tilt to the largest."""
     share = view.lean_deg[_every(view)] / max(tilt_scale_max_deg(view), 1e-9)
     return np.clip((share * SHADES).astype(np.int64), 0, SHADES - 1)

@@ -1,4 +1,4 @@
-"""The demonstrated and the smoothed path, its points, its normals and what to be warned of."""
+"""Demonstrated and smoothed path, its points, normals and warnings."""
 
 import numpy as np
 
@@ -51,7 +51,7 @@ class PathLayer(Layer):
         if view is None:
             self.nodes.remove(DEVIATION)
             return
-        points, values = dots(view.raw_base, view.from_raw_mm)
+        points, values = dots_along(view.raw_base, view.from_raw_mm)
         shares = values / max(view.tolerance_mm, 1e-9)
         self.nodes.cloud(DEVIATION, points + 2 * lift, viridis(shares), size_mm=0.45)
 
@@ -66,20 +66,20 @@ class PathLayer(Layer):
             self.nodes.show(node, later)
 
 
-def dots(points: Floats, values: Floats) -> tuple[Floats, Floats]:
+def dots_along(points: Floats, values: Floats) -> tuple[Floats, Floats]:
     """Return places along a path (n, 3), close enough to look like a line, and values (m,)."""
     steps = np.linalg.norm(np.diff(points, axis=0), axis=1)
     along = np.concatenate(([0.0], np.cumsum(steps)))
     count = int(np.clip(np.ceil(along[-1] / DOTS_MM), 1, 20_000)) + 1
-    at = np.linspace(0.0, along[-1], count)
+    dots_mm = np.linspace(0.0, along[-1], count)
     if not along[-1] > 0.0:
         return points[:1], values[:1]
-    places = np.column_stack([np.interp(at, along, column) for column in points.T])
-    return places, np.interp(at, along, values)
+    places = np.column_stack([np.interp(dots_mm, along, column) for column in points.T])
+    return places, np.interp(dots_mm, along, values)
 
 
 def _scanned(snapshot: Snapshot) -> bool:
-    """Return whether the path would hide the points of a scan, which lie on it."""
+    """Return whether the path would hide the points of a scan on it."""
     there = snapshot.session.captures.scan is not None and not snapshot.scanning
     return snapshot.view.step == "scan" and there
 
@@ -121,7 +121,7 @@ def shades(sigma_deg: Floats, tolerance_deg: float) -> np.ndarray:
 
 
 class WarningsLayer(Layer):
-    """Marks where the probe may lean too far, and where the surface should be sampled again."""
+    """Marks places of too large probe tilt, and places to sample again."""
 
     layer = "warnings"
 

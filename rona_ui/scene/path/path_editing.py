@@ -1,7 +1,7 @@
-"""What a click or drag on the skull means in steps 5 and 6: points of the path, a boundary.
+"""Path editing by mouse in steps 5 and 6: path points, pattern centre and boundary.
 
-The drawn skull only says which way somebody looks. Where the line of sight ends is taken from the
-measured surface, so that nothing of the true shape gets into the path.
+A click gives a ray. It is intersected with the measured surface, not with the drawn skull, so that
+the true shape never enters the path.
 """
 
 from dataclasses import replace
@@ -123,7 +123,7 @@ def _with_corner(view: ViewState, corner: Point) -> ViewState:
 
 
 class EditLayer(Layer):
-    """Draws the point that is being moved, and centre and boundary of a pattern."""
+    """Draws the point being moved, and centre and boundary of a pattern."""
 
     layer = "path"
 

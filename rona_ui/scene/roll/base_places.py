@@ -1,4 +1,4 @@
-"""Where the robot's base could stand: cells on the floor by the room they leave, two places."""
+"""Reachability map of base poses: floor cells by margin, and the two proposed poses."""
 
 import numpy as np
 from numpy.typing import NDArray

@@ -1,4 +1,4 @@
-"""The path coloured by how far the robot stays from its borders, and the point that stops it."""
+"""Path coloured by joint margins, and the first point of failure."""
 
 import numpy as np
 
@@ -16,7 +16,7 @@ DOTS_MM = 0.5
 
 
 class MarginsLayer(Layer):
-    """Draws the path in step 7: viridis for the margin, red where the robot cannot follow."""
+    """Draws the path in step 7: viridis for the margin, red where it is infeasible."""
 
     layer = "path"
 
@@ -57,17 +57,21 @@ def colored(found: PathMargins, snapshot: Snapshot) -> tuple[Floats, np.ndarray]
     quantity = snapshot.view.margin
     points, values, fails = found.points_base, found.values(quantity), found.fails(quantity)
     steps = np.linalg.norm(np.diff(points, axis=0), axis=1)
-    way = np.concatenate(([0.0], np.cumsum(steps)))
-    at = np.linspace(0.0, way[-1], int(np.clip(np.ceil(way[-1] / DOTS_MM), 1, 20_000)) + 1)
-    places = np.column_stack([np.interp(at, way, column) for column in points.T])
-    nearest = np.clip(np.searchsorted(way, at, side="right") - 1, 0, len(way) - 1)
-    colors = viridis(np.interp(at, way, values) / MARGIN_SCALE_MAX[quantity])
+    distance_mm = np.concatenate(([0.0], np.cumsum(steps)))
+    dots_mm = np.linspace(
+        0.0, distance_mm[-1], int(np.clip(np.ceil(distance_mm[-1] / DOTS_MM), 1, 20_000)) + 1
+    )
+    places = np.column_stack([np.interp(dots_mm, distance_mm, column) for column in points.T])
+    nearest = np.clip(
+        np.searchsorted(distance_mm, dots_mm, side="right") - 1, 0, len(distance_mm) - 1
+    )
+    colors = viridis(np.interp(dots_mm, distance_mm, values) / MARGIN_SCALE_MAX[quantity])
     colors[fails[nearest]] = VERMILLION
     return places, colors
 
 
 def stop_words(reason: str, joint: int, value: float, limit: float) -> str:
-    """Return what stops the robot, short enough to stand in the scene."""
+    """Return the cause of failure as a short label."""
     if reason == "reach":
         return f"out of reach by {-value:.0f} mm"
     if reason == "limit":

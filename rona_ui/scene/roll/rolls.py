@@ -1,4 +1,4 @@
-"""Some of the rolls that were tried, as a fan over the place of the path that is looked at."""
+"""Roll candidates as a fan of arrows at the selected path position."""
 
 import numpy as np
 
@@ -21,12 +21,12 @@ FOOT_MM = 16.0  # from the bone to the fan
 
 
 class RollsLayer(Layer):
-    """Draws an arrow per roll: green if the robot can follow the path with it, red if not."""
+    """Draws an arrow per roll: green if feasible, red if not."""
 
     layer = "rolls"
 
     def shown(self, snapshot: Snapshot) -> bool:
-        """Hide rolls that were judged for another robot, path or room."""
+        """Hide rolls evaluated for another robot, path or work cell."""
         return Layer.shown(self, snapshot) and motion_stale(snapshot.session) is None
 
     def render(self, old: Snapshot | None, new: Snapshot) -> None:

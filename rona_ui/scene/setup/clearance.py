@@ -1,4 +1,4 @@
-"""Parts that come too close are drawn red; what stands around the robot is drawn faintly."""
+"""Clearance: parts in violation are drawn red, obstacles transparent."""
 
 from rona_core.app.steps.roll.view import joint_curves
 from rona_core.app.steps.setup.clearance import (
@@ -21,9 +21,9 @@ FAINT = 0.22
 
 
 def highlighted_parts(snapshot: Snapshot) -> frozenset[tuple[int, str]]:
-    """Return link and name of the solids to be drawn red.
+    """Return link and name of the parts drawn red.
 
-    They are the parts that come too close, and what the joint carries that stops the shown roll.
+    These are the parts in violation, and the link after the joint that stops the selected roll.
     """
     name = snapshot.session.setup.devices.robot.model
     found: set[tuple[int, str]] = set()
@@ -38,14 +38,14 @@ def highlighted_parts(snapshot: Snapshot) -> frozenset[tuple[int, str]]:
 
 
 class ClearanceLayer(Layer):
-    """Paints the solids of the robot red, and gives them their own colour back."""
+    """Paints robot parts in violation red, and restores their colour afterwards."""
 
     layer = "robot"
 
     def __init__(self, nodes: SceneNodes) -> None:
         super().__init__(nodes)
         self._red: frozenset[tuple[int, str]] = frozenset()
-        self._own: dict[tuple[int, str], Rgb] = {}
+        self._colors: dict[tuple[int, str], Rgb] = {}
         self._model = ""
 
     def render(self, old: Snapshot | None, new: Snapshot) -> None:
@@ -53,19 +53,19 @@ class ClearanceLayer(Layer):
         name = new.session.setup.devices.robot.model
         if name != self._model:  # it has just been drawn anew
             self._model, self._red = name, frozenset()
-            self._own = {(s.frame, s.name): s.color_rgb for s in link_shapes(robot_model(name))}
+            self._colors = {(s.frame, s.name): s.color_rgb for s in link_shapes(robot_model(name))}
         red = highlighted_parts(new)
         for part in red ^ self._red:
             node = f"{ROOT}/link{part[0]}/{part[1]}"
             if node in self.nodes.names():
-                self.nodes.paint(node, RED if part in red else self._own[part])
+                self.nodes.paint(node, RED if part in red else self._colors[part])
         self._red = red
 
 
 class ObstaclesLayer(Layer):
-    """Draws head, table and tracker stand as the robot keeps away from them, and what was added.
+    """Draws the obstacles: head, table, tracker stand and added boxes.
 
-    What the robot is too close to is drawn red, wanted or not; in step 1 added boxes always are.
+    Obstacles in violation are always drawn, in red; added boxes are always drawn in step 1.
     """
 
     layer = "obstacles"

@@ -1,4 +1,4 @@
-"""The robot with its tool, posed by the live joints or by the replay cursor."""
+"""Robot with its tool at the shown joint angles."""
 
 import numpy as np
 

@@ -1,4 +1,4 @@
-"""The skull for the eye: with a window over the scanned region once mapped, and cut at a plane."""
+"""Drawn skull, with a window over the region once it is mapped, clipped at the cut plane."""
 
 import numpy as np
 
@@ -51,7 +51,7 @@ class SkullLayer(Layer):
 
     def _draw(self, snapshot: Snapshot, static_scene: StaticScene) -> None:
         """Draw what is left; a node that listens to the mouse stays, though nothing be left."""
-        mesh = opened(static_scene) if window_open(snapshot) else static_scene.skull
+        mesh = with_window(static_scene) if window_open(snapshot) else static_scene.skull
         rim = np.zeros((0, 2, 3))
         plane = cut_plane(snapshot)
         if plane is not None:
@@ -62,7 +62,7 @@ class SkullLayer(Layer):
         self.nodes.lines(RIM, rim, BONE_RIM, width_px=2.0)
 
 
-def opened(static_scene: StaticScene) -> Mesh:
+def with_window(static_scene: StaticScene) -> Mesh:
     """Return the skull with a round hole over the region; vertices in it are moved to its rim."""
     skull, normal = static_scene.skull, static_scene.region_normal_base
     from_center = skull.vertices - static_scene.region_center_base

@@ -1,4 +1,4 @@
-"""The tracker where the display says it stands, its measuring volume, and the base marker."""
+"""Tracker, its measuring volume, and the base marker."""
 
 import numpy as np
 

@@ -300,7 +300,7 @@ def test_escape_stops_the_robot_while_it_scans(
         assert page.evaluate(CHOOSE, other) == 200
         surgeon.wait_state("Scan", "stale", 60)
         stopped_by_escape(surgeon, "Scan")
-        count = ascans_told(surgeon, "Stopped early: start the scan again")
+        count = ascans_told(surgeon, "Stopped early: scan again")
         assert 0 < count < 0.9 * whole
         assert surgeon.frame.get_by_text("Replay them below").count() == 0
         surgeon.wait_state("Scan", "partial", 30)

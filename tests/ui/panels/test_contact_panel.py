@@ -7,7 +7,7 @@ from rona_core.app.handlers import handle
 from rona_core.app.messages.registry import SetContact
 from rona_core.app.steps.scan.contact_view import ContactReport, DelayShare
 from rona_core.session.document import Session
-from rona_ui.panels.scan.contact import ContactFields, contact_note, held
+from rona_ui.panels.scan.contact import ContactFields, contact_note, contact_values
 from rona_ui.panels.scan.scan import ScanPanel
 from tests.helpers.ui.fake_gui import FakeGui
 from tests.ui.panels.test_panels import CLIENT, Recorder, snapshot
@@ -47,7 +47,7 @@ def test_switched_off_the_limits_stay_as_they_were():
     pressed.happen(CLIENT)
     assert recorder.sent == [SetContact(pressed=False, force_n=5.0, monitor_n=12.0)]
     off = snapshot(handle(recorder.sent[0], on.session))
-    assert held(off.session) == {"pressed": False}
+    assert contact_values(off.session) == {"pressed": False}
     fields.render(on, off)
     assert pressed.value is False
     assert gui.find("number", "Contact force (N)").value == 5.0

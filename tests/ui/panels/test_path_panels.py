@@ -33,7 +33,7 @@ from rona_core.session.files import load_session
 from rona_ui.panels.path.path import PathPanel
 from rona_ui.panels.path.path_graph import PathGraph, graph
 from rona_ui.panels.path.pattern import PatternControls
-from rona_ui.panels.smoothing import SmoothingPanel, told
+from rona_ui.panels.smoothing import SmoothingPanel, warning_notes
 from rona_ui.panels.widgets.panel_context import PanelContext
 from rona_ui.presentation.colors import viridis
 from rona_ui.presentation.snapshot import Snapshot
@@ -165,7 +165,7 @@ def test_the_panel_tells_counts_bound_deviations_radius_and_tilt(smoothed) -> No
 def test_warnings_name_the_place_and_do_not_crowd(smoothed) -> None:
     coarse = handle(SmoothScanPath(tolerance_mm=5.0, normal_step_mm=0.0), smoothed)
     check = check_path(coarse)
-    words = told(check)
+    words = warning_notes(check)
     assert "Probe tilt may exceed 2.1°" in words
     first = check.warnings[0]
     assert f"{first.from_mm:.0f} to {first.to_mm:.0f} mm" in words
@@ -386,9 +386,9 @@ def test_the_point_that_is_held_and_the_boundary_are_drawn(smoothed) -> None:
 
 def test_dots_follow_the_path_evenly() -> None:
     points = np.array([[0.0, 0.0, 0.0], [10.0, 0.0, 0.0], [10.0, 1.0, 0.0]])
-    places, values = scene_path.dots(points, np.array([0.0, 1.0, 0.0]))
+    places, values = scene_path.dots_along(points, np.array([0.0, 1.0, 0.0]))
     steps = np.linalg.norm(np.diff(places, axis=0), axis=1)
     assert steps.max() <= scene_path.DOTS_MM + 1e-9
     assert values.max() == pytest.approx(1.0, abs=0.05)
-    one, _ = scene_path.dots(points[:1], np.zeros(1))
+    one, _ = scene_path.dots_along(points[:1], np.zeros(1))
     assert len(one) == 1

@@ -24,7 +24,7 @@ from rona_ui.presentation.view_state import ViewState
 from rona_ui.scene.cut_plane import Plane, crossings, cut, cut_plane, lengthwise
 from rona_ui.scene.maps.map_section import BAND, INNER, OUTER, ProfileLayer, band, profile
 from rona_ui.scene.maps.maps import MapLayer
-from rona_ui.scene.setup.skull import NODE, RIM, RIM_MM, SkullLayer, opened
+from rona_ui.scene.setup.skull import NODE, RIM, RIM_MM, SkullLayer, with_window
 from tests.helpers.strategies import random_pose, seeds, unit_vectors
 
 DEMO = Path(__file__).resolve().parents[3] / "sessions" / "demo.rona"
@@ -209,15 +209,15 @@ def test_nothing_is_cut_when_off_while_drawing_and_before_the_skull_is_known() -
 
 def test_the_round_window_survives_the_cut() -> None:
     plane = cut_plane(snapshot(cut_direction="crosswise", cut_offset_mm=5.0))
-    left = cut(opened(SCENE), plane)
+    left = cut(with_window(SCENE), plane)
     assert 0.0 < area(left) < area(cut(SCENE.skull, plane))
     centers = left.vertices[left.faces].mean(axis=1) - SCENE.region_center_base
     along = centers @ SCENE.region_normal_base
     aside = np.linalg.norm(centers - along[:, None] * SCENE.region_normal_base, axis=1)
     near = np.abs(along) < SCENE.region_radius_mm
     assert aside[near].min() > SCENE.region_radius_mm - RIM_MM
-    assert area(left) + area(cut(opened(SCENE), other_side(plane))) == pytest.approx(
-        area(opened(SCENE)), rel=1e-12
+    assert area(left) + area(cut(with_window(SCENE), other_side(plane))) == pytest.approx(
+        area(with_window(SCENE)), rel=1e-12
     )
 
 

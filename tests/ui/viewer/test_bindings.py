@@ -12,7 +12,7 @@ from rona_ui import labels
 from rona_ui.labels import DOING, STEP_OF, doing, in_words, label_of, note_label, place_of
 from rona_ui.panels.widgets.form import Form
 from rona_ui.viewer import bindings as bindings_module
-from rona_ui.viewer.bindings import DEBOUNCE_S, Bindings, escape, tell
+from rona_ui.viewer.bindings import DEBOUNCE_S, Bindings, escape, report_error
 from rona_ui.viewer.fields import Typed
 from tests.helpers.ui.fake_gui import FakeClient, FakeGui
 
@@ -213,7 +213,7 @@ def test_markup_is_escaped() -> None:
 
 def test_tell_names_the_kind_of_error() -> None:
     client = FakeClient()
-    tell(client, InvalidInputError("expected a, got b: do c"))
+    report_error(client, InvalidInputError("expected a, got b: do c"))
     assert client.notices == [("Invalid value", "expected a, got b: do c")]
 
 
@@ -228,8 +228,8 @@ def test_a_refusal_calls_a_parameter_what_its_field_is_called() -> None:
     form = Form(FakeGui())
     form.number("radius_mm", "Region radius (mm)", 25.0, 5.0, 45.0, 1.0)
     client = FakeClient()
-    tell(client, InvalidInputError("radius_mm must be 5 to 45, not 453"))
-    tell(client, InvalidInputError("travel_mm_per_year of my_file.nrrd is 3"))
+    report_error(client, InvalidInputError("radius_mm must be 5 to 45, not 453"))
+    report_error(client, InvalidInputError("travel_mm_per_year of my_file.nrrd is 3"))
     assert [body for _, body in client.notices] == [
         "Region radius (mm) must be 5 to 45, not 453",
         "travel_mm_per_year of my_file.nrrd is 3",
