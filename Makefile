@@ -105,7 +105,7 @@ gallery: $(VENV)/.product
 	$(ONE_THREAD) $(BIN)/python -m examples.gallery
 
 api: $(VENV)/.product
-	$(BIN)/python -m docs.api_reference build/api
+	$(BIN)/python -m docs.guide.api_reference build/api
 
 check: $(VENV)/.dev
 	$(BIN)/ruff check .

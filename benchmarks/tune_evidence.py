@@ -19,6 +19,7 @@ from rona_core.ultrasound.detection.single.inner_echo import Candidates, inner_g
 from rona_core.ultrasound.detection.spatial.candidate_features import features, joint_features
 from rona_core.ultrasound.detection.spatial.neighbour_graph import Links, scan_links
 from rona_core.ultrasound.detection.spatial.track_before_detect import Tracks, along_tracks
+from rona_core.ultrasound.probe.survey import ProbeSurvey
 from tests.scenes.bone_record import BoneScene
 from tests.scenes.bone_scenes import TRIAL_SEEDS, anatomical_bone, hard_bone, parallel_bone
 
@@ -116,7 +117,7 @@ def cases(name: ProbeName) -> list[Case]:
 def case_of(scene: BoneScene) -> Case:
     """Return what the regression needs of a scene."""
     bone = nominal_bone()
-    echoes = search_echoes(scene.track, scene.probe, scene.settings.excitation, bone)
+    echoes = search_echoes(ProbeSurvey(scene.track, scene.probe, scene.settings.excitation), bone)
     c = echoes.candidates
     depth = c.lag_us * bone.speed_mm_per_us / 2.0
     off = np.abs(c.lag_us - scene.bone_us[:, None]) * bone.speed_mm_per_us / 2.0
@@ -127,7 +128,7 @@ def case_of(scene: BoneScene) -> Case:
     shares = np.full(len(scene), share * len(scene) ** -0.5)
     links = scan_links(scene.points_skull, len(scene))
     grid = inner_grid_mm(scene.probe, bone)
-    tracks = along_tracks(echoes.evidence, echoes.loud, grid, depth, links)
+    tracks = along_tracks(echoes.log_likelihood, echoes.snr, grid, depth, links)
     return Case(c, features(c), depth, tracks, links, right, shares)
 
 

@@ -7,7 +7,8 @@ Run it from the top of the repository: .venv/bin/python -m examples.plate_thickn
 import numpy as np
 
 from examples.picture import Series, chart
-from rona_core.ultrasound import detect_lines
+from rona_core.devices import rf_from_arrays
+from rona_core.ultrasound import detect_recorded
 
 SAMPLING_MHZ, SPEED_MM_PER_US = 62.5, 2.85
 
@@ -25,7 +26,8 @@ def lines(thickness_mm: np.ndarray, seed: int = 0) -> np.ndarray:
 def main(n: int = 40) -> str:
     """Return a chart of the thickness found over the true one."""
     true_mm = np.linspace(4.0, 9.0, n)
-    found = detect_lines(lines(true_mm), SAMPLING_MHZ, SPEED_MM_PER_US)
+    recorded = rf_from_arrays({"rf": lines(true_mm), "fs": 1e6 * SAMPLING_MHZ}, "plates")
+    found = detect_recorded(recorded, SPEED_MM_PER_US)
     errors = found.thickness_mm - true_mm
     print(f"median error {np.nanmedian(np.abs(errors)):.3f} mm in {n} lines")
     dots = [Series("found", true_mm, found.thickness_mm, dots=True)]

@@ -2,6 +2,7 @@
 
 import time
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -18,7 +19,8 @@ from rona_core.evaluation.metrics import evaluate
 from rona_core.session.document import Session, Setup
 from rona_core.session.files import load_session
 from rona_core.session.specimen import LoadedSkull
-from rona_core.virtual.acoustics.plate_sweep import sweep as sweep_plates
+from rona_core.ultrasound.acoustic_calibration.parameter_sweep import sweep
+from rona_core.virtual.acoustics.plates import record_plate
 from rona_core.virtual.acoustics.specimen_medium import bone_medium
 from rona_core.virtual.rig import VirtualRig
 from rona_core.virtual.specimen.build_specimen import Specimen, build_specimen
@@ -85,7 +87,7 @@ def virtual_services(compute: Compute = compute_here, pace: float | None = None)
         import_skull=read_skull,
         evaluate=evaluate_virtual,
         compute=compute,
-        sweep=sweep_plates,
+        sweep=partial(sweep, record=record_plate),
     )
 
 

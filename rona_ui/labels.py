@@ -63,7 +63,7 @@ STEP_OF = {
 }
 # fields that stand alone, outside of the forms
 OTHERS = {
-    "sound_speed_mm_per_us": "Bone (mm/µs)",
+    "sound_speed_mm_per_us": "Sound speed (mm/µs)",
     "thickness_mm": "Thickness (mm)",
     "snr_db": "SNR (dB)",
 }

@@ -114,7 +114,7 @@ function show(state) {
   const saved = $("saved");
   const lacks = session?.recovered ? "● recovered, not saved" : "● not saved";
   saved.textContent = !session ? "" : session.saved ? `saved in ${session.file}` : lacks;
-  saved.title = { kept: "A copy is kept until it is saved", failed: "No room for a copy" }[session?.copy] ?? "";
+  saved.title = { kept: "A recovery copy is kept", failed: "No space for a recovery copy" }[session?.copy] ?? "";
   saved.classList.toggle("changed", Boolean(session) && !session.saved);
   document.title = session ? `${session.saved ? "" : "● "}${session.name} – RONA` : "RONA";
   $("origin").textContent = state.origin || "NO DEVICES";

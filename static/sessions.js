@@ -34,18 +34,18 @@ function when(utc) {
 function steps(lost) {
   const names = (list) => list.map((name) => STEP_WORDS[name] ?? name).join(", ");
   const done = `${lost.steps_done.length} of ${Object.keys(STEP_WORDS).length} steps done: ${names(lost.steps_done)}`;
-  return lost.steps_stale.length ? `${done}; to be done again: ${names(lost.steps_stale)}` : done;
+  return lost.steps_stale.length ? `${done}; to be repeated: ${names(lost.steps_stale)}` : done;
 }
 
 function row(lost) {
   const item = element("li", ""), words = document.createElement("div");
   const size = `${(lost.size_bytes / 1e6).toFixed(1)} MB`;
-  words.append(element("b", lost.name ?? "A copy that cannot be read"));
+  words.append(element("b", lost.name ?? "Unreadable copy"));
   words.append(element("small", `changed ${when(lost.changed_utc)} · ${size}`));
   if (lost.name !== null) words.append(element("small", steps(lost)));
   if (lost.problem) words.append(element("small", lost.problem, "bad"));
   const ask = () => {
-    const sure = button("Discard for good", "lose", () => act(lost, "DELETE", ""));
+    const sure = button("Discard permanently", "lose", () => act(lost, "DELETE", ""));
     item.replaceChildren(words, sure, button("Keep", "", () => item.replaceWith(row(lost))));
     sure.focus();
   };
@@ -94,8 +94,8 @@ function leaveFor(words) {
   const session = shown?.session;
   if (!session?.changes) return Promise.resolve("keep");
   $("leavetitle").textContent = `Save “${session.name}” first?`;
-  $("leavetext").textContent = `“${session.name}” has changes that are not saved. You are about to ${words}. Without saving, `
-    + `“${session.name}” stays open in the background; Session, Open sessions leads back to it.`;
+  $("leavetext").textContent = `“${session.name}” has unsaved changes. You are about to ${words}. Without saving, `
+    + `“${session.name}” stays open in the background: return to it with Session, Open sessions.`;
   $("leave").show();
   $("leavesave").focus();
   return new Promise((resolve) => {

@@ -190,7 +190,9 @@ PLANTED_IMPORTS = [
     ("rona_ui/api/planted.py", "import rona_core.robot", "only through rona_core.app"),
     ("rona_ui/panels/planted.py", "import rona_core.virtual", "only through compose"),
     ("rona_ui/panels/widgets/form.py", "import rona_ui.panels.layout", "Panels: a room a step"),
-    ("rona_ui/scene/planted.py", "import rona_ui.panels", "Layers of rona_ui"),
+    ("rona_ui/scene/cut_plane.py", "import rona_ui.panels", "Layers of rona_ui"),
+    ("rona_ui/panels/surface.py", "import rona_ui.scene.viser_nodes", "Layers of rona_ui"),
+    ("rona_ui/presentation/colors.py", "import rona_ui.scene", "Layers of rona_ui"),
 ]
 
 

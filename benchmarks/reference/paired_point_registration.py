@@ -29,7 +29,7 @@ class FiducialRegistration:
     """``T_b_a`` from points in both frames, its residuals and its covariance."""
 
     T_b_a: Pose
-    covariance: Floats  # (6, 6) of the deviation of T_b_a, as geometry/tangent.py says
+    covariance: Floats  # (6, 6) of the deviation of T_b_a, as geometry/pose_covariance.py says
     residuals_b: Floats  # (n, 3) point in b minus mapped point, mm; of those left out too
     residuals_mm: Floats  # (n,) their lengths
     leave_one_out_mm: Floats  # (n,) the same after a fit without that point; empty for 3 points

@@ -214,7 +214,7 @@ def _(message: ApplyBasePlacement, session: Session) -> Session:
 @handle.register
 def _(message: ChooseRoll, session: Session) -> Session:
     require_inputs(type(message), session)
-    searched: Derived[RobotPlan] = need(session.results.roll, "search the roll (step 7)")
+    searched: Derived[RobotPlan] = need(session.results.roll, "plan the motion (step 7)")
     plan = derive_chosen_roll(session, searched.value, message.index, message.branch)
     arguments = {**searched.arguments, "chosen": message.index, "branch": message.branch}
     made = Derived(plan, searched.message, arguments, searched.inputs)

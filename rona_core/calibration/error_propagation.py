@@ -1,4 +1,4 @@
-"""How far a place that the pointer touches is off in ``base``, before anything is touched.
+"""Error propagation from the calibrations to touched points in ``base``, to first order.
 
     tip_base = T_base_tracker T_tracker_pointermarker tip_pointermarker
 

@@ -1,4 +1,4 @@
-"""What a tracker, a robot, a probe and a hand are to RONA, whether virtual, replayed or real."""
+"""Device protocols, samples, settings and recordings, whether virtual, replayed or real."""
 
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from rona_core.devices.files.poses.igs_mha import read_igs_mha, write_igs_mha
     from rona_core.devices.files.poses.pivot_recordings import read_pivot
-    from rona_core.devices.files.rf.rf_data import read_rf
+    from rona_core.devices.files.rf.rf_data import read_rf, rf_from_arrays
     from rona_core.devices.protocols import Operator, Probe, Robot, Tracker
     from rona_core.devices.recording import Recording, ReplayTracker
     from rona_core.devices.settings import DeviceSettings
@@ -22,6 +22,7 @@ __all__ = [
     "read_igs_mha",
     "read_pivot",
     "read_rf",
+    "rf_from_arrays",
     "write_igs_mha",
 ]
 
@@ -36,6 +37,7 @@ _MODULES = {
     "read_igs_mha": "files.poses.igs_mha",
     "read_pivot": "files.poses.pivot_recordings",
     "read_rf": "files.rf.rf_data",
+    "rf_from_arrays": "files.rf.rf_data",
     "write_igs_mha": "files.poses.igs_mha",
 }
 

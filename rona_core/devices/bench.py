@@ -1,4 +1,4 @@
-"""What is measured beside the robot: thickness by caliper, and the probe on a block of steel."""
+"""Measurements beside the robot: thickness by caliper, A-scans on a reference block."""
 
 from typing import Protocol
 
@@ -21,6 +21,8 @@ class Bench(Protocol):
         """
         ...
 
-    def shoot_block(self, settings: ProbeSettings, temperature_c: float, n: int) -> AScanTrack:
+    def record_reference_block(
+        self, settings: ProbeSettings, temperature_c: float, n: int
+    ) -> AScanTrack:
         """Hold the probe on a flat block of steel and fire ``n`` times, its line this warm."""
         ...

@@ -1,4 +1,4 @@
-"""Latest-value slots: what the devices report now, for whoever draws it."""
+"""Latest-value slots of the devices, for the views."""
 
 import threading
 from dataclasses import dataclass, replace

@@ -1,4 +1,4 @@
-"""Marker geometry of the tracked tools, as a tracker is told it (what NDI keeps in a .rom file).
+"""Marker geometry of the tracked tools (what NDI keeps in a .rom file).
 
 The toolmarker and the 6D pointer carry four markers in one plane; the 5D pointer three on a line,
 so that its roll about that line cannot be seen. The SonoPointer is the ultrasound probe, in the

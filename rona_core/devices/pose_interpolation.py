@@ -1,4 +1,4 @@
-"""The pose of a tracked tool at any instant, between the frames that a tracker delivered."""
+"""Interpolation of a tracked pose between the frames of the tracker."""
 
 from dataclasses import dataclass
 
@@ -13,16 +13,16 @@ NEAR_S = 0.05  # an instant counts only if the tool was seen this shortly before
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class PosesAt:
+class InterpolatedPoses:
     """Poses of a tool at those of n instants at which it is known."""
 
     known: Bools  # (n,)
     Ts_tracker_marker: Poses  # one for each known instant
 
 
-def poses_at(
+def interpolate_poses(
     track: ToolTrack, times_s: Floats, *, delay_s: float = 0.0, near_s: float = NEAR_S
-) -> PosesAt:
+) -> InterpolatedPoses:
     """Return where a tool was at some instants.
 
     Between two frames the position runs straight and the rotation by the shortest way, evenly.
@@ -35,15 +35,15 @@ def poses_at(
     """
     measured_s, wanted = track.times_s - delay_s, np.asarray(times_s, dtype=np.float64)
     if len(measured_s) < 2:
-        nowhere = Poses(np.zeros((0, 3, 3)), np.zeros((0, 3)))
-        return PosesAt(readonly(np.zeros(len(wanted), dtype=np.bool_)), nowhere)
+        none = Poses(np.zeros((0, 3, 3)), np.zeros((0, 3)))
+        return InterpolatedPoses(readonly(np.zeros(len(wanted), dtype=np.bool_)), none)
     after = np.clip(np.searchsorted(measured_s, wanted), 1, len(measured_s) - 1)
     before = after - 1
     slack = 1e-9
     known = (wanted >= measured_s[before] - slack) & (wanted <= measured_s[after] + slack)
     known &= (wanted - measured_s[before] <= near_s) & (measured_s[after] - wanted <= near_s)
-    at = np.clip(wanted[known], measured_s[0], measured_s[-1])
+    times = np.clip(wanted[known], measured_s[0], measured_s[-1])
     poses = track.Ts_tracker_marker
-    turns = Slerp(measured_s, Rotation.from_matrix(poses.rotations))(at)
-    places = np.stack([np.interp(at, measured_s, p) for p in poses.translations.T], axis=1)
-    return PosesAt(readonly(known), Poses(turns.as_matrix().reshape(-1, 3, 3), places))
+    turns = Slerp(measured_s, Rotation.from_matrix(poses.rotations))(times)
+    places = np.stack([np.interp(times, measured_s, p) for p in poses.translations.T], axis=1)
+    return InterpolatedPoses(readonly(known), Poses(turns.as_matrix().reshape(-1, 3, 3), places))

@@ -1,4 +1,4 @@
-"""A recorded stream of a tracker, by column: what was seen of each tool in every frame."""
+"""Recorded tracker stream by column: pose and status of each tool in every frame."""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace

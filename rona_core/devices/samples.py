@@ -1,4 +1,4 @@
-"""What devices deliver: frozen samples, and the same by column for a whole capture.
+"""Device samples, and tracks of samples by column for a whole capture.
 
 All times are seconds on the clock of the capture, which starts at 0.
 """

@@ -1,4 +1,4 @@
-"""Settings of the devices: plain frozen values that a session holds and a device is given."""
+"""Device settings: frozen values that a session holds and a device is given."""
 
 from dataclasses import dataclass, field
 from typing import ClassVar, Literal, get_args

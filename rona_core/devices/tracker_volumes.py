@@ -1,4 +1,4 @@
-"""Where each tracker measures, as its maker states it, in the frame ``tracker``.
+"""Measuring volumes and stated accuracies of the trackers, in the frame ``tracker``.
 
 The frame has its origin between the cameras and z into the volume.
 """

@@ -1,4 +1,4 @@
-"""What somebody said at set-up about the things around the robot: facts of the room, not measured.
+"""Work cell: table, floor, head rest, tracker stand and added obstacles, as stated at set-up.
 
 The room is the robot base at its default place, so that moving the base does not move the table.
 Table and head are told from the place of work, where the scanned region is put up before the robot.
@@ -114,7 +114,7 @@ class Surroundings:
         return NotFoundError(f"there is no obstacle {name[:60]!r} to {wanted}; added: {there}")
 
 
-def room_pose(robot: RobotSettings) -> Pose:
+def workcell_pose(robot: RobotSettings) -> Pose:
     """Return the pose of the room in ``base``, from where the base stands now."""
     turn_rad = (0.0, 0.0, float(np.deg2rad(robot.base_turn_deg)))
     return Pose.from_rotvec(turn_rad, robot.base_shift_mm).inv()

@@ -1,4 +1,4 @@
-"""What a six-axis force sensor delivers: frozen samples, and a scan's worth of them by column.
+"""Wrench samples of a six-axis force sensor, and tracks of them by column.
 
 A wrench (6,) is force x, y, z in N and torque x, y, z in N mm about the origin of ``sensor``, as
 the tool and what touches it act on the sensor.

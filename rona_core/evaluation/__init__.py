@@ -1,1 +1,1 @@
-"""Figures against ground truth; no algorithm imports this."""
+"""Evaluation against ground truth; no algorithm imports this."""

@@ -1,4 +1,4 @@
-"""What all figures share: their type and the root mean square."""
+"""Type of the figures, and the root mean square."""
 
 import numpy as np
 

@@ -1,4 +1,4 @@
-"""Figures of the probe in the hand: its calibration, and its maps against the true bone."""
+"""Figures of the hand-held probe: calibration, and maps against the true bone."""
 
 from typing import TYPE_CHECKING
 

@@ -1,4 +1,4 @@
-"""Figures of steps 5 to 7: the demonstrated path, its smoothing, its normals and the plan."""
+"""Figures of steps 5 to 7: demonstrated path, simplification, normals and plan."""
 
 from typing import TYPE_CHECKING
 

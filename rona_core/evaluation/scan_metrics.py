@@ -1,4 +1,4 @@
-"""Figures of step 8: what the detection says of each A-scan against the true bone."""
+"""Figures of step 8: detected boundaries of each A-scan against the true bone."""
 
 from collections.abc import Sequence
 from typing import TYPE_CHECKING

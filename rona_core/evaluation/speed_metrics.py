@@ -1,4 +1,4 @@
-"""Figures of step 9: the speed of sound that the map took, against that of the true bone."""
+"""Figures of step 9: sound speed used for the map against that of the true bone."""
 
 from typing import TYPE_CHECKING
 

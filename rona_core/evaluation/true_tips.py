@@ -1,4 +1,4 @@
-"""Where a pointer's tip really was in each frame of a capture.
+"""True tip of a pointer in each frame of a capture.
 
 What the virtual tracker adds to the truth is known: its bias field, its drift, and noise that is a
 pure function of seed, capture and frame. So the true pose behind a measured one can be solved for,
@@ -19,7 +19,7 @@ from rona_core.geometry.pose import Pose
 from rona_core.virtual.scene import VirtualScene
 from rona_core.virtual.tracker.faults import drift_mm, swapped_markers
 from rona_core.virtual.tracker.reporting_rules import MIN_MARKERS
-from rona_core.virtual.tracker.tracker import observe, white_numbers
+from rona_core.virtual.tracker.tracker import ViewConditions, observe, white_numbers
 
 ROUNDS = 4  # each makes the remaining error smaller by a factor of about 1000
 SAME_RMS_MM = 1e-6  # reported and recomputed RMS errors that agree like this belong together
@@ -53,10 +53,12 @@ def true_marker(
                 white,
                 settings,
                 seed,
-                facing=None if clear is None else np.ones(len(white), dtype=np.bool_),
-                clear=clear,
-                drift=drift,
-                swapped=swapped,
+                ViewConditions(
+                    None if clear is None else np.ones(len(white), dtype=np.bool_),
+                    clear,
+                    drift,
+                    swapped,
+                ),
             ).fit
             if seen is None:  # at the very edge of what the tracker sees
                 break

@@ -1,4 +1,4 @@
-"""The true bone in ``base``, as the figures need it."""
+"""Ground truth of the bone in ``base``."""
 
 import numpy as np
 from numpy.typing import ArrayLike

@@ -1,4 +1,4 @@
-"""Rigid poses, fits of simple shapes, and the 5D path: the words the other packages share."""
+"""Poses with covariance, frame graph, least-squares fits, robust statistics and the 5D path."""
 
 from rona_core.geometry.frame_graph import FrameGraph
 from rona_core.geometry.path5d import Path5D

@@ -1,4 +1,4 @@
-"""Parse arrays at the border of the core: shape, finiteness and unit length are checked once."""
+"""Validation of arrays at the border of the core: shape, finiteness, unit length."""
 
 from typing import Any, TypeVar
 

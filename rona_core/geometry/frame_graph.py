@@ -1,12 +1,12 @@
-"""The frame graph: poses with where they come from, how old they are and how well they are known.
+"""Frame graph: poses between named frames, with source and covariance.
 
-The graph is a tree. A pose between any two of its frames is the chain of edges on the way, and its
+The graph is a tree. A pose between any two of its frames is the chain of edges between them, its
 covariance follows to first order from those of the edges, correlated ones taken together. Every
-covariance is that of the deviation in ``geometry/tangent.py``.
+covariance is that of the deviation in ``geometry/pose_covariance.py``.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike
 from rona_core.errors import InvalidInputError, NotFoundError
 from rona_core.geometry.arrays import Floats, as_points, readonly
 from rona_core.geometry.pose import Pose
-from rona_core.geometry.pose_covariance import as_covariance, deviate, point_jacobians
+from rona_core.geometry.pose_covariance import as_covariance, point_jacobians
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -26,8 +26,6 @@ class FrameEdge:
     T_a_b: Pose  # a is left, b is right
     source: str  # what it was measured or computed by
     covariance: Floats | None = None  # (6, 6); None: exact, or part of a joint covariance
-    time_s: float | None = None  # when it was measured; None: it holds always
-    stale_reason: str | None = None  # None while it is up to date
 
     @property
     def name(self) -> str:
@@ -80,8 +78,8 @@ class FrameGraph:
                     )
                 free.remove(name)
 
-    def way(self, left: str, right: str) -> tuple[tuple[FrameEdge, bool], ...]:
-        """Return the edges from ``left`` to ``right``, each with whether it points along the way.
+    def chain(self, left: str, right: str) -> tuple[tuple[FrameEdge, bool], ...]:
+        """Return the edges from ``left`` to ``right``, each with whether it points forward.
 
         Raises:
             NotFoundError: no such frame, or the two are not connected.
@@ -90,25 +88,25 @@ class FrameGraph:
         for frame in (left, right):
             if frame not in frames:
                 raise NotFoundError(f"there is no frame {frame!r} in the graph")
-        ways: dict[str, tuple[tuple[FrameEdge, bool], ...]] = {left: ()}
+        chains: dict[str, tuple[tuple[FrameEdge, bool], ...]] = {left: ()}
         queue = [left]
         for frame in queue:
             for edge in self.edges:
-                for here, there, along in (
+                for start, end, forward in (
                     (edge.left, edge.right, True),
                     (edge.right, edge.left, False),
                 ):
-                    if here == frame and there not in ways:
-                        ways[there] = (*ways[frame], (edge, along))
-                        queue.append(there)
-        if right not in ways:
+                    if start == frame and end not in chains:
+                        chains[end] = (*chains[frame], (edge, forward))
+                        queue.append(end)
+        if right not in chains:
             raise NotFoundError(f"frames {left!r} and {right!r} are not connected")
-        return ways[right]
+        return chains[right]
 
     def pose(self, left: str, right: str) -> Pose:
         """Return the pose of frame ``right`` in frame ``left``."""
         T_a_b = Pose.identity()
-        for edge, along in self.way(left, right):
+        for edge, along in self.chain(left, right):
             T_a_b = T_a_b @ (edge.T_a_b if along else edge.T_a_b.inv())
         return T_a_b
 
@@ -116,7 +114,7 @@ class FrameGraph:
         """Return the covariance (6, 6) of the pose of ``right`` in ``left``."""
         blocks = self._jacobians(left, right)
         total = np.zeros((6, 6))
-        for edge, _ in self.way(left, right):
+        for edge, _ in self.chain(left, right):
             if edge.covariance is not None:
                 total += blocks[edge.name] @ edge.covariance @ blocks[edge.name].T
         for joint in self.joint:
@@ -142,28 +140,13 @@ class FrameGraph:
             found = found + T_a_b.rotation @ np.asarray(covariances) @ T_a_b.rotation.T
         return found
 
-    def disturbed(self, rng: np.random.Generator) -> "FrameGraph":
-        """Return the graph with every pose deviated at random by its covariance."""
-        drawn: dict[str, Floats] = {}
-        for joint in self.joint:
-            whole = _draw(joint.covariance, rng)
-            drawn |= {name: whole[6 * i : 6 * i + 6] for i, name in enumerate(joint.names)}
-        for edge in self.edges:
-            if edge.covariance is not None:
-                drawn[edge.name] = _draw(edge.covariance, rng)
-        edges = tuple(
-            replace(edge, T_a_b=deviate(edge.T_a_b, drawn.get(edge.name, np.zeros(6))))
-            for edge in self.edges
-        )
-        return replace(self, edges=edges)
-
     def _jacobians(self, left: str, right: str) -> dict[str, Floats]:
         """Return by edge how the deviation of the whole pose depends on that of the edge."""
-        way = self.way(left, right)
+        chain = self.chain(left, right)
         rotation = np.eye(3)  # from the frame before the edge into left
         found: dict[str, Floats] = {}
-        for i, (edge, along) in enumerate(way):
-            origin = _origin(way[i + 1 :])  # of right, in the frame behind the edge
+        for i, (edge, along) in enumerate(chain):
+            origin = _origin(chain[i + 1 :])  # of right, in the frame behind the edge
             if along:
                 rotating = rotation
                 shifting = point_jacobians(edge.T_a_b, origin[None])[0]
@@ -181,15 +164,8 @@ class FrameGraph:
 
 
 def _origin(rest: Sequence[tuple[FrameEdge, bool]]) -> Floats:
-    """Return where the last frame of a way has its origin, in the first one."""
+    """Return where the last frame of a chain has its origin, in the first one."""
     point = np.zeros(3)
     for edge, along in reversed(rest):
         point = (edge.T_a_b if along else edge.T_a_b.inv()) @ point
     return point
-
-
-def _draw(covariance: Floats, rng: np.random.Generator) -> Floats:
-    """Return one deviation with a covariance that may be singular."""
-    scale = np.sqrt(np.maximum(np.diag(covariance), 1e-300))
-    values, vectors = np.linalg.eigh(covariance / np.outer(scale, scale))
-    return scale * (vectors @ (np.sqrt(np.maximum(values, 0.0)) * rng.normal(size=len(scale))))

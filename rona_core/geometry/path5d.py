@@ -1,4 +1,4 @@
-"""The 5D path: positions with a probe axis, the roll about it still free."""
+"""5D path: positions with a probe axis; the roll about the axis is free."""
 
 from dataclasses import dataclass
 

@@ -1,4 +1,4 @@
-"""Small deviations of poses: the tangent in which every covariance of a pose is stated.
+"""Covariance of poses: small deviations in the tangent space, and how they map.
 
 A deviation is (rx, ry, rz, tx, ty, tz): the rotation vector (rad) and the shift (mm), both along
 the axes of the left frame. ``T_a_b`` deviates to R = Exp(r) R, t = t + s, so that a point moves by

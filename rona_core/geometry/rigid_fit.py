@@ -1,4 +1,4 @@
-"""Least-squares fits that several packages share: rigid motion, plane and line.
+"""Least-squares fits: rigid motion between point sets, plane and line.
 
 Each refuses points that do not determine its answer, with the number that says why.
 """

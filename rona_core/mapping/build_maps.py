@@ -1,5 +1,7 @@
 """Make maps of both boundaries from A-scans with their poses, and fuse the pointer cloud."""
 
+from dataclasses import dataclass
+
 import numpy as np
 from numpy.typing import ArrayLike
 from scipy.spatial import KDTree
@@ -22,12 +24,33 @@ LEAST_THICKNESS_MM = 0.2  # the inner map stays at least this far below the oute
 CLOUD_REACH_MM = 6.0  # the cloud extends the map by no more than this
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class LocatedDetection:
+    """What was found in n A-scans, and the pose of the probe at each of them, z into the bone.
+
+    Raises:
+        InvalidInputError: numbers of A-scans and poses differ.
+    """
+
+    detection: Detection
+    Ts_base_probe: Poses
+
+    def __post_init__(self) -> None:
+        if len(self.Ts_base_probe) != len(self.detection):
+            raise InvalidInputError(
+                f"{len(self.detection)} A-scans need as many poses, not {len(self.Ts_base_probe)}"
+            )
+
+    def points(self) -> tuple[Floats, Floats]:
+        """Return the points (n, 3) of the outer and the inner boundary, in ``base``."""
+        return boundary_points(self.detection, self.Ts_base_probe)
+
+
 def build_maps(
-    detection: Detection,
-    Ts_base_probe: Poses,
+    found: LocatedDetection,
     cloud_points_base: ArrayLike | None = None,
     *,
-    second: tuple[Detection, Poses] | None = None,
+    second: LocatedDetection | None = None,
     cell_mm: float = 1.0,
     probe: ProbeModel | None = None,
     progress: Progress = silent,
@@ -36,40 +59,23 @@ def build_maps(
     """Return the maps of the outer and inner boundary and of the outer one fused with the cloud.
 
     Args:
-        detection: What was found in n A-scans.
-        Ts_base_probe: Pose of the probe at each of them, z into the bone.
+        found: In the A-scans, with the poses of the probe.
         cloud_points_base: Points of the pointer (m, 3) in ``base``.
-        second: What was found in the A-scans of a second pass, and the poses of the probe. Only
-            their inner boundary counts, and they come last in the points of the maps.
+        second: The same of a second pass. Only its inner boundary counts, and its points come last
+            in those of the maps.
         cell_mm: Width of a cell.
         probe: That took the A-scans; None: the one that the detection names, unchanged.
         progress: Told the share that is done.
         cancel: Asked between the parts.
 
     Raises:
-        InvalidInputError: numbers of A-scans and poses differ.
         DegenerateGeometryError: too few A-scans have an outer boundary, or they lie on a line.
         CancelledError: somebody cancelled.
     """
-    if len(Ts_base_probe) != len(detection.flag):
-        raise InvalidInputError(
-            f"{len(detection.flag)} A-scans need as many poses, not {len(Ts_base_probe)}"
-        )
-    axes_base = Ts_base_probe.rotations[:, :, 2]
-    outer_base, inner_base = boundary_points(detection, Ts_base_probe)
-    usable = detection.outer_ok
-    if np.count_nonzero(usable) < LEAST_SAMPLES:
-        raise DegenerateGeometryError(
-            f"{np.count_nonzero(usable)} of {len(usable)} A-scans show the outer boundary, "
-            f"{LEAST_SAMPLES} are the least for a map: was the probe in contact?"
-        )
-    T_base_map = _frame(outer_base[usable], axes_base[usable])
+    detection = found.detection
+    outer_base, inner_base, T_base_map = _corrected_for_curvature(found, probe)
     outer_map = T_base_map.inv() @ outer_base
-    curvature = mean_curvature_per_mm(outer_map[_agreeing_among(usable, outer_map)])
-    late = lateness_mm(probe or probe_model(detection.probe), curvature) * axes_base
-    outer_base, inner_base = outer_base - late, inner_base - late
-    outer_map = T_base_map.inv() @ outer_base
-    outer_used = _agreeing_among(usable, outer_map)
+    outer_used = _agreeing_among(detection.outer_ok, outer_map)
     grid = _Grid(T_base_map, outer_map[outer_used], cell_mm)
     _pause(progress, 0.2, cancel)
     plate = fit_plate(outer_map[outer_used, :2], outer_map[outer_used, 2])
@@ -77,10 +83,10 @@ def build_maps(
     _pause(progress, 0.5, cancel)
     usable_inner = np.asarray(detection.outer_ok & detection.inner_ok & (detection.flag == 0))
     if second is not None:
-        again_outer, again_inner = boundary_points(*second)
-        outer_base = np.vstack((outer_base, again_outer))
-        inner_base = np.vstack((inner_base, again_inner))
-        usable_inner = np.concatenate((usable_inner, second[0].flag == 0))
+        second_outer, second_inner = second.points()
+        outer_base = np.vstack((outer_base, second_outer))
+        inner_base = np.vstack((inner_base, second_inner))
+        usable_inner = np.concatenate((usable_inner, second.detection.flag == 0))
     inner, inner_used = _inner(usable_inner, T_base_map.inv() @ inner_base, plate, grid, outer)
     _pause(progress, 0.7, cancel)
     fused, fit = outer, None
@@ -97,6 +103,25 @@ def build_maps(
         fused=fused,
         cloud_fit=fit,
     )
+
+
+def _corrected_for_curvature(
+    found: LocatedDetection, probe: ProbeModel | None
+) -> tuple[Floats, Floats, Pose]:
+    """Return the points (n, 3) of both boundaries in ``base``, and the frame of the maps."""
+    axes_base = found.Ts_base_probe.rotations[:, :, 2]
+    outer_base, inner_base = found.points()
+    usable = found.detection.outer_ok
+    if np.count_nonzero(usable) < LEAST_SAMPLES:
+        raise DegenerateGeometryError(
+            f"{np.count_nonzero(usable)} of {len(usable)} A-scans show the outer boundary, "
+            f"{LEAST_SAMPLES} are the least for a map: was the probe in contact?"
+        )
+    T_base_map = _frame(outer_base[usable], axes_base[usable])
+    outer_map = T_base_map.inv() @ outer_base
+    curvature = mean_curvature_per_mm(outer_map[_agreeing_among(usable, outer_map)])
+    late = lateness_mm(probe or probe_model(found.detection.probe), curvature) * axes_base
+    return outer_base - late, inner_base - late, T_base_map
 
 
 def boundary_points(detection: Detection, Ts_base_probe: Poses) -> tuple[Floats, Floats]:

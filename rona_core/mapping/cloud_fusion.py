@@ -1,4 +1,4 @@
-"""Join the pointer cloud with the outer map of the ultrasound.
+"""Fusion of the pointer cloud with the outer map of the ultrasound.
 
 The cloud as a whole is off by the errors of registration and pointer, which all its points share.
 So it is first moved onto the map as one rigid body, held back where the map cannot tell (a dome
@@ -11,13 +11,12 @@ from scipy.spatial import KDTree
 
 from rona_core.geometry.arrays import Floats, readonly
 from rona_core.geometry.pose import Pose
+from rona_core.geometry.robust import TUKEY_CUTOFF, mad_sigma, tukey_weights
 from rona_core.mapping.boundary_map import CloudFit
 from rona_core.mapping.thin_plate_spline import PlateFit
 
 LEAST_OVERLAP = 30  # points of the cloud over the map; fewer tell nothing
 ROUNDS = 15
-TUKEY = 4.685
-MAD_TO_SD = 1.4826
 LEAST_SCALE_MM = 0.02
 PRIOR_SHIFT_MM = 1.5  # how far off a cloud is expected to be
 PRIOR_TURN_RAD = 0.02
@@ -26,7 +25,7 @@ CHART_MARGIN_MM = 4.0  # the cloud may move this far
 
 
 def fit_cloud(cloud_map: Floats, plate: PlateFit, overlap_mm: float) -> CloudFit | None:
-    """Find the rigid motion that lays the cloud onto the map: robust, point to plane.
+    """Register the cloud to the map: rigid motion, point to plane (Chen 1991), Tukey's weights.
 
     Args:
         cloud_map: Points of the cloud (n, 3) in ``map``.
@@ -51,8 +50,8 @@ def fit_cloud(cloud_map: Floats, plate: PlateFit, overlap_mm: float) -> CloudFit
     for _ in range(ROUNDS):
         moved = so_far @ points
         distance, normals = _to_plane(moved, chart)
-        scale = max(MAD_TO_SD * float(np.median(np.abs(distance))), LEAST_SCALE_MM)
-        weights = np.clip(1.0 - (distance / (TUKEY * scale)) ** 2, 0.0, None) ** 2 / scale**2
+        scale = mad_sigma(distance, floor=LEAST_SCALE_MM)
+        weights = tukey_weights(distance, TUKEY_CUTOFF * scale) / scale**2
         rows = np.column_stack((normals, np.cross(moved - center, normals)))
         information = rows.T @ (weights[:, None] * rows)
         step = np.linalg.solve(information + prior, -rows.T @ (weights * distance) - prior @ total)

@@ -1,14 +1,14 @@
-"""Drop samples that disagree with their neighbours (Hampel's filter about local planes)."""
+"""Hampel filter about local planes: samples that disagree with their neighbours (Hampel 1974)."""
 
 import numpy as np
 from scipy.spatial import KDTree
 
 from rona_core.geometry.arrays import Bools, Floats
+from rona_core.geometry.robust import MAD_TO_SIGMA
 
 NEIGHBOURS = 14
 LEAST = 6  # fewer neighbours than this judge nobody
 THRESHOLD = 3.5  # in robust standard deviations of the neighbourhood
-MAD_TO_SD = 1.4826
 FLOOR_MM = 0.08  # a scatter smaller than this is not believed
 REACH_MM = 12.0  # neighbours further off do not count
 ROUNDS = 3
@@ -46,15 +46,15 @@ def _against_neighbours(places: Floats, values: Floats, kept: Bools) -> tuple[Fl
     design = np.concatenate((np.ones((*others.shape, 1)), offset), axis=2)
     target = values[others]
     weights = counts.astype(np.float64)
-    plane, left = np.zeros((n, 3)), target
+    plane, residuals = np.zeros((n, 3)), target
     for _ in range(REWEIGHTS):  # by absolute residual, so that outliers lose their say
         weighted = design * weights[..., None]
         normal = np.einsum("nki,nkj->nij", weighted, design) + RIDGE * np.eye(3)
         right = np.einsum("nki,nk->ni", weighted, target)
         plane = np.linalg.solve(normal, right[..., None])[..., 0]
-        left = target - np.einsum("nki,ni->nk", design, plane)
-        weights = counts / np.maximum(np.abs(left), FLOOR_MM)
-    spread = np.ma.median(np.ma.masked_array(np.abs(left), ~counts), axis=1).filled(np.inf)
+        residuals = target - np.einsum("nki,ni->nk", design, plane)
+        weights = counts / np.maximum(np.abs(residuals), FLOOR_MM)
+    spread = np.ma.median(np.ma.masked_array(np.abs(residuals), ~counts), axis=1).filled(np.inf)
     judged = counts.sum(axis=1) >= LEAST
     residual = np.where(judged, values - plane[:, 0], 0.0)
-    return residual, np.where(judged, MAD_TO_SD * spread, np.inf)
+    return residual, np.where(judged, MAD_TO_SIGMA * spread, np.inf)

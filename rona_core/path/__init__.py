@@ -1,4 +1,4 @@
-"""Scan paths: smoothing with a bound on the deviation, interpolation, coverage."""
+"""Scan paths: simplification within an error bound, filter, patterns, edits, densifying."""
 
 from rona_core.path.densify import densify
 from rona_core.path.manual_edits import edit_path

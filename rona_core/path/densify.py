@@ -1,4 +1,4 @@
-"""Turn way-points with probe axes into a dense 5D path."""
+"""Interpolation of way-points with probe axes to a dense 5D path."""
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -63,7 +63,7 @@ def densify(
     return Path5D(np.vstack((points[:1], dense_points)), np.vstack((axes[:1], dense_axes)))
 
 
-def places_between(points_base: ArrayLike, step_mm: float) -> Floats:
+def insert_waypoints(points_base: ArrayLike, step_mm: float) -> Floats:
     """Return the way-points (k, 3) with places on the straight lines between, ``step_mm`` at most.
 
     All way-points are among the places (m, 3), unchanged; one that repeats the one before appears

@@ -1,4 +1,4 @@
-"""The height of measured surface points over the tangent plane of a patch, at any place."""
+"""Height field of a point cloud over the tangent plane of a patch, by local regression."""
 
 from collections.abc import Callable
 
@@ -14,7 +14,7 @@ NEIGHBOURS = 24
 RIDGE = 1e-3  # of the weight: a lean that the points do not show is not made up
 
 
-def relief(
+def fit_height_field(
     points_base: ArrayLike, T_base_patch: Pose, *, reach_mm: float = 6.0, depth_mm: float = 40.0
 ) -> Callable[[Floats], Floats]:
     """Return the height (k,) in mm of a surface cloud over places (k, 2) of a patch.
@@ -43,11 +43,12 @@ def relief(
 
     def heights(places: Floats) -> Floats:
         distances, rows = tree.query(places, k=k)
-        bare = distances[:, 0] > reach_mm
-        if bare.any():
+        uncovered = distances[:, 0] > reach_mm
+        if uncovered.any():
             raise DegenerateGeometryError(
-                f"{int(bare.sum())} of {len(places)} places of the pattern have no surface point "
-                f"within {reach_mm:g} mm: sample the surface there or draw the boundary closer"
+                f"{int(uncovered.sum())} of {len(places)} places of the pattern have no surface "
+                f"point within {reach_mm:g} mm: sample the surface there or draw the boundary "
+                "closer"
             )
         width = np.maximum(distances[:, -1:], 1e-9) * (1.0 + 1e-9)
         weights = (1.0 - (distances / width) ** 2) ** 2
@@ -60,7 +61,7 @@ def relief(
         moments = np.einsum("pk,pki,pkj->pij", weights, q, q)
         moments += RIDGE * np.trace(moments, axis1=1, axis2=2)[:, None, None] * np.eye(2)
         moments += 1e-12 * np.eye(2)
-        lean = np.linalg.solve(moments, np.einsum("pk,pki,pk->pi", weights, q, r)[..., None])
-        return mean - (lean[..., 0] * middle).sum(axis=1)
+        slope = np.linalg.solve(moments, np.einsum("pk,pki,pk->pi", weights, q, r)[..., None])
+        return mean - (slope[..., 0] * middle).sum(axis=1)
 
     return heights

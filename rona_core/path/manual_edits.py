@@ -1,4 +1,4 @@
-"""Changes of a path by hand: points moved, put in and taken away, and points that must stay."""
+"""Manual edits of a path: points moved, inserted, deleted and pinned."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -9,6 +9,7 @@ from numpy.typing import ArrayLike
 
 from rona_core.errors import InvalidInputError
 from rona_core.geometry.arrays import Bools, Floats, Ints, as_points, readonly
+from rona_core.path.simplification.segment_distance import distances_to_segment
 
 Point = tuple[float, float, float]
 BY_HAND = -1  # in place of the number of a sample
@@ -112,24 +113,20 @@ def distances_to_edited(points: Floats, path: EditedPath, kept: Ints) -> Floats:
     nodes = path.points_base[kept]
     if len(nodes) == 1:
         return np.linalg.norm(points - nodes[0], axis=1)
-    there = np.flatnonzero(path.samples != BY_HAND)
-    held, numbers = path.samples[there], np.arange(len(points))
-    after = np.searchsorted(held, numbers)  # the first sample that is still there, from this on
-    exact = np.isin(numbers, held)
-    fenced = np.concatenate(([0], there, [len(path) - 1]))
-    low, high = fenced[after + exact], fenced[after + 1]
+    remaining = np.flatnonzero(path.samples != BY_HAND)
+    sample_numbers, numbers = path.samples[remaining], np.arange(len(points))
+    after = np.searchsorted(
+        sample_numbers, numbers
+    )  # the first sample that is still there, from this on
+    exact = np.isin(numbers, sample_numbers)
+    bounded = np.concatenate(([0], remaining, [len(path) - 1]))
+    low, high = bounded[after + exact], bounded[after + 1]
     first = np.clip(np.searchsorted(kept, low, side="right") - 1, 0, len(kept) - 2)
     last = np.clip(np.searchsorted(kept, high, side="left") - 1, first, len(kept) - 2)
     distances = np.full(len(points), np.inf)
     for step in range(int((last - first).max()) + 1):
         piece = np.minimum(first + step, last)
-        distances = np.minimum(distances, _to_segments(points, nodes[piece], nodes[piece + 1]))
+        distances = np.minimum(
+            distances, distances_to_segment(points, nodes[piece], nodes[piece + 1])
+        )
     return distances
-
-
-def _to_segments(points: Floats, starts: Floats, ends: Floats) -> Floats:
-    along = ends - starts
-    length2 = (along**2).sum(axis=1)
-    share = ((points - starts) * along).sum(axis=1) / np.where(length2 > 0.0, length2, 1.0)
-    nearest = starts + np.clip(share, 0.0, 1.0)[:, None] * along
-    return np.linalg.norm(points - nearest, axis=1)

@@ -1,4 +1,4 @@
-"""Scan paths made by rule: a raster or a spiral within a boundary on a surface.
+"""Scan patterns on a surface: raster and spiral within a boundary.
 
 A pattern is drawn in the tangent plane of a patch and dropped onto the surface along its normal,
 so distances on a surface that leans by the angle a are longer by 1 / cos a.

@@ -1,4 +1,4 @@
-"""Smooth raw samples in time before their number is reduced, without shifting them."""
+"""Temporal filter of path samples: local linear regression with a Gaussian window, without lag."""
 
 import numpy as np
 from numpy.typing import ArrayLike

@@ -1,4 +1,4 @@
-"""Surfaces: meshes, rays against them, sampled clouds and their normals."""
+"""Surface point clouds, normals, ray casting and registration."""
 
 from rona_core.surface.cloud import SurfaceCloud, build_cloud, merge_clouds
 from rona_core.surface.icp import register_surface

@@ -1,4 +1,4 @@
-"""The cloud of surface points that a pointer leaves while it slides over the bone."""
+"""Surface point cloud from a sliding pointer: jumps removed, strokes averaged."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass

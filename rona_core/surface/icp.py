@@ -1,4 +1,4 @@
-"""Register a digitised patch of bone to a surface: robust point-to-plane distances.
+"""Surface registration of digitised points: robust point-to-plane ICP.
 
 Distances to the tangent plane (Chen 1991) let points slide along the surface where that fits
 better, which distances to the nearest point hold back. Tukey weights leave gross errors out, and
@@ -43,7 +43,7 @@ class SurfaceRegistration:
     """``T_b_a`` from the points' frame a into the surface's frame b, and what the patch shows."""
 
     T_b_a: Pose
-    covariance: Floats  # (6, 6) of the deviation of T_b_a, as geometry/tangent.py says
+    covariance: Floats  # (6, 6) of the deviation of T_b_a, as geometry/pose_covariance.py says
     residuals_mm: Floats  # (n,) signed distance of each mapped point from the surface
     weights: Floats  # (n,) 0 for points that were left out, up to 1
     used: Bools  # (n,) weight above 0

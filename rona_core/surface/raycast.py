@@ -1,4 +1,4 @@
-"""Cast rays on a triangle mesh: where a line of sight first meets what is drawn."""
+"""Ray casting on a triangle mesh: distance to the first hit."""
 
 from typing import Any
 

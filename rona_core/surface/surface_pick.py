@@ -1,4 +1,4 @@
-"""A place on the surface as it was measured: where a line of sight meets the cloud."""
+"""Picking on a point cloud: where a line of sight meets the measured surface."""
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -13,7 +13,7 @@ ROUNDS = 8
 DONE_MM = 1e-3
 
 
-def measured_place(
+def pick_surface_point(
     points_base: ArrayLike,
     origin_base: ArrayLike,
     direction_base: ArrayLike,
@@ -40,39 +40,39 @@ def measured_place(
         raise InvalidInputError("the line of sight has no direction")
     ray = ray / length
     from_origin = points - origin
-    deep = from_origin @ ray
-    aside = np.linalg.norm(from_origin - deep[:, None] * ray, axis=1)
-    close = np.flatnonzero((aside <= ASIDE_MM) & (deep > 0.0))
+    depths = from_origin @ ray
+    offsets = np.linalg.norm(from_origin - depths[:, None] * ray, axis=1)
+    close = np.flatnonzero((offsets <= ASIDE_MM) & (depths > 0.0))
     if not len(close):
         raise DegenerateGeometryError(
             f"no surface was measured within {ASIDE_MM:g} mm of this place: slide the pointer "
             "there first (step 4)"
         )
-    front = close[deep[close] <= deep[close].min() + 2.0 * NEAR_MM]
-    at, before = float(deep[front][aside[front].argmin()]), np.inf
+    front = close[depths[close] <= depths[close].min() + 2.0 * NEAR_MM]
+    depth, previous = float(depths[front][offsets[front].argmin()]), np.inf
     for _ in range(ROUNDS):
-        if abs(at - before) < DONE_MM:
+        if abs(depth - previous) < DONE_MM:
             break
-        at, before = _cut(points, origin, ray, at), at
-    return readonly(origin + at * ray)
+        depth, previous = _cut(points, origin, ray, depth), depth
+    return readonly(origin + depth * ray)
 
 
-def place_beside(points_base: ArrayLike, place_base: ArrayLike) -> Vector3:
+def project_to_surface(points_base: ArrayLike, place_base: ArrayLike) -> Vector3:
     """Return the place on the measured surface beside a given one, along the normal there.
 
     Raises:
         DegenerateGeometryError: no surface was measured there.
     """
     points = as_points(points_base, name="points_base")
-    place = as_vector3(place_base, name="place_base")
-    near = _nearest(points, place)
-    _, normal = _plane(points[near])
-    return measured_place(points, place + 10.0 * ASIDE_MM * normal, -normal)
+    target = as_vector3(place_base, name="place_base")
+    neighbours = _nearest(points, target)
+    _, normal = _plane(points[neighbours])
+    return pick_surface_point(points, target + 10.0 * ASIDE_MM * normal, -normal)
 
 
-def _cut(points: Floats, origin: Vector3, ray: Vector3, at: float) -> float:
-    """Return how far along the ray the plane through the points round ``at`` lies."""
-    middle, normal = _plane(points[_nearest(points, origin + at * ray)])
+def _cut(points: Floats, origin: Vector3, ray: Vector3, depth: float) -> float:
+    """Return how far along the ray the plane through the points around a depth lies."""
+    middle, normal = _plane(points[_nearest(points, origin + depth * ray)])
     facing = float(normal @ ray)
     if abs(facing) < 0.1:
         raise DegenerateGeometryError(
@@ -82,16 +82,16 @@ def _cut(points: Floats, origin: Vector3, ray: Vector3, at: float) -> float:
 
 
 def _nearest(points: Floats, place: Vector3) -> Ints:
-    away = np.linalg.norm(points - place, axis=1)
-    near = np.flatnonzero(away <= NEAR_MM)
-    if len(near) < LEAST:
-        near = np.flatnonzero(away <= 2.0 * NEAR_MM)
-    if len(near) < LEAST:
+    distances = np.linalg.norm(points - place, axis=1)
+    neighbours = np.flatnonzero(distances <= NEAR_MM)
+    if len(neighbours) < LEAST:
+        neighbours = np.flatnonzero(distances <= 2.0 * NEAR_MM)
+    if len(neighbours) < LEAST:
         raise DegenerateGeometryError(
-            f"only {len(near)} surface points were measured round this place, {LEAST} are needed: "
-            "slide the pointer there first (step 4)"
+            f"only {len(neighbours)} surface points were measured round this place, {LEAST} are "
+            "needed: slide the pointer there first (step 4)"
         )
-    return near
+    return neighbours
 
 
 def _plane(points: Floats) -> tuple[Vector3, Vector3]:

@@ -1,1 +1,1 @@
-"""The virtual scene and the devices that look at it: the only ground truth there is."""
+"""Virtual scene and virtual devices: the only ground truth."""

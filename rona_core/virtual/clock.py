@@ -1,4 +1,4 @@
-"""Time of a capture: it stands still until somebody waits on it, then jumps or runs at a pace."""
+"""Capture clock: jumps when waited on, or runs at a multiple of real time."""
 
 import math
 import threading

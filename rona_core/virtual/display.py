@@ -1,4 +1,4 @@
-"""What is drawn of the virtual scene, for the eye only."""
+"""Meshes and picking of the virtual scene, for the viewer only."""
 
 from collections.abc import Callable
 

@@ -1,4 +1,4 @@
-"""Randomness that depends on what is measured, never on when or how often somebody looks."""
+"""Random generators keyed by seed, device, capture and frame, independent of polling."""
 
 import hashlib
 from functools import lru_cache

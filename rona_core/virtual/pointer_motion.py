@@ -1,4 +1,4 @@
-"""A pointer in motion: where a hand leads its tip and its shaft, as a smooth function of time."""
+"""Motion of a hand-held tool: tip and shaft as smooth functions of time, with tremor."""
 
 from dataclasses import dataclass
 
@@ -21,6 +21,16 @@ TILT_HZ = (0.08, 0.3)  # slow changes of the tilt
 WAVES = 5
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class TipTrajectory:
+    """Sampled motion of a hand-held tool in ``base``."""
+
+    times_s: Floats  # (n,) from 0
+    tips_base: Floats  # (n, 3) mm
+    shafts_base: Floats  # (n, 3) unit directions from the tip to the hand
+    rolls_rad: Floats | None = None  # (n,) about the shaft; None: markers face the tracker
+
+
 class HandMotion:
     """Tip and shaft of one pointer over time, in ``base``; outside its time it stays at the ends.
 
@@ -33,31 +43,26 @@ class HandMotion:
         pointer: str,
         tip_pointermarker: Vector3,
         tracker_base: Vector3,
-        times_s: Floats,
-        tips_base: Floats,
-        shafts_base: Floats,
+        trajectory: TipTrajectory,
         *,
         shaft_pointermarker: Vector3 = UP,
-        rolls_rad: Floats | None = None,
     ) -> None:
-        """Lead the tip over ``tips_base`` (n, 3) with the shaft along ``shafts_base`` (n, 3).
+        """Lead the tool along a trajectory, interpolated by cubic splines.
 
         Args:
             pointer: Name of the tool.
             tip_pointermarker: Its true tip (3,).
             tracker_base: Where the tracker stands (3,).
-            times_s: Times (n,).
-            tips_base: Where the tip is (n, 3).
-            shafts_base: Unit directions (n, 3) from the tip to the hand.
-            shaft_pointermarker: The same direction (3,) in the marker frame, as it truly is.
-            rolls_rad: Turn about the shaft (n,), from where the markers face the tracker best.
+            trajectory: Of tip and shaft; its rolls count from where the markers face the tracker.
+            shaft_pointermarker: Direction (3,) of the shaft in the marker frame, as it truly is.
         """
+        times_s, rolls_rad = trajectory.times_s, trajectory.rolls_rad
         self.pointer = pointer
         self.duration_s = float(times_s[-1])
         self._tip_pointermarker = tip_pointermarker
         self._tracker_base = tracker_base
-        self._tip = CubicSpline(times_s, tips_base)
-        self._shaft = CubicSpline(times_s, shafts_base)
+        self._tip = CubicSpline(times_s, trajectory.tips_base)
+        self._shaft = CubicSpline(times_s, trajectory.shafts_base)
         self._upright = Pose(_turn_onto(shaft_pointermarker, UP), np.zeros(3))
         self._roll = None if rolls_rad is None else CubicSpline(times_s, rolls_rad)
 
@@ -106,7 +111,7 @@ def cross(a: Floats, b: Floats) -> Floats:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Sway:
+class BandLimitedNoise:
     """A smooth random function of time with mean 0: a few sines of random frequency and phase."""
 
     frequencies_hz: Floats  # (d, w)
@@ -120,7 +125,7 @@ class Sway:
         band_hz: tuple[float, float],
         rms: float,
         dimensions: int,
-    ) -> "Sway":
+    ) -> "BandLimitedNoise":
         """Return a sway in so many dimensions, of RMS ``rms`` in each."""
         shape = (dimensions, WAVES)
         return cls(
@@ -144,7 +149,7 @@ def sample_times_s(duration_s: float) -> Floats:
     return np.linspace(0.0, duration_s, int(np.ceil(duration_s * SAMPLES_HZ)) + 1)
 
 
-def progress_of(times_s: Floats, generator: np.random.Generator) -> Floats:
+def motion_progress(times_s: Floats, generator: np.random.Generator) -> Floats:
     """Return how far along its way a hand is, 0 to 1 (n,): it starts and stops gently.
 
     In between its speed rises and falls by up to a fifth.

@@ -1,4 +1,4 @@
-"""All virtual devices of one session, around one scene and one clock."""
+"""Virtual rig: all virtual devices of one session around one scene and one clock."""
 
 from typing import TYPE_CHECKING
 
@@ -17,7 +17,7 @@ from rona_core.virtual.clock import CaptureClock
 from rona_core.virtual.display import VirtualDisplay
 from rona_core.virtual.operator.operator import VirtualOperator
 from rona_core.virtual.robot.accuracy_error import RobotError
-from rona_core.virtual.robot.contact_depth import VirtualTouch
+from rona_core.virtual.robot.contact_depth import ContactDepth
 from rona_core.virtual.robot.force_sensor import VirtualForceSensor
 from rona_core.virtual.robot.robot import VirtualRobot
 from rona_core.virtual.scene import VirtualScene
@@ -105,7 +105,7 @@ class VirtualRig:
         self.operator.begin(self.scene, settings, ordinal)
         self.tracker.begin(settings.tracker, ordinal)
         self.probe.begin(settings.probe, self.scene.seed, ordinal)
-        self._touch = VirtualTouch(self.scene, self._model, ordinal)
+        self._touch = ContactDepth(self.scene, self._model, ordinal)
         self.force.begin(self.scene.seed, ordinal)
         self.bench.begin(self.scene, ordinal)
         self.display.begin(self.scene)

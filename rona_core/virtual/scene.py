@@ -1,4 +1,4 @@
-"""The one ground truth: where everything really stands, as fixed by the seed and the settings."""
+"""Ground truth of the scene: true poses of robot, tracker, tools and specimen."""
 
 from typing import TYPE_CHECKING, Protocol
 

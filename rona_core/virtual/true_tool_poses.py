@@ -1,10 +1,10 @@
-"""Where the tool, the probe and the pointer really are at any time of a capture."""
+"""True poses of tool, probe and pointer at any time of a capture."""
 
 from collections.abc import Callable
 
 from rona_core.devices.settings import SONO
 from rona_core.geometry.pose import Pose
-from rona_core.virtual.operator.manual_pivot import HandTurn
+from rona_core.virtual.operator.manual_pivot import ManualPivot
 from rona_core.virtual.pointer_motion import HandMotion
 from rona_core.virtual.scene import VirtualScene
 
@@ -26,7 +26,7 @@ class MovingTools:
         scene: VirtualScene,
         ordinal: int,
         tip_at: TipAt,
-        hand: Callable[[], HandMotion | HandTurn | None],
+        hand: Callable[[], HandMotion | ManualPivot | None],
     ) -> None:
         """Follow the robot through ``tip_at`` and the pointer through ``hand()``."""
         self._scene = scene

@@ -41,18 +41,18 @@ STATUS: dict[type[RonaError], int] = {
     CancelledError: 409,
 }
 TITLES = {
-    400: ("bad_request", "The request could not be read"),
-    401: ("unauthorized", "A token is needed"),
-    403: ("forbidden", "Not from here"),
-    404: ("not_found", "There is nothing here"),
-    405: ("method_not_allowed", "This cannot be done here"),
-    409: ("conflict", "Not now"),
-    413: ("too_large", "The body is too large"),
-    415: ("unsupported_media_type", "Send JSON"),
-    421: ("misdirected", "This server is not called that"),
-    422: ("invalid_input", "The input is not valid"),
-    500: ("internal", "A defect of the program"),
-    507: ("storage", "The file could not be written or read"),
+    400: ("bad_request", "Bad request"),
+    401: ("unauthorized", "Token required"),
+    403: ("forbidden", "Forbidden"),
+    404: ("not_found", "Not found"),
+    405: ("method_not_allowed", "Method not allowed"),
+    409: ("conflict", "Conflict"),
+    413: ("too_large", "Body too large"),
+    415: ("unsupported_media_type", "Unsupported media type: send JSON"),
+    421: ("misdirected", "Unknown host name"),
+    422: ("invalid_input", "Invalid input"),
+    500: ("internal", "Internal error"),
+    507: ("storage", "Storage error"),
 }
 
 
@@ -166,7 +166,7 @@ RESPONSES: dict[int | str, dict[str, Any]] = {
         413: "The body is larger than this route takes",
         421: "The server does not go by the name in `Host`",
         422: "Invalid input; `errors` points at the places",
-        500: "A defect of the program",
+        500: "Internal error",
         507: "The file system refused",
     }.items()
 }

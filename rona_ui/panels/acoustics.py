@@ -11,7 +11,7 @@ from rona_core.app.messages.registry import (
 from rona_core.app.steps.acoustics.view import ReferenceRow, reference_rows, speed_state
 from rona_core.session.document import Session
 from rona_ui.panels.widgets import style
-from rona_ui.panels.widgets.panel_context import Door, listen
+from rona_ui.panels.widgets.panel_context import PanelContext, on_click
 
 KINDS = {"good": "good", "weak": "", "bad": "warn", "stale": "warn"}
 
@@ -19,37 +19,37 @@ KINDS = {"good": "good", "weak": "", "bad": "warn", "stale": "warn"}
 class SpeedFields:
     """A folder of its own: measure with a caliper, add by hand, calibrate."""
 
-    def __init__(self, gui: Any, door: Door) -> None:
-        self._door = door
+    def __init__(self, gui: Any, context: PanelContext) -> None:
+        self._context = context
         self._number = gui.add_number(
-            "Points", 3, min=1, max=20, step=1, hint="Three are enough for most patients"
+            "Number of points", 3, min=1, max=20, step=1, hint="Three are enough for most patients"
         )
-        self._measure = gui.add_button("Measure with a caliper", icon="ruler-measure", color="gray")
+        self._measure = gui.add_button("Measure with caliper", icon="ruler-measure", color="gray")
         self._scan = gui.add_number(
-            "A-scan no.", 0, min=0, max=100000, step=1, hint="Where it was measured"
+            "A-scan no.", 0, min=0, max=100000, step=1, hint="A-scan at the measured place"
         )
         self._thickness = gui.add_number("Thickness (mm)", 6.0, min=0.5, max=30.0, step=0.05)
-        self._add = gui.add_button("Add this point", icon="plus", color="gray")
-        self._remove = gui.add_button("Remove the last point", icon="minus", color="gray")
-        self._calibrate = gui.add_button("Calibrate the speed", icon="ruler-2", color="gray")
+        self._add = gui.add_button("Add point", icon="plus", color="gray")
+        self._remove = gui.add_button("Remove last point", icon="minus", color="gray")
+        self._calibrate = gui.add_button("Calibrate speed", icon="ruler-2", color="gray")
         self._html = gui.add_html("")
-        listen(self._measure, self._on_measure)
-        listen(self._add, self._on_add)
-        listen(self._remove, self._on_remove)
-        listen(self._calibrate, lambda e: door.send(CalibrateSoundSpeed, e))
+        on_click(self._measure, self._on_measure)
+        on_click(self._add, self._on_add)
+        on_click(self._remove, self._on_remove)
+        on_click(self._calibrate, lambda e: context.send(CalibrateSoundSpeed, e))
         self._points = 0
 
     def _on_measure(self, event: Any) -> None:
         n = int(self._number.value)
-        self._door.send(lambda: StartCaliperMeasurements(n=n), event)
+        self._context.send(lambda: StartCaliperMeasurements(n=n), event)
 
     def _on_add(self, event: Any) -> None:
         scan, thickness_mm = int(self._scan.value), float(self._thickness.value)
-        self._door.send(lambda: AddReferencePoint(thickness_mm, scan=scan), event)
+        self._context.send(lambda: AddReferencePoint(thickness_mm, scan=scan), event)
 
     def _on_remove(self, event: Any) -> None:
         last = self._points - 1
-        self._door.send(lambda: RemoveReferencePoint(last), event)
+        self._context.send(lambda: RemoveReferencePoint(last), event)
 
     def show(self, session: Session, busy: bool) -> None:
         """Follow the session."""
@@ -64,9 +64,9 @@ class SpeedFields:
         if state is not None:
             html += style.note(f"Speed of sound {state.sentence}", KINDS[state.verdict])
         elif not mapped:
-            html += style.note("Map the boundaries once; then a caliper can be laid on.")
+            html += style.note("Map the boundaries first, then measure with the caliper.")
         else:
-            html += style.note("Not calibrated: the published speed, ± 3 % over patients.")
+            html += style.note("Not calibrated: published speed, ± 3 % between patients.")
         self._html.content = html
 
 

@@ -6,13 +6,13 @@ from rona_core.app.messages.registry import CalibratePointer, StartPointerCaptur
 from rona_ui.panels.tool.calibration import CalibrationControls
 from rona_ui.panels.widgets import style
 from rona_ui.panels.widgets.import_recording import ImportControls
-from rona_ui.panels.widgets.panel_context import listen
+from rona_ui.panels.widgets.panel_context import on_click
 from rona_ui.panels.widgets.step_panel import StepPanel
-from rona_ui.view_state import Picture
+from rona_ui.presentation.snapshot import Snapshot
 
 METHODS = {
     "Maximum likelihood": "ml",
-    "Sphere (as the paper)": "sphere",
+    "Sphere (paper)": "sphere",
     "Algebraic one-step": "aos",
 }
 
@@ -23,8 +23,8 @@ class PointerPanel(StepPanel):
     step = "pointer"
     activity = "StartPointerCapture"
     explanation = (
-        "The tip of the pointer rests in a dimple while the pointer is swung over a cone. "
-        "The wider the cone, the better the tip is known."
+        "The pointer tip rests in a dimple while the pointer pivots over a cone. A wider "
+        "cone determines the tip better."
     )
     start = "Pivot and calibrate"
 
@@ -34,19 +34,19 @@ class PointerPanel(StepPanel):
             "cone_deg", "Cone (deg)", StartPointerCapture().cone_deg, 1.0, 60.0, 1.0, "Half-angle"
         )
         self.form.number("duration_s", "Duration (s)", 15.0, 1.0, 120.0, 1.0)
-        self.form.choice("method", "Fit", METHODS, "ml")
+        self.form.choice("method", "Method", METHODS, "ml")
         self._by_hand = self.gui.add_button("Pivot by hand", icon="hand-grab", color="gray")
         self._help = self.gui.add_html("")
         self._finish = self.gui.add_button("Finish and calibrate", icon="check", visible=False)
         self._refit = self.gui.add_button("Fit again", icon="refresh", color="gray")
-        listen(
+        on_click(
             self._refit,
-            lambda e: self.door.send(self._fit_again, e),
+            lambda e: self.context.send(self._fit_again, e),
         )
-        listen(self._by_hand, lambda e: self.door.send(self._capture_by_hand, e))
-        listen(self._finish, lambda e: self.door.service("finish", e, None))
-        self._calibration = CalibrationControls(self.gui, self.door, "pointer")
-        self._import = ImportControls(self.gui, self.door, "pivot")
+        on_click(self._by_hand, lambda e: self.context.send(self._capture_by_hand, e))
+        on_click(self._finish, lambda e: self.context.service("finish", e, None))
+        self._calibration = CalibrationControls(self.gui, self.context, "pointer")
+        self._import = ImportControls(self.gui, self.context, "pivot")
 
     def _fit_again(self) -> Any:
         """Return the fit by the chosen method, without the poses that are left out by hand."""
@@ -60,15 +60,15 @@ class PointerPanel(StepPanel):
         """Return the capture with these parameters."""
         return StartPointerCapture(**self.form.values("cone_deg", "duration_s"))
 
-    def update(self, old: Picture | None, new: Picture) -> None:
+    def update(self, old: Snapshot | None, new: Snapshot) -> None:
         """Offer to pivot by hand, to finish that, and another fit once there is a recording."""
         self._by_hand.visible = not new.busy
-        self._finish.visible = new.turning
+        self._finish.visible = new.pivoting_by_hand
         words = ""
-        if new.turning:
+        if new.pivoting_by_hand:
             words = style.note(
-                "Drag the coloured arcs about the tip: the pointer turns with them. Tilt it in two "
-                "directions, then finish; at the end of the time that happens by itself."
+                "Drag the coloured handles to pivot the pointer. Tilt it in two directions, "
+                "then finish. The capture ends by itself after the set duration."
             )
         if self._help.content != words:
             self._help.content = words
@@ -77,9 +77,9 @@ class PointerPanel(StepPanel):
         self._refit.visible = new.session.captures.pointer is not None
         self._refit.disabled = new.busy
 
-    def remarks(self, picture: Picture) -> str:
+    def remarks(self, snapshot: Snapshot) -> str:
         """Say what was found."""
-        derived = picture.session.results.pointer
+        derived = snapshot.session.results.pointer
         if derived is None:
             return ""
         found = derived.value

@@ -8,31 +8,35 @@ from rona_core.app.steps.path.path_checks import PathCheck, Stretch, check_path
 from rona_core.app.steps.path.view import PathView
 from rona_ui.panels.path.path_graph import bar
 from rona_ui.panels.widgets import style
-from rona_ui.panels.widgets.panel_context import follow, listen
+from rona_ui.panels.widgets.panel_context import on_change, on_click
 from rona_ui.panels.widgets.step_panel import StepPanel
-from rona_ui.scene.colors import BLUE, PURPLE, VERMILLION, css
-from rona_ui.scene.path.path import shown_path
-from rona_ui.view_state import Drawing, Picture, Preview
+from rona_ui.presentation.colors import BLUE, PURPLE, VERMILLION, css
+from rona_ui.presentation.shown_path import shown_path
+from rona_ui.presentation.snapshot import Snapshot
+from rona_ui.presentation.view_state import Drawing, Preview
 
-METRICS = {"K1: largest distance": "k1", "K2: RMS distance": "k2", "K3: area": "k3"}
+METRICS = {"K1: maximum deviation": "k1", "K2: RMS deviation": "k2", "K3: area": "k3"}
 METHODS = {
     "Fewest points": "optimal",
     "Few points, fast": "fast",
-    "Greedy (as the paper)": "greedy",
+    "Greedy (paper)": "greedy",
     "Douglas-Peucker": "rdp",
 }
 NORMALS = {
     "Quadric": "jet",
     "Total least squares": "tls",
-    "Least squares (as the paper)": "ols",
+    "Least squares (paper)": "ols",
     "Robust plane": "robust",
 }
-EDITS: dict[str, Drawing] = {"Move": "move", "Insert": "insert", "Delete": "delete", "Keep": "keep"}
+EDITS: dict[str, Drawing] = {"Move": "move", "Insert": "insert", "Delete": "delete", "Pin": "pin"}
 HELP = {
-    "move": "Drag a blue point over the skull, or click it and then its new place.",
-    "insert": "Click the skull where the path shall pass; the point joins the nearest piece.",
-    "delete": "Click a blue point to take it away.",
-    "keep": "Click the demonstrated path where it must not be left. Click again: it may.",
+    "move": "Drag a blue point over the skull, or click it and then its new position.",
+    "insert": "Click the skull to insert a point into the nearest segment.",
+    "delete": "Click a blue point to delete it.",
+    "pin": (
+        "Click the demonstrated path to pin a point: the path passes through it. Click again "
+        "to release it."
+    ),
 }
 MOST_TOLD, MOST_PLACES = 4, 8
 
@@ -42,38 +46,52 @@ class SmoothingPanel(StepPanel):
 
     step = "smoothing"
     explanation = (
-        "Points are taken away as long as the path stays within the bound; each one kept gets "
-        "the normal of the surface points round it."
+        "Simplifies the path: removes points while the path stays within the tolerance. Each "
+        "remaining point gets the normal of the surface points around it."
     )
     start = "Smooth the path"
 
     def build(self) -> None:
         """Add the parameters."""
         form, gui = self.form, self.gui
-        self._seen: Picture | None = None
-        bound = form.slider("tolerance_mm", "Bound (mm)", 1.0, 0.1, 5.0, 0.05)
-        follow(bound, self._drag)
+        self._seen: Snapshot | None = None
+        bound = form.slider("tolerance_mm", "Tolerance (mm)", 1.0, 0.1, 5.0, 0.05)
+        on_change(bound, self._drag)
         with gui.add_folder("Advanced", expand_by_default=False):
             form.choice("method", "Method", METHODS, "optimal")
-            form.choice("metric", "Measure", METRICS, "k1", "K3 reads the bound in mm²")
-            form.number("filter_s", "Filter (s)", 0.05, 0.0, 1.0, 0.01, "Sigma; 0 for none")
-            form.choice("normal_method", "Normals", NORMALS, "jet")
+            form.choice("metric", "Error metric", METRICS, "k1", "For K3 the tolerance is in mm²")
+            form.number("filter_s", "Filter σ (s)", 0.05, 0.0, 1.0, 0.01, "0: no filter")
+            form.choice("normal_method", "Normal estimation", NORMALS, "jet")
             form.number(
-                "normal_radius_mm", "Radius (mm)", 0.0, 0.0, 40.0, 1.0, "0: the cloud decides"
+                "normal_radius_mm",
+                "Normal radius (mm)",
+                0.0,
+                0.0,
+                40.0,
+                1.0,
+                "0: chosen from the point cloud",
             )
             form.number(
-                "normal_step_mm", "Normal every", 3.0, 0.0, 50.0, 0.5, "mm; 0: kept points alone"
+                "normal_step_mm",
+                "Normal spacing (mm)",
+                3.0,
+                0.0,
+                50.0,
+                0.5,
+                "0: at the path points only",
             )
-        self._edit = gui.add_button_group("By hand", tuple(EDITS))
+        self._edit = gui.add_button_group("Edit", tuple(EDITS))
         self._help = gui.add_html("")
         self._done = gui.add_button("Done", icon="check", visible=False)
-        self._forget = gui.add_button("Forget the changes", icon="trash", color="gray")
-        listen(self._edit, lambda e: self._mode(EDITS[self._edit.value]))
-        listen(self._done, lambda e: self._mode(None))
-        listen(self._forget, lambda e: self.door.send(ClearPathEdits, e))
+        self._forget = gui.add_button("Discard edits", icon="trash", color="gray")
+        on_click(self._edit, lambda e: self._mode(EDITS[self._edit.value]))
+        on_click(self._done, lambda e: self._mode(None))
+        on_click(self._forget, lambda e: self.context.send(ClearPathEdits, e))
 
     def _mode(self, mode: Drawing | None) -> None:
-        self.door.view(lambda v: replace(v, drawing=mode, picks=(), grabbed=None, ghost=None))
+        self.context.change_view(
+            lambda v: replace(v, drawing=mode, picks=(), moved_point=None, move_target=None)
+        )
 
     def _drag(self, event: Any) -> None:
         """Preview while the slider is dragged; once it rests, compute."""
@@ -81,9 +99,9 @@ class SmoothingPanel(StepPanel):
         if seen is None or seen.session.results.path is None or seen.busy:
             return
         preview = Preview(value, seen.session.results.smoothing, seen.refused)
-        self.door.view(lambda v: replace(v, preview=preview))
+        self.context.change_view(lambda v: replace(v, preview=preview))
         if seen.session.results.surface is not None:
-            self.door.send_settled("tolerance", self.message, event)
+            self.context.send_debounced("tolerance", self.message, event)
 
     def message(self) -> Any:
         """Return the smoothing with these parameters."""
@@ -91,7 +109,7 @@ class SmoothingPanel(StepPanel):
         values["normal_radius_mm"] = values["normal_radius_mm"] or None
         return SmoothScanPath(**values)
 
-    def update(self, old: Picture | None, new: Picture) -> None:
+    def update(self, old: Snapshot | None, new: Snapshot) -> None:
         """Follow the result, and what is being changed by hand."""
         self._seen = new
         smooth = new.session.results.smoothing
@@ -100,7 +118,7 @@ class SmoothingPanel(StepPanel):
             held["normal_radius_mm"] = held.get("normal_radius_mm") or 0.0
             self.form.show(held)
         mode = new.view.drawing
-        words = style.note(f"{HELP[mode]} Ctrl+Z takes it back.") if mode in HELP else ""
+        words = style.note(f"{HELP[mode]} Undo with Ctrl+Z.") if mode in HELP else ""
         if self._help.content != words:
             self._help.content = words
         fresh = smooth is not None and new.step("smoothing").state != "stale"
@@ -109,26 +127,26 @@ class SmoothingPanel(StepPanel):
         self._forget.visible = len(new.session.path_edits) > 0
         self._forget.disabled = new.busy
 
-    def remarks(self, picture: Picture) -> str:
+    def remarks(self, snapshot: Snapshot) -> str:
         """Say what is left and how far off, what the normals are worth, and what to beware of."""
-        view = shown_path(picture)
+        view = shown_path(snapshot)
         words = "" if view is None else counts(view)
-        check = check_path(picture.session)
-        smooth = picture.session.results.smoothing
-        if check is None or smooth is None or picture.preview_mm is not None:
+        check = check_path(snapshot.session)
+        smooth = snapshot.session.results.smoothing
+        if check is None or smooth is None or snapshot.preview_mm is not None:
             return words
         normals = smooth.value.normals
-        chosen = "given" if normals.choice is None else "chosen by the cloud"
+        chosen = "given" if normals.choice is None else "from the point cloud"
         if normals.choice is not None:
             chosen += f": noise {normals.choice.noise_mm:.2f} mm"
-        words += style.text(f"Normals over a radius of {normals.radius_mm:.1f} mm ({chosen}).")
+        words += style.text(f"Normal radius {normals.radius_mm:.1f} mm ({chosen}).")
         words += bar("Uncertainty of the normals (deg)", check.tolerance_deg, "≥ ")
         return words + told(check) + style.key(LEGEND)
 
 
 LEGEND = (
     (css(BLUE), "smoothed"),
-    (css(VERMILLION), "may lean too far"),
+    (css(VERMILLION), "tilt too large"),
     (css(PURPLE), "sample again"),
 )
 
@@ -139,14 +157,14 @@ def counts(view: PathView) -> str:
     if view.preview:
         return style.note(
             f"{view.tolerance_mm:.2f} mm: about {count} of {len(view.raw_base)} points. "
-            "Let go for the fewest."
+            "Release for the minimum."
         )
-    least = "the fewest possible" if view.exact else f"at least {view.lower_bound} are needed"
-    by_hand = f" {view.by_hand} by hand." if view.by_hand else ""
+    least = "minimum" if view.exact else f"at least {view.lower_bound} needed"
+    by_hand = f" {view.by_hand} edited by hand." if view.by_hand else ""
     return style.note(
-        f"{len(view.raw_base)} points became {count} ({least}).{by_hand} Largest distance "
-        f"{view.k1_filtered_mm:.2f} mm from the filtered samples, {view.k1_raw_mm:.2f} mm from "
-        "the raw ones.",
+        f"{len(view.raw_base)} points simplified to {count} ({least}).{by_hand} Maximum "
+        f"deviation {view.k1_filtered_mm:.2f} mm from the filtered samples, "
+        f"{view.k1_raw_mm:.2f} mm from the raw samples.",
         "good",
     )
 
@@ -158,17 +176,17 @@ def told(check: PathCheck) -> str:
         lines = [f"{_at((s,))}: {s.sentence}." for s in check.warnings[:MOST_TOLD]]
         more = len(check.warnings) - MOST_TOLD
         lines += [f"And {more} more."] if more > 0 else []
-        title = f"The probe may lean beyond {check.tolerance_deg:.1f}°."
+        title = f"Probe tilt may exceed {check.tolerance_deg:.1f}°."
         words += style.note(f"{title} {' '.join(lines)}", "warn")
     for reason in dict.fromkeys(s.sentence for s in check.proposals):
         held = tuple(s for s in check.proposals if s.sentence == reason)
         times = max(s.times for s in held)
         words += style.note(
-            f"Pass with the pointer once more at {_at(held)}: {reason} (up to {times:.0f} times as "
+            f"Sample the surface again at {_at(held)}: {reason} (up to {times:.0f} times as "
             "many points)."
         )
     return words or style.note(
-        f"The probe stays within its tilt tolerance of {check.tolerance_deg:.1f}°.", "good"
+        f"Probe tilt within the tolerance of {check.tolerance_deg:.1f}°.", "good"
     )
 
 

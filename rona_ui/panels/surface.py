@@ -16,9 +16,9 @@ from rona_ui.panels.tool.calibration import VERDICTS
 from rona_ui.panels.widgets import style
 from rona_ui.panels.widgets.draw_on_skull import DrawingControls
 from rona_ui.panels.widgets.import_recording import ImportControls
-from rona_ui.panels.widgets.panel_context import listen
+from rona_ui.panels.widgets.panel_context import on_click
 from rona_ui.panels.widgets.step_panel import StepPanel
-from rona_ui.view_state import Picture
+from rona_ui.presentation.snapshot import Snapshot
 from rona_ui.viewer.bindings import escape
 
 
@@ -28,8 +28,8 @@ class SurfacePanel(StepPanel):
     step = "surface"
     activity = "StartSurfaceCapture"
     explanation = (
-        "The pointer slides over the bone in dense strokes, in the region and somewhat beyond. "
-        "Drawn lines add strokes where points are missing."
+        "The pointer slides over the bone in dense strokes, in the region and slightly "
+        "beyond. Draw strokes where points are missing."
     )
     start = "Sweep the region"
 
@@ -39,20 +39,20 @@ class SurfacePanel(StepPanel):
         self.form.number(
             "average_s", "Averaging (s)", 0.1, 0.0, 2.0, 0.05, "Moving average along a stroke"
         )
-        self._drawing = DrawingControls(self.gui, self.door, "surface", self._stroke)
-        self._rebuild = self.gui.add_button("Build the cloud again", icon="refresh", color="gray")
-        self._clear = self.gui.add_button("Forget the strokes", icon="trash", color="gray")
-        listen(
+        self._drawing = DrawingControls(self.gui, self.context, "surface", self._stroke)
+        self._rebuild = self.gui.add_button("Rebuild point cloud", icon="refresh", color="gray")
+        self._clear = self.gui.add_button("Delete strokes", icon="trash", color="gray")
+        on_click(
             self._rebuild,
-            lambda e: self.door.send(lambda: BuildSurface(**self.form.values("average_s")), e),
+            lambda e: self.context.send(lambda: BuildSurface(**self.form.values("average_s")), e),
         )
-        listen(self._clear, lambda e: self.door.send(ClearSurface, e))
+        on_click(self._clear, lambda e: self.context.send(ClearSurface, e))
         self._register = self.gui.add_button(
-            "Register the loaded skull", icon="puzzle", color="gray", visible=False
+            "Register loaded skull", icon="puzzle", color="gray", visible=False
         )
         self._registered = self.gui.add_html("")
-        listen(self._register, lambda e: self.door.send(StartSkullRegistration, e))
-        self._import = ImportControls(self.gui, self.door, "surface")
+        on_click(self._register, lambda e: self.context.send(StartSkullRegistration, e))
+        self._import = ImportControls(self.gui, self.context, "surface")
 
     def _stroke(self, picks: tuple[Any, ...]) -> Any:
         duration_s = max(3.0, 0.5 * len(picks))
@@ -62,7 +62,7 @@ class SurfacePanel(StepPanel):
         """Return the sweep."""
         return StartSurfaceCapture(**self.form.values("duration_s"))
 
-    def update(self, old: Picture | None, new: Picture) -> None:
+    def update(self, old: Snapshot | None, new: Snapshot) -> None:
         """Follow drawing and recordings."""
         self._drawing.render(new)
         self._import.render(new)
@@ -77,25 +77,26 @@ class SurfacePanel(StepPanel):
             if self._registered.content != words:
                 self._registered.content = words
 
-    def remarks(self, picture: Picture) -> str:
+    def remarks(self, snapshot: Snapshot) -> str:
         """Say how many points there are."""
-        derived, strokes = picture.session.results.surface, picture.session.captures.surface
+        derived, strokes = snapshot.session.results.surface, snapshot.session.captures.surface
         if derived is None:
             return ""
         cloud = derived.value
-        expected = predict_surface(picture.session)
+        expected = predict_surface(snapshot.session)
         words = ""
         if expected is not None and expected.normal_mm is not None:
             words = (
-                f" They are expected to be off the bone by {expected.normal_mm:.2f} mm (RMS), "
-                f"{expected.rms_mm:.2f} mm in all directions: {expected.registration_mm:.2f} by "
-                f"robot and tracker, {expected.pointer_mm:.2f} by the pointer tip, "
-                f"{expected.frame_mm:.2f} by {expected.frames} averaged frames, "
-                f"{expected.stated_mm:.2f} by the tracker's volume as its maker states it."
+                f"Expected error (RMS): {expected.normal_mm:.2f} mm normal to the bone, "
+                f"{expected.rms_mm:.2f} mm in 3D. Contributions: robot and tracker "
+                f"{expected.registration_mm:.2f}, pointer tip {expected.pointer_mm:.2f}, "
+                f"{expected.frames} averaged frames {expected.frame_mm:.2f}, tracker volume "
+                f"(specification) {expected.stated_mm:.2f} mm."
             )
         return style.note(
-            f"{len(cloud.points_base)} points from {len(strokes)} recording"
-            f"{'' if len(strokes) == 1 else 's'}; {cloud.n_dropped} dropped as lift-offs.{words}",
+            f"{len(cloud.points_base)} points from {len(strokes)} "
+            f"recording{'' if len(strokes) == 1 else 's'}; {cloud.n_dropped} rejected as "
+            f"lift-offs.{words}",
             "good",
         )
 
@@ -110,7 +111,7 @@ def registered(session: Session) -> str:
     sigma_mm = predict_skull_mm(session)
     expected = ""
     if sigma_mm is not None:
-        expected = f"It is expected to be off by {sigma_mm:.2f} mm at the points. "
+        expected = f"Expected error at the points: {sigma_mm:.2f} mm. "
     icon, word, color, box = VERDICTS[found.verdict]
     reasons = "".join(f"<br>{escape(reason[0].upper() + reason[1:])}." for reason in found.reasons)
     stale = stale_reason("registration", session)
@@ -119,8 +120,8 @@ def registered(session: Session) -> str:
         box = "warn"
     return (
         f'<div class="r-note {box}">Loaded skull: <b style="color:{color}">{icon} {word}</b>. '
-        f"The origin of its file lies at ({x:.1f}, {y:.1f}, {z:.1f}) mm in the base. {expected}"
-        f"The fit alone leaves {found.sigmas_mm[0]:.2f} mm in its weakest direction; points lie "
-        f"{found.rms_mm:.2f} mm (RMS) off, {int(found.used.sum())} of {len(found.used)} used, "
-        f"normals over {found.normals_deg:.0f}°.{reasons}</div>"
+        f"File origin at ({x:.1f}, {y:.1f}, {z:.1f}) mm in the base. {expected}"
+        f"Fit: σ {found.sigmas_mm[0]:.2f} mm in the weakest direction, residual "
+        f"{found.rms_mm:.2f} mm RMS, {int(found.used.sum())} of {len(found.used)} "
+        f"points used, normals spread over {found.normals_deg:.0f}°.{reasons}</div>"
     )

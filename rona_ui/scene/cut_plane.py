@@ -6,8 +6,9 @@ import numpy as np
 
 from rona_core.devices.protocols import Mesh
 from rona_core.geometry.arrays import Bools, Floats, Ints, Vector3
-from rona_ui.scene.camera import REGION_EYE
-from rona_ui.view_state import Backdrop, Picture
+from rona_ui.presentation.camera import REGION_EYE
+from rona_ui.presentation.snapshot import Snapshot
+from rona_ui.presentation.static_scene import StaticScene
 
 STEEPEST = 0.9  # cosine to the region's normal from which an axis says nothing about the region
 
@@ -45,42 +46,45 @@ class Crossings:
         return self.points(vertices_base)[self.edges]
 
 
-def cut_key(picture: Picture) -> tuple[str, float] | None:
+def cut_key(snapshot: Snapshot) -> tuple[str, float] | None:
     """Return what the plane depends on besides the backdrop; None while nothing is cut.
 
     While somebody draws on the skull it is whole, so that every place can be pointed at.
     """
-    view = picture.view
-    if view.slice_across == "off" or view.drawing is not None or picture.backdrop is None:
+    view = snapshot.view
+    if view.cut_direction == "off" or view.drawing is not None or snapshot.static_scene is None:
         return None
-    return view.slice_across, view.slice_mm
+    return view.cut_direction, view.cut_offset_mm
 
 
-def cut_plane(picture: Picture) -> Plane | None:
+def cut_plane(snapshot: Snapshot) -> Plane | None:
     """Return the plane of a picture, upright on the region; None while nothing is cut.
 
     "lengthwise" runs from front to back, "crosswise" at right angles to it. The half towards the
     camera of the region is taken away, and the more, the larger ``slice_mm`` is.
     """
-    if cut_key(picture) is None or picture.backdrop is None:
+    if cut_key(snapshot) is None or snapshot.static_scene is None:
         return None
-    center, normal = picture.backdrop.region_center_base, picture.backdrop.region_normal_base
-    along = lengthwise(picture.backdrop)
+    center, normal = (
+        snapshot.static_scene.region_center_base,
+        snapshot.static_scene.region_normal_base,
+    )
+    along = lengthwise(snapshot.static_scene)
     across = np.cross(normal, along)
-    away = across if picture.view.slice_across == "lengthwise" else along
+    away = across if snapshot.view.cut_direction == "lengthwise" else along
     if away @ REGION_EYE < 0.0:
         away = -away
-    return Plane(center - picture.view.slice_mm * away, away)
+    return Plane(center - snapshot.view.cut_offset_mm * away, away)
 
 
-def lengthwise(backdrop: Backdrop) -> Vector3:
+def lengthwise(static_scene: StaticScene) -> Vector3:
     """Return the unit direction (3,) in the plane of the region that runs from back to front.
 
     Where the axes of the head are not known, y of the base stands for the front; where the region
     lies on the front or back itself, the top of the head does (z of the base).
     """
-    axes = np.eye(3) if backdrop.head_axes_base is None else backdrop.head_axes_base
-    normal = backdrop.region_normal_base
+    axes = np.eye(3) if static_scene.head_axes_base is None else static_scene.head_axes_base
+    normal = static_scene.region_normal_base
     front = axes[:, 1] if abs(axes[:, 1] @ normal) < STEEPEST else axes[:, 2]
     along = front - (front @ normal) * normal
     return along / np.linalg.norm(along)

@@ -24,7 +24,7 @@ def segments(points: Floats) -> Floats:
     return np.stack((points[:-1], points[1:]), axis=1)
 
 
-class Stage:
+class SceneNodes:
     """Scene nodes of one browser by name. Everything that goes in is in mm and in ``base``."""
 
     def __init__(self, scene: Any) -> None:
@@ -176,8 +176,8 @@ class Stage:
             position=metres(pose.translation),
         )
 
-    def arcs(self, name: str, pose: Pose, *, size_mm: float) -> None:
-        """Draw arcs about the axes of a pose that can be dragged: it turns, but does not shift."""
+    def rotation_handles(self, name: str, pose: Pose, *, size_mm: float) -> None:
+        """Draw handles that rotate a pose about its axes when they are dragged."""
         self.remove(name)
         self._nodes[name] = self._scene.add_transform_controls(
             name,

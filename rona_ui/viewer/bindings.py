@@ -16,19 +16,19 @@ from rona_core.app.runtime.session_registry import Hub
 from rona_core.errors import RonaError
 from rona_ui.labels import in_words
 
-SETTLE_S = 0.4  # a field sends its message once it has been left alone for so long
+DEBOUNCE_S = 0.4  # a field sends its message once it has been left alone for so long
 NOTICE_S = 12.0
 
 TITLES = {
-    "invalid_input": "This value cannot be used",
-    "degenerate_geometry": "The data cannot determine the answer",
-    "not_reachable": "The robot cannot go there",
-    "device_error": "The device refused",
-    "step_blocked": "This step has to wait",
-    "stale_result": "Something has changed meanwhile",
+    "invalid_input": "Invalid value",
+    "degenerate_geometry": "Data not sufficient",
+    "not_reachable": "Not reachable",
+    "device_error": "Device error",
+    "step_blocked": "Step blocked",
+    "stale_result": "Out of date",
     "not_found": "Not found",
-    "name_taken": "This name is taken",
-    "session_format": "This file cannot be opened",
+    "name_taken": "Name already in use",
+    "session_format": "File cannot be opened",
     "cancelled": "Cancelled",
 }
 
@@ -90,13 +90,13 @@ class Bindings:
         if event.client is not None:
             self._put(lambda: self._deliver(make()), event.client)
 
-    def send_settled(self, key: Hashable, make: Callable[[], Any], event: Event) -> None:
+    def send_debounced(self, key: Hashable, make: Callable[[], Any], event: Event) -> None:
         """Send like ``send``, but only once nothing has come under ``key`` for a moment.
 
         What was typed has been finished by Enter: it does not wait.
         """
         if event.client is not None:
-            wait_s = 0.0 if getattr(event, "finished", False) else SETTLE_S
+            wait_s = 0.0 if getattr(event, "finished", False) else DEBOUNCE_S
             self._put(lambda: self._deliver(make()), event.client, key=key, wait_s=wait_s)
 
     def call(self, work: Callable[[], Any], event: Event) -> None:
@@ -183,7 +183,7 @@ def tell(client: Notified, error: Exception) -> tuple[str, str]:
     else:
         traceback.print_exception(error, file=sys.stderr)
         title, color = "Internal error", "red"
-        body = "A defect in RONA; nothing was changed. The server's log has the details."
+        body = "Defect in RONA: nothing was changed. See the server log."
     notify(client, title, body, color)
     return title, body
 

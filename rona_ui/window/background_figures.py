@@ -9,39 +9,38 @@ from typing import Any
 from rona_core.app.runtime.workbench import Workbench
 from rona_core.errors import RonaError
 from rona_core.session.document import Session
-from rona_ui.scene.setup.static_scene import backdrop_key, read_backdrop
-from rona_ui.view_state import Backdrop
+from rona_ui.presentation.static_scene import StaticScene, read_static_scene, static_scene_key
 
 
-class Facts:
+class BackgroundState:
     """What takes long to find out: filled in behind the scenes."""
 
     rig: Any = None
-    backdrop: Backdrop | None = None
+    static_scene: StaticScene | None = None
     figures: dict[str, Any] = {}  # noqa: RUF012 (replaced, never changed)
 
 
-class Behind:
+class BackgroundFigures:
     """Builds the devices and computes the figures in a thread of its own, the newest wish only."""
 
     def __init__(self, wake: Callable[[], None]) -> None:
         self._wake = wake
         self._ready = threading.Condition()
         self._wish: tuple[Workbench, Session, bool] | None = None
-        self._facts = Facts()
+        self._state = BackgroundState()
         self._key: object = None
         self._judged: object = None
         self._open = True
         threading.Thread(target=self._run, name="rona-behind", daemon=True).start()
 
-    def ask(self, bench: Workbench, session: Session, busy: bool) -> Facts:
+    def ask(self, bench: Workbench, session: Session, busy: bool) -> BackgroundState:
         """Return what is known by now, and have it brought up to date."""
         with self._ready:
             seen = self._wish
             if seen is None or seen[1] is not session or seen[2] != busy:
                 self._wish = bench, session, busy
                 self._ready.notify()
-            return self._facts
+            return self._state
 
     def close(self) -> None:
         """End the thread."""
@@ -66,11 +65,11 @@ class Behind:
                     traceback.print_exc(file=sys.stderr)
 
     def _work(self, bench: Workbench, session: Session, busy: bool) -> None:
-        key = session.id, *backdrop_key(session.setup)
+        key = session.id, *static_scene_key(session.setup)
         if key != self._key:
             self._put(figures={})
             rig = bench.rig()
-            self._put(rig=rig, backdrop=read_backdrop(rig, session.setup))
+            self._put(rig=rig, static_scene=read_static_scene(rig, session.setup))
             self._key = key
         judged = session.id, session.results, session.captures, session.setup
         if not busy and judged != self._judged:
@@ -78,10 +77,10 @@ class Behind:
             self._judged = judged
 
     def _put(self, **parts: Any) -> None:
-        facts = Facts()
-        facts.rig = parts.get("rig", self._facts.rig)
-        facts.backdrop = parts.get("backdrop", self._facts.backdrop)
-        facts.figures = parts.get("figures", self._facts.figures)
+        facts = BackgroundState()
+        facts.rig = parts.get("rig", self._state.rig)
+        facts.static_scene = parts.get("static_scene", self._state.static_scene)
+        facts.figures = parts.get("figures", self._state.figures)
         with self._ready:
-            self._facts = facts
+            self._state = facts
         self._wake()

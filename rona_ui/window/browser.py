@@ -13,13 +13,14 @@ from rona_core.app.runtime.session_registry import CURRENT, Hub
 from rona_core.errors import InvalidInputError, NotFoundError
 from rona_core.geometry.arrays import Floats
 from rona_ui.panels.layout.docks import Docks
-from rona_ui.panels.widgets.panel_context import Door
-from rona_ui.scene.camera import FOCUS, UP, preset
+from rona_ui.panels.widgets.panel_context import PanelContext
+from rona_ui.presentation.camera import STEP_PRESETS, UP, camera_pose
+from rona_ui.presentation.snapshot import Snapshot
+from rona_ui.presentation.view_state import Point, ViewState
 from rona_ui.scene.path.path_editing import STROKES, point_at
-from rona_ui.scene.pointer.pivot_handles import turn_of
+from rona_ui.scene.pointer import handle_rotation
+from rona_ui.scene.renderer import SceneRenderer
 from rona_ui.scene.viser_nodes import M_PER_MM, metres
-from rona_ui.scene.world import World
-from rona_ui.view_state import Picture, Point, ViewState
 from rona_ui.viewer.bindings import Bindings, Event, notify
 from rona_ui.viewer.fields import Fields
 
@@ -36,18 +37,22 @@ class Browser:
         self._hub, self._bindings, self._wake = hub, bindings, wake
         self._lock = threading.Lock()
         self._view = ViewState()
-        self._drawn: Picture | None = None
+        self._drawn: Snapshot | None = None
         self._listening = False
-        self._arcs: Any = None
-        door = Door(
-            bindings.send, bindings.send_settled, self.change_view, self._service, self._look
+        self._pivot_handles: Any = None
+        context = PanelContext(
+            bindings.send,
+            bindings.send_debounced,
+            self.change_view,
+            self._service,
+            self._set_camera,
         )
         with client.atomic():
-            self._docks = Docks(Fields(client.gui, bindings.refuse), door)
-            self._world = World(client.scene)
+            self._docks = Docks(Fields(client.gui, bindings.refuse), context)
+            self._scene = SceneRenderer(client.scene)
         client.camera.up_direction = UP
         client.camera.near, client.camera.far = NEAR_M, FAR_M
-        self._look("Overview")
+        self._set_camera("Overview")
 
     @property
     def view(self) -> ViewState:
@@ -60,7 +65,7 @@ class Browser:
             self._view = change(self._view)
         self._wake()
 
-    def draw(self, new: Picture) -> None:
+    def draw(self, new: Snapshot) -> None:
         """Bring this browser to ``new``, in one go."""
         old = self._drawn
         if old is not None and old.session.id != new.session.id:
@@ -69,19 +74,19 @@ class Browser:
         self._listen(new)
         with self.client.atomic():
             self._docks.render(old, new)
-            self._world.render(old, new)
+            self._scene.render(old, new)
         self._drawn = new
-        self._follow_arcs()
-        if new.backdrop is not None:
-            focus = FOCUS[new.view.step]
-            if old is None or old.backdrop is None or FOCUS[old.view.step] != focus:
-                self._look(focus)
+        self._listen_to_pivot_handles()
+        if new.static_scene is not None:
+            focus = STEP_PRESETS[new.view.step]
+            if old is None or old.static_scene is None or STEP_PRESETS[old.view.step] != focus:
+                self._set_camera(focus)
 
     # -------------------------------------------------------------- camera
 
-    def _look(self, name: str) -> None:
-        backdrop = None if self._drawn is None else self._drawn.backdrop
-        sight = preset(name, backdrop)
+    def _set_camera(self, name: str) -> None:
+        static_scene = None if self._drawn is None else self._drawn.static_scene
+        sight = camera_pose(name, static_scene)
         with self.client.atomic():
             self.client.camera.position = metres(sight.eye_base)
             self.client.camera.look_at = metres(sight.target_base)
@@ -89,9 +94,9 @@ class Browser:
 
     # -------------------------------------------------------------- drawing on the skull
 
-    def _listen(self, new: Picture) -> None:
+    def _listen(self, new: Snapshot) -> None:
         """Listen to the mouse on the skull while somebody draws on it, and only then."""
-        skull, wanted = self._world.skull(), new.view.drawing is not None
+        skull, wanted = self._scene.skull(), new.view.drawing is not None
         if skull is None or wanted == self._listening:
             return
         self._listening = wanted
@@ -141,18 +146,18 @@ class Browser:
 
     # -------------------------------------------------------------- the pointer in the hand
 
-    def _follow_arcs(self) -> None:
-        """Listen to the arcs about the pointer's tip as long as they are there."""
-        arcs = self._world.arcs()
-        if arcs is self._arcs:
+    def _listen_to_pivot_handles(self) -> None:
+        """Listen to the pivot handles while they are shown."""
+        handles = self._scene.pivot_handles()
+        if handles is self._pivot_handles:
             return
-        self._arcs = arcs
-        if arcs is None:
+        self._pivot_handles = handles
+        if handles is None:
             return
 
-        @arcs.on_update
+        @handles.on_update
         async def _(event: Any) -> None:
-            turn = turn_of(event.target.wxyz)  # as it is now, not when its turn comes
+            turn = handle_rotation(event.target.wxyz)  # as it is now, not when its turn comes
             self._bindings.call(lambda: self._turn(turn), event)
 
     def _turn(self, wxyz: Floats) -> None:
@@ -223,7 +228,9 @@ class Browser:
 def without_mode(view: ViewState) -> ViewState:
     """Return the view without drawing or editing; a line that was begun can be gone on with."""
     picks = view.picks if view.drawing in STROKES or view.drawing is None else ()
-    return replace(view, drawing=None, picks=picks, grabbed=None, ghost=None, hand=None)
+    return replace(
+        view, drawing=None, picks=picks, moved_point=None, move_target=None, dragged_boundary=None
+    )
 
 
 def _with_pick(view: ViewState, place: Point) -> ViewState:

@@ -24,10 +24,11 @@ from rona_core.app.steps.roll.planned_motion import motion_times
 from rona_core.errors import CancelledError, NotFoundError
 from rona_core.session.document import Session
 from rona_ui.labels import in_words, place_of
+from rona_ui.presentation.snapshot import Snapshot
+from rona_ui.presentation.view_state import ViewState
 from rona_ui.refusals import Refusals
-from rona_ui.view_state import Picture, ViewState
 from rona_ui.viewer.bindings import TITLES, Bindings, notify
-from rona_ui.window.background_figures import Behind
+from rona_ui.window.background_figures import BackgroundFigures
 from rona_ui.window.browser import Browser
 
 TICK_S = 1.0 / 30.0  # while something moves
@@ -50,7 +51,7 @@ class Window:
         self._told: set[str] = set()  # failed jobs that were told
         self._last_s = time.monotonic()
         self.bindings = Bindings(hub, self._refuse)
-        self._behind = Behind(self.wake)
+        self._background = BackgroundFigures(self.wake)
         self._unsubscribe_hub = hub.subscribe(self.wake)
         server.scene.world_axes.visible = False
         server.gui.configure_theme(
@@ -71,7 +72,7 @@ class Window:
         self._unsubscribe_hub()
         self._unfollow()
         self.bindings.close()
-        self._behind.close()
+        self._background.close()
         self.wake()
         self._thread.join(timeout=1.0)
 
@@ -136,39 +137,39 @@ class Window:
         elapsed_s, self._last_s = now_s - self._last_s, now_s
         job = _newest(bench)
         self._tell_failure(bench, job, browsers)
-        base = self._picture(bench, job)
+        base = self._snapshot(bench, job)
         for browser in browsers:
             if browser.view.playing:
                 _advance(browser, bench.session, elapsed_s)
             self._draw(browser, replace(base, view=browser.view))
         return base.busy or any(b.view.playing for b in browsers)
 
-    def _draw(self, browser: Browser, picture: Picture) -> None:
+    def _draw(self, browser: Browser, snapshot: Snapshot) -> None:
         try:
-            browser.draw(picture)
+            browser.draw(snapshot)
         except Exception:  # one browser that fails must not hold up the others
             traceback.print_exc(file=sys.stderr)
 
-    def _picture(self, bench: Workbench, job: JobStatus | None) -> Picture:
+    def _snapshot(self, bench: Workbench, job: JobStatus | None) -> Snapshot:
         session = bench.session
         if self._steps is None or self._steps[0] is not session:
             self._steps = session, step_states(session)
         busy = job is not None and not job.finished
-        facts = self._behind.ask(bench, session, busy)
+        facts = self._background.ask(bench, session, busy)
         live = bench.live.get()
         pointer = replayed_pointer(session, live)
         if live.origin is None and busy and facts.rig is not None:
             pointer = facts.rig.display.T_base_pointermarker()
-        return Picture(
+        return Snapshot(
             session=session,
             view=ViewState(),
             steps=self._steps[1],
             live=live,
             job=job,
-            backdrop=facts.backdrop,
+            static_scene=facts.static_scene,
             T_base_pointermarker=pointer,
             figures=facts.figures,
-            turning=busy and bench.pointer_in_hand(),
+            pivoting_by_hand=busy and bench.pointer_in_hand(),
             saved=self._hub.is_saved(session.id),
             copy=self._hub.copy_state(session.id),
             can_undo=bench.store.can_undo,
@@ -214,9 +215,7 @@ class Window:
             return
         known = job.error_code in TITLES
         title = TITLES.get(job.error_code or "", "Internal error")
-        body = (
-            in_words(job.error) if known else "A defect in RONA; the server's log has the details."
-        )
+        body = in_words(job.error) if known else "Defect in RONA: see the server log."
         session = bench.session
         where = place_of(None, job.activity)
         self._refusals.add(session.id, len(session.log), where, title, body)

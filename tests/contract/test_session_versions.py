@@ -100,7 +100,7 @@ def test_messages_of_schema_3_have_their_present_names_in_log_and_results():
     log = [entry.message for entry in session.log]
     assert log == [RENAMED_IN_4.get(name, name) for name in said] != said
     assert not set(RENAMED_IN_4) & (set(log) | set(public))
-    assert set(RENAMED_IN_4.values()) <= {*public}
+    assert set(RENAMED_IN_4.values()) <= set(public)
     results = manifest["session"]["results"]
     held = {k: v["message"] for k, v in results.items() if isinstance(v, dict)}
     made = {name: getattr(session.results, name).message for name in held}

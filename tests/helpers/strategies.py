@@ -1,10 +1,13 @@
 """Shared hypothesis strategies: a seed makes a generator, a generator makes geometry."""
 
+from dataclasses import replace
+
 import numpy as np
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from rona_core.geometry.pose import Pose, Poses
+from rona_core.geometry.pose_covariance import deviate
 
 seeds = st.integers(min_value=0, max_value=2**32 - 1)
 
@@ -84,3 +87,26 @@ def noisy(rng, poses, sigma_mm, sigma_deg):
     turns = Rotation.from_rotvec(rng.normal(0, np.deg2rad(sigma_deg), (len(poses), 3)))
     shifts = rng.normal(0, sigma_mm, (len(poses), 3))
     return Poses(poses.rotations @ turns.as_matrix(), poses.translations + shifts)
+
+
+def disturbed(graph, rng):
+    """Return a frame graph with every pose deviated at random by its covariance."""
+    drawn = {}
+    for joint in graph.joint:
+        whole = _draw(joint.covariance, rng)
+        drawn |= {name: whole[6 * i : 6 * i + 6] for i, name in enumerate(joint.names)}
+    for edge in graph.edges:
+        if edge.covariance is not None:
+            drawn[edge.name] = _draw(edge.covariance, rng)
+    edges = tuple(
+        replace(edge, T_a_b=deviate(edge.T_a_b, drawn.get(edge.name, np.zeros(6))))
+        for edge in graph.edges
+    )
+    return replace(graph, edges=edges)
+
+
+def _draw(covariance, rng):
+    """Return one deviation with a covariance that may be singular."""
+    scale = np.sqrt(np.maximum(np.diag(covariance), 1e-300))
+    values, vectors = np.linalg.eigh(covariance / np.outer(scale, scale))
+    return scale * (vectors @ (np.sqrt(np.maximum(values, 0.0)) * rng.normal(size=len(scale))))

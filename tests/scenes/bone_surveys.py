@@ -20,6 +20,7 @@ from rona_core.geometry.pose import Poses
 from rona_core.session.document import Session
 from rona_core.session.specimen import BoneChoice, BoneKind
 from rona_core.ultrasound.detection.detect import Detection, detect
+from rona_core.ultrasound.probe.survey import ProbeSurvey
 from rona_core.virtual.acoustics.probe import Layered
 from rona_core.virtual.acoustics.specimen_medium import bone_medium
 from rona_core.virtual.rig import build_scene
@@ -101,9 +102,11 @@ def fired_again(survey: Survey, kind: BoneKind = "normal", loss: float = 1.0) ->
 def detected(survey: Survey, scene: BoneScene) -> Detection:
     """Return what detection makes of a survey, told what the robot knows of its places."""
     return detect(
-        scene.track,
-        scene.probe,
-        scene.settings.excitation,
-        positions_mm=survey.Ts_base_probe.translations,
-        axes=survey.Ts_base_probe.rotations[:, :, 2],
+        ProbeSurvey(
+            scene.track,
+            scene.probe,
+            scene.settings.excitation,
+            positions_mm=survey.Ts_base_probe.translations,
+            axes=survey.Ts_base_probe.rotations[:, :, 2],
+        )
     )

@@ -7,7 +7,12 @@ that what is measured is what the move alone costs, at a place on the head.
 import numpy as np
 
 from benchmarks.metric import Metric, Progress
-from rona_core.calibration.hand_eye.base_marker import ErrorField, SeenBase, carry_over, mean_base
+from rona_core.calibration.hand_eye.base_marker import (
+    SeenBase,
+    TrackerErrorField,
+    mean_base,
+    update_registration,
+)
 from rona_core.devices.marker_geometry import GEOMETRIES
 from rona_core.devices.settings import TrackerPlace, TrackerProfile, TrackerSettings
 from rona_core.devices.tracker_volumes import FIELD_MM
@@ -54,7 +59,9 @@ def trial(profile: TrackerProfile, place: TrackerPlace, seed: int) -> tuple[floa
     settings = TrackerSettings(profile=profile)
     then = seen(T_base_tracker.inv() @ T_base_basemarker, settings, seed, 1)
     now = seen(T_base_tracker_new.inv() @ T_base_basemarker, settings, seed, 2)
-    carried = carry_over(T_base_tracker, np.zeros((6, 6)), then, now, ErrorField(FIELD_MM[profile]))
+    carried = update_registration(
+        T_base_tracker, np.zeros((6, 6)), then, now, TrackerErrorField(FIELD_MM[profile])
+    )
     head = np.array(REGION_CENTER)
     off = carried.T_base_tracker @ (T_base_tracker_new.inv() @ head) - head
     return float(np.linalg.norm(off)), float(carried.added_sigma_mm(head[None])[0])

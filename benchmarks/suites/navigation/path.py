@@ -8,22 +8,24 @@ from benchmarks.cases import surface_normals as normal_cases
 from benchmarks.cases.demonstrated_path import demonstration as demonstrated
 from benchmarks.metric import Metric, Progress, cpu_ms, over_seeds
 from benchmarks.peers.line_simplification import PEERS, as_index
-from benchmarks.reference.brute_force_simplification import (
+from benchmarks.reference.path.brute_force_simplification import (
     fewest,
     segment_deviation_mm,
     textbook_order,
 )
-from benchmarks.reference.frechet_distance import within_frechet
-from benchmarks.reference.path_coverage import length_mm
-from benchmarks.reference.removal_order import removal_order
+from benchmarks.reference.path.frechet_distance import within_frechet
+from benchmarks.reference.path.path_coverage import length_mm
+from benchmarks.reference.path.removal_order import removal_order
 from rona_core.geometry.arrays import Floats
 from rona_core.path.simplification.deviation import deviations
+from rona_core.path.simplification.error_bound import ErrorBound
 from rona_core.path.simplification.simplify import METHODS, SimplifiedPath, simplify
 
 __all__ = ["POINTS", "demonstration", "run", "segment_deviation_mm"]
 
 POINTS, FAST_POINTS, LONG_POINTS = 307, 3000, 300_000
 TOLERANCE_MM, PAPER_POINTS = 1.0, 90.0
+K1_ALONE = ErrorBound(TOLERANCE_MM, frechet=False)  # as in the paper
 SEEDS, FAST_SEEDS = range(20), range(8)
 GREEDY_TRIALS, BRUTE_TRIALS = 30, 100
 
@@ -50,7 +52,7 @@ def demonstration(seed: int) -> Floats:
 def as_in_the_paper() -> list[Metric]:
     """Return the counts on paths like the paper's, and the worst deviation of all methods."""
     paths = [demonstration(seed) for seed in SEEDS]
-    greedy = [len(simplify(p, TOLERANCE_MM, method="greedy", frechet=False)) for p in paths]
+    greedy = [len(simplify(p, K1_ALONE, method="greedy")) for p in paths]
     best = [len(simplify(p, TOLERANCE_MM)) for p in paths]
     shares = [b / g for b, g in zip(best, greedy, strict=True)]
     checked = [excess(p, simplify(p, TOLERANCE_MM, method=m)) for p in paths for m in METHODS]
@@ -75,7 +77,7 @@ def excess(points: Floats, path: SimplifiedPath) -> float:
 def sampled_fast() -> list[Metric]:
     """Return the counts at 85 Hz."""
     paths = [demonstrated(seed, FAST_POINTS) for seed in FAST_SEEDS]
-    greedy = [len(simplify(p, TOLERANCE_MM, method="greedy", frechet=False)) for p in paths]
+    greedy = [len(simplify(p, K1_ALONE, method="greedy")) for p in paths]
     best = [len(simplify(p, TOLERANCE_MM)) for p in paths]
     fast = [simplify(p, TOLERANCE_MM, method="fast") for p in paths]
     slack = [len(f) / b for f, b in zip(fast, best, strict=True)]
@@ -106,7 +108,7 @@ def against_brute_force() -> list[Metric]:
         rng = np.random.default_rng((13, seed))
         path = walk(rng, int(rng.integers(20, 301)), (2, 3, 6)[seed % 3])
         bound, frechet = rng.uniform(0.3, 3.0), seed % 2 == 0
-        found = len(simplify(path, bound, frechet=frechet))
+        found = len(simplify(path, ErrorBound(bound, frechet=frechet)))
         wrong_count += found != fewest(path, bound, frechet=frechet)
     return [
         Metric(
@@ -127,7 +129,7 @@ def strokes_kept() -> Metric:
     x = np.concatenate([np.linspace(0.0, 25.0, 40)[:: (-1) ** k] for k in range(9)])
     raster = np.column_stack((x, np.repeat(np.arange(9) * 0.4, 40), np.zeros(len(x))))
     left = length_mm(raster[simplify(raster, TOLERANCE_MM).index]) / length_mm(raster)
-    lost = length_mm(raster[simplify(raster, TOLERANCE_MM, frechet=False).index])
+    lost = length_mm(raster[simplify(raster, K1_ALONE).index])
     name = "length of a 0.4 mm raster that is left"
     return Metric(name, left, "1", "higher", 0.9, "by K1 alone", lost / length_mm(raster))
 

@@ -12,9 +12,9 @@ import numpy as np
 
 from benchmarks.metric import Metric, Progress, cpu_ms
 from rona_core.geometry.arrays import Bools, Floats
+from rona_core.mapping.thickness_figures import thickness_figures
 from rona_core.ultrasound.recorded.band import Band, Complexes, analytic
 from rona_core.ultrasound.recorded.plate_detector import detect_recorded
-from rona_core.ultrasound.recorded.thickness_figures import thickness_figures
 from tests.scenes.laboratory.families import FAMILIES, draw
 from tests.scenes.tank_recordings import CASES, Case, Recording, record, varied
 

@@ -12,12 +12,14 @@ import numpy as np
 from scipy.stats import rankdata
 
 from benchmarks.metric import Metric, Progress
+from benchmarks.reference.echo_time_bounds import inner_bound
+from benchmarks.reference.matched_filter_throughput import peak_times
 from rona_core.devices.settings import Excitation, ProbeName
 from rona_core.geometry.arrays import Bools, Floats
 from rona_core.ultrasound.detection.detect import NOMINAL_SPEED_MM_PER_US, Detection, detect
-from rona_core.ultrasound.detection.single.cramer_rao import inner_bound
 from rona_core.ultrasound.detection.single.matched_filter import block_template
 from rona_core.ultrasound.probe.probe_model import probe_model
+from rona_core.ultrasound.probe.survey import ProbeSurvey
 from tests.scenes.bone_record import BoneScene
 from tests.scenes.bone_scenes import anatomical_bone, hard_bone, parallel_bone, plate
 
@@ -95,11 +97,10 @@ def plate_figures(name: ProbeName, excitation: Excitation) -> list[Metric]:
 def errors(scene: BoneScene, method: Method) -> tuple[Floats, Detection]:
     """Return the errors (n,) of the time of flight as thickness, and the detection."""
     found = detect(
-        scene.track,
-        scene.probe,
-        scene.settings.excitation,
+        ProbeSurvey(
+            scene.track, scene.probe, scene.settings.excitation, positions_mm=scene.points_skull
+        ),
         method=method,
-        positions_mm=scene.points_skull,
     )
     true_mm = scene.bone_us * found.sound_speed_mm_per_us / 2.0
     return found.thickness_mm - true_mm, found
@@ -169,6 +170,6 @@ def speed() -> Metric:
     times: list[float] = []
     for _ in range(5):
         start = process_time()
-        template.peak_times(rf)
+        peak_times(template, rf)
         times.append(process_time() - start)
     return Metric("matched_scans_per_s", BATCH / min(times), "1/s", "higher", 50_000.0)

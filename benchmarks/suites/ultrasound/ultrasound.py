@@ -16,6 +16,7 @@ from rona_core.geometry.arrays import Floats
 from rona_core.geometry.pose import Pose
 from rona_core.ultrasound.detection.detect import detect
 from rona_core.ultrasound.probe.probe_model import probe_model
+from rona_core.ultrasound.probe.survey import ProbeSurvey
 from rona_core.virtual.acoustics.probe import VirtualProbe
 from rona_core.virtual.clock import CaptureClock
 
@@ -89,7 +90,7 @@ def figures(
     track: AScanTrack, tilt_deg: float, excitation: Excitation, method: Method
 ) -> list[Metric]:
     """Return the figures of one method on one set of A-scans."""
-    found = detect(track, probe_model("2.25MHz"), excitation, method=method)
+    found = detect(ProbeSurvey(track, probe_model("2.25MHz"), excitation), method=method)
     ok = np.asarray(found.inner_ok) & (np.asarray(found.flag) == 0)
     error = np.asarray(found.thickness_mm)[ok] - THICKNESS_MM
     right = np.abs(error) <= WRONG_MM

@@ -11,12 +11,12 @@ from numpy.typing import ArrayLike
 from rona_core.calibration.hand_eye.base_marker import (
     MIN_FRAMES,
     BaseReference,
-    ErrorField,
     Movement,
-    carry_over,
-    compare_base,
+    TrackerErrorField,
+    detect_tracker_movement,
     mean_base,
     point_sigmas_mm,
+    update_registration,
 )
 from rona_core.calibration.hand_eye.tool_registration import ToolRegistration
 from rona_core.devices.samples import ToolTrack
@@ -37,7 +37,7 @@ class TrackerReference:
 
     state: Literal["kept", "carried", "unchecked"]
     T_base_tracker: Pose
-    covariance: Floats  # (6, 6), as geometry/tangent.py says
+    covariance: Floats  # (6, 6), as geometry/pose_covariance.py says
     added_mm: float  # predicted 3D RMS error that the move costs where the pointer was
     movement: Movement | None  # None where the base marker was not seen
     sentence: str
@@ -77,7 +77,7 @@ def reference_of(session: Session, capture: PointerCapture | SonoCapture) -> Tra
             )
         return _as_registered(tool, "unchecked", None, f"Nobody knows if it moved: {unseen}.")
     now = mean_base(track.Ts_tracker_marker)
-    movement = compare_base(registered.seen, now)
+    movement = detect_tracker_movement(registered.seen, now)
     if not movement.moved:
         return _as_registered(
             tool,
@@ -88,7 +88,9 @@ def reference_of(session: Session, capture: PointerCapture | SonoCapture) -> Tra
     if not session.setup.use_base_marker:
         raise StaleResultError(f"{moved_words(movement)} since the tool was registered: {REMEDY}")
     field = error_field(session.setup.devices.tracker)
-    carried = carry_over(tool.T_base_tracker, tool.covariance[:6, :6], registered.seen, now, field)
+    carried = update_registration(
+        tool.T_base_tracker, tool.covariance[:6, :6], registered.seen, now, field
+    )
     places_tracker = capture.marker.Ts_tracker_marker.translations
     added_mm = 0.0
     if len(places_tracker):
@@ -125,7 +127,7 @@ def _has_moved(tool: ToolRegistration, capture: PointerCapture | SonoCapture) ->
     """Return whether the base marker shows that the tracker stood elsewhere in a capture."""
     if tool.base is None or capture.base is None or _unseen(tool, capture) is not None:
         return False
-    return compare_base(tool.base.seen, mean_base(capture.base.Ts_tracker_marker)).moved
+    return detect_tracker_movement(tool.base.seen, mean_base(capture.base.Ts_tracker_marker)).moved
 
 
 def weakest_reference(
@@ -209,7 +211,7 @@ def _as_registered(
     return TrackerReference(state, tool.T_base_tracker, covariance, 0.0, movement, sentence)
 
 
-def _field_change_mm(center_tracker: Floats, T_a_b: Pose, field: ErrorField) -> float:
+def _field_change_mm(center_tracker: Floats, T_a_b: Pose, field: TrackerErrorField) -> float:
     """Return by how much (3D RMS) the error of a marker changes with the move of the tracker."""
     places = np.vstack((center_tracker, T_a_b @ center_tracker))
     spread = field.covariance(places)
@@ -217,6 +219,6 @@ def _field_change_mm(center_tracker: Floats, T_a_b: Pose, field: ErrorField) -> 
     return float(np.sqrt(max(np.trace(change @ spread @ change.T), 0.0)))
 
 
-def error_field(settings: TrackerSettings) -> ErrorField:
+def error_field(settings: TrackerSettings) -> TrackerErrorField:
     """Return what is assumed of the fixed error of this tracker."""
-    return ErrorField(FIELD_MM[settings.profile], settings.depth_ratio)
+    return TrackerErrorField(FIELD_MM[settings.profile], settings.depth_ratio)

@@ -56,7 +56,7 @@ POINTER = Input(_value("pointer"), "calibrate the pointer (step 3)", "pointer")
 SURFACE = Input(_value("surface"), "sample the surface (step 4)", "surface")
 PATH = Input(_value("path"), "demonstrate the path (step 5)", "path")
 SMOOTHING = Input(_value("smoothing"), "smooth the path (step 6)", "smoothing")
-ROLL = Input(_value("roll"), "search the roll (step 7)", "roll")
+ROLL = Input(_value("roll"), "plan the motion (step 7)", "roll")
 PLACEMENT = Input(_value("placement"), "look for a place of the base (step 7)", "placement")
 SONO_PIVOT = Input(
     lambda s: s.captures.sono_pivot, "pivot the SonoPointer (step 9)", "capture sono_pivot"

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from rona_core.calibration.hand_eye.tool_registration import ToolRegistration
-from rona_core.devices.workcell import room_pose
+from rona_core.devices.workcell import workcell_pose
 from rona_core.errors import DegenerateGeometryError
 from rona_core.geometry.arrays import Vector3
 from rona_core.robot.collision.head_obstacle import head_as_placed, head_from_cloud, head_from_mesh
@@ -73,7 +73,7 @@ def _build(
 ) -> Obstacles:
     settings = session.setup.surroundings
     robot = session.setup.devices.robot
-    room, work_room = room_pose(robot), np.array(robot_model(robot.model).workplace.region_base)
+    room, work_room = workcell_pose(robot), np.array(robot_model(robot.model).workplace.region_base)
     head, sentence = _head(session, room @ work_room, tool, cloud, found)
     stand = () if tool is None else tracker_stand(settings, tool.T_base_tracker)
     return Obstacles(

@@ -177,7 +177,7 @@ def _roll_summary(session: Session) -> str:
         return ""
     plan = derived.value
     feasible = sum(verdict.feasible for verdict in plan.verdicts)
-    counts = f"{feasible} of {len(plan.verdicts)} rolls work"
+    counts = f"{feasible} of {len(plan.verdicts)} roll angles feasible"
     if plan.mode == "none" or plan.trajectory is None:
         return f"{counts}: move the robot base or change the path"
     if plan.mode == "variable":

@@ -1,4 +1,4 @@
-"""Has the tracker moved since it was registered? A marker on the robot base tells, and finds it.
+"""Detection of a moved tracker by the marker on the robot base, and update of the registration.
 
 At the registration the tracker sees the base marker in the mean at M1, later at M2. What leads from
 the tracker now to the tracker then is D = M1 inv(M2); the registration carried over is
@@ -48,7 +48,7 @@ class BaseReference:
 
 
 @dataclass(frozen=True, slots=True)
-class ErrorField:
+class TrackerErrorField:
     """What is assumed of the fixed error of a marker in the volume of the tracker."""
 
     total_mm: float = 0.35  # 3D RMS over the volume, as the maker states it
@@ -99,7 +99,7 @@ def mean_base(Ts_tracker_basemarker: Poses) -> SeenBase:
     return SeenBase(mean, readonly(covariance), len(kept))
 
 
-def compare_base(registered: SeenBase, now: SeenBase) -> Movement:
+def detect_tracker_movement(registered: SeenBase, now: SeenBase) -> Movement:
     """Return whether the tracker has moved: chi^2 of the two means with noise and a floor."""
     then, later = registered.T_tracker_basemarker, now.T_tracker_basemarker
     turn = rotation_vectors((then.rotation @ later.rotation.T)[None])[0]
@@ -118,7 +118,7 @@ def compare_base(registered: SeenBase, now: SeenBase) -> Movement:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class CarriedOver:
+class UpdatedRegistration:
     """A registration for a tracker that stands elsewhere now, and what the way there costs."""
 
     T_base_tracker: Pose
@@ -142,35 +142,35 @@ def point_sigmas_mm(T_base_tracker: Pose, covariance: Floats, points_base: Array
     return np.sqrt(np.einsum("nij,jk,nik->n", J, covariance, J))
 
 
-def carry_over(
+def update_registration(
     T_base_tracker: Pose,
     covariance: Floats,
     registered: SeenBase,
     now: SeenBase,
-    field: ErrorField,
-) -> CarriedOver:
+    field: TrackerErrorField,
+) -> UpdatedRegistration:
     """Return the registration for where the tracker stands now.
 
     Args:
         T_base_tracker: As registered.
-        covariance: Of it (6, 6), as geometry/tangent.py says.
+        covariance: Of it (6, 6), as geometry/pose_covariance.py says.
         registered: The base marker then.
         now: The base marker since the tracker was moved.
         field: What averaging does not remove.
     """
-    T_a_b = compare_base(registered, now).T_a_b
+    T_a_b = detect_tracker_movement(registered, now).T_a_b
     carried = T_base_tracker @ T_a_b
     turn_base, turn_a = T_base_tracker.rotation, T_a_b.rotation
-    own = _shifted(turn_base @ T_a_b.translation)
-    both = np.kron(np.eye(2), turn_a)
-    off = registered.covariance + both @ now.covariance @ both.T
-    off = off + _field_covariance(registered, now, turn_a, field)
+    transport = _shifted(turn_base @ T_a_b.translation)
+    axes_a = np.kron(np.eye(2), turn_a)
+    deviation = registered.covariance + axes_a @ now.covariance @ axes_a.T
+    deviation = deviation + _field_covariance(registered, now, turn_a, field)
     place_base = T_base_tracker @ registered.T_tracker_basemarker.translation
     to_base = np.kron(np.eye(2), turn_base)
-    about = _shifted(carried.translation - place_base)
-    added = about @ to_base @ off @ to_base.T @ about.T
-    total = own @ covariance @ own.T + added
-    return CarriedOver(
+    to_marker = _shifted(carried.translation - place_base)
+    added = to_marker @ to_base @ deviation @ to_base.T @ to_marker.T
+    total = transport @ covariance @ transport.T + added
+    return UpdatedRegistration(
         carried,
         readonly((total + total.T) / 2.0),
         readonly((added + added.T) / 2.0),
@@ -186,7 +186,7 @@ def _shifted(arm: Floats) -> Floats:
 
 
 def _field_covariance(
-    registered: SeenBase, now: SeenBase, turn_a: Floats, field: ErrorField
+    registered: SeenBase, now: SeenBase, turn_a: Floats, field: TrackerErrorField
 ) -> Floats:
     """Return the covariance (6, 6) of what the error field makes of D, at the marker's middle."""
     levers = GEOMETRIES["basemarker"].positions_marker

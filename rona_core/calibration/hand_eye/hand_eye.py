@@ -1,4 +1,4 @@
-"""Solve robot and tracker together, from poses that both have seen.
+"""Robot-world/hand-eye calibration by weighted least squares over poses seen by both.
 
     T_base_tip = T_base_tracker T_tracker_toolmarker T_toolmarker_tip
 
@@ -17,12 +17,13 @@ from rona_core.calibration.hand_eye.initial_guess import first_guess
 from rona_core.calibration.hand_eye.quality import require_two_axes
 from rona_core.calibration.hand_eye.residuals import (
     Observations,
-    from_center,
+    RobotNoise,
     jacobians,
     moved,
     observe,
     residuals,
     robot_covariances,
+    tangent_at_tracker,
 )
 from rona_core.calibration.hand_eye.robust_weights import (
     DOF,
@@ -49,8 +50,7 @@ TURNS = np.tile(np.repeat((True, False), 3), 2)
 MIN_WIDTH = 0.01  # width over length of the marker plate
 TOOL_MARKERS = GEOMETRIES["toolmarker"].positions_marker
 TYPICAL = MarkerNoise()
-ROBOT_SIGMA_MM = 0.1
-ROBOT_SIGMA_DEG = 0.02
+TYPICAL_ROBOT = RobotNoise()
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -58,7 +58,8 @@ class HandEyeFit:
     """Tracker in ``base`` and tip in ``toolmarker``, with the errors they share.
 
     ``covariance`` is that of the deviation (12,): of ``T_base_tracker``, then of
-    ``T_toolmarker_tip``, each (rx, ry, rz, tx, ty, tz) in rad and mm as geometry/tangent.py says.
+    ``T_toolmarker_tip``, each (rx, ry, rz, tx, ty, tz) in rad and mm, see
+    geometry/pose_covariance.py.
     """
 
     T_base_tracker: Pose
@@ -83,8 +84,7 @@ def solve_hand_eye(
     *,
     positions_toolmarker: ArrayLike = TOOL_MARKERS,
     noise: MarkerNoise = TYPICAL,
-    robot_sigma_mm: float = ROBOT_SIGMA_MM,
-    robot_sigma_deg: float = ROBOT_SIGMA_DEG,
+    robot_noise: RobotNoise = TYPICAL_ROBOT,
 ) -> HandEyeFit:
     """Return tracker in ``base`` and tip in ``toolmarker`` from poses seen by both.
 
@@ -93,11 +93,10 @@ def solve_hand_eye(
         Ts_tracker_toolmarker: Tool marker as the tracker sees it, the same n poses.
         positions_toolmarker: Markers (m, 3), m >= 3, not on one line.
         noise: Of one marker; its size is taken from the residuals where it is None.
-        robot_sigma_mm: Random error of the robot's tip position, 3D RMS.
-        robot_sigma_deg: Random error of the robot's orientation, RMS of the whole turn.
+        robot_noise: Random error of the robot's tool pose.
 
     Raises:
-        InvalidInputError: different numbers of poses, too few, or a negative error.
+        InvalidInputError: different numbers of poses, or too few.
         DegenerateGeometryError: the tool stood still or turned about one axis only (the message
             names what stays open), or fewer than 60 % of the poses agree.
     """
@@ -108,39 +107,31 @@ def solve_hand_eye(
         )
     if n < MIN_POSES:
         raise InvalidInputError(f"a registration needs at least {MIN_POSES} poses, not {n}")
-    if not (0.0 <= robot_sigma_mm < np.inf and 0.0 <= robot_sigma_deg < np.inf):
-        raise InvalidInputError("robot_sigma_mm and robot_sigma_deg must not be negative")
     positions = _as_markers(positions_toolmarker)
     require_two_axes(Ts_base_tip.rotations, Ts_tracker_toolmarker.rotations)
-    seen = observe(
-        Ts_base_tip,
-        Ts_tracker_toolmarker,
-        positions,
-        noise,
-        (robot_sigma_mm**2 / 3.0, float(np.deg2rad(robot_sigma_deg)) ** 2 / 3.0),
-    )
-    return _refine(seen, *first_guess(Ts_base_tip, Ts_tracker_toolmarker), noise.sigma_mm)
+    observations = observe(Ts_base_tip, Ts_tracker_toolmarker, positions, noise, robot_noise)
+    return _refine(observations, *first_guess(Ts_base_tip, Ts_tracker_toolmarker), noise.sigma_mm)
 
 
 def _refine(
-    seen: Observations, T_base_tracker: Pose, T_toolmarker_tip: Pose, sigma_mm: float | None
+    observations: Observations, T_base_tracker: Pose, T_toolmarker_tip: Pose, sigma_mm: float | None
 ) -> HandEyeFit:
     """Iterate weights, choice of poses and both unknowns until none of them changes."""
-    used = np.ones(len(seen), dtype=np.bool_)
+    used = np.ones(len(observations), dtype=np.bool_)
     for step in range(MAX_STEPS):
-        e = residuals(seen, T_base_tracker, T_toolmarker_tip)
-        robot = robot_covariances(seen, T_base_tracker, T_toolmarker_tip)
-        sizes = spectrum(e, seen.unit_covariances, robot)
+        e = residuals(observations, T_base_tracker, T_toolmarker_tip)
+        robot = robot_covariances(observations, T_base_tracker, T_toolmarker_tip)
+        sizes = spectrum(e, observations.unit_covariances, robot)
         before = used
         if step < SETTLE_STEPS:
             # the unknowns take their share of what is left over; a stated error may be too small
-            rough = sigma_by_median(sizes) / np.sqrt(1.0 - UNKNOWNS / (DOF * len(seen)))
+            rough = sigma_by_median(sizes) / np.sqrt(1.0 - UNKNOWNS / (DOF * len(observations)))
             used = sizes.distances(max(rough, sigma_mm or 0.0)) <= GROSS
             _require_agreement(used)
         sigma = sigma_mm or sigma_by_mean(sizes, used, UNKNOWNS)
-        center = seen.Ts_base_tip.translations[used].mean(axis=0)
-        J = jacobians(seen, T_base_tracker, T_toolmarker_tip, e[:, :3], center)[used]
-        weighted = np.linalg.inv(sigma**2 * seen.unit_covariances + robot)[used] @ J
+        center = observations.Ts_base_tip.translations[used].mean(axis=0)
+        J = jacobians(observations, T_base_tracker, T_toolmarker_tip, e[:, :3], center)[used]
+        weighted = np.linalg.inv(sigma**2 * observations.unit_covariances + robot)[used] @ J
         information = np.einsum("nij,nik->jk", J, weighted)
         change = -np.linalg.solve(information, np.einsum("nij,ni->j", weighted, e[used]))
         size = max(np.abs(change[TURNS]).max(), np.abs(change[~TURNS]).max() / MM_PER_RAD)
@@ -156,7 +147,7 @@ def _refine(
     _require_belief(sigma * np.sqrt(max(1.0, chi_square)))
     # a stated error that the residuals exceed is not believed; an estimated one always fits
     scale = chi_square if sigma_mm is None else max(1.0, chi_square)
-    change = from_center(T_base_tracker, center)
+    change = tangent_at_tracker(T_base_tracker, center)
     covariance = scale * change @ np.linalg.inv(information) @ change.T
     return HandEyeFit(
         T_base_tracker=T_base_tracker,

@@ -1,4 +1,4 @@
-"""A first guess of the hand-eye poses that a tenth or even a third of wrong poses does not upset.
+"""Initial guess of the hand-eye poses, robust against up to a third of wrong poses.
 
 Small subsets of the poses are solved in closed form, and the solution with the least median error
 over all poses wins (least median of squares). The closed form for the rotations is that of

@@ -1,4 +1,4 @@
-"""The published registration of robot and tracker: a pivot gives the tip, two lines the rotation.
+"""Published registration of robot and tracker: tip from a pivot, rotation from two lines.
 
 The robot pivots its tool about the tip, then translates it along tool x and tool y. How certain
 the result is, is told by repeating it on simulated noise (parametric bootstrap).
@@ -100,7 +100,7 @@ def solve_paper(Ts_base_tip: Poses, Ts_tracker_toolmarker: Poses, phases: Ints) 
     )
 
 
-def bootstrap(fit: PaperFit, seen: Observations, phases: Ints, noise: HandEyeFit) -> Floats:
+def bootstrap(fit: PaperFit, observations: Observations, phases: Ints, noise: HandEyeFit) -> Floats:
     """Return the covariance (12, 12) of a registration.
 
     The registration is repeated with new errors of robot and tracker; its scatter is the answer.
@@ -108,7 +108,7 @@ def bootstrap(fit: PaperFit, seen: Observations, phases: Ints, noise: HandEyeFit
 
     Args:
         fit: The registration.
-        seen: What it was made from.
+        observations: What it was made from.
         phases: (n,) as for ``solve_paper``.
         noise: The joint solve of the same poses, whose residuals tell the size of the errors.
 
@@ -120,16 +120,16 @@ def bootstrap(fit: PaperFit, seen: Observations, phases: Ints, noise: HandEyeFit
     share = float(np.sqrt(min(1.0, noise.chi_square)))
     sigma_mm = noise.marker_sigma_mm
     T_tracker_base, T_tip_toolmarker = T_base_tracker.inv(), T_toolmarker_tip.inv()
-    spread = share * sigma_mm * np.linalg.cholesky(seen.unit_covariances)
+    spread = share * sigma_mm * np.linalg.cholesky(observations.unit_covariances)
     rng = np.random.default_rng(SEED)
     found: list[Floats] = []
     for _ in range(DRAWS):
         # the robot goes somewhat astray, the tracker sees that, and sees it somewhat wrong
-        exact = T_tracker_base @ _disturbed_robot(seen, share, rng) @ T_tip_toolmarker
-        d = np.einsum("nij,nj->ni", spread, rng.normal(size=(len(seen), 6)))
-        poses = _disturbed(exact, d, seen.centroid_toolmarker)
+        exact = T_tracker_base @ _disturbed_robot(observations, share, rng) @ T_tip_toolmarker
+        d = np.einsum("nij,nj->ni", spread, rng.normal(size=(len(observations), 6)))
+        poses = _disturbed(exact, d, observations.centroid_toolmarker)
         try:
-            again = solve_paper(seen.Ts_base_tip, poses, phases)
+            again = solve_paper(observations.Ts_base_tip, poses, phases)
         except DegenerateGeometryError:
             continue
         found.append(
@@ -157,10 +157,12 @@ def _disturbed(poses: Poses, deviations: Floats, center_marker: Floats) -> Poses
     return Poses(rotations, centers - rotations @ center_marker)
 
 
-def _disturbed_robot(seen: Observations, share: float, rng: np.random.Generator) -> Poses:
-    deviations = rng.normal(size=(len(seen), 6))
-    shift, turn = share * np.sqrt(seen.robot_variances)
-    return _disturbed(seen.Ts_base_tip, deviations * np.repeat((turn, shift), 3), np.zeros(3))
+def _disturbed_robot(observations: Observations, share: float, rng: np.random.Generator) -> Poses:
+    deviations = rng.normal(size=(len(observations), 6))
+    shift, turn = share * np.sqrt(observations.robot_variances)
+    return _disturbed(
+        observations.Ts_base_tip, deviations * np.repeat((turn, shift), 3), np.zeros(3)
+    )
 
 
 def _axis_lines(

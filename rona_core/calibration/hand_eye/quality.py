@@ -1,4 +1,4 @@
-"""What a motion of the robot shows, in words: what it leaves open, and how good it is.
+"""Quality of a hand-eye calibration: observability of the motion, verdict and its reasons.
 
 With turns about one axis only, the tip may slide along that axis in the marker frame while the
 tracker slides with it: no data tell. Without turns the tip is open altogether.
@@ -60,8 +60,8 @@ def require_two_axes(rotations_base_tip: Floats, rotations_tracker_toolmarker: F
     by_robot = rotation_vectors(mean.T @ rotations_base_tip)
     reference = int(np.argmax(np.abs(by_robot @ axes_tip[0])))
     robot = rotation_vectors(rotations_base_tip[reference].T @ rotations_base_tip)
-    seen = rotations_tracker_toolmarker[reference].T @ rotations_tracker_toolmarker
-    tracker = rotation_vectors(seen)
+    turns_toolmarker = rotations_tracker_toolmarker[reference].T @ rotations_tracker_toolmarker
+    tracker = rotation_vectors(turns_toolmarker)
     apart = np.linalg.norm(tracker, axis=1) - np.linalg.norm(robot, axis=1)
     match = np.abs(apart) < np.deg2rad(MATCH_DEG)
     axis_toolmarker = np.linalg.svd(tracker[match], full_matrices=False)[2][0]
@@ -81,7 +81,7 @@ def in_words(direction: Floats) -> str:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Judged:
+class RegistrationFacts:
     """What the verdict on a registration looks at."""
 
     tip_sigma_mm: float
@@ -96,7 +96,7 @@ def registration_sigma_mm(T_base_tracker: Pose, covariance: Floats, center_base:
 
     Args:
         T_base_tracker: The pose.
-        covariance: Of its deviation (6, 6), as geometry/tangent.py says.
+        covariance: Of its deviation (6, 6), as geometry/pose_covariance.py says.
         center_base: (3,)
     """
     arm = center_base - T_base_tracker.translation
@@ -106,7 +106,7 @@ def registration_sigma_mm(T_base_tracker: Pose, covariance: Floats, center_base:
     return float(np.sqrt(at_center + around))
 
 
-def judge(found: Judged) -> tuple[Literal["good", "weak", "bad"], tuple[str, ...]]:
+def judge(found: RegistrationFacts) -> tuple[Literal["good", "weak", "bad"], tuple[str, ...]]:
     """Return the verdict and, where it is not good, the reasons with their remedies."""
     reasons: list[str] = []
     worst = max(found.tip_sigma_mm, found.registration_sigma_mm)

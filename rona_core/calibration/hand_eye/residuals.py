@@ -1,4 +1,4 @@
-"""What a tracked marker on a robot's tool should look like, and how far each pose is off.
+"""Residuals of the hand-eye equation, their Jacobians and covariances.
 
 The tracker fits a pose to the markers without weights, so the error of that pose follows from the
 error S of one marker through the pseudo-inverse of J_k = (-[r_k]x, 1): cov = J+ S J+'. In the axes
@@ -13,12 +13,34 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from rona_core.calibration.tracking_error.marker_noise import MarkerNoise
+from rona_core.errors import InvalidInputError
 from rona_core.geometry.arrays import Floats
 from rona_core.geometry.pose import Pose, Poses
 from rona_core.geometry.pose_covariance import cross_matrices, rotation_vectors
 
 SERIES = 1e-4  # of the angle; below it the expansion of the inverse Jacobian is exact enough
 COLLINEAR_MM = 1e-6  # markers closer than this to one line are on it
+
+
+@dataclass(frozen=True, slots=True)
+class RobotNoise:
+    """Random error of the robot's tool pose."""
+
+    position_mm: float = 0.1  # of the tip, 3D RMS
+    rotation_deg: float = 0.02  # RMS of the whole turn
+
+    def __post_init__(self) -> None:
+        """Check the values.
+
+        Raises:
+            InvalidInputError: a negative or infinite error.
+        """
+        if not (0.0 <= self.position_mm < np.inf and 0.0 <= self.rotation_deg < np.inf):
+            raise InvalidInputError("the error of the robot must be finite and not negative")
+
+    def variances(self) -> tuple[float, float]:
+        """Return the variances per axis: of the tip in mm^2, of its rotation in rad^2."""
+        return self.position_mm**2 / 3.0, float(np.deg2rad(self.rotation_deg)) ** 2 / 3.0
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -41,7 +63,7 @@ def observe(
     Ts_tracker_toolmarker: Poses,
     positions_toolmarker: Floats,
     noise: MarkerNoise,
-    robot_variances: tuple[float, float],
+    robot_noise: RobotNoise,
 ) -> Observations:
     """Return the observations with the covariance of every pose that the tracker fits."""
     centroid = positions_toolmarker.mean(axis=0)
@@ -51,7 +73,7 @@ def observe(
         centroid,
         Ts_tracker_toolmarker @ centroid,
         fit_covariances(Ts_tracker_toolmarker.rotations, positions_toolmarker, noise),
-        robot_variances,
+        robot_noise.variances(),
     )
 
 
@@ -82,19 +104,21 @@ def fit_covariances(rotations: Floats, positions_marker: Floats, noise: MarkerNo
     return covariances
 
 
-def residuals(seen: Observations, T_base_tracker: Pose, T_toolmarker_tip: Pose) -> Floats:
+def residuals(observations: Observations, T_base_tracker: Pose, T_toolmarker_tip: Pose) -> Floats:
     """Return measured minus expected marker pose (n, 6): turn, shift of the centroid in tracker."""
     R_tracker_base = T_base_tracker.rotation.T
-    expected = R_tracker_base @ seen.Ts_base_tip.rotations @ T_toolmarker_tip.rotation.T
-    turns = rotation_vectors(seen.Ts_tracker_toolmarker.rotations @ np.swapaxes(expected, 1, 2))
-    centroid_tip = T_toolmarker_tip.inv() @ seen.centroid_toolmarker
-    centroids_base = seen.Ts_base_tip @ centroid_tip
-    shifts = seen.centroids_tracker - T_base_tracker.inv() @ centroids_base
+    expected = R_tracker_base @ observations.Ts_base_tip.rotations @ T_toolmarker_tip.rotation.T
+    turns = rotation_vectors(
+        observations.Ts_tracker_toolmarker.rotations @ np.swapaxes(expected, 1, 2)
+    )
+    centroid_tip = T_toolmarker_tip.inv() @ observations.centroid_toolmarker
+    centroids_base = observations.Ts_base_tip @ centroid_tip
+    shifts = observations.centroids_tracker - T_base_tracker.inv() @ centroids_base
     return np.concatenate((turns, shifts), axis=1)
 
 
 def jacobians(
-    seen: Observations,
+    observations: Observations,
     T_base_tracker: Pose,
     T_toolmarker_tip: Pose,
     turns: Floats,
@@ -105,13 +129,13 @@ def jacobians(
     The columns are the deviation of ``T_base_tracker`` turned about ``center_base`` instead of the
     tracker (which keeps the equations well conditioned), then that of ``T_toolmarker_tip``.
     """
-    n = len(seen)
+    n = len(observations)
     R_tracker_base = T_base_tracker.rotation.T
-    R_expected = R_tracker_base @ seen.Ts_base_tip.rotations @ T_toolmarker_tip.rotation.T
+    R_expected = R_tracker_base @ observations.Ts_base_tip.rotations @ T_toolmarker_tip.rotation.T
     inverse = _inverse_right_jacobians(turns)
-    lever_toolmarker = seen.centroid_toolmarker - T_toolmarker_tip.translation
+    lever_toolmarker = observations.centroid_toolmarker - T_toolmarker_tip.translation
     centroid_tip = T_toolmarker_tip.rotation.T @ lever_toolmarker
-    levers_base = seen.Ts_base_tip @ centroid_tip - center_base
+    levers_base = observations.Ts_base_tip @ centroid_tip - center_base
     J = np.zeros((n, 6, 12))
     J[:, :3, :3] = inverse @ R_tracker_base
     J[:, :3, 6:9] = inverse @ R_expected
@@ -136,20 +160,22 @@ def moved(
     )
 
 
-def from_center(T_base_tracker: Pose, center_base: Floats) -> Floats:
-    """Return the matrix (12, 12) from the tangent of ``jacobians`` to that of geometry/tangent."""
+def tangent_at_tracker(T_base_tracker: Pose, center_base: Floats) -> Floats:
+    """Return the matrix (12, 12) from the tangent of ``jacobians`` to that of pose_covariance."""
     change = np.eye(12)
     change[3:6, :3] = -cross_matrices(T_base_tracker.translation - center_base)
     return change
 
 
-def robot_covariances(seen: Observations, T_base_tracker: Pose, T_toolmarker_tip: Pose) -> Floats:
+def robot_covariances(
+    observations: Observations, T_base_tracker: Pose, T_toolmarker_tip: Pose
+) -> Floats:
     """Return what the robot's own error adds to the residuals: covariances (n, 6, 6)."""
-    tip_variance, turn_variance = seen.robot_variances
-    centroid_tip = T_toolmarker_tip.inv() @ seen.centroid_toolmarker
-    levers = seen.Ts_base_tip.rotations @ centroid_tip @ T_base_tracker.rotation
+    tip_variance, turn_variance = observations.robot_variances
+    centroid_tip = T_toolmarker_tip.inv() @ observations.centroid_toolmarker
+    levers = observations.Ts_base_tip.rotations @ centroid_tip @ T_base_tracker.rotation
     crossed = cross_matrices(levers)
-    covariances = np.zeros((len(seen), 6, 6))
+    covariances = np.zeros((len(observations), 6, 6))
     covariances[:, :3, :3] = turn_variance * np.eye(3)
     covariances[:, :3, 3:] = turn_variance * crossed
     covariances[:, 3:, :3] = -turn_variance * crossed

@@ -1,4 +1,4 @@
-"""How large the marker error is, as the residuals tell, and which poses are gross errors."""
+"""Robust estimate of the marker error from the residuals, and detection of gross errors."""
 
 from collections.abc import Callable
 from dataclasses import dataclass

@@ -1,4 +1,4 @@
-"""Register robot and tracker: find the tracker in ``base`` and the tip in ``toolmarker``.
+"""Registration of robot and tracker: tracker in ``base`` and tip in ``toolmarker``.
 
 The robot pivots its tool about the tip, then translates it along tool x and tool y. By default all
 poses are solved together; the published method (a pivot and two lines) stays for comparison.
@@ -12,16 +12,15 @@ from numpy.typing import ArrayLike
 
 from rona_core.calibration.hand_eye.base_marker import BaseReference
 from rona_core.calibration.hand_eye.hand_eye import (
-    ROBOT_SIGMA_DEG,
-    ROBOT_SIGMA_MM,
     TOOL_MARKERS,
     TYPICAL,
+    TYPICAL_ROBOT,
     HandEyeFit,
     solve_hand_eye,
 )
 from rona_core.calibration.hand_eye.published_method import angle_deg, bootstrap, solve_paper
-from rona_core.calibration.hand_eye.quality import Judged, judge, registration_sigma_mm
-from rona_core.calibration.hand_eye.residuals import observe
+from rona_core.calibration.hand_eye.quality import RegistrationFacts, judge, registration_sigma_mm
+from rona_core.calibration.hand_eye.residuals import RobotNoise, observe
 from rona_core.calibration.pivot.result import as_keep
 from rona_core.calibration.pivot.sphere_fit import cap_half_angle_deg
 from rona_core.calibration.timing.time_offset import TimeOffset
@@ -52,7 +51,9 @@ class ToolRegistration:
     cone_deg: float  # half-angle of the pivot
     travel_mm: tuple[float, float]  # along tool x and y
     tip_sigma_mm: float  # predicted 3D standard deviation of the tip in toolmarker
-    covariance: Floats  # (12, 12) of T_base_tracker, then T_toolmarker_tip: geometry/tangent.py
+    covariance: (
+        Floats  # (12, 12) of T_base_tracker, then T_toolmarker_tip: geometry/pose_covariance.py
+    )
     registration_sigma_mm: float  # predicted 3D RMS error in base of places 100 mm about the tips
     marker_sigma_mm: float  # 3D RMS error of one marker that the residuals speak of
     used: Bools  # (n,) False for poses excluded, or dropped as gross errors
@@ -69,8 +70,7 @@ def register_tool(
     *,
     method: ToolMethod = "joint",
     noise: MarkerNoise = TYPICAL,
-    robot_sigma_mm: float = ROBOT_SIGMA_MM,
-    robot_sigma_deg: float = ROBOT_SIGMA_DEG,
+    robot_noise: RobotNoise = TYPICAL_ROBOT,
     exclude: ArrayLike | None = None,
 ) -> ToolRegistration:
     """Return the registration of robot, tool and tracker from poses seen by both.
@@ -82,8 +82,7 @@ def register_tool(
             "joint" needs none: any motion with turns about two axes will do.
         method: "joint" (all poses together, weighted, robust) or "paper" (pivot and two lines).
         noise: Of one marker; its size is taken from the residuals where it is None.
-        robot_sigma_mm: Random error of the robot's tip position, 3D RMS.
-        robot_sigma_deg: Random error of the robot's orientation, RMS of the whole turn.
+        robot_noise: Random error of the robot's tool pose.
         exclude: (n,) True for poses that must not count; they have a residual all the same.
 
     Raises:
@@ -96,19 +95,12 @@ def register_tool(
     keep = as_keep(exclude, len(Ts_base_tip))
     robot_tips, markers = Ts_base_tip.select(keep), Ts_tracker_toolmarker.select(keep)
     paper = solve_paper(robot_tips, markers, chosen[keep]) if method == "paper" else None
-    joint = solve_hand_eye(
-        robot_tips,
-        markers,
-        noise=noise,
-        robot_sigma_mm=robot_sigma_mm,
-        robot_sigma_deg=robot_sigma_deg,
-    )
+    joint = solve_hand_eye(robot_tips, markers, noise=noise, robot_noise=robot_noise)
     if paper is None:
         joint = replace(joint, used=_among_all(joint.used, keep))
         return _from_joint(joint, Ts_base_tip, Ts_tracker_toolmarker, chosen, keep)
-    variances = (robot_sigma_mm**2 / 3.0, float(np.deg2rad(robot_sigma_deg)) ** 2 / 3.0)
-    seen = observe(robot_tips, markers, TOOL_MARKERS, noise, variances)
-    covariance = bootstrap(paper, seen, chosen[keep], joint)
+    observations = observe(robot_tips, markers, TOOL_MARKERS, noise, robot_noise)
+    covariance = bootstrap(paper, observations, chosen[keep], joint)
     return _assemble(
         "paper",
         (paper.T_base_tracker, paper.T_toolmarker_tip),
@@ -175,7 +167,7 @@ def _assemble(
     tip_sigma_mm = float(np.sqrt(np.trace(covariance[9:, 9:])))
     error_mm = registration_sigma_mm(T_base_tracker, covariance[:6, :6], center_base)
     verdict, reasons = judge(
-        Judged(tip_sigma_mm, error_mm, sigma_mm, used[keep], Ts_base_tip.rotations[used])
+        RegistrationFacts(tip_sigma_mm, error_mm, sigma_mm, used[keep], Ts_base_tip.rotations[used])
     )
     axes = None if lines is None else angle_deg(lines[0].direction, lines[1].direction)
     return ToolRegistration(

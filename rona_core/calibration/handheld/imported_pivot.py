@@ -1,4 +1,4 @@
-"""Calibrate a tip from what was recorded elsewhere, and say what the result is worth.
+"""Pivot calibration from recorded poses or markers of other systems, with a verdict.
 
 Data that determine no tip are no accident here but an answer: the verdict is bad, with the reason.
 """
@@ -9,7 +9,7 @@ from typing import get_args
 import numpy as np
 
 from rona_core.calibration.handheld.pointer import MIN_POSES
-from rona_core.calibration.pivot.depth_anisotropy import noise_told_by
+from rona_core.calibration.pivot.depth_anisotropy import estimate_marker_noise
 from rona_core.calibration.pivot.pivot_calibration import (
     PivotMethod,
     solve_pivot,
@@ -106,7 +106,7 @@ def _solve(
         return solve_pivot(Ts_tracker_marker, dof=dof, method=method, at_least=MIN_POSES)
     if frames is not None:
         y, seen, markers = frames.points_tracker, frames.seen, frames.positions_marker
-        noise = noise_told_by(y, seen, Ts_tracker_marker, markers)
+        noise = estimate_marker_noise(y, seen, Ts_tracker_marker, markers)
         return solve_pivot_from_markers(
             y, markers, dof=dof, at_least=MIN_POSES, seen=seen, noise=noise
         )

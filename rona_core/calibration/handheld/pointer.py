@@ -1,4 +1,4 @@
-"""Calibrate a hand-held pointer: find its tip in the frame of its markers."""
+"""Pointer calibration: the tip in the frame of the pointer's markers."""
 
 from dataclasses import dataclass
 from typing import Literal
@@ -50,17 +50,15 @@ def calibrate_pointer(
 ) -> PointerCalibration:
     """Return the tip of a pointer from poses swung about its resting tip.
 
-    With ``dof=5`` the markers lie on one line, the z axis of ``pointermarker`` towards the tip, and
-    x and y are arbitrary in each pose. Then only a tip *on* that line can be calibrated: the result
-    is (0, 0, L), and a tip beside the line by e mm leaves an error of up to e that no data show.
-    The covariance does not contain it either.
+    With ``dof=5`` the markers lie on one line, the z axis of ``pointermarker`` towards the tip. The
+    result is (0, 0, L): a tip beside the line by e mm leaves an error of up to e that neither data
+    nor covariance show.
 
     Args:
         Ts_tracker_pointermarker: Poses in which the pointer was seen, at least 10, in order.
         pointer: Name of the pointer.
         dof: 6, or 5 for collinear markers.
-        method: "ml" (maximum likelihood), "sphere" (the paper's) or "aos" (linear least squares, as
-            other programs do).
+        method: "ml" (maximum likelihood), "sphere" (the paper's) or "aos" (linear least squares).
         positions_pointermarker: Marker geometry (m, 3) in mm; "ml" needs it.
         noise: What "ml" assumes about single markers; by default three times as much in depth.
         exclude: (n,) True for poses that must not count.

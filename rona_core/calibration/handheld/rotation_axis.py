@@ -1,4 +1,4 @@
-"""Find the axis of a tracked body that is turned about it: all poses agree on one direction.
+"""Rotation axis of a tracked body, from poses that turn about it.
 
 The direction a with the longest mean of ``R a`` over all poses is the right singular vector of the
 mean rotation with the largest singular value. Its sign is not determined by the poses.
@@ -23,7 +23,7 @@ FITTED = 2  # complex numbers that the fit takes out of the bins
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class SpinFit:
+class RotationAxisFit:
     """The axis of a body that was turned about it, in its ``marker`` frame."""
 
     axis_marker: Vector3  # (3,) unit length, of arbitrary sign
@@ -36,7 +36,7 @@ class SpinFit:
     sigma_deg: float  # predicted RMS angle between this axis and the true one
 
 
-def fit_spin(Ts_tracker_marker: Poses) -> SpinFit:
+def fit_rotation_axis(Ts_tracker_marker: Poses) -> RotationAxisFit:
     """Return the axis that a body was turned about.
 
     Args:
@@ -70,7 +70,7 @@ def fit_spin(Ts_tracker_marker: Poses) -> SpinFit:
         raise DegenerateGeometryError(
             f"the probe wobbled by {rms_deg:.1f} degrees RMS: it must turn about its own axis only"
         )
-    return SpinFit(
+    return RotationAxisFit(
         axis_marker=readonly(axis),
         axis_tracker=readonly(mean),
         point_marker=readonly(_point(Ts_tracker_marker.select(used), axis)),
@@ -84,11 +84,11 @@ def fit_spin(Ts_tracker_marker: Poses) -> SpinFit:
 
 def _common(rotations: Floats, used: Bools) -> tuple[Floats, Floats, Floats]:
     """Return the common axis in ``marker`` and ``tracker``, and each pose's angle (n,) to it."""
-    left, _, right = np.linalg.svd(rotations[used].mean(axis=0))
-    axis, mean = right[0], left[:, 0]
-    seen = rotations @ axis
-    sines = np.linalg.norm(seen - (seen @ mean)[:, None] * mean, axis=1)
-    return axis, mean, np.arctan2(sines, seen @ mean)
+    U, _, Vt = np.linalg.svd(rotations[used].mean(axis=0))
+    axis, mean = Vt[0], U[:, 0]
+    axes_tracker = rotations @ axis
+    sines = np.linalg.norm(axes_tracker - (axes_tracker @ mean)[:, None] * mean, axis=1)
+    return axis, mean, np.arctan2(sines, axes_tracker @ mean)
 
 
 def _across(z: Floats) -> tuple[Floats, Floats]:
@@ -100,8 +100,8 @@ def _across(z: Floats) -> tuple[Floats, Floats]:
 def _turns(rotations: Floats, axis: Floats, mean: Floats) -> Floats:
     """Return by how much (n,) each pose is turned about the axis in rad, from their middle."""
     x, y = _across(mean)
-    seen = rotations @ _across(axis)[0]
-    turns = np.exp(1j * np.arctan2(seen @ y, seen @ x))
+    arms_tracker = rotations @ _across(axis)[0]
+    turns = np.exp(1j * np.arctan2(arms_tracker @ y, arms_tracker @ x))
     return np.angle(turns / np.exp(1j * np.angle(turns.mean())))
 
 
@@ -124,8 +124,8 @@ def _sigma_deg(rotations: Floats, axis: Floats, mean: Floats) -> float:
     (the play of the bush); the larger of both variances counts.
     """
     (x, y), (arm, _) = _across(mean), _across(axis)
-    seen, arms = rotations @ axis, rotations @ arm
-    errors = seen @ x + 1j * (seen @ y)
+    axes_tracker, arms = rotations @ axis, rotations @ arm
+    errors = axes_tracker @ x + 1j * (axes_tracker @ y)
     turned = arms @ x + 1j * (arms @ y)
     turned = turned / np.abs(turned)
     parts = turned - turned.mean()

@@ -1,4 +1,4 @@
-"""Calibrate the SonoPointer: from its marker to the face and the axis of the ultrasound probe.
+"""Calibration of the tracked hand-held probe: face and axis in the frame of its marker.
 
 Two motions tell it. With a calibration point of the delay line's length in place of the line, the
 probe pivots in a dimple: that gives the middle of the face. Turned about its own axis in a bush,
@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from rona_core.calibration.handheld.pointer import PointerCalibration, calibrate_pointer
-from rona_core.calibration.handheld.rotation_axis import SpinFit, fit_spin
+from rona_core.calibration.handheld.rotation_axis import RotationAxisFit, fit_rotation_axis
 from rona_core.calibration.pivot.quality import Verdict
 from rona_core.geometry.arrays import Floats, Vector3, readonly
 from rona_core.geometry.pose import Pose, Poses
@@ -58,7 +58,7 @@ def calibrate_sono(
     face = calibrate_pointer(
         pivot, pointer=pointer, dof=6, positions_pointermarker=positions_marker
     )
-    fit = fit_spin(spin)
+    fit = fit_rotation_axis(spin)
     middle = np.asarray(positions_marker, dtype=np.float64).mean(axis=0)
     tip = face.tip_pointermarker
     down = fit.axis_marker if fit.axis_marker @ (tip - middle) > 0.0 else -fit.axis_marker
@@ -88,7 +88,7 @@ def _axes(z: Vector3) -> Floats:
 
 
 def _judge(
-    face: PointerCalibration, fit: SpinFit, off_axis_mm: float
+    face: PointerCalibration, fit: RotationAxisFit, off_axis_mm: float
 ) -> tuple[Verdict, tuple[str, ...]]:
     reasons = [f"face: {reason}" for reason in face.reasons]
     bad = face.verdict == "bad"

@@ -1,4 +1,4 @@
-"""Pivot calibration as the paper and other programs do it: a sphere, or linear least squares."""
+"""Pivot calibration by a sphere fit or by linear least squares (algebraic one step)."""
 
 from dataclasses import dataclass
 
@@ -31,8 +31,10 @@ def solve_linear(Ts_tracker_marker: Poses, dof: int, method: str) -> LinearTip:
     if method == "aos":
         return _algebraic(R, t, dof)
     sphere = fit_sphere(t)
-    seen = np.einsum("nji,nj->ni", R, sphere.center - t)  # the pivot from each marker frame
-    tip = seen.mean(axis=0)
+    pivots_marker = np.einsum(
+        "nji,nj->ni", R, sphere.center - t
+    )  # the pivot from each marker frame
+    tip = pivots_marker.mean(axis=0)
     if dof == 5:
         tip = np.array((0.0, 0.0, tip[2]))
     # the tip inherits the error of the centre, seen from the middle of the swing
@@ -50,10 +52,10 @@ def _algebraic(R: Floats, t: Floats, dof: int) -> LinearTip:
     middle = lever.mean(axis=0)
     # without its mean each pose says: (lever_i - mean lever) x = -(t_i - mean t)
     design = (lever - middle).reshape(3 * n, k)
-    wanted = -(t - t.mean(axis=0)).reshape(3 * n)
-    x = np.linalg.lstsq(design, wanted)[0]
-    left = design @ x - wanted
-    variance = (left @ left) / (3 * n - k - 3)
+    target = -(t - t.mean(axis=0)).reshape(3 * n)
+    x = np.linalg.lstsq(design, target)[0]
+    residuals = design @ x - target
+    variance = (residuals @ residuals) / (3 * n - k - 3)
     by_tip = np.linalg.inv(design.T @ design)
     sigma = float(np.sqrt(variance * np.trace(by_tip)))
     known = np.eye(3) if dof == 6 else np.eye(3)[:, 2:]

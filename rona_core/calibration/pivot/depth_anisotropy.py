@@ -1,4 +1,4 @@
-"""How much worse a tracker measured in depth than across, told by the markers it saw."""
+"""Ratio of depth error to lateral error of a tracker, estimated from marker residuals."""
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -12,7 +12,7 @@ MAX_RATIO = 6.0
 MIN_FREEDOM = 60.0  # residual degrees of freedom in depth below which nothing is claimed
 
 
-def noise_told_by(
+def estimate_marker_noise(
     points_tracker: ArrayLike, seen: Bools, Ts_tracker_marker: Poses, positions_marker: Floats
 ) -> MarkerNoise:
     """Return the noise whose depth ratio explains how far markers lie from their fitted bodies.
@@ -33,21 +33,21 @@ def noise_told_by(
         return MarkerNoise(depth_ratio=1.0)
     poses = Ts_tracker_marker.select(rows)
     turned = np.einsum("nij,mj->nmi", poses.rotations, positions_marker)
-    off = np.asarray(points_tracker, dtype=np.float64)[rows] - turned
-    off = off - poses.translations[:, None]
-    left = _left_over(turned)
-    n, m = off.shape[:2]
-    shares = (left**2).reshape(n, m, 3, m, 3).sum(axis=(0, 1, 3))  # (found axis, true axis)
+    residuals = np.asarray(points_tracker, dtype=np.float64)[rows] - turned
+    residuals = residuals - poses.translations[:, None]
+    projection = _left_over(turned)
+    n, m = residuals.shape[:2]
+    shares = (projection**2).reshape(n, m, 3, m, 3).sum(axis=(0, 1, 3))  # (found axis, true axis)
     model = np.array(
         (
             (shares[:2, :2].sum(), shares[:2, 2].sum()),
             (shares[2, :2].sum(), shares[2, 2]),
         )
     )
-    found = (off**2).sum(axis=(0, 1))
+    mean_squares = (residuals**2).sum(axis=(0, 1))
     if shares[2, 2] < MIN_FREEDOM or shares[:2, :2].sum() < MIN_FREEDOM:
         return MarkerNoise(depth_ratio=1.0)
-    across, depth = np.linalg.solve(model, (found[0] + found[1], found[2]))
+    across, depth = np.linalg.solve(model, (mean_squares[0] + mean_squares[1], mean_squares[2]))
     if across <= 0.0 or depth <= 0.0:
         return MarkerNoise(depth_ratio=MAX_RATIO if across <= 0.0 < depth else 1.0)
     return MarkerNoise(depth_ratio=float(np.clip(np.sqrt(depth / across), 1.0, MAX_RATIO)))

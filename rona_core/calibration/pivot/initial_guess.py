@@ -1,4 +1,4 @@
-"""A first guess of tip and pivot that outliers cannot spoil, linear and without a noise model.
+"""Robust initial guess of tip and pivot by linear least squares.
 
 Every pose says R tip - pivot = -p, three equations that are linear in the unknowns.
 """
@@ -17,7 +17,7 @@ RIDGE = 1e-12
 FLOOR_MM = 1e-9
 
 
-def robust_start(levers: Floats, p: Floats, keep: Bools) -> Floats:
+def robust_initial_guess(levers: Floats, p: Floats, keep: Bools) -> Floats:
     """Return tip and pivot (k + 3,) on which most of the poses agree.
 
     The best of: the least sum of distances (not of squares), and least trimmed squares from many
@@ -79,5 +79,5 @@ def _solve(weights: Floats, normals: Floats, pulls: Floats) -> Floats:
 
 def _squares(design: Floats, wanted: Floats, trials: Floats) -> Floats:
     """Return the squared distances (s, n) that solutions (s, k) leave at each pose."""
-    left = np.tensordot(trials, design, axes=(1, 2)) - wanted
-    return (left**2).sum(axis=2)
+    residuals = np.tensordot(trials, design, axes=(1, 2)) - wanted
+    return (residuals**2).sum(axis=2)

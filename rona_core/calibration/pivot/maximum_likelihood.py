@@ -1,9 +1,9 @@
-"""The tip of a swinging body by maximum likelihood, robust, with its covariance.
+"""Maximum-likelihood estimate of tip and pivot, robust, with its covariance.
 
-Every pose may be corrected a little, by a turn and a shift that cost as much as the noise of the
-markers makes them unlikely, until the tip stays in one place: errors in variables, solved by
-Gauss-Helmert steps (the corrections are eliminated pose by pose). Poses that need too much
-correction lose their weight by Tukey's function.
+Errors in variables: each pose is corrected by a rotation and a translation, weighted by the
+covariance of its errors, so that all poses share one tip. Solved by Gauss-Helmert steps (Förstner
+2016), which eliminate the corrections pose by pose. Tukey's weights exclude poses that need too
+large a correction (an MM-estimator, Yohai 1987).
 """
 
 from dataclasses import dataclass
@@ -11,9 +11,10 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from rona_core.calibration.pivot.initial_guess import robust_start
-from rona_core.calibration.tracking_error.poses_with_covariance import TrackedPoses, cross_matrices
+from rona_core.calibration.pivot.initial_guess import robust_initial_guess
+from rona_core.calibration.tracking_error.poses_with_covariance import TrackedPoses
 from rona_core.geometry.arrays import Bools, Floats, Vector3, readonly
+from rona_core.geometry.pose_covariance import cross_matrices
 from rona_core.geometry.robust import tukey_weights_of_squares
 
 CUTOFF = 5.49  # standard deviations; 95 % efficient in three dimensions
@@ -27,7 +28,7 @@ MIN_SIGMA_MM = 1e-9
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class LikelyTip:
+class TipEstimate:
     """The most likely tip and pivot; per-pose statistics in units of the estimated noise."""
 
     tip_marker: Vector3  # (3,) mm
@@ -50,14 +51,14 @@ class _Step:
     information: Floats  # (n, k + 3, k + 3)
 
 
-def fit_likely_tip(
+def estimate_tip(
     tracked: TrackedPoses,
     *,
     dof: int,
     keep: Bools,
     sigma_mm: float | None = None,
     cutoff: float = CUTOFF,
-) -> LikelyTip:
+) -> TipEstimate:
     """Return the tip that makes the measured poses most likely.
 
     Args:
@@ -72,7 +73,7 @@ def fit_likely_tip(
     k = basis.shape[1]
     origin = p[keep].mean(axis=0)
     p = p - origin
-    x = robust_start(R @ basis, p, keep)
+    x = robust_initial_guess(R @ basis, p, keep)
     turns = np.zeros_like(p)
     step = _linearise(R, p, tracked.covariances, turns, x, basis, keep.astype(np.float64))
     variance = max(float(np.median(step.costs_before[keep])) / MEDIAN_CHI2, MIN_SIGMA_MM**2)
@@ -95,7 +96,7 @@ def fit_likely_tip(
     tip = basis @ x[:k] + (tracked.reference_marker if dof == 6 else 0.0)
     if dof == 5:
         tip = np.array((0.0, 0.0, x[0] + tracked.reference_marker[2]))
-    return LikelyTip(
+    return TipEstimate(
         tip_marker=readonly(tip),
         pivot_tracker=readonly(x[k:] + origin),
         covariance=readonly(spread @ tip_covariance @ spread.T),
@@ -115,66 +116,72 @@ def tip_information(tracked: TrackedPoses, tip_marker: Vector3, *, dof: int) -> 
     p = tracked.centers_tracker()
     x = np.concatenate((basis.T @ (tip_marker - tracked.reference_marker), np.zeros(3)))
     R, none = tracked.Ts_tracker_marker.rotations, np.zeros_like(p)
-    return _gaps(R, p, tracked.covariances, none, x, basis).information()
+    return _conditions(R, p, tracked.covariances, none, x, basis).information()
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class _Gaps:
-    """exp(-turn) R tip + p - shift - pivot, which must vanish, linear about the corrections."""
+class _Conditions:
+    """Condition equations of all poses, linear about the present corrections (Förstner 2016).
 
-    gaps: Floats  # (n, 3) mm
-    by_unknowns: Floats  # (n, 3, k + 3)
-    turn_gap: Floats  # (n, 3, 3) covariance of turn and minus gap
-    whitened: Floats  # (n, 3, k + 3) inverse covariance of the gap, times by_unknowns
-    whitened_gaps: Floats  # (n, 3) the same, times gaps
+    f(x, v) = exp(-phi) R tip + p - d - pivot = 0 with corrections v = (phi, d) of covariance Q
+    becomes A dx + B v + w = 0; N = B Q B' is the covariance of the misclosure.
+    """
+
+    w: Floats  # (n, 3) misclosure in mm
+    A: Floats  # (n, 3, k + 3) df/dx
+    Q_phi_B: Floats  # (n, 3, 3) covariance of phi and -w
+    N_inv_A: Floats  # (n, 3, k + 3) N^-1 A
+    N_inv_w: Floats  # (n, 3) N^-1 w
 
     def information(self) -> Floats:
-        """Return what each pose tells about the unknowns (n, k + 3, k + 3)."""
-        return np.swapaxes(self.by_unknowns, 1, 2) @ self.whitened
+        """Return the information A' N^-1 A of each pose on the unknowns (n, k + 3, k + 3)."""
+        return np.swapaxes(self.A, 1, 2) @ self.N_inv_A
 
 
-def _gaps(
-    R: Floats, p: Floats, covariances: Floats, turns: Floats, x: Floats, basis: Floats
-) -> _Gaps:
+def _conditions(
+    R: Floats, p: Floats, Q: Floats, phi: Floats, x: Floats, basis: Floats
+) -> _Conditions:
+    """Linearise the condition equations about unknowns x (k + 3,) and rotations phi (n, 3)."""
     k = basis.shape[1]
-    turned = Rotation.from_rotvec(-turns).as_matrix() @ R
-    lever = turned @ (basis @ x[:k])
-    cross = cross_matrices(turns)
-    right = np.eye(3) - 0.5 * cross + (cross @ cross) / 6.0  # right Jacobian of a small turn
-    by_turn = cross_matrices(lever) @ right
-    by_turn_t = np.swapaxes(by_turn, 1, 2)
-    by_unknowns = np.concatenate(
-        (turned @ basis, np.broadcast_to(-np.eye(3), (len(p), 3, 3))), axis=2
-    )
-    gaps = lever + p - x[k:] - np.einsum("nij,nj->ni", by_turn, turns)
-    turn_gap = covariances[:, :3, :3] @ by_turn_t - covariances[:, :3, 3:]
-    gap_gap = by_turn @ turn_gap - covariances[:, 3:, :3] @ by_turn_t + covariances[:, 3:, 3:]
-    wanted = np.concatenate((by_unknowns, gaps[..., None]), axis=2)
-    solved: Floats = np.asarray(np.linalg.solve(gap_gap, wanted), dtype=np.float64)
-    return _Gaps(gaps, by_unknowns, turn_gap, solved[..., :-1], solved[..., -1])
+    R_corrected = Rotation.from_rotvec(-phi).as_matrix() @ R
+    lever = R_corrected @ (basis @ x[:k])
+    phi_cross = cross_matrices(phi)
+    # right Jacobian of the rotation, a series that suffices for small phi
+    J_right = np.eye(3) - 0.5 * phi_cross + (phi_cross @ phi_cross) / 6.0
+    B_phi = cross_matrices(lever) @ J_right  # d(exp(-phi) R tip)/d phi = [lever]x J; B_d = -1
+    B_phi_t = np.swapaxes(B_phi, 1, 2)
+    A = np.concatenate((R_corrected @ basis, np.broadcast_to(-np.eye(3), (len(p), 3, 3))), axis=2)
+    w = lever + p - x[k:] - np.einsum("nij,nj->ni", B_phi, phi)
+    Q_phi_B = Q[:, :3, :3] @ B_phi_t - Q[:, :3, 3:]
+    N = B_phi @ Q_phi_B - Q[:, 3:, :3] @ B_phi_t + Q[:, 3:, 3:]
+    right_sides = np.concatenate((A, w[..., None]), axis=2)
+    solved: Floats = np.asarray(np.linalg.solve(N, right_sides), dtype=np.float64)
+    return _Conditions(w, A, Q_phi_B, solved[..., :-1], solved[..., -1])
 
 
 def _linearise(
     R: Floats,
     p: Floats,
     covariances: Floats,
-    turns: Floats,
+    phi: Floats,
     x: Floats,
     basis: Floats,
     weights: Floats,
 ) -> _Step:
-    """Return the step to the tip that is most likely for these weights (n,)."""
-    model = _gaps(R, p, covariances, turns, x, basis)
+    """Return the Gauss-Helmert step for these weights (n,)."""
+    model = _conditions(R, p, covariances, phi, x, basis)
     information = model.information()
-    pull = np.einsum("nij,ni->nj", model.by_unknowns, model.whitened_gaps)
-    move = np.linalg.solve(np.einsum("n,nij->ij", weights, information), -(weights @ pull))
-    forces = model.whitened @ move + model.whitened_gaps
-    left = model.by_unknowns @ move + model.gaps
+    # normal equations (sum A' N^-1 A) dx = -sum A' N^-1 w
+    gradient = np.einsum("nij,ni->nj", model.A, model.N_inv_w)
+    dx = np.linalg.solve(np.einsum("n,nij->ij", weights, information), -(weights @ gradient))
+    # Lagrange multipliers lambda = N^-1 (A dx + w); corrections v = -Q B' lambda
+    multipliers = model.N_inv_A @ dx + model.N_inv_w
+    residuals = model.A @ dx + model.w
     return _Step(
-        move=move,
-        turns=-np.einsum("nij,nj->ni", model.turn_gap, forces),
-        costs=np.einsum("ni,ni->n", forces, left),
-        costs_before=np.einsum("ni,ni->n", model.gaps, model.whitened_gaps),
+        move=dx,
+        turns=-np.einsum("nij,nj->ni", model.Q_phi_B, multipliers),
+        costs=np.einsum("ni,ni->n", multipliers, residuals),
+        costs_before=np.einsum("ni,ni->n", model.w, model.N_inv_w),
         information=information,
     )
 

@@ -1,4 +1,4 @@
-"""How far and how evenly a body swung: what a pivot calibration lives on."""
+"""Extent of a pivot motion: half-angle of the cone, and evenness of the swing."""
 
 import numpy as np
 

@@ -1,4 +1,4 @@
-"""Find the fixed tip of a tracked body that swings about it: shared by pointer and tool."""
+"""Pivot calibration: the fixed tip of a tracked body, for pointer and tool."""
 
 from dataclasses import dataclass, replace
 from typing import Literal
@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from rona_core.calibration.pivot.algebraic import MIN_SHARE, solve_linear, without_gross_errors
-from rona_core.calibration.pivot.maximum_likelihood import fit_likely_tip
+from rona_core.calibration.pivot.maximum_likelihood import estimate_tip
 from rona_core.calibration.pivot.motion_extent import (
     require_cone,
     require_swing,
@@ -17,8 +17,8 @@ from rona_core.calibration.pivot.pose_coverage import sigma_by_cone
 from rona_core.calibration.pivot.quality import (
     GOOD_SIGMA_MM,
     PivotFacts,
+    correlated_poses,
     judge_pivot,
-    poses_alike,
 )
 from rona_core.calibration.pivot.result import (
     AWAY,
@@ -46,13 +46,24 @@ MAX_RMSE_MM = 5.0  # beyond this the tip did not stay in one place
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class _Likely:
-    """What only the likely tip has to tell for the verdict."""
+class _Estimate:
+    """Estimated tip and pivot, and which poses they rest on."""
 
-    sigma_mm: float
+    tip_marker: Vector3
+    pivot_tracker: Vector3
+    covariance: Floats  # (6, 6) of both
+    used: Bools  # (n,)
+    known_reasons: dict[str, Bools]  # reason -> rows (n,) that it excludes
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _MarkerModel:
+    """Error model of the markers behind a maximum-likelihood estimate."""
+
+    sigma_mm: float  # 3D RMS of one marker, as estimated
     noise: MarkerNoise
     positions_marker: Floats
-    complaints: tuple[str, ...]
+    complaints: tuple[str, ...]  # about the marker geometry
 
 
 def solve_pivot(
@@ -100,11 +111,7 @@ def solve_pivot(
     found = solve_linear(Ts_tracker_marker.select(used), dof, method)
     return _finish(
         Ts_tracker_marker,
-        found.tip_marker,
-        found.pivot_tracker,
-        found.covariance,
-        used,
-        {EXCLUDED: ~keep},
+        _Estimate(found.tip_marker, found.pivot_tracker, found.covariance, used, {EXCLUDED: ~keep}),
         dof,
         narrowness=2 if method == "sphere" else 1,
     )
@@ -158,7 +165,7 @@ def _solve_likely(
     complaints: tuple[str, ...],
 ) -> PivotFit:
     counting = keep & tracked.seen
-    found = fit_likely_tip(tracked, dof=dof, keep=counting, sigma_mm=noise.sigma_mm)
+    found = estimate_tip(tracked, dof=dof, keep=counting, sigma_mm=noise.sigma_mm)
     used = found.weights > 0.0
     n, n_used = int(counting.sum()), int(used.sum())
     if n_used < max(at_least, MIN_SHARE * n):
@@ -172,30 +179,29 @@ def _solve_likely(
         )
     return _finish(
         tracked.Ts_tracker_marker,
-        found.tip_marker,
-        found.pivot_tracker,
-        found.covariance,
-        used,
-        {EXCLUDED: ~keep, UNSEEN: ~tracked.seen},
+        _Estimate(
+            found.tip_marker,
+            found.pivot_tracker,
+            found.covariance,
+            used,
+            {EXCLUDED: ~keep, UNSEEN: ~tracked.seen},
+        ),
         dof,
-        likely=_Likely(found.sigma_mm, noise, as_floats(positions_marker), complaints),
+        markers=_MarkerModel(found.sigma_mm, noise, as_floats(positions_marker), complaints),
     )
 
 
 def _finish(
     Ts_tracker_marker: Poses,
-    tip: Vector3,
-    pivot: Vector3,
-    covariance: Floats,
-    used: Bools,
-    known_reasons: dict[str, Bools],
+    estimate: _Estimate,
     dof: int,
     *,
     narrowness: int = 1,
-    likely: _Likely | None = None,
+    markers: _MarkerModel | None = None,
 ) -> PivotFit:
-    """Check what is left of the swing, list what was rejected and judge the result."""
-    misses = Ts_tracker_marker @ tip - pivot
+    """Check the swing of the poses used, list what was rejected and judge the result."""
+    tip, used = estimate.tip_marker, estimate.used
+    misses = Ts_tracker_marker @ tip - estimate.pivot_tracker
     residuals = np.linalg.norm(misses, axis=1)
     require_swing(Ts_tracker_marker.rotations[used], dof)
     levers = Ts_tracker_marker.rotations[used] @ (tip / float(np.linalg.norm(tip)))
@@ -205,49 +211,60 @@ def _finish(
         raise DegenerateGeometryError(
             f"the tip scatters by {rmse_mm:.1f} mm about its pivot: it has slipped"
         )
-    alike = 1.0 if likely is None else poses_alike(misses[used])
-    covariance = covariance * alike
-    rejected = rejected_poses(residuals, used, known_reasons)
-    sigma_mm = float(np.sqrt(np.trace(covariance[:3, :3])))
+    alike = 1.0 if markers is None else correlated_poses(misses[used])
+    covariance = estimate.covariance * alike
+    rejected = rejected_poses(residuals, used, estimate.known_reasons)
     facts = PivotFacts(
-        tip_sigma_mm=sigma_mm,
+        tip_sigma_mm=float(np.sqrt(np.trace(covariance[:3, :3]))),
         cone_deg=cone_deg,
         swing_deg=swing_of_shaft_deg(levers),
         n=len(residuals),
         n_used=int(used.sum()),
         narrowness=narrowness,
-        marker_sigma_mm=None if likely is None else likely.sigma_mm,
-        stated_sigma_mm=None if likely is None else likely.noise.sigma_mm,
         alike=alike,
-        geometry=() if likely is None else likely.complaints,
     )
-    if likely is not None and sigma_mm > GOOD_SIGMA_MM:
-        by_cone = sigma_by_cone(
-            Ts_tracker_marker.select(used).mean().rotation,
-            tip,
-            likely.positions_marker,
-            dof=dof,
-            noise=likely.noise,
-            sigma_mm=likely.noise.sigma_mm or likely.sigma_mm,
-            n=max(int(used.sum() / alike), 1),
-        )
-        facts = replace(facts, by_cone=by_cone)
+    if markers is not None:
+        facts = _with_markers(facts, markers, Ts_tracker_marker.select(used), tip, dof)
     away = np.array([r.index for r in rejected if r.reason == AWAY], dtype=np.int64)
     verdict, reasons = judge_pivot(facts, away)
     return PivotFit(
         tip_marker=readonly(tip),
-        pivot_tracker=readonly(pivot),
+        pivot_tracker=readonly(estimate.pivot_tracker),
         covariance=readonly(covariance),
         residuals_mm=readonly(residuals),
         used=readonly(used),
         rejected=rejected,
         rmse_mm=rmse_mm,
-        tip_sigma_mm=sigma_mm,
+        tip_sigma_mm=facts.tip_sigma_mm,
         cone_deg=cone_deg,
         marker_sigma_mm=facts.marker_sigma_mm,
         verdict=verdict,
         reasons=reasons,
     )
+
+
+def _with_markers(
+    facts: PivotFacts, markers: _MarkerModel, Ts_tracker_marker: Poses, tip: Vector3, dof: int
+) -> PivotFacts:
+    """Return the facts with the error of the markers, and with the cone that would be enough."""
+    facts = replace(
+        facts,
+        marker_sigma_mm=markers.sigma_mm,
+        stated_sigma_mm=markers.noise.sigma_mm,
+        geometry=markers.complaints,
+    )
+    if facts.tip_sigma_mm <= GOOD_SIGMA_MM:
+        return facts
+    by_cone = sigma_by_cone(
+        Ts_tracker_marker.mean().rotation,
+        tip,
+        markers.positions_marker,
+        dof=dof,
+        noise=markers.noise,
+        sigma_mm=markers.noise.sigma_mm or markers.sigma_mm,
+        n=max(int(facts.n_used / facts.alike), 1),
+    )
+    return replace(facts, by_cone=by_cone)
 
 
 def _require_dof(dof: int) -> None:

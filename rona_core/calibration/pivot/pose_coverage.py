@@ -1,4 +1,4 @@
-"""Where a swing has been, and where to tilt next so that the tip is known best.
+"""Pose coverage of a pivot motion, and the next best pose.
 
 Directions of the shaft, from the tip to the markers, are told as a tilt from their middle and an
 azimuth about it: 0 degrees is away from the tracker (its +z), 90 degrees is to the side of +x.
@@ -124,22 +124,16 @@ def next_best_pose(
         raise DegenerateGeometryError(
             "the poses so far leave the tip open: swing in all directions"
         )
-    middle = Pose(Ts_tracker_marker.mean().rotation, np.zeros(3))
-    places = [
-        (tilt, azimuth) for tilt in tilts_deg for azimuth in np.arange(SECTORS) * (360.0 / SECTORS)
-    ]
-    turns = [
-        np.deg2rad(tilt) * np.cross(axis, _toward(azimuth, aside, across))
-        for tilt, azimuth in places
-    ]
-    candidates = Poses.stack([Pose.from_rotvec(turn) @ middle for turn in turns])
+    azimuths_deg = np.arange(SECTORS) * (360.0 / SECTORS)
+    tried_deg = [(tilt, azimuth) for tilt in tilts_deg for azimuth in azimuths_deg]
+    candidates = _tilted(Ts_tracker_marker, tried_deg, (axis, aside, across))
     more = tip_information(
         tracked_from_poses(candidates, positions_marker, noise, dof=dof), tip, dof=dof
     )
     k = known.shape[0] - 3
     after: Floats = np.trace(np.linalg.inv(known + more)[:, :k, :k], axis1=1, axis2=2)
     best = int(after.argmin())
-    tilt_deg, azimuth_deg = places[best]
+    tilt_deg, azimuth_deg = tried_deg[best]
     direction = _shafts(candidates.select([best]), tip)[0]
     words = f"tilt the markers {tilt_deg:.0f} degrees {_words(azimuth_deg, axis)}"
     return NextPose(
@@ -150,6 +144,21 @@ def next_best_pose(
         tip_sigma_mm=float(sigma_mm * np.sqrt(after[best])),
         tip_sigma_before_mm=float(sigma_mm * np.sqrt(np.trace(np.linalg.inv(known)[:k, :k]))),
     )
+
+
+def _tilted(
+    Ts_tracker_marker: Poses,
+    tilts_and_azimuths_deg: list[tuple[float, float]],
+    frame: tuple[Vector3, Vector3, Vector3],
+) -> Poses:
+    """Return the middle orientation of poses, tilted by angles towards azimuths."""
+    axis, aside, across = frame
+    middle = Pose(Ts_tracker_marker.mean().rotation, np.zeros(3))
+    turns = [
+        np.deg2rad(tilt) * np.cross(axis, _toward(azimuth, aside, across))
+        for tilt, azimuth in tilts_and_azimuths_deg
+    ]
+    return Poses.stack([Pose.from_rotvec(turn) @ middle for turn in turns])
 
 
 def sigma_by_cone(

@@ -1,4 +1,4 @@
-"""Is a pivot calibration good enough, and if not, why and what to do about it."""
+"""Quality of a pivot calibration: verdict, reasons and remedies."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -157,7 +157,7 @@ def longest_run(rows: Sequence[int] | Ints) -> tuple[int, int]:
     return int(values[starts[best]]), int(values[ends[best]])
 
 
-def poses_alike(residuals: Floats) -> float:
+def correlated_poses(residuals: Floats) -> float:
     """Return how many neighbours in a series of residual vectors (n, 3) count as one pose.
 
     One plus twice the sum of the autocorrelations up to the first that is lost in the noise; 1 for

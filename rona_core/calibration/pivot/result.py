@@ -1,4 +1,4 @@
-"""The result of a pivot calibration, and why single poses do not count in it."""
+"""Result of a pivot calibration, with the rejected poses."""
 
 from dataclasses import dataclass
 

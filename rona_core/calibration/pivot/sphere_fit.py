@@ -1,21 +1,22 @@
-"""Fit a sphere to tracked positions: the first step of pivot calibration.
+"""Sphere fit to tracked positions: algebraic start, then geometric least squares.
 
-Start: linear least squares (Coope, J. Optim. Theory Appl. 76 (1993) 381). Then the sum of squared
+Start: linear least squares (Coope 1993). Then the sum of squared
 distances to the sphere is minimised, which has no bias towards small spheres on small caps.
 """
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
+from scipy.optimize import least_squares
 
 from rona_core.errors import DegenerateGeometryError
 from rona_core.geometry.arrays import Floats, Vector3, as_points, readonly
 
 MIN_THICKNESS = 0.005  # thickness over width of the points; a cap of 1 degree has this
 MAX_SIGMA = 0.1  # of the radius: a centre less certain than this is a guess
-MAX_STEPS = 200
-STEP_TOLERANCE = 1e-14  # of the size of the point set
+TOLERANCE = 1e-15  # of the fit, all three of Levenberg-Marquardt
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -91,33 +92,31 @@ def _algebraic(q: Floats) -> tuple[Floats, float]:
 
 
 def _refine(q: Floats, center: Floats, radius: float) -> tuple[Floats, float, bool]:
-    """Return the geometric fit by damped Gauss-Newton, and whether it settled."""
-    x: Floats = np.append(center, radius)
-    damping = 1e-6
-    residuals, jacobian = _residuals(q, x)
-    for _ in range(MAX_STEPS):
-        normal, gradient = jacobian.T @ jacobian, jacobian.T @ residuals
-        damped = normal + damping * np.diag(np.diag(normal))
-        step = np.asarray(-np.linalg.solve(damped, gradient), dtype=np.float64)
-        if np.abs(step).max() <= STEP_TOLERANCE * np.abs(x).max():
-            return x[:3], float(x[3]), True
-        new_residuals, new_jacobian = _residuals(q, x + step)
-        if new_residuals @ new_residuals <= residuals @ residuals:
-            x, residuals, jacobian = x + step, new_residuals, new_jacobian
-            damping = max(damping * 0.1, 1e-15)
-        else:
-            damping *= 10.0
-            if damping > 1.0:  # no descent beyond rounding is left
-                return x[:3], float(x[3]), True
-    return x[:3], float(x[3]), False
+    """Return the geometric fit (Levenberg-Marquardt), and whether it converged."""
+    jacobian: Any = _jacobian  # the stubs know strings only
+    found: Any = least_squares(
+        _residuals,
+        np.append(center, radius),
+        jacobian,
+        method="lm",
+        ftol=TOLERANCE,
+        xtol=TOLERANCE,
+        gtol=TOLERANCE,
+        args=(q,),
+    )
+    return found.x[:3], float(found.x[3]), bool(found.status > 0)
 
 
-def _residuals(q: Floats, x: Floats) -> tuple[Floats, Floats]:
-    """Return distances to the sphere (n,) and their derivatives by centre and radius (n, 4)."""
+def _residuals(x: Floats, q: Floats) -> Floats:
+    """Return the distances (n,) of points from the sphere of centre and radius x (4,)."""
+    return np.linalg.norm(q - x[:3], axis=1) - x[3]
+
+
+def _jacobian(x: Floats, q: Floats) -> Floats:
+    """Return the derivatives (n, 4) of the distances by centre and radius."""
     offsets = q - x[:3]
     distances = np.maximum(np.linalg.norm(offsets, axis=1), 1e-300)
-    jacobian = np.column_stack((-offsets / distances[:, None], -np.ones(len(q))))
-    return distances - x[3], jacobian
+    return np.column_stack((-offsets / distances[:, None], -np.ones(len(q))))
 
 
 def _center_covariance(directions: Floats, residuals: Floats) -> Floats:

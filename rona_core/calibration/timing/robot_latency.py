@@ -1,4 +1,4 @@
-"""How late the robot's joint angles arrive, seen by the echoes while the probe moves up or down.
+"""Latency of the robot's joint angles, estimated from echoes while the probe moves along its axis.
 
 Against bone that keeps still, the stand-off shrinks exactly as the face goes forward: the delay is
 the shift in time at which stand-off and place agree. A robot settles a little elsewhere now and
@@ -134,8 +134,8 @@ def _best_fit(parts: Sequence[_Part], standoffs: Floats, pieces: Ints) -> _Fit:
         return _centred(curve, pieces)
 
     def cost(delay_s: float) -> float:
-        left = wanted - _along(places(float(delay_s)), wanted)
-        return float(left @ left)
+        residuals = wanted - _along(places(float(delay_s)), wanted)
+        return float(residuals @ residuals)
 
     delays = np.arange(-MAX_DELAY_S, MAX_DELAY_S + STEP_S / 2.0, STEP_S)
     best = float(delays[int(np.argmin([cost(float(d)) for d in delays]))])
@@ -163,17 +163,17 @@ def _along(direction: Floats, values: Floats) -> Floats:
     return direction * (float(direction @ values) / power if power > 0.0 else 0.0)
 
 
-def _sigma_s(told: Floats, left: Floats, freedom: int) -> float:
+def _sigma_s(sensitivity: Floats, residuals: Floats, freedom: int) -> float:
     """Return the deviation of the delay, with residuals that hang together over a few A-scans."""
-    information = float(told @ told)
+    information = float(sensitivity @ sensitivity)
     if information <= 0.0 or freedom < 1:
         return float("inf")
-    score = told * left
+    score = sensitivity * residuals
     variance = float(score @ score)
     for lag in range(1, LAGS + 1):
         variance += 2.0 * (1.0 - lag / (LAGS + 1.0)) * float(score[lag:] @ score[:-lag])
-    plain = float(left @ left) / freedom * information  # as if they did not
-    return float(np.sqrt(max(variance * len(left) / freedom, plain)) / information)
+    uncorrelated = float(residuals @ residuals) / freedom * information  # as if they did not
+    return float(np.sqrt(max(variance * len(residuals) / freedom, uncorrelated)) / information)
 
 
 def segment_places(points_base: ArrayLike, axes_base: ArrayLike, near: int) -> Floats:

@@ -1,4 +1,4 @@
-"""Delay between two devices that saw the same motion, e.g. tracker and robot.
+"""Time offset between two devices that measured the same motion, e.g. tracker and robot.
 
 Both streams are smoothed alike. For each candidate delay the positions of one are predicted from
 those of the other by the best linear map, which stands for the unknown frames; the delay at which
@@ -75,24 +75,15 @@ def estimate_time_offset(
     times = np.arange(start_s, end_s, float(step_s))
     curve_a, curve_b = _smooth(*a, width_s), _smooth(*b, width_s)
     wanted = curve_b(times) - curve_b(times).mean(axis=0)
-    for name, seen in (("a", curve_a(times)), ("b", wanted)):
-        motion_mm = float(np.sqrt(((seen - seen.mean(axis=0)) ** 2).sum(axis=1).mean()))
-        if motion_mm < LEAST_MOTION_MM:
-            raise DegenerateGeometryError(
-                f"stream {name} moves by {motion_mm:.2g} mm RMS: without motion there is no delay "
-                f"to be seen, {LEAST_MOTION_MM:g} mm are needed"
-            )
+    _require_motion("a", curve_a(times))
+    _require_motion("b", wanted)
 
     def left_over(offset_s: float) -> float:
         return float((_residual(curve_a(times - offset_s), wanted) ** 2).sum())
 
-    count = int(np.ceil(max_offset_s / (0.5 * step_s)))
-    offsets = np.linspace(-max_offset_s, max_offset_s, 2 * count + 1)
-    costs = np.array([left_over(float(offset)) for offset in offsets])
     total = float((wanted**2).sum())
-    places = _valleys(offsets, costs, total)
-    valleys = sorted(_deepest(left_over, offsets[k - 1], offsets[k + 1]) for k in places)
-    cost, offset_s = valleys[0]
+    minima = _local_minima(left_over, max_offset_s, float(step_s), total)
+    cost, offset_s = minima[0]
     correlation = float(np.sqrt(max(0.0, 1.0 - cost / total)))
     sigma_s = _sigma(curve_a, times - offset_s, wanted, int(np.ceil(6.0 * width_s / step_s)))
     if sigma_s > WORST_SIGMA * max_offset_s:
@@ -100,12 +91,33 @@ def estimate_time_offset(
             f"the motion is too even: it tells the delay only to {1e3 * sigma_s:.3g} ms; "
             "start, stop and turn more often"
         )
-    if len(valleys) > 1 and valleys[1][0] < 1.5 * cost + SAME_SHARE * total:
+    if len(minima) > 1 and minima[1][0] < 1.5 * cost + SAME_SHARE * total:
         raise DegenerateGeometryError(
-            f"the motion repeats itself after {abs(valleys[1][1] - offset_s):.3g} s: the delay is "
+            f"the motion repeats itself after {abs(minima[1][1] - offset_s):.3g} s: the delay is "
             "ambiguous; move irregularly, or search a narrower range"
         )
     return TimeOffset(offset_s, sigma_s, correlation, float(end_s - start_s))
+
+
+def _local_minima(
+    cost: Callable[[float], float], max_offset_s: float, step_s: float, total: float
+) -> list[tuple[float, float]]:
+    """Return costs and offsets of the local minima, the lowest first."""
+    count = int(np.ceil(max_offset_s / (0.5 * step_s)))
+    offsets = np.linspace(-max_offset_s, max_offset_s, 2 * count + 1)
+    costs = np.array([cost(float(offset)) for offset in offsets])
+    places = _valleys(offsets, costs, total)
+    return sorted(_deepest(cost, offsets[k - 1], offsets[k + 1]) for k in places)
+
+
+def _require_motion(name: str, positions: Floats) -> None:
+    """Refuse a stream (n, 3) that rests."""
+    motion_mm = float(np.sqrt(((positions - positions.mean(axis=0)) ** 2).sum(axis=1).mean()))
+    if motion_mm < LEAST_MOTION_MM:
+        raise DegenerateGeometryError(
+            f"stream {name} moves by {motion_mm:.2g} mm RMS: without motion there is no delay "
+            f"to be seen, {LEAST_MOTION_MM:g} mm are needed"
+        )
 
 
 def _stream(times_s: ArrayLike, positions: ArrayLike, name: str) -> tuple[Floats, Floats]:
@@ -163,15 +175,17 @@ def _valleys(offsets: Floats, costs: Floats, total: float) -> list[int]:
 
 def _sigma(curve_a: CubicSpline, times: Floats, wanted: Floats, lags: int) -> float:
     """Return the standard deviation of the delay, with residuals that are correlated in time."""
-    seen = np.asarray(curve_a(times))
-    seen = seen - seen.mean(axis=0)
-    map_: Floats = np.linalg.lstsq(seen, wanted, rcond=1e-6)[0]
+    predictors = np.asarray(curve_a(times))
+    predictors = predictors - predictors.mean(axis=0)
+    map_: Floats = np.linalg.lstsq(predictors, wanted, rcond=1e-6)[0]
     slope = np.asarray(curve_a(times, 1)) @ map_
-    told = _residual(seen, slope - slope.mean(axis=0))  # what no other map could imitate
-    information = float((told**2).sum())
+    sensitivity = _residual(
+        predictors, slope - slope.mean(axis=0)
+    )  # what no other map could imitate
+    information = float((sensitivity**2).sum())
     if information <= 0.0:
         return float("inf")
-    score = (told * (wanted - seen @ map_)).sum(axis=1)
+    score = (sensitivity * (wanted - predictors @ map_)).sum(axis=1)
     variance = float(score @ score)
     for lag in range(1, min(lags, len(score) - 1) + 1):
         variance += 2.0 * (1.0 - lag / (lags + 1.0)) * float(score[lag:] @ score[:-lag])

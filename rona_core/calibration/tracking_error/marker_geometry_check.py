@@ -1,4 +1,4 @@
-"""Do measured markers fit the geometry that is claimed for them? The distance that does not, named.
+"""Check of measured markers against their stated geometry; names the distance that is wrong.
 
 Distances between markers do not depend on the pose, so a wrong geometry shows in every motion.
 Markers are lettered A, B, C, ... in the order of the geometry.

@@ -1,4 +1,4 @@
-"""What a calibration assumes about the error of single markers: as large in depth as told."""
+"""Error model of single markers: anisotropic noise, larger in depth."""
 
 from dataclasses import dataclass
 

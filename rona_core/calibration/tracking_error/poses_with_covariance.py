@@ -1,4 +1,4 @@
-"""Poses of a tracked body together with how wrong each of them probably is.
+"""Poses of a tracked body with the covariance of their errors.
 
 A tracker fits the known marker geometry to noisy markers. To first order the fitted pose holds all
 that the markers tell, so its covariance is the likelihood that a calibration needs.
@@ -14,6 +14,7 @@ from rona_core.calibration.tracking_error.marker_noise import MarkerNoise
 from rona_core.errors import DegenerateGeometryError, InvalidInputError
 from rona_core.geometry.arrays import Bools, Floats, Vector3, as_floats, as_points, readonly
 from rona_core.geometry.pose import Poses
+from rona_core.geometry.pose_covariance import cross_matrices
 
 MIN_SPREAD = 0.02  # second over first width of 6D markers; first width in mm is checked too
 MIN_WIDTH_MM = 1.0
@@ -131,23 +132,7 @@ def tracked_from_markers(
     arms = p - reference
     rotations, t = _start(arms, y, mask, dof)
     precision = np.diag(noise.shape() ** -2.0)
-    information: Floats = np.zeros((len(y), 6, 6))
-    for _ in range(FIT_STEPS):
-        lever = np.einsum("nij,kj->nki", rotations, arms)
-        left = np.where(mask[:, :, None], y - t[:, None] - lever, 0.0)
-        jacobian = np.zeros((*mask.shape, 3, 6))
-        jacobian[..., :3] = -cross_matrices(lever)
-        jacobian[..., 3:] = np.eye(3)
-        jacobian *= mask[:, :, None, None]
-        information = np.einsum("nkia,ij,nkjb->nab", jacobian, precision, jacobian, optimize=True)
-        rolls = rotations[:, :, 2:]
-        if dof == 5:  # the roll, which no marker shows, stays as it is
-            information[:, :3, :3] += rolls @ np.swapaxes(rolls, 1, 2)
-        pull = np.einsum("nkia,ij,nkj->na", jacobian, precision, left, optimize=True)
-        step = np.linalg.solve(information, pull[..., None])[..., 0]
-        rotations, t = Rotation.from_rotvec(step[:, :3]).as_matrix() @ rotations, t + step[:, 3:]
-        if np.abs(step).max(initial=0.0) < FIT_TOLERANCE * np.abs(arms).max():
-            break
+    rotations, t, information = _gauss_newton(rotations, t, arms, y, mask, precision, dof)
     covariances: Floats = np.asarray(np.linalg.inv(information), dtype=np.float64)
     if dof == 5:
         rolls = rotations[:, :, 2:]
@@ -162,6 +147,40 @@ def tracked_from_markers(
         misfit=readonly(np.where(enough, np.einsum("nki,ij,nkj->n", left, precision, left), 0.0)),
         freedom=readonly(np.where(enough, 3.0 * mask.sum(axis=1) - dof, 0.0)),
     )
+
+
+def _gauss_newton(
+    rotations: Floats,
+    t: Floats,
+    arms: Floats,
+    y: Floats,
+    mask: Bools,
+    precision: Floats,
+    dof: int,
+) -> tuple[Floats, Floats, Floats]:
+    """Fit rotations (n, 3, 3) and translations (n, 3) to markers, and return the information.
+
+    Residuals r = y - t - R a with the Jacobian (-[R a]x, 1) by a turn of R and a shift of t; the
+    normal equations are (sum J' P J) step = sum J' P r. The information is (n, 6, 6).
+    """
+    information: Floats = np.zeros((len(y), 6, 6))
+    for _ in range(FIT_STEPS):
+        lever = np.einsum("nij,kj->nki", rotations, arms)
+        residuals = np.where(mask[:, :, None], y - t[:, None] - lever, 0.0)
+        jacobian = np.zeros((*mask.shape, 3, 6))
+        jacobian[..., :3] = -cross_matrices(lever)
+        jacobian[..., 3:] = np.eye(3)
+        jacobian *= mask[:, :, None, None]
+        information = np.einsum("nkia,ij,nkjb->nab", jacobian, precision, jacobian, optimize=True)
+        rolls = rotations[:, :, 2:]
+        if dof == 5:  # the roll, which no marker shows, stays as it is
+            information[:, :3, :3] += rolls @ np.swapaxes(rolls, 1, 2)
+        gradient = np.einsum("nkia,ij,nkj->na", jacobian, precision, residuals, optimize=True)
+        step = np.linalg.solve(information, gradient[..., None])[..., 0]
+        rotations, t = Rotation.from_rotvec(step[:, :3]).as_matrix() @ rotations, t + step[:, 3:]
+        if np.abs(step).max(initial=0.0) < FIT_TOLERANCE * np.abs(arms).max():
+            break
+    return rotations, t, information
 
 
 def _as_markers(points: ArrayLike, seen: ArrayLike | None, m: int) -> tuple[Bools, Floats]:
@@ -199,12 +218,3 @@ def rotations_to(directions: Floats) -> Floats:
     x = np.einsum("nij,nj->ni", cross, least)
     x /= np.linalg.norm(x, axis=1)[:, None]
     return np.stack((x, np.einsum("nij,nj->ni", cross, x), directions), axis=2)
-
-
-def cross_matrices(vectors: Floats) -> Floats:
-    """Return matrices (..., 3, 3) with ``cross_matrices(a) @ b = a x b``."""
-    out = np.zeros((*vectors.shape, 3))
-    x, y, z = vectors[..., 0], vectors[..., 1], vectors[..., 2]
-    out[..., 0, 1], out[..., 0, 2], out[..., 1, 2] = -z, y, -x
-    out[..., 1, 0], out[..., 2, 0], out[..., 2, 1] = z, -y, x
-    return out

@@ -1,4 +1,4 @@
-"""Tool definition files (.rom) of NDI: where the markers of a tool sit, as a tracker is told it.
+"""Reader of NDI tool definition files (.rom): marker positions and normals.
 
 Little endian, 752 bytes: "NDI"; at byte 4 the sum of all bytes from 6 on, modulo 65536; largest
 marker angle at 24, number of markers at 28, least number at 32, largest 3D error at 36 and least

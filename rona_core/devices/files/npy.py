@@ -1,4 +1,4 @@
-"""Arrays in the format of numpy, read without pickles and without taking a header's word."""
+"""Reader of numpy arrays without pickles, with bounds on what a header may claim."""
 
 import ast
 import math
@@ -27,13 +27,13 @@ def array_header(data: bytes) -> tuple[tuple[int, ...], bool, np.dtype[Any], int
     if length > MAX_HEADER_BYTES or len(data) < start + length:
         raise ValueError("its header is cut off or too long")
     try:
-        told: Any = ast.literal_eval(data[start : start + length].decode("latin-1").strip())
-        shape, turned, descr = told["shape"], told["fortran_order"], told["descr"]
+        claimed: Any = ast.literal_eval(data[start : start + length].decode("latin-1").strip())
+        shape, turned, descr = claimed["shape"], claimed["fortran_order"], claimed["descr"]
         dtype = np.lib.format.descr_to_dtype(descr)
     except Exception as error:  # whatever the parsers throw at what is no header
         raise ValueError("its header is no plain one") from error
     whole = isinstance(shape, tuple) and all(type(n) is int and n >= 0 for n in shape)
-    if set(told) != KEYS or not whole or not isinstance(turned, bool):
+    if set(claimed) != KEYS or not whole or not isinstance(turned, bool):
         raise ValueError("its header is no plain one")
     return shape, turned, dtype, start + length
 
@@ -49,8 +49,8 @@ def array_from_npy(data: bytes) -> NDArray[Any]:
     shape, turned, dtype, start = array_header(data)
     if dtype.hasobject:
         raise ValueError("it holds Python objects, and allow_pickle is off")
-    there, told = len(data) - start, math.prod(shape) * dtype.itemsize
-    if there != told:
-        raise ValueError(f"{there} bytes of values instead of {told}")
-    values = np.frombuffer(data, dtype, offset=start) if told else np.zeros(0, dtype)
+    available, claimed = len(data) - start, math.prod(shape) * dtype.itemsize
+    if available != claimed:
+        raise ValueError(f"{available} bytes of values instead of {claimed}")
+    values = np.frombuffer(data, dtype, offset=start) if claimed else np.zeros(0, dtype)
     return np.array(values.reshape(shape, order="F" if turned else "C"), order="C")

@@ -1,4 +1,4 @@
-"""Readers of foreign formats in a process of their own, with bounded memory and time.
+"""Readers of foreign formats in a separate process, with bounded memory and time.
 
 Libraries that read binary files of others crash on some damaged ones, and take whatever memory a
 file asks for. Here that ends a process that did nothing else, and the file is refused.
@@ -70,14 +70,14 @@ def read_apart(reader: Reader, source: bytes | Path, name: str, kind: str) -> Fo
         report = folder / REPORT
         if not report.is_file():
             raise InvalidInputError(_why(ended.returncode, name, kind))
-        told = json.loads(report.read_text("utf-8"))
-        if "error" in told:
-            raise InvalidInputError(told["error"])
-        if "damage" in told:
-            raise InvalidInputError(f"{name} is a damaged {kind} file: {told['damage']}")
+        outcome = json.loads(report.read_text("utf-8"))
+        if "error" in outcome:
+            raise InvalidInputError(outcome["error"])
+        if "damage" in outcome:
+            raise InvalidInputError(f"{name} is a damaged {kind} file: {outcome['damage']}")
         return {
             key: None if file is None else np.load(folder / file, allow_pickle=False)
-            for key, file in told["arrays"].items()
+            for key, file in outcome["arrays"].items()
         }
 
 
@@ -117,8 +117,8 @@ def main() -> None:
     module, function, place, path, name = json.loads(sys.argv[1])
     reader: Reader = getattr(importlib.import_module(module), function)
     _bound()
-    told = _report(reader, Path(path), Path(place), name)
-    (Path(place) / REPORT).write_text(json.dumps(told), "utf-8")
+    outcome = _report(reader, Path(path), Path(place), name)
+    (Path(place) / REPORT).write_text(json.dumps(outcome), "utf-8")
 
 
 def _report(reader: Reader, path: Path, folder: Path, name: str) -> dict[str, Any]:

@@ -1,4 +1,4 @@
-"""Contents of files from outside, within bounds: what a file says of its size is never believed.
+"""Size limits for files from outside: what a file claims is checked first.
 
 Unpacking goes in steps and is counted, so that a small file cannot fill the memory.
 """

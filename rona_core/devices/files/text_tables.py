@@ -1,4 +1,4 @@
-"""Tables of numbers in text files, with the line of every row, for messages that name it."""
+"""Reader of numeric tables in text files, with line numbers for messages."""
 
 import re
 from dataclasses import dataclass

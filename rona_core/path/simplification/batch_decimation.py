@@ -1,4 +1,4 @@
-"""The greedy removal of path points, many at a time, in the very order of one at a time.
+"""Greedy vertex decimation in batches, in the very order of one point at a time.
 
 Removing a point changes the costs of its two neighbours alone. Between two bounds of the cost only
 a few points go, in clusters apart from one another; clusters that never touch the same point
@@ -19,7 +19,7 @@ Costs = Callable[[Ints, Ints], Floats]  # first and last original of pieces -> t
 Allowed = Callable[[Ints, Ints], Bools]  # the same -> whether a segment may replace them
 
 
-def removals(
+def decimate(
     fixed: Bools, costs: Costs, allowed: Allowed | None, tolerance: float
 ) -> tuple[Ints, Floats]:
     """Return the points in the order they go, and what each cost.

@@ -1,4 +1,4 @@
-"""Measure how far a simplified path is from its original: the paper's K1, K2 and K3.
+"""Deviation of a simplified path from its original: the paper's K1, K2 and K3.
 
 Written apart from the simplifier, so that it can check it. A piece is the original points from one
 kept point to the next, both included; a figure of a path is that of its worst piece.
@@ -13,12 +13,11 @@ from rona_core.errors import InvalidInputError
 from rona_core.geometry.arrays import Floats, Ints, as_floats
 from rona_core.path.simplification.segment_distance import (
     Metric,
+    as_metric,
     distances_to_segment,
     feet_on_segment,
     strip_areas,
 )
-
-METRICS: tuple[Metric, ...] = ("k1", "k2", "k3")
 
 
 @dataclass(frozen=True, slots=True)
@@ -89,14 +88,6 @@ def deviation(points: ArrayLike, index: ArrayLike, metric: Metric = "k1") -> flo
     """Return one figure of :func:`deviations`: mm for "k1" and "k2", mm^2 for "k3"."""
     found = deviations(points, index)
     return {"k1": found.k1_mm, "k2": found.k2_mm, "k3": found.k3_mm2}[as_metric(metric)]
-
-
-def as_metric(metric: str) -> Metric:
-    """Return ``metric`` after checking its name."""
-    for known in METRICS:
-        if metric == known:
-            return known
-    raise InvalidInputError(f"metric must be one of {', '.join(METRICS)}, not {metric!r}")
 
 
 def as_path(points: ArrayLike) -> Floats:

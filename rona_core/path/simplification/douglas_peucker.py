@@ -1,4 +1,4 @@
-"""Split a path at its farthest point until every piece is within the bound.
+"""Ramer-Douglas-Peucker simplification: split at the farthest point until the bound holds.
 
 Source: Ramer 1972, Douglas and Peucker 1973; here with the distance from the segment, not from
 the infinite line, and all pieces of one depth at a time.
@@ -7,25 +7,25 @@ the infinite line, and all pieces of one depth at a time.
 import numpy as np
 
 from rona_core.geometry.arrays import Bools, Floats, Ints
-from rona_core.path.simplification.error_bound import Bound
+from rona_core.path.simplification.error_bound import ShortcutTest
 from rona_core.path.simplification.segment_distance import distances_to_segment
 
 SPLIT_RULE = "split at the farthest point, the first among equals, until the bound holds"
 
 
-def split_points(columns: Floats, fixed: Bools, bound: Bound) -> Ints:
+def douglas_peucker(columns: Floats, fixed: Bools, test: ShortcutTest) -> Ints:
     """Return the indices (k,) of the points at which the path was split, ends included.
 
     Args:
         columns: The path as (m, n), one row per dimension.
         fixed: Mask (n,) of the points that must stay, ends included.
-        bound: What each replaced piece must fulfil.
+        test: Decides which segments may replace a piece.
     """
     kept = fixed.copy()
     stays = np.flatnonzero(fixed)
     starts, ends = stays[:-1], stays[1:]
     while len(starts):
-        broken = ~bound.holds(columns, starts, ends)
+        broken = ~test.holds(columns, starts, ends)
         starts, ends = starts[broken], ends[broken]
         at = np.array(
             [_farthest(columns, a, b) for a, b in zip(starts, ends, strict=True)], dtype=np.int64

@@ -1,13 +1,15 @@
-"""What a piece of a path must fulfil so that a segment may replace it."""
+"""Error bound of a simplified path, and the test whether a segment may replace a piece."""
 
 from dataclasses import dataclass
 
 import numpy as np
 
+from rona_core.errors import InvalidInputError
 from rona_core.geometry.arrays import Bools, Floats, Ints
 from rona_core.path.simplification.segment_distance import (
     MAX_AT_ONCE,
     Metric,
+    as_metric,
     inner_rows,
     piece_costs,
 )
@@ -46,18 +48,18 @@ def _within(columns: Floats, starts: Ints, ends: Ints, tolerance: float) -> Bool
         ray -= along * unit
         ray *= ray
         across_sq += ray
-    room = tolerance**2 - across_sq
-    half = np.sqrt(np.maximum(room, 0.0))
+    slack = tolerance**2 - across_sq
+    half = np.sqrt(np.maximum(slack, 0.0))
     low = np.maximum(along - half, 0.0)
     high = np.minimum(along + half, np.repeat(length, counts))
-    good = np.logical_and.reduceat((room >= 0.0) & (low <= high), first)
+    good = np.logical_and.reduceat((slack >= 0.0) & (low <= high), first)
     back = np.append(along[1:] < along[:-1], False)
     back[first[1:] - 1] = False  # from one piece to the next is no step
     unsure = np.flatnonzero(good & np.logical_or.reduceat(back, first))
     if len(unsure):  # pieces whose feet only go forward need no walk
-        at = np.flatnonzero(np.repeat(np.isin(np.arange(len(counts)), unsure), counts))
+        rows_unsure = np.flatnonzero(np.repeat(np.isin(np.arange(len(counts)), unsure), counts))
         some = counts[unsure]
-        walked = _farthest_so_far(low[at], some) <= high[at]
+        walked = _farthest_so_far(low[rows_unsure], some) <= high[rows_unsure]
         good[unsure] = np.logical_and.reduceat(walked, np.cumsum(some) - some)
     return good
 
@@ -81,8 +83,47 @@ def rounding_of(points: Floats, metric: Metric) -> float:
 
 
 @dataclass(frozen=True, slots=True)
-class Bound:
-    """A bound on one measure, and on the distance; Fréchet keeps strokes that run back."""
+class ErrorBound:
+    """Error bound of a simplified path; it holds in each replaced piece.
+
+    Only "k1" bounds the distance itself; beside "k2" and "k3" a cap may.
+    """
+
+    tolerance: float  # mm, or mm^2 for "k3"
+    metric: Metric = "k1"  # "k1" largest distance, "k2" root mean square, "k3" area
+    frechet: bool = True  # distance of Fréchet: strokes that run back and forth stay; False: K1
+    cap_mm: float | None = None  # on the distance, beside "k2" or "k3"
+
+    def __post_init__(self) -> None:
+        """Check the values.
+
+        Raises:
+            InvalidInputError: unknown metric, a bound below 0, or a cap beside "k1".
+        """
+        as_metric(self.metric)
+        if not 0.0 <= self.tolerance < np.inf:
+            raise InvalidInputError(f"tolerance must be 0 or more, not {self.tolerance}")
+        if self.cap_mm is not None and (self.metric == "k1" or not self.cap_mm >= 0.0):
+            raise InvalidInputError(
+                f"cap_mm must be 0 or more, and beside k2 or k3, not {self.cap_mm} beside "
+                f"{self.metric}"
+            )
+
+    def shortcut_test(self, points: Floats) -> "ShortcutTest":
+        """Return the test of the shortcuts of a path (n, m)."""
+        near = float(self.tolerance) if self.metric == "k1" else self.cap_mm
+        return ShortcutTest(
+            self.metric,
+            float(self.tolerance),
+            np.inf if near is None else float(near),
+            self.frechet,
+            rounding_of(points, self.metric),
+        )
+
+
+@dataclass(frozen=True, slots=True)
+class ShortcutTest:
+    """Test of shortcuts (Imai 1988): is a piece of a path close enough to its segment?"""
 
     metric: Metric
     tolerance: float  # mm, or mm^2 for "k3"
@@ -91,7 +132,7 @@ class Bound:
     rounding: float  # deviations up to it are none, see :func:`rounding_of`
 
     @property
-    def walks(self) -> bool:
+    def bounds_frechet(self) -> bool:
         """Whether the distance is bounded in the sense of Fréchet."""
         return self.frechet and self.near_mm < np.inf
 
@@ -103,7 +144,7 @@ class Bound:
 
     def allows(self, columns: Floats, starts: Ints, ends: Ints) -> Bools:
         """Return for each piece (q,) whether its distance is within the bound."""
-        if self.walks:
+        if self.bounds_frechet:
             return pieces_within(columns, starts, ends, self.near_mm)
         if self.near_mm < np.inf:
             return piece_costs(columns, starts, ends, "k1") <= self.near_mm

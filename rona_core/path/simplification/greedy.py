@@ -1,4 +1,4 @@
-"""Few path points within a bound, in time that hardly grows faster than the path.
+"""Beam search for a path of few points, in nearly linear time.
 
 A breadth-first search like the exact one, of which only the farthest few points survive each step.
 """
@@ -10,7 +10,7 @@ import numpy as np
 from rona_core.devices.protocols import never
 from rona_core.errors import CancelledError
 from rona_core.geometry.arrays import Bools, Floats, Ints
-from rona_core.path.simplification.error_bound import Bound
+from rona_core.path.simplification.error_bound import ShortcutTest
 from rona_core.path.simplification.reachable_ends import (
     FIRST_WINDOW,
     horizons,
@@ -24,20 +24,20 @@ FAST_RULE = f"few points, not surely the fewest; the farthest {BEAM} of each ste
 MAX_PAIRS = 6000  # segments looked at in one step; beyond it, ends are left out evenly
 
 
-def few_points(
+def beam_search(
     columns: Floats,
     fixed: Bools,
-    bound: Bound,
+    test: ShortcutTest,
     *,
     beam: int = BEAM,
     cancel: Callable[[], bool] = never,
 ) -> Ints:
-    """Return the indices (k,) of a path of few points within ``bound``.
+    """Return the indices (k,) of a path of few points within the error bound.
 
     Args:
         columns: The path as (m, n), n >= 1, one row per dimension.
         fixed: Mask (n,) of the points that must stay, ends included.
-        bound: What each replaced piece must fulfil.
+        test: Decides which segments may replace a piece.
         beam: How many points are followed in each step.
         cancel: Asked in each step; True gives up.
 
@@ -53,7 +53,7 @@ def few_points(
     while front[0] < n - 1:
         if cancel():
             raise CancelledError("the search for few points was cancelled")
-        reached = _step(columns, front, last[front], bound, beam, window, before)
+        reached = _step(columns, front, last[front], test, beam, window, before)
         window = max(FIRST_WINDOW, 8 * (int(reached[0]) - int(front[0])))
         stop = reached[fixed[reached]]  # nothing may pass a point that must stay
         front = stop[:1] if len(stop) else reached
@@ -64,12 +64,18 @@ def few_points(
 
 
 def _step(
-    columns: Floats, front: Ints, last: Ints, bound: Bound, beam: int, window: int, before: Ints
+    columns: Floats,
+    front: Ints,
+    last: Ints,
+    test: ShortcutTest,
+    beam: int,
+    window: int,
+    before: Ints,
 ) -> Ints:
     """Return the farthest points (at most ``beam``) one segment ahead, the farthest first."""
-    reach = horizons(columns, front, last, bound.near_mm, window)
+    reach = horizons(columns, front, last, test.near_mm, window)
     near = front[reach == last]
-    near = near[bound.holds(columns, near, np.full(len(near), last[0]))]
+    near = near[test.holds(columns, near, np.full(len(near), last[0]))]
     if len(near):
         before[last[0]] = near[0]
         return last[:1]
@@ -78,20 +84,20 @@ def _step(
     if len(starts) > MAX_PAIRS:
         some = (ends - farthest - 1) % (len(starts) // MAX_PAIRS + 1) == 0
         starts, ends = starts[some], ends[some]
-    starts, ends = possible(columns, starts, ends, bound.near_mm)
+    starts, ends = possible(columns, starts, ends, test.near_mm)
     order = np.argsort(-ends, kind="stable")
     starts, ends = starts[order], ends[order]
     found: list[Ints] = []
-    count, at, batch = 0, 0, 2 * beam
-    while at < len(starts) and count < beam:
-        some = slice(at, at + batch)
-        good = bound.holds(columns, starts[some], ends[some])
+    count, start, batch = 0, 0, 2 * beam
+    while start < len(starts) and count < beam:
+        some = slice(start, start + batch)
+        good = test.holds(columns, starts[some], ends[some])
         met, which = np.unique(ends[some][good][::-1], return_index=True)
         fresh = before[met] < 0
         met, which = met[fresh], which[fresh]
         before[met] = starts[some][good][::-1][which]
         found.append(met[::-1])
-        count, at, batch = count + len(met), at + batch, 2 * batch
+        count, start, batch = count + len(met), start + batch, 2 * batch
     if not count:  # a step to the next point always holds
         before[farthest + 1] = farthest
         return np.array([farthest + 1])

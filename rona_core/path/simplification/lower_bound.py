@@ -1,4 +1,4 @@
-"""How few points a path within a bound must have at least, in nearly linear time.
+"""Lower bound on the number of points of any path within an error bound, in nearly linear time.
 
 If a segment within the Fréchet bound replaces the originals a to b, then any piece between a and b
 is within twice the bound of its own segment. So where a piece that starts at i is not, the next
@@ -11,34 +11,34 @@ simplification (2005).
 import numpy as np
 
 from rona_core.geometry.arrays import Bools, Floats, Ints
-from rona_core.path.simplification.error_bound import Bound, pieces_within
+from rona_core.path.simplification.error_bound import ShortcutTest, pieces_within
 from rona_core.path.simplification.shortest_path import next_fixed
 
 CHAIN, SAMPLES = 12, 15  # stretches in a chain; all chains advance together
 
 
-def fewest_possible(columns: Floats, fixed: Bools, bound: Bound) -> int:
-    """Return a number of points that no path within ``bound`` can undercut.
+def points_lower_bound(columns: Floats, fixed: Bools, test: ShortcutTest) -> int:
+    """Return a number of points that no path within the error bound can undercut.
 
     Without a Fréchet bound this is the number of points that must stay.
 
     Args:
         columns: The path as (m, n), one row per dimension.
         fixed: Mask (n,) of the points that must stay, ends included.
-        bound: What each replaced piece must fulfil.
+        test: Decides which segments may replace a piece.
     """
     n = columns.shape[1]
-    if n < 3 or not bound.walks:
+    if n < 3 or not test.bounds_frechet:
         return int(fixed.sum())
     last = next_fixed(fixed)
     stays = np.flatnonzero(fixed)
     some = np.unique(np.linspace(0, n - 2, min(SAMPLES, n - 1)).astype(np.int64))
-    typical = int(np.median(_reach(columns, some, last[some], 2.0 * bound.near_mm) - some))
+    typical = int(np.median(_reach(columns, some, last[some], 2.0 * test.near_mm) - some))
     at = np.unique(np.concatenate((stays[:-1], np.arange(0, n - 1, CHAIN * typical))))
     stop = np.append(at[1:], n - 1)
     count = 1  # the first point
     while len(at):
-        ends = _reach(columns, at, last[at], 2.0 * bound.near_mm)
+        ends = _reach(columns, at, last[at], 2.0 * test.near_mm)
         whole = ends <= stop  # a stretch that runs into the next chain might be counted twice
         count += int(whole.sum())
         at, stop = ends[whole & (ends < stop)], stop[whole & (ends < stop)]

@@ -1,4 +1,4 @@
-"""How far ahead a segment from a path point could possibly reach, and which ends could be met.
+"""Reachable ends of the shortcuts from a path point, to narrow the search.
 
 Seen from a point, the ball about each later one is a cone, and a segment must pass through all of
 them. Where the narrowest cone so far and a new one do not meet, nothing farther can be reached.

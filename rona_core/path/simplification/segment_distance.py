@@ -1,4 +1,4 @@
-"""Distances from points to segments, and the area of the strip between a path and a segment.
+"""Distances from points to segments, and area between a path and a segment.
 
 All work in any dimension: points are (k, m), the ends of a segment (m,) or one each (k, m). Sums
 over the dimensions run column by column, so one piece alone gives the bits it gives among many.
@@ -8,12 +8,22 @@ from typing import Literal
 
 import numpy as np
 
+from rona_core.errors import InvalidInputError
 from rona_core.geometry.arrays import Floats, Ints
 
 Metric = Literal["k1", "k2", "k3"]
+METRICS: tuple[Metric, ...] = ("k1", "k2", "k3")
 MAX_AT_ONCE = 400_000  # originals in one go, so that the working memory stays small
 _roots, _weights = np.polynomial.legendre.leggauss(3)
 NODES, WEIGHTS = (_roots + 1.0) / 2.0, _weights / 2.0  # of Gauss's rule on 0 to 1
+
+
+def as_metric(metric: str) -> Metric:
+    """Return ``metric`` after checking its name."""
+    for known in METRICS:
+        if metric == known:
+            return known
+    raise InvalidInputError(f"metric must be one of {', '.join(METRICS)}, not {metric!r}")
 
 
 def dot(a: Floats, b: Floats) -> Floats:

@@ -1,4 +1,4 @@
-"""The fewest path points within a bound: a shortest path over all admissible segments.
+"""Fewest path points within an error bound: shortest path over all admissible segments.
 
 Source: Imai and Iri, Polygonal approximations of a curve (1988). A segment is admissible if the
 original piece is within the bound; in the sense of Fréchet, strokes that run back over themselves
@@ -13,7 +13,7 @@ import numpy as np
 from rona_core.devices.protocols import never
 from rona_core.errors import CancelledError
 from rona_core.geometry.arrays import Bools, Floats, Ints
-from rona_core.path.simplification.error_bound import Bound
+from rona_core.path.simplification.error_bound import ShortcutTest
 from rona_core.path.simplification.reachable_ends import horizons, pairs_ahead, possible
 
 OPTIMAL_RULE = "fewest points; among equals, read from the end, the latest previous point"
@@ -23,12 +23,12 @@ GROUPS = (1, 4, 16, 64)  # the front is tried in groups that end here, the lates
 MAX_WORK = 2.5e8  # distances that an exact search may have to look at, some 10 s
 
 
-def work_estimate(columns: Floats, fixed: Bools, bound: Bound) -> float:
+def work_estimate(columns: Floats, fixed: Bools, test: ShortcutTest) -> float:
     """Return about how many distances :func:`fewest_points` looks at."""
     n = columns.shape[1]
     starts = np.unique(np.linspace(0, n - 2, min(n - 1, SAMPLES)).astype(np.int64))
-    ahead = horizons(columns, starts, next_fixed(fixed)[starts], bound.near_mm) - starts
-    if bound.near_mm == np.inf:  # every point between every pair
+    ahead = horizons(columns, starts, next_fixed(fixed)[starts], test.near_mm) - starts
+    if test.near_mm == np.inf:  # every point between every pair
         return float(np.mean(ahead**2 / 2.0)) * n
     return float(np.mean(8.0 * ahead + ahead**2 / 20.0)) * n
 
@@ -40,9 +40,9 @@ def next_fixed(fixed: Bools) -> Ints:
 
 
 def fewest_points(
-    columns: Floats, fixed: Bools, bound: Bound, *, cancel: Callable[[], bool] = never
+    columns: Floats, fixed: Bools, test: ShortcutTest, *, cancel: Callable[[], bool] = never
 ) -> Ints:
-    """Return the indices (k,) of a path with the fewest points within ``bound``.
+    """Return the indices (k,) of a path with the fewest points within the error bound.
 
     Among paths of the same number of points, read from the end, each point follows the latest one
     that it can follow.
@@ -50,7 +50,7 @@ def fewest_points(
     Args:
         columns: The path as (m, n), n >= 1, one row per dimension.
         fixed: Mask (n,) of the points that must stay, ends included.
-        bound: What each replaced piece must fulfil.
+        test: Decides which segments may replace a piece.
         cancel: Asked in each step; True gives up.
 
     Raises:
@@ -59,12 +59,12 @@ def fewest_points(
     stays = np.flatnonzero(fixed)
     parts = [np.zeros(1, dtype=np.int64)]
     for start, end in pairwise(stays.tolist()):
-        parts.append(_section(columns, start, end, bound, cancel))
+        parts.append(_section(columns, start, end, test, cancel))
     return np.concatenate(parts)
 
 
 def _section(
-    columns: Floats, start: int, end: int, bound: Bound, cancel: Callable[[], bool]
+    columns: Floats, start: int, end: int, test: ShortcutTest, cancel: Callable[[], bool]
 ) -> Ints:
     """Return the fewest points after ``start`` up to ``end``, by a breadth-first search."""
     before = np.full(end + 1, -1)
@@ -73,9 +73,9 @@ def _section(
     while before[end] < 0:
         if cancel():
             raise CancelledError("the search for the fewest points was cancelled")
-        reach = horizons(columns, front, np.full(len(front), end), bound.near_mm)
+        reach = horizons(columns, front, np.full(len(front), end), test.near_mm)
         near = front[reach == end]
-        last = near[bound.holds(columns, near, np.full(len(near), end))]
+        last = near[test.holds(columns, near, np.full(len(near), end))]
         if len(last):
             before[end] = last[0]
             break
@@ -85,8 +85,8 @@ def _section(
             low = np.searchsorted(unseen, front[some], side="right")
             high = np.searchsorted(unseen, reach[some], side="right") - 1
             starts, at = pairs_ahead(front[some], low, high)
-            starts, ends = possible(columns, starts, unseen[at], bound.near_mm)
-            good = bound.holds(columns, starts, ends)
+            starts, ends = possible(columns, starts, unseen[at], test.near_mm)
+            good = test.holds(columns, starts, ends)
             met, first = np.unique(ends[good], return_index=True)  # from the latest start
             before[met] = starts[good][first]
             found.append(met)

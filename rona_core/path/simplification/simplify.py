@@ -1,4 +1,4 @@
-"""Smooth a demonstrated path: as few points as possible within a bound of the original."""
+"""Simplification of a path: as few of its points as possible within an error bound."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -10,19 +10,18 @@ from numpy.typing import ArrayLike
 from rona_core.devices.protocols import never
 from rona_core.errors import InvalidInputError
 from rona_core.geometry.arrays import Bools, Floats, Ints, readonly
-from rona_core.path.simplification.deviation import as_metric, as_path, deviations
-from rona_core.path.simplification.douglas_peucker import SPLIT_RULE, split_points
-from rona_core.path.simplification.error_bound import Bound, rounding_of
-from rona_core.path.simplification.greedy import FAST_RULE, few_points
-from rona_core.path.simplification.lower_bound import fewest_possible
-from rona_core.path.simplification.segment_distance import Metric
+from rona_core.path.simplification.deviation import as_path, deviations
+from rona_core.path.simplification.douglas_peucker import SPLIT_RULE, douglas_peucker
+from rona_core.path.simplification.error_bound import ErrorBound, ShortcutTest
+from rona_core.path.simplification.greedy import FAST_RULE, beam_search
+from rona_core.path.simplification.lower_bound import points_lower_bound
 from rona_core.path.simplification.shortest_path import (
     MAX_WORK,
     OPTIMAL_RULE,
     fewest_points,
     work_estimate,
 )
-from rona_core.path.simplification.vertex_decimation import GREEDY_RULE, as_keep, order_within
+from rona_core.path.simplification.vertex_decimation import GREEDY_RULE, as_keep, decimation_order
 
 SimplifyMethod = Literal["optimal", "fast", "greedy", "rdp"]
 METHODS: tuple[SimplifyMethod, ...] = ("optimal", "fast", "greedy", "rdp")
@@ -55,63 +54,57 @@ class SimplifiedPath:
 
 def simplify(
     points: ArrayLike,
-    tolerance: float,
+    tolerance: float | ErrorBound,
     *,
     method: SimplifyMethod = "optimal",
-    metric: Metric = "k1",
-    frechet: bool = True,
     keep: ArrayLike | None = None,
     closed: bool = False,
-    cap_mm: float | None = None,
-    cancel: Callable[[], bool] | None = None,
+    cancel: Callable[[], bool] = never,
 ) -> SimplifiedPath:
-    """Return a path of fewer points that stays within ``tolerance`` of the original in each piece.
+    """Simplify a path: as few of its points as possible, within an error bound in each piece.
 
     Args:
         points: Path (n, m), any m, in mm.
-        tolerance: Bound in mm, or mm^2 for "k3"; only "k1" bounds the distance itself.
+        tolerance: Largest distance in mm, in the sense of Fréchet; or another ``ErrorBound``.
         method: "optimal": the fewest points; where that would take too long, "fast" is used and
             the result says so. "fast": few points, not surely the fewest. "greedy", the paper's:
             the point of least deviation goes first, until none can. "rdp": Ramer, Douglas and
             Peucker.
-        metric: "k1" largest distance, "k2" root mean square, "k3" area.
-        frechet: Bound the distance in the sense of Fréchet, so that strokes that run back and
-            forth within the tolerance stay. False: K1 alone, as in the paper.
         keep: Mask (n,) or indices of points that must stay; the two ends always do.
         closed: The last point goes on to the first. The point farthest from the centroid stays in
             place of the ends.
-        cap_mm: Bound on the distance beside "k2" or "k3", which do not bound it.
         cancel: Asked now and then by "optimal" and "fast"; True gives up.
 
     Raises:
-        InvalidInputError: wrong shape, unknown method or metric, negative tolerance, or "optimal"
-            or "fast" for "k2" or "k3" on a path too long for it.
+        InvalidInputError: wrong shape, unknown method, negative tolerance, or "optimal" or "fast"
+            for "k2" or "k3" on a path too long for it.
         CancelledError: ``cancel`` said so.
     """
     p = as_path(points)
-    bound = as_bound(p, tolerance, metric, frechet, cap_mm)
+    bound = tolerance if isinstance(tolerance, ErrorBound) else ErrorBound(tolerance)
+    test = bound.shortcut_test(p)
     fixed = as_keep(keep, len(p), ends=not closed)
-    original, turned = p, 0
+    original, shift = p, 0
     if closed:
-        p, fixed, turned = _opened(p, fixed)
-    index, used = chosen_points(p, fixed, bound, method, cancel or never)
+        p, fixed, shift = _opened(p, fixed)
+    index, used = chosen_points(p, fixed, test, method, cancel)
     columns = np.ascontiguousarray(p.T)
-    least = len(index) if used == "optimal" else fewest_possible(columns, fixed, bound)
+    least = len(index) if used == "optimal" else points_lower_bound(columns, fixed, test)
     exact = len(index) == least
     if closed and len(p) > 1:
-        index, least = np.sort((index[:-1] + turned) % (len(p) - 1)), least - 1
+        index, least = np.sort((index[:-1] + shift) % (len(p) - 1)), least - 1
     found = deviations(original, index, closed=closed)
     return SimplifiedPath(
         index=readonly(index),
-        tolerance=bound.tolerance,
-        metric=bound.metric,
+        tolerance=test.tolerance,
+        metric=test.metric,
         method=used,
         n_original=len(original),
         k1_mm=found.k1_mm,
         k2_mm=found.k2_mm,
         k3_mm2=found.k3_mm2,
         where=found.where,
-        frechet=bound.walks,
+        frechet=test.bounds_frechet,
         closed=closed,
         lower_bound=least,
         exact=exact,
@@ -122,7 +115,7 @@ def simplify(
 def chosen_points(
     points: Floats,
     fixed: Bools,
-    bound: Bound,
+    test: ShortcutTest,
     method: SimplifyMethod,
     cancel: Callable[[], bool],
 ) -> tuple[Ints, SimplifyMethod]:
@@ -135,48 +128,29 @@ def chosen_points(
     if method not in METHODS:
         raise InvalidInputError(f"method must be one of {', '.join(METHODS)}, not {method!r}")
     columns = np.ascontiguousarray(points.T)
-    used = _feasible(columns, fixed, bound, method)
+    used = _feasible(columns, fixed, test, method)
     if used == "optimal":
-        return fewest_points(columns, fixed, bound, cancel=cancel), used
+        return fewest_points(columns, fixed, test, cancel=cancel), used
     if used == "fast":
-        return few_points(columns, fixed, bound, cancel=cancel), used
+        return beam_search(columns, fixed, test, cancel=cancel), used
     if used == "rdp":
-        return split_points(columns, fixed, bound), used
-    there = np.ones(len(points), dtype=np.bool_)
-    there[order_within(points, fixed, bound)[0]] = False
-    return np.flatnonzero(there), used
-
-
-def as_bound(
-    points: Floats, tolerance: float, metric: str, frechet: bool, cap_mm: float | None
-) -> Bound:
-    """Return what a piece must fulfil.
-
-    Raises:
-        InvalidInputError: unknown metric, a bound below 0, or a cap beside "k1".
-    """
-    known = as_metric(metric)
-    if not 0.0 <= tolerance < np.inf:
-        raise InvalidInputError(f"tolerance must be 0 or more, not {tolerance}")
-    if cap_mm is not None and (known == "k1" or not cap_mm >= 0.0):
-        raise InvalidInputError(
-            f"cap_mm must be 0 or more, and beside k2 or k3, not {cap_mm} beside {known}"
-        )
-    near = float(tolerance) if known == "k1" else np.inf if cap_mm is None else float(cap_mm)
-    return Bound(known, float(tolerance), near, frechet, rounding_of(points, known))
+        return douglas_peucker(columns, fixed, test), used
+    remaining = np.ones(len(points), dtype=np.bool_)
+    remaining[decimation_order(points, fixed, test)[0]] = False
+    return np.flatnonzero(remaining), used
 
 
 def _feasible(
-    columns: Floats, fixed: Bools, bound: Bound, method: SimplifyMethod
+    columns: Floats, fixed: Bools, test: ShortcutTest, method: SimplifyMethod
 ) -> SimplifyMethod:
     """Return the method that is used: "fast" where "optimal" would take too long."""
-    searches = method == "optimal" or (method == "fast" and bound.near_mm == np.inf)
+    searches = method == "optimal" or (method == "fast" and test.near_mm == np.inf)
     if not searches or columns.shape[1] < 3:
         return method
-    work = work_estimate(columns, fixed, bound)
-    if work > MAX_WORK and bound.near_mm == np.inf:
+    work = work_estimate(columns, fixed, test)
+    if work > MAX_WORK and test.near_mm == np.inf:
         raise InvalidInputError(
-            f"method {method} with {bound.metric} must look at every piece of "
+            f"method {method} with {test.metric} must look at every piece of "
             f"{columns.shape[1]} points, about {work:.2g} distances ({MAX_WORK:.2g} at most): "
             "give cap_mm, a bound on the distance, or use greedy"
         )

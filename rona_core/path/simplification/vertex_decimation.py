@@ -1,4 +1,4 @@
-"""Remove path points one by one, always the one whose removal deviates least (the paper's way).
+"""Greedy vertex decimation: the point whose removal deviates least goes first (the paper's way).
 
 Source: Waringo and Henrich, Efficient smoothing of piecewise linear paths with minimal deviation.
 """
@@ -8,24 +8,24 @@ from numpy.typing import ArrayLike
 
 from rona_core.errors import InvalidInputError
 from rona_core.geometry.arrays import Bools, Floats, Ints
-from rona_core.path.simplification.batch_decimation import removals
-from rona_core.path.simplification.error_bound import Bound
+from rona_core.path.simplification.batch_decimation import decimate
+from rona_core.path.simplification.error_bound import ShortcutTest
 
 GREEDY_RULE = "least deviation first, then shorter gap between neighbours, then smaller index"
 
 
-def order_within(points: Floats, fixed: Bools, bound: Bound) -> tuple[Ints, Floats]:
-    """Return the points that may go within ``bound``, in order, and what each cost."""
+def decimation_order(points: Floats, fixed: Bools, test: ShortcutTest) -> tuple[Ints, Floats]:
+    """Return the points that may go within the error bound, in order, and what each cost."""
     columns = np.ascontiguousarray(points.T)
 
     def costs(starts: Ints, ends: Ints) -> Floats:
-        return bound.costs(columns, starts, ends)
+        return test.costs(columns, starts, ends)
 
     def allowed(starts: Ints, ends: Ints) -> Bools:
-        return bound.allows(columns, starts, ends)
+        return test.allows(columns, starts, ends)
 
-    asks = bound.walks or (bound.metric != "k1" and bound.near_mm < np.inf)
-    return removals(fixed, costs, allowed if asks else None, bound.tolerance)
+    asks = test.bounds_frechet or (test.metric != "k1" and test.near_mm < np.inf)
+    return decimate(fixed, costs, allowed if asks else None, test.tolerance)
 
 
 def as_keep(keep: ArrayLike | None, n: int, *, ends: bool = True) -> Bools:

@@ -1,4 +1,4 @@
-"""Planes at very many places: sums over cells instead of sums over points.
+"""Planes at very many places from moments summed over grid cells.
 
 The sums of Equation 2 of the paper are additive. So each cell keeps those of its own points; a
 weighted sum over cells, taken along x, then y, then z, gives the sums of a soft neighbourhood; and

@@ -1,4 +1,4 @@
-"""How large a neighbourhood should be: as wide as the relief allows, to average out the noise.
+"""Choice of the neighbourhood radius for normals: noise against bias.
 
 After Mitra and Nguyen 2003 the error of a normal is noise, falling with the square of the radius
 and the root of the density, plus a lean, rising with it. Both are measured on the cloud itself:
@@ -57,7 +57,7 @@ def choose_radius(points: Floats, method: NormalMethod) -> RadiusChoice:
     radii: list[float] = []
     fits: list[Estimates] = []
     noise2, curvature = 0.0, 0.0
-    noise = lean = np.zeros(0)
+    noise = bias = np.zeros(0)
     for radius, jet in _usable(points):
         fit = jet
         if method != "jet":
@@ -68,13 +68,13 @@ def choose_radius(points: Floats, method: NormalMethod) -> RadiusChoice:
             noise2 = _noise_mm2(jet)
         radii.append(radius)
         fits.append(fit)
-        noise, lean = _errors(radii, fits, noise2, len(points))
-        risk = noise + lean
+        noise, bias = _errors(radii, fits, noise2, len(points))
+        risk = noise + bias
         if risk.argmin() == len(risk) - 1:
             curvature = float(np.median(jet.curvature_per_mm[jet.flag == 0]))
         if noise[-1] < ENOUGH_RAD**2 or risk[-1] > WORSE * risk.min():
             break
-    best = int((noise + lean).argmin()) if radii else 0
+    best = int((noise + bias).argmin()) if radii else 0
     return RadiusChoice(
         radius_mm=radii[best] if radii else DEFAULT_MM,
         noise_mm=float(np.sqrt(noise2)),
@@ -82,7 +82,7 @@ def choose_radius(points: Floats, method: NormalMethod) -> RadiusChoice:
         curvature_per_mm=curvature,
         radii_mm=readonly(np.array(radii)),
         noise_deg=readonly(np.rad2deg(np.sqrt(noise))),
-        lean_deg=readonly(np.rad2deg(np.sqrt(lean))),
+        lean_deg=readonly(np.rad2deg(np.sqrt(bias))),
     )
 
 
@@ -126,7 +126,7 @@ def _errors(
     Normals of one neighbourhood within another differ by the difference of their variances and
     by the lean of the wider one. A lean counts when it is sure in the face of so many places.
     """
-    noise, lean = np.zeros(len(radii)), np.zeros(len(radii))
+    noise, bias = np.zeros(len(radii)), np.zeros(len(radii))
     inner = [_centred(fit, radius) for fit, radius in zip(fits, radii, strict=True)]
     for k, fit in enumerate(fits):
         noise[k] = noise2 * fit.gain[inner[k]].mean()
@@ -136,12 +136,14 @@ def _errors(
                 continue
             other = fits[j]
             cross = np.cross(fit.normals[both], other.normals[both])
-            turned = np.arcsin(np.minimum(np.linalg.norm(cross, axis=1), 1.0)) ** 2
+            squared_angles = np.arcsin(np.minimum(np.linalg.norm(cross, axis=1), 1.0)) ** 2
             by_noise = float(noise2 * (other.gain[both] - fit.gain[both]).mean())
             apart = n / max(_density(other, radii[j]) * np.pi * radii[j] ** 2, 1.0)
-            doubt = SURE * float(turned.std()) / np.sqrt(max(min(apart, both.sum()), 4.0))
-            lean[k] = max(lean[k], float(turned.mean()) - by_noise - doubt)
-    return noise, np.maximum.accumulate(lean)
+            standard_error = (
+                SURE * float(squared_angles.std()) / np.sqrt(max(min(apart, both.sum()), 4.0))
+            )
+            bias[k] = max(bias[k], float(squared_angles.mean()) - by_noise - standard_error)
+    return noise, np.maximum.accumulate(bias)
 
 
 def centred(fit: Estimates, radii_mm: Floats) -> Bools:

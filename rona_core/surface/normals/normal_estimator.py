@@ -1,4 +1,4 @@
-"""Normals at many places with one radius: the fit, its predicted error, whether it may serve."""
+"""Estimation of normals with one radius: fit, predicted error and flags."""
 
 from dataclasses import dataclass
 from typing import Literal

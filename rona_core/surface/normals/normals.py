@@ -1,4 +1,4 @@
-"""Surface normals from a cloud of points, each with what it is worth."""
+"""Surface normals from a point cloud, with predicted errors and flags."""
 
 from dataclasses import dataclass
 from typing import Literal

@@ -1,4 +1,4 @@
-"""Planes through many neighbourhoods at once: regression, total least squares, and a robust one."""
+"""Plane fits of many neighbourhoods at once: regression, total least squares, robust."""
 
 from dataclasses import dataclass
 
@@ -52,20 +52,20 @@ def fit_robust(near: Neighbourhoods) -> Planes:
     Weights after Cauchy lead near the answer from any start, Tukey's then give what lies beyond
     4.7 sigma no say at all. The sigma of a neighbourhood is its median absolute distance, scaled.
     """
-    there = near.there.astype(np.float64)
+    present = near.there.astype(np.float64)
     count = near.there.sum(axis=1)
-    planes = _fitted(near.offsets, there)[0]
+    planes = _fitted(near.offsets, present)[0]
     sigma = np.zeros(len(count))
     for turn in range(CAUCHY_ROUNDS + TUKEY_ROUNDS):
-        away = np.einsum("bki,bi->bk", near.offsets, planes.normals)
-        away -= np.einsum("bi,bi->b", planes.centroids, planes.normals)[:, None]
-        size = np.sort(np.where(near.there, np.abs(away), np.inf), axis=1)
-        sigma = MAD_TO_SIGMA * size[np.arange(len(count)), (count - 1) // 2]
-        scaled = away / np.maximum(sigma, 1e-12)[:, None]
+        distances = np.einsum("bki,bi->bk", near.offsets, planes.normals)
+        distances -= np.einsum("bi,bi->b", planes.centroids, planes.normals)[:, None]
+        sorted_distances = np.sort(np.where(near.there, np.abs(distances), np.inf), axis=1)
+        sigma = MAD_TO_SIGMA * sorted_distances[np.arange(len(count)), (count - 1) // 2]
+        scaled = distances / np.maximum(sigma, 1e-12)[:, None]
         if turn < CAUCHY_ROUNDS:
-            weights = there * cauchy_weights(scaled, CAUCHY_SCALE)
+            weights = present * cauchy_weights(scaled, CAUCHY_SCALE)
         else:
-            weights = there * tukey_weights(scaled, TUKEY_CUTOFF)
+            weights = present * tukey_weights(scaled, TUKEY_CUTOFF)
         planes = _fitted(near.offsets, weights)[0]
     return Planes(
         normals=planes.normals,

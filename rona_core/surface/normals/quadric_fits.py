@@ -1,4 +1,4 @@
-"""Quadrics through many neighbourhoods at once: normals where a plane would lean.
+"""Quadric fits (osculating jets) of many neighbourhoods at once: normals free of curvature bias.
 
 A plane through points that lie on one side only leans with the curvature; a quadric
 z = a + b u + c v + d u^2 + e u v + f v^2 over the plane bends with it, and its slope at the place
@@ -50,8 +50,8 @@ def fit_jets(near: Neighbourhoods, normals: Floats, radius_mm: float) -> Jets:
             axes.transpose(0, 2, 1)
         )
         c = (inverse @ (design.transpose(0, 2, 1) @ z[:, :, None]))[:, :, 0]
-        left = z * weights[:, :, 0] - (design @ c[:, :, None])[:, :, 0]
-        noise = np.where(spare > 0, (left**2).sum(axis=1) / np.maximum(spare, 1), 0.0)
+        residuals = z * weights[:, :, 0] - (design @ c[:, :, None])[:, :, 0]
+        noise = np.where(spare > 0, (residuals**2).sum(axis=1) / np.maximum(spare, 1), 0.0)
         slopes = c[:, 1:3] / radius_mm
         flat = 1.0 + (slopes**2).sum(axis=1)
         gain = (inverse[:, 1, 1] + inverse[:, 2, 2]) / radius_mm**2 / flat

@@ -1,4 +1,4 @@
-"""Where the cloud is too thin for the normals: where to slide the pointer once more, and why."""
+"""Regions where the cloud is too sparse for normals, with the reason."""
 
 from dataclasses import dataclass
 

@@ -1,4 +1,4 @@
-"""Space hashing: find the points of a cloud near many places without looking at all of them."""
+"""Spatial hash: points of a cloud near many places."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass

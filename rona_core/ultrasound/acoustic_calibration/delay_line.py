@@ -1,4 +1,4 @@
-"""Calibrate the delay line of a probe on a flat metal block, at one temperature or several.
+"""Calibration of a probe's delay line on a flat metal block, at one temperature or several.
 
 The line stands on the block with a film of coupling fluid; the first echo is that of its face. Its
 delay places the outer boundary of the bone, and changes by some 0.1 % a kelvin.
@@ -13,6 +13,7 @@ from rona_core.devices.samples import AScanTrack
 from rona_core.devices.settings import Excitation
 from rona_core.errors import DegenerateGeometryError, InvalidInputError
 from rona_core.geometry.arrays import Floats, readonly
+from rona_core.geometry.robust import mad_sigma
 from rona_core.ultrasound.detection.single.front_echo import find_fronts
 from rona_core.ultrasound.detection.single.matched_filter import (
     BONE_REFLECTION,
@@ -65,10 +66,6 @@ class DelayLine:
         sigma = float(np.hypot(self.sigma_us, self.slope_sigma_us_per_k * away))
         return self.delay_us + self.slope_us_per_k * away, sigma
 
-    def position_sigma_mm(self, temperature_c: float) -> float:
-        """Return what the delay adds to the error of the outer boundary along the axis."""
-        return self.at(temperature_c)[1] * GEL.speed_mm_per_us / 2.0
-
 
 def calibrate_delay_line(
     tracks: Sequence[AScanTrack],
@@ -95,47 +92,26 @@ def calibrate_delay_line(
         DegenerateGeometryError: no clear echo of a face.
     """
     _check(tracks, temperatures_c, probe, film_mm)
-    delays, levels, kelvins = [], [], []
-    rejected = 0
-    for track, temperature in zip(tracks, temperatures_c, strict=True):
-        delay, level, lost = _faces(track, probe, excitation)
-        delays.append(delay + probe.line_delay_us - 2.0 * film_mm / GEL.speed_mm_per_us)
-        levels.append(level)
-        kelvins.append(np.full(len(delay), float(temperature)))
-        rejected += lost
-    delay, kelvin = np.concatenate(delays), np.concatenate(kelvins)
-    reference = float(kelvin.mean())
-    spread = float(np.ptp(kelvin)) >= LEAST_SPREAD_C
-    slope, slope_sigma = NOMINAL_PER_K * probe.line_delay_us, PER_K_SD * probe.line_delay_us
-    within = np.concatenate([d - np.median(d) for d in delays])
-    scatter = 1.4826 * float(np.median(np.abs(within)))
-    middles = np.array([float(np.median(d)) for d in delays])
-    at = np.array([float(k[0]) for k in kelvins])
-    weights = np.array([float(len(d)) for d in delays])
-    if spread:
-        centred = at - (weights * at).sum() / weights.sum()
-        power = (weights * centred**2).sum()
-        slope = float((weights * centred * middles).sum() / power)
-        # one capture, one film: captures scatter more than A-scans do
-        slope_sigma = float(max(scatter, 1e-4) * np.sqrt(weights.mean() / power))
-    middle = float((weights * (middles - slope * (at - reference))).sum() / weights.sum())
-    residuals = delay - middle - slope * (kelvin - reference)
-    sigma = float(max(scatter, 1e-4) / np.sqrt(len(tracks)))
-    level = float(np.median(np.concatenate(levels)))
+    faces = [_faces(track, probe, excitation) for track in tracks]
+    film_us = 2.0 * film_mm / GEL.speed_mm_per_us
+    delays = [face.delay_us + probe.line_delay_us - film_us for face in faces]
+    line = _fit_line(delays, temperatures_c, probe)
+    level = float(np.median(np.concatenate([face.level for face in faces])))
     expected = block_reflection / BONE_REFLECTION
-    verdict, reasons = _judged(middle, slope, level / expected, scatter, spread, probe)
+    verdict, reasons = _judged(line, level / expected, probe)
+    delay = np.concatenate(delays)
     return DelayLine(
         probe=probe.name,
-        delay_us=middle,
-        sigma_us=sigma,
-        reference_c=reference,
-        slope_us_per_k=slope,
-        slope_sigma_us_per_k=slope_sigma,
-        slope_measured=spread,
+        delay_us=line.middle_us,
+        sigma_us=float(max(line.scatter_us, 1e-4) / np.sqrt(len(tracks))),
+        reference_c=line.reference_c,
+        slope_us_per_k=line.slope,
+        slope_sigma_us_per_k=line.slope_sigma,
+        slope_measured=line.slope_measured,
         level=level * BONE_REFLECTION,
-        residuals_us=readonly(residuals),
+        residuals_us=readonly(line.residuals_us),
         n_used=len(delay),
-        n_rejected=rejected,
+        n_rejected=sum(face.rejected for face in faces),
         verdict=verdict,
         reasons=reasons,
     )
@@ -156,10 +132,17 @@ def calibrated_probe(probe: ProbeModel, line: DelayLine, temperature_c: float) -
     return replace(probe, line=replace(probe.line, speed_mm_per_us=speed))
 
 
-def _faces(
-    track: AScanTrack, probe: ProbeModel, excitation: Excitation
-) -> tuple[Floats, Floats, int]:
-    """Return delays against the nominal one, levels over flat bone, and how many were rejected."""
+@dataclass(frozen=True, slots=True, eq=False)
+class _Faces:
+    """Echoes (n,) of the metal face in one capture."""
+
+    delay_us: Floats  # against the nominal one
+    level: Floats  # over flat bone
+    rejected: int
+
+
+def _faces(track: AScanTrack, probe: ProbeModel, excitation: Excitation) -> _Faces:
+    """Return the clear echoes of the face in a capture."""
     template = block_template(probe, excitation)
     spectra, noise = trace_spectra(track.rf.astype(np.float64), track.start_us, template)
     front = find_fronts(spectra, noise, template)
@@ -171,28 +154,62 @@ def _faces(
         )
     delay = front.delay_us[ok]
     off = np.abs(delay - np.median(delay))
-    kept = off <= max(FAR_SD * 1.4826 * float(np.median(off)), 1e-3)
-    return delay[kept], front.level[ok][kept], len(track) - int(kept.sum())
+    kept = off <= max(FAR_SD * mad_sigma(off), 1e-3)
+    return _Faces(delay[kept], front.level[ok][kept], len(track) - int(kept.sum()))
 
 
-def _judged(
-    delay_us: float, slope: float, level: float, scatter: float, spread: bool, probe: ProbeModel
-) -> tuple[str, tuple[str, ...]]:
+@dataclass(frozen=True, slots=True, eq=False)
+class _Line:
+    """The delay over temperature: a straight line through the captures."""
+
+    middle_us: float  # at the reference temperature
+    reference_c: float
+    slope: float  # us per kelvin
+    slope_sigma: float
+    slope_measured: bool
+    scatter_us: float  # of A-scans within a capture
+    residuals_us: Floats  # (n,) of all A-scans
+
+
+def _fit_line(delays: list[Floats], temperatures_c: Sequence[float], probe: ProbeModel) -> _Line:
+    """Fit delay over temperature by weighted least squares through the captures' medians."""
+    kelvin = np.concatenate(
+        [np.full(len(d), float(t)) for d, t in zip(delays, temperatures_c, strict=True)]
+    )
+    reference = float(kelvin.mean())
+    measured = float(np.ptp(kelvin)) >= LEAST_SPREAD_C
+    slope, slope_sigma = NOMINAL_PER_K * probe.line_delay_us, PER_K_SD * probe.line_delay_us
+    scatter = mad_sigma(np.concatenate([d - np.median(d) for d in delays]))
+    medians = np.array([float(np.median(d)) for d in delays])
+    at = np.array([float(t) for t in temperatures_c])
+    weights = np.array([float(len(d)) for d in delays])
+    if measured:
+        centred = at - (weights * at).sum() / weights.sum()
+        power = (weights * centred**2).sum()
+        slope = float((weights * centred * medians).sum() / power)
+        # one capture, one film: captures scatter more than A-scans do
+        slope_sigma = float(max(scatter, 1e-4) * np.sqrt(weights.mean() / power))
+    middle = float((weights * (medians - slope * (at - reference))).sum() / weights.sum())
+    residuals = np.concatenate(delays) - middle - slope * (kelvin - reference)
+    return _Line(middle, reference, slope, slope_sigma, measured, scatter, residuals)
+
+
+def _judged(line: _Line, level: float, probe: ProbeModel) -> tuple[str, tuple[str, ...]]:
     bad: list[str] = []
     weak: list[str] = []
-    off = delay_us / probe.line_delay_us - 1.0
+    off = line.middle_us / probe.line_delay_us - 1.0
     if abs(off) > FAR_SHARE:
         bad.append(
             f"the delay is {100 * off:+.1f} % off that of a {probe.name} line: another echo?"
         )
-    if abs(slope) > PER_K_LIMIT * probe.line_delay_us:
-        bad.append(f"the delay changes by {slope:.3f} us/K, more than that of any line")
+    if abs(line.slope) > PER_K_LIMIT * probe.line_delay_us:
+        bad.append(f"the delay changes by {line.slope:.3f} us/K, more than that of any line")
     low, high = LEVEL_RANGE
     if not low <= level <= high:
         weak.append(f"the echo has {level:.2f} of the height expected: tilt, air, or another block")
-    if scatter > STEADY_US:
-        weak.append(f"the delay scatters by {scatter:.3f} us: hold the probe still")
-    if not spread:
+    if line.scatter_us > STEADY_US:
+        weak.append(f"the delay scatters by {line.scatter_us:.3f} us: hold the probe still")
+    if not line.slope_measured:
         weak.append("one temperature: the change with temperature is the nominal one")
     verdict = "bad" if bad else "weak" if weak else "good"
     return verdict, (*bad, *weak)

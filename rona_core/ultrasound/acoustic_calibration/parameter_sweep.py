@@ -1,12 +1,33 @@
-"""What if probe, excitation or noise were others: what is asked for, and what came of it.
+"""Parameter sweep: detection tried with other probes, excitations and noise, cell by cell.
 
-The bone is a layered plate as in a skull, and nobody's specimen.
+The bone is a layered plate as in a skull, made anew for every cell by whoever records it; it is
+nobody's specimen, and detection learns nothing of it. Errors are of the time of flight, stated as
+thickness at the nominal speed, so that the unknown speed of sound does not hide what the probe can
+do.
 """
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
-from rona_core.devices.settings import Excitation, ProbeName
-from rona_core.geometry.arrays import Floats, Ints
+import numpy as np
+
+from rona_core.devices.protocols import Cancel, Progress, never, silent
+from rona_core.devices.samples import AScanTrack
+from rona_core.devices.settings import Excitation, ProbeName, ProbeSettings
+from rona_core.errors import CancelledError
+from rona_core.geometry.arrays import Floats, Ints, readonly
+from rona_core.ultrasound.detection.detect import detect
+from rona_core.ultrasound.probe.probe_model import probe_model
+from rona_core.ultrasound.probe.survey import ProbeSurvey
+
+WRONG_MM = 1.0
+STREAM = 0x5EEE
+
+# Settings, thickness in mm, kind of bone, number of A-scans and random numbers; returns the
+# A-scans, the true two-way times in the bone (n,) and the places (n, 3).
+RecordPlate = Callable[
+    [ProbeSettings, float, str, int, np.random.Generator], tuple[AScanTrack, Floats, Floats]
+]
 
 
 @dataclass(frozen=True, slots=True)
@@ -48,3 +69,71 @@ class WhatIf:
     n_right: Ints  # how many those are
     kind: str
     n: int
+
+
+def sweep(
+    grid: WhatIfGrid,
+    record: RecordPlate,
+    seed: int = 0,
+    *,
+    progress: Progress = silent,
+    cancel: Cancel = never,
+) -> WhatIf:
+    """Return how the recommended detection does in every cell of the grid.
+
+    Args:
+        grid: Cells of the sweep.
+        record: Makes the A-scans of a plate.
+        seed: Of all plates.
+        progress: Told the share that is done.
+        cancel: Asked between cells.
+
+    Raises:
+        CancelledError: somebody cancelled.
+    """
+    cells = grid.cells
+    rows: list[tuple[float, ...]] = []
+    for number, (name, excitation, snr_db, thickness_mm) in enumerate(cells):
+        if cancel():
+            raise CancelledError(f"the sweep was cancelled after {number} of {len(cells)} cells")
+        settings = ProbeSettings(name=name, excitation=excitation, front_snr_db=snr_db)
+        random = np.random.default_rng((seed, STREAM, number))
+        rows.append(_cell(settings, record(settings, thickness_mm, grid.kind, grid.n, random)))
+        progress((number + 1) / len(cells))
+    table = np.array(rows).reshape(len(cells), 6)
+    return WhatIf(
+        probes=tuple(cell[0] for cell in cells),
+        excitations=tuple(cell[1] for cell in cells),
+        snr_db=readonly(np.array([cell[2] for cell in cells])),
+        thickness_mm=readonly(np.array([cell[3] for cell in cells])),
+        failures=readonly(table[:, 0].copy()),
+        unflagged=readonly(table[:, 1].copy()),
+        coverage=readonly(table[:, 2].copy()),
+        sd_mm=readonly(table[:, 3].copy()),
+        bias_mm=readonly(table[:, 4].copy()),
+        n_right=readonly(table[:, 5].astype(np.int64)),
+        kind=grid.kind,
+        n=grid.n,
+    )
+
+
+def _cell(
+    settings: ProbeSettings, recorded: tuple[AScanTrack, Floats, Floats]
+) -> tuple[float, ...]:
+    """Return failures, unflagged ones, coverage, sd, bias and how many count for these."""
+    track, bone_us, places = recorded
+    found = detect(
+        ProbeSurvey(track, probe_model(settings), settings.excitation, positions_mm=places)
+    )
+    error = found.thickness_mm - bone_us * found.sound_speed_mm_per_us / 2.0
+    wrong, ok = np.abs(error) > WRONG_MM, np.asarray(found.inner_ok)
+    right = error[ok & ~wrong]
+    enough = len(right) > 1
+    return (
+        float(wrong.mean()),
+        float(wrong[ok].mean()) if ok.any() else 0.0,
+        float(ok.mean()),
+        float(right.std()) if enough else 0.0,
+        float(right.mean()) if enough else 0.0,
+        float(len(right)),
+    )

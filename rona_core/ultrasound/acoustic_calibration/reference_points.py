@@ -1,4 +1,4 @@
-"""Where a caliper should be put for the speed of sound, and what the echoes say at such places."""
+"""Choice of reference points for a caliper, and the time of flight at such points."""
 
 from dataclasses import replace
 
@@ -7,6 +7,7 @@ from scipy.spatial import KDTree
 
 from rona_core.errors import DegenerateGeometryError, InvalidInputError
 from rona_core.geometry.arrays import Bools, Floats, Ints, readonly
+from rona_core.geometry.robust import cauchy_weights, mad_sigma
 from rona_core.ultrasound.acoustic_calibration.speed_calibration import THIN_MM, TIMING_US
 from rona_core.ultrasound.detection.detect import Detection
 
@@ -120,8 +121,8 @@ class _Local:
             root = np.sqrt(weights)
             fit = np.linalg.lstsq(design * root[:, None], depth * root)[0]
             off = depth - design @ fit
-            scale = max(1.4826 * float(np.median(np.abs(off))), 0.01)
-            weights = 1.0 / (1.0 + (off / (2.0 * scale)) ** 2)
+            scale = mad_sigma(off, floor=0.01)
+            weights = cauchy_weights(off, 2.0 * scale)
         return float(fit[0]), float(np.hypot(fit[1], fit[2])), scale
 
 

@@ -1,4 +1,4 @@
-"""The detectors of the original system: a threshold, and the largest peak of a matched filter.
+"""Baseline detectors, those of the original system: threshold, and largest matched-filter peak.
 
 Both work on the envelope of one A-scan, with what any such system has: a compressed chirp with low
 side lobes, a gain that makes up for the loss in bone, and a threshold that falls with time as the
@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from rona_core.geometry.arrays import Floats
 from rona_core.ultrasound.detection.single.candidates import Echoes
-from rona_core.ultrasound.detection.single.inner_echo import InnerChoice, bone_gate_us
+from rona_core.ultrasound.detection.single.inner_echo import InnerEchoes, bone_gate_us
 from rona_core.ultrasound.detection.single.matched_filter import Template, peak_offsets
 from rona_core.ultrasound.probe.materials import TABLE, Material
 
@@ -25,13 +25,13 @@ LONGEST_RISE = 1.6  # over that of a block's echo; a longer rise is another echo
 SIGMA_MM = 0.3  # what to call the sigma of methods that do not know theirs
 
 
-def find_plain_inner(
+def find_largest_echoes(
     echoes: Echoes, bone: Material, method: Literal["threshold", "matched"]
-) -> InnerChoice:
+) -> InnerEchoes:
     """Return the largest echo behind the front echo of each A-scan, gain for depth applied.
 
     "matched" times it by the peak of the envelope, "threshold" by the rising edge at half of it,
-    less what both lag behind on a reference block. Its sureness is by how much it exceeds the
+    less what both lag behind on a reference block. Its confidence is by how much it exceeds the
     runner-up.
 
     Args:
@@ -54,22 +54,22 @@ def find_plain_inner(
     middle = level[:, 1:-1]
     peaks[:, 1:-1] = (middle > level[:, :-2]) & (middle >= level[:, 2:])
     over = np.where(peaks, level / np.maximum(threshold, 1e-12), 0.0)
-    heard = np.asarray((over > 1.0).any(axis=1))
+    detected = np.asarray((over > 1.0).any(axis=1))
     gained = level * _gain(bone, template, first + np.arange(level.shape[1]))
-    score = np.where(heard[:, None], np.where(over > 1.0, gained, 0.0), over)
+    score = np.where(detected[:, None], np.where(over > 1.0, gained, 0.0), over)
     order = np.argsort(score, axis=1)
     rows, at = np.arange(len(level)), order[:, -1]
     samples = at + peak_offsets(level, at)
     if method == "threshold":
         samples = _edge_times(level, at, samples, template)
     other = score[rows, order[:, -2]] / np.maximum(score[rows, at], 1e-12)
-    return InnerChoice(
+    return InnerEchoes(
         lag_us=(first + samples) * step,
-        sureness=1.0 - other,
-        heard=heard,
+        confidence=1.0 - other,
+        detected=detected,
         sigma_us=np.full(len(level), 2.0 * SIGMA_MM / bone.speed_mm_per_us),
-        other_us=(first + order[:, -2].astype(np.float64)) * step,
-        other_sureness=other,
+        alternative_us=(first + order[:, -2].astype(np.float64)) * step,
+        alternative_confidence=other,
     )
 
 
@@ -87,8 +87,8 @@ def _gain(bone: Material, template: Template, samples: NDArray[np.int64]) -> Flo
     The loss is that of an outer table: with that of the diploe too, an echo that went through the
     bone twice could be raised above that which went once.
     """
-    way_cm = bone.speed_mm_per_us * samples * template.step_us / 10.0
-    loss_db = TABLE.attenuation_db_per_cm * template.probe.centre_mhz * way_cm
+    depth_cm = bone.speed_mm_per_us * samples * template.step_us / 10.0
+    loss_db = TABLE.attenuation_db_per_cm * template.probe.centre_mhz * depth_cm
     return np.asarray(10.0 ** (loss_db / 20.0), dtype=np.float64)
 
 

@@ -1,7 +1,7 @@
-"""Find the outer and the inner boundary of the bone in a survey of A-scans.
+"""Detection of the outer and the inner boundary of the bone in a survey of A-scans.
 
 Detection knows what a laboratory knows: the probe, the echo of a reference block, and nominal
-sound speeds. It does not know how the echoes were made, and it flags what it is not sure of.
+sound speeds. It does not know how the echoes were made, and it flags what is not certain.
 """
 
 from dataclasses import dataclass
@@ -11,22 +11,20 @@ import numpy as np
 from scipy.special import erf
 
 from rona_core.devices.protocols import Cancel, Progress, never, silent
-from rona_core.devices.samples import AScanTrack
-from rona_core.devices.settings import Excitation
 from rona_core.errors import InvalidInputError
 from rona_core.geometry.arrays import Bools, Floats, Ints, readonly
-from rona_core.ultrasound.detection.baseline_detectors import find_plain_inner
+from rona_core.ultrasound.detection.baseline_detectors import find_largest_echoes
 from rona_core.ultrasound.detection.single.candidates import Echoes, search_echoes
 from rona_core.ultrasound.detection.single.cramer_rao import Fisher, amplitude_bound
 from rona_core.ultrasound.detection.single.front_echo import gate_us, standoff_mm
-from rona_core.ultrasound.detection.single.inner_echo import InnerChoice
+from rona_core.ultrasound.detection.single.inner_echo import InnerEchoes
 from rona_core.ultrasound.detection.single.matched_filter import BONE_REFLECTION
-from rona_core.ultrasound.detection.spatial.candidate_selection import choose_inner
+from rona_core.ultrasound.detection.spatial.candidate_selection import select_inner_echoes
 from rona_core.ultrasound.detection.spatial.neighbour_graph import scan_links
-from rona_core.ultrasound.detection.spatial.wedge_correction import refit_wedges
+from rona_core.ultrasound.detection.spatial.oblique_correction import correct_oblique_echoes
 from rona_core.ultrasound.probe.excitation import GRID
 from rona_core.ultrasound.probe.materials import DIPLOE, TABLE, Material
-from rona_core.ultrasound.probe.probe_model import ProbeModel
+from rona_core.ultrasound.probe.survey import ProbeSurvey
 
 Method = Literal["subtract", "matched", "threshold"]
 DIPLOE_SHARE = 0.45  # of the thickness of a skull: 0.40 to 0.55 in the literature
@@ -40,7 +38,7 @@ NOMINAL_LOSS_DB_PER_CM = (
 
 # the codes of `flag`
 OK, NO_FRONT, NO_INNER, CLIPPED, TOO_THIN, TOO_THICK, UNSURE, TILTED = range(8)
-REMOVED = 8  # taken away by hand, see `corrections`
+REMOVED = 8  # taken away by hand, see `manual_corrections`
 FRONT_SNR = 8.0  # below it there is no front echo
 FRONT_LEVEL = 0.25  # of perfect contact; below it the probe is tilted too far
 SURE = 0.8  # probability from which on an inner boundary counts
@@ -81,67 +79,46 @@ class Detection:
 
 
 def detect(
-    track: AScanTrack,
-    probe: ProbeModel,
-    excitation: Excitation,
+    survey: ProbeSurvey,
     *,
     method: Method = "subtract",
     sound_speed_mm_per_us: float = NOMINAL_SPEED_MM_PER_US,
-    positions_mm: Floats | None = None,
-    axes: Floats | None = None,
-    known_standoff_mm: Floats | None = None,
     progress: Progress = silent,
     cancel: Cancel = never,
 ) -> Detection:
-    """Return where the bone begins and ends below the probe, A-scan by A-scan.
+    """Return the outer and the inner boundary of the bone below the probe in each A-scan.
 
     Args:
-        track: A-scans; without positions in the order of the path.
-        probe: The probe that took them.
-        excitation: What it sent.
-        method: "subtract" fits and subtracts the front echo and asks the neighbours; "matched"
+        survey: A-scans, their probe, and where it was.
+        method: "subtract" fits and subtracts the front echo and uses the neighbours; "matched"
             takes the largest peak of a matched filter, "threshold" the rising edge in the
             filtered envelope, both A-scan by A-scan.
         sound_speed_mm_per_us: Mean speed in bone; thickness is proportional to it.
-        positions_mm: Where the probe stood (n, 3), in any fixed frame; None: not known, the
-            A-scans support those before and after them only.
-        axes: Of the probe, into the bone (n, 3), in the frame of the positions; None: not known.
-        known_standoff_mm: Where the outer boundary is (n,), along the axis from the face of the
-            uncompressed line, if that is known better than from these A-scans: a probe that leans
-            towards the inner table hardly hears it. None: found in each A-scan.
         progress: Told the share that is done.
         cancel: Asked between blocks of A-scans.
 
     Raises:
-        InvalidInputError: an unknown method, an impossible speed, another sampling rate, or
-            positions, axes or stand-offs of another shape, or not finite.
+        InvalidInputError: an unknown method, an impossible speed, or positions of another shape,
+            or not finite.
         CancelledError: ``cancel`` said so.
     """
-    _check(track, probe, method, sound_speed_mm_per_us)
-    _check_places(len(track), axes, known_standoff_mm)
+    _check(method, sound_speed_mm_per_us)
     bone = nominal_bone(sound_speed_mm_per_us)
-    links = scan_links(positions_mm, len(track))
+    links = scan_links(survey.positions_mm, len(survey))
     echoes = search_echoes(
-        track,
-        probe,
-        excitation,
+        survey,
         bone,
-        known_standoff_mm=known_standoff_mm,
         candidates=method == "subtract",
         progress=lambda share: progress(SEARCH_SHARE * share),
         cancel=cancel,
     )
     if method == "subtract":
-        inner = choose_inner(echoes, bone, links)
-        if positions_mm is not None:
-            upright = known_standoff_mm is None
-            inner = refit_wedges(
-                echoes, inner, bone, positions_mm, links, axes=axes, upright=upright
-            )
+        inner = select_inner_echoes(echoes, bone, links)
+        inner = correct_oblique_echoes(echoes, inner, bone, survey, links)
     else:
-        inner = find_plain_inner(echoes, bone, method)
+        inner = find_largest_echoes(echoes, bone, method)
     progress(1.0)
-    return _judge(track, probe, excitation, method, bone, echoes, inner)
+    return _judged(survey, method, bone, echoes, inner)
 
 
 def nominal_bone(sound_speed_mm_per_us: float = NOMINAL_SPEED_MM_PER_US) -> Material:
@@ -149,55 +126,35 @@ def nominal_bone(sound_speed_mm_per_us: float = NOMINAL_SPEED_MM_PER_US) -> Mate
     return Material(sound_speed_mm_per_us, NOMINAL_DENSITY, NOMINAL_LOSS_DB_PER_CM)
 
 
-def _check(track: AScanTrack, probe: ProbeModel, method: str, speed_mm_per_us: float) -> None:
+def _check(method: str, speed_mm_per_us: float) -> None:
     low, high = SPEEDS_MM_PER_US
     if method not in get_args(Method):
         raise InvalidInputError(f"method must be one of {', '.join(get_args(Method))}: {method!r}")
     if not low <= speed_mm_per_us <= high:
         raise InvalidInputError(f"the speed in bone must be {low} to {high}: {speed_mm_per_us}")
-    if len(track) and track.sampling_mhz != probe.sampling_mhz:
-        raise InvalidInputError(
-            f"the {probe.name} probe samples at {probe.sampling_mhz} MHz, "
-            f"these A-scans were sampled at {track.sampling_mhz} MHz"
-        )
 
 
-def _check_places(n: int, axes: Floats | None, standoff_mm: Floats | None) -> None:
-    given = (("axes", axes, (n, 3)), ("known stand-offs", standoff_mm, (n,)))
-    for what, values, shape in given:
-        if values is not None and (values.shape != shape or not np.isfinite(values).all()):
-            raise InvalidInputError(
-                f"{n} A-scans need {what} of shape {shape}, all finite: "
-                f"got {values.shape}, {int(np.isfinite(values).sum())} numbers finite"
-            )
-
-
-def _judge(
-    track: AScanTrack,
-    probe: ProbeModel,
-    excitation: Excitation,
-    method: Method,
-    bone: Material,
-    echoes: Echoes,
-    inner: InnerChoice,
+def _judged(
+    survey: ProbeSurvey, method: Method, bone: Material, echoes: Echoes, inner: InnerEchoes
 ) -> Detection:
+    probe = survey.probe
     front, half_speed = echoes.fronts, bone.speed_mm_per_us / 2.0
     thickness, sigma = inner.lag_us * half_speed, inner.sigma_us * half_speed
     early, late = gate_us(probe)
     edge = (front.delay_us < early + 0.1) | (front.delay_us > late - 0.1)
     no_front = (front.snr < FRONT_SNR) | ~front.positive | edge
     if method == "subtract":
-        quality = inner.sureness * erf(WRONG_MM / np.maximum(sigma, 1e-9) / np.sqrt(2.0))
+        quality = inner.confidence * erf(WRONG_MM / np.maximum(sigma, 1e-9) / np.sqrt(2.0))
         unsure = quality < SURE
     else:
-        quality, unsure = np.clip(inner.sureness, 0.0, 1.0), np.zeros(len(sigma), dtype=np.bool_)
-    clipped = np.asarray(track.clipped)
+        quality, unsure = np.clip(inner.confidence, 0.0, 1.0), np.zeros(len(sigma), dtype=np.bool_)
+    clipped = np.asarray(survey.track.clipped)
     flag = np.select(
         [
             no_front,
             clipped,
             front.level < FRONT_LEVEL,
-            ~inner.heard,
+            ~inner.detected,
             thickness < probe.min_thickness_mm,
             thickness > probe.max_thickness_mm,
             unsure,
@@ -212,17 +169,17 @@ def _judge(
         outer_ok=readonly(~(no_front | clipped)),
         inner_ok=readonly(flag == OK),
         outer_quality=readonly(np.where(no_front, 0.0, np.clip(front.level, 0.0, 1.0))),
-        inner_quality=readonly(np.where(no_front | ~inner.heard, 0.0, quality)),
+        inner_quality=readonly(np.where(no_front | ~inner.detected, 0.0, quality)),
         flag=readonly(flag),
         standoff_mm=readonly(standoff_mm(front.delay_us, probe)),
         thickness_mm=readonly(thickness),
         outer_sigma_mm=readonly(_outer_sigma_mm(echoes)),
         thickness_sigma_mm=readonly(sigma),
         inner_sigma_us=readonly(inner.sigma_us),
-        alternative_us=readonly(outer_us + inner.other_us),
-        alternative_quality=readonly(np.where(no_front, 0.0, inner.other_sureness)),
+        alternative_us=readonly(outer_us + inner.alternative_us),
+        alternative_quality=readonly(np.where(no_front, 0.0, inner.alternative_confidence)),
         probe=probe.name,
-        excitation=excitation,
+        excitation=survey.excitation,
         method=method,
         sound_speed_mm_per_us=bone.speed_mm_per_us,
     )

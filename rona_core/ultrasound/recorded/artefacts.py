@@ -26,6 +26,11 @@ MOST_SPIKES = 0.1  # of a line; with more of them it is not spikes
 BESIDE = 4  # samples next to a gap that are all taken
 MOST_KNOWN = 200  # others
 NOISE_SHARE = 1e-4  # of the power, so that the restoration stays finite
+ECHO_LEVEL = 3.0  # over the usual envelope: an echo, no tone
+LEAST_QUIET = 0.3  # of the samples, without echo
+TONE_SHARE = 0.3  # of the power between echoes that a tone must have
+FINE = 4
+TONES = 2
 
 
 def find_clipped(rf: Floats) -> Bools:
@@ -129,7 +134,7 @@ def find_spikes(rf: Floats, clipped: Bools, sampling_mhz: float, band: Band) -> 
     return wide & ~many[:, None]
 
 
-def without_spikes(rf: Floats, spikes: Bools, sampling_mhz: float, band: Band) -> Floats:
+def remove_spikes(rf: Floats, spikes: Bools, sampling_mhz: float, band: Band) -> Floats:
     """Return the lines with disturbed samples put right from their neighbours and the band."""
     restored = rf.copy()
     if not spikes.any():
@@ -183,15 +188,10 @@ def _restored(values: Floats, lost: Bools, correlation: Floats) -> Floats:
     return target
 
 
-LOUD = 3.0  # over the usual envelope: an echo, no tone
-LEAST_QUIET = 0.3  # of the samples
-SHARE = 0.3  # of the power between echoes that a tone must have
-FINE = 4
-TONES = 2
-
-
-def without_hum(rf: Floats, clipped: Bools, sampling_mhz: float, band: Band) -> Floats:
-    """Return the lines (n, samples) without steady tones in the band, one frequency for all."""
+def remove_narrow_band_interference(
+    rf: Floats, clipped: Bools, sampling_mhz: float, band: Band
+) -> Floats:
+    """Subtract narrow-band interference: steady tones in the band, one frequency for all lines."""
     result = rf
     for _ in range(TONES):
         tone = _tone(result, clipped, sampling_mhz, band)
@@ -214,7 +214,7 @@ def _tone(rf: Floats, clipped: Bools, sampling_mhz: float, band: Band) -> Floats
     at = int(np.argmax(power[: padded // 2]))
     # a tone that fills what is quiet has its power once for each quiet sample
     tone = power[at] / float((quiet.sum(axis=1) ** 2).mean())
-    if tone < SHARE * float((np.abs(between) ** 2).sum() / quiet.sum()):
+    if tone < TONE_SHARE * float((np.abs(between) ** 2).sum() / quiet.sum()):
         return None
     waves = np.exp(2j * np.pi * at / padded * np.arange(rf.shape[1]))
     result = np.zeros_like(rf)
@@ -229,4 +229,4 @@ def _tone(rf: Floats, clipped: Bools, sampling_mhz: float, band: Band) -> Floats
 
 def _quiet(z: np.typing.NDArray[np.complex128]) -> Bools:
     envelope = np.abs(z)
-    return np.asarray(envelope < LOUD * np.median(envelope, axis=1)[:, None])
+    return np.asarray(envelope < ECHO_LEVEL * np.median(envelope, axis=1)[:, None])

@@ -12,7 +12,7 @@ import numpy as np
 from rona_core.geometry.arrays import Floats, Ints
 from rona_core.ultrasound.recorded.band import Band
 from rona_core.ultrasound.recorded.echo_tracks import Track, largest_piece, predicted
-from rona_core.ultrasound.recorded.probe_reverberations import spread
+from rona_core.ultrasound.recorded.probe_reverberations import robust_sd
 
 LEAST_SHARE = 0.2  # of the loudest echo of the plate and what is behind it
 LEAST_DAMPING = 0.35  # Np at mid-band, by a loss in proportion to frequency; water has less
@@ -83,8 +83,8 @@ def choose_back_wall(
     if not own:
         return None
     judged = [steadiness(t, near, positions_mm, band) for t in tracks]
-    full = max(float(tracks[k].there.sum()) for k in own)
-    own = [k for k in own if tracks[k].there.sum() >= 0.5 * full]
+    full = max(float(tracks[k].present.sum()) for k in own)
+    own = [k for k in own if tracks[k].present.sum() >= 0.5 * full]
     loudest = max(tracks[k].typical_level for k in own)
     # what is nearly as loud as anything is an echo, however it jumps from scan to scan
     own = [
@@ -118,7 +118,9 @@ def _without_patchwork(tracks: list[Track], own: list[int], near: Ints, band: Ba
     if len(near) < FEW:
         return own
     step_us = band.length_us
-    share = {k: largest_piece(tracks[k], near, step_us).sum() / tracks[k].there.sum() for k in own}
+    share = {
+        k: largest_piece(tracks[k], near, step_us).sum() / tracks[k].present.sum() for k in own
+    }
     even = max((tracks[k].typical_level for k in own if share[k] >= PATCHED), default=0.0)
     return [k for k in own if share[k] >= PATCHED or tracks[k].typical_level > even]
 
@@ -284,12 +286,12 @@ def steadiness(
     """
     if near.shape[1] < 3:
         return 1.0, False
-    around = predicted(track.lag_us, track.there, near, positions_mm)
-    known = track.there & np.isfinite(around)
+    around = predicted(track.lag_us, track.present, near, positions_mm)
+    known = track.present & np.isfinite(around)
     if not known.any():
         return 0.0, False
     off = (track.lag_us - around)[known]
     # a track that jumps from one still echo to another does not wander
-    wide = spread(track.lag_us[known & largest_piece(track, near, band.length_us)])
-    wanders = wide > WANDERS / band.centre_mhz and spread(off) < 0.5 * wide
+    wide = robust_sd(track.lag_us[known & largest_piece(track, near, band.length_us)])
+    wanders = wide > WANDERS / band.centre_mhz and robust_sd(off) < 0.5 * wide
     return float((np.abs(off) < AGREES * band.length_us).mean()), wanders

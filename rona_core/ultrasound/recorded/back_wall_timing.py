@@ -8,17 +8,18 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from rona_core.devices.files.rf.rf_data import RecordedRf
 from rona_core.geometry.arrays import Bools, Floats, Ints
+from rona_core.geometry.robust import mad_sigma
+from rona_core.ultrasound.recorded.aligned_lines import RfSurvey
 from rona_core.ultrasound.recorded.band import Band, Complexes, noise_rms
 from rona_core.ultrasound.recorded.clipping import (
     are_most_cut,
-    front_is_cut,
+    cut_fronts,
+    fronts_are_cut,
     half_cycles_off,
     samples_lost,
 )
 from rona_core.ultrasound.recorded.echo_tracks import Track, neighbours, predicted
-from rona_core.ultrasound.recorded.front_echo import FrontEchoes
 from rona_core.ultrasound.recorded.template_learning import Aligned, align_echoes, locate_echoes
 
 ALIKE = 0.5  # correlation with the mean back echo, below which a scan is unsure
@@ -26,10 +27,10 @@ LEAST_SNR = 3.0
 TAIL_REACH = 7.0  # over the pulse length: nearer back walls sit on the end of the front's pulse
 SMOOTH_CYCLES = 0.35  # a coarse lag that scatters less about its neighbours is replaced by theirs
 SEARCH_CYCLES = 0.6
-OFF_COST = 0.05  # likeness that a scan off its neighbours by a cycle must have more
+OFF_COST = 0.05  # correlation that a scan off its neighbours by a cycle must have more
 LOSSES = np.linspace(0.0, 3.0, 61)  # Np per MHz tried for the way through the plate
 MOST_TURN = 0.5 * np.pi  # of the phase, from a piston's near field to its far field
-TURN_COST = 0.005  # likeness that the whole of it must bring
+TURN_COST = 0.005  # correlation that the whole of it must bring
 BEYOND = 0.5  # of the range of lags that were followed
 MOST_GAIN = 5.0  # by which a loss is taken back
 MAX_RESHAPE_NP = 0.7
@@ -40,10 +41,10 @@ class BackEchoes:
     """The back wall in each line (n,)."""
 
     lag_us: Floats
-    likeness: Floats
+    correlation: Floats  # with the mean back echo
     sigma_us: Floats
-    heard: Bools
-    sure: Bools
+    detected: Bools
+    confident: Bools
     level: float  # over the front, typical
     inverted: bool
     alike: float  # correlation of the mean back echo with the mean front, its loss allowed for
@@ -56,96 +57,92 @@ class Match:
     delay_us: float  # of the back's point of time against the front's
     loss_np_per_mhz: float
     inverted: bool
-    likeness: float
-    worth: float  # likeness less the price of a turned phase
+    correlation: float
+    worth: float  # correlation less the price of a turned phase
 
 
-def refine_back(
-    lines: Complexes,
-    zero: int,
-    front: FrontEchoes,
-    track: Track,
-    sampling_mhz: float,
-    band: Band,
-    recorded: RecordedRf,
-    clipped: Bools,
-) -> BackEchoes:
+def time_back_wall(survey: RfSurvey, track: Track) -> BackEchoes:
     """Return the time from front to back wall in each line.
 
     Args:
-        lines: Analytic lines (n, samples) with every front at sample ``zero``.
-        zero: That sample.
-        front: The fronts.
+        survey: Lines aligned to their fronts.
         track: The coarse lag of the back wall.
-        sampling_mhz: Of the lines.
-        band: Of the echoes.
-        recorded: The lines as they were written, and their positions.
-        clipped: Samples (n, samples) at a limit of the converter.
     """
-    used = track.there & front.ok
-    near = neighbours(len(lines), recorded.positions_mm)
-    lag = _coarse(track, used, near, recorded.positions_mm, band)
-    plain = _without_front(lines, zero, lag[used], front.ok, sampling_mhz, band)
-    centers = np.rint(zero + lag * sampling_mhz).astype(np.int64)
-    search = SEARCH_CYCLES / band.centre_mhz
-    aligned = align_echoes(plain, centers, used, sampling_mhz, band, search_us=search)
+    front, band, rate = survey.front, survey.band, survey.sampling_mhz
+    used = track.present & front.ok
+    near = neighbours(len(survey.lines), survey.positions_mm)
+    lag = _coarse(track, used, near, survey.positions_mm, band)
+    survey = replace(survey, lines=_without_front(survey, lag[used]))
+    centers = _centers(survey, lag)
+    search_us = SEARCH_CYCLES / band.centre_mhz
+    aligned = align_echoes(survey.lines, centers, used, rate, band, search_us=search_us)
     middle = float(np.median(lag[used]))
-    cut = front_is_cut(clipped, front, sampling_mhz, band)
     # what was restored of a pulse does not tell a turned phase from a moved envelope
-    restored = are_most_cut(cut, front.ok)
-    most_turn = 0.0 if restored else MOST_TURN
+    most_turn = 0.0 if fronts_are_cut(survey) else MOST_TURN
     match = match_echoes(front.aligned, aligned, band, most_turn)
-    rate = match.loss_np_per_mhz / middle
-    reshape = _reshape(rate * (lag - middle), aligned.frequencies_mhz, band)
+    loss_rate = match.loss_np_per_mhz / middle
+    reshape = _reshape(loss_rate * (lag - middle), aligned.frequencies_mhz, band)
     aligned = align_echoes(
-        plain, centers, used, sampling_mhz, band, search_us=search, reshape=reshape
+        survey.lines, centers, used, rate, band, search_us=search_us, reshape=reshape
     )
-    aligned = _settled(
-        plain, aligned, lag, used, near, recorded.positions_mm, zero, sampling_mhz, band, reshape
-    )
+    aligned = _settled(survey, aligned, lag, used, near, reshape)
     match = match_echoes(front.aligned, aligned, band, most_turn)
-    # an echo that was cut off as much does not tell what the front was before
-    back_us = front.aligned.at_us + aligned.at_us - zero / sampling_mhz
-    more = samples_lost(clipped, back_us, sampling_mhz, band) >= samples_lost(
-        clipped, front.aligned.at_us, sampling_mhz, band
-    )
-    if restored and not are_most_cut(more & cut & used, cut & used):
-        whole = np.where(
-            aligned.frequencies_mhz > 0,
-            aligned.spectrum * _undamped(match.loss_np_per_mhz, aligned.frequencies_mhz, band),
-            0.0,
-        ) * np.exp(2j * np.pi * aligned.frequencies_mhz * match.delay_us)
-        halves = half_cycles_off(
-            recorded.rf, cut, front, -whole if match.inverted else whole, sampling_mhz, band
-        )
-        match = replace(
-            match,
-            delay_us=match.delay_us + 0.5 * halves / band.centre_mhz,
-            inverted=match.inverted != bool(halves % 2),
-        )
-    found = aligned.at_us - zero / sampling_mhz + match.delay_us
-    noise = noise_rms(np.abs(plain), zero, band.length_us * sampling_mhz)
+    match = _with_whole_front(match, survey, aligned, used)
+    found = aligned.at_us - survey.zero / rate + match.delay_us
+    noise = noise_rms(np.abs(survey.lines), survey.zero, band.length_us * rate)
     noise = np.maximum(noise, 1e-9)
     peak = np.abs(np.fft.ifft(aligned.spectrum)).max() * aligned.level
     snr = peak / noise
-    inside = centers < lines.shape[1] - round(0.5 * band.length_us * sampling_mhz)
-    heard = front.ok & inside & (snr > LEAST_SNR)
-    sure = heard & (aligned.likeness > ALIKE) & (used | (aligned.likeness > 0.75))
+    inside = centers < survey.lines.shape[1] - round(0.5 * band.length_us * rate)
+    detected = front.ok & inside & (snr > LEAST_SNR)
+    confident = detected & (aligned.correlation > ALIKE)
+    confident &= used | (aligned.correlation > 0.75)
     # where the echo was not followed to, neighbours may have pointed anywhere
     low, high = np.quantile(lag[used], (0.02, 0.98))
     reach = max(band.length_us, BEYOND * (high - low))
-    sure &= used | ((found > low - reach) & (found < high + reach))
+    confident &= used | ((found > low - reach) & (found < high + reach))
     # bound of a coherent estimate: bandwidth times time is about 1, both echoes have noise
     sigma = np.hypot(1.0 / np.maximum(snr, 1.0), noise) / (2.0 * np.pi * band.centre_mhz)
     return BackEchoes(
         found,
-        aligned.likeness,
+        aligned.correlation,
         sigma,
-        heard,
-        sure,
+        detected,
+        confident,
         track.typical_level,
         match.inverted,
-        match.likeness,
+        match.correlation,
+    )
+
+
+def _centers(survey: RfSurvey, lag_us: Floats) -> Ints:
+    """Return the samples (n,) of the aligned lines at lags (n,) behind the front."""
+    return np.rint(survey.zero + lag_us * survey.sampling_mhz).astype(np.int64)
+
+
+def _with_whole_front(match: Match, survey: RfSurvey, aligned: Aligned, used: Bools) -> Match:
+    """Return the match corrected by half cycles, where the fronts were cut off and restored.
+
+    An echo that was cut off as much does not tell what the front was before.
+    """
+    front, band, rate = survey.front, survey.band, survey.sampling_mhz
+    cut = cut_fronts(survey)
+    if not are_most_cut(cut, front.ok):
+        return match
+    back_us = front.aligned.at_us + aligned.at_us - survey.zero / rate
+    more = samples_lost(survey, back_us) >= samples_lost(survey, front.aligned.at_us)
+    if are_most_cut(more & cut & used, cut & used):
+        return match
+    whole = np.where(
+        aligned.frequencies_mhz > 0,
+        aligned.spectrum * _undamped(match.loss_np_per_mhz, aligned.frequencies_mhz, band),
+        0.0,
+    ) * np.exp(2j * np.pi * aligned.frequencies_mhz * match.delay_us)
+    halves = half_cycles_off(survey, cut, -whole if match.inverted else whole)
+    return replace(
+        match,
+        delay_us=match.delay_us + 0.5 * halves / band.centre_mhz,
+        inverted=match.inverted != bool(halves % 2),
     )
 
 
@@ -203,15 +200,15 @@ def _reshape(loss_np_per_mhz: Floats, f: Floats, band: Band) -> Complexes:
     return damping(-np.clip(loss_np_per_mhz, -limit, limit), f, band)
 
 
-def _without_front(
-    lines: Complexes, zero: int, lag_us: Floats, ok: Bools, sampling_mhz: float, band: Band
-) -> Complexes:
+def _without_front(survey: RfSurvey, lag_us: Floats) -> Complexes:
     """Return the lines without the mean front and as much of its end as is known for sure."""
-    first = float(np.quantile(lag_us, 0.02)) - 0.6 * band.length_us
-    if first > TAIL_REACH * band.length_us:
+    lines, ok, rate = survey.lines, survey.front.ok, survey.sampling_mhz
+    length_us = survey.band.length_us
+    first = float(np.quantile(lag_us, 0.02)) - 0.6 * length_us
+    if first > TAIL_REACH * length_us:
         return lines
-    last = zero + max(round(first * sampling_mhz), 1)
-    fall = max(2, round(0.6 * band.length_us * sampling_mhz))
+    last = survey.zero + max(round(first * rate), 1)
+    fall = max(2, round(0.6 * length_us * rate))
     index = np.arange(lines.shape[1])
     taper = np.clip((last - index) / fall, 0.0, 1.0)
     return lines - np.where(ok, 1.0, 0.0)[:, None] * (lines[ok].mean(axis=0) * taper)
@@ -220,50 +217,40 @@ def _without_front(
 def _around(lag_us: Floats, used: Bools, near: Ints, positions_mm: Floats | None) -> Floats:
     """Return the lags (n,) that neighbours predict; where none do, the scan's own or the usual."""
     around = predicted(lag_us, used, near, positions_mm)
-    own = np.where(used, lag_us, np.median(lag_us[used]) if used.any() else 0.0)
-    return np.where(np.isfinite(around), around, own)
+    measured = np.where(used, lag_us, np.median(lag_us[used]) if used.any() else 0.0)
+    return np.where(np.isfinite(around), around, measured)
 
 
 def _settled(
-    plain: Complexes,
-    aligned: Aligned,
-    lag: Floats,
-    used: Bools,
-    near: Ints,
-    positions_mm: Floats | None,
-    zero: int,
-    sampling_mhz: float,
-    band: Band,
-    reshape: Complexes,
+    survey: RfSurvey, aligned: Aligned, lag_us: Floats, used: Bools, near: Ints, reshape: Complexes
 ) -> Aligned:
     """Return the echoes at the cycle that fits both the template and the neighbours best."""
+    lines, band, rate = survey.lines, survey.band, survey.sampling_mhz
     cycle = 1.0 / band.centre_mhz
-    fine = aligned.at_us - zero / sampling_mhz
-    around = _around(fine, used & (aligned.likeness > ALIKE), near, positions_mm)
-    best, worth = fine.copy(), _worth(aligned.likeness, fine - around, cycle)
-    for guess in (lag, around, fine + cycle, fine - cycle):
-        centers = np.rint(zero + guess * sampling_mhz).astype(np.int64)
+    fine = aligned.at_us - survey.zero / rate
+    around = _around(fine, used & (aligned.correlation > ALIKE), near, survey.positions_mm)
+    best, worth = fine.copy(), _worth(aligned.correlation, fine - around, cycle)
+    for guess in (lag_us, around, fine + cycle, fine - cycle):
         other = locate_echoes(
-            plain,
-            centers,
+            lines,
+            _centers(survey, guess),
             aligned,
-            sampling_mhz,
+            rate,
             band,
             search_us=SEARCH_CYCLES * cycle,
             reshape=reshape,
         )
-        there = other.at_us - zero / sampling_mhz
-        better = _worth(other.likeness, there - around, cycle) > worth
-        best = np.where(better, there, best)
-        worth = np.maximum(worth, _worth(other.likeness, there - around, cycle))
-    centers = np.rint(zero + best * sampling_mhz).astype(np.int64)
+        other_us = other.at_us - survey.zero / rate
+        other_worth = _worth(other.correlation, other_us - around, cycle)
+        best = np.where(other_worth > worth, other_us, best)
+        worth = np.maximum(worth, other_worth)
     return locate_echoes(
-        plain, centers, aligned, sampling_mhz, band, search_us=0.3 * cycle, reshape=reshape
+        lines, _centers(survey, best), aligned, rate, band, search_us=0.3 * cycle, reshape=reshape
     )
 
 
-def _worth(likeness: Floats, off_us: Floats, cycle_us: float) -> Floats:
-    return likeness - OFF_COST * np.minimum((off_us / cycle_us) ** 2, 4.0)
+def _worth(correlation: Floats, off_us: Floats, cycle_us: float) -> Floats:
+    return correlation - OFF_COST * np.minimum((off_us / cycle_us) ** 2, 4.0)
 
 
 def _coarse(
@@ -272,7 +259,7 @@ def _coarse(
     """Return lags (n,) to start from: those of the neighbours where these agree."""
     around = _around(track.lag_us, used, near, positions_mm)
     off = np.abs(track.lag_us - around)
-    scatter = 1.4826 * float(np.median(off[used]))
+    scatter = mad_sigma(off[used])
     if scatter < SMOOTH_CYCLES / band.centre_mhz and near.shape[1] >= 3:
         far = off > max(3.0 * scatter, 0.5 / band.centre_mhz)
         return np.where(used & ~far, track.lag_us, around)

@@ -11,8 +11,9 @@ import numpy as np
 from scipy.interpolate import CubicSpline
 
 from rona_core.geometry.arrays import Bools, Floats, Ints
-from rona_core.ultrasound.recorded.band import Band, Complexes
-from rona_core.ultrasound.recorded.front_echo import FrontEchoes
+from rona_core.ultrasound.recorded.aligned_lines import RfSurvey
+from rona_core.ultrasound.recorded.band import Complexes
+from rona_core.ultrasound.recorded.front_wall import FrontEchoes
 from rona_core.ultrasound.recorded.template_learning import locate_echoes
 
 REACH = 3.0  # of the comparison about the front, over the pulse length
@@ -25,34 +26,22 @@ FINE = 8
 COMPARED = 24  # lines
 
 
-def settle_clipped(
-    rf: Floats,
-    clipped: Bools,
-    z: Complexes,
-    front: FrontEchoes,
-    lines: Complexes,
-    zero: int,
-    sampling_mhz: float,
-    band: Band,
-) -> FrontEchoes:
+def settle_clipped(rf: Floats, z: Complexes, survey: RfSurvey) -> FrontEchoes:
     """Return the fronts with those of clipped lines at the cycle that explains the line best.
 
     Args:
         rf: Lines (n, samples) as they were recorded.
-        clipped: Samples (n, samples) at a limit of the converter.
         z: Analytic lines with the clipped samples restored.
-        front: The fronts so far.
-        lines: Analytic lines with every front at sample ``zero``, height 1.
-        zero: That sample.
-        sampling_mhz: Of the lines.
-        band: Of the echoes.
+        survey: The lines aligned to the fronts so far.
     """
+    front, band, rate = survey.front, survey.band, survey.sampling_mhz
+    clipped, lines, zero = survey.clipped, survey.lines, survey.zero
     rows = np.flatnonzero(front.ok & clipped.any(axis=1))
     if not len(rows):
         return front
-    at = front.aligned.at_us * sampling_mhz
-    reach = round(REACH * band.length_us * sampling_mhz)
-    cycle = sampling_mhz / band.centre_mhz
+    at = front.aligned.at_us * rate
+    reach = round(REACH * band.length_us * rate)
+    cycle = rate / band.centre_mhz
     mean = CubicSpline(np.arange(lines.shape[1]), lines[front.ok].mean(axis=0).real)
     moved = at.copy()
     for row in rows:
@@ -72,56 +61,46 @@ def settle_clipped(
     if (moved == at).all():
         return front
     # all again with the one template, so that every front has the same point of time
-    aligned = locate_echoes(
-        z,
-        np.rint(moved).astype(np.int64),
-        front.aligned,
-        sampling_mhz,
-        band,
-        search_us=SEARCH_CYCLES / band.centre_mhz,
-    )
+    centers = np.rint(moved).astype(np.int64)
+    search_us = SEARCH_CYCLES / band.centre_mhz
+    aligned = locate_echoes(z, centers, front.aligned, rate, band, search_us=search_us)
     return replace(front, aligned=aligned)
 
 
-def front_is_cut(clipped: Bools, front: FrontEchoes, sampling_mhz: float, band: Band) -> Bools:
+def cut_fronts(survey: RfSurvey) -> Bools:
     """Return which lines (n,) have a front that was cut off."""
-    lost = samples_lost(clipped, front.aligned.at_us, sampling_mhz, band)
-    return np.asarray(front.ok & (lost > 0))
+    return np.asarray(survey.front.ok & (samples_lost(survey, survey.front.aligned.at_us) > 0))
 
 
-def samples_lost(clipped: Bools, at_us: Floats, sampling_mhz: float, band: Band) -> Ints:
+def fronts_are_cut(survey: RfSurvey) -> bool:
+    """Return whether most of the fronts were cut off."""
+    return are_most_cut(cut_fronts(survey), survey.front.ok)
+
+
+def samples_lost(survey: RfSurvey, at_us: Floats) -> Ints:
     """Return how many samples (n,) were cut off of echoes at times (n,) from the first sample."""
-    index = np.arange(clipped.shape[1]) / sampling_mhz
-    near = np.abs(index - at_us[:, None]) < band.length_us
-    return (clipped & near).sum(axis=1)
+    index = np.arange(survey.clipped.shape[1]) / survey.sampling_mhz
+    near = np.abs(index - at_us[:, None]) < survey.band.length_us
+    return (survey.clipped & near).sum(axis=1)
 
 
-def are_most_cut(cut: Bools, there: Bools) -> bool:
-    """Return whether most of the echoes that are there (n,) are among those cut off (n,)."""
-    return bool(2 * cut.sum() > there.sum())
+def are_most_cut(cut: Bools, present: Bools) -> bool:
+    """Return whether most of the echoes that are present (n,) are among those cut off (n,)."""
+    return bool(2 * cut.sum() > present.sum())
 
 
-def half_cycles_off(
-    rf: Floats,
-    cut: Bools,
-    front: FrontEchoes,
-    pulse: Complexes,
-    sampling_mhz: float,
-    band: Band,
-) -> int:
+def half_cycles_off(survey: RfSurvey, cut: Bools, pulse: Complexes) -> int:
     """Return by how many half cycles a pulse must move (and turn over) to explain the fronts.
 
     The back wall's echo is whole where the front's was cut off, or lost less at least: with its
     loss taken back, moved, and cut off at the same limits it must give the recorded line.
 
     Args:
-        rf: Lines (n, samples) as they were recorded.
+        survey: Lines aligned to the fronts, and as they were recorded.
         cut: Lines (n,) whose front was cut off.
-        front: The fronts.
         pulse: Spectrum (f,) of the whole pulse, its time 0 where the fronts were timed.
-        sampling_mhz: Of the lines.
-        band: Of the echoes.
     """
+    rf, band, sampling_mhz = survey.recorded.rf, survey.band, survey.sampling_mhz
     size = len(pulse)
     fine = np.zeros(FINE * size, dtype=np.complex128)
     fine[: size // 2] = pulse[: size // 2]
@@ -133,7 +112,7 @@ def half_cycles_off(
     rows = rows[np.linspace(0, len(rows) - 1, min(COMPARED, len(rows))).astype(int)]
     misfit = np.zeros(len(HALVES))
     for row in rows:
-        at = float(front.aligned.at_us[row])
+        at = float(survey.front.aligned.at_us[row])
         middle = round(at * sampling_mhz)
         index = np.arange(max(0, middle - reach), min(rf.shape[1], middle + reach))
         line = rf[row] - np.median(rf[row])

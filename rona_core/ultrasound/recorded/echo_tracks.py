@@ -12,6 +12,7 @@ from scipy.sparse.csgraph import (
 from scipy.spatial import KDTree
 
 from rona_core.geometry.arrays import Bools, Floats, Ints
+from rona_core.geometry.robust import MAD_TO_SIGMA
 from rona_core.ultrasound.recorded.band import Band, Complexes, noise_rms
 
 PEAKS = 20  # kept for each scan
@@ -40,19 +41,19 @@ class Peaks:
 class Track:
     """One echo through all scans."""
 
-    lag_us: Floats  # (n,) after the front; meaningless where not there
+    lag_us: Floats  # (n,) after the front; meaningless where not present
     level: Floats  # (n,)
-    there: Bools  # (n,)
+    present: Bools  # (n,)
 
     @property
     def typical_us(self) -> float:
         """Return the median lag."""
-        return float(np.median(self.lag_us[self.there]))
+        return float(np.median(self.lag_us[self.present]))
 
     @property
     def typical_level(self) -> float:
         """Return the median level over the front."""
-        return float(np.median(self.level[self.there]))
+        return float(np.median(self.level[self.present]))
 
 
 def neighbour_tree(ok: Bools, positions_mm: Floats | None) -> tuple[Ints, Ints]:
@@ -97,7 +98,7 @@ def neighbours(n: int, positions_mm: Floats | None) -> Ints:
     return found[~own].reshape(n, count - 1)
 
 
-def predicted(values: Floats, there: Bools, near: Ints, positions_mm: Floats | None) -> Floats:
+def predicted(values: Floats, present: Bools, near: Ints, positions_mm: Floats | None) -> Floats:
     """Return what the neighbours (n, k) say about each scan: a robust plane through their values.
 
     NaN where fewer than two of them have a value.
@@ -109,29 +110,29 @@ def predicted(values: Floats, there: Bools, near: Ints, positions_mm: Floats | N
     offset = place[near] - place[:, None, :]
     scale = np.median(np.linalg.norm(offset, axis=2)) + 1e-9
     design = np.concatenate((np.ones((*near.shape, 1)), offset / scale), axis=2)
-    value, use = values[near], there[near].astype(np.float64)
-    middle = _median(value, there[near])
+    value, use = values[near], present[near].astype(np.float64)
+    middle = _median(value, present[near])
     result = np.where(np.isfinite(middle), middle, 0.0)
-    left = value - result[:, None]
+    residual = value - result[:, None]
     size = design.shape[2]
     ridge = PLANE_RIDGE * np.diag([0.0, *([1.0] * (size - 1))]) + 1e-9 * np.eye(size)
     for _ in range(4):
-        spread = 1.4826 * _median(np.abs(left), there[near]) + 1e-6
+        spread = MAD_TO_SIGMA * _median(np.abs(residual), present[near]) + 1e-6
         weight = use / (
-            1.0 + (left / (2.0 * np.where(np.isfinite(spread), spread, 1.0))[:, None]) ** 2
+            1.0 + (residual / (2.0 * np.where(np.isfinite(spread), spread, 1.0))[:, None]) ** 2
         )
         normal = np.einsum("nk,nki,nkj->nij", weight, design, design) + ridge
         right = np.einsum("nk,nki,nk->ni", weight, design, value)
         plane = np.linalg.solve(normal, right[:, :, None])[:, :, 0]
-        left = value - np.einsum("nki,ni->nk", design, plane)
+        residual = value - np.einsum("nki,ni->nk", design, plane)
         result = plane[:, 0]
     return np.where(use.sum(axis=1) >= 2, result, np.nan)
 
 
-def _median(values: Floats, there: Bools) -> Floats:
-    """Return the median (n,) of the values that are there, infinity where none is."""
-    count = there.sum(axis=1)
-    ordered = np.sort(np.where(there, values, np.inf), axis=1)
+def _median(values: Floats, present: Bools) -> Floats:
+    """Return the median (n,) of the values that are present, infinity where none is."""
+    count = present.sum(axis=1)
+    ordered = np.sort(np.where(present, values, np.inf), axis=1)
     rows, last = np.arange(len(values)), values.shape[1] - 1
     low = ordered[rows, np.clip((count - 1) // 2, 0, last)]
     high = ordered[rows, np.clip(count // 2, 0, last)]
@@ -146,13 +147,13 @@ def largest_piece(track: Track, near: Ints, step_us: float) -> Bools:
         near: Neighbours (n, k) of each scan.
         step_us: By which neighbours may differ.
     """
-    here = np.repeat(np.arange(len(near)), near.shape[1])
-    there = near.ravel()
-    joined = track.there[here] & track.there[there]
-    joined &= np.abs(track.lag_us[here] - track.lag_us[there]) < step_us
-    graph = coo_matrix((np.ones(joined.sum()), (here[joined], there[joined])), [len(near)] * 2)
+    first = np.repeat(np.arange(len(near)), near.shape[1])
+    second = near.ravel()
+    joined = track.present[first] & track.present[second]
+    joined &= np.abs(track.lag_us[first] - track.lag_us[second]) < step_us
+    graph = coo_matrix((np.ones(joined.sum()), (first[joined], second[joined])), [len(near)] * 2)
     pieces = connected_components(graph, directed=False)[1]
-    return track.there & (pieces == np.bincount(pieces[track.there]).argmax())
+    return track.present & (pieces == np.bincount(pieces[track.present]).argmax())
 
 
 def find_peaks(
@@ -197,38 +198,38 @@ def follow(
     tracks: list[Track] = []
     while len(tracks) < most and alive.any():
         choice = _best_choice(np.where(alive, worth, -np.inf), peaks.lag_us, tree, band)
-        there = choice >= 0
-        if there.sum() < max(1.0, LEAST_COVERAGE * ok.sum()):
+        present = choice >= 0
+        if present.sum() < max(1.0, LEAST_COVERAGE * ok.sum()):
             break
         pick = np.clip(choice, 0, None)[:, None]
         lag = np.take_along_axis(peaks.lag_us, pick, 1)[:, 0]
         level = np.take_along_axis(peaks.level, pick, 1)[:, 0]
-        tracks.append(Track(lag, level, there))
+        tracks.append(Track(lag, level, present))
         close = np.abs(peaks.lag_us - lag[:, None]) < 0.7 * band.length_us
-        alive &= ~(close & there[:, None])
+        alive &= ~(close & present[:, None])
     return tracks
 
 
 def mended(
     track: Track, peaks: Peaks, near: Ints, positions_mm: Floats | None, band: Band
 ) -> Track:
-    """Return a track whose scans that left their neighbours have come back, or are not there."""
+    """Return a track whose scans that left their neighbours have come back, or are not present."""
     if near.shape[1] < 3:
         return track
-    lag, level, there = track.lag_us, track.level, track.there
+    lag, level, present = track.lag_us, track.level, track.present
     reach = MENDED * band.length_us
     for _ in range(MENDINGS):
-        around = predicted(lag, there, near, positions_mm)
+        around = predicted(lag, present, near, positions_mm)
         off = np.where(peaks.level > 0, np.abs(peaks.lag_us - around[:, None]), np.inf)
         off = np.where(np.isfinite(off), off, np.inf)
         pick = np.argmin(off, axis=1)[:, None]
         nearest = np.take_along_axis(off, pick, 1)[:, 0]
-        stray = ~there | (np.abs(lag - around) > reach)
+        stray = ~present | (np.abs(lag - around) > reach)
         back = stray & (nearest < reach)
         lag = np.where(back, np.take_along_axis(peaks.lag_us, pick, 1)[:, 0], lag)
         level = np.where(back, np.take_along_axis(peaks.level, pick, 1)[:, 0], level)
-        there = (there & ~stray) | back
-    return Track(lag, level, there) if there.any() else track
+        present = (present & ~stray) | back
+    return Track(lag, level, present) if present.any() else track
 
 
 def _best_choice(worth: Floats, lag_us: Floats, tree: tuple[Ints, Ints], band: Band) -> Ints:

@@ -7,26 +7,30 @@ from the lines; only the sound speed must be given.
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import ArrayLike
 
 from rona_core.devices.files.rf.rf_data import RecordedRf
 from rona_core.devices.protocols import Cancel, Progress, never, silent
 from rona_core.errors import CancelledError, InvalidInputError
 from rona_core.geometry.arrays import Bools, Floats, Ints, readonly
-from rona_core.ultrasound.recorded.alignment import align_fronts, find_back, least_lag_us
+from rona_core.ultrasound.recorded.aligned_lines import (
+    align_fronts,
+    compress_pulse,
+    learn_long_pulse,
+    pulse_delay_us,
+)
 from rona_core.ultrasound.recorded.artefacts import (
     find_clipped,
     find_spikes,
+    remove_narrow_band_interference,
+    remove_spikes,
     restore_clipped,
-    without_hum,
-    without_spikes,
 )
-from rona_core.ultrasound.recorded.back_wall_timing import BackEchoes, refine_back
+from rona_core.ultrasound.recorded.back_wall_search import find_back_wall
+from rona_core.ultrasound.recorded.back_wall_timing import BackEchoes, time_back_wall
 from rona_core.ultrasound.recorded.band import Band, analytic, check_lines, find_band, near_one
-from rona_core.ultrasound.recorded.chirp_compression import compress, learn_long_pulse
-from rona_core.ultrasound.recorded.clipping import are_most_cut, front_is_cut, settle_clipped
-from rona_core.ultrasound.recorded.front_echo import FrontEchoes, find_recorded_fronts
-from rona_core.ultrasound.recorded.probe_reverberations import pulse_delay_us, spread
+from rona_core.ultrasound.recorded.clipping import fronts_are_cut, settle_clipped
+from rona_core.ultrasound.recorded.front_wall import FrontEchoes, find_recorded_fronts
+from rona_core.ultrasound.recorded.probe_reverberations import robust_sd
 
 OK, NO_FRONT, NO_BACK, UNSURE = range(4)
 SPEEDS_MM_PER_US = (0.5, 10.0)
@@ -113,50 +117,40 @@ class _Found:
         return 0.0 if self.back is None else self.back.alike
 
 
-def _found(recorded: RecordedRf, prior_mhz: float | None, told: "_Steps") -> _Found:
+def _found(recorded: RecordedRf, prior_mhz: float | None, report: "_Steps") -> _Found:
     rf, rate = recorded.rf, recorded.sampling_mhz
     clipped = find_clipped(rf)
     emitting = recorded.start_known and abs(recorded.start_us) < START_US
     band = find_band(rf, clipped, rate, prior_mhz, emitting)
     cut: Bools = np.asarray(clipped.any(axis=1))
-    told(0.1)
+    report(0.1)
     spikes = find_spikes(rf, clipped, rate, band)
     if spikes.any():
-        rf = without_spikes(rf, spikes, rate, band)
+        rf = remove_spikes(rf, spikes, rate, band)
         band = find_band(rf, clipped, rate, prior_mhz, emitting)
-    rf = without_hum(rf, clipped, rate, band)
+    rf = remove_narrow_band_interference(rf, clipped, rate, band)
     z = analytic(restore_clipped(rf, clipped, rate, band), rate, band)
-    told(0.3)
-    front = find_recorded_fronts(z, clipped, rate, recorded.start_us, recorded.start_known, band)
-    told(0.5)
-    zero, lines = align_fronts(z, front, rate, band)
-    delay = pulse_delay_us(lines, zero, front.ok, rate)
-    cutoff = are_most_cut(front_is_cut(clipped, front, rate, band), front.ok)
-    pulse = None if cutoff else learn_long_pulse(lines, zero, front, rate, band)
+    report(0.3)
+    front = find_recorded_fronts(z, clipped, recorded, band)
+    report(0.5)
+    survey = align_fronts(z, front, recorded, clipped, band)
+    delay_us = pulse_delay_us(survey)
+    pulse = None if fronts_are_cut(survey) else learn_long_pulse(survey)
     if pulse is not None:
-        z = compress(z, pulse, zero, rate, band)
+        z = compress_pulse(z, pulse, survey.zero, rate, band)
         clipped = np.zeros_like(clipped)  # nothing stands at a limit any more
-        front = find_recorded_fronts(
-            z, clipped, rate, recorded.start_us, recorded.start_known, band
-        )
-        zero, lines = align_fronts(z, front, rate, band)
+        front = find_recorded_fronts(z, clipped, recorded, band)
+        survey = align_fronts(z, front, recorded, clipped, band)
     for _ in range(SETTLINGS if clipped.any() else 0):
-        settled = settle_clipped(rf, clipped, z, front, lines, zero, rate, band)
-        if settled is front:
+        settled = settle_clipped(rf, z, survey)
+        if settled is survey.front:
             break
-        front = settled
-        zero, lines = align_fronts(z, front, rate, band)
-    least = least_lag_us(clipped, front, rate, band)
-    fronts_cut = are_most_cut(front_is_cut(clipped, front, rate, band), front.ok)
-    back = find_back(
-        recorded, lines, zero, front, band, least, delay, fronts_cut, pulse is not None
-    )
-    told(0.7)
-    found = None
-    if back is not None:
-        found = refine_back(lines, zero, front, back, rate, band, recorded, clipped)
-    told(1.0)
-    return _Found(front, found, cut, band)
+        survey = align_fronts(z, settled, recorded, clipped, band)
+    track = find_back_wall(survey, delay_us, compressed=pulse is not None)
+    report(0.7)
+    back = None if track is None else time_back_wall(survey, track)
+    report(1.0)
+    return _Found(survey.front, back, cut, band)
 
 
 def _may_be_emission(found: _Found) -> bool:
@@ -167,7 +161,7 @@ def _may_be_emission(found: _Found) -> bool:
     at = found.front.aligned.at_us[found.front.ok]
     if len(at) == 0 or found.front.quiet_from.any() or found.alike > UNLIKE:
         return False
-    return len(at) < FEW or spread(at) < TRIGGER_US
+    return len(at) < FEW or robust_sd(at) < TRIGGER_US
 
 
 def _behind(recorded: RecordedRf, found: _Found) -> RecordedRf | None:
@@ -179,21 +173,6 @@ def _behind(recorded: RecordedRf, found: _Found) -> RecordedRf | None:
         return None
     start = first / recorded.sampling_mhz - emitted
     return replace(recorded, rf=rf, start_us=start, start_known=True)
-
-
-def detect_lines(
-    rf: ArrayLike, sampling_mhz: float, sound_speed_mm_per_us: float
-) -> RecordedDetection:
-    """Return the thickness of the first plate in lines (n, samples) of which no more is known.
-
-    Raises:
-        InvalidInputError: an impossible speed, or lines that are none.
-        DegenerateGeometryError: there is no echo in them.
-    """
-    lines = np.asarray(rf, dtype=np.float64)
-    return detect_recorded(
-        RecordedRf("lines", lines, sampling_mhz, 0.0, False, None), sound_speed_mm_per_us
-    )
 
 
 class _Steps:
@@ -214,9 +193,9 @@ def _judged(
     n = len(recorded)
     front, back, band = found.front, found.back, found.band
     nothing, no = np.zeros(n), np.zeros(n, dtype=np.bool_)
-    heard = no if back is None else back.heard
-    sure = no if back is None else back.sure
-    flag = np.select([~front.ok, ~heard, ~sure], [NO_FRONT, NO_BACK, UNSURE], OK)
+    detected = no if back is None else back.detected
+    confident = no if back is None else back.confident
+    flag = np.select([~front.ok, ~detected, ~confident], [NO_FRONT, NO_BACK, UNSURE], OK)
     ok = flag == OK
     lag = nothing if back is None else np.where(ok, back.lag_us, 0.0)
     sigma = nothing if back is None else np.where(ok, back.sigma_us * speed / 2.0, 0.0)
@@ -227,7 +206,7 @@ def _judged(
         ok=readonly(ok),
         flag=readonly(flag.astype(np.int64)),
         front_level=readonly(front.aligned.level.copy()),
-        likeness=readonly(nothing if back is None else back.likeness.copy()),
+        likeness=readonly(nothing if back is None else back.correlation.copy()),
         sigma_mm=readonly(sigma),
         clipped=readonly(found.cut),
         centre_mhz=band.centre_mhz,

@@ -1,16 +1,17 @@
-"""Echoes that have nothing to do with the plate: seen again by way of the probe, or standing still.
+"""Probe reverberations: echoes by way of the probe, or standing still, found and suppressed.
 
 Where the stand-off varies, these move with the front as no echo of the plate does: the front's
 second arrival falls behind it by as much again, and what stands still in the record comes nearer
 by as much. They are followed in lines that are moved so that they stay at one place.
 """
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from rona_core.geometry.arrays import Bools, Floats, Ints
-from rona_core.ultrasound.recorded.band import Band, Complexes
+from rona_core.geometry.robust import mad_sigma
+from rona_core.ultrasound.recorded.band import Band
 from rona_core.ultrasound.recorded.echo_tracks import Peaks, Track, follow, neighbours, predicted
 
 MOVES_US = 0.05  # of the front; less tells nothing about what moves with it
@@ -20,7 +21,6 @@ LEFT = 0.4  # of an echo's own scatter, when its movement with the front is take
 LEFT_FAR = 0.15  # the same with the tilt, which a wedge has too
 AT_FRONT_US = 0.25  # how near a multiple between front and probe is to its time
 PULSE_DELAY = 1.5  # from the emission to the middle of the pulse, over its length
-ONSET = 0.04  # of the peak, at which a pulse begins
 ROUNDS = 12
 LEAST_US = 1e-4
 SLIP = 0.2  # cycles about whole ones: fronts taken a cycle off, not moved
@@ -31,127 +31,120 @@ STEADY = 0.6  # share of scans that agree with their neighbours
 MOST_SCANS = 0.45  # of them, so that a few fronts at a wrong cycle are no movement
 
 
-def pulse_delay_us(lines: Complexes, zero: int, ok: Bools, sampling_mhz: float) -> float:
-    """Return how far the mean front of lines (n, samples) begins before its point of time."""
-    if not ok.any():
-        return 0.0
-    envelope = np.abs(lines[ok].mean(axis=0))[: zero + 1]
-    faint = envelope < ONSET * envelope[-1]
-    return float(np.argmax(faint[::-1]) if faint.any() else zero) / sampling_mhz
+@dataclass(frozen=True, slots=True, eq=False)
+class FrontArrivals:
+    """When the fronts (n,) came, by which an echo of the probe is known."""
+
+    time_us: Floats  # (n,) after the emission, or after the first sample where that is not known
+    ok: Bools  # (n,) scans with a front
+    emission_known: bool
+    band: Band
+    positions_mm: Floats | None  # (n, 1 to 3), where they are known
+    pulse_delay_us: float = 0.0  # from the begin of a pulse to the point at which it is timed
+    cut: bool = False  # cut off: timed wrongly by a cycle perhaps
+
+    @property
+    def places(self) -> Floats:
+        """Return the positions (n, 1 to 3), or the order of the file where they are not known."""
+        order = np.arange(len(self.time_us), dtype=np.float64)[:, None]
+        return order if self.positions_mm is None else self.positions_mm
 
 
-def comes_again(
-    track: Track, front_us: Floats, ok: Bools, band: Band, delay_us: float = 0.0
-) -> bool:
+def repeats_standoff(track: Track, fronts: FrontArrivals) -> bool:
     """Return whether an echo is as late after the front as this is after the emission.
 
-    Or a small number of times as late.
-
-    Args:
-        track: The echo.
-        front_us: Time (n,) of the front after the emission.
-        ok: Scans (n,) with a front.
-        band: Of the echoes.
-        delay_us: From the begin of a pulse to the point at which it is timed.
+    Or a small number of times as late: a multiple between probe and front.
     """
-    both = track.there & ok
+    both = track.present & fronts.ok
     if not both.any():
         return False
     # what was timed of the front is later than its begin, by less than a pulse
-    late = AT_FRONT_US + max(PULSE_DELAY * band.length_us, delay_us + 0.5 * band.length_us)
+    length_us = fronts.band.length_us
+    late = AT_FRONT_US + max(PULSE_DELAY * length_us, fronts.pulse_delay_us + 0.5 * length_us)
     return any(
-        -AT_FRONT_US < float(np.median(front_us[both] - track.lag_us[both] / times)) < late
+        -AT_FRONT_US < float(np.median(fronts.time_us[both] - track.lag_us[both] / times)) < late
         for times in range(1, 7)
     )
 
 
-def is_foreign(
-    track: Track,
-    front_us: Floats,
-    ok: Bools,
-    start_known: bool,
-    band: Band,
-    positions_mm: Floats | None,
-    delay_us: float = 0.0,
-    cut: bool = False,
-) -> bool:
-    """Return whether an echo stands still, or comes by way of the probe.
+def is_reverberation(track: Track, fronts: FrontArrivals) -> bool:
+    """Return whether an echo stands still in the record, or is a multiple by way of the probe.
 
     Where the fronts were ``cut`` off, they may be timed wrongly by a cycle, and what seems to
     stand still is everything else.
     """
-    both = track.there & ok
-    again = start_known and comes_again(track, front_us, ok, band, delay_us)
+    band, known = fronts.band, fronts.emission_known
+    both = track.present & fronts.ok
+    again = known and repeats_standoff(track, fronts)
     if both.sum() < 8:
         return again
-    # a wedge behind a tilted plate goes with the front too: only what is not a plane tells
-    order = np.arange(len(front_us), dtype=np.float64)[:, None]
-    place = order if positions_mm is None else positions_mm
-    lag, front = bent(track.lag_us[both], place[both]), bent(front_us[both], place[both])
+    # a wedge behind a tilted plate goes with the front too: only what is not a plane counts
+    place, time_us = fronts.places, fronts.time_us
+    lag = plane_residuals(track.lag_us[both], place[both])
+    front = plane_residuals(time_us[both], place[both])
     if _slips(front, band):
         whole = np.abs(front) < 0.5 / band.centre_mhz
         lag, front = lag[whole], front[whole]
-    if len(front) < 8 or spread(front) < MOVES_US:
-        return again or _tilts_alike(track.lag_us[both], front_us[both], start_known)
+    if len(front) < 8 or robust_sd(front) < MOVES_US:
+        return again or _tilts_alike(track.lag_us[both], time_us[both], known)
     slope = _slope(front, lag)
-    ways = (1.0, 2.0) if cut and spread(front) < 1.0 / band.centre_mhz else (-1.0, 1.0, 2.0)
-    for wrong in ways:
-        left = lag - wrong * front
-        sure = 2.0 if wrong > 0 and again else 1.0  # both its time and its movement fit
-        if abs(slope - wrong) < sure * TURNED and spread(left) < LEFT * spread(lag):
-            return again if wrong > 0 and start_known else True
+    cycle_off = fronts.cut and robust_sd(front) < 1.0 / band.centre_mhz
+    for expected in (1.0, 2.0) if cycle_off else (-1.0, 1.0, 2.0):
+        rest = lag - expected * front
+        reach = 2.0 if expected > 0 and again else 1.0  # both its time and its movement fit
+        if abs(slope - expected) < reach * TURNED and robust_sd(rest) < LEFT * robust_sd(lag):
+            return again if expected > 0 and known else True
     return False  # what comes by way of the probe would move
 
 
-def without_foreign(
-    peaks: Peaks,
-    front_us: Floats,
-    ok: Bools,
-    start_known: bool,
-    band: Band,
-    tree: tuple[Ints, Ints],
-    positions_mm: Floats | None,
-    delay_us: float,
-    cut: bool,
+def suppress_reverberations(
+    peaks: Peaks, tree: tuple[Ints, Ints], fronts: FrontArrivals
 ) -> tuple[Peaks, list[Track]]:
-    """Return the peaks that are not of such echoes, and these echoes.
+    """Return the peaks that are not of the probe, and the echoes that are.
 
-    Arguments as for ``is_foreign``; ``tree`` joins neighbours.
+    Args:
+        peaks: Behind the fronts.
+        tree: Joins neighbours, see ``neighbour_tree``.
+        fronts: When the fronts came.
     """
+    ok, band = fronts.ok, fronts.band
     if ok.sum() < 8:
         return peaks, []
-    order = np.arange(len(front_us), dtype=np.float64)[:, None]
-    place = order if positions_mm is None else positions_mm
-    uneven = spread(bent(front_us[ok], place[ok]))
-    if uneven < MOVES_US and spread(front_us[ok]) < FAR_US:
+    uneven = robust_sd(plane_residuals(fronts.time_us[ok], fronts.places[ok]))
+    if uneven < MOVES_US and robust_sd(fronts.time_us[ok]) < FAR_US:
         return peaks, []
-    moved = np.where(ok, front_us - np.median(front_us[ok]), 0.0)
-    near = neighbours(len(ok), positions_mm)
+    moved = np.where(ok, fronts.time_us - np.median(fronts.time_us[ok]), 0.0)
+    near = neighbours(len(ok), fronts.positions_mm)
     found: list[Track] = []
-    for way in (1.0, 2.0, -1.0):
-        still = replace(peaks, lag_us=peaks.lag_us - way * moved[:, None])
-        for track in follow(still, tree, band, ok, most=FOLLOWED):
-            back = replace(track, lag_us=track.lag_us + way * moved)
-            many = track.there.sum() > MOST_SCANS * ok.sum()
-            # evenly spaced multiples offer a peak near any place, but not always the same
-            around = predicted(track.lag_us, track.there, near, positions_mm)
-            off = np.abs(track.lag_us - around)[track.there & np.isfinite(around)]
-            many = many and float((off < NEAR * band.length_us).mean()) > STEADY
-            if many and is_foreign(
-                back, front_us, ok, start_known, band, positions_mm, delay_us, cut
-            ):
-                found.append(back)
-                gone = np.abs(peaks.lag_us - back.lag_us[:, None]) < NEAR * band.length_us
-                gone &= track.there[:, None]
-                peaks = replace(peaks, level=np.where(gone, 0.0, peaks.level))
+    for slope in (1.0, 2.0, -1.0):
+        shifted = replace(peaks, lag_us=peaks.lag_us - slope * moved[:, None])
+        for track in follow(shifted, tree, band, ok, most=FOLLOWED):
+            echo = replace(track, lag_us=track.lag_us + slope * moved)
+            if not _is_followed(track, near, fronts) or not is_reverberation(echo, fronts):
+                continue
+            found.append(echo)
+            gone = np.abs(peaks.lag_us - echo.lag_us[:, None]) < NEAR * band.length_us
+            gone &= track.present[:, None]
+            peaks = replace(peaks, level=np.where(gone, 0.0, peaks.level))
     return peaks, found
+
+
+def _is_followed(track: Track, near: Ints, fronts: FrontArrivals) -> bool:
+    """Return whether a shifted echo is in enough scans, and smooth from scan to scan.
+
+    Evenly spaced multiples offer a peak near any place, but not always the same.
+    """
+    around = predicted(track.lag_us, track.present, near, fronts.positions_mm)
+    off = np.abs(track.lag_us - around)[track.present & np.isfinite(around)]
+    many = bool(track.present.sum() > MOST_SCANS * fronts.ok.sum())
+    return many and float((off < NEAR * fronts.band.length_us).mean()) > STEADY
 
 
 def _tilts_alike(lag: Floats, front: Floats, start_known: bool) -> bool:
     """Return whether an echo stands still where the front moves far, if but along a plane."""
-    if start_known or spread(front) < FAR_US:
+    if start_known or robust_sd(front) < FAR_US:
         return False
-    return any(spread(lag - way * front) < LEFT_FAR * spread(lag) for way in (-1.0, 1.0))
+    return any(robust_sd(lag - way * front) < LEFT_FAR * robust_sd(lag) for way in (-1.0, 1.0))
 
 
 def _slips(front: Floats, band: Band) -> bool:
@@ -161,7 +154,7 @@ def _slips(front: Floats, band: Band) -> bool:
     return float(whole.mean()) > SLIPPED and bool((np.abs(cycles) > 0.5).any())
 
 
-def bent(values: Floats, place: Floats) -> Floats:
+def plane_residuals(values: Floats, place: Floats) -> Floats:
     """Return what is left of values (n,) about a plane of least absolute deviation over places."""
     centred = place - place.mean(axis=0)
     design = np.column_stack((np.ones(len(values)), centred / max(np.abs(centred).max(), 1e-9)))
@@ -172,9 +165,9 @@ def bent(values: Floats, place: Floats) -> Floats:
     return left
 
 
-def spread(values: Floats) -> float:
+def robust_sd(values: Floats) -> float:
     """Return the robust standard deviation of values (n,)."""
-    return 1.4826 * float(np.median(np.abs(values - np.median(values))))
+    return mad_sigma(values, center=float(np.median(values)))
 
 
 def _slope(x: Floats, y: Floats) -> float:
@@ -186,5 +179,5 @@ def _slope(x: Floats, y: Floats) -> float:
         slope = float((dx * dy).sum() / max(float((dx**2).sum()), 1e-12))
         left = y - slope * x
         left = left - np.median(left[kept])
-        kept = np.abs(left) <= max(3.0 * spread(left), 1e-6)
+        kept = np.abs(left) <= max(3.0 * robust_sd(left), 1e-6)
     return slope

@@ -21,7 +21,7 @@ class Aligned:
 
     at_us: Floats  # (n,) from the first sample of the line, one point of the waveform
     level: Floats  # (n,) amplitude over the mean
-    likeness: Floats  # (n,) correlation with the mean, -1 to 1
+    correlation: Floats  # (n,) correlation with the mean, -1 to 1
     spectrum: Complexes  # (f,) of the mean, its time 0 at that point
     frequencies_mhz: Floats  # (f,)
 
@@ -98,8 +98,8 @@ def locate_echoes(
         cross = spectra * np.conj(mean)
         shift, peak = _lags(cross, sampling_mhz, band, around - reach, around + reach)
         at = whole + shift
-    likeness: Floats = peak / (norms * float(np.sqrt(power)))
-    return Aligned(at / sampling_mhz, peak / power, likeness, mean, template.frequencies_mhz)
+    correlation: Floats = peak / (norms * float(np.sqrt(power)))
+    return Aligned(at / sampling_mhz, peak / power, correlation, mean, template.frequencies_mhz)
 
 
 def window_frequencies(sampling_mhz: float, band: Band) -> Floats:
@@ -131,11 +131,11 @@ def _reference(spectra: Complexes, used: Bools, norms: Floats) -> Complexes:
     rows = np.flatnonzero(used) if used.any() else np.arange(len(spectra))
     rows = rows[np.linspace(0, len(rows) - 1, min(REFERENCES, len(rows))).astype(int)]
     some = spectra[rows] / np.maximum(norms[rows], TINY)[:, None]
-    likeness = [
+    correlations = [
         np.sort(np.fft.ifft(some * np.conj(one), axis=1).real.max(axis=1))[len(rows) // 2]
         for one in some
     ]
-    best = rows[int(np.argmax(likeness))]
+    best = rows[int(np.argmax(correlations))]
     return spectra[best] * float(np.median(norms[rows]) / max(norms[best], TINY))
 
 

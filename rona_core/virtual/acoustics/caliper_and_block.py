@@ -43,7 +43,9 @@ class VirtualBench:
         random = rng(self._scene.seed, "caliper", self._ordinal, 0)
         return true_mm + random.normal(0.0, CALIPER_SIGMA_MM, len(true_mm)), CALIPER_SIGMA_MM
 
-    def shoot_block(self, settings: ProbeSettings, temperature_c: float, n: int) -> AScanTrack:
+    def record_reference_block(
+        self, settings: ProbeSettings, temperature_c: float, n: int
+    ) -> AScanTrack:
         """Return ``n`` A-scans of the probe at rest on a steel block, its line this warm."""
         warm = replace(settings, line_temperature_c=temperature_c)
         self._block += 1

@@ -1,4 +1,4 @@
-"""The virtual hand with the SonoPointer: it turns it in a bush, and slides its face over the bone.
+"""Virtual operator with the tracked probe: rotation in a bush, scan over the bone.
 
 A hand holds a probe worse than a robot does: it leans by a few degrees, and presses it into its
 delay line now more, now less.
@@ -8,9 +8,20 @@ import numpy as np
 from scipy.interpolate import CubicSpline
 
 from rona_core.geometry.arrays import Floats, Vector3
-from rona_core.virtual.operator.scan_curves import along_curve, meander
-from rona_core.virtual.operator.strokes import leaned, lowered, tangents
-from rona_core.virtual.pointer_motion import TILT_HZ, WANDER_HZ, Sway, progress_of
+from rona_core.virtual.operator.hand_trajectories import (
+    points_along,
+    project_onto_bone,
+    raster_curve,
+    tangent_axes,
+    tilted,
+)
+from rona_core.virtual.pointer_motion import (
+    TILT_HZ,
+    WANDER_HZ,
+    BandLimitedNoise,
+    TipTrajectory,
+    motion_progress,
+)
 from rona_core.virtual.scene import VirtualScene
 
 PLAY_MM = 0.05  # of the probe in its bush, RMS along each axis
@@ -23,37 +34,35 @@ PRESSED_MM = (0.0, 1.5)  # into the delay line
 PRESSED_RMS_MM = 0.35
 SEATED_HZ = 20.0  # how often the hand feels how the bone lies
 
-Led = tuple[Floats, Floats, Floats | None]  # tips (n, 3), shafts (n, 3), rolls (n,)
 
-
-def in_bush(
+def rotation_in_bush(
     place: Vector3,
     axis: Vector3,
     half_turn_rad: float,
     times: Floats,
     generator: np.random.Generator,
-) -> Led:
+) -> TipTrajectory:
     """Return the probe turned to and fro about an axis (3,) through a place (3,), with some play.
 
     The play is what the bush leaves: the axis wanders in it while the hand turns.
     """
-    x, y, z = tangents(axis, np.eye(3)[np.argmin(np.abs(axis))])
-    share = progress_of(times, generator)
+    x, y, z = tangent_axes(axis, np.eye(3)[np.argmin(np.abs(axis))])
+    share = motion_progress(times, generator)
     swings = max(2.0, round(float(times[-1]) / SWING_S))
     rolls = half_turn_rad * np.sin(2.0 * np.pi * swings * share)
-    tips = place + Sway.draw(generator, WANDER_HZ, PLAY_MM, 3).at(times)
-    play = Sway.draw(generator, WANDER_HZ, PLAY_RAD, 2).at(times)
-    shafts = leaned(np.broadcast_to(z, tips.shape), x, y, play)
-    return tips, shafts, rolls
+    tips = place + BandLimitedNoise.draw(generator, WANDER_HZ, PLAY_MM, 3).at(times)
+    play = BandLimitedNoise.draw(generator, WANDER_HZ, PLAY_RAD, 2).at(times)
+    shafts = tilted(np.broadcast_to(z, tips.shape), x, y, play)
+    return TipTrajectory(times, tips, shafts, rolls)
 
 
-def slide(
+def slide_over_region(
     scene: VirtualScene,
     times: Floats,
     generator: np.random.Generator,
     spacing_mm: float,
     shake: Floats,
-) -> Led:
+) -> TipTrajectory:
     """Return the face slid over the region in lines, pressed on, nearly upright on the bone.
 
     Args:
@@ -67,20 +76,20 @@ def slide(
         InvalidInputError: too many or too few lines, or the bone has large holes.
     """
     center, normal, radius_mm = scene.region_base()
-    curve = meander(radius_mm + RIM_MM, spacing_mm)
-    aim = along_curve(curve, progress_of(times, generator)) + shake
-    x, y, z = tangents(normal, scene.T_base_tracker.translation - center)
+    curve = raster_curve(radius_mm + RIM_MM, spacing_mm)
+    aim = points_along(curve, motion_progress(times, generator)) + shake
+    x, y, z = tangent_axes(normal, scene.T_base_tracker.translation - center)
     points = center + aim[:, :1] * x + aim[:, 1:] * y
-    seats = lowered(scene, times, points, np.broadcast_to(z, points.shape))
+    seats = project_onto_bone(scene, times, points, np.broadcast_to(z, points.shape))
     outward = _normals(scene, times, seats)
-    x, y, _ = tangents(outward, scene.T_base_tracker.translation - seats)
-    tilt = Sway.draw(generator, TILT_HZ, PROBE_TILT_RAD, 2).at(times)
+    x, y, _ = tangent_axes(outward, scene.T_base_tracker.translation - seats)
+    tilt = BandLimitedNoise.draw(generator, TILT_HZ, PROBE_TILT_RAD, 2).at(times)
     size = np.linalg.norm(tilt, axis=1)
     tilt *= (np.minimum(size, MOST_TILT_RAD) / np.maximum(size, 1e-9))[:, None]
-    shafts = leaned(outward, x, y, tilt)
-    swing = Sway.draw(generator, WANDER_HZ, PRESSED_RMS_MM, 1).at(times)
+    shafts = tilted(outward, x, y, tilt)
+    swing = BandLimitedNoise.draw(generator, WANDER_HZ, PRESSED_RMS_MM, 1).at(times)
     pressed = np.clip(np.mean(PRESSED_MM) + swing, *PRESSED_MM)
-    return seats - pressed * shafts, shafts, None
+    return TipTrajectory(times, seats - pressed * shafts, shafts)
 
 
 def _normals(scene: VirtualScene, times: Floats, points_base: Floats) -> Floats:

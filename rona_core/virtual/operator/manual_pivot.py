@@ -1,4 +1,4 @@
-"""A pointer that somebody turns about its resting tip while the capture runs."""
+"""Manual pivot: a pointer that a user turns about its resting tip during a capture."""
 
 import threading
 
@@ -7,20 +7,20 @@ from scipy.spatial.transform import Rotation
 
 from rona_core.geometry.arrays import Floats
 from rona_core.geometry.pose import Pose
-from rona_core.virtual.pointer_motion import HandMotion, Sway
+from rona_core.virtual.pointer_motion import BandLimitedNoise, HandMotion
 
 FOLLOW_S = 0.08  # how far a hand lags behind what it is told
 MAX_TURN_RAD_S = np.deg2rad(120.0)
 
 
-class HandTurn:
+class ManualPivot:
     """The rest pose of a pointer, turned about its tip towards what the hand was told last.
 
     A rotation is relative to the pose at the start of the capture, along the axes of ``base``. The
     hand follows smoothly, at a bounded angular speed. What was asked for once stays as it was.
     """
 
-    def __init__(self, rest: HandMotion, tremor: Sway) -> None:
+    def __init__(self, rest: HandMotion, tremor: BandLimitedNoise) -> None:
         """Start from ``rest``; ``tremor`` are angles in rad about the axes of ``base``."""
         self.pointer = rest.pointer
         self.duration_s = rest.duration_s
@@ -72,11 +72,15 @@ class HandTurn:
         last_s, last = self._times_s[-1], self._turns[-1]
         if time_s <= last_s:
             return self._past(time_s)
-        way = (self._wanted * last.inv()).as_rotvec()
-        angle = float(np.linalg.norm(way))
+        rotation_vector = (self._wanted * last.inv()).as_rotvec()
+        angle = float(np.linalg.norm(rotation_vector))
         passed_s = time_s - last_s
         going = min(angle * -np.expm1(-passed_s / FOLLOW_S), MAX_TURN_RAD_S * passed_s)
-        now = last if angle < 1e-12 else Rotation.from_rotvec(way * (going / angle)) * last
+        now = (
+            last
+            if angle < 1e-12
+            else Rotation.from_rotvec(rotation_vector * (going / angle)) * last
+        )
         self._times_s.append(time_s)
         self._turns.append(now)
         return now
@@ -87,6 +91,6 @@ class HandTurn:
         if after == 0 or self._times_s[after] == time_s:
             return self._turns[after]
         before_s, after_s = self._times_s[after - 1], self._times_s[after]
-        way = (self._turns[after] * self._turns[after - 1].inv()).as_rotvec()
+        rotation_vector = (self._turns[after] * self._turns[after - 1].inv()).as_rotvec()
         share = (time_s - before_s) / (after_s - before_s)
-        return Rotation.from_rotvec(share * way) * self._turns[after - 1]
+        return Rotation.from_rotvec(share * rotation_vector) * self._turns[after - 1]

@@ -1,4 +1,4 @@
-"""The virtual hand: it pivots the pointer, and slides its tip over the real bone with a tremor."""
+"""Virtual operator: pivots the pointer and slides its tip over the bone, with tremor."""
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -9,19 +9,26 @@ from rona_core.geometry.arrays import Floats, Vector3, as_floats, as_points
 from rona_core.geometry.pose import Pose
 from rona_core.virtual.clock import CaptureClock
 from rona_core.virtual.noise import rng
-from rona_core.virtual.operator.handheld_probe import in_bush, slide
-from rona_core.virtual.operator.manual_pivot import HandTurn
-from rona_core.virtual.operator.scan_curves import along_curve, meander, through
-from rona_core.virtual.operator.strokes import leaned, lowered, tangents
+from rona_core.virtual.operator.hand_trajectories import (
+    interpolating_curve,
+    points_along,
+    project_onto_bone,
+    raster_curve,
+    tangent_axes,
+    tilted,
+)
+from rona_core.virtual.operator.handheld_probe import rotation_in_bush, slide_over_region
+from rona_core.virtual.operator.manual_pivot import ManualPivot
 from rona_core.virtual.pointer_motion import (
     TILT_HZ,
     TREMOR_HZ,
     TREMOR_MM,
     WANDER_HZ,
     WANDER_MM,
+    BandLimitedNoise,
     HandMotion,
-    Sway,
-    progress_of,
+    TipTrajectory,
+    motion_progress,
     sample_times_s,
 )
 from rona_core.virtual.scene import VirtualScene
@@ -51,7 +58,7 @@ class VirtualOperator:
         self._speeds: tuple[float | None, ...] = ()  # of the clock before it was slowed down
         self._pointer = "pointer6d"
         self._ordinal = 0
-        self._motion: HandMotion | HandTurn | None = None
+        self._motion: HandMotion | ManualPivot | None = None
 
     def begin(self, scene: VirtualScene, settings: DeviceSettings, ordinal: int) -> None:
         """Lay the pointer aside and get ready for capture number ``ordinal``."""
@@ -60,7 +67,7 @@ class VirtualOperator:
         self._motion = None
         self._at_usual_speed()
 
-    def motion(self) -> HandMotion | HandTurn | None:
+    def motion(self) -> HandMotion | ManualPivot | None:
         """Return the motion that has been prepared, or None while the pointer lies aside."""
         return self._motion
 
@@ -78,16 +85,16 @@ class VirtualOperator:
         _check("duration_s", duration_s, DURATION_S)
         generator = self._generator()
         times = sample_times_s(duration_s)
-        share = progress_of(times, generator)
-        tremor = Sway.draw(generator, TREMOR_HZ, SHAFT_TREMOR_RAD, 2).at(times)
+        share = motion_progress(times, generator)
+        tremor = BandLimitedNoise.draw(generator, TREMOR_HZ, SHAFT_TREMOR_RAD, 2).at(times)
         angle = np.deg2rad(cone_deg) * np.sin(np.pi * share)
         turns = max(4.0, round(duration_s / 2.0))
         around = 2.0 * np.pi * turns * share + generator.uniform(0.0, 2.0 * np.pi)
         tip = self._scene.dimple_base
-        x, y, z = tangents(self._pivot_axis(tip), self._sight(tip))
-        lean = angle[:, None] * np.column_stack((np.cos(around), np.sin(around))) + tremor
-        shafts = leaned(np.broadcast_to(z, (len(times), 3)), x, y, lean)
-        return self._prepare(times, np.broadcast_to(tip, shafts.shape), shafts)
+        x, y, z = tangent_axes(self._pivot_axis(tip), self._sight(tip))
+        tilt = angle[:, None] * np.column_stack((np.cos(around), np.sin(around))) + tremor
+        shafts = tilted(np.broadcast_to(z, (len(times), 3)), x, y, tilt)
+        return self._prepare(TipTrajectory(times, np.broadcast_to(tip, shafts.shape), shafts))
 
     def pivot_by_hand(self, *, duration_s: float) -> float:
         """Hold the tip in the dimple; the pointer turns about it as :meth:`turn` says.
@@ -99,12 +106,12 @@ class VirtualOperator:
             InvalidInputError: the duration is out of range.
         """
         _check("duration_s", duration_s, DURATION_S)
-        tremor = Sway.draw(self._generator(), TREMOR_HZ, SHAFT_TREMOR_RAD, 3)
+        tremor = BandLimitedNoise.draw(self._generator(), TREMOR_HZ, SHAFT_TREMOR_RAD, 3)
         tip = self._scene.dimple_base
         times = np.array((0.0, duration_s))
         axis = self._pivot_axis(tip)
-        rest = self._led(times, np.tile(tip, (2, 1)), np.tile(axis, (2, 1)))
-        self._motion = HandTurn(rest, tremor)
+        rest = self._motion_of(TipTrajectory(times, np.tile(tip, (2, 1)), np.tile(axis, (2, 1))))
+        self._motion = ManualPivot(rest, tremor)
         self._at_usual_speed()
         if self._clock is not None:
             self._speeds = (self._clock.speed,)
@@ -123,19 +130,19 @@ class VirtualOperator:
             raise InvalidInputError("wxyz must be a quaternion (4,) of length 1")
         turn_base = Pose.from_wxyz(q).rotation
         motion = self._motion
-        if not isinstance(motion, HandTurn) or motion.ended:
+        if not isinstance(motion, ManualPivot) or motion.ended:
             raise DeviceError("nobody pivots the pointer by hand: start StartPointerCapture so")
         motion.turn(turn_base)
 
     def finish(self) -> None:
         """End the pivoting by hand; does nothing if there is none."""
-        if isinstance(self._motion, HandTurn):
+        if isinstance(self._motion, ManualPivot):
             self._motion.end()
         self._at_usual_speed()
 
     def in_hand(self) -> bool:
         """Return whether somebody pivots the pointer by hand and has not finished."""
-        return isinstance(self._motion, HandTurn) and not self._motion.ended
+        return isinstance(self._motion, ManualPivot) and not self._motion.ended
 
     def sweep(self, *, duration_s: float) -> float:
         """Slide over the region and 12 mm beyond in lines 3 mm apart.
@@ -177,11 +184,11 @@ class VirtualOperator:
         generator = self._generator()
         times = sample_times_s(duration_s)
         normals = scene.T_base_skull.rotate(specimen.normal(touched))
-        both = through(np.column_stack((scene.T_base_skull @ touched, normals)))
-        followed = along_curve(both, progress_of(times, generator))
+        both = interpolating_curve(np.column_stack((scene.T_base_skull @ touched, normals)))
+        followed = points_along(both, motion_progress(times, generator))
         points = followed[:, :3]
         outward = followed[:, 3:] / np.linalg.norm(followed[:, 3:], axis=1)[:, None]
-        x, y, _ = tangents(outward, self._sight(points))
+        x, y, _ = tangent_axes(outward, self._sight(points))
         shake = self._shake(generator, times)
         points = points + shake[:, :1] * x + shake[:, 1:] * y
         return self._slide(generator, times, points, outward)
@@ -200,10 +207,10 @@ class VirtualOperator:
         _check("duration_s", duration_s, DURATION_S)
         axis = self._pivot_axis(self._scene.dimple_base)
         times = sample_times_s(duration_s)
-        turned = in_bush(
+        turned = rotation_in_bush(
             self._scene.dimple_base, axis, np.deg2rad(half_turn_deg), times, self._generator()
         )
-        return self._prepare(times, *turned)
+        return self._prepare(turned)
 
     def slide_probe(self, *, spacing_mm: float, duration_s: float) -> float:
         """Slide the face of the probe over the region in lines, pressed on and nearly upright.
@@ -214,7 +221,7 @@ class VirtualOperator:
         _check("duration_s", duration_s, DURATION_S)
         times, generator = sample_times_s(duration_s), self._generator()
         shake = self._shake(generator, times)
-        return self._prepare(times, *slide(self._scene, times, generator, spacing_mm, shake))
+        return self._prepare(slide_over_region(self._scene, times, generator, spacing_mm, shake))
 
     def _cover(
         self, radius_mm: float, edge_mm: float, spacing_mm: float, duration_s: float
@@ -224,15 +231,15 @@ class VirtualOperator:
         center, normal, _ = self._scene.region_base()
         generator = self._generator()
         times = sample_times_s(duration_s)
-        curve = meander(radius_mm - edge_mm, spacing_mm)
-        aim = along_curve(curve, progress_of(times, generator)) + self._shake(generator, times)
+        curve = raster_curve(radius_mm - edge_mm, spacing_mm)
+        aim = points_along(curve, motion_progress(times, generator)) + self._shake(generator, times)
         distance = np.linalg.norm(aim, axis=1)
         if edge_mm > 0.0:  # approach the rim ever more slowly instead of crossing it
             limit_mm, soft_mm = radius_mm - 0.05, edge_mm
             beyond = np.maximum(distance - (limit_mm - soft_mm), 0.0)
             held = np.minimum(distance, limit_mm - soft_mm) + soft_mm * np.tanh(beyond / soft_mm)
             aim = aim * (held / np.maximum(distance, 1e-9))[:, None]
-        x, y, z = tangents(normal, self._sight(center))
+        x, y, z = tangent_axes(normal, self._sight(center))
         points = center + aim[:, :1] * x + aim[:, 1:] * y
         return self._slide(generator, times, points, np.broadcast_to(z, points.shape))
 
@@ -240,43 +247,36 @@ class VirtualOperator:
         self, generator: np.random.Generator, times: Floats, points: Floats, outward: Floats
     ) -> float:
         """Bring points (n, 3) onto the bone along ``-outward`` and tilt the pointer over it."""
-        tips = lowered(self._scene, times, points, outward)
-        x, y, _ = tangents(outward, self._sight(points))
-        tilt = Sway.draw(generator, TILT_HZ, TILT_RMS_RAD, 2).at(times)
+        tips = project_onto_bone(self._scene, times, points, outward)
+        x, y, _ = tangent_axes(outward, self._sight(points))
+        tilt = BandLimitedNoise.draw(generator, TILT_HZ, TILT_RMS_RAD, 2).at(times)
         tilt[:, 0] -= MEAN_TILT_RAD  # x points to the tracker
         size = np.linalg.norm(tilt, axis=1)
         tilt *= (np.minimum(size, MAX_TILT_RAD) / np.maximum(size, 1e-9))[:, None]
-        return self._prepare(times, tips, leaned(outward, x, y, tilt))
+        return self._prepare(TipTrajectory(times, tips, tilted(outward, x, y, tilt)))
 
     def _at_usual_speed(self) -> None:
         speeds, self._speeds = self._speeds, ()
         if self._clock is not None and speeds:
             self._clock.speed = speeds[0]
 
-    def _prepare(
-        self, times: Floats, tips: Floats, shafts: Floats, rolls: Floats | None = None
-    ) -> float:
-        self._motion = self._led(times, tips, shafts, rolls)
+    def _prepare(self, trajectory: TipTrajectory) -> float:
+        self._motion = self._motion_of(trajectory)
         return self._motion.duration_s
 
-    def _led(
-        self, times: Floats, tips: Floats, shafts: Floats, rolls: Floats | None = None
-    ) -> HandMotion:
+    def _motion_of(self, trajectory: TipTrajectory) -> HandMotion:
         scene = self._scene
         return HandMotion(
             self._pointer,
             scene.tips[self._pointer],
             scene.T_base_tracker.translation,
-            times,
-            tips,
-            shafts,
+            trajectory,
             shaft_pointermarker=scene.shafts[self._pointer],
-            rolls_rad=rolls,
         )
 
     def _shake(self, generator: np.random.Generator, times: Floats) -> Floats:
-        tremor = Sway.draw(generator, TREMOR_HZ, TREMOR_MM, 2).at(times)
-        return tremor + Sway.draw(generator, WANDER_HZ, WANDER_MM, 2).at(times)
+        tremor = BandLimitedNoise.draw(generator, TREMOR_HZ, TREMOR_MM, 2).at(times)
+        return tremor + BandLimitedNoise.draw(generator, WANDER_HZ, WANDER_MM, 2).at(times)
 
     def _sight(self, points: Floats) -> Floats:
         """Return unit directions (..., 3) from points to the tracker."""
@@ -286,7 +286,7 @@ class VirtualOperator:
     def _pivot_axis(self, tip: Vector3) -> Vector3:
         """Return a direction near the vertical that leaves the markers well in view."""
         sight = self._sight(tip)
-        x, _, _ = tangents(sight, np.array((0.0, 0.0, 1.0)))
+        x, _, _ = tangent_axes(sight, np.array((0.0, 0.0, 1.0)))
         return np.cos(PIVOT_FROM_SIGHT_RAD) * sight + np.sin(PIVOT_FROM_SIGHT_RAD) * x
 
     def _generator(self) -> np.random.Generator:

@@ -1,4 +1,4 @@
-"""How far the virtual robot's tip is from where its encoders say: the truth of its accuracy.
+"""Accuracy error of the virtual robot: systematic field, repeatability and tool tilt.
 
 Three parts: a smooth systematic field over the workspace (what calibration of the arm would
 remove), a small new deviation with every motion (repeatability), and a tilt of the tool.

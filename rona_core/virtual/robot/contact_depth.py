@@ -1,4 +1,4 @@
-"""How deep the probe is really pressed in: the true bone before the true face, robot error and all.
+"""Contact depth of the probe: true bone against the true probe face, robot error included.
 
 The bone does not give way, the delay line does. So the depth is that of the face of the
 uncompressed line under the true surface, along the probe's axis, which is the stand-off that the
@@ -10,7 +10,7 @@ import numpy as np
 from rona_core.geometry.arrays import Floats
 from rona_core.geometry.pose import Poses
 from rona_core.robot.kinematics.robot_model import RobotModel
-from rona_core.virtual.robot.corrected_motion import GuidedCourse
+from rona_core.virtual.robot.corrected_motion import CorrectedMotion
 from rona_core.virtual.scene import VirtualScene
 from rona_core.virtual.true_tool_poses import error_key
 
@@ -18,16 +18,16 @@ BEFORE_MM = 60.0  # rays start this far before the face
 FAR_MM = 1e3  # depth of nothing: a gap
 
 
-class VirtualTouch:
+class ContactDepth:
     """Depths along one guided motion, for one capture."""
 
     def __init__(self, scene: VirtualScene, model: RobotModel, ordinal: int) -> None:
         """Look at this scene."""
         self._scene, self._model, self._ordinal = scene, model, ordinal
-        self._course: GuidedCourse | None = None
+        self._course: CorrectedMotion | None = None
         self._shifts: dict[int, Floats] = {}
 
-    def depths_mm(self, course: GuidedCourse | None, times_s: Floats) -> Floats:
+    def depths_mm(self, course: CorrectedMotion | None, times_s: Floats) -> Floats:
         """Return how deep (n,) the face is pressed in at times of the capture; negative: a gap."""
         if course is None:
             return np.full(len(times_s), -FAR_MM)
@@ -40,7 +40,7 @@ class VirtualTouch:
         shift = self._shift(error_key(float(times_s[-1])), reached[-1], course)
         return travels - gaps + float(shift @ axis)
 
-    def _look_along(self, course: GuidedCourse) -> None:
+    def _look_along(self, course: CorrectedMotion) -> None:
         """Cast a ray for every sample of the motion without correction, all at once."""
         middle = int(np.argmin(np.abs(course.travels_mm)))
         T_tip_probe = self._model.T_flange_tip.inv() @ self._model.T_flange_probe
@@ -61,7 +61,7 @@ class VirtualTouch:
     def _systematic_mm(self, points_base: Floats) -> Floats:
         return self._scene.robot_error.systematic_mm(points_base)
 
-    def _shift(self, key: int, reached_s: float, course: GuidedCourse) -> Floats:
+    def _shift(self, key: int, reached_s: float, course: CorrectedMotion) -> Floats:
         """Return the part (3,) of the robot's error that changes with every motion."""
         if key not in self._shifts:
             tip = self._tips_base[int(np.searchsorted(course.motion_times_s, reached_s))]

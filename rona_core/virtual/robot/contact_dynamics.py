@@ -1,4 +1,4 @@
-"""The virtual contact: a spring with some damping before a surface, felt through a filter.
+"""Contact dynamics: Kelvin-Voigt spring, sensor filter and lag of the corrected axis.
 
 Between two steps of the control loop the robot and the sensor are linear, so their states are
 carried on in closed form; force is looked at every millisecond, because it cannot pull.
@@ -51,10 +51,10 @@ class LaggingAxis:
         travel, speed, commanded = self._knots[i]
         if i == 0:
             return travel, speed
-        passed = time_s - self._times[i]
-        fading = np.exp(-passed / self.lag_s)
-        way = commanded * passed + (speed - commanded) * self.lag_s * (1.0 - fading)
-        return travel + float(way), float(commanded + (speed - commanded) * fading)
+        elapsed = time_s - self._times[i]
+        decay = np.exp(-elapsed / self.lag_s)
+        moved_mm = commanded * elapsed + (speed - commanded) * self.lag_s * (1.0 - decay)
+        return travel + float(moved_mm), float(commanded + (speed - commanded) * decay)
 
 
 class ContactSpring:

@@ -1,4 +1,4 @@
-"""A course of the virtual robot that is corrected along the tool axis while it is driven."""
+"""Corrected motion of the virtual robot: a share of its speed, corrections along the tool axis."""
 
 import numpy as np
 
@@ -7,7 +7,7 @@ from rona_core.geometry.arrays import Floats
 from rona_core.virtual.robot.contact_dynamics import LaggingAxis
 
 
-class GuidedCourse:
+class CorrectedMotion:
     """Joint angles over time: a motion driven at some share of its speed, with a correction.
 
     What was commanded until now fixes the whole past, so any earlier time may be asked for.
@@ -81,7 +81,7 @@ class GuidedCourse:
 class VirtualGuidedMotion:
     """Satisfies ``devices.protocols.GuidedMotion``."""
 
-    def __init__(self, course: GuidedCourse, clock: Clock, latency_s: float) -> None:
+    def __init__(self, course: CorrectedMotion, clock: Clock, latency_s: float) -> None:
         self._course, self._clock, self._latency_s = course, clock, latency_s
 
     def done(self) -> bool:

@@ -1,4 +1,4 @@
-"""The virtual force sensor: weight, touch and offset, with noise, in the steps of its converter."""
+"""Virtual force sensor: gravity, contact force, offset, drift, noise and quantisation."""
 
 from collections.abc import Callable
 

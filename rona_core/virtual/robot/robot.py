@@ -1,4 +1,4 @@
-"""The virtual robot: its motion is a pure function of the capture's clock."""
+"""Virtual robot: joint angles as a pure function of the capture's clock."""
 
 import threading
 from dataclasses import dataclass
@@ -14,7 +14,7 @@ from rona_core.geometry.arrays import Floats, as_floats, readonly
 from rona_core.robot.kinematics.robot_model import RobotModel
 from rona_core.robot.kinematics.spherical_wrist import as_joints
 from rona_core.virtual.robot.contact_dynamics import LaggingAxis
-from rona_core.virtual.robot.corrected_motion import GuidedCourse, VirtualGuidedMotion
+from rona_core.virtual.robot.corrected_motion import CorrectedMotion, VirtualGuidedMotion
 
 START_TOLERANCE_RAD = float(np.deg2rad(0.5))  # a motion must start where the robot stands
 SPEED_SLACK, ROUNDING_RAD = 1.001, 1e-9  # rounding that is forgiven
@@ -67,7 +67,7 @@ class VirtualRobot:
         self._lock = threading.RLock()
         self._closed = False
         self._settings = RobotSettings(latency_ms=0.0)
-        self._course: _Course | GuidedCourse = _standing(model.home_rad)
+        self._course: _Course | CorrectedMotion = _standing(model.home_rad)
 
     def begin(self, settings: RobotSettings, ordinal: int) -> None:
         """Stand still where the robot is, at time 0 of capture number ``ordinal``.
@@ -141,15 +141,15 @@ class VirtualRobot:
                 self._refuse_limits(qs[:, level])
             limit_mm = float(min(-travels[0], travels[-1]))
             axis = LaggingAxis(contact.delay_ms / 1000.0, contact.lag_ms / 1000.0, limit_mm)
-            course = GuidedCourse(now_s, times, qs, travels, axis)
+            course = CorrectedMotion(now_s, times, qs, travels, axis)
             self._course = course
             return VirtualGuidedMotion(course, self._clock, self._settings.latency_ms / 1000.0)
 
     @property
-    def guided(self) -> GuidedCourse | None:
+    def guided(self) -> CorrectedMotion | None:
         """The course that is corrected along the tool axis, None while there is none."""
         course = self._course
-        return course if isinstance(course, GuidedCourse) else None
+        return course if isinstance(course, CorrectedMotion) else None
 
     def place(self, q_rad: ArrayLike) -> None:
         """Stand at these joint angles (6,), as if driven there before the capture.

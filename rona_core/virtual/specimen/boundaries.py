@@ -1,4 +1,4 @@
-"""What every specimen can be asked: where its four boundaries lie. Frame ``skull``, millimetres."""
+"""Interface of a specimen: its four boundaries in the frame ``skull``, in millimetres."""
 
 from dataclasses import dataclass
 from typing import Literal, Protocol

@@ -1,4 +1,4 @@
-"""Cubic B-splines on a regular grid: the weights of the four nodes around a place."""
+"""Cubic B-splines on a regular grid: weights of the four nodes around a place."""
 
 import numpy as np
 from scipy.ndimage import map_coordinates, spline_filter

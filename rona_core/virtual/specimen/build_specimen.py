@@ -25,6 +25,8 @@ def build_specimen(
 ) -> Specimen:
     """Return the specimen of a session; the same arguments give the same one.
 
+    Up to four are kept and shared. What one computes on demand it keeps, and never changes.
+
     Args:
         choice: What is scanned.
         seed: Of the session; which simulated patient.

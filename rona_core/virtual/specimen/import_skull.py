@@ -98,16 +98,37 @@ def import_skull(
         choice = _place_at(coarse, chosen)
     if freed is not None:
         freed.require_whole(choice.center_skull, radius_mm)
+    draft = _draft(source, coarse, choice, float(radius_mm), step)
+    result = _settle(
+        replace(
+            draft,
+            name=paths[0].name,
+            sha256=tuple(map(_sha256, paths)),
+            threshold=threshold,
+        )
+    )
+    step(1.0)
+    return result
+
+
+def _draft(
+    source: BoneVolume | BoneMesh,
+    coarse: CoarseBone,
+    choice: Choice,
+    radius_mm: float,
+    step: Callable[[float], None],
+) -> LoadedSkull:
+    """Return the skull with its distance field and its mesh, still without name and thickness."""
     grid = grid_about(choice.center_skull, choice.outward_skull, radius_mm)
     distance, smoothing_mm = _distance(source, grid)
     step(0.8)
     vertices, faces = display_mesh(coarse)
     step(0.95)
-    draft = LoadedSkull(
-        name=paths[0].name,
+    return LoadedSkull(
+        name="",
         kind=_kind(source),
-        sha256=tuple(map(_sha256, paths)),
-        threshold=threshold,
+        sha256=(),
+        threshold=None,
         smoothing_mm=smoothing_mm,
         distance_um=as_micrometres(distance),
         spacing_mm=grid.spacing_mm,
@@ -117,12 +138,9 @@ def import_skull(
         mesh_faces=faces.astype(np.int32),
         center_skull=choice.center_skull,
         normal_skull=choice.outward_skull,
-        radius_mm=float(radius_mm),
+        radius_mm=radius_mm,
         mean_thickness_mm=0.0,
     )
-    result = _settle(draft)
-    step(1.0)
-    return result
 
 
 def _sha256(path: Path) -> str:
@@ -258,8 +276,8 @@ def _settle(draft: LoadedSkull) -> LoadedSkull:
     t = specimen.ray(o, d)
     points = o[np.isfinite(t)] + t[np.isfinite(t), None] * d[np.isfinite(t)]
     thickness = specimen.thickness(points, -specimen.normal(points))
-    there = np.isfinite(thickness)
-    share = float(there.sum()) / len(lattice)
+    valid = np.isfinite(thickness)
+    share = float(valid.sum()) / len(lattice)
     if share < WHOLE:
         raise InvalidInputError(
             f"only {share:.0%} of the disc about {region.center_skull.round(1).tolist()} is bone "
@@ -269,5 +287,5 @@ def _settle(draft: LoadedSkull) -> LoadedSkull:
         draft,
         center_skull=readonly(region.center_skull.copy()),
         normal_skull=readonly(region.normal_skull.copy()),
-        mean_thickness_mm=float(thickness[there].mean()),
+        mean_thickness_mm=float(thickness[valid].mean()),
     )

@@ -1,4 +1,4 @@
-"""Find where rays first enter something whose distance can be bounded: safe steps, then a root."""
+"""Sphere tracing: first entry of rays into a body of bounded distance."""
 
 from collections.abc import Callable
 

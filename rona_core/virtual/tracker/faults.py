@@ -1,15 +1,15 @@
-"""What goes wrong with an optical tracker now and then, as pure functions of seed and frame."""
+"""Faults of an optical tracker: dropped frames, warm-up drift and ghost solutions."""
 
 import numpy as np
 
 from rona_core.devices.marker_geometry import MarkerGeometry
 from rona_core.devices.settings import TrackerSettings
-from rona_core.geometry.arrays import Vector3
+from rona_core.geometry.arrays import Vector3, readonly
 from rona_core.virtual.noise import rng
 
 WARM_UP_MIN = 14.0  # time constant: after three of them, 42 minutes, a twentieth is left
 CAPTURE_MIN = 3.0  # from the start of one capture to that of the next
-NO_DRIFT = np.zeros(3)
+NO_DRIFT = readonly(np.zeros(3))
 
 
 def dropped(settings: TrackerSettings, seed: int, ordinal: int, number: int) -> bool:
@@ -33,8 +33,8 @@ def drift_mm(settings: TrackerSettings, seed: int, ordinal: int, time_s: float) 
     if settings.drift_mm <= 0.0:
         return NO_DRIFT
     direction = rng(seed, "tracker-drift", 0, 0).normal(0.0, (1.0, 1.0, settings.depth_ratio))
-    left = np.exp(-minutes_on(settings, ordinal, time_s) / WARM_UP_MIN)
-    return settings.drift_mm * left * direction / np.linalg.norm(direction)
+    remaining = np.exp(-minutes_on(settings, ordinal, time_s) / WARM_UP_MIN)
+    return settings.drift_mm * remaining * direction / np.linalg.norm(direction)
 
 
 def swapped_markers(

@@ -1,4 +1,4 @@
-"""Robot and tool as a few capsules: cheap bounds of what stands in a line of sight.
+"""Capsules of robot and tool: cheap bounds for the occlusion test.
 
 They lie within the drawn solids of ``shape.py``, so that nothing is hidden by air.
 """

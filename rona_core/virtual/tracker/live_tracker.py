@@ -1,17 +1,17 @@
-"""The virtual tracker between captures: real time, and pointers that a hand put somewhere."""
+"""Virtual tracker between captures: real time, with pointers placed by hand."""
 
 import threading
 import time
 from collections.abc import Callable
 
-from rona_core.devices.marker_geometry import GEOMETRIES
+from rona_core.devices.marker_geometry import GEOMETRIES, MarkerGeometry
 from rona_core.devices.samples import ToolSample, TrackerFrame
 from rona_core.devices.settings import TOOLS, TrackerSettings
 from rona_core.errors import DeviceError, NotFoundError
 from rona_core.geometry.pose import Pose
 from rona_core.virtual.noise import rng
 from rona_core.virtual.tracker.faults import drift_mm, dropped, swapped_markers
-from rona_core.virtual.tracker.tracker import Clear, as_sample, observe
+from rona_core.virtual.tracker.tracker import Clear, ViewConditions, sample_tool
 
 
 class VirtualLiveTracker:
@@ -68,26 +68,18 @@ class VirtualLiveTracker:
             placed = dict(self._placed)
         generator = rng(self._seed, "live tracker", 0, number)
         drift = drift_mm(settings, self._seed, 0, number / settings.rate_hz)
-        hides = self._clear if settings.occlusion else None
+        visible = self._clear if settings.occlusion else None
+
+        def conditions(geometry: MarkerGeometry, pose: Pose) -> ViewConditions:
+            return ViewConditions(
+                clear=None if visible is None else visible(geometry.tool, pose, 0.0),
+                drift=drift,
+                swapped=swapped_markers(settings, geometry, self._seed, 0, number),
+            )
+
         samples: list[ToolSample] = []
         for tool in TOOLS:
-            geometry = GEOMETRIES[tool]
-            white = generator.standard_normal(geometry.positions_marker.shape)
+            white = generator.standard_normal(GEOMETRIES[tool].positions_marker.shape)
             pose = self._fixed[tool]() if tool in self._fixed else placed.get(tool)
-            if tool in settings.hidden_tools:
-                samples.append(ToolSample(tool, "covered"))
-            elif pose is None:
-                samples.append(ToolSample(tool, "out_of_view"))
-            else:
-                seen = observe(
-                    geometry,
-                    pose,
-                    white,
-                    settings,
-                    self._seed,
-                    clear=None if hides is None else hides(tool, pose, 0.0),
-                    drift=drift,
-                    swapped=swapped_markers(settings, geometry, self._seed, 0, number),
-                )
-                samples.append(as_sample(tool, seen))
+            samples.append(sample_tool(tool, pose, white, settings, self._seed, conditions))
         return TrackerFrame(number, number / settings.rate_hz, tuple(samples))

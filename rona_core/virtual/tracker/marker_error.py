@@ -1,4 +1,4 @@
-"""How wrong the virtual tracker sees single markers: a smooth fixed field and white noise."""
+"""Marker error of the virtual tracker: a smooth fixed field and white noise."""
 
 from dataclasses import dataclass
 from functools import lru_cache

@@ -1,4 +1,4 @@
-"""Pose of a tracked tool from measured markers, as the tracker's own firmware finds it."""
+"""Pose fit of a tracked tool from measured markers, as the tracker's firmware does it."""
 
 from dataclasses import dataclass
 

@@ -1,4 +1,4 @@
-"""What stands between a marker and the cameras: the head, the robot, the hand on the pointer.
+"""Occlusion of markers by head, robot and hand, for both cameras.
 
 A marker counts only if both cameras see it, as a position takes two of them.
 """
@@ -9,14 +9,14 @@ from dataclasses import dataclass
 import numpy as np
 
 from rona_core.devices.marker_geometry import GEOMETRIES
-from rona_core.geometry.arrays import Bools, Floats
+from rona_core.geometry.arrays import Bools, Floats, readonly
 from rona_core.geometry.pose import Pose
 from rona_core.robot.kinematics.robot_model import RobotModel
 from rona_core.surface.raycast import MeshRaycaster
 from rona_core.virtual.scene import VirtualScene
 from rona_core.virtual.tracker.line_of_sight_capsules import Capsules, link_capsules
 
-CAMERAS_TRACKER = np.array(((-240.0, 0.0, 0.0), (240.0, 0.0, 0.0)))
+CAMERAS_TRACKER = readonly(np.array(((-240.0, 0.0, 0.0), (240.0, 0.0, 0.0))))
 MARKER_MM = 8.0  # a line of sight ends this far before the middle of the marker
 HAND_FROM_TIP_MM = (50.0, 110.0)  # where the hand holds a pointer, along its shaft
 HAND_RADIUS_MM = 30.0
@@ -60,7 +60,7 @@ class LinesOfSight:
         rays = self._rays.get(tool)
         if rays is None or not _same(rays.T_tracker_marker, T_tracker_marker):
             rays = self._rays[tool] = self._at_rest(tool, T_tracker_marker)
-        hidden = rays.hidden | meets(rays.starts_base, rays.ends_base, robot)
+        hidden = rays.hidden | capsules_hit(rays.starts_base, rays.ends_base, robot)
         count = len(hidden) // 2
         return np.asarray(hidden[:count] | hidden[count:])
 
@@ -80,7 +80,7 @@ class LinesOfSight:
         starts_base, ends_base = T_base_tracker @ starts, T_base_tracker @ ends
         hidden = np.zeros(2 * count, dtype=np.bool_)
         if tool not in ("toolmarker", "basemarker"):  # these are in nobody's hand
-            hidden |= meets(starts, ends, hand_tracker(tool, T_tracker_marker))
+            hidden |= capsules_hit(starts, ends, hand_capsule(tool, T_tracker_marker))
         T_skull_tracker = scene.T_base_skull.inv() @ T_base_tracker
         first = self._head_caster().first_hit(
             T_skull_tracker @ starts, T_skull_tracker.rotate(directions)
@@ -104,7 +104,7 @@ def _same(a: Pose, b: Pose) -> bool:
     return np.array_equal(a.translation, b.translation) and np.array_equal(a.rotation, b.rotation)
 
 
-def hand_tracker(tool: str, T_tracker_marker: Pose) -> Capsules:
+def hand_capsule(tool: str, T_tracker_marker: Pose) -> Capsules:
     """Return the hand about the shaft of a pointer as one capsule in ``tracker``."""
     geometry = GEOMETRIES[tool]
     tip = geometry.nominal_tip_marker
@@ -113,7 +113,7 @@ def hand_tracker(tool: str, T_tracker_marker: Pose) -> Capsules:
     return Capsules(low[None], high[None], np.array([HAND_RADIUS_MM]))
 
 
-def meets(starts: Floats, ends: Floats, capsules: Capsules) -> Bools:
+def capsules_hit(starts: Floats, ends: Floats, capsules: Capsules) -> Bools:
     """Return which segments (n, 3) to (n, 3) touch any of some capsules, (n,)."""
     near = _near(starts, ends, capsules)
     if not near.any():

@@ -1,4 +1,4 @@
-"""Whether a tracker reports a tool, in the order in which NDI documents its decision.
+"""Tracking status of a tool, by NDI's documented order of checks.
 
 Marker angle, then volume, then number of markers, then largest 3D error, then spread; a tool that
 passes none of these has no pose, and its status names the first rule it broke.
@@ -21,14 +21,14 @@ MIN_SPREAD_MM = 10.0  # extent of the markers used; of 6D tools also across
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Seen:
+class ToolReport:
     """What the tracker makes of one tool in one frame; ``fit`` is None while it is not seen."""
 
     status: ToolStatus
     fit: MarkerFit | None = None
 
 
-def decide(
+def report_tool(
     geometry: MarkerGeometry,
     measured_tracker: Floats,
     *,
@@ -36,7 +36,7 @@ def decide(
     inside: Bools,
     clear: Bools,
     swapped: Sequence[int] | None = None,
-) -> Seen:
+) -> ToolReport:
     """Return the status of a tool, and its pose if it has one.
 
     Args:
@@ -48,16 +48,16 @@ def decide(
         swapped: Two markers that are taken for each other, the third being lost; None as a rule.
     """
     if not facing.any():
-        return Seen("out_of_view")
+        return ToolReport("out_of_view")
     if not inside.any():
-        return Seen("out_of_volume")
+        return ToolReport("out_of_volume")
     seen = facing & inside & clear
     if np.count_nonzero(seen) < MIN_MARKERS[geometry.dof]:
         hidden = (facing & inside).any() and not seen.any()
-        return Seen("missing" if hidden else "too_few_markers")
+        return ToolReport("missing" if hidden else "too_few_markers")
     result = fit_markers(geometry, measured_tracker, seen, swapped)
     if result.fit is not None and (facing & ~inside).any():
-        return Seen("partially_out_of_volume", result.fit)
+        return ToolReport("partially_out_of_volume", result.fit)
     return result
 
 
@@ -66,13 +66,13 @@ def fit_markers(
     measured_tracker: Floats,
     seen: Bools,
     swapped: Sequence[int] | None = None,
-) -> Seen:
+) -> ToolReport:
     """Return the pose from the markers that are seen, without those that are too far off."""
     numbers = np.flatnonzero(seen)
     model = geometry.positions_marker
     if swapped is not None:
         numbers = np.array(swapped if seen[list(swapped)].all() else numbers[:2])
-        return Seen("ok", fit_line(model[numbers], measured_tracker[numbers[::-1]]))
+        return ToolReport("ok", fit_line(model[numbers], measured_tracker[numbers[::-1]]))
     fit_tool = fit_body if geometry.dof == 6 else fit_line
     while True:
         fit = fit_tool(model[numbers], measured_tracker[numbers])
@@ -82,13 +82,13 @@ def fit_markers(
             errors_mm = np.linalg.norm(off, axis=1)
             if errors_mm.max() > MAX_3D_ERROR_MM:
                 if len(numbers) == MIN_MARKERS[geometry.dof]:
-                    return Seen("bad_fit")
+                    return ToolReport("bad_fit")
                 numbers = np.delete(numbers, np.argmax(errors_mm))
                 continue
         used = model[numbers]
         if not _spread(used.tobytes(), geometry.dof):
-            return Seen("low_spread")
-        return Seen("ok", fit)
+            return ToolReport("low_spread")
+        return ToolReport("ok", fit)
 
 
 @lru_cache(maxsize=256)

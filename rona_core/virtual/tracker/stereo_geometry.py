@@ -15,7 +15,7 @@ from functools import lru_cache
 import numpy as np
 
 from rona_core.devices.tracker_volumes import Volume
-from rona_core.geometry.arrays import Floats
+from rona_core.geometry.arrays import Floats, readonly
 
 GRID = 48  # nodes a side of the grid that integrates over a volume
 
@@ -50,4 +50,4 @@ def volume_grid(volume: Volume, nodes: int = GRID) -> Floats:
     points = np.stack(
         ((2.0 * x - 1.0) * half_x, (2.0 * y - 1.0) * half_y, low + z * (high - low)), axis=1
     )
-    return points[volume.contains(points)]
+    return readonly(points[volume.contains(points)])

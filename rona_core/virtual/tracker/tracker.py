@@ -1,6 +1,7 @@
-"""The virtual optical tracker: true marker positions, seen with errors, fitted to known tools."""
+"""Virtual optical tracker: true markers, measured with errors, fitted to known tools."""
 
 from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -14,7 +15,7 @@ from rona_core.geometry.pose import Pose
 from rona_core.virtual.noise import rng
 from rona_core.virtual.tracker.faults import NO_DRIFT, drift_mm, dropped, swapped_markers
 from rona_core.virtual.tracker.marker_error import in_volume, marker_error
-from rona_core.virtual.tracker.reporting_rules import Seen, decide
+from rona_core.virtual.tracker.reporting_rules import ToolReport, report_tool
 
 FACING_LIMIT_RAD = np.deg2rad(60.0)  # flat markers are lost beyond this angle to the line of sight
 HYSTERESIS_RAD = np.deg2rad(2.0)  # and found again this much earlier
@@ -25,18 +26,27 @@ TruePose = Callable[[str, float], Pose | None]  # tool, time in seconds -> T_tra
 Clear = Callable[[str, Pose, float], Bools]  # tool, true pose, time -> markers (m,) not hidden
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class ViewConditions:
+    """What stands between a tool and a perfect measurement in one frame."""
+
+    facing: Bools | None = None  # markers (m,) that look at the cameras; None: by their angle
+    clear: Bools | None = None  # markers (m,) that both cameras see; None: all
+    drift: Floats = field(default_factory=lambda: NO_DRIFT)  # (3,) mm, of a tracker not yet warm
+    swapped: Sequence[int] | None = None  # two markers taken for each other: a ghost solution
+
+
+UNDISTURBED = ViewConditions()
+
+
 def observe(
     geometry: MarkerGeometry,
     T_tracker_marker: Pose,
     white: Floats,
     settings: TrackerSettings,
     seed: int,
-    *,
-    facing: Bools | None = None,
-    clear: Bools | None = None,
-    drift: Floats = NO_DRIFT,
-    swapped: Sequence[int] | None = None,
-) -> Seen:
+    conditions: ViewConditions = UNDISTURBED,
+) -> ToolReport:
     """Return what a tracker measures of a tool that really is at ``T_tracker_marker``.
 
     Args:
@@ -45,24 +55,44 @@ def observe(
         white: Standard normal numbers (m, 3), one row per marker.
         settings: Profile and ratio of the errors.
         seed: Seed of the session, which fixes the bias field of this tracker.
-        facing: Which markers (m,) look at the cameras; None: those within the marker angle.
-        clear: Which markers (m,) nothing stands before; None: all.
-        drift: By how much (3,) a tracker that is not warm is off.
-        swapped: Two markers that are taken for each other, see ``decide``.
+        conditions: Occlusion, drift and ghost solutions of the frame.
     """
     points = T_tracker_marker @ geometry.positions_marker
+    facing, clear = conditions.facing, conditions.clear
     if facing is None:
         cosines = sight_cosines(geometry, T_tracker_marker)
         facing = np.asarray(cosines >= np.cos(FACING_LIMIT_RAD))
-    measured = marker_error(settings, seed).measure(points, white) + drift
-    return decide(
+    measured = marker_error(settings, seed).measure(points, white) + conditions.drift
+    return report_tool(
         geometry,
         measured,
         facing=facing,
         inside=in_volume(points, settings.profile),
         clear=np.ones(len(points), dtype=np.bool_) if clear is None else clear,
-        swapped=swapped,
+        swapped=conditions.swapped,
     )
+
+
+def sample_tool(
+    tool: str,
+    T_tracker_marker: Pose | None,
+    white: Floats,
+    settings: TrackerSettings,
+    seed: int,
+    conditions: Callable[[MarkerGeometry, Pose], ViewConditions],
+) -> ToolSample:
+    """Return what a frame holds of a tool at its true pose; None: it is not before the tracker."""
+    if tool in settings.hidden_tools:
+        return ToolSample(tool, "covered")
+    if T_tracker_marker is None:
+        return ToolSample(tool, "out_of_view")
+    geometry = GEOMETRIES[tool]
+    seen = observe(
+        geometry, T_tracker_marker, white, settings, seed, conditions(geometry, T_tracker_marker)
+    )
+    if seen.fit is None:
+        return ToolSample(tool, seen.status)
+    return ToolSample(tool, seen.status, seen.fit.T_tracker_marker, seen.fit.rms_error_mm)
 
 
 def sight_cosines(geometry: MarkerGeometry, T_tracker_marker: Pose) -> Floats:
@@ -159,26 +189,20 @@ class VirtualTracker:
         return number / self._settings.rate_hz - self._settings.latency_s
 
     def _sample(self, tool: str, number: int, white: Floats) -> ToolSample:
-        settings, geometry = self._settings, GEOMETRIES[tool]
-        if tool in settings.hidden_tools:
-            return ToolSample(tool, "covered")
-        time_s = self._measured_s(number)
-        pose = self._true_pose(tool, time_s)
-        if pose is None:
-            return ToolSample(tool, "out_of_view")
-        hides = self._clear if settings.occlusion else None
-        seen = observe(
-            geometry,
-            pose,
-            white,
-            settings,
-            self._seed,
-            facing=self._facing(geometry, pose, number),
-            clear=None if hides is None else hides(tool, pose, time_s),
-            drift=drift_mm(settings, self._seed, self._ordinal, number / settings.rate_hz),
-            swapped=swapped_markers(settings, geometry, self._seed, self._ordinal, number),
-        )
-        return as_sample(tool, seen)
+        settings, time_s = self._settings, self._measured_s(number)
+        visible = self._clear if settings.occlusion else None
+
+        def conditions(geometry: MarkerGeometry, pose: Pose) -> ViewConditions:
+            return ViewConditions(
+                self._facing(geometry, pose, number),
+                None if visible is None else visible(tool, pose, time_s),
+                drift_mm(settings, self._seed, self._ordinal, number / settings.rate_hz),
+                swapped_markers(settings, geometry, self._seed, self._ordinal, number),
+            )
+
+        covered = tool in settings.hidden_tools
+        pose = None if covered else self._true_pose(tool, time_s)
+        return sample_tool(tool, pose, white, settings, self._seed, conditions)
 
     def _facing(self, geometry: MarkerGeometry, pose: Pose, number: int) -> Bools:
         """Return which markers (m,) are followed, with hysteresis.
@@ -201,10 +225,3 @@ class VirtualTracker:
             facing = facing & ~(open_ & (before < lost))
             open_ = open_ & (before >= lost) & (before < found)
         return facing
-
-
-def as_sample(tool: str, seen: Seen) -> ToolSample:
-    """Return what a frame holds of one tool."""
-    if seen.fit is None:
-        return ToolSample(tool, seen.status)
-    return ToolSample(tool, seen.status, seen.fit.T_tracker_marker, seen.fit.rms_error_mm)

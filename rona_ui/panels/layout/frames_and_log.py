@@ -8,8 +8,8 @@ from rona_core.app.overview.frame_graph import FrameRow, frame_rows
 from rona_core.session.document import LogEntry
 from rona_ui.panels.layout.frame_graph_image import frame_picture
 from rona_ui.panels.widgets import style
+from rona_ui.presentation.snapshot import Snapshot
 from rona_ui.refusals import Refusal
-from rona_ui.view_state import Picture
 from rona_ui.viewer.bindings import escape
 
 NEWEST = 60
@@ -22,16 +22,16 @@ class FramesPanel:
     def __init__(self, gui: Any) -> None:
         self._html = gui.add_html("")
 
-    def render(self, old: Picture | None, new: Picture) -> None:
+    def render(self, old: Snapshot | None, new: Snapshot) -> None:
         """Follow the session, and which transforms the devices report."""
         if old is None or old.session is not new.session or _reported(old) != _reported(new):
             rows = frame_rows(new.session, new.live)
             self._html.content = frame_picture(rows) + frames_table(rows)
 
 
-def _reported(picture: Picture) -> tuple[object, ...]:
+def _reported(snapshot: Snapshot) -> tuple[object, ...]:
     """Return what is live: not its values, which change thirty times a second."""
-    frame, joints = picture.live.frame, picture.live.joints
+    frame, joints = snapshot.live.frame, snapshot.live.joints
     seen = () if frame is None else tuple(s.tool for s in frame.tools if s.T_tracker_marker)
     return (*seen, joints is not None)
 
@@ -40,8 +40,8 @@ def frames_table(rows: tuple[FrameRow, ...]) -> str:
     """Return the transforms as a list: name, source and time, predicted error, pose."""
     body = "".join(_frame(number, row) for number, row in enumerate(rows, start=1))
     words = style.text(
-        "T_a_b is the pose of b in a: where its origin is, and its turn as a rotation vector. σ is "
-        "the predicted error, of T_base_tracker at the skull; nominal and live poses have none."
+        "T_a_b is the pose of frame b in frame a: origin and rotation vector. σ is the "
+        "predicted error (of T_base_tracker: at the skull); nominal and live poses have none."
     )
     return f'<div class="r-log" role="list">{body}</div>{words}'
 
@@ -51,7 +51,7 @@ def _frame(number: int, row: FrameRow) -> str:
     lines = [f"{number}. <b>{escape(row.name)}</b> <span>{escape(row.source + made)}</span>"]
     if not row.live:  # those change thirty times a second
         turn = _three(np.rad2deg(_rotvec(row.pose.wxyz())), 1)
-        lines.append(f"<span>at {_three(row.pose.translation, 2)} mm, turn {turn}°</span>")
+        lines.append(f"<span>at {_three(row.pose.translation, 2)} mm, rotation {turn}°</span>")
     if row.sigma_mm is not None:
         turn = "" if row.sigma_deg is None else f", {row.sigma_deg:.2g}°"
         lines.append(escape(f"σ {row.sigma_mm:.2f} mm{turn}"))
@@ -79,7 +79,7 @@ class LogPanel:
     def __init__(self, gui: Any) -> None:
         self._html = gui.add_html(style.text("Nothing has happened yet."))
 
-    def render(self, old: Picture | None, new: Picture) -> None:
+    def render(self, old: Snapshot | None, new: Snapshot) -> None:
         """Follow the log and the refusals."""
         log, refusals = new.session.log, new.refusals
         if old is not None and old.session.log is log and old.refusals is refusals:

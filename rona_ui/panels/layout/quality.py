@@ -9,7 +9,7 @@ from rona_core.app.steps.tool.tracker_delay import delay_words
 from rona_core.session.document import Session
 from rona_ui.panels.widgets import style
 from rona_ui.panels.widgets.verdicts import rows_of
-from rona_ui.view_state import Picture
+from rona_ui.presentation.snapshot import Snapshot
 from rona_ui.viewer.bindings import escape
 
 SECTIONS = (  # title, what the keys begin with, steps that the figures come from
@@ -36,7 +36,7 @@ SECTIONS = (  # title, what the keys begin with, steps that the figures come fro
         ),
         ("maps",),
     ),
-    ("Scan by hand", ("sono",), ()),
+    ("Handheld scan", ("sono",), ()),
 )
 
 
@@ -56,7 +56,7 @@ class QualityPanel:
     def __init__(self, gui: Any) -> None:
         self._html = gui.add_html(style.text("No figures yet: do the first steps."))
 
-    def render(self, old: Picture | None, new: Picture) -> None:
+    def render(self, old: Snapshot | None, new: Snapshot) -> None:
         """Follow figures and session."""
         if (
             old is None
@@ -81,7 +81,7 @@ def table(rows: tuple[QualityRow, ...], session: Session, stale: frozenset[str])
         part = [row for row in known if row.key.startswith(starts)]
         left = [row for row in rows if row.stale_reason and row.key.startswith(starts)]
         if part or left:
-            words = f"{title}, against the truth{_mark(steps, stale)}"
+            words = f"{title}, versus ground truth{_mark(steps, stale)}"
             body += f'<tr class="sec"><td colspan="3">{words}</td></tr>'
             body += "".join(_row(row, expected.get(PREDICTED.get(row.key, ""))) for row in part)
             body += _left_out(left)
@@ -147,7 +147,7 @@ def _own_word(session: Session, expected: dict[str, QualityRow], mark: str) -> s
     rows = "".join(_row(row) for row in expected.values())
     if results.tool is not None:
         rows += _line(
-            "Tracker near the tip, random error", results.tool.value.registration_sigma_mm
+            "Tracker at the tool tip, random error", results.tool.value.registration_sigma_mm
         )
         if results.tool.value.delay is not None:
             rows += _text_line(*delay_words(results.tool.value.delay))
@@ -156,18 +156,18 @@ def _own_word(session: Session, expected: dict[str, QualityRow], mark: str) -> s
         late = report.delay
         sigma_ms = max(late.sigma_ms, 0.1)
         rows += _text_line(
-            "Robot joints late at the scan", f"{late.delay_ms:.1f} ± {sigma_ms:.1f} ms"
+            "Robot-tracker latency at the scan", f"{late.delay_ms:.1f} ± {sigma_ms:.1f} ms"
         )
         share = f"{late.uncorrected_mm:.2f} → {late.left_mm:.3f} mm"
-        rows += _text_line("Its shift of the map, corrected", share)
+        rows += _text_line("Map shift by latency, before → after", share)
     if results.registration is not None:
-        rows += _line("Loaded skull, points off it (RMS)", results.registration.value.rms_mm)
+        rows += _line("Loaded skull, residual (RMS)", results.registration.value.rms_mm)
     if results.pointer is not None:
-        rows += _line("Pointer, scatter of the tip (RMSE)", results.pointer.value.rmse_mm)
+        rows += _line("Pointer tip, residual (RMSE)", results.pointer.value.rmse_mm)
     rows += _budget(session)
     if not rows:
         return ""
-    return f'<tr class="sec"><td colspan="3">Predicted, without the truth{mark}</td></tr>{rows}'
+    return f'<tr class="sec"><td colspan="3">Predicted, without ground truth{mark}</td></tr>{rows}'
 
 
 def _budget(session: Session) -> str:
@@ -178,9 +178,9 @@ def _budget(session: Session) -> str:
     speed = f"calibrated at {shares.points}" if shares.points else "published"
     return (
         _line("Thickness, σ by the time of flight", shares.timing_mm)
-        + _line(f"… by this patient's speed ({speed})", shares.patient_mm)
-        + _line("… by the speed from place to place", shares.place_mm)
-        + _line("… by a wedge of the inner table", shares.wedge_mm)
+        + _line(f"… by patient-specific speed ({speed})", shares.patient_mm)
+        + _line("… by local speed variation", shares.place_mm)
+        + _line("… by inner-table inclination", shares.wedge_mm)
     )
 
 

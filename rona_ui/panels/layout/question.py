@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from typing import Any, Literal
 
 from rona_ui.panels.widgets import style
-from rona_ui.panels.widgets.panel_context import listen
+from rona_ui.panels.widgets.panel_context import on_click
 from rona_ui.viewer.bindings import Event
 
 COLORS = {"save": None, "keep": "gray", "lose": (176, 0, 32)}  # None: that of the primary button
@@ -50,7 +50,7 @@ class Question:
             self._answered()
             choice.act(event)
 
-        listen(button, answer)
+        on_click(button, answer)
 
     def _answered(self) -> bool:
         modal, self._modal = self._modal, None

@@ -6,9 +6,9 @@ from typing import Any
 from rona_core.app.steps.roll.planned_motion import motion_stale, motion_times
 from rona_core.app.steps.roll.view import place_of_roll
 from rona_ui.panels.widgets import style
-from rona_ui.panels.widgets.panel_context import Door, follow, listen
-from rona_ui.scene.roll.replay_joints import shows_roll
-from rona_ui.view_state import Picture
+from rona_ui.panels.widgets.panel_context import PanelContext, on_change, on_click
+from rona_ui.presentation.shown_robot import shows_roll_preview
+from rona_ui.presentation.snapshot import Snapshot
 
 REPLAYED = ("roll", "scan", "maps")  # steps in which the replay is offered
 SPEEDS = {"1×": 1.0, "4×": 4.0, "16×": 16.0}
@@ -17,22 +17,22 @@ SPEEDS = {"1×": 1.0, "4×": 4.0, "16×": 16.0}
 class ReplayPanel:
     """Slider, play, back, and a choice of speeds."""
 
-    def __init__(self, gui: Any, door: Door, window: Any) -> None:
+    def __init__(self, gui: Any, context: PanelContext, window: Any) -> None:
         self._window = window
         self._words = gui.add_html("")
         self._slider = gui.add_slider("Motion (%)", 0.0, 100.0, 0.1, 0.0)
         self._buttons = gui.add_button_group("Replay", ("Play", "Pause", "Back", "Live"))
         self._speed = gui.add_button_group("Speed", tuple(SPEEDS))
-        follow(
+        on_change(
             self._slider,
-            lambda e: door.view(
+            lambda e: context.change_view(
                 lambda v: replace(v, cursor=self._slider.value / 100.0, playing=False)
             ),
         )
-        listen(self._buttons, lambda e: door.view(self._change))
-        listen(
+        on_click(self._buttons, lambda e: context.change_view(self._change))
+        on_click(
             self._speed,
-            lambda e: door.view(lambda v: replace(v, speed=SPEEDS[self._speed.value])),
+            lambda e: context.change_view(lambda v: replace(v, speed=SPEEDS[self._speed.value])),
         )
 
     def _change(self, view: Any) -> Any:
@@ -44,7 +44,7 @@ class ReplayPanel:
             return replace(view, playing=False)
         return replace(view, playing=False, cursor=0.0 if wanted == "Back" else None)
 
-    def render(self, old: Picture | None, new: Picture) -> None:
+    def render(self, old: Snapshot | None, new: Snapshot) -> None:
         """Follow the cursor; without a planned motion there is nothing to replay."""
         if (
             old is not None
@@ -70,12 +70,12 @@ class ReplayPanel:
         if times is None:
             words = "The planned motion can be replayed after step 7."
         elif stale is not None:
-            words = f"The planned motion is stale, the robot is not drawn on it: {stale}."
-        elif shows_roll(new):
+            words = f"The planned motion is stale and not shown: {stale}."
+        elif shows_roll_preview(new):
             place = place_of_roll(new.session, new.view.shown_roll, new.view.place)
             words = (
-                f"Drawn: the roll that is looked at, at {100.0 * place:.0f} % of the path. "
-                f"Play shows the planned motion of {times[0]:.1f} s."
+                f"Shown: the selected roll at {100.0 * place:.0f} % of the path. Play runs "
+                f"the planned motion ({times[0]:.1f} s)."
             )
         elif cursor is None:
             words = f"Live. The planned motion takes {times[0]:.1f} s."

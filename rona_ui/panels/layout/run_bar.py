@@ -8,10 +8,10 @@ from rona_core.app.messages.registry import StartRetract
 from rona_core.session.document import STEPS
 from rona_ui.labels import doing
 from rona_ui.panels.widgets import style
-from rona_ui.panels.widgets.panel_context import Door, listen
+from rona_ui.panels.widgets.panel_context import PanelContext, on_click
 from rona_ui.panels.widgets.step_panel import StepPanel
-from rona_ui.scene.roll.replay_joints import rests_on_bone
-from rona_ui.view_state import Picture
+from rona_ui.presentation.shown_robot import probe_on_bone
+from rona_ui.presentation.snapshot import Snapshot
 from rona_ui.viewer.bindings import escape
 
 GO_ON = (0, 105, 77)
@@ -23,7 +23,7 @@ class StepTitle:
     def __init__(self, gui: Any) -> None:
         self._html = gui.add_html("")
 
-    def render(self, old: Picture | None, new: Picture) -> None:
+    def render(self, old: Snapshot | None, new: Snapshot) -> None:
         """Follow the active step and its state."""
         if old is not None and old.steps is new.steps and old.view.step == new.view.step:
             return
@@ -32,7 +32,7 @@ class StepTitle:
         if state.state == "blocked":
             html += style.note(f"Blocked: {state.reason}.", "warn")
         elif state.state == "stale":
-            again = "Do it again"
+            again = "Repeat this step"
             if state.blocked is not None:
                 again = state.blocked[:1].upper() + state.blocked[1:]
             html += style.note(f"Stale: {state.reason}. {again}.", "warn")
@@ -44,8 +44,8 @@ class StepTitle:
 class RunBar:
     """One primary button for whatever the active step starts."""
 
-    def __init__(self, gui: Any, door: Door, panels: dict[str, StepPanel]) -> None:
-        self._panels, self._door = panels, door
+    def __init__(self, gui: Any, context: PanelContext, panels: dict[str, StepPanel]) -> None:
+        self._panels, self._context = panels, context
         self._step, self._rests = "setup", False
         self._start = gui.add_button("Start", icon="player-play")
         self._progress_words = gui.add_html("")
@@ -55,24 +55,24 @@ class RunBar:
         )
         self._next = gui.add_button("Next step", icon="arrow-right", color=GO_ON)
         self._back = gui.add_button(
-            "Draw the probe back", icon="arrow-back-up", color="gray", visible=False
+            "Retract probe", icon="arrow-back-up", color="gray", visible=False
         )
-        listen(self._start, self._run)
-        listen(self._back, lambda e: door.send(StartRetract, e))
-        listen(self._cancel, lambda e: door.service("cancel", e, None))
-        listen(self._next, self._go_on)
+        on_click(self._start, self._run)
+        on_click(self._back, lambda e: context.send(StartRetract, e))
+        on_click(self._cancel, lambda e: context.service("cancel", e, None))
+        on_click(self._next, self._go_on)
 
     def _run(self, event: Any) -> None:
-        self._door.send(self._panels[self._step].message, event)
+        self._context.send(self._panels[self._step].message, event)
 
     def _go_on(self, event: Any) -> None:
         after = STEPS[min(STEPS.index(self._step) + 1, len(STEPS) - 1)]
-        self._door.view(lambda v: replace(v, step=after, drawing=None, picks=()))
+        self._context.change_view(lambda v: replace(v, step=after, drawing=None, picks=()))
 
-    def render(self, old: Picture | None, new: Picture) -> None:
+    def render(self, old: Snapshot | None, new: Snapshot) -> None:
         """Follow step, job, and whether the probe stands on the bone."""
         job, step = new.job, new.view.step
-        rests, self._rests = self._rests, rests_on_bone(new)  # follows live joints, not only steps
+        rests, self._rests = self._rests, probe_on_bone(new)  # follows live joints, not only steps
         known = (job, new.steps, new.view)
         same = old is not None and all(map(is_, (old.job, old.steps, old.view), known))
         if same and rests is self._rests:

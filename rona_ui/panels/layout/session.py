@@ -7,8 +7,8 @@ from rona_core.app.messages.registry import Redo, RenameSession, Undo
 from rona_core.app.runtime.saving.autosave import CopyState
 from rona_core.app.runtime.saving.export_captures import recorded_captures
 from rona_ui.panels.layout.question import Choice, Question
-from rona_ui.panels.widgets.panel_context import Door, follow, listen
-from rona_ui.view_state import Picture
+from rona_ui.panels.widgets.panel_context import PanelContext, on_change, on_click
+from rona_ui.presentation.snapshot import Snapshot
 from rona_ui.viewer.bindings import Event, escape
 
 NOTHING = "choose …"
@@ -20,24 +20,28 @@ class SessionHead:
     def __init__(self, gui: Any) -> None:
         self._html = gui.add_html("")
 
-    def render(self, old: Picture | None, new: Picture) -> None:
+    def render(self, old: Snapshot | None, new: Snapshot) -> None:
         """Follow name and save state."""
         content = head(new)
         if old is None or content != head(old):
             self._html.content = content
 
 
-COPIES: dict[CopyState, str] = {"none": "", "kept": ", copy kept", "failed": ", no room for a copy"}
+COPIES: dict[CopyState, str] = {
+    "none": "",
+    "kept": ", copy kept",
+    "failed": ", no space for a copy",
+}
 
 
-def head(picture: Picture) -> str:
+def head(snapshot: Snapshot) -> str:
     """Return the head of the left dock; the name comes from outside and is escaped."""
-    name, state = picture.session.name, "saved"
-    if not picture.saved:
-        kept = picture.recovered and picture.copy == "kept"  # that it is there has just been seen
-        lacks = "recovered, not saved" if picture.recovered else "not saved"
-        state = f"● {lacks}{'' if kept else COPIES[picture.copy]}"
-    color = "#52606d" if picture.saved else "#a34700"
+    name, state = snapshot.session.name, "saved"
+    if not snapshot.saved:
+        kept = snapshot.recovered and snapshot.copy == "kept"  # that it is there has just been seen
+        lacks = "recovered, not saved" if snapshot.recovered else "not saved"
+        state = f"● {lacks}{'' if kept else COPIES[snapshot.copy]}"
+    color = "#52606d" if snapshot.saved else "#a34700"
     return (
         f'<div class="r-head"><b title="{escape(name)}">{escape(name)}</b>'
         f'<span style="color:{color}">{state}</span></div>'
@@ -47,35 +51,37 @@ def head(picture: Picture) -> str:
 class SessionPanel:
     """What can be done with the session as a whole."""
 
-    def __init__(self, gui: Any, door: Door) -> None:
-        self._door = door
+    def __init__(self, gui: Any, context: PanelContext) -> None:
+        self._context = context
         self._question = Question(gui)
-        self._picture: Picture | None = None
+        self._snapshot: Snapshot | None = None
         self._buttons = gui.add_button_group("History", ("Undo", "Redo", "Save"))
         with gui.add_folder("Session", expand_by_default=False):
             self._name = gui.add_text("Name", "")
             self._rename = gui.add_button("Rename", icon="pencil", color="gray")
-            hint = "Choose one to look at and work with"
+            hint = "Switch to another open session"
             self._opened = gui.add_dropdown("Open sessions", (NOTHING,), hint=hint)
-            self._close = gui.add_button("Close this session", icon="x", color="gray")
+            self._close = gui.add_button("Close session", icon="x", color="gray")
             self._file = gui.add_dropdown("File", (NOTHING,))
-            self._open = gui.add_button("Open the file", icon="folder-open", color="gray")
+            self._open = gui.add_button("Open file", icon="folder-open", color="gray")
             self._new = gui.add_button("New session", icon="plus", color="gray")
-            self._capture = gui.add_dropdown("Recording", (NOTHING,), hint="What the tracker saw")
+            self._capture = gui.add_dropdown(
+                "Recording", (NOTHING,), hint="Tracker recording of a capture"
+            )
             self._download = gui.add_button("Download .igs.mha", icon="download", color="gray")
-        listen(self._buttons, self._clicked)
-        listen(self._rename, lambda e: door.send(lambda: RenameSession(self._name.value), e))
-        listen(self._open, self._open_file)
-        listen(self._download, self._download_capture)
-        listen(self._new, lambda e: self._leave("new", "begin a new session", e))
-        listen(self._close, self._close_session)
-        follow(self._opened, self._show)
+        on_click(self._buttons, self._clicked)
+        on_click(self._rename, lambda e: context.send(lambda: RenameSession(self._name.value), e))
+        on_click(self._open, self._open_file)
+        on_click(self._download, self._download_capture)
+        on_click(self._new, lambda e: self._leave("new", "start a new session", e))
+        on_click(self._close, self._close_session)
+        on_change(self._opened, self._show)
         commands: tuple[tuple[str, str | None, str | None, Callable[[Event], None]], ...] = (
-            ("Undo", "Z", "cmd/ctrl", lambda event: door.send(Undo, event)),
-            ("Redo", "Z", "cmd/ctrl+shift", lambda event: door.send(Redo, event)),
-            ("Save", "S", "cmd/ctrl", lambda event: door.service("save", event, None)),
-            ("Stop the robot", None, None, lambda event: door.service("stop", event, None)),
-            ("Leave drawing", "escape", None, lambda event: door.service("escape", event, None)),
+            ("Undo", "Z", "cmd/ctrl", lambda event: context.send(Undo, event)),
+            ("Redo", "Z", "cmd/ctrl+shift", lambda event: context.send(Redo, event)),
+            ("Save", "S", "cmd/ctrl", lambda event: context.service("save", event, None)),
+            ("Stop the robot", None, None, lambda event: context.service("stop", event, None)),
+            ("Exit drawing", "escape", None, lambda event: context.service("escape", event, None)),
         )
         for label, key, modifier, act in commands:
             self._command(gui, label, key, modifier, act)
@@ -95,16 +101,16 @@ class SessionPanel:
     def _clicked(self, event: Any) -> None:
         wanted = self._buttons.value
         if wanted == "Save":
-            self._door.service("save", event, None)
+            self._context.service("save", event, None)
         else:
-            self._door.send(Undo if wanted == "Undo" else Redo, event)
+            self._context.send(Undo if wanted == "Undo" else Redo, event)
 
     def _open_file(self, event: Any) -> None:
         if self._file.value != NOTHING:
             self._leave(f"open:{self._file.value}", f"open {self._file.value}", event)
 
     def _show(self, event: Any) -> None:
-        shown = self._picture
+        shown = self._snapshot
         labels = () if shown is None else labels_of(shown.opened)
         if shown is not None and self._opened.value in labels:
             key = shown.opened[labels.index(self._opened.value)][0]
@@ -113,48 +119,49 @@ class SessionPanel:
 
     def _leave(self, what: str, words: str, event: Any) -> None:
         """Do something that puts another session in sight; ask first where work is not saved."""
-        shown = self._picture
+        shown = self._snapshot
         if shown is None or not shown.changes:
             self._serve(what, event)
             return
         key, name = shown.session.id, shown.session.name
         self._question.ask(
             f"Save “{name}” first?",
-            f"“{name}” has changes that are not saved. You are about to {words}. Without saving, "
-            f"“{name}” stays open in the background; Session, Open sessions leads back to it.",
+            f"“{name}” has unsaved changes. You are about to {words}. Without saving, "
+            f"“{name}” stays open in the background: return to it with Session, Open "
+            "sessions.",
             (
-                Choice("Save it first", lambda e: self._serve(f"save:{key}+{what}", e), "save"),
-                Choice("Keep it open, not saved", lambda e: self._serve(what, e)),
+                Choice("Save first", lambda e: self._serve(f"save:{key}+{what}", e), "save"),
+                Choice("Keep open, unsaved", lambda e: self._serve(what, e)),
             ),
         )
 
     def _close_session(self, event: Any) -> None:
-        shown = self._picture
+        shown = self._snapshot
         if shown is None:
             return
         key, name = shown.session.id, shown.session.name
         if not (shown.changes or shown.busy):
             self._serve(f"close:{key}", event)
             return
-        why = "has changes that are not saved" if shown.changes else "has a job under way"
-        loses = "its changes are gone" if shown.changes else "the job is cancelled"
+        why = "has unsaved changes" if shown.changes else "has a running job"
+        loses = "the changes are lost" if shown.changes else "the job is cancelled"
         save = Choice("Save and close", lambda e: self._serve(f"save:{key}+drop:{key}", e), "save")
         drop = Choice("Close without saving", lambda e: self._serve(f"drop:{key}", e), "lose")
         self._question.ask(
-            f"Close “{name}”?", f"“{name}” {why}. Closed as it is, {loses}.", (save, drop)
+            f"Close “{name}”?", f"“{name}” {why}. If you close it now, {loses}.", (save, drop)
         )
 
     def _serve(self, what: str, event: Any) -> None:
-        self._door.service(what, event, None)
+        self._context.service(what, event, None)
 
     def _download_capture(self, event: Any) -> None:
         number = self._capture.value.partition(":")[0]
         if number.isdigit():
-            self._door.service(f"download:{number}", event, None)
+            self._context.service(f"download:{number}", event, None)
 
-    def render(self, old: Picture | None, new: Picture) -> None:
+    def render(self, old: Snapshot | None, new: Snapshot) -> None:
         """Follow name, open sessions, files and captures."""
-        self._picture = new
+        self._snapshot = new
         if old is None or (old.opened, old.session.id) != (new.opened, new.session.id):
             labels, ids = labels_of(new.opened), [key for key, _ in new.opened]
             self._opened.options = labels or (NOTHING,)

@@ -7,9 +7,9 @@ from rona_core.app.overview.acceptance import Judgement
 from rona_core.app.overview.step_states import TITLES, StepState
 from rona_core.session.document import STEPS
 from rona_ui.panels.widgets import style
-from rona_ui.panels.widgets.panel_context import Door, listen
+from rona_ui.panels.widgets.panel_context import PanelContext, on_click
 from rona_ui.panels.widgets.verdicts import judged
-from rona_ui.view_state import Picture
+from rona_ui.presentation.snapshot import Snapshot
 from rona_ui.viewer.bindings import escape
 
 NOTHING_JUDGED = Judgement("none", ())
@@ -18,21 +18,21 @@ NOTHING_JUDGED = Judgement("none", ())
 class StepList:
     """A row per step; a see-through button lies over each, so that keyboard and mouse reach it."""
 
-    def __init__(self, gui: Any, door: Door) -> None:
+    def __init__(self, gui: Any, context: PanelContext) -> None:
         self._rows: dict[str, Any] = {}
         for number, name in enumerate(STEPS, start=1):
             self._rows[name] = gui.add_html("")
             button = gui.add_button(f"Step {number}: {TITLES[name]}")
-            self._listen(button, name, door)
+            self._listen(button, name, context)
 
     @staticmethod
-    def _listen(button: Any, name: str, door: Door) -> None:
-        listen(
+    def _listen(button: Any, name: str, context: PanelContext) -> None:
+        on_click(
             button,
-            lambda e: door.view(lambda v: replace(v, step=name, drawing=None, picks=())),
+            lambda e: context.change_view(lambda v: replace(v, step=name, drawing=None, picks=())),
         )
 
-    def render(self, old: Picture | None, new: Picture) -> None:
+    def render(self, old: Snapshot | None, new: Snapshot) -> None:
         """Draw the rows that have changed."""
         if (
             old is not None

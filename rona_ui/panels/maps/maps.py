@@ -9,27 +9,32 @@ from rona_core.app.messages.registry import StartMapping
 from rona_core.app.steps.maps.map_accuracy import accuracy_words
 from rona_core.app.steps.maps.view import MapLayers, layers_of
 from rona_ui.panels.acoustics import SpeedFields
-from rona_ui.panels.handheld import SonoControls
+from rona_ui.panels.handheld import HandheldControls
 from rona_ui.panels.maps.second_pass import SecondFolder
 from rona_ui.panels.setup.probe import advice_note
 from rona_ui.panels.widgets import style
-from rona_ui.panels.widgets.panel_context import Door, follow
+from rona_ui.panels.widgets.panel_context import PanelContext, on_change
 from rona_ui.panels.widgets.step_panel import StepPanel
-from rona_ui.scene.colors import viridis_css
-from rona_ui.scene.maps.map_choice import chosen_accuracy, chosen_key, chosen_maps, shows_hand
-from rona_ui.scene.maps.maps import sigma_of
-from rona_ui.view_state import Picture
+from rona_ui.presentation.colors import viridis_css
+from rona_ui.presentation.shown_maps import (
+    map_sigma,
+    shown_map_accuracy,
+    shown_maps,
+    shown_maps_key,
+    shows_handheld_maps,
+)
+from rona_ui.presentation.snapshot import Snapshot
 
 METHODS = {
     "Front echo subtracted": "subtract",
-    "Matched filter (as the paper)": "matched",
-    "Threshold (as the paper)": "threshold",
+    "Matched filter (paper)": "matched",
+    "Threshold (paper)": "threshold",
 }
-SPEEDS = {"Calibrated, else published": "known", "As given below": "given"}
+SPEEDS = {"Calibrated, else published": "known", "Entered below": "given"}
 QUANTITIES = {
     "Bone thickness": "thickness",
-    "Height over the map's plane": "height",
-    "Expected error of the boundary": "sigma",
+    "Height above the map plane": "height",
+    "Expected boundary error": "sigma",
 }
 TITLES = {"thickness": "Bone thickness", "height": "Height", "sigma": "Expected error, 1 σ"}
 SHOWN = {
@@ -46,38 +51,41 @@ class MapsPanel(StepPanel):
 
     step = "maps"
     explanation = (
-        "Two echoes in every A-scan give the outer and the inner boundary of the bone. "
-        "Places that cannot be trusted are left out, never guessed."
+        "Detects the outer and inner bone boundary in each A-scan. Unreliable A-scans are "
+        "excluded from the maps."
     )
     start = "Map the boundaries"
 
-    def __init__(self, gui: Any, door: Door) -> None:
-        super().__init__(gui, door)
+    def __init__(self, gui: Any, context: PanelContext) -> None:
+        super().__init__(gui, context)
         with self.folder:
-            self._second = SecondFolder(gui, door, self.message)
-            self._sono = SonoControls(gui, door)
+            self._second = SecondFolder(gui, context, self.message)
+            self._sono = HandheldControls(gui, context)
 
     def build(self) -> None:
         """Add the parameters and the choice of what is shown."""
         self.form.choice("method", "Detection", METHODS, "subtract")
-        self.form.choice("speed", "Bone speed", SPEEDS, "known")
-        self._given = self.gui.add_number("Bone (mm/µs)", 2.65, min=1.5, max=4.5, step=0.01)
-        self.form.number("cell_mm", "Cell (mm)", 1.0, 0.5, 5.0, 0.5)
-        with self.gui.add_folder("Speed of sound", expand_by_default=False):
-            self._speed = SpeedFields(self.gui, self.door)
+        self.form.choice("speed", "Speed of sound", SPEEDS, "known")
+        self._given = self.gui.add_number("Sound speed (mm/µs)", 2.65, min=1.5, max=4.5, step=0.01)
+        self.form.number("cell_mm", "Cell size (mm)", 1.0, 0.5, 5.0, 0.5)
+        with self.gui.add_folder("Sound speed calibration", expand_by_default=False):
+            self._speed = SpeedFields(self.gui, self.context)
         self._shown = self.gui.add_dropdown("Show", tuple(SHOWN))
-        self._quantity = self.gui.add_dropdown("Colours", tuple(QUANTITIES))
+        self._quantity = self.gui.add_dropdown("Colour by", tuple(QUANTITIES))
         self._cut = self.gui.add_checkbox(
-            "Open the skull", True, hint="Takes the drawn bone away over the region"
+            "Cut-away window", True, hint="Hides the drawn bone over the region"
         )
         self._bar = self.gui.add_html("")
         self.form.on_change(self._changed)
-        follow(self._shown, lambda e: self._show(SHOWN[self._shown.value]))
-        follow(
+        on_change(self._shown, lambda e: self._show(SHOWN[self._shown.value]))
+        on_change(
             self._quantity,
-            lambda e: self.door.view(lambda v: replace(v, quantity=self._chosen())),
+            lambda e: self.context.change_view(lambda v: replace(v, quantity=self._chosen())),
         )
-        follow(self._cut, lambda e: self.door.view(lambda v: replace(v, cut=self._cut.value)))
+        on_change(
+            self._cut,
+            lambda e: self.context.change_view(lambda v: replace(v, skull_window=self._cut.value)),
+        )
 
     def _changed(self, name: str, event: Any) -> None:
         if name == "speed":
@@ -88,7 +96,7 @@ class MapsPanel(StepPanel):
 
     def _show(self, names: tuple[str, ...]) -> None:
         hide = MAP_NAMES - set(names)
-        self.door.view(lambda v: replace(v, hidden=(v.hidden - set(names)) | hide))
+        self.context.change_view(lambda v: replace(v, hidden=(v.hidden - set(names)) | hide))
 
     def message(self) -> Any:
         """Return the mapping with these parameters."""
@@ -96,9 +104,9 @@ class MapsPanel(StepPanel):
         given = float(self._given.value) if values.pop("speed") == "given" else None
         return StartMapping(**values, sound_speed_mm_per_us=given)
 
-    def update(self, old: Picture | None, new: Picture) -> None:
+    def update(self, old: Snapshot | None, new: Snapshot) -> None:
         """Draw the colour bar once there are maps."""
-        maps = chosen_maps(new)
+        maps = shown_maps(new)
         self._given.visible = self.form.values("speed")["speed"] == "given"
         self._given.disabled = new.busy
         if old is None or old.session is not new.session or old.busy != new.busy:
@@ -108,18 +116,20 @@ class MapsPanel(StepPanel):
             field.visible = maps is not None
         if (
             old is None
-            or chosen_key(old) != chosen_key(new)
+            or shown_maps_key(old) != shown_maps_key(new)
             or old.view.quantity != new.view.quantity
         ):
             self._bar.content = (
-                "" if maps is None else color_bar(layers_of(maps, new.view.quantity, sigma_of(new)))
+                ""
+                if maps is None
+                else color_bar(layers_of(maps, new.view.quantity, map_sigma(new)))
             )
         self._second.render(old, new)
 
-    def remarks(self, picture: Picture) -> str:
+    def remarks(self, snapshot: Snapshot) -> str:
         """Say how much of the inner boundary was found."""
-        results, maps = picture.session.results, chosen_maps(picture)
-        found = results.sono_detection if shows_hand(picture) else results.detection
+        results, maps = snapshot.session.results, shown_maps(snapshot)
+        found = results.sono_detection if shows_handheld_maps(snapshot) else results.detection
         if found is None or maps is None:
             return ""
         value = found.value
@@ -127,10 +137,10 @@ class MapsPanel(StepPanel):
             f"Outer boundary in {100.0 * float(value.outer_ok.mean()):.0f} %, inner boundary in "
             f"{100.0 * float(value.inner_ok.mean()):.0f} % of {len(value.inner_ok)} A-scans."
         )
-        accuracy = chosen_accuracy(picture)
+        accuracy = shown_map_accuracy(snapshot)
         if accuracy is not None:
             words += f" {accuracy_words(maps, accuracy)}"
-        return style.note(words, "good") + advice_note(picture.session, only_another=True)
+        return style.note(words, "good") + advice_note(snapshot.session, only_another=True)
 
 
 def color_bar(layers: MapLayers) -> str:

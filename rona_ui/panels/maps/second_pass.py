@@ -9,55 +9,58 @@ from rona_core.app.messages.registry import StartGapPlan, StartGapScan, StartMap
 from rona_core.app.steps.maps.second_pass_view import SecondView, second_cells, second_view
 from rona_ui.panels.widgets import style
 from rona_ui.panels.widgets.form import Form
-from rona_ui.panels.widgets.panel_context import Door, listen
+from rona_ui.panels.widgets.panel_context import PanelContext, on_click
 from rona_ui.panels.widgets.step_panel import stopped_note
-from rona_ui.scene.colors import SKY, css, viridis_css
-from rona_ui.scene.maps.second_pass import path_drawn, top_deg
-from rona_ui.view_state import Picture
+from rona_ui.presentation.colors import SKY, css, viridis_css
+from rona_ui.presentation.shown_path import shows_second_path, tilt_scale_max_deg
+from rona_ui.presentation.snapshot import Snapshot
 
 EXPLANATION = (
-    "Where the inner table leans, its echo misses the upright probe. The robot goes there again "
-    "with the probe leaning towards it."
+    "Where the inner table is inclined, its echo misses the probe. The robot scans these "
+    "gaps again with the probe tilted."
 )
 
 
 class SecondFolder:
     """Plan, scan and map the gaps, and what came of it."""
 
-    def __init__(self, gui: Any, door: Door, mapping: Callable[[], StartMapping]) -> None:
+    def __init__(
+        self, gui: Any, context: PanelContext, mapping: Callable[[], StartMapping]
+    ) -> None:
         self._form = Form(gui)
         self._window = gui.add_folder("Second pass over the gaps", visible=False)
         with self._window:
             gui.add_html(style.text(EXPLANATION))
             self._words = gui.add_html("")
             self._plan = gui.add_button("Plan second pass", icon="route")
-            self._scan = gui.add_button("Scan the gaps", icon="player-play")
-            self._map = gui.add_button("Map with the second pass", icon="map", visible=False)
-            with gui.add_folder("Rows and lean", expand_by_default=False):
+            self._scan = gui.add_button("Scan gaps", icon="player-play")
+            self._map = gui.add_button("Map with second pass", icon="map", visible=False)
+            with gui.add_folder("Row spacing and tilt", expand_by_default=False):
                 form, plan = self._form, StartGapPlan()
-                form.number("spacing_mm", "Rows (mm)", plan.spacing_mm, 0.5, 5.0, 0.5)
+                form.number("spacing_mm", "Row spacing (mm)", plan.spacing_mm, 0.5, 5.0, 0.5)
                 form.number(
-                    "fan", "Fan", plan.fan, 0.0, 0.5, 0.05,
-                    "By how much the slope that neighbouring rows expect differs (mm per mm)",
+                    "fan", "Slope spread", plan.fan, 0.0, 0.5, 0.05,
+                    "Difference of the expected inner-table slope between neighbouring rows "
+                    "(mm/mm)",
                 )  # fmt: skip
                 form.number(
-                    "largest_lean_deg", "Most lean (deg)", plan.largest_lean_deg, 0.5, 15.0, 0.5,
-                    "Beyond about 6 degrees the face of the probe loses its contact",
+                    "largest_lean_deg", "Max. tilt (deg)", plan.largest_lean_deg, 0.5, 15.0, 0.5,
+                    "Above about 6° the probe face loses contact",
                 )  # fmt: skip
-        listen(self._plan, lambda e: self._send(door, self.message, e))
-        listen(self._scan, lambda e: self._send(door, StartGapScan, e))
-        listen(self._map, lambda e: self._send(door, mapping, e, second=False))
+        on_click(self._plan, lambda e: self._send(context, self.message, e))
+        on_click(self._scan, lambda e: self._send(context, StartGapScan, e))
+        on_click(self._map, lambda e: self._send(context, mapping, e, second=False))
 
     def message(self) -> StartGapPlan:
         """Return the planning with these parameters."""
         return StartGapPlan(**self._form.values())
 
     @staticmethod
-    def _send(door: Door, make: Any, event: Any, *, second: bool = True) -> None:
-        door.send(make, event)
-        door.view(lambda v: replace(v, second=second, cursor=None, playing=False))
+    def _send(context: PanelContext, make: Any, event: Any, *, second: bool = True) -> None:
+        context.send(make, event)
+        context.change_view(lambda v: replace(v, second=second, cursor=None, playing=False))
 
-    def render(self, old: Picture | None, new: Picture) -> None:
+    def render(self, old: Snapshot | None, new: Snapshot) -> None:
         """Follow maps, plan and scan of the gaps."""
         if (
             old is not None
@@ -74,7 +77,7 @@ class SecondFolder:
         self._scan.disabled = new.busy or not ready
         scanned = usable_second(new.session) is not None
         self._plan.label = "Plan second pass again" if view is not None else "Plan second pass"
-        self._scan.label = "Scan the gaps again" if scanned else "Scan the gaps"
+        self._scan.label = "Scan gaps again" if scanned else "Scan gaps"
         self._plan.color = "gray" if ready else None
         self._scan.color = "gray" if scanned else None
         self._map.visible = scanned and second_cells(new.session) is None
@@ -84,35 +87,38 @@ class SecondFolder:
             self._words.content = html
 
 
-def words(picture: Picture, view: SecondView | None, scanned: bool) -> str:
+def words(snapshot: Snapshot, view: SecondView | None, scanned: bool) -> str:
     """Return what is planned, what was scanned, and the coverage before and after."""
-    session, html = picture.session, stopped_note(picture, "StartGapScan")
+    session, html = snapshot.session, stopped_note(snapshot, "StartGapScan")
     if view is not None:
         told = (
-            f"Gaps: {100 * view.gap_share:.0f} % of the map. Path of {view.length_mm:.0f} mm, the "
-            f"probe leans up to {view.lean_deg.max(initial=0.0):.1f}°"
+            f"Gaps: {100 * view.gap_share:.0f} % of the map. Path of {view.length_mm:.0f} "
+            f"mm, probe tilt up to {view.lean_deg.max(initial=0.0):.1f}°"
         )
         if view.blocked is not None:
-            html += style.note(f"{told}. It cannot be scanned: {view.blocked}.", "warn")
+            html += style.note(f"{told}. Cannot be scanned: {view.blocked}.", "warn")
         elif view.stale is not None and not scanned:
-            html += style.note(f"{told}. Stale: {view.stale}. Plan it again.", "warn")
+            html += style.note(f"{told}. Stale: {view.stale}. Plan again.", "warn")
         else:
-            html += style.note(f"{told}; it takes {view.duration_s or 0.0:.0f} s.")
-        if path_drawn(picture):
-            html += lean_bar(view) + style.key(((css(SKY), "its path"),))
+            html += style.note(f"{told}, duration {view.duration_s or 0.0:.0f} s.")
+        if shows_second_path(snapshot):
+            html += lean_bar(view) + style.key(((css(SKY), "second path"),))
     capture = session.captures.second
     if capture is None:
         return html
     if not scanned:
-        return html + style.note("What was scanned of the gaps belongs to another scan.", "warn")
+        return html + style.note(
+            "The gap scan belongs to another scan. Scan the gaps again.", "warn"
+        )
     cells = second_cells(session)
     if cells is None:
         return html + style.note(
             f"{len(capture.scans)} A-scans of the gaps recorded. Map the boundaries with them."
         )
     return html + style.note(
-        f"Inner coverage {100 * cells.before:.0f} % before, {100 * cells.after:.0f} % with the "
-        f"second pass ({len(capture.scans)} A-scans). White dots: cells that only it saw.",
+        f"Inner coverage {100 * cells.before:.0f} % before, {100 * cells.after:.0f} % with "
+        f"the second pass ({len(capture.scans)} A-scans). White dots: cells seen only by the "
+        "second pass.",
         "good",
     )
 
@@ -122,5 +128,5 @@ def lean_bar(view: SecondView) -> str:
     return (
         '<div class="r-text" style="padding-bottom:2px">Lean of the probe (deg)</div>'
         f'<div class="r-bar" style="background:{viridis_css()}"></div>'
-        f'<div class="r-ticks"><span>0</span><span>{top_deg(view):.0f}</span></div>'
+        f'<div class="r-ticks"><span>0</span><span>{tilt_scale_max_deg(view):.0f}</span></div>'
     )

@@ -7,13 +7,13 @@ import numpy as np
 from rona_core.app.steps.path.view import PathView
 from rona_core.geometry.arrays import Floats
 from rona_ui.panels.widgets import style
-from rona_ui.scene.colors import BLUE, css, viridis, viridis_css
-from rona_ui.scene.path.path import path_key, shown_path
-from rona_ui.view_state import Picture
+from rona_ui.presentation.colors import BLUE, css, viridis, viridis_css
+from rona_ui.presentation.shown_path import shown_path, shown_path_key
+from rona_ui.presentation.snapshot import Snapshot
 
 WIDTH, HEIGHT, MARGIN = 170.0, 190.0, 8.0  # of one graph, in pixels
 MOST_DOTS = 900  # drawn of the original
-EMPTY = "The path appears here after step 6, beside the demonstrated one."
+EMPTY = "The demonstrated and the simplified path appear here after step 6."
 
 
 class PathGraph:
@@ -22,9 +22,9 @@ class PathGraph:
     def __init__(self, gui: Any) -> None:
         self._html = gui.add_html(style.text(EMPTY))
 
-    def render(self, old: Picture | None, new: Picture) -> None:
+    def render(self, old: Snapshot | None, new: Snapshot) -> None:
         """Follow the path, and the bound while it is dragged."""
-        if old is not None and path_key(old) == path_key(new):
+        if old is not None and shown_path_key(old) == shown_path_key(new):
             return
         view = shown_path(new)
         self._html.content = style.text(EMPTY) if view is None else graph(view)
@@ -64,7 +64,7 @@ def graph(view: PathView) -> str:
         f"{_ruler(scale)}</svg></div>"
         f'<div class="r-ticks"><span>Original: {len(view.raw_patch)} points</span>'
         f"<span>Smoothed: {about}{len(view.corners_base)} points</span></div>"
-        + bar("Distance of the original from the smoothed path (mm)", view.tolerance_mm, "≥ ")
+        + bar("Deviation of the original from the smoothed path (mm)", view.tolerance_mm, "≥ ")
     )
 
 

@@ -8,44 +8,44 @@ from rona_core.app.steps.roll.base_placement_view import BasePlace, BasePlacemen
 from rona_core.session.document import Session
 from rona_ui.panels.widgets import style
 from rona_ui.panels.widgets.form import Form
-from rona_ui.panels.widgets.panel_context import Door, listen
-from rona_ui.scene.colors import ORANGE, SKY, VERMILLION, css, viridis_css
-from rona_ui.scene.roll.base_places import NEAR
-from rona_ui.view_state import Picture
+from rona_ui.panels.widgets.panel_context import PanelContext, on_click
+from rona_ui.presentation.colors import BLOCKED, ORANGE, SKY, VERMILLION, css, viridis_css
+from rona_ui.presentation.snapshot import Snapshot
 
 AGAIN = (
-    "The tracker is registered to the base: after a move do steps 2 and 4 to 7 again (the pointer "
-    "stays calibrated)."
+    "The tracker is registered to the base. After a move repeat steps 2 and 4 to 7; the "
+    "pointer calibration stays valid."
 )
 
 
-class BasePlaceControls:
+class BasePlacementControls:
     """A button that searches, a summary, and a button for each place that was certified."""
 
-    def __init__(self, gui: Any, door: Door) -> None:
-        self._search = gui.add_button("Where to put the robot?", icon="map-search", color="gray")
+    def __init__(self, gui: Any, context: PanelContext) -> None:
+        self._search = gui.add_button("Find base pose", icon="map-search", color="gray")
         self._words = gui.add_html("")
         self._take = {
-            "smallest": gui.add_button("Take the smallest move", icon="check", visible=False),
-            "best": gui.add_button("Take the most room", icon="check", visible=False),
+            "smallest": gui.add_button("Use nearest pose", icon="check", visible=False),
+            "best": gui.add_button("Use pose with largest margin", icon="check", visible=False),
         }
         self._key = gui.add_html("")
         self._form = Form(gui)
-        with gui.add_folder("Where to look", expand_by_default=False):
+        with gui.add_folder("Search range", expand_by_default=False):
             form = self._form
-            form.number("half_x_mm", "To and fro (mm)", 500.0, 0.0, 2000.0, 50.0, "Along base x")
-            form.number("half_y_mm", "To the sides (mm)", 600.0, 0.0, 2000.0, 50.0, "Along base y")
-            form.number("step_mm", "Cells of (mm)", 100.0, 25.0, 500.0, 25.0)
-        listen(self._search, lambda e: door.send(self._message, e))
-        listen(
-            self._take["smallest"], lambda e: door.send(lambda: ApplyBasePlacement("smallest"), e)
+            form.number("half_x_mm", "Range x, ± (mm)", 500.0, 0.0, 2000.0, 50.0, "Along base x")
+            form.number("half_y_mm", "Range y, ± (mm)", 600.0, 0.0, 2000.0, 50.0, "Along base y")
+            form.number("step_mm", "Cell size (mm)", 100.0, 25.0, 500.0, 25.0)
+        on_click(self._search, lambda e: context.send(self._message, e))
+        on_click(
+            self._take["smallest"],
+            lambda e: context.send(lambda: ApplyBasePlacement("smallest"), e),
         )
-        listen(self._take["best"], lambda e: door.send(lambda: ApplyBasePlacement("best"), e))
+        on_click(self._take["best"], lambda e: context.send(lambda: ApplyBasePlacement("best"), e))
 
     def _message(self) -> StartBasePlacement:
         return StartBasePlacement(**self._form.values())
 
-    def render(self, old: Picture | None, new: Picture) -> None:
+    def render(self, old: Snapshot | None, new: Snapshot) -> None:
         """Follow the search, and rest while something runs."""
         if old is not None and old.session is new.session and old.busy == new.busy:
             return
@@ -76,10 +76,10 @@ def placement_words(session: Session, found: BasePlacement | None) -> str:
     words = ""
     if found.smallest is None:
         reasons = "; ".join(found.reasons)
-        words += style.note(f"No place was found that is certified: {reasons}.", "warn")
+        words += style.note(f"No verified base pose found: {reasons}.", "warn")
     elif not moves(found.smallest):
-        words += style.note("The scan is certified from where the base stands.", "good")
-    for name, title in (("smallest", "Smallest move"), ("best", "Most room")):
+        words += style.note("The scan is verified from the present base pose.", "good")
+    for name, title in (("smallest", "Nearest pose"), ("best", "Largest margin")):
         if name in offered:
             words += style.note(f"{title}: {place_words(offered[name])}", "good")
     return words + (style.text(AGAIN) if offered else "")
@@ -92,10 +92,8 @@ def _past_words(session: Session) -> str:
         return ""
     stands = robot.base_shift_mm, robot.base_turn_deg
     if any((place.shift_mm, place.turn_deg) == stands for place in offers(searched.value).values()):
-        return style.note("The base stands at the place that was chosen. " + AGAIN)
-    return style.note(
-        "The base, the path or what stands around has changed: look again for places."
-    )
+        return style.note("The base stands at the selected pose. " + AGAIN)
+    return style.note("Base, path or obstacles have changed. Search again.")
 
 
 def placement_key(found: BasePlacement | None) -> str:
@@ -104,22 +102,22 @@ def placement_key(found: BasePlacement | None) -> str:
         return ""
     legend = (
         f'<div class="r-key"><span><i style="width:44px;background:{viridis_css()}"></i>'
-        f"on the floor: seems to work, room 0 to {_top(found):.1f}</span></div>"
+        f"floor map: feasible, margin 0 to {_top(found):.1f}</span></div>"
     )
-    others = [(css(VERMILLION), "does not"), (css(NEAR), "too near the head")]
-    marks = {"smallest": (css(ORANGE), "smallest move"), "best": (css(SKY), "most room")}
+    others = [(css(VERMILLION), "infeasible"), (css(BLOCKED), "too close to the head")]
+    marks = {"smallest": (css(ORANGE), "nearest pose"), "best": (css(SKY), "largest margin")}
     return legend + style.key(tuple(others + [marks[name] for name in offers(found)]))
 
 
 def place_words(place: BasePlace) -> str:
     """Return a place in plain words."""
     x, y, z = place.shift_mm
-    rolls = f"{place.n_feasible} constant rolls work, room {place.margin:.2f}"
+    rolls = f"{place.n_feasible} constant roll angles feasible, margin {place.margin:.2f}"
     if place.mode != "constant":
-        rolls = "a roll that varies along the path works"
+        rolls = "a varying roll is feasible"
     return (
-        f"{place.moved_mm:.0f} mm away and turned by {place.turned_deg:.0f}°, to "
-        f"({x:.0f}, {y:.0f}, {z:.0f}) mm and {place.turn_deg:.0f}°. Certified: {rolls}."
+        f"Moved by {place.moved_mm:.0f} mm and rotated by {place.turned_deg:.0f}°, to "
+        f"({x:.0f}, {y:.0f}, {z:.0f}) mm and {place.turn_deg:.0f}°. Verified: {rolls}."
     )
 
 

@@ -5,25 +5,25 @@ from typing import Any
 
 from rona_core.app.steps.roll.certificate_view import CertificateView, CheckPlace, certificate_view
 from rona_ui.panels.widgets import style
-from rona_ui.panels.widgets.panel_context import Door, follow
-from rona_ui.view_state import Picture
+from rona_ui.panels.widgets.panel_context import PanelContext, on_change
+from rona_ui.presentation.snapshot import Snapshot
 from rona_ui.viewer.bindings import escape
 
-NOTHING = "What the verifier looked at appears here once a motion is planned (step 7)."
-NOWHERE = "Choose a check"
+NOTHING = "The verification appears here once a motion is planned (step 7)."
+NOWHERE = "Select a check"
 ROUNDING, SMALL = 1e-9, 1e-3
 
 
 class ChecksPanel:
     """A verdict, a choice that drives the replay to a check's worst place, and the whole list."""
 
-    def __init__(self, gui: Any, door: Door) -> None:
+    def __init__(self, gui: Any, context: PanelContext) -> None:
         self._words = gui.add_html(style.text(NOTHING))
         self._choice = gui.add_dropdown(
-            "Show worst",
+            "Go to worst",
             (NOWHERE,),
             visible=False,
-            hint="Puts the replay where this check has its worst value",
+            hint="Moves the replay to the worst value of this check",
         )
         self._table = gui.add_html("")
         self._rows: dict[str, CheckPlace] = {}
@@ -31,12 +31,12 @@ class ChecksPanel:
         def go(event: Any) -> None:
             row = self._rows.get(self._choice.value)
             if row is not None:
-                door.view(lambda v: replace(v, cursor=row.share, playing=False))
-                door.look("Scan" if row.path_percent is not None else "Robot")
+                context.change_view(lambda v: replace(v, cursor=row.share, playing=False))
+                context.set_camera("Scan" if row.path_percent is not None else "Robot")
 
-        follow(self._choice, go)
+        on_change(self._choice, go)
 
-    def render(self, old: Picture | None, new: Picture) -> None:
+    def render(self, old: Snapshot | None, new: Snapshot) -> None:
         """Follow the plan."""
         same = old is not None and old.session.results.roll is new.session.results.roll
         if same and old is not None and old.steps is new.steps:
@@ -63,10 +63,12 @@ def verdict(view: CertificateView, *, stale: bool) -> str:
     if not view.certified:
         return style.note(refusal(view), "warn")
     if stale:
-        return style.note(f"All {number} checks held, but something has changed since.", "warn")
-    words = f"Certified: all {number} checks hold over {view.duration_s:.1f} s of motion."
+        return style.note(
+            f"All {number} checks held, but inputs have changed since. Plan again.", "warn"
+        )
+    words = f"Verified: all {number} checks hold over {view.duration_s:.1f} s of motion."
     if view.min_clearance_mm is not None:
-        words += f" Least clearance {view.min_clearance_mm:.1f} mm."
+        words += f" Minimum clearance {view.min_clearance_mm:.1f} mm."
     return style.note(words, "good")
 
 
@@ -74,7 +76,7 @@ def refusal(view: CertificateView) -> str:
     """Return why and where the motion is refused."""
     failures = view.failures
     if not failures:
-        return "Refused: the certificate is of another motion. Search the roll again."
+        return "Refused: the certificate belongs to another motion. Plan again."
     parts = "; ".join(f"{row.check.sentence} ({row.place})" for row in failures[:3])
     more = f"; and {len(failures) - 3} more" if len(failures) > 3 else ""
     return f"Refused: {parts}{more}. The robot will not execute it."
@@ -85,7 +87,7 @@ def refusal_in_short(view: CertificateView) -> str:
     names = ", ".join(f"{row.check.name} ({value(row)}, {limit(row)})" for row in view.failures[:3])
     more = len(view.failures) - 3
     names += f" and {more} more" if more > 0 else ""
-    return f"Refused for: {names or 'another motion'}. Why and where: Checks, on the right."
+    return f"Refused: {names or 'another motion'}. See Checks on the right."
 
 
 def table(view: CertificateView) -> str:

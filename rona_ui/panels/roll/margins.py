@@ -6,41 +6,43 @@ from typing import Any
 from rona_core.app.steps.roll.margins_view import PathMargins, Quantity, path_margins
 from rona_core.app.steps.setup.clearance import Nearness
 from rona_ui.panels.widgets import style
-from rona_ui.panels.widgets.panel_context import Door, follow
-from rona_ui.scene.colors import VERMILLION, css, viridis_css
-from rona_ui.scene.roll.margins import TOPS
-from rona_ui.scene.setup.clearance import near_now
-from rona_ui.view_state import Picture
+from rona_ui.panels.widgets.panel_context import PanelContext, on_change
+from rona_ui.presentation.colors import VERMILLION, css, viridis_css
+from rona_ui.presentation.shown_path import MARGIN_SCALE_MAX
+from rona_ui.presentation.shown_robot import shown_clearances
+from rona_ui.presentation.snapshot import Snapshot
 from rona_ui.viewer.bindings import escape
 
 QUANTITIES: dict[str, Quantity] = {
-    "Room, least of all": "room",
+    "Smallest margin": "room",
     "Joint limits": "limits",
     "Singularities": "singularity",
     "Collisions": "clearance",
 }
 UNITS: dict[Quantity, str] = {
-    "room": "Room to limits, singularities, jumps and reach (1 is comfortable)",
+    "room": "Margin to limits, singularities, jumps and reach (1 is comfortable)",
     "limits": "Distance from the nearest joint limit (°)",
-    "singularity": "Room to the nearest singularity (1 is comfortable)",
+    "singularity": "Margin to the nearest singularity (1 is comfortable)",
     "clearance": "Clearance of robot, tool and obstacles (mm)",
 }
 DECIMALS: dict[Quantity, int] = {"room": 1, "limits": 0, "singularity": 1, "clearance": 0}
 
 
-class MarginsPart:
+class MarginControls:
     """Dropdown, colour bar, and the nearest pair."""
 
-    def __init__(self, gui: Any, door: Door) -> None:
+    def __init__(self, gui: Any, context: PanelContext) -> None:
         self._choice = gui.add_dropdown("Path colour", tuple(QUANTITIES), visible=False)
         self._bar = gui.add_html("")
         self._near = gui.add_html("")
-        follow(
+        on_change(
             self._choice,
-            lambda e: door.view(lambda v: replace(v, margin=QUANTITIES[self._choice.value])),
+            lambda e: context.change_view(
+                lambda v: replace(v, margin=QUANTITIES[self._choice.value])
+            ),
         )
 
-    def render(self, old: Picture | None, new: Picture) -> None:
+    def render(self, old: Snapshot | None, new: Snapshot) -> None:
         """Follow search, shown roll, quantity and the robot as it is drawn."""
         there = new.session.results.roll is not None
         if self._choice.visible != there:
@@ -60,26 +62,26 @@ class MarginsPart:
             if new.view.step in ("roll", "scan"):
                 found = path_margins(new.session, new.view.shown_roll)
             self._bar.content = "" if found is None else bar(found, new.view.margin)
-        words = near_words(near_now(new)) if there else ""
+        words = near_words(shown_clearances(new)) if there else ""
         if self._near.content != words:
             self._near.content = words
 
 
 def bar(found: PathMargins, quantity: Quantity) -> str:
     """Return the colour bar of a quantity, and the least value along the path."""
-    top, decimals = TOPS[quantity], DECIMALS[quantity]
+    top, decimals = MARGIN_SCALE_MAX[quantity], DECIMALS[quantity]
     values, fails = found.values(quantity), found.fails(quantity)
     more = "≥ " if float(values.max(initial=0.0)) > top else ""
     ticks = f"<span>0</span><span>{0.5 * top:.{decimals}f}</span>"
     least = float(values.min())
-    words = f"Least along the path: {least:.{max(decimals, 1)}f}."
+    words = f"Minimum along the path: {least:.{max(decimals, 1)}f}."
     if fails.any():
         part = 100.0 * float(fails.mean())
         words += f" Red on {max(part, 1.0):.0f} % of the path: not allowed."
     closest = Nearness(*found.closest, found.closest_mm, found.needed_mm)
     if quantity == "clearance":
         share = 100.0 * found.closest_at / max(len(values) - 1, 1)
-        words += f" Least to spare: {closest.sentence} (at {share:.0f} %)."
+        words += f" Closest: {closest.sentence} (at {share:.0f} %)."
     return (
         f'<div class="r-text" style="padding-bottom:2px">{escape(UNITS[quantity])}</div>'
         '<div style="display:flex;margin:0 12px;gap:4px">'

@@ -15,46 +15,55 @@ from rona_core.app.steps.roll.view import (
     shows_chosen,
     shows_varying,
 )
-from rona_ui.panels.roll.margins import MarginsPart
-from rona_ui.panels.roll.roll_ranking import RankingPart
+from rona_ui.panels.roll.margins import MarginControls
+from rona_ui.panels.roll.roll_image import legend, roll_picture
+from rona_ui.panels.roll.roll_ranking import RollRanking
 from rona_ui.panels.widgets import style
 from rona_ui.panels.widgets.image_slider import sheet
-from rona_ui.panels.widgets.panel_context import Door, follow, listen
-from rona_ui.panels.widgets.roll_image import legend, roll_picture
-from rona_ui.view_state import Picture
+from rona_ui.panels.widgets.panel_context import PanelContext, on_change, on_click
+from rona_ui.presentation.snapshot import Snapshot
 
 HEIGHT_PX = 190
-NOTHING = "The map of rolls appears after step 7."
+NOTHING = "The roll map appears after step 7."
 WORDS = (
-    "Across: roll. Down: along the path. Click or drag to look at a roll; one that works is "
-    "planned and verified."
+    "Across: roll angle. Down: position along the path. Click or drag to select a roll; a "
+    "feasible one is planned and verified."
 )
 
 
 class RollsPanel:
     """Click in the picture: the roll is shown; one that works is planned and verified at once."""
 
-    def __init__(self, gui: Any, door: Door) -> None:
-        self._gui, self._door = gui, door
+    def __init__(self, gui: Any, context: PanelContext) -> None:
+        self._gui, self._context = gui, context
         self._words = gui.add_html(style.text(NOTHING))
         self._sheet = gui.add_html("")
         self._folder = gui.add_folder(None, visible=False)
         self._slider: Any = None
         self._remark = gui.add_html("")
         self._back = gui.add_button(
-            "Show the chosen roll", icon="arrow-back-up", color="gray", visible=False
+            "Show selected roll", icon="arrow-back-up", color="gray", visible=False
         )
         self._place = gui.add_slider(
-            "Place (%)", 0.0, 100.0, 0.5, 50.0, visible=False, hint="Of the path, for a look at it"
+            "Path position (%)",
+            0.0,
+            100.0,
+            0.5,
+            50.0,
+            visible=False,
+            hint="Where along the path the robot is shown",
         )
         self._legend = gui.add_html("")
-        self._margins = MarginsPart(gui, door)
-        self._ranking = RankingPart(gui, door)
+        self._margins = MarginControls(gui, context)
+        self._ranking = RollRanking(gui, context)
         self._works: tuple[bool, ...] = ()
-        follow(self._place, self._moved)
-        listen(self._back, lambda e: door.view(lambda v: replace(v, shown_roll=None, place=None)))
+        on_change(self._place, self._moved)
+        on_click(
+            self._back,
+            lambda e: context.change_view(lambda v: replace(v, shown_roll=None, place=None)),
+        )
 
-    def render(self, old: Picture | None, new: Picture) -> None:
+    def render(self, old: Snapshot | None, new: Snapshot) -> None:
         """Follow search and shown roll."""
         roll = new.session.results.roll
         before = None if old is None else old.session.results.roll
@@ -78,7 +87,7 @@ class RollsPanel:
             place = place_of_roll(new.session, new.view.shown_roll, new.view.place)
             self._place.value = round(200.0 * place) / 2.0
 
-    def _build(self, new: Picture) -> None:
+    def _build(self, new: Snapshot) -> None:
         strip = roll_strip(new.session)
         if self._slider is not None:
             self._slider.remove()
@@ -104,42 +113,42 @@ class RollsPanel:
             self._slider = self._gui.add_slider(
                 "Roll", 0, last, 1, max(strip.chosen, 0), marks=marks
             )
-        follow(self._slider, self._chosen)
+        on_change(self._slider, self._chosen)
 
     def _chosen(self, event: Any) -> None:
         index = int(self._slider.value)
-        self._door.view(
+        self._context.change_view(
             lambda v: replace(v, shown_roll=index, place=None, cursor=None, playing=False)
         )
         if 0 <= index < len(self._works) and self._works[index]:
-            self._door.send_settled("roll", lambda: ChooseRoll(index), event)
+            self._context.send_debounced("roll", lambda: ChooseRoll(index), event)
 
     def _moved(self, event: Any) -> None:
         place = float(self._place.value) / 100.0
-        self._door.view(lambda v: replace(v, place=place, cursor=None, playing=False))
+        self._context.change_view(lambda v: replace(v, place=place, cursor=None, playing=False))
 
 
-def column_shown(picture: Picture) -> int | None:
+def column_shown(snapshot: Snapshot) -> int | None:
     """Return where the slider stands: at the roll that is shown, or a varying one at its place."""
-    view, searched = picture.view, picture.session.results.roll
-    index = shown_roll(picture.session, view.shown_roll)
+    view, searched = snapshot.view, snapshot.session.results.roll
+    index = shown_roll(snapshot.session, view.shown_roll)
     if index is None or searched is None or not shows_varying(searched.value, view.shown_roll):
         return index
     plan = searched.value
-    place = place_of_roll(picture.session, view.shown_roll, view.place)
+    place = place_of_roll(snapshot.session, view.shown_roll, view.place)
     roll_deg = np.rad2deg(plan.rolls_rad[point_at(plan, place)])
     apart = [abs((v.roll_deg - roll_deg + 180.0) % 360.0 - 180.0) for v in plan.verdicts]
     return int(np.argmin(apart))
 
 
-def remark(picture: Picture) -> str:
+def remark(snapshot: Snapshot) -> str:
     """Return what there is to say about the shown roll."""
-    curves = joint_curves(picture.session, picture.view.shown_roll)
+    curves = joint_curves(snapshot.session, snapshot.view.shown_roll)
     if curves is None:
         return ""
     words = curves.sentence[:1].upper() + curves.sentence[1:]
     if not curves.feasible and curves.worst_joint:
-        words += f". Red in the scene: that place, and what joint {curves.worst_joint} carries"
-    if picture.step("roll").state == "stale":
-        return style.note(f"{words}. Stale: search the roll again.", "warn")
+        words += f". Red in the scene: this place, and the links after joint {curves.worst_joint}"
+    if snapshot.step("roll").state == "stale":
+        return style.note(f"{words}. Stale: plan again.", "warn")
     return style.note(words, "good" if curves.feasible else "warn")

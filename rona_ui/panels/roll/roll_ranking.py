@@ -6,33 +6,36 @@ from typing import Any
 from rona_core.app.messages.registry import ChooseRoll
 from rona_core.app.steps.roll.view import RankedWay, ranked_ways
 from rona_ui.panels.widgets import style
-from rona_ui.panels.widgets.panel_context import Door, follow
-from rona_ui.view_state import Picture, ViewState
+from rona_ui.panels.widgets.panel_context import PanelContext, on_change
+from rona_ui.presentation.snapshot import Snapshot
+from rona_ui.presentation.view_state import ViewState
 from rona_ui.viewer.bindings import escape
 
 LISTED = 12  # ways in the table; the choice has more
 
 
-class RankingPart:
+class RollRanking:
     """A closed folder: the table of the best ways, and a choice that plans with one of them."""
 
-    def __init__(self, gui: Any, door: Door) -> None:
+    def __init__(self, gui: Any, context: PanelContext) -> None:
         self._ways: tuple[RankedWay, ...] = ()
         self._folder = gui.add_folder("Ranking", expand_by_default=False, visible=False)
         with self._folder:
-            self._choice = gui.add_dropdown("Take", ("–",), hint="Plans and verifies this one")
+            self._choice = gui.add_dropdown(
+                "Use", ("–",), hint="Plans and verifies this configuration"
+            )
             self._table = gui.add_html("")
 
         def take(event: Any) -> None:
             names = [name_of(number, way) for number, way in enumerate(self._ways, start=1)]
             if self._choice.value in names:
                 way = self._ways[names.index(self._choice.value)]
-                door.view(_plan_shown)
-                door.send(lambda: ChooseRoll(way.index, way.branch), event)
+                context.change_view(_plan_shown)
+                context.send(lambda: ChooseRoll(way.index, way.branch), event)
 
-        follow(self._choice, take)
+        on_change(self._choice, take)
 
-    def render(self, old: Picture | None, new: Picture) -> None:
+    def render(self, old: Snapshot | None, new: Snapshot) -> None:
         """Follow the search."""
         if old is not None and old.session.results.roll is new.session.results.roll:
             if old.busy != new.busy:
@@ -53,7 +56,7 @@ def _plan_shown(view: ViewState) -> ViewState:
 
 def name_of(number: int, way: RankedWay) -> str:
     """Return what the choice says of a way."""
-    return f"{number}: {way.roll_deg:.0f}°, room {way.margin:.2f}"
+    return f"{number}: {way.roll_deg:.0f}°, margin {way.margin:.2f}"
 
 
 def table(ways: tuple[RankedWay, ...]) -> str:
@@ -67,10 +70,14 @@ def table(ways: tuple[RankedWay, ...]) -> str:
             f'<tr><td class="n">{number}{mark}</td><td class="n">{way.roll_deg:.0f}°</td>'
             f'<td>{escape(way.label)}</td><td class="n">{way.margin:.2f}</td></tr>'
         )
-    head = '<tr><th class="n">#</th><th class="n">Roll</th><th>Arm</th><th class="n">Room</th></tr>'
+    head = (
+        '<tr><th class="n">#</th><th class="n">Roll</th><th>Arm</th><th class="n">Margin</th></tr>'
+    )
     return (
         f'<table class="r-table">{head}{rows}</table>'
-        + style.text("Room: least distance from limits, singularities and jumps along the path.")
+        + style.text(
+            "Margin: smallest distance from limits, singularities and jumps along the path."
+        )
         if ways
         else ""
     )

@@ -5,30 +5,31 @@ from typing import Any
 
 from rona_core.app.steps.scan.ascan_view import AScanPlot, ScanName, ascan_plot, scan_number_at
 from rona_core.app.steps.scan.boundary_handlers import capture_of
-from rona_ui.panels.scan.ascan_graph import BANDS, HIGH, KEY, LOW, SERIES, ascan_data, axis
+from rona_ui.panels.scan.ascan_graph import BANDS, HIGH, KEY, LOW, SERIES, ascan_data
 from rona_ui.panels.scan.bscan_slider import ScanSlider
-from rona_ui.panels.scan.manual_boundary import BoundaryHand
+from rona_ui.panels.scan.manual_boundary import ManualBoundaryControls
 from rona_ui.panels.widgets import style
-from rona_ui.panels.widgets.graphs import PADDING
-from rona_ui.panels.widgets.panel_context import Door, follow
-from rona_ui.view_state import Picture, ViewState
+from rona_ui.panels.widgets.graph_style import PADDING, axis
+from rona_ui.panels.widgets.panel_context import PanelContext, on_change
+from rona_ui.presentation.snapshot import Snapshot
+from rona_ui.presentation.view_state import ViewState
 
 SCANS: dict[str, ScanName] = {
     "First pass": "first",
     "Second pass": "second",
-    "Scan by hand": "hand",
+    "Handheld scan": "hand",
 }
-BARS = "Bars along the bottom: where each boundary is looked for. Drag across to zoom."
-NOTHING = "A-scans appear with the scan, step 8, or with the scan by hand, step 9."
+BARS = "Bars at the bottom: search gates of the boundaries. Drag to zoom."
+NOTHING = "A-scans appear with a scan (step 8) or a handheld scan (step 9)."
 
 
-def shown_scans(picture: Picture) -> tuple[str, ...]:
+def shown_scans(snapshot: Snapshot) -> tuple[str, ...]:
     """Return the words for the scans that there are, and for the one that is looked at."""
-    session = picture.session
+    session = snapshot.session
     return tuple(
         words
         for words, scan in SCANS.items()
-        if scan == picture.scan or capture_of(session, scan) is not None
+        if scan == snapshot.scan or capture_of(session, scan) is not None
     )
 
 
@@ -36,36 +37,39 @@ def with_scan(view: ViewState, scan: ScanName) -> ViewState:
     """Return the view of another scan, from its beginning."""
     return replace(
         view,
-        by_hand=scan == "hand",
+        handheld=scan == "hand",
         second=scan == "second",
         cursor=None,
-        hand_cursor=0.0,
+        handheld_cursor=0.0,
         playing=False,
-        hand=None,
+        dragged_boundary=None,
     )
 
 
-def shown_number(picture: Picture) -> int | None:
+def shown_number(snapshot: Snapshot) -> int | None:
     """Return the number of the A-scan under the cursor; at the start without one."""
-    return scan_number_at(picture.session, picture.scan_cursor or 0.0, picture.scan)
+    return scan_number_at(snapshot.session, snapshot.scan_cursor or 0.0, snapshot.scan)
 
 
 class AScanPanel:
     """Follows the cursor of the replay; while the robot scans, the newest A-scan."""
 
-    def __init__(self, gui: Any, door: Door) -> None:
+    def __init__(self, gui: Any, context: PanelContext) -> None:
         self._gui = gui
         self._pass = gui.add_dropdown("A-scans of", tuple(SCANS), visible=False)
         self._words = gui.add_html(style.text(NOTHING))
-        self._slider = ScanSlider(gui, door)
+        self._slider = ScanSlider(gui, context)
         self._folder = gui.add_folder(None)
         self._key = gui.add_html(style.key(KEY) + style.text(BARS), visible=False)
-        self._hand = BoundaryHand(gui, door)
+        self._hand = ManualBoundaryControls(gui, context)
         self._plot: Any = None
         self._extent: tuple[float, float] = (0.0, 0.0)
-        follow(self._pass, lambda e: door.view(lambda v: with_scan(v, SCANS[self._pass.value])))
+        on_change(
+            self._pass,
+            lambda e: context.change_view(lambda v: with_scan(v, SCANS[self._pass.value])),
+        )
 
-    def render(self, old: Picture | None, new: Picture) -> None:
+    def render(self, old: Snapshot | None, new: Snapshot) -> None:
         """Follow cursor, scan, detection and what is set by hand."""
         if old is not None and _key(old) == _key(new) and old.live.ascan is new.live.ascan:
             return
@@ -85,7 +89,7 @@ class AScanPanel:
         self._draw(plot, new)
         self._words.content = style.note(plot.remark, "" if plot.fine else "warn")
 
-    def _offer(self, new: Picture) -> None:
+    def _offer(self, new: Snapshot) -> None:
         """Let the scans that there are be chosen."""
         offered = shown_scans(new)
         if tuple(self._pass.options) != offered:
@@ -93,8 +97,8 @@ class AScanPanel:
         self._pass.value = next(words for words, scan in SCANS.items() if scan == new.scan)
         self._pass.visible = len(offered) > 1
 
-    def _draw(self, plot: AScanPlot, new: Picture) -> None:
-        hand = new.view.hand
+    def _draw(self, plot: AScanPlot, new: Snapshot) -> None:
+        hand = new.view.dragged_boundary
         hand_us = hand[1] if hand is not None and hand[0] == plot.number else None
         data = ascan_data(plot, hand_us)
         end_us = float(plot.time_us[-1]) if plot.end_us is None else plot.end_us
@@ -111,7 +115,7 @@ class AScanPanel:
                 SERIES,
                 bands=BANDS,
                 scales={"x": {"time": False, "range": extent}, "y": {"range": (LOW, HIGH)}},
-                axes=(axis("time (µs)"), axis("share of the largest")),
+                axes=(axis("time (µs)"), axis("normalised amplitude")),
                 legend={"show": False},
                 cursor={"drag": {"x": True, "y": False}},
                 height=210,
@@ -119,13 +123,13 @@ class AScanPanel:
             )
 
 
-def _key(picture: Picture) -> tuple[object, ...]:
+def _key(snapshot: Snapshot) -> tuple[object, ...]:
     """Return what the drawing depends on, apart from the live A-scan."""
-    session, view = picture.session, picture.view
+    session, view = snapshot.session, snapshot.view
     return (
         id(session.captures.scan), id(session.captures.second), id(session.captures.sono_scan),
         id(session.results.roll), id(session.results.tool), id(session.results.sono_detection),
         id(session.results.second), id(session.results.detection),
         id(session.results.second_detection), id(session.boundary_edits),
-        picture.scan_cursor, picture.scan, view.hand, picture.busy,
+        snapshot.scan_cursor, snapshot.scan, view.dragged_boundary, snapshot.busy,
     )  # fmt: skip

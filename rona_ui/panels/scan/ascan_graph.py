@@ -6,9 +6,8 @@ import numpy as np
 
 from rona_core.app.steps.scan.ascan_view import AScanPlot
 from rona_core.geometry.arrays import Floats
-from rona_ui.scene.colors import CATEGORIES, GREEN, ORANGE, PURPLE, VERMILLION, css
+from rona_ui.presentation.colors import CATEGORIES, GREEN, ORANGE, PURPLE, VERMILLION, css
 
-INK = "#3e4c59"
 LOW, HIGH = -1.05, 1.05
 BELOW = -8.0  # out of sight: gaps of NaN would not be drawn as gaps
 THIN_US = 0.004  # least half width of a line
@@ -88,9 +87,3 @@ def box(at: Floats, span: Span | None, top: float) -> Floats:
         last = int(np.searchsorted(at, span[1], side="left"))
         column[first : last + 1] = top
     return column
-
-
-def axis(label: str) -> dict[str, Any]:
-    """Return an axis with its label."""
-    grid = {"stroke": "#e3e8ed", "width": 1}
-    return {"label": label, "grid": grid, "stroke": INK, "labelSize": 20, "font": "11px sans-serif"}

@@ -15,11 +15,10 @@ from rona_core.app.steps.scan.ascan_view import (
 )
 from rona_core.geometry.arrays import Floats, Ints
 from rona_ui.panels.widgets import style
-from rona_ui.panels.widgets.image_slider import sheet
-from rona_ui.panels.widgets.panel_context import Door, follow
-from rona_ui.panels.widgets.roll_image import png
-from rona_ui.scene.colors import GREEN, ORANGE, SKY, VERMILLION, css
-from rona_ui.view_state import Picture
+from rona_ui.panels.widgets.image_slider import png, sheet
+from rona_ui.panels.widgets.panel_context import PanelContext, on_change
+from rona_ui.presentation.colors import GREEN, ORANGE, SKY, VERMILLION, css
+from rona_ui.presentation.snapshot import Snapshot
 
 HEIGHT_PX, WIDTH_PX = 150, 350
 FINE = 2  # pixels of the picture for each of the page
@@ -53,24 +52,24 @@ LEGEND = style.key((("transparent", "Depth of bone in mm"), *KEY)).replace(
 class ScanSlider:
     """Depth down, path across. The slider is the image's own track."""
 
-    def __init__(self, gui: Any, door: Door) -> None:
-        self._gui, self._door = gui, door
+    def __init__(self, gui: Any, context: PanelContext) -> None:
+        self._gui, self._context = gui, context
         self._part = gui.add_dropdown(
             "Show",
             tuple(PARTS),
             visible=False,
-            hint="Echoes along the path, bright ones grey to white; a click jumps to an A-scan",
+            hint="Echo level along the path. Click to go to an A-scan",
         )
         self._sheet = gui.add_html("")
         self._folder = gui.add_folder(None, visible=False)
         self._legend = gui.add_html(LEGEND, visible=False)
         self._slider: Any = None
         self._drawn: tuple[object, ...] = ()
-        self._seen: tuple[Picture, int] | None = None
+        self._seen: tuple[Snapshot, int] | None = None
         self._span: tuple[int, int] = (0, 0)
-        follow(self._part, lambda e: self._again())
+        on_change(self._part, lambda e: self._again())
 
-    def render(self, number: int | None, new: Picture) -> None:
+    def render(self, number: int | None, new: Snapshot) -> None:
         """Draw the image where it is another one, and put the slider at the A-scan."""
         scan = new.scan
         picture = None if number is None else scan_picture(new.session, scan)
@@ -126,7 +125,7 @@ class ScanSlider:
             self._sheet.remove()
             self._sheet = self._gui.add_html(style_of_track)
             self._slider = self._gui.add_slider("A-scan", span[0], span[1], 1, number, marks=ends)
-        follow(self._slider, self._chosen)
+        on_change(self._slider, self._chosen)
 
     def _chosen(self, event: Any) -> None:
         if self._seen is None:
@@ -134,9 +133,13 @@ class ScanSlider:
         new, number = self._seen[0], int(self._slider.value)
         share = share_of_scan(new.session, number, new.scan)
         if new.scan == "hand":
-            self._door.view(lambda v: replace(v, hand_cursor=share or 0.0, hand=None))
+            self._context.change_view(
+                lambda v: replace(v, handheld_cursor=share or 0.0, dragged_boundary=None)
+            )
         else:
-            self._door.view(lambda v: replace(v, cursor=share, playing=False, hand=None))
+            self._context.change_view(
+                lambda v: replace(v, cursor=share, playing=False, dragged_boundary=None)
+            )
 
 
 def _front_us(picture: ScanPicture, marks: ScanMarks) -> tuple[float, float]:

@@ -8,8 +8,8 @@ from rona_core.devices.settings import ContactSettings
 from rona_core.session.document import Session
 from rona_ui.panels.widgets import style
 from rona_ui.panels.widgets.form import Form
-from rona_ui.panels.widgets.panel_context import Door
-from rona_ui.view_state import Picture
+from rona_ui.panels.widgets.panel_context import PanelContext
+from rona_ui.presentation.snapshot import Snapshot
 from rona_ui.viewer.bindings import Event
 
 STANDARD = ContactSettings()
@@ -18,30 +18,37 @@ STANDARD = ContactSettings()
 class ContactFields:
     """Fields of their own command; every change is sent."""
 
-    def __init__(self, gui: Any, door: Door) -> None:
-        self._door = door
+    def __init__(self, gui: Any, context: PanelContext) -> None:
+        self._context = context
         form = self._form = Form(gui)
-        form.tick("pressed", "Press the probe on", True, "Off: driven by position alone")
-        form.number("force_n", "Force (N)", STANDARD.force_n, 0.5, 8.0, 0.5, "Along the tool axis")
-        with gui.add_folder("Limits of the contact", expand_by_default=False):
-            form.number("travel_mm", "Correction (mm)", STANDARD.travel_mm, 1.0, 10.0, 0.5)
-            form.number("monitor_n", "Yield above (N)", STANDARD.monitor_n, 1.5, 30.0, 0.5)
-            form.number("stop_n", "Stop above (N)", STANDARD.stop_n, 2.5, 50.0, 0.5)
+        form.tick("pressed", "Force control", True, "Off: position control only")
+        form.number(
+            "force_n", "Contact force (N)", STANDARD.force_n, 0.5, 8.0, 0.5, "Along the tool axis"
+        )
+        with gui.add_folder("Contact limits", expand_by_default=False):
+            form.number("travel_mm", "Max. correction (mm)", STANDARD.travel_mm, 1.0, 10.0, 0.5)
+            form.number("monitor_n", "Soft force limit (N)", STANDARD.monitor_n, 1.5, 30.0, 0.5)
+            form.number("stop_n", "Hard force limit (N)", STANDARD.stop_n, 2.5, 50.0, 0.5)
             form.number(
-                "approach_mm_per_s", "Touch down (mm/s)", STANDARD.approach_mm_per_s, 0.2, 10.0, 0.2
+                "approach_mm_per_s",
+                "Approach speed (mm/s)",
+                STANDARD.approach_mm_per_s,
+                0.2,
+                10.0,
+                0.2,
             )
-            form.number("period_ms", "Control every (ms)", STANDARD.period_ms, 1.0, 50.0, 1.0)
+            form.number("period_ms", "Control period (ms)", STANDARD.period_ms, 1.0, 50.0, 1.0)
             form.number("delay_ms", "Robot delay (ms)", STANDARD.delay_ms, 0.0, 200.0, 1.0)
             form.number("lag_ms", "Robot lag (ms)", STANDARD.lag_ms, 1.0, 200.0, 1.0)
         form.on_change(self._changed)
 
     def _changed(self, name: str, event: Event) -> None:
-        self._door.send_settled("contact", self._message, event)
+        self._context.send_debounced("contact", self._message, event)
 
     def _message(self) -> SetContact:
         return SetContact(**self._form.values())
 
-    def render(self, old: Picture | None, new: Picture) -> None:
+    def render(self, old: Snapshot | None, new: Snapshot) -> None:
         """Write what the session holds into the fields where it has changed or was refused."""
         if old is None or old.busy != new.busy:
             self._form.enable(not new.busy)

@@ -9,10 +9,10 @@ from rona_core.app.steps.scan.contact_view import contact_report
 from rona_core.app.steps.scan.force_view import ForceCurve, force_curve, live_force
 from rona_core.geometry.arrays import Floats
 from rona_ui.panels.widgets import style
-from rona_ui.panels.widgets.graphs import GRID, INK, PADDING
-from rona_ui.panels.widgets.panel_context import Door, follow
-from rona_ui.scene.colors import CATEGORIES, GREEN, VERMILLION, css
-from rona_ui.view_state import Picture
+from rona_ui.panels.widgets.graph_style import PADDING, axis
+from rona_ui.panels.widgets.panel_context import PanelContext, on_change
+from rona_ui.presentation.colors import CATEGORIES, GREEN, VERMILLION, css
+from rona_ui.presentation.snapshot import Snapshot
 
 ACROSS = {"Path (mm)": "path", "Time (s)": "time"}
 FILLS = {  # state -> colour of its background
@@ -21,26 +21,28 @@ FILLS = {  # state -> colour of its background
     "retract": "rgba(138,151,165,0.25)",
     "stopped": "rgba(176,0,32,0.35)",
 }
-EMPTY = "The force appears with the scan, step 8."
+EMPTY = "The force appears during the scan (step 8)."
 LEAST_N = 1.5  # above the set point, that the graph shows
 
 
 class ForcePanel:
     """A graph of the force with set point, limits and the states of the force loop."""
 
-    def __init__(self, gui: Any, door: Door) -> None:
+    def __init__(self, gui: Any, context: PanelContext) -> None:
         self._gui = gui
-        self._across = gui.add_dropdown("Over", tuple(ACROSS))
+        self._across = gui.add_dropdown("Horizontal axis", tuple(ACROSS))
         self._words = gui.add_html(style.text(EMPTY))
         self._folder = gui.add_folder(None)
         self._plot: Any = None
         self._frame: Frame | None = None
-        follow(
+        on_change(
             self._across,
-            lambda e: door.view(lambda v: replace(v, force_across=ACROSS[self._across.value])),
+            lambda e: context.change_view(
+                lambda v: replace(v, force_across=ACROSS[self._across.value])
+            ),
         )
 
-    def render(self, old: Picture | None, new: Picture) -> None:
+    def render(self, old: Snapshot | None, new: Snapshot) -> None:
         """Follow the scan; while the robot scans, the newest seconds."""
         live = new.scanning and new.live.force is not None
         if (
@@ -92,7 +94,7 @@ class ForcePanel:
                     {"label": curve.axis},
                     *states,
                     {"label": "set point", "stroke": css(GREEN), "width": 1, **line},
-                    {"label": "yield", **limit},
+                    {"label": "soft limit", **limit},
                     {"label": "stop", **limit},
                     {"label": "force", "stroke": css(CATEGORIES[0]), "width": 1.5, **line},
                 ),
@@ -100,7 +102,7 @@ class ForcePanel:
                     "x": {"time": False, "range": (frame.start, frame.end)},
                     "y": {"range": (frame.low_n, frame.high_n)},
                 },
-                axes=(_axis(curve.axis), _axis("force (N)")),
+                axes=(axis(curve.axis), axis("force (N)")),
                 legend={"show": False},
                 cursor={"drag": {"x": True, "y": False}},
                 height=215,
@@ -143,12 +145,8 @@ def force_data(curve: ForceCurve) -> tuple[Floats, ...]:
 def force_key(curve: ForceCurve) -> tuple[tuple[str, str], ...]:
     """Return colours and words of what is to be seen."""
     high_n = graph_frame(curve).high_n
-    limits = ((curve.monitor_n, "yields above"), (curve.stop_n, "stops above"))
+    limits = ((curve.monitor_n, "soft limit"), (curve.stop_n, "hard limit"))
     words = ", ".join(f"{word} {at:.0f} N" for at, word in limits if at is not None and at < high_n)
     seen = [(css(CATEGORIES[0]), "force"), (css(GREEN), "set point")]
     seen += [(css(VERMILLION), words)] if words else []
     return tuple(seen + [(color, word) for word, color in FILLS.items() if word in curve.states])
-
-
-def _axis(label: str) -> dict[str, Any]:
-    return {"label": label, "grid": GRID, "stroke": INK, "labelSize": 22, "font": "11px sans-serif"}

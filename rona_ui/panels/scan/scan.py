@@ -6,8 +6,8 @@ from rona_core.app.messages.registry import StartScan
 from rona_ui.panels.scan.contact import ContactFields, contact_note
 from rona_ui.panels.widgets import style
 from rona_ui.panels.widgets.step_panel import StepPanel
-from rona_ui.scene.colors import GREEN, SKY, VERMILLION, css
-from rona_ui.view_state import Picture
+from rona_ui.presentation.colors import GREEN, SKY, VERMILLION, css
+from rona_ui.presentation.snapshot import Snapshot
 
 
 class ScanPanel(StepPanel):
@@ -16,16 +16,16 @@ class ScanPanel(StepPanel):
     step = "scan"
     activity = "StartScan"
     explanation = (
-        "The robot follows the certified plan and the probe records A-scans. Stop (key Esc) halts "
-        "the robot at once; what was recorded is kept."
+        "The robot executes the verified plan while the probe records A-scans. Stop (Esc) "
+        "halts the robot at once; recorded data are kept."
     )
     start = "Scan"
 
     def build(self) -> None:
         """Add how the probe is pressed on."""
-        self._contact = ContactFields(self.gui, self.door)
+        self._contact = ContactFields(self.gui, self.context)
 
-    def update(self, old: Picture | None, new: Picture) -> None:
+    def update(self, old: Snapshot | None, new: Snapshot) -> None:
         """Show how the probe is pressed on."""
         self._contact.render(old, new)
 
@@ -33,15 +33,15 @@ class ScanPanel(StepPanel):
         """Return the scan."""
         return StartScan()
 
-    def remarks(self, picture: Picture) -> str:
+    def remarks(self, snapshot: Snapshot) -> str:
         """Say what was recorded."""
-        capture = picture.session.captures.scan
+        capture = snapshot.session.captures.scan
         if capture is None:
             return ""
         words = f"{len(capture.scans)} A-scans in {_span_s(capture):.1f} s."
-        pressed = contact_note(picture.session)
+        pressed = contact_note(snapshot.session)
         if capture.partial:
-            words += " Stopped early: start the scan again, or the maps cover only this part."
+            words += " Stopped early: scan again, or the maps cover only this part."
             return style.note(words, "warn") + pressed
         legend = (
             (css(SKY), "recorded"),

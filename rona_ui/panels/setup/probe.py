@@ -16,7 +16,7 @@ from rona_core.devices.settings import PROBE_LIMITS, ProbeSettings
 from rona_core.session.document import Session
 from rona_ui.panels.widgets import style
 from rona_ui.panels.widgets.form import Form
-from rona_ui.panels.widgets.panel_context import Door, listen
+from rona_ui.panels.widgets.panel_context import PanelContext, on_click
 
 CHOICE = ("name", "excitation", "front_snr_db", "pitch_mm")
 NAMES = (*CHOICE, *EDITABLE, "line_temperature_c")
@@ -33,8 +33,8 @@ SHOWN_MM = (4.0, 6.0, 8.0, 10.0)  # thicknesses of the small table
 class ProbeFields:
     """Fields that together make one ``SetProbe``, and what follows from them."""
 
-    def __init__(self, form: Form, gui: Any, door: Door) -> None:
-        self._form, self._gui, self._door = form, gui, door
+    def __init__(self, form: Form, gui: Any, context: PanelContext) -> None:
+        self._form, self._gui, self._context = form, gui, context
         self._settings = ProbeSettings()
 
     def build(self) -> None:
@@ -51,32 +51,47 @@ class ProbeFields:
         """Add what a probe is made of, for whoever has another one."""
         form = self._form
         for name, label, step, hint in (
-            ("centre_mhz", "Centre (MHz)", 0.05, None),
-            ("bandwidth", "Bandwidth (share)", 0.02, "-6 dB width over the centre frequency"),
-            ("aperture_mm", "Crystal (mm)", 0.1, "Diameter"),
-            ("line_length_mm", "Delay line (mm)", 0.5, "Length of the elastomer"),
+            ("centre_mhz", "Centre frequency (MHz)", 0.05, None),
+            (
+                "bandwidth",
+                "Relative bandwidth",
+                0.02,
+                "-6 dB bandwidth divided by the centre frequency",
+            ),
+            ("aperture_mm", "Element diameter (mm)", 0.1, "Diameter"),
+            ("line_length_mm", "Delay line length (mm)", 0.5, "Length of the elastomer"),
         ):
             low, high = PROBE_LIMITS[name]
             form.number(name, label, _first(name), low, high, step, hint)
-        form.choice("pulse_shape", "Pulse", SHAPES, "resonant", "As a block shows it")
+        form.choice("pulse_shape", "Pulse", SHAPES, "resonant", "As measured on a block")
         low, high = PROBE_LIMITS["line_temperature_c"]
-        form.number("line_temperature_c", "Line (°C)", 22.0, low, high, 1.0, "Sound slows in it")
-        self._plain = self._gui.add_button("As the named probe", icon="restore", color="gray")
-        listen(self._plain, self._reset)
+        form.number(
+            "line_temperature_c",
+            "Line temperature (°C)",
+            22.0,
+            low,
+            high,
+            1.0,
+            "The line slows sound when warm",
+        )
+        self._plain = self._gui.add_button("Restore probe defaults", icon="restore", color="gray")
+        on_click(self._plain, self._reset)
 
     def build_block(self) -> None:
         """Add the calibration of the delay line."""
         self._gui.add_html(
             style.text(
-                "The time through the delay line places the outer boundary and moves with "
-                "temperature. A flat block of steel tells it."
+                "The delay of the line determines the position of the outer boundary and "
+                "changes with temperature. Calibrate it on a flat steel block."
             )
         )
-        self._shoot = self._gui.add_button("Shoot the block", icon="target", color="gray")
-        self._forget = self._gui.add_button("Nominal line again", icon="restore", color="gray")
+        self._shoot = self._gui.add_button("Record on reference block", icon="target", color="gray")
+        self._forget = self._gui.add_button("Reset delay line", icon="restore", color="gray")
         self._line = self._gui.add_html("")
-        listen(self._shoot, lambda e: self._door.send(StartDelayLineCapture, e))
-        listen(self._forget, lambda e: self._door.send(lambda: CalibrateDelayLine(use=False), e))
+        on_click(self._shoot, lambda e: self._context.send(StartDelayLineCapture, e))
+        on_click(
+            self._forget, lambda e: self._context.send(lambda: CalibrateDelayLine(use=False), e)
+        )
 
     def message(self) -> SetProbe:
         """Return the command that the fields make; another name brings its own details."""
@@ -92,7 +107,7 @@ class ProbeFields:
 
     def _reset(self, event: Any) -> None:
         values = self._form.values(*CHOICE)
-        self._door.send(lambda: SetProbe(**values), event)
+        self._context.send(lambda: SetProbe(**values), event)
 
     def held(self, settings: ProbeSettings) -> dict[str, Any]:
         """Return what the fields are to show of a session's settings."""
@@ -125,8 +140,8 @@ def advice_note(session: Session, *, only_another: bool = False) -> str:
     if advice is not None:
         return style.note(advice.sentence, "warn" if advice.another else "good")
     return style.text(
-        f"2.25 MHz is the sharper one, and the one for bone under {THIN_MM:g} mm; 1 MHz is for "
-        f"bone over {THICK_MM:g} mm or hard bone. A scan that was mapped tells which it is."
+        f"Use 2.25 MHz for bone under {THIN_MM:g} mm (better resolution), 1 MHz for bone "
+        f"over {THICK_MM:g} mm or hard bone. Map a scan to get a recommendation."
     )
 
 
@@ -150,8 +165,8 @@ def outlook_table(rows: tuple[ProbeOutlook, ...], chosen: ProbeSettings) -> str:
         reach = f"{row.least_mm:.0f}–{row.most_mm:.0f}" if row.most_mm > row.least_mm else "none"
         body += f'<tr><td>{name}</td>{cells}<td class="n">{reach}</td></tr>'
     words = (
-        '<div class="r-text" style="padding-bottom:0">Least σ of the thickness in µm, by noise '
-        "alone, in bone of so many mm; and the depth range in mm.</div>"
+        '<div class="r-text" style="padding-bottom:0">Lower bound of the thickness σ in µm (noise '
+        "only) by bone thickness in mm, and depth range in mm.</div>"
     )
     return (
         f'{words}<table class="r-table"><tr><th>Probe</th>{head}<th class="n">depth</th></tr>'

@@ -8,8 +8,8 @@ from rona_core.devices.settings import Excitation, ProbeName
 from rona_core.session.specimen import BoneKind
 from rona_ui.panels.setup.probe import advice_note
 from rona_ui.panels.widgets import style
-from rona_ui.panels.widgets.panel_context import Door, listen
-from rona_ui.view_state import Picture
+from rona_ui.panels.widgets.panel_context import PanelContext, on_click
+from rona_ui.presentation.snapshot import Snapshot
 from rona_ui.viewer.fields import read_number
 
 PROBES: dict[str, tuple[ProbeName, ...]] = {
@@ -27,31 +27,31 @@ GOOD, FAIR, POOR = "#e8f5f0", "#fdf1e7", "#f9d9d9"  # behind a cell
 FAIR_SHARE, POOR_SHARE = 0.01, 0.1  # of A-scans that would mislead
 
 
-class WhatIfPanel:
+class ProbeComparisonPanel:
     """Axes of the sweep, a button with progress, and the table."""
 
-    def __init__(self, gui: Any, door: Door) -> None:
-        self._door = door
+    def __init__(self, gui: Any, context: PanelContext) -> None:
+        self._context = context
         gui.add_html(
             style.text(
-                "Other probes and noise on virtual plates of layered bone, with the detection of "
-                "step 9. Nothing of this patient goes into the table."
+                "Compares probes and noise levels on virtual plates of layered bone, with "
+                "the detection of step 9. Uses no patient data."
             )
         )
         self._advice = gui.add_html("")
-        with gui.add_folder("What to try", expand_by_default=False):
+        with gui.add_folder("Sweep parameters", expand_by_default=False):
             self._probes = gui.add_dropdown("Probes", tuple(PROBES))
             self._excitations = gui.add_dropdown("Excitation", tuple(EXCITATIONS))
             self._bone = gui.add_dropdown("Bone", tuple(BONES))
-            self._snr = gui.add_text("SNR (dB)", "30, 50", hint="Several with commas")
+            self._snr = gui.add_text("SNR (dB)", "30, 50", hint="Comma-separated list")
             self._thickness = gui.add_text(
-                "Thickness (mm)", "3, 5, 8, 11", hint="Several with commas"
+                "Thickness (mm)", "3, 5, 8, 11", hint="Comma-separated list"
             )
-        self._start = gui.add_button("Try them", icon="player-play", color="gray")
+        self._start = gui.add_button("Run sweep", icon="player-play", color="gray")
         self._cancel = gui.add_button("Cancel", icon="player-stop", visible=False)
         self._html = gui.add_html("")
-        listen(self._start, lambda e: door.send(self.message, e))
-        listen(self._cancel, lambda e: door.service("cancel", e, None))
+        on_click(self._start, lambda e: context.send(self.message, e))
+        on_click(self._cancel, lambda e: context.service("cancel", e, None))
 
     def message(self) -> StartProbeSweep:
         """Return the sweep that the fields make."""
@@ -63,22 +63,22 @@ class WhatIfPanel:
             bone=BONES[self._bone.value],
         )
 
-    def render(self, old: Picture | None, new: Picture) -> None:
+    def render(self, old: Snapshot | None, new: Snapshot) -> None:
         """Follow job and result."""
         held = new.session.results.what_if
         mine = new.busy and new.job is not None and new.job.activity == "StartProbeSweep"
         self._start.disabled = new.busy
         self._cancel.visible = mine
         if mine and new.job is not None:
-            self._start.label = f"Trying: {100 * new.job.progress:.0f} %"
+            self._start.label = f"Running: {100 * new.job.progress:.0f} %"
         else:
-            self._start.label = "Try them again" if held is not None else "Try them"
+            self._start.label = "Run sweep again" if held is not None else "Run sweep"
         if old is None or old.session is not new.session:
             advice = advice_note(new.session)
             if self._advice.content != advice:
                 self._advice.content = advice
         if old is None or old.session.results.what_if is not held:
-            self._html.content = "" if held is None else what_if_table(held.value)
+            self._html.content = "" if held is None else probe_comparison_table(held.value)
 
 
 def numbers(text: str) -> tuple[float, ...]:
@@ -86,7 +86,7 @@ def numbers(text: str) -> tuple[float, ...]:
     return tuple(read_number(part) for part in text.replace(";", ",").split(",") if part.strip())
 
 
-def what_if_table(found: WhatIf) -> str:
+def probe_comparison_table(found: WhatIf) -> str:
     """Return a row for each probe, excitation and noise, a column for each thickness."""
     depths = sorted(set(found.thickness_mm.tolist()))
     rows: dict[tuple[str, str, float], dict[float, int]] = {}
@@ -102,10 +102,10 @@ def what_if_table(found: WhatIf) -> str:
             + f"{''.join(_cell(found, cells[mm]) for mm in depths)}</tr>"
         )
     words = (
-        f"Each cell, of {found.n} A-scans: found %, SD and bias in µm (sign: too thick). Colour: "
-        "share of all A-scans that claim a wrong inner boundary."
+        f"Each cell: detected share of {found.n} A-scans, SD and bias of the thickness in "
+        "µm. Colour: share of all A-scans with an undetected wrong inner boundary."
     )
-    legend = ((GOOD, "up to 1 %"), (FAIR, "up to 10 %"), (POOR, "more, or hardly any found"))
+    legend = ((GOOD, "up to 1 %"), (FAIR, "up to 10 %"), (POOR, "more, or under 5 % detected"))
     return (
         f'<table class="r-table"><tr><th>Probe</th>{head}</tr>{body}</table>'
         f"{style.text(words)}{style.key(legend)}"

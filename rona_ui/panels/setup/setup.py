@@ -13,16 +13,17 @@ from rona_core.app.messages.registry import (
     StartSkullImport,
     UseSimulatedSkull,
 )
+from rona_core.app.steps.setup.robot_parameters import robot_figures
 from rona_core.devices.settings import ROBOTS
+from rona_core.errors import RonaError
 from rona_core.session.document import Session
-from rona_ui.panels.setup.obstacles import RoomFields
+from rona_ui.panels.setup.obstacles import WorkcellFields
 from rona_ui.panels.setup.probe import ProbeFields
-from rona_ui.panels.setup.robot_parameters import figures_table
 from rona_ui.panels.setup.tracker import NAMES, PLACE, TrackerFields
 from rona_ui.panels.widgets import style
 from rona_ui.panels.widgets.step_panel import StepPanel
-from rona_ui.view_state import Picture
-from rona_ui.viewer.bindings import Event
+from rona_ui.presentation.snapshot import Snapshot
+from rona_ui.viewer.bindings import Event, escape
 from rona_ui.viewer.fields import read_number
 
 FILES = ".nrrd,.nii,.gz,.stl,.ply,.obj"
@@ -36,53 +37,60 @@ class SetupPanel(StepPanel):
 
     step = "setup"
     explanation = (
-        "Choose what lies on the table and which devices look at it. "
-        "Later steps that depend on a change are marked stale."
+        "Choose the skull, the scan region and the devices. A change marks the later steps "
+        "that depend on it as stale."
     )
 
     def build(self) -> None:
         """Add the fields in folders, the rarer ones closed."""
         form, gui = self.form, self.gui
         self._tracker = TrackerFields(form)
-        self._probe = ProbeFields(form, gui, self.door)
-        form.number("seed", "Seed", 0, 0, 2**31 - 1, 1, "Patient, placement and every noise")
-        form.choice("skull", "Skull", SKULLS, "left", "A file is read below")
-        form.choice("kind", "Bone", BONES, "normal", "Known to the virtual probe alone")
-        form.tick("own_speed", "Own speed of sound", True, "As people differ: by 3 %")
+        self._probe = ProbeFields(form, gui, self.context)
+        form.number("seed", "Seed", 0, 0, 2**31 - 1, 1, "For patient, placement and noise")
+        form.choice("skull", "Skull", SKULLS, "left", "Load a file below")
+        form.choice("kind", "Bone", BONES, "normal", "Known only to the virtual probe")
+        form.tick(
+            "own_speed",
+            "Patient-specific speed",
+            True,
+            "Sound speed of bone differs by 3 % between patients",
+        )
         form.number("radius_mm", "Region radius (mm)", 25.0, 5.0, 45.0, 1.0)
         with gui.add_folder("Devices", expand_by_default=False):
             self._tracker.build()
             form.choice("pointer", "Pointer", {"6D": "pointer6d", "5D": "pointer5d"}, "pointer6d")
         with gui.add_folder("Probe", expand_by_default=False):
             self._probe.build()
-            with gui.add_folder("What it is made of", expand_by_default=False):
+            with gui.add_folder("Probe parameters", expand_by_default=False):
                 self._probe.build_details()
             with gui.add_folder("Delay line", expand_by_default=False):
                 self._probe.build_block()
         with gui.add_folder("Tracker details", expand_by_default=False):
             self._tracker.build_details()
-        with gui.add_folder("Moved tracker", expand_by_default=False):
+        with gui.add_folder("Tracker displacement", expand_by_default=False):
             self._tracker.build_place()
         with gui.add_folder("Robot", expand_by_default=False):
             form.choice("model", "Arm", {title: name for name, title in ROBOTS.items()}, "rx90")
-            form.tick("errors", "Robot errs", True, "0.35 mm RMS over its workspace")
+            form.tick("errors", "Simulate robot error", True, "0.35 mm RMS over its workspace")
             form.number("scan_speed_mm_per_s", "Scan speed (mm/s)", 20.0, 0.5, 100.0, 1.0)
             form.vector("base_shift_mm", "Base shift (mm)", (0.0, 0.0, 0.0))
-            form.number("base_turn_deg", "Base turn (deg)", 0.0, -180.0, 180.0, 1.0)
-            with gui.add_folder("Where these numbers come from", expand_by_default=False):
+            form.number("base_turn_deg", "Base rotation (deg)", 0.0, -180.0, 180.0, 1.0)
+            with gui.add_folder("Sources of the parameters", expand_by_default=False):
                 self._figures = gui.add_html("")
         with gui.add_folder("Obstacles", expand_by_default=False):
-            self._room = RoomFields(gui, self.door)
-        with gui.add_folder("Skull from a file", expand_by_default=False):
+            self._room = WorkcellFields(gui, self.context)
+        with gui.add_folder("Load a skull", expand_by_default=False):
             gui.add_html(
                 style.text(
-                    "A mask or CT volume (NRRD, NIfTI) or a mesh (STL, PLY, OBJ), in mm. "
-                    "A CT needs the threshold of bone."
+                    "A mask or CT volume (NRRD, NIfTI) or a mesh (STL, PLY, OBJ), in mm. A "
+                    "CT volume needs a bone threshold."
                 )
             )
-            self._threshold = gui.add_text("Threshold", "", hint="Empty for masks and meshes")
+            self._threshold = gui.add_text(
+                "Bone threshold", "", hint="Leave empty for masks and meshes"
+            )
             self._upload = gui.add_upload_button(
-                "Read a skull", icon="upload", mime_type=FILES, color="gray"
+                "Load skull file…", icon="upload", mime_type=FILES, color="gray"
             )
         form.on_change(self._changed)
 
@@ -94,9 +102,9 @@ class SetupPanel(StepPanel):
         uploaded = self._upload.value
         name = PurePath(uploaded.name.replace("\\", "/")).name
         wanted = self._threshold.value.strip()
-        self.door.service(f"upload:{name}", event, uploaded.content)
+        self.context.service(f"upload:{name}", event, uploaded.content)
         radius_mm = self.form.values("radius_mm")["radius_mm"]
-        self.door.send(
+        self.context.send(
             lambda: StartSkullImport(
                 name, threshold=read_number(wanted) if wanted else None, radius_mm=radius_mm
             ),
@@ -126,7 +134,7 @@ class SetupPanel(StepPanel):
             key, build = "probe", self._probe.message
         if name == "skull" and self.form.values("skull")["skull"] == "file":
             return  # nothing happens until a file has been read
-        self.door.send_settled(("setup", key), build, event)
+        self.context.send_debounced(("setup", key), build, event)
 
     def _skull(self) -> UseSimulatedSkull:
         return UseSimulatedSkull(self.form.values("skull")["skull"])
@@ -137,7 +145,7 @@ class SetupPanel(StepPanel):
     def _robot(self) -> SetRobot:
         return SetRobot(**self.form.values(*ROBOT))
 
-    def update(self, old: Picture | None, new: Picture) -> None:
+    def update(self, old: Snapshot | None, new: Snapshot) -> None:
         """Write what the session holds into the fields where it has changed or was refused."""
         if old is None or old.session.setup is not new.session.setup or old.refused != new.refused:
             tracker = new.session.setup.devices.tracker
@@ -155,15 +163,15 @@ class SetupPanel(StepPanel):
         ):
             self._probe.show(new.session, new.busy)
 
-    def remarks(self, picture: Picture) -> str:
+    def remarks(self, snapshot: Snapshot) -> str:
         """Say what the region is."""
-        backdrop = picture.backdrop
-        if backdrop is None:
-            return style.note("The specimen is being put on the table …")
-        x, y, z = backdrop.region_center_base
+        static_scene = snapshot.static_scene
+        if static_scene is None:
+            return style.note("Placing the specimen …")
+        x, y, z = static_scene.region_center_base
         return style.note(
             f"Region: centre ({x:.0f}, {y:.0f}, {z:.0f}) mm in the robot base, "
-            f"radius {backdrop.region_radius_mm:.0f} mm (purple ring)"
+            f"radius {static_scene.region_radius_mm:.0f} mm (purple ring)"
         )
 
 
@@ -183,3 +191,25 @@ def _held(session: Session) -> dict[str, Any]:
         "base_turn_deg": devices.robot.base_turn_deg,
         "use_base_marker": setup.use_base_marker,
     }
+
+
+def figures_table(model: str) -> str:
+    """Return the table as HTML; what nobody states comes first and says so."""
+    try:
+        rows = robot_figures(model)
+    except RonaError as error:
+        return style.note(error, "warn")
+    assumed = sum(not row.sourced for row in rows)
+    body = ""
+    for row in sorted(rows, key=lambda row: row.sourced):
+        values = ", ".join(f"{value:.5g}" for value in row.values).replace("-", "−")
+        trust = row.trust if row.sourced else f"▲ {row.trust}"
+        body += (
+            f"<tr><td>{escape(row.name)}<br><b>{escape(values)}</b> {escape(row.unit)}<br>"
+            f'<span class="g">{escape(trust)}: {escape(row.source)}</span></td></tr>'
+        )
+    words = style.text(
+        f"{len(rows)} parameters, {assumed} of them assumed (marked ▲). Override them in "
+        "Python: robot_model(name, overrides)."
+    )
+    return f'{words}<table class="r-table">{body}</table>'

@@ -34,24 +34,59 @@ class TrackerFields:
     def build_details(self) -> None:
         """Add what makes the virtual tracker like a real one."""
         form = self._form
-        form.tick("stereo", "Two cameras", True, "Errors grow with the distance")
-        form.number("depth_ratio", "Depth ratio", 3.0, 1.0, 8.0, 0.5, "Error in depth over lateral")
-        form.tick("occlusion", "Lines of sight", True, "Head, robot and hand hide markers")
-        form.number("latency_ms", "Latency (ms)", 0.0, 0.0, 200.0, 1.0, "A profile sets its own")
-        form.number("dropped_percent", "Dropped (%)", 0.0, 0.0, 50.0, 1.0, "Frames that get lost")
+        form.tick("stereo", "Stereo error model", True, "Error grows with the distance")
         form.number(
-            "phantom_percent", "Phantoms (%)", 0.0, 0.0, 20.0, 1.0, "5D: line seen reversed"
+            "depth_ratio",
+            "Depth ratio",
+            3.0,
+            1.0,
+            8.0,
+            0.5,
+            "Ratio of depth error to lateral error",
         )
-        form.number("drift_mm", "Cold drift (mm)", 0.0, 0.0, 2.0, 0.1, "At switch-on; it decays")
-        form.number("minutes_on", "On for (min)", 60.0, 0.0, 600.0, 1.0, "At the first capture")
+        form.tick("occlusion", "Simulate occlusion", True, "Head, robot and hand hide markers")
+        form.number(
+            "latency_ms", "Latency (ms)", 0.0, 0.0, 200.0, 1.0, "A new profile sets its own value"
+        )
+        form.number(
+            "dropped_percent", "Frame loss (%)", 0.0, 0.0, 50.0, 1.0, "Share of lost frames"
+        )
+        form.number(
+            "phantom_percent", "Ghost solutions (%)", 0.0, 0.0, 20.0, 1.0, "5D tools seen reversed"
+        )
+        form.number(
+            "drift_mm", "Warm-up drift (mm)", 0.0, 0.0, 2.0, 0.1, "At switch-on; decays with time"
+        )
+        form.number(
+            "minutes_on",
+            "Warm-up time (min)",
+            60.0,
+            0.0,
+            600.0,
+            1.0,
+            "From switch-on to the first capture",
+        )
 
     def build_place(self) -> None:
         """Add where the tracker stands, and whether it is found again once it has moved."""
         form = self._form
-        form.vector("tracker_shift_mm", "Shift (mm)", (0.0, 0.0, 0.0), "Along x, y, z of the base")
-        form.number("tracker_turn_deg", "Turn (deg)", 0.0, -20.0, 20.0, 0.5, "About the vertical")
+        form.vector(
+            "tracker_shift_mm", "Tracker shift (mm)", (0.0, 0.0, 0.0), "Along x, y, z of the base"
+        )
+        form.number(
+            "tracker_turn_deg",
+            "Tracker rotation (deg)",
+            0.0,
+            -20.0,
+            20.0,
+            0.5,
+            "About the vertical",
+        )
         form.tick(
-            "use_base_marker", "Base marker", True, "Finds a tracker again that was moved; it costs"
+            "use_base_marker",
+            "Base marker",
+            True,
+            "Locates a displaced tracker, with some loss of accuracy",
         )
 
     def place(self) -> MoveTracker:

@@ -21,9 +21,9 @@ from rona_ui.panels.tool.calibration_images import (
 )
 from rona_ui.panels.widgets import style
 from rona_ui.panels.widgets.image_slider import sheet
-from rona_ui.panels.widgets.panel_context import Door, follow, listen
-from rona_ui.scene.colors import BLUE, VERMILLION, css
-from rona_ui.view_state import Picture
+from rona_ui.panels.widgets.panel_context import PanelContext, on_change, on_click
+from rona_ui.presentation.colors import BLUE, VERMILLION, css
+from rona_ui.presentation.snapshot import Snapshot
 from rona_ui.viewer.bindings import escape
 
 VERDICTS = {  # verdict -> (icon, words, colour, box)
@@ -36,14 +36,14 @@ VERDICTS = {  # verdict -> (icon, words, colour, box)
 class CalibrationControls:
     """Shows a calibration and lets single poses be left out, or counted again."""
 
-    def __init__(self, gui: Any, door: Door, step: Step) -> None:
-        self._gui, self._door = gui, door
+    def __init__(self, gui: Any, context: PanelContext, step: Step) -> None:
+        self._gui, self._context = gui, context
         self._step: Step = step
         self._view: CalibrationView | None = None
         self._words = gui.add_html("")
         self._coverage = gui.add_html("")
         self._folder = gui.add_folder(
-            "Residual of each pose", visible=False, expand_by_default=False
+            "Residuals of the poses", visible=False, expand_by_default=False
         )
         with self._folder:
             self._title = gui.add_html("")
@@ -51,18 +51,18 @@ class CalibrationControls:
             self._sheet: Any = None
             self._slider: Any = None
             self._pose = gui.add_html("")
-            self._count = gui.add_number("Poses in a row", 1, min=1, max=5000, step=1)
-            self._toggle = gui.add_button("Leave out", icon="circle-minus", color="gray")
-            self._all = gui.add_button("Count all poses", icon="circle-check", color="gray")
-        follow(self._count, lambda event: self._show_pose())
-        listen(self._toggle, self._change)
-        listen(self._all, lambda e: door.send(lambda: ExcludePoses(step), e))
+            self._count = gui.add_number("Number of poses", 1, min=1, max=5000, step=1)
+            self._toggle = gui.add_button("Exclude", icon="circle-minus", color="gray")
+            self._all = gui.add_button("Include all poses", icon="circle-check", color="gray")
+        on_change(self._count, lambda event: self._show_pose())
+        on_click(self._toggle, self._change)
+        on_click(self._all, lambda e: context.send(lambda: ExcludePoses(step), e))
 
     def excluded(self) -> tuple[int, ...]:
         """Return the poses that are left out by hand."""
         return () if self._view is None else self._view.excluded
 
-    def render(self, old: Picture | None, new: Picture) -> None:
+    def render(self, old: Snapshot | None, new: Snapshot) -> None:
         """Follow the calibration; rest while a job runs."""
         self._toggle.disabled = self._all.disabled = new.busy
         held = getattr(new.session.results, self._step)
@@ -99,7 +99,7 @@ class CalibrationControls:
             self._sheet = self._gui.add_html(picture)
             marks = tuple((i, str(i)) for i in sorted({0, last // 2, last}))
             self._slider = self._gui.add_slider("Pose", 0, last, 1, at, marks=marks)
-        follow(self._slider, lambda event: self._show_pose())
+        on_change(self._slider, lambda event: self._show_pose())
 
     def _rows(self) -> range:
         """Return the poses that are chosen."""
@@ -118,12 +118,12 @@ class CalibrationControls:
         )
         which = f"pose {rows[0]}" if len(rows) == 1 else f"poses {rows[0]} to {rows[-1]}"
         again = set(rows) <= set(view.excluded)
-        self._toggle.label = f"Count {which} again" if again else f"Leave out {which}"
+        self._toggle.label = f"Include {which}" if again else f"Exclude {which}"
 
     def _change(self, event: Any) -> None:
         rows, before = set(self._rows()), set(self.excluded())
         wanted = before - rows if rows <= before else before | rows
-        self._door.send(lambda: ExcludePoses(self._step, tuple(sorted(wanted))), event)
+        self._context.send(lambda: ExcludePoses(self._step, tuple(sorted(wanted))), event)
 
 
 def words(view: CalibrationView, stale: bool = False) -> str:
@@ -151,27 +151,23 @@ def coverage(view: CalibrationView) -> str:
     swing = view.swing
     if swing is None:
         return ""
-    gap = f"Widest gap of directions: {swing.gap_deg:.0f}°. "
+    gap = f"Widest direction gap: {swing.gap_deg:.0f}°. "
     after = ""
     if swing.next_sigma_mm is not None:
-        after = f" (the tip then within {swing.next_sigma_mm:.3f} mm)"
+        after = f" (expected tip error {swing.next_sigma_mm:.3f} mm)"
     if swing.next_tilt_deg is None:
-        advice = f"No next pose can be proposed: {swing.next_words}."
+        advice = f"No next pose: {swing.next_words}."
     else:
         advice = f"Next best pose: {swing.next_words}{after}."
-    return (
-        style.text("Directions of the shaft, by tilt")
-        + coverage_svg(swing)
-        + style.note(gap + advice)
-    )
+    return style.text("Shaft directions by tilt") + coverage_svg(swing) + style.note(gap + advice)
 
 
 def _residuals_title(view: CalibrationView) -> str:
     n = len(view.residuals_mm)
     text = (
-        f"Height: up to {residual_top_mm(view):.2f} mm; dashed: RMSE "
-        f"{view.rmse_mm:.2f} mm of {view.n_used} of {n} used. Small residuals alone do not make a "
-        "good calibration. Click at a pose to choose it."
+        f"Height: up to {residual_top_mm(view):.2f} mm; dashed: RMSE {view.rmse_mm:.2f} mm "
+        f"of {view.n_used} of {n} used. Small residuals alone do not prove a good "
+        "calibration. Click a pose to select it."
     )
     entries = (
         (css(BLUE), "●", USED),

@@ -10,7 +10,7 @@ from rona_core.app.steps.tool.calibration_view import (
     SwingView,
 )
 from rona_core.geometry.arrays import Floats
-from rona_ui.scene.colors import BLUE, GREEN, ORANGE, VERMILLION, css
+from rona_ui.presentation.colors import BLUE, GREEN, ORANGE, VERMILLION, css
 
 INK, GREY, LINE = "#1f2933", "#52606d", "#c5cdd5"
 SIZE, RADIUS = 196.0, 72.0  # of the disc, px

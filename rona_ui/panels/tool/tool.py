@@ -6,7 +6,7 @@ from rona_core.app.messages.registry import StartToolCapture
 from rona_ui.panels.tool.calibration import CalibrationControls
 from rona_ui.panels.widgets import style
 from rona_ui.panels.widgets.step_panel import StepPanel
-from rona_ui.view_state import Picture
+from rona_ui.presentation.snapshot import Snapshot
 
 
 class ToolPanel(StepPanel):
@@ -15,8 +15,8 @@ class ToolPanel(StepPanel):
     step = "tool"
     activity = "StartToolCapture"
     explanation = (
-        "The robot pivots the tool about its tip and moves it along its x and y axes while the "
-        "tracker watches the marker plate."
+        "The robot pivots the tool about its tip and translates it along x and y while the "
+        "tracker records the tool marker."
     )
     start = "Move and register the tool"
 
@@ -25,9 +25,9 @@ class ToolPanel(StepPanel):
         self.form.number("cone_deg", "Pivot cone (deg)", 20.0, 5.0, 45.0, 1.0, "Half-angle")
         self.form.number("n_pivot", "Pivot poses", 30, 5, 200, 1)
         self.form.number("n_translate", "Poses per axis", 10, 3, 60, 1)
-        self._calibration = CalibrationControls(self.gui, self.door, "tool")
+        self._calibration = CalibrationControls(self.gui, self.context, "tool")
 
-    def update(self, old: Picture | None, new: Picture) -> None:
+    def update(self, old: Snapshot | None, new: Snapshot) -> None:
         """Show the motion and its poses."""
         self._calibration.render(old, new)
 
@@ -35,9 +35,9 @@ class ToolPanel(StepPanel):
         """Return the capture with these parameters."""
         return StartToolCapture(**self.form.values())
 
-    def remarks(self, picture: Picture) -> str:
+    def remarks(self, snapshot: Snapshot) -> str:
         """Say what was found."""
-        derived = picture.session.results.tool
+        derived = snapshot.session.results.tool
         if derived is None:
             return ""
         x, y, z = derived.value.T_toolmarker_tip.translation

@@ -5,38 +5,45 @@ from dataclasses import replace
 from typing import Any
 
 from rona_ui.panels.widgets import style
-from rona_ui.panels.widgets.panel_context import Door, listen
-from rona_ui.view_state import Drawing, Picture
+from rona_ui.panels.widgets.panel_context import PanelContext, on_click
+from rona_ui.presentation.snapshot import Snapshot
+from rona_ui.presentation.view_state import Drawing
 
 
 class DrawingControls:
     """A button to begin or go on, and two to finish or to drop the line."""
 
     def __init__(
-        self, gui: Any, door: Door, kind: Drawing, message: Callable[[tuple[Any, ...]], Any]
+        self,
+        gui: Any,
+        context: PanelContext,
+        kind: Drawing,
+        message: Callable[[tuple[Any, ...]], Any],
     ) -> None:
-        self._kind, self._door, self._message = kind, door, message
+        self._kind, self._context, self._message = kind, context, message
         self._picks: tuple[Any, ...] = ()
         self._begin = gui.add_button("Draw on the skull", icon="pencil", color="gray")
         self._help = gui.add_html("")
-        self._finish = gui.add_button("Finish the line", icon="check", visible=False)
-        self._drop = gui.add_button("Drop the line", icon="x", color="gray", visible=False)
-        listen(self._begin, lambda e: door.view(lambda v: replace(v, drawing=kind)))
-        listen(self._drop, lambda e: door.view(lambda v: replace(v, drawing=None, picks=())))
-        listen(self._finish, self._send)
+        self._finish = gui.add_button("Finish stroke", icon="check", visible=False)
+        self._drop = gui.add_button("Discard stroke", icon="x", color="gray", visible=False)
+        on_click(self._begin, lambda e: context.change_view(lambda v: replace(v, drawing=kind)))
+        on_click(
+            self._drop, lambda e: context.change_view(lambda v: replace(v, drawing=None, picks=()))
+        )
+        on_click(self._finish, self._send)
 
     def _send(self, event: Any) -> None:
         picks = self._picks
-        self._door.send(lambda: self._message(picks), event)
-        self._door.view(lambda v: replace(v, drawing=None, picks=()))
+        self._context.send(lambda: self._message(picks), event)
+        self._context.change_view(lambda v: replace(v, drawing=None, picks=()))
 
-    def render(self, new: Picture) -> None:
+    def render(self, new: Snapshot) -> None:
         """Show what can be done now."""
         drawing = new.view.drawing == self._kind
         self._picks = new.view.picks
         blocked = new.busy or new.step(self._kind).state == "blocked"
         self._begin.visible = not drawing
-        self._begin.label = "Go on drawing" if self._picks else "Draw on the skull"
+        self._begin.label = "Continue drawing" if self._picks else "Draw on the skull"
         self._begin.disabled = blocked
         self._finish.visible = drawing
         self._drop.visible = drawing or len(self._picks) > 0
@@ -44,8 +51,8 @@ class DrawingControls:
         words = ""
         if drawing:
             words = style.note(
-                "Click places on the skull, or drag over it. Beside the skull a drag turns the "
-                f"view. {len(self._picks)} points so far."
+                "Click points on the skull, or drag over it. Dragging beside the skull "
+                f"rotates the view. {len(self._picks)} points so far."
             )
         if self._help.content != words:
             self._help.content = words

@@ -1,6 +1,11 @@
 """A slider whose track is a picture: a click in the picture chooses the place."""
 
 import base64
+import struct
+import zlib
+
+import numpy as np
+from numpy.typing import NDArray
 
 SHEET = """<style>
 div:has(>.%(name)s)+div{padding:0 14px 26px!important;overflow:hidden}
@@ -37,3 +42,21 @@ def sheet(name: str, height_px: int, kind: str, image: bytes) -> str:
         "kind": kind,
         "data": data,
     }
+
+
+def png(image: NDArray[np.uint8]) -> bytes:
+    """Return an image (h, w, 3) as a PNG file."""
+
+    def chunk(kind: bytes, data: bytes) -> bytes:
+        check = zlib.crc32(kind + data)
+        return struct.pack(">I", len(data)) + kind + data + struct.pack(">I", check)
+
+    height, width = image.shape[:2]
+    rows = np.concatenate((np.zeros((height, 1), np.uint8), image.reshape(height, -1)), axis=1)
+    header = struct.pack(">IIBBBBB", width, height, 8, 2, 0, 0, 0)
+    return (
+        b"\x89PNG\r\n\x1a\n"
+        + chunk(b"IHDR", header)
+        + chunk(b"IDAT", zlib.compress(rows.tobytes()))
+        + chunk(b"IEND", b"")
+    )

@@ -6,9 +6,9 @@ from typing import Any, ClassVar
 from rona_core.errors import InvalidInputError
 from rona_ui.panels.widgets import style
 from rona_ui.panels.widgets.form import Form
-from rona_ui.panels.widgets.panel_context import Door
+from rona_ui.panels.widgets.panel_context import PanelContext
 from rona_ui.panels.widgets.verdicts import judged, missed_note
-from rona_ui.view_state import Picture
+from rona_ui.presentation.snapshot import Snapshot
 
 
 class StepPanel:
@@ -18,10 +18,10 @@ class StepPanel:
     explanation: ClassVar[str] = ""
     activity: ClassVar[str] = ""  # that the primary button starts, where it records something
     start: ClassVar[str | None] = None  # words of the primary button; None: the step has none
-    again: ClassVar[str] = "Do it again"
+    again: ClassVar[str] = "Repeat this step"
 
-    def __init__(self, gui: Any, door: Door) -> None:
-        self.gui, self.door = gui, door
+    def __init__(self, gui: Any, context: PanelContext) -> None:
+        self.gui, self.context = gui, context
         self.form = Form(gui)
         self.folder = gui.add_folder(None, visible=False)
         with self.folder:
@@ -36,14 +36,14 @@ class StepPanel:
         """Return what the primary button sends."""
         raise InvalidInputError(f"step {self.step} starts nothing: change its fields")
 
-    def remarks(self, picture: Picture) -> str:
+    def remarks(self, snapshot: Snapshot) -> str:
         """Return HTML about the result of the step."""
         return ""
 
-    def update(self, old: Picture | None, new: Picture) -> None:
+    def update(self, old: Snapshot | None, new: Snapshot) -> None:
         """Draw what else has changed."""
 
-    def render(self, old: Picture | None, new: Picture) -> None:
+    def render(self, old: Snapshot | None, new: Snapshot) -> None:
         """Show the fields while the step is active, and follow the session."""
         active = new.view.step == self.step
         if self.folder.visible != active:
@@ -57,37 +57,37 @@ class StepPanel:
             or old.view is not new.view
             or old.busy != new.busy
             or old.figures is not new.figures
-            or old.backdrop is not new.backdrop
+            or old.static_scene is not new.static_scene
         ):
             html = (stopped_note(new, self.activity) if self.activity else "") + self.remarks(new)
             html = self._judged(html, new)
             if self.remark.content != html:
                 self.remark.content = html
 
-    def _judged(self, html: str, picture: Picture) -> str:
+    def _judged(self, html: str, snapshot: Snapshot) -> str:
         """Return the remarks with the verdict of the step: what is not good is not praised."""
-        if picture.step(self.step).state == "stale":
+        if snapshot.step(self.step).state == "stale":
             return html.replace("r-note good", "r-note")
-        found = judged(picture, self.step)
+        found = judged(snapshot, self.step)
         if not found.missed:
             return html
         return missed_note(found) + html.replace("r-note good", "r-note")
 
 
-def stopped_note(picture: Picture, activity: str) -> str:
+def stopped_note(snapshot: Snapshot, activity: str) -> str:
     """Return what became of an activity that was stopped, as HTML; empty where none was."""
-    job = picture.job
+    job = snapshot.job
     if job is None or job.activity != activity or job.state != "cancelled":
         return ""
     if job.error:
         return style.note(f"Stopped: {job.error}.", "warn")
-    session = picture.session
+    session = snapshot.session
     last = session.archive[-1] if session.archive else None
     captures = [getattr(session.captures, part.name) for part in fields(session.captures)]
     if last is None or any(last is c or (isinstance(c, tuple) and last in c) for c in captures):
         return ""
     return style.note(
-        "Stopped early: the recording of before stays as it was, and all that rests on it. "
-        "What came now is kept in the session's archive.",
+        "Stopped early: the previous recording and its results are unchanged. The partial "
+        "recording is kept in the session archive.",
         "warn",
     )

@@ -31,6 +31,8 @@ SHEET = """<style>
 .mantine-Button-root[style*="gray-filled"]:not([disabled]):hover{background:#eef4f8!important}
 .mantine-Checkbox-input:checked{background:#005b8f!important;border-color:#005b8f!important}
 .mantine-Text-root:has(>label){color:#3e4c59!important;letter-spacing:-.5px!important}
+.mantine-Flex-root:not(:has(.mantine-NumberInput-root:nth-child(3)))>div:first-child:has(
+ >.mantine-Text-root>label){width:8.6em!important}
 .mantine-Notification-description{color:#3e4c59!important}
 .mantine-Paper-root:has(>.mantine-Paper-root:first-child+div+div){padding:0!important;
  margin-top:6px!important;margin-bottom:8px!important;border-color:#d9dee4;border-radius:5px;

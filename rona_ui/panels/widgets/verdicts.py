@@ -5,7 +5,7 @@ from typing import Any
 from rona_core.app.overview.acceptance import Judgement, QualityRow, judgement, quality_rows
 from rona_core.session.document import Session
 from rona_ui.panels.widgets import style
-from rona_ui.view_state import Picture
+from rona_ui.presentation.snapshot import Snapshot
 
 MOST_TOLD = 3  # figures in a note
 
@@ -17,19 +17,19 @@ class _Latest:
     rows: tuple[QualityRow, ...] = ()
 
 
-def rows_of(picture: Picture) -> tuple[QualityRow, ...]:
+def rows_of(snapshot: Snapshot) -> tuple[QualityRow, ...]:
     """Return the figures of a picture with their verdicts."""
-    key = (picture.figures, picture.session)
+    key = (snapshot.figures, snapshot.session)
     held = _Latest.key
     if held is None or held[0] is not key[0] or held[1] is not key[1]:
-        _Latest.rows = quality_rows(picture.figures, picture.session)
+        _Latest.rows = quality_rows(snapshot.figures, snapshot.session)
         _Latest.key = key
     return _Latest.rows
 
 
-def judged(picture: Picture, step: str) -> Judgement:
+def judged(snapshot: Snapshot, step: str) -> Judgement:
     """Return what the figures of a step come to."""
-    return judgement(rows_of(picture), step)
+    return judgement(rows_of(snapshot), step)
 
 
 def missed_note(found: Judgement) -> str:

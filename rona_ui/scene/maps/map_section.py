@@ -5,12 +5,12 @@ import numpy as np
 from rona_core.devices.protocols import Mesh
 from rona_core.geometry.arrays import Bools, Floats
 from rona_core.mapping.boundary_map import BoundaryMap, Maps
-from rona_ui.scene.adapter import Layer
-from rona_ui.scene.colors import BONE_RIM, ORANGE, SKY
+from rona_ui.presentation.colors import BONE_RIM, ORANGE, SKY
+from rona_ui.presentation.shown_maps import shown_maps, shown_maps_key
+from rona_ui.presentation.snapshot import Snapshot
 from rona_ui.scene.cut_plane import Plane, crossings, cut_key, cut_plane
-from rona_ui.scene.maps.map_choice import chosen_key, chosen_maps
-from rona_ui.scene.viser_nodes import Stage
-from rona_ui.view_state import Picture
+from rona_ui.scene.layer import Layer
+from rona_ui.scene.viser_nodes import SceneNodes
 
 BAND, OUTER, INNER = "/cut_bone", "/cut_outer", "/cut_inner"
 MAPS = ("outer", "inner", "fused")
@@ -19,35 +19,39 @@ MAPS = ("outer", "inner", "fused")
 class ProfileLayer(Layer):
     """Draws both boundaries as lines in the cut and, where both are mapped, the bone between."""
 
-    def __init__(self, stage: Stage) -> None:
-        super().__init__(stage)
+    def __init__(self, nodes: SceneNodes) -> None:
+        super().__init__(nodes)
         self._bone = False  # there is some in the cut
 
-    def shown(self, picture: Picture) -> bool:
+    def shown(self, snapshot: Snapshot) -> bool:
         """Show the bone while any of the maps is to be seen."""
-        return any(picture.view.shows(name) for name in MAPS)
+        return any(snapshot.view.shows(name) for name in MAPS)
 
-    def render(self, old: Picture | None, new: Picture) -> None:
+    def render(self, old: Snapshot | None, new: Snapshot) -> None:
         """Draw the bone where the cut or the maps are others."""
-        if old is None or cut_key(old) != cut_key(new) or chosen_key(old) != chosen_key(new):
-            self._draw(chosen_maps(new), cut_plane(new))
-        self.stage.show(BAND, self.shown(new) and self._bone)
+        if (
+            old is None
+            or cut_key(old) != cut_key(new)
+            or shown_maps_key(old) != shown_maps_key(new)
+        ):
+            self._draw(shown_maps(new), cut_plane(new))
+        self.nodes.show(BAND, self.shown(new) and self._bone)
         for node in (OUTER, INNER):
-            self.stage.show(node, self.shown(new))
+            self.nodes.show(node, self.shown(new))
 
     def _draw(self, maps: Maps | None, plane: Plane | None) -> None:
         outer = inner = between = np.zeros((0, 2, 3))
         if maps is not None and plane is not None:
             outer, inner = profile(maps.outer, plane), profile(maps.inner, plane)
             between = band(maps, plane)
-        self.stage.lines(OUTER, outer, SKY, width_px=4.0)
-        self.stage.lines(INNER, inner, ORANGE, width_px=4.0)
+        self.nodes.lines(OUTER, outer, SKY, width_px=4.0)
+        self.nodes.lines(INNER, inner, ORANGE, width_px=4.0)
         self._bone = len(between) > 0
         if self._bone:
             corners = between.reshape(-1, 3)
             faces = np.arange(0, len(corners), 4)[:, None] + np.array((0, 1, 2, 0, 2, 3))
             mesh = Mesh(corners, faces.reshape(-1, 3))
-            self.stage.mesh(BAND, mesh, BONE_RIM, side="double")
+            self.nodes.mesh(BAND, mesh, BONE_RIM, side="double")
 
 
 def profile(boundary: BoundaryMap, plane: Plane) -> Floats:

@@ -3,17 +3,16 @@
 import numpy as np
 
 from rona_core.app.steps.handheld.scans import hand_poses
-from rona_core.app.steps.maps.map_accuracy import MapAccuracy
 from rona_core.app.steps.maps.view import layers_of
 from rona_core.app.steps.scan.ascan_view import ScanName, scan_number_at, scan_poses
 from rona_core.app.steps.scan.boundary_handlers import DETECTIONS, capture_of, detection_of_scan
 from rona_core.geometry.arrays import Bools, Floats
-from rona_ui.scene.adapter import Layer
-from rona_ui.scene.colors import GREEN, SKY, VERMILLION, YELLOW, viridis
+from rona_ui.presentation.colors import GREEN, SKY, VERMILLION, YELLOW, viridis
+from rona_ui.presentation.shown_maps import map_sigma, shown_maps, shown_maps_key
+from rona_ui.presentation.snapshot import Snapshot
 from rona_ui.scene.cut_plane import cut_key, cut_plane
-from rona_ui.scene.maps.map_choice import chosen_accuracy, chosen_key, chosen_maps
-from rona_ui.scene.viser_nodes import Stage
-from rona_ui.view_state import Picture
+from rona_ui.scene.layer import Layer
+from rona_ui.scene.viser_nodes import SceneNodes
 
 SCAN, NOW = "/scan/points", "/scan/now"
 LIFT_MM = 1.5  # of the places of A-scans, so that the skull does not hide them
@@ -22,45 +21,40 @@ LIFT_MM = 1.5  # of the places of A-scans, so that the skull does not hide them
 class MapLayer(Layer):
     """Draws one of the three maps."""
 
-    def __init__(self, stage: Stage, name: str) -> None:
-        super().__init__(stage)
+    def __init__(self, nodes: SceneNodes, name: str) -> None:
+        super().__init__(nodes)
         self.layer = name
 
-    def render(self, old: Picture | None, new: Picture) -> None:
+    def render(self, old: Snapshot | None, new: Snapshot) -> None:
         """Draw the map where it or its quantity is another one."""
         node = f"/maps/{self.layer}"
         if (
             old is None
-            or chosen_key(old) != chosen_key(new)
+            or shown_maps_key(old) != shown_maps_key(new)
             or old.view.quantity != new.view.quantity
             or map_cut(old) != map_cut(new)
         ):
-            maps = chosen_maps(new)
+            maps = shown_maps(new)
             if maps is None:
-                self.stage.remove(node)
+                self.nodes.remove(node)
             else:
-                shown = layers_of(maps, new.view.quantity, sigma_of(new))
+                shown = layers_of(maps, new.view.quantity, map_sigma(new))
                 part = shown.part(self.layer)
                 share = (part.values_mm - shown.low_mm) / (shown.high_mm - shown.low_mm)
                 left = _left(part.points_base, new)
                 points, colors = part.points_base[left], viridis(share[left])
-                self.stage.cloud(node, points, colors, size_mm=part.cell_mm)
-        self.stage.show(node, self.shown(new))
+                self.nodes.cloud(node, points, colors, size_mm=part.cell_mm)
+        self.nodes.show(node, self.shown(new))
 
 
-def sigma_of(picture: Picture) -> MapAccuracy | None:
-    """Return how sure the maps are, where they are coloured by it: it takes a moment."""
-    return chosen_accuracy(picture) if picture.view.quantity == "sigma" else None
-
-
-def map_cut(picture: Picture) -> tuple[str, float] | None:
+def map_cut(snapshot: Snapshot) -> tuple[str, float] | None:
     """Return what the cut through the maps depends on; None while they are whole."""
-    return cut_key(picture) if picture.view.slice_maps else None
+    return cut_key(snapshot) if snapshot.view.cut_maps else None
 
 
-def _left(points_base: Floats, picture: Picture) -> Bools:
+def _left(points_base: Floats, snapshot: Snapshot) -> Bools:
     """Return which points (n,) of a map the cut leaves."""
-    plane = cut_plane(picture) if map_cut(picture) is not None else None
+    plane = cut_plane(snapshot) if map_cut(snapshot) is not None else None
     if plane is None:
         return np.ones(len(points_base), dtype=np.bool_)
     return plane.heights_mm(points_base) < 0.0
@@ -71,12 +65,14 @@ class ScanLayer(Layer):
 
     layer = "scan"
 
-    def render(self, old: Picture | None, new: Picture) -> None:
+    def render(self, old: Snapshot | None, new: Snapshot) -> None:
         """Draw the points of the pass that is looked at, and the one under the replay cursor."""
         redrawn = old is None or _scan_key(old) != _scan_key(new)
         moved = old is None or old.scan_cursor != new.scan_cursor
         if redrawn or moved:
-            lift = 0.0 if new.backdrop is None else LIFT_MM * new.backdrop.region_normal_base
+            lift = (
+                0.0 if new.static_scene is None else LIFT_MM * new.static_scene.region_normal_base
+            )
             places = scan_places(new) + lift
             if redrawn:
                 self._draw_points(places, new, new.scan)
@@ -84,40 +80,40 @@ class ScanLayer(Layer):
             if new.scan_cursor is not None:
                 number = scan_number_at(new.session, new.scan_cursor, new.scan)
             mark = places[number : number + 1] if number is not None else places[:0]
-            self.stage.cloud(NOW, mark, YELLOW, size_mm=3.0)
+            self.nodes.cloud(NOW, mark, YELLOW, size_mm=3.0)
         seen = self.shown(new) and not new.scanning  # while it scans they are of the scan before
-        self.stage.show(SCAN, seen)
+        self.nodes.show(SCAN, seen)
         looking = new.scan_cursor is not None and new.view.step == "maps"
-        self.stage.show(NOW, (seen or looking) and not new.scanning)
+        self.nodes.show(NOW, (seen or looking) and not new.scanning)
 
-    def _draw_points(self, places: Floats, new: Picture, scan: ScanName) -> None:
+    def _draw_points(self, places: Floats, new: Snapshot, scan: ScanName) -> None:
         colors = np.tile(np.array(SKY, dtype=np.uint8), (len(places), 1))
         detected = detection_of_scan(new.session, scan)
         if detected is not None:
             found = detected.inner_ok[:, None]
             colors = np.where(found, GREEN, VERMILLION).astype(np.uint8)
-        self.stage.cloud(SCAN, places, colors, size_mm=1.6)
+        self.nodes.cloud(SCAN, places, colors, size_mm=1.6)
 
 
-def scan_places(picture: Picture) -> Floats:
+def scan_places(snapshot: Snapshot) -> Floats:
     """Return where the A-scans that are looked at were taken (n, 3), as the scene shows them."""
-    if picture.scan != "hand":
-        poses = scan_poses(picture.session, picture.scan)
+    if snapshot.scan != "hand":
+        poses = scan_poses(snapshot.session, snapshot.scan)
         return np.zeros((0, 3)) if poses is None else poses.translations
-    found = hand_poses(picture.session)
+    found = hand_poses(snapshot.session)
     if found is None:
         return np.zeros((0, 3))
     frame, poses = found
     if frame == "base":
         return poses.translations
-    drawn = None if picture.backdrop is None else picture.backdrop.T_base_basemarker
+    drawn = None if snapshot.static_scene is None else snapshot.static_scene.T_base_basemarker
     return np.zeros((0, 3)) if drawn is None else drawn @ poses.translations
 
 
-def _scan_key(picture: Picture) -> tuple[object, ...]:
+def _scan_key(snapshot: Snapshot) -> tuple[object, ...]:
     """Return what tells one drawing of the points from another."""
-    session, results, scan = picture.session, picture.session.results, picture.scan
+    session, results, scan = snapshot.session, snapshot.session.results, snapshot.scan
     of_hand = (id(results.tool), id(results.sono)) if scan == "hand" else ()
     found = getattr(results, DETECTIONS[scan])
-    drawn = id(capture_of(session, scan)), id(found), id(picture.backdrop)
+    drawn = id(capture_of(session, scan)), id(found), id(snapshot.static_scene)
     return *drawn, id(session.boundary_edits), scan, *of_hand

@@ -3,10 +3,10 @@
 import numpy as np
 
 from rona_core.app.steps.acoustics.view import ReferenceRow, reference_rows
-from rona_ui.scene.adapter import Layer
-from rona_ui.scene.colors import ORANGE, PURPLE
-from rona_ui.scene.viser_nodes import Stage
-from rona_ui.view_state import Picture
+from rona_ui.presentation.colors import ORANGE, PURPLE
+from rona_ui.presentation.snapshot import Snapshot
+from rona_ui.scene.layer import Layer
+from rona_ui.scene.viser_nodes import SceneNodes
 
 POINTS = "/references/points"
 SIZE_MM = 2.4
@@ -18,14 +18,14 @@ class ReferencesLayer(Layer):
 
     layer = "references"
 
-    def __init__(self, stage: Stage) -> None:
-        super().__init__(stage)
+    def __init__(self, nodes: SceneNodes) -> None:
+        super().__init__(nodes)
         self._labels = 0
         self._rows: tuple[ReferenceRow, ...] = ()
 
-    def render(self, old: Picture | None, new: Picture) -> None:
+    def render(self, old: Snapshot | None, new: Snapshot) -> None:
         """Draw the points where they, what is said of them, or the region are others."""
-        moved = old is None or old.backdrop is not new.backdrop
+        moved = old is None or old.static_scene is not new.static_scene
         if old is None or moved or old.session is not new.session:
             rows = reference_rows(new.session)
             same = old is not None and old.session.captures.references is (
@@ -35,18 +35,18 @@ class ReferencesLayer(Layer):
                 self._rows = rows
                 self._draw(new)
         for node in (POINTS, *map(_label, range(self._labels))):
-            self.stage.show(node, self.shown(new))
+            self.nodes.show(node, self.shown(new))
 
-    def _draw(self, new: Picture) -> None:
+    def _draw(self, new: Snapshot) -> None:
         held, rows = new.session.captures.references, self._rows
         places = np.zeros((0, 3)) if held is None else held.places_base
-        up = np.zeros(3) if new.backdrop is None else new.backdrop.region_normal_base
+        up = np.zeros(3) if new.static_scene is None else new.static_scene.region_normal_base
         colors = np.array([PURPLE if row.counts else ORANGE for row in rows], dtype=np.uint8)
-        self.stage.cloud(POINTS, places + LIFT_MM * up, colors.reshape(-1, 3), size_mm=SIZE_MM)
+        self.nodes.cloud(POINTS, places + LIFT_MM * up, colors.reshape(-1, 3), size_mm=SIZE_MM)
         for row, place in zip(rows, places, strict=True):
-            self.stage.label(_label(row.number), label_words(row), place + LABEL_MM * up)
+            self.nodes.label(_label(row.number), label_words(row), place + LABEL_MM * up)
         for number in range(len(rows), self._labels):
-            self.stage.remove(_label(number))
+            self.nodes.remove(_label(number))
         self._labels = len(rows)
 
 

@@ -4,11 +4,12 @@ import numpy as np
 
 from rona_core.app.steps.maps.second_pass_view import SecondView, second_cells, second_view
 from rona_core.geometry.arrays import Floats
-from rona_ui.scene.adapter import Layer
-from rona_ui.scene.colors import SKY, Rgb, viridis
-from rona_ui.scene.maps.map_choice import shows_hand
+from rona_ui.presentation.colors import SKY, Rgb, viridis
+from rona_ui.presentation.shown_maps import shows_handheld_maps
+from rona_ui.presentation.shown_path import shows_second_path, tilt_scale_max_deg
+from rona_ui.presentation.snapshot import Snapshot
+from rona_ui.scene.layer import Layer
 from rona_ui.scene.viser_nodes import segments
-from rona_ui.view_state import Picture
 
 PATH, AXES, CELLS = "/second/path", "/second/axes", "/second/cells"
 SHADES = 6
@@ -24,40 +25,35 @@ class SecondLayer(Layer):
 
     layer = "second"
 
-    def render(self, old: Picture | None, new: Picture) -> None:
+    def render(self, old: Snapshot | None, new: Snapshot) -> None:
         """Draw the path where it is another one, and the cells where the maps are."""
         if old is None or old.session.results.second is not new.session.results.second:
             self._draw_path(second_view(new.session))
-        lift = 0.0 if new.backdrop is None else LIFT_MM * new.backdrop.region_normal_base
+        lift = 0.0 if new.static_scene is None else LIFT_MM * new.static_scene.region_normal_base
         if (
             old is None
             or old.session.results.maps is not new.session.results.maps
             or old.session.captures.second is not new.session.captures.second
-            or old.backdrop is not new.backdrop
+            or old.static_scene is not new.static_scene
         ):
             cells = second_cells(new.session)
             points = np.zeros((0, 3)) if cells is None else cells.points_base + lift
-            self.stage.cloud(CELLS, points, WHITE, size_mm=CELL_MM)
+            self.nodes.cloud(CELLS, points, WHITE, size_mm=CELL_MM)
         for node in (PATH, *(f"{AXES}{shade}" for shade in range(SHADES))):
-            self.stage.show(node, self.shown(new) and path_drawn(new))
-        mapped = new.view.shows("inner") and not shows_hand(new)
-        self.stage.show(CELLS, self.shown(new) and mapped)
+            self.nodes.show(node, self.shown(new) and shows_second_path(new))
+        mapped = new.view.shows("inner") and not shows_handheld_maps(new)
+        self.nodes.show(CELLS, self.shown(new) and mapped)
 
     def _draw_path(self, view: SecondView | None) -> None:
         points = np.zeros((0, 3)) if view is None else view.points_base
-        self.stage.lines(PATH, segments(points), SKY, width_mm=PATH_MM)
+        self.nodes.lines(PATH, segments(points), SKY, width_mm=PATH_MM)
         colors = viridis((np.arange(SHADES) + 0.5) / SHADES)
         for shade in range(SHADES):
             pairs = np.zeros((0, 2, 3))
             if view is not None:
                 pairs = axes(view)[shades(view) == shade]
             r, g, b = (int(part) for part in colors[shade])
-            self.stage.lines(f"{AXES}{shade}", pairs, (r, g, b), width_px=2.0)
-
-
-def path_drawn(picture: Picture) -> bool:
-    """Return whether that pass is looked at or still to be scanned, so that its path matters."""
-    return picture.view.second or picture.session.captures.second is None
+            self.nodes.lines(f"{AXES}{shade}", pairs, (r, g, b), width_px=2.0)
 
 
 def _every(view: SecondView) -> slice:
@@ -73,10 +69,5 @@ def axes(view: SecondView) -> Floats:
 
 def shades(view: SecondView) -> np.ndarray:
     """Return the number of the shade (n,) of each axis, from no lean to the largest."""
-    share = view.lean_deg[_every(view)] / max(top_deg(view), 1e-9)
+    share = view.lean_deg[_every(view)] / max(tilt_scale_max_deg(view), 1e-9)
     return np.clip((share * SHADES).astype(np.int64), 0, SHADES - 1)
-
-
-def top_deg(view: SecondView) -> float:
-    """Return where the colours of the lean end."""
-    return float(np.ceil(view.lean_deg.max(initial=1.0)))

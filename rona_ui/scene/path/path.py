@@ -3,13 +3,13 @@
 import numpy as np
 
 from rona_core.app.steps.path.path_checks import PathCheck, check_path
-from rona_core.app.steps.path.view import PathView, path_view, preview_path
+from rona_core.app.steps.path.view import PathView
 from rona_core.geometry.arrays import Floats
-from rona_ui.scene.adapter import Layer
-from rona_ui.scene.colors import BLUE, ORANGE, PURPLE, VERMILLION, viridis
-from rona_ui.scene.roll.margins import shows_margins
+from rona_ui.presentation.colors import BLUE, ORANGE, PURPLE, VERMILLION, viridis
+from rona_ui.presentation.shown_path import shown_path, shown_path_key, shows_margins
+from rona_ui.presentation.snapshot import Snapshot
+from rona_ui.scene.layer import Layer
 from rona_ui.scene.viser_nodes import segments
-from rona_ui.view_state import Picture
 
 RAW, SMOOTH, CORNERS, AXES = "/path/raw", "/path/smooth", "/path/points", "/path/axes"
 DEVIATION, TILTED, THIN = "/path/deviation", "/path/tilted", "/path/thin"
@@ -21,33 +21,20 @@ SHADES = 8  # of the colour bar; one line can only be of one colour
 DOTS_MM = 0.5  # between the dots that show the deviation
 
 
-def shown_path(picture: Picture) -> PathView | None:
-    """Return the path to be shown: that of the slider while it is dragged, else the computed."""
-    if picture.preview_mm is not None:
-        return preview_path(picture.session, picture.preview_mm)
-    return path_view(picture.session)
-
-
-def path_key(picture: Picture) -> tuple[int, int, float | None]:
-    """Return what tells one shown path from another."""
-    results = picture.session.results
-    return id(results.path), id(results.smoothing), picture.preview_mm
-
-
 class PathLayer(Layer):
     """Draws the raw path in orange, in step 6 by its deviation, and the smoothed one in blue."""
 
     layer = "path"
 
-    def render(self, old: Picture | None, new: Picture) -> None:
+    def render(self, old: Snapshot | None, new: Snapshot) -> None:
         """Draw each path where it is another one."""
         raw, smooth = new.session.results.path, new.session.results.smoothing
-        lift = 0.0 if new.backdrop is None else LIFT_MM * new.backdrop.region_normal_base
-        fresh = old is None or old.backdrop is not new.backdrop
+        lift = 0.0 if new.static_scene is None else LIFT_MM * new.static_scene.region_normal_base
+        fresh = old is None or old.static_scene is not new.static_scene
         if fresh or old is None or old.session.results.path is not raw:
             points = np.zeros((0, 3)) if raw is None else raw.value.points_base + lift
-            self.stage.lines(RAW, segments(points), ORANGE, width_mm=RAW_MM)
-        if fresh or old is None or path_key(old) != path_key(new):
+            self.nodes.lines(RAW, segments(points), ORANGE, width_mm=RAW_MM)
+        if fresh or old is None or shown_path_key(old) != shown_path_key(new):
             view, dense = shown_path(new), np.zeros((0, 3))
             if view is not None and view.preview:
                 dense = view.corners_base
@@ -55,28 +42,28 @@ class PathLayer(Layer):
                 dense = smooth.value.path.points_base
             corners = np.zeros((0, 3)) if smooth is None else smooth.value.corners_base
             corners = corners if view is None else view.corners_base
-            self.stage.lines(SMOOTH, segments(dense + 3 * lift), BLUE, width_mm=SMOOTH_MM)
-            self.stage.cloud(CORNERS, corners + 4 * lift, BLUE, size_mm=0.9)
+            self.nodes.lines(SMOOTH, segments(dense + 3 * lift), BLUE, width_mm=SMOOTH_MM)
+            self.nodes.cloud(CORNERS, corners + 4 * lift, BLUE, size_mm=0.9)
             self._draw_deviation(view, lift)
         self._show(new)
 
     def _draw_deviation(self, view: PathView | None, lift: Floats | float) -> None:
         if view is None:
-            self.stage.remove(DEVIATION)
+            self.nodes.remove(DEVIATION)
             return
         points, values = dots(view.raw_base, view.from_raw_mm)
         shares = values / max(view.tolerance_mm, 1e-9)
-        self.stage.cloud(DEVIATION, points + 2 * lift, viridis(shares), size_mm=0.45)
+        self.nodes.cloud(DEVIATION, points + 2 * lift, viridis(shares), size_mm=0.45)
 
-    def _show(self, new: Picture) -> None:
-        clear = new.view.everything or not _scanned(new)
-        by_deviation = new.view.step == "smoothing" and DEVIATION in self.stage.names()
-        self.stage.show(RAW, self.shown(new) and clear and not by_deviation)
-        self.stage.show(DEVIATION, self.shown(new) and by_deviation)
-        later = self.shown(new) and clear and (new.view.step != "path" or new.view.everything)
+    def _show(self, new: Snapshot) -> None:
+        clear = new.view.all_layers or not _scanned(new)
+        by_deviation = new.view.step == "smoothing" and DEVIATION in self.nodes.names()
+        self.nodes.show(RAW, self.shown(new) and clear and not by_deviation)
+        self.nodes.show(DEVIATION, self.shown(new) and by_deviation)
+        later = self.shown(new) and clear and (new.view.step != "path" or new.view.all_layers)
         later = later and not shows_margins(new)
         for node in (SMOOTH, CORNERS):
-            self.stage.show(node, later)
+            self.nodes.show(node, later)
 
 
 def dots(points: Floats, values: Floats) -> tuple[Floats, Floats]:
@@ -91,14 +78,14 @@ def dots(points: Floats, values: Floats) -> tuple[Floats, Floats]:
     return places, np.interp(at, along, values)
 
 
-def _scanned(picture: Picture) -> bool:
+def _scanned(snapshot: Snapshot) -> bool:
     """Return whether the path would hide the points of a scan, which lie on it."""
-    there = picture.session.captures.scan is not None and not picture.scanning
-    return picture.view.step == "scan" and there
+    there = snapshot.session.captures.scan is not None and not snapshot.scanning
+    return snapshot.view.step == "scan" and there
 
 
-def _check_key(picture: Picture) -> tuple[int, str]:
-    session = picture.session
+def _check_key(snapshot: Snapshot) -> tuple[int, str]:
+    session = snapshot.session
     return id(session.results.smoothing), session.setup.devices.probe.name
 
 
@@ -107,13 +94,13 @@ class AxesLayer(Layer):
 
     layer = "arrows"
 
-    def render(self, old: Picture | None, new: Picture) -> None:
+    def render(self, old: Snapshot | None, new: Snapshot) -> None:
         """Draw every k-th normal where the path is another one."""
         if old is None or _check_key(old) != _check_key(new):
             self._draw(check_path(new.session))
         shown = self.shown(new) and new.preview_mm is None  # those of a preview are not known
         for shade in range(SHADES):
-            self.stage.show(f"{AXES}{shade}", shown)
+            self.nodes.show(f"{AXES}{shade}", shown)
 
     def _draw(self, check: PathCheck | None) -> None:
         colors = viridis((np.arange(SHADES) + 0.5) / SHADES)
@@ -125,7 +112,7 @@ class AxesLayer(Layer):
                 held = shades(check.sigma_deg[::every], check.tolerance_deg) == shade
                 pairs = np.stack((feet, feet + AXIS_MM * normals), axis=1)[held]
             r, g, b = (int(part) for part in colors[shade])
-            self.stage.lines(f"{AXES}{shade}", pairs, (r, g, b), width_px=2.0)
+            self.nodes.lines(f"{AXES}{shade}", pairs, (r, g, b), width_px=2.0)
 
 
 def shades(sigma_deg: Floats, tolerance_deg: float) -> np.ndarray:
@@ -138,15 +125,15 @@ class WarningsLayer(Layer):
 
     layer = "warnings"
 
-    def render(self, old: Picture | None, new: Picture) -> None:
+    def render(self, old: Snapshot | None, new: Snapshot) -> None:
         """Draw the marks where the path is another one."""
         if old is None or _check_key(old) != _check_key(new):
             check = check_path(new.session)
             for node, color, size in ((TILTED, VERMILLION, 1.5), (THIN, PURPLE, 1.0)):
                 points = np.zeros((0, 3))
                 if check is not None:
-                    marked = check.tilted if node == TILTED else check.thin
-                    points = (check.places_base + 4 * LIFT_MM * check.normals)[marked]
-                self.stage.cloud(node, points, color, size_mm=size)
+                    highlighted_parts = check.tilted if node == TILTED else check.thin
+                    points = (check.places_base + 4 * LIFT_MM * check.normals)[highlighted_parts]
+                self.nodes.cloud(node, points, color, size_mm=size)
         for node in (TILTED, THIN):
-            self.stage.show(node, self.shown(new) and new.preview_mm is None)
+            self.nodes.show(node, self.shown(new) and new.preview_mm is None)

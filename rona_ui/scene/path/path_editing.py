@@ -19,17 +19,18 @@ from rona_core.app.steps.path.handlers import is_kept, nearest_piece, nearest_po
 from rona_core.errors import InvalidInputError, RonaError
 from rona_core.geometry.arrays import Floats, Vector3
 from rona_core.session.document import Session
-from rona_ui.scene.adapter import Layer
-from rona_ui.scene.colors import PURPLE, SKY, YELLOW
+from rona_ui.presentation.colors import PURPLE, SKY, YELLOW
+from rona_ui.presentation.snapshot import Snapshot
+from rona_ui.presentation.view_state import Point, ViewState
+from rona_ui.scene.layer import Layer
 from rona_ui.scene.viser_nodes import segments
-from rona_ui.view_state import Picture, Point, ViewState
 
 STROKES = ("surface", "path")  # drawn with the pointer itself
 CORNER_STEP_MM = 1.5  # a drag adds a corner of the boundary once it has come so far
 MOST_CORNERS = 500
 LIFT_MM = 2.0
 MARK_MM = 1.4
-GRABBED, GHOST = "/edit/grabbed", "/edit/place"
+MOVED_POINT, MOVE_TARGET = "/edit/grabbed", "/edit/place"
 BOUNDARY, CENTER = "/pattern/boundary", "/pattern/center"
 
 
@@ -64,7 +65,7 @@ def point_at(
         return view, InsertPathPoint(after, _point(place), _point(eye_base))
     if view.drawing == "delete":
         return view, DeletePathPoint(_found(corners_of(session), eye_base, ray))
-    if view.drawing == "keep" and session.results.path is not None:
+    if view.drawing == "pin" and session.results.path is not None:
         sample = _found(session.results.path.value.points_base, eye_base, ray)
         return view, PinPathSample(sample, not is_kept(session, sample))
     return view, None
@@ -74,23 +75,25 @@ def _move(
     session: Session, view: ViewState, eye_base: Vector3, ray: Vector3, phase: str
 ) -> tuple[ViewState, Any | None]:
     """Two clicks, or one drag: from a point to its new place."""
-    if phase == "start" or (phase == "click" and view.grabbed is None):
-        return replace(view, grabbed=_found(corners_of(session), eye_base, ray), ghost=None), None
-    if view.grabbed is None:
+    if phase == "start" or (phase == "click" and view.moved_point is None):
+        return replace(
+            view, moved_point=_found(corners_of(session), eye_base, ray), move_target=None
+        ), None
+    if view.moved_point is None:
         return view, None
     if phase == "update":
         try:
-            return replace(view, ghost=_point(sight(session, eye_base, ray))), None
+            return replace(view, move_target=_point(sight(session, eye_base, ray))), None
         except RonaError:  # beside the surface: told only if it is let go there
-            return replace(view, ghost=None), None
-    let_go = replace(view, grabbed=None, ghost=None)
+            return replace(view, move_target=None), None
+    let_go = replace(view, moved_point=None, move_target=None)
     try:
         place = _point(sight(session, eye_base, ray))
     except RonaError:
         if phase == "end":
             return let_go, None
         raise
-    return let_go, MovePathPoint(view.grabbed, place, _point(eye_base))
+    return let_go, MovePathPoint(view.moved_point, place, _point(eye_base))
 
 
 def corners_of(session: Session) -> Floats:
@@ -124,30 +127,34 @@ class EditLayer(Layer):
 
     layer = "path"
 
-    def render(self, old: Picture | None, new: Picture) -> None:
+    def render(self, old: Snapshot | None, new: Snapshot) -> None:
         """Follow the view."""
         view = new.view
-        lift = np.zeros(3) if new.backdrop is None else LIFT_MM * new.backdrop.region_normal_base
+        lift = (
+            np.zeros(3)
+            if new.static_scene is None
+            else LIFT_MM * new.static_scene.region_normal_base
+        )
         if old is None or _marks(old) != _marks(new) or old.session is not new.session:
             corners = corners_of(new.session)
-            grabbed = view.grabbed if view.drawing == "move" else None
-            there = grabbed is not None and grabbed < len(corners)
-            self._mark(GRABBED, corners[grabbed] if there else None, YELLOW, lift)
-            self._mark(GHOST, view.ghost if there else None, SKY, lift)
+            moved_point = view.moved_point if view.drawing == "move" else None
+            there = moved_point is not None and moved_point < len(corners)
+            self._mark(MOVED_POINT, corners[moved_point] if there else None, YELLOW, lift)
+            self._mark(MOVE_TARGET, view.move_target if there else None, SKY, lift)
             ring = np.array(view.boundary, dtype=np.float64).reshape(-1, 3)
             closed = np.vstack((ring, ring[:1])) + lift
             pairs = segments(closed) if len(ring) > 1 else np.zeros((0, 2, 3))
-            self.stage.lines(BOUNDARY, pairs, PURPLE, width_px=4.0)
+            self.nodes.lines(BOUNDARY, pairs, PURPLE, width_px=4.0)
             self._mark(CENTER, view.center, PURPLE, lift)
         for node in (BOUNDARY, CENTER):
-            self.stage.show(node, self.shown(new) and (view.step == "path" or view.everything))
+            self.nodes.show(node, self.shown(new) and (view.step == "path" or view.all_layers))
 
     def _mark(self, node: str, place: object, color: tuple[int, int, int], lift: Vector3) -> None:
         points = np.array([] if place is None else [place], dtype=np.float64).reshape(-1, 3)
-        self.stage.cloud(node, points + lift, color, size_mm=MARK_MM)
+        self.nodes.cloud(node, points + lift, color, size_mm=MARK_MM)
 
 
-def _marks(picture: Picture) -> tuple[object, ...]:
-    view = picture.view
-    held = (view.drawing == "move", view.grabbed, view.ghost, view.center, view.boundary)
-    return (*held, picture.backdrop is None)
+def _marks(snapshot: Snapshot) -> tuple[object, ...]:
+    view = snapshot.view
+    held = (view.drawing == "move", view.moved_point, view.move_target, view.center, view.boundary)
+    return (*held, snapshot.static_scene is None)

@@ -6,14 +6,13 @@ from numpy.typing import NDArray
 from rona_core.app.steps.roll.base_placement_view import PlacementView, placement_view
 from rona_core.geometry.arrays import Floats
 from rona_core.geometry.pose import Pose
-from rona_ui.scene.adapter import Layer
-from rona_ui.scene.colors import ORANGE, SKY, VERMILLION, viridis
-from rona_ui.scene.viser_nodes import Stage, segments
-from rona_ui.view_state import Picture
+from rona_ui.presentation.colors import BLOCKED, ORANGE, SKY, VERMILLION, viridis
+from rona_ui.presentation.snapshot import Snapshot
+from rona_ui.scene.layer import Layer
+from rona_ui.scene.viser_nodes import SceneNodes, segments
 
 MAP = "/places/map"
-MARKS = (("smallest", "smallest move", ORANGE), ("best", "most room", SKY))
-NEAR = (120, 128, 136)  # of a place too near the head
+MARKS = (("smallest", "nearest pose", ORANGE), ("best", "largest margin", SKY))
 CELL_PX, GAP_PX = 24, 1
 OPAQUE, FAINT = 225, 110  # of places that seem to work, and of the others
 RING_MM, ABOVE_MM = 90.0, 4.0  # radius of the mark; over the floor, so that it is seen
@@ -24,11 +23,11 @@ class PlacesLayer(Layer):
 
     layer = "places"
 
-    def __init__(self, stage: Stage, floor_mm: float) -> None:
-        super().__init__(stage)
+    def __init__(self, nodes: SceneNodes, floor_mm: float) -> None:
+        super().__init__(nodes)
         self._height_mm = floor_mm + ABOVE_MM
 
-    def render(self, old: Picture | None, new: Picture) -> None:
+    def render(self, old: Snapshot | None, new: Snapshot) -> None:
         """Draw the map where search, robot or path is another one."""
         if (
             old is None
@@ -38,10 +37,10 @@ class PlacesLayer(Layer):
             self._draw(placement_view(new.session))
         for node in (MAP, *(f"/places/{name}" for name, _, _ in MARKS)):
             for part in ("", "/ring", "/label"):
-                self.stage.show(f"{node}{part}", self.shown(new))
+                self.nodes.show(f"{node}{part}", self.shown(new))
 
     def _draw(self, view: PlacementView | None) -> None:
-        self.stage.remove(MAP)
+        self.nodes.remove(MAP)
         for name, words, color in MARKS:
             pose = None if view is None else getattr(view, name)
             self._mark(f"/places/{name}", words, color, pose)
@@ -52,16 +51,16 @@ class PlacesLayer(Layer):
         place = view.room @ Pose.from_translation(middle)
         lifted = Pose(place.rotation, np.array((*place.translation[:2], self._height_mm)))
         size_mm = cell_mm * (len(view.x_mm), len(view.y_mm))
-        self.stage.image(MAP, place_image(view), lifted, size_mm=(size_mm[0], size_mm[1]))
+        self.nodes.image(MAP, place_image(view), lifted, size_mm=(size_mm[0], size_mm[1]))
 
     def _mark(self, node: str, words: str, color: tuple[int, int, int], pose: Pose | None) -> None:
         """Draw a ring on the floor, a pole up to the base, and an arrow along its x axis."""
         if pose is None:
             for part in ("/ring", "/label"):
-                self.stage.remove(f"{node}{part}")
+                self.nodes.remove(f"{node}{part}")
             return
-        self.stage.lines(f"{node}/ring", base_mark(pose, self._height_mm), color, width_px=5.0)
-        self.stage.label(f"{node}/label", words, pose.translation)
+        self.nodes.lines(f"{node}/ring", base_mark(pose, self._height_mm), color, width_px=5.0)
+        self.nodes.label(f"{node}/label", words, pose.translation)
 
 
 def base_mark(place: Pose, floor_mm: float) -> Floats:
@@ -85,7 +84,7 @@ def place_image(view: PlacementView) -> NDArray[np.uint8]:
     cells = np.zeros((*works.shape, 4), dtype=np.uint8)
     cells[:, :, :3] = VERMILLION
     cells[:, :, 3] = FAINT
-    cells[view.blocked, :3] = NEAR
+    cells[view.blocked, :3] = BLOCKED
     cells[works, :3] = viridis(np.clip(view.margins[works] / top, 0.0, 1.0))
     cells[works, 3] = OPAQUE
     upright = cells.transpose(1, 0, 2)[::-1]

@@ -12,9 +12,9 @@ from rona_core.app.steps.roll.view import (
 )
 from rona_core.geometry.arrays import Floats
 from rona_core.geometry.pose import Poses
-from rona_ui.scene.adapter import Layer
-from rona_ui.scene.colors import GREEN, VERMILLION, YELLOW
-from rona_ui.view_state import Picture
+from rona_ui.presentation.colors import GREEN, VERMILLION, YELLOW
+from rona_ui.presentation.snapshot import Snapshot
+from rona_ui.scene.layer import Layer
 
 WORKS, FAILS, CHOSEN = "/rolls/works", "/rolls/fails", "/rolls/shown"
 FOOT_MM = 16.0  # from the bone to the fan
@@ -25,11 +25,11 @@ class RollsLayer(Layer):
 
     layer = "rolls"
 
-    def shown(self, picture: Picture) -> bool:
+    def shown(self, snapshot: Snapshot) -> bool:
         """Hide rolls that were judged for another robot, path or room."""
-        return Layer.shown(self, picture) and motion_stale(picture.session) is None
+        return Layer.shown(self, snapshot) and motion_stale(snapshot.session) is None
 
-    def render(self, old: Picture | None, new: Picture) -> None:
+    def render(self, old: Snapshot | None, new: Snapshot) -> None:
         """Draw the fan where the search or the shown roll is another one."""
         if (
             old is None
@@ -39,9 +39,9 @@ class RollsLayer(Layer):
         ):
             self._draw(new)
         for node in (WORKS, FAILS, CHOSEN):
-            self.stage.show(node, self.shown(new))
+            self.nodes.show(node, self.shown(new))
 
-    def _draw(self, new: Picture) -> None:
+    def _draw(self, new: Snapshot) -> None:
         """Draw lines, which are unlit, so that their colours are those of the legend."""
         works = fails = chosen = np.zeros((0, 2, 3))
         place = place_of_roll(new.session, new.view.shown_roll, new.view.place)
@@ -59,9 +59,9 @@ class RollsLayer(Layer):
                     rolls_rad = plan.rolls_rad
                 pose = plan.path.Ts_base_probe(rolls_rad)[point_at(plan, place)]
                 chosen = arrows(Poses.stack([pose]), 60.0).reshape(-1, 2, 3)
-        self.stage.lines(WORKS, works, GREEN, width_px=4.0)
-        self.stage.lines(FAILS, fails, VERMILLION, width_px=4.0)
-        self.stage.lines(CHOSEN, chosen, YELLOW, width_px=6.0)
+        self.nodes.lines(WORKS, works, GREEN, width_px=4.0)
+        self.nodes.lines(FAILS, fails, VERMILLION, width_px=4.0)
+        self.nodes.lines(CHOSEN, chosen, YELLOW, width_px=6.0)
 
 
 def arrows(Ts_base_probe: Poses, length_mm: float) -> Floats:

@@ -3,73 +3,62 @@
 from rona_core.app.steps.roll.view import joint_curves
 from rona_core.app.steps.setup.clearance import (
     DrawnThing,
-    Nearness,
     drawn_link,
     drawn_obstacles,
     drawn_parts,
-    near_pairs,
 )
 from rona_core.robot.kinematics.catalog import robot_model
 from rona_core.robot.meshes.link_meshes import link_shapes
-from rona_ui.scene.adapter import Layer
-from rona_ui.scene.colors import SKY, Rgb
-from rona_ui.scene.roll.replay_joints import joints_shown, shows_roll
+from rona_ui.presentation.colors import SKY, Rgb
+from rona_ui.presentation.shown_robot import shown_clearances, shows_roll_preview
+from rona_ui.presentation.snapshot import Snapshot
+from rona_ui.scene.layer import Layer
 from rona_ui.scene.setup.robot import ROOT
-from rona_ui.scene.viser_nodes import Stage
-from rona_ui.view_state import Picture
+from rona_ui.scene.viser_nodes import SceneNodes
 
-LOOKED_AT = ("roll", "scan")  # steps in which the distances of the drawn robot are looked at
 RED: Rgb = (176, 0, 32)  # darker than the reds of the legends, and than any robot
 FAINT = 0.22
 
 
-def near_now(picture: Picture) -> tuple[Nearness, ...]:
-    """Return what comes too close with the robot as it is drawn, else the nearest pair."""
-    q_rad = joints_shown(picture)
-    if picture.view.step not in LOOKED_AT or q_rad is None:
-        return ()
-    return near_pairs(picture.session, q_rad)
-
-
-def marked(picture: Picture) -> frozenset[tuple[int, str]]:
+def highlighted_parts(snapshot: Snapshot) -> frozenset[tuple[int, str]]:
     """Return link and name of the solids to be drawn red.
 
     They are the parts that come too close, and what the joint carries that stops the shown roll.
     """
-    name = picture.session.setup.devices.robot.model
+    name = snapshot.session.setup.devices.robot.model
     found: set[tuple[int, str]] = set()
-    for pair in near_now(picture):
+    for pair in shown_clearances(snapshot):
         if pair.too_close:
             found |= drawn_parts(name, pair.first) | drawn_parts(name, pair.second)
-    if shows_roll(picture) and picture.view.place is None:
-        curves = joint_curves(picture.session, picture.view.shown_roll)
+    if shows_roll_preview(snapshot) and snapshot.view.place is None:
+        curves = joint_curves(snapshot.session, snapshot.view.shown_roll)
         if curves is not None and not curves.feasible and curves.worst_joint:
             found |= drawn_link(name, curves.worst_joint)
     return frozenset(found)
 
 
-class NearLayer(Layer):
+class ClearanceLayer(Layer):
     """Paints the solids of the robot red, and gives them their own colour back."""
 
     layer = "robot"
 
-    def __init__(self, stage: Stage) -> None:
-        super().__init__(stage)
+    def __init__(self, nodes: SceneNodes) -> None:
+        super().__init__(nodes)
         self._red: frozenset[tuple[int, str]] = frozenset()
         self._own: dict[tuple[int, str], Rgb] = {}
         self._model = ""
 
-    def render(self, old: Picture | None, new: Picture) -> None:
+    def render(self, old: Snapshot | None, new: Snapshot) -> None:
         """Follow the robot as it is drawn."""
         name = new.session.setup.devices.robot.model
         if name != self._model:  # it has just been drawn anew
             self._model, self._red = name, frozenset()
             self._own = {(s.frame, s.name): s.color_rgb for s in link_shapes(robot_model(name))}
-        red = marked(new)
+        red = highlighted_parts(new)
         for part in red ^ self._red:
             node = f"{ROOT}/link{part[0]}/{part[1]}"
-            if node in self.stage.names():
-                self.stage.paint(node, RED if part in red else self._own[part])
+            if node in self.nodes.names():
+                self.nodes.paint(node, RED if part in red else self._own[part])
         self._red = red
 
 
@@ -81,15 +70,15 @@ class ObstaclesLayer(Layer):
 
     layer = "obstacles"
 
-    def __init__(self, stage: Stage) -> None:
-        super().__init__(stage)
+    def __init__(self, nodes: SceneNodes) -> None:
+        super().__init__(nodes)
         self._of: tuple[object, ...] = ()  # what the drawn things follow from
         self._drawn: tuple[DrawnThing, ...] = ()
 
-    def render(self, old: Picture | None, new: Picture) -> None:
+    def render(self, old: Snapshot | None, new: Snapshot) -> None:
         """Draw what stands around where it is another, and show what is wanted."""
         wanted = self.shown(new)
-        hit = {p.second for p in near_now(new) if p.too_close}
+        hit = {p.second for p in shown_clearances(new) if p.too_close}
         added = {box.name for box in new.session.setup.surroundings.boxes}
         if not wanted and not hit and not self._drawn and not added:
             return  # nobody has asked for it yet
@@ -101,24 +90,24 @@ class ObstaclesLayer(Layer):
         for thing in self._drawn:
             node, mine = _node(thing.name), thing.name in added
             seen = wanted or thing.name in hit or (mine and new.view.step == "setup")
-            self.stage.paint(node, RED if thing.name in hit else SKY)
-            self.stage.show(node, seen)
-            self.stage.show(_label(thing.name), seen)
+            self.nodes.paint(node, RED if thing.name in hit else SKY)
+            self.nodes.show(node, seen)
+            self.nodes.show(_label(thing.name), seen)
 
     def _draw(self, things: tuple[DrawnThing, ...], added: set[str]) -> None:
         """Draw these things in place of those before; what was added has its name on it."""
         before = {thing.name for thing in self._drawn}
         self._drawn = things
         for name in before - {thing.name for thing in things}:
-            self.stage.remove(_label(name))
-            self.stage.remove(_node(name))
+            self.nodes.remove(_label(name))
+            self.nodes.remove(_node(name))
         for thing in things:
-            self.stage.mesh(_node(thing.name), thing.mesh, SKY, opacity=FAINT, side="double")
+            self.nodes.mesh(_node(thing.name), thing.mesh, SKY, opacity=FAINT, side="double")
             if thing.name in added:
                 corners = thing.mesh.vertices
                 top = corners.mean(axis=0)
                 top[2] = corners[:, 2].max()
-                self.stage.label(_label(thing.name), thing.name, top)
+                self.nodes.label(_label(thing.name), thing.name, top)
 
 
 def _label(name: str) -> str:

@@ -4,10 +4,10 @@ import numpy as np
 
 from rona_core.robot.kinematics.catalog import robot_model
 from rona_core.robot.meshes.link_meshes import link_shapes
-from rona_ui.scene.adapter import Layer
-from rona_ui.scene.roll.replay_joints import joints_shown
-from rona_ui.scene.viser_nodes import Stage
-from rona_ui.view_state import Picture
+from rona_ui.presentation.shown_robot import shown_joints
+from rona_ui.presentation.snapshot import Snapshot
+from rona_ui.scene.layer import Layer
+from rona_ui.scene.viser_nodes import SceneNodes
 
 ROOT = "/robot"
 
@@ -17,40 +17,40 @@ class RobotLayer(Layer):
 
     layer = "robot"
 
-    def shown(self, picture: Picture) -> bool:
+    def shown(self, snapshot: Snapshot) -> bool:
         """Show the robot also while its motion is replayed or it is at work."""
-        view = picture.view
-        moving = view.cursor is not None or picture.busy
-        return Layer.shown(self, picture) or (moving and self.layer not in view.hidden)
+        view = snapshot.view
+        moving = view.cursor is not None or snapshot.busy
+        return Layer.shown(self, snapshot) or (moving and self.layer not in view.hidden)
 
-    def __init__(self, stage: Stage) -> None:
-        super().__init__(stage)
+    def __init__(self, nodes: SceneNodes) -> None:
+        super().__init__(nodes)
         self._drawn: str | None = None
 
-    def render(self, old: Picture | None, new: Picture) -> None:
+    def render(self, old: Snapshot | None, new: Snapshot) -> None:
         """Build the links once for each robot, then move them."""
-        q_rad = joints_shown(new)
+        q_rad = shown_joints(new)
         if q_rad is None:
             return
         name = new.session.setup.devices.robot.model
         model = robot_model(name)
-        before = None if old is None else joints_shown(old)
+        before = None if old is None else shown_joints(old)
         built = self._drawn == name
         if not built or before is None or not np.array_equal(before, q_rad):
             for i, T_base_link in enumerate(model.joint_poses(q_rad)):
-                self.stage.frame(f"{ROOT}/link{i}", T_base_link)
+                self.nodes.frame(f"{ROOT}/link{i}", T_base_link)
         if not built:
             self._build(name)
         if self.toggled(old, new) or not built:
             for i in range(7):
-                self.stage.show(f"{ROOT}/link{i}", self.shown(new))
+                self.nodes.show(f"{ROOT}/link{i}", self.shown(new))
 
     def _build(self, name: str) -> None:
         for node in [
-            n for n in self.stage.names() if n.startswith(f"{ROOT}/link") and n.count("/") > 2
+            n for n in self.nodes.names() if n.startswith(f"{ROOT}/link") and n.count("/") > 2
         ]:
-            self.stage.remove(node)
+            self.nodes.remove(node)
         for shape in link_shapes(robot_model(name)):
             color = (int(shape.color_rgb[0]), int(shape.color_rgb[1]), int(shape.color_rgb[2]))
-            self.stage.mesh(f"{ROOT}/link{shape.frame}/{shape.name}", shape.mesh, color)
+            self.nodes.mesh(f"{ROOT}/link{shape.frame}/{shape.name}", shape.mesh, color)
         self._drawn = name

@@ -3,22 +3,23 @@
 import numpy as np
 
 from rona_core.devices.protocols import Mesh
-from rona_ui.scene.adapter import Layer
-from rona_ui.scene.colors import BONE, BONE_RIM
+from rona_ui.presentation.colors import BONE, BONE_RIM
+from rona_ui.presentation.snapshot import Snapshot
+from rona_ui.presentation.static_scene import StaticScene
 from rona_ui.scene.cut_plane import crossings, cut, cut_key, cut_plane
-from rona_ui.scene.viser_nodes import Stage
-from rona_ui.view_state import Backdrop, Picture
+from rona_ui.scene.layer import Layer
+from rona_ui.scene.viser_nodes import SceneNodes
 
 NODE, RIM = "/skull", "/skull_rim"
 RIM_MM = 3.0  # by which the window is wider than the region
 
 
-def window_open(picture: Picture) -> bool:
+def window_open(snapshot: Snapshot) -> bool:
     """Return whether the skull is shown with a window over the region."""
-    view = picture.view
-    results = picture.session.results
+    view = snapshot.view
+    results = snapshot.session.results
     mapped = results.maps is not None or results.sono_maps is not None
-    return view.step == "maps" and view.cut and mapped
+    return view.step == "maps" and view.skull_window and mapped
 
 
 class SkullLayer(Layer):
@@ -26,49 +27,49 @@ class SkullLayer(Layer):
 
     layer = "skull"
 
-    def __init__(self, stage: Stage) -> None:
-        super().__init__(stage)
+    def __init__(self, nodes: SceneNodes) -> None:
+        super().__init__(nodes)
         self._empty = False  # the plane has left nothing
 
-    def render(self, old: Picture | None, new: Picture) -> None:
+    def render(self, old: Snapshot | None, new: Snapshot) -> None:
         """Draw the skull where it, its window or its cut has changed."""
-        backdrop = new.backdrop
-        if backdrop is None:
-            self.stage.remove(NODE)
-            self.stage.remove(RIM)
+        static_scene = new.static_scene
+        if static_scene is None:
+            self.nodes.remove(NODE)
+            self.nodes.remove(RIM)
             return
-        before = None if old is None else old.backdrop
+        before = None if old is None else old.static_scene
         if (
-            backdrop is not before
+            static_scene is not before
             or old is None
             or window_open(old) != window_open(new)
             or cut_key(old) != cut_key(new)
         ):
-            self._draw(new, backdrop)
-        self.stage.show(NODE, self.shown(new) and not self._empty)
-        self.stage.show(RIM, self.shown(new))
+            self._draw(new, static_scene)
+        self.nodes.show(NODE, self.shown(new) and not self._empty)
+        self.nodes.show(RIM, self.shown(new))
 
-    def _draw(self, picture: Picture, backdrop: Backdrop) -> None:
+    def _draw(self, snapshot: Snapshot, static_scene: StaticScene) -> None:
         """Draw what is left; a node that listens to the mouse stays, though nothing be left."""
-        mesh = opened(backdrop) if window_open(picture) else backdrop.skull
+        mesh = opened(static_scene) if window_open(snapshot) else static_scene.skull
         rim = np.zeros((0, 2, 3))
-        plane = cut_plane(picture)
+        plane = cut_plane(snapshot)
         if plane is not None:
             rim = crossings(mesh, plane).rim_base(mesh.vertices)
             mesh = cut(mesh, plane)
         self._empty = not len(mesh.faces)
-        self.stage.mesh(NODE, backdrop.skull if self._empty else mesh, BONE, side="double")
-        self.stage.lines(RIM, rim, BONE_RIM, width_px=2.0)
+        self.nodes.mesh(NODE, static_scene.skull if self._empty else mesh, BONE, side="double")
+        self.nodes.lines(RIM, rim, BONE_RIM, width_px=2.0)
 
 
-def opened(backdrop: Backdrop) -> Mesh:
+def opened(static_scene: StaticScene) -> Mesh:
     """Return the skull with a round hole over the region; vertices in it are moved to its rim."""
-    skull, normal = backdrop.skull, backdrop.region_normal_base
-    from_center = skull.vertices - backdrop.region_center_base
+    skull, normal = static_scene.skull, static_scene.region_normal_base
+    from_center = skull.vertices - static_scene.region_center_base
     along = from_center @ normal
     aside = from_center - along[:, None] * normal
     distance = np.linalg.norm(aside, axis=1)
-    radius_mm = backdrop.region_radius_mm + RIM_MM
+    radius_mm = static_scene.region_radius_mm + RIM_MM
     inside = (distance < radius_mm) & (np.abs(along) < radius_mm)
     faces = skull.faces[~inside[skull.faces].all(axis=1)]
     vertices = np.array(skull.vertices)

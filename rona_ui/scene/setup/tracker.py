@@ -7,10 +7,10 @@ from rona_core.devices.protocols import Mesh
 from rona_core.devices.tracker_volumes import VOLUMES, Volume
 from rona_core.geometry.arrays import Floats
 from rona_core.geometry.pose import Pose
-from rona_ui.scene.adapter import Layer
-from rona_ui.scene.colors import STEEL
+from rona_ui.presentation.colors import STEEL
+from rona_ui.presentation.snapshot import Snapshot
+from rona_ui.scene.layer import Layer
 from rona_ui.scene.viser_nodes import segments
-from rona_ui.view_state import Picture
 
 CAMERA, VOLUME, NAME = "/tracker/camera", "/tracker/volume", "/tracker/name"
 EXTENT = "/tracker/extent"  # words at the volume
@@ -23,30 +23,30 @@ class TrackerLayer(Layer):
 
     layer = "tracker"
 
-    def render(self, old: Picture | None, new: Picture) -> None:
+    def render(self, old: Snapshot | None, new: Snapshot) -> None:
         """Draw the tracker where it stands anew, show or hide it."""
-        backdrop = new.backdrop
-        if backdrop is None:
+        static_scene = new.static_scene
+        if static_scene is None:
             return
         profile = new.session.setup.devices.tracker.profile
-        T_base_tracker = backdrop.T_base_tracker
-        stands = old is not None and old.backdrop is backdrop
+        T_base_tracker = static_scene.T_base_tracker
+        stands = old is not None and old.static_scene is static_scene
         if not stands:
             body = bar()
-            self.stage.mesh(CAMERA, Mesh(T_base_tracker @ body.vertices, body.faces), STEEL)
-            self.stage.label(NAME, "Tracker", T_base_tracker @ (0.0, -110.0, 0.0))
-            if backdrop.T_base_basemarker is not None:
-                self._base_marker(backdrop.T_base_basemarker)
+            self.nodes.mesh(CAMERA, Mesh(T_base_tracker @ body.vertices, body.faces), STEEL)
+            self.nodes.label(NAME, "Tracker", T_base_tracker @ (0.0, -110.0, 0.0))
+            if static_scene.T_base_basemarker is not None:
+                self._base_marker(static_scene.T_base_basemarker)
         if old is None or not stands or old.session.setup.devices.tracker.profile != profile:
             lines = outline(VOLUMES[profile], T_base_tracker)
-            self.stage.lines(VOLUME, lines, VOLUME_COLOR, width_px=1.0)
+            self.nodes.lines(VOLUME, lines, VOLUME_COLOR, width_px=1.0)
             rims = lines.reshape(-1, 3)
-            self.stage.label(EXTENT, "Tracker volume", rims[np.argmax(rims[:, 2])])
+            self.nodes.label(EXTENT, "Tracker volume", rims[np.argmax(rims[:, 2])])
         for node in (CAMERA, VOLUME, NAME, EXTENT):
-            self.stage.show(node, self.shown(new))
-        if backdrop.T_base_basemarker is not None:
+            self.nodes.show(node, self.shown(new))
+        if static_scene.T_base_basemarker is not None:
             for node in (PLATE, SPHERES, BASE):
-                self.stage.show(node, self.shown(new))
+                self.nodes.show(node, self.shown(new))
 
     def _base_marker(self, T_base_basemarker: Pose) -> None:
         """Draw the marker body on the robot base with the bracket that holds it."""
@@ -54,9 +54,9 @@ class TrackerLayer(Layer):
         hub = T_base_basemarker.translation
         foot = np.array((0.0, 0.0, hub[2]))
         rods = [np.stack((hub, point)) for point in (*points, foot)]
-        self.stage.lines(PLATE, np.array(rods), STEEL, width_px=4.0)
-        self.stage.cloud(SPHERES, points, (245, 245, 245), size_mm=9.0)
-        self.stage.label(BASE, "Base marker", hub + (0.0, 0.0, 90.0))
+        self.nodes.lines(PLATE, np.array(rods), STEEL, width_px=4.0)
+        self.nodes.cloud(SPHERES, points, (245, 245, 245), size_mm=9.0)
+        self.nodes.label(BASE, "Base marker", hub + (0.0, 0.0, 90.0))
 
 
 def outline(volume: Volume, T_base_tracker: Pose) -> Floats:

@@ -6,31 +6,31 @@ from rona_core.devices.protocols import Mesh
 from rona_core.geometry.arrays import Floats
 from rona_core.session.document import Session
 from rona_core.session.specimen import LoadedSkull
-from rona_ui.scene.adapter import Layer
-from rona_ui.scene.colors import GREEN
+from rona_ui.presentation.colors import GREEN
+from rona_ui.presentation.snapshot import Snapshot
 from rona_ui.scene.cut_plane import Plane, crossings
-from rona_ui.view_state import Picture
+from rona_ui.scene.layer import Layer
 
 NODE = "/registered_skull"
 APART_MM = 12.0  # from contour to contour
 LIFT_MM = 0.4  # off the mesh, so that the lines are to be seen where both skulls agree
 
 
-class GhostLayer(Layer):
+class RegisteredSkullLayer(Layer):
     """Draws the contours of the registered skull."""
 
-    layer = "ghost"
+    layer = "registered_skull"
 
-    def render(self, old: Picture | None, new: Picture) -> None:
+    def render(self, old: Snapshot | None, new: Snapshot) -> None:
         """Draw them where registration or skull have changed."""
         if (
             old is None
             or old.session.results.registration is not new.session.results.registration
             or old.session.setup.specimen is not new.session.setup.specimen
         ):
-            self.stage.lines(NODE, contours(new.session), GREEN, width_px=1.5)
-        if NODE in self.stage.names():
-            self.stage.show(NODE, self.shown(new))
+            self.nodes.lines(NODE, contours(new.session), GREEN, width_px=1.5)
+        if NODE in self.nodes.names():
+            self.nodes.show(NODE, self.shown(new))
 
 
 def contours(session: Session) -> Floats:

@@ -272,11 +272,11 @@ def test_a_motion_that_tells_no_delay_leaves_the_times_alone(before):
 
 
 def test_a_delay_reads_as_people_write_it():
-    late = ("Tracker behind the robot, put right", "14.2 ± 0.4 ms")
+    late = ("Tracker latency (compensated)", "14.2 ± 0.4 ms")
     assert delay_words(TimeOffset(0.01423, 0.0004, 1.0, 9.0)) == late
-    early = ("Robot joints behind tracker, put right", "7.9 ± 0.1 ms")
+    early = ("Robot joint latency (compensated)", "7.9 ± 0.1 ms")
     assert delay_words(TimeOffset(-0.0079, 0.00002, 1.0, 9.0)) == early
-    none = ("Tracker and robot joints", "together, ± 0.4 ms")
+    none = ("Robot-tracker latency", "none, ± 0.4 ms")
     assert delay_words(TimeOffset(-0.001, 0.0004, 1.0, 9.0)) == none
 
 

@@ -115,7 +115,7 @@ def test_a_scan_is_executed_only_among_what_it_was_certified_among(plan):
     with pytest.raises(AttributeError):  # it is let through, to devices that are not there
         capture_scan(session, None)
     other = replace(free, surroundings=replace(free.surroundings, floor_mm=-1999.0))
-    with pytest.raises(NotReachableError, match="another surroundings"):
+    with pytest.raises(NotReachableError, match="other obstacles"):
         capture_scan(replace(session, setup=other), None)
     moved = replace(made.trajectory, times_s=made.trajectory.times_s * 1.0001)
     forged = replace(session.results, roll=derived(replace(made, trajectory=moved)))
@@ -123,7 +123,7 @@ def test_a_scan_is_executed_only_among_what_it_was_certified_among(plan):
         capture_scan(replace(session, results=forged), None)
     blind = replace(made.certificate, obstacles="")
     forged = replace(session.results, roll=derived(replace(made, certificate=blind)))
-    with pytest.raises(NotReachableError, match="another surroundings"):
+    with pytest.raises(NotReachableError, match="other obstacles"):
         capture_scan(replace(session, results=forged), None)
 
 

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from rona_core.app.dependencies.obstacles import room_pose
+from rona_core.app.dependencies.obstacles import workcell_pose
 from rona_core.app.dependencies.staleness import session_obstacles, stale_reason
 from rona_core.app.messages.registry import (
     ApplyBasePlacement,
@@ -117,7 +117,7 @@ def test_what_stands_around_keeps_its_place_in_the_room():
     )
     devices = replace(session.setup.devices, robot=robot)
     moved = session_obstacles(replace(session, setup=replace(session.setup, devices=devices)))
-    seen = obstacles_from(old, room_pose(robot))
+    seen = obstacles_from(old, workcell_pose(robot))
     for there, here in zip(moved.things, seen.things, strict=True):
         np.testing.assert_allclose(there.pose.translation, here.pose.translation, atol=1e-9)
         if there.name == "table":  # the others are round about the vertical, or endless

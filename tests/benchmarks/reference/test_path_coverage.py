@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 
-from benchmarks.reference.path_coverage import disc_coverage, length_mm, spacing_mm
+from benchmarks.reference.path.path_coverage import disc_coverage, length_mm, spacing_mm
 from rona_core.errors import DegenerateGeometryError, InvalidInputError
 from rona_core.path.simplification.simplify import simplify
 from tests.helpers.paths import demonstration, meander

@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 
-from benchmarks.reference.path_crossings import crossings
+from benchmarks.reference.path.path_crossings import crossings
 from rona_core.errors import InvalidInputError
 from tests.helpers.paths import meander
 from tests.helpers.strategies import random_pose, seeds

@@ -4,8 +4,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation, Slerp
 
-from benchmarks.reference.frechet_distance import within_frechet
-from benchmarks.reference.pose_path_simplification import simplify_poses
+from benchmarks.reference.path.frechet_distance import within_frechet
+from benchmarks.reference.path.pose_path_simplification import simplify_poses
 from rona_core.errors import InvalidInputError
 from rona_core.path.simplification.simplify import METHODS, simplify
 from tests.helpers.paths import demonstration

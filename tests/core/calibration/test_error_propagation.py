@@ -14,7 +14,7 @@ from rona_core.geometry.frame_graph import FrameEdge, FrameGraph
 from rona_core.geometry.pose import Pose, Poses
 from rona_core.geometry.pose_covariance import deviation_between
 from rona_core.geometry.rigid_fit import register_points
-from tests.helpers.strategies import random_pose, random_rotation, seeds, swings
+from tests.helpers.strategies import disturbed, random_pose, random_rotation, seeds, swings
 
 POINTER = GEOMETRIES["pointer6d"]
 STRESS = MarkerNoise(sigma_mm=0.35)
@@ -51,7 +51,7 @@ def monte_carlo(setup, Ts_tracker_pointermarker, *, draws=1000, seed=0):
     root = np.linalg.cholesky(setup.tip_covariance + 1e-18 * np.eye(3))
     sums = {name: np.zeros((n, 3, 3)) for name in ("registration", "pointer", "frame", "total")}
     for _ in range(draws):
-        T_base_tracker = graph.disturbed(rng).pose("base", "tracker")
+        T_base_tracker = disturbed(graph, rng).pose("base", "tracker")
         tip_drawn = tip + root @ rng.normal(size=3)
         rotations, translations = averaged_fits(setup, Ts_tracker_pointermarker, rng)
         turn = setup.T_base_tracker.rotation

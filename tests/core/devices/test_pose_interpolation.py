@@ -3,7 +3,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from rona_core.devices.pose_interpolation import poses_at
+from rona_core.devices.pose_interpolation import interpolate_poses
 from rona_core.devices.samples import ToolTrack
 from rona_core.geometry.pose import Pose, Poses
 
@@ -22,14 +22,16 @@ def track(times_s, T_a_b=None):
 def test_an_even_motion_is_met_exactly_and_a_late_frame_is_put_back():
     times = np.arange(0.0, 2.0, 1 / 60)
     wanted = np.array((0.0, 0.013, 0.777, 1.5))
-    found = poses_at(track(times), wanted)
+    found = interpolate_poses(track(times), wanted)
     assert found.known.all()
     np.testing.assert_allclose(
         found.Ts_tracker_marker.translations, np.outer(wanted, SPEED) + 100.0, atol=1e-9
     )
     expected = Rotation.from_rotvec(np.outer(wanted, RATE)).as_matrix()
     np.testing.assert_allclose(found.Ts_tracker_marker.rotations, expected, atol=1e-9)
-    late = poses_at(track(times), wanted, delay_s=0.02)  # frame at t shows what was at t - 0.02
+    late = interpolate_poses(
+        track(times), wanted, delay_s=0.02
+    )  # frame at t shows what was at t - 0.02
     np.testing.assert_allclose(
         late.Ts_tracker_marker.translations, np.outer(wanted + 0.02, SPEED) + 100.0, atol=1e-9
     )
@@ -38,19 +40,21 @@ def test_an_even_motion_is_met_exactly_and_a_late_frame_is_put_back():
 def test_instants_without_a_frame_close_by_do_not_count():
     times = np.concatenate((np.arange(0.0, 0.5, 0.02), 0.7 + 0.02 * np.arange(15)))
     wanted = np.array((-0.01, 0.0, 0.31, 0.485, 0.55, 0.65, 0.71, 0.98, 0.995))
-    found = poses_at(track(times), wanted)
+    found = interpolate_poses(track(times), wanted)
     assert found.known.tolist() == [False, True, True, False, False, False, True, True, False]
     assert len(found.Ts_tracker_marker) == 4
-    wide = poses_at(track(times), wanted, near_s=0.3)
+    wide = interpolate_poses(track(times), wanted, near_s=0.3)
     assert wide.known.tolist() == [False, *[True] * 7, False]
 
 
 def test_a_tool_that_was_hardly_seen_is_nowhere():
     for n in (0, 1):
-        found = poses_at(track(np.arange(n) * 0.1), np.array((0.0, 0.05)))
+        found = interpolate_poses(track(np.arange(n) * 0.1), np.array((0.0, 0.05)))
         assert not found.known.any()
         assert len(found.Ts_tracker_marker) == 0
-    assert len(poses_at(track(np.arange(9) * 0.01), np.array((5.0,))).Ts_tracker_marker) == 0
+    assert (
+        len(interpolate_poses(track(np.arange(9) * 0.01), np.array((5.0,))).Ts_tracker_marker) == 0
+    )
 
 
 @settings(max_examples=20, deadline=None)
@@ -58,7 +62,10 @@ def test_a_tool_that_was_hardly_seen_is_nowhere():
 def test_where_the_tracker_stands_does_not_matter(turn, shift):
     T_a_b = Pose.from_rotvec(turn, shift)
     times, wanted = np.arange(0.0, 1.0, 0.03), np.array((0.1, 0.45, 0.9))
-    here, there = poses_at(track(times), wanted), poses_at(track(times, T_a_b), wanted)
+    here, there = (
+        interpolate_poses(track(times), wanted),
+        interpolate_poses(track(times, T_a_b), wanted),
+    )
     moved = T_a_b @ here.Ts_tracker_marker
     np.testing.assert_allclose(there.Ts_tracker_marker.rotations, moved.rotations, atol=1e-9)
     np.testing.assert_allclose(there.Ts_tracker_marker.translations, moved.translations, atol=1e-6)

@@ -8,13 +8,14 @@ from hypothesis import strategies as st
 from rona_core.devices.settings import ProbeSettings
 from rona_core.errors import CancelledError, DegenerateGeometryError, InvalidInputError
 from rona_core.geometry.pose import Pose, Poses
-from rona_core.mapping.build_maps import build_maps
+from rona_core.mapping.build_maps import LocatedDetection, build_maps
 from rona_core.mapping.curvature_correction import lateness_mm, mean_curvature_per_mm
 from rona_core.mapping.hampel_filter import agreeing
 from rona_core.mapping.interpolation_error import left_out_error
 from rona_core.mapping.thin_plate_spline import fit_plate
 from rona_core.ultrasound.detection.detect import detect
 from rona_core.ultrasound.probe.probe_model import probe_model
+from rona_core.ultrasound.probe.survey import ProbeSurvey
 from tests.helpers.mapping_scenes import T_BASE_SKULL, cloud, errors_mm, survey
 from tests.helpers.ultrasound_scenes import WavySkull, scan
 
@@ -146,7 +147,7 @@ def test_the_curvature_of_a_sphere_is_one_over_its_radius():
 def test_both_boundaries_are_mapped_in_spite_of_flags_and_wrong_echoes(seed):
     rng, skull = np.random.default_rng(seed), WavySkull(seed + 30)
     late = lateness_mm(PROBE, 1 / 80)
-    maps = build_maps(*survey(skull, rng, flagged=0.4, wrong=0.03, late_mm=late))
+    maps = build_maps(LocatedDetection(*survey(skull, rng, flagged=0.4, wrong=0.03, late_mm=late)))
     outer, inner = errors_mm(maps.outer, skull.outer_z), errors_mm(maps.inner, inner_z(skull))
     assert rms(outer) < 0.05
     assert abs(outer.mean()) < 0.015  # the lateness of the curved echo is taken back
@@ -159,7 +160,7 @@ def test_both_boundaries_are_mapped_in_spite_of_flags_and_wrong_echoes(seed):
 def test_a_cell_is_mapped_just_where_an_unflagged_sample_is_near():
     rng, skull = np.random.default_rng(5), WavySkull(35)
     detection, poses = survey(skull, rng, gap=lambda xy: np.hypot(*xy.T) < 6.0)
-    maps = build_maps(detection, poses)
+    maps = build_maps(LocatedDetection(detection, poses))
     for boundary, points, used in (
         (maps.outer, maps.outer_points_base, maps.outer_used),
         (maps.inner, maps.inner_points_base, maps.inner_used),
@@ -174,7 +175,7 @@ def test_a_cell_is_mapped_just_where_an_unflagged_sample_is_near():
 def test_the_inner_boundary_never_crosses_the_outer():
     rng, skull = np.random.default_rng(6), WavySkull(36, mean_mm=2.0)
     detection, poses = survey(skull, rng, inner_sd_mm=1.5, wrong=0.1)
-    maps = build_maps(detection, poses)
+    maps = build_maps(LocatedDetection(detection, poses))
     assert maps.thickness_mm().min() > 0.0
 
 
@@ -186,7 +187,7 @@ def test_moving_everything_moves_the_surfaces(seed):
     errors = []
     for T in (T_BASE_SKULL, T_moved):
         detection, poses = survey(skull, np.random.default_rng(7), T_base_skull=T, lines_mm=3.0)
-        outer = build_maps(detection, poses).outer
+        outer = build_maps(LocatedDetection(detection, poses)).outer
         error = errors_mm(outer, skull.outer_z, T_base_skull=T)
         errors.append((rms(error), len(error)))
     (here, n_here), (there, n_there) = errors
@@ -197,8 +198,8 @@ def test_moving_everything_moves_the_surfaces(seed):
 def test_the_whole_way_from_echoes_to_maps():
     skull = WavySkull(14)
     track, Ts_skull_probe, _ = scan(skull, ProbeSettings(), seed=14, lines_mm=2.5)
-    found = detect(track, PROBE, "chirp")
-    maps = build_maps(found, T_BASE_SKULL @ Ts_skull_probe)
+    found = detect(ProbeSurvey(track, PROBE, "chirp"))
+    maps = build_maps(LocatedDetection(found, T_BASE_SKULL @ Ts_skull_probe))
     assert rms(errors_mm(maps.outer, skull.outer_z)) < 0.05
     assert rms(errors_mm(maps.inner, inner_z(skull))) < 0.45
     assert maps.inner.ok.sum() > 0.4 * maps.outer.ok.sum()
@@ -215,7 +216,7 @@ def test_fusing_is_never_worse_where_there_is_ultrasound_and_reaches_further():
         detection, poses = survey(skull, rng, radius_mm=15.0, outer_sd_mm=0.2, lines_mm=2.5)
         T_error = displaced(rng)
         points = cloud(skull, rng, 500, radius_mm=20.0, T_error=T_error)
-        maps = build_maps(detection, poses, points)
+        maps = build_maps(LocatedDetection(detection, poses), points)
         late = lateness_mm(PROBE, 1 / 80)  # these detections are not late: take it as known
         alone.append(rms(errors_mm(maps.outer, skull.outer_z) - late))
         fused.append(rms(errors_mm(maps.fused, skull.outer_z, maps.outer.ok) - late))
@@ -239,7 +240,7 @@ def test_the_displacement_is_found_along_the_normal_and_a_slide_is_owned_up_to()
     detection, poses = survey(skull, rng, radius_mm=20.0)
     T_error = Pose.from_translation((0.0, 0.0, -1.5))  # along the normal of the dome's top
     points = cloud(skull, rng, 600, radius_mm=18.0, sd_mm=0.05, T_error=T_error)
-    fit = build_maps(detection, poses, points).cloud_fit
+    fit = build_maps(LocatedDetection(detection, poses), points).cloud_fit
     corrected = T_BASE_SKULL.inv() @ (fit.correction @ points)
     off = skull.outer_z(corrected[:, :2]) - corrected[:, 2]
     assert abs(off.mean()) < 0.05
@@ -253,7 +254,7 @@ def test_a_cloud_elsewhere_changes_nothing():
     rng, skull = np.random.default_rng(9), WavySkull(49)
     detection, poses = survey(skull, rng, radius_mm=15.0, lines_mm=3.0)
     far = cloud(skull, rng, 200) + (500.0, 0.0, 0.0)
-    maps = build_maps(detection, poses, far)
+    maps = build_maps(LocatedDetection(detection, poses), far)
     assert maps.cloud_fit is None
     np.testing.assert_array_equal(maps.fused.height_mm, maps.outer.height_mm)
     np.testing.assert_array_equal(maps.fused.ok, maps.outer.ok)
@@ -267,25 +268,25 @@ def test_degenerate_surveys_are_refused_by_name():
     detection, poses = survey(skull, rng, radius_mm=12.0)
     n = len(detection)
     with pytest.raises(InvalidInputError, match="poses"):
-        build_maps(detection, poses.select(slice(5)))
+        build_maps(LocatedDetection(detection, poses.select(slice(5))))
     blind = replace(detection, outer_ok=np.zeros(n, dtype=bool))
     with pytest.raises(DegenerateGeometryError, match="outer boundary"):
-        build_maps(blind, poses)
+        build_maps(LocatedDetection(blind, poses))
     stroke = Poses(
         np.repeat(poses.rotations[:1], n, axis=0),
         poses.translations[0] + np.outer(np.linspace(0, 20, n), poses.rotations[0][:, 0]),
     )
     level = replace(detection, standoff_mm=np.zeros(n))
     with pytest.raises(DegenerateGeometryError, match="line"):
-        build_maps(level, stroke)
+        build_maps(LocatedDetection(level, stroke))
     with pytest.raises(CancelledError):
-        build_maps(detection, poses, cancel=lambda: True)
+        build_maps(LocatedDetection(detection, poses), cancel=lambda: True)
 
 
 def test_without_inner_echoes_there_is_an_outer_map_alone():
     rng, skull = np.random.default_rng(11), WavySkull(51)
     detection, poses = survey(skull, rng, radius_mm=12.0, flagged=1.0)
-    maps = build_maps(detection, poses)
+    maps = build_maps(LocatedDetection(detection, poses))
     assert maps.outer.ok.any()
     assert not maps.inner.ok.any()
     assert len(maps.inner.points_base()) == 0

@@ -5,7 +5,7 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation, Slerp
 
 from rona_core.errors import DegenerateGeometryError, InvalidInputError
-from rona_core.path.densify import densify, places_between
+from rona_core.path.densify import densify, insert_waypoints
 from tests.helpers.strategies import random_pose, seeds, unit_vectors
 
 few = settings(max_examples=25, deadline=None)
@@ -107,7 +107,7 @@ def test_wrong_input_is_refused():
 def test_places_between_keep_the_way_points_and_the_lines(seed, step):
     rng = np.random.default_rng(seed)
     points = np.cumsum(rng.normal(0, 5, (8, 3)), axis=0)
-    places = places_between(points, step)
+    places = insert_waypoints(points, step)
     steps = np.linalg.norm(np.diff(places, axis=0), axis=1)
     assert steps.max() <= step * (1 + 1e-9)
     assert steps.sum() == pytest.approx(np.linalg.norm(np.diff(points, axis=0), axis=1).sum())

@@ -3,10 +3,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from benchmarks.reference.path_coverage import disc_coverage, spacing_mm
-from benchmarks.reference.path_crossings import crossings
+from benchmarks.reference.path.path_coverage import disc_coverage, spacing_mm
+from benchmarks.reference.path.path_crossings import crossings
 from rona_core.errors import DegenerateGeometryError, InvalidInputError
-from rona_core.path.height_field import relief
+from rona_core.path.height_field import fit_height_field
 from rona_core.path.scan_patterns import patch_pose, raster, spiral
 from tests.helpers.strategies import random_pose, seeds
 
@@ -101,22 +101,24 @@ def test_the_relief_of_a_cloud_is_its_surface(seed):
     T = random_pose(rng)
     places = rng.uniform(-25, 25, (4000, 2))
     cloud = np.column_stack((places, dome(places) + rng.normal(0, 0.1, 4000)))
-    found = spiral(T, SQUARE, relief(T @ cloud, T), spacing_mm=4.0)
+    found = spiral(T, SQUARE, fit_height_field(T @ cloud, T), spacing_mm=4.0)
     points_patch = T.inv() @ found.points_base
     off = points_patch[:, 2] - dome(points_patch[:, :2])
     assert np.sqrt((off**2).mean()) < 0.06
     plane = np.column_stack((places, 0.3 * places[:, 0] - 2.0))
     some = rng.uniform(-20, 20, (50, 2))
-    np.testing.assert_allclose(relief(T @ plane, T)(some), 0.3 * some[:, 0] - 2.0, atol=5e-3)
+    np.testing.assert_allclose(
+        fit_height_field(T @ plane, T)(some), 0.3 * some[:, 0] - 2.0, atol=5e-3
+    )
 
 
 def test_where_there_is_no_surface_there_is_no_pattern():
     home = patch_pose((0, 0, 0), (0, 0, 1))
     cloud = np.column_stack((np.random.default_rng(0).uniform(-8, 8, (500, 2)), np.zeros(500)))
     with pytest.raises(DegenerateGeometryError, match="no surface point"):
-        raster(home, SQUARE, relief(cloud, home), spacing_mm=3.0)
+        raster(home, SQUARE, fit_height_field(cloud, home), spacing_mm=3.0)
     with pytest.raises(DegenerateGeometryError, match="surface points lie"):
-        relief(cloud + (0, 0, 90.0), home)
+        fit_height_field(cloud + (0, 0, 90.0), home)
     with pytest.raises(DegenerateGeometryError, match="nothing"):
         spiral(home, SQUARE, flat, spacing_mm=3.0, margin_mm=30.0)
 

@@ -7,8 +7,12 @@ from rona_core.devices.marker_geometry import GEOMETRIES
 from rona_core.devices.settings import DeviceSettings, TrackerSettings
 from rona_core.errors import InvalidInputError
 from rona_core.geometry.pose import Pose
+from rona_core.virtual.operator.hand_trajectories import (
+    interpolating_curve,
+    points_along,
+    raster_curve,
+)
 from rona_core.virtual.operator.operator import PICK_REACH_MM, RIM_MM, VirtualOperator
-from rona_core.virtual.operator.scan_curves import along_curve, meander, through
 from rona_core.virtual.scene import VirtualScene
 from rona_core.virtual.tracker.tracker import observe
 from tests.helpers.sphere_world import ShiftError, SphereSpecimen, signed_distance
@@ -263,7 +267,7 @@ def test_what_no_hand_can_do_is_refused(call, word):
 @settings(max_examples=40)
 @given(st.floats(5.0, 60.0), st.floats(0.5, 8.0))
 def test_a_meander_stays_in_its_disc_keeps_its_spacing_and_has_no_corners(radius_mm, spacing_mm):
-    curve = meander(radius_mm, min(spacing_mm, radius_mm))
+    curve = raster_curve(radius_mm, min(spacing_mm, radius_mm))
     spacing_mm = min(spacing_mm, radius_mm)
     assert np.linalg.norm(curve, axis=1).max() <= radius_mm * (1 + 1e-12)
     steps = np.diff(curve, axis=0)
@@ -285,7 +289,7 @@ def directions_y(curve):
 @given(seeds, st.integers(1, 6))
 def test_a_curve_through_places_passes_them_all(seed, n):
     points = np.random.default_rng(seed).uniform(-20, 20, (n, 3))
-    curve = through(np.repeat(points, 2, axis=0))
+    curve = interpolating_curve(np.repeat(points, 2, axis=0))
     distances = np.linalg.norm(curve[:, None] - points[None], axis=2)
     assert distances.min(axis=0).max() < 1e-9
     low, high = points.min(axis=0), points.max(axis=0)
@@ -294,5 +298,5 @@ def test_a_curve_through_places_passes_them_all(seed, n):
 
 def test_walking_along_a_curve_is_even():
     square = np.array([(0, 0), (10, 0), (10, 10), (0, 10.0)])
-    walked = along_curve(square, np.linspace(0, 1, 31))
+    walked = points_along(square, np.linspace(0, 1, 31))
     np.testing.assert_allclose(np.linalg.norm(np.diff(walked, axis=0), axis=1), 1.0)

@@ -137,7 +137,7 @@ def test_nine_steps_by_mouse_then_saved_and_opened_again(surgeon: Surgeon) -> No
 
     # a step that is blocked says why and cannot be started
     surgeon.open_step("Scan")
-    assert frame.get_by_text("Blocked: first search the roll").is_visible()
+    assert frame.get_by_text("Blocked: first plan the motion").is_visible()
     assert surgeon.button("Scan").is_disabled()
 
     for step, primary in (("Tool", "Move and register"), ("Pointer", "Pivot and calibrate")):
@@ -158,7 +158,7 @@ def test_nine_steps_by_mouse_then_saved_and_opened_again(surgeon: Surgeon) -> No
     wait_for(lambda: points_so_far(surgeon) >= 60, 20, "60 points on the skull")
     assert {"/drawing/line", "/drawing/points"} <= set(surgeon.nodes())
     surgeon.picture("path")
-    surgeon.button("Finish the line").click()
+    surgeon.button("Finish stroke").click()
     surgeon.wait_state("Path", "done")
     wait_for(lambda: "/path/raw" in surgeon.nodes(), 20, "the path in the scene")
     assert "/drawing/line" not in surgeon.nodes()
@@ -168,10 +168,10 @@ def test_nine_steps_by_mouse_then_saved_and_opened_again(surgeon: Surgeon) -> No
     surgeon.wait_state("Smoothing", "done")
     surgeon.picture("smoothing")
     surgeon.open_step("Roll")
-    surgeon.button("Search the roll").click()
+    surgeon.button("Plan motion").click()
     surgeon.wait_state("Roll", "done")
     surgeon.tab("Rolls")
-    assert frame.get_by_text("The verifier certifies the motion").is_visible()
+    assert frame.get_by_text("s, verified.").is_visible()
     surgeon.picture("roll")
     surgeon.open_step("Scan")
     surgeon.button("Scan").click()
@@ -197,7 +197,7 @@ def test_nine_steps_by_mouse_then_saved_and_opened_again(surgeon: Surgeon) -> No
     assert "/maps/inner" not in surgeon.nodes()
     surgeon.field("File").click()
     frame.get_by_role("option", name=re.compile("^Bone")).click()
-    surgeon.button("Open the file").click()
+    surgeon.button("Open file").click()
     surgeon.wait_state("Maps", "done", 30)
     surgeon.come()  # the page anew: nothing that is shown may live in the browser
     wait_for(lambda: quality(surgeon) == figures, 60, "the figures to come back")
@@ -277,7 +277,7 @@ def test_escape_stops_the_robot_while_it_scans(
         before = surgeon.states()
         stopped = stopped_by_escape(surgeon, "Scan again")
         # a repeat: the whole scan of before stands, with its maps
-        surgeon.frame.get_by_text("the recording of before stays as it was").wait_for()
+        surgeon.frame.get_by_text("the previous recording and its results are unchanged").wait_for()
         assert ascans_told(surgeon, "Replay them below") == whole
         assert surgeon.states() == before
 
@@ -287,7 +287,7 @@ def test_escape_stops_the_robot_while_it_scans(
         assert not later["moving"]
         assert all(job["state"] != "running" for job in surgeon.ask("/jobs"))
 
-        back = surgeon.button("Draw the probe back")  # it stands on the bone
+        back = surgeon.button("Retract probe")  # it stands on the bone
         back.click()
         back.wait_for(state="hidden")
         surgeon.wait_idle(30.0)

@@ -56,9 +56,9 @@ def test_a_pivot_is_imported_and_what_was_imported_is_downloaded(
     file = tmp_path / "pivot.csv"
     file.write_bytes(rows_file(made).data)
     surgeon.open_step("Pointer")
-    frame.locator("text=Import a recording >> visible=true").click()
+    frame.locator("text=Import recording >> visible=true").click()
     with page.expect_file_chooser() as chooser:
-        surgeon.button("Import recording").click()
+        surgeon.button("Choose file").click()
     chooser.value.set_files(file)
     surgeon.wait_state("Pointer", "done")
     note = frame.get_by_text("Tip at (").inner_text()

@@ -213,7 +213,9 @@ def test_texts_components_and_sliders_wait_for_their_end_too(surgeon: Surgeon) -
     retype(surgeon, slider, "50")
     assert slider.input_value() == "50"
     keys.press("Enter")
-    frame.get_by_text("Bound (mm) must be 0.1 to 5, not 50").filter(visible=True).first.wait_for()
+    frame.get_by_text("Tolerance (mm) must be 0.1 to 5, not 50").filter(
+        visible=True
+    ).first.wait_for()
     shows(slider, held_text)
 
     frame.get_by_text("Session", exact=True).click()
@@ -229,13 +231,13 @@ def test_texts_components_and_sliders_wait_for_their_end_too(surgeon: Surgeon) -
 
 
 def drawing(surgeon: Surgeon) -> bool:
-    return surgeon.button("Finish the line").is_visible()
+    return surgeon.button("Finish stroke").is_visible()
 
 
 def begin_drawing(surgeon: Surgeon) -> None:
     surgeon.open_step("Path")
     surgeon.button("Draw on the skull").click()
-    surgeon.button("Finish the line").wait_for()
+    surgeon.button("Finish stroke").wait_for()
 
 
 def palette(surgeon: Surgeon) -> Any:

@@ -169,21 +169,21 @@ def test_work_that_is_not_saved_does_not_go_out_of_sight_without_a_question(
     wait_for(lambda: current(surgeon)["id"] == key, 30, "the session before")
 
     surgeon.button("New session").click()
-    frame.get_by_text("has changes that are not saved").wait_for()
+    frame.get_by_text("has unsaved changes").wait_for()
     surgeon.picture("leave_new")
     surgeon.button("Cancel").last.click()
-    frame.get_by_text("has changes that are not saved").wait_for(state="hidden")
+    frame.get_by_text("has unsaved changes").wait_for(state="hidden")
     assert current(surgeon)["id"] == key
     surgeon.button("New session").click()
-    surgeon.button("Save it first").click()
+    surgeon.button("Save first").click()
     wait_for(lambda: current(surgeon)["id"] != key, 30, "the new session")
     assert len(list(program.sessions.glob("Bone*.rona"))) == 1
 
     post(surgeon, "/sessions/current/commands/SetSeed", {"seed": 5})
     closing = current(surgeon)["id"]
     wait_for(lambda: "not saved" in frame.locator(".r-head").inner_text(), 30, "the head")
-    surgeon.button("Close this session").click()
-    frame.get_by_text("Closed as it is, its changes are gone").wait_for()
+    surgeon.button("Close session").click()
+    frame.get_by_text("If you close it now, the changes are lost").wait_for()
     surgeon.picture("close")
     surgeon.button("Close without saving").click()
     wait_for(lambda: current(surgeon)["id"] != closing, 30, "another session")

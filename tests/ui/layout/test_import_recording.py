@@ -10,10 +10,10 @@ from rona_core.devices.files.poses.igs_mha import read_igs_mha
 from rona_core.session.document import Session
 from rona_ui.panels.layout.session import SessionPanel
 from rona_ui.panels.widgets.import_recording import ImportControls
-from rona_ui.view_state import ViewState
+from rona_ui.presentation.view_state import ViewState
 from rona_ui.window.browser import Browser
 from tests.helpers.fake_gui import FakeClient, FakeGui
-from tests.ui.panels.test_panels import Recorder, picture
+from tests.ui.panels.test_panels import Recorder, snapshot
 
 CLIENT = FakeClient()
 
@@ -26,15 +26,15 @@ def upload(gui: FakeGui, label: str, name: str) -> None:
 
 def test_a_pivot_is_uploaded_with_the_markers_of_its_tool() -> None:
     gui, recorder = FakeGui(), Recorder()
-    ImportControls(gui, recorder.door, "pivot")
-    upload(gui, "Markers of the tool", "C:\\tools\\stylus.rom")
+    ImportControls(gui, recorder.context, "pivot")
+    upload(gui, "Load tool geometry…", "C:\\tools\\stylus.rom")
     assert "stylus.rom" in gui.html()
     gui.find("text", "Tool").value = " Stylus "
-    upload(gui, "Import recording…", "pivot.csv")
+    upload(gui, "Choose file…", "pivot.csv")
     assert recorder.services == ["upload:stylus.rom", "upload:pivot.csv"]
     assert recorder.sent == [StartPivotImport(("pivot.csv",), "stylus.rom", "Stylus")]
     gui.find("text", "Tool").value = ""
-    upload(gui, "Import recording…", "next.csv")  # the markers counted once
+    upload(gui, "Choose file…", "next.csv")  # the markers counted once
     assert recorder.sent[1] == StartPivotImport(("next.csv",))
     assert "stylus.rom" not in gui.html()
 
@@ -42,9 +42,9 @@ def test_a_pivot_is_uploaded_with_the_markers_of_its_tool() -> None:
 @pytest.mark.parametrize("purpose", ["surface", "path"])
 def test_a_stroke_or_path_is_uploaded(purpose: Any) -> None:
     gui, recorder = FakeGui(), Recorder()
-    ImportControls(gui, recorder.door, purpose)
-    gui.find("checkbox", "Play it").value = True
-    upload(gui, "Import recording…", "s.igs.mha")
+    ImportControls(gui, recorder.context, purpose)
+    gui.find("checkbox", "Play back").value = True
+    upload(gui, "Choose file…", "s.igs.mha")
     assert recorder.services == ["upload:s.igs.mha"]
     assert recorder.sent == [
         StartRecordingImport("s.igs.mha", purpose, None, purpose == "surface", True)
@@ -53,19 +53,19 @@ def test_a_stroke_or_path_is_uploaded(purpose: Any) -> None:
 
 def test_a_blocked_step_takes_no_recording() -> None:
     gui = FakeGui()
-    controls = {p: ImportControls(gui, Recorder().door, p) for p in ("pivot", "surface")}
-    uploads = [h for h in gui.handles if h.label == "Import recording…"]
+    controls = {p: ImportControls(gui, Recorder().context, p) for p in ("pivot", "surface")}
+    uploads = [h for h in gui.handles if h.label == "Choose file…"]
     for control in controls.values():
-        control.render(picture())
+        control.render(snapshot())
     assert [h.disabled for h in uploads] == [False, True]
-    controls["surface"].render(picture(view=ViewState(step="surface", drawing="surface")))
+    controls["surface"].render(snapshot(view=ViewState(step="surface", drawing="surface")))
     assert not controls["surface"]._folder.visible
 
 
 def test_what_the_tracker_saw_can_be_chosen_and_downloaded(measured: Session) -> None:
     gui, recorder = FakeGui(), Recorder()
-    panel = SessionPanel(gui, recorder.door)
-    panel.render(None, picture(measured))
+    panel = SessionPanel(gui, recorder.context)
+    panel.render(None, snapshot(measured))
     chosen = gui.find("dropdown", "Recording")
     assert tuple(chosen.options[1:]) == ("1: pointer, pointer6d",)  # type: ignore[attr-defined]
     button = gui.find("button", "Download .igs.mha")

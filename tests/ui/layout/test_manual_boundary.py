@@ -13,12 +13,12 @@ from rona_core.geometry.pose import Pose
 from rona_core.session.document import Session
 from rona_core.session.files import load_session
 from rona_ui.panels.scan.ascan import AScanPanel
+from rona_ui.presentation.view_state import ViewState
 from rona_ui.scene.maps.maps import LIFT_MM, NOW, SCAN, ScanLayer, scan_places
 from rona_ui.scene.maps.second_pass import CELLS, SecondLayer
-from rona_ui.view_state import ViewState
 from tests.ui.panels.test_ascan_panel import CLIENT, Desk, shown
-from tests.ui.panels.test_handheld_panel import picture
 from tests.ui.panels.test_handheld_panel import session as session
+from tests.ui.panels.test_handheld_panel import snapshot
 from tests.ui.panels.test_obstacles_panel import ROOM
 
 DEMO = Path(__file__).resolve().parents[3] / "sessions" / "demo.rona"
@@ -26,7 +26,7 @@ MAPS = ViewState(step="maps")
 T_BASE_MARKER = Pose.from_rotvec((0.0, 0.0, 0.4), (120.0, -80.0, 30.0))
 
 
-class Stage:
+class SceneNodes:
     """Remembers clouds and what is to be seen."""
 
     def __init__(self):
@@ -49,7 +49,7 @@ def test_a_scan_by_hand_is_looked_at_where_there_is_no_other(session):
     assert not desk.gui.find("dropdown", "A-scans of").visible
     desk.click("slider", "A-scan", 42)
     assert desk.view.cursor is None, "the robot stays where it is"
-    assert scan_number_at(session, desk.view.hand_cursor, "hand") == 42
+    assert scan_number_at(session, desk.view.handheld_cursor, "hand") == 42
     assert f"A-scan 43 of {n}" in shown(desk)
 
 
@@ -57,12 +57,12 @@ def test_a_boundary_of_the_scan_by_hand_is_corrected_like_any_other(session):
     i = int(np.flatnonzero(detection_of_scan(session, "hand").inner_ok)[5])
     desk = Desk(AScanPanel, session, MAPS)
     desk.click("slider", "A-scan", i)
-    at = desk.gui.find("slider", "At (µs)")
+    at = desk.gui.find("slider", "Time (µs)")
     assert at.value == round(float(detection_of_scan(session, "hand").inner_us[i]), 2)
     held_us = at.value + 0.5
-    desk.click("slider", "At (µs)", held_us)
-    assert desk.view.hand == (i, held_us)
-    desk.click("button", "Set here")
+    desk.click("slider", "Time (µs)", held_us)
+    assert desk.view.dragged_boundary == (i, held_us)
+    desk.click("button", "Set boundary")
     assert desk.sent == [CorrectBoundary(i, "hand", inner_us=held_us)]
 
 
@@ -80,40 +80,40 @@ def test_both_scans_are_offered_and_choosing_one_shows_its_maps_too(session):
     )
     desk = Desk(AScanPanel, both, MAPS)
     which = desk.gui.find("dropdown", "A-scans of")
-    assert which.options == ("First pass", "Second pass", "Scan by hand")
+    assert which.options == ("First pass", "Second pass", "Handheld scan")
     assert which.value == "First pass"
-    desk.click("dropdown", "A-scans of", "Scan by hand")
-    assert desk.view.by_hand
+    desk.click("dropdown", "A-scans of", "Handheld scan")
+    assert desk.view.handheld
     assert desk.draw().scan == "hand"
     desk.click("dropdown", "A-scans of", "Second pass")
-    assert (desk.view.by_hand, desk.draw().scan) == (False, "second")
-    stage = Stage()
+    assert (desk.view.handheld, desk.draw().scan) == (False, "second")
+    nodes = SceneNodes()
     for by_hand in (False, True):  # its cells belong to the robot's map
-        layer = SecondLayer(stage)
-        layer.render(None, picture(both, view=replace(MAPS, by_hand=by_hand), backdrop=ROOM))
-        assert stage.seen[CELLS] is not by_hand
+        layer = SecondLayer(nodes)
+        layer.render(None, snapshot(both, view=replace(MAPS, handheld=by_hand), static_scene=ROOM))
+        assert nodes.seen[CELLS] is not by_hand
 
 
 def test_without_any_scan_it_says_where_ascans_come_from():
     desk = Desk(AScanPanel, Session(), MAPS)
-    assert "or with the scan by hand" in shown(desk)
+    assert "or a handheld scan" in shown(desk)
     assert CLIENT.notices == []
 
 
 def test_places_are_drawn_from_the_marker_on_the_base_where_there_is_no_robot(session):
     frame, poses = hand_poses(session)
     assert frame == "basemarker"
-    assert len(scan_places(picture(session, view=MAPS))) == 0, "not known where it is drawn"
+    assert len(scan_places(snapshot(session, view=MAPS))) == 0, "not known where it is drawn"
     there = replace(ROOM, T_base_basemarker=T_BASE_MARKER)
-    stage, shown_in_scan = Stage(), replace(MAPS, everything=True)
-    layer = ScanLayer(stage)
-    first = picture(session, view=shown_in_scan, backdrop=there)
+    nodes, shown_in_scan = SceneNodes(), replace(MAPS, all_layers=True)
+    layer = ScanLayer(nodes)
+    first = snapshot(session, view=shown_in_scan, static_scene=there)
     layer.render(None, first)
-    above = stage.clouds[SCAN] - T_BASE_MARKER @ poses.translations
+    above = nodes.clouds[SCAN] - T_BASE_MARKER @ poses.translations
     lift = np.broadcast_to(LIFT_MM * there.region_normal_base, above.shape)
     np.testing.assert_allclose(above, lift, atol=1e-9, err_msg="or the skull hides them")
-    np.testing.assert_allclose(stage.clouds[NOW], stage.clouds[SCAN][:1])
-    assert stage.seen[NOW]
-    moved = replace(first, view=replace(shown_in_scan, hand_cursor=1.0))
+    np.testing.assert_allclose(nodes.clouds[NOW], nodes.clouds[SCAN][:1])
+    assert nodes.seen[NOW]
+    moved = replace(first, view=replace(shown_in_scan, handheld_cursor=1.0))
     layer.render(first, moved)
-    np.testing.assert_allclose(stage.clouds[NOW], stage.clouds[SCAN][-1:])
+    np.testing.assert_allclose(nodes.clouds[NOW], nodes.clouds[SCAN][-1:])

@@ -23,16 +23,18 @@ from rona_ui.panels.maps.maps import MapsPanel
 from rona_ui.panels.pointer import PointerPanel
 from rona_ui.panels.scan.scan import ScanPanel
 from rona_ui.panels.smoothing import SmoothingPanel
-from rona_ui.panels.widgets.panel_context import Door
+from rona_ui.panels.widgets.panel_context import PanelContext
 from rona_ui.panels.widgets.style import STATES
 from rona_ui.panels.widgets.verdicts import judged
-from rona_ui.scene.roll.replay_joints import joints_shown, rests_on_bone
+from rona_ui.presentation.shown_robot import probe_on_bone, shown_joints
+from rona_ui.presentation.snapshot import Snapshot
+from rona_ui.presentation.static_scene import StaticScene
+from rona_ui.presentation.view_state import ViewState
 from rona_ui.scene.roll.rolls import RollsLayer
-from rona_ui.view_state import Backdrop, Picture, ViewState
 from tests.helpers.fake_gui import FakeClient, FakeGui
 
 DEMO = Path(__file__).resolve().parents[3] / "sessions" / "demo.rona"
-NOTHING = Door(*[lambda *_: None] * 5)  # type: ignore[arg-type]
+NOTHING = PanelContext(*[lambda *_: None] * 5)  # type: ignore[arg-type]
 
 
 @pytest.fixture(scope="module")
@@ -40,26 +42,26 @@ def demo() -> Session:
     return load_session(DEMO)
 
 
-def picture(session: Session, step: str, **parts: Any) -> Picture:
+def snapshot(session: Session, step: str, **parts: Any) -> Snapshot:
     live = parts.pop("live", LiveState())
     view = parts.pop("view", ViewState(step=step))
-    return Picture(session, view, step_states(session), live, **parts)
+    return Snapshot(session, view, step_states(session), live, **parts)
 
 
-def list_row(at: Picture) -> str:
+def list_row(at: Snapshot) -> str:
     gui = FakeGui()
     StepList(gui, NOTHING).render(None, at)
     rows = [handle.content for handle in gui.handles if handle.kind == "html"]
     return str(rows[[state.name for state in at.steps].index(at.view.step)])
 
 
-def shown(kind: Any, at: Picture) -> str:
+def shown(kind: Any, at: Snapshot) -> str:
     gui = FakeGui()
     kind(gui, NOTHING).render(None, at)
     return gui.html()
 
 
-def quality(at: Picture) -> str:
+def quality(at: Snapshot) -> str:
     gui = FakeGui()
     QualityPanel(gui).render(None, at)
     return gui.html()
@@ -82,7 +84,7 @@ def test_a_path_point_that_was_moved_has_one_k1_and_one_verdict_everywhere(moved
     off_mm = float(moved.results.smoothing.value.from_filtered_mm.max())
     assert off_mm > 1.5, "the case: further off than the bound of 1 mm allows"
     for figures in ({}, {"path_deviation_max_mm": 1.0}):  # before, and of what was before
-        at = picture(moved, "smoothing", figures=figures)
+        at = snapshot(moved, "smoothing", figures=figures)
         (row,) = [r for r in quality_rows(figures, moved) if r.key == "path_deviation_max_mm"]
         assert (row.value, row.verdict) == (off_mm, "fail")
         assert judged(at, "smoothing").verdict == "fail"
@@ -99,24 +101,24 @@ def test_a_pivot_that_says_of_itself_that_it_is_weak_passes_nowhere(demo):
     weak = replace(held.value, verdict="weak", reasons=("swing in two directions",))
     results = replace(demo.results, pointer=replace(held, value=weak))
     session = replace(demo, results=results)
-    at = picture(session, "pointer")
+    at = snapshot(session, "pointer")
     (row,) = [r for r in quality_rows({}, session) if r.key == "pointer_tip_sigma_mm"]
     assert row.verdict == "review"
     for html in (list_row(at), shown(PointerPanel, at), quality(at)):
         assert "▲ review" in html
         assert "swing in two directions" in html.lower()
-    strong = picture(demo, "pointer")
+    strong = snapshot(demo, "pointer")
     assert "review" not in list_row(strong)
 
 
 def test_maps_that_show_half_of_the_inner_boundary_are_not_praised(demo):
     figures = {"inner_coverage_fraction": 0.47, "coverage_fraction": 0.95}
-    at = picture(demo, "maps", figures=figures)
+    at = snapshot(demo, "maps", figures=figures)
     html = shown(MapsPanel, at)
     assert 'r-note">Outer boundary in' in html
     assert "Coverage, inner 0.47" in html
     assert "▲ review" in list_row(at)
-    whole = picture(demo, "maps", figures={**figures, "inner_coverage_fraction": 0.95})
+    whole = snapshot(demo, "maps", figures={**figures, "inner_coverage_fraction": 0.95})
     assert 'r-note good">Outer boundary in' in shown(MapsPanel, whole)
     assert "review" not in list_row(whole)
 
@@ -137,7 +139,7 @@ def test_old_maps_are_not_compared_with_a_new_skull(demo):
         assert rows[key].value is None
         assert rows[key].verdict == "none"
         assert "changed" in rows[key].stale_reason
-    html = quality(picture(other, "maps", figures=figures))
+    html = quality(snapshot(other, "maps", figures=figures))
     assert "0.46" not in html
     assert "left out" in html
     assert all(row.stale_reason is None for row in quality_rows(figures, demo))
@@ -145,7 +147,7 @@ def test_old_maps_are_not_compared_with_a_new_skull(demo):
 
 def test_the_table_begins_with_how_many_fail_and_are_for_review(demo):
     figures = {"outer_rms_mm": 0.2, "inner_rms_mm": 1.0, "thickness_rms_mm": 2.0}
-    html = quality(picture(demo, "maps", figures=figures))
+    html = quality(snapshot(demo, "maps", figures=figures))
     head = html[: html.index("<table")]
     assert "✖ fail</span>: 1" in head
     assert "▲ review</span>: 1" in head
@@ -194,7 +196,7 @@ def stopped(demo: Session) -> Session:
     return replace(demo, captures=captures, results=results)
 
 
-def bar(at: Picture) -> FakeGui:
+def bar(at: Snapshot) -> FakeGui:
     gui = FakeGui()
     panels = {kind.step: kind(gui, NOTHING) for kind in (ScanPanel, MapsPanel, SmoothingPanel)}
     RunBar(gui, NOTHING, panels).render(None, at)
@@ -202,7 +204,7 @@ def bar(at: Picture) -> FakeGui:
 
 
 def test_a_stopped_scan_is_partial_by_icon_word_and_reason_and_next_is_not_green(stopped):
-    at = picture(stopped, "scan")
+    at = snapshot(stopped, "scan")
     icon, word, _ = STATES["partial"]
     assert icon in list_row(at)
     assert f">{word}<" in list_row(at)
@@ -212,12 +214,12 @@ def test_a_stopped_scan_is_partial_by_icon_word_and_reason_and_next_is_not_green
     assert again.color is None  # the primary one
     assert onward.color == "gray"
     title = FakeGui()
-    StepTitle(title).render(None, picture(stopped, "maps"))
+    StepTitle(title).render(None, snapshot(stopped, "maps"))
     assert "cover only part" in title.html()
 
 
 def test_a_whole_scan_leads_on_in_green(demo):
-    gui = bar(picture(demo, "scan"))
+    gui = bar(snapshot(demo, "scan"))
     assert gui.find("button", "Next: 9 Maps").color == GO_ON
 
 
@@ -226,15 +228,15 @@ def test_retract_is_offered_while_the_probe_stands_on_the_bone_and_only_then(dem
     on_path = int(np.argmin(np.abs(motion.times_s - motion.scan_start_s)))
     for q_rad, offered in ((motion.qs_rad[on_path], True), (motion.qs_rad[0], False)):
         live = LiveState(joints=JointSample(0.0, q_rad))
-        at = picture(demo, "scan", live=live)
-        assert rests_on_bone(at) is offered
-        button = bar(at).find("button", "Draw the probe back")
+        at = snapshot(demo, "scan", live=live)
+        assert probe_on_bone(at) is offered
+        button = bar(at).find("button", "Retract probe")
         assert button.visible is offered
     sent: list[Any] = []
-    door = replace(NOTHING, send=lambda make, event: sent.append(make()))
+    context = replace(NOTHING, send=lambda make, event: sent.append(make()))
     gui = FakeGui()
-    RunBar(gui, door, {"scan": ScanPanel(gui, door)})
-    gui.find("button", "Draw the probe back").happen(FakeClient())
+    RunBar(gui, context, {"scan": ScanPanel(gui, context)})
+    gui.find("button", "Retract probe").happen(FakeClient())
     assert sent == [StartRetract()]
 
 
@@ -244,29 +246,29 @@ def test_another_robot_is_not_drawn_on_the_plan_of_the_one_before(demo):
     home = robot_model("ur10").home_rad
     nothing: Any = None
 
-    def at(robot: str, step: str, **parts: Any) -> Picture:
+    def at(robot: str, step: str, **parts: Any) -> Snapshot:
         home_rad = robot_model(robot).home_rad
         fields = (nothing,) * 5
-        backdrop = Backdrop("VIRTUAL", *fields[:3], 25.0, nothing, home_rad, robot=robot)
-        return picture(other, step, backdrop=backdrop, **parts)
+        static_scene = StaticScene("VIRTUAL", *fields[:3], 25.0, nothing, home_rad, robot=robot)
+        return snapshot(other, step, static_scene=static_scene, **parts)
 
     before = LiveState(joints=JointSample(0.0, q_rad))
-    assert joints_shown(at("rx90", "scan", live=before)) is None  # until it is set up
+    assert shown_joints(at("rx90", "scan", live=before)) is None  # until it is set up
     for step in ("roll", "scan"):
         for cursor in (None, 0.5):
             view = ViewState(step=step, cursor=cursor)
-            drawn = joints_shown(at("ur10", step, view=view))
+            drawn = shown_joints(at("ur10", step, view=view))
             np.testing.assert_array_equal(drawn, home)
     layer = RollsLayer(nothing)
     assert not layer.shown(at("ur10", "roll"))
-    assert layer.shown(picture(demo, "roll"))
+    assert layer.shown(snapshot(demo, "roll"))
 
 
 def test_what_is_behind_another_robot_cannot_be_started(demo):
     other = handle(SetRobot(model="ur10"), demo)
-    at = picture(other, "scan")
+    at = snapshot(other, "scan")
     assert bar(at).find("button", "Scan").disabled
     title = FakeGui()
     StepTitle(title).render(None, at)
     assert "First record the tool motion (step 2) again" in title.html()
-    assert not bar(picture(demo, "scan")).find("button", "Scan again").disabled
+    assert not bar(snapshot(demo, "scan")).find("button", "Scan again").disabled

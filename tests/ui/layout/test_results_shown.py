@@ -19,17 +19,18 @@ from rona_core.session.document import Session
 from rona_core.session.files import load_session
 from rona_ui.panels.layout.quality import QualityPanel
 from rona_ui.panels.maps.maps import MapsPanel, color_bar
-from rona_ui.panels.widgets.panel_context import Door
+from rona_ui.panels.widgets.panel_context import PanelContext
+from rona_ui.presentation.shown_robot import shown_joints, shows_roll_preview
+from rona_ui.presentation.snapshot import Snapshot
+from rona_ui.presentation.view_state import ViewState
 from rona_ui.scene.maps.maps import MapLayer, ScanLayer
 from rona_ui.scene.path.path import PathLayer
-from rona_ui.scene.roll.replay_joints import joints_shown, shows_roll
-from rona_ui.scene.viser_nodes import Stage
-from rona_ui.view_state import Picture, ViewState
+from rona_ui.scene.viser_nodes import SceneNodes
 from tests.helpers.fake_gui import FakeGui
 
 DEMO = Path(__file__).resolve().parents[3] / "sessions" / "demo.rona"
 SCANNING = JobStatus("1", "StartScan", "running", 0.5)
-NOTHING = Door(*[lambda *_: None] * 5)  # type: ignore[arg-type]
+NOTHING = PanelContext(*[lambda *_: None] * 5)  # type: ignore[arg-type]
 
 
 @pytest.fixture(scope="module")
@@ -37,17 +38,17 @@ def demo() -> Session:
     return load_session(DEMO)
 
 
-def picture(session: Session, view: ViewState, **parts: Any) -> Picture:
-    return Picture(session, view, step_states(session), LiveState(), **parts)
+def snapshot(session: Session, view: ViewState, **parts: Any) -> Snapshot:
+    return Snapshot(session, view, step_states(session), LiveState(), **parts)
 
 
 def test_in_the_roll_step_the_probe_stands_on_the_middle_of_the_path(demo: Session) -> None:
     plan = demo.results.roll.value  # type: ignore[union-attr]
     model = robot_model(plan.model)
     index = next(i for i, v in enumerate(plan.verdicts) if v.feasible and i != plan.chosen)
-    at = picture(demo, ViewState(step="roll", shown_roll=index))
-    q_rad = joints_shown(at)
-    assert shows_roll(at)
+    at = snapshot(demo, ViewState(step="roll", shown_roll=index))
+    q_rad = shown_joints(at)
+    assert shows_roll_preview(at)
     assert q_rad is not None
     T_base_flange = model.joint_poses(q_rad)[-1]
     tip_base = (T_base_flange @ model.T_flange_probe).translation
@@ -58,11 +59,11 @@ def test_in_the_roll_step_the_probe_stands_on_the_middle_of_the_path(demo: Sessi
 
 def test_elsewhere_and_while_it_scans_the_robot_stands_where_it_is(demo: Session) -> None:
     for other in (
-        picture(demo, ViewState(step="scan")),
-        picture(demo, ViewState(step="roll"), job=SCANNING),
+        snapshot(demo, ViewState(step="scan")),
+        snapshot(demo, ViewState(step="roll"), job=SCANNING),
     ):
-        assert not shows_roll(other)
-        assert joints_shown(other) is None  # nothing is known of the robot
+        assert not shows_roll_preview(other)
+        assert shown_joints(other) is None  # nothing is known of the robot
 
 
 def test_a_line_keeps_the_one_colour_it_was_given() -> None:
@@ -72,9 +73,9 @@ def test_a_line_keeps_the_one_colour_it_was_given() -> None:
         there.append(SimpleNamespace(points=points, colors=colors))
         return there[-1]
 
-    stage = Stage(SimpleNamespace(add_line_segments=add))
+    nodes = SceneNodes(SimpleNamespace(add_line_segments=add))
     for n in (5, 8):
-        stage.lines("/line", np.zeros((n, 2, 3)), (230, 159, 0))
+        nodes.lines("/line", np.zeros((n, 2, 3)), (230, 159, 0))
         (node,) = there
         assert node.points.shape == (n, 2, 3)
         assert np.asarray(node.colors).tolist() == [230, 159, 0]
@@ -93,14 +94,14 @@ def test_a_colour_bar_says_where_values_lie_beyond_it(demo: Session) -> None:
 
 def test_the_maps_say_how_far_off_they_are_expected_to_be(demo: Session) -> None:
     gui = FakeGui()
-    MapsPanel(gui, NOTHING).render(None, picture(demo, ViewState(step="maps")))
+    MapsPanel(gui, NOTHING).render(None, snapshot(demo, ViewState(step="maps")))
     assert demo.results.maps is not None
     accuracy = map_accuracy(demo)
     assert accuracy is not None
     assert accuracy_words(demo.results.maps.value, accuracy) in gui.html()
     assert "Bone thickness (mm)" in gui.html()
     MapsPanel(gui := FakeGui(), NOTHING).render(
-        None, picture(demo, ViewState(step="maps", quantity="sigma"))
+        None, snapshot(demo, ViewState(step="maps", quantity="sigma"))
     )
     assert "Expected error, 1 σ (mm)" in gui.html()
     ticks = re.findall(r"(\d+\.\d+)</span>", gui.html())
@@ -110,14 +111,14 @@ def test_the_maps_say_how_far_off_they_are_expected_to_be(demo: Session) -> None
 
 def test_maps_are_drawn_in_the_colours_of_their_expected_error(demo: Session) -> None:
     drawn: dict[str, np.ndarray] = {}
-    stage: Any = SimpleNamespace(
+    nodes: Any = SimpleNamespace(
         cloud=lambda name, points, colors, **_: drawn.__setitem__(name, np.asarray(colors)),
         show=lambda *_: None,
         remove=lambda *_: None,
     )
-    layer = MapLayer(stage, "inner")
+    layer = MapLayer(nodes, "inner")
     plain, sigma = (
-        picture(demo, ViewState(step="maps", quantity=quantity))
+        snapshot(demo, ViewState(step="maps", quantity=quantity))
         for quantity in ("thickness", "sigma")  # type: ignore[arg-type]
     )
     layer.render(None, plain)
@@ -135,7 +136,7 @@ def test_a_stale_result_is_told_but_not_praised(demo: Session) -> None:
         (replace(demo, setup=replace(demo.setup, seed=demo.setup.seed + 1)), False),
     ):
         gui = FakeGui()
-        MapsPanel(gui, NOTHING).render(None, picture(session, ViewState(step="maps")))
+        MapsPanel(gui, NOTHING).render(None, snapshot(session, ViewState(step="maps")))
         assert "Outer boundary in" in gui.html()
         assert ("r-note good" in gui.html()) == praised
 
@@ -145,7 +146,7 @@ def test_figures_of_stale_steps_are_marked(demo: Session) -> None:
     other = replace(demo, setup=replace(demo.setup, seed=demo.setup.seed + 1))
     for session, marks in ((demo, 0), (other, 4)):  # tool, pointer, path, maps
         gui = FakeGui()
-        QualityPanel(gui).render(None, picture(session, ViewState(), figures=figures))
+        QualityPanel(gui).render(None, snapshot(session, ViewState(), figures=figures))
         assert gui.html().count("! stale") == marks
 
 
@@ -155,16 +156,16 @@ def test_points_of_the_scan_before_are_not_shown_while_the_robot_scans(demo: Ses
     def draw(name: str, *_: Any, **__: Any) -> None:
         shown[name] = True
 
-    stage: Any = SimpleNamespace(
+    nodes: Any = SimpleNamespace(
         cloud=draw,
         lines=draw,
         show=shown.__setitem__,
         names=shown.keys,
         remove=lambda name: shown.pop(name, None),
     )
-    at_rest = picture(demo, ViewState(step="scan"))
+    at_rest = snapshot(demo, ViewState(step="scan"))
     for at, scanning in ((at_rest, False), (replace(at_rest, job=SCANNING), True)):
-        ScanLayer(stage).render(None, at)
-        PathLayer(stage).render(None, at)
+        ScanLayer(nodes).render(None, at)
+        PathLayer(nodes).render(None, at)
         assert shown["/scan/points"] != scanning
         assert shown["/path/smooth"] == shown["/path/raw"] == scanning

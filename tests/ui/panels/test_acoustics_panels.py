@@ -19,17 +19,17 @@ from rona_core.ultrasound.acoustic_calibration.parameter_sweep import WhatIf
 from rona_ui.panels.acoustics import points_table
 from rona_ui.panels.maps.maps import MapsPanel
 from rona_ui.panels.setup.probe import advice_note, outlook_table
-from rona_ui.panels.setup.probe_sweep import WhatIfPanel, numbers
+from rona_ui.panels.setup.probe_sweep import ProbeComparisonPanel, numbers
 from rona_ui.panels.setup.setup import SetupPanel
 from tests.helpers.fake_gui import FakeGui
-from tests.ui.panels.test_panels import CLIENT, Recorder, picture
+from tests.ui.panels.test_panels import CLIENT, Recorder, snapshot
 
 
 def test_an_edited_probe_is_sent_with_what_differs_and_another_name_without():
     gui, recorder = FakeGui(), Recorder()
-    panel = SetupPanel(gui, recorder.door)
-    panel.render(None, picture())
-    width = gui.find("number", "Bandwidth (share)")
+    panel = SetupPanel(gui, recorder.context)
+    panel.render(None, snapshot())
+    width = gui.find("number", "Relative bandwidth")
     assert width.value == 0.46
     width.value = 0.6
     width.happen(CLIENT)
@@ -38,8 +38,8 @@ def test_an_edited_probe_is_sent_with_what_differs_and_another_name_without():
     name.value = "1 MHz"
     name.happen(CLIENT)
     assert recorder.sent[-1] == SetProbe(name="1MHz")
-    gui.find("button", "Shoot the block").happen(CLIENT)
-    gui.find("button", "Nominal line again").happen(CLIENT)
+    gui.find("button", "Record on reference block").happen(CLIENT)
+    gui.find("button", "Reset delay line").happen(CLIENT)
     assert recorder.sent[-2:] == [StartDelayLineCapture(), CalibrateDelayLine(use=False)]
 
 
@@ -53,15 +53,18 @@ def test_the_table_marks_the_chosen_probe_and_leaves_out_what_it_cannot_reach():
 
 def test_the_probe_that_the_bone_wants_is_told_where_probes_are_chosen(monkeypatch):
     gui = FakeGui()
-    setup, sweep = SetupPanel(gui, Recorder().door), WhatIfPanel(gui, Recorder().door)
-    before = picture()
+    setup, sweep = (
+        SetupPanel(gui, Recorder().context),
+        ProbeComparisonPanel(gui, Recorder().context),
+    )
+    before = snapshot()
     for panel in (setup, sweep):
         panel.render(None, before)
-    assert gui.html().count("1 MHz is for bone over 8 mm") == 2
+    assert gui.html().count("1 MHz for bone over 8 mm") == 2
     advice = ProbeAdvice("2.25MHz", "1MHz", "The bone is thick.")
     monkeypatch.setattr("rona_ui.panels.setup.probe.probe_advice", lambda session: advice)
     for panel in (setup, sweep):
-        panel.render(before, picture(Session(results=Results())))
+        panel.render(before, snapshot(Session(results=Results())))
     assert gui.html().count('<div class="r-note warn">The bone is thick.') == 2
     assert advice_note(Session(), only_another=True) == advice_note(Session())
     suits = ProbeAdvice("1MHz", "1MHz", "It suits.")
@@ -72,26 +75,26 @@ def test_the_probe_that_the_bone_wants_is_told_where_probes_are_chosen(monkeypat
 
 def test_points_can_be_measured_and_added_once_there_is_a_map_only():
     gui, recorder = FakeGui(), Recorder()
-    panel = MapsPanel(gui, recorder.door)
-    panel.render(None, picture())
-    assert gui.find("button", "Measure with a caliper").disabled
-    assert not gui.find("button", "Calibrate the speed").visible
-    assert "Map the boundaries once" in gui.html()
-    gui.find("number", "Points").value = 5
-    gui.find("button", "Measure with a caliper").happen(CLIENT)
+    panel = MapsPanel(gui, recorder.context)
+    panel.render(None, snapshot())
+    assert gui.find("button", "Measure with caliper").disabled
+    assert not gui.find("button", "Calibrate speed").visible
+    assert "Map the boundaries first" in gui.html()
+    gui.find("number", "Number of points").value = 5
+    gui.find("button", "Measure with caliper").happen(CLIENT)
     gui.find("number", "A-scan no.").value = 12
-    gui.find("button", "Add this point").happen(CLIENT)
+    gui.find("button", "Add point").happen(CLIENT)
     thickness = gui.find("number", "Thickness (mm)").value
     assert recorder.sent == [StartCaliperMeasurements(n=5), AddReferencePoint(thickness, scan=12)]
 
 
 def test_a_speed_is_given_only_where_somebody_chose_so():
     gui = FakeGui()
-    panel = MapsPanel(gui, Recorder().door)
-    given = gui.find("number", "Bone (mm/µs)")
+    panel = MapsPanel(gui, Recorder().context)
+    given = gui.find("number", "Sound speed (mm/µs)")
     given.value = 2.5
     assert panel.message() == StartMapping()
-    gui.find("dropdown", "Bone speed").value = "As given below"
+    gui.find("dropdown", "Speed of sound").value = "Entered below"
     assert panel.message() == StartMapping(sound_speed_mm_per_us=2.5)
 
 
@@ -105,10 +108,10 @@ def test_a_doubtful_point_is_named():
 
 def test_the_sweep_is_sent_as_the_fields_say_and_shown_cell_by_cell():
     gui, recorder = FakeGui(), Recorder()
-    panel = WhatIfPanel(gui, recorder.door)
+    panel = ProbeComparisonPanel(gui, recorder.context)
     gui.find("text", "SNR (dB)").value = "20; 40"
-    panel.render(None, picture())
-    gui.find("button", "Try them").happen(CLIENT)
+    panel.render(None, snapshot())
+    gui.find("button", "Run sweep").happen(CLIENT)
     assert recorder.sent == [StartProbeSweep(snr_db=(20.0, 40.0))]
     assert numbers(" 3, 4.5,") == (3.0, 4.5)
     two = np.array([0.0, 0.5])
@@ -117,7 +120,7 @@ def test_the_sweep_is_sent_as_the_fields_say_and_shown_cell_by_cell():
         1.0 - two, two * 0 + 0.031, two * 0 - 0.004, np.array([40, 20]), "normal", 40,
     )  # fmt: skip
     held = Results(what_if=Derived(found, "StartProbeSweep", {}, {}))
-    panel.render(picture(), picture(Session(results=held)))
+    panel.render(snapshot(), snapshot(Session(results=held)))
     html = gui.html()
     assert "100 %" in html
     assert "31 / -4" in html

@@ -24,11 +24,12 @@ from rona_ui.panels.maps.maps import MapsPanel
 from rona_ui.panels.scan.ascan import AScanPanel
 from rona_ui.panels.scan.ascan_graph import BELOW, SERIES, ascan_data, box
 from rona_ui.panels.scan.bscan_slider import FINE, HEIGHT_PX, STRIP_PX, scan_pixels
-from rona_ui.panels.widgets.panel_context import Door
-from rona_ui.scene.colors import GREEN, ORANGE, SKY
+from rona_ui.panels.widgets.panel_context import PanelContext
+from rona_ui.presentation.colors import GREEN, ORANGE, SKY
+from rona_ui.presentation.shown_robot import shown_joints
+from rona_ui.presentation.snapshot import Snapshot
+from rona_ui.presentation.view_state import ViewState
 from rona_ui.scene.maps.second_pass import CELLS, PATH, SecondLayer
-from rona_ui.scene.roll.replay_joints import joints_shown
-from rona_ui.view_state import Picture, ViewState
 from tests.helpers.fake_gui import FakeClient, FakeGui
 
 DEMO = Path(__file__).resolve().parents[3] / "sessions" / "demo.rona"
@@ -50,17 +51,17 @@ class Desk:
     def __init__(self, kind: Any, session: Session, view: ViewState) -> None:
         self.gui, self.sent, self.session = FakeGui(), [], session
         self.view, self.old = view, None
-        door = Door(
+        context = PanelContext(
             lambda make, event: self.sent.append(make()), nothing, self._change, nothing, nothing,
         )  # fmt: skip
-        self.panel = kind(self.gui, door)
+        self.panel = kind(self.gui, context)
         self.draw()
 
     def _change(self, change: Any) -> None:
         self.view = change(self.view)
 
-    def draw(self) -> Picture:
-        new = Picture(self.session, self.view, step_states(self.session), LiveState())
+    def draw(self) -> Snapshot:
+        new = Snapshot(self.session, self.view, step_states(self.session), LiveState())
         self.panel.render(self.old, new)
         self.old = new
         return new
@@ -86,7 +87,7 @@ def test_a_click_in_the_image_moves_graph_cursor_and_robot(demo: Session, second
     assert scan_number_at(demo, desk.view.cursor, scan) == 123
     assert "A-scan 124 of" in shown(desk)
     planned = joints_at(demo, desk.view.cursor, second=second)
-    np.testing.assert_array_equal(joints_shown(desk.draw()), planned)
+    np.testing.assert_array_equal(shown_joints(desk.draw()), planned)
 
 
 def test_the_replay_moves_the_line_in_the_image(demo: Session) -> None:
@@ -189,22 +190,22 @@ def test_a_flag_is_told_in_words(demo: Session) -> None:
 def test_a_boundary_is_set_taken_away_and_given_back(demo: Session) -> None:
     desk = Desk(AScanPanel, demo, ViewState(step="maps"))
     desk.click("slider", "A-scan", 50)
-    desk.click("slider", "At (µs)", 21.5)
-    assert desk.view.hand == (50, 21.5)
-    desk.click("button", "Set here")
+    desk.click("slider", "Time (µs)", 21.5)
+    assert desk.view.dragged_boundary == (50, 21.5)
+    desk.click("button", "Set boundary")
     assert desk.sent[-1] == CorrectBoundary(50, inner_us=21.5)
-    assert desk.view.hand is None
-    desk.click("dropdown", "Which", "Outer boundary")
-    desk.click("button", "Take this boundary away")
+    assert desk.view.dragged_boundary is None
+    desk.click("dropdown", "Boundary", "Outer boundary")
+    desk.click("button", "Delete boundary")
     assert desk.sent[-1] == CorrectBoundary(50, remove="outer")
-    assert not desk.gui.find("button", "This A-scan as detected").visible
+    assert not desk.gui.find("button", "Reset this A-scan").visible
     edits = demo.boundary_edits.put(desk.sent[-1].edit())
     desk.session = replace(demo, boundary_edits=edits)
     desk.draw()
     assert "1 corrected by hand" in shown(desk)
-    desk.click("button", "This A-scan as detected")
+    desk.click("button", "Reset this A-scan")
     assert desk.sent[-1] == ClearBoundaryCorrections("first", 50)
-    desk.click("button", "All as detected")
+    desk.click("button", "Reset all A-scans")
     assert desk.sent[-1] == ClearBoundaryCorrections()
 
 
@@ -213,7 +214,7 @@ def test_the_other_echo_is_taken_by_one_click(demo: Session) -> None:
     i = int(np.argmax(found.alternative_quality))
     desk = Desk(AScanPanel, demo, ViewState(step="maps"))
     desk.click("slider", "A-scan", i)
-    desk.click("button", "Take the other echo")
+    desk.click("button", "Use other echo")
     assert desk.sent == [CorrectBoundary(i, inner_us=float(found.alternative_us[i]))]
 
 
@@ -232,7 +233,7 @@ def test_the_second_pass_is_planned_scanned_and_told(demo: Session) -> None:
     desk.session = first_only
     desk.draw()
     assert "Inner coverage" not in shown(desk)
-    assert desk.gui.find("button", "Scan the gaps").disabled
+    assert desk.gui.find("button", "Scan gaps").disabled
     desk.click("button", "Plan second pass")
     assert desk.sent == [StartGapPlan()]
     assert desk.view.second
@@ -240,18 +241,18 @@ def test_the_second_pass_is_planned_scanned_and_told(demo: Session) -> None:
         first_only, results=replace(first_only.results, second=demo.results.second)
     )
     desk.draw()
-    assert "the probe leans up to" in shown(desk)
-    desk.click("button", "Scan the gaps")
+    assert "probe tilt up to" in shown(desk)
+    desk.click("button", "Scan gaps")
     assert desk.sent[-1] == StartGapScan()
 
 
 def test_a_scan_of_the_gaps_is_mapped_where_it_was_made(demo: Session) -> None:
     desk = Desk(MapsPanel, demo, ViewState(step="maps", second=True))
-    assert not desk.gui.find("button", "Map with the second pass").visible
+    assert not desk.gui.find("button", "Map with second pass").visible
     again = replace(demo.captures.second, ordinal=99)  # type: ignore[type-var]
     desk.session = replace(demo, captures=replace(demo.captures, second=again))
     desk.draw()
-    desk.click("button", "Map with the second pass")
+    desk.click("button", "Map with second pass")
     assert desk.sent == [desk.panel.message()]
     assert isinstance(desk.sent[0], StartMapping)
     assert not desk.view.second
@@ -277,23 +278,23 @@ class FakeStage:
 def test_the_scene_shows_the_leaning_path_while_it_matters_and_the_cells_it_brought(
     demo: Session,
 ) -> None:
-    stage = FakeStage()
-    layer = SecondLayer(stage)  # type: ignore[arg-type]
+    nodes = FakeStage()
+    layer = SecondLayer(nodes)  # type: ignore[arg-type]
 
     def draw(session: Session, view: ViewState) -> None:
-        layer.render(None, Picture(session, view, step_states(session), LiveState()))
+        layer.render(None, Snapshot(session, view, step_states(session), LiveState()))
 
     draw(demo, ViewState(step="maps"))
-    assert stage.drawn[PATH] > 100
-    assert stage.drawn[CELLS] > 20
-    assert (stage.seen[PATH], stage.seen[CELLS]) == (False, True)
+    assert nodes.drawn[PATH] > 100
+    assert nodes.drawn[CELLS] > 20
+    assert (nodes.seen[PATH], nodes.seen[CELLS]) == (False, True)
     draw(demo, ViewState(step="maps", second=True))
-    assert stage.seen[PATH]
+    assert nodes.seen[PATH]
     planned = replace(demo, captures=replace(demo.captures, second=None))
     draw(planned, ViewState(step="maps"))
-    assert (stage.seen[PATH], stage.drawn[CELLS]) == (True, 0)
+    assert (nodes.seen[PATH], nodes.drawn[CELLS]) == (True, 0)
     draw(demo, ViewState(step="tool", second=True))
-    assert not stage.seen[PATH]
+    assert not nodes.seen[PATH]
 
 
 def test_the_legend_of_the_second_path_is_there_when_the_path_is(demo: Session) -> None:

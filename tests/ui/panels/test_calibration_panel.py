@@ -23,9 +23,9 @@ from rona_ui.panels.layout.quality import table
 from rona_ui.panels.pointer import PointerPanel
 from rona_ui.panels.tool.calibration import CalibrationControls, words
 from rona_ui.panels.tool.calibration_images import HEIGHT, coverage_svg, residuals_svg
-from rona_ui.view_state import ViewState
+from rona_ui.presentation.view_state import ViewState
 from tests.helpers.fake_gui import FakeGui
-from tests.ui.panels.test_panels import CLIENT, Recorder, picture
+from tests.ui.panels.test_panels import CLIENT, Recorder, snapshot
 
 
 @pytest.fixture(scope="module")
@@ -40,8 +40,8 @@ def session():
 
 def controls(session, step="tool"):
     gui, recorder = FakeGui(), Recorder()
-    made = CalibrationControls(gui, recorder.door, step)
-    made.render(None, picture(session))
+    made = CalibrationControls(gui, recorder.context, step)
+    made.render(None, snapshot(session))
     return gui, recorder, made
 
 
@@ -49,7 +49,7 @@ def test_nothing_is_shown_before_there_is_a_calibration():
     gui, _, made = controls(Session())
     assert gui.html() == ""
     assert made.excluded() == ()
-    assert not any(h.visible for h in gui.handles if h.label == "Residual of each pose")
+    assert not any(h.visible for h in gui.handles if h.label == "Residuals of the poses")
 
 
 def test_the_expected_error_stands_beside_what_is_good(session):
@@ -78,20 +78,20 @@ def test_choosing_a_pose_and_the_button_leave_it_out_or_count_it_again(session):
     button = next(h for h in gui.handles if h.kind == "button")
     slider.value = 10
     slider.happen(CLIENT)
-    assert button.label == "Leave out pose 10"
+    assert button.label == "Exclude pose 10"
     residual = session.results.tool.value.residuals_mm[10]
     assert f"Pose 10: {residual:.2f} mm from the common tip, used" in gui.html()
     button.happen(CLIENT)
-    gui.find("number", "Poses in a row").value = 3
-    gui.find("number", "Poses in a row").happen(CLIENT)
-    assert button.label == "Leave out poses 10 to 12"
+    gui.find("number", "Number of poses").value = 3
+    gui.find("number", "Number of poses").happen(CLIENT)
+    assert button.label == "Exclude poses 10 to 12"
     button.happen(CLIENT)
     slider.value = 3
-    gui.find("number", "Poses in a row").value = 2
+    gui.find("number", "Number of poses").value = 2
     slider.happen(CLIENT)
-    assert button.label == "Count poses 3 to 4 again"
+    assert button.label == "Include poses 3 to 4"
     button.happen(CLIENT)
-    gui.find("button", "Count all poses").happen(CLIENT)
+    gui.find("button", "Include all poses").happen(CLIENT)
     assert recorder.sent == [
         ExcludePoses("tool", (3, 4, 10)),
         ExcludePoses("tool", (3, 4, 10, 11, 12)),
@@ -102,16 +102,16 @@ def test_choosing_a_pose_and_the_button_leave_it_out_or_count_it_again(session):
 
 def test_another_fit_keeps_what_is_left_out_and_a_job_lets_the_buttons_rest(session):
     gui, recorder = FakeGui(), Recorder()
-    panel = PointerPanel(gui, recorder.door)
+    panel = PointerPanel(gui, recorder.context)
     derived = session.results.pointer
     told = replace(derived, arguments={**derived.arguments, "exclude": [5]})
     held = replace(session, results=replace(session.results, pointer=told))
-    shown = picture(held, view=ViewState(step="pointer"))
+    shown = snapshot(held, view=ViewState(step="pointer"))
     panel.render(None, shown)
     gui.find("button", "Fit again").happen(CLIENT)
     assert recorder.sent == [CalibratePointer("ml", (5,))]
     panel.render(shown, replace(shown, job=JobStatus("1", "StartScan", "running", 0.1)))
-    assert gui.find("button", "Count all poses").disabled
+    assert gui.find("button", "Include all poses").disabled
 
 
 def paths(svg, color):
@@ -165,9 +165,9 @@ def test_quality_says_what_is_expected_first_and_beside_the_truth(session):
         "surface_sigma_predicted_mm": 0.29,
     }
     html = table(quality_rows(figures, session), session, frozenset())
-    truth = html.index("against the truth")
+    truth = html.index("versus ground truth")
     predicted = f"{session.results.tool.value.tip_sigma_mm:.2f} mm"  # the session tells it at once
-    assert html.index("Predicted, without the truth") < html.index(predicted) < truth
+    assert html.index("Predicted, without ground truth") < html.index(predicted) < truth
     assert html.index("Tool tip, random error") < html.index("RMSE") < truth
     assert re.search(rf"Tool tip error<br>.*?predicted {predicted}.*?<b>0.21 mm", html)
     assert re.search(r"Surface cloud, RMS<br>.*?predicted 0.29 mm.*?<b>0.31 mm", html)

@@ -10,54 +10,54 @@ from rona_core.session.document import Session
 from rona_ui.panels.scan.contact import ContactFields, contact_note, held
 from rona_ui.panels.scan.scan import ScanPanel
 from tests.helpers.fake_gui import FakeGui
-from tests.ui.panels.test_panels import CLIENT, Recorder, picture
+from tests.ui.panels.test_panels import CLIENT, Recorder, snapshot
 
 
 def built():
     gui, recorder = FakeGui(), Recorder()
-    return gui, recorder, ContactFields(gui, recorder.door)
+    return gui, recorder, ContactFields(gui, recorder.context)
 
 
 def test_one_field_sends_all_of_them_as_one_command():
     gui, recorder, fields = built()
-    fields.render(None, picture(handle(SetContact(), Session())))
-    force = gui.find("number", "Force (N)")
+    fields.render(None, snapshot(handle(SetContact(), Session())))
+    force = gui.find("number", "Contact force (N)")
     assert force.value == 3.0
     force.value = 4.5
     force.happen(CLIENT)
-    gui.find("number", "Correction (mm)").value = 2.0
-    gui.find("number", "Correction (mm)").happen(CLIENT)
+    gui.find("number", "Max. correction (mm)").value = 2.0
+    gui.find("number", "Max. correction (mm)").happen(CLIENT)
     assert recorder.sent == [SetContact(force_n=4.5), SetContact(force_n=4.5, travel_mm=2.0)]
 
 
 def test_what_the_program_writes_sends_nothing():
     gui, recorder, fields = built()
-    fields.render(None, picture())
-    gui.find("number", "Force (N)").happen(None)
+    fields.render(None, snapshot())
+    gui.find("number", "Contact force (N)").happen(None)
     assert recorder.sent == []
 
 
 def test_switched_off_the_limits_stay_as_they_were():
     gui, recorder, fields = built()
-    on = picture(handle(SetContact(force_n=5.0, monitor_n=12.0), Session()))
+    on = snapshot(handle(SetContact(force_n=5.0, monitor_n=12.0), Session()))
     fields.render(None, on)
-    pressed = gui.find("checkbox", "Press the probe on")
+    pressed = gui.find("checkbox", "Force control")
     assert pressed.value is True
     pressed.value = False
     pressed.happen(CLIENT)
     assert recorder.sent == [SetContact(pressed=False, force_n=5.0, monitor_n=12.0)]
-    off = picture(handle(recorder.sent[0], on.session))
+    off = snapshot(handle(recorder.sent[0], on.session))
     assert held(off.session) == {"pressed": False}
     fields.render(on, off)
     assert pressed.value is False
-    assert gui.find("number", "Force (N)").value == 5.0
+    assert gui.find("number", "Contact force (N)").value == 5.0
 
 
 def test_a_refused_value_is_written_back():
     gui, _, fields = built()
-    before = picture(handle(SetContact(), Session()))
+    before = snapshot(handle(SetContact(), Session()))
     fields.render(None, before)
-    stop = gui.find("number", "Stop above (N)")
+    stop = gui.find("number", "Hard force limit (N)")
     stop.value = 5.0  # below the force at which the probe yields
     fields.render(before, replace(before, refused=1))
     assert stop.value == 20.0
@@ -65,18 +65,18 @@ def test_a_refused_value_is_written_back():
 
 def test_fields_rest_while_a_job_runs():
     gui, _, fields = built()
-    idle = picture()
+    idle = snapshot()
     fields.render(None, idle)
-    assert not gui.find("number", "Force (N)").disabled
+    assert not gui.find("number", "Contact force (N)").disabled
     fields.render(idle, replace(idle, job=SimpleNamespace(finished=False)))
-    assert gui.find("number", "Force (N)").disabled
+    assert gui.find("number", "Contact force (N)").disabled
     assert gui.find("number", "Robot lag (ms)").disabled
 
 
 def test_the_panel_of_the_scan_has_them():
     gui = FakeGui()
-    ScanPanel(gui, Recorder().door).render(None, picture())
-    assert gui.find("number", "Yield above (N)").value == 10.0
+    ScanPanel(gui, Recorder().context).render(None, snapshot())
+    assert gui.find("number", "Soft force limit (N)").value == 10.0
 
 
 def test_what_the_scan_told_is_a_warning_only_where_the_contact_ended_it(monkeypatch):

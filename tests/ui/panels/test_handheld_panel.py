@@ -16,10 +16,12 @@ from rona_core.devices.live import LiveState
 from rona_core.devices.protocols import Mesh
 from rona_core.geometry.pose import Pose
 from rona_core.session.document import Session
-from rona_ui.panels.handheld import SonoControls
-from rona_ui.panels.widgets.panel_context import Door
-from rona_ui.scene.maps.map_choice import chosen_key, chosen_maps, shows_hand
-from rona_ui.view_state import Backdrop, Picture, ViewState
+from rona_ui.panels.handheld import HandheldControls
+from rona_ui.panels.widgets.panel_context import PanelContext
+from rona_ui.presentation.shown_maps import shown_maps, shown_maps_key, shows_handheld_maps
+from rona_ui.presentation.snapshot import Snapshot
+from rona_ui.presentation.static_scene import StaticScene
+from rona_ui.presentation.view_state import ViewState
 from tests.helpers.fake_gui import FakeClient, FakeGui
 
 CLIENT = FakeClient()
@@ -39,34 +41,34 @@ def session():
     bench.close()
 
 
-def picture(session, **parts):
+def snapshot(session, **parts):
     view = parts.pop("view", ViewState(step="maps"))
-    return Picture(session, view, step_states(session), LiveState(), **parts)
+    return Snapshot(session, view, step_states(session), LiveState(), **parts)
 
 
 def built():
     gui, sent, views = FakeGui(), [], [ViewState()]
-    door = Door(
+    context = PanelContext(
         send=lambda make, event: sent.append(make()),
-        send_settled=lambda key, make, event: None,
-        view=lambda change: views.append(change(views[-1])),
+        send_debounced=lambda key, make, event: None,
+        change_view=lambda change: views.append(change(views[-1])),
         service=lambda what, event, data: None,
-        look=lambda name: None,
+        set_camera=lambda name: None,
     )
-    return gui, SonoControls(gui, door), sent, views
+    return gui, HandheldControls(gui, context), sent, views
 
 
 def test_the_buttons_come_one_after_the_other(session):
     gui, controls, sent, views = built()
     buttons = [
         gui.find("button", label)
-        for label in ("1. Calibrate the probe", "2. Scan by hand", "3. Map the scan by hand")
+        for label in ("1. Calibrate probe", "2. Start handheld scan", "3. Map handheld scan")
     ]
-    controls.render(picture(Session()))
+    controls.render(snapshot(Session()))
     assert [b.disabled for b in buttons] == [False, True, True]
-    controls.render(picture(session))
+    controls.render(snapshot(session))
     assert [b.disabled for b in buttons] == [False, False, False]
-    gui.find("number", "Lines (mm)").value = 3.0
+    gui.find("number", "Line spacing (mm)").value = 3.0
     for button in buttons:
         button.happen(CLIENT)
     assert sent == [
@@ -74,12 +76,12 @@ def test_the_buttons_come_one_after_the_other(session):
         StartHandheldScan(spacing_mm=3.0),
         StartHandheldMapping(),
     ]
-    assert views[-1].by_hand, "what is mapped is shown"
+    assert views[-1].handheld, "what is mapped is shown"
 
 
 def test_it_says_what_came_of_it_and_what_is_stale(session):
     gui, controls, _, _ = built()
-    controls.render(picture(session, figures={"sono_outer_rms_mm": 0.314}))
+    controls.render(snapshot(session, figures={"sono_outer_rms_mm": 0.314}))
     words = gui.html()
     assert "r-note good" in words
     assert "300 A-scans" in words
@@ -87,7 +89,7 @@ def test_it_says_what_came_of_it_and_what_is_stale(session):
     assert "0.31 mm" in words
     assert "Coverage" not in words
     setup = replace(session.setup, seed=session.setup.seed + 1)
-    controls.render(picture(replace(session, setup=setup)))
+    controls.render(snapshot(replace(session, setup=setup)))
     assert "Stale" in gui.html()
     assert "r-note good" not in gui.html()
 
@@ -96,34 +98,34 @@ def test_maps_without_the_robot_are_drawn_where_the_base_marker_is(session):
     T_base_basemarker = Pose.from_rotvec((0.3, -0.2, 1.0), (370.0, -270.0, 300.0))
     nothing = Mesh(np.zeros((0, 3)), np.zeros((0, 3), dtype=np.int64))
     up = np.array((0.0, 0.0, 1.0))
-    backdrop = Backdrop(
+    static_scene = StaticScene(
         "VIRTUAL", nothing, up, up, 25.0, Pose.identity(), np.zeros(6), None, T_base_basemarker
     )
-    shown = picture(session, backdrop=backdrop)
-    assert shows_hand(shown)
+    shown = snapshot(session, static_scene=static_scene)
+    assert shows_handheld_maps(shown)
     plain = session.results.sono_maps.value.maps
     np.testing.assert_allclose(
-        chosen_maps(shown).outer.points_base(),
+        shown_maps(shown).outer.points_base(),
         T_base_basemarker @ plain.outer.points_base(),
         atol=1e-9,
     )
-    assert chosen_maps(picture(session)) is plain
-    assert chosen_maps(picture(Session())) is None
+    assert shown_maps(snapshot(session)) is plain
+    assert shown_maps(snapshot(Session())) is None
 
 
 def test_where_there_are_both_somebody_chooses(session):
     robots = replace(session.results.sono_maps, value=session.results.sono_maps.value.maps)
     both = replace(session, results=replace(session.results, maps=robots))
-    assert not shows_hand(picture(both))
-    by_hand = picture(both, view=ViewState(step="maps", by_hand=True))
-    assert shows_hand(by_hand)
-    assert chosen_key(by_hand) != chosen_key(picture(both))
+    assert not shows_handheld_maps(snapshot(both))
+    by_hand = snapshot(both, view=ViewState(step="maps", handheld=True))
+    assert shows_handheld_maps(by_hand)
+    assert shown_maps_key(by_hand) != shown_maps_key(snapshot(both))
     gui, controls, _, views = built()
-    controls.render(picture(both))
+    controls.render(snapshot(both))
     choice = gui.find("dropdown", "Show maps of")
     assert choice.visible
-    choice.value = "Scan by hand"
+    choice.value = "Handheld scan"
     choice.happen(CLIENT)
-    assert views[-1].by_hand
-    controls.render(picture(session))
+    assert views[-1].handheld
+    controls.render(snapshot(session))
     assert not choice.visible

@@ -27,18 +27,20 @@ from rona_ui.panels.layout.quality import QualityPanel
 from rona_ui.panels.layout.run_bar import RunBar, StepTitle
 from rona_ui.panels.layout.session import SessionHead, SessionPanel
 from rona_ui.panels.layout.step_list import StepList
-from rona_ui.panels.layout.view_options import LookPanel
+from rona_ui.panels.layout.view_options import ViewOptionsPanel
 from rona_ui.panels.maps.second_pass import words as second_words
 from rona_ui.panels.pointer import PointerPanel
+from rona_ui.panels.roll.joints_graph import joint_data
 from rona_ui.panels.scan.scan import ScanPanel
 from rona_ui.panels.setup.setup import SetupPanel
 from rona_ui.panels.tool.tool import ToolPanel
 from rona_ui.panels.widgets.draw_on_skull import DrawingControls
-from rona_ui.panels.widgets.graphs import joint_data
-from rona_ui.panels.widgets.panel_context import Door
-from rona_ui.panels.widgets.roll_image import png
+from rona_ui.panels.widgets.image_slider import png
+from rona_ui.panels.widgets.panel_context import PanelContext
+from rona_ui.presentation.snapshot import Snapshot
+from rona_ui.presentation.static_scene import StaticScene
+from rona_ui.presentation.view_state import NEEDED, ViewState
 from rona_ui.refusals import Refusal
-from rona_ui.view_state import NEEDED, Backdrop, Picture, ViewState
 from rona_ui.window.browser import without_mode
 from tests.helpers.fake_gui import FakeClient, FakeGui
 
@@ -54,24 +56,24 @@ class Recorder:
         self.services: list[str] = []
         self.looks: list[str] = []
         self.shown = ViewState()
-        self.door = Door(
+        self.context = PanelContext(
             send=lambda make, event: self.sent.append(make()) if event.client else None,
-            send_settled=lambda key, make, event: (
+            send_debounced=lambda key, make, event: (
                 self.sent.append(make()) if event.client else None
             ),
-            view=self._view,
+            change_view=self._view,
             service=lambda what, event, data: self.services.append(what),
-            look=self.looks.append,
+            set_camera=self.looks.append,
         )
 
     def _view(self, change: Any) -> None:
         self.shown = change(self.shown)
 
 
-def picture(session: Session | None = None, **parts: Any) -> Picture:
+def snapshot(session: Session | None = None, **parts: Any) -> Snapshot:
     held = session or Session()
     view = parts.pop("view", ViewState())
-    return Picture(held, view, step_states(held), LiveState(), **parts)
+    return Snapshot(held, view, step_states(held), LiveState(), **parts)
 
 
 def test_every_step_has_a_panel_and_says_what_it_needs_to_be_seen() -> None:
@@ -81,7 +83,7 @@ def test_every_step_has_a_panel_and_says_what_it_needs_to_be_seen() -> None:
 
 @pytest.mark.parametrize("kind", STEP_PANELS)
 def test_the_fields_of_a_step_make_its_message_with_the_defaults(kind: Any) -> None:
-    panel = kind(FakeGui(), Recorder().door)
+    panel = kind(FakeGui(), Recorder().context)
     if kind.start is None:
         return
     made = panel.message()
@@ -90,9 +92,9 @@ def test_the_fields_of_a_step_make_its_message_with_the_defaults(kind: Any) -> N
 
 @pytest.mark.parametrize("kind", STEP_PANELS)
 def test_fields_are_to_be_seen_in_their_step_only(kind: Any) -> None:
-    panel = kind(FakeGui(), Recorder().door)
+    panel = kind(FakeGui(), Recorder().context)
     for step in STEPS:
-        panel.render(None, picture(view=ViewState(step=step)))
+        panel.render(None, snapshot(view=ViewState(step=step)))
         assert panel.folder.visible == (step == kind.step)
 
 
@@ -102,14 +104,14 @@ def test_a_name_that_is_markup_is_shown_as_text() -> None:
     entry = LogEntry(1, "RenameSession", {"name": EVIL}, "2026-01-01T00:00:00.000")
     evil = Session(name=EVIL, log=(entry,))
     for panel in (head, log):
-        panel.render(None, picture(evil))
+        panel.render(None, snapshot(evil))
     assert EVIL not in gui.html()
     assert gui.html().count("&lt;img src=x onerror=alert(1)&gt;") == 3  # title, text, log
 
 
 def test_figures_that_are_markup_are_shown_as_text() -> None:
     gui = FakeGui()
-    QualityPanel(gui).render(None, picture(figures={"roll_mode": EVIL, "outer_rms_mm": 0.345}))
+    QualityPanel(gui).render(None, snapshot(figures={"roll_mode": EVIL, "outer_rms_mm": 0.345}))
     assert EVIL not in gui.html()
     assert "0.34 mm" in gui.html() or "0.35 mm" in gui.html()
     assert "pass" in gui.html()
@@ -117,28 +119,28 @@ def test_figures_that_are_markup_are_shown_as_text() -> None:
 
 def test_the_step_list_tells_state_by_icon_word_and_reason_and_a_click_opens() -> None:
     gui, recorder = FakeGui(), Recorder()
-    StepList(gui, recorder.door).render(None, picture())
+    StepList(gui, recorder.context).render(None, snapshot())
     rows = [h.content for h in gui.handles if h.kind == "html"]
     assert "done" in rows[0]
     assert "ready" in rows[1]
     assert "blocked" in rows[7]
-    assert "first search the roll (step 7)" in rows[7]
+    assert "first plan the motion (step 7)" in rows[7]
     gui.find("button", "Step 4: Surface").happen(CLIENT)
     assert recorder.shown.step == "surface"
 
 
 def bar() -> tuple[FakeGui, Recorder, RunBar]:
     gui, recorder = FakeGui(), Recorder()
-    panels = {kind.step: kind(gui, recorder.door) for kind in (SetupPanel, ToolPanel, ScanPanel)}
-    return gui, recorder, RunBar(gui, recorder.door, panels)
+    panels = {kind.step: kind(gui, recorder.context) for kind in (SetupPanel, ToolPanel, ScanPanel)}
+    return gui, recorder, RunBar(gui, recorder.context, panels)
 
 
 def test_a_scan_that_was_stopped_while_the_tool_was_weighed_says_so_and_goes_on_saying_it() -> None:
     gui = FakeGui()
-    panel = ScanPanel(gui, Recorder().door)
+    panel = ScanPanel(gui, Recorder().context)
     view = ViewState(step="scan")
     running = JobStatus("1", "StartScan", "running", 0.0)
-    before = picture(view=view, job=running)
+    before = snapshot(view=view, job=running)
     panel.render(None, before)
     assert "Stopped" not in panel.remark.content
     words = f"{STOPPED} {EVIL}"
@@ -164,14 +166,14 @@ def test_a_blocked_step_cannot_be_started_and_says_why() -> None:
     gui, _, run = bar()
     title = StepTitle(gui)
     for part in (run, title):
-        part.render(None, picture(view=ViewState(step="scan")))
+        part.render(None, snapshot(view=ViewState(step="scan")))
     assert gui.find("button", "Scan").disabled
-    assert "Blocked: first search the roll" in gui.html()
+    assert "Blocked: first plan the motion" in gui.html()
 
 
 def test_the_primary_button_sends_one_activity_and_rests_while_the_job_runs() -> None:
     gui, recorder, run = bar()
-    before = picture(view=ViewState(step="tool"))
+    before = snapshot(view=ViewState(step="tool"))
     run.render(None, before)
     button = gui.find("button", "Move and register the tool")
     assert not button.disabled
@@ -189,25 +191,25 @@ def test_the_primary_button_sends_one_activity_and_rests_while_the_job_runs() ->
 
 def test_the_pointer_is_pivoted_by_hand_until_somebody_finishes() -> None:
     gui, recorder = FakeGui(), Recorder()
-    panel = PointerPanel(gui, recorder.door)
-    idle = picture(view=ViewState(step="pointer"))
+    panel = PointerPanel(gui, recorder.context)
+    idle = snapshot(view=ViewState(step="pointer"))
     panel.render(None, idle)
     begin, finish = gui.find("button", "Pivot by hand"), gui.find("button", "Finish and calibrate")
     assert (begin.visible, finish.visible) == (True, False)
     begin.happen(CLIENT)
     assert recorder.sent == [StartPointerCapture(by_hand=True)]
     job = JobStatus("1", "StartPointerCapture", "running", 0.1)
-    panel.render(idle, replace(idle, job=job, turning=True))
+    panel.render(idle, replace(idle, job=job, pivoting_by_hand=True))
     assert (begin.visible, finish.visible) == (False, True)
-    assert "Drag the coloured arcs" in gui.html()
+    assert "Drag the coloured handles" in gui.html()
     finish.happen(CLIENT)
     assert recorder.services == ["finish"]
 
 
 def test_fields_rest_while_a_job_runs() -> None:
     gui = FakeGui()
-    panel = ToolPanel(gui, Recorder().door)
-    idle = picture()
+    panel = ToolPanel(gui, Recorder().context)
+    idle = snapshot()
     panel.render(None, idle)
     field = gui.find("number", "Pivot poses")
     assert not field.disabled
@@ -217,8 +219,8 @@ def test_fields_rest_while_a_job_runs() -> None:
 
 def test_a_field_of_the_set_up_sends_its_command_and_its_echo_sends_nothing() -> None:
     gui, recorder = FakeGui(), Recorder()
-    panel = SetupPanel(gui, recorder.door)
-    first = picture()
+    panel = SetupPanel(gui, recorder.context)
+    first = snapshot()
     panel.render(None, first)
     rate = gui.find("number", "Rate (Hz)")
     rate.value = 30.0
@@ -230,8 +232,8 @@ def test_a_field_of_the_set_up_sends_its_command_and_its_echo_sends_nothing() ->
     assert rate.value == 60.0
 
 
-def held_picture(**tracker: Any) -> Picture:
-    first = picture()
+def held_picture(**tracker: Any) -> Snapshot:
+    first = snapshot()
     devices = replace(first.session.setup.devices, tracker=TrackerSettings(**tracker))
     setup = replace(first.session.setup, devices=devices)
     return replace(first, session=replace(first.session, setup=setup))
@@ -239,11 +241,11 @@ def held_picture(**tracker: Any) -> Picture:
 
 def test_the_details_of_the_tracker_go_into_one_command_and_are_shown_as_held() -> None:
     gui, recorder = FakeGui(), Recorder()
-    panel = SetupPanel(gui, recorder.door)
+    panel = SetupPanel(gui, recorder.context)
     held = held_picture(dropped_share=0.07, drift_mm=0.5, minutes_on=5.0, occlusion=False)
     panel.render(None, held)
-    assert gui.find("number", "Dropped (%)").value == pytest.approx(7.0)
-    phantoms = gui.find("number", "Phantoms (%)")
+    assert gui.find("number", "Frame loss (%)").value == pytest.approx(7.0)
+    phantoms = gui.find("number", "Ghost solutions (%)")
     phantoms.value = 5.0
     phantoms.happen(CLIENT)
     wanted = SetTracker(
@@ -254,11 +256,11 @@ def test_the_details_of_the_tracker_go_into_one_command_and_are_shown_as_held() 
 
 def test_the_robot_is_chosen_in_the_set_up_and_keeps_its_other_settings() -> None:
     gui, recorder = FakeGui(), Recorder()
-    panel = SetupPanel(gui, recorder.door)
-    panel.render(None, picture())
+    panel = SetupPanel(gui, recorder.context)
+    panel.render(None, snapshot())
     arm = gui.find("dropdown", "Arm")
     assert arm.value == "Stäubli RX90"
-    gui.find("checkbox", "Robot errs").value = False
+    gui.find("checkbox", "Simulate robot error").value = False
     arm.value = "UR10"
     arm.happen(CLIENT)
     assert recorder.sent == [SetRobot(model="ur10", errors=False)]
@@ -266,10 +268,10 @@ def test_the_robot_is_chosen_in_the_set_up_and_keeps_its_other_settings() -> Non
 
 def test_moving_the_tracker_is_one_command_and_the_base_marker_another() -> None:
     gui, recorder = FakeGui(), Recorder()
-    panel = SetupPanel(gui, recorder.door)
+    panel = SetupPanel(gui, recorder.context)
     held = held_picture(place=TrackerPlace((5.0, 0.0, 0.0), 1.0))
     panel.render(None, held)
-    turn, marker = gui.find("number", "Turn (deg)"), gui.find("checkbox", "Base marker")
+    turn, marker = gui.find("number", "Tracker rotation (deg)"), gui.find("checkbox", "Base marker")
     assert (turn.value, marker.value) == (1.0, True)
     turn.value = 2.0
     turn.happen(CLIENT)
@@ -280,9 +282,9 @@ def test_moving_the_tracker_is_one_command_and_the_base_marker_another() -> None
 
 def test_the_kind_of_bone_and_its_speed_are_one_command() -> None:
     gui, recorder = FakeGui(), Recorder()
-    panel = SetupPanel(gui, recorder.door)
+    panel = SetupPanel(gui, recorder.context)
     panel.render(None, held_picture())
-    kind, own = gui.find("dropdown", "Bone"), gui.find("checkbox", "Own speed of sound")
+    kind, own = gui.find("dropdown", "Bone"), gui.find("checkbox", "Patient-specific speed")
     assert own.value is True
     kind.value = "Hard: sharp, more scatter"
     kind.happen(CLIENT)
@@ -293,7 +295,7 @@ def test_the_kind_of_bone_and_its_speed_are_one_command() -> None:
 
 def test_a_profile_brings_its_own_latency_until_one_is_typed() -> None:
     gui, recorder = FakeGui(), Recorder()
-    panel = SetupPanel(gui, recorder.door)
+    panel = SetupPanel(gui, recorder.context)
     held = held_picture(latency_ms=30.0)
     panel.render(None, held)
     latency, profile = gui.find("number", "Latency (ms)"), gui.find("dropdown", "Tracker")
@@ -312,13 +314,13 @@ def test_a_profile_brings_its_own_latency_until_one_is_typed() -> None:
 
 def test_only_a_line_of_two_points_can_be_finished() -> None:
     gui, recorder = FakeGui(), Recorder()
-    controls = DrawingControls(gui, recorder.door, "path", lambda picks: ("line", picks))
+    controls = DrawingControls(gui, recorder.context, "path", lambda picks: ("line", picks))
     states = tuple(replace(s, state="ready") for s in step_states(Session()))
-    base = replace(picture(), steps=states)
+    base = replace(snapshot(), steps=states)
     controls.render(base)
     gui.find("button", "Draw on the skull").happen(CLIENT)
     assert recorder.shown.drawing == "path"
-    finish = gui.find("button", "Finish the line")
+    finish = gui.find("button", "Finish stroke")
     one = ((1.0, 2.0, 3.0),)
     controls.render(replace(base, view=ViewState(drawing="path", picks=one)))
     assert finish.disabled
@@ -332,18 +334,18 @@ def test_only_a_line_of_two_points_can_be_finished() -> None:
 
 def test_a_line_that_was_left_can_be_gone_on_with_or_dropped() -> None:
     gui, recorder = FakeGui(), Recorder()
-    controls = DrawingControls(gui, recorder.door, "path", lambda picks: ("line", picks))
+    controls = DrawingControls(gui, recorder.context, "path", lambda picks: ("line", picks))
     states = tuple(replace(s, state="ready") for s in step_states(Session()))
-    base = replace(picture(), steps=states)
+    base = replace(snapshot(), steps=states)
     line = ((1.0, 2.0, 3.0), (4.0, 5.0, 6.0))
     drawn = ViewState(step="path", drawing="path", picks=line)
     recorder.shown = without_mode(drawn)
     assert recorder.shown == replace(drawn, drawing=None)
     controls.render(replace(base, view=recorder.shown))
-    assert not gui.find("button", "Finish the line").visible
-    drop = gui.find("button", "Drop the line")
+    assert not gui.find("button", "Finish stroke").visible
+    drop = gui.find("button", "Discard stroke")
     assert drop.visible
-    gui.find("button", "Go on drawing").happen(CLIENT)
+    gui.find("button", "Continue drawing").happen(CLIENT)
     assert recorder.shown == drawn
     drop.happen(CLIENT)
     assert recorder.shown == ViewState(step="path")
@@ -352,11 +354,11 @@ def test_a_line_that_was_left_can_be_gone_on_with_or_dropped() -> None:
     assert not drop.visible
 
 
-@pytest.mark.parametrize("mode", ["center", "boundary", "move", "insert", "delete", "keep"])
+@pytest.mark.parametrize("mode", ["center", "boundary", "move", "insert", "delete", "pin"])
 def test_leaving_an_edit_lets_go_of_what_was_held(mode: Any) -> None:
     held = ViewState(
-        step="smoothing", drawing=mode, picks=((1.0, 2.0, 3.0),), grabbed=3, ghost=(1.0, 2.0, 3.0),
-        hand=(4, 5.0),
+        step="smoothing", drawing=mode, picks=((1.0, 2.0, 3.0),), moved_point=3,
+        move_target=(1.0, 2.0, 3.0), dragged_boundary=(4, 5.0),
     )  # fmt: skip
     assert without_mode(held) == ViewState(step="smoothing")
 
@@ -367,7 +369,7 @@ def test_refusals_stand_in_the_log_where_they_happened() -> None:
     time_utc = "2026-01-01T10:20:30.000+00:00"
     entries = tuple(LogEntry(n, f"Message{n}", {}, "2026-01-01T00:00:00.000") for n in (1, 2))
     session = Session(log=entries)
-    first = picture(session)
+    first = snapshot(session)
     log.render(None, first)
     assert "swing" not in gui.html()
     refusals = (
@@ -381,50 +383,52 @@ def test_refusals_stand_in_the_log_where_they_happened() -> None:
     assert "10:20:30 UTC · 3 Pointer" in shown
     order = [shown.index(word) for word in ("not so", "Message2", "swing in two", "Message1")]
     assert order == sorted(order)
-    alone = picture(refusals=refusals[1:])
+    alone = snapshot(refusals=refusals[1:])
     log.render(second, alone)  # another session, without any message
     assert "not so" in gui.html()
-    log.render(alone, picture())
+    log.render(alone, snapshot())
     assert "Nothing has happened yet." in gui.html()
 
 
 def test_save_undo_and_stop_reach_the_service() -> None:
     gui, recorder = FakeGui(), Recorder()
-    SessionPanel(gui, recorder.door)
+    SessionPanel(gui, recorder.context)
     history = gui.find("button_group", "History")
     for word in ("Save", "Undo"):
         history.value = word
         history.happen(CLIENT)
     gui.find("command", "Stop the robot").happen(CLIENT)
-    gui.find("command", "Leave drawing").happen(CLIENT)
+    gui.find("command", "Exit drawing").happen(CLIENT)
     assert recorder.services == ["save", "stop", "escape"]
     assert [type(message).__name__ for message in recorder.sent] == ["Undo"]
 
 
 def test_the_cut_has_a_slider_while_it_is_on_and_rests_while_somebody_draws() -> None:
     gui, recorder = FakeGui(), Recorder()
-    panel = LookPanel(gui, recorder.door)
-    off = picture()
+    panel = ViewOptionsPanel(gui, recorder.context)
+    off = snapshot()
     panel.render(None, off)
-    across, at = gui.find("dropdown", "Cut"), gui.find("slider", "Cut at (mm)")
-    maps = gui.find("checkbox", "Cut the maps")
+    across, at = gui.find("dropdown", "Cut"), gui.find("slider", "Cut offset (mm)")
+    maps = gui.find("checkbox", "Cut maps")
     assert (across.value, at.value, maps.value) == ("Off", 0.0, False)
     assert not at.visible
     across.value = "Crosswise"
     across.happen(CLIENT)
     at.value = -12.5
     at.happen(None)  # an echo of our own write
-    assert recorder.shown == ViewState(slice_across="crosswise")
+    assert recorder.shown == ViewState(cut_direction="crosswise")
     at.happen(CLIENT)
     maps.value = True
     maps.happen(CLIENT)
-    assert recorder.shown == ViewState(slice_across="crosswise", slice_mm=-12.5, slice_maps=True)
-    on = picture(view=recorder.shown)
+    assert recorder.shown == ViewState(
+        cut_direction="crosswise", cut_offset_mm=-12.5, cut_maps=True
+    )
+    on = snapshot(view=recorder.shown)
     panel.render(off, on)
     assert at.visible
     assert maps.visible
     at.value = -13.0  # the slider is dragged on while the picture before is drawn
-    panel.render(on, replace(on, view=replace(on.view, slice_mm=-12.8)))
+    panel.render(on, replace(on, view=replace(on.view, cut_offset_mm=-12.8)))
     assert at.value == -13.0
     drawing = replace(on, view=replace(on.view, drawing="path"))
     panel.render(on, drawing)
@@ -432,23 +436,23 @@ def test_the_cut_has_a_slider_while_it_is_on_and_rests_while_somebody_draws() ->
     assert at.disabled
     panel.render(drawing, on)
     assert not at.disabled
-    panel.render(on, picture())  # another session begins with a view of its own
+    panel.render(on, snapshot())  # another session begins with a view of its own
     assert (across.value, at.value, maps.value) == ("Off", 0.0, False)
     assert not at.visible
 
 
 def test_views_of_the_head_have_their_names_only_where_its_axes_are_known() -> None:
     gui, recorder = FakeGui(), Recorder()
-    panel = LookPanel(gui, recorder.door)
+    panel = ViewOptionsPanel(gui, recorder.context)
     groups = [h for h in gui.handles if h.kind == "button_group"]
     words = ["Overview", "AP", "Lateral L", "Top"]
     assert [group.value for group in groups] == words
-    known = Backdrop("VIRTUAL", *[np.zeros(3)] * 6, head_axes_base=np.eye(3))  # type: ignore
+    known = StaticScene("VIRTUAL", *[np.zeros(3)] * 6, head_axes_base=np.eye(3))  # type: ignore
     old = None
     for new, seen in (
-        (picture(), [True, False, False, True]),
-        (picture(backdrop=known), [True, True, True, False]),
-        (picture(backdrop=replace(known, head_axes_base=None)), [True, False, False, True]),
+        (snapshot(), [True, False, False, True]),
+        (snapshot(static_scene=known), [True, True, True, False]),
+        (snapshot(static_scene=replace(known, head_axes_base=None)), [True, False, False, True]),
     ):
         panel.render(old, new)
         assert [group.visible for group in groups] == seen

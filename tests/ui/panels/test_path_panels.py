@@ -34,12 +34,13 @@ from rona_ui.panels.path.path import PathPanel
 from rona_ui.panels.path.path_graph import PathGraph, graph
 from rona_ui.panels.path.pattern import PatternControls
 from rona_ui.panels.smoothing import SmoothingPanel, told
-from rona_ui.panels.widgets.panel_context import Door
-from rona_ui.scene.colors import viridis
+from rona_ui.panels.widgets.panel_context import PanelContext
+from rona_ui.presentation.colors import viridis
+from rona_ui.presentation.snapshot import Snapshot
+from rona_ui.presentation.view_state import Preview, ViewState
 from rona_ui.scene.path import path as scene_path
 from rona_ui.scene.path.path_editing import EditLayer, point_at
-from rona_ui.scene.viser_nodes import Stage
-from rona_ui.view_state import Picture, Preview, ViewState
+from rona_ui.scene.viser_nodes import SceneNodes
 from tests.helpers.fake_gui import FakeClient, FakeGui
 
 FILE = Path(__file__).parents[2] / "contract" / "sessions" / "schema_1.rona"
@@ -63,12 +64,12 @@ class Recorder:
         self.sent: list[Any] = []
         self.settled: list[tuple[object, Any]] = []
         self.shown = view
-        self.door = Door(
+        self.context = PanelContext(
             send=lambda make, event: self.sent.append(make()),
-            send_settled=lambda key, make, event: self.settled.append((key, make())),
-            view=self._view,
+            send_debounced=lambda key, make, event: self.settled.append((key, make())),
+            change_view=self._view,
             service=lambda *_: None,
-            look=lambda *_: None,
+            set_camera=lambda *_: None,
         )
 
     def _view(self, change: Any) -> None:
@@ -91,8 +92,8 @@ class FakeScene:
         return add
 
 
-def picture(session: Session, view: ViewState = SMOOTHING, **parts: Any) -> Picture:
-    return Picture(session, view, step_states(session), LiveState(), **parts)
+def snapshot(session: Session, view: ViewState = SMOOTHING, **parts: Any) -> Snapshot:
+    return Snapshot(session, view, step_states(session), LiveState(), **parts)
 
 
 def corners(session: Session) -> np.ndarray:
@@ -110,68 +111,66 @@ def dragged(session: Session, tolerance_mm: float) -> ViewState:
 
 def test_dragging_the_bound_previews_and_letting_go_asks_for_the_fewest_points(smoothed) -> None:
     gui, recorder = FakeGui(), Recorder(SMOOTHING)
-    panel = SmoothingPanel(gui, recorder.door)
-    panel.render(None, picture(smoothed))
-    slider = gui.find("slider", "Bound (mm)")
+    panel = SmoothingPanel(gui, recorder.context)
+    panel.render(None, snapshot(smoothed))
+    slider = gui.find("slider", "Tolerance (mm)")
     slider.value = 2.5
     slider.happen(CLIENT)
     assert recorder.sent == []
     assert recorder.settled == [("tolerance", SmoothScanPath(tolerance_mm=2.5))]
-    now = picture(smoothed, recorder.shown)
+    now = snapshot(smoothed, recorder.shown)
     assert now.preview_mm == 2.5
     view = scene_path.shown_path(now)
     assert view is preview_path(smoothed, 2.5)
-    panel.render(picture(smoothed), now)
+    panel.render(snapshot(smoothed), now)
     assert f"about {len(view.corners_base)} of 121 points" in gui.html()
     done = handle(recorder.settled[0][1], smoothed)
-    assert picture(done, recorder.shown).preview_mm is None, "the result ends the preview"
-    assert scene_path.shown_path(picture(done, recorder.shown)).exact
+    assert snapshot(done, recorder.shown).preview_mm is None, "the result ends the preview"
+    assert scene_path.shown_path(snapshot(done, recorder.shown)).exact
 
 
 def test_our_own_writes_and_a_busy_program_start_no_preview(smoothed) -> None:
     gui, recorder = FakeGui(), Recorder(SMOOTHING)
-    panel = SmoothingPanel(gui, recorder.door)
-    panel.render(None, picture(handle(SmoothScanPath(tolerance_mm=3.0, metric="k2"), smoothed)))
-    slider = gui.find("slider", "Bound (mm)")
+    panel = SmoothingPanel(gui, recorder.context)
+    panel.render(None, snapshot(handle(SmoothScanPath(tolerance_mm=3.0, metric="k2"), smoothed)))
+    slider = gui.find("slider", "Tolerance (mm)")
     assert slider.value == 3.0, "fields follow the result, after undo as well"
-    assert gui.find("dropdown", "Measure").value == "K2: RMS distance"
+    assert gui.find("dropdown", "Error metric").value == "K2: RMS deviation"
     slider.happen(None)
     assert recorder.settled == []
     assert recorder.shown.preview is None
 
 
 def test_a_refused_message_ends_the_preview(smoothed) -> None:
-    assert picture(smoothed, dragged(smoothed, 2.0)).preview_mm == 2.0
-    assert picture(smoothed, dragged(smoothed, 2.0), refused=1).preview_mm is None
+    assert snapshot(smoothed, dragged(smoothed, 2.0)).preview_mm == 2.0
+    assert snapshot(smoothed, dragged(smoothed, 2.0), refused=1).preview_mm is None
 
 
 def test_the_panel_tells_counts_bound_deviations_radius_and_tilt(smoothed) -> None:
     gui = FakeGui()
-    SmoothingPanel(gui, Recorder(SMOOTHING).door).render(None, picture(smoothed))
+    SmoothingPanel(gui, Recorder(SMOOTHING).context).render(None, snapshot(smoothed))
     view = path_view(smoothed)
     html = gui.html()
-    assert f"121 points became {len(view.corners_base)} (the fewest possible)" in html
+    assert f"121 points simplified to {len(view.corners_base)} (minimum)" in html
     assert f"{view.k1_filtered_mm:.2f} mm from the filtered samples" in html
-    assert f"{view.k1_raw_mm:.2f} mm from the raw ones" in html
-    assert "Normals over a radius of 25.4 mm (chosen by the cloud" in html
+    assert f"{view.k1_raw_mm:.2f} mm from the raw samples" in html
+    assert "Normal radius 25.4 mm (from the point cloud" in html
     assert "tilt tolerance" in html or "slower or denser" in html
     greedy = handle(SmoothScanPath(method="greedy"), smoothed)
     gui = FakeGui()
-    SmoothingPanel(gui, Recorder(SMOOTHING).door).render(None, picture(greedy))
-    assert (
-        f"at least {greedy.results.smoothing.value.simplified.lower_bound} are needed" in gui.html()
-    )
+    SmoothingPanel(gui, Recorder(SMOOTHING).context).render(None, snapshot(greedy))
+    assert f"at least {greedy.results.smoothing.value.simplified.lower_bound} needed" in gui.html()
 
 
 def test_warnings_name_the_place_and_do_not_crowd(smoothed) -> None:
     coarse = handle(SmoothScanPath(tolerance_mm=5.0, normal_step_mm=0.0), smoothed)
     check = check_path(coarse)
     words = told(check)
-    assert "The probe may lean beyond 2.1°" in words
+    assert "Probe tilt may exceed 2.1°" in words
     first = check.warnings[0]
     assert f"{first.from_mm:.0f} to {first.to_mm:.0f} mm" in words
     reasons = {stretch.sentence for stretch in check.proposals}
-    assert words.count("Pass with the pointer once more") == len(reasons)
+    assert words.count("Sample the surface again") == len(reasons)
     assert sum(words.count(reason) for reason in reasons) == len(reasons), "each is said once"
 
 
@@ -187,13 +186,13 @@ def test_a_drag_moves_a_point_and_shows_where_it_is_held(smoothed) -> None:
     view = replace(SMOOTHING, drawing="move")
     eye, ray = sight_of(smoothed, corners(smoothed)[4])
     view, command = point_at(smoothed, view, eye, ray, "start")
-    assert (view.grabbed, command) == (4, None)
+    assert (view.moved_point, command) == (4, None)
     _, onward = sight_of(smoothed, corners(smoothed)[4] + (2.0, 1.0, 0.0))
     view, command = point_at(smoothed, view, eye, onward, "update")
     assert command is None
-    assert view.ghost is not None
+    assert view.move_target is not None
     view, command = point_at(smoothed, view, eye, onward, "end")
-    assert (view.grabbed, view.ghost) == (None, None)
+    assert (view.moved_point, view.move_target) == (None, None)
     assert isinstance(command, MovePathPoint)
     assert command.index == 4
     after = handle(command, smoothed)
@@ -204,7 +203,7 @@ def test_a_drag_moves_a_point_and_shows_where_it_is_held(smoothed) -> None:
 def test_two_clicks_move_a_point_too(smoothed) -> None:
     view = replace(SMOOTHING, drawing="move")
     view, _ = point_at(smoothed, view, *sight_of(smoothed, corners(smoothed)[7]), "click")
-    assert view.grabbed == 7
+    assert view.moved_point == 7
     view, command = point_at(smoothed, view, *sight_of(smoothed, corners(smoothed)[8]), "click")
     assert isinstance(command, MovePathPoint)
     assert command.index == 7
@@ -219,7 +218,7 @@ def test_clicks_put_in_take_away_and_keep(smoothed) -> None:
     _, taken = point_at(smoothed, replace(SMOOTHING, drawing="delete"), *at, "click")
     assert taken == DeletePathPoint(9)
     raw = smoothed.results.path.value.points_base
-    keep = replace(SMOOTHING, drawing="keep")
+    keep = replace(SMOOTHING, drawing="pin")
     _, kept = point_at(smoothed, keep, *sight_of(smoothed, raw[30]), "click")
     assert isinstance(kept, PinPathSample)
     assert kept.keep
@@ -230,7 +229,7 @@ def test_clicks_put_in_take_away_and_keep(smoothed) -> None:
 
 def test_beside_path_and_surface_a_click_is_refused_with_words(smoothed) -> None:
     eye, ray = sight_of(smoothed, corners(smoothed)[0] + (0.0, 150.0, 0.0))
-    for mode in ("move", "delete", "keep"):
+    for mode in ("move", "delete", "pin"):
         with pytest.raises(InvalidInputError, match="point nearer"):
             point_at(smoothed, replace(SMOOTHING, drawing=mode), eye, ray, "click")
     with pytest.raises(DegenerateGeometryError, match="slide the pointer"):
@@ -239,20 +238,20 @@ def test_beside_path_and_surface_a_click_is_refused_with_words(smoothed) -> None
 
 def test_the_buttons_choose_what_a_click_means_and_forget(smoothed) -> None:
     gui, recorder = FakeGui(), Recorder(SMOOTHING)
-    panel = SmoothingPanel(gui, recorder.door)
-    panel.render(None, picture(smoothed))
-    assert not gui.find("button", "Forget the changes").visible
-    modes = gui.find("button_group", "By hand")
+    panel = SmoothingPanel(gui, recorder.context)
+    panel.render(None, snapshot(smoothed))
+    assert not gui.find("button", "Discard edits").visible
+    modes = gui.find("button_group", "Edit")
     modes.value = "Insert"
     modes.happen(CLIENT)
     assert recorder.shown.drawing == "insert"
     changed = handle(DeletePathPoint(5), smoothed)
-    panel.render(picture(smoothed), picture(changed, recorder.shown))
-    assert "Click the skull where the path shall pass" in gui.html()
-    assert "1 by hand." in gui.html()
+    panel.render(snapshot(smoothed), snapshot(changed, recorder.shown))
+    assert "Click the skull to insert a point" in gui.html()
+    assert "1 edited by hand." in gui.html()
     gui.find("button", "Done").happen(CLIENT)
     assert recorder.shown.drawing is None
-    gui.find("button", "Forget the changes").happen(CLIENT)
+    gui.find("button", "Discard edits").happen(CLIENT)
     assert recorder.sent == [ClearPathEdits()]
 
 
@@ -261,42 +260,42 @@ def test_the_buttons_choose_what_a_click_means_and_forget(smoothed) -> None:
 
 def test_a_pattern_takes_centre_and_boundary_that_were_clicked(smoothed) -> None:
     gui, recorder = FakeGui(), Recorder(ViewState(step="path"))
-    controls = PatternControls(gui, recorder.door)
-    controls.render(picture(smoothed, recorder.shown))
-    gui.find("button", "Click the centre").happen(CLIENT)
+    controls = PatternControls(gui, recorder.context)
+    controls.render(snapshot(smoothed, recorder.shown))
+    gui.find("button", "Pick centre").happen(CLIENT)
     at = sight_of(smoothed, corners(smoothed)[9])
     recorder.shown, _ = point_at(smoothed, recorder.shown, *at, "click")
     assert recorder.shown.drawing is None, "one click is all it takes"
-    gui.find("button", "Draw the boundary").happen(CLIENT)
+    gui.find("button", "Draw boundary").happen(CLIENT)
     for place in (corners(smoothed)[0], corners(smoothed)[12], corners(smoothed)[21]):
         at = sight_of(smoothed, place)
         for phase in ("click", "update", "end"):  # the same place again adds no corner
             recorder.shown, _ = point_at(smoothed, recorder.shown, *at, phase)
     assert len(recorder.shown.boundary) == 3
     gui.find("button", "Done").happen(CLIENT)
-    controls.render(picture(smoothed, recorder.shown))
-    assert "a boundary of 3 corners" in gui.html()
-    gui.find("button", "Make the pattern").happen(CLIENT)
+    controls.render(snapshot(smoothed, recorder.shown))
+    assert "boundary of 3 corners" in gui.html()
+    gui.find("button", "Generate pattern").happen(CLIENT)
     (made,) = recorder.sent
     assert made == GenerateScanPattern(
         center_base_mm=recorder.shown.center, boundary_base_mm=recorder.shown.boundary
     )
-    gui.find("button", "Forget centre and boundary").happen(CLIENT)
+    gui.find("button", "Clear centre and boundary").happen(CLIENT)
     assert (recorder.shown.center, recorder.shown.boundary) == (None, ())
 
 
 def test_without_a_surface_there_is_no_pattern() -> None:
     gui, recorder = FakeGui(), Recorder(ViewState(step="path"))
-    PatternControls(gui, recorder.door).render(picture(Session(), recorder.shown))
-    assert gui.find("button", "Make the pattern").disabled
-    assert "First sample the surface" in gui.html()
+    PatternControls(gui, recorder.context).render(snapshot(Session(), recorder.shown))
+    assert gui.find("button", "Generate pattern").disabled
+    assert "Measure the surface first" in gui.html()
 
 
 def test_the_path_step_says_that_it_is_a_pattern(smoothed) -> None:
     gui, view = FakeGui(), ViewState(step="path")
     made = handle(GenerateScanPattern(), smoothed)
-    PathPanel(gui, Recorder(view).door).render(None, picture(made, view))
-    assert "A pattern of" in gui.html()
+    PathPanel(gui, Recorder(view).context).render(None, snapshot(made, view))
+    assert "Pattern of" in gui.html()
 
 
 # -- what is drawn ---------------------------------------------------------------------------------
@@ -320,18 +319,18 @@ def test_both_paths_stand_side_by_side_to_one_scale(smoothed) -> None:
     assert "Original: 121 points" in html
     gui = FakeGui()
     panel = PathGraph(gui)
-    panel.render(None, picture(Session()))
-    assert "appears here after step 6" in gui.html()
-    panel.render(picture(Session()), picture(smoothed))
+    panel.render(None, snapshot(Session()))
+    assert "appear here after step 6" in gui.html()
+    panel.render(snapshot(Session()), snapshot(smoothed))
     assert gui.html() == html
 
 
 def drawn(session: Session, view: ViewState) -> dict[str, Any]:
     scene = FakeScene()
-    stage = Stage(scene)
+    nodes = SceneNodes(scene)
     layers = (scene_path.PathLayer, scene_path.AxesLayer, scene_path.WarningsLayer, EditLayer)
     for layer in layers:
-        layer(stage).render(None, picture(session, view))
+        layer(nodes).render(None, snapshot(session, view))
     return scene.nodes
 
 
@@ -372,7 +371,7 @@ def test_warned_places_are_marked_and_rest_while_the_bound_is_dragged(smoothed) 
 
 
 def test_the_point_that_is_held_and_the_boundary_are_drawn(smoothed) -> None:
-    view = replace(SMOOTHING, drawing="move", grabbed=3, ghost=(600.0, 50.0, 390.0))
+    view = replace(SMOOTHING, drawing="move", moved_point=3, move_target=(600.0, 50.0, 390.0))
     nodes = drawn(smoothed, view)
     np.testing.assert_allclose(
         nodes["/edit/grabbed"].points[0], corners(smoothed)[3] / 1000, atol=1e-6

@@ -31,21 +31,21 @@ from rona_core.robot.verification.verifier import verify_scan
 from rona_core.session.document import Session
 from rona_core.session.files import load_session
 from rona_ui.panels.roll.certificate import ChecksPanel
+from rona_ui.panels.roll.joints_graph import joint_data
 from rona_ui.panels.roll.margins import bar
 from rona_ui.panels.roll.roll import RollPanel
 from rona_ui.panels.roll.roll_browser import RollsPanel, column_shown
-from rona_ui.panels.roll.roll_ranking import RankingPart
-from rona_ui.panels.widgets.graphs import joint_data
-from rona_ui.panels.widgets.roll_image import curve_lines, legend, roll_image, roll_picture
-from rona_ui.scene.colors import GREEN, VERMILLION, css
+from rona_ui.panels.roll.roll_image import curve_lines, legend, roll_image, roll_picture
+from rona_ui.panels.roll.roll_ranking import RollRanking
+from rona_ui.presentation.colors import GREEN, VERMILLION, css
+from rona_ui.presentation.shown_robot import shown_joints
+from rona_ui.presentation.view_state import ViewState
 from rona_ui.scene.roll.margins import PATH, STOP, WORDS, MarginsLayer
-from rona_ui.scene.roll.replay_joints import joints_shown
-from rona_ui.scene.setup.clearance import RED, NearLayer, ObstaclesLayer, marked
+from rona_ui.scene.setup.clearance import RED, ClearanceLayer, ObstaclesLayer, highlighted_parts
 from rona_ui.scene.setup.robot import ROOT
-from rona_ui.scene.viser_nodes import Stage
-from rona_ui.view_state import ViewState
+from rona_ui.scene.viser_nodes import SceneNodes
 from tests.helpers.fake_gui import FakeGui
-from tests.ui.panels.test_panels import CLIENT, Recorder, picture
+from tests.ui.panels.test_panels import CLIENT, Recorder, snapshot
 
 DEMO = Path(__file__).resolve().parents[3] / "sessions" / "demo.rona"
 ROLL = ViewState(step="roll")
@@ -146,7 +146,7 @@ def test_the_strip_tells_every_reason_by_colour_word_and_count() -> None:
     assert tops[0] == tops[3] == css(GREEN)
     assert len(set(tops)) == 3
     words = legend(a_strip())
-    assert "2 × works" in words
+    assert "2 × feasible" in words
     assert "1 × joint limit" in words
     assert "1 × out of reach" in words
     assert "singularity" not in words
@@ -169,15 +169,15 @@ def test_a_roll_that_leaves_at_one_edge_comes_back_at_the_other() -> None:
 def test_a_failing_roll_shows_the_pose_that_it_would_need_where_it_fails(demo: Session) -> None:
     plan, fails = plan_of(demo), failing_roll(demo)
     verdict, model = plan.verdicts[fails], robot_model(plan.model)
-    at = picture(demo, view=replace(ROLL, shown_roll=fails))
-    q_rad = joints_shown(at)
+    at = snapshot(demo, view=replace(ROLL, shown_roll=fails))
+    q_rad = shown_joints(at)
     assert q_rad is not None
     tip = (model.joint_poses(q_rad)[-1] @ model.T_flange_probe).translation
     gap = np.linalg.norm(plan.path.points_base[verdict.index] - tip)
     assert gap <= np.diff(plan.path.arc_length_mm()[plan.shown_points]).max()
-    assert {link for link, _ in marked(at)} >= {verdict.joint}
-    moved = picture(demo, view=replace(ROLL, shown_roll=fails, place=1.0))
-    q_end = joints_shown(moved)
+    assert {link for link, _ in highlighted_parts(at)} >= {verdict.joint}
+    moved = snapshot(demo, view=replace(ROLL, shown_roll=fails, place=1.0))
+    q_end = shown_joints(moved)
     assert q_end is not None
     end = (model.joint_poses(q_end)[-1] @ model.T_flange_probe).translation
     np.testing.assert_allclose(end, plan.path.points_base[-1], atol=0.01)
@@ -214,11 +214,11 @@ def test_margins_are_those_of_the_search_and_of_the_verifier(demo: Session) -> N
     assert chosen.room.min() == pytest.approx(plan.verdicts[plan.chosen].margin, abs=1e-6)
     assert plan.certificate.min_clearance_mm <= chosen.clearance_mm.min() + 0.5
     assert not chosen.collides.any()
-    assert "Least along the path" in bar(chosen, "clearance")
+    assert "Minimum along the path" in bar(chosen, "clearance")
 
 
 def test_near_pairs_are_all_that_are_too_close_worst_first(refused: Session) -> None:
-    q_rad = joints_shown(picture(refused, view=ROLL))
+    q_rad = shown_joints(snapshot(refused, view=ROLL))
     assert q_rad is not None
     pairs = near_pairs(refused, q_rad)
     assert pairs
@@ -246,11 +246,11 @@ def test_what_is_too_close_is_red_and_gets_its_own_colour_back(
     demo: Session, refused: Session
 ) -> None:
     scene = FakeScene()
-    stage = Stage(scene)
-    near, obstacles = NearLayer(stage), ObstaclesLayer(stage)
+    nodes = SceneNodes(scene)
+    near, obstacles = ClearanceLayer(nodes), ObstaclesLayer(nodes)
     body = f"{ROOT}/link6/probe body"
-    stage.mesh(body, drawn_obstacles(demo)[0].mesh, (1, 2, 3))
-    good, bad = picture(demo, view=ROLL), picture(refused, view=ROLL)
+    nodes.mesh(body, drawn_obstacles(demo)[0].mesh, (1, 2, 3))
+    good, bad = snapshot(demo, view=ROLL), snapshot(refused, view=ROLL)
     near.render(None, bad)
     obstacles.render(None, bad)
     assert scene.nodes[body].color == RED
@@ -263,7 +263,7 @@ def test_what_is_too_close_is_red_and_gets_its_own_colour_back(
     assert scene.nodes[body].color != RED
     assert not head.visible
     wanted = replace(ROLL, hidden=ROLL.hidden - {"obstacles"})
-    obstacles.render(good, picture(demo, view=wanted))
+    obstacles.render(good, snapshot(demo, view=wanted))
     assert head.visible
     assert head.color != RED
     assert scene.nodes["/obstacles/table"].visible
@@ -271,36 +271,36 @@ def test_what_is_too_close_is_red_and_gets_its_own_colour_back(
 
 def test_the_path_is_drawn_by_margins_and_stops_where_the_roll_fails(demo: Session) -> None:
     fails, scene = failing_roll(demo), FakeScene()
-    layer = MarginsLayer(Stage(scene))
+    layer = MarginsLayer(SceneNodes(scene))
     plan = plan_of(demo)
-    layer.render(None, picture(demo, view=replace(ROLL, shown_roll=fails)))
+    layer.render(None, snapshot(demo, view=replace(ROLL, shown_roll=fails)))
     colors = scene.nodes[PATH].values[1]
     assert (colors == VERMILLION).all(axis=1).any()
     stop = scene.nodes[STOP].values[0][0] * 1000.0
     np.testing.assert_allclose(stop, plan.path.points_base[plan.verdicts[fails].index], atol=1e-3)
     assert f"joint {plan.verdicts[fails].joint}" in scene.nodes[WORDS].values[0]
-    layer.render(None, picture(demo, view=ROLL))
+    layer.render(None, snapshot(demo, view=ROLL))
     assert STOP not in scene.nodes
     assert WORDS not in scene.nodes
-    layer.render(None, picture(demo, view=ViewState(step="scan")))
+    layer.render(None, snapshot(demo, view=ViewState(step="scan")))
     assert PATH not in scene.nodes
 
 
 def test_the_slider_follows_a_varying_roll_and_one_click_leads_back(demo: Session) -> None:
     session, recorder, gui = varying(demo), Recorder(), FakeGui()
-    panel = RollsPanel(gui, recorder.door)
-    panel.render(None, picture(session, view=ROLL))
+    panel = RollsPanel(gui, recorder.context)
+    panel.render(None, snapshot(session, view=ROLL))
     rolls = [v.roll_deg for v in plan_of(session).verdicts]
-    assert rolls[column_shown(picture(session, view=replace(ROLL, place=0.0))) or 0] == 330.0
-    assert rolls[column_shown(picture(session, view=replace(ROLL, place=1.0))) or 0] == 30.0
-    back = gui.find("button", "Show the chosen roll")
+    assert rolls[column_shown(snapshot(session, view=replace(ROLL, place=0.0))) or 0] == 330.0
+    assert rolls[column_shown(snapshot(session, view=replace(ROLL, place=1.0))) or 0] == 30.0
+    back = gui.find("button", "Show selected roll")
     assert not back.visible
     slider = gui.find("slider", "Roll")
     slider.value = failing_roll(demo)
     slider.happen(CLIENT)
     assert recorder.sent == []  # one that fails is looked at only
     assert recorder.shown.shown_roll == failing_roll(demo)
-    panel.render(None, picture(session, view=replace(ROLL, shown_roll=3)))
+    panel.render(None, snapshot(session, view=replace(ROLL, shown_roll=3)))
     assert back.visible
     back.happen(CLIENT)
     assert recorder.shown.shown_roll is None
@@ -309,8 +309,8 @@ def test_the_slider_follows_a_varying_roll_and_one_click_leads_back(demo: Sessio
 def test_moving_along_the_path_ends_the_replay(demo: Session) -> None:
     gui, recorder = FakeGui(), Recorder()
     recorder.shown = replace(ROLL, cursor=0.3, playing=True)
-    RollsPanel(gui, recorder.door).render(None, picture(demo, view=ROLL))
-    place = gui.find("slider", "Place (%)")
+    RollsPanel(gui, recorder.context).render(None, snapshot(demo, view=ROLL))
+    place = gui.find("slider", "Path position (%)")
     assert place.visible
     place.value = 80.0
     place.happen(CLIENT)
@@ -320,10 +320,10 @@ def test_moving_along_the_path_ends_the_replay(demo: Session) -> None:
 
 def test_the_ranking_plans_with_the_roll_and_branch_that_is_taken(demo: Session) -> None:
     gui, recorder = FakeGui(), Recorder()
-    RankingPart(gui, recorder.door).render(None, picture(demo, view=ROLL))
+    RollRanking(gui, recorder.context).render(None, snapshot(demo, view=ROLL))
     ways = ranked_ways(demo)
     assert [way.margin for way in ways] == sorted((w.margin for w in ways), reverse=True)
-    choice = gui.find("dropdown", "Take")
+    choice = gui.find("dropdown", "Use")
     assert choice.value.startswith("1: ")  # the best one was chosen
     choice.value = choice.options[3]
     choice.happen(CLIENT)
@@ -332,16 +332,16 @@ def test_the_ranking_plans_with_the_roll_and_branch_that_is_taken(demo: Session)
 
 def test_every_check_is_listed_with_value_limit_and_verdict(demo: Session) -> None:
     gui, recorder = FakeGui(), Recorder()
-    ChecksPanel(gui, recorder.door).render(None, picture(demo, view=ROLL))
+    ChecksPanel(gui, recorder.context).render(None, snapshot(demo, view=ROLL))
     html, checks = gui.html(), plan_of(demo).certificate.checks
-    assert "Certified" in html
+    assert "Verified" in html
     assert html.count("pass") == len(checks)
     for check in checks:
         assert check.name in html
     view = certificate_view(demo)
     assert view is not None
     row = next(r for r in view.rows if r.check.name == "wrist from straight")
-    choice = gui.find("dropdown", "Show worst")
+    choice = gui.find("dropdown", "Go to worst")
     choice.value = "wrist from straight"
     choice.happen(CLIENT)
     assert recorder.shown.cursor == row.share
@@ -350,18 +350,18 @@ def test_every_check_is_listed_with_value_limit_and_verdict(demo: Session) -> No
 
 def test_a_refused_plan_says_why_and_where_and_blocks_the_scan(refused: Session) -> None:
     gui, recorder = FakeGui(), Recorder()
-    at = picture(refused, view=ROLL)
-    ChecksPanel(gui, recorder.door).render(None, at)
+    at = snapshot(refused, view=ROLL)
+    ChecksPanel(gui, recorder.context).render(None, at)
     html = gui.html()
     assert "Refused" in html
     assert "clearance from the head" in html
     assert re.search(r"at \d+\.\d s, path \d+ %", html)
-    assert "Certified" not in html
-    failing = gui.find("dropdown", "Show worst").options[1]
+    assert "Verified" not in html
+    failing = gui.find("dropdown", "Go to worst").options[1]
     assert failing == "✖ clearance from the head"  # what fails comes first
     panel = FakeGui()
-    RollPanel(panel, recorder.door).render(None, at)
-    assert "Refused for: clearance from the head" in panel.html()
+    RollPanel(panel, recorder.context).render(None, at)
+    assert "Refused: clearance from the head" in panel.html()
     states = {step.name: step for step in step_states(refused)}
     assert states["roll"].state == "ready"
     assert "refused by the verifier" in states["roll"].reason

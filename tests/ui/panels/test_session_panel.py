@@ -14,7 +14,7 @@ from rona_ui.panels.layout.question import Choice, Question
 from rona_ui.panels.layout.session import SessionPanel, head
 from rona_ui.window.browser import Browser
 from tests.helpers.fake_gui import FakeClient, FakeGui
-from tests.ui.panels.test_panels import CLIENT, Recorder, picture
+from tests.ui.panels.test_panels import CLIENT, Recorder, snapshot
 
 A, B = Session(id="a1", name="bone"), Session(id="b2", name="bone")
 OPENED = (("a1", "bone"), ("b2", "bone"))
@@ -22,9 +22,9 @@ OPENED = (("a1", "bone"), ("b2", "bone"))
 
 def panel(**parts: Any) -> tuple[FakeGui, Recorder]:
     gui, recorder = FakeGui(), Recorder()
-    shown = SessionPanel(gui, recorder.door)
+    shown = SessionPanel(gui, recorder.context)
     files = (Path("old+new.rona"),)
-    shown.render(None, picture(B, opened=OPENED, files=files, **parts))
+    shown.render(None, snapshot(B, opened=OPENED, files=files, **parts))
     return gui, recorder
 
 
@@ -43,7 +43,7 @@ def answers(gui: FakeGui) -> list[str]:
 def test_without_changes_nothing_is_asked() -> None:
     gui, recorder = panel()
     gui.find("dropdown", "File").value = "old+new.rona"
-    for label in ("New session", "Open the file", "Close this session"):
+    for label in ("New session", "Open file", "Close session"):
         press(gui, label)
     assert recorder.services == ["new", "open:old+new.rona", "close:b2"]
     assert not [h for h in gui.handles if h.kind == "modal"]
@@ -52,14 +52,14 @@ def test_without_changes_nothing_is_asked() -> None:
 @pytest.mark.parametrize(
     ("button", "answer", "services"),
     [
-        ("New session", "Save it first", ["save:b2+new"]),
-        ("New session", "Keep it open, not saved", ["new"]),
+        ("New session", "Save first", ["save:b2+new"]),
+        ("New session", "Keep open, unsaved", ["new"]),
         ("New session", "Cancel", []),
-        ("Open the file", "Save it first", ["save:b2+open:old+new.rona"]),
-        ("Open the file", "Keep it open, not saved", ["open:old+new.rona"]),
-        ("Close this session", "Save and close", ["save:b2+drop:b2"]),
-        ("Close this session", "Close without saving", ["drop:b2"]),
-        ("Close this session", "Cancel", []),
+        ("Open file", "Save first", ["save:b2+open:old+new.rona"]),
+        ("Open file", "Keep open, unsaved", ["open:old+new.rona"]),
+        ("Close session", "Save and close", ["save:b2+drop:b2"]),
+        ("Close session", "Close without saving", ["drop:b2"]),
+        ("Close session", "Cancel", []),
     ],
 )
 def test_with_changes_it_is_asked_first(button: str, answer: str, services: list[str]) -> None:
@@ -67,7 +67,7 @@ def test_with_changes_it_is_asked_first(button: str, answer: str, services: list
     gui.find("dropdown", "File").value = "old+new.rona"
     press(gui, button)
     assert recorder.services == []
-    assert "has changes that are not saved" in gui.html()
+    assert "has unsaved changes" in gui.html()
     assert answer in answers(gui)
     press(gui, answer)
     assert recorder.services == services
@@ -92,11 +92,11 @@ def test_the_open_sessions_are_listed_and_one_is_chosen() -> None:
         ({}, "● not saved"),
         ({"copy": "kept"}, "● not saved, copy kept"),
         ({"recovered": True, "copy": "kept"}, "● recovered, not saved"),
-        ({"recovered": True, "copy": "failed"}, "● recovered, not saved, no room for a copy"),
+        ({"recovered": True, "copy": "failed"}, "● recovered, not saved, no space for a copy"),
     ],
 )
 def test_the_head_says_how_the_session_stands(parts: dict[str, Any], words: str) -> None:
-    assert f">{words}</span>" in head(picture(A, **parts))
+    assert f">{words}</span>" in head(snapshot(A, **parts))
 
 
 @pytest.fixture

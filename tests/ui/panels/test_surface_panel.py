@@ -10,11 +10,11 @@ from rona_core.session.document import Derived, Session
 from rona_core.session.specimen import LoadedSkull
 from rona_core.surface.cloud import SurfaceCloud
 from rona_ui.panels.surface import SurfacePanel
-from rona_ui.view_state import ViewState
+from rona_ui.presentation.view_state import ViewState
 from tests.helpers.fake_gui import FakeGui
-from tests.ui.panels.test_panels import CLIENT, Recorder, picture
+from tests.ui.panels.test_panels import CLIENT, Recorder, snapshot
 
-WORDS = "Register the loaded skull"
+WORDS = "Register loaded skull"
 
 
 def loaded() -> LoadedSkull:
@@ -46,7 +46,7 @@ def sampled(session: Session) -> Session:
 
 def test_only_a_loaded_skull_with_points_can_be_registered() -> None:
     gui, recorder = FakeGui(), Recorder()
-    panel = SurfacePanel(gui, recorder.door)
+    panel = SurfacePanel(gui, recorder.context)
     button = gui.find("button", WORDS)
     view = ViewState(step="surface")
     with_skull = replace(Session(), setup=replace(Session().setup, specimen=loaded()))
@@ -56,12 +56,12 @@ def test_only_a_loaded_skull_with_points_can_be_registered() -> None:
         (with_skull, False),
         (sampled(with_skull), True),
     ):
-        panel.render(None, picture(session, view=view))
+        panel.render(None, snapshot(session, view=view))
         assert button.visible is offered
     button.happen(CLIENT)
     assert recorder.sent == [StartSkullRegistration()]
     running = JobStatus("1", "StartSkullRegistration", "running", 0.1)
-    panel.render(None, picture(sampled(with_skull), view=view, job=running))
+    panel.render(None, snapshot(sampled(with_skull), view=view, job=running))
     assert button.disabled
-    panel.render(None, picture(sampled(with_skull), view=replace(view, drawing="surface")))
+    panel.render(None, snapshot(sampled(with_skull), view=replace(view, drawing="surface")))
     assert not button.visible

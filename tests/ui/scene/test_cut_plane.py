@@ -17,12 +17,14 @@ from rona_core.geometry.pose import Pose
 from rona_core.mapping.boundary_map import BoundaryMap, Maps
 from rona_core.session.document import Session
 from rona_core.session.files import load_session
-from rona_ui.scene.camera import HEAD, preset
+from rona_ui.presentation.camera import HEAD, camera_pose
+from rona_ui.presentation.snapshot import Snapshot
+from rona_ui.presentation.static_scene import StaticScene
+from rona_ui.presentation.view_state import ViewState
 from rona_ui.scene.cut_plane import Plane, crossings, cut, cut_plane, lengthwise
 from rona_ui.scene.maps.map_section import BAND, INNER, OUTER, ProfileLayer, band, profile
 from rona_ui.scene.maps.maps import MapLayer
 from rona_ui.scene.setup.skull import NODE, RIM, RIM_MM, SkullLayer, opened
-from rona_ui.view_state import Backdrop, Picture, ViewState
 from tests.helpers.strategies import random_pose, seeds, unit_vectors
 
 DEMO = Path(__file__).resolve().parents[3] / "sessions" / "demo.rona"
@@ -141,13 +143,13 @@ def test_corners_that_lie_exactly_in_the_plane_are_no_trouble(axis: int, sign: f
 HEAD_AXES = Pose.from_rotvec((0.2, -1.3, 0.4), (0.0, 0.0, 0.0)).rotation
 
 
-def backdrop(axes: Any = HEAD_AXES, **parts: Any) -> Backdrop:
+def static_scene(axes: Any = HEAD_AXES, **parts: Any) -> StaticScene:
     """A ball for a head, its region on the left side, as seen by the head's axes."""
     middle = np.array((600.0, 50.0, 330.0))
     turned = np.eye(3) if axes is None else axes
     normal = turned @ np.array((-0.9, -0.1, 0.3))
     normal /= np.linalg.norm(normal)
-    scene = Backdrop(
+    scene = StaticScene(
         origin="VIRTUAL",
         skull=sphere(middle),
         region_center_base=middle + RADIUS_MM * normal,
@@ -160,12 +162,14 @@ def backdrop(axes: Any = HEAD_AXES, **parts: Any) -> Backdrop:
     return replace(scene, **parts)
 
 
-SCENE = backdrop()
+SCENE = static_scene()
 
 
-def picture(scene: Backdrop | None = SCENE, session: Session | None = None, **view: Any) -> Picture:
+def snapshot(
+    scene: StaticScene | None = SCENE, session: Session | None = None, **view: Any
+) -> Snapshot:
     held = session or Session()
-    return Picture(held, ViewState(**view), step_states(held), LiveState(), backdrop=scene)
+    return Snapshot(held, ViewState(**view), step_states(held), LiveState(), static_scene=scene)
 
 
 @pytest.mark.parametrize("axes", [HEAD_AXES, None])
@@ -173,9 +177,9 @@ def picture(scene: Backdrop | None = SCENE, session: Session | None = None, **vi
 def test_both_planes_stand_on_the_region_at_right_angles_and_shift_by_the_slider(
     axes: Any, at_mm: float
 ) -> None:
-    scene = backdrop(axes)
+    scene = static_scene(axes)
     planes = [
-        cut_plane(picture(scene, slice_across=across, slice_mm=at_mm))
+        cut_plane(snapshot(scene, cut_direction=across, cut_offset_mm=at_mm))
         for across in ("lengthwise", "crosswise")
     ]
     frame = np.array([scene.region_normal_base, *(plane.normal_base for plane in planes)])
@@ -198,13 +202,13 @@ def test_a_region_on_any_end_of_the_head_has_a_plane(column: int) -> None:
 
 
 def test_nothing_is_cut_when_off_while_drawing_and_before_the_skull_is_known() -> None:
-    assert cut_plane(picture()) is None
-    assert cut_plane(picture(slice_across="crosswise", drawing="path")) is None
-    assert cut_plane(picture(None, slice_across="crosswise")) is None
+    assert cut_plane(snapshot()) is None
+    assert cut_plane(snapshot(cut_direction="crosswise", drawing="path")) is None
+    assert cut_plane(snapshot(None, cut_direction="crosswise")) is None
 
 
 def test_the_round_window_survives_the_cut() -> None:
-    plane = cut_plane(picture(slice_across="crosswise", slice_mm=5.0))
+    plane = cut_plane(snapshot(cut_direction="crosswise", cut_offset_mm=5.0))
     left = cut(opened(SCENE), plane)
     assert 0.0 < area(left) < area(cut(SCENE.skull, plane))
     centers = left.vertices[left.faces].mean(axis=1) - SCENE.region_center_base
@@ -247,93 +251,93 @@ class FakeStage:
 
 
 def test_the_skull_follows_the_slider_and_is_whole_again_while_somebody_draws() -> None:
-    stage: Any = FakeStage()
-    layer, old = SkullLayer(stage), None
+    nodes: Any = FakeStage()
+    layer, old = SkullLayer(nodes), None
     views = [
         {},
-        {"slice_across": "lengthwise"},
-        {"slice_across": "lengthwise", "slice_mm": 20.0},
-        {"slice_across": "lengthwise", "slice_mm": 20.0, "drawing": "path"},
+        {"cut_direction": "lengthwise"},
+        {"cut_direction": "lengthwise", "cut_offset_mm": 20.0},
+        {"cut_direction": "lengthwise", "cut_offset_mm": 20.0, "drawing": "path"},
     ]
     areas = []
     for view in views:
-        new = picture(**view)
+        new = snapshot(**view)
         layer.render(old, new)
         layer.render(new, new)  # nothing has changed, so nothing is sent
-        areas.append(area(stage.drawn[NODE]) / area(SCENE.skull))
+        areas.append(area(nodes.drawn[NODE]) / area(SCENE.skull))
         old = new
     assert areas[0] == areas[3] == 1.0
     assert areas[1] == pytest.approx(0.5, abs=0.01)  # the region's normal goes through the middle
     assert areas[2] == pytest.approx(0.5 - 20.0 / (2.0 * RADIUS_MM), abs=0.01)  # Archimedes
-    assert stage.count == len(views)
-    assert stage.drawn[RIM].shape == (0, 2, 3)
+    assert nodes.count == len(views)
+    assert nodes.drawn[RIM].shape == (0, 2, 3)
 
 
 def test_a_skull_that_is_cut_away_is_hidden_but_still_there_to_be_clicked_later() -> None:
-    stage: Any = FakeStage()
+    nodes: Any = FakeStage()
     small = Mesh(SCENE.region_center_base + 0.2 * (BALL.vertices), BALL.faces)
-    layer, scene = SkullLayer(stage), replace(SCENE, skull=small)
-    gone = picture(scene, slice_across="crosswise", slice_mm=30.0)
+    layer, scene = SkullLayer(nodes), replace(SCENE, skull=small)
+    gone = snapshot(scene, cut_direction="crosswise", cut_offset_mm=30.0)
     layer.render(None, gone)
-    assert NODE in stage.drawn
-    assert len(stage.drawn[NODE].faces)
-    assert not stage.visible[NODE]
-    layer.render(gone, picture(scene, slice_across="crosswise", slice_mm=0.0))
-    assert stage.visible[NODE]
+    assert NODE in nodes.drawn
+    assert len(nodes.drawn[NODE].faces)
+    assert not nodes.visible[NODE]
+    layer.render(gone, snapshot(scene, cut_direction="crosswise", cut_offset_mm=0.0))
+    assert nodes.visible[NODE]
 
 
 @pytest.fixture(scope="module")
-def demo() -> Picture:
+def demo() -> Snapshot:
     """The demo session with its maps, beneath a region that stands where the maps are."""
     session = load_session(DEMO)
     outer = session.results.maps.value.outer
-    scene = backdrop(
+    scene = static_scene(
         region_center_base=outer.points_base().mean(axis=0),
         region_normal_base=outer.T_base_map.rotation[:, 2],
     )
-    return picture(scene, session, step="maps", hidden=frozenset())
+    return snapshot(scene, session, step="maps", hidden=frozenset())
 
 
 @pytest.mark.parametrize("name", ["outer", "inner", "fused"])
-def test_the_maps_stay_whole_unless_they_are_to_be_cut_too(demo: Picture, name: str) -> None:
-    stage: Any = FakeStage()
-    layer, node = MapLayer(stage, name), f"/maps/{name}"
+def test_the_maps_stay_whole_unless_they_are_to_be_cut_too(demo: Snapshot, name: str) -> None:
+    nodes: Any = FakeStage()
+    layer, node = MapLayer(nodes, name), f"/maps/{name}"
     layer.render(None, demo)
-    whole = stage.drawn[node]
-    only_skull = replace(demo, view=replace(demo.view, slice_across="crosswise"))
+    whole = nodes.drawn[node]
+    only_skull = replace(demo, view=replace(demo.view, cut_direction="crosswise"))
     layer.render(demo, only_skull)
-    assert stage.drawn[node] is whole
-    both = replace(demo, view=replace(only_skull.view, slice_maps=True))
+    assert nodes.drawn[node] is whole
+    both = replace(demo, view=replace(only_skull.view, cut_maps=True))
     layer.render(only_skull, both)
-    left = stage.drawn[node]
+    left = nodes.drawn[node]
     behind = cut_plane(both).heights_mm(whole) < 0.0
     assert 0.2 < behind.mean() < 0.8
     np.testing.assert_array_equal(left, whole[behind])
     layer.render(both, only_skull)
-    np.testing.assert_array_equal(stage.drawn[node], whole)
+    np.testing.assert_array_equal(nodes.drawn[node], whole)
 
 
-def test_the_bone_in_the_cut_comes_and_goes_with_the_cut(demo: Picture) -> None:
-    stage: Any = FakeStage()
-    layer = ProfileLayer(stage)
+def test_the_bone_in_the_cut_comes_and_goes_with_the_cut(demo: Snapshot) -> None:
+    nodes: Any = FakeStage()
+    layer = ProfileLayer(nodes)
     layer.render(None, demo)
-    assert BAND not in stage.drawn
-    assert not stage.visible[BAND]
-    sliced = replace(demo, view=replace(demo.view, slice_across="crosswise"))
+    assert BAND not in nodes.drawn
+    assert not nodes.visible[BAND]
+    sliced = replace(demo, view=replace(demo.view, cut_direction="crosswise"))
     layer.render(demo, sliced)
-    assert stage.visible[BAND]
+    assert nodes.visible[BAND]
     for node in (OUTER, INNER):
-        assert len(stage.drawn[node]) > 10
-        heights = cut_plane(sliced).heights_mm(stage.drawn[node].reshape(-1, 3))
+        assert len(nodes.drawn[node]) > 10
+        heights = cut_plane(sliced).heights_mm(nodes.drawn[node].reshape(-1, 3))
         np.testing.assert_allclose(heights, 0.0, atol=1e-9)
     hidden = replace(
         sliced, view=replace(sliced.view, hidden=frozenset(("outer", "inner", "fused")))
     )
     layer.render(sliced, hidden)
-    assert not any(stage.visible[node] for node in (BAND, OUTER, INNER))
+    assert not any(nodes.visible[node] for node in (BAND, OUTER, INNER))
     layer.render(hidden, demo)
-    assert not stage.visible[BAND]
-    assert len(stage.drawn[OUTER]) == 0
+    assert not nodes.visible[BAND]
+    assert len(nodes.drawn[OUTER]) == 0
 
 
 def slab(seed: int, thickness_mm: float) -> Maps:
@@ -384,15 +388,15 @@ def test_views_of_the_head_are_from_where_their_names_say() -> None:
     assert set(wanted) == set(HEAD)
     middle = SCENE.skull.vertices.mean(axis=0)
     for name, (side, up) in wanted.items():
-        sight = preset(name, SCENE)
+        sight = camera_pose(name, SCENE)
         away = sight.eye_base - sight.target_base
         np.testing.assert_allclose(away / np.linalg.norm(away), side, atol=1e-12)
         np.testing.assert_allclose(sight.up_base, up, atol=1e-12)
         np.testing.assert_allclose(sight.target_base, middle, atol=0.5)
     region = SCENE.region_center_base - middle
-    assert region @ (preset("Lateral L", SCENE).eye_base - middle) > 0.0
+    assert region @ (camera_pose("Lateral L", SCENE).eye_base - middle) > 0.0
 
 
 @pytest.mark.parametrize("name", ["Overview", "Region", "Robot", "Top", "Left", "Right"])
 def test_other_views_keep_the_room_upright(name: str) -> None:
-    np.testing.assert_array_equal(preset(name, SCENE).up_base, (0.0, 0.0, 1.0))
+    np.testing.assert_array_equal(camera_pose(name, SCENE).up_base, (0.0, 0.0, 1.0))

@@ -6,17 +6,17 @@ import numpy as np
 
 from rona_core.app.steps.acoustics.view import ReferenceRow
 from rona_core.session.document import Captures, ReferenceCapture, Session
-from rona_ui.scene.colors import ORANGE, PURPLE
+from rona_ui.presentation.colors import ORANGE, PURPLE
+from rona_ui.presentation.view_state import LAYERS, ViewState
 from rona_ui.scene.maps.reference_points import POINTS, ReferencesLayer, label_words
-from rona_ui.view_state import LAYERS, ViewState
-from tests.ui.panels.test_obstacles_panel import ROOM, Stage
-from tests.ui.panels.test_panels import picture
+from tests.ui.panels.test_obstacles_panel import ROOM, SceneNodes
+from tests.ui.panels.test_panels import snapshot
 
 MAPS = ViewState(step="maps")
 PLACES = np.array([[600.0, 60.0, 400.0], [610.0, 50.0, 398.0], [590.0, 70.0, 399.0]])
 
 
-class Clouds(Stage):
+class Clouds(SceneNodes):
     """Remembers points and colours of clouds, too."""
 
     def cloud(self, node, points, colors, *, size_mm):
@@ -33,32 +33,32 @@ def measured(n):
 
 
 def test_points_have_their_places_and_numbers_and_go_with_the_layer():
-    stage = Clouds()
-    layer = ReferencesLayer(stage)
-    three = picture(measured(3), view=MAPS, backdrop=ROOM)
+    nodes = Clouds()
+    layer = ReferencesLayer(nodes)
+    three = snapshot(measured(3), view=MAPS, static_scene=ROOM)
     layer.render(None, three)
-    points, colors = stage.colors[POINTS]
+    points, colors = nodes.colors[POINTS]
     np.testing.assert_allclose(points, PLACES + (0.0, 0.0, 1.0))
     assert (colors == PURPLE).all()
-    assert sorted(stage.texts.values()) == ["1: 5.00 mm", "2: 6.00 mm", "3: 7.00 mm"]
-    assert all(stage.seen.values())
+    assert sorted(nodes.texts.values()) == ["1: 5.00 mm", "2: 6.00 mm", "3: 7.00 mm"]
+    assert all(nodes.seen.values())
     hidden = replace(three, view=replace(MAPS, hidden=frozenset({"references"})))
     layer.render(three, hidden)
-    assert len(stage.seen) == 4
-    assert not any(stage.seen.values())
-    two = picture(measured(2), view=MAPS, backdrop=ROOM)
+    assert len(nodes.seen) == 4
+    assert not any(nodes.seen.values())
+    two = snapshot(measured(2), view=MAPS, static_scene=ROOM)
     layer.render(hidden, two)
-    assert sorted(stage.texts.values()) == ["1: 5.00 mm", "2: 7.00 mm"]
-    layer.render(two, picture(view=MAPS, backdrop=ROOM))
-    assert stage.texts == stage.colors == {}
+    assert sorted(nodes.texts.values()) == ["1: 5.00 mm", "2: 7.00 mm"]
+    layer.render(two, snapshot(view=MAPS, static_scene=ROOM))
+    assert nodes.texts == nodes.colors == {}
     assert "references" in LAYERS
 
 
 def test_a_doubtful_point_is_orange_and_told_and_each_says_how_far_its_echo_is(monkeypatch):
     rows = (ReferenceRow(0, 5.0, 0.021, 2.65, True), ReferenceRow(1, 7.0, -0.9, 2.2, False))
     monkeypatch.setattr("rona_ui.scene.maps.reference_points.reference_rows", lambda session: rows)
-    stage = Clouds()
-    ReferencesLayer(stage).render(None, picture(measured(2), view=MAPS))
-    assert stage.colors[POINTS][1].tolist() == [list(PURPLE), list(ORANGE)]
+    nodes = Clouds()
+    ReferencesLayer(nodes).render(None, snapshot(measured(2), view=MAPS))
+    assert nodes.colors[POINTS][1].tolist() == [list(PURPLE), list(ORANGE)]
     assert label_words(rows[0]) == "1: 5.00 mm, echo +0.02"
     assert label_words(rows[1]) == "2: 7.00 mm, echo -0.90 doubtful"

@@ -12,13 +12,15 @@ from rona_core.devices.settings import TrackerSettings
 from rona_core.devices.tracker_volumes import SILO, VOLUMES
 from rona_core.geometry.pose import Pose
 from rona_core.session.document import Session
+from rona_ui.presentation.snapshot import Snapshot
+from rona_ui.presentation.static_scene import StaticScene
+from rona_ui.presentation.view_state import ViewState
 from rona_ui.scene.setup.tracker import VOLUME, TrackerLayer, outline
-from rona_ui.view_state import Backdrop, Picture, ViewState
 
 T_BASE_TRACKER = Pose.from_rotvec((0.4, -2.0, 0.3), (1500.0, 300.0, 900.0))
 
 
-class Stage:
+class SceneNodes:
     """Remembers the lines that were drawn."""
 
     def __init__(self) -> None:
@@ -34,11 +36,11 @@ class Stage:
     label = show = mesh
 
 
-def picture(backdrop, profile):
+def snapshot(static_scene, profile):
     session = Session()
     devices = replace(session.setup.devices, tracker=TrackerSettings(profile=profile))
     held = replace(session, setup=replace(session.setup, devices=devices))
-    return Picture(held, ViewState(), step_states(held), LiveState(), backdrop=backdrop)
+    return Snapshot(held, ViewState(), step_states(held), LiveState(), static_scene=static_scene)
 
 
 @pytest.mark.parametrize("profile", VOLUMES)
@@ -58,15 +60,15 @@ def test_all_lines_lie_on_the_border_of_the_volume(profile):
 
 def test_another_profile_draws_another_volume_and_the_same_one_draws_nothing():
     empty = Mesh(np.zeros((0, 3)), np.zeros((0, 3), dtype=np.int64))
-    backdrop = Backdrop(
+    static_scene = StaticScene(
         "VIRTUAL", empty, np.zeros(3), np.array((0, 0, 1.0)), 25.0, T_BASE_TRACKER, np.zeros(6)
     )
-    stage = Stage()
-    layer = TrackerLayer(stage)
-    first, second = picture(backdrop, "polaris"), picture(backdrop, "vega")
+    nodes = SceneNodes()
+    layer = TrackerLayer(nodes)
+    first, second = snapshot(static_scene, "polaris"), snapshot(static_scene, "vega")
     layer.render(None, first)
     layer.render(first, first)
-    assert len(stage.drawn) == 1
+    assert len(nodes.drawn) == 1
     layer.render(first, second)
-    assert len(stage.drawn) == 2
-    np.testing.assert_allclose(stage.drawn[1], outline(VOLUMES["vega"], T_BASE_TRACKER))
+    assert len(nodes.drawn) == 2
+    np.testing.assert_allclose(nodes.drawn[1], outline(VOLUMES["vega"], T_BASE_TRACKER))

@@ -12,7 +12,7 @@ from rona_ui import labels
 from rona_ui.labels import DOING, STEP_OF, doing, in_words, label_of, note_label, place_of
 from rona_ui.panels.widgets.form import Form
 from rona_ui.viewer import bindings as bindings_module
-from rona_ui.viewer.bindings import SETTLE_S, Bindings, escape, tell
+from rona_ui.viewer.bindings import DEBOUNCE_S, Bindings, escape, tell
 from rona_ui.viewer.fields import Typed
 from tests.helpers.fake_gui import FakeClient, FakeGui
 
@@ -30,7 +30,7 @@ class FakeBench:
         self.got.append(message)
 
     def start(self, message: Any) -> None:
-        raise StepBlockedError("StartScan is blocked: first search the roll (step 7)")
+        raise StepBlockedError("StartScan is blocked: first plan the motion (step 7)")
 
     def stop(self) -> None:
         self.stopped.set()
@@ -80,7 +80,7 @@ def test_messages_arrive_in_the_order_of_the_clicks(bindings: Bindings, bench: F
 
 def test_what_we_wrote_ourselves_sends_nothing(bindings: Bindings, bench: FakeBench) -> None:
     bindings.send(lambda: SetSeed(1), event(None))
-    bindings.send_settled("seed", lambda: SetSeed(2), event(None))
+    bindings.send_debounced("seed", lambda: SetSeed(2), event(None))
     bindings.call(lambda: bench.got.append("call"), event(None))
     bindings.stop(event(None))
     drain(bindings, FakeClient())
@@ -93,11 +93,11 @@ def test_a_field_that_is_being_dragged_sends_its_last_value_once(
 ) -> None:
     client = FakeClient()
     for seed in range(50):
-        bindings.send_settled("seed", lambda seed=seed: SetSeed(seed), event(client))
+        bindings.send_debounced("seed", lambda seed=seed: SetSeed(seed), event(client))
     assert bench.got == []
     end = time.monotonic() + 5.0
     while not bench.got and time.monotonic() < end:
-        time.sleep(SETTLE_S / 10)
+        time.sleep(DEBOUNCE_S / 10)
     drain(bindings, client)
     assert bench.got == [SetSeed(49)]
 
@@ -105,8 +105,8 @@ def test_a_field_that_is_being_dragged_sends_its_last_value_once(
 def test_what_was_typed_and_finished_need_not_settle(
     bindings: Bindings, bench: FakeBench, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(bindings_module, "SETTLE_S", 3600.0)
-    bindings.send_settled("seed", lambda: SetSeed(7), Typed(FakeClient(), None))
+    monkeypatch.setattr(bindings_module, "DEBOUNCE_S", 3600.0)
+    bindings.send_debounced("seed", lambda: SetSeed(7), Typed(FakeClient(), None))
     end = time.monotonic() + 5.0
     while not bench.got and time.monotonic() < end:
         time.sleep(0.01)
@@ -117,8 +117,8 @@ def test_a_click_comes_after_the_fields_that_were_changed_before_it(
     bindings: Bindings, bench: FakeBench
 ) -> None:
     client = FakeClient()
-    bindings.send_settled("seed", lambda: SetSeed(5), event(client))
-    bindings.send_settled("radius", lambda: SetRegion(radius_mm=30.0), event(client))
+    bindings.send_debounced("seed", lambda: SetSeed(5), event(client))
+    bindings.send_debounced("radius", lambda: SetRegion(radius_mm=30.0), event(client))
     bindings.send(lambda: RenameSession("after"), event(client))
     drain(bindings, client)
     assert bench.got == [SetSeed(5), SetRegion(radius_mm=30.0), RenameSession("after")]
@@ -144,7 +144,7 @@ def test_a_refusal_beside_the_queue_is_told_and_kept_like_any_other(
 ) -> None:
     client = FakeClient()
     bindings.refuse(InvalidInputError("expected a, got b: do c"), event(client))
-    assert client.notices == refusals == [("This value cannot be used", "expected a, got b: do c")]
+    assert client.notices == refusals == [("Invalid value", "expected a, got b: do c")]
 
 
 def test_a_refusal_is_told_with_cause_and_remedy_and_the_queue_goes_on(
@@ -156,9 +156,9 @@ def test_a_refusal_is_told_with_cause_and_remedy_and_the_queue_goes_on(
     bindings.send(lambda: SetSeed(3), event(client))
     drain(bindings, client)
     (blocked, why), (value, range_) = client.notices
-    assert blocked == "This step has to wait"
-    assert "first search the roll (step 7)" in why
-    assert value == "This value cannot be used"
+    assert blocked == "Step blocked"
+    assert "first plan the motion (step 7)" in why
+    assert value == "Invalid value"
     assert "seed must be 0 to" in range_
     assert bench.got == [SetSeed(3)]
     assert refusals == client.notices
@@ -214,7 +214,7 @@ def test_markup_is_escaped() -> None:
 def test_tell_names_the_kind_of_error() -> None:
     client = FakeClient()
     tell(client, InvalidInputError("expected a, got b: do c"))
-    assert client.notices == [("This value cannot be used", "expected a, got b: do c")]
+    assert client.notices == [("Invalid value", "expected a, got b: do c")]
 
 
 @pytest.fixture
@@ -239,9 +239,9 @@ def test_a_refusal_calls_a_parameter_what_its_field_is_called() -> None:
 @pytest.mark.usefixtures("only_own_fields")
 def test_a_parameter_without_a_field_or_with_two_is_told_in_words() -> None:
     assert in_words("half_turn_deg must be 1 to 85") == "Half turn (deg) must be 1 to 85"
-    assert label_of("sound_speed_mm_per_us") == "Bone (mm/µs)"
-    note_label("half_turn_deg", "Turn (deg)")
-    assert label_of("half_turn_deg") == "Turn (deg)"
+    assert label_of("sound_speed_mm_per_us") == "Sound speed (mm/µs)"
+    note_label("half_turn_deg", "Rotation (deg)")
+    assert label_of("half_turn_deg") == "Rotation (deg)"
     note_label("half_turn_deg", "Another turn (deg)")
     assert label_of("half_turn_deg") == "half turn (deg)"
     assert in_words("seed must be 0 to 9") == "seed must be 0 to 9"

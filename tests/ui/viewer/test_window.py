@@ -16,8 +16,9 @@ import websockets.asyncio.client
 from rona_core.app.runtime.jobs import JobStatus
 from rona_core.compose import build_hub
 from rona_core.errors import InvalidInputError
+from rona_ui.presentation.snapshot import Snapshot
+from rona_ui.presentation.view_state import ViewState
 from rona_ui.server import ServerSettings, server_of
-from rona_ui.view_state import Picture, ViewState
 from rona_ui.viewer.gateway import ViewerGateway
 from rona_ui.window import window as window_module
 from rona_ui.window.browser import Browser
@@ -82,9 +83,9 @@ class FakeBrowser:
         FakeBrowser.building.set()
         FakeBrowser.hold.wait(10.0)
 
-    def draw(self, picture: Picture) -> None:
+    def draw(self, snapshot: Snapshot) -> None:
         self.pictures += 1
-        self.newest = picture
+        self.newest = snapshot
 
 
 @pytest.fixture
@@ -156,7 +157,7 @@ def test_a_refusal_is_kept_with_the_step_that_was_open_and_fields_are_shown_anew
     assert soon(lambda: browser.pictures and browser.newest.refused == 1)
     (refusal,) = browser.newest.refusals
     assert refusal.where == "3 Pointer"
-    assert refusal.title == "This value cannot be used"
+    assert refusal.title == "Invalid value"
     assert refusal.body.endswith("must be 5 to 45, not 3: choose another")
     assert client.notices == [(refusal.title, refusal.body)]
 
@@ -185,7 +186,7 @@ def test_a_job_that_failed_is_kept_with_its_step_and_one_that_was_cancelled_is_n
     (refusal,) = browser.newest.refusals
     assert refusal.where == "3 Pointer, Pivoting the pointer"
     assert refusal.body == words
-    assert client.notices == [("The data cannot determine the answer", words)]
+    assert client.notices == [("Data not sufficient", words)]
 
 
 # -- real websockets -------------------------------------------------------------------------------

@@ -62,7 +62,7 @@ def _(activity: StartDelayLineCapture, session: Session, tools: Toolbox) -> Mess
     for number, temperature_c in enumerate(temperatures):
         if tools.cancel():
             raise CancelledError("the A-scans on the block were cancelled")
-        tracks.append(tools.rig.bench.shoot_block(probe, temperature_c, activity.n))
+        tracks.append(tools.rig.bench.record_reference_block(probe, temperature_c, activity.n))
         tools.progress((number + 1) / len(temperatures))
     capture = BlockCapture(
         ordinal=ordinal,

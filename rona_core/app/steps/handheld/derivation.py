@@ -20,7 +20,7 @@ from rona_core.devices.samples import AScanTrack
 from rona_core.errors import DegenerateGeometryError
 from rona_core.geometry.arrays import Bools
 from rona_core.geometry.pose import Poses
-from rona_core.mapping.build_maps import build_maps
+from rona_core.mapping.build_maps import LocatedDetection, build_maps
 from rona_core.session.document import Derived, Session, SonoMaps
 from rona_core.ultrasound.detection.detect import Detection
 from rona_core.ultrasound.detection.manual_corrections import corrected
@@ -107,8 +107,7 @@ def derive_sono_maps(
         detection = with_known_speed(detection, Ts_base_probe, session, wanted)
     cloud = session.results.surface if frame == "base" else None
     maps = build_maps(
-        detection,
-        Ts_base_probe,
+        LocatedDetection(detection, Ts_base_probe),
         None if cloud is None else cloud.value.points_base,
         cell_mm=message.cell_mm,
         probe=session_probe(session),

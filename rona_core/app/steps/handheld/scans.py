@@ -11,7 +11,7 @@ import numpy as np
 
 from rona_core.app.dependencies.base_reference import reference_of
 from rona_core.calibration.hand_eye.base_marker import MIN_FRAMES, mean_base
-from rona_core.devices.pose_interpolation import PosesAt, poses_at
+from rona_core.devices.pose_interpolation import InterpolatedPoses, interpolate_poses
 from rona_core.devices.settings import LATENCY_MS
 from rona_core.errors import RonaError, StepBlockedError
 from rona_core.geometry.arrays import Bools, readonly
@@ -37,14 +37,14 @@ def sono_delay_s(session: Session) -> float:
     return max(stated_s, delay.offset_s)
 
 
-def posed_scans(session: Session, capture: SonoCapture) -> PosesAt:
+def posed_scans(session: Session, capture: SonoCapture) -> InterpolatedPoses:
     """Return where the marker was at the A-scans."""
     return _posed(capture, sono_delay_s(session))
 
 
 @lru_cache(maxsize=4)  # captures never change
-def _posed(capture: SonoCapture, delay_s: float) -> PosesAt:
-    return poses_at(capture.marker, capture.scans.times_s, delay_s=delay_s)
+def _posed(capture: SonoCapture, delay_s: float) -> InterpolatedPoses:
+    return interpolate_poses(capture.marker, capture.scans.times_s, delay_s=delay_s)
 
 
 def hand_reference(session: Session, capture: SonoCapture) -> tuple[str, Pose, str]:

@@ -18,7 +18,7 @@ from rona_core.devices.protocols import Cancel, Progress, never, silent
 from rona_core.errors import StepBlockedError
 from rona_core.geometry.pose import Poses
 from rona_core.mapping.boundary_map import Maps
-from rona_core.mapping.build_maps import build_maps
+from rona_core.mapping.build_maps import LocatedDetection, build_maps
 from rona_core.mapping.second_pass import SecondPassSettings, plan_second_pass, standoffs_mm
 from rona_core.robot.kinematics.catalog import robot_model
 from rona_core.robot.planning.plan import RobotPlan
@@ -117,12 +117,12 @@ def derive_maps(
     if not first_only:
         detection = with_known_speed(detection, poses, session, wanted)
     if not first_only and capture is not None and again is not None:
-        there = probe_poses(session, capture)
-        seen = corrected(again.value, edits, "second", probe)
-        second = with_known_speed(seen, there, session, wanted), there
+        second_poses = probe_poses(session, capture)
+        edited = corrected(again.value, edits, "second", probe)
+        edited = with_known_speed(edited, second_poses, session, wanted)
+        second = LocatedDetection(edited, second_poses)
     return build_maps(
-        detection,
-        poses,
+        LocatedDetection(detection, poses),
         cloud.points_base,
         second=second,
         cell_mm=message.cell_mm,

@@ -18,6 +18,7 @@ from rona_core.robot.kinematics.catalog import robot_model
 from rona_core.session.document import ScanCapture, Session
 from rona_core.ultrasound.detection.detect import detect
 from rona_core.ultrasound.probe.probe_model import probe_model
+from rona_core.ultrasound.probe.survey import ProbeSurvey
 
 MARGIN_S = 0.3  # joint angles so long before and after a segment belong to it
 
@@ -56,7 +57,7 @@ def _delay(capture: ScanCapture, robot: str, probe: ProbeSettings) -> PoseDelay 
     if scans is None:
         return None
     model = robot_model(robot)
-    found = detect(scans, probe_model(probe), probe.excitation)
+    found = detect(ProbeSurvey(scans, probe_model(probe), probe.excitation))
     probes = model.forward(capture.joints.qs_rad) @ model.T_flange_probe
     times = capture.joints.times_s
     middle_s = _middle(capture)

@@ -10,6 +10,7 @@ from rona_core.geometry.arrays import Floats
 from rona_core.geometry.pose import Poses
 from rona_core.session.document import Session
 from rona_core.ultrasound.detection.detect import Detection, detect
+from rona_core.ultrasound.probe.survey import ProbeSurvey
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -18,7 +19,7 @@ class Survey:
 
     scans: AScanTrack
     poses: Poses  # (n,) of the probe
-    known_standoff_mm: Floats | None = None  # (n,) to the outer boundary, as ``detect`` says
+    known_standoff_mm: Floats | None = None  # (n,) to the outer boundary, see ``ProbeSurvey``
 
 
 def detect_survey(
@@ -36,14 +37,16 @@ def detect_survey(
         CancelledError: ``cancel`` said so.
     """
     return detect(
-        survey.scans,
-        session_probe(session),
-        session.setup.devices.probe.excitation,
+        ProbeSurvey(
+            survey.scans,
+            session_probe(session),
+            session.setup.devices.probe.excitation,
+            positions_mm=survey.poses.translations,
+            axes=survey.poses.rotations[:, :, 2],
+            known_standoff_mm=survey.known_standoff_mm,
+        ),
         method=message.method,
         sound_speed_mm_per_us=first_speed(message.sound_speed_mm_per_us),
-        positions_mm=survey.poses.translations,
-        axes=survey.poses.rotations[:, :, 2],
-        known_standoff_mm=survey.known_standoff_mm,
         progress=progress,
         cancel=cancel,
     )

@@ -20,7 +20,7 @@ from rona_core.errors import InvalidInputError, StaleResultError
 from rona_core.geometry.arrays import Floats, Vector3, as_vector3
 from rona_core.path.manual_edits import PathEdit, PathEdits, edit_path
 from rona_core.session.document import Session, SmoothPath
-from rona_core.surface.surface_pick import measured_place, place_beside
+from rona_core.surface.surface_pick import pick_surface_point, project_to_surface
 
 PICK_MM = 5.0  # a click farther from every point means none of them
 
@@ -88,7 +88,7 @@ def sight(session: Session, origin_base: ArrayLike, direction_base: ArrayLike) -
         DegenerateGeometryError: none was measured there.
     """
     cloud = need(session.results.surface, "sample the surface (step 4)").value
-    return measured_place(cloud.points_base, origin_base, direction_base)
+    return pick_surface_point(cloud.points_base, origin_base, direction_base)
 
 
 def nearest_point(points_base: Floats, origin_base: ArrayLike, direction: ArrayLike) -> int | None:
@@ -138,9 +138,9 @@ def _beside(index: int, session: Session) -> tuple[int | None, int | None]:
 def _place(point: Point, eye: Point | None, session: Session) -> Point:
     cloud = need(session.results.surface, "sample the surface (step 4)").value.points_base
     if eye is None:
-        place = place_beside(cloud, point)
+        place = project_to_surface(cloud, point)
     else:
-        place = measured_place(cloud, eye, np.subtract(point, eye))
+        place = pick_surface_point(cloud, eye, np.subtract(point, eye))
     x, y, z = (float(part) for part in place)
     return x, y, z
 

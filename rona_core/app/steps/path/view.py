@@ -16,7 +16,9 @@ from rona_core.geometry.pose import Pose
 from rona_core.geometry.rigid_fit import fit_plane
 from rona_core.path.manual_edits import distances_to_edited
 from rona_core.path.scan_patterns import patch_pose
-from rona_core.path.simplification.simplify import as_bound, chosen_points
+from rona_core.path.simplification.error_bound import ErrorBound
+from rona_core.path.simplification.segment_distance import as_metric
+from rona_core.path.simplification.simplify import chosen_points
 from rona_core.path.simplification.vertex_decimation import as_keep
 from rona_core.session.document import Session
 
@@ -110,11 +112,11 @@ def preview_path(session: Session, tolerance_mm: float) -> PathView | None:
 def quickly(source: PathSource, tolerance_mm: float, metric: str) -> Any:
     """Return the indices (k,) of few points, within a moment."""
     points = source.edited.points_base
-    bound = as_bound(points, tolerance_mm, metric, True, None)
+    test = ErrorBound(tolerance_mm, as_metric(metric)).shortcut_test(points)
     fixed = as_keep(source.edited.keep, len(points))
-    kept, _ = chosen_points(points, fixed, bound, "rdp", never)
+    kept, _ = chosen_points(points, fixed, test, "rdp", never)
     if metric == "k1" and len(kept) <= FEW and len(points) <= SHORT:
-        kept, _ = chosen_points(points, fixed, bound, "fast", never)
+        kept, _ = chosen_points(points, fixed, test, "fast", never)
     return kept
 
 

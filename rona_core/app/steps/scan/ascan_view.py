@@ -179,7 +179,7 @@ def _judged(
     by_hand = bool(session.boundary_edits.marks(scan, len(found))[i])
     if fine:
         told = f"bone {found.thickness_mm[i]:.2f} ± {_thickness_sigma_mm(found, i):.2f} mm"
-        told += ", set by hand" if by_hand else f", {100 * found.inner_quality[i]:.0f} % sure"
+        told += ", set by hand" if by_hand else f", confidence {100 * found.inner_quality[i]:.0f} %"
     else:
         told = FLAGS[flag]
     other = None

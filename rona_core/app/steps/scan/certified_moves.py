@@ -80,6 +80,6 @@ def require_certified(
         return
     reasons = "; ".join(check.sentence for check in certificate.failures())
     if not reasons:
-        other = "motion" if same else "surroundings"
-        reasons = f"the certificate belongs to another {other}, plan it again"
+        other = "motion" if same else "robot or other obstacles"
+        reasons = f"the plan was verified for another {other}: plan again"
     raise NotReachableError(f"{what} is refused: {reasons}")

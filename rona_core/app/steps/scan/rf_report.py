@@ -7,9 +7,9 @@ from rona_core.devices.files.rf.rf_data import RecordedRf, read_rf
 from rona_core.devices.files.text_tables import NamedFile
 from rona_core.devices.protocols import Cancel, Progress, never, silent
 from rona_core.errors import InvalidInputError
+from rona_core.mapping.thickness_figures import ThicknessFigures, thickness_figures
 from rona_core.ultrasound.probe.probe_model import probe_model
 from rona_core.ultrasound.recorded.plate_detector import RecordedDetection, detect_recorded
-from rona_core.ultrasound.recorded.thickness_figures import ThicknessFigures, thickness_figures
 
 SPEEDS_M_PER_S = (500.0, 10_000.0)
 

@@ -10,15 +10,16 @@ from rona_core.app.messages.registry import GenerateScanPattern, SmoothScanPath
 from rona_core.errors import DegenerateGeometryError
 from rona_core.geometry.arrays import Floats, Vector3, readonly
 from rona_core.geometry.rigid_fit import fit_plane
-from rona_core.path.densify import densify, places_between
-from rona_core.path.height_field import relief
+from rona_core.path.densify import densify, insert_waypoints
+from rona_core.path.height_field import fit_height_field
 from rona_core.path.manual_edits import EditedPath, distances_to_edited, edit_path
 from rona_core.path.scan_patterns import patch_pose, raster, spiral
+from rona_core.path.simplification.error_bound import ErrorBound
 from rona_core.path.simplification.simplify import SimplifiedPath, simplify
 from rona_core.path.temporal_filter import filter_path
 from rona_core.session.document import RawPath, Session, SmoothPath
 from rona_core.surface.normals.normals import NormalField
-from rona_core.surface.surface_pick import place_beside
+from rona_core.surface.surface_pick import project_to_surface
 
 DOUBTFUL = ("one_sided", "uncertain")  # flags of normals that serve where there are no better
 RIM_CORNERS = 72  # of a round boundary
@@ -72,9 +73,8 @@ def derive_smoothing(session: Session, message: SmoothScanPath) -> SmoothPath:
     edited = source.edited
     simplified = simplify(
         edited.points_base,
-        message.tolerance_mm,
+        ErrorBound(message.tolerance_mm, message.metric),
         method=message.method,
-        metric=message.metric,
         keep=edited.keep,
     )
     return finished_path(session, message, source, simplified)
@@ -92,7 +92,7 @@ def finished_path(
     corners = source.edited.points_base[simplified.index]
     places = corners
     if message.normal_step_mm > 0:
-        places = places_between(corners, message.normal_step_mm)
+        places = insert_waypoints(corners, message.normal_step_mm)
     measured = cloud.points_base
     if not is_pattern(session):  # what was put in by hand or by rule measures nothing
         measured = np.vstack((measured, source.filtered_base))
@@ -132,7 +132,7 @@ def derive_pattern(session: Session, message: GenerateScanPattern) -> RawPath:
     center = message.center_base_mm
     if center is None:
         center = np.median(cloud if not len(boundary) else boundary, axis=0)
-    center = place_beside(cloud, center)
+    center = project_to_surface(cloud, center)
     near = cloud[np.linalg.norm(cloud - center, axis=1) <= radius_mm]
     plane = fit_plane(near)
     outward = 1.0 if plane.normal @ (viewpoint_base(session) - center) > 0 else -1.0
@@ -147,7 +147,7 @@ def derive_pattern(session: Session, message: GenerateScanPattern) -> RawPath:
     made = make(
         T_base_patch,
         corners,
-        relief(cloud, T_base_patch),
+        fit_height_field(cloud, T_base_patch),
         spacing_mm=message.spacing_mm,
         margin_mm=message.margin_mm,
         step_mm=PATTERN_STEP_MM,

@@ -39,7 +39,7 @@ def delay_words(delay: TimeOffset) -> tuple[str, str]:
     """Return who is behind whom and by how much, as people read it; a delay is never negative."""
     sigma_ms = max(1e3 * delay.sigma_s, 0.1)
     if abs(delay.offset_s) <= TOLD_SIGMAS * delay.sigma_s:
-        return "Tracker and robot joints", f"together, ± {sigma_ms:.1f} ms"
+        return "Robot-tracker latency", f"none, ± {sigma_ms:.1f} ms"
     words = f"{1e3 * abs(delay.offset_s):.1f} ± {sigma_ms:.1f} ms"
-    behind = "Tracker behind the robot" if delay.offset_s > 0.0 else "Robot joints behind tracker"
-    return f"{behind}, put right", words
+    late = "Tracker" if delay.offset_s > 0.0 else "Robot joint"
+    return f"{late} latency (compensated)", words

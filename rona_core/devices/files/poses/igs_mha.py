@@ -1,4 +1,4 @@
-"""Recordings as ``.igs.mha``: the sequence files of PLUS, which 3D Slicer and SimpleITK read too.
+"""Reader and writer of ``.igs.mha`` sequence files of PLUS (3D Slicer, SimpleITK).
 
 A MetaImage whose header holds, for each frame, a matrix and a status for every tool; the image
 itself is one dark pixel a frame. Poses are those of the tool's marker in the tracker, in mm.

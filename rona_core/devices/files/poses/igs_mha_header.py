@@ -1,4 +1,4 @@
-"""The header of a sequence file (``.mha`` of PLUS): its fields, those of each frame, its pixels."""
+"""Header of ``.mha`` sequence files: fields, per-frame fields, pixels."""
 
 import math
 import re

@@ -1,4 +1,4 @@
-"""Markers of a tool as files tell them: do they fit what was seen, and which poses follow?"""
+"""Fit of a marker body to marker positions from files."""
 
 from dataclasses import dataclass
 

@@ -1,4 +1,4 @@
-"""Pivots that were recorded elsewhere: files of matrices, of marker positions, or of sequences."""
+"""Reader of recorded pivots: matrices, marker positions or sequences."""
 
 import zipfile
 from collections.abc import Sequence
@@ -76,16 +76,7 @@ def read_pivot(
     markers = None if geometry is None else read_geometry(geometry)
     read = [(file, *_kind(file)) for file in unpacked]
     first, kind, table = read[0]
-    for other, its_kind, _ in read[1:]:
-        if its_kind != kind:
-            raise InvalidInputError(
-                f"expected files of one kind, got {kind} in {first.name} and {its_kind} in "
-                f"{other.name}"
-            )
-        if kind in SINGLE:
-            raise InvalidInputError(
-                f"expected one file with {kind} at a time, got {first.name} and {other.name}"
-            )
+    _require_one_kind([(file.name, its_kind) for file, its_kind, _ in read])
     known = None if markers is None else readonly(markers.positions_marker)
     if kind == "sequence":
         recording = read_igs_mha(first.data, first.name)
@@ -105,6 +96,20 @@ def read_pivot(
     numbers = np.arange(len(poses), dtype=np.int64)
     track = _track(tool or NAME, numbers, poses, np.zeros(len(poses)), len(poses))
     return RecordedPivot(kind, track, known, rounding)
+
+
+def _require_one_kind(names_and_kinds: list[tuple[str, PivotKind]]) -> None:
+    """Refuse files of different kinds, and several of a kind that comes in one file."""
+    first, kind = names_and_kinds[0]
+    for other, its_kind in names_and_kinds[1:]:
+        if its_kind != kind:
+            raise InvalidInputError(
+                f"expected files of one kind, got {kind} in {first} and {its_kind} in {other}"
+            )
+        if kind in SINGLE:
+            raise InvalidInputError(
+                f"expected one file with {kind} at a time, got {first} and {other}"
+            )
 
 
 def chosen_tool(recording: Recording, tool: str | None, usual: str | None, name: str) -> str:

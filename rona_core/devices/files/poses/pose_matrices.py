@@ -1,4 +1,4 @@
-"""Poses from matrices that came out of a file: each fault is named with its place and its size."""
+"""Poses from 4 x 4 matrices in files; names each fault with its place and size."""
 
 from collections.abc import Callable
 

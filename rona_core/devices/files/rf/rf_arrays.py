@@ -1,4 +1,4 @@
-"""Named arrays out of HDF5, MATLAB and numpy files; nothing else is run or opened.
+"""Reader of named arrays in HDF5, MATLAB and numpy files.
 
 HDF5 and MATLAB files are read in a process of their own: their libraries crash on damaged ones.
 """

@@ -1,12 +1,10 @@
-"""The first half of detection: fronts, and candidates for the inner echo behind them."""
+"""Search of a survey for front echoes, and for candidates of the inner echo behind them."""
 
 from dataclasses import dataclass
 
 import numpy as np
 
 from rona_core.devices.protocols import Cancel, Progress, never, silent
-from rona_core.devices.samples import AScanTrack
-from rona_core.devices.settings import Excitation
 from rona_core.errors import CancelledError
 from rona_core.geometry.arrays import Floats
 from rona_core.ultrasound.detection.single.front_echo import (
@@ -27,71 +25,68 @@ from rona_core.ultrasound.detection.single.matched_filter import (
 )
 from rona_core.ultrasound.detection.single.thin_bone import merged_levels
 from rona_core.ultrasound.probe.materials import Complexes, Material
-from rona_core.ultrasound.probe.probe_model import ProbeModel
+from rona_core.ultrasound.probe.survey import ProbeSurvey
 
 BLOCK = 256  # A-scans at a time
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Echoes:
-    """What was found in a survey before anything is decided."""
+    """Fronts and candidates of a survey, before any is selected."""
 
     template: Template
     noise: Floats  # (n,) rms in each sample
     aligned: Complexes  # (n, f) spectra with the front echo at time 0
     fronts: Fronts
     candidates: Candidates
-    evidence: Floats  # (n, m) for an inner echo at each depth of `inner_grid_mm`
-    loud: Floats  # (n, m) level over the noise there
-    merged: Floats  # (n,) level of what follows the front at once, see `thin.py`
+    log_likelihood: Floats  # (n, m) ratio for an inner echo at each depth of `inner_grid_mm`
+    snr: Floats  # (n, m) level over the noise there
+    merged: Floats  # (n,) level of what follows the front at once, see `thin_bone.py`
 
 
 def search_echoes(
-    track: AScanTrack,
-    probe: ProbeModel,
-    excitation: Excitation,
+    survey: ProbeSurvey,
     bone: Material,
     *,
-    known_standoff_mm: Floats | None = None,
     candidates: bool = True,
     progress: Progress = silent,
     cancel: Cancel = never,
 ) -> Echoes:
     """Return the fronts of all A-scans, and behind them the candidates unless not wanted.
 
-    Where the outer boundary is known (n,), along the axis from the face of the uncompressed line,
-    it is not looked for.
+    Where the survey knows the outer boundary, it is not looked for.
 
     Raises:
         CancelledError: ``cancel`` said so.
     """
-    template = quiet_template(probe, excitation, track.rf)
+    track, probe, standoff_mm = survey.track, survey.probe, survey.known_standoff_mm
+    template = quiet_template(probe, survey.excitation, track.rf)
     noises: list[Floats] = []
     fronts: list[Fronts] = []
     aligned: list[Complexes] = [np.zeros((0, len(template.frequencies_mhz)), np.complex128)]
     found: list[Candidates] = []
     nothing = np.zeros((0, len(inner_grid_mm(probe, bone))))
-    evidence, loud = [nothing], [nothing]
+    log_likelihood, snr = [nothing], [nothing]
     merged = [np.zeros(0)]
     for start in range(0, len(track), BLOCK):
         if cancel():
             raise CancelledError("the detection of echoes was cancelled")
         rf = track.rf[start : start + BLOCK].astype(np.float64)
         spectra, noise = trace_spectra(rf, track.start_us, template)
-        if known_standoff_mm is None:
+        if standoff_mm is None:
             front = find_fronts(spectra, noise, template)
         else:
-            front = fronts_at(known_standoff_mm[start : start + BLOCK], probe)
+            front = fronts_at(standoff_mm[start : start + BLOCK], probe)
         spectra = spectra * template.shift(probe.line_delay_us + front.delay_us)
         noises.append(noise)
         fronts.append(front)
         aligned.append(spectra)
         if candidates:
             behind = subtract_fronts(spectra, template)
-            peaks, everywhere, over_noise = find_candidates(behind, noise, template, bone)
+            peaks, ratio, over_noise = find_candidates(behind, noise, template, bone)
             found.append(peaks)
-            evidence.append(everywhere)
-            loud.append(over_noise)
+            log_likelihood.append(ratio)
+            snr.append(over_noise)
             merged.append(merged_levels(spectra, front, template, bone))
         progress(min(1.0, (start + BLOCK) / max(len(track), 1)))
     return Echoes(
@@ -100,7 +95,7 @@ def search_echoes(
         np.concatenate(aligned),
         Fronts.concatenate(fronts),
         Candidates.concatenate(found),
-        np.concatenate(evidence),
-        np.concatenate(loud),
+        np.concatenate(log_likelihood),
+        np.concatenate(snr),
         np.concatenate(merged),
     )

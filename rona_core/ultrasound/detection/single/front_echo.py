@@ -1,4 +1,4 @@
-"""The front echo: where the bone begins, how well the probe stands on it, and taking it away.
+"""Detection and subtraction of the front echo, which shows the outer boundary and the contact.
 
 What comes back from the outer boundary is 20 to 30 dB above the echo of the inner one, and the
 side lobes of a compressed chirp are only 20 dB below their peak: without subtracting the front
@@ -42,8 +42,8 @@ class Fronts:
         )
 
     @property
-    def heard(self) -> Bools:
-        """Which fronts were heard and not known from elsewhere."""
+    def measured(self) -> Bools:
+        """Which fronts were measured, and not known from elsewhere."""
         return np.asarray(np.isfinite(self.snr))
 
     @classmethod
@@ -107,8 +107,8 @@ def fronts_at(standoffs_mm: Floats, probe: ProbeModel) -> Fronts:
     film, line, gel = probe.film_mm, probe.line.speed_mm_per_us, GEL.speed_mm_per_us
     beyond = standoffs_mm - film
     delay = 2.0 * film / gel + 2.0 * beyond / np.where(beyond < 0.0, line, gel)
-    sure = np.ones(len(standoffs_mm))
-    return Fronts(delay, sure, np.full(len(sure), np.inf), np.asarray(sure > 0.0))
+    level = np.ones(len(standoffs_mm))
+    return Fronts(delay, level, np.full(len(level), np.inf), np.asarray(level > 0.0))
 
 
 def subtract_fronts(aligned: Complexes, template: Template) -> Complexes:

@@ -1,4 +1,4 @@
-"""What to take away before an inner echo is timed: the front whatever its shape, and its echoes.
+"""Nuisance echoes fitted together with an inner echo: the front whatever its shape, multiples.
 
 Everything is linear and made for white noise, so that the time of the inner echo loses no more by
 it than it must, and neither the gap nor the shape of the front moves it.
@@ -36,7 +36,7 @@ def without_gap(aligned: Complexes, fronts: Fronts, template: Template) -> Compl
     gap_mm = np.maximum(standoff_mm(fronts.delay_us, template.probe), template.probe.film_mm)
     early = template.shift(2.0 * gap_mm / GEL.speed_mm_per_us)
     late = np.conj(early)
-    level = np.where(fronts.heard & fronts.positive, np.minimum(fronts.level, MOST_LEVEL), 0.0)
+    level = np.where(fronts.measured & fronts.positive, np.minimum(fronts.level, MOST_LEVEL), 0.0)
     beside = (early + BONE_REFLECTION**2 * late) * template.spectrum
     clear = aligned * (1.0 + face * BONE_REFLECTION * late) ** 2
     return clear - (face * level)[:, None] * beside
@@ -84,7 +84,7 @@ def front_times(fronts: Complexes, template: Template) -> Floats:
 
 
 class Rest:
-    """What is left of spectra when all that a front and a second echo may be is taken out.
+    """Projection of spectra off all that a front and a second echo may be.
 
     The inner echo comes again after twice the time, from the outer boundary and back; how strongly
     depends on tilts, so that its height is as unknown as the shape of the front.
@@ -100,9 +100,9 @@ class Rest:
 
     def of(self, spectra: Complexes) -> Complexes:
         """Return what is left of spectra (n, f)."""
-        left = self._shapes.without(spectra, self._density)
+        residual = self._shapes.without(spectra, self._density)
         height = products(self._again, spectra) / self._power
-        return left - height[:, None] * self._again
+        return residual - height[:, None] * self._again
 
 
 def products(a: Complexes, b: Complexes) -> Complexes:

@@ -1,8 +1,8 @@
 """Candidates for the inner echo: peaks of what is left behind the front echo.
 
 The search uses the envelope, since the phase of a broadband echo repeats every cycle. With each
-peak goes what tells an inner echo from clutter: its sign, its level, what came before, and that
-nothing comes after it, for the inner boundary is the last one.
+peak go the features that separate an inner echo from clutter: its sign, its level, what came
+before, and that nothing comes after it, for the inner boundary is the last one.
 """
 
 from collections.abc import Sequence
@@ -12,7 +12,11 @@ from typing import Any
 import numpy as np
 
 from rona_core.geometry.arrays import Bools, Floats
-from rona_core.ultrasound.detection.single.depth_evidence import CLUTTER, depth_evidence, depth_grid
+from rona_core.ultrasound.detection.single.depth_likelihood import (
+    CLUTTER,
+    depth_grid,
+    depth_log_likelihood,
+)
 from rona_core.ultrasound.detection.single.matched_filter import (
     BONE_REFLECTION,
     Template,
@@ -58,15 +62,15 @@ class Candidates:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class InnerChoice:
-    """The inner echo of each A-scan (n,), and what else it might be."""
+class InnerEchoes:
+    """The inner echo of each A-scan (n,), and its runner-up."""
 
-    lag_us: Floats  # after the front echo; the best guess where it is not heard
-    sureness: Floats  # 0 to 1
-    heard: Bools
+    lag_us: Floats  # after the front echo; the best guess where it is not detected
+    confidence: Floats  # 0 to 1: probability that this is the inner echo
+    detected: Bools
     sigma_us: Floats  # of the lag, if this is the inner echo
-    other_us: Floats  # lag of the runner-up
-    other_sureness: Floats  # 0: there is none
+    alternative_us: Floats  # lag of the runner-up
+    alternative_confidence: Floats  # 0: there is none
 
 
 def bone_gate_us(probe: ProbeModel, bone: Material) -> tuple[float, float]:
@@ -101,8 +105,8 @@ def find_candidates(
 ) -> tuple[Candidates, Floats, Floats]:
     """Return the peaks in spectra (n, f) aligned to their fronts and cleared of them.
 
-    The other arrays (n, m) are the evidence for each depth of ``inner_grid_mm``, and the level over
-    the noise there.
+    The other arrays (n, m) are the log likelihood ratio at each depth of ``inner_grid_mm``, and the
+    level over the noise there.
 
     Args:
         behind: Spectra without front echo, which was at time 0.
@@ -139,7 +143,7 @@ def find_candidates(
         after=after / height,
         exists=np.take_along_axis(peaks, at, axis=1),
     )
-    return found, *depth_evidence(level, noise, gain, lags, wanted, _clutter(probe))
+    return found, *depth_log_likelihood(level, noise, gain, lags, wanted, _clutter(probe))
 
 
 def _clutter(probe: ProbeModel) -> float:

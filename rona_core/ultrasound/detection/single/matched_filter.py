@@ -1,4 +1,4 @@
-"""Matched filtering of whole surveys: traces to compressed complex envelopes.
+"""Matched filter of whole surveys: traces to compressed complex envelopes.
 
 The template is what a laboratory records on a flat reference block: excitation, transducer and
 line. Everything is done in the band of the probe and mixed down to its centre frequency.
@@ -75,24 +75,6 @@ class Template:
         baseband = np.zeros((*product.shape[:-1], COMPRESSED), dtype=np.complex128)
         baseband[..., (self.bins - self.carrier_bin) % COMPRESSED] = product
         return np.fft.ifft(baseband, axis=-1) * COMPRESSED
-
-    def peak_times(self, rf: NDArray[np.float32]) -> NDArray[np.float32]:
-        """Return the time (n,) of the largest matched-filter envelope in records (n, samples).
-
-        In single precision, to a sample of the baseband, after the start of the record.
-        """
-        n = 2 ** int(np.ceil(np.log2(2 * rf.shape[1])))
-        f = np.arange(n // 2 + 1) * (self.probe.sampling_mhz / n)
-        reference = np.interp(f, self.frequencies_mhz, self.spectrum, left=0.0, right=0.0)
-        band = np.flatnonzero(reference)
-        size = 2 ** int(np.ceil(np.log2(2 * len(band))))
-        spectra = np.fft.rfft(rf, n, axis=1)[:, band]
-        compressed = np.fft.ifft(
-            spectra * np.conj(reference[band]).astype(np.complex64), size, axis=1
-        )
-        power = compressed.real**2 + compressed.imag**2
-        step = n / (size * self.probe.sampling_mhz)
-        return (np.argmax(power, axis=1) * step).astype(np.float32)
 
     def noise_gain(self, template: Complexes) -> float:
         """Return the rms of the compressed trace for noise of rms 1 in each trace sample."""

@@ -1,4 +1,4 @@
-"""Whether bone is too thin for its two boundaries to be told apart.
+"""Thin-bone test: whether the two boundaries are too close to be resolved.
 
 Then the inner echo is so close behind the front that it is taken for a part of it, and what is
 found later is the same echo once more, back and forth in the bone. As a multiple it cannot be known
@@ -14,7 +14,7 @@ from rona_core.ultrasound.detection.single.matched_filter import Template
 from rona_core.ultrasound.probe.materials import Complexes, Material
 
 FROM = 0.4  # of the least thickness: closer to the front, nothing is seen
-LOUD = 0.35, 0.55  # level over a nominal inner echo: from where on bone may be thin, and is
+LEVEL = 0.35, 0.55  # level over a nominal inner echo: from where on bone may be thin, and is
 OVER = 1.5, 2.5  # the same for that level over the one of what is taken for the inner echo
 
 
@@ -22,7 +22,7 @@ def merged_levels(aligned: Complexes, fronts: Fronts, template: Template, bone: 
     """Return the level (n,) over a nominal inner echo of what follows the front at once.
 
     The front is taken away as one plain echo, which leaves little of bone that is thick enough.
-    It is 0 where the front was not heard, but known from elsewhere.
+    It is 0 where the front was not measured, but known from elsewhere.
 
     Args:
         aligned: Spectra (n, f) with the front echo at time 0.
@@ -31,13 +31,13 @@ def merged_levels(aligned: Complexes, fronts: Fronts, template: Template, bone: 
         bone: Nominal bone.
     """
     height = template.compress(aligned, template.spectrum)[:, 0]
-    left = aligned - height[:, None] * template.spectrum
+    residual = aligned - height[:, None] * template.spectrum
     first = int(
         2.0 * FROM * template.probe.min_thickness_mm / bone.speed_mm_per_us / template.step_us
     )
     last = int(bone_gate_us(template.probe, bone)[0] / template.step_us)
-    z, gain = through_bank(left, template, bone, first, last)
-    return np.where(fronts.heard, (np.abs(z) * gain).max(axis=1), 0.0)
+    z, gain = through_bank(residual, template, bone, first, last)
+    return np.where(fronts.measured, (np.abs(z) * gain).max(axis=1), 0.0)
 
 
 def thick_enough(merged: Floats, level: Floats) -> Floats:
@@ -47,7 +47,7 @@ def thick_enough(merged: Floats, level: Floats) -> Floats:
         merged: What `merged_levels` says.
         level: Of the inner echo over a nominal one (n,).
     """
-    share = np.minimum(_rise(merged, *LOUD), _rise(merged / np.maximum(level, 1e-6), *OVER))
+    share = np.minimum(_rise(merged, *LEVEL), _rise(merged / np.maximum(level, 1e-6), *OVER))
     return 1.0 - share
 
 

@@ -1,4 +1,4 @@
-"""The time of a chosen inner echo: envelope and phase weighed against each other, with its sigma.
+"""Time of flight of a selected inner echo from envelope and phase, with its sigma.
 
 It is fitted together with its front and with the echo that follows it: first its envelope, with
 weights that make noise and clutter white, then its phase in noise alone. The phase is ten times as
@@ -64,70 +64,94 @@ class InnerFits:
         )
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class EnvelopePeaks:
+    """Peaks (n,) of the envelope that are taken for the inner echoes."""
+
+    lag_us: Floats  # after the front echo
+    level: Floats  # over a nominal echo
+    clutter: Floats  # rms on that scale, behind the equalised filter
+
+    def __getitem__(self, block: slice) -> "EnvelopePeaks":
+        return EnvelopePeaks(self.lag_us[block], self.level[block], self.clutter[block])
+
+
 def fit_inner(
     aligned: Complexes,
     fronts: Fronts,
     noise: Floats,
-    lag_us: Floats,
-    level: Floats,
-    clutter: Floats,
+    peaks: EnvelopePeaks,
     template: Template,
     bone: Material,
 ) -> InnerFits:
     """Fit inner echoes in spectra (n, f) that are aligned to their fronts.
 
+    The model of a spectrum behind the front is h S(f) exp(-j w t): complex height h, nominal echo
+    S, time t (Demirli 2001).
+
     Args:
         aligned: With the front echo at time 0.
         fronts: Those front echoes (n,).
         noise: RMS of the noise in each sample (n,).
-        lag_us: Where the envelope has its peak (n,).
-        level: Height of the peak over a nominal echo (n,).
-        clutter: RMS of the clutter on that scale (n,), behind the equalised filter.
+        peaks: Where the envelopes have their peaks (n,).
         template: Of probe and excitation.
         bone: Nominal bone.
     """
-    f = template.frequencies_mhz
+    lag_us, f = peaks.lag_us, template.frequencies_mhz
     echo = bone_filter(template, bone, lag_us * bone.speed_mm_per_us / 2.0)
-    weights = _whitening(echo, noise, clutter, template)
+    weights = _whitening(echo, noise, peaks.clutter, template)
     fisher = Fisher.of(echo, weights, f)
-    omega = 2.0 * np.pi * f
     band = template.probe.bandwidth * template.probe.centre_mhz
-    shapes, density = front_shapes(template), _density(noise)
     aligned = without_gap(aligned, fronts, template)
-    near = subtract_fronts(aligned, template)
-    at = lag_us
-    height = np.zeros(len(lag_us), dtype=np.complex128)
-    for _ in range(STEPS):
-        here = echo * np.conj(template.shift(at))
-        slope = -1j * omega * here
-        here_left, slope_left = (subtract_fronts(x, template) for x in (here, slope))
-        own = np.real(products(here_left, weights * here_left))
-        cross = products(here_left, weights * slope_left) / own
-        seen = weights * near
-        height = products(here_left, seen) / own
-        steep = np.real(products(slope_left, weights * slope_left)) - np.abs(cross) ** 2 * own
-        move = products(slope_left, seen) - np.conj(cross) * height * own
-        move = np.real(np.conj(height) * move) / np.maximum(np.abs(height) ** 2 * steep, 1e-30)
-        at = np.clip(at + move, lag_us - FARTHEST / band, lag_us + FARTHEST / band)
+    time, height = _fit_envelope(aligned, echo, weights, lag_us, template)
     amplitude = np.abs(height)
-    phase = at - np.angle(height) / fisher.mean_rad_per_us
+    phase = time - np.angle(height) / fisher.mean_rad_per_us
     again = bone_filter(template, bone, lag_us * bone.speed_mm_per_us)
-    again = AGAIN * again * np.conj(template.shift(2.0 * at))
-    rest = Rest(shapes, density, again, amplitude)
+    again = AGAIN * again * np.conj(template.shift(2.0 * time))
+    rest = Rest(front_shapes(template), _density(noise), again, amplitude)
     phase, inner = _fit_phase(aligned, echo, phase, rest, template)
-    front = np.where(fronts.heard, front_times(aligned - inner, template), 0.0)
+    front = np.where(fronts.measured, front_times(aligned - inner, template), 0.0)
     front = np.clip(front, -MOST_MOVE / band, MOST_MOVE / band)
-    sharp, blunt = amplitude_bound(fisher, amplitude)
-    fading = np.clip(level, LEAST_LEVEL, 1.0) ** -FADING
+    coherent_sd, envelope_sd = amplitude_bound(fisher, amplitude)
+    fading = np.clip(peaks.level, LEAST_LEVEL, 1.0) ** -FADING
     return InnerFits(
-        envelope_us=at - front,
-        envelope_sd_us=np.hypot(blunt, ENVELOPE_SD * fading / band),
+        envelope_us=time - front,
+        envelope_sd_us=np.hypot(envelope_sd, ENVELOPE_SD * fading / band),
         phase_us=phase - front,
         period_us=2.0 * np.pi / fisher.mean_rad_per_us,
-        phase_sd_us=np.hypot(sharp, PHASE_SD_RAD * fading / fisher.mean_rad_per_us),
+        phase_sd_us=np.hypot(coherent_sd, PHASE_SD_RAD * fading / fisher.mean_rad_per_us),
         structure_us=STRUCTURE_RAD * fading / fisher.mean_rad_per_us,
-        noise_us=sharp,
+        noise_us=coherent_sd,
     )
+
+
+def _fit_envelope(
+    aligned: Complexes, echo: Complexes, weights: Floats, start_us: Floats, template: Template
+) -> tuple[Floats, Complexes]:
+    """Return times (n,) and complex heights (n,): weighted Gauss-Newton, phase left free.
+
+    With s the echo at time t and d = ds/dt, the height that fits best is h = <s, x> / <s, s>, and
+    d off s, d - c s with c = <s, d> / <s, s>, gives the step in time.
+    """
+    omega = 2.0 * np.pi * template.frequencies_mhz
+    reach = FARTHEST / (template.probe.bandwidth * template.probe.centre_mhz)
+    behind = subtract_fronts(aligned, template)
+    time = start_us
+    height = np.zeros(len(start_us), dtype=np.complex128)
+    for _ in range(STEPS):
+        s = echo * np.conj(template.shift(time))
+        d = -1j * omega * s
+        s_left, d_left = (subtract_fronts(x, template) for x in (s, d))
+        s_s = np.real(products(s_left, weights * s_left))
+        c = products(s_left, weights * d_left) / s_s
+        x = weights * behind
+        height = products(s_left, x) / s_s
+        curvature = np.real(products(d_left, weights * d_left)) - np.abs(c) ** 2 * s_s
+        gradient = products(d_left, x) - np.conj(c) * height * s_s
+        step = np.real(np.conj(height) * gradient)
+        step = step / np.maximum(np.abs(height) ** 2 * curvature, 1e-30)
+        time = np.clip(time + step, start_us - reach, start_us + reach)
+    return time, height
 
 
 def _fit_phase(
@@ -135,26 +159,27 @@ def _fit_phase(
 ) -> tuple[Floats, Complexes]:
     """Return times (n,) and echoes (n, f), fitted jointly with all else in white noise.
 
-    Height and time are the two unknowns of each echo; what else may be there is out of the spectra
-    ``aligned`` (n, f), and out of what the echo and its slope would look like.
+    Real height h and time t are the two unknowns of each echo, with s and d = ds/dt as in the
+    envelope's fit. All that may be there besides is projected out of the spectra ``aligned``
+    (n, f), of s and of d; the normal equations of x = h s + h dt d are solved in closed form.
     """
     omega = 2.0 * np.pi * template.frequencies_mhz
     most = MOST_MOVE / (template.probe.bandwidth * template.probe.centre_mhz)
-    clear = rest.of(aligned)
-    at = start_us
-    height = np.zeros(len(at))
+    x = rest.of(aligned)
+    time = start_us
+    height = np.zeros(len(time))
     for _ in range(PHASE_STEPS):
-        here = echo * np.conj(template.shift(at))
-        slope = -1j * omega * here
-        here_left = rest.of(here)
-        own, cross = products(here, here_left).real, products(slope, here_left).real
-        steep = products(slope, rest.of(slope)).real
-        seen, seen_steep = products(here, clear).real, products(slope, clear).real
-        whole = np.maximum(own * steep - cross**2, 1e-30)
-        height = np.maximum((steep * seen - cross * seen_steep) / whole, 1e-12)
-        move = (own * seen_steep - cross * seen) / whole / height
-        at = at + np.clip(move, -most, most)
-    return at, height[:, None] * echo * np.conj(template.shift(at))
+        s = echo * np.conj(template.shift(time))
+        d = -1j * omega * s
+        s_left = rest.of(s)
+        s_s, d_s = products(s, s_left).real, products(d, s_left).real
+        d_d = products(d, rest.of(d)).real
+        s_x, d_x = products(s, x).real, products(d, x).real
+        determinant = np.maximum(s_s * d_d - d_s**2, 1e-30)
+        height = np.maximum((d_d * s_x - d_s * d_x) / determinant, 1e-12)
+        step = (s_s * d_x - d_s * s_x) / determinant / height
+        time = time + np.clip(step, -most, most)
+    return time, height[:, None] * echo * np.conj(template.shift(time))
 
 
 def _density(noise: Floats) -> Floats:
@@ -177,7 +202,7 @@ def choose_cycles(
 
     Args:
         fits: What the A-scans show.
-        expected_us: What those around make one expect (n,); None: nothing.
+        expected_us: What the neighbours predict (n,); None: nothing.
         expected_sd_us: And how far off that may be (n,), infinite where it is nothing.
     """
     off = (fits.phase_us - fits.envelope_us)[:, None] + CYCLES * fits.period_us[:, None]

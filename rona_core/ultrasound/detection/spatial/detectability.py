@@ -1,35 +1,42 @@
-"""Whether an echo is loud enough to be the inner boundary, and not the step from table to diploe.
+"""Echo detectability: whether an echo is strong enough to be the inner boundary.
 
-That step goes on from place to place as the inner boundary does. Where lossy bone buries the inner
-echo in the noise, nothing behind contradicts it, and all A-scans around confirm it. But it reflects
-a third of what an inner boundary does, and it is parallel to the outer one. An inner boundary may
-be as faint in one A-scan if it leans; then its lean is seen in the times around, and with what the
-lean takes away given back it is as loud as it should be (``wedge.py``). Bone may also lose more on
-the way than it should, the more the thicker it is. Deeper than the outer table of the thickest bone
-that the probe sees, there is no such step.
+An inner echo needs ``MIN_ECHO_LEVEL`` of the nominal one, -6 dB. What is fainter may be the step
+from table to diploe: it goes on from place to place as the inner boundary does, it is parallel to
+the outer boundary, and it reflects a third of what an inner boundary does. Where lossy bone buries
+the inner echo in the noise, nothing behind the step contradicts it, and all A-scans around confirm
+it. An inner boundary may be as faint in one A-scan if it is oblique; with what the obliquity takes
+away given back it is as strong as it should be (``oblique_correction.py``). Bone may also lose more
+on the way than it should, the more the thicker it is. Deeper than the outer table of the thickest
+bone that the probe sees, there is no such step.
 """
 
 import numpy as np
 
-from rona_core.geometry.arrays import Floats, Ints
+from rona_core.geometry.arrays import Bools, Floats, Ints
+from rona_core.ultrasound.detection.single.inner_echo import Candidates
 from rona_core.ultrasound.detection.spatial.neighbour_graph import Links
 from rona_core.ultrasound.probe.materials import Material
 from rona_core.ultrasound.probe.probe_model import ProbeModel
 
-LEAST_LEVEL = 0.5  # of an inner echo that leans no more, over a nominal one just below the surface
+# Amplitude that an inner echo needs, corrected for obliquity, over that of a nominal inner echo
+# just below the surface: -6 dB.
+MIN_ECHO_LEVEL = 0.5
 MORE_LOSS = 0.21  # and this share of the nominal loss on the way there and back
 RAMP = 0.9, 1.05  # times that: from where on an echo is an inner one, perhaps and surely
 OUTER_SHARE = 0.4, 0.5  # of bone that is outer table: mostly at most, and never more
 SAME_MM = 1.0  # neighbours closer than this in thickness show the same boundary
+INTERFACE_MM = 0.5  # an interface changes its depth by no more than this between A-scans around,
+FAINTER = 0.5  # and is at least this loud, over what it is here
+INTERFACE_ROUNDS = 4  # of asking those around, who have asked those around them: about 10 mm
 
 
-def loud_enough(
+def detectability(
     log_level: Floats, lag_us: Floats, rows: Ints, links: Links, probe: ProbeModel, bone: Material
 ) -> Floats:
-    """Return how far (r,), 0 to 1, echoes are loud enough to be inner ones.
+    """Return how far (r,), 0 to 1, echoes are strong enough to be inner ones.
 
     Args:
-        log_level: Natural logarithm of how loud they would be without lean, over nominal (r,).
+        log_level: Natural logarithm of the level over nominal, corrected for obliquity (r,).
         lag_us: When they come after the front (r,).
         rows: Which A-scans of the survey these are (r,).
         links: Who is around whom, among all of them.
@@ -37,19 +44,19 @@ def loud_enough(
         bone: Nominal bone.
     """
     depth = lag_us * bone.speed_mm_per_us / 2.0
-    here = np.full(links.around.shape[1], -1, dtype=np.int64)
-    here[rows] = np.arange(len(rows))
+    place = np.full(links.around.shape[1], -1, dtype=np.int64)  # in ``rows``
+    place[rows] = np.arange(len(rows))
     total, count = log_level.copy(), np.ones(len(rows))
     for sources in links.around:
-        beside = np.where(sources[rows] >= 0, here[sources[rows]], -1)
+        beside = np.where(sources[rows] >= 0, place[sources[rows]], -1)
         alike = (beside >= 0) & (np.abs(depth[beside] - depth) < SAME_MM)
         total += np.where(alike, log_level[beside], 0.0)
         count += alike
     loss = -2.0 * bone.wavenumber_per_mm(np.array([probe.centre_mhz])).imag[0] * depth
-    over = np.exp(total / count + MORE_LOSS * loss) / LEAST_LEVEL
+    over = np.exp(total / count + MORE_LOSS * loss) / MIN_ECHO_LEVEL
     low, high = RAMP
-    loud = np.clip((over - low) / (high - low), 0.0, 1.0)
-    return np.asarray(np.maximum(loud, 1.0 - within_table(depth, probe)), dtype=np.float64)
+    detectable = np.clip((over - low) / (high - low), 0.0, 1.0)
+    return np.asarray(np.maximum(detectable, 1.0 - within_table(depth, probe)), dtype=np.float64)
 
 
 def within_table(depth_mm: Floats, probe: ProbeModel) -> Floats:
@@ -57,3 +64,42 @@ def within_table(depth_mm: Floats, probe: ProbeModel) -> Floats:
     least, most = OUTER_SHARE
     too_deep = (depth_mm / probe.max_thickness_mm - least) / (most - least)
     return np.asarray(1.0 - np.clip(too_deep, 0.0, 1.0), dtype=np.float64)
+
+
+def spread_along_interface(
+    behind: Floats, depth_mm: Floats, candidates: Candidates, links: Links, probe: ProbeModel
+) -> Floats:
+    """Return how sure (n, k) a boundary lies behind each candidate, here or along its interface.
+
+    The step from table to diploe goes on from place to place. Where the inner boundary leans away
+    or drowns in noise, nothing is seen behind the step. But the same interface, a few millimetres
+    on, has the inner boundary behind it, and is not the last one here either.
+
+    Args:
+        behind: How sure that is in each place (n, k).
+        depth_mm: Of the candidates (n, k).
+        candidates: The candidates.
+        links: Who is around whom.
+        probe: What is deeper than any outer table that it sees is no such step.
+    """
+    n = len(depth_mm)
+    nearest: list[Ints] = []
+    alike: list[Bools] = []
+    for sources in links.around:
+        index = np.maximum(sources, 0)
+        gap = np.abs(
+            depth_mm[index][:, None, :] - depth_mm[:, :, None]
+        )  # (n, k, k of the neighbour)
+        quiet = candidates.level[index][:, None, :] < FAINTER * candidates.level[:, :, None]
+        gap = np.where(quiet | ~candidates.exists[index][:, None, :], np.inf, gap)
+        nearest.append(gap.argmin(axis=2))
+        alike.append((sources >= 0)[:, None] & (gap.min(axis=2, initial=np.inf) < INTERFACE_MM))
+    along = behind
+    for _ in range(INTERFACE_ROUNDS if n else 0):
+        total, count = along.copy(), np.ones(along.shape)
+        for sources, column, same in zip(links.around, nearest, alike, strict=True):
+            neighbours = along[np.maximum(sources, 0)[:, None], column]
+            total += np.where(same, neighbours, 0.0)
+            count += same
+        along = total / count
+    return np.maximum(behind, within_table(depth_mm, probe) * along)

@@ -1,7 +1,7 @@
-"""Neighbouring A-scans decide together: semi-global matching with probabilities.
+"""Semi-global matching of neighbouring A-scans, with probabilities (Hirschmüller 2008).
 
-Every A-scan has a thickness on a grid of depths. Its own evidence says how likely each is; from
-eight directions it hears what the scans on that side make of it, each of them having heard from
+Every A-scan has a thickness on a grid of depths. Its own likelihood says how probable each is; from
+eight directions it receives messages of the scans on that side, each of them with the message of
 the next one that way. Eight lines that meet in a scan form a tree, on which summing is exact; the
 summing counterpart of the truncated quadratic of Hirschmueller is a bell with a floor.
 """
@@ -11,7 +11,7 @@ from itertools import pairwise
 import numpy as np
 
 from rona_core.geometry.arrays import Bools, Floats, Ints
-from rona_core.ultrasound.detection.single.depth_evidence import STEP_MM
+from rona_core.ultrasound.detection.single.depth_likelihood import STEP_MM
 from rona_core.ultrasound.detection.spatial.neighbour_graph import Links
 
 CHANGE_MM = 0.3  # rms difference in thickness, as seen 1 mm apart,
@@ -21,7 +21,7 @@ LINKED = 0.85  # share of neighbours that continue the same boundary
 DISTANCES_MM = (0.7, 1.2, 1.8, 2.6, 3.7, 5.0)  # links are sorted into these
 PLACED_SD_MM = 0.15  # of a peak about the boundary that caused it
 SHARED = 0.6  # log odds count for this where neighbours see partly the same clutter
-TOLD = 0.7  # and what all others say for this, since the odds know part of it
+NEIGHBOURS_SHARE = 0.7  # and the message of the neighbours for this: the odds know part of it
 
 
 def change_sd_mm(apart_mm: Floats, change_mm: float = CHANGE_MM) -> Floats:
@@ -29,7 +29,7 @@ def change_sd_mm(apart_mm: Floats, change_mm: float = CHANGE_MM) -> Floats:
     return change_mm * np.maximum(LEAST_CHANGE, apart_mm**CHANGE_POWER)
 
 
-def neighbours_say(
+def neighbour_density(
     own: Floats, links: Links, *, change_mm: float = CHANGE_MM, linked: float = LINKED
 ) -> Floats:
     """Return the density (n, m) of each depth given all other A-scans, 1 on average.
@@ -47,11 +47,11 @@ def neighbours_say(
     for sources, rounds, kinds in zip(links.sources, links.rounds, bins, strict=True):
         message = np.ones((n, m))
         for group in _by_round(rounds):
-            told = own[sources[group]] * message[sources[group]]
-            told /= told.sum(axis=1, keepdims=True)
+            sent = own[sources[group]] * message[sources[group]]
+            sent /= sent.sum(axis=1, keepdims=True)
             for kind in np.unique(kinds[group]):
                 chosen = kinds[group] == kind
-                message[group[chosen]] = told[chosen] @ kernels[kind]
+                message[group[chosen]] = sent[chosen] @ kernels[kind]
         log_prior += np.log(message)
     prior = np.exp(log_prior - log_prior.max(axis=1, keepdims=True, initial=-np.inf))
     return prior / prior.mean(axis=1, keepdims=True) if n else prior
@@ -74,7 +74,7 @@ def _by_round(rounds: Ints) -> list[Ints]:
     return [order[a:b] for a, b in pairwise(bounds)]
 
 
-def candidate_odds(
+def candidate_probabilities(
     odds: Floats, depth_mm: Floats, exists: Bools, grid_mm: Floats, links: Links
 ) -> Floats:
     """Return the probability (n, k + 1) of each candidate, and last that none is right.
@@ -88,9 +88,9 @@ def candidate_odds(
     """
     near = _bells(depth_mm, grid_mm)  # (n, k, m), mean 1 over the grid
     own = 1.0 + np.einsum("nk,nkm->nm", np.where(exists, np.exp(SHARED * odds), 0.0), near)
-    prior = neighbours_say(own, links)
+    prior = neighbour_density(own, links)
     expected = np.einsum("nkm,nm->nk", near, prior) / len(grid_mm)
-    weight = np.where(exists, np.exp(odds) * expected**TOLD, 0.0)
+    weight = np.where(exists, np.exp(odds) * expected**NEIGHBOURS_SHARE, 0.0)
     total = 1.0 + weight.sum(axis=1)
     return np.column_stack((weight, np.ones(len(odds)))) / total[:, None]
 

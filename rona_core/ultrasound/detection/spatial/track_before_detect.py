@@ -1,4 +1,4 @@
-"""How likely the inner echo is at every depth, before any peak is picked: track before detect.
+"""Track before detect: likelihood of the inner echo at every depth, before any peak is picked.
 
 Where the echo is hardly louder than the noise no peak stands out, and picking peaks throws away
 what many A-scans know together. Here every depth keeps its likelihood ratio, that of a magnitude
@@ -12,9 +12,9 @@ import numpy as np
 from scipy.ndimage import maximum_filter1d
 
 from rona_core.geometry.arrays import Bools, Floats
-from rona_core.ultrasound.detection.single.depth_evidence import STEP_MM
+from rona_core.ultrasound.detection.single.depth_likelihood import STEP_MM
 from rona_core.ultrasound.detection.spatial.neighbour_graph import Links
-from rona_core.ultrasound.detection.spatial.semi_global_matching import neighbours_say
+from rona_core.ultrasound.detection.spatial.semi_global_matching import neighbour_density
 
 SMOOTH_MM, LINKED = 0.1, 0.95  # change of thickness 1 mm apart, and where it does not jump
 APART_MM = 0.9  # a later boundary is at least this far behind
@@ -23,7 +23,8 @@ MULTIPLES = (2.0, 0.4), (3.0, 0.1), (4.0, 0.03)
 MULTIPLE = 0.08, 0.3  # share and mm about those
 REVERBERATES = 1.6, 0.3  # within the tables: up to this many times the depth, this loud at most
 SIDE_LOBES = (3.0, 0.17), (5.0, 0.1)  # mm behind an echo, and what is weaker there may be its own
-STACK_FLOOR, STACK_SURE = 0.25, 1.5  # mean evidence from which on there is a boundary, and is sure
+# mean log likelihood ratio from which on there is a boundary, and is sure
+STACK_FLOOR, STACK_SURE = 0.25, 1.5
 LAST = 5.0  # log likelihood that a boundary loses for each unit of one behind it
 SLOPE_STEPS = 2  # of the grid, by which a boundary may differ from that of a neighbour
 NEAR_MM = 0.5  # about a depth, its chance is summed over this much either way
@@ -31,22 +32,22 @@ NEAR_MM = 0.5  # about a depth, its chance is summed over this much either way
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Tracks:
-    """What all A-scans together say of depths (n, k)."""
+    """What all A-scans together show at depths (n, k)."""
 
     chance: Floats  # that the last boundary runs near it
-    stack: Floats  # mean evidence for a boundary
-    loud: Floats  # mean level over the noise
+    stack: Floats  # mean log likelihood ratio for a boundary
+    snr: Floats  # mean level over the noise
     behind: Floats  # that another boundary is behind, with a peak of its own: 0 to STACK_SURE
 
 
-def stacked(evidence: Floats, links: Links) -> Floats:
-    """Return the mean evidence (n, m) of each A-scan and those around it, for every depth.
+def stacked(log_likelihood: Floats, links: Links) -> Floats:
+    """Return the mean log likelihood ratio (n, m) of each A-scan and its neighbours, by depth.
 
     Unlike the chances of tracks this is no contest: two boundaries, one behind the other, both
     have it. Where there is nothing it is about 0.
     """
-    wide = maximum_filter1d(evidence, 2 * SLOPE_STEPS + 1, axis=1, mode="nearest")
-    return _mean_around(evidence, wide, links)
+    wide = maximum_filter1d(log_likelihood, 2 * SLOPE_STEPS + 1, axis=1, mode="nearest")
+    return _mean_around(log_likelihood, wide, links)
 
 
 def _mean_around(own: Floats, others: Floats, links: Links) -> Floats:
@@ -59,12 +60,12 @@ def _mean_around(own: Floats, others: Floats, links: Links) -> Floats:
     return mean
 
 
-def seen_behind(stack: Floats, loud: Floats, grid_mm: Floats) -> Floats:
+def seen_behind(stack: Floats, snr: Floats, grid_mm: Floats) -> Floats:
     """Return how sure (n, m) another boundary lies behind each depth, 0 to ``STACK_SURE``.
 
     Args:
-        stack: Mean evidence for a boundary (n, m).
-        loud: Mean level over the noise (n, m): a multiple or a side lobe does not count.
+        stack: Mean log likelihood ratio for a boundary (n, m).
+        snr: Mean level over the noise (n, m): a multiple or a side lobe does not count.
         grid_mm: Depths (m,).
     """
     sure = np.clip(stack - STACK_FLOOR, 0.0, STACK_SURE)
@@ -73,16 +74,16 @@ def seen_behind(stack: Floats, loud: Floats, grid_mm: Floats) -> Floats:
         first = int(np.searchsorted(grid_mm, depth + APART_MM))
         if first >= len(grid_mm):
             break
-        ratio = loud[:, first:] / np.maximum(loud[:, i : i + 1], 1e-12)
+        ratio = snr[:, first:] / np.maximum(snr[:, i : i + 1], 1e-12)
         counts = ~repeats(depth, grid_mm[first:], ratio)
         behind[:, i] = np.where(counts, sure[:, first:], 0.0).max(axis=1)
     return behind
 
 
-def _summits(loud: Floats) -> Bools:
+def _summits(snr: Floats) -> Bools:
     """Return where levels (n, m) are highest within 0.5 mm: not on the flank of an echo."""
     reach = 2 * round(NEAR_MM / STEP_MM) + 1
-    return np.asarray(loud >= maximum_filter1d(loud, reach, axis=1, mode="nearest"))
+    return np.asarray(snr >= maximum_filter1d(snr, reach, axis=1, mode="nearest"))
 
 
 def repeats(depth_mm: float | Floats, behind_mm: Floats, ratio: Floats) -> Bools:
@@ -109,19 +110,21 @@ def at_depths(values: Floats, grid_mm: Floats, depth_mm: Floats) -> Floats:
     return np.asarray(np.take_along_axis(values, at, axis=1), dtype=np.float64)
 
 
-def track_chances(evidence: Floats, grid_mm: Floats, depth_mm: Floats, links: Links) -> Floats:
+def track_chances(
+    log_likelihood: Floats, grid_mm: Floats, depth_mm: Floats, links: Links
+) -> Floats:
     """Return how likely (n, k) the boundary runs near depths (n, k), all A-scans together.
 
     Args:
-        evidence: Of each A-scan for each depth (n, m).
+        log_likelihood: Of each A-scan for each depth (n, m).
         grid_mm: Those depths (m,).
         depth_mm: What is asked for (n, k).
         links: Who is beside whom.
     """
-    if not len(evidence):
+    if not len(log_likelihood):
         return np.zeros(depth_mm.shape)
-    said = neighbours_say(np.exp(evidence), links, change_mm=SMOOTH_MM, linked=LINKED)
-    odds = np.log(said) + evidence
+    density = neighbour_density(np.exp(log_likelihood), links, change_mm=SMOOTH_MM, linked=LINKED)
+    odds = np.log(density) + log_likelihood
     chance = np.exp(odds - odds.max(axis=1, keepdims=True))
     total = np.cumsum(chance / chance.sum(axis=1, keepdims=True), axis=1)
     total = np.column_stack((np.zeros(len(total)), total))
@@ -134,22 +137,22 @@ def track_chances(evidence: Floats, grid_mm: Floats, depth_mm: Floats, links: Li
 
 
 def along_tracks(
-    evidence: Floats, loud: Floats, grid_mm: Floats, depth_mm: Floats, links: Links
+    log_likelihood: Floats, snr: Floats, grid_mm: Floats, depth_mm: Floats, links: Links
 ) -> Tracks:
     """Return what all A-scans together say of depths (n, k).
 
     Args:
-        evidence: Of each A-scan for each depth (n, m).
-        loud: Level over the noise (n, m).
+        log_likelihood: Of each A-scan for each depth (n, m).
+        snr: Level over the noise (n, m).
         grid_mm: Those depths (m,).
         depth_mm: What is asked for (n, k).
         links: Who is beside whom.
     """
-    stack, mean = stacked(evidence, links), _mean_around(loud, loud, links)
+    stack, mean = stacked(log_likelihood, links), _mean_around(snr, snr, links)
     behind = seen_behind(stack, mean, grid_mm)
     peaks = seen_behind(np.where(_summits(mean), stack, 0.0), mean, grid_mm)
     return Tracks(
-        track_chances(evidence - LAST * behind, grid_mm, depth_mm, links),
+        track_chances(log_likelihood - LAST * behind, grid_mm, depth_mm, links),
         at_depths(stack, grid_mm, depth_mm),
         at_depths(mean, grid_mm, depth_mm),
         at_depths(peaks, grid_mm, depth_mm),

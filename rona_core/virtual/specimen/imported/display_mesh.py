@@ -1,4 +1,4 @@
-"""A coarse mesh of a whole skull for the eye, small enough for a session file and a browser."""
+"""Coarse display mesh of an imported skull, small enough for a session file and a browser."""
 
 import numpy as np
 from scipy.ndimage import gaussian_filter, map_coordinates
@@ -67,9 +67,9 @@ def _visible(vertices: Floats, faces: Ints) -> tuple[Floats, Ints]:
     hidden = np.arange(len(faces))
     for view in views:
         facing = hidden[normals[hidden] @ view > 0.0]
-        ways = np.repeat(view[None], len(facing), axis=0)
-        seen = facing[np.isinf(caster.first_hit(middles[facing], ways))]
-        hidden = np.setdiff1d(hidden, seen, assume_unique=True)
+        directions = np.repeat(view[None], len(facing), axis=0)
+        visible = facing[np.isinf(caster.first_hit(middles[facing], directions))]
+        hidden = np.setdiff1d(hidden, visible, assume_unique=True)
     kept = np.delete(faces, hidden, axis=0)
     used, renumbered = np.unique(kept, return_inverse=True)
     return vertices[used], renumbered.reshape(-1, 3)

@@ -1,4 +1,4 @@
-"""The stored distance of a loaded skull as a smooth field: rays to, and feet on, its zero level."""
+"""Distance field of an imported skull as a smooth field: rays to and feet on its zero level."""
 
 import numpy as np
 

@@ -1,4 +1,4 @@
-"""The signed distance to bone on a grid about the scanned disc: negative in bone, in mm."""
+"""Signed distance to bone on a grid about the scanned disc: negative in bone, in mm."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass

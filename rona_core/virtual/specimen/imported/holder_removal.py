@@ -1,4 +1,4 @@
-"""Take away what held the head while it was scanned: frame, pins, table.
+"""Removal of the head holder from a scan: frame, pins, table.
 
 The skull is what surrounds the largest cavity. Seen from the middle of that cavity its outer
 surface is smooth; what reaches far beyond it, and what hangs on that, is no skull.

@@ -1,4 +1,4 @@
-"""A skull from a file as a specimen: rays and feet on the zero level of its stored distance."""
+"""Imported skull as a specimen: rays and feet on the zero level of its distance field."""
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -151,16 +151,16 @@ class LoadedSpecimen:
             d = np.repeat(-axes[:, 2][None], len(o), axis=0)
             t = self.layers(o, d)
             for number, column in enumerate(t.T):
-                there = np.isfinite(column)
-                points = o + np.where(there, column, 0.0)[:, None] * d
-                self._sheets[number] = points.reshape(*a.shape, 3), there.reshape(a.shape)
+                valid = np.isfinite(column)
+                points = o + np.where(valid, column, 0.0)[:, None] * d
+                self._sheets[number] = points.reshape(*a.shape, 3), valid.reshape(a.shape)
         return self._sheets[k]
 
     def _foot(self, q: Floats, k: int) -> Floats:
         """Return the nearest point (n, 3) of the outer (0) or inner (3) boundary."""
         if k not in self._trees:
-            points, there = self._sheet(k)
-            self._trees[k] = KDTree(points[there]), points[there]
+            points, valid = self._sheet(k)
+            self._trees[k] = KDTree(points[valid]), points[valid]
         tree, samples = self._trees[k]
         return self._field.foot(q, samples[tree.query(q)[1]])
 
@@ -205,16 +205,16 @@ class LoadedSpecimen:
         if k == 0:
             vertices = self._skull.mesh_vertices_skull.astype(np.float64)
             return Mesh(readonly(vertices), readonly(self._skull.mesh_faces.astype(np.int64)))
-        points, there = self._sheet(k)
+        points, valid = self._sheet(k)
         stride = max(1, round(edge_mm / (SHEET_NODES * self._skull.spacing_mm)))
-        points, there = points[::stride, ::stride], there[::stride, ::stride]
-        numbers = np.arange(there.size).reshape(there.shape)
+        points, valid = points[::stride, ::stride], valid[::stride, ::stride]
+        numbers = np.arange(valid.size).reshape(valid.shape)
         corners = [
             part.ravel()
             for part in (numbers[:-1, :-1], numbers[1:, :-1], numbers[1:, 1:], numbers[:-1, 1:])
         ]
         quads = np.stack(corners, axis=1)
-        quads = quads[there.ravel()[quads].all(axis=1)]
+        quads = quads[valid.ravel()[quads].all(axis=1)]
         faces = np.concatenate((quads[:, (0, 1, 2)], quads[:, (0, 2, 3)]))
         used, faces = np.unique(faces, return_inverse=True)
         return Mesh(readonly(points.reshape(-1, 3)[used]), readonly(faces.reshape(-1, 3)))

@@ -1,4 +1,4 @@
-"""Read bone from mesh files: inside and distance of closed triangle surfaces."""
+"""Reader of bone meshes: inside test and distance of closed triangle surfaces."""
 
 import io
 from dataclasses import dataclass

@@ -1,4 +1,4 @@
-"""Choose where to scan a skull from a file: a smooth, whole patch of the side of the calotte.
+"""Choice of the scanned region of an imported skull: a smooth, whole patch of the calotte.
 
 Works on the bone at about 1 mm, with x to a side and z up, seen along x from both sides.
 """

@@ -1,4 +1,4 @@
-"""A smooth triangle mesh of a level of a volume: naive surface nets.
+"""Isosurface of a volume as a smooth triangle mesh: naive surface nets.
 
 Each cell that the level crosses gets one vertex, the mean of the crossings of its edges; each grid
 edge that crosses the level joins the vertices of the four cells around it.

@@ -1,4 +1,4 @@
-"""Read bone from a volume file: a mask, or a CT with the grey value that separates bone."""
+"""Reader of bone volumes: a mask, or a CT with a threshold."""
 
 from dataclasses import dataclass
 from pathlib import Path

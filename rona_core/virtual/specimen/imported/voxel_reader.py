@@ -1,4 +1,4 @@
-"""Voxels of NRRD and NIfTI files, a few layers at a time, so that no volume lies in memory whole.
+"""Reader of NRRD and NIfTI voxels in slabs, so that no volume lies in memory whole.
 
 The voxels are read from the file itself: a header that points to another file is refused.
 """

@@ -1,4 +1,4 @@
-"""The charts that together cover a simulated head: a fine one where it is scanned, six around it.
+"""Atlas of the simulated head: a fine chart where it is scanned, six around it.
 
 The six, one for each face of a cube, are baked only when something looks there.
 """

@@ -1,4 +1,4 @@
-"""A patch of the skull as cubic splines over a plane, seen from the centre of the head.
+"""Chart of the simulated head: radii as cubic splines over a plane.
 
 A point ``v`` from the centre has depth ``s = v.e0`` and slopes ``a = v.e1 / s``, ``b = v.e2 / s``
 (the gnomonic map). Boundary k is ``v = rho_k(a, b) * (e0 + a e1 + b e2)``, so it is a height field

@@ -1,4 +1,4 @@
-"""Places on the skull, named as surgeons do: millimetres behind and above the ear canal.
+"""Landmarks of the skull: millimetres behind and above the ear canal.
 
 Frame ``skull``: origin midway between the ear canals, x right, y forward, z up.
 """

@@ -1,4 +1,4 @@
-"""The four boundaries of the simulated skull as radii about its centre, in closed form."""
+"""Radii of the four boundaries of the simulated skull about its centre, in closed form."""
 
 from dataclasses import dataclass
 

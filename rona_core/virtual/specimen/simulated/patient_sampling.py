@@ -1,4 +1,4 @@
-"""Draw a simulated head from a seed: size, thickness, relief, grooves and sutures.
+"""Sampling of a simulated head from a seed: size, thickness, bumps, grooves and sutures.
 
 Levels and patterns follow measured heads (docs/algorithms/virtual_world/simulated_skull.md). Depths
 of diploe, grooves and sutures are plausible values: no source for them was found.

@@ -1,4 +1,4 @@
-"""The simulated skull as a specimen: the atlas behind the questions that every specimen answers."""
+"""Simulated skull as a specimen, answered by its atlas."""
 
 import numpy as np
 from numpy.typing import ArrayLike

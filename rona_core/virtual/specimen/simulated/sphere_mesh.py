@@ -1,4 +1,4 @@
-"""A sphere of nearly equal triangles: the six faces of a cube, bulged."""
+"""Sphere mesh of nearly equal triangles: the six faces of a cube, projected."""
 
 import numpy as np
 

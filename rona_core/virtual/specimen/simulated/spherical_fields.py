@@ -1,4 +1,4 @@
-"""Smooth scalar fields on the unit sphere with closed gradients: the clay of the simulated skull.
+"""Smooth scalar fields on the unit sphere with closed gradients: bumps of the simulated skull.
 
 A direction ``u`` is a unit vector (n, 3) from the centre of the head. Each field has ``value(u)``
 (n,) in mm and ``gradient(u)`` (n, 3), the derivative by ``u`` as if it were free in space.

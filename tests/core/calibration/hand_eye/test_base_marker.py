@@ -8,12 +8,12 @@ from scipy.spatial.transform import Rotation
 
 from rona_core.calibration.hand_eye.base_marker import (
     MIN_FRAMES,
-    ErrorField,
     SeenBase,
-    carry_over,
-    compare_base,
+    TrackerErrorField,
+    detect_tracker_movement,
     mean_base,
     point_sigmas_mm,
+    update_registration,
 )
 from rona_core.devices.marker_geometry import GEOMETRIES
 from rona_core.devices.settings import DeviceSettings, TrackerPlace, TrackerSettings
@@ -68,8 +68,8 @@ def test_the_test_of_a_move_does_not_care_where_the_tracker_has_its_axes(seed):
     spread = np.diag(rng.uniform(1e-9, 1e-8, 6))
     both = np.kron(np.eye(2), turn)
     there = Pose(turn, np.zeros(3))
-    plain = compare_base(SeenBase(pose, spread, 20), SeenBase(step, spread, 20))
-    turned = compare_base(
+    plain = detect_tracker_movement(SeenBase(pose, spread, 20), SeenBase(step, spread, 20))
+    turned = detect_tracker_movement(
         SeenBase(there @ pose, both @ spread @ both.T, 20),
         SeenBase(there @ step, both @ spread @ both.T, 20),
     )
@@ -84,7 +84,7 @@ def test_without_noise_the_tracker_is_found_again_exactly(seed):
     T_base_tracker, T_base_basemarker, T_base_tracker_new = (pose_of(rng) for _ in range(3))
     then = SeenBase(T_base_tracker.inv() @ T_base_basemarker, NONE, 20)
     now = SeenBase(T_base_tracker_new.inv() @ T_base_basemarker, NONE, 20)
-    carried = carry_over(T_base_tracker, NONE, then, now, ErrorField(0.0))
+    carried = update_registration(T_base_tracker, NONE, then, now, TrackerErrorField(0.0))
     np.testing.assert_allclose(
         carried.T_base_tracker.matrix(), T_base_tracker_new.matrix(), atol=1e-8
     )
@@ -99,7 +99,7 @@ def test_the_registration_is_as_good_at_every_place_as_before_if_the_base_marker
     root = rng.normal(size=(6, 6)) * np.repeat((1e-4, 0.1), 3)[:, None]
     then = SeenBase(T_base_tracker.inv() @ T_base_basemarker, NONE, 20)
     now = SeenBase(T_base_tracker_new.inv() @ T_base_basemarker, NONE, 20)
-    carried = carry_over(T_base_tracker, root @ root.T, then, now, ErrorField(0.0))
+    carried = update_registration(T_base_tracker, root @ root.T, then, now, TrackerErrorField(0.0))
     before = point_sigmas_mm(T_base_tracker, root @ root.T, HEAD)
     np.testing.assert_allclose(carried.sigma_mm(HEAD), before, rtol=1e-6)
 
@@ -114,7 +114,7 @@ def test_the_predicted_cost_is_that_of_a_simulation():
     first, second = (
         SeenBase(pose, root @ root.T, 20) for pose, root in zip((then, now), roots, strict=True)
     )
-    carried = carry_over(T_base_tracker, NONE, first, second, ErrorField(0.0))
+    carried = update_registration(T_base_tracker, NONE, first, second, TrackerErrorField(0.0))
     head_tracker = carried.T_base_tracker.inv() @ HEAD
     off = []
     for _ in range(1500):
@@ -122,7 +122,9 @@ def test_the_predicted_cost_is_that_of_a_simulation():
             SeenBase(deviate(pose, root @ rng.normal(size=6)), NONE, 20)
             for pose, root in zip((then, now), roots, strict=True)
         )
-        found = carry_over(T_base_tracker, NONE, *drawn, ErrorField(0.0)).T_base_tracker
+        found = update_registration(
+            T_base_tracker, NONE, *drawn, TrackerErrorField(0.0)
+        ).T_base_tracker
         off.append(found @ head_tracker - HEAD)
     measured = np.sqrt((np.array(off) ** 2).sum(axis=2).mean(axis=0))
     np.testing.assert_allclose(carried.added_sigma_mm(HEAD), measured, rtol=0.06)
@@ -136,8 +138,8 @@ def test_the_predicted_cost_is_honest(profile, place):
         scene = scene_of(seed, profile)
         first = scene.tracker_at(TrackerPlace())
         then, now = seen_from(scene, TrackerPlace(), 1), seen_from(scene, place, 2)
-        assert compare_base(then, now).moved
-        carried = carry_over(first, NONE, then, now, ErrorField(FIELD_MM[profile]))
+        assert detect_tracker_movement(then, now).moved
+        carried = update_registration(first, NONE, then, now, TrackerErrorField(FIELD_MM[profile]))
         head = HEAD[:1]
         off = carried.T_base_tracker @ (scene.tracker_at(place).inv() @ head) - head
         measured.append(float(np.linalg.norm(off)))
@@ -151,14 +153,14 @@ def test_a_tracker_at_rest_is_not_said_to_have_moved(profile):
     scenes = [scene_of(seed, profile) for seed in range(12)]
     for scene in scenes:
         then, now = (seen_from(scene, TrackerPlace(), ordinal) for ordinal in (1, 2))
-        assert not compare_base(then, now).moved
+        assert not detect_tracker_movement(then, now).moved
 
 
 def test_a_small_move_is_seen_and_said_in_numbers():
     scene = scene_of(3)
     then = seen_from(scene, TrackerPlace(), 1)
     now = seen_from(scene, TrackerPlace((0.0, 0.0, 12.0)), 2)
-    movement = compare_base(then, now)
+    movement = detect_tracker_movement(then, now)
     assert movement.moved
     assert movement.shift_mm == pytest.approx(12.0, abs=1.0)
     assert movement.turn_deg < 0.1

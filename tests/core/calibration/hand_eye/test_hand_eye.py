@@ -7,6 +7,7 @@ from scipy.spatial.transform import Rotation
 from rona_core.calibration.hand_eye.hand_eye import TOOL_MARKERS, solve_hand_eye
 from rona_core.calibration.hand_eye.initial_guess import first_guess
 from rona_core.calibration.hand_eye.residuals import (
+    RobotNoise,
     fit_covariances,
     jacobians,
     moved,
@@ -308,7 +309,7 @@ def test_poses_that_do_not_belong_together_are_refused():
     with pytest.raises(InvalidInputError, match="as many"):
         solve_hand_eye(robot, marker.select(slice(0, 3)))
     with pytest.raises(InvalidInputError, match="negative"):
-        solve_hand_eye(robot, marker, robot_sigma_mm=-1.0)
+        RobotNoise(position_mm=-1.0)
     line = np.outer(np.arange(3.0), (10.0, 0.0, 0.0))
     with pytest.raises(DegenerateGeometryError, match="one line"):
         solve_hand_eye(robot, marker, positions_toolmarker=line)

@@ -4,7 +4,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from rona_core.calibration.handheld.rotation_axis import fit_spin
+from rona_core.calibration.handheld.rotation_axis import fit_rotation_axis
 from rona_core.calibration.handheld.tracked_probe import calibrate_sono
 from rona_core.devices.marker_geometry import GEOMETRIES
 from rona_core.errors import DegenerateGeometryError, InvalidInputError
@@ -74,7 +74,7 @@ def test_without_noise_face_and_axis_are_exact():
 def test_where_the_tracker_stands_does_not_matter(seed, turn, shift):
     T_a_b = Pose.from_rotvec(turn, shift)
     here = spin(np.random.default_rng(seed), noise_deg=0.2)
-    a, b = fit_spin(here), fit_spin(T_a_b @ here)
+    a, b = fit_rotation_axis(here), fit_rotation_axis(T_a_b @ here)
     assert abs(a.axis_marker @ b.axis_marker) == pytest.approx(1.0, abs=1e-12)
     np.testing.assert_allclose(a.point_marker, b.point_marker, atol=1e-6)
     assert b.sigma_deg == pytest.approx(a.sigma_deg, rel=1e-6)
@@ -88,7 +88,7 @@ def test_where_the_tracker_stands_does_not_matter(seed, turn, shift):
 def test_another_marker_frame_moves_the_axis_along(seed, turn, shift):
     T_a_b = Pose.from_rotvec(turn, shift)  # of the marker frame b in another one, a
     here = spin(np.random.default_rng(seed), noise_deg=0.2)
-    b, a = fit_spin(here), fit_spin(here @ T_a_b.inv())
+    b, a = fit_rotation_axis(here), fit_rotation_axis(here @ T_a_b.inv())
     moved = T_a_b.rotate(b.axis_marker)
     assert abs(moved @ a.axis_marker) == pytest.approx(1.0, abs=1e-12)
     off = T_a_b @ b.point_marker - a.point_marker
@@ -102,7 +102,9 @@ def test_another_marker_frame_moves_the_axis_along(seed, turn, shift):
 def test_the_predicted_sigma_is_what_happens(noise_deg, play_deg, half_deg):
     errors, predicted = [], []
     for seed in range(60):
-        fit = fit_spin(spin(np.random.default_rng(seed), half_deg, 300, noise_deg, play_deg))
+        fit = fit_rotation_axis(
+            spin(np.random.default_rng(seed), half_deg, 300, noise_deg, play_deg)
+        )
         error = angle_deg(fit.axis_marker, AXIS)
         errors.append(min(error, 180.0 - error))
         predicted.append(fit.sigma_deg)
@@ -112,7 +114,7 @@ def test_the_predicted_sigma_is_what_happens(noise_deg, play_deg, half_deg):
 
 def test_a_wider_spin_tells_more():
     sigmas = [
-        fit_spin(spin(np.random.default_rng(3), half, noise_deg=0.3)).sigma_deg
+        fit_rotation_axis(spin(np.random.default_rng(3), half, noise_deg=0.3)).sigma_deg
         for half in (25.0, 45.0, 80.0)
     ]
     assert sigmas[0] > 1.5 * sigmas[1] > 2.0 * sigmas[2]
@@ -123,7 +125,7 @@ def test_a_few_wild_poses_do_not_count():
     good = spin(rng, noise_deg=0.1)
     wild = good.rotations.copy()
     wild[40:50] = Rotation.from_rotvec(rng.normal(0, 0.3, (10, 3))).as_matrix() @ wild[40:50]
-    fit = fit_spin(Poses(wild, good.translations))
+    fit = fit_rotation_axis(Poses(wild, good.translations))
     assert not fit.used[40:50].any()
     assert fit.used.sum() > 280
     assert abs(fit.axis_marker @ AXIS) > np.cos(np.deg2rad(0.1))
@@ -132,9 +134,9 @@ def test_a_few_wild_poses_do_not_count():
 def test_too_little_spin_is_refused_and_little_is_named():
     rng = np.random.default_rng(1)
     with pytest.raises(DegenerateGeometryError, match="30 degrees from end to end"):
-        fit_spin(spin(rng, half_deg=15.0, noise_deg=0.05))
+        fit_rotation_axis(spin(rng, half_deg=15.0, noise_deg=0.05))
     with pytest.raises(DegenerateGeometryError, match="from end to end"):
-        fit_spin(spin(rng, half_deg=0.0))
+        fit_rotation_axis(spin(rng, half_deg=0.0))
     weak = calibrated(rng, half_deg=30.0, noise_deg=0.05)
     assert weak.verdict == "weak"
     assert "turned by 60 degrees" in " ".join(weak.reasons)
@@ -143,9 +145,9 @@ def test_too_little_spin_is_refused_and_little_is_named():
 def test_a_probe_that_reels_is_refused_and_few_poses_too():
     rng = np.random.default_rng(2)
     with pytest.raises(DegenerateGeometryError, match="wobbled"):
-        fit_spin(spin(rng, noise_deg=9.0))
+        fit_rotation_axis(spin(rng, noise_deg=9.0))
     with pytest.raises(InvalidInputError, match="20 poses"):
-        fit_spin(spin(rng, n=19))
+        fit_rotation_axis(spin(rng, n=19))
 
 
 def test_a_point_that_sits_askew_is_named():

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from rona_core.calibration.pivot.depth_anisotropy import MAX_RATIO, noise_told_by
+from rona_core.calibration.pivot.depth_anisotropy import MAX_RATIO, estimate_marker_noise
 from rona_core.geometry.batch_fit import fit_line_many, fit_rigid_many
 from tests.helpers.strategies import random_pose
 
@@ -22,7 +22,7 @@ def told(ratio, body, n=300, seed=0, unseen=0):
         poses = fit_line_many(body[:, 2], points, seen).Ts_b_a
     else:
         poses = fit_rigid_many(body, points, seen).Ts_b_a
-    return noise_told_by(points, seen, poses, body).depth_ratio
+    return estimate_marker_noise(points, seen, poses, body).depth_ratio
 
 
 @pytest.mark.parametrize("body", [BODY, LINE], ids=["6D", "5D"])

@@ -7,7 +7,7 @@ from scipy.spatial.transform import Rotation
 from scipy.stats import chi2
 
 from rona_core.calibration.handheld.pointer import calibrate_pointer
-from rona_core.calibration.pivot.maximum_likelihood import fit_likely_tip
+from rona_core.calibration.pivot.maximum_likelihood import estimate_tip
 from rona_core.calibration.pivot.pivot_calibration import solve_pivot_from_markers
 from rona_core.calibration.tracking_error.marker_noise import EVEN, MarkerNoise
 from rona_core.calibration.tracking_error.poses_with_covariance import (
@@ -26,7 +26,7 @@ dofs = st.sampled_from([6, 5])
 
 def fit(poses, dof, noise=DEPTH, **options):
     tracked = tracked_from_poses(poses, GEOMETRY[dof], noise, dof=dof)
-    return fit_likely_tip(tracked, dof=dof, keep=tracked.seen, **options)
+    return estimate_tip(tracked, dof=dof, keep=tracked.seen, **options)
 
 
 def calibrate(poses, dof=6, noise=DEPTH, **options):
@@ -83,7 +83,7 @@ def test_another_marker_frame_gives_the_same_tip_in_that_frame(seed):
     T_other_marker = T_marker_other.inv()
     one = fit(poses, 6)
     tracked = tracked_from_poses(poses @ T_marker_other, T_other_marker @ GEOMETRY[6], DEPTH, dof=6)
-    other = fit_likely_tip(tracked, dof=6, keep=tracked.seen)
+    other = estimate_tip(tracked, dof=6, keep=tracked.seen)
     np.testing.assert_allclose(other.tip_marker, T_other_marker @ one.tip_marker, atol=1e-6)
     np.testing.assert_allclose(other.pivot_tracker, one.pivot_tracker, atol=1e-6)
     turn = T_other_marker.rotation
@@ -137,7 +137,7 @@ def all_at_once(tracked, start_tip, start_pivot, dof):
 def test_eliminating_the_poses_gives_the_optimum_over_all_parameters():
     poses = pose_sweep(np.random.default_rng(4), 6, DEPTH, n=12)
     tracked = tracked_from_poses(poses, GEOMETRY[6], DEPTH, dof=6)
-    found = fit_likely_tip(tracked, dof=6, keep=tracked.seen, cutoff=np.inf)
+    found = estimate_tip(tracked, dof=6, keep=tracked.seen, cutoff=np.inf)
     x = all_at_once(tracked, TIPS[6], found.pivot_tracker + 1.0, 6)
     np.testing.assert_allclose(found.tip_marker, x[:3], atol=2e-5)
     np.testing.assert_allclose(found.pivot_tracker, x[3:6], atol=2e-5)
@@ -149,8 +149,8 @@ def test_poses_tell_what_their_markers_tell():
     raw = tracked_from_markers(markers, GEOMETRY[6], EVEN, dof=6)
     from_poses = tracked_from_poses(raw.Ts_tracker_marker, GEOMETRY[6], EVEN, dof=6)
     np.testing.assert_allclose(raw.covariances, from_poses.covariances, rtol=0.02, atol=1e-8)
-    one = fit_likely_tip(raw, dof=6, keep=raw.seen)
-    other = fit_likely_tip(from_poses, dof=6, keep=raw.seen)
+    one = estimate_tip(raw, dof=6, keep=raw.seen)
+    other = estimate_tip(from_poses, dof=6, keep=raw.seen)
     np.testing.assert_allclose(one.tip_marker, other.tip_marker, atol=0.01)
 
 

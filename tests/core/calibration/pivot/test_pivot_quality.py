@@ -10,9 +10,9 @@ from rona_core.calibration.handheld.pointer import calibrate_pointer
 from rona_core.calibration.pivot.pivot_calibration import solve_pivot_from_markers
 from rona_core.calibration.pivot.quality import (
     PivotFacts,
+    correlated_poses,
     judge_pivot,
     longest_run,
-    poses_alike,
     predicted_by_cone,
 )
 from rona_core.calibration.tracking_error.marker_noise import EVEN, MarkerNoise
@@ -153,11 +153,11 @@ def test_a_slow_error_counts_as_fewer_poses():
     slow = np.zeros((4000, 3))
     for i in range(1, 4000):
         slow[i] = 0.9 * slow[i - 1] + white[i]
-    assert poses_alike(white) == 1.0
-    assert 10.0 < poses_alike(slow) < 30.0  # (1 + 0.9) / (1 - 0.9) = 19
-    assert poses_alike(np.zeros((50, 3))) == 1.0
+    assert correlated_poses(white) == 1.0
+    assert 10.0 < correlated_poses(slow) < 30.0  # (1 + 0.9) / (1 - 0.9) = 19
+    assert correlated_poses(np.zeros((50, 3))) == 1.0
     drift = np.linspace(-1.0, 1.0, 60)[:, None] * np.ones(3)
-    assert poses_alike(drift) == 10.0
+    assert correlated_poses(drift) == 10.0
     # the same on real sweeps: a slow tremor of the tip, as large as the noise
     poses = pose_sweep(np.random.default_rng(1), 5, DEPTH, n=200)
     tremor = np.cumsum(rng.normal(0.0, 0.15, (200, 3)), axis=0)

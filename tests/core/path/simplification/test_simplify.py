@@ -5,13 +5,13 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from benchmarks.reference.frechet_distance import within_frechet as path_within_frechet
-from benchmarks.reference.path_coverage import length_mm
-from benchmarks.reference.removal_order import removal_order
+from benchmarks.reference.path.frechet_distance import within_frechet as path_within_frechet
+from benchmarks.reference.path.path_coverage import length_mm
+from benchmarks.reference.path.removal_order import removal_order
 from rona_core.errors import CancelledError, InvalidInputError
 from rona_core.path.simplification import batch_decimation as bands
 from rona_core.path.simplification.deviation import deviation, deviations
-from rona_core.path.simplification.error_bound import ROUNDING
+from rona_core.path.simplification.error_bound import ROUNDING, ErrorBound
 from rona_core.path.simplification.segment_distance import distances_to_segment
 from rona_core.path.simplification.simplify import METHODS, simplify
 from tests.helpers.paths import demonstration, piece_cost
@@ -127,9 +127,8 @@ def test_the_bound_holds_and_is_reported(seed, metric, method, closed):
     path = walk(rng, 60, m=int(rng.integers(1, 5)))
     tolerance, keep = rng.uniform(0.2, 4.0), rng.choice(60, 3, replace=False)
     cap = None if metric == "k1" else 2.0
-    found = simplify(
-        path, tolerance, metric=metric, method=method, keep=keep, closed=closed, cap_mm=cap
-    )
+    bound = ErrorBound(tolerance, metric, cap_mm=cap)
+    found = simplify(path, bound, method=method, keep=keep, closed=closed)
     check = deviations(path, found.index, closed=closed)
     near = tolerance if cap is None else cap
     assert {"k1": check.k1_mm, "k2": check.k2_mm, "k3": check.k3_mm2}[metric] <= tolerance + 1e-12
@@ -145,7 +144,7 @@ def test_the_bound_holds_and_is_reported(seed, metric, method, closed):
     assert found.lower_bound <= len(found)
     assert found.exact == (found.lower_bound == len(found))
     assert (found.closed, found.frechet) == (closed, True)
-    best = simplify(path, tolerance, metric=metric, keep=keep, closed=closed, cap_mm=cap)
+    best = simplify(path, bound, keep=keep, closed=closed)
     assert best.exact
     assert found.lower_bound <= len(best) <= len(found)
 
@@ -166,7 +165,7 @@ def test_optimal_keeps_as_few_points_as_trying_everything(seed, tolerance, frech
     rng = np.random.default_rng(seed)
     path = walk(rng, 50, m=int(rng.integers(1, 7)))
     keep = rng.choice(50, 2, replace=False)
-    found = simplify(path, tolerance, frechet=frechet, keep=keep)
+    found = simplify(path, ErrorBound(tolerance, frechet=frechet), keep=keep)
     within = within_frechet if frechet else within_k1
     expected = fewest_by_trying_all(path, lambda q: within(q, tolerance), keep.tolist())
     assert len(found) == expected
@@ -179,9 +178,10 @@ def test_optimal_keeps_as_few_points_as_trying_everything(seed, tolerance, frech
 @pytest.mark.parametrize("metric", ["k2", "k3"])
 def test_optimal_by_mean_and_area_keeps_as_few_as_trying_everything(metric):
     path = walk(np.random.default_rng(4), 40)
-    found = simplify(path, 1.5, metric=metric)
+    bound = ErrorBound(1.5, metric)
+    found = simplify(path, bound)
     expected = fewest_by_trying_all(path, lambda q: piece_cost(q, metric) <= 1.5)
-    assert len(found) == expected <= len(simplify(path, 1.5, metric=metric, method="greedy"))
+    assert len(found) == expected <= len(simplify(path, bound, method="greedy"))
 
 
 def test_fast_follows_close_behind_and_says_what_is_possible():
@@ -198,8 +198,8 @@ def test_what_would_take_too_long_is_done_fast_and_says_so(monkeypatch):
     found = simplify(path, 1.0)
     assert (found.method, found.exact) == ("fast", False)
     with pytest.raises(InvalidInputError, match="cap_mm"):
-        simplify(path, 1.0, metric="k2")
-    assert simplify(path, 0.5, metric="k2", cap_mm=1.0).method == "fast"
+        simplify(path, ErrorBound(1.0, "k2"))
+    assert simplify(path, ErrorBound(0.5, "k2", cap_mm=1.0)).method == "fast"
 
 
 def test_a_closed_path_keeps_its_anchor_wherever_it_begins():
@@ -239,7 +239,8 @@ def test_the_removal_order_cut_anywhere_is_the_simplified_path(metric):
     highest = np.maximum.accumulate(order.cost)
     for tolerance in (0.1, 1.0, 5.0):
         n = int(np.searchsorted(highest, tolerance, side="right"))
-        expected = simplify(path, tolerance, metric=metric, method="greedy", frechet=False).index
+        bound = ErrorBound(tolerance, metric, frechet=False)
+        expected = simplify(path, bound, method="greedy").index
         np.testing.assert_array_equal(order.kept(n), expected)
         assert deviation(path, order.kept(n), metric) <= tolerance
         np.testing.assert_array_equal(order.kept_within(tolerance), expected)
@@ -260,7 +261,7 @@ def test_strokes_that_run_back_over_themselves_stay(method):
     raster = np.column_stack((x, np.repeat(np.arange(9) * 0.4, 40), 0 * x))
     found = simplify(raster, 1.0, method=method)
     assert length_mm(raster[found.index]) > 0.88 * length_mm(raster)
-    lost = simplify(raster, 1.0, method="optimal", frechet=False)
+    lost = simplify(raster, ErrorBound(1.0, frechet=False), method="optimal")
     assert length_mm(raster[lost.index]) < 0.6 * length_mm(raster)  # K1 cannot see them
 
 
@@ -279,9 +280,9 @@ def test_wrong_input_is_refused():
     with pytest.raises(InvalidInputError, match="method"):
         simplify(path, 1.0, method="magic")
     with pytest.raises(InvalidInputError, match="metric"):
-        simplify(path, 1.0, metric="k4")
+        ErrorBound(1.0, "k4")
     with pytest.raises(InvalidInputError, match="cap_mm"):
-        simplify(path, 1.0, cap_mm=1.0)
+        ErrorBound(1.0, cap_mm=1.0)
     with pytest.raises(InvalidInputError, match="frechet_mm"):
         removal_order(path, frechet_mm=-1.0)
     with pytest.raises(InvalidInputError, match="keep"):

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from rona_core.devices.settings import RobotSettings
-from rona_core.devices.workcell import Surroundings, room_pose
+from rona_core.devices.workcell import Surroundings, workcell_pose
 from rona_core.errors import DegenerateGeometryError, InvalidInputError
 from rona_core.geometry.pose import Pose
 from rona_core.robot.collision.obstacles import (
@@ -93,7 +93,7 @@ def test_a_capsule_lies_between_its_places():
 
 def test_moving_the_base_moves_neither_table_nor_floor():
     robot = RobotSettings(base_shift_mm=(100.0, -50.0, 0.0), base_turn_deg=30.0)
-    room = room_pose(robot)
+    room = workcell_pose(robot)
     settings = Surroundings()
     first = table_and_floor(settings, Pose.identity(), PLACE_OF_WORK)
     then = table_and_floor(settings, room, PLACE_OF_WORK)

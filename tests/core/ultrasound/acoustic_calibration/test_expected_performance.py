@@ -5,11 +5,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from benchmarks.reference.echo_time_bounds import spectrum_bound
 from rona_core.devices.settings import ProbeSettings
 from rona_core.errors import InvalidInputError
 from rona_core.ultrasound.acoustic_calibration.expected_performance import outlooks, probe_outlook
 from rona_core.ultrasound.detection.detect import NOMINAL_SPEED_MM_PER_US, nominal_bone
-from rona_core.ultrasound.detection.single.cramer_rao import spectrum_bound
 from rona_core.ultrasound.detection.single.inner_echo import bone_filter
 from rona_core.ultrasound.detection.single.matched_filter import block_template
 from rona_core.ultrasound.probe.probe_model import probe_model

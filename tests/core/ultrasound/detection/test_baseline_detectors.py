@@ -9,6 +9,7 @@ from rona_core.geometry.pose import Pose
 from rona_core.ultrasound.detection.baseline_detectors import rising_edges
 from rona_core.ultrasound.detection.detect import NO_INNER, OK, detect
 from rona_core.ultrasound.probe.probe_model import probe_model
+from rona_core.ultrasound.probe.survey import ProbeSurvey
 from rona_core.virtual.acoustics.medium import Medium
 from rona_core.virtual.acoustics.probe import VirtualProbe
 from tests.helpers.ultrasound_scenes import Plates, StillClock
@@ -27,7 +28,7 @@ def test_a_plain_plate_is_measured_in_every_shot(name, excitation, method):
         scene = plate(
             6.0, 40.0, name=name, excitation=excitation, n=40, nominal=False, drawn_seed=seed
         )
-        found = detect(scene.track, scene.probe, excitation, method=method)
+        found = detect(ProbeSurvey(scene.track, scene.probe, excitation), method=method)
         true_mm = scene.bone_us * found.sound_speed_mm_per_us / 2.0
         assert np.mean(found.flag == OK) > 0.9
         assert np.abs(found.thickness_mm - true_mm).max() < 0.6
@@ -44,7 +45,9 @@ def test_where_the_bone_has_no_end_hardly_anything_is_taken_for_it(name, excitat
     for shot in range(40):
         clock.time_s = 0.1 * shot
         scans.append(probe.acquire())
-    found = detect(AScanTrack.from_scans(scans), probe_model(name), excitation, method=method)
+    found = detect(
+        ProbeSurvey(AScanTrack.from_scans(scans), probe_model(name), excitation), method=method
+    )
     assert found.outer_ok.all()
     assert np.mean(found.flag == NO_INNER) > 0.9
 

@@ -19,6 +19,7 @@ from rona_core.ultrasound.detection.detect import (
     detect,
 )
 from rona_core.ultrasound.probe.probe_model import PROBES, probe_model
+from rona_core.ultrasound.probe.survey import ProbeSurvey
 from rona_core.virtual.acoustics.medium import Medium
 from rona_core.virtual.acoustics.probe import VirtualProbe
 from tests.helpers.ultrasound_scenes import Plates, StillClock, WavySkull, scan
@@ -64,7 +65,7 @@ def test_the_scenes_are_as_hard_as_real_skulls():
 def test_the_outer_boundary_is_found_everywhere_to_a_few_hundredths(name, excitation):
     probe = probe_model(name)
     for track, truth in surveys(name, excitation):
-        found = detect(track, probe, excitation)
+        found = detect(ProbeSurvey(track, probe, excitation))
         assert found.outer_ok.all()
         error = found.standoff_mm - truth[:, 0]
         sag_mm = probe.aperture_radius_mm**2 / (4 * 80.0)
@@ -84,7 +85,7 @@ def test_the_outer_boundary_is_found_everywhere_to_a_few_hundredths(name, excita
 def test_what_is_not_flagged_is_right_on_rough_skulls(name, excitation, coverage, wrong, sd_mm):
     errors, kept = [], []
     for track, truth in surveys(name, excitation):
-        found = detect(track, probe_model(name), excitation)
+        found = detect(ProbeSurvey(track, probe_model(name), excitation))
         errors.append(found.thickness_mm - truth[:, 1])
         kept.append(found.inner_ok)
     error, ok = np.concatenate(errors), np.concatenate(kept)
@@ -100,7 +101,11 @@ def test_subtracting_the_front_beats_the_plain_detectors(excitation):
     failures = {}
     for method in ("subtract", "matched", "threshold"):
         wrong = [
-            np.abs(detect(track, PROBE, excitation, method=method).thickness_mm - truth[:, 1]) > 1.0
+            np.abs(
+                detect(ProbeSurvey(track, PROBE, excitation), method=method).thickness_mm
+                - truth[:, 1]
+            )
+            > 1.0
             for track, truth in surveys("2.25MHz", excitation)
         ]
         failures[method] = np.concatenate(wrong).mean()
@@ -114,7 +119,7 @@ def test_flat_bone_is_measured_to_its_nominal_speed(name, excitation, thickness_
     depths = np.array((0.0, 0.275, 0.725, 1.0)) * thickness_mm  # the nominal share of diploe
     quiet = Medium(speckle=0.0, outer_roughness_mm=0.0, inner_roughness_mm=0.0)
     track = plate(name, excitation, depths, snr=70.0, medium=quiet)
-    found = detect(track, probe_model(name), excitation)
+    found = detect(ProbeSurvey(track, probe_model(name), excitation))
     assert found.inner_ok[0]
     assert found.thickness_mm[0] == pytest.approx(thickness_mm, abs=0.12)
 
@@ -122,7 +127,7 @@ def test_flat_bone_is_measured_to_its_nominal_speed(name, excitation, thickness_
 def test_the_plain_methods_find_flat_bone_with_a_pulse():
     track = plate("1MHz", "pulse", (0.0, 2.0, 5.0, 7.0), snr=60.0)
     for method in ("matched", "threshold"):
-        found = detect(track, probe_model("1MHz"), "pulse", method=method)
+        found = detect(ProbeSurvey(track, probe_model("1MHz"), "pulse"), method=method)
         assert found.thickness_mm[0] == pytest.approx(7.0, abs=0.6)
         assert found.method == method
 
@@ -130,7 +135,7 @@ def test_the_plain_methods_find_flat_bone_with_a_pulse():
 def test_thickness_is_proportional_to_the_speed_that_is_assumed():
     track = plate("2.25MHz", "pulse", (0.0, 1.8, 4.2, 6.0))
     slow, fast = (
-        detect(track, PROBE, "pulse", sound_speed_mm_per_us=c, method="matched")
+        detect(ProbeSurvey(track, PROBE, "pulse"), sound_speed_mm_per_us=c, method="matched")
         for c in (2.5, 2.75)
     )
     assert fast.thickness_mm[0] / slow.thickness_mm[0] == pytest.approx(1.1, rel=1e-9)
@@ -142,14 +147,14 @@ def test_thickness_is_proportional_to_the_speed_that_is_assumed():
 def test_the_standoff_follows_the_probe_over_its_compliance(name, excitation):
     lifts = np.linspace(-1.9, 1.9, 9)
     track = plate(name, excitation, (0.0, 1.8, 4.2, 6.0), lifts=lifts)
-    found = detect(track, probe_model(name), excitation)
+    found = detect(ProbeSurvey(track, probe_model(name), excitation))
     assert found.outer_ok.all()
     np.testing.assert_allclose(found.standoff_mm, lifts, atol=0.06)
 
 
 def test_a_probe_in_the_air_has_no_front():
     track = plate("2.25MHz", "chirp", (0.0, 1.8, 4.2, 6.0), lifts=(0.0, 2.5, -2.5, 0.0))
-    found = detect(track, PROBE, "chirp")
+    found = detect(ProbeSurvey(track, PROBE, "chirp"))
     np.testing.assert_array_equal(found.flag == NO_FRONT, (False, True, True, False))
     np.testing.assert_array_equal(found.outer_ok, (True, False, False, True))
     assert not found.inner_ok[1:3].any()
@@ -163,27 +168,29 @@ def test_noise_alone_is_no_bone():
         np.arange(n) * 0.1, rng.normal(0, 0.01, (n, real.rf.shape[1])).astype(np.float32),
         real.sampling_mhz, real.start_us, np.zeros(n, dtype=bool),
     )  # fmt: skip
-    found = detect(track, PROBE, "pulse")
+    found = detect(ProbeSurvey(track, PROBE, "pulse"))
     assert (found.flag == NO_FRONT).all()
     assert not found.inner_ok.any()
 
 
 def test_a_tilted_probe_is_flagged():
     track = plate("2.25MHz", "chirp", (0.0, 1.8, 4.2, 6.0), tilt_deg=9.0)
-    assert detect(track, PROBE, "chirp").flag[0] in (NO_FRONT, TILTED)
+    assert detect(ProbeSurvey(track, PROBE, "chirp")).flag[0] in (NO_FRONT, TILTED)
 
 
 def test_clipping_is_flagged():
     track = plate("2.25MHz", "chirp", (0.0, 1.8, 4.2, 6.0))
     clipped = replace(track, clipped=np.ones(1, dtype=bool))
-    found = detect(clipped, PROBE, "chirp")
+    found = detect(ProbeSurvey(clipped, PROBE, "chirp"))
     assert found.flag[0] == CLIPPED
     assert not found.outer_ok[0]
 
 
 def test_one_boundary_without_another_behind_it_is_not_called_bone():
     endless = (0.0, 1000.0, 2000.0, 3000.0)
-    found = detect(plate("2.25MHz", "pulse", endless, lifts=np.zeros(5)), PROBE, "pulse")
+    found = detect(
+        ProbeSurvey(plate("2.25MHz", "pulse", endless, lifts=np.zeros(5)), PROBE, "pulse")
+    )
     assert found.outer_ok.all()
     assert not found.inner_ok.any()
 
@@ -193,17 +200,17 @@ def test_a_boundary_within_the_bone_is_not_its_end_even_where_all_neighbours_sho
     track = plate("2.25MHz", "chirp", (0.0, 2.2, 1000.0, 2000.0), lifts=np.zeros(side * side))
     x, y = np.meshgrid(np.arange(float(side)), np.arange(float(side)))
     places = np.column_stack((x.ravel(), y.ravel(), np.zeros(side * side)))
-    found = detect(track, PROBE, "chirp", positions_mm=places)
+    found = detect(ProbeSurvey(track, PROBE, "chirp", positions_mm=places))
     assert found.outer_ok.all()
     assert np.mean(found.inner_ok) <= 0.02
 
 
 def test_a_later_record_moves_both_boundaries_and_nothing_else():
     track, poses, _ = scan(WavySkull(15), ProbeSettings(), seed=15, width_mm=6.0)
-    found = detect(track, PROBE, "chirp", positions_mm=poses.translations)
+    found = detect(ProbeSurvey(track, PROBE, "chirp", positions_mm=poses.translations))
     late_us = 0.12
     late = replace(track, start_us=track.start_us + late_us)
-    other = detect(late, PROBE, "chirp", positions_mm=poses.translations)
+    other = detect(ProbeSurvey(late, PROBE, "chirp", positions_mm=poses.translations))
     both = found.outer_ok & other.outer_ok
     assert both.mean() > 0.8
     np.testing.assert_allclose(other.outer_us[both], found.outer_us[both] + late_us, atol=2e-4)
@@ -214,9 +221,9 @@ def test_a_later_record_moves_both_boundaries_and_nothing_else():
 
 def test_a_quieter_record_of_the_same_echoes_has_the_same_thickness():
     track, poses, _ = scan(WavySkull(15), ProbeSettings(), seed=15, width_mm=6.0)
-    found = detect(track, PROBE, "chirp", positions_mm=poses.translations)
+    found = detect(ProbeSurvey(track, PROBE, "chirp", positions_mm=poses.translations))
     quiet = replace(track, rf=np.float32(0.8) * track.rf)
-    other = detect(quiet, PROBE, "chirp", positions_mm=poses.translations)
+    other = detect(ProbeSurvey(quiet, PROBE, "chirp", positions_mm=poses.translations))
     np.testing.assert_allclose(other.outer_quality, np.minimum(0.8 * found.outer_quality, 1), 0.15)
     inner = found.inner_ok & other.inner_ok
     assert inner.sum() >= 0.9 * found.inner_ok.sum()
@@ -231,8 +238,8 @@ def test_with_positions_the_order_of_the_scans_does_not_matter():
         track.times_s, track.rf[order], track.sampling_mhz, track.start_us, track.clipped[order]
     )
     places = poses.translations
-    found = detect(track, PROBE, "chirp", positions_mm=places)
-    other = detect(mixed, PROBE, "chirp", positions_mm=places[order])
+    found = detect(ProbeSurvey(track, PROBE, "chirp", positions_mm=places))
+    other = detect(ProbeSurvey(mixed, PROBE, "chirp", positions_mm=places[order]))
     np.testing.assert_allclose(other.outer_us, found.outer_us[order], atol=1e-9)
     np.testing.assert_array_equal(other.flag, found.flag[order])
     np.testing.assert_allclose(other.inner_us, found.inner_us[order], atol=1e-6)
@@ -240,52 +247,52 @@ def test_with_positions_the_order_of_the_scans_does_not_matter():
     assert (found.thickness_sigma_mm > 0).all()
     assert (found.alternative_quality <= 1.0).all()
     with pytest.raises(InvalidInputError, match="positions"):
-        detect(track, PROBE, "chirp", positions_mm=places[1:])
+        detect(ProbeSurvey(track, PROBE, "chirp", positions_mm=places[1:]))
 
 
 def test_no_scans_give_an_empty_detection():
     none = np.zeros(0)
     empty = AScanTrack(none, np.zeros((0, 1743), np.float32), 50.0, PROBE.start_us, none > 0)
-    found = detect(empty, PROBE, "chirp")
+    found = detect(ProbeSurvey(empty, PROBE, "chirp"))
     assert len(found) == 0
 
 
 def test_wrong_settings_are_refused_by_name():
     track = plate("2.25MHz", "chirp", (0.0, 1.8, 4.2, 6.0))
     with pytest.raises(InvalidInputError, match="guess"):
-        detect(track, PROBE, "chirp", method="guess")
+        detect(ProbeSurvey(track, PROBE, "chirp"), method="guess")
     with pytest.raises(InvalidInputError, match="speed"):
-        detect(track, PROBE, "chirp", sound_speed_mm_per_us=0.3)
+        detect(ProbeSurvey(track, PROBE, "chirp"), sound_speed_mm_per_us=0.3)
     with pytest.raises(InvalidInputError, match="25"):
-        detect(replace(track, sampling_mhz=25.0), PROBE, "chirp")
+        detect(ProbeSurvey(replace(track, sampling_mhz=25.0), PROBE, "chirp"))
 
 
 @pytest.mark.parametrize("bad", [np.full((1, 3), np.nan), np.ones((2, 3)), np.ones(3)])
 def test_axes_that_are_none_are_refused(bad):
     track = plate("2.25MHz", "chirp", (0.0, 1.8, 4.2, 6.0))
     with pytest.raises(InvalidInputError, match="1 A-scans need axes"):
-        detect(track, PROBE, "chirp", positions_mm=np.zeros((1, 3)), axes=bad)
+        detect(ProbeSurvey(track, PROBE, "chirp", positions_mm=np.zeros((1, 3)), axes=bad))
 
 
 @pytest.mark.parametrize("bad", [np.array([np.nan]), np.zeros(2), np.zeros((1, 1))])
 def test_standoffs_that_are_none_are_refused(bad):
     track = plate("2.25MHz", "chirp", (0.0, 1.8, 4.2, 6.0))
     with pytest.raises(InvalidInputError, match="1 A-scans need known stand-offs"):
-        detect(track, PROBE, "chirp", known_standoff_mm=bad)
+        detect(ProbeSurvey(track, PROBE, "chirp", known_standoff_mm=bad))
 
 
 def test_it_can_be_cancelled_and_tells_how_far_it_is():
     track = plate("2.25MHz", "chirp", (0.0, 1.8, 4.2, 6.0))
     shares = []
-    detect(track, PROBE, "chirp", progress=shares.append)
+    detect(ProbeSurvey(track, PROBE, "chirp"), progress=shares.append)
     assert shares[-1] == 1.0
     with pytest.raises(CancelledError):
-        detect(track, PROBE, "chirp", cancel=lambda: True)
+        detect(ProbeSurvey(track, PROBE, "chirp"), cancel=lambda: True)
 
 
 def test_the_view_shows_the_echoes_where_they_were_found():
     track = plate("2.25MHz", "chirp", (0.0, 1.8, 4.2, 6.0), snr=70.0)
-    found = detect(track, PROBE, "chirp")
+    found = detect(ProbeSurvey(track, PROBE, "chirp"))
     view = preview(track, 0, PROBE, "chirp", found)
     assert view.outer_us == found.outer_us[0]
     assert view.inner_us == found.inner_us[0]

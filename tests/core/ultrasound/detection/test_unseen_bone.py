@@ -11,6 +11,7 @@ from rona_core.devices.settings import ProbeSettings
 from rona_core.ultrasound.detection.detect import detect
 from rona_core.ultrasound.probe.excitation import PULSES, Pulse
 from rona_core.ultrasound.probe.materials import DIPLOE, TABLE, Material
+from rona_core.ultrasound.probe.survey import ProbeSurvey
 from rona_core.virtual.acoustics.medium import MEDIA, Medium
 from tests.scenes import bone_scenes
 from tests.scenes.bone_record import record
@@ -23,10 +24,12 @@ SEED = 900_000  # neither tuned with nor judged by
 def errors_mm(scene, *, grid=False):
     """Errors of the time in bone, as thickness at the true speed; and which ones count."""
     found = detect(
-        scene.track,
-        scene.probe,
-        scene.settings.excitation,
-        positions_mm=scene.points_skull if grid else None,
+        ProbeSurvey(
+            scene.track,
+            scene.probe,
+            scene.settings.excitation,
+            positions_mm=scene.points_skull if grid else None,
+        )
     )
     error = (found.inner_us - found.outer_us - scene.bone_us) / 2.0 * scene.speed_mm_per_us
     return error, np.asarray(found.inner_ok)

@@ -7,14 +7,13 @@ import pytest
 
 from rona_core.devices.files.rf.rf_data import RecordedRf
 from rona_core.errors import CancelledError, DegenerateGeometryError, InvalidInputError
+from rona_core.mapping.thickness_figures import thickness_figures
 from rona_core.ultrasound.recorded.artefacts import find_clipped, restore_clipped
 from rona_core.ultrasound.recorded.band import Band, find_band
 from rona_core.ultrasound.recorded.plate_detector import (
     NO_FRONT,
-    detect_lines,
     detect_recorded,
 )
-from rona_core.ultrasound.recorded.thickness_figures import thickness_figures
 from tests.scenes.tank_recordings import CASES, PLATE, Case, record, varied
 
 SMALL = varied(PLATE, scans=16, floor_gap_mm=12.0, wedge_mm=1.0)
@@ -24,6 +23,12 @@ SMALL = varied(PLATE, scans=16, floor_gap_mm=12.0, wedge_mm=1.0)
 def plate():
     made = record(SMALL)
     return made, detect_recorded(made.file, SMALL.speed)
+
+
+def detect_lines(rf, sampling_mhz, speed):
+    """Return what is found in lines of which no more is known."""
+    lines = np.asarray(rf, dtype=np.float64)
+    return detect_recorded(RecordedRf("lines", lines, sampling_mhz, 0.0, False, None), speed)
 
 
 def again(made, speed=SMALL.speed, **changes):

@@ -5,11 +5,18 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from rona_core.ultrasound.recorded.artefacts import find_spikes, without_hum, without_spikes
+from rona_core.ultrasound.recorded.artefacts import (
+    find_spikes,
+    remove_narrow_band_interference,
+    remove_spikes,
+)
 from rona_core.ultrasound.recorded.band import Band
 from rona_core.ultrasound.recorded.echo_tracks import Peaks, neighbour_tree
 from rona_core.ultrasound.recorded.plate_detector import detect_recorded
-from rona_core.ultrasound.recorded.probe_reverberations import without_foreign
+from rona_core.ultrasound.recorded.probe_reverberations import (
+    FrontArrivals,
+    suppress_reverberations,
+)
 from tests.scenes.laboratory.families import FAMILIES, draw
 from tests.scenes.laboratory.laboratory import Bench, Hit, Matter, laboratory
 
@@ -126,7 +133,7 @@ def test_spikes_are_known_and_put_right():
     assert not spikes[0].any()
     assert spikes[1, 500]
     assert spikes[2, 1400:1402].all()
-    mended = without_spikes(hit, spikes, 50.0, band)
+    mended = remove_spikes(hit, spikes, 50.0, band)
     assert np.abs(mended - rf).max() < 0.1
 
 
@@ -135,12 +142,12 @@ def test_a_hum_is_taken_away_and_echoes_are_not():
     rate, rf = made.file.sampling_mhz, made.file.rf
     none = np.zeros(rf.shape, dtype=bool)
     band = Band(2.25, 1.2)
-    assert np.array_equal(without_hum(rf, none, rate, band), rf)
+    assert np.array_equal(remove_narrow_band_interference(rf, none, rate, band), rf)
     t = np.arange(rf.shape[1]) / rate
     phase = np.linspace(0.0, 6.0, len(rf))[:, None]
     loudest = float(np.abs(rf).max())
     hum = 0.05 * loudest * np.sin(2 * np.pi * 2.63 * t + phase)
-    left = without_hum(rf + hum, none, rate, band) - rf
+    left = remove_narrow_band_interference(rf + hum, none, rate, band) - rf
     assert np.sqrt((left**2).mean()) < 0.15 * np.sqrt((hum**2).mean())
 
 
@@ -154,9 +161,8 @@ def test_multiples_of_a_plate_do_not_pass_for_what_moves_with_the_front():
     peaks = Peaks(lags, levels, np.full(n, 0.001))
     ok = np.ones(n, dtype=bool)
     band = Band(1.5, 0.9)
-    left, found = without_foreign(
-        peaks, front, ok, True, band, neighbour_tree(ok, None), None, 1.0, False
-    )
+    fronts = FrontArrivals(front, ok, True, band, None, pulse_delay_us=1.0)
+    left, found = suppress_reverberations(peaks, neighbour_tree(ok, None), fronts)
     assert len(found) == 1
     np.testing.assert_allclose(found[0].lag_us, front - 1.0)
     kept = left.level > 0

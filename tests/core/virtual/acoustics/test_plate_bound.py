@@ -3,10 +3,11 @@
 import numpy as np
 import pytest
 
+from benchmarks.reference.echo_time_bounds import inner_bound
 from rona_core.ultrasound.detection.detect import detect
-from rona_core.ultrasound.detection.single.cramer_rao import inner_bound
 from rona_core.ultrasound.detection.single.matched_filter import block_template
 from rona_core.ultrasound.probe.probe_model import PROBES
+from rona_core.ultrasound.probe.survey import ProbeSurvey
 from tests.scenes.bone_scenes import plate
 
 WRONG_MM = 1.0
@@ -18,7 +19,9 @@ WRONG_MM = 1.0
 @pytest.mark.parametrize("snr_db", [20.0, 40.0])
 def test_on_a_plate_the_scatter_is_that_of_the_bound(name, excitation, thickness_mm, snr_db):
     scene = plate(thickness_mm, snr_db, name=name, excitation=excitation)
-    found = detect(scene.track, scene.probe, excitation, positions_mm=scene.points_skull)
+    found = detect(
+        ProbeSurvey(scene.track, scene.probe, excitation, positions_mm=scene.points_skull)
+    )
     error_us = found.inner_us - found.outer_us - scene.bone_us
     pulse, sent = (block_template(scene.probe, kind) for kind in ("pulse", excitation))
     bound = inner_bound(pulse, scene.medium.table, thickness_mm, snr_db, sent).coherent_us

@@ -13,8 +13,8 @@ from rona_core.virtual.tracker.line_of_sight_capsules import Capsules, link_caps
 from rona_core.virtual.tracker.occlusion import (
     CAMERAS_TRACKER,
     LinesOfSight,
-    hand_tracker,
-    meets,
+    capsules_hit,
+    hand_capsule,
     segment_distances2,
 )
 from tests.helpers.sphere_world import SphereSpecimen
@@ -45,10 +45,10 @@ def test_leaving_out_capsules_that_are_far_leaves_out_none_that_is_met():
     low, high = rng.normal(0, 200, (2, 15, 3))
     capsules = Capsules(low, high, rng.uniform(5, 60, 15))
     exact = segment_distances2(starts, ends, low, high) < capsules.radii_mm**2
-    np.testing.assert_array_equal(meets(starts, ends, capsules), exact.any(axis=1))
+    np.testing.assert_array_equal(capsules_hit(starts, ends, capsules), exact.any(axis=1))
     for k in range(15):
         one = Capsules(low[k : k + 1], high[k : k + 1], capsules.radii_mm[k : k + 1])
-        np.testing.assert_array_equal(meets(starts, ends, one), exact[:, k])
+        np.testing.assert_array_equal(capsules_hit(starts, ends, one), exact[:, k])
 
 
 def winding(points, mesh):
@@ -144,13 +144,13 @@ def test_the_robot_hides_what_is_behind_its_forearm():
 def test_the_hand_hides_its_pointer_only_from_below(tool):
     geometry = GEOMETRIES[tool]
     up = np.array((0.0, 0.0, -1.0) if geometry.dof == 5 else (0.0, 1.0, 0.0))
-    hand = hand_tracker(tool, Pose.identity())
+    hand = hand_capsule(tool, Pose.identity())
     top = geometry.positions_marker @ up
     assert (hand.ends @ up)[0] + hand.radii_mm[0] < top.min()  # clear of the markers
     side = geometry.positions_marker + 1000.0 * np.array((1.0, 0.0, 0.0))
-    assert not meets(geometry.positions_marker, side, hand).any()
+    assert not capsules_hit(geometry.positions_marker, side, hand).any()
     below = geometry.positions_marker - 1000.0 * up
-    assert meets(geometry.positions_marker[:1], below[:1], hand).all()
+    assert capsules_hit(geometry.positions_marker[:1], below[:1], hand).all()
 
 
 def test_in_the_room_as_it_stands_nothing_is_in_the_way():

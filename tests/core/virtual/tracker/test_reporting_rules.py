@@ -7,7 +7,7 @@ from scipy.spatial.transform import Rotation
 from rona_core.devices.marker_geometry import GEOMETRIES, MarkerGeometry
 from rona_core.devices.samples import WITH_POSE
 from rona_core.geometry.pose import Pose
-from rona_core.virtual.tracker.reporting_rules import MAX_3D_ERROR_MM, decide
+from rona_core.virtual.tracker.reporting_rules import MAX_3D_ERROR_MM, report_tool
 
 BODY, LINE = GEOMETRIES["toolmarker"], GEOMETRIES["pointer5d"]
 POSE = Pose(Rotation.from_rotvec((2.9, 0.3, -0.2)).as_matrix(), np.array((40.0, -30.0, 1850.0)))
@@ -24,7 +24,7 @@ def decided(geometry, *, facing=(), inside=(), clear=(), shift=None, swapped=Non
     measured = POSE @ geometry.positions_marker
     if shift is not None:
         measured = measured + np.asarray(shift, dtype=float)
-    return decide(
+    return report_tool(
         geometry,
         measured,
         facing=flags(count, *facing),

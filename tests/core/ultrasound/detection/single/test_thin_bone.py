@@ -9,6 +9,7 @@ from rona_core.ultrasound.detection.single.inner_echo import bone_filter
 from rona_core.ultrasound.detection.single.matched_filter import BONE_REFLECTION, block_template
 from rona_core.ultrasound.detection.single.thin_bone import merged_levels, thick_enough
 from rona_core.ultrasound.probe.probe_model import PROBES, probe_model
+from rona_core.ultrasound.probe.survey import ProbeSurvey
 from tests.scenes import bone_scenes
 
 BONE = nominal_bone()
@@ -54,7 +55,9 @@ def test_the_second_echo_of_thin_bone_is_not_taken_for_thick_bone(excitation):
     scene = bone_scenes.parallel_bone(
         2.2, name="1MHz", excitation=excitation, patches=1, nominal=False, drawn_seed=SEED
     )[0]
-    found = detect(scene.track, scene.probe, excitation, positions_mm=scene.points_skull)
+    found = detect(
+        ProbeSurvey(scene.track, scene.probe, excitation, positions_mm=scene.points_skull)
+    )
     doubled = np.abs(found.thickness_mm / scene.thickness_mm - 2.0) < 0.2
     assert doubled.mean() > 0.8  # nothing else is there to be found
     assert not np.any(found.inner_ok)

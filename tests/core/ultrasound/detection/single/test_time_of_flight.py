@@ -3,12 +3,16 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from benchmarks.reference.echo_time_bounds import spectrum_bound
 from rona_core.ultrasound.detection.detect import nominal_bone
-from rona_core.ultrasound.detection.single.cramer_rao import spectrum_bound
 from rona_core.ultrasound.detection.single.front_echo import fronts_at
 from rona_core.ultrasound.detection.single.inner_echo import bone_filter
 from rona_core.ultrasound.detection.single.matched_filter import BONE_REFLECTION, block_template
-from rona_core.ultrasound.detection.single.time_of_flight import choose_cycles, fit_inner
+from rona_core.ultrasound.detection.single.time_of_flight import (
+    EnvelopePeaks,
+    choose_cycles,
+    fit_inner,
+)
 from rona_core.ultrasound.probe.excitation import GRID
 from rona_core.ultrasound.probe.probe_model import PROBES, probe_model
 
@@ -49,7 +53,9 @@ def refined(template, thickness_mm, noise, n=120, seed=3, off_us=0.03):
     seen, lag, fronts = spectra(template, thickness_mm, noise, n, seed)
     start = np.full(n, lag + off_us)
     none = np.zeros(n)
-    fits = fit_inner(seen, fronts, none + noise, start, none + 1.0, none, template, BONE)
+    fits = fit_inner(
+        seen, fronts, none + noise, EnvelopePeaks(start, none + 1.0, none), template, BONE
+    )
     return fits, lag
 
 
@@ -83,7 +89,7 @@ def test_a_front_known_from_elsewhere_is_not_moved_by_what_is_heard():
     known = replace(heard, snr=np.full(5, np.inf))
     late = seen * np.conj(template.shift(np.array([0.02])))  # all of it, by 20 ns
     none = np.zeros(5)
-    args = (none + 1e-4, none + lag, none + 1.0, none, template, BONE)
+    args = (none + 1e-4, EnvelopePeaks(none + lag, none + 1.0, none), template, BONE)
     follows, stays = (fit_inner(late, fronts, *args).phase_us for fronts in (heard, known))
     np.testing.assert_allclose(follows, lag, atol=2e-3)
     np.testing.assert_allclose(stays - lag, 0.02, atol=2e-3)

@@ -15,10 +15,10 @@ from rona_core.ultrasound.detection.spatial.candidate_features import (
     FAINTER,
     LEVEL,
     TOGETHER,
-    company,
     features,
     joint_features,
     log_odds,
+    neighbour_weight,
 )
 from rona_core.ultrasound.detection.spatial.neighbour_graph import line_links, scan_links
 from rona_core.ultrasound.detection.spatial.track_before_detect import Tracks
@@ -44,9 +44,9 @@ def candidates(n=1, level=(1.0, 1.0, 1.0)):
     )
 
 
-def tracks(n, stack=(0.0, 0.0, 0.0), loud=(100.0, 100.0, 100.0)):
-    stacks, louds = (np.tile(values, (n, 1)).astype(float) for values in (stack, loud))
-    return Tracks(np.full((n, 3), 0.5), stacks, louds, np.zeros((n, 3)))
+def tracks(n, stack=(0.0, 0.0, 0.0), snr=(100.0, 100.0, 100.0)):
+    stacks, snrs = (np.tile(values, (n, 1)).astype(float) for values in (stack, snr))
+    return Tracks(np.full((n, 3), 0.5), stacks, snrs, np.zeros((n, 3)))
 
 
 def joint(found, depth_mm, links, said=None, odds=0.0):
@@ -106,9 +106,9 @@ def test_faint_echoes_lose_whatever_else_is_said_of_them():
 
 def test_few_neighbours_count_in_part():
     places = np.array([(0.0, 0.0, 0.0), (1.0, 0.0, 0.0), (0.0, 1.0, 0.0)])
-    np.testing.assert_allclose(company(scan_links(places, 3))[:, 0], 2.0 / ENOUGH)
-    np.testing.assert_array_equal(company(line_links(1)), 0.0)
-    assert company(line_links(30))[15, 0] == 1.0
+    np.testing.assert_allclose(neighbour_weight(scan_links(places, 3))[:, 0], 2.0 / ENOUGH)
+    np.testing.assert_array_equal(neighbour_weight(line_links(1)), 0.0)
+    assert neighbour_weight(line_links(30))[15, 0] == 1.0
 
 
 def test_neighbours_support_what_goes_on_there_and_nothing_else():
@@ -135,6 +135,6 @@ def test_a_boundary_that_goes_on_behind_counts_and_an_echo_of_this_one_does_not(
     # twice as deep, and as faint as a multiple: explained by the first
     again = np.tile((2.0, 4.0, 12.0), (n, 1))
     faint = candidates(n, level=(1.0, 0.3, 0.01))
-    said = tracks(n, stack=(1.0, 1.0, 0.0), loud=(100.0, 30.0, 1.0))
+    said = tracks(n, stack=(1.0, 1.0, 0.0), snr=(100.0, 30.0, 1.0))
     found = joint(faint, again, links, said, odds=30.0)
     np.testing.assert_array_equal(found[:, 0, (BEHIND, SEEN_BEHIND)], 0.0)

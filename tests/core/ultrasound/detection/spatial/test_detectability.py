@@ -6,9 +6,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from rona_core.ultrasound.detection.detect import UNSURE, detect, nominal_bone
-from rona_core.ultrasound.detection.spatial.detectability import LEAST_LEVEL, loud_enough
+from rona_core.ultrasound.detection.spatial.detectability import MIN_ECHO_LEVEL, detectability
 from rona_core.ultrasound.detection.spatial.neighbour_graph import scan_links
 from rona_core.ultrasound.probe.probe_model import probe_model
+from rona_core.ultrasound.probe.survey import ProbeSurvey
 from tests.scenes.bone_scenes import hard_bone
 
 BONE, PROBE = nominal_bone(), probe_model("2.25MHz")
@@ -22,7 +23,7 @@ UNHEARD_SEED = 18_000_003  # a world in which all A-scans take the step for the 
 
 def believed(levels, depth_mm, rows=ALL, probe=PROBE):
     lag = 2.0 * np.broadcast_to(depth_mm, len(rows)) / BONE.speed_mm_per_us
-    return loud_enough(np.log(levels), lag, rows, LINKS, probe, BONE)
+    return detectability(np.log(levels), lag, rows, LINKS, probe, BONE)
 
 
 def test_what_reflects_as_an_inner_boundary_does_is_believed_and_what_a_step_does_is_not():
@@ -39,7 +40,7 @@ def test_louder_or_deeper_is_never_believed_less(level, more, deeper):
 
 
 def test_where_bone_takes_less_away_less_may_be_missing():
-    levels = np.full(SIDE**2, 0.75 * LEAST_LEVEL)
+    levels = np.full(SIDE**2, 0.75 * MIN_ECHO_LEVEL)
     low = believed(levels, 4.5, probe=probe_model("1MHz"))
     assert (low < believed(levels, 4.5)).all()
 
@@ -68,7 +69,7 @@ def test_those_that_are_not_asked_say_nothing():
 @pytest.mark.parametrize("thickness_mm", [3.0, 8.0])
 def test_a_step_is_not_kept_where_the_inner_echo_drowns_and_thin_hard_bone_is(thickness_mm):
     scene = hard_bone(thickness_mm, side=10, nominal=False, drawn_seed=UNHEARD_SEED)
-    found = detect(scene.track, scene.probe, "pulse", positions_mm=scene.points_skull)
+    found = detect(ProbeSurvey(scene.track, scene.probe, "pulse", positions_mm=scene.points_skull))
     error = found.thickness_mm - scene.bone_us * found.sound_speed_mm_per_us / 2.0
     if thickness_mm > 5.0:
         assert np.median(error) < -4.0  # it is not heard at all,

@@ -7,7 +7,7 @@ from rona_core.ultrasound.detection.spatial.neighbour_graph import line_links, s
 from rona_core.ultrasound.detection.spatial.neighbour_prediction import (
     BENT_US_PER_MM,
     STEEP_US_PER_MM,
-    expected_lags,
+    predict_lags,
 )
 
 SIDE = 9
@@ -22,7 +22,7 @@ N = len(PLACES)
 def test_on_a_plane_each_is_expected_where_it_is_even_at_the_rim(a, b):
     lag = 4.0 + PLACES[:, :2] @ (a, b)
     links = scan_links(PLACES, N)
-    expected, sd, steep = expected_lags(lag, np.full(N, 0.02), np.ones(N, dtype=bool), links)
+    expected, sd, steep = predict_lags(lag, np.full(N, 0.02), np.ones(N, dtype=bool), links)
     np.testing.assert_allclose(expected, lag, atol=2e-3)
     np.testing.assert_allclose(steep, np.hypot(a, b), atol=2e-3)
     assert np.all(sd < 0.03)
@@ -33,7 +33,7 @@ def test_one_that_is_wrong_moves_neither_itself_nor_others():
     links = scan_links(PLACES, N)
     wrong = lag.copy()
     wrong[MIDDLE] += 1.0
-    expected, _, _ = expected_lags(wrong, np.full(N, 0.03), np.ones(N, dtype=bool), links)
+    expected, _, _ = predict_lags(wrong, np.full(N, 0.03), np.ones(N, dtype=bool), links)
     assert expected[MIDDLE] == pytest.approx(lag[MIDDLE], abs=2e-3)
     np.testing.assert_allclose(expected, lag, atol=0.01)
 
@@ -44,7 +44,7 @@ def test_the_sd_is_that_of_what_is_expected():
     sigma, counts = np.full(N, 0.1), np.ones(N, dtype=bool)
     errors, stated = [], []
     for _ in range(60):
-        expected, sd, _ = expected_lags(4.0 + rng.normal(0.0, 0.1, N), sigma, counts, links)
+        expected, sd, _ = predict_lags(4.0 + rng.normal(0.0, 0.1, N), sigma, counts, links)
         errors.append(expected[MIDDLE] - 4.0)
         stated.append(sd[MIDDLE])
     assert 0.6 < np.sqrt(np.mean(np.square(errors))) / np.mean(stated) < 1.3
@@ -59,7 +59,7 @@ def test_it_does_not_matter_how_the_scan_is_turned():
     turned = places @ np.array(((c, 0.0, s), (0.0, 1.0, 0.0), (-s, 0.0, c)))
     lag, sigma = rng.normal(4.0, 0.1, 60), rng.uniform(0.02, 0.2, 60)
     every = np.ones(60, dtype=bool)
-    here, there = (expected_lags(lag, sigma, every, scan_links(p, 60)) for p in (places, turned))
+    here, there = (predict_lags(lag, sigma, every, scan_links(p, 60)) for p in (places, turned))
     for one, other in zip(here, there, strict=True):
         np.testing.assert_allclose(one, other, rtol=1e-6, atol=1e-9)
 
@@ -67,11 +67,11 @@ def test_it_does_not_matter_how_the_scan_is_turned():
 def test_who_has_too_few_around_expects_nothing():
     lag = np.linspace(4.0, 5.0, N)
     links = scan_links(PLACES, N)
-    expected, sd, steep = expected_lags(lag, np.full(N, 0.1), np.zeros(N, dtype=bool), links)
+    expected, sd, steep = predict_lags(lag, np.full(N, 0.1), np.zeros(N, dtype=bool), links)
     np.testing.assert_array_equal(expected, lag)
     assert np.all(np.isinf(sd))
     np.testing.assert_array_equal(steep, 0.0)
-    alone = expected_lags(lag[:1], np.full(1, 0.1), np.ones(1, dtype=bool), line_links(1))
+    alone = predict_lags(lag[:1], np.full(1, 0.1), np.ones(1, dtype=bool), line_links(1))
     assert np.isinf(alone[1][0])
 
 
@@ -80,7 +80,7 @@ def test_one_neighbour_is_as_sure_as_it_is_near():
     sigma = np.array((0.5, 0.03))
     links = scan_links(pair, 2)
     lag, both = np.array((4.0, 4.2)), np.ones(2, dtype=bool)
-    expected, sd, steep = expected_lags(lag, sigma, both, links)
+    expected, sd, steep = predict_lags(lag, sigma, both, links)
     np.testing.assert_allclose(expected, lag[::-1], atol=1e-6)
     bend = 2.0 * BENT_US_PER_MM
     np.testing.assert_allclose(

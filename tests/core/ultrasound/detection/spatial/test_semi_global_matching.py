@@ -3,13 +3,13 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from rona_core.ultrasound.detection.single.depth_evidence import depth_grid
+from rona_core.ultrasound.detection.single.depth_likelihood import depth_grid
 from rona_core.ultrasound.detection.spatial import semi_global_matching as sgm
 from rona_core.ultrasound.detection.spatial.neighbour_graph import Links, line_links, scan_links
 from rona_core.ultrasound.detection.spatial.semi_global_matching import (
-    candidate_odds,
+    candidate_probabilities,
     change_sd_mm,
-    neighbours_say,
+    neighbour_density,
 )
 
 seeds = st.integers(0, 2**31)
@@ -31,7 +31,7 @@ def test_a_star_of_eight_lines_is_summed_exactly(seed):
     places = np.column_stack((x.ravel(), y.ravel(), np.zeros(9)))
     m = 12
     own = rng.uniform(0.05, 4.0, (9, m))
-    found = neighbours_say(own, scan_links(places, 9))[4]
+    found = neighbour_density(own, scan_links(places, 9))[4]
     expected = np.ones(m)
     for j in (0, 1, 2, 3, 5, 6, 7, 8):  # one ring: nobody stands behind these
         apart = 2.0 if j % 2 else 2.0 * np.sqrt(2.0)
@@ -46,7 +46,7 @@ def test_neighbours_outvote_a_stronger_stray_peak():
     odds = np.tile((-2.0, 1.0), (n, 1))
     odds[5] = (1.5, 0.5)
     grid = depth_grid(1.4, 13.0)
-    chances = candidate_odds(odds, depth, depth > 0, grid, line_links(n))
+    chances = candidate_probabilities(odds, depth, depth > 0, grid, line_links(n))
     assert odds[5, 0] > odds[5, 1]
     assert chances[5, 1] > 0.8
     np.testing.assert_allclose(chances.sum(axis=1), 1.0)
@@ -55,24 +55,26 @@ def test_neighbours_outvote_a_stronger_stray_peak():
 def test_a_scan_alone_keeps_its_own_odds():
     grid = depth_grid(1.4, 13.0)
     odds = np.array([[0.7, -1.0]])
-    chances = candidate_odds(odds, np.array([[4.0, 8.0]]), np.ones((1, 2)) > 0, grid, line_links(1))
+    chances = candidate_probabilities(
+        odds, np.array([[4.0, 8.0]]), np.ones((1, 2)) > 0, grid, line_links(1)
+    )
     expected = np.append(np.exp(odds[0]), 1.0)
     np.testing.assert_allclose(chances[0], expected / expected.sum(), rtol=2e-3)
 
 
 def test_a_missing_candidate_has_no_chance():
-    chances = candidate_odds(
+    chances = candidate_probabilities(
         np.array([[9.0, 0.0]]), np.array([[4.0, 8.0]]), np.array([[False, True]]),
         depth_grid(1.4, 13.0), line_links(1),
     )  # fmt: skip
     assert chances[0, 0] == 0.0
 
 
-def test_far_neighbours_say_less():
+def test_far_neighbour_density_less():
     own = np.ones((2, 60))
     own[1, 30] = 200.0
     near, far = (
-        neighbours_say(
+        neighbour_density(
             own,
             Links(
                 np.array([[1, -1]]),
@@ -92,10 +94,10 @@ def test_far_neighbours_say_less():
 
 
 def test_no_scans_have_nothing_to_say():
-    assert neighbours_say(np.zeros((0, 7)), line_links(0)).shape == (0, 7)
+    assert neighbour_density(np.zeros((0, 7)), line_links(0)).shape == (0, 7)
 
 
 @pytest.mark.parametrize("n", [1, 2, 7])
 def test_flat_evidence_stays_flat_in_the_middle(n):
-    said = neighbours_say(np.ones((n, 80)), line_links(n))
+    said = neighbour_density(np.ones((n, 80)), line_links(n))
     np.testing.assert_allclose(said[:, 20:60], said[:, 40:41].repeat(40, 1), rtol=5e-3)

@@ -4,8 +4,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.stats import rayleigh, rice
 
-from rona_core.ultrasound.detection.single import depth_evidence as evidence
-from rona_core.ultrasound.detection.single.depth_evidence import depth_evidence, depth_grid
+from rona_core.ultrasound.detection.single import depth_likelihood
+from rona_core.ultrasound.detection.single.depth_likelihood import depth_grid, depth_log_likelihood
 from rona_core.ultrasound.detection.spatial import track_before_detect
 from rona_core.ultrasound.detection.spatial.neighbour_graph import line_links, scan_links
 from rona_core.ultrasound.detection.spatial.track_before_detect import (
@@ -35,7 +35,9 @@ def noisy(rng, depth_mm, amplitude, n, nominal=4.0):
     off = (GRID[None] - np.broadcast_to(depth_mm, (n,))[:, None]) / 0.5
     phase = np.exp(2j * np.pi * rng.uniform(size=(n, 1)))
     level = np.abs(z + amplitude * np.exp(-0.5 * off**2) * phase)
-    return depth_evidence(level, np.ones(n), np.full(len(GRID), 1.0 / nominal), GRID, GRID, 0.0)[0]
+    return depth_log_likelihood(
+        level, np.ones(n), np.full(len(GRID), 1.0 / nominal), GRID, GRID, 0.0
+    )[0]
 
 
 @settings(max_examples=25, deadline=None)
@@ -43,14 +45,14 @@ def noisy(rng, depth_mm, amplitude, n, nominal=4.0):
 def test_evidence_is_the_ratio_of_rice_and_rayleigh_densities(seed, nominal, seen):
     gain = np.full(3, 1.0 / nominal)
     lags = np.array([0.0, 1.0, 2.0])
-    found, loud = depth_evidence(np.full((1, 3), seen), np.ones(1), gain, lags, lags, 0.0)
+    found, snr = depth_log_likelihood(np.full((1, 3), seen), np.ones(1), gain, lags, lags, 0.0)
     s = np.sqrt(0.5)  # of either part of noise of rms 1
     none = rayleigh.pdf(seen, scale=s)
-    echo = np.mean([rice.pdf(seen, a * nominal / s, scale=s) for a in evidence.LEVELS])
-    there = min(echo / none, np.exp(evidence.MOST))
-    expected = np.log(evidence.ABSENT + (1.0 - evidence.ABSENT) * there)
+    echo = np.mean([rice.pdf(seen, a * nominal / s, scale=s) for a in depth_likelihood.LEVELS])
+    there = min(echo / none, np.exp(depth_likelihood.MOST))
+    expected = np.log(depth_likelihood.ABSENT + (1.0 - depth_likelihood.ABSENT) * there)
     np.testing.assert_allclose(found, expected, rtol=1e-9, atol=1e-12)
-    np.testing.assert_allclose(loud, seen)
+    np.testing.assert_allclose(snr, seen)
 
 
 def test_together_they_hear_what_none_hears_alone():
@@ -86,22 +88,22 @@ def test_a_sure_boundary_behind_makes_the_one_ahead_not_the_last():
     ahead, behind = (int(np.argmin(np.abs(GRID - d))) for d in (2.2, 7.0))
     evidence[:, ahead], evidence[:, behind] = 3.0, 1.5
     links = scan_links(square(3), n)
-    loud = np.ones((n, len(GRID)))
-    loud[:, ahead] = 4.0
+    snr = np.ones((n, len(GRID)))
+    snr[:, ahead] = 4.0
     depths = np.tile((2.2, 7.0), (n, 1))
-    tracks = along_tracks(evidence, loud, GRID, depths, links)
+    tracks = along_tracks(evidence, snr, GRID, depths, links)
     chance, stack = tracks.chance, tracks.stack
     assert np.all(chance[:, 1] > chance[:, 0])
     assert np.all(stack[:, 0] > stack[:, 1])
-    # as loud as a multiple of the first may be, and where it comes: the first stays the last
+    # as snr as a multiple of the first may be, and where it comes: the first stays the last
     echo = int(np.argmin(np.abs(GRID - 4.4)))
     only = np.full((n, len(GRID)), -0.3)
     only[:, ahead], only[:, echo] = 3.0, 1.5
-    loud[:, echo] = 1.2
+    snr[:, echo] = 1.2
     stack = stacked(only, links)
-    assert np.all(seen_behind(stack, loud, GRID)[:, ahead] == 0.0)
-    loud[:, echo] = 3.0  # too loud for that
-    assert np.all(seen_behind(stack, loud, GRID)[:, ahead] > 1.0)
+    assert np.all(seen_behind(stack, snr, GRID)[:, ahead] == 0.0)
+    snr[:, echo] = 3.0  # too snr for that
+    assert np.all(seen_behind(stack, snr, GRID)[:, ahead] > 1.0)
 
 
 @settings(max_examples=10, deadline=None)
@@ -118,8 +120,8 @@ def test_a_flank_is_no_boundary_behind_but_one_in_the_noise_is(seed):
     def behind(echoes):
         seen = np.abs(echoes + noise)
         gain = np.full(len(GRID), 0.25)
-        evidence, loud = depth_evidence(seen, np.ones(n), gain, GRID, GRID, 0.0)
-        return along_tracks(evidence, loud, GRID, at, links).behind[:, 0]
+        evidence, snr = depth_log_likelihood(seen, np.ones(n), gain, GRID, GRID, 0.0)
+        return along_tracks(evidence, snr, GRID, at, links).behind[:, 0]
 
     cells = len(GRID) // CELL + 2
     noise = rng.normal(size=(n, cells)) + 1j * rng.normal(size=(n, cells))
@@ -134,14 +136,14 @@ def test_what_comes_from_an_echo_itself_is_no_boundary():
     assert repeats(8.0, np.array([11.0]), np.array([0.29]))[0]  # within the tables
     assert not repeats(2.2, np.array([7.0]), np.array([0.2]))[0]
     assert repeats(2.2, np.array([7.0]), np.array([0.1]))[0]  # a side lobe, or a third echo
-    assert not repeats(2.1, np.array([7.9]), np.array([0.12]))[0]  # no lobe is so far off, so loud
+    assert not repeats(2.1, np.array([7.9]), np.array([0.12]))[0]  # no lobe is so far off, so snr
     assert repeats(2.1, np.array([4.9]), np.array([0.16]))[0]
 
 
 def test_no_scans_have_no_tracks():
     none = np.zeros((0, len(GRID)))
     tracks = along_tracks(none, none, GRID, np.zeros((0, 4)), line_links(0))
-    assert tracks.chance.shape == tracks.stack.shape == tracks.loud.shape == (0, 4)
+    assert tracks.chance.shape == tracks.stack.shape == tracks.snr.shape == (0, 4)
 
 
 @pytest.mark.parametrize("n", [1, 2])

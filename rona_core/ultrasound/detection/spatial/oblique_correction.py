@@ -1,0 +1,263 @@
+"""Correction of the times of oblique inner echoes: where outer and inner boundary are not parallel.
+
+Where the inner boundary is oblique, one side of the beam receives its echo before the other. That
+dulls the echo, puts a null into its band and delays what is left, so that a template of a parallel
+plate fits best a whole cycle off, and so it does at the next place, which is as oblique. Here every
+time is weighed with every slope that the beam may see, and the level of the echo then selects the
+right pair: a parallel boundary would have to reflect far too little.
+
+The fit of a parallel boundary (``time_of_flight.py``) is as exact as noise allows. The correction
+moves its time by steps, and only where slope or neighbours ask for it: the less oblique the
+boundary, the less other times than that one count.
+"""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.special import erf
+
+from rona_core.geometry.arrays import Bools, Floats, Ints, as_floats
+from rona_core.ultrasound.detection.single.candidates import BLOCK, Echoes
+from rona_core.ultrasound.detection.single.front_echo import standoff_mm, subtract_fronts
+from rona_core.ultrasound.detection.single.inner_echo import InnerEchoes, bone_filter
+from rona_core.ultrasound.detection.spatial.detectability import detectability
+from rona_core.ultrasound.detection.spatial.neighbour_graph import Links, plane_axes
+from rona_core.ultrasound.detection.spatial.neighbour_prediction import (
+    LEAST_NEIGHBOURS,
+    SCATTER_FLOOR,
+    LocalPlanes,
+)
+from rona_core.ultrasound.probe.beam import probe_beam
+from rona_core.ultrasound.probe.excitation import GRID
+from rona_core.ultrasound.probe.materials import GEL, Complexes, Material
+from rona_core.ultrasound.probe.probe_model import ProbeModel
+from rona_core.ultrasound.probe.survey import ProbeSurvey
+
+Singles = NDArray[np.float32]
+STEEPEST = 2.2  # slope, over that at which a disc receives nothing at the centre frequency
+SLOPES = 14  # that are tried, from 0
+REACH_US = 0.65  # around the time as it is: further off is another boundary
+STEPS_PER_CYCLE = 18
+CLUTTER = 0.8  # what the template does not know, over a nominal echo, at each frequency
+ALIKE = 2.0  # neighbouring frequencies do not err on their own: so much less they count
+LEVEL_SD = 0.45  # natural logarithm of the level about that of the survey
+LEAST_LEVEL = 1e-3
+HELD_CYCLES = 0.3  # how far off a time may be that was fitted for a parallel boundary,
+FLAT = 0.3  # if the slope is under this share of the steepest one
+WITNESS = 0.5  # confidence from which on an echo is a witness for those beside it
+ROUNDS = 4
+OUTER_SD_MM = 0.03
+EXPECTED_SD_US = 0.1  # of a time about the plane through its neighbours
+SLOPE_SD = 0.05  # of a slope in us per mm about that of this plane
+UNKNOWN_SD = 0.08  # where the slope is not known
+NEIGHBOUR_WEIGHT = 1.5  # how much neighbours can weigh against the echo itself
+BEND_PER_MM = 0.01  # where a boundary is oblique it also bends, by so much of its slope,
+BEND_US_PER_MM2 = 4e-4  # and a little everywhere: the wider the beam, the less one time says
+STRUCTURE_CYCLES = 0.035  # what the boundary itself adds: roughness, bend, layers,
+TILTED_CYCLES = 0.11  # and with the outer boundary taken from a map
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Weighed:
+    """Likelihoods of the A-scans (n,) for each slope (s,) and time (t,) about the start time."""
+
+    slopes: Floats  # (s,) us per mm
+    offsets_us: Floats  # (t,)
+    likelihood: Singles  # (n, s, t) logarithm
+    level: Singles  # (n, s, t) natural logarithm of the echo over a nominal one
+
+
+def beam_transform(probe: ProbeModel, frequencies_mhz: Floats, slopes: Floats) -> Complexes:
+    """Return what a boundary does to its echo (s, f) whose time rises by slopes (s,) in us per mm.
+
+    It is the transform of the beam on the face of the line: 1 for a slope of 0.
+    """
+    beam = probe_beam(probe)
+    ways = np.multiply.outer(beam.frequencies_mhz, beam.points_mm[:, 0])  # (f, rays)
+    flat = beam.weights.sum(axis=0)
+    seen = np.stack(
+        [(beam.weights.T * np.exp(-2j * np.pi * ways * s)).sum(axis=1) / flat for s in slopes]
+    )
+    known = beam.frequencies_mhz
+    return np.stack(
+        [
+            np.interp(frequencies_mhz, known, row.real)
+            + 1j * np.interp(frequencies_mhz, known, row.imag)
+            for row in seen
+        ]
+    )
+
+
+def correct_oblique_echoes(
+    echoes: Echoes, found: InnerEchoes, bone: Material, survey: ProbeSurvey, links: Links
+) -> InnerEchoes:
+    """Return the inner echoes with times and sigmas corrected for an oblique inner boundary.
+
+    Without positions they are returned as they are. Without axes the probe counts as
+    perpendicular to the outer boundary, unless that was not measured but known from elsewhere.
+
+    Args:
+        echoes: Of the survey.
+        found: Which echoes are the inner ones; their times may be some cycle off.
+        bone: Nominal bone.
+        survey: Where the probe was.
+        links: Who is around whom.
+    """
+    rows = np.flatnonzero(found.detected & (found.confidence > WITNESS))
+    if survey.positions_mm is None or len(rows) <= LEAST_NEIGHBOURS:
+        return found
+    upright = survey.known_standoff_mm is None
+    weighed = _weigh(echoes, found.lag_us, rows, bone)
+    probe, to_plane = echoes.template.probe, plane_axes(survey.positions_mm[rows])
+    places = survey.positions_mm[rows] @ to_plane
+    around = LocalPlanes(places)
+    outer_slope = np.zeros((len(rows), 2))
+    if survey.axes is not None:
+        standoff = standoff_mm(echoes.fronts.delay_us[rows], probe)
+        outer_slope = _outer_slope(places, standoff, survey.axes[rows] @ to_plane, around)
+    slope_known = around.known & (upright or survey.axes is not None)
+    start = found.lag_us[rows], found.sigma_us[rows]
+    lag, sd, level, slope = _settled(weighed, start, around, outer_slope, slope_known, probe)
+    times, sigmas = found.lag_us.copy(), found.sigma_us.copy()
+    width_mm = 2.0 * probe.aperture_radius_mm
+    bent = width_mm**2 * np.hypot(BEND_US_PER_MM2, BEND_PER_MM * np.hypot(*slope.T))
+    cycles = STRUCTURE_CYCLES if upright else TILTED_CYCLES
+    structure = np.hypot(bent, cycles / probe.centre_mhz)
+    times[rows], sigmas[rows] = lag, np.hypot(sd, structure)
+    # a time that is known better makes no echo more certain than it was
+    surer = _within(sigmas, bone) / np.maximum(_within(found.sigma_us, bone), 1e-12)
+    confidence = found.confidence / np.maximum(surer, 1.0)
+    confidence[rows] *= detectability(level, lag, rows, links, probe, bone)
+    return replace(found, lag_us=times, sigma_us=sigmas, confidence=confidence)
+
+
+def _settled(
+    weighed: _Weighed,
+    start: tuple[Floats, Floats],
+    around: LocalPlanes,
+    outer_slope: Floats,
+    slope_known: Bools,
+    probe: ProbeModel,
+) -> tuple[Floats, Floats, Floats, Floats]:
+    """Return times (n,), deviations, logarithms of levels, and slopes (n, 2) of the inner time.
+
+    Each round weighs times and slopes by what the neighbours came to in the one before.
+
+    Args:
+        weighed: Likelihoods of the A-scans by themselves.
+        start: The times that the offsets count from (n,), and how far off they may be (n,).
+        around: Planes through the neighbours.
+        outer_slope: What the outer boundary adds to the slope (n, 2).
+        slope_known: Where the slope is known from the neighbours (n,).
+        probe: Its centre frequency gives the length of a cycle.
+    """
+    start_us, sigma_us = start
+    lag, sd = start_us, np.maximum(sigma_us, SCATTER_FLOOR)
+    level, slopes = np.zeros(len(lag)), np.zeros((len(lag), 2))
+    held = _held(weighed, probe)
+    slope_sd = np.where(slope_known, SLOPE_SD, UNKNOWN_SD)[:, None]
+    for turn in range(ROUNDS):
+        expected, slopes, scatter = around.planes(lag, sd)
+        slope = np.where(slope_known, np.hypot(*(slopes + outer_slope).T), 0.0)
+        unlike = (weighed.slopes - slope[:, None]) / slope_sd
+        usual = _usual_level(weighed, slope)
+        log_chance = weighed.likelihood - 0.5 * ((weighed.level - usual) / LEVEL_SD) ** 2
+        log_chance = log_chance - 0.5 * unlike[:, :, None] ** 2 - held
+        if turn:
+            off = (start_us - expected)[:, None] + weighed.offsets_us
+            residual = off / np.hypot(scatter, EXPECTED_SD_US)[:, None]  # standardised
+            together = -NEIGHBOUR_WEIGHT * np.log1p(0.5 * residual**2)
+            log_chance = log_chance + np.where(around.known[:, None], together, 0.0)[:, None, :]
+        lag, sd, level = _mean(weighed, log_chance, start_us)
+    return lag, sd, level, slopes
+
+
+def _held(weighed: _Weighed, probe: ProbeModel) -> Singles:
+    """Return how unlikely offsets are (s, t) from a time that was fitted for a parallel boundary.
+
+    The flatter the boundary, the more that time counts.
+    """
+    cycles = weighed.offsets_us * probe.centre_mhz
+    flat = np.exp(-((weighed.slopes / (FLAT * weighed.slopes[-1])) ** 2))
+    return np.multiply.outer(flat, 0.5 * (cycles / HELD_CYCLES) ** 2).astype(np.float32)
+
+
+def _within(sigma_us: Floats, bone: Material) -> Floats:
+    """Return the chance (n,) that a boundary with this sigma of its time is right to 1 mm."""
+    sigma_mm = np.maximum(sigma_us * bone.speed_mm_per_us / 2.0, 1e-9)
+    return np.asarray(erf(1.0 / sigma_mm / np.sqrt(2.0)))
+
+
+def _weigh(echoes: Echoes, lag_us: Floats, rows: Ints, bone: Material) -> _Weighed:
+    template = echoes.template
+    probe, f = template.probe, template.frequencies_mhz
+    null = 1.22 / (2.0 * probe.aperture_radius_mm * probe.centre_mhz)
+    slopes = as_floats(np.linspace(0.0, STEEPEST * null, SLOPES))
+    step = 1.0 / (STEPS_PER_CYCLE * probe.centre_mhz)
+    reach = round(REACH_US / step)
+    offsets = as_floats(np.arange(-reach, reach + 1) * step)
+    responses = beam_transform(probe, f, slopes)
+    turns = template.shift(offsets).T  # (f, t)
+    parts = [
+        _block(echoes, lag_us, rows[k : k + BLOCK], bone, responses, turns)
+        for k in range(0, len(rows), BLOCK)
+    ]
+    likelihood, level = (np.concatenate(part) for part in zip(*parts, strict=True))
+    return _Weighed(slopes, offsets, likelihood, level)
+
+
+def _block(
+    echoes: Echoes,
+    lag_us: Floats,
+    rows: Ints,
+    bone: Material,
+    responses: Complexes,
+    turns: Complexes,
+) -> tuple[Singles, Singles]:
+    template = echoes.template
+    lag = lag_us[rows]
+    behind = subtract_fronts(echoes.aligned[rows], template) * template.shift(lag)
+    echo = bone_filter(template, bone, lag * bone.speed_mm_per_us / 2.0)
+    noise = GRID * np.maximum(echoes.noise[rows], 1e-9)[:, None] ** 2
+    weights = 1.0 / (noise + (CLUTTER * np.abs(echo)) ** 2)
+    shape = len(rows), len(responses), turns.shape[1]
+    likelihood, level = np.zeros(shape, np.float32), np.zeros(shape, np.float32)
+    matched = (behind * weights * np.conj(echo)).astype(np.complex64)
+    energies = (weights * np.abs(echo) ** 2) @ (np.abs(responses) ** 2).T
+    single = turns.astype(np.complex64)
+    for k, response in enumerate(np.conj(responses).astype(np.complex64)):
+        output = np.maximum(((matched * response) @ single).real, 0.0)
+        energy = energies[:, k, None]
+        likelihood[:, k] = output**2 / energy / ALIKE
+        level[:, k] = np.log(np.maximum(output / energy, LEAST_LEVEL))
+    return likelihood, level
+
+
+def _usual_level(weighed: _Weighed, slope: Floats) -> float:
+    """Return the logarithm of the median level of the echoes of this survey, at these slopes."""
+    nearest = np.abs(weighed.slopes - slope[:, None]).argmin(axis=1)
+    rows = np.arange(len(nearest))
+    best = weighed.likelihood[rows, nearest].argmax(axis=1)
+    return float(np.median(weighed.level[rows, nearest, best]))
+
+
+def _mean(weighed: _Weighed, chances: Floats, middle_us: Floats) -> tuple[Floats, Floats, Floats]:
+    """Return mean and standard deviation (n,) of the times, and the mean level."""
+    share = np.exp(chances - chances.max(axis=(1, 2), keepdims=True))
+    share /= share.sum(axis=(1, 2), keepdims=True)
+    level = (share * weighed.level).sum(axis=(1, 2))
+    share = share.sum(axis=1)
+    mean = share @ weighed.offsets_us
+    spread = (share * (weighed.offsets_us - mean[:, None]) ** 2).sum(axis=1)
+    return middle_us + mean, np.sqrt(spread), level
+
+
+def _outer_slope(places: Floats, standoff_mm: Floats, axes: Floats, around: LocalPlanes) -> Floats:
+    """Return how the time to the outer boundary rises (n, 2) across each probe, in us per mm.
+
+    All coordinates are those of the plane of the survey, its normal last.
+    """
+    points = places + standoff_mm[:, None] * axes
+    _, slope, _ = around.planes(points[:, 2], np.full(len(points), OUTER_SD_MM))
+    return 2.0 / GEL.speed_mm_per_us * (axes[:, :2] + axes[:, 2:] * slope)

@@ -1,0 +1,1 @@
+"""What is shown: view, snapshot and what follows from them. Panels and scene draw it."""

@@ -1,0 +1,77 @@
+"""Snapshot: session, view and live values of one moment; all that is drawn follows from it."""
+
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from rona_core.app.overview.step_states import StepState
+from rona_core.app.runtime.jobs import JobStatus
+from rona_core.app.runtime.saving.autosave import CopyState
+from rona_core.devices.live import LiveState
+from rona_core.geometry.pose import Pose
+from rona_core.session.document import Session
+from rona_core.ultrasound.detection.manual_corrections import ScanName
+from rona_ui.presentation.static_scene import StaticScene
+from rona_ui.presentation.view_state import ViewState
+from rona_ui.refusals import Refusal
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Snapshot:
+    """One moment: session, view and live values, all of them immutable."""
+
+    session: Session
+    view: ViewState
+    steps: tuple[StepState, ...]
+    live: LiveState
+    job: JobStatus | None = None
+    static_scene: StaticScene | None = None
+    T_base_pointermarker: Pose | None = None
+    figures: dict[str, Any] = field(default_factory=dict)
+    saved: bool = False
+    copy: CopyState = "none"  # of what is not saved
+    can_undo: bool = False
+    can_redo: bool = False
+    files: tuple[Path, ...] = ()
+    changes: bool = False  # something would be lost if the session were closed as it is
+    recovered: bool = False  # after a crash, and not saved since
+    opened: tuple[tuple[str, str], ...] = ()  # id and name of the open sessions, oldest first
+    pivoting_by_hand: bool = False  # the pointer is pivoted by hand
+    refused: int = 0  # grows when a message was refused, so that fields show the truth again
+    refusals: tuple[Refusal, ...] = ()  # what was refused in this session, oldest first
+
+    @property
+    def scan(self) -> ScanName:
+        """Return whose A-scans are looked at; by hand also where there are no others."""
+        captures, view = self.session.captures, self.view
+        if captures.sono_scan is not None and (view.handheld or captures.scan is None):
+            return "hand"
+        return "second" if view.second else "first"
+
+    @property
+    def scan_cursor(self) -> float | None:
+        """Return where in the scan that is looked at the cursor is, 0 to 1; None without one."""
+        return self.view.handheld_cursor if self.scan == "hand" else self.view.cursor
+
+    @property
+    def preview_mm(self) -> float | None:
+        """Return the bound that is being dragged in step 6, None if none is."""
+        held = self.view.preview
+        if held is None or self.view.step != "smoothing" or held.refused != self.refused:
+            return None
+        return held.tolerance_mm if held.smoothing is self.session.results.smoothing else None
+
+    @property
+    def scanning(self) -> bool:
+        """Return whether A-scans are taken at this moment, by the robot or by hand."""
+        scans = ("StartScan", "StartGapScan", "StartHandheldScan")
+        return self.busy and self.job is not None and self.job.activity in scans
+
+    @property
+    def busy(self) -> bool:
+        """Whether a job is under way."""
+        return self.job is not None and not self.job.finished
+
+    def step(self, name: str) -> StepState:
+        """Return the state of a step by its name."""
+        return next(step for step in self.steps if step.name == name)

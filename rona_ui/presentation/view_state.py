@@ -1,0 +1,98 @@
+"""View of one browser: step, layers, camera cut, replay, and what is being drawn by mouse."""
+
+from dataclasses import dataclass
+from typing import Any, Literal
+
+from rona_core.app.steps.roll.margins_view import Quantity
+
+Point = tuple[float, float, float]
+Drawing = Literal["surface", "path", "center", "boundary", "move", "insert", "delete", "pin"]
+CutDirection = Literal["off", "lengthwise", "crosswise"]
+
+# Layers of the scene that can be switched off: name -> what the surgeon reads
+LAYERS = {
+    "skull": "Skull",
+    "robot": "Robot",
+    "tracker": "Tracker",
+    "pointer": "Pointer",
+    "region": "Region",
+    "cloud": "Surface points",
+    "registered_skull": "Registered skull",
+    "path": "Path",
+    "arrows": "Probe axes",
+    "warnings": "Path warnings",
+    "rolls": "Roll candidates",
+    "obstacles": "Obstacles",
+    "places": "Base poses",
+    "scan": "Scan points",
+    "outer": "Outer map",
+    "inner": "Inner map",
+    "fused": "Fused map",
+    "second": "Second pass",
+    "references": "Reference points",
+}
+
+_ROOM = frozenset(("skull", "robot", "tracker", "pointer", "region", "obstacles"))
+# What a step needs to be seen; the rest would be in the way
+NEEDED: dict[str, frozenset[str]] = {
+    "setup": _ROOM,
+    "tool": _ROOM,
+    "pointer": _ROOM,
+    "surface": frozenset(("skull", "pointer", "region", "cloud", "registered_skull")),
+    "path": frozenset(("skull", "pointer", "region", "path")),
+    "smoothing": frozenset(("skull", "path", "arrows", "warnings")),
+    "roll": frozenset(("skull", "robot", "path", "rolls", "obstacles", "places")),
+    "scan": frozenset(("skull", "robot", "path", "scan", "obstacles")),
+    "maps": frozenset(
+        ("skull", "region", "pointer", "outer", "inner", "fused", "second", "references")
+    ),
+}
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Preview:
+    """A bound that somebody is dragging; it ends when there is another smoothed path."""
+
+    tolerance_mm: float
+    smoothing: Any  # the result that was there when it began
+    refused: int  # how many messages had been refused
+
+
+@dataclass(frozen=True, slots=True)
+class ViewState:
+    """How one browser looks at the session; never saved, never undone."""
+
+    step: str = "setup"
+    all_layers: bool = False  # show also what the step does not need
+    hidden: frozenset[str] = frozenset({"outer", "fused", "obstacles"})
+    shown_roll: int | None = None  # index of the roll in the graphs; None follows the plan
+    place: float | None = None  # 0 to 1 along the path, where that roll is looked at; None: where
+    # it fails first, or the middle
+    margin: Quantity = "room"  # what the path is coloured by in step 7
+    cursor: float | None = None  # 0 to 1 along the planned motion; None shows the robot live
+    playing: bool = False
+    speed: float = 4.0  # of the replay, as a multiple of real time
+    drawing: Drawing | None = None  # what a click on the skull adds to
+    picks: tuple[Point, ...] = ()  # in base, mm
+    moved_point: int | None = None  # number of the point of the smoothed path that is being moved
+    move_target: Point | None = None  # where it is held, in base, mm
+    center: Point | None = None  # of the pattern that is to be made
+    boundary: tuple[Point, ...] = ()  # of the same
+    preview: Preview | None = None
+    quantity: Literal["thickness", "height", "sigma"] = "thickness"
+    skull_window: bool = True  # the drawn skull is open over the region once it has been mapped
+    cut_direction: CutDirection = "off"  # plane that the drawn skull is cut with, in every step
+    cut_offset_mm: float = 0.0  # from the centre of the region to that plane
+    cut_maps: bool = False  # the maps are cut too
+    force_across: Literal["path", "time"] = "path"  # what the force is drawn over
+    handheld: bool = False  # the scan by hand is looked at, where there are both
+    handheld_cursor: float = 0.0  # 0 to 1 along the scan by hand
+    joint: int = 0  # joint in the graph, 0 for all
+    second: bool = False  # replay, A-scans and image are those of the second pass
+    dragged_boundary: tuple[int, float] | None = (
+        None  # A-scan and time (µs) that somebody holds a boundary at
+    )
+
+    def shows(self, layer: str) -> bool:
+        """Return whether a layer of the scene is to be seen."""
+        return layer not in self.hidden and (self.all_layers or layer in NEEDED[self.step])

@@ -1,0 +1,97 @@
+"""Hand-held pointer, its pivot handles, and strokes drawn on the skull by mouse."""
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from rona_core.devices.marker_geometry import GEOMETRIES
+from rona_core.devices.settings import SONO
+from rona_core.geometry.arrays import Floats
+from rona_core.geometry.pose import Pose
+from rona_ui.presentation.colors import ORANGE, SKY, STEEL
+from rona_ui.presentation.snapshot import Snapshot
+from rona_ui.scene.layer import Layer
+from rona_ui.scene.viser_nodes import SceneNodes, segments
+
+SHAFT, MARKERS, TIP = "/pointer/shaft", "/pointer/markers", "/pointer/tip"
+LINE, PICKS = "/drawing/line", "/drawing/points"
+PIVOT_HANDLES = "/pivot_handles"
+HANDLES_MM = 400.0  # radius 0.65 of it, about the distance of the markers from the tip
+# viser draws each handle as an arc between two axes; turned so, they face the usual camera
+HANDLES_START = Pose.from_rotvec((0.0, 0.0, -np.pi / 2.0))
+LIFT_MM = 0.6  # off the skull, so that a line on it is seen
+
+
+class PointerLayer(Layer):
+    """Draws shaft, marker spheres and tip of the pointer in use."""
+
+    layer = "pointer"
+
+    def render(self, old: Snapshot | None, new: Snapshot) -> None:
+        """Move the pointer; take it away while it lies aside."""
+        pose = new.T_base_pointermarker if self.shown(new) else None
+        if pose is None:
+            for node in (SHAFT, MARKERS, TIP):
+                self.nodes.remove(node)
+        elif old is None or old.T_base_pointermarker is not pose or self.toggled(old, new):
+            held = new.session.setup.devices.pointer
+            markers, tip = pointer_points(pose, SONO if holds_probe(new) else held)
+            hub = markers.mean(axis=0)
+            rods = np.concatenate(([np.stack((hub, tip))], [np.stack((hub, m)) for m in markers]))
+            self.nodes.lines(SHAFT, rods, STEEL, width_px=4.0)
+            self.nodes.cloud(MARKERS, markers, (245, 245, 245), size_mm=7.0)
+            self.nodes.cloud(TIP, tip[None], ORANGE, size_mm=2.5)
+
+
+def holds_probe(snapshot: Snapshot) -> bool:
+    """Return whether it is the ultrasound probe that somebody holds in the hand."""
+    return (
+        snapshot.busy
+        and snapshot.job is not None
+        and snapshot.job.activity.startswith("StartHandheld")
+    )
+
+
+def pointer_points(T_base_pointermarker: Pose, pointer: str) -> tuple[Floats, Floats]:
+    """Return marker positions (m, 3) and nominal tip (3,) in ``base``, as far as drawing needs."""
+    geometry = GEOMETRIES[pointer]
+    markers_base = T_base_pointermarker @ geometry.positions_marker
+    return markers_base, T_base_pointermarker @ geometry.nominal_tip_marker
+
+
+class PivotHandlesLayer:
+    """Draws rotation handles at the tip while the pointer is pivoted by hand; never hidden."""
+
+    def __init__(self, nodes: SceneNodes) -> None:
+        self._nodes = nodes
+
+    def render(self, old: Snapshot | None, new: Snapshot) -> None:
+        """Place the handles at the tip at the start; they stay there."""
+        pose = new.T_base_pointermarker
+        if not new.pivoting_by_hand:
+            self._nodes.remove(PIVOT_HANDLES)
+        elif pose is not None and PIVOT_HANDLES not in self._nodes.names():
+            _, tip_base = pointer_points(pose, new.session.setup.devices.pointer)
+            self._nodes.rotation_handles(
+                PIVOT_HANDLES, Pose(HANDLES_START.rotation, tip_base), size_mm=HANDLES_MM
+            )
+
+
+def handle_rotation(wxyz: ArrayLike) -> Floats:
+    """Return the rotation (4,) wxyz since the start of handles at this orientation, in ``base``."""
+    return (Pose.from_wxyz(wxyz) @ HANDLES_START.inv()).wxyz()
+
+
+class DrawingLayer(Layer):
+    """Draws the places that were clicked on the skull and the line through them."""
+
+    layer = "drawing"
+
+    def render(self, old: Snapshot | None, new: Snapshot) -> None:
+        """Follow the picks."""
+        if old is not None and old.view.picks is new.view.picks:
+            return
+        points = np.array(new.view.picks, dtype=np.float64).reshape(-1, 3)
+        if len(points) and new.static_scene is not None:
+            points = points + LIFT_MM * new.static_scene.region_normal_base
+        self.nodes.lines(LINE, segments(points), SKY, width_px=4.0)
+        self.nodes.cloud(PICKS, points, ORANGE, size_mm=1.0)

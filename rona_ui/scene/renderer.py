@@ -1,0 +1,76 @@
+"""Scene renderer: draws every layer of one browser from snapshots."""
+
+from typing import Any
+
+import numpy as np
+
+from rona_ui.presentation.colors import BACKGROUND
+from rona_ui.presentation.snapshot import Snapshot
+from rona_ui.scene.layer import Adapter
+from rona_ui.scene.maps.map_section import ProfileLayer
+from rona_ui.scene.maps.maps import MapLayer, ScanLayer
+from rona_ui.scene.maps.reference_points import ReferencesLayer
+from rona_ui.scene.maps.second_pass import SecondLayer
+from rona_ui.scene.path.path import AxesLayer, PathLayer, WarningsLayer
+from rona_ui.scene.path.path_editing import EditLayer
+from rona_ui.scene.pointer import PIVOT_HANDLES, DrawingLayer, PivotHandlesLayer, PointerLayer
+from rona_ui.scene.roll.base_places import PlacesLayer
+from rona_ui.scene.roll.margins import MarginsLayer
+from rona_ui.scene.roll.rolls import RollsLayer
+from rona_ui.scene.setup.clearance import ClearanceLayer, ObstaclesLayer
+from rona_ui.scene.setup.robot import RobotLayer
+from rona_ui.scene.setup.skull import NODE, SkullLayer
+from rona_ui.scene.setup.tracker import TrackerLayer
+from rona_ui.scene.surface.cloud import CloudLayer, RegionLayer
+from rona_ui.scene.surface.registered_skull import RegisteredSkullLayer
+from rona_ui.scene.viser_nodes import SceneNodes
+
+FLOOR_MM = -420.0  # the robot stands on a pedestal of about its base's height
+
+
+class SceneRenderer:
+    """Draws snapshots into the scene of one browser."""
+
+    def __init__(self, scene: Any) -> None:
+        self.nodes = SceneNodes(scene)
+        scene.set_background_image(np.full((4, 4, 3), BACKGROUND, dtype=np.uint8))
+        scene.configure_default_lights(cast_shadow=False)
+        self.nodes.floor("/floor", FLOOR_MM)
+        self._adapters: tuple[Adapter, ...] = (
+            SkullLayer(self.nodes),
+            RobotLayer(self.nodes),
+            ClearanceLayer(self.nodes),
+            ObstaclesLayer(self.nodes),
+            TrackerLayer(self.nodes),
+            PointerLayer(self.nodes),
+            PivotHandlesLayer(self.nodes),
+            RegionLayer(self.nodes),
+            CloudLayer(self.nodes),
+            RegisteredSkullLayer(self.nodes),
+            DrawingLayer(self.nodes),
+            PathLayer(self.nodes),
+            AxesLayer(self.nodes),
+            WarningsLayer(self.nodes),
+            EditLayer(self.nodes),
+            RollsLayer(self.nodes),
+            MarginsLayer(self.nodes),
+            PlacesLayer(self.nodes, FLOOR_MM),
+            ScanLayer(self.nodes),
+            *(MapLayer(self.nodes, name) for name in ("outer", "inner", "fused")),
+            ProfileLayer(self.nodes),
+            SecondLayer(self.nodes),
+            ReferencesLayer(self.nodes),
+        )
+
+    def render(self, old: Snapshot | None, new: Snapshot) -> None:
+        """Bring the scene from ``old`` to ``new``."""
+        for adapter in self._adapters:
+            adapter.render(old, new)
+
+    def skull(self) -> Any:
+        """Return the viewer's handle of the skull, or None while it is not there."""
+        return self.nodes.node(NODE) if NODE in self.nodes.names() else None
+
+    def pivot_handles(self) -> Any:
+        """Return the viewer's handle of the pivot handles, or None."""
+        return self.nodes.node(PIVOT_HANDLES) if PIVOT_HANDLES in self.nodes.names() else None
