@@ -8,6 +8,7 @@ import inspect
 import pkgutil
 import sys
 from pathlib import Path
+from typing import Any
 
 import rona_core
 
@@ -18,7 +19,7 @@ def public_packages() -> list[str]:
     return ["rona_core", *(n for n in names if hasattr(importlib.import_module(n), "__all__"))]
 
 
-def entry(name: str, thing: object) -> str:
+def entry(name: str, thing: Any) -> str:
     """Return the text about a class, a function or a value."""
     kind = "class" if inspect.isclass(thing) else "def" if callable(thing) else ""
     if not kind:
