@@ -11,7 +11,7 @@ from rona_core.errors import InvalidInputError
 from rona_core.robot.kinematics.catalog import figures_of, robot_model
 from rona_core.robot.kinematics.parameter_sources import markdown, overridden, read_overrides
 
-DOCS = Path(__file__).resolve().parents[4] / "docs" / "algorithms"
+DOCS = Path(__file__).resolve().parents[4] / "docs" / "algorithms" / "robot"
 
 
 @pytest.mark.parametrize("name", ROBOTS)
@@ -27,7 +27,7 @@ def test_each_figure_has_a_source_and_what_nobody_states_is_called_assumed(name)
     assert len(set(keys)) == len(keys)
 
 
-@pytest.mark.parametrize(("name", "page"), [("rx90", "rx90.md"), ("ur5", "ur_arms.md")])
+@pytest.mark.parametrize(("name", "page"), [("rx90", "rx90.md"), ("ur5", "universal_robots.md")])
 def test_the_page_shows_the_table(name, page):
     assert markdown(figures_of(name)) in (DOCS / page).read_text("utf-8")
 
