@@ -2,19 +2,23 @@
 #
 #   make run          install, start the server and open the demo session
 #   make test         install what the tests need, a browser too, and run them all
+#   make test-all     the same with ten times as many examples, and what is statistical
+#   make mutants      change the code in small ways and count what the tests notice (ARGS=--all)
 #   make check        style, types, import contracts, architecture
 #   make bench        figures beside those of peers (SUITE=path for one suite, JSON=1 for a list)
 #   make results      run the procedure over seeds and skulls and write docs/results.md
 #   make demo         the whole procedure in the terminal, without a browser (SEED=3)
 #   make demo-session  make sessions/demo.rona anew
 #   make pictures     take the pictures of the user guide anew, in a headless browser
+#   make gallery      draw the pictures of the examples anew
+#   make api          write the reference of the public packages to build/api
 #   make constraints  refresh the pinned versions
 #   make clean        remove what the verbs made
 
 SHELL := /bin/bash
 .SHELLFLAGS := -eu -o pipefail -c
 .DEFAULT_GOAL := help
-.PHONY: help run test check bench results demo demo-session pictures constraints clean venv product browser
+.PHONY: help run test test-all mutants gallery api check bench results demo demo-session pictures constraints clean venv product browser
 
 PYTHON ?= python3
 VENV := .venv
@@ -25,6 +29,8 @@ RECIPE := pyproject.toml setup.py constraints.txt
 SUITE ?=
 SEED ?= 0
 ONE_THREAD := OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 MKL_NUM_THREADS=1
+# two workers; those files first that took longest in the last run (tests/conftest.py)
+WORKERS := -n 2 --dist loadfile --no-loadscope-reorder
 # seconds: stops a run that hangs; eight minutes are usual, twelve on a busy machine
 TEST_LIMIT ?= 1800
 
@@ -75,7 +81,7 @@ product: $(VENV)/.product
 # -- the browser that the tests drive -----------------------------------------------------------
 
 browser: $(VENV)/.test
-	@PYTHON=$(BIN)/python bash tests/install_browser.sh
+	@PYTHON=$(BIN)/python bash tests/tools/install_browser.sh
 
 # -- verbs ----------------------------------------------------------------------------------------
 
@@ -87,7 +93,19 @@ demo: $(VENV)/.product
 
 test: $(VENV)/.test browser
 	$(ONE_THREAD) timeout --foreground --kill-after=20 $(TEST_LIMIT) \
-	    $(BIN)/python -m pytest -n 2 --dist loadfile $(ARGS)
+	    $(BIN)/python -m pytest $(WORKERS) -m "not statistical" $(ARGS)
+
+test-all: $(VENV)/.test browser
+	RONA_EXAMPLES=10 $(ONE_THREAD) $(BIN)/python -m pytest $(WORKERS) $(ARGS)
+
+mutants: $(VENV)/.test
+	$(ONE_THREAD) $(BIN)/python -m tests.tools.mutants $(ARGS)
+
+gallery: $(VENV)/.product
+	$(ONE_THREAD) $(BIN)/python -m examples.gallery
+
+api: $(VENV)/.product
+	$(BIN)/python -m docs.guide.api_reference build/api
 
 check: $(VENV)/.dev
 	$(BIN)/ruff check .

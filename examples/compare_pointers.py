@@ -19,23 +19,28 @@ from rona_core.session.document import Session
 SEEDS = (0, 1, 2)
 
 
-def surface_rms_mm(kind: PointerKind, seed: int) -> float:
+def surface_rms_mm(kind: PointerKind, seed: int, surface: StartSurfaceCapture) -> float:
     """Return the error of the surface cloud against the truth, which a virtual scene knows."""
     bench = new_workbench(Session(name=kind))
     try:
         bench.dispatch(SetSeed(seed))
         bench.dispatch(SetPointer(kind))
-        for activity in (StartToolCapture(), StartPointerCapture(), StartSurfaceCapture()):
+        for activity in (StartToolCapture(), StartPointerCapture(), surface):
             bench.run(activity)
         return bench.figures()["surface_rms_mm"]
     finally:
         bench.close()
 
 
-def main(seeds: tuple[int, ...] = SEEDS) -> None:
-    for kind in ("pointer6d", "pointer5d"):
-        errors = [surface_rms_mm(kind, seed) for seed in seeds]
+def main(
+    seeds: tuple[int, ...] = SEEDS, surface: StartSurfaceCapture | None = None
+) -> dict[str, list[float]]:
+    kinds: tuple[PointerKind, ...] = ("pointer6d", "pointer5d")
+    stroke = surface or StartSurfaceCapture()
+    found = {kind: [surface_rms_mm(kind, seed, stroke) for seed in seeds] for kind in kinds}
+    for kind, errors in found.items():
         print(f"{kind}: median {median(errors):.2f} mm, worst {max(errors):.2f} mm")
+    return found
 
 
 if __name__ == "__main__":

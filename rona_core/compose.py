@@ -17,6 +17,7 @@ from rona_core.devices.protocols import Cancel, Progress, Rig, never
 from rona_core.errors import DeviceError, RonaError
 from rona_core.evaluation.metrics import evaluate
 from rona_core.session.document import Session, Setup
+from rona_core.session.files import load_session
 from rona_core.session.specimen import LoadedSkull
 from rona_core.ultrasound.acoustic_calibration.parameter_sweep import sweep
 from rona_core.virtual.acoustics.plates import record_plate
@@ -124,6 +125,34 @@ class DemoSkull:
 
 
 SIMULATED = DemoSkull()
+
+
+def open_session(path: Path | str) -> Workbench:
+    """Open a session file with virtual devices; the file is read, never changed.
+
+    Args:
+        path: Of the file.
+
+    Raises:
+        NotFoundError: there is no such file.
+        SessionFormatError: not a session file, damaged, too large, or newer than this program.
+    """
+    return new_workbench(load_session(path))
+
+
+def new_session(name: str = "notebook", *, seed: int = 0) -> Workbench:
+    """Start a session with virtual devices.
+
+    Args:
+        name: Of the session.
+        seed: Of the simulated patient, the placement of the devices and every noise.
+
+    Raises:
+        InvalidInputError: no name, or a seed out of range.
+    """
+    bench = new_workbench(Session(name=name))
+    bench.dispatch(SetSeed(seed))
+    return bench
 
 
 def run_demo(

@@ -10,7 +10,7 @@ from collections import Counter
 
 from hypothesis import settings
 
-settings.register_profile("rona", deadline=None, derandomize=True)
+settings.register_profile("rona", deadline=None, derandomize=True, max_examples=50)
 settings.load_profile("rona")
 
 MORE_EXAMPLES = int(os.environ.get("RONA_EXAMPLES", "1"))

@@ -1,7 +1,7 @@
 """The example scripts do what they say, the one over REST against a real server."""
 
 from examples import compare_pointers, drive_over_rest, scan_by_hand
-from rona_core.app.messages.registry import StartHandheldScan
+from rona_core.app.messages.registry import StartHandheldScan, StartSurfaceCapture
 
 
 def test_the_harness_calibrates_the_pointer_over_rest(web):
@@ -13,7 +13,7 @@ def test_the_harness_calibrates_the_pointer_over_rest(web):
 
 
 def test_the_comparison_names_both_pointers(capsys):
-    compare_pointers.main(seeds=(0,))
+    compare_pointers.main(seeds=(0,), surface=StartSurfaceCapture(duration_s=10.0))
     lines = capsys.readouterr().out.splitlines()
     assert [line.split(":")[0] for line in lines] == ["pointer6d", "pointer5d"]
     assert all(0.0 < float(line.split()[2]) < 1.0 for line in lines)

@@ -289,17 +289,3 @@ def test_steps_are_blocked_until_their_turn():
             bench.run(activity)
     assert bench.session.log == ()
     bench.close()
-
-
-def test_a_robot_too_far_away_says_why_and_what_helps():
-    bench = new_workbench(Session())
-    bench.dispatch(SetRobot(base_shift_mm=(-420.0, 0.0, 0.0)))
-    from rona_core.app.procedure import run_procedure
-
-    ending = run_procedure(bench)
-    assert (ending.completed, ending.failed_step) == (False, "roll")
-    assert "Move the robot base" in ending.reason
-    figures = evaluate_virtual(bench.session, bench.rig())
-    assert (figures["completed"], figures["rolls_feasible"]) == (False, 0)
-    assert figures["outer_rms_mm"] is None
-    bench.close()

@@ -131,3 +131,30 @@ def test_a_listener_that_fails_does_not_silence_the_others(capsys):
     assert heard.wait(10)
     assert "drawing failed" in capsys.readouterr().err
     store.close()
+
+
+def test_what_was_done_again_can_be_taken_back():
+    store = Store(Session())
+    store.dispatch(SetSeed(3))
+    store.dispatch(Undo())
+    store.dispatch(Redo())
+    assert store.can_undo
+    store.dispatch(Undo())
+    assert store.session.setup.seed == 0
+
+
+def test_two_hundred_steps_are_kept():
+    assert store_module.UNDO_STEPS == 200
+
+
+def test_a_closed_store_tells_nobody_anything_and_leaves_no_thread():
+    before = set(threading.enumerate())
+    store, told = Store(Session()), []
+    store.subscribe(lambda old, new: told.append(new))
+    store.close()
+    store.close()
+    store.dispatch(SetSeed(3))
+    for thread in set(threading.enumerate()) - before:
+        thread.join(5.0)
+    assert not told
+    assert set(threading.enumerate()) <= before

@@ -18,7 +18,7 @@ from rona_core.app.procedure import PROCEDURE, run_procedure
 from rona_core.app.runtime.recompute import replay
 from rona_core.app.steps.roll.base_placement import advice, moves, obstacles_from
 from rona_core.app.steps.roll.base_placement_view import placement_view
-from rona_core.compose import new_workbench
+from rona_core.compose import evaluate_virtual, new_workbench
 from rona_core.devices.settings import ContactSettings
 from rona_core.errors import (
     InvalidInputError,
@@ -52,6 +52,14 @@ def test_a_procedure_that_no_roll_can_follow_names_the_move_that_helps(stuck):
     assert found.smallest.sentence in ending.reason
     assert found.best.sentence in ending.reason
     assert 0.0 < found.smallest.moved_mm <= found.best.moved_mm
+
+
+@pytest.mark.slow
+def test_the_figures_of_a_robot_too_far_away_say_so(stuck):
+    bench, _ = stuck
+    figures = evaluate_virtual(bench.session, bench.rig())
+    assert (figures["completed"], figures["rolls_feasible"]) == (False, 0)
+    assert figures["outer_rms_mm"] is None
 
 
 @pytest.mark.slow

@@ -25,7 +25,9 @@ pytestmark = [pytest.mark.browser, pytest.mark.slow]
 @pytest.fixture(scope="module")
 def surgeon(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Surgeon]:
     if not CHROMIUM.is_file():
-        reason = f"no browser at {CHROMIUM}: see tests/install_browser.sh, or set RONA_CHROMIUM"
+        reason = (
+            f"no browser at {CHROMIUM}: see tests/tools/install_browser.sh, or set RONA_CHROMIUM"
+        )
         if os.environ.get("CI"):
             pytest.fail(reason)
         pytest.skip(reason)

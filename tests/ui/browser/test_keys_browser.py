@@ -27,7 +27,9 @@ POST = """async ([path, body]) => (await fetch('/api/v1/sessions/current' + path
 @pytest.fixture(scope="module")
 def surgeon(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Surgeon]:
     if not CHROMIUM.is_file():
-        reason = f"no browser at {CHROMIUM}: see tests/install_browser.sh, or set RONA_CHROMIUM"
+        reason = (
+            f"no browser at {CHROMIUM}: see tests/tools/install_browser.sh, or set RONA_CHROMIUM"
+        )
         if os.environ.get("CI"):
             pytest.fail(reason)
         pytest.skip(reason)

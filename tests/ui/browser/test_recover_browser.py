@@ -64,7 +64,9 @@ def program(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Program]:
 @pytest.fixture(scope="module")
 def surgeon(program: Program, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Surgeon]:
     if not CHROMIUM.is_file():
-        reason = f"no browser at {CHROMIUM}: see tests/install_browser.sh, or set RONA_CHROMIUM"
+        reason = (
+            f"no browser at {CHROMIUM}: see tests/tools/install_browser.sh, or set RONA_CHROMIUM"
+        )
         if os.environ.get("CI"):
             pytest.fail(reason)
         pytest.skip(reason)

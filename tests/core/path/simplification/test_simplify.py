@@ -5,7 +5,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from benchmarks.reference.path.brute_force_simplification import within_frechet as path_within_frechet
+from benchmarks.reference.path.brute_force_simplification import (
+    within_frechet as path_within_frechet,
+)
 from benchmarks.reference.path.path_coverage import length_mm
 from benchmarks.reference.path.removal_order import removal_order
 from rona_core.errors import CancelledError, InvalidInputError

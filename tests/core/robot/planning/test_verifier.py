@@ -1,6 +1,6 @@
 """The verifier: planted jumps, collisions and violations are caught, each by the check for it."""
 
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
 
 import numpy as np
 import pytest
@@ -242,6 +242,35 @@ def test_a_roll_for_each_path_point_is_compared_point_by_point(plan):
     assert names(certificate) == ["roll of the probe"]
     at = plan.trajectory.path_mm[certificate.failures()[0].index]
     assert at == pytest.approx(plan.search.path.arc_length_mm()[n // 2], abs=1.0)
+
+
+def test_the_verifier_insists_on_what_the_page_says():
+    assert asdict(Tolerances()) == {
+        "step_rad": pytest.approx(np.deg2rad(10.0)),
+        "position_mm": 0.3,
+        "axis_rad": pytest.approx(np.deg2rad(0.5)),
+        "roll_rad": pytest.approx(np.deg2rad(0.5)),
+        "singular_rad": pytest.approx(np.deg2rad(4.9)),
+        "shoulder_mm": 29.0,
+        "speed_excess": 0.01,
+        "uneven_excess": 0.1,
+        "dip_mm": 0.5,
+        "chord_mm": 0.1,
+        "tool_speed_mm_per_s": 250.0,
+        "path_acceleration_mm_per_s2": 250.0,
+    }
+
+
+@pytest.mark.parametrize("column", [0, 1])
+def test_a_tilt_about_either_axis_of_the_face_is_measured(plan, column):
+    roll = float(plan.rolls_rad[0])
+    about = plan.path.Ts_base_probe(roll).rotations[:, :, column]
+    axes = plan.path.axes_base
+    tilted = np.cos(np.deg2rad(1.0)) * axes + np.sin(np.deg2rad(1.0)) * np.cross(about, axes)
+    path = replace(plan.path, axes_base=tilted)
+    certificate = verify_scan(RX90, plan.trajectory, path, roll, SPEED)
+    (tilt,) = [c for c in certificate.failures() if c.name == "tilt of the probe"]
+    assert tilt.value == pytest.approx(1.0, abs=0.25)  # with what interpolation adds
 
 
 def test_a_roll_that_varies_is_followed_or_caught(plan):
