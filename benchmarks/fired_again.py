@@ -10,9 +10,9 @@ import numpy as np
 
 from benchmarks.bone_record import BoneScene, record
 from benchmarks.bone_scenes import standing_meander
-from rona_core.app.messages.registry import SetSeed
 from rona_core.app.procedure import PROCEDURE, run_procedure
-from rona_core.app.steps.scan.ascan_view import scan_poses
+from rona_core.app.steps.boundaries.ascan_view import scan_poses
+from rona_core.app.steps.setup.messages import SetSeed
 from rona_core.compose import new_workbench, specimen_of
 from rona_core.devices.settings import ProbeSettings
 from rona_core.errors import StepBlockedError

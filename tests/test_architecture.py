@@ -116,6 +116,13 @@ PLANTED_IMPORTS = [
     ("rona_core/path/planted.py", "import rona_core.surface", "Layers of rona_core"),
     ("rona_core/app/planted.py", "import rona_core.virtual", "ground truth"),
     ("rona_core/app/planted.py", "import rona_core.evaluation", "Layers of rona_core"),
+    ("rona_core/app/runtime/store.py", "import rona_core.app.steps.tool.step", "Rooms of the app"),
+    (
+        "rona_core/app/steps/tool/step.py",
+        "import rona_core.app.overview.acceptance",
+        "Rooms of the",
+    ),
+    ("rona_core/app/steps/scan/step.py", "import rona_core.app.steps.maps.messages", "Steps: each"),
     ("rona_core/planted.py", "", "Layers of rona_core"),  # a new module must choose a layer
     ("rona_core/arrays_user.py", "import rona_ui", "does not know the interface"),
     (

@@ -3,9 +3,13 @@
 from dataclasses import replace
 from typing import Any
 
-from rona_core.app.messages.registry import AddObstacle, RemoveObstacle, SetWorkcell
 from rona_core.app.steps.setup.clearance import near_pairs
-from rona_core.app.steps.setup.workcell_messages import STANDARD
+from rona_core.app.steps.setup.workcell_messages import (
+    STANDARD,
+    AddObstacle,
+    RemoveObstacle,
+    SetWorkcell,
+)
 from rona_core.devices.workcell import RoomBox, Surroundings
 from rona_ui.panels.widgets import style
 from rona_ui.panels.widgets.form import Form

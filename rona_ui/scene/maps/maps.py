@@ -2,11 +2,11 @@
 
 import numpy as np
 
+from rona_core.app.steps.boundaries.ascan_view import ScanName, scan_number_at, scan_poses
+from rona_core.app.steps.boundaries.handlers import DETECTIONS, capture_of, detection_of_scan
 from rona_core.app.steps.handheld.scans import hand_poses
 from rona_core.app.steps.maps.map_accuracy import MapAccuracy
 from rona_core.app.steps.maps.view import layers_of
-from rona_core.app.steps.scan.ascan_view import ScanName, scan_number_at, scan_poses
-from rona_core.app.steps.scan.boundary_handlers import DETECTIONS, capture_of, detection_of_scan
 from rona_core.geometry.arrays import Bools, Floats
 from rona_ui.scene.adapter import Layer
 from rona_ui.scene.colors import GREEN, SKY, VERMILLION, YELLOW, viridis
@@ -118,6 +118,6 @@ def _scan_key(picture: Picture) -> tuple[object, ...]:
     """Return what tells one drawing of the points from another."""
     session, results, scan = picture.session, picture.session.results, picture.scan
     of_hand = (id(results.tool), id(results.sono)) if scan == "hand" else ()
-    found = getattr(results, DETECTIONS[scan])
+    found = results.get(DETECTIONS[scan])
     drawn = id(capture_of(session, scan)), id(found), id(picture.backdrop)
     return *drawn, id(session.boundary_edits), scan, *of_hand

@@ -3,7 +3,7 @@
 import numpy as np
 
 from rona_core.app.steps.path.path_checks import PathCheck, check_path
-from rona_core.app.steps.path.view import PathView, path_view, preview_path
+from rona_core.app.steps.smoothing.path_view import PathView, path_view, preview_path
 from rona_core.geometry.arrays import Floats
 from rona_ui.scene.adapter import Layer
 from rona_ui.scene.colors import BLUE, ORANGE, PURPLE, VERMILLION, viridis

@@ -4,8 +4,8 @@ In the step that chooses a roll it is drawn with that roll, where nothing is rep
 is stale is not drawn: it may be that of another robot, or lead through what has been moved.
 """
 
-from rona_core.app.steps.roll.planned_motion import joints_at, motion_stale
 from rona_core.app.steps.roll.view import joints_of_roll
+from rona_core.app.steps.scan.planned_motion import joints_at, motion_stale
 from rona_core.app.steps.setup.clearance import stands_clear
 from rona_core.geometry.arrays import Floats
 from rona_ui.view_state import Picture

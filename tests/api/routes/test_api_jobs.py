@@ -8,7 +8,7 @@ import pytest
 
 from rona_core.devices.settings import TOOLS
 from rona_core.errors import CancelledError, DeviceError
-from rona_core.session.document import PointerCapture
+from rona_core.session.captures import PointerCapture
 from rona_ui.server import PREFIX
 
 QUICK = {"duration_s": 2.0}

@@ -5,9 +5,9 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from rona_core.app.steps.scan.certified_moves import FreeMoves
+from rona_core.app.declarations.activity_context import ActivityContext
 from rona_core.app.steps.scan.payload_identification import TURNS_DEG, weigh_tool
-from rona_core.app.toolbox import Toolbox
+from rona_core.app.steps.tool.certified_moves import FreeMoves
 from rona_core.devices.live import Live
 from rona_core.devices.wrench import ToolLoad
 from rona_core.errors import CancelledError, DegenerateGeometryError, NotReachableError
@@ -45,7 +45,7 @@ def toolbox(cancel=lambda: False):
         return SimpleNamespace(wrench=weight_wrench(LOAD, rotation))
 
     rig = SimpleNamespace(clock=clock, robot=robot, force=SimpleNamespace(read=read))
-    tools = Toolbox(lambda: rig, Live(), import_skull=None, uploads=None, cancel=cancel)
+    tools = ActivityContext(lambda: rig, Live(), import_skull=None, uploads=None, cancel=cancel)
     return robot, tools
 
 

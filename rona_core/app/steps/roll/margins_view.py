@@ -1,6 +1,5 @@
 """What is shown of one roll along the path: margins, and the parts that come too close."""
 
-from collections import OrderedDict
 from dataclasses import dataclass
 from typing import Any, Literal
 
@@ -13,11 +12,11 @@ from rona_core.robot.kinematics.catalog import robot_model
 from rona_core.robot.planning.plan import RobotPlan
 from rona_core.robot.redundancy.path_margins import margins
 from rona_core.session.document import Session
+from rona_core.session.memo import Memo
 
 Quantity = Literal["room", "limits", "singularity", "clearance"]
 
-_KNOWN: OrderedDict[tuple[int, ...], tuple[tuple[Any, ...], "PathMargins"]] = OrderedDict()
-_KNOWN_KEPT = 8
+_KNOWN: "Memo[PathMargins]" = Memo(8)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -56,14 +55,11 @@ def path_margins(session: Session, wanted: int | None) -> PathMargins | None:
         return None
     plan, world = searched.value, collision_world(session)
     chosen = shows_chosen(plan, wanted)
-    key = (id(plan), id(world), -1 if chosen else index)
-    known = _KNOWN.get(key)
-    if known is None:
-        known = (plan, world), _margins(plan, world, index, chosen=chosen)
-        _KNOWN[key] = known
-        while len(_KNOWN) > _KNOWN_KEPT:
-            _KNOWN.popitem(last=False)
-    return known[1]
+    return _KNOWN.get(
+        (plan, world),
+        lambda: _margins(plan, world, index, chosen=chosen),
+        -1 if chosen else index,
+    )
 
 
 def _margins(plan: RobotPlan, world: Any, index: int, *, chosen: bool) -> PathMargins:

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from benchmarks.patch_scenes import dense_path, serpentine
-from rona_core.app.procedure import why_no_plan
+from rona_core.app.steps.roll.plan_reasons import why_no_plan
 from rona_core.errors import (
     CancelledError,
     DegenerateGeometryError,
