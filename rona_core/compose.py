@@ -7,6 +7,7 @@ from typing import Any
 
 from rona_core.app.declarations.activity_context import Compute, compute_here
 from rona_core.app.messages.outcomes import StoreSkull
+from rona_core.app.overview.predicted_accuracy import predicted_figures
 from rona_core.app.procedure import Ending, StepProgress, run_procedure, unwatched
 from rona_core.app.runtime.process_pool import ProcessCompute
 from rona_core.app.runtime.session_registry import SessionRegistry
@@ -85,6 +86,7 @@ def virtual_services(compute: Compute = compute_here, pace: float | None = None)
         evaluate=evaluate_virtual,
         compute=compute,
         sweep=sweep_plates,
+        predict=predicted_figures,
     )
 
 

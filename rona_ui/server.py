@@ -137,10 +137,8 @@ def bare_app(hub: SessionRegistry, gateway: ViewerGateway | None) -> FastAPI:
     parts = (sessions, recovery, commands, jobs, results, events, tracker, robot, probe, hand)
     for part in parts:
         api.include_router(part.router)
-        if part is sessions:
-            api.include_router(sessions.files)
-    api.include_router(commands.declared_commands())
-    api.include_router(jobs.declared_jobs())
+    for router in (sessions.files, commands.declared_commands(), jobs.declared_jobs()):
+        api.include_router(router)
     app.include_router(api)
     _add_pages(app)
     if gateway is not None:

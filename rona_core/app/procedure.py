@@ -2,8 +2,8 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any
 
+from rona_core.app.declarations.declarations import Message
 from rona_core.app.declarations.registry import REGISTRY
 from rona_core.app.runtime.workbench import Workbench
 from rona_core.app.steps.maps.messages import StartGapPlan, StartGapScan, StartMapping
@@ -21,7 +21,7 @@ from rona_core.errors import CancelledError, RonaError
 
 StepProgress = Callable[[str, float], None]  # step, share done
 
-PROCEDURE: tuple[tuple[str, Any], ...] = (
+PROCEDURE: tuple[tuple[str, Message], ...] = (
     ("tool", StartToolCapture()),
     ("pointer", StartPointerCapture()),
     ("surface", StartSurfaceCapture()),
@@ -56,7 +56,7 @@ def run_procedure(
     *,
     progress: StepProgress = unwatched,
     cancel: Cancel = never,
-    messages: tuple[tuple[str, Any], ...] = PROCEDURE,
+    messages: tuple[tuple[str, Message], ...] = PROCEDURE,
 ) -> Ending:
     """Carry out all steps after set-up, one after the other; stop where one cannot be done.
 

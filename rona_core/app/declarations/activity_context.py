@@ -4,7 +4,7 @@ from collections.abc import Callable
 from concurrent.futures import CancelledError as PoolCancelled
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Protocol, TypeVar
 
 from rona_core.devices.live import Live
 from rona_core.devices.protocols import Cancel, Progress, Rig, never, silent
@@ -12,6 +12,7 @@ from rona_core.errors import CancelledError
 from rona_core.session.specimen import LoadedSkull
 from rona_core.ultrasound.acoustic_calibration.parameter_sweep import WhatIf
 
+T = TypeVar("T")
 ImportSkull = Callable[..., LoadedSkull]
 Sweep = Callable[..., WhatIf]
 
@@ -20,8 +21,8 @@ class Compute(Protocol):
     """Run a pure function of picklable arguments; it takes ``progress`` and ``cancel`` too."""
 
     def __call__(
-        self, function: Callable[..., Any], *args: Any, progress: Progress, cancel: Cancel
-    ) -> Any:
+        self, function: Callable[..., T], *args: object, progress: Progress, cancel: Cancel
+    ) -> T:
         """Return ``function(*args, progress=…, cancel=…)``, computed here or elsewhere.
 
         Raises:
@@ -31,8 +32,8 @@ class Compute(Protocol):
 
 
 def compute_here(
-    function: Callable[..., Any], *args: Any, progress: Progress, cancel: Cancel
-) -> Any:
+    function: Callable[..., T], *args: object, progress: Progress, cancel: Cancel
+) -> T:
     """Compute in this thread: for scripts and tests."""
     try:
         return function(*args, progress=progress, cancel=cancel)
@@ -58,7 +59,7 @@ class ActivityContext:
         """The devices."""
         return self.devices()
 
-    def run(self, function: Callable[..., Any], *args: Any) -> Any:
+    def run(self, function: Callable[..., T], *args: object) -> T:
         """Return ``function(*args)``, computed where ``compute`` does, watched and cancellable.
 
         Raises:

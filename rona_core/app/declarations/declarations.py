@@ -24,11 +24,11 @@ Arguments: TypeAlias = Mapping[str, object]
 class Input:
     """One thing that a result is computed from, or a message needs."""
 
-    read: Callable[[Session], Any]  # None or () while it is missing
+    read: Callable[[Session], object]  # None or () while it is missing
     wanted: str | None  # what to do to get it; None: as the result or capture declares
     upstream: str | None = None  # the result or capture ("capture scan") that may itself be stale
     optional: bool = False  # the result can do without it
-    earlier: Callable[[Session], Any] | None = None  # how older files read it
+    earlier: Callable[[Session], object] | None = None  # how older files read it
 
 
 @dataclass(frozen=True, slots=True)
@@ -88,8 +88,8 @@ class Capture:
 
     name: str
     wanted: str  # what to do to get it
-    setup: tuple[Callable[[Session], list[Any]], ...]  # digested in this order
-    earlier_setup: tuple[Callable[[Session], list[Any]], ...] | None = None  # of older files
+    setup: tuple[Callable[[Session], list[object]], ...]  # digested in this order
+    earlier_setup: tuple[Callable[[Session], list[object]], ...] | None = None  # of older files
     after: Input | None = None  # what it rests on
     # (session, recorded, append) -> what the session holds under the name; None: the recorded one
     place: Callable[[Session, Any, bool], object] | None = None

@@ -1,13 +1,12 @@
 """Set-up digests of captures: which part of the set-up each kind of capture depends on."""
 
 from collections.abc import Callable
-from typing import Any
 
 from rona_core.app.declarations.registry import REGISTRY
 from rona_core.session.codec import digest
 from rona_core.session.document import Session
 
-Part = Callable[[Session], list[Any]]
+Part = Callable[[Session], list[object]]
 
 
 def capture_setup_digest(kind: str, session: Session) -> str:
@@ -26,5 +25,5 @@ def known_setup_digests(kind: str, session: Session) -> tuple[str, ...]:
 
 
 def _digest(parts: tuple[Part, ...], session: Session) -> str:
-    seen: list[Any] = [session.setup.seed]
+    seen: list[object] = [session.setup.seed]
     return digest(seen + [value for part in parts for value in part(session)])

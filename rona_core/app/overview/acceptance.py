@@ -202,7 +202,12 @@ def _known_at_once(session: Session) -> dict[str, float]:
     return known
 
 
-def _row(key: str, value: Any, figures: Mapping[str, Any], session: Session | None) -> QualityRow:
+def _row(
+    key: str,
+    value: float | int | str | bool | None,
+    figures: Mapping[str, Any],
+    session: Session | None,
+) -> QualityRow:
     kind = FIGURES[key]
     limit, stale, reason = kind.limit, None, ""
     if key == "path_deviation_max_mm" and session is not None:

@@ -1,7 +1,6 @@
 """Compute every result of a session again from its captures, and compare."""
 
 from dataclasses import dataclass, replace
-from typing import Any
 
 from rona_core.app.declarations.registry import REGISTRY
 from rona_core.app.dependencies.staleness import input_digests, stale_reason
@@ -83,7 +82,7 @@ def recompute(session: Session, progress: Progress = silent, cancel: Cancel = ne
 
 
 def _value(
-    name: str, session: Session, stored: Derived[Any], progress: Progress, cancel: Cancel
+    name: str, session: Session, stored: Derived[object], progress: Progress, cancel: Cancel
 ) -> object:
     declared = REGISTRY.result(name, stored.message)
     if declared.recompute is not None:

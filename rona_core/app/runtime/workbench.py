@@ -45,9 +45,9 @@ class Services:
     build_rig: Callable[[Setup], Rig]
     import_skull: ImportSkull
     evaluate: Callable[[Session, Rig], Figures] | None  # None where no ground truth exists
-    predict: Callable[[Session], Figures] = _no_figures  # what is shown there instead
     compute: Compute = compute_here
     sweep: Sweep | None = None  # over virtual plates
+    predict: Callable[[Session], Figures] = _no_figures  # where no ground truth exists
 
 
 def _keep_nothing(session: Session) -> None:

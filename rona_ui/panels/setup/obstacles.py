@@ -3,7 +3,7 @@
 from dataclasses import replace
 from typing import Any
 
-from rona_core.app.steps.setup.clearance import near_pairs
+from rona_core.app.steps.setup.clearance import clearance_violations
 from rona_core.app.steps.setup.workcell_messages import (
     STANDARD,
     AddObstacle,
@@ -160,7 +160,7 @@ def too_near(picture: Picture) -> str:
     """Return what the robot at rest comes too close to: nothing can be planned then."""
     if picture.backdrop is None:
         return ""
-    pairs = near_pairs(picture.session, picture.backdrop.home_rad)
+    pairs = clearance_violations(picture.session, picture.backdrop.home_rad)
     names = sorted({pair.second for pair in pairs if pair.too_close})
     if not names:
         return ""

@@ -2,12 +2,12 @@
 
 from rona_core.app.steps.roll.view import joint_curves
 from rona_core.app.steps.setup.clearance import (
-    DrawnThing,
-    Nearness,
+    ObstacleMesh,
+    PairClearance,
+    clearance_violations,
     drawn_link,
     drawn_obstacles,
     drawn_parts,
-    near_pairs,
 )
 from rona_core.robot.kinematics.catalog import robot_model
 from rona_core.robot.meshes.link_meshes import link_shapes
@@ -23,12 +23,12 @@ RED: Rgb = (176, 0, 32)  # darker than the reds of the legends, and than any rob
 FAINT = 0.22
 
 
-def near_now(picture: Picture) -> tuple[Nearness, ...]:
+def near_now(picture: Picture) -> tuple[PairClearance, ...]:
     """Return what comes too close with the robot as it is drawn, else the nearest pair."""
     q_rad = joints_shown(picture)
     if picture.view.step not in LOOKED_AT or q_rad is None:
         return ()
-    return near_pairs(picture.session, q_rad)
+    return clearance_violations(picture.session, q_rad)
 
 
 def marked(picture: Picture) -> frozenset[tuple[int, str]]:
@@ -84,7 +84,7 @@ class ObstaclesLayer(Layer):
     def __init__(self, stage: Stage) -> None:
         super().__init__(stage)
         self._of: tuple[object, ...] = ()  # what the drawn things follow from
-        self._drawn: tuple[DrawnThing, ...] = ()
+        self._drawn: tuple[ObstacleMesh, ...] = ()
 
     def render(self, old: Picture | None, new: Picture) -> None:
         """Draw what stands around where it is another, and show what is wanted."""
@@ -105,7 +105,7 @@ class ObstaclesLayer(Layer):
             self.stage.show(node, seen)
             self.stage.show(_label(thing.name), seen)
 
-    def _draw(self, things: tuple[DrawnThing, ...], added: set[str]) -> None:
+    def _draw(self, things: tuple[ObstacleMesh, ...], added: set[str]) -> None:
         """Draw these things in place of those before; what was added has its name on it."""
         before = {thing.name for thing in self._drawn}
         self._drawn = things

@@ -85,7 +85,7 @@ def test_a_replay_does_not_hold_its_request_up_and_can_be_cancelled(at, client, 
             threading.Event().wait(0.002)
         raise CancelledError("the replay was cancelled")
 
-    monkeypatch.setattr("rona_core.app.activities.replay_report", endless)
+    monkeypatch.setattr("rona_core.app.runtime.session_step.replay_report", endless)
     answer = at("POST", "/replay")
     job = answer.json()
     assert (answer.status_code, job["state"], job["result"]) == (202, "running", None)

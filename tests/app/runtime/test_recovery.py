@@ -161,8 +161,8 @@ def test_what_a_journal_can_hold(messages, suffices):
 WORK = """
 import sys
 from pathlib import Path
-from rona_core.app.messages.activities import StartPointerCapture
-from rona_core.app.messages.registry import SetSeed
+from rona_core.app.steps.pointer.messages import StartPointerCapture
+from rona_core.app.steps.setup.messages import SetSeed
 from rona_core.compose import build_registry
 bench = build_registry(Path(sys.argv[1]), processes=False).create("killed")
 assert bench.jobs.wait(bench.start(StartPointerCapture()).id).state == "done"

@@ -25,7 +25,7 @@ from rona_core.app.steps.roll.view import (
     roll_strip,
 )
 from rona_core.app.steps.scan.planned_motion import joints_at
-from rona_core.app.steps.setup.clearance import drawn_obstacles, near_pairs
+from rona_core.app.steps.setup.clearance import clearance_violations, drawn_obstacles
 from rona_core.robot.kinematics.catalog import robot_model
 from rona_core.robot.verification.verifier import verify_scan
 from rona_core.session.document import Session
@@ -220,7 +220,7 @@ def test_margins_are_those_of_the_search_and_of_the_verifier(demo: Session) -> N
 def test_near_pairs_are_all_that_are_too_close_worst_first(refused: Session) -> None:
     q_rad = joints_shown(picture(refused, view=ROLL))
     assert q_rad is not None
-    pairs = near_pairs(refused, q_rad)
+    pairs = clearance_violations(refused, q_rad)
     assert pairs
     spare = [pair.distance_mm - pair.needed_mm for pair in pairs]
     assert spare == sorted(spare)

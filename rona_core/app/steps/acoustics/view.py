@@ -35,7 +35,7 @@ class ReferenceRow:
     counts: bool  # False: it disagrees with the others and hardly counts
 
 
-def probe_values(settings: ProbeSettings) -> dict[str, Any]:
+def probe_values(settings: ProbeSettings) -> dict[str, object]:
     """Return the editable values of a probe as they are in effect."""
     model = probe_model(settings)
     return {
@@ -47,7 +47,7 @@ def probe_values(settings: ProbeSettings) -> dict[str, Any]:
     }
 
 
-def edited_probe(settings: ProbeSettings, values: dict[str, Any]) -> dict[str, Any]:
+def edited_probe(settings: ProbeSettings, values: dict[str, object]) -> dict[str, object]:
     """Return the arguments of ``SetProbe``: what is as the named probe has it becomes None."""
     named = probe_values(ProbeSettings(name=settings.name))
     changed = {

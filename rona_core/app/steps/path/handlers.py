@@ -2,7 +2,6 @@
 
 from dataclasses import replace
 from functools import singledispatch
-from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -33,7 +32,7 @@ PICK_MM = 5.0  # a click farther from every point means none of them
 
 
 @singledispatch
-def edited(message: Any, session: Session) -> PathEdits:
+def edited(message: PathChange, session: Session) -> PathEdits:
     """Return the changes of the path after one more.
 
     Raises:

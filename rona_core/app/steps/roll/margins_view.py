@@ -1,13 +1,14 @@
 """What is shown of one roll along the path: margins, and the parts that come too close."""
 
 from dataclasses import dataclass
-from typing import Any, Literal
+from typing import Literal
 
 import numpy as np
 
 from rona_core.app.steps.roll.view import shown_roll, shows_chosen
 from rona_core.app.steps.setup.clearance import collision_world
 from rona_core.geometry.arrays import Bools, Floats, readonly
+from rona_core.robot.collision.collision_world import CollisionWorld
 from rona_core.robot.kinematics.catalog import robot_model
 from rona_core.robot.planning.plan import RobotPlan
 from rona_core.robot.redundancy.path_margins import margins
@@ -62,7 +63,7 @@ def path_margins(session: Session, wanted: int | None) -> PathMargins | None:
     )
 
 
-def _margins(plan: RobotPlan, world: Any, index: int, *, chosen: bool) -> PathMargins:
+def _margins(plan: RobotPlan, world: CollisionWorld, index: int, *, chosen: bool) -> PathMargins:
     verdict, model, shown = plan.verdicts[index], robot_model(plan.model), plan.shown_points
     rolls_rad = plan.rolls_rad if chosen else np.deg2rad(verdict.roll_deg)
     branch = plan.branch if chosen else verdict.branch

@@ -14,7 +14,7 @@ from rona_core.app.messages.outcomes import StoreCapture
 from rona_core.app.runtime.recording import begin, finish
 from rona_core.app.steps.scan.force_controlled_scan import ContactLoop
 from rona_core.app.steps.scan.messages import StartScan
-from rona_core.app.steps.scan.payload_identification import weigh_tool
+from rona_core.app.steps.scan.payload_identification import identify_payload
 from rona_core.app.steps.tool.certified_moves import require_certified
 from rona_core.app.steps.tool.robot_motion import STOPPED, drive_to
 from rona_core.devices.samples import AScan, AScanTrack, JointSample, JointTrack
@@ -110,7 +110,7 @@ def _in_contact(
     band = contact_band(model, trajectory, contact, CollisionWorld(model, around))
     drive_to(trajectory.qs_rad[0], session, tools)
     ordinal = begin(session, tools)
-    load = weigh_tool(trajectory.qs_rad[0], model, around, tools)
+    load = identify_payload(trajectory.qs_rad[0], model, around, tools)
     loop = ContactLoop(trajectory, band, places_s, contact, load, model, tools)
     loop.run()
     recorded = Recorded(loop.scans, loop.clock_scans, loop.joints, loop.track(), loop.partial)

@@ -22,7 +22,7 @@ STOPPED = (
 )
 
 
-def weigh_tool(
+def identify_payload(
     q_rest_rad: Floats, model: RobotModel, around: Obstacles, tools: ActivityContext
 ) -> ToolLoad:
     """Return the load on the force sensor; the robot ends where it stood, at ``q_rest_rad`` (6,).

@@ -27,7 +27,7 @@ _WORLDS: Memo[CollisionWorld] = Memo(4)
 
 
 @dataclass(frozen=True, slots=True)
-class Nearness:
+class PairClearance:
     """Two parts, how far they are apart and how far they must be."""
 
     first: str
@@ -73,7 +73,7 @@ def _stands_clear(name: str, around: Obstacles, q_rad: bytes) -> bool:
     return bool(world.clear(np.frombuffer(q_rad)[None])[0])
 
 
-def near_pairs(session: Session, q_rad: Floats) -> tuple[Nearness, ...]:
+def clearance_violations(session: Session, q_rad: Floats) -> tuple[PairClearance, ...]:
     """Return all pairs that come too close at joint angles (6,), worst first; else the nearest.
 
     Among pairs that keep their distance those that may touch do not count.
@@ -86,7 +86,7 @@ def near_pairs(session: Session, q_rad: Floats) -> tuple[Nearness, ...]:
     if not len(worst):
         worst = order[world.least_mm[order] >= 0.0][:1]
     return tuple(
-        Nearness(pair.first, pair.second, float(distances[i]), pair.least_mm)
+        PairClearance(pair.first, pair.second, float(distances[i]), pair.least_mm)
         for i in worst.tolist()
         for pair in (world.pairs[i],)
     )
@@ -120,17 +120,17 @@ def _alike(shape: str, part: str) -> bool:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class DrawnThing:
+class ObstacleMesh:
     """An obstacle as a mesh in ``base``."""
 
     name: str
     mesh: Mesh
 
 
-def drawn_obstacles(session: Session) -> tuple[DrawnThing, ...]:
+def drawn_obstacles(session: Session) -> tuple[ObstacleMesh, ...]:
     """Return what the robot keeps away from, without the floor, which is drawn anyway."""
     return tuple(
-        DrawnThing(thing.name, _mesh(thing))
+        ObstacleMesh(thing.name, _mesh(thing))
         for thing in session_obstacles(session).things
         if not (isinstance(thing.shape, Box) and max(thing.shape.size_mm) > LARGEST_MM)
     )

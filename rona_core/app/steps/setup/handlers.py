@@ -3,6 +3,7 @@
 from dataclasses import fields, replace
 from typing import Any
 
+from rona_core.app.declarations.declarations import Message
 from rona_core.app.steps.setup.contact_messages import SetContact
 from rona_core.app.steps.setup.messages import (
     MoveTracker,
@@ -53,7 +54,7 @@ def set_region(message: SetRegion, session: Session) -> Session:
     return replace(session, setup=replace(session.setup, region=region))
 
 
-def _chosen(message: Any) -> dict[str, Any]:
+def _chosen(message: Message) -> dict[str, Any]:
     return {part.name: getattr(message, part.name) for part in fields(message)}
 
 

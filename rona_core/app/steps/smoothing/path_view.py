@@ -11,7 +11,7 @@ from rona_core.app.steps.smoothing.derivation import PathSource, path_source
 from rona_core.app.steps.smoothing.messages import SmoothScanPath
 from rona_core.devices.protocols import never
 from rona_core.errors import RonaError
-from rona_core.geometry.arrays import Floats, readonly
+from rona_core.geometry.arrays import Floats, Ints, readonly
 from rona_core.geometry.pose import Pose
 from rona_core.geometry.rigid_fit import fit_plane
 from rona_core.path.manual_edits import distances_to_edited
@@ -108,7 +108,7 @@ def _preview(session: Session, tolerance_mm: float, message: SmoothScanPath) -> 
     )
 
 
-def quickly(source: PathSource, tolerance_mm: float, metric: str) -> Any:
+def quickly(source: PathSource, tolerance_mm: float, metric: str) -> Ints:
     """Return the indices (k,) of few points, within a moment."""
     points = source.edited.points_base
     bound = as_bound(points, tolerance_mm, metric, True, None)
