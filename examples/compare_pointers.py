@@ -5,13 +5,10 @@ Run it with the Python of the project: .venv/bin/python examples/compare_pointer
 
 from statistics import median
 
-from rona_core.app.messages.registry import (
-    SetPointer,
-    SetSeed,
-    StartPointerCapture,
-    StartSurfaceCapture,
-    StartToolCapture,
-)
+from rona_core.app.steps.pointer.messages import StartPointerCapture
+from rona_core.app.steps.setup.messages import SetPointer, SetSeed
+from rona_core.app.steps.surface.messages import StartSurfaceCapture
+from rona_core.app.steps.tool.messages import StartToolCapture
 from rona_core.compose import new_workbench
 from rona_core.devices.settings import PointerKind
 from rona_core.session.document import Session

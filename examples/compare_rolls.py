@@ -19,7 +19,7 @@ def main() -> str:
     bench.close()
     if roll is None:
         raise SystemExit("the session has no plan")
-    verdicts = roll.value.verdicts
+    verdicts = roll.value.search.verdicts
     print(Counter("feasible" if v.feasible else str(v.reason) for v in verdicts))
     series = [
         Series(

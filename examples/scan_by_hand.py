@@ -3,12 +3,12 @@
 Run it with the Python of the project: .venv/bin/python examples/scan_by_hand.py
 """
 
-from rona_core.app.messages.registry import (
-    SetSeed,
+from rona_core.app.steps.handheld.messages import (
     StartHandheldCalibration,
     StartHandheldMapping,
     StartHandheldScan,
 )
+from rona_core.app.steps.setup.messages import SetSeed
 from rona_core.compose import new_workbench
 from rona_core.session.document import Session
 

@@ -6,13 +6,14 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
+from rona_core.app.declarations.activity_context import Compute, compute_here
 from rona_core.app.messages.outcomes import StoreSkull
-from rona_core.app.messages.registry import SetRegion, SetRobot, SetSeed
+from rona_core.app.overview.predicted_accuracy import predicted_figures
 from rona_core.app.procedure import Ending, StepProgress, run_procedure, unwatched
 from rona_core.app.runtime.process_pool import ProcessCompute
-from rona_core.app.runtime.session_registry import Hub
+from rona_core.app.runtime.session_registry import SessionRegistry
 from rona_core.app.runtime.workbench import Services, Workbench
-from rona_core.app.toolbox import Compute, compute_here
+from rona_core.app.steps.setup.messages import SetRegion, SetRobot, SetSeed
 from rona_core.devices.protocols import Cancel, Progress, Rig, never
 from rona_core.errors import DeviceError, RonaError
 from rona_core.evaluation.metrics import evaluate
@@ -88,19 +89,22 @@ def virtual_services(compute: Compute = compute_here, pace: float | None = None)
         evaluate=evaluate_virtual,
         compute=compute,
         sweep=partial(sweep, record=record_plate),
+        predict=predicted_figures,
     )
 
 
-def build_hub(folder: Path, *, processes: bool = True, pace: float | None = None) -> Hub:
+def build_registry(
+    folder: Path, *, processes: bool = True, pace: float | None = None
+) -> SessionRegistry:
     """Return a hub of sessions with virtual devices, whose files live in ``folder``.
 
     With ``processes`` computations run in another process, so that the server always answers.
     """
     if not processes:
-        return Hub(virtual_services(pace=pace), folder)
+        return SessionRegistry(virtual_services(pace=pace), folder)
     pool = ProcessCompute()
     pool.warm_up()
-    return Hub(virtual_services(pool, pace), folder, on_close=pool.close)
+    return SessionRegistry(virtual_services(pool, pace), folder, on_close=pool.close)
 
 
 def new_workbench(session: Session, uploads: Path | None = None) -> Workbench:

@@ -22,7 +22,7 @@ from starlette.routing import Route
 from starlette.types import ASGIApp
 
 from rona_core import __version__
-from rona_core.app.runtime.session_registry import Hub
+from rona_core.app.runtime.session_registry import SessionRegistry
 from rona_core.errors import InvalidInputError, RonaError
 from rona_ui.api import problems
 from rona_ui.api.access_guard import LOOPBACK, Access, Guard, is_loopback
@@ -77,7 +77,7 @@ class Window(Protocol):
         ...
 
 
-OpenWindow = Callable[[viser.ViserServer, Hub], Window]
+OpenWindow = Callable[[viser.ViserServer, SessionRegistry], Window]
 
 
 @dataclass(frozen=True, slots=True)
@@ -117,7 +117,7 @@ def token_from_environment() -> str:
     return os.environ.get("RONA_TOKEN") or secrets.token_urlsafe(24)
 
 
-def bare_app(hub: Hub, gateway: ViewerGateway | None) -> FastAPI:
+def bare_app(hub: SessionRegistry, gateway: ViewerGateway | None) -> FastAPI:
     """Return the application of one hub, page, viewer and REST, without its guard."""
     app = FastAPI(
         title="RONA",
@@ -137,8 +137,8 @@ def bare_app(hub: Hub, gateway: ViewerGateway | None) -> FastAPI:
     parts = (sessions, recovery, commands, jobs, results, events, tracker, robot, probe, hand)
     for part in parts:
         api.include_router(part.router)
-        if part is sessions:
-            api.include_router(sessions.files)
+    for router in (sessions.files, commands.declared_commands(), jobs.declared_jobs()):
+        api.include_router(router)
     app.include_router(api)
     _add_pages(app)
     if gateway is not None:
@@ -214,13 +214,15 @@ class Server(uvicorn.Server):
         await super().shutdown(sockets)
 
 
-def server_of(hub: Hub, gateway: ViewerGateway | None, settings: ServerSettings) -> Server:
+def server_of(
+    hub: SessionRegistry, gateway: ViewerGateway | None, settings: ServerSettings
+) -> Server:
     """Return a server that is ready to run."""
     app = bare_app(hub, gateway)
     return Server(Guard(app, settings.access), app.state.streams, settings)
 
 
-def open_first_session(hub: Hub) -> None:
+def open_first_session(hub: SessionRegistry) -> None:
     """Open a copy of the demo session, or a new session where there is none."""
     demo = demo_session()
     if demo.is_file():
@@ -251,7 +253,7 @@ def has_display() -> bool:
 def serve(
     settings: ServerSettings,
     *,
-    build_hub: Callable[[Path], Hub],
+    build_registry: Callable[[Path], SessionRegistry],
     open_window: OpenWindow,
     say: Callable[[str], None],
 ) -> None:
@@ -262,7 +264,7 @@ def serve(
     """
     bound = _bind(settings)
     with contextlib.ExitStack() as ends, bound:
-        hub = build_hub(settings.sessions)
+        hub = build_registry(settings.sessions)
         ends.callback(hub.close_all)
         open_first_session(hub)
         gateway = ViewerGateway()

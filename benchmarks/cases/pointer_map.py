@@ -10,14 +10,10 @@ from itertools import repeat
 from multiprocessing import get_context
 
 from benchmarks.metric import Metric, Progress
-from rona_core.app.messages.registry import (
-    BuildSurface,
-    SetSeed,
-    SetTracker,
-    StartPointerCapture,
-    StartSurfaceCapture,
-    StartToolCapture,
-)
+from rona_core.app.steps.pointer.messages import StartPointerCapture
+from rona_core.app.steps.setup.messages import SetSeed, SetTracker
+from rona_core.app.steps.surface.messages import BuildSurface, StartSurfaceCapture
+from rona_core.app.steps.tool.messages import StartToolCapture
 from rona_core.compose import new_workbench
 from rona_core.devices.settings import TrackerProfile
 from rona_core.session.document import Session

@@ -20,18 +20,11 @@ from threading import Timer
 
 import numpy as np
 
-from rona_core.app.messages.activities import StartPointerCapture
-from rona_core.app.messages.registry import (
-    AddObstacle,
-    CalibratePointer,
-    MoveTracker,
-    Redo,
-    RenameSession,
-    SetSeed,
-    SetToolVisible,
-    Undo,
-)
-from rona_core.compose import build_hub
+from rona_core.app.messages.session_messages import Redo, RenameSession, Undo
+from rona_core.app.steps.pointer.messages import CalibratePointer, StartPointerCapture
+from rona_core.app.steps.setup.messages import MoveTracker, SetSeed, SetToolVisible
+from rona_core.app.steps.setup.workcell_messages import AddObstacle
+from rona_core.compose import build_registry
 from rona_core.errors import RonaError
 from rona_core.session.codec import digest
 from rona_core.session.document import Session
@@ -59,7 +52,7 @@ class Count:
 def work(folder: Path, seed: int, captures: float) -> None:
     """Change a session until somebody ends the process, and say so line by line."""
     random = np.random.default_rng(seed)
-    bench = build_hub(folder, processes=False).create("work", seed)
+    bench = build_registry(folder, processes=False).create("work", seed)
     while True:
         time.sleep(PAUSE_S)
         number = int(random.integers(1000))
@@ -115,7 +108,7 @@ def kill_one(folder: Path, seed: int, captures: float, wait_s: float) -> list[di
 
 def recovered(folder: Path) -> tuple[Session | None, int]:
     """Return what a new program recovers, and how many temporary files lie about then."""
-    hub = build_hub(folder, processes=False)
+    hub = build_registry(folder, processes=False)
     try:
         if hasattr(hub, "lost"):
             found = [hub.recover(copy.key)[0].session for copy in hub.lost()]

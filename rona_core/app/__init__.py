@@ -1,1 +1,5 @@
-"""What a session can do: messages, handlers, store, activities and jobs."""
+"""The application: steps, and what runs them. Importing it declares the steps, in each process."""
+
+from rona_core.app.steps import STEPS
+
+__all__ = ["STEPS"]

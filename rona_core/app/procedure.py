@@ -1,33 +1,27 @@
 """The whole procedure as a list of messages, for the terminal, for tests and for benchmarks."""
 
-from collections import Counter
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any
 
-from rona_core.app.messages.registry import (
-    COMMANDS,
-    SmoothScanPath,
-    StartBasePlacement,
-    StartGapPlan,
-    StartGapScan,
-    StartMapping,
-    StartPathCapture,
-    StartPointerCapture,
-    StartRollSearch,
-    StartScan,
-    StartSurfaceCapture,
-    StartToolCapture,
-)
+from rona_core.app.declarations.declarations import Message
+from rona_core.app.declarations.registry import REGISTRY
 from rona_core.app.runtime.workbench import Workbench
+from rona_core.app.steps.maps.messages import StartGapPlan, StartGapScan, StartMapping
+from rona_core.app.steps.path.messages import StartPathCapture
+from rona_core.app.steps.pointer.messages import StartPointerCapture
 from rona_core.app.steps.roll.base_placement import advice
+from rona_core.app.steps.roll.messages import StartBasePlacement, StartRollSearch
+from rona_core.app.steps.roll.plan_reasons import why_no_plan
+from rona_core.app.steps.scan.messages import StartScan
+from rona_core.app.steps.smoothing.messages import SmoothScanPath
+from rona_core.app.steps.surface.messages import StartSurfaceCapture
+from rona_core.app.steps.tool.messages import StartToolCapture
 from rona_core.devices.protocols import Cancel, never, silent
 from rona_core.errors import CancelledError, RonaError
-from rona_core.robot.planning.plan import RobotPlan
 
 StepProgress = Callable[[str, float], None]  # step, share done
 
-PROCEDURE: tuple[tuple[str, Any], ...] = (
+PROCEDURE: tuple[tuple[str, Message], ...] = (
     ("tool", StartToolCapture()),
     ("pointer", StartPointerCapture()),
     ("surface", StartSurfaceCapture()),
@@ -62,7 +56,7 @@ def run_procedure(
     *,
     progress: StepProgress = unwatched,
     cancel: Cancel = never,
-    messages: tuple[tuple[str, Any], ...] = PROCEDURE,
+    messages: tuple[tuple[str, Message], ...] = PROCEDURE,
 ) -> Ending:
     """Carry out all steps after set-up, one after the other; stop where one cannot be done.
 
@@ -74,7 +68,7 @@ def run_procedure(
             raise CancelledError(f"cancelled before step {step}")
         progress(step, 0.0)
         try:
-            if type(message).__name__ in COMMANDS:
+            if type(message).__name__ in REGISTRY.command_types:
                 bench.dispatch(message)
             else:
                 bench.run(message, lambda share, step=step: progress(step, share), cancel)
@@ -109,30 +103,3 @@ def _base_move(bench: Workbench, cancel: Cancel) -> str:
         return f"Move the robot base or change the path; where to, is not known: {error}"
     found = bench.session.results.placement
     return "Change the path" if found is None else advice(found.value)
-
-
-def _varying(plan: RobotPlan) -> str:
-    """Return what became of a roll that varies, where one was looked for."""
-    return "" if plan.search.varying is None else f"; {plan.search.varying.sentence}"
-
-
-def why_no_plan(plan: RobotPlan) -> str | None:
-    """Return why a plan cannot be executed, or None if it can."""
-    if plan.may_move:
-        return None
-    if plan.search.mode == "none":
-        stopped = [verdict for verdict in plan.search.verdicts if not verdict.feasible]
-        causes = Counter(verdict.reason for verdict in stopped)
-        counts = [f"{count} by {cause}" for cause, count in causes.most_common()]
-        if plan.search.n_feasible:
-            counts.append(f"{plan.search.n_feasible} with less room were not tried")
-        told = ""
-        if stopped:
-            furthest = max(stopped, key=lambda verdict: verdict.index)
-            told = f"; the one that gets furthest: {furthest.sentence}"
-        if refused := plan.search.refused:
-            told = f"; tried first: {refused.sentence}{told}"
-        reasons = f"({', '.join(counts)}){told}{_varying(plan)}"
-        return f"none of {len(plan.search.verdicts)} rolls works {reasons}"
-    failures = plan.certificate.failures() if plan.certificate is not None else ()
-    return "the verifier refuses the plan: " + "; ".join(check.sentence for check in failures)

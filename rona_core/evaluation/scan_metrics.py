@@ -14,7 +14,7 @@ from rona_core.robot.kinematics.catalog import robot_model
 from rona_core.virtual.true_tool_poses import error_key
 
 if TYPE_CHECKING:
-    from rona_core.session.document import ScanCapture
+    from rona_core.session.captures import ScanCapture
     from rona_core.ultrasound.detection.detect import Detection
 
 WRONG_MM = 1.0  # an inner boundary further off than this is a failure

@@ -12,15 +12,15 @@ import re
 import sys
 import types
 import typing
-from collections import OrderedDict
 from collections.abc import Mapping
-from typing import Any, Literal, TypeVar, Union
+from typing import Any, Literal, Protocol, TypeVar, Union
 
 import numpy as np
 from numpy.typing import NDArray
 
 from rona_core.errors import SessionFormatError
 from rona_core.geometry.arrays import readonly
+from rona_core.session.memo import Memo
 from rona_core.session.shapes import check_shapes
 
 Arrays = dict[str, NDArray[Any]]
@@ -30,6 +30,19 @@ KINDS = "fiub"  # float, int, unsigned, bool: all that a session may hold
 STEP = 2.0**-15  # of a converter with 16 bits; coarser ones give multiples of it
 TYPE_KEY = "$type"
 FLATTEN = "flatten"  # in the metadata of a field
+OMIT_EMPTY = {"omit_empty": True}  # metadata of a field that is left out while it is empty
+
+
+class OpenType(Protocol):
+    """Hint for a dataclass that is allowed by declaration (`allow_type`), not by a type hint."""
+
+
+_ALLOWED: dict[str, type] = {}
+
+
+def allow_type(kind: type) -> None:
+    """Let files hold a frozen dataclass where the hint is ``OpenType``."""
+    _ALLOWED[kind.__name__] = kind
 
 
 def encode(value: Any, name: str, arrays: Arrays) -> Any:
@@ -57,6 +70,8 @@ def _encode_fields(value: Any, name: str, arrays: Arrays) -> dict[str, Any]:
     fields: dict[str, Any] = {}
     for f in dataclasses.fields(value):
         part = getattr(value, f.name)
+        if f.metadata.get("omit_empty") and not part:
+            continue
         if f.metadata.get(FLATTEN):
             fields |= _encode_fields(part, name, arrays)
         else:
@@ -106,6 +121,10 @@ def decode(data: Any, hint: Any, arrays: Mapping[str, NDArray[Any]], where: str 
     if origin is dict:
         _checked(isinstance(data, dict), data, "an object", where)
         return {k: decode(v, arguments[1], arrays, f"{where}/{k}") for k, v in data.items()}
+    if OpenType in getattr(hint, "__mro__", ()):
+        named = data.get(TYPE_KEY) if isinstance(data, dict) else None
+        known = _checked(str(named) in _ALLOWED, data, "a declared type", where)
+        return decode(known, _ALLOWED[str(named)], arrays, where)
     target = origin or hint
     if dataclasses.is_dataclass(target):
         return _decode_dataclass(data, hint, arrays, where)
@@ -209,6 +228,8 @@ def _decode_dataclass(data: Any, hint: Any, arrays: Any, where: str) -> Any:
     named = data.get(TYPE_KEY)
     _checked(named == target.__name__, named, target.__name__, f"{where}/{TYPE_KEY}")
     bound = dict(zip(getattr(target, "__parameters__", ()), typing.get_args(hint), strict=False))
+    omitted = {f.name for f in dataclasses.fields(target) if f.metadata.get("omit_empty")}
+    data = {**{name: {} for name in omitted}, **data}
     expected = _stored_names(target)
     missing, extra = expected - data.keys(), data.keys() - expected - {TYPE_KEY}
     if missing or extra:
@@ -259,8 +280,7 @@ def _field_hints(target: Any) -> dict[str, Any]:
     return {f.name: hints[f.name] for f in dataclasses.fields(target) if f.init}
 
 
-_DIGESTS: OrderedDict[int, tuple[Any, str]] = OrderedDict()  # keeps the value alive beside its id
-_DIGESTS_KEPT = 256
+_DIGESTS: Memo[str] = Memo(256)
 
 
 def digest(value: Any) -> str:
@@ -268,9 +288,12 @@ def digest(value: Any) -> str:
 
     Immutable values are hashed once and remembered by identity.
     """
-    remembered = _DIGESTS.get(id(value))
-    if remembered is not None and remembered[0] is value:
-        return remembered[1]
+    if dataclasses.is_dataclass(value):
+        return _DIGESTS.get((value,), lambda: _digest(value))
+    return _digest(value)
+
+
+def _digest(value: Any) -> str:
     arrays: Arrays = {}
     plain = encode(value, "", arrays)
     hasher = hashlib.sha256(json.dumps(plain, sort_keys=True, allow_nan=False).encode())
@@ -278,9 +301,4 @@ def digest(value: Any) -> str:
         array = arrays[name]
         hasher.update(f"{name}{array.dtype.str}{array.shape}".encode())
         hasher.update(array.tobytes())
-    result = hasher.hexdigest()
-    if dataclasses.is_dataclass(value):
-        _DIGESTS[id(value)] = (value, result)
-        while len(_DIGESTS) > _DIGESTS_KEPT:
-            _DIGESTS.popitem(last=False)
-    return result
+    return hasher.hexdigest()

@@ -2,24 +2,21 @@
 
 import re
 import uuid
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields, replace
 from datetime import UTC, datetime
-from typing import Generic, Literal, TypeVar
+from functools import cache
+from typing import Any, Generic, Literal, TypeVar
 
 from rona_core.calibration.hand_eye.tool_registration import ToolRegistration
 from rona_core.calibration.handheld.pointer import PointerCalibration
 from rona_core.calibration.handheld.tracked_probe import SonoCalibration
-from rona_core.devices.samples import AScanTrack, JointTrack, ToolTrack
 from rona_core.devices.settings import (
-    FIRST_PLACE,
     DeviceSettings,
-    TrackerPlace,
     require,
     require_within,
 )
 from rona_core.devices.workcell import Surroundings
-from rona_core.devices.wrench import ForceTrack
-from rona_core.geometry.arrays import Floats, Ints
+from rona_core.geometry.arrays import Floats
 from rona_core.geometry.path5d import Path5D
 from rona_core.mapping.boundary_map import Maps
 from rona_core.mapping.second_pass import SecondPassPath
@@ -27,6 +24,17 @@ from rona_core.path.manual_edits import PathEdits
 from rona_core.path.simplification.simplify import SimplifiedPath
 from rona_core.robot.base_placement.candidates import BasePlacement
 from rona_core.robot.planning.plan import RobotPlan
+from rona_core.session.captures import (
+    BlockCapture,
+    Capture,
+    OpenCapture,
+    PointerCapture,
+    ReferenceCapture,
+    ScanCapture,
+    SonoCapture,
+    ToolCapture,
+)
+from rona_core.session.codec import OMIT_EMPTY, OpenType
 from rona_core.session.specimen import BoneChoice, LoadedSkull, SimulatedSkull
 from rona_core.surface.cloud import SurfaceCloud
 from rona_core.surface.icp import SurfaceRegistration
@@ -42,9 +50,6 @@ MAX_SEED = 2**31 - 1
 MAX_NAME = 200  # characters
 REGION_RADII_MM = (5.0, 45.0)  # smallest and largest
 PLAIN_ID = re.compile(r"(?!current$)[A-Za-z0-9_-]{1,64}")  # "current" stands for another one
-
-# The steps of the procedure, in order; `architecture.md` section 1 numbers them from 1.
-STEPS = ("setup", "tool", "pointer", "surface", "path", "smoothing", "roll", "scan", "maps")
 
 
 def require_seed(seed: int) -> None:
@@ -84,84 +89,6 @@ class Setup:
         require_seed(self.seed)
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class ToolCapture:
-    """Step 2: the tool marker while the robot pivots and translates the tool, dwelling at poses."""
-
-    ordinal: int
-    setup_digest: str  # of the setup it was taken with
-    marker: ToolTrack
-    joints: JointTrack
-    dwell_start_s: Floats  # (n,)
-    dwell_end_s: Floats  # (n,)
-    phases: Ints  # (n,) 0 pivot, 1 along tool x, 2 along tool y
-    partial: bool = False
-    base: ToolTrack | None = None  # the base marker meanwhile; None: nobody recorded it
-    tracker_place: TrackerPlace = FIRST_PLACE  # as the set-up had it
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class PointerCapture:
-    """Steps 3, 4 and 5: the pointer marker while somebody pivots, sweeps or draws."""
-
-    ordinal: int
-    setup_digest: str
-    pointer: str  # which one, see devices.settings
-    marker: ToolTrack
-    partial: bool = False
-    base: ToolTrack | None = None  # the base marker meanwhile; None: nobody recorded it
-    tracker_place: TrackerPlace = FIRST_PLACE  # as the set-up had it
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class ScanCapture:
-    """Step 8: A-scans, joint angles and forces, each with the time at which it arrived."""
-
-    ordinal: int
-    setup_digest: str
-    scans: AScanTrack
-    joints: JointTrack
-    partial: bool = False
-    forces: ForceTrack | None = None  # None: driven by position alone
-    clock_scans: AScanTrack | None = None  # while pressing on and lifting: they tell the delay
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class ReferenceCapture:
-    """Step 9: places of known thickness, each along the probe's axis; for the speed of sound."""
-
-    ordinal: int
-    setup_digest: str
-    places_base: Floats  # (n, 3) on the outer surface
-    thickness_mm: Floats  # (n,)
-    sigma_mm: Floats  # (n,) standard deviation of the caliper
-    partial: bool = False
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class BlockCapture:
-    """Step 1: the probe at rest on a flat block of metal, a track for each temperature."""
-
-    ordinal: int
-    setup_digest: str
-    tracks: tuple[AScanTrack, ...]
-    temperatures_c: Floats  # (n,) of the delay line, by thermometer
-    partial: bool = False
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class SonoCapture:
-    """The probe in the hand: A-scans and the marker on the probe, on one clock."""
-
-    ordinal: int
-    setup_digest: str
-    marker: ToolTrack
-    scans: AScanTrack
-    partial: bool = False
-    base: ToolTrack | None = None  # the base marker meanwhile; None: nobody recorded it
-    tracker_place: TrackerPlace = FIRST_PLACE  # as the set-up had it
-
-
 @dataclass(frozen=True, slots=True)
 class Captures:
     """What the devices measured; each can be redone."""
@@ -177,6 +104,17 @@ class Captures:
     sono_pivot: PointerCapture | None = None  # the probe in the hand pivots on a calibration point
     sono_spin: PointerCapture | None = None  # and turns about its own axis
     sono_scan: SonoCapture | None = None  # and slides over the skull
+    more: dict[str, OpenCapture] = field(
+        default_factory=dict[str, OpenCapture], metadata=OMIT_EMPTY
+    )  # declared by steps
+
+    def get(self, name: str) -> Any:
+        """Return what is held under a name: a capture, several, or None (of strokes: ())."""
+        return getattr(self, name) if name in _names(Captures) else self.more.get(name)
+
+    def with_(self, name: str, held: Any) -> "Captures":
+        """Return the captures with another one under this name; None: with none."""
+        return _with(self, name, held)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -251,6 +189,35 @@ class Results:
     sono: Derived[SonoCalibration] | None = None  # of the probe in the hand
     sono_detection: Derived[Detection] | None = None  # at the A-scans whose pose is known
     sono_maps: Derived[SonoMaps] | None = None
+    more: dict[str, Derived[OpenType]] = field(
+        default_factory=dict[str, "Derived[OpenType]"], metadata=OMIT_EMPTY
+    )
+
+    def get(self, name: str) -> Derived[Any] | None:
+        """Return the result of a name, or None."""
+        return getattr(self, name) if name in _names(Results) else self.more.get(name)
+
+    def with_(self, name: str, derived: Derived[Any] | None) -> "Results":
+        """Return the results with another one under this name; None: with none."""
+        return _with(self, name, derived)
+
+
+@cache
+def _names(kind: type) -> frozenset[str]:
+    """Return the names that captures or results have fields for; others stand below ``more``."""
+    return frozenset(part.name for part in fields(kind)) - {"more"}
+
+
+Holder = TypeVar("Holder", Captures, Results)
+
+
+def _with(holder: Holder, name: str, held: Any) -> Holder:
+    if name in _names(type(holder)):
+        return replace(holder, **{name: held})
+    more = {key: value for key, value in holder.more.items() if key != name}
+    if held is not None:
+        more[name] = held
+    return replace(holder, more=more)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -261,9 +228,6 @@ class LogEntry:
     message: str
     arguments: dict[str, object]  # plain values; captures appear as their ordinal and digest
     time_utc: str
-
-
-Capture = ToolCapture | PointerCapture | ScanCapture | ReferenceCapture | BlockCapture | SonoCapture
 
 
 @dataclass(frozen=True, slots=True, eq=False)

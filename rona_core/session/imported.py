@@ -3,7 +3,7 @@
 import hashlib
 from collections.abc import Iterable
 
-from rona_core.session.document import Capture
+from rona_core.session.captures import Capture
 
 IMPORTED = "imported:"
 

@@ -177,13 +177,51 @@ RENAMED_IN_4 = {
     "StartSonoScan": "StartHandheldScan",
     "StartWhatIf": "StartProbeSweep",
 }
+# Outcomes in logs: each capture and result had a message of its own.
+CAPTURES_BEFORE_4 = {
+    "StoreBlockCapture": "block",
+    "StorePathCapture": "path",
+    "StorePointerCapture": "pointer",
+    "StoreReferences": "references",
+    "StoreScanCapture": "scan",
+    "StoreSecondCapture": "second",
+    "StoreSonoPivot": "sono_pivot",
+    "StoreSonoScan": "sono_scan",
+    "StoreSonoSpin": "sono_spin",
+    "StoreSurfaceCapture": "surface",
+    "StoreToolCapture": "tool",
+}
+RESULTS_BEFORE_4 = {  # outcome -> activity, the field of its result, and the result
+    "StoreBasePlacement": ("StartBasePlacement", {"placement": "placement"}),
+    "StoreMaps": (
+        "StartMapping",
+        {"detection": "detection", "second_detection": "second_detection", "maps": "maps"},
+    ),
+    "StoreRegistration": ("StartSkullRegistration", {"registration": "registration"}),
+    "StoreRobotPlan": ("StartRollSearch", {"plan": "roll"}),
+    "StoreSecondPlan": ("StartGapPlan", {"second": "second"}),
+    "StoreSonoMaps": (
+        "StartHandheldMapping",
+        {"sono_detection": "sono_detection", "sono_maps": "sono_maps"},
+    ),
+    "StoreWhatIf": ("StartProbeSweep", {"what_if": "what_if"}),
+}
 
 
 def with_present_message(held: Any) -> Any:
     """Return a log entry or result, as plain values, with the present name of its message."""
     if not isinstance(held, dict) or not isinstance(held.get("message"), str):
         return held
-    return {**held, "message": RENAMED_IN_4.get(held["message"], held["message"])}
+    name, arguments = held["message"], held.get("arguments")
+    if name in CAPTURES_BEFORE_4 and isinstance(arguments, dict):
+        kept = {"append": False, **arguments, "kind": CAPTURES_BEFORE_4[name]}
+        return {**held, "message": "StoreCapture", "arguments": kept}
+    if name in RESULTS_BEFORE_4 and isinstance(arguments, dict):
+        message, fields = RESULTS_BEFORE_4[name]
+        values = {fields[key]: value for key, value in arguments.items() if key in fields}
+        kept = {"message": message, "values": values}
+        return {**held, "message": "StoreResult", "arguments": kept}
+    return {**held, "message": RENAMED_IN_4.get(name, name)}
 
 
 def _with_present_messages(session: dict[str, Any]) -> dict[str, Any]:

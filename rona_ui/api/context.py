@@ -9,7 +9,7 @@ from pydantic import GetCoreSchemaHandler, ValidationError
 from pydantic_core import InitErrorDetails, PydanticCustomError, core_schema
 
 from rona_core.app.messages.exact_types import misfits
-from rona_core.app.runtime.session_registry import Hub
+from rona_core.app.runtime.session_registry import SessionRegistry
 from rona_core.app.runtime.workbench import Workbench
 from rona_core.devices.protocols import Rig
 from rona_core.errors import DeviceError, RonaError
@@ -52,7 +52,7 @@ def _require_fitting(kind: Any, body: Any) -> Any:
 EXACT = Exact()
 
 
-async def hub_of(request: Request) -> Hub:
+async def hub_of(request: Request) -> SessionRegistry:
     """Return the hub of the application."""
     return request.app.state.hub
 
@@ -62,7 +62,7 @@ async def streams_of(request: Request) -> Streams:
     return request.app.state.streams
 
 
-Sessions = Annotated[Hub, Depends(hub_of)]
+Sessions = Annotated[SessionRegistry, Depends(hub_of)]
 Open = Annotated[Streams, Depends(streams_of)]
 
 

@@ -4,7 +4,7 @@ from contextlib import suppress
 from dataclasses import dataclass
 
 from rona_core.app.runtime.saving.autosave import CopyState
-from rona_core.app.runtime.session_registry import Hub
+from rona_core.app.runtime.session_registry import SessionRegistry
 from rona_core.app.runtime.workbench import Workbench
 from rona_core.errors import NotFoundError
 
@@ -28,7 +28,7 @@ class SessionInfo:
     created_utc: str
 
 
-def info(hub: Hub, bench: Workbench) -> SessionInfo:
+def info(hub: SessionRegistry, bench: Workbench) -> SessionInfo:
     """Return an open session in short."""
     session = bench.session
     path = hub.file(session.id)
@@ -47,7 +47,7 @@ def info(hub: Hub, bench: Workbench) -> SessionInfo:
     )
 
 
-def found(hub: Hub, session_id: str) -> tuple[Workbench, SessionInfo]:
+def found(hub: SessionRegistry, session_id: str) -> tuple[Workbench, SessionInfo]:
     """Return the open session of an id, and it in short.
 
     Another one is current at once where the current one is closed while we look.
@@ -62,7 +62,7 @@ def found(hub: Hub, session_id: str) -> tuple[Workbench, SessionInfo]:
     raise NotFoundError(f"the session {session_id} is being closed")
 
 
-def infos(hub: Hub) -> tuple[SessionInfo, ...]:
+def infos(hub: SessionRegistry) -> tuple[SessionInfo, ...]:
     """Return all open sessions in short, oldest first."""
     found: list[SessionInfo] = []
     for bench in hub.all():

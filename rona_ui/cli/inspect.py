@@ -4,8 +4,8 @@ import json
 import sys
 from typing import Any
 
-from rona_core.app.dependencies.staleness import RESULTS
-from rona_core.app.overview.step_states import step_states
+from rona_core.app.declarations.registry import REGISTRY
+from rona_core.app.dependencies.step_states import step_states
 from rona_core.session.files import load_session
 from rona_core.session.migrate import SCHEMA
 
@@ -40,7 +40,7 @@ def run(wanted: Any) -> int:
         f"{c['ordinal']} {c['kind']}" + (" (partial)" if c["partial"] else "") for c in captures
     ]
     lines.append(f"captures: {', '.join(kinds) or 'none'}")
-    results = [name for name in RESULTS if getattr(session.results, name) is not None]
+    results = [name for name in REGISTRY.replayed if session.results.get(name) is not None]
     lines.append(f"results: {', '.join(results) or 'none'}")
     sys.stdout.write("\n".join(lines) + "\n")
     return 0

@@ -7,11 +7,11 @@ from datetime import datetime
 from pathlib import Path
 from typing import Any
 
+from rona_core.app.declarations.registry import REGISTRY
 from rona_core.app.runtime.saving.recovery import LostSession, Recovery, restore
 from rona_core.app.runtime.saving.session_files import SessionFiles
 from rona_core.app.runtime.store import Store
 from rona_core.errors import InvalidInputError, NameTakenError, NotFoundError
-from rona_core.session.document import STEPS
 from rona_core.session.files import save_session
 from rona_ui.resources import sessions_dir
 
@@ -89,7 +89,7 @@ def _steps(lost: LostSession) -> str:
     if lost.name is None:
         return "it stays where it is"
     stale = f", {len(lost.steps_stale)} stale" if lost.steps_stale else ""
-    return f"{len(lost.steps_done)} of {len(STEPS)} steps done{stale}"
+    return f"{len(lost.steps_done)} of {len(REGISTRY.step_names)} steps done{stale}"
 
 
 def _title(lost: LostSession) -> str:

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any, NoReturn
 
 from rona_core.app.runtime.saving.recovery import Recovery
-from rona_core.compose import build_hub
+from rona_core.compose import build_registry
 from rona_core.errors import InvalidInputError
 from rona_ui.resources import sessions_dir
 from rona_ui.server import ServerSettings, serve, token_from_environment
@@ -79,7 +79,7 @@ def run(wanted: Any) -> NoReturn:
     with contextlib.suppress(KeyboardInterrupt):
         serve(
             settings,
-            build_hub=lambda place: build_hub(place, pace=pace),
+            build_registry=lambda place: build_registry(place, pace=pace),
             open_window=open_window,
             say=say,
         )

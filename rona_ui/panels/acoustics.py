@@ -2,7 +2,7 @@
 
 from typing import Any
 
-from rona_core.app.messages.registry import (
+from rona_core.app.steps.acoustics.messages import (
     AddReferencePoint,
     CalibrateSoundSpeed,
     RemoveReferencePoint,

@@ -4,7 +4,7 @@ from dataclasses import replace
 from typing import Any
 
 from rona_core.app.dependencies.staleness import stale_reason
-from rona_core.app.messages.registry import (
+from rona_core.app.steps.handheld.messages import (
     StartHandheldCalibration,
     StartHandheldMapping,
     StartHandheldScan,

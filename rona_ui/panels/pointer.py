@@ -2,7 +2,7 @@
 
 from typing import Any
 
-from rona_core.app.messages.registry import CalibratePointer, StartPointerCapture
+from rona_core.app.steps.pointer.messages import CalibratePointer, StartPointerCapture
 from rona_ui.panels.tool.calibration import CalibrationControls
 from rona_ui.panels.widgets import style
 from rona_ui.panels.widgets.import_recording import ImportControls

@@ -3,9 +3,10 @@
 from dataclasses import replace
 from typing import Any
 
-from rona_core.app.messages.registry import ClearPathEdits, SmoothScanPath
+from rona_core.app.steps.path.messages import ClearPathEdits
 from rona_core.app.steps.path.path_checks import PathCheck, Stretch, check_path
-from rona_core.app.steps.path.view import PathView
+from rona_core.app.steps.smoothing.messages import SmoothScanPath
+from rona_core.app.steps.smoothing.path_view import PathView
 from rona_ui.panels.path.path_graph import bar
 from rona_ui.panels.widgets import style
 from rona_ui.panels.widgets.panel_context import on_change, on_click

@@ -3,13 +3,13 @@
 from typing import Any
 
 from rona_core.app.dependencies.staleness import stale_reason
-from rona_core.app.messages.registry import (
+from rona_core.app.overview.predicted_accuracy import predict_skull_mm, predict_surface
+from rona_core.app.steps.surface.messages import (
     BuildSurface,
     ClearSurface,
     StartSkullRegistration,
     StartSurfaceCapture,
 )
-from rona_core.app.overview.predicted_accuracy import predict_skull_mm, predict_surface
 from rona_core.session.document import Session
 from rona_core.session.specimen import LoadedSkull
 from rona_ui.panels.tool.calibration import VERDICTS

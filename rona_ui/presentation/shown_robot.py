@@ -4,9 +4,9 @@ Step 7 shows the selected roll unless something is replayed. A stale plan is not
 belong to another robot, or lead through an obstacle that was moved.
 """
 
-from rona_core.app.steps.roll.planned_motion import joints_at, motion_stale
 from rona_core.app.steps.roll.view import joints_of_roll
-from rona_core.app.steps.setup.clearance import Nearness, near_pairs, stands_clear
+from rona_core.app.steps.scan.planned_motion import joints_at, motion_stale
+from rona_core.app.steps.setup.clearance import PairClearance, clearance_violations, stands_clear
 from rona_core.geometry.arrays import Floats
 from rona_ui.presentation.snapshot import Snapshot
 
@@ -55,9 +55,9 @@ def shows_roll_preview(snapshot: Snapshot) -> bool:
     return joints_of_roll(snapshot.session, view.shown_roll) is not None
 
 
-def shown_clearances(snapshot: Snapshot) -> tuple[Nearness, ...]:
+def shown_clearances(snapshot: Snapshot) -> tuple[PairClearance, ...]:
     """Return the clearance violations of the drawn robot, else the nearest pair."""
     q_rad = shown_joints(snapshot)
     if snapshot.view.step not in CLEARANCE_STEPS or q_rad is None:
         return ()
-    return near_pairs(snapshot.session, q_rad)
+    return clearance_violations(snapshot.session, q_rad)

@@ -4,7 +4,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from rona_core.app.overview.step_states import StepState
+from rona_core.app.dependencies.step_states import StepState
 from rona_core.app.runtime.jobs import JobStatus
 from rona_core.app.runtime.saving.autosave import CopyState
 from rona_core.devices.live import LiveState

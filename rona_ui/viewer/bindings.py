@@ -11,8 +11,8 @@ from collections.abc import Callable, Hashable
 from dataclasses import dataclass
 from typing import Any, Protocol
 
-from rona_core.app.messages.registry import ACTIVITIES
-from rona_core.app.runtime.session_registry import Hub
+from rona_core.app.declarations.registry import REGISTRY
+from rona_core.app.runtime.session_registry import SessionRegistry
 from rona_core.errors import RonaError
 from rona_ui.labels import in_words
 
@@ -67,7 +67,7 @@ class Bindings:
 
     def __init__(
         self,
-        hub: Hub,
+        hub: SessionRegistry,
         on_refusal: Callable[[Any, str, str], None] = lambda client, title, body: None,
     ) -> None:
         """Start the queue; ``on_refusal(client, title, body)`` is told what was refused."""
@@ -127,7 +127,7 @@ class Bindings:
 
     def _deliver(self, message: Any) -> None:
         bench = self._hub.get()
-        if type(message).__name__ in ACTIVITIES:
+        if type(message).__name__ in REGISTRY.activity_types:
             bench.start(message)
         else:
             bench.dispatch(message)

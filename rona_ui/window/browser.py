@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from rona_core.app.runtime.saving.export_captures import export_recording
-from rona_core.app.runtime.session_registry import CURRENT, Hub
+from rona_core.app.runtime.session_registry import CURRENT, SessionRegistry
 from rona_core.errors import InvalidInputError, NotFoundError
 from rona_core.geometry.arrays import Floats
 from rona_ui.panels.layout.docks import Docks
@@ -32,7 +32,9 @@ NEAR_M, FAR_M = 0.01, 20.0
 class Browser:
     """Draws snapshots for one client and executes its clicks."""
 
-    def __init__(self, client: Any, hub: Hub, bindings: Bindings, wake: Callable[[], None]) -> None:
+    def __init__(
+        self, client: Any, hub: SessionRegistry, bindings: Bindings, wake: Callable[[], None]
+    ) -> None:
         self.client = client
         self._hub, self._bindings, self._wake = hub, bindings, wake
         self._lock = threading.Lock()

@@ -15,12 +15,12 @@ from typing import Any
 
 import viser
 
-from rona_core.app.overview.step_states import StepState, step_states
+from rona_core.app.dependencies.step_states import StepState, step_states
 from rona_core.app.runtime.jobs import JobStatus
-from rona_core.app.runtime.session_registry import Hub
+from rona_core.app.runtime.session_registry import SessionRegistry
 from rona_core.app.runtime.workbench import Workbench
-from rona_core.app.steps.pointer.import_recordings import replayed_pointer
-from rona_core.app.steps.roll.planned_motion import motion_times
+from rona_core.app.steps.recordings.captures import replayed_pointer
+from rona_core.app.steps.scan.planned_motion import motion_times
 from rona_core.errors import CancelledError, NotFoundError
 from rona_core.session.document import Session
 from rona_ui.labels import in_words, place_of
@@ -39,7 +39,7 @@ IDLE_S = 0.5  # while nothing does; a change wakes the thread at once
 class Window:
     """Follows the current session of a hub and draws it for every browser."""
 
-    def __init__(self, server: viser.ViserServer, hub: Hub) -> None:
+    def __init__(self, server: viser.ViserServer, hub: SessionRegistry) -> None:
         self._server, self._hub = server, hub
         self._lock = threading.Lock()
         self._browsers: dict[int, Browser] = {}
@@ -244,6 +244,6 @@ def _advance(browser: Browser, session: Session, elapsed_s: float) -> None:
     browser.change_view(step)
 
 
-def open_window(server: viser.ViserServer, hub: Hub) -> Window:
+def open_window(server: viser.ViserServer, hub: SessionRegistry) -> Window:
     """Show the current session of ``hub`` in every browser that comes to ``server``."""
     return Window(server, hub)

@@ -5,7 +5,7 @@ from types import SimpleNamespace
 import httpx2
 import pytest
 
-from rona_core.compose import build_hub
+from rona_core.compose import build_registry
 from rona_ui.server import ServerSettings
 from rona_ui.viewer.gateway import ViewerGateway
 from tests.helpers.api_server import TOKEN, start
@@ -15,7 +15,7 @@ from tests.helpers.api_server import TOKEN, start
 def web(tmp_path_factory):
     """The server: hub, gateway, port and token."""
     folder = tmp_path_factory.mktemp("sessions")
-    hub, gateway = build_hub(folder, processes=False), ViewerGateway()
+    hub, gateway = build_registry(folder, processes=False), ViewerGateway()
     settings = ServerSettings(port=0, sessions=folder, token=TOKEN, open_browser=False)
     server, thread, port = start(hub, gateway, settings)
     yield SimpleNamespace(hub=hub, gateway=gateway, port=port, token=TOKEN, folder=folder)

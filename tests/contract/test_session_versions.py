@@ -12,20 +12,23 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from rona_core.app.dependencies.staleness import RESULTS, stale_reason
-from rona_core.app.handlers import handle
-from rona_core.app.messages.registry import (
-    ACTIVITIES,
-    COMMANDS,
-    BuildPath,
-    BuildSurface,
-    CalibratePointer,
-    RegisterTool,
-)
-from rona_core.app.overview.step_states import step_states
+from rona_core.app.declarations.registry import REGISTRY
+from rona_core.app.dependencies.staleness import stale_reason
+from rona_core.app.dependencies.step_states import step_states
+from rona_core.app.runtime.handling import handle
+from rona_core.app.steps.path.messages import BuildPath
+from rona_core.app.steps.pointer.messages import CalibratePointer
+from rona_core.app.steps.surface.messages import BuildSurface
+from rona_core.app.steps.tool.messages import RegisterTool
 from rona_core.session.codec import digest
 from rona_core.session.files import load_session, session_bytes, session_from_bytes
-from rona_core.session.migrate import MIGRATIONS, RENAMED_IN_4, SCHEMA
+from rona_core.session.migrate import (
+    CAPTURES_BEFORE_4,
+    MIGRATIONS,
+    RENAMED_IN_4,
+    RESULTS_BEFORE_4,
+    SCHEMA,
+)
 
 FILES = sorted((Path(__file__).parent / "sessions").glob("schema_*.rona"))
 
@@ -94,11 +97,18 @@ def test_plan_and_maps_of_schema_2_are_computed_again_from_its_scan():
 
 def test_messages_of_schema_3_have_their_present_names_in_log_and_results():
     manifest, session = manifest_of(FILES[2]), load_session(FILES[2])
-    public = {**COMMANDS, **ACTIVITIES}
+    public = {**REGISTRY.command_types, **REGISTRY.activity_types}
     with zipfile.ZipFile(FILES[2]) as archive:
         said = [json.loads(line)["message"] for line in archive.read("commands.jsonl").splitlines()]
     log = [entry.message for entry in session.log]
-    assert log == [RENAMED_IN_4.get(name, name) for name in said] != said
+    outcomes = dict.fromkeys(CAPTURES_BEFORE_4, "StoreCapture")
+    outcomes |= dict.fromkeys(RESULTS_BEFORE_4, "StoreResult")
+    assert log == [{**RENAMED_IN_4, **outcomes}.get(name, name) for name in said]
+    stored = [entry.arguments for entry in session.log if entry.message == "StoreCapture"]
+    assert {row["capture"]["ordinal"]: row["kind"] for row in stored}[1] == "block"
+    computed = [entry.arguments for entry in session.log if entry.message == "StoreResult"]
+    assert computed[0]["message"] == "StartRollSearch"
+    assert list(computed[0]["values"]) == ["roll"]
     assert not set(RENAMED_IN_4) & (set(log) | set(public))
     assert set(RENAMED_IN_4.values()) <= set(public)
     results = manifest["session"]["results"]
@@ -108,4 +118,4 @@ def test_messages_of_schema_3_have_their_present_names_in_log_and_results():
     assert set(made.values()) <= set(public)
     assert made["path"] == "GenerateScanPattern"
     assert made["sono_maps"] == "StartHandheldMapping"
-    assert {name for name in RESULTS if stale_reason(name, session) is not None} == set()
+    assert {name for name in REGISTRY.replayed if stale_reason(name, session) is not None} == set()

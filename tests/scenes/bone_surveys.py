@@ -8,9 +8,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from rona_core.app.messages.registry import SetSeed
 from rona_core.app.procedure import PROCEDURE, run_procedure
-from rona_core.app.steps.scan.ascan_view import scan_poses
+from rona_core.app.steps.boundaries.ascan_view import scan_poses
+from rona_core.app.steps.setup.messages import SetSeed
 from rona_core.compose import new_workbench, specimen_of
 from rona_core.devices.settings import ProbeSettings
 from rona_core.errors import StepBlockedError

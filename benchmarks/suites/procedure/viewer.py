@@ -16,7 +16,7 @@ import viser
 import websockets.asyncio.client
 
 from benchmarks.metric import Metric, Progress
-from rona_core.compose import build_hub
+from rona_core.compose import build_registry
 from rona_ui.server import ServerSettings, open_first_session, server_of
 from rona_ui.viewer.gateway import ViewerGateway
 from rona_ui.window.window import Window, open_window
@@ -72,7 +72,7 @@ def _server() -> Generator[tuple[int, Window]]:
     """Serve a copy of the demo session; yields port and window."""
     with ExitStack() as ends:
         folder = Path(ends.enter_context(tempfile.TemporaryDirectory()))
-        hub = build_hub(folder, processes=False)
+        hub = build_registry(folder, processes=False)
         ends.callback(hub.close_all)
         open_first_session(hub)
         gateway = ViewerGateway()

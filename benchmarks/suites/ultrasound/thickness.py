@@ -13,15 +13,12 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from benchmarks.metric import Metric, Progress, over_seeds
-from rona_core.app.messages.registry import (
-    SetBoneModel,
-    SetSeed,
-    StartCaliperMeasurements,
-    StartMapping,
-    StartScan,
-)
 from rona_core.app.procedure import PROCEDURE, run_procedure
 from rona_core.app.runtime.workbench import Workbench
+from rona_core.app.steps.acoustics.messages import StartCaliperMeasurements
+from rona_core.app.steps.maps.messages import StartMapping
+from rona_core.app.steps.scan.messages import StartScan
+from rona_core.app.steps.setup.messages import SetBoneModel, SetSeed
 from rona_core.compose import new_workbench
 from rona_core.errors import RonaError
 from rona_core.session.document import Session

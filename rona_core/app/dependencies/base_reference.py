@@ -2,7 +2,6 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import lru_cache
 from typing import Literal
 
 import numpy as np
@@ -25,8 +24,10 @@ from rona_core.devices.tracker_volumes import FIELD_MM
 from rona_core.errors import RonaError, StaleResultError, StepBlockedError
 from rona_core.geometry.arrays import Floats, as_points
 from rona_core.geometry.pose import Pose
-from rona_core.session.document import PointerCapture, Session, SonoCapture
+from rona_core.session.captures import PointerCapture, SonoCapture
+from rona_core.session.document import Session
 from rona_core.session.imported import is_imported
+from rona_core.session.memo import remember
 
 REMEDY = "register again, or allow the base marker (step 1)"
 
@@ -122,7 +123,7 @@ def found_again(session: Session, captures: Sequence[PointerCapture | SonoCaptur
     return not any(_has_moved(held.value, capture) for capture in captures if capture is not None)
 
 
-@lru_cache(maxsize=32)  # registrations and captures never change
+@remember(32)  # registrations and captures never change
 def _has_moved(tool: ToolRegistration, capture: PointerCapture | SonoCapture) -> bool:
     """Return whether the base marker shows that the tracker stood elsewhere in a capture."""
     if tool.base is None or capture.base is None or _unseen(tool, capture) is not None:

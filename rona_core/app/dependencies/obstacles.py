@@ -1,8 +1,6 @@
 """What stands around the robot, as far as a session knows: measured, registered or set up."""
 
-from collections import OrderedDict
 from collections.abc import Callable
-from typing import Any
 
 import numpy as np
 
@@ -19,15 +17,16 @@ from rona_core.robot.collision.obstacles import (
     tracker_stand,
 )
 from rona_core.robot.kinematics.catalog import robot_model
-from rona_core.session.document import PointerCapture, Session
+from rona_core.session.captures import PointerCapture
+from rona_core.session.document import Session
+from rona_core.session.memo import Memo
 from rona_core.session.specimen import LoadedSkull
 from rona_core.surface.cloud import SurfaceCloud
 from rona_core.surface.icp import SurfaceRegistration
 
 UP = np.array((0.0, 0.0, 1.0))
 
-_KNOWN: OrderedDict[tuple[int, ...], tuple[tuple[Any, ...], Obstacles]] = OrderedDict()
-_KNOWN_KEPT = 16
+_KNOWN: Memo[Obstacles] = Memo(16)
 
 
 def obstacles_of(session: Session, fresh: Callable[[str], bool]) -> Obstacles:
@@ -55,14 +54,7 @@ def obstacles_of(session: Session, fresh: Callable[[str], bool]) -> Obstacles:
         found,
         session.captures.surface,
     )
-    key = tuple(map(id, parts))
-    known = _KNOWN.get(key)
-    if known is None:
-        known = parts, _build(session, tool, cloud, found)
-        _KNOWN[key] = known
-        while len(_KNOWN) > _KNOWN_KEPT:
-            _KNOWN.popitem(last=False)
-    return known[1]
+    return _KNOWN.get(parts, lambda: _build(session, tool, cloud, found))
 
 
 def _build(

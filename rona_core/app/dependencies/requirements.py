@@ -1,159 +1,56 @@
-"""What must be there, and fresh, before a message makes sense; why it is blocked otherwise."""
+"""Requirements: what must be there, and fresh, before a message makes sense."""
 
-from typing import Any
-
-from rona_core.app.dependencies.base_reference import placed_reason
-from rona_core.app.dependencies.inputs import (
-    BLOCK,
-    DETECTION,
-    MAPS,
-    PATH,
-    PATH_CAPTURE,
-    PLACEMENT,
-    POINTER,
-    POINTER_CAPTURE,
-    REFERENCES,
-    ROLL,
-    SCAN_CAPTURE,
-    SECOND,
-    SMOOTHING,
-    SONO_CALIBRATION,
-    SONO_PIVOT,
-    SONO_SCAN,
-    SONO_SPIN,
-    SURFACE,
-    SURFACE_CAPTURE,
-    TOOL,
-    TOOL_CAPTURE,
-    Input,
-    missing,
-    require_loaded,
-)
+from rona_core.app.declarations.declarations import Activity, Command, Input, Message
+from rona_core.app.declarations.registry import REGISTRY
+from rona_core.app.dependencies.inputs import CAPTURE, missing, wanted_for
 from rona_core.app.dependencies.staleness import stale_reason, stale_root
-from rona_core.app.messages.registry import (
-    COMMANDS,
-    ApplyBasePlacement,
-    BuildPath,
-    BuildSurface,
-    CalibrateDelayLine,
-    CalibrateHandheldProbe,
-    CalibratePointer,
-    CalibrateSoundSpeed,
-    ChooseRoll,
-    DeletePathPoint,
-    GenerateScanPattern,
-    InsertPathPoint,
-    MovePathPoint,
-    PinPathSample,
-    RegisterTool,
-    SmoothScanPath,
-    StartBasePlacement,
-    StartCaliperMeasurements,
-    StartGapPlan,
-    StartGapScan,
-    StartHandheldCalibration,
-    StartHandheldMapping,
-    StartHandheldScan,
-    StartMapping,
-    StartPathCapture,
-    StartPointerCapture,
-    StartRecordingImport,
-    StartRollSearch,
-    StartScan,
-    StartSkullRegistration,
-    StartSurfaceCapture,
-    StartToolCapture,
-)
 from rona_core.errors import StepBlockedError
 from rona_core.session.document import Session
-
-# message -> what must be there before it makes sense
-NEEDS: dict[type, tuple[Input, ...]] = {
-    StartToolCapture: (),
-    RegisterTool: (TOOL_CAPTURE,),
-    StartPointerCapture: (),
-    CalibratePointer: (POINTER_CAPTURE,),
-    StartSurfaceCapture: (TOOL, POINTER),
-    BuildSurface: (SURFACE_CAPTURE, TOOL, POINTER),
-    StartSkullRegistration: (SURFACE,),
-    StartPathCapture: (TOOL, POINTER),
-    BuildPath: (PATH_CAPTURE, TOOL, POINTER),
-    GenerateScanPattern: (SURFACE,),
-    SmoothScanPath: (PATH, SURFACE),
-    MovePathPoint: (SMOOTHING, SURFACE),
-    InsertPathPoint: (SMOOTHING, SURFACE),
-    DeletePathPoint: (SMOOTHING,),
-    PinPathSample: (PATH, SURFACE),
-    StartRollSearch: (SMOOTHING,),
-    StartBasePlacement: (SMOOTHING,),
-    ApplyBasePlacement: (PLACEMENT,),
-    ChooseRoll: (ROLL,),
-    StartScan: (ROLL,),
-    StartMapping: (SCAN_CAPTURE, SURFACE),
-    StartCaliperMeasurements: (SCAN_CAPTURE, DETECTION),
-    CalibrateSoundSpeed: (REFERENCES, DETECTION),
-    CalibrateDelayLine: (BLOCK,),
-    StartGapPlan: (SCAN_CAPTURE, SURFACE, MAPS),
-    StartGapScan: (SECOND,),
-    StartHandheldCalibration: (),
-    CalibrateHandheldProbe: (SONO_PIVOT, SONO_SPIN),
-    StartHandheldScan: (SONO_CALIBRATION,),
-    StartHandheldMapping: (SONO_SCAN, SONO_CALIBRATION),
-}
-# These look themselves at what is stale, or change what is to be computed anew anyway.
-OF_STALE = (
-    MovePathPoint,
-    InsertPathPoint,
-    DeletePathPoint,
-    PinPathSample,
-    ApplyBasePlacement,
-)
 
 
 def blocked_reason(message_type: type, session: Session) -> str | None:
     """Return what is to be done before a message of this type makes sense; None: nothing."""
-    inputs = NEEDS.get(message_type, ())
-    wanted = missing(inputs, session)
+    name = message_type.__name__
+    declared: Command | Activity | None = REGISTRY.commands.get(name)
+    again = declared is not None  # a command computes anew from what is there
+    declared = declared or REGISTRY.activities.get(name)
+    if declared is None:
+        return None
+    wanted = missing(declared.needs, session)
     if wanted is not None:
         return f"first {wanted}"
-    if message_type in (StartSurfaceCapture, StartPathCapture):
-        reason = placed_reason(session)
-        if reason is not None:
-            return reason
-    if message_type not in OF_STALE:
-        # to compute anew from a capture that is stale changes nothing: the result is stale, too
-        again = message_type.__name__ in COMMANDS
-        behind = tuple(i for i in inputs if not (again and _is_capture(i)))
-        if (reason := _stale_before(behind, session)) is not None:
-            return reason
-    return plan_reason(session) if message_type is StartScan else None
+    if declared.blocked is not None and (reason := declared.blocked(session)) is not None:
+        return reason
+    if isinstance(declared, Command) and declared.takes_stale:
+        return None
+    # to compute anew from a capture that is stale changes nothing: the result is stale, too
+    behind = tuple(item for item in declared.needs if not (again and _is_capture(item)))
+    return _stale_before(behind, session)
 
 
 def _is_capture(item: Input) -> bool:
-    return item.upstream is not None and item.upstream.startswith("capture ")
+    return item.upstream is not None and item.upstream.startswith(CAPTURE)
 
 
 def _stale_before(inputs: tuple[Input, ...], session: Session) -> str | None:
     """Return which stale input is to be made again first, and why; None where all are fresh."""
-    if session.results.roll is None:  # a file too old to hold the plan: its scan can be mapped
-        inputs = tuple(item for item in inputs if item is not SCAN_CAPTURE)
-    root = stale_root(inputs, session)
+    root = stale_root(tuple(i for i in inputs if not _is_orphan(i, session)), session)
     if root is None or root.upstream is None:
         return None
-    return f"first {root.wanted} again: {stale_reason(root.upstream, session)}"
+    return f"first {wanted_for(root)} again: {stale_reason(root.upstream, session)}"
 
 
-def plan_reason(session: Session) -> str | None:
-    """Return why the planned motion cannot be driven; None where it can, or there is none."""
-    searched = session.results.roll
-    if searched is None:
-        return None
-    if searched.value.search.mode == "none":
-        return "first find a roll that the robot can traverse (step 7)"
-    certificate = searched.value.certificate
-    if certificate is not None and not certificate.certified:
-        return "the verifier refuses the motion (step 7): choose another roll"
-    return None
+def _is_orphan(item: Input, session: Session) -> bool:
+    """Return whether a capture lacks the result it rests on: a file too old to hold the plan.
+
+    Its scan can be mapped.
+    """
+    if item.upstream is None or not _is_capture(item):
+        return False
+    after = REGISTRY.captures[item.upstream.removeprefix(CAPTURE)].after
+    if after is None or after.upstream is None or _is_capture(after):
+        return False
+    return session.results.get(after.upstream) is None
 
 
 def require_inputs(message_type: type, session: Session) -> None:
@@ -163,15 +60,9 @@ def require_inputs(message_type: type, session: Session) -> None:
         raise StepBlockedError(f"{message_type.__name__} is blocked: {reason}")
 
 
-def require_for(activity: Any, session: Session) -> None:
+def require_for(activity: Message, session: Session) -> None:
     """Raise StepBlockedError if ``session`` lacks what an activity needs, or has it stale."""
-    kind = type(activity)
-    if isinstance(activity, StartSkullRegistration):
-        require_loaded(session)
-    if isinstance(activity, StartRecordingImport):  # needs what the capture it stands for needs
-        kind = {
-            "pivot": StartPointerCapture,
-            "surface": StartSurfaceCapture,
-            "path": StartPathCapture,
-        }[activity.purpose]
-    require_inputs(kind, session)
+    declared = REGISTRY.activity(activity)
+    if declared.check is not None:
+        declared.check(activity, session)
+    require_inputs(type(activity), session)

@@ -13,6 +13,7 @@ from functools import cache
 from numbers import Integral, Real
 from typing import Any, Literal, Union, cast
 
+from rona_core.app.declarations.declarations import Message
 from rona_core.errors import InvalidInputError
 
 Place = tuple[str | int, ...]
@@ -27,7 +28,7 @@ class Misfit:
     expected: str
 
 
-def misfits(value: Any, hint: Any, path: Place = ()) -> Iterator[Misfit]:
+def misfits(value: object, hint: Any, path: Place = ()) -> Iterator[Misfit]:
     """Yield where ``value`` does not have the type ``hint``.
 
     Args:
@@ -53,17 +54,17 @@ def misfits(value: Any, hint: Any, path: Place = ()) -> Iterator[Misfit]:
         code, expected, fits = _SIMPLE[hint]
         if not fits(value):
             yield Misfit(path, code, expected)
-        elif hint is float and not abs(value) <= sys.float_info.max:
+        elif hint is float and not abs(cast("float", value)) <= sys.float_info.max:
             yield Misfit(path, "finite_number", "a finite number")
     else:
         raise TypeError(f"{'/'.join(map(str, path))}: there is no rule for {hint}")
 
 
-def _is_number(value: Any, kind: type) -> bool:
+def _is_number(value: object, kind: type) -> bool:
     return isinstance(value, kind) and not isinstance(value, bool)
 
 
-_SIMPLE: dict[Any, tuple[str, str, Callable[[Any], bool]]] = {
+_SIMPLE: dict[Any, tuple[str, str, Callable[[object], bool]]] = {
     bool: ("bool_type", "true or false", lambda value: isinstance(value, bool)),
     int: ("int_type", "a whole number", lambda value: _is_number(value, Integral)),
     float: ("float_type", "a number", lambda value: _is_number(value, Real)),
@@ -71,11 +72,11 @@ _SIMPLE: dict[Any, tuple[str, str, Callable[[Any], bool]]] = {
 }
 
 
-def _of_tuple(value: Any, arguments: tuple[Any, ...], path: Place) -> Iterator[Misfit]:
+def _of_tuple(value: object, arguments: tuple[Any, ...], path: Place) -> Iterator[Misfit]:
     if not isinstance(value, list | tuple):
         yield Misfit(path, "tuple_type", "a list")
         return
-    items = cast("list[Any]", value)
+    items = cast("list[object]", value)
     kinds = arguments
     if len(arguments) == 2 and arguments[1] is Ellipsis:
         kinds = (arguments[0],) * len(items)
@@ -92,11 +93,11 @@ def _hints(kind: type) -> dict[str, Any]:
     return {field.name: hints[field.name] for field in dataclasses.fields(kind)}
 
 
-def _of_fields(value: Any, kind: type, path: Place) -> Iterator[Misfit]:
+def _of_fields(value: object, kind: type, path: Place) -> Iterator[Misfit]:
     if isinstance(value, kind):
         held = {name: getattr(value, name) for name in _hints(kind)}
     elif isinstance(value, Mapping):
-        held = cast("Mapping[str, Any]", value)
+        held = cast("Mapping[str, object]", value)
     else:
         yield Misfit(path, "dataclass_type", "an object with the fields of " + kind.__name__)
         return
@@ -108,7 +109,7 @@ def _of_fields(value: Any, kind: type, path: Place) -> Iterator[Misfit]:
             yield from misfits(item, hint, (*path, name))
 
 
-def _of_text(value: Any, path: Place) -> Iterator[Misfit]:
+def _of_text(value: object, path: Place) -> Iterator[Misfit]:
     if not isinstance(value, str):
         yield Misfit(path, "string_type", "text")
     elif "\0" in value:
@@ -117,7 +118,7 @@ def _of_text(value: Any, path: Place) -> Iterator[Misfit]:
         yield Misfit(path, "string_unicode", "text of whole Unicode characters")
 
 
-def require_exact(message: Any) -> None:
+def require_exact(message: Message) -> None:
     """Raise InvalidInputError unless every field of a message has exactly its type."""
     for found in misfits(message, type(message)):
         where = "".join(f"/{part}" for part in found.path)

@@ -1,32 +1,44 @@
-"""Messages as plain values, for the log and for replay."""
+"""Serialization: messages as plain values, for the log and for replay."""
 
 import dataclasses
-from typing import Any
+from collections.abc import Mapping
 
-from rona_core.app.messages.registry import ACTIVITIES, COMMANDS
+from rona_core.app.declarations.declarations import Message
+from rona_core.app.declarations.registry import REGISTRY
 from rona_core.errors import InvalidInputError
 from rona_core.session.codec import decode, digest, encode
 
 
-def plain_arguments(message: Any) -> dict[str, object]:
+def serialize_arguments(message: Message) -> dict[str, object]:
     """Return the fields of a message as JSON values; of an outcome, what tells it apart."""
-    if type(message).__name__ in COMMANDS or type(message).__name__ in ACTIVITIES:
+    if type(message).__name__ in REGISTRY.messages:
         plain = encode(message, "", {})
         plain.pop("$type")
         return plain
     result: dict[str, object] = {}
     for field in dataclasses.fields(message):
         value = getattr(message, field.name)
-        if isinstance(value, bool | int | float | str):
-            result[field.name] = value
-        elif hasattr(value, "ordinal"):
-            result[field.name] = {"ordinal": value.ordinal, "digest": digest(value)}
-        elif dataclasses.is_dataclass(value):
-            result[field.name] = {"digest": digest(value)}
+        if isinstance(value, Mapping):
+            held = {name: _identity(item) for name, item in value.items()}
+            value = {name: item for name, item in held.items() if item is not None}
+            if field.name == "values":
+                result[field.name] = value
+        elif (plain := _identity(value)) is not None:
+            result[field.name] = plain
     return result
 
 
-def message_from(name: str, arguments: dict[str, Any]) -> Any:
+def _identity(value: object) -> object:
+    """Return what tells a value apart: itself, or its digest; None where nothing does."""
+    if isinstance(value, bool | int | float | str):
+        return value
+    if not dataclasses.is_dataclass(value):
+        return None
+    ordinal = {"ordinal": getattr(value, "ordinal")} if hasattr(value, "ordinal") else {}  # noqa: B009
+    return {**ordinal, "digest": digest(value)}
+
+
+def message_from(name: str, arguments: Mapping[str, object]) -> Message:
     """Return the command or activity of that name with these plain fields.
 
     A field that is missing has its default: older logs do not know newer fields.
@@ -36,7 +48,7 @@ def message_from(name: str, arguments: dict[str, Any]) -> Any:
         SessionFormatError: a field that it does not know, one without default that is missing, or
             a value that does not fit.
     """
-    kind = COMMANDS.get(name) or ACTIVITIES.get(name)
+    kind = REGISTRY.messages.get(name)
     if kind is None:
         raise InvalidInputError(f"there is no message {name!r}")
     defaults = {

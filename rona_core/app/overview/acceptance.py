@@ -202,7 +202,12 @@ def _known_at_once(session: Session) -> dict[str, float]:
     return known
 
 
-def _row(key: str, value: Any, figures: Mapping[str, Any], session: Session | None) -> QualityRow:
+def _row(
+    key: str,
+    value: float | int | str | bool | None,
+    figures: Mapping[str, Any],
+    session: Session | None,
+) -> QualityRow:
     kind = FIGURES[key]
     limit, stale, reason = kind.limit, None, ""
     if key == "path_deviation_max_mm" and session is not None:
@@ -234,7 +239,7 @@ def _row(key: str, value: Any, figures: Mapping[str, Any], session: Session | No
 def _with_own_word(key: str, judged: Verdict, session: Session) -> tuple[Verdict, str]:
     """Return the verdict with what the session itself says of the figure, and why."""
     if key in CALIBRATED:
-        held = getattr(session.results, CALIBRATED[key])
+        held = session.results.get(CALIBRATED[key])
         if held is not None and OWN_WORD[held.value.verdict] != "pass":
             return worst((judged, OWN_WORD[held.value.verdict])), "; ".join(held.value.reasons)
     specimen = session.setup.specimen

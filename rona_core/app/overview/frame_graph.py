@@ -14,7 +14,8 @@ from rona_core.errors import RonaError
 from rona_core.geometry.arrays import Floats
 from rona_core.geometry.pose import Pose
 from rona_core.robot.kinematics.catalog import robot_model
-from rona_core.session.document import Derived, PointerCapture, Session
+from rona_core.session.captures import PointerCapture
+from rona_core.session.document import Derived, Session
 from rona_core.session.imported import is_imported
 
 

@@ -7,12 +7,11 @@ noise that was found; the robot's absolute error is not in it, as in a map for t
 """
 
 from dataclasses import dataclass, replace
-from functools import lru_cache
 
 import numpy as np
 
 from rona_core.app.dependencies.base_reference import TrackerReference, weakest_reference
-from rona_core.app.steps.maps.thickness_uncertainty import thickness_shares
+from rona_core.app.steps.acoustics.thickness_uncertainty import thickness_shares
 from rona_core.calibration.error_propagation import MapSetup, predict_map_error
 from rona_core.calibration.hand_eye.tool_registration import ToolRegistration
 from rona_core.calibration.handheld.pointer import PointerCalibration
@@ -21,7 +20,9 @@ from rona_core.devices.marker_geometry import GEOMETRIES
 from rona_core.devices.tracker_volumes import ACCURACY_MM
 from rona_core.geometry.arrays import Floats
 from rona_core.geometry.pose import Poses
-from rona_core.session.document import PointerCapture, Session
+from rona_core.session.captures import PointerCapture
+from rona_core.session.document import Session
+from rona_core.session.memo import remember
 from rona_core.surface.cloud import SurfaceCloud
 from rona_core.surface.normals.normals import NormalField
 
@@ -70,7 +71,7 @@ def _moved(found: SurfacePrediction, reference: TrackerReference | None) -> Surf
     )
 
 
-@lru_cache(maxsize=4)
+@remember(4)
 def _predict(
     tool: ToolRegistration,
     pointer: PointerCalibration,

@@ -7,6 +7,7 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from typing import Any, Literal
 
+from rona_core.app.declarations.declarations import Message
 from rona_core.errors import CancelledError, DeviceError, NotFoundError, RonaError
 
 JobState = Literal["running", "done", "failed", "cancelled"]
@@ -27,7 +28,7 @@ class JobStatus:
     error_code: str | None = None
     error: str | None = None
     revision: int | None = None  # of the session, once the outcome is stored
-    result: Any = None  # what was found, where the session does not hold it
+    result: object = None  # what was found, where the session does not hold it
 
     @property
     def finished(self) -> bool:
@@ -40,7 +41,7 @@ class Ended:
     """How work has ended: the revision of the session, and what was found beside it."""
 
     revision: int
-    result: Any = None
+    result: object = None
 
 
 Work = Callable[[Callable[[float], None], Callable[[], bool]], int | Ended]
@@ -57,7 +58,7 @@ class Jobs:
         self._device_job: str | None = None
         self._listeners: list[Callable[[JobStatus], None]] = []
 
-    def start(self, activity: Any, work: Work, *, device: bool) -> JobStatus:
+    def start(self, activity: Message, work: Work, *, device: bool) -> JobStatus:
         """Start ``work(progress, cancel) -> revision`` and return at once.
 
         What else it found, it returns with the revision as ``Ended``.

@@ -16,12 +16,14 @@ from collections.abc import Callable
 from functools import cache
 from multiprocessing.connection import Connection
 from queue import SimpleQueue
-from typing import Any
+from typing import Any, TypeVar
 
 from threadpoolctl import ThreadpoolController
 
 from rona_core.devices.protocols import Cancel, Progress
 from rona_core.errors import CancelledError, RonaError
+
+T = TypeVar("T")
 
 
 @cache
@@ -78,7 +80,7 @@ def _listen(pipe: Connection, tasks: SimpleQueue[bytes], cancelled: threading.Ev
             tasks.put(message)
 
 
-def _say(pipe: Connection, kind: str, value: Any) -> None:
+def _say(pipe: Connection, kind: str, value: object) -> None:
     message = pickle.dumps((kind, value))
     try:
         pipe.send_bytes(message)
@@ -219,8 +221,8 @@ class ProcessCompute:
             self._idle = [worker or _Worker() for worker in self._idle]
 
     def __call__(
-        self, function: Callable[..., Any], *args: Any, progress: Progress, cancel: Cancel
-    ) -> Any:
+        self, function: Callable[..., T], *args: object, progress: Progress, cancel: Cancel
+    ) -> T:
         """Compute in a process; raises what the function raises, or CancelledError."""
         task = pickle.dumps((function, args))
         try:

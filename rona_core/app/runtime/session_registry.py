@@ -16,13 +16,13 @@ from rona_core.errors import InvalidInputError, NotFoundError
 from rona_core.session.document import Session, Setup
 from rona_core.session.files import load_session, session_from_bytes
 
-__all__ = ["CURRENT", "MAX_UPLOAD_BYTES", "Hub"]
+__all__ = ["CURRENT", "MAX_UPLOAD_BYTES", "SessionRegistry"]
 CURRENT = "current"  # alias for the session that the viewer shows
 MAX_OPEN = 16
 ENDING_S = 1.5  # that the end of the program waits for jobs, all together
 
 
-class Hub:
+class SessionRegistry:
     """Opens and closes workbenches. Safe to use from several threads."""
 
     def __init__(

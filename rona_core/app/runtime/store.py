@@ -4,12 +4,12 @@ import threading
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from datetime import UTC, datetime
-from typing import Any
 
-from rona_core.app.messages.registry import Redo, Undo
-from rona_core.app.messages.serialization import plain_arguments
+from rona_core.app.declarations.declarations import Message
+from rona_core.app.messages.serialization import serialize_arguments
+from rona_core.app.messages.session_messages import Redo, Undo
+from rona_core.app.runtime.handling import handle
 from rona_core.app.runtime.notifier import Notifier
-from rona_core.app.steps.acoustics.handlers import handle
 from rona_core.errors import InvalidInputError
 from rona_core.session.document import LogEntry, Session
 
@@ -56,7 +56,7 @@ class Store:
         """Whether there is a change to do again."""
         return bool(self._redo)
 
-    def dispatch(self, message: Any, time_utc: str | None = None) -> Change:
+    def dispatch(self, message: Message, time_utc: str | None = None) -> Change:
         """Change the session by one message; a message that fails changes nothing.
 
         Args:
@@ -81,7 +81,7 @@ class Store:
             entry = LogEntry(
                 number=len(before.log) + 1,
                 message=type(message).__name__,
-                arguments=plain_arguments(message),
+                arguments=serialize_arguments(message),
                 time_utc=time_utc or datetime.now(UTC).isoformat(timespec="milliseconds"),
             )
             self._session = replace(after, log=(*before.log, entry))

@@ -8,29 +8,34 @@ from typing import Any
 
 from numpy.typing import ArrayLike
 
-from rona_core.app.activities import (
-    CAPTURE_ACTIVITIES,
-    DEVICE_ACTIVITIES,
-    ROBOT_ACTIVITIES,
-    Answer,
+from rona_core.app.declarations.activity_context import (
+    ActivityContext,
+    Compute,
+    ImportSkull,
+    Sweep,
+    compute_here,
 )
+from rona_core.app.declarations.declarations import Message
+from rona_core.app.declarations.registry import REGISTRY
 from rona_core.app.dependencies.requirements import require_for
 from rona_core.app.messages.exact_types import require_exact
-from rona_core.app.messages.registry import COMMANDS
-from rona_core.app.overview.predicted_accuracy import predicted_figures
+from rona_core.app.messages.outcomes import Answer
 from rona_core.app.runtime.jobs import Ended, Jobs, JobStatus
 from rona_core.app.runtime.process_pool import use_one_thread
 from rona_core.app.runtime.store import Change, Store
-from rona_core.app.steps.acoustics.activities import perform
-from rona_core.app.toolbox import Compute, ImportSkull, Sweep, Toolbox, compute_here
 from rona_core.devices.live import Live
 from rona_core.devices.protocols import Cancel, Operator, Progress, Rig, never, silent
 from rona_core.errors import CancelledError, DeviceError, InvalidInputError
 from rona_core.session.codec import digest
 from rona_core.session.document import Session, Setup
 from rona_core.session.members import require_room_for_capture
+from rona_core.session.memo import Memo, forget_all
 
 Figures = dict[str, Any]
+
+
+def _no_figures(session: Session) -> Figures:
+    return {}
 
 
 @dataclass(frozen=True, slots=True)
@@ -42,6 +47,7 @@ class Services:
     evaluate: Callable[[Session, Rig], Figures] | None  # None where no ground truth exists
     compute: Compute = compute_here
     sweep: Sweep | None = None  # over virtual plates
+    predict: Callable[[Session], Figures] = _no_figures  # where no ground truth exists
 
 
 def _keep_nothing(session: Session) -> None:
@@ -68,7 +74,7 @@ class Workbench:
         self._keep = keep
         self._rig_lock = threading.Lock()
         self._rig: tuple[str, Rig] | None = None
-        self._judged: tuple[tuple[Any, Any, Any], Figures] | None = None
+        self._judged: Memo[Figures] = Memo(1)
         self._closed = False
 
     @property
@@ -113,23 +119,25 @@ class Workbench:
             raise DeviceError("the session is closed, and its devices with it")
         return held
 
-    def dispatch(self, command: Any) -> Change:
+    def dispatch(self, command: Message) -> Change:
         """Change the session by a public command, and keep that; errors as in `Store.dispatch`."""
-        if type(command).__name__ not in COMMANDS:
+        if type(command).__name__ not in REGISTRY.commands:
             raise InvalidInputError(f"{type(command).__name__} is not a command")
         require_exact(command)
         change = self.store.dispatch(command)
         self._keep(change.session)
         return change
 
-    def run(self, activity: Any, progress: Progress = silent, cancel: Cancel = never) -> Session:
+    def run(
+        self, activity: Message, progress: Progress = silent, cancel: Cancel = never
+    ) -> Session:
         """Carry out an activity here and now, and store what it produced."""
         require_exact(activity)
         self._require_room_for(activity)
         self._carry_out(activity, progress, cancel)
         return self.session
 
-    def start(self, activity: Any) -> JobStatus:
+    def start(self, activity: Message) -> JobStatus:
         """Start an activity as a job and return at once.
 
         Raises:
@@ -147,21 +155,22 @@ class Workbench:
                 raise CancelledError("cancelled before it began")
             return self._carry_out(activity, progress, cancel)
 
-        return self.jobs.start(activity, work, device=isinstance(activity, DEVICE_ACTIVITIES))
+        return self.jobs.start(activity, work, device=REGISTRY.activity(activity).uses_devices)
 
-    def _require_room_for(self, activity: Any) -> None:
-        if isinstance(activity, CAPTURE_ACTIVITIES):
+    def _require_room_for(self, activity: Message) -> None:
+        if REGISTRY.activity(activity).records:
             require_room_for_capture(self.session.archive)
 
-    def _carry_out(self, activity: Any, progress: Progress, cancel: Cancel) -> Ended:
+    def _carry_out(self, activity: Message, progress: Progress, cancel: Cancel) -> Ended:
         devices = self.rig
-        if isinstance(activity, DEVICE_ACTIVITIES):
+        declared = REGISTRY.activity(activity)
+        if declared.uses_devices:
             rig = self._fitting_rig()  # stays the same until the activity ends
 
             def devices() -> Rig:
                 return rig
 
-        tools = Toolbox(
+        tools = ActivityContext(
             devices=devices,
             live=self.live,
             import_skull=self._services.import_skull,
@@ -173,7 +182,7 @@ class Workbench:
         )
         found = None
         try:
-            for message in perform(activity, self.session, tools):
+            for message in declared.perform(activity, self.session, tools):
                 if isinstance(message, Answer):
                     found = message.value
                 else:
@@ -197,7 +206,8 @@ class Workbench:
 
         What the hand does alone is left to go on: it ends by ``Jobs.cancel``.
         """
-        if self.jobs.device_activity not in ROBOT_ACTIVITIES:
+        running = REGISTRY.activities.get(self.jobs.device_activity or "")
+        if running is None or not running.drives_robot:
             held = self._rig
             if held is None or not held[1].robot.state().moving:
                 return False
@@ -237,17 +247,17 @@ class Workbench:
 
     def figures(self) -> Figures:
         """Return the figures against ground truth; where there is none, only predicted ones."""
-        if self._services.evaluate is None:
-            return dict(predicted_figures(self.session))
+        evaluate = self._services.evaluate
+        if evaluate is None:
+            return dict(self._services.predict(self.session))
         session = self.session
         seen = (session.setup, session.captures, session.results)
-        known = self._judged
-        if known is not None and all(a is b for a, b in zip(known[0], seen, strict=True)):
-            return dict(known[1])
-        busy = self.jobs.devices_busy  # then the devices may be those of an earlier set-up
-        figures = self._services.evaluate(session, self.rig())
-        if not busy:
-            self._judged = (seen, figures)
+
+        def judge() -> Figures:
+            return evaluate(session, self.rig())
+
+        # while devices are busy they may be those of an earlier set-up
+        figures = judge() if self.jobs.devices_busy else self._judged.get(seen, judge)
         return dict(figures)
 
     def close(self) -> None:
@@ -257,6 +267,7 @@ class Workbench:
         self.stop()
         self.store.close()
         self._release()
+        forget_all()
 
     def _release(self) -> None:
         """Close the devices, unless somebody builds them, who then closes them."""

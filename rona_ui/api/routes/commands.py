@@ -6,7 +6,8 @@ from typing import Annotated, Any
 
 from fastapi import APIRouter, Body
 
-from rona_core.app.messages.registry import COMMANDS, Redo, Undo
+from rona_core.app.declarations.registry import REGISTRY
+from rona_core.app.messages.session_messages import Redo, Undo
 from rona_core.app.runtime.workbench import Workbench
 from rona_ui.api.context import EXACT, Bench
 
@@ -45,18 +46,6 @@ def _route(kind: type) -> Callable[..., Changed]:
     return send
 
 
-for _name, _kind in COMMANDS.items():
-    router.add_api_route(
-        f"/sessions/{{session_id}}/commands/{_name}",
-        _route(_kind),
-        methods=["POST"],
-        name=_name,
-        operation_id=_name,
-        summary=(_kind.__doc__ or _name).splitlines()[0],
-        description=_kind.__doc__,
-    )
-
-
 @router.post("/sessions/{session_id}/undo")
 def undo(bench: Bench) -> Changed:
     """Take the last change back; the same as the command `Undo`."""
@@ -67,3 +56,19 @@ def undo(bench: Bench) -> Changed:
 def redo(bench: Bench) -> Changed:
     """Do again what was taken back; the same as the command `Redo`."""
     return changed(bench, Redo())
+
+
+def declared_commands() -> APIRouter:
+    """Return a route for each command that the steps declare."""
+    made = APIRouter(tags=["commands"])
+    for name, kind in REGISTRY.command_types.items():
+        made.add_api_route(
+            f"/sessions/{{session_id}}/commands/{name}",
+            _route(kind),
+            methods=["POST"],
+            name=name,
+            operation_id=name,
+            summary=(kind.__doc__ or name).splitlines()[0],
+            description=kind.__doc__,
+        )
+    return made

@@ -9,7 +9,7 @@ from fastapi import APIRouter, Header, Query
 from starlette.concurrency import run_in_threadpool
 
 from rona_core import __version__
-from rona_core.app.runtime.session_registry import CURRENT, Hub
+from rona_core.app.runtime.session_registry import CURRENT, SessionRegistry
 from rona_core.app.runtime.workbench import Workbench
 from rona_core.errors import NotFoundError
 from rona_ui.api.context import Bench, Open, Sessions, origin_of
@@ -40,7 +40,9 @@ async def session_events(
     return EventStream(_changes(hub, bench, seen, streams))
 
 
-async def _changes(hub: Hub, bench: Workbench, seen: int, streams: Streams) -> AsyncIterator[bytes]:
+async def _changes(
+    hub: SessionRegistry, bench: Workbench, seen: int, streams: Streams
+) -> AsyncIterator[bytes]:
     with streams.waker(bench.store.subscribe, hub.subscribe) as waker:
         while not streams.closing:
             log = bench.session.log
@@ -60,7 +62,7 @@ async def _changes(hub: Hub, bench: Workbench, seen: int, streams: Streams) -> A
                 yield ALIVE
 
 
-def state_of(hub: Hub) -> dict[str, Any]:
+def state_of(hub: SessionRegistry) -> dict[str, Any]:
     """Return the state of the program: the session that the viewer shows, and what runs in it.
 
     ``run`` is another one after each start of the program.
@@ -89,7 +91,7 @@ def state_of(hub: Hub) -> dict[str, Any]:
     return state
 
 
-def _count_lost(hub: Hub) -> int:
+def _count_lost(hub: SessionRegistry) -> int:
     try:
         return len(hub.lost_keys())
     except OSError:  # `GET /recoverable` tells why nobody can look; the state goes on
@@ -108,7 +110,7 @@ async def status_events(hub: Sessions, streams: Open) -> EventStream:
     return EventStream(_states(hub, streams))
 
 
-async def _states(hub: Hub, streams: Streams) -> AsyncIterator[bytes]:
+async def _states(hub: SessionRegistry, streams: Streams) -> AsyncIterator[bytes]:
     sent = None
     with streams.waker(hub.subscribe) as waker:
         followed: Workbench | None = None

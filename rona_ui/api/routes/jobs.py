@@ -6,10 +6,11 @@ from typing import Annotated, Any
 
 from fastapi import APIRouter, Depends, Response
 
-from rona_core.app.messages.registry import ACTIVITIES, StartReplay
+from rona_core.app.declarations.registry import REGISTRY
+from rona_core.app.messages.session_messages import StartReplay
 from rona_core.app.runtime.jobs import JobState, JobStatus
 from rona_core.app.runtime.recompute import Replay
-from rona_core.app.runtime.session_registry import Hub
+from rona_core.app.runtime.session_registry import SessionRegistry
 from rona_core.app.runtime.workbench import Workbench
 from rona_core.errors import NotFoundError
 from rona_ui.api.context import PREFIX, Bench, Open, Sessions
@@ -63,26 +64,13 @@ def _route(kind: type) -> Callable[..., JobInfo]:
     return begin
 
 
-for _name, _kind in ACTIVITIES.items():
-    router.add_api_route(
-        f"/sessions/{{session_id}}/jobs/{_name}",
-        _route(_kind),
-        methods=["POST"],
-        status_code=202,
-        name=_name,
-        operation_id=_name,
-        summary=(_kind.__doc__ or _name).splitlines()[0],
-        description=_kind.__doc__,
-    )
-
-
 @router.post("/sessions/{session_id}/replay", status_code=202, tags=["results"])
 def replay_session(bench: Bench, response: Response) -> JobInfo:
     """Compute every result again from the captures and compare; the same as job `StartReplay`."""
     return start(bench, StartReplay(), response)
 
 
-def _benches(hub: Hub) -> list[Workbench]:
+def _benches(hub: SessionRegistry) -> list[Workbench]:
     found: list[Workbench] = []
     for key in hub.ids():
         try:
@@ -142,3 +130,20 @@ async def _events(bench: Workbench, job_id: str, streams: Streams) -> AsyncItera
                 return
             if not await waker.wait():
                 yield ALIVE
+
+
+def declared_jobs() -> APIRouter:
+    """Return a route for each activity that the steps declare."""
+    made = APIRouter(tags=["jobs"])
+    for name, kind in REGISTRY.activity_types.items():
+        made.add_api_route(
+            f"/sessions/{{session_id}}/jobs/{name}",
+            _route(kind),
+            methods=["POST"],
+            status_code=202,
+            name=name,
+            operation_id=name,
+            summary=(kind.__doc__ or name).splitlines()[0],
+            description=kind.__doc__,
+        )
+    return made

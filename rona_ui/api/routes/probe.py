@@ -5,7 +5,7 @@ from typing import Annotated, Any
 
 from fastapi import APIRouter, Body
 
-from rona_core.app.messages.registry import SetProbe
+from rona_core.app.steps.setup.messages import SetProbe
 from rona_core.devices.samples import AScan
 from rona_core.devices.settings import ProbeSettings
 from rona_core.errors import CancelledError, DeviceError

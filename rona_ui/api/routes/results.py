@@ -5,16 +5,17 @@ from typing import Annotated, Any, Literal
 
 from fastapi import APIRouter, Query
 
+from rona_core.app.declarations.registry import REGISTRY
 from rona_core.app.dependencies.staleness import stale_reason
+from rona_core.app.dependencies.step_states import StepState, step_states, summary
 from rona_core.app.overview.acceptance import QualityRow, quality_rows
 from rona_core.app.overview.frame_graph import frame_rows
-from rona_core.app.overview.step_states import StepState, step_states, summary
+from rona_core.app.steps.boundaries.ascan_view import ScanName, ascan_plot
+from rona_core.app.steps.boundaries.probe_advice import probe_advice
 from rona_core.app.steps.maps.map_accuracy import map_accuracy
-from rona_core.app.steps.scan.ascan_view import ScanName, ascan_plot
-from rona_core.app.steps.setup.probe_advice import probe_advice
 from rona_core.app.steps.tool.calibration_view import calibration_view
 from rona_core.errors import NotFoundError
-from rona_core.session.document import STEPS, Session
+from rona_core.session.document import Session
 from rona_ui.api.context import Bench
 from rona_ui.api.json_response import FastJson, described, plain
 
@@ -28,29 +29,6 @@ MaxPoints = Annotated[
         description="thin arrays out evenly to this many rows; all rows if left out",
     ),
 ]
-# step -> (its captures, its results)
-HELD: dict[str, tuple[tuple[str, ...], tuple[str, ...]]] = {
-    "setup": ((), ()),
-    "tool": (("tool",), ("tool",)),
-    "pointer": (("pointer",), ("pointer",)),
-    "surface": (("surface",), ("surface", "registration")),
-    "path": (("path",), ("path",)),
-    "smoothing": ((), ("smoothing",)),
-    "roll": ((), ("roll", "placement")),
-    "scan": (("scan",), ()),
-    "maps": (
-        ("second", "sono_pivot", "sono_spin", "sono_scan"),
-        (
-            "detection",
-            "second",
-            "second_detection",
-            "maps",
-            "sono",
-            "sono_detection",
-            "sono_maps",
-        ),
-    ),
-}
 
 
 @router.get("/sessions/{session_id}/steps")
@@ -69,10 +47,12 @@ def get_results(bench: Bench, step: str, max_points: MaxPoints = None) -> FastJs
     and a translation. `value` is null while there is nothing. How sure the maps are stands in
     `accuracy` (of the scan by hand: `sono_accuracy`): standard deviations over their grid.
     """
-    if step not in HELD:
-        raise NotFoundError(f"there is no step {step!r}: it is one of {', '.join(STEPS)}")
+    if step not in REGISTRY.step_names:
+        raise NotFoundError(
+            f"there is no step {step!r}: it is one of {', '.join(REGISTRY.step_names)}"
+        )
     session = bench.session
-    captures, results = HELD[step]
+    captures, results = REGISTRY.parts_of(step)
     return FastJson(
         {
             "step": step,
@@ -91,14 +71,14 @@ def get_results(bench: Bench, step: str, max_points: MaxPoints = None) -> FastJs
 
 
 def _capture(name: str, session: Session, max_points: int | None) -> dict[str, Any]:
-    held = getattr(session.captures, name)
+    held = session.captures.get(name)
     missing = held in (None, ())
     stale = None if missing else stale_reason(f"capture {name}", session)
     return {"value": None if missing else plain(held, max_points), "stale_reason": stale}
 
 
 def _result(name: str, session: Session, max_points: int | None) -> dict[str, Any]:
-    derived = getattr(session.results, name)
+    derived = session.results.get(name)
     if derived is None:
         return {"value": None, "stale_reason": None}
     return {**plain(derived, max_points), "stale_reason": stale_reason(name, session)}

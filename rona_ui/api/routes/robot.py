@@ -10,10 +10,12 @@ import numpy as np
 from fastapi import APIRouter, Body, Query, Response
 from starlette.concurrency import run_in_threadpool
 
-from rona_core.app.messages.registry import SetContact, SetRobot, StartRobotMove
 from rona_core.app.runtime.workbench import Workbench
 from rona_core.app.steps.scan.contact_view import contact_report
+from rona_core.app.steps.setup.contact_messages import SetContact
+from rona_core.app.steps.setup.messages import SetRobot
 from rona_core.app.steps.setup.robot_parameters import RobotFigure, robot_figures
+from rona_core.app.steps.tool.messages import StartRobotMove
 from rona_core.devices.settings import RobotSettings
 from rona_core.errors import RonaError
 from rona_ui.api.context import EXACT, Bench, Open

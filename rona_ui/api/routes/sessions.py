@@ -8,7 +8,7 @@ from fastapi import APIRouter, Query, Request, Response
 from starlette.concurrency import run_in_threadpool
 
 from rona_core.app.runtime.saving.export_captures import export_recording
-from rona_core.app.runtime.session_registry import MAX_UPLOAD_BYTES, Hub
+from rona_core.app.runtime.session_registry import MAX_UPLOAD_BYTES, SessionRegistry
 from rona_core.app.runtime.workbench import Workbench
 from rona_core.devices.settings import STRICT, require
 from rona_core.errors import NotFoundError
@@ -87,7 +87,7 @@ class Uploaded:
     size_bytes: int
 
 
-def _made(hub: Hub, bench: Workbench, response: Response) -> SessionInfo:
+def _made(hub: SessionRegistry, bench: Workbench, response: Response) -> SessionInfo:
     response.headers["Location"] = f"{PREFIX}/sessions/{bench.session.id}"
     return info(hub, bench)
 

@@ -9,8 +9,8 @@ from weakref import WeakSet
 from fastapi import APIRouter, Body, Path
 from starlette.concurrency import run_in_threadpool
 
-from rona_core.app.messages.registry import SetToolVisible, SetTracker
 from rona_core.app.runtime.workbench import Workbench
+from rona_core.app.steps.setup.messages import SetToolVisible, SetTracker
 from rona_core.devices.live import LiveTracker, live_tracker_of
 from rona_core.devices.samples import TrackerFrame
 from rona_core.devices.settings import STRICT, TOOLS, TrackerSettings, require

@@ -4,8 +4,8 @@ from dataclasses import replace
 from operator import is_
 from typing import Any
 
-from rona_core.app.messages.registry import StartRetract
-from rona_core.session.document import STEPS
+from rona_core.app.declarations.registry import REGISTRY
+from rona_core.app.steps.scan.messages import StartRetract
 from rona_ui.labels import doing
 from rona_ui.panels.widgets import style
 from rona_ui.panels.widgets.panel_context import PanelContext, on_click
@@ -66,7 +66,9 @@ class RunBar:
         self._context.send(self._panels[self._step].message, event)
 
     def _go_on(self, event: Any) -> None:
-        after = STEPS[min(STEPS.index(self._step) + 1, len(STEPS) - 1)]
+        after = REGISTRY.step_names[
+            min(REGISTRY.step_names.index(self._step) + 1, len(REGISTRY.step_names) - 1)
+        ]
         self._context.change_view(lambda v: replace(v, step=after, drawing=None, picks=()))
 
     def render(self, old: Snapshot | None, new: Snapshot) -> None:
@@ -96,9 +98,9 @@ class RunBar:
         html = f'<div class="r-text">{words}</div>' if words else ""
         if self._progress_words.content != html:
             self._progress_words.content = html
-        last = step == STEPS[-1]
+        last = step == REGISTRY.step_names[-1]
         self._next.visible = (done or partial) and not busy and not last and not drawing
         self._next.color = "gray" if partial else GO_ON
         if not last:
-            after = new.step(STEPS[STEPS.index(step) + 1])
+            after = new.step(REGISTRY.step_names[REGISTRY.step_names.index(step) + 1])
             self._next.label = f"Next: {after.number} {after.title}"

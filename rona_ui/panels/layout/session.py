@@ -3,7 +3,7 @@
 from collections.abc import Callable
 from typing import Any
 
-from rona_core.app.messages.registry import Redo, RenameSession, Undo
+from rona_core.app.messages.session_messages import Redo, RenameSession, Undo
 from rona_core.app.runtime.saving.autosave import CopyState
 from rona_core.app.runtime.saving.export_captures import recorded_captures
 from rona_ui.panels.layout.question import Choice, Question

@@ -3,9 +3,9 @@
 from dataclasses import replace
 from typing import Any
 
+from rona_core.app.declarations.registry import REGISTRY
+from rona_core.app.dependencies.step_states import StepState
 from rona_core.app.overview.acceptance import Judgement
-from rona_core.app.overview.step_states import TITLES, StepState
-from rona_core.session.document import STEPS
 from rona_ui.panels.widgets import style
 from rona_ui.panels.widgets.panel_context import PanelContext, on_click
 from rona_ui.panels.widgets.verdicts import judged
@@ -20,9 +20,9 @@ class StepList:
 
     def __init__(self, gui: Any, context: PanelContext) -> None:
         self._rows: dict[str, Any] = {}
-        for number, name in enumerate(STEPS, start=1):
+        for number, name in enumerate(REGISTRY.step_names, start=1):
             self._rows[name] = gui.add_html("")
-            button = gui.add_button(f"Step {number}: {TITLES[name]}")
+            button = gui.add_button(f"Step {number}: {REGISTRY.title(name)}")
             self._listen(button, name, context)
 
     @staticmethod

@@ -5,8 +5,8 @@ from typing import Any
 
 import numpy as np
 
-from rona_core.app.messages.registry import StartMapping
 from rona_core.app.steps.maps.map_accuracy import accuracy_words
+from rona_core.app.steps.maps.messages import StartMapping
 from rona_core.app.steps.maps.view import MapLayers, layers_of
 from rona_ui.panels.acoustics import SpeedFields
 from rona_ui.panels.handheld import HandheldControls

@@ -4,8 +4,8 @@ from collections.abc import Callable
 from dataclasses import replace
 from typing import Any
 
-from rona_core.app.dependencies.staleness import usable_second
-from rona_core.app.messages.registry import StartGapPlan, StartGapScan, StartMapping
+from rona_core.app.steps.maps.derivation import usable_second
+from rona_core.app.steps.maps.messages import StartGapPlan, StartGapScan, StartMapping
 from rona_core.app.steps.maps.second_pass_view import SecondView, second_cells, second_view
 from rona_ui.panels.widgets import style
 from rona_ui.panels.widgets.form import Form

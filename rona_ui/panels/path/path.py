@@ -2,7 +2,7 @@
 
 from typing import Any
 
-from rona_core.app.messages.registry import StartPathCapture
+from rona_core.app.steps.path.messages import StartPathCapture
 from rona_ui.panels.path.pattern import PatternControls
 from rona_ui.panels.widgets import style
 from rona_ui.panels.widgets.draw_on_skull import DrawingControls

@@ -4,7 +4,7 @@ from typing import Any
 
 import numpy as np
 
-from rona_core.app.steps.path.view import PathView
+from rona_core.app.steps.smoothing.path_view import PathView
 from rona_core.geometry.arrays import Floats
 from rona_ui.panels.widgets import style
 from rona_ui.presentation.colors import BLUE, css, viridis, viridis_css

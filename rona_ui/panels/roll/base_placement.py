@@ -2,9 +2,9 @@
 
 from typing import Any
 
-from rona_core.app.messages.registry import ApplyBasePlacement, StartBasePlacement
 from rona_core.app.steps.roll.base_placement import moves
 from rona_core.app.steps.roll.base_placement_view import BasePlace, BasePlacement, fresh_placement
+from rona_core.app.steps.roll.messages import ApplyBasePlacement, StartBasePlacement
 from rona_core.session.document import Session
 from rona_ui.panels.widgets import style
 from rona_ui.panels.widgets.form import Form

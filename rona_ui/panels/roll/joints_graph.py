@@ -5,8 +5,8 @@ from typing import Any
 
 import numpy as np
 
-from rona_core.app.steps.roll.planned_motion import path_percent_at
 from rona_core.app.steps.roll.view import JointCurves, joint_curves, shown_roll
+from rona_core.app.steps.scan.planned_motion import path_percent_at
 from rona_core.geometry.arrays import Floats
 from rona_ui.panels.widgets import style
 from rona_ui.panels.widgets.graph_style import INK, PADDING, axis

@@ -4,7 +4,7 @@ from dataclasses import replace
 from typing import Any
 
 from rona_core.app.steps.roll.margins_view import PathMargins, Quantity, path_margins
-from rona_core.app.steps.setup.clearance import Nearness
+from rona_core.app.steps.setup.clearance import PairClearance
 from rona_ui.panels.widgets import style
 from rona_ui.panels.widgets.panel_context import PanelContext, on_change
 from rona_ui.presentation.colors import VERMILLION, css, viridis_css
@@ -78,7 +78,7 @@ def bar(found: PathMargins, quantity: Quantity) -> str:
     if fails.any():
         part = 100.0 * float(fails.mean())
         words += f" Red on {max(part, 1.0):.0f} % of the path: not allowed."
-    closest = Nearness(*found.closest, found.closest_mm, found.needed_mm)
+    closest = PairClearance(*found.closest, found.closest_mm, found.needed_mm)
     if quantity == "clearance":
         share = 100.0 * found.closest_at / max(len(values) - 1, 1)
         words += f" Closest: {closest.sentence} (at {share:.0f} %)."
@@ -92,7 +92,7 @@ def bar(found: PathMargins, quantity: Quantity) -> str:
     )
 
 
-def near_words(pairs: tuple[Nearness, ...]) -> str:
+def near_words(pairs: tuple[PairClearance, ...]) -> str:
     """Return what comes too close with the robot as it is drawn, else the nearest pair."""
     hits = [pair for pair in pairs if pair.too_close]
     if hits:

@@ -3,8 +3,8 @@
 from dataclasses import replace
 from typing import Any
 
-from rona_core.app.messages.registry import StartRollSearch
 from rona_core.app.steps.roll.certificate_view import certificate_view
+from rona_core.app.steps.roll.messages import StartRollSearch
 from rona_core.app.steps.roll.view import joint_curves, none_works
 from rona_ui.panels.roll.base_placement import BasePlacementControls
 from rona_ui.panels.roll.certificate import refusal_in_short

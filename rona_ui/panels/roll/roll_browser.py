@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 
-from rona_core.app.messages.registry import ChooseRoll
+from rona_core.app.steps.roll.messages import ChooseRoll
 from rona_core.app.steps.roll.view import (
     joint_curves,
     place_of_roll,

@@ -3,7 +3,7 @@
 from dataclasses import replace
 from typing import Any
 
-from rona_core.app.messages.registry import ChooseRoll
+from rona_core.app.steps.roll.messages import ChooseRoll
 from rona_core.app.steps.roll.view import RankedWay, ranked_ways
 from rona_ui.panels.widgets import style
 from rona_ui.panels.widgets.panel_context import PanelContext, on_change

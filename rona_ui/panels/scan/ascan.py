@@ -3,8 +3,13 @@
 from dataclasses import replace
 from typing import Any
 
-from rona_core.app.steps.scan.ascan_view import AScanPlot, ScanName, ascan_plot, scan_number_at
-from rona_core.app.steps.scan.boundary_handlers import capture_of
+from rona_core.app.steps.boundaries.ascan_view import (
+    AScanPlot,
+    ScanName,
+    ascan_plot,
+    scan_number_at,
+)
+from rona_core.app.steps.boundaries.handlers import capture_of
 from rona_ui.panels.scan.ascan_graph import BANDS, HIGH, KEY, LOW, SERIES, ascan_data
 from rona_ui.panels.scan.bscan_slider import ScanSlider
 from rona_ui.panels.scan.manual_boundary import ManualBoundaryControls

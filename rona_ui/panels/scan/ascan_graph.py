@@ -4,7 +4,7 @@ from typing import Any
 
 import numpy as np
 
-from rona_core.app.steps.scan.ascan_view import AScanPlot
+from rona_core.app.steps.boundaries.ascan_view import AScanPlot
 from rona_core.geometry.arrays import Floats
 from rona_ui.presentation.colors import CATEGORIES, GREEN, ORANGE, PURPLE, VERMILLION, css
 

@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from rona_core.app.steps.scan.ascan_view import (
+from rona_core.app.steps.boundaries.ascan_view import (
     ScanMarks,
     ScanPicture,
     scan_marks,

@@ -3,8 +3,8 @@
 from dataclasses import replace
 from typing import Any
 
-from rona_core.app.messages.registry import ClearBoundaryCorrections, CorrectBoundary
-from rona_core.app.steps.scan.ascan_view import AScanPlot, ScanName
+from rona_core.app.steps.boundaries.ascan_view import AScanPlot, ScanName
+from rona_core.app.steps.boundaries.messages import ClearBoundaryCorrections, CorrectBoundary
 from rona_ui.panels.widgets import style
 from rona_ui.panels.widgets.panel_context import PanelContext, on_change, on_click
 from rona_ui.presentation.snapshot import Snapshot

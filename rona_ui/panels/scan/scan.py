@@ -2,7 +2,7 @@
 
 from typing import Any
 
-from rona_core.app.messages.registry import StartScan
+from rona_core.app.steps.scan.messages import StartScan
 from rona_ui.panels.scan.contact import ContactFields, contact_note
 from rona_ui.panels.widgets import style
 from rona_ui.panels.widgets.step_panel import StepPanel

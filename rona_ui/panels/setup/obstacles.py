@@ -3,9 +3,13 @@
 from dataclasses import replace
 from typing import Any
 
-from rona_core.app.messages.registry import AddObstacle, RemoveObstacle, SetWorkcell
-from rona_core.app.steps.setup.clearance import near_pairs
-from rona_core.app.steps.setup.workcell_messages import STANDARD
+from rona_core.app.steps.setup.clearance import clearance_violations
+from rona_core.app.steps.setup.workcell_messages import (
+    STANDARD,
+    AddObstacle,
+    RemoveObstacle,
+    SetWorkcell,
+)
 from rona_core.devices.workcell import RoomBox, Surroundings
 from rona_ui.panels.widgets import style
 from rona_ui.panels.widgets.form import Form
@@ -168,7 +172,7 @@ def clearance_warning(snapshot: Snapshot) -> str:
     """Return a warning if the home pose violates a clearance: nothing can be planned then."""
     if snapshot.static_scene is None:
         return ""
-    pairs = near_pairs(snapshot.session, snapshot.static_scene.home_rad)
+    pairs = clearance_violations(snapshot.session, snapshot.static_scene.home_rad)
     names = sorted({pair.second for pair in pairs if pair.too_close})
     if not names:
         return ""

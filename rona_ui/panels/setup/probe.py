@@ -2,7 +2,7 @@
 
 from typing import Any
 
-from rona_core.app.messages.registry import CalibrateDelayLine, SetProbe, StartDelayLineCapture
+from rona_core.app.steps.acoustics.messages import CalibrateDelayLine, StartDelayLineCapture
 from rona_core.app.steps.acoustics.view import (
     EDITABLE,
     ExpectedPerformance,
@@ -11,7 +11,8 @@ from rona_core.app.steps.acoustics.view import (
     probe_performances,
     probe_values,
 )
-from rona_core.app.steps.setup.probe_advice import THICK_MM, THIN_MM, probe_advice
+from rona_core.app.steps.boundaries.probe_advice import THICK_MM, THIN_MM, probe_advice
+from rona_core.app.steps.setup.messages import SetProbe
 from rona_core.devices.settings import PROBE_LIMITS, ProbeSettings
 from rona_core.session.document import Session
 from rona_ui.panels.widgets import style

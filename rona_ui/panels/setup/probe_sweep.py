@@ -2,7 +2,7 @@
 
 from typing import Any
 
-from rona_core.app.messages.registry import StartProbeSweep
+from rona_core.app.steps.acoustics.messages import StartProbeSweep
 from rona_core.app.steps.acoustics.view import WhatIf
 from rona_core.devices.settings import Excitation, ProbeName
 from rona_core.session.specimen import BoneKind

@@ -3,7 +3,7 @@
 from pathlib import PurePath
 from typing import Any
 
-from rona_core.app.messages.registry import (
+from rona_core.app.steps.setup.messages import (
     SetBoneModel,
     SetPointer,
     SetRegion,

@@ -2,7 +2,7 @@
 
 from typing import Any
 
-from rona_core.app.messages.registry import MoveTracker, SetTracker
+from rona_core.app.steps.setup.messages import MoveTracker, SetTracker
 from rona_core.devices.settings import TrackerSettings
 from rona_ui.panels.widgets.form import Form
 

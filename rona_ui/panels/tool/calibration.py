@@ -2,7 +2,7 @@
 
 from typing import Any
 
-from rona_core.app.messages.registry import ExcludePoses
+from rona_core.app.steps.pointer.messages import ExcludePoses
 from rona_core.app.steps.tool.calibration_view import (
     EXCLUDED,
     MARKS,
@@ -65,13 +65,12 @@ class CalibrationControls:
     def render(self, old: Snapshot | None, new: Snapshot) -> None:
         """Follow the calibration; rest while a job runs."""
         self._toggle.disabled = self._all.disabled = new.busy
-        held = getattr(new.session.results, self._step)
+        held = new.session.results.get(self._step)
         stale = new.step(self._step).state == "stale"
         if (
             old is not None
-            and getattr(old.session.results, self._step) is held
-            and getattr(old.session.captures, self._step)
-            is getattr(new.session.captures, self._step)
+            and old.session.results.get(self._step) is held
+            and old.session.captures.get(self._step) is new.session.captures.get(self._step)
             and (old.step(self._step).state == "stale") == stale
         ):
             return

@@ -2,7 +2,7 @@
 
 from typing import Any
 
-from rona_core.app.messages.registry import StartToolCapture
+from rona_core.app.steps.tool.messages import StartToolCapture
 from rona_ui.panels.tool.calibration import CalibrationControls
 from rona_ui.panels.widgets import style
 from rona_ui.panels.widgets.step_panel import StepPanel

@@ -3,7 +3,7 @@
 from pathlib import PurePath
 from typing import Any, Literal
 
-from rona_core.app.messages.registry import StartPivotImport, StartRecordingImport
+from rona_core.app.steps.recordings.messages import StartPivotImport, StartRecordingImport
 from rona_ui.panels.widgets import style
 from rona_ui.panels.widgets.panel_context import PanelContext
 from rona_ui.presentation.snapshot import Snapshot

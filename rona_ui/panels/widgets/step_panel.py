@@ -1,8 +1,8 @@
 """Base class of the nine step panels: fields shown only while the step is active."""
 
-from dataclasses import fields
 from typing import Any, ClassVar
 
+from rona_core.app.declarations.registry import REGISTRY
 from rona_core.errors import InvalidInputError
 from rona_ui.panels.widgets import style
 from rona_ui.panels.widgets.form import Form
@@ -83,7 +83,7 @@ def stopped_note(snapshot: Snapshot, activity: str) -> str:
         return style.note(f"Stopped: {job.error}.", "warn")
     session = snapshot.session
     last = session.archive[-1] if session.archive else None
-    captures = [getattr(session.captures, part.name) for part in fields(session.captures)]
+    captures = [session.captures.get(name) for name in REGISTRY.captures]
     if last is None or any(last is c or (isinstance(c, tuple) and last in c) for c in captures):
         return ""
     return style.note(

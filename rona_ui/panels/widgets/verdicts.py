@@ -1,30 +1,21 @@
 """Verdicts of the figures: one verdict for step list, notes and table."""
 
-from typing import Any
-
 from rona_core.app.overview.acceptance import Judgement, QualityRow, judgement, quality_rows
-from rona_core.session.document import Session
+from rona_core.session.memo import Memo
 from rona_ui.panels.widgets import style
 from rona_ui.presentation.snapshot import Snapshot
 
 MAX_LISTED = 3  # figures in a note
 
 
-class _Latest:
-    """Rows of the last snapshot: every panel of every browser asks for the same ones."""
-
-    key: tuple[dict[str, Any], Session] | None = None
-    rows: tuple[QualityRow, ...] = ()
+# every panel of every browser asks for the same ones
+_ROWS: Memo[tuple[QualityRow, ...]] = Memo(1)
 
 
 def rows_of(snapshot: Snapshot) -> tuple[QualityRow, ...]:
     """Return the figures of a picture with their verdicts."""
-    key = (snapshot.figures, snapshot.session)
-    held = _Latest.key
-    if held is None or held[0] is not key[0] or held[1] is not key[1]:
-        _Latest.rows = quality_rows(snapshot.figures, snapshot.session)
-        _Latest.key = key
-    return _Latest.rows
+    figures, session = snapshot.figures, snapshot.session
+    return _ROWS.get((figures, session), lambda: quality_rows(figures, session))
 
 
 def judged(snapshot: Snapshot, step: str) -> Judgement:

@@ -2,10 +2,10 @@
 
 import numpy as np
 
+from rona_core.app.steps.boundaries.ascan_view import ScanName, scan_number_at, scan_poses
+from rona_core.app.steps.boundaries.handlers import DETECTIONS, capture_of, detection_of_scan
 from rona_core.app.steps.handheld.scans import hand_poses
 from rona_core.app.steps.maps.view import layers_of
-from rona_core.app.steps.scan.ascan_view import ScanName, scan_number_at, scan_poses
-from rona_core.app.steps.scan.boundary_handlers import DETECTIONS, capture_of, detection_of_scan
 from rona_core.geometry.arrays import Bools, Floats
 from rona_ui.presentation.colors import GREEN, SKY, VERMILLION, YELLOW, viridis
 from rona_ui.presentation.shown_maps import map_sigma, shown_maps, shown_maps_key
@@ -114,6 +114,6 @@ def _scan_key(snapshot: Snapshot) -> tuple[object, ...]:
     """Return what tells one drawing of the points from another."""
     session, results, scan = snapshot.session, snapshot.session.results, snapshot.scan
     of_hand = (id(results.tool), id(results.sono)) if scan == "hand" else ()
-    found = getattr(results, DETECTIONS[scan])
+    found = results.get(DETECTIONS[scan])
     drawn = id(capture_of(session, scan)), id(found), id(snapshot.static_scene)
     return *drawn, id(session.boundary_edits), scan, *of_hand

@@ -3,7 +3,7 @@
 import numpy as np
 
 from rona_core.app.steps.path.path_checks import PathCheck, check_path
-from rona_core.app.steps.path.view import PathView
+from rona_core.app.steps.smoothing.path_view import PathView
 from rona_core.geometry.arrays import Floats
 from rona_ui.presentation.colors import BLUE, ORANGE, PURPLE, VERMILLION, viridis
 from rona_ui.presentation.shown_path import shown_path, shown_path_key, shows_margins

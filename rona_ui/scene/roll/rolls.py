@@ -2,7 +2,6 @@
 
 import numpy as np
 
-from rona_core.app.steps.roll.planned_motion import motion_stale
 from rona_core.app.steps.roll.view import (
     place_of_roll,
     point_at,
@@ -10,6 +9,7 @@ from rona_core.app.steps.roll.view import (
     shown_roll,
     shows_varying,
 )
+from rona_core.app.steps.scan.planned_motion import motion_stale
 from rona_core.geometry.arrays import Floats
 from rona_core.geometry.pose import Poses
 from rona_ui.presentation.colors import GREEN, VERMILLION, YELLOW

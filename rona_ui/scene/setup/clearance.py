@@ -2,7 +2,7 @@
 
 from rona_core.app.steps.roll.view import joint_curves
 from rona_core.app.steps.setup.clearance import (
-    DrawnThing,
+    ObstacleMesh,
     drawn_link,
     drawn_obstacles,
     drawn_parts,
@@ -73,7 +73,7 @@ class ObstaclesLayer(Layer):
     def __init__(self, nodes: SceneNodes) -> None:
         super().__init__(nodes)
         self._of: tuple[object, ...] = ()  # what the drawn things follow from
-        self._drawn: tuple[DrawnThing, ...] = ()
+        self._drawn: tuple[ObstacleMesh, ...] = ()
 
     def render(self, old: Snapshot | None, new: Snapshot) -> None:
         """Draw what stands around where it is another, and show what is wanted."""
@@ -94,7 +94,7 @@ class ObstaclesLayer(Layer):
             self.nodes.show(node, seen)
             self.nodes.show(_label(thing.name), seen)
 
-    def _draw(self, things: tuple[DrawnThing, ...], added: set[str]) -> None:
+    def _draw(self, things: tuple[ObstacleMesh, ...], added: set[str]) -> None:
         """Draw these things in place of those before; what was added has its name on it."""
         before = {thing.name for thing in self._drawn}
         self._drawn = things

@@ -5,8 +5,9 @@ import sys
 
 import pytest
 
-from rona_core.app.messages.registry import RenameSession, SetSeed
-from rona_core.compose import build_hub
+from rona_core.app.messages.session_messages import RenameSession
+from rona_core.app.steps.setup.messages import SetSeed
+from rona_core.compose import build_registry
 from rona_core.session.codec import digest
 from rona_core.session.files import load_session
 from rona_ui.cli import main, serve
@@ -16,7 +17,7 @@ from tests.api.cli.test_cli import refused
 @pytest.fixture
 def left(tmp_path):
     """Sessions that a program left unsaved in ``tmp_path``, by name."""
-    hub = build_hub(tmp_path, processes=False)
+    hub = build_registry(tmp_path, processes=False)
     sessions = {}
     for name in ("first", "second", "second"):
         bench = hub.create("new")
@@ -99,7 +100,7 @@ def test_what_is_damaged_in_part_is_saved_and_stays(left, capsys, tmp_path):
 def test_serve_says_at_its_start_what_can_be_recovered(
     left, capsys, tmp_path, monkeypatch, ended, words
 ):
-    def once(settings, *, build_hub, open_window, say):
+    def once(settings, *, build_registry, open_window, say):
         say("http://address")
 
     def leave():

@@ -1,7 +1,8 @@
 """The example scripts do what they say, the one over REST against a real server."""
 
 from examples import compare_pointers, drive_over_rest, scan_by_hand
-from rona_core.app.messages.registry import StartHandheldScan, StartSurfaceCapture
+from rona_core.app.steps.handheld.messages import StartHandheldScan
+from rona_core.app.steps.surface.messages import StartSurfaceCapture
 
 
 def test_the_harness_calibrates_the_pointer_over_rest(web):

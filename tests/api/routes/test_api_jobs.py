@@ -8,7 +8,7 @@ import pytest
 
 from rona_core.devices.settings import TOOLS
 from rona_core.errors import CancelledError, DeviceError
-from rona_core.session.document import PointerCapture
+from rona_core.session.captures import PointerCapture
 from rona_ui.server import PREFIX
 
 QUICK = {"duration_s": 2.0}
@@ -85,7 +85,7 @@ def test_a_replay_does_not_hold_its_request_up_and_can_be_cancelled(at, client, 
             threading.Event().wait(0.002)
         raise CancelledError("the replay was cancelled")
 
-    monkeypatch.setattr("rona_core.app.activities.replay_report", endless)
+    monkeypatch.setattr("rona_core.app.runtime.session_step.replay_report", endless)
     answer = at("POST", "/replay")
     job = answer.json()
     assert (answer.status_code, job["state"], job["result"]) == (202, "running", None)

@@ -2,8 +2,9 @@
 
 import pytest
 
-from rona_core.app.messages.registry import RenameSession, SetSeed
-from rona_core.compose import build_hub
+from rona_core.app.messages.session_messages import RenameSession
+from rona_core.app.steps.setup.messages import SetSeed
+from rona_core.compose import build_registry
 from rona_core.session.codec import digest
 from rona_core.session.document import Session
 from rona_core.session.files import load_session, save_session
@@ -14,7 +15,7 @@ from tests.api.routes.test_api_routes import refused
 @pytest.fixture
 def lost(web):
     """The session that another program left unsaved on the server's folder."""
-    hub = build_hub(web.folder, processes=False)
+    hub = build_registry(web.folder, processes=False)
     bench = hub.create("left <b>behind</b>", 3)
     bench.dispatch(SetSeed(31))
     bench.dispatch(RenameSession("left & behind"))

@@ -6,7 +6,7 @@ import re
 
 import pytest
 
-from rona_core.app.messages.registry import ACTIVITIES, COMMANDS
+from rona_core.app.declarations.registry import REGISTRY
 from rona_core.session.codec import digest
 from rona_core.session.files import load_session
 from rona_ui.api.problems import TITLES
@@ -44,9 +44,9 @@ GET /sessions/{session_id}/operator/pointer; PUT /sessions/{session_id}/operator
 POST /sessions/{session_id}/operator/pointer/finish
 """
 WRITTEN = {tuple(line.split()) for line in re.split(r"[;\n]", ROUTES) if line.strip()}
-GENERATED = {("POST", f"/sessions/{{session_id}}/commands/{name}") for name in COMMANDS} | {
-    ("POST", f"/sessions/{{session_id}}/jobs/{name}") for name in ACTIVITIES
-}
+GENERATED = {
+    ("POST", f"/sessions/{{session_id}}/commands/{name}") for name in REGISTRY.command_types
+} | {("POST", f"/sessions/{{session_id}}/jobs/{name}") for name in REGISTRY.activity_types}
 
 
 def refused(answer, status, code):
@@ -125,9 +125,9 @@ def test_every_reference_in_the_document_leads_somewhere(document):
     assert "HTTPValidationError" not in json.dumps(document)
 
 
-@pytest.mark.parametrize("name", COMMANDS | ACTIVITIES)
+@pytest.mark.parametrize("name", REGISTRY.command_types | REGISTRY.activity_types)
 def test_the_body_of_a_message_is_its_dataclass(document, name):
-    kind = (COMMANDS | ACTIVITIES)[name]
+    kind = (REGISTRY.command_types | REGISTRY.activity_types)[name]
     schema = document["components"]["schemas"][name]
     assert schema["additionalProperties"] is False
     assert set(schema.get("properties", {})) == {field.name for field in dataclasses.fields(kind)}
@@ -141,7 +141,7 @@ def test_nobody_gets_in_without_a_token(anonymous, where):
     refused(anonymous.request(method, PREFIX + path), 401, "unauthorized")
 
 
-@pytest.mark.parametrize("name", COMMANDS)
+@pytest.mark.parametrize("name", REGISTRY.command_types)
 def test_a_command_without_body_is_carried_out_or_refused_by_name(at, name):
     answer = at("POST", f"/commands/{name}")
     if answer.status_code == 200:
@@ -208,7 +208,7 @@ def test_half_a_character_is_refused(at):
         ("DELETE", "/jobs/unknown"),
         ("GET", "/jobs/unknown/events"),
         ("GET", "/nothing"),
-        ("POST", "/sessions/unknown/commands/StoreMaps"),
+        ("POST", "/sessions/unknown/commands/StoreResult"),
     ],
 )
 def test_what_is_not_there_is_a_problem(client, method, path):
@@ -216,7 +216,7 @@ def test_what_is_not_there_is_a_problem(client, method, path):
 
 
 def test_an_outcome_cannot_be_posted(at):
-    refused(at("POST", "/commands/StoreRobotPlan", json={}), 404, "not_found")
+    refused(at("POST", "/commands/StoreCapture", json={}), 404, "not_found")
 
 
 def test_a_wrong_method_is_a_problem(at):

@@ -7,26 +7,27 @@ from typing import Literal, Union, get_args, get_origin, get_type_hints
 
 import pytest
 
-from rona_core.app.messages.registry import (
-    ACTIVITIES,
-    COMMANDS,
-    SetContact,
-    SetProbe,
-    SetRobot,
-    SetTracker,
-)
+from rona_core.app.declarations.registry import REGISTRY
+from rona_core.app.steps.setup.contact_messages import SetContact
+from rona_core.app.steps.setup.messages import SetProbe, SetRobot, SetTracker
 from rona_ui.api.routes.operator import PointerTurn
 from rona_ui.api.routes.sessions import FileToOpen, FileToSave, NewSession
 from rona_ui.api.routes.tracker import ToolPose, Visible
 
 IN_SESSION = "/sessions/{}"
 ROUTES = [
-    *(("POST", f"{IN_SESSION}/commands/{name}", kind) for name, kind in COMMANDS.items()),
-    *(("POST", f"{IN_SESSION}/jobs/{name}", kind) for name, kind in ACTIVITIES.items()),
+    *(
+        ("POST", f"{IN_SESSION}/commands/{name}", kind)
+        for name, kind in REGISTRY.command_types.items()
+    ),
+    *(
+        ("POST", f"{IN_SESSION}/jobs/{name}", kind)
+        for name, kind in REGISTRY.activity_types.items()
+    ),
     ("POST", "/sessions", NewSession),
     ("POST", "/sessions/open", FileToOpen),
     ("POST", f"{IN_SESSION}/save", FileToSave),
-    ("POST", f"{IN_SESSION}/robot/move", ACTIVITIES["StartRobotMove"]),
+    ("POST", f"{IN_SESSION}/robot/move", REGISTRY.activity_types["StartRobotMove"]),
     ("PUT", f"{IN_SESSION}/robot/settings", SetRobot),
     ("PUT", f"{IN_SESSION}/robot/contact", SetContact),
     ("PUT", f"{IN_SESSION}/probe/settings", SetProbe),

@@ -6,28 +6,20 @@ import threading
 import httpx2
 import pytest
 
-from rona_core.app.messages.registry import (
-    COMMANDS,
-    CalibratePointer,
-    SetPointer,
-    SetRegion,
-    SetSeed,
-    SetTracker,
-    SmoothScanPath,
-    StartGapPlan,
-    StartGapScan,
-    StartMapping,
-    StartPathCapture,
-    StartPointerCapture,
-    StartRollSearch,
-    StartScan,
-    StartSurfaceCapture,
-    StartToolCapture,
-    Undo,
-)
-from rona_core.app.messages.serialization import plain_arguments
+from rona_core.app.declarations.registry import REGISTRY
+from rona_core.app.messages.serialization import serialize_arguments
+from rona_core.app.messages.session_messages import Undo
 from rona_core.app.procedure import PROCEDURE
-from rona_core.compose import build_hub
+from rona_core.app.steps.maps.messages import StartGapPlan, StartGapScan, StartMapping
+from rona_core.app.steps.path.messages import StartPathCapture
+from rona_core.app.steps.pointer.messages import CalibratePointer, StartPointerCapture
+from rona_core.app.steps.roll.messages import StartRollSearch
+from rona_core.app.steps.scan.messages import StartScan
+from rona_core.app.steps.setup.messages import SetPointer, SetRegion, SetSeed, SetTracker
+from rona_core.app.steps.smoothing.messages import SmoothScanPath
+from rona_core.app.steps.surface.messages import StartSurfaceCapture
+from rona_core.app.steps.tool.messages import StartToolCapture
+from rona_core.compose import build_registry
 from rona_core.errors import InvalidInputError
 from rona_core.session.codec import digest
 from rona_core.session.document import Session, Setup
@@ -47,8 +39,8 @@ def through_rest(client, messages, name="rest", seed=3):
     session = client.post("/sessions", json={"name": name, "seed": seed}).json()["id"]
     for message in messages:
         kind = type(message).__name__
-        body = plain_arguments(message)
-        if kind in COMMANDS:
+        body = serialize_arguments(message)
+        if kind in REGISTRY.command_types:
             answer = client.post(f"/sessions/{session}/commands/{kind}", json=body)
             assert answer.status_code == 200, answer.text
             continue
@@ -60,10 +52,10 @@ def through_rest(client, messages, name="rest", seed=3):
 
 
 def in_python(folder, messages, seed=3):
-    hub = build_hub(folder, processes=False)
+    hub = build_registry(folder, processes=False)
     bench = hub.create("python", seed)
     for message in messages:
-        if type(message).__name__ in COMMANDS:
+        if type(message).__name__ in REGISTRY.command_types:
             bench.dispatch(message)
         else:
             bench.run(message)
@@ -135,7 +127,7 @@ def test_the_whole_procedure_through_rest(client, web, tmp_path):
 
 
 def test_a_server_ends_while_streams_are_open(tmp_path):
-    hub = build_hub(tmp_path, processes=False)
+    hub = build_registry(tmp_path, processes=False)
     hub.create()
     settings = ServerSettings(port=0, sessions=tmp_path, token=TOKEN)
     server, thread, port = start(hub, None, settings)
@@ -162,13 +154,13 @@ def test_the_first_session_is_a_copy_of_the_demo(tmp_path, monkeypatch):
     demo = tmp_path / "demo.rona"
     save_session(Session(name="demo", setup=Setup(seed=42)), demo)
     monkeypatch.setattr("rona_ui.server.demo_session", lambda: demo)
-    hub = build_hub(tmp_path, processes=False)
+    hub = build_registry(tmp_path, processes=False)
     open_first_session(hub)
     assert hub.get().session.setup.seed == 42
     assert hub.file("current") is None  # saving does not write the demo over
     hub.close_all()
     demo.write_bytes(b"of another age")
-    hub = build_hub(tmp_path, processes=False)
+    hub = build_registry(tmp_path, processes=False)
     open_first_session(hub)
     assert hub.get().session.log == ()
     hub.close_all()
@@ -180,7 +172,7 @@ def test_a_port_that_is_taken_is_refused_by_name(tmp_path, web):
 
     settings = ServerSettings(port=web.port, sessions=tmp_path, token="t")
     with pytest.raises(InvalidInputError, match=str(web.port)):
-        serve(settings, build_hub=never, open_window=never, say=never)
+        serve(settings, build_registry=never, open_window=never, say=never)
 
 
 def test_serve_opens_the_window_says_the_address_and_cleans_up(tmp_path, monkeypatch):
@@ -201,7 +193,7 @@ def test_serve_opens_the_window_says_the_address_and_cleans_up(tmp_path, monkeyp
     settings = ServerSettings(port=0, sessions=tmp_path, token="t", open_browser=False)
     serve(
         settings,
-        build_hub=lambda folder: build_hub(folder, processes=False),
+        build_registry=lambda folder: build_registry(folder, processes=False),
         open_window=lambda server, hub: Window(),
         say=told.append,
     )

@@ -7,22 +7,20 @@ import pytest
 
 from rona_core.app.dependencies.base_reference import placed_reason, reference_of
 from rona_core.app.dependencies.staleness import stale_reason
-from rona_core.app.handlers import handle
-from rona_core.app.messages.registry import (
-    BuildPath,
-    BuildSurface,
+from rona_core.app.dependencies.step_states import step_states
+from rona_core.app.overview.predicted_accuracy import predict_surface
+from rona_core.app.runtime.handling import handle
+from rona_core.app.steps.path.messages import BuildPath
+from rona_core.app.steps.pointer.messages import StartPointerCapture
+from rona_core.app.steps.setup.messages import (
     MoveTracker,
-    RegisterTool,
     SetRobot,
     SetToolVisible,
     SetTracker,
     SetUseBaseMarker,
-    StartPointerCapture,
-    StartSurfaceCapture,
-    StartToolCapture,
 )
-from rona_core.app.overview.predicted_accuracy import predict_surface
-from rona_core.app.overview.step_states import step_states
+from rona_core.app.steps.surface.messages import BuildSurface, StartSurfaceCapture
+from rona_core.app.steps.tool.messages import RegisterTool, StartToolCapture
 from rona_core.app.steps.tool.tracker_delay import delay_words, measured_times_s, tracker_delay
 from rona_core.calibration.timing.time_offset import TimeOffset
 from rona_core.compose import new_workbench

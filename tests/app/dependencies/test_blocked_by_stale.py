@@ -5,24 +5,17 @@ from dataclasses import replace
 import pytest
 
 from rona_core.app.dependencies.staleness import session_obstacles, stale_reason
-from rona_core.app.handlers import handle
-from rona_core.app.messages.registry import (
-    BuildSurface,
-    ChooseRoll,
-    GenerateScanPattern,
-    SetRobot,
-    SetSeed,
-    SmoothScanPath,
-    StartGapScan,
-    StartMapping,
-    StartPathCapture,
-    StartRollSearch,
-    StartScan,
-    StartSurfaceCapture,
-    StartToolCapture,
-)
-from rona_core.app.overview.step_states import step_states
+from rona_core.app.dependencies.step_states import step_states
+from rona_core.app.runtime.handling import handle
 from rona_core.app.runtime.workbench import Workbench
+from rona_core.app.steps.maps.messages import StartGapScan, StartMapping
+from rona_core.app.steps.path.messages import GenerateScanPattern, StartPathCapture
+from rona_core.app.steps.roll.messages import ChooseRoll, StartRollSearch
+from rona_core.app.steps.scan.messages import StartScan
+from rona_core.app.steps.setup.messages import SetRobot, SetSeed
+from rona_core.app.steps.smoothing.messages import SmoothScanPath
+from rona_core.app.steps.surface.messages import BuildSurface, StartSurfaceCapture
+from rona_core.app.steps.tool.messages import StartToolCapture
 from rona_core.compose import virtual_services
 from rona_core.errors import StepBlockedError
 from rona_core.session.codec import digest

@@ -5,17 +5,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from rona_core.app.derive import tool_poses
-from rona_core.app.messages.registry import (
-    CalibratePointer,
-    ExcludePoses,
-    RegisterTool,
-    StartPointerCapture,
-    StartToolCapture,
-    Undo,
-)
+from rona_core.app.messages.session_messages import Undo
 from rona_core.app.runtime.recompute import replay
+from rona_core.app.steps.pointer.messages import CalibratePointer, ExcludePoses, StartPointerCapture
 from rona_core.app.steps.tool.calibration_view import EXCLUDED, REJECTED, USED, calibration_view
+from rona_core.app.steps.tool.derivation import tool_poses
+from rona_core.app.steps.tool.messages import RegisterTool, StartToolCapture
 from rona_core.compose import new_workbench
 from rona_core.errors import DegenerateGeometryError, InvalidInputError, StepBlockedError
 from rona_core.session.codec import digest
@@ -58,7 +53,7 @@ def test_left_out_poses_do_not_count_and_undo_counts_them_again(bench, step, com
 @pytest.mark.parametrize("method", ["joint", "paper"])
 def test_a_pose_left_out_has_no_say_in_the_tool(bench, method):
     """The result is that of the same poses without it."""
-    from rona_core.app.derive import tool_poses
+    from rona_core.app.steps.tool.derivation import tool_poses
     from rona_core.calibration.hand_eye.tool_registration import register_tool
 
     robot, marker, phases = tool_poses(bench.session)

@@ -5,17 +5,15 @@ from itertools import count
 
 import pytest
 
-from rona_core.app.messages.registry import (
-    StartPathCapture,
-    StartPointerCapture,
-    StartScan,
-    StartSurfaceCapture,
-    StartToolCapture,
-)
-from rona_core.app.overview.step_states import step_states
+from rona_core.app.dependencies.step_states import step_states
 from rona_core.app.runtime.workbench import Workbench
-from rona_core.app.steps.scan.ascan_view import ascan_plot
-from rona_core.app.steps.scan.boundary_handlers import detection_of_scan
+from rona_core.app.steps.boundaries.ascan_view import ascan_plot
+from rona_core.app.steps.boundaries.handlers import detection_of_scan
+from rona_core.app.steps.path.messages import StartPathCapture
+from rona_core.app.steps.pointer.messages import StartPointerCapture
+from rona_core.app.steps.scan.messages import StartScan
+from rona_core.app.steps.surface.messages import StartSurfaceCapture
+from rona_core.app.steps.tool.messages import StartToolCapture
 from rona_core.compose import virtual_services
 from rona_core.errors import CancelledError
 from rona_core.session.document import Session

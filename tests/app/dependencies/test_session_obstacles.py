@@ -6,10 +6,11 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+from rona_core.app.declarations.registry import REGISTRY
 from rona_core.app.dependencies.obstacles import obstacles_of
-from rona_core.app.dependencies.staleness import RESULT_INPUTS, session_obstacles
-from rona_core.app.messages.registry import StartRobotMove, StartToolCapture
-from rona_core.app.steps.scan.capture import capture_scan
+from rona_core.app.dependencies.staleness import session_obstacles
+from rona_core.app.steps.scan.captures import capture_scan
+from rona_core.app.steps.tool.messages import StartRobotMove, StartToolCapture
 from rona_core.compose import new_workbench
 from rona_core.devices.settings import DeviceSettings, RobotSettings
 from rona_core.devices.workcell import Surroundings
@@ -92,7 +93,10 @@ def test_too_small_a_patch_leaves_the_head_where_it_was_put():
 
 def test_surroundings_are_an_input_of_the_plan():
     session = Session()
-    assert RESULT_INPUTS["roll"]["obstacles"].read(session) == session_obstacles(session).digest()
+    assert (
+        REGISTRY.result("roll").inputs["obstacles"].read(session)
+        == session_obstacles(session).digest()
+    )
     wider = Session(setup=setup_with(margin_mm=30.0))
     assert digest(session_obstacles(wider)) != digest(session_obstacles(Session()))
 

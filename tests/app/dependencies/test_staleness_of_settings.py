@@ -6,21 +6,34 @@ what is stale of itself comes out otherwise.
 """
 
 from dataclasses import fields, replace
-from typing import Any, get_args
+from typing import Any
 
 import pytest
 
-from rona_core.app.dependencies.staleness import RESULTS, digest_of, input_digests, stale_reason
-from rona_core.app.derive import SHORT
-from rona_core.app.messages import registry as messages
-from rona_core.app.messages.registry import (
-    AddObstacle,
+from rona_core.app.declarations.registry import REGISTRY
+from rona_core.app.dependencies.staleness import digest_of, input_digests, stale_reason
+from rona_core.app.messages.serialization import message_from
+from rona_core.app.messages.session_messages import RenameSession
+from rona_core.app.runtime.handling import handle
+from rona_core.app.runtime.workbench import Workbench
+from rona_core.app.steps.acoustics.messages import (
     CalibrateDelayLine,
+    StartCaliperMeasurements,
+    StartDelayLineCapture,
+)
+from rona_core.app.steps.handheld.messages import (
+    StartHandheldCalibration,
+    StartHandheldMapping,
+    StartHandheldScan,
+)
+from rona_core.app.steps.path.messages import StartPathCapture
+from rona_core.app.steps.pointer.messages import StartPointerCapture
+from rona_core.app.steps.roll.derivation import derive_roll
+from rona_core.app.steps.roll.messages import StartBasePlacement, StartRollSearch
+from rona_core.app.steps.setup.contact_messages import SetContact
+from rona_core.app.steps.setup.messages import (
     MoveTracker,
-    RemoveObstacle,
-    RenameSession,
     SetBoneModel,
-    SetContact,
     SetPointer,
     SetProbe,
     SetRegion,
@@ -29,27 +42,14 @@ from rona_core.app.messages.registry import (
     SetToolVisible,
     SetTracker,
     SetUseBaseMarker,
-    SetWorkcell,
-    StartBasePlacement,
-    StartCaliperMeasurements,
-    StartDelayLineCapture,
-    StartHandheldCalibration,
-    StartHandheldMapping,
-    StartHandheldScan,
-    StartPathCapture,
-    StartPointerCapture,
-    StartRollSearch,
-    StartSurfaceCapture,
     UseSimulatedSkull,
 )
-from rona_core.app.messages.serialization import message_from
-from rona_core.app.runtime.workbench import Workbench
-from rona_core.app.steps.acoustics.handlers import handle
-from rona_core.app.steps.maps.derivation import derive_roll
+from rona_core.app.steps.setup.workcell_messages import AddObstacle, RemoveObstacle, SetWorkcell
+from rona_core.app.steps.surface.messages import StartSurfaceCapture
 from rona_core.compose import virtual_services
 from rona_core.errors import RonaError
 from rona_core.session.codec import digest
-from rona_core.session.document import Captures, Session
+from rona_core.session.document import Session
 from rona_core.session.files import load_session
 from rona_ui.resources import demo_session
 
@@ -159,7 +159,7 @@ TABLE: dict[type, dict[str, tuple[Any, frozenset[str]]]] = {
 ROWS = [(kind, name) for kind, row in TABLE.items() for name in row]
 SETTINGS = ("Set", "Use", "Move", "Add", "Remove", "Rename")  # how such messages are called
 NOT_SETTINGS = ("MovePathPoint", "AddReferencePoint", "RemoveReferencePoint")
-CAPTURES = tuple(f"capture {part.name}" for part in fields(Captures))
+CAPTURES = tuple(f"capture {name}" for name in REGISTRY.captures)
 CHEAP = ("tool", "pointer", "surface", "path", "smoothing", "speed", "sono")
 SHORT_STROKES = {
     "pointer": StartPointerCapture(duration_s=2.0),
@@ -237,14 +237,14 @@ def changed(session, kind, name):
 
 
 def stale_in(session):
-    names = [name for name in RESULTS if getattr(session.results, name) is not None]
+    names = [name for name in REGISTRY.replayed if getattr(session.results, name) is not None]
     return {name for name in (*names, *CAPTURES) if stale_reason(name, session) is not None}
 
 
 def test_the_table_has_every_field_of_every_message_of_the_set_up():
     kinds = {
         kind
-        for kind in get_args(messages.Command)
+        for kind in REGISTRY.command_types.values()
         if kind.__name__.startswith(SETTINGS) and kind.__name__ not in NOT_SETTINGS
     }
     assert set(TABLE) == kinds
@@ -253,9 +253,9 @@ def test_the_table_has_every_field_of_every_message_of_the_set_up():
 
 
 def test_before_any_change_all_is_there_and_nothing_is_stale(session):
-    held = {name for name in RESULTS if getattr(session.results, name) is not None}
-    assert set(RESULTS) - held <= {"registration", "line"}
-    assert all(getattr(session.captures, part.name) for part in fields(Captures))
+    held = {name for name in REGISTRY.replayed if getattr(session.results, name) is not None}
+    assert set(REGISTRY.replayed) - held <= {"registration", "line"}
+    assert all(session.captures.get(name) for name in REGISTRY.captures)
     assert stale_in(session) == set()
 
 
@@ -278,7 +278,7 @@ def value_of(session, name):
     held = getattr(session.results, name)
     message = message_from(held.message, held.arguments)
     try:
-        return digest(SHORT[type(message)][1](session, message))
+        return digest(REGISTRY.result(name, held.message).derive(session, message))
     except RonaError as error:
         return str(error)
 

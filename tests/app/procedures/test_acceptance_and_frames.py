@@ -8,9 +8,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from rona_core.app.messages.registry import SetSeed, StartPointerCapture
 from rona_core.app.overview.acceptance import FIGURES, quality_rows, verdict
 from rona_core.app.overview.frame_graph import frame_rows
+from rona_core.app.steps.pointer.messages import StartPointerCapture
+from rona_core.app.steps.setup.messages import SetSeed
 from rona_core.compose import new_workbench
 from rona_core.devices.live import LiveState
 from rona_core.devices.samples import JointSample, ToolSample, TrackerFrame

@@ -4,8 +4,8 @@ from pathlib import Path
 
 import pytest
 
+from rona_core.app.dependencies.step_states import step_states
 from rona_core.app.messages.serialization import message_from
-from rona_core.app.overview.step_states import step_states
 from rona_core.app.runtime.recompute import replay
 from rona_core.app.steps.maps.derivation import derive_detection, derive_second_detection
 from rona_core.errors import CancelledError

@@ -8,22 +8,17 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from rona_core.app.messages.registry import (
-    ChooseRoll,
-    SetRobot,
-    SetToolVisible,
-    SetTracker,
-    StartPathCapture,
-    StartPointerCapture,
-    StartRollSearch,
-    StartScan,
-    StartSurfaceCapture,
-    StartToolCapture,
-)
-from rona_core.app.overview.step_states import step_states
+from rona_core.app.dependencies.step_states import step_states
 from rona_core.app.runtime.recompute import replay
 from rona_core.app.runtime.workbench import Workbench
+from rona_core.app.steps.path.messages import StartPathCapture
+from rona_core.app.steps.pointer.messages import StartPointerCapture
+from rona_core.app.steps.roll.messages import ChooseRoll, StartRollSearch
 from rona_core.app.steps.roll.view import joint_curves
+from rona_core.app.steps.scan.messages import StartScan
+from rona_core.app.steps.setup.messages import SetRobot, SetToolVisible, SetTracker
+from rona_core.app.steps.surface.messages import StartSurfaceCapture
+from rona_core.app.steps.tool.messages import StartToolCapture
 from rona_core.compose import evaluate_virtual, new_workbench, run_demo
 from rona_core.errors import NotReachableError, RonaError, StepBlockedError
 from rona_core.session.codec import digest

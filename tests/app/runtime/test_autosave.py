@@ -6,13 +6,14 @@ from pathlib import Path
 
 import pytest
 
-from rona_core.app.messages.activities import StartPointerCapture
-from rona_core.app.messages.registry import RenameSession, SetSeed
+from rona_core.app.messages.session_messages import RenameSession
 from rona_core.app.runtime.saving import autosave
 from rona_core.app.runtime.saving.autosave import Autosave
-from rona_core.app.runtime.session_registry import Hub
+from rona_core.app.runtime.session_registry import SessionRegistry
 from rona_core.app.runtime.store import Store
-from rona_core.compose import build_hub, virtual_services
+from rona_core.app.steps.pointer.messages import StartPointerCapture
+from rona_core.app.steps.setup.messages import SetSeed
+from rona_core.compose import build_registry, virtual_services
 from rona_core.session.document import Session
 from rona_core.session.files import load_session, session_bytes
 
@@ -125,7 +126,7 @@ def test_a_copy_that_cannot_be_written_is_tried_again_by_itself(
 
 @pytest.fixture
 def hub(tmp_path):
-    hub = build_hub(tmp_path, processes=False)
+    hub = build_registry(tmp_path, processes=False)
     yield hub
     hub.close_all()
 
@@ -142,7 +143,7 @@ def test_the_copy_is_written_before_long_work_starts(tmp_path):
         found.extend(load_session(copy).setup.seed for copy in copies(hub))
         return services.build_rig(setup)
 
-    hub = Hub(replace(services, build_rig=build_rig), tmp_path)
+    hub = SessionRegistry(replace(services, build_rig=build_rig), tmp_path)
     bench = hub.create("long")
     bench.dispatch(SetSeed(7))
     status = bench.start(StartPointerCapture())
@@ -177,7 +178,7 @@ def test_a_copy_that_cannot_be_removed_stops_neither_saving_nor_closing(hub, mon
 
 
 def test_the_end_of_the_program_keeps_what_was_not_saved(tmp_path):
-    hub = build_hub(tmp_path, processes=False)
+    hub = build_registry(tmp_path, processes=False)
     bench = hub.create("one")
     bench.dispatch(SetSeed(5))
     hub.close_all()

@@ -7,19 +7,15 @@ from typing import Literal, Union, get_args, get_origin, get_type_hints
 import numpy as np
 import pytest
 
+from rona_core.app.declarations.registry import REGISTRY
 from rona_core.app.messages.exact_types import misfits, require_exact
-from rona_core.app.messages.registry import (
-    ACTIVITIES,
-    COMMANDS,
-    SetSeed,
-    SetTracker,
-    StartRobotMove,
-)
+from rona_core.app.steps.setup.messages import SetSeed, SetTracker
+from rona_core.app.steps.tool.messages import StartRobotMove
 from rona_core.compose import new_workbench
 from rona_core.errors import InvalidInputError
 from rona_core.session.document import Session
 
-MESSAGES = COMMANDS | ACTIVITIES
+MESSAGES = REGISTRY.command_types | REGISTRY.activity_types
 # for each plain type, what JSON can send that is of another one, and what fits
 WRONG = {
     int: ["1", True, 1.0, 1.5, [1], {}],

@@ -12,16 +12,7 @@ from pathlib import Path
 
 import pytest
 
-from rona_core.app.messages.activities import StartPointerCapture
-from rona_core.app.messages.registry import (
-    AddObstacle,
-    CalibratePointer,
-    ExcludePoses,
-    Redo,
-    RenameSession,
-    SetSeed,
-    Undo,
-)
+from rona_core.app.messages.session_messages import Redo, RenameSession, Undo
 from rona_core.app.runtime.saving import autosave, journal
 from rona_core.app.runtime.saving.autosave import FOLDER, Autosave
 from rona_core.app.runtime.saving.journal import MOST_ENTRIES, Reach, read_journal
@@ -29,7 +20,10 @@ from rona_core.app.runtime.saving.recovery import Recovery
 from rona_core.app.runtime.saving.run_folder import RunFolder, dead_folders
 from rona_core.app.runtime.session_registry import MAX_OPEN
 from rona_core.app.runtime.store import Store
-from rona_core.compose import build_hub
+from rona_core.app.steps.pointer.messages import CalibratePointer, ExcludePoses, StartPointerCapture
+from rona_core.app.steps.setup.messages import SetSeed
+from rona_core.app.steps.setup.workcell_messages import AddObstacle
+from rona_core.compose import build_registry
 from rona_core.errors import InvalidInputError, NameTakenError, NotFoundError, SessionFormatError
 from rona_core.session.document import LogEntry, Session
 from rona_core.session.files import load_session, save_session, session_bytes
@@ -43,7 +37,7 @@ def start(tmp_path):
     started = []
 
     def begin():
-        started.append(build_hub(tmp_path, processes=False))
+        started.append(build_registry(tmp_path, processes=False))
         return started[-1]
 
     yield begin
@@ -154,7 +148,7 @@ def test_a_long_journal_becomes_a_whole_copy(start):
         (["SetSeed", "Undo", "Undo"], False),
         (["SetSeed", "Redo"], False),
         (["SetSeed", "Undo", "SetSeed", "Redo"], False),
-        (["StorePointerCapture"], False),  # what a device measured
+        (["StoreCapture"], False),  # what a device measured
         (["SetSeed"] * MOST_ENTRIES, True),
         (["SetSeed"] * (MOST_ENTRIES + 1), False),
     ],
@@ -167,10 +161,10 @@ def test_what_a_journal_can_hold(messages, suffices):
 WORK = """
 import sys
 from pathlib import Path
-from rona_core.app.messages.activities import StartPointerCapture
-from rona_core.app.messages.registry import SetSeed
-from rona_core.compose import build_hub
-bench = build_hub(Path(sys.argv[1]), processes=False).create("killed")
+from rona_core.app.steps.pointer.messages import StartPointerCapture
+from rona_core.app.steps.setup.messages import SetSeed
+from rona_core.compose import build_registry
+bench = build_registry(Path(sys.argv[1]), processes=False).create("killed")
 assert bench.jobs.wait(bench.start(StartPointerCapture()).id).state == "done"
 bench.dispatch(SetSeed(41))
 print(len(bench.session.log), flush=True)
@@ -185,7 +179,7 @@ def test_a_killed_process_loses_nothing_it_had_acknowledged(tmp_path):
         during = Recovery(tmp_path).keys()
         process.send_signal(signal.SIGKILL)
     assert during == ()  # what another program is working on is not lost
-    hub = build_hub(tmp_path, processes=False)
+    hub = build_registry(tmp_path, processes=False)
     lost = only(hub)
     assert (lost.name, lost.revision, lost.problem) == ("killed", acknowledged, None)
     assert {"setup", "pointer"} == {*lost.steps_done, *lost.steps_stale}
@@ -381,14 +375,14 @@ def test_what_cannot_be_done_again_for_a_defect_does_not_hide_what_came_before()
 
 
 def test_what_is_being_measured_when_the_program_ends_is_kept(tmp_path):
-    hub = build_hub(tmp_path, processes=False, pace=1.0)
+    hub = build_registry(tmp_path, processes=False, pace=1.0)
     bench = hub.create("measuring")
     bench.start(StartPointerCapture())
     deadline_s = time.monotonic() + DEADLINE_S
     while bench.live.get().frame is None and time.monotonic() < deadline_s:
         time.sleep(0.02)
     hub.close_all()
-    after = build_hub(tmp_path, processes=False)
+    after = build_registry(tmp_path, processes=False)
     bench, problem = after.recover(only(after).key)
     assert problem is None
     assert [capture.partial for capture in bench.session.archive] == [True]
@@ -452,7 +446,7 @@ def test_what_somebody_clears_away_meanwhile_is_written_anew(start, tmp_path, ev
 def test_a_folder_that_nobody_may_look_into_keeps_no_program_from_starting(tmp_path, capsys):
     (tmp_path / FOLDER).mkdir()
     (tmp_path / FOLDER / "lock").mkdir()  # not a file: it cannot be opened as one
-    hub = build_hub(tmp_path, processes=False)
+    hub = build_registry(tmp_path, processes=False)
     with pytest.raises(OSError, match="lock"):
         hub.lost()
     bench = hub.create("one")
@@ -500,10 +494,10 @@ def test_temporary_files_of_killed_programs_go_at_the_start_and_no_others(tmp_pa
         for path in (old, *users):
             path.write_bytes(b"half")
         assert len(half_written()) == 4
-        build_hub(tmp_path, processes=False).close_all()
+        build_registry(tmp_path, processes=False).close_all()
         assert len(half_written()) == 3  # they are being written
         process.send_signal(signal.SIGKILL)
-    build_hub(tmp_path, processes=False).close_all()
+    build_registry(tmp_path, processes=False).close_all()
     assert half_written() == []
     assert all(path.exists() for path in users)
 

@@ -5,17 +5,11 @@ import threading
 
 import pytest
 
-from rona_core.app.messages.outcomes import StorePointerCapture
-from rona_core.app.messages.registry import (
-    Redo,
-    RenameSession,
-    SetPointer,
-    SetSeed,
-    SetToolVisible,
-    Undo,
-)
+from rona_core.app.messages.outcomes import StoreCapture
+from rona_core.app.messages.session_messages import Redo, RenameSession, Undo
 from rona_core.app.runtime import store as store_module
 from rona_core.app.runtime.store import Store
+from rona_core.app.steps.setup.messages import SetPointer, SetSeed, SetToolVisible
 from rona_core.errors import InvalidInputError, StepBlockedError
 from rona_core.session.codec import digest
 from rona_core.session.document import Session
@@ -76,14 +70,14 @@ def test_a_new_command_ends_the_redo():
 
 def test_an_undone_capture_stays_in_the_archive():
     store = Store(Session())
-    store.dispatch(StorePointerCapture(capture()))
+    store.dispatch(StoreCapture("pointer", capture()))
     store.dispatch(Undo())
     assert store.session.captures.pointer is None
     assert [c.ordinal for c in store.session.archive] == [1]
 
 
 def test_a_refused_message_changes_nothing():
-    from rona_core.app.messages.registry import RegisterTool
+    from rona_core.app.steps.tool.messages import RegisterTool
 
     store = Store(Session())
     before = store.session

@@ -5,17 +5,13 @@ import threading
 import numpy as np
 import pytest
 
-from rona_core.app import captures
-from rona_core.app.messages.registry import (
-    SetRegion,
-    StartPointerCapture,
-    StartRobotMove,
-    StartRollSearch,
-    StartSkullImport,
-    StartToolCapture,
-)
 from rona_core.app.runtime.workbench import Services, Workbench
-from rona_core.compose import build_hub, new_workbench, virtual_services
+from rona_core.app.steps.pointer.messages import StartPointerCapture
+from rona_core.app.steps.roll.messages import StartRollSearch
+from rona_core.app.steps.setup.messages import SetRegion, StartSkullImport
+from rona_core.app.steps.tool import captures
+from rona_core.app.steps.tool.messages import StartRobotMove, StartToolCapture
+from rona_core.compose import build_registry, new_workbench, virtual_services
 from rona_core.errors import CancelledError, DeviceError, InvalidInputError, StepBlockedError
 from rona_core.session import members
 from rona_core.session.document import Session
@@ -40,7 +36,7 @@ def test_closing_a_session_ends_its_computations_too(tmp_path):
         entered.set()
         return function(*args, progress=progress, cancel=cancel)
 
-    hub = build_hub(tmp_path, processes=False)
+    hub = build_registry(tmp_path, processes=False)
     session = hub.open_bytes(demo_session().read_bytes(), "demo").session
     hub.close_all()
 
@@ -99,7 +95,7 @@ def test_stop_if_moving_leaves_alone_what_the_hand_and_the_computer_do(tmp_path)
 
 
 def test_stop_if_moving_stops_a_robot_that_moves_without_a_job(tmp_path):
-    hub = build_hub(tmp_path, processes=False, pace=1.0)
+    hub = build_registry(tmp_path, processes=False, pace=1.0)
     bench = hub.create()
     robot = bench.rig().robot
     robot.begin(bench.session.setup.devices.robot, 0)

@@ -5,9 +5,9 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from rona_core.app.steps.scan.certified_moves import FreeMoves
-from rona_core.app.steps.scan.payload_identification import TURNS_DEG, weigh_tool
-from rona_core.app.toolbox import Toolbox
+from rona_core.app.declarations.activity_context import ActivityContext
+from rona_core.app.steps.scan.payload_identification import TURNS_DEG, identify_payload
+from rona_core.app.steps.tool.certified_moves import FreeMoves
 from rona_core.devices.live import Live
 from rona_core.devices.wrench import ToolLoad
 from rona_core.errors import CancelledError, DegenerateGeometryError, NotReachableError
@@ -45,7 +45,7 @@ def toolbox(cancel=lambda: False):
         return SimpleNamespace(wrench=weight_wrench(LOAD, rotation))
 
     rig = SimpleNamespace(clock=clock, robot=robot, force=SimpleNamespace(read=read))
-    tools = Toolbox(lambda: rig, Live(), import_skull=None, uploads=None, cancel=cancel)
+    tools = ActivityContext(lambda: rig, Live(), import_skull=None, uploads=None, cancel=cancel)
     return robot, tools
 
 
@@ -64,7 +64,7 @@ def all_clear(robot, around):
 
 def test_with_nothing_around_the_load_is_found_and_the_robot_is_back():
     robot, tools = toolbox()
-    load = weigh_tool(HOME, RX90, NOTHING_AROUND, tools)
+    load = identify_payload(HOME, RX90, NOTHING_AROUND, tools)
     assert load.n_poses == len(TURNS_DEG)
     assert load.mass_kg == pytest.approx(LOAD.mass_kg, rel=1e-9)
     np.testing.assert_allclose(load.com_sensor_mm, LOAD.com_sensor_mm, atol=1e-6)
@@ -74,11 +74,11 @@ def test_with_nothing_around_the_load_is_found_and_the_robot_is_back():
 def test_a_pose_in_which_something_stands_is_turned_the_other_way():
     around = ball(probe_at((0, 25, 0)), 10.0)
     robot, tools = toolbox()
-    load = weigh_tool(HOME, RX90, around, tools)
+    load = identify_payload(HOME, RX90, around, tools)
     assert all_clear(robot, around)
     assert load.mass_kg == pytest.approx(LOAD.mass_kg, rel=1e-9)
     free, tools = toolbox()
-    weigh_tool(HOME, RX90, NOTHING_AROUND, tools)
+    identify_payload(HOME, RX90, NOTHING_AROUND, tools)
     assert not all_clear(free, around), "without asking, the tool would have been turned into it"
     plus, minus = np.deg2rad(25.0), np.deg2rad(-25.0)
     reached = np.array([qs[-1, 4] - HOME[4] for qs in robot.sent])
@@ -92,11 +92,11 @@ def test_what_stands_between_two_poses_is_driven_around():
     side = np.cross(probe_at((0, 25, 0)) - probe_at((0, -25, 0)), (0.0, 0.0, 1.0))
     around = ball(between + 45.0 * side / np.linalg.norm(side) - (0.0, 0.0, 25.0), 8.0)
     robot, tools = toolbox()
-    load = weigh_tool(HOME, RX90, around, tools)
+    load = identify_payload(HOME, RX90, around, tools)
     assert all_clear(robot, around)
     assert load.n_poses == len(TURNS_DEG)
     free, tools = toolbox()
-    weigh_tool(HOME, RX90, NOTHING_AROUND, tools)
+    identify_payload(HOME, RX90, NOTHING_AROUND, tools)
     assert not all_clear(free, around), "the straight moves would have touched it"
 
 
@@ -112,7 +112,7 @@ def test_where_the_tool_cannot_be_turned_it_says_what_is_in_the_way():
     assert CollisionWorld(RX90, around).clear(HOME[None])[0]
     robot, tools = toolbox()
     with pytest.raises(DegenerateGeometryError, match=r"turn.*post \d are -?\d+ mm apart"):
-        weigh_tool(HOME, RX90, around, tools)
+        identify_payload(HOME, RX90, around, tools)
     assert not robot.sent or all_clear(robot, around)
     np.testing.assert_allclose(robot.state().q_rad, HOME, atol=1e-12)
 
@@ -126,7 +126,7 @@ def test_a_stop_on_the_way_says_so_and_nothing_moves_afterwards():
 
     robot, tools = toolbox(cancel)
     with pytest.raises(CancelledError, match=r"stopped while the tool was weighed.*no A-scan"):
-        weigh_tool(HOME, RX90, NOTHING_AROUND, tools)
+        identify_payload(HOME, RX90, NOTHING_AROUND, tools)
     sent, stopped = len(robot.sent), robot.state()
     assert not stopped.moving
     tools.rig.clock.wait_until(tools.rig.clock.now() + 5.0)

@@ -7,12 +7,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from rona_core.app.captures import drive_to
+from rona_core.app.declarations.activity_context import ActivityContext
 from rona_core.app.dependencies.staleness import session_obstacles
-from rona_core.app.steps.maps.probe_poses import pose_delay, probe_poses_of
-from rona_core.app.steps.scan import capture as scan_capture
-from rona_core.app.steps.scan.capture import capture_scan
-from rona_core.app.toolbox import Toolbox
+from rona_core.app.steps.scan import captures as scan_capture
+from rona_core.app.steps.scan.captures import capture_scan
+from rona_core.app.steps.scan.probe_poses import pose_delay, probe_poses_of
+from rona_core.app.steps.tool.robot_motion import drive_to
 from rona_core.devices.live import Live
 from rona_core.devices.settings import ContactSettings
 from rona_core.devices.wrench import APPROACH, CONTACT, RETRACT, STOPPED
@@ -21,8 +21,8 @@ from rona_core.evaluation.scan_metrics import contact_figures, true_probe_poses
 from rona_core.evaluation.truth import Truth
 from rona_core.robot.collision.collision_world import CollisionWorld
 from rona_core.robot.kinematics.catalog import robot_model
+from rona_core.session.captures import ScanCapture
 from rona_core.session.codec import decode, digest, encode
-from rona_core.session.document import ScanCapture
 from rona_core.session.files import load_session
 from rona_core.virtual.rig import VirtualRig
 from rona_core.virtual.specimen.build_specimen import build_specimen
@@ -47,7 +47,7 @@ def scan(session, specimen=None, cancel=lambda: False):
     setup = session.setup
     specimen = specimen or build_specimen(setup.specimen, setup.seed)
     rig = VirtualRig(setup.seed, specimen, setup.devices)
-    tools = Toolbox(
+    tools = ActivityContext(
         devices=lambda: rig,
         live=Live(),
         import_skull=lambda *_, **__: None,

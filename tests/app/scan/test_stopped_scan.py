@@ -7,9 +7,11 @@ import numpy as np
 import pytest
 
 from rona_core.app.dependencies.staleness import session_obstacles
-from rona_core.app.messages.registry import StartMapping, StartRetract, StartRollSearch, StartScan
-from rona_core.app.overview.step_states import step_states
+from rona_core.app.dependencies.step_states import step_states
 from rona_core.app.runtime.workbench import Workbench
+from rona_core.app.steps.maps.messages import StartMapping
+from rona_core.app.steps.roll.messages import StartRollSearch
+from rona_core.app.steps.scan.messages import StartRetract, StartScan
 from rona_core.app.steps.setup.clearance import stands_clear
 from rona_core.compose import virtual_services
 from rona_core.errors import StepBlockedError

@@ -5,22 +5,20 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from rona_core.app.dependencies.staleness import stale_reason, usable_speed
-from rona_core.app.messages.registry import (
+from rona_core.app.dependencies.staleness import stale_reason
+from rona_core.app.messages.session_messages import Undo
+from rona_core.app.runtime.recompute import recompute
+from rona_core.app.steps.acoustics.derivation import session_probe, usable_speed
+from rona_core.app.steps.acoustics.messages import (
     AddReferencePoint,
     CalibrateDelayLine,
     CalibrateSoundSpeed,
     RemoveReferencePoint,
-    SetProbe,
-    SetSeed,
     StartCaliperMeasurements,
     StartDelayLineCapture,
-    StartMapping,
     StartProbeSweep,
-    Undo,
 )
-from rona_core.app.runtime.recompute import recompute
-from rona_core.app.steps.acoustics.derivation import session_probe
+from rona_core.app.steps.acoustics.thickness_uncertainty import thickness_shares
 from rona_core.app.steps.acoustics.view import (
     edited_probe,
     line_state,
@@ -28,7 +26,8 @@ from rona_core.app.steps.acoustics.view import (
     reference_rows,
     speed_state,
 )
-from rona_core.app.steps.maps.thickness_uncertainty import thickness_shares
+from rona_core.app.steps.maps.messages import StartMapping
+from rona_core.app.steps.setup.messages import SetProbe, SetSeed
 from rona_core.compose import new_workbench
 from rona_core.devices.settings import ProbeSettings
 from rona_core.errors import InvalidInputError, StepBlockedError

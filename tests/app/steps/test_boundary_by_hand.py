@@ -7,25 +7,22 @@ import numpy as np
 import pytest
 
 from rona_core.app.dependencies.staleness import stale_reason
-from rona_core.app.handlers import handle
-from rona_core.app.messages.outcomes import StoreScanCapture, StoreSecondCapture
-from rona_core.app.messages.registry import (
-    ClearBoundaryCorrections,
-    CorrectBoundary,
-    StartMapping,
-    Undo,
-)
+from rona_core.app.messages.outcomes import StoreCapture
+from rona_core.app.messages.session_messages import Undo
+from rona_core.app.runtime.handling import handle
 from rona_core.app.runtime.store import Store
-from rona_core.app.steps.maps.derivation import derive_mapping
-from rona_core.app.steps.maps.second_pass_view import second_cells, second_view
-from rona_core.app.steps.roll.planned_motion import joints_at, plan_of
-from rona_core.app.steps.scan.ascan_view import (
+from rona_core.app.steps.boundaries.ascan_view import (
     ascan_plot,
     scan_number_at,
     scan_poses,
     share_of_scan,
 )
-from rona_core.app.steps.scan.boundary_handlers import detection_of_scan
+from rona_core.app.steps.boundaries.handlers import detection_of_scan
+from rona_core.app.steps.boundaries.messages import ClearBoundaryCorrections, CorrectBoundary
+from rona_core.app.steps.maps.derivation import derive_mapping
+from rona_core.app.steps.maps.messages import StartMapping
+from rona_core.app.steps.maps.second_pass_view import second_cells, second_view
+from rona_core.app.steps.scan.planned_motion import joints_at, plan_of
 from rona_core.errors import InvalidInputError, StepBlockedError
 from rona_core.mapping.build_maps import boundary_points
 from rona_core.robot.kinematics.catalog import robot_model
@@ -124,9 +121,9 @@ def test_a_new_scan_forgets_the_corrections_of_the_old_one(demo):
         CorrectBoundary(2, "second", remove="inner"),
         handle(CorrectBoundary(1, remove="inner"), demo),
     )
-    again = handle(StoreSecondCapture(replace(demo.captures.second)), both)
+    again = handle(StoreCapture("second", replace(demo.captures.second)), both)
     assert [edit.scan for edit in again.boundary_edits.changes] == ["first"]
-    assert len(handle(StoreScanCapture(replace(demo.captures.scan)), both).boundary_edits) == 0
+    assert len(handle(StoreCapture("scan", replace(demo.captures.scan)), both).boundary_edits) == 0
 
 
 def test_what_cannot_be_corrected_is_refused(demo):

@@ -6,16 +6,16 @@ import numpy as np
 import pytest
 
 from benchmarks.reference.map_coverage import bands, within
-from rona_core.app.messages.registry import CorrectBoundary
+from rona_core.app.steps.acoustics.thickness_uncertainty import speed_of_maps
+from rona_core.app.steps.boundaries.ascan_view import ascan_plot
+from rona_core.app.steps.boundaries.messages import CorrectBoundary
 from rona_core.app.steps.maps.map_accuracy import (
     REPEATABILITY_MM,
     ROBOT_ACCURACY_MM,
     accuracy_words,
     map_accuracy,
 )
-from rona_core.app.steps.maps.thickness_uncertainty import speed_of_maps
 from rona_core.app.steps.maps.view import layers_of
-from rona_core.app.steps.scan.ascan_view import ascan_plot
 from rona_core.devices.settings import ROBOTS
 from rona_core.session.codec import decode, digest, encode
 from rona_core.session.document import Derived, Session, SonoMaps

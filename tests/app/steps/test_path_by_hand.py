@@ -7,29 +7,29 @@ import numpy as np
 import pytest
 
 from rona_core.app.dependencies.staleness import stale_reason
-from rona_core.app.handlers import handle
-from rona_core.app.messages.registry import (
+from rona_core.app.dependencies.step_states import step_states
+from rona_core.app.messages.session_messages import Undo
+from rona_core.app.runtime.handling import handle
+from rona_core.app.runtime.recompute import replay
+from rona_core.app.runtime.store import Store
+from rona_core.app.steps.path.handlers import is_kept, nearest_piece, nearest_point, sight
+from rona_core.app.steps.path.messages import (
     BuildPath,
-    BuildSurface,
-    CalibratePointer,
     ClearPathEdits,
     DeletePathPoint,
     GenerateScanPattern,
     InsertPathPoint,
     MovePathPoint,
     PinPathSample,
-    RegisterTool,
-    SetProbe,
-    SmoothScanPath,
-    Undo,
 )
-from rona_core.app.overview.step_states import step_states
-from rona_core.app.runtime.recompute import replay
-from rona_core.app.runtime.store import Store
-from rona_core.app.steps.path.handlers import is_kept, nearest_piece, nearest_point, sight
 from rona_core.app.steps.path.path_checks import check_path, half_turns_deg
-from rona_core.app.steps.path.view import path_view, preview_path, quickly
+from rona_core.app.steps.pointer.messages import CalibratePointer
+from rona_core.app.steps.setup.messages import SetProbe
 from rona_core.app.steps.smoothing.derivation import path_source
+from rona_core.app.steps.smoothing.messages import SmoothScanPath
+from rona_core.app.steps.smoothing.path_view import path_view, preview_path, quickly
+from rona_core.app.steps.surface.messages import BuildSurface
+from rona_core.app.steps.tool.messages import RegisterTool
 from rona_core.errors import (
     DegenerateGeometryError,
     InvalidInputError,

@@ -6,9 +6,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from rona_core.app.handlers import handle
-from rona_core.app.messages.registry import SetProbe
-from rona_core.app.steps.setup.probe_advice import advised, probe_advice
+from rona_core.app.runtime.handling import handle
+from rona_core.app.steps.boundaries.probe_advice import advised, probe_advice
+from rona_core.app.steps.setup.messages import SetProbe
 from rona_core.geometry.arrays import readonly
 from rona_core.session.document import Session
 from rona_core.session.files import load_session

@@ -4,20 +4,17 @@ import numpy as np
 import pytest
 
 from rona_core.app.dependencies.staleness import stale_reason
-from rona_core.app.messages.registry import (
+from rona_core.app.messages.session_messages import Undo
+from rona_core.app.runtime.recompute import replay
+from rona_core.app.steps.handheld.derivation import sono_delay_s
+from rona_core.app.steps.handheld.messages import (
     CalibrateHandheldProbe,
-    SetSeed,
-    SetToolVisible,
-    SetTracker,
-    SetUseBaseMarker,
     StartHandheldCalibration,
     StartHandheldMapping,
     StartHandheldScan,
-    StartToolCapture,
-    Undo,
 )
-from rona_core.app.runtime.recompute import replay
-from rona_core.app.steps.handheld.derivation import sono_delay_s
+from rona_core.app.steps.setup.messages import SetSeed, SetToolVisible, SetTracker, SetUseBaseMarker
+from rona_core.app.steps.tool.messages import StartToolCapture
 from rona_core.compose import new_workbench
 from rona_core.errors import DegenerateGeometryError, InvalidInputError, StepBlockedError
 from rona_core.evaluation.metrics import KEYS

@@ -6,19 +6,10 @@ import numpy as np
 import pytest
 
 from rona_core.app.dependencies.staleness import stale_reason
-from rona_core.app.handlers import handle
-from rona_core.app.messages.outcomes import StoreScanCapture, StoreSonoScan
-from rona_core.app.messages.registry import (
-    ClearBoundaryCorrections,
-    CorrectBoundary,
-    StartHandheldCalibration,
-    StartHandheldMapping,
-    StartHandheldScan,
-)
+from rona_core.app.messages.outcomes import StoreCapture
+from rona_core.app.runtime.handling import handle
 from rona_core.app.runtime.recompute import replay
-from rona_core.app.steps.handheld.scans import NOT_SEEN, gathered, posed_scans, spread
-from rona_core.app.steps.maps.map_accuracy import ROBOT_ACCURACY_MM, map_accuracy
-from rona_core.app.steps.scan.ascan_view import (
+from rona_core.app.steps.boundaries.ascan_view import (
     ascan_plot,
     scan_marks,
     scan_number_at,
@@ -26,7 +17,15 @@ from rona_core.app.steps.scan.ascan_view import (
     scan_poses,
     share_of_scan,
 )
-from rona_core.app.steps.scan.boundary_handlers import detection_of_scan
+from rona_core.app.steps.boundaries.handlers import detection_of_scan
+from rona_core.app.steps.boundaries.messages import ClearBoundaryCorrections, CorrectBoundary
+from rona_core.app.steps.handheld.messages import (
+    StartHandheldCalibration,
+    StartHandheldMapping,
+    StartHandheldScan,
+)
+from rona_core.app.steps.handheld.scans import NOT_SEEN, gathered, posed_scans, spread
+from rona_core.app.steps.maps.map_accuracy import ROBOT_ACCURACY_MM, map_accuracy
 from rona_core.compose import new_workbench
 from rona_core.devices.tracker_volumes import ACCURACY_MM
 from rona_core.errors import InvalidInputError, StepBlockedError
@@ -54,7 +53,7 @@ def bench():
         Ts_tracker_marker=track.Ts_tracker_marker.select(seen),
         rms_error_mm=track.rms_error_mm[seen],
     )
-    session = handle(StoreSonoScan(replace(capture, marker=gone)), made.session)
+    session = handle(StoreCapture("sono_scan", replace(capture, marker=gone)), made.session)
     made.close()
     made = new_workbench(session)
     made.run(StartHandheldMapping())
@@ -178,7 +177,7 @@ def test_corrections_of_each_scan_go_with_that_scan_alone(session):
     i = sure(session)
     at_us = float(detection_of_scan(session, "hand").inner_us[i]) + 0.1
     edited = handle(CorrectBoundary(i, "hand", inner_us=at_us), session)
-    robot = StoreScanCapture(session.captures.sono_scan)  # any capture will do here
+    robot = StoreCapture("scan", session.captures.sono_scan)  # any capture will do here
     assert len(handle(robot, edited).boundary_edits) == 1, "the robot's scan is another one"
-    again = handle(StoreSonoScan(session.captures.sono_scan), edited)
+    again = handle(StoreCapture("sono_scan", session.captures.sono_scan), edited)
     assert len(again.boundary_edits) == 0

@@ -8,18 +8,18 @@ import trimesh
 
 from rona_core.app.dependencies.staleness import stale_reason
 from rona_core.app.messages.outcomes import StoreSkull
-from rona_core.app.messages.registry import (
-    BuildSurface,
-    SetSeed,
-    StartPointerCapture,
-    StartSkullRegistration,
-    StartSurfaceCapture,
-    StartToolCapture,
-    Undo,
-)
+from rona_core.app.messages.session_messages import Undo
 from rona_core.app.overview.predicted_accuracy import predict_skull_mm
 from rona_core.app.runtime.recompute import replay
+from rona_core.app.steps.pointer.messages import StartPointerCapture
+from rona_core.app.steps.setup.messages import SetSeed
+from rona_core.app.steps.surface.messages import (
+    BuildSurface,
+    StartSkullRegistration,
+    StartSurfaceCapture,
+)
 from rona_core.app.steps.surface.skull_registration import derive_registration, outer_surface
+from rona_core.app.steps.tool.messages import StartToolCapture
 from rona_core.compose import new_workbench, read_skull
 from rona_core.errors import CancelledError, InvalidInputError, StepBlockedError
 from rona_core.geometry.pose import Pose

@@ -8,21 +8,20 @@ import numpy as np
 import pytest
 
 import rona_core.app
-from rona_core.app.dependencies.staleness import input_digests, stale_reason, usable_speed
-from rona_core.app.messages.registry import (
+from rona_core.app.dependencies.staleness import input_digests, stale_reason
+from rona_core.app.messages.session_messages import Undo
+from rona_core.app.steps.acoustics.derivation import session_probe, usable_speed
+from rona_core.app.steps.acoustics.messages import (
     CalibrateDelayLine,
-    SetProbe,
-    SetSeed,
     StartCaliperMeasurements,
     StartDelayLineCapture,
+)
+from rona_core.app.steps.handheld.derivation import derive_sono_detection
+from rona_core.app.steps.handheld.messages import (
     StartHandheldCalibration,
     StartHandheldMapping,
     StartHandheldScan,
-    StartMapping,
-    Undo,
 )
-from rona_core.app.steps.acoustics.derivation import session_probe
-from rona_core.app.steps.handheld.derivation import derive_sono_detection
 from rona_core.app.steps.handheld.scans import hand_poses, hand_reference, posed_scans
 from rona_core.app.steps.maps import survey
 from rona_core.app.steps.maps.derivation import (
@@ -30,6 +29,8 @@ from rona_core.app.steps.maps.derivation import (
     derive_second_detection,
     probe_poses,
 )
+from rona_core.app.steps.maps.messages import StartMapping
+from rona_core.app.steps.setup.messages import SetProbe, SetSeed
 from rona_core.compose import new_workbench
 from rona_core.session.document import Session
 from rona_core.session.files import load_session

@@ -8,9 +8,10 @@ import pytest
 
 from rona_core.app.dependencies.obstacles import obstacles_of
 from rona_core.app.dependencies.staleness import stale_reason
-from rona_core.app.handlers import handle
-from rona_core.app.messages.registry import AddObstacle, RemoveObstacle, SetRobot, SetWorkcell
-from rona_core.app.steps.setup.clearance import drawn_obstacles, near_pairs
+from rona_core.app.runtime.handling import handle
+from rona_core.app.steps.setup.clearance import clearance_violations, drawn_obstacles
+from rona_core.app.steps.setup.messages import SetRobot
+from rona_core.app.steps.setup.workcell_messages import AddObstacle, RemoveObstacle, SetWorkcell
 from rona_core.errors import InvalidInputError, NotFoundError
 from rona_core.session.codec import decode, encode
 from rona_core.session.document import Session, Setup
@@ -59,15 +60,15 @@ def test_a_box_stays_where_it_is_when_the_base_of_the_robot_is_moved():
 
 def test_the_robot_keeps_away_from_a_box_by_the_margin_that_was_said():
     home = np.zeros(6)
-    free = near_pairs(handle(WALL, Session()), home)
+    free = clearance_violations(handle(WALL, Session()), home)
     assert not any(pair.too_close for pair in free)
     close = handle(AddObstacle("cupboard", (0.0, 0.0, 500.0), (300.0, 300.0, 500.0)), Session())
-    hit = [pair for pair in near_pairs(close, home) if pair.too_close]
+    hit = [pair for pair in clearance_violations(close, home) if pair.too_close]
     assert {pair.second for pair in hit} == {"cupboard"}
     room = {p.first: p.distance_mm for p in hit}["elbow"]
     assert 0.0 < room < 20.0, "not touched, but nearer than the margin"
     less = handle(SetWorkcell(margin_mm=room - 1.0), close)
-    left = {pair.first for pair in near_pairs(less, home) if pair.too_close}
+    left = {pair.first for pair in clearance_violations(less, home) if pair.too_close}
     assert left
     assert "elbow" not in left
 

@@ -5,15 +5,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from rona_core.app.messages.registry import (
-    SetPointer,
-    SetSeed,
-    SetTracker,
-    StartPointerCapture,
-    StartSurfaceCapture,
-    StartToolCapture,
-)
 from rona_core.app.overview.predicted_accuracy import predict_surface, predicted_figures
+from rona_core.app.steps.pointer.messages import StartPointerCapture
+from rona_core.app.steps.setup.messages import SetPointer, SetSeed, SetTracker
+from rona_core.app.steps.surface.messages import StartSurfaceCapture
+from rona_core.app.steps.tool.messages import StartToolCapture
 from rona_core.compose import new_workbench
 from rona_core.devices.tracker_volumes import ACCURACY_MM
 from rona_core.session.document import Session

@@ -15,8 +15,9 @@ from rona_core.devices.samples import ToolTrack
 from rona_core.errors import NotFoundError, SessionFormatError
 from rona_core.geometry.pose import Pose, Poses
 from rona_core.session import files, members
+from rona_core.session.captures import PointerCapture
 from rona_core.session.codec import digest
-from rona_core.session.document import Captures, LogEntry, PointerCapture, Session
+from rona_core.session.document import Captures, LogEntry, Session
 from rona_core.session.files import load_session, save_session, session_bytes, session_from_bytes
 
 

@@ -5,10 +5,10 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from rona_core.app.messages.registry import StartPointerCapture
-from rona_core.app.messages.serialization import message_from, plain_arguments
+from rona_core.app.messages.serialization import message_from, serialize_arguments
 from rona_core.app.runtime.recompute import replay
 from rona_core.app.runtime.workbench import Workbench
+from rona_core.app.steps.pointer.messages import StartPointerCapture
 from rona_core.compose import build_virtual_rig, virtual_services
 from rona_core.devices.settings import DeviceSettings
 from rona_core.errors import (
@@ -137,7 +137,7 @@ def test_cancel_keeps_the_recording_and_lets_the_pointer_go(tmp_path, monkeypatc
 
 
 def test_a_message_of_an_older_log_lacks_only_what_has_a_default():
-    old = plain_arguments(StartPointerCapture(cone_deg=20.0))
+    old = serialize_arguments(StartPointerCapture(cone_deg=20.0))
     del old["by_hand"]
     assert message_from("StartPointerCapture", old) == StartPointerCapture(cone_deg=20.0)
     with pytest.raises(SessionFormatError, match="does not know by_foot"):

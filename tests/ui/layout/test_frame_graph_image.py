@@ -7,15 +7,11 @@ from itertools import combinations
 
 import pytest
 
-from rona_core.app.messages.registry import (
-    MoveTracker,
-    SetTracker,
-    SetUseBaseMarker,
-    StartPointerCapture,
-    StartSurfaceCapture,
-    StartToolCapture,
-)
 from rona_core.app.overview.frame_graph import FrameRow, frame_rows
+from rona_core.app.steps.pointer.messages import StartPointerCapture
+from rona_core.app.steps.setup.messages import MoveTracker, SetTracker, SetUseBaseMarker
+from rona_core.app.steps.surface.messages import StartSurfaceCapture
+from rona_core.app.steps.tool.messages import StartToolCapture
 from rona_core.compose import new_workbench
 from rona_core.geometry.pose import Pose
 from rona_core.session.document import Session

@@ -5,7 +5,7 @@ from typing import Any
 
 import pytest
 
-from rona_core.app.messages.registry import StartPivotImport, StartRecordingImport
+from rona_core.app.steps.recordings.messages import StartPivotImport, StartRecordingImport
 from rona_core.devices.files.poses.igs_mha import read_igs_mha
 from rona_core.session.document import Session
 from rona_ui.panels.layout.session import SessionPanel
@@ -77,7 +77,7 @@ def test_what_the_tracker_saw_can_be_chosen_and_downloaded(measured: Session) ->
 
 @pytest.fixture(scope="module")
 def measured() -> Session:
-    from rona_core.app.messages.registry import StartPointerCapture
+    from rona_core.app.steps.pointer.messages import StartPointerCapture
     from rona_core.compose import new_workbench
 
     bench = new_workbench(Session(name="mine"))

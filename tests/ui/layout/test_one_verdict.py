@@ -7,10 +7,12 @@ from typing import Any
 import numpy as np
 import pytest
 
-from rona_core.app.handlers import handle
-from rona_core.app.messages.registry import MovePathPoint, SetRobot, SetSeed, StartRetract
+from rona_core.app.dependencies.step_states import step_states
 from rona_core.app.overview.acceptance import FIGURES, judgement, quality_rows
-from rona_core.app.overview.step_states import step_states
+from rona_core.app.runtime.handling import handle
+from rona_core.app.steps.path.messages import MovePathPoint
+from rona_core.app.steps.scan.messages import StartRetract
+from rona_core.app.steps.setup.messages import SetRobot, SetSeed
 from rona_core.devices.live import LiveState
 from rona_core.devices.samples import JointSample
 from rona_core.robot.kinematics.catalog import robot_model

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from rona_core.app.overview.step_states import step_states
+from rona_core.app.dependencies.step_states import step_states
 from rona_core.app.runtime.jobs import JobStatus
 from rona_core.app.steps.maps.map_accuracy import accuracy_words, map_accuracy
 from rona_core.app.steps.maps.view import layers_of

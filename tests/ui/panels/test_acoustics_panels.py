@@ -2,17 +2,17 @@
 
 import numpy as np
 
-from rona_core.app.messages.registry import (
+from rona_core.app.steps.acoustics.messages import (
     AddReferencePoint,
     CalibrateDelayLine,
-    SetProbe,
     StartCaliperMeasurements,
     StartDelayLineCapture,
-    StartMapping,
     StartProbeSweep,
 )
 from rona_core.app.steps.acoustics.view import ReferenceRow, probe_performances
-from rona_core.app.steps.setup.probe_advice import ProbeAdvice
+from rona_core.app.steps.boundaries.probe_advice import ProbeAdvice
+from rona_core.app.steps.maps.messages import StartMapping
+from rona_core.app.steps.setup.messages import SetProbe
 from rona_core.devices.settings import ProbeSettings
 from rona_core.session.document import Derived, Results, Session
 from rona_core.ultrasound.acoustic_calibration.parameter_sweep import WhatIf

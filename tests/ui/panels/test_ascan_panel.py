@@ -7,16 +7,16 @@ from typing import Any
 import numpy as np
 import pytest
 
-from rona_core.app.messages.registry import (
-    ClearBoundaryCorrections,
-    CorrectBoundary,
-    StartGapPlan,
-    StartGapScan,
-    StartMapping,
+from rona_core.app.dependencies.step_states import step_states
+from rona_core.app.steps.boundaries.ascan_view import (
+    ascan_plot,
+    scan_marks,
+    scan_number_at,
+    scan_picture,
 )
-from rona_core.app.overview.step_states import step_states
-from rona_core.app.steps.roll.planned_motion import joints_at
-from rona_core.app.steps.scan.ascan_view import ascan_plot, scan_marks, scan_number_at, scan_picture
+from rona_core.app.steps.boundaries.messages import ClearBoundaryCorrections, CorrectBoundary
+from rona_core.app.steps.maps.messages import StartGapPlan, StartGapScan, StartMapping
+from rona_core.app.steps.scan.planned_motion import joints_at
 from rona_core.devices.live import LiveState
 from rona_core.session.document import Session
 from rona_core.session.files import load_session

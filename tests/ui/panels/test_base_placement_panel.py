@@ -5,8 +5,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from rona_core.app.messages.registry import ApplyBasePlacement, StartBasePlacement
 from rona_core.app.steps.roll.base_placement_view import placement_view
+from rona_core.app.steps.roll.messages import ApplyBasePlacement, StartBasePlacement
 from rona_core.devices.settings import DeviceSettings, RobotSettings
 from rona_core.geometry.pose import Pose
 from rona_core.robot.base_placement.candidates import BasePlace, BasePlacement

@@ -8,15 +8,11 @@ from xml.etree import ElementTree
 import numpy as np
 import pytest
 
-from rona_core.app.messages.registry import (
-    CalibratePointer,
-    ExcludePoses,
-    StartPointerCapture,
-    StartToolCapture,
-)
 from rona_core.app.overview.acceptance import quality_rows
 from rona_core.app.runtime.jobs import JobStatus
+from rona_core.app.steps.pointer.messages import CalibratePointer, ExcludePoses, StartPointerCapture
 from rona_core.app.steps.tool.calibration_view import EXCLUDED, REJECTED, USED, calibration_view
+from rona_core.app.steps.tool.messages import StartToolCapture
 from rona_core.compose import new_workbench
 from rona_core.session.document import Session
 from rona_ui.panels.layout.quality import table

@@ -5,12 +5,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from rona_core.app.messages.registry import (
+from rona_core.app.dependencies.step_states import step_states
+from rona_core.app.steps.handheld.messages import (
     StartHandheldCalibration,
     StartHandheldMapping,
     StartHandheldScan,
 )
-from rona_core.app.overview.step_states import step_states
 from rona_core.compose import new_workbench
 from rona_core.devices.live import LiveState
 from rona_core.devices.protocols import Mesh

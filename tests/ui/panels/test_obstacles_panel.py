@@ -2,8 +2,8 @@
 
 import numpy as np
 
-from rona_core.app.handlers import handle
-from rona_core.app.messages.registry import AddObstacle, RemoveObstacle, SetWorkcell
+from rona_core.app.runtime.handling import handle
+from rona_core.app.steps.setup.workcell_messages import AddObstacle, RemoveObstacle, SetWorkcell
 from rona_core.devices.protocols import Mesh
 from rona_core.geometry.pose import Pose
 from rona_core.session.document import Session

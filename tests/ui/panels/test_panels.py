@@ -5,22 +5,23 @@ from typing import Any
 import numpy as np
 import pytest
 
-from rona_core.app.messages.registry import (
+from rona_core.app.declarations.registry import REGISTRY
+from rona_core.app.dependencies.step_states import step_states
+from rona_core.app.runtime.jobs import JobStatus
+from rona_core.app.steps.pointer.messages import StartPointerCapture
+from rona_core.app.steps.roll.view import JointCurves
+from rona_core.app.steps.scan.payload_identification import STOPPED
+from rona_core.app.steps.setup.messages import (
     MoveTracker,
     SetBoneModel,
     SetRobot,
     SetTracker,
     SetUseBaseMarker,
-    StartPointerCapture,
-    StartToolCapture,
 )
-from rona_core.app.overview.step_states import step_states
-from rona_core.app.runtime.jobs import JobStatus
-from rona_core.app.steps.roll.view import JointCurves
-from rona_core.app.steps.scan.payload_identification import STOPPED
+from rona_core.app.steps.tool.messages import StartToolCapture
 from rona_core.devices.live import LiveState
 from rona_core.devices.settings import TrackerPlace, TrackerSettings
-from rona_core.session.document import STEPS, LogEntry, Session
+from rona_core.session.document import LogEntry, Session
 from rona_ui.panels.layout.docks import STEP_PANELS
 from rona_ui.panels.layout.frames_and_log import LogPanel
 from rona_ui.panels.layout.quality import QualityPanel
@@ -77,8 +78,8 @@ def snapshot(session: Session | None = None, **parts: Any) -> Snapshot:
 
 
 def test_every_step_has_a_panel_and_says_what_it_needs_to_be_seen() -> None:
-    assert tuple(kind.step for kind in STEP_PANELS) == STEPS
-    assert set(NEEDED) == set(STEPS)
+    assert tuple(kind.step for kind in STEP_PANELS) == REGISTRY.step_names
+    assert set(NEEDED) == set(REGISTRY.step_names)
 
 
 @pytest.mark.parametrize("kind", STEP_PANELS)
@@ -93,7 +94,7 @@ def test_the_fields_of_a_step_make_its_message_with_the_defaults(kind: Any) -> N
 @pytest.mark.parametrize("kind", STEP_PANELS)
 def test_fields_are_to_be_seen_in_their_step_only(kind: Any) -> None:
     panel = kind(FakeGui(), Recorder().context)
-    for step in STEPS:
+    for step in REGISTRY.step_names:
         panel.render(None, snapshot(view=ViewState(step=step)))
         assert panel.folder.visible == (step == kind.step)
 

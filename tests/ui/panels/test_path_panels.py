@@ -9,23 +9,23 @@ from typing import Any
 import numpy as np
 import pytest
 
-from rona_core.app.handlers import handle
-from rona_core.app.messages.registry import (
+from rona_core.app.dependencies.step_states import step_states
+from rona_core.app.runtime.handling import handle
+from rona_core.app.steps.path.messages import (
     BuildPath,
-    BuildSurface,
-    CalibratePointer,
     ClearPathEdits,
     DeletePathPoint,
     GenerateScanPattern,
     InsertPathPoint,
     MovePathPoint,
     PinPathSample,
-    RegisterTool,
-    SmoothScanPath,
 )
-from rona_core.app.overview.step_states import step_states
 from rona_core.app.steps.path.path_checks import check_path
-from rona_core.app.steps.path.view import path_view, preview_path
+from rona_core.app.steps.pointer.messages import CalibratePointer
+from rona_core.app.steps.smoothing.messages import SmoothScanPath
+from rona_core.app.steps.smoothing.path_view import path_view, preview_path
+from rona_core.app.steps.surface.messages import BuildSurface
+from rona_core.app.steps.tool.messages import RegisterTool
 from rona_core.devices.live import LiveState
 from rona_core.errors import DegenerateGeometryError, InvalidInputError
 from rona_core.session.document import Session

@@ -10,12 +10,12 @@ import numpy as np
 import pytest
 
 from rona_core.app.dependencies.staleness import input_digests, session_obstacles
-from rona_core.app.messages.registry import ChooseRoll
+from rona_core.app.dependencies.step_states import step_states
 from rona_core.app.overview.acceptance import quality_rows
-from rona_core.app.overview.step_states import step_states
+from rona_core.app.steps.boundaries.ascan_view import scan_number_at, scan_poses
 from rona_core.app.steps.roll.certificate_view import certificate_view
 from rona_core.app.steps.roll.margins_view import path_margins
-from rona_core.app.steps.roll.planned_motion import joints_at
+from rona_core.app.steps.roll.messages import ChooseRoll
 from rona_core.app.steps.roll.view import (
     RollStrip,
     joint_curves,
@@ -24,8 +24,8 @@ from rona_core.app.steps.roll.view import (
     ranked_ways,
     roll_strip,
 )
-from rona_core.app.steps.scan.ascan_view import scan_number_at, scan_poses
-from rona_core.app.steps.setup.clearance import drawn_obstacles, near_pairs
+from rona_core.app.steps.scan.planned_motion import joints_at
+from rona_core.app.steps.setup.clearance import clearance_violations, drawn_obstacles
 from rona_core.robot.kinematics.catalog import robot_model
 from rona_core.robot.verification.verifier import verify_scan
 from rona_core.session.document import Session
@@ -225,7 +225,7 @@ def test_margins_are_those_of_the_search_and_of_the_verifier(demo: Session) -> N
 def test_near_pairs_are_all_that_are_too_close_worst_first(refused: Session) -> None:
     q_rad = shown_joints(snapshot(refused, view=ROLL))
     assert q_rad is not None
-    pairs = near_pairs(refused, q_rad)
+    pairs = clearance_violations(refused, q_rad)
     assert pairs
     spare = [pair.distance_mm - pair.needed_mm for pair in pairs]
     assert spare == sorted(spare)

@@ -6,8 +6,8 @@ from typing import Any
 
 import pytest
 
-from rona_core.app.messages.registry import SetSeed
-from rona_core.compose import build_hub
+from rona_core.app.steps.setup.messages import SetSeed
+from rona_core.compose import build_registry
 from rona_core.errors import InvalidInputError
 from rona_core.session.document import Session
 from rona_ui.panels.layout.question import Choice, Question
@@ -102,7 +102,7 @@ def test_the_head_says_how_the_session_stands(parts: dict[str, Any], words: str)
 @pytest.fixture
 def served(tmp_path: Path):
     """A hub, and a function that carries a service of the browser out on it."""
-    hub = build_hub(tmp_path, processes=False)
+    hub = build_registry(tmp_path, processes=False)
     browser = SimpleNamespace(_hub=hub, client=FakeClient())
     for name in ("_serve", "_close"):
         setattr(browser, name, getattr(Browser, name).__get__(browser))

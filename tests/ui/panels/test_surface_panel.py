@@ -4,8 +4,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from rona_core.app.messages.registry import StartSkullRegistration
 from rona_core.app.runtime.jobs import JobStatus
+from rona_core.app.steps.surface.messages import StartSkullRegistration
 from rona_core.session.document import Derived, Session
 from rona_core.session.specimen import LoadedSkull
 from rona_core.surface.cloud import SurfaceCloud

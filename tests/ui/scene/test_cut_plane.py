@@ -10,7 +10,7 @@ import trimesh
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from rona_core.app.overview.step_states import step_states
+from rona_core.app.dependencies.step_states import step_states
 from rona_core.devices.live import LiveState
 from rona_core.devices.protocols import Mesh
 from rona_core.geometry.pose import Pose

@@ -5,7 +5,8 @@ from dataclasses import replace
 import numpy as np
 
 from rona_core.app.steps.acoustics.view import ReferenceRow
-from rona_core.session.document import Captures, ReferenceCapture, Session
+from rona_core.session.captures import ReferenceCapture
+from rona_core.session.document import Captures, Session
 from rona_ui.presentation.colors import ORANGE, PURPLE
 from rona_ui.presentation.view_state import LAYERS, ViewState
 from rona_ui.scene.maps.reference_points import POINTS, ReferencesLayer, label_words

@@ -6,10 +6,13 @@ from typing import Any
 
 import pytest
 
-from rona_core.app.messages.registry import ACTIVITIES, RenameSession, SetRegion, SetSeed, StartScan
+from rona_core.app.declarations.registry import REGISTRY
+from rona_core.app.messages.session_messages import RenameSession
+from rona_core.app.steps.scan.messages import StartScan
+from rona_core.app.steps.setup.messages import SetRegion, SetSeed
 from rona_core.errors import InvalidInputError, StepBlockedError
 from rona_ui import labels
-from rona_ui.labels import DOING, STEP_OF, doing, in_words, label_of, note_label, place_of
+from rona_ui.labels import doing, in_words, label_of, note_label, place_of
 from rona_ui.panels.widgets.form import Form
 from rona_ui.viewer import bindings as bindings_module
 from rona_ui.viewer.bindings import DEBOUNCE_S, Bindings, escape, report_error
@@ -248,13 +251,14 @@ def test_a_parameter_without_a_field_or_with_two_is_told_in_words() -> None:
 
 
 def test_everything_that_runs_is_named_for_people():
-    assert sorted(DOING) == sorted(ACTIVITIES)
+    assert all(doing(name)[0].isupper() and doing(name) != name for name in REGISTRY.activities)
     assert doing("StartHandheldMapping") == "Mapping the scan by hand"
 
 
 def test_what_runs_belongs_to_a_step():
     of_several = {"StartRecordingImport", "StartReplay"}  # or of none
-    assert set(ACTIVITIES) - set(STEP_OF) == of_several
+    of_one = {name for name in REGISTRY.activities if REGISTRY.shown_in(name) is not None}
+    assert set(REGISTRY.activities) - of_one == of_several
     assert place_of("pointer") == "3 Pointer"
     assert place_of(None, "StartScan") == "8 Scan, Scanning"
     assert place_of("setup", "StartRecordingImport") == "1 Set-up, Reading the recording"

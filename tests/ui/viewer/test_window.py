@@ -14,7 +14,7 @@ import viser
 import websockets.asyncio.client
 
 from rona_core.app.runtime.jobs import JobStatus
-from rona_core.compose import build_hub
+from rona_core.compose import build_registry
 from rona_core.errors import InvalidInputError
 from rona_ui.presentation.snapshot import Snapshot
 from rona_ui.presentation.view_state import ViewState
@@ -94,7 +94,7 @@ def world(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[tuple[Fak
     FakeBrowser.hold.set()
     FakeBrowser.building.clear()
     FakeBrowser.built = 0
-    hub, server = build_hub(tmp_path, processes=False), FakeServer()
+    hub, server = build_registry(tmp_path, processes=False), FakeServer()
     hub.create()
     window = Window(server, hub)  # type: ignore[arg-type]
     yield server, window
@@ -207,7 +207,7 @@ def test_short_visits_leave_nobody_behind(tmp_path: Path, monkeypatch: pytest.Mo
                 ended.append(client.client_id)
 
     monkeypatch.setattr(window_module, "Browser", Counted)
-    hub, gateway = build_hub(tmp_path, processes=False), ViewerGateway()
+    hub, gateway = build_registry(tmp_path, processes=False), ViewerGateway()
     hub.create()
     window = Window(gateway.server, hub)
     settings = ServerSettings(port=0, sessions=tmp_path, token=TOKEN, open_browser=False)

@@ -5,7 +5,8 @@ from dataclasses import dataclass
 from rona_core.devices.files.poses.igs_mha import SUFFIX, write_igs_mha
 from rona_core.devices.recording import Recording
 from rona_core.errors import NotFoundError
-from rona_core.session.document import PointerCapture, Session, ToolCapture
+from rona_core.session.captures import PointerCapture, ToolCapture
+from rona_core.session.document import Session
 
 
 @dataclass(frozen=True, slots=True)

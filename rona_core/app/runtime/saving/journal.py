@@ -5,8 +5,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from rona_core.app.messages.registry import COMMANDS, Redo, Undo
+from rona_core.app.declarations.registry import REGISTRY
 from rona_core.app.messages.serialization import message_from
+from rona_core.app.messages.session_messages import Redo, Undo
 from rona_core.app.runtime.store import Store
 from rona_core.errors import RonaError
 from rona_core.session.codec import decode, encode
@@ -37,7 +38,7 @@ class Reach:
                 undo, redo = undo - 1, redo + 1
             elif entry.message == Redo.__name__:
                 undo, redo = undo + 1, redo - 1
-            elif entry.message in COMMANDS:
+            elif entry.message in REGISTRY.command_types:
                 undo, redo = undo + 1, 0
             else:
                 return None

@@ -9,7 +9,8 @@ from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
 
-from rona_core.app.overview.step_states import step_states
+from rona_core.app.declarations.registry import REGISTRY
+from rona_core.app.dependencies.step_states import step_states
 from rona_core.app.runtime.saving.autosave import FOLDER
 from rona_core.app.runtime.saving.journal import (
     JOURNAL_SUFFIX,
@@ -20,7 +21,7 @@ from rona_core.app.runtime.saving.journal import (
 from rona_core.app.runtime.saving.run_folder import dead_folders, hold, remove_if_empty
 from rona_core.app.runtime.store import Store
 from rona_core.errors import NotFoundError, RonaError
-from rona_core.session.document import STEPS, Session
+from rona_core.session.document import Session
 from rona_core.session.files import SUFFIX, load_session
 from rona_core.session.temporary_files import MADE, remove_stale_temporaries
 
@@ -199,6 +200,8 @@ def _describe(copy: LostCopy) -> LostSession:
         text = str(error) if isinstance(error, RonaError) else f"it cannot be read: {error}"
         return LostSession(copy.key, None, when, 0, (), (), size, text)
     states = {step.name: step.state for step in step_states(store.session)}
-    done, stale = (tuple(n for n in STEPS if states[n] == s) for s in ("done", "stale"))
+    done, stale = (
+        tuple(n for n in REGISTRY.step_names if states[n] == s) for s in ("done", "stale")
+    )
     name, revision = store.session.name, store.revision
     return LostSession(copy.key, name, when, revision, done, stale, size, problem)

@@ -52,7 +52,7 @@ class SessionFiles:
             self._saved.pop(session_id, None)
 
     def save(self, session: Session, file: str | None, *, replace: bool) -> tuple[Path, str | None]:
-        """Write a session to its file, or to that of a plain name; errors as in `Hub.save`.
+        """Write a session to its file, or to that of a plain name; see `SessionRegistry.save`.
 
         Returns:
             The file, and the open session whose file it was, if it was another one's.

@@ -1,9 +1,10 @@
 """Compute speed of sound and delay line from their captures, and use them where they are known."""
 
-from rona_core.app.dependencies.inputs import need
-from rona_core.app.dependencies.staleness import usable_line, usable_speed
+from rona_core.app.declarations.declarations import Input
+from rona_core.app.dependencies.inputs import require_result
+from rona_core.app.dependencies.staleness import stale_reason
 from rona_core.app.steps.acoustics.messages import CalibrateDelayLine, CalibrateSoundSpeed
-from rona_core.app.steps.maps.probe_poses import probe_poses_of
+from rona_core.app.steps.scan.probe_poses import probe_poses_of
 from rona_core.errors import InvalidInputError
 from rona_core.geometry.arrays import Floats
 from rona_core.geometry.pose import Poses
@@ -30,8 +31,8 @@ def derive_speed(session: Session, message: CalibrateSoundSpeed) -> SpeedCalibra
     Raises:
         InvalidInputError: a point without a sure A-scan near it, or values that no bone has.
     """
-    references = need(session.captures.references, "measure reference points (step 9)")
-    detection = need(session.results.detection, "detect the boundaries (step 9)").value
+    references = require_result(session.captures.references, "measure reference points (step 9)")
+    detection = require_result(session.results.detection, "detect the boundaries (step 9)").value
     places = references.places_base
     lag_us, sigma_us = lags_at(places, entry_points(session, detection), detection)
     return calibrate_speed(
@@ -45,12 +46,12 @@ def derive_speed(session: Session, message: CalibrateSoundSpeed) -> SpeedCalibra
 
 def entry_points(session: Session, detection: Detection) -> Floats:
     """Return where the probe's axis enters the bone (n, 3) at each A-scan, in ``base``."""
-    return boundary_points(detection, need(probe_poses_of(session), "scan"))[0]
+    return boundary_points(detection, require_result(probe_poses_of(session), "scan"))[0]
 
 
 def derive_line(session: Session, message: CalibrateDelayLine) -> DelayLine:
     """Find the delay of the line in the A-scans on the block."""
-    block = need(session.captures.block, "take A-scans on the block (step 1)")
+    block = require_result(session.captures.block, "take A-scans on the block (step 1)")
     probe = session.setup.devices.probe
     temperatures = [float(value) for value in block.temperatures_c]
     return calibrate_delay_line(
@@ -98,3 +99,23 @@ def require_point(detection: Detection, scan: int) -> None:
         raise InvalidInputError(
             f"A-scan {scan} shows no inner boundary that can be trusted: choose another"
         )
+
+
+def usable_line(session: Session) -> DelayLine | None:
+    """Return the calibrated delay line, unless it is stale or bad."""
+    held = session.results.line
+    if held is None or held.value.verdict == "bad" or stale_reason("line", session):
+        return None
+    return held.value
+
+
+def usable_speed(session: Session) -> SpeedCalibration | None:
+    """Return the calibrated speed of sound, unless it is stale or bad."""
+    held = session.results.speed
+    if held is None or held.value.verdict == "bad" or stale_reason("speed", session):
+        return None
+    return held.value
+
+
+KNOWN_LINE = Input(usable_line, "calibrate the delay line (step 1)", optional=True)
+KNOWN_SPEED = Input(usable_speed, "calibrate the speed (step 9)", optional=True)

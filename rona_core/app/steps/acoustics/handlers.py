@@ -4,30 +4,28 @@ from dataclasses import replace
 
 import numpy as np
 
-from rona_core.app.dependencies.inputs import need
-from rona_core.app.dependencies.staleness import capture_setup_digest, stale_reason
-from rona_core.app.handlers import captured, computed, handle
-from rona_core.app.messages.outcomes import StoreBlockCapture, StoreReferences, StoreWhatIf
+from rona_core.app.dependencies.capture_setup import capture_setup_digest
+from rona_core.app.dependencies.inputs import require_result
+from rona_core.app.dependencies.staleness import stale_reason
+from rona_core.app.runtime.handling import compute_result
 from rona_core.app.steps.acoustics.derivation import entry_points, require_point
 from rona_core.app.steps.acoustics.messages import (
     MAX_POINTS,
     AddReferencePoint,
     CalibrateDelayLine,
-    CalibrateSoundSpeed,
     RemoveReferencePoint,
 )
 from rona_core.errors import InvalidInputError, StepBlockedError
 from rona_core.geometry.arrays import readonly
-from rona_core.session.document import Derived, ReferenceCapture, Session
+from rona_core.session.captures import ReferenceCapture
+from rona_core.session.document import Session
 
-__all__ = ["handle"]
 
-
-@handle.register
-def _(message: AddReferencePoint, session: Session) -> Session:
+def add_reference_point(message: AddReferencePoint, session: Session) -> Session:
+    """Carry out `AddReferencePoint`."""
     place = np.array(message.place_base_mm or (0.0, 0.0, 0.0))
     if message.scan is not None:
-        detection = need(session.results.detection, "map the boundaries (step 9)").value
+        detection = require_result(session.results.detection, "map the boundaries (step 9)").value
         if stale_reason("detection", session) is not None:
             raise StepBlockedError("AddReferencePoint is blocked: map the boundaries again first")
         require_point(detection, message.scan)
@@ -48,8 +46,8 @@ def _(message: AddReferencePoint, session: Session) -> Session:
     return _with(session, one if held is None else joined(held, one))
 
 
-@handle.register
-def _(message: RemoveReferencePoint, session: Session) -> Session:
+def remove_reference_point(message: RemoveReferencePoint, session: Session) -> Session:
+    """Carry out `RemoveReferencePoint`."""
     held = session.captures.references
     if held is None:
         raise InvalidInputError("there is no reference point to remove")
@@ -72,34 +70,17 @@ def _(message: RemoveReferencePoint, session: Session) -> Session:
     )
 
 
-@handle.register(CalibrateSoundSpeed)
-def _(message: CalibrateSoundSpeed, session: Session) -> Session:
-    return computed(message, session)
-
-
-@handle.register
-def _(message: CalibrateDelayLine, session: Session) -> Session:
+def calibrate_delay_line(message: CalibrateDelayLine, session: Session) -> Session:
+    """Carry out `CalibrateDelayLine`."""
     if message.use:
-        return computed(message, session)
+        return compute_result(message, session)
     return replace(session, results=replace(session.results, line=None))
 
 
-@handle.register
-def _(message: StoreReferences, session: Session) -> Session:
-    held = _held(session) if message.append else None
-    now = message.capture if held is None else joined(held, message.capture)
-    return captured(session, message.capture, references=now)
-
-
-@handle.register
-def _(message: StoreBlockCapture, session: Session) -> Session:
-    return captured(session, message.capture, block=message.capture)
-
-
-@handle.register
-def _(message: StoreWhatIf, session: Session) -> Session:
-    made = Derived(message.what_if, "StartProbeSweep", message.arguments, {})  # of no session
-    return replace(session, results=replace(session.results, what_if=made))
+def place_references(session: Session, capture: ReferenceCapture, append: bool) -> object:
+    """Return the reference points after a recording, which replaces the earlier ones or adds."""
+    held = _held(session) if append else None
+    return capture if held is None else joined(held, capture)
 
 
 def joined(first: ReferenceCapture, more: ReferenceCapture) -> ReferenceCapture:

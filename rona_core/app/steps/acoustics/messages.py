@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 from typing import ClassVar
 
-from rona_core.app.messages.commands import Point
+from rona_core.app.messages.session_messages import Point
 from rona_core.devices.settings import (
     PROBE_LIMITS,
     STRICT,

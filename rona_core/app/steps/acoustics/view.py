@@ -5,7 +5,7 @@ from functools import lru_cache
 from typing import Any
 
 from rona_core.app.dependencies.staleness import stale_reason
-from rona_core.app.steps.maps.thickness_uncertainty import ThicknessShares, thickness_shares
+from rona_core.app.steps.acoustics.thickness_uncertainty import ThicknessShares, thickness_shares
 from rona_core.devices.settings import ProbeSettings
 from rona_core.session.document import Session
 from rona_core.ultrasound.acoustic_calibration.expected_performance import (

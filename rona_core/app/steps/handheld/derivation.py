@@ -4,9 +4,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from rona_core.app.dependencies.inputs import need
+from rona_core.app.dependencies.inputs import require_result
 from rona_core.app.steps.acoustics.derivation import session_probe, with_known_speed
-from rona_core.app.steps.handheld.messages import StartHandheldMapping
+from rona_core.app.steps.handheld.messages import CalibrateHandheldProbe, StartHandheldMapping
 from rona_core.app.steps.handheld.scans import (
     gathered,
     hand_reference,
@@ -15,8 +15,11 @@ from rona_core.app.steps.handheld.scans import (
     spread,
 )
 from rona_core.app.steps.maps.survey import Survey, detect_survey
+from rona_core.calibration.handheld.tracked_probe import SonoCalibration, calibrate_sono
+from rona_core.devices.marker_geometry import GEOMETRIES
 from rona_core.devices.protocols import Cancel, Progress, never, silent
 from rona_core.devices.samples import AScanTrack
+from rona_core.devices.settings import SONO
 from rona_core.errors import DegenerateGeometryError
 from rona_core.geometry.arrays import Bools
 from rona_core.geometry.pose import Poses
@@ -65,8 +68,8 @@ def derive_sono_detection(
     Raises:
         DegenerateGeometryError: it saw it at none.
     """
-    capture = need(session.captures.sono_scan, "scan by hand")
-    calibration = need(session.results.sono, "calibrate the SonoPointer").value
+    capture = require_result(session.captures.sono_scan, "scan by hand")
+    calibration = require_result(session.results.sono, "calibrate the SonoPointer").value
     posed = posed_scans(session, capture)
     known = posed.known
     if not known.any():
@@ -95,9 +98,9 @@ def derive_sono_maps(
         StepBlockedError: nothing tells where the tracker stood.
         StaleResultError: it has moved since the registration, and is not found again.
     """
-    capture = need(session.captures.sono_scan, "scan by hand")
-    detection = need(session.results.sono_detection, "detect the boundaries").value
-    calibration = need(session.results.sono, "calibrate the SonoPointer").value
+    capture = require_result(session.captures.sono_scan, "scan by hand")
+    detection = require_result(session.results.sono_detection, "detect the boundaries").value
+    calibration = require_result(session.results.sono, "calibrate the SonoPointer").value
     posed = posed_scans(session, capture)
     detection = _with_hand(session, detection, posed.known)
     frame, T_base_tracker, sentence = hand_reference(session, capture)
@@ -136,4 +139,21 @@ def _with_hand(session: Session, detection: Detection, known: Bools) -> Detectio
 def _chosen(scans: AScanTrack, rows: Bools) -> AScanTrack:
     return replace(
         scans, times_s=scans.times_s[rows], rf=scans.rf[rows], clipped=scans.clipped[rows]
+    )
+
+
+def derive_sono(session: Session, message: CalibrateHandheldProbe) -> SonoCalibration:
+    """Calibrate the probe in the hand from its pivoting and its turning.
+
+    Raises:
+        InvalidInputError: the tracker saw it in too few frames.
+        DegenerateGeometryError: the motions tell too little.
+    """
+    pivot = require_result(session.captures.sono_pivot, "pivot the SonoPointer")
+    spin = require_result(session.captures.sono_spin, "turn the SonoPointer about its axis")
+    return calibrate_sono(
+        pivot.marker.Ts_tracker_marker,
+        spin.marker.Ts_tracker_marker,
+        pointer=SONO,
+        positions_marker=GEOMETRIES[SONO].positions_marker,
     )

@@ -6,7 +6,7 @@ Lengths are in millimetres, angles typed by people in degrees, times in seconds.
 from dataclasses import dataclass
 from typing import ClassVar, Literal
 
-from rona_core.app.messages.activities import StartMapping
+from rona_core.app.steps.maps.messages import StartMapping
 from rona_core.devices.settings import STRICT, require, require_within
 
 MOST_SHOTS = 16_000  # of one scan by hand: some 60 MB

@@ -5,7 +5,6 @@ what was found is spread over all A-scans again; at the others nothing counts.
 """
 
 from dataclasses import fields, replace
-from functools import lru_cache
 
 import numpy as np
 
@@ -16,7 +15,9 @@ from rona_core.devices.settings import LATENCY_MS
 from rona_core.errors import RonaError, StepBlockedError
 from rona_core.geometry.arrays import Bools, readonly
 from rona_core.geometry.pose import Pose, Poses
-from rona_core.session.document import Session, SonoCapture
+from rona_core.session.captures import SonoCapture
+from rona_core.session.document import Session
+from rona_core.session.memo import remember
 from rona_core.ultrasound.detection.detect import Detection
 
 TOLD_SIGMAS = 3.0  # a delay smaller than this cannot be told from none
@@ -42,7 +43,7 @@ def posed_scans(session: Session, capture: SonoCapture) -> InterpolatedPoses:
     return _posed(capture, sono_delay_s(session))
 
 
-@lru_cache(maxsize=4)  # captures never change
+@remember(4)  # captures never change
 def _posed(capture: SonoCapture, delay_s: float) -> InterpolatedPoses:
     return interpolate_poses(capture.marker, capture.scans.times_s, delay_s=delay_s)
 
@@ -103,7 +104,7 @@ def spread(detection: Detection, known: Bools) -> Detection | None:
     return _spread(detection, known.tobytes())
 
 
-@lru_cache(maxsize=4)
+@remember(4)
 def _spread(detection: Detection, known: bytes) -> Detection:
     rows = np.frombuffer(known, dtype=np.bool_)
     wide = {}

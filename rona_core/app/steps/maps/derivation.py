@@ -1,19 +1,16 @@
-"""Compute plan, boundaries and maps: what takes longer, and runs in another process."""
+"""Boundary detection and maps, and the plan of a second pass over the gaps."""
 
 from dataclasses import dataclass, replace
 
-from rona_core.app.dependencies.inputs import need
-from rona_core.app.dependencies.staleness import (
-    input_digests,
-    session_obstacles,
-    stale_reason,
-    usable_second,
-)
-from rona_core.app.messages.registry import StartGapPlan, StartMapping, StartRollSearch
-from rona_core.app.messages.serialization import plain_arguments
+from rona_core.app.dependencies.inputs import require_result
+from rona_core.app.dependencies.staleness import input_digests, stale_reason
+from rona_core.app.messages.serialization import serialize_arguments
 from rona_core.app.steps.acoustics.derivation import session_probe, with_known_speed
-from rona_core.app.steps.maps.probe_poses import probe_poses_of
+from rona_core.app.steps.maps.messages import StartGapPlan, StartMapping
 from rona_core.app.steps.maps.survey import Survey, detect_survey
+from rona_core.app.steps.roll.derivation import plan_settings
+from rona_core.app.steps.roll.messages import StartRollSearch
+from rona_core.app.steps.scan.probe_poses import probe_poses_of
 from rona_core.devices.protocols import Cancel, Progress, never, silent
 from rona_core.errors import StepBlockedError
 from rona_core.geometry.pose import Poses
@@ -21,56 +18,11 @@ from rona_core.mapping.boundary_map import Maps
 from rona_core.mapping.build_maps import LocatedDetection, build_maps
 from rona_core.mapping.second_pass import SecondPassSettings, plan_second_pass, standoffs_mm
 from rona_core.robot.kinematics.catalog import robot_model
-from rona_core.robot.planning.plan import RobotPlan
-from rona_core.robot.planning.plan_scan import PlanSettings, choose_roll, plan_scan
-from rona_core.robot.trajectory.path_timing import ScanSettings
-from rona_core.session.document import Derived, ScanCapture, SecondPass, Session
+from rona_core.robot.planning.plan_scan import plan_scan
+from rona_core.session.captures import ScanCapture
+from rona_core.session.document import Derived, SecondPass, Session
 from rona_core.ultrasound.detection.detect import Detection
 from rona_core.ultrasound.detection.manual_corrections import corrected
-
-
-def derive_roll(
-    session: Session,
-    message: StartRollSearch,
-    *,
-    progress: Progress = silent,
-    cancel: Cancel = never,
-) -> RobotPlan:
-    """Judge every roll, and plan, time and verify the scan with the chosen one."""
-    smooth = need(session.results.smoothing, "smooth the path").value
-    return plan_scan(
-        smooth.path,
-        robot_model(session.setup.devices.robot.model),
-        plan_settings(session, message),
-        progress=progress,
-        cancel=cancel,
-    )
-
-
-def plan_settings(session: Session, message: StartRollSearch) -> PlanSettings:
-    """Return how to search and drive, from what was asked for and the robot's settings."""
-    return PlanSettings(
-        n_rolls=message.n_rolls,
-        roll_from_deg=message.roll_from_deg,
-        roll_to_deg=message.roll_to_deg,
-        choice=message.choice,
-        mode=message.mode,
-        scan=ScanSettings(scan_speed_mm_per_s=session.setup.devices.robot.scan_speed_mm_per_s),
-        obstacles=session_obstacles(session),
-    )
-
-
-def derive_chosen_roll(
-    session: Session, plan: RobotPlan, index: int, branch: int | None = None
-) -> RobotPlan:
-    """Plan, time and verify the scan with another roll of a search, by default on its best branch.
-
-    Raises:
-        NotReachableError: the path cannot be followed with this roll; it says why.
-    """
-    model = robot_model(session.setup.devices.robot.model)
-    settings = plan_settings(session, StartRollSearch())
-    return choose_roll(plan, index, model, settings, branch=branch)
 
 
 def derive_detection(
@@ -81,7 +33,7 @@ def derive_detection(
     cancel: Cancel = never,
 ) -> Detection:
     """Find both boundaries in every A-scan, with those around it as witnesses."""
-    survey = Survey(need(session.captures.scan, "scan").scans, probe_poses(session))
+    survey = Survey(require_result(session.captures.scan, "scan").scans, probe_poses(session))
     return detect_survey(session, survey, message, progress=progress, cancel=cancel)
 
 
@@ -90,7 +42,7 @@ def probe_poses(session: Session, capture: ScanCapture | None = None) -> Poses:
 
     Without a capture it is that of the first pass.
     """
-    return need(probe_poses_of(session, capture), "scan")
+    return require_result(probe_poses_of(session, capture), "scan")
 
 
 def derive_maps(
@@ -108,8 +60,8 @@ def derive_maps(
     set by hand take the place of those that were found.
     """
     edits, probe = session.boundary_edits, session_probe(session)
-    cloud = need(session.results.surface, "sample the surface").value
-    detection = need(session.results.detection, "detect the boundaries").value
+    cloud = require_result(session.results.surface, "sample the surface").value
+    detection = require_result(session.results.detection, "detect the boundaries").value
     detection = corrected(detection, edits, "first", probe)
     capture, again = usable_second(session), session.results.second_detection
     second = None
@@ -144,7 +96,7 @@ def derive_second(
     Raises:
         StepBlockedError: there is no gap worth a scan.
     """
-    detection = need(session.results.detection, "detect the boundaries").value
+    detection = require_result(session.results.detection, "detect the boundaries").value
     settings = SecondPassSettings(message.spacing_mm, message.fan, message.largest_lean_deg)
     way = plan_second_pass(
         derive_maps(session, StartMapping(), first_only=True),
@@ -173,7 +125,7 @@ def derive_second_detection(
     cancel: Cancel = never,
 ) -> Detection:
     """Find the inner boundary in the second pass; the outer one is where the first one saw it."""
-    capture = need(usable_second(session), "scan the gaps again")
+    capture = require_result(usable_second(session), "scan the gaps again")
     outer = derive_maps(session, message, first_only=True).outer
     poses = probe_poses(session, capture)
     survey = Survey(capture.scans, poses, standoffs_mm(outer, poses))
@@ -220,12 +172,12 @@ def derive_mapping(
 
 def _kept(name: str, session: Session, message: StartMapping) -> Detection | None:
     """Return a detection that need not be made again: one that is fresh beneath stale maps."""
-    derived = getattr(session.results, name)
+    derived = session.results.get(name)
     if derived is None or stale_reason(name, session) is not None:
         return None
     if session.results.maps is not None and stale_reason("maps", session) is None:
         return None  # nothing has changed: somebody wants all of it anew
-    wanted = plain_arguments(message)
+    wanted = serialize_arguments(message)
     same = all(derived.arguments.get(k) == v for k, v in wanted.items() if k != "cell_mm")
     return derived.value if same else None
 
@@ -238,6 +190,7 @@ def _with_result(session: Session, name: str, value: object) -> Session:
     return replace(session, results=replace(session.results, **{name: made}))
 
 
-def lean(session: Session) -> Session:
-    """Return the session without what no computation needs, to send it to another process."""
-    return replace(session, archive=(), log=())
+def usable_second(session: Session) -> ScanCapture | None:
+    """Return the capture of the second pass, unless it is of another plan or set-up."""
+    capture = session.captures.second
+    return None if capture is None or stale_reason("capture second", session) else capture

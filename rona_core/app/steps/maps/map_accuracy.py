@@ -8,19 +8,19 @@ docs/algorithms/maps/boundary_maps.md.
 """
 
 from dataclasses import dataclass
-from functools import lru_cache
 
 import numpy as np
 from scipy.interpolate import RectBivariateSpline
 from scipy.spatial import KDTree
 
-from rona_core.app.steps.maps.thickness_uncertainty import speed_of_maps
+from rona_core.app.steps.acoustics.thickness_uncertainty import speed_of_maps
 from rona_core.devices.settings import ProbeSettings
 from rona_core.devices.tracker_volumes import ACCURACY_MM
 from rona_core.geometry.arrays import Bools, Floats, readonly
 from rona_core.mapping.boundary_map import BoundaryMap, Maps
 from rona_core.mapping.interpolation_error import left_out_error
 from rona_core.session.document import Session
+from rona_core.session.memo import remember
 from rona_core.ultrasound.acoustic_calibration.speed_calibration import (
     SpeedCalibration,
     uncalibrated,
@@ -162,7 +162,7 @@ def _hand_pose_mm(session: Session) -> float:
     return float((squares / 3.0) ** 0.5)
 
 
-@lru_cache(maxsize=4)  # maps never change, and every browser asks
+@remember(4)  # maps never change, and every browser asks
 def _accuracy(
     maps: Maps, samples: _Samples, known: SpeedCalibration | None, arm: _Arm
 ) -> MapAccuracy:

@@ -5,8 +5,9 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.spatial import KDTree
 
-from rona_core.app.dependencies.staleness import digest_of, stale_reason, usable_second
-from rona_core.app.procedure import why_no_plan
+from rona_core.app.dependencies.staleness import digest_of, stale_reason
+from rona_core.app.steps.maps.derivation import usable_second
+from rona_core.app.steps.roll.plan_reasons import why_no_plan
 from rona_core.geometry.arrays import Bools, Floats, readonly
 from rona_core.mapping.build_maps import NEAR_MM
 from rona_core.session.document import Session

@@ -1,8 +1,8 @@
 """What detection gets from a scan: the same from either pass of the robot and from one by hand."""
 
 from dataclasses import dataclass
+from typing import Literal, Protocol
 
-from rona_core.app.messages.registry import StartHandheldMapping, StartMapping
 from rona_core.app.steps.acoustics.derivation import first_speed, session_probe
 from rona_core.devices.protocols import Cancel, Progress
 from rona_core.devices.samples import AScanTrack
@@ -11,6 +11,20 @@ from rona_core.geometry.pose import Poses
 from rona_core.session.document import Session
 from rona_core.ultrasound.detection.detect import Detection, detect
 from rona_core.ultrasound.probe.survey import ProbeSurvey
+
+
+class DetectionChoice(Protocol):
+    """What a message that asks for detection says of it."""
+
+    @property
+    def method(self) -> Literal["subtract", "matched", "threshold"]:
+        """The detector."""
+        ...
+
+    @property
+    def sound_speed_mm_per_us(self) -> float | None:
+        """The speed of sound in bone; None: the calibrated one, else the published one."""
+        ...
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -25,7 +39,7 @@ class Survey:
 def detect_survey(
     session: Session,
     survey: Survey,
-    message: StartMapping | StartHandheldMapping,
+    message: DetectionChoice,
     *,
     progress: Progress,
     cancel: Cancel,

@@ -1,20 +1,26 @@
 """Changes of the path by hand: which point is meant, and where it goes on the measured surface."""
 
+from dataclasses import replace
 from functools import singledispatch
-from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from rona_core.app.dependencies.inputs import need
+from rona_core.app.dependencies.inputs import require_result
+from rona_core.app.dependencies.requirements import require_inputs
 from rona_core.app.dependencies.staleness import stale_reason
-from rona_core.app.messages.registry import (
+from rona_core.app.messages.serialization import message_from
+from rona_core.app.messages.session_messages import Point
+from rona_core.app.runtime.handling import compute_result
+from rona_core.app.steps.path.messages import (
+    BuildPath,
     ClearPathEdits,
     DeletePathPoint,
+    GenerateScanPattern,
     InsertPathPoint,
     MovePathPoint,
+    PathChange,
     PinPathSample,
-    Point,
 )
 from rona_core.errors import InvalidInputError, StaleResultError
 from rona_core.geometry.arrays import Floats, Vector3, as_vector3
@@ -26,7 +32,7 @@ PICK_MM = 5.0  # a click farther from every point means none of them
 
 
 @singledispatch
-def edited(message: Any, session: Session) -> PathEdits:
+def edited(message: PathChange, session: Session) -> PathEdits:
     """Return the changes of the path after one more.
 
     Raises:
@@ -65,7 +71,7 @@ def _(message: DeletePathPoint, session: Session) -> PathEdits:
 
 @edited.register
 def _(message: PinPathSample, session: Session) -> PathEdits:
-    raw = need(session.results.path, "demonstrate the scan path").value.points_base
+    raw = require_result(session.results.path, "demonstrate the scan path").value.points_base
     at = np.flatnonzero(edit_path(raw, session.path_edits.changes).samples == message.sample)
     if message.sample < 0 or not len(at):
         raise InvalidInputError(
@@ -87,7 +93,7 @@ def sight(session: Session, origin_base: ArrayLike, direction_base: ArrayLike) -
         StepBlockedError: no surface was sampled yet.
         DegenerateGeometryError: none was measured there.
     """
-    cloud = need(session.results.surface, "sample the surface (step 4)").value
+    cloud = require_result(session.results.surface, "sample the surface (step 4)").value
     return pick_surface_point(cloud.points_base, origin_base, direction_base)
 
 
@@ -117,7 +123,7 @@ def _with(session: Session, edit: PathEdit) -> PathEdits:
 
 
 def _fresh(session: Session) -> SmoothPath:
-    smooth = need(session.results.smoothing, "smooth the path (step 6)").value
+    smooth = require_result(session.results.smoothing, "smooth the path (step 6)").value
     reason = stale_reason("smoothing", session)
     if reason is not None:
         raise StaleResultError(f"the points of a stale path cannot be changed ({reason}): smooth "
@@ -136,7 +142,7 @@ def _beside(index: int, session: Session) -> tuple[int | None, int | None]:
 
 
 def _place(point: Point, eye: Point | None, session: Session) -> Point:
-    cloud = need(session.results.surface, "sample the surface (step 4)").value.points_base
+    cloud = require_result(session.results.surface, "sample the surface (step 4)").value.points_base
     if eye is None:
         place = project_to_surface(cloud, point)
     else:
@@ -147,6 +153,21 @@ def _place(point: Point, eye: Point | None, session: Session) -> Point:
 
 def is_kept(session: Session, sample: int) -> bool:
     """Return whether a sample of the demonstrated path must stay when it is smoothed."""
-    raw = need(session.results.path, "demonstrate the scan path").value.points_base
+    raw = require_result(session.results.path, "demonstrate the scan path").value.points_base
     path = edit_path(raw, session.path_edits.changes)
     return bool(path.keep[path.samples == sample].any())
+
+
+def change_path(message: PathChange, session: Session) -> Session:
+    """Carry out a change of the path by hand; smooth it again, where that was done and is fresh."""
+    require_inputs(type(message), session)
+    changed = replace(session, path_edits=edited(message, session))
+    smooth = session.results.smoothing
+    if smooth is None or stale_reason("smoothing", session) is not None:
+        return changed
+    return compute_result(message_from(smooth.message, smooth.arguments), changed)
+
+
+def compute_path(message: BuildPath | GenerateScanPattern, session: Session) -> Session:
+    """Carry out `BuildPath` or `GenerateScanPattern`; edits by hand were of another path."""
+    return replace(compute_result(message, session), path_edits=PathEdits())

@@ -9,8 +9,13 @@ from typing import ClassVar, Literal
 
 import numpy as np
 
-from rona_core.app.messages.commands import Point
-from rona_core.devices.settings import STRICT, require, require_within
+from rona_core.app.messages.session_messages import Point
+from rona_core.app.steps.surface.messages import MAX_PICKS
+from rona_core.devices.settings import (
+    STRICT,
+    require,
+    require_within,
+)
 from rona_core.session.document import REGION_RADII_MM
 
 MAX_CORNERS = 500
@@ -114,3 +119,30 @@ class ClearPathEdits:
 
 
 PathChange = MovePathPoint | InsertPathPoint | DeletePathPoint | PinPathSample | ClearPathEdits
+
+
+@dataclass(frozen=True, slots=True)
+class BuildPath:
+    """Compute the demonstrated path from the recorded stroke of the pointer."""
+
+    __pydantic_config__: ClassVar = STRICT
+
+
+@dataclass(frozen=True, slots=True)
+class StartPathCapture:
+    """Demonstrate the scan path with the pointer; then build the path.
+
+    Without picks the operator draws a meander over the region; with picks (in base) the pointer
+    follows them.
+    """
+
+    __pydantic_config__: ClassVar = STRICT
+    duration_s: float = 40.0
+    spacing_mm: float = 4.0
+    picks_base_mm: tuple[Point, ...] = ()
+
+    def __post_init__(self) -> None:
+        require_within("duration_s", self.duration_s, 1.0, 600.0)
+        require_within("spacing_mm", self.spacing_mm, 1.0, 20.0)
+        count = len(self.picks_base_mm)
+        require(count == 0 or 2 <= count <= MAX_PICKS, f"picks must be 2 to {MAX_PICKS}")

@@ -3,9 +3,9 @@
 from dataclasses import replace
 from typing import Literal
 
-from rona_core.app.dependencies.inputs import need
-from rona_core.app.messages.registry import StartBasePlacement, StartRollSearch
-from rona_core.app.steps.maps.derivation import plan_settings
+from rona_core.app.dependencies.inputs import require_result
+from rona_core.app.steps.roll.derivation import plan_settings
+from rona_core.app.steps.roll.messages import StartBasePlacement, StartRollSearch
 from rona_core.devices.protocols import Cancel, Progress, never, silent
 from rona_core.devices.settings import RobotSettings
 from rona_core.errors import NotReachableError
@@ -31,7 +31,7 @@ def derive_placement(
     cancel: Cancel = never,
 ) -> BasePlacement:
     """Search places of the base; what is suggested is planned and certified among everything."""
-    smooth = need(session.results.smoothing, "smooth the path").value
+    smooth = require_result(session.results.smoothing, "smooth the path").value
     robot = session.setup.devices.robot
     model = robot_model(robot.model)
     settings = plan_settings(session, StartRollSearch())
@@ -85,7 +85,7 @@ def require_move(session: Session, which: Which) -> RobotSettings:
     Raises:
         NotReachableError: no place was found, or the base stands there already.
     """
-    placement = need(session.results.placement, "look for a place of the base").value
+    placement = require_result(session.results.placement, "look for a place of the base").value
     place = placement.best if which == "best" else placement.smallest
     if place is None:
         raise NotReachableError(f"the base stays where it is: {placement.reasons[-1]}")

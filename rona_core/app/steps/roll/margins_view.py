@@ -1,23 +1,23 @@
 """What is shown of one roll along the path: margins, and the parts that come too close."""
 
-from collections import OrderedDict
 from dataclasses import dataclass
-from typing import Any, Literal
+from typing import Literal
 
 import numpy as np
 
 from rona_core.app.steps.roll.view import shown_roll, shows_chosen
 from rona_core.app.steps.setup.clearance import collision_world
 from rona_core.geometry.arrays import Bools, Floats, readonly
+from rona_core.robot.collision.collision_world import CollisionWorld
 from rona_core.robot.kinematics.catalog import robot_model
 from rona_core.robot.planning.plan import RobotPlan
 from rona_core.robot.redundancy.joint_path import branch_margins
 from rona_core.session.document import Session
+from rona_core.session.memo import Memo
 
 Quantity = Literal["room", "limits", "singularity", "clearance"]
 
-_KNOWN: OrderedDict[tuple[int, ...], tuple[tuple[Any, ...], "PathMargins"]] = OrderedDict()
-_KNOWN_KEPT = 8
+_KNOWN: "Memo[PathMargins]" = Memo(8)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -56,17 +56,14 @@ def path_margins(session: Session, wanted: int | None) -> PathMargins | None:
         return None
     plan, world = searched.value, collision_world(session)
     chosen = shows_chosen(plan, wanted)
-    key = (id(plan), id(world), -1 if chosen else index)
-    known = _KNOWN.get(key)
-    if known is None:
-        known = (plan, world), _margins(plan, world, index, chosen=chosen)
-        _KNOWN[key] = known
-        while len(_KNOWN) > _KNOWN_KEPT:
-            _KNOWN.popitem(last=False)
-    return known[1]
+    return _KNOWN.get(
+        (plan, world),
+        lambda: _margins(plan, world, index, chosen=chosen),
+        -1 if chosen else index,
+    )
 
 
-def _margins(plan: RobotPlan, world: Any, index: int, *, chosen: bool) -> PathMargins:
+def _margins(plan: RobotPlan, world: CollisionWorld, index: int, *, chosen: bool) -> PathMargins:
     verdict, model, shown = (
         plan.search.verdicts[index],
         robot_model(plan.model),

@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass
 
-from rona_core.app.steps.maps.probe_poses import pose_delay
+from rona_core.app.steps.scan.probe_poses import pose_delay
 from rona_core.devices.wrench import ForceSummary, summarize
 from rona_core.session.document import Session
 

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from rona_core.app.toolbox import Toolbox
+from rona_core.app.declarations.activity_context import ActivityContext
 from rona_core.devices.samples import AScan, JointSample
 from rona_core.devices.settings import ContactSettings
 from rona_core.devices.wrench import (
@@ -51,7 +51,7 @@ class ContactLoop:
         settings: ContactSettings,
         load: ToolLoad,
         model: RobotModel,
-        tools: Toolbox,
+        tools: ActivityContext,
     ) -> None:
         """Prepare the scan.
 

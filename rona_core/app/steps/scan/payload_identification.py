@@ -2,8 +2,8 @@
 
 import numpy as np
 
-from rona_core.app.steps.scan.certified_moves import FreeMoves
-from rona_core.app.toolbox import Toolbox
+from rona_core.app.declarations.activity_context import ActivityContext
+from rona_core.app.steps.tool.certified_moves import FreeMoves
 from rona_core.devices.wrench import ToolLoad
 from rona_core.errors import CancelledError, DegenerateGeometryError, NotReachableError
 from rona_core.geometry.arrays import Floats
@@ -22,8 +22,8 @@ STOPPED = (
 )
 
 
-def weigh_tool(
-    q_rest_rad: Floats, model: RobotModel, around: Obstacles, tools: Toolbox
+def identify_payload(
+    q_rest_rad: Floats, model: RobotModel, around: Obstacles, tools: ActivityContext
 ) -> ToolLoad:
     """Return the load on the force sensor; the robot ends where it stood, at ``q_rest_rad`` (6,).
 
@@ -67,7 +67,7 @@ def weigh_tool(
         ) from error
 
 
-def _go(here: Floats, goal: Floats, moves: FreeMoves, tools: Toolbox) -> None:
+def _go(here: Floats, goal: Floats, moves: FreeMoves, tools: ActivityContext) -> None:
     """Move on motions that are certified among what stands around.
 
     Raises:
@@ -90,7 +90,7 @@ def _go(here: Floats, goal: Floats, moves: FreeMoves, tools: Toolbox) -> None:
             tools.live.put(joints=rig.robot.state())
 
 
-def _mean_wrench(tools: Toolbox) -> Floats:
+def _mean_wrench(tools: ActivityContext) -> Floats:
     clock = tools.rig.clock
     start_s = clock.now() + SETTLE_S
     readings: list[Floats] = []

@@ -1,7 +1,6 @@
 """Thickness from a recording without a session: for the command line and scripts."""
 
 from dataclasses import dataclass
-from typing import Any
 
 from rona_core.devices.files.rf.rf_data import RecordedRf, read_rf
 from rona_core.devices.files.text_tables import NamedFile
@@ -22,7 +21,7 @@ class RfReport:
     detection: RecordedDetection
     summary: ThicknessFigures
 
-    def figures(self) -> dict[str, Any]:
+    def figures(self) -> dict[str, object]:
         """Return the figures as plain values; a thickness is None where the scan is flagged."""
         found, summary = self.detection, self.summary
         return {

@@ -1,6 +1,5 @@
 """What stands around the robot, as it is drawn, and which parts come too close to what."""
 
-from collections import OrderedDict
 from dataclasses import dataclass
 from functools import lru_cache
 from typing import Any
@@ -18,17 +17,17 @@ from rona_core.robot.collision.obstacles import Box, Capsule, Hull, Obstacle, Ob
 from rona_core.robot.kinematics.catalog import robot_model
 from rona_core.robot.meshes.link_meshes import link_shapes
 from rona_core.session.document import Session
+from rona_core.session.memo import Memo, remember
 
 LARGEST_MM = 5000.0  # what is larger (the floor) is not drawn
 AROUND, UPWARDS = 24, 7  # corners of a drawn capsule
 DRAWN_AS = {"probe": ("probe body", "probe ring", "delay line")}  # bounds of several solids
 
-_WORLDS: OrderedDict[tuple[str, int], tuple[Any, CollisionWorld]] = OrderedDict()
-_WORLDS_KEPT = 4
+_WORLDS: Memo[CollisionWorld] = Memo(4)
 
 
 @dataclass(frozen=True, slots=True)
-class Nearness:
+class PairClearance:
     """Two parts, how far they are apart and how far they must be."""
 
     first: str
@@ -59,14 +58,7 @@ class Nearness:
 def collision_world(session: Session) -> CollisionWorld:
     """Return robot and surroundings of a session as bodies; equal inputs give the same object."""
     name, around = session.setup.devices.robot.model, session_obstacles(session)
-    key = name, id(around)
-    known = _WORLDS.get(key)
-    if known is None:
-        known = around, CollisionWorld(robot_model(name), around)
-        _WORLDS[key] = known
-        while len(_WORLDS) > _WORLDS_KEPT:
-            _WORLDS.popitem(last=False)
-    return known[1]
+    return _WORLDS.get((around,), lambda: CollisionWorld(robot_model(name), around), name)
 
 
 def stands_clear(session: Session, q_rad: Floats) -> bool:
@@ -75,13 +67,13 @@ def stands_clear(session: Session, q_rad: Floats) -> bool:
     return _stands_clear(name, around, q_rad.tobytes())
 
 
-@lru_cache(maxsize=8)  # a picture asks whenever it is drawn
+@remember(8)  # a picture asks whenever it is drawn
 def _stands_clear(name: str, around: Obstacles, q_rad: bytes) -> bool:
     world = CollisionWorld(robot_model(name), around.without_touch())
     return bool(world.clear(np.frombuffer(q_rad)[None])[0])
 
 
-def near_pairs(session: Session, q_rad: Floats) -> tuple[Nearness, ...]:
+def clearance_violations(session: Session, q_rad: Floats) -> tuple[PairClearance, ...]:
     """Return all pairs that come too close at joint angles (6,), worst first; else the nearest.
 
     Among pairs that keep their distance those that may touch do not count.
@@ -94,7 +86,7 @@ def near_pairs(session: Session, q_rad: Floats) -> tuple[Nearness, ...]:
     if not len(worst):
         worst = order[world.least_mm[order] >= 0.0][:1]
     return tuple(
-        Nearness(pair.first, pair.second, float(distances[i]), pair.least_mm)
+        PairClearance(pair.first, pair.second, float(distances[i]), pair.least_mm)
         for i in worst.tolist()
         for pair in (world.pairs[i],)
     )
@@ -128,17 +120,17 @@ def _alike(shape: str, part: str) -> bool:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class DrawnThing:
+class ObstacleMesh:
     """An obstacle as a mesh in ``base``."""
 
     name: str
     mesh: Mesh
 
 
-def drawn_obstacles(session: Session) -> tuple[DrawnThing, ...]:
+def drawn_obstacles(session: Session) -> tuple[ObstacleMesh, ...]:
     """Return what the robot keeps away from, without the floor, which is drawn anyway."""
     return tuple(
-        DrawnThing(thing.name, _mesh(thing))
+        ObstacleMesh(thing.name, _mesh(thing))
         for thing in session_obstacles(session).things
         if not (isinstance(thing.shape, Box) and max(thing.shape.size_mm) > LARGEST_MM)
     )

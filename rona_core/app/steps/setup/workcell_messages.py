@@ -6,7 +6,7 @@ The room is the robot base at its default place, x forward, z up; moving the bas
 from dataclasses import dataclass, fields
 from typing import Any, ClassVar
 
-from rona_core.app.messages.commands import Point
+from rona_core.app.messages.session_messages import Point
 from rona_core.devices.settings import STRICT
 from rona_core.devices.workcell import RoomBox, Surroundings
 

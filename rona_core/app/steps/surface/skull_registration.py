@@ -8,10 +8,10 @@ from dataclasses import replace
 
 import numpy as np
 
-from rona_core.app.dependencies.inputs import need, require_loaded
-from rona_core.app.messages.registry import StartSkullRegistration
+from rona_core.app.dependencies.inputs import require_result
+from rona_core.app.steps.surface.messages import StartSkullRegistration
 from rona_core.devices.protocols import Cancel, Progress, never, silent
-from rona_core.errors import DegenerateGeometryError
+from rona_core.errors import DegenerateGeometryError, StepBlockedError
 from rona_core.geometry.arrays import Floats, Vector3
 from rona_core.geometry.pose import Pose
 from rona_core.session.document import Session
@@ -68,7 +68,7 @@ def derive_registration(
         CancelledError: ``cancel`` returned True.
     """
     skull = require_loaded(session)
-    cloud = need(session.results.surface, "sample the surface").value
+    cloud = require_result(session.results.surface, "sample the surface").value
     points_base = cloud.points_base
     points_skull, normals_skull = outer_surface(skull)
     surface = point_surface(points_skull, normals_skull)
@@ -146,8 +146,8 @@ def _middle_of_cloud(session: Session, points_base: Floats) -> tuple[Vector3, Ve
 
     Outward is where the markers of the pointer were.
     """
-    tool = need(session.results.tool, "register the tool").value
-    strokes = need(session.captures.surface, "slide the pointer over the skull")
+    tool = require_result(session.results.tool, "register the tool").value
+    strokes = require_result(session.captures.surface, "slide the pointer over the skull")
     markers = np.vstack([stroke.marker.Ts_tracker_marker.translations for stroke in strokes])
     mean = points_base.mean(axis=0)
     middle = points_base[np.linalg.norm(points_base - mean, axis=1).argmin()]
@@ -172,3 +172,18 @@ def _upright(normal: Vector3) -> Floats:
     z = normal / float(np.linalg.norm(normal))
     x: Vector3 = np.linalg.svd(z[None])[2][1]
     return np.column_stack((x, np.cross(z, x), z))
+
+
+def require_loaded(session: Session) -> LoadedSkull:
+    """Return the loaded skull of a session.
+
+    Raises:
+        StepBlockedError: a simulated skull lies on the table.
+    """
+    skull = session.setup.specimen
+    if not isinstance(skull, LoadedSkull):
+        raise StepBlockedError(
+            "the registration of the skull needs a loaded CT, mask or mesh: a simulated skull has "
+            "no file to register to; load one in step 1"
+        )
+    return skull

@@ -5,7 +5,7 @@ from typing import Any, Literal
 
 import numpy as np
 
-from rona_core.app.derive import tool_poses
+from rona_core.app.steps.tool.derivation import tool_poses
 from rona_core.calibration.hand_eye.quality import GOOD_MM
 from rona_core.calibration.pivot.pose_coverage import NextPose, next_best_pose, swing_coverage
 from rona_core.calibration.pivot.quality import GOOD_SIGMA_MM
@@ -72,7 +72,7 @@ class CalibrationView:
 
 def calibration_view(session: Session, step: Step) -> CalibrationView | None:
     """Return what there is to see of a calibration; None while there is none."""
-    derived = getattr(session.results, step)
+    derived = session.results.get(step)
     if derived is None:
         return None
     found, excluded = derived.value, left_out(derived.arguments)

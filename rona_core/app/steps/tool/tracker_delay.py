@@ -4,7 +4,7 @@ from rona_core.calibration.timing.time_offset import TimeOffset, estimate_time_o
 from rona_core.errors import DegenerateGeometryError, InvalidInputError
 from rona_core.geometry.arrays import Floats
 from rona_core.robot.kinematics.robot_model import RobotModel
-from rona_core.session.document import ToolCapture
+from rona_core.session.captures import ToolCapture
 
 TOLD_SIGMAS = 3.0  # a delay smaller than this cannot be told from none, and is not corrected
 

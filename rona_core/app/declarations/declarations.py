@@ -1,0 +1,137 @@
+"""Declarations of what a step consists of: its messages, captures, results and its line.
+
+A step declares itself once, in its folder below `rona_core.app.steps`; routes, labels, staleness,
+replay and the step list follow from the declarations (`registry`).
+"""
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import Any, TypeAlias
+
+from rona_core.app.declarations.activity_context import ActivityContext
+from rona_core.devices.protocols import Cancel, Progress
+from rona_core.session.captures import Capture as Recorded
+from rona_core.session.document import Session
+
+# A message is any frozen dataclass of plain values. A function that takes one declares its class,
+# which no common type can say.
+Message: TypeAlias = Any
+Reason: TypeAlias = Callable[[Session], str | None]  # why something cannot be done; None: it can
+Arguments: TypeAlias = Mapping[str, object]
+
+
+@dataclass(frozen=True, slots=True)
+class Input:
+    """One thing that a result is computed from, or a message needs."""
+
+    read: Callable[[Session], object]  # None or () while it is missing
+    wanted: str | None  # what to do to get it; None: as the result or capture declares
+    upstream: str | None = None  # the result or capture ("capture scan") that may itself be stale
+    optional: bool = False  # the result can do without it
+    earlier: Callable[[Session], object] | None = None  # how older files read it
+
+
+@dataclass(frozen=True, slots=True)
+class Command:
+    """A message that changes the session at once, and the pure function that does it."""
+
+    message: type
+    handle: Callable[[Any, Session], Session] | None = None  # None: the store itself does it
+    needs: tuple[Input, ...] = ()
+    takes_stale: bool = False  # it looks itself at what is stale
+    blocked: Reason | None = None  # a further reason against it
+
+
+@dataclass(frozen=True, slots=True)
+class Activity:
+    """A message that takes time or touches a device, and what carries it out on a snapshot.
+
+    What ``perform`` returns is dispatched in that order when the activity ends. Activities that
+    use devices run one at a time.
+    """
+
+    message: type
+    perform: Callable[[Any, Session, ActivityContext], tuple[Message, ...]]
+    doing: str  # what people read while it runs
+    needs: tuple[Input, ...] = ()
+    uses_devices: bool = False
+    drives_robot: bool = False
+    records: bool = False  # a capture, which has to fit into the session file
+    blocked: Reason | None = None  # a further reason against it
+    check: Callable[[Any, Session], None] | None = None  # raises why this very one is blocked
+    shown_in: str | None = None  # the step of the procedure it belongs to; None: the declaring one
+    of_several_steps: bool = False
+
+
+@dataclass(frozen=True, slots=True)
+class Result:
+    """A computed result: the message that makes it, its inputs, and how it is computed.
+
+    Where several messages make a result, each has a declaration. ``derive(session, message)`` is
+    pure; a ``long`` one takes ``progress`` and ``cancel``, too. ``recompute`` replaces it in a
+    replay where the arguments are more than those of the message.
+    """
+
+    name: str
+    message: type
+    derive: Callable[..., object] | None  # None: it follows from no capture and is not replayed
+    inputs: Mapping[str, Input]
+    wanted: str = ""  # what to do to get it
+    long: bool = False
+    recompute: Callable[[Session, Arguments, Progress, Cancel], object] | None = None
+    types: tuple[type, ...] = ()  # further classes a session file may hold below Results.more
+
+
+@dataclass(frozen=True, slots=True)
+class Capture:
+    """A capture: the parts of the set-up that it depends on, and how it is put into the session."""
+
+    name: str
+    wanted: str  # what to do to get it
+    setup: tuple[Callable[[Session], list[object]], ...]  # digested in this order
+    earlier_setup: tuple[Callable[[Session], list[object]], ...] | None = None  # of older files
+    after: Input | None = None  # what it rests on
+    # (session, recorded, append) -> what the session holds under the name; None: the recorded one
+    place: Callable[[Session, Any, bool], object] | None = None
+    # (before, after) -> after, without what belonged to the capture before
+    stored: Callable[[Session, Session], Session] | None = None
+    types: tuple[type, ...] = ()  # further classes a session file may hold below Captures.more
+
+    def placed(self, session: Session, recorded: Recorded, append: bool) -> object:
+        """Return what the session holds under the name once ``recorded`` is stored."""
+        return recorded if self.place is None else self.place(session, recorded, append)
+
+
+def _nothing(session: Session) -> tuple[Input, ...]:
+    return ()
+
+
+def _no_reason(session: Session) -> str | None:
+    return None
+
+
+@dataclass(frozen=True, slots=True)
+class StepLine:
+    """A step in the list of steps: what it is called, what does it, what that leaves behind."""
+
+    title: str
+    summary: Callable[[Session], str]  # one line about what there is; empty if nothing yet
+    message: type | None = None  # what does the step; None: it is always done
+    leaves: Callable[[Session], tuple[Input, ...]] = _nothing
+    partial: Reason = _no_reason  # what it lacks because a recording was stopped early
+    partial_without: bool = True  # whether that counts before there is a result, too
+    stale: Reason = _no_reason  # a further reason for what is there to be stale
+    unusable: Reason = _no_reason  # why what is there is of no use
+
+
+@dataclass(frozen=True, slots=True)
+class Step:
+    """All that belongs to a step. One without a line is part of another, or of several."""
+
+    name: str
+    commands: tuple[Command, ...] = ()
+    activities: tuple[Activity, ...] = ()
+    captures: tuple[Capture, ...] = ()
+    results: tuple[Result, ...] = ()
+    line: StepLine | None = None
+    part_of: str | None = None  # the step whose captures and results are listed with these

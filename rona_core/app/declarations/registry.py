@@ -1,0 +1,150 @@
+"""The registry of declared steps: everything that can be asked of a session, by name.
+
+`rona_core.app.steps` fills it when `rona_core.app` is imported, in each process. Nothing here knows
+a step; all that is looked up follows from what the steps declare.
+"""
+
+from collections.abc import Generator, Iterable
+from contextlib import contextmanager
+
+from rona_core.app.declarations.declarations import Activity, Capture, Command, Result, Step
+from rona_core.errors import InvalidInputError
+from rona_core.session.codec import allow_type
+
+
+class Registry:
+    """Holds the declared steps in order, and finds their parts by name."""
+
+    def __init__(self) -> None:
+        self.steps: tuple[Step, ...] = ()
+        self.commands: dict[str, Command] = {}
+        self.activities: dict[str, Activity] = {}
+        self.captures: dict[str, Capture] = {}
+        self._results: dict[str, dict[str, Result]] = {}  # name -> message -> declaration
+        self._step_of: dict[str, Step] = {}  # message -> step that declares it
+
+    def declare(self, steps: Iterable[Step]) -> None:
+        """Add steps.
+
+        Raises:
+            InvalidInputError: a step, message or capture of this name is declared already.
+        """
+        for step in steps:
+            kinds = [part.message.__name__ for part in (*step.commands, *step.activities)]
+            taken = [name for name in kinds if name in self._step_of]
+            taken += [part.name for part in step.captures if part.name in self.captures]
+            if step.name in self.names or taken:
+                raise InvalidInputError(f"declared twice: {', '.join([step.name, *taken])}")
+            self._add(step, kinds)
+
+    def _add(self, step: Step, kinds: list[str]) -> None:
+        self.steps = (*self.steps, step)
+        self.commands = self.commands | {part.message.__name__: part for part in step.commands}
+        self.activities = self.activities | {p.message.__name__: p for p in step.activities}
+        self.captures = self.captures | {part.name: part for part in step.captures}
+        self._step_of = self._step_of | dict.fromkeys(kinds, step)
+        for result in step.results:
+            made = self._results.get(result.name, {}) | {result.message.__name__: result}
+            self._results = self._results | {result.name: made}
+        for part in (*step.captures, *step.results):
+            for kind in part.types:
+                allow_type(kind)
+
+    @contextmanager
+    def with_step(self, step: Step) -> Generator[None, None, None]:
+        """Declare a step for a while; what was declared before comes back in the end."""
+        before = dict(vars(self))
+        self.declare([step])
+        try:
+            yield
+        finally:
+            vars(self).update(before)
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of all declared steps."""
+        return tuple(step.name for step in self.steps)
+
+    @property
+    def listed(self) -> tuple[Step, ...]:
+        """The steps of the procedure, in order: those with a line in the list of steps."""
+        return tuple(step for step in self.steps if step.line is not None)
+
+    @property
+    def step_names(self) -> tuple[str, ...]:
+        """Names of the steps of the procedure, in order."""
+        return tuple(step.name for step in self.listed)
+
+    def title(self, step: str) -> str:
+        """Return what people call a step of the procedure."""
+        return next(s.line.title for s in self.listed if s.name == step and s.line is not None)
+
+    @property
+    def messages(self) -> dict[str, type]:
+        """All public messages by name."""
+        return {**self.command_types, **self.activity_types}
+
+    @property
+    def command_types(self) -> dict[str, type]:
+        """All commands by name."""
+        return {name: part.message for name, part in self.commands.items()}
+
+    @property
+    def activity_types(self) -> dict[str, type]:
+        """All activities by name."""
+        return {name: part.message for name, part in self.activities.items()}
+
+    @property
+    def replayed(self) -> tuple[str, ...]:
+        """Names of the results that a replay computes again, in the order of the steps."""
+        return tuple(name for name in self._results if self.result(name).derive is not None)
+
+    @property
+    def result_names(self) -> tuple[str, ...]:
+        """Names of all results, in the order of the steps."""
+        return tuple(self._results)
+
+    def result(self, name: str, message: str = "") -> Result:
+        """Return the declaration of a result, as a message makes it; else as its first one does.
+
+        Raises:
+            InvalidInputError: no such result.
+        """
+        made = self._results.get(name)
+        if made is None:
+            raise InvalidInputError(f"there is no result {name!r}")
+        return made.get(message) or next(iter(made.values()))
+
+    def results_of(self, message: str) -> tuple[Result, ...]:
+        """Return the declared results that a message makes."""
+        return tuple(made[message] for made in self._results.values() if message in made)
+
+    def activity(self, message: object) -> Activity:
+        """Return the declaration of an activity.
+
+        Raises:
+            InvalidInputError: there is none.
+        """
+        name = type(message).__name__
+        if name not in self.activities:
+            raise InvalidInputError(f"there is no activity {name}")
+        return self.activities[name]
+
+    def shown_in(self, activity: str) -> str | None:
+        """Return the step of the procedure that an activity belongs to; None where several."""
+        part = self.activities.get(activity)
+        if part is None or part.of_several_steps:
+            return None
+        step = self._step_of[activity]
+        shown = part.shown_in or step.part_of or step.name
+        return shown if shown in self.step_names else None
+
+    def parts_of(self, step: str) -> tuple[tuple[str, ...], tuple[str, ...]]:
+        """Return the names of captures and of results that are listed with a step."""
+        parts = [one for one in self.steps if step in (one.name, one.part_of)]
+        captures = tuple(part.name for one in parts for part in one.captures)
+        results = dict.fromkeys(part.name for one in parts for part in one.results)
+        return captures, tuple(results)
+
+
+REGISTRY = Registry()

@@ -1,0 +1,98 @@
+"""Handling: what each message does to a session, as the steps declare it; pure functions."""
+
+from dataclasses import replace
+
+from rona_core.app.declarations.declarations import Message
+from rona_core.app.declarations.registry import REGISTRY
+from rona_core.app.dependencies.inputs import CAPTURE
+from rona_core.app.dependencies.requirements import require_inputs
+from rona_core.app.dependencies.staleness import input_digests, stale_reason
+from rona_core.app.messages.outcomes import StoreCapture, StoreResult, StoreSkull
+from rona_core.app.messages.serialization import serialize_arguments
+from rona_core.errors import InvalidInputError, StaleResultError
+from rona_core.session.document import Derived, RegionChoice, Session
+
+
+def handle(message: Message, session: Session) -> Session:
+    """Return the session after ``message``; the one that came in stays as it was.
+
+    Raises:
+        RonaError: the message does not fit the session.
+    """
+    if isinstance(message, StoreCapture):
+        return _store_capture(message, session)
+    if isinstance(message, StoreResult):
+        return _store_result(message, session)
+    if isinstance(message, StoreSkull):
+        region = RegionChoice(None, message.skull.radius_mm)
+        return replace(session, setup=replace(session.setup, specimen=message.skull, region=region))
+    declared = REGISTRY.commands.get(type(message).__name__)
+    if declared is None or declared.handle is None:
+        raise InvalidInputError(f"there is no handler for {type(message).__name__}")
+    return declared.handle(message, session)
+
+
+def compute_result(message: Message, session: Session) -> Session:
+    """Return the session with the result that a command asks for.
+
+    Raises:
+        StepBlockedError: an input is missing.
+    """
+    require_inputs(type(message), session)
+    name = type(message).__name__
+    (result,) = REGISTRY.results_of(name)
+    inputs = input_digests(result.name, session, name)
+    if result.derive is None:
+        raise InvalidInputError(f"{name} computes nothing")
+    value = result.derive(session, message)
+    made = Derived(value, name, serialize_arguments(message), inputs)
+    return replace(session, results=session.results.with_(result.name, made))
+
+
+def _store_capture(message: StoreCapture, session: Session) -> Session:
+    """Return the session with a capture in its place, and in the archive: none is ever lost.
+
+    One that was stopped early takes no place of a whole one that is not stale: the archive alone
+    has it then, and all that rests on the whole one stays as it was.
+    """
+    declared = REGISTRY.captures[message.kind]
+    after = replace(session, archive=(*session.archive, message.capture))
+    if message.capture.partial and _stands(message.kind, session):
+        return after
+    held = declared.placed(session, message.capture, message.append)
+    after = replace(after, captures=session.captures.with_(message.kind, held))
+    return after if declared.stored is None else declared.stored(session, after)
+
+
+def _stands(name: str, session: Session) -> bool:
+    """Return whether there is a whole capture of this name that is not stale."""
+    held = session.captures.get(name)
+    captures = held if isinstance(held, tuple) else (held,)
+    whole = all(capture is not None and not capture.partial for capture in captures)
+    return bool(captures) and whole and stale_reason(f"{CAPTURE}{name}", session) is None
+
+
+def _store_result(message: StoreResult, session: Session) -> Session:
+    """Return the session with computed results, each of which may depend on those before.
+
+    Raises:
+        StaleResultError: an input has changed while one was computed.
+    """
+    for name, value in message.values.items():
+        made = None
+        if value is not None:
+            inputs = message.inputs[name]
+            _require_unchanged(name, message.message, inputs, session)
+            made = Derived(value, message.message, message.arguments, inputs)
+        session = replace(session, results=session.results.with_(name, made))
+    return session
+
+
+def _require_unchanged(name: str, by: str, inputs: dict[str, str], session: Session) -> None:
+    now = input_digests(name, session, by)
+    changed = sorted(key for key in now if now[key] != inputs.get(key))
+    if changed:
+        raise StaleResultError(
+            f"the {name} result is not stored: {', '.join(changed)} changed while it was computed; "
+            "start it again"
+        )

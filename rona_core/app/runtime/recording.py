@@ -1,0 +1,87 @@
+"""Recording: what every capture shares. Stop ends it early; what came so far is kept."""
+
+from collections.abc import Callable
+
+from rona_core.app.declarations.activity_context import ActivityContext
+from rona_core.app.dependencies.capture_setup import capture_setup_digest
+from rona_core.devices.protocols import Motion, never
+from rona_core.devices.samples import ToolTrack, TrackerFrame
+from rona_core.errors import DeviceError
+from rona_core.session.captures import PointerCapture
+from rona_core.session.document import Session
+
+ARRIVAL_S = 0.12  # after a motion, until the last joint angles have arrived
+
+
+LIVE_PERIOD_S = 0.02  # how often a positioning move looks at Cancel
+
+
+def begin(session: Session, tools: ActivityContext) -> int:
+    """Configure the devices from the session; return the ordinal of the capture that starts."""
+    ordinal = len(session.archive) + 1
+    tools.rig.begin(session.setup.devices, ordinal)
+    return ordinal
+
+
+def capture_hand(
+    kind: str,
+    session: Session,
+    tools: ActivityContext,
+    prepare: Callable[[], float],
+    finished: Callable[[], bool] = never,
+    *,
+    tool: str | None = None,
+) -> PointerCapture:
+    """Record the marker of a tool in the hand, the pointer if none is named, while it moves."""
+    pointer = session.setup.devices.pointer if tool is None else tool
+    ordinal = begin(session, tools)
+    duration_s = prepare()
+
+    def until(frame: TrackerFrame) -> bool:
+        tools.progress(min(1.0, frame.time_s / duration_s))
+        return frame.time_s >= duration_s or finished()
+
+    frames, partial = record_frames(tools, until)
+    return PointerCapture(
+        ordinal=ordinal,
+        setup_digest=capture_setup_digest(kind, session),
+        pointer=pointer,
+        marker=ToolTrack.from_frames(pointer, frames),
+        partial=partial,
+        base=ToolTrack.from_frames("basemarker", frames),
+        tracker_place=session.setup.devices.tracker.place,
+    )
+
+
+def record_frames(
+    tools: ActivityContext, ended: Callable[[TrackerFrame], bool]
+) -> tuple[list[TrackerFrame], bool]:
+    """Collect tracker frames until ``ended`` or Cancel; return them and whether it was cut short.
+
+    Raises:
+        DeviceError: the tracker stopped delivering frames.
+    """
+    frames: list[TrackerFrame] = []
+    for frame in tools.rig.tracker.frames():
+        frames.append(frame)
+        tools.live.put(frame=frame)
+        if ended(frame):
+            return frames, False
+        if tools.cancel():
+            tools.rig.robot.stop()
+            return frames, True
+    raise DeviceError("the tracker stopped delivering frames: is it connected and started?")
+
+
+def finish(motion: Motion, tools: ActivityContext) -> bool:
+    """Let a motion end; return False if it was stopped instead."""
+    clock = tools.rig.clock
+    while not motion.done():
+        if tools.cancel():
+            tools.rig.robot.stop()
+            return False
+        clock.wait_until(clock.now() + LIVE_PERIOD_S)
+        tools.live.put(joints=tools.rig.robot.state())
+    clock.wait_until(clock.now() + ARRIVAL_S)
+    tools.live.put(joints=tools.rig.robot.state())
+    return True

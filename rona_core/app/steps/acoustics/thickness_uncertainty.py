@@ -1,0 +1,91 @@
+"""How sure the thicknesses of a session are, without any truth, and what makes them no surer."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from rona_core.geometry.arrays import Floats
+from rona_core.mapping.boundary_map import Maps
+from rona_core.session.codec import digest
+from rona_core.session.document import Session
+from rona_core.session.memo import remember
+from rona_core.ultrasound.acoustic_calibration.speed_calibration import (
+    SpeedCalibration,
+    uncalibrated,
+)
+from rona_core.ultrasound.acoustic_calibration.speed_uncertainty import speed_uncertainty
+from rona_core.ultrasound.detection.detect import Detection
+
+STEEPEST = 0.3  # nine tenths of all skulls are flatter: more is a step between echoes
+
+
+@dataclass(frozen=True, slots=True)
+class ThicknessShares:
+    """Standard deviations (RMS over the sure A-scans) of a thickness in mm; squares add up."""
+
+    total_mm: float
+    timing_mm: float  # by the time of flight
+    patient_mm: float  # by the mean speed of the patient
+    place_mm: float  # by the speed at the place against that mean
+    wedge_mm: float  # by an inner boundary that is not parallel to the outer one
+    points: int  # of reference that the speed was calibrated at
+
+
+def thickness_shares(session: Session) -> ThicknessShares | None:
+    """Return the error budget of the map's thickness; None before step 9.
+
+    The speed counts as calibrated if the maps were made with that calibration.
+    """
+    results = session.results
+    if results.detection is None or results.maps is None:
+        return None
+    return _shares(results.detection.value, results.maps.value, speed_of_maps(session))
+
+
+def speed_of_maps(session: Session, *, hand: bool = False) -> SpeedCalibration | None:
+    """Return the calibration that the maps were made with; with ``hand`` those of the hand scan.
+
+    None where they are at the published speed, or at one that was asked for in words, or where the
+    session does not hold their calibration any more. Maps by hand take it in ``base`` alone.
+    """
+    results, speed = session.results, session.results.speed
+    maps = results.sono_maps if hand else results.maps
+    if maps is None or speed is None or maps.arguments.get("sound_speed_mm_per_us") is not None:
+        return None
+    if results.sono_maps is not None and hand and results.sono_maps.value.frame != "base":
+        return None
+    return speed.value if maps.inputs.get("speed") == digest(speed.value) else None
+
+
+@remember(4)
+def _shares(
+    detection: Detection, maps: Maps, known: SpeedCalibration | None
+) -> ThicknessShares | None:
+    n = len(detection)
+    ok = np.asarray(detection.inner_ok)
+    if not ok.any():
+        return None
+    calibration = uncalibrated() if known is None else known
+    depth = detection.thickness_mm[ok]
+    patient, place = speed_uncertainty(calibration, maps.outer_points_base[:n][ok])
+    wedge = 0.5 * depth * _wedge(maps, maps.outer_points_base[:n][ok]) ** 2
+    parts = (detection.thickness_sigma_mm[ok], depth * patient, depth * place, wedge)
+    squares = [float(np.mean(part**2)) for part in parts]
+    timing, patient_mm, place_mm, wedge_mm = (value**0.5 for value in squares)
+    return ThicknessShares(
+        sum(squares) ** 0.5, timing, patient_mm, place_mm, wedge_mm, len(calibration)
+    )
+
+
+def _wedge(maps: Maps, points_base: Floats) -> Floats:
+    """Return the slope (n,) of the inner boundary against the outer one below points (n, 3)."""
+    thickness = np.where(maps.inner.ok, maps.thickness_mm(), np.nan)
+    u, v = maps.outer.u_mm, maps.outer.v_mm
+    if min(thickness.shape) < 2:
+        return np.zeros(len(points_base))
+    along_u, along_v = np.gradient(thickness, u, v)
+    slope = np.minimum(np.nan_to_num(np.hypot(along_u, along_v), nan=0.0), STEEPEST)
+    where = maps.outer.T_base_map.inv() @ points_base
+    i = np.clip(np.rint((where[:, 0] - u[0]) / (u[1] - u[0])), 0, len(u) - 1).astype(np.int64)
+    j = np.clip(np.rint((where[:, 1] - v[0]) / (v[1] - v[0])), 0, len(v) - 1).astype(np.int64)
+    return slope[i, j]

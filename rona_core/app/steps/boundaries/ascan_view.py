@@ -1,0 +1,282 @@
+"""What the pictures of the A-scans show: one of them, all side by side, and where they were taken.
+
+``first`` is the scan of step 8, ``second`` goes over the gaps of the inner map again, ``hand`` is
+the scan by hand. Times are in µs from the emission.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from rona_core.app.steps.boundaries.handlers import capture_of, detection_of_scan
+from rona_core.app.steps.handheld.scans import hand_poses
+from rona_core.app.steps.maps.derivation import probe_poses
+from rona_core.app.steps.scan.captures import fire_times
+from rona_core.app.steps.scan.planned_motion import motion_times, plan_of
+from rona_core.devices.samples import AScan, AScanTrack
+from rona_core.devices.settings import ProbeSettings
+from rona_core.geometry.arrays import Bools, Floats, readonly
+from rona_core.geometry.pose import Poses
+from rona_core.robot.trajectory.trajectory import Trajectory
+from rona_core.session.captures import ScanCapture, SonoCapture
+from rona_core.session.document import Session
+from rona_core.session.memo import remember
+from rona_core.ultrasound.acoustic_calibration.speed_calibration import uncalibrated
+from rona_core.ultrasound.acoustic_calibration.speed_uncertainty import speed_uncertainty
+from rona_core.ultrasound.detection.ascan_curves import preview
+from rona_core.ultrasound.detection.bscan_image import ScanImage, scan_image
+from rona_core.ultrasound.detection.detect import Detection, nominal_bone
+from rona_core.ultrasound.detection.manual_corrections import ScanName
+from rona_core.ultrasound.detection.single.front_echo import gate_us
+from rona_core.ultrasound.detection.single.inner_echo import bone_gate_us
+from rona_core.ultrasound.probe.probe_model import ProbeModel, probe_model
+
+BONE_US = 12.0  # two-way time in which the inner boundary is looked for, for the eye
+WORTH_TELLING = 0.02  # probability of another echo
+FLAGS = (
+    "both boundaries found",
+    "no front echo: the probe had no contact",
+    "no inner echo: the inner table leans, or the bone is thicker than the probe can see",
+    "clipped: turn the gain down",
+    "bone too thin for this probe",
+    "bone too thick for this probe",
+    "unsure which echo is the inner boundary",
+    "the probe leaned too far",
+    "taken away by hand",
+    "the tracker did not see the probe: in no map",
+)  # by the codes of `Detection.flag`
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class AScanPlot:
+    """One A-scan and what was found in it; curves are shares of their own largest value."""
+
+    number: int  # from 0
+    time_us: Floats
+    rf: Floats
+    envelope: Floats
+    compressed: Floats  # envelope behind the matched filter, 1 at its largest
+    behind_front: Floats  # the same without the front echo, 1 at its largest
+    outer_us: float | None  # None: none that counts
+    inner_us: float | None
+    remark: str
+    outer_sigma_us: float = 0.0
+    inner_sigma_us: float = 0.0
+    alternative_us: float | None = None  # the other echo that may be the inner boundary
+    guess_us: float | None = None  # where the inner one would be, if it does not count
+    front_gate_us: tuple[float, float] | None = None  # where the front echo is looked for
+    bone_gate_us: tuple[float, float] | None = None  # and the inner one
+    end_us: float | None = None  # no inner boundary comes later; None: not known
+    fine: bool = True  # what was found counts
+    by_hand: bool = False
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ScanPicture:
+    """All A-scans of a pass side by side."""
+
+    image: ScanImage
+    path_mm: Floats  # (n,) way of the probe to each A-scan
+
+    def __len__(self) -> int:
+        return len(self.path_mm)
+
+
+def scan_poses(session: Session, scan: ScanName = "first") -> Poses | None:
+    """Return where the probe was at each A-scan, in ``base``; None before the scan.
+
+    Of a scan by hand that nobody can tell the robot from, the marker on its base is ``base``.
+    """
+    capture = capture_of(session, scan)
+    if isinstance(capture, SonoCapture):
+        found = hand_poses(session)
+        return None if found is None else found[1]
+    if capture is None or not len(capture.scans) or session.captures.scan is None:
+        return None
+    return probe_poses(session, capture)
+
+
+def scan_number_at(session: Session, share: float, scan: ScanName = "first") -> int | None:
+    """Return the number of the A-scan nearest to a share of the planned motion.
+
+    By hand, where nothing was planned, it is a share of the time that the scan took.
+    """
+    if scan == "hand":
+        taken = session.captures.sono_scan
+        times_s = np.zeros(0) if taken is None else taken.scans.times_s
+        return int(np.argmin(np.abs(times_s - share * times_s[-1]))) if len(times_s) else None
+    fired, times = _fired_s(session, scan), motion_times(session, second=scan == "second")
+    if fired is None or times is None:
+        return None
+    return int(np.argmin(np.abs(fired - share * times[0])))
+
+
+def share_of_scan(session: Session, number: int, scan: ScanName = "first") -> float | None:
+    """Return the share of the planned motion, or of a scan by hand, that an A-scan was taken at."""
+    if scan == "hand":
+        taken = session.captures.sono_scan
+        if taken is None or not 0 <= number < len(taken.scans):
+            return None
+        return float(taken.scans.times_s[number] / max(float(taken.scans.times_s[-1]), 1e-9))
+    fired, times = _fired_s(session, scan), motion_times(session, second=scan == "second")
+    if fired is None or times is None or not 0 <= number < len(fired):
+        return None
+    return float(np.clip(fired[number] / max(times[0], 1e-9), 0.0, 1.0))
+
+
+def _fired_s(session: Session, scan: ScanName) -> Floats | None:
+    """Return when the plan has the A-scans (n,) taken; in contact the robot may lag behind it."""
+    capture, plan = capture_of(session, scan), plan_of(session, second=scan == "second")
+    if capture is None or not len(capture.scans) or plan is None or plan.trajectory is None:
+        return None
+    pitch_mm = session.setup.devices.probe.pitch_mm
+    fired = _fire_times(plan.trajectory, pitch_mm)
+    # of a plan that is no longer the one that was executed there may be too few
+    return fired[np.minimum(np.arange(len(capture.scans)), len(fired) - 1)]
+
+
+@remember(4)  # plans never change, and the cursor asks often
+def _fire_times(trajectory: Trajectory, pitch_mm: float) -> Floats:
+    return readonly(fire_times(trajectory, pitch_mm))
+
+
+def ascan_plot(
+    session: Session, number: int | None, live: AScan | None = None, scan: ScanName = "first"
+) -> AScanPlot | None:
+    """Return an A-scan for the graph: the live one if given, else that of a pass by its number."""
+    probe = probe_model(session.setup.devices.probe)
+    excitation = session.setup.devices.probe.excitation
+    if live is not None:
+        track, number, found = AScanTrack.from_scans([live]), 0, None
+        remark = f"Live, {live.time_s:.1f} s after the start."
+    else:
+        capture = capture_of(session, scan)
+        if capture is None or number is None or not 0 <= number < len(capture.scans):
+            return None
+        track, found = capture.scans, detection_of_scan(session, scan)
+        remark = f"A-scan {number + 1} of {len(track)}"
+    view = preview(track, number, probe, excitation, found)
+    plot = AScanPlot(
+        number=number,
+        time_us=view.time_us,
+        rf=_share(view.rf),
+        envelope=readonly(view.envelope / max(float(np.abs(view.rf).max(initial=0.0)), 1e-12)),
+        compressed=_share(np.interp(view.time_us, view.matched_us, view.matched)),
+        behind_front=_behind(view.time_us, view.matched_us, view.behind_front, view.outer_us),
+        outer_us=view.outer_us,
+        inner_us=view.inner_us,
+        remark=remark,
+    )
+    return plot if found is None else _judged(plot, found, session, scan, probe)
+
+
+def _judged(
+    plot: AScanPlot, found: Detection, session: Session, scan: ScanName, probe: ProbeModel
+) -> AScanPlot:
+    """Return the plot with what detection says of it."""
+    i, flag = plot.number, int(found.flag[plot.number])
+    known = plot.outer_us is not None
+    fine = known and plot.inner_us is not None
+    by_hand = bool(session.boundary_edits.marks(scan, len(found))[i])
+    if fine:
+        told = f"bone {found.thickness_mm[i]:.2f} ± {_thickness_sigma_mm(found, i):.2f} mm"
+        told += ", set by hand" if by_hand else f", confidence {100 * found.inner_quality[i]:.0f} %"
+    else:
+        told = FLAGS[flag]
+    other = None
+    if known and found.alternative_quality[i] >= WORTH_TELLING:
+        other = float(found.alternative_us[i])
+        told += (
+            f". Other echo at {(other - found.outer_us[i]) * found.sound_speed_mm_per_us / 2:.2f} "
+            f"mm ({100 * found.alternative_quality[i]:.0f} %)"
+        )
+    early, late = gate_us(probe)
+    first, last = bone_gate_us(probe, nominal_bone(found.sound_speed_mm_per_us))
+    outer_us = float(found.outer_us[i])
+    return AScanPlot(
+        number=i,
+        time_us=plot.time_us,
+        rf=plot.rf,
+        envelope=plot.envelope,
+        compressed=plot.compressed,
+        behind_front=plot.behind_front,
+        outer_us=plot.outer_us,
+        inner_us=plot.inner_us,
+        remark=f"{plot.remark}: {told}.",
+        outer_sigma_us=2.0 * float(found.outer_sigma_mm[i]) / probe.line.speed_mm_per_us,
+        inner_sigma_us=float(found.inner_sigma_us[i]),
+        alternative_us=other,
+        guess_us=None if fine or not known else float(found.inner_us[i]),
+        front_gate_us=(probe.line_delay_us + early, probe.line_delay_us + late),
+        bone_gate_us=(outer_us + first, outer_us + last) if known else None,
+        end_us=min(probe.line_delay_us + late + last - first, float(plot.time_us[-1])),
+        fine=fine,
+        by_hand=by_hand,
+    )
+
+
+def _thickness_sigma_mm(found: Detection, i: int) -> float:
+    """Return how sure a thickness is at the speed that echoes are looked for with.
+
+    That is published, or asked for in words; how well it suits the place nobody knows.
+    """
+    patient, place = speed_uncertainty(uncalibrated(), np.zeros((1, 3)))
+    by_speed = float(found.thickness_mm[i] * np.hypot(patient, place)[0])
+    return float(np.hypot(found.thickness_sigma_mm[i], by_speed))
+
+
+def scan_picture(session: Session, scan: ScanName = "first") -> ScanPicture | None:
+    """Return all A-scans of a pass side by side; None before it."""
+    capture, poses = capture_of(session, scan), scan_poses(session, scan)
+    if capture is None or poses is None:
+        return None
+    steps = np.linalg.norm(np.diff(poses.translations, axis=0), axis=1)
+    image = _image(capture, session.setup.devices.probe)
+    return ScanPicture(image, readonly(np.concatenate(([0.0], np.cumsum(steps)))))
+
+
+@remember(2)  # captures never change, and several browsers ask
+def _image(capture: ScanCapture | SonoCapture, probe: ProbeSettings) -> ScanImage:
+    return scan_image(capture.scans, probe_model(probe), probe.excitation)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ScanMarks:
+    """What is drawn over the picture of a pass (n,), before step 9 nothing."""
+
+    outer_us: Floats
+    inner_us: Floats
+    outer_ok: Bools
+    inner_ok: Bools
+    flagged: Bools
+    by_hand: Bools
+    sound_speed_mm_per_us: float
+
+
+def scan_marks(session: Session, scan: ScanName = "first") -> ScanMarks | None:
+    """Return the boundaries of a pass, hand-made ones among them; None before step 9."""
+    found = detection_of_scan(session, scan)
+    if found is None:
+        return None
+    return ScanMarks(
+        outer_us=found.outer_us,
+        inner_us=found.inner_us,
+        outer_ok=found.outer_ok,
+        inner_ok=found.inner_ok,
+        flagged=readonly(np.asarray(found.flag != 0)),
+        by_hand=session.boundary_edits.marks(scan, len(found)),
+        sound_speed_mm_per_us=found.sound_speed_mm_per_us,
+    )
+
+
+def _share(values: Floats) -> Floats:
+    return readonly(values / max(float(np.abs(values).max(initial=0.0)), 1e-12))
+
+
+def _behind(time_us: Floats, matched_us: Floats, behind: Floats, outer_us: float | None) -> Floats:
+    """Return what is left without the front echo, as a share of its largest value in the bone."""
+    values = np.interp(time_us, matched_us, behind)
+    if outer_us is None:
+        return _share(values)
+    bone = (time_us > outer_us) & (time_us < outer_us + BONE_US)
+    return readonly(np.clip(values / max(float(values[bone].max(initial=0.0)), 1e-12), 0.0, 1.0))

@@ -1,0 +1,101 @@
+"""Boundaries set by hand: which are allowed, and what is detected with them in place."""
+
+from dataclasses import replace
+
+from rona_core.app.dependencies.inputs import require_result
+from rona_core.app.steps.acoustics.derivation import session_probe
+from rona_core.app.steps.boundaries.messages import ClearBoundaryCorrections, CorrectBoundary
+from rona_core.app.steps.handheld.scans import NOT_SEEN, posed_scans, spread
+from rona_core.errors import InvalidInputError, StepBlockedError
+from rona_core.session.captures import ScanCapture, SonoCapture
+from rona_core.session.codec import digest
+from rona_core.session.document import Session
+from rona_core.ultrasound.detection.detect import Detection
+from rona_core.ultrasound.detection.manual_corrections import BoundaryEdits, ScanName, corrected
+
+CAPTURES = {"first": "scan", "second": "second", "hand": "sono_scan"}
+DETECTIONS = {"first": "detection", "second": "second_detection", "hand": "sono_detection"}
+WANTED = {
+    "first": "scan (step 8)",
+    "second": "scan the gaps again (step 9)",
+    "hand": "scan by hand (step 9)",
+}
+
+
+def capture_of(session: Session, scan: ScanName) -> ScanCapture | SonoCapture | None:
+    """Return the A-scans of a pass, or of the scan by hand; None before it."""
+    return session.captures.get(CAPTURES[scan])
+
+
+def detection_of_scan(session: Session, scan: ScanName = "first") -> Detection | None:
+    """Return what was detected in a pass, with what was set by hand in its place.
+
+    None where nothing was, or where the A-scans were taken again since. Of a scan by hand all
+    A-scans are there; where the tracker did not see the probe, nothing counts.
+    """
+    derived = session.results.get(DETECTIONS[scan])
+    capture = capture_of(session, scan)
+    if derived is None or capture is None or derived.inputs.get("capture") != digest(capture):
+        return None
+    found: Detection | None = derived.value
+    if isinstance(capture, SonoCapture):
+        found = spread(derived.value, posed_scans(session, capture).known)
+    if found is None:
+        return None  # of other A-scans: the delay of the tracker is another one now
+    return corrected(found, session.boundary_edits, scan, session_probe(session))
+
+
+def correct_boundary(message: CorrectBoundary, session: Session) -> Session:
+    """Carry out `CorrectBoundary`."""
+    capture = require_result(capture_of(session, message.scan), WANTED[message.scan])
+    n, edit = len(capture.scans), message.edit()
+    if message.number >= n:
+        raise InvalidInputError(f"there are {n} A-scans, numbered from 0: not {message.number}")
+    found = detection_of_scan(session, message.scan)
+    if found is None:
+        raise StepBlockedError("CorrectBoundary is blocked: first map the boundaries (step 9)")
+    if message.scan == "second" and edit.boundary == "outer":
+        raise InvalidInputError(
+            "the outer boundary of the second pass is that of the map of the first: correct it "
+            "in the first pass"
+        )
+    if found.flag[message.number] == NOT_SEEN:
+        raise InvalidInputError(
+            f"the tracker did not see the probe at A-scan {message.number}: it is in no map"
+        )
+    track = capture.scans
+    end_us = track.start_us + track.rf.shape[1] / track.sampling_mhz
+    if edit.time_us is not None and not track.start_us <= edit.time_us <= end_us:
+        raise InvalidInputError(
+            f"the A-scan lasts from {track.start_us:.2f} to {end_us:.2f} µs: "
+            f"{edit.time_us:.2f} µs is not in it"
+        )
+    after = replace(session, boundary_edits=session.boundary_edits.put(edit))
+    _require_order(after, message.scan, message.number, edit.time_us is not None)
+    return after
+
+
+def _require_order(session: Session, scan: ScanName, i: int, placed: bool) -> None:
+    """Raise InvalidInputError where an inner boundary lies above the outer one, or alone."""
+    found = detection_of_scan(session, scan)
+    if found is None or not placed:
+        return
+    mine = session.boundary_edits.of(scan, "inner").changes
+    by_hand = any(edit.number == i and edit.time_us is not None for edit in mine)
+    if by_hand and scan != "second" and not found.outer_ok[i]:
+        raise InvalidInputError(
+            f"A-scan {i} has no outer boundary to count bone from: set that first"
+        )
+    if (by_hand or found.inner_ok[i]) and not found.inner_us[i] > found.outer_us[i]:
+        raise InvalidInputError(
+            f"the inner boundary lies behind the outer one: {found.inner_us[i]:.2f} µs is not "
+            f"later than {found.outer_us[i]:.2f} µs"
+        )
+
+
+def clear_boundary_corrections(message: ClearBoundaryCorrections, session: Session) -> Session:
+    """Carry out `ClearBoundaryCorrections`."""
+    if message.scan is None:
+        return replace(session, boundary_edits=BoundaryEdits())
+    left = session.boundary_edits.without(message.scan, message.number)
+    return replace(session, boundary_edits=left)

@@ -1,0 +1,176 @@
+"""Maps: boundaries detected in the A-scans, mapped and fused; the second pass over gaps."""
+
+from dataclasses import replace
+
+from rona_core.app.declarations.declarations import (
+    Activity,
+    Capture,
+    Input,
+    Result,
+    Step,
+    StepLine,
+)
+from rona_core.app.dependencies.inputs import capture_input, result_input, setup_input
+from rona_core.app.dependencies.step_states import partial_reason
+from rona_core.app.runtime.computing import compute_one, compute_several
+from rona_core.app.steps.acoustics.derivation import KNOWN_LINE, KNOWN_SPEED
+from rona_core.app.steps.maps.captures import record_gap_scan
+from rona_core.app.steps.maps.derivation import (
+    derive_detection,
+    derive_mapping,
+    derive_maps,
+    derive_second,
+    derive_second_detection,
+)
+from rona_core.app.steps.maps.messages import StartGapPlan, StartGapScan, StartMapping
+from rona_core.app.steps.setup.capture_parts import (
+    bone_and_probe_part,
+    contact_part,
+    input_part,
+    robot_errors_part,
+    robot_part,
+    specimen_part,
+)
+from rona_core.app.steps.setup.inputs import (
+    DRIVEN,
+    MODEL,
+    PROBE,
+)
+from rona_core.session.document import Session
+
+SCAN_CAPTURE, SECOND_CAPTURE = capture_input("scan"), capture_input("second")
+SURFACE, DETECTION = result_input("surface"), result_input("detection")
+MAPS, SECOND = result_input("maps"), result_input("second")
+ANY_SECOND = Input(lambda s: s.captures.second, "scan the gaps again (step 9)", optional=True)
+ANY_SECOND_DETECTION = Input(
+    result_input("second_detection").read, "detect the boundaries", optional=True
+)
+EDITS = setup_input(lambda s: s.boundary_edits.without("hand"), "scan (step 8)")
+FIRST_EDITS = setup_input(lambda s: s.boundary_edits.of("first"), "scan (step 8)")
+OUTER_EDITS = setup_input(lambda s: s.boundary_edits.of("first", "outer"), "scan (step 8)")
+
+
+def _forget_corrections(before: Session, after: Session) -> Session:
+    """Return ``after`` without the corrections of boundaries in the second pass before."""
+    return replace(after, boundary_edits=before.boundary_edits.without("second"))
+
+
+def _partial(session: Session) -> str | None:
+    cut = partial_reason("scan", session)
+    return None if cut is None else f"the maps cover only part of the path: {cut}"
+
+
+def _summary(session: Session) -> str:
+    if session.results.detection is None or session.results.maps is None:
+        return ""
+    found = session.results.detection.value
+    return f"inner boundary in {100 * float(found.inner_ok.mean()):.0f} % of A-scans"
+
+
+STEP = Step(
+    "maps",
+    activities=(
+        Activity(
+            StartMapping,
+            compute_several(derive_mapping),
+            "Mapping the boundaries",
+            needs=(SCAN_CAPTURE, SURFACE),
+        ),
+        Activity(
+            StartGapPlan,
+            compute_one,
+            "Planning the second pass",
+            needs=(SCAN_CAPTURE, SURFACE, MAPS),
+        ),
+        Activity(
+            StartGapScan,
+            record_gap_scan,
+            "Scanning the gaps",
+            needs=(SECOND,),
+            uses_devices=True,
+            drives_robot=True,
+            records=True,
+        ),
+    ),
+    captures=(
+        Capture(
+            "second",
+            "scan the gaps again (step 9)",
+            (
+                robot_part,
+                robot_errors_part,
+                specimen_part,
+                bone_and_probe_part,
+                input_part(SCAN_CAPTURE),  # it looks into the gaps of that scan
+                contact_part,
+            ),
+            after=SCAN_CAPTURE,
+            stored=_forget_corrections,
+        ),
+    ),
+    results=(
+        Result(
+            "detection",
+            StartMapping,
+            derive_detection,
+            {"capture": SCAN_CAPTURE, "probe": PROBE, "line": KNOWN_LINE},
+            "detect the boundaries (step 9)",
+            long=True,
+        ),
+        Result(
+            "second",
+            StartGapPlan,
+            derive_second,
+            {
+                "detection": DETECTION,
+                "correction by hand": FIRST_EDITS,
+                "capture": SCAN_CAPTURE,
+                "surface": SURFACE,
+                **DRIVEN,
+            },
+            "plan the second pass (step 9)",
+            long=True,
+        ),
+        Result(
+            "second_detection",
+            StartMapping,
+            derive_second_detection,
+            {
+                "capture": SECOND_CAPTURE,
+                "detection": DETECTION,
+                "correction by hand": OUTER_EDITS,
+                "scan": SCAN_CAPTURE,
+                "robot": MODEL,
+                "probe": PROBE,
+                "line": KNOWN_LINE,
+            },
+            "detect the boundaries",
+            long=True,
+        ),
+        Result(
+            "maps",
+            StartMapping,
+            derive_maps,
+            {
+                "detection": DETECTION,
+                "second": ANY_SECOND,
+                "second_detection": ANY_SECOND_DETECTION,
+                "correction by hand": EDITS,
+                "capture": SCAN_CAPTURE,
+                "surface": SURFACE,
+                "robot": MODEL,
+                "speed": KNOWN_SPEED,
+            },
+            "compute the maps (step 9)",
+            long=True,
+        ),
+    ),
+    line=StepLine(
+        "Maps",
+        _summary,
+        StartMapping,
+        leaves=lambda session: (MAPS,),
+        partial=_partial,
+        partial_without=False,
+    ),
+)

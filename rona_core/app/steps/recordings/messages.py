@@ -1,0 +1,58 @@
+"""Messages that take recordings made elsewhere.
+
+Lengths are in millimetres, angles typed by people in degrees, times in seconds.
+"""
+
+from dataclasses import dataclass
+from typing import ClassVar, Literal
+
+from rona_core.app.runtime.saving.file_names import plain_name
+from rona_core.devices.settings import (
+    STRICT,
+    require,
+)
+
+MAX_FILES = 5000
+
+
+@dataclass(frozen=True, slots=True)
+class StartRecordingImport:
+    """Take a recording of a tracker (`.igs.mha`, uploaded before) as a capture of the pointer.
+
+    Its purpose says which: the pivoting, a stroke over the surface, or the scan path; then what
+    follows from it is computed. ``tool`` names the tool meant where the recording has several.
+    ``append`` adds a stroke to those recorded before; ``play`` shows it at the pace of captures.
+    """
+
+    __pydantic_config__: ClassVar = STRICT
+    file: str
+    purpose: Literal["pivot", "surface", "path"] = "pivot"
+    tool: str | None = None
+    append: bool = False
+    play: bool = False
+
+    def __post_init__(self) -> None:
+        plain_name(self.file)
+
+
+@dataclass(frozen=True, slots=True)
+class StartPivotImport:
+    """Take a pivot that was recorded elsewhere (uploaded before) as that of the pointer; calibrate.
+
+    The files hold one 4 x 4 matrix each, or sixteen numbers a row, or `frame,marker,x,y,z` in mm
+    with the markers of the tool as ``geometry`` (`marker,x,y,z` or `.rom`), or are one `.igs.mha`.
+    A zip stands for the files in it.
+    """
+
+    __pydantic_config__: ClassVar = STRICT
+    files: tuple[str, ...]
+    geometry: str | None = None
+    tool: str | None = None
+
+    def __post_init__(self) -> None:
+        count = len(self.files)
+        require(1 <= count <= MAX_FILES, f"files must be 1 to {MAX_FILES}, not {count}")
+        for name in self.files:
+            plain_name(name)
+        if self.geometry is not None:
+            plain_name(self.geometry)

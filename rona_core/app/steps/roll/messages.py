@@ -1,0 +1,96 @@
+"""Messages of the motion planning.
+
+Lengths are in millimetres, angles typed by people in degrees, times in seconds.
+"""
+
+from dataclasses import dataclass
+from typing import ClassVar, Literal
+
+from rona_core.devices.settings import (
+    STRICT,
+    require,
+    require_within,
+)
+from rona_core.robot.base_placement.candidates import BaseSearch
+
+MAX_PLACES = 2000  # of the base, that are looked at
+
+
+@dataclass(frozen=True, slots=True)
+class StartRollSearch:
+    """Search the roll about the probe axis that the robot can traverse; plan, time and verify.
+
+    The mode ``auto`` takes a constant roll, and one that varies along the path where none will do.
+    """
+
+    __pydantic_config__: ClassVar = STRICT
+    n_rolls: int = 72
+    roll_from_deg: float = 0.0
+    roll_to_deg: float = 360.0
+    choice: Literal["best", "first"] = "best"
+    mode: Literal["auto", "constant", "variable"] = "auto"
+
+    def __post_init__(self) -> None:
+        require_within("n_rolls", self.n_rolls, 1, 720)
+        require(
+            -360.0 <= self.roll_from_deg < self.roll_to_deg <= 720.0,
+            "rolls must lie within -360 and 720 degrees, first below last",
+        )
+
+
+@dataclass(frozen=True, slots=True)
+class ChooseRoll:
+    """Plan and verify the scan with another roll of the search (its index, from 0)."""
+
+    __pydantic_config__: ClassVar = STRICT
+    index: int
+    branch: int | None = None  # one that is ranked for this roll; None: that with the most room
+
+    def __post_init__(self) -> None:
+        require_within("index", self.index, 0, 9999)
+        if self.branch is not None:
+            require_within("branch", self.branch, 0, 7)
+
+
+@dataclass(frozen=True, slots=True)
+class StartBasePlacement:
+    """Search places of the robot's base from which the path can be scanned, best and nearest.
+
+    Places are looked at ``step_mm`` apart, up to ``half_x_mm`` and ``half_y_mm`` to either side of
+    where the base stands, at heights ``levels_mm`` from there.
+    """
+
+    __pydantic_config__: ClassVar = STRICT
+    half_x_mm: float = 500.0
+    half_y_mm: float = 600.0
+    step_mm: float = 100.0
+    levels_mm: tuple[float, ...] = (0.0,)
+
+    def __post_init__(self) -> None:
+        self.search()  # refuses what cannot be searched
+
+    def search(self) -> BaseSearch:
+        """Return where to look.
+
+        Raises:
+            InvalidInputError: no such search, or one of too many places.
+        """
+        for level_mm in self.levels_mm:
+            require_within("levels_mm", level_mm, -1000.0, 1000.0)
+        wanted = BaseSearch(self.half_x_mm, self.half_y_mm, self.step_mm, self.levels_mm)
+        across, along = (2 * int(v / self.step_mm) + 1 for v in (self.half_x_mm, self.half_y_mm))
+        places = across * along * len(self.levels_mm)
+        require(places <= MAX_PLACES, f"{places} places are too many: at most {MAX_PLACES}")
+        return wanted
+
+
+@dataclass(frozen=True, slots=True)
+class ApplyBasePlacement:
+    """Move the robot's base to the place that was found: the most roomy one or the nearest.
+
+    The tracker is registered to the base: tool, surface, path and all that follows are then to be
+    done again.
+    """
+
+    __pydantic_config__: ClassVar = STRICT
+    place: Literal["best", "smallest"] = "smallest"

@@ -1,0 +1,179 @@
+"""Step 8: drive the certified scan, pressed on or by position alone, and record what comes."""
+
+from dataclasses import dataclass, field
+from typing import Literal
+
+import numpy as np
+
+from rona_core.app.declarations.activity_context import ActivityContext
+from rona_core.app.declarations.declarations import Message
+from rona_core.app.dependencies.capture_setup import capture_setup_digest
+from rona_core.app.dependencies.requirements import require_for
+from rona_core.app.dependencies.staleness import session_obstacles
+from rona_core.app.messages.outcomes import StoreCapture
+from rona_core.app.runtime.recording import begin, finish
+from rona_core.app.steps.scan.force_controlled_scan import ContactLoop
+from rona_core.app.steps.scan.messages import StartScan
+from rona_core.app.steps.scan.payload_identification import identify_payload
+from rona_core.app.steps.tool.certified_moves import require_certified
+from rona_core.app.steps.tool.robot_motion import STOPPED, drive_to
+from rona_core.devices.samples import AScan, AScanTrack, JointSample, JointTrack
+from rona_core.devices.settings import ContactSettings
+from rona_core.devices.wrench import ForceTrack
+from rona_core.errors import CancelledError, NotReachableError
+from rona_core.geometry.arrays import Floats
+from rona_core.robot.collision.collision_world import CollisionWorld
+from rona_core.robot.force_control.correction_corridor import correction_corridor, straight_line
+from rona_core.robot.kinematics.catalog import robot_model
+from rona_core.robot.kinematics.robot_model import RobotModel
+from rona_core.robot.trajectory.trajectory import Trajectory
+from rona_core.session.captures import ScanCapture
+from rona_core.session.document import Session
+
+TICK_S = 0.016  # between joint samples of a scan by position alone
+CLOCK_MM = 2.5  # within this of the ends of the path, A-scans are fired to compare the clocks
+AFTER_S = 0.1  # joint angles are recorded so long after the last A-scan: they arrive late
+
+
+@dataclass(slots=True)
+class Recorded:
+    """What has come so far."""
+
+    scans: list[AScan] = field(default_factory=list)
+    clock_scans: list[AScan] = field(default_factory=list)
+    joints: list[JointSample] = field(default_factory=list)
+    forces: ForceTrack | None = None
+    partial: bool = False
+
+
+def capture_scan(
+    session: Session, tools: ActivityContext, kind: Literal["scan", "second"] = "scan"
+) -> ScanCapture:
+    """Execute the certified plan and record an A-scan every ``pitch_mm`` along the path.
+
+    Raises:
+        NotReachableError: there is no plan, the verifier did not certify it, or there is no room
+            for the force loop.
+        CancelledError: somebody pressed Cancel or Stop before the probe came near the bone.
+    """
+    first, second = session.results.roll, session.results.second
+    plan = None if first is None else first.value
+    if kind == "second":
+        plan = None if second is None else second.value.plan
+    if plan is None or plan.trajectory is None or plan.certificate is None:
+        raise NotReachableError("there is no path that the robot can traverse: see step 7")
+    require_certified("the scan", plan.certificate, plan.trajectory, session_obstacles(session))
+    devices, trajectory = session.setup.devices, plan.trajectory
+    model = robot_model(devices.robot.model)
+    contact = devices.robot.contact
+    places_s = fire_times(trajectory, devices.probe.pitch_mm)
+    if contact is None:
+        drive_to(trajectory.qs_rad[0], session, tools)
+        ordinal = begin(session, tools)
+        recorded = _by_position(trajectory, places_s, model, tools)
+    else:
+        ordinal, recorded = _in_contact(trajectory, places_s, contact, model, session, tools)
+    if recorded.partial and not recorded.scans:
+        raise CancelledError(STOPPED)
+    return ScanCapture(
+        ordinal=ordinal,
+        setup_digest=capture_setup_digest(kind, session),
+        scans=AScanTrack.from_scans(recorded.scans),
+        joints=JointTrack.from_samples(recorded.joints),
+        partial=recorded.partial,
+        forces=recorded.forces,
+        clock_scans=AScanTrack.from_scans(recorded.clock_scans) if recorded.clock_scans else None,
+    )
+
+
+def fire_times(trajectory: Trajectory, pitch_mm: float) -> Floats:
+    """Return when the probe is to fire (n,): at the start of the path and every ``pitch_mm``."""
+    inside = (trajectory.times_s >= trajectory.scan_start_s) & (
+        trajectory.times_s <= trajectory.scan_end_s
+    )
+    way_mm, times_s = trajectory.path_mm[inside], trajectory.times_s[inside]
+    moving = np.concatenate(([True], np.diff(way_mm) > 0))  # a place is passed once
+    places_mm = np.arange(0.0, way_mm[-1], pitch_mm)
+    return np.interp(places_mm, way_mm[moving], times_s[moving])
+
+
+def _in_contact(
+    trajectory: Trajectory,
+    places_s: Floats,
+    contact: ContactSettings,
+    model: RobotModel,
+    session: Session,
+    tools: ActivityContext,
+) -> tuple[int, Recorded]:
+    """Weigh the tool, press it on, and follow the path with the force loop."""
+    around = session_obstacles(session)
+    band = correction_corridor(model, trajectory, contact, CollisionWorld(model, around))
+    drive_to(trajectory.qs_rad[0], session, tools)
+    ordinal = begin(session, tools)
+    load = identify_payload(trajectory.qs_rad[0], model, around, tools)
+    loop = ContactLoop(trajectory, band, places_s, contact, load, model, tools)
+    loop.run()
+    recorded = Recorded(loop.scans, loop.clock_scans, loop.joints, loop.track(), loop.partial)
+    return ordinal, recorded
+
+
+def _by_position(
+    trajectory: Trajectory, places_s: Floats, model: RobotModel, tools: ActivityContext
+) -> Recorded:
+    """Drive the motion as it is; the compliance of the probe bridges what the map is off."""
+    rig, clock = tools.rig, tools.rig.clock
+    motion = rig.robot.move(trajectory.times_s, trajectory.qs_rad)
+    recorded = Recorded(joints=[rig.robot.state()])
+    clock_s = _clock_times(trajectory, model)
+    last_s = min(
+        max(clock_s.max(initial=0.0), places_s[-1]) + AFTER_S, float(trajectory.times_s[-1])
+    )
+    ticks = np.arange(min(clock_s.min(initial=np.inf), places_s[0]), last_s, TICK_S)
+    times = np.concatenate((places_s, clock_s, ticks))
+    kinds = np.repeat((0, 1, 2), (len(places_s), len(clock_s), len(ticks)))
+    order = np.lexsort((kinds, times))
+    for time_s, kind in zip(times[order], kinds[order], strict=True):
+        if tools.cancel() or motion.done():
+            recorded.partial = len(recorded.scans) < len(places_s)
+            break
+        clock.wait_until(float(time_s))
+        if kind == 0:
+            recorded.scans.append(rig.probe.acquire())
+            tools.live.put(ascan=recorded.scans[-1], n_scans=len(recorded.scans))
+            tools.progress(len(recorded.scans) / len(places_s))
+        elif kind == 1:
+            recorded.clock_scans.append(rig.probe.acquire())
+        if clock.now() > recorded.joints[-1].time_s:
+            recorded.joints.append(rig.robot.state())
+            tools.live.put(joints=recorded.joints[-1])
+    if not finish(motion, tools):
+        recorded.partial = True
+    return recorded
+
+
+def _clock_times(trajectory: Trajectory, model: RobotModel) -> Floats:
+    """Return times (n,) at which the face comes near the bone and leaves it, straight up and down.
+
+    There the echoes see the robot move, which tells how late its joint angles arrive.
+    """
+    probes = model.forward(trajectory.qs_rad) @ model.T_flange_probe
+    line = straight_line(trajectory, probes)
+    times = trajectory.times_s
+    before = line & (times < trajectory.scan_start_s)
+    after = line & (times > trajectory.scan_end_s)
+    found: list[Floats] = []
+    for side, end_s in ((before, trajectory.scan_start_s), (after, trajectory.scan_end_s)):
+        end = int(np.argmin(np.abs(times - end_s)))
+        away = np.linalg.norm(probes.translations - probes.translations[end], axis=1)
+        near = times[side & (away < CLOCK_MM)]
+        if len(near):
+            found.append(np.arange(near[0], near[-1], TICK_S))
+    return np.concatenate([np.zeros(0), *found])
+
+
+def record_scan(
+    activity: StartScan, session: Session, context: ActivityContext
+) -> tuple[Message, ...]:
+    """Record the scan along the certified plan."""
+    require_for(activity, session)
+    return (StoreCapture("scan", capture_scan(session, context)),)

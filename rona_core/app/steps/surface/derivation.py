@@ -1,0 +1,45 @@
+"""Surface cloud from the strokes of the pointer."""
+
+from rona_core.app.dependencies.base_reference import reference_of
+from rona_core.app.dependencies.inputs import require_result
+from rona_core.app.steps.surface.messages import BuildSurface
+from rona_core.errors import DegenerateGeometryError, StepBlockedError
+from rona_core.geometry.arrays import Floats
+from rona_core.session.captures import PointerCapture
+from rona_core.session.document import Session
+from rona_core.surface.cloud import SurfaceCloud, build_cloud, merge_clouds
+
+
+def tip_track(session: Session, capture: PointerCapture) -> Floats:
+    """Return the pointer tip (k, 3) in ``base`` for every frame in which the pointer was seen.
+
+    Raises:
+        StepBlockedError: tool or pointer are not calibrated, or it was another pointer.
+        StaleResultError: the tracker has moved since the registration, and is not found again.
+    """
+    reference = reference_of(session, capture)
+    pointer = require_result(session.results.pointer, "calibrate the pointer").value
+    if pointer.pointer != capture.pointer:
+        raise StepBlockedError(
+            f"the stroke was made with {capture.pointer}, but {pointer.pointer} is calibrated: "
+            f"calibrate {capture.pointer} or record the stroke again"
+        )
+    tips_tracker = capture.marker.Ts_tracker_marker @ pointer.tip_pointermarker
+    return reference.T_base_tracker @ tips_tracker
+
+
+def derive_surface(session: Session, message: BuildSurface) -> SurfaceCloud:
+    """Map all strokes to ``base`` and build the cloud.
+
+    Raises:
+        DegenerateGeometryError: the pointer was seen in none of the frames.
+    """
+    strokes = require_result(session.captures.surface, "slide the pointer over the skull")
+    clouds = [
+        build_cloud(tip_track(session, s), s.marker.times_s, average_s=message.average_s)
+        for s in strokes
+        if len(s.marker.times_s)
+    ]
+    if not clouds:
+        raise DegenerateGeometryError("the tracker saw the pointer in no frame of the strokes")
+    return merge_clouds(clouds)

@@ -1,0 +1,83 @@
+"""Tool registration from the recorded poses of robot and marker."""
+
+from dataclasses import replace
+
+import numpy as np
+
+from rona_core.app.dependencies.base_reference import base_reference
+from rona_core.app.dependencies.inputs import require_result
+from rona_core.app.steps.tool.messages import RegisterTool
+from rona_core.app.steps.tool.tracker_delay import measured_times_s, tracker_delay
+from rona_core.calibration.hand_eye.tool_registration import ToolRegistration, register_tool
+from rona_core.errors import DegenerateGeometryError, InvalidInputError
+from rona_core.geometry.arrays import Bools, Ints
+from rona_core.geometry.pose import Poses
+from rona_core.robot.kinematics.catalog import robot_model
+from rona_core.session.document import Session
+
+SETTLE_S = 0.1  # after the robot has stopped, before frames count
+
+
+def tool_poses(session: Session) -> tuple[Poses, Poses, Ints]:
+    """Return the poses of step 2 that were seen: by the robot, by the tracker, and their phases.
+
+    Returns:
+        ``Ts_base_tip``, ``Ts_tracker_toolmarker`` averaged over each dwell, phases (n,).
+
+    Raises:
+        DegenerateGeometryError: the marker was seen at none.
+    """
+    capture = require_result(session.captures.tool, "record the tool motion")
+    model = robot_model(session.setup.devices.robot.model)
+    times, seen = measured_times_s(capture, model), capture.marker.Ts_tracker_marker
+    kept, markers, joints = [], [], []
+    for i, (start, end) in enumerate(zip(capture.dwell_start_s, capture.dwell_end_s, strict=True)):
+        inside = (times >= start + SETTLE_S) & (times <= end)
+        if inside.any():
+            kept.append(i)
+            markers.append(seen.select(inside).mean())
+            joints.append(capture.joints.at(times[inside]).mean(axis=0))
+    if not kept:
+        raise DegenerateGeometryError(
+            "the tracker saw the tool marker at none of the "
+            f"{len(capture.phases)} poses: uncover it, or turn it towards the tracker"
+        )
+    Ts_base_tip = model.forward(np.array(joints)) @ model.T_flange_tip
+    return Ts_base_tip, Poses.stack(markers), capture.phases[kept]
+
+
+def derive_tool(session: Session, message: RegisterTool) -> ToolRegistration:
+    """Average the tracker over each dwell of the robot and register tool, robot and tracker.
+
+    Raises:
+        InvalidInputError: a pose to be left out that there is not.
+        DegenerateGeometryError: the marker was seen at too few poses, or they tell too little.
+    """
+    Ts_base_tip, Ts_tracker_toolmarker, phases = tool_poses(session)
+    return register_tool(
+        Ts_base_tip,
+        Ts_tracker_toolmarker,
+        phases,
+        method=message.method,
+        exclude=excluded_mask(message.exclude, len(phases)),
+    )
+
+
+def excluded_mask(rows: tuple[int, ...], n: int) -> Bools:
+    """Return a mask (n,) of the poses that are left out by hand."""
+    if rows and max(rows) >= n:
+        raise InvalidInputError(f"there is no pose {max(rows)}: they are 0 to {n - 1}")
+    mask = np.zeros(n, dtype=np.bool_)
+    mask[list(rows)] = True
+    return mask
+
+
+def derive_registration(session: Session, message: RegisterTool) -> ToolRegistration:
+    """Register robot, tool and tracker; remember where the base marker was, and the delay."""
+    made = derive_tool(session, message)
+    capture = require_result(session.captures.tool, "record the tool motion")
+    return replace(
+        made,
+        base=base_reference(capture.base, made.T_base_tracker),
+        delay=tracker_delay(capture, robot_model(session.setup.devices.robot.model)),
+    )
