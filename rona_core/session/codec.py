@@ -13,7 +13,7 @@ import sys
 import types
 import typing
 from collections.abc import Mapping
-from typing import Any, Literal, Protocol, TypeVar, Union
+from typing import Any, Literal, Protocol, Union
 
 import numpy as np
 from numpy.typing import NDArray
@@ -70,11 +70,9 @@ def _encode_fields(value: Any, name: str, arrays: Arrays) -> dict[str, Any]:
     fields: dict[str, Any] = {}
     for f in dataclasses.fields(value):
         part = getattr(value, f.name)
-        if f.metadata.get("omit_empty") and not part:
-            continue
         if f.metadata.get(FLATTEN):
             fields |= _encode_fields(part, name, arrays)
-        else:
+        elif not f.metadata.get("omit_empty") or part:
             fields[f.name] = encode(part, f"{name}/{f.name}", arrays)
     return fields
 
@@ -249,7 +247,7 @@ def _decode_fields(
     values = {
         name: _decode_fields(data, kind, {}, arrays, where)
         if name in flattened
-        else decode(data[name], _bind(kind, bound), arrays, f"{where}/{name}")
+        else decode(data[name], bound.get(kind, kind), arrays, f"{where}/{name}")
         for name, kind in _field_hints(target).items()
     }
     try:
@@ -269,10 +267,6 @@ def _stored_names(target: Any) -> set[str]:
     hints, flattened = _field_hints(target), _flattened(target)
     inner = (_stored_names(hints[name]) for name in flattened)
     return (hints.keys() - flattened).union(*inner)
-
-
-def _bind(hint: Any, bound: dict[Any, Any]) -> Any:
-    return bound.get(hint, hint) if isinstance(hint, TypeVar) else hint
 
 
 def _field_hints(target: Any) -> dict[str, Any]:

@@ -230,7 +230,7 @@ if __name__ == "__main__":
 @pytest.mark.parametrize("busy", [False, True], ids=["idle", "busy"])
 def test_nothing_outlives_a_killed_program(busy, tmp_path):
     script = tmp_path / "program.py"
-    script.write_text(PROGRAM.format(busy=busy, path=[str(Path(__file__).parent)]))
+    script.write_text(PROGRAM.format(busy=busy, path=[str(Path(__file__).parents[3])]))
     for _ in range(KILLS):
         with subprocess.Popen([sys.executable, script], stdout=subprocess.PIPE) as program:
             pids = [int(word) for word in program.stdout.readline().split()]
