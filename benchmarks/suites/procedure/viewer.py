@@ -23,7 +23,7 @@ from rona_ui.window.window import Window, open_window
 
 VISITS, STAY_S = 100, 0.3
 WARM_UP = 10  # visits before memory is compared: threads and caches are there once
-DEBOUNCE_S, IDLE_S = 20.0, 20.0
+SETTLE_S, IDLE_S = 20.0, 20.0
 TOKEN = "token-of-the-benchmark"
 CAMERA = {
     "type": "ViewerCameraMessage",
@@ -92,7 +92,7 @@ def _server() -> Generator[tuple[int, Window]]:
 
 def _idle(window: Window) -> Idle:
     """Return how the server does once the last visit is over."""
-    time.sleep(DEBOUNCE_S)
+    time.sleep(SETTLE_S)
     gc.collect()
     cpu_s, since_s = time.process_time(), time.monotonic()
     time.sleep(IDLE_S)

@@ -209,7 +209,7 @@ def test_another_roll_is_planned_and_a_failing_one_refused_with_its_reason(demo)
     pair = next(p for p in bench.session.results.roll.value.search.ranked if p.branch != 0)
     bench.dispatch(ChooseRoll(pair.index, pair.branch))
     taken = bench.session.results.roll.value
-    assert (taken.chosen, taken.branch) == (pair.index, pair.branch)
+    assert (taken.search.chosen, taken.search.branch) == (pair.index, pair.branch)
     assert {r.result: r.same for r in replay(bench.session)}["roll"]
     bench.dispatch(ChooseRoll(works))
     with pytest.raises(NotReachableError, match=r"joint|reach|singular"):

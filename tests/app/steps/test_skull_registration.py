@@ -141,7 +141,7 @@ def test_the_browser_draws_it_where_it_is_and_says_how_well_it_is_known(bench, r
     assert np.quantile(away_mm, 0.95) < 1.0, "nearly all on the outer table, the rest on the inner"
     html = words_of(registered)
     assert "▲ weak" in html
-    assert f"off by {predict_skull_mm(registered):.2f} mm at the points" in html
+    assert f"Expected error at the points: {predict_skull_mm(registered):.2f} mm" in html
     assert "Stale" not in html
     assert words_of(Session()) == ""
 

@@ -116,21 +116,22 @@ def test_every_kind_of_scan_gives_detection_all_that_is_known(measured, asked, n
     assert frame == "base"
     mounted = session.results.sono.value.T_sonomarker_probe
     derive, message, scans, Ts_base_probe = passes(session)[name]
-    (track, probe, excitation), given = asked(derive, session, message(sound_speed_mm_per_us=speed))
-    np.testing.assert_array_equal(track.rf, scans.rf)
+    (asked_for,), given = asked(derive, session, message(sound_speed_mm_per_us=speed))
+    probe = asked_for.probe
+    np.testing.assert_array_equal(asked_for.track.rf, scans.rf)
     line = session.results.line.value
     assert probe == session_probe(session) != probe_model(session.setup.devices.probe)
     assert probe.line_delay_us == pytest.approx(line.at(22.0)[0], abs=1e-9)
-    assert excitation == session.setup.devices.probe.excitation
+    assert asked_for.excitation == session.setup.devices.probe.excitation
     assert given["method"] == "subtract"
     assert given["sound_speed_mm_per_us"] == (speed or NOMINAL_SPEED_MM_PER_US)
-    places, axes = given["positions_mm"], given["axes"]
+    places, axes = asked_for.positions_mm, asked_for.axes
     if name == "hand":  # there in the frame of the tracker, which stands still
         Ts_base_probe = T_base_tracker @ posed.Ts_tracker_marker @ mounted
         places, axes = T_base_tracker @ places, T_base_tracker.rotate(axes)
     np.testing.assert_allclose(places, Ts_base_probe.translations, atol=1e-9)
     np.testing.assert_allclose(axes, Ts_base_probe.rotations[:, :, 2], atol=1e-12)
-    assert (given["known_standoff_mm"] is None) == (name != "second")
+    assert (asked_for.known_standoff_mm is None) == (name != "second")
 
 
 def test_detection_is_called_at_one_place_for_all_scans():

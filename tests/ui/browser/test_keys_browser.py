@@ -137,7 +137,7 @@ def test_what_cannot_be_taken_is_told_kept_in_the_log_and_the_field_shows_the_tr
     time.sleep(PAUSE_S)
     assert (field.input_value(), revision(surgeon)) == (held, before)
     newest = log(surgeon)[0]
-    assert re.match(r"\d\d:\d\d:\d\d UTC · 1 Set-up ✖ This value cannot be used", newest)
+    assert re.match(r"\d\d:\d\d:\d\d UTC · 1 Set-up ✖ Invalid value", newest)
     assert newest.endswith(reason)
 
 

@@ -244,5 +244,5 @@ def test_what_listens_hears_of_viser_s_own_changes_too() -> None:
         heard.append(event.client)
 
     handle.happen(CLIENT)  # an arrow beside the number, or a drag
-    asyncio.run(field.tell("typed"))
+    asyncio.run(field.notify_listeners("typed"))
     assert heard == [CLIENT, "typed"]

@@ -180,7 +180,7 @@ def test_a_job_that_failed_is_kept_with_its_step_and_one_that_was_cancelled_is_n
     for status in (failed, ended):
         monkeypatch.setattr(window_module, "_newest", lambda bench, status=status: status)
         window.wake()
-        assert soon(lambda status=status: status.id in window._told)
+        assert soon(lambda status=status: status.id in window._reported)
     window.wake()
     assert soon(lambda: browser.newest.refusals)
     (refusal,) = browser.newest.refusals

@@ -14,6 +14,7 @@ import pytest
 
 from rona_core.session.document import Session
 from rona_core.session.files import load_session, session_bytes
+from rona_core.session.migrate import SCHEMA
 from rona_core.virtual.specimen.import_skull import import_skull
 from tests.helpers.bombs import (
     deflated,
@@ -91,7 +92,7 @@ def sealed(members, **changes):
     plain = {"commands.jsonl": b"", **members}
     manifest = {
         "format": "rona-session",
-        "schema": 3,
+        "schema": SCHEMA,
         "session": {},
         "sha256": {name: hashlib.sha256(data).hexdigest() for name, data in plain.items()},
         **changes,

@@ -263,11 +263,11 @@ def test_the_verifier_insists_on_what_the_page_says():
 
 @pytest.mark.parametrize("column", [0, 1])
 def test_a_tilt_about_either_axis_of_the_face_is_measured(plan, column):
-    roll = float(plan.rolls_rad[0])
-    about = plan.path.Ts_base_probe(roll).rotations[:, :, column]
-    axes = plan.path.axes_base
+    roll = float(plan.search.rolls_rad[0])
+    about = plan.search.path.Ts_base_probe(roll).rotations[:, :, column]
+    axes = plan.search.path.axes_base
     tilted = np.cos(np.deg2rad(1.0)) * axes + np.sin(np.deg2rad(1.0)) * np.cross(about, axes)
-    path = replace(plan.path, axes_base=tilted)
+    path = replace(plan.search.path, axes_base=tilted)
     certificate = verify_scan(RX90, plan.trajectory, path, roll, SPEED)
     (tilt,) = [c for c in certificate.failures() if c.name == "tilt of the probe"]
     assert tilt.value == pytest.approx(1.0, abs=0.25)  # with what interpolation adds
