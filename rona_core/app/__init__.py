@@ -1,5 +1,3 @@
 """The application: steps, and what runs them. Importing it declares the steps, in each process."""
 
-from rona_core.app.steps import STEPS
-
-__all__ = ["STEPS"]
+from rona_core.app.steps import STEPS as STEPS
