@@ -12,6 +12,7 @@ from pathlib import Path
 import pytest
 
 from tests.helpers import frame_names
+from tests.tools import structure
 
 ROOT = Path(__file__).resolve().parents[1]
 PRODUCT = ("rona_core", "rona_ui")
@@ -131,6 +132,7 @@ def test_tests_take_nothing_but_reference_implementations_from_the_benchmarks():
     ]
 
 
+MOST_LONG_FUNCTIONS = 5  # of more than 60 lines
 MOST_ENTRIES = 14  # of a folder; ``__init__.py`` does not count
 
 
@@ -143,6 +145,29 @@ def test_folders_are_small():
             if n > MOST_ENTRIES:
                 found[str(folder.relative_to(ROOT))] = n
     assert not found
+
+
+def test_rooms_import_one_another_one_way():
+    assert not structure.circles(ROOT, *PRODUCT)
+
+
+def test_functions_have_few_parameters_and_lines():
+    assert not structure.wide_functions(ROOT, *PRODUCT)
+    assert len(structure.long_functions(ROOT, *PRODUCT)) <= MOST_LONG_FUNCTIONS
+
+
+def test_circles_and_wide_functions_are_found(tmp_path):
+    for room in ("one", "two"):
+        (tmp_path / "pkg" / room).mkdir(parents=True)
+        (tmp_path / "pkg" / room / "__init__.py").touch()
+    (tmp_path / "pkg" / "__init__.py").touch()
+    (tmp_path / "pkg" / "one" / "a.py").write_text("import pkg.two.b\n")
+    (tmp_path / "pkg" / "two" / "b.py").write_text("def f(): from pkg.one import a\n")
+    (tmp_path / "pkg" / "c.py").write_text(
+        "class C:\n  def f(self, a, b, c, d, e, f, *, g, h): ...\n"
+    )
+    assert structure.circles(tmp_path, "pkg") == ["pkg: one <-> two"]
+    assert structure.wide_functions(tmp_path, "pkg") == ["pkg/c.py:2 f: 8"]
 
 
 def test_test_files_have_names_of_their_own():
