@@ -18,6 +18,7 @@ from rona_core.devices.samples import JointSample, ToolSample, TrackerFrame
 from rona_core.geometry.pose import Pose
 from rona_core.robot.kinematics.catalog import robot_model
 from rona_core.session.document import Session
+from rona_core.session.memo import Memo
 
 ORDER = ["fail", "review", "pass"]
 
@@ -97,7 +98,7 @@ def test_figures_are_computed_once_for_a_session_as_it_is(bench, monkeypatch):
     genuine = bench._services.evaluate
     counted = replace(bench._services, evaluate=lambda s, r: calls.append(s) or genuine(s, r))
     monkeypatch.setattr(bench, "_services", counted)
-    monkeypatch.setattr(bench, "_judged", None)
+    monkeypatch.setattr(bench, "_judged", Memo(1))
     first = bench.figures()
     first["planted"] = 1  # what a caller does to its copy is its own affair
     again = bench.figures()
