@@ -1,5 +1,6 @@
 """The keyboard in a real browser: fields, Esc, and what the log keeps of refusals."""
 
+import contextlib
 import os
 import re
 import time
@@ -83,8 +84,16 @@ def log(surgeon: Surgeon) -> list[str]:
 
 
 def close_notices(surgeon: Surgeon) -> None:
-    for button in surgeon.frame.locator(".mantine-Notification-root button").all():
-        button.click()
+    """Close what is announced; some of it goes by itself meanwhile."""
+    buttons = surgeon.frame.locator(".mantine-Notification-root button")
+
+    def closed() -> bool:
+        if buttons.count():
+            with contextlib.suppress(Exception):  # it has just gone
+                buttons.first.click(timeout=1000)
+        return buttons.count() == 0
+
+    wait_for(closed, 60, "the notices to go")
 
 
 @pytest.mark.parametrize("end", ["Enter", "Tab"])
@@ -176,8 +185,9 @@ def test_an_arrow_first_takes_what_was_typed_and_then_goes_on_from_there(surgeon
         step()
         wait_for(lambda: radius(surgeon) == 30.0, 10, "what was typed")
         shows(field, "30")
+        time.sleep(PAUSE_S)  # what comes back for the typed value is drawn
         step()
-        wait_for(lambda: radius(surgeon) == 31.0, 10, "one more")
+        wait_for(lambda: radius(surgeon) == 31.0, 30, "one more")
         shows(field, "31")
     retype(surgeon, field, "25")
     keys.press("Enter")
