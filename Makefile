@@ -2,7 +2,7 @@
 #
 #   make run          install, start the server and open the demo session
 #   make test         install what the tests need, a browser too, and run them all
-#   make test-all     the same with ten times as many examples, and what is statistical
+#   make test-all     the same with ten times as many examples in property tests
 #   make mutants      change the code in small ways and count what the tests notice (ARGS=--all)
 #   make check        style, types, import contracts, architecture
 #   make bench        figures beside those of peers (SUITE=path for one suite, JSON=1 for a list)
@@ -93,7 +93,7 @@ demo: $(VENV)/.product
 
 test: $(VENV)/.test browser
 	$(ONE_THREAD) timeout --foreground --kill-after=20 $(TEST_LIMIT) \
-	    $(BIN)/python -m pytest $(WORKERS) -m "not statistical" $(ARGS)
+	    $(BIN)/python -m pytest $(WORKERS) $(ARGS)
 
 test-all: $(VENV)/.test browser
 	RONA_EXAMPLES=10 $(ONE_THREAD) $(BIN)/python -m pytest $(WORKERS) $(ARGS)

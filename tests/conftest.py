@@ -1,7 +1,7 @@
 """How the suite runs: examples of property tests, and in which order files go to the workers.
 
 Property tests draw the same examples on every run, and a busy machine fails none of them.
-``make test-all`` draws ``RONA_EXAMPLES`` times as many and adds the tests marked ``statistical``.
+``make test-all`` draws ``RONA_EXAMPLES`` times as many.
 Workers begin with the files that took longest in the last run, so that they end together.
 """
 
@@ -10,7 +10,7 @@ from collections import Counter
 
 from hypothesis import settings
 
-settings.register_profile("rona", deadline=None, derandomize=True, max_examples=50)
+settings.register_profile("rona", deadline=None, derandomize=True)
 settings.load_profile("rona")
 
 MORE_EXAMPLES = int(os.environ.get("RONA_EXAMPLES", "1"))

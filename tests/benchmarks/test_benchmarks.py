@@ -83,14 +83,7 @@ def test_without_a_name_all_suites_run(monkeypatch, capsys):
     assert dict(program.SUITES) == {path.stem: path.parent.name for path in SUITES}
 
 
-LONG = {"bone_kinds", "echo_model", "path", "procedure", "roll", "thickness", "timing"}
-SHORTEST = [
-    pytest.param(name, marks=pytest.mark.statistical) if name in LONG else name
-    for name in program.SUITES
-]
-
-
-@pytest.mark.parametrize("name", SHORTEST)
+@pytest.mark.parametrize("name", program.SUITES)
 def test_every_suite_gives_json_on_its_smallest_case(name, capsys):
     """Also without the peers it looks for: a figure beside one that is not here is null."""
     assert program.main([name, "--json", "--smallest"]) == 0
