@@ -11,7 +11,7 @@ from rona_core.evaluation.truth import Truth
 from rona_core.geometry.arrays import Bools, Floats
 from rona_core.geometry.pose import Poses
 from rona_core.robot.kinematics.catalog import robot_model
-from rona_core.virtual.true_tool_poses import error_key
+from rona_core.virtual.true_tool_poses import error_keys
 
 if TYPE_CHECKING:
     from rona_core.session.captures import ScanCapture
@@ -67,11 +67,7 @@ def true_probe_poses(scan: "ScanCapture", truth: Truth) -> Poses:
     scene = truth.scene
     model = robot_model(scene.settings.robot.model)
     late_s = scene.settings.robot.latency_ms / 1000.0
-    Ts_base_flange = model.forward(scan.joints.at(scan.scans.times_s + late_s))
-    T_tip_probe = model.T_flange_tip.inv() @ model.T_flange_probe
-    poses = []
-    for index, time_s in enumerate(scan.scans.times_s):
-        nominal = Ts_base_flange[index] @ model.T_flange_tip
-        true = scene.T_base_tip_true(nominal, scan.ordinal, error_key(float(time_s)))
-        poses.append(true @ T_tip_probe)
-    return Poses.stack(poses)
+    times_s = scan.scans.times_s
+    nominal = model.forward(scan.joints.at(times_s + late_s)) @ model.T_flange_tip
+    true = scene.Ts_base_tip_true(nominal, scan.ordinal, error_keys(times_s))
+    return true @ (model.T_flange_tip.inv() @ model.T_flange_probe)

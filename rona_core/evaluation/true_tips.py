@@ -15,7 +15,7 @@ from rona_core.devices.marker_geometry import GEOMETRIES, MarkerGeometry
 from rona_core.devices.samples import ToolTrack
 from rona_core.devices.settings import TrackerSettings
 from rona_core.geometry.arrays import Bools, Floats, Ints
-from rona_core.geometry.pose import Pose
+from rona_core.geometry.pose import Pose, Poses
 from rona_core.virtual.scene import VirtualScene
 from rona_core.virtual.tracker.faults import drift_mm, swapped_markers
 from rona_core.virtual.tracker.reporting_rules import MIN_MARKERS
@@ -25,50 +25,48 @@ ROUNDS = 4  # each makes the remaining error smaller by a factor of about 1000
 SAME_RMS_MM = 1e-6  # reported and recomputed RMS errors that agree like this belong together
 
 
-def true_marker(
-    tool: str,
-    measured: Pose,
-    rms_error_mm: float,
-    settings: TrackerSettings,
-    seed: int,
-    ordinal: int,
-    frame: int,
-) -> Pose:
-    """Return the true ``T_tracker_marker`` behind a measured one, in one frame of a capture.
+def true_markers(
+    track: ToolTrack, rows: Ints, settings: TrackerSettings, seed: int, ordinal: int
+) -> Poses:
+    """Return the true ``Ts_tracker_marker`` (n,) behind some rows (n,) of a track of a capture.
 
     For a 5D tool the roll about its line stays arbitrary. A pose that no set of markers explains
     is returned as if all that can be seen had been.
     """
-    geometry = GEOMETRIES[tool]
-    white = white_numbers(seed, ordinal, frame)[tool]
-    drift = drift_mm(settings, seed, ordinal, frame / settings.rate_hz)
-    swapped = swapped_markers(settings, geometry, seed, ordinal, frame)
-    first: Pose | None = None
+    geometry, numbers = GEOMETRIES[track.tool], track.frame_numbers[rows]
+    measured, rms_mm = track.Ts_tracker_marker.select(rows), track.rms_error_mm[rows]
+    white = white_numbers(seed, "tracker", ordinal, numbers)[track.tool]
+    drift = drift_mm(settings, seed, ordinal, numbers / settings.rate_hz)
+    swapped = swapped_markers(settings, geometry, seed, ordinal, numbers)
+    rotations, translations = measured.rotations.copy(), measured.translations.copy()
+    unexplained = np.arange(len(numbers))
     for clear in _marker_sets(geometry):
-        T_tracker_marker, rms = measured, None
+        shape = (len(unexplained), len(geometry.positions_marker))
+        conditions = ViewConditions(
+            None if clear is None else np.ones(shape, dtype=np.bool_),
+            None if clear is None else np.broadcast_to(clear, shape),
+            drift[unexplained],
+            None if swapped is None else swapped[unexplained],
+        )
+        target = measured.select(unexplained)
+        poses, seen, found_mm = target, np.ones(len(target), dtype=np.bool_), np.zeros(len(target))
         for _ in range(ROUNDS):
-            seen = observe(
-                geometry,
-                T_tracker_marker,
-                white,
-                settings,
-                seed,
-                ViewConditions(
-                    None if clear is None else np.ones(len(white), dtype=np.bool_),
-                    clear,
-                    drift,
-                    swapped,
-                ),
-            ).fit
-            if seen is None:  # at the very edge of what the tracker sees
-                break
-            rms = seen.rms_error_mm
-            correction = measured @ seen.T_tracker_marker.inv()
-            T_tracker_marker = correction @ T_tracker_marker
-        if rms is not None and abs(rms - rms_error_mm) <= SAME_RMS_MM:
-            return T_tracker_marker
-        first = T_tracker_marker if first is None else first
-    return measured if first is None else first
+            reports = observe(geometry, poses, white[unexplained], settings, seed, conditions)
+            seen &= reports.fitted  # not so at the very edge of what the tracker sees
+            found_mm = reports.rms_error_mm
+            corrected = (target @ reports.Ts_tracker_marker.inv()) @ poses
+            poses = Poses(
+                np.where(seen[:, None, None], corrected.rotations, poses.rotations),
+                np.where(seen[:, None], corrected.translations, poses.translations),
+            )
+        explained = seen & (np.abs(found_mm - rms_mm[unexplained]) <= SAME_RMS_MM)
+        taken = np.ones_like(seen) if clear is None else explained
+        rotations[unexplained[taken]] = poses.rotations[taken]
+        translations[unexplained[taken]] = poses.translations[taken]
+        unexplained = unexplained[~explained]
+        if not len(unexplained):
+            break
+    return Poses(rotations, translations)
 
 
 def _marker_sets(geometry: MarkerGeometry) -> Iterator[Bools | None]:
@@ -94,17 +92,6 @@ def true_tips_base(
     ``T_base_tracker`` says where the tracker stood; None: where it stands now.
     It is where the tip was when the frame was measured, which is earlier than it arrived.
     """
-    settings, tip = scene.settings.tracker, scene.tips[track.tool]
-    tips = np.zeros((len(rows), 3))
-    for out, row in enumerate(rows):
-        pose = true_marker(
-            track.tool,
-            track.Ts_tracker_marker[int(row)],
-            float(track.rms_error_mm[row]),
-            settings,
-            scene.seed,
-            ordinal,
-            int(track.frame_numbers[row]),
-        )
-        tips[out] = pose @ tip
-    return (scene.T_base_tracker if T_base_tracker is None else T_base_tracker) @ tips
+    markers = true_markers(track, rows, scene.settings.tracker, scene.seed, ordinal)
+    stood = scene.T_base_tracker if T_base_tracker is None else T_base_tracker
+    return stood @ (markers @ scene.tips[track.tool])

@@ -112,6 +112,10 @@ class Pose:
         """Return the inverse: ``T_base_tip.inv()`` is ``T_tip_base``."""
         return Pose(self.rotation.T.copy(), -self.rotation.T @ self.translation)
 
+    def repeated(self, n: int) -> "Poses":
+        """Return this pose n times."""
+        return Poses(np.tile(self.rotation, (n, 1, 1)), np.tile(self.translation, (n, 1)))
+
     def rotate(self, vectors: ArrayLike) -> Floats:
         """Return directions (3,) or (n, 3) turned into the left frame, without translation."""
         return np.asarray(vectors, dtype=np.float64) @ self.rotation.T
@@ -168,7 +172,10 @@ class Poses:
         return len(self.rotations)
 
     def __getitem__(self, index: int) -> Pose:
-        return Pose(self.rotations[index].copy(), self.translations[index].copy())
+        pose = object.__new__(Pose)  # what is in a batch has been checked
+        object.__setattr__(pose, "rotation", readonly(self.rotations[index]))
+        object.__setattr__(pose, "translation", readonly(self.translations[index]))
+        return pose
 
     def __iter__(self) -> Iterator[Pose]:
         return (self[i] for i in range(len(self)))

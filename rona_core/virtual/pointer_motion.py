@@ -9,7 +9,7 @@ from scipy.spatial.transform import Rotation
 
 from rona_core.devices.marker_geometry import GEOMETRIES
 from rona_core.geometry.arrays import Floats, Vector3, readonly
-from rona_core.geometry.pose import Pose
+from rona_core.geometry.pose import Pose, Poses
 
 UP: Vector3 = readonly(np.array((0.0, 1.0, 0.0)))  # along the shaft of a tool made as drawn
 SAMPLES_HZ = 200.0  # of the curves a motion is made of; the splines between follow to a micrometre
@@ -75,25 +75,30 @@ class HandMotion:
         shaft = self._shaft(np.clip(time_s, 0.0, self.duration_s))
         return shaft / np.linalg.norm(shaft, axis=-1, keepdims=True)
 
-    def T_base_pointermarker(self, time_s: float) -> Pose:  # noqa: N802 (frame grammar)
-        """Return the true pose of the pointer's marker at one time."""
-        tip, shaft = self.tip_base(time_s), self.shaft_base(time_s)
-        sight = self._tracker_base - tip
-        facing: Floats = sight - (sight @ shaft) * shaft
-        length = np.linalg.norm(facing)
-        if length < 1e-6:  # looking along the shaft: any roll will do
-            facing = cross(shaft, np.eye(3)[np.argmin(np.abs(shaft))])
-            length = np.linalg.norm(facing)
-        facing = facing / length
+    def Ts_base_pointermarker(self, times_s: Floats) -> Poses:  # noqa: N802 (frame grammar)
+        """Return the true poses of the pointer's marker at times (n,)."""
+        tips, shafts = self.tip_base(times_s), self.shaft_base(times_s)
+        facing = _across(self._tracker_base - tips, shafts)
+        along = np.linalg.norm(facing, axis=1) < 1e-6  # looking along the shaft: any roll will do
+        if along.any():
+            facing[along] = cross(shafts[along], np.eye(3)[np.abs(shafts[along]).argmin(axis=1)])
+        facing = facing / np.linalg.norm(facing, axis=1)[:, None]
         if self._roll is not None:
-            roll = float(self._roll(np.clip(time_s, 0.0, self.duration_s)))
-            facing = np.cos(roll) * facing + np.sin(roll) * cross(shaft, facing)
+            rolls = self._roll(np.clip(times_s, 0.0, self.duration_s))[:, None]
+            facing = np.cos(rolls) * facing + np.sin(rolls) * cross(shafts, facing)
         if GEOMETRIES[self.pointer].dof == 5:  # z runs along the line to the tip
-            rotation = np.column_stack((facing, cross(-shaft, facing), -shaft))
+            axes = (facing, cross(-shafts, facing), -shafts)
         else:  # y runs up the shaft, z towards the tracker
-            rotation = np.column_stack((cross(shaft, facing), shaft, facing))
-            rotation = rotation @ self._upright.rotation
-        return Pose(rotation, tip - rotation @ self._tip_pointermarker)
+            axes = (cross(shafts, facing), shafts, facing)
+        rotations = np.stack(axes, axis=2)
+        if GEOMETRIES[self.pointer].dof == 6:
+            rotations = rotations @ self._upright.rotation
+        return Poses(rotations, tips - rotations @ self._tip_pointermarker)
+
+
+def _across(vectors: Floats, directions: Floats) -> Floats:
+    """Return the parts of vectors (n, 3) across unit directions (n, 3)."""
+    return vectors - (vectors * directions).sum(axis=1)[:, None] * directions
 
 
 def _turn_onto(start: Vector3, end: Vector3) -> Floats:

@@ -1,5 +1,6 @@
 """Virtual rig: all virtual devices of one session around one scene and one clock."""
 
+from collections.abc import Hashable
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -7,7 +8,7 @@ import numpy as np
 from rona_core.devices.protocols import Origin
 from rona_core.devices.settings import DeviceSettings
 from rona_core.geometry.arrays import Bools, Floats
-from rona_core.geometry.pose import Pose
+from rona_core.geometry.pose import Pose, Poses
 from rona_core.robot.kinematics.catalog import robot_model
 from rona_core.robot.kinematics.robot_model import RobotModel
 from rona_core.virtual.acoustics.caliper_and_block import VirtualBench
@@ -15,6 +16,7 @@ from rona_core.virtual.acoustics.medium import Medium
 from rona_core.virtual.acoustics.probe import VirtualProbe
 from rona_core.virtual.clock import CaptureClock
 from rona_core.virtual.display import VirtualDisplay
+from rona_core.virtual.operator.manual_pivot import ManualPivot
 from rona_core.virtual.operator.operator import VirtualOperator
 from rona_core.virtual.robot.accuracy_error import RobotError
 from rona_core.virtual.robot.contact_depth import ContactDepth
@@ -70,11 +72,10 @@ class VirtualRig:
         self.clock = CaptureClock(speed)
         self._model = robot_model(settings.robot.model)
         self.robot = VirtualRobot(self._model, self.clock)
-        self._last_tip: tuple[Floats, Pose] | None = None
         self.operator = VirtualOperator(self.scene, self.clock)
         self._tools = self._moving_tools(0)
         self._sight = self._lines_of_sight()
-        self.tracker = VirtualTracker(self.clock, self._true_marker, seed, self._clear)
+        self.tracker = VirtualTracker(self.clock, self, seed)
         self.live_tracker = VirtualLiveTracker(
             seed, self._toolmarker_now, self._basemarker_now, clear=self._clear_now
         )
@@ -95,7 +96,6 @@ class VirtualRig:
             if settings.robot.model != self.scene.settings.robot.model:
                 self._model = robot_model(settings.robot.model)
                 self.robot = VirtualRobot(self._model, self.clock)
-                self._last_tip = None
                 self.force = self._force_sensor()
             self.scene = scene
             self._sight = self._lines_of_sight()
@@ -125,10 +125,10 @@ class VirtualRig:
         return self._model
 
     def _moving_tools(self, ordinal: int) -> MovingTools:
-        return MovingTools(self.scene, ordinal, self._tip_at, self.operator.motion)
+        return MovingTools(self.scene, ordinal, self._tips_at, self.operator.motion)
 
     def _lines_of_sight(self) -> LinesOfSight:
-        return LinesOfSight(self.scene, self._model, lambda time_s: self.robot.q_at(time_s))
+        return LinesOfSight(self.scene, self._model, lambda times_s: self.robot.qs_at(times_s))
 
     def _force_sensor(self) -> VirtualForceSensor:
         return VirtualForceSensor(
@@ -138,34 +138,44 @@ class VirtualRig:
     def _depths_mm(self, times_s: Floats) -> Floats:
         return self._touch.depths_mm(self.robot.guided, times_s)
 
-    def _clear(self, tool: str, T_tracker_marker: Pose, time_s: float) -> Bools:
-        return self._sight.clear(tool, T_tracker_marker, time_s)
+    def Ts_tracker_marker(  # noqa: N802 (frame grammar)
+        self, tool: str, times_s: Floats
+    ) -> Poses | None:
+        """Return the true poses (n,) of a tool before the tracker, None if it is not there."""
+        return self._tools.Ts_tracker_marker(tool, times_s)
 
-    def _clear_now(self, tool: str, T_tracker_marker: Pose, _: float) -> Bools:
-        return self._sight.clear(tool, T_tracker_marker, self.clock.now())
+    def clear(self, tool: str, Ts_tracker_marker: Poses, times_s: Floats) -> Bools:
+        """Return which markers (n, m) of a tool at its true poses both cameras see."""
+        return self._sight.clear(tool, Ts_tracker_marker, times_s)
 
-    def _tip_at(self, time_s: float) -> Pose:
-        q_rad, last = self.robot.q_at(time_s), self._last_tip
-        if last is None or not np.array_equal(q_rad, last[0]):
-            last = q_rad, self._model.forward(q_rad[None])[0] @ self._model.T_flange_tip
-            self._last_tip = last
-        return last[1]
+    def motion_key(self) -> Hashable | None:
+        """Return what decides all motion to come, None while it answers to what happens."""
+        robot, hand = self.robot.motion_key(), self.operator.motion()
+        return None if robot is None or isinstance(hand, ManualPivot) else (robot, hand)
 
-    def _true_marker(self, tool: str, time_s: float) -> Pose | None:
-        return self._tools.T_tracker_marker(tool, time_s)
+    def _clear_now(self, tool: str, Ts_tracker_marker: Poses) -> Bools:
+        return self.clear(tool, Ts_tracker_marker, self._now_s())
+
+    def _now_s(self) -> Floats:
+        return np.array([self.clock.now()])
+
+    def _tips_at(self, times_s: Floats) -> Poses:
+        return self._model.forward(self.robot.qs_at(times_s)) @ self._model.T_flange_tip
 
     def _toolmarker_now(self) -> Pose | None:
-        return self._true_marker("toolmarker", self.clock.now())
+        poses = self._tools.Ts_tracker_marker("toolmarker", self._now_s())
+        return None if poses is None else poses[0]
 
     def _basemarker_now(self) -> Pose | None:
-        return self._true_marker("basemarker", self.clock.now())
+        poses = self._tools.Ts_tracker_marker("basemarker", self._now_s())
+        return None if poses is None else poses[0]
 
     def _true_probe(self) -> Pose:
-        held = self._tools.T_skull_probe(self.clock.now())
+        held = self._tools.Ts_skull_probe(self._now_s())
         if held is not None:
-            return held
+            return held[0]
         T_tip_probe = self._model.T_flange_tip.inv() @ self._model.T_flange_probe
-        return self._tools.T_skull_tip(self.clock.now()) @ T_tip_probe
+        return self._tools.Ts_skull_tip(self._now_s())[0] @ T_tip_probe
 
     def _pointer_now(self) -> Pose | None:
         return self._tools.T_base_pointermarker(self.clock.now())

@@ -12,8 +12,8 @@ from rona_core.devices.settings import (
     RobotSettings,
     TrackerPlace,
 )
-from rona_core.geometry.arrays import Floats, Vector3, readonly
-from rona_core.geometry.pose import Pose
+from rona_core.geometry.arrays import Floats, Ints, Vector3, readonly
+from rona_core.geometry.pose import Pose, Poses
 from rona_core.virtual.noise import rng
 from rona_core.virtual.pointer_motion import UP
 
@@ -38,10 +38,10 @@ TIP_DEVIATION_MM = (1.0, 3.0)  # how far a pointer's tip is from where its maker
 class TipError(Protocol):
     """How far the robot's tip is from where its encoders say."""
 
-    def T_base_tip_true(  # noqa: N802 (frame grammar)
-        self, T_base_tip_nominal: Pose, ordinal: int, key: int
-    ) -> Pose:
-        """Return where the tip really is, for one commanded motion or time bucket ``key``."""
+    def Ts_base_tip_true(  # noqa: N802 (frame grammar)
+        self, Ts_base_tip_nominal: Poses, ordinal: int, keys: Ints
+    ) -> Poses:
+        """Return where the tip really is (n,), by commanded motion or time bucket ``keys`` (n,)."""
         ...
 
     def systematic_mm(self, points_base: Floats) -> Floats:
@@ -133,11 +133,11 @@ class VirtualScene:
         center_base = self.T_base_skull @ region.center_skull
         return center_base, self.T_base_skull.rotate(region.normal_skull), region.radius_mm
 
-    def T_base_tip_true(  # noqa: N802 (frame grammar)
-        self, T_base_tip_nominal: Pose, ordinal: int, key: int
-    ) -> Pose:
-        """Return where the tool's tip really is while the encoders say ``T_base_tip_nominal``."""
-        return self.robot_error.T_base_tip_true(T_base_tip_nominal, ordinal, key)
+    def Ts_base_tip_true(  # noqa: N802 (frame grammar)
+        self, Ts_base_tip_nominal: Poses, ordinal: int, keys: Ints
+    ) -> Poses:
+        """Return where the tip really is (n,) while the encoders say ``Ts_base_tip_nominal``."""
+        return self.robot_error.Ts_base_tip_true(Ts_base_tip_nominal, ordinal, keys)
 
 
 def base_displacement(settings: RobotSettings) -> Pose:

@@ -2,20 +2,23 @@
 
 from collections.abc import Callable
 
+import numpy as np
+
 from rona_core.devices.settings import SONO
-from rona_core.geometry.pose import Pose
+from rona_core.geometry.arrays import Floats, Ints
+from rona_core.geometry.pose import Pose, Poses
 from rona_core.virtual.operator.manual_pivot import ManualPivot
 from rona_core.virtual.pointer_motion import HandMotion
 from rona_core.virtual.scene import VirtualScene
 
 REPEAT_S = 0.5  # the robot's repeatability error changes this often
 
-TipAt = Callable[[float], Pose]  # time in seconds -> T_base_tip as the encoders say
+TipsAt = Callable[[Floats], Poses]  # times (n,) in seconds -> Ts_base_tip as the encoders say
 
 
-def error_key(time_s: float) -> int:
-    """Return the time bucket that the robot's repeatability error belongs to."""
-    return int(time_s // REPEAT_S)
+def error_keys(times_s: Floats) -> Ints:
+    """Return the time buckets (n,) that the robot's repeatability error belongs to."""
+    return np.asarray(times_s // REPEAT_S).astype(np.int64)
 
 
 class MovingTools:
@@ -25,52 +28,47 @@ class MovingTools:
         self,
         scene: VirtualScene,
         ordinal: int,
-        tip_at: TipAt,
+        tips_at: TipsAt,
         hand: Callable[[], HandMotion | ManualPivot | None],
     ) -> None:
-        """Follow the robot through ``tip_at`` and the pointer through ``hand()``."""
+        """Follow the robot through ``tips_at`` and the pointer through ``hand()``."""
         self._scene = scene
         self._ordinal = ordinal
-        self._tip_at = tip_at
+        self._tips_at = tips_at
         self._hand = hand
         self._T_tracker_base = scene.T_base_tracker.inv()
         self._T_skull_base = scene.T_base_skull.inv()
         self._T_tracker_basemarker = self._T_tracker_base @ scene.T_base_basemarker
-        self._last: tuple[Pose, int, Pose] | None = None  # spares work while the robot rests
 
-    def T_base_tip(self, time_s: float) -> Pose:  # noqa: N802 (frame grammar)
-        """Return where the tool's tip really is."""
-        nominal, key = self._tip_at(time_s), error_key(time_s)
-        last = self._last
-        if last is None or last[0] is not nominal or last[1] != key:
-            last = nominal, key, self._scene.T_base_tip_true(nominal, self._ordinal, key)
-            self._last = last
-        return last[2]
+    def Ts_base_tip(self, times_s: Floats) -> Poses:  # noqa: N802 (frame grammar)
+        """Return where the tool's tip really is at times (n,)."""
+        nominal = self._tips_at(times_s)
+        return self._scene.Ts_base_tip_true(nominal, self._ordinal, error_keys(times_s))
 
-    def T_skull_tip(self, time_s: float) -> Pose:  # noqa: N802 (frame grammar)
-        """Return the pose of the tool's tip relative to the specimen."""
-        return self._T_skull_base @ self.T_base_tip(time_s)
+    def Ts_skull_tip(self, times_s: Floats) -> Poses:  # noqa: N802 (frame grammar)
+        """Return the poses (n,) of the tool's tip relative to the specimen."""
+        return self._T_skull_base @ self.Ts_base_tip(times_s)
 
     def T_base_pointermarker(self, time_s: float) -> Pose | None:  # noqa: N802 (frame grammar)
         """Return where the pointer is, None while it lies aside."""
         hand = self._hand()
-        return None if hand is None else hand.T_base_pointermarker(time_s)
+        return None if hand is None else hand.Ts_base_pointermarker(np.array([time_s]))[0]
 
-    def T_skull_probe(self, time_s: float) -> Pose | None:  # noqa: N802 (frame grammar)
-        """Return the pose of the probe while somebody holds it in the hand, None otherwise."""
+    def Ts_skull_probe(self, times_s: Floats) -> Poses | None:  # noqa: N802 (frame grammar)
+        """Return the poses (n,) of the probe while it is held in the hand, None otherwise."""
         hand = self._hand()
         if hand is None or hand.pointer != SONO:
             return None
-        T_base_marker = hand.T_base_pointermarker(time_s)
-        return self._T_skull_base @ (T_base_marker @ self._scene.T_sonomarker_probe)
+        markers = hand.Ts_base_pointermarker(times_s)
+        return self._T_skull_base @ (markers @ self._scene.T_sonomarker_probe)
 
-    def T_tracker_marker(self, tool: str, time_s: float) -> Pose | None:  # noqa: N802
-        """Return the true pose of a tool's marker before the tracker, None if it is not there."""
+    def Ts_tracker_marker(self, tool: str, times_s: Floats) -> Poses | None:  # noqa: N802
+        """Return the true poses (n,) of a tool's marker before the tracker, None if not there."""
         if tool == "basemarker":
-            return self._T_tracker_basemarker
+            return self._T_tracker_basemarker.repeated(len(times_s))
         hand = self._hand()
         if tool == "toolmarker":
-            return self._T_tracker_base @ (self.T_base_tip(time_s) @ self._scene.T_tip_toolmarker)
+            return self._T_tracker_base @ (self.Ts_base_tip(times_s) @ self._scene.T_tip_toolmarker)
         if hand is None or hand.pointer != tool:
             return None
-        return self._T_tracker_base @ hand.T_base_pointermarker(time_s)
+        return self._T_tracker_base @ hand.Ts_base_pointermarker(times_s)

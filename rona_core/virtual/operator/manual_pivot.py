@@ -6,7 +6,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from rona_core.geometry.arrays import Floats
-from rona_core.geometry.pose import Pose
+from rona_core.geometry.pose import Poses
 from rona_core.virtual.pointer_motion import BandLimitedNoise, HandMotion
 
 FOLLOW_S = 0.08  # lag of the hand behind the command
@@ -26,7 +26,7 @@ class ManualPivot:
         self.duration_s = rest.duration_s
         self._tip_base = rest.tip_base(0.0)
         self._shaft_base = rest.shaft_base(0.0)
-        self._T_base_pointermarker = rest.T_base_pointermarker(0.0)
+        self._T_base_pointermarker = rest.Ts_base_pointermarker(np.zeros(1))[0]
         self._tremor = tremor
         self._lock = threading.Lock()
         self._wanted = Rotation.identity()
@@ -57,11 +57,12 @@ class ManualPivot:
         """Return the unit direction (3,) from the tip to the hand."""
         return self._turn_at(time_s).apply(self._shaft_base)
 
-    def T_base_pointermarker(self, time_s: float) -> Pose:  # noqa: N802 (frame grammar)
-        """Return the true pose of the pointer's marker at one time."""
-        R_base = self._turn_at(time_s).as_matrix()
-        lever = self._T_base_pointermarker.translation - self._tip_base
-        return Pose(R_base @ self._T_base_pointermarker.rotation, self._tip_base + R_base @ lever)
+    def Ts_base_pointermarker(self, times_s: Floats) -> Poses:  # noqa: N802 (frame grammar)
+        """Return the true poses of the pointer's marker at times (n,)."""
+        rest = self._T_base_pointermarker
+        turns = np.stack([self._turn_at(float(time_s)).as_matrix() for time_s in times_s])
+        lever = rest.translation - self._tip_base
+        return Poses(turns @ rest.rotation, self._tip_base + turns @ lever)
 
     def _turn_at(self, time_s: float) -> Rotation:
         shake = self._tremor.at(np.array([time_s]))[0]

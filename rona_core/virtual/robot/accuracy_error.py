@@ -8,8 +8,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy.spatial.transform import Rotation
 
-from rona_core.geometry.arrays import Floats, Vector3, as_points, readonly
-from rona_core.geometry.pose import Pose
+from rona_core.geometry.arrays import Floats, Ints, as_points, readonly
+from rona_core.geometry.pose import Poses
 
 SYSTEMATIC_RMS_MM = 0.35  # 3D, over the workspace
 REPEATABILITY_RMS_MM = 0.03  # 3D
@@ -41,28 +41,34 @@ class RobotError:
         points = as_points(points_base, name="points_base")
         return readonly(self._field(points) if self.enabled else np.zeros_like(points))
 
-    def T_base_tip_true(  # noqa: N802 (frame grammar)
-        self, T_base_tip_nominal: Pose, ordinal: int, key: int
-    ) -> Pose:
-        """Return where the tip really is while the encoders say ``T_base_tip_nominal``.
+    def Ts_base_tip_true(  # noqa: N802 (frame grammar)
+        self, Ts_base_tip_nominal: Poses, ordinal: int, keys: Ints
+    ) -> Poses:
+        """Return where the tip really is while the encoders say ``Ts_base_tip_nominal`` (n,).
 
         Args:
-            T_base_tip_nominal: Pose from the encoders.
+            Ts_base_tip_nominal: Poses from the encoders.
             ordinal: Number of the capture.
-            key: Number of the commanded motion, or of the slice of time, within the capture.
+            keys: Numbers (n,) of the commanded motion, or of the slice of time, in the capture.
         """
         if not self.enabled:
-            return T_base_tip_nominal
-        shift, tilt_rad = self._repeatability(ordinal, key)
-        position = T_base_tip_nominal.translation
-        rotation = Rotation.from_rotvec(tilt_rad).as_matrix() @ T_base_tip_nominal.rotation
-        return Pose(rotation, position + self._field(position[None])[0] + shift)
+            return Ts_base_tip_nominal
+        motions, of_row = np.unique(keys, return_inverse=True)
+        shifts, tilts_rad = np.split(
+            np.array([self._repeatability(ordinal, int(key)) for key in motions]), 2, axis=1
+        )
+        positions = Ts_base_tip_nominal.translations
+        rotations = Rotation.from_rotvec(tilts_rad).as_matrix()[of_row]
+        return Poses(
+            rotations @ Ts_base_tip_nominal.rotations,
+            positions + self._field(positions) + shifts[of_row],
+        )
 
-    def _repeatability(self, ordinal: int, key: int) -> tuple[Vector3, Vector3]:
-        """Return shift (3,) in mm and rotation vector (3,) in radians of one motion."""
+    def _repeatability(self, ordinal: int, key: int) -> Floats:
+        """Return shift in mm and rotation vector in radians (6,) of one motion."""
         words = (SALT_MOTION, *_words(self._seed), *_words(ordinal), *_words(key))
         values = np.random.default_rng(words).normal(0.0, 1.0 / np.sqrt(3.0), 6)
-        return REPEATABILITY_RMS_MM * values[:3], np.deg2rad(TILT_RMS_DEG) * values[3:]
+        return values * np.repeat((REPEATABILITY_RMS_MM, np.deg2rad(TILT_RMS_DEG)), 3)
 
     def _field(self, points: Floats) -> Floats:
         return np.cos(points @ self._waves.T + self._phases_rad) @ self._sizes_mm

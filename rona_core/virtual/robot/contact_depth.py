@@ -12,7 +12,7 @@ from rona_core.geometry.pose import Poses
 from rona_core.robot.kinematics.robot_model import RobotModel
 from rona_core.virtual.robot.corrected_motion import CorrectedMotion
 from rona_core.virtual.scene import VirtualScene
-from rona_core.virtual.true_tool_poses import error_key
+from rona_core.virtual.true_tool_poses import error_keys
 
 BEFORE_MM = 60.0  # rays start this far before the face
 FAR_MM = 1e3  # depth of nothing: a gap
@@ -37,7 +37,7 @@ class ContactDepth:
         travels = np.array([course.travel_mm(float(t)) for t in times_s])
         gaps = np.interp(reached, course.motion_times_s, self._gaps_mm)
         axis = self._axes_base[int(np.searchsorted(course.motion_times_s, reached[-1]))]
-        shift = self._shift(error_key(float(times_s[-1])), reached[-1], course)
+        shift = self._shift(int(error_keys(times_s[-1])), reached[-1], course)
         return travels - gaps + float(shift @ axis)
 
     def _look_along(self, course: CorrectedMotion) -> None:
@@ -64,8 +64,9 @@ class ContactDepth:
     def _shift(self, key: int, reached_s: float, course: CorrectedMotion) -> Floats:
         """Return the part (3,) of the robot's error that changes with every motion."""
         if key not in self._shifts:
-            tip = self._tips_base[int(np.searchsorted(course.motion_times_s, reached_s))]
-            true = self._scene.T_base_tip_true(tip, self._ordinal, key)
-            off = true.translation - tip.translation
-            self._shifts[key] = off - self._systematic_mm(tip.translation[None])[0]
+            row = int(np.searchsorted(course.motion_times_s, reached_s))
+            tip = self._tips_base.select(slice(row, row + 1))
+            true = self._scene.Ts_base_tip_true(tip, self._ordinal, np.array([key]))
+            off = true.translations - tip.translations
+            self._shifts[key] = (off - self._systematic_mm(tip.translations))[0]
         return self._shifts[key]

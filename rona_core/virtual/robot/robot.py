@@ -1,6 +1,7 @@
 """Virtual robot: joint angles as a pure function of the capture's clock."""
 
 import threading
+from collections.abc import Hashable
 from dataclasses import dataclass
 
 import numpy as np
@@ -29,10 +30,10 @@ class _Course:
     stopped_s: float = np.inf
     over: bool = False  # a new capture has begun since
 
-    def at(self, time_s: float) -> Floats:
-        """Return the joint angles (6,) at one time; at rest before and after."""
-        time_s = min(time_s, self.stopped_s)
-        return np.array([np.interp(time_s, self.times_s, q) for q in self.qs_rad.T])
+    def at(self, time_s: ArrayLike) -> Floats:
+        """Return the joint angles (..., 6) at times (...); at rest before and after."""
+        reached_s = np.minimum(time_s, self.stopped_s)
+        return np.stack([np.interp(reached_s, self.times_s, q) for q in self.qs_rad.T], axis=-1)
 
     @property
     def end_s(self) -> float:
@@ -96,6 +97,20 @@ class VirtualRobot:
         """Return the joint angles (6,) at any time of the capture."""
         with self._lock:
             return readonly(self._course.at(time_s))
+
+    def qs_at(self, times_s: Floats) -> Floats:
+        """Return the joint angles (n, 6) at times (n,) of the capture."""
+        with self._lock:
+            course = self._course
+            if isinstance(course, _Course):
+                return course.at(times_s)
+            return np.array([course.at(float(time_s)) for time_s in times_s])
+
+    def motion_key(self) -> Hashable | None:
+        """Return what decides the joint angles to come, None while corrections may come in."""
+        with self._lock:
+            course = self._course
+            return None if isinstance(course, CorrectedMotion) else (course, course.stopped_s)
 
     def move(self, times_s: ArrayLike, qs_rad: ArrayLike) -> VirtualMotion:
         """Start along joint angles (n, 6) at times (n,), counted from now; linear in between.

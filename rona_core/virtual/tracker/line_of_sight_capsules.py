@@ -20,7 +20,7 @@ Part = tuple[int, ArrayLike, ArrayLike, float]  # link, start, end, radius in mm
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Capsules:
-    """Segments (k, 3) to (k, 3) with a radius (k,) about each, in one frame."""
+    """Segments (n, k, 3) to (n, k, 3) with a radius (k,) about each, at n times, in one frame."""
 
     starts: Floats
     ends: Floats
@@ -36,12 +36,13 @@ class LinkCapsules:
     ends: Floats  # (k, 3)
     radii_mm: Floats  # (k,)
 
-    def at(self, model: RobotModel, q_rad: ArrayLike) -> Capsules:
-        """Return the capsules in ``base`` at joint angles (6,)."""
-        poses = model.joint_poses(q_rad)
-        rotations, translations = poses.rotations[self.links], poses.translations[self.links]
-        starts = np.einsum("kij,kj->ki", rotations, self.starts) + translations
-        ends = np.einsum("kij,kj->ki", rotations, self.ends) + translations
+    def at(self, model: RobotModel, qs_rad: Floats) -> Capsules:
+        """Return the capsules in ``base`` at joint angles (n, 6)."""
+        poses = [model.joint_poses(q_rad) for q_rad in qs_rad]
+        rotations = np.stack([at.rotations for at in poses])[:, self.links]
+        translations = np.stack([at.translations for at in poses])[:, self.links]
+        starts = np.einsum("nkij,kj->nki", rotations, self.starts) + translations
+        ends = np.einsum("nkij,kj->nki", rotations, self.ends) + translations
         return Capsules(starts, ends, self.radii_mm)
 
 

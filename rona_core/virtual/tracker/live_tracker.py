@@ -4,14 +4,28 @@ import threading
 import time
 from collections.abc import Callable
 
-from rona_core.devices.marker_geometry import GEOMETRIES, MarkerGeometry
+import numpy as np
+
+from rona_core.devices.marker_geometry import GEOMETRIES
 from rona_core.devices.samples import ToolSample, TrackerFrame
 from rona_core.devices.settings import TOOLS, TrackerSettings
 from rona_core.errors import DeviceError, NotFoundError
-from rona_core.geometry.pose import Pose
-from rona_core.virtual.noise import rng
+from rona_core.geometry.arrays import Bools, Floats, Ints
+from rona_core.geometry.pose import Pose, Poses
 from rona_core.virtual.tracker.faults import drift_mm, dropped, swapped_markers
-from rona_core.virtual.tracker.tracker import Clear, ViewConditions, sample_tool
+from rona_core.virtual.tracker.tracker import (
+    ViewConditions,
+    observe,
+    tool_samples,
+    white_numbers,
+)
+
+Clear = Callable[[str, Poses], Bools]  # tool, true poses (n,) -> markers (n, m) not hidden
+
+
+def all_clear(tool: str, Ts_tracker_marker: Poses) -> Bools:
+    """Return that nothing hides any marker (n, m)."""
+    return np.ones((len(Ts_tracker_marker), len(GEOMETRIES[tool].positions_marker)), dtype=np.bool_)
 
 
 class VirtualLiveTracker:
@@ -26,13 +40,10 @@ class VirtualLiveTracker:
         T_tracker_toolmarker: Callable[[], Pose | None],
         T_tracker_basemarker: Callable[[], Pose | None] = lambda: None,
         *,
-        clear: Clear | None = None,
+        clear: Clear = all_clear,
         wall: Callable[[], float] = time.monotonic,
     ) -> None:
-        """Watch the tool on the robot and the marker on its base through these two.
-
-        Without ``clear`` nothing ever stands before a marker.
-        """
+        """Watch the tool on the robot and the marker on its base through these two."""
         self._seed = seed
         self._fixed = {"toolmarker": T_tracker_toolmarker, "basemarker": T_tracker_basemarker}
         self._clear = clear
@@ -66,20 +77,31 @@ class VirtualLiveTracker:
             number -= 1
         with self._lock:
             placed = dict(self._placed)
-        generator = rng(self._seed, "live tracker", 0, number)
-        drift = drift_mm(settings, self._seed, 0, number / settings.rate_hz)
-        visible = self._clear if settings.occlusion else None
+        numbers = np.array([number])
+        white = white_numbers(self._seed, "live tracker", 0, numbers)
+        poses = {tool: pose() for tool, pose in self._fixed.items()} | placed
+        samples = tuple(
+            self._sample(tool, poses.get(tool), white[tool], settings, numbers) for tool in TOOLS
+        )
+        return TrackerFrame(number, number / settings.rate_hz, samples)
 
-        def conditions(geometry: MarkerGeometry, pose: Pose) -> ViewConditions:
-            return ViewConditions(
-                clear=None if visible is None else visible(geometry.tool, pose, 0.0),
-                drift=drift,
-                swapped=swapped_markers(settings, geometry, self._seed, 0, number),
-            )
-
-        samples: list[ToolSample] = []
-        for tool in TOOLS:
-            white = generator.standard_normal(GEOMETRIES[tool].positions_marker.shape)
-            pose = self._fixed[tool]() if tool in self._fixed else placed.get(tool)
-            samples.append(sample_tool(tool, pose, white, settings, self._seed, conditions))
-        return TrackerFrame(number, number / settings.rate_hz, tuple(samples))
+    def _sample(
+        self,
+        tool: str,
+        T_tracker_marker: Pose | None,
+        white: Floats,
+        settings: TrackerSettings,
+        numbers: Ints,
+    ) -> ToolSample:
+        if tool in settings.hidden_tools:
+            return ToolSample(tool, "covered")
+        if T_tracker_marker is None:
+            return ToolSample(tool, "out_of_view")
+        geometry, Ts = GEOMETRIES[tool], Poses.stack([T_tracker_marker])
+        conditions = ViewConditions(
+            clear=self._clear(tool, Ts) if settings.occlusion else None,
+            drift=drift_mm(settings, self._seed, 0, numbers / settings.rate_hz),
+            swapped=swapped_markers(settings, geometry, self._seed, 0, numbers),
+        )
+        reports = observe(geometry, Ts, white, settings, self._seed, conditions)
+        return tool_samples(tool, reports)[0]

@@ -4,13 +4,12 @@ A marker counts only if both cameras see it, as a position takes two of them.
 """
 
 from collections.abc import Callable
-from dataclasses import dataclass
 
 import numpy as np
 
 from rona_core.devices.marker_geometry import GEOMETRIES
 from rona_core.geometry.arrays import Bools, Floats, readonly
-from rona_core.geometry.pose import Pose
+from rona_core.geometry.pose import Pose, Poses
 from rona_core.robot.kinematics.robot_model import RobotModel
 from rona_core.surface.raycast import MeshRaycaster
 from rona_core.virtual.scene import VirtualScene
@@ -23,130 +22,120 @@ HAND_RADIUS_MM = 30.0
 HEAD_EDGE_MM = 3.0  # of the triangles of the head
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Rays:
-    """Lines of sight from both cameras to the m markers of a tool, the second camera's last."""
-
-    T_tracker_marker: Pose
-    starts_base: Floats  # (2 m, 3)
-    ends_base: Floats  # (2 m, 3)
-    hidden: Bools  # (2 m,) by what does not move with the robot
-
-
 class LinesOfSight:
     """Tells which markers of a tool both cameras see."""
 
     def __init__(
-        self, scene: VirtualScene, model: RobotModel, q_at: Callable[[float], Floats]
+        self, scene: VirtualScene, model: RobotModel, qs_at: Callable[[Floats], Floats]
     ) -> None:
-        """Look at a scene; ``q_at(time_s)`` returns the joint angles (6,) of the robot."""
-        self._scene, self._model, self._q_at = scene, model, q_at
+        """Look at a scene; ``qs_at(times_s)`` returns the joint angles (n, 6) of the robot."""
+        self._scene, self._model, self._qs_at = scene, model, qs_at
         self._links = link_capsules(model)
         self._head: MeshRaycaster | None = None
-        self._robot: tuple[Floats, Capsules] | None = None  # spares work while the robot rests
-        self._last: dict[str, tuple[Pose, Floats, Bools]] = {}  # and while a tool does
-        self._rays: dict[str, Rays] = {}  # and while a tool does before a robot that moves
 
-    def clear(self, tool: str, T_tracker_marker: Pose, time_s: float) -> Bools:
-        """Return which markers (m,) of a tool at its true pose both cameras see."""
-        q_rad, last = self._q_at(time_s), self._last.get(tool)
-        if last is not None and np.array_equal(last[1], q_rad) and _same(last[0], T_tracker_marker):
-            return last[2]
-        clear = ~self._hidden(tool, T_tracker_marker, self._robot_at(q_rad))
-        self._last[tool] = T_tracker_marker, q_rad, clear
-        return clear
-
-    def _hidden(self, tool: str, T_tracker_marker: Pose, robot: Capsules) -> Bools:
-        rays = self._rays.get(tool)
-        if rays is None or not _same(rays.T_tracker_marker, T_tracker_marker):
-            rays = self._rays[tool] = self._at_rest(tool, T_tracker_marker)
-        hidden = rays.hidden | capsules_hit(rays.starts_base, rays.ends_base, robot)
-        count = len(hidden) // 2
-        return np.asarray(hidden[:count] | hidden[count:])
-
-    def _at_rest(self, tool: str, T_tracker_marker: Pose) -> "Rays":
-        """Return the lines of sight to a tool, and which end at the head or the hand."""
-        geometry, scene = GEOMETRIES[tool], self._scene
-        points_tracker = T_tracker_marker @ geometry.positions_marker
-        count = len(points_tracker)
-        ends = np.concatenate((points_tracker, points_tracker))
-        starts = np.repeat(CAMERAS_TRACKER, count, axis=0)
-        ways = ends - starts
-        lengths = np.linalg.norm(ways, axis=1)
-        directions = ways / lengths[:, None]
-        reach = lengths - MARKER_MM
-        ends = starts + reach[:, None] * directions
-        T_base_tracker = scene.T_base_tracker
-        starts_base, ends_base = T_base_tracker @ starts, T_base_tracker @ ends
-        hidden = np.zeros(2 * count, dtype=np.bool_)
+    def clear(self, tool: str, Ts_tracker_marker: Poses, times_s: Floats) -> Bools:
+        """Return which markers (n, m) of a tool at its true poses (n,) both cameras see."""
+        Ts, qs_rad = Ts_tracker_marker, self._qs_at(times_s)
+        if _at_rest(Ts.rotations) and _at_rest(Ts.translations):  # one look is enough
+            Ts = Ts.select(slice(0, 1))
+        starts, ends = self._rays(tool, Ts)
+        hidden = self._hidden_by_head(starts, ends)
         if tool not in ("toolmarker", "basemarker"):  # these are in nobody's hand
-            hidden |= capsules_hit(starts, ends, hand_capsule(tool, T_tracker_marker))
-        T_skull_tracker = scene.T_base_skull.inv() @ T_base_tracker
-        first = self._head_caster().first_hit(
-            T_skull_tracker @ starts, T_skull_tracker.rotate(directions)
+            hidden |= segments_hit(starts, ends, hand_capsule(tool, Ts))
+        if _at_rest(qs_rad):
+            qs_rad = qs_rad[:1]
+        T_base_tracker = self._scene.T_base_tracker
+        arm = self._links.at(self._model, qs_rad)
+        hidden = hidden | segments_hit(
+            _moved(T_base_tracker, starts), _moved(T_base_tracker, ends), arm
         )
-        return Rays(T_tracker_marker, starts_base, ends_base, hidden | (first < reach))
+        count = len(GEOMETRIES[tool].positions_marker)
+        return np.broadcast_to(~hidden.any(axis=1), (len(Ts_tracker_marker), count))
+
+    def _rays(self, tool: str, Ts_tracker_marker: Poses) -> tuple[Floats, Floats]:
+        """Return start and end (n, 2, m, 3) in ``tracker`` of the lines from camera to marker."""
+        Ts = Ts_tracker_marker
+        markers = np.einsum("nij,mj->nmi", Ts.rotations, GEOMETRIES[tool].positions_marker)
+        markers = (markers + Ts.translations[:, None])[:, None]
+        starts = np.broadcast_to(CAMERAS_TRACKER[:, None], (len(Ts), 2, *markers.shape[2:]))
+        lines = markers - starts
+        lengths = np.linalg.norm(lines, axis=3, keepdims=True)
+        return starts, starts + (1.0 - MARKER_MM / lengths) * lines
+
+    def _hidden_by_head(self, starts: Floats, ends: Floats) -> Bools:
+        """Return which lines of sight (n, 2, m) in ``tracker`` the head cuts."""
+        lines = ends - starts
+        reach_mm = np.linalg.norm(lines, axis=3)
+        T_skull_tracker = self._scene.T_base_skull.inv() @ self._scene.T_base_tracker
+        directions = (lines / reach_mm[..., None]).reshape(-1, 3)
+        first_mm = self._head_caster().first_hit(
+            T_skull_tracker @ starts.reshape(-1, 3), T_skull_tracker.rotate(directions)
+        )
+        return np.asarray(first_mm.reshape(reach_mm.shape) < reach_mm)
 
     def _head_caster(self) -> MeshRaycaster:
         if self._head is None:
             self._head = MeshRaycaster(self._scene.specimen.mesh("outer", HEAD_EDGE_MM))
         return self._head
 
-    def _robot_at(self, q_rad: Floats) -> Capsules:
-        known = self._robot
-        if known is None or not np.array_equal(known[0], q_rad):
-            known = q_rad, self._links.at(self._model, q_rad)
-            self._robot = known
-        return known[1]
+
+def _at_rest(values: Floats) -> bool:
+    """Return whether all rows are the first."""
+    return bool((values == values[:1]).all())
 
 
-def _same(a: Pose, b: Pose) -> bool:
-    return np.array_equal(a.translation, b.translation) and np.array_equal(a.rotation, b.rotation)
+def _moved(T_b_a: Pose, points_a: Floats) -> Floats:
+    """Return points (..., 3) of frame ``a`` in ``b``."""
+    return (T_b_a @ points_a.reshape(-1, 3)).reshape(points_a.shape)
 
 
-def hand_capsule(tool: str, T_tracker_marker: Pose) -> Capsules:
-    """Return the hand about the shaft of a pointer as one capsule in ``tracker``."""
+def hand_capsule(tool: str, Ts_tracker_marker: Poses) -> Capsules:
+    """Return the hand about the shaft of a pointer, one capsule (n, 1) a pose, in ``tracker``."""
     geometry = GEOMETRIES[tool]
     tip = geometry.nominal_tip_marker
     up = np.array((0.0, 0.0, -1.0) if geometry.dof == 5 else (0.0, 1.0, 0.0))
-    low, high = (T_tracker_marker @ (tip + length * up) for length in HAND_FROM_TIP_MM)
-    return Capsules(low[None], high[None], np.array([HAND_RADIUS_MM]))
+    low, high = (Ts_tracker_marker @ (tip + length * up) for length in HAND_FROM_TIP_MM)
+    return Capsules(low[:, None], high[:, None], np.array([HAND_RADIUS_MM]))
 
 
-def capsules_hit(starts: Floats, ends: Floats, capsules: Capsules) -> Bools:
-    """Return which segments (n, 3) to (n, 3) touch any of some capsules, (n,)."""
-    near = _near(starts, ends, capsules)
-    if not near.any():
-        return np.zeros(len(starts), dtype=np.bool_)
-    squared = segment_distances2(starts, ends, capsules.starts[near], capsules.ends[near])
-    return np.asarray((squared < capsules.radii_mm[near] ** 2).any(axis=1))
+def segments_hit(starts: Floats, ends: Floats, capsules: Capsules) -> Bools:
+    """Return which segments (n, ..., 3) to (n, ..., 3) touch any of some capsules.
+
+    ``capsules`` are k for each of the n frames, or for all of them if there is one row of them.
+    """
+    n, k = len(starts), len(capsules.radii_mm)
+    a, b = starts.reshape(n, -1, 1, 3), ends.reshape(n, -1, 1, 3)
+    frames = max(n, len(capsules.starts))
+    c, d = capsules.starts[:, None], capsules.ends[:, None]
+    shape = (frames, a.shape[1], k)
+    near = np.broadcast_to(_near(a, b, c, d, capsules.radii_mm), shape)
+    rows = np.nonzero(near)
+    hit = np.zeros(shape, dtype=np.bool_)
+    a, b, c, d = (np.broadcast_to(points, (*shape, 3))[rows] for points in (a, b, c, d))
+    hit[rows] = segment_distances2(a, b, c, d) < capsules.radii_mm[rows[2]] ** 2
+    return hit.any(axis=2).reshape(frames, *starts.shape[1:-1])
 
 
-def _near(starts: Floats, ends: Floats, capsules: Capsules) -> Bools:
-    """Return which capsules (k,) have a ball around them that some segment touches."""
-    halves = 0.5 * (capsules.ends - capsules.starts)
-    middles = capsules.starts + halves
-    reach = np.sqrt((halves * halves).sum(axis=1)) + capsules.radii_mm
-    ways = ends - starts
-    to = middles[None] - starts[:, None]
-    share = np.einsum("nkj,nj->nk", to, ways) / (ways * ways).sum(axis=1)[:, None]
-    off = to - np.minimum(np.maximum(share, 0.0), 1.0)[:, :, None] * ways[:, None]
-    return ((off * off).sum(axis=2) <= reach**2).any(axis=0)
+def _near(a: Floats, b: Floats, c: Floats, d: Floats, radii_mm: Floats) -> Bools:
+    """Return which segments a-b touch the balls around capsules c-d, by broadcasting."""
+    halves, lines = 0.5 * (d - c), b - a
+    to_middle = c + halves - a
+    reach_mm = np.sqrt((halves * halves).sum(axis=-1)) + radii_mm
+    share = (to_middle * lines).sum(axis=-1) / (lines * lines).sum(axis=-1)
+    off = to_middle - np.clip(share, 0.0, 1.0)[..., None] * lines
+    return np.asarray((off * off).sum(axis=-1) <= reach_mm**2)
 
 
 def segment_distances2(a: Floats, b: Floats, c: Floats, d: Floats) -> Floats:
-    """Return the squared distances (n, k) between segments a-b (n, 3) and c-d (k, 3).
+    """Return the squared distances (n,) between segments a-b (n, 3) and c-d (n, 3), row by row.
 
     The nearest places s on a-b and t on c-d minimise a quadratic over the unit square: the free
     minimum, where it lies inside, or the best of the four edges.
     """
-    u, v = b - a, d - c
-    w = a[:, None] - c[None]
-    uu, vv = (u * u).sum(axis=1)[:, None], (v * v).sum(axis=1)[None]
-    uv = u @ v.T
-    uw = (u[:, None] * w).sum(axis=2)
-    vw = (v[None] * w).sum(axis=2)
-    ww = (w * w).sum(axis=2)
+    u, v, w = b - a, d - c, a - c
+    uu, vv, uv, uw, vw, ww = (
+        (p * q).sum(axis=1) for p, q in ((u, u), (v, v), (u, v), (u, w), (v, w), (w, w))
+    )
     tiny = 1e-12
 
     def value(s: Floats, t: Floats) -> Floats:

@@ -1,19 +1,20 @@
-"""Tracking status of a tool, by NDI's documented order of checks.
+"""Tracking status and pose of a tool in many frames, by NDI's documented order of checks.
 
-Marker angle, then volume, then number of markers, then largest 3D error, then spread; a tool that
-passes none of these has no pose, and its status names the first rule it broke.
+Marker angle, then volume, then number of markers, then their spread, then the largest 3D error; a
+tool that passes none of these has no pose, and its status names the first rule it broke.
 """
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
+from numpy.typing import NDArray
 
 from rona_core.devices.marker_geometry import MarkerGeometry
 from rona_core.devices.samples import ToolStatus
-from rona_core.geometry.arrays import Bools, Floats
-from rona_core.virtual.tracker.marker_fit import MarkerFit, fit_body, fit_line
+from rona_core.geometry.arrays import Bools, Floats, Ints
+from rona_core.geometry.batch_fit import ManyFits, fit_line_many, fit_rigid_many
+from rona_core.geometry.pose import Poses
 
 MIN_MARKERS = {6: 3, 5: 2}  # by degrees of freedom of the tool
 MAX_3D_ERROR_MM = 2.0  # of a marker from where the fit has it: what tool files have by default
@@ -21,11 +22,16 @@ MIN_SPREAD_MM = 10.0  # extent of the markers used; of 6D tools also across
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class ToolReport:
-    """What the tracker makes of one tool in one frame; ``fit`` is None while it is not seen."""
+class ToolReports:
+    """What the tracker makes of one tool in n frames."""
 
-    status: ToolStatus
-    fit: MarkerFit | None = None
+    statuses: NDArray[np.object_]  # (n,) of ToolStatus
+    fitted: Bools  # (n,) there is a pose
+    Ts_tracker_marker: Poses  # (n,) the identity where there is none
+    rms_error_mm: Floats  # (n,) of the fit; 0 where there is none
+
+    def __len__(self) -> int:
+        return len(self.statuses)
 
 
 def report_tool(
@@ -35,60 +41,109 @@ def report_tool(
     facing: Bools,
     inside: Bools,
     clear: Bools,
-    swapped: Sequence[int] | None = None,
-) -> ToolReport:
-    """Return the status of a tool, and its pose if it has one.
+    swapped: Ints | None = None,
+) -> ToolReports:
+    """Return the status of a tool in n frames, and its pose where it has one.
 
     Args:
         geometry: Markers of the tool.
-        measured_tracker: Measured positions (m, 3).
-        facing: Which markers (m,) look at the cameras.
+        measured_tracker: Measured positions (n, m, 3).
+        facing: Which markers (n, m) look at the cameras.
         inside: Which lie in the volume.
         clear: Which both cameras see, with nothing in between.
-        swapped: Two markers that are taken for each other, the third being lost; None as a rule.
+        swapped: Two markers (n, 2) that are taken for each other, the third being lost; -1 where
+            none are.
     """
-    if not facing.any():
-        return ToolReport("out_of_view")
-    if not inside.any():
-        return ToolReport("out_of_volume")
+    n = len(measured_tracker)
     seen = facing & inside & clear
-    if np.count_nonzero(seen) < MIN_MARKERS[geometry.dof]:
-        hidden = (facing & inside).any() and not seen.any()
-        return ToolReport("missing" if hidden else "too_few_markers")
-    result = fit_markers(geometry, measured_tracker, seen, swapped)
-    if result.fit is not None and (facing & ~inside).any():
-        return ToolReport("partially_out_of_volume", result.fit)
-    return result
+    few = seen.sum(axis=1) < MIN_MARKERS[geometry.dof]
+    hidden = (facing & inside).any(axis=1) & ~seen.any(axis=1)
+    checks: dict[ToolStatus, Bools] = {
+        "out_of_view": np.asarray(~facing.any(axis=1)),
+        "out_of_volume": np.asarray(~inside.any(axis=1)),
+        "missing": np.asarray(few & hidden),
+        "too_few_markers": np.asarray(few),
+    }
+    statuses = np.full(n, "ok", dtype=object)
+    for status, broken in reversed(checks.items()):  # the first rule broken has the last word
+        statuses[broken] = status
+    rows = np.flatnonzero(statuses == "ok")
+    rotations, translations = np.tile(np.eye(3), (n, 1, 1)), np.zeros((n, 3))
+    rms_error_mm = np.zeros(n)
 
+    def take(rows: Ints, fits: ManyFits) -> None:
+        rotations[rows], translations[rows] = fits.Ts_b_a.rotations, fits.Ts_b_a.translations
+        rms_error_mm[rows] = fits.rms_mm
 
-def fit_markers(
-    geometry: MarkerGeometry,
-    measured_tracker: Floats,
-    seen: Bools,
-    swapped: Sequence[int] | None = None,
-) -> ToolReport:
-    """Return the pose from the markers that are seen, without those that are too far off."""
-    numbers = np.flatnonzero(seen)
-    model = geometry.positions_marker
     if swapped is not None:
-        numbers = np.array(swapped if seen[list(swapped)].all() else numbers[:2])
-        return ToolReport("ok", fit_line(model[numbers], measured_tracker[numbers[::-1]]))
-    fit_tool = fit_body if geometry.dof == 6 else fit_line
-    while True:
-        fit = fit_tool(model[numbers], measured_tracker[numbers])
-        # no residual exceeds the root of the sum of their squares
-        if fit.rms_error_mm * np.sqrt(len(numbers)) > MAX_3D_ERROR_MM:
-            off = fit.T_tracker_marker @ model[numbers] - measured_tracker[numbers]
-            errors_mm = np.linalg.norm(off, axis=1)
-            if errors_mm.max() > MAX_3D_ERROR_MM:
-                if len(numbers) == MIN_MARKERS[geometry.dof]:
-                    return ToolReport("bad_fit")
-                numbers = np.delete(numbers, np.argmax(errors_mm))
-                continue
-        used = model[numbers]
-        if not _spread(used.tobytes(), geometry.dof):
-            return ToolReport("low_spread")
-        return ToolReport("ok", fit)
+        turned = rows[(swapped[rows] >= 0).all(axis=1)]
+        if len(turned):
+            take(
+                turned,
+                _fit_swapped(geometry, measured_tracker[turned], seen[turned], swapped[turned]),
+            )
+        rows = np.setdiff1d(rows, turned)
+    used = seen.copy()
+    while len(rows):
+        spread = _spread_enough(geometry, used[rows])
+        statuses[rows[~spread]] = "low_spread"
+        rows = rows[spread]
+        if not len(rows):
+            break
+        fits = _fit(geometry, measured_tracker[rows], used[rows])
+        misfits_mm = _misfits_mm(geometry, fits, measured_tracker[rows], used[rows])
+        off = misfits_mm.max(axis=1) > MAX_3D_ERROR_MM
+        take(rows[~off], ManyFits(fits.Ts_b_a.select(~off), fits.rms_mm[~off]))
+        least = used[rows].sum(axis=1) == MIN_MARKERS[geometry.dof]
+        statuses[rows[off & least]] = "bad_fit"
+        again = off & ~least
+        used[rows[again], misfits_mm[again].argmax(axis=1)] = False
+        rows = rows[again]
+    fitted = np.asarray(statuses == "ok")
+    statuses[fitted & np.asarray((facing & ~inside).any(axis=1))] = "partially_out_of_volume"
+    return ToolReports(statuses, fitted, Poses(rotations, translations), rms_error_mm)
+
+
+def _fit(geometry: MarkerGeometry, measured_tracker: Floats, used: Bools) -> ManyFits:
+    """Return the least-squares poses from the markers used (n, m)."""
+    if geometry.dof == 6:
+        return fit_rigid_many(geometry.positions_marker, measured_tracker, used)
+    return fit_line_many(geometry.positions_marker[:, 2], measured_tracker, used)
+
+
+def _misfits_mm(
+    geometry: MarkerGeometry, fits: ManyFits, measured_tracker: Floats, used: Bools
+) -> Floats:
+    """Return how far (n, m) each marker used lies from where the fit has it; 0 for the others."""
+    poses = fits.Ts_b_a
+    fitted = np.einsum("nij,mj->nmi", poses.rotations, geometry.positions_marker)
+    off = fitted + poses.translations[:, None] - measured_tracker
+    return np.where(used, np.linalg.norm(off, axis=2), 0.0)
+
+
+def _fit_swapped(
+    geometry: MarkerGeometry, measured_tracker: Floats, seen: Bools, swapped: Ints
+) -> ManyFits:
+    """Return the poses of lines (n,) whose two markers are taken for each other.
+
+    Where one of the two is not seen, the first two that are seen are taken.
+    """
+    rows = np.arange(len(seen))[:, None]
+    there = np.asarray(seen[rows, swapped].all(axis=1))[:, None]
+    pairs = np.where(there, swapped, np.argsort(~seen, axis=1, kind="stable")[:, :2])
+    exchanged = measured_tracker.copy()
+    exchanged[rows, pairs] = measured_tracker[rows, pairs[:, ::-1]]
+    used = np.zeros_like(seen)
+    used[rows, pairs] = True
+    return fit_line_many(geometry.positions_marker[:, 2], exchanged, used)
+
+
+def _spread_enough(geometry: MarkerGeometry, used: Bools) -> Bools:
+    """Return in which frames (n,) the markers used (n, m) lie far enough apart."""
+    patterns, of_row = np.unique(used, axis=0, return_inverse=True)
+    model = geometry.positions_marker
+    enough = [_spread(model[pattern].tobytes(), geometry.dof) for pattern in patterns]
+    return np.array(enough, dtype=np.bool_)[of_row.reshape(-1)]
 
 
 @lru_cache(maxsize=256)

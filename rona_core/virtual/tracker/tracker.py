@@ -1,7 +1,13 @@
-"""Virtual optical tracker: true markers, measured with errors, fitted to known tools."""
+"""Virtual optical tracker: true markers, measured with errors, fitted to known tools.
 
-from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, field
+Frames are measured in blocks wherever the motion is laid out beforehand. A block begins at a
+multiple of its length, whoever asks for a frame of it and when, so that the pace of a capture
+changes no bit of what is measured.
+"""
+
+from collections.abc import Hashable, Iterator
+from dataclasses import dataclass
+from typing import Protocol
 
 import numpy as np
 
@@ -10,30 +16,46 @@ from rona_core.devices.protocols import Clock
 from rona_core.devices.samples import ToolSample, TrackerFrame
 from rona_core.devices.settings import TOOLS, TrackerSettings
 from rona_core.errors import DeviceError
-from rona_core.geometry.arrays import Bools, Floats
-from rona_core.geometry.pose import Pose
-from rona_core.virtual.noise import rng
-from rona_core.virtual.tracker.faults import NO_DRIFT, drift_mm, dropped, swapped_markers
+from rona_core.geometry.arrays import Bools, Floats, Ints
+from rona_core.geometry.pose import Poses
+from rona_core.virtual.noise import standard_normals
+from rona_core.virtual.tracker.faults import drift_mm, dropped, swapped_markers
 from rona_core.virtual.tracker.marker_error import in_volume, marker_error
-from rona_core.virtual.tracker.reporting_rules import ToolReport, report_tool
+from rona_core.virtual.tracker.reporting_rules import ToolReports, report_tool
 
 FACING_LIMIT_RAD = np.deg2rad(60.0)  # flat markers are lost beyond this angle to the line of sight
 HYSTERESIS_RAD = np.deg2rad(2.0)  # and found again this much earlier
 MEMORY_S = 1.0  # how far back the tracker remembers which markers it followed
 SAME_TIME_S = 1e-9  # rounding of frame times
+BLOCK = 256  # frames that are measured at once
 
-TruePose = Callable[[str, float], Pose | None]  # tool, time in seconds -> T_tracker_marker
-Clear = Callable[[str, Pose, float], Bools]  # tool, true pose, time -> markers (m,) not hidden
+
+class TrackedWorld(Protocol):
+    """What a virtual tracker looks at."""
+
+    def Ts_tracker_marker(  # noqa: N802 (frame grammar)
+        self, tool: str, times_s: Floats
+    ) -> Poses | None:
+        """Return the true poses (n,) of a tool at times (n,), None if it is not there."""
+        ...
+
+    def clear(self, tool: str, Ts_tracker_marker: Poses, times_s: Floats) -> Bools:
+        """Return which markers (n, m) of a tool nothing hides."""
+        ...
+
+    def motion_key(self) -> Hashable | None:
+        """Return what decides all poses to come, None while they answer to what happens."""
+        ...
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ViewConditions:
-    """What stands between a tool and a perfect measurement in one frame."""
+    """What stands between a tool and a perfect measurement in n frames."""
 
-    facing: Bools | None = None  # markers (m,) that look at the cameras; None: by their angle
-    clear: Bools | None = None  # markers (m,) that both cameras see; None: all
-    drift: Floats = field(default_factory=lambda: NO_DRIFT)  # (3,) mm, of a tracker not yet warm
-    swapped: Sequence[int] | None = None  # two markers taken for each other: a ghost solution
+    facing: Bools | None = None  # markers (n, m) that look at the cameras; None: by their angle
+    clear: Bools | None = None  # markers (n, m) that both cameras see; None: all
+    drift: Floats | None = None  # (n, 3) mm, of a tracker not yet warm; None: it is
+    swapped: Ints | None = None  # (n, 2) markers taken for each other, -1 where none are
 
 
 UNDISTURBED = ViewConditions()
@@ -41,79 +63,90 @@ UNDISTURBED = ViewConditions()
 
 def observe(
     geometry: MarkerGeometry,
-    T_tracker_marker: Pose,
+    Ts_tracker_marker: Poses,
     white: Floats,
     settings: TrackerSettings,
     seed: int,
     conditions: ViewConditions = UNDISTURBED,
-) -> ToolReport:
-    """Return what a tracker measures of a tool that really is at ``T_tracker_marker``.
+) -> ToolReports:
+    """Return what a tracker measures in n frames of a tool that really is at ``Ts_tracker_marker``.
 
     Args:
         geometry: Markers of the tool.
-        T_tracker_marker: True pose.
-        white: Standard normal numbers (m, 3), one row per marker.
+        Ts_tracker_marker: True poses (n,).
+        white: Standard normal numbers (n, m, 3), one row per marker.
         settings: Profile and ratio of the errors.
         seed: Seed of the session, which fixes the bias field of this tracker.
-        conditions: Occlusion, drift and ghost solutions of the frame.
+        conditions: Occlusion, drift and ghost solutions of the frames.
     """
-    points = T_tracker_marker @ geometry.positions_marker
+    points = marker_points(geometry, Ts_tracker_marker)
     facing, clear = conditions.facing, conditions.clear
     if facing is None:
-        cosines = sight_cosines(geometry, T_tracker_marker)
-        facing = np.asarray(cosines >= np.cos(FACING_LIMIT_RAD))
-    measured = marker_error(settings, seed).measure(points, white) + conditions.drift
+        facing = sight_cosines(geometry, Ts_tracker_marker) >= np.cos(FACING_LIMIT_RAD)
+    flat = points.reshape(-1, 3)
+    measured = marker_error(settings, seed).measure(flat, white.reshape(-1, 3))
+    measured = measured.reshape(points.shape)
+    if conditions.drift is not None:
+        measured = measured + conditions.drift[:, None]
     return report_tool(
         geometry,
         measured,
-        facing=facing,
-        inside=in_volume(points, settings.profile),
-        clear=np.ones(len(points), dtype=np.bool_) if clear is None else clear,
+        facing=np.asarray(facing),
+        inside=in_volume(flat, settings.profile).reshape(points.shape[:2]),
+        clear=np.ones(points.shape[:2], dtype=np.bool_) if clear is None else clear,
         swapped=conditions.swapped,
     )
 
 
-def sample_tool(
-    tool: str,
-    T_tracker_marker: Pose | None,
-    white: Floats,
-    settings: TrackerSettings,
-    seed: int,
-    conditions: Callable[[MarkerGeometry, Pose], ViewConditions],
-) -> ToolSample:
-    """Return what a frame holds of a tool at its true pose; None: it is not before the tracker."""
-    if tool in settings.hidden_tools:
-        return ToolSample(tool, "covered")
-    if T_tracker_marker is None:
-        return ToolSample(tool, "out_of_view")
-    geometry = GEOMETRIES[tool]
-    seen = observe(
-        geometry, T_tracker_marker, white, settings, seed, conditions(geometry, T_tracker_marker)
-    )
-    if seen.fit is None:
-        return ToolSample(tool, seen.status)
-    return ToolSample(tool, seen.status, seen.fit.T_tracker_marker, seen.fit.rms_error_mm)
+def marker_points(geometry: MarkerGeometry, Ts_tracker_marker: Poses) -> Floats:
+    """Return the markers (n, m, 3) of a tool at its poses (n,)."""
+    poses = Ts_tracker_marker
+    turned = np.einsum("nij,mj->nmi", poses.rotations, geometry.positions_marker)
+    return turned + poses.translations[:, None]
 
 
-def sight_cosines(geometry: MarkerGeometry, T_tracker_marker: Pose) -> Floats:
-    """Return the cosines (m,) of the angles between marker normals and lines of sight.
+def sight_cosines(geometry: MarkerGeometry, Ts_tracker_marker: Poses) -> Floats:
+    """Return the cosines (n, m) of the angles between marker normals and lines of sight.
 
     Markers without a normal are spheres that are seen from every side.
     """
-    points = T_tracker_marker @ geometry.positions_marker
+    points = marker_points(geometry, Ts_tracker_marker)
     if not geometry.facing_marker.any():
-        return np.ones(len(points))
-    facing = T_tracker_marker.rotate(geometry.facing_marker)
-    sight = -points / np.linalg.norm(points, axis=1)[:, None]
-    return np.asarray(sight @ facing)
+        return np.ones(points.shape[:2])
+    normals = Ts_tracker_marker.rotations @ geometry.facing_marker
+    across = -np.einsum("nmi,ni->nm", points, normals)
+    return across / np.linalg.norm(points, axis=2)
 
 
-def white_numbers(seed: int, ordinal: int, number: int) -> dict[str, Floats]:
-    """Return the standard normal numbers (m, 3) of each tool's markers in one frame."""
-    generator = rng(seed, "tracker", ordinal, number)
+def white_numbers(seed: int, device: str, ordinal: int, numbers: Ints) -> dict[str, Floats]:
+    """Return the standard normal numbers (n, m, 3) of each tool's markers in some frames (n,)."""
+    counts = [GEOMETRIES[tool].positions_marker.size for tool in TOOLS]
+    drawn = standard_normals((seed, device, ordinal), numbers, sum(counts))
+    columns = np.split(drawn, np.cumsum(counts)[:-1], axis=1)
     return {
-        tool: generator.standard_normal(GEOMETRIES[tool].positions_marker.shape) for tool in TOOLS
+        tool: column.reshape(len(numbers), -1, 3)
+        for tool, column in zip(TOOLS, columns, strict=True)
     }
+
+
+def tool_samples(tool: str, reports: ToolReports) -> list[ToolSample]:
+    """Return what n frames hold of a tool."""
+    poses, rms_mm = reports.Ts_tracker_marker, reports.rms_error_mm.tolist()
+    return [
+        ToolSample(tool, status, poses[i], rms_mm[i]) if fitted else ToolSample(tool, status)
+        for i, (status, fitted) in enumerate(
+            zip(reports.statuses, reports.fitted.tolist(), strict=True)
+        )
+    ]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Block:
+    """Frames from number ``first`` on, as long as the motion is the one they were seen on."""
+
+    first: int
+    motion: Hashable | None
+    frames: tuple[TrackerFrame, ...]
 
 
 class VirtualTracker:
@@ -124,24 +157,19 @@ class VirtualTracker:
     the clock changes what is measured.
     """
 
-    def __init__(
-        self, clock: Clock, true_pose: TruePose, seed: int, clear: Clear | None = None
-    ) -> None:
-        """Look at ``true_pose(tool, time_s)``, None for a tool that is not there.
-
-        Without ``clear`` nothing ever stands before a marker.
-        """
+    def __init__(self, clock: Clock, world: TrackedWorld, seed: int) -> None:
         self._clock = clock
-        self._true_pose = true_pose
-        self._clear = clear
+        self._world = world
         self._seed = seed
         self._settings = TrackerSettings()
         self._ordinal = 0
         self._closed = False
+        self._block = _Block(0, None, ())
 
     def begin(self, settings: TrackerSettings, ordinal: int) -> None:
         """Measure like this from now on, for capture number ``ordinal``."""
         self._settings, self._ordinal = settings, ordinal
+        self._block = _Block(0, None, ())
 
     def latest(self) -> TrackerFrame:
         """Return the newest frame; the clock does not move.
@@ -174,9 +202,13 @@ class VirtualTracker:
         """
         if self._closed:
             raise DeviceError("the tracker has been closed: open the session again to use it")
-        white = white_numbers(self._seed, self._ordinal, number)
-        tools = tuple(self._sample(tool, number, white[tool]) for tool in TOOLS)
-        return TrackerFrame(number, number / self._settings.rate_hz, tools)
+        motion, block = self._world.motion_key(), self._block
+        if motion is None:
+            return self._measure(number, 1)[0]
+        first = number - number % BLOCK
+        if not block.frames or (block.first, block.motion) != (first, motion):
+            block = self._block = _Block(first, motion, self._measure(first, BLOCK))
+        return block.frames[number - first]
 
     def close(self) -> None:
         """Release the tracker; a second call does nothing."""
@@ -185,43 +217,57 @@ class VirtualTracker:
     def _dropped(self, number: int) -> bool:
         return dropped(self._settings, self._seed, self._ordinal, number)
 
-    def _measured_s(self, number: int) -> float:
-        return number / self._settings.rate_hz - self._settings.latency_s
+    def _measure(self, first: int, count: int) -> tuple[TrackerFrame, ...]:
+        """Return ``count`` frames from number ``first`` on."""
+        numbers = np.arange(first, first + count)
+        white = white_numbers(self._seed, "tracker", self._ordinal, numbers)
+        columns = [self._samples(tool, numbers, white[tool]) for tool in TOOLS]
+        rate_hz = self._settings.rate_hz
+        return tuple(
+            TrackerFrame(number, number / rate_hz, samples)
+            for number, samples in zip(numbers.tolist(), zip(*columns, strict=True), strict=True)
+        )
 
-    def _sample(self, tool: str, number: int, white: Floats) -> ToolSample:
-        settings, time_s = self._settings, self._measured_s(number)
-        visible = self._clear if settings.occlusion else None
+    def _samples(self, tool: str, numbers: Ints, white: Floats) -> list[ToolSample]:
+        settings, seed, ordinal = self._settings, self._seed, self._ordinal
+        if tool in settings.hidden_tools:
+            return [ToolSample(tool, "covered")] * len(numbers)
+        times_s = self._measured_s(numbers)
+        Ts = self._world.Ts_tracker_marker(tool, times_s)
+        if Ts is None:
+            return [ToolSample(tool, "out_of_view")] * len(numbers)
+        geometry = GEOMETRIES[tool]
+        conditions = ViewConditions(
+            self._facing(geometry, Ts, int(numbers[0])),
+            self._world.clear(tool, Ts, times_s) if settings.occlusion else None,
+            drift_mm(settings, seed, ordinal, numbers / settings.rate_hz),
+            swapped_markers(settings, geometry, seed, ordinal, numbers),
+        )
+        return tool_samples(tool, observe(geometry, Ts, white, settings, seed, conditions))
 
-        def conditions(geometry: MarkerGeometry, pose: Pose) -> ViewConditions:
-            return ViewConditions(
-                self._facing(geometry, pose, number),
-                None if visible is None else visible(tool, pose, time_s),
-                drift_mm(settings, self._seed, self._ordinal, number / settings.rate_hz),
-                swapped_markers(settings, geometry, self._seed, self._ordinal, number),
-            )
+    def _measured_s(self, numbers: Ints) -> Floats:
+        return numbers / self._settings.rate_hz - self._settings.latency_s
 
-        covered = tool in settings.hidden_tools
-        pose = None if covered else self._true_pose(tool, time_s)
-        return sample_tool(tool, pose, white, settings, self._seed, conditions)
-
-    def _facing(self, geometry: MarkerGeometry, pose: Pose, number: int) -> Bools:
-        """Return which markers (m,) are followed, with hysteresis.
+    def _facing(self, geometry: MarkerGeometry, Ts_tracker_marker: Poses, first: int) -> Bools:
+        """Return which markers (n, m) are followed in the frames from ``first`` on.
 
         Between the angles at which one is found and lost, what it did last decides; with no past
-        it is followed.
+        within the tracker's memory it is followed.
         """
         lost, found = np.cos(FACING_LIMIT_RAD), np.cos(FACING_LIMIT_RAD - HYSTERESIS_RAD)
-        cosines = sight_cosines(geometry, pose)
-        facing, open_ = cosines >= lost, (cosines >= lost) & (cosines < found)
-        first = max(0, number - int(MEMORY_S * self._settings.rate_hz))
-        for earlier in range(number - 1, first - 1, -1):
-            if not open_.any():
-                break
-            past = self._true_pose(geometry.tool, self._measured_s(earlier))
-            before = None if past is None else sight_cosines(geometry, past)
-            if before is None:
-                facing = facing & ~open_
-                break
-            facing = facing & ~(open_ & (before < lost))
-            open_ = open_ & (before >= lost) & (before < found)
-        return facing
+        cosines = sight_cosines(geometry, Ts_tracker_marker)
+        if not ((cosines >= lost) & (cosines < found)).any():
+            return np.asarray(cosines >= lost)
+        memory = int(MEMORY_S * self._settings.rate_hz)
+        earlier = np.arange(max(0, first - memory), first)
+        past = None
+        if len(earlier):
+            past = self._world.Ts_tracker_marker(geometry.tool, self._measured_s(earlier))
+        if past is not None:
+            cosines = np.concatenate((sight_cosines(geometry, past), cosines))
+        rows = np.arange(len(cosines))[:, None]
+        decided = np.where((cosines < lost) | (cosines >= found), rows, -1)
+        last = np.maximum.accumulate(decided, axis=0)
+        followed = np.take_along_axis(cosines >= found, np.maximum(last, 0), axis=0)
+        forgotten = (last < 0) | (rows - last > memory)
+        return np.asarray((followed | forgotten)[-len(Ts_tracker_marker) :])
