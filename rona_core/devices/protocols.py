@@ -138,6 +138,14 @@ class Probe(Protocol):
         """Fire once, now, and return the trace."""
         ...
 
+    def fire(self) -> None:
+        """Fire once, now, and keep the trace until it is collected."""
+        ...
+
+    def collect(self) -> list[AScan]:
+        """Return the traces that were kept since the last call, in their order."""
+        ...
+
     def close(self) -> None:
         """Release the device; a second call does nothing."""
         ...

@@ -64,6 +64,14 @@ class Pose:
         object.__setattr__(self, "translation", readonly(as_vector3(self.translation)))
 
     @classmethod
+    def unchecked(cls, rotation: Floats, translation: Vector3) -> "Pose":
+        """Return a rotation (3, 3) and a translation (3,) that are valid by construction."""
+        pose = object.__new__(cls)
+        object.__setattr__(pose, "rotation", readonly(rotation))
+        object.__setattr__(pose, "translation", readonly(translation))
+        return pose
+
+    @classmethod
     def identity(cls) -> Self:
         """Return the pose that changes nothing."""
         return cls(np.eye(3), np.zeros(3))
@@ -110,7 +118,7 @@ class Pose:
 
     def inv(self) -> "Pose":
         """Return the inverse: ``T_base_tip.inv()`` is ``T_tip_base``."""
-        return Pose(self.rotation.T.copy(), -self.rotation.T @ self.translation)
+        return Pose.unchecked(self.rotation.T.copy(), -self.rotation.T @ self.translation)
 
     def repeated(self, n: int) -> "Poses":
         """Return this pose n times."""
@@ -129,12 +137,12 @@ class Pose:
     def __matmul__(self, other: "Pose | Poses | ArrayLike") -> "Pose | Poses | Floats":
         """Chain poses, or map points (3,) or (n, 3) into the left frame."""
         if isinstance(other, Pose):
-            return Pose(
+            return Pose.unchecked(
                 self.rotation @ other.rotation,
                 self.rotation @ other.translation + self.translation,
             )
         if isinstance(other, Poses):
-            return Poses(
+            return Poses.unchecked(
                 self.rotation @ other.rotations,
                 other.translations @ self.rotation.T + self.translation,
             )
@@ -159,6 +167,14 @@ class Poses:
         object.__setattr__(self, "translations", readonly(translations))
 
     @classmethod
+    def unchecked(cls, rotations: Floats, translations: Floats) -> "Poses":
+        """Return rotations (n, 3, 3) and translations (n, 3) that are valid by construction."""
+        poses = object.__new__(cls)
+        for name, array in (("rotations", rotations), ("translations", translations)):
+            object.__setattr__(poses, name, readonly(array))
+        return poses
+
+    @classmethod
     def stack(cls, poses: Sequence[Pose]) -> Self:
         """Return single poses as one batch; an empty sequence gives an empty batch."""
         if not poses:
@@ -172,10 +188,7 @@ class Poses:
         return len(self.rotations)
 
     def __getitem__(self, index: int) -> Pose:
-        pose = object.__new__(Pose)  # what is in a batch has been checked
-        object.__setattr__(pose, "rotation", readonly(self.rotations[index]))
-        object.__setattr__(pose, "translation", readonly(self.translations[index]))
-        return pose
+        return Pose.unchecked(self.rotations[index], self.translations[index])
 
     def __iter__(self) -> Iterator[Pose]:
         return (self[i] for i in range(len(self)))
@@ -183,12 +196,12 @@ class Poses:
     def select(self, index: ArrayLike | slice) -> "Poses":
         """Return the poses chosen by a slice, a mask or an array of indices."""
         chosen = index if isinstance(index, slice) else np.asarray(index)
-        return Poses(self.rotations[chosen], self.translations[chosen])
+        return Poses.unchecked(self.rotations[chosen], self.translations[chosen])
 
     def inv(self) -> "Poses":
         """Return each inverse."""
         turned = np.swapaxes(self.rotations, 1, 2)
-        return Poses(turned.copy(), -np.einsum("nij,nj->ni", turned, self.translations))
+        return Poses.unchecked(turned.copy(), -np.einsum("nij,nj->ni", turned, self.translations))
 
     def wxyz(self) -> Floats:
         """Return the rotations as quaternions (n, 4), w first and not negative."""
@@ -215,12 +228,12 @@ class Poses:
     def __matmul__(self, other: "Pose | Poses | ArrayLike") -> "Poses | Floats":
         """Chain pose by pose, or map one point (3,) or one point each (n, 3)."""
         if isinstance(other, Pose):
-            return Poses(
+            return Poses.unchecked(
                 self.rotations @ other.rotation,
                 self.rotations @ other.translation + self.translations,
             )
         if isinstance(other, Poses):
-            return Poses(
+            return Poses.unchecked(
                 self.rotations @ other.rotations,
                 np.einsum("nij,nj->ni", self.rotations, other.translations) + self.translations,
             )

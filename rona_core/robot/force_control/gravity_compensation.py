@@ -74,8 +74,8 @@ def pressing_force_n(
     load: ToolLoad, rotation_base_sensor: Floats, wrench: Floats, axis_sensor: Floats
 ) -> float:
     """Return the force with which the tool presses along its axis, the weight taken off."""
-    touch = wrench - weight_wrench(load, rotation_base_sensor)
-    return -float(touch[:3] @ axis_sensor)
+    weight = load.mass_kg * (rotation_base_sensor.T @ GRAVITY_BASE)
+    return -float((wrench[:3] - (weight + load.offset[:3])) @ axis_sensor)
 
 
 def probe_axis_sensor(model: RobotModel) -> Floats:

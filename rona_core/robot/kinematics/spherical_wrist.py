@@ -199,7 +199,7 @@ class SphericalWristArm:
         qs = as_joints(qs_rad)
         wrists_base, rotations = self._wrists(qs)
         rotations = rotations @ about_z(qs[:, 3]) @ about_y(qs[:, 4]) @ about_z(qs[:, 5])
-        return Poses(rotations, wrists_base + self.flange_mm * rotations[:, :, 2])
+        return Poses.unchecked(rotations, wrists_base + self.flange_mm * rotations[:, :, 2])
 
     def inverse(self, Ts_base_flange: Poses) -> IkSolutions:
         """Return every joint vector that brings the flange to each pose."""
@@ -243,13 +243,19 @@ class SphericalWristArm:
 
 def about_z(angles_rad: Floats) -> Floats:
     """Return rotations (n, 3, 3) about z."""
-    c, s = np.cos(angles_rad), np.sin(angles_rad)
-    o, i = np.zeros_like(c), np.ones_like(c)
-    return np.stack((c, -s, o, s, c, o, o, o, i), axis=-1).reshape(-1, 3, 3)
+    rotations = np.zeros((len(angles_rad), 3, 3))
+    rotations[:, 0, 0] = rotations[:, 1, 1] = np.cos(angles_rad)
+    rotations[:, 1, 0] = np.sin(angles_rad)
+    rotations[:, 0, 1] = -rotations[:, 1, 0]
+    rotations[:, 2, 2] = 1.0
+    return rotations
 
 
 def about_y(angles_rad: Floats) -> Floats:
     """Return rotations (n, 3, 3) about y."""
-    c, s = np.cos(angles_rad), np.sin(angles_rad)
-    o, i = np.zeros_like(c), np.ones_like(c)
-    return np.stack((c, o, s, o, i, o, -s, o, c), axis=-1).reshape(-1, 3, 3)
+    rotations = np.zeros((len(angles_rad), 3, 3))
+    rotations[:, 0, 0] = rotations[:, 2, 2] = np.cos(angles_rad)
+    rotations[:, 0, 2] = np.sin(angles_rad)
+    rotations[:, 2, 0] = -rotations[:, 0, 2]
+    rotations[:, 1, 1] = 1.0
+    return rotations

@@ -1,6 +1,7 @@
 """The virtual probe: fires on the true skull at the true pose, with the noise of its receiver."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from typing import Protocol
 
 import numpy as np
@@ -12,7 +13,7 @@ from rona_core.devices.samples import AScan
 from rona_core.devices.settings import ProbeSettings
 from rona_core.errors import DeviceError
 from rona_core.geometry.arrays import Bools, Floats, Ints, readonly
-from rona_core.geometry.pose import Pose
+from rona_core.geometry.pose import Pose, Poses
 from rona_core.ultrasound.probe.beam import FACE_OVER_APERTURE
 from rona_core.ultrasound.probe.probe_model import probe_model, warmed
 from rona_core.virtual.acoustics.echo_model import EchoModel
@@ -36,6 +37,14 @@ class Layered(Protocol):
         Infinite where a ray misses.
         """
         ...
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Shot:
+    """When the probe fired, and where it was."""
+
+    time_s: float
+    pose: Pose  # T_skull_probe
 
 
 class VirtualProbe:
@@ -62,6 +71,7 @@ class VirtualProbe:
         """Configure the probe for capture number ``ordinal`` of a session with this seed."""
         self._model = probe_model(settings)
         self._seed, self._ordinal = seed, ordinal
+        self._kept: list[_Shot] = []
         line = warmed(self._model.line, settings.line_temperature_c)
         self._echo = EchoModel(self._model, settings.excitation, self._medium, seed, line=line)
         radius_mm = FACE_OVER_APERTURE * self._model.aperture_radius_mm
@@ -78,33 +88,61 @@ class VirtualProbe:
         Raises:
             DeviceError: the probe is closed.
         """
-        if self._closed:
-            raise DeviceError("the probe is closed; open a new one")
-        time_s = self._clock.now()
-        rf = self._noiseless(self._T_skull_probe())
-        index = round(time_s * MICROSECONDS)
-        random = np.random.default_rng((self._seed, PROBE_STREAM, self._ordinal, index))
-        rf = rf + random.normal(0.0, self._noise, len(rf))
-        steps = 2.0 ** (self._model.adc_bits - 1)
-        rf, clipped = np.rint(rf * steps) / steps, bool(np.abs(rf).max() >= 1.0)
-        rf = np.clip(rf, -1.0, 1.0 - 1.0 / steps)
-        return AScan(time_s, readonly(rf), self._model.sampling_mhz, self._model.start_us, clipped)
+        return self._receive([self._fire()])[0]
+
+    def fire(self) -> None:
+        """Fire once, now, and keep the trace until it is collected; errors as in `acquire`."""
+        self._kept.append(self._fire())
+
+    def collect(self) -> list[AScan]:
+        """Return the traces that were kept since the last call, in their order."""
+        shots, self._kept = self._kept, []
+        return self._receive(shots)
 
     def close(self) -> None:
         """Release the device; a second call does nothing."""
         self._closed = True
 
-    def _noiseless(self, T_skull_probe: Pose) -> Floats:
-        profile = self.profile(T_skull_probe)
-        return self._echo.lifted() if profile is None else self._echo.trace(profile)
+    def _fire(self) -> _Shot:
+        if self._closed:
+            raise DeviceError("the probe is closed; open a new one")
+        return _Shot(self._clock.now(), self._T_skull_probe())
 
-    def profile(self, T_skull_probe: Pose) -> LayerProfile | None:
-        """Return what each ray of the beam meets from this pose; None where the face is in air."""
-        axis = T_skull_probe.rotation[:, 2]
-        flat = np.column_stack((self._cast_mm, np.zeros(len(self._cast_mm))))
-        face_skull = T_skull_probe @ flat
-        directions = np.broadcast_to(axis, face_skull.shape)
-        found = self._specimen.layers(face_skull - RETREAT_MM * axis, directions)
+    def _receive(self, shots: list[_Shot]) -> list[AScan]:
+        """Return the traces of some shots, with noise and as the converter has them."""
+        if not shots:
+            return []
+        model, steps = self._model, 2.0 ** (self._model.adc_bits - 1)
+        scans = []
+        for shot, rf in zip(shots, self._noiseless([shot.pose for shot in shots]), strict=True):
+            index = round(shot.time_s * MICROSECONDS)
+            random = np.random.default_rng((self._seed, PROBE_STREAM, self._ordinal, index))
+            rf = np.rint((rf + random.normal(0.0, self._noise, len(rf))) * steps) / steps
+            clipped = bool(np.abs(rf).max() >= 1.0)
+            rf = readonly(np.clip(rf, -1.0, 1.0 - 1.0 / steps))
+            scans.append(AScan(shot.time_s, rf, model.sampling_mhz, model.start_us, clipped))
+        return scans
+
+    def _noiseless(self, Ts_skull_probe: Sequence[Pose]) -> Floats:
+        """Return the traces (n, samples) without noise; in the air they are the face's own."""
+        profiles = self.profiles(Ts_skull_probe)
+        coupled = [i for i, profile in enumerate(profiles) if profile is not None]
+        rf = np.tile(self._echo.lifted(), (len(profiles), 1))
+        rf[coupled] = self._echo.traces([profile for profile in profiles if profile is not None])
+        return rf
+
+    def profiles(self, Ts_skull_probe: Sequence[Pose]) -> list[LayerProfile | None]:
+        """Return what the rays of the beam meet from each pose; None where the face is in air."""
+        n, flat = len(self._cast_mm), np.column_stack((self._cast_mm, np.zeros(len(self._cast_mm))))
+        poses = Poses.stack(Ts_skull_probe)
+        axes = poses.rotations[:, :, 2]
+        faces = np.einsum("nij,mj->nmi", poses.rotations, flat) + poses.translations[:, None]
+        starts = (faces - RETREAT_MM * axes[:, None]).reshape(-1, 3)
+        found = self._specimen.layers(starts, np.repeat(axes, n, axis=0)).reshape(-1, n, 4)
+        return [self._profile(pose, depths) for pose, depths in zip(poses, found, strict=True)]
+
+    def _profile(self, T_skull_probe: Pose, found: Floats) -> LayerProfile | None:
+        """Return the layers under the rays of the beam from those under the cast rays (c, 4)."""
         outer = found[:, 0] - RETREAT_MM
         hit: Bools = np.asarray(np.isfinite(found).all(axis=1), dtype=np.bool_)
         if not hit[0] or abs(outer[0]) > self._model.compliance_mm:  # ray 0 is the axis

@@ -33,8 +33,9 @@ class ContactDepth:
             return np.full(len(times_s), -FAR_MM)
         if course is not self._course:
             self._look_along(course)
-        reached = np.array([course.reached_s(float(t)) for t in times_s])
-        travels = np.array([course.travel_mm(float(t)) for t in times_s])
+        looks = times_s.tolist()
+        reached = np.array([course.reached_s(time_s) for time_s in looks])
+        travels = np.array([course.travel_mm(time_s) for time_s in looks])
         gaps = np.interp(reached, course.motion_times_s, self._gaps_mm)
         axis = self._axes_base[int(np.searchsorted(course.motion_times_s, reached[-1]))]
         shift = self._shift(int(error_keys(times_s[-1])), reached[-1], course)

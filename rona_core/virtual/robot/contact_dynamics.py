@@ -4,6 +4,8 @@ Between two steps of the control loop the robot and the sensor are linear, so th
 carried on in closed form; force is looked at every millisecond, because it cannot pull.
 """
 
+import math
+
 import numpy as np
 
 from rona_core.devices.settings import require
@@ -38,11 +40,7 @@ class LaggingAxis:
 
     def travel_mm(self, time_s: float) -> float:
         """Return the correction at some time, kept within the limit."""
-        return float(np.clip(self._state(time_s)[0], -self.limit_mm, self.limit_mm))
-
-    def travels_mm(self, times_s: Floats) -> Floats:
-        """Return the corrections (n,) at some times."""
-        return np.array([self.travel_mm(float(t)) for t in times_s])
+        return max(-self.limit_mm, min(self.limit_mm, self._state(time_s)[0]))
 
     def _state(self, time_s: float) -> tuple[float, float]:
         i = len(self._times) - 1
@@ -52,9 +50,9 @@ class LaggingAxis:
         if i == 0:
             return travel, speed
         elapsed = time_s - self._times[i]
-        decay = np.exp(-elapsed / self.lag_s)
+        decay = math.exp(-elapsed / self.lag_s)
         moved_mm = commanded * elapsed + (speed - commanded) * self.lag_s * (1.0 - decay)
-        return travel + float(moved_mm), float(commanded + (speed - commanded) * decay)
+        return travel + moved_mm, commanded + (speed - commanded) * decay
 
 
 class ContactSpring:

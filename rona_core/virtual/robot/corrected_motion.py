@@ -1,5 +1,7 @@
 """Corrected motion of the virtual robot: a share of its speed, corrections along the tool axis."""
 
+import math
+
 import numpy as np
 
 from rona_core.devices.protocols import Clock
@@ -24,7 +26,7 @@ class CorrectedMotion:
         """Stand at the beginning of the motion ``times_s`` (n,), ``qs_rad`` (n, m, 6)."""
         self.motion_times_s, self.qs_rad, self.travels_mm = times_s, qs_rad, travels_mm
         self.guided = np.ptp(qs_rad, axis=1).max(axis=1) > 0.0  # a correction changes something
-        self._axis = axis
+        self._axis, self._end_s = axis, float(times_s[-1])
         # of each command: when it came, what had been reached, and the share of speed from then on
         self._knots: list[tuple[float, float, float]] = [(start_s, float(times_s[0]), 0.0)]
         self._weights = 1.0 / np.array(
@@ -45,8 +47,7 @@ class CorrectedMotion:
         while i > 0 and self._knots[i][0] > time_s:
             i -= 1
         since_s, reached_s, share = self._knots[i]
-        end_s = float(self.motion_times_s[-1])
-        return min(reached_s + share * max(time_s - since_s, 0.0), end_s)
+        return min(reached_s + share * max(time_s - since_s, 0.0), self._end_s)
 
     def travel_mm(self, time_s: float) -> float:
         """Return the correction at some time of the capture."""
@@ -55,7 +56,7 @@ class CorrectedMotion:
     def _until(self, time_s: float) -> float:
         """Return a time, at latest that of the stop or of the last command."""
         time_s = min(time_s, self.stopped_s)
-        return time_s if np.isfinite(time_s) else self._knots[-1][0]
+        return time_s if math.isfinite(time_s) else self._knots[-1][0]
 
     def at(self, time_s: float) -> Floats:
         """Return the joint angles (6,) at some time of the capture."""

@@ -7,8 +7,8 @@ import numpy as np
 from rona_core.devices.protocols import Clock
 from rona_core.devices.wrench import JR3, SensorModel, WrenchSample
 from rona_core.errors import DeviceError
-from rona_core.geometry.arrays import Floats, as_floats, readonly
-from rona_core.robot.force_control.gravity_compensation import GRAVITY_BASE
+from rona_core.geometry.arrays import Floats, readonly
+from rona_core.robot.force_control.gravity_compensation import GRAVITY_BASE, cross_matrix
 from rona_core.robot.kinematics.robot_model import RobotModel
 from rona_core.virtual.noise import rng
 from rona_core.virtual.robot.contact_dynamics import INNER_S, LINE_N_PER_MM, ContactSpring
@@ -16,8 +16,7 @@ from rona_core.virtual.robot.contact_dynamics import INNER_S, LINE_N_PER_MM, Con
 MASS_KG = (0.20, 0.01)  # of tool and probe: mean and spread over seeds
 COM_FLANGE_MM = ((70.0, 0.0, 45.0), 4.0)
 OFFSET = (1.5, 60.0)  # N and N mm, what is shown without load
-NOISE_N = 0.03
-NOISE_NMM = 2.4  # the same share of the torque range
+NOISE = readonly(np.repeat((0.03, 2.4), 3))  # N and N mm: the same share of both ranges
 LONGEST_S = 0.2  # what came earlier has left the filter
 MICROSECONDS = 1e6
 
@@ -49,7 +48,7 @@ class VirtualForceSensor:
             stiffness_n_per_mm: Of the delay line.
             drift_n_per_min: By which the forces creep.
         """
-        self.model = sensor
+        self.model, self._ranges = sensor, sensor.ranges
         self._clock, self._robot_model, self._q_at = clock, robot_model, q_at
         self._depths_mm = depths_mm
         self._stiffness, self._drift = stiffness_n_per_mm, drift_n_per_min
@@ -79,10 +78,10 @@ class VirtualForceSensor:
         now_s = self._clock.now()
         true = self._wrench(now_s)
         random = rng(self._seed, "force noise", self._ordinal, round(now_s * MICROSECONDS))
-        true += np.repeat((NOISE_N, NOISE_NMM), 3) * random.normal(0.0, 1.0, 6)
-        ranges = self.model.ranges
+        true += NOISE * random.normal(0.0, 1.0, 6)
+        ranges = self._ranges
         steps = ranges / self.model.steps
-        shown = as_floats(np.clip(np.rint(true / steps) * steps, -ranges, ranges))
+        shown = np.clip(np.rint(true / steps) * steps, -ranges, ranges)
         return WrenchSample(now_s, readonly(shown), bool((np.abs(true) >= ranges).any()))
 
     def close(self) -> None:
@@ -92,14 +91,14 @@ class VirtualForceSensor:
     def _wrench(self, now_s: float) -> Floats:
         looks = round((now_s - max(self._until_s, now_s - LONGEST_S)) / INNER_S)
         if looks > 0:
-            times = as_floats(now_s - INNER_S * np.arange(looks - 1, -1, -1))
+            times = now_s - INNER_S * np.arange(looks - 1.0, -0.5, -1.0)
             self._spring.advance(self._depths_mm(times))
             self._until_s = now_s
         T_base_flange = self._robot_model.forward(self._q_at(now_s)[None])[0]
         weight = self.mass_kg * (T_base_flange.rotation.T @ GRAVITY_BASE)
         T_flange_probe = self._robot_model.T_flange_probe
         touch = -self._spring.shown_n * T_flange_probe.rotation[:, 2]
-        torque = np.cross(self.com_flange_mm, weight) + np.cross(T_flange_probe.translation, touch)
+        by_weight = cross_matrix(self.com_flange_mm) @ weight
+        torque = by_weight + cross_matrix(T_flange_probe.translation) @ touch
         drift = self._drift * now_s / 60.0
-        wrench = np.concatenate((weight + touch + drift, torque)) + self.offset
-        return np.asarray(wrench, dtype=np.float64)
+        return np.concatenate((weight + touch + drift, torque)) + self.offset

@@ -38,6 +38,7 @@ BACK_MM_PER_S, BACK_S = 5.0, 2.5  # after a stop the probe is drawn back so fast
 LIFT_SCANS_S = 0.6  # A-scans are fired for so long while lifting off, to compare the clocks
 MOST_CLOCK_SCANS = 160
 SHOWN_ROWS, SHOWN_EVERY = 625, 8  # what is shown live: ten seconds, eight times a second
+COLLECT = 32  # A-scans that are fetched from the probe at once
 
 
 class ContactLoop:
@@ -69,6 +70,8 @@ class ContactLoop:
         self.joints: list[JointSample] = []
         self.partial = False
         self._rows: list[LoopRow] = []
+        self._fired = self._n_clock = 0  # along the path, and to compare the clocks
+        self._kept_for: list[list[AScan]] = []  # where the A-scans go that the probe still keeps
         self._trajectory, self._band, self._places_s = trajectory, band, places_s
         self._settings, self._load, self._model, self._tools = settings, load, model, tools
         self._controller = ContactController(settings, travel_mm=band.travel_mm)
@@ -107,7 +110,7 @@ class ContactLoop:
             if self._tools.cancel():
                 rig.robot.stop()
                 self.partial = True
-                return
+                break
             now_s = start_s + step * period_s
             clock.wait_until(now_s)
             velocity, feed = self._step(now_s)
@@ -117,7 +120,8 @@ class ContactLoop:
             if self._controller.state == STOPPED and self._drawn_back(now_s):
                 rig.robot.stop()
             step += 1
-        self.partial = len(self.scans) < len(self._places_s)
+        self._collect()
+        self.partial |= self._fired < len(self._places_s)
 
     def track(self) -> ForceTrack:
         """Return the record of the loop."""
@@ -180,8 +184,8 @@ class ContactLoop:
             left_s = self._trajectory.scan_start_s - reached_s
             feed = min(feed, max(left_s, 0.0) / self._settings.period_s)
         touching = command.state in (APPROACH, CONTACT) and force_n > TOUCH_N
-        if touching and not self._pressed_on and len(self.clock_scans) < MOST_CLOCK_SCANS // 2:
-            self.clock_scans.append(self._tools.rig.probe.acquire())
+        if touching and not self._pressed_on and self._n_clock < MOST_CLOCK_SCANS // 2:
+            self._shoot(self.clock_scans)
         return command.state, command.velocity_mm_per_s, feed
 
     def _lift(self, reached_s: float, travel_mm: float) -> tuple[int, float, float]:
@@ -190,8 +194,8 @@ class ContactLoop:
         feed = min(1.0, self._feed + FALL_PER_S * period_s)
         lifted_mm = float(self._lift_mm[self._index(reached_s)])
         early = reached_s < self._trajectory.scan_end_s + LIFT_SCANS_S
-        if early and len(self.clock_scans) < MOST_CLOCK_SCANS:
-            self.clock_scans.append(self._tools.rig.probe.acquire())
+        if early and self._n_clock < MOST_CLOCK_SCANS:
+            self._shoot(self.clock_scans)
         if lifted_mm < min(LIFTED_MM, float(self._lift_mm[self._index(self._line_end_s)]) - 0.1):
             return RETRACT, 0.0, feed
         velocity = float(np.clip(-travel_mm / RETURN_S, -MOST_MM_PER_S, MOST_MM_PER_S))
@@ -202,14 +206,30 @@ class ContactLoop:
     def _fire(self, now_s: float, feed: float) -> None:
         """Fire at the places that are passed before the next step, each at its own instant."""
         rig, reached_s = self._tools.rig, self._motion.reached_s()
-        while self._pressed_on and feed > 0.0 and len(self.scans) < len(self._places_s):
-            ahead_s = float(self._places_s[len(self.scans)]) - reached_s
+        while self._pressed_on and feed > 0.0 and self._fired < len(self._places_s):
+            ahead_s = float(self._places_s[self._fired]) - reached_s
             if ahead_s >= feed * self._settings.period_s:
                 return
             rig.clock.wait_until(now_s + max(ahead_s, 0.0) / feed)
-            self.scans.append(rig.probe.acquire())
-            self._tools.live.put(ascan=self.scans[-1], n_scans=len(self.scans))
-            self._tools.progress(len(self.scans) / len(self._places_s))
+            self._fired += 1
+            self._shoot(self.scans)
+            self._tools.progress(self._fired / len(self._places_s))
+
+    def _shoot(self, scans: list[AScan]) -> None:
+        """Fire now; the A-scan goes to ``scans`` when some have come together."""
+        self._tools.rig.probe.fire()
+        self._kept_for.append(scans)
+        self._n_clock += scans is self.clock_scans
+        if len(self._kept_for) >= COLLECT:
+            self._collect()
+
+    def _collect(self) -> None:
+        """Fetch the A-scans that the probe keeps."""
+        for scans, scan in zip(self._kept_for, self._tools.rig.probe.collect(), strict=True):
+            scans.append(scan)
+        self._kept_for = []
+        if self.scans:
+            self._tools.live.put(ascan=self.scans[-1], n_scans=self._fired)
 
     def _drawn_back(self, now_s: float) -> bool:
         """Return whether the probe has been drawn back far enough after a stop."""
