@@ -121,7 +121,7 @@ def run_bench(
         scanning = scanning or (height <= 0.0 and command.ready)
         ways = way + shares * period_s * (feed * speed_mm_per_s if scanning else 0.0)
         heights = np.maximum(height - shares * period_s * feed * closing, 0.0)
-        travels = axis.travels_mm(time_s + shares * period_s)
+        travels = np.array([axis.travel_mm(t) for t in time_s + shares * period_s])
         spring.stiffness_n_per_mm = stiffness(way)
         spring.advance(travels - heights - np.array([offset_mm(float(w)) for w in ways]))
         way, height = float(ways[-1]), float(heights[-1])

@@ -95,3 +95,18 @@ def test_closing_twice_is_safe_and_a_closed_probe_says_so(device):
     probe.close()
     with pytest.raises(DeviceError):
         probe.acquire()
+
+
+def test_what_is_kept_and_collected_is_what_firing_at_once_gives(device):
+    probe, clock = device
+    at_once = []
+    for k in range(3):
+        clock.wait_until(0.1 * k)
+        at_once.append(probe.acquire())
+        probe.fire()
+    kept = probe.collect()
+    assert [scan.time_s for scan in kept] == [scan.time_s for scan in at_once]
+    for a, b in zip(kept, at_once, strict=True):
+        np.testing.assert_array_equal(a.rf, b.rf)
+        assert a.clipped == b.clipped
+    assert probe.collect() == []

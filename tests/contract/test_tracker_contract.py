@@ -15,6 +15,7 @@ from rona_core.devices.settings import TOOLS, TrackerSettings
 from rona_core.geometry.pose import Pose
 from rona_core.virtual.clock import CaptureClock
 from rona_core.virtual.tracker.tracker import VirtualTracker
+from tests.helpers.tracked_world import ScriptedWorld
 
 FACING = Pose(np.diag((1.0, -1.0, -1.0)), np.array((0.0, 0.0, 1900.0)))
 
@@ -30,7 +31,7 @@ def moving(tool, time_s):
 def virtual(profile, **faults):
     def build():
         clock = CaptureClock()
-        tracker = VirtualTracker(clock, moving, 11)
+        tracker = VirtualTracker(clock, ScriptedWorld(moving), 11)
         tracker.begin(TrackerSettings(profile=profile, **faults), 1)
         return tracker
 

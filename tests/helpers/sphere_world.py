@@ -5,7 +5,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from rona_core.devices.protocols import Mesh
-from rona_core.geometry.pose import Pose
+from rona_core.geometry.pose import Poses
 
 DEPTHS_MM = {"outer": 0.0, "diploe_outer": 1.5, "diploe_inner": 4.0, "inner": 6.0}
 
@@ -71,10 +71,9 @@ class ShiftError:
 
     offset: tuple[float, float, float] = (0.0, 0.0, 0.0)
 
-    def T_base_tip_true(self, T_base_tip_nominal, ordinal, key):
-        return Pose(
-            T_base_tip_nominal.rotation, T_base_tip_nominal.translation + np.array(self.offset)
-        )
+    def Ts_base_tip_true(self, Ts_base_tip_nominal, ordinal, keys):  # noqa: N802
+        nominal = Ts_base_tip_nominal
+        return Poses(nominal.rotations, nominal.translations + np.array(self.offset))
 
     def systematic_mm(self, points_base):
         return np.broadcast_to(np.array(self.offset), np.shape(points_base)).copy()

@@ -16,7 +16,7 @@ from rona_core.calibration.hand_eye.base_marker import (
 from rona_core.devices.marker_geometry import GEOMETRIES
 from rona_core.devices.settings import TrackerPlace, TrackerProfile, TrackerSettings
 from rona_core.devices.tracker_volumes import FIELD_MM
-from rona_core.geometry.pose import Pose, Poses
+from rona_core.geometry.pose import Pose
 from rona_core.virtual.scene import (
     BASE_MARKER,
     REGION_CENTER,
@@ -72,17 +72,9 @@ def seen(
 ) -> SeenBase:
     """Return the mean of what the tracker measures of the base marker over some frames."""
     geometry = GEOMETRIES["basemarker"]
-    fits = (
-        observe(
-            geometry,
-            T_tracker_basemarker,
-            white_numbers(seed, ordinal, k)["basemarker"],
-            settings,
-            seed,
-        ).fit
-        for k in range(FRAMES)
-    )
-    return mean_base(Poses.stack([fit.T_tracker_marker for fit in fits if fit is not None]))
+    white = white_numbers(seed, "tracker", ordinal, np.arange(FRAMES))["basemarker"]
+    reports = observe(geometry, T_tracker_basemarker.repeated(FRAMES), white, settings, seed)
+    return mean_base(reports.Ts_tracker_marker.select(reports.fitted))
 
 
 def room() -> tuple[Pose, Pose]:

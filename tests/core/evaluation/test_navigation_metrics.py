@@ -14,14 +14,15 @@ from rona_core.evaluation.navigation_metrics import (
     surface_figures,
     tool_figures,
 )
-from rona_core.evaluation.true_tips import true_marker, true_tips_base
+from rona_core.evaluation.true_tips import true_markers, true_tips_base
 from rona_core.evaluation.truth import LANDMARKS, Truth
-from rona_core.geometry.pose import Pose
+from rona_core.geometry.pose import Pose, Poses
 from rona_core.virtual.clock import CaptureClock
 from rona_core.virtual.operator.operator import VirtualOperator
 from rona_core.virtual.scene import VirtualScene
 from rona_core.virtual.tracker.tracker import VirtualTracker
 from tests.helpers.sphere_world import ShiftError, SphereSpecimen
+from tests.helpers.tracked_world import ScriptedWorld
 
 seeds = st.integers(0, 2**32 - 1)
 
@@ -51,9 +52,9 @@ def record(truth, ordinal, duration_s=2.0):
     def true_pose(tool, time_s):
         if tool != motion.pointer:
             return None
-        return T_tracker_base @ motion.T_base_pointermarker(time_s)
+        return T_tracker_base @ motion.Ts_base_pointermarker(np.array([time_s]))[0]
 
-    tracker = VirtualTracker(CaptureClock(), true_pose, scene.seed)
+    tracker = VirtualTracker(CaptureClock(), ScriptedWorld(true_pose), scene.seed)
     tracker.begin(scene.settings.tracker, ordinal)
     frames = [tracker.frame(k) for k in range(int(duration_s * 60))]
     track = ToolTrack.from_frames(motion.pointer, frames)
@@ -164,7 +165,11 @@ def test_a_wrong_frame_number_does_not_recover_the_truth():
 
 def test_a_marker_at_the_edge_of_view_is_left_as_measured():
     pose = Pose(np.eye(3), np.array((0.0, 0.0, 1900.0)))  # faces away
-    assert true_marker("pointer6d", pose, 0.1, TrackerSettings(), 0, 0, 0) is pose
+    track = ToolTrack(
+        "pointer6d", np.zeros(1, int), np.zeros(1), Poses.stack([pose]), np.array([0.1]), 1
+    )
+    found = true_markers(track, np.array([0]), TrackerSettings(), 0, 0)
+    np.testing.assert_array_equal(found[0].matrix(), pose.matrix())
 
 
 def test_the_3d_error_pairs_points_with_captures_by_their_times():

@@ -13,6 +13,7 @@ from rona_core.virtual.operator.operator import VirtualOperator
 from rona_core.virtual.scene import VirtualScene
 from rona_core.virtual.tracker.tracker import VirtualTracker
 from tests.helpers.sphere_world import ShiftError, SphereSpecimen
+from tests.helpers.tracked_world import ScriptedWorld
 
 ORDINAL = 6
 
@@ -33,10 +34,10 @@ def recorded(pointer, clear=None, **faults):
     motion, T_tracker_base = operator.motion(), scene.T_base_tracker.inv()
 
     def true_pose(tool, time_s):
-        at = T_tracker_base @ motion.T_base_pointermarker(time_s)
+        at = T_tracker_base @ motion.Ts_base_pointermarker(np.array([time_s]))[0]
         return at if tool == motion.pointer else None
 
-    tracker = VirtualTracker(CaptureClock(), true_pose, scene.seed, clear)
+    tracker = VirtualTracker(CaptureClock(), ScriptedWorld(true_pose, clear), scene.seed)
     tracker.begin(settings.tracker, ORDINAL)
     track = ToolTrack.from_frames(pointer, [tracker.frame(k) for k in range(0, 120, 5)])
     tips = motion.tip_base(track.times_s - settings.tracker.latency_s)

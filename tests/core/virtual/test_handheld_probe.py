@@ -24,7 +24,7 @@ def held(scene, ordinal=3):
 
 
 def true_probes(scene, motion, times):
-    return [motion.T_base_pointermarker(float(t)) @ scene.T_sonomarker_probe for t in times]
+    return list(motion.Ts_base_pointermarker(np.asarray(times)) @ scene.T_sonomarker_probe)
 
 
 def test_the_probe_is_made_nearly_as_its_maker_says_and_comes_last():

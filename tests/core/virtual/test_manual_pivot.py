@@ -34,7 +34,7 @@ def test_the_tip_rests_and_the_shaft_follows_at_a_bounded_speed(pointer):
     start = motion.shaft_base(0.0)
     operator.turn(wxyz((1.0, 0.0, 0.0), 80.0))
     times = np.arange(0.0, 3.0, 0.05)
-    poses = [motion.T_base_pointermarker(t) for t in times]
+    poses = [motion.Ts_base_pointermarker(np.array([t]))[0] for t in times]
     tips = [pose @ scene.tips[pointer] for pose in poses]
     np.testing.assert_allclose(tips, np.tile(scene.dimple_base, (len(times), 1)), atol=1e-9)
     steps = [
@@ -43,7 +43,7 @@ def test_the_tip_rests_and_the_shaft_follows_at_a_bounded_speed(pointer):
     assert max(steps) <= MAX_TURN_RAD_S * 0.05 + np.deg2rad(2.0)  # and the tremor
     wanted = Rotation.from_rotvec((np.deg2rad(80.0), 0.0, 0.0)).apply(start)
     assert np.arccos(motion.shaft_base(3.0) @ wanted) < np.deg2rad(2.0)
-    again = motion.T_base_pointermarker(times[7])
+    again = motion.Ts_base_pointermarker(np.array([times[7]]))[0]
     np.testing.assert_allclose(again.rotation, poses[7].rotation, atol=1e-12)
 
 

@@ -64,7 +64,7 @@ def test_the_tip_of_the_marker_is_the_tip_that_touches(pointer, kind):
     motion = operator.motion()
     assert motion.duration_s == duration_s
     for t in np.linspace(0.0, duration_s, 25):
-        tip = motion.T_base_pointermarker(t) @ scene.tips[pointer]
+        tip = motion.Ts_base_pointermarker(np.array([t]))[0] @ scene.tips[pointer]
         np.testing.assert_allclose(tip, motion.tip_base(t), atol=1e-9)
 
 
@@ -155,20 +155,12 @@ def test_the_tracker_sees_nearly_every_frame(pointer, kind):
     for seed in range(4):
         scene, operator = operator_of(seed, pointer)
         duration_s = prepare(operator, kind, scene)
-        T_tracker_base = scene.T_base_tracker.inv()
+        poses = operator.motion().Ts_base_pointermarker(np.linspace(0.0, duration_s, 150))
+        Ts_tracker_marker = scene.T_base_tracker.inv() @ poses
         geometry = GEOMETRIES[pointer]
-        white = np.zeros_like(geometry.positions_marker)
-        seen = [
-            observe(
-                geometry,
-                T_tracker_base @ operator.motion().T_base_pointermarker(t),
-                white,
-                TrackerSettings(profile="ideal"),
-                seed,
-            ).status
-            == "ok"
-            for t in np.linspace(0.0, duration_s, 150)
-        ]
+        white = np.zeros((150, *geometry.positions_marker.shape))
+        exact = TrackerSettings(profile="ideal")
+        seen = observe(geometry, Ts_tracker_marker, white, exact, seed).statuses == "ok"
         assert np.mean(seen) > 0.95
 
 

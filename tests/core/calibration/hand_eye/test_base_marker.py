@@ -42,17 +42,9 @@ def seen_from(scene, place, ordinal, n=40):
     """The mean of the base marker as this scene's tracker sees it from a place."""
     truth = scene.tracker_at(place).inv() @ scene.T_base_basemarker
     geometry, tracker = GEOMETRIES["basemarker"], scene.settings.tracker
-    fits = [
-        observe(
-            geometry,
-            truth,
-            white_numbers(scene.seed, ordinal, k)["basemarker"],
-            tracker,
-            scene.seed,
-        ).fit
-        for k in range(n)
-    ]
-    return mean_base(Poses.stack([fit.T_tracker_marker for fit in fits]))
+    white = white_numbers(scene.seed, "tracker", ordinal, np.arange(n))["basemarker"]
+    seen = observe(geometry, truth.repeated(n), white, tracker, scene.seed)
+    return mean_base(seen.Ts_tracker_marker)
 
 
 def pose_of(rng, spread_mm=2000.0):

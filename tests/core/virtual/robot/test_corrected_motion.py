@@ -11,7 +11,7 @@ from rona_core.robot.force_control.gravity_compensation import GRAVITY_BASE
 from rona_core.robot.kinematics.catalog import robot_model
 from rona_core.robot.planning.plan_scan import plan_scan
 from rona_core.virtual.clock import CaptureClock
-from rona_core.virtual.robot.force_sensor import NOISE_N, VirtualForceSensor
+from rona_core.virtual.robot.force_sensor import NOISE, VirtualForceSensor
 from rona_core.virtual.robot.robot import VirtualRobot
 from tests.scenes.patch_scenes import dense_path
 
@@ -150,7 +150,7 @@ def test_in_free_air_it_shows_weight_and_offset_with_its_noise():
     wanted = np.concatenate((weight, torque)) + device.offset
     np.testing.assert_allclose(shown.mean(axis=0)[:3], wanted[:3], atol=0.006)
     np.testing.assert_allclose(shown.mean(axis=0)[3:], wanted[3:], atol=0.5)
-    assert shown.std(axis=0)[:3] == pytest.approx(NOISE_N, rel=0.2)
+    assert shown.std(axis=0)[:3] == pytest.approx(NOISE[0], rel=0.2)
 
 
 def test_pressing_shows_along_the_axis_and_as_torque_over_the_lever():

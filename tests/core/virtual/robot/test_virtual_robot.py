@@ -163,7 +163,7 @@ def test_repeatability_and_tilt_have_their_size():
     error = RobotError(7)
     nominal = Pose.from_rotvec((0.2, 0.1, 3.0), (600.0, 60.0, 400.0))
     systematic = error.systematic_mm(nominal.translation[None])[0]
-    poses = [error.T_base_tip_true(nominal, 3, key) for key in range(2000)]
+    poses = error.Ts_base_tip_true(nominal.repeated(2000), 3, np.arange(2000))
     shifts = np.array([pose.translation - nominal.translation - systematic for pose in poses])
     assert np.sqrt((shifts**2).sum(axis=1).mean()) == pytest.approx(0.03, rel=0.05)
     assert np.abs(shifts.mean(axis=0)).max() < 0.002
@@ -176,21 +176,25 @@ def test_repeatability_and_tilt_have_their_size():
 def test_errors_are_a_pure_function_of_seed_capture_and_motion(seed, ordinal, key):
     nominal = Pose.from_translation((500.0, 100.0, 300.0))
     first, again = RobotError(seed), RobotError(seed)
-    first.T_base_tip_true(nominal, ordinal + 1, key)
-    a, b = (e.T_base_tip_true(nominal, ordinal, key) for e in (first, again))
+
+    def tip(error, ordinal, *keys):
+        return error.Ts_base_tip_true(nominal.repeated(len(keys)), ordinal, np.array(keys))[0]
+
+    tip(first, ordinal + 1, key)
+    a, b = tip(first, ordinal, key), tip(again, ordinal, key, key + 3)
     np.testing.assert_array_equal(a.matrix(), b.matrix())
     for other in (
-        first.T_base_tip_true(nominal, ordinal + 1, key),
-        first.T_base_tip_true(nominal, ordinal, key + 1),
-        RobotError(seed + 1).T_base_tip_true(nominal, ordinal, key),
+        tip(first, ordinal + 1, key),
+        tip(first, ordinal, key + 1),
+        tip(RobotError(seed + 1), ordinal, key),
     ):
         assert np.abs(other.translation - a.translation).max() > 1e-6
 
 
 def test_switched_off_there_is_no_error():
     error = RobotError(1, enabled=False)
-    nominal = Pose.from_translation((500.0, 100.0, 300.0))
-    assert error.T_base_tip_true(nominal, 0, 0) is nominal
+    nominal = Pose.from_translation((500.0, 100.0, 300.0)).repeated(1)
+    assert error.Ts_base_tip_true(nominal, 0, np.zeros(1, int)) is nominal
     assert not error.systematic_mm(workspace_points(5)).any()
     with pytest.raises(InvalidInputError, match="points_base"):
         RobotError(1).systematic_mm((1.0, 2.0, 3.0))

@@ -5,7 +5,7 @@ import pytest
 
 from rona_core.devices.marker_geometry import GEOMETRIES
 from rona_core.devices.settings import ROBOTS, DeviceSettings, TrackerSettings
-from rona_core.geometry.pose import Pose
+from rona_core.geometry.pose import Pose, Poses
 from rona_core.robot.kinematics.catalog import robot_model
 from rona_core.robot.meshes.link_meshes import link_shapes
 from rona_core.virtual.rig import VirtualRig
@@ -13,9 +13,9 @@ from rona_core.virtual.tracker.line_of_sight_capsules import Capsules, link_caps
 from rona_core.virtual.tracker.occlusion import (
     CAMERAS_TRACKER,
     LinesOfSight,
-    capsules_hit,
     hand_capsule,
     segment_distances2,
+    segments_hit,
 )
 from tests.helpers.sphere_world import SphereSpecimen
 
@@ -31,7 +31,8 @@ def test_distances_of_segments_are_those_of_brute_force():
     s = np.linspace(0.0, 1.0, 201)
     first = a[:, None] + s[:, None] * (b - a)[:, None]
     second = c[:, None] + s[:, None] * (d - c)[:, None]
-    found = np.sqrt(segment_distances2(a, b, c, d))
+    i, k = np.indices((len(a), len(c))).reshape(2, -1)
+    found = np.sqrt(segment_distances2(a[i], b[i], c[k], d[k])).reshape(len(a), len(c))
     for i in range(len(a)):
         for k in range(len(c)):
             near = np.linalg.norm(first[i][:, None] - second[k][None], axis=2).min()
@@ -43,12 +44,29 @@ def test_leaving_out_capsules_that_are_far_leaves_out_none_that_is_met():
     rng = np.random.default_rng(1)
     starts, ends = rng.normal(0, 300, (2, 60, 3))
     low, high = rng.normal(0, 200, (2, 15, 3))
-    capsules = Capsules(low, high, rng.uniform(5, 60, 15))
-    exact = segment_distances2(starts, ends, low, high) < capsules.radii_mm**2
-    np.testing.assert_array_equal(capsules_hit(starts, ends, capsules), exact.any(axis=1))
+    radii = rng.uniform(5, 60, 15)
+    i, k = np.indices((60, 15)).reshape(2, -1)
+    squared = segment_distances2(starts[i], ends[i], low[k], high[k]).reshape(60, 15)
+    exact = squared < radii**2
+    capsules = Capsules(low[None], high[None], radii)
+    hit = segments_hit(starts[None], ends[None], capsules)
+    np.testing.assert_array_equal(hit, exact.any(axis=1)[None])
     for k in range(15):
-        one = Capsules(low[k : k + 1], high[k : k + 1], capsules.radii_mm[k : k + 1])
-        np.testing.assert_array_equal(capsules_hit(starts, ends, one), exact[:, k])
+        one = Capsules(low[None, k : k + 1], high[None, k : k + 1], radii[k : k + 1])
+        np.testing.assert_array_equal(segments_hit(starts[None], ends[None], one)[0], exact[:, k])
+
+
+def test_each_frame_is_tested_against_its_own_capsules():
+    rng = np.random.default_rng(2)
+    starts, ends = rng.normal(0, 300, (2, 7, 5, 3))
+    low, high = rng.normal(0, 200, (2, 7, 4, 3))
+    radii = rng.uniform(20, 90, 4)
+    together = segments_hit(starts, ends, Capsules(low, high, radii))
+    for n in range(7):
+        alone = Capsules(low[n : n + 1], high[n : n + 1], radii)
+        one = slice(n, n + 1)
+        np.testing.assert_array_equal(together[one], segments_hit(starts[one], ends[one], alone))
+    assert 0 < together.sum() < together.size
 
 
 def winding(points, mesh):
@@ -66,13 +84,13 @@ def test_the_capsules_of_the_robot_lie_within_its_drawn_solids(name):
     model = robot_model(name)
     poses, capsules = model.joint_poses(model.home_rad), link_capsules(model)
     rng = np.random.default_rng(2)
-    placed = capsules.at(model, model.home_rad)
+    placed = capsules.at(model, model.home_rad[None])
     directions = rng.normal(size=(40, 3))
     directions /= np.linalg.norm(directions, axis=1)[:, None]
     shares = rng.uniform(0.0, 1.0, 40)[:, None]
     outside = []
     for k, link in enumerate(capsules.links):
-        middle = placed.starts[k] + shares * (placed.ends[k] - placed.starts[k])
+        middle = placed.starts[0, k] + shares * (placed.ends[0, k] - placed.starts[0, k])
         points = middle + 0.97 * placed.radii_mm[k] * directions
         inside = np.zeros(len(points))
         for shape in link_shapes(model):
@@ -96,24 +114,25 @@ def looking(scene, tool, place_base):
 def test_a_marker_behind_the_head_is_hidden_and_one_before_it_is_not():
     rig = sphere_rig()
     scene = rig.scene
-    sight = LinesOfSight(scene, rig.model, lambda t: rig.robot.q_at(t))
+    sight = LinesOfSight(scene, rig.model, lambda t: rig.robot.qs_at(t))
     center = scene.T_base_skull @ np.array(scene.specimen.center)
     to_tracker = scene.T_base_tracker.translation - center
     to_tracker /= np.linalg.norm(to_tracker)
     behind = looking(scene, "toolmarker", center - 250.0 * to_tracker)
     before = looking(scene, "toolmarker", center + 250.0 * to_tracker)
-    assert not sight.clear("toolmarker", behind, 0.0).any()
-    assert sight.clear("toolmarker", before, 0.0).all()
+    clear = sight.clear("toolmarker", Poses.stack([behind, before]), np.zeros(2))
+    assert not clear[0].any()
+    assert clear[1].all()
     rig.close()
 
 
 def test_both_cameras_have_to_see_a_marker():
     rig = sphere_rig()
     scene = rig.scene
-    sight = LinesOfSight(scene, rig.model, lambda t: rig.robot.q_at(t))
+    sight = LinesOfSight(scene, rig.model, lambda t: rig.robot.qs_at(t))
     center = scene.T_base_tracker.inv() @ (scene.T_base_skull @ np.array(scene.specimen.center))
     pose = Pose(np.diag((1.0, -1.0, -1.0)), center + np.array((95.0, 0.0, 150.0)))
-    clear = sight.clear("toolmarker", pose, 0.0)
+    clear = sight.clear("toolmarker", Poses.stack([pose]), np.zeros(1))[0]
     points = pose @ GEOMETRIES["toolmarker"].positions_marker
     expected = np.ones(4, dtype=bool)
     for camera in CAMERAS_TRACKER:  # the head is a ball, so that a closed form exists
@@ -129,14 +148,14 @@ def test_both_cameras_have_to_see_a_marker():
 def test_the_robot_hides_what_is_behind_its_forearm():
     rig = sphere_rig()
     scene, model = rig.scene, rig.model
-    sight = LinesOfSight(scene, model, lambda t: rig.robot.q_at(t))
-    arm = link_capsules(model).at(model, rig.robot.q_at(0.0))
-    middle = 0.5 * (arm.starts[4] + arm.ends[4])
+    sight = LinesOfSight(scene, model, lambda t: rig.robot.qs_at(t))
+    arm = link_capsules(model).at(model, rig.robot.qs_at(np.zeros(1)))
+    middle = 0.5 * (arm.starts[0, 4] + arm.ends[0, 4])
     away = middle - scene.T_base_tracker.translation
     pose = looking(scene, "toolmarker", middle + 150.0 * away / np.linalg.norm(away))
     center = GEOMETRIES["toolmarker"].positions_marker.mean(axis=0)
     pose = Pose(pose.rotation, pose.translation - pose.rotation @ center)
-    assert not sight.clear("toolmarker", pose, 0.0).all()
+    assert not sight.clear("toolmarker", Poses.stack([pose]), np.zeros(1)).all()
     rig.close()
 
 
@@ -144,13 +163,13 @@ def test_the_robot_hides_what_is_behind_its_forearm():
 def test_the_hand_hides_its_pointer_only_from_below(tool):
     geometry = GEOMETRIES[tool]
     up = np.array((0.0, 0.0, -1.0) if geometry.dof == 5 else (0.0, 1.0, 0.0))
-    hand = hand_capsule(tool, Pose.identity())
+    hand = hand_capsule(tool, Poses.stack([Pose.identity()]))
     top = geometry.positions_marker @ up
-    assert (hand.ends @ up)[0] + hand.radii_mm[0] < top.min()  # clear of the markers
+    assert (hand.ends @ up)[0, 0] + hand.radii_mm[0] < top.min()  # clear of the markers
     side = geometry.positions_marker + 1000.0 * np.array((1.0, 0.0, 0.0))
-    assert not capsules_hit(geometry.positions_marker, side, hand).any()
+    assert not segments_hit(geometry.positions_marker[None], side[None], hand).any()
     below = geometry.positions_marker - 1000.0 * up
-    assert capsules_hit(geometry.positions_marker[:1], below[:1], hand).all()
+    assert segments_hit(geometry.positions_marker[None, :1], below[None, :1], hand).all()
 
 
 def test_in_the_room_as_it_stands_nothing_is_in_the_way():

@@ -7,15 +7,15 @@ from scipy.spatial.transform import Rotation
 from rona_core.devices.marker_geometry import GEOMETRIES
 from rona_core.devices.settings import TOOLS, TrackerSettings
 from rona_core.errors import DeviceError
-from rona_core.geometry.pose import Pose
+from rona_core.geometry.pose import Pose, Poses
+from rona_core.geometry.rigid_fit import register_points
 from rona_core.virtual.clock import CaptureClock
 from rona_core.virtual.tracker.marker_error import in_volume, marker_error, sample_volume
-from rona_core.virtual.tracker.marker_fit import fit_body, fit_line, smallest_rotation
-from rona_core.virtual.tracker.tracker import VirtualTracker, observe
+from rona_core.virtual.tracker.tracker import BLOCK, VirtualTracker, observe
+from tests.helpers.tracked_world import ScriptedWorld
 
 seeds = st.integers(0, 2**32 - 1)
 FACING = Pose(np.diag((1.0, -1.0, -1.0)), np.array((0.0, 0.0, 1900.0)))  # marker z to the camera
-NO_NOISE = np.zeros((4, 3))
 IDEAL = TrackerSettings(profile="ideal")
 
 
@@ -26,8 +26,15 @@ def facing_pose(rng, tilt_deg=25.0):
     return Pose((tilt * Rotation.from_matrix(FACING.rotation)).as_matrix(), place)
 
 
+def observed(tool, pose):
+    """What an exact tracker reports of a tool in one frame."""
+    geometry = GEOMETRIES[tool]
+    white = np.zeros((1, *geometry.positions_marker.shape))
+    return observe(geometry, Poses.stack([pose]), white, IDEAL, 0)
+
+
 def tracker_of(truth, seed=1, ordinal=0, **kwargs):
-    tracker = VirtualTracker(CaptureClock(), truth, seed)
+    tracker = VirtualTracker(CaptureClock(), ScriptedWorld(truth), seed)
     tracker.begin(TrackerSettings(**kwargs), ordinal)
     return tracker
 
@@ -47,51 +54,6 @@ def test_an_ideal_tracker_returns_the_true_pose(seed):
         if GEOMETRIES[tool].dof == 6:
             np.testing.assert_allclose(found.rotation, pose.rotation, atol=1e-12)
         assert sample.rms_error_mm == pytest.approx(0.0, abs=1e-9)
-
-
-@settings(max_examples=25)
-@given(seeds)
-def test_moving_the_points_moves_the_fitted_pose(seed):
-    rng = np.random.default_rng(seed)
-    points = rng.normal(0, 50, (5, 3))
-    noisy = points + rng.normal(0, 1, (5, 3))
-    motion = Pose(Rotation.random(rng=rng).as_matrix(), rng.uniform(-2000, 2000, 3))
-    fit, moved = fit_body(points, noisy), fit_body(points, motion @ noisy)
-    expected = motion @ fit.T_tracker_marker
-    np.testing.assert_allclose(moved.T_tracker_marker.matrix(), expected.matrix(), atol=1e-8)
-    assert moved.rms_error_mm == pytest.approx(fit.rms_error_mm, abs=1e-9)
-
-
-@settings(max_examples=25)
-@given(seeds)
-def test_no_other_pose_fits_the_markers_better(seed):
-    rng = np.random.default_rng(seed)
-    for tool, fit in (("pointer6d", fit_body), ("pointer5d", fit_line)):
-        model = GEOMETRIES[tool].positions_marker
-        pose = facing_pose(rng)
-        points = pose @ model + rng.normal(0, 2.0, model.shape)
-        best = fit(model, points)
-        for _ in range(5):
-            nudge = Pose.from_rotvec(rng.normal(0, 1e-3, 3), rng.normal(0, 0.05, 3))
-            other = best.T_tracker_marker @ nudge
-            rms = np.sqrt((((other @ model) - points) ** 2).sum(axis=1).mean())
-            assert rms >= best.rms_error_mm
-
-
-@settings(max_examples=25)
-@given(seeds)
-def test_the_smallest_rotation_takes_z_to_the_direction_by_the_angle_between(seed):
-    d = np.random.default_rng(seed).normal(size=3)
-    d[:2] *= 10.0 ** -(seed % 12)  # down to nearly opposite
-    d /= np.linalg.norm(d)
-    rotation = Rotation.from_matrix(smallest_rotation(d))
-    np.testing.assert_allclose(rotation.apply((0, 0, 1.0)), d, atol=1e-12)
-    angle = np.arctan2(np.hypot(d[0], d[1]), d[2])
-    assert rotation.magnitude() == pytest.approx(angle, abs=1e-12)
-
-
-def test_the_opposite_direction_is_a_half_turn():
-    np.testing.assert_allclose(smallest_rotation(np.array((0, 0, -1.0))) @ (0, 0, 1), (0, 0, -1))
 
 
 @pytest.mark.parametrize("seed", [0, 5, 9])
@@ -124,7 +86,7 @@ def test_averaging_removes_the_white_noise_but_not_the_field():
     found = [tracker.frame(k).tool("toolmarker").T_tracker_marker for k in range(600)]
     mean = np.mean([pose.translation for pose in found], axis=0)
     bias = marker_error(TrackerSettings(profile="polaris"), 4).bias_mm(FACING @ model)
-    expected = fit_body(model, FACING @ model + bias).T_tracker_marker.translation
+    expected = register_points(model, FACING @ model + bias).T_b_a.translation
     assert np.linalg.norm(mean - expected) < 0.005
     assert np.linalg.norm(mean - FACING.translation) > 0.05
 
@@ -147,7 +109,7 @@ def test_the_same_seed_gives_the_same_frames_however_often_somebody_looks():
     def run(lookers):
         clock = CaptureClock()
         tracker = VirtualTracker(
-            clock, lambda tool, t: FACING @ Pose.from_translation((t, 0, 0)), 8
+            clock, ScriptedWorld(lambda tool, t: FACING @ Pose.from_translation((t, 0, 0))), 8
         )
         tracker.begin(TrackerSettings(rate_hz=50.0), 2)
         result = []
@@ -167,7 +129,7 @@ def test_the_same_seed_gives_the_same_frames_however_often_somebody_looks():
 
 def test_latest_is_the_last_of_the_frames_and_does_not_move_the_clock():
     clock = CaptureClock()
-    tracker = VirtualTracker(clock, lambda tool, t: FACING, 1)
+    tracker = VirtualTracker(clock, ScriptedWorld(lambda tool, t: FACING), 1)
     tracker.begin(TrackerSettings(rate_hz=20.0), 0)
     for frame in tracker.frames():
         newest = tracker.latest()
@@ -182,7 +144,7 @@ def test_latest_is_the_last_of_the_frames_and_does_not_move_the_clock():
 
 def test_frames_skip_what_went_by_unseen():
     clock = CaptureClock()
-    tracker = VirtualTracker(clock, lambda tool, t: FACING, 1)
+    tracker = VirtualTracker(clock, ScriptedWorld(lambda tool, t: FACING), 1)
     frames = tracker.frames()
     assert next(frames).number == 0
     clock.wait_until(1.0)
@@ -217,25 +179,24 @@ def test_covering_one_tool_does_not_change_the_noise_of_another():
     ],
 )
 def test_why_a_tool_is_not_seen(pose, status):
-    seen = observe(GEOMETRIES["toolmarker"], pose, NO_NOISE, IDEAL, 0)
-    assert seen.status == status
-    assert seen.fit is None
+    seen = observed("toolmarker", pose)
+    assert seen.statuses[0] == status
+    assert not seen.fitted[0]
 
 
 @pytest.mark.parametrize(("tilt_deg", "visible"), [(55.0, True), (65.0, False)])
 def test_flat_markers_are_lost_beyond_sixty_degrees(tilt_deg, visible):
     tilt = Rotation.from_rotvec((np.deg2rad(tilt_deg), 0, 0)).as_matrix()
     pose = Pose(tilt @ FACING.rotation, FACING.translation)
-    seen = observe(GEOMETRIES["pointer6d"], pose, NO_NOISE, IDEAL, 0)
-    assert (seen.fit is not None) == visible
+    assert observed("pointer6d", pose).fitted[0] == visible
 
 
 def test_three_of_four_markers_are_enough_and_exact():
     pose = Pose(FACING.rotation, np.array((461.0, 0, 1900.0)))  # one marker pokes out of the silo
     model = GEOMETRIES["toolmarker"].positions_marker
     assert np.count_nonzero(in_volume(pose @ model)) == 3
-    seen = observe(GEOMETRIES["toolmarker"], pose, NO_NOISE, IDEAL, 0)
-    np.testing.assert_allclose(seen.fit.T_tracker_marker.matrix(), pose.matrix(), atol=1e-9)
+    seen = observed("toolmarker", pose)
+    np.testing.assert_allclose(seen.Ts_tracker_marker[0].matrix(), pose.matrix(), atol=1e-9)
 
 
 def test_a_tool_that_is_not_there_is_out_of_view():
@@ -259,3 +220,54 @@ def test_a_closed_tracker_says_so():
     assert list(running) == []
     with pytest.raises(DeviceError, match="closed"):
         tracker.latest()
+
+
+def swaying(tool, time_s):
+    """A tool that sways across the limit at which its markers are lost."""
+    tilt = np.deg2rad(59.0 + 8.0 * np.sin(2.0 * time_s))
+    turned = Rotation.from_rotvec((tilt, 0.0, 0.0)).as_matrix() @ FACING.rotation
+    return Pose(turned, FACING.translation + np.array((5.0 * time_s, 0.0, 0.0)))
+
+
+def test_a_block_of_frames_is_what_they_are_one_by_one():
+    block, single = (
+        VirtualTracker(CaptureClock(), ScriptedWorld(swaying, foreseen=foreseen), 5)
+        for foreseen in (True, False)
+    )
+    statuses = set()
+    for number in (0, 7, 100, 200, BLOCK - 1, BLOCK, BLOCK + 40, 2 * BLOCK + 3):
+        a, b = (tracker.frame(number).tool("toolmarker") for tracker in (block, single))
+        assert a.status == b.status
+        statuses.add(a.status)
+        if a.T_tracker_marker is not None:
+            matrices = a.T_tracker_marker.matrix(), b.T_tracker_marker.matrix()
+            np.testing.assert_allclose(*matrices, atol=1e-9)
+            assert a.rms_error_mm == pytest.approx(b.rms_error_mm, abs=1e-12)
+    assert statuses == {"ok", "out_of_view"}
+
+
+def test_a_frame_is_the_same_to_the_bit_whatever_was_asked_for_before():
+    def matrix(tracker, number):
+        return tracker.frame(number).tool("pointer6d").T_tracker_marker.matrix()
+
+    def moving(tool, time_s):
+        return FACING @ Pose.from_translation((time_s, 0, 0))
+
+    first, other = (tracker_of(moving) for _ in range(2))
+    wanted = [matrix(first, number) for number in range(0, 3 * BLOCK, 61)]
+    again = [matrix(other, number) for number in reversed(range(0, 3 * BLOCK, 61))]
+    np.testing.assert_array_equal(wanted, again[::-1])
+
+
+def test_a_motion_that_becomes_another_is_seen_from_the_next_frame_on():
+    place = [0.0]
+    world = ScriptedWorld(lambda tool, t: FACING @ Pose.from_translation((place[0], 0, 0)))
+    tracker = VirtualTracker(CaptureClock(), world, 1)
+    tracker.begin(IDEAL, 0)
+
+    def x_mm(number):
+        return tracker.frame(number).tool("pointer6d").T_tracker_marker.translation[0]
+
+    assert x_mm(3) == pytest.approx(0.0, abs=1e-9)
+    place[0], world.changes = 40.0, 1
+    assert x_mm(4) == pytest.approx(40.0, abs=1e-9)
