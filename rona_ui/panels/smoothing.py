@@ -160,7 +160,7 @@ def counts(view: PathView) -> str:
             f"{view.tolerance_mm:.2f} mm: about {count} of {len(view.raw_base)} points. "
             "Release for the minimum."
         )
-    least = "minimum" if view.exact else f"at least {view.lower_bound} needed"
+    least = "minimum" if view.exact else "fewer may suffice"
     by_hand = f" {view.by_hand} edited by hand." if view.by_hand else ""
     return style.note(
         f"{len(view.raw_base)} points simplified to {count} ({least}).{by_hand} Maximum "
