@@ -208,8 +208,15 @@ RESULTS_BEFORE_4 = {  # outcome -> activity, the field of its result, and the re
 }
 
 
+# Choices that are no longer offered: message -> argument -> old value -> what takes its place.
+REPLACED_CHOICES: dict[str, dict[str, dict[Any, str]]] = {
+    "CalibratePointer": {"method": {"aos": "ml"}},
+    "SmoothScanPath": {"normal_method": {"robust": "jet", "tls": "jet"}},
+}
+
+
 def with_present_message(held: Any) -> Any:
-    """Return a log entry or result, as plain values, with the present name of its message."""
+    """Return a log entry or result, as plain values, with its message as it is called today."""
     if not isinstance(held, dict) or not isinstance(held.get("message"), str):
         return held
     name, arguments = held["message"], held.get("arguments")
@@ -221,7 +228,16 @@ def with_present_message(held: Any) -> Any:
         values = {fields[key]: value for key, value in arguments.items() if key in fields}
         kept = {"message": message, "values": values}
         return {**held, "message": "StoreResult", "arguments": kept}
-    return {**held, "message": RENAMED_IN_4.get(name, name)}
+    name = RENAMED_IN_4.get(name, name)
+    replaced = REPLACED_CHOICES.get(name)
+    if replaced is None or not isinstance(arguments, dict):
+        return {**held, "message": name}
+    chosen = {
+        key: choices[arguments[key]]
+        for key, choices in replaced.items()
+        if isinstance(arguments.get(key), str) and arguments[key] in choices
+    }
+    return {**held, "message": name, "arguments": {**arguments, **chosen}}
 
 
 def _with_present_messages(session: dict[str, Any]) -> dict[str, Any]:

@@ -25,9 +25,7 @@ METHODS = {
 }
 NORMALS = {
     "Quadric": "jet",
-    "Total least squares": "tls",
     "Least squares (paper)": "ols",
-    "Robust plane": "robust",
 }
 EDITS: dict[str, Drawing] = {"Move": "move", "Insert": "insert", "Delete": "delete", "Pin": "pin"}
 HELP = {

@@ -22,7 +22,7 @@ class SmoothScanPath:
     method: Literal["greedy", "optimal", "fast", "rdp"] = "optimal"
     filter_s: float = 0.05  # sigma of the zero-phase filter before; 0 switches it off
     normal_radius_mm: float | None = None  # None: noise, density and curvature decide
-    normal_method: Literal["jet", "tls", "ols", "robust"] = "jet"
+    normal_method: Literal["jet", "ols"] = "jet"
     normal_step_mm: float = 3.0  # between normals along the path; 0: at the kept points alone
 
     def __post_init__(self) -> None:
