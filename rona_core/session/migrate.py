@@ -54,13 +54,12 @@ def from_1(manifest: dict[str, Any]) -> dict[str, Any]:
         **{kind: _tracked(held[kind]) for kind in ("tool", "pointer", "path")},
         "surface": [_tracked(stroke) for stroke in held["surface"]],
     }
-    archive = [_tracked(capture) for capture in session["archive"]]
     results = {**session["results"], **dict.fromkeys((*OUTGROWN, *NEW))}
     changed = {
         **session,
         "setup": setup,
         "captures": captures,
-        "archive": archive,
+        "archive": [_tracked(capture) for capture in session["archive"]],
         "results": results,
         "path_edits": NO_EDITS,
     }
@@ -208,10 +207,11 @@ RESULTS_BEFORE_4 = {  # outcome -> activity, the field of its result, and the re
 }
 
 
-# Choices that are no longer offered: message -> argument -> old value -> what takes its place.
-REPLACED_CHOICES: dict[str, dict[str, dict[Any, str]]] = {
-    "CalibratePointer": {"method": {"aos": "ml"}},
-    "SmoothScanPath": {"normal_method": {"robust": "jet", "tls": "jet"}},
+# Choices that are no longer offered: message, argument and old value -> what takes its place.
+REPLACED_CHOICES = {
+    ("CalibratePointer", "method", "aos"): "ml",
+    ("SmoothScanPath", "normal_method", "robust"): "jet",
+    ("SmoothScanPath", "normal_method", "tls"): "jet",
 }
 
 
@@ -229,34 +229,24 @@ def with_present_message(held: Any) -> Any:
         kept = {"message": message, "values": values}
         return {**held, "message": "StoreResult", "arguments": kept}
     name = RENAMED_IN_4.get(name, name)
-    replaced = REPLACED_CHOICES.get(name)
-    if replaced is None or not isinstance(arguments, dict):
-        return {**held, "message": name}
-    chosen = {
-        key: choices[arguments[key]]
-        for key, choices in replaced.items()
-        if isinstance(arguments.get(key), str) and arguments[key] in choices
-    }
-    return {**held, "message": name, "arguments": {**arguments, **chosen}}
-
-
-def _with_present_messages(session: dict[str, Any]) -> dict[str, Any]:
-    """Return a session of schema 3 whose log and results name messages as schema 4 does."""
-    results = {name: with_present_message(held) for name, held in session["results"].items()}
-    log = [with_present_message(entry) for entry in session.get("log", ())]
-    return {**session, "results": results, "log": log}
-
-
-# What schema 4 changed: each function takes the plain values of a session and returns new ones.
-CHANGES_IN_4: tuple[Callable[[dict[str, Any]], dict[str, Any]], ...] = (_with_present_messages,)
+    present = {**held, "message": name}
+    if isinstance(arguments, dict):
+        present["arguments"] = {
+            key: REPLACED_CHOICES.get((name, key, str(value)), value)
+            for key, value in arguments.items()
+        }
+    return present
 
 
 def from_3(manifest: dict[str, Any]) -> dict[str, Any]:
-    """Return a manifest of schema 3 as one of schema 4: no capture and no result is lost."""
+    """Return a manifest of schema 3 as one of schema 4: its log and results name present messages.
+
+    No capture and no result is lost.
+    """
     session = manifest["session"]
-    for change in CHANGES_IN_4:
-        session = change(session)
-    return {**manifest, "schema": 4, "session": session}
+    results = {name: with_present_message(held) for name, held in session["results"].items()}
+    log = [with_present_message(entry) for entry in session.get("log", ())]
+    return {**manifest, "schema": 4, "session": {**session, "results": results, "log": log}}
 
 
 # MIGRATIONS[n] turns a manifest of schema n into one of schema n + 1.

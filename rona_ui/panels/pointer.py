@@ -13,7 +13,6 @@ from rona_ui.presentation.snapshot import Snapshot
 METHODS = {
     "Maximum likelihood": "ml",
     "Sphere (paper)": "sphere",
-    "Algebraic one-step": "aos",
 }
 
 

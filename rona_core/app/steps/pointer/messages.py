@@ -18,7 +18,7 @@ class CalibratePointer:
     """Compute the pointer tip from the recorded pivoting."""
 
     __pydantic_config__: ClassVar = STRICT
-    method: Literal["ml", "sphere", "aos"] = "ml"
+    method: Literal["ml", "sphere"] = "ml"
     exclude: tuple[int, ...] = ()  # poses left out by hand, rows of the result's residuals
 
     def __post_init__(self) -> None:
