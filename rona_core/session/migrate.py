@@ -1,6 +1,5 @@
 """Bring the manifest of an older file to the present schema, one pure function per step."""
 
-from collections.abc import Callable
 from typing import Any
 
 from rona_core.errors import SessionFormatError
@@ -208,7 +207,7 @@ RESULTS_BEFORE_4 = {  # outcome -> activity, the field of its result, and the re
 
 
 # Choices that are no longer offered: message, argument and old value -> what takes its place.
-REPLACED_CHOICES = {
+REPLACED_CHOICES: dict[tuple[str, Any, str], str] = {
     ("CalibratePointer", "method", "aos"): "ml",
     ("SmoothScanPath", "normal_method", "robust"): "jet",
     ("SmoothScanPath", "normal_method", "tls"): "jet",
@@ -219,7 +218,7 @@ def with_present_message(held: Any) -> Any:
     """Return a log entry or result, as plain values, with its message as it is called today."""
     if not isinstance(held, dict) or not isinstance(held.get("message"), str):
         return held
-    name, arguments = held["message"], held.get("arguments")
+    name, arguments = str(held["message"]), held.get("arguments")
     if name in CAPTURES_BEFORE_4 and isinstance(arguments, dict):
         kept = {"append": False, **arguments, "kind": CAPTURES_BEFORE_4[name]}
         return {**held, "message": "StoreCapture", "arguments": kept}
@@ -250,11 +249,7 @@ def from_3(manifest: dict[str, Any]) -> dict[str, Any]:
 
 
 # MIGRATIONS[n] turns a manifest of schema n into one of schema n + 1.
-MIGRATIONS: dict[int, Callable[[dict[str, Any]], dict[str, Any]]] = {
-    1: from_1,
-    2: from_2,
-    3: from_3,
-}
+MIGRATIONS = {1: from_1, 2: from_2, 3: from_3}
 
 
 def migrate(manifest: dict[str, Any]) -> dict[str, Any]:
