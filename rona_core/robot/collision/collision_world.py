@@ -22,8 +22,8 @@ from rona_core.robot.collision.collision_geometry import (
 )
 from rona_core.robot.collision.edge_check import Clear
 from rona_core.robot.collision.obstacles import NOTHING_AROUND, Obstacle, Obstacles
+from rona_core.robot.kinematics.arm import as_joints
 from rona_core.robot.kinematics.robot_model import RobotModel
-from rona_core.robot.kinematics.spherical_wrist import as_joints
 
 POSITIONS = 100  # in which parts that may be far from each other are tried
 FAR_MM = 60.0  # parts that stay farther apart are never near

@@ -6,9 +6,8 @@ from numpy.typing import ArrayLike
 
 from rona_core.geometry.arrays import Floats
 from rona_core.geometry.pose import Pose, Poses
-from rona_core.robot.kinematics.ik_solutions import IkSolutions
+from rona_core.robot.kinematics.arm import Arm, IkSolutions
 from rona_core.robot.kinematics.joint_limits import JointLimits
-from rona_core.robot.kinematics.spherical_wrist import Arm
 from rona_core.robot.kinematics.tool_frames import Tool
 
 

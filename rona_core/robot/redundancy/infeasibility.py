@@ -5,8 +5,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from rona_core.geometry.arrays import Floats
+from rona_core.robot.kinematics.arm import IkSolutions
 from rona_core.robot.kinematics.joint_limits import JointLimits
-from rona_core.robot.kinematics.spherical_wrist import IkSolutions
 from rona_core.robot.redundancy.margins import ROUNDED_MM, MarginLimits
 from rona_core.robot.redundancy.result import Reason, RollVerdict
 

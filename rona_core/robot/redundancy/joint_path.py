@@ -35,7 +35,7 @@ def joint_path(
         path: The path in ``base``.
         model: The robot with its tool.
         rolls_rad: One roll, or one at each path point (n,).
-        branch: Index into ``kinematics.ik_solutions.BRANCHES``.
+        branch: Index into ``kinematics.arm.BRANCHES``.
         margin_limits: What is allowed.
     """
     margins = _margins(path, model, rolls_rad, margin_limits)

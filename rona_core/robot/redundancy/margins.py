@@ -12,9 +12,9 @@ import numpy as np
 from rona_core.devices.settings import require
 from rona_core.geometry.arrays import Bools, Floats
 from rona_core.geometry.pose import Poses
+from rona_core.robot.kinematics.arm import IkSolutions
 from rona_core.robot.kinematics.joint_limits import TURN_RAD, JointLimits, shift_to_fit, unwrap
 from rona_core.robot.kinematics.robot_model import RobotModel
-from rona_core.robot.kinematics.spherical_wrist import IkSolutions
 
 SINGULARITY_MARGIN_RAD = float(np.deg2rad(5.0))  # least angle of elbow and wrist from straight
 SHOULDER_MARGIN_MM = 30.0  # least distance of the wrist centre from axis 1

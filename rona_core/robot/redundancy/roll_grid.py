@@ -14,9 +14,9 @@ from rona_core.errors import CancelledError
 from rona_core.geometry.arrays import Bools, Floats
 from rona_core.geometry.path5d import Path5D
 from rona_core.geometry.pose import Poses
+from rona_core.robot.kinematics.arm import N_BRANCHES
 from rona_core.robot.kinematics.joint_limits import TURN_RAD, JointLimits
 from rona_core.robot.kinematics.robot_model import RobotModel
-from rona_core.robot.kinematics.spherical_wrist import N_BRANCHES
 from rona_core.robot.redundancy.margins import (
     MarginLimits,
     limit_margin,

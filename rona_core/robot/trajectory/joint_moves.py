@@ -10,8 +10,8 @@ from rona_core.devices.settings import require
 from rona_core.errors import NotReachableError
 from rona_core.geometry.arrays import Floats, readonly
 from rona_core.robot.collision.edge_check import Clear
+from rona_core.robot.kinematics.arm import as_joints
 from rona_core.robot.kinematics.robot_model import RobotModel
-from rona_core.robot.kinematics.spherical_wrist import as_joints
 from rona_core.robot.trajectory.point_to_point import plan_joint_path
 from rona_core.robot.trajectory.trajectory import Trajectory
 
