@@ -215,17 +215,14 @@ def _touch_check(
         touching = np.flatnonzero(~world.clear(sheet))
         if len(touching):
             first = int(touching[0])
-            said = world.report(sheet[first : first + 1])
-            pair = int(said.closest[0])
-            parts, least_mm = said.names[pair], float(said.least_mm[pair])
-            apart_mm = least_mm + float(said.room_mm[0])
+            pair = world.report(sheet[first : first + 1]).closest_pair(0)
+            name, index = "clearance in the band", int(at[first])
             sentence = (
-                f"clearance in the band fails: corrected by {travel:g} mm, {parts[0]} and "
-                f"{parts[1]} are {apart_mm:.1f} mm apart at sample {at[first]}, "
-                f"{least_mm:.1f} mm must be kept"
+                f"{name} fails: corrected by {travel:g} mm, {pair.first} and {pair.second} are "
+                f"{pair.apart_mm:.1f} mm apart at sample {index}, {pair.least_mm:.1f} mm must be "
+                f"kept"
             )
-            name = "clearance in the band"
-            return Check(name, apart_mm, least_mm, "mm", int(at[first]), False, sentence)
+            return Check(name, pair.apart_mm, pair.least_mm, "mm", index, False, sentence)
     return _check("samples that touch something in the band", np.zeros(1), 0.0, "", at)
 
 

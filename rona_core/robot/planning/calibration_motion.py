@@ -15,7 +15,7 @@ from rona_core.devices.settings import require
 from rona_core.errors import InvalidInputError, NotReachableError
 from rona_core.geometry.arrays import Floats, Ints, as_vector3, readonly
 from rona_core.geometry.pose import Pose, Poses
-from rona_core.robot.collision.collision_world import clear_among, require_clear
+from rona_core.robot.collision.collision_world import CollisionWorld, require_clear
 from rona_core.robot.collision.edge_check import Clear
 from rona_core.robot.collision.obstacles import Obstacles
 from rona_core.robot.kinematics.robot_model import RobotModel
@@ -110,10 +110,12 @@ def plan_tool_motion(
     qs_legs = _reach(model, legs)
     clear = None
     if obstacles is not None:
+        clear = CollisionWorld(model, obstacles).clear
         require_clear(model, obstacles, model.home_rad, "rests")
-        q_stops = [qs[0] for qs in qs_legs] + [qs_legs[-1][-1]]
-        _require_clear_stops(model, obstacles, np.array(q_stops))
-        clear = clear_among(model, obstacles)
+        q_stops = np.array([qs[0] for qs in qs_legs] + [qs_legs[-1][-1]])
+        for stop in np.flatnonzero(~clear(q_stops))[:1].tolist():
+            place = f"is to rest at place {stop + 1} of {len(q_stops)} (a smaller cone may help)"
+            require_clear(model, obstacles, q_stops[stop], place)
     qs, starts, ends = _samples(model, legs, qs_legs, settings.dwell_s, clear)
     times = readonly(np.arange(len(qs), dtype=np.float64) * SAMPLE_S)
     return ToolMotion(
@@ -160,14 +162,6 @@ def _samples(
     parts.append(clear_move(model, qs_legs[-1][-1], model.home_rad, clear)[1:])
     starts, ends = np.array(dwells).T
     return readonly(np.concatenate(parts)), starts, ends
-
-
-def _require_clear_stops(model: RobotModel, obstacles: Obstacles, qs_rad: Floats) -> None:
-    """Raise NotReachableError where the robot would touch something at one of the stops (n, 6)."""
-    touched = np.flatnonzero(~clear_among(model, obstacles)(qs_rad))
-    for stop in touched[:1].tolist():
-        place = f"is to rest at place {stop + 1} of {len(qs_rad)} (a smaller cone may help)"
-        require_clear(model, obstacles, qs_rad[stop], place)
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -10,7 +10,7 @@ from rona_core.devices.settings import require
 from rona_core.errors import InvalidInputError, NotReachableError
 from rona_core.geometry.arrays import Floats
 from rona_core.geometry.path5d import Path5D
-from rona_core.robot.collision.collision_world import CollisionWorld, clear_among
+from rona_core.robot.collision.collision_world import CollisionWorld
 from rona_core.robot.collision.edge_check import Clear
 from rona_core.robot.collision.obstacles import Obstacles
 from rona_core.robot.kinematics.robot_model import RobotModel
@@ -154,7 +154,7 @@ def choose_roll(
         f"roll {index} can be followed on the branches {possible}, not on {branch}",
     )
     obstacles = settings.obstacles
-    clear = None if obstacles is None else clear_among(model, obstacles)
+    clear = None if obstacles is None else CollisionWorld(model, obstacles).clear
     return _MotionPlanner(model, settings, clear).constant(
         search, index, verdict.branch if branch is None else branch
     )

@@ -118,9 +118,10 @@ def _collision(
     """Return where the robot first touches something at path points (k,), and what."""
     report = world.report(qs_rad)
     hit = max(0, report.first_hit)
-    pair = int(report.closest[hit])
-    wanted = float(report.least_mm[pair])
-    apart = wanted + float(report.room_mm[hit])
-    first, second = report.names[pair]
-    words = f"{first} and {second} are {apart:.1f} mm apart, {wanted:.0f} mm are needed,"
-    return int(path_points[hit]), FailureCause("blocked", 0, apart, wanted, "mm", words)
+    pair = report.closest_pair(hit)
+    words = (
+        f"{pair.first} and {pair.second} are {pair.apart_mm:.1f} mm apart, "
+        f"{pair.least_mm:.0f} mm are needed,"
+    )
+    cause = FailureCause("blocked", 0, pair.apart_mm, pair.least_mm, "mm", words)
+    return int(path_points[hit]), cause

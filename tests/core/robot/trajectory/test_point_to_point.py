@@ -1,6 +1,7 @@
 """Moves around what is in the way, against a robot of capsules and a world of balls."""
 
 from itertools import pairwise
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -201,7 +202,8 @@ def test_the_tool_goes_to_its_calibration_around_what_is_in_the_way(monkeypatch)
 
     assert not clear(plain.qs_rad[:start]).all()
     monkeypatch.setattr(
-        "rona_core.robot.planning.calibration_motion.clear_among", lambda model, things: clear
+        "rona_core.robot.planning.calibration_motion.CollisionWorld",
+        lambda model, things: SimpleNamespace(clear=clear),
     )
     around = plan_tool_motion(
         RX90, ToolMotionSettings(n_pivot=4, n_translate=2), obstacles=NOTHING_AROUND
