@@ -32,10 +32,10 @@ def run(progress: Progress) -> list[Metric]:
     for scene in FEASIBLE_SCENES:
         progress(f"scene {scene}")
         path = scene_path(scene, 306)
-        qs_rad, branch = _followed(path, model)
+        qs_rad = _followed(path, model)
         for speed in SPEEDS:
             settings = ScanSettings(scan_speed_mm_per_s=speed)
-            drive = _driver(path, qs_rad, model, settings, branch)
+            drive = _driver(path, qs_rad, model, settings)
             figures = timing_figures(drive(), path, model, speed)
             worst.append(figures)
             if scene == "S0":
@@ -67,20 +67,18 @@ def run(progress: Progress) -> list[Metric]:
     return metrics
 
 
-def _followed(path: Path5D, model: RobotModel) -> tuple[Floats, int]:
-    """Return the joint path with the best constant roll, and its branch."""
+def _followed(path: Path5D, model: RobotModel) -> Floats:
+    """Return the joint path with the best constant roll."""
     rolls_deg = working_set_deg(N_ROLLS, 0.0, 360.0)
     verdicts = evaluate_constant_rolls(path, model, rolls_deg, MarginLimits()).verdicts
     verdict = verdicts[choose_constant_roll(verdicts, "best")]
-    return joint_path(path, model, float(np.deg2rad(verdict.roll_deg)), verdict.branch), (
-        verdict.branch
-    )
+    return joint_path(path, model, float(np.deg2rad(verdict.roll_deg)), verdict.branch)
 
 
 def _driver(
-    path: Path5D, qs_rad: Floats, model: RobotModel, settings: ScanSettings, branch: int
+    path: Path5D, qs_rad: Floats, model: RobotModel, settings: ScanSettings
 ) -> Callable[[], Trajectory]:
-    return lambda: time_scan(path, qs_rad, model, settings, branch=branch)
+    return lambda: time_scan(path, qs_rad, model, settings)
 
 
 def _toppra(path: Path5D, qs_rad: Floats, model: RobotModel, speed_mm_per_s: float) -> Metric:

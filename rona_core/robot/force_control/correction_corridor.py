@@ -98,21 +98,12 @@ def band_is_safe(
     if world is not None:
         checks.append(_touch_check(world, travels, qs, at))
     holds = all(check.holds for check in checks)
-    motion = _Sheet(trajectory.times_s, qs)
     around = "" if world is None else world.obstacles.digest()
-    digest = motion_digest(model.name, motion, around)
+    digest = motion_digest(model.name, trajectory.times_s, qs, around)
     certificate = Certificate(model.name, holds, tuple(checks), digest, obstacles=around)
     return CorrectionCorridor(
         trajectory.times_s, readonly(travels), readonly(qs), guided, certificate
     )
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class _Sheet:
-    """What the digest of a band is taken of."""
-
-    times_s: Floats
-    qs_rad: Floats
 
 
 def straight_line(trajectory: Trajectory, probes: Poses) -> Bools:

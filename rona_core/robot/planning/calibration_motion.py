@@ -20,8 +20,9 @@ from rona_core.robot.collision.edge_check import Clear
 from rona_core.robot.collision.obstacles import Obstacles
 from rona_core.robot.kinematics.robot_model import RobotModel
 from rona_core.robot.redundancy.margins import MarginLimits, compute_margins
-from rona_core.robot.trajectory.joint_moves import SAMPLE_S, clear_move
+from rona_core.robot.trajectory.joint_moves import clear_move, sample_times
 from rona_core.robot.trajectory.time_parameterization import SpeedLimits, parameterize_time
+from rona_core.robot.trajectory.trajectory import SAMPLE_S, sampled_motion
 from rona_core.robot.verification.certificate import Certificate
 from rona_core.robot.verification.verifier import verify_motion
 
@@ -117,15 +118,15 @@ def plan_tool_motion(
             place = f"is to rest at place {stop + 1} of {len(q_stops)} (a smaller cone may help)"
             require_clear(model, obstacles, q_stops[stop], place)
     qs, starts, ends = _samples(model, legs, qs_legs, settings.dwell_s, clear)
-    times = readonly(np.arange(len(qs), dtype=np.float64) * SAMPLE_S)
+    motion = sampled_motion(qs)
     return ToolMotion(
-        times_s=times,
-        qs_rad=qs,
-        dwell_start_s=readonly(times[starts].copy()),
-        dwell_end_s=readonly(times[ends].copy()),
+        times_s=motion.times_s,
+        qs_rad=motion.qs_rad,
+        dwell_start_s=readonly(motion.times_s[starts]),
+        dwell_end_s=readonly(motion.times_s[ends]),
         phases=readonly(phases.astype(np.int64)),
         T_base_tip_center=center,
-        certificate=verify_motion(model, _Timed(times, qs), obstacles=obstacles),
+        certificate=verify_motion(model, motion, obstacles=obstacles),
     )
 
 
@@ -161,13 +162,7 @@ def _samples(
         length += len(stay) + len(leg)
     parts.append(clear_move(model, qs_legs[-1][-1], model.home_rad, clear)[1:])
     starts, ends = np.array(dwells).T
-    return readonly(np.concatenate(parts)), starts, ends
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class _Timed:
-    times_s: Floats
-    qs_rad: Floats
+    return np.concatenate(parts), starts, ends
 
 
 def _upright(tip_base: Floats, facing_base: Floats) -> Pose:
@@ -242,11 +237,9 @@ def _drive(model: RobotModel, leg: Poses, qs_rad: Floats) -> Floats:
     """Return samples (m, 6) of one leg, ``SAMPLE_S`` apart, from rest to rest."""
     markers = (leg @ model.T_flange_tip.inv() @ model.T_flange_toolmarker).translations
     way_mm = np.concatenate(([0.0], np.cumsum(np.linalg.norm(np.diff(markers, axis=0), axis=1))))
-    timed = parameterize_time(
-        way_mm, qs_rad, markers, LEGS, model.speed_rad_per_s, model.acceleration_rad_per_s2
-    )
-    count = max(1, int(np.ceil(timed.duration_s / SAMPLE_S - 1e-9)))
-    ways = timed.way_at(np.linspace(0.0, timed.duration_s, count + 1))
+    timed = parameterize_time(way_mm, qs_rad, markers, LEGS, model.limits)
+    times = sample_times(timed.duration_s)
+    ways = timed.way_at(times * (timed.duration_s / times[-1]))
     qs = timed.joints(ways)
     qs[0], qs[-1] = qs_rad[0], qs_rad[-1]
     return qs

@@ -196,9 +196,7 @@ class _MotionPlanner:
 
     def _timed(self, search: RollSearch, qs_rad: Floats) -> RobotPlan:
         model, scan = self.model, self.settings.scan
-        trajectory = time_scan(
-            search.path, qs_rad, model, scan, branch=search.branch, clear=self.clear
-        )
+        trajectory = time_scan(search.path, qs_rad, model, scan, clear=self.clear)
         certificate = verify_scan(
             model,
             trajectory,

@@ -55,9 +55,7 @@ def remove_blocked_rolls(
             continue
         for end in (0, last):
             try:
-                retract_line(
-                    evaluation.grid.model, curve[end], pair.branch, LEAST_STANDOFF_MM, clear
-                )
+                retract_line(evaluation.grid.model, curve[end], LEAST_STANDOFF_MM, clear)
             except NotReachableError as error:
                 refused[pair.index, pair.branch] = lambda end=end, e=error: (end, no_way(str(e)))
                 break

@@ -76,11 +76,8 @@ class CostShares:
 
 def strides_of(path: Path5D) -> Floats:
     """Return the stride (n - 1,) of each step: mm, or degrees where the axis turns by more."""
-    steps_mm = np.linalg.norm(np.diff(path.points_base, axis=0), axis=1)
-    before, after = path.axes_base[:-1], path.axes_base[1:]
-    sines = np.linalg.norm(np.cross(before, after), axis=1)
-    turns_deg = np.rad2deg(np.arctan2(sines, np.einsum("ij,ij->i", before, after)))
-    return np.maximum(steps_mm, turns_deg)
+    steps_mm, turns_rad = path.steps()
+    return np.maximum(steps_mm, np.rad2deg(turns_rad))
 
 
 def shares_of_points(strides: Floats) -> Floats:

@@ -166,14 +166,14 @@ def test_a_scan_is_approached_and_left_around_an_obstacle():
     verdict = search.verdicts[search.chosen]
     roll_rad = float(np.deg2rad(verdict.roll_deg))
     qs = joint_path(path, RX90, roll_rad, verdict.branch)
-    plain = time_scan(path, qs, RX90, ScanSettings(), branch=verdict.branch)
+    plain = time_scan(path, qs, RX90, ScanSettings())
     before = int(plain.scan_start_s / 0.02)
     kept = np.vstack([skeleton(q) for q in (RX90.home_rad, *plain.qs_rad[before - 40 :: 100])])
     swept = skeleton(plain.qs_rad[before // 3])
     gaps = np.linalg.norm(swept[:, None] - kept, axis=2).min(axis=1)
     clear = world((swept[np.argmax(gaps)], 0.0), radius_mm=0.6 * gaps.max())
     assert not clear(plain.qs_rad).all()
-    around = time_scan(path, qs, RX90, ScanSettings(), branch=verdict.branch, clear=clear)
+    around = time_scan(path, qs, RX90, ScanSettings(), clear=clear)
     assert clear(around.qs_rad).all()
     assert verify_scan(RX90, around, path, roll_rad, 20.0).certified
     length = round((plain.scan_end_s - plain.scan_start_s) / 0.02)
@@ -187,7 +187,6 @@ def test_a_scan_is_approached_and_left_around_an_obstacle():
             qs,
             RX90,
             ScanSettings(),
-            branch=verdict.branch,
             clear=lambda qs: np.zeros(len(qs), dtype=bool),
         )
 
@@ -221,7 +220,7 @@ def test_the_probe_goes_around_the_bone_under_the_path():
     verdict = search.verdicts[search.chosen]
     roll_rad = float(np.deg2rad(verdict.roll_deg))
     qs = joint_path(path, RX90, roll_rad, verdict.branch)
-    trajectory = time_scan(path, qs, RX90, ScanSettings(), branch=verdict.branch)
+    trajectory = time_scan(path, qs, RX90, ScanSettings())
     free = outside_bone(path, RX90)
     before = int(trajectory.scan_start_s / 0.02)
     approach = trajectory.qs_rad[: before - 100]
