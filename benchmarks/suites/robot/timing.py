@@ -9,10 +9,12 @@ from benchmarks.reference.trajectory_figures import TimingFigures, timing_figure
 from rona_core.geometry.arrays import Floats
 from rona_core.geometry.path5d import Path5D
 from rona_core.robot.kinematics.robot_model import RobotModel
-from rona_core.robot.redundancy.choice import choose_constant_roll, working_set_deg
-from rona_core.robot.redundancy.evaluate_rolls import evaluate_constant_rolls
-from rona_core.robot.redundancy.joint_path import joint_path
-from rona_core.robot.redundancy.margins import MarginLimits
+from rona_core.robot.redundancy.constant_roll import (
+    choose_constant_roll,
+    evaluate_constant_rolls,
+    working_set_deg,
+)
+from rona_core.robot.redundancy.margins import MarginLimits, joint_path
 from rona_core.robot.trajectory.corner_blend import blend_corners
 from rona_core.robot.trajectory.path_timing import ScanSettings
 from rona_core.robot.trajectory.scan_timing import time_scan

@@ -6,15 +6,18 @@ enough to find places that are worth planning in full. See docs/algorithms/robot
 
 import numpy as np
 
-from rona_core.geometry.arrays import Floats
 from rona_core.geometry.path5d import Path5D
 from rona_core.geometry.pose import Pose, Poses
-from rona_core.robot.kinematics.joint_limits import TURN_RAD, unwrap
+from rona_core.robot.kinematics.joint_limits import TURN_RAD
 from rona_core.robot.kinematics.robot_model import RobotModel
-from rona_core.robot.redundancy.margins import MarginLimits, reach_margin, singularity_margin
+from rona_core.robot.redundancy.margins import (
+    MarginLimits,
+    continuous_branches,
+    reach_margin,
+    singularity_margin,
+)
 
 NOTHING_WORKS = -100.0  # margins below this are not told apart
-NEARLY_ROUND_RAD = float(np.deg2rad(300.0))  # a joint of this range may pass +-180 degrees
 
 
 class CoarseScreening:
@@ -44,9 +47,6 @@ class CoarseScreening:
         places = np.repeat(zero.translations, n_rolls, axis=0)
         self._Ts_base_flange = Poses(rotations, places) @ model.T_flange_probe.inv()
         self._model, self._margin_limits, self._n_points = model, margin_limits, len(chosen)
-        multi, ranges_rad = model.limits.multi_turn(), model.upper_rad - model.lower_rad
-        self._unwrapped = [joint for joint in range(6) if ranges_rad[joint] >= NEARLY_ROUND_RAD]
-        self._shifted = [joint for joint in self._unwrapped if multi[joint]]
 
     def margin(self, old_in_new: Pose) -> float:
         """Return the least margin along the path with the best roll and branch.
@@ -60,17 +60,6 @@ class CoarseScreening:
             reach_margin(solutions, margin_limits), singularity_margin(solutions, margin_limits)
         )
         least = margin.reshape(self._n_points, -1).min(axis=0)  # (rolls * branches,)
-        qs = self._followed(solutions.qs_rad.reshape(self._n_points, -1, 6))
+        qs = continuous_branches(solutions.qs_rad.reshape(self._n_points, -1, 6), limits)
         clearance = limits.clearance_rad(qs).min(axis=(0, 2)) / margin_limits.limit_unit_rad
         return float(max(np.minimum(least, clearance).max(), NOTHING_WORKS))
-
-    def _followed(self, qs_rad: Floats) -> Floats:
-        """Return joint angles (n, k, 6) made continuous, moved by full turns into the limits."""
-        qs = qs_rad.copy()
-        qs[:, :, self._unwrapped] = unwrap(qs[:, :, self._unwrapped])
-        limits = self._model.limits
-        for joint in self._shifted:
-            middle = (limits.lower_rad[joint] + limits.upper_rad[joint]) / 2.0
-            low, high = qs[:, :, joint].min(axis=0), qs[:, :, joint].max(axis=0)
-            qs[:, :, joint] += TURN_RAD * np.round((middle - (low + high) / 2.0) / TURN_RAD)
-        return qs

@@ -12,14 +12,9 @@ import numpy as np
 from rona_core.errors import NotReachableError
 from rona_core.geometry.arrays import Floats, Ints
 from rona_core.robot.collision.collision_world import CollisionWorld
-from rona_core.robot.redundancy.constant_roll import constant_roll_margins
-from rona_core.robot.redundancy.evaluate_rolls import RollEvaluation
-from rona_core.robot.redundancy.infeasibility import (
-    FailureCause,
-    feasible_verdict,
-    infeasible_verdict,
-)
-from rona_core.robot.redundancy.joint_path import joint_path
+from rona_core.robot.redundancy.constant_roll import RollEvaluation, constant_roll_margins
+from rona_core.robot.redundancy.infeasibility import FailureCause, verdict_on
+from rona_core.robot.redundancy.margins import joint_path
 from rona_core.robot.redundancy.result import RankedRoll
 from rona_core.robot.trajectory.retract import LEAST_STANDOFF_MM, retract_line
 
@@ -74,21 +69,16 @@ def remove_rolls(evaluation: RollEvaluation, refused: Mapping[Pair, Cause]) -> R
     qs, margins, branches = rolls.qs_rad.copy(), rolls.margins.copy(), rolls.branches.copy()
     for i in sorted({index for index, _ in refused}):
         verdict = verdicts[i]
-        name = f"roll {verdict.roll_deg:.4g}°"
         kept = next((pair for pair in ranked if pair.index == i), None)
         if kept is None:
             place, cause = refused[i, verdict.branch]()
             branch, margin = verdict.branch, verdict.margin
-            verdicts[i] = infeasible_verdict(
-                name, verdict.roll_deg, branch, margin, place, n, cause
-            )
-            if cause.reason == "no way":
-                verdicts[i] = replace(verdicts[i], sentence=f"{name}: {cause.words}")
+            verdicts[i] = verdict_on(verdict.roll_deg, branch, margin, place, n, cause)
         elif kept.branch != verdict.branch:
             margins[i] = constant_roll_margins(evaluation.grid, kept.branch)[i]
             branches[i], qs[:, i] = kept.branch, _curve(evaluation, kept).T
             worst = int(np.argmin(margins[i]))
-            verdicts[i] = feasible_verdict(name, verdict.roll_deg, kept.branch, kept.margin, worst)
+            verdicts[i] = verdict_on(verdict.roll_deg, kept.branch, kept.margin, worst, n)
     return replace(
         evaluation,
         rolls=replace(rolls, qs_rad=qs, margins=margins, branches=branches),

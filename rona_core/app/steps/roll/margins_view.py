@@ -11,7 +11,7 @@ from rona_core.geometry.arrays import Bools, Floats, readonly
 from rona_core.robot.collision.collision_world import CollisionWorld
 from rona_core.robot.kinematics.catalog import robot_model
 from rona_core.robot.planning.plan import RobotPlan
-from rona_core.robot.redundancy.joint_path import branch_margins
+from rona_core.robot.redundancy.margins import branch_margins
 from rona_core.session.document import Session
 from rona_core.session.memo import Memo
 

@@ -9,7 +9,7 @@ from rona_core.errors import InvalidInputError
 from rona_core.geometry.pose import Poses
 from rona_core.robot.kinematics.arm import BRANCHES
 from rona_core.robot.kinematics.catalog import robot_model
-from rona_core.robot.kinematics.joint_limits import JointLimits, shift_to_fit, unwrap
+from rona_core.robot.kinematics.joint_limits import JointLimits, shift_to_fit
 from rona_core.robot.kinematics.pinocchio_model import PinocchioArm
 from rona_core.robot.kinematics.rx90 import PROVENANCE
 from rona_core.robot.kinematics.spherical_wrist import SphericalWristArm
@@ -203,18 +203,6 @@ def test_each_figure_of_the_model_names_its_source():
     assert figures["acceleration"].trust == "assumed"
     assert all(figure.source and figure.unit for figure in PROVENANCE)
     np.testing.assert_allclose(np.rad2deg(RX90.upper_rad), figures["upper limit"].values)
-
-
-@given(seed=st.integers(0, 2**32 - 1))
-@settings(max_examples=30, deadline=None)
-def test_unwrapping_undoes_wrapping(seed):
-    rng = np.random.default_rng(seed)
-    smooth = np.cumsum(rng.uniform(-3.0, 3.0, (50, 2)), axis=0)
-    smooth[0] = rng.uniform(-np.pi, np.pi, 2)
-    smooth = smooth[0] + np.cumsum(np.diff(smooth, axis=0, prepend=smooth[:1]).clip(-3, 3), axis=0)
-    wrapped = smooth - 2 * np.pi * np.round(smooth / (2 * np.pi))
-    result = unwrap(wrapped)
-    np.testing.assert_allclose(result - result[0], smooth - smooth[0], atol=1e-12)
 
 
 @given(seed=st.integers(0, 2**32 - 1))

@@ -14,7 +14,7 @@ from rona_core.robot.collision.edge_check import Checker, n_steps, outside_bone
 from rona_core.robot.collision.obstacles import NOTHING_AROUND
 from rona_core.robot.kinematics.catalog import robot_model
 from rona_core.robot.planning.calibration_motion import ToolMotionSettings, plan_tool_motion
-from rona_core.robot.redundancy.joint_path import joint_path
+from rona_core.robot.redundancy.margins import joint_path
 from rona_core.robot.trajectory.joint_moves import joint_move, plan_joint_move
 from rona_core.robot.trajectory.path_timing import ScanSettings
 from rona_core.robot.trajectory.point_to_point import LIFTS_MM, plan_joint_path, raised
