@@ -131,7 +131,7 @@ def solve_roll_grid(
         if cancel():
             raise CancelledError(f"the roll search was cancelled after {start} of {count} rolls")
         group = slice(start, min(start + at_once, count))
-        solutions = model.inverse(_every_flange_pose(parts, rolls_rad[group]))
+        solutions = model.inverse(every_flange_pose(parts, rolls_rad[group]))
         shape = (N_BRANCHES, -1, n)
         qs[:, :, group] = solutions.qs_rad.transpose(1, 2, 0).reshape(N_BRANCHES, 6, -1, n)
         singularity[:, group] = singularity_margin(solutions, margin_limits).T.reshape(shape)
@@ -159,7 +159,7 @@ def solve_roll_grid(
     )
 
 
-def _every_flange_pose(parts: Floats, rolls_rad: Floats) -> Poses:
+def every_flange_pose(parts: Floats, rolls_rad: Floats) -> Poses:
     """Return the poses of all points for the first roll, then for the second, and so on."""
     c, s = (f(rolls_rad)[:, None, None] for f in (np.cos, np.sin))
     return as_poses((parts[0] * c + parts[1] * s + parts[2]).reshape(-1, 12))
