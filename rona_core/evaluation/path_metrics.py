@@ -102,7 +102,7 @@ def plan_figures(plan: "RobotPlan") -> Figures:
         least_deg = float(np.rad2deg(room_rad.min())) if scanning.any() else None
     return {
         "rolls_tried": len(search.verdicts),
-        "rolls_feasible": search.n_feasible,
+        "rolls_feasible": sum(verdict.feasible for verdict in search.verdicts),
         "roll_mode": search.mode,
         "min_clearance_mm": None if certificate is None else certificate.min_clearance_mm,
         "roll_variation_deg": search.roll_variation_deg if chosen else None,

@@ -157,7 +157,7 @@ def test_where_the_bone_has_no_inner_boundary_no_error_is_made_up():
     truth.scene.specimen = Open()
     maps = maps_of(truth, inner_mm=0.25)
     points = maps.inner.T_base_map @ np.array([(0.0, 0.0, 0.0), (5.0, 0.0, 0.0)])
-    assert np.isfinite(inner_errors_mm(points, truth, False)).tolist() == [True, False]
+    assert np.isfinite(inner_errors_mm(points, truth, False)).sum() == 1
     assert map_figures(maps, truth)["inner_rms_mm"] == pytest.approx(0.25, abs=1e-9)
 
 
