@@ -2,7 +2,7 @@
 
 from rona_core.errors import NotReachableError, StepBlockedError
 from rona_core.geometry.arrays import Floats
-from rona_core.robot.collision.collision_world import CollisionWorld, clear_among, require_clear
+from rona_core.robot.collision.collision_world import CollisionWorld, require_clear
 from rona_core.robot.collision.obstacles import Obstacles
 from rona_core.robot.kinematics.robot_model import RobotModel
 from rona_core.robot.trajectory.joint_moves import plan_joint_move
@@ -65,7 +65,7 @@ class FreeMoves:
             raise NotReachableError(
                 f"{error}: undo what was changed since it went there, and move it away first"
             ) from error
-        line = retract_after_stop(model, start_rad, clear_among(model, around))
+        line = retract_after_stop(model, start_rad, CollisionWorld(model, around).clear)
         certificate = verify_motion(model, line, obstacles=around)
         require_certified("drawing the probe back", certificate, line, around)
         return line
