@@ -10,7 +10,7 @@ from rona_core.geometry.arrays import Floats
 from rona_core.geometry.pose import Poses
 from rona_core.session.document import Session
 from rona_core.ultrasound.detection.detect import Detection, detect
-from rona_core.ultrasound.probe.survey import ProbeSurvey
+from rona_core.ultrasound.probe.probe_model import ProbeSurvey
 
 
 class DetectionChoice(Protocol):
