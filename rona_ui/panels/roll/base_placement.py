@@ -2,8 +2,7 @@
 
 from typing import Any
 
-from rona_core.app.steps.roll.base_placement import moves
-from rona_core.app.steps.roll.base_placement_view import BasePlace, BasePlacement, fresh_placement
+from rona_core.app.steps.roll.base_placement import BasePlace, BasePlacement, fresh_placement, moves
 from rona_core.app.steps.roll.messages import ApplyBasePlacement, StartBasePlacement
 from rona_core.session.document import Session
 from rona_ui.panels.widgets import style

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from rona_core.app.steps.maps.second_pass_view import SecondView, second_cells, second_view
+from rona_core.app.steps.maps.view import SecondView, second_cells, second_view
 from rona_core.geometry.arrays import Floats
 from rona_ui.presentation.colors import SKY, Rgb, viridis
 from rona_ui.presentation.shown_maps import shows_handheld_maps

@@ -3,7 +3,7 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from rona_core.app.steps.roll.base_placement_view import PlacementView, placement_view
+from rona_core.app.steps.roll.base_placement import PlacementView, placement_view
 from rona_core.geometry.arrays import Floats
 from rona_core.geometry.pose import Pose
 from rona_ui.presentation.colors import BLOCKED, ORANGE, SKY, VERMILLION, viridis
