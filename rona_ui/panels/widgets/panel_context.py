@@ -1,7 +1,7 @@
 """Panel context: the callbacks through which a panel sends messages and changes the view."""
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, Protocol
 
 from rona_ui.presentation.snapshot import Snapshot
@@ -20,6 +20,17 @@ class PanelContext:
     service: Callable[[str, Event, str | bytes | None], None]
     set_camera: Callable[[str], None]  # preset by name
 
+    def set_view(self, **fields: Any) -> None:
+        """Set fields of the view of this browser."""
+        self.change_view(lambda view: replace(view, **fields))
+
+    def show_layer(self, name: str, shown: bool) -> None:
+        """Switch a layer of the scene on or off."""
+        layer = frozenset((name,))
+        self.change_view(
+            lambda v: replace(v, hidden=v.hidden - layer if shown else v.hidden | layer)
+        )
+
 
 class Panel(Protocol):
     """Draws its part of the docks from snapshots."""
@@ -27,6 +38,13 @@ class Panel(Protocol):
     def render(self, old: Snapshot | None, new: Snapshot) -> None:
         """Bring the panel from ``old`` to ``new``; ``old`` is None for the first time."""
         ...
+
+
+def add_button(gui: Any, label: str, call: Callable[[Any], None], **options: Any) -> Any:
+    """Add a button that calls ``call(event)`` when it is clicked, and return it."""
+    button = gui.add_button(label, **options)
+    on_click(button, call)
+    return button
 
 
 def on_click(handle: Any, call: Callable[[Any], None]) -> None:
