@@ -32,7 +32,7 @@ from rona_ui.presentation.shown_robot import probe_on_bone, shown_joints
 from rona_ui.presentation.snapshot import Snapshot
 from rona_ui.presentation.static_scene import StaticScene
 from rona_ui.presentation.view_state import ViewState
-from rona_ui.scene.roll.rolls import RollsLayer
+from rona_ui.scene.roll import RollsLayer
 from tests.helpers.ui.fake_gui import FakeClient, FakeGui
 
 DEMO = Path(__file__).resolve().parents[3] / "sessions" / "demo.rona"

@@ -19,7 +19,7 @@ from rona_ui.panels.roll.base_placement import (
 )
 from rona_ui.presentation.colors import BLOCKED, VERMILLION
 from rona_ui.presentation.view_state import ViewState
-from rona_ui.scene.roll.base_places import (
+from rona_ui.scene.roll import (
     CELL_PX,
     FAINT,
     MAP,

@@ -39,7 +39,7 @@ from rona_ui.panels.roll.roll_image import curve_lines, legend, roll_image, roll
 from rona_ui.presentation.colors import GREEN, VERMILLION, css
 from rona_ui.presentation.shown_robot import shown_joints
 from rona_ui.presentation.view_state import ViewState
-from rona_ui.scene.roll.margins import PATH, STOP, WORDS, MarginsLayer
+from rona_ui.scene.roll import PATH, STOP, WORDS, MarginsLayer
 from rona_ui.scene.setup.clearance import RED, ClearanceLayer, ObstaclesLayer, highlighted_parts
 from rona_ui.scene.setup.robot import ROOT
 from rona_ui.scene.viser_nodes import SceneNodes
