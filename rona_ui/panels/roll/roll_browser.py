@@ -20,7 +20,7 @@ from rona_ui.panels.roll.margins import MarginControls
 from rona_ui.panels.roll.roll_image import legend, roll_picture
 from rona_ui.panels.widgets import style
 from rona_ui.panels.widgets.image_slider import ImageSlider
-from rona_ui.panels.widgets.panel_context import PanelContext, add_button, on_change
+from rona_ui.panels.widgets.panel_context import PanelContext, on_change
 from rona_ui.presentation.snapshot import Snapshot, changed
 from rona_ui.viewer.bindings import escape
 
@@ -41,13 +41,8 @@ class RollsPanel:
         self._words = gui.add_html(style.text(NOTHING))
         self._slider = ImageSlider(gui, "r-rolls", "Roll", HEIGHT_PX, self._chosen)
         self._remark = gui.add_html("")
-        self._back = add_button(
-            gui,
-            "Show selected roll",
-            lambda e: context.set_view(shown_roll=None, place=None),
-            icon="arrow-back-up",
-            color="gray",
-            visible=False,
+        self._back = context.view_button(
+            gui, "Show selected roll", "arrow-back-up", shown_roll=None, place=None
         )
         hint = "Where along the path the robot is shown"
         self._place = gui.add_slider(

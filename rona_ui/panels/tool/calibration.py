@@ -21,7 +21,7 @@ from rona_ui.panels.tool.calibration_images import (
 )
 from rona_ui.panels.widgets import style
 from rona_ui.panels.widgets.image_slider import ImageSlider
-from rona_ui.panels.widgets.panel_context import PanelContext, add_button, on_change
+from rona_ui.panels.widgets.panel_context import PanelContext, on_change, on_click
 from rona_ui.presentation.colors import BLUE, VERMILLION, css
 from rona_ui.presentation.snapshot import Snapshot, changed
 from rona_ui.viewer.bindings import escape
@@ -52,15 +52,10 @@ class CalibrationControls:
             )
             self._pose = gui.add_html("")
             self._count = gui.add_number("Number of poses", 1, min=1, max=5000, step=1)
-            self._toggle = add_button(
-                gui, "Exclude", self._change, icon="circle-minus", color="gray"
-            )
-            self._all = add_button(
-                gui,
-                "Include all poses",
-                lambda e: context.send(lambda: ExcludePoses(step), e),
-                icon="circle-check",
-                color="gray",
+            self._toggle = gui.add_button("Exclude", icon="circle-minus", color="gray")
+            on_click(self._toggle, self._change)
+            self._all = context.send_button(
+                gui, "Include all poses", "circle-check", lambda: ExcludePoses(step)
             )
         on_change(self._count, lambda e: self._show_pose())
 

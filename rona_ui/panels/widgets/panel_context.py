@@ -24,6 +24,22 @@ class PanelContext:
         """Set fields of the view of this browser."""
         self.change_view(lambda view: replace(view, **fields))
 
+    def send_button(
+        self, gui: Any, label: str, icon: str, make: Callable[[], Any], **options: Any
+    ) -> Any:
+        """Add a button that sends the message ``make()``; grey unless ``color`` says otherwise."""
+        button = gui.add_button(label, icon=icon, **{"color": "gray", **options})
+        on_click(button, lambda event: self.send(make, event))
+        return button
+
+    def view_button(
+        self, gui: Any, label: str, icon: str, *, color: str | None = "gray", **fields: Any
+    ) -> Any:
+        """Add a button that sets fields of the view."""
+        button = gui.add_button(label, icon=icon, color=color)
+        on_click(button, lambda event: self.set_view(**fields))
+        return button
+
     def show_layer(self, name: str, shown: bool) -> None:
         """Switch a layer of the scene on or off."""
         layer = frozenset((name,))
@@ -38,13 +54,6 @@ class Panel(Protocol):
     def render(self, old: Snapshot | None, new: Snapshot) -> None:
         """Bring the panel from ``old`` to ``new``; ``old`` is None for the first time."""
         ...
-
-
-def add_button(gui: Any, label: str, call: Callable[[Any], None], **options: Any) -> Any:
-    """Add a button that calls ``call(event)`` when it is clicked, and return it."""
-    button = gui.add_button(label, **options)
-    on_click(button, call)
-    return button
 
 
 def on_click(handle: Any, call: Callable[[Any], None]) -> None:

@@ -19,8 +19,7 @@ from rona_core.robot.kinematics.catalog import robot_model
 from rona_core.session.document import Session
 from rona_core.session.files import load_session
 from rona_ui.panels.layout.quality import QualityPanel
-from rona_ui.panels.layout.run_bar import GO_ON, RunBar, StepTitle
-from rona_ui.panels.layout.step_list import StepList
+from rona_ui.panels.layout.run_bar import GO_ON, RunBar, StepList, StepTitle
 from rona_ui.panels.maps.maps import MapsPanel
 from rona_ui.panels.pointer import PointerPanel
 from rona_ui.panels.scan.scan import ScanPanel

@@ -24,9 +24,8 @@ from rona_core.session.document import LogEntry, Session
 from rona_ui.panels.layout.docks import STEP_PANELS
 from rona_ui.panels.layout.frames_and_log import LogPanel
 from rona_ui.panels.layout.quality import QualityPanel
-from rona_ui.panels.layout.run_bar import RunBar, StepTitle
+from rona_ui.panels.layout.run_bar import RunBar, StepList, StepTitle
 from rona_ui.panels.layout.session import SessionHead, SessionPanel
-from rona_ui.panels.layout.step_list import StepList
 from rona_ui.panels.layout.view_options import ViewOptionsPanel
 from rona_ui.panels.maps.second_pass import words as second_words
 from rona_ui.panels.pointer import PointerPanel

@@ -30,9 +30,8 @@ from rona_core.devices.live import LiveState
 from rona_core.errors import DegenerateGeometryError, InvalidInputError
 from rona_core.session.document import Session
 from rona_core.session.files import load_session
-from rona_ui.panels.path.path import PathPanel
+from rona_ui.panels.path.path import PathPanel, PatternControls
 from rona_ui.panels.path.path_graph import PathGraph, graph
-from rona_ui.panels.path.pattern import PatternControls
 from rona_ui.panels.smoothing import SmoothingPanel, warning_notes
 from rona_ui.panels.widgets.panel_context import PanelContext
 from rona_ui.presentation.colors import viridis
