@@ -2,9 +2,9 @@
 
 What comes back from the outer boundary is 20 to 30 dB above the echo of the inner one, and the
 side lobes of a compressed chirp are only 20 dB below their peak: without subtracting the front
-echo the largest later peak is usually one of its own. For the time of an inner echo the front, whatever its
-shape, and multiples are fitted together with it: linear, and made for white noise, so that the time
-loses no more by it than it must.
+echo the largest later peak is usually one of its own. For the time of an inner echo the front,
+whatever its shape, and multiples are fitted together with it: linear, and made for white noise, so
+that the time loses no more by it than it must.
 """
 
 from collections.abc import Sequence
