@@ -15,7 +15,7 @@ from rona_core.compose import new_workbench
 from rona_core.errors import DegenerateGeometryError, InvalidInputError, StepBlockedError
 from rona_core.session.codec import digest
 from rona_core.session.document import Session
-from tests.helpers import demo_parts
+from tests.scenes import demo_parts
 
 
 @pytest.fixture(scope="module")

@@ -23,7 +23,7 @@ from rona_core.errors import NotReachableError, RonaError, StepBlockedError
 from rona_core.session.codec import digest
 from rona_core.session.document import Session
 from rona_core.session.files import load_session, save_session
-from tests.helpers import demo_parts
+from tests.scenes import demo_parts
 
 pytestmark = pytest.mark.slow
 
