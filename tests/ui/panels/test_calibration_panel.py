@@ -19,8 +19,8 @@ from rona_ui.panels.pointer import PointerPanel
 from rona_ui.panels.tool.calibration import CalibrationControls, words
 from rona_ui.panels.tool.calibration_images import HEIGHT, coverage_svg, residuals_svg
 from rona_ui.presentation.view_state import ViewState
-from tests.scenes import demo_parts
 from tests.helpers.ui.fake_gui import FakeGui
+from tests.scenes import demo_parts
 from tests.ui.panels.test_panels import CLIENT, Recorder, snapshot
 
 
