@@ -1,7 +1,7 @@
 """RRT-Connect (Kuffner 2000): collision-free joint paths by two growing trees, and shortcuts.
 
-Both trees grow towards random places and then towards
-each other. The numbers come from a seed, so that the same question has the same answer.
+Both trees grow towards random places and then towards each other. The numbers come from a seed, so
+that the same question has the same answer.
 """
 
 from itertools import pairwise
@@ -72,17 +72,17 @@ def _search(
     limits = checker.model.limits
     low = np.maximum(np.minimum(q_from_rad, q_to_rad) - ROOM_RAD, limits.lower_rad)
     high = np.minimum(np.maximum(q_from_rad, q_to_rad) + ROOM_RAD, limits.upper_rad)
-    here, there = _Tree(q_from_rad), _Tree(q_to_rad)
+    growing, other = _Tree(q_from_rad), _Tree(q_to_rad)
     swapped = False
     while not checker.spent:
-        reached = _grow(here, rng.uniform(low, high), checker, coarse)
+        reached = _grow(growing, rng.uniform(low, high), checker, coarse)
         if reached >= 0:
-            met = _connect(there, here.places[reached], checker, coarse)
+            met = _connect(other, growing.places[reached], checker, coarse)
             if met >= 0:
-                one, other = here.branch(reached), there.branch(met)[::-1]
-                way = np.array(one + other[1:])
+                start, end = growing.branch(reached), other.branch(met)[::-1]
+                way = np.array(start + end[1:])
                 return way[::-1].copy() if swapped else way
-        here, there, swapped = there, here, not swapped
+        growing, other, swapped = other, growing, not swapped
     return None
 
 
