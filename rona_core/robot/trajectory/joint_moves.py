@@ -47,16 +47,16 @@ def joint_move(model: RobotModel, q_from_rad: Floats, q_to_rad: Floats) -> Float
     All joints start and stop together. The slowest of joint speed, joint acceleration and the
     speed of the tip decides how long it takes.
     """
-    way = q_to_rad - q_from_rad
-    by_speed = PEAK_SPEED * np.abs(way) / (SPEED_SHARE * model.speed_rad_per_s)
+    change = q_to_rad - q_from_rad
+    by_speed = PEAK_SPEED * np.abs(change) / (SPEED_SHARE * model.speed_rad_per_s)
     most = ACCELERATION_SHARE * model.acceleration_rad_per_s2
-    by_acceleration = np.sqrt(PEAK_ACCELERATION * np.abs(way) / most)
+    by_acceleration = np.sqrt(PEAK_ACCELERATION * np.abs(change) / most)
     u = np.linspace(0.0, 1.0, TIP_SAMPLES + 1)[:, None]
-    tips = (model.forward(q_from_rad + u * way) @ model.T_flange_tip).translations
+    tips = (model.forward(q_from_rad + u * change) @ model.T_flange_tip).translations
     tip_mm = np.linalg.norm(np.diff(tips, axis=0), axis=1).max() * TIP_SAMPLES
     by_tip = PEAK_SPEED * tip_mm / (ACCELERATION_SHARE * TIP_SPEED_MM_PER_S)
     times = sample_times(max(by_speed.max(), by_acceleration.max(), by_tip))
-    qs = q_from_rad + smooth_step(times / times[-1])[:, None] * way
+    qs = q_from_rad + smooth_step(times / times[-1])[:, None] * change
     qs[-1] = q_to_rad
     return qs
 
