@@ -1,4 +1,4 @@
-"""Figures of step 9: the maps against the true bone."""
+"""Figures of step 9, and of the hand-held probe: the maps against the true bone."""
 
 from typing import TYPE_CHECKING
 
@@ -12,7 +12,9 @@ from rona_core.geometry.arrays import Bools, Floats, Ints
 from rona_core.mapping.build_maps import NEAR_MM
 
 if TYPE_CHECKING:
+    from rona_core.calibration.handheld.tracked_probe import SonoCalibration
     from rona_core.mapping.boundary_map import BoundaryMap, Maps
+    from rona_core.session.document import SonoMaps
 
 
 def map_figures(maps: "Maps", truth: Truth) -> Figures:
@@ -42,6 +44,34 @@ def one_pass_figures(maps: "Maps", n_first: int, truth: Truth) -> Figures:
     region = (T_map_base @ truth.region_points())[:, :2]
     near = KDTree(samples).query(region)[0] <= NEAR_MM if len(samples) else np.zeros(len(region))
     return {"inner_coverage_one_pass_fraction": float(np.mean(near)) if len(region) else 0.0}
+
+
+def sono_calibration_figures(calibration: "SonoCalibration", truth: Truth) -> Figures:
+    """Return how far face and axis of the probe are from where they really are."""
+    true, found = truth.scene.T_sonomarker_probe, calibration.T_sonomarker_probe
+    axes = true.rotation[:, 2], found.rotation[:, 2]
+    angle = np.arctan2(np.linalg.norm(np.cross(*axes)), axes[0] @ axes[1])
+    off = np.linalg.norm(found.translation - true.translation)
+    return {"sono_face_error_mm": float(off), "sono_axis_error_deg": float(np.rad2deg(angle))}
+
+
+def sono_map_figures(result: "SonoMaps", truth: Truth) -> Figures:
+    """Return the errors of the maps of a scan by hand, and their coverage.
+
+    Without the robot they are in the frame of the base marker; then its true mounting brings them
+    to ``base``, here alone.
+    """
+    maps = result.maps
+    if result.frame == "basemarker":
+        maps = maps.seen_from(truth.scene.T_base_basemarker)
+    region = truth.region_points()
+    return {
+        "sono_outer_rms_mm": rms(outer_errors_mm(maps.outer.points_base(), truth, False)),
+        "sono_inner_rms_mm": rms(inner_errors_mm(maps.inner.points_base(), truth, False)),
+        "sono_thickness_rms_mm": rms(thickness_errors_mm(maps, truth)),
+        "sono_coverage_fraction": covered(maps.outer, region),
+        "sono_inner_coverage_fraction": covered(maps.inner, region),
+    }
 
 
 def outer_errors_mm(points_base: Floats, truth: Truth, systematic: bool) -> Floats:

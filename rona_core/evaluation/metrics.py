@@ -10,8 +10,12 @@ from typing import TYPE_CHECKING, Any
 
 from rona_core.app.overview.predicted_accuracy import predicted_figures
 from rona_core.evaluation.figures import Figures
-from rona_core.evaluation.handheld_metrics import sono_calibration_figures, sono_map_figures
-from rona_core.evaluation.map_metrics import map_figures, one_pass_figures
+from rona_core.evaluation.map_metrics import (
+    map_figures,
+    one_pass_figures,
+    sono_calibration_figures,
+    sono_map_figures,
+)
 from rona_core.evaluation.navigation_metrics import (
     pointer_figures,
     skull_figures,

@@ -5,11 +5,27 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import ArrayLike
 
-from rona_core.geometry.arrays import Floats
+from rona_core.devices.marker_geometry import GEOMETRIES
+from rona_core.geometry.arrays import Floats, as_vector3
 from rona_core.geometry.pose import Pose, Poses
 from rona_core.robot.kinematics.arm import Arm, IkSolutions, wrapped
 from rona_core.robot.kinematics.joint_limits import JointLimits
-from rona_core.robot.kinematics.tool_frames import Tool
+
+TOOL_TIP_FLANGE_MM = (120.0, 0.0, 60.0)
+MARKER_TILT_RAD = np.deg2rad(20.0)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Tool:
+    """The rigid tool: miller and probe in one holder, and the marker plate, as drawn up.
+
+    The probe is clamped in place of the miller, its face where the tip of the miller was. The
+    marker plate looks along +z of ``flange``, away from the wrist, and somewhat back up the tool.
+    """
+
+    T_flange_tip: Pose
+    T_flange_probe: Pose
+    T_flange_toolmarker: Pose
 
 
 @dataclass(frozen=True, slots=True)
@@ -97,3 +113,24 @@ class RobotModel:
     def T_flange_toolmarker(self) -> Pose:  # noqa: N802 (frame grammar)
         """Pose of the marker plate on the flange as drawn up; the true one is calibrated."""
         return self.tool.T_flange_toolmarker
+
+
+def perpendicular_tool(tip_flange: ArrayLike = TOOL_TIP_FLANGE_MM) -> Tool:
+    """Return the tool: its axis along +x of ``flange``, the marker plate looking away from the arm.
+
+    The plate stands above the tool opposite the tip and is tilted back, so that a tracker above
+    the working place sees it.
+    """
+    rotation_tip = (0.0, np.pi / 2.0, 0.0)
+    T_flange_tip = Pose.from_rotvec(rotation_tip, as_vector3(tip_flange, name="tip_flange"))
+    c, s = np.cos(MARKER_TILT_RAD), np.sin(MARKER_TILT_RAD)
+    facing_tip, up_tip = np.array((-c, 0.0, -s)), np.array((s, 0.0, -c))
+    rotation = np.column_stack((np.cross(up_tip, facing_tip), up_tip, facing_tip))
+    T_tip_probe = Pose.identity()  # the face of the probe sits where the tip of the miller was
+    tip_toolmarker = GEOMETRIES["toolmarker"].nominal_tip_marker
+    T_tip_toolmarker = Pose(rotation, -rotation @ tip_toolmarker)
+    return Tool(
+        T_flange_tip=T_flange_tip,
+        T_flange_probe=T_flange_tip @ T_tip_probe,
+        T_flange_toolmarker=T_flange_tip @ T_tip_toolmarker,
+    )

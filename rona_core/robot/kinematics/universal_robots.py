@@ -18,8 +18,12 @@ from rona_core.robot.kinematics.joint_limits import JointLimits
 from rona_core.robot.kinematics.offset_wrist import ParallelArm
 from rona_core.robot.kinematics.parameter_sources import Figure, arrays_of, overridden
 from rona_core.robot.kinematics.pinocchio_model import MM_PER_M, read_urdf
-from rona_core.robot.kinematics.robot_model import RobotModel, WorkArea
-from rona_core.robot.kinematics.tool_frames import TOOL_TIP_FLANGE_MM, perpendicular_tool
+from rona_core.robot.kinematics.robot_model import (
+    TOOL_TIP_FLANGE_MM,
+    RobotModel,
+    WorkArea,
+    perpendicular_tool,
+)
 
 PACKAGE = "example-robot-data"
 FOLDER = Path("share") / PACKAGE / "robots" / "ur_description" / "urdf"

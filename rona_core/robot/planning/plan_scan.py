@@ -9,7 +9,7 @@ from rona_core.devices.protocols import Cancel, Progress, never, silent
 from rona_core.devices.settings import require
 from rona_core.errors import InvalidInputError, NotReachableError
 from rona_core.geometry.arrays import Floats
-from rona_core.geometry.path5d import Path5D
+from rona_core.geometry.path5d import Path5D, resample_path
 from rona_core.robot.collision.collision_world import CollisionWorld
 from rona_core.robot.collision.edge_check import Clear
 from rona_core.robot.collision.obstacles import Obstacles
@@ -27,10 +27,7 @@ from rona_core.robot.redundancy.infeasibility import NAME
 from rona_core.robot.redundancy.margins import MarginLimits, joint_path
 from rona_core.robot.redundancy.result import Choice, RollMode, RollSearch
 from rona_core.robot.redundancy.variable_roll import plan_variable_roll
-from rona_core.robot.trajectory.path_timing import ScanSettings
-from rona_core.robot.trajectory.resample import resample_path
-from rona_core.robot.trajectory.retract import LEAST_STANDOFF_MM
-from rona_core.robot.trajectory.scan_timing import time_scan
+from rona_core.robot.trajectory.scan_timing import LEAST_STANDOFF_MM, ScanSettings, time_scan
 from rona_core.robot.verification.verifier import verify_scan
 
 MAX_TRIES = 4  # constant rolls that are timed and verified before giving up,
@@ -95,7 +92,8 @@ def plan_scan(
         CancelledError: somebody cancelled.
     """
     settings = settings or PlanSettings()
-    require(path.arc_length_mm()[-1] > 0.0, "a scan path needs two different points")
+    if path.arc_length_mm()[-1] <= 0.0:
+        raise InvalidInputError("a scan path needs two different points")
     evaluation = evaluate_constant_rolls(
         resample_path(path),
         model,

@@ -16,7 +16,7 @@ from rona_core.robot.redundancy.constant_roll import RollEvaluation, constant_ro
 from rona_core.robot.redundancy.infeasibility import FailureCause, verdict_on
 from rona_core.robot.redundancy.margins import joint_path
 from rona_core.robot.redundancy.result import RankedRoll
-from rona_core.robot.trajectory.retract import LEAST_STANDOFF_MM, retract_line
+from rona_core.robot.trajectory.scan_timing import LEAST_STANDOFF_MM, retract_line
 
 EVERY = 4  # path points from one check to the next; the verifier checks all, and in between
 

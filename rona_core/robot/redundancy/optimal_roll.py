@@ -168,16 +168,37 @@ def cheapest_path(
         frontier[lattice.branches] = np.isfinite(values[furthest]).any(axis=1)
     if furthest < n - 1:
         return LatticePath(-1, np.zeros(0, dtype=np.int64), furthest, frontier)
-    # the first of the least values that agree but for rounding
-    end = np.unravel_index(int(np.argmin(np.round(values[-1], EVEN_DIGITS))), values[-1].shape)
-    row, turn, bins = int(end[0]), int(end[1]), np.full(n, end[2], dtype=np.int64)
-    for k in range(n - 2, -1, -1):
+    row, bins = _backtracked(values[-1], offsets, gained, shape, band)
+    return LatticePath(int(lattice.branches[row]), bins, n - 1, frontier)
+
+
+def _backtracked(
+    values: Floats,
+    offsets: NDArray[np.int8],
+    gained: list[NDArray[np.int32]],
+    shape: tuple[int, ...],
+    band: int,
+) -> tuple[int, Ints]:
+    """Return the row of the branch and the bins (n,) of the path to the cheapest last state.
+
+    Args:
+        values: Costs (B, T, R) of the last states; of those that agree but for rounding the first
+            counts.
+        offsets: Best step (n - 1, B, T, R) to each state.
+        gained: Turns (n - 1, B, 2 K + 1, R) that each aware joint gains on each step.
+        shape: Numbers of whole turns of these joints.
+        band: K.
+    """
+    end = np.unravel_index(int(np.argmin(np.round(values, EVEN_DIGITS))), values.shape)
+    row, turn, bins = int(end[0]), int(end[1]), np.full(len(offsets) + 1, end[2], dtype=np.int64)
+    count = values.shape[-1]
+    for k in range(len(offsets) - 1, -1, -1):
         o = int(offsets[k, row, turn, bins[k + 1]])
-        if aware:
+        if shape:
             added = [int(steps[k, row, o, bins[k + 1]]) for steps in gained]
             turn = int(np.ravel_multi_index(np.add(np.unravel_index(turn, shape), added), shape))
         bins[k] = (bins[k + 1] + o - band) % count
-    return LatticePath(int(lattice.branches[row]), bins, n - 1, frontier)
+    return row, bins
 
 
 def _turns(limits: JointLimits, joint: int) -> Ints:

@@ -13,9 +13,9 @@ from scipy.interpolate import PPoly
 
 from rona_core.errors import InvalidInputError
 from rona_core.geometry.arrays import Floats
+from rona_core.geometry.path5d import subdivided
 from rona_core.geometry.pose import Poses
 from rona_core.robot.kinematics.robot_model import RobotModel
-from rona_core.robot.trajectory.resample import subdivided
 
 WIDEST_MM = 6.0  # half the window where nothing speaks against it
 NARROWEST_MM = 0.05  # a window narrower than this changes nothing

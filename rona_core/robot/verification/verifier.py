@@ -112,9 +112,8 @@ def _certificate(
     around = "" if obstacles is None else obstacles.digest()
     least_mm = None
     if obstacles is not None and dense is not None:
-        found = clearance(model, dense, obstacles)
-        checks = [*checks, *found.checks]
-        least_mm = found.least_mm
+        found, least_mm = clearance(model, dense, obstacles)
+        checks = [*checks, *found]
     return Certificate(
         model=model.name,
         certified=all(check.holds for check in checks),

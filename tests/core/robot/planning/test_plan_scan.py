@@ -13,15 +13,14 @@ from rona_core.errors import (
     NotReachableError,
 )
 from rona_core.geometry.arrays import readonly
-from rona_core.geometry.path5d import Path5D
+from rona_core.geometry.path5d import Path5D, resample_path
 from rona_core.geometry.pose import Pose
 from rona_core.robot.collision.obstacles import Box, Obstacle, Obstacles
 from rona_core.robot.kinematics.catalog import robot_model
 from rona_core.robot.kinematics.joint_limits import JointLimits
 from rona_core.robot.planning.plan_scan import PlanSettings, choose_roll, plan_scan
 from rona_core.robot.trajectory.joint_moves import TIP_SPEED_MM_PER_S, plan_joint_move
-from rona_core.robot.trajectory.path_timing import ScanSettings
-from rona_core.robot.trajectory.resample import resample_path
+from rona_core.robot.trajectory.scan_timing import ScanSettings
 from rona_core.robot.trajectory.trajectory import Trajectory
 from rona_core.robot.verification.verifier import verify_motion, verify_scan
 from tests.scenes.patch_scenes import dense_path, serpentine

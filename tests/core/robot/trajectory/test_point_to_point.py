@@ -15,11 +15,15 @@ from rona_core.robot.collision.obstacles import NOTHING_AROUND
 from rona_core.robot.kinematics.catalog import robot_model
 from rona_core.robot.planning.calibration_motion import ToolMotionSettings, plan_tool_motion
 from rona_core.robot.redundancy.margins import joint_path
-from rona_core.robot.trajectory.joint_moves import joint_move, plan_joint_move
-from rona_core.robot.trajectory.path_timing import ScanSettings
-from rona_core.robot.trajectory.point_to_point import LIFTS_MM, plan_joint_path, raised
+from rona_core.robot.trajectory.joint_moves import (
+    LIFTS_MM,
+    joint_move,
+    plan_joint_move,
+    plan_joint_path,
+    raised,
+)
 from rona_core.robot.trajectory.rrt_connect import search, shortened
-from rona_core.robot.trajectory.scan_timing import time_scan
+from rona_core.robot.trajectory.scan_timing import ScanSettings, time_scan
 from rona_core.robot.verification.verifier import verify_motion, verify_scan
 from tests.helpers.roll_search import search_rolls
 from tests.scenes.patch_scenes import dense_path

@@ -14,8 +14,7 @@ from rona_core.robot.kinematics.catalog import robot_model
 from rona_core.robot.kinematics.joint_limits import JointLimits
 from rona_core.robot.redundancy.margins import joint_path
 from rona_core.robot.trajectory.corner_blend import NARROWEST_MM, TURN_RAD, blend_corners
-from rona_core.robot.trajectory.path_timing import ScanSettings
-from rona_core.robot.trajectory.scan_timing import time_scan
+from rona_core.robot.trajectory.scan_timing import ScanSettings, time_scan
 from rona_core.robot.trajectory.time_parameterization import SpeedLimits, parameterize_time
 from rona_core.robot.trajectory.trajectory import Trajectory
 from rona_core.robot.verification.verifier import verify_scan

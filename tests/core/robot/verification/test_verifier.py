@@ -1,6 +1,7 @@
 """The verifier: planted jumps, collisions and violations are caught, each by the check for it."""
 
 from dataclasses import asdict, dataclass, replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -13,7 +14,14 @@ from rona_core.robot.kinematics.joint_limits import JointLimits
 from rona_core.robot.planning.calibration_motion import ToolMotionSettings, plan_tool_motion
 from rona_core.robot.planning.plan_scan import PlanSettings, plan_scan
 from rona_core.robot.trajectory.joint_moves import joint_move, plan_joint_move
-from rona_core.robot.verification.verifier import Tolerances, verify_motion, verify_scan
+from rona_core.robot.verification.clearance_checks import HALVINGS, _distances
+from rona_core.robot.verification.motion_checks import DENSITY, dense_motion
+from rona_core.robot.verification.verifier import (
+    Tolerances,
+    _scan_part,
+    verify_motion,
+    verify_scan,
+)
 from tests.scenes.patch_scenes import dense_path
 
 RX90 = robot_model("rx90")
@@ -356,3 +364,38 @@ def test_the_tool_motion_is_looked_at_too():
         RX90, ToolMotionSettings(n_pivot=4, n_translate=2), obstacles=NOTHING_AROUND
     )
     assert free.certificate.certifies(free, NOTHING_AROUND.digest())
+
+
+def test_between_samples_it_looks_halfway_and_says_where():
+    """A thing that one joint passes by, at 10 mm per radian, between samples 2 and 3."""
+    asked = []
+
+    def distances_mm(qs_rad):
+        asked.append(qs_rad[:, 0])
+        return 10.0 * np.abs(qs_rad[:, :1] - 2.3)
+
+    world = SimpleNamespace(
+        distances_mm=distances_mm, least_mm=np.zeros(1), levers_mm=10.5 * np.eye(6)[0]
+    )
+    numbers = np.arange(5 * DENSITY + 1) / DENSITY
+    qs = numbers[:, None] * np.eye(6)[0]  # the joint angle is the number of the sample
+    found, places = _distances(world, SimpleNamespace(qs_rad=qs, numbers=numbers))
+    np.testing.assert_array_equal(found[:, 0], 10.0 * np.abs(places - 2.3))
+    np.testing.assert_array_equal(np.concatenate(asked), places)
+    np.testing.assert_array_equal(places[:8], (0, 1, 2, 3, 4, 5, 2.5, 2.25))
+    assert np.abs(places - 2.3).min() <= 0.5**HALVINGS
+
+
+def test_the_scan_is_looked_at_from_its_first_sample_to_its_last(plan):
+    trajectory = plan.trajectory
+    scan = _scan_part(trajectory, dense_motion(RX90, trajectory))
+    assert scan.times_s[[0, -1]] == pytest.approx(
+        (trajectory.scan_start_s, trajectory.scan_end_s), abs=1e-9
+    )
+    samples = round((trajectory.scan_end_s - trajectory.scan_start_s) / 0.02)
+    assert len(scan.times_s) == len(scan.poses) == len(scan.way_mm) == DENSITY * samples + 1
+    assert trajectory.times_s[scan.first] == pytest.approx(trajectory.scan_start_s)
+    np.testing.assert_allclose(scan.way_mm[[0, -1]], (0.0, trajectory.path_mm[-1]), atol=1e-9)
+    np.testing.assert_allclose(
+        scan.poses.translations[-1], plan.search.path.points_base[-1], atol=0.3
+    )
