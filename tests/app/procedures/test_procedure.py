@@ -134,8 +134,7 @@ def test_a_covered_pointer_yields_no_points(registered):
 
 def as_if_recorded_now(session):
     """Return the session with tool and pointer as if they had been recorded with its set-up."""
-    from rona_core.app.dependencies.capture_setup import capture_setup_digest
-    from rona_core.app.dependencies.staleness import input_digests
+    from rona_core.app.dependencies.staleness import capture_setup_digest, input_digests
 
     for kind in ("tool", "pointer"):
         capture = getattr(session.captures, kind)
