@@ -45,7 +45,10 @@ TARGETS = {
         "rona_core/session/{files,members,codec}.py",
         ("tests/core/session", "tests/contract/test_session_versions.py"),
     ),
-    "pivot": ("rona_core/calibration/pivot/*.py", ("tests/core/calibration",)),
+    "pivot": (
+        "rona_core/calibration/pivot/*.py",
+        ("tests/core/calibration/pivot", "tests/core/calibration/handheld"),
+    ),
 }
 # imported once, before processes are forked; nothing of the product or of the tests
 PRELOADED = "numpy scipy.optimize scipy.spatial scipy.linalg scipy.stats pinocchio trimesh h5py"
