@@ -43,7 +43,13 @@ TARGETS = {
     ),
     "session_files": (
         "rona_core/session/{files,members,codec}.py",
-        ("tests/core/session", "tests/contract/test_session_versions.py"),
+        (
+            "tests/core/session/test_session_files.py",
+            "tests/core/session/test_room_of_files.py",
+            "tests/core/session/test_codec.py",
+            "tests/core/session/test_array_packing.py",
+            "tests/contract/test_session_versions.py",
+        ),
     ),
     "pivot": (
         "rona_core/calibration/pivot/*.py",
