@@ -243,3 +243,8 @@ def test_the_sphere_states_its_narrowness_and_who_was_left_out(dof):
     enough = np.arange(10, 50, 5)[(sigma * ratio**2 <= 0.5) & (ratio < 1.0)]
     if sigma > 0.5 and len(enough):
         assert f"sweep to {enough[0]} degrees" in found.reasons[0]
+
+
+def test_at_the_widest_cone_so_many_more_poses_are_asked_for_as_halve_the_error():
+    _, (reason,) = judge_pivot(replace(FINE, tip_sigma_mm=1.0, cone_deg=45.0), NONE)
+    assert reason.endswith("record 4.0 times as many poses")
