@@ -277,3 +277,10 @@ def test_what_cannot_be_solved_is_refused_by_name():
     shift = np.where(half[:, None], (0.0, 0.0, 0.0), (30.0, 0.0, 0.0))
     with pytest.raises(DegenerateGeometryError, match="slipped"):
         calibrate(Poses(poses.rotations, poses.translations + shift))
+
+
+def test_of_few_poses_the_stated_error_is_still_that_of_the_tip():
+    """Twelve poses, six unknowns: the freedom that is lost counts."""
+    errors, covariances = errors_of(150, 6, EVEN, n=12, cone_deg=30.0)
+    stated = np.sqrt(np.trace(covariances, axis1=1, axis2=2).mean())
+    assert stated == pytest.approx(rms(errors), rel=0.2)

@@ -7,6 +7,7 @@ from rona_core.calibration.handheld.pointer import calibrate_pointer
 from rona_core.calibration.pivot.pose_coverage import (
     RINGS_DEG,
     SECTORS,
+    _words,
     next_best_pose,
     swing_coverage,
 )
@@ -148,3 +149,53 @@ def test_what_has_no_answer_is_refused():
         next_best_pose(one, TIPS[6], GEOMETRY[6], dof=6, sigma_mm=0.3)
     with pytest.raises(InvalidInputError, match="max_tilt_deg"):
         next_best_pose(ring(10.0), TIPS[6], GEOMETRY[6], dof=6, sigma_mm=0.3, max_tilt_deg=2.0)
+
+
+def test_rings_end_at_round_tilts():
+    assert RINGS_DEG == (0.0, 10.0, 20.0, 30.0, 45.0, 60.0)
+
+
+UPRIGHT = np.array((0.0, 1.0, 0.0))
+
+
+@pytest.mark.parametrize(
+    ("azimuth_deg", "words"),
+    [
+        (0.0, "away from the tracker"),
+        (19.5, "away from the tracker"),
+        (20.5, "away from the tracker and somewhat to its +x side"),
+        (69.5, "to its +x side and somewhat away from the tracker"),
+        (70.5, "to its +x side"),
+        (109.5, "to its +x side"),
+        (180.0, "towards the tracker"),
+        (250.5, "to its -x side"),
+        (330.0, "away from the tracker and somewhat to its -x side"),
+        (340.5, "away from the tracker"),
+    ],
+)
+def test_directions_are_said_by_their_nearest_sides(azimuth_deg, words):
+    assert _words(azimuth_deg, UPRIGHT) == words
+
+
+@pytest.mark.parametrize(("off", "by_number"), [(0.09, True), (0.11, False)])
+def test_along_the_line_of_sight_directions_are_counted_in_degrees(off, by_number):
+    axis = np.array((off, 0.0, np.sqrt(1.0 - off**2)))
+    assert ("counted from +y to +x" in _words(30.0, axis)) is by_number
+
+
+@pytest.mark.parametrize("azimuth_deg", [0.0, 90.0, 200.0])
+def test_in_the_line_of_sight_azimuths_are_counted_from_y_to_x(azimuth_deg):
+    """Most poses upright before the tracker, one tilted by 20 degrees towards an azimuth."""
+    angle = np.deg2rad(azimuth_deg)
+    toward = np.array((np.sin(angle), np.cos(angle), 0.0))
+    sight = Rotation.from_euler("x", 90.0, degrees=True)  # the tip's direction becomes the z axis
+    shaft = -(sight.as_matrix() @ TIPS[6]) / np.linalg.norm(TIPS[6])
+    turn = Rotation.from_rotvec(np.deg2rad(20.0) * np.cross(shaft, toward))
+    R = np.concatenate(
+        (np.repeat(sight.as_matrix()[None], 200, 0), (turn * sight).as_matrix()[None])
+    )
+    found = swing_coverage(Poses(R, -R @ TIPS[6]), TIPS[6])
+    assert found.tilts_deg[-1] == pytest.approx(20.0, abs=0.2)
+    assert (found.azimuths_deg[-1] - azimuth_deg + 180.0) % 360.0 - 180.0 == pytest.approx(
+        0, abs=0.5
+    )
