@@ -146,7 +146,7 @@ def _found(recorded: RecordedRf, prior_mhz: float | None, report: "_Steps") -> _
         if settled is survey.front:
             break
         survey = align_fronts(z, settled, recorded, clipped, band)
-    track = find_back_wall(survey, delay_us, compressed=pulse is not None)
+    track = find_back_wall(survey, delay_us)
     report(0.7)
     back = None if track is None else time_back_wall(survey, track)
     report(1.0)

@@ -9,12 +9,11 @@ from rona_core.errors import InvalidInputError
 from rona_core.geometry.arrays import (
     Floats,
     as_points,
-    as_unit_vectors,
     as_vector3,
     readonly,
 )
 from rona_core.session.specimen import LoadedSkull
-from rona_core.virtual.specimen.boundaries import Region
+from rona_core.virtual.specimen.boundaries import Region, as_rays
 from rona_core.virtual.specimen.imported.distance_field import RIM_NODES, BoneField
 from rona_core.virtual.specimen.imported.region_choice import GAP_MM
 from rona_core.virtual.specimen.simulated.layer_radii import diploe_share, layer_depths
@@ -102,20 +101,13 @@ class LoadedSpecimen:
             rays, entry = rays[np.isfinite(entry)], entry[np.isfinite(entry)]
         return inner
 
-    def _rays(self, origins: ArrayLike, directions: ArrayLike) -> tuple[Floats, Floats]:
-        o = as_points(origins, name="origins_skull")
-        d = as_unit_vectors(directions, name="directions_skull")
-        if len(o) != len(d):
-            raise InvalidInputError(f"{len(o)} origins need as many directions, not {len(d)}")
-        return o, d
-
     def ray(self, origins_skull: ArrayLike, directions_skull: ArrayLike) -> Floats:
         """Return the distance (n,) to the outer boundary along each ray; inf where missed."""
-        return self._first(*self._rays(origins_skull, directions_skull))
+        return self._first(*as_rays(origins_skull, directions_skull))
 
     def layers(self, origins_skull: ArrayLike, directions_skull: ArrayLike) -> Floats:
         """Return the distances (n, 4) of the four boundaries along each ray."""
-        o, d = self._rays(origins_skull, directions_skull)
+        o, d = as_rays(origins_skull, directions_skull)
         outer = self._first(o, d)
         inner = self._last_exit(o, d, outer)
         whole = np.isfinite(inner)
@@ -128,7 +120,7 @@ class LoadedSpecimen:
 
     def thickness(self, points_skull: ArrayLike, directions_skull: ArrayLike) -> Floats:
         """Return the bone (n,) in mm from outer surface points along inward directions."""
-        o, d = self._rays(points_skull, directions_skull)
+        o, d = as_rays(points_skull, directions_skull)
         return self._last_exit(o, d, np.zeros(len(o)))
 
     def _outer_samples(self) -> tuple[KDTree, Floats]:
