@@ -15,16 +15,12 @@ from rona_core.ultrasound.recorded.band import Band
 from rona_core.ultrasound.recorded.echo_tracks import Track
 
 MOVES_US = 0.05  # of the front; less tells nothing about what moves with it
-FAR_US = 0.5  # by which a plain tilt must move the front
 TURNED = 0.12  # how near a slope is to that of an echo that has nothing to do with the plate
 LEFT = 0.4  # of an echo's own scatter, when its movement with the front is taken away
-LEFT_FAR = 0.15  # the same with the tilt, which a wedge has too
 AT_FRONT_US = 0.25  # how near a multiple between front and probe is to its time
 PULSE_DELAY = 1.5  # from the emission to the middle of the pulse, over its length
 ROUNDS = 12
 LEAST_US = 1e-4
-SLIP = 0.2  # cycles about whole ones: fronts taken a cycle off, not moved
-SLIPPED = 0.9
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -78,11 +74,8 @@ def is_reverberation(track: Track, fronts: FrontArrivals) -> bool:
     place, time_us = fronts.places, fronts.time_us
     lag = plane_residuals(track.lag_us[both], place[both])
     front = plane_residuals(time_us[both], place[both])
-    if _slips(front, band):
-        whole = np.abs(front) < 0.5 / band.centre_mhz
-        lag, front = lag[whole], front[whole]
-    if len(front) < 8 or robust_sd(front) < MOVES_US:
-        return again or _tilts_alike(track.lag_us[both], time_us[both], known)
+    if robust_sd(front) < MOVES_US:
+        return again
     slope = _slope(front, lag)
     cycle_off = fronts.cut and robust_sd(front) < 1.0 / band.centre_mhz
     for expected in (1.0, 2.0) if cycle_off else (-1.0, 1.0, 2.0):
@@ -91,20 +84,6 @@ def is_reverberation(track: Track, fronts: FrontArrivals) -> bool:
         if abs(slope - expected) < reach * TURNED and robust_sd(rest) < LEFT * robust_sd(lag):
             return again if expected > 0 and known else True
     return False  # what comes by way of the probe would move
-
-
-def _tilts_alike(lag: Floats, front: Floats, start_known: bool) -> bool:
-    """Return whether an echo stands still where the front moves far, if but along a plane."""
-    if start_known or robust_sd(front) < FAR_US:
-        return False
-    return any(robust_sd(lag - slope * front) < LEFT_FAR * robust_sd(lag) for slope in (-1.0, 1.0))
-
-
-def _slips(front: Floats, band: Band) -> bool:
-    """Return whether fronts (n,) are off by whole cycles, which no stand-off is."""
-    cycles = front * band.centre_mhz
-    whole = np.abs(cycles - np.rint(cycles)) < SLIP
-    return float(whole.mean()) > SLIPPED and bool((np.abs(cycles) > 0.5).any())
 
 
 def plane_residuals(values: Floats, place: Floats) -> Floats:
