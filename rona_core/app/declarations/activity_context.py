@@ -10,7 +10,7 @@ from rona_core.devices.live import Live
 from rona_core.devices.protocols import Cancel, Progress, Rig, never, silent
 from rona_core.errors import CancelledError
 from rona_core.session.specimen import LoadedSkull
-from rona_core.ultrasound.acoustic_calibration.parameter_sweep import WhatIf
+from rona_core.ultrasound.acoustic_calibration.expected_performance import WhatIf
 
 T = TypeVar("T")
 ImportSkull = Callable[..., LoadedSkull]
