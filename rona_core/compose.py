@@ -6,7 +6,7 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from rona_core.app.declarations.activity_context import Compute, compute_here
+from rona_core.app.declarations.declarations import Compute, compute_here
 from rona_core.app.messages.outcomes import StoreSkull
 from rona_core.app.overview.predicted_accuracy import predicted_figures
 from rona_core.app.procedure import Ending, StepProgress, run_procedure, unwatched

@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from rona_core.geometry.arrays import Bools, Floats, readonly
+from rona_core.geometry.arrays import Bools, Floats
 from rona_core.geometry.robust import (
     TUKEY_CUTOFF,
     mad_sigma,
@@ -27,7 +27,6 @@ class ThicknessFigures:
     robust_sd_mm: float | None  # about a plane over the positions
     failure_fraction: float  # without thickness, or over 1 mm and 4 robust SD off the plane
     flagged_fraction: float  # without thickness
-    plane_mm: Floats  # (n,) thickness that the plane predicts; 0 where there is none
 
 
 def thickness_figures(
@@ -43,14 +42,14 @@ def thickness_figures(
     n = len(ok)
     flagged = float(1.0 - ok.mean()) if n else 0.0
     if not ok.any():
-        return ThicknessFigures(n, None, None, flagged, flagged, readonly(np.zeros(n)))
+        return ThicknessFigures(n, None, None, flagged, flagged)
     plane = _robust_plane(thickness_mm, ok, positions_mm)
     residuals = (thickness_mm - plane)[ok]
     sd = mad_sigma(residuals, center=float(np.median(residuals)))
     off = np.abs(residuals) > max(FAR_MM, FAR_SD * sd)
     failures = (float(off.sum()) + float((~ok).sum())) / n
     mean = float(thickness_mm[ok].mean())
-    return ThicknessFigures(n, mean, sd, failures, flagged, readonly(plane))
+    return ThicknessFigures(n, mean, sd, failures, flagged)
 
 
 def _robust_plane(thickness_mm: Floats, ok: Bools, positions_mm: Floats | None) -> Floats:

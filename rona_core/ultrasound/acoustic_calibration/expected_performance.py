@@ -4,9 +4,9 @@ The bound of Cramer and Rao for a nominal inner echo in the receiver's noise, an
 which that echo stands out. Rough surfaces, scatter and tilt come on top: no probe does better.
 
 A sweep tries detection with other probes, excitations and noise on a layered plate as in a skull,
-made anew for every cell by whoever records it; it is nobody's specimen, and detection learns nothing
-of it. Errors are of the time of flight, stated as thickness at the nominal speed, so that the
-unknown speed of sound does not hide what the probe can do.
+made anew for every cell by whoever records it; it is nobody's specimen, and detection learns
+nothing of it. Errors are of the time of flight, stated as thickness at the nominal speed, so that
+the unknown speed of sound does not hide what the probe can do.
 """
 
 from collections.abc import Callable

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from rona_core.app.declarations.activity_context import ActivityContext
+from rona_core.app.declarations.declarations import ActivityContext
 from rona_core.app.dependencies.staleness import session_obstacles
 from rona_core.app.steps.scan import captures as scan_capture
 from rona_core.app.steps.scan.captures import capture_scan

@@ -3,7 +3,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from rona_core.app.dependencies.capture_setup import capture_setup_digest
+from rona_core.app.dependencies.staleness import capture_setup_digest
 from rona_core.app.runtime.handling import handle
 from rona_core.app.steps.setup.messages import SetBoneModel
 from rona_core.compose import build_virtual_rig
