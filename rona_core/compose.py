@@ -20,7 +20,7 @@ from rona_core.evaluation.metrics import evaluate
 from rona_core.session.document import Session, Setup
 from rona_core.session.files import load_session
 from rona_core.session.specimen import LoadedSkull
-from rona_core.ultrasound.acoustic_calibration.parameter_sweep import sweep
+from rona_core.ultrasound.acoustic_calibration.expected_performance import sweep
 from rona_core.virtual.acoustics.medium import bone_medium
 from rona_core.virtual.acoustics.plates import record_plate
 from rona_core.virtual.rig import VirtualRig

@@ -179,12 +179,12 @@ class _Grid:
         self.places = np.column_stack((u.ravel(), v.ravel()))
         self.shape = u.shape
 
-    def near(self, points_map: Floats, reach_mm: float = NEAR_MM) -> Bools:
+    def near(self, points_map: Floats) -> Bools:
         """Return which cells (nu, nv) have one of the points (n, 3) close by."""
         if not len(points_map):
             return np.zeros(self.shape, dtype=np.bool_)
         distance = KDTree(points_map[:, :2]).query(self.places)[0]
-        return (distance <= reach_mm).reshape(self.shape)
+        return (distance <= NEAR_MM).reshape(self.shape)
 
     def boundary(self, plate: PlateFit, ok: Bools) -> BoundaryMap:
         """Return a map with the heights of the plate."""
@@ -227,14 +227,12 @@ def _inner(
     usable: Bools, inner_map: Floats, plate: PlateFit, grid: _Grid, outer: BoundaryMap
 ) -> tuple[BoundaryMap, Bools]:
     """Map what lies between the boundaries and subtract it, so that they never cross."""
-    nothing = np.zeros(grid.shape, dtype=np.bool_)
-    if np.count_nonzero(usable) < LEAST_SAMPLES:
-        flat = grid.with_heights(outer.height_mm - LEAST_THICKNESS_MM, nothing)
-        return flat, np.zeros(len(usable), dtype=np.bool_)
-    below = np.zeros(len(usable))
-    below[usable] = plate.heights(inner_map[usable, :2]) - inner_map[usable, 2]
-    used = _agreeing_among(usable, np.column_stack((inner_map[:, :2], below)))
+    used, below = usable, np.zeros(len(usable))
+    if np.count_nonzero(usable) >= LEAST_SAMPLES:
+        below[usable] = plate.heights(inner_map[usable, :2]) - inner_map[usable, 2]
+        used = _agreeing_among(usable, np.column_stack((inner_map[:, :2], below)))
     if np.count_nonzero(used) < LEAST_SAMPLES:
+        nothing = np.zeros(grid.shape, dtype=np.bool_)
         flat = grid.with_heights(outer.height_mm - LEAST_THICKNESS_MM, nothing)
         return flat, np.zeros(len(usable), dtype=np.bool_)
     between = fit_plate(inner_map[used, :2], below[used])

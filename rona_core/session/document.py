@@ -36,7 +36,7 @@ from rona_core.surface.cloud import SurfaceCloud
 from rona_core.surface.icp import SurfaceRegistration
 from rona_core.surface.normals.normals import Normals
 from rona_core.ultrasound.acoustic_calibration.delay_line import DelayLine
-from rona_core.ultrasound.acoustic_calibration.parameter_sweep import WhatIf
+from rona_core.ultrasound.acoustic_calibration.expected_performance import WhatIf
 from rona_core.ultrasound.acoustic_calibration.speed_calibration import SpeedCalibration
 from rona_core.ultrasound.detection.detect import Detection
 from rona_core.ultrasound.detection.manual_corrections import BoundaryEdits

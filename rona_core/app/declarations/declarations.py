@@ -16,7 +16,7 @@ from rona_core.errors import CancelledError
 from rona_core.session.captures import Capture as Recorded
 from rona_core.session.document import Session
 from rona_core.session.specimen import LoadedSkull
-from rona_core.ultrasound.acoustic_calibration.parameter_sweep import WhatIf
+from rona_core.ultrasound.acoustic_calibration.expected_performance import WhatIf
 
 T = TypeVar("T")
 ImportSkull = Callable[..., LoadedSkull]

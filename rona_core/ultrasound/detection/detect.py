@@ -108,7 +108,6 @@ def detect(
     echoes = search_echoes(
         survey,
         bone,
-        candidates=method == "subtract",
         progress=lambda share: progress(SEARCH_SHARE * share),
         cancel=cancel,
     )

@@ -6,7 +6,8 @@ from typing import Protocol
 from numpy.typing import ArrayLike
 
 from rona_core.devices.protocols import Mesh
-from rona_core.geometry.arrays import Floats, Vector3
+from rona_core.errors import InvalidInputError
+from rona_core.geometry.arrays import Floats, Vector3, as_points, as_unit_vectors
 
 RADII_MM = (5.0, 60.0)  # smallest and largest region
 
@@ -68,3 +69,16 @@ class Specimen(Protocol):
     def mesh(self, edge_mm: float = 3.0) -> Mesh:
         """Return triangles of the outer boundary for the eye; never an input of an algorithm."""
         ...
+
+
+def as_rays(origins_skull: ArrayLike, directions_skull: ArrayLike) -> tuple[Floats, Floats]:
+    """Return origins (n, 3) and unit directions (n, 3) of rays.
+
+    Raises:
+        InvalidInputError: not as many directions as origins, or not of unit length.
+    """
+    o = as_points(origins_skull, name="origins_skull")
+    d = as_unit_vectors(directions_skull, name="directions_skull")
+    if len(o) != len(d):
+        raise InvalidInputError(f"{len(o)} origins need as many directions, not {len(d)}")
+    return o, d

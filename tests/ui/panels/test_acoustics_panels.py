@@ -15,7 +15,7 @@ from rona_core.app.steps.maps.messages import StartMapping
 from rona_core.app.steps.setup.messages import SetProbe
 from rona_core.devices.settings import ProbeSettings
 from rona_core.session.document import Derived, Results, Session
-from rona_core.ultrasound.acoustic_calibration.parameter_sweep import WhatIf
+from rona_core.ultrasound.acoustic_calibration.expected_performance import WhatIf
 from rona_ui.panels.acoustics import points_table
 from rona_ui.panels.maps.maps import MapsPanel
 from rona_ui.panels.setup.probe import advice_note, performance_table

@@ -43,7 +43,7 @@ from rona_core.errors import CancelledError, InvalidInputError, StepBlockedError
 from rona_core.geometry.arrays import readonly
 from rona_core.session.captures import BlockCapture, ReferenceCapture
 from rona_core.session.document import Session
-from rona_core.ultrasound.acoustic_calibration.parameter_sweep import WhatIfGrid
+from rona_core.ultrasound.acoustic_calibration.expected_performance import WhatIfGrid
 from rona_core.ultrasound.acoustic_calibration.reference_points import choose_reference_scans
 
 

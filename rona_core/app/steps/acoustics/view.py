@@ -10,9 +10,9 @@ from rona_core.devices.settings import ProbeSettings
 from rona_core.session.document import Session
 from rona_core.ultrasound.acoustic_calibration.expected_performance import (
     ExpectedPerformance,
+    WhatIf,
     expected_performances,
 )
-from rona_core.ultrasound.acoustic_calibration.parameter_sweep import WhatIf
 from rona_core.ultrasound.probe.probe_model import probe_model
 
 __all__ = ["ExpectedPerformance", "ThicknessShares", "WhatIf", "thickness_shares"]

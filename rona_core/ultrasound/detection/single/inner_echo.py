@@ -5,9 +5,7 @@ peak go the features that separate an inner echo from clutter: its sign, its lev
 before, and that nothing comes after it, for the inner boundary is the last one.
 """
 
-from collections.abc import Sequence
-from dataclasses import dataclass, fields
-from typing import Any
+from dataclasses import dataclass
 
 import numpy as np
 from scipy.special import i0e
@@ -90,17 +88,6 @@ class Candidates:
     before: Floats  # largest peak ahead of this one over it, both over the noise
     after: Floats  # largest peak behind this one over it
     exists: Bools  # False: fewer peaks than that
-
-    @classmethod
-    def concatenate(cls, parts: Sequence["Candidates"]) -> "Candidates":
-        """Return the candidates of several blocks as one."""
-        none = np.zeros((0, CANDIDATES))
-        columns: dict[str, Any] = {
-            f.name: np.concatenate([none, *(getattr(part, f.name) for part in parts)])
-            for f in fields(cls)
-        }
-        columns["exists"] = columns["exists"].astype(np.bool_)
-        return cls(**columns)
 
 
 @dataclass(frozen=True, slots=True, eq=False)

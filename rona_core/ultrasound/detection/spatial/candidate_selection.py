@@ -15,6 +15,7 @@ from rona_core.ultrasound.detection.single.inner_echo import (
     inner_grid_mm,
     thick_enough,
 )
+from rona_core.ultrasound.detection.single.matched_filter import joined, rows_of
 from rona_core.ultrasound.detection.single.time_of_flight import (
     EnvelopePeaks,
     InnerFits,
@@ -250,17 +251,17 @@ def _fitted(echoes: Echoes, best: Ints, bone: Material) -> InnerFits:
     noise, median = found.noise[rows, best], found.clutter[rows, best]
     clutter = np.sqrt(np.maximum(median**2 / RAYLEIGH - SPARE_NOISE * noise**2, 0.0))
     peaks = EnvelopePeaks(lag, level, clutter)
-    fits: list[InnerFits] = []
-    for start in range(0, len(best), BLOCK):
-        block = slice(start, start + BLOCK)
-        fits.append(
+    blocks = [slice(start, start + BLOCK) for start in range(0, max(len(best), 1), BLOCK)]
+    return joined(
+        [
             fit_inner(
                 echoes.aligned[block],
-                echoes.fronts[block],
+                rows_of(echoes.fronts, block),
                 echoes.noise[block],
-                peaks[block],
+                rows_of(peaks, block),
                 echoes.template,
                 bone,
             )
-        )
-    return InnerFits.concatenate(fits)
+            for block in blocks
+        ]
+    )

@@ -39,7 +39,6 @@ class Links:
 
     sources: Ints  # (d, n) number of the A-scan on that side, -1 for none
     apart_mm: Floats  # (d, n) how far that one is
-    steps_mm: Floats  # (d, n, 2) from here to there, in the plane of the scan
     rounds: Ints  # (d, n) steps from the rim in this direction: 0 where there is no source
     beside: Ints  # (8, n) whom else to ask whether a boundary goes on, -1 for none
     beside_mm: Floats  # (8, n) how far those are
@@ -52,8 +51,6 @@ def line_links(n: int) -> Links:
     order = np.arange(n, dtype=np.int64)
     sources = np.stack((order - 1, np.where(order + 1 < n, order + 1, -1)))
     apart = np.full((2, n), ALONG_MM)
-    steps = np.zeros((2, n, 2))
-    steps[0, :, 0], steps[1, :, 0] = -ALONG_MM, ALONG_MM
     offsets = np.array([-4, -3, -2, -1, 1, 2, 3, 4])[:, None]
     beside = order + offsets
     beside = np.where((beside >= 0) & (beside < n), beside, -1)
@@ -61,7 +58,7 @@ def line_links(n: int) -> Links:
     along = np.broadcast_to(ALONG_MM * offsets, beside.shape)
     near_mm = np.stack((along, np.zeros(beside.shape)), axis=2)
     rounds = np.stack((order, order[::-1]))
-    return Links(sources, apart, steps, rounds, beside, far, beside, near_mm)
+    return Links(sources, apart, rounds, beside, far, beside, near_mm)
 
 
 def scan_links(positions_mm: Floats | None, n: int) -> Links:
@@ -95,13 +92,11 @@ def scan_links(positions_mm: Floats | None, n: int) -> Links:
     nearest[1:] = (sector[1:] != sector[:-1]) | (first[1:] != first[:-1])
     sources = np.full((DIRECTIONS, n), -1, dtype=np.int64)
     distances = np.zeros((DIRECTIONS, n))
-    steps = np.zeros((DIRECTIONS, n, 2))
     sources[sector[nearest], first[nearest]] = second[nearest]
     distances[sector[nearest], first[nearest]] = apart[nearest]
-    steps[sector[nearest], first[nearest]] = flat[second[nearest]] - flat[first[nearest]]
     rounds = np.stack([_rounds(row) for row in sources])
     around, around_mm = _around(flat)
-    return Links(sources, distances, steps, rounds, sources, distances, around, around_mm)
+    return Links(sources, distances, rounds, sources, distances, around, around_mm)
 
 
 def plane_axes(places: Floats) -> Floats:

@@ -5,9 +5,9 @@ from numpy.typing import ArrayLike
 
 from rona_core.devices.protocols import Mesh
 from rona_core.errors import InvalidInputError
-from rona_core.geometry.arrays import Floats, Ints, as_points, as_unit_vectors, as_vector3, readonly
+from rona_core.geometry.arrays import Floats, Ints, as_points, as_vector3, readonly
 from rona_core.session.specimen import Side
-from rona_core.virtual.specimen.boundaries import Region
+from rona_core.virtual.specimen.boundaries import Region, as_rays
 from rona_core.virtual.specimen.simulated.atlas import Atlas
 from rona_core.virtual.specimen.simulated.layer_radii import SkullShape
 from rona_core.virtual.specimen.simulated.patient_sampling import draw_patient
@@ -113,15 +113,6 @@ class SimulatedSpecimen:
             readonly(middle + self._center), readonly(patch / np.linalg.norm(patch)), radius_mm
         )
 
-    def _rays(self, origins: ArrayLike, directions: ArrayLike) -> tuple[Floats, Floats]:
-        o = as_points(origins, name="origins_skull")
-        d = as_unit_vectors(directions, name="directions_skull")
-        if len(d) == 1 and len(o) > 1:
-            d = np.repeat(d, len(o), axis=0)
-        if len(o) != len(d):
-            raise InvalidInputError(f"{len(o)} origins need as many directions, not {len(d)}")
-        return o - self._center, d
-
     def _trace(self, v: Floats, d: Floats, k: Ints, starts: Floats) -> Floats:
         enter, leave = sphere_span(v, d, self._bound_mm)
 
@@ -137,13 +128,14 @@ class SimulatedSpecimen:
     def _to_boundary(
         self, number: int, origins_skull: ArrayLike, directions_skull: ArrayLike
     ) -> Floats:
-        v, d = self._rays(origins_skull, directions_skull)
+        o, d = as_rays(origins_skull, directions_skull)
+        v = o - self._center
         return self._trace(v, d, np.full(len(v), number), np.zeros(len(v)))
 
     def layers(self, origins_skull: ArrayLike, directions_skull: ArrayLike) -> Floats:
         """Return the distances (n, 4) of the four boundaries along each ray."""
-        v, d = self._rays(origins_skull, directions_skull)
-        n = len(v)
+        o, d = as_rays(origins_skull, directions_skull)
+        v, n = o - self._center, len(o)
         outer = self._trace(v, d, np.zeros(n, dtype=np.int64), np.zeros(n))
         hit = np.flatnonzero(np.isfinite(outer))
         k = np.repeat(np.arange(1, BOUNDARIES), len(hit))

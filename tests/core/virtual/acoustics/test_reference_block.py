@@ -6,7 +6,7 @@ from rona_core.devices.settings import ProbeSettings
 from rona_core.ultrasound.probe.beam import mirror_spectrum
 from rona_core.ultrasound.probe.excitation import GRID, emission_spectrum
 from rona_core.ultrasound.probe.probe_model import AQUALENE, PROBES, warmed
-from rona_core.virtual.acoustics.caliper_and_block import (
+from rona_core.virtual.acoustics.plates import (
     STEEL,
     SteelFace,
     record_block,
