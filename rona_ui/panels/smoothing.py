@@ -11,7 +11,7 @@ from rona_ui.panels.widgets import style
 from rona_ui.panels.widgets.panel_context import on_change, on_click
 from rona_ui.panels.widgets.step_panel import StepPanel
 from rona_ui.presentation.colors import BLUE, PURPLE, VERMILLION, css
-from rona_ui.presentation.shown_path import shown_path
+from rona_ui.presentation.shown import shown_path
 from rona_ui.presentation.snapshot import Snapshot, changed
 from rona_ui.presentation.view_state import Drawing, Preview
 

@@ -172,8 +172,6 @@ class Window:
             pivoting_by_hand=busy and bench.pointer_in_hand(),
             saved=self._hub.is_saved(session.id),
             copy=self._hub.copy_state(session.id),
-            can_undo=bench.store.can_undo,
-            can_redo=bench.store.can_redo,
             changes=self._hub.has_changes(session.id),
             recovered=self._hub.is_recovered(session.id),
             opened=tuple((b.session.id, b.session.name) for b in self._hub.all()),

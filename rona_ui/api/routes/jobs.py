@@ -15,7 +15,7 @@ from rona_core.app.runtime.workbench import Workbench
 from rona_core.errors import NotFoundError
 from rona_ui.api.context import PREFIX, Bench, Open, Sessions
 from rona_ui.api.problems import JobFinishedError
-from rona_ui.api.routes.commands import body_of
+from rona_ui.api.routes.commands import body_of, declared_routes
 from rona_ui.api.streams import ALIVE, DESCRIBED, EventStream, Streams, event
 
 router = APIRouter(tags=["jobs"])
@@ -54,14 +54,6 @@ def start(bench: Workbench, activity: Any, response: Response) -> JobInfo:
     status = bench.start(activity)
     response.headers["Location"] = f"{PREFIX}/jobs/{status.id}"
     return job_info(bench, status)
-
-
-def _route(kind: type) -> Callable[..., JobInfo]:
-    def begin(bench: Bench, response: Response, activity: Any) -> JobInfo:
-        return start(bench, activity, response)
-
-    begin.__annotations__["activity"] = body_of(kind)
-    return begin
 
 
 @router.post("/sessions/{session_id}/replay", status_code=202, tags=["results"])
@@ -132,18 +124,14 @@ async def _events(bench: Workbench, job_id: str, streams: Streams) -> AsyncItera
                 yield ALIVE
 
 
+def _handler(kind: type) -> Callable[..., JobInfo]:
+    def begin(bench: Bench, response: Response, activity: Any) -> JobInfo:
+        return start(bench, activity, response)
+
+    begin.__annotations__["activity"] = body_of(kind)
+    return begin
+
+
 def declared_jobs() -> APIRouter:
     """Return a route for each activity that the steps declare."""
-    made = APIRouter(tags=["jobs"])
-    for name, kind in REGISTRY.activity_types.items():
-        made.add_api_route(
-            f"/sessions/{{session_id}}/jobs/{name}",
-            _route(kind),
-            methods=["POST"],
-            status_code=202,
-            name=name,
-            operation_id=name,
-            summary=(kind.__doc__ or name).splitlines()[0],
-            description=kind.__doc__,
-        )
-    return made
+    return declared_routes("jobs", REGISTRY.activity_types, _handler, status_code=202)

@@ -1,10 +1,15 @@
 """Sessions: make, list, open, save, download, upload, show, close; and files of specimens."""
 
+import os
+from collections.abc import AsyncGenerator
+from contextlib import asynccontextmanager
 from dataclasses import asdict, dataclass
+from pathlib import Path
 from typing import Annotated, Any, ClassVar, Literal
 from urllib.parse import quote
 
 from fastapi import APIRouter, Query, Request, Response
+from fastapi.exceptions import RequestValidationError
 from starlette.concurrency import run_in_threadpool
 
 from rona_core.app.runtime.saving.export_captures import export_recording
@@ -14,10 +19,10 @@ from rona_core.devices.settings import STRICT, require
 from rona_core.errors import NotFoundError
 from rona_core.session.document import require_seed
 from rona_core.session.files import SUFFIX, session_bytes
+from rona_core.session.temporary_files import open_temporary
 from rona_ui.api.context import EXACT, PREFIX, Bench, SessionId, Sessions
 from rona_ui.api.json_response import plain
 from rona_ui.api.session_info import SessionInfo, found, info, infos
-from rona_ui.api.upload_bodies import spooled
 from rona_ui.resources import demo_session
 
 router = APIRouter(tags=["session"])
@@ -246,3 +251,36 @@ async def upload_specimen(
         size_bytes = body.stat().st_size
         path = await run_in_threadpool(hub.keep_upload, name, body)
     return Uploaded(path.name, size_bytes)
+
+
+AT_ONCE = 1 << 20  # bytes that are written together
+
+
+@asynccontextmanager
+async def spooled(request: Request, folder: Path) -> AsyncGenerator[Path]:
+    """Give a file in ``folder`` that holds the body; unless it was moved away, it goes afterwards.
+
+    A body that is cut off or too large for its route leaves nothing behind.
+
+    Raises:
+        RequestValidationError: there is no body.
+    """
+    folder.mkdir(parents=True, exist_ok=True)
+    handle, path = open_temporary(folder / "upload")
+    try:
+        with os.fdopen(handle, "wb") as file:
+            held: list[bytes] = []
+            async for part in request.stream():
+                held.append(part)
+                if sum(map(len, held)) >= AT_ONCE:
+                    await run_in_threadpool(file.writelines, held)
+                    held = []
+            file.writelines(held)
+            file.flush()
+            await run_in_threadpool(os.fsync, file.fileno())
+            if not file.tell():
+                text = "expected the file as the body"
+                raise RequestValidationError([{"loc": ("body",), "msg": text, "type": "missing"}])
+            yield path  # while it is still locked: nobody takes it for one that was left behind
+    finally:
+        path.unlink(missing_ok=True)

@@ -19,15 +19,15 @@ from rona_ui.panels.roll.roll_browser import RollsPanel
 from rona_ui.panels.scan.ascan import AScanPanel
 from rona_ui.panels.scan.force_graph import ForcePanel
 from rona_ui.panels.scan.scan import ScanPanel
-from rona_ui.panels.setup.probe_sweep import ProbeComparisonPanel
+from rona_ui.panels.setup.probe import ProbeComparisonPanel
 from rona_ui.panels.setup.setup import SetupPanel
 from rona_ui.panels.smoothing import SmoothingPanel
 from rona_ui.panels.surface import SurfacePanel
 from rona_ui.panels.tool.tool import ToolPanel
-from rona_ui.panels.widgets import style
 from rona_ui.panels.widgets.panel_context import Panel, PanelContext
 from rona_ui.panels.widgets.step_panel import StepPanel
 from rona_ui.presentation.snapshot import Snapshot
+from rona_ui.resources import static_dir
 
 STEP_PANELS: tuple[type[StepPanel], ...] = (
     SetupPanel,
@@ -51,7 +51,8 @@ class Docks:
         left = gui.main_panel
         left.dock_left()
         left.set_width(LEFT_PX)
-        gui.add_html(style.SHEET)
+        sheet = (static_dir() / "docks.css").read_text("utf-8")
+        gui.add_html(f"<style>{sheet}</style>")
         panels: list[Panel] = [SessionHead(gui), StepList(gui, context), StepTitle(gui)]
         steps: dict[str, StepPanel] = {}
         run_bar = RunBar(gui, context, steps)  # above the fields, so that it never scrolls away

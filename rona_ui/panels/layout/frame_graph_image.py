@@ -36,6 +36,13 @@ EXPECTED = (  # what a complete session knows
     ("pointermarker", "pointertip"),
 )
 INK, LIVE, STALE, FAINT = "#3e4c59", "#005b8f", "#a34700", "#9aa5b1"
+COLORS = {"known": INK, "live": LIVE, "stale": STALE}
+LINES = {  # state of a transform -> how its line is drawn
+    "known": f'stroke="{INK}" stroke-width="1.5"',
+    "live": f'stroke="{LIVE}" stroke-width="2.4"',
+    "stale": f'stroke="{STALE}" stroke-width="1.5" stroke-dasharray="5 4"',
+    "unknown": f'stroke="{FAINT}" stroke-width="1" stroke-dasharray="1 4"',
+}
 HALF_HEIGHT, CHAR_PX = 11, 3.4
 FIRST_ROW_BELOW = 344
 
@@ -45,11 +52,11 @@ def frame_picture(rows: Sequence[FrameRow]) -> str:
     places = _places(rows)
     height = max(y for _, y in places.values()) + 22
     known = {(row.parent, row.child) for row in rows}
-    lines = [_faint(a, b, places) for a, b in EXPECTED if (a, b) not in known]
-    lines += [_line(row, places) for row in rows]
+    lines = [_line("unknown", *edge, places) for edge in EXPECTED if edge not in known]
+    lines += [_line(_kind(row), row.parent, row.child, places) for row in rows]
     badges = "".join(_badge(n, row, places) for n, row in enumerate(rows, start=1))
     boxes = "".join(_box(name, x, y) for name, (x, y) in places.items())
-    heads = "".join(_head(kind, color) for kind, color in _COLORS.items())
+    heads = "".join(_head(kind, color) for kind, color in COLORS.items())
     stale = sum(row.stale_reason is not None for row in rows)
     words = f"Frame graph: {len(rows)} transforms known, {stale} of them stale. The list follows."
     return (
@@ -58,9 +65,6 @@ def frame_picture(rows: Sequence[FrameRow]) -> str:
         'font-family="system-ui,Arial,sans-serif">'
         f"<title>{escape(words)}</title><defs>{heads}</defs>{''.join(lines)}{boxes}{badges}</svg>"
     )
-
-
-_COLORS = {"known": INK, "live": LIVE, "stale": STALE}
 
 
 def _places(rows: Sequence[FrameRow]) -> dict[str, tuple[int, int]]:
@@ -98,22 +102,12 @@ def _ends(
     return x1 + a * dx, y1 + a * dy, x2 - b * dx, y2 - b * dy
 
 
-def _line(row: FrameRow, places: dict[str, tuple[int, int]]) -> str:
-    kind = _kind(row)
-    x1, y1, x2, y2 = _ends(row.parent, row.child, places)
-    dash = ' stroke-dasharray="5 4"' if kind == "stale" else ""
-    width = 2.4 if kind == "live" else 1.5
+def _line(kind: str, left: str, right: str, places: dict[str, tuple[int, int]]) -> str:
+    x1, y1, x2, y2 = _ends(left, right, places)
+    arrow = "" if kind == "unknown" else f' marker-end="url(#rf-{kind})"'
     return (
         f'<line class="{kind}" x1="{x1:.0f}" y1="{y1:.0f}" x2="{x2:.0f}" y2="{y2:.0f}" '
-        f'stroke="{_COLORS[kind]}" stroke-width="{width}"{dash} marker-end="url(#rf-{kind})"/>'
-    )
-
-
-def _faint(left: str, right: str, places: dict[str, tuple[int, int]]) -> str:
-    x1, y1, x2, y2 = _ends(left, right, places)
-    return (
-        f'<line class="unknown" x1="{x1:.0f}" y1="{y1:.0f}" x2="{x2:.0f}" y2="{y2:.0f}" '
-        f'stroke="{FAINT}" stroke-width="1" stroke-dasharray="1 4"/>'
+        f"{LINES[kind]}{arrow}/>"
     )
 
 
@@ -121,7 +115,7 @@ def _badge(number: int, row: FrameRow, places: dict[str, tuple[int, int]]) -> st
     """Return the number at the middle of an arrow, with a word where it is stale or live."""
     kind = _kind(row)
     x1, y1, x2, y2 = _ends(row.parent, row.child, places)
-    x, y, color = (x1 + x2) / 2, (y1 + y2) / 2, _COLORS[kind]
+    x, y, color = (x1 + x2) / 2, (y1 + y2) / 2, COLORS[kind]
     word = "" if kind == "known" else kind
     label = (
         f'<text x="{x + 10:.0f}" y="{y + 4:.0f}" font-size="10.5" fill="{color}" stroke="#fff" '

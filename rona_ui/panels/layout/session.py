@@ -1,15 +1,67 @@
-"""Name and state of the session; undo, redo, save, open, new."""
+"""Name and state of the session; undo, redo, save, open, new; question before work is lost."""
 
 from collections.abc import Callable
-from typing import Any
+from dataclasses import dataclass
+from typing import Any, Literal
 
 from rona_core.app.messages.session_messages import Redo, RenameSession, Undo
 from rona_core.app.runtime.saving.autosave import CopyState
 from rona_core.app.runtime.saving.export_captures import recorded_captures
-from rona_ui.panels.layout.question import Choice, Question
+from rona_ui.panels.widgets import style
 from rona_ui.panels.widgets.panel_context import PanelContext, on_change, on_click
 from rona_ui.presentation.snapshot import Snapshot, changed
-from rona_ui.viewer.bindings import escape
+from rona_ui.viewer.bindings import Event, escape
+
+COLORS = {"save": None, "keep": "gray", "lose": (176, 0, 32)}  # None: that of the primary button
+ICONS = {"save": "device-floppy", "keep": None, "lose": "trash"}
+
+
+@dataclass(frozen=True, slots=True)
+class Choice:
+    """One answer, and what it does."""
+
+    label: str
+    act: Callable[[Event], None]
+    kind: Literal["save", "keep", "lose"] = "keep"
+
+
+class Question:
+    """Modal dialog over the viewer; Cancel is always an answer."""
+
+    def __init__(self, gui: Any) -> None:
+        self._gui = gui
+        self._modal: Any = None
+
+    def ask(self, title: str, words: str, choices: tuple[Choice, ...]) -> None:
+        """Show a question in place of the one before; any answer closes it."""
+        self._answered()
+        self._modal = self._gui.add_modal(title)
+        with self._modal:
+            self._gui.add_html(style.text(words))
+            for choice in (*choices, Choice("Cancel", lambda event: None)):
+                self._add(choice)
+
+    def cancel(self) -> bool:
+        """Answer with Cancel; return whether a question was open."""
+        return self._answered()
+
+    def _add(self, choice: Choice) -> None:
+        button = self._gui.add_button(
+            choice.label, icon=ICONS[choice.kind], color=COLORS[choice.kind]
+        )
+
+        def answer(event: Event) -> None:
+            self._answered()
+            choice.act(event)
+
+        on_click(button, answer)
+
+    def _answered(self) -> bool:
+        modal, self._modal = self._modal, None
+        if modal is not None:
+            modal.close()
+        return modal is not None
+
 
 NOTHING = "choose …"
 

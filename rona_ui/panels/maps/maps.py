@@ -15,7 +15,7 @@ from rona_ui.panels.setup.probe import advice_note
 from rona_ui.panels.widgets import style
 from rona_ui.panels.widgets.panel_context import PanelContext, on_change
 from rona_ui.panels.widgets.step_panel import StepPanel
-from rona_ui.presentation.shown_maps import (
+from rona_ui.presentation.shown import (
     map_sigma,
     shown_map_accuracy,
     shown_maps,

@@ -11,7 +11,7 @@ from rona_ui.panels.widgets.form import Form
 from rona_ui.panels.widgets.panel_context import PanelContext, on_click
 from rona_ui.panels.widgets.step_panel import stopped_note
 from rona_ui.presentation.colors import SKY, css
-from rona_ui.presentation.shown_path import shows_second_path, tilt_scale_max_deg
+from rona_ui.presentation.shown import shows_second_path, tilt_scale_max_deg
 from rona_ui.presentation.snapshot import Snapshot, changed
 
 EXPLANATION = (

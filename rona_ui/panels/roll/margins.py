@@ -7,8 +7,7 @@ from rona_core.app.steps.setup.clearance import PairClearance
 from rona_ui.panels.widgets import style
 from rona_ui.panels.widgets.panel_context import PanelContext, on_change
 from rona_ui.presentation.colors import VERMILLION, css, viridis_css
-from rona_ui.presentation.shown_path import MARGIN_SCALE_MAX
-from rona_ui.presentation.shown_robot import shown_clearances
+from rona_ui.presentation.shown import MARGIN_SCALE_MAX, shown_clearances
 from rona_ui.presentation.snapshot import Snapshot, changed
 from rona_ui.viewer.bindings import escape
 

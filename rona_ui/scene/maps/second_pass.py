@@ -4,8 +4,7 @@ import numpy as np
 
 from rona_core.app.steps.maps.second_pass_view import SecondView, second_cells, second_view
 from rona_ui.presentation.colors import SKY, Rgb
-from rona_ui.presentation.shown_maps import shows_handheld_maps
-from rona_ui.presentation.shown_path import shows_second_path, tilt_scale_max_deg
+from rona_ui.presentation.shown import shows_handheld_maps, shows_second_path, tilt_scale_max_deg
 from rona_ui.presentation.snapshot import Snapshot, changed
 from rona_ui.scene.layer import Layer, lift
 from rona_ui.scene.viser_nodes import NO_POINTS, draw_shaded, segments, shaded

@@ -33,8 +33,8 @@ from rona_ui.panels.roll.joints_graph import joint_data
 from rona_ui.panels.scan.scan import ScanPanel
 from rona_ui.panels.setup.setup import SetupPanel
 from rona_ui.panels.tool.tool import ToolPanel
-from rona_ui.panels.widgets.draw_on_skull import DrawingControls
 from rona_ui.panels.widgets.panel_context import PanelContext
+from rona_ui.panels.widgets.stroke_sources import DrawingControls
 from rona_ui.presentation.snapshot import Snapshot
 from rona_ui.presentation.static_scene import StaticScene
 from rona_ui.presentation.view_state import NEEDED, ViewState
