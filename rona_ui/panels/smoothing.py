@@ -80,7 +80,7 @@ class SmoothingPanel(StepPanel):
 
     def _drag(self, event: Any) -> None:
         """Preview while the slider is dragged; once it rests, compute."""
-        seen, value = self._seen, float(self.form.values("tolerance_mm")["tolerance_mm"])
+        seen, value = self._seen, float(self.form.value("tolerance_mm"))
         if seen is None or seen.session.results.path is None or seen.busy:
             return
         preview = Preview(value, seen.session.results.smoothing, seen.refused)

@@ -117,34 +117,24 @@ class Browser:
             self._point(event, eye, np.asarray(event.end_position) - eye, event.phase)
 
     def _point(self, event: Event, origin_m: Any, direction: Any, phase: str) -> None:
-        if self._view.drawing in STROKES:
-            self._pick(event, origin_m, direction)
-            return
         origin_base = np.asarray(origin_m, dtype=np.float64) / M_PER_MM
         ray = np.asarray(direction, dtype=np.float64)
 
-        def work() -> None:
-            bench = self._hub.get()
-            before = self._view
+        def draw() -> None:
+            place = self._hub.get().rig().display.pick(origin_base, ray)
+            if place is not None:
+                x, y, z = (float(v) for v in place)
+                self.change_view(lambda v: _with_pick(v, (x, y, z)))
+
+        def edit() -> None:
+            bench, before = self._hub.get(), self._view
             after, command = point_at(bench.session, before, origin_base, ray, phase)
             if after is not before:
                 self.change_view(lambda v: after if v is before else v)
             if command is not None:
                 bench.dispatch(command)
 
-        self._bindings.call(work, event)
-
-    def _pick(self, event: Event, origin_m: Any, direction: Any) -> None:
-        origin_base = np.asarray(origin_m, dtype=np.float64) / M_PER_MM
-        ray = np.asarray(direction, dtype=np.float64)
-
-        def touch() -> None:
-            place = self._hub.get().rig().display.pick(origin_base, ray)
-            if place is not None:
-                x, y, z = (float(v) for v in place)
-                self.change_view(lambda v: _with_pick(v, (x, y, z)))
-
-        self._bindings.call(touch, event)
+        self._bindings.call(draw if self._view.drawing in STROKES else edit, event)
 
     # -------------------------------------------------------------- the pointer in the hand
 

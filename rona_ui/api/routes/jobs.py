@@ -10,7 +10,6 @@ from rona_core.app.declarations.registry import REGISTRY
 from rona_core.app.messages.session_messages import StartReplay
 from rona_core.app.runtime.jobs import JobState, JobStatus
 from rona_core.app.runtime.recompute import Replay
-from rona_core.app.runtime.session_registry import SessionRegistry
 from rona_core.app.runtime.workbench import Workbench
 from rona_core.errors import NotFoundError
 from rona_ui.api.context import PREFIX, Bench, Open, Sessions
@@ -62,18 +61,8 @@ def replay_session(bench: Bench, response: Response) -> JobInfo:
     return start(bench, StartReplay(), response)
 
 
-def _benches(hub: SessionRegistry) -> list[Workbench]:
-    found: list[Workbench] = []
-    for key in hub.ids():
-        try:
-            found.append(hub.get(key))
-        except NotFoundError:  # closed in the meantime
-            continue
-    return found
-
-
 async def _bench_of_job(hub: Sessions, job_id: str) -> Workbench:
-    for bench in _benches(hub):
+    for bench in hub.all():
         if any(status.id == job_id for status in bench.jobs.all()):
             return bench
     raise NotFoundError(f"there is no job {job_id!r}")
@@ -85,7 +74,7 @@ JobBench = Annotated[Workbench, Depends(_bench_of_job)]
 @router.get("/jobs")
 def list_jobs(hub: Sessions) -> list[JobInfo]:
     """List the jobs of all open sessions, oldest first in each."""
-    return [job_info(bench, status) for bench in _benches(hub) for status in bench.jobs.all()]
+    return [job_info(bench, status) for bench in hub.all() for status in bench.jobs.all()]
 
 
 @router.get("/jobs/{job_id}")

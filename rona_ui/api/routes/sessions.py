@@ -29,6 +29,9 @@ router = APIRouter(tags=["session"])
 files = APIRouter(tags=["files"])
 
 FileName = Annotated[str, Query(min_length=1, max_length=120, description="plain file name")]
+FILE: dict[int | str, dict[str, Any]] = {
+    200: {"content": {"application/octet-stream": {}}, "description": "The file"}
+}
 RAW_BODY = {
     "requestBody": {
         "required": True,
@@ -100,10 +103,7 @@ def _made(hub: SessionRegistry, bench: Workbench, response: Response) -> Session
 @router.get("/sessions")
 def list_sessions(hub: Sessions) -> SessionList:
     """List the open sessions and the files in the sessions folder."""
-    return SessionList(
-        infos(hub),
-        tuple(path.name for path in hub.files()),
-    )
+    return SessionList(infos(hub), tuple(path.name for path in hub.files()))
 
 
 @router.post("/sessions", status_code=201)
@@ -198,39 +198,26 @@ def save_session(
     return info(hub, bench)
 
 
-@files.get(
-    "/sessions/{session_id}/file",
-    response_class=Response,
-    responses={200: {"content": {"application/octet-stream": {}}, "description": "The file"}},
-)
+def _download(name: str, data: bytes) -> Response:
+    headers = {"Content-Disposition": f"attachment; filename*=UTF-8''{quote(name, safe='')}"}
+    return Response(data, media_type="application/octet-stream", headers=headers)
+
+
+@files.get("/sessions/{session_id}/file", response_class=Response, responses=FILE)
 def download_session(bench: Bench) -> Response:
     """Download the session file, as it would be saved now."""
-    session = bench.session
-    name = quote(f"{session.name}{SUFFIX}", safe="")
-    return Response(
-        session_bytes(session),
-        media_type="application/octet-stream",
-        headers={"Content-Disposition": f"attachment; filename*=UTF-8''{name}"},
-    )
+    return _download(f"{bench.session.name}{SUFFIX}", session_bytes(bench.session))
 
 
 @files.get(
-    "/sessions/{session_id}/captures/{ordinal}/file",
-    response_class=Response,
-    responses={200: {"content": {"application/octet-stream": {}}, "description": "The file"}},
+    "/sessions/{session_id}/captures/{ordinal}/file", response_class=Response, responses=FILE
 )
 def download_capture(
     bench: Bench, ordinal: int, format: Literal["igs.mha"] = "igs.mha"
 ) -> Response:
     """Download what the tracker saw in a capture as a sequence file, which PLUS and Slicer read."""
     made = export_recording(bench.session, ordinal)
-    return Response(
-        made.data,
-        media_type="application/octet-stream",
-        headers={
-            "Content-Disposition": f"attachment; filename*=UTF-8''{quote(made.name, safe='')}"
-        },
-    )
+    return _download(made.name, made.data)
 
 
 @files.post(

@@ -71,26 +71,20 @@ class Docks:
     def _right(gui: Any, context: PanelContext) -> list[Panel]:
         upper, lower = gui.add_panel(), gui.add_panel()
         panels: list[Panel] = []
-        with upper.add_tab("Quality", "gauge"):
-            panels.append(QualityPanel(gui))
-        with upper.add_tab("Rolls", "rotate-360"):
-            panels.append(RollsPanel(gui, context))
-        with upper.add_tab("Frames", "axis-x"):
-            panels.append(FramesPanel(gui))
-        with upper.add_tab("Log", "list"):
-            panels.append(LogPanel(gui))
-        with lower.add_tab("Path", "route"):
-            panels.append(PathGraph(gui))
-        with lower.add_tab("Joints", "chart-line"):
-            panels.append(JointsPanel(gui, context))
-        with lower.add_tab("Checks", "shield-check"):
-            panels.append(ChecksPanel(gui, context))
-        with lower.add_tab("A-scan", "wave-sine"):
-            panels.append(AScanPanel(gui, context))
-        with lower.add_tab("Force", "arrow-bar-to-down"):
-            panels.append(ForcePanel(gui, context))
-        with lower.add_tab("Probes", "flask"):
-            panels.append(ProbeComparisonPanel(gui, context))
+        for dock, title, icon, build in (
+            (upper, "Quality", "gauge", lambda: QualityPanel(gui)),
+            (upper, "Rolls", "rotate-360", lambda: RollsPanel(gui, context)),
+            (upper, "Frames", "axis-x", lambda: FramesPanel(gui)),
+            (upper, "Log", "list", lambda: LogPanel(gui)),
+            (lower, "Path", "route", lambda: PathGraph(gui)),
+            (lower, "Joints", "chart-line", lambda: JointsPanel(gui, context)),
+            (lower, "Checks", "shield-check", lambda: ChecksPanel(gui, context)),
+            (lower, "A-scan", "wave-sine", lambda: AScanPanel(gui, context)),
+            (lower, "Force", "arrow-bar-to-down", lambda: ForcePanel(gui, context)),
+            (lower, "Probes", "flask", lambda: ProbeComparisonPanel(gui, context)),
+        ):
+            with dock.add_tab(title, icon):
+                panels.append(build())
         upper.dock_right()
         lower.dock_below(upper)
         upper.set_width(RIGHT_PX)

@@ -82,7 +82,7 @@ class MapsPanel(StepPanel):
 
     def _changed(self, name: str, event: Any) -> None:
         if name == "speed":
-            self._given.visible = self.form.values("speed")["speed"] == "given"
+            self._given.visible = self.form.value("speed") == "given"
 
     def _show(self, names: tuple[str, ...]) -> None:
         hide = MAP_NAMES - set(names)
@@ -97,7 +97,7 @@ class MapsPanel(StepPanel):
     def update(self, old: Snapshot | None, new: Snapshot) -> None:
         """Draw the colour bar once there are maps."""
         maps = shown_maps(new)
-        self._given.visible = self.form.values("speed")["speed"] == "given"
+        self._given.visible = self.form.value("speed") == "given"
         self._given.disabled = new.busy
         if changed(old, new, "session", "busy"):
             self._speed.show(new.session, new.busy)

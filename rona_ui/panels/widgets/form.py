@@ -78,9 +78,10 @@ class Form:
     def values(self, *names: str) -> dict[str, Any]:
         """Return what the fields hold (all, or those named)."""
         wanted = names or tuple(self._fields)
-        return {name: self._value(name) for name in wanted}
+        return {name: self.value(name) for name in wanted}
 
-    def _value(self, name: str) -> Any:
+    def value(self, name: str) -> Any:
+        """Return what a field holds."""
         value = self._fields[name].value
         return self._words[name][value] if name in self._words else value
 
