@@ -8,8 +8,7 @@ from rona_ui.presentation.colors import BACKGROUND
 from rona_ui.presentation.snapshot import Snapshot
 from rona_ui.scene.layer import Layer
 from rona_ui.scene.maps.map_section import ProfileLayer
-from rona_ui.scene.maps.maps import MapLayer, ReferencesLayer, ScanLayer
-from rona_ui.scene.maps.second_pass import SecondLayer
+from rona_ui.scene.maps.maps import MapLayer, ReferencesLayer, ScanLayer, SecondLayer
 from rona_ui.scene.path.path import AxesLayer, PathLayer, WarningsLayer
 from rona_ui.scene.path.path_editing import EditLayer
 from rona_ui.scene.pointer import PIVOT_HANDLES, DrawingLayer, PivotHandlesLayer, PointerLayer

@@ -10,8 +10,7 @@ from rona_core.app.steps.scan.messages import StartRetract
 from rona_ui.labels import doing
 from rona_ui.panels.widgets import style
 from rona_ui.panels.widgets.panel_context import PanelContext, on_click
-from rona_ui.panels.widgets.step_panel import StepPanel
-from rona_ui.panels.widgets.verdicts import judged
+from rona_ui.panels.widgets.step_panel import StepPanel, judged
 from rona_ui.presentation.shown import probe_on_bone
 from rona_ui.presentation.snapshot import Snapshot, changed
 from rona_ui.viewer.bindings import escape

@@ -1,4 +1,4 @@
-"""Boundary maps as unlit points in viridis, positions of the A-scans, and reference points."""
+"""Step 9: boundary maps in viridis, positions of A-scans, reference points, second pass."""
 
 import numpy as np
 
@@ -6,14 +6,22 @@ from rona_core.app.steps.acoustics.view import ReferenceRow, reference_rows
 from rona_core.app.steps.boundaries.ascan_view import ScanName, scan_number_at, scan_poses
 from rona_core.app.steps.boundaries.handlers import DETECTIONS, capture_of, detection_of_scan
 from rona_core.app.steps.handheld.scans import hand_poses
+from rona_core.app.steps.maps.second_pass_view import SecondView, second_cells, second_view
 from rona_core.app.steps.maps.view import layers_of
 from rona_core.geometry.arrays import Floats
-from rona_ui.presentation.colors import GREEN, ORANGE, PURPLE, SKY, VERMILLION, YELLOW, viridis
-from rona_ui.presentation.shown import map_sigma, shown_maps, shown_maps_key
+from rona_ui.presentation.colors import GREEN, ORANGE, PURPLE, SKY, VERMILLION, YELLOW, Rgb, viridis
+from rona_ui.presentation.shown import (
+    map_sigma,
+    shown_maps,
+    shown_maps_key,
+    shows_handheld_maps,
+    shows_second_path,
+    tilt_scale_max_deg,
+)
 from rona_ui.presentation.snapshot import Snapshot, changed
 from rona_ui.scene.cut_plane import cut_key, cut_plane
 from rona_ui.scene.layer import Layer, lift
-from rona_ui.scene.viser_nodes import NO_POINTS, SceneNodes
+from rona_ui.scene.viser_nodes import NO_POINTS, SceneNodes, draw_shaded, segments, shaded
 
 SCAN, NOW = "/scan/points", "/scan/now"
 LIFT_MM = 1.5  # of the places of A-scans, so that the skull does not hide them
@@ -161,3 +169,43 @@ def label_words(row: ReferenceRow) -> str:
 
 def _label(number: int) -> str:
     return f"/references/label{number}"
+
+
+PATH, AXES, CELLS = "/second/path", "/second/axes", "/second/cells"
+AXIS_MM = 10.0
+MOST_AXES = 240
+CELLS_MM = 1.2  # of the cells over the bone
+CELL_MM, PATH_MM = 0.4, 0.35
+WHITE: Rgb = (255, 255, 255)
+
+
+class SecondLayer(Layer):
+    """Draws the second path until it is scanned, and while that pass is selected."""
+
+    layer = "second"
+
+    def render(self, old: Snapshot | None, new: Snapshot) -> None:
+        """Draw the path where it is another one, and the cells where the maps are."""
+        if changed(old, new, "session.results.second"):
+            self._draw_path(second_view(new.session))
+        if changed(old, new, "session.results.maps", "session.captures.second", "static_scene"):
+            cells = second_cells(new.session)
+            points = NO_POINTS if cells is None else cells.points_base + lift(new, CELLS_MM)
+            self.nodes.cloud(CELLS, points, WHITE, size_mm=CELL_MM)
+        for node in (PATH, *shaded(AXES)):
+            self.nodes.show(node, self.shown(new) and shows_second_path(new))
+        mapped = new.view.shows("inner") and not shows_handheld_maps(new)
+        self.nodes.show(CELLS, self.shown(new) and mapped)
+
+    def _draw_path(self, view: SecondView | None) -> None:
+        """Draw the path, and at some places the probe's axis out of the bone."""
+        if view is None:
+            for node in (PATH, *shaded(AXES)):
+                self.nodes.remove(node)
+            return
+        self.nodes.lines(PATH, segments(view.points_base), SKY, width_mm=PATH_MM)
+        every = 1 + len(view.points_base) // MOST_AXES
+        feet, axes = view.points_base[::every], view.axes_base[::every]
+        pairs = np.stack((feet, feet - AXIS_MM * axes), axis=1)
+        shares = view.lean_deg[::every] / max(tilt_scale_max_deg(view), 1e-9)
+        draw_shaded(self.nodes, AXES, pairs, shares)

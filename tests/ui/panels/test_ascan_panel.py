@@ -28,7 +28,7 @@ from rona_ui.presentation.colors import GREEN, ORANGE, SKY
 from rona_ui.presentation.shown import shown_joints
 from rona_ui.presentation.snapshot import Snapshot
 from rona_ui.presentation.view_state import ViewState
-from rona_ui.scene.maps.second_pass import CELLS, PATH, SecondLayer
+from rona_ui.scene.maps.maps import CELLS, PATH, SecondLayer
 from tests.helpers.ui.fake_gui import FakeClient, FakeGui
 
 DEMO = Path(__file__).resolve().parents[3] / "sessions" / "demo.rona"
