@@ -13,7 +13,6 @@ from rona_ui.presentation.snapshot import Snapshot
 METHODS = {
     "Maximum likelihood": "ml",
     "Sphere (paper)": "sphere",
-    "Algebraic one-step": "aos",
 }
 HELP = (
     "Drag the coloured handles to pivot the pointer. Tilt it in two directions, then finish. "

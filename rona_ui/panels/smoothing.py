@@ -24,9 +24,7 @@ METHODS = {
 }
 NORMALS = {
     "Quadric": "jet",
-    "Total least squares": "tls",
     "Least squares (paper)": "ols",
-    "Robust plane": "robust",
 }
 CHOSEN_RADIUS = "0: chosen from the point cloud"
 EDITS: dict[str, Drawing] = {"Move": "move", "Insert": "insert", "Delete": "delete", "Pin": "pin"}
@@ -142,7 +140,7 @@ def counts(view: PathView) -> str:
             f"{view.tolerance_mm:.2f} mm: about {count} of {len(view.raw_base)} points. "
             "Release for the minimum."
         )
-    least = "minimum" if view.exact else f"at least {view.lower_bound} needed"
+    least = "minimum" if view.exact else "fewer may suffice"
     by_hand = f" {view.by_hand} edited by hand." if view.by_hand else ""
     return style.note(
         f"{len(view.raw_base)} points simplified to {count} ({least}).{by_hand} Maximum "

@@ -5,7 +5,7 @@ from typing import Any
 import numpy as np
 
 from rona_core.app.steps.maps.map_accuracy import MapAccuracy, map_accuracy
-from rona_core.app.steps.maps.second_pass_view import SecondView
+from rona_core.app.steps.maps.view import SecondView
 from rona_core.app.steps.roll.margins_view import Quantity
 from rona_core.app.steps.roll.view import joints_of_roll
 from rona_core.app.steps.scan.planned_motion import joints_at, motion_stale

@@ -3,7 +3,7 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from rona_core.app.steps.roll.base_placement_view import PlacementView, placement_view
+from rona_core.app.steps.roll.base_placement import PlacementView, placement_view
 from rona_core.app.steps.roll.margins_view import PathMargins, path_margins
 from rona_core.app.steps.roll.view import (
     joint_curves,

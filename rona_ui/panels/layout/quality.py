@@ -5,7 +5,7 @@ from typing import Any
 from rona_core.app.overview.acceptance import QualityRow
 from rona_core.app.steps.acoustics.view import thickness_shares
 from rona_core.app.steps.scan.contact_view import contact_report
-from rona_core.app.steps.tool.tracker_delay import delay_words
+from rona_core.app.steps.tool.derivation import delay_words
 from rona_core.session.document import Session
 from rona_ui.panels.widgets import style
 from rona_ui.panels.widgets.step_panel import rows_of

@@ -5,7 +5,7 @@ from typing import Any
 
 from rona_core.app.steps.maps.derivation import usable_second
 from rona_core.app.steps.maps.messages import StartGapPlan, StartGapScan, StartMapping
-from rona_core.app.steps.maps.second_pass_view import SecondView, second_cells, second_view
+from rona_core.app.steps.maps.view import SecondView, second_cells, second_view
 from rona_ui.panels.widgets import style
 from rona_ui.panels.widgets.form import Form
 from rona_ui.panels.widgets.panel_context import PanelContext, on_click

@@ -3,8 +3,7 @@
 from functools import partial
 from typing import Any, Literal
 
-from rona_core.app.steps.roll.base_placement import moves
-from rona_core.app.steps.roll.base_placement_view import BasePlace, BasePlacement, fresh_placement
+from rona_core.app.steps.roll.base_placement import BasePlace, BasePlacement, fresh_placement, moves
 from rona_core.app.steps.roll.certificate_view import certificate_view
 from rona_core.app.steps.roll.messages import (
     ApplyBasePlacement,

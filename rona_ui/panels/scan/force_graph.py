@@ -4,8 +4,12 @@ from typing import Any
 
 import numpy as np
 
-from rona_core.app.steps.scan.contact_view import contact_report
-from rona_core.app.steps.scan.force_view import ForceCurve, force_curve, live_force
+from rona_core.app.steps.scan.contact_view import (
+    ForceCurve,
+    contact_report,
+    force_curve,
+    live_force,
+)
 from rona_core.geometry.arrays import Floats
 from rona_ui.panels.widgets import style
 from rona_ui.panels.widgets.graphs import Axis, Graph

@@ -4,7 +4,7 @@ from typing import Any
 
 from rona_core.app.steps.scan.contact_view import contact_report, delay_sentence
 from rona_core.app.steps.scan.messages import StartScan
-from rona_core.app.steps.setup.contact_messages import SetContact
+from rona_core.app.steps.setup.messages import SetContact
 from rona_core.devices.settings import ContactSettings
 from rona_core.session.document import Session
 from rona_ui.panels.widgets import style

@@ -3,7 +3,7 @@
 from typing import Any
 
 from rona_core.app.steps.setup.clearance import clearance_violations
-from rona_core.app.steps.setup.workcell_messages import (
+from rona_core.app.steps.setup.messages import (
     STANDARD,
     AddObstacle,
     RemoveObstacle,
