@@ -97,9 +97,8 @@ CLEARANCE_STEPS = ("roll", "scan")  # steps that show the clearance of the drawn
 def shown_joints(snapshot: Snapshot) -> Floats | None:
     """Return joint angles (6,) in rad; None while nothing is known of the robot."""
     live, view, static_scene = snapshot.live.joints, snapshot.view, snapshot.static_scene
-    robot = snapshot.session.setup.devices.robot.model
-    if static_scene is not None and static_scene.robot not in ("", robot):
-        return None  # another robot has been chosen, and is still being set up
+    if _robot_changes(snapshot):
+        return None
     if snapshot.busy and live is not None:
         return live.q_rad
     if view.cursor is not None and motion_stale(snapshot.session, second=view.second) is None:
@@ -115,15 +114,16 @@ def shown_joints(snapshot: Snapshot) -> Floats | None:
 
 def probe_on_bone(snapshot: Snapshot) -> bool:
     """Return whether the robot at rest is in contact, as after a stop."""
-    live, static_scene = snapshot.live.joints, snapshot.static_scene
-    robot = snapshot.session.setup.devices.robot.model
-    if (
-        live is None
-        or snapshot.busy
-        or (static_scene is not None and static_scene.robot not in ("", robot))
-    ):
+    live = snapshot.live.joints
+    if live is None or snapshot.busy or _robot_changes(snapshot):
         return False
     return not stands_clear(snapshot.session, live.q_rad)
+
+
+def _robot_changes(snapshot: Snapshot) -> bool:
+    """Return whether another robot has been chosen, and is still being set up."""
+    scene, robot = snapshot.static_scene, snapshot.session.setup.devices.robot.model
+    return scene is not None and scene.robot not in ("", robot)
 
 
 def shows_roll_preview(snapshot: Snapshot) -> bool:

@@ -58,8 +58,9 @@ class Docks:
         run_bar = RunBar(gui, context, steps)  # above the fields, so that it never scrolls away
         steps.update({kind.step: kind(gui, context) for kind in STEP_PANELS})
         panels += [*steps.values(), run_bar]
-        self._session = SessionPanel(gui, context)
-        panels += [ViewOptionsPanel(gui, context), self._session]
+        session = SessionPanel(gui, context)
+        self.question = session.question  # what is asked over the viewer
+        panels += [ViewOptionsPanel(gui, context), session]
         panels += self._right(gui, context)
         replay = gui.add_panel(visible=False)
         with replay.add_tab("Replay", "player-play"):
@@ -89,10 +90,6 @@ class Docks:
         lower.dock_below(upper)
         upper.set_width(RIGHT_PX)
         return panels
-
-    def cancel_question(self) -> bool:
-        """Answer what is asked over the viewer with Cancel; return whether something was asked."""
-        return self._session.cancel_question()
 
     def render(self, old: Snapshot | None, new: Snapshot) -> None:
         """Bring every panel from ``old`` to ``new``."""

@@ -16,7 +16,6 @@ from rona_ui.presentation.snapshot import Snapshot, changed
 from rona_ui.viewer.bindings import escape
 
 GO_ON, STOP = (0, 105, 77), (176, 0, 32)
-NOTHING_JUDGED = Judgement("none", ())
 
 
 class StepList:
@@ -39,7 +38,7 @@ class StepList:
             self._rows[state.name].content = row(state, active, found)
 
 
-def row(state: StepState, active: bool, found: Judgement = NOTHING_JUDGED) -> str:
+def row(state: StepState, active: bool, found: Judgement) -> str:
     """Return one row of the list; figures that do not pass come before what the step made."""
     icon, word, color = style.STATES[state.state]
     reason = "" if state.reason == state.state else state.reason

@@ -61,14 +61,9 @@ class ViewOptionsPanel:
 
     def _cut(self, gui: Any, context: PanelContext) -> None:
         self._across = gui.add_dropdown("Cut", tuple(CUTS), hint=CUT_HINT)
+        hint = "From the centre of the region"
         self._at = gui.add_slider(
-            "Cut offset (mm)",
-            -REACH_MM,
-            REACH_MM,
-            0.5,
-            0.0,
-            visible=False,
-            hint="From the centre of the region",
+            "Cut offset (mm)", -REACH_MM, REACH_MM, 0.5, 0.0, visible=False, hint=hint
         )
         hint = "Cuts the maps of step 9 as well"
         self._maps = gui.add_checkbox("Cut maps", False, visible=False, hint=hint)

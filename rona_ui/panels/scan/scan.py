@@ -100,7 +100,9 @@ class ScanPanel(StepPanel):
         capture = snapshot.session.captures.scan
         if capture is None:
             return ""
-        words = f"{len(capture.scans)} A-scans in {_span_s(capture):.1f} s."
+        times_s = capture.scans.times_s
+        span_s = times_s[-1] - times_s[0] if len(times_s) else 0.0
+        words = f"{len(capture.scans)} A-scans in {span_s:.1f} s."
         pressed = contact_note(snapshot.session)
         if capture.partial:
             words += " Stopped early: scan again, or the maps cover only this part."
@@ -112,8 +114,3 @@ class ScanPanel(StepPanel):
         )
         recorded = style.note(words + " Replay them below.", "good")
         return recorded + style.key(legend) + pressed
-
-
-def _span_s(capture: Any) -> float:
-    times = capture.scans.times_s
-    return float(times[-1] - times[0]) if len(times) else 0.0

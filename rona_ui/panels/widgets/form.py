@@ -67,13 +67,10 @@ class Form:
     def on_change(self, call: Callable[[str, Event], None]) -> None:
         """Call ``call(name, event)`` whenever a field changes, in order."""
         for name, field in self._fields.items():
-            self._listen(name, field, call)
 
-    @staticmethod
-    def _listen(name: str, field: Any, call: Callable[[str, Event], None]) -> None:
-        @field.on_update
-        async def _(event: Any) -> None:
-            call(name, event)
+            @field.on_update
+            async def _(event: Any, name: str = name) -> None:
+                call(name, event)
 
     def values(self, *names: str) -> dict[str, Any]:
         """Return what the fields hold (all, or those named)."""
