@@ -74,8 +74,9 @@ class ViewOptionsPanel:
 
     def render(self, old: Snapshot | None, new: Snapshot) -> None:
         """Follow the layers, the cut and what is known of the head."""
-        for name, tick in self._ticks.items():
-            tick.value = name not in new.view.hidden
+        if changed(old, new, "view.hidden"):  # only then: a tick may be ahead of the view
+            for name, tick in self._ticks.items():
+                tick.value = name not in new.view.hidden
         if changed(old, new, "static_scene"):
             known = new.static_scene is not None and new.static_scene.head_axes_base is not None
             for group in self._head:

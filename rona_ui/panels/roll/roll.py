@@ -185,20 +185,19 @@ class RollPanel(StepPanel):
         derived = snapshot.session.results.roll
         if derived is None:
             return ""
-        plan = derived.value
-        works = sum(verdict.feasible for verdict in plan.search.verdicts)
-        if plan.search.mode == "none" or plan.trajectory is None or plan.certificate is None:
+        plan, search = derived.value, derived.value.search
+        works = sum(verdict.feasible for verdict in search.verdicts)
+        if search.mode == "none" or plan.trajectory is None or plan.certificate is None:
             first = style.note(none_works(plan), "warn")
         else:
             view = certificate_view(snapshot.session)
             certified = view is not None and view.certified
-            varies = plan.search.mode == "variable"
-            turned = f"a roll varying over {plan.search.roll_variation_deg:.0f}°"
-            chosen = (
-                turned if varies else f"{plan.search.verdicts[plan.search.chosen].roll_deg:.0f}°"
-            )
+            if search.mode == "variable":
+                chosen = f"a roll varying over {search.roll_variation_deg:.0f}°"
+            else:
+                chosen = f"{search.verdicts[search.chosen].roll_deg:.0f}°"
             first = style.note(
-                f"{works} of {len(plan.search.verdicts)} roll angles feasible. Selected {chosen}, "
+                f"{works} of {len(search.verdicts)} roll angles feasible. Selected {chosen}, "
                 f"duration {plan.trajectory.times_s[-1]:.1f} s, "
                 + ("verified." if certified else "refused by the verifier."),
                 "good" if certified else "warn",

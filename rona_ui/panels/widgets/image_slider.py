@@ -43,11 +43,7 @@ class ImageSlider:
             self._parts[1].value = place
 
     def show(
-        self,
-        svg: str,
-        span: tuple[int, int],
-        value: int,
-        marks: tuple[tuple[int, str], ...],
+        self, svg: str, span: tuple[int, int], value: int, marks: tuple[tuple[int, str], ...]
     ) -> None:
         """Show an image as SVG, with the slider from the first to the last of ``span`` on it."""
         self.clear()

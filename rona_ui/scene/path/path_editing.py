@@ -32,13 +32,7 @@ LIFT_MM = 2.0
 MARK_MM = 1.4
 MOVED_POINT, MOVE_TARGET = "/edit/grabbed", "/edit/place"
 BOUNDARY, CENTER = "/pattern/boundary", "/pattern/center"
-MARKS = (
-    "view.drawing",
-    "view.moved_point",
-    "view.move_target",
-    "view.center",
-    "view.boundary",
-)
+MARKS = ("view.drawing", "view.moved_point", "view.move_target", "view.center", "view.boundary")
 
 
 def point_at(
