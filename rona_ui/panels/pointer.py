@@ -3,11 +3,11 @@
 from typing import Any
 
 from rona_core.app.steps.pointer.messages import CalibratePointer, StartPointerCapture
-from rona_ui.panels.tool.calibration import CalibrationControls
+from rona_ui.panels.tool.tool import CalibrationControls
 from rona_ui.panels.widgets import style
-from rona_ui.panels.widgets.import_recording import ImportControls
 from rona_ui.panels.widgets.panel_context import on_click
 from rona_ui.panels.widgets.step_panel import StepPanel
+from rona_ui.panels.widgets.stroke_sources import ImportControls
 from rona_ui.presentation.snapshot import Snapshot
 
 METHODS = {

@@ -11,7 +11,7 @@ from rona_ui.panels.widgets import style
 from rona_ui.panels.widgets.panel_context import on_change, on_click
 from rona_ui.panels.widgets.step_panel import StepPanel
 from rona_ui.presentation.colors import BLUE, PURPLE, VERMILLION, css
-from rona_ui.presentation.shown_path import shown_path
+from rona_ui.presentation.shown import shown_path
 from rona_ui.presentation.snapshot import Snapshot, changed
 from rona_ui.presentation.view_state import Drawing, Preview
 
@@ -78,7 +78,7 @@ class SmoothingPanel(StepPanel):
 
     def _drag(self, event: Any) -> None:
         """Preview while the slider is dragged; once it rests, compute."""
-        seen, value = self._seen, float(self.form.values("tolerance_mm")["tolerance_mm"])
+        seen, value = self._seen, float(self.form.value("tolerance_mm"))
         if seen is None or seen.session.results.path is None or seen.busy:
             return
         preview = Preview(value, seen.session.results.smoothing, seen.refused)

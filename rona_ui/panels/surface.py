@@ -12,11 +12,10 @@ from rona_core.app.steps.surface.messages import (
 )
 from rona_core.session.document import Session
 from rona_core.session.specimen import LoadedSkull
-from rona_ui.panels.tool.calibration import VERDICTS
+from rona_ui.panels.tool.tool import VERDICTS
 from rona_ui.panels.widgets import style
-from rona_ui.panels.widgets.draw_on_skull import DrawingControls
-from rona_ui.panels.widgets.import_recording import ImportControls
 from rona_ui.panels.widgets.step_panel import StepPanel
+from rona_ui.panels.widgets.stroke_sources import DrawingControls, ImportControls
 from rona_ui.presentation.snapshot import Snapshot, changed
 from rona_ui.viewer.bindings import escape
 

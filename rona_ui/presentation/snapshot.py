@@ -31,8 +31,6 @@ class Snapshot:
     figures: dict[str, Any] = field(default_factory=dict)
     saved: bool = False
     copy: CopyState = "none"  # of what is not saved
-    can_undo: bool = False
-    can_redo: bool = False
     files: tuple[Path, ...] = ()
     changes: bool = False  # something would be lost if the session were closed as it is
     recovered: bool = False  # after a crash, and not saved since

@@ -1,6 +1,6 @@
 """Layers of the scene: each draws the difference between two snapshots."""
 
-from typing import ClassVar, Protocol
+from typing import ClassVar
 
 import numpy as np
 
@@ -9,16 +9,11 @@ from rona_ui.presentation.snapshot import Snapshot, changed
 from rona_ui.scene.viser_nodes import SceneNodes
 
 
-class Adapter(Protocol):
-    """Draws one kind of object; sends no messages and keeps no session."""
-
-    def render(self, old: Snapshot | None, new: Snapshot) -> None:
-        """Bring the scene from ``old`` to ``new``; ``old`` is None for the first time."""
-        ...
-
-
 class Layer:
-    """Nodes under one name of ``view_state.LAYERS``, shown or hidden together."""
+    """Nodes under one name of ``view_state.LAYERS``, shown or hidden together.
+
+    It draws one kind of object from snapshots; it sends no messages and keeps no session.
+    """
 
     layer: str = ""
     follows: ClassVar[tuple[str, ...]] = ()  # parts of the snapshot that it is drawn from
@@ -28,7 +23,7 @@ class Layer:
         self.nodes = nodes
 
     def render(self, old: Snapshot | None, new: Snapshot) -> None:
-        """Draw what has changed, and show it where the layer is switched on."""
+        """Draw what differs from ``old``, None for the first time; show it where switched on."""
         if changed(old, new, *self.follows):
             self.draw(new)
         for name in self.names:

@@ -10,7 +10,7 @@ from rona_core.geometry.pose import Pose
 from rona_ui.presentation.colors import ORANGE, SKY, STEEL
 from rona_ui.presentation.snapshot import Snapshot, changed
 from rona_ui.scene.layer import Layer, lift
-from rona_ui.scene.viser_nodes import SceneNodes, segments
+from rona_ui.scene.viser_nodes import segments
 
 SHAFT, MARKERS, TIP = "/pointer/shaft", "/pointer/markers", "/pointer/tip"
 LINE, PICKS = "/drawing/line", "/drawing/points"
@@ -58,20 +58,17 @@ def pointer_points(T_base_pointermarker: Pose, pointer: str) -> tuple[Floats, Fl
     return markers_base, T_base_pointermarker @ geometry.nominal_tip_marker
 
 
-class PivotHandlesLayer:
+class PivotHandlesLayer(Layer):
     """Draws rotation handles at the tip while the pointer is pivoted by hand; never hidden."""
-
-    def __init__(self, nodes: SceneNodes) -> None:
-        self._nodes = nodes
 
     def render(self, old: Snapshot | None, new: Snapshot) -> None:
         """Place the handles at the tip at the start; they stay there."""
         pose = new.T_base_pointermarker
         if not new.pivoting_by_hand:
-            self._nodes.remove(PIVOT_HANDLES)
-        elif pose is not None and PIVOT_HANDLES not in self._nodes.names():
+            self.nodes.remove(PIVOT_HANDLES)
+        elif pose is not None and PIVOT_HANDLES not in self.nodes.names():
             _, tip_base = pointer_points(pose, new.session.setup.devices.pointer)
-            self._nodes.rotation_handles(
+            self.nodes.rotation_handles(
                 PIVOT_HANDLES, Pose(HANDLES_START.rotation, tip_base), size_mm=HANDLES_MM
             )
 

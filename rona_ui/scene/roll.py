@@ -26,7 +26,7 @@ from rona_ui.presentation.colors import (
     Rgb,
     viridis,
 )
-from rona_ui.presentation.shown_path import MARGIN_SCALE_MAX, shows_margins
+from rona_ui.presentation.shown import MARGIN_SCALE_MAX, shows_margins
 from rona_ui.presentation.snapshot import Snapshot, changed
 from rona_ui.scene.layer import Layer, lift
 from rona_ui.scene.viser_nodes import NO_LINES, NO_POINTS, SceneNodes, dots_along, segments

@@ -9,7 +9,6 @@ import sys
 import threading
 import time
 import traceback
-from collections.abc import Callable
 from dataclasses import replace
 from typing import Any
 
@@ -46,7 +45,8 @@ class Window:
         self._changed = threading.Event()
         self._open = True
         self._refusals = Refusals()
-        self._follows: tuple[str, Callable[[], None]] | None = None
+        self._followed: str | None = None  # id of the session
+        self._subscriptions = contextlib.ExitStack()  # to it
         self._steps: tuple[Session, tuple[StepState, ...]] | None = None
         self._reported: set[str] = set()  # failed jobs that were told
         self._last_s = time.monotonic()
@@ -70,7 +70,7 @@ class Window:
         """Stop drawing and listening; a second call does nothing."""
         self._open = False
         self._unsubscribe_hub()
-        self._unfollow()
+        self._subscriptions.close()
         self.bindings.close()
         self._background.close()
         self.wake()
@@ -172,8 +172,6 @@ class Window:
             pivoting_by_hand=busy and bench.pointer_in_hand(),
             saved=self._hub.is_saved(session.id),
             copy=self._hub.copy_state(session.id),
-            can_undo=bench.store.can_undo,
-            can_redo=bench.store.can_redo,
             changes=self._hub.has_changes(session.id),
             recovered=self._hub.is_recovered(session.id),
             opened=tuple((b.session.id, b.session.name) for b in self._hub.all()),
@@ -184,26 +182,13 @@ class Window:
 
     def _follow(self, bench: Workbench) -> None:
         """Be woken by the store and the jobs of the current session."""
-        key = bench.session.id
-        if self._follows is not None and self._follows[0] == key:
+        if self._followed == bench.session.id:
             return
-        self._unfollow()
-        ends = (
-            bench.store.subscribe(lambda old, new: self.wake()),
-            bench.jobs.subscribe(lambda status: self.wake()),
-        )
-
-        def unfollow() -> None:
-            for end in ends:
-                end()
-
-        self._follows = key, unfollow
+        self._followed = bench.session.id
+        self._subscriptions.close()
+        self._subscriptions.callback(bench.store.subscribe(lambda old, new: self.wake()))
+        self._subscriptions.callback(bench.jobs.subscribe(lambda status: self.wake()))
         self._reported = {status.id for status in bench.jobs.all() if status.finished}
-
-    def _unfollow(self) -> None:
-        if self._follows is not None:
-            self._follows[1]()
-            self._follows = None
 
     def _report_failure(
         self, bench: Workbench, job: JobStatus | None, browsers: tuple[Browser, ...]

@@ -8,7 +8,7 @@ from rona_core.app.steps.scan.contact_view import contact_report
 from rona_core.app.steps.tool.derivation import delay_words
 from rona_core.session.document import Session
 from rona_ui.panels.widgets import style
-from rona_ui.panels.widgets.verdicts import rows_of
+from rona_ui.panels.widgets.step_panel import rows_of
 from rona_ui.presentation.snapshot import Snapshot, changed
 from rona_ui.viewer.bindings import escape
 

@@ -7,7 +7,7 @@ from rona_core.app.steps.roll.view import place_of_roll
 from rona_core.app.steps.scan.planned_motion import motion_stale, motion_times
 from rona_ui.panels.widgets import style
 from rona_ui.panels.widgets.panel_context import PanelContext, on_change, on_click
-from rona_ui.presentation.shown_robot import shows_roll_preview
+from rona_ui.presentation.shown import shows_roll_preview
 from rona_ui.presentation.snapshot import Snapshot, changed
 
 REPLAYED = ("roll", "scan", "maps")  # steps in which the replay is offered

@@ -10,14 +10,12 @@ from rona_core.app.steps.scan.messages import StartRetract
 from rona_ui.labels import doing
 from rona_ui.panels.widgets import style
 from rona_ui.panels.widgets.panel_context import PanelContext, on_click
-from rona_ui.panels.widgets.step_panel import StepPanel
-from rona_ui.panels.widgets.verdicts import judged
-from rona_ui.presentation.shown_robot import probe_on_bone
+from rona_ui.panels.widgets.step_panel import StepPanel, judged
+from rona_ui.presentation.shown import probe_on_bone
 from rona_ui.presentation.snapshot import Snapshot, changed
 from rona_ui.viewer.bindings import escape
 
 GO_ON, STOP = (0, 105, 77), (176, 0, 32)
-NOTHING_JUDGED = Judgement("none", ())
 
 
 class StepList:
@@ -40,7 +38,7 @@ class StepList:
             self._rows[state.name].content = row(state, active, found)
 
 
-def row(state: StepState, active: bool, found: Judgement = NOTHING_JUDGED) -> str:
+def row(state: StepState, active: bool, found: Judgement) -> str:
     """Return one row of the list; figures that do not pass come before what the step made."""
     icon, word, color = style.STATES[state.state]
     reason = "" if state.reason == state.state else state.reason

@@ -1,15 +1,64 @@
-"""Name and state of the session; undo, redo, save, open, new."""
+"""Name and state of the session; undo, redo, save, open, new; question before work is lost."""
 
 from collections.abc import Callable
-from typing import Any
+from dataclasses import dataclass
+from typing import Any, Literal
 
 from rona_core.app.messages.session_messages import Redo, RenameSession, Undo
 from rona_core.app.runtime.saving.autosave import CopyState
 from rona_core.app.runtime.saving.export_captures import recorded_captures
-from rona_ui.panels.layout.question import Choice, Question
+from rona_ui.panels.widgets import style
 from rona_ui.panels.widgets.panel_context import PanelContext, on_change, on_click
 from rona_ui.presentation.snapshot import Snapshot, changed
-from rona_ui.viewer.bindings import escape
+from rona_ui.viewer.bindings import Event, escape
+
+COLORS = {"save": None, "keep": "gray", "lose": (176, 0, 32)}  # None: that of the primary button
+ICONS = {"save": "device-floppy", "keep": None, "lose": "trash"}
+
+
+@dataclass(frozen=True, slots=True)
+class Choice:
+    """One answer, and what it does."""
+
+    label: str
+    act: Callable[[Event], None]
+    kind: Literal["save", "keep", "lose"] = "keep"
+
+
+class Question:
+    """Modal dialog over the viewer; Cancel is always an answer."""
+
+    def __init__(self, gui: Any) -> None:
+        self._gui = gui
+        self._modal: Any = None
+
+    def ask(self, title: str, words: str, choices: tuple[Choice, ...]) -> None:
+        """Show a question in place of the one before; any answer closes it."""
+        self.cancel()
+        self._modal = self._gui.add_modal(title)
+        with self._modal:
+            self._gui.add_html(style.text(words))
+            for choice in (*choices, Choice("Cancel", lambda event: None)):
+                self._add(choice)
+
+    def _add(self, choice: Choice) -> None:
+        button = self._gui.add_button(
+            choice.label, icon=ICONS[choice.kind], color=COLORS[choice.kind]
+        )
+
+        def answer(event: Event) -> None:
+            self.cancel()
+            choice.act(event)
+
+        on_click(button, answer)
+
+    def cancel(self) -> bool:
+        """Answer with Cancel; return whether a question was open."""
+        modal, self._modal = self._modal, None
+        if modal is not None:
+            modal.close()
+        return modal is not None
+
 
 NOTHING = "choose …"
 
@@ -51,7 +100,7 @@ class SessionPanel:
 
     def __init__(self, gui: Any, context: PanelContext) -> None:
         self._context = context
-        self._question = Question(gui)
+        self.question = Question(gui)
         self._snapshot: Snapshot | None = None
         self._buttons = gui.add_button_group("History", ("Undo", "Redo", "Save"))
         with gui.add_folder("Session", expand_by_default=False):
@@ -86,10 +135,6 @@ class SessionPanel:
         _add_command(gui, "Stop the robot", lambda e: serve("stop", e, None))
         _add_command(gui, "Exit drawing", lambda e: serve("escape", e, None), "escape")
 
-    def cancel_question(self) -> bool:
-        """Answer what is asked with Cancel; return whether something was asked."""
-        return self._question.cancel()
-
     def _open_file(self, event: Any) -> None:
         if self._file.value != NOTHING:
             self._leave(f"open:{self._file.value}", f"open {self._file.value}", event)
@@ -109,7 +154,7 @@ class SessionPanel:
             self._serve(what, event)
             return
         key, name = shown.session.id, shown.session.name
-        self._question.ask(
+        self.question.ask(
             f"Save “{name}” first?",
             f"“{name}” has unsaved changes. You are about to {words}. Without saving, "
             f"“{name}” stays open in the background: return to it with Session, Open "
@@ -132,7 +177,7 @@ class SessionPanel:
         loses = "the changes are lost" if shown.changes else "the job is cancelled"
         save = Choice("Save and close", lambda e: self._serve(f"save:{key}+drop:{key}", e), "save")
         drop = Choice("Close without saving", lambda e: self._serve(f"drop:{key}", e), "lose")
-        self._question.ask(
+        self.question.ask(
             f"Close “{name}”?", f"“{name}” {why}. If you close it now, {loses}.", (save, drop)
         )
 

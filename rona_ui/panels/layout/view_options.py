@@ -61,14 +61,9 @@ class ViewOptionsPanel:
 
     def _cut(self, gui: Any, context: PanelContext) -> None:
         self._across = gui.add_dropdown("Cut", tuple(CUTS), hint=CUT_HINT)
+        hint = "From the centre of the region"
         self._at = gui.add_slider(
-            "Cut offset (mm)",
-            -REACH_MM,
-            REACH_MM,
-            0.5,
-            0.0,
-            visible=False,
-            hint="From the centre of the region",
+            "Cut offset (mm)", -REACH_MM, REACH_MM, 0.5, 0.0, visible=False, hint=hint
         )
         hint = "Cuts the maps of step 9 as well"
         self._maps = gui.add_checkbox("Cut maps", False, visible=False, hint=hint)
@@ -79,8 +74,9 @@ class ViewOptionsPanel:
 
     def render(self, old: Snapshot | None, new: Snapshot) -> None:
         """Follow the layers, the cut and what is known of the head."""
-        for name, tick in self._ticks.items():
-            tick.value = name not in new.view.hidden
+        if changed(old, new, "view.hidden"):  # only then: a tick may be ahead of the view
+            for name, tick in self._ticks.items():
+                tick.value = name not in new.view.hidden
         if changed(old, new, "static_scene"):
             known = new.static_scene is not None and new.static_scene.head_axes_base is not None
             for group in self._head:

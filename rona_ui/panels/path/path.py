@@ -4,11 +4,10 @@ from typing import Any
 
 from rona_core.app.steps.path.messages import GenerateScanPattern, StartPathCapture
 from rona_ui.panels.widgets import style
-from rona_ui.panels.widgets.draw_on_skull import DrawingControls
 from rona_ui.panels.widgets.form import Form
-from rona_ui.panels.widgets.import_recording import ImportControls
 from rona_ui.panels.widgets.panel_context import PanelContext
 from rona_ui.panels.widgets.step_panel import StepPanel
+from rona_ui.panels.widgets.stroke_sources import DrawingControls, ImportControls
 from rona_ui.presentation.snapshot import Snapshot
 from rona_ui.presentation.view_state import ViewState
 

@@ -8,7 +8,7 @@ from rona_core.app.steps.smoothing.path_view import PathView
 from rona_core.geometry.arrays import Floats
 from rona_ui.panels.widgets import style
 from rona_ui.presentation.colors import BLUE, css, viridis
-from rona_ui.presentation.shown_path import shown_path, shown_path_key
+from rona_ui.presentation.shown import shown_path, shown_path_key
 from rona_ui.presentation.snapshot import Snapshot
 
 WIDTH, HEIGHT, MARGIN = 170.0, 190.0, 8.0  # of one graph, in pixels

@@ -18,12 +18,8 @@ class ChecksPanel:
 
     def __init__(self, gui: Any, context: PanelContext) -> None:
         self._words = gui.add_html(style.text(NOTHING))
-        self._choice = gui.add_dropdown(
-            "Go to worst",
-            (NOWHERE,),
-            visible=False,
-            hint="Moves the replay to the worst value of this check",
-        )
+        hint = "Moves the replay to the worst value of this check"
+        self._choice = gui.add_dropdown("Go to worst", (NOWHERE,), visible=False, hint=hint)
         self._table = gui.add_html("")
         self._rows: dict[str, CheckPlace] = {}
 

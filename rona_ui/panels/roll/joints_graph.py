@@ -17,13 +17,7 @@ JOINTS = ("All, share of range", *(f"Joint {j}" for j in range(1, 7)))
 BELOW = 3.0  # graph heights
 SHADE = "rgba(213,94,0,0.20)"
 EMPTY = "The joint graphs appear after step 7."
-FOLLOWED = (
-    "session.results.roll",
-    "view.shown_roll",
-    "view.joint",
-    "view.cursor",
-    "view.second",
-)
+FOLLOWED = ("session.results.roll", "view.shown_roll", "view.joint", "view.cursor", "view.second")
 PATH = Axis("path (%)", 0.0, 100.0)
 MARKS = (
     {"label": "worst", "stroke": css(VERMILLION), "width": 2, "dash": (5, 4)},

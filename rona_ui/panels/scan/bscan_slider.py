@@ -133,8 +133,8 @@ def _depths_svg(picture: ScanPicture, marks: ScanMarks) -> str:
     depths_mm = np.arange(0.0, MOST_MM, DEPTH_MM)
     rows = _rows(picture, zero_us + 2.0 * depths_mm / marks.sound_speed_mm_per_us, HEIGHT_PX)
     return "".join(
-        f'<text x="3" y="{y + 3.5}" font-family="sans-serif" font-size="10" fill="#fff" '
-        f'stroke="#000" stroke-width="2" paint-order="stroke">{depth_mm:.0f} –</text>'
+        f'<text x="3" y="{y + 3.5}" font-family="sans-serif" font-size="10" font-weight="bold" '
+        f'fill="#fff" stroke="#000" stroke-width="2" paint-order="stroke">{depth_mm:.0f} –</text>'
         for depth_mm, y in zip(depths_mm, rows.tolist(), strict=True)
         if 4 <= y < HEIGHT_PX - STRIP_PX - 4
     )

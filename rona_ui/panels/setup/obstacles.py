@@ -12,7 +12,7 @@ from rona_core.app.steps.setup.messages import (
 from rona_core.devices.workcell import RoomBox, Surroundings
 from rona_ui.panels.widgets import style
 from rona_ui.panels.widgets.form import Form
-from rona_ui.panels.widgets.panel_context import PanelContext, on_change
+from rona_ui.panels.widgets.panel_context import PanelContext, on_change, on_click
 from rona_ui.presentation.snapshot import Snapshot, changed
 from rona_ui.viewer.bindings import Event, escape
 
@@ -53,14 +53,8 @@ class WorkcellFields:
         self._box.number(
             "turn_deg", "Rotation (deg)", 0.0, -180.0, 180.0, 5.0, "About the vertical"
         )
-        self._add = context.send_button(gui, "Add obstacle", "plus", self._added)
-        self._remove = context.send_button(
-            gui,
-            "Remove obstacle",
-            "trash",
-            lambda: RemoveObstacle(self._which.value),
-            visible=False,
-        )
+        self._add = gui.add_button("Add obstacle", icon="plus", color="gray")
+        self._remove = gui.add_button("Remove obstacle", icon="trash", color="gray", visible=False)
         self._warning = gui.add_html("")
         with gui.add_folder("Table, floor and clearances", expand_by_default=False):
             self._workcell = workcell_form(gui)
@@ -70,6 +64,8 @@ class WorkcellFields:
             lambda e: context.show_layer("obstacles", bool(self._show_all.value)),
         )
         on_change(self._which, lambda e: self._choose())
+        on_click(self._add, self._on_add)
+        on_click(self._remove, self._on_remove)
 
     def _changed(self, name: str, event: Event) -> None:
         self._context.send_debounced("room", lambda: SetWorkcell(**self._workcell.values()), event)
@@ -90,11 +86,14 @@ class WorkcellFields:
         self._add.icon = "check" if known else "plus"
         self._remove.visible = known
 
-    def _added(self) -> AddObstacle:
-        """Return the obstacle of the fields, in place of the chosen one."""
-        name, chosen = self._name.value.strip(), self._which.value
+    def _on_add(self, event: Event) -> None:
+        name, values, chosen = self._name.value.strip(), self._box.values(), self._which.value
         before = None if chosen in (NEW, name) else chosen
-        return AddObstacle(name, **self._box.values(), instead_of=before)
+        self._context.send(lambda: AddObstacle(name, **values, instead_of=before), event)
+
+    def _on_remove(self, event: Event) -> None:
+        name = self._which.value
+        self._context.send(lambda: RemoveObstacle(name), event)
 
     def render(self, old: Snapshot | None, new: Snapshot) -> None:
         """Follow the session and the layers."""

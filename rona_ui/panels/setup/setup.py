@@ -27,6 +27,7 @@ from rona_ui.viewer.bindings import Event, escape
 from rona_ui.viewer.fields import read_number
 
 FILES = ".nrrd,.nii,.gz,.stl,.ply,.obj"
+BONE = ("kind", "own_speed")
 ROBOT = ("model", "errors", "scan_speed_mm_per_s", "base_shift_mm", "base_turn_deg")
 BONES = {"Normal": "normal", "Sharp diploe": "sharp", "Hard: sharp, more scatter": "hard"}
 SKULLS = {"Simulated, left side": "left", "Simulated, right side": "right", "From a file": "file"}
@@ -82,9 +83,8 @@ class SetupPanel(StepPanel):
                     "CT volume needs a bone threshold."
                 )
             )
-            self._threshold = gui.add_text(
-                "Bone threshold", "", hint="Leave empty for masks and meshes"
-            )
+            hint = "Leave empty for masks and meshes"
+            self._threshold = gui.add_text("Bone threshold", "", hint=hint)
             self._upload = gui.add_upload_button(
                 "Load skull file…", icon="upload", mime_type=FILES, color="gray"
             )
@@ -99,7 +99,7 @@ class SetupPanel(StepPanel):
         name = PurePath(uploaded.name.replace("\\", "/")).name
         wanted = self._threshold.value.strip()
         self.context.service(f"upload:{name}", event, uploaded.content)
-        radius_mm = self.form.values("radius_mm")["radius_mm"]
+        radius_mm = self.form.value("radius_mm")
         self.context.send(
             lambda: StartSkullImport(
                 name, threshold=read_number(wanted) if wanted else None, radius_mm=radius_mm
@@ -108,38 +108,31 @@ class SetupPanel(StepPanel):
         )
 
     def _changed(self, name: str, event: Event) -> None:
+        """Send the command that a field belongs to."""
+        form = self.form
         make = {
-            "seed": lambda: SetSeed(**self.form.values("seed")),
-            "radius_mm": lambda: SetRegion(**self.form.values("radius_mm")),
-            "pointer": lambda: SetPointer(self.form.values("pointer")["pointer"]),
-            "skull": self._skull,
-            "kind": self._bone,
-            "own_speed": self._bone,
-            "use_base_marker": lambda: SetUseBaseMarker(**self.form.values("use_base_marker")),
+            "seed": lambda: SetSeed(form.value("seed")),
+            "radius_mm": lambda: SetRegion(radius_mm=form.value("radius_mm")),
+            "pointer": lambda: SetPointer(form.value("pointer")),
+            "skull": lambda: UseSimulatedSkull(form.value("skull")),
+            "use_base_marker": lambda: SetUseBaseMarker(form.value("use_base_marker")),
         }
-        if name in PLACE:
+        if name == "skull" and form.value("skull") == "file":
+            return  # nothing happens until a file has been read
+        if name in make:
+            key, build = name, make[name]
+        elif name in BONE:
+            key, build = "bone", lambda: SetBoneModel(**form.values(*BONE))
+        elif name in PLACE:
             key, build = "place", self._tracker.place
-        elif name in make:
-            key, build = "bone" if make[name] == self._bone else name, make[name]
         elif name in NAMES:
             self._tracker.changed(name)
             key, build = "tracker", self._tracker.message
         elif name in ROBOT:
-            key, build = "robot", self._robot
+            key, build = "robot", lambda: SetRobot(**form.values(*ROBOT))
         else:
             key, build = "probe", self._probe.message
-        if name == "skull" and self.form.values("skull")["skull"] == "file":
-            return  # nothing happens until a file has been read
         self.context.send_debounced(("setup", key), build, event)
-
-    def _skull(self) -> UseSimulatedSkull:
-        return UseSimulatedSkull(self.form.values("skull")["skull"])
-
-    def _bone(self) -> SetBoneModel:
-        return SetBoneModel(**self.form.values("kind", "own_speed"))
-
-    def _robot(self) -> SetRobot:
-        return SetRobot(**self.form.values(*ROBOT))
 
     def update(self, old: Snapshot | None, new: Snapshot) -> None:
         """Write what the session holds into the fields where it has changed or was refused."""
@@ -169,16 +162,11 @@ def _held(session: Session) -> dict[str, Any]:
     return {
         "seed": setup.seed,
         "skull": getattr(setup.specimen, "side", "file"),
-        "kind": setup.bone.kind,
-        "own_speed": setup.bone.own_speed,
         "radius_mm": setup.region.radius_mm,
         "pointer": devices.pointer,
-        "model": devices.robot.model,
-        "errors": devices.robot.errors,
-        "scan_speed_mm_per_s": devices.robot.scan_speed_mm_per_s,
-        "base_shift_mm": devices.robot.base_shift_mm,
-        "base_turn_deg": devices.robot.base_turn_deg,
         "use_base_marker": setup.use_base_marker,
+        **{name: getattr(setup.bone, name) for name in BONE},
+        **{name: getattr(devices.robot, name) for name in ROBOT},
     }
 
 

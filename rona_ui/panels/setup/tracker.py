@@ -76,7 +76,7 @@ class TrackerFields:
         if name == "profile":
             self._latency_ms = None
         elif name == "latency_ms":
-            self._latency_ms = float(self._form.values("latency_ms")["latency_ms"])
+            self._latency_ms = float(self._form.value("latency_ms"))
 
     def message(self) -> SetTracker:
         """Return the command that the fields make."""

@@ -11,23 +11,13 @@ from PIL import Image
 
 from rona_ui.panels.widgets.panel_context import on_change
 
-SHEET = """<style>
-div:has(>.%(name)s)+div{padding:0 14px 26px!important;overflow:hidden}
-div:has(>.%(name)s)+div .mantine-Slider-root{padding:0!important;height:%(h)dpx}
-div:has(>.%(name)s)+div .mantine-Slider-trackContainer{height:%(h)dpx}
-div:has(>.%(name)s)+div .mantine-Slider-track{height:%(h)dpx;border-radius:3px;
- background:url(data:image/svg+xml;base64,%(data)s) 0 0/100%% 100%% no-repeat;
- image-rendering:pixelated}
-div:has(>.%(name)s)+div .mantine-Slider-track::before{display:none}
-div:has(>.%(name)s)+div .mantine-Slider-bar{background:transparent!important}
-div:has(>.%(name)s)+div .mantine-Slider-thumb{height:%(h)dpx!important;width:5px!important;
- border-radius:2px;background:#fff!important;border:1px solid #1f2933;box-sizing:border-box}
-div:has(>.%(name)s)+div .mantine-Slider-mark{visibility:hidden}
+TRACK = """<style>
+div:has(>.%(name)s)+div :is(.mantine-Slider-root,.mantine-Slider-trackContainer,
+ .mantine-Slider-track,.mantine-Slider-thumb){height:%(h)dpx!important}
+div:has(>.%(name)s)+div .mantine-Slider-track{background:0 0/100%% 100%% no-repeat
+ url(data:image/svg+xml;base64,%(data)s)}
 div:has(>.%(name)s)+div .mantine-Slider-markWrapper{top:%(mark)dpx}
-div:has(>.%(name)s)+div .mantine-Slider-markLabel{font-size:11px!important;color:#3e4c59}
-div:has(>.%(name)s)+div .mantine-NumberInput-root{display:none}
-div:has(>.%(name)s)+div div:has(>p){display:none}
-</style><div class="%(name)s"></div>"""
+</style><div class="r-track %(name)s"></div>"""
 
 
 class ImageSlider:
@@ -53,11 +43,7 @@ class ImageSlider:
             self._parts[1].value = place
 
     def show(
-        self,
-        svg: str,
-        span: tuple[int, int],
-        value: int,
-        marks: tuple[tuple[int, str], ...],
+        self, svg: str, span: tuple[int, int], value: int, marks: tuple[tuple[int, str], ...]
     ) -> None:
         """Show an image as SVG, with the slider from the first to the last of ``span`` on it."""
         self.clear()
@@ -79,7 +65,7 @@ class ImageSlider:
 def _track(name: str, height_px: int, svg: str) -> str:
     """Return the style that makes an image the track of the slider added next."""
     data = base64.b64encode(svg.encode()).decode()
-    return SHEET % {"name": name, "h": height_px, "mark": height_px + 2, "data": data}
+    return TRACK % {"name": name, "h": height_px, "mark": height_px + 2, "data": data}
 
 
 def png_url(image: NDArray[np.uint8]) -> str:

@@ -6,7 +6,7 @@ from rona_core.devices.protocols import Mesh
 from rona_core.geometry.arrays import Bools, Floats
 from rona_core.mapping.boundary_map import BoundaryMap, Maps
 from rona_ui.presentation.colors import BONE_RIM, ORANGE, SKY
-from rona_ui.presentation.shown_maps import shown_maps, shown_maps_key
+from rona_ui.presentation.shown import shown_maps, shown_maps_key
 from rona_ui.presentation.snapshot import Snapshot
 from rona_ui.scene.cut_plane import Plane, crossings, cut_key, cut_plane
 from rona_ui.scene.layer import Layer

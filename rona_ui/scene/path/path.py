@@ -4,7 +4,7 @@ import numpy as np
 
 from rona_core.app.steps.path.path_checks import check_path
 from rona_ui.presentation.colors import BLUE, ORANGE, PURPLE, VERMILLION, viridis
-from rona_ui.presentation.shown_path import shown_path, shown_path_key, shows_margins
+from rona_ui.presentation.shown import shown_path, shown_path_key, shows_margins
 from rona_ui.presentation.snapshot import Snapshot, changed
 from rona_ui.scene.layer import Layer, lift
 from rona_ui.scene.viser_nodes import NO_LINES, NO_POINTS, dots_along, draw_shaded, segments, shaded

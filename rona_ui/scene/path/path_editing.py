@@ -26,19 +26,13 @@ from rona_ui.scene.layer import Layer, lift
 from rona_ui.scene.viser_nodes import NO_LINES, NO_POINTS, segments
 
 STROKES = ("surface", "path")  # drawn with the pointer itself
-CORNER_STEP_MM = 1.5  # a drag adds a corner of the boundary once it has come so far
-MOST_CORNERS = 500
+DRAG_STEP_MM = 1.5  # a drag adds a point once it has come so far
+MOST_POINTS = 500  # of a stroke or boundary
 LIFT_MM = 2.0
 MARK_MM = 1.4
 MOVED_POINT, MOVE_TARGET = "/edit/grabbed", "/edit/place"
 BOUNDARY, CENTER = "/pattern/boundary", "/pattern/center"
-MARKS = (
-    "view.drawing",
-    "view.moved_point",
-    "view.move_target",
-    "view.center",
-    "view.boundary",
-)
+MARKS = ("view.drawing", "view.moved_point", "view.move_target", "view.center", "view.boundary")
 
 
 def point_at(
@@ -61,7 +55,8 @@ def point_at(
     if view.drawing == "boundary":
         if phase == "end":
             return view, None
-        return _with_corner(view, _point(sight(session, eye_base, ray))), None
+        corner = _point(sight(session, eye_base, ray))
+        return replace(view, boundary=extended(view.boundary, corner)), None
     if phase not in ("click", "end"):
         return view, None
     if view.drawing == "center":
@@ -121,12 +116,10 @@ def _point(place: Vector3) -> Point:
     return x, y, z
 
 
-def _with_corner(view: ViewState, corner: Point) -> ViewState:
-    held = view.boundary
-    near = bool(held) and float(np.linalg.norm(np.subtract(held[-1], corner))) < CORNER_STEP_MM
-    if near or len(held) >= MOST_CORNERS:
-        return view
-    return replace(view, boundary=(*held, corner))
+def extended(points: tuple[Point, ...], point: Point) -> tuple[Point, ...]:
+    """Return points with one more, unless it is too near to the last or there are too many."""
+    near = bool(points) and np.linalg.norm(np.subtract(points[-1], point)) < DRAG_STEP_MM
+    return points if near or len(points) >= MOST_POINTS else (*points, point)
 
 
 class EditLayer(Layer):

@@ -14,8 +14,7 @@ from rona_core.session.document import Session
 from rona_core.session.files import load_session
 from rona_ui.panels.scan.ascan import AScanPanel
 from rona_ui.presentation.view_state import ViewState
-from rona_ui.scene.maps.maps import LIFT_MM, NOW, SCAN, ScanLayer, scan_places
-from rona_ui.scene.maps.second_pass import CELLS, SecondLayer
+from rona_ui.scene.maps.maps import CELLS, LIFT_MM, NOW, SCAN, ScanLayer, SecondLayer, scan_places
 from tests.ui.panels.test_ascan_panel import CLIENT, Desk, shown
 from tests.ui.panels.test_handheld_panel import session as session
 from tests.ui.panels.test_handheld_panel import snapshot

@@ -11,7 +11,7 @@ from rona_core.devices.settings import DeviceSettings, RobotSettings
 from rona_core.geometry.pose import Pose
 from rona_core.robot.base_placement.candidates import BasePlace, BasePlacement
 from rona_core.session.document import Derived, Results, Session, Setup
-from rona_ui.panels.roll.base_placement import (
+from rona_ui.panels.roll.roll import (
     BasePlacementControls,
     offers,
     place_words,
@@ -62,7 +62,7 @@ def fresh(monkeypatch):
         made = session.results.placement
         return None if made is None else made.value
 
-    monkeypatch.setattr("rona_ui.panels.roll.base_placement.fresh_placement", held)
+    monkeypatch.setattr("rona_ui.panels.roll.roll.fresh_placement", held)
     monkeypatch.setattr("rona_core.app.steps.roll.base_placement.fresh_placement", held)
 
 

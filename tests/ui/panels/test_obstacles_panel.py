@@ -10,7 +10,7 @@ from rona_core.session.document import Session
 from rona_ui.panels.setup.setup import SetupPanel
 from rona_ui.presentation.static_scene import StaticScene
 from rona_ui.presentation.view_state import ViewState
-from rona_ui.scene.setup.clearance import ObstaclesLayer
+from rona_ui.scene.setup.robot import ObstaclesLayer
 from tests.helpers.ui.fake_gui import FakeGui
 from tests.ui.panels.test_panels import CLIENT, Recorder, snapshot
 

@@ -27,14 +27,14 @@ from rona_ui.panels.layout.quality import QualityPanel
 from rona_ui.panels.layout.run_bar import RunBar, StepList, StepTitle
 from rona_ui.panels.layout.session import SessionHead, SessionPanel
 from rona_ui.panels.layout.view_options import ViewOptionsPanel
-from rona_ui.panels.maps.second_pass import words as second_words
+from rona_ui.panels.maps.maps import second_pass_words as second_words
 from rona_ui.panels.pointer import PointerPanel
 from rona_ui.panels.roll.joints_graph import joint_data
 from rona_ui.panels.scan.scan import ScanPanel
 from rona_ui.panels.setup.setup import SetupPanel
 from rona_ui.panels.tool.tool import ToolPanel
-from rona_ui.panels.widgets.draw_on_skull import DrawingControls
 from rona_ui.panels.widgets.panel_context import PanelContext
+from rona_ui.panels.widgets.stroke_sources import DrawingControls
 from rona_ui.presentation.snapshot import Snapshot
 from rona_ui.presentation.static_scene import StaticScene
 from rona_ui.presentation.view_state import NEEDED, ViewState
