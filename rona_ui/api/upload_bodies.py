@@ -9,7 +9,7 @@ from fastapi import Request
 from fastapi.exceptions import RequestValidationError
 from starlette.concurrency import run_in_threadpool
 
-from rona_core.session.temporary_files import open_temporary
+from rona_core.session.files import open_temporary
 
 AT_ONCE = 1 << 20  # bytes that are written together
 

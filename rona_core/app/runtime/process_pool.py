@@ -24,6 +24,10 @@ from rona_core.devices.protocols import Cancel, Progress
 from rona_core.errors import CancelledError, RonaError
 
 T = TypeVar("T")
+POLL_S = 0.05
+PROGRESS_PERIOD_S = 0.05
+GRACE_S = 0.4  # from Cancel to the end of a process that has not looked at it
+CANCEL = b""  # instead of a computation
 
 
 @cache
@@ -34,12 +38,6 @@ def use_one_thread() -> None:
     of a result with it. A replay compares results bit by bit.
     """
     ThreadpoolController().limit(limits=1)
-
-
-POLL_S = 0.05
-PROGRESS_PERIOD_S = 0.05
-GRACE_S = 0.4  # from Cancel to the end of a process that has not looked at it
-CANCEL = b""  # instead of a computation
 
 
 def _serve(pipe: Connection) -> None:

@@ -22,7 +22,7 @@ class StepList:
         self._rows: dict[str, Any] = {}
         for number, name in enumerate(REGISTRY.step_names, start=1):
             self._rows[name] = gui.add_html("")
-            button = gui.add_button(f"Step {number}: {REGISTRY.title(name)}")
+            button = gui.add_button(f"Step {number}: {REGISTRY.lines[name].title}")
             self._listen(button, name, context)
 
     @staticmethod

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from rona_core.app.dependencies.staleness import stale_reason
-from rona_core.app.messages.outcomes import StoreCapture
+from rona_core.app.messages.message import StoreCapture
 from rona_core.app.runtime.handling import handle
 from rona_core.app.runtime.recompute import replay
 from rona_core.app.steps.boundaries.ascan_view import (

@@ -1,6 +1,6 @@
 """Compute boundaries and maps of a scan by hand: the probe is where the tracker saw it."""
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
@@ -17,7 +17,7 @@ from rona_core.app.steps.handheld.scans import (
 from rona_core.app.steps.maps.derivation import Survey, detect_survey
 from rona_core.calibration.handheld.tracked_probe import SonoCalibration, calibrate_sono
 from rona_core.devices.marker_geometry import GEOMETRIES
-from rona_core.devices.protocols import Cancel, Progress, never, silent
+from rona_core.devices.protocols import Cancel, Progress
 from rona_core.devices.samples import AScanTrack
 from rona_core.devices.settings import SONO
 from rona_core.errors import DegenerateGeometryError
@@ -29,39 +29,23 @@ from rona_core.ultrasound.detection.detect import Detection
 from rona_core.ultrasound.detection.manual_corrections import corrected
 
 
-@dataclass(frozen=True, slots=True)
-class SonoMapped:
-    """Both results of a scan by hand; their names are those of the session."""
-
-    sono_detection: Detection
-    sono_maps: SonoMaps
-
-
 def derive_sono_mapping(
-    session: Session,
-    message: StartHandheldMapping,
-    *,
-    progress: Progress = silent,
-    cancel: Cancel = never,
-) -> SonoMapped:
-    """Detect the boundaries, then map them."""
+    session: Session, message: StartHandheldMapping, *, progress: Progress, cancel: Cancel
+) -> dict[str, object]:
+    """Return both results of a scan by hand: the boundaries are detected, then mapped."""
     found = derive_sono_detection(
         session, message, progress=lambda share: progress(0.7 * share), cancel=cancel
     )
     made = Derived(found, "", {}, {})
-    session = replace(session, results=replace(session.results, sono_detection=made))
+    session = session.with_result("sono_detection", made)
     maps = derive_sono_maps(
         session, message, progress=lambda share: progress(0.7 + 0.3 * share), cancel=cancel
     )
-    return SonoMapped(found, maps)
+    return {"sono_detection": found, "sono_maps": maps}
 
 
 def derive_sono_detection(
-    session: Session,
-    message: StartHandheldMapping,
-    *,
-    progress: Progress = silent,
-    cancel: Cancel = never,
+    session: Session, message: StartHandheldMapping, *, progress: Progress, cancel: Cancel
 ) -> Detection:
     """Find both boundaries in the A-scans at which the tracker saw the probe.
 
@@ -83,11 +67,7 @@ def derive_sono_detection(
 
 
 def derive_sono_maps(
-    session: Session,
-    message: StartHandheldMapping,
-    *,
-    progress: Progress = silent,
-    cancel: Cancel = never,
+    session: Session, message: StartHandheldMapping, *, progress: Progress, cancel: Cancel
 ) -> SonoMaps:
     """Map both boundaries; fuse the outer one with the pointer cloud where there is one.
 
