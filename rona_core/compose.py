@@ -20,8 +20,8 @@ from rona_core.session.document import Session, Setup
 from rona_core.session.files import load_session
 from rona_core.session.specimen import LoadedSkull
 from rona_core.ultrasound.acoustic_calibration.parameter_sweep import sweep
+from rona_core.virtual.acoustics.medium import bone_medium
 from rona_core.virtual.acoustics.plates import record_plate
-from rona_core.virtual.acoustics.specimen_medium import bone_medium
 from rona_core.virtual.rig import VirtualRig
 from rona_core.virtual.specimen.build_specimen import Specimen, build_specimen
 from rona_core.virtual.specimen.import_skull import import_skull

@@ -179,7 +179,7 @@ def _add_calibrate(verbs: Any) -> None:
         "--dof", type=int, choices=(6, 5), default=6, help="5 for markers on one line (6)"
     )
     kind.add_argument(
-        "--method", choices=("ml", "aos", "sphere"), default="ml", help="how it is solved (ml)"
+        "--method", choices=("ml", "sphere"), default="ml", help="how it is solved (ml)"
     )
     kind.add_argument("--json", action="store_true", help="print one JSON object, no table")
 

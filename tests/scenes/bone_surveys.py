@@ -20,9 +20,9 @@ from rona_core.geometry.pose import Poses
 from rona_core.session.document import Session
 from rona_core.session.specimen import BoneChoice, BoneKind
 from rona_core.ultrasound.detection.detect import Detection, detect
-from rona_core.ultrasound.probe.survey import ProbeSurvey
+from rona_core.ultrasound.probe.probe_model import ProbeSurvey
+from rona_core.virtual.acoustics.medium import bone_medium
 from rona_core.virtual.acoustics.probe import Layered
-from rona_core.virtual.acoustics.specimen_medium import bone_medium
 from rona_core.virtual.rig import build_scene
 from rona_core.virtual.specimen.simulated.simulated_skull import SimulatedSpecimen
 from tests.scenes.bone_record import BoneScene, record

@@ -58,7 +58,7 @@ def calibrate_pointer(
         Ts_tracker_pointermarker: Poses in which the pointer was seen, at least 10, in order.
         pointer: Name of the pointer.
         dof: 6, or 5 for collinear markers.
-        method: "ml" (maximum likelihood), "sphere" (the paper's) or "aos" (linear least squares).
+        method: "ml" (maximum likelihood) or "sphere" (the paper's).
         positions_pointermarker: Marker geometry (m, 3) in mm; "ml" needs it.
         noise: What "ml" assumes about single markers; by default three times as much in depth.
         exclude: (n,) True for poses that must not count.

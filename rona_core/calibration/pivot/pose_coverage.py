@@ -8,10 +8,8 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike
-from scipy.spatial.transform import Rotation
 
 from rona_core.calibration.pivot.maximum_likelihood import tip_information
-from rona_core.calibration.pivot.quality import CONES_DEG
 from rona_core.calibration.tracking_error.marker_noise import MarkerNoise
 from rona_core.calibration.tracking_error.poses_with_covariance import tracked_from_poses
 from rona_core.errors import DegenerateGeometryError, InvalidInputError
@@ -20,7 +18,6 @@ from rona_core.geometry.pose import Pose, Poses
 
 RINGS_DEG = (0.0, 10.0, 20.0, 30.0, 45.0, 60.0)
 SECTORS = 12
-SPREAD = 60  # poses that stand for an even cone
 CENTRAL_DEG = 3.0  # tilts below this have no azimuth worth counting
 CANDIDATE_TILTS_DEG = (5.0, 10.0, 15.0, 20.0, 25.0, 30.0)
 MIN_LENGTH_MM = 1.0
@@ -159,49 +156,6 @@ def _tilted(
         for tilt, azimuth in tilts_and_azimuths_deg
     ]
     return Poses.stack([Pose.from_rotvec(turn) @ middle for turn in turns])
-
-
-def sigma_by_cone(
-    R_tracker_marker: Floats,
-    tip: Vector3,
-    positions_marker: ArrayLike,
-    *,
-    dof: int,
-    noise: MarkerNoise,
-    sigma_mm: float,
-    n: int,
-) -> tuple[tuple[float, float], ...]:
-    """Return what error of the tip n poses spread evenly over wider and wider cones would give.
-
-    Args:
-        R_tracker_marker: Orientation (3, 3) in the middle of the cones.
-        tip: The tip (3,) in ``marker`` in mm.
-        positions_marker: Marker geometry (m, 3) in mm.
-        dof: 6, or 5 for collinear markers.
-        noise: What is assumed about single markers.
-        sigma_mm: 3D RMS of one marker.
-        n: How many poses.
-
-    Returns:
-        Pairs of half-angle (deg) and predicted 3D standard deviation (mm).
-    """
-    axis = -R_tracker_marker @ tip / np.linalg.norm(tip)
-    aside, across = np.linalg.svd(axis[None])[2][1:]
-    share = np.sqrt((np.arange(SPREAD) + 0.5) / SPREAD)
-    azimuths = np.rad2deg(np.arange(SPREAD) * np.pi * (3.0 - np.sqrt(5.0)))
-    axes = np.array([np.cross(axis, _toward(azimuth, aside, across)) for azimuth in azimuths])
-    pairs: list[tuple[float, float]] = []
-    for cone_deg in CONES_DEG:
-        turns = np.deg2rad(cone_deg) * share[:, None] * axes
-        rotations = Rotation.from_rotvec(turns).as_matrix() @ R_tracker_marker
-        tracked = tracked_from_poses(
-            Poses(rotations, np.zeros((SPREAD, 3))), positions_marker, noise, dof=dof
-        )
-        information = tip_information(tracked, tip, dof=dof).mean(axis=0) * n
-        k = len(information) - 3
-        variance = float(np.trace(np.linalg.inv(information)[:k, :k]))
-        pairs.append((cone_deg, sigma_mm * float(np.sqrt(variance))))
-    return tuple(pairs)
 
 
 def _shafts(Ts_tracker_marker: Poses, tip: Vector3) -> Floats:

@@ -9,7 +9,7 @@ from rona_core.calibration.pivot.quality import Verdict
 from rona_core.errors import InvalidInputError
 from rona_core.geometry.arrays import Bools, Floats, Vector3
 
-EXCLUDED, UNSEEN, AWAY = "excluded by hand", "too few markers seen", "away from the common tip"
+EXCLUDED, AWAY = "excluded by hand", "away from the common tip"
 
 
 @dataclass(frozen=True, slots=True)
@@ -39,21 +39,18 @@ class PivotFit:
     reasons: tuple[str, ...]  # why not good, and what to do about it
 
 
-def rejected_poses(
-    residuals: Floats, used: Bools, known_reasons: dict[str, Bools]
-) -> tuple[RejectedPose, ...]:
+def rejected_poses(residuals: Floats, used: Bools, keep: Bools) -> tuple[RejectedPose, ...]:
     """Return every pose that does not count.
 
     Args:
         residuals: (n,) distance of the tip from the pivot in mm.
         used: (n,) which poses count.
-        known_reasons: Reason -> rows (n,) it holds for; a pose without one misses the tip.
+        keep: (n,) which poses were not excluded by hand.
     """
-    found: list[RejectedPose] = []
-    for row in np.flatnonzero(~used):
-        reason = next((text for text, rows in known_reasons.items() if rows[row]), AWAY)
-        found.append(RejectedPose(int(row), float(residuals[row]), reason))
-    return tuple(found)
+    return tuple(
+        RejectedPose(int(row), float(residuals[row]), AWAY if keep[row] else EXCLUDED)
+        for row in np.flatnonzero(~used)
+    )
 
 
 def as_keep(exclude: ArrayLike | None, n: int) -> Bools:

@@ -1,20 +1,17 @@
 """Simplification of a path: as few of its points as possible within an error bound."""
 
-from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from rona_core.devices.protocols import never
 from rona_core.errors import InvalidInputError
 from rona_core.geometry.arrays import Bools, Floats, Ints, readonly
+from rona_core.path.simplification.beam_search import FAST_RULE, beam_search
 from rona_core.path.simplification.deviation import as_path, deviations
 from rona_core.path.simplification.douglas_peucker import SPLIT_RULE, douglas_peucker
 from rona_core.path.simplification.error_bound import ErrorBound, ShortcutTest
-from rona_core.path.simplification.greedy import FAST_RULE, beam_search
-from rona_core.path.simplification.lower_bound import points_lower_bound
 from rona_core.path.simplification.shortest_path import (
     MAX_WORK,
     OPTIMAL_RULE,
@@ -44,8 +41,8 @@ class SimplifiedPath:
     where: int  # index of the original point that is farthest away
     frechet: bool  # K1, or the cap on it, holds in the sense of Fréchet: no stroke is lost
     closed: bool  # the last point goes on to the first
-    lower_bound: int  # no path within the same bound has fewer points
-    exact: bool  # this one has as few as that
+    lower_bound: int  # proven: the number of points if exact, else of those that must stay
+    exact: bool  # no path within the same bound has fewer points
     rule: str  # what decides which points stay, ties included
 
     def __len__(self) -> int:
@@ -59,7 +56,6 @@ def simplify(
     method: SimplifyMethod = "optimal",
     keep: ArrayLike | None = None,
     closed: bool = False,
-    cancel: Callable[[], bool] = never,
 ) -> SimplifiedPath:
     """Simplify a path: as few of its points as possible, within an error bound in each piece.
 
@@ -73,12 +69,10 @@ def simplify(
         keep: Mask (n,) or indices of points that must stay; the two ends always do.
         closed: The last point goes on to the first. The point farthest from the centroid stays in
             place of the ends.
-        cancel: Asked now and then by "optimal" and "fast"; True gives up.
 
     Raises:
         InvalidInputError: wrong shape, unknown method, negative tolerance, or "optimal" or "fast"
             for "k2" or "k3" on a path too long for it.
-        CancelledError: ``cancel`` said so.
     """
     p = as_path(points)
     bound = tolerance if isinstance(tolerance, ErrorBound) else ErrorBound(tolerance)
@@ -87,10 +81,9 @@ def simplify(
     original, shift = p, 0
     if closed:
         p, fixed, shift = _opened(p, fixed)
-    index, used = chosen_points(p, fixed, test, method, cancel)
-    columns = np.ascontiguousarray(p.T)
-    least = len(index) if used == "optimal" else points_lower_bound(columns, fixed, test)
-    exact = len(index) == least
+    index, used = chosen_points(p, fixed, test, method)
+    exact = used == "optimal"
+    least = len(index) if exact else int(fixed.sum())
     if closed and len(p) > 1:
         index, least = np.sort((index[:-1] + shift) % (len(p) - 1)), least - 1
     found = deviations(original, index, closed=closed)
@@ -113,26 +106,21 @@ def simplify(
 
 
 def chosen_points(
-    points: Floats,
-    fixed: Bools,
-    test: ShortcutTest,
-    method: SimplifyMethod,
-    cancel: Callable[[], bool],
+    points: Floats, fixed: Bools, test: ShortcutTest, method: SimplifyMethod
 ) -> tuple[Ints, SimplifyMethod]:
     """Return the indices (k,) that stay, and the method that was used.
 
     Raises:
         InvalidInputError: unknown method, or one that would take too long.
-        CancelledError: ``cancel`` said so.
     """
     if method not in METHODS:
         raise InvalidInputError(f"method must be one of {', '.join(METHODS)}, not {method!r}")
     columns = np.ascontiguousarray(points.T)
     used = _feasible(columns, fixed, test, method)
     if used == "optimal":
-        return fewest_points(columns, fixed, test, cancel=cancel), used
+        return fewest_points(columns, fixed, test), used
     if used == "fast":
-        return beam_search(columns, fixed, test, cancel=cancel), used
+        return beam_search(columns, fixed, test), used
     if used == "rdp":
         return douglas_peucker(columns, fixed, test), used
     remaining = np.ones(len(points), dtype=np.bool_)

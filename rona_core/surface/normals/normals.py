@@ -5,6 +5,7 @@ from typing import Literal
 
 import numpy as np
 from numpy.typing import ArrayLike
+from scipy.spatial import KDTree
 
 from rona_core.errors import InvalidInputError
 from rona_core.geometry.arrays import Bools, Floats, Ints, as_points, as_vector3, readonly
@@ -23,10 +24,7 @@ from rona_core.surface.normals.normal_estimator import (
     Estimates,
     NormalMethod,
     estimate,
-    estimate_by_grid,
-    hash_for,
 )
-from rona_core.surface.normals.spatial_hash import CellHash
 
 NormalFlag = Literal[
     "ok", "too_few", "rank_deficient", "not_flat", "one_sided", "edge_on", "uncertain"
@@ -77,7 +75,7 @@ class Normals:
 
 
 class NormalField:
-    """A cloud prepared for the normals at any number of places, to which points can be added.
+    """A cloud prepared for the normals at any number of places.
 
     Places need not belong to the cloud; they should be close to it.
     """
@@ -88,7 +86,7 @@ class NormalField:
         Args:
             points_base: The cloud, mm.
             radius_mm: Size of the neighbourhoods. None lets noise, density and curvature of the
-                cloud decide, anew for every cloud; to follow a scan while it grows, give one.
+                cloud decide.
 
         Raises:
             InvalidInputError: wrong shape, values not finite, or a radius that is not positive.
@@ -96,42 +94,13 @@ class NormalField:
         if radius_mm is not None and not 0.0 < radius_mm < np.inf:
             raise InvalidInputError(f"radius_mm must be positive, not {radius_mm}")
         self._radius_mm = None if radius_mm is None else float(radius_mm)
-        self._parts = [as_points(points_base, name="points_base")]
-        self._hash: CellHash | None = None
-        self._choices: dict[str, RadiusChoice] = {}
-        self._noise_mm: float | None = None
-        self._noise_known = False
-
-    def add(self, points_base: ArrayLike) -> None:
-        """Add points (k, 3); with a given radius the work grows with those near, not with all.
-
-        Raises:
-            InvalidInputError: wrong shape or values not finite.
-        """
-        points = as_points(points_base, name="points_base")
-        self._parts.append(points)
-        self._choices.clear()
-        self._noise_known = False
-        if self._hash is not None:
-            self._hash.add(points)
-
-    def choose(self, method: NormalMethod = "tls") -> RadiusChoice:
-        """Return the radius that the cloud suggests for ``method``, and why."""
-        if method not in self._choices:
-            self._choices[method] = choose_radius(self._points(), method)
-        return self._choices[method]
-
-    def noise_mm(self) -> float | None:
-        """Return the noise of one point along the normal, None where it cannot be estimated."""
-        if not self._noise_known:
-            self._noise_mm, self._noise_known = measure_noise_mm(self._points()), True
-        return self._noise_mm
+        self._tree = KDTree(as_points(points_base, name="points_base"))
 
     def normals(
         self,
         at: ArrayLike,
         *,
-        method: NormalMethod = "tls",
+        method: NormalMethod = "jet",
         outward: ArrayLike | None = None,
         viewpoint: ArrayLike | None = None,
     ) -> Normals:
@@ -139,12 +108,10 @@ class NormalField:
 
         Args:
             at: Places in the frame of the points, mm.
-            method: "tls", the plane of least squared distances. "ols", the paper's regression
-                plane: one coordinate is regressed on the other two, for each of the three, and
-                the one with the largest denominator is kept; noise tilts it towards that axis.
-                "jet", a quadric: right also where all points lie on one side, and over relief.
-                "robust", a plane that outliers do not tilt. "grid", a plane from the moments of
-                cells instead of points: for hundreds of thousands of places at once.
+            method: "jet", a quadric: right also where all points lie on one side, and over relief.
+                "ols", the paper's regression plane: one coordinate is regressed on the other two,
+                for each of the three, and the one with the largest denominator is kept; noise
+                tilts it towards that axis.
             outward: A direction (3,) that points out of the bone; or
             viewpoint: a place (3,) outside the bone, from which all of it is seen.
 
@@ -156,25 +123,13 @@ class NormalField:
             raise InvalidInputError(f"method must be one of {', '.join(METHODS)}, not {method!r}")
         places = as_points(at, name="at")
         sides = _outward_at(places, outward, viewpoint)
-        if method == "grid":
-            choice = self.choose(method) if self._radius_mm is None else None
-            radius = self._radius_mm if choice is None else choice.radius_mm
-            found = estimate_by_grid(self._points(), places, float(radius or 0.0))
-            return _judged(found, sides, float(radius or 0.0), method, None, choice)
         if self._radius_mm is not None:
-            noise = self.noise_mm() if method == "jet" else None
-            if self._hash is None:
-                self._hash = hash_for(self._points(), self._radius_mm)
-            found = estimate(self._hash, places, self._radius_mm, method, noise)
+            noise_mm = measure_noise_mm(self._tree) if method == "jet" else None
+            found = estimate(self._tree, places, self._radius_mm, method, noise_mm)
             return _judged(found, sides, self._radius_mm, method, None, None)
-        choice = self.choose(method)
-        found = estimate(
-            hash_for(self._points(), choice.radius_mm),
-            places,
-            choice.radius_mm,
-            method,
-            choice.noise_mm if len(choice.radii_mm) else None,
-        )
+        choice = choose_radius(self._tree, method)
+        noise_mm = choice.noise_mm if len(choice.radii_mm) else None
+        found = estimate(self._tree, places, choice.radius_mm, method, noise_mm)
         radii = self._widen(found, places, method, choice)
         widened = (radii != choice.radius_mm).any()
         return _judged(found, sides, choice.radius_mm, method, radii if widened else None, choice)
@@ -194,8 +149,7 @@ class NormalField:
             poor = np.flatnonzero(refused | (shaky & (wider <= choice.radii_mm.max(initial=0.0))))
             if not len(poor):
                 break
-            cells = hash_for(self._points(), wider)
-            more = estimate(cells, places[poor], wider, method, choice.noise_mm)
+            more = estimate(self._tree, places[poor], wider, method, choice.noise_mm)
             before = np.hypot(found.sigma_deg[poor], choice.lean_at_deg(radii[poor]))
             after = np.hypot(more.sigma_deg, choice.lean_at_deg(np.array(wider)))
             usable = (more.flag == 0) | (more.flag == UNCERTAIN)
@@ -203,11 +157,6 @@ class NormalField:
             found.replace(poor[better], more.select(better))
             radii[poor[better]] = wider
         return radii
-
-    def _points(self) -> Floats:
-        if len(self._parts) > 1:
-            self._parts = [np.concatenate(self._parts)]
-        return self._parts[0]
 
 
 def _judged(

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from rona_core.geometry.arrays import Bools, Floats
-from rona_core.surface.normals.spatial_hash import Neighbourhoods
+from rona_core.surface.normals.neighbourhoods import Neighbourhoods
 
 COEFFICIENTS = 6
 TURNS = 2  # the height is measured along the plane's normal first, then along the quadric's

@@ -70,7 +70,7 @@ def test_rest_and_python_give_the_same_session(client, web, replayed, tmp_path):
         SetTracker("white035", 30.0),
         SetPointer("pointer5d"),
         StartPointerCapture(cone_deg=20.0, duration_s=3.0),
-        CalibratePointer("aos"),
+        CalibratePointer("sphere"),
         Undo(),
         StartPointerCapture(duration_s=2.0),
     ]

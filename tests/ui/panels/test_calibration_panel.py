@@ -139,7 +139,7 @@ def test_the_picture_of_the_motion_has_every_pose_where_it_was(session):
 
 def test_the_residuals_are_bars_that_grow_with_them(session):
     view = calibration_view(session, "tool")
-    svg = residuals_svg(view).decode()
+    svg = residuals_svg(view)
     ends = {}
     for path in ElementTree.fromstring(svg).iter("{http://www.w3.org/2000/svg}path"):
         for x, y in re.findall(rf"M([\d.]+),{HEIGHT:.0f}V([\d.]+)", path.get("d")):

@@ -24,7 +24,7 @@ from rona_core.session.captures import ScanCapture
 from rona_core.session.document import Derived, SecondPass, Session
 from rona_core.ultrasound.detection.detect import Detection, detect
 from rona_core.ultrasound.detection.manual_corrections import corrected
-from rona_core.ultrasound.probe.survey import ProbeSurvey
+from rona_core.ultrasound.probe.probe_model import ProbeSurvey
 
 
 @dataclass(frozen=True, slots=True, eq=False)

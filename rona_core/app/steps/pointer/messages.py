@@ -10,7 +10,7 @@ from rona_core.app.steps.tool.messages import require_rows
 class CalibratePointer:
     """Compute the pointer tip from the recorded pivoting."""
 
-    method: Literal["ml", "sphere", "aos"] = "ml"
+    method: Literal["ml", "sphere"] = "ml"
     exclude: tuple[int, ...] = ()  # poses left out by hand, rows of the result's residuals
 
     def __post_init__(self) -> None:

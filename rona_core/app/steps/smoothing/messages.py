@@ -16,6 +16,6 @@ class SmoothScanPath:
     filter_s: float = within(0.0, 1.0, default=0.05)
     # None: noise, density and curvature decide
     normal_radius_mm: float | None = within(2.0, 40.0, default=None)
-    normal_method: Literal["jet", "tls", "ols", "robust"] = "jet"
+    normal_method: Literal["jet", "ols"] = "jet"
     # between normals along the path; 0: at the kept points alone
     normal_step_mm: float = within(0.0, 50.0, default=3.0)

@@ -8,7 +8,7 @@ from rona_core.app.runtime.recording import begin, finish
 from rona_core.app.steps.tool.messages import StartRobotMove
 from rona_core.errors import CancelledError, InvalidInputError, NotReachableError, StepBlockedError
 from rona_core.geometry.arrays import Floats
-from rona_core.robot.collision.collision_world import CollisionWorld, clear_among, require_clear
+from rona_core.robot.collision.collision_world import CollisionWorld, require_clear
 from rona_core.robot.collision.obstacles import Obstacles
 from rona_core.robot.kinematics.catalog import robot_model
 from rona_core.robot.kinematics.robot_model import RobotModel
@@ -79,7 +79,7 @@ class FreeMoves:
             raise NotReachableError(
                 f"{error}: undo what was changed since it went there, and move it away first"
             ) from error
-        line = retract_after_stop(model, start_rad, clear_among(model, around))
+        line = retract_after_stop(model, start_rad, CollisionWorld(model, around).clear)
         certificate = verify_motion(model, line, obstacles=around)
         require_certified("drawing the probe back", certificate, line, around)
         return line

@@ -41,8 +41,6 @@ class FittedFrames:
 
     fits: ManyFits  # T_tracker_marker of each frame
     numbers: Ints  # (k,)
-    points_tracker: Floats  # (k, m, 3), 0 where a marker was not seen
-    seen: Bools  # (k, m)
     positions_marker: Floats  # (m, 3) the geometry used
 
 
@@ -107,7 +105,7 @@ def fit_frames(frames: MarkerFrames, geometry: MarkerGeometryFile | None, dof: i
             f"{frames.name}: the markers fit the geometry to {off_mm:.1f} mm only, "
             f"{MAX_OFF_MM:g} are allowed: is it mirrored, or are markers named in another order?"
         )
-    return FittedFrames(fits, numbers[enough], points, seen, positions)
+    return FittedFrames(fits, numbers[enough], positions)
 
 
 def _own_geometry(frames: MarkerFrames, dof: int) -> Floats:

@@ -1,22 +1,55 @@
-"""Lattice of a varying roll: the cost of each posture and of each small step.
+"""Lattice of a varying roll: the cost of each posture and of each small step along a path.
 
 Steps join postures of the same branch at neighbouring path points whose rolls differ by a few
 bins at most. What is not allowed costs infinity.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from rona_core.geometry.arrays import Floats, Ints
+from rona_core.geometry.arrays import Bools, Floats, Ints
 from rona_core.robot.kinematics.joint_limits import TURN_RAD
-from rona_core.robot.redundancy.cost import hinge, limit_penalty, shares_of_points
+from rona_core.robot.redundancy.cost import (
+    RollCost,
+    hinge,
+    limit_penalty,
+    shares_of_points,
+    strides_of,
+)
 from rona_core.robot.redundancy.roll_grid import RollGrid
-from rona_core.robot.redundancy.variable.problem import RollProblem
 
 BAND = 2  # bins that the roll may change by from one path point to the next
 PIECE = 256  # path points worked on together, so that intermediate arrays stay in the cache
 ROUNDING_RAD = 1e-9
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class RollProblem:
+    """What a varying roll is searched in: postures, objective and what is blocked."""
+
+    grid: RollGrid  # postures along the path, and what is allowed
+    cost: RollCost  # the objective, and how fast the roll may change
+    blocked: Bools = field(default_factory=lambda: np.zeros((1, 1, 1), dtype=np.bool_))
+    strides: Floats = field(init=False)  # (n - 1,) of each step along the path
+
+    def __post_init__(self) -> None:
+        # (n, R, 8) postures that must not be used, as those that touch something
+        object.__setattr__(self, "blocked", np.broadcast_to(self.blocked, self.grid.shape))
+        object.__setattr__(self, "strides", strides_of(self.grid.path))
+
+    def allowed(self) -> Bools:
+        """Return which postures (8, R, n) are allowed by themselves."""
+        return (self.grid.margins >= 0.0) & ~self.blocked.transpose(2, 1, 0)
+
+    def bins_of(self, rolls_rad: Floats) -> Ints:
+        """Return the bins (n,) of the grid that are nearest to rolls (n,), whole turns included."""
+        off = (rolls_rad - self.grid.rolls_rad[0]) / self.grid.spacing_rad
+        return np.round(off).astype(np.int64)
+
+    def with_blocked(self, blocked: Bools) -> "RollProblem":
+        """Return the problem with other postures blocked."""
+        return replace(self, blocked=blocked)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -30,7 +63,7 @@ class Lattice:
     nodes: Floats  # (n, B, R) infinite where the posture is not allowed
     steps: Floats  # (n - 1, B, 2 K + 1, R)
     band: int  # K
-    closed: bool
+    aware: tuple[int, ...]  # joints whose limits are left out, to be kept with whole turns counted
 
 
 def band_of(grid: RollGrid) -> int:
@@ -41,7 +74,7 @@ def band_of(grid: RollGrid) -> int:
 
 def build_lattice(problem: RollProblem, branches: Ints, aware: tuple[int, ...] = ()) -> Lattice:
     """Return the costs of some branches; the limits of joints in ``aware`` are left out."""
-    grid, cost, limits = problem.grid, problem.cost, problem.grid.model.limits
+    grid, cost = problem.grid, problem.cost
     n, count, band = grid.n_points, len(grid.rolls_rad), band_of(grid)
     nodes = np.zeros((n, len(branches), count))
     steps = np.zeros((max(0, n - 1), len(branches), 2 * band + 1, count))
@@ -51,16 +84,19 @@ def build_lattice(problem: RollProblem, branches: Ints, aware: tuple[int, ...] =
         node_cost = cost.singularities * hinge(grid.singularity[branch])
         for joint in range(6):
             if cost.limits and joint not in aware:
-                ends = float(limits.lower_rad[joint]), float(limits.upper_rad[joint])
-                q, turning = grid.qs_rad[branch, joint], bool(grid.turning[joint])
-                penalty = limit_penalty(q, *ends, grid.margin_limits, turning=turning)
-                node_cost += cost.limits * penalty
+                node_cost += cost.limits * limit_penalty(
+                    grid.qs_rad[branch, joint],
+                    grid.model.limits,
+                    joint,
+                    grid.margin_limits,
+                    turning=bool(grid.turning[joint]),
+                )
         nodes[:, i] = np.where(allowed[branch], node_cost * share, np.inf).T
         for start in range(0, n - 1, PIECE):
             stop = min(start + PIECE, n - 1)
             piece = grid.qs_rad[branch, :, :, start : stop + 1]
             steps[start:stop, i] = _step_costs(problem, piece, strides[start:stop], band)
-    return Lattice(branches, nodes, steps, band, grid.closed)
+    return Lattice(branches, nodes, steps, band, aware)
 
 
 def _step_costs(problem: RollProblem, qs: Floats, strides: Floats, band: int) -> Floats:

@@ -3,12 +3,8 @@
 A breadth-first search like the exact one, of which only the farthest few points survive each step.
 """
 
-from collections.abc import Callable
-
 import numpy as np
 
-from rona_core.devices.protocols import never
-from rona_core.errors import CancelledError
 from rona_core.geometry.arrays import Bools, Floats, Ints
 from rona_core.path.simplification.error_bound import ShortcutTest
 from rona_core.path.simplification.reachable_ends import (
@@ -28,9 +24,6 @@ def beam_search(
     columns: Floats,
     fixed: Bools,
     test: ShortcutTest,
-    *,
-    beam: int = BEAM,
-    cancel: Callable[[], bool] = never,
 ) -> Ints:
     """Return the indices (k,) of a path of few points within the error bound.
 
@@ -38,11 +31,6 @@ def beam_search(
         columns: The path as (m, n), n >= 1, one row per dimension.
         fixed: Mask (n,) of the points that must stay, ends included.
         test: Decides which segments may replace a piece.
-        beam: How many points are followed in each step.
-        cancel: Asked in each step; True gives up.
-
-    Raises:
-        CancelledError: ``cancel`` said so.
     """
     n = columns.shape[1]
     before = np.full(n, -1)
@@ -51,9 +39,7 @@ def beam_search(
     last = next_fixed(fixed)
     front, window = np.zeros(1, dtype=np.int64), FIRST_WINDOW
     while front[0] < n - 1:
-        if cancel():
-            raise CancelledError("the search for few points was cancelled")
-        reached = _step(columns, front, last[front], test, beam, window, before)
+        reached = _step(columns, front, last[front], test, window, before)
         window = max(FIRST_WINDOW, 8 * (int(reached[0]) - int(front[0])))
         stop = reached[fixed[reached]]  # nothing may pass a point that must stay
         front = stop[:1] if len(stop) else reached
@@ -68,11 +54,10 @@ def _step(
     front: Ints,
     last: Ints,
     test: ShortcutTest,
-    beam: int,
     window: int,
     before: Ints,
 ) -> Ints:
-    """Return the farthest points (at most ``beam``) one segment ahead, the farthest first."""
+    """Return the farthest points (at most ``BEAM``) one segment ahead, the farthest first."""
     reach = horizons(columns, front, last, test.near_mm, window)
     near = front[reach == last]
     near = near[test.holds(columns, near, np.full(len(near), last[0]))]
@@ -88,8 +73,8 @@ def _step(
     order = np.argsort(-ends, kind="stable")
     starts, ends = starts[order], ends[order]
     found: list[Ints] = []
-    count, start, batch = 0, 0, 2 * beam
-    while start < len(starts) and count < beam:
+    count, start, batch = 0, 0, 2 * BEAM
+    while start < len(starts) and count < BEAM:
         some = slice(start, start + batch)
         good = test.holds(columns, starts[some], ends[some])
         met, which = np.unique(ends[some][good][::-1], return_index=True)
@@ -101,4 +86,4 @@ def _step(
     if not count:  # a step to the next point always holds
         before[farthest + 1] = farthest
         return np.array([farthest + 1])
-    return np.concatenate(found)[:beam]
+    return np.concatenate(found)[:BEAM]

@@ -6,17 +6,17 @@ from rona_core.devices.protocols import Cancel, Progress, never, silent
 from rona_core.geometry.arrays import Bools, Floats, Ints
 from rona_core.robot.collision.edge_check import Clear
 from rona_core.robot.redundancy.cost import RollCost
-from rona_core.robot.redundancy.infeasibility import FailureCause, infeasible_verdict
+from rona_core.robot.redundancy.gauss_newton import refine_roll
+from rona_core.robot.redundancy.infeasibility import still_touches, variable_roll_verdict
+from rona_core.robot.redundancy.lattice import RollProblem
+from rona_core.robot.redundancy.margins import flange_poses, limit_margin, reach_margin
+from rona_core.robot.redundancy.optimal_roll import BlockedPath, optimal_roll
 from rona_core.robot.redundancy.result import RollCurve, RollVerdict
 from rona_core.robot.redundancy.roll_grid import RollGrid, solve_roll_grid
-from rona_core.robot.redundancy.variable.collision_mask import block_collisions, blocked_retracts
-from rona_core.robot.redundancy.variable.gauss_newton import refine_roll
-from rona_core.robot.redundancy.variable.infeasibility import NAME, SLIGHT, variable_roll_verdict
-from rona_core.robot.redundancy.variable.optimal_roll import BlockedPath, optimal_roll
-from rona_core.robot.redundancy.variable.problem import RollProblem
 
 WIDEST_RAD = np.deg2rad(5.0) + 1e-9  # between rolls through which a varying one is searched
 MOST_DETOURS = 12  # searches round what was found to touch something
+MOST_POINTS = 32  # path points whose postures are all checked in one go
 DETOUR_SHARE = 0.5  # of what is left of the progress
 
 
@@ -24,7 +24,6 @@ def plan_variable_roll(
     grid: RollGrid,
     cost: RollCost,
     *,
-    blocked: Bools | None = None,
     clear: Clear | None = None,
     standoff_mm: float = 0.0,
     progress: Progress = silent,
@@ -38,7 +37,6 @@ def plan_variable_roll(
     Args:
         grid: The rolls of the working set along the path.
         cost: The objective.
-        blocked: Postures (n, R, 8) that must not be used; R is the number of ``refined_rolls``.
         clear: Tells for joint angles (m, 6) where nothing touches. The curve found is checked,
             and searched anew round the postures that touch.
         standoff_mm: The probe must be able to be retracted this far from both ends.
@@ -46,17 +44,16 @@ def plan_variable_roll(
         cancel: Asked on the way.
 
     Raises:
-        InvalidInputError: ``blocked`` of another shape.
         CancelledError: somebody cancelled.
     """
     rolls_rad = refined_rolls(grid)
     if len(rolls_rad) != len(grid.rolls_rad):
         grid = solve_roll_grid(grid.path, grid.model, rolls_rad, grid.margin_limits, cancel=cancel)
-    problem = RollProblem(grid, cost, blocked)
+    problem = RollProblem(grid, cost)
     if standoff_mm > 0.0:
-        with_ends = problem.copy_blocked()
-        with_ends[[0, -1]] |= blocked_retracts(grid, standoff_mm)
-        problem = problem.with_blocked(with_ends)
+        blocked = problem.blocked.copy()
+        blocked[[0, -1]] |= blocked_retracts(grid, standoff_mm)
+        problem = problem.with_blocked(blocked)
     done, detours = 0.0, 0
     while True:
         found = optimal_roll(
@@ -73,21 +70,10 @@ def plan_variable_roll(
         if not len(touched):  # what is finer than the grid came too near
             return found, variable_roll_verdict(problem, found)
         if detours == MOST_DETOURS:
-            return None, _still_touches(found, touched)
+            return None, still_touches(found, touched, MOST_DETOURS)
         detours += 1
         problem = _around_collisions(problem, found, touched, clear)
         done += (1.0 - done) * DETOUR_SHARE
-
-
-def _around_collisions(
-    problem: RollProblem, found: RollCurve, touched: Ints, clear: Clear
-) -> RollProblem:
-    """Return the problem with what touches at some path points of a curve blocked."""
-    grid, blocked = problem.grid, problem.copy_blocked()
-    block_collisions(blocked, grid, touched, clear, problem.allowed())
-    bins = np.round((found.rolls_rad - grid.rolls_rad[0]) / grid.spacing_rad).astype(np.int64)
-    blocked[touched, bins[touched] % len(grid.rolls_rad), found.branch] = True
-    return problem.with_blocked(blocked)
 
 
 def refined_rolls(grid: RollGrid) -> Floats:
@@ -99,10 +85,43 @@ def refined_rolls(grid: RollGrid) -> Floats:
     return grid.rolls_rad[0] + grid.spacing_rad / pieces * np.arange(count)
 
 
-def _still_touches(found: RollCurve, touched: Ints) -> RollVerdict:
-    """Return the verdict on a curve that could not be led round all that is touched."""
-    index, roll_deg = int(touched[0]), float(np.rad2deg(found.rolls_rad[touched[0]]))
-    words = f"{MOST_DETOURS} detours leave {len(touched)} points where the arm touches, first"
-    cause = FailureCause("blocked", 0, float(len(touched)), 0.0, "", words)
-    name, n = f"{NAME}, there {roll_deg:.4g}°", len(found.rolls_rad)
-    return infeasible_verdict(name, roll_deg, found.branch, -SLIGHT, index, n, cause)
+def blocked_retracts(grid: RollGrid, standoff_mm: float) -> Bools:
+    """Return the postures (2, R, 8) at both ends from which the probe cannot be retracted.
+
+    Args:
+        grid: Postures along the path.
+        standoff_mm: How far it has to be retracted along its axis.
+    """
+    ends, n_rolls, model = [0, grid.n_points - 1], len(grid.rolls_rad), grid.model
+    parts = grid.flange_parts[:, ends]
+    parts[2, :, 9:] -= standoff_mm * grid.path.axes_base[ends]
+    result = np.zeros((2, n_rolls, len(grid.margins)), dtype=np.bool_)
+    for end in range(2):
+        parts_at_end = np.repeat(parts[:, end : end + 1], n_rolls, axis=1)
+        solutions = model.inverse(flange_poses(parts_at_end, grid.rolls_rad))
+        angles = solutions.qs_rad.transpose(2, 0, 1)
+        limit = limit_margin(angles, model.limits, grid.turning, grid.margin_limits)
+        result[end] = np.minimum(limit, reach_margin(solutions, grid.margin_limits)) < 0.0
+    return result
+
+
+def _around_collisions(
+    problem: RollProblem, found: RollCurve, touched: Ints, clear: Clear
+) -> RollProblem:
+    """Return the problem with what touches at some path points (k,) of a curve blocked.
+
+    Of many points some are checked, spread evenly, and stand for their neighbours. Postures that
+    are not allowed anyway are not checked.
+    """
+    grid, blocked, allowed = problem.grid, problem.blocked.copy(), problem.allowed()
+    most = np.linspace(0, len(touched) - 1, min(MOST_POINTS, len(touched)))
+    some = touched[np.unique(most.astype(np.int64))]
+    touches = np.zeros((len(some), *grid.shape[1:]), dtype=np.bool_)
+    for row, point in enumerate(some):
+        branch, roll = np.nonzero(allowed[:, :, point])
+        if len(branch):
+            touches[row, roll, branch] = ~clear(grid.qs_rad[branch, :, roll, point])
+    blocked[touched] |= touches[np.abs(touched[:, None] - some).argmin(axis=1)]
+    bins = problem.bins_of(found.rolls_rad)[touched] % len(grid.rolls_rad)
+    blocked[touched, bins, found.branch] = True
+    return problem.with_blocked(blocked)

@@ -4,19 +4,16 @@ The joint angles depend on the roll at the same path point alone, and the cost c
 only, so that each step solves a tridiagonal system. See docs/algorithms/robot/variable_roll.md.
 """
 
-from dataclasses import dataclass
-
 import numpy as np
 from scipy.linalg import solveh_banded
 
 from rona_core.devices.protocols import Cancel, never
 from rona_core.errors import CancelledError
 from rona_core.geometry.arrays import Floats, readonly
-from rona_core.robot.kinematics.joint_limits import TURN_RAD
-from rona_core.robot.redundancy.cost import CostShares, path_cost, shares_of_points
-from rona_core.robot.redundancy.margins import reach_margin, singularity_margin
+from rona_core.robot.redundancy.cost import CostShares, hinge, path_cost, shares_of_points
+from rona_core.robot.redundancy.lattice import RollProblem
 from rona_core.robot.redundancy.result import RollCurve
-from rona_core.robot.redundancy.variable.problem import RollProblem
+from rona_core.robot.redundancy.roll_grid import RollPostures
 
 MOST_STEPS = 25
 LEAST_GAIN = 1e-4  # of the cost; less is not worth another step
@@ -25,49 +22,6 @@ SHORTEST = 1.0 / 64.0  # of a step that is tried
 STILL_RAD = 1e-3  # joint travel of a step below which its root is treated as a square
 DAMPING = 1e-3  # of the diagonal
 EXACT_RAD = 1e-9
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class _Posture:
-    """Joints and margins at n path points for given rolls, on one branch."""
-
-    qs_rad: Floats  # (n, 6) near those before
-    reach: Floats  # (n,) margin
-    singularity: Floats  # (n,) margin
-    limits: Floats  # (n, 6) margin of each joint
-
-
-def _posture(problem: RollProblem, branch: int, rolls_rad: Floats, near_rad: Floats) -> _Posture:
-    """Return the posture for rolls (n,), its whole turns those nearest to ``near_rad`` (n, 6)."""
-    grid, margin_limits = problem.grid, problem.grid.margin_limits
-    solutions = grid.model.inverse(grid.flange_poses(rolls_rad))
-    qs = solutions.qs_rad[:, branch].copy()
-    turns = np.round((near_rad - qs) / TURN_RAD)
-    qs += TURN_RAD * np.where(grid.turning, turns, 0.0)
-    return _Posture(
-        qs_rad=qs,
-        reach=reach_margin(solutions, margin_limits)[:, branch],
-        singularity=singularity_margin(solutions, margin_limits)[:, branch],
-        limits=grid.model.limits.clearance_rad(qs) / margin_limits.limit_unit_rad,
-    )
-
-
-def _cost(problem: RollProblem, posture: _Posture) -> CostShares:
-    """Return the cost of a posture all along the path."""
-    penalties = _shortfall(posture.limits) ** 2
-    return path_cost(posture.qs_rad, penalties, posture.singularity, problem.strides, problem.cost)
-
-
-def _keeps_limits(problem: RollProblem, rolls_rad: Floats, posture: _Posture) -> bool:
-    """Return whether every point and every step is allowed."""
-    steps = np.abs(np.diff(posture.qs_rad, axis=0)).max(initial=0.0)
-    turns = np.abs(np.diff(rolls_rad)) - problem.cost.largest_roll_rad(problem.strides)
-    least = min(posture.reach.min(), posture.singularity.min(), posture.limits.min())
-    return bool(
-        least >= 0.0
-        and steps <= problem.grid.margin_limits.step_rad
-        and turns.max(initial=0.0) <= EXACT_RAD
-    )
 
 
 def refine_roll(problem: RollProblem, start: RollCurve, *, cancel: Cancel = never) -> RollCurve:
@@ -80,9 +34,10 @@ def refine_roll(problem: RollProblem, start: RollCurve, *, cancel: Cancel = neve
     """
     if problem.grid.n_points < 2:
         return start
+    grid, branch = problem.grid, start.branch
     lower, upper = _free_range(problem, start)
     rolls = start.rolls_rad.copy()
-    posture = _posture(problem, start.branch, rolls, start.qs_rad)
+    posture = grid.postures(branch, rolls, start.qs_rad)
     cost = _cost(problem, posture)
     if not _keeps_limits(problem, rolls, posture):  # on the very edge: rounding decides
         return start
@@ -90,14 +45,14 @@ def refine_roll(problem: RollProblem, start: RollCurve, *, cancel: Cancel = neve
         if cancel():
             raise CancelledError("the refinement of the roll was cancelled")
         around = [
-            _posture(problem, start.branch, rolls + nudge, posture.qs_rad)
+            grid.postures(branch, rolls + nudge, posture.qs_rad)
             for nudge in (-NUDGE_RAD, NUDGE_RAD)
         ]
         step = _newton_step(problem, rolls, posture, (around[0], around[1]), (lower, upper))
         share, gained = 1.0, 0.0
         while share >= SHORTEST:
             trial = np.clip(rolls + share * step, lower, upper)
-            trial_posture = _posture(problem, start.branch, trial, posture.qs_rad)
+            trial_posture = grid.postures(branch, trial, posture.qs_rad)
             trial_cost = _cost(problem, trial_posture)
             if trial_cost.total < cost.total and _keeps_limits(problem, trial, trial_posture):
                 gained = cost.total - trial_cost.total
@@ -111,15 +66,34 @@ def refine_roll(problem: RollProblem, start: RollCurve, *, cancel: Cancel = neve
     return RollCurve(readonly(rolls), start.branch, readonly(posture.qs_rad), cost)
 
 
+def _cost(problem: RollProblem, postures: RollPostures) -> CostShares:
+    return path_cost(
+        postures.qs_rad,
+        hinge(postures.limits),
+        postures.singularity,
+        problem.strides,
+        problem.cost,
+    )
+
+
+def _keeps_limits(problem: RollProblem, rolls_rad: Floats, postures: RollPostures) -> bool:
+    """Return whether every point and every step is allowed."""
+    steps = np.abs(np.diff(postures.qs_rad, axis=0)).max(initial=0.0)
+    turns = np.abs(np.diff(rolls_rad)) - problem.cost.largest_roll_rad(problem.strides)
+    least = min(postures.reach.min(), postures.singularity.min(), postures.limits.min())
+    return bool(
+        least >= 0.0
+        and steps <= problem.grid.margin_limits.step_rad
+        and turns.max(initial=0.0) <= EXACT_RAD
+    )
+
+
 def _free_range(problem: RollProblem, start: RollCurve) -> tuple[Floats, Floats]:
     """Return the rolls (n,) between which all bins about that of ``start`` are allowed."""
     grid = problem.grid
-    open_bins = grid.margins[start.branch].T >= 0.0  # (n, R)
-    if problem.blocked is not None:
-        open_bins &= ~problem.blocked[:, :, start.branch]
+    open_bins = problem.allowed()[start.branch].T  # (n, R)
     n, count = open_bins.shape
-    spacing = grid.spacing_rad
-    bins = np.round((start.rolls_rad - grid.rolls_rad[0]) / spacing).astype(np.int64)
+    bins = problem.bins_of(start.rolls_rad)
     lower, upper = start.rolls_rad.copy(), start.rolls_rad.copy()
     for ends, side in ((lower, -1), (upper, 1)):
         going = np.ones(n, dtype=np.bool_)
@@ -129,15 +103,15 @@ def _free_range(problem: RollProblem, start: RollCurve) -> tuple[Floats, Floats]
             going &= inside & open_bins[np.arange(n), beside % count]
             if not going.any():
                 break
-            ends[going] += side * spacing
+            ends[going] += side * grid.spacing_rad
     return lower, upper
 
 
 def _newton_step(
     problem: RollProblem,
     rolls: Floats,
-    posture: _Posture,
-    around: tuple[_Posture, _Posture],
+    posture: RollPostures,
+    around: tuple[RollPostures, RollPostures],
     bounds: tuple[Floats, Floats],
 ) -> Floats:
     """Return the Gauss-Newton step (n,) of the rolls, zero where a bound is in the way.
@@ -169,29 +143,19 @@ def _newton_step(
     diagonal[:-1] += weight * squares[:-1]
     beside = -weight * np.einsum("ij,ij->i", rate[1:], rate[:-1])
     share = shares_of_points(strides)
-    for margin, before, after, weight_of_margin in (
-        (posture.limits, back.limits, ahead.limits, cost.limits),
-        (
-            posture.singularity[:, None],
-            back.singularity[:, None],
-            ahead.singularity[:, None],
-            cost.singularities,
-        ),
-    ):
-        shortfall = _shortfall(margin)
+    for name, weight_of_margin in (("limits", cost.limits), ("singularity", cost.singularities)):
+        margin, before, after = (
+            getattr(p, name).reshape(len(rolls), -1) for p in (posture, back, ahead)
+        )
+        shortfall = np.maximum(0.0, 1.0 - margin)
         slope = np.where(shortfall > 0.0, (before - after) / (2.0 * NUDGE_RAD), 0.0)
         gradient += 2.0 * weight_of_margin * share * (shortfall * slope).sum(axis=1)
         diagonal += 2.0 * weight_of_margin * share * (slope**2).sum(axis=1)
-    held = ((rolls <= lower) & (gradient > 0.0)) | ((rolls >= upper) & (gradient < 0.0))
+    at_bound = ((rolls <= lower) & (gradient > 0.0)) | ((rolls >= upper) & (gradient < 0.0))
     diagonal = diagonal * (1.0 + DAMPING) + 1e-9
-    diagonal[held] = 1.0
-    gradient[held] = 0.0
-    beside[held[1:] | held[:-1]] = 0.0
+    diagonal[at_bound] = 1.0
+    gradient[at_bound] = 0.0
+    beside[at_bound[1:] | at_bound[:-1]] = 0.0
     return solveh_banded(
         np.vstack((np.concatenate(([0.0], beside)), diagonal)), -gradient, check_finite=False
     )
-
-
-def _shortfall(margin: Floats) -> Floats:
-    """Return what a margin lacks to be comfortable."""
-    return np.maximum(0.0, 1.0 - margin)
