@@ -330,7 +330,7 @@ def test_what_is_no_plain_file_name_is_refused_everywhere(at, client, web, file)
 def test_a_session_is_saved_whatever_its_name(at, web):
     for name in ("x" * 80, "\U0001d538" * 80, "../../x", ".", "a\nb"):
         assert at("POST", "/commands/RenameSession", json={"name": name}).status_code == 200
-        free = web.hub._files.free_path(name)
+        free = web.hub.files.free_path(name)
         assert free.parent == web.folder
         saved = at("POST", "/save", json={"file": free.stem})
         assert saved.status_code == 200
