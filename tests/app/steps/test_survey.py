@@ -16,13 +16,17 @@ from rona_core.app.steps.acoustics.messages import (
     StartCaliperMeasurements,
     StartDelayLineCapture,
 )
-from rona_core.app.steps.handheld.derivation import derive_sono_detection
+from rona_core.app.steps.handheld.derivation import (
+    derive_sono_detection,
+    hand_poses,
+    hand_reference,
+    posed_scans,
+)
 from rona_core.app.steps.handheld.messages import (
     StartHandheldCalibration,
     StartHandheldMapping,
     StartHandheldScan,
 )
-from rona_core.app.steps.handheld.scans import hand_poses, hand_reference, posed_scans
 from rona_core.app.steps.maps import derivation
 from rona_core.app.steps.maps.derivation import (
     derive_detection,

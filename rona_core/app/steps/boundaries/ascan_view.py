@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from rona_core.app.steps.boundaries.handlers import capture_of, detection_of_scan
-from rona_core.app.steps.handheld.scans import hand_poses
+from rona_core.app.steps.handheld.derivation import hand_poses
 from rona_core.app.steps.maps.derivation import probe_poses
 from rona_core.app.steps.scan.captures import fire_times
 from rona_core.app.steps.scan.planned_motion import plan_of
@@ -175,14 +175,16 @@ def _judged(
     fine = known and plot.inner_us is not None
     by_hand = bool(session.boundary_edits.marks(scan, len(found))[i])
     if fine:
-        told = f"bone {found.thickness_mm[i]:.2f} ± {_thickness_sigma_mm(found, i):.2f} mm"
-        told += ", set by hand" if by_hand else f", confidence {100 * found.inner_quality[i]:.0f} %"
+        words = f"bone {found.thickness_mm[i]:.2f} ± {_thickness_sigma_mm(found, i):.2f} mm"
+        words += (
+            ", set by hand" if by_hand else f", confidence {100 * found.inner_quality[i]:.0f} %"
+        )
     else:
-        told = FLAGS[flag]
+        words = FLAGS[flag]
     other = None
     if known and found.alternative_quality[i] >= WORTH_TELLING:
         other = float(found.alternative_us[i])
-        told += (
+        words += (
             f". Other echo at {(other - found.outer_us[i]) * found.sound_speed_mm_per_us / 2:.2f} "
             f"mm ({100 * found.alternative_quality[i]:.0f} %)"
         )
@@ -191,7 +193,7 @@ def _judged(
     outer_us = float(found.outer_us[i])
     return replace(
         plot,
-        remark=f"{plot.remark}: {told}.",
+        remark=f"{plot.remark}: {words}.",
         outer_sigma_us=2.0 * float(found.outer_sigma_mm[i]) / probe.line.speed_mm_per_us,
         inner_sigma_us=float(found.inner_sigma_us[i]),
         alternative_us=other,

@@ -6,7 +6,7 @@ from rona_core.app.declarations.registry import REGISTRY
 from rona_core.app.dependencies.inputs import require_result
 from rona_core.app.steps.acoustics.derivation import session_probe
 from rona_core.app.steps.boundaries.messages import ClearBoundaryCorrections, CorrectBoundary
-from rona_core.app.steps.handheld.scans import NOT_SEEN, posed_scans, spread
+from rona_core.app.steps.handheld.derivation import NOT_SEEN, posed_scans, spread
 from rona_core.errors import InvalidInputError, StepBlockedError
 from rona_core.session.captures import ScanCapture, SonoCapture
 from rona_core.session.codec import digest

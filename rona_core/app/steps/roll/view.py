@@ -225,8 +225,8 @@ def none_works(plan: RobotPlan) -> str:
     remedy = "Look below where to put the robot, shorten the path or tilt it less."
     varying = "" if plan.search.varying is None else f" {plan.search.varying.sentence}."
     if plan.search.refused is not None:
-        told = plan.search.refused.sentence
-        varying = f" {told[:1].upper()}{told[1:]}.{varying}"
+        sentence = plan.search.refused.sentence
+        varying = f" {sentence[:1].upper()}{sentence[1:]}.{varying}"
     if not plan.search.n_feasible:
         return f"None of {len(plan.search.verdicts)} rolls can be followed.{varying} {remedy}"
     return (
