@@ -7,13 +7,12 @@ from pathlib import Path
 from typing import Any
 
 from rona_core.app.declarations.declarations import Compute, compute_here
-from rona_core.app.messages.outcomes import StoreSkull
 from rona_core.app.overview.predicted_accuracy import predicted_figures
 from rona_core.app.procedure import Ending, StepProgress, run_procedure, unwatched
 from rona_core.app.runtime.process_pool import ProcessCompute
 from rona_core.app.runtime.session_registry import SessionRegistry
 from rona_core.app.runtime.workbench import Services, Workbench
-from rona_core.app.steps.setup.messages import SetRegion, SetRobot, SetSeed
+from rona_core.app.steps.setup.messages import SetRegion, SetRobot, SetSeed, StoreSkull
 from rona_core.devices.protocols import Cancel, Progress, Rig, never
 from rona_core.errors import DeviceError, RonaError
 from rona_core.evaluation.metrics import evaluate

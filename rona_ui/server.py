@@ -227,7 +227,7 @@ def open_first_session(hub: SessionRegistry) -> None:
     demo = demo_session()
     if demo.is_file():
         try:
-            hub.open_bytes(demo.read_bytes(), demo.name)
+            hub.open_upload(demo, demo.name)
         except RonaError:
             pass  # a demo of another version must not keep the program from starting
         else:

@@ -20,7 +20,7 @@ from threading import Timer
 
 import numpy as np
 
-from rona_core.app.messages.session_messages import Redo, RenameSession, Undo
+from rona_core.app.runtime.session_step import Redo, RenameSession, Undo
 from rona_core.app.steps.pointer.messages import CalibratePointer, StartPointerCapture
 from rona_core.app.steps.setup.messages import AddObstacle, MoveTracker, SetSeed, SetToolVisible
 from rona_core.compose import build_registry

@@ -26,8 +26,8 @@ from rona_core.evaluation.path_metrics import normal_figures, plan_figures, smoo
 from rona_core.evaluation.scan_metrics import contact_figures, detection_figures
 from rona_core.evaluation.speed_metrics import speed_figures
 from rona_core.evaluation.truth import Truth
+from rona_core.session.captures import is_imported
 from rona_core.session.codec import digest
-from rona_core.session.imported import is_imported
 from rona_core.virtual.rig import build_scene
 from rona_core.virtual.scene import VirtualScene
 

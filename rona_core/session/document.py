@@ -243,6 +243,22 @@ class Session:
     archive: tuple[Capture, ...] = ()  # every capture ever taken, undone ones too
     log: tuple[LogEntry, ...] = ()
 
+    def with_setup(self, **parts: Any) -> "Session":
+        """Return the session with other parts of its set-up."""
+        return replace(self, setup=replace(self.setup, **parts))
+
+    def with_devices(self, **settings: Any) -> "Session":
+        """Return the session with other settings of some devices."""
+        return self.with_setup(devices=replace(self.setup.devices, **settings))
+
+    def with_capture(self, name: str, held: Any) -> "Session":
+        """Return the session with another capture, or strokes, under this name; None: with none."""
+        return replace(self, captures=self.captures.with_(name, held))
+
+    def with_result(self, name: str, derived: Derived[Any] | None) -> "Session":
+        """Return the session with another result under this name; None: with none."""
+        return replace(self, results=self.results.with_(name, derived))
+
     def __post_init__(self) -> None:
         require(
             len(self.name) <= MAX_NAME,

@@ -200,7 +200,7 @@ class Browser:
             made = export_recording(self._hub.get().session, int(name))
             self.client.send_file_download(made.name, made.data, save_immediately=True)
         elif verb == "upload" and isinstance(data, bytes):
-            self._hub.store_upload(PurePath(name).name, data)
+            self._hub.files.store_upload(PurePath(name).name, data)
         else:
             raise NotFoundError(f"there is no service {what!r}")
         if then:

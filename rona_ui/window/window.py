@@ -175,7 +175,7 @@ class Window:
             changes=self._hub.has_changes(session.id),
             recovered=self._hub.is_recovered(session.id),
             opened=tuple((b.session.id, b.session.name) for b in self._hub.all()),
-            files=self._hub.files(),
+            files=self._hub.files.all(),
             refused=self._refusals.count,
             refusals=self._refusals.of(session.id),
         )

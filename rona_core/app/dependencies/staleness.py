@@ -8,10 +8,9 @@ from rona_core.app.dependencies.inputs import CAPTURE, missing
 from rona_core.app.dependencies.obstacles import obstacles_of
 from rona_core.errors import StepBlockedError
 from rona_core.robot.collision.obstacles import Obstacles
-from rona_core.session.captures import Capture, PointerCapture
+from rona_core.session.captures import Capture, PointerCapture, is_imported
 from rona_core.session.codec import digest
 from rona_core.session.document import Session
-from rona_core.session.imported import is_imported
 from rona_core.session.memo import Memo
 
 Part = Callable[[Session], list[object]]
@@ -129,7 +128,7 @@ def _stale_roots(item: Input, session: Session) -> list[Input]:
 def _place(name: str) -> int:
     """Return where in the procedure a result or capture comes; what is of no step comes last."""
     step = name.removeprefix(CAPTURE)
-    names = [one.name for one in REGISTRY.listed]
+    names = REGISTRY.step_names
     return names.index(step) if step in names else len(names)
 
 

@@ -7,7 +7,7 @@ from typing import Annotated, Any
 from fastapi import APIRouter, Body
 
 from rona_core.app.declarations.registry import REGISTRY
-from rona_core.app.messages.session_messages import Redo, Undo
+from rona_core.app.runtime.session_step import Redo, Undo
 from rona_core.app.runtime.workbench import Workbench
 from rona_ui.api.context import EXACT, Bench
 

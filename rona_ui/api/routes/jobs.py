@@ -7,9 +7,9 @@ from typing import Annotated, Any
 from fastapi import APIRouter, Depends, Response
 
 from rona_core.app.declarations.registry import REGISTRY
-from rona_core.app.messages.session_messages import StartReplay
 from rona_core.app.runtime.jobs import JobState, JobStatus
 from rona_core.app.runtime.recompute import Replay
+from rona_core.app.runtime.session_step import StartReplay
 from rona_core.app.runtime.workbench import Workbench
 from rona_core.errors import NotFoundError
 from rona_ui.api.context import PREFIX, Bench, Open, Sessions

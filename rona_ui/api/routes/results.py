@@ -7,7 +7,7 @@ from fastapi import APIRouter, Query
 
 from rona_core.app.declarations.registry import REGISTRY
 from rona_core.app.dependencies.staleness import stale_reason
-from rona_core.app.dependencies.step_states import StepState, step_states, summary
+from rona_core.app.dependencies.step_states import StepState, step_states
 from rona_core.app.overview.acceptance import QualityRow, quality_rows
 from rona_core.app.overview.frame_graph import frame_rows
 from rona_core.app.steps.boundaries.ascan_view import ScanName, ascan_plot
@@ -57,7 +57,7 @@ def get_results(bench: Bench, step: str, max_points: MaxPoints = None) -> FastJs
     return FastJson(
         {
             "step": step,
-            "summary": summary(step, session),
+            "summary": REGISTRY.lines[step].summary(session),
             "setup": plain(session.setup, max_points) if step == "setup" else None,
             "probe_advice": plain(probe_advice(session)) if mapped else None,
             "boundary_edits": plain(session.boundary_edits) if mapped else None,

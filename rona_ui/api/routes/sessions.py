@@ -13,13 +13,13 @@ from fastapi.exceptions import RequestValidationError
 from starlette.concurrency import run_in_threadpool
 
 from rona_core.app.runtime.saving.export_captures import export_recording
-from rona_core.app.runtime.session_registry import MAX_UPLOAD_BYTES, SessionRegistry
+from rona_core.app.runtime.saving.session_files import MAX_UPLOAD_BYTES
+from rona_core.app.runtime.session_registry import SessionRegistry
 from rona_core.app.runtime.workbench import Workbench
 from rona_core.devices.settings import STRICT, require
 from rona_core.errors import NotFoundError
 from rona_core.session.document import require_seed
-from rona_core.session.files import SUFFIX, session_bytes
-from rona_core.session.temporary_files import open_temporary
+from rona_core.session.files import SUFFIX, open_temporary, session_bytes
 from rona_ui.api.context import EXACT, PREFIX, Bench, SessionId, Sessions
 from rona_ui.api.json_response import plain
 from rona_ui.api.session_info import SessionInfo, found, info, infos
@@ -103,7 +103,7 @@ def _made(hub: SessionRegistry, bench: Workbench, response: Response) -> Session
 @router.get("/sessions")
 def list_sessions(hub: Sessions) -> SessionList:
     """List the open sessions and the files in the sessions folder."""
-    return SessionList(infos(hub), tuple(path.name for path in hub.files()))
+    return SessionList(infos(hub), tuple(path.name for path in hub.files.all()))
 
 
 @router.post("/sessions", status_code=201)
@@ -129,7 +129,7 @@ def open_demo(hub: Sessions, response: Response) -> SessionInfo:
     path = demo_session()
     if not path.is_file():
         raise NotFoundError("there is no demo session here; `make demo` shows the procedure")
-    return _made(hub, hub.open_bytes(path.read_bytes(), path.name), response)
+    return _made(hub, hub.open_upload(path, path.name), response)
 
 
 @files.post(
@@ -139,7 +139,7 @@ async def upload_session(
     hub: Sessions, request: Request, response: Response, name: FileName = "upload.rona"
 ) -> SessionInfo:
     """Open the session file that is the body; the viewer shows it."""
-    async with spooled(request, hub.uploads) as path:
+    async with spooled(request, hub.files.uploads) as path:
         bench = await run_in_threadpool(hub.open_upload, path, name)
     return _made(hub, bench, response)
 
@@ -234,9 +234,9 @@ async def upload_specimen(
     A mask, CT volume or mesh for `StartSkullImport`, a recording for `StartRecordingImport`, the
     poses of a pivot or the markers of a tool for `StartPivotImport`.
     """
-    async with spooled(request, hub.uploads) as body:
+    async with spooled(request, hub.files.uploads) as body:
         size_bytes = body.stat().st_size
-        path = await run_in_threadpool(hub.keep_upload, name, body)
+        path = await run_in_threadpool(hub.files.keep_upload, name, body)
     return Uploaded(path.name, size_bytes)
 
 

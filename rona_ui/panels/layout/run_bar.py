@@ -25,7 +25,7 @@ class StepList:
         self._rows: dict[str, Any] = {}
         for number, name in enumerate(REGISTRY.step_names, start=1):
             self._rows[name] = gui.add_html("")
-            button = gui.add_button(f"Step {number}: {REGISTRY.title(name)}")
+            button = gui.add_button(f"Step {number}: {REGISTRY.lines[name].title}")
             opened = partial(context.set_view, step=name, drawing=None, picks=())
             on_click(button, lambda e, opened=opened: opened())
 

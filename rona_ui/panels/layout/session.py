@@ -4,9 +4,9 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any, Literal
 
-from rona_core.app.messages.session_messages import Redo, RenameSession, Undo
 from rona_core.app.runtime.saving.autosave import CopyState
 from rona_core.app.runtime.saving.export_captures import recorded_captures
+from rona_core.app.runtime.session_step import Redo, RenameSession, Undo
 from rona_ui.panels.widgets import style
 from rona_ui.panels.widgets.panel_context import PanelContext, on_change, on_click
 from rona_ui.presentation.snapshot import Snapshot, changed

@@ -5,7 +5,7 @@ import numpy as np
 from rona_core.app.steps.acoustics.view import ReferenceRow, reference_rows
 from rona_core.app.steps.boundaries.ascan_view import ScanName, scan_number_at, scan_poses
 from rona_core.app.steps.boundaries.handlers import DETECTIONS, capture_of, detection_of_scan
-from rona_core.app.steps.handheld.scans import hand_poses
+from rona_core.app.steps.handheld.derivation import hand_poses
 from rona_core.app.steps.maps.view import SecondView, layers_of, second_cells, second_view
 from rona_core.geometry.arrays import Floats
 from rona_ui.presentation.colors import GREEN, ORANGE, PURPLE, SKY, VERMILLION, YELLOW, Rgb, viridis

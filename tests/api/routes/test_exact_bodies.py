@@ -99,7 +99,7 @@ def test_an_upload_without_a_body_is_refused(at, web, session):
         assert answer.json()["errors"] == [
             {"pointer": "", "detail": "expected the file as the body", "code": "missing"}
         ]
-    assert not (web.hub.uploads / "empty.nrrd").exists()
+    assert not (web.hub.files.uploads / "empty.nrrd").exists()
 
 
 def test_half_a_character_in_the_name_of_a_field_is_refused(at):

@@ -8,8 +8,8 @@ import pytest
 
 from rona_core.app.declarations.registry import REGISTRY
 from rona_core.app.messages.serialization import serialize_arguments
-from rona_core.app.messages.session_messages import Undo
 from rona_core.app.procedure import PROCEDURE
+from rona_core.app.runtime.session_step import Undo
 from rona_core.app.steps.maps.messages import StartGapPlan, StartGapScan, StartMapping
 from rona_core.app.steps.path.messages import StartPathCapture
 from rona_core.app.steps.pointer.messages import CalibratePointer, StartPointerCapture

@@ -13,8 +13,8 @@ import pytest
 from rona_core.app.declarations.registry import REGISTRY
 from rona_core.app.dependencies.staleness import digest_of, input_digests, stale_reason
 from rona_core.app.messages.serialization import message_from
-from rona_core.app.messages.session_messages import RenameSession
 from rona_core.app.runtime.handling import handle
+from rona_core.app.runtime.session_step import RenameSession
 from rona_core.app.runtime.workbench import Workbench
 from rona_core.app.steps.acoustics.messages import (
     CalibrateDelayLine,
@@ -49,6 +49,7 @@ from rona_core.app.steps.setup.messages import (
 )
 from rona_core.app.steps.surface.messages import StartSurfaceCapture
 from rona_core.compose import virtual_services
+from rona_core.devices.protocols import never, silent
 from rona_core.errors import RonaError
 from rona_core.session.codec import digest
 from rona_core.session.document import Session
@@ -314,7 +315,10 @@ def test_what_stays_fresh_is_computed_bit_for_bit_the_same(session, values, grou
 )
 def test_what_a_plan_rests_on_makes_another_plan(session, kind, name):
     few = StartRollSearch(n_rolls=2, roll_from_deg=110.0, roll_to_deg=130.0)
-    plans = [derive_roll(each, few) for each in (session, changed(session, kind, name))]
+    plans = [
+        derive_roll(each, few, progress=silent, cancel=never)
+        for each in (session, changed(session, kind, name))
+    ]
     assert plans[0].trajectory is not None
     assert digest_of(plans[0]) != digest_of(plans[1])
 

@@ -7,9 +7,9 @@ import pytest
 
 from rona_core.app.dependencies.obstacles import workcell_pose
 from rona_core.app.dependencies.staleness import session_obstacles, stale_reason
-from rona_core.app.messages.session_messages import Undo
 from rona_core.app.procedure import PROCEDURE, run_procedure
 from rona_core.app.runtime.recompute import replay
+from rona_core.app.runtime.session_step import Undo
 from rona_core.app.steps.roll.base_placement import advice, moves, obstacles_from, placement_view
 from rona_core.app.steps.roll.messages import ApplyBasePlacement, StartBasePlacement
 from rona_core.app.steps.setup.messages import SetContact, SetRobot

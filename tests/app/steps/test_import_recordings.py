@@ -27,10 +27,10 @@ from rona_core.errors import (
     StepBlockedError,
 )
 from rona_core.geometry.pose import Poses
+from rona_core.session.captures import is_imported
 from rona_core.session.codec import digest
 from rona_core.session.document import Session
 from rona_core.session.files import load_session, save_session
-from rona_core.session.imported import is_imported
 
 QUICK = {"cone_deg": 30.0, "duration_s": 3.0}
 

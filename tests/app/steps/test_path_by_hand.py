@@ -8,9 +8,9 @@ import pytest
 
 from rona_core.app.dependencies.staleness import stale_reason
 from rona_core.app.dependencies.step_states import step_states
-from rona_core.app.messages.session_messages import Undo
 from rona_core.app.runtime.handling import handle
 from rona_core.app.runtime.recompute import replay
+from rona_core.app.runtime.session_step import Undo
 from rona_core.app.runtime.store import Store
 from rona_core.app.steps.path.handlers import is_kept, nearest_piece, nearest_point, sight
 from rona_core.app.steps.path.messages import (

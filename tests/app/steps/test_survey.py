@@ -9,20 +9,24 @@ import pytest
 
 import rona_core.app
 from rona_core.app.dependencies.staleness import input_digests, stale_reason
-from rona_core.app.messages.session_messages import Undo
+from rona_core.app.runtime.session_step import Undo
 from rona_core.app.steps.acoustics.derivation import session_probe, usable_speed
 from rona_core.app.steps.acoustics.messages import (
     CalibrateDelayLine,
     StartCaliperMeasurements,
     StartDelayLineCapture,
 )
-from rona_core.app.steps.handheld.derivation import derive_sono_detection
+from rona_core.app.steps.handheld.derivation import (
+    derive_sono_detection,
+    hand_poses,
+    hand_reference,
+    posed_scans,
+)
 from rona_core.app.steps.handheld.messages import (
     StartHandheldCalibration,
     StartHandheldMapping,
     StartHandheldScan,
 )
-from rona_core.app.steps.handheld.scans import hand_poses, hand_reference, posed_scans
 from rona_core.app.steps.maps import derivation
 from rona_core.app.steps.maps.derivation import (
     derive_detection,
@@ -32,6 +36,7 @@ from rona_core.app.steps.maps.derivation import (
 from rona_core.app.steps.maps.messages import StartMapping
 from rona_core.app.steps.setup.messages import SetProbe, SetSeed
 from rona_core.compose import new_workbench
+from rona_core.devices.protocols import never, silent
 from rona_core.session.document import Session
 from rona_core.session.files import load_session
 from rona_core.ultrasound.acoustic_calibration.speed_calibration import speed_at
@@ -70,7 +75,7 @@ def asked(monkeypatch):
 
         monkeypatch.setattr(derivation, "detect", spy)
         with pytest.raises(_AskedError) as caught:
-            derive(session, message)
+            derive(session, message, progress=silent, cancel=never)
         return caught.value.args
 
     return ask

@@ -8,7 +8,7 @@ import numpy as np
 from rona_core.app.steps.boundaries.ascan_view import scan_number_at
 from rona_core.app.steps.boundaries.handlers import detection_of_scan
 from rona_core.app.steps.boundaries.messages import CorrectBoundary
-from rona_core.app.steps.handheld.scans import hand_poses
+from rona_core.app.steps.handheld.derivation import hand_poses
 from rona_core.geometry.pose import Pose
 from rona_core.session.document import Session
 from rona_core.session.files import load_session

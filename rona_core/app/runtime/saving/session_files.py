@@ -5,10 +5,16 @@ from pathlib import Path
 
 from rona_core.errors import InvalidInputError, NameTakenError
 from rona_core.session.document import Session
-from rona_core.session.files import SUFFIX, move_whole, save_session, write_whole
-from rona_core.session.temporary_files import remove_stale_temporaries
+from rona_core.session.files import (
+    SUFFIX,
+    move_whole,
+    remove_stale_temporaries,
+    save_session,
+    write_whole,
+)
 
 MAX_NAME_BYTES = 200  # file systems take 255; temporary and backup files add to a name
+MAX_UPLOAD_BYTES = 512 * 1024**2
 
 
 def plain_name(name: str) -> str:
@@ -31,9 +37,6 @@ def stem_of(title: str) -> str:
     """Return a plain file name without suffix that resembles ``title``."""
     kept = "".join(c if c.isalnum() or c in "-_ " else "_" for c in title)
     return kept.encode()[: MAX_NAME_BYTES - 20].decode(errors="ignore").strip() or "untitled"
-
-
-MAX_UPLOAD_BYTES = 512 * 1024**2
 
 
 class SessionFiles:

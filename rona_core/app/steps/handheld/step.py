@@ -4,57 +4,48 @@ from dataclasses import replace
 
 import numpy as np
 
-from rona_core.app.declarations.declarations import (
-    Activity,
-    ActivityContext,
-    Capture,
-    Command,
-    Message,
-    Result,
-    Step,
-)
+from rona_core.app.declarations import declarations as declare
+from rona_core.app.declarations.declarations import ActivityContext, Input, Message
 from rona_core.app.dependencies.base_reference import found_again
-from rona_core.app.dependencies.inputs import capture_input, result_input, setup_input
-from rona_core.app.dependencies.requirements import require_for
+from rona_core.app.dependencies.inputs import capture_input, result_input
 from rona_core.app.dependencies.staleness import capture_setup_digest
-from rona_core.app.messages.outcomes import StoreCapture
-from rona_core.app.runtime.handling import compute_result, compute_several
+from rona_core.app.messages.message import StoreCapture
+from rona_core.app.runtime.handling import compute_result, compute_several, record
 from rona_core.app.runtime.recording import begin, capture_hand
 from rona_core.app.steps.acoustics.derivation import KNOWN_LINE, KNOWN_SPEED
+from rona_core.app.steps.handheld import messages
 from rona_core.app.steps.handheld.derivation import (
     derive_sono,
     derive_sono_detection,
     derive_sono_mapping,
     derive_sono_maps,
 )
-from rona_core.app.steps.handheld.messages import (
-    CalibrateHandheldProbe,
-    StartHandheldCalibration,
-    StartHandheldMapping,
-    StartHandheldScan,
-)
-from rona_core.app.steps.setup.capture_parts import (
-    bone_and_hand_probe_part,
-    bone_and_probe_part,
-    robot_part,
-    specimen_part,
-    tracker_part,
-)
+from rona_core.app.steps.setup import capture_parts as parts
 from rona_core.app.steps.setup.inputs import CHOOSE_REFERENCE, HAND_PROBE
 from rona_core.devices.samples import AScan, AScanTrack, ToolTrack, TrackerFrame
 from rona_core.devices.settings import SONO
 from rona_core.errors import CancelledError
-from rona_core.session.captures import PointerCapture, SonoCapture
+from rona_core.session.captures import SonoCapture
 from rona_core.session.document import Session
 
+PIVOT, SPIN = capture_input("sono_pivot"), capture_input("sono_spin")
+SCAN, CALIBRATION = capture_input("sono_scan"), result_input("sono")
+
 PIVOT_SHARE = 0.5  # of the time of a calibration, for the progress
+ANY_TOOL = result_input("tool", optional=True)
+ANY_SURFACE = result_input("surface", optional=True)
+EDITS = Input(lambda s: s.boundary_edits.of("hand"), "scan by hand (step 9)")
+REFERENCE = Input(lambda s: found_again(s, (s.captures.sono_scan,)), CHOOSE_REFERENCE)
 
 
-def capture_sono_calibration(
-    activity: StartHandheldCalibration, session: Session, tools: ActivityContext
-) -> tuple[PointerCapture, PointerCapture | None]:
-    """Record the pivoting, then the turning; None for the second if the first was cut short."""
-    operator = tools.rig.operator
+def record_calibration(
+    activity: messages.StartHandheldCalibration, session: Session, context: ActivityContext
+) -> tuple[Message, ...]:
+    """Record pivoting and turning of the hand-held probe, then calibrate it.
+
+    What was cut short is stored all the same; nothing follows it.
+    """
+    operator = context.rig.operator
 
     def pivot() -> float:
         operator.hold(SONO)
@@ -64,28 +55,31 @@ def capture_sono_calibration(
         operator.hold(SONO)
         return operator.spin(half_turn_deg=activity.half_turn_deg, duration_s=activity.spin_s)
 
-    first = capture_hand("sono_pivot", session, _part(tools, 0.0), pivot, tool=SONO)
+    first = capture_hand("sono_pivot", session, _part(context, 0.0), pivot, tool=SONO)
     if first.partial:
-        return first, None
+        return (StoreCapture("sono_pivot", first),)
     session = replace(session, archive=(*session.archive, first))  # the next ordinal
-    return first, capture_hand("sono_spin", session, _part(tools, PIVOT_SHARE), spin, tool=SONO)
+    second = capture_hand("sono_spin", session, _part(context, PIVOT_SHARE), spin, tool=SONO)
+    first = replace(first, partial=second.partial)  # the two count together
+    stored = (StoreCapture("sono_pivot", first), StoreCapture("sono_spin", second))
+    return stored if second.partial else (*stored, messages.CalibrateHandheldProbe())
 
 
-def _part(tools: ActivityContext, start: float) -> ActivityContext:
-    """Return the tools with the progress of one half of the calibration."""
+def _part(context: ActivityContext, start: float) -> ActivityContext:
+    """Return the context with the progress of one half of the calibration."""
 
     def progress(share: float) -> None:
-        tools.progress(start + PIVOT_SHARE * share)
+        context.progress(start + PIVOT_SHARE * share)
 
-    return replace(tools, progress=progress)
+    return replace(context, progress=progress)
 
 
 def capture_sono_scan(
-    activity: StartHandheldScan, session: Session, tools: ActivityContext
+    activity: messages.StartHandheldScan, session: Session, context: ActivityContext
 ) -> SonoCapture:
     """Record the marker on the probe and its A-scans while it slides over the region."""
-    ordinal = begin(session, tools)
-    rig = tools.rig
+    ordinal = begin(session, context)
+    rig = context.rig
     rig.operator.hold(SONO)
     duration_s = rig.operator.slide_probe(
         spacing_mm=activity.spacing_mm, duration_s=activity.duration_s
@@ -99,19 +93,19 @@ def capture_sono_scan(
     scans: list[AScan] = []
     partial = False
     for time_s, fire in zip(times_s[order], fires[order], strict=True):
-        if tools.cancel():
+        if context.cancel():
             partial = True
             break
         rig.clock.wait_until(float(time_s))
         if fire:
             scans.append(rig.probe.acquire())
-            tools.live.put(ascan=scans[-1], n_scans=len(scans))
-            tools.progress(len(scans) / len(fire_s))
+            context.live.put(ascan=scans[-1], n_scans=len(scans))
+            context.progress(len(scans) / len(fire_s))
             continue
         frame = rig.tracker.latest()
         if not frames or frame.number > frames[-1].number:
             frames.append(frame)
-            tools.live.put(frame=frame)
+            context.live.put(frame=frame)
     if partial and not scans:
         raise CancelledError("stopped before the probe fired: what was recorded earlier is kept")
     return SonoCapture(
@@ -125,90 +119,60 @@ def capture_sono_scan(
     )
 
 
-def record_calibration(
-    activity: StartHandheldCalibration, session: Session, context: ActivityContext
-) -> tuple[Message, ...]:
-    """Record pivoting and turning of the hand-held probe, then calibrate it."""
-    pivot, spin = capture_sono_calibration(activity, session, context)
-    if spin is None:
-        return (StoreCapture("sono_pivot", pivot),)
-    if spin.partial:  # the two count together
-        pivot = replace(pivot, partial=True)
-        return (StoreCapture("sono_pivot", pivot), StoreCapture("sono_spin", spin))
-    stored = (StoreCapture("sono_pivot", pivot), StoreCapture("sono_spin", spin))
-    return (*stored, CalibrateHandheldProbe())
-
-
-def record_hand_scan(
-    activity: StartHandheldScan, session: Session, context: ActivityContext
-) -> tuple[Message, ...]:
-    """Record a scan by hand."""
-    require_for(activity, session)
-    return (StoreCapture("sono_scan", capture_sono_scan(activity, session, context)),)
-
-
-PIVOT, SPIN = capture_input("sono_pivot"), capture_input("sono_spin")
-SCAN, CALIBRATION = capture_input("sono_scan"), result_input("sono")
-ANY_TOOL = result_input("tool", optional=True)
-ANY_SURFACE = result_input("surface", optional=True)
-EDITS = setup_input(lambda s: s.boundary_edits.of("hand"), "scan by hand (step 9)")
-REFERENCE = setup_input(lambda s: found_again(s, (s.captures.sono_scan,)), CHOOSE_REFERENCE)
-
-
 def _forget_corrections(before: Session, after: Session) -> Session:
     """Return ``after`` without the corrections of boundaries in the scan by hand before."""
     return replace(after, boundary_edits=before.boundary_edits.without("hand"))
 
 
-STEP = Step(
+STEP = declare.Step(
     "handheld",
-    commands=(Command(CalibrateHandheldProbe, compute_result, needs=(PIVOT, SPIN)),),
+    commands=(
+        declare.Command(messages.CalibrateHandheldProbe, compute_result, needs=(PIVOT, SPIN)),
+    ),
     activities=(
-        Activity(
-            StartHandheldCalibration,
+        declare.Activity(
+            messages.StartHandheldCalibration,
             record_calibration,
             "Calibrating the SonoPointer",
-            uses_devices=True,
             records=True,
         ),
-        Activity(
-            StartHandheldScan,
-            record_hand_scan,
+        declare.Activity(
+            messages.StartHandheldScan,
+            record("sono_scan", capture_sono_scan),
             "Scanning by hand",
             needs=(CALIBRATION,),
-            uses_devices=True,
             records=True,
         ),
-        Activity(
-            StartHandheldMapping,
+        declare.Activity(
+            messages.StartHandheldMapping,
             compute_several(derive_sono_mapping),
             "Mapping the scan by hand",
             needs=(SCAN, CALIBRATION),
         ),
     ),
     captures=(
-        Capture("sono_pivot", "pivot the SonoPointer (step 9)", (tracker_part,)),
-        Capture("sono_spin", "turn the SonoPointer about its axis", (tracker_part,)),
-        Capture(
+        declare.Capture("sono_pivot", "pivot the SonoPointer (step 9)", (parts.tracker,)),
+        declare.Capture("sono_spin", "turn the SonoPointer about its axis", (parts.tracker,)),
+        declare.Capture(
             "sono_scan",
             "scan by hand (step 9)",
-            (tracker_part, robot_part, specimen_part, bone_and_hand_probe_part),
+            (parts.tracker, parts.robot, parts.specimen, parts.bone_and_hand_probe),
             # older files: it depended on the pitch of the probe, too
-            earlier_setup=(tracker_part, robot_part, specimen_part, bone_and_probe_part),
+            earlier_setup=(parts.tracker, parts.robot, parts.specimen, parts.bone_and_probe),
             stored=_forget_corrections,
         ),
     ),
     results=(
-        Result(
+        declare.Result(
             "sono",
-            CalibrateHandheldProbe,
+            messages.CalibrateHandheldProbe,
             derive_sono,
             {"pivot": PIVOT, "spin": SPIN},
             "calibrate the SonoPointer (step 9)",
         ),
-        Result(
+        declare.Result(
             "sono_detection",
-            StartHandheldMapping,
+            messages.StartHandheldMapping,
             derive_sono_detection,
             {
                 "capture": SCAN,
@@ -218,11 +182,10 @@ STEP = Step(
                 "line": KNOWN_LINE,
             },
             "map the scan by hand",
-            long=True,
         ),
-        Result(
+        declare.Result(
             "sono_maps",
-            StartHandheldMapping,
+            messages.StartHandheldMapping,
             derive_sono_maps,
             {
                 "detection": result_input("sono_detection"),
@@ -235,7 +198,6 @@ STEP = Step(
                 "speed": KNOWN_SPEED,
             },
             "map the scan by hand",
-            long=True,
         ),
     ),
     part_of="maps",

@@ -1,6 +1,6 @@
 """Boundary detection and maps, and the plan of a second pass over the gaps."""
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 from rona_core.app.dependencies.inputs import require_result
 from rona_core.app.dependencies.staleness import input_digests, stale_reason
@@ -67,11 +67,7 @@ def detect_survey(
 
 
 def derive_detection(
-    session: Session,
-    message: StartMapping,
-    *,
-    progress: Progress = silent,
-    cancel: Cancel = never,
+    session: Session, message: StartMapping, *, progress: Progress, cancel: Cancel
 ) -> Detection:
     """Find both boundaries in every A-scan, with those around it as witnesses."""
     survey = Survey(require_result(session.captures.scan, "scan").scans, probe_poses(session))
@@ -126,11 +122,7 @@ def derive_maps(
 
 
 def derive_second(
-    session: Session,
-    message: StartGapPlan,
-    *,
-    progress: Progress = silent,
-    cancel: Cancel = never,
+    session: Session, message: StartGapPlan, *, progress: Progress, cancel: Cancel
 ) -> SecondPass:
     """Plan, time and verify a scan of the gaps that the first pass left in the inner map.
 
@@ -158,11 +150,7 @@ def derive_second(
 
 
 def derive_second_detection(
-    session: Session,
-    message: StartMapping,
-    *,
-    progress: Progress = silent,
-    cancel: Cancel = never,
+    session: Session, message: StartMapping, *, progress: Progress, cancel: Cancel
 ) -> Detection:
     """Find the inner boundary in the second pass; the outer one is where the first one saw it."""
     capture = require_result(usable_second(session), "scan the gaps again")
@@ -172,23 +160,10 @@ def derive_second_detection(
     return detect_survey(session, survey, message, progress=progress, cancel=cancel)
 
 
-@dataclass(frozen=True, slots=True)
-class Mapped:
-    """The results of step 9."""
-
-    detection: Detection
-    second_detection: Detection | None  # None: there was no second pass
-    maps: Maps
-
-
 def derive_mapping(
-    session: Session,
-    message: StartMapping,
-    *,
-    progress: Progress = silent,
-    cancel: Cancel = never,
-) -> Mapped:
-    """Detect the boundaries, then map them.
+    session: Session, message: StartMapping, *, progress: Progress, cancel: Cancel
+) -> dict[str, object]:
+    """Return the results of step 9: the boundaries are detected, then mapped.
 
     Where only the maps are out of date, because boundaries were set by hand or the gaps scanned
     again, what was detected with the same settings is taken as it is.
@@ -207,7 +182,7 @@ def derive_mapping(
         again = derive_second_detection(session, message, progress=part(0.5, 0.7), cancel=cancel)
     session = _with_result(session, "second_detection", again)
     maps = derive_maps(session, message, progress=part(0.7, 1.0), cancel=cancel)
-    return Mapped(found, again, maps)
+    return {"detection": found, "second_detection": again, "maps": maps}
 
 
 def _kept(name: str, session: Session, message: StartMapping) -> Detection | None:
@@ -227,7 +202,7 @@ def _with_result(session: Session, name: str, value: object) -> Session:
     made = None
     if value is not None:  # with its inputs, so that what follows from it is known to be fresh
         made = Derived(value, StartMapping.__name__, {}, input_digests(name, session))
-    return replace(session, results=replace(session.results, **{name: made}))
+    return session.with_result(name, made)
 
 
 def usable_second(session: Session) -> ScanCapture | None:

@@ -2,9 +2,10 @@
 
 from dataclasses import replace
 
-from rona_core.app.declarations.declarations import Activity, ActivityContext, Message, Step
-from rona_core.app.dependencies.requirements import require_for, require_inputs
-from rona_core.app.messages.outcomes import StoreCapture
+from rona_core.app.declarations import declarations as declare
+from rona_core.app.declarations.declarations import ActivityContext, Message
+from rona_core.app.dependencies.requirements import require_inputs
+from rona_core.app.runtime.handling import record
 from rona_core.app.runtime.recording import begin
 from rona_core.app.steps.path.messages import BuildPath, StartPathCapture
 from rona_core.app.steps.pointer.messages import CalibratePointer, StartPointerCapture
@@ -19,13 +20,18 @@ from rona_core.devices.marker_geometry import GEOMETRIES
 from rona_core.devices.recording import Recording, ReplayTracker
 from rona_core.devices.samples import ToolTrack, TrackerFrame
 from rona_core.errors import DeviceError, NotFoundError
-from rona_core.session.captures import PointerCapture
+from rona_core.session.captures import PointerCapture, imported_digest
 from rona_core.session.document import Session
-from rona_core.session.imported import imported_digest
+
+STANDS_FOR = {  # purpose -> capture, the activity that takes it here, and what follows
+    "pivot": ("pointer", StartPointerCapture, CalibratePointer),
+    "surface": ("surface", StartSurfaceCapture, BuildSurface),
+    "path": ("path", StartPathCapture, BuildPath),
+}
 
 
 def import_recording(
-    activity: StartRecordingImport, session: Session, tools: ActivityContext
+    activity: StartRecordingImport, session: Session, context: ActivityContext
 ) -> PointerCapture:
     """Read one tool of a recording; with ``play`` at the pace of captures, for the eye.
 
@@ -34,14 +40,14 @@ def import_recording(
         InvalidInputError: it is no recording, the tool is not in it, or it is in metres.
         DeviceError: the tool was seen in no frame.
     """
-    file = _uploaded(activity.file, tools)
+    file = _uploaded(activity.file, context)
     recording = read_igs_mha(file.data, file.name)
     pointer = session.setup.devices.pointer
     tool = chosen_tool(recording, activity.tool, pointer, file.name)
     alone, partial = recording.only(tool).from_zero(), False
     require_millimetres(alone.track(tool).Ts_tracker_marker.translations, file.name)
     if activity.play:
-        track, partial = _play(alone, tool, session, tools)
+        track, partial = _play(alone, tool, session, context)
     else:
         track = alone.track(tool)
     if not len(track.times_s):
@@ -50,7 +56,7 @@ def import_recording(
 
 
 def import_pivot(
-    activity: StartPivotImport, session: Session, tools: ActivityContext
+    activity: StartPivotImport, session: Session, context: ActivityContext
 ) -> PointerCapture:
     """Read the poses of a pivot from files of any kind that ``devices.pivot_files`` knows.
 
@@ -58,8 +64,8 @@ def import_pivot(
         NotFoundError: a file was not uploaded.
         RonaError: the files hold no poses; it says which line.
     """
-    files = [_uploaded(name, tools) for name in activity.files]
-    geometry = None if activity.geometry is None else _uploaded(activity.geometry, tools)
+    files = [_uploaded(name, context) for name in activity.files]
+    geometry = None if activity.geometry is None else _uploaded(activity.geometry, context)
     pointer = session.setup.devices.pointer
     pivot = read_pivot(
         files,
@@ -72,30 +78,30 @@ def import_pivot(
     return _capture(session, pivot.track, used, partial=False)
 
 
-def _uploaded(name: str, tools: ActivityContext) -> NamedFile:
-    path = tools.uploads / name
+def _uploaded(name: str, context: ActivityContext) -> NamedFile:
+    path = context.uploads / name
     if not path.is_file():
         raise NotFoundError(f"there is no uploaded file {name!r}: upload it first")
     return NamedFile(name, read_file(path, "an uploaded file"))
 
 
 def _play(
-    recording: Recording, tool: str, session: Session, tools: ActivityContext
+    recording: Recording, tool: str, session: Session, context: ActivityContext
 ) -> tuple[ToolTrack, bool]:
     """Let the recording run on the clock of the devices; cancelled, it ends where it is."""
-    begin(session, tools)
-    tracker = ReplayTracker(recording, tools.rig.clock)
+    begin(session, context)
+    tracker = ReplayTracker(recording, context.rig.clock)
     frames: list[TrackerFrame] = []
     try:
         for frame in tracker.frames():
             frames.append(frame)
-            tools.live.put(frame=frame, origin=tracker.origin)
-            tools.progress(len(frames) / len(recording))
-            if tools.cancel():
+            context.live.put(frame=frame, origin=tracker.origin)
+            context.progress(len(frames) / len(recording))
+            if context.cancel():
                 break
     finally:
         tracker.close()
-        tools.live.put(origin=None)
+        context.live.put(origin=None)
     if not frames:
         raise DeviceError("the replay was stopped before its first frame")
     track = Recording.from_frames(frames).track(tool)
@@ -115,56 +121,34 @@ def _capture(
     )
 
 
-STANDS_FOR = {
-    "pivot": StartPointerCapture,
-    "surface": StartSurfaceCapture,
-    "path": StartPathCapture,
-}
-
-
 def require_as_recorded(activity: StartRecordingImport, session: Session) -> None:
     """Raise StepBlockedError where the capture that a recording stands for is blocked."""
-    require_inputs(STANDS_FOR[activity.purpose], session)
+    require_inputs(STANDS_FOR[activity.purpose][1], session)
 
 
 def store_recording(
     activity: StartRecordingImport, session: Session, context: ActivityContext
 ) -> tuple[Message, ...]:
     """Read a recording as the capture it stands for, then compute what follows from it."""
-    require_for(activity, session)
-    capture = import_recording(activity, session, context)
-    stored, follows = {
-        "pivot": (StoreCapture("pointer", capture), CalibratePointer()),
-        "surface": (StoreCapture("surface", capture, activity.append), BuildSurface()),
-        "path": (StoreCapture("path", capture), BuildPath()),
-    }[activity.purpose]
-    return (stored,) if capture.partial else (stored, follows)
+    capture, _, follows = STANDS_FOR[activity.purpose]
+    return record(capture, import_recording, follows)(activity, session, context)
 
 
-def store_pivot(
-    activity: StartPivotImport, session: Session, context: ActivityContext
-) -> tuple[Message, ...]:
-    """Read a pivot that was recorded elsewhere, then calibrate the pointer."""
-    return (StoreCapture("pointer", import_pivot(activity, session, context)), CalibratePointer())
-
-
-STEP = Step(
+STEP = declare.Step(
     "recordings",
     activities=(
-        Activity(
+        declare.Activity(
             StartRecordingImport,
             store_recording,
             "Reading the recording",
             check=require_as_recorded,
-            uses_devices=True,
             records=True,
             of_several_steps=True,
         ),
-        Activity(
+        declare.Activity(
             StartPivotImport,
-            store_pivot,
+            record("pointer", import_pivot, CalibratePointer),
             "Reading the pivot",
-            uses_devices=True,
             records=True,
             shown_in="pointer",
         ),

@@ -7,7 +7,7 @@ from rona_core.app.dependencies.inputs import require_result
 from rona_core.app.dependencies.staleness import stale_reason
 from rona_core.app.steps.roll.derivation import plan_settings
 from rona_core.app.steps.roll.messages import StartBasePlacement, StartRollSearch
-from rona_core.devices.protocols import Cancel, Progress, never, silent
+from rona_core.devices.protocols import Cancel, Progress
 from rona_core.devices.settings import RobotSettings
 from rona_core.errors import NotReachableError
 from rona_core.geometry.arrays import Bools, Floats
@@ -26,11 +26,7 @@ STILL_MM, STILL_DEG = 0.5, 0.05  # a base that moves by less stays where it is
 
 
 def derive_placement(
-    session: Session,
-    message: StartBasePlacement,
-    *,
-    progress: Progress = silent,
-    cancel: Cancel = never,
+    session: Session, message: StartBasePlacement, *, progress: Progress, cancel: Cancel
 ) -> BasePlacement:
     """Search places of the base; what is suggested is planned and certified among everything."""
     smooth = require_result(session.results.smoothing, "smooth the path").value

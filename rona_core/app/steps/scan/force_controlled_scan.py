@@ -51,7 +51,7 @@ class ContactLoop:
         settings: ContactSettings,
         load: ToolLoad,
         model: RobotModel,
-        tools: ActivityContext,
+        context: ActivityContext,
     ) -> None:
         """Prepare the scan.
 
@@ -62,7 +62,7 @@ class ContactLoop:
             settings: Of the force loop.
             load: What hangs on the force sensor.
             model: The robot with its tool.
-            tools: Devices, live slots, cancel and progress.
+            context: Devices, live slots, cancel and progress.
         """
         self.scans: list[AScan] = []
         self.clock_scans: list[AScan] = []
@@ -70,7 +70,7 @@ class ContactLoop:
         self.partial = False
         self._rows: list[LoopRow] = []
         self._trajectory, self._band, self._places_s = trajectory, band, places_s
-        self._settings, self._load, self._model, self._tools = settings, load, model, tools
+        self._settings, self._load, self._model, self._context = settings, load, model, context
         self._controller = ContactController(settings, travel_mm=band.travel_mm)
         self._axis_sensor = probe_axis_sensor(model)
         self._feed = 1.0
@@ -97,14 +97,14 @@ class ContactLoop:
 
     def run(self) -> None:
         """Carry out the scan; a stop or a cancellation leaves what came so far."""
-        rig, clock, period_s = self._tools.rig, self._tools.rig.clock, self._settings.period_s
+        rig, clock, period_s = self._context.rig, self._context.rig.clock, self._settings.period_s
         self._motion = rig.robot.guide(
             self._trajectory.times_s, self._band.qs_rad, self._band.travels_mm
         )
         self.joints.append(rig.robot.state())
         start_s, step = clock.now(), 0
         while not self._motion.done():
-            if self._tools.cancel():
+            if self._context.cancel():
                 rig.robot.stop()
                 self.partial = True
                 return
@@ -133,13 +133,13 @@ class ContactLoop:
     def _step(self, now_s: float) -> tuple[float, float]:
         """Look at the devices; return speed of the correction and share of the motion's speed."""
         reached_s = self._motion.reached_s()
-        state = self._tools.rig.robot.state()
-        self._tools.live.put(joints=state)
+        state = self._context.rig.robot.state()
+        self._context.live.put(joints=state)
         if reached_s < self._zone_s or reached_s > self._line_end_s + 1e-9:
             return 0.0, 1.0  # nowhere near the bone
         if now_s > self.joints[-1].time_s:
             self.joints.append(state)
-        sample = self._tools.rig.force.read()
+        sample = self._context.rig.force.read()
         rotation = self._model.forward(state.q_rad[None])[0].rotation
         force_n = pressing_force_n(self._load, rotation, sample.wrench, self._axis_sensor)
         travel_mm = self._motion.travel_mm()
@@ -152,7 +152,7 @@ class ContactLoop:
         self._rows.append(LoopRow(sample, force_n, code, travel_mm, feed, float(way_mm)))
         if len(self._rows) % SHOWN_EVERY == 0:
             newest = self._rows[-SHOWN_ROWS:]
-            self._tools.live.put(force=force_now(newest, self._settings.force_n))
+            self._context.live.put(force=force_now(newest, self._settings.force_n))
         return velocity, feed
 
     def _press(
@@ -181,7 +181,7 @@ class ContactLoop:
             feed = min(feed, max(left_s, 0.0) / self._settings.period_s)
         touching = command.state in (APPROACH, CONTACT) and force_n > TOUCH_N
         if touching and not self._pressed_on and len(self.clock_scans) < MOST_CLOCK_SCANS // 2:
-            self.clock_scans.append(self._tools.rig.probe.acquire())
+            self.clock_scans.append(self._context.rig.probe.acquire())
         return command.state, command.velocity_mm_per_s, feed
 
     def _lift(self, reached_s: float, travel_mm: float) -> tuple[int, float, float]:
@@ -191,7 +191,7 @@ class ContactLoop:
         lifted_mm = float(self._lift_mm[self._index(reached_s)])
         early = reached_s < self._trajectory.scan_end_s + LIFT_SCANS_S
         if early and len(self.clock_scans) < MOST_CLOCK_SCANS:
-            self.clock_scans.append(self._tools.rig.probe.acquire())
+            self.clock_scans.append(self._context.rig.probe.acquire())
         if lifted_mm < min(LIFTED_MM, float(self._lift_mm[self._index(self._line_end_s)]) - 0.1):
             return RETRACT, 0.0, feed
         velocity = float(np.clip(-travel_mm / RETURN_S, -MOST_MM_PER_S, MOST_MM_PER_S))
@@ -201,15 +201,15 @@ class ContactLoop:
 
     def _fire(self, now_s: float, feed: float) -> None:
         """Fire at the places that are passed before the next step, each at its own instant."""
-        rig, reached_s = self._tools.rig, self._motion.reached_s()
+        rig, reached_s = self._context.rig, self._motion.reached_s()
         while self._pressed_on and feed > 0.0 and len(self.scans) < len(self._places_s):
             ahead_s = float(self._places_s[len(self.scans)]) - reached_s
             if ahead_s >= feed * self._settings.period_s:
                 return
             rig.clock.wait_until(now_s + max(ahead_s, 0.0) / feed)
             self.scans.append(rig.probe.acquire())
-            self._tools.live.put(ascan=self.scans[-1], n_scans=len(self.scans))
-            self._tools.progress(len(self.scans) / len(self._places_s))
+            self._context.live.put(ascan=self.scans[-1], n_scans=len(self.scans))
+            self._context.progress(len(self.scans) / len(self._places_s))
 
     def _drawn_back(self, now_s: float) -> bool:
         """Return whether the probe has been drawn back far enough after a stop."""

@@ -1,5 +1,6 @@
 """Messages of the set-up."""
 
+from dataclasses import dataclass
 from typing import Literal
 
 from rona_core.app.messages.message import Point, message, values_of
@@ -15,7 +16,7 @@ from rona_core.devices.settings import (
 )
 from rona_core.devices.workcell import RoomBox, Surroundings
 from rona_core.session.document import RegionChoice, require_seed
-from rona_core.session.specimen import BoneChoice
+from rona_core.session.specimen import BoneChoice, LoadedSkull
 
 STANDARD = Surroundings()
 
@@ -130,6 +131,13 @@ class StartSkullImport:
         if self.inner_file is not None:
             plain_name(self.inner_file)
         RegionChoice(self.center_mesh_mm, self.radius_mm)  # refuses what is no region
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class StoreSkull:
+    """A skull was read from a file: an outcome, which nobody can post."""
+
+    skull: LoadedSkull
 
 
 @message

@@ -18,6 +18,7 @@ from rona_core.session.captures import ToolCapture
 from rona_core.session.document import Session
 
 TOLD_SIGMAS = 3.0  # a delay smaller than this cannot be told from none, and is not corrected
+SETTLE_S = 0.1  # after the robot has stopped, before frames count
 
 
 def tracker_delay(capture: ToolCapture, model: RobotModel) -> TimeOffset | None:
@@ -54,9 +55,6 @@ def delay_words(delay: TimeOffset) -> tuple[str, str]:
     words = f"{1e3 * abs(delay.offset_s):.1f} ± {sigma_ms:.1f} ms"
     late = "Tracker" if delay.offset_s > 0.0 else "Robot joint"
     return f"{late} latency (compensated)", words
-
-
-SETTLE_S = 0.1  # after the robot has stopped, before frames count
 
 
 def tool_poses(session: Session) -> tuple[Poses, Poses, Ints]:

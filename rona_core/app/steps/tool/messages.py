@@ -5,15 +5,14 @@ from typing import Literal
 from rona_core.app.messages.message import message, within
 from rona_core.devices.settings import require
 
+MAX_EXCLUDED = 20_000
+
 
 def require_rows(rows: tuple[int, ...]) -> None:
     """Raise InvalidInputError unless ``rows`` number poses, each once."""
     require(len(rows) <= MAX_EXCLUDED, f"at most {MAX_EXCLUDED} poses, please")
     require(all(row >= 0 for row in rows), "poses are numbered from 0")
     require(len(set(rows)) == len(rows), "each pose can be named once only")
-
-
-MAX_EXCLUDED = 20_000
 
 
 @message

@@ -19,6 +19,12 @@ from rona_core.robot.verification.certificate import Certificate
 from rona_core.robot.verification.verifier import verify_motion
 from rona_core.session.document import Session
 
+SAME_PLACE_RAD = 1e-6
+STOPPED = (
+    "the robot was stopped on its way to the start: nothing was recorded, and what was recorded "
+    "earlier is kept"
+)
+
 
 class FreeMoves:
     """Plans moves on which nothing is touched: the probe may touch the head in a scan alone."""
@@ -93,41 +99,35 @@ def require_certified(
     raise NotReachableError(f"{what} is refused: {reasons}")
 
 
-SAME_PLACE_RAD = 1e-6
-
-
-STOPPED = (
-    "the robot was stopped on its way to the start: nothing was recorded, and what was recorded "
-    "earlier is kept"
-)
-
-
-def drive_to(q_rad: Floats, session: Session, tools: ActivityContext) -> None:
+def drive_to(q_rad: Floats, session: Session, context: ActivityContext) -> None:
     """Move the robot to joint angles (6,) on verified motions, around what stands in the way.
 
     Raises:
         NotReachableError: there is no such motion, or the verifier refuses it; it says why.
         CancelledError: somebody pressed Cancel or Stop on the way.
     """
-    if tools.cancel():  # while what the robot is to do was planned
+    if context.cancel():  # while what the robot is to do was planned
         raise CancelledError(STOPPED)
     model = robot_model(session.setup.devices.robot.model)
-    begin(session, tools)
-    start = tools.rig.robot.state().q_rad
+    begin(session, context)
+    start = context.rig.robot.state().q_rad
     if np.abs(start - q_rad).max() < SAME_PLACE_RAD:
         return
     moves = FreeMoves(model, session_obstacles(session))
     for planned in moves.plan(start, q_rad):
-        motion = tools.rig.robot.move(planned.times_s, planned.qs_rad)
-        if not finish(motion, tools):
+        motion = context.rig.robot.move(planned.times_s, planned.qs_rad)
+        if not finish(motion, context):
             raise CancelledError(STOPPED)
 
 
-def move_robot(activity: StartRobotMove, session: Session, tools: ActivityContext) -> None:
-    """Move the robot to joint angles in degrees, certified first."""
+def move_robot(
+    activity: StartRobotMove, session: Session, context: ActivityContext
+) -> tuple[Message, ...]:
+    """Carry out `StartRobotMove`, certified first; the session stays as it is."""
     q_rad = np.deg2rad(np.array(activity.joints_deg))
     _check_joints(q_rad, robot_model(session.setup.devices.robot.model))
-    drive_to(q_rad, session, tools)
+    drive_to(q_rad, session, context)
+    return ()
 
 
 def _check_joints(q_rad: Floats, model: RobotModel) -> None:
@@ -138,11 +138,3 @@ def _check_joints(q_rad: Floats, model: RobotModel) -> None:
         raise InvalidInputError(
             f"joint {j + 1} must be {low:.1f} to {high:.1f} deg, not {np.rad2deg(q_rad[j]):.6g}"
         )
-
-
-def drive_robot(
-    activity: StartRobotMove, session: Session, context: ActivityContext
-) -> tuple[Message, ...]:
-    """Carry out `StartRobotMove`; the session stays as it is."""
-    move_robot(activity, session, context)
-    return ()

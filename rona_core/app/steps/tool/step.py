@@ -2,24 +2,14 @@
 
 import numpy as np
 
-from rona_core.app.declarations.declarations import (
-    Activity,
-    ActivityContext,
-    Capture,
-    Command,
-    Message,
-    Result,
-    Step,
-    StepLine,
-)
+from rona_core.app.declarations import declarations as declare
+from rona_core.app.declarations.declarations import ActivityContext
 from rona_core.app.dependencies.base_reference import placed_reason
 from rona_core.app.dependencies.inputs import capture_input, result_input
 from rona_core.app.dependencies.staleness import capture_setup_digest, session_obstacles
-from rona_core.app.dependencies.step_states import stopped_early
-from rona_core.app.messages.outcomes import StoreCapture
-from rona_core.app.runtime.handling import compute_result
+from rona_core.app.runtime.handling import compute_result, record
 from rona_core.app.runtime.recording import begin, record_frames
-from rona_core.app.steps.setup.capture_parts import robot_errors_part, robot_part, tracker_part
+from rona_core.app.steps.setup import capture_parts as parts
 from rona_core.app.steps.setup.inputs import MODEL
 from rona_core.app.steps.tool.derivation import derive_registration
 from rona_core.app.steps.tool.messages import RegisterTool, StartToolCapture
@@ -31,9 +21,11 @@ from rona_core.robot.planning.calibration_motion import ToolMotionSettings, plan
 from rona_core.session.captures import ToolCapture
 from rona_core.session.document import Session
 
+TOOL_CAPTURE, TOOL = capture_input("tool"), result_input("tool")
+
 
 def capture_tool(
-    activity: StartToolCapture, session: Session, tools: ActivityContext
+    activity: StartToolCapture, session: Session, context: ActivityContext
 ) -> ToolCapture:
     """Record the tool marker and the joints while the robot pivots and translates the tool."""
     model = robot_model(session.setup.devices.robot.model)
@@ -48,18 +40,18 @@ def capture_tool(
         obstacles=around,
     )
     require_certified("the tool motion", plan.certificate, plan, around)
-    drive_to(plan.qs_rad[0], session, tools)
-    ordinal = begin(session, tools)
-    motion = tools.rig.robot.move(plan.times_s, plan.qs_rad)
+    drive_to(plan.qs_rad[0], session, context)
+    ordinal = begin(session, context)
+    motion = context.rig.robot.move(plan.times_s, plan.qs_rad)
     joints: list[JointSample] = []
 
     def with_joints(frame: TrackerFrame) -> bool:
-        joints.append(tools.rig.robot.state())
-        tools.live.put(joints=joints[-1])
-        tools.progress(motion.progress())
+        joints.append(context.rig.robot.state())
+        context.live.put(joints=joints[-1])
+        context.progress(motion.progress())
         return motion.done()
 
-    frames, partial = record_frames(tools, with_joints)
+    frames, partial = record_frames(context, with_joints)
     return ToolCapture(
         ordinal=ordinal,
         setup_digest=capture_setup_digest("tool", session),
@@ -74,18 +66,6 @@ def capture_tool(
     )
 
 
-def record_tool(
-    activity: StartToolCapture, session: Session, context: ActivityContext
-) -> tuple[Message, ...]:
-    """Record the tool motion, then register the tool."""
-    capture = capture_tool(activity, session, context)
-    stored = StoreCapture("tool", capture)
-    return (stored,) if capture.partial else (stored, RegisterTool())
-
-
-TOOL_CAPTURE, TOOL = capture_input("tool"), result_input("tool")
-
-
 def _summary(session: Session) -> str:
     held = session.results.tool
     if held is None:
@@ -93,28 +73,27 @@ def _summary(session: Session) -> str:
     return f"{held.value.n_poses} poses, random error {held.value.tip_sigma_mm:.2f} mm"
 
 
-STEP = Step(
+STEP = declare.Step(
     "tool",
-    commands=(Command(RegisterTool, compute_result, needs=(TOOL_CAPTURE,)),),
+    commands=(declare.Command(RegisterTool, compute_result, needs=(TOOL_CAPTURE,)),),
     activities=(
-        Activity(
+        declare.Activity(
             StartToolCapture,
-            record_tool,
+            record("tool", capture_tool, RegisterTool),
             "Moving the tool",
-            uses_devices=True,
             drives_robot=True,
             records=True,
         ),
     ),
     captures=(
-        Capture(
+        declare.Capture(
             "tool",
             "record the tool motion (step 2)",
-            (tracker_part, robot_part, robot_errors_part),
+            (parts.tracker, parts.robot, parts.robot_errors),
         ),
     ),
     results=(
-        Result(
+        declare.Result(
             "tool",
             RegisterTool,
             derive_registration,
@@ -122,12 +101,11 @@ STEP = Step(
             "register the tool (step 2)",
         ),
     ),
-    line=StepLine(
+    line=declare.StepLine(
         "Tool",
         _summary,
         StartToolCapture,
         leaves=lambda session: (TOOL_CAPTURE, TOOL),
-        partial=lambda session: stopped_early("tool", session),
         stale=placed_reason,
     ),
 )
