@@ -13,34 +13,15 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from rona_core.calibration.tracking_error.marker_noise import MarkerNoise
-from rona_core.errors import InvalidInputError
 from rona_core.geometry.arrays import Floats
 from rona_core.geometry.pose import Pose, Poses
 from rona_core.geometry.pose_covariance import cross_matrices, rotation_vectors
 
 SERIES = 1e-4  # of the angle; below it the expansion of the inverse Jacobian is exact enough
 COLLINEAR_MM = 1e-6  # markers closer than this to one line are on it
-
-
-@dataclass(frozen=True, slots=True)
-class RobotNoise:
-    """Random error of the robot's tool pose."""
-
-    position_mm: float = 0.1  # of the tip, 3D RMS
-    rotation_deg: float = 0.02  # RMS of the whole turn
-
-    def __post_init__(self) -> None:
-        """Check the values.
-
-        Raises:
-            InvalidInputError: a negative or infinite error.
-        """
-        if not (0.0 <= self.position_mm < np.inf and 0.0 <= self.rotation_deg < np.inf):
-            raise InvalidInputError("the error of the robot must be finite and not negative")
-
-    def variances(self) -> tuple[float, float]:
-        """Return the variances per axis: of the tip in mm^2, of its rotation in rad^2."""
-        return self.position_mm**2 / 3.0, float(np.deg2rad(self.rotation_deg)) ** 2 / 3.0
+# Random error of the robot's tool pose, variances per axis:
+TIP_VARIANCE_MM2 = 0.1**2 / 3.0  # of the tip, 0.1 mm 3D RMS
+TURN_VARIANCE_RAD2 = float(np.deg2rad(0.02)) ** 2 / 3.0  # of its rotation, 0.02 degrees RMS
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -52,7 +33,6 @@ class Observations:
     centroid_toolmarker: Floats  # (3,) of the markers
     centroids_tracker: Floats  # (n, 3)
     unit_covariances: Floats  # (n, 6, 6) of (turn, shift) in tracker, marker error 1 mm 3D RMS
-    robot_variances: tuple[float, float]  # per axis: of the tip in mm^2, of its rotation in rad^2
 
     def __len__(self) -> int:
         return len(self.Ts_base_tip)
@@ -63,7 +43,6 @@ def observe(
     Ts_tracker_toolmarker: Poses,
     positions_toolmarker: Floats,
     noise: MarkerNoise,
-    robot_noise: RobotNoise,
 ) -> Observations:
     """Return the observations with the covariance of every pose that the tracker fits."""
     centroid = positions_toolmarker.mean(axis=0)
@@ -73,7 +52,6 @@ def observe(
         centroid,
         Ts_tracker_toolmarker @ centroid,
         fit_covariances(Ts_tracker_toolmarker.rotations, positions_toolmarker, noise),
-        robot_noise.variances(),
     )
 
 
@@ -171,15 +149,14 @@ def robot_covariances(
     observations: Observations, T_base_tracker: Pose, T_toolmarker_tip: Pose
 ) -> Floats:
     """Return what the robot's own error adds to the residuals: covariances (n, 6, 6)."""
-    tip_variance, turn_variance = observations.robot_variances
     centroid_tip = T_toolmarker_tip.inv() @ observations.centroid_toolmarker
     levers = observations.Ts_base_tip.rotations @ centroid_tip @ T_base_tracker.rotation
     crossed = cross_matrices(levers)
     covariances = np.zeros((len(observations), 6, 6))
-    covariances[:, :3, :3] = turn_variance * np.eye(3)
-    covariances[:, :3, 3:] = turn_variance * crossed
-    covariances[:, 3:, :3] = -turn_variance * crossed
-    covariances[:, 3:, 3:] = tip_variance * np.eye(3) - turn_variance * crossed @ crossed
+    covariances[:, :3, :3] = TURN_VARIANCE_RAD2 * np.eye(3)
+    covariances[:, :3, 3:] = TURN_VARIANCE_RAD2 * crossed
+    covariances[:, 3:, :3] = -TURN_VARIANCE_RAD2 * crossed
+    covariances[:, 3:, 3:] = TIP_VARIANCE_MM2 * np.eye(3) - TURN_VARIANCE_RAD2 * crossed @ crossed
     return covariances
 
 
