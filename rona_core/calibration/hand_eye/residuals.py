@@ -1,11 +1,4 @@
-"""Residuals of the hand-eye equation, their Jacobians and covariances.
-
-The tracker fits a pose to the markers without weights, so the error of that pose follows from the
-error S of one marker through the pseudo-inverse of J_k = (-[r_k]x, 1): cov = J+ S J+'. In the axes
-of ``tracker`` and about the centroid of the markers, rotation and shift part:
-
-    cov(shift) = S / m,    cov(turn) = I^-1 (sum [r_k]x S [r_k]x') I^-1,   I = sum |r|^2 1 - r r'
-"""
+"""Residuals of the hand-eye equation, their Jacobians and covariances."""
 
 from dataclasses import dataclass
 
@@ -13,12 +6,12 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from rona_core.calibration.tracking_error.marker_noise import MarkerNoise
+from rona_core.calibration.tracking_error.poses_with_covariance import fit_covariances
 from rona_core.geometry.arrays import Floats
 from rona_core.geometry.pose import Pose, Poses
 from rona_core.geometry.pose_covariance import cross_matrices, rotation_vectors
 
 SERIES = 1e-4  # of the angle; below it the expansion of the inverse Jacobian is exact enough
-COLLINEAR_MM = 1e-6  # markers closer than this to one line are on it
 # Random error of the robot's tool pose, variances per axis:
 TIP_VARIANCE_MM2 = 0.1**2 / 3.0  # of the tip, 0.1 mm 3D RMS
 TURN_VARIANCE_RAD2 = float(np.deg2rad(0.02)) ** 2 / 3.0  # of its rotation, 0.02 degrees RMS
@@ -53,33 +46,6 @@ def observe(
         Ts_tracker_toolmarker @ centroid,
         fit_covariances(Ts_tracker_toolmarker.rotations, positions_toolmarker, noise),
     )
-
-
-def fit_covariances(rotations: Floats, positions_marker: Floats, noise: MarkerNoise) -> Floats:
-    """Return the covariances (n, 6, 6) of poses fitted to markers with an error of 1 mm 3D RMS.
-
-    Args:
-        rotations: Of the marker body in ``tracker`` (n, 3, 3).
-        positions_marker: Markers (m, 3); on one line the turn about it counts as known.
-        noise: Its shape; the size is 1.
-
-    Returns:
-        Covariances of (turn, shift of the centroid) in the axes of ``tracker``, rad and mm.
-    """
-    variances = np.asarray(noise.shape()) ** 2
-    offsets = positions_marker - positions_marker.mean(axis=0)
-    levers = np.einsum("nij,mj->nmi", rotations, offsets)
-    crossed = cross_matrices(levers)
-    inertia = np.einsum("nmij,nmkj->nik", crossed, crossed)
-    torque = np.einsum("nmij,j,nmkj->nik", crossed, variances, crossed)
-    if np.linalg.matrix_rank(offsets, tol=COLLINEAR_MM) < 2:
-        inverse = np.linalg.pinv(inertia, rcond=1e-9, hermitian=True)
-    else:
-        inverse = np.linalg.inv(inertia)
-    covariances = np.zeros((len(rotations), 6, 6))
-    covariances[:, :3, :3] = inverse @ torque @ inverse
-    covariances[:, 3:, 3:] = np.diag(variances) / len(offsets)
-    return covariances
 
 
 def residuals(observations: Observations, T_base_tracker: Pose, T_toolmarker_tip: Pose) -> Floats:

@@ -1,7 +1,10 @@
 """Poses of a tracked body with the covariance of their errors.
 
-A tracker fits the known marker geometry to noisy markers. To first order the fitted pose holds all
-of the markers, so its covariance is the likelihood that a calibration needs.
+The tracker fits a pose to the markers without weights, so the error of that pose follows from the
+error S of one marker through the pseudo-inverse of J_k = (-[r_k]x, 1): cov = J+ S J+'. In the axes
+of ``tracker`` and about the centroid of the markers, rotation and shift part:
+
+    cov(shift) = S / m,    cov(turn) = I^-1 (sum [r_k]x S [r_k]x') I^-1,   I = sum |r|^2 1 - r r'
 """
 
 from dataclasses import dataclass
@@ -18,6 +21,7 @@ from rona_core.geometry.pose_covariance import cross_matrices
 MIN_SPREAD = 0.02  # second over first width of 6D markers; first width in mm is checked too
 MIN_WIDTH_MM = 1.0
 MAX_OFF_LINE_MM = 1e-3
+COLLINEAR_MM = 1e-6  # markers closer than this to one line are on it
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -71,23 +75,36 @@ def tracked_from_poses(
         InvalidInputError, DegenerateGeometryError: as in :func:`as_marker_positions`.
     """
     p = as_marker_positions(positions_marker, dof)
-    n, m = len(Ts_tracker_marker), len(p)
-    arms = p - p.mean(axis=0)
-    R = Ts_tracker_marker.rotations
-    S = np.diag(noise.shape() ** 2)  # of one marker in tracker
-    covariances = np.zeros((n, 6, 6))
-    covariances[:, 3:, 3:] = S / m
-    if dof == 6:
-        crosses = cross_matrices(arms)
-        inertia = np.linalg.inv(np.einsum("kba,kbc->ac", crosses, crosses))
-        S_marker = np.swapaxes(R, 1, 2) @ S @ R
-        torque = np.einsum("kba,nbc,kcd->nad", crosses, S_marker, crosses, optimize=True)
-        covariances[:, :3, :3] = R @ (inertia @ torque @ inertia) @ np.swapaxes(R, 1, 2)
-    else:
-        shafts = cross_matrices(R[:, :, 2])
-        covariances[:, :3, :3] = shafts @ S @ np.swapaxes(shafts, 1, 2) / (arms[:, 2] ** 2).sum()
+    covariances = fit_covariances(Ts_tracker_marker.rotations, p, noise)
     return TrackedPoses(
         Ts_tracker_marker=Ts_tracker_marker,
         reference_marker=readonly(p.mean(axis=0)),
         covariances=readonly(covariances),
     )
+
+
+def fit_covariances(rotations: Floats, positions_marker: Floats, noise: MarkerNoise) -> Floats:
+    """Return the covariances (n, 6, 6) of poses fitted to markers with an error of 1 mm 3D RMS.
+
+    Args:
+        rotations: Of the marker body in ``tracker`` (n, 3, 3).
+        positions_marker: Markers (m, 3); on one line the turn about it counts as known.
+        noise: Its shape; the size is 1.
+
+    Returns:
+        Covariances of (turn, shift of the centroid) in the axes of ``tracker``, rad and mm.
+    """
+    variances = np.asarray(noise.shape()) ** 2
+    offsets = positions_marker - positions_marker.mean(axis=0)
+    levers = np.einsum("nij,mj->nmi", rotations, offsets)
+    crossed = cross_matrices(levers)
+    inertia = np.einsum("nmij,nmkj->nik", crossed, crossed)
+    torque = np.einsum("nmij,j,nmkj->nik", crossed, variances, crossed)
+    if np.linalg.matrix_rank(offsets, tol=COLLINEAR_MM) < 2:
+        inverse = np.linalg.pinv(inertia, rcond=1e-9, hermitian=True)
+    else:
+        inverse = np.linalg.inv(inertia)
+    covariances = np.zeros((len(rotations), 6, 6))
+    covariances[:, :3, :3] = inverse @ torque @ inverse
+    covariances[:, 3:, 3:] = np.diag(variances) / len(offsets)
+    return covariances

@@ -18,7 +18,6 @@ MAX_MARKERS, LEAST_MARKERS = 20, 3
 MAGIC = b"NDI"
 POSITIONS_AT = 72
 LARGEST_MM = 2000.0  # a coordinate beyond this is none
-LEAST_DISTANCE_MM = 1.0  # markers closer than this are one
 
 
 def rom_positions(data: bytes, name: str = "tool file") -> Floats:
@@ -61,8 +60,3 @@ def _check_positions(positions: Floats, name: str) -> None:
     wrong = ~(np.isfinite(positions) & (np.abs(positions) <= LARGEST_MM)).all(axis=1)
     if wrong.any():
         raise InvalidInputError(f"{name}: marker {int(np.argmax(wrong)) + 1} has no place in mm")
-    apart = np.linalg.norm(positions[:, None] - positions[None], axis=2)
-    np.fill_diagonal(apart, np.inf)
-    if apart.min() < LEAST_DISTANCE_MM:
-        i, j = np.unravel_index(int(np.argmin(apart)), apart.shape)
-        raise InvalidInputError(f"{name}: markers {i + 1} and {j + 1} are in one place")
