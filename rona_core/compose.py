@@ -6,7 +6,7 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from rona_core.app.declarations.activity_context import Compute, compute_here
+from rona_core.app.declarations.declarations import Compute, compute_here
 from rona_core.app.messages.outcomes import StoreSkull
 from rona_core.app.overview.predicted_accuracy import predicted_figures
 from rona_core.app.procedure import Ending, StepProgress, run_procedure, unwatched
@@ -21,8 +21,8 @@ from rona_core.session.document import Session, Setup
 from rona_core.session.files import load_session
 from rona_core.session.specimen import LoadedSkull
 from rona_core.ultrasound.acoustic_calibration.parameter_sweep import sweep
+from rona_core.virtual.acoustics.medium import bone_medium
 from rona_core.virtual.acoustics.plates import record_plate
-from rona_core.virtual.acoustics.specimen_medium import bone_medium
 from rona_core.virtual.rig import VirtualRig
 from rona_core.virtual.specimen.build_specimen import Specimen, build_specimen
 from rona_core.virtual.specimen.import_skull import import_skull

@@ -38,6 +38,13 @@ class Path5D:
         steps = np.linalg.norm(np.diff(self.points_base, axis=0), axis=1)
         return np.concatenate(([0.0], np.cumsum(steps)))
 
+    def steps(self) -> tuple[Floats, Floats]:
+        """Return the distance in mm and the turn of the axis in radians of each step (n - 1,)."""
+        before, after = self.axes_base[:-1], self.axes_base[1:]
+        sines = np.linalg.norm(np.cross(before, after), axis=1)
+        turns_rad = np.arctan2(sines, np.einsum("ij,ij->i", before, after))
+        return np.linalg.norm(np.diff(self.points_base, axis=0), axis=1), turns_rad
+
     def references(self) -> Floats:
         """Return the direction of roll zero at each point (n, 3), carried by parallel transport.
 

@@ -4,10 +4,7 @@ from dataclasses import dataclass
 from typing import Protocol
 
 from rona_core.devices.samples import AScanTrack, JointTrack, ToolTrack
-from rona_core.devices.settings import (
-    FIRST_PLACE,
-    TrackerPlace,
-)
+from rona_core.devices.settings import FIRST_PLACE, TrackerPlace
 from rona_core.devices.wrench import ForceTrack
 from rona_core.geometry.arrays import Floats, Ints
 from rona_core.session.codec import OpenType

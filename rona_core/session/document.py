@@ -10,11 +10,7 @@ from typing import Any, Generic, Literal, TypeVar
 from rona_core.calibration.hand_eye.tool_registration import ToolRegistration
 from rona_core.calibration.handheld.pointer import PointerCalibration
 from rona_core.calibration.handheld.tracked_probe import SonoCalibration
-from rona_core.devices.settings import (
-    DeviceSettings,
-    require,
-    require_within,
-)
+from rona_core.devices.settings import DeviceSettings, require, require_within
 from rona_core.devices.workcell import Surroundings
 from rona_core.geometry.arrays import Floats
 from rona_core.geometry.path5d import Path5D

@@ -28,7 +28,7 @@ class VirtualDisplay:
 
     def skull_mesh_base(self) -> Mesh:
         """Return the outer surface of the specimen in ``base``."""
-        mesh = self._scene.specimen.mesh("outer", EDGE_MM)
+        mesh = self._scene.specimen.mesh(EDGE_MM)
         return Mesh(self._scene.T_base_skull @ mesh.vertices, mesh.faces)
 
     def pick(self, origin_base: ArrayLike, direction_base: ArrayLike) -> Vector3 | None:

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from rona_core.app.steps.maps.second_pass_view import SecondView
+from rona_core.app.steps.maps.view import SecondView
 from rona_core.app.steps.roll.margins_view import Quantity
 from rona_core.app.steps.smoothing.path_view import PathView, path_view, preview_path
 from rona_ui.presentation.snapshot import Snapshot

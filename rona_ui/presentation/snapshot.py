@@ -1,6 +1,7 @@
 """Snapshot: session, view and live values of one moment; all that is drawn follows from it."""
 
 from dataclasses import dataclass, field
+from operator import attrgetter
 from pathlib import Path
 from typing import Any
 
@@ -75,3 +76,17 @@ class Snapshot:
     def step(self, name: str) -> StepState:
         """Return the state of a step by its name."""
         return next(step for step in self.steps if step.name == name)
+
+
+PLAIN = (bool, int, float, str, tuple, frozenset)  # compared by value, all else by identity
+
+
+def changed(old: Snapshot | None, new: Snapshot, *parts: str) -> bool:
+    """Return whether any of these parts, as ``view.step``, differs between two snapshots."""
+    if old is None:
+        return True
+    for part in parts:
+        before, after = attrgetter(part)(old), attrgetter(part)(new)
+        if before is not after and not (isinstance(after, PLAIN) and before == after):
+            return True
+    return False

@@ -8,8 +8,8 @@ from rona_core.devices.settings import SONO
 from rona_core.geometry.arrays import Floats
 from rona_core.geometry.pose import Pose
 from rona_ui.presentation.colors import ORANGE, SKY, STEEL
-from rona_ui.presentation.snapshot import Snapshot
-from rona_ui.scene.layer import Layer
+from rona_ui.presentation.snapshot import Snapshot, changed
+from rona_ui.scene.layer import Layer, lift
 from rona_ui.scene.viser_nodes import SceneNodes, segments
 
 SHAFT, MARKERS, TIP = "/pointer/shaft", "/pointer/markers", "/pointer/tip"
@@ -32,7 +32,7 @@ class PointerLayer(Layer):
         if pose is None:
             for node in (SHAFT, MARKERS, TIP):
                 self.nodes.remove(node)
-        elif old is None or old.T_base_pointermarker is not pose or self.toggled(old, new):
+        elif changed(old, new, "T_base_pointermarker", "view"):
             held = new.session.setup.devices.pointer
             markers, tip = pointer_points(pose, SONO if holds_probe(new) else held)
             hub = markers.mean(axis=0)
@@ -84,14 +84,10 @@ def handle_rotation(wxyz: ArrayLike) -> Floats:
 class DrawingLayer(Layer):
     """Draws the points clicked on the skull and the line through them."""
 
-    layer = "drawing"
+    follows = ("view.picks",)
 
-    def render(self, old: Snapshot | None, new: Snapshot) -> None:
+    def draw(self, new: Snapshot) -> None:
         """Follow the picks."""
-        if old is not None and old.view.picks is new.view.picks:
-            return
-        points = np.array(new.view.picks, dtype=np.float64).reshape(-1, 3)
-        if len(points) and new.static_scene is not None:
-            points = points + LIFT_MM * new.static_scene.region_normal_base
+        points = np.array(new.view.picks, dtype=np.float64).reshape(-1, 3) + lift(new, LIFT_MM)
         self.nodes.lines(LINE, segments(points), SKY, width_px=4.0)
         self.nodes.cloud(PICKS, points, ORANGE, size_mm=1.0)

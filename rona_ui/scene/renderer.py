@@ -14,15 +14,12 @@ from rona_ui.scene.maps.second_pass import SecondLayer
 from rona_ui.scene.path.path import AxesLayer, PathLayer, WarningsLayer
 from rona_ui.scene.path.path_editing import EditLayer
 from rona_ui.scene.pointer import PIVOT_HANDLES, DrawingLayer, PivotHandlesLayer, PointerLayer
-from rona_ui.scene.roll.base_places import PlacesLayer
-from rona_ui.scene.roll.margins import MarginsLayer
-from rona_ui.scene.roll.rolls import RollsLayer
+from rona_ui.scene.roll import MarginsLayer, PlacesLayer, RollsLayer
 from rona_ui.scene.setup.clearance import ClearanceLayer, ObstaclesLayer
 from rona_ui.scene.setup.robot import RobotLayer
 from rona_ui.scene.setup.skull import NODE, SkullLayer
 from rona_ui.scene.setup.tracker import TrackerLayer
-from rona_ui.scene.surface.cloud import CloudLayer, RegionLayer
-from rona_ui.scene.surface.registered_skull import RegisteredSkullLayer
+from rona_ui.scene.surface import CloudLayer, RegionLayer, RegisteredSkullLayer
 from rona_ui.scene.viser_nodes import SceneNodes
 
 FLOOR_MM = -420.0  # the robot stands on a pedestal of about its base's height

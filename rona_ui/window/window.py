@@ -19,8 +19,8 @@ from rona_core.app.dependencies.step_states import StepState, step_states
 from rona_core.app.runtime.jobs import JobStatus
 from rona_core.app.runtime.session_registry import SessionRegistry
 from rona_core.app.runtime.workbench import Workbench
-from rona_core.app.steps.recordings.captures import replayed_pointer
 from rona_core.app.steps.scan.planned_motion import motion_times
+from rona_core.app.steps.surface.derivation import replayed_pointer
 from rona_core.errors import CancelledError, NotFoundError
 from rona_core.session.document import Session
 from rona_ui.labels import in_words, place_of

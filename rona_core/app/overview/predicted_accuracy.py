@@ -1,7 +1,7 @@
 """What the results of a session say about the error of the pointer's map, without any truth.
 
 The covariances of registration and pointer, and the noise of a single frame, are chained as
-``calibration/uncertainty.py`` does, at places that the pointer has touched. What repeats leaves no
+``error_propagation.py`` does, at places that the pointer has touched. What repeats leaves no
 trace in the data: for the tracker's volume the accuracy that its maker states is taken, less the
 noise that was found; the robot's absolute error is not in it, as in a map for the same robot.
 """

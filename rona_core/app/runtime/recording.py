@@ -2,8 +2,11 @@
 
 from collections.abc import Callable
 
-from rona_core.app.declarations.activity_context import ActivityContext
-from rona_core.app.dependencies.capture_setup import capture_setup_digest
+import numpy as np
+
+from rona_core.app.declarations.declarations import ActivityContext
+from rona_core.app.dependencies.staleness import capture_setup_digest
+from rona_core.app.messages.message import Point
 from rona_core.devices.protocols import Motion, never
 from rona_core.devices.samples import ToolTrack, TrackerFrame
 from rona_core.errors import DeviceError
@@ -51,6 +54,23 @@ def capture_hand(
         base=ToolTrack.from_frames("basemarker", frames),
         tracker_place=session.setup.devices.tracker.place,
     )
+
+
+def capture_stroke(
+    kind: str,
+    session: Session,
+    tools: ActivityContext,
+    picks_base_mm: tuple[Point, ...],
+    duration_s: float,
+    without_picks: Callable[[], float],
+) -> PointerCapture:
+    """Let the pointer follow the picked places; without any, do what the operator does alone."""
+    picks = np.array(picks_base_mm)
+
+    def along_picks() -> float:
+        return tools.rig.operator.stroke(picks, duration_s=duration_s)
+
+    return capture_hand(kind, session, tools, along_picks if len(picks) else without_picks)
 
 
 def record_frames(

@@ -8,9 +8,8 @@ from dataclasses import replace
 from pathlib import Path
 
 from rona_core.app.runtime.saving.autosave import Autosave, CopyState
-from rona_core.app.runtime.saving.file_names import plain_name
 from rona_core.app.runtime.saving.recovery import LostSession, Recovery, restore
-from rona_core.app.runtime.saving.session_files import MAX_UPLOAD_BYTES, SessionFiles
+from rona_core.app.runtime.saving.session_files import MAX_UPLOAD_BYTES, SessionFiles, plain_name
 from rona_core.app.runtime.workbench import Services, Workbench
 from rona_core.errors import InvalidInputError, NotFoundError
 from rona_core.session.document import Session, Setup

@@ -2,8 +2,7 @@
 
 from dataclasses import replace
 
-from rona_core.app.declarations.activity_context import ActivityContext
-from rona_core.app.declarations.declarations import Activity, Command, Step
+from rona_core.app.declarations.declarations import Activity, ActivityContext, Command, Step
 from rona_core.app.messages.outcomes import Answer
 from rona_core.app.messages.session_messages import Redo, RenameSession, StartReplay, Undo
 from rona_core.app.runtime.recompute import replay_report

@@ -8,14 +8,14 @@ from typing import Any
 
 from numpy.typing import ArrayLike
 
-from rona_core.app.declarations.activity_context import (
+from rona_core.app.declarations.declarations import (
     ActivityContext,
     Compute,
     ImportSkull,
+    Message,
     Sweep,
     compute_here,
 )
-from rona_core.app.declarations.declarations import Message
 from rona_core.app.declarations.registry import REGISTRY
 from rona_core.app.dependencies.requirements import require_for
 from rona_core.app.messages.exact_types import require_exact

@@ -2,13 +2,13 @@
 
 from dataclasses import dataclass, field
 
+import numpy as np
 from numpy.typing import ArrayLike
 
 from rona_core.geometry.arrays import Floats
 from rona_core.geometry.pose import Pose, Poses
-from rona_core.robot.kinematics.ik_solutions import IkSolutions
+from rona_core.robot.kinematics.arm import Arm, IkSolutions, wrapped
 from rona_core.robot.kinematics.joint_limits import JointLimits
-from rona_core.robot.kinematics.spherical_wrist import Arm
 from rona_core.robot.kinematics.tool_frames import Tool
 
 
@@ -40,6 +40,24 @@ class RobotModel:
     def inverse(self, Ts_base_flange: Poses) -> IkSolutions:
         """Return every joint vector that brings the flange to each pose."""
         return self.arm.inverse(Ts_base_flange)
+
+    def follow(self, Ts_base_flange: Poses, q_start_rad: Floats, largest_step_rad: float) -> Floats:
+        """Return joint angles (m, 6) along n poses from a posture (6,), each near the one before.
+
+        They end (m < n) where a joint limit would be passed, or a joint turn by more than the
+        largest step: the arm would go over to another branch.
+        """
+        found = [q_start_rad]
+        solutions = self.inverse(Ts_base_flange)
+        for qs, valid in zip(solutions.qs_rad, solutions.valid, strict=True):
+            steps = wrapped(qs - found[-1])
+            sizes = np.where(valid, np.abs(steps).max(axis=1), np.inf)
+            nearest = int(np.argmin(sizes))
+            q = found[-1] + steps[nearest]
+            if sizes[nearest] > largest_step_rad or self.limits.clearance_rad(q).min() < 0.0:
+                break
+            found.append(q)
+        return np.array(found)[1:]
 
     def joint_poses(self, q_rad: ArrayLike) -> Poses:
         """Return the seven link frames in ``base``, base and links 1 to 6, for drawing."""

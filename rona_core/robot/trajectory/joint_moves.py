@@ -6,16 +6,14 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import ArrayLike
 
-from rona_core.devices.settings import require
 from rona_core.errors import NotReachableError
-from rona_core.geometry.arrays import Floats, readonly
+from rona_core.geometry.arrays import Floats
 from rona_core.robot.collision.edge_check import Clear
+from rona_core.robot.kinematics.arm import as_posture
 from rona_core.robot.kinematics.robot_model import RobotModel
-from rona_core.robot.kinematics.spherical_wrist import as_joints
 from rona_core.robot.trajectory.point_to_point import plan_joint_path
-from rona_core.robot.trajectory.trajectory import Trajectory
+from rona_core.robot.trajectory.trajectory import SAMPLE_S, Trajectory, sampled_motion
 
-SAMPLE_S = 0.02  # time between samples of a motion
 SPEED_SHARE = 0.3  # of the joint speed limits, for moves that are not scans
 ACCELERATION_SHARE = 0.9
 TIP_SPEED_MM_PER_S = 250.0  # what robots near people are commonly held to
@@ -29,22 +27,20 @@ def smooth_step(share: Floats) -> Floats:
     return u**3 * (10.0 - 15.0 * u + 6.0 * u**2)
 
 
-def sample_times(duration_s: float, sample_s: float = SAMPLE_S) -> Floats:
+def sample_times(duration_s: float) -> Floats:
     """Return sample times from 0 that cover ``duration_s``, rounded up to whole samples."""
-    count = max(1, int(np.ceil(duration_s / sample_s - 1e-9)))
-    return np.arange(count + 1, dtype=np.float64) * sample_s
+    count = max(1, int(np.ceil(duration_s / SAMPLE_S - 1e-9)))
+    return np.arange(count + 1, dtype=np.float64) * SAMPLE_S
 
 
-def joint_move(
-    model: RobotModel, q_from_rad: Floats, q_to_rad: Floats, *, speed_share: float = SPEED_SHARE
-) -> Floats:
+def joint_move(model: RobotModel, q_from_rad: Floats, q_to_rad: Floats) -> Floats:
     """Return samples (n, 6) of a straight move in joint space, ``SAMPLE_S`` apart.
 
     All joints start and stop together. The slowest of joint speed, joint acceleration and the
     speed of the tip decides how long it takes.
     """
     way = q_to_rad - q_from_rad
-    by_speed = PEAK_SPEED * np.abs(way) / (speed_share * model.speed_rad_per_s)
+    by_speed = PEAK_SPEED * np.abs(way) / (SPEED_SHARE * model.speed_rad_per_s)
     most = ACCELERATION_SHARE * model.acceleration_rad_per_s2
     by_acceleration = np.sqrt(PEAK_ACCELERATION * np.abs(way) / most)
     u = np.linspace(0.0, 1.0, TIP_SAMPLES + 1)[:, None]
@@ -67,8 +63,6 @@ def clear_move(
     q_from_rad: Floats,
     q_to_rad: Floats,
     clear: Clear | None,
-    *,
-    speed_share: float = SPEED_SHARE,
 ) -> Floats:
     """Return samples (n, 6) of a move on which nothing is touched, ``SAMPLE_S`` apart.
 
@@ -79,9 +73,9 @@ def clear_move(
         NotReachableError: no clear way was found.
     """
     if clear is None:
-        return joint_move(model, q_from_rad, q_to_rad, speed_share=speed_share)
+        return joint_move(model, q_from_rad, q_to_rad)
     stops = plan_joint_path(q_from_rad, q_to_rad, model, clear)
-    return chain([joint_move(model, a, b, speed_share=speed_share) for a, b in pairwise(stops)])
+    return chain([joint_move(model, a, b) for a, b in pairwise(stops)])
 
 
 def plan_joint_move(
@@ -89,7 +83,6 @@ def plan_joint_move(
     q_to_rad: ArrayLike,
     model: RobotModel,
     *,
-    speed_share: float = SPEED_SHARE,
     clear: Clear | None = None,
 ) -> Trajectory:
     """Plan a move in joint space from rest to rest: straight, or around what is in the way.
@@ -98,16 +91,14 @@ def plan_joint_move(
         q_from_rad: Joint angles (6,) where the robot stands.
         q_to_rad: Joint angles (6,) to go to.
         model: The robot.
-        speed_share: Share of the joint speed limits to use, 0 to 0.9.
         clear: Tells for joint angles (n, 6) where nothing is touched; None: nothing is around.
 
     Raises:
-        InvalidInputError: wrong shapes or a share out of range.
+        InvalidInputError: wrong shapes.
         NotReachableError: the goal lies outside the joint limits, or no clear way was found.
     """
-    require(0.0 < speed_share <= 0.9, f"speed_share must be 0 to 0.9, not {speed_share}")
-    q_from = as_joints(np.atleast_2d(q_from_rad), name="q_from_rad")[0]
-    q_to = as_joints(np.atleast_2d(q_to_rad), name="q_to_rad")[0]
+    q_from = as_posture(q_from_rad, name="q_from_rad")
+    q_to = as_posture(q_to_rad, name="q_to_rad")
     room = model.limits.clearance_rad(q_to)
     if room.min() < 0.0:
         joint = int(np.argmin(room))
@@ -116,6 +107,4 @@ def plan_joint_move(
             f"joint {joint + 1} cannot go to {goal:.1f}°: it moves from {low:.1f}° to {high:.1f}°",
             joint=joint + 1,
         )
-    qs = clear_move(model, q_from, q_to, clear, speed_share=speed_share)
-    times = np.arange(len(qs), dtype=np.float64) * SAMPLE_S
-    return Trajectory(readonly(times), readonly(qs), 0.0, 0.0, readonly(np.zeros(len(qs))))
+    return sampled_motion(clear_move(model, q_from, q_to, clear))

@@ -7,12 +7,13 @@ import numpy as np
 from rona_core.devices.settings import require
 from rona_core.geometry.arrays import Floats
 from rona_core.robot.kinematics.robot_model import RobotModel
-from rona_core.robot.trajectory.joint_moves import SAMPLE_S, sample_times
+from rona_core.robot.trajectory.joint_moves import sample_times
 from rona_core.robot.trajectory.time_parameterization import (
     SpeedLimits,
     TimedPath,
     parameterize_time,
 )
+from rona_core.robot.trajectory.trajectory import SAMPLE_S
 
 LINE_STEP_MM = 1.0  # between the places of a straight line
 SLOWER = 6  # times that a motion is slowed down until its samples keep all limits
@@ -62,8 +63,7 @@ def sample_path(
     Limits are planned with some reserve at every point of the way. Should the samples, driven
     linearly, still exceed one of them, the motion is slowed down until they do not.
     """
-    joints_speed, joints_gain = model.speed_rad_per_s, model.acceleration_rad_per_s2
-    timed = parameterize_time(way_mm, qs_rad, points_base, limits, joints_speed, joints_gain)
+    timed = parameterize_time(way_mm, qs_rad, points_base, limits, model.limits)
     duration_s = timed.duration_s
     ways, qs = _sampled(timed, duration_s, qs_rad)
     for _ in range(SLOWER):
@@ -74,8 +74,8 @@ def sample_path(
         moving = np.vstack((np.zeros(3), np.diff(tips, axis=0) / SAMPLE_S, np.zeros(3)))
         felt = np.linalg.norm(np.diff(moving, axis=0), axis=1).max() / SAMPLE_S
         excess = max(
-            float((np.abs(speeds) / joints_speed).max()) ** 2,
-            float((gains / joints_gain).max()),
+            float((np.abs(speeds) / model.speed_rad_per_s).max()) ** 2,
+            float((gains / model.acceleration_rad_per_s2).max()),
             float(felt / limits.acceleration_mm_per_s2),
         )
         if excess <= SHARE_ASKED:
@@ -89,7 +89,7 @@ def _sampled(timed: TimedPath, duration_s: float, qs_rad: Floats) -> tuple[Float
     """Return way (m,) and joints (m, 6) at whole samples, a little slower to fill the last one."""
     times = sample_times(duration_s)
     ways = timed.way_at(times * (timed.duration_s / times[-1]))
-    ways[0], ways[-1] = timed.way_mm[0], timed.way_mm[-1]
+    ways[0], ways[-1] = timed.way_mm[[0, -1]]
     qs = timed.joints(ways)
     qs[0], qs[-1] = qs_rad[0], qs_rad[-1]
     return ways, qs

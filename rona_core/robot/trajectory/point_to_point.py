@@ -13,7 +13,6 @@ from rona_core.errors import NotReachableError
 from rona_core.geometry.arrays import Floats
 from rona_core.geometry.pose import Poses
 from rona_core.robot.collision.edge_check import MOST_CHECKS, Checker, Clear
-from rona_core.robot.kinematics.joint_limits import TURN_RAD
 from rona_core.robot.kinematics.robot_model import RobotModel
 from rona_core.robot.trajectory.rrt_connect import search, shortened
 
@@ -91,17 +90,6 @@ def raised(model: RobotModel, q_rad: Floats) -> list[Floats]:
     heights_mm = np.arange(LIFT_STEP_MM, LIFTS_MM[-1] + LIFT_STEP_MM / 2.0, LIFT_STEP_MM)
     places = T_base_flange.translation + heights_mm[:, None] * np.array((0.0, 0.0, 1.0))
     rotations = np.repeat(T_base_flange.rotation[None], len(places), axis=0)
-    solutions = model.inverse(Poses(rotations, places))
-    found: list[Floats] = []
-    last = q_rad
-    for height_mm, qs, valid in zip(heights_mm, solutions.qs_rad, solutions.valid, strict=True):
-        steps = qs - last
-        steps -= TURN_RAD * np.round(steps / TURN_RAD)
-        largest = np.where(valid, np.abs(steps).max(axis=1), np.inf)
-        nearest = int(np.argmin(largest))
-        last = last + steps[nearest]
-        if largest[nearest] > LARGEST_LIFT_STEP_RAD or model.limits.clearance_rad(last).min() < 0.0:
-            break
-        if height_mm in LIFTS_MM:
-            found.append(last)
-    return found
+    qs = model.follow(Poses(rotations, places), q_rad, LARGEST_LIFT_STEP_RAD)
+    reached_mm = heights_mm[: len(qs)]
+    return [q for q, height_mm in zip(qs, reached_mm, strict=True) if height_mm in LIFTS_MM]

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from rona_core.geometry.arrays import Floats
+from rona_core.geometry.arrays import Floats, Ints
 from rona_core.geometry.path5d import Path5D
 
 STEP_MM = 1.0
@@ -20,23 +20,24 @@ def resample_path(path: Path5D) -> Path5D:
         DegenerateGeometryError: neighbouring axes are opposite.
     """
     points, axes = path.points_base, path.axes_base
-    if len(path) < 2:
-        return path
-    cosines = np.einsum("ij,ij->i", axes[1:], axes[:-1])
-    sines = np.linalg.norm(np.cross(axes[:-1], axes[1:]), axis=1)
-    turns = np.arctan2(sines, cosines)
-    steps = np.linalg.norm(np.diff(points, axis=0), axis=1)
-    strides = np.maximum(steps / STEP_MM, turns / STEP_RAD)
-    if strides.max() <= SLACK:
+    steps_mm, turns = path.steps()
+    strides = np.maximum(steps_mm / STEP_MM, turns / STEP_RAD)
+    if strides.max(initial=0.0) <= SLACK:
         return path
     path.references()  # refuses opposite axes
     counts = np.where(strides <= SLACK, 1, np.ceil(strides)).astype(np.int64)
-    segment = np.repeat(np.arange(len(counts)), counts)
-    first = np.repeat(np.cumsum(counts) - counts, counts)
-    shares = ((np.arange(len(segment)) - first) / counts[segment])[:, None]
+    segment, shares = subdivided(counts)
+    shares = shares[:, None]
     between = points[segment] * (1.0 - shares) + points[segment + 1] * shares
     turned = _turned(axes[segment], axes[segment + 1], shares, turns[segment][:, None])
     return Path5D(np.vstack((between, points[-1:])), np.vstack((turned, axes[-1:])))
+
+
+def subdivided(counts: Ints) -> tuple[Ints, Floats]:
+    """Return the segment (m,) of each place, and its share of it, for so many places a segment."""
+    segment = np.repeat(np.arange(len(counts)), counts)
+    first = np.repeat(np.cumsum(counts) - counts, counts)
+    return segment, (np.arange(len(segment)) - first) / counts[segment]
 
 
 def _turned(start: Floats, end: Floats, shares: Floats, turns_rad: Floats) -> Floats:

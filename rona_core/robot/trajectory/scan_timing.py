@@ -8,7 +8,7 @@ from rona_core.geometry.path5d import Path5D
 from rona_core.robot.collision.edge_check import Clear, outside_bone
 from rona_core.robot.kinematics.robot_model import RobotModel
 from rona_core.robot.trajectory.corner_blend import blend_corners
-from rona_core.robot.trajectory.joint_moves import SAMPLE_S, chain, clear_move
+from rona_core.robot.trajectory.joint_moves import chain, clear_move
 from rona_core.robot.trajectory.path_timing import (
     ScanSettings,
     sample_path,
@@ -17,7 +17,7 @@ from rona_core.robot.trajectory.path_timing import (
 )
 from rona_core.robot.trajectory.retract import retract_line
 from rona_core.robot.trajectory.time_parameterization import MERGED, kept
-from rona_core.robot.trajectory.trajectory import Trajectory
+from rona_core.robot.trajectory.trajectory import SAMPLE_S, Trajectory
 
 TURN_WAY_MM = 10.0  # a turn of one radian on the spot counts as this much way
 
@@ -28,24 +28,19 @@ def time_scan(
     model: RobotModel,
     settings: ScanSettings,
     *,
-    branch: int,
-    q_start_rad: Floats | None = None,
     clear: Clear | None = None,
 ) -> Trajectory:
     """Return the whole motion of a scan, from rest to rest.
 
-    From the start pose in joint space to the stand-off, straight down to the first path point,
-    along the path, straight up from the last point, and back to the start pose. Where the joints
-    do not allow the whole stand-off, it is as long as they do. Corners of the path are cut by no
-    more than ``settings.corner_deviation_mm``.
+    From home in joint space to the stand-off, straight down to the first path point, along the
+    path, straight up from the last point, and home again. Where the joints do not allow the whole
+    stand-off, it is as long as they do.
 
     Args:
         path: The dense scan path in ``base``.
         qs_rad: Joint angles (n, 6) that follow it, continuous, one branch.
         model: The robot with its tool.
         settings: Speeds and stand-off.
-        branch: The branch that ``qs_rad`` lies on.
-        q_start_rad: Where the robot stands before and after; its home by default.
         clear: Tells for joint angles (n, 6) where nothing is touched. Approach and retract go
             around what is in the way. None: nothing is known but the bone under the path.
 
@@ -56,14 +51,13 @@ def time_scan(
     """
     if qs_rad.shape != (len(path), 6):
         raise InvalidInputError(f"qs_rad must have shape ({len(path)}, 6), not {qs_rad.shape}")
-    start = model.home_rad if q_start_rad is None else np.asarray(q_start_rad, dtype=np.float64)
-    down = retract_line(model, qs_rad[0], branch, settings.standoff_mm, clear)[::-1]
-    up = retract_line(model, qs_rad[-1], branch, settings.standoff_mm, clear)
+    down = retract_line(model, qs_rad[0], settings.standoff_mm, clear)[::-1]
+    up = retract_line(model, qs_rad[-1], settings.standoff_mm, clear)
     way, along = _way(path), path.arc_length_mm()
     scan_ways, scan = _timed_scan(way, qs_rad, model, settings)
-    free = outside_bone(path, model, clear)
-    before = chain((clear_move(model, start, down[0], free), timed_line(down, settings, model)))
-    after = chain((timed_line(up, settings, model), clear_move(model, up[-1], start, free)))
+    free, home = outside_bone(path, model, clear), model.home_rad
+    before = chain((clear_move(model, home, down[0], free), timed_line(down, settings, model)))
+    after = chain((timed_line(up, settings, model), clear_move(model, up[-1], home, free)))
     qs = chain((before, scan, after))
     path_mm = np.full(len(qs), along[-1])
     path_mm[: len(before)] = 0.0
@@ -92,8 +86,6 @@ def _timed_scan(
 
 def _way(path: Path5D) -> Floats:
     """Return the way (n,) along the path: its length, or where it turns on the spot, the turn."""
-    steps_mm = np.linalg.norm(np.diff(path.points_base, axis=0), axis=1)
-    cosines = np.einsum("ij,ij->i", path.axes_base[1:], path.axes_base[:-1])
-    turns_mm = TURN_WAY_MM * np.arccos(np.clip(cosines, -1.0, 1.0))
-    turns_mm[turns_mm < TURN_WAY_MM * 1e-6] = 0.0  # rounding of the cosine, not a turn
-    return np.concatenate(([0.0], np.cumsum(np.maximum(steps_mm, turns_mm))))
+    steps_mm, turns_rad = path.steps()
+    turns_rad[turns_rad < 1e-6] = 0.0  # rounding, not a turn
+    return np.concatenate(([0.0], np.cumsum(np.maximum(steps_mm, TURN_WAY_MM * turns_rad))))

@@ -119,7 +119,7 @@ def _certificate(
         model=model.name,
         certified=all(check.holds for check in checks),
         checks=tuple(checks),
-        digest=motion_digest(model.name, motion, around),
+        digest=motion_digest(model.name, motion.times_s, motion.qs_rad, around),
         obstacles=around,
         min_clearance_mm=least_mm,
     )

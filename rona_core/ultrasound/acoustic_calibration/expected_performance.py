@@ -13,9 +13,9 @@ from rona_core.devices.settings import Excitation, ProbeName, ProbeSettings
 from rona_core.errors import InvalidInputError
 from rona_core.geometry.arrays import Floats, as_floats, readonly
 from rona_core.ultrasound.detection.detect import NOMINAL_SPEED_MM_PER_US, nominal_bone
-from rona_core.ultrasound.detection.single.cramer_rao import Fisher, amplitude_bound
 from rona_core.ultrasound.detection.single.inner_echo import bone_filter
 from rona_core.ultrasound.detection.single.matched_filter import block_template
+from rona_core.ultrasound.detection.single.time_of_flight import Fisher, amplitude_bound
 from rona_core.ultrasound.probe.excitation import GRID
 from rona_core.ultrasound.probe.probe_model import FULL_SCALE_SHARE, probe_model
 

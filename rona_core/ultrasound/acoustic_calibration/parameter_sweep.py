@@ -17,8 +17,7 @@ from rona_core.devices.settings import Excitation, ProbeName, ProbeSettings
 from rona_core.errors import CancelledError
 from rona_core.geometry.arrays import Floats, Ints, readonly
 from rona_core.ultrasound.detection.detect import detect
-from rona_core.ultrasound.probe.probe_model import probe_model
-from rona_core.ultrasound.probe.survey import ProbeSurvey
+from rona_core.ultrasound.probe.probe_model import ProbeSurvey, probe_model
 
 WRONG_MM = 1.0
 STREAM = 0x5EEE

@@ -12,6 +12,7 @@ from rona_core.devices.protocols import Cancel, Progress, never, silent
 from rona_core.errors import CancelledError, InvalidInputError
 from rona_core.geometry.arrays import Vector3, as_vector3, readonly
 from rona_core.session.specimen import LoadedSkull, SkullKind
+from rona_core.virtual.specimen.boundaries import RADII_MM
 from rona_core.virtual.specimen.imported.display_mesh import display_mesh
 from rona_core.virtual.specimen.imported.distance_grid import (
     Grid,
@@ -48,7 +49,6 @@ from rona_core.virtual.specimen.imported.volume_reader import (
 )
 
 COARSE_MM = 1.25  # voxels in which a mesh is looked over
-RADII_MM = (5.0, 60.0)  # smallest and largest region
 WHOLE = 0.98  # share of the disc whose thickness must exist
 
 

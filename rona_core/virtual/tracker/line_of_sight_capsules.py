@@ -1,6 +1,6 @@
 """Capsules of robot and tool: cheap bounds for the occlusion test.
 
-They lie within the drawn solids of ``shape.py``, so that nothing is hidden by air.
+They lie within the drawn solids of ``link_meshes.py``, so that nothing is hidden by air.
 """
 
 from dataclasses import dataclass

@@ -5,9 +5,8 @@ from typing import Any
 from rona_ui.panels.layout.frames_and_log import FramesPanel, LogPanel
 from rona_ui.panels.layout.quality import QualityPanel
 from rona_ui.panels.layout.replay_bar import ReplayPanel
-from rona_ui.panels.layout.run_bar import RunBar, StepTitle
+from rona_ui.panels.layout.run_bar import RunBar, StepList, StepTitle
 from rona_ui.panels.layout.session import SessionHead, SessionPanel
-from rona_ui.panels.layout.step_list import StepList
 from rona_ui.panels.layout.view_options import ViewOptionsPanel
 from rona_ui.panels.maps.maps import MapsPanel
 from rona_ui.panels.path.path import PathPanel

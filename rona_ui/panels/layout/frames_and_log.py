@@ -2,18 +2,19 @@
 
 from typing import Any
 
-import numpy as np
+from scipy.spatial.transform import Rotation
 
 from rona_core.app.overview.frame_graph import FrameRow, frame_rows
 from rona_core.session.document import LogEntry
 from rona_ui.panels.layout.frame_graph_image import frame_picture
 from rona_ui.panels.widgets import style
-from rona_ui.presentation.snapshot import Snapshot
+from rona_ui.presentation.snapshot import Snapshot, changed
 from rona_ui.refusals import Refusal
 from rona_ui.viewer.bindings import escape
 
 NEWEST = 60
 ARGUMENT_CHARS = 160
+NOTHING = "Nothing has happened yet."
 
 
 class FramesPanel:
@@ -50,7 +51,7 @@ def _frame(number: int, row: FrameRow) -> str:
     made = "" if row.time_utc is None else f", {row.time_utc[11:19]} UTC"
     lines = [f"{number}. <b>{escape(row.name)}</b> <span>{escape(row.source + made)}</span>"]
     if not row.live:  # those change thirty times a second
-        turn = _three(np.rad2deg(_rotvec(row.pose.wxyz())), 1)
+        turn = _three(Rotation.from_matrix(row.pose.rotation).as_rotvec(degrees=True), 1)
         lines.append(f"<span>at {_three(row.pose.translation, 2)} mm, rotation {turn}°</span>")
     if row.sigma_mm is not None:
         turn = "" if row.sigma_deg is None else f", {row.sigma_deg:.2g}°"
@@ -62,13 +63,6 @@ def _frame(number: int, row: FrameRow) -> str:
     return f'<div role="listitem">{"<br>".join(lines)}</div>'
 
 
-def _rotvec(wxyz: Any) -> Any:
-    length = float(np.linalg.norm(wxyz[1:]))
-    if length < 1e-12:
-        return np.zeros(3)
-    return wxyz[1:] / length * 2.0 * np.arctan2(length, wxyz[0])
-
-
 def _three(values: Any, decimals: int) -> str:
     return "(" + ", ".join(f"{float(v):.{decimals}f}" for v in values) + ")"
 
@@ -77,22 +71,18 @@ class LogPanel:
     """The newest messages of the session and what was refused between them, the last one first."""
 
     def __init__(self, gui: Any) -> None:
-        self._html = gui.add_html(style.text("Nothing has happened yet."))
+        self._html = gui.add_html(style.text(NOTHING))
 
     def render(self, old: Snapshot | None, new: Snapshot) -> None:
         """Follow the log and the refusals."""
         log, refusals = new.session.log, new.refusals
-        if old is not None and old.session.log is log and old.refusals is refusals:
+        if not changed(old, new, "session.log", "refusals"):
             return
         lines = [(entry.number, _line(entry)) for entry in log[-NEWEST:]]
         lines += [(refusal.after, _refused(refusal)) for refusal in refusals]
         lines.sort(key=lambda line: line[0])  # of one number the message comes first
         shown = "".join(line for _, line in reversed(lines[-NEWEST:]))
-        self._html.content = (
-            f'<div class="r-log">{shown}</div>'
-            if lines
-            else style.text("Nothing has happened yet.")
-        )
+        self._html.content = f'<div class="r-log">{shown}</div>' if lines else style.text(NOTHING)
 
 
 def _line(entry: LogEntry) -> str:

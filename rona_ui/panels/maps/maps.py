@@ -15,15 +15,13 @@ from rona_ui.panels.setup.probe import advice_note
 from rona_ui.panels.widgets import style
 from rona_ui.panels.widgets.panel_context import PanelContext, on_change
 from rona_ui.panels.widgets.step_panel import StepPanel
-from rona_ui.presentation.colors import viridis_css
 from rona_ui.presentation.shown_maps import (
     map_sigma,
     shown_map_accuracy,
     shown_maps,
-    shown_maps_key,
     shows_handheld_maps,
 )
-from rona_ui.presentation.snapshot import Snapshot
+from rona_ui.presentation.snapshot import Snapshot, changed
 
 METHODS = {
     "Front echo subtracted": "subtract",
@@ -77,22 +75,14 @@ class MapsPanel(StepPanel):
         )
         self._bar = self.gui.add_html("")
         self.form.on_change(self._changed)
-        on_change(self._shown, lambda e: self._show(SHOWN[self._shown.value]))
-        on_change(
-            self._quantity,
-            lambda e: self.context.change_view(lambda v: replace(v, quantity=self._chosen())),
-        )
-        on_change(
-            self._cut,
-            lambda e: self.context.change_view(lambda v: replace(v, skull_window=self._cut.value)),
-        )
+        context = self.context
+        on_change(self._shown, lambda e: self._show(SHOWN[e.target.value]))
+        on_change(self._quantity, lambda e: context.set_view(quantity=QUANTITIES[e.target.value]))
+        on_change(self._cut, lambda e: context.set_view(skull_window=e.target.value))
 
     def _changed(self, name: str, event: Any) -> None:
         if name == "speed":
             self._given.visible = self.form.values("speed")["speed"] == "given"
-
-    def _chosen(self) -> Any:
-        return QUANTITIES[self._quantity.value]
 
     def _show(self, names: tuple[str, ...]) -> None:
         hide = MAP_NAMES - set(names)
@@ -109,21 +99,15 @@ class MapsPanel(StepPanel):
         maps = shown_maps(new)
         self._given.visible = self.form.values("speed")["speed"] == "given"
         self._given.disabled = new.busy
-        if old is None or old.session is not new.session or old.busy != new.busy:
+        if changed(old, new, "session", "busy"):
             self._speed.show(new.session, new.busy)
         self._sono.render(new)
         for field in (self._shown, self._quantity, self._cut):
             field.visible = maps is not None
-        if (
-            old is None
-            or shown_maps_key(old) != shown_maps_key(new)
-            or old.view.quantity != new.view.quantity
-        ):
-            self._bar.content = (
-                ""
-                if maps is None
-                else color_bar(layers_of(maps, new.view.quantity, map_sigma(new)))
-            )
+        if maps is None:
+            self._bar.content = ""
+        elif changed(old, new, "session.results", "static_scene", "view"):
+            self._bar.content = color_bar(layers_of(maps, new.view.quantity, map_sigma(new)))
         self._second.render(old, new)
 
     def remarks(self, snapshot: Snapshot) -> str:
@@ -149,10 +133,9 @@ def color_bar(layers: MapLayers) -> str:
     low, high = layers.low_mm, layers.high_mm
     values = np.concatenate([layers.part(name).values_mm for name in sorted(MAP_NAMES)])
     below, above = ("≤ " if (values < low).any() else ""), ("≥ " if (values > high).any() else "")
-    middle = 0.5 * (low + high)
-    ticks = f"<span>{below}{low:.{places}f}</span><span>{middle:.{places}f}</span>"
-    return (
-        f'<div class="r-text" style="padding-bottom:2px">{title} (mm)</div>'
-        f'<div class="r-bar" style="background:{viridis_css()}"></div>'
-        f'<div class="r-ticks">{ticks}<span>{above}{high:.{places}f}</span></div>'
+    ticks = (
+        f"{below}{low:.{places}f}",
+        f"{(low + high) / 2:.{places}f}",
+        f"{above}{high:.{places}f}",
     )
+    return style.color_bar(f"{title} (mm)", *ticks)

@@ -1,24 +1,25 @@
 """The second pass over the gaps of the inner map, in step 9: plan, scan, then map again."""
 
 from collections.abc import Callable
-from dataclasses import replace
 from typing import Any
 
 from rona_core.app.steps.maps.derivation import usable_second
 from rona_core.app.steps.maps.messages import StartGapPlan, StartGapScan, StartMapping
-from rona_core.app.steps.maps.second_pass_view import SecondView, second_cells, second_view
+from rona_core.app.steps.maps.view import SecondView, second_cells, second_view
 from rona_ui.panels.widgets import style
 from rona_ui.panels.widgets.form import Form
 from rona_ui.panels.widgets.panel_context import PanelContext, on_click
 from rona_ui.panels.widgets.step_panel import stopped_note
-from rona_ui.presentation.colors import SKY, css, viridis_css
+from rona_ui.presentation.colors import SKY, css
 from rona_ui.presentation.shown_path import shows_second_path, tilt_scale_max_deg
-from rona_ui.presentation.snapshot import Snapshot
+from rona_ui.presentation.snapshot import Snapshot, changed
 
 EXPLANATION = (
     "Where the inner table is inclined, its echo misses the probe. The robot scans these "
     "gaps again with the probe tilted."
 )
+SPREAD = "Difference of the expected inner-table slope between neighbouring rows (mm/mm)"
+TILT = "Above about 6° the probe face loses contact"
 
 
 class SecondFolder:
@@ -36,17 +37,20 @@ class SecondFolder:
             self._scan = gui.add_button("Scan gaps", icon="player-play")
             self._map = gui.add_button("Map with second pass", icon="map", visible=False)
             with gui.add_folder("Row spacing and tilt", expand_by_default=False):
-                form, plan = self._form, StartGapPlan()
-                form.number("spacing_mm", "Row spacing (mm)", plan.spacing_mm, 0.5, 5.0, 0.5)
-                form.number(
-                    "fan", "Slope spread", plan.fan, 0.0, 0.5, 0.05,
-                    "Difference of the expected inner-table slope between neighbouring rows "
-                    "(mm/mm)",
-                )  # fmt: skip
-                form.number(
-                    "largest_lean_deg", "Max. tilt (deg)", plan.largest_lean_deg, 0.5, 15.0, 0.5,
-                    "Above about 6° the probe face loses contact",
-                )  # fmt: skip
+                plan = StartGapPlan()
+                self._form.numbers(
+                    ("spacing_mm", "Row spacing (mm)", plan.spacing_mm, 0.5, 5.0, 0.5),
+                    ("fan", "Slope spread", plan.fan, 0.0, 0.5, 0.05, SPREAD),
+                    (
+                        "largest_lean_deg",
+                        "Max. tilt (deg)",
+                        plan.largest_lean_deg,
+                        0.5,
+                        15.0,
+                        0.5,
+                        TILT,
+                    ),
+                )
         on_click(self._plan, lambda e: self._send(context, self.message, e))
         on_click(self._scan, lambda e: self._send(context, StartGapScan, e))
         on_click(self._map, lambda e: self._send(context, mapping, e, second=False))
@@ -58,16 +62,11 @@ class SecondFolder:
     @staticmethod
     def _send(context: PanelContext, make: Any, event: Any, *, second: bool = True) -> None:
         context.send(make, event)
-        context.change_view(lambda v: replace(v, second=second, cursor=None, playing=False))
+        context.set_view(second=second, cursor=None, playing=False)
 
     def render(self, old: Snapshot | None, new: Snapshot) -> None:
         """Follow maps, plan and scan of the gaps."""
-        if (
-            old is not None
-            and old.session is new.session
-            and old.busy == new.busy
-            and old.view.second == new.view.second
-        ):
+        if not changed(old, new, "session", "busy", "view.second"):
             return
         self._form.enable(not new.busy)
         self._window.visible = new.session.results.maps is not None
@@ -82,9 +81,7 @@ class SecondFolder:
         self._scan.color = "gray" if scanned else None
         self._map.visible = scanned and second_cells(new.session) is None
         self._map.disabled = new.busy
-        html = words(new, view, scanned)
-        if self._words.content != html:
-            self._words.content = html
+        self._words.content = words(new, view, scanned)
 
 
 def words(snapshot: Snapshot, view: SecondView | None, scanned: bool) -> str:
@@ -102,7 +99,9 @@ def words(snapshot: Snapshot, view: SecondView | None, scanned: bool) -> str:
         else:
             html += style.note(f"{text}, duration {view.duration_s or 0.0:.0f} s.")
         if shows_second_path(snapshot):
-            html += lean_bar(view) + style.key(((css(SKY), "second path"),))
+            most = f"{tilt_scale_max_deg(view):.0f}"
+            html += style.color_bar("Lean of the probe (deg)", "0", most)
+            html += style.key(((css(SKY), "second path"),))
     capture = session.captures.second
     if capture is None:
         return html
@@ -120,13 +119,4 @@ def words(snapshot: Snapshot, view: SecondView | None, scanned: bool) -> str:
         f"the second pass ({len(capture.scans)} A-scans). White dots: cells seen only by the "
         "second pass.",
         "good",
-    )
-
-
-def lean_bar(view: SecondView) -> str:
-    """Return the legend of the axes in the scene."""
-    return (
-        '<div class="r-text" style="padding-bottom:2px">Lean of the probe (deg)</div>'
-        f'<div class="r-bar" style="background:{viridis_css()}"></div>'
-        f'<div class="r-ticks"><span>0</span><span>{tilt_scale_max_deg(view):.0f}</span></div>'
     )

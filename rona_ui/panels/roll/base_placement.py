@@ -1,53 +1,53 @@
 """Base placement (step 7): search base poses and apply one."""
 
-from typing import Any
+from functools import partial
+from typing import Any, Literal
 
-from rona_core.app.steps.roll.base_placement import moves
-from rona_core.app.steps.roll.base_placement_view import BasePlace, BasePlacement, fresh_placement
+from rona_core.app.steps.roll.base_placement import BasePlace, BasePlacement, fresh_placement, moves
 from rona_core.app.steps.roll.messages import ApplyBasePlacement, StartBasePlacement
 from rona_core.session.document import Session
 from rona_ui.panels.widgets import style
 from rona_ui.panels.widgets.form import Form
-from rona_ui.panels.widgets.panel_context import PanelContext, on_click
+from rona_ui.panels.widgets.panel_context import PanelContext
 from rona_ui.presentation.colors import BLOCKED, ORANGE, SKY, VERMILLION, css, viridis_css
-from rona_ui.presentation.snapshot import Snapshot
+from rona_ui.presentation.snapshot import Snapshot, changed
 
 AGAIN = (
     "The tracker is registered to the base. After a move repeat steps 2 and 4 to 7; the "
     "pointer calibration stays valid."
 )
+USES: dict[Literal["smallest", "best"], str] = {
+    "smallest": "Use nearest pose",
+    "best": "Use pose with largest margin",
+}
 
 
 class BasePlacementControls:
     """Search button, summary, and a button for each verified base pose."""
 
     def __init__(self, gui: Any, context: PanelContext) -> None:
-        self._search = gui.add_button("Find base pose", icon="map-search", color="gray")
+        form = self._form = Form(gui)
+        self._search = context.send_button(
+            gui, "Find base pose", "map-search", lambda: StartBasePlacement(**form.values())
+        )
         self._words = gui.add_html("")
         self._use = {
-            "smallest": gui.add_button("Use nearest pose", icon="check", visible=False),
-            "best": gui.add_button("Use pose with largest margin", icon="check", visible=False),
+            choice: context.send_button(
+                gui, label, "check", partial(ApplyBasePlacement, choice), color=None, visible=False
+            )
+            for choice, label in USES.items()
         }
         self._key = gui.add_html("")
-        self._form = Form(gui)
         with gui.add_folder("Search range", expand_by_default=False):
-            form = self._form
-            form.number("half_x_mm", "Range x, ± (mm)", 500.0, 0.0, 2000.0, 50.0, "Along base x")
-            form.number("half_y_mm", "Range y, ± (mm)", 600.0, 0.0, 2000.0, 50.0, "Along base y")
-            form.number("step_mm", "Cell size (mm)", 100.0, 25.0, 500.0, 25.0)
-        on_click(self._search, lambda e: context.send(self._message, e))
-        on_click(
-            self._use["smallest"],
-            lambda e: context.send(lambda: ApplyBasePlacement("smallest"), e),
-        )
-        on_click(self._use["best"], lambda e: context.send(lambda: ApplyBasePlacement("best"), e))
-
-    def _message(self) -> StartBasePlacement:
-        return StartBasePlacement(**self._form.values())
+            form.numbers(
+                ("half_x_mm", "Range x, ± (mm)", 500.0, 0.0, 2000.0, 50.0, "Along base x"),
+                ("half_y_mm", "Range y, ± (mm)", 600.0, 0.0, 2000.0, 50.0, "Along base y"),
+                ("step_mm", "Cell size (mm)", 100.0, 25.0, 500.0, 25.0),
+            )
 
     def render(self, old: Snapshot | None, new: Snapshot) -> None:
         """Follow the search, and rest while something runs."""
-        if old is not None and old.session is new.session and old.busy == new.busy:
+        if not changed(old, new, "session", "busy"):
             return
         found = fresh_placement(new.session)
         self._search.disabled = new.busy or new.step("roll").state == "blocked"
@@ -55,10 +55,8 @@ class BasePlacementControls:
         offered = {} if found is None else offers(found)
         for name, button in self._use.items():
             button.visible, button.disabled = name in offered, new.busy
-        words = placement_words(new.session, found)
-        for html, content in ((self._words, words), (self._key, placement_key(found))):
-            if html.content != content:
-                html.content = content
+        self._words.content = placement_words(new.session, found)
+        self._key.content = placement_key(found)
 
 
 def offers(found: BasePlacement) -> dict[str, BasePlace]:
@@ -100,9 +98,10 @@ def placement_key(found: BasePlacement | None) -> str:
     """Return the legend of the map on the floor."""
     if found is None:
         return ""
+    most = float(found.margins[~found.blocked].max(initial=0.0))
     legend = (
         f'<div class="r-key"><span><i style="width:44px;background:{viridis_css()}"></i>'
-        f"floor map: feasible, margin 0 to {_scale_max(found):.1f}</span></div>"
+        f"floor map: feasible, margin 0 to {most:.1f}</span></div>"
     )
     others = [(css(VERMILLION), "infeasible"), (css(BLOCKED), "too close to the head")]
     marks = {"smallest": (css(ORANGE), "nearest pose"), "best": (css(SKY), "largest margin")}
@@ -119,7 +118,3 @@ def place_words(place: BasePlace) -> str:
         f"Moved by {place.moved_mm:.0f} mm and rotated by {place.turned_deg:.0f}°, to "
         f"({x:.0f}, {y:.0f}, {z:.0f}) mm and {place.turn_deg:.0f}°. Verified: {rolls}."
     )
-
-
-def _scale_max(found: BasePlacement) -> float:
-    return float(found.margins[~found.blocked].max(initial=0.0))

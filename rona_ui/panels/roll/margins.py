@@ -1,6 +1,5 @@
 """Margin controls of step 7: quantity of the path colour, colour bar, nearest pair."""
 
-from dataclasses import replace
 from typing import Any
 
 from rona_core.app.steps.roll.margins_view import PathMargins, Quantity, path_margins
@@ -10,7 +9,7 @@ from rona_ui.panels.widgets.panel_context import PanelContext, on_change
 from rona_ui.presentation.colors import VERMILLION, css, viridis_css
 from rona_ui.presentation.shown_path import MARGIN_SCALE_MAX
 from rona_ui.presentation.shown_robot import shown_clearances
-from rona_ui.presentation.snapshot import Snapshot
+from rona_ui.presentation.snapshot import Snapshot, changed
 from rona_ui.viewer.bindings import escape
 
 QUANTITIES: dict[str, Quantity] = {
@@ -37,34 +36,23 @@ class MarginControls:
         self._near = gui.add_html("")
         on_change(
             self._choice,
-            lambda e: context.change_view(
-                lambda v: replace(v, margin=QUANTITIES[self._choice.value])
-            ),
+            lambda e: context.set_view(margin=QUANTITIES[self._choice.value]),
         )
 
     def render(self, old: Snapshot | None, new: Snapshot) -> None:
         """Follow search, shown roll, quantity and the robot as it is drawn."""
         has_view = new.session.results.roll is not None
-        if self._choice.visible != has_view:
-            self._choice.visible = has_view
-        if old is not None and old.session.id != new.session.id:
+        self._choice.visible = has_view
+        if old is not None and changed(old, new, "session.id"):
             self._choice.value = next(w for w, q in QUANTITIES.items() if q == new.view.margin)
-        if (
-            old is None
-            or old.session.results is not new.session.results
-            or old.session.setup is not new.session.setup
-            or old.view.shown_roll != new.view.shown_roll
-            or old.view.margin != new.view.margin
-            or old.view.step != new.view.step
-        ):
+        view = ("view.shown_roll", "view.margin", "view.step")
+        if changed(old, new, "session.results", "session.setup", *view):
             # in other steps nobody looks at it: it is not worth the time
             found = None
             if new.view.step in ("roll", "scan"):
                 found = path_margins(new.session, new.view.shown_roll)
             self._bar.content = "" if found is None else bar(found, new.view.margin)
-        words = near_words(shown_clearances(new)) if has_view else ""
-        if self._near.content != words:
-            self._near.content = words
+        self._near.content = near_words(shown_clearances(new)) if has_view else ""
 
 
 def bar(found: PathMargins, quantity: Quantity) -> str:

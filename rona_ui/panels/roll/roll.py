@@ -1,6 +1,5 @@
 """Step 7: choice of the roll about the probe axis, and motion planning."""
 
-from dataclasses import replace
 from typing import Any
 
 from rona_core.app.steps.roll.certificate_view import certificate_view
@@ -12,8 +11,7 @@ from rona_ui.panels.widgets import style
 from rona_ui.panels.widgets.panel_context import PanelContext, on_change
 from rona_ui.panels.widgets.step_panel import StepPanel
 from rona_ui.presentation.colors import GREEN, VERMILLION, YELLOW, css
-from rona_ui.presentation.snapshot import Snapshot
-from rona_ui.presentation.view_state import ViewState
+from rona_ui.presentation.snapshot import Snapshot, changed
 
 CHOICES = {"Largest margin": "best", "First feasible (paper)": "first"}
 MODES = {"Constant, else varying": "auto", "Constant": "constant", "Varying": "variable"}
@@ -36,17 +34,17 @@ class RollPanel(StepPanel):
 
     def build(self) -> None:
         """Add the range."""
-        self.form.number("n_rolls", "Roll angles", 72, 1, 720, 1)
-        self.form.number("roll_from_deg", "From (deg)", 0.0, -360.0, 360.0, 5.0)
-        self.form.number("roll_to_deg", "To (deg)", 360.0, -355.0, 720.0, 5.0)
+        self.form.numbers(
+            ("n_rolls", "Roll angles", 72, 1, 720, 1),
+            ("roll_from_deg", "From (deg)", 0.0, -360.0, 360.0, 5.0),
+            ("roll_to_deg", "To (deg)", 360.0, -355.0, 720.0, 5.0),
+        )
         self.form.choice("choice", "Select by", CHOICES, "best")
         self.form.choice("mode", "Roll mode", MODES, "auto")
         seen = self._obstacles = self.gui.add_checkbox(
             "Show obstacles", False, hint="Draws the obstacles of robot and tool"
         )
-        on_change(
-            seen, lambda e: self.context.change_view(lambda v: _with_obstacles(v, seen.value))
-        )
+        on_change(seen, lambda e: self.context.show_layer("obstacles", bool(seen.value)))
 
     def message(self) -> Any:
         """Return the search."""
@@ -55,7 +53,7 @@ class RollPanel(StepPanel):
     def update(self, old: Snapshot | None, new: Snapshot) -> None:
         """Follow what is shown of the surroundings, and offer places of the base."""
         self._places.render(old, new)
-        if old is None or old.view.hidden != new.view.hidden:
+        if changed(old, new, "view.hidden"):
             self._obstacles.value = "obstacles" not in new.view.hidden
 
     def remarks(self, snapshot: Snapshot) -> str:
@@ -86,11 +84,6 @@ class RollPanel(StepPanel):
         curves = joint_curves(snapshot.session, snapshot.view.shown_roll)
         second = ""
         if curves is not None and not curves.feasible:
-            second = style.note(curves.sentence[:1].upper() + curves.sentence[1:], "warn")
+            second = style.note(style.sentence(curves.sentence), "warn")
         legend = ((css(GREEN), "feasible"), (css(VERMILLION), "infeasible"), (css(YELLOW), "shown"))
         return first + second + style.key(legend)
-
-
-def _with_obstacles(view: ViewState, seen: bool) -> ViewState:
-    only = frozenset(("obstacles",))
-    return replace(view, hidden=view.hidden - only if seen else view.hidden | only)

@@ -3,16 +3,26 @@
 from typing import Any
 
 from rona_core.app.steps.scan.contact_view import contact_report, delay_sentence
-from rona_core.app.steps.setup.contact_messages import SetContact
+from rona_core.app.steps.setup.messages import SetContact
 from rona_core.devices.settings import ContactSettings
 from rona_core.session.document import Session
 from rona_ui.panels.widgets import style
 from rona_ui.panels.widgets.form import Form
 from rona_ui.panels.widgets.panel_context import PanelContext
-from rona_ui.presentation.snapshot import Snapshot
+from rona_ui.presentation.snapshot import Snapshot, changed
 from rona_ui.viewer.bindings import Event
 
-STANDARD = ContactSettings()
+NOW = ContactSettings()
+FORCE = ("force_n", "Contact force (N)", NOW.force_n, 0.5, 8.0, 0.5, "Along the tool axis")
+LIMITS = (
+    ("travel_mm", "Max. correction (mm)", NOW.travel_mm, 1.0, 10.0, 0.5),
+    ("monitor_n", "Soft force limit (N)", NOW.monitor_n, 1.5, 30.0, 0.5),
+    ("stop_n", "Hard force limit (N)", NOW.stop_n, 2.5, 50.0, 0.5),
+    ("approach_mm_per_s", "Approach speed (mm/s)", NOW.approach_mm_per_s, 0.2, 10.0, 0.2),
+    ("period_ms", "Control period (ms)", NOW.period_ms, 1.0, 50.0, 1.0),
+    ("delay_ms", "Robot delay (ms)", NOW.delay_ms, 0.0, 200.0, 1.0),
+    ("lag_ms", "Robot lag (ms)", NOW.lag_ms, 1.0, 200.0, 1.0),
+)
 
 
 class ContactFields:
@@ -22,24 +32,9 @@ class ContactFields:
         self._context = context
         form = self._form = Form(gui)
         form.tick("pressed", "Force control", True, "Off: position control only")
-        form.number(
-            "force_n", "Contact force (N)", STANDARD.force_n, 0.5, 8.0, 0.5, "Along the tool axis"
-        )
+        form.numbers(FORCE)
         with gui.add_folder("Contact limits", expand_by_default=False):
-            form.number("travel_mm", "Max. correction (mm)", STANDARD.travel_mm, 1.0, 10.0, 0.5)
-            form.number("monitor_n", "Soft force limit (N)", STANDARD.monitor_n, 1.5, 30.0, 0.5)
-            form.number("stop_n", "Hard force limit (N)", STANDARD.stop_n, 2.5, 50.0, 0.5)
-            form.number(
-                "approach_mm_per_s",
-                "Approach speed (mm/s)",
-                STANDARD.approach_mm_per_s,
-                0.2,
-                10.0,
-                0.2,
-            )
-            form.number("period_ms", "Control period (ms)", STANDARD.period_ms, 1.0, 50.0, 1.0)
-            form.number("delay_ms", "Robot delay (ms)", STANDARD.delay_ms, 0.0, 200.0, 1.0)
-            form.number("lag_ms", "Robot lag (ms)", STANDARD.lag_ms, 1.0, 200.0, 1.0)
+            form.numbers(*LIMITS)
         form.on_change(self._changed)
 
     def _changed(self, name: str, event: Event) -> None:
@@ -50,9 +45,8 @@ class ContactFields:
 
     def render(self, old: Snapshot | None, new: Snapshot) -> None:
         """Write what the session holds into the fields where it has changed or was refused."""
-        if old is None or old.busy != new.busy:
-            self._form.enable(not new.busy)
-        if old is None or old.session.setup is not new.session.setup or old.refused != new.refused:
+        self._form.enable(not new.busy)
+        if changed(old, new, "session.setup", "refused"):
             self._form.show(contact_values(new.session))
 
 
@@ -61,16 +55,7 @@ def contact_values(session: Session) -> dict[str, Any]:
     contact = session.setup.devices.robot.contact
     if contact is None:
         return {"pressed": False}
-    names = (
-        "force_n",
-        "travel_mm",
-        "monitor_n",
-        "stop_n",
-        "approach_mm_per_s",
-        "period_ms",
-        "delay_ms",
-        "lag_ms",
-    )
+    names = [name for name, *_ in (FORCE, *LIMITS)]
     return {"pressed": True, **{name: getattr(contact, name) for name in names}}
 
 

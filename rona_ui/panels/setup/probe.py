@@ -17,7 +17,7 @@ from rona_core.devices.settings import PROBE_LIMITS, ProbeSettings
 from rona_core.session.document import Session
 from rona_ui.panels.widgets import style
 from rona_ui.panels.widgets.form import Form
-from rona_ui.panels.widgets.panel_context import PanelContext, on_click
+from rona_ui.panels.widgets.panel_context import PanelContext
 
 CHOICE = ("name", "excitation", "front_snr_db", "pitch_mm")
 NAMES = (*CHOICE, *EDITABLE, "line_temperature_c")
@@ -28,6 +28,13 @@ SHAPES = {
     "Ringing": "ringing",
 }
 TITLES = {"2.25MHz": "2.25 MHz", "1MHz": "1 MHz"}
+DETAILS: tuple[tuple[Any, ...], ...] = (  # name, label, step, hint
+    ("centre_mhz", "Centre frequency (MHz)", 0.05),
+    ("bandwidth", "Relative bandwidth", 0.02, "-6 dB bandwidth divided by the centre frequency"),
+    ("aperture_mm", "Element diameter (mm)", 0.1, "Diameter"),
+    ("line_length_mm", "Delay line length (mm)", 0.5, "Length of the elastomer"),
+)
+WARM = "The line slows sound when warm"
 SHOWN_MM = (4.0, 6.0, 8.0, 10.0)  # thicknesses of the small table
 
 
@@ -51,32 +58,15 @@ class ProbeFields:
     def build_details(self) -> None:
         """Add what a probe is made of, for whoever has another one."""
         form = self._form
-        for name, label, step, hint in (
-            ("centre_mhz", "Centre frequency (MHz)", 0.05, None),
-            (
-                "bandwidth",
-                "Relative bandwidth",
-                0.02,
-                "-6 dB bandwidth divided by the centre frequency",
-            ),
-            ("aperture_mm", "Element diameter (mm)", 0.1, "Diameter"),
-            ("line_length_mm", "Delay line length (mm)", 0.5, "Length of the elastomer"),
-        ):
-            low, high = PROBE_LIMITS[name]
-            form.number(name, label, _first(name), low, high, step, hint)
+        first = probe_values(ProbeSettings())
+        for name, label, step, *hint in DETAILS:
+            form.number(name, label, float(first[name]), *PROBE_LIMITS[name], step, *hint)
         form.choice("pulse_shape", "Pulse", SHAPES, "resonant", "As measured on a block")
-        low, high = PROBE_LIMITS["line_temperature_c"]
-        form.number(
-            "line_temperature_c",
-            "Line temperature (°C)",
-            22.0,
-            low,
-            high,
-            1.0,
-            "The line slows sound when warm",
+        limits = PROBE_LIMITS["line_temperature_c"]
+        form.number("line_temperature_c", "Line temperature (°C)", 22.0, *limits, 1.0, WARM)
+        self._restore = self._context.send_button(
+            self._gui, "Restore probe defaults", "restore", lambda: SetProbe(**form.values(*CHOICE))
         )
-        self._restore = self._gui.add_button("Restore probe defaults", icon="restore", color="gray")
-        on_click(self._restore, self._reset)
 
     def build_block(self) -> None:
         """Add the calibration of the delay line."""
@@ -86,31 +76,25 @@ class ProbeFields:
                 "changes with temperature. Calibrate it on a flat steel block."
             )
         )
-        self._record = self._gui.add_button(
-            "Record on reference block", icon="target", color="gray"
+        self._record = self._context.send_button(
+            self._gui, "Record on reference block", "target", StartDelayLineCapture
         )
-        self._reset_line = self._gui.add_button("Reset delay line", icon="restore", color="gray")
+        self._reset_line = self._context.send_button(
+            self._gui, "Reset delay line", "restore", lambda: CalibrateDelayLine(use=False)
+        )
         self._line = self._gui.add_html("")
-        on_click(self._record, lambda e: self._context.send(StartDelayLineCapture, e))
-        on_click(
-            self._reset_line, lambda e: self._context.send(lambda: CalibrateDelayLine(use=False), e)
-        )
 
     def message(self) -> SetProbe:
         """Return the command that the fields make; another name brings its own details."""
         values = self._form.values(*NAMES)
+        kept: dict[str, Any] = {
+            "adc_bits": self._settings.adc_bits,
+            "gain_db": self._settings.gain_db,
+        }
         if values["name"] != self._settings.name:
             defaults = dict.fromkeys(EDITABLE)
-            return SetProbe(**{**values, **defaults}, **self._kept())
-        return SetProbe(**{**self._kept(), **edited_probe(self._settings, values)})
-
-    def _kept(self) -> dict[str, Any]:
-        """Return what has no field."""
-        return {"adc_bits": self._settings.adc_bits, "gain_db": self._settings.gain_db}
-
-    def _reset(self, event: Any) -> None:
-        values = self._form.values(*CHOICE)
-        self._context.send(lambda: SetProbe(**values), event)
+            return SetProbe(**{**values, **defaults}, **kept)
+        return SetProbe(**{**kept, **edited_probe(self._settings, values)})
 
     def field_values(self, settings: ProbeSettings) -> dict[str, Any]:
         """Return what the fields are to show of a session's settings."""
@@ -124,11 +108,10 @@ class ProbeFields:
         self._table.content = performance_table(probe_performances(settings), settings)
         self._advice.content = advice_note(session)
         state = line_state(session)
-        good = {"good": "good", "weak": "", "bad": "warn", "stale": "warn"}
         self._line.content = (
             style.note("Nominal delay: not calibrated.")
             if state is None
-            else style.note(state.sentence, good[state.verdict])
+            else style.note(state.sentence, style.BOXES[state.verdict])
         )
         self._reset_line.visible = state is not None
         for button in (self._record, self._reset_line, self._restore):
@@ -148,30 +131,20 @@ def advice_note(session: Session, *, only_another: bool = False) -> str:
     )
 
 
-def _first(name: str) -> float:
-    return float(probe_values(ProbeSettings())[name])
-
-
 def performance_table(rows: tuple[ExpectedPerformance, ...], chosen: ProbeSettings) -> str:
     """Return the expected performance of each probe and excitation: sigma by thickness, range."""
-    head = "".join(f'<th class="n">{mm:.0f}</th>' for mm in SHOWN_MM)
-    body = ""
+    cells: list[list[str]] = []
     for row in rows:
-        chosen_row = row.probe == chosen.name and row.excitation == chosen.excitation
-        cells = ""
-        for mm in SHOWN_MM:
-            at = {float(t): float(s) for t, s in zip(row.thickness_mm, row.sigma_mm, strict=True)}
-            words = f"{1e3 * at[mm]:.0f}" if row.reaches(mm) and mm in at else "–"
-            cells += f'<td class="n">{words}</td>'
+        at = dict(zip(row.thickness_mm.tolist(), row.sigma_mm.tolist(), strict=True))
         name = f"{TITLES[row.probe]} {row.excitation}"
-        name = f"<b>▶ {name}</b>" if chosen_row else name
+        if (row.probe, row.excitation) == (chosen.name, chosen.excitation):
+            name = f"<b>▶ {name}</b>"
+        sigmas = [f"{1e3 * at[mm]:.0f}" if row.reaches(mm) and mm in at else "–" for mm in SHOWN_MM]
         reach = f"{row.least_mm:.0f}–{row.most_mm:.0f}" if row.most_mm > row.least_mm else "none"
-        body += f'<tr><td>{name}</td>{cells}<td class="n">{reach}</td></tr>'
+        cells.append([name, *sigmas, reach])
     words = (
         '<div class="r-text" style="padding-bottom:0">Lower bound of the thickness σ in µm (noise '
         "only) by bone thickness in mm, and depth range in mm.</div>"
     )
-    return (
-        f'{words}<table class="r-table"><tr><th>Probe</th>{head}<th class="n">depth</th></tr>'
-        f"{body}</table>"
-    )
+    head = ("Probe", *(f"{mm:.0f}" for mm in SHOWN_MM), "depth")
+    return words + style.table(("", *"n" * len(SHOWN_MM), "n"), head, cells)

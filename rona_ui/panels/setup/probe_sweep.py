@@ -9,7 +9,7 @@ from rona_core.session.specimen import BoneKind
 from rona_ui.panels.setup.probe import advice_note
 from rona_ui.panels.widgets import style
 from rona_ui.panels.widgets.panel_context import PanelContext, on_click
-from rona_ui.presentation.snapshot import Snapshot
+from rona_ui.presentation.snapshot import Snapshot, changed
 from rona_ui.viewer.fields import read_number
 
 PROBES: dict[str, tuple[ProbeName, ...]] = {
@@ -31,7 +31,6 @@ class ProbeComparisonPanel:
     """Axes of the sweep, a button with progress, and the table."""
 
     def __init__(self, gui: Any, context: PanelContext) -> None:
-        self._context = context
         gui.add_html(
             style.text(
                 "Compares probes and noise levels on virtual plates of layered bone, with "
@@ -47,10 +46,9 @@ class ProbeComparisonPanel:
             self._thickness = gui.add_text(
                 "Thickness (mm)", "3, 5, 8, 11", hint="Comma-separated list"
             )
-        self._start = gui.add_button("Run sweep", icon="player-play", color="gray")
+        self._start = context.send_button(gui, "Run sweep", "player-play", self.message)
         self._cancel = gui.add_button("Cancel", icon="player-stop", visible=False)
         self._html = gui.add_html("")
-        on_click(self._start, lambda e: context.send(self.message, e))
         on_click(self._cancel, lambda e: context.service("cancel", e, None))
 
     def message(self) -> StartProbeSweep:
@@ -73,11 +71,9 @@ class ProbeComparisonPanel:
             self._start.label = f"Running: {100 * new.job.progress:.0f} %"
         else:
             self._start.label = "Run sweep again" if held is not None else "Run sweep"
-        if old is None or old.session is not new.session:
-            advice = advice_note(new.session)
-            if self._advice.content != advice:
-                self._advice.content = advice
-        if old is None or old.session.results.what_if is not held:
+        if changed(old, new, "session"):
+            self._advice.content = advice_note(new.session)
+        if changed(old, new, "session.results.what_if"):
             self._html.content = "" if held is None else probe_comparison_table(held.value)
 
 

@@ -22,7 +22,7 @@ from rona_ui.panels.setup.probe import ProbeFields
 from rona_ui.panels.setup.tracker import NAMES, PLACE, TrackerFields
 from rona_ui.panels.widgets import style
 from rona_ui.panels.widgets.step_panel import StepPanel
-from rona_ui.presentation.snapshot import Snapshot
+from rona_ui.presentation.snapshot import Snapshot, changed
 from rona_ui.viewer.bindings import Event, escape
 from rona_ui.viewer.fields import read_number
 
@@ -49,12 +49,8 @@ class SetupPanel(StepPanel):
         form.number("seed", "Seed", 0, 0, 2**31 - 1, 1, "For patient, placement and noise")
         form.choice("skull", "Skull", SKULLS, "left", "Load a file below")
         form.choice("kind", "Bone", BONES, "normal", "Known only to the virtual probe")
-        form.tick(
-            "own_speed",
-            "Patient-specific speed",
-            True,
-            "Sound speed of bone differs by 3 % between patients",
-        )
+        hint = "Sound speed of bone differs by 3 % between patients"
+        form.tick("own_speed", "Patient-specific speed", True, hint)
         form.number("radius_mm", "Region radius (mm)", 25.0, 5.0, 45.0, 1.0)
         with gui.add_folder("Devices", expand_by_default=False):
             self._tracker.build()
@@ -147,20 +143,13 @@ class SetupPanel(StepPanel):
 
     def update(self, old: Snapshot | None, new: Snapshot) -> None:
         """Write what the session holds into the fields where it has changed or was refused."""
-        if old is None or old.session.setup is not new.session.setup or old.refused != new.refused:
+        if changed(old, new, "session.setup", "refused"):
             tracker = new.session.setup.devices.tracker
             probe = self._probe.field_values(new.session.setup.devices.probe)
             self.form.show({**_held(new.session), **self._tracker.field_values(tracker), **probe})
-            table = figures_table(new.session.setup.devices.robot.model)
-            if self._figures.content != table:
-                self._figures.content = table
+            self._figures.content = figures_table(new.session.setup.devices.robot.model)
         self._room.render(old, new)
-        if (
-            old is None
-            or old.session.setup is not new.session.setup
-            or old.session.results is not new.session.results
-            or old.busy != new.busy
-        ):
+        if changed(old, new, "session.setup", "session.results", "busy"):
             self._probe.show(new.session, new.busy)
 
     def remarks(self, snapshot: Snapshot) -> str:
@@ -200,16 +189,15 @@ def figures_table(model: str) -> str:
     except RonaError as error:
         return style.note(error, "warn")
     assumed = sum(not row.sourced for row in rows)
-    body = ""
+    cells: list[tuple[str]] = []
     for row in sorted(rows, key=lambda row: row.sourced):
         values = ", ".join(f"{value:.5g}" for value in row.values).replace("-", "−")
         trust = row.trust if row.sourced else f"▲ {row.trust}"
-        body += (
-            f"<tr><td>{escape(row.name)}<br><b>{escape(values)}</b> {escape(row.unit)}<br>"
-            f'<span class="g">{escape(trust)}: {escape(row.source)}</span></td></tr>'
-        )
+        value = f"{escape(row.name)}<br><b>{escape(values)}</b> {escape(row.unit)}"
+        source = f'<span class="g">{escape(trust)}: {escape(row.source)}</span>'
+        cells.append((f"{value}<br>{source}",))
     words = style.text(
         f"{len(rows)} parameters, {assumed} of them assumed (marked ▲). Override them in "
         "Python: robot_model(name, overrides)."
     )
-    return f'{words}<table class="r-table">{body}</table>'
+    return words + style.table(("",), (), cells)

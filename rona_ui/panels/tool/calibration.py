@@ -20,10 +20,10 @@ from rona_ui.panels.tool.calibration_images import (
     residuals_svg,
 )
 from rona_ui.panels.widgets import style
-from rona_ui.panels.widgets.image_slider import sheet
+from rona_ui.panels.widgets.image_slider import ImageSlider
 from rona_ui.panels.widgets.panel_context import PanelContext, on_change, on_click
 from rona_ui.presentation.colors import BLUE, VERMILLION, css
-from rona_ui.presentation.snapshot import Snapshot
+from rona_ui.presentation.snapshot import Snapshot, changed
 from rona_ui.viewer.bindings import escape
 
 VERDICTS = {  # verdict -> (icon, words, colour, box)
@@ -37,7 +37,7 @@ class CalibrationControls:
     """Shows a calibration and lets poses be excluded or included."""
 
     def __init__(self, gui: Any, context: PanelContext, step: Step) -> None:
-        self._gui, self._context = gui, context
+        self._context = context
         self._step: Step = step
         self._view: CalibrationView | None = None
         self._words = gui.add_html("")
@@ -47,16 +47,17 @@ class CalibrationControls:
         )
         with self._folder:
             self._title = gui.add_html("")
-            self._poses = gui.add_folder(None)
-            self._sheet: Any = None
-            self._slider: Any = None
+            self._slider = ImageSlider(
+                gui, f"r-{step}-poses", "Pose", int(HEIGHT), lambda e: self._show_pose()
+            )
             self._pose = gui.add_html("")
             self._count = gui.add_number("Number of poses", 1, min=1, max=5000, step=1)
             self._toggle = gui.add_button("Exclude", icon="circle-minus", color="gray")
-            self._all = gui.add_button("Include all poses", icon="circle-check", color="gray")
-        on_change(self._count, lambda event: self._show_pose())
-        on_click(self._toggle, self._change)
-        on_click(self._all, lambda e: context.send(lambda: ExcludePoses(step), e))
+            on_click(self._toggle, self._change)
+            self._all = context.send_button(
+                gui, "Include all poses", "circle-check", lambda: ExcludePoses(step)
+            )
+        on_change(self._count, lambda e: self._show_pose())
 
     def excluded(self) -> tuple[int, ...]:
         """Return the poses that are left out by hand."""
@@ -65,15 +66,10 @@ class CalibrationControls:
     def render(self, old: Snapshot | None, new: Snapshot) -> None:
         """Follow the calibration; rest while a job runs."""
         self._toggle.disabled = self._all.disabled = new.busy
-        held = new.session.results.get(self._step)
-        stale = new.step(self._step).state == "stale"
-        if (
-            old is not None
-            and old.session.results.get(self._step) is held
-            and old.session.captures.get(self._step) is new.session.captures.get(self._step)
-            and (old.step(self._step).state == "stale") == stale
-        ):
+        parts = (f"session.results.{self._step}", f"session.captures.{self._step}", "steps")
+        if not changed(old, new, *parts):
             return
+        stale = new.step(self._step).state == "stale"
         view = self._view = calibration_view(new.session, self._step)
         self._folder.visible = view is not None
         self._words.content = "" if view is None else words(view, stale)
@@ -81,30 +77,18 @@ class CalibrationControls:
         if view is None:
             return
         self._title.content = _residuals_title(view)
-        self._draw(view)
+        last = max(len(view.residuals_mm) - 1, 1)
+        marks = tuple((i, str(i)) for i in sorted({0, last // 2, last}))
+        pose = min(self._slider.value or 0, last)
+        self._slider.show(residuals_svg(view), (0, last), pose, marks)
         self._all.visible = bool(view.excluded)
         self._show_pose()
 
-    def _draw(self, view: CalibrationView) -> None:
-        last = max(len(view.residuals_mm) - 1, 1)
-        at = 0 if self._slider is None else min(int(self._slider.value), last)
-        for part in (self._sheet, self._slider):
-            if part is not None:
-                part.remove()
-        with self._poses:
-            picture = sheet(
-                f"r-{self._step}-poses", int(HEIGHT), "image/svg+xml", residuals_svg(view)
-            )
-            self._sheet = self._gui.add_html(picture)
-            marks = tuple((i, str(i)) for i in sorted({0, last // 2, last}))
-            self._slider = self._gui.add_slider("Pose", 0, last, 1, at, marks=marks)
-        on_change(self._slider, lambda event: self._show_pose())
-
     def _rows(self) -> range:
         """Return the poses that are chosen."""
-        if self._view is None or self._slider is None:
+        first = self._slider.value
+        if self._view is None or first is None:
             return range(0)
-        first = int(self._slider.value)
         return range(first, min(first + int(self._count.value), len(self._view.residuals_mm)))
 
     def _show_pose(self) -> None:
@@ -127,22 +111,22 @@ class CalibrationControls:
 
 def words(view: CalibrationView, stale: bool = False) -> str:
     """Return the expected errors beside what is good, the verdict, and reasons with remedies."""
-    head = (
-        '<tr><th>Random error, expected</th><th class="n">Value</th><th class="n">Good</th>'
-        "<th></th></tr>"
-    )
-    rows = "".join(
-        f'<tr><td>{escape(one.title)}</td><td class="n"><b>{one.sigma_mm:.2f} mm</b></td>'
-        f'<td class="n g">≤ {one.limit_mm:.2f} mm</td>'
-        f"<td>{style.verdict('pass' if one.good else 'review')}</td></tr>"
+    head = ("Random error, expected", "Value", "Good", "")
+    rows = [
+        (
+            escape(one.title),
+            f"<b>{one.sigma_mm:.2f} mm</b>",
+            f"≤ {one.limit_mm:.2f} mm",
+            style.verdict("pass" if one.good else "review"),
+        )
         for one in view.expected
-    )
+    ]
     icon, word, color, box = VERDICTS[view.verdict]
     box = "" if stale and box == "good" else box
     verdict = f'<b style="color:{color}">{icon} {word}</b>'
-    reasons = "".join(f"<br>{escape(reason[0].upper() + reason[1:])}." for reason in view.reasons)
+    reasons = "".join(f"<br>{escape(style.sentence(reason))}." for reason in view.reasons)
     note = f'<div class="r-note {box}">Calibration: {verdict}{reasons}</div>'
-    return f'<table class="r-table">{head}{rows}</table>{note}'
+    return style.table(("", "n", "n g", ""), head, rows) + note
 
 
 def coverage(view: CalibrationView) -> str:

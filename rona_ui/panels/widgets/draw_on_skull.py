@@ -1,7 +1,6 @@
 """Strokes drawn on the skull by mouse (steps 4 and 5)."""
 
 from collections.abc import Callable
-from dataclasses import replace
 from typing import Any
 
 from rona_ui.panels.widgets import style
@@ -22,20 +21,16 @@ class DrawingControls:
     ) -> None:
         self._kind, self._context, self._message = kind, context, message
         self._picks: tuple[Any, ...] = ()
-        self._begin = gui.add_button("Draw on the skull", icon="pencil", color="gray")
+        self._begin = context.view_button(gui, "Draw on the skull", "pencil", drawing=kind)
         self._help = gui.add_html("")
         self._finish = gui.add_button("Finish stroke", icon="check", visible=False)
-        self._drop = gui.add_button("Discard stroke", icon="x", color="gray", visible=False)
-        on_click(self._begin, lambda e: context.change_view(lambda v: replace(v, drawing=kind)))
-        on_click(
-            self._drop, lambda e: context.change_view(lambda v: replace(v, drawing=None, picks=()))
-        )
         on_click(self._finish, self._send)
+        self._drop = context.view_button(gui, "Discard stroke", "x", drawing=None, picks=())
 
     def _send(self, event: Any) -> None:
         picks = self._picks
         self._context.send(lambda: self._message(picks), event)
-        self._context.change_view(lambda v: replace(v, drawing=None, picks=()))
+        self._context.set_view(drawing=None, picks=())
 
     def render(self, new: Snapshot) -> None:
         """Show what can be done now."""
@@ -48,11 +43,8 @@ class DrawingControls:
         self._finish.visible = drawing
         self._drop.visible = drawing or len(self._picks) > 0
         self._finish.disabled = blocked or len(self._picks) < 2
-        words = ""
-        if drawing:
-            words = style.note(
-                "Click points on the skull, or drag over it. Dragging beside the skull "
-                f"rotates the view. {len(self._picks)} points so far."
-            )
-        if self._help.content != words:
-            self._help.content = words
+        words = (
+            "Click points on the skull, or drag over it. Dragging beside the skull "
+            f"rotates the view. {len(self._picks)} points so far."
+        )
+        self._help.content = style.note(words) if drawing else ""

@@ -31,6 +31,11 @@ class Form:
             label, value, min=low, max=high, step=step, hint=hint
         )
 
+    def numbers(self, *rows: tuple[Any, ...]) -> None:
+        """Add numbers, each by the arguments of ``number``."""
+        for row in rows:
+            self.number(*row)
+
     def slider(
         self, name: str, label: str, value: float, low: float, high: float, step: float
     ) -> Any:

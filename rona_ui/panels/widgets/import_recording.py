@@ -26,7 +26,8 @@ class ImportControls:
     """A closed folder with the tool's name and a button that takes a file."""
 
     def __init__(self, gui: Any, context: PanelContext, purpose: Purpose) -> None:
-        self._context, self._purpose = context, purpose
+        self._context = context
+        self._purpose: Purpose = purpose
         self._geometry: str | None = None  # uploaded, for the next import
         self._folder = gui.add_folder("Import recording", expand_by_default=False)
         with self._folder:
@@ -57,19 +58,14 @@ class ImportControls:
 
     async def _take(self, event: Any) -> None:
         name = self._store(event, self._upload.value)
-        tool = self._tool.value.strip() or None
-        if self._purpose == "pivot":
+        tool, purpose = self._tool.value.strip() or None, self._purpose
+        if purpose == "pivot":
             geometry, self._geometry = self._geometry, None
             self._markers_words.content = ""
             self._context.send(lambda: StartPivotImport((name,), geometry, tool), event)
-        elif self._purpose == "surface":
-            append, play = bool(self._append.value), bool(self._play.value)
-            self._context.send(
-                lambda: StartRecordingImport(name, "surface", tool, append, play), event
-            )
-        else:
-            play = bool(self._play.value)
-            self._context.send(lambda: StartRecordingImport(name, "path", tool, play=play), event)
+            return
+        play, append = bool(self._play.value), purpose == "surface" and bool(self._append.value)
+        self._context.send(lambda: StartRecordingImport(name, purpose, tool, append, play), event)
 
     def _store(self, event: Any, uploaded: Any) -> str:
         name = PurePath(uploaded.name.replace("\\", "/")).name

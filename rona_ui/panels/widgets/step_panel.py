@@ -8,7 +8,7 @@ from rona_ui.panels.widgets import style
 from rona_ui.panels.widgets.form import Form
 from rona_ui.panels.widgets.panel_context import PanelContext
 from rona_ui.panels.widgets.verdicts import judged, missed_note
-from rona_ui.presentation.snapshot import Snapshot
+from rona_ui.presentation.snapshot import Snapshot, changed
 
 
 class StepPanel:
@@ -18,7 +18,6 @@ class StepPanel:
     explanation: ClassVar[str] = ""
     activity: ClassVar[str] = ""  # that the primary button starts, where it records something
     start: ClassVar[str | None] = None  # words of the primary button; None: the step has none
-    again: ClassVar[str] = "Repeat this step"
 
     def __init__(self, gui: Any, context: PanelContext) -> None:
         self.gui, self.context = gui, context
@@ -46,23 +45,13 @@ class StepPanel:
     def render(self, old: Snapshot | None, new: Snapshot) -> None:
         """Show the fields while the step is active, and follow the session."""
         active = new.view.step == self.step
-        if self.folder.visible != active:
-            self.folder.visible = active
+        self.folder.visible = active
         if old is None or old.busy != new.busy:
             self.form.enable(not new.busy)
         self.update(old, new)
-        if active and (
-            old is None
-            or old.session is not new.session
-            or old.view is not new.view
-            or old.busy != new.busy
-            or old.figures is not new.figures
-            or old.static_scene is not new.static_scene
-        ):
+        if active and changed(old, new, "session", "view", "busy", "figures", "static_scene"):
             html = (stopped_note(new, self.activity) if self.activity else "") + self.remarks(new)
-            html = self._judged(html, new)
-            if self.remark.content != html:
-                self.remark.content = html
+            self.remark.content = self._judged(html, new)
 
     def _judged(self, html: str, snapshot: Snapshot) -> str:
         """Return the remarks with the verdict of the step: what is not good is not praised."""

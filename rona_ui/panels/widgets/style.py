@@ -1,5 +1,8 @@
 """Style sheet of the docks and HTML helpers; all text is escaped here."""
 
+from collections.abc import Iterable, Sequence
+
+from rona_ui.presentation.colors import viridis_css
 from rona_ui.viewer.bindings import escape
 
 INK, MUTED, LINE = "#1f2933", "#52606d", "#d9dee4"
@@ -16,6 +19,7 @@ VERDICTS = {
     "fail": ("✖", "fail", "#b00020"),
     "none": ("", "", MUTED),
 }
+BOXES = {"good": "good", "weak": "", "bad": "warn", "stale": "warn"}  # state -> kind of note
 
 SHEET = """<style>
 :root,[data-mantine-color-scheme]{--mantine-primary-color-filled:#005b8f!important;
@@ -114,3 +118,37 @@ def verdict(kind: str) -> str:
     """Return icon, word and colour of a verdict."""
     icon, word, color = VERDICTS[kind]
     return f'<span style="color:{color};white-space:nowrap">{icon} {word}</span>'
+
+
+def sentence(words: str) -> str:
+    """Return words with a capital letter first."""
+    return words[:1].upper() + words[1:]
+
+
+def table(classes: Sequence[str], head: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
+    """Return a table of HTML cells.
+
+    Args:
+        classes: CSS class of each column: ``n`` for numbers, ``g`` for grey, empty for text.
+        head: Title of each column; none for a table without a head.
+        rows: Cells of each row.
+    """
+    lines = [_row("th", classes, head)] if head else []
+    lines += [_row("td", classes, row) for row in rows]
+    return f'<table class="r-table">{"".join(lines)}</table>'
+
+
+def _row(cell: str, classes: Sequence[str], contents: Sequence[str]) -> str:
+    marks = (f' class="{name}"' if name else "" for name in classes)
+    cells = (f"<{cell}{mark}>{c}</{cell}>" for mark, c in zip(marks, contents, strict=True))
+    return f"<tr>{''.join(cells)}</tr>"
+
+
+def color_bar(title: str, *ticks: str) -> str:
+    """Return the colour bar of viridis with a title above it and ticks below."""
+    marks = "".join(f"<span>{tick}</span>" for tick in ticks)
+    return (
+        f'<div class="r-text" style="padding-bottom:2px">{title}</div>'
+        f'<div class="r-bar" style="background:{viridis_css()}"></div>'
+        f'<div class="r-ticks">{marks}</div>'
+    )

@@ -6,13 +6,13 @@ from rona_core.app.steps.boundaries.ascan_view import ScanName, scan_number_at, 
 from rona_core.app.steps.boundaries.handlers import DETECTIONS, capture_of, detection_of_scan
 from rona_core.app.steps.handheld.scans import hand_poses
 from rona_core.app.steps.maps.view import layers_of
-from rona_core.geometry.arrays import Bools, Floats
+from rona_core.geometry.arrays import Floats
 from rona_ui.presentation.colors import GREEN, SKY, VERMILLION, YELLOW, viridis
 from rona_ui.presentation.shown_maps import map_sigma, shown_maps, shown_maps_key
 from rona_ui.presentation.snapshot import Snapshot
 from rona_ui.scene.cut_plane import cut_key, cut_plane
-from rona_ui.scene.layer import Layer
-from rona_ui.scene.viser_nodes import SceneNodes
+from rona_ui.scene.layer import Layer, lift
+from rona_ui.scene.viser_nodes import NO_POINTS, SceneNodes
 
 SCAN, NOW = "/scan/points", "/scan/now"
 LIFT_MM = 1.5  # of the places of A-scans, so that the skull does not hide them
@@ -24,40 +24,35 @@ class MapLayer(Layer):
     def __init__(self, nodes: SceneNodes, name: str) -> None:
         super().__init__(nodes)
         self.layer = name
+        self._node = f"/maps/{name}"
 
     def render(self, old: Snapshot | None, new: Snapshot) -> None:
-        """Draw the map where it or its quantity is another one."""
-        node = f"/maps/{self.layer}"
-        if (
-            old is None
-            or shown_maps_key(old) != shown_maps_key(new)
-            or old.view.quantity != new.view.quantity
-            or map_cut(old) != map_cut(new)
-        ):
-            maps = shown_maps(new)
-            if maps is None:
-                self.nodes.remove(node)
-            else:
-                shown = layers_of(maps, new.view.quantity, map_sigma(new))
-                part = shown.part(self.layer)
-                share = (part.values_mm - shown.low_mm) / (shown.high_mm - shown.low_mm)
-                kept = _kept_by_cut(part.points_base, new)
-                points, colors = part.points_base[kept], viridis(share[kept])
-                self.nodes.cloud(node, points, colors, size_mm=part.cell_mm)
-        self.nodes.show(node, self.shown(new))
+        """Draw the map where it, its quantity or its cut is another one."""
+        if old is None or _map_key(old) != _map_key(new):
+            self.draw(new)
+        self.nodes.show(self._node, self.shown(new))
+
+    def draw(self, new: Snapshot) -> None:
+        """Draw the points that the cut leaves."""
+        maps = shown_maps(new)
+        if maps is None:
+            self.nodes.remove(self._node)
+            return
+        shown = layers_of(maps, new.view.quantity, map_sigma(new))
+        part = shown.part(self.layer)
+        points, share = part.points_base, part.values_mm - shown.low_mm
+        share = share / (shown.high_mm - shown.low_mm)
+        plane = cut_plane(new) if new.view.cut_maps else None
+        if plane is not None:
+            kept = plane.heights_mm(points) < 0.0
+            points, share = points[kept], share[kept]
+        self.nodes.cloud(self._node, points, viridis(share), size_mm=part.cell_mm)
 
 
-def map_cut(snapshot: Snapshot) -> tuple[str, float] | None:
-    """Return what the cut through the maps depends on; None while they are whole."""
-    return cut_key(snapshot) if snapshot.view.cut_maps else None
-
-
-def _kept_by_cut(points_base: Floats, snapshot: Snapshot) -> Bools:
-    """Return which points (n,) of a map the cut leaves."""
-    plane = cut_plane(snapshot) if map_cut(snapshot) is not None else None
-    if plane is None:
-        return np.ones(len(points_base), dtype=np.bool_)
-    return plane.heights_mm(points_base) < 0.0
+def _map_key(snapshot: Snapshot) -> tuple[object, ...]:
+    """Return what tells one drawing of a map from another."""
+    cut = cut_key(snapshot) if snapshot.view.cut_maps else None
+    return shown_maps_key(snapshot), snapshot.view.quantity, cut
 
 
 class ScanLayer(Layer):
@@ -70,10 +65,7 @@ class ScanLayer(Layer):
         redrawn = old is None or _scan_key(old) != _scan_key(new)
         moved = old is None or old.scan_cursor != new.scan_cursor
         if redrawn or moved:
-            lift = (
-                0.0 if new.static_scene is None else LIFT_MM * new.static_scene.region_normal_base
-            )
-            places = scan_places(new) + lift
+            places = scan_places(new) + lift(new, LIFT_MM)
             if redrawn:
                 self._draw_points(places, new, new.scan)
             number = None
@@ -99,15 +91,15 @@ def scan_places(snapshot: Snapshot) -> Floats:
     """Return where the A-scans that are looked at were taken (n, 3), as the scene shows them."""
     if snapshot.scan != "hand":
         poses = scan_poses(snapshot.session, snapshot.scan)
-        return np.zeros((0, 3)) if poses is None else poses.translations
+        return NO_POINTS if poses is None else poses.translations
     found = hand_poses(snapshot.session)
     if found is None:
-        return np.zeros((0, 3))
+        return NO_POINTS
     frame, poses = found
     if frame == "base":
         return poses.translations
     drawn = None if snapshot.static_scene is None else snapshot.static_scene.T_base_basemarker
-    return np.zeros((0, 3)) if drawn is None else drawn @ poses.translations
+    return NO_POINTS if drawn is None else drawn @ poses.translations
 
 
 def _scan_key(snapshot: Snapshot) -> tuple[object, ...]:

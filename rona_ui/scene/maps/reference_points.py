@@ -4,9 +4,9 @@ import numpy as np
 
 from rona_core.app.steps.acoustics.view import ReferenceRow, reference_rows
 from rona_ui.presentation.colors import ORANGE, PURPLE
-from rona_ui.presentation.snapshot import Snapshot
-from rona_ui.scene.layer import Layer
-from rona_ui.scene.viser_nodes import SceneNodes
+from rona_ui.presentation.snapshot import Snapshot, changed
+from rona_ui.scene.layer import Layer, lift
+from rona_ui.scene.viser_nodes import NO_POINTS, SceneNodes
 
 POINTS = "/references/points"
 SIZE_MM = 2.4
@@ -25,13 +25,10 @@ class ReferencesLayer(Layer):
 
     def render(self, old: Snapshot | None, new: Snapshot) -> None:
         """Draw the points where they, what is said of them, or the region are others."""
-        moved = old is None or old.static_scene is not new.static_scene
-        if old is None or moved or old.session is not new.session:
+        if changed(old, new, "static_scene", "session"):
             rows = reference_rows(new.session)
-            same = old is not None and old.session.captures.references is (
-                new.session.captures.references
-            )
-            if moved or not same or rows != self._rows:
+            moved = changed(old, new, "static_scene", "session.captures.references")
+            if moved or rows != self._rows:
                 self._rows = rows
                 self._draw(new)
         for node in (POINTS, *map(_label, range(self._labels))):
@@ -39,8 +36,8 @@ class ReferencesLayer(Layer):
 
     def _draw(self, new: Snapshot) -> None:
         held, rows = new.session.captures.references, self._rows
-        places = np.zeros((0, 3)) if held is None else held.places_base
-        up = np.zeros(3) if new.static_scene is None else new.static_scene.region_normal_base
+        places = NO_POINTS if held is None else held.places_base
+        up = lift(new, 1.0)
         colors = np.array([PURPLE if row.counts else ORANGE for row in rows], dtype=np.uint8)
         self.nodes.cloud(POINTS, places + LIFT_MM * up, colors.reshape(-1, 3), size_mm=SIZE_MM)
         for row, place in zip(rows, places, strict=True):

@@ -33,24 +33,20 @@ class RobotLayer(Layer):
         if q_rad is None:
             return
         name = new.session.setup.devices.robot.model
-        model = robot_model(name)
-        before = None if old is None else shown_joints(old)
-        built = self._drawn == name
-        if not built or before is None or not np.array_equal(before, q_rad):
-            for i, T_base_link in enumerate(model.joint_poses(q_rad)):
-                self.nodes.frame(f"{ROOT}/link{i}", T_base_link)
-        if not built:
+        before = None if old is None or self._drawn != name else shown_joints(old)
+        if before is None or not np.array_equal(before, q_rad):
+            for link, T_base_link in enumerate(robot_model(name).joint_poses(q_rad)):
+                self.nodes.frame(f"{ROOT}/link{link}", T_base_link)
+        if self._drawn != name:
             self._build(name)
-        if self.toggled(old, new) or not built:
-            for i in range(7):
-                self.nodes.show(f"{ROOT}/link{i}", self.shown(new))
+        for link in range(7):
+            self.nodes.show(f"{ROOT}/link{link}", self.shown(new))
 
     def _build(self, name: str) -> None:
-        for node in [
-            n for n in self.nodes.names() if n.startswith(f"{ROOT}/link") and n.count("/") > 2
-        ]:
-            self.nodes.remove(node)
+        for node in self.nodes.names():
+            if node.startswith(f"{ROOT}/link") and node.count("/") > 2:
+                self.nodes.remove(node)
         for shape in link_shapes(robot_model(name)):
-            color = (int(shape.color_rgb[0]), int(shape.color_rgb[1]), int(shape.color_rgb[2]))
-            self.nodes.mesh(f"{ROOT}/link{shape.frame}/{shape.name}", shape.mesh, color)
+            node = f"{ROOT}/link{shape.frame}/{shape.name}"
+            self.nodes.mesh(node, shape.mesh, shape.color_rgb)
         self._drawn = name

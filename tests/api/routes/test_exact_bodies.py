@@ -8,8 +8,7 @@ from typing import Literal, Union, get_args, get_origin, get_type_hints
 import pytest
 
 from rona_core.app.declarations.registry import REGISTRY
-from rona_core.app.steps.setup.contact_messages import SetContact
-from rona_core.app.steps.setup.messages import SetProbe, SetRobot, SetTracker
+from rona_core.app.steps.setup.messages import SetContact, SetProbe, SetRobot, SetTracker
 from rona_ui.api.routes.operator import PointerTurn
 from rona_ui.api.routes.sessions import FileToOpen, FileToSave, NewSession
 from rona_ui.api.routes.tracker import ToolPose, Visible

@@ -20,8 +20,8 @@ from rona_core.app.steps.setup.messages import (
     SetUseBaseMarker,
 )
 from rona_core.app.steps.surface.messages import BuildSurface, StartSurfaceCapture
+from rona_core.app.steps.tool.derivation import delay_words, measured_times_s, tracker_delay
 from rona_core.app.steps.tool.messages import RegisterTool, StartToolCapture
-from rona_core.app.steps.tool.tracker_delay import delay_words, measured_times_s, tracker_delay
 from rona_core.calibration.timing.time_offset import TimeOffset
 from rona_core.compose import new_workbench
 from rona_core.devices.settings import DeviceSettings, RobotSettings, TrackerPlace

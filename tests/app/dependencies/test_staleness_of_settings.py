@@ -30,10 +30,12 @@ from rona_core.app.steps.path.messages import StartPathCapture
 from rona_core.app.steps.pointer.messages import StartPointerCapture
 from rona_core.app.steps.roll.derivation import derive_roll
 from rona_core.app.steps.roll.messages import StartBasePlacement, StartRollSearch
-from rona_core.app.steps.setup.contact_messages import SetContact
 from rona_core.app.steps.setup.messages import (
+    AddObstacle,
     MoveTracker,
+    RemoveObstacle,
     SetBoneModel,
+    SetContact,
     SetPointer,
     SetProbe,
     SetRegion,
@@ -42,9 +44,9 @@ from rona_core.app.steps.setup.messages import (
     SetToolVisible,
     SetTracker,
     SetUseBaseMarker,
+    SetWorkcell,
     UseSimulatedSkull,
 )
-from rona_core.app.steps.setup.workcell_messages import AddObstacle, RemoveObstacle, SetWorkcell
 from rona_core.app.steps.surface.messages import StartSurfaceCapture
 from rona_core.compose import virtual_services
 from rona_core.errors import RonaError

@@ -21,8 +21,7 @@ from rona_core.app.runtime.saving.run_folder import RunFolder, dead_folders
 from rona_core.app.runtime.session_registry import MAX_OPEN
 from rona_core.app.runtime.store import Store
 from rona_core.app.steps.pointer.messages import CalibratePointer, ExcludePoses, StartPointerCapture
-from rona_core.app.steps.setup.messages import SetSeed
-from rona_core.app.steps.setup.workcell_messages import AddObstacle
+from rona_core.app.steps.setup.messages import AddObstacle, SetSeed
 from rona_core.compose import build_registry
 from rona_core.errors import InvalidInputError, NameTakenError, NotFoundError, SessionFormatError
 from rona_core.session.document import LogEntry, Session

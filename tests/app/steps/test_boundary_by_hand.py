@@ -21,7 +21,7 @@ from rona_core.app.steps.boundaries.handlers import detection_of_scan
 from rona_core.app.steps.boundaries.messages import ClearBoundaryCorrections, CorrectBoundary
 from rona_core.app.steps.maps.derivation import derive_mapping
 from rona_core.app.steps.maps.messages import StartMapping
-from rona_core.app.steps.maps.second_pass_view import second_cells, second_view
+from rona_core.app.steps.maps.view import second_cells, second_view
 from rona_core.app.steps.scan.planned_motion import joints_at, plan_of
 from rona_core.errors import InvalidInputError, StepBlockedError
 from rona_core.mapping.build_maps import boundary_points

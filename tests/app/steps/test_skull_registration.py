@@ -28,18 +28,16 @@ from rona_core.session.files import session_bytes, session_from_bytes
 from rona_core.session.specimen import SimulatedSkull
 from rona_core.virtual.specimen.build_specimen import build_specimen
 from rona_ui.panels.surface import registered as words_of
-from rona_ui.scene.surface.registered_skull import contours
+from rona_ui.scene.surface import contours
+from tests.helpers.sphere_world import boundary_meshes
 
 
 @pytest.fixture(scope="module")
 def bench(tmp_path_factory):
     """A session with a skull from a mesh, and the pointer's cloud on it."""
     truth = build_specimen(SimulatedSkull(), 4)
-    meshes = [truth.mesh(boundary, 3.0) for boundary in ("outer", "inner")]
     path = tmp_path_factory.mktemp("skull") / "head.ply"
-    trimesh.util.concatenate(
-        [trimesh.Trimesh(mesh.vertices, mesh.faces) for mesh in meshes]
-    ).export(path)
+    trimesh.util.concatenate(boundary_meshes(truth, 3.0)).export(path)
     center = tuple(map(float, truth.region.center_skull))
     skull = read_skull(
         str(path), None, None, center, 25.0, progress=lambda share: None, cancel=lambda: False

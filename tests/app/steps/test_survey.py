@@ -23,7 +23,7 @@ from rona_core.app.steps.handheld.messages import (
     StartHandheldScan,
 )
 from rona_core.app.steps.handheld.scans import hand_poses, hand_reference, posed_scans
-from rona_core.app.steps.maps import survey
+from rona_core.app.steps.maps import derivation
 from rona_core.app.steps.maps.derivation import (
     derive_detection,
     derive_second_detection,
@@ -68,7 +68,7 @@ def asked(monkeypatch):
         def spy(*given, **named):
             raise _AskedError(given, named)
 
-        monkeypatch.setattr(survey, "detect", spy)
+        monkeypatch.setattr(derivation, "detect", spy)
         with pytest.raises(_AskedError) as caught:
             derive(session, message)
         return caught.value.args
@@ -143,8 +143,12 @@ def test_detection_is_called_at_one_place_for_all_scans():
             if isinstance(called, ast.Name) and called.id == "detect":
                 callers.add(path.stem)
     # the touch-down of a scan is timed before anything is known of its poses
-    assert callers == {"survey", "probe_poses"}
-    assert [part.name for part in fields(survey.Survey)] == ["scans", "poses", "known_standoff_mm"]
+    assert callers == {"derivation", "probe_poses"}
+    assert [part.name for part in fields(derivation.Survey)] == [
+        "scans",
+        "poses",
+        "known_standoff_mm",
+    ]
 
 
 def test_a_warm_line_that_was_calibrated_is_that_of_the_scan_by_hand():

@@ -4,9 +4,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from rona_core.app.declarations.activity_context import ActivityContext
 from rona_core.app.declarations.declarations import (
     Activity,
+    ActivityContext,
     Capture,
     Command,
     Message,
@@ -14,8 +14,8 @@ from rona_core.app.declarations.declarations import (
     Step,
     StepLine,
 )
-from rona_core.app.dependencies.capture_setup import capture_setup_digest
 from rona_core.app.dependencies.inputs import capture_input, require_result, result_input
+from rona_core.app.dependencies.staleness import capture_setup_digest
 from rona_core.app.messages.outcomes import StoreCapture
 from rona_core.app.runtime.handling import compute_result
 from rona_core.app.runtime.recording import begin

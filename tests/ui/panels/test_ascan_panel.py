@@ -21,8 +21,7 @@ from rona_core.devices.live import LiveState
 from rona_core.session.document import Session
 from rona_core.session.files import load_session
 from rona_ui.panels.maps.maps import MapsPanel
-from rona_ui.panels.scan.ascan import AScanPanel
-from rona_ui.panels.scan.ascan_graph import BELOW, SERIES, ascan_data, box
+from rona_ui.panels.scan.ascan import BELOW, SERIES, AScanPanel, ascan_data, box
 from rona_ui.panels.scan.bscan_slider import FINE, HEIGHT_PX, STRIP_PX, scan_pixels
 from rona_ui.panels.widgets.panel_context import PanelContext
 from rona_ui.presentation.colors import GREEN, ORANGE, SKY

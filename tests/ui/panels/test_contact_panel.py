@@ -5,7 +5,7 @@ from types import SimpleNamespace
 
 from rona_core.app.runtime.handling import handle
 from rona_core.app.steps.scan.contact_view import ContactReport, DelayShare
-from rona_core.app.steps.setup.contact_messages import SetContact
+from rona_core.app.steps.setup.messages import SetContact
 from rona_core.session.document import Session
 from rona_ui.panels.scan.contact import ContactFields, contact_note, contact_values
 from rona_ui.panels.scan.scan import ScanPanel

@@ -23,8 +23,7 @@ from rona_core.session.document import Session
 from rona_core.session.memo import remember
 from rona_core.ultrasound.acoustic_calibration.speed_calibration import uncalibrated
 from rona_core.ultrasound.acoustic_calibration.speed_uncertainty import speed_uncertainty
-from rona_core.ultrasound.detection.ascan_curves import preview
-from rona_core.ultrasound.detection.bscan_image import ScanImage, scan_image
+from rona_core.ultrasound.detection.ascan_curves import ScanImage, preview, scan_image
 from rona_core.ultrasound.detection.detect import Detection, nominal_bone
 from rona_core.ultrasound.detection.manual_corrections import ScanName
 from rona_core.ultrasound.detection.single.front_echo import gate_us

@@ -14,7 +14,7 @@ from rona_core.app.steps.handheld.scans import (
     sono_delay_s,
     spread,
 )
-from rona_core.app.steps.maps.survey import Survey, detect_survey
+from rona_core.app.steps.maps.derivation import Survey, detect_survey
 from rona_core.calibration.handheld.tracked_probe import SonoCalibration, calibrate_sono
 from rona_core.devices.marker_geometry import GEOMETRIES
 from rona_core.devices.protocols import Cancel, Progress, never, silent

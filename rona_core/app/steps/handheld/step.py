@@ -2,19 +2,25 @@
 
 from dataclasses import replace
 
+import numpy as np
+
 from rona_core.app.declarations.declarations import (
     Activity,
+    ActivityContext,
     Capture,
     Command,
+    Message,
     Result,
     Step,
 )
 from rona_core.app.dependencies.base_reference import found_again
 from rona_core.app.dependencies.inputs import capture_input, result_input, setup_input
-from rona_core.app.runtime.computing import compute_several
-from rona_core.app.runtime.handling import compute_result
+from rona_core.app.dependencies.requirements import require_for
+from rona_core.app.dependencies.staleness import capture_setup_digest
+from rona_core.app.messages.outcomes import StoreCapture
+from rona_core.app.runtime.handling import compute_result, compute_several
+from rona_core.app.runtime.recording import begin, capture_hand
 from rona_core.app.steps.acoustics.derivation import KNOWN_LINE, KNOWN_SPEED
-from rona_core.app.steps.handheld.captures import record_calibration, record_hand_scan
 from rona_core.app.steps.handheld.derivation import (
     derive_sono,
     derive_sono_detection,
@@ -34,11 +40,112 @@ from rona_core.app.steps.setup.capture_parts import (
     specimen_part,
     tracker_part,
 )
-from rona_core.app.steps.setup.inputs import (
-    CHOOSE_REFERENCE,
-    HAND_PROBE,
-)
+from rona_core.app.steps.setup.inputs import CHOOSE_REFERENCE, HAND_PROBE
+from rona_core.devices.samples import AScan, AScanTrack, ToolTrack, TrackerFrame
+from rona_core.devices.settings import SONO
+from rona_core.errors import CancelledError
+from rona_core.session.captures import PointerCapture, SonoCapture
 from rona_core.session.document import Session
+
+PIVOT_SHARE = 0.5  # of the time of a calibration, for the progress
+
+
+def capture_sono_calibration(
+    activity: StartHandheldCalibration, session: Session, tools: ActivityContext
+) -> tuple[PointerCapture, PointerCapture | None]:
+    """Record the pivoting, then the turning; None for the second if the first was cut short."""
+    operator = tools.rig.operator
+
+    def pivot() -> float:
+        operator.hold(SONO)
+        return operator.pivot(cone_deg=activity.cone_deg, duration_s=activity.pivot_s)
+
+    def spin() -> float:
+        operator.hold(SONO)
+        return operator.spin(half_turn_deg=activity.half_turn_deg, duration_s=activity.spin_s)
+
+    first = capture_hand("sono_pivot", session, _part(tools, 0.0), pivot, tool=SONO)
+    if first.partial:
+        return first, None
+    session = replace(session, archive=(*session.archive, first))  # the next ordinal
+    return first, capture_hand("sono_spin", session, _part(tools, PIVOT_SHARE), spin, tool=SONO)
+
+
+def _part(tools: ActivityContext, start: float) -> ActivityContext:
+    """Return the tools with the progress of one half of the calibration."""
+
+    def progress(share: float) -> None:
+        tools.progress(start + PIVOT_SHARE * share)
+
+    return replace(tools, progress=progress)
+
+
+def capture_sono_scan(
+    activity: StartHandheldScan, session: Session, tools: ActivityContext
+) -> SonoCapture:
+    """Record the marker on the probe and its A-scans while it slides over the region."""
+    ordinal = begin(session, tools)
+    rig = tools.rig
+    rig.operator.hold(SONO)
+    duration_s = rig.operator.slide_probe(
+        spacing_mm=activity.spacing_mm, duration_s=activity.duration_s
+    )
+    fire_s = np.arange(0.0, duration_s, 1.0 / activity.rate_hz)
+    frame_s = np.arange(0.0, duration_s, 1.0 / session.setup.devices.tracker.rate_hz)
+    times_s = np.concatenate((frame_s, fire_s))
+    fires = np.repeat((False, True), (len(frame_s), len(fire_s)))
+    order = np.lexsort((fires, times_s))
+    frames: list[TrackerFrame] = []
+    scans: list[AScan] = []
+    partial = False
+    for time_s, fire in zip(times_s[order], fires[order], strict=True):
+        if tools.cancel():
+            partial = True
+            break
+        rig.clock.wait_until(float(time_s))
+        if fire:
+            scans.append(rig.probe.acquire())
+            tools.live.put(ascan=scans[-1], n_scans=len(scans))
+            tools.progress(len(scans) / len(fire_s))
+            continue
+        frame = rig.tracker.latest()
+        if not frames or frame.number > frames[-1].number:
+            frames.append(frame)
+            tools.live.put(frame=frame)
+    if partial and not scans:
+        raise CancelledError("stopped before the probe fired: what was recorded earlier is kept")
+    return SonoCapture(
+        ordinal=ordinal,
+        setup_digest=capture_setup_digest("sono_scan", session),
+        marker=ToolTrack.from_frames(SONO, frames),
+        scans=AScanTrack.from_scans(scans),
+        partial=partial,
+        base=ToolTrack.from_frames("basemarker", frames),
+        tracker_place=session.setup.devices.tracker.place,
+    )
+
+
+def record_calibration(
+    activity: StartHandheldCalibration, session: Session, context: ActivityContext
+) -> tuple[Message, ...]:
+    """Record pivoting and turning of the hand-held probe, then calibrate it."""
+    pivot, spin = capture_sono_calibration(activity, session, context)
+    if spin is None:
+        return (StoreCapture("sono_pivot", pivot),)
+    if spin.partial:  # the two count together
+        pivot = replace(pivot, partial=True)
+        return (StoreCapture("sono_pivot", pivot), StoreCapture("sono_spin", spin))
+    stored = (StoreCapture("sono_pivot", pivot), StoreCapture("sono_spin", spin))
+    return (*stored, CalibrateHandheldProbe())
+
+
+def record_hand_scan(
+    activity: StartHandheldScan, session: Session, context: ActivityContext
+) -> tuple[Message, ...]:
+    """Record a scan by hand."""
+    require_for(activity, session)
+    return (StoreCapture("sono_scan", capture_sono_scan(activity, session, context)),)
+
 
 PIVOT, SPIN = capture_input("sono_pivot"), capture_input("sono_spin")
 SCAN, CALIBRATION = capture_input("sono_scan"), result_input("sono")

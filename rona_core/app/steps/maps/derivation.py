@@ -5,24 +5,65 @@ from dataclasses import dataclass, replace
 from rona_core.app.dependencies.inputs import require_result
 from rona_core.app.dependencies.staleness import input_digests, stale_reason
 from rona_core.app.messages.serialization import serialize_arguments
-from rona_core.app.steps.acoustics.derivation import session_probe, with_known_speed
+from rona_core.app.steps.acoustics.derivation import first_speed, session_probe, with_known_speed
 from rona_core.app.steps.maps.messages import StartGapPlan, StartMapping
-from rona_core.app.steps.maps.survey import Survey, detect_survey
 from rona_core.app.steps.roll.derivation import plan_settings
 from rona_core.app.steps.roll.messages import StartRollSearch
 from rona_core.app.steps.scan.probe_poses import probe_poses_of
 from rona_core.devices.protocols import Cancel, Progress, never, silent
+from rona_core.devices.samples import AScanTrack
 from rona_core.errors import StepBlockedError
+from rona_core.geometry.arrays import Floats
 from rona_core.geometry.pose import Poses
 from rona_core.mapping.boundary_map import Maps
 from rona_core.mapping.build_maps import LocatedDetection, build_maps
-from rona_core.mapping.second_pass import SecondPassSettings, plan_second_pass, standoffs_mm
+from rona_core.mapping.second_pass import plan_second_pass, standoffs_mm
 from rona_core.robot.kinematics.catalog import robot_model
 from rona_core.robot.planning.plan_scan import plan_scan
 from rona_core.session.captures import ScanCapture
 from rona_core.session.document import Derived, SecondPass, Session
-from rona_core.ultrasound.detection.detect import Detection
+from rona_core.ultrasound.detection.detect import Detection, detect
 from rona_core.ultrasound.detection.manual_corrections import corrected
+from rona_core.ultrasound.probe.probe_model import ProbeSurvey
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Survey:
+    """A-scans (n), and where the probe was at each of them, in any frame that stands still."""
+
+    scans: AScanTrack
+    poses: Poses  # (n,) of the probe
+    known_standoff_mm: Floats | None = None  # (n,) to the outer boundary, see ``ProbeSurvey``
+
+
+def detect_survey(
+    session: Session,
+    survey: Survey,
+    message: StartMapping,
+    *,
+    progress: Progress,
+    cancel: Cancel,
+) -> Detection:
+    """Find both boundaries with all that the session knows of probe, line, speed and places.
+
+    Raises:
+        InvalidInputError: A-scans of another probe, or poses that are not finite.
+        CancelledError: ``cancel`` said so.
+    """
+    return detect(
+        ProbeSurvey(
+            survey.scans,
+            session_probe(session),
+            session.setup.devices.probe.excitation,
+            positions_mm=survey.poses.translations,
+            axes=survey.poses.rotations[:, :, 2],
+            known_standoff_mm=survey.known_standoff_mm,
+        ),
+        method=message.method,
+        sound_speed_mm_per_us=first_speed(message.sound_speed_mm_per_us),
+        progress=progress,
+        cancel=cancel,
+    )
 
 
 def derive_detection(
@@ -97,11 +138,10 @@ def derive_second(
         StepBlockedError: there is no gap worth a scan.
     """
     detection = require_result(session.results.detection, "detect the boundaries").value
-    settings = SecondPassSettings(message.spacing_mm, message.fan, message.largest_lean_deg)
     way = plan_second_pass(
         derive_maps(session, StartMapping(), first_only=True),
         detection.sound_speed_mm_per_us,
-        settings,
+        message,
     )
     if way is None:
         raise StepBlockedError(

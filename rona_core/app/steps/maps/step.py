@@ -4,17 +4,20 @@ from dataclasses import replace
 
 from rona_core.app.declarations.declarations import (
     Activity,
+    ActivityContext,
     Capture,
     Input,
+    Message,
     Result,
     Step,
     StepLine,
 )
 from rona_core.app.dependencies.inputs import capture_input, result_input, setup_input
+from rona_core.app.dependencies.requirements import require_for
 from rona_core.app.dependencies.step_states import partial_reason
-from rona_core.app.runtime.computing import compute_one, compute_several
+from rona_core.app.messages.outcomes import StoreCapture
+from rona_core.app.runtime.handling import compute_one, compute_several
 from rona_core.app.steps.acoustics.derivation import KNOWN_LINE, KNOWN_SPEED
-from rona_core.app.steps.maps.captures import record_gap_scan
 from rona_core.app.steps.maps.derivation import (
     derive_detection,
     derive_mapping,
@@ -23,6 +26,7 @@ from rona_core.app.steps.maps.derivation import (
     derive_second_detection,
 )
 from rona_core.app.steps.maps.messages import StartGapPlan, StartGapScan, StartMapping
+from rona_core.app.steps.scan.captures import capture_scan
 from rona_core.app.steps.setup.capture_parts import (
     bone_and_probe_part,
     contact_part,
@@ -31,12 +35,17 @@ from rona_core.app.steps.setup.capture_parts import (
     robot_part,
     specimen_part,
 )
-from rona_core.app.steps.setup.inputs import (
-    DRIVEN,
-    MODEL,
-    PROBE,
-)
+from rona_core.app.steps.setup.inputs import DRIVEN, MODEL, PROBE
 from rona_core.session.document import Session
+
+
+def record_gap_scan(
+    activity: StartGapScan, session: Session, context: ActivityContext
+) -> tuple[Message, ...]:
+    """Record the second pass along its certified plan."""
+    require_for(activity, session)
+    return (StoreCapture("second", capture_scan(session, context, "second")),)
+
 
 SCAN_CAPTURE, SECOND_CAPTURE = capture_input("scan"), capture_input("second")
 SURFACE, DETECTION = result_input("surface"), result_input("detection")

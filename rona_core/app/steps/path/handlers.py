@@ -9,8 +9,8 @@ from numpy.typing import ArrayLike
 from rona_core.app.dependencies.inputs import require_result
 from rona_core.app.dependencies.requirements import require_inputs
 from rona_core.app.dependencies.staleness import stale_reason
+from rona_core.app.messages.message import Point
 from rona_core.app.messages.serialization import message_from
-from rona_core.app.messages.session_messages import Point
 from rona_core.app.runtime.handling import compute_result
 from rona_core.app.steps.path.messages import (
     BuildPath,

@@ -2,16 +2,20 @@
 
 from rona_core.app.declarations.declarations import (
     Activity,
+    ActivityContext,
     Capture,
     Command,
+    Message,
     Result,
     Step,
     StepLine,
 )
 from rona_core.app.dependencies.base_reference import carried_remark, found_again, placed_reason
 from rona_core.app.dependencies.inputs import capture_input, result_input, setup_input
+from rona_core.app.dependencies.requirements import require_for
 from rona_core.app.dependencies.step_states import stopped_early
-from rona_core.app.steps.path.captures import record_path
+from rona_core.app.messages.outcomes import StoreCapture
+from rona_core.app.runtime.recording import capture_stroke
 from rona_core.app.steps.path.derivation import derive_path, derive_pattern, is_pattern
 from rona_core.app.steps.path.handlers import change_path, compute_path
 from rona_core.app.steps.path.messages import (
@@ -31,7 +35,35 @@ from rona_core.app.steps.setup.capture_parts import (
     tracker_part,
 )
 from rona_core.app.steps.setup.inputs import CHOOSE_REFERENCE, RADIUS
+from rona_core.session.captures import PointerCapture
 from rona_core.session.document import Session
+
+
+def capture_path(
+    activity: StartPathCapture, session: Session, tools: ActivityContext
+) -> PointerCapture:
+    """Record the pointer marker while the pointer demonstrates the scan path."""
+    return capture_stroke(
+        "path",
+        session,
+        tools,
+        activity.picks_base_mm,
+        activity.duration_s,
+        lambda: tools.rig.operator.draw(
+            spacing_mm=activity.spacing_mm, duration_s=activity.duration_s
+        ),
+    )
+
+
+def record_path(
+    activity: StartPathCapture, session: Session, context: ActivityContext
+) -> tuple[Message, ...]:
+    """Record the demonstration, then build the path."""
+    require_for(activity, session)
+    capture = capture_path(activity, session, context)
+    stored = StoreCapture("path", capture)
+    return (stored,) if capture.partial else (stored, BuildPath())
+
 
 PATH_CAPTURE, PATH = capture_input("path"), result_input("path")
 TOOL, POINTER, SURFACE = result_input("tool"), result_input("pointer"), result_input("surface")

@@ -1,11 +1,23 @@
 """Roll: motion planning over the free angle about the probe, and placement of the base."""
 
-from rona_core.app.declarations.declarations import Activity, Command, Result, Step, StepLine
-from rona_core.app.dependencies.inputs import result_input
-from rona_core.app.runtime.computing import compute_one
-from rona_core.app.steps.roll.base_placement import derive_placement
-from rona_core.app.steps.roll.derivation import derive_roll
-from rona_core.app.steps.roll.handlers import apply_base_placement, choose_roll, recompute_roll
+from dataclasses import replace
+
+from rona_core.app.declarations.declarations import (
+    Activity,
+    Arguments,
+    Command,
+    Result,
+    Step,
+    StepLine,
+)
+from rona_core.app.dependencies.inputs import require_result, result_input
+from rona_core.app.dependencies.requirements import require_inputs
+from rona_core.app.dependencies.staleness import stale_reason
+from rona_core.app.messages.message import values_of
+from rona_core.app.messages.serialization import message_from
+from rona_core.app.runtime.handling import compute_one
+from rona_core.app.steps.roll.base_placement import derive_placement, require_move
+from rona_core.app.steps.roll.derivation import derive_chosen_roll, derive_roll
 from rona_core.app.steps.roll.messages import (
     ApplyBasePlacement,
     ChooseRoll,
@@ -14,8 +26,48 @@ from rona_core.app.steps.roll.messages import (
 )
 from rona_core.app.steps.roll.plan_reasons import plan_reason, roll_summary
 from rona_core.app.steps.setup.inputs import BASE, DRIVEN
+from rona_core.app.steps.setup.messages import SetRobot
+from rona_core.app.steps.setup.step import set_robot
 from rona_core.app.steps.tool.messages import StartRobotMove
 from rona_core.app.steps.tool.robot_motion import drive_robot
+from rona_core.devices.protocols import Cancel, Progress
+from rona_core.errors import StaleResultError
+from rona_core.robot.planning.plan import RobotPlan
+from rona_core.session.document import Derived, Session
+
+
+def apply_base_placement(message: ApplyBasePlacement, session: Session) -> Session:
+    """Carry out `ApplyBasePlacement`."""
+    require_inputs(type(message), session)
+    reason = stale_reason("placement", session)
+    if reason is not None:
+        raise StaleResultError(f"{reason}: look for a place of the base again (step 7)")
+    robot = require_move(session, message.place)
+    return set_robot(SetRobot(**values_of(robot, SetRobot)), session)
+
+
+def choose_roll(message: ChooseRoll, session: Session) -> Session:
+    """Carry out `ChooseRoll`."""
+    require_inputs(type(message), session)
+    searched: Derived[RobotPlan] = require_result(session.results.roll, "plan the motion (step 7)")
+    plan = derive_chosen_roll(session, searched.value, message.index, message.branch)
+    arguments = {**searched.arguments, "chosen": message.index, "branch": message.branch}
+    made = Derived(plan, searched.message, arguments, searched.inputs)
+    return replace(session, results=replace(session.results, roll=made))
+
+
+def recompute_roll(
+    session: Session, arguments: Arguments, progress: Progress, cancel: Cancel
+) -> RobotPlan:
+    """Search again, and take again the roll that somebody chose after the search."""
+    asked = dict(arguments)
+    chosen, branch = asked.pop("chosen", None), asked.pop("branch", None)
+    message = message_from(StartRollSearch.__name__, asked)
+    plan = derive_roll(session, message, progress=progress, cancel=cancel)
+    if not isinstance(chosen, int):
+        return plan
+    return derive_chosen_roll(session, plan, chosen, branch if isinstance(branch, int) else None)
+
 
 SMOOTHING, ROLL, PLACEMENT = (result_input(name) for name in ("smoothing", "roll", "placement"))
 

@@ -7,8 +7,8 @@ from numpy.typing import NDArray
 
 from rona_core.geometry.arrays import Bools, Floats, Ints, readonly
 from rona_core.geometry.pose import Pose, Poses
+from rona_core.robot.kinematics.arm import BRANCHES
 from rona_core.robot.kinematics.catalog import robot_model
-from rona_core.robot.kinematics.ik_solutions import BRANCHES
 from rona_core.robot.planning.plan import RobotPlan
 from rona_core.robot.redundancy.result import RollVerdict
 from rona_core.session.document import Session

@@ -5,18 +5,15 @@ from typing import Literal
 
 import numpy as np
 
-from rona_core.app.declarations.activity_context import ActivityContext
-from rona_core.app.declarations.declarations import Message
-from rona_core.app.dependencies.capture_setup import capture_setup_digest
+from rona_core.app.declarations.declarations import ActivityContext, Message
 from rona_core.app.dependencies.requirements import require_for
-from rona_core.app.dependencies.staleness import session_obstacles
+from rona_core.app.dependencies.staleness import capture_setup_digest, session_obstacles
 from rona_core.app.messages.outcomes import StoreCapture
 from rona_core.app.runtime.recording import begin, finish
 from rona_core.app.steps.scan.force_controlled_scan import ContactLoop
 from rona_core.app.steps.scan.messages import StartScan
 from rona_core.app.steps.scan.payload_identification import identify_payload
-from rona_core.app.steps.tool.certified_moves import require_certified
-from rona_core.app.steps.tool.robot_motion import STOPPED, drive_to
+from rona_core.app.steps.tool.robot_motion import STOPPED, drive_to, require_certified
 from rona_core.devices.samples import AScan, AScanTrack, JointSample, JointTrack
 from rona_core.devices.settings import ContactSettings
 from rona_core.devices.wrench import ForceTrack

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from rona_core.app.declarations.activity_context import ActivityContext
+from rona_core.app.declarations.declarations import ActivityContext
 from rona_core.devices.samples import AScan, JointSample
 from rona_core.devices.settings import ContactSettings
 from rona_core.devices.wrench import (

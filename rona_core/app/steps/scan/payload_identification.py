@@ -2,8 +2,8 @@
 
 import numpy as np
 
-from rona_core.app.declarations.activity_context import ActivityContext
-from rona_core.app.steps.tool.certified_moves import FreeMoves
+from rona_core.app.declarations.declarations import ActivityContext
+from rona_core.app.steps.tool.robot_motion import FreeMoves
 from rona_core.devices.wrench import ToolLoad
 from rona_core.errors import CancelledError, DegenerateGeometryError, NotReachableError
 from rona_core.geometry.arrays import Floats

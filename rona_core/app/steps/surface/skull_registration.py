@@ -16,12 +16,7 @@ from rona_core.geometry.arrays import Floats, Vector3
 from rona_core.geometry.pose import Pose
 from rona_core.session.document import Session
 from rona_core.session.specimen import LoadedSkull
-from rona_core.surface.icp import (
-    Closest,
-    SurfaceRegistration,
-    point_surface,
-    register_surface,
-)
+from rona_core.surface.icp import Closest, SurfaceRegistration, point_surface, register_surface
 
 NORMAL_PATCH_MM = 10.0  # over which the normals at the middle of the region are averaged
 COARSE_POINTS = 300  # of the cloud, while the turns are tried

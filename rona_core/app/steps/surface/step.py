@@ -1,18 +1,24 @@
 """Surface: point cloud of the skull, and where a loaded skull lies under it."""
 
+from dataclasses import replace
+
 from rona_core.app.declarations.declarations import (
     Activity,
+    ActivityContext,
     Capture,
     Command,
+    Message,
     Result,
     Step,
     StepLine,
 )
 from rona_core.app.dependencies.base_reference import carried_remark, found_again, placed_reason
 from rona_core.app.dependencies.inputs import capture_input, result_input, setup_input
+from rona_core.app.dependencies.requirements import require_for
 from rona_core.app.dependencies.step_states import stopped_early
-from rona_core.app.runtime.computing import compute_one
-from rona_core.app.runtime.handling import compute_result
+from rona_core.app.messages.outcomes import StoreCapture
+from rona_core.app.runtime.handling import compute_one, compute_result
+from rona_core.app.runtime.recording import capture_stroke
 from rona_core.app.steps.setup.capture_parts import (
     pointer_part,
     robot_part,
@@ -20,9 +26,7 @@ from rona_core.app.steps.setup.capture_parts import (
     tracker_part,
 )
 from rona_core.app.steps.setup.inputs import CHOOSE_REFERENCE, REGION, SKULL
-from rona_core.app.steps.surface.captures import record_surface
 from rona_core.app.steps.surface.derivation import derive_surface
-from rona_core.app.steps.surface.handlers import clear_surface, place_stroke
 from rona_core.app.steps.surface.messages import (
     BuildSurface,
     ClearSurface,
@@ -30,7 +34,43 @@ from rona_core.app.steps.surface.messages import (
     StartSurfaceCapture,
 )
 from rona_core.app.steps.surface.skull_registration import derive_registration, require_loaded
+from rona_core.session.captures import PointerCapture
 from rona_core.session.document import Session
+
+
+def capture_surface(
+    activity: StartSurfaceCapture, session: Session, tools: ActivityContext
+) -> PointerCapture:
+    """Record the pointer marker while the pointer slides over the skull."""
+    return capture_stroke(
+        "surface",
+        session,
+        tools,
+        activity.picks_base_mm,
+        activity.duration_s,
+        lambda: tools.rig.operator.sweep(duration_s=activity.duration_s),
+    )
+
+
+def record_surface(
+    activity: StartSurfaceCapture, session: Session, context: ActivityContext
+) -> tuple[Message, ...]:
+    """Record a stroke over the skull, then build the cloud."""
+    require_for(activity, session)
+    capture = capture_surface(activity, session, context)
+    stored = StoreCapture("surface", capture, activity.append)
+    return (stored,) if capture.partial else (stored, BuildSurface())
+
+
+def clear_surface(message: ClearSurface, session: Session) -> Session:
+    """Carry out `ClearSurface`."""
+    return replace(session, captures=replace(session.captures, surface=()))
+
+
+def place_stroke(session: Session, capture: PointerCapture, append: bool) -> object:
+    """Return the strokes after another one, which replaces the earlier ones or adds to them."""
+    return (*(session.captures.surface if append else ()), capture)
+
 
 SURFACE_CAPTURE, SURFACE = capture_input("surface"), result_input("surface")
 TOOL, POINTER = result_input("tool"), result_input("pointer")

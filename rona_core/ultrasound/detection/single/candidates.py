@@ -17,15 +17,15 @@ from rona_core.ultrasound.detection.single.inner_echo import (
     Candidates,
     find_candidates,
     inner_grid_mm,
+    merged_levels,
 )
 from rona_core.ultrasound.detection.single.matched_filter import (
     Template,
     quiet_template,
     trace_spectra,
 )
-from rona_core.ultrasound.detection.single.thin_bone import merged_levels
 from rona_core.ultrasound.probe.materials import Complexes, Material
-from rona_core.ultrasound.probe.survey import ProbeSurvey
+from rona_core.ultrasound.probe.probe_model import ProbeSurvey
 
 BLOCK = 256  # A-scans at a time
 
@@ -41,7 +41,7 @@ class Echoes:
     candidates: Candidates
     log_likelihood: Floats  # (n, m) ratio for an inner echo at each depth of `inner_grid_mm`
     snr: Floats  # (n, m) level over the noise there
-    merged: Floats  # (n,) level of what follows the front at once, see `thin_bone.py`
+    merged: Floats  # (n,) level of what follows the front at once, see `inner_echo.py`
 
 
 def search_echoes(

@@ -7,7 +7,6 @@ from scipy.spatial import KDTree
 from rona_core.devices.protocols import Mesh
 from rona_core.errors import InvalidInputError
 from rona_core.geometry.arrays import (
-    Bools,
     Floats,
     as_points,
     as_unit_vectors,
@@ -15,7 +14,7 @@ from rona_core.geometry.arrays import (
     readonly,
 )
 from rona_core.session.specimen import LoadedSkull
-from rona_core.virtual.specimen.boundaries import Boundary, Region, boundary_index
+from rona_core.virtual.specimen.boundaries import Region
 from rona_core.virtual.specimen.imported.distance_field import RIM_NODES, BoneField
 from rona_core.virtual.specimen.imported.region_choice import GAP_MM
 from rona_core.virtual.specimen.simulated.layer_radii import diploe_share, layer_depths
@@ -37,8 +36,7 @@ class LoadedSpecimen:
     ) -> None:
         self._skull = skull
         self._field = BoneField(skull)
-        self._sheets: dict[int, tuple[Floats, Bools]] = {}
-        self._trees: dict[int, tuple[KDTree, Floats]] = {}
+        self._tree: tuple[KDTree, Floats] | None = None
         self.region = self._region(skull, center_skull, radius_mm)
 
     @property
@@ -111,14 +109,9 @@ class LoadedSpecimen:
             raise InvalidInputError(f"{len(o)} origins need as many directions, not {len(d)}")
         return o, d
 
-    def ray(
-        self, origins_skull: ArrayLike, directions_skull: ArrayLike, boundary: Boundary = "outer"
-    ) -> Floats:
-        """Return the distance (n,) to a boundary along each ray; inf where missed."""
-        k = boundary_index(boundary)
-        if k == 0:
-            return self._first(*self._rays(origins_skull, directions_skull))
-        return self.layers(origins_skull, directions_skull)[:, k].copy()
+    def ray(self, origins_skull: ArrayLike, directions_skull: ArrayLike) -> Floats:
+        """Return the distance (n,) to the outer boundary along each ray; inf where missed."""
+        return self._first(*self._rays(origins_skull, directions_skull))
 
     def layers(self, origins_skull: ArrayLike, directions_skull: ArrayLike) -> Floats:
         """Return the distances (n, 4) of the four boundaries along each ray."""
@@ -138,9 +131,9 @@ class LoadedSpecimen:
         o, d = self._rays(points_skull, directions_skull)
         return self._last_exit(o, d, np.zeros(len(o)))
 
-    def _sheet(self, k: int) -> tuple[Floats, Bools]:
-        """Return boundary points (a, b, 3) under a lattice on top, and which exist (a, b)."""
-        if k not in self._sheets:
+    def _outer_samples(self) -> tuple[KDTree, Floats]:
+        """Return points (n, 3) of the outer boundary under a lattice on top, and their tree."""
+        if self._tree is None:
             axes, spacing = self._skull.axes_skull, self._skull.spacing_mm
             sides = [
                 np.arange(RIM_NODES, high + 1e-9, SHEET_NODES) for high in self._field.high[:2]
@@ -149,72 +142,23 @@ class LoadedSpecimen:
             places = np.stack((a, b, np.full_like(a, self._field.high[2])), axis=-1).reshape(-1, 3)
             o = self._skull.origin_skull + spacing * places @ axes.T
             d = np.repeat(-axes[:, 2][None], len(o), axis=0)
-            t = self.layers(o, d)
-            for number, column in enumerate(t.T):
-                valid = np.isfinite(column)
-                points = o + np.where(valid, column, 0.0)[:, None] * d
-                self._sheets[number] = points.reshape(*a.shape, 3), valid.reshape(a.shape)
-        return self._sheets[k]
+            t = self.ray(o, d)
+            valid = np.isfinite(t)
+            points = o[valid] + t[valid, None] * d[valid]
+            self._tree = KDTree(points), points
+        return self._tree
 
-    def _foot(self, q: Floats, k: int) -> Floats:
-        """Return the nearest point (n, 3) of the outer (0) or inner (3) boundary."""
-        if k not in self._trees:
-            points, valid = self._sheet(k)
-            self._trees[k] = KDTree(points[valid]), points[valid]
-        tree, samples = self._trees[k]
+    def closest(self, points_skull: ArrayLike) -> Floats:
+        """Return the nearest point (n, 3) of the outer boundary to each point near it."""
+        q = as_points(points_skull, name="points_skull")
+        tree, samples = self._outer_samples()
         return self._field.foot(q, samples[tree.query(q)[1]])
 
-    def closest(self, points_skull: ArrayLike, boundary: Boundary = "outer") -> Floats:
-        """Return the nearest point (n, 3) of a boundary to each point near it.
+    def normal(self, points_skull: ArrayLike) -> Floats:
+        """Return the outward unit normals (n, 3) at points on or near the outer boundary."""
+        return self._field.unit_gradient(as_points(points_skull, name="points_skull"))
 
-        The two boundaries of the diploe run between the others: their point is taken below the
-        nearest point of the outer boundary, along its inward normal.
-        """
-        q = as_points(points_skull, name="points_skull")
-        k = boundary_index(boundary)
-        if k in (0, 3):
-            return self._foot(q, k)
-        outer = self._foot(q, 0)
-        inward = -self._field.unit_gradient(outer)
-        depth = self.layers(outer - SKIN_MM * inward, inward)[:, k] - SKIN_MM
-        if not np.isfinite(depth).all():
-            raise InvalidInputError("the bone has no inner boundary here: ask nearer to the region")
-        return outer + depth[:, None] * inward
-
-    def normal(self, points_skull: ArrayLike, boundary: Boundary = "outer") -> Floats:
-        """Return the outward unit normals (n, 3) at points on or near a boundary."""
-        q = as_points(points_skull, name="points_skull")
-        k = boundary_index(boundary)
-        if k == 0:
-            return self._field.unit_gradient(q)
-        if k == 3:
-            return -self._field.unit_gradient(q)
-        outer = self._field.unit_gradient(self._foot(q, 0))
-        inner = -self._field.unit_gradient(self._foot(q, 3))
-        blend = (3 - k) * outer + k * inner
-        return blend / np.linalg.norm(blend, axis=1, keepdims=True)
-
-    def mesh(self, boundary: Boundary = "outer", edge_mm: float = 3.0) -> Mesh:
-        """Return triangles for the eye: the whole skull as stored, or a boundary near the region.
-
-        The stored mesh has its own edge length; ``edge_mm`` applies to the other boundaries.
-        """
-        if not 0.5 <= edge_mm <= 30.0:
-            raise InvalidInputError(f"edge_mm must be 0.5 to 30, not {edge_mm}")
-        k = boundary_index(boundary)
-        if k == 0:
-            vertices = self._skull.mesh_vertices_skull.astype(np.float64)
-            return Mesh(readonly(vertices), readonly(self._skull.mesh_faces.astype(np.int64)))
-        points, valid = self._sheet(k)
-        stride = max(1, round(edge_mm / (SHEET_NODES * self._skull.spacing_mm)))
-        points, valid = points[::stride, ::stride], valid[::stride, ::stride]
-        numbers = np.arange(valid.size).reshape(valid.shape)
-        corners = [
-            part.ravel()
-            for part in (numbers[:-1, :-1], numbers[1:, :-1], numbers[1:, 1:], numbers[:-1, 1:])
-        ]
-        quads = np.stack(corners, axis=1)
-        quads = quads[valid.ravel()[quads].all(axis=1)]
-        faces = np.concatenate((quads[:, (0, 1, 2)], quads[:, (0, 2, 3)]))
-        used, faces = np.unique(faces, return_inverse=True)
-        return Mesh(readonly(points.reshape(-1, 3)[used]), readonly(faces.reshape(-1, 3)))
+    def mesh(self, edge_mm: float = 3.0) -> Mesh:
+        """Return triangles of the whole skull for the eye; they were made when it was imported."""
+        vertices = self._skull.mesh_vertices_skull.astype(np.float64)
+        return Mesh(readonly(vertices), readonly(self._skull.mesh_faces.astype(np.int64)))

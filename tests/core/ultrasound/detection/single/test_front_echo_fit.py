@@ -7,12 +7,12 @@ import pytest
 
 from benchmarks.reference.echo_timing import spectrum_bound
 from rona_core.ultrasound.detection.detect import nominal_bone
-from rona_core.ultrasound.detection.single.front_echo import fronts_at
-from rona_core.ultrasound.detection.single.front_echo_fit import (
+from rona_core.ultrasound.detection.single.front_echo import (
     SHAPE_FLOOR,
     Rest,
     front_shapes,
     front_times,
+    fronts_at,
     products,
     without_gap,
 )

@@ -4,7 +4,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from rona_core.errors import InvalidInputError
-from rona_core.ultrasound.detection.spatial.neighbour_graph import (
+from rona_core.ultrasound.detection.spatial.neighbours import (
     DIRECTIONS,
     REACH_MM,
     line_links,
