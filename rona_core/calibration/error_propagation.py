@@ -12,8 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
-from rona_core.calibration.tracking_error.marker_noise import MarkerNoise
-from rona_core.calibration.tracking_error.poses_with_covariance import fit_covariances
+from rona_core.calibration.tracking_error import MarkerNoise, fit_covariances
 from rona_core.errors import InvalidInputError
 from rona_core.geometry.arrays import Floats, Vector3, as_points, as_vector3, readonly
 from rona_core.geometry.pose import Pose, Poses

@@ -3,7 +3,7 @@
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from rona_core.calibration.tracking_error.marker_noise import MarkerNoise
+from rona_core.calibration.tracking_error import MarkerNoise
 from rona_core.geometry.pose import Poses
 from rona_core.geometry.rigid_fit import fit_line_many, fit_rigid_many
 

@@ -5,8 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from rona_core.calibration.tracking_error.marker_noise import MarkerNoise
-from rona_core.calibration.tracking_error.poses_with_covariance import fit_covariances
+from rona_core.calibration.tracking_error import MarkerNoise, fit_covariances
 from rona_core.geometry.arrays import Floats
 from rona_core.geometry.pose import Pose, Poses
 from rona_core.geometry.pose_covariance import cross_matrices, rotation_vectors

@@ -23,7 +23,7 @@ from rona_core.calibration.hand_eye.residuals import observe
 from rona_core.calibration.pivot.pivot_calibration import as_keep
 from rona_core.calibration.pivot.sphere_fit import cap_half_angle_deg
 from rona_core.calibration.timing.time_offset import TimeOffset
-from rona_core.calibration.tracking_error.marker_noise import MarkerNoise
+from rona_core.calibration.tracking_error import MarkerNoise
 from rona_core.errors import InvalidInputError
 from rona_core.geometry.arrays import Bools, Floats, Ints, readonly
 from rona_core.geometry.pose import Pose, Poses

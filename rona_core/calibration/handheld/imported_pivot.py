@@ -11,7 +11,7 @@ import numpy as np
 from rona_core.calibration.handheld.pointer import MIN_POSES
 from rona_core.calibration.pivot.pivot_calibration import PivotFit, PivotMethod, solve_pivot
 from rona_core.calibration.pivot.quality import Verdict
-from rona_core.calibration.tracking_error.marker_noise import EVEN
+from rona_core.calibration.tracking_error import EVEN
 from rona_core.errors import DegenerateGeometryError, InvalidInputError
 from rona_core.geometry.arrays import Floats, Vector3
 from rona_core.geometry.pose import Poses

@@ -7,7 +7,7 @@ from numpy.typing import ArrayLike
 
 from rona_core.calibration.pivot.pivot_calibration import PivotMethod, RejectedPose, solve_pivot
 from rona_core.calibration.pivot.quality import Verdict
-from rona_core.calibration.tracking_error.marker_noise import MarkerNoise
+from rona_core.calibration.tracking_error import MarkerNoise
 from rona_core.geometry.arrays import Bools, Floats, Vector3, readonly
 from rona_core.geometry.pose import Poses
 

@@ -20,8 +20,7 @@ from rona_core.calibration.pivot.quality import (
     judge_pivot,
 )
 from rona_core.calibration.pivot.sphere_fit import fit_sphere
-from rona_core.calibration.tracking_error.marker_noise import MarkerNoise
-from rona_core.calibration.tracking_error.poses_with_covariance import tracked_from_poses
+from rona_core.calibration.tracking_error import MarkerNoise, tracked_from_poses
 from rona_core.errors import DegenerateGeometryError, InvalidInputError
 from rona_core.geometry.arrays import Bools, Floats, Vector3, readonly
 from rona_core.geometry.pose import Poses

@@ -10,8 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from rona_core.calibration.pivot.maximum_likelihood import tip_information
-from rona_core.calibration.tracking_error.marker_noise import MarkerNoise
-from rona_core.calibration.tracking_error.poses_with_covariance import tracked_from_poses
+from rona_core.calibration.tracking_error import MarkerNoise, tracked_from_poses
 from rona_core.errors import DegenerateGeometryError, InvalidInputError
 from rona_core.geometry.arrays import Floats, Vector3, as_vector3, readonly
 from rona_core.geometry.pose import Pose, Poses

@@ -14,7 +14,7 @@ from rona_core.calibration.hand_eye.residuals import (
     residuals,
     robot_covariances,
 )
-from rona_core.calibration.tracking_error.marker_noise import EVEN, MarkerNoise
+from rona_core.calibration.tracking_error import EVEN, MarkerNoise
 from rona_core.errors import DegenerateGeometryError, InvalidInputError
 from rona_core.geometry.pose import Pose, Poses
 from rona_core.geometry.pose_covariance import (

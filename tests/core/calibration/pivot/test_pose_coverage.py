@@ -9,7 +9,7 @@ from rona_core.calibration.pivot.pose_coverage import (
     next_best_pose,
     swing_coverage,
 )
-from rona_core.calibration.tracking_error.marker_noise import MarkerNoise
+from rona_core.calibration.tracking_error import MarkerNoise
 from rona_core.errors import DegenerateGeometryError, InvalidInputError
 from rona_core.geometry.pose import Poses
 from tests.helpers.pivots import GEOMETRY, TIPS, pose_sweep

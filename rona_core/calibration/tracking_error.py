@@ -1,4 +1,4 @@
-"""Poses of a tracked body with the covariance of their errors.
+"""Error of single markers, and the covariance of the poses that a tracker fits to them.
 
 The tracker fits a pose to the markers without weights, so the error of that pose follows from the
 error S of one marker through the pseudo-inverse of J_k = (-[r_k]x, 1): cov = J+ S J+'. In the axes
@@ -12,7 +12,6 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
-from rona_core.calibration.tracking_error.marker_noise import MarkerNoise
 from rona_core.errors import DegenerateGeometryError, InvalidInputError
 from rona_core.geometry.arrays import Floats, Vector3, as_points, readonly
 from rona_core.geometry.pose import Poses
@@ -22,6 +21,39 @@ MIN_SPREAD = 0.02  # second over first width of 6D markers; first width in mm is
 MIN_WIDTH_MM = 1.0
 MAX_OFF_LINE_MM = 1e-3
 COLLINEAR_MM = 1e-6  # markers closer than this to one line are on it
+MAX_DEPTH_RATIO = 20.0
+
+
+@dataclass(frozen=True, slots=True)
+class MarkerNoise:
+    """White error of one marker in the frame ``tracker``, whose z axis is the depth.
+
+    A stereo tracker measures depth worst, by about twice the distance over the baseline.
+    """
+
+    depth_ratio: float = 3.0  # deviation along z over that along x or y
+    sigma_mm: float | None = None  # 3D RMS of one marker; None: taken from the residuals
+
+    def __post_init__(self) -> None:
+        """Check the values.
+
+        Raises:
+            InvalidInputError: a ratio outside 1 to 20, or a deviation that is not positive.
+        """
+        if not 1.0 <= self.depth_ratio <= MAX_DEPTH_RATIO:
+            raise InvalidInputError(
+                f"depth_ratio must be 1 to {MAX_DEPTH_RATIO:g}, not {self.depth_ratio}"
+            )
+        if self.sigma_mm is not None and not 0.0 < self.sigma_mm < np.inf:
+            raise InvalidInputError(f"sigma_mm must be positive, not {self.sigma_mm}")
+
+    def shape(self) -> Floats:
+        """Return the deviations (3,) along tracker x, y, z for a 3D RMS of 1."""
+        shares = np.array((1.0, 1.0, self.depth_ratio))
+        return readonly(shares / np.linalg.norm(shares))
+
+
+EVEN = MarkerNoise(depth_ratio=1.0)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
