@@ -77,7 +77,7 @@ def test_pages_that_code_names_exist():
 
 
 def suffixes(path):
-    """Return the ways to name a file: `pivot/result.py` is as good as its whole path."""
+    """Return the ways to name a file: `pivot/quality.py` is as good as its whole path."""
     parts = path.relative_to(ROOT).parts
     return {"/".join(parts[k:]) for k in range(len(parts))}
 

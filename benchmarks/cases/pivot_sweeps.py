@@ -17,10 +17,10 @@ from scipy.stats import chi2
 
 from benchmarks.metric import Metric, Progress, cpu_ms
 from rona_core.calibration.handheld.pointer import PointerCalibration, calibrate_pointer
-from rona_core.calibration.tracking_error.marker_noise import MarkerNoise
+from rona_core.calibration.tracking_error import MarkerNoise
 from rona_core.geometry.arrays import Floats
-from rona_core.geometry.batch_fit import fit_line_many, fit_rigid_many
 from rona_core.geometry.pose import Poses
+from rona_core.geometry.rigid_fit import fit_line_many, fit_rigid_many
 
 TRIALS = 300
 SIGMA_MM = 0.35

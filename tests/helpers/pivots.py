@@ -3,9 +3,9 @@
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from rona_core.calibration.tracking_error.marker_noise import MarkerNoise
-from rona_core.geometry.batch_fit import fit_line_many, fit_rigid_many
+from rona_core.calibration.tracking_error import MarkerNoise
 from rona_core.geometry.pose import Poses
+from rona_core.geometry.rigid_fit import fit_line_many, fit_rigid_many
 
 GEOMETRY = {
     6: np.array([[-45.0, -28, 0], [43, -34, 0], [36, 31, 0], [-34, 33, 0]]),

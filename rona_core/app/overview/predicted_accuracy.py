@@ -15,7 +15,7 @@ from rona_core.app.steps.acoustics.thickness_uncertainty import thickness_shares
 from rona_core.calibration.error_propagation import MapSetup, predict_map_error
 from rona_core.calibration.hand_eye.tool_registration import ToolRegistration
 from rona_core.calibration.handheld.pointer import PointerCalibration
-from rona_core.calibration.tracking_error.marker_noise import MarkerNoise
+from rona_core.calibration.tracking_error import MarkerNoise
 from rona_core.devices.marker_geometry import GEOMETRIES
 from rona_core.devices.tracker_volumes import ACCURACY_MM
 from rona_core.geometry.arrays import Floats

@@ -9,10 +9,9 @@ from typing import get_args
 import numpy as np
 
 from rona_core.calibration.handheld.pointer import MIN_POSES
-from rona_core.calibration.pivot.pivot_calibration import PivotMethod, solve_pivot
+from rona_core.calibration.pivot.pivot_calibration import PivotFit, PivotMethod, solve_pivot
 from rona_core.calibration.pivot.quality import Verdict
-from rona_core.calibration.pivot.result import PivotFit
-from rona_core.calibration.tracking_error.marker_noise import EVEN
+from rona_core.calibration.tracking_error import EVEN
 from rona_core.errors import DegenerateGeometryError, InvalidInputError
 from rona_core.geometry.arrays import Floats, Vector3
 from rona_core.geometry.pose import Poses
@@ -71,11 +70,6 @@ def calibrate_recorded_pivot(
         fit = _solve(Ts_tracker_marker, dof, known[0], geometry_marker)
     except DegenerateGeometryError as error:
         return _refused(str(error), n)
-    if dof == 5 and fit.tip_marker[2] <= 0.0:
-        return _refused(
-            f"the tip lies {-fit.tip_marker[2]:.1f} mm behind the markers: z must point to the tip",
-            n,
-        )
     n_used = int(fit.used.sum())
     return RecordedPivotCalibration(
         verdict=fit.verdict,

@@ -5,11 +5,9 @@ from typing import Literal
 
 from numpy.typing import ArrayLike
 
-from rona_core.calibration.pivot.pivot_calibration import PivotMethod, solve_pivot
+from rona_core.calibration.pivot.pivot_calibration import PivotMethod, RejectedPose, solve_pivot
 from rona_core.calibration.pivot.quality import Verdict
-from rona_core.calibration.pivot.result import RejectedPose
-from rona_core.calibration.tracking_error.marker_noise import MarkerNoise
-from rona_core.errors import DegenerateGeometryError
+from rona_core.calibration.tracking_error import MarkerNoise
 from rona_core.geometry.arrays import Bools, Floats, Vector3, readonly
 from rona_core.geometry.pose import Poses
 
@@ -77,10 +75,6 @@ def calibrate_pointer(
         noise=noise,
         exclude=exclude,
     )
-    if dof == 5 and fit.tip_marker[2] <= 0.0:
-        raise DegenerateGeometryError(
-            f"the tip lies {-fit.tip_marker[2]:.1f} mm behind the markers: z must point to the tip"
-        )
     return PointerCalibration(
         pointer=pointer,
         dof=dof,

@@ -12,7 +12,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from rona_core.calibration.pivot.initial_guess import robust_initial_guess
-from rona_core.calibration.tracking_error.poses_with_covariance import TrackedPoses
+from rona_core.calibration.tracking_error import TrackedPoses
 from rona_core.geometry.arrays import Bools, Floats, Vector3, readonly
 from rona_core.geometry.pose_covariance import cross_matrices
 from rona_core.geometry.robust import tukey_weights_of_squares

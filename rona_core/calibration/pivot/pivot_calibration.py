@@ -1,4 +1,4 @@
-"""Pivot calibration: the fixed tip of a tracked body, for pointer and tool."""
+"""Pivot calibration: the fixed tip of a tracked body, for pointer and tool, and rejected poses."""
 
 from dataclasses import dataclass
 from typing import Literal
@@ -13,11 +13,14 @@ from rona_core.calibration.pivot.motion_extent import (
     require_swing,
     swing_of_shaft_deg,
 )
-from rona_core.calibration.pivot.quality import PivotFacts, correlated_poses, judge_pivot
-from rona_core.calibration.pivot.result import AWAY, PivotFit, as_keep, rejected_poses
+from rona_core.calibration.pivot.quality import (
+    PivotFacts,
+    Verdict,
+    correlated_poses,
+    judge_pivot,
+)
 from rona_core.calibration.pivot.sphere_fit import fit_sphere
-from rona_core.calibration.tracking_error.marker_noise import MarkerNoise
-from rona_core.calibration.tracking_error.poses_with_covariance import tracked_from_poses
+from rona_core.calibration.tracking_error import MarkerNoise, tracked_from_poses
 from rona_core.errors import DegenerateGeometryError, InvalidInputError
 from rona_core.geometry.arrays import Bools, Floats, Vector3, readonly
 from rona_core.geometry.pose import Poses
@@ -29,6 +32,36 @@ GROSS = 4.0  # the sphere drops a pose beyond this multiple of the median residu
 GROSS_FLOOR_MM = 1e-6  # ... which itself counts as at least this
 MIN_SHARE = 0.7  # of the poses that must agree
 MAX_RMSE_MM = 5.0  # beyond this the tip did not stay in one place
+
+
+EXCLUDED, AWAY = "excluded by hand", "away from the common tip"
+
+
+@dataclass(frozen=True, slots=True)
+class RejectedPose:
+    """One pose that does not count, and why."""
+
+    index: int
+    residual_mm: float
+    reason: str
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class PivotFit:
+    """Tip of a body in its marker frame, and the place it swung about."""
+
+    tip_marker: Vector3  # (3,) mm
+    pivot_tracker: Vector3  # (3,) mm
+    covariance: Floats  # (6, 6) mm^2 of tip (in marker), then pivot (in tracker)
+    residuals_mm: Floats  # (n,) distance of the tip, mapped by each pose, from the pivot
+    used: Bools  # (n,) False for poses that do not count
+    rejected: tuple[RejectedPose, ...]  # those, and why
+    rmse_mm: float  # of the residuals that were used
+    tip_sigma_mm: float  # predicted 3D standard deviation of the tip
+    cone_deg: float  # half-angle covered by the lever
+    marker_sigma_mm: float | None  # 3D RMS of one marker, estimated; only "ml"
+    verdict: Verdict
+    reasons: tuple[str, ...]  # why not good, and what to do about it
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -137,6 +170,10 @@ def _judged(Ts_tracker_marker: Poses, estimate: _Estimate, keep: Bools, dof: int
     require_swing(Ts_tracker_marker.rotations[used], dof)
     levers = Ts_tracker_marker.rotations[used] @ (tip / float(np.linalg.norm(tip)))
     cone_deg = require_cone(levers)
+    if dof == 5 and tip[2] <= 0.0:
+        raise DegenerateGeometryError(
+            f"the tip lies {-tip[2]:.1f} mm behind the markers: z must point to the tip"
+        )
     rmse_mm = float(np.sqrt((residuals[used] ** 2).mean()))
     if rmse_mm > MAX_RMSE_MM:
         raise DegenerateGeometryError(
@@ -172,3 +209,31 @@ def _judged(Ts_tracker_marker: Poses, estimate: _Estimate, keep: Bools, dof: int
         verdict=verdict,
         reasons=reasons,
     )
+
+
+def rejected_poses(residuals: Floats, used: Bools, keep: Bools) -> tuple[RejectedPose, ...]:
+    """Return every pose that does not count.
+
+    Args:
+        residuals: (n,) distance of the tip from the pivot in mm.
+        used: (n,) which poses count.
+        keep: (n,) which poses were not excluded by hand.
+    """
+    return tuple(
+        RejectedPose(int(row), float(residuals[row]), AWAY if keep[row] else EXCLUDED)
+        for row in np.flatnonzero(~used)
+    )
+
+
+def as_keep(exclude: ArrayLike | None, n: int) -> Bools:
+    """Return the poses (n,) that may count.
+
+    Raises:
+        InvalidInputError: ``exclude`` is no mask of n poses.
+    """
+    if exclude is None:
+        return np.ones(n, dtype=np.bool_)
+    mask = np.asarray(exclude)
+    if mask.shape != (n,) or mask.dtype != np.bool_:
+        raise InvalidInputError(f"exclude must be bool of shape ({n},), not {mask.shape}")
+    return ~mask

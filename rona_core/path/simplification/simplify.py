@@ -23,14 +23,13 @@ from rona_core.path.simplification.vertex_decimation import GREEDY_RULE, as_keep
 SimplifyMethod = Literal["optimal", "fast", "greedy", "rdp"]
 METHODS: tuple[SimplifyMethod, ...] = ("optimal", "fast", "greedy", "rdp")
 RULES = {"optimal": OPTIMAL_RULE, "fast": FAST_RULE, "greedy": GREEDY_RULE, "rdp": SPLIT_RULE}
-ANCHOR_RULE = "; closed: the point farthest from the centroid stays"
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SimplifiedPath:
     """Which points of a path are kept, and how far the others are from what is left."""
 
-    index: Ints  # (k,) increasing; first and last point among them unless the path is closed
+    index: Ints  # (k,) increasing; first and last point among them
     tolerance: float  # mm, or mm^2 for "k3"
     metric: str
     method: str  # that was used
@@ -40,7 +39,7 @@ class SimplifiedPath:
     k3_mm2: float  # of the worst piece: area between original and segment
     where: int  # index of the original point that is farthest away
     frechet: bool  # K1, or the cap on it, holds in the sense of Fréchet: no stroke is lost
-    closed: bool  # the last point goes on to the first
+    closed: bool  # always False; files know it from when closed paths were simplified too
     lower_bound: int  # proven: the number of points if exact, else of those that must stay
     exact: bool  # no path within the same bound has fewer points
     rule: str  # what decides which points stay, ties included
@@ -55,7 +54,6 @@ def simplify(
     *,
     method: SimplifyMethod = "optimal",
     keep: ArrayLike | None = None,
-    closed: bool = False,
 ) -> SimplifiedPath:
     """Simplify a path: as few of its points as possible, within an error bound in each piece.
 
@@ -67,8 +65,6 @@ def simplify(
             the point of least deviation goes first, until none can. "rdp": Ramer, Douglas and
             Peucker.
         keep: Mask (n,) or indices of points that must stay; the two ends always do.
-        closed: The last point goes on to the first. The point farthest from the centroid stays in
-            place of the ends.
 
     Raises:
         InvalidInputError: wrong shape, unknown method, negative tolerance, or "optimal" or "fast"
@@ -77,31 +73,25 @@ def simplify(
     p = as_path(points)
     bound = tolerance if isinstance(tolerance, ErrorBound) else ErrorBound(tolerance)
     test = bound.shortcut_test(p)
-    fixed = as_keep(keep, len(p), ends=not closed)
-    original, shift = p, 0
-    if closed:
-        p, fixed, shift = _opened(p, fixed)
+    fixed = as_keep(keep, len(p))
     index, used = chosen_points(p, fixed, test, method)
     exact = used == "optimal"
-    least = len(index) if exact else int(fixed.sum())
-    if closed and len(p) > 1:
-        index, least = np.sort((index[:-1] + shift) % (len(p) - 1)), least - 1
-    found = deviations(original, index, closed=closed)
+    found = deviations(p, index)
     return SimplifiedPath(
         index=readonly(index),
         tolerance=test.tolerance,
         metric=test.metric,
         method=used,
-        n_original=len(original),
+        n_original=len(p),
         k1_mm=found.k1_mm,
         k2_mm=found.k2_mm,
         k3_mm2=found.k3_mm2,
         where=found.where,
         frechet=test.bounds_frechet,
-        closed=closed,
-        lower_bound=least,
+        closed=False,
+        lower_bound=len(index) if exact else int(fixed.sum()),
         exact=exact,
-        rule=RULES[used] + (ANCHOR_RULE if closed else ""),
+        rule=RULES[used],
     )
 
 
@@ -143,13 +133,3 @@ def _feasible(
             "give cap_mm, a bound on the distance, or use greedy"
         )
     return "fast" if work > MAX_WORK else method
-
-
-def _opened(p: Floats, fixed: Bools) -> tuple[Floats, Bools, int]:
-    """Return a closed path opened at its anchor, which is then first and last, and the shift."""
-    away = ((p - p.mean(axis=0)) ** 2).sum(axis=1)
-    anchor = int(away.argmax())
-    p, fixed = np.roll(p, -anchor, axis=0), np.roll(fixed, -anchor)
-    fixed = np.append(fixed, True)
-    fixed[0] = True
-    return np.vstack((p, p[:1])), fixed, anchor

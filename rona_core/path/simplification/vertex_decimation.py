@@ -58,14 +58,14 @@ def decimation_order(points: Floats, fixed: Bools, test: ShortcutTest) -> tuple[
     return np.array(order, dtype=np.int64), np.array(paid)
 
 
-def as_keep(keep: ArrayLike | None, n: int, *, ends: bool = True) -> Bools:
-    """Return a mask (n,) of the points that must stay, from a mask, indices or None.
+def as_keep(keep: ArrayLike | None, n: int) -> Bools:
+    """Return a mask (n,) of the points that must stay: both ends, and a mask or indices.
 
     Raises:
         InvalidInputError: a mask of another length, or indices out of range.
     """
     fixed = np.zeros(n, dtype=np.bool_)
-    fixed[[0, -1]] = ends
+    fixed[[0, -1]] = True
     if keep is None:
         return fixed
     wanted = np.asarray(keep)

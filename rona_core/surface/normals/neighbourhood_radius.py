@@ -13,6 +13,7 @@ import numpy as np
 from scipy.spatial import KDTree
 
 from rona_core.geometry.arrays import Bools, Floats, readonly
+from rona_core.surface.normals.neighbourhood_fits import COEFFICIENTS
 from rona_core.surface.normals.normal_estimator import (
     DISC_GAIN,
     ONE_SIDED,
@@ -20,7 +21,6 @@ from rona_core.surface.normals.normal_estimator import (
     NormalMethod,
     estimate,
 )
-from rona_core.surface.normals.quadric_fits import COEFFICIENTS
 
 RADII_MM = readonly(2.0 * 2.0 ** (np.arange(12) / 3.0))  # 2 to 25 mm, a third of an octave apart
 SAMPLES = 300  # points of the cloud at which radii are tried

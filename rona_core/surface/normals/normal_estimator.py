@@ -7,9 +7,15 @@ import numpy as np
 from scipy.spatial import KDTree
 
 from rona_core.geometry.arrays import Floats, Ints
-from rona_core.surface.normals.neighbourhoods import Neighbourhoods, neighbourhoods
-from rona_core.surface.normals.plane_fits import Planes, fit_ols, fit_tls
-from rona_core.surface.normals.quadric_fits import COEFFICIENTS, fit_jets
+from rona_core.surface.normals.neighbourhood_fits import (
+    COEFFICIENTS,
+    Neighbourhoods,
+    Planes,
+    fit_jets,
+    fit_ols,
+    fit_tls,
+    neighbourhoods,
+)
 
 NormalMethod = Literal["jet", "ols"]
 METHODS: tuple[NormalMethod, ...] = ("jet", "ols")

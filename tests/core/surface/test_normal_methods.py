@@ -7,8 +7,7 @@ from scipy.spatial import KDTree
 
 from rona_core.errors import InvalidInputError
 from rona_core.surface.normals.neighbourhood_radius import choose_radius
-from rona_core.surface.normals.normals import FLAGS, NormalField
-from rona_core.surface.normals.sparse_regions import REASONS, thin_places
+from rona_core.surface.normals.normals import FLAGS, REASONS, NormalField, thin_places
 from tests.core.surface.test_normals import angles_deg
 from tests.helpers.strategies import cap, random_rotation, seeds
 

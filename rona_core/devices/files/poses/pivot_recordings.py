@@ -7,7 +7,7 @@ from typing import Literal
 
 import numpy as np
 
-from rona_core.devices.files.ndi_rom import rom_from_bytes
+from rona_core.devices.files.ndi_rom import rom_positions
 from rona_core.devices.files.poses.igs_mha import read_igs_mha
 from rona_core.devices.files.poses.marker_body_fit import (
     MarkerGeometryFile,
@@ -139,7 +139,7 @@ def read_geometry(file: NamedFile) -> MarkerGeometryFile:
     _check_text([file])
     if file.name.lower().endswith(".rom"):
         return MarkerGeometryFile(
-            None, checked_geometry(rom_from_bytes(file.data, file.name).positions_marker, file.name)
+            None, checked_geometry(rom_positions(file.data, file.name), file.name)
         )
     return read_geometry_table(file)
 

@@ -9,8 +9,8 @@ from scipy.spatial.transform import Rotation
 
 from rona_core.calibration.handheld.imported_pivot import calibrate_recorded_pivot
 from rona_core.errors import InvalidInputError
-from rona_core.geometry.batch_fit import fit_rigid_many
 from rona_core.geometry.pose import Poses
+from rona_core.geometry.rigid_fit import fit_rigid_many
 from tests.helpers.pivot_data import TIP, poses
 from tests.helpers.strategies import random_pose, seeds
 

@@ -5,7 +5,7 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from rona_core.calibration.handheld.pointer import calibrate_pointer as calibrate
-from rona_core.calibration.tracking_error.marker_noise import EVEN
+from rona_core.calibration.tracking_error import EVEN
 from rona_core.devices.marker_geometry import GEOMETRIES
 from rona_core.errors import DegenerateGeometryError, InvalidInputError
 from rona_core.geometry.pose import Poses

@@ -9,8 +9,7 @@ from scipy.stats import chi2
 from rona_core.calibration.handheld.pointer import calibrate_pointer
 from rona_core.calibration.pivot.maximum_likelihood import estimate_tip
 from rona_core.calibration.pivot.pivot_calibration import solve_pivot
-from rona_core.calibration.tracking_error.marker_noise import EVEN, MarkerNoise
-from rona_core.calibration.tracking_error.poses_with_covariance import tracked_from_poses
+from rona_core.calibration.tracking_error import EVEN, MarkerNoise, tracked_from_poses
 from rona_core.errors import DegenerateGeometryError, InvalidInputError
 from rona_core.geometry.pose import Pose, Poses
 from tests.helpers.pivots import GEOMETRY, TIPS, fitted_poses, marker_sweep, pose_sweep, spoiled

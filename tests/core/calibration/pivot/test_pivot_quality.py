@@ -14,7 +14,7 @@ from rona_core.calibration.pivot.quality import (
     longest_run,
     predicted_by_cone,
 )
-from rona_core.calibration.tracking_error.marker_noise import EVEN, MarkerNoise
+from rona_core.calibration.tracking_error import EVEN, MarkerNoise
 from rona_core.geometry.pose import Poses
 from tests.helpers.pivots import GEOMETRY, TIPS, pose_sweep, spoiled
 

@@ -11,11 +11,11 @@ from benchmarks.reference.path.brute_force_simplification import (
 from benchmarks.reference.path.path_coverage import length_mm
 from benchmarks.reference.path.removal_order import removal_order
 from rona_core.errors import InvalidInputError
-from rona_core.path.simplification.deviation import deviation, deviations
+from rona_core.path.simplification.deviation import deviations
 from rona_core.path.simplification.error_bound import ROUNDING, ErrorBound
 from rona_core.path.simplification.segment_distance import distances_to_segment
 from rona_core.path.simplification.simplify import METHODS, simplify
-from tests.helpers.paths import demonstration, piece_cost
+from tests.helpers.paths import demonstration, deviation, piece_cost
 from tests.helpers.strategies import random_pose, seeds
 
 few = settings(max_examples=25, deadline=None)
@@ -117,19 +117,19 @@ def test_a_long_path_goes_in_the_order_of_the_textbook():
     assert removal_order(path).index.tolist() == textbook_greedy(path, np.inf, "k1")[1]
 
 
-@given(seed=seeds, metric=metrics, method=st.sampled_from(METHODS), closed=st.booleans())
+@given(seed=seeds, metric=metrics, method=st.sampled_from(METHODS))
 @few
-def test_the_bound_holds_and_is_reported(seed, metric, method, closed):
+def test_the_bound_holds_and_is_reported(seed, metric, method):
     rng = np.random.default_rng(seed)
     path = walk(rng, 60, m=int(rng.integers(1, 5)))
     tolerance, keep = rng.uniform(0.2, 4.0), rng.choice(60, 3, replace=False)
     cap = None if metric == "k1" else 2.0
     bound = ErrorBound(tolerance, metric, cap_mm=cap)
-    found = simplify(path, bound, method=method, keep=keep, closed=closed)
-    check = deviations(path, found.index, closed=closed)
+    found = simplify(path, bound, method=method, keep=keep)
+    check = deviations(path, found.index)
     near = tolerance if cap is None else cap
     assert {"k1": check.k1_mm, "k2": check.k2_mm, "k3": check.k3_mm2}[metric] <= tolerance + 1e-12
-    assert path_within_frechet(path, found.index, near * (1 + 1e-12), closed=closed)
+    assert path_within_frechet(path, found.index, near * (1 + 1e-12))
     assert set(keep.tolist()) <= set(found.index.tolist())
     assert (found.k1_mm, found.k2_mm, found.k3_mm2, found.where) == (
         check.k1_mm,
@@ -140,8 +140,8 @@ def test_the_bound_holds_and_is_reported(seed, metric, method, closed):
     assert (found.n_original, found.metric, found.method) == (60, metric, method)
     assert found.lower_bound <= len(found)
     assert found.exact == (method == "optimal")
-    assert (found.closed, found.frechet) == (closed, True)
-    best = simplify(path, bound, keep=keep, closed=closed)
+    assert found.frechet
+    best = simplify(path, bound, keep=keep)
     assert best.exact
     assert found.lower_bound <= len(best) <= len(found)
 
@@ -196,18 +196,6 @@ def test_what_would_take_too_long_is_done_fast_and_says_so(monkeypatch):
     with pytest.raises(InvalidInputError, match="cap_mm"):
         simplify(path, ErrorBound(1.0, "k2"))
     assert simplify(path, ErrorBound(0.5, "k2", cap_mm=1.0)).method == "fast"
-
-
-def test_a_closed_path_keeps_its_anchor_wherever_it_begins():
-    angle = np.linspace(0, 2 * np.pi, 120, endpoint=False)
-    ring = np.column_stack((30 * np.cos(angle), 20 * np.sin(angle), 0 * angle))
-    ring[45] *= 1.2  # farthest from the centroid
-    for method in METHODS:
-        found = simplify(ring, 0.5, method=method, closed=True)
-        assert 45 in found.index
-        turned = simplify(np.roll(ring, 13, axis=0), 0.5, method=method, closed=True)
-        np.testing.assert_array_equal(np.sort((turned.index - 13) % 120), found.index)
-    assert len(simplify(ring[:1], 1.0, closed=True)) == 1
 
 
 def test_the_demonstrated_path_shrinks_as_published():

@@ -6,9 +6,13 @@ from hypothesis import given, settings
 from scipy.spatial.transform import Rotation
 
 from rona_core.errors import DegenerateGeometryError, InvalidInputError
-from rona_core.geometry.batch_fit import fit_line_many, fit_rigid_many, smallest_rotations
 from rona_core.geometry.pose import Pose
-from rona_core.geometry.rigid_fit import register_points
+from rona_core.geometry.rigid_fit import (
+    fit_line_many,
+    fit_rigid_many,
+    register_points,
+    smallest_rotations,
+)
 from tests.helpers.strategies import seeds
 
 BODY = np.array([[-45.0, -28.0, 0.0], [43.0, -34.0, 0.0], [36.0, 31.0, 0.0], [-34.0, 33.0, 0.0]])
