@@ -29,6 +29,8 @@ RECIPE := pyproject.toml setup.py constraints.txt
 SUITE ?=
 SEED ?= 0
 ONE_THREAD := OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 MKL_NUM_THREADS=1
+# many tests start a program: it would compile every module again, were byte code not kept
+COMPILED := PYTHONDONTWRITEBYTECODE=
 # two workers; those files first that took longest in the last run (tests/conftest.py)
 WORKERS := -n 2 --dist loadfile --no-loadscope-reorder
 # seconds: stops a run that hangs; eight minutes are usual, twelve on a busy machine
@@ -92,11 +94,11 @@ demo: $(VENV)/.product
 	$(BIN)/rona demo --seed $(SEED)
 
 test: $(VENV)/.test browser
-	$(ONE_THREAD) timeout --foreground --kill-after=20 $(TEST_LIMIT) \
+	$(ONE_THREAD) $(COMPILED) timeout --foreground --kill-after=20 $(TEST_LIMIT) \
 	    $(BIN)/python -m pytest $(WORKERS) $(ARGS)
 
 test-all: $(VENV)/.test browser
-	RONA_EXAMPLES=10 $(ONE_THREAD) $(BIN)/python -m pytest $(WORKERS) $(ARGS)
+	RONA_EXAMPLES=10 $(ONE_THREAD) $(COMPILED) $(BIN)/python -m pytest $(WORKERS) $(ARGS)
 
 mutants: $(VENV)/.test
 	$(ONE_THREAD) $(BIN)/python -m tests.tools.mutants $(ARGS)

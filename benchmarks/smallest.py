@@ -6,11 +6,54 @@ from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from typing import Any
 
+from rona_core.app.declarations.declarations import Message
+from rona_core.app.procedure import run_procedure
+from rona_core.app.steps.maps.messages import StartGapPlan, StartGapScan, StartMapping
+from rona_core.app.steps.path.messages import StartPathCapture
+from rona_core.app.steps.pointer.messages import StartPointerCapture
+from rona_core.app.steps.roll.messages import StartRollSearch
+from rona_core.app.steps.scan.messages import StartScan
+from rona_core.app.steps.setup.messages import SetRegion
+from rona_core.app.steps.smoothing.messages import SmoothScanPath
+from rona_core.app.steps.surface.messages import StartSurfaceCapture
+from rona_core.app.steps.tool.messages import StartToolCapture
+from rona_core.compose import new_workbench
+from rona_core.session.document import Session
 from tests.scenes.laboratory.families import FAMILIES
 from tests.scenes.tank_recordings import CASES
 
 DEMO = Path(__file__).resolve().parents[1] / "sessions" / "demo.rona"
 ONCE = {"metric.REPEATS": 1}
+# all nine steps over a small region, with short captures
+UP_TO_SCAN: tuple[tuple[str, Message], ...] = (
+    ("setup", SetRegion(radius_mm=14.0)),
+    ("tool", StartToolCapture(n_pivot=12, n_translate=4)),
+    ("pointer", StartPointerCapture(duration_s=6.0)),
+    ("surface", StartSurfaceCapture(duration_s=25.0)),
+    ("path", StartPathCapture(duration_s=15.0, spacing_mm=5.0)),
+    ("smoothing", SmoothScanPath()),
+    ("roll", StartRollSearch(n_rolls=24)),
+    ("scan", StartScan()),
+)
+ONE_PASS: tuple[tuple[str, Message], ...] = (*UP_TO_SCAN, ("maps", StartMapping()))
+SHORT: tuple[tuple[str, Message], ...] = (
+    *ONE_PASS,
+    ("second", StartGapPlan()),
+    ("second", StartGapScan()),
+    ("second", StartMapping()),
+)
+
+
+def short_procedure(seed: int) -> tuple[Session, dict[str, Any]]:
+    """Carry out the short procedure in the place of ``rona_core.compose.run_demo``."""
+    bench = new_workbench(Session(name=f"short, seed {seed}"))
+    try:
+        ending = run_procedure(bench, messages=SHORT)
+        return bench.session, {**bench.figures(), "completed": ending.completed}
+    finally:
+        bench.close()
+
+
 # suite -> constant of a module of the benchmarks -> its value in the smallest case
 SMALLEST: Mapping[str, Mapping[str, Any]] = {
     "navigation": {
@@ -86,6 +129,7 @@ SMALLEST: Mapping[str, Mapping[str, Any]] = {
     },
     "bone_kinds": {
         "suites.ultrasound.bone_kinds.SEEDS": (41_000,),
+        "suites.ultrasound.bone_kinds.STEPS": UP_TO_SCAN,
         "suites.ultrasound.bone_kinds.WORLDS": (("hard", 1.0, 1),),
     },
     "recorded_rf": {
@@ -99,6 +143,7 @@ SMALLEST: Mapping[str, Mapping[str, Any]] = {
     "sound_speed": {**ONCE, "suites.ultrasound.sound_speed.PATIENTS": 5},
     "thickness": {
         "suites.ultrasound.thickness.SEEDS": (0,),
+        "suites.ultrasound.thickness.ONE_PASS": ONE_PASS,
         "suites.ultrasound.thickness.POINTS": (),
     },
     "viewer": {
@@ -107,9 +152,14 @@ SMALLEST: Mapping[str, Mapping[str, Any]] = {
         "suites.procedure.viewer.SETTLE_S": 0.5,
         "suites.procedure.viewer.IDLE_S": 0.5,
     },
-    "kills": {"suites.procedure.kills.KILLS": 1, "suites.procedure.kills.ENDS": 1},
+    "kills": {
+        "suites.procedure.kills.KILLS": 1,
+        "suites.procedure.kills.ENDS": 1,
+        "suites.procedure.kills.BUSY": (True,),
+    },
     "procedure": {
         "suites.procedure.procedure.SEEDS": (0,),
+        "suites.procedure.procedure.run_demo": short_procedure,
         "suites.procedure.procedure.SKULLS": (),
     },
     "map_bands": {

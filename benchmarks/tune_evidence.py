@@ -16,10 +16,10 @@ from rona_core.geometry.arrays import Bools, Floats, Ints
 from rona_core.ultrasound.detection.detect import nominal_bone
 from rona_core.ultrasound.detection.single.candidates import search_echoes
 from rona_core.ultrasound.detection.single.inner_echo import Candidates, inner_grid_mm
-from rona_core.ultrasound.detection.spatial.candidate_features import features, joint_features
-from rona_core.ultrasound.detection.spatial.neighbour_graph import Links, scan_links
+from rona_core.ultrasound.detection.spatial.candidate_selection import features, joint_features
+from rona_core.ultrasound.detection.spatial.neighbours import Links, scan_links
 from rona_core.ultrasound.detection.spatial.track_before_detect import Tracks, along_tracks
-from rona_core.ultrasound.probe.survey import ProbeSurvey
+from rona_core.ultrasound.probe.probe_model import ProbeSurvey
 from tests.scenes.bone_record import BoneScene
 from tests.scenes.bone_scenes import TRIAL_SEEDS, anatomical_bone, hard_bone, parallel_bone
 

@@ -6,23 +6,22 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from rona_core.app.declarations.activity_context import Compute, compute_here
-from rona_core.app.messages.outcomes import StoreSkull
+from rona_core.app.declarations.declarations import Compute, compute_here
 from rona_core.app.overview.predicted_accuracy import predicted_figures
 from rona_core.app.procedure import Ending, StepProgress, run_procedure, unwatched
 from rona_core.app.runtime.process_pool import ProcessCompute
 from rona_core.app.runtime.session_registry import SessionRegistry
 from rona_core.app.runtime.workbench import Services, Workbench
-from rona_core.app.steps.setup.messages import SetRegion, SetRobot, SetSeed
+from rona_core.app.steps.setup.messages import SetRegion, SetRobot, SetSeed, StoreSkull
 from rona_core.devices.protocols import Cancel, Progress, Rig, never
 from rona_core.errors import DeviceError, RonaError
 from rona_core.evaluation.metrics import evaluate
 from rona_core.session.document import Session, Setup
 from rona_core.session.files import load_session
 from rona_core.session.specimen import LoadedSkull
-from rona_core.ultrasound.acoustic_calibration.parameter_sweep import sweep
+from rona_core.ultrasound.acoustic_calibration.expected_performance import sweep
+from rona_core.virtual.acoustics.medium import bone_medium
 from rona_core.virtual.acoustics.plates import record_plate
-from rona_core.virtual.acoustics.specimen_medium import bone_medium
 from rona_core.virtual.rig import VirtualRig
 from rona_core.virtual.specimen.build_specimen import Specimen, build_specimen
 from rona_core.virtual.specimen.import_skull import import_skull

@@ -50,7 +50,9 @@ def place_of(step: str | None, activity: str | None = None) -> str:
     """Return where something happened: number and title of a step, and what was going on."""
     step = REGISTRY.shown_in(activity or "") or step
     words = (
-        [] if step is None else [f"{REGISTRY.step_names.index(step) + 1} {REGISTRY.title(step)}"]
+        []
+        if step is None
+        else [f"{REGISTRY.step_names.index(step) + 1} {REGISTRY.lines[step].title}"]
     )
     return ", ".join(words if activity is None else [*words, doing(activity)])
 

@@ -227,7 +227,7 @@ def open_first_session(hub: SessionRegistry) -> None:
     demo = demo_session()
     if demo.is_file():
         try:
-            hub.open_bytes(demo.read_bytes(), demo.name)
+            hub.open_upload(demo, demo.name)
         except RonaError:
             pass  # a demo of another version must not keep the program from starting
         else:
@@ -279,22 +279,17 @@ def serve(
 
 
 def _bind(settings: ServerSettings) -> socket.socket:
+    host = settings.host
     try:
-        found = socket.getaddrinfo(
-            settings.host, settings.port, type=socket.SOCK_STREAM, flags=socket.AI_PASSIVE
+        # who comes before the server is ready waits instead of failing
+        return socket.create_server(
+            (host, settings.port),
+            family=socket.AF_INET6 if ":" in host else socket.AF_INET,
+            backlog=128,
+            dualstack_ipv6=host == "::" and socket.has_dualstack_ipv6(),
         )
-        family, kind, protocol, _, where = found[0]
-        bound = socket.socket(family, kind, protocol)
-        bound.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
-        try:
-            bound.bind(where)
-            bound.listen(128)  # who comes before the server is ready waits instead of failing
-        except OSError:
-            bound.close()
-            raise
     except OSError as error:
         reason = error.strerror or str(error)
         raise InvalidInputError(
             f"cannot listen on {settings.host}, port {settings.port}: {reason}; try another --port"
         ) from error
-    return bound

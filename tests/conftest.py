@@ -5,6 +5,7 @@ Property tests draw the same examples on every run, and a busy machine fails non
 Workers begin with the files that took longest in the last run, so that they end together.
 """
 
+import gc
 import os
 from collections import Counter
 
@@ -56,3 +57,9 @@ def pytest_collection_modifyitems(config, items):
         known = config.cache.get(SECONDS, {})
         slow = {file_of(item.nodeid) for item in items if item.get_closest_marker("slow")}
         items.sort(key=lambda item: -known.get(f := file_of(item.nodeid), 60.0 * (f in slow)))
+
+
+def pytest_collection_finish():
+    """Modules and tests live to the end: the collector need not go through them again and again."""
+    gc.collect()
+    gc.freeze()

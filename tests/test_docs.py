@@ -5,12 +5,14 @@ import importlib
 import io
 import re
 from contextlib import redirect_stdout
+from fnmatch import filter as matching
 from pathlib import Path
 
 import pytest
 
 ROOT = Path(__file__).resolve().parents[1]
 DOCS = ROOT / "docs"
+CODE = ("rona_core", "rona_ui", "benchmarks", "examples", "tests")
 PAGES = [*sorted(DOCS.rglob("*.md")), *sorted(ROOT.glob("*.md"))]
 ALGORITHMS = sorted((DOCS / "algorithms").rglob("*.md"))
 DECISIONS = sorted((DOCS / "decisions").glob("*.md"))
@@ -66,12 +68,33 @@ def test_links_lead_somewhere(page):
 def test_pages_that_code_names_exist():
     named = {
         (name(file), page)
-        for top in ("rona_core", "rona_ui", "benchmarks", "examples", "tests")
+        for top in CODE
         for file in (ROOT / top).rglob("*.py")
         for page in re.findall(r"\bdocs/[\w/-]+\.md\b", text(file))
     }
     assert named
     assert not [(file, page) for file, page in named if not (ROOT / page).is_file()]
+
+
+def suffixes(path):
+    """Return the ways to name a file: `pivot/quality.py` is as good as its whole path."""
+    parts = path.relative_to(ROOT).parts
+    return {"/".join(parts[k:]) for k in range(len(parts))}
+
+
+def test_files_that_are_named_in_back_quotes_exist():
+    code = [file for top in CODE for file in (ROOT / top).rglob("*.py")]
+    known = {way for file in [*code, *PAGES, ROOT / "setup.py"] for way in suffixes(file)}
+    named = {
+        (name(file), found)
+        for file in [*code, *PAGES]
+        if file.name != "CHANGELOG.md"  # speaks of names that are gone
+        for found in re.findall(r"`([\w./*-]*\w\.(?:py|md))`", text(file))
+    }
+    assert len(named) > 100
+    assert not sorted(
+        (file, found) for file, found in named if found not in known and not matching(known, found)
+    )
 
 
 def anchors(page):

@@ -17,10 +17,10 @@ from scipy.stats import chi2
 
 from benchmarks.metric import Metric, Progress, cpu_ms
 from rona_core.calibration.handheld.pointer import PointerCalibration, calibrate_pointer
-from rona_core.calibration.tracking_error.marker_noise import EVEN, MarkerNoise
-from rona_core.calibration.tracking_error.poses_with_covariance import tracked_from_markers
+from rona_core.calibration.tracking_error import MarkerNoise
 from rona_core.geometry.arrays import Floats
 from rona_core.geometry.pose import Poses
+from rona_core.geometry.rigid_fit import fit_line_many, fit_rigid_many
 
 TRIALS = 300
 SIGMA_MM = 0.35
@@ -180,7 +180,10 @@ def measured_sweep(
     R = (upright * Rotation.from_rotvec(np.column_stack(tilts))).as_matrix()
     seen = PIVOT_TRACKER + np.einsum("nij,kj->nki", R, MARKERS[dof] - TIPS[dof])
     seen += rng.normal(size=seen.shape) * noise.shape() * SIGMA_MM
-    return tracked_from_markers(seen, MARKERS[dof], EVEN, dof=dof).Ts_tracker_marker
+    there = np.ones(seen.shape[:2], dtype=np.bool_)
+    if dof == 5:
+        return fit_line_many(MARKERS[5][:, 2], seen, there).Ts_b_a
+    return fit_rigid_many(MARKERS[6], seen, there).Ts_b_a
 
 
 def spoiled(rng: np.random.Generator, poses: Poses, kind: str) -> Poses:

@@ -248,7 +248,9 @@ def one_map(rng: np.random.Generator, n_averaged: int) -> tuple[float, float]:
 
     dimple = np.repeat((T_base_tracker.inv() @ TIP_BASE)[None], PIVOT_FRAMES, axis=0)
     sweep = tracked(touching(dimple, 20.0), "pointer6d", STEREO, rng)
-    pivot = calibrate_pointer(sweep, pointer="pointer6d", dof=6, method="aos")
+    pivot = calibrate_pointer(
+        sweep, pointer="pointer6d", dof=6, positions_pointermarker=geometry.positions_marker
+    )
     places_base = TIP_BASE + rng.uniform(-60.0, 60.0, (PLACES, 3))
     pointer = touching(T_base_tracker.inv() @ places_base, 20.0)
     frames = [tracked(pointer, "pointer6d", STEREO, rng) for _ in range(n_averaged)]

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from rona_core.calibration.tracking_error.marker_noise import MarkerNoise
+from rona_core.calibration.tracking_error import MarkerNoise
 from rona_core.devices.marker_geometry import GEOMETRIES
 from rona_core.geometry.arrays import Floats, Ints
 from rona_core.geometry.pose import Pose, Poses

@@ -12,7 +12,7 @@ import pinocchio as pin
 
 from rona_core.geometry.arrays import Floats
 from rona_core.geometry.pose import Pose, Poses
-from rona_core.robot.kinematics.ik_solutions import IkSolutions
+from rona_core.robot.kinematics.arm import IkSolutions
 from rona_core.robot.kinematics.pinocchio_model import PinocchioArm, pinocchio_model
 from rona_core.robot.kinematics.robot_model import RobotModel
 

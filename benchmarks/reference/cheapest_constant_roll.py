@@ -2,12 +2,11 @@
 
 import numpy as np
 
+from rona_core.robot.redundancy.constant_roll import RollEvaluation
 from rona_core.robot.redundancy.cost import RollCost
-from rona_core.robot.redundancy.evaluate_rolls import RollEvaluation
+from rona_core.robot.redundancy.lattice import RollProblem
+from rona_core.robot.redundancy.optimal_roll import LatticePath, curve_of
 from rona_core.robot.redundancy.result import RankedRoll, RollCurve
-from rona_core.robot.redundancy.variable.dynamic_program import LatticePath
-from rona_core.robot.redundancy.variable.optimal_roll import curve_of
-from rona_core.robot.redundancy.variable.problem import RollProblem
 
 
 def cheapest_constant(evaluation: RollEvaluation, cost: RollCost) -> RollCurve | None:
@@ -21,4 +20,6 @@ def _constant_curve(problem: RollProblem, pair: RankedRoll) -> RollCurve:
     """Return a constant roll of the grid as a curve, with the cost of the same objective."""
     n = problem.grid.n_points
     bins = np.full(n, pair.index, dtype=np.int64)
-    return curve_of(problem, LatticePath(0.0, pair.branch, bins, n - 1, np.zeros((8, 0))))
+    return curve_of(
+        problem, LatticePath(pair.branch, bins, n - 1, np.zeros((8, 0), dtype=np.bool_))
+    )

@@ -10,9 +10,9 @@ from numpy.typing import NDArray
 
 from rona_core.errors import InvalidInputError
 from rona_core.geometry.arrays import Floats
-from rona_core.ultrasound.detection.single.cramer_rao import Fisher
 from rona_core.ultrasound.detection.single.inner_echo import bone_filter
 from rona_core.ultrasound.detection.single.matched_filter import Template
+from rona_core.ultrasound.detection.single.time_of_flight import Fisher
 from rona_core.ultrasound.probe.excitation import GRID
 from rona_core.ultrasound.probe.materials import Complexes, Material
 

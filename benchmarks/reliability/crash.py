@@ -20,10 +20,9 @@ from threading import Timer
 
 import numpy as np
 
-from rona_core.app.messages.session_messages import Redo, RenameSession, Undo
+from rona_core.app.runtime.session_step import Redo, RenameSession, Undo
 from rona_core.app.steps.pointer.messages import CalibratePointer, StartPointerCapture
-from rona_core.app.steps.setup.messages import MoveTracker, SetSeed, SetToolVisible
-from rona_core.app.steps.setup.workcell_messages import AddObstacle
+from rona_core.app.steps.setup.messages import AddObstacle, MoveTracker, SetSeed, SetToolVisible
 from rona_core.compose import build_registry
 from rona_core.errors import RonaError
 from rona_core.session.codec import digest

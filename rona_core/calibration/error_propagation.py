@@ -12,13 +12,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
-from rona_core.calibration.hand_eye.residuals import fit_covariances
-from rona_core.calibration.tracking_error.marker_noise import MarkerNoise
+from rona_core.calibration.tracking_error import MarkerNoise, fit_covariances
 from rona_core.errors import InvalidInputError
 from rona_core.geometry.arrays import Floats, Vector3, as_points, as_vector3, readonly
-from rona_core.geometry.frame_graph import FrameEdge, FrameGraph, JointCovariance
 from rona_core.geometry.pose import Pose, Poses
-from rona_core.geometry.pose_covariance import as_covariance, cross_matrices
+from rona_core.geometry.pose_covariance import as_covariance, cross_matrices, point_jacobians
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -93,53 +91,30 @@ def pose_covariance(
     return (noise.sigma_mm or 0.0) ** 2 / n_averaged * change @ central @ change.T
 
 
-def pointer_graph(setup: MapSetup, T_tracker_pointermarker: Pose) -> FrameGraph:
-    """Return the frame graph from ``base`` to ``pointermarker`` for one pose of the pointer."""
-    edges = [
-        FrameEdge("base", "tracker", setup.T_base_tracker, "tool"),
-        FrameEdge(
-            "tracker",
-            "pointermarker",
-            T_tracker_pointermarker,
-            "frame",
-            covariance=pose_covariance(
-                T_tracker_pointermarker,
-                setup.positions_pointermarker,
-                setup.noise,
-                setup.n_averaged,
-            ),
-        ),
-    ]
-    return FrameGraph(
-        tuple(edges), (JointCovariance(("T_base_tracker",), setup.registration[:6, :6]),)
-    )
-
-
 def predict_map_error(setup: MapSetup, Ts_tracker_pointermarker: Poses) -> MapError:
     """Return the expected error of the touched places for poses of the pointer (n)."""
-    tip = as_points(np.asarray(setup.tip_pointermarker)[None])
-    parts: dict[str, list[Floats]] = {"registration": [], "pointer": [], "frame": []}
-    for T_tracker_pointermarker in Ts_tracker_pointermarker:
-        graph = pointer_graph(setup, T_tracker_pointermarker)
-        tip_tracker = T_tracker_pointermarker @ tip
-        parts["registration"].append(graph.point_covariances("base", "tracker", tip_tracker)[0])
-        by_frame = graph.point_covariances("tracker", "pointermarker", tip)[0]
-        turn = setup.T_base_tracker.rotation
-        parts["frame"].append(turn @ by_frame @ turn.T)
-        R_base_pointermarker = turn @ T_tracker_pointermarker.rotation
-        parts["pointer"].append(
-            R_base_pointermarker @ setup.tip_covariance @ R_base_pointermarker.T
+    tip = np.asarray(setup.tip_pointermarker, dtype=np.float64)
+    R_base_tracker = setup.T_base_tracker.rotation
+    J = point_jacobians(setup.T_base_tracker, Ts_tracker_pointermarker @ tip)
+    registration = J @ setup.registration[:6, :6] @ np.swapaxes(J, 1, 2)
+    R_base_pointermarker = R_base_tracker @ Ts_tracker_pointermarker.rotations
+    pointer = R_base_pointermarker @ setup.tip_covariance @ np.swapaxes(R_base_pointermarker, 1, 2)
+    frame = np.zeros_like(pointer)
+    for i, T_tracker_pointermarker in enumerate(Ts_tracker_pointermarker):
+        covariance = pose_covariance(
+            T_tracker_pointermarker, setup.positions_pointermarker, setup.noise, setup.n_averaged
         )
-    covariances = {name: np.array(values).reshape(-1, 3, 3) for name, values in parts.items()}
-    total = sum(covariances.values(), np.zeros((3, 3))) + setup.bias_mm**2 / 3.0 * np.eye(3)
+        J_base = R_base_tracker @ point_jacobians(T_tracker_pointermarker, tip[None])[0]
+        frame[i] = J_base @ covariance @ J_base.T
+    total = registration + pointer + frame + setup.bias_mm**2 / 3.0 * np.eye(3)
     return MapError(
-        registration=readonly(covariances["registration"]),
-        pointer=readonly(covariances["pointer"]),
-        frame=readonly(covariances["frame"]),
+        registration=readonly(registration),
+        pointer=readonly(pointer),
+        frame=readonly(frame),
         total=readonly(total),
-        registration_rms_mm=_rms_mm(covariances["registration"]),
-        pointer_rms_mm=_rms_mm(covariances["pointer"]),
-        frame_rms_mm=_rms_mm(covariances["frame"]),
+        registration_rms_mm=_rms_mm(registration),
+        pointer_rms_mm=_rms_mm(pointer),
+        frame_rms_mm=_rms_mm(frame),
         rms_mm=_rms_mm(total),
     )
 

@@ -21,7 +21,7 @@ class InterpolatedPoses:
 
 
 def interpolate_poses(
-    track: ToolTrack, times_s: Floats, *, delay_s: float = 0.0, near_s: float = NEAR_S
+    track: ToolTrack, times_s: Floats, *, delay_s: float = 0.0
 ) -> InterpolatedPoses:
     """Return where a tool was at some instants.
 
@@ -31,7 +31,6 @@ def interpolate_poses(
         track: What the tracker delivered.
         times_s: Instants (n,), by the clock of the capture.
         delay_s: By how much later than it was measured each frame arrived.
-        near_s: A frame must be this near, before the instant and after it.
     """
     measured_s, wanted = track.times_s - delay_s, np.asarray(times_s, dtype=np.float64)
     if len(measured_s) < 2:
@@ -41,7 +40,7 @@ def interpolate_poses(
     before = after - 1
     slack = 1e-9
     known = (wanted >= measured_s[before] - slack) & (wanted <= measured_s[after] + slack)
-    known &= (wanted - measured_s[before] <= near_s) & (measured_s[after] - wanted <= near_s)
+    known &= (wanted - measured_s[before] <= NEAR_S) & (measured_s[after] - wanted <= NEAR_S)
     times = np.clip(wanted[known], measured_s[0], measured_s[-1])
     poses = track.Ts_tracker_marker
     turns = Slerp(measured_s, Rotation.from_matrix(poses.rotations))(times)

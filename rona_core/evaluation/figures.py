@@ -9,7 +9,6 @@ Figures = dict[str, Figure]
 
 
 def rms(values: Floats) -> float | None:
-    """Return the root mean square of values (n,) or of vectors (n, 3); None if there are none."""
-    if not len(values):
-        return None
-    return float(np.sqrt((values**2).sum() / len(values)))
+    """Return the root mean square of finite values (n,) or vectors (n, 3); None without any."""
+    known = values[np.isfinite(values)] if values.ndim == 1 else values
+    return float(np.sqrt((known**2).sum() / len(known))) if len(known) else None

@@ -1,9 +1,9 @@
-"""Figures of step 9: the maps against the true bone."""
+"""Figures of step 9, and of the hand-held probe: the maps against the true bone."""
 
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import ArrayLike
+from scipy.interpolate import RegularGridInterpolator
 from scipy.spatial import KDTree
 
 from rona_core.evaluation.figures import Figures, rms
@@ -12,21 +12,23 @@ from rona_core.geometry.arrays import Bools, Floats, Ints
 from rona_core.mapping.build_maps import NEAR_MM
 
 if TYPE_CHECKING:
+    from rona_core.calibration.handheld.tracked_probe import SonoCalibration
     from rona_core.mapping.boundary_map import BoundaryMap, Maps
+    from rona_core.session.document import SonoMaps
 
 
 def map_figures(maps: "Maps", truth: Truth) -> Figures:
     """Return the errors of the maps, absolute and for the same robot, and their coverage."""
-    outer = _cells(maps.outer)
-    inner = _cells(maps.inner)
+    outer, inner = cells(maps.outer), cells(maps.inner)
     figures: Figures = {}
     for suffix, systematic in (("", False), ("_same_robot", True)):
         figures[f"outer{suffix}_rms_mm"] = rms(outer_errors_mm(outer, truth, systematic))
         figures[f"inner{suffix}_rms_mm"] = rms(inner_errors_mm(inner, truth, systematic))
     thickness = thickness_errors_mm(maps, truth)
-    figures["thickness_bias_mm"] = float(thickness.mean()) if len(thickness) else None
+    known = thickness[np.isfinite(thickness)]
+    figures["thickness_bias_mm"] = float(known.mean()) if len(known) else None
     figures["thickness_rms_mm"] = rms(thickness)
-    fused = fused_on_outer_cells(maps)
+    fused = fused_on_outercells(maps)
     figures["fused_outer_rms_mm"] = rms(outer_errors_mm(fused, truth, False))
     region = truth.region_points()
     figures["coverage_fraction"] = covered(maps.outer, region)
@@ -44,6 +46,34 @@ def one_pass_figures(maps: "Maps", n_first: int, truth: Truth) -> Figures:
     return {"inner_coverage_one_pass_fraction": float(np.mean(near)) if len(region) else 0.0}
 
 
+def sono_calibration_figures(calibration: "SonoCalibration", truth: Truth) -> Figures:
+    """Return how far face and axis of the probe are from where they really are."""
+    true, found = truth.scene.T_sonomarker_probe, calibration.T_sonomarker_probe
+    axes = true.rotation[:, 2], found.rotation[:, 2]
+    angle = np.arctan2(np.linalg.norm(np.cross(*axes)), axes[0] @ axes[1])
+    off = np.linalg.norm(found.translation - true.translation)
+    return {"sono_face_error_mm": float(off), "sono_axis_error_deg": float(np.rad2deg(angle))}
+
+
+def sono_map_figures(result: "SonoMaps", truth: Truth) -> Figures:
+    """Return the errors of the maps of a scan by hand, and their coverage.
+
+    Without the robot they are in the frame of the base marker; then its true mounting brings them
+    to ``base``, here alone.
+    """
+    maps = result.maps
+    if result.frame == "basemarker":
+        maps = maps.seen_from(truth.scene.T_base_basemarker)
+    region = truth.region_points()
+    return {
+        "sono_outer_rms_mm": rms(outer_errors_mm(maps.outer.points_base(), truth, False)),
+        "sono_inner_rms_mm": rms(inner_errors_mm(maps.inner.points_base(), truth, False)),
+        "sono_thickness_rms_mm": rms(thickness_errors_mm(maps, truth)),
+        "sono_coverage_fraction": covered(maps.outer, region),
+        "sono_inner_coverage_fraction": covered(maps.inner, region),
+    }
+
+
 def outer_errors_mm(points_base: Floats, truth: Truth, systematic: bool) -> Floats:
     """Return the signed errors (n,) of mapped outer points, along the true outer normal.
 
@@ -56,15 +86,9 @@ def outer_errors_mm(points_base: Floats, truth: Truth, systematic: bool) -> Floa
 def inner_errors_mm(points_base: Floats, truth: Truth, systematic: bool) -> Floats:
     """Return the signed errors (n,) of mapped inner points, along the true outer normal.
 
-    Positive where the map has the inner boundary too far outside. Places where the true bone has
-    no inner boundary are left out.
+    Positive where the map has the inner boundary too far outside, infinite where the true bone has
+    none.
     """
-    errors = _inner_errors(points_base, truth, systematic)
-    return errors[np.isfinite(errors)]
-
-
-def _inner_errors(points_base: Floats, truth: Truth, systematic: bool) -> Floats:
-    """Return errors (n,) as ``inner_errors_mm`` does, infinite where there is no inner boundary."""
     arrived = _arrived(points_base, truth, systematic)
     foot, normals = truth.foot(arrived)
     depth = ((foot - arrived) * normals).sum(axis=1)
@@ -74,21 +98,16 @@ def _inner_errors(points_base: Floats, truth: Truth, systematic: bool) -> Floats
 def thickness_errors_mm(maps: "Maps", truth: Truth) -> Floats:
     """Return mapped minus true thickness (n,), both along the true outer normal.
 
-    Each unflagged inner cell whose cell of the outer map is not flagged either counts. The line
-    along the true normal through the inner point meets the outer map where that map's error, a
-    smooth field of fractions of a millimetre, is interpolated between its cells.
+    Each unflagged inner cell whose cell of the outer map is not flagged either counts; infinite
+    where the error is not known. The line along the true normal through the inner point meets the
+    outer map where that map's error, a smooth field of fractions of a millimetre, is interpolated.
     """
-    if not maps.outer.ok.any() or not (maps.inner.ok & maps.outer.ok).any():
+    both = maps.inner.ok & maps.outer.ok
+    if not both.any():
         return np.zeros(0)
-    errors = _thickness_errors(maps, truth)
-    return errors[np.isfinite(errors)]
-
-
-def _thickness_errors(maps: "Maps", truth: Truth) -> Floats:
-    """Return errors (n,) of the cells that both maps vouch for; not finite where none is known."""
     outer_error = np.zeros(maps.outer.ok.shape)
-    outer_error[maps.outer.ok] = truth.signed_distance_mm(_cells(maps.outer))
-    points = _cells(maps.inner, maps.inner.ok & maps.outer.ok)
+    outer_error[maps.outer.ok] = truth.signed_distance_mm(cells(maps.outer))
+    points = cells(maps.inner, both)
     foot, normals = truth.foot(points)
     depth = ((foot - points) * normals).sum(axis=1)
     above, found = _interpolated(maps.outer, outer_error, foot)
@@ -96,45 +115,13 @@ def _thickness_errors(maps: "Maps", truth: Truth) -> Floats:
     return np.where(found, errors, np.inf)
 
 
-def cell_errors_mm(maps: "Maps", truth: Truth) -> dict[str, Floats]:
-    """Return the signed errors of all maps over their grid (nu, nv), infinite where none is known.
-
-    Keys are ``thickness``, and ``outer``, ``inner`` and ``fused``, absolute and, with the ending
-    ``_same_robot``, for the same robot. All maps are on one grid.
-    """
-    errors: dict[str, Floats] = {}
-    for suffix, systematic in (("", False), ("_same_robot", True)):
-        for name, boundary in (("outer", maps.outer), ("fused", maps.fused)):
-            found = outer_errors_mm(_cells(boundary), truth, systematic)
-            errors[name + suffix] = _on_grid(boundary.ok, found)
-        found = _inner_errors(_cells(maps.inner), truth, systematic)
-        errors["inner" + suffix] = _on_grid(maps.inner.ok, found)
-    both = maps.inner.ok & maps.outer.ok
-    errors["thickness"] = _on_grid(both, _thickness_errors(maps, truth) if both.any() else ())
-    return errors
-
-
-def _on_grid(which: Bools, values: ArrayLike) -> Floats:
-    """Return values (n,) in their cells, infinite elsewhere."""
-    grid = np.full(which.shape, np.inf)
-    grid[which] = values
-    return grid
-
-
-def fused_on_outer_cells(maps: "Maps") -> Floats:
-    """Return the fused map's points (n, 3) on those cells that the outer map vouches for."""
-    same = (
-        maps.fused.height_mm.shape == maps.outer.height_mm.shape
-        and np.array_equal(maps.fused.u_mm, maps.outer.u_mm)
-        and np.array_equal(maps.fused.v_mm, maps.outer.v_mm)
-        and np.array_equal(maps.fused.T_base_map.matrix(), maps.outer.T_base_map.matrix())
-    )
-    if same:
-        return _cells(maps.fused, maps.outer.ok & maps.fused.ok)
-    where = maps.fused.T_base_map.inv() @ _cells(maps.outer)
-    height, found = _interpolated_at(maps.fused, maps.fused.height_mm, where)
-    where[:, 2] = height
-    return maps.fused.T_base_map @ where[found]
+def fused_on_outercells(maps: "Maps") -> Floats:
+    """Return the fused map's points (n, 3) at those cells that the outer map vouches for."""
+    points_base = cells(maps.outer)
+    height, found = _interpolated(maps.fused, maps.fused.height_mm, points_base)
+    points_map = maps.fused.T_base_map.inv() @ points_base
+    points_map[:, 2] = height
+    return maps.fused.T_base_map @ points_map[found]
 
 
 def covered(boundary: "BoundaryMap", region_base: Floats) -> float:
@@ -153,7 +140,7 @@ def _arrived(points_base: Floats, truth: Truth, systematic: bool) -> Floats:
     return points_base + truth.scene.robot_error.systematic_mm(points_base)
 
 
-def _cells(boundary: "BoundaryMap", which: Bools | None = None) -> Floats:
+def cells(boundary: "BoundaryMap", which: Bools | None = None) -> Floats:
     """Return the points (n, 3) of the unflagged cells, or of the cells named, in ``base``."""
     chosen = boundary.ok if which is None else which
     i, j = np.nonzero(chosen)
@@ -164,28 +151,13 @@ def _cells(boundary: "BoundaryMap", which: Bools | None = None) -> Floats:
 def _interpolated(
     boundary: "BoundaryMap", values: Floats, points_base: Floats
 ) -> tuple[Floats, Bools]:
-    return _interpolated_at(boundary, values, boundary.T_base_map.inv() @ points_base)
-
-
-def _interpolated_at(
-    boundary: "BoundaryMap", values: Floats, where: Floats
-) -> tuple[Floats, Bools]:
     """Interpolate cell values bilinearly among unflagged corners; also where one was found."""
-    u, v = boundary.u_mm, boundary.v_mm
-    i = np.clip(np.searchsorted(u, where[:, 0], side="right") - 1, 0, len(u) - 2)
-    j = np.clip(np.searchsorted(v, where[:, 1], side="right") - 1, 0, len(v) - 2)
-    a = np.clip((where[:, 0] - u[i]) / (u[i + 1] - u[i]), 0.0, 1.0)
-    b = np.clip((where[:, 1] - v[j]) / (v[j + 1] - v[j]), 0.0, 1.0)
-    total, weight = np.zeros(len(where)), np.zeros(len(where))
-    for di, dj, share in (
-        (0, 0, (1 - a) * (1 - b)),
-        (1, 0, a * (1 - b)),
-        (0, 1, (1 - a) * b),
-        (1, 1, a * b),
-    ):
-        known = share * boundary.ok[i + di, j + dj]
-        total += known * values[i + di, j + dj]
-        weight += known
+    axes, ok = (boundary.u_mm, boundary.v_mm), boundary.ok
+    known = np.stack((np.where(ok, values, 0.0), ok), axis=-1)
+    ends = np.array([(axis[0], axis[-1]) for axis in axes]).T
+    points_map = boundary.T_base_map.inv() @ points_base
+    inside = np.clip(points_map[:, :2], *ends)
+    total, weight = RegularGridInterpolator(axes, known)(inside).T
     found = weight > 1e-9
     return np.where(found, total / np.maximum(weight, 1e-9), 0.0), found
 

@@ -10,8 +10,12 @@ from typing import TYPE_CHECKING, Any
 
 from rona_core.app.overview.predicted_accuracy import predicted_figures
 from rona_core.evaluation.figures import Figures
-from rona_core.evaluation.handheld_metrics import sono_calibration_figures, sono_map_figures
-from rona_core.evaluation.map_metrics import map_figures, one_pass_figures
+from rona_core.evaluation.map_metrics import (
+    map_figures,
+    one_pass_figures,
+    sono_calibration_figures,
+    sono_map_figures,
+)
 from rona_core.evaluation.navigation_metrics import (
     pointer_figures,
     skull_figures,
@@ -22,8 +26,8 @@ from rona_core.evaluation.path_metrics import normal_figures, plan_figures, smoo
 from rona_core.evaluation.scan_metrics import contact_figures, detection_figures
 from rona_core.evaluation.speed_metrics import speed_figures
 from rona_core.evaluation.truth import Truth
+from rona_core.session.captures import is_imported
 from rona_core.session.codec import digest
-from rona_core.session.imported import is_imported
 from rona_core.virtual.rig import build_scene
 from rona_core.virtual.scene import VirtualScene
 
@@ -104,10 +108,8 @@ def evaluate(session: "Session", scene: VirtualScene) -> Figures:
         scene = build_scene(scene.seed, scene.specimen, session.setup.devices)
     truth = Truth(scene)
     figures: Figures = dict.fromkeys(KEYS)
-    figures |= _navigation(session, truth)
-    figures |= _path(session, truth)
-    figures |= _scan(session, truth)
-    figures |= _by_hand(session, truth)
+    for part in (_navigation, _path, _scan, _by_hand):
+        figures |= part(session, truth)
     step, reason = unfinished(session)
     figures |= {"completed": step is None, "failed_step": step, "reason": reason}
     return figures
@@ -129,8 +131,10 @@ def unfinished(session: "Session") -> tuple[str | None, str | None]:
         "scan": session.captures.scan,
         "maps": results.maps,
     }
-    step = next((step for step, result in done.items() if result is None), None)
-    return step, None if step is None else f"the step {step!r} has no result yet"
+    for step, result in done.items():
+        if result is None:
+            return step, f"the step {step!r} has no result yet"
+    return None, None
 
 
 def _navigation(session: "Session", truth: Truth) -> Figures:
@@ -172,11 +176,11 @@ def _with_path_of_smoothing(session: "Session") -> "Session":
         session.results.path,
         session.captures.path,
     )
-    if smoothing is not None and path is not None and capture is not None:
-        same = _made_of(smoothing, "path", path.value) and _made_of(path, "capture", capture)
-        if not same:
-            return replace(session, captures=replace(session.captures, path=None))
-    return session
+    if smoothing is None or path is None or capture is None:
+        return session
+    if _made_of(smoothing, "path", path.value) and _made_of(path, "capture", capture):
+        return session
+    return replace(session, captures=replace(session.captures, path=None))
 
 
 def _made_of(derived: Any, name: str, value: object) -> bool:

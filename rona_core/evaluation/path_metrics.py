@@ -93,22 +93,19 @@ def normal_figures(path: "Path5D", truth: Truth) -> Figures:
 
 def plan_figures(plan: "RobotPlan") -> Figures:
     """Return how many rolls were tried, how the chosen one fares, and how long the scan takes."""
-    trajectory = plan.trajectory
-    least_deg, chosen = None, plan.search.mode != "none"
+    search, trajectory, certificate = plan.search, plan.trajectory, plan.certificate
+    least_deg, chosen = None, search.mode != "none"
     if trajectory is not None:
-        limits = robot_model(plan.model).limits
         times_s = trajectory.times_s
         scanning = (times_s >= trajectory.scan_start_s) & (times_s <= trajectory.scan_end_s)
-        room_rad = limits.clearance_rad(trajectory.qs_rad[scanning])
+        room_rad = robot_model(plan.model).limits.clearance_rad(trajectory.qs_rad[scanning])
         least_deg = float(np.rad2deg(room_rad.min())) if scanning.any() else None
-    certificate = plan.certificate
-    duration_s = None if trajectory is None else trajectory.times_s[-1] - trajectory.times_s[0]
     return {
-        "rolls_tried": len(plan.search.verdicts),
-        "rolls_feasible": sum(verdict.feasible for verdict in plan.search.verdicts),
-        "roll_mode": plan.search.mode,
+        "rolls_tried": len(search.verdicts),
+        "rolls_feasible": sum(verdict.feasible for verdict in search.verdicts),
+        "roll_mode": search.mode,
         "min_clearance_mm": None if certificate is None else certificate.min_clearance_mm,
-        "roll_variation_deg": plan.search.roll_variation_deg if chosen else None,
+        "roll_variation_deg": search.roll_variation_deg if chosen else None,
         "min_joint_margin_deg": least_deg,
-        "scan_duration_s": None if duration_s is None else float(duration_s),
+        "scan_duration_s": None if trajectory is None else trajectory.duration_s,
     }

@@ -9,7 +9,7 @@ from rona_core.evaluation.scan_metrics import WRONG_MM, true_probe_poses
 from rona_core.evaluation.truth import Truth
 from rona_core.session.codec import digest
 from rona_core.ultrasound.acoustic_calibration.speed_calibration import speed_at
-from rona_core.virtual.acoustics.specimen_medium import bone_medium, true_bone
+from rona_core.virtual.acoustics.medium import bone_medium, true_bone
 
 if TYPE_CHECKING:
     from rona_core.session.document import Session

@@ -60,7 +60,7 @@ class Truth:
         axes = Ts_base_probe.rotations[:, :, 2]
         starts = Ts_base_probe.translations - BEHIND_MM * axes
         rays = self._T_skull_base @ starts, self._T_skull_base.rotate(axes)
-        return self.scene.specimen.ray(*rays, "inner") - BEHIND_MM
+        return self.scene.specimen.layers(*rays)[:, 3] - BEHIND_MM
 
     def landmarks_base(self) -> dict[str, Vector3]:
         """Return the five named points (3,) on the skull."""

@@ -122,23 +122,17 @@ class FrameGraph:
             total += whole @ joint.covariance @ whole.T
         return readonly((total + total.T) / 2.0)
 
-    def point_covariances(
-        self, left: str, right: str, points_right: ArrayLike, covariances: ArrayLike | None = None
-    ) -> Floats:
+    def point_covariances(self, left: str, right: str, points_right: ArrayLike) -> Floats:
         """Return the covariances (n, 3, 3) in ``left``, mm^2, of places (n, 3) in ``right``.
 
         Args:
             left: Frame that they are mapped into.
             right: Frame that they are given in.
             points_right: The places, mm.
-            covariances: Of the places themselves, (3, 3) or (n, 3, 3), mm^2; None: exact.
         """
         T_a_b = self.pose(left, right)
         J = point_jacobians(T_a_b, as_points(points_right, name="points_right"))
-        found = J @ self.covariance(left, right) @ np.swapaxes(J, 1, 2)
-        if covariances is not None:
-            found = found + T_a_b.rotation @ np.asarray(covariances) @ T_a_b.rotation.T
-        return found
+        return J @ self.covariance(left, right) @ np.swapaxes(J, 1, 2)
 
     def _jacobians(self, left: str, right: str) -> dict[str, Floats]:
         """Return by edge how the deviation of the whole pose depends on that of the edge."""

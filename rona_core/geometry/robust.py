@@ -12,7 +12,6 @@ from rona_core.geometry.arrays import Floats
 
 MAD_TO_SIGMA = 1.4826  # standard deviation of normal errors over their median absolute deviation
 TUKEY_CUTOFF = 4.685  # standard deviations: 95 % efficient for normal errors (Holland 1977)
-CAUCHY_SCALE = 2.385  # standard deviations: the same
 
 
 def mad_sigma(residuals: Floats, *, center: float = 0.0, floor: float = 0.0) -> float:

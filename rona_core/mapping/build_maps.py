@@ -12,16 +12,49 @@ from rona_core.geometry.arrays import Bools, Floats, as_points, readonly
 from rona_core.geometry.pose import Pose, Poses
 from rona_core.mapping.boundary_map import BoundaryMap, CloudFit, Maps
 from rona_core.mapping.cloud_fusion import fit_cloud, thinned
-from rona_core.mapping.curvature_correction import lateness_mm, mean_curvature_per_mm
 from rona_core.mapping.hampel_filter import agreeing
 from rona_core.mapping.thin_plate_spline import PlateFit, fit_plate
 from rona_core.ultrasound.detection.detect import Detection
+from rona_core.ultrasound.detection.single.matched_filter import block_template
+from rona_core.ultrasound.probe.beam import probe_beam
+from rona_core.ultrasound.probe.materials import GEL
 from rona_core.ultrasound.probe.probe_model import ProbeModel, probe_model
 
 NEAR_MM = 2.5  # a cell is mapped if a sample lies this close
 LEAST_SAMPLES = 12
 LEAST_THICKNESS_MM = 0.2  # the inner map stays at least this far below the outer one
 CLOUD_REACH_MM = 6.0  # the cloud extends the map by no more than this
+
+
+def mean_curvature_per_mm(points_map: Floats) -> float:
+    """Return the mean of the two curvatures of the quadric through points (n, 3); > 0: a dome.
+
+    The points are heights over the plane that fits them best, +z out of the bone.
+    """
+    u, v, z = points_map.T
+    design = np.column_stack((np.ones(len(u)), u, v, u * u, u * v, v * v))
+    quadric = np.linalg.lstsq(design, z, rcond=None)[0]
+    return -float(quadric[3] + quadric[5])
+
+
+def lateness_mm(probe: ProbeModel, curvature_per_mm: float) -> float:
+    """Return by how much the front echo of bone so curved puts the outer boundary too deep.
+
+    The rays of the beam add up with the phase of their longer way; for a small phase that is
+    <r^2> / 2R. A beam as wide as the crystal would give a^2 / 4R, the real one is narrower.
+    """
+    beam, spectrum = probe_beam(probe), block_template(probe, "pulse")
+    fall = np.sum(beam.points_mm**2, axis=1) / 2.0 * curvature_per_mm
+    k = 2.0 * np.pi * beam.frequencies_mhz / GEL.speed_mm_per_us
+    flat = beam.weights.sum(axis=0)
+    curved = (beam.weights * np.exp(-2j * np.outer(fall, k))).sum(axis=0)
+    power = np.interp(
+        beam.frequencies_mhz,
+        spectrum.frequencies_mhz,
+        spectrum.weights * np.abs(spectrum.spectrum) ** 2,
+    )
+    late = -np.angle(curved * np.conj(flat)) / (2.0 * k)
+    return float(np.sum(power * late) / np.sum(power))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -146,12 +179,12 @@ class _Grid:
         self.places = np.column_stack((u.ravel(), v.ravel()))
         self.shape = u.shape
 
-    def near(self, points_map: Floats, reach_mm: float = NEAR_MM) -> Bools:
+    def near(self, points_map: Floats) -> Bools:
         """Return which cells (nu, nv) have one of the points (n, 3) close by."""
         if not len(points_map):
             return np.zeros(self.shape, dtype=np.bool_)
         distance = KDTree(points_map[:, :2]).query(self.places)[0]
-        return (distance <= reach_mm).reshape(self.shape)
+        return (distance <= NEAR_MM).reshape(self.shape)
 
     def boundary(self, plate: PlateFit, ok: Bools) -> BoundaryMap:
         """Return a map with the heights of the plate."""
@@ -194,14 +227,12 @@ def _inner(
     usable: Bools, inner_map: Floats, plate: PlateFit, grid: _Grid, outer: BoundaryMap
 ) -> tuple[BoundaryMap, Bools]:
     """Map what lies between the boundaries and subtract it, so that they never cross."""
-    nothing = np.zeros(grid.shape, dtype=np.bool_)
-    if np.count_nonzero(usable) < LEAST_SAMPLES:
-        flat = grid.with_heights(outer.height_mm - LEAST_THICKNESS_MM, nothing)
-        return flat, np.zeros(len(usable), dtype=np.bool_)
-    below = np.zeros(len(usable))
-    below[usable] = plate.heights(inner_map[usable, :2]) - inner_map[usable, 2]
-    used = _agreeing_among(usable, np.column_stack((inner_map[:, :2], below)))
+    used, below = usable, np.zeros(len(usable))
+    if np.count_nonzero(usable) >= LEAST_SAMPLES:
+        below[usable] = plate.heights(inner_map[usable, :2]) - inner_map[usable, 2]
+        used = _agreeing_among(usable, np.column_stack((inner_map[:, :2], below)))
     if np.count_nonzero(used) < LEAST_SAMPLES:
+        nothing = np.zeros(grid.shape, dtype=np.bool_)
         flat = grid.with_heights(outer.height_mm - LEAST_THICKNESS_MM, nothing)
         return flat, np.zeros(len(usable), dtype=np.bool_)
     between = fit_plate(inner_map[used, :2], below[used])

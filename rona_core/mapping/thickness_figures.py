@@ -4,8 +4,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from rona_core.geometry.arrays import Bools, Floats, readonly
-from rona_core.geometry.robust import TUKEY_CUTOFF, mad_sigma, tukey_weights
+from rona_core.geometry.arrays import Bools, Floats
+from rona_core.geometry.robust import (
+    TUKEY_CUTOFF,
+    mad_sigma,
+    reweighted_least_squares,
+    tukey_weights,
+)
 
 FAR_MM = 1.0  # from the plane of the others: not the same echo
 FAR_SD = 4.0
@@ -22,7 +27,6 @@ class ThicknessFigures:
     robust_sd_mm: float | None  # about a plane over the positions
     failure_fraction: float  # without thickness, or over 1 mm and 4 robust SD off the plane
     flagged_fraction: float  # without thickness
-    plane_mm: Floats  # (n,) thickness that the plane predicts; 0 where there is none
 
 
 def thickness_figures(
@@ -38,36 +42,34 @@ def thickness_figures(
     n = len(ok)
     flagged = float(1.0 - ok.mean()) if n else 0.0
     if not ok.any():
-        return ThicknessFigures(n, None, None, flagged, flagged, readonly(np.zeros(n)))
+        return ThicknessFigures(n, None, None, flagged, flagged)
     plane = _robust_plane(thickness_mm, ok, positions_mm)
     residuals = (thickness_mm - plane)[ok]
     sd = mad_sigma(residuals, center=float(np.median(residuals)))
     off = np.abs(residuals) > max(FAR_MM, FAR_SD * sd)
     failures = (float(off.sum()) + float((~ok).sum())) / n
     mean = float(thickness_mm[ok].mean())
-    return ThicknessFigures(n, mean, sd, failures, flagged, readonly(plane))
+    return ThicknessFigures(n, mean, sd, failures, flagged)
 
 
 def _robust_plane(thickness_mm: Floats, ok: Bools, positions_mm: Floats | None) -> Floats:
     """Return what a robust plane (Tukey's weights from a median start) predicts, (n,)."""
     design = _design(len(ok), ok, positions_mm)
-    middle = float(np.median(thickness_mm[ok]))
-    fitted = np.full(len(ok), middle)
     if design.shape[1] == 1:
-        return fitted
+        return np.full(len(ok), float(np.median(thickness_mm[ok])))
     used, value = design[ok], thickness_mm[ok]
     # a first plane by least absolute deviations, which a few wrong echoes do not turn
-    weight = np.ones(len(value))
-    coefficients = np.zeros(design.shape[1])
-    for number in range(2 * ROUNDS):
-        root = np.sqrt(weight)[:, None]
-        coefficients = np.linalg.lstsq(used * root, value * root[:, 0])[0]
-        residuals = value - used @ coefficients
-        if number < ROUNDS:
-            weight = 1.0 / np.maximum(np.abs(residuals), 1e-3)
-        else:
-            weight = tukey_weights(residuals, TUKEY_CUTOFF * mad_sigma(residuals, floor=1e-6))
-    return np.asarray(design @ coefficients)
+    first = reweighted_least_squares(
+        used, value, lambda off: 1.0 / np.maximum(np.abs(off), 1e-3), rounds=ROUNDS
+    )
+
+    def biweight(off: Floats) -> Floats:
+        return tukey_weights(off, TUKEY_CUTOFF * mad_sigma(off, floor=1e-6))
+
+    plane = reweighted_least_squares(
+        used, value, biweight, rounds=ROUNDS, weights=biweight(value - used @ first)
+    )
+    return np.asarray(design @ plane)
 
 
 def _design(n: int, ok: Bools, positions_mm: Floats | None) -> Floats:

@@ -1,9 +1,9 @@
 """Pack arrays for the file without losing a bit: what the neighbours foretell is not written.
 
-A value is foretold as the one before it along an axis; a sample of a sampled signal by a linear
-filter over the samples before it, as lossless audio does. The remainders are small integers:
-their sign moves into the lowest bit, and equal bytes of all values come to lie side by side, where
-deflate finds them. Noise of a converter or of a tracker cannot become smaller than its entropy.
+A value is foretold as the one before it along an axis. The remainders are small integers: their
+sign moves into the lowest bit, and equal bytes of all values come to lie side by side, where
+deflate finds them. Older files foretell a sample of a sampled signal by a linear filter over the
+samples before it; that is only read.
 """
 
 import math
@@ -17,11 +17,9 @@ from rona_core.errors import SessionFormatError
 
 Integers = NDArray[Any]
 SMALLEST_BYTES = 512  # smaller arrays are left as they are
-N_TAPS = 8  # samples before that foretell a sample
 TAP_SHIFT = 10  # a filter weight of 1 is 2**10
 MAX_TAPS = 64
 LINES = 4096  # of a record, unpacked at once
-FIT_LINES = 128  # of a record, enough to find its filter
 DTYPES = tuple(f"<{kind}{size}" for kind in "fiu" for size in (2, 4, 8))
 
 
@@ -32,7 +30,7 @@ class Recipe:
     dtype: str
     shape: tuple[int, ...]
     axis: int | None = None  # along which differences stand, None for values as they are
-    taps: tuple[int, ...] = ()  # weights of the samples before, nearest first, in 1/1024
+    taps: tuple[int, ...] = ()  # of older files: weights of the samples before, in 1/1024
     step: int = 1  # of the converter, in whole numbers
 
 
@@ -44,22 +42,13 @@ def pack(array: NDArray[Any]) -> tuple[NDArray[np.uint8], Recipe] | None:
     kind = array.dtype.str
     if kind not in DTYPES or array.nbytes < SMALLEST_BYTES:
         return None
-    if array.dtype == np.int16 and array.ndim == 2 and array.shape[1] > N_TAPS:
-        steps = array.astype(np.int32)
-        step = max(1, int(np.gcd.reduce(steps, axis=None)))
-        steps //= step
-        taps = _filter_of(steps)
-        recipe = Recipe(kind, array.shape, taps=taps, step=step)
-        rest = (steps - _foretold(steps, taps)).astype(np.int16)
-    else:
-        bits = array.view(f"<i{array.itemsize}")
-        axis = _best_axis(bits)
-        recipe = Recipe(kind, array.shape, axis=axis)
-        rest = bits
-        if axis is not None:
-            rest = np.diff(bits, axis=axis, prepend=np.zeros_like(bits.take([0], axis=axis)))
+    bits = array.view(f"<i{array.itemsize}")
+    rest, axis = bits, _best_axis(bits)
+    if axis is not None:
+        rest = np.diff(bits, axis=axis, prepend=np.zeros_like(bits.take([0], axis=axis)))
     folded = _folded(rest)
-    return np.ascontiguousarray(folded.reshape(-1, 1).view(np.uint8).T), recipe
+    planes = np.ascontiguousarray(folded.reshape(-1, 1).view(np.uint8).T)
+    return planes, Recipe(kind, array.shape, axis)
 
 
 def unpack(stored: NDArray[Any], recipe: Recipe, where: str) -> NDArray[Any]:
@@ -109,24 +98,6 @@ def _unfolded(folded: Integers) -> Integers:
     values: Integers = folded.view(signed)
     values ^= flips
     return values
-
-
-def _filter_of(lines: NDArray[np.int32]) -> tuple[int, ...]:
-    """Return the weights that foretell a sample from those before it best, nearest first."""
-    some = lines[:: max(1, len(lines) // FIT_LINES)].astype(np.float64)
-    n = some.shape[1]
-    before = np.stack([some[:, N_TAPS - k : n - k] for k in range(1, N_TAPS + 1)], axis=-1)
-    weights = np.linalg.lstsq(before.reshape(-1, N_TAPS), some[:, N_TAPS:].ravel(), rcond=None)[0]
-    limit = 2**15 - 1
-    return tuple(int(w) for w in np.clip(np.rint(weights * 2**TAP_SHIFT), -limit, limit))
-
-
-def _foretold(lines: NDArray[np.int32], taps: tuple[int, ...]) -> NDArray[np.int32]:
-    """Return what the filter expects of each sample; silence goes before the first."""
-    total = np.full_like(lines, 2 ** (TAP_SHIFT - 1))
-    for k, tap in enumerate(taps, start=1):
-        total[:, k:] += np.int32(tap) * lines[:, :-k]
-    return total >> TAP_SHIFT
 
 
 def _rebuilt(rest: Integers, taps: tuple[int, ...]) -> NDArray[np.int32]:

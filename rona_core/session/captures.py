@@ -1,13 +1,12 @@
 """Captures: what the devices measured in one go, as it came, with the set-up it was taken with."""
 
+import hashlib
+from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import Protocol
 
 from rona_core.devices.samples import AScanTrack, JointTrack, ToolTrack
-from rona_core.devices.settings import (
-    FIRST_PLACE,
-    TrackerPlace,
-)
+from rona_core.devices.settings import FIRST_PLACE, TrackerPlace
 from rona_core.devices.wrench import ForceTrack
 from rona_core.geometry.arrays import Floats, Ints
 from rona_core.session.codec import OpenType
@@ -119,3 +118,19 @@ Capture = (
     | SonoCapture
     | OpenCapture
 )
+
+
+IMPORTED = "imported:"
+
+
+def imported_digest(contents: Iterable[bytes]) -> str:
+    """Return what an imported capture holds as the digest of its set-up."""
+    hasher = hashlib.sha256()
+    for data in contents:
+        hasher.update(hashlib.sha256(data).digest())
+    return IMPORTED + hasher.hexdigest()
+
+
+def is_imported(capture: Capture | None) -> bool:
+    """Return whether a capture came out of a file: no virtual device knows its truth."""
+    return capture is not None and capture.setup_digest.startswith(IMPORTED)

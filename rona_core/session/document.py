@@ -10,11 +10,7 @@ from typing import Any, Generic, Literal, TypeVar
 from rona_core.calibration.hand_eye.tool_registration import ToolRegistration
 from rona_core.calibration.handheld.pointer import PointerCalibration
 from rona_core.calibration.handheld.tracked_probe import SonoCalibration
-from rona_core.devices.settings import (
-    DeviceSettings,
-    require,
-    require_within,
-)
+from rona_core.devices.settings import DeviceSettings, require, require_within
 from rona_core.devices.workcell import Surroundings
 from rona_core.geometry.arrays import Floats
 from rona_core.geometry.path5d import Path5D
@@ -40,7 +36,7 @@ from rona_core.surface.cloud import SurfaceCloud
 from rona_core.surface.icp import SurfaceRegistration
 from rona_core.surface.normals.normals import Normals
 from rona_core.ultrasound.acoustic_calibration.delay_line import DelayLine
-from rona_core.ultrasound.acoustic_calibration.parameter_sweep import WhatIf
+from rona_core.ultrasound.acoustic_calibration.expected_performance import WhatIf
 from rona_core.ultrasound.acoustic_calibration.speed_calibration import SpeedCalibration
 from rona_core.ultrasound.detection.detect import Detection
 from rona_core.ultrasound.detection.manual_corrections import BoundaryEdits
@@ -246,6 +242,22 @@ class Session:
     results: Results = field(default_factory=Results)
     archive: tuple[Capture, ...] = ()  # every capture ever taken, undone ones too
     log: tuple[LogEntry, ...] = ()
+
+    def with_setup(self, **parts: Any) -> "Session":
+        """Return the session with other parts of its set-up."""
+        return replace(self, setup=replace(self.setup, **parts))
+
+    def with_devices(self, **settings: Any) -> "Session":
+        """Return the session with other settings of some devices."""
+        return self.with_setup(devices=replace(self.setup.devices, **settings))
+
+    def with_capture(self, name: str, held: Any) -> "Session":
+        """Return the session with another capture, or strokes, under this name; None: with none."""
+        return replace(self, captures=self.captures.with_(name, held))
+
+    def with_result(self, name: str, derived: Derived[Any] | None) -> "Session":
+        """Return the session with another result under this name; None: with none."""
+        return replace(self, results=self.results.with_(name, derived))
 
     def __post_init__(self) -> None:
         require(

@@ -1,13 +1,18 @@
 """Session files: one zip of JSON and arrays, written so that a crash loses nothing.
 
-The same document gives the same bytes. How it is read: ``members``.
+The same document gives the same bytes. How it is read: ``members``. A temporary file beside each
+becomes it once it is whole; a lock tells which of them nobody writes any more.
 """
 
+import contextlib
+import fcntl
 import hashlib
 import io
 import json
 import os
+import re
 import shutil
+import tempfile
 import zipfile
 from pathlib import Path
 from typing import Any
@@ -30,12 +35,13 @@ from rona_core.session.members import (
     used_bytes,
 )
 from rona_core.session.migrate import SCHEMA, migrate
-from rona_core.session.temporary_files import open_temporary
 
 SUFFIX = ".rona"
 NPY_VERSION = (1, 0)
 UNITS = {"length": "mm", "angle": "rad", "time": "s", "ultrasound_time": "us", "force": "N"}
 NAMING = "T_a_b is the pose of frame b in frame a; points_a are coordinates in frame a"
+TEMPORARY = ".part"
+MADE = re.compile(r"\..+\.[a-z0-9_]{8}\.part")  # .NAME.RANDOM.part, as they are named here
 
 
 def session_bytes(session: Session, *, quick: bool = False) -> bytes:
@@ -195,3 +201,47 @@ def _with_log(members: Members) -> dict[str, Any]:
     if not isinstance(document, dict):
         return members.manifest
     return {**members.manifest, "session": {**document, "log": members.log}}
+
+
+def lock_file(descriptor: int, *, wait: bool = False) -> bool:
+    """Lock an open file until it is closed; False where another holds it, unless told to wait.
+
+    The system lets go when the process ends, however it ends.
+    """
+    try:
+        fcntl.flock(descriptor, fcntl.LOCK_EX | (0 if wait else fcntl.LOCK_NB))
+    except OSError:
+        return False
+    return True
+
+
+def open_temporary(path: Path) -> tuple[int, Path]:
+    """Return descriptor and path of a new, locked file beside ``path`` that may become it."""
+    while True:
+        descriptor, name = tempfile.mkstemp(TEMPORARY, f".{path.name}.", path.parent)
+        lock_file(descriptor)  # a file system without locks is no reason not to write
+        if os.path.exists(name):  # else it was taken for a stale one before it was locked
+            return descriptor, Path(name)
+        os.close(descriptor)
+
+
+def remove_stale_temporaries(folder: Path, named: re.Pattern[str] = MADE) -> int:
+    """Remove what programs that were killed left half written in ``folder``; return how many.
+
+    Args:
+        folder: Where to look; not in folders below it.
+        named: Names of temporary files of ours; all others stay.
+    """
+    removed = 0
+    for path in folder.glob(".*"):
+        if not named.fullmatch(path.name) or not path.is_file() or path.is_symlink():
+            continue
+        with contextlib.suppress(OSError):  # one that cannot be removed does no harm
+            descriptor = os.open(path, os.O_RDWR)
+            try:
+                if lock_file(descriptor):  # nobody writes it
+                    path.unlink()
+                    removed += 1
+            finally:
+                os.close(descriptor)
+    return removed

@@ -1,6 +1,5 @@
 """Bring the manifest of an older file to the present schema, one pure function per step."""
 
-from collections.abc import Callable
 from typing import Any
 
 from rona_core.errors import SessionFormatError
@@ -54,13 +53,12 @@ def from_1(manifest: dict[str, Any]) -> dict[str, Any]:
         **{kind: _tracked(held[kind]) for kind in ("tool", "pointer", "path")},
         "surface": [_tracked(stroke) for stroke in held["surface"]],
     }
-    archive = [_tracked(capture) for capture in session["archive"]]
     results = {**session["results"], **dict.fromkeys((*OUTGROWN, *NEW))}
     changed = {
         **session,
         "setup": setup,
         "captures": captures,
-        "archive": archive,
+        "archive": [_tracked(capture) for capture in session["archive"]],
         "results": results,
         "path_edits": NO_EDITS,
     }
@@ -208,11 +206,19 @@ RESULTS_BEFORE_4 = {  # outcome -> activity, the field of its result, and the re
 }
 
 
+# Choices that are no longer offered: message, argument and old value -> what takes its place.
+REPLACED_CHOICES: dict[tuple[str, Any, str], str] = {
+    ("CalibratePointer", "method", "aos"): "ml",
+    ("SmoothScanPath", "normal_method", "robust"): "jet",
+    ("SmoothScanPath", "normal_method", "tls"): "jet",
+}
+
+
 def with_present_message(held: Any) -> Any:
-    """Return a log entry or result, as plain values, with the present name of its message."""
+    """Return a log entry or result, as plain values, with its message as it is called today."""
     if not isinstance(held, dict) or not isinstance(held.get("message"), str):
         return held
-    name, arguments = held["message"], held.get("arguments")
+    name, arguments = str(held["message"]), held.get("arguments")
     if name in CAPTURES_BEFORE_4 and isinstance(arguments, dict):
         kept = {"append": False, **arguments, "kind": CAPTURES_BEFORE_4[name]}
         return {**held, "message": "StoreCapture", "arguments": kept}
@@ -221,34 +227,29 @@ def with_present_message(held: Any) -> Any:
         values = {fields[key]: value for key, value in arguments.items() if key in fields}
         kept = {"message": message, "values": values}
         return {**held, "message": "StoreResult", "arguments": kept}
-    return {**held, "message": RENAMED_IN_4.get(name, name)}
-
-
-def _with_present_messages(session: dict[str, Any]) -> dict[str, Any]:
-    """Return a session of schema 3 whose log and results name messages as schema 4 does."""
-    results = {name: with_present_message(held) for name, held in session["results"].items()}
-    log = [with_present_message(entry) for entry in session.get("log", ())]
-    return {**session, "results": results, "log": log}
-
-
-# What schema 4 changed: each function takes the plain values of a session and returns new ones.
-CHANGES_IN_4: tuple[Callable[[dict[str, Any]], dict[str, Any]], ...] = (_with_present_messages,)
+    name = RENAMED_IN_4.get(name, name)
+    present = {**held, "message": name}
+    if isinstance(arguments, dict):
+        present["arguments"] = {
+            key: REPLACED_CHOICES.get((name, key, str(value)), value)
+            for key, value in arguments.items()
+        }
+    return present
 
 
 def from_3(manifest: dict[str, Any]) -> dict[str, Any]:
-    """Return a manifest of schema 3 as one of schema 4: no capture and no result is lost."""
+    """Return a manifest of schema 3 as one of schema 4: its log and results name present messages.
+
+    No capture and no result is lost.
+    """
     session = manifest["session"]
-    for change in CHANGES_IN_4:
-        session = change(session)
-    return {**manifest, "schema": 4, "session": session}
+    results = {name: with_present_message(held) for name, held in session["results"].items()}
+    log = [with_present_message(entry) for entry in session.get("log", ())]
+    return {**manifest, "schema": 4, "session": {**session, "results": results, "log": log}}
 
 
 # MIGRATIONS[n] turns a manifest of schema n into one of schema n + 1.
-MIGRATIONS: dict[int, Callable[[dict[str, Any]], dict[str, Any]]] = {
-    1: from_1,
-    2: from_2,
-    3: from_3,
-}
+MIGRATIONS = {1: from_1, 2: from_2, 3: from_3}
 
 
 def migrate(manifest: dict[str, Any]) -> dict[str, Any]:

@@ -33,21 +33,17 @@ def build_cloud(
     points_base: ArrayLike,
     times_s: ArrayLike,
     *,
-    max_speed_mm_per_s: float = MAX_SPEED_MM_PER_S,
-    max_gap_s: float = MAX_GAP_S,
     average_s: float = 0.0,
 ) -> SurfaceCloud:
     """Return the samples of one capture without jumps, averaged along each stroke if asked to.
 
-    A step faster than ``max_speed_mm_per_s`` or a pause longer than ``max_gap_s`` ends a stroke.
+    A step faster than 250 mm/s or a pause longer than 0.5 s ends a stroke.
     Strokes of fewer than 5 samples are dropped: stray samples, and a lifted tip that flies. A tip
     that is lifted slowly looks like a stroke and stays.
 
     Args:
         points_base: Tip positions (n, 3) in ``base``, mm.
         times_s: When they were taken (n,), increasing.
-        max_speed_mm_per_s: Fastest credible motion between two samples.
-        max_gap_s: Longest pause within a stroke.
         average_s: Width of a moving average in time. It shrinks evenly on both sides towards the
             ends of a stroke, so that a straight stroke at even speed stays where it is.
 
@@ -56,15 +52,10 @@ def build_cloud(
     """
     points = as_points(points_base, name="points_base")
     times = as_times(times_s, len(points))
-    if not max_speed_mm_per_s > 0 or not max_gap_s > 0:
-        raise InvalidInputError(
-            f"max_speed_mm_per_s and max_gap_s must be positive, not {max_speed_mm_per_s} "
-            f"and {max_gap_s}"
-        )
     if not 0.0 <= average_s < np.inf:
         raise InvalidInputError(f"average_s must be 0 or more, not {average_s}")
     steps_mm, steps_s = np.linalg.norm(np.diff(points, axis=0), axis=1), np.diff(times)
-    cut = (steps_mm > max_speed_mm_per_s * steps_s) | (steps_s > max_gap_s)
+    cut = (steps_mm > MAX_SPEED_MM_PER_S * steps_s) | (steps_s > MAX_GAP_S)
     pieces = np.concatenate(([0], np.cumsum(cut)))[: len(points)]
     kept = _in_long_pieces(pieces)
     points, times = points[kept], times[kept]

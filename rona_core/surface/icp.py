@@ -123,7 +123,8 @@ def register_surface(
     tried: list[tuple[float, Pose]] = []
     for i, T_b_a in enumerate(_starts(start, a.mean(axis=0), n_starts)):
         found = _descend(some, surface, T_b_a, reach_mm, COARSE_STEPS, cancel)
-        tried.append((_misfit(some, surface, found), found))
+        distances, _, _ = _linearise(some, surface, found, reach_mm)
+        tried.append((float(np.median(np.abs(distances))), found))
         progress((i + 1) / (n_starts + 1))
     best = min(tried, key=lambda one: one[0])[1]
     T_b_a = _descend(a, surface, best, reach_mm, MAX_STEPS, cancel)
@@ -175,13 +176,6 @@ def _linearise(
     center = p.mean(axis=0)
     distances = ((p - feet) * normals).sum(axis=1)
     return distances, np.hstack((np.cross(p - center, normals) / reach_mm, normals)), center
-
-
-def _misfit(a: Floats, surface: Closest, T_b_a: Pose) -> float:
-    """Return the median distance: what ranks the starts."""
-    p = T_b_a @ a
-    feet, normals = surface(p)
-    return float(np.median(np.abs(((p - feet) * normals).sum(axis=1))))
 
 
 def _assemble(a: Floats, surface: Closest, T_b_a: Pose, reach_mm: float) -> SurfaceRegistration:

@@ -13,32 +13,13 @@ from starlette.exceptions import HTTPException
 from starlette.requests import Request
 from starlette.responses import Response
 
-from rona_core.errors import (
-    CancelledError,
-    DegenerateGeometryError,
-    DeviceError,
-    InvalidInputError,
-    NameTakenError,
-    NotFoundError,
-    NotReachableError,
-    RonaError,
-    SessionFormatError,
-    StaleResultError,
-    StepBlockedError,
-)
+from rona_core.errors import InvalidInputError, NotFoundError, RonaError, SessionFormatError
 
 MEDIA_TYPE = "application/problem+json"
-STATUS: dict[type[RonaError], int] = {
+STATUS: dict[type[RonaError], int] = {  # all others: 409
     InvalidInputError: 422,
     SessionFormatError: 422,
     NotFoundError: 404,
-    StepBlockedError: 409,
-    StaleResultError: 409,
-    DeviceError: 409,
-    NameTakenError: 409,
-    DegenerateGeometryError: 409,
-    NotReachableError: 409,
-    CancelledError: 409,
 }
 TITLES = {
     400: ("bad_request", "Bad request"),
@@ -87,8 +68,8 @@ def problem(
 
 def problem_of(error: RonaError) -> Response:
     """Return the problem that stands for an error of the core."""
-    kinds = (STATUS[kind] for kind in type(error).__mro__ if kind in STATUS)
-    return problem(next(kinds, 409), str(error), code=error.code)
+    status = next((code for kind, code in STATUS.items() if isinstance(error, kind)), 409)
+    return problem(status, str(error), code=error.code)
 
 
 def install(app: FastAPI) -> None:

@@ -70,14 +70,11 @@ class Streams:
         """Return a waker that is subscribed to ``sources`` as long as the block runs."""
         waker = Waker()
         self._wakers.add(waker)
-        ends: list[Callable[[], None]] = []
-        try:
-            ends = [subscribe(waker.wake) for subscribe in sources]
+        with contextlib.ExitStack() as ends:
+            ends.callback(self._wakers.discard, waker)
+            for subscribe in sources:
+                ends.callback(subscribe(waker.wake))
             yield waker
-        finally:
-            self._wakers.discard(waker)
-            for end in ends:
-                end()
 
 
 def event(data: Any, *, kind: str | None = None, number: int | None = None) -> bytes:

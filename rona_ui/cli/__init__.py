@@ -63,9 +63,10 @@ def _parser() -> argparse.ArgumentParser:
     return parser
 
 
-def _verb(verbs: Any, name: str, text: str) -> argparse.ArgumentParser:
+def _verb(verbs: Any, name: str, text: str, more: str = "") -> argparse.ArgumentParser:
+    """Add a command; its description is ``text`` as a sentence, and ``more``."""
     verb: argparse.ArgumentParser = verbs.add_parser(
-        name, help=text, description=f"{text[0].upper()}{text[1:]}."
+        name, help=text, description=f"{text[0].upper()}{text[1:]}. {more}".rstrip()
     )
     verb.set_defaults(verb=name)
     return verb
@@ -135,13 +136,11 @@ def _add_inspect(verbs: Any) -> None:
 
 def _add_recover(verbs: Any) -> None:
     text = "list sessions that were not saved when the program ended, or save one of them"
-    verb: argparse.ArgumentParser = verbs.add_parser(
-        "recover",
-        help=text,
-        description=f"{text[0].upper()}{text[1:]}. Those of a program that still runs are not "
-        "among them. Exit status: 0 done, 2 bad input, 3 saved, but not the whole of it.",
+    more = (
+        "Those of a program that still runs are not among them. Exit status: 0 done, 2 bad input, "
+        "3 saved, but not the whole of it."
     )
-    verb.set_defaults(verb="recover")
+    verb = _verb(verbs, "recover", text, more)
     text = "name or key of the session to save, as the list has it"
     verb.add_argument("name", nargs="?", metavar="NAME", help=text)
     verb.add_argument("--out", type=Path, metavar="FILE", help="save it here (its name, .rona)")
@@ -154,12 +153,9 @@ def _add_calibrate(verbs: Any) -> None:
     verb = _verb(verbs, "calibrate", "calibrate from recorded data, without a session")
     kinds = verb.add_subparsers(title="what", required=True, metavar="WHAT")
     text = "find the tip of a tracked tool that was pivoted about it"
-    kind: argparse.ArgumentParser = kinds.add_parser(
-        "pivot",
-        help=text,
-        description=f"{text[0].upper()}{text[1:]}. Exit status: 0 done, 2 bad input, 3 refused "
-        "because the data determine no tip.",
-    )
+    more = "Exit status: 0 done, 2 bad input, 3 refused because the data determine no tip."
+    kind = _verb(kinds, "pivot", text, more)
+    kind.set_defaults(verb="calibrate")
     kind.add_argument(
         "files",
         type=Path,
@@ -179,20 +175,18 @@ def _add_calibrate(verbs: Any) -> None:
         "--dof", type=int, choices=(6, 5), default=6, help="5 for markers on one line (6)"
     )
     kind.add_argument(
-        "--method", choices=("ml", "aos", "sphere"), default="ml", help="how it is solved (ml)"
+        "--method", choices=("ml", "sphere"), default="ml", help="how it is solved (ml)"
     )
     kind.add_argument("--json", action="store_true", help="print one JSON object, no table")
 
 
 def _add_detect(verbs: Any) -> None:
     text = "measure the thickness of a plate or bone in recorded ultrasound lines"
-    verb: argparse.ArgumentParser = verbs.add_parser(
-        "detect",
-        help=text,
-        description=f"{text[0].upper()}{text[1:]}. Pulse, stand-off and alignment are learned from "
-        "the lines. Exit status: 0 done, 2 bad input, 3 no line shows a back wall.",
+    more = (
+        "Pulse, stand-off and alignment are learned from the lines. Exit status: 0 done, "
+        "2 bad input, 3 no line shows a back wall."
     )
-    verb.set_defaults(verb="detect")
+    verb = _verb(verbs, "detect", text, more)
     verb.add_argument(
         "file",
         type=Path,

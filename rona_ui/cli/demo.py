@@ -4,6 +4,8 @@ import json
 import math
 import os
 import sys
+from collections.abc import Callable, Generator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -25,7 +27,7 @@ COLOURS = {"pass": "green", "review": "yellow", "fail": "red"}
 def run(wanted: Any) -> int:
     """Carry out the procedure, show how far it is, and end with the figures."""
     _check(wanted)
-    with _Bars() as bars:
+    with _bars() as show:
         session, figures = run_demo(
             wanted.seed,
             DemoSkull(
@@ -36,7 +38,7 @@ def run(wanted: Any) -> int:
                 wanted.radius,
             ),
             robot=wanted.robot,
-            progress=bars.show,
+            progress=show,
         )
     if wanted.json:
         sys.stdout.write(json.dumps(figures, allow_nan=False) + "\n")
@@ -72,31 +74,24 @@ def _check(wanted: Any) -> None:
             raise InvalidInputError(f"the folder {folder} cannot be written to: choose another")
 
 
-class _Bars:
-    """One bar for each step, on stderr."""
+@contextmanager
+def _bars() -> Generator[Callable[[str, float], None]]:
+    """Draw one bar for each step on stderr; yields what is told the share of a step."""
+    tasks: dict[str, TaskID] = {}
+    columns = (
+        TextColumn("{task.description:<10}"),
+        BarColumn(40),
+        TextColumn("{task.percentage:>3.0f} %"),
+        TimeElapsedColumn(),
+    )
+    with Progress(*columns, console=Console(stderr=True)) as progress:
 
-    def __init__(self) -> None:
-        self._progress = Progress(
-            TextColumn("{task.description:<10}"),
-            BarColumn(40),
-            TextColumn("{task.percentage:>3.0f} %"),
-            TimeElapsedColumn(),
-            console=Console(stderr=True),
-        )
-        self._tasks: dict[str, TaskID] = {}
+        def show(step: str, share: float) -> None:
+            if step not in tasks:
+                tasks[step] = progress.add_task(step, total=1.0)
+            progress.update(tasks[step], completed=share)
 
-    def __enter__(self) -> "_Bars":
-        self._progress.start()
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        self._progress.stop()
-
-    def show(self, step: str, share: float) -> None:
-        """Show that this share of a step is done."""
-        if step not in self._tasks:
-            self._tasks[step] = self._progress.add_task(step, total=1.0)
-        self._progress.update(self._tasks[step], completed=share)
+        yield show
 
 
 def _print_figures(figures: dict[str, Any], session: Session) -> None:

@@ -1,6 +1,5 @@
 """Handheld probe (SonoPointer): calibrate, scan, map."""
 
-from dataclasses import replace
 from typing import Any
 
 from rona_core.app.dependencies.staleness import stale_reason
@@ -16,6 +15,8 @@ from rona_ui.panels.widgets.panel_context import PanelContext, on_change, on_cli
 from rona_ui.presentation.snapshot import Snapshot
 from rona_ui.viewer.bindings import escape
 
+EXPLANATION = "The tracked probe in the hand produces the same maps without the robot."
+SPACING = "Line spacing (mm)"
 SOURCES = {"Robot scan": False, "Handheld scan": True}
 LINES = (  # title, key of the figure, unit
     ("Outer boundary, RMS", "sono_outer_rms_mm", " mm"),
@@ -33,45 +34,32 @@ class HandheldControls:
         self._context = context
         start = StartHandheldScan()
         with gui.add_folder("Handheld scan (SonoPointer)", expand_by_default=False):
-            gui.add_html(
-                style.text(
-                    "The tracked probe in the hand produces the same maps without the robot."
-                )
+            gui.add_html(style.text(EXPLANATION))
+            self._calibrate = context.send_button(
+                gui, "1. Calibrate probe", "target", StartHandheldCalibration
             )
-            self._calibrate = gui.add_button("1. Calibrate probe", icon="target", color="gray")
             self._probe = gui.add_html("")
             form = self._form = Form(gui)
-            form.number("duration_s", "Duration (s)", start.duration_s, 5.0, 600.0, 5.0)
-            form.number(
-                "spacing_mm",
-                "Line spacing (mm)",
-                start.spacing_mm,
-                0.5,
-                10.0,
-                0.5,
-                "Between two lines",
+            form.numbers(
+                ("duration_s", "Duration (s)", start.duration_s, 5.0, 600.0, 5.0),
+                ("spacing_mm", SPACING, start.spacing_mm, 0.5, 10.0, 0.5, "Between two lines"),
             )
-            self._scan = gui.add_button("2. Start handheld scan", icon="hand-grab", color="gray")
+            self._scan = context.send_button(
+                gui,
+                "2. Start handheld scan",
+                "hand-grab",
+                lambda: StartHandheldScan(**form.values()),
+            )
             self._scan_text = gui.add_html("")
             self._map = gui.add_button("3. Map handheld scan", icon="map", color="gray")
+            on_click(self._map, self._mapped)
             self._maps = gui.add_html("")
             self._shown = gui.add_dropdown("Show maps of", tuple(SOURCES))
-        on_click(self._calibrate, lambda e: context.send(StartHandheldCalibration, e))
-        on_click(self._scan, lambda e: context.send(self.scan, e))
-        on_click(self._map, self._mapped)
-        on_change(self._shown, lambda e: self._choose())
-
-    def scan(self) -> Any:
-        """Return the scan with these parameters."""
-        return StartHandheldScan(**self._form.values())
+        on_change(self._shown, lambda e: context.set_view(handheld=SOURCES[self._shown.value]))
 
     def _mapped(self, event: Any) -> None:
         self._context.send(StartHandheldMapping, event)
-        self._context.change_view(lambda v: replace(v, handheld=True))
-
-    def _choose(self) -> None:
-        by_hand = SOURCES[self._shown.value]
-        self._context.change_view(lambda v: replace(v, handheld=by_hand))
+        self._context.set_view(handheld=True)
 
     def render(self, new: Snapshot) -> None:
         """Show what can be done now, and what is there."""
@@ -82,13 +70,9 @@ class HandheldControls:
         self._scan.disabled = busy or results.sono is None
         self._map.disabled = busy or results.sono is None or not scanned
         self._shown.visible = results.sono_maps is not None and results.maps is not None
-        for html, words in (
-            (self._probe, _probe(session)),
-            (self._scan_text, _scan_text(session)),
-            (self._maps, _maps(new)),
-        ):
-            if html.content != words:
-                html.content = words
+        self._probe.content = _probe(session)
+        self._scan_text.content = _scan_text(session)
+        self._maps.content = _maps(new)
 
 
 def _stale(name: str, session: Session) -> str:
@@ -127,10 +111,10 @@ def _maps(snapshot: Snapshot) -> str:
         return ""
     value, figures = made.value, snapshot.figures
     words = f"{value.n_posed} of {value.n_scans} A-scans have a pose. {value.sentence}"
-    rows = "".join(
-        f'<tr><td>{escape(title)}</td><td class="n"><b>{figures[key]:.2f}{unit}</b></td></tr>'
+    rows = [
+        (escape(title), f"<b>{figures[key]:.2f}{unit}</b>")
         for title, key, unit in LINES
         if isinstance(figures.get(key), float)
-    )
-    table = f'<table class="r-table">{rows}</table>' if rows else ""
+    ]
+    table = style.table(("", "n"), (), rows) if rows else ""
     return (_stale("sono_maps", snapshot.session) or style.text(words)) + table

@@ -3,18 +3,21 @@
 from typing import Any
 
 from rona_core.app.steps.pointer.messages import CalibratePointer, StartPointerCapture
-from rona_ui.panels.tool.calibration import CalibrationControls
+from rona_ui.panels.tool.tool import CalibrationControls
 from rona_ui.panels.widgets import style
-from rona_ui.panels.widgets.import_recording import ImportControls
 from rona_ui.panels.widgets.panel_context import on_click
 from rona_ui.panels.widgets.step_panel import StepPanel
+from rona_ui.panels.widgets.stroke_sources import ImportControls
 from rona_ui.presentation.snapshot import Snapshot
 
 METHODS = {
     "Maximum likelihood": "ml",
     "Sphere (paper)": "sphere",
-    "Algebraic one-step": "aos",
 }
+HELP = (
+    "Drag the coloured handles to pivot the pointer. Tilt it in two directions, then finish. "
+    "The capture ends by itself after the set duration."
+)
 
 
 class PointerPanel(StepPanel):
@@ -35,25 +38,22 @@ class PointerPanel(StepPanel):
         )
         self.form.number("duration_s", "Duration (s)", 15.0, 1.0, 120.0, 1.0)
         self.form.choice("method", "Method", METHODS, "ml")
-        self._by_hand = self.gui.add_button("Pivot by hand", icon="hand-grab", color="gray")
+        self._by_hand = self.context.send_button(
+            self.gui, "Pivot by hand", "hand-grab", self._capture_by_hand
+        )
         self._help = self.gui.add_html("")
         self._finish = self.gui.add_button("Finish and calibrate", icon="check", visible=False)
-        self._refit = self.gui.add_button("Fit again", icon="refresh", color="gray")
-        on_click(
-            self._refit,
-            lambda e: self.context.send(self._fit_again, e),
-        )
-        on_click(self._by_hand, lambda e: self.context.send(self._capture_by_hand, e))
         on_click(self._finish, lambda e: self.context.service("finish", e, None))
+        self._refit = self.context.send_button(self.gui, "Fit again", "refresh", self._fit_again)
         self._calibration = CalibrationControls(self.gui, self.context, "pointer")
         self._import = ImportControls(self.gui, self.context, "pivot")
 
-    def _fit_again(self) -> Any:
+    def _fit_again(self) -> CalibratePointer:
         """Return the fit by the chosen method, without the poses that are left out by hand."""
         excluded = self._calibration.excluded()
         return CalibratePointer(**self.form.values("method"), exclude=excluded)
 
-    def _capture_by_hand(self) -> Any:
+    def _capture_by_hand(self) -> StartPointerCapture:
         return StartPointerCapture(**self.form.values("duration_s"), by_hand=True)
 
     def message(self) -> Any:
@@ -64,14 +64,7 @@ class PointerPanel(StepPanel):
         """Offer to pivot by hand, to finish that, and another fit once there is a recording."""
         self._by_hand.visible = not new.busy
         self._finish.visible = new.pivoting_by_hand
-        words = ""
-        if new.pivoting_by_hand:
-            words = style.note(
-                "Drag the coloured handles to pivot the pointer. Tilt it in two directions, "
-                "then finish. The capture ends by itself after the set duration."
-            )
-        if self._help.content != words:
-            self._help.content = words
+        self._help.content = style.note(HELP) if new.pivoting_by_hand else ""
         self._calibration.render(old, new)
         self._import.render(new)
         self._refit.visible = new.session.captures.pointer is not None

@@ -1,19 +1,18 @@
 """Step 6: path simplification within a tolerance, edits by hand, surface normals."""
 
-from dataclasses import replace
 from typing import Any
 
 from rona_core.app.steps.path.messages import ClearPathEdits
 from rona_core.app.steps.path.path_checks import PathCheck, Stretch, check_path
 from rona_core.app.steps.smoothing.messages import SmoothScanPath
 from rona_core.app.steps.smoothing.path_view import PathView
-from rona_ui.panels.path.path_graph import bar
+from rona_ui.panels.path.path_graph import deviation_bar
 from rona_ui.panels.widgets import style
 from rona_ui.panels.widgets.panel_context import on_change, on_click
 from rona_ui.panels.widgets.step_panel import StepPanel
 from rona_ui.presentation.colors import BLUE, PURPLE, VERMILLION, css
-from rona_ui.presentation.shown_path import shown_path
-from rona_ui.presentation.snapshot import Snapshot
+from rona_ui.presentation.shown import shown_path
+from rona_ui.presentation.snapshot import Snapshot, changed
 from rona_ui.presentation.view_state import Drawing, Preview
 
 METRICS = {"K1: maximum deviation": "k1", "K2: RMS deviation": "k2", "K3: area": "k3"}
@@ -25,10 +24,9 @@ METHODS = {
 }
 NORMALS = {
     "Quadric": "jet",
-    "Total least squares": "tls",
     "Least squares (paper)": "ols",
-    "Robust plane": "robust",
 }
+CHOSEN_RADIUS = "0: chosen from the point cloud"
 EDITS: dict[str, Drawing] = {"Move": "move", "Insert": "insert", "Delete": "delete", "Pin": "pin"}
 HELP = {
     "move": "Drag a blue point over the skull, or click it and then its new position.",
@@ -39,6 +37,10 @@ HELP = {
         "to release it."
     ),
 }
+NORMAL_FIELDS = (
+    ("normal_radius_mm", "Normal radius (mm)", 0.0, 0.0, 40.0, 1.0, CHOSEN_RADIUS),
+    ("normal_step_mm", "Normal spacing (mm)", 3.0, 0.0, 50.0, 0.5, "0: at the path points only"),
+)
 MAX_LISTED, MAX_PLACES = 4, 8
 
 
@@ -63,44 +65,24 @@ class SmoothingPanel(StepPanel):
             form.choice("metric", "Error metric", METRICS, "k1", "For K3 the tolerance is in mm²")
             form.number("filter_s", "Filter σ (s)", 0.05, 0.0, 1.0, 0.01, "0: no filter")
             form.choice("normal_method", "Normal estimation", NORMALS, "jet")
-            form.number(
-                "normal_radius_mm",
-                "Normal radius (mm)",
-                0.0,
-                0.0,
-                40.0,
-                1.0,
-                "0: chosen from the point cloud",
-            )
-            form.number(
-                "normal_step_mm",
-                "Normal spacing (mm)",
-                3.0,
-                0.0,
-                50.0,
-                0.5,
-                "0: at the path points only",
-            )
+            form.numbers(*NORMAL_FIELDS)
         self._edit = gui.add_button_group("Edit", tuple(EDITS))
         self._help = gui.add_html("")
         self._done = gui.add_button("Done", icon="check", visible=False)
-        self._discard = gui.add_button("Discard edits", icon="trash", color="gray")
-        on_click(self._edit, lambda e: self._mode(EDITS[self._edit.value]))
         on_click(self._done, lambda e: self._mode(None))
-        on_click(self._discard, lambda e: self.context.send(ClearPathEdits, e))
+        self._discard = self.context.send_button(gui, "Discard edits", "trash", ClearPathEdits)
+        on_click(self._edit, lambda e: self._mode(EDITS[self._edit.value]))
 
     def _mode(self, mode: Drawing | None) -> None:
-        self.context.change_view(
-            lambda v: replace(v, drawing=mode, picks=(), moved_point=None, move_target=None)
-        )
+        self.context.set_view(drawing=mode, picks=(), moved_point=None, move_target=None)
 
     def _drag(self, event: Any) -> None:
         """Preview while the slider is dragged; once it rests, compute."""
-        seen, value = self._seen, float(self.form.values("tolerance_mm")["tolerance_mm"])
+        seen, value = self._seen, float(self.form.value("tolerance_mm"))
         if seen is None or seen.session.results.path is None or seen.busy:
             return
         preview = Preview(value, seen.session.results.smoothing, seen.refused)
-        self.context.change_view(lambda v: replace(v, preview=preview))
+        self.context.set_view(preview=preview)
         if seen.session.results.surface is not None:
             self.context.send_debounced("tolerance", self.message, event)
 
@@ -114,14 +96,12 @@ class SmoothingPanel(StepPanel):
         """Follow the result, and what is being changed by hand."""
         self._seen = new
         smooth = new.session.results.smoothing
-        if smooth is not None and (old is None or old.session.results.smoothing is not smooth):
+        if smooth is not None and changed(old, new, "session.results.smoothing"):
             held = {**smooth.arguments}
             held["normal_radius_mm"] = held.get("normal_radius_mm") or 0.0
             self.form.show(held)
         mode = new.view.drawing
-        words = style.note(f"{HELP[mode]} Undo with Ctrl+Z.") if mode in HELP else ""
-        if self._help.content != words:
-            self._help.content = words
+        self._help.content = style.note(f"{HELP[mode]} Undo with Ctrl+Z.") if mode in HELP else ""
         fresh = smooth is not None and new.step("smoothing").state != "stale"
         self._edit.visible = fresh and not new.busy  # a group cannot be disabled
         self._done.visible = mode in HELP
@@ -141,7 +121,7 @@ class SmoothingPanel(StepPanel):
         if normals.choice is not None:
             chosen += f": noise {normals.choice.noise_mm:.2f} mm"
         words += style.text(f"Normal radius {normals.radius_mm:.1f} mm ({chosen}).")
-        words += bar("Uncertainty of the normals (deg)", check.tolerance_deg, "≥ ")
+        words += deviation_bar("Uncertainty of the normals (deg)", check.tolerance_deg)
         return words + warning_notes(check) + style.key(LEGEND)
 
 
@@ -160,7 +140,7 @@ def counts(view: PathView) -> str:
             f"{view.tolerance_mm:.2f} mm: about {count} of {len(view.raw_base)} points. "
             "Release for the minimum."
         )
-    least = "minimum" if view.exact else f"at least {view.lower_bound} needed"
+    least = "minimum" if view.exact else "fewer may suffice"
     by_hand = f" {view.by_hand} edited by hand." if view.by_hand else ""
     return style.note(
         f"{len(view.raw_base)} points simplified to {count} ({least}).{by_hand} Maximum "

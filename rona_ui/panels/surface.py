@@ -12,13 +12,11 @@ from rona_core.app.steps.surface.messages import (
 )
 from rona_core.session.document import Session
 from rona_core.session.specimen import LoadedSkull
-from rona_ui.panels.tool.calibration import VERDICTS
+from rona_ui.panels.tool.tool import VERDICTS
 from rona_ui.panels.widgets import style
-from rona_ui.panels.widgets.draw_on_skull import DrawingControls
-from rona_ui.panels.widgets.import_recording import ImportControls
-from rona_ui.panels.widgets.panel_context import on_click
 from rona_ui.panels.widgets.step_panel import StepPanel
-from rona_ui.presentation.snapshot import Snapshot
+from rona_ui.panels.widgets.stroke_sources import DrawingControls, ImportControls
+from rona_ui.presentation.snapshot import Snapshot, changed
 from rona_ui.viewer.bindings import escape
 
 
@@ -40,18 +38,17 @@ class SurfacePanel(StepPanel):
             "average_s", "Averaging (s)", 0.1, 0.0, 2.0, 0.05, "Moving average along a stroke"
         )
         self._drawing = DrawingControls(self.gui, self.context, "surface", self._stroke)
-        self._rebuild = self.gui.add_button("Rebuild point cloud", icon="refresh", color="gray")
-        self._clear = self.gui.add_button("Delete strokes", icon="trash", color="gray")
-        on_click(
-            self._rebuild,
-            lambda e: self.context.send(lambda: BuildSurface(**self.form.values("average_s")), e),
+        self._rebuild = self.context.send_button(
+            self.gui,
+            "Rebuild point cloud",
+            "refresh",
+            lambda: BuildSurface(**self.form.values("average_s")),
         )
-        on_click(self._clear, lambda e: self.context.send(ClearSurface, e))
-        self._register = self.gui.add_button(
-            "Register loaded skull", icon="puzzle", color="gray", visible=False
+        self._clear = self.context.send_button(self.gui, "Delete strokes", "trash", ClearSurface)
+        self._register = self.context.send_button(
+            self.gui, "Register loaded skull", "puzzle", StartSkullRegistration, visible=False
         )
         self._registered = self.gui.add_html("")
-        on_click(self._register, lambda e: self.context.send(StartSkullRegistration, e))
         self._import = ImportControls(self.gui, self.context, "surface")
 
     def _stroke(self, picks: tuple[Any, ...]) -> Any:
@@ -72,10 +69,8 @@ class SurfacePanel(StepPanel):
         loaded = isinstance(new.session.setup.specimen, LoadedSkull)
         done = new.session.results.surface is not None
         self._register.visible = loaded and done and new.view.drawing is None
-        if old is None or old.session is not new.session:
-            words = registered(new.session)
-            if self._registered.content != words:
-                self._registered.content = words
+        if changed(old, new, "session"):
+            self._registered.content = registered(new.session)
 
     def remarks(self, snapshot: Snapshot) -> str:
         """Say how many points there are."""
@@ -96,7 +91,7 @@ class SurfacePanel(StepPanel):
         return style.note(
             f"{len(cloud.points_base)} points from {len(strokes)} "
             f"recording{'' if len(strokes) == 1 else 's'}; {cloud.n_dropped} rejected as "
-            f"lift-offs.{words}",
+            f"lift-offs. {words}".rstrip(),
             "good",
         )
 
@@ -113,7 +108,7 @@ def registered(session: Session) -> str:
     if sigma_mm is not None:
         expected = f"Expected error at the points: {sigma_mm:.2f} mm. "
     icon, word, color, box = VERDICTS[found.verdict]
-    reasons = "".join(f"<br>{escape(reason[0].upper() + reason[1:])}." for reason in found.reasons)
+    reasons = "".join(f"<br>{escape(style.sentence(reason))}." for reason in found.reasons)
     stale = stale_reason("registration", session)
     if stale is not None:
         reasons += f"<br>! Stale: {escape(stale)}."

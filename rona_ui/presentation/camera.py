@@ -33,6 +33,13 @@ HEAD = {
     "Lateral L": (0, -1.0, 2),
     "Lateral R": (0, 1.0, 2),
 }
+OFFSETS = {  # preset -> eye and target, from the region or, at the side, the middle of the head
+    "Roll": ((150.0, -225.0, 270.0), (-15.0, 0.0, 15.0)),
+    "Scan": ((185.0, -300.0, 300.0), (-35.0, 0.0, 40.0)),
+    "Top": ((-1.0, 0.0, 620.0), (0.0, 0.0, 0.0)),
+    "Left": ((0.0, 620.0, 130.0), (0.0, 0.0, 0.0)),
+    "Right": ((0.0, -620.0, 130.0), (0.0, 0.0, 0.0)),
+}
 HEAD_DISTANCE_MM = 270.0
 
 
@@ -66,16 +73,10 @@ def _room(name: str, static_scene: StaticScene) -> tuple[Vector3, Vector3]:
     head = np.array([center[0], center[1], center[2] - 60.0])
     if name == "Region":
         return center + 82.0 * normal + REGION_EYE, center - 3.0 * normal
-    if name == "Roll":
-        return center + np.array([150.0, -225.0, 270.0]), center + np.array([-15.0, 0.0, 15.0])
-    if name == "Scan":
-        return center + np.array([185.0, -300.0, 300.0]), center + np.array([-35.0, 0.0, 40.0])
-    if name == "Top":
-        return center + np.array([-1.0, 0.0, 620.0]), center
-    if name == "Left":
-        return head + np.array([0.0, 620.0, 130.0]), head
-    if name == "Right":
-        return head + np.array([0.0, -620.0, 130.0]), head
+    if name in OFFSETS:
+        start = head if name in ("Left", "Right") else center
+        eye, target = OFFSETS[name]
+        return start + eye, start + target
     if name == "Robot":
         middle = 0.5 * head + np.array([0.0, 0.0, 330.0])
         return middle + np.array([500.0, -1500.0, 380.0]), middle

@@ -1,6 +1,7 @@
 """Snapshot: session, view and live values of one moment; all that is drawn follows from it."""
 
 from dataclasses import dataclass, field
+from operator import attrgetter
 from pathlib import Path
 from typing import Any
 
@@ -30,8 +31,6 @@ class Snapshot:
     figures: dict[str, Any] = field(default_factory=dict)
     saved: bool = False
     copy: CopyState = "none"  # of what is not saved
-    can_undo: bool = False
-    can_redo: bool = False
     files: tuple[Path, ...] = ()
     changes: bool = False  # something would be lost if the session were closed as it is
     recovered: bool = False  # after a crash, and not saved since
@@ -75,3 +74,17 @@ class Snapshot:
     def step(self, name: str) -> StepState:
         """Return the state of a step by its name."""
         return next(step for step in self.steps if step.name == name)
+
+
+PLAIN = (bool, int, float, str, tuple, frozenset)  # compared by value, all else by identity
+
+
+def changed(old: Snapshot | None, new: Snapshot, *parts: str) -> bool:
+    """Return whether any of these parts, as ``view.step``, differs between two snapshots."""
+    if old is None:
+        return True
+    for part in parts:
+        before, after = attrgetter(part)(old), attrgetter(part)(new)
+        if before is not after and not (isinstance(after, PLAIN) and before == after):
+            return True
+    return False

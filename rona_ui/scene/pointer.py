@@ -8,9 +8,9 @@ from rona_core.devices.settings import SONO
 from rona_core.geometry.arrays import Floats
 from rona_core.geometry.pose import Pose
 from rona_ui.presentation.colors import ORANGE, SKY, STEEL
-from rona_ui.presentation.snapshot import Snapshot
-from rona_ui.scene.layer import Layer
-from rona_ui.scene.viser_nodes import SceneNodes, segments
+from rona_ui.presentation.snapshot import Snapshot, changed
+from rona_ui.scene.layer import Layer, lift
+from rona_ui.scene.viser_nodes import segments
 
 SHAFT, MARKERS, TIP = "/pointer/shaft", "/pointer/markers", "/pointer/tip"
 LINE, PICKS = "/drawing/line", "/drawing/points"
@@ -32,7 +32,7 @@ class PointerLayer(Layer):
         if pose is None:
             for node in (SHAFT, MARKERS, TIP):
                 self.nodes.remove(node)
-        elif old is None or old.T_base_pointermarker is not pose or self.toggled(old, new):
+        elif changed(old, new, "T_base_pointermarker", "view"):
             held = new.session.setup.devices.pointer
             markers, tip = pointer_points(pose, SONO if holds_probe(new) else held)
             hub = markers.mean(axis=0)
@@ -58,20 +58,17 @@ def pointer_points(T_base_pointermarker: Pose, pointer: str) -> tuple[Floats, Fl
     return markers_base, T_base_pointermarker @ geometry.nominal_tip_marker
 
 
-class PivotHandlesLayer:
+class PivotHandlesLayer(Layer):
     """Draws rotation handles at the tip while the pointer is pivoted by hand; never hidden."""
-
-    def __init__(self, nodes: SceneNodes) -> None:
-        self._nodes = nodes
 
     def render(self, old: Snapshot | None, new: Snapshot) -> None:
         """Place the handles at the tip at the start; they stay there."""
         pose = new.T_base_pointermarker
         if not new.pivoting_by_hand:
-            self._nodes.remove(PIVOT_HANDLES)
-        elif pose is not None and PIVOT_HANDLES not in self._nodes.names():
+            self.nodes.remove(PIVOT_HANDLES)
+        elif pose is not None and PIVOT_HANDLES not in self.nodes.names():
             _, tip_base = pointer_points(pose, new.session.setup.devices.pointer)
-            self._nodes.rotation_handles(
+            self.nodes.rotation_handles(
                 PIVOT_HANDLES, Pose(HANDLES_START.rotation, tip_base), size_mm=HANDLES_MM
             )
 
@@ -84,14 +81,10 @@ def handle_rotation(wxyz: ArrayLike) -> Floats:
 class DrawingLayer(Layer):
     """Draws the points clicked on the skull and the line through them."""
 
-    layer = "drawing"
+    follows = ("view.picks",)
 
-    def render(self, old: Snapshot | None, new: Snapshot) -> None:
+    def draw(self, new: Snapshot) -> None:
         """Follow the picks."""
-        if old is not None and old.view.picks is new.view.picks:
-            return
-        points = np.array(new.view.picks, dtype=np.float64).reshape(-1, 3)
-        if len(points) and new.static_scene is not None:
-            points = points + LIFT_MM * new.static_scene.region_normal_base
+        points = np.array(new.view.picks, dtype=np.float64).reshape(-1, 3) + lift(new, LIFT_MM)
         self.nodes.lines(LINE, segments(points), SKY, width_px=4.0)
         self.nodes.cloud(PICKS, points, ORANGE, size_mm=1.0)

@@ -6,23 +6,17 @@ import numpy as np
 
 from rona_ui.presentation.colors import BACKGROUND
 from rona_ui.presentation.snapshot import Snapshot
-from rona_ui.scene.layer import Adapter
+from rona_ui.scene.layer import Layer
 from rona_ui.scene.maps.map_section import ProfileLayer
-from rona_ui.scene.maps.maps import MapLayer, ScanLayer
-from rona_ui.scene.maps.reference_points import ReferencesLayer
-from rona_ui.scene.maps.second_pass import SecondLayer
+from rona_ui.scene.maps.maps import MapLayer, ReferencesLayer, ScanLayer, SecondLayer
 from rona_ui.scene.path.path import AxesLayer, PathLayer, WarningsLayer
 from rona_ui.scene.path.path_editing import EditLayer
 from rona_ui.scene.pointer import PIVOT_HANDLES, DrawingLayer, PivotHandlesLayer, PointerLayer
-from rona_ui.scene.roll.base_places import PlacesLayer
-from rona_ui.scene.roll.margins import MarginsLayer
-from rona_ui.scene.roll.rolls import RollsLayer
-from rona_ui.scene.setup.clearance import ClearanceLayer, ObstaclesLayer
-from rona_ui.scene.setup.robot import RobotLayer
+from rona_ui.scene.roll import MarginsLayer, PlacesLayer, RollsLayer
+from rona_ui.scene.setup.robot import ClearanceLayer, ObstaclesLayer, RobotLayer
 from rona_ui.scene.setup.skull import NODE, SkullLayer
 from rona_ui.scene.setup.tracker import TrackerLayer
-from rona_ui.scene.surface.cloud import CloudLayer, RegionLayer
-from rona_ui.scene.surface.registered_skull import RegisteredSkullLayer
+from rona_ui.scene.surface import CloudLayer, RegionLayer, RegisteredSkullLayer
 from rona_ui.scene.viser_nodes import SceneNodes
 
 FLOOR_MM = -420.0  # the robot stands on a pedestal of about its base's height
@@ -36,7 +30,7 @@ class SceneRenderer:
         scene.set_background_image(np.full((4, 4, 3), BACKGROUND, dtype=np.uint8))
         scene.configure_default_lights(cast_shadow=False)
         self.nodes.floor("/floor", FLOOR_MM)
-        self._adapters: tuple[Adapter, ...] = (
+        self._layers: tuple[Layer, ...] = (
             SkullLayer(self.nodes),
             RobotLayer(self.nodes),
             ClearanceLayer(self.nodes),
@@ -64,8 +58,8 @@ class SceneRenderer:
 
     def render(self, old: Snapshot | None, new: Snapshot) -> None:
         """Bring the scene from ``old`` to ``new``."""
-        for adapter in self._adapters:
-            adapter.render(old, new)
+        for layer in self._layers:
+            layer.render(old, new)
 
     def skull(self) -> Any:
         """Return the viewer's handle of the skull, or None while it is not there."""

@@ -6,12 +6,16 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from rona_core.devices.protocols import Mesh
-from rona_core.geometry.arrays import Floats
-from rona_core.geometry.pose import Pose, Poses
+from rona_core.geometry.arrays import Floats, Ints
+from rona_core.geometry.pose import Pose
+from rona_ui.presentation.colors import Rgb, viridis
 
 M_PER_MM = 0.001
 UPRIGHT = Pose.from_rotvec((np.pi, 0.0, 0.0))  # the viewer counts the rows of pictures along +y
-Colors = tuple[int, int, int] | NDArray[np.uint8]
+DOTS_MM = 0.5  # between dots that look like a line
+SHADES = 8  # of viridis in lines
+NO_POINTS, NO_LINES = np.zeros((0, 3)), np.zeros((0, 2, 3))
+Colors = Rgb | NDArray[np.uint8]
 
 
 def metres(lengths_mm: ArrayLike) -> NDArray[np.float32]:
@@ -22,6 +26,35 @@ def metres(lengths_mm: ArrayLike) -> NDArray[np.float32]:
 def segments(points: Floats) -> Floats:
     """Return a polyline (n, 3) as segments (n - 1, 2, 3)."""
     return np.stack((points[:-1], points[1:]), axis=1)
+
+
+def dots_along(points: Floats, *values: Floats) -> tuple[Floats, ...]:
+    """Return places along a path (n, 3), close enough to look like a line, and values (m,)."""
+    steps = np.linalg.norm(np.diff(points, axis=0), axis=1)
+    along = np.concatenate(([0.0], np.cumsum(steps)))
+    if not along[-1] > 0.0:
+        return points[:1], *(each[:1] for each in values)
+    count = int(np.clip(np.ceil(along[-1] / DOTS_MM), 1, 20_000)) + 1
+    dots_mm = np.linspace(0.0, along[-1], count)
+    places = np.column_stack([np.interp(dots_mm, along, column) for column in points.T])
+    return places, *(np.interp(dots_mm, along, each) for each in values)
+
+
+def shades(shares: Floats) -> Ints:
+    """Return the number of the shade (n,) for shares from 0 to 1."""
+    return np.clip((shares * SHADES).astype(np.int64), 0, SHADES - 1)
+
+
+def shaded(name: str) -> tuple[str, ...]:
+    """Return the names of the nodes of ``draw_shaded``."""
+    return tuple(f"{name}{shade}" for shade in range(SHADES))
+
+
+def draw_shaded(nodes: "SceneNodes", name: str, pairs: Floats, shares: Floats) -> None:
+    """Draw line segments (n, 2, 3) in shades of viridis for shares (n,) from 0 to 1."""
+    colors = viridis((np.arange(SHADES) + 0.5) / SHADES).tolist()
+    for shade, ((r, g, b), node) in enumerate(zip(colors, shaded(name), strict=True)):
+        nodes.lines(node, pairs[shades(shares) == shade], (r, g, b), width_px=2.0)
 
 
 class SceneNodes:
@@ -43,7 +76,7 @@ class SceneNodes:
         self,
         name: str,
         mesh: Mesh,
-        color: tuple[int, int, int],
+        color: Rgb,
         *,
         opacity: float | None = None,
         side: str = "front",
@@ -58,7 +91,7 @@ class SceneNodes:
         else:
             node.vertices, node.faces, node.color = vertices, faces, color
 
-    def paint(self, name: str, color: tuple[int, int, int]) -> None:
+    def paint(self, name: str, color: Rgb) -> None:
         """Give a mesh that exists another colour."""
         self._nodes[name].color = color
 
@@ -86,7 +119,7 @@ class SceneNodes:
         self,
         name: str,
         pairs: Floats,
-        color: tuple[int, int, int],
+        color: Rgb,
         *,
         width_px: float = 2.0,
         width_mm: float | None = None,
@@ -110,28 +143,11 @@ class SceneNodes:
         else:
             node.points, node.colors = metres(pairs), np.array(color, dtype=np.uint8)
 
-    def axes(self, name: str, poses: Poses, *, length_mm: float, radius_mm: float = 0.3) -> None:
-        """Draw many small coordinate crosses."""
-        self.remove(name)
-        if len(poses):
-            self._nodes[name] = self._scene.add_batched_axes(
-                name,
-                poses.wxyz(),
-                metres(poses.translations),
-                axes_length=M_PER_MM * length_mm,
-                axes_radius=M_PER_MM * radius_mm,
-            )
-
-    def frame(self, name: str, pose: Pose, *, length_mm: float = 0.0) -> None:
-        """Place a coordinate cross, or an invisible parent for other nodes (length 0)."""
+    def frame(self, name: str, pose: Pose) -> None:
+        """Place an invisible parent for other nodes."""
         node = self._nodes.get(name)
         if node is None:
-            node = self._nodes[name] = self._scene.add_frame(
-                name,
-                show_axes=length_mm > 0,
-                axes_length=M_PER_MM * max(length_mm, 1.0),
-                axes_radius=M_PER_MM * max(length_mm, 1.0) / 40.0,
-            )
+            node = self._nodes[name] = self._scene.add_frame(name, show_axes=False)
         node.wxyz, node.position = pose.wxyz(), metres(pose.translation)
 
     def label(self, name: str, text: str, place: ArrayLike) -> None:

@@ -33,14 +33,6 @@ TITLES = {
 }
 
 
-class Notified(Protocol):
-    """A browser that can be told something."""
-
-    def add_notification(self, title: str, body: str, **options: Any) -> Any:
-        """Show a notice in this browser."""
-        ...
-
-
 class Event(Protocol):
     """What a widget tells: ``client`` is None where we wrote the value ourselves."""
 
@@ -115,7 +107,7 @@ class Bindings:
     def refuse(self, error: Exception, event: Event) -> None:
         """Tell why something was not done that never came as far as the queue."""
         if event.client is not None:
-            self._report(event.client, error)
+            self._on_refusal(event.client, *report_error(event.client, error))
 
     def _at_once(self, work: Callable[[], Any], event: Event) -> None:
         if event.client is not None:
@@ -166,10 +158,7 @@ class Bindings:
         try:
             work()
         except Exception as error:  # told in the browser; the queue goes on
-            self._report(client, error)
-
-    def _report(self, client: Any, error: Exception) -> None:
-        self._on_refusal(client, *report_error(client, error))
+            self._on_refusal(client, *report_error(client, error))
 
     def close(self) -> None:
         """End the queue; what waits in it is dropped."""
@@ -178,7 +167,7 @@ class Bindings:
             self._ready.notify_all()
 
 
-def report_error(client: Notified, error: Exception) -> tuple[str, str]:
+def report_error(client: Any, error: Exception) -> tuple[str, str]:
     """Show an error in one browser: cause and remedy, never a stack trace; return what it says."""
     if isinstance(error, RonaError):
         title, body, color = TITLES.get(error.code, "Refused"), in_words(str(error)), "orange"
@@ -190,7 +179,7 @@ def report_error(client: Notified, error: Exception) -> tuple[str, str]:
     return title, body
 
 
-def notify(client: Notified, title: str, body: str, color: str = "blue") -> None:
+def notify(client: Any, title: str, body: str, color: str = "blue") -> None:
     """Show a notice in one browser; one that has gone is no reason to stop."""
     try:
         client.add_notification(title, body, color=color, auto_close_seconds=NOTICE_S)

@@ -120,27 +120,19 @@ class Fields:
         gui.add_html(f'<i hidden data-typed="{escape(uuid_of(message))}"></i>')
 
     def __getattr__(self, name: str) -> Any:
-        return getattr(self._gui, name)
+        """Return what the gui has; texts and numbers are added as fields that wait."""
+        made = getattr(self._gui, name)
+        if name not in ("add_text", "add_number", "add_vector3", "add_slider"):
+            return made
 
-    def add_text(self, label: str, *rest: Any, **options: Any) -> Field:
-        """Add a text."""
-        return self._keep(self._gui.add_text(label, *rest, **options), label)
+        def add(label: str, *rest: Any, **options: Any) -> Field:
+            handle = made(label, *rest, **options)
+            if name in ("add_number", "add_vector3") and not isinstance(handle.value, int):
+                handle.precision = DECIMALS  # more than the step has
+            field = self._fields[uuid_of(handle)] = Field(handle, label)
+            return field
 
-    def add_number(self, label: str, *rest: Any, **options: Any) -> Field:
-        """Add a number."""
-        return self._keep(_with_decimals(self._gui.add_number(label, *rest, **options)), label)
-
-    def add_vector3(self, label: str, *rest: Any, **options: Any) -> Field:
-        """Add three numbers."""
-        return self._keep(_with_decimals(self._gui.add_vector3(label, *rest, **options)), label)
-
-    def add_slider(self, label: str, *rest: Any, **options: Any) -> Field:
-        """Add a number that can be dragged too."""
-        return self._keep(self._gui.add_slider(label, *rest, **options), label)
-
-    def _keep(self, handle: Any, label: str) -> Field:
-        field = self._fields[uuid_of(handle)] = Field(handle, label)
-        return field
+        return add
 
     async def _typed(self, event: Any) -> None:
         if event.client is None:
@@ -167,10 +159,3 @@ class Fields:
                 "expected a field of this page and a text: load the page again"
             ) from None
         return field, part, text
-
-
-def _with_decimals(handle: Any) -> Any:
-    """Have a field show more decimals than its step has, where it is not for whole numbers."""
-    if not isinstance(handle.value, int):
-        handle.precision = DECIMALS
-    return handle

@@ -4,6 +4,7 @@ import sys
 import threading
 import traceback
 from collections.abc import Callable
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 from rona_core.app.runtime.workbench import Workbench
@@ -12,12 +13,13 @@ from rona_core.session.document import Session
 from rona_ui.presentation.static_scene import StaticScene, read_static_scene, static_scene_key
 
 
+@dataclass(frozen=True, slots=True, eq=False)
 class BackgroundState:
     """Results of the background thread."""
 
     rig: Any = None
     static_scene: StaticScene | None = None
-    figures: dict[str, Any] = {}  # noqa: RUF012 (replaced, never changed)
+    figures: dict[str, Any] = field(default_factory=dict)
 
 
 class BackgroundFigures:
@@ -77,10 +79,6 @@ class BackgroundFigures:
             self._judged = judged
 
     def _put(self, **parts: Any) -> None:
-        facts = BackgroundState()
-        facts.rig = parts.get("rig", self._state.rig)
-        facts.static_scene = parts.get("static_scene", self._state.static_scene)
-        facts.figures = parts.get("figures", self._state.figures)
         with self._ready:
-            self._state = facts
+            self._state = replace(self._state, **parts)
         self._wake()

@@ -16,16 +16,14 @@ from rona_ui.panels.layout.docks import Docks
 from rona_ui.panels.widgets.panel_context import PanelContext
 from rona_ui.presentation.camera import STEP_PRESETS, UP, camera_pose
 from rona_ui.presentation.snapshot import Snapshot
-from rona_ui.presentation.view_state import Point, ViewState
-from rona_ui.scene.path.path_editing import STROKES, point_at
+from rona_ui.presentation.view_state import ViewState
+from rona_ui.scene.path.path_editing import STROKES, extended, point_at
 from rona_ui.scene.pointer import handle_rotation
 from rona_ui.scene.renderer import SceneRenderer
 from rona_ui.scene.viser_nodes import M_PER_MM, metres
 from rona_ui.viewer.bindings import Bindings, Event, notify
 from rona_ui.viewer.fields import Fields
 
-PICK_STEP_MM = 1.5  # a drag adds a point once it has come so far
-MOST_PICKS = 500
 NEAR_M, FAR_M = 0.01, 20.0
 
 
@@ -117,34 +115,24 @@ class Browser:
             self._point(event, eye, np.asarray(event.end_position) - eye, event.phase)
 
     def _point(self, event: Event, origin_m: Any, direction: Any, phase: str) -> None:
-        if self._view.drawing in STROKES:
-            self._pick(event, origin_m, direction)
-            return
         origin_base = np.asarray(origin_m, dtype=np.float64) / M_PER_MM
         ray = np.asarray(direction, dtype=np.float64)
 
-        def work() -> None:
-            bench = self._hub.get()
-            before = self._view
+        def draw() -> None:
+            place = self._hub.get().rig().display.pick(origin_base, ray)
+            if place is not None and self._view.drawing is not None:
+                x, y, z = (float(v) for v in place)
+                self.change_view(lambda v: replace(v, picks=extended(v.picks, (x, y, z))))
+
+        def edit() -> None:
+            bench, before = self._hub.get(), self._view
             after, command = point_at(bench.session, before, origin_base, ray, phase)
             if after is not before:
                 self.change_view(lambda v: after if v is before else v)
             if command is not None:
                 bench.dispatch(command)
 
-        self._bindings.call(work, event)
-
-    def _pick(self, event: Event, origin_m: Any, direction: Any) -> None:
-        origin_base = np.asarray(origin_m, dtype=np.float64) / M_PER_MM
-        ray = np.asarray(direction, dtype=np.float64)
-
-        def touch() -> None:
-            place = self._hub.get().rig().display.pick(origin_base, ray)
-            if place is not None:
-                x, y, z = (float(v) for v in place)
-                self.change_view(lambda v: _with_pick(v, (x, y, z)))
-
-        self._bindings.call(touch, event)
+        self._bindings.call(draw if self._view.drawing in STROKES else edit, event)
 
     # -------------------------------------------------------------- the pointer in the hand
 
@@ -183,7 +171,7 @@ class Browser:
 
     def _escape(self) -> None:
         """Close one thing: a question, by Cancel, or else drawing and editing."""
-        if not self._docks.cancel_question():
+        if not self._docks.question.cancel():
             self.change_view(without_mode)
 
     def _cancel(self) -> None:
@@ -212,7 +200,7 @@ class Browser:
             made = export_recording(self._hub.get().session, int(name))
             self.client.send_file_download(made.name, made.data, save_immediately=True)
         elif verb == "upload" and isinstance(data, bytes):
-            self._hub.store_upload(PurePath(name).name, data)
+            self._hub.files.store_upload(PurePath(name).name, data)
         else:
             raise NotFoundError(f"there is no service {what!r}")
         if then:
@@ -233,13 +221,3 @@ def without_mode(view: ViewState) -> ViewState:
     return replace(
         view, drawing=None, picks=picks, moved_point=None, move_target=None, dragged_boundary=None
     )
-
-
-def _with_pick(view: ViewState, place: Point) -> ViewState:
-    if view.drawing is None or len(view.picks) >= MOST_PICKS:
-        return view
-    if view.picks:
-        gap = np.linalg.norm(np.subtract(view.picks[-1], place))
-        if gap < PICK_STEP_MM:
-            return view
-    return replace(view, picks=(*view.picks, place))

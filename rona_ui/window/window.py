@@ -9,7 +9,6 @@ import sys
 import threading
 import time
 import traceback
-from collections.abc import Callable
 from dataclasses import replace
 from typing import Any
 
@@ -19,8 +18,8 @@ from rona_core.app.dependencies.step_states import StepState, step_states
 from rona_core.app.runtime.jobs import JobStatus
 from rona_core.app.runtime.session_registry import SessionRegistry
 from rona_core.app.runtime.workbench import Workbench
-from rona_core.app.steps.recordings.captures import replayed_pointer
 from rona_core.app.steps.scan.planned_motion import motion_times
+from rona_core.app.steps.surface.derivation import replayed_pointer
 from rona_core.errors import CancelledError, NotFoundError
 from rona_core.session.document import Session
 from rona_ui.labels import in_words, place_of
@@ -46,7 +45,8 @@ class Window:
         self._changed = threading.Event()
         self._open = True
         self._refusals = Refusals()
-        self._follows: tuple[str, Callable[[], None]] | None = None
+        self._followed: str | None = None  # id of the session
+        self._subscriptions = contextlib.ExitStack()  # to it
         self._steps: tuple[Session, tuple[StepState, ...]] | None = None
         self._reported: set[str] = set()  # failed jobs that were told
         self._last_s = time.monotonic()
@@ -70,7 +70,7 @@ class Window:
         """Stop drawing and listening; a second call does nothing."""
         self._open = False
         self._unsubscribe_hub()
-        self._unfollow()
+        self._subscriptions.close()
         self.bindings.close()
         self._background.close()
         self.wake()
@@ -172,38 +172,23 @@ class Window:
             pivoting_by_hand=busy and bench.pointer_in_hand(),
             saved=self._hub.is_saved(session.id),
             copy=self._hub.copy_state(session.id),
-            can_undo=bench.store.can_undo,
-            can_redo=bench.store.can_redo,
             changes=self._hub.has_changes(session.id),
             recovered=self._hub.is_recovered(session.id),
             opened=tuple((b.session.id, b.session.name) for b in self._hub.all()),
-            files=self._hub.files(),
+            files=self._hub.files.all(),
             refused=self._refusals.count,
             refusals=self._refusals.of(session.id),
         )
 
     def _follow(self, bench: Workbench) -> None:
         """Be woken by the store and the jobs of the current session."""
-        key = bench.session.id
-        if self._follows is not None and self._follows[0] == key:
+        if self._followed == bench.session.id:
             return
-        self._unfollow()
-        ends = (
-            bench.store.subscribe(lambda old, new: self.wake()),
-            bench.jobs.subscribe(lambda status: self.wake()),
-        )
-
-        def unfollow() -> None:
-            for end in ends:
-                end()
-
-        self._follows = key, unfollow
+        self._followed = bench.session.id
+        self._subscriptions.close()
+        self._subscriptions.callback(bench.store.subscribe(lambda old, new: self.wake()))
+        self._subscriptions.callback(bench.jobs.subscribe(lambda status: self.wake()))
         self._reported = {status.id for status in bench.jobs.all() if status.finished}
-
-    def _unfollow(self) -> None:
-        if self._follows is not None:
-            self._follows[1]()
-            self._follows = None
 
     def _report_failure(
         self, bench: Workbench, job: JobStatus | None, browsers: tuple[Browser, ...]

@@ -28,6 +28,7 @@ from rona_core.session.migrate import (
     RENAMED_IN_4,
     RESULTS_BEFORE_4,
     SCHEMA,
+    with_present_message,
 )
 
 FILES = sorted((Path(__file__).parent / "sessions").glob("schema_*.rona"))
@@ -53,6 +54,18 @@ def test_an_old_file_loads_with_all_its_captures_and_is_saved_in_the_present_sch
     assert [entry.message for entry in session.log][:2] == ["SetSeed", "SetTracker"]
     again = session_from_bytes(session_bytes(session))
     assert digest(again) == digest(session)
+
+
+def test_choices_that_are_gone_give_way_to_what_takes_their_place():
+    for message, argument, old, new in (
+        ("CalibratePointer", "method", "aos", "ml"),
+        ("SmoothScanPath", "normal_method", "tls", "jet"),
+        ("SmoothScanPath", "normal_method", "robust", "jet"),
+        ("SmoothScanPath", "normal_method", "ols", "ols"),
+    ):
+        held = {"message": message, "arguments": {argument: old, "other": [1]}}
+        assert with_present_message(held)["arguments"] == {argument: new, "other": [1]}
+    assert with_present_message({"message": "SmoothScanPath"}) == {"message": "SmoothScanPath"}
 
 
 @pytest.mark.parametrize("path", FILES, ids=lambda p: p.stem)

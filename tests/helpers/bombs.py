@@ -2,10 +2,9 @@
 
 import gzip
 import io
-import json
+import multiprocessing
+import resource
 import struct
-import subprocess
-import sys
 import zipfile
 import zlib
 from pathlib import Path
@@ -18,44 +17,45 @@ from rona_core.devices.files.text_tables import NamedFile
 from rona_core.virtual.specimen.import_skull import import_skull
 
 ZEROS = 1 << 24  # bytes of the block that is repeated
-MEASURE = """
-import importlib, json, resource, sys
-from pathlib import Path
-module, function, arguments = json.loads(sys.argv[1])
-call = getattr(importlib.import_module(module), function)
-resource.setrlimit(resource.RLIMIT_AS, (6 << 30, 6 << 30))  # spares the machine
+# processes are forked from one that has the readers loaded, and has opened nothing yet
+APART = multiprocessing.get_context("forkserver")
+APART.set_forkserver_preload([__name__, "rona_core.session.files"])
+
 
 def peak_kb():
     lines = Path("/proc/self/status").read_text().splitlines()
     return int(next(line for line in lines if line.startswith("VmHWM")).split()[1])
 
-Path("/proc/self/clear_refs").write_text("5")
-before = peak_kb()
-try:
-    call(*arguments)
-    words = ""
-except Exception as error:
-    words = f"{type(error).__name__}: {error}"
-grown = (peak_kb() - before) / 1024
-child = resource.getrusage(resource.RUSAGE_CHILDREN).ru_maxrss / 1024
-print(json.dumps([words, max(grown, child - before / 1024)]))
-"""
-HERE = Path(__file__).resolve().parents[2]
+
+def measure(answer, reader, arguments):
+    """Call ``reader`` and answer what it raised and by how many MB memory grew."""
+    resource.setrlimit(resource.RLIMIT_AS, (6 << 30, 6 << 30))  # spares the machine
+    Path("/proc/self/clear_refs").write_text("5")
+    before = peak_kb()
+    try:
+        reader(*arguments)
+        words = ""
+    except Exception as error:
+        words = f"{type(error).__name__}: {error}"
+    grown = (peak_kb() - before) / 1024
+    child = resource.getrusage(resource.RUSAGE_CHILDREN).ru_maxrss / 1024
+    answer.send((words, max(grown, child - before / 1024)))
 
 
 def measured(reader, *arguments):
     """Return what ``reader``, a function of a module, raised, and by how many MB memory grew."""
-    job = json.dumps([reader.__module__, reader.__name__, [str(a) for a in arguments]])
-    done = subprocess.run(
-        [sys.executable, "-c", MEASURE, job],
-        capture_output=True,
-        text=True,
-        check=True,
-        timeout=300,
-        cwd=HERE,
-    )
-    words, grown_mb = json.loads(done.stdout)
-    return words, grown_mb
+    plain = [str(a) if isinstance(a, Path) else a for a in arguments]
+    receiver, sender = APART.Pipe(duplex=False)
+    with receiver:
+        process = APART.Process(target=measure, args=(sender, reader, plain))
+        process.start()
+        sender.close()
+        try:
+            assert receiver.poll(300), f"{reader.__name__} takes longer than 300 s"
+            return receiver.recv()
+        finally:
+            process.kill()
+            process.join()
 
 
 def read_rf_at(path):

@@ -2,6 +2,7 @@
 
 import numpy as np
 
+from rona_core.path.simplification.deviation import deviations
 from rona_core.path.simplification.segment_distance import piece_costs
 
 
@@ -38,3 +39,9 @@ def piece_cost(piece, metric):
     """Return the deviation of the originals ``piece`` (k, m) from the segment between its ends."""
     ends = np.array([len(piece) - 1])
     return float(piece_costs(np.ascontiguousarray(piece.T), np.zeros_like(ends), ends, metric)[0])
+
+
+def deviation(path, index, metric):
+    """Return one figure of the worst piece: mm for "k1" and "k2", mm^2 for "k3"."""
+    found = deviations(path, index)
+    return {"k1": found.k1_mm, "k2": found.k2_mm, "k3": found.k3_mm2}[metric]

@@ -3,9 +3,9 @@
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from rona_core.calibration.tracking_error.marker_noise import EVEN, MarkerNoise
-from rona_core.calibration.tracking_error.poses_with_covariance import tracked_from_markers
+from rona_core.calibration.tracking_error import MarkerNoise
 from rona_core.geometry.pose import Poses
+from rona_core.geometry.rigid_fit import fit_line_many, fit_rigid_many
 
 GEOMETRY = {
     6: np.array([[-45.0, -28, 0], [43, -34, 0], [36, 31, 0], [-34, 33, 0]]),
@@ -39,7 +39,15 @@ def marker_sweep(rng, dof, *, n=100, cone_deg=20.0, noise=None, sigma_mm=SIGMA_M
 def pose_sweep(rng, dof, noise, **options):
     """Return the poses that a tracker fits to the markers of a sweep, without weights."""
     markers, _ = marker_sweep(rng, dof, noise=noise, **options)
-    return tracked_from_markers(markers, GEOMETRY[dof], EVEN, dof=dof).Ts_tracker_marker
+    return fitted_poses(markers, dof)
+
+
+def fitted_poses(markers, dof):
+    """Return the poses that fit markers (n, m, 3) best, without weights."""
+    there = np.ones(markers.shape[:2], dtype=bool)
+    if dof == 5:
+        return fit_line_many(GEOMETRY[5][:, 2], markers, there).Ts_b_a
+    return fit_rigid_many(GEOMETRY[6], markers, there).Ts_b_a
 
 
 def spoiled(rng, poses, kind):

@@ -6,24 +6,18 @@ from rona_core.devices.protocols import Cancel, Progress, never, silent
 from rona_core.geometry.arrays import Floats
 from rona_core.geometry.path5d import Path5D
 from rona_core.robot.kinematics.robot_model import RobotModel
-from rona_core.robot.redundancy.choice import (
-    Choice,
-    RollMode,
+from rona_core.robot.redundancy.constant_roll import (
     choose_constant_roll,
-    search_without_roll,
-    with_constant_roll,
-    with_variable_roll,
+    evaluate_constant_rolls,
     working_set_deg,
 )
 from rona_core.robot.redundancy.cost import RollCost
-from rona_core.robot.redundancy.evaluate_rolls import evaluate_constant_rolls
-from rona_core.robot.redundancy.joint_path import joint_path
-from rona_core.robot.redundancy.margins import MarginLimits
-from rona_core.robot.redundancy.result import RollCurve, RollSearch
+from rona_core.robot.redundancy.lattice import RollProblem
+from rona_core.robot.redundancy.margins import MarginLimits, joint_path
+from rona_core.robot.redundancy.optimal_roll import BlockedPath, optimal_roll
+from rona_core.robot.redundancy.result import Choice, RollCurve, RollMode, RollSearch
 from rona_core.robot.redundancy.roll_grid import solve_roll_grid
-from rona_core.robot.redundancy.variable.optimal_roll import BlockedPath, optimal_roll
-from rona_core.robot.redundancy.variable.plan_variable_roll import plan_variable_roll
-from rona_core.robot.redundancy.variable.problem import RollProblem
+from rona_core.robot.redundancy.variable_roll import plan_variable_roll
 
 
 def search_rolls(
@@ -52,9 +46,9 @@ def search_rolls(
         verdict = evaluation.verdicts[index]
         roll_rad = float(np.deg2rad(verdict.roll_deg))
         qs = joint_path(path, model, roll_rad, verdict.branch, limits)
-        return with_constant_roll(search_without_roll(evaluation), index, verdict.branch, qs)
+        return evaluation.search().with_constant_roll(index, verdict.branch, qs)
     if mode == "constant":
-        return search_without_roll(evaluation)
+        return evaluation.search()
     curve, verdict = plan_variable_roll(
         evaluation.grid,
         RollCost(),
@@ -62,8 +56,8 @@ def search_rolls(
         cancel=cancel,
     )
     progress(1.0)
-    search = search_without_roll(evaluation, verdict)
-    return search if curve is None else with_variable_roll(search, curve)
+    search = evaluation.search(verdict)
+    return search if curve is None else search.with_variable_roll(curve)
 
 
 def roll_problem(

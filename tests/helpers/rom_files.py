@@ -1,23 +1,30 @@
 """Writer of NDI tool definition files (.rom), the counterpart of the product's reader."""
 
 import struct
+from dataclasses import dataclass
 
 import numpy as np
 
-from rona_core.devices.files.ndi_rom import (
-    MAGIC,
-    MAKER_AT,
-    NORMALS_AT,
-    PART_AT,
-    POSITIONS_AT,
-    SIZE,
-    ToolFile,
-    checksum,
-)
+from rona_core.devices.files.ndi_rom import MAGIC, POSITIONS_AT, SIZE, checksum
 
+NORMALS_AT, MAKER_AT, PART_AT = 312, 580, 592
 FACES_AT, GROUPS_AT = 613, 633
 FIXED = {8: 1, 12: 2, 576: 9, 612: 9, 653: 128, 655: 41}  # as present files have them
 LEDS_AT, NO_LED = range(572, 576), 31
+
+
+@dataclass(frozen=True)
+class ToolFile:
+    """What a .rom file says of a tool."""
+
+    positions_marker: np.ndarray  # (m, 3)
+    normals_marker: np.ndarray  # (m, 3) unit, or zero where a marker is seen from every side
+    min_markers: int = 3
+    max_angle_deg: int = 90
+    max_3d_error_mm: float = 2.0
+    min_spread_mm: tuple = (0.0, 0.0, 0.0)
+    maker: str = ""
+    part: str = ""
 
 
 def tool_file_of(geometry):

@@ -3,9 +3,11 @@
 from dataclasses import dataclass, field
 
 import numpy as np
+import trimesh
 
 from rona_core.devices.protocols import Mesh
 from rona_core.geometry.pose import Poses
+from rona_core.virtual.specimen.simulated.simulated_skull import cube_sphere
 
 DEPTHS_MM = {"outer": 0.0, "diploe_outer": 1.5, "diploe_inner": 4.0, "inner": 6.0}
 
@@ -50,18 +52,17 @@ class SphereSpecimen:
         d = np.asarray(directions_skull)
         return self.ray(np.asarray(points_skull) - d, d, "inner") - 1.0
 
-    def closest(self, points_skull, boundary="outer"):
+    def closest(self, points_skull):
         n = self.normal(points_skull)
-        return self.center + (self.radius_mm - self.depths[boundary]) * n
+        return self.center + self.radius_mm * n
 
-    def normal(self, points_skull, boundary="outer"):
+    def normal(self, points_skull):
         p = np.asarray(points_skull) - self.center
         return p / np.linalg.norm(p, axis=1)[:, None]
 
-    def mesh(self, boundary="outer", edge_mm=3.0):
-        import trimesh
+    def mesh(self, edge_mm=3.0):
 
-        mesh = trimesh.creation.icosphere(2, self.radius_mm - self.depths[boundary])
+        mesh = trimesh.creation.icosphere(2, self.radius_mm)
         return Mesh(np.array(mesh.vertices) + self.center, np.array(mesh.faces, dtype=np.int64))
 
 
@@ -77,6 +78,15 @@ class ShiftError:
 
     def systematic_mm(self, points_base):
         return np.broadcast_to(np.array(self.offset), np.shape(points_base)).copy()
+
+
+def boundary_meshes(specimen, edge_mm):
+    """Return the outer and the inner boundary of a simulated skull as two trimeshes."""
+    cells = round(120.0 / edge_mm)
+    faces, directions = cube_sphere(cells)
+    radii = specimen.shape.radii(directions)
+    center = specimen.shape.center_skull
+    return [trimesh.Trimesh(center + radii[:, [k]] * directions, faces) for k in (0, 3)]
 
 
 def signed_distance(specimen, points_skull):

@@ -4,10 +4,12 @@
 bone without a robot, which is quicker. The places stay as they are: what changes is the bone.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
+from rona_core.app.declarations.declarations import Message
 from rona_core.app.procedure import PROCEDURE, run_procedure
 from rona_core.app.steps.boundaries.ascan_view import scan_poses
 from rona_core.app.steps.setup.messages import SetSeed
@@ -20,9 +22,9 @@ from rona_core.geometry.pose import Poses
 from rona_core.session.document import Session
 from rona_core.session.specimen import BoneChoice, BoneKind
 from rona_core.ultrasound.detection.detect import Detection, detect
-from rona_core.ultrasound.probe.survey import ProbeSurvey
+from rona_core.ultrasound.probe.probe_model import ProbeSurvey
+from rona_core.virtual.acoustics.medium import bone_medium
 from rona_core.virtual.acoustics.probe import Layered
-from rona_core.virtual.acoustics.specimen_medium import bone_medium
 from rona_core.virtual.rig import build_scene
 from rona_core.virtual.specimen.simulated.simulated_skull import SimulatedSpecimen
 from tests.scenes.bone_record import BoneScene, record
@@ -43,8 +45,12 @@ class Survey:
     Ts_base_probe: Poses  # as the robot's joint angles have them
 
 
-def scanned(seed: int) -> Survey:
+def scanned(seed: int, steps: Sequence[tuple[str, Message]] = UP_TO_SCAN) -> Survey:
     """Return the survey of one patient after one pass of the robot.
+
+    Args:
+        seed: Of the patient.
+        steps: Of the procedure, the scan the last of them.
 
     Raises:
         StepBlockedError: the procedure did not get as far as the scan.
@@ -52,7 +58,7 @@ def scanned(seed: int) -> Survey:
     bench = new_workbench(Session(name=f"survey, seed {seed}"))
     try:
         bench.dispatch(SetSeed(seed))
-        ending = run_procedure(bench, messages=UP_TO_SCAN)
+        ending = run_procedure(bench, messages=tuple(steps))
         scan, believed = bench.session.captures.scan, scan_poses(bench.session)
         if not ending.completed or scan is None or believed is None:
             raise StepBlockedError(f"seed {seed} has no scan: {ending.reason}")

@@ -35,7 +35,7 @@ ROOT = Path(__file__).resolve().parents[2]
 TARGETS = {
     "verification": (
         "rona_core/robot/verification/*.py",
-        ("tests/core/robot/planning/test_verifier.py",),
+        ("tests/core/robot/verification/test_verifier.py",),
     ),
     "store": (
         "rona_core/app/runtime/store.py",
@@ -43,9 +43,18 @@ TARGETS = {
     ),
     "session_files": (
         "rona_core/session/{files,members,codec}.py",
-        ("tests/core/session", "tests/contract/test_session_versions.py"),
+        (
+            "tests/core/session/test_session_files.py",
+            "tests/core/session/test_room_of_files.py",
+            "tests/core/session/test_codec.py",
+            "tests/core/session/test_array_packing.py",
+            "tests/contract/test_session_versions.py",
+        ),
     ),
-    "pivot": ("rona_core/calibration/pivot/*.py", ("tests/core/calibration",)),
+    "pivot": (
+        "rona_core/calibration/pivot/*.py",
+        ("tests/core/calibration/pivot", "tests/core/calibration/handheld"),
+    ),
 }
 # imported once, before processes are forked; nothing of the product or of the tests
 PRELOADED = "numpy scipy.optimize scipy.spatial scipy.linalg scipy.stats pinocchio trimesh h5py"

@@ -82,9 +82,7 @@ def _frechet(points: Floats, tolerance: float) -> Bools:
     return (walked & (~between | (away <= tolerance))).all(axis=1)
 
 
-def within_frechet(
-    points: ArrayLike, index: ArrayLike, tolerance: float, *, closed: bool = False
-) -> bool:
+def within_frechet(points: ArrayLike, index: ArrayLike, tolerance: float) -> bool:
     """Return whether each piece stays within ``tolerance`` of its segment in the sense of Fréchet.
 
     One piece and one point after the other: slow and plain, to check what is fast.
@@ -93,13 +91,9 @@ def within_frechet(
         points: Original path (n, m).
         index: Indices (k,) of the points kept, as in :func:`deviations`.
         tolerance: Bound in mm.
-        closed: As in :func:`deviations`.
     """
     p = as_path(points)
     kept = np.asarray(index)
-    if closed:
-        p = np.roll(p, -kept[0], axis=0)
-        p, kept = np.vstack((p, p[:1])), np.append(kept - kept[0], len(p))
     for a, b in itertools.pairwise(kept.tolist()):
         chord = p[b] - p[a]
         length_sq, at = float(chord @ chord), 0.0

@@ -4,19 +4,17 @@ Millimetres and degrees never meet in one norm: each deviation is divided by its
 larger of the two counts.
 """
 
-from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike
 
+from benchmarks.reference.path.lower_bound import points_lower_bound
 from benchmarks.reference.path.pose_path_angles import piece_turns
-from rona_core.devices.protocols import never
 from rona_core.errors import InvalidInputError
 from rona_core.geometry.arrays import Bools, Floats, Ints, as_floats, as_points, readonly
 from rona_core.path.simplification.deviation import deviations
 from rona_core.path.simplification.error_bound import ShortcutTest, rounding_of
-from rona_core.path.simplification.lower_bound import points_lower_bound
 from rona_core.path.simplification.simplify import RULES, SimplifyMethod, chosen_points
 from rona_core.path.simplification.vertex_decimation import as_keep
 
@@ -76,7 +74,6 @@ def simplify_poses(
     method: SimplifyMethod = "optimal",
     frechet: bool = True,
     keep: ArrayLike | None = None,
-    cancel: Callable[[], bool] | None = None,
 ) -> SimplifiedPoses:
     """Return a path of fewer poses that stays within both tolerances of the original.
 
@@ -91,11 +88,9 @@ def simplify_poses(
         method: As in :func:`rona_core.path.simplification.simplify.simplify`.
         frechet: Bound the distance in the sense of Fréchet, so that strokes that run back stay.
         keep: Mask (n,) or indices of poses that must stay; the two ends always do.
-        cancel: Asked now and then; True gives up.
 
     Raises:
         InvalidInputError: wrong shapes, orientations that are not unit vectors, wrong tolerances.
-        CancelledError: ``cancel`` said so.
     """
     p = as_points(points, at_least=1, name="points")
     units = as_units(orientations, len(p))
@@ -107,7 +102,7 @@ def simplify_poses(
     near, turn = float(tolerance_mm), float(np.deg2rad(tolerance_deg))
     bound = PoseBound("k1", 1.0, near, frechet, rounding_of(p, "k1"), rows, turn)
     fixed = as_keep(keep, len(p))
-    index, used = chosen_points(p, fixed, bound, method, cancel or never)
+    index, used = chosen_points(p, fixed, bound, method)
     columns = np.ascontiguousarray(p.T)
     least = len(index) if used == "optimal" else points_lower_bound(columns, fixed, bound)
     found = deviations(p, index)

@@ -22,6 +22,7 @@ from rona_core.errors import CancelledError, RonaError
 
 KILLS = int(os.environ.get("KILLS", "50"))  # of each kind
 ENDS = 5  # of each kind
+BUSY = (False, True)  # a server at rest, and one in the middle of a job
 TEXT = "the computing process ended unexpectedly: start it again"
 
 
@@ -118,13 +119,13 @@ def _cancel_s(pool: ProcessCompute) -> float:
 
 def _servers(progress: Progress) -> list[Metric]:
     metrics: list[Metric] = []
-    for busy in (False, True):
+    for busy in BUSY:
         name = "mid-job" if busy else "idle"
         progress(f"{KILLS} kills: server, {name}")
         left = sum(_left(busy) for _ in range(KILLS))
         text = f"server killed {name}: processes left after 10 s, of {KILLS} kills"
         metrics.append(Metric(text, left, "processes", "lower", 0.0))
-    for busy in (False, True):
+    for busy in BUSY:
         name = "mid-job, two streams open" if busy else "idle"
         progress(f"Ctrl-C, {name}")
         times_s = [_end_s(busy) for _ in range(ENDS)]

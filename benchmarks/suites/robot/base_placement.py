@@ -2,15 +2,16 @@
 
 from time import process_time
 
+import numpy as np
+
 from benchmarks.metric import Metric, Progress, cpu_ms
 from rona_core.devices.settings import RobotSettings
 from rona_core.geometry.pose import Pose
 from rona_core.robot.base_placement.candidates import BasePlace, BaseSearch, base_pose, path_from
 from rona_core.robot.base_placement.placement import place_base
-from rona_core.robot.base_placement.screening import CoarseScreening
+from rona_core.robot.base_placement.reachability import CoarseScreening
 from rona_core.robot.kinematics.robot_model import RobotModel
 from rona_core.robot.planning.plan_scan import plan_scan
-from rona_core.robot.redundancy.margins import MarginLimits
 from tests.scenes.patch_scenes import scene_model, scene_path
 
 HOME = RobotSettings()
@@ -22,9 +23,7 @@ def run(progress: Progress) -> list[Metric]:
     """Return whether suggestions verify on the dense path, how far the base moves, and times."""
     model = scene_model()
     search = BaseSearch()
-    screen = CoarseScreening(
-        scene_path("S3"), model, MarginLimits(), search.n_points, search.n_rolls
-    )
+    screen = CoarseScreening(scene_path("S3"), model, search)
     grid_ms = PLACES * cpu_ms(lambda: screen.margin(Pose.identity()))
     metrics = [Metric("S3-90: screening of 143 places, CPU", grid_ms, "ms", "lower", 2000.0)]
     for scene in SCENES:
@@ -33,12 +32,13 @@ def run(progress: Progress) -> list[Metric]:
         found = place_base(scene_path(scene), model, HOME)
         spent_s = process_time() - start
         label = f"{scene}-90"
+        seeming = np.count_nonzero((found.margins >= 0.0) & ~found.blocked)
         works = float(sum(_verifies(scene, place, model) for place in (found.best, found.smallest)))
         metrics += [
             Metric(
                 f"{label}: suggestions that verify when planned again", works, "of 2", "higher", 2
             ),
-            Metric(f"{label}: places that seem to work", float(found.n_working), "", "higher"),
+            Metric(f"{label}: places that seem to work", float(seeming), "", "higher"),
             Metric(f"{label}: most room", found.best and found.best.margin, "", "higher"),
             Metric(f"{label}: whole search, CPU", 1e3 * spent_s, "ms", "lower"),
         ]

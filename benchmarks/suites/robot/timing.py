@@ -9,13 +9,14 @@ from benchmarks.reference.trajectory_figures import TimingFigures, timing_figure
 from rona_core.geometry.arrays import Floats
 from rona_core.geometry.path5d import Path5D
 from rona_core.robot.kinematics.robot_model import RobotModel
-from rona_core.robot.redundancy.choice import choose_constant_roll, working_set_deg
-from rona_core.robot.redundancy.evaluate_rolls import evaluate_constant_rolls
-from rona_core.robot.redundancy.joint_path import joint_path
-from rona_core.robot.redundancy.margins import MarginLimits
+from rona_core.robot.redundancy.constant_roll import (
+    choose_constant_roll,
+    evaluate_constant_rolls,
+    working_set_deg,
+)
+from rona_core.robot.redundancy.margins import MarginLimits, joint_path
 from rona_core.robot.trajectory.corner_blend import blend_corners
-from rona_core.robot.trajectory.path_timing import ScanSettings
-from rona_core.robot.trajectory.scan_timing import time_scan
+from rona_core.robot.trajectory.scan_timing import ScanSettings, time_scan
 from rona_core.robot.trajectory.trajectory import Trajectory
 from tests.scenes.patch_scenes import N_ROLLS, scene_model, scene_path
 
@@ -32,10 +33,10 @@ def run(progress: Progress) -> list[Metric]:
     for scene in FEASIBLE_SCENES:
         progress(f"scene {scene}")
         path = scene_path(scene, 306)
-        qs_rad, branch = _followed(path, model)
+        qs_rad = _followed(path, model)
         for speed in SPEEDS:
             settings = ScanSettings(scan_speed_mm_per_s=speed)
-            drive = _driver(path, qs_rad, model, settings, branch)
+            drive = _driver(path, qs_rad, model, settings)
             figures = timing_figures(drive(), path, model, speed)
             worst.append(figures)
             if scene == "S0":
@@ -67,20 +68,18 @@ def run(progress: Progress) -> list[Metric]:
     return metrics
 
 
-def _followed(path: Path5D, model: RobotModel) -> tuple[Floats, int]:
-    """Return the joint path with the best constant roll, and its branch."""
+def _followed(path: Path5D, model: RobotModel) -> Floats:
+    """Return the joint path with the best constant roll."""
     rolls_deg = working_set_deg(N_ROLLS, 0.0, 360.0)
     verdicts = evaluate_constant_rolls(path, model, rolls_deg, MarginLimits()).verdicts
     verdict = verdicts[choose_constant_roll(verdicts, "best")]
-    return joint_path(path, model, float(np.deg2rad(verdict.roll_deg)), verdict.branch), (
-        verdict.branch
-    )
+    return joint_path(path, model, float(np.deg2rad(verdict.roll_deg)), verdict.branch)
 
 
 def _driver(
-    path: Path5D, qs_rad: Floats, model: RobotModel, settings: ScanSettings, branch: int
+    path: Path5D, qs_rad: Floats, model: RobotModel, settings: ScanSettings
 ) -> Callable[[], Trajectory]:
-    return lambda: time_scan(path, qs_rad, model, settings, branch=branch)
+    return lambda: time_scan(path, qs_rad, model, settings)
 
 
 def _toppra(path: Path5D, qs_rad: Floats, model: RobotModel, speed_mm_per_s: float) -> Metric:

@@ -11,9 +11,10 @@ import numpy as np
 
 from benchmarks.metric import Metric, Progress
 from rona_core.session.specimen import BoneKind
-from tests.scenes.bone_surveys import Survey, detected, fired_again, scanned
+from tests.scenes.bone_surveys import UP_TO_SCAN, Survey, detected, fired_again, scanned
 
 SEEDS = range(41_000, 41_012)  # never tuned with; tuned with were 20000 to 20003, 31000 to 31003
+STEPS = UP_TO_SCAN
 WRONG_MM = 1.0
 GOAL = 0.02  # of what is kept
 WORLDS: tuple[tuple[BoneKind, float, int], ...] = (  # kind, loss over nominal, patients
@@ -41,7 +42,7 @@ def run(progress: Progress) -> list[Metric]:
     surveys: list[Survey] = []
     for seed in SEEDS:
         progress(f"the scan of seed {seed}")
-        surveys.append(scanned(seed))
+        surveys.append(scanned(seed, STEPS))
     metrics: list[Metric] = []
     for kind, loss, n in WORLDS:
         label = f"{kind} bone, loss x{loss:g}"

@@ -17,8 +17,8 @@ from rona_core.ultrasound.probe.materials import GEL, TABLE
 from rona_core.ultrasound.probe.probe_model import PROBES
 from rona_core.virtual.acoustics.echo_model import EchoModel
 from rona_core.virtual.acoustics.layer_stack import LayerProfile
+from rona_core.virtual.acoustics.layered_reflection import oblique_step
 from rona_core.virtual.acoustics.medium import MEDIA
-from rona_core.virtual.acoustics.oblique_incidence import oblique_step
 from tests.oracles.disc_oracle import curved, leaning
 from tests.oracles.kspace_grid import front_on_grid
 from tests.oracles.kwave_cases import STRIPS, mirror_level_db, plane_wave, stored_strip, strip

@@ -17,8 +17,7 @@ from rona_core.devices.settings import Excitation, ProbeName
 from rona_core.geometry.arrays import Bools, Floats
 from rona_core.ultrasound.detection.detect import NOMINAL_SPEED_MM_PER_US, Detection, detect
 from rona_core.ultrasound.detection.single.matched_filter import block_template
-from rona_core.ultrasound.probe.probe_model import probe_model
-from rona_core.ultrasound.probe.survey import ProbeSurvey
+from rona_core.ultrasound.probe.probe_model import ProbeSurvey, probe_model
 from tests.scenes.bone_record import BoneScene
 from tests.scenes.bone_scenes import anatomical_bone, hard_bone, parallel_bone, plate
 

@@ -15,8 +15,7 @@ from rona_core.devices.settings import Excitation, ProbeSettings
 from rona_core.geometry.arrays import Floats
 from rona_core.geometry.pose import Pose
 from rona_core.ultrasound.detection.detect import detect
-from rona_core.ultrasound.probe.probe_model import probe_model
-from rona_core.ultrasound.probe.survey import ProbeSurvey
+from rona_core.ultrasound.probe.probe_model import ProbeSurvey, probe_model
 from rona_core.virtual.acoustics.probe import VirtualProbe
 from rona_core.virtual.clock import CaptureClock
 

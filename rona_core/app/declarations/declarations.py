@@ -5,19 +5,83 @@ replay and the step list follow from the declarations (`registry`).
 """
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
-from typing import Any, TypeAlias
+from concurrent.futures import CancelledError as PoolCancelled
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, Protocol, TypeAlias, TypeVar
 
-from rona_core.app.declarations.activity_context import ActivityContext
-from rona_core.devices.protocols import Cancel, Progress
+from rona_core.devices.live import Live
+from rona_core.devices.protocols import Cancel, Progress, Rig, never, silent
+from rona_core.errors import CancelledError
 from rona_core.session.captures import Capture as Recorded
 from rona_core.session.document import Session
+from rona_core.session.specimen import LoadedSkull
+from rona_core.ultrasound.acoustic_calibration.expected_performance import WhatIf
+
+T = TypeVar("T")
+ImportSkull = Callable[..., LoadedSkull]
+Sweep = Callable[..., WhatIf]
+
+
+class Compute(Protocol):
+    """Run a pure function of picklable arguments; it takes ``progress`` and ``cancel`` too."""
+
+    def __call__(
+        self, function: Callable[..., T], *args: object, progress: Progress, cancel: Cancel
+    ) -> T:
+        """Return ``function(*args, progress=…, cancel=…)``, computed here or elsewhere.
+
+        Raises:
+            CancelledError: somebody cancelled.
+        """
+        ...
+
+
+def compute_here(
+    function: Callable[..., T], *args: object, progress: Progress, cancel: Cancel
+) -> T:
+    """Compute in this thread: for scripts and tests."""
+    try:
+        return function(*args, progress=progress, cancel=cancel)
+    except PoolCancelled as error:
+        raise CancelledError("cancelled") from error
+
+
+@dataclass(frozen=True, slots=True)
+class ActivityContext:
+    """Handed to an activity when it starts."""
+
+    devices: Callable[[], Rig]  # built when they are asked for: computing needs none
+    live: Live
+    import_skull: ImportSkull
+    uploads: Path
+    compute: Compute = compute_here
+    sweep: Sweep | None = None  # None where there are no virtual plates to try probes on
+    progress: Progress = field(default=silent)
+    cancel: Cancel = field(default=never)
+
+    @property
+    def rig(self) -> Rig:
+        """The devices."""
+        return self.devices()
+
+    def run(self, function: Callable[..., T], *args: object) -> T:
+        """Return ``function(*args)``, computed where ``compute`` does, watched and cancellable.
+
+        Raises:
+            CancelledError: somebody cancelled.
+        """
+        return self.compute(function, *args, progress=self.progress, cancel=self.cancel)
+
 
 # A message is any frozen dataclass of plain values. A function that takes one declares its class,
 # which no common type can say.
 Message: TypeAlias = Any
 Reason: TypeAlias = Callable[[Session], str | None]  # why something cannot be done; None: it can
 Arguments: TypeAlias = Mapping[str, object]
+
+
+Perform: TypeAlias = Callable[[Message, Session, ActivityContext], tuple[Message, ...]]
 
 
 @dataclass(frozen=True, slots=True)
@@ -36,7 +100,7 @@ class Command:
     """A message that changes the session at once, and the pure function that does it."""
 
     message: type
-    handle: Callable[[Any, Session], Session] | None = None  # None: the store itself does it
+    handle: Callable[[Message, Session], Session] | None = None  # None: the store itself does it
     needs: tuple[Input, ...] = ()
     takes_stale: bool = False  # it looks itself at what is stale
     blocked: Reason | None = None  # a further reason against it
@@ -51,16 +115,20 @@ class Activity:
     """
 
     message: type
-    perform: Callable[[Any, Session, ActivityContext], tuple[Message, ...]]
+    perform: Perform
     doing: str  # what people read while it runs
     needs: tuple[Input, ...] = ()
-    uses_devices: bool = False
     drives_robot: bool = False
     records: bool = False  # a capture, which has to fit into the session file
     blocked: Reason | None = None  # a further reason against it
-    check: Callable[[Any, Session], None] | None = None  # raises why this very one is blocked
+    check: Callable[[Message, Session], None] | None = None  # raises why this very one is blocked
     shown_in: str | None = None  # the step of the procedure it belongs to; None: the declaring one
     of_several_steps: bool = False
+
+    @property
+    def uses_devices(self) -> bool:
+        """Whether it uses the devices, as one activity at a time may."""
+        return self.drives_robot or self.records
 
 
 @dataclass(frozen=True, slots=True)
@@ -68,7 +136,7 @@ class Result:
     """A computed result: the message that makes it, its inputs, and how it is computed.
 
     Where several messages make a result, each has a declaration. ``derive(session, message)`` is
-    pure; a ``long`` one takes ``progress`` and ``cancel``, too. ``recompute`` replaces it in a
+    pure; that of an activity takes ``progress`` and ``cancel``, too. ``recompute`` replaces it in a
     replay where the arguments are more than those of the message.
     """
 
@@ -77,7 +145,6 @@ class Result:
     derive: Callable[..., object] | None  # None: it follows from no capture and is not replayed
     inputs: Mapping[str, Input]
     wanted: str = ""  # what to do to get it
-    long: bool = False
     recompute: Callable[[Session, Arguments, Progress, Cancel], object] | None = None
     types: tuple[type, ...] = ()  # further classes a session file may hold below Results.more
 
@@ -118,7 +185,8 @@ class StepLine:
     summary: Callable[[Session], str]  # one line about what there is; empty if nothing yet
     message: type | None = None  # what does the step; None: it is always done
     leaves: Callable[[Session], tuple[Input, ...]] = _nothing
-    partial: Reason = _no_reason  # what it lacks because a recording was stopped early
+    # what it lacks because a recording was stopped early; None: asked of the captures it leaves
+    partial: Reason | None = None
     partial_without: bool = True  # whether that counts before there is a result, too
     stale: Reason = _no_reason  # a further reason for what is there to be stale
     unusable: Reason = _no_reason  # why what is there is of no use
@@ -130,6 +198,7 @@ class Step:
 
     name: str
     commands: tuple[Command, ...] = ()
+    outcomes: tuple[Command, ...] = ()  # stored by activities of the step; no route leads there
     activities: tuple[Activity, ...] = ()
     captures: tuple[Capture, ...] = ()
     results: tuple[Result, ...] = ()

@@ -7,7 +7,14 @@ a step; all that is looked up follows from what the steps declare.
 from collections.abc import Generator, Iterable
 from contextlib import contextmanager
 
-from rona_core.app.declarations.declarations import Activity, Capture, Command, Result, Step
+from rona_core.app.declarations.declarations import (
+    Activity,
+    Capture,
+    Command,
+    Result,
+    Step,
+    StepLine,
+)
 from rona_core.errors import InvalidInputError
 from rona_core.session.codec import allow_type
 
@@ -18,6 +25,7 @@ class Registry:
     def __init__(self) -> None:
         self.steps: tuple[Step, ...] = ()
         self.commands: dict[str, Command] = {}
+        self.outcomes: dict[str, Command] = {}
         self.activities: dict[str, Activity] = {}
         self.captures: dict[str, Capture] = {}
         self._results: dict[str, dict[str, Result]] = {}  # name -> message -> declaration
@@ -33,13 +41,14 @@ class Registry:
             kinds = [part.message.__name__ for part in (*step.commands, *step.activities)]
             taken = [name for name in kinds if name in self._step_of]
             taken += [part.name for part in step.captures if part.name in self.captures]
-            if step.name in self.names or taken:
+            if taken or any(step.name == known.name for known in self.steps):
                 raise InvalidInputError(f"declared twice: {', '.join([step.name, *taken])}")
             self._add(step, kinds)
 
     def _add(self, step: Step, kinds: list[str]) -> None:
         self.steps = (*self.steps, step)
         self.commands = self.commands | {part.message.__name__: part for part in step.commands}
+        self.outcomes = self.outcomes | {part.message.__name__: part for part in step.outcomes}
         self.activities = self.activities | {p.message.__name__: p for p in step.activities}
         self.captures = self.captures | {part.name: part for part in step.captures}
         self._step_of = self._step_of | dict.fromkeys(kinds, step)
@@ -61,23 +70,14 @@ class Registry:
             vars(self).update(before)
 
     @property
-    def names(self) -> tuple[str, ...]:
-        """Names of all declared steps."""
-        return tuple(step.name for step in self.steps)
-
-    @property
-    def listed(self) -> tuple[Step, ...]:
-        """The steps of the procedure, in order: those with a line in the list of steps."""
-        return tuple(step for step in self.steps if step.line is not None)
+    def lines(self) -> dict[str, StepLine]:
+        """The lines of the list of steps, in order: the steps of the procedure, by name."""
+        return {step.name: step.line for step in self.steps if step.line is not None}
 
     @property
     def step_names(self) -> tuple[str, ...]:
         """Names of the steps of the procedure, in order."""
-        return tuple(step.name for step in self.listed)
-
-    def title(self, step: str) -> str:
-        """Return what people call a step of the procedure."""
-        return next(s.line.title for s in self.listed if s.name == step and s.line is not None)
+        return tuple(self.lines)
 
     @property
     def messages(self) -> dict[str, type]:
@@ -98,11 +98,6 @@ class Registry:
     def replayed(self) -> tuple[str, ...]:
         """Names of the results that a replay computes again, in the order of the steps."""
         return tuple(name for name in self._results if self.result(name).derive is not None)
-
-    @property
-    def result_names(self) -> tuple[str, ...]:
-        """Names of all results, in the order of the steps."""
-        return tuple(self._results)
 
     def result(self, name: str, message: str = "") -> Result:
         """Return the declaration of a result, as a message makes it; else as its first one does.

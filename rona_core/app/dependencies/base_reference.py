@@ -24,9 +24,8 @@ from rona_core.devices.tracker_volumes import FIELD_MM
 from rona_core.errors import RonaError, StaleResultError, StepBlockedError
 from rona_core.geometry.arrays import Floats, as_points
 from rona_core.geometry.pose import Pose
-from rona_core.session.captures import PointerCapture, SonoCapture
+from rona_core.session.captures import PointerCapture, SonoCapture, is_imported
 from rona_core.session.document import Session
-from rona_core.session.imported import is_imported
 from rona_core.session.memo import remember
 
 REMEDY = "register again, or allow the base marker (step 1)"

@@ -1,6 +1,5 @@
 """Inputs of results and messages, by the name of the result or capture that they are."""
 
-from collections.abc import Callable
 from typing import TypeVar
 
 from rona_core.app.declarations.declarations import Input
@@ -25,11 +24,6 @@ def result_input(name: str, *, optional: bool = False) -> Input:
 def capture_input(name: str) -> Input:
     """Return a capture as an input."""
     return Input(lambda session: session.captures.get(name), None, f"{CAPTURE}{name}")
-
-
-def setup_input(read: Callable[[Session], object], wanted: str) -> Input:
-    """Return a part of the set-up, or of what was edited by hand, as an input."""
-    return Input(read, wanted)
 
 
 def wanted_for(item: Input) -> str:

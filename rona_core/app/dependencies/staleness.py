@@ -1,17 +1,40 @@
 """Staleness: whether the inputs of a result, or the set-up of a capture, have changed since."""
 
+from collections.abc import Callable
+
 from rona_core.app.declarations.declarations import Input
 from rona_core.app.declarations.registry import REGISTRY
-from rona_core.app.dependencies.capture_setup import known_setup_digests
 from rona_core.app.dependencies.inputs import CAPTURE, missing
 from rona_core.app.dependencies.obstacles import obstacles_of
 from rona_core.errors import StepBlockedError
 from rona_core.robot.collision.obstacles import Obstacles
-from rona_core.session.captures import Capture, PointerCapture
+from rona_core.session.captures import Capture, PointerCapture, is_imported
 from rona_core.session.codec import digest
 from rona_core.session.document import Session
-from rona_core.session.imported import is_imported
 from rona_core.session.memo import Memo
+
+Part = Callable[[Session], list[object]]
+
+
+def capture_setup_digest(kind: str, session: Session) -> str:
+    """Return a digest of the part of the set-up that a capture of this kind depends on."""
+    return _digest(REGISTRY.captures[kind].setup, session)
+
+
+def known_setup_digests(kind: str, session: Session) -> tuple[str, ...]:
+    """Return the digests under which a capture of this kind counts as taken with this set-up.
+
+    Beside the present one it is that of older files, which depended on more.
+    """
+    declared = REGISTRY.captures[kind]
+    rules = (declared.setup, declared.earlier_setup)
+    return tuple(_digest(parts, session) for parts in rules if parts is not None)
+
+
+def _digest(parts: tuple[Part, ...], session: Session) -> str:
+    seen: list[object] = [session.setup.seed]
+    return digest(seen + [value for part in parts for value in part(session)])
+
 
 _REASONS: Memo[str | None] = Memo(256)  # sessions never change, and each result asks those before
 
@@ -105,7 +128,7 @@ def _stale_roots(item: Input, session: Session) -> list[Input]:
 def _place(name: str) -> int:
     """Return where in the procedure a result or capture comes; what is of no step comes last."""
     step = name.removeprefix(CAPTURE)
-    names = [one.name for one in REGISTRY.listed]
+    names = REGISTRY.step_names
     return names.index(step) if step in names else len(names)
 
 

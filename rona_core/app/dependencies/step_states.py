@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 from typing import Literal
 
-from rona_core.app.declarations.declarations import Step, StepLine
+from rona_core.app.declarations.declarations import StepLine
 from rona_core.app.declarations.registry import REGISTRY
 from rona_core.app.dependencies.inputs import missing
 from rona_core.app.dependencies.requirements import blocked_reason
@@ -28,16 +28,15 @@ class StepState:
 def step_states(session: Session) -> tuple[StepState, ...]:
     """Return the state of every step of the procedure, in order."""
     return tuple(
-        _step_state(number, step, step.line, session)
-        for number, step in enumerate(REGISTRY.listed, start=1)
-        if step.line is not None
+        _step_state(number, name, line, session)
+        for number, (name, line) in enumerate(REGISTRY.lines.items(), start=1)
     )
 
 
-def _step_state(number: int, step: Step, line: StepLine, session: Session) -> StepState:
+def _step_state(number: int, name: str, line: StepLine, session: Session) -> StepState:
     blocked = None if line.message is None else blocked_reason(line.message, session)
     state, reason = _state(line, session, blocked)
-    return StepState(number, step.name, line.title, state, reason, blocked)
+    return StepState(number, name, line.title, state, reason, blocked)
 
 
 def _state(line: StepLine, session: Session, blocked: str | None) -> tuple[State, str]:
@@ -53,30 +52,19 @@ def _state(line: StepLine, session: Session, blocked: str | None) -> tuple[State
             return "ready", line.summary(session)
     elif blocked is not None:
         return "blocked", blocked
-    partial = line.partial(session)
+    partial = partial_reason(line, session)
     if partial is not None and (there or line.partial_without):
         return "partial", partial
     return ("done", line.summary(session)) if there else ("ready", partial or "ready")
 
 
-def summary(step: str, session: Session) -> str:
-    """Return one line about what a step has produced; empty if nothing yet."""
-    return next(
-        (one.line.summary(session) for one in REGISTRY.steps if one.name == step and one.line), ""
-    )
-
-
-def partial_reason(step: str, session: Session) -> str | None:
+def partial_reason(line: StepLine, session: Session) -> str | None:
     """Return what a step lacks because a recording was stopped early; None where it is whole."""
-    return next(
-        (one.line.partial(session) for one in REGISTRY.steps if one.name == step and one.line), None
-    )
-
-
-def stopped_early(capture: str, session: Session) -> str | None:
-    """Return that a recording was stopped early; None where it is whole, or there is none."""
-    held = session.captures.get(capture)
-    strokes = held if isinstance(held, tuple) else (held,)
-    if not any(stroke is not None and stroke.partial for stroke in strokes):
-        return None
-    return "the recording was stopped early: do it again, or go on with what came"
+    if line.partial is not None:
+        return line.partial(session)
+    for item in line.leaves(session):
+        held = item.read(session)
+        strokes = held if isinstance(held, tuple) else (held,)
+        if any(getattr(stroke, "partial", False) for stroke in strokes):
+            return "the recording was stopped early: do it again, or go on with what came"
+    return None

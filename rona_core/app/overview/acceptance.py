@@ -7,6 +7,8 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from typing import Any, Literal
 
+from rona_core.app.declarations.registry import REGISTRY
+from rona_core.app.dependencies.inputs import CAPTURE
 from rona_core.app.dependencies.staleness import stale_reason
 from rona_core.session.document import Session
 from rona_core.session.specimen import LoadedSkull
@@ -65,23 +67,6 @@ class Judgement:
     missed: tuple[QualityRow, ...]  # the worst first
 
 
-# what a figure is of -> the step that it judges
-STEP_OF = {
-    "tool": "tool",
-    "pointer": "pointer",
-    "surface": "surface",
-    "registration": "surface",
-    "path": "path",
-    "smoothing": "smoothing",
-    "roll": "roll",
-    "capture scan": "scan",
-    "capture second": "maps",
-    "detection": "maps",
-    "maps": "maps",
-    "sono": "maps",
-    "sono_maps": "maps",
-    "": "maps",
-}
 # where each limit comes from: docs/metrics.md, "Limits"
 FIGURES: dict[str, FigureKind] = {
     "tool_tip_error_mm": FigureKind("Tool tip error", "tool", "mm", 2, 0.5),
@@ -230,10 +215,17 @@ def _row(
         sense=kind.sense,
         verdict=judged,
         paper=kind.paper,
-        step=STEP_OF[kind.of],
+        step=_step_of(kind.of),
         reason=reason,
         stale_reason=stale,
     )
+
+
+def _step_of(part: str) -> str:
+    """Return the step of the procedure that lists a result or capture; nothing is of the maps."""
+    name = part.removeprefix(CAPTURE)
+    listed = (step for step in REGISTRY.step_names if name in sum(REGISTRY.parts_of(step), ()))
+    return next(listed, "maps")
 
 
 def _with_own_word(key: str, judged: Verdict, session: Session) -> tuple[Verdict, str]:

@@ -1,11 +1,10 @@
 """The frame graph of a session: its transforms, where they come from, and if they are stale."""
 
-from dataclasses import dataclass
-from typing import Any
+from dataclasses import dataclass, replace
 
 import numpy as np
 
-from rona_core.app.dependencies.base_reference import TrackerReference, placed_reason, reference_of
+from rona_core.app.dependencies.base_reference import placed_reason, reference_of
 from rona_core.app.dependencies.staleness import stale_reason
 from rona_core.calibration.hand_eye.base_marker import point_sigmas_mm
 from rona_core.calibration.hand_eye.tool_registration import ToolRegistration
@@ -14,9 +13,8 @@ from rona_core.errors import RonaError
 from rona_core.geometry.arrays import Floats
 from rona_core.geometry.pose import Pose
 from rona_core.robot.kinematics.catalog import robot_model
-from rona_core.session.captures import PointerCapture
-from rona_core.session.document import Derived, Session
-from rona_core.session.imported import is_imported
+from rona_core.session.captures import PointerCapture, is_imported
+from rona_core.session.document import Session
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -58,86 +56,56 @@ def _nominal(session: Session) -> tuple[FrameRow, ...]:
 
 
 def _calibrated(session: Session) -> tuple[FrameRow, ...]:
-    rows: list[FrameRow] = []
-    if session.results.tool is not None:
-        rows += _registered(session, session.results.tool)
-    if session.results.pointer is not None:
-        pointer = session.results.pointer
-        rows.append(
-            FrameRow(
-                "pointermarker",
-                "pointertip",
-                "pointer",
-                Pose.from_translation(pointer.value.tip_pointermarker),
-                stale_reason("pointer", session),
-                _made_utc(session, pointer),
-                pointer.value.tip_sigma_mm,
-            )
-        )
+    results, rows = session.results, list[FrameRow]()
+    if results.tool is not None:
+        tool = results.tool.value
+        turn_deg = _sigma_deg(tool.covariance[6:9, 6:9])
+        tip = _made(session, "tool", ("toolmarker", "tip"), tool.T_toolmarker_tip)
+        rows = [
+            _tracker(session, tool),
+            replace(tip, sigma_mm=tool.tip_sigma_mm, sigma_deg=turn_deg),
+        ]
+        if tool.base is not None:
+            rows.append(_base_marker(session, tool, tool.base.T_base_basemarker))
+    if results.pointer is not None:
+        tip = Pose.from_translation(results.pointer.value.tip_pointermarker)
+        row = _made(session, "pointer", ("pointermarker", "pointertip"), tip)
+        rows.append(replace(row, sigma_mm=results.pointer.value.tip_sigma_mm))
     return tuple(rows)
 
 
-def _registered(session: Session, derived: Derived[ToolRegistration]) -> list[FrameRow]:
-    tool, reason = derived.value, stale_reason("tool", session)
-    made_utc, covariance = _made_utc(session, derived), tool.covariance
-    rows = [
-        _tracker(session, tool, reason, made_utc),
-        FrameRow(
-            "toolmarker",
-            "tip",
-            "tool",
-            tool.T_toolmarker_tip,
-            reason,
-            made_utc,
-            tool.tip_sigma_mm,
-            _sigma_deg(covariance[6:9, 6:9]),
-        ),
-    ]
-    if tool.base is not None:
-        T_base_basemarker = tool.base.T_base_basemarker
-        place = T_base_basemarker.translation[None]
-        sigma_mm = float(point_sigmas_mm(tool.T_base_tracker, covariance[:6, :6], place)[0])
-        sigma_deg = _sigma_deg(covariance[:3, :3])
-        rows.append(
-            FrameRow(
-                "base",
-                "basemarker",
-                "tool",
-                T_base_basemarker,
-                reason,
-                made_utc,
-                sigma_mm,
-                sigma_deg,
-            )
-        )
-    return rows
+def _made(session: Session, step: str, edge: tuple[str, str], pose: Pose) -> FrameRow:
+    """Return an edge that a result made, without how sure it is."""
+    return FrameRow(*edge, step, pose, stale_reason(step, session), _made_utc(session, step))
 
 
-def _tracker(
-    session: Session, tool: ToolRegistration, reason: str | None, made_utc: str | None
-) -> FrameRow:
-    """Return the tracker in ``base``: as registered, or as the newest stroke found it again."""
-    source, T_base_tracker = "tool", tool.T_base_tracker
+def _base_marker(session: Session, tool: ToolRegistration, pose: Pose) -> FrameRow:
     covariance = tool.covariance[:6, :6]
+    sigma_mm = point_sigmas_mm(tool.T_base_tracker, covariance, pose.translation[None])[0]
+    row = _made(session, "tool", ("base", "basemarker"), pose)
+    return replace(row, sigma_mm=float(sigma_mm), sigma_deg=_sigma_deg(covariance[:3, :3]))
+
+
+def _tracker(session: Session, tool: ToolRegistration) -> FrameRow:
+    """Return the tracker in ``base``: as registered, or as the newest stroke found it again."""
+    row = _made(session, "tool", ("base", "tracker"), tool.T_base_tracker)
+    covariance, reason = tool.covariance[:6, :6], row.stale_reason
     stroke = None if reason is not None else _newest_stroke(session)
     if stroke is not None:
-        found = _found(session, stroke)
-        if isinstance(found, str):
-            reason = found
-        elif found.state == "carried":
-            source, T_base_tracker = "tool, base marker", found.T_base_tracker
-            covariance = found.covariance
-            made_utc = captured_utc(session, stroke.ordinal)
-    reason = reason or placed_reason(session) or _moved_since(session, stroke)
-    return FrameRow(
-        "base",
-        "tracker",
-        source,
-        T_base_tracker,
-        reason,
-        made_utc,
-        _skull_sigma_mm(session, tool, T_base_tracker, covariance),
-        _sigma_deg(covariance[:3, :3]),
+        try:
+            found = reference_of(session, stroke)
+        except RonaError as error:
+            reason = str(error)
+        else:
+            if found.state == "carried":
+                covariance, made_utc = found.covariance, captured_utc(session, stroke.ordinal)
+                pose = found.T_base_tracker
+                row = replace(row, source="tool, base marker", pose=pose, time_utc=made_utc)
+    return replace(
+        row,
+        stale_reason=reason or placed_reason(session) or _moved_since(session, stroke),
+        sigma_mm=_skull_sigma_mm(session, tool, row.pose, covariance),
+        sigma_deg=_sigma_deg(covariance[:3, :3]),
     )
 
 
@@ -161,13 +129,6 @@ def _newest_stroke(session: Session) -> PointerCapture | None:
     return max(known, key=lambda stroke: stroke.ordinal, default=None)
 
 
-def _found(session: Session, stroke: PointerCapture) -> TrackerReference | str:
-    try:
-        return reference_of(session, stroke)
-    except RonaError as error:
-        return str(error)
-
-
 def _moved_since(session: Session, stroke: PointerCapture | None) -> str | None:
     """Return that the tracker was moved since it was seen last, None if it was not."""
     seen = session.captures.tool if stroke is None else stroke
@@ -176,16 +137,13 @@ def _moved_since(session: Session, stroke: PointerCapture | None) -> str | None:
     return "the tracker was moved: the next stroke finds it again by the base marker"
 
 
-def _made_utc(session: Session, derived: Derived[Any]) -> str | None:
+def _made_utc(session: Session, result: str) -> str | None:
     """Return when a result was computed, by the log."""
-    return next(
-        (
-            entry.time_utc
-            for entry in reversed(session.log)
-            if entry.message == derived.message and entry.arguments == derived.arguments
-        ),
-        None,
-    )
+    made = session.results.get(result)
+    for entry in reversed(session.log):
+        if made and (entry.message, entry.arguments) == (made.message, made.arguments):
+            return entry.time_utc
+    return None
 
 
 def captured_utc(session: Session, ordinal: int) -> str | None:

@@ -1,7 +1,7 @@
 """What the results of a session say about the error of the pointer's map, without any truth.
 
 The covariances of registration and pointer, and the noise of a single frame, are chained as
-``calibration/uncertainty.py`` does, at places that the pointer has touched. What repeats leaves no
+``error_propagation.py`` does, at places that the pointer has touched. What repeats leaves no
 trace in the data: for the tracker's volume the accuracy that its maker states is taken, less the
 noise that was found; the robot's absolute error is not in it, as in a map for the same robot.
 """
@@ -15,7 +15,7 @@ from rona_core.app.steps.acoustics.thickness_uncertainty import thickness_shares
 from rona_core.calibration.error_propagation import MapSetup, predict_map_error
 from rona_core.calibration.hand_eye.tool_registration import ToolRegistration
 from rona_core.calibration.handheld.pointer import PointerCalibration
-from rona_core.calibration.tracking_error.marker_noise import MarkerNoise
+from rona_core.calibration.tracking_error import MarkerNoise
 from rona_core.devices.marker_geometry import GEOMETRIES
 from rona_core.devices.tracker_volumes import ACCURACY_MM
 from rona_core.geometry.arrays import Floats
@@ -155,7 +155,8 @@ def _some_poses(strokes: tuple[PointerCapture, ...]) -> Poses:
 
 def _along_normals(tips_base: Floats, cloud_base: Floats, covariances: Floats) -> float | None:
     # which side is outside does not matter for a variance
-    normals = NormalField(cloud_base, NORMAL_RADIUS_MM).normals(tips_base, outward=ANY_SIDE)
+    field = NormalField(cloud_base, NORMAL_RADIUS_MM)
+    normals = field.normals(tips_base, method="ols", outward=ANY_SIDE)
     if not normals.ok.any():
         return None
     n = normals.normals[normals.ok]

@@ -1,16 +1,18 @@
 """Handling: what each message does to a session, as the steps declare it; pure functions."""
 
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 
-from rona_core.app.declarations.declarations import Message
+from rona_core.app.declarations.declarations import ActivityContext, Message, Perform
 from rona_core.app.declarations.registry import REGISTRY
 from rona_core.app.dependencies.inputs import CAPTURE
 from rona_core.app.dependencies.requirements import require_inputs
 from rona_core.app.dependencies.staleness import input_digests, stale_reason
-from rona_core.app.messages.outcomes import StoreCapture, StoreResult, StoreSkull
+from rona_core.app.messages.message import StoreCapture, StoreResult
 from rona_core.app.messages.serialization import serialize_arguments
 from rona_core.errors import InvalidInputError, StaleResultError
-from rona_core.session.document import Derived, RegionChoice, Session
+from rona_core.session.captures import Capture
+from rona_core.session.document import Derived, Session
 
 
 def handle(message: Message, session: Session) -> Session:
@@ -23,12 +25,10 @@ def handle(message: Message, session: Session) -> Session:
         return _store_capture(message, session)
     if isinstance(message, StoreResult):
         return _store_result(message, session)
-    if isinstance(message, StoreSkull):
-        region = RegionChoice(None, message.skull.radius_mm)
-        return replace(session, setup=replace(session.setup, specimen=message.skull, region=region))
-    declared = REGISTRY.commands.get(type(message).__name__)
+    name = type(message).__name__
+    declared = REGISTRY.commands.get(name) or REGISTRY.outcomes.get(name)
     if declared is None or declared.handle is None:
-        raise InvalidInputError(f"there is no handler for {type(message).__name__}")
+        raise InvalidInputError(f"there is no handler for {name}")
     return declared.handle(message, session)
 
 
@@ -46,7 +46,7 @@ def compute_result(message: Message, session: Session) -> Session:
         raise InvalidInputError(f"{name} computes nothing")
     value = result.derive(session, message)
     made = Derived(value, name, serialize_arguments(message), inputs)
-    return replace(session, results=session.results.with_(result.name, made))
+    return session.with_result(result.name, made)
 
 
 def _store_capture(message: StoreCapture, session: Session) -> Session:
@@ -60,7 +60,7 @@ def _store_capture(message: StoreCapture, session: Session) -> Session:
     if message.capture.partial and _stands(message.kind, session):
         return after
     held = declared.placed(session, message.capture, message.append)
-    after = replace(after, captures=session.captures.with_(message.kind, held))
+    after = after.with_capture(message.kind, held)
     return after if declared.stored is None else declared.stored(session, after)
 
 
@@ -84,7 +84,7 @@ def _store_result(message: StoreResult, session: Session) -> Session:
             inputs = message.inputs[name]
             _require_unchanged(name, message.message, inputs, session)
             made = Derived(value, message.message, message.arguments, inputs)
-        session = replace(session, results=session.results.with_(name, made))
+        session = session.with_result(name, made)
     return session
 
 
@@ -96,3 +96,72 @@ def _require_unchanged(name: str, by: str, inputs: dict[str, str], session: Sess
             f"the {name} result is not stored: {', '.join(changed)} changed while it was computed; "
             "start it again"
         )
+
+
+def strip_for_worker(session: Session) -> Session:
+    """Return the session without what no computation needs, to send it to another process."""
+    return replace(session, archive=(), log=())
+
+
+def record(
+    kind: str,
+    capture: Callable[[Message, Session, ActivityContext], Capture],
+    then: Callable[[], Message] | None = None,
+) -> Perform:
+    """Return what carries out an activity that records a capture.
+
+    Args:
+        kind: Name of the capture.
+        capture: Takes it; given the activity, the session and the context.
+        then: The command that follows where the recording was not cut short.
+    """
+
+    def perform(
+        activity: Message, session: Session, context: ActivityContext
+    ) -> tuple[Message, ...]:
+        taken = capture(activity, session, context)
+        stored = StoreCapture(kind, taken, getattr(activity, "append", False))
+        return (stored,) if taken.partial or then is None else (stored, then())
+
+    return perform
+
+
+def compute_one(
+    message: Message, session: Session, context: ActivityContext
+) -> tuple[StoreResult, ...]:
+    """Carry out an activity that makes the one result declared for it."""
+    (result,) = REGISTRY.results_of(type(message).__name__)
+    if result.derive is None:
+        raise InvalidInputError(f"{result.name} is not computed from a session")
+    value = context.run(result.derive, strip_for_worker(session), message)
+    return computed(message, {result.name: value}, session)
+
+
+def compute_several(derive: Callable[..., Mapping[str, object]]) -> Perform:
+    """Return what carries out an activity that makes several results by ``derive``.
+
+    Args:
+        derive: Returns the results by name, in the order they follow.
+    """
+
+    def perform(
+        message: Message, session: Session, context: ActivityContext
+    ) -> tuple[StoreResult, ...]:
+        return computed(message, context.run(derive, strip_for_worker(session), message), session)
+
+    return perform
+
+
+def computed(
+    message: Message, values: Mapping[str, object], session: Session
+) -> tuple[StoreResult, ...]:
+    """Return the outcome that stores results by name; each may depend on those before."""
+    by, arguments = type(message).__name__, serialize_arguments(message)
+    inputs: dict[str, dict[str, str]] = {}
+    for name, value in values.items():
+        derived = None
+        if value is not None:
+            inputs[name] = input_digests(name, session, by)
+            derived = Derived(value, by, arguments, inputs[name])
+        session = session.with_result(name, derived)
+    return (StoreResult(by, values, arguments, inputs),)

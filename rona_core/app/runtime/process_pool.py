@@ -24,6 +24,10 @@ from rona_core.devices.protocols import Cancel, Progress
 from rona_core.errors import CancelledError, RonaError
 
 T = TypeVar("T")
+POLL_S = 0.05
+PROGRESS_PERIOD_S = 0.05
+GRACE_S = 0.4  # from Cancel to the end of a process that has not looked at it
+CANCEL = b""  # instead of a computation
 
 
 @cache
@@ -34,12 +38,6 @@ def use_one_thread() -> None:
     of a result with it. A replay compares results bit by bit.
     """
     ThreadpoolController().limit(limits=1)
-
-
-POLL_S = 0.05
-PROGRESS_PERIOD_S = 0.05
-GRACE_S = 0.4  # from Cancel to the end of a process that has not looked at it
-CANCEL = b""  # instead of a computation
 
 
 def _serve(pipe: Connection) -> None:
@@ -90,13 +88,13 @@ def _say(pipe: Connection, kind: str, value: object) -> None:
 
 def _reporter(pipe: Connection) -> Progress:
     """Return a function that reports progress at most 20 times a second."""
-    told_s = -PROGRESS_PERIOD_S
+    reported_s = -PROGRESS_PERIOD_S
 
     def progress(share: float) -> None:
-        nonlocal told_s
+        nonlocal reported_s
         now_s = time.monotonic()
-        if now_s - told_s > PROGRESS_PERIOD_S or share >= 1.0:
-            told_s = now_s
+        if now_s - reported_s > PROGRESS_PERIOD_S or share >= 1.0:
+            reported_s = now_s
             _say(pipe, "progress", float(share))
 
     return progress
@@ -148,13 +146,13 @@ class _Worker:
             RonaError: the process ended in the middle.
             _NotBegunError: it had ended before.
         """
-        begun, told_s = False, None  # told_s: when it was told to cancel
+        begun, cancelled_s = False, None  # cancelled_s: when Cancel was sent
         try:
             while True:
-                if told_s is None and cancel():
+                if cancelled_s is None and cancel():
                     if not self._busy:
                         raise CancelledError("cancelled before it began")
-                    told_s = time.monotonic()
+                    cancelled_s = time.monotonic()
                     self._send(CANCEL)
                 if self._ready and not self._busy:  # it reads at once, however large the task is
                     self._busy = True
@@ -166,15 +164,15 @@ class _Worker:
                 elif kind in ("result", "error"):
                     self._busy = False
                     break
-                if told_s is not None and time.monotonic() - told_s > GRACE_S:
+                if cancelled_s is not None and time.monotonic() - cancelled_s > GRACE_S:
                     raise CancelledError("cancelled")  # still busy: it will be replaced
         except _GoneError as error:
-            if told_s is not None:
+            if cancelled_s is not None:
                 raise CancelledError("cancelled") from error
             if not begun:
                 raise _NotBegunError from error
             raise RonaError("the computing process ended unexpectedly: start it again") from error
-        if told_s is not None:
+        if cancelled_s is not None:
             raise CancelledError("cancelled")
         if kind == "error":
             raise value

@@ -9,23 +9,7 @@ from rona_core.app.runtime.process_pool import use_one_thread
 from rona_core.devices.protocols import Cancel, Progress, never, silent
 from rona_core.errors import CancelledError, InvalidInputError
 from rona_core.session.codec import digest
-from rona_core.session.compare import Difference, compare
 from rona_core.session.document import Derived, Session
-
-
-@dataclass(frozen=True, slots=True)
-class Replayed:
-    """One result, computed again."""
-
-    result: str
-    stored: str  # digest
-    recomputed: str  # digest
-    difference: Difference
-
-    @property
-    def same(self) -> bool:
-        """Whether every bit agrees."""
-        return self.stored == self.recomputed
 
 
 @dataclass(frozen=True, slots=True)
@@ -61,7 +45,7 @@ def recompute(session: Session, progress: Progress = silent, cancel: Cancel = ne
     held = session
     for name in results:
         if session.results.get(name) is not None and stale_reason(name, session) is not None:
-            held = replace(held, results=held.results.with_(name, None))
+            held = held.with_result(name, None)
     for i, name in enumerate(results):
         if cancel():
             raise CancelledError("the replay was cancelled")
@@ -90,33 +74,30 @@ def _value(
     if declared.derive is None:
         raise InvalidInputError(f"the {name} result follows from no capture")
     message = message_from(stored.message, stored.arguments)
-    if declared.long:
+    if stored.message in REGISTRY.activities:
         return declared.derive(session, message, progress=progress, cancel=cancel)
     return declared.derive(session, message)
 
 
 def replay(
     session: Session, progress: Progress = silent, cancel: Cancel = never
-) -> tuple[Replayed, ...]:
+) -> tuple[ReplayedResult, ...]:
     """Compute all results that are not stale again and compare them with the stored ones.
 
     Raises:
         CancelledError: ``cancel`` said so.
     """
     fresh = recompute(session, progress, cancel)
-    names = REGISTRY.replayed
-    return tuple(
-        Replayed(name, digest(old.value), digest(new.value), compare(old.value, new.value))
-        for name in names
-        if (old := session.results.get(name)) is not None
-        and (new := fresh.results.get(name)) is not None
-    )
+    found: list[ReplayedResult] = []
+    for name in REGISTRY.replayed:
+        old, new = session.results.get(name), fresh.results.get(name)
+        if old is not None and new is not None:
+            stored, again = digest(old.value), digest(new.value)
+            found.append(ReplayedResult(name, stored, again, stored == again))
+    return tuple(found)
 
 
 def replay_report(session: Session, *, progress: Progress, cancel: Cancel) -> Replay:
-    """Return in plain values what ``replay`` finds; picklable, so that it can run elsewhere."""
-    rows = tuple(
-        ReplayedResult(row.result, row.stored, row.recomputed, row.same)
-        for row in replay(session, progress, cancel)
-    )
+    """Return what ``replay`` finds, and whether all of it is the same."""
+    rows = replay(session, progress, cancel)
     return Replay(all(row.same for row in rows), rows)

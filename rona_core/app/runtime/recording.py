@@ -2,8 +2,11 @@
 
 from collections.abc import Callable
 
-from rona_core.app.declarations.activity_context import ActivityContext
-from rona_core.app.dependencies.capture_setup import capture_setup_digest
+import numpy as np
+
+from rona_core.app.declarations.declarations import ActivityContext
+from rona_core.app.dependencies.staleness import capture_setup_digest
+from rona_core.app.messages.message import Point
 from rona_core.devices.protocols import Motion, never
 from rona_core.devices.samples import ToolTrack, TrackerFrame
 from rona_core.errors import DeviceError
@@ -16,17 +19,17 @@ ARRIVAL_S = 0.12  # after a motion, until the last joint angles have arrived
 LIVE_PERIOD_S = 0.02  # how often a positioning move looks at Cancel
 
 
-def begin(session: Session, tools: ActivityContext) -> int:
+def begin(session: Session, context: ActivityContext) -> int:
     """Configure the devices from the session; return the ordinal of the capture that starts."""
     ordinal = len(session.archive) + 1
-    tools.rig.begin(session.setup.devices, ordinal)
+    context.rig.begin(session.setup.devices, ordinal)
     return ordinal
 
 
 def capture_hand(
     kind: str,
     session: Session,
-    tools: ActivityContext,
+    context: ActivityContext,
     prepare: Callable[[], float],
     finished: Callable[[], bool] = never,
     *,
@@ -34,14 +37,14 @@ def capture_hand(
 ) -> PointerCapture:
     """Record the marker of a tool in the hand, the pointer if none is named, while it moves."""
     pointer = session.setup.devices.pointer if tool is None else tool
-    ordinal = begin(session, tools)
+    ordinal = begin(session, context)
     duration_s = prepare()
 
     def until(frame: TrackerFrame) -> bool:
-        tools.progress(min(1.0, frame.time_s / duration_s))
+        context.progress(min(1.0, frame.time_s / duration_s))
         return frame.time_s >= duration_s or finished()
 
-    frames, partial = record_frames(tools, until)
+    frames, partial = record_frames(context, until)
     return PointerCapture(
         ordinal=ordinal,
         setup_digest=capture_setup_digest(kind, session),
@@ -53,8 +56,25 @@ def capture_hand(
     )
 
 
+def capture_stroke(
+    kind: str,
+    session: Session,
+    context: ActivityContext,
+    picks_base_mm: tuple[Point, ...],
+    duration_s: float,
+    without_picks: Callable[[], float],
+) -> PointerCapture:
+    """Let the pointer follow the picked places; without any, do what the operator does alone."""
+    picks = np.array(picks_base_mm)
+
+    def along_picks() -> float:
+        return context.rig.operator.stroke(picks, duration_s=duration_s)
+
+    return capture_hand(kind, session, context, along_picks if len(picks) else without_picks)
+
+
 def record_frames(
-    tools: ActivityContext, ended: Callable[[TrackerFrame], bool]
+    context: ActivityContext, ended: Callable[[TrackerFrame], bool]
 ) -> tuple[list[TrackerFrame], bool]:
     """Collect tracker frames until ``ended`` or Cancel; return them and whether it was cut short.
 
@@ -62,26 +82,26 @@ def record_frames(
         DeviceError: the tracker stopped delivering frames.
     """
     frames: list[TrackerFrame] = []
-    for frame in tools.rig.tracker.frames():
+    for frame in context.rig.tracker.frames():
         frames.append(frame)
-        tools.live.put(frame=frame)
+        context.live.put(frame=frame)
         if ended(frame):
             return frames, False
-        if tools.cancel():
-            tools.rig.robot.stop()
+        if context.cancel():
+            context.rig.robot.stop()
             return frames, True
     raise DeviceError("the tracker stopped delivering frames: is it connected and started?")
 
 
-def finish(motion: Motion, tools: ActivityContext) -> bool:
+def finish(motion: Motion, context: ActivityContext) -> bool:
     """Let a motion end; return False if it was stopped instead."""
-    clock = tools.rig.clock
+    clock = context.rig.clock
     while not motion.done():
-        if tools.cancel():
-            tools.rig.robot.stop()
+        if context.cancel():
+            context.rig.robot.stop()
             return False
         clock.wait_until(clock.now() + LIVE_PERIOD_S)
-        tools.live.put(joints=tools.rig.robot.state())
+        context.live.put(joints=context.rig.robot.state())
     clock.wait_until(clock.now() + ARRIVAL_S)
-    tools.live.put(joints=tools.rig.robot.state())
+    context.live.put(joints=context.rig.robot.state())
     return True

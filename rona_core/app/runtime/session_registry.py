@@ -8,15 +8,13 @@ from dataclasses import replace
 from pathlib import Path
 
 from rona_core.app.runtime.saving.autosave import Autosave, CopyState
-from rona_core.app.runtime.saving.file_names import plain_name
 from rona_core.app.runtime.saving.recovery import LostSession, Recovery, restore
-from rona_core.app.runtime.saving.session_files import MAX_UPLOAD_BYTES, SessionFiles
+from rona_core.app.runtime.saving.session_files import SessionFiles, plain_name
 from rona_core.app.runtime.workbench import Services, Workbench
 from rona_core.errors import InvalidInputError, NotFoundError
 from rona_core.session.document import Session, Setup
-from rona_core.session.files import load_session, session_from_bytes
+from rona_core.session.files import load_session
 
-__all__ = ["CURRENT", "MAX_UPLOAD_BYTES", "SessionRegistry"]
 CURRENT = "current"  # alias for the session that the viewer shows
 MAX_OPEN = 16
 ENDING_S = 1.5  # that the end of the program waits for jobs, all together
@@ -29,7 +27,7 @@ class SessionRegistry:
         self, services: Services, folder: Path, on_close: Callable[[], None] = lambda: None
     ) -> None:
         self._on_close = on_close
-        self._files = SessionFiles(folder)
+        self.files = SessionFiles(folder)
         self._autosave = Autosave(folder, on_change=self._tell)
         self._recovery = Recovery(folder)
         self._services = services
@@ -41,16 +39,6 @@ class SessionRegistry:
         self._listeners: list[Callable[[], None]] = []
         with suppress(OSError):  # then somebody who looks at the list is told
             self._recovery.tidy()
-
-    @property
-    def folder(self) -> Path:
-        """Where session files live."""
-        return self._files.folder
-
-    @property
-    def uploads(self) -> Path:
-        """Where uploaded files wait for their import."""
-        return self._files.uploads
 
     @property
     def run(self) -> str:
@@ -88,12 +76,12 @@ class SessionRegistry:
 
     def file(self, session_id: str) -> Path | None:
         """Return the file that a session was loaded from or saved to last."""
-        return self._files.file(self.get(session_id).session.id)
+        return self.files.file(self.get(session_id).session.id)
 
     def is_saved(self, session_id: str) -> bool:
         """Return whether the file holds the session as it is now."""
         bench = self.get(session_id)
-        return self._files.saved(bench.session.id) == bench.store.revision
+        return self.files.saved(bench.session.id) == bench.store.revision
 
     def has_changes(self, session_id: str) -> bool:
         """Return whether something would be lost if the session were closed as it is now."""
@@ -109,10 +97,6 @@ class SessionRegistry:
         """Return whether a copy is kept of what is not saved."""
         return self._autosave.state(self.get(session_id).session.id)
 
-    def files(self) -> tuple[Path, ...]:
-        """Return the session files in the sessions folder."""
-        return self._files.all()
-
     # -------------------------------------------------------------- opening and closing
 
     def create(self, name: str = "untitled", seed: int = 0) -> Workbench:
@@ -126,12 +110,8 @@ class SessionRegistry:
             NotFoundError: no such file.
             SessionFormatError: it is damaged, foreign or newer; what is open stays as it was.
         """
-        path = self.folder / plain_name(file)
+        path = self.files.folder / plain_name(file)
         return self._add(load_session(path), path)
-
-    def open_bytes(self, data: bytes, name: str) -> Workbench:
-        """Open the contents of an uploaded session file; errors as in ``open_file``."""
-        return self._add(session_from_bytes(data, name))
 
     def open_upload(self, path: Path, name: str) -> Workbench:
         """Open an uploaded session file that lies at ``path``; errors as in ``open_file``."""
@@ -149,13 +129,13 @@ class SessionRegistry:
                 session = replace(session, id=Session().id)
             if len(self._open) >= MAX_OPEN:
                 raise InvalidInputError(f"{MAX_OPEN} sessions are open: close one first")
-            bench = Workbench(session, self._services, self.uploads, self._autosave.keep)
+            bench = Workbench(session, self._services, self.files.uploads, self._autosave.keep)
             self._open[session.id] = bench
             self._autosave.watch(bench.store, changed=recovered)
             if recovered:
                 self._recovered.add(session.id)
             self._current = session.id
-        if not recovered and (path is None or not self._files.opened(session, path)):
+        if not recovered and (path is None or not self.files.opened(session, path)):
             self._begun[session.id] = bench.store.revision
         self._tell()
         return bench
@@ -183,7 +163,7 @@ class SessionRegistry:
             self._recovered.discard(key)
             if self._current == key:
                 self._current = next(reversed(self._open), None)
-        self._files.closed(key)
+        self.files.closed(key)
         bench.close()
         self._tell()
 
@@ -258,7 +238,7 @@ class SessionRegistry:
             NameTakenError: there is such a file, and ``replace`` was not said.
         """
         session = self.get(session_id).session
-        path, other = self._files.save(session, file, replace=replace)
+        path, other = self.files.save(session, file, replace=replace)
         self._recovered.discard(session.id)
         self._begun.pop(session.id, None)
         self._autosave.saved(session)
@@ -266,14 +246,6 @@ class SessionRegistry:
             self._autosave.unsaved(other)
         self._tell()
         return path
-
-    def store_upload(self, name: str, data: bytes) -> Path:
-        """Keep an uploaded file for ``StartSkullImport``; one of that name is replaced."""
-        return self._files.store_upload(name, data)
-
-    def keep_upload(self, name: str, body: Path) -> Path:
-        """Keep an uploaded file that lies at ``body``, in the same folder, under its plain name."""
-        return self._files.keep_upload(name, body)
 
     # -------------------------------------------------------------- telling
 

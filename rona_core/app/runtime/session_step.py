@@ -2,12 +2,40 @@
 
 from dataclasses import replace
 
-from rona_core.app.declarations.activity_context import ActivityContext
-from rona_core.app.declarations.declarations import Activity, Command, Step
-from rona_core.app.messages.outcomes import Answer
-from rona_core.app.messages.session_messages import Redo, RenameSession, StartReplay, Undo
+from rona_core.app.declarations import declarations as declare
+from rona_core.app.declarations.declarations import ActivityContext
+from rona_core.app.messages.message import Answer, message
 from rona_core.app.runtime.recompute import replay_report
+from rona_core.devices.settings import require
 from rona_core.session.document import Session
+
+
+@message
+class RenameSession:
+    """Give the session another name."""
+
+    name: str
+
+    def __post_init__(self) -> None:
+        require(0 < len(self.name.strip()) <= 80, "name must have 1 to 80 characters")
+
+
+@message
+class Undo:
+    """Take the last change back."""
+
+
+@message
+class Redo:
+    """Do again what was taken back."""
+
+
+@message
+class StartReplay:
+    """Compute every result again from the captures and compare; the session stays as it is.
+
+    Results that are stale are left out. What was found is the `result` of the job.
+    """
 
 
 def _rename(message: RenameSession, session: Session) -> Session:
@@ -18,8 +46,12 @@ def _replay(activity: StartReplay, session: Session, context: ActivityContext) -
     return (Answer(context.run(replay_report, session)),)
 
 
-SESSION = Step(
+SESSION = declare.Step(
     "session",
-    commands=(Command(RenameSession, _rename), Command(Undo), Command(Redo)),
-    activities=(Activity(StartReplay, _replay, "Computing all results again"),),
+    commands=(
+        declare.Command(RenameSession, _rename),
+        declare.Command(Undo),
+        declare.Command(Redo),
+    ),
+    activities=(declare.Activity(StartReplay, _replay, "Computing all results again"),),
 )

@@ -8,18 +8,18 @@ from typing import Any
 
 from numpy.typing import ArrayLike
 
-from rona_core.app.declarations.activity_context import (
+from rona_core.app.declarations.declarations import (
     ActivityContext,
     Compute,
     ImportSkull,
+    Message,
     Sweep,
     compute_here,
 )
-from rona_core.app.declarations.declarations import Message
 from rona_core.app.declarations.registry import REGISTRY
 from rona_core.app.dependencies.requirements import require_for
 from rona_core.app.messages.exact_types import require_exact
-from rona_core.app.messages.outcomes import Answer
+from rona_core.app.messages.message import Answer
 from rona_core.app.runtime.jobs import Ended, Jobs, JobStatus
 from rona_core.app.runtime.process_pool import use_one_thread
 from rona_core.app.runtime.store import Change, Store
@@ -162,6 +162,8 @@ class Workbench:
             require_room_for_capture(self.session.archive)
 
     def _carry_out(self, activity: Message, progress: Progress, cancel: Cancel) -> Ended:
+        session = self.session
+        require_for(activity, session)
         devices = self.rig
         declared = REGISTRY.activity(activity)
         if declared.uses_devices:
@@ -170,7 +172,7 @@ class Workbench:
             def devices() -> Rig:
                 return rig
 
-        tools = ActivityContext(
+        context = ActivityContext(
             devices=devices,
             live=self.live,
             import_skull=self._services.import_skull,
@@ -182,7 +184,7 @@ class Workbench:
         )
         found = None
         try:
-            for message in declared.perform(activity, self.session, tools):
+            for message in declared.perform(activity, session, context):
                 if isinstance(message, Answer):
                     found = message.value
                 else:

@@ -20,7 +20,7 @@ from rona_core.devices.marker_geometry import GEOMETRIES
 from rona_core.errors import DegenerateGeometryError
 from rona_core.geometry.arrays import Floats, as_points, readonly
 from rona_core.geometry.pose import Pose, Poses
-from rona_core.geometry.pose_covariance import cross_matrices, rotation_vectors
+from rona_core.geometry.pose_covariance import cross_matrices, point_jacobians, rotation_vectors
 
 MIN_FRAMES = 10
 CHI2_LIMIT = 27.9  # 6 degrees of freedom; noise alone exceeds it once in 10 000 captures
@@ -124,21 +124,15 @@ class UpdatedRegistration:
     T_base_tracker: Pose
     covariance: Floats  # (6, 6) of it, the registration's own included
     added: Floats  # (6, 6) the part of the base marker
-    place_base: Floats  # (3,) middle of the base marker, about which ``added`` turns
 
     def added_sigma_mm(self, points_base: ArrayLike) -> Floats:
         """Return the predicted 3D error (n,) that the base marker adds at places (n, 3)."""
         return point_sigmas_mm(self.T_base_tracker, self.added, points_base)
 
-    def sigma_mm(self, points_base: ArrayLike) -> Floats:
-        """Return the predicted 3D error (n,) of places (n, 3) in ``base``, that of both."""
-        return point_sigmas_mm(self.T_base_tracker, self.covariance, points_base)
-
 
 def point_sigmas_mm(T_base_tracker: Pose, covariance: Floats, points_base: ArrayLike) -> Floats:
     """Return the 3D standard deviations (n,) of places (n, 3) mapped to ``base`` by a pose."""
-    arms = as_points(points_base) - T_base_tracker.translation
-    J = np.concatenate((-cross_matrices(arms), np.broadcast_to(np.eye(3), (len(arms), 3, 3))), 2)
+    J = point_jacobians(T_base_tracker, T_base_tracker.inv() @ as_points(points_base))
     return np.sqrt(np.einsum("nij,jk,nik->n", J, covariance, J))
 
 
@@ -174,7 +168,6 @@ def update_registration(
         carried,
         readonly((total + total.T) / 2.0),
         readonly((added + added.T) / 2.0),
-        readonly(place_base),
     )
 
 

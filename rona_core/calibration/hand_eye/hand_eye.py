@@ -17,7 +17,6 @@ from rona_core.calibration.hand_eye.initial_guess import first_guess
 from rona_core.calibration.hand_eye.quality import require_two_axes
 from rona_core.calibration.hand_eye.residuals import (
     Observations,
-    RobotNoise,
     jacobians,
     moved,
     observe,
@@ -32,7 +31,7 @@ from rona_core.calibration.hand_eye.robust_weights import (
     sigma_by_median,
     spectrum,
 )
-from rona_core.calibration.tracking_error.marker_noise import MarkerNoise
+from rona_core.calibration.tracking_error import MarkerNoise
 from rona_core.devices.marker_geometry import GEOMETRIES
 from rona_core.errors import DegenerateGeometryError, InvalidInputError
 from rona_core.geometry.arrays import Bools, Floats, as_points, readonly
@@ -50,7 +49,6 @@ TURNS = np.tile(np.repeat((True, False), 3), 2)
 MIN_WIDTH = 0.01  # width over length of the marker plate
 TOOL_MARKERS = GEOMETRIES["toolmarker"].positions_marker
 TYPICAL = MarkerNoise()
-TYPICAL_ROBOT = RobotNoise()
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -66,8 +64,10 @@ class HandEyeFit:
     T_toolmarker_tip: Pose
     covariance: Floats  # (12, 12)
     center_base: Floats  # (3,) mean of the robot's tip positions that were used
-    marker_sigma_mm: float  # 3D RMS error of one marker: given, or estimated from the residuals
-    chi_square: float  # of the residuals over their degrees of freedom; 1 if the model holds
+    marker_sigma_mm: float  # 3D RMS error of one marker, estimated from the residuals
+    chi_square: (
+        float  # over its degrees of freedom: 1, or less where the robot errs less than assumed
+    )
     residuals: Floats  # (n, 6) measured minus expected marker pose in tracker: rad, mm of centroid
     distances: Floats  # (n,) size of these in deviations, as the model expects them
     used: Bools  # (n,) False for gross errors
@@ -84,7 +84,6 @@ def solve_hand_eye(
     *,
     positions_toolmarker: ArrayLike = TOOL_MARKERS,
     noise: MarkerNoise = TYPICAL,
-    robot_noise: RobotNoise = TYPICAL_ROBOT,
 ) -> HandEyeFit:
     """Return tracker in ``base`` and tip in ``toolmarker`` from poses seen by both.
 
@@ -92,8 +91,7 @@ def solve_hand_eye(
         Ts_base_tip: Tool tip as the robot knows it, n >= 4 poses with turns about two axes.
         Ts_tracker_toolmarker: Tool marker as the tracker sees it, the same n poses.
         positions_toolmarker: Markers (m, 3), m >= 3, not on one line.
-        noise: Of one marker; its size is taken from the residuals where it is None.
-        robot_noise: Random error of the robot's tool pose.
+        noise: Of one marker; its size is taken from the residuals.
 
     Raises:
         InvalidInputError: different numbers of poses, or too few.
@@ -109,13 +107,11 @@ def solve_hand_eye(
         raise InvalidInputError(f"a registration needs at least {MIN_POSES} poses, not {n}")
     positions = _as_markers(positions_toolmarker)
     require_two_axes(Ts_base_tip.rotations, Ts_tracker_toolmarker.rotations)
-    observations = observe(Ts_base_tip, Ts_tracker_toolmarker, positions, noise, robot_noise)
-    return _refine(observations, *first_guess(Ts_base_tip, Ts_tracker_toolmarker), noise.sigma_mm)
+    observations = observe(Ts_base_tip, Ts_tracker_toolmarker, positions, noise)
+    return _refine(observations, *first_guess(Ts_base_tip, Ts_tracker_toolmarker))
 
 
-def _refine(
-    observations: Observations, T_base_tracker: Pose, T_toolmarker_tip: Pose, sigma_mm: float | None
-) -> HandEyeFit:
+def _refine(observations: Observations, T_base_tracker: Pose, T_toolmarker_tip: Pose) -> HandEyeFit:
     """Iterate weights, choice of poses and both unknowns until none of them changes."""
     used = np.ones(len(observations), dtype=np.bool_)
     for step in range(MAX_STEPS):
@@ -124,11 +120,11 @@ def _refine(
         sizes = spectrum(e, observations.unit_covariances, robot)
         before = used
         if step < SETTLE_STEPS:
-            # the unknowns take their share of what is left over; a stated error may be too small
+            # the unknowns take their share of what is left over
             rough = sigma_by_median(sizes) / np.sqrt(1.0 - UNKNOWNS / (DOF * len(observations)))
-            used = sizes.distances(max(rough, sigma_mm or 0.0)) <= GROSS
+            used = sizes.distances(rough) <= GROSS
             _require_agreement(used)
-        sigma = sigma_mm or sigma_by_mean(sizes, used, UNKNOWNS)
+        sigma = sigma_by_mean(sizes, used, UNKNOWNS)
         center = observations.Ts_base_tip.translations[used].mean(axis=0)
         J = jacobians(observations, T_base_tracker, T_toolmarker_tip, e[:, :3], center)[used]
         weighted = np.linalg.inv(sigma**2 * observations.unit_covariances + robot)[used] @ J
@@ -145,10 +141,8 @@ def _refine(
     distances = sizes.distances(sigma)
     chi_square = float(distances[used].sum() / (DOF * used.sum() - UNKNOWNS))
     _require_belief(sigma * np.sqrt(max(1.0, chi_square)))
-    # a stated error that the residuals exceed is not believed; an estimated one always fits
-    scale = chi_square if sigma_mm is None else max(1.0, chi_square)
     change = tangent_at_tracker(T_base_tracker, center)
-    covariance = scale * change @ np.linalg.inv(information) @ change.T
+    covariance = chi_square * change @ np.linalg.inv(information) @ change.T
     return HandEyeFit(
         T_base_tracker=T_base_tracker,
         T_toolmarker_tip=T_toolmarker_tip,

@@ -10,9 +10,12 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from rona_core.calibration.hand_eye.hand_eye import HandEyeFit
-from rona_core.calibration.hand_eye.residuals import Observations
-from rona_core.calibration.pivot.pivot_calibration import solve_pivot
-from rona_core.calibration.pivot.result import PivotFit
+from rona_core.calibration.hand_eye.residuals import (
+    TIP_VARIANCE_MM2,
+    TURN_VARIANCE_RAD2,
+    Observations,
+)
+from rona_core.calibration.pivot.pivot_calibration import PivotFit, solve_pivot
 from rona_core.errors import DegenerateGeometryError, InvalidInputError
 from rona_core.geometry.arrays import Bools, Floats, Ints, readonly
 from rona_core.geometry.pose import Pose, Poses
@@ -38,7 +41,6 @@ class PaperFit:
     T_toolmarker_tip: Pose
     pivot: PivotFit
     lines_tracker: tuple[LineFit, LineFit]
-    axes_angle_deg: float
     used: Bools  # (n,) False for poses that lie far off
 
 
@@ -95,7 +97,6 @@ def solve_paper(Ts_base_tip: Poses, Ts_tracker_toolmarker: Poses, phases: Ints) 
         T_toolmarker_tip=Pose(turned.rotation, pivot.tip_marker),
         pivot=pivot,
         lines_tracker=(lines_tracker[0], lines_tracker[1]),
-        axes_angle_deg=axes_angle_deg,
         used=readonly(kept),
     )
 
@@ -159,7 +160,7 @@ def _disturbed(poses: Poses, deviations: Floats, center_marker: Floats) -> Poses
 
 def _disturbed_robot(observations: Observations, share: float, rng: np.random.Generator) -> Poses:
     deviations = rng.normal(size=(len(observations), 6))
-    shift, turn = share * np.sqrt(observations.robot_variances)
+    shift, turn = share * np.sqrt((TIP_VARIANCE_MM2, TURN_VARIANCE_RAD2))
     return _disturbed(
         observations.Ts_base_tip, deviations * np.repeat((turn, shift), 3), np.zeros(3)
     )

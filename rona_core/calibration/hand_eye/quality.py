@@ -4,7 +4,6 @@ With turns about one axis only, the tip may slide along that axis in the marker 
 tracker slides with it: not observable. Without turns the tip is open altogether.
 """
 
-from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
@@ -80,17 +79,6 @@ def in_words(direction: Floats) -> str:
     return f"({x:.2f}, {y:.2f}, {z:.2f})"
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class RegistrationFacts:
-    """What the verdict on a registration looks at."""
-
-    tip_sigma_mm: float
-    registration_sigma_mm: float
-    marker_sigma_mm: float
-    used: Bools  # (n,)
-    rotations_base_tip: Floats  # of the poses used
-
-
 def registration_sigma_mm(T_base_tracker: Pose, covariance: Floats, center_base: Floats) -> float:
     """Return the predicted 3D RMS error in base of places 100 mm about a center, mapped by a pose.
 
@@ -106,32 +94,46 @@ def registration_sigma_mm(T_base_tracker: Pose, covariance: Floats, center_base:
     return float(np.sqrt(at_center + around))
 
 
-def judge(found: RegistrationFacts) -> tuple[Literal["good", "weak", "bad"], tuple[str, ...]]:
-    """Return the verdict and, where it is not good, the reasons with their remedies."""
+def judge_registration(
+    tip_sigma_mm: float,
+    registration_sigma_mm: float,
+    marker_sigma_mm: float,
+    used: Bools,
+    rotations_base_tip: Floats,
+) -> tuple[Literal["good", "weak", "bad"], tuple[str, ...]]:
+    """Return the verdict and, where it is not good, the reasons with their remedies.
+
+    Args:
+        tip_sigma_mm: Predicted error of the tip.
+        registration_sigma_mm: Predicted error of places near the tips, mapped to ``base``.
+        marker_sigma_mm: Error of a single marker.
+        used: (n,) False for gross errors.
+        rotations_base_tip: Of the poses used.
+    """
     reasons: list[str] = []
-    worst = max(found.tip_sigma_mm, found.registration_sigma_mm)
+    worst = max(tip_sigma_mm, registration_sigma_mm)
     if worst > GOOD_MM:
-        which = "tip" if found.tip_sigma_mm >= found.registration_sigma_mm else "registration"
-        more = int(np.ceil(found.used.sum() * (worst / GOOD_MM) ** 2))
+        which = "tip" if tip_sigma_mm >= registration_sigma_mm else "registration"
+        more = int(np.ceil(used.sum() * (worst / GOOD_MM) ** 2))
         reasons.append(
             f"the {which} is expected to be off by {worst:.2f} mm, {GOOD_MM} are good: pivot "
             f"further, or use about {more} poses"
         )
-    second_deg = float(turns_deg(found.rotations_base_tip)[0][1])
+    second_deg = float(turns_deg(rotations_base_tip)[0][1])
     if second_deg < GOOD_TURN_DEG:
         reasons.append(
             f"the tool turned by only {second_deg:.1f} degrees (RMS) about its second axis: pivot "
             "over a wider cone"
         )
-    rejected = len(found.used) - int(found.used.sum())
-    if rejected > MAX_REJECTED * len(found.used):
+    rejected = len(used) - int(used.sum())
+    if rejected > MAX_REJECTED * len(used):
         reasons.append(
-            f"{rejected} of {len(found.used)} poses were gross errors: look for hidden or soiled "
+            f"{rejected} of {len(used)} poses were gross errors: look for hidden or soiled "
             "markers and for reflections"
         )
-    if found.marker_sigma_mm > NOISY_MM:
+    if marker_sigma_mm > NOISY_MM:
         reasons.append(
-            f"single markers seem to be off by {found.marker_sigma_mm:.1f} mm: check the marker "
+            f"single markers seem to be off by {marker_sigma_mm:.1f} mm: check the marker "
             "plate, its geometry file and that robot and tracker were read at the same time"
         )
     if worst > WEAK_MM:

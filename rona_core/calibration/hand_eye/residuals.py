@@ -1,46 +1,19 @@
-"""Residuals of the hand-eye equation, their Jacobians and covariances.
-
-The tracker fits a pose to the markers without weights, so the error of that pose follows from the
-error S of one marker through the pseudo-inverse of J_k = (-[r_k]x, 1): cov = J+ S J+'. In the axes
-of ``tracker`` and about the centroid of the markers, rotation and shift part:
-
-    cov(shift) = S / m,    cov(turn) = I^-1 (sum [r_k]x S [r_k]x') I^-1,   I = sum |r|^2 1 - r r'
-"""
+"""Residuals of the hand-eye equation, their Jacobians and covariances."""
 
 from dataclasses import dataclass
 
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from rona_core.calibration.tracking_error.marker_noise import MarkerNoise
-from rona_core.errors import InvalidInputError
+from rona_core.calibration.tracking_error import MarkerNoise, fit_covariances
 from rona_core.geometry.arrays import Floats
 from rona_core.geometry.pose import Pose, Poses
 from rona_core.geometry.pose_covariance import cross_matrices, rotation_vectors
 
 SERIES = 1e-4  # of the angle; below it the expansion of the inverse Jacobian is exact enough
-COLLINEAR_MM = 1e-6  # markers closer than this to one line are on it
-
-
-@dataclass(frozen=True, slots=True)
-class RobotNoise:
-    """Random error of the robot's tool pose."""
-
-    position_mm: float = 0.1  # of the tip, 3D RMS
-    rotation_deg: float = 0.02  # RMS of the whole turn
-
-    def __post_init__(self) -> None:
-        """Check the values.
-
-        Raises:
-            InvalidInputError: a negative or infinite error.
-        """
-        if not (0.0 <= self.position_mm < np.inf and 0.0 <= self.rotation_deg < np.inf):
-            raise InvalidInputError("the error of the robot must be finite and not negative")
-
-    def variances(self) -> tuple[float, float]:
-        """Return the variances per axis: of the tip in mm^2, of its rotation in rad^2."""
-        return self.position_mm**2 / 3.0, float(np.deg2rad(self.rotation_deg)) ** 2 / 3.0
+# Random error of the robot's tool pose, variances per axis:
+TIP_VARIANCE_MM2 = 0.1**2 / 3.0  # of the tip, 0.1 mm 3D RMS
+TURN_VARIANCE_RAD2 = float(np.deg2rad(0.02)) ** 2 / 3.0  # of its rotation, 0.02 degrees RMS
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -52,7 +25,6 @@ class Observations:
     centroid_toolmarker: Floats  # (3,) of the markers
     centroids_tracker: Floats  # (n, 3)
     unit_covariances: Floats  # (n, 6, 6) of (turn, shift) in tracker, marker error 1 mm 3D RMS
-    robot_variances: tuple[float, float]  # per axis: of the tip in mm^2, of its rotation in rad^2
 
     def __len__(self) -> int:
         return len(self.Ts_base_tip)
@@ -63,7 +35,6 @@ def observe(
     Ts_tracker_toolmarker: Poses,
     positions_toolmarker: Floats,
     noise: MarkerNoise,
-    robot_noise: RobotNoise,
 ) -> Observations:
     """Return the observations with the covariance of every pose that the tracker fits."""
     centroid = positions_toolmarker.mean(axis=0)
@@ -73,35 +44,7 @@ def observe(
         centroid,
         Ts_tracker_toolmarker @ centroid,
         fit_covariances(Ts_tracker_toolmarker.rotations, positions_toolmarker, noise),
-        robot_noise.variances(),
     )
-
-
-def fit_covariances(rotations: Floats, positions_marker: Floats, noise: MarkerNoise) -> Floats:
-    """Return the covariances (n, 6, 6) of poses fitted to markers with an error of 1 mm 3D RMS.
-
-    Args:
-        rotations: Of the marker body in ``tracker`` (n, 3, 3).
-        positions_marker: Markers (m, 3); on one line the turn about it counts as known.
-        noise: Its shape; the size is 1.
-
-    Returns:
-        Covariances of (turn, shift of the centroid) in the axes of ``tracker``, rad and mm.
-    """
-    variances = np.asarray(noise.shape()) ** 2
-    offsets = positions_marker - positions_marker.mean(axis=0)
-    levers = np.einsum("nij,mj->nmi", rotations, offsets)
-    crossed = cross_matrices(levers)
-    inertia = np.einsum("nmij,nmkj->nik", crossed, crossed)
-    torque = np.einsum("nmij,j,nmkj->nik", crossed, variances, crossed)
-    if np.linalg.matrix_rank(offsets, tol=COLLINEAR_MM) < 2:
-        inverse = np.linalg.pinv(inertia, rcond=1e-9, hermitian=True)
-    else:
-        inverse = np.linalg.inv(inertia)
-    covariances = np.zeros((len(rotations), 6, 6))
-    covariances[:, :3, :3] = inverse @ torque @ inverse
-    covariances[:, 3:, 3:] = np.diag(variances) / len(offsets)
-    return covariances
 
 
 def residuals(observations: Observations, T_base_tracker: Pose, T_toolmarker_tip: Pose) -> Floats:
@@ -171,15 +114,14 @@ def robot_covariances(
     observations: Observations, T_base_tracker: Pose, T_toolmarker_tip: Pose
 ) -> Floats:
     """Return what the robot's own error adds to the residuals: covariances (n, 6, 6)."""
-    tip_variance, turn_variance = observations.robot_variances
     centroid_tip = T_toolmarker_tip.inv() @ observations.centroid_toolmarker
     levers = observations.Ts_base_tip.rotations @ centroid_tip @ T_base_tracker.rotation
     crossed = cross_matrices(levers)
     covariances = np.zeros((len(observations), 6, 6))
-    covariances[:, :3, :3] = turn_variance * np.eye(3)
-    covariances[:, :3, 3:] = turn_variance * crossed
-    covariances[:, 3:, :3] = -turn_variance * crossed
-    covariances[:, 3:, 3:] = tip_variance * np.eye(3) - turn_variance * crossed @ crossed
+    covariances[:, :3, :3] = TURN_VARIANCE_RAD2 * np.eye(3)
+    covariances[:, :3, 3:] = TURN_VARIANCE_RAD2 * crossed
+    covariances[:, 3:, :3] = -TURN_VARIANCE_RAD2 * crossed
+    covariances[:, 3:, 3:] = TIP_VARIANCE_MM2 * np.eye(3) - TURN_VARIANCE_RAD2 * crossed @ crossed
     return covariances
 
 

@@ -14,17 +14,16 @@ from rona_core.calibration.hand_eye.base_marker import BaseReference
 from rona_core.calibration.hand_eye.hand_eye import (
     TOOL_MARKERS,
     TYPICAL,
-    TYPICAL_ROBOT,
     HandEyeFit,
     solve_hand_eye,
 )
 from rona_core.calibration.hand_eye.published_method import angle_deg, bootstrap, solve_paper
-from rona_core.calibration.hand_eye.quality import RegistrationFacts, judge, registration_sigma_mm
-from rona_core.calibration.hand_eye.residuals import RobotNoise, observe
-from rona_core.calibration.pivot.result import as_keep
+from rona_core.calibration.hand_eye.quality import judge_registration, registration_sigma_mm
+from rona_core.calibration.hand_eye.residuals import observe
+from rona_core.calibration.pivot.pivot_calibration import as_keep
 from rona_core.calibration.pivot.sphere_fit import cap_half_angle_deg
 from rona_core.calibration.timing.time_offset import TimeOffset
-from rona_core.calibration.tracking_error.marker_noise import MarkerNoise
+from rona_core.calibration.tracking_error import MarkerNoise
 from rona_core.errors import InvalidInputError
 from rona_core.geometry.arrays import Bools, Floats, Ints, readonly
 from rona_core.geometry.pose import Pose, Poses
@@ -70,7 +69,6 @@ def register_tool(
     *,
     method: ToolMethod = "joint",
     noise: MarkerNoise = TYPICAL,
-    robot_noise: RobotNoise = TYPICAL_ROBOT,
     exclude: ArrayLike | None = None,
 ) -> ToolRegistration:
     """Return the registration of robot, tool and tracker from poses seen by both.
@@ -81,8 +79,7 @@ def register_tool(
         phases: (n,) 0 pivot about the tip, 1 translation along tool x, 2 along tool y. The method
             "joint" needs none: any motion with turns about two axes will do.
         method: "joint" (all poses together, weighted, robust) or "paper" (pivot and two lines).
-        noise: Of one marker; its size is taken from the residuals where it is None.
-        robot_noise: Random error of the robot's tool pose.
+        noise: Of one marker; its size is taken from the residuals.
         exclude: (n,) True for poses that must not count; they have a residual all the same.
 
     Raises:
@@ -95,11 +92,11 @@ def register_tool(
     keep = as_keep(exclude, len(Ts_base_tip))
     robot_tips, markers = Ts_base_tip.select(keep), Ts_tracker_toolmarker.select(keep)
     paper = solve_paper(robot_tips, markers, chosen[keep]) if method == "paper" else None
-    joint = solve_hand_eye(robot_tips, markers, noise=noise, robot_noise=robot_noise)
+    joint = solve_hand_eye(robot_tips, markers, noise=noise)
     if paper is None:
         joint = replace(joint, used=_among_all(joint.used, keep))
         return _from_joint(joint, Ts_base_tip, Ts_tracker_toolmarker, chosen, keep)
-    observations = observe(robot_tips, markers, TOOL_MARKERS, noise, robot_noise)
+    observations = observe(robot_tips, markers, TOOL_MARKERS, noise)
     covariance = bootstrap(paper, observations, chosen[keep], joint)
     return _assemble(
         "paper",
@@ -166,8 +163,8 @@ def _assemble(
     center_base = Ts_base_tip.translations[used].mean(axis=0)
     tip_sigma_mm = float(np.sqrt(np.trace(covariance[9:, 9:])))
     error_mm = registration_sigma_mm(T_base_tracker, covariance[:6, :6], center_base)
-    verdict, reasons = judge(
-        RegistrationFacts(tip_sigma_mm, error_mm, sigma_mm, used[keep], Ts_base_tip.rotations[used])
+    verdict, reasons = judge_registration(
+        tip_sigma_mm, error_mm, sigma_mm, used[keep], Ts_base_tip.rotations[used]
     )
     axes = None if lines is None else angle_deg(lines[0].direction, lines[1].direction)
     return ToolRegistration(

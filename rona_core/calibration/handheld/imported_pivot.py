@@ -9,21 +9,17 @@ from typing import get_args
 import numpy as np
 
 from rona_core.calibration.handheld.pointer import MIN_POSES
-from rona_core.calibration.pivot.depth_anisotropy import estimate_marker_noise
-from rona_core.calibration.pivot.pivot_calibration import (
-    PivotMethod,
-    solve_pivot,
-    solve_pivot_from_markers,
-)
+from rona_core.calibration.pivot.pivot_calibration import PivotFit, PivotMethod, solve_pivot
 from rona_core.calibration.pivot.quality import Verdict
-from rona_core.calibration.pivot.result import PivotFit
-from rona_core.calibration.tracking_error.marker_noise import EVEN
-from rona_core.devices.files.poses.marker_body_fit import FittedFrames
+from rona_core.calibration.tracking_error import EVEN
 from rona_core.errors import DegenerateGeometryError, InvalidInputError
 from rona_core.geometry.arrays import Floats, Vector3
 from rona_core.geometry.pose import Poses
 
-RING_MM = (20.0, 200.0)  # radius of the markers that stand in for unknown ones
+# Markers that stand in for unknown ones: a ring, or two on a line.
+RING = np.array(((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (-1.0, 0.0, 0.0), (0.0, -1.0, 0.0)))
+RING_MM = (20.0, 200.0)  # its radius, least and most
+LINE = np.array(((0.0, 0.0, -50.0), (0.0, 0.0, 50.0)))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -46,20 +42,17 @@ def calibrate_recorded_pivot(
     dof: int = 6,
     method: str = "ml",
     geometry_marker: Floats | None = None,
-    frames: FittedFrames | None = None,
 ) -> RecordedPivotCalibration:
     """Return the tip of a marker that swung about it, with a verdict.
 
-    "ml" uses the single markers where they were recorded, and estimates the ratio of their depth
-    error to the lateral one. Of poses alone it assumes errors alike in all directions, and where
-    the markers are unknown, a ring of four whose radius explains the scatter of the tip.
+    "ml" assumes errors alike in all directions, and where the markers are unknown, a ring of four
+    whose radius explains the scatter of the tip.
 
     Args:
         Ts_tracker_marker: Poses of the marker.
         dof: 6; or 5 where only the z axis of the marker is known and the tip lies on it.
-        method: "ml", "aos" or "sphere", as in `solve_pivot`.
+        method: "ml" or "sphere", as in `solve_pivot`.
         geometry_marker: Markers (m, 3) of the tool, where they are known.
-        frames: The single markers behind the poses, where they were recorded.
 
     Raises:
         InvalidInputError: unknown method or dof.
@@ -74,14 +67,9 @@ def calibrate_recorded_pivot(
     if n < MIN_POSES:
         return _refused(f"too few poses: at least {MIN_POSES} are needed, not {n}", n)
     try:
-        fit = _solve(Ts_tracker_marker, dof, known[0], geometry_marker, frames)
+        fit = _solve(Ts_tracker_marker, dof, known[0], geometry_marker)
     except DegenerateGeometryError as error:
         return _refused(str(error), n)
-    if dof == 5 and fit.tip_marker[2] <= 0.0:
-        return _refused(
-            f"the tip lies {-fit.tip_marker[2]:.1f} mm behind the markers: z must point to the tip",
-            n,
-        )
     n_used = int(fit.used.sum())
     return RecordedPivotCalibration(
         verdict=fit.verdict,
@@ -96,34 +84,24 @@ def calibrate_recorded_pivot(
 
 
 def _solve(
-    Ts_tracker_marker: Poses,
-    dof: int,
-    method: PivotMethod,
-    geometry_marker: Floats | None,
-    frames: FittedFrames | None,
+    Ts_tracker_marker: Poses, dof: int, method: PivotMethod, geometry_marker: Floats | None
 ) -> PivotFit:
-    if method != "ml":
-        return solve_pivot(Ts_tracker_marker, dof=dof, method=method, at_least=MIN_POSES)
-    if frames is not None:
-        y, seen, markers = frames.points_tracker, frames.seen, frames.positions_marker
-        noise = estimate_marker_noise(y, seen, Ts_tracker_marker, markers)
-        return solve_pivot_from_markers(
-            y, markers, dof=dof, at_least=MIN_POSES, seen=seen, noise=noise
+    def solved(positions_marker: Floats) -> PivotFit:
+        return solve_pivot(
+            Ts_tracker_marker,
+            dof=dof,
+            method=method,
+            at_least=MIN_POSES,
+            positions_marker=positions_marker,
+            noise=EVEN,
         )
-    first = None
-    if geometry_marker is None:
-        first = solve_pivot(Ts_tracker_marker, dof=dof, method="aos", at_least=MIN_POSES)
-        if dof == 5:  # on a line the place of its markers weighs nothing but their common noise
-            return first
-        geometry_marker = _stand_in(Ts_tracker_marker, first)
-    return solve_pivot(
-        Ts_tracker_marker,
-        dof=dof,
-        method="ml",
-        at_least=MIN_POSES,
-        positions_marker=geometry_marker,
-        noise=EVEN,
-    )
+
+    if geometry_marker is not None:
+        return solved(geometry_marker)
+    if dof == 5:  # on a line the place of its markers weighs nothing but their common noise
+        return solved(LINE)
+    first = solved(RING_MM[1] * RING)
+    return first if method == "sphere" else solved(_stand_in(Ts_tracker_marker, first))
 
 
 def _stand_in(Ts_tracker_marker: Poses, fit: PivotFit) -> Floats:
@@ -141,7 +119,7 @@ def _stand_in(Ts_tracker_marker: Poses, fit: PivotFit) -> Floats:
     radius = RING_MM[1]
     if turn > 0.0:
         radius = float(np.clip(length * np.sqrt(2.0 * shift / turn), *RING_MM))
-    return radius * np.array(((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (-1.0, 0.0, 0.0), (0.0, -1.0, 0.0)))
+    return radius * RING
 
 
 def _refused(reason: str, n: int) -> RecordedPivotCalibration:

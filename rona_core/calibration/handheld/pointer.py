@@ -5,11 +5,9 @@ from typing import Literal
 
 from numpy.typing import ArrayLike
 
-from rona_core.calibration.pivot.pivot_calibration import PivotMethod, solve_pivot
+from rona_core.calibration.pivot.pivot_calibration import PivotMethod, RejectedPose, solve_pivot
 from rona_core.calibration.pivot.quality import Verdict
-from rona_core.calibration.pivot.result import RejectedPose
-from rona_core.calibration.tracking_error.marker_noise import MarkerNoise
-from rona_core.errors import DegenerateGeometryError
+from rona_core.calibration.tracking_error import MarkerNoise
 from rona_core.geometry.arrays import Bools, Floats, Vector3, readonly
 from rona_core.geometry.pose import Poses
 
@@ -58,7 +56,7 @@ def calibrate_pointer(
         Ts_tracker_pointermarker: Poses in which the pointer was seen, at least 10, in order.
         pointer: Name of the pointer.
         dof: 6, or 5 for collinear markers.
-        method: "ml" (maximum likelihood), "sphere" (the paper's) or "aos" (linear least squares).
+        method: "ml" (maximum likelihood) or "sphere" (the paper's).
         positions_pointermarker: Marker geometry (m, 3) in mm; "ml" needs it.
         noise: What "ml" assumes about single markers; by default three times as much in depth.
         exclude: (n,) True for poses that must not count.
@@ -77,10 +75,6 @@ def calibrate_pointer(
         noise=noise,
         exclude=exclude,
     )
-    if dof == 5 and fit.tip_marker[2] <= 0.0:
-        raise DegenerateGeometryError(
-            f"the tip lies {-fit.tip_marker[2]:.1f} mm behind the markers: z must point to the tip"
-        )
     return PointerCalibration(
         pointer=pointer,
         dof=dof,

@@ -12,7 +12,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from rona_core.calibration.pivot.initial_guess import robust_initial_guess
-from rona_core.calibration.tracking_error.poses_with_covariance import TrackedPoses
+from rona_core.calibration.tracking_error import TrackedPoses
 from rona_core.geometry.arrays import Bools, Floats, Vector3, readonly
 from rona_core.geometry.pose_covariance import cross_matrices
 from rona_core.geometry.robust import tukey_weights_of_squares
@@ -56,7 +56,6 @@ def estimate_tip(
     *,
     dof: int,
     keep: Bools,
-    sigma_mm: float | None = None,
     cutoff: float = CUTOFF,
 ) -> TipEstimate:
     """Return the tip that makes the measured poses most likely.
@@ -65,7 +64,6 @@ def estimate_tip(
         tracked: Poses with the covariance of their errors.
         dof: 6; or 5, where the tip is sought on the z axis of ``marker`` only.
         keep: (n,) False for poses that must not count.
-        sigma_mm: 3D RMS of one marker for the covariance; None takes the estimate.
         cutoff: Mahalanobis distance from which a pose counts nothing; infinity for no such limit.
     """
     R, p = tracked.Ts_tracker_marker.rotations, tracked.centers_tracker()
@@ -89,8 +87,7 @@ def estimate_tip(
         weights = tukey_weights_of_squares(step.costs / variance / cutoff**2) * keep
         if scaled and change < TOLERANCE:
             break
-    scale = variance if sigma_mm is None else sigma_mm**2
-    tip_covariance = _covariance(step, weights, variance, cutoff) * scale
+    tip_covariance = _covariance(step, weights, variance, cutoff) * variance
     spread = np.zeros((6, k + 3))
     spread[:3, :k], spread[3:, k:] = basis, np.eye(3)
     tip = basis @ x[:k] + (tracked.reference_marker if dof == 6 else 0.0)

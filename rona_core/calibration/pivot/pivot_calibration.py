@@ -1,48 +1,67 @@
-"""Pivot calibration: the fixed tip of a tracked body, for pointer and tool."""
+"""Pivot calibration: the fixed tip of a tracked body, for pointer and tool, and rejected poses."""
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from rona_core.calibration.pivot.algebraic import MIN_SHARE, solve_linear, without_gross_errors
+from rona_core.calibration.pivot.initial_guess import robust_initial_guess
 from rona_core.calibration.pivot.maximum_likelihood import estimate_tip
 from rona_core.calibration.pivot.motion_extent import (
     require_cone,
     require_swing,
     swing_of_shaft_deg,
 )
-from rona_core.calibration.pivot.pose_coverage import sigma_by_cone
 from rona_core.calibration.pivot.quality import (
-    GOOD_SIGMA_MM,
     PivotFacts,
+    Verdict,
     correlated_poses,
     judge_pivot,
 )
-from rona_core.calibration.pivot.result import (
-    AWAY,
-    EXCLUDED,
-    UNSEEN,
-    PivotFit,
-    as_keep,
-    rejected_poses,
-)
-from rona_core.calibration.tracking_error.marker_geometry_check import check_marker_geometry
-from rona_core.calibration.tracking_error.marker_noise import MarkerNoise
-from rona_core.calibration.tracking_error.poses_with_covariance import (
-    TrackedPoses,
-    tracked_from_markers,
-    tracked_from_poses,
-)
+from rona_core.calibration.pivot.sphere_fit import fit_sphere
+from rona_core.calibration.tracking_error import MarkerNoise, tracked_from_poses
 from rona_core.errors import DegenerateGeometryError, InvalidInputError
-from rona_core.geometry.arrays import Bools, Floats, Vector3, as_floats, readonly
+from rona_core.geometry.arrays import Bools, Floats, Vector3, readonly
 from rona_core.geometry.pose import Poses
 
-PivotMethod = Literal["ml", "sphere", "aos"]
-METHODS: tuple[PivotMethod, ...] = ("ml", "sphere", "aos")
+PivotMethod = Literal["ml", "sphere"]
+METHODS: tuple[PivotMethod, ...] = ("ml", "sphere")
 
+GROSS = 4.0  # the sphere drops a pose beyond this multiple of the median residual (6 sigma) ...
+GROSS_FLOOR_MM = 1e-6  # ... which itself counts as at least this
+MIN_SHARE = 0.7  # of the poses that must agree
 MAX_RMSE_MM = 5.0  # beyond this the tip did not stay in one place
+
+
+EXCLUDED, AWAY = "excluded by hand", "away from the common tip"
+
+
+@dataclass(frozen=True, slots=True)
+class RejectedPose:
+    """One pose that does not count, and why."""
+
+    index: int
+    residual_mm: float
+    reason: str
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class PivotFit:
+    """Tip of a body in its marker frame, and the place it swung about."""
+
+    tip_marker: Vector3  # (3,) mm
+    pivot_tracker: Vector3  # (3,) mm
+    covariance: Floats  # (6, 6) mm^2 of tip (in marker), then pivot (in tracker)
+    residuals_mm: Floats  # (n,) distance of the tip, mapped by each pose, from the pivot
+    used: Bools  # (n,) False for poses that do not count
+    rejected: tuple[RejectedPose, ...]  # those, and why
+    rmse_mm: float  # of the residuals that were used
+    tip_sigma_mm: float  # predicted 3D standard deviation of the tip
+    cone_deg: float  # half-angle covered by the lever
+    marker_sigma_mm: float | None  # 3D RMS of one marker, estimated; only "ml"
+    verdict: Verdict
+    reasons: tuple[str, ...]  # why not good, and what to do about it
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -51,19 +70,9 @@ class _Estimate:
 
     tip_marker: Vector3
     pivot_tracker: Vector3
-    covariance: Floats  # (6, 6) of both
+    covariance: Floats  # (6, 6) of both, for independent errors
     used: Bools  # (n,)
-    known_reasons: dict[str, Bools]  # reason -> rows (n,) that it excludes
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class _MarkerModel:
-    """Error model of the markers behind a maximum-likelihood estimate."""
-
-    sigma_mm: float  # 3D RMS of one marker, as estimated
-    noise: MarkerNoise
-    positions_marker: Floats
-    complaints: tuple[str, ...]  # about the marker geometry
+    marker_sigma_mm: float | None  # 3D RMS of one marker; only "ml"
 
 
 def solve_pivot(
@@ -83,7 +92,7 @@ def solve_pivot(
         dof: 6; or 5 where only the z axis of the marker is known and the tip lies on it.
         method: "ml" is maximum likelihood on the errors of the markers; "sphere" fits a sphere to
             the marker origins, its centre is the pivot, and the tip is the mean of the pivot seen
-            from each pose; "aos" solves R_i tip - pivot = -t_i (algebraic one step) for both.
+            from each pose.
         at_least: Fewest poses accepted.
         positions_marker: Marker geometry (m, 3) in mm; "ml" needs it.
         noise: What "ml" assumes about single markers; by default three times as much in depth.
@@ -96,109 +105,64 @@ def solve_pivot(
     """
     if method not in METHODS:
         raise InvalidInputError(f"method must be one of {', '.join(METHODS)}, not {method!r}")
-    _require_dof(dof)
+    if dof not in (5, 6):
+        raise InvalidInputError(f"dof must be 6 or 5, not {dof}")
     keep = as_keep(exclude, len(Ts_tracker_marker))
-    _require_poses(Ts_tracker_marker, keep, dof, at_least)
-    if method == "ml":
-        if positions_marker is None:
-            raise InvalidInputError('method "ml" needs positions_marker, the marker geometry')
-        noise = noise or MarkerNoise()
-        tracked = tracked_from_poses(Ts_tracker_marker, positions_marker, noise, dof=dof)
-        return _solve_likely(tracked, positions_marker, keep, dof, at_least, noise, ())
-    used = keep
-    for step in ("aos", method):  # gross errors upset the sphere most, so the other one finds them
-        used = without_gross_errors(Ts_tracker_marker, used, dof, step, at_least)
-    found = solve_linear(Ts_tracker_marker.select(used), dof, method)
-    return _finish(
-        Ts_tracker_marker,
-        _Estimate(found.tip_marker, found.pivot_tracker, found.covariance, used, {EXCLUDED: ~keep}),
-        dof,
-        narrowness=2 if method == "sphere" else 1,
-    )
+    n = int(keep.sum())
+    if n < at_least:
+        raise InvalidInputError(f"a pivot needs at least {at_least} poses, not {n}")
+    require_swing(Ts_tracker_marker.rotations[keep], dof)
+    if method == "sphere":
+        estimate = _by_sphere(Ts_tracker_marker, keep, dof)
+    elif positions_marker is None:
+        raise InvalidInputError('method "ml" needs positions_marker, the marker geometry')
+    else:
+        model = noise or MarkerNoise()
+        estimate = _most_likely(Ts_tracker_marker, positions_marker, keep, dof, model)
+    if estimate.used.sum() < max(at_least, MIN_SHARE * n):
+        raise DegenerateGeometryError(
+            f"{n - int(estimate.used.sum())} of {n} poses disagree with the tip that the others "
+            "share: the tip has slipped"
+        )
+    return _judged(Ts_tracker_marker, estimate, keep, dof)
 
 
-def solve_pivot_from_markers(
-    points_tracker: ArrayLike,
-    positions_marker: ArrayLike,
-    *,
-    dof: int,
-    at_least: int,
-    seen: ArrayLike | None = None,
-    noise: MarkerNoise | None = None,
-    exclude: ArrayLike | None = None,
-) -> PivotFit:
-    """Return the most likely tip from raw markers, and complain if they do not fit the geometry.
-
-    Args:
-        points_tracker: Measured markers (n, m, 3) in mm; values of unseen ones are ignored.
-        positions_marker: Marker geometry (m, 3) in mm.
-        dof: 6; or 5 for markers on the z axis of ``marker``.
-        at_least: Fewest poses accepted.
-        seen: (n, m) which markers were seen; all if None.
-        noise: What is assumed about single markers; by default three times as much in depth.
-        exclude: (n,) True for frames that must not count.
-
-    Raises:
-        InvalidInputError, DegenerateGeometryError: as in :func:`solve_pivot`.
-    """
-    _require_dof(dof)
-    noise = noise or MarkerNoise()
-    tracked = tracked_from_markers(points_tracker, positions_marker, noise, dof=dof, seen=seen)
-    keep = as_keep(exclude, len(tracked.seen))
-    _require_poses(tracked.Ts_tracker_marker, keep & tracked.seen, dof, at_least)
-    complaints = check_marker_geometry(points_tracker, positions_marker, seen).complaints
-    try:
-        return _solve_likely(tracked, positions_marker, keep, dof, at_least, noise, complaints)
-    except DegenerateGeometryError as error:
-        if not complaints:
-            raise
-        raise DegenerateGeometryError("; ".join((*complaints, str(error)))) from error
-
-
-def _solve_likely(
-    tracked: TrackedPoses,
+def _most_likely(
+    Ts_tracker_marker: Poses,
     positions_marker: ArrayLike,
     keep: Bools,
     dof: int,
-    at_least: int,
     noise: MarkerNoise,
-    complaints: tuple[str, ...],
-) -> PivotFit:
-    counting = keep & tracked.seen
-    found = estimate_tip(tracked, dof=dof, keep=counting, sigma_mm=noise.sigma_mm)
-    used = found.weights > 0.0
-    n, n_used = int(counting.sum()), int(used.sum())
-    if n_used < max(at_least, MIN_SHARE * n):
-        raise DegenerateGeometryError(
-            f"{n - n_used} of {n} poses disagree with the tip that the others share: "
-            "the tip has slipped"
-        )
+) -> _Estimate:
+    tracked = tracked_from_poses(Ts_tracker_marker, positions_marker, noise, dof=dof)
+    found = estimate_tip(tracked, dof=dof, keep=keep)
     if not found.settled:
         raise DegenerateGeometryError(
-            f"the {n} poses do not settle on one tip: swing further, and hold the tip in its place"
+            f"the {int(keep.sum())} poses do not settle on one tip: swing further, and hold the "
+            "tip in its place"
         )
-    return _finish(
-        tracked.Ts_tracker_marker,
-        _Estimate(
-            found.tip_marker,
-            found.pivot_tracker,
-            found.covariance,
-            used,
-            {EXCLUDED: ~keep, UNSEEN: ~tracked.seen},
-        ),
-        dof,
-        markers=_MarkerModel(found.sigma_mm, noise, as_floats(positions_marker), complaints),
-    )
+    used = found.weights > 0.0
+    return _Estimate(found.tip_marker, found.pivot_tracker, found.covariance, used, found.sigma_mm)
 
 
-def _finish(
-    Ts_tracker_marker: Poses,
-    estimate: _Estimate,
-    dof: int,
-    *,
-    narrowness: int = 1,
-    markers: _MarkerModel | None = None,
-) -> PivotFit:
+def _by_sphere(Ts_tracker_marker: Poses, keep: Bools, dof: int) -> _Estimate:
+    """Fit a sphere to the marker origins of the poses that agree on a tip."""
+    R, t = Ts_tracker_marker.rotations, Ts_tracker_marker.translations
+    known = np.eye(3) if dof == 6 else np.diag((0.0, 0.0, 1.0))  # directions the tip may move in
+    levers = R @ (known if dof == 6 else known[:, 2:])
+    x = robust_initial_guess(levers, t, keep)
+    misses = np.linalg.norm(levers @ x[:-3] + t - x[-3:], axis=1)
+    used = keep & (misses <= GROSS * max(float(np.median(misses[keep])), GROSS_FLOOR_MM))
+    sphere = fit_sphere(t[used])
+    pivots_marker = np.einsum("nji,nj->ni", R, sphere.center - t)[used]
+    # the tip inherits the error of the centre, seen from the middle of the swing
+    R_marker_tracker = Ts_tracker_marker.select(used).mean().rotation.T
+    spread = np.vstack((known @ R_marker_tracker, np.eye(3)))
+    covariance = spread @ sphere.center_covariance @ spread.T
+    return _Estimate(known @ pivots_marker.mean(axis=0), sphere.center, covariance, used, None)
+
+
+def _judged(Ts_tracker_marker: Poses, estimate: _Estimate, keep: Bools, dof: int) -> PivotFit:
     """Check the swing of the poses used, list what was rejected and judge the result."""
     tip, used = estimate.tip_marker, estimate.used
     misses = Ts_tracker_marker @ tip - estimate.pivot_tracker
@@ -206,25 +170,29 @@ def _finish(
     require_swing(Ts_tracker_marker.rotations[used], dof)
     levers = Ts_tracker_marker.rotations[used] @ (tip / float(np.linalg.norm(tip)))
     cone_deg = require_cone(levers)
+    if dof == 5 and tip[2] <= 0.0:
+        raise DegenerateGeometryError(
+            f"the tip lies {-tip[2]:.1f} mm behind the markers: z must point to the tip"
+        )
     rmse_mm = float(np.sqrt((residuals[used] ** 2).mean()))
     if rmse_mm > MAX_RMSE_MM:
         raise DegenerateGeometryError(
             f"the tip scatters by {rmse_mm:.1f} mm about its pivot: it has slipped"
         )
-    alike = 1.0 if markers is None else correlated_poses(misses[used])
+    by_sphere = estimate.marker_sigma_mm is None
+    alike = 1.0 if by_sphere else correlated_poses(misses[used])
     covariance = estimate.covariance * alike
-    rejected = rejected_poses(residuals, used, estimate.known_reasons)
+    rejected = rejected_poses(residuals, used, keep)
     facts = PivotFacts(
         tip_sigma_mm=float(np.sqrt(np.trace(covariance[:3, :3]))),
         cone_deg=cone_deg,
         swing_deg=swing_of_shaft_deg(levers),
         n=len(residuals),
         n_used=int(used.sum()),
-        narrowness=narrowness,
+        narrowness=2 if by_sphere else 1,
+        marker_sigma_mm=estimate.marker_sigma_mm,
         alike=alike,
     )
-    if markers is not None:
-        facts = _with_markers(facts, markers, Ts_tracker_marker.select(used), tip, dof)
     away = np.array([r.index for r in rejected if r.reason == AWAY], dtype=np.int64)
     verdict, reasons = judge_pivot(facts, away)
     return PivotFit(
@@ -237,44 +205,35 @@ def _finish(
         rmse_mm=rmse_mm,
         tip_sigma_mm=facts.tip_sigma_mm,
         cone_deg=cone_deg,
-        marker_sigma_mm=facts.marker_sigma_mm,
+        marker_sigma_mm=estimate.marker_sigma_mm,
         verdict=verdict,
         reasons=reasons,
     )
 
 
-def _with_markers(
-    facts: PivotFacts, markers: _MarkerModel, Ts_tracker_marker: Poses, tip: Vector3, dof: int
-) -> PivotFacts:
-    """Return the facts with the error of the markers, and with the cone that would be enough."""
-    facts = replace(
-        facts,
-        marker_sigma_mm=markers.sigma_mm,
-        stated_sigma_mm=markers.noise.sigma_mm,
-        geometry=markers.complaints,
+def rejected_poses(residuals: Floats, used: Bools, keep: Bools) -> tuple[RejectedPose, ...]:
+    """Return every pose that does not count.
+
+    Args:
+        residuals: (n,) distance of the tip from the pivot in mm.
+        used: (n,) which poses count.
+        keep: (n,) which poses were not excluded by hand.
+    """
+    return tuple(
+        RejectedPose(int(row), float(residuals[row]), AWAY if keep[row] else EXCLUDED)
+        for row in np.flatnonzero(~used)
     )
-    if facts.tip_sigma_mm <= GOOD_SIGMA_MM:
-        return facts
-    by_cone = sigma_by_cone(
-        Ts_tracker_marker.mean().rotation,
-        tip,
-        markers.positions_marker,
-        dof=dof,
-        noise=markers.noise,
-        sigma_mm=markers.noise.sigma_mm or markers.sigma_mm,
-        n=max(int(facts.n_used / facts.alike), 1),
-    )
-    return replace(facts, by_cone=by_cone)
 
 
-def _require_dof(dof: int) -> None:
-    if dof not in (5, 6):
-        raise InvalidInputError(f"dof must be 6 or 5, not {dof}")
+def as_keep(exclude: ArrayLike | None, n: int) -> Bools:
+    """Return the poses (n,) that may count.
 
-
-def _require_poses(Ts_tracker_marker: Poses, keep: Bools, dof: int, at_least: int) -> None:
-    """Refuse too few poses, and those that leave the tip open."""
-    n = int(keep.sum())
-    if n < at_least:
-        raise InvalidInputError(f"a pivot needs at least {at_least} poses, not {n}")
-    require_swing(Ts_tracker_marker.rotations[keep], dof)
+    Raises:
+        InvalidInputError: ``exclude`` is no mask of n poses.
+    """
+    if exclude is None:
+        return np.ones(n, dtype=np.bool_)
+    mask = np.asarray(exclude)
+    if mask.shape != (n,) or mask.dtype != np.bool_:
+        raise InvalidInputError(f"exclude must be bool of shape ({n},), not {mask.shape}")
+    return ~mask

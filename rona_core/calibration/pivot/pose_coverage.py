@@ -8,19 +8,15 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike
-from scipy.spatial.transform import Rotation
 
 from rona_core.calibration.pivot.maximum_likelihood import tip_information
-from rona_core.calibration.pivot.quality import CONES_DEG
-from rona_core.calibration.tracking_error.marker_noise import MarkerNoise
-from rona_core.calibration.tracking_error.poses_with_covariance import tracked_from_poses
+from rona_core.calibration.tracking_error import MarkerNoise, tracked_from_poses
 from rona_core.errors import DegenerateGeometryError, InvalidInputError
-from rona_core.geometry.arrays import Floats, Ints, Vector3, as_vector3, readonly
+from rona_core.geometry.arrays import Floats, Vector3, as_vector3, readonly
 from rona_core.geometry.pose import Pose, Poses
 
 RINGS_DEG = (0.0, 10.0, 20.0, 30.0, 45.0, 60.0)
 SECTORS = 12
-SPREAD = 60  # poses that stand for an even cone
 CENTRAL_DEG = 3.0  # tilts below this have no azimuth worth counting
 CANDIDATE_TILTS_DEG = (5.0, 10.0, 15.0, 20.0, 25.0, 30.0)
 MIN_LENGTH_MM = 1.0
@@ -29,14 +25,11 @@ IN_LINE = 0.1  # sine of the angle between shaft and line of sight, below which 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SwingCoverage:
-    """Directions of the shaft, sorted into rings of tilt and sectors of azimuth for a picture."""
+    """Directions of the shaft by tilt and azimuth, for a picture."""
 
-    directions_tracker: Floats  # (n, 3) unit, from the tip to the markers
-    axis_tracker: Vector3  # (3,) unit, their middle
     tilts_deg: Floats  # (n,)
     azimuths_deg: Floats  # (n,) 0 to 360
-    rings_deg: tuple[float, ...]  # limits of the rings; a wider tilt counts in the last
-    counts: Ints  # (rings, sectors)
+    rings_deg: tuple[float, ...]  # of the picture
     gap_deg: float  # the widest range of azimuths into which the shaft was not tilted
     gap_azimuth_deg: float  # its middle
 
@@ -47,7 +40,6 @@ class NextPose:
 
     tilt_deg: float  # from the middle of the swing so far
     azimuth_deg: float
-    direction_tracker: Vector3  # (3,) unit, from the tip to the markers
     words: str
     tip_sigma_mm: float  # predicted, after it has been taken
     tip_sigma_before_mm: float
@@ -68,18 +60,11 @@ def swing_coverage(Ts_tracker_marker: Poses, tip_marker: ArrayLike) -> SwingCove
     axis, aside, across = _frame(shafts)
     tilts = np.rad2deg(np.arctan2(np.hypot(shafts @ aside, shafts @ across), shafts @ axis))
     azimuths = np.rad2deg(np.arctan2(shafts @ across, shafts @ aside)) % 360.0
-    ring = np.clip(np.searchsorted(RINGS_DEG, tilts, side="right") - 1, 0, len(RINGS_DEG) - 2)
-    sector = np.minimum((azimuths / 360.0 * SECTORS).astype(np.int64), SECTORS - 1)
-    counts = np.zeros((len(RINGS_DEG) - 1, SECTORS), dtype=np.int64)
-    np.add.at(counts, (ring, sector), 1)
     gap_deg, gap_azimuth_deg = _widest_gap(azimuths[tilts >= CENTRAL_DEG])
     return SwingCoverage(
-        directions_tracker=readonly(shafts),
-        axis_tracker=readonly(axis),
         tilts_deg=readonly(tilts),
         azimuths_deg=readonly(azimuths),
         rings_deg=RINGS_DEG,
-        counts=readonly(counts),
         gap_deg=gap_deg,
         gap_azimuth_deg=gap_azimuth_deg,
     )
@@ -92,12 +77,10 @@ def next_best_pose(
     *,
     dof: int,
     sigma_mm: float,
-    noise: MarkerNoise | None = None,
-    max_tilt_deg: float = 30.0,
 ) -> NextPose:
     """Return the tilt that would lower the predicted error of the tip most.
 
-    Candidates are tilts of the middle orientation by 5 to ``max_tilt_deg`` in 12 azimuths.
+    Candidates are tilts of the middle orientation by 5 to 30 degrees in 12 azimuths.
 
     Args:
         Ts_tracker_marker: Poses taken so far, at least 3 that differ (2 for 5D).
@@ -105,19 +88,14 @@ def next_best_pose(
         positions_marker: Marker geometry (m, 3) in mm.
         dof: 6, or 5 for collinear markers.
         sigma_mm: 3D RMS of one marker, as the calibration reports it.
-        noise: What is assumed about single markers; by default three times as much in depth.
-        max_tilt_deg: How far the markers may be tilted and still be seen.
 
     Raises:
-        InvalidInputError: no poses, or a limit below 5 degrees.
+        InvalidInputError: no poses.
         DegenerateGeometryError: the poses so far leave the tip open.
     """
     tip = as_vector3(tip_marker, name="tip_marker")
-    tilts_deg = [t for t in CANDIDATE_TILTS_DEG if t <= max_tilt_deg]
-    if not tilts_deg:
-        raise InvalidInputError(f"max_tilt_deg must be at least 5, not {max_tilt_deg:g}")
     axis, aside, across = _frame(_shafts(Ts_tracker_marker, tip))
-    noise = noise or MarkerNoise()
+    noise = MarkerNoise()
     tracked = tracked_from_poses(Ts_tracker_marker, positions_marker, noise, dof=dof)
     known = tip_information(tracked, tip, dof=dof).sum(axis=0)
     if np.linalg.cond(known) > 1e12:
@@ -125,7 +103,7 @@ def next_best_pose(
             "the poses so far leave the tip open: swing in all directions"
         )
     azimuths_deg = np.arange(SECTORS) * (360.0 / SECTORS)
-    tried_deg = [(tilt, azimuth) for tilt in tilts_deg for azimuth in azimuths_deg]
+    tried_deg = [(tilt, azimuth) for tilt in CANDIDATE_TILTS_DEG for azimuth in azimuths_deg]
     candidates = _tilted(Ts_tracker_marker, tried_deg, (axis, aside, across))
     more = tip_information(
         tracked_from_poses(candidates, positions_marker, noise, dof=dof), tip, dof=dof
@@ -134,12 +112,10 @@ def next_best_pose(
     after: Floats = np.trace(np.linalg.inv(known + more)[:, :k, :k], axis1=1, axis2=2)
     best = int(after.argmin())
     tilt_deg, azimuth_deg = tried_deg[best]
-    direction = _shafts(candidates.select([best]), tip)[0]
     words = f"tilt the markers {tilt_deg:.0f} degrees {_words(azimuth_deg, axis)}"
     return NextPose(
         tilt_deg=float(tilt_deg),
         azimuth_deg=float(azimuth_deg),
-        direction_tracker=readonly(direction),
         words=words,
         tip_sigma_mm=float(sigma_mm * np.sqrt(after[best])),
         tip_sigma_before_mm=float(sigma_mm * np.sqrt(np.trace(np.linalg.inv(known)[:k, :k]))),
@@ -159,49 +135,6 @@ def _tilted(
         for tilt, azimuth in tilts_and_azimuths_deg
     ]
     return Poses.stack([Pose.from_rotvec(turn) @ middle for turn in turns])
-
-
-def sigma_by_cone(
-    R_tracker_marker: Floats,
-    tip: Vector3,
-    positions_marker: ArrayLike,
-    *,
-    dof: int,
-    noise: MarkerNoise,
-    sigma_mm: float,
-    n: int,
-) -> tuple[tuple[float, float], ...]:
-    """Return what error of the tip n poses spread evenly over wider and wider cones would give.
-
-    Args:
-        R_tracker_marker: Orientation (3, 3) in the middle of the cones.
-        tip: The tip (3,) in ``marker`` in mm.
-        positions_marker: Marker geometry (m, 3) in mm.
-        dof: 6, or 5 for collinear markers.
-        noise: What is assumed about single markers.
-        sigma_mm: 3D RMS of one marker.
-        n: How many poses.
-
-    Returns:
-        Pairs of half-angle (deg) and predicted 3D standard deviation (mm).
-    """
-    axis = -R_tracker_marker @ tip / np.linalg.norm(tip)
-    aside, across = np.linalg.svd(axis[None])[2][1:]
-    share = np.sqrt((np.arange(SPREAD) + 0.5) / SPREAD)
-    azimuths = np.rad2deg(np.arange(SPREAD) * np.pi * (3.0 - np.sqrt(5.0)))
-    axes = np.array([np.cross(axis, _toward(azimuth, aside, across)) for azimuth in azimuths])
-    pairs: list[tuple[float, float]] = []
-    for cone_deg in CONES_DEG:
-        turns = np.deg2rad(cone_deg) * share[:, None] * axes
-        rotations = Rotation.from_rotvec(turns).as_matrix() @ R_tracker_marker
-        tracked = tracked_from_poses(
-            Poses(rotations, np.zeros((SPREAD, 3))), positions_marker, noise, dof=dof
-        )
-        information = tip_information(tracked, tip, dof=dof).mean(axis=0) * n
-        k = len(information) - 3
-        variance = float(np.trace(np.linalg.inv(information)[:k, :k]))
-        pairs.append((cone_deg, sigma_mm * float(np.sqrt(variance))))
-    return tuple(pairs)
 
 
 def _shafts(Ts_tracker_marker: Poses, tip: Vector3) -> Floats:

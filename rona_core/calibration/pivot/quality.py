@@ -21,7 +21,6 @@ MANY_REJECTED = 0.1
 TOO_MANY_REJECTED = 0.25
 RUN_SHARE = 0.8  # of the rejected poses in one run: the tip has slipped
 LARGE_NOISE_MM = 1.0  # of one marker; no tracker is as bad when all is well
-UNLIKE_STATED = 2.0
 DEPENDENT = 2.0  # poses that count as one, from which it is worth saying
 
 
@@ -36,10 +35,7 @@ class PivotFacts:
     n_used: int
     narrowness: int  # power of sin(cone) by which the error falls: 1, or 2 for a sphere fit
     marker_sigma_mm: float | None = None  # 3D RMS of one marker, estimated
-    stated_sigma_mm: float | None = None
     alike: float = 1.0  # neighbouring poses that count as one
-    geometry: tuple[str, ...] = ()  # complaints about the marker geometry
-    by_cone: tuple[tuple[float, float], ...] = ()  # (half-angle, tip sigma) were it as wide
 
 
 def judge_pivot(facts: PivotFacts, rejected: Ints) -> tuple[Verdict, tuple[str, ...]]:
@@ -80,31 +76,16 @@ def judge_pivot(facts: PivotFacts, rejected: Ints) -> tuple[Verdict, tuple[str, 
     if share > MANY_REJECTED:
         bad = bad or share > TOO_MANY_REJECTED
         reasons.append(_rejection(rejected, facts.n))
-    bad = _judge_noise(facts, reasons) or bad
-    if facts.geometry:
-        bad = True
-        reasons += facts.geometry
+    scatter_mm = facts.marker_sigma_mm or 0.0
+    if scatter_mm > LARGE_NOISE_MM:
+        bad = bad or scatter_mm > 2.0 * LARGE_NOISE_MM
+        reasons.append(
+            f"the tip scatters as if a marker erred by {scatter_mm:.2g} mm: check the marker "
+            "geometry, and that the tip rests firmly"
+        )
     if bad:
         return "bad", tuple(reasons)
     return ("weak", tuple(reasons)) if reasons else ("good", ())
-
-
-def _judge_noise(facts: PivotFacts, reasons: list[str]) -> bool:
-    """Add what the size of the scatter says; return whether it is bad."""
-    found, stated = facts.marker_sigma_mm, facts.stated_sigma_mm
-    if found is None:
-        return False
-    if stated is not None and found > UNLIKE_STATED * stated:
-        reasons.append(
-            f"the tip scatters as if a marker erred by {found:.2g} mm, {stated:.2g} mm are "
-            "stated: check the marker geometry, and that the tip rests firmly"
-        )
-    elif stated is None and found > LARGE_NOISE_MM:
-        reasons.append(
-            f"the tip scatters as if a marker erred by {found:.2g} mm: check the marker "
-            "geometry, and that the tip rests firmly"
-        )
-    return found > 2.0 * LARGE_NOISE_MM and (stated is None or found > UNLIKE_STATED * stated)
 
 
 def _remedy(facts: PivotFacts) -> str:
@@ -122,11 +103,8 @@ def _remedy(facts: PivotFacts) -> str:
 def predicted_by_cone(facts: PivotFacts) -> tuple[tuple[float, float], ...]:
     """Return pairs of half-angle (deg) and the tip's predicted error (mm) for as many poses.
 
-    Where the fit did not supply them: the error falls with the sine of the half-angle, in a sphere
-    fit with its square.
+    The error falls with the sine of the half-angle, in a sphere fit with its square.
     """
-    if facts.by_cone:
-        return facts.by_cone
     now = np.sin(np.deg2rad(facts.cone_deg))
     return tuple(
         (cone, facts.tip_sigma_mm * float(now / np.sin(np.deg2rad(cone))) ** facts.narrowness)

@@ -12,8 +12,6 @@ from numpy.typing import ArrayLike
 from rona_core.errors import InvalidInputError
 from rona_core.geometry.arrays import Floats, Ints, as_floats
 from rona_core.path.simplification.segment_distance import (
-    Metric,
-    as_metric,
     distances_to_segment,
     feet_on_segment,
     strip_areas,
@@ -30,7 +28,7 @@ class Deviations:
     where: int  # index of the original point with the largest distance
 
 
-def deviations(points: ArrayLike, index: ArrayLike, *, closed: bool = False) -> Deviations:
+def deviations(points: ArrayLike, index: ArrayLike) -> Deviations:
     """Return K1, K2 and K3 of the path that keeps ``points[index]``.
 
     K1 is also the Hausdorff distance, in both directions, of the continuous piece from its
@@ -40,14 +38,12 @@ def deviations(points: ArrayLike, index: ArrayLike, *, closed: bool = False) -> 
     Args:
         points: Original path (n, m), any m, in mm.
         index: Increasing indices (k,) of the points kept, first and last among them.
-        closed: The last point goes on to the first; then no index must be among those kept.
 
     Raises:
         InvalidInputError: wrong shapes, or indices that do not start at 0, increase, and end.
     """
     p = as_path(points)
-    n = len(p)
-    p, kept = _opened(p, index) if closed else (p, _as_index(index, n))
+    kept = _as_index(index, len(p))
     if len(kept) < 2:
         return Deviations(0.0, 0.0, 0.0, 0)
     piece = np.clip(np.searchsorted(kept, np.arange(len(p)), side="right") - 1, 0, len(kept) - 2)
@@ -60,34 +56,12 @@ def deviations(points: ArrayLike, index: ArrayLike, *, closed: bool = False) -> 
     feet = (feet_on_segment(q, start, end) for q in (p[:-1], p[1:]))
     areas = np.add.reduceat(strip_areas(p[:-1], p[1:], *feet), kept[:-1])
     areas[np.diff(kept) == 1] = 0.0
-    worst = int(distances.argmax())
     return Deviations(
         k1_mm=float(distances.max()),
         k2_mm=float(np.sqrt((sums / sizes).max())),
         k3_mm2=float(areas.max()),
-        where=(worst + _first(index)) % n if closed else worst,
+        where=int(distances.argmax()),
     )
-
-
-def _first(index: ArrayLike) -> int:
-    return int(np.asarray(index).ravel()[0])
-
-
-def _opened(p: Floats, index: ArrayLike) -> tuple[Floats, Ints]:
-    """Return a closed path opened at its first kept point, which then is the last one too."""
-    kept = np.asarray(index)
-    whole = kept.ndim == 1 and len(kept) > 0 and np.issubdtype(kept.dtype, np.integer)
-    if not whole or kept[0] < 0 or kept[-1] >= len(p) or (np.diff(kept) <= 0).any():
-        raise InvalidInputError(f"index must increase within 0 to {len(p) - 1}")
-    first = int(kept[0])
-    turned = np.roll(p, -first, axis=0)
-    return np.vstack((turned, turned[:1])), np.append(kept - first, len(p))
-
-
-def deviation(points: ArrayLike, index: ArrayLike, metric: Metric = "k1") -> float:
-    """Return one figure of :func:`deviations`: mm for "k1" and "k2", mm^2 for "k3"."""
-    found = deviations(points, index)
-    return {"k1": found.k1_mm, "k2": found.k2_mm, "k3": found.k3_mm2}[as_metric(metric)]
 
 
 def as_path(points: ArrayLike) -> Floats:

@@ -7,9 +7,9 @@ import numpy as np
 from rona_core.errors import InvalidInputError
 from rona_core.geometry.arrays import Bools, Floats, Ints
 from rona_core.path.simplification.segment_distance import (
-    MAX_AT_ONCE,
     Metric,
     as_metric,
+    batches,
     inner_rows,
     piece_costs,
 )
@@ -25,11 +25,8 @@ def pieces_within(columns: Floats, starts: Ints, ends: Ints, tolerance: float) -
         tolerance: Bound in the unit of the path.
     """
     within = np.ones(len(starts), dtype=np.bool_)
-    busy = np.flatnonzero(ends - starts > 1)
-    work = np.cumsum(ends[busy] - starts[busy])
-    for some in np.split(busy, np.flatnonzero(np.diff(work // MAX_AT_ONCE)) + 1):
-        if len(some):
-            within[some] = _within(columns, starts[some], ends[some], tolerance)
+    for some in batches(starts, ends):
+        within[some] = _within(columns, starts[some], ends[some], tolerance)
     return within
 
 
@@ -55,11 +52,10 @@ def _within(columns: Floats, starts: Ints, ends: Ints, tolerance: float) -> Bool
     good = np.logical_and.reduceat((slack >= 0.0) & (low <= high), first)
     back = np.append(along[1:] < along[:-1], False)
     back[first[1:] - 1] = False  # from one piece to the next is no step
-    unsure = np.flatnonzero(good & np.logical_or.reduceat(back, first))
-    if len(unsure):  # pieces whose feet only go forward need no walk
-        rows_unsure = np.flatnonzero(np.repeat(np.isin(np.arange(len(counts)), unsure), counts))
-        some = counts[unsure]
-        walked = _farthest_so_far(low[rows_unsure], some) <= high[rows_unsure]
+    unsure = good & np.logical_or.reduceat(back, first)
+    if unsure.any():  # pieces whose feet only go forward need no walk
+        walking, some = np.repeat(unsure, counts), counts[unsure]
+        walked = _farthest_so_far(low[walking], some) <= high[walking]
         good[unsure] = np.logical_and.reduceat(walked, np.cumsum(some) - some)
     return good
 

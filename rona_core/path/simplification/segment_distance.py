@@ -58,15 +58,21 @@ def piece_costs(columns: Floats, starts: Ints, ends: Ints, metric: Metric) -> Fl
         metric: "k1" largest distance, "k2" root mean square, "k3" area.
     """
     costs = np.zeros(len(starts))
-    busy = np.flatnonzero(ends - starts > 1)
-    work = np.cumsum(ends[busy] - starts[busy])
-    cuts = np.flatnonzero(np.diff(work // MAX_AT_ONCE)) + 1
-    for some in np.split(busy, cuts):
-        if len(some) and metric == "k3":
+    for some in batches(starts, ends):
+        if metric == "k3":
             costs[some] = _areas(columns, starts[some], ends[some])
-        elif len(some):
+        else:
             costs[some] = _distances(columns, starts[some], ends[some], metric)
     return costs
+
+
+def batches(starts: Ints, ends: Ints) -> list[Ints]:
+    """Return the numbers of the pieces with originals between their ends, some at a time."""
+    busy = np.flatnonzero(ends - starts > 1)
+    work = np.cumsum(ends[busy] - starts[busy])
+    if not len(busy) or work[-1] < MAX_AT_ONCE:
+        return [busy] if len(busy) else []
+    return np.split(busy, np.flatnonzero(np.diff(work // MAX_AT_ONCE)) + 1)
 
 
 def inner_rows(starts: Ints, ends: Ints) -> tuple[Ints, Ints, Ints]:

@@ -5,13 +5,10 @@ original piece is within the bound; in the sense of Fréchet, strokes that run b
 are not lost.
 """
 
-from collections.abc import Callable
 from itertools import pairwise
 
 import numpy as np
 
-from rona_core.devices.protocols import never
-from rona_core.errors import CancelledError
 from rona_core.geometry.arrays import Bools, Floats, Ints
 from rona_core.path.simplification.error_bound import ShortcutTest
 from rona_core.path.simplification.reachable_ends import horizons, pairs_ahead, possible
@@ -39,9 +36,7 @@ def next_fixed(fixed: Bools) -> Ints:
     return stays[np.searchsorted(stays, np.arange(len(fixed) - 1), side="right")]
 
 
-def fewest_points(
-    columns: Floats, fixed: Bools, test: ShortcutTest, *, cancel: Callable[[], bool] = never
-) -> Ints:
+def fewest_points(columns: Floats, fixed: Bools, test: ShortcutTest) -> Ints:
     """Return the indices (k,) of a path with the fewest points within the error bound.
 
     Among paths of the same number of points, read from the end, each point follows the latest one
@@ -51,28 +46,20 @@ def fewest_points(
         columns: The path as (m, n), n >= 1, one row per dimension.
         fixed: Mask (n,) of the points that must stay, ends included.
         test: Decides which segments may replace a piece.
-        cancel: Asked in each step; True gives up.
-
-    Raises:
-        CancelledError: ``cancel`` said so.
     """
     stays = np.flatnonzero(fixed)
     parts = [np.zeros(1, dtype=np.int64)]
     for start, end in pairwise(stays.tolist()):
-        parts.append(_section(columns, start, end, test, cancel))
+        parts.append(_section(columns, start, end, test))
     return np.concatenate(parts)
 
 
-def _section(
-    columns: Floats, start: int, end: int, test: ShortcutTest, cancel: Callable[[], bool]
-) -> Ints:
+def _section(columns: Floats, start: int, end: int, test: ShortcutTest) -> Ints:
     """Return the fewest points after ``start`` up to ``end``, by a breadth-first search."""
     before = np.full(end + 1, -1)
     unseen = np.arange(start + 1, end + 1)
     front = np.array([start])  # points that as few segments reach, the latest first
     while before[end] < 0:
-        if cancel():
-            raise CancelledError("the search for the fewest points was cancelled")
         reach = horizons(columns, front, np.full(len(front), end), test.near_mm)
         near = front[reach == end]
         last = near[test.holds(columns, near, np.full(len(near), end))]

@@ -1,20 +1,17 @@
 """Simplification of a path: as few of its points as possible within an error bound."""
 
-from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from rona_core.devices.protocols import never
 from rona_core.errors import InvalidInputError
 from rona_core.geometry.arrays import Bools, Floats, Ints, readonly
+from rona_core.path.simplification.beam_search import FAST_RULE, beam_search
 from rona_core.path.simplification.deviation import as_path, deviations
 from rona_core.path.simplification.douglas_peucker import SPLIT_RULE, douglas_peucker
 from rona_core.path.simplification.error_bound import ErrorBound, ShortcutTest
-from rona_core.path.simplification.greedy import FAST_RULE, beam_search
-from rona_core.path.simplification.lower_bound import points_lower_bound
 from rona_core.path.simplification.shortest_path import (
     MAX_WORK,
     OPTIMAL_RULE,
@@ -26,14 +23,13 @@ from rona_core.path.simplification.vertex_decimation import GREEDY_RULE, as_keep
 SimplifyMethod = Literal["optimal", "fast", "greedy", "rdp"]
 METHODS: tuple[SimplifyMethod, ...] = ("optimal", "fast", "greedy", "rdp")
 RULES = {"optimal": OPTIMAL_RULE, "fast": FAST_RULE, "greedy": GREEDY_RULE, "rdp": SPLIT_RULE}
-ANCHOR_RULE = "; closed: the point farthest from the centroid stays"
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SimplifiedPath:
     """Which points of a path are kept, and how far the others are from what is left."""
 
-    index: Ints  # (k,) increasing; first and last point among them unless the path is closed
+    index: Ints  # (k,) increasing; first and last point among them
     tolerance: float  # mm, or mm^2 for "k3"
     metric: str
     method: str  # that was used
@@ -43,9 +39,9 @@ class SimplifiedPath:
     k3_mm2: float  # of the worst piece: area between original and segment
     where: int  # index of the original point that is farthest away
     frechet: bool  # K1, or the cap on it, holds in the sense of Fréchet: no stroke is lost
-    closed: bool  # the last point goes on to the first
-    lower_bound: int  # no path within the same bound has fewer points
-    exact: bool  # this one has as few as that
+    closed: bool  # always False; files know it from when closed paths were simplified too
+    lower_bound: int  # proven: the number of points if exact, else of those that must stay
+    exact: bool  # no path within the same bound has fewer points
     rule: str  # what decides which points stay, ties included
 
     def __len__(self) -> int:
@@ -58,8 +54,6 @@ def simplify(
     *,
     method: SimplifyMethod = "optimal",
     keep: ArrayLike | None = None,
-    closed: bool = False,
-    cancel: Callable[[], bool] = never,
 ) -> SimplifiedPath:
     """Simplify a path: as few of its points as possible, within an error bound in each piece.
 
@@ -71,68 +65,52 @@ def simplify(
             the point of least deviation goes first, until none can. "rdp": Ramer, Douglas and
             Peucker.
         keep: Mask (n,) or indices of points that must stay; the two ends always do.
-        closed: The last point goes on to the first. The point farthest from the centroid stays in
-            place of the ends.
-        cancel: Asked now and then by "optimal" and "fast"; True gives up.
 
     Raises:
         InvalidInputError: wrong shape, unknown method, negative tolerance, or "optimal" or "fast"
             for "k2" or "k3" on a path too long for it.
-        CancelledError: ``cancel`` said so.
     """
     p = as_path(points)
     bound = tolerance if isinstance(tolerance, ErrorBound) else ErrorBound(tolerance)
     test = bound.shortcut_test(p)
-    fixed = as_keep(keep, len(p), ends=not closed)
-    original, shift = p, 0
-    if closed:
-        p, fixed, shift = _opened(p, fixed)
-    index, used = chosen_points(p, fixed, test, method, cancel)
-    columns = np.ascontiguousarray(p.T)
-    least = len(index) if used == "optimal" else points_lower_bound(columns, fixed, test)
-    exact = len(index) == least
-    if closed and len(p) > 1:
-        index, least = np.sort((index[:-1] + shift) % (len(p) - 1)), least - 1
-    found = deviations(original, index, closed=closed)
+    fixed = as_keep(keep, len(p))
+    index, used = chosen_points(p, fixed, test, method)
+    exact = used == "optimal"
+    found = deviations(p, index)
     return SimplifiedPath(
         index=readonly(index),
         tolerance=test.tolerance,
         metric=test.metric,
         method=used,
-        n_original=len(original),
+        n_original=len(p),
         k1_mm=found.k1_mm,
         k2_mm=found.k2_mm,
         k3_mm2=found.k3_mm2,
         where=found.where,
         frechet=test.bounds_frechet,
-        closed=closed,
-        lower_bound=least,
+        closed=False,
+        lower_bound=len(index) if exact else int(fixed.sum()),
         exact=exact,
-        rule=RULES[used] + (ANCHOR_RULE if closed else ""),
+        rule=RULES[used],
     )
 
 
 def chosen_points(
-    points: Floats,
-    fixed: Bools,
-    test: ShortcutTest,
-    method: SimplifyMethod,
-    cancel: Callable[[], bool],
+    points: Floats, fixed: Bools, test: ShortcutTest, method: SimplifyMethod
 ) -> tuple[Ints, SimplifyMethod]:
     """Return the indices (k,) that stay, and the method that was used.
 
     Raises:
         InvalidInputError: unknown method, or one that would take too long.
-        CancelledError: ``cancel`` said so.
     """
     if method not in METHODS:
         raise InvalidInputError(f"method must be one of {', '.join(METHODS)}, not {method!r}")
     columns = np.ascontiguousarray(points.T)
     used = _feasible(columns, fixed, test, method)
     if used == "optimal":
-        return fewest_points(columns, fixed, test, cancel=cancel), used
+        return fewest_points(columns, fixed, test), used
     if used == "fast":
-        return beam_search(columns, fixed, test, cancel=cancel), used
+        return beam_search(columns, fixed, test), used
     if used == "rdp":
         return douglas_peucker(columns, fixed, test), used
     remaining = np.ones(len(points), dtype=np.bool_)
@@ -155,13 +133,3 @@ def _feasible(
             "give cap_mm, a bound on the distance, or use greedy"
         )
     return "fast" if work > MAX_WORK else method
-
-
-def _opened(p: Floats, fixed: Bools) -> tuple[Floats, Bools, int]:
-    """Return a closed path opened at its anchor, which is then first and last, and the shift."""
-    away = ((p - p.mean(axis=0)) ** 2).sum(axis=1)
-    anchor = int(away.argmax())
-    p, fixed = np.roll(p, -anchor, axis=0), np.roll(fixed, -anchor)
-    fixed = np.append(fixed, True)
-    fixed[0] = True
-    return np.vstack((p, p[:1])), fixed, anchor

@@ -79,11 +79,6 @@ class BasePlacement:
     smallest: BasePlace | None
     reasons: tuple[str, ...]
 
-    @property
-    def n_working(self) -> int:
-        """Number of places that seem to work."""
-        return int(np.count_nonzero((self.margins >= 0.0) & ~self.blocked))
-
 
 def base_pose(shift_mm: tuple[float, float, float] | Floats, turn_deg: float) -> Pose:
     """Return the pose of the base in its default place: turned about the vertical, shifted."""

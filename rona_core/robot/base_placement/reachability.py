@@ -11,14 +11,61 @@ from rona_core.geometry.arrays import Bools, Floats
 from rona_core.geometry.path5d import Path5D
 from rona_core.geometry.pose import Pose
 from rona_core.robot.base_placement.candidates import BasePlace, BaseSearch, base_pose, path_from
-from rona_core.robot.base_placement.screening import CoarseScreening
+from rona_core.robot.kinematics.arm import N_BRANCHES
+from rona_core.robot.kinematics.joint_limits import TURN_RAD
 from rona_core.robot.kinematics.robot_model import RobotModel
 from rona_core.robot.planning.plan import RobotPlan
+from rona_core.robot.redundancy.margins import (
+    continuous_branches,
+    flange_parts,
+    reach_margin,
+    singularity_margin,
+)
+from rona_core.robot.redundancy.roll_grid import every_flange_pose
 
 Planner = Callable[[Path5D, Pose], RobotPlan]  # the path there, the old base there
 Spot = tuple[float, float, float, float]  # base_shift_mm and base_turn_deg
 
+NOTHING_WORKS = -100.0  # margins below this are not told apart
 STEP_SHARE = 0.15  # of the progress that is left, told for each place that is planned
+
+
+class CoarseScreening:
+    """The margin of one scan path as a function of where the base stands.
+
+    Only some points of the path are checked, with all rolls and branches at once, and no jumps:
+    good enough to find places that are worth planning in full.
+    """
+
+    def __init__(self, path: Path5D, model: RobotModel, search: BaseSearch) -> None:
+        """Lay out the flange poses of all rolls at evenly chosen points of a dense path.
+
+        The roll is carried along the whole path first: what is constant seen from here is constant
+        seen from any other place.
+        """
+        chosen = np.unique(np.round(np.linspace(0, len(path) - 1, search.n_points)).astype(int))
+        rolls_rad = TURN_RAD * np.arange(search.n_rolls) / search.n_rolls
+        parts = flange_parts(path, model)[:, chosen]
+        self._Ts_base_flange = every_flange_pose(parts, rolls_rad)  # point by point for each roll
+        self._model, self._margin_limits = model, search.margin_limits
+        self._shape = (search.n_rolls, len(chosen))
+
+    def margin(self, old_in_new: Pose) -> float:
+        """Return the least margin along the path with the best roll and branch.
+
+        Args:
+            old_in_new: Where the base that the path refers to stands, seen from the new place.
+        """
+        solutions = self._model.inverse(old_in_new @ self._Ts_base_flange)
+        margin_limits, limits = self._margin_limits, self._model.limits
+        margin = np.minimum(
+            reach_margin(solutions, margin_limits), singularity_margin(solutions, margin_limits)
+        )
+        least = margin.reshape(*self._shape, N_BRANCHES).min(axis=1)
+        qs = solutions.qs_rad.reshape(*self._shape, N_BRANCHES, 6).swapaxes(0, 1)
+        qs = continuous_branches(qs.reshape(self._shape[1], -1, 6), limits)
+        clearance = limits.clearance_rad(qs).min(axis=(0, 2)) / margin_limits.limit_unit_rad
+        return float(max(np.minimum(least.reshape(-1), clearance).max(), NOTHING_WORKS))
 
 
 class ReachabilityMap:
@@ -40,9 +87,7 @@ class ReachabilityMap:
         self._base_before = base_pose(robot.base_shift_mm, robot.base_turn_deg)
         self._head_center = self._base_before @ path.points_base.mean(axis=0)
         self._middle_deg = float(np.rad2deg((model.lower_rad[0] + model.upper_rad[0]) / 2.0))
-        self._screening = CoarseScreening(
-            path, model, search.margin_limits, search.n_points, search.n_rolls
-        )
+        self._screening = CoarseScreening(path, model, search)
         self._tries: dict[Spot, BasePlace | None] = {}
         self.refusals: list[str] = []
 

@@ -1,7 +1,7 @@
 """Robot and obstacles as Pinocchio and Coal know them: the one module here that talks to Coal.
 
-The joints are found from the link frames of the model, so that any arm will do: frame i turns about
-an axis that is fixed in it. Lengths are metres inside, millimetres outside.
+Each body moves with a joint of Pinocchio's model of the arm. Lengths are metres inside,
+millimetres outside.
 """
 
 # pyright: reportAttributeAccessIssue=false
@@ -18,12 +18,11 @@ from rona_core.errors import InvalidInputError
 from rona_core.geometry.arrays import Floats
 from rona_core.geometry.pose import Pose
 from rona_core.robot.collision.collision_geometry import ConvexBody
-from rona_core.robot.collision.obstacles import Capsule, Hull, Obstacle, capsule_between
-from rona_core.robot.kinematics.pinocchio_model import MM_PER_M, PinocchioArm
+from rona_core.robot.collision.obstacles import Capsule, Hull, Obstacle
+from rona_core.robot.kinematics.pinocchio_model import MM_PER_M, N_JOINTS, pinocchio_model
 from rona_core.robot.kinematics.robot_model import RobotModel
 
-SAME_MM = 1e-6  # by which Pinocchio's own model of the arm may differ from the link frames
-N_JOINTS = 6
+SAME = 1e-9  # m, and entries of rotations, by which link frames may differ from Pinocchio's model
 
 
 @dataclass(frozen=True, slots=True)
@@ -45,18 +44,16 @@ class Bodies:
         """Build everything once; no pair is looked at until :meth:`look_at`.
 
         Raises:
-            InvalidInputError: link frames that do not turn about fixed axes, or that disagree with
-                Pinocchio's model of the arm.
+            InvalidInputError: link frames that disagree with Pinocchio's model of the arm.
         """
-        self._robot, frames = _joints(model)
+        self._robot, _ = pinocchio_model(model)
         self._state = self._robot.createData()
-        _compare(model, self._robot, self._state, frames)
+        frames = _frames_on_joints(model, self._robot, self._state)
         self._shapes = pin.GeometryModel()
         self._index: dict[str, int] = {}
         self.levers_mm = _levers_mm(self._robot, frames, bodies)
         for body in bodies:
-            shape, on_link = _body_shape(body)
-            self._add(body.name, body.link, frames[body.link] * on_link, shape)
+            self._add(body.name, body.link, frames[body.link], _convex(body.vertices))
         for thing in things:
             self._add(thing.name, 0, _se3(thing.pose), _shape(thing.shape))
         self.look_at(())
@@ -116,49 +113,24 @@ def _shape(shape: Any) -> Any:
     return coal.Box(*(np.array(shape.size_mm) / MM_PER_M))
 
 
-def _body_shape(body: ConvexBody) -> tuple[Any, Any]:
-    """Return the shape of a body of the robot and where it sits on its link."""
-    if not body.radius_mm:
-        return _convex(body.vertices), pin.SE3.Identity()
-    start, end = body.vertices
-    made = capsule_between(body.name, start, end, body.radius_mm, 0.0)
-    return _shape(made.shape), _se3(made.pose)
+def _frames_on_joints(model: RobotModel, robot: Any, state: Any) -> list[Any]:
+    """Return the pose of each link frame on its joint, found at q = 0.
 
-
-def _joints(model: RobotModel) -> tuple[Any, list[Any]]:
-    """Return a Pinocchio model of the six joints, and each link frame on its joint.
-
-    With the joint before a link at 0 and at a right angle, the link turns about one axis; its
-    direction and a place on it follow from how the frame moves.
+    Raises:
+        InvalidInputError: elsewhere the link frames are not where the joints bring them.
     """
-    robot = pin.Model()
-    robot.name = model.name
-    still = model.joint_poses(np.zeros(N_JOINTS))
-    frames = [pin.SE3.Identity()]
-    parent_frame = pin.SE3.Identity()  # of link i - 1 on its joint
-    for i in range(N_JOINTS):
-        turned = model.joint_poses(np.where(np.arange(N_JOINTS) == i, np.pi / 2.0, 0.0))
-        step = still[i].inv() @ still[i + 1]
-        moved = step.inv() @ (turned[i].inv() @ turned[i + 1])
-        rotation, shift = moved.rotation, moved.translation
-        axis = 0.5 * np.array(
-            (
-                rotation[2, 1] - rotation[1, 2],
-                rotation[0, 2] - rotation[2, 0],
-                rotation[1, 0] - rotation[0, 1],
-            )
-        )
-        if abs(np.linalg.norm(axis) - 1.0) > SAME_MM or abs(axis @ shift) > SAME_MM:
-            raise InvalidInputError(f"link {i + 1} of {model.name} does not turn about one axis")
-        # a place c on the axis: shift = c - R c, and c across the axis
-        place = 0.5 * (shift + np.cross(axis, shift))
-        offset = pin.SE3(np.eye(3), place / MM_PER_M)  # the joint, in the frame of its link
-        joint = pin.JointModelRevoluteUnaligned(axis / np.linalg.norm(axis))
-        placement = parent_frame * _se3(step) * offset
-        robot.addJoint(i, joint, placement, f"joint{i + 1}")
-        parent_frame = offset.inverse()
-        frames.append(parent_frame)
-    return robot, frames
+    frames: list[Any] = []
+    rng = np.random.default_rng(0)
+    qs = rng.uniform(model.lower_rad, model.upper_rad, (4, N_JOINTS))
+    for q in (np.zeros(N_JOINTS), *qs):
+        pin.forwardKinematics(robot, state, q)
+        links = [_se3(pose) for pose in model.joint_poses(q)]
+        frames = frames or [state.oMi[i].actInv(link) for i, link in enumerate(links)]
+        for i, link in enumerate(links):
+            off = (state.oMi[i] * frames[i]).homogeneous - link.homogeneous
+            if np.abs(off).max() > SAME:
+                raise InvalidInputError(f"link {i} of {model.name} is not where its joints say")
+    return frames
 
 
 def _levers_mm(robot: Any, frames: list[Any], bodies: tuple[ConvexBody, ...]) -> Floats:
@@ -166,27 +138,10 @@ def _levers_mm(robot: Any, frames: list[Any], bodies: tuple[ConvexBody, ...]) ->
     steps_mm = [MM_PER_M * np.linalg.norm(robot.jointPlacements[i].translation) for i in range(7)]
     levers = np.zeros(N_JOINTS)
     for body in bodies:
-        places = body.vertices + MM_PER_M * frames[body.link].translation
-        own_mm = float(np.linalg.norm(places, axis=1).max()) + body.radius_mm
+        frame = frames[body.link]
+        places = body.vertices @ frame.rotation.T + MM_PER_M * frame.translation
+        own_mm = float(np.linalg.norm(places, axis=1).max())
         for joint in range(1, body.link + 1):
             lever_mm = own_mm + sum(steps_mm[joint + 1 : body.link + 1])
             levers[joint - 1] = max(levers[joint - 1], lever_mm)
     return levers
-
-
-def _compare(model: RobotModel, robot: Any, state: Any, frames: list[Any]) -> None:
-    """Raise InvalidInputError unless all link frames and the verifier's own arm agree."""
-    rng = np.random.default_rng(0)
-    qs = rng.uniform(model.lower_rad, model.upper_rad, (4, N_JOINTS))
-    flanges = PinocchioArm(model).forward(qs)
-    for q, flange in zip(qs, flanges, strict=True):
-        pin.forwardKinematics(robot, state, q)
-        drawn = model.joint_poses(q)
-        for link in range(1, N_JOINTS + 1):
-            here = state.oMi[link] * frames[link]
-            gap = np.abs(MM_PER_M * here.translation - drawn.translations[link]).max()
-            turn = np.abs(here.rotation - drawn.rotations[link]).max()
-            if gap > SAME_MM or turn > SAME_MM:
-                raise InvalidInputError(f"link {link} of {model.name} is not where its joints say")
-        if np.abs(drawn.translations[N_JOINTS] - flange.translation).max() > SAME_MM:
-            raise InvalidInputError(f"the link frames of {model.name} end beside its flange")

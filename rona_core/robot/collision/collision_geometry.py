@@ -1,12 +1,10 @@
 """Outer bounds of robot and tool: convex bodies that contain them, for keeping clear of things.
 
 The lengths are those of the drawing of the RX90 (docs/algorithms/robot/rx90.md) and of the tool as
-drawn up; whatever is drawn lies inside. An arm without a table of its own is bounded by hulls of
-its drawn solids, or where it is not drawn by capsules from joint to joint, as thick as such arms
-are.
+drawn up; whatever is drawn lies inside. The UR arms are bounded by hulls of their solids.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import product
 
@@ -26,17 +24,15 @@ from rona_core.robot.kinematics.spherical_wrist import SphericalWristArm
 CORNERS = 12  # of the prisms that stand for drums, drawn about them
 DELAY_LINE, PROBE_BODY, PROBE, TOOL_LINK = "delay line", "probe body", "probe", 6
 BALL_MM = 7.0  # about a marker, its post included
-THICKNESS = (0.17, 0.15, 0.14, 0.11, 0.075, 0.065, 0.065)  # radius over mean link length, fallback
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ConvexBody:
-    """A convex body: all places within a radius of the hull of some points."""
+    """A convex body: the hull of some points."""
 
     name: str
     link: int  # index of the frame of ``RobotModel.joint_poses`` that it moves with
-    vertices: Floats  # (n, 3) mm, in that frame; two with a radius make a capsule
-    radius_mm: float = 0.0  # above 0 only with two points
+    vertices: Floats  # (n, 3) mm, in that frame
 
 
 # Parts two joints or more apart that the maker's build or joint limits keep from each other.
@@ -48,14 +44,18 @@ HELD_APART = {
 
 
 def collision_bodies(model: RobotModel) -> tuple[ConvexBody, ...]:
-    """Return bodies that contain the robot and its tool, base first."""
-    if model.name in TABLES:
-        arm = TABLES[model.name](model)
+    """Return bodies that contain the robot and its tool, base first.
+
+    Raises:
+        InvalidInputError: nobody has measured an arm of this build.
+    """
+    if isinstance(model.arm, SphericalWristArm):
+        arm = _spherical_wrist_arm(model.arm)
     elif isinstance(model.arm, ParallelArm):
         sensor = Solid(TOOL_LINK, "force sensor", force_sensor())
         arm = solid_hulls((*ur_solids(model.arm), sensor))
     else:
-        arm = link_capsules(model)
+        raise InvalidInputError(f"there are no collision bodies for the build of {model.name!r}")
     return (*arm, *_tool(model))
 
 
@@ -109,10 +109,8 @@ def _body(name: str, link: int, *parts: Floats) -> ConvexBody:
     return ConvexBody(name, link, readonly(np.concatenate(parts)))
 
 
-def _rx90(model: RobotModel) -> tuple[ConvexBody, ...]:
-    arm = model.arm
-    if not isinstance(arm, SphericalWristArm):
-        raise InvalidInputError(f"the bodies of the RX90 do not fit the arm of {model.name}")
+def _spherical_wrist_arm(arm: SphericalWristArm) -> tuple[ConvexBody, ...]:
+    """Return the bodies of the RX90, or of an arm that is as thick."""
     up, upper, fore = arm.shoulder_mm, arm.upper_arm_mm, arm.forearm_mm
     return (
         _body("base", 0, drum(((160, 0), (160, 40), (132, 60), (124, up - 216)))),
@@ -164,23 +162,3 @@ def _tool(model: RobotModel) -> tuple[ConvexBody, ...]:
         _body(PROBE, TOOL_LINK, body, line),  # beside everything else
         _body("marker plate", TOOL_LINK, plate, stem),
     )
-
-
-def link_capsules(model: RobotModel) -> tuple[ConvexBody, ...]:
-    """Return a capsule for each link, from its joint to the next one."""
-    poses = model.joint_poses(np.zeros(6))
-    places = poses.translations
-    lengths = np.linalg.norm(np.diff(places, axis=0), axis=1)
-    size = float(lengths.sum()) / 2.0
-    capsules: list[ConvexBody] = []
-    for link in range(7):
-        T_link_base = poses[link].inv()
-        end = T_link_base @ places[min(link + 1, 6)]
-        radius = THICKNESS[link] * size
-        capsules.append(
-            ConvexBody(f"link {link}", link, readonly(np.stack((np.zeros(3), end))), radius)
-        )
-    return tuple(capsules)
-
-
-TABLES: dict[str, Callable[[RobotModel], tuple[ConvexBody, ...]]] = {"rx90": _rx90}

@@ -16,14 +16,13 @@ from rona_core.robot.collision.collision_geometry import (
     HELD_APART,
     PROBE,
     PROBE_BODY,
-    TABLES,
     ConvexBody,
     collision_bodies,
 )
-from rona_core.robot.collision.edge_check import Clear
 from rona_core.robot.collision.obstacles import NOTHING_AROUND, Obstacle, Obstacles
+from rona_core.robot.kinematics.arm import as_joints
 from rona_core.robot.kinematics.robot_model import RobotModel
-from rona_core.robot.kinematics.spherical_wrist import as_joints
+from rona_core.robot.kinematics.spherical_wrist import SphericalWristArm
 
 POSITIONS = 100  # in which parts that may be far from each other are tried
 FAR_MM = 60.0  # parts that stay farther apart are never near
@@ -32,32 +31,31 @@ MOVING = 2  # obstacles matter from this link on: base and shoulder stay where t
 ITSELF = "the robot itself"
 
 
+@dataclass(frozen=True, slots=True)
+class ClosestPair:
+    """Two parts of the robot, or a part and an obstacle, and how far apart they are."""
+
+    first: str
+    second: str
+    apart_mm: float  # negative inside
+    least_mm: float  # that must be kept
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class CollisionReport:
     """How close the robot comes to anything at each of n places, and which parts do."""
 
-    names: tuple[tuple[str, str], ...]  # the pairs that are looked at: part, and part or obstacle
-    least_mm: Floats  # (p,) how far each pair must keep apart
+    pairs: tuple[Pair, ...]  # that are looked at
     clearance_mm: Floats  # (n,) least distance of any pair, those that may touch left out
     room_mm: Floats  # (n,) least distance beyond what is demanded; negative: too close
     closest: Ints  # (n,) the pair with the least room
-    closest_mm: Floats  # (p,) least distance of each pair over all places
-    closest_at: Ints  # (p,) the place where it is that close
     first_hit: int  # the first place that is too close, -1 for none
 
-    @property
-    def clear(self) -> bool:
-        """Whether no pair comes too close anywhere."""
-        return self.first_hit < 0
-
-    def sentence(self) -> str:
-        """Return what comes too close first, or how much room there is."""
-        at = self.first_hit if self.first_hit >= 0 else int(np.argmin(self.room_mm))
-        pair = int(self.closest[at])
-        first, second = self.names[pair]
-        distance = self.least_mm[pair] + self.room_mm[at]
-        words = f"{first} and {second} are {distance:.1f} mm apart at sample {at}"
-        return f"{words}, {self.least_mm[pair]:.0f} mm must be kept"
+    def closest_pair(self, place: int) -> ClosestPair:
+        """Return the pair with the least room at one place."""
+        pair = self.pairs[self.closest[place]]
+        apart_mm = pair.least_mm + float(self.room_mm[place])
+        return ClosestPair(pair.first, pair.second, apart_mm, pair.least_mm)
 
 
 class CollisionWorld:
@@ -92,11 +90,11 @@ class CollisionWorld:
     def _own_pairs(self, model: RobotModel, bodies: tuple[ConvexBody, ...]) -> list[Pair]:
         """Return which parts of the robot can meet.
 
-        Of an arm without a table of its own, parts that are too close at rest already are taken
-        as built that way.
+        Of an arm bounded by hulls of its solids, parts that are too close at rest already are
+        taken as built that way.
         """
         pairs = _own_pairs(model, bodies, self.obstacles.self_margin_mm)
-        if model.name in TABLES:
+        if isinstance(model.arm, SphericalWristArm):
             return pairs
         self._bodies.look_at(tuple(pairs))
         apart_mm = self._bodies.distances_mm(model.home_rad)
@@ -110,10 +108,6 @@ class CollisionWorld:
         """Return at which joint angles (n, 6) everything keeps its distance, (n,)."""
         qs = as_joints(qs_rad)
         return np.array([not self._bodies.meets(q) for q in qs], dtype=np.bool_)
-
-    def clearance_mm(self, qs_rad: ArrayLike) -> Floats:
-        """Return the least distance of any pair that must not touch, (n,); negative inside."""
-        return self.report(qs_rad).clearance_mm
 
     def distances_mm(self, qs_rad: ArrayLike) -> Floats:
         """Return the distance of every pair (n, p) at joint angles (n, 6)."""
@@ -130,13 +124,10 @@ class CollisionWorld:
         room = rooms.min(axis=1)
         hits = np.flatnonzero(room < 0.0)
         return CollisionReport(
-            names=tuple((pair.first, pair.second) for pair in self.pairs),
-            least_mm=readonly(self.least_mm.copy()),
+            pairs=self.pairs,
             clearance_mm=readonly(distances[:, self._counted].min(axis=1)),
             room_mm=readonly(room),
             closest=readonly(rooms.argmin(axis=1).astype(np.int64)),
-            closest_mm=readonly(distances.min(axis=0)),
-            closest_at=readonly(distances.argmin(axis=0).astype(np.int64)),
             first_hit=int(hits[0]) if len(hits) else -1,
         )
 
@@ -181,16 +172,14 @@ def _ever_near(model: RobotModel, candidates: list[tuple[ConvexBody, ConvexBody]
     """
     rng = np.random.default_rng(0)
     qs = rng.uniform(model.lower_rad, model.upper_rad, (POSITIONS, len(model.lower_rad)))
-    poses = [model.joint_poses(q) for q in qs]
-    rotations = np.stack([pose.rotations for pose in poses])
-    places = np.stack([pose.translations for pose in poses])
+    rotations, places = model.arm.link_frames(qs)
     found: list[bool] = []
     for pair in candidates:
         centers, reach_mm = [], 0.0
         for body in pair:
             center = 0.5 * (body.vertices.min(axis=0) + body.vertices.max(axis=0))
             centers.append(rotations[:, body.link] @ center + places[:, body.link])
-            reach_mm += float(np.linalg.norm(body.vertices - center, axis=1).max()) + body.radius_mm
+            reach_mm += float(np.linalg.norm(body.vertices - center, axis=1).max())
         gap_mm = np.linalg.norm(centers[0] - centers[1], axis=1).min() - reach_mm
         found.append(bool(gap_mm < FAR_MM))
     return found
@@ -201,15 +190,9 @@ def require_clear(
 ) -> None:
     """Raise NotReachableError where the robot touches something, or comes close, at (6,) angles."""
     report = CollisionWorld(model, obstacles).report(q_rad[None])
-    if not report.clear:
-        pair = int(report.closest[0])
-        (first, second), least_mm = report.names[pair], float(report.least_mm[pair])
+    if report.first_hit >= 0:
+        pair = report.closest_pair(0)
         raise NotReachableError(
-            f"where the robot {where}, {first} and {second} are "
-            f"{least_mm + float(report.room_mm[0]):.0f} mm apart, {least_mm:.0f} mm must be kept"
+            f"where the robot {where}, {pair.first} and {pair.second} are "
+            f"{pair.apart_mm:.0f} mm apart, {pair.least_mm:.0f} mm must be kept"
         )
-
-
-def clear_among(model: RobotModel, obstacles: Obstacles) -> Clear:
-    """Return what tells for joint angles (n, 6) where nothing comes too close to anything."""
-    return CollisionWorld(model, obstacles).clear

@@ -6,17 +6,17 @@ averages normals over shared vertices shades both as they are.
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from itertools import pairwise
 
 import numpy as np
+import trimesh
 from numpy.typing import ArrayLike
 
 from rona_core.devices.protocols import Mesh
-from rona_core.geometry.arrays import Floats, Ints, readonly
+from rona_core.geometry.arrays import Floats, readonly
 from rona_core.geometry.pose import Pose
 
 AROUND = 26  # vertices around a turned part
-CREASE_RAD = np.deg2rad(40.0)  # a profile that bends by more has an edge there
+CREASE_RAD = np.deg2rad(46.0)  # faces that meet at a larger angle have an edge there
 ARC_POINTS = 3  # of a rounded edge
 
 
@@ -49,10 +49,7 @@ def turned(
 ) -> Mesh:
     """Return the solid that a profile of (radius, height) from bottom to top makes about z."""
     outline = rounded(profile, edge_mm) if edge_mm > 0.0 else np.array(profile, dtype=np.float64)
-    angles = np.linspace(0.0, 2.0 * np.pi, around, endpoint=False)
-    circle = np.stack((np.cos(angles), np.sin(angles), np.zeros(around)), axis=1)
-    loops = [r * circle + np.array((0.0, 0.0, z)) for r, z in outline]
-    return _creased(loops, outline)
+    return _shaded(trimesh.creation.revolve(outline, sections=around))
 
 
 def slab(
@@ -70,53 +67,34 @@ def slab(
         y_mm: From where to where the plate reaches.
         edge_mm: Rounding of its edges.
     """
-    (z0, r0), (z1, r1), (y0, y1) = bottom_mm, top_mm, y_mm
-    tilt = np.arcsin(np.clip((r0 - r1) / (z1 - z0), -1.0, 1.0))
-    upper = np.linspace(tilt, np.pi - tilt, AROUND // 2)
-    lower = np.linspace(np.pi - tilt, 2.0 * np.pi + tilt, AROUND // 2)
-    angles = np.concatenate((upper, lower))
-    heights = np.repeat((z1, z0), AROUND // 2)
-    radii = np.repeat((r1, r0), AROUND // 2)
+    angles = 2.0 * np.pi * np.arange(AROUND) / AROUND
     quarter = np.linspace(0.0, np.pi / 2.0, ARC_POINTS + 1)
-    insets = edge_mm * np.concatenate((1.0 - np.sin(quarter), 1.0 - np.sin(quarter[::-1])))
-    ys = np.concatenate(
-        (y0 + edge_mm * (1 - np.cos(quarter)), y1 - edge_mm * (1 - np.cos(quarter[::-1])))
-    )
-    loops = [
-        np.stack(
-            (
-                (radii - inset) * np.cos(angles),
-                np.full(AROUND, y),
-                heights + (radii - inset) * np.sin(angles),
-            ),
-            axis=1,
-        )[::-1]
-        for inset, y in zip(insets, ys, strict=True)
+    insets, depths = edge_mm * (1.0 - np.sin(quarter)), edge_mm * (1.0 - np.cos(quarter))
+    points = [
+        (radius * np.cos(angles), np.full(AROUND, y), height + radius * np.sin(angles))
+        for height, outer in (bottom_mm, top_mm)
+        for radius, depth in zip(outer - insets, depths, strict=True)
+        for y in (y_mm[0] + depth, y_mm[1] - depth)
     ]
-    first, last = (np.tile((0.0, y, (z0 + z1) / 2.0), (AROUND, 1)) for y in (y0, y1))
-    return merged(_strip([first, loops[0]]), _strip(loops), _strip([loops[-1], last]))
+    return _shaded(trimesh.convex.convex_hull(np.concatenate(points, axis=1).T))
 
 
-def ball(radius_mm: float, *, around: int = 14) -> Mesh:
+def ball(radius_mm: float, *, around: int = 12) -> Mesh:
     """Return a sphere about the origin."""
-    tilts = np.linspace(-np.pi / 2.0, np.pi / 2.0, around // 2 + 1)
-    profile = [(radius_mm * np.cos(t), radius_mm * np.sin(t)) for t in tilts]
-    return turned(profile, around=around)
+    return _shaded(trimesh.creation.uv_sphere(radius_mm, count=(around // 2, around)))
 
 
 def rod(start: ArrayLike, end: ArrayLike, radius_mm: float, *, around: int = 9) -> Mesh:
     """Return a round bar between two points (3,)."""
-    a, b = np.asarray(start, dtype=np.float64), np.asarray(end, dtype=np.float64)
-    length = float(np.linalg.norm(b - a))
-    profile = ((0.0, 0.0), (radius_mm, 0.0), (radius_mm, length), (0.0, length))
-    bar = turned(profile, around=around)
-    return moved(bar, _along((b - a) / length, a))
+    return _shaded(
+        trimesh.creation.cylinder(radius_mm, segment=np.array((start, end)), sections=around)
+    )
 
 
 def along_axis(mesh: Mesh, axis: str, at: ArrayLike = (0.0, 0.0, 0.0)) -> Mesh:
-    """Return a mesh made about z turned to lie about ``axis`` (x, y or z), then shifted."""
-    directions = {"x": (1.0, 0.0, 0.0), "y": (0.0, 1.0, 0.0), "z": (0.0, 0.0, 1.0)}
-    return moved(mesh, _along(np.array(directions[axis]), np.asarray(at, dtype=np.float64)))
+    """Return a mesh made about z turned to lie about ``axis`` (y or z), then shifted."""
+    turn = (-np.pi / 2.0, 0.0, 0.0) if axis == "y" else (0.0, 0.0, 0.0)
+    return moved(mesh, Pose.from_rotvec(turn, at))
 
 
 def moved(mesh: Mesh, pose: Pose) -> Mesh:
@@ -132,36 +110,13 @@ def merged(*meshes: Mesh) -> Mesh:
     return Mesh(readonly(vertices), readonly(np.concatenate(faces)))
 
 
-def _along(direction: Floats, at: Floats) -> Pose:
-    """Return the pose whose z axis has a direction (3,)."""
-    helper = np.array((0.0, 1.0, 0.0)) if abs(direction[1]) < 0.9 else np.array((0.0, 0.0, 1.0))
-    x = np.cross(helper, direction)
-    x /= np.linalg.norm(x)
-    return Pose(np.column_stack((x, np.cross(direction, x), direction)), at)
-
-
-def _creased(loops: list[Floats], outline: Floats) -> Mesh:
-    """Return strips between loops, with loops doubled where the outline has an edge."""
-    steps = np.diff(outline, axis=0)
-    headings = np.unwrap(np.arctan2(steps[:, 1], steps[:, 0]))
-    edges = np.flatnonzero(np.abs(np.diff(headings)) > CREASE_RAD) + 1
-    cuts = [0, *edges.tolist(), len(loops) - 1]
-    return merged(*(_strip(loops[a : b + 1]) for a, b in pairwise(cuts)))
-
-
-def _strip(loops: list[Floats]) -> Mesh:
-    """Return the surface between successive loops of equal count; faces without area left out."""
-    count, rows = len(loops[0]), len(loops)
-    vertices = np.concatenate(loops)
-    i, j = (a.ravel() for a in np.meshgrid(np.arange(rows - 1), np.arange(count), indexing="ij"))
-    k = (j + 1) % count
-    a, b, c, d = i * count + j, i * count + k, (i + 1) * count + k, (i + 1) * count + j
-    faces: Ints = np.concatenate((np.stack((a, b, c), 1), np.stack((a, c, d), 1))).astype(np.int64)
-    corners = vertices[faces]
-    normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-    return Mesh(readonly(vertices), readonly(faces[np.linalg.norm(normals, axis=1) > 1e-9]))
-
-
 def force_sensor() -> Mesh:
     """Return the force sensor between flange and tool, in ``flange``."""
     return turned(((0, 0), (42, 0), (42, 22), (0, 22)), edge_mm=3.0)
+
+
+def _shaded(solid: trimesh.Trimesh) -> Mesh:
+    """Return a solid with its vertices doubled along sharp edges."""
+    smooth = trimesh.graph.smooth_shade(solid, angle=float(CREASE_RAD))
+    vertices: Floats = np.asarray(smooth.vertices, dtype=np.float64)
+    return Mesh(readonly(vertices), readonly(np.asarray(smooth.faces, dtype=np.int64)))

@@ -123,12 +123,12 @@ class ContactController:
             self.stop("the force sensor is at the end of its range")
         if force > settings.stop_n:
             self.stop(f"the force reached {force:.1f} N, {settings.stop_n:g} N stop the robot")
-        if self._held("heavy", force > settings.monitor_n, sample, MONITOR_S):
+        if self._lasts("heavy", force > settings.monitor_n, sample, MONITOR_S):
             self.stop(f"the force stayed above {settings.monitor_n:g} N, at last {force:.1f} N")
         error_n = settings.force_n - force
         outward = abs(sample.travel_mm) >= self._travel_mm - 0.01 and error_n * sample.travel_mm > 0
         far = outward and abs(error_n) > SETTLED_N
-        if self._held("far", far, sample, AT_LIMIT_S):
+        if self._lasts("far", far, sample, AT_LIMIT_S):
             missing = force < TOUCH_N
             what = "no surface was met" if missing else f"the force is {force:.1f} N"
             before = "contact was lost: " if self._state == LOST else ""
@@ -145,7 +145,7 @@ class ContactController:
                 self._state = CONTACT
                 self._integral_mm_per_s = 0.0
                 self._since = {"contact": sample.time_s}
-            elif self._state == LOST and self._held("seeking", True, sample, SEEK_S):
+            elif self._state == LOST and self._lasts("seeking", True, sample, SEEK_S):
                 self.stop(f"contact was lost: no surface was met within {SEEK_S:g} s")
         elif self._state == CONTACT:
             if sample.time_s - self._since["contact"] < LEARN_S:
@@ -153,8 +153,8 @@ class ContactController:
             else:
                 self.stiffness.watching(sample.travel_mm, force)
             close = abs(settings.force_n - force) < SETTLED_N
-            self._ready = self._held("settled", close, sample, SETTLED_S) or self._ready
-            if self._held("loose", force < LOST_N, sample, LOST_S):
+            self._ready = self._lasts("settled", close, sample, SETTLED_S) or self._ready
+            if self._lasts("loose", force < LOST_N, sample, LOST_S):
                 self._state, self._ready = LOST, False
                 self.n_losses += 1
                 self._since = {}
@@ -198,7 +198,7 @@ class ContactController:
             self._integral_mm_per_s = integral  # not where it would wind up against a limit
         return float(np.clip(wanted, low, high))
 
-    def _held(self, name: str, condition: bool, sample: ContactSample, for_s: float) -> bool:
+    def _lasts(self, name: str, condition: bool, sample: ContactSample, for_s: float) -> bool:
         """Return whether a condition has held for some time without a break."""
         if not condition:
             self._since.pop(name, None)

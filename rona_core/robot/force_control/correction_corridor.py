@@ -7,14 +7,15 @@ axis. Execution interpolates inside it and stops at its edge, so what is execute
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.interpolate import BarycentricInterpolator
 
 from rona_core.devices.settings import ContactSettings
 from rona_core.errors import NotReachableError
-from rona_core.geometry.arrays import Bools, Floats, readonly
+from rona_core.geometry.arrays import Bools, Floats, Ints, readonly
 from rona_core.geometry.pose import Poses
 from rona_core.robot.collision.collision_world import CollisionWorld
 from rona_core.robot.force_control.controller import MOST_MM_PER_S
-from rona_core.robot.kinematics.joint_limits import TURN_RAD
+from rona_core.robot.kinematics.arm import wrapped
 from rona_core.robot.kinematics.pinocchio_model import PinocchioArm
 from rona_core.robot.kinematics.robot_model import RobotModel
 from rona_core.robot.trajectory.trajectory import Trajectory, motion_digest
@@ -82,37 +83,67 @@ def band_is_safe(
     world: CollisionWorld | None = None,
 ) -> CorrectionCorridor:
     """Return the band of one width with a certificate that says whether it holds, and why not."""
-    travels = np.linspace(-width_mm, width_mm, LEVELS)
     probes = model.forward(trajectory.qs_rad) @ model.T_flange_probe
     guided = straight_line(trajectory, probes)
-    qs = np.repeat(trajectory.qs_rad[:, None, :], LEVELS, axis=1)
-    at = np.flatnonzero(guided)
-    reached = np.ones(len(at), dtype=np.bool_)
-    for level in range(LEVELS):
+    samples = np.flatnonzero(guided)
+    band = _Band(
+        model,
+        samples,
+        trajectory.times_s[samples],
+        probes.select(samples),
+        np.linspace(-width_mm, width_mm, LEVELS),
+        np.repeat(trajectory.qs_rad[samples, None], LEVELS, axis=1),
+    )
+    reached = np.ones(len(samples), dtype=np.bool_)
+    for level, travel_mm in enumerate(band.travels_mm):
         if level != LEVELS // 2:
-            moved = _moved(probes, at, float(travels[level]))
-            qs[at, level], valid = _nearest(model, moved, trajectory.qs_rad[at])
+            band.qs_rad[:, level], valid = _nearest(
+                model, band.moved(travel_mm), trajectory.qs_rad[samples]
+            )
             reached &= valid
-    checks = _checks(model, trajectory, travels, qs, at, reached)
-    checks += _placed_checks(model, trajectory, travels, qs, at, probes)
+    checks = [*_joint_checks(band, reached), *_probe_checks(band)]
     if world is not None:
-        checks.append(_touch_check(world, travels, qs, at))
-    holds = all(check.holds for check in checks)
-    motion = _Sheet(trajectory.times_s, qs)
+        checks.append(_touch_check(band, world))
+    qs = np.repeat(trajectory.qs_rad[:, None, :], LEVELS, axis=1)
+    qs[samples] = band.qs_rad
     around = "" if world is None else world.obstacles.digest()
-    digest = motion_digest(model.name, motion, around)
-    certificate = Certificate(model.name, holds, tuple(checks), digest, obstacles=around)
+    certificate = Certificate(
+        model.name,
+        all(check.holds for check in checks),
+        tuple(checks),
+        motion_digest(model.name, trajectory.times_s, qs, around),
+        obstacles=around,
+    )
     return CorrectionCorridor(
-        trajectory.times_s, readonly(travels), readonly(qs), guided, certificate
+        trajectory.times_s, readonly(band.travels_mm), readonly(qs), guided, certificate
     )
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class _Sheet:
-    """What the digest of a band is taken of."""
+class _Band:
+    """The guided part of a motion with its corrections."""
 
-    times_s: Floats
-    qs_rad: Floats
+    model: RobotModel
+    samples: Ints  # (k,) of the whole motion
+    times_s: Floats  # (k,)
+    probes: Poses  # (k,) where the motion has the probe
+    travels_mm: Floats  # (m,)
+    qs_rad: Floats  # (k, m, 6)
+
+    def moved(self, travel_mm: float) -> Poses:
+        """Return where the probe ought to be with a correction."""
+        rotations = self.probes.rotations
+        return Poses(rotations, self.probes.translations + travel_mm * rotations[:, :, 2])
+
+    def joints(self, travel_mm: float) -> Floats:
+        """Return joint angles (k, 6) with a correction, by the polynomial through the levels."""
+        return BarycentricInterpolator(self.travels_mm, self.qs_rad, axis=1)(travel_mm)
+
+    def looked_at(self) -> Floats:
+        """Return all corrections and those halfway between, the motion itself first."""
+        halfway = (self.travels_mm[1:] + self.travels_mm[:-1]) / 2.0
+        corrections = np.concatenate((self.travels_mm, halfway))
+        return corrections[np.argsort(np.abs(corrections), kind="stable")]
 
 
 def straight_line(trajectory: Trajectory, probes: Poses) -> Bools:
@@ -120,32 +151,27 @@ def straight_line(trajectory: Trajectory, probes: Poses) -> Bools:
     times = trajectory.times_s
     first = int(np.searchsorted(times, trajectory.scan_start_s - 1e-9))
     last = int(np.searchsorted(times, trajectory.scan_end_s + 1e-9)) - 1
-    guided = np.zeros(len(times), dtype=np.bool_)
-    guided[first : last + 1] = True
-    for end, samples in ((first, range(first - 1, -1, -1)), (last, range(last + 1, len(times)))):
-        axis = probes.rotations[end, :, 2]
-        away = probes.translations - probes.translations[end]
-        depth = away @ axis
-        off = np.linalg.norm(away - depth[:, None] * axis, axis=1)
-        turned = np.linalg.norm(np.cross(probes.rotations[:, :, 2], axis), axis=1)
-        straight = (off < OFF_LINE_MM) & (turned < OFF_LINE_RAD) & (depth < OFF_LINE_MM)
-        for i in samples:
-            if not straight[i]:
-                break
-            guided[i] = True
-    return guided
+    before, after = _on_line(probes, first)[:first], _on_line(probes, last)[last + 1 :]
+    path = np.ones(last + 1 - first, dtype=np.bool_)
+    # only as far as the line goes without a gap
+    reached_before = np.logical_and.accumulate(before[::-1])[::-1]
+    return np.concatenate((reached_before, path, np.logical_and.accumulate(after)))
 
 
-def _moved(probes: Poses, at: np.typing.NDArray[np.int64], travel_mm: float) -> Poses:
-    axes = probes.rotations[at, :, 2]
-    return Poses(probes.rotations[at], probes.translations[at] + travel_mm * axes)
+def _on_line(probes: Poses, end: int) -> Bools:
+    """Return which poses (n,) lie on the line back along the probe axis of one of them."""
+    axis = probes.rotations[end, :, 2]
+    away = probes.translations - probes.translations[end]
+    depth = away @ axis
+    off = np.linalg.norm(away - depth[:, None] * axis, axis=1)
+    turned = np.linalg.norm(np.cross(probes.rotations[:, :, 2], axis), axis=1)
+    return (off < OFF_LINE_MM) & (turned < OFF_LINE_RAD) & (depth < OFF_LINE_MM)
 
 
 def _nearest(model: RobotModel, Ts_base_probe: Poses, qs_rad: Floats) -> tuple[Floats, Bools]:
     """Return the solutions (n, 6) next to given joint angles, and where there is one."""
     found = model.inverse(Ts_base_probe @ model.T_flange_probe.inv())
-    steps = found.qs_rad - qs_rad[:, None, :]
-    steps -= TURN_RAD * np.round(steps / TURN_RAD)
+    steps = wrapped(found.qs_rad - qs_rad[:, None, :])
     size = np.where(found.valid, np.abs(steps).max(axis=2), np.inf)
     best = np.argmin(size, axis=1)
     rows = np.arange(len(qs_rad))
@@ -153,102 +179,64 @@ def _nearest(model: RobotModel, Ts_base_probe: Poses, qs_rad: Floats) -> tuple[F
     return qs_rad + np.where(valid[:, None], steps[rows, best], 0.0), valid
 
 
-def _checks(
-    model: RobotModel,
-    trajectory: Trajectory,
-    travels: Floats,
-    qs: Floats,
-    at: np.typing.NDArray[np.int64],
-    reached: Bools,
-) -> list[Check]:
+def _joint_checks(band: _Band, reached: Bools) -> list[Check]:
     """Return the checks of the joints over the band."""
-    sheet, times = qs[at], trajectory.times_s[at]
+    model, sheet, samples = band.model, band.qs_rad, band.samples
     room = np.rad2deg(model.limits.clearance_rad(sheet).min(axis=(1, 2)))
-    jumps = np.abs(np.diff(sheet, axis=0)).max(axis=(1, 2), initial=0.0)
-    across = np.abs(np.diff(sheet, axis=1))
-    along = np.abs(np.diff(sheet, axis=0)).max(axis=1) / np.diff(times)[:, None]
-    per_mm = across.max(axis=1) / (travels[1] - travels[0])
-    share = (along + MOST_MM_PER_S * per_mm[1:]) / model.speed_rad_per_s
-    steps = np.maximum(np.concatenate(([0.0], jumps)), across.max(axis=(1, 2)))
+    along, across = np.abs(np.diff(sheet, axis=0)), np.abs(np.diff(sheet, axis=1))
+    steps = across.max(axis=(1, 2))
+    steps[1:] = np.maximum(steps[1:], along.max(axis=(1, 2), initial=0.0))
+    per_mm = across.max(axis=1) / (band.travels_mm[1] - band.travels_mm[0])
+    speeds = along.max(axis=1) / np.diff(band.times_s)[:, None] + MOST_MM_PER_S * per_mm[1:]
+    share = 100.0 * (speeds / model.speed_rad_per_s).max(axis=1)
+    step_deg, largest_deg = np.rad2deg(steps), float(np.rad2deg(STEP_RAD))
     return [
-        _check("poses of the band out of reach", ~reached, 0.0, "", at),
-        _check("lack of room to the joint limits in the band", -room, 0.0, "°", at),
-        _check("joint step in the band", np.rad2deg(steps), float(np.rad2deg(STEP_RAD)), "°", at),
-        _check("joint speed in the band", 100.0 * share.max(axis=1), 100.0, "%", at),
+        _check("poses of the band out of reach", ~reached, 0.0, "", samples),
+        _check("lack of room to the joint limits in the band", -room, 0.0, "°", samples),
+        _check("joint step in the band", step_deg, largest_deg, "°", samples),
+        _check("joint speed in the band", share, 100.0, "%", samples),
     ]
 
 
-def _placed_checks(
-    model: RobotModel,
-    trajectory: Trajectory,
-    travels: Floats,
-    qs: Floats,
-    at: np.typing.NDArray[np.int64],
-    probes: Poses,
-) -> list[Check]:
+def _probe_checks(band: _Band) -> list[Check]:
     """Look by Pinocchio where the probe really is, at the corrections and between them."""
-    thin = at[::THINNING]
-    between = (travels[1:] + travels[:-1]) / 2.0
-    arm = PinocchioArm(model)
-    off, tilt = np.zeros(len(thin)), np.zeros(len(thin))
-    for travel in (*travels, *between):
-        weights = interpolation_weights(travels, float(travel))
-        real = arm.tool(np.einsum("m,nmj->nj", weights, qs[thin]), model.T_flange_probe)
-        wanted = _moved(probes, thin, float(travel))
+    some = slice(None, None, THINNING)
+    arm, samples = PinocchioArm(band.model), band.samples[some]
+    off, tilt = np.zeros((2, len(samples)))
+    for travel_mm in band.looked_at():
+        real = arm.tool(band.joints(travel_mm)[some], band.model.T_flange_probe)
+        wanted = band.moved(travel_mm).select(some)
         off = np.maximum(off, np.linalg.norm(real.translations - wanted.translations, axis=1))
         turned = np.cross(real.rotations[:, :, 2], wanted.rotations[:, :, 2])
         tilt = np.maximum(tilt, np.linalg.norm(turned, axis=1))
+    tilt_deg, largest_deg = np.rad2deg(tilt), float(np.rad2deg(TILT_RAD))
     return [
-        _check("distance from the tool axis in the band", off, POSITION_MM, "mm", thin),
-        _check("tilt in the band", np.rad2deg(tilt), float(np.rad2deg(TILT_RAD)), "°", thin),
+        _check("distance from the tool axis in the band", off, POSITION_MM, "mm", samples),
+        _check("tilt in the band", tilt_deg, largest_deg, "°", samples),
     ]
 
 
-def _touch_check(
-    world: CollisionWorld, travels: Floats, qs: Floats, at: np.typing.NDArray[np.int64]
-) -> Check:
+def _touch_check(band: _Band, world: CollisionWorld) -> Check:
     """Look for collisions at every correction and halfway to the next; name the first found."""
-    halfway = (travels[1:] + travels[:-1]) / 2.0
-    for travel in sorted((*travels, *halfway), key=abs):  # the motion itself first
-        weights = interpolation_weights(travels, float(travel))
-        sheet = np.einsum("m,nmj->nj", weights, qs[at])
-        touching = np.flatnonzero(~world.clear(sheet))
-        if len(touching):
-            first = int(touching[0])
-            said = world.report(sheet[first : first + 1])
-            pair = int(said.closest[0])
-            parts, least_mm = said.names[pair], float(said.least_mm[pair])
-            apart_mm = least_mm + float(said.room_mm[0])
+    for travel_mm in band.looked_at():
+        qs = band.joints(travel_mm)
+        for touching in np.flatnonzero(~world.clear(qs))[:1].tolist():
+            pair = world.report(qs[touching][None]).closest_pair(0)
+            name, index = "clearance in the band", int(band.samples[touching])
             sentence = (
-                f"clearance in the band fails: corrected by {travel:g} mm, {parts[0]} and "
-                f"{parts[1]} are {apart_mm:.1f} mm apart at sample {at[first]}, "
-                f"{least_mm:.1f} mm must be kept"
+                f"{name} fails: corrected by {travel_mm:g} mm, {pair.first} and {pair.second} are "
+                f"{pair.apart_mm:.1f} mm apart at sample {index}, {pair.least_mm:.1f} mm must be "
+                f"kept"
             )
-            name = "clearance in the band"
-            return Check(name, apart_mm, least_mm, "mm", int(at[first]), False, sentence)
-    return _check("samples that touch something in the band", np.zeros(1), 0.0, "", at)
+            return Check(name, pair.apart_mm, pair.least_mm, "mm", index, False, sentence)
+    return _check("samples that touch something in the band", np.zeros(1), 0.0, "", band.samples)
 
 
-def interpolation_weights(travels_mm: Floats, travel_mm: float) -> Floats:
-    """Return weights (m,) of the polynomial through values at some corrections, at another."""
-    weights = np.ones(len(travels_mm))
-    for i, own in enumerate(travels_mm):
-        others = np.delete(travels_mm, i)
-        weights[i] = np.prod((travel_mm - others) / (own - others))
-    return weights
-
-
-def _check(
-    name: str,
-    values: Floats | Bools,
-    limit: float,
-    unit: str,
-    samples: np.typing.NDArray[np.int64],
-) -> Check:
+def _check(name: str, values: Floats | Bools, limit: float, unit: str, samples: Ints) -> Check:
     worst = int(np.argmax(values))
-    value, index = float(values[worst]), int(samples[min(worst, len(samples) - 1)])
+    value, index = float(values[worst]), int(samples[worst])
     holds = value <= limit + 1e-9
-    said = f"{value:.4g} {unit}".rstrip()
+    words = f"{value:.4g} {unit}".rstrip()
     verdict = "holds" if holds else "fails"
-    sentence = f"{name} {verdict}: {said} at sample {index}, {limit:.4g} allowed"
+    sentence = f"{name} {verdict}: {words} at sample {index}, {limit:.4g} allowed"
     return Check(name, value, limit, unit, index, holds, sentence)

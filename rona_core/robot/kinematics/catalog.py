@@ -1,11 +1,15 @@
 """The catalogue of robots: models by name, and where their figures come from."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from functools import lru_cache
 
 from rona_core.errors import InvalidInputError
+from rona_core.robot.kinematics import rx90
+from rona_core.robot.kinematics import universal_robots as ur
 from rona_core.robot.kinematics.parameter_sources import Figure
 from rona_core.robot.kinematics.robot_model import RobotModel
+
+KNOWN = ("rx90", *ur.HOME_DEG)
 
 
 def robot_model(name: str = "rx90", overrides: Mapping[str, object] | None = None) -> RobotModel:
@@ -19,9 +23,7 @@ def robot_model(name: str = "rx90", overrides: Mapping[str, object] | None = Non
         InvalidInputError: no robot of that name, its description is not installed, or an override
             is no good.
     """
-    if overrides:
-        return _builder(name)(overrides)
-    return _standard(name)
+    return _built(name, overrides) if overrides else _standard(name)
 
 
 def figures_of(name: str) -> tuple[Figure, ...]:
@@ -30,24 +32,20 @@ def figures_of(name: str) -> tuple[Figure, ...]:
     Raises:
         InvalidInputError: no robot of that name, or its description is not installed.
     """
-    from rona_core.robot.kinematics import rx90
-    from rona_core.robot.kinematics import universal_robots as ur
-
-    _builder(name)  # refuses an unknown name
+    _require_known(name)
     return rx90.PROVENANCE if name == "rx90" else ur.provenance(name, ur.urdf_path(name))
 
 
 @lru_cache(maxsize=8)
 def _standard(name: str) -> RobotModel:
-    return _builder(name)(None)
+    return _built(name, None)
 
 
-def _builder(name: str) -> Callable[[Mapping[str, object] | None], RobotModel]:
-    from rona_core.robot.kinematics.rx90 import rx90  # the makers of a model need the class above
-    from rona_core.robot.kinematics.universal_robots import ur5, ur10
+def _built(name: str, overrides: Mapping[str, object] | None) -> RobotModel:
+    _require_known(name)
+    return rx90.rx90(overrides) if name == "rx90" else ur.ur(name, overrides)
 
-    builders = {"rx90": rx90, "ur5": ur5, "ur10": ur10}
-    if name not in builders:
-        known = ", ".join(builders)
-        raise InvalidInputError(f"there is no robot {name!r}; known robots: {known}")
-    return builders[name]
+
+def _require_known(name: str) -> None:
+    if name not in KNOWN:
+        raise InvalidInputError(f"there is no robot {name!r}; known robots: {', '.join(KNOWN)}")

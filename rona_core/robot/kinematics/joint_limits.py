@@ -47,17 +47,6 @@ class JointLimits:
         return tuple(np.flatnonzero(self.upper_rad - self.lower_rad >= NEARLY_ROUND_RAD).tolist())
 
 
-def unwrap(angles_rad: Floats) -> Floats:
-    """Return angles (n, ...) made continuous along the first axis; the first row stays."""
-    steps = np.diff(angles_rad, axis=0)
-    steps -= TURN_RAD * np.round(steps / TURN_RAD)
-    result = np.zeros_like(angles_rad)
-    result[0] = angles_rad[0]
-    np.cumsum(steps, axis=0, out=result[1:])
-    result[1:] += angles_rad[0]
-    return result
-
-
 def shift_to_fit(angles_rad: Floats, lower_rad: float, upper_rad: float) -> Floats:
     """Return continuous angles (n, b) of one joint, each column shifted by full turns.
 

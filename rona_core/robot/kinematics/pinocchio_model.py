@@ -1,13 +1,13 @@
-"""The robot a second time, as a Pinocchio model: what the verifier trusts instead of the planner.
+"""The robot a second time, as a Pinocchio model: the verifier uses it in place of the planner's.
 
-Where the maker's description is at hand, Pinocchio reads that file itself, so that lengths and
-directions of turning are checked too. Pinocchio works in metres; no other module of this package
-does.
+Where the maker's description is at hand, it is that of the file as it stands, so that lengths and
+directions of turning are checked too. Pinocchio works in metres.
 """
 
 # pyright: reportAttributeAccessIssue=false
 # (the members of pinocchio come from a compiled module without stubs)
 
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -16,12 +16,11 @@ import pinocchio as pin
 from rona_core.errors import InvalidInputError
 from rona_core.geometry.arrays import Floats
 from rona_core.geometry.pose import Pose, Poses
-from rona_core.robot.kinematics.joint_limits import JointLimits
 from rona_core.robot.kinematics.robot_model import RobotModel
 from rona_core.robot.kinematics.spherical_wrist import SphericalWristArm
 
 MM_PER_M = 1000.0
-FLANGE_LINK = "tool0"  # as ROS-Industrial names the flange face in descriptions
+BASE_LINK, FLANGE_LINK = "base_link", "tool0"  # as ROS-Industrial names base and flange face
 N_JOINTS = 6
 
 
@@ -95,14 +94,35 @@ def pinocchio_model(model: RobotModel) -> tuple[Any, int]:
         InvalidInputError: neither a description nor the lengths of a known build.
     """
     if model.urdf is not None:
-        built = pin.buildModelFromUrdf(model.urdf)
-        return built, built.getFrameId(FLANGE_LINK)
+        return read_urdf(model.urdf)
     if isinstance(model.arm, SphericalWristArm):
-        return _from_lengths(model.name, model.arm, model.limits)
+        return _from_lengths(model.name, model.arm)
     raise InvalidInputError(f"{model.name} has no description for Pinocchio to read")
 
 
-def _from_lengths(name: str, arm: SphericalWristArm, limits: JointLimits) -> tuple[Any, int]:
+def read_urdf(path: str | Path) -> tuple[Any, int]:
+    """Return Pinocchio's model of a description, and the number of its flange frame.
+
+    Raises:
+        InvalidInputError: the file cannot be read, or is not one of six turning joints from
+            ``BASE_LINK`` to ``FLANGE_LINK``.
+    """
+    try:
+        built = pin.buildModelFromUrdf(str(path))
+    except (ValueError, RuntimeError) as error:
+        raise InvalidInputError(f"{path} cannot be read as URDF: {error}") from error
+    if not (built.existFrame(BASE_LINK) and built.existFrame(FLANGE_LINK)):
+        raise InvalidInputError(f"{path}: {FLANGE_LINK} does not hang on {BASE_LINK}")
+    base, flange = (built.getFrameId(link) for link in (BASE_LINK, FLANGE_LINK))
+    at_the_ends = built.frames[base].parentJoint == 0 and (
+        built.frames[flange].parentJoint == N_JOINTS
+    )
+    if built.nq != N_JOINTS or built.njoints != N_JOINTS + 1 or not at_the_ends:
+        raise InvalidInputError(f"{path}: expected six turning joints and a flange")
+    return built, flange
+
+
+def _from_lengths(name: str, arm: SphericalWristArm) -> tuple[Any, int]:
     chain = (
         (pin.JointModelRZ(), arm.shoulder_mm),
         (pin.JointModelRY(), 0.0),
@@ -115,16 +135,8 @@ def _from_lengths(name: str, arm: SphericalWristArm, limits: JointLimits) -> tup
     built.name = name
     parent = 0
     for i, (joint, up_mm) in enumerate(chain):
-        parent = built.addJoint(
-            parent,
-            joint,
-            pin.SE3(np.eye(3), np.array((0.0, 0.0, up_mm / MM_PER_M))),
-            f"joint{i + 1}",
-            np.full(1, np.inf),
-            limits.speed_rad_per_s[i : i + 1],
-            limits.lower_rad[i : i + 1],
-            limits.upper_rad[i : i + 1],
-        )
+        placement = pin.SE3(np.eye(3), np.array((0.0, 0.0, up_mm / MM_PER_M)))
+        parent = built.addJoint(parent, joint, placement, f"joint{i + 1}")
     placement = pin.SE3(np.eye(3), np.array((0.0, 0.0, arm.flange_mm / MM_PER_M)))
     frame = pin.Frame("flange", parent, 0, placement, pin.FrameType.OP_FRAME)
     return built, built.addFrame(frame)

@@ -2,14 +2,30 @@
 
 from dataclasses import dataclass, field
 
+import numpy as np
 from numpy.typing import ArrayLike
 
-from rona_core.geometry.arrays import Floats
+from rona_core.devices.marker_geometry import GEOMETRIES
+from rona_core.geometry.arrays import Floats, as_vector3
 from rona_core.geometry.pose import Pose, Poses
-from rona_core.robot.kinematics.ik_solutions import IkSolutions
+from rona_core.robot.kinematics.arm import Arm, IkSolutions, as_posture, wrapped
 from rona_core.robot.kinematics.joint_limits import JointLimits
-from rona_core.robot.kinematics.spherical_wrist import Arm
-from rona_core.robot.kinematics.tool_frames import Tool
+
+TOOL_TIP_FLANGE_MM = (120.0, 0.0, 60.0)
+MARKER_TILT_RAD = np.deg2rad(20.0)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Tool:
+    """The rigid tool: miller and probe in one holder, and the marker plate, as drawn up.
+
+    The probe is clamped in place of the miller, its face where the tip of the miller was. The
+    marker plate looks along +z of ``flange``, away from the wrist, and somewhat back up the tool.
+    """
+
+    T_flange_tip: Pose
+    T_flange_probe: Pose
+    T_flange_toolmarker: Pose
 
 
 @dataclass(frozen=True, slots=True)
@@ -41,9 +57,28 @@ class RobotModel:
         """Return every joint vector that brings the flange to each pose."""
         return self.arm.inverse(Ts_base_flange)
 
+    def follow(self, Ts_base_flange: Poses, q_start_rad: Floats, largest_step_rad: float) -> Floats:
+        """Return joint angles (m, 6) along n poses from a posture (6,), each near the one before.
+
+        They end (m < n) where a joint limit would be passed, or a joint turn by more than the
+        largest step: the arm would go over to another branch.
+        """
+        found = [q_start_rad]
+        solutions = self.inverse(Ts_base_flange)
+        for qs, valid in zip(solutions.qs_rad, solutions.valid, strict=True):
+            steps = wrapped(qs - found[-1])
+            sizes = np.where(valid, np.abs(steps).max(axis=1), np.inf)
+            nearest = int(np.argmin(sizes))
+            q = found[-1] + steps[nearest]
+            if sizes[nearest] > largest_step_rad or self.limits.clearance_rad(q).min() < 0.0:
+                break
+            found.append(q)
+        return np.array(found)[1:]
+
     def joint_poses(self, q_rad: ArrayLike) -> Poses:
         """Return the seven link frames in ``base``, base and links 1 to 6, for drawing."""
-        return self.arm.link_poses(q_rad)
+        rotations, positions = self.arm.link_frames(as_posture(q_rad)[None])
+        return Poses.unchecked(rotations[0], positions[0])
 
     @property
     def lower_rad(self) -> Floats:
@@ -79,3 +114,24 @@ class RobotModel:
     def T_flange_toolmarker(self) -> Pose:  # noqa: N802 (frame grammar)
         """Pose of the marker plate on the flange as drawn up; the true one is calibrated."""
         return self.tool.T_flange_toolmarker
+
+
+def perpendicular_tool(tip_flange: ArrayLike = TOOL_TIP_FLANGE_MM) -> Tool:
+    """Return the tool: its axis along +x of ``flange``, the marker plate looking away from the arm.
+
+    The plate stands above the tool opposite the tip and is tilted back, so that a tracker above
+    the working place sees it.
+    """
+    rotation_tip = (0.0, np.pi / 2.0, 0.0)
+    T_flange_tip = Pose.from_rotvec(rotation_tip, as_vector3(tip_flange, name="tip_flange"))
+    c, s = np.cos(MARKER_TILT_RAD), np.sin(MARKER_TILT_RAD)
+    facing_tip, up_tip = np.array((-c, 0.0, -s)), np.array((s, 0.0, -c))
+    rotation = np.column_stack((np.cross(up_tip, facing_tip), up_tip, facing_tip))
+    T_tip_probe = Pose.identity()  # the face of the probe sits where the tip of the miller was
+    tip_toolmarker = GEOMETRIES["toolmarker"].nominal_tip_marker
+    T_tip_toolmarker = Pose(rotation, -rotation @ tip_toolmarker)
+    return Tool(
+        T_flange_tip=T_flange_tip,
+        T_flange_probe=T_flange_tip @ T_tip_probe,
+        T_flange_toolmarker=T_flange_tip @ T_tip_toolmarker,
+    )

@@ -4,22 +4,30 @@ Lengths, ranges and speeds stand in the URDF file of the package; none of them i
 Accelerations are assumed, as the file has none. See docs/algorithms/robot/universal_robots.md.
 """
 
+import sys
 from collections.abc import Mapping
 from pathlib import Path
+from typing import Any
 
 import numpy as np
+import pinocchio as pin
 
 from rona_core.errors import InvalidInputError
-from rona_core.geometry.arrays import Floats, readonly
+from rona_core.geometry.arrays import readonly
 from rona_core.robot.kinematics.joint_limits import JointLimits
 from rona_core.robot.kinematics.offset_wrist import ParallelArm
 from rona_core.robot.kinematics.parameter_sources import Figure, arrays_of, overridden
-from rona_core.robot.kinematics.robot_model import RobotModel, WorkArea
-from rona_core.robot.kinematics.tool_frames import TOOL_TIP_FLANGE_MM, perpendicular_tool
-from rona_core.robot.kinematics.urdf import UrdfChain, description_path, read_chain
+from rona_core.robot.kinematics.pinocchio_model import MM_PER_M, read_urdf
+from rona_core.robot.kinematics.robot_model import (
+    TOOL_TIP_FLANGE_MM,
+    RobotModel,
+    WorkArea,
+    perpendicular_tool,
+)
 
-BASE_LINK, FLANGE_LINK = "base_link", "tool0"
-AXES = "zyyyzy"
+PACKAGE = "example-robot-data"
+FOLDER = Path("share") / PACKAGE / "robots" / "ur_description" / "urdf"
+AXES = "ZYYYZY"
 PATTERN = (  # which components of each offset the family has: joints 1 to 6 and the flange
     (0, 0, 1),
     (0, 1, 0),
@@ -29,6 +37,10 @@ PATTERN = (  # which components of each offset the family has: joints 1 to 6 and
     (0, 0, 1),
     (0, 1, 0),
 )
+ABOUT_Y = ((0.0, 0.0, 1.0), (0.0, 1.0, 0.0), (-1.0, 0.0, 0.0))  # by a right angle
+ABOUT_X = ((1.0, 0.0, 0.0), (0.0, 0.0, 1.0), (0.0, -1.0, 0.0))  # by one the other way
+STILL = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
+ROTATIONS = np.array((STILL, ABOUT_Y, STILL, ABOUT_Y, STILL, STILL, ABOUT_X))  # at q = 0
 CLOSE_MM, CLOSE = 1e-6, 1e-9  # rounding of the file's numbers
 HOME_DEG = {
     "ur5": (-10.0, -99.0, 56.0, 43.0, 65.0, -90.0),
@@ -48,24 +60,6 @@ WORK_AREAS = {  # the head nearer to the shorter arm
 }
 
 
-def ur5(overrides: Mapping[str, object] | None = None) -> RobotModel:
-    """Return the UR5 with the same tool as the RX90.
-
-    Raises:
-        InvalidInputError: the description is not installed, or an override is no good.
-    """
-    return ur("ur5", overrides)
-
-
-def ur10(overrides: Mapping[str, object] | None = None) -> RobotModel:
-    """Return the UR10 with the same tool as the RX90.
-
-    Raises:
-        InvalidInputError: the description is not installed, or an override is no good.
-    """
-    return ur("ur10", overrides)
-
-
 def ur(
     name: str, overrides: Mapping[str, object] | None = None, *, urdf: str | Path | None = None
 ) -> RobotModel:
@@ -83,7 +77,7 @@ def ur(
     values = arrays_of(overridden(provenance(name, path), overrides))
     return RobotModel(
         name=name,
-        arm=parallel_arm(read_chain(path, BASE_LINK, FLANGE_LINK), path),
+        arm=parallel_arm(path),
         limits=JointLimits(
             lower_rad=np.deg2rad(np.maximum(values["lower_deg"], values["room_lower_deg"])),
             upper_rad=np.deg2rad(np.minimum(values["upper_deg"], values["room_upper_deg"])),
@@ -98,12 +92,20 @@ def ur(
 
 
 def urdf_path(name: str) -> Path:
-    """Return the description of an arm in the installed package.
+    """Return the description of an arm in the package example-robot-data, wherever it is.
 
     Raises:
         InvalidInputError: it is not installed.
     """
-    return description_path(f"ur_description/urdf/{name}_robot.urdf")
+    packages = (Path(folder) / "cmeel.prefix" for folder in sys.path)
+    for prefix in (*packages, *Path(pin.__file__).parents):  # those of pip, and of conda
+        path = prefix / FOLDER / f"{name}_robot.urdf"
+        if path.is_file():
+            return path
+    raise InvalidInputError(
+        f"the description of the {name} is not installed: it needs the package {PACKAGE} "
+        f"(pip install {PACKAGE})"
+    )
 
 
 def provenance(name: str, path: str | Path) -> tuple[Figure, ...]:
@@ -112,8 +114,7 @@ def provenance(name: str, path: str | Path) -> tuple[Figure, ...]:
     Raises:
         InvalidInputError: the file cannot be read, or describes an arm of another build.
     """
-    chain = read_chain(path, BASE_LINK, FLANGE_LINK)
-    arm = parallel_arm(chain, path)
+    arm, (described, _) = parallel_arm(path), read_urdf(path)
     source = f"{Path(path).name} of example-robot-data"
     lengths = [
         Figure(words, "", (getattr(arm, field),), "mm", "description", source)
@@ -131,9 +132,9 @@ def provenance(name: str, path: str | Path) -> tuple[Figure, ...]:
     stated = [
         Figure(words, key, _degrees(values), unit, "description", source)
         for words, key, values, unit in (
-            ("lower limit", "lower_deg", chain.lower_rad, "deg"),
-            ("upper limit", "upper_deg", chain.upper_rad, "deg"),
-            ("speed", "speed_deg_per_s", chain.speed_rad_per_s, "deg/s"),
+            ("lower limit", "lower_deg", described.lowerPositionLimit, "deg"),
+            ("upper limit", "upper_deg", described.upperPositionLimit, "deg"),
+            ("speed", "speed_deg_per_s", described.velocityLimit, "deg/s"),
         )
     ]
     chosen = [
@@ -161,24 +162,22 @@ def provenance(name: str, path: str | Path) -> tuple[Figure, ...]:
     return (*lengths, *stated, *chosen)
 
 
-def parallel_arm(chain: UrdfChain, path: str | Path) -> ParallelArm:
-    """Return the lengths of an arm with three parallel axes.
+def parallel_arm(path: str | Path) -> ParallelArm:
+    """Return the lengths of an arm with three parallel axes from its description.
 
     Raises:
-        InvalidInputError: the chain is of another build.
+        InvalidInputError: the file cannot be read, or describes an arm of another build.
     """
-    directions = np.array([np.eye(3)["xyz".index(axis)] for axis in AXES])
-    off = np.where(np.array(PATTERN) == 1, 0.0, chain.offsets_mm)
-    same = (
-        np.abs(off).max() <= CLOSE_MM
-        and np.abs(chain.axes - directions).max() <= CLOSE
-        and np.abs(chain.rotations - _turns()).max() <= CLOSE
-    )
-    if not same:
+    described, flange = read_urdf(path)
+    placements = [*list(described.jointPlacements)[1:], described.frames[flange].placement]
+    offsets = MM_PER_M * np.array([placement.translation for placement in placements])
+    rotations = np.array([placement.rotation for placement in placements])
+    axes = "".join(joint.shortname()[-1] for joint in list(described.joints)[1:])
+    off = np.where(np.array(PATTERN) == 1, 0.0, offsets)
+    if axes != AXES or np.abs(off).max() > CLOSE_MM or np.abs(rotations - ROTATIONS).max() > CLOSE:
         raise InvalidInputError(
             f"{path}: not an arm with axes {AXES}, three parallel, as those of the UR family"
         )
-    offsets = chain.offsets_mm
     return ParallelArm(
         shoulder_mm=float(offsets[0, 2]),
         shoulder_side_mm=float(offsets[1, 1]),
@@ -191,13 +190,5 @@ def parallel_arm(chain: UrdfChain, path: str | Path) -> ParallelArm:
     )
 
 
-def _turns() -> Floats:
-    """Return the rotations (7, 3, 3) of the joints at zero in this family."""
-    right = np.array(((0.0, 0.0, 1.0), (0.0, 1.0, 0.0), (-1.0, 0.0, 0.0)))  # about y
-    forwards = np.array(((1.0, 0.0, 0.0), (0.0, 0.0, 1.0), (0.0, -1.0, 0.0)))  # about -x
-    still = np.eye(3)
-    return np.stack((still, right, still, right, still, still, forwards))
-
-
-def _degrees(angles_rad: Floats) -> tuple[float, ...]:
-    return tuple(float(angle) for angle in np.rad2deg(angles_rad))
+def _degrees(angles_rad: Any) -> tuple[float, ...]:
+    return tuple(np.rad2deg(angles_rad).tolist())

@@ -1,27 +1,39 @@
-"""Drawn meshes of the robots: solids built from the published dimensions, for the eye only.
+"""Drawn meshes of the robots and the tool: solids from the published dimensions, for the eye only.
 
 The outlines of the RX90 follow its drawing (docs/algorithms/robot/rx90.md), those of the other arms
 their lengths; they are not the makers' geometry and no input of any algorithm.
 """
 
+from dataclasses import dataclass
+
+import numpy as np
+
+from rona_core.devices.marker_geometry import GEOMETRIES
+from rona_core.devices.protocols import Mesh
 from rona_core.errors import InvalidInputError
-from rona_core.robot.collision.solids import along_axis, merged, slab, turned
+from rona_core.robot.collision.solids import (
+    along_axis,
+    ball,
+    force_sensor,
+    merged,
+    moved,
+    rod,
+    slab,
+    turned,
+)
 from rona_core.robot.collision.ur_solids import ur_solids
 from rona_core.robot.kinematics.offset_wrist import ParallelArm
 from rona_core.robot.kinematics.robot_model import RobotModel
 from rona_core.robot.kinematics.spherical_wrist import SphericalWristArm
-from rona_core.robot.meshes.tool_mesh import (
-    GREY,
-    SPHERE_RADIUS_MM,
-    STEEL,
-    WHITE,
-    LinkShape,
-    Rgb,
-    tool_shapes,
-)
 
-__all__ = ["SPHERE_RADIUS_MM", "LinkShape", "link_shapes"]
+Rgb = tuple[int, int, int]
 
+WHITE: Rgb = (232, 230, 222)
+GREY: Rgb = (74, 79, 86)
+STEEL: Rgb = (176, 182, 188)
+BLACK: Rgb = (38, 40, 44)
+DELAY_LINE: Rgb = (120, 196, 214)
+SPHERE: Rgb = (214, 220, 226)
 YELLOW: Rgb = (242, 190, 58)
 TUBE: Rgb = (206, 210, 214)
 HOUSING: Rgb = (222, 225, 228)
@@ -47,7 +59,19 @@ UR_COLORS: dict[Rgb, tuple[str, ...]] = {
         "forearm head",
     ),
 }
+SPHERE_RADIUS_MM = 5.75  # the common reflective marker
+PROBE_RADIUS_MM = 3.175  # a quarter of an inch across
 ARM_SIDE_MM = (96.0, 188.0)  # the upper arm runs beside the plane of the wrist
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class LinkShape:
+    """One coloured solid that moves with a link."""
+
+    frame: int  # index of the link frame of ``RobotModel.joint_poses`` it is attached to
+    name: str
+    color_rgb: Rgb  # 0 to 255
+    mesh: Mesh  # mm, in that link frame
 
 
 def link_shapes(model: RobotModel) -> tuple[LinkShape, ...]:
@@ -56,36 +80,21 @@ def link_shapes(model: RobotModel) -> tuple[LinkShape, ...]:
     Raises:
         InvalidInputError: no shape is known for this robot.
     """
-    makers = {"rx90": _rx90, "ur5": _universal_robot, "ur10": _universal_robot}
-    if model.name not in makers:
-        known = ", ".join(makers)
-        raise InvalidInputError(f"there is no shape for {model.name!r}; known shapes: {known}")
-    return makers[model.name](model)
+    if isinstance(model.arm, SphericalWristArm):
+        arm = _rx90(model.arm)
+    elif isinstance(model.arm, ParallelArm):
+        colors = {name: color for color, names in UR_COLORS.items() for name in names}
+        arm = tuple(
+            LinkShape(solid.frame, solid.name, colors[solid.name], solid.mesh)
+            for solid in ur_solids(model.arm)
+        )
+    else:
+        raise InvalidInputError(f"there is no shape for the build of {model.name!r}")
+    return (*arm, *tool_shapes(model))
 
 
-def _rx90(model: RobotModel) -> tuple[LinkShape, ...]:
-    arm = model.arm
-    if not isinstance(arm, SphericalWristArm):
-        raise InvalidInputError(f"{model.name} is drawn as an arm with a spherical wrist")
-    return (
-        *_base(arm),
-        *_upper_arm(arm),
-        *_forearm(arm),
-        *_wrist(),
-        *_flange(arm),
-        *tool_shapes(model),
-    )
-
-
-def _universal_robot(model: RobotModel) -> tuple[LinkShape, ...]:
-    if not isinstance(model.arm, ParallelArm):
-        raise InvalidInputError(f"{model.name} is drawn as an arm with three parallel axes")
-    colors = {name: color for color, names in UR_COLORS.items() for name in names}
-    solids = ur_solids(model.arm)
-    return (
-        *(LinkShape(solid.frame, solid.name, colors[solid.name], solid.mesh) for solid in solids),
-        *tool_shapes(model),
-    )
+def _rx90(arm: SphericalWristArm) -> tuple[LinkShape, ...]:
+    return (*_base(arm), *_upper_arm(arm), *_forearm(arm), *_wrist(), *_flange(arm))
 
 
 def _base(arm: SphericalWristArm) -> tuple[LinkShape, ...]:
@@ -163,3 +172,55 @@ def _flange(arm: SphericalWristArm) -> tuple[LinkShape, ...]:
     low = 57.0 - arm.flange_mm
     flange = turned(((0, low), (40, low), (50, low + 10), (50, 0), (0, 0)), edge_mm=3.0)
     return (LinkShape(6, "flange", STEEL, flange),)
+
+
+def tool_shapes(model: RobotModel) -> tuple[LinkShape, ...]:
+    """Return the solids on the flange; all move with link 6."""
+    return (
+        LinkShape(6, "force sensor", BLACK, force_sensor()),
+        *_tool(model),
+        *_marker_plate(model),
+    )
+
+
+def _tool(model: RobotModel) -> tuple[LinkShape, ...]:
+    """Return holder, probe body and delay line, built about the tool axis (z of ``tip``)."""
+    T_flange_tip = model.T_flange_tip
+    height_mm = float(T_flange_tip.translation[2])
+    plate = turned(((0, 22), (36, 22), (36, 30), (0, 30)), edge_mm=2.0)
+    block = slab((30.0, 24.0), (height_mm, 17.0), (-17.0, 17.0), edge_mm=5.0)
+    clamp = turned(((0, -128), (27, -128), (27, -92), (0, -92)), edge_mm=4.0)
+    body = turned(
+        ((0, -136), (14, -136), (19, -128), (19, -66), (12, -46), (9, -34), (0, -34)), edge_mm=4.0
+    )
+    ring = turned(((0, -36), (10, -36), (10, -30), (0, -30)), around=24)
+    cone = turned(((0, -30), (8.5, -30), (PROBE_RADIUS_MM, 0.0), (0, 0)), around=24)
+    solids = (
+        ("probe body", STEEL, body),
+        ("probe ring", BLACK, ring),
+        ("delay line", DELAY_LINE, cone),
+    )
+    return (
+        LinkShape(6, "tool holder", GREY, merged(plate, block, moved(clamp, T_flange_tip))),
+        *(LinkShape(6, name, color, moved(mesh, T_flange_tip)) for name, color, mesh in solids),
+    )
+
+
+def _marker_plate(model: RobotModel) -> tuple[LinkShape, ...]:
+    """Return the rigid body of four reflective balls on a cross, carried by a stem."""
+    T_flange_toolmarker = model.T_flange_toolmarker
+    positions = GEOMETRIES["toolmarker"].positions_marker
+    behind = np.array((0.0, 0.0, -12.0))
+    hub = positions.mean(axis=0) + behind
+    bars = [rod(hub + 0.15 * (place - hub), place, 4.0) for place in positions + behind]
+    posts = [rod(position + behind, position, 2.2) for position in positions]
+    T_toolmarker_tip = T_flange_toolmarker.inv() @ model.T_flange_tip
+    root = T_toolmarker_tip @ np.array((0.0, 0.0, -112.0))
+    stem = rod(root, hub, 6.0)
+    disc = along_axis(turned(((0, -4), (13, -4), (13, 4), (0, 4)), edge_mm=2.0), "z", hub)
+    balls = merged(*(along_axis(ball(SPHERE_RADIUS_MM), "z", position) for position in positions))
+    cross = merged(*bars, *posts, stem, disc)
+    return (
+        LinkShape(6, "marker plate", BLACK, moved(cross, T_flange_toolmarker)),
+        LinkShape(6, "marker balls", SPHERE, moved(balls, T_flange_toolmarker)),
+    )

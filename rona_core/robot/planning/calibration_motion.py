@@ -15,13 +15,14 @@ from rona_core.devices.settings import require
 from rona_core.errors import InvalidInputError, NotReachableError
 from rona_core.geometry.arrays import Floats, Ints, as_vector3, readonly
 from rona_core.geometry.pose import Pose, Poses
-from rona_core.robot.collision.collision_world import clear_among, require_clear
+from rona_core.robot.collision.collision_world import CollisionWorld, require_clear
 from rona_core.robot.collision.edge_check import Clear
 from rona_core.robot.collision.obstacles import Obstacles
 from rona_core.robot.kinematics.robot_model import RobotModel
 from rona_core.robot.redundancy.margins import MarginLimits, compute_margins
-from rona_core.robot.trajectory.joint_moves import SAMPLE_S, clear_move
+from rona_core.robot.trajectory.joint_moves import clear_move, sample_times
 from rona_core.robot.trajectory.time_parameterization import SpeedLimits, parameterize_time
+from rona_core.robot.trajectory.trajectory import SAMPLE_S, sampled_motion
 from rona_core.robot.verification.certificate import Certificate
 from rona_core.robot.verification.verifier import verify_motion
 
@@ -110,20 +111,22 @@ def plan_tool_motion(
     qs_legs = _reach(model, legs)
     clear = None
     if obstacles is not None:
+        clear = CollisionWorld(model, obstacles).clear
         require_clear(model, obstacles, model.home_rad, "rests")
-        q_stops = [qs[0] for qs in qs_legs] + [qs_legs[-1][-1]]
-        _require_clear_stops(model, obstacles, np.array(q_stops))
-        clear = clear_among(model, obstacles)
+        q_stops = np.array([qs[0] for qs in qs_legs] + [qs_legs[-1][-1]])
+        for stop in np.flatnonzero(~clear(q_stops))[:1].tolist():
+            place = f"is to rest at place {stop + 1} of {len(q_stops)} (a smaller cone may help)"
+            require_clear(model, obstacles, q_stops[stop], place)
     qs, starts, ends = _samples(model, legs, qs_legs, settings.dwell_s, clear)
-    times = readonly(np.arange(len(qs), dtype=np.float64) * SAMPLE_S)
+    motion = sampled_motion(qs)
     return ToolMotion(
-        times_s=times,
-        qs_rad=qs,
-        dwell_start_s=readonly(times[starts].copy()),
-        dwell_end_s=readonly(times[ends].copy()),
+        times_s=motion.times_s,
+        qs_rad=motion.qs_rad,
+        dwell_start_s=readonly(motion.times_s[starts]),
+        dwell_end_s=readonly(motion.times_s[ends]),
         phases=readonly(phases.astype(np.int64)),
         T_base_tip_center=center,
-        certificate=verify_motion(model, _Timed(times, qs), obstacles=obstacles),
+        certificate=verify_motion(model, motion, obstacles=obstacles),
     )
 
 
@@ -159,21 +162,7 @@ def _samples(
         length += len(stay) + len(leg)
     parts.append(clear_move(model, qs_legs[-1][-1], model.home_rad, clear)[1:])
     starts, ends = np.array(dwells).T
-    return readonly(np.concatenate(parts)), starts, ends
-
-
-def _require_clear_stops(model: RobotModel, obstacles: Obstacles, qs_rad: Floats) -> None:
-    """Raise NotReachableError where the robot would touch something at one of the stops (n, 6)."""
-    touched = np.flatnonzero(~clear_among(model, obstacles)(qs_rad))
-    for stop in touched[:1].tolist():
-        place = f"is to rest at place {stop + 1} of {len(qs_rad)} (a smaller cone may help)"
-        require_clear(model, obstacles, qs_rad[stop], place)
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class _Timed:
-    times_s: Floats
-    qs_rad: Floats
+    return np.concatenate(parts), starts, ends
 
 
 def _upright(tip_base: Floats, facing_base: Floats) -> Pose:
@@ -248,11 +237,9 @@ def _drive(model: RobotModel, leg: Poses, qs_rad: Floats) -> Floats:
     """Return samples (m, 6) of one leg, ``SAMPLE_S`` apart, from rest to rest."""
     markers = (leg @ model.T_flange_tip.inv() @ model.T_flange_toolmarker).translations
     way_mm = np.concatenate(([0.0], np.cumsum(np.linalg.norm(np.diff(markers, axis=0), axis=1))))
-    timed = parameterize_time(
-        way_mm, qs_rad, markers, LEGS, model.speed_rad_per_s, model.acceleration_rad_per_s2
-    )
-    count = max(1, int(np.ceil(timed.duration_s / SAMPLE_S - 1e-9)))
-    ways = timed.way_at(np.linspace(0.0, timed.duration_s, count + 1))
+    timed = parameterize_time(way_mm, qs_rad, markers, LEGS, model.limits)
+    times = sample_times(timed.duration_s)
+    ways = timed.way_at(times * (timed.duration_s / times[-1]))
     qs = timed.joints(ways)
     qs[0], qs[-1] = qs_rad[0], qs_rad[-1]
     return qs

@@ -9,33 +9,25 @@ from rona_core.devices.protocols import Cancel, Progress, never, silent
 from rona_core.devices.settings import require
 from rona_core.errors import InvalidInputError, NotReachableError
 from rona_core.geometry.arrays import Floats
-from rona_core.geometry.path5d import Path5D
-from rona_core.robot.collision.collision_world import CollisionWorld, clear_among
+from rona_core.geometry.path5d import Path5D, resample_path
+from rona_core.robot.collision.collision_world import CollisionWorld
 from rona_core.robot.collision.edge_check import Clear
 from rona_core.robot.collision.obstacles import Obstacles
 from rona_core.robot.kinematics.robot_model import RobotModel
 from rona_core.robot.planning.plan import RobotPlan
-from rona_core.robot.redundancy.choice import (
-    Choice,
-    RollMode,
+from rona_core.robot.redundancy.collision_filter import no_way, remove_blocked_rolls, remove_rolls
+from rona_core.robot.redundancy.constant_roll import (
+    RollEvaluation,
     choose_constant_roll,
-    search_without_roll,
-    with_constant_roll,
-    with_variable_roll,
+    evaluate_constant_rolls,
     working_set_deg,
 )
-from rona_core.robot.redundancy.collision_filter import no_way, remove_blocked_rolls, remove_rolls
 from rona_core.robot.redundancy.cost import RollCost
-from rona_core.robot.redundancy.evaluate_rolls import RollEvaluation, evaluate_constant_rolls
-from rona_core.robot.redundancy.joint_path import joint_path
-from rona_core.robot.redundancy.margins import MarginLimits
-from rona_core.robot.redundancy.result import RollSearch
-from rona_core.robot.redundancy.variable.infeasibility import NAME
-from rona_core.robot.redundancy.variable.plan_variable_roll import plan_variable_roll
-from rona_core.robot.trajectory.path_timing import ScanSettings
-from rona_core.robot.trajectory.resample import resample_path
-from rona_core.robot.trajectory.retract import LEAST_STANDOFF_MM
-from rona_core.robot.trajectory.scan_timing import time_scan
+from rona_core.robot.redundancy.infeasibility import NAME
+from rona_core.robot.redundancy.margins import MarginLimits, joint_path
+from rona_core.robot.redundancy.result import Choice, RollMode, RollSearch
+from rona_core.robot.redundancy.variable_roll import plan_variable_roll
+from rona_core.robot.trajectory.scan_timing import LEAST_STANDOFF_MM, ScanSettings, time_scan
 from rona_core.robot.verification.verifier import verify_scan
 
 MAX_TRIES = 4  # constant rolls that are timed and verified before giving up,
@@ -100,7 +92,8 @@ def plan_scan(
         CancelledError: somebody cancelled.
     """
     settings = settings or PlanSettings()
-    require(path.arc_length_mm()[-1] > 0.0, "a scan path needs two different points")
+    if path.arc_length_mm()[-1] <= 0.0:
+        raise InvalidInputError("a scan path needs two different points")
     evaluation = evaluate_constant_rolls(
         resample_path(path),
         model,
@@ -154,7 +147,7 @@ def choose_roll(
         f"roll {index} can be followed on the branches {possible}, not on {branch}",
     )
     obstacles = settings.obstacles
-    clear = None if obstacles is None else clear_among(model, obstacles)
+    clear = None if obstacles is None else CollisionWorld(model, obstacles).clear
     return _MotionPlanner(model, settings, clear).constant(
         search, index, verdict.branch if branch is None else branch
     )
@@ -173,7 +166,7 @@ class _MotionPlanner:
         roll_rad = float(np.deg2rad(search.verdicts[index].roll_deg))
         margin_limits = self.settings.margin_limits
         qs = joint_path(search.path, self.model, roll_rad, branch, margin_limits)
-        return self._timed(with_constant_roll(search, index, branch, qs), qs)
+        return self._timed(search.with_constant_roll(index, branch, qs), qs)
 
     def variable(self, evaluation: RollEvaluation, progress: Progress, cancel: Cancel) -> RobotPlan:
         """Return the plan with a varying roll; its mode is ``none`` if there is none."""
@@ -185,20 +178,18 @@ class _MotionPlanner:
             progress=progress,
             cancel=cancel,
         )
-        search = search_without_roll(evaluation, verdict)
+        search = evaluation.search(verdict)
         if curve is None:
             return RobotPlan(self.model.name, search)
         try:
-            return self._timed(with_variable_roll(search, curve), curve.qs_rad)
+            return self._timed(search.with_variable_roll(curve), curve.qs_rad)
         except NotReachableError as error:
             stuck = replace(verdict, feasible=False, reason="reach", sentence=f"{NAME}: {error}")
             return RobotPlan(self.model.name, replace(search, varying=stuck))
 
     def _timed(self, search: RollSearch, qs_rad: Floats) -> RobotPlan:
         model, scan = self.model, self.settings.scan
-        trajectory = time_scan(
-            search.path, qs_rad, model, scan, branch=search.branch, clear=self.clear
-        )
+        trajectory = time_scan(search.path, qs_rad, model, scan, clear=self.clear)
         certificate = verify_scan(
             model,
             trajectory,
@@ -231,7 +222,7 @@ def _candidates(
     if planner.settings.mode != "variable":
         evaluation = yield from _constant_candidates(evaluation, planner, progress)
     if planner.settings.mode == "constant":
-        yield RobotPlan(planner.model.name, search_without_roll(evaluation))
+        yield RobotPlan(planner.model.name, evaluation.search())
     else:
         yield planner.variable(
             evaluation,
@@ -256,7 +247,7 @@ def _constant_candidates(
             break
         branch = evaluation.verdicts[index].branch
         try:
-            candidate = planner.constant(search_without_roll(evaluation), index, branch)
+            candidate = planner.constant(evaluation.search(), index, branch)
             yield candidate
             cause = no_way(_refusal(candidate))
         except NotReachableError as error:  # there is no way to the path or back

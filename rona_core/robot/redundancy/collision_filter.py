@@ -12,16 +12,11 @@ import numpy as np
 from rona_core.errors import NotReachableError
 from rona_core.geometry.arrays import Floats, Ints
 from rona_core.robot.collision.collision_world import CollisionWorld
-from rona_core.robot.redundancy.constant_roll import constant_roll_margins
-from rona_core.robot.redundancy.evaluate_rolls import RollEvaluation
-from rona_core.robot.redundancy.infeasibility import (
-    FailureCause,
-    feasible_verdict,
-    infeasible_verdict,
-)
-from rona_core.robot.redundancy.joint_path import joint_path
+from rona_core.robot.redundancy.constant_roll import RollEvaluation, constant_roll_margins
+from rona_core.robot.redundancy.infeasibility import FailureCause, verdict_on
+from rona_core.robot.redundancy.margins import joint_path
 from rona_core.robot.redundancy.result import RankedRoll
-from rona_core.robot.trajectory.retract import LEAST_STANDOFF_MM, retract_line
+from rona_core.robot.trajectory.scan_timing import LEAST_STANDOFF_MM, retract_line
 
 EVERY = 4  # path points from one check to the next; the verifier checks all, and in between
 
@@ -55,9 +50,7 @@ def remove_blocked_rolls(
             continue
         for end in (0, last):
             try:
-                retract_line(
-                    evaluation.grid.model, curve[end], pair.branch, LEAST_STANDOFF_MM, clear
-                )
+                retract_line(evaluation.grid.model, curve[end], LEAST_STANDOFF_MM, clear)
             except NotReachableError as error:
                 refused[pair.index, pair.branch] = lambda end=end, e=error: (end, no_way(str(e)))
                 break
@@ -76,21 +69,16 @@ def remove_rolls(evaluation: RollEvaluation, refused: Mapping[Pair, Cause]) -> R
     qs, margins, branches = rolls.qs_rad.copy(), rolls.margins.copy(), rolls.branches.copy()
     for i in sorted({index for index, _ in refused}):
         verdict = verdicts[i]
-        name = f"roll {verdict.roll_deg:.4g}°"
         kept = next((pair for pair in ranked if pair.index == i), None)
         if kept is None:
             place, cause = refused[i, verdict.branch]()
             branch, margin = verdict.branch, verdict.margin
-            verdicts[i] = infeasible_verdict(
-                name, verdict.roll_deg, branch, margin, place, n, cause
-            )
-            if cause.reason == "no way":
-                verdicts[i] = replace(verdicts[i], sentence=f"{name}: {cause.words}")
+            verdicts[i] = verdict_on(verdict.roll_deg, branch, margin, place, n, cause)
         elif kept.branch != verdict.branch:
             margins[i] = constant_roll_margins(evaluation.grid, kept.branch)[i]
             branches[i], qs[:, i] = kept.branch, _curve(evaluation, kept).T
             worst = int(np.argmin(margins[i]))
-            verdicts[i] = feasible_verdict(name, verdict.roll_deg, kept.branch, kept.margin, worst)
+            verdicts[i] = verdict_on(verdict.roll_deg, kept.branch, kept.margin, worst, n)
     return replace(
         evaluation,
         rolls=replace(rolls, qs_rad=qs, margins=margins, branches=branches),
@@ -118,9 +106,10 @@ def _collision(
     """Return where the robot first touches something at path points (k,), and what."""
     report = world.report(qs_rad)
     hit = max(0, report.first_hit)
-    pair = int(report.closest[hit])
-    wanted = float(report.least_mm[pair])
-    apart = wanted + float(report.room_mm[hit])
-    first, second = report.names[pair]
-    words = f"{first} and {second} are {apart:.1f} mm apart, {wanted:.0f} mm are needed,"
-    return int(path_points[hit]), FailureCause("blocked", 0, apart, wanted, "mm", words)
+    pair = report.closest_pair(hit)
+    words = (
+        f"{pair.first} and {pair.second} are {pair.apart_mm:.1f} mm apart, "
+        f"{pair.least_mm:.0f} mm are needed,"
+    )
+    cause = FailureCause("blocked", 0, pair.apart_mm, pair.least_mm, "mm", words)
+    return int(path_points[hit]), cause

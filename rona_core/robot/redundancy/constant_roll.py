@@ -1,13 +1,55 @@
-"""Constant rolls on every branch: least margin, where it is, and where each first fails."""
+"""Constant rolls of a working set on every branch: margins, verdicts, ranking and choice.
+
+Each roll is followed along the whole path on each branch of the arm: reach, singularities, joint
+limits, discontinuities (RONA, Section III.D and Figure 8).
+"""
 
 from dataclasses import dataclass
 
 import numpy as np
 
-from rona_core.geometry.arrays import Floats, Ints
+from rona_core.devices.protocols import Cancel, Progress, never, silent
+from rona_core.devices.settings import require
+from rona_core.geometry.arrays import Floats, Ints, readonly
+from rona_core.geometry.path5d import Path5D
 from rona_core.robot.kinematics.joint_limits import TURN_RAD, shift_to_fit
-from rona_core.robot.redundancy.margins import EVEN_DIGITS
-from rona_core.robot.redundancy.roll_grid import RollGrid
+from rona_core.robot.kinematics.robot_model import RobotModel
+from rona_core.robot.redundancy.infeasibility import find_failure_cause, verdict_on
+from rona_core.robot.redundancy.margins import (
+    EVEN_DIGITS,
+    MarginLimits,
+    flange_poses,
+    joint_limit_margin,
+)
+from rona_core.robot.redundancy.result import Choice, RankedRoll, RollSearch, RollVerdict
+from rona_core.robot.redundancy.roll_grid import RollGrid, solve_roll_grid
+
+FULL_TURN_DEG = 360.0
+MAX_SHOWN = 240  # samples of each joint curve that are kept for drawing
+
+
+def working_set_deg(n_rolls: int, roll_from_deg: float, roll_to_deg: float) -> Floats:
+    """Return the working set V of rolls (n,), evenly spaced; a full turn ends before its start.
+
+    Raises:
+        InvalidInputError: no roll, or an empty or endless range.
+    """
+    require(1 <= n_rolls <= 3600, f"n_rolls must be 1 to 3600, not {n_rolls}")
+    span = roll_to_deg - roll_from_deg
+    require(
+        bool(np.isfinite(span)) and 0.0 <= span <= FULL_TURN_DEG,
+        f"rolls must run upwards over at most 360 degrees, not {roll_from_deg} to {roll_to_deg}",
+    )
+    whole = span > FULL_TURN_DEG - 1e-9
+    return np.linspace(roll_from_deg, roll_to_deg, n_rolls, endpoint=not whole)
+
+
+def choose_constant_roll(verdicts: tuple[RollVerdict, ...], choice: Choice) -> int:
+    """Choose the feasible roll with the largest margin, or the first; -1 where none is feasible."""
+    feasible = [i for i, verdict in enumerate(verdicts) if verdict.feasible]
+    if choice == "first":
+        return min(feasible, default=-1)
+    return max(feasible, key=lambda i: verdicts[i].margin, default=-1)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -34,7 +76,7 @@ def follow_constant_rolls(grid: RollGrid) -> ConstantRolls:
     qs = np.ascontiguousarray(grid.qs_rad[branches, :, rolls].transpose(1, 0, 2))
     for joint in np.flatnonzero(grid.turning):
         lower, upper = float(model.lower_rad[joint]), float(model.upper_rad[joint])
-        qs[joint] = shift_to_fit(unwrapped(qs[joint]).T, lower, upper).T
+        qs[joint] = shift_to_fit(np.unwrap(qs[joint]).T, lower, upper).T
     return ConstantRolls(least, first, branches, margins[branches, rolls], qs)
 
 
@@ -54,8 +96,7 @@ def constant_roll_margins(grid: RollGrid, branch: int) -> Floats:
             steps -= TURN_RAD * turns
             lower, upper = float(limits.lower_rad[joint]), float(limits.upper_rad[joint])
             shifted = shift_to_fit(_turned(q, turns).T, lower, upper).T
-            off_middle = np.abs(shifted - (lower + upper) / 2.0)
-            limit = ((upper - lower) / 2.0 - off_middle) / margin_limits.limit_unit_rad
+            limit = joint_limit_margin(shifted, limits, joint, margin_limits, turning=False)
             np.minimum(margins, limit, out=margins)
         np.maximum(widest, np.abs(steps, out=steps), out=widest)
     jump = (margin_limits.step_rad - widest) / margin_limits.step_unit_rad
@@ -63,11 +104,6 @@ def constant_roll_margins(grid: RollGrid, branch: int) -> Floats:
     # the first sample has no step that leads to it
     at_rest = margin_limits.step_rad / margin_limits.step_unit_rad
     return np.minimum(margins, at_rest, out=margins)
-
-
-def unwrapped(angles_rad: Floats) -> Floats:
-    """Return angles (..., n) made continuous along the last axis; the first stays."""
-    return _turned(angles_rad, np.round(np.diff(angles_rad, axis=-1) / TURN_RAD))
 
 
 def _turned(angles_rad: Floats, turns: Floats) -> Floats:
@@ -91,3 +127,79 @@ def best_branch(margins: Floats, first: Ints) -> int:
     if even.max() >= 0.0:
         return int(np.argmax(even))
     return max(range(len(even)), key=lambda branch: (int(first[branch]), float(even[branch])))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class RollEvaluation:
+    """Everything known of constant rolls on one path; working memory of a search, never stored."""
+
+    grid: RollGrid
+    rolls: ConstantRolls
+    verdicts: tuple[RollVerdict, ...]
+    ranked: tuple[RankedRoll, ...]  # feasible rolls and branches, largest margin first
+
+    def search(self, varying: RollVerdict | None = None) -> RollSearch:
+        """Return the search with every verdict, that on a varying roll too, and no roll chosen."""
+        grid, rolls = self.grid, self.rolls
+        shown = np.unique(np.round(np.linspace(0, grid.n_points - 1, MAX_SHOWN)).astype(np.int64))
+        nodes = np.minimum.reduceat(grid.margins.max(axis=0), shown, axis=1).T
+        return RollSearch(
+            mode="none",
+            verdicts=self.verdicts,
+            ranked=self.ranked,
+            varying=varying,
+            chosen=-1,
+            branch=-1,
+            rolls_rad=readonly(np.zeros(grid.n_points)),
+            path=grid.path,
+            shown_points=readonly(shown),
+            curves_rad=readonly(rolls.qs_rad[:, :, shown].transpose(1, 2, 0).astype(np.float32)),
+            room=readonly(np.minimum.reduceat(rolls.margins, shown, axis=1).astype(np.float32)),
+            node_room=readonly(nodes.astype(np.float32)),
+            chosen_curve_rad=readonly(np.zeros((0, 6), dtype=np.float32)),
+        )
+
+
+def evaluate_constant_rolls(
+    path: Path5D,
+    model: RobotModel,
+    rolls_deg: Floats,
+    margin_limits: MarginLimits,
+    *,
+    progress: Progress = silent,
+    cancel: Cancel = never,
+) -> RollEvaluation:
+    """Evaluate constant rolls (R,) in degrees, ascending and evenly spaced, on every branch.
+
+    Raises:
+        DegenerateGeometryError: neighbouring axes of the path are opposite.
+        CancelledError: somebody cancelled.
+    """
+    rolls_rad = np.deg2rad(rolls_deg)
+    grid = solve_roll_grid(path, model, rolls_rad, margin_limits, progress=progress, cancel=cancel)
+    rolls = follow_constant_rolls(grid)
+    pairs = np.argwhere(rolls.branch_margins.T >= 0.0).tolist()
+    ranked = [RankedRoll(i, branch, float(rolls.branch_margins[branch, i])) for i, branch in pairs]
+    ranked.sort(key=lambda pair: -round(pair.margin, EVEN_DIGITS))
+    return RollEvaluation(grid, rolls, _verdicts(rolls_deg, grid, rolls), tuple(ranked))
+
+
+def _verdicts(rolls_deg: Floats, grid: RollGrid, rolls: ConstantRolls) -> tuple[RollVerdict, ...]:
+    """Return a verdict on each roll (R,) on its best branch."""
+    n, numbers, branches = grid.n_points, np.arange(len(rolls_deg)), rolls.branches
+    first = rolls.first_failures[branches, numbers]
+    failing_points = np.minimum(first, n - 1)
+    parts = grid.flange_parts[:, failing_points]
+    solutions = grid.model.inverse(flange_poses(parts, np.deg2rad(rolls_deg)))
+    tightest = np.argmin(np.round(rolls.margins, EVEN_DIGITS), axis=1)
+    verdicts: list[RollVerdict] = []
+    for i in numbers.tolist():
+        branch, index, cause = int(branches[i]), int(tightest[i]), None
+        if first[i] < n:
+            index = int(first[i])
+            q = rolls.qs_rad[:, i, index]
+            step = q - rolls.qs_rad[:, i, max(0, index - 1)]
+            cause = find_failure_cause(solutions, (i, branch), q, step, grid)
+        margin = float(rolls.branch_margins[branch, i])
+        verdicts.append(verdict_on(float(rolls_deg[i]), branch, margin, index, n, cause))
+    return tuple(verdicts)

@@ -12,7 +12,7 @@ from rona_core.devices.settings import require
 from rona_core.geometry.arrays import Bools, Floats
 from rona_core.geometry.path5d import Path5D
 from rona_core.robot.kinematics.joint_limits import TURN_RAD, JointLimits
-from rona_core.robot.redundancy.margins import MarginLimits
+from rona_core.robot.redundancy.margins import MarginLimits, joint_limit_margin
 
 LEAST_STRIDE = 0.05  # a repeated point still counts as a step of this length
 EVERY_JOINT = (1.0, 1.0, 1.0, 1.0, 1.0, 1.0)
@@ -76,11 +76,8 @@ class CostShares:
 
 def strides_of(path: Path5D) -> Floats:
     """Return the stride (n - 1,) of each step: mm, or degrees where the axis turns by more."""
-    steps_mm = np.linalg.norm(np.diff(path.points_base, axis=0), axis=1)
-    before, after = path.axes_base[:-1], path.axes_base[1:]
-    sines = np.linalg.norm(np.cross(before, after), axis=1)
-    turns_deg = np.rad2deg(np.arctan2(sines, np.einsum("ij,ij->i", before, after)))
-    return np.maximum(steps_mm, turns_deg)
+    steps_mm, turns_rad = path.steps()
+    return np.maximum(steps_mm, np.rad2deg(turns_rad))
 
 
 def shares_of_points(strides: Floats) -> Floats:
@@ -90,13 +87,10 @@ def shares_of_points(strides: Floats) -> Floats:
 
 
 def limit_penalty(
-    q_rad: Floats, lower_rad: float, upper_rad: float, margin_limits: MarginLimits, *, turning: bool
+    q_rad: Floats, limits: JointLimits, joint: int, margin_limits: MarginLimits, *, turning: bool
 ) -> Floats:
     """Return the penalty (...) of one joint: 1 at its limit, 0 from margin 1, at its best turn."""
-    away = np.abs(q_rad - (lower_rad + upper_rad) / 2.0)
-    if turning:
-        away = np.abs(away - TURN_RAD * np.round(away / TURN_RAD))
-    return hinge(((upper_rad - lower_rad) / 2.0 - away) / margin_limits.limit_unit_rad)
+    return hinge(joint_limit_margin(q_rad, limits, joint, margin_limits, turning=turning))
 
 
 def hinge(margin: Floats) -> Floats:
@@ -122,14 +116,12 @@ def turn_to_suit(
             for turns in range(first - 2, first + 3):
                 moved = q + TURN_RAD * turns
                 margin = float(np.minimum(moved - lower, upper - moved).min())
-                penalty = float(
-                    limit_penalty(moved, lower, upper, margin_limits, turning=False).sum()
-                )
-                score = (min(0.0, margin), -round(penalty, 9), margin)
+                penalty = limit_penalty(moved, limits, joint, margin_limits, turning=False).sum()
+                score = (min(0.0, margin), -round(float(penalty), 9), margin)
                 if score > best:
                     best, qs[:, joint] = score, moved
         penalties[:, joint] = limit_penalty(
-            qs[:, joint], lower, upper, margin_limits, turning=False
+            qs[:, joint], limits, joint, margin_limits, turning=False
         )
     return qs, penalties
 

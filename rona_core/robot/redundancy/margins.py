@@ -1,4 +1,4 @@
-"""Margins of joint paths to limits, singularities, jumps and the end of the reach.
+"""Joint paths that follow a scan path, and their margins to limits, singularities and jumps.
 
 A margin is a plain number: the distance from the border of what is allowed, in units of a size
 that is comfortable for that quantity. A negative margin is not allowed. See
@@ -8,13 +8,15 @@ docs/algorithms/robot/roll_search.md.
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from rona_core.devices.settings import require
-from rona_core.geometry.arrays import Bools, Floats
+from rona_core.geometry.arrays import Bools, Floats, readonly
+from rona_core.geometry.path5d import Path5D
 from rona_core.geometry.pose import Poses
-from rona_core.robot.kinematics.joint_limits import TURN_RAD, JointLimits, shift_to_fit, unwrap
+from rona_core.robot.kinematics.arm import IkSolutions
+from rona_core.robot.kinematics.joint_limits import TURN_RAD, JointLimits, shift_to_fit
 from rona_core.robot.kinematics.robot_model import RobotModel
-from rona_core.robot.kinematics.spherical_wrist import IkSolutions
 
 SINGULARITY_MARGIN_RAD = float(np.deg2rad(5.0))  # least angle of elbow and wrist from straight
 SHOULDER_MARGIN_MM = 30.0  # least distance of the wrist centre from axis 1
@@ -104,24 +106,116 @@ def limit_margin(
         turning: Joints (6,) that may stand whole turns away from their principal value.
         margin_limits: The units.
     """
-    least = np.full(qs_rad.shape[1:], np.inf)
-    for joint in range(6):
-        lower, upper = float(limits.lower_rad[joint]), float(limits.upper_rad[joint])
-        off_middle = np.abs(qs_rad[joint] - (lower + upper) / 2.0)
-        if turning[joint]:
-            off_middle = np.abs(off_middle - TURN_RAD * np.round(off_middle / TURN_RAD))
-        np.minimum(least, (upper - lower) / 2.0 - off_middle, out=least)
-    return least / margin_limits.limit_unit_rad
+    return np.minimum.reduce(
+        [
+            joint_limit_margin(qs_rad[joint], limits, joint, margin_limits, turning=turning[joint])
+            for joint in range(6)
+        ]
+    )
+
+
+def joint_limit_margin(
+    q_rad: Floats, limits: JointLimits, joint: int, margin_limits: MarginLimits, *, turning: bool
+) -> Floats:
+    """Return the margin (...) of one joint to its limits; if ``turning``, at its best turn."""
+    lower, upper = float(limits.lower_rad[joint]), float(limits.upper_rad[joint])
+    off_middle = np.abs(q_rad - (lower + upper) / 2.0)
+    if turning:
+        off_middle = np.abs(off_middle - TURN_RAD * np.round(off_middle / TURN_RAD))
+    return ((upper - lower) / 2.0 - off_middle) / margin_limits.limit_unit_rad
 
 
 def continuous_branches(qs_rad: Floats, limits: JointLimits) -> Floats:
-    """Return branches (n, 8, 6) with spinning joints unwrapped and shifted by full turns to fit."""
+    """Return joints (n, b, 6) with spinning ones unwrapped and shifted by full turns to fit."""
     qs = qs_rad.copy()
     if not len(qs):
         return qs
     spinning = list(limits.spinning())
-    qs[:, :, spinning] = unwrap(qs[:, :, spinning])
+    qs[:, :, spinning] = np.unwrap(qs[:, :, spinning], axis=0)
     for joint in np.flatnonzero(limits.multi_turn()):
         lower, upper = float(limits.lower_rad[joint]), float(limits.upper_rad[joint])
         qs[:, :, joint] = shift_to_fit(qs[:, :, joint], lower, upper)
     return qs
+
+
+def flange_poses(parts: Floats, rolls_rad: Floats) -> Poses:
+    """Return ``Ts_base_flange`` (n,) for one roll at each path point, from ``flange_parts``."""
+    c, s = np.cos(rolls_rad)[:, None], np.sin(rolls_rad)[:, None]
+    return as_poses(parts[0] * c + parts[1] * s + parts[2])
+
+
+def flange_parts(path: Path5D, model: RobotModel) -> Floats:
+    """Return three parts (3, n, 12) of the flange poses: times cos roll, times sin roll, fixed.
+
+    Each row is a rotation, row by row, and a translation.
+    """
+    T_probe_flange = model.T_flange_probe.inv()
+    frames = path.Ts_base_probe(0.0).rotations
+    tool = np.hstack((T_probe_flange.rotation, T_probe_flange.translation[:, None]))  # (3, 4)
+    x, y, z = (frames[:, :, i, None] for i in range(3))
+    turned = x * tool[0] + y * tool[1], y * tool[0] - x * tool[1], z * tool[2]  # (n, 3, 4) each
+    parts = np.stack(turned)
+    parts[2, :, :, 3] += path.points_base
+    whole = (parts[..., :3].reshape(3, -1, 9), parts[..., 3])
+    return np.concatenate(whole, axis=2)
+
+
+def as_poses(rows: Floats) -> Poses:
+    """Return poses (n,) from rows (n, 12), as in ``flange_parts``."""
+    return Poses(rows[:, :9].reshape(-1, 3, 3), rows[:, 9:])
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class BranchMargins:
+    """Margins of one branch by cause; negative is not allowed (see ``margins``)."""
+
+    qs_rad: Floats  # (n, 6) continuous
+    least: Floats  # (n,) of all causes
+    singularity: Floats  # (n,) to the nearest of elbow, wrist and shoulder singularity
+    limit_deg: Floats  # (n,) of the joint that is nearest to a limit
+
+
+def joint_path(
+    path: Path5D,
+    model: RobotModel,
+    rolls_rad: ArrayLike,
+    branch: int,
+    margin_limits: MarginLimits | None = None,
+) -> Floats:
+    """Return joint angles (n, 6) along the path for one branch, continuous.
+
+    Args:
+        path: The path in ``base``.
+        model: The robot with its tool.
+        rolls_rad: One roll, or one at each path point (n,).
+        branch: Index into ``kinematics.arm.BRANCHES``.
+        margin_limits: What is allowed.
+    """
+    margins = _margins(path, model, rolls_rad, margin_limits)
+    return readonly(margins.qs_rad[:, branch].copy())
+
+
+def branch_margins(
+    path: Path5D,
+    model: RobotModel,
+    rolls_rad: ArrayLike,
+    branch: int,
+    margin_limits: MarginLimits | None = None,
+) -> BranchMargins:
+    """Return the margins of the ``joint_path`` with the same arguments."""
+    margins = _margins(path, model, rolls_rad, margin_limits)
+    qs = margins.qs_rad[:, branch]
+    return BranchMargins(
+        qs_rad=readonly(qs.copy()),
+        least=readonly(margins.least()[:, branch].copy()),
+        singularity=readonly(margins.singularity[:, branch].copy()),
+        limit_deg=readonly(np.rad2deg(model.limits.clearance_rad(qs).min(axis=1))),
+    )
+
+
+def _margins(
+    path: Path5D, model: RobotModel, rolls_rad: ArrayLike, margin_limits: MarginLimits | None
+) -> JointMargins:
+    rolls = np.broadcast_to(np.asarray(rolls_rad, dtype=np.float64), (len(path),))
+    poses = flange_poses(flange_parts(path, model), rolls)
+    return compute_margins(model, poses, margin_limits or MarginLimits())

@@ -1,21 +1,19 @@
 """Result of the search for a roll: a verdict on every roll, and the one chosen."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
-from rona_core.geometry.arrays import Floats, Ints
+from rona_core.geometry.arrays import Floats, Ints, readonly
 from rona_core.geometry.path5d import Path5D
-from rona_core.robot.redundancy.cost import (
-    CostShares,
-)
+from rona_core.robot.redundancy.cost import CostShares
 
 Reason = Literal["none", "reach", "singularity", "limit", "jump", "blocked", "roll rate", "no way"]
-
-
-Mode = Literal["constant", "variable", "none"]
+Choice = Literal["best", "first"]  # of the feasible constant rolls
+RollMode = Literal["auto", "constant", "variable"]  # that is looked for
+Mode = Literal["constant", "variable", "none"]  # that was found
 
 
 @dataclass(frozen=True, slots=True)
@@ -24,8 +22,8 @@ class RollVerdict:
 
     For a roll that varies along the path ``roll_deg`` is the roll at the path point ``index``.
     ``branch`` is the best branch of the arm, or for a roll that fails the one that gets furthest.
-    ``value`` and ``limit`` are those of the first failing sample in ``unit``; for a roll that is
-    feasible they are the smallest room of the whole path and 0, both without unit.
+    ``value`` and ``limit`` are those of the first failing sample; for a feasible roll the least
+    margin and 0.
     """
 
     roll_deg: float
@@ -48,6 +46,16 @@ class RankedRoll:
     index: int  # into the verdicts
     branch: int  # into ik.BRANCHES
     margin: float  # smallest room along the path
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class RollCurve:
+    """A roll at each path point with the joint path that follows it, and what it costs."""
+
+    rolls_rad: Floats  # (n,) continuous
+    branch: int
+    qs_rad: Floats  # (n, 6) continuous, within the limits
+    cost: CostShares
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -91,12 +99,23 @@ class RollSearch:
         refused = [verdict for verdict in self.verdicts if verdict.reason == "no way"]
         return max(refused, key=lambda verdict: verdict.margin, default=None)
 
+    def with_constant_roll(self, index: int, branch: int, qs_rad: Floats) -> "RollSearch":
+        """Return the search with one of its constant rolls chosen, and its joints (n, 6)."""
+        rolls_rad = np.full(len(self.path), np.deg2rad(self.verdicts[index].roll_deg))
+        return self._chosen("constant", index, rolls_rad, branch, qs_rad)
 
-@dataclass(frozen=True, slots=True, eq=False)
-class RollCurve:
-    """A roll at each path point with the joint path that follows it, and what it costs."""
+    def with_variable_roll(self, curve: RollCurve) -> "RollSearch":
+        """Return the search with a roll chosen that varies along the path."""
+        return self._chosen("variable", -1, curve.rolls_rad, curve.branch, curve.qs_rad)
 
-    rolls_rad: Floats  # (n,) continuous
-    branch: int
-    qs_rad: Floats  # (n, 6) continuous, within the limits
-    cost: CostShares
+    def _chosen(
+        self, mode: Mode, index: int, rolls_rad: Floats, branch: int, qs_rad: Floats
+    ) -> "RollSearch":
+        return replace(
+            self,
+            mode=mode,
+            chosen=index,
+            branch=branch,
+            rolls_rad=readonly(rolls_rad),
+            chosen_curve_rad=readonly(qs_rad[self.shown_points].astype(np.float32)),
+        )

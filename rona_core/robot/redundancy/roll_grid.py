@@ -14,11 +14,14 @@ from rona_core.errors import CancelledError
 from rona_core.geometry.arrays import Bools, Floats
 from rona_core.geometry.path5d import Path5D
 from rona_core.geometry.pose import Poses
+from rona_core.robot.kinematics.arm import N_BRANCHES
 from rona_core.robot.kinematics.joint_limits import TURN_RAD, JointLimits
 from rona_core.robot.kinematics.robot_model import RobotModel
-from rona_core.robot.kinematics.spherical_wrist import N_BRANCHES
 from rona_core.robot.redundancy.margins import (
     MarginLimits,
+    as_poses,
+    flange_parts,
+    flange_poses,
     limit_margin,
     reach_margin,
     singularity_margin,
@@ -27,6 +30,16 @@ from rona_core.robot.redundancy.margins import (
 GROUP = 8192  # poses worked on together; between groups somebody may cancel
 FULL_RAD = TURN_RAD - 1e-9
 EDGE_RAD = 1e-9
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class RollPostures:
+    """Joints and margins at n path points with some roll at each, on one branch."""
+
+    qs_rad: Floats  # (n, 6)
+    reach: Floats  # (n,) margin
+    singularity: Floats  # (n,) margin
+    limits: Floats  # (n, 6) margin of each joint
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -65,6 +78,18 @@ class RollGrid:
     def flange_poses(self, rolls_rad: Floats) -> Poses:
         """Return ``Ts_base_flange`` (n,) for one roll at each path point."""
         return flange_poses(self.flange_parts, rolls_rad)
+
+    def postures(self, branch: int, rolls_rad: Floats, near_rad: Floats) -> RollPostures:
+        """Return the postures for rolls (n,), with the whole turns nearest to joints (n, 6)."""
+        solutions = self.model.inverse(self.flange_poses(rolls_rad))
+        qs = solutions.qs_rad[:, branch].copy()
+        qs += TURN_RAD * np.where(self.turning, np.round((near_rad - qs) / TURN_RAD), 0.0)
+        return RollPostures(
+            qs_rad=qs,
+            reach=reach_margin(solutions, self.margin_limits)[:, branch],
+            singularity=singularity_margin(solutions, self.margin_limits)[:, branch],
+            limits=self.model.limits.clearance_rad(qs) / self.margin_limits.limit_unit_rad,
+        )
 
 
 def turning_joints(limits: JointLimits) -> Bools:
@@ -106,7 +131,7 @@ def solve_roll_grid(
         if cancel():
             raise CancelledError(f"the roll search was cancelled after {start} of {count} rolls")
         group = slice(start, min(start + at_once, count))
-        solutions = model.inverse(_every_flange_pose(parts, rolls_rad[group]))
+        solutions = model.inverse(every_flange_pose(parts, rolls_rad[group]))
         shape = (N_BRANCHES, -1, n)
         qs[:, :, group] = solutions.qs_rad.transpose(1, 2, 0).reshape(N_BRANCHES, 6, -1, n)
         singularity[:, group] = singularity_margin(solutions, margin_limits).T.reshape(shape)
@@ -134,33 +159,7 @@ def solve_roll_grid(
     )
 
 
-def flange_poses(parts: Floats, rolls_rad: Floats) -> Poses:
-    """Return ``Ts_base_flange`` (n,) for one roll at each path point, from ``flange_parts``."""
-    c, s = np.cos(rolls_rad)[:, None], np.sin(rolls_rad)[:, None]
-    return _as_poses(parts[0] * c + parts[1] * s + parts[2])
-
-
-def flange_parts(path: Path5D, model: RobotModel) -> Floats:
-    """Return three parts (3, n, 12) of the flange poses: times cos roll, times sin roll, fixed.
-
-    Each row is a rotation, row by row, and a translation.
-    """
-    T_probe_flange = model.T_flange_probe.inv()
-    frames = path.Ts_base_probe(0.0).rotations
-    tool = np.hstack((T_probe_flange.rotation, T_probe_flange.translation[:, None]))  # (3, 4)
-    x, y, z = (frames[:, :, i, None] for i in range(3))
-    turned = x * tool[0] + y * tool[1], y * tool[0] - x * tool[1], z * tool[2]  # (n, 3, 4) each
-    parts = np.stack(turned)
-    parts[2, :, :, 3] += path.points_base
-    whole = (parts[..., :3].reshape(3, -1, 9), parts[..., 3])
-    return np.concatenate(whole, axis=2)
-
-
-def _every_flange_pose(parts: Floats, rolls_rad: Floats) -> Poses:
+def every_flange_pose(parts: Floats, rolls_rad: Floats) -> Poses:
     """Return the poses of all points for the first roll, then for the second, and so on."""
     c, s = (f(rolls_rad)[:, None, None] for f in (np.cos, np.sin))
-    return _as_poses((parts[0] * c + parts[1] * s + parts[2]).reshape(-1, 12))
-
-
-def _as_poses(rows: Floats) -> Poses:
-    return Poses(rows[:, :9].reshape(-1, 3, 3), rows[:, 9:])
+    return as_poses((parts[0] * c + parts[1] * s + parts[2]).reshape(-1, 12))

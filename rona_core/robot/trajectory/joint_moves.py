@@ -1,4 +1,8 @@
-"""Moves of the joints from rest to rest, away from the scan path, and sampling them in time."""
+"""Moves of the joints from rest to rest, away from the scan path, around what is in the way.
+
+First the straight move, then a few detours that usually do (up and over, by way of home), then
+RRT-Connect. See docs/algorithms/robot/collision_free_moves.md.
+"""
 
 from collections.abc import Sequence
 from itertools import pairwise
@@ -6,21 +10,23 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import ArrayLike
 
-from rona_core.devices.settings import require
 from rona_core.errors import NotReachableError
-from rona_core.geometry.arrays import Floats, readonly
-from rona_core.robot.collision.edge_check import Clear
+from rona_core.geometry.arrays import Floats
+from rona_core.geometry.pose import Poses
+from rona_core.robot.collision.edge_check import MOST_CHECKS, Checker, Clear
+from rona_core.robot.kinematics.arm import as_posture
 from rona_core.robot.kinematics.robot_model import RobotModel
-from rona_core.robot.kinematics.spherical_wrist import as_joints
-from rona_core.robot.trajectory.point_to_point import plan_joint_path
-from rona_core.robot.trajectory.trajectory import Trajectory
+from rona_core.robot.trajectory.rrt_connect import search, shortened
+from rona_core.robot.trajectory.trajectory import SAMPLE_S, Trajectory, sampled_motion
 
-SAMPLE_S = 0.02  # time between samples of a motion
 SPEED_SHARE = 0.3  # of the joint speed limits, for moves that are not scans
 ACCELERATION_SHARE = 0.9
 TIP_SPEED_MM_PER_S = 250.0  # what robots near people are commonly held to
 PEAK_SPEED, PEAK_ACCELERATION = 1.875, 10.0 / np.sqrt(3.0)  # of the quintic below, for T = 1
 TIP_SAMPLES = 64
+LIFTS_MM = (100.0, 200.0, 300.0)
+LIFT_STEP_MM = 20.0
+LARGEST_LIFT_STEP_RAD = float(np.deg2rad(30.0))  # more is another branch of the arm
 
 
 def smooth_step(share: Floats) -> Floats:
@@ -29,30 +35,28 @@ def smooth_step(share: Floats) -> Floats:
     return u**3 * (10.0 - 15.0 * u + 6.0 * u**2)
 
 
-def sample_times(duration_s: float, sample_s: float = SAMPLE_S) -> Floats:
+def sample_times(duration_s: float) -> Floats:
     """Return sample times from 0 that cover ``duration_s``, rounded up to whole samples."""
-    count = max(1, int(np.ceil(duration_s / sample_s - 1e-9)))
-    return np.arange(count + 1, dtype=np.float64) * sample_s
+    count = max(1, int(np.ceil(duration_s / SAMPLE_S - 1e-9)))
+    return np.arange(count + 1, dtype=np.float64) * SAMPLE_S
 
 
-def joint_move(
-    model: RobotModel, q_from_rad: Floats, q_to_rad: Floats, *, speed_share: float = SPEED_SHARE
-) -> Floats:
+def joint_move(model: RobotModel, q_from_rad: Floats, q_to_rad: Floats) -> Floats:
     """Return samples (n, 6) of a straight move in joint space, ``SAMPLE_S`` apart.
 
     All joints start and stop together. The slowest of joint speed, joint acceleration and the
     speed of the tip decides how long it takes.
     """
-    way = q_to_rad - q_from_rad
-    by_speed = PEAK_SPEED * np.abs(way) / (speed_share * model.speed_rad_per_s)
+    change = q_to_rad - q_from_rad
+    by_speed = PEAK_SPEED * np.abs(change) / (SPEED_SHARE * model.speed_rad_per_s)
     most = ACCELERATION_SHARE * model.acceleration_rad_per_s2
-    by_acceleration = np.sqrt(PEAK_ACCELERATION * np.abs(way) / most)
+    by_acceleration = np.sqrt(PEAK_ACCELERATION * np.abs(change) / most)
     u = np.linspace(0.0, 1.0, TIP_SAMPLES + 1)[:, None]
-    tips = (model.forward(q_from_rad + u * way) @ model.T_flange_tip).translations
+    tips = (model.forward(q_from_rad + u * change) @ model.T_flange_tip).translations
     tip_mm = np.linalg.norm(np.diff(tips, axis=0), axis=1).max() * TIP_SAMPLES
     by_tip = PEAK_SPEED * tip_mm / (ACCELERATION_SHARE * TIP_SPEED_MM_PER_S)
     times = sample_times(max(by_speed.max(), by_acceleration.max(), by_tip))
-    qs = q_from_rad + smooth_step(times / times[-1])[:, None] * way
+    qs = q_from_rad + smooth_step(times / times[-1])[:, None] * change
     qs[-1] = q_to_rad
     return qs
 
@@ -67,8 +71,6 @@ def clear_move(
     q_from_rad: Floats,
     q_to_rad: Floats,
     clear: Clear | None,
-    *,
-    speed_share: float = SPEED_SHARE,
 ) -> Floats:
     """Return samples (n, 6) of a move on which nothing is touched, ``SAMPLE_S`` apart.
 
@@ -79,9 +81,9 @@ def clear_move(
         NotReachableError: no clear way was found.
     """
     if clear is None:
-        return joint_move(model, q_from_rad, q_to_rad, speed_share=speed_share)
+        return joint_move(model, q_from_rad, q_to_rad)
     stops = plan_joint_path(q_from_rad, q_to_rad, model, clear)
-    return chain([joint_move(model, a, b, speed_share=speed_share) for a, b in pairwise(stops)])
+    return chain([joint_move(model, a, b) for a, b in pairwise(stops)])
 
 
 def plan_joint_move(
@@ -89,7 +91,6 @@ def plan_joint_move(
     q_to_rad: ArrayLike,
     model: RobotModel,
     *,
-    speed_share: float = SPEED_SHARE,
     clear: Clear | None = None,
 ) -> Trajectory:
     """Plan a move in joint space from rest to rest: straight, or around what is in the way.
@@ -98,16 +99,14 @@ def plan_joint_move(
         q_from_rad: Joint angles (6,) where the robot stands.
         q_to_rad: Joint angles (6,) to go to.
         model: The robot.
-        speed_share: Share of the joint speed limits to use, 0 to 0.9.
         clear: Tells for joint angles (n, 6) where nothing is touched; None: nothing is around.
 
     Raises:
-        InvalidInputError: wrong shapes or a share out of range.
+        InvalidInputError: wrong shapes.
         NotReachableError: the goal lies outside the joint limits, or no clear way was found.
     """
-    require(0.0 < speed_share <= 0.9, f"speed_share must be 0 to 0.9, not {speed_share}")
-    q_from = as_joints(np.atleast_2d(q_from_rad), name="q_from_rad")[0]
-    q_to = as_joints(np.atleast_2d(q_to_rad), name="q_to_rad")[0]
+    q_from = as_posture(q_from_rad, name="q_from_rad")
+    q_to = as_posture(q_to_rad, name="q_to_rad")
     room = model.limits.clearance_rad(q_to)
     if room.min() < 0.0:
         joint = int(np.argmin(room))
@@ -116,6 +115,78 @@ def plan_joint_move(
             f"joint {joint + 1} cannot go to {goal:.1f}°: it moves from {low:.1f}° to {high:.1f}°",
             joint=joint + 1,
         )
-    qs = clear_move(model, q_from, q_to, clear, speed_share=speed_share)
-    times = np.arange(len(qs), dtype=np.float64) * SAMPLE_S
-    return Trajectory(readonly(times), readonly(qs), 0.0, 0.0, readonly(np.zeros(len(qs))))
+    return sampled_motion(clear_move(model, q_from, q_to, clear))
+
+
+def plan_joint_path(
+    q_from_rad: Floats,
+    q_to_rad: Floats,
+    model: RobotModel,
+    clear: Clear,
+    *,
+    seed: int = 0,
+    most_checks: int = MOST_CHECKS,
+) -> Floats:
+    """Return joint angles (k, 6) to move through, straight in between, all of it clear.
+
+    Args:
+        q_from_rad: Joint angles (6,) where the robot stands.
+        q_to_rad: Joint angles (6,) to go to.
+        model: The robot.
+        clear: Tells for joint angles (n, 6) where nothing is touched.
+        seed: Of the search, where one is needed; the same seed finds the same way.
+        most_checks: Places looked at before the search gives up.
+
+    Raises:
+        NotReachableError: start or goal touch something, or no way was found in time.
+    """
+    checker = Checker(model, clear, most_checks)
+    for name, q in (("stands", q_from_rad), ("is to go", q_to_rad)):
+        if not checker.place(q):
+            raise NotReachableError(f"where the robot {name} it touches something or comes close")
+    share = checker.clear_share(q_from_rad, q_to_rad)
+    if share == 1.0:
+        return np.stack((q_from_rad, q_to_rad))
+    for vias in _usual_ways(model, q_from_rad, q_to_rad):
+        if checker.spent:
+            break
+        stops = np.stack((q_from_rad, *vias, q_to_rad))
+        if all(checker.move(a, b) for a, b in pairwise(stops)):
+            return stops
+    found = search(q_from_rad, q_to_rad, checker, seed)
+    if found is None:
+        raise NotReachableError(
+            f"no way to the goal without touching something was found among {checker.checks} "
+            f"places; the straight move is clear for its first {100.0 * share:.0f} %",
+            clear_share=share,
+        )
+    return shortened(found, checker, seed)
+
+
+def _usual_ways(model: RobotModel, q_from: Floats, q_to: Floats) -> Sequence[tuple[Floats, ...]]:
+    """Return places to go by, the shortest detours first."""
+    lifted_from, lifted_to = raised(model, q_from), raised(model, q_to)
+    ways: list[tuple[Floats, ...]] = []
+    for i in range(len(LIFTS_MM)):
+        over = [lifts[i] for lifts in (lifted_from, lifted_to) if i < len(lifts)]
+        ways += [(via,) for via in over]
+        if len(over) == 2:
+            ways.append((over[0], over[1]))
+    ways.append((model.home_rad,))
+    ways += [(via, model.home_rad) for via in lifted_from]
+    ways += [(model.home_rad, via) for via in lifted_to]
+    return ways
+
+
+def raised(model: RobotModel, q_rad: Floats) -> list[Floats]:
+    """Return joint angles (6,) with the tool lifted straight up by ``LIFTS_MM``, while it can be.
+
+    The tool keeps its orientation and the arm its branch.
+    """
+    T_base_flange = model.forward(q_rad[None])[0]
+    heights_mm = np.arange(LIFT_STEP_MM, LIFTS_MM[-1] + LIFT_STEP_MM / 2.0, LIFT_STEP_MM)
+    places = T_base_flange.translation + heights_mm[:, None] * np.array((0.0, 0.0, 1.0))
+    rotations = np.repeat(T_base_flange.rotation[None], len(places), axis=0)
+    qs = model.follow(Poses(rotations, places), q_rad, LARGEST_LIFT_STEP_RAD)
+    reached_mm = heights_mm[: len(qs)]
+    return [q for q, height_mm in zip(qs, reached_mm, strict=True) if height_mm in LIFTS_MM]

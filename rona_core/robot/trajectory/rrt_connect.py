@@ -1,7 +1,7 @@
 """RRT-Connect (Kuffner 2000): collision-free joint paths by two growing trees, and shortcuts.
 
-Both trees grow towards random places and then towards
-each other. The numbers come from a seed, so that the same question has the same answer.
+Both trees grow towards random places and then towards each other. The numbers come from a seed, so
+that the same question has the same answer.
 """
 
 from itertools import pairwise
@@ -54,11 +54,11 @@ def search(q_from_rad: Floats, q_to_rad: Floats, checker: Checker, seed: int) ->
     """
     rng = np.random.default_rng(seed)
     for coarse in COARSE:
-        way = _search(q_from_rad, q_to_rad, checker, rng, coarse)
-        if way is None:
+        stops = _search(q_from_rad, q_to_rad, checker, rng, coarse)
+        if stops is None:
             return None
-        if all(checker.move(a, b) for a, b in pairwise(way)):
-            return way
+        if all(checker.move(a, b) for a, b in pairwise(stops)):
+            return stops
     return None
 
 
@@ -72,47 +72,47 @@ def _search(
     limits = checker.model.limits
     low = np.maximum(np.minimum(q_from_rad, q_to_rad) - ROOM_RAD, limits.lower_rad)
     high = np.minimum(np.maximum(q_from_rad, q_to_rad) + ROOM_RAD, limits.upper_rad)
-    here, there = _Tree(q_from_rad), _Tree(q_to_rad)
+    growing, other = _Tree(q_from_rad), _Tree(q_to_rad)
     swapped = False
     while not checker.spent:
-        reached = _grow(here, rng.uniform(low, high), checker, coarse)
+        reached = _grow(growing, rng.uniform(low, high), checker, coarse)
         if reached >= 0:
-            met = _connect(there, here.places[reached], checker, coarse)
+            met = _connect(other, growing.places[reached], checker, coarse)
             if met >= 0:
-                one, other = here.branch(reached), there.branch(met)[::-1]
-                way = np.array(one + other[1:])
-                return way[::-1].copy() if swapped else way
-        here, there, swapped = there, here, not swapped
+                start, end = growing.branch(reached), other.branch(met)[::-1]
+                stops = np.array(start + end[1:])
+                return stops[::-1].copy() if swapped else stops
+        growing, other, swapped = other, growing, not swapped
     return None
 
 
-def shortened(way_rad: Floats, checker: Checker, seed: int) -> Floats:
+def shortened(stops_rad: Floats, checker: Checker, seed: int) -> Floats:
     """Return a clear way (k, 6) without the detours that can be cut off."""
     rng = np.random.default_rng(seed)
-    way = [np.asarray(q) for q in way_rad]
+    stops = [np.asarray(q) for q in stops_rad]
     for _ in range(SHORTCUTS):
-        if len(way) == 2:
+        if len(stops) == 2:
             break
-        first, last = np.sort(rng.uniform(0.0, len(way) - 1.0, 2))
-        i, j = int(first), min(int(last), len(way) - 2)
+        first, last = np.sort(rng.uniform(0.0, len(stops) - 1.0, 2))
+        i, j = int(first), min(int(last), len(stops) - 2)
         if i == j:
             continue
-        a = way[i] + (first - i) * (way[i + 1] - way[i])
-        b = way[j] + (last - j) * (way[j + 1] - way[j])
+        a = stops[i] + (first - i) * (stops[i + 1] - stops[i])
+        b = stops[j] + (last - j) * (stops[j + 1] - stops[j])
         if checker.move(a, b):
-            way = [*way[: i + 1], a, b, *way[j + 1 :]]
-    return np.array(_straightened(way, checker))
+            stops = [*stops[: i + 1], a, b, *stops[j + 1 :]]
+    return np.array(_straightened(stops, checker))
 
 
-def _straightened(way: list[Floats], checker: Checker) -> list[Floats]:
+def _straightened(stops: list[Floats], checker: Checker) -> list[Floats]:
     """Return the way with every place left out that can be passed by."""
-    result = [way[0]]
+    result = [stops[0]]
     i = 0
-    while i < len(way) - 1:
-        j = len(way) - 1
-        while j > i + 1 and not checker.move(way[i], way[j]):
+    while i < len(stops) - 1:
+        j = len(stops) - 1
+        while j > i + 1 and not checker.move(stops[i], stops[j]):
             j -= 1
-        result.append(way[j])
+        result.append(stops[j])
         i = j
     return result
 

@@ -1,25 +1,153 @@
-"""Timing of a scan: approach, scan at constant speed where the joints allow, retract."""
+"""Timing of a scan: approach, scan at constant speed where the joints allow, retract.
+
+Straight and curved pieces are sampled so that all limits are kept.
+"""
+
+from dataclasses import dataclass
 
 import numpy as np
 
-from rona_core.errors import InvalidInputError
+from rona_core.devices.settings import require
+from rona_core.errors import InvalidInputError, NotReachableError
 from rona_core.geometry.arrays import Floats, readonly
 from rona_core.geometry.path5d import Path5D
+from rona_core.geometry.pose import Poses
 from rona_core.robot.collision.edge_check import Clear, outside_bone
 from rona_core.robot.kinematics.robot_model import RobotModel
 from rona_core.robot.trajectory.corner_blend import blend_corners
-from rona_core.robot.trajectory.joint_moves import SAMPLE_S, chain, clear_move
-from rona_core.robot.trajectory.path_timing import (
-    ScanSettings,
-    sample_path,
-    speed_limits,
-    timed_line,
+from rona_core.robot.trajectory.joint_moves import chain, clear_move, sample_times
+from rona_core.robot.trajectory.time_parameterization import (
+    MERGED,
+    SpeedLimits,
+    TimedPath,
+    kept,
+    parameterize_time,
 )
-from rona_core.robot.trajectory.retract import retract_line
-from rona_core.robot.trajectory.time_parameterization import MERGED, kept
-from rona_core.robot.trajectory.trajectory import Trajectory
+from rona_core.robot.trajectory.trajectory import SAMPLE_S, Trajectory
 
+LINE_STEP_MM = 1.0  # between the places of a straight line
+SLOWER = 6  # times that a motion is slowed down until its samples keep all limits
+SHARE_ASKED = 1.0 - 1e-9
+LEAST_STANDOFF_MM = 5.0  # of a scan, at both ends of the path
+JUMP_RAD = float(np.deg2rad(10.0))  # within a millimetre: another branch of the arm
 TURN_WAY_MM = 10.0  # a turn of one radian on the spot counts as this much way
+
+
+@dataclass(frozen=True, slots=True)
+class ScanSettings:
+    """How the scan path is driven."""
+
+    scan_speed_mm_per_s: float = 20.0
+    path_acceleration_mm_per_s2: float = 250.0
+    jerk_mm_per_s3: float = 2500.0
+    standoff_mm: float = 30.0  # straight along the probe axis, before and after contact
+    approach_speed_mm_per_s: float = 15.0
+    corner_deviation_mm: float = 0.2  # the probe may cut corners by this much
+
+    def __post_init__(self) -> None:
+        for name in ("scan_speed_mm_per_s", "approach_speed_mm_per_s"):
+            value = getattr(self, name)
+            require(0.5 <= value <= 100.0, f"{name} must be 0.5 to 100, not {value}")
+        for name in ("path_acceleration_mm_per_s2", "jerk_mm_per_s3"):
+            value = getattr(self, name)
+            require(10.0 <= value <= 1e5, f"{name} must be 10 to 100000, not {value}")
+        require(
+            5.0 <= self.standoff_mm <= 200.0,
+            f"standoff_mm must be 5 to 200, not {self.standoff_mm}",
+        )
+        require(
+            0.05 <= self.corner_deviation_mm <= 0.25,  # the verifier allows 0.3 in all
+            f"corner_deviation_mm must be 0.05 to 0.25, not {self.corner_deviation_mm}",
+        )
+
+
+def speed_limits(settings: ScanSettings, speed_mm_per_s: float) -> SpeedLimits:
+    """Return the limits along a path that is driven at some speed."""
+    return SpeedLimits(
+        speed_mm_per_s, settings.path_acceleration_mm_per_s2, settings.jerk_mm_per_s3
+    )
+
+
+def sample_path(
+    way_mm: Floats, qs_rad: Floats, points_base: Floats, limits: SpeedLimits, model: RobotModel
+) -> tuple[Floats, Floats]:
+    """Return way (m,) and joints (m, 6) at samples ``SAMPLE_S`` apart, from rest to rest.
+
+    Limits are planned with some reserve at every point of the way. Should the samples, driven
+    linearly, still exceed one of them, the motion is slowed down until they do not.
+    """
+    timed = parameterize_time(way_mm, qs_rad, points_base, limits, model.limits)
+    duration_s = timed.duration_s
+    ways, qs = _sampled(timed, duration_s, qs_rad)
+    for _ in range(SLOWER):
+        speeds = np.diff(qs, axis=0) / SAMPLE_S
+        resting = np.vstack((np.zeros(6), speeds, np.zeros(6)))
+        gains = np.abs(np.diff(resting, axis=0)) / SAMPLE_S
+        tips = (model.forward(qs) @ model.T_flange_probe).translations
+        moving = np.vstack((np.zeros(3), np.diff(tips, axis=0) / SAMPLE_S, np.zeros(3)))
+        felt = np.linalg.norm(np.diff(moving, axis=0), axis=1).max() / SAMPLE_S
+        excess = max(
+            float((np.abs(speeds) / model.speed_rad_per_s).max()) ** 2,
+            float((gains / model.acceleration_rad_per_s2).max()),
+            float(felt / limits.acceleration_mm_per_s2),
+        )
+        if excess <= SHARE_ASKED:
+            break
+        duration_s *= 1.001 * np.sqrt(excess)
+        ways, qs = _sampled(timed, duration_s, qs_rad)
+    return ways, qs
+
+
+def _sampled(timed: TimedPath, duration_s: float, qs_rad: Floats) -> tuple[Floats, Floats]:
+    """Return way (m,) and joints (m, 6) at whole samples, a little slower to fill the last one."""
+    times = sample_times(duration_s)
+    ways = timed.way_at(times * (timed.duration_s / times[-1]))
+    ways[0], ways[-1] = timed.way_mm[[0, -1]]
+    qs = timed.joints(ways)
+    qs[0], qs[-1] = qs_rad[0], qs_rad[-1]
+    return ways, qs
+
+
+def timed_line(qs_rad: Floats, settings: ScanSettings, model: RobotModel) -> Floats:
+    """Return samples (m, 6) of a straight line, driven at approach speed from rest to rest."""
+    points = (model.forward(qs_rad) @ model.T_flange_probe).translations
+    way_mm = LINE_STEP_MM * np.arange(len(qs_rad), dtype=np.float64)
+    slow = speed_limits(settings, settings.approach_speed_mm_per_s)
+    return sample_path(way_mm, qs_rad, points, slow, model)[1]
+
+
+def retract_line(
+    model: RobotModel, q_contact_rad: Floats, standoff_mm: float, clear: Clear | None
+) -> Floats:
+    """Return joint angles (m, 6) straight back along the probe axis, ``LINE_STEP_MM`` apart.
+
+    The line ends at the stand-off, or earlier where the joints allow no more or something is
+    touched.
+
+    Raises:
+        NotReachableError: not even the shortest stand-off is possible.
+    """
+    line, back_mm = line_back(model, q_contact_rad, standoff_mm, clear)
+    if back_mm < LEAST_STANDOFF_MM:
+        raise NotReachableError(
+            f"the probe can only be drawn back by {back_mm:g} mm from "
+            f"one end of the path, {LEAST_STANDOFF_MM:g} mm are needed"
+        )
+    return line
+
+
+def line_back(
+    model: RobotModel, q_rad: Floats, most_mm: float, clear: Clear | None
+) -> tuple[Floats, float]:
+    """Return joint angles (m, 6) straight back as far as possible, and that distance."""
+    T_base_probe = model.forward(q_rad[None])[0] @ model.T_flange_probe
+    backs_mm = np.arange(LINE_STEP_MM, most_mm + LINE_STEP_MM / 2.0, LINE_STEP_MM)
+    places = T_base_probe.translation - backs_mm[:, None] * T_base_probe.rotation[:, 2]
+    probes = Poses(np.repeat(T_base_probe.rotation[None], len(backs_mm), axis=0), places)
+    line = np.vstack((q_rad, model.follow(probes @ model.T_flange_probe.inv(), q_rad, JUMP_RAD)))
+    free = np.ones(len(line), dtype=np.bool_) if clear is None else clear(line)
+    line = line if free.all() else line[: int(np.argmin(free))]
+    return line, max(0, len(line) - 1) * LINE_STEP_MM
 
 
 def time_scan(
@@ -28,24 +156,19 @@ def time_scan(
     model: RobotModel,
     settings: ScanSettings,
     *,
-    branch: int,
-    q_start_rad: Floats | None = None,
     clear: Clear | None = None,
 ) -> Trajectory:
     """Return the whole motion of a scan, from rest to rest.
 
-    From the start pose in joint space to the stand-off, straight down to the first path point,
-    along the path, straight up from the last point, and back to the start pose. Where the joints
-    do not allow the whole stand-off, it is as long as they do. Corners of the path are cut by no
-    more than ``settings.corner_deviation_mm``.
+    From home in joint space to the stand-off, straight down to the first path point, along the
+    path, straight up from the last point, and home again. Where the joints do not allow the whole
+    stand-off, it is as long as they do.
 
     Args:
         path: The dense scan path in ``base``.
         qs_rad: Joint angles (n, 6) that follow it, continuous, one branch.
         model: The robot with its tool.
         settings: Speeds and stand-off.
-        branch: The branch that ``qs_rad`` lies on.
-        q_start_rad: Where the robot stands before and after; its home by default.
         clear: Tells for joint angles (n, 6) where nothing is touched. Approach and retract go
             around what is in the way. None: nothing is known but the bone under the path.
 
@@ -56,14 +179,13 @@ def time_scan(
     """
     if qs_rad.shape != (len(path), 6):
         raise InvalidInputError(f"qs_rad must have shape ({len(path)}, 6), not {qs_rad.shape}")
-    start = model.home_rad if q_start_rad is None else np.asarray(q_start_rad, dtype=np.float64)
-    down = retract_line(model, qs_rad[0], branch, settings.standoff_mm, clear)[::-1]
-    up = retract_line(model, qs_rad[-1], branch, settings.standoff_mm, clear)
+    down = retract_line(model, qs_rad[0], settings.standoff_mm, clear)[::-1]
+    up = retract_line(model, qs_rad[-1], settings.standoff_mm, clear)
     way, along = _way(path), path.arc_length_mm()
     scan_ways, scan = _timed_scan(way, qs_rad, model, settings)
-    free = outside_bone(path, model, clear)
-    before = chain((clear_move(model, start, down[0], free), timed_line(down, settings, model)))
-    after = chain((timed_line(up, settings, model), clear_move(model, up[-1], start, free)))
+    free, home = outside_bone(path, model, clear), model.home_rad
+    before = chain((clear_move(model, home, down[0], free), timed_line(down, settings, model)))
+    after = chain((timed_line(up, settings, model), clear_move(model, up[-1], home, free)))
     qs = chain((before, scan, after))
     path_mm = np.full(len(qs), along[-1])
     path_mm[: len(before)] = 0.0
@@ -92,8 +214,6 @@ def _timed_scan(
 
 def _way(path: Path5D) -> Floats:
     """Return the way (n,) along the path: its length, or where it turns on the spot, the turn."""
-    steps_mm = np.linalg.norm(np.diff(path.points_base, axis=0), axis=1)
-    cosines = np.einsum("ij,ij->i", path.axes_base[1:], path.axes_base[:-1])
-    turns_mm = TURN_WAY_MM * np.arccos(np.clip(cosines, -1.0, 1.0))
-    turns_mm[turns_mm < TURN_WAY_MM * 1e-6] = 0.0  # rounding of the cosine, not a turn
-    return np.concatenate(([0.0], np.cumsum(np.maximum(steps_mm, turns_mm))))
+    steps_mm, turns_rad = path.steps()
+    turns_rad[turns_rad < 1e-6] = 0.0  # rounding, not a turn
+    return np.concatenate(([0.0], np.cumsum(np.maximum(steps_mm, TURN_WAY_MM * turns_rad))))

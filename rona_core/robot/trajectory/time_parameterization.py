@@ -1,19 +1,19 @@
 """Time parameterisation of a joint path (TOPP): constant speed where the joints allow, no jerks.
 
 The path is a spline over its own length. Two passes over a fine grid, forward and backward, give
-the fastest speed profile within all limits (time-optimal path parameterisation after Bobrow 1985
-and Verscheure 2009, with the path speed capped). Its way over time is then averaged over a short
-span, which turns steps of the acceleration into ramps: the jerk along the path is limited.
+the fastest speed profile within all limits (Bobrow 1985, Verscheure 2009; the path speed is
+capped). Its way over time is then averaged over a short span, which limits the jerk.
 See docs/algorithms/robot/verification_and_timing.md.
 """
 
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.interpolate import CubicSpline
+from scipy.interpolate import CubicSpline, PPoly
 
 from rona_core.errors import InvalidInputError, NotReachableError
-from rona_core.geometry.arrays import Bools, Floats, Ints
+from rona_core.geometry.arrays import Bools, Floats
+from rona_core.robot.kinematics.joint_limits import JointLimits
 
 SAFETY = 0.9  # share of the acceleration limits that is planned with
 BENT_JOINT = 0.7  # of that may be spent on following the bend of the path, by a joint
@@ -37,27 +37,18 @@ class SpeedLimits:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class TimedPath:
-    """A way (n,) in mm over time (n,), and the joint spline over that way."""
+    """A joint spline over the way along a path (mm), and that way over time."""
 
-    times_s: Floats
-    way_mm: Floats
-    speed_mm_per_s: Floats
     joints: CubicSpline
+    way_mm: Floats  # (g,) grid from the first to the last place
+    integral: PPoly  # of the way over time, before it is averaged
     span_s: float  # that the way is averaged over
-    raw_times_s: Floats  # (g,) of the profile before averaging
-    raw_way_mm: Floats  # (g,)
-    raw_speed_mm_per_s: Floats  # (g,)
-
-    @property
-    def duration_s(self) -> float:
-        """Time needed from rest to rest."""
-        return float(self.raw_times_s[-1] + self.span_s)
+    duration_s: float  # from rest to rest
 
     def way_at(self, times_s: Floats) -> Floats:
         """Return the way (m,) at times (m,) from 0 to the duration."""
-        raw = (self.raw_times_s, self.raw_way_mm, self.raw_speed_mm_per_s)
-        way = (_summed(times_s, *raw) - _summed(times_s - self.span_s, *raw)) / self.span_s
-        return np.clip(way, self.raw_way_mm[0], self.raw_way_mm[-1])
+        mean = (self.integral(times_s) - self.integral(times_s - self.span_s)) / self.span_s
+        return np.clip(mean, self.way_mm[0], self.way_mm[-1])
 
 
 def parameterize_time(
@@ -65,8 +56,7 @@ def parameterize_time(
     qs_rad: Floats,
     points_base: Floats,
     limits: SpeedLimits,
-    speed_rad_per_s: Floats,
-    acceleration_rad_per_s2: Floats,
+    joint_limits: JointLimits,
 ) -> TimedPath:
     """Return the fastest timing of a joint path within all limits, from rest to rest.
 
@@ -75,8 +65,7 @@ def parameterize_time(
         qs_rad: Joint angles (n, 6), continuous.
         points_base: Positions of the tool (n, 3) that the path acceleration is meant for.
         limits: Speed, acceleration and jerk along the path.
-        speed_rad_per_s: Joint speed limits (6,).
-        acceleration_rad_per_s2: Joint acceleration limits (6,).
+        joint_limits: Speed and acceleration of the joints.
 
     Raises:
         InvalidInputError: the path has no length.
@@ -90,40 +79,50 @@ def parameterize_time(
     cells = int(np.clip(np.ceil((way[-1] - way[0]) / GRID_MM), LEAST_GRID, MOST_GRID))
     grid = np.linspace(way[0], way[-1], cells + 1)
     step = float(grid[1] - grid[0])
+    gain = SAFETY * ALONG_PATH * limits.acceleration_mm_per_s2
+    gain = min(gain, float(np.sqrt(limits.speed_mm_per_s * limits.jerk_mm_per_s3)))
+    span_s = gain / limits.jerk_mm_per_s3
+    # per mm of way, and per squared mm
     dq, ddq = np.abs(joints(grid, 1)), np.abs(joints(grid, 2))
-    bend = np.linalg.norm(places(grid, 2), axis=1)
-    stretch = np.linalg.norm(places(grid, 1), axis=1)  # of the tool's way over the given one
-    most = SAFETY * acceleration_rad_per_s2
-    gain, jerk = SAFETY * ALONG_PATH * limits.acceleration_mm_per_s2, limits.jerk_mm_per_s3
-    gain = min(gain, float(np.sqrt(limits.speed_mm_per_s * jerk)))  # no more than can be reached
-    span_s = gain / jerk
+    stretch, bend = (np.linalg.norm(places(grid, order), axis=1) for order in (1, 2))
+    most = SAFETY * joint_limits.acceleration_rad_per_s2
+    tool_most = SAFETY * BENT_PATH * limits.acceleration_mm_per_s2
     ceiling = np.minimum.reduce(
         (
             limits.speed_mm_per_s / np.maximum(stretch, 1.0),
-            (SAFETY * speed_rad_per_s / np.maximum(dq, TINY)).min(axis=1),
+            (SAFETY * joint_limits.speed_rad_per_s / np.maximum(dq, TINY)).min(axis=1),
             np.sqrt((BENT_JOINT * most / np.maximum(ddq, TINY)).min(axis=1)),
-            np.sqrt(SAFETY * BENT_PATH * limits.acceleration_mm_per_s2 / np.maximum(bend, TINY)),
+            np.sqrt(tool_most / np.maximum(bend, TINY)),
         )
     )
-    ceiling = _min_filtered(ceiling, step, span_s)
+    ceiling = _spread(np.minimum, ceiling, _half_span_cells(ceiling, step, span_s))
     # Bobrow 1985: |q'(s)| s'' <= q''_max - |q''(s)| s'^2 for each joint
     spare = (most - ddq * ceiling[:, None] ** 2) / np.maximum(dq, TINY)
     gain_left = np.minimum(gain, spare.min(axis=1))
     speed = _two_passes(ceiling, gain_left, step)
     speed = _two_passes(_peaks_cut(speed, step, span_s), gain_left, step)
-    pace = speed[1:] + speed[:-1]
+    times, integral = _integral_over_time(grid, speed)
+    return TimedPath(joints, grid, integral, span_s, float(times[-1] + span_s))
+
+
+def _integral_over_time(way_mm: Floats, speed_mm_per_s: Floats) -> tuple[Floats, PPoly]:
+    """Return the times (g,) at which places of the way are passed, and the integral of the way.
+
+    From each place (g,) to the next the acceleration is constant; before and after it rests.
+    """
+    pace = speed_mm_per_s[1:] + speed_mm_per_s[:-1]
     if pace.min() <= 0.0:
         raise NotReachableError(
-            f"the motion would stand still {grid[int(np.argmin(pace))]:.1f} mm along its way of "
-            f"{grid[-1] - grid[0]:.1f} mm: it bends too sharply there to be followed"
+            f"the motion would stand still {way_mm[int(np.argmin(pace))]:.1f} mm along its way of "
+            f"{way_mm[-1] - way_mm[0]:.1f} mm: it bends too sharply there to be followed"
         )
-    times = np.concatenate(([0.0], np.cumsum(2.0 * step / pace)))
-    raw = (times, grid, speed)
-    shown = np.concatenate((times, times + span_s))
-    shown.sort()
-    ahead, behind = _place(shown, *raw), _place(shown - span_s, *raw)
-    ways = (_summed(shown, *raw) - _summed(shown - span_s, *raw)) / span_s
-    return TimedPath(shown, ways, (ahead - behind) / span_s, joints, span_s, *raw)
+    gaps = 2.0 * np.diff(way_mm) / pace
+    times = np.concatenate(([0.0], np.cumsum(gaps)))
+    gains = np.concatenate(([0.0], np.diff(speed_mm_per_s) / gaps, [0.0]))
+    speeds = np.concatenate(([0.0], speed_mm_per_s))
+    ways = np.concatenate((way_mm[:1], way_mm))
+    knots = np.concatenate(([-1.0], times, times[-1:] + 1.0))
+    return times, PPoly(np.stack((gains / 2.0, speeds, ways)), knots).antiderivative()
 
 
 def kept(way_mm: Floats) -> Bools:
@@ -144,21 +143,23 @@ def _shifted(values: Floats, by: int, outside: float) -> Floats:
     return result
 
 
-def _reach(speed: Floats, step: float, span_s: float) -> Floats:
+def _half_span_cells(speed: Floats, step: float, span_s: float) -> Floats:
     """Return how many cells (g,) are passed in half an averaging span."""
     return np.ceil(SPREAD * speed * span_s / 2.0 / step)
 
 
-def _min_filtered(ceiling: Floats, step: float, span_s: float) -> Floats:
-    """Return the ceiling (g,) after a min-filter: each low place half a span wider on both sides.
+def _spread(extreme: np.ufunc, values: Floats, cells: Floats) -> Floats:
+    """Return values (g,) after a min- or max-filter, each so many cells (g,) wider on both sides.
 
-    Then the mean over a span that is centred at a low place is no higher than that place.
+    After the min-filter of a ceiling, the mean over a span that is centred at a low place is no
+    higher than that place.
     """
-    cells = _reach(ceiling, step, span_s)
-    result = ceiling.copy()
-    for k in range(1, min(int(cells.max()), len(ceiling) - 1) + 1):
-        low = np.where(cells >= k, ceiling, np.inf)
-        result = np.minimum(result, np.minimum(_shifted(low, k, np.inf), _shifted(low, -k, np.inf)))
+    outside = np.inf if extreme is np.minimum else 0.0
+    result = values.copy()
+    for k in range(1, min(int(cells.max()), len(values) - 1) + 1):
+        near = np.where(cells >= k, values, outside)
+        for by in (k, -k):
+            result = extreme(result, _shifted(near, by, outside))
     return result
 
 
@@ -167,18 +168,13 @@ def _peaks_cut(speed: Floats, step: float, span_s: float) -> Floats:
 
     Gaining and losing speed are then at least a span apart, and their ramps do not add up.
     """
-    cells = _reach(speed, step, span_s)
+    cells = _half_span_cells(speed, step, span_s)
     low = speed.copy()
-    count = min(int(cells.max()), len(speed) - 1)
-    for k in range(1, count + 1):
+    for k in range(1, min(int(cells.max()), len(speed) - 1) + 1):
         near = np.minimum(_shifted(speed, k, 0.0), _shifted(speed, -k, 0.0))
         low = np.where(cells >= k, np.minimum(low, near), low)
-    result = low.copy()
-    for k in range(1, count + 1):
-        near = np.where(cells >= k, low, 0.0)
-        result = np.maximum(result, np.maximum(_shifted(near, k, 0.0), _shifted(near, -k, 0.0)))
     # next to a rest a peak may be cut down to it, and would then never be passed
-    return np.minimum(np.maximum(result, CREEP_MM_PER_S), speed)
+    return np.minimum(np.maximum(_spread(np.maximum, low, cells), CREEP_MM_PER_S), speed)
 
 
 def _two_passes(ceiling: Floats, room: Floats, step: float) -> Floats:
@@ -193,29 +189,3 @@ def _two_passes(ceiling: Floats, room: Floats, step: float) -> Floats:
     squared = np.minimum(np.maximum(squared, 0.0), ceiling**2)
     squared[0] = squared[-1] = 0.0
     return np.sqrt(squared)
-
-
-def _spot(times_s: Floats, raw_times_s: Floats) -> tuple[Ints, Floats]:
-    """Return the cell (m,) of each time, and the time since its start within the profile."""
-    i = np.clip(np.searchsorted(raw_times_s, times_s, side="right") - 1, 0, len(raw_times_s) - 2)
-    return i, np.clip(times_s, raw_times_s[0], raw_times_s[-1]) - raw_times_s[i]
-
-
-def _place(times_s: Floats, raw_times_s: Floats, raw_way: Floats, raw_speed: Floats) -> Floats:
-    """Return the way (m,) of the profile at times (m,): at rest before and afterwards."""
-    i, u = _spot(times_s, raw_times_s)
-    gain = (raw_speed[i + 1] - raw_speed[i]) / (raw_times_s[i + 1] - raw_times_s[i])
-    return raw_way[i] + u * (raw_speed[i] + u * gain / 2.0)
-
-
-def _summed(times_s: Floats, raw_times_s: Floats, raw_way: Floats, raw_speed: Floats) -> Floats:
-    """Return the integral (m,) of the way over time, from the start of the profile."""
-    gaps = np.diff(raw_times_s)
-    gains = np.diff(raw_speed) / gaps
-    pieces = gaps * (raw_way[:-1] + gaps * (raw_speed[:-1] / 2.0 + gaps * gains / 6.0))
-    sums = np.concatenate(([0.0], np.cumsum(pieces)))
-    i, u = _spot(times_s, raw_times_s)
-    inside = sums[i] + u * (raw_way[i] + u * (raw_speed[i] / 2.0 + u * gains[i] / 6.0))
-    before = np.minimum(times_s - raw_times_s[0], 0.0) * raw_way[0]
-    after = np.maximum(times_s - raw_times_s[-1], 0.0) * raw_way[-1]
-    return inside + before + after

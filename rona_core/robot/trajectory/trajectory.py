@@ -6,7 +6,9 @@ from typing import Protocol
 
 import numpy as np
 
-from rona_core.geometry.arrays import Floats
+from rona_core.geometry.arrays import Floats, readonly
+
+SAMPLE_S = 0.02  # time between samples of a motion
 
 
 class TimedMotion(Protocol):
@@ -34,10 +36,18 @@ class Trajectory:
         return float(self.times_s[-1] - self.times_s[0])
 
 
-def motion_digest(model: str, motion: TimedMotion, obstacles: str = "") -> str:
+def sampled_motion(qs_rad: Floats) -> Trajectory:
+    """Return samples (n, 6), ``SAMPLE_S`` apart, as a motion that is no scan."""
+    times_s = np.arange(len(qs_rad), dtype=np.float64) * SAMPLE_S
+    return Trajectory(
+        readonly(times_s), readonly(qs_rad), 0.0, 0.0, readonly(np.zeros(len(qs_rad)))
+    )
+
+
+def motion_digest(model: str, times_s: Floats, qs_rad: Floats, obstacles: str = "") -> str:
     """Return the SHA-256 of a motion, its robot and what stands around, as hexadecimal digits."""
     digest = hashlib.sha256(f"{model}\n{obstacles}".encode())
-    for array in (motion.times_s, motion.qs_rad):
+    for array in (times_s, qs_rad):
         exact = np.ascontiguousarray(array, dtype="<f8")
         digest.update(str(exact.shape).encode())
         digest.update(exact.tobytes())

@@ -6,8 +6,6 @@ room at both ends together, nothing can touch in between; elsewhere the step is 
 again.
 """
 
-from dataclasses import dataclass
-
 import numpy as np
 
 from rona_core.geometry.arrays import Floats, Ints
@@ -20,18 +18,13 @@ from rona_core.robot.verification.motion_checks import DENSITY, DenseMotion, che
 HALVINGS = 6  # of a step between samples at most
 
 
-@dataclass(frozen=True, slots=True)
-class Clearance:
-    """The checks against everything around, and the least distance of all."""
-
-    checks: tuple[Check, ...]
-    least_mm: float | None  # of pairs that must not touch; None where there is no such pair
-
-
-def clearance(model: RobotModel, dense: DenseMotion, obstacles: Obstacles) -> Clearance:
+def clearance(
+    model: RobotModel, dense: DenseMotion, obstacles: Obstacles
+) -> tuple[list[Check], float | None]:
     """Check the whole motion against every obstacle, and the robot against itself.
 
-    It is looked at afresh: nothing of what a planner found is used.
+    It is looked at afresh: nothing of what a planner found is used. Also return the least distance
+    of parts that must not touch; None where there is no such pair.
     """
     world = CollisionWorld(model, obstacles)
     return judged(world, *_distances(world, dense))
@@ -62,7 +55,9 @@ def _distances(world: CollisionWorld, dense: DenseMotion) -> tuple[Floats, Float
     return np.concatenate(looked), np.concatenate(at)
 
 
-def judged(world: CollisionWorld, distances: Floats, numbers: Floats) -> Clearance:
+def judged(
+    world: CollisionWorld, distances: Floats, numbers: Floats
+) -> tuple[list[Check], float | None]:
     """Return checks for the robot itself, for obstacles in reach, and for what may be touched."""
     checks: list[Check] = []
     for group in (ITSELF, *(thing.name for thing in world.obstacles.things)):
@@ -76,7 +71,7 @@ def judged(world: CollisionWorld, distances: Floats, numbers: Floats) -> Clearan
                 checks.append(_worst(f"{words} {group}", world, columns, distances, numbers))
     counted = world.least_mm >= 0.0
     least = float(distances[:, counted].min()) if counted.any() else None
-    return Clearance(tuple(checks), least)
+    return checks, least
 
 
 def _worst(

@@ -10,9 +10,9 @@ import numpy as np
 from rona_core.devices.settings import require
 from rona_core.errors import InvalidInputError
 from rona_core.geometry.arrays import Floats, as_floats
+from rona_core.robot.kinematics.arm import as_joints
 from rona_core.robot.kinematics.pinocchio_model import PinocchioArm
 from rona_core.robot.kinematics.robot_model import RobotModel
-from rona_core.robot.kinematics.spherical_wrist import as_joints
 from rona_core.robot.trajectory.trajectory import TimedMotion
 from rona_core.robot.verification.certificate import Check
 

@@ -112,14 +112,13 @@ def _certificate(
     around = "" if obstacles is None else obstacles.digest()
     least_mm = None
     if obstacles is not None and dense is not None:
-        found = clearance(model, dense, obstacles)
-        checks = [*checks, *found.checks]
-        least_mm = found.least_mm
+        found, least_mm = clearance(model, dense, obstacles)
+        checks = [*checks, *found]
     return Certificate(
         model=model.name,
         certified=all(check.holds for check in checks),
         checks=tuple(checks),
-        digest=motion_digest(model.name, motion, around),
+        digest=motion_digest(model.name, motion.times_s, motion.qs_rad, around),
         obstacles=around,
         min_clearance_mm=least_mm,
     )

@@ -10,17 +10,17 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.spatial import KDTree
 
 from rona_core.geometry.arrays import Bools, Floats, readonly
+from rona_core.surface.normals.neighbourhood_fits import COEFFICIENTS
 from rona_core.surface.normals.normal_estimator import (
     DISC_GAIN,
     ONE_SIDED,
     Estimates,
     NormalMethod,
     estimate,
-    hash_for,
 )
-from rona_core.surface.normals.quadric_fits import COEFFICIENTS
 
 RADII_MM = readonly(2.0 * 2.0 ** (np.arange(12) / 3.0))  # 2 to 25 mm, a third of an octave apart
 SAMPLES = 300  # points of the cloud at which radii are tried
@@ -51,24 +51,23 @@ class RadiusChoice:
         return np.interp(radii_mm, self.radii_mm, self.lean_deg)
 
 
-def choose_radius(points: Floats, method: NormalMethod) -> RadiusChoice:
-    """Return the radius to be used for ``method`` on the cloud ``points`` (n, 3)."""
-    method = "tls" if method == "grid" else method
+def choose_radius(tree: KDTree, method: NormalMethod) -> RadiusChoice:
+    """Return the radius to be used for ``method`` on a cloud."""
     radii: list[float] = []
     fits: list[Estimates] = []
     noise2, curvature = 0.0, 0.0
     noise = bias = np.zeros(0)
-    for radius, jet in _usable(points):
+    for radius, jet in _usable(tree):
         fit = jet
         if method != "jet":
-            fit = estimate(hash_for(points, radius), _sample(points), radius, method, None)
+            fit = estimate(tree, _sample(tree), radius, method, None)
             if np.mean((fit.flag == 0) | (fit.flag == ONE_SIDED)) < MIN_SHARE:
                 continue
         if not radii:
             noise2 = _noise_mm2(jet)
         radii.append(radius)
         fits.append(fit)
-        noise, bias = _errors(radii, fits, noise2, len(points))
+        noise, bias = _errors(radii, fits, noise2, tree.n)
         risk = noise + bias
         if risk.argmin() == len(risk) - 1:
             curvature = float(np.median(jet.curvature_per_mm[jet.flag == 0]))
@@ -86,23 +85,23 @@ def choose_radius(points: Floats, method: NormalMethod) -> RadiusChoice:
     )
 
 
-def measure_noise_mm(points: Floats) -> float | None:
+def measure_noise_mm(tree: KDTree) -> float | None:
     """Return the noise of one point along the normal, or None where no quadric can be fitted."""
-    for _, jet in _usable(points):
+    for _, jet in _usable(tree):
         return float(np.sqrt(_noise_mm2(jet)))
     return None
 
 
-def _sample(points: Floats) -> Floats:
-    return points[:: max(1, len(points) // SAMPLES)]
+def _sample(tree: KDTree) -> Floats:
+    return np.asarray(tree.data[:: max(1, tree.n // SAMPLES)])
 
 
-def _usable(points: Floats) -> Iterator[tuple[float, Estimates]]:
+def _usable(tree: KDTree) -> Iterator[tuple[float, Estimates]]:
     """Yield the radii, ascending, at which nearly all quadrics can be fitted, and these."""
-    if not len(points):
+    if not tree.n:
         return
     for radius in RADII_MM.tolist():
-        jet = estimate(hash_for(points, radius), _sample(points), radius, "jet", None)
+        jet = estimate(tree, _sample(tree), radius, "jet", None)
         if np.mean(jet.flag == 0) >= MIN_SHARE:
             yield radius, jet
 

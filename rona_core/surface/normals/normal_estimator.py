@@ -4,15 +4,21 @@ from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
+from scipy.spatial import KDTree
 
 from rona_core.geometry.arrays import Floats, Ints
-from rona_core.surface.normals.grid_moments import grid_planes
-from rona_core.surface.normals.plane_fits import Planes, fit_ols, fit_robust, fit_tls
-from rona_core.surface.normals.quadric_fits import COEFFICIENTS, fit_jets
-from rona_core.surface.normals.spatial_hash import CellHash, Neighbourhoods
+from rona_core.surface.normals.neighbourhood_fits import (
+    COEFFICIENTS,
+    Neighbourhoods,
+    Planes,
+    fit_jets,
+    fit_ols,
+    fit_tls,
+    neighbourhoods,
+)
 
-NormalMethod = Literal["tls", "ols", "jet", "robust", "grid"]
-METHODS: tuple[NormalMethod, ...] = ("tls", "ols", "jet", "robust", "grid")
+NormalMethod = Literal["jet", "ols"]
+METHODS: tuple[NormalMethod, ...] = ("jet", "ols")
 
 MIN_COUNT = 10  # points; with fewer, chance makes them look flatter than they are
 MAX_SIGMA_DEG = 5.0  # predicted; beyond it the probe hears nothing
@@ -51,18 +57,13 @@ class Estimates:
             getattr(self, name)[rows] = getattr(other, name)
 
 
-def hash_for(points: Floats, radius_mm: float) -> CellHash:
-    """Return ``points`` (n, 3) hashed for neighbourhoods of ``radius_mm``."""
-    return CellHash(points, radius_mm)
-
-
 def estimate(
-    cells: CellHash, places: Floats, radius_mm: float, method: NormalMethod, noise_mm: float | None
+    tree: KDTree, places: Floats, radius_mm: float, method: NormalMethod, noise_mm: float | None
 ) -> Estimates:
     """Return the normals at ``places`` (m, 3) from the points within ``radius_mm``.
 
     Args:
-        cells: The cloud, hashed for this radius.
+        tree: The cloud.
         places: Where, in the frame of the cloud.
         radius_mm: Size of the neighbourhoods.
         method: How to fit.
@@ -80,29 +81,22 @@ def estimate(
         gain=np.zeros(m),
         curvature_per_mm=np.zeros(m),
     )
-    for near in cells.batches(places):
+    for near in neighbourhoods(tree, places, radius_mm):
         count = near.there.sum(axis=1)
         if method == "jet":
             part = _from_jets(near, count, radius_mm, noise_mm)
         else:
-            fit = {"tls": fit_tls, "ols": fit_ols, "robust": fit_robust}[method]
-            part = _from_planes(fit(near), count, radius_mm)
+            part = _from_planes(fit_ols(near), count, radius_mm)
         found.replace(near.rows, part)
     return found
 
 
-def estimate_by_grid(points: Floats, places: Floats, radius_mm: float) -> Estimates:
-    """Return the normals at ``places`` (m, 3) from sums over cells of the cloud ``points``."""
-    planes, count = grid_planes(points, places, radius_mm)
-    return _from_planes(planes, count, radius_mm)
-
-
 def _from_planes(planes: Planes, count: Ints, radius_mm: float) -> Estimates:
-    _, narrow, wide = planes.eigenvalues.T
+    thin, narrow, wide = planes.eigenvalues.T
     solid = (count >= 3) & (narrow > 0)
     across, along = np.where(solid, narrow, 1.0), np.where(solid, wide, 1.0)
-    gain = (1.0 / across + 1.0 / along) / np.maximum(planes.weight, 1e-300)
-    sigma = np.rad2deg(np.sqrt(planes.noise_mm2 * gain))
+    gain = (1.0 / across + 1.0 / along) / np.maximum(count, 1)
+    sigma = np.rad2deg(np.sqrt(thin * gain))
     middle = planes.centroids
     off = np.linalg.norm(
         middle - np.einsum("bi,bi->b", middle, planes.normals)[:, None] * planes.normals, axis=1
@@ -116,7 +110,7 @@ def _from_planes(planes: Planes, count: Ints, radius_mm: float) -> Estimates:
         eigenvalues=planes.eigenvalues,
         sigma_deg=np.where(solid, np.minimum(sigma, 180.0), 180.0),
         flag=flag,
-        noise_mm2=planes.noise_mm2,
+        noise_mm2=thin,
         gain=np.where(solid, gain, 0.0),
         curvature_per_mm=np.zeros(len(count)),
     )
@@ -157,5 +151,5 @@ def _shape_flags(planes: Planes, count: Ints, least: int) -> Ints:
     flag = np.zeros(len(count), dtype=np.int64)
     flag[narrow <= MIN_FLATNESS * thin] = NOT_FLAT
     flag[narrow <= MIN_WIDTH * wide] = RANK_DEFICIENT
-    flag[np.minimum(count, planes.weight) < least] = TOO_FEW  # doubted points do not count
+    flag[count < least] = TOO_FEW
     return flag

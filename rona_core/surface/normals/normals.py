@@ -1,10 +1,11 @@
-"""Surface normals from a point cloud, with predicted errors and flags."""
+"""Surface normals from a point cloud, with predicted errors, flags, and where to sample again."""
 
 from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
 from numpy.typing import ArrayLike
+from scipy.spatial import KDTree
 
 from rona_core.errors import InvalidInputError
 from rona_core.geometry.arrays import Bools, Floats, Ints, as_points, as_vector3, readonly
@@ -23,10 +24,7 @@ from rona_core.surface.normals.normal_estimator import (
     Estimates,
     NormalMethod,
     estimate,
-    estimate_by_grid,
-    hash_for,
 )
-from rona_core.surface.normals.spatial_hash import CellHash
 
 NormalFlag = Literal[
     "ok", "too_few", "rank_deficient", "not_flat", "one_sided", "edge_on", "uncertain"
@@ -42,6 +40,17 @@ FLAGS: tuple[NormalFlag, ...] = (
 )
 MIN_FACING = 0.1  # |cos| to the outward direction; below it the sign is a guess
 MAX_WIDER = 3  # steps of the ladder of radii for a place that the chosen radius does not suit
+MAX_SIGMA_DEG = 1.0  # a probe of 6 mm at 5 MHz loses half its echo at 1.0 degree, of 3 mm at 2.1
+MOST = 16.0  # times as many points; more are not asked for at once
+REASONS = {
+    "too_few": "too few points near",
+    "rank_deficient": "points along one strand only: slide across as well",
+    "not_flat": "points as thick as wide: lifted pointer, or an edge",
+    "one_sided": "points on one side only: slide beyond",
+    "edge_on": "surface seen from its edge",
+    "widened": "too few points near: a wider neighbourhood had to serve",
+    "uncertain": "noise or fine relief leaves the normal uncertain: slide slower or denser",
+}
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -77,7 +86,7 @@ class Normals:
 
 
 class NormalField:
-    """A cloud prepared for the normals at any number of places, to which points can be added.
+    """A cloud prepared for the normals at any number of places.
 
     Places need not belong to the cloud; they should be close to it.
     """
@@ -88,7 +97,7 @@ class NormalField:
         Args:
             points_base: The cloud, mm.
             radius_mm: Size of the neighbourhoods. None lets noise, density and curvature of the
-                cloud decide, anew for every cloud; to follow a scan while it grows, give one.
+                cloud decide.
 
         Raises:
             InvalidInputError: wrong shape, values not finite, or a radius that is not positive.
@@ -96,42 +105,13 @@ class NormalField:
         if radius_mm is not None and not 0.0 < radius_mm < np.inf:
             raise InvalidInputError(f"radius_mm must be positive, not {radius_mm}")
         self._radius_mm = None if radius_mm is None else float(radius_mm)
-        self._parts = [as_points(points_base, name="points_base")]
-        self._hash: CellHash | None = None
-        self._choices: dict[str, RadiusChoice] = {}
-        self._noise_mm: float | None = None
-        self._noise_known = False
-
-    def add(self, points_base: ArrayLike) -> None:
-        """Add points (k, 3); with a given radius the work grows with those near, not with all.
-
-        Raises:
-            InvalidInputError: wrong shape or values not finite.
-        """
-        points = as_points(points_base, name="points_base")
-        self._parts.append(points)
-        self._choices.clear()
-        self._noise_known = False
-        if self._hash is not None:
-            self._hash.add(points)
-
-    def choose(self, method: NormalMethod = "tls") -> RadiusChoice:
-        """Return the radius that the cloud suggests for ``method``, and why."""
-        if method not in self._choices:
-            self._choices[method] = choose_radius(self._points(), method)
-        return self._choices[method]
-
-    def noise_mm(self) -> float | None:
-        """Return the noise of one point along the normal, None where it cannot be estimated."""
-        if not self._noise_known:
-            self._noise_mm, self._noise_known = measure_noise_mm(self._points()), True
-        return self._noise_mm
+        self._tree = KDTree(as_points(points_base, name="points_base"))
 
     def normals(
         self,
         at: ArrayLike,
         *,
-        method: NormalMethod = "tls",
+        method: NormalMethod = "jet",
         outward: ArrayLike | None = None,
         viewpoint: ArrayLike | None = None,
     ) -> Normals:
@@ -139,12 +119,10 @@ class NormalField:
 
         Args:
             at: Places in the frame of the points, mm.
-            method: "tls", the plane of least squared distances. "ols", the paper's regression
-                plane: one coordinate is regressed on the other two, for each of the three, and
-                the one with the largest denominator is kept; noise tilts it towards that axis.
-                "jet", a quadric: right also where all points lie on one side, and over relief.
-                "robust", a plane that outliers do not tilt. "grid", a plane from the moments of
-                cells instead of points: for hundreds of thousands of places at once.
+            method: "jet", a quadric: right also where all points lie on one side, and over relief.
+                "ols", the paper's regression plane: one coordinate is regressed on the other two,
+                for each of the three, and the one with the largest denominator is kept; noise
+                tilts it towards that axis.
             outward: A direction (3,) that points out of the bone; or
             viewpoint: a place (3,) outside the bone, from which all of it is seen.
 
@@ -156,25 +134,13 @@ class NormalField:
             raise InvalidInputError(f"method must be one of {', '.join(METHODS)}, not {method!r}")
         places = as_points(at, name="at")
         sides = _outward_at(places, outward, viewpoint)
-        if method == "grid":
-            choice = self.choose(method) if self._radius_mm is None else None
-            radius = self._radius_mm if choice is None else choice.radius_mm
-            found = estimate_by_grid(self._points(), places, float(radius or 0.0))
-            return _judged(found, sides, float(radius or 0.0), method, None, choice)
         if self._radius_mm is not None:
-            noise = self.noise_mm() if method == "jet" else None
-            if self._hash is None:
-                self._hash = hash_for(self._points(), self._radius_mm)
-            found = estimate(self._hash, places, self._radius_mm, method, noise)
+            noise_mm = measure_noise_mm(self._tree) if method == "jet" else None
+            found = estimate(self._tree, places, self._radius_mm, method, noise_mm)
             return _judged(found, sides, self._radius_mm, method, None, None)
-        choice = self.choose(method)
-        found = estimate(
-            hash_for(self._points(), choice.radius_mm),
-            places,
-            choice.radius_mm,
-            method,
-            choice.noise_mm if len(choice.radii_mm) else None,
-        )
+        choice = choose_radius(self._tree, method)
+        noise_mm = choice.noise_mm if len(choice.radii_mm) else None
+        found = estimate(self._tree, places, choice.radius_mm, method, noise_mm)
         radii = self._widen(found, places, method, choice)
         widened = (radii != choice.radius_mm).any()
         return _judged(found, sides, choice.radius_mm, method, radii if widened else None, choice)
@@ -194,8 +160,7 @@ class NormalField:
             poor = np.flatnonzero(refused | (shaky & (wider <= choice.radii_mm.max(initial=0.0))))
             if not len(poor):
                 break
-            cells = hash_for(self._points(), wider)
-            more = estimate(cells, places[poor], wider, method, choice.noise_mm)
+            more = estimate(self._tree, places[poor], wider, method, choice.noise_mm)
             before = np.hypot(found.sigma_deg[poor], choice.lean_at_deg(radii[poor]))
             after = np.hypot(more.sigma_deg, choice.lean_at_deg(np.array(wider)))
             usable = (more.flag == 0) | (more.flag == UNCERTAIN)
@@ -203,11 +168,6 @@ class NormalField:
             found.replace(poor[better], more.select(better))
             radii[poor[better]] = wider
         return radii
-
-    def _points(self) -> Floats:
-        if len(self._parts) > 1:
-            self._parts = [np.concatenate(self._parts)]
-        return self._parts[0]
 
 
 def _judged(
@@ -254,3 +214,53 @@ def _outward_at(places: Floats, outward: ArrayLike | None, viewpoint: ArrayLike 
     if (lengths == 0.0).any():
         raise InvalidInputError("outward must not be zero, nor viewpoint one of the places")
     return towards / lengths[:, None]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ThinPlaces:
+    """Places that another pass of the pointer would help, the worst first."""
+
+    points_base: Floats  # (k, 3)
+    places: Ints  # (k,) their numbers among the places that were asked about
+    reasons: tuple[str, ...]  # keys of ``REASONS``
+    times: Floats  # (k,) how many times as many points would do
+
+    def __len__(self) -> int:
+        return len(self.places)
+
+
+def thin_places(
+    normals: Normals, at: ArrayLike, *, max_sigma_deg: float = MAX_SIGMA_DEG
+) -> ThinPlaces:
+    """Return where ``normals`` are refused, served by a wider neighbourhood, or too uncertain.
+
+    Args:
+        normals: What ``NormalField.normals`` found.
+        at: The places (m, 3) it was asked about.
+        max_sigma_deg: Largest predicted error that is good enough.
+
+    Raises:
+        InvalidInputError: another number of places, or a bound that is not positive.
+    """
+    places = as_points(at, name="at")
+    if len(places) != len(normals):
+        raise InvalidInputError(f"{len(normals)} normals need as many places, not {len(places)}")
+    if not 0.0 < max_sigma_deg < np.inf:
+        raise InvalidInputError(f"max_sigma_deg must be positive, not {max_sigma_deg}")
+    reasons = np.array(normals.flags, dtype=object)
+    reasons[(reasons == "ok") & (normals.sigma_deg > max_sigma_deg)] = "uncertain"
+    # the error falls with the root of the number of points
+    times = np.clip((normals.sigma_deg / max_sigma_deg) ** 2, 1.0, MOST)
+    if normals.radii_mm is not None:
+        wide = normals.radii_mm > normals.radius_mm
+        times = np.maximum(times, np.minimum((normals.radii_mm / normals.radius_mm) ** 2, MOST))
+        reasons[(reasons == "ok") & wide] = "widened"
+    times = np.where(np.isin(reasons, ("ok", "uncertain", "widened")), times, MOST)
+    thin = np.flatnonzero(reasons != "ok")
+    thin = thin[np.argsort(-times[thin], kind="stable")]
+    return ThinPlaces(
+        points_base=readonly(places[thin]),
+        places=readonly(thin),
+        reasons=tuple(str(reason) for reason in reasons[thin]),
+        times=readonly(times[thin]),
+    )

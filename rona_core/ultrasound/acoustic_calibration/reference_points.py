@@ -7,7 +7,7 @@ from scipy.spatial import KDTree
 
 from rona_core.errors import DegenerateGeometryError, InvalidInputError
 from rona_core.geometry.arrays import Bools, Floats, Ints, readonly
-from rona_core.geometry.robust import cauchy_weights, mad_sigma
+from rona_core.geometry.robust import cauchy_weights, mad_sigma, reweighted_least_squares
 from rona_core.ultrasound.acoustic_calibration.speed_calibration import THIN_MM, TIMING_US
 from rona_core.ultrasound.detection.detect import Detection
 
@@ -15,6 +15,7 @@ NEAR_MM = 2.0  # A-scans so near to a place tell its time of flight
 AROUND_MM = 4.0  # and so near, its surroundings
 ALIKE_MM = 0.4  # a place is chosen where its neighbours agree so well
 LEAST_NEAR = 6
+LEAST_SCATTER_MM = 0.01
 LONELY_SLOPE = 0.15  # taken where nobody is around
 SLOPE_COSTS_MM = 100.0  # so far away a place may be for a slope less by 1
 ROUNDS = 30
@@ -115,15 +116,15 @@ class _Local:
         away = self._places[near] - place
         flat = np.linalg.svd(away - away.mean(axis=0), full_matrices=False)[2][:2]
         design = np.column_stack((np.ones(len(near)), away @ flat.T))
-        depth, weights = self._thickness[near], np.ones(len(near))
-        fit, scale = np.zeros(3), 0.01
-        for _ in range(4):  # a stray echo among them counts little
-            root = np.sqrt(weights)
-            fit = np.linalg.lstsq(design * root[:, None], depth * root)[0]
-            off = depth - design @ fit
-            scale = mad_sigma(off, floor=0.01)
-            weights = cauchy_weights(off, 2.0 * scale)
-        return float(fit[0]), float(np.hypot(fit[1], fit[2])), scale
+        depth = self._thickness[near]
+        fit = reweighted_least_squares(  # a stray echo among them counts little
+            design,
+            depth,
+            lambda off: cauchy_weights(off, 2.0 * mad_sigma(off, floor=LEAST_SCATTER_MM)),
+            rounds=4,
+        )
+        scatter = mad_sigma(depth - design @ fit, floor=LEAST_SCATTER_MM)
+        return float(fit[0]), float(np.hypot(fit[1], fit[2])), scatter
 
 
 def _divided(points: Floats, n: int) -> Floats:

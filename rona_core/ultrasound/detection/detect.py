@@ -15,16 +15,16 @@ from rona_core.errors import InvalidInputError
 from rona_core.geometry.arrays import Bools, Floats, Ints, readonly
 from rona_core.ultrasound.detection.baseline_detectors import find_largest_echoes
 from rona_core.ultrasound.detection.single.candidates import Echoes, search_echoes
-from rona_core.ultrasound.detection.single.cramer_rao import Fisher, amplitude_bound
 from rona_core.ultrasound.detection.single.front_echo import gate_us, standoff_mm
 from rona_core.ultrasound.detection.single.inner_echo import InnerEchoes
 from rona_core.ultrasound.detection.single.matched_filter import BONE_REFLECTION
+from rona_core.ultrasound.detection.single.time_of_flight import Fisher, amplitude_bound
 from rona_core.ultrasound.detection.spatial.candidate_selection import select_inner_echoes
-from rona_core.ultrasound.detection.spatial.neighbour_graph import scan_links
+from rona_core.ultrasound.detection.spatial.neighbours import scan_links
 from rona_core.ultrasound.detection.spatial.oblique_correction import correct_oblique_echoes
 from rona_core.ultrasound.probe.excitation import GRID
 from rona_core.ultrasound.probe.materials import DIPLOE, TABLE, Material
-from rona_core.ultrasound.probe.survey import ProbeSurvey
+from rona_core.ultrasound.probe.probe_model import ProbeSurvey
 
 Method = Literal["subtract", "matched", "threshold"]
 DIPLOE_SHARE = 0.45  # of the thickness of a skull: 0.40 to 0.55 in the literature
@@ -108,7 +108,6 @@ def detect(
     echoes = search_echoes(
         survey,
         bone,
-        candidates=method == "subtract",
         progress=lambda share: progress(SEARCH_SHARE * share),
         cancel=cancel,
     )

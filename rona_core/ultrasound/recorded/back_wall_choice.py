@@ -4,36 +4,42 @@ Behind a plate lie its own multiples, a floor or a second plate, and the front s
 of the probe; in front of its back wall lie the last lobes of the pulse and, in bone, layers.
 """
 
-from collections.abc import Callable
-from dataclasses import dataclass
-
 import numpy as np
 
 from rona_core.geometry.arrays import Floats, Ints
-from rona_core.ultrasound.recorded.band import Band
-from rona_core.ultrasound.recorded.echo_tracks import Track, largest_piece, predicted
-from rona_core.ultrasound.recorded.probe_reverberations import robust_sd
+from rona_core.ultrasound.recorded.aligned_lines import RfSurvey, fronts_are_cut, least_lag_us
+from rona_core.ultrasound.recorded.band import Band, Complexes, filtered, inverse_filter
+from rona_core.ultrasound.recorded.echo_tracks import (
+    Peaks,
+    Track,
+    find_peaks,
+    follow,
+    largest_piece,
+    mended,
+    neighbour_tree,
+    neighbours,
+    predicted,
+)
+from rona_core.ultrasound.recorded.probe_reverberations import (
+    FrontArrivals,
+    is_reverberation,
+    repeats_standoff,
+    robust_sd,
+)
 
 LEAST_SHARE = 0.2  # of the loudest echo of the plate and what is behind it
-LEAST_DAMPING = 0.35  # Np at mid-band, by a loss in proportion to frequency; water has less
 CONTACT_LEVEL = 0.2  # of the second round trip in a plate, over the first
 LOBE_REACH = 4.5  # of the pulse, over its length
 NEAR_REACH = 2.6
 LOBE_LEVEL = 0.22  # over the front; lobes of real pulses are below, later ones more so
 LATE_LOBE_LEVEL = 0.13
 GHOST_REACH = 9.0  # echoes from within the probe come later, and are fainter still
-CLOSE_REACH = 4.0
 GHOST_LEVEL = 0.05
-GHOST_MOST = 0.1  # where a louder echo follows, and no loss explains why this is faint
-LOUDER = 1.5
 SMEARED = 2.0, 0.02  # within so many pulse lengths nothing so faint over the front is an echo
 CUT_SHORT = 2.5
-LOST = 0.25  # of a faint echo's loss, that must show in its spectrum
 MIRROR = 30.0  # R / (1 - R^2) of steel in water is 8, and the field spreads
-SHARPER = 0.5  # Np that a multiple may seem to have lost less than what it repeats
 LONE_LEVEL = 1.0  # of the front's second arrival, over an echo that nothing else speaks for
 FAINT = 0.05
-DOUBLE = 1.4  # between once and twice
 FEW = 12  # scans, among which neighbours may be far apart
 LOUD_SHARE = 0.5
 PATCHED = 0.5  # share of a whole echo's scans that are in one piece
@@ -43,46 +49,31 @@ WANDERS = 0.2  # cycles that a lobe may seem to move
 TWICE = 0.25  # of the pulse length: how well a multiple fits
 
 
-@dataclass(frozen=True, slots=True)
-class Evidence:
-    """What is known of the echoes behind a front beside their tracks."""
-
-    timed: bool  # the time of the emission is known
-    again: Callable[[Track], bool]  # as late after the front as this is after the emission
-    loss_np: Callable[[Track], float]  # at mid-band, that an echo's spectrum shows
-    cut: bool  # the fronts were cut off, so that levels over them are uncertain
-
-
 def choose_back_wall(
-    tracks: list[Track],
-    foreign: list[bool],
-    known: Evidence,
-    band: Band,
-    near: Ints,
-    positions_mm: Floats | None,
+    tracks: list[Track], foreign: list[bool], again: list[bool], fronts: FrontArrivals, near: Ints
 ) -> int | None:
     """Return which track is the back wall: the first that is loud enough and explained by nothing.
 
     Args:
         tracks: Echoes behind the front.
         foreign: Which of them have nothing to do with the plate.
-        known: What else is known.
-        band: Of the echoes.
+        again: Which of them are as late after the front as this is after the emission.
+        fronts: In front of them.
         near: Neighbours (n, k) of each scan.
-        positions_mm: Of the scans (n, 1 to 3), where they are known.
     """
+    band = fronts.band
     others = [t for t, no in zip(tracks, foreign, strict=True) if no]
     candidates: list[int] = [
         k
         for k, no in enumerate(foreign)
         if not no and not any(_is_lobe_of(tracks[k], t, band) for t in others)
     ]
-    first = _contact(tracks, known, band)
+    first = _contact(tracks, again, fronts)
     if first is not None:
         return first
     if not candidates:
         return None
-    judged = [steadiness(t, near, positions_mm, band) for t in tracks]
+    judged = [steadiness(t, near, fronts.positions_mm, band) for t in tracks]
     full = max(float(tracks[k].present.sum()) for k in candidates)
     candidates = [k for k in candidates if tracks[k].present.sum() >= 0.5 * full]
     loudest = max(tracks[k].typical_level for k in candidates)
@@ -101,9 +92,9 @@ def choose_back_wall(
         loud.sort(key=lambda k: tracks[k].typical_us)
         for k in loud:
             rest = [tracks[j] for j in candidates if j != k]
-            lobe = _is_lobe(tracks[k], judged[k][1], rest, band, known)
-            lobe = lobe or _is_alone(tracks[k], judged[k][1], tracks, others, band, known)
-            if not lobe or _comes_twice(tracks[k], tracks, others, band):
+            wanders = judged[k][1]
+            lobe = not wanders and _is_lobe(tracks[k], rest, fronts)
+            if not lobe and (wanders or not _is_alone(tracks[k], tracks, others, fronts)):
                 return k
         # all of them belong to the pulse: the plate is among what is fainter
         candidates = [k for k in candidates if k not in loud]
@@ -128,16 +119,14 @@ def _without_patchwork(
     return [k for k in candidates if share[k] >= PATCHED or tracks[k].typical_level > even]
 
 
-def _contact(tracks: list[Track], known: Evidence, band: Band) -> int | None:
+def _contact(tracks: list[Track], again: list[bool], fronts: FrontArrivals) -> int | None:
     """Return the echo that is the second round trip in a plate under the probe itself.
 
     Then nothing lies between emission and back wall: what was taken for the front is the back
     wall, and whatever follows comes at multiples of its time. Behind water the second arrival
-    from the front is fainter, and as sharp as the first.
+    from the front is fainter.
     """
-    if not known.timed or not tracks:
-        return None
-    near = [k for k, t in enumerate(tracks) if known.again(t)]
+    near, band = [k for k, late in enumerate(again) if late], fronts.band
     if not near:
         return None
     first = max(near, key=lambda k: tracks[k].typical_level)
@@ -146,51 +135,29 @@ def _contact(tracks: list[Track], known: Evidence, band: Band) -> int | None:
         t.typical_us / lag
         for t in tracks
         if t.typical_level > FAINT * level
-        and (
-            _comes_twice(t, tracks, [tracks[first]], band)
-            or (
-                not is_early_and_weak(t, band)
-                and not any(_is_lobe_of(t, tracks[k], band) for k in near)
-            )
-        )
+        and not is_early_and_weak(t, band)
+        and not any(_is_lobe_of(t, tracks[k], band) for k in near)
     ]
     even = all(abs(k - round(k)) * lag < TWICE * band.length_us * max(round(k), 1) for k in order)
-    if not even:
-        return None
-    if known.cut:  # the third over the second
+    if even and fronts.cut:  # the third over the second
         third = [t.typical_level for t in tracks if abs(t.typical_us / lag - 2.0) < 0.1]
-        return first if third and max(third) > CONTACT_LEVEL * level else None
-    lost = known.loss_np(tracks[first]) > LEAST_DAMPING
-    return first if level > CONTACT_LEVEL or lost else None
+        even, level = bool(third), max(third, default=0.0) / level
+    return first if even and level > CONTACT_LEVEL else None
 
 
-def _is_lobe(track: Track, wanders: bool, others: list[Track], band: Band, known: Evidence) -> bool:
-    """Return whether an early weak echo is rather the end of the front's own pulse."""
+def _is_lobe(track: Track, others: list[Track], fronts: FrontArrivals) -> bool:
+    """Return whether an early weak echo that stands still is the end of the front's own pulse."""
     level = track.typical_level
     # a front that was cut off is put back lower than it was
-    early = _early_and_weak(track.typical_us, level / (CUT_SHORT if known.cut else 1.0), band)
-    if not early and not may_be_ghost(track, band):
+    known = level / (CUT_SHORT if fronts.cut else 1.0)
+    if not _early_and_weak(track.typical_us, known, fronts.band):
         return False
-    # close behind a front that was cut off and restored, what is faint wanders too
-    close = track.typical_us < CLOSE_REACH * band.length_us
-    close = close and level < (GHOST_MOST if known.cut else GHOST_LEVEL)
-    least = 0.5 if not wanders else 2.0
-    if wanders and not close:
-        return False
-    later = [
-        t
-        for t in others
-        if t.typical_level > (least if early else LOUDER) * level
-        and t.typical_us > track.typical_us
-    ]
-    if not later or _has_multiples(track, later, others, band, known):
-        return False
-    # what is faint by the loss in the plate has lost its high frequencies first
-    return early or known.loss_np(track) < LOST * float(np.log(1.0 / level))
+    later = [t for t in others if t.typical_level > 0.5 * level and t.typical_us > track.typical_us]
+    return bool(later) and not _has_multiples(track, later, others, fronts)
 
 
 def _has_multiples(
-    track: Track, later: list[Track], others: list[Track], band: Band, known: Evidence
+    track: Track, later: list[Track], others: list[Track], fronts: FrontArrivals
 ) -> bool:
     """Return whether an echo comes again at twice its lag.
 
@@ -199,56 +166,29 @@ def _has_multiples(
     """
     # a lobe comes behind every echo, and so behind one at twice its own lag; and a louder echo
     # has multiples of its own
-    level = track.typical_level
+    level, apart = track.typical_level, TWICE * fronts.band.length_us
     lobes = [u.typical_us + track.typical_us for u in later]
     lobes += [2.0 * u.typical_us for u in later if u.typical_level > 2.0 * level]
-    most = 0.9 if known.cut else min(0.9, MIRROR * level)
+    most = 0.9 if fronts.cut else min(0.9, MIRROR * level)
     return any(
         0.2 * level < t.typical_level < most * level
-        and all(abs(t.typical_us - lobe) > TWICE * band.length_us for lobe in lobes)
-        and abs(t.typical_us - 2.0 * track.typical_us) < TWICE * band.length_us
-        and known.loss_np(t) > known.loss_np(track) - SHARPER
+        and all(abs(t.typical_us - lobe) > apart for lobe in lobes)
+        and abs(t.typical_us - 2.0 * track.typical_us) < apart
         for t in others
     )
 
 
-def is_repeated(track: Track, others: list[Track], band: Band, known: Evidence) -> bool:
-    """Return whether the plate's own multiple speaks for an echo."""
-    rest = [t for t in others if t is not track]
-    return _has_multiples(track, [], rest, band, known)
-
-
 def _is_alone(
-    track: Track,
-    wanders: bool,
-    tracks: list[Track],
-    foreign: list[Track],
-    band: Band,
-    known: Evidence,
+    track: Track, tracks: list[Track], foreign: list[Track], fronts: FrontArrivals
 ) -> bool:
     """Return whether an early weak echo is the only one that is not explained, and a lobe.
 
     Only the front's second arrival by way of the probe is louder, and there is no multiple.
     """
-    louder = [t for t in foreign if t.typical_level > LONE_LEVEL * track.typical_level]
-    if wanders or not is_early_and_weak(track, band) or not louder:
-        return False
-    return not is_repeated(track, tracks, band, known)
-
-
-def _comes_twice(track: Track, tracks: list[Track], foreign: list[Track], band: Band) -> bool:
-    """Return whether an echo is twice as strong behind the second arrival of the front.
-
-    A lobe has the same level behind both; a back wall twice that, for it is passed on the first
-    or on the second way.
-    """
-    for second in foreign:
-        for t in tracks:
-            if abs(t.typical_us - second.typical_us - track.typical_us) < TWICE * band.length_us:
-                again = t.typical_level / second.typical_level
-                if DOUBLE * track.typical_level < again < 3.0 * track.typical_level:
-                    return True
-    return False
+    louder = any(t.typical_level > LONE_LEVEL * track.typical_level for t in foreign)
+    rest = [t for t in tracks if t is not track]
+    early = is_early_and_weak(track, fronts.band)
+    return early and louder and not _has_multiples(track, [], rest, fronts)
 
 
 def _is_lobe_of(track: Track, main: Track, band: Band) -> bool:
@@ -260,12 +200,6 @@ def _is_lobe_of(track: Track, main: Track, band: Band) -> bool:
 def is_early_and_weak(track: Track, band: Band) -> bool:
     """Return whether an echo could be a lobe of the front's own pulse."""
     return _early_and_weak(track.typical_us, track.typical_level, band)
-
-
-def may_be_ghost(track: Track, band: Band) -> bool:
-    """Return whether an echo is so early and faint that it may come from within the probe."""
-    near = track.typical_us < GHOST_REACH * band.length_us
-    return near and track.typical_level < GHOST_MOST
 
 
 def is_smeared(track: Track, band: Band) -> bool:
@@ -298,3 +232,60 @@ def steadiness(
     wide = robust_sd(track.lag_us[known & largest_piece(track, near, band.length_us)])
     wanders = wide > WANDERS / band.centre_mhz and robust_sd(off) < 0.5 * wide
     return float((np.abs(off) < AGREES * band.length_us).mean()), wanders
+
+
+def find_back_wall(survey: RfSurvey, pulse_delay_us: float) -> Track | None:
+    """Return the echo of the back wall, or None.
+
+    Args:
+        survey: Lines aligned to their fronts.
+        pulse_delay_us: From the begin of a pulse to the point at which it is timed.
+    """
+    recorded, front, band = survey.recorded, survey.front, survey.band
+    if not front.ok.any():
+        return None
+    # a record that begins with ring-down begins with the emission
+    timed = recorded.start_known or bool((front.quiet_from > 0).any())
+    fronts = FrontArrivals(
+        time_us=recorded.start_us + front.aligned.at_us,
+        ok=front.ok,
+        emission_known=timed,
+        band=band,
+        positions_mm=recorded.positions_mm,
+        pulse_delay_us=pulse_delay_us,
+        cut=fronts_are_cut(survey),
+    )
+    peaks = _peaks_behind_front(survey)
+    place = recorded.positions_mm
+    tree, near = neighbour_tree(front.ok, place), neighbours(len(survey.lines), place)
+    followed = follow(peaks, tree, band, front.ok)
+    tracks = [mended(track, peaks, near, place, band) for track in followed]
+    foreign = [is_reverberation(track, fronts) for track in tracks]
+    again = [timed and repeats_standoff(track, fronts) for track in tracks]
+    best = choose_back_wall(tracks, foreign, again, fronts, near)
+    return None if best is None or is_smeared(tracks[best], band) else tracks[best]
+
+
+def _peaks_behind_front(survey: RfSurvey) -> Peaks:
+    rate, zero = survey.sampling_mhz, survey.zero
+    last = survey.recorded.rf.shape[1] - survey.front.aligned.at_us * rate + zero
+    ends = np.minimum(np.floor(last).astype(np.int64), survey.lines.shape[1])
+    lines = _compress_like_front(survey)
+    return find_peaks(lines, 1.0 / rate, zero, survey.band, least_lag_us(survey), ends)
+
+
+def _compress_like_front(survey: RfSurvey) -> Complexes:
+    """Return lines in which an echo like the front is one short lobe of height 1."""
+    lines, rate, band = survey.lines, survey.sampling_mhz, survey.band
+    pulse = np.fft.ifft(survey.front.aligned.spectrum)
+    half = len(pulse) // 2
+    padded = max(lines.shape[1] + 4 * round(band.length_us * rate), half)
+    f: Floats = np.fft.fftfreq(padded, 1.0 / rate).astype(np.float64)
+    whole = np.zeros(padded, dtype=np.complex128)
+    whole[:half] = pulse[:half]
+    whole[-half:] += pulse[-half:]
+    spectrum = np.fft.fft(whole)
+    weight = inverse_filter(spectrum, f, band)
+    weight = weight / np.abs(np.fft.ifft(spectrum * weight)).max()
+    weight = weight * float(np.abs(pulse).max())  # the lines are over the height of the front
+    return filtered(lines, weight)

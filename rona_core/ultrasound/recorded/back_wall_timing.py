@@ -10,21 +10,20 @@ import numpy as np
 
 from rona_core.geometry.arrays import Bools, Floats, Ints
 from rona_core.geometry.robust import mad_sigma
-from rona_core.ultrasound.recorded.aligned_lines import RfSurvey
-from rona_core.ultrasound.recorded.band import Band, Complexes, noise_rms
-from rona_core.ultrasound.recorded.clipping import (
+from rona_core.ultrasound.recorded.aligned_lines import (
+    RfSurvey,
     are_most_cut,
     cut_fronts,
     fronts_are_cut,
     half_cycles_off,
     samples_lost,
 )
+from rona_core.ultrasound.recorded.band import Band, Complexes, noise_rms
 from rona_core.ultrasound.recorded.echo_tracks import Track, neighbours, predicted
 from rona_core.ultrasound.recorded.template_learning import Aligned, align_echoes, locate_echoes
 
 ALIKE = 0.5  # correlation with the mean back echo, below which a scan is unsure
 LEAST_SNR = 3.0
-TAIL_REACH = 7.0  # over the pulse length: nearer back walls sit on the end of the front's pulse
 SMOOTH_CYCLES = 0.35  # a coarse lag that scatters less about its neighbours is replaced by theirs
 SEARCH_CYCLES = 0.6
 OFF_COST = 0.05  # correlation that a scan off its neighbours by a cycle must have more
@@ -72,7 +71,6 @@ def time_back_wall(survey: RfSurvey, track: Track) -> BackEchoes:
     used = track.present & front.ok
     near = neighbours(len(survey.lines), survey.positions_mm)
     lag = _coarse(track, used, near, survey.positions_mm, band)
-    survey = replace(survey, lines=_without_front(survey, lag[used]))
     centers = _centers(survey, lag)
     search_us = SEARCH_CYCLES / band.centre_mhz
     aligned = align_echoes(survey.lines, centers, used, rate, band, search_us=search_us)
@@ -146,7 +144,7 @@ def _with_whole_front(match: Match, survey: RfSurvey, aligned: Aligned, used: Bo
     )
 
 
-def match_echoes(front: Aligned, back: Aligned, band: Band, most_turn: float = MOST_TURN) -> Match:
+def match_echoes(front: Aligned, back: Aligned, band: Band, most_turn: float) -> Match:
     """Return delay, loss and sign that make the mean front most like the mean back echo.
 
     Loss grows with frequency and has its Kramers-Kronig dispersion, 0 in mid-band. The field of a
@@ -198,20 +196,6 @@ def _reshape(loss_np_per_mhz: Floats, f: Floats, band: Band) -> Complexes:
     """Return factors (n, f) that give every back echo the loss of the typical one."""
     limit = MAX_RESHAPE_NP / band.width_mhz
     return damping(-np.clip(loss_np_per_mhz, -limit, limit), f, band)
-
-
-def _without_front(survey: RfSurvey, lag_us: Floats) -> Complexes:
-    """Return the lines without the mean front and as much of its end as is known for sure."""
-    lines, ok, rate = survey.lines, survey.front.ok, survey.sampling_mhz
-    length_us = survey.band.length_us
-    first = float(np.quantile(lag_us, 0.02)) - 0.6 * length_us
-    if first > TAIL_REACH * length_us:
-        return lines
-    last = survey.zero + max(round(first * rate), 1)
-    fall = max(2, round(0.6 * length_us * rate))
-    index = np.arange(lines.shape[1])
-    taper = np.clip((last - index) / fall, 0.0, 1.0)
-    return lines - np.where(ok, 1.0, 0.0)[:, None] * (lines[ok].mean(axis=0) * taper)
 
 
 def _around(lag_us: Floats, used: Bools, near: Ints, positions_mm: Floats | None) -> Floats:

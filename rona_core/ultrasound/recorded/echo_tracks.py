@@ -184,10 +184,8 @@ def find_peaks(
     return Peaks(lag_us, level, noise)
 
 
-def follow(
-    peaks: Peaks, tree: tuple[Ints, Ints], band: Band, ok: Bools, most: int = TRACKS
-) -> list[Track]:
-    """Return the echoes that most scans share, the loudest first, so many at most.
+def follow(peaks: Peaks, tree: tuple[Ints, Ints], band: Band, ok: Bools) -> list[Track]:
+    """Return the echoes that most scans share, the loudest first.
 
     Each is the best choice of one peak a scan (or none) on the tree of neighbours, found exactly
     from the leaves to the root; its peaks are taken away before the next.
@@ -196,7 +194,7 @@ def follow(
     worth = np.clip((snr_db - 10.0) / 10.0, 0.05, (FULL_DB - 10.0) / 10.0)
     alive = (peaks.level > 0) & ok[:, None]
     tracks: list[Track] = []
-    while len(tracks) < most and alive.any():
+    while len(tracks) < TRACKS and alive.any():
         choice = _best_choice(np.where(alive, worth, -np.inf), peaks.lag_us, tree, band)
         present = choice >= 0
         if present.sum() < max(1.0, LEAST_COVERAGE * ok.sum()):

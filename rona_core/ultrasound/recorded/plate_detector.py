@@ -15,8 +15,10 @@ from rona_core.geometry.arrays import Bools, Floats, Ints, readonly
 from rona_core.ultrasound.recorded.aligned_lines import (
     align_fronts,
     compress_pulse,
+    fronts_are_cut,
     learn_long_pulse,
     pulse_delay_us,
+    settle_clipped,
 )
 from rona_core.ultrasound.recorded.artefacts import (
     find_clipped,
@@ -25,10 +27,9 @@ from rona_core.ultrasound.recorded.artefacts import (
     remove_spikes,
     restore_clipped,
 )
-from rona_core.ultrasound.recorded.back_wall_search import find_back_wall
+from rona_core.ultrasound.recorded.back_wall_choice import find_back_wall
 from rona_core.ultrasound.recorded.back_wall_timing import BackEchoes, time_back_wall
 from rona_core.ultrasound.recorded.band import Band, analytic, check_lines, find_band, near_one
-from rona_core.ultrasound.recorded.clipping import fronts_are_cut, settle_clipped
 from rona_core.ultrasound.recorded.front_wall import FrontEchoes, find_recorded_fronts
 from rona_core.ultrasound.recorded.probe_reverberations import robust_sd
 
@@ -146,7 +147,7 @@ def _found(recorded: RecordedRf, prior_mhz: float | None, report: "_Steps") -> _
         if settled is survey.front:
             break
         survey = align_fronts(z, settled, recorded, clipped, band)
-    track = find_back_wall(survey, delay_us, compressed=pulse is not None)
+    track = find_back_wall(survey, delay_us)
     report(0.7)
     back = None if track is None else time_back_wall(survey, track)
     report(1.0)

@@ -1,34 +1,26 @@
-"""Probe reverberations: echoes by way of the probe, or standing still, found and suppressed.
+"""Probe reverberations: echoes by way of the probe, or standing still.
 
 Where the stand-off varies, these move with the front as no echo of the plate does: the front's
 second arrival falls behind it by as much again, and what stands still in the record comes nearer
-by as much. They are followed in lines that are moved so that they stay at one place.
+by as much.
 """
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
-from rona_core.geometry.arrays import Bools, Floats, Ints
-from rona_core.geometry.robust import mad_sigma
+from rona_core.geometry.arrays import Bools, Floats
+from rona_core.geometry.robust import mad_sigma, reweighted_least_squares
 from rona_core.ultrasound.recorded.band import Band
-from rona_core.ultrasound.recorded.echo_tracks import Peaks, Track, follow, neighbours, predicted
+from rona_core.ultrasound.recorded.echo_tracks import Track
 
 MOVES_US = 0.05  # of the front; less tells nothing about what moves with it
-FAR_US = 0.5  # by which a plain tilt must move the front
 TURNED = 0.12  # how near a slope is to that of an echo that has nothing to do with the plate
 LEFT = 0.4  # of an echo's own scatter, when its movement with the front is taken away
-LEFT_FAR = 0.15  # the same with the tilt, which a wedge has too
 AT_FRONT_US = 0.25  # how near a multiple between front and probe is to its time
 PULSE_DELAY = 1.5  # from the emission to the middle of the pulse, over its length
 ROUNDS = 12
 LEAST_US = 1e-4
-SLIP = 0.2  # cycles about whole ones: fronts taken a cycle off, not moved
-SLIPPED = 0.9
-NEAR = 0.3  # of the pulse length: the same peak
-FOLLOWED = 3
-STEADY = 0.6  # share of scans that agree with their neighbours
-MOST_SCANS = 0.45  # of them, so that a few fronts at a wrong cycle are no movement
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -82,11 +74,8 @@ def is_reverberation(track: Track, fronts: FrontArrivals) -> bool:
     place, time_us = fronts.places, fronts.time_us
     lag = plane_residuals(track.lag_us[both], place[both])
     front = plane_residuals(time_us[both], place[both])
-    if _slips(front, band):
-        whole = np.abs(front) < 0.5 / band.centre_mhz
-        lag, front = lag[whole], front[whole]
-    if len(front) < 8 or robust_sd(front) < MOVES_US:
-        return again or _tilts_alike(track.lag_us[both], time_us[both], known)
+    if robust_sd(front) < MOVES_US:
+        return again
     slope = _slope(front, lag)
     cycle_off = fronts.cut and robust_sd(front) < 1.0 / band.centre_mhz
     for expected in (1.0, 2.0) if cycle_off else (-1.0, 1.0, 2.0):
@@ -97,72 +86,14 @@ def is_reverberation(track: Track, fronts: FrontArrivals) -> bool:
     return False  # what comes by way of the probe would move
 
 
-def suppress_reverberations(
-    peaks: Peaks, tree: tuple[Ints, Ints], fronts: FrontArrivals
-) -> tuple[Peaks, list[Track]]:
-    """Return the peaks that are not of the probe, and the echoes that are.
-
-    Args:
-        peaks: Behind the fronts.
-        tree: Joins neighbours, see ``neighbour_tree``.
-        fronts: When the fronts came.
-    """
-    ok, band = fronts.ok, fronts.band
-    if ok.sum() < 8:
-        return peaks, []
-    uneven = robust_sd(plane_residuals(fronts.time_us[ok], fronts.places[ok]))
-    if uneven < MOVES_US and robust_sd(fronts.time_us[ok]) < FAR_US:
-        return peaks, []
-    moved = np.where(ok, fronts.time_us - np.median(fronts.time_us[ok]), 0.0)
-    near = neighbours(len(ok), fronts.positions_mm)
-    found: list[Track] = []
-    for slope in (1.0, 2.0, -1.0):
-        shifted = replace(peaks, lag_us=peaks.lag_us - slope * moved[:, None])
-        for track in follow(shifted, tree, band, ok, most=FOLLOWED):
-            echo = replace(track, lag_us=track.lag_us + slope * moved)
-            if not _is_followed(track, near, fronts) or not is_reverberation(echo, fronts):
-                continue
-            found.append(echo)
-            gone = np.abs(peaks.lag_us - echo.lag_us[:, None]) < NEAR * band.length_us
-            gone &= track.present[:, None]
-            peaks = replace(peaks, level=np.where(gone, 0.0, peaks.level))
-    return peaks, found
-
-
-def _is_followed(track: Track, near: Ints, fronts: FrontArrivals) -> bool:
-    """Return whether a shifted echo is in enough scans, and smooth from scan to scan.
-
-    Evenly spaced multiples offer a peak near any place, but not always the same.
-    """
-    around = predicted(track.lag_us, track.present, near, fronts.positions_mm)
-    off = np.abs(track.lag_us - around)[track.present & np.isfinite(around)]
-    many = bool(track.present.sum() > MOST_SCANS * fronts.ok.sum())
-    return many and float((off < NEAR * fronts.band.length_us).mean()) > STEADY
-
-
-def _tilts_alike(lag: Floats, front: Floats, start_known: bool) -> bool:
-    """Return whether an echo stands still where the front moves far, if but along a plane."""
-    if start_known or robust_sd(front) < FAR_US:
-        return False
-    return any(robust_sd(lag - slope * front) < LEFT_FAR * robust_sd(lag) for slope in (-1.0, 1.0))
-
-
-def _slips(front: Floats, band: Band) -> bool:
-    """Return whether fronts (n,) are off by whole cycles, which no stand-off is."""
-    cycles = front * band.centre_mhz
-    whole = np.abs(cycles - np.rint(cycles)) < SLIP
-    return float(whole.mean()) > SLIPPED and bool((np.abs(cycles) > 0.5).any())
-
-
 def plane_residuals(values: Floats, place: Floats) -> Floats:
     """Return the residuals (n,) of a plane of least absolute deviation over places."""
     centred = place - place.mean(axis=0)
     design = np.column_stack((np.ones(len(values)), centred / max(np.abs(centred).max(), 1e-9)))
-    residuals, root = values - np.median(values), np.ones(len(values))
-    for _ in range(ROUNDS):
-        residuals = values - design @ np.linalg.lstsq(design * root[:, None], values * root)[0]
-        root = 1.0 / np.sqrt(np.maximum(np.abs(residuals), LEAST_US))
-    return residuals
+    plane = reweighted_least_squares(
+        design, values, lambda off: 1.0 / np.maximum(np.abs(off), LEAST_US), rounds=ROUNDS
+    )
+    return np.asarray(values - design @ plane)
 
 
 def robust_sd(values: Floats) -> float:

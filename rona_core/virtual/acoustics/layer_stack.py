@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from rona_core.geometry.arrays import Bools, Floats
 from rona_core.ultrasound.probe.materials import Complexes, Material
-from rona_core.virtual.acoustics.layered_reflection import Boundary, ramp, step
+from rona_core.virtual.acoustics.layered_reflection import Boundary, ObliqueFactors, ramp, step
 from rona_core.virtual.acoustics.medium import Medium
 from rona_core.virtual.acoustics.microstructure import (
     AXIAL_CELL_MM,
@@ -20,7 +20,6 @@ from rona_core.virtual.acoustics.microstructure import (
     grains,
     local_speed_factors,
 )
-from rona_core.virtual.acoustics.oblique_incidence import ObliqueFactors
 
 SPECKLE_CELLS = 54  # of diploe, 8 mm deep
 GAP_LIMIT_MM = 4.0  # a ray further than this from the bone is lost

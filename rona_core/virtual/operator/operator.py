@@ -14,10 +14,11 @@ from rona_core.virtual.operator.hand_trajectories import (
     points_along,
     project_onto_bone,
     raster_curve,
+    rotation_in_bush,
+    slide_over_region,
     tangent_axes,
     tilted,
 )
-from rona_core.virtual.operator.handheld_probe import rotation_in_bush, slide_over_region
 from rona_core.virtual.operator.manual_pivot import ManualPivot
 from rona_core.virtual.pointer_motion import (
     TILT_HZ,

@@ -12,8 +12,8 @@ from rona_core.devices.samples import JointSample
 from rona_core.devices.settings import ContactSettings, RobotSettings
 from rona_core.errors import DeviceError, InvalidInputError
 from rona_core.geometry.arrays import Floats, as_floats, readonly
+from rona_core.robot.kinematics.arm import as_joints
 from rona_core.robot.kinematics.robot_model import RobotModel
-from rona_core.robot.kinematics.spherical_wrist import as_joints
 from rona_core.virtual.robot.contact_dynamics import LaggingAxis
 from rona_core.virtual.robot.corrected_motion import CorrectedMotion, VirtualGuidedMotion
 

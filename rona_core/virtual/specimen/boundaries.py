@@ -1,27 +1,15 @@
 """Interface of a specimen: its four boundaries in the frame ``skull``, in millimetres."""
 
 from dataclasses import dataclass
-from typing import Literal, Protocol
+from typing import Protocol
 
 from numpy.typing import ArrayLike
 
 from rona_core.devices.protocols import Mesh
 from rona_core.errors import InvalidInputError
-from rona_core.geometry.arrays import Floats, Vector3
+from rona_core.geometry.arrays import Floats, Vector3, as_points, as_unit_vectors
 
-Boundary = Literal["outer", "diploe_outer", "diploe_inner", "inner"]
-BOUNDARIES: tuple[Boundary, ...] = ("outer", "diploe_outer", "diploe_inner", "inner")
-
-
-def boundary_index(boundary: str) -> int:
-    """Return 0 for the outer boundary up to 3 for the inner one.
-
-    Raises:
-        InvalidInputError: no boundary of that name.
-    """
-    if boundary not in BOUNDARIES:
-        raise InvalidInputError(f"boundary must be one of {', '.join(BOUNDARIES)}: {boundary!r}")
-    return BOUNDARIES.index(boundary)
+RADII_MM = (5.0, 60.0)  # smallest and largest region
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -43,19 +31,16 @@ class Specimen(Protocol):
         """Right, front and top of the head as unit columns (3, 3); None where unknown."""
         ...
 
-    def ray(
-        self, origins_skull: ArrayLike, directions_skull: ArrayLike, boundary: Boundary = "outer"
-    ) -> Floats:
-        """Return the distance in mm (n,) along each ray to a boundary.
+    def ray(self, origins_skull: ArrayLike, directions_skull: ArrayLike) -> Floats:
+        """Return the distance in mm (n,) along each ray to the outer boundary.
 
         Args:
-            origins_skull: (n, 3), outside the head, or between boundaries.
+            origins_skull: (n, 3), outside the head.
             directions_skull: (n, 3), unit length.
-            boundary: Which one.
 
         Returns:
-            Distance to the first place where the ray is inside the boundary: inf where it misses,
-            0 where it starts inside.
+            Distance to the first place where the ray is inside the bone: inf where it misses, 0
+            where it starts inside.
         """
         ...
 
@@ -73,14 +58,27 @@ class Specimen(Protocol):
         """
         ...
 
-    def closest(self, points_skull: ArrayLike, boundary: Boundary = "outer") -> Floats:
-        """Return the nearest point (n, 3) of a boundary to each point near it."""
+    def closest(self, points_skull: ArrayLike) -> Floats:
+        """Return the nearest point (n, 3) of the outer boundary to each point near it."""
         ...
 
-    def normal(self, points_skull: ArrayLike, boundary: Boundary = "outer") -> Floats:
-        """Return the outward unit normals (n, 3) of a boundary at points on or near it."""
+    def normal(self, points_skull: ArrayLike) -> Floats:
+        """Return the outward unit normals (n, 3) of the outer boundary at points on or near it."""
         ...
 
-    def mesh(self, boundary: Boundary = "outer", edge_mm: float = 3.0) -> Mesh:
-        """Return triangles of a boundary for the eye; never an input of an algorithm."""
+    def mesh(self, edge_mm: float = 3.0) -> Mesh:
+        """Return triangles of the outer boundary for the eye; never an input of an algorithm."""
         ...
+
+
+def as_rays(origins_skull: ArrayLike, directions_skull: ArrayLike) -> tuple[Floats, Floats]:
+    """Return origins (n, 3) and unit directions (n, 3) of rays.
+
+    Raises:
+        InvalidInputError: not as many directions as origins, or not of unit length.
+    """
+    o = as_points(origins_skull, name="origins_skull")
+    d = as_unit_vectors(directions_skull, name="directions_skull")
+    if len(o) != len(d):
+        raise InvalidInputError(f"{len(o)} origins need as many directions, not {len(d)}")
+    return o, d

@@ -7,13 +7,11 @@ from numpy.typing import ArrayLike
 from rona_core.errors import InvalidInputError
 from rona_core.geometry.arrays import as_vector3
 from rona_core.session.specimen import LoadedSkull, SimulatedSkull
-from rona_core.virtual.specimen.boundaries import BOUNDARIES, Boundary, Region, Specimen
+from rona_core.virtual.specimen.boundaries import RADII_MM, Specimen
 from rona_core.virtual.specimen.imported.imported_skull import LoadedSpecimen
 from rona_core.virtual.specimen.simulated.simulated_skull import SimulatedSpecimen
 
-__all__ = ["BOUNDARIES", "Boundary", "Region", "Specimen", "build_specimen"]
-
-RADII_MM = (5.0, 60.0)  # smallest and largest region
+__all__ = ["Specimen", "build_specimen"]
 
 
 def build_specimen(

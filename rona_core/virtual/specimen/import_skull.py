@@ -11,10 +11,10 @@ from numpy.typing import ArrayLike
 from rona_core.devices.protocols import Cancel, Progress, never, silent
 from rona_core.errors import CancelledError, InvalidInputError
 from rona_core.geometry.arrays import Vector3, as_vector3, readonly
-from rona_core.session.specimen import LoadedSkull, SkullKind
+from rona_core.session.specimen import LoadedSkull
+from rona_core.virtual.specimen.boundaries import RADII_MM
 from rona_core.virtual.specimen.imported.display_mesh import display_mesh
 from rona_core.virtual.specimen.imported.distance_grid import (
-    Grid,
     as_micrometres,
     distance_from_mesh,
     distance_from_volume,
@@ -48,7 +48,6 @@ from rona_core.virtual.specimen.imported.volume_reader import (
 )
 
 COARSE_MM = 1.25  # voxels in which a mesh is looked over
-RADII_MM = (5.0, 60.0)  # smallest and largest region
 WHOLE = 0.98  # share of the disc whose thickness must exist
 
 
@@ -120,13 +119,17 @@ def _draft(
 ) -> LoadedSkull:
     """Return the skull with its distance field and its mesh, still without name and thickness."""
     grid = grid_about(choice.center_skull, choice.outward_skull, radius_mm)
-    distance, smoothing_mm = _distance(source, grid)
+    if isinstance(source, BoneMesh):
+        kind, distance, smoothing_mm = "mesh", distance_from_mesh(source, grid), 0.0
+    else:
+        kind = "ct" if source.grey else "mask"
+        distance, smoothing_mm = distance_from_volume(source, grid)
     step(0.8)
     vertices, faces = display_mesh(coarse)
     step(0.95)
     return LoadedSkull(
         name="",
-        kind=_kind(source),
+        kind=kind,
         sha256=(),
         threshold=None,
         smoothing_mm=smoothing_mm,
@@ -175,12 +178,6 @@ def _read(paths: list[Path], threshold: float | None) -> BoneVolume | BoneMesh:
         f"cannot load {', '.join(path.name for path in paths)}: expected a volume "
         f"({', '.join(VOLUME_SUFFIXES)}) or a mesh ({', '.join(MESH_SUFFIXES)}), both files alike"
     )
-
-
-def _kind(source: BoneVolume | BoneMesh) -> SkullKind:
-    if isinstance(source, BoneMesh):
-        return "mesh"
-    return "ct" if source.grey else "mask"
 
 
 def _look_over(source: BoneVolume | BoneMesh) -> CoarseBone:
@@ -249,14 +246,6 @@ def _nearest_bone_mm(bone: CoarseBone, center: Vector3) -> float:
         x**2 + flat[layer].min() for x, layer in zip(off[0], bone.mask, strict=True) if layer.any()
     ]  # layer by layer, to spare memory
     return float(np.sqrt(min(squares)))
-
-
-def _distance(
-    source: BoneVolume | BoneMesh, grid: Grid
-) -> tuple[np.typing.NDArray[np.float64], float]:
-    if isinstance(source, BoneMesh):
-        return distance_from_mesh(source, grid), 0.0
-    return distance_from_volume(source, grid)
 
 
 def _settle(draft: LoadedSkull) -> LoadedSkull:

@@ -1,6 +1,6 @@
 """Capsules of robot and tool: cheap bounds for the occlusion test.
 
-They lie within the drawn solids of ``shape.py``, so that nothing is hidden by air.
+They lie within the solids that are drawn (``robot.meshes``), so that nothing is hidden by air.
 """
 
 from dataclasses import dataclass
@@ -38,11 +38,9 @@ class LinkCapsules:
 
     def at(self, model: RobotModel, qs_rad: Floats) -> Capsules:
         """Return the capsules in ``base`` at joint angles (n, 6)."""
-        poses = [model.joint_poses(q_rad) for q_rad in qs_rad]
-        rotations = np.stack([at.rotations for at in poses])[:, self.links]
-        translations = np.stack([at.translations for at in poses])[:, self.links]
-        starts = np.einsum("nkij,kj->nki", rotations, self.starts) + translations
-        ends = np.einsum("nkij,kj->nki", rotations, self.ends) + translations
+        rotations, positions = (part[:, self.links] for part in model.arm.link_frames(qs_rad))
+        starts = np.einsum("nkij,kj->nki", rotations, self.starts) + positions
+        ends = np.einsum("nkij,kj->nki", rotations, self.ends) + positions
         return Capsules(starts, ends, self.radii_mm)
 
 

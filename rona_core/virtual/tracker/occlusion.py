@@ -75,7 +75,7 @@ class LinesOfSight:
 
     def _head_caster(self) -> MeshRaycaster:
         if self._head is None:
-            self._head = MeshRaycaster(self._scene.specimen.mesh("outer", HEAD_EDGE_MM))
+            self._head = MeshRaycaster(self._scene.specimen.mesh(HEAD_EDGE_MM))
         return self._head
 
 

@@ -13,8 +13,8 @@ from numpy.typing import NDArray
 from rona_core.devices.marker_geometry import MarkerGeometry
 from rona_core.devices.samples import ToolStatus
 from rona_core.geometry.arrays import Bools, Floats, Ints
-from rona_core.geometry.batch_fit import ManyFits, fit_line_many, fit_rigid_many
 from rona_core.geometry.pose import Poses
+from rona_core.geometry.rigid_fit import ManyFits, fit_line_many, fit_rigid_many
 
 MIN_MARKERS = {6: 3, 5: 2}  # by degrees of freedom of the tool
 MAX_3D_ERROR_MM = 2.0  # of a marker from where the fit has it: what tool files have by default

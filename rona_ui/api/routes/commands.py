@@ -1,13 +1,13 @@
 """One route per command, made from the command list; undo and redo also under short addresses."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import MISSING, dataclass, fields
 from typing import Annotated, Any
 
 from fastapi import APIRouter, Body
 
 from rona_core.app.declarations.registry import REGISTRY
-from rona_core.app.messages.session_messages import Redo, Undo
+from rona_core.app.runtime.session_step import Redo, Undo
 from rona_core.app.runtime.workbench import Workbench
 from rona_ui.api.context import EXACT, Bench
 
@@ -38,14 +38,6 @@ def body_of(kind: Any) -> Any:
     return Annotated[kind, EXACT, body]
 
 
-def _route(kind: type) -> Callable[..., Changed]:
-    def send(bench: Bench, command: Any) -> Changed:
-        return changed(bench, command)
-
-    send.__annotations__["command"] = body_of(kind)
-    return send
-
-
 @router.post("/sessions/{session_id}/undo")
 def undo(bench: Bench) -> Changed:
     """Take the last change back; the same as the command `Undo`."""
@@ -58,17 +50,43 @@ def redo(bench: Bench) -> Changed:
     return changed(bench, Redo())
 
 
-def declared_commands() -> APIRouter:
-    """Return a route for each command that the steps declare."""
-    made = APIRouter(tags=["commands"])
-    for name, kind in REGISTRY.command_types.items():
+def declared_routes(
+    tag: str,
+    kinds: Mapping[str, type],
+    handler: Callable[[type], Callable[..., Any]],
+    status_code: int = 200,
+) -> APIRouter:
+    """Return a route for each message that the steps declare.
+
+    Args:
+        tag: Last part of the address before the name, and group in the document.
+        kinds: Types of the messages by name.
+        handler: Returns what answers the route of a type.
+        status_code: Of an answer without a problem.
+    """
+    made = APIRouter(tags=[tag])
+    for name, kind in kinds.items():
         made.add_api_route(
-            f"/sessions/{{session_id}}/commands/{name}",
-            _route(kind),
+            f"/sessions/{{session_id}}/{tag}/{name}",
+            handler(kind),
             methods=["POST"],
+            status_code=status_code,
             name=name,
             operation_id=name,
             summary=(kind.__doc__ or name).splitlines()[0],
             description=kind.__doc__,
         )
     return made
+
+
+def _handler(kind: type) -> Callable[..., Changed]:
+    def send(bench: Bench, command: Any) -> Changed:
+        return changed(bench, command)
+
+    send.__annotations__["command"] = body_of(kind)
+    return send
+
+
+def declared_commands() -> APIRouter:
+    """Return a route for each command that the steps declare."""
+    return declared_routes("commands", REGISTRY.command_types, _handler)

@@ -1,7 +1,8 @@
 """Event streams: the log of a session and the state of the program."""
 
 import asyncio
-from collections.abc import AsyncIterator, Callable
+from collections.abc import AsyncIterator
+from contextlib import ExitStack
 from dataclasses import asdict
 from typing import Annotated, Any
 
@@ -111,29 +112,22 @@ async def status_events(hub: Sessions, streams: Open) -> EventStream:
 
 
 async def _states(hub: SessionRegistry, streams: Streams) -> AsyncIterator[bytes]:
-    sent = None
-    with streams.waker(hub.subscribe) as waker:
-        followed: Workbench | None = None
-        ends: list[Callable[[], None]] = []
-        try:
-            while not streams.closing:
-                try:
-                    bench = hub.get()
-                except NotFoundError:
-                    bench = None
-                if bench is not followed:
-                    for end in ends:
-                        end()
-                    followed = bench
-                    sources = () if bench is None else (bench.store, bench.jobs)
-                    ends = [source.subscribe(waker.wake) for source in sources]
-                state = await run_in_threadpool(state_of, hub)
-                if state != sent:
-                    sent = state
-                    yield event(state, kind="status")
-                    await asyncio.sleep(QUICK_S)
-                if not await waker.wait():
-                    yield ALIVE
-        finally:
-            for end in ends:
-                end()
+    sent, followed = None, None
+    with streams.waker(hub.subscribe) as waker, ExitStack() as subscriptions:
+        while not streams.closing:
+            try:
+                bench = hub.get()
+            except NotFoundError:
+                bench = None
+            if bench is not followed:
+                followed = bench
+                subscriptions.close()
+                for source in () if bench is None else (bench.store, bench.jobs):
+                    subscriptions.callback(source.subscribe(waker.wake))
+            state = await run_in_threadpool(state_of, hub)
+            if state != sent:
+                sent = state
+                yield event(state, kind="status")
+                await asyncio.sleep(QUICK_S)
+            if not await waker.wait():
+                yield ALIVE

@@ -7,15 +7,14 @@ from typing import Annotated, Any
 from fastapi import APIRouter, Depends, Response
 
 from rona_core.app.declarations.registry import REGISTRY
-from rona_core.app.messages.session_messages import StartReplay
 from rona_core.app.runtime.jobs import JobState, JobStatus
 from rona_core.app.runtime.recompute import Replay
-from rona_core.app.runtime.session_registry import SessionRegistry
+from rona_core.app.runtime.session_step import StartReplay
 from rona_core.app.runtime.workbench import Workbench
 from rona_core.errors import NotFoundError
 from rona_ui.api.context import PREFIX, Bench, Open, Sessions
 from rona_ui.api.problems import JobFinishedError
-from rona_ui.api.routes.commands import body_of
+from rona_ui.api.routes.commands import body_of, declared_routes
 from rona_ui.api.streams import ALIVE, DESCRIBED, EventStream, Streams, event
 
 router = APIRouter(tags=["jobs"])
@@ -56,32 +55,14 @@ def start(bench: Workbench, activity: Any, response: Response) -> JobInfo:
     return job_info(bench, status)
 
 
-def _route(kind: type) -> Callable[..., JobInfo]:
-    def begin(bench: Bench, response: Response, activity: Any) -> JobInfo:
-        return start(bench, activity, response)
-
-    begin.__annotations__["activity"] = body_of(kind)
-    return begin
-
-
 @router.post("/sessions/{session_id}/replay", status_code=202, tags=["results"])
 def replay_session(bench: Bench, response: Response) -> JobInfo:
     """Compute every result again from the captures and compare; the same as job `StartReplay`."""
     return start(bench, StartReplay(), response)
 
 
-def _benches(hub: SessionRegistry) -> list[Workbench]:
-    found: list[Workbench] = []
-    for key in hub.ids():
-        try:
-            found.append(hub.get(key))
-        except NotFoundError:  # closed in the meantime
-            continue
-    return found
-
-
 async def _bench_of_job(hub: Sessions, job_id: str) -> Workbench:
-    for bench in _benches(hub):
+    for bench in hub.all():
         if any(status.id == job_id for status in bench.jobs.all()):
             return bench
     raise NotFoundError(f"there is no job {job_id!r}")
@@ -93,7 +74,7 @@ JobBench = Annotated[Workbench, Depends(_bench_of_job)]
 @router.get("/jobs")
 def list_jobs(hub: Sessions) -> list[JobInfo]:
     """List the jobs of all open sessions, oldest first in each."""
-    return [job_info(bench, status) for bench in _benches(hub) for status in bench.jobs.all()]
+    return [job_info(bench, status) for bench in hub.all() for status in bench.jobs.all()]
 
 
 @router.get("/jobs/{job_id}")
@@ -132,18 +113,14 @@ async def _events(bench: Workbench, job_id: str, streams: Streams) -> AsyncItera
                 yield ALIVE
 
 
+def _handler(kind: type) -> Callable[..., JobInfo]:
+    def begin(bench: Bench, response: Response, activity: Any) -> JobInfo:
+        return start(bench, activity, response)
+
+    begin.__annotations__["activity"] = body_of(kind)
+    return begin
+
+
 def declared_jobs() -> APIRouter:
     """Return a route for each activity that the steps declare."""
-    made = APIRouter(tags=["jobs"])
-    for name, kind in REGISTRY.activity_types.items():
-        made.add_api_route(
-            f"/sessions/{{session_id}}/jobs/{name}",
-            _route(kind),
-            methods=["POST"],
-            status_code=202,
-            name=name,
-            operation_id=name,
-            summary=(kind.__doc__ or name).splitlines()[0],
-            description=kind.__doc__,
-        )
-    return made
+    return declared_routes("jobs", REGISTRY.activity_types, _handler, status_code=202)

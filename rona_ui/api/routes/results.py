@@ -7,7 +7,7 @@ from fastapi import APIRouter, Query
 
 from rona_core.app.declarations.registry import REGISTRY
 from rona_core.app.dependencies.staleness import stale_reason
-from rona_core.app.dependencies.step_states import StepState, step_states, summary
+from rona_core.app.dependencies.step_states import StepState, step_states
 from rona_core.app.overview.acceptance import QualityRow, quality_rows
 from rona_core.app.overview.frame_graph import frame_rows
 from rona_core.app.steps.boundaries.ascan_view import ScanName, ascan_plot
@@ -51,19 +51,18 @@ def get_results(bench: Bench, step: str, max_points: MaxPoints = None) -> FastJs
         raise NotFoundError(
             f"there is no step {step!r}: it is one of {', '.join(REGISTRY.step_names)}"
         )
-    session = bench.session
+    session, mapped = bench.session, step == "maps"
     captures, results = REGISTRY.parts_of(step)
+    by_hand = plain(map_accuracy(session, hand=True), max_points) if mapped else None
     return FastJson(
         {
             "step": step,
-            "summary": summary(step, session),
+            "summary": REGISTRY.lines[step].summary(session),
             "setup": plain(session.setup, max_points) if step == "setup" else None,
-            "probe_advice": plain(probe_advice(session)) if step == "maps" else None,
-            "boundary_edits": plain(session.boundary_edits) if step == "maps" else None,
-            "accuracy": plain(map_accuracy(session), max_points) if step == "maps" else None,
-            "sono_accuracy": (
-                plain(map_accuracy(session, hand=True), max_points) if step == "maps" else None
-            ),
+            "probe_advice": plain(probe_advice(session)) if mapped else None,
+            "boundary_edits": plain(session.boundary_edits) if mapped else None,
+            "accuracy": plain(map_accuracy(session), max_points) if mapped else None,
+            "sono_accuracy": by_hand,
             "captures": {name: _capture(name, session, max_points) for name in captures},
             "results": {name: _result(name, session, max_points) for name in results},
         }
@@ -144,20 +143,15 @@ class FrameInfo:
 @router.get("/sessions/{session_id}/frames")
 def list_frames(bench: Bench) -> list[FrameInfo]:
     """Return the frame graph: every transform that is known, since when, how well, and if stale."""
+    same = ("name", "parent", "child", "source", "time_utc", "sigma_mm", "sigma_deg")
     return [
         FrameInfo(
-            name=row.name,
-            parent=row.parent,
-            child=row.child,
-            source=row.source,
+            **{name: getattr(row, name) for name in same},
             wxyz=row.pose.wxyz().tolist(),
             translation_mm=row.pose.translation.tolist(),
             stale=row.stale_reason is not None,
             reason=row.stale_reason,
             stale_reason=row.stale_reason,
-            time_utc=row.time_utc,
-            sigma_mm=row.sigma_mm,
-            sigma_deg=row.sigma_deg,
         )
         for row in frame_rows(bench.session, bench.live.get())
     ]

@@ -12,8 +12,7 @@ from starlette.concurrency import run_in_threadpool
 
 from rona_core.app.runtime.workbench import Workbench
 from rona_core.app.steps.scan.contact_view import contact_report
-from rona_core.app.steps.setup.contact_messages import SetContact
-from rona_core.app.steps.setup.messages import SetRobot
+from rona_core.app.steps.setup.messages import SetContact, SetRobot
 from rona_core.app.steps.setup.robot_parameters import RobotFigure, robot_figures
 from rona_core.app.steps.tool.messages import StartRobotMove
 from rona_core.devices.settings import RobotSettings

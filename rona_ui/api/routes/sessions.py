@@ -1,29 +1,37 @@
 """Sessions: make, list, open, save, download, upload, show, close; and files of specimens."""
 
+import os
+from collections.abc import AsyncGenerator
+from contextlib import asynccontextmanager
 from dataclasses import asdict, dataclass
+from pathlib import Path
 from typing import Annotated, Any, ClassVar, Literal
 from urllib.parse import quote
 
 from fastapi import APIRouter, Query, Request, Response
+from fastapi.exceptions import RequestValidationError
 from starlette.concurrency import run_in_threadpool
 
 from rona_core.app.runtime.saving.export_captures import export_recording
-from rona_core.app.runtime.session_registry import MAX_UPLOAD_BYTES, SessionRegistry
+from rona_core.app.runtime.saving.session_files import MAX_UPLOAD_BYTES
+from rona_core.app.runtime.session_registry import SessionRegistry
 from rona_core.app.runtime.workbench import Workbench
 from rona_core.devices.settings import STRICT, require
 from rona_core.errors import NotFoundError
 from rona_core.session.document import require_seed
-from rona_core.session.files import SUFFIX, session_bytes
+from rona_core.session.files import SUFFIX, open_temporary, session_bytes
 from rona_ui.api.context import EXACT, PREFIX, Bench, SessionId, Sessions
 from rona_ui.api.json_response import plain
 from rona_ui.api.session_info import SessionInfo, found, info, infos
-from rona_ui.api.upload_bodies import spooled
 from rona_ui.resources import demo_session
 
 router = APIRouter(tags=["session"])
 files = APIRouter(tags=["files"])
 
 FileName = Annotated[str, Query(min_length=1, max_length=120, description="plain file name")]
+FILE: dict[int | str, dict[str, Any]] = {
+    200: {"content": {"application/octet-stream": {}}, "description": "The file"}
+}
 RAW_BODY = {
     "requestBody": {
         "required": True,
@@ -95,10 +103,7 @@ def _made(hub: SessionRegistry, bench: Workbench, response: Response) -> Session
 @router.get("/sessions")
 def list_sessions(hub: Sessions) -> SessionList:
     """List the open sessions and the files in the sessions folder."""
-    return SessionList(
-        infos(hub),
-        tuple(path.name for path in hub.files()),
-    )
+    return SessionList(infos(hub), tuple(path.name for path in hub.files.all()))
 
 
 @router.post("/sessions", status_code=201)
@@ -124,7 +129,7 @@ def open_demo(hub: Sessions, response: Response) -> SessionInfo:
     path = demo_session()
     if not path.is_file():
         raise NotFoundError("there is no demo session here; `make demo` shows the procedure")
-    return _made(hub, hub.open_bytes(path.read_bytes(), path.name), response)
+    return _made(hub, hub.open_upload(path, path.name), response)
 
 
 @files.post(
@@ -134,7 +139,7 @@ async def upload_session(
     hub: Sessions, request: Request, response: Response, name: FileName = "upload.rona"
 ) -> SessionInfo:
     """Open the session file that is the body; the viewer shows it."""
-    async with spooled(request, hub.uploads) as path:
+    async with spooled(request, hub.files.uploads) as path:
         bench = await run_in_threadpool(hub.open_upload, path, name)
     return _made(hub, bench, response)
 
@@ -193,39 +198,26 @@ def save_session(
     return info(hub, bench)
 
 
-@files.get(
-    "/sessions/{session_id}/file",
-    response_class=Response,
-    responses={200: {"content": {"application/octet-stream": {}}, "description": "The file"}},
-)
+def _download(name: str, data: bytes) -> Response:
+    headers = {"Content-Disposition": f"attachment; filename*=UTF-8''{quote(name, safe='')}"}
+    return Response(data, media_type="application/octet-stream", headers=headers)
+
+
+@files.get("/sessions/{session_id}/file", response_class=Response, responses=FILE)
 def download_session(bench: Bench) -> Response:
     """Download the session file, as it would be saved now."""
-    session = bench.session
-    name = quote(f"{session.name}{SUFFIX}", safe="")
-    return Response(
-        session_bytes(session),
-        media_type="application/octet-stream",
-        headers={"Content-Disposition": f"attachment; filename*=UTF-8''{name}"},
-    )
+    return _download(f"{bench.session.name}{SUFFIX}", session_bytes(bench.session))
 
 
 @files.get(
-    "/sessions/{session_id}/captures/{ordinal}/file",
-    response_class=Response,
-    responses={200: {"content": {"application/octet-stream": {}}, "description": "The file"}},
+    "/sessions/{session_id}/captures/{ordinal}/file", response_class=Response, responses=FILE
 )
 def download_capture(
     bench: Bench, ordinal: int, format: Literal["igs.mha"] = "igs.mha"
 ) -> Response:
     """Download what the tracker saw in a capture as a sequence file, which PLUS and Slicer read."""
     made = export_recording(bench.session, ordinal)
-    return Response(
-        made.data,
-        media_type="application/octet-stream",
-        headers={
-            "Content-Disposition": f"attachment; filename*=UTF-8''{quote(made.name, safe='')}"
-        },
-    )
+    return _download(made.name, made.data)
 
 
 @files.post(
@@ -242,7 +234,40 @@ async def upload_specimen(
     A mask, CT volume or mesh for `StartSkullImport`, a recording for `StartRecordingImport`, the
     poses of a pivot or the markers of a tool for `StartPivotImport`.
     """
-    async with spooled(request, hub.uploads) as body:
+    async with spooled(request, hub.files.uploads) as body:
         size_bytes = body.stat().st_size
-        path = await run_in_threadpool(hub.keep_upload, name, body)
+        path = await run_in_threadpool(hub.files.keep_upload, name, body)
     return Uploaded(path.name, size_bytes)
+
+
+AT_ONCE = 1 << 20  # bytes that are written together
+
+
+@asynccontextmanager
+async def spooled(request: Request, folder: Path) -> AsyncGenerator[Path]:
+    """Give a file in ``folder`` that holds the body; unless it was moved away, it goes afterwards.
+
+    A body that is cut off or too large for its route leaves nothing behind.
+
+    Raises:
+        RequestValidationError: there is no body.
+    """
+    folder.mkdir(parents=True, exist_ok=True)
+    handle, path = open_temporary(folder / "upload")
+    try:
+        with os.fdopen(handle, "wb") as file:
+            held: list[bytes] = []
+            async for part in request.stream():
+                held.append(part)
+                if sum(map(len, held)) >= AT_ONCE:
+                    await run_in_threadpool(file.writelines, held)
+                    held = []
+            file.writelines(held)
+            file.flush()
+            await run_in_threadpool(os.fsync, file.fileno())
+            if not file.tell():
+                text = "expected the file as the body"
+                raise RequestValidationError([{"loc": ("body",), "msg": text, "type": "missing"}])
+            yield path  # while it is still locked: nobody takes it for one that was left behind
+    finally:
+        path.unlink(missing_ok=True)

@@ -59,15 +59,6 @@ class Tracking:
     tracking: bool
 
 
-def frame_json(frame: TrackerFrame) -> dict[str, Any]:
-    """Return a frame as JSON; a tool that is not seen has no pose."""
-    return {
-        "number": frame.number,
-        "time_s": frame.time_s,
-        "tools": [plain(sample) for sample in frame.tools],
-    }
-
-
 def _require_tool(name: str) -> None:
     if name not in TOOLS:
         raise NotFoundError(f"there is no tool {name!r}: tools are {', '.join(TOOLS)}")
@@ -145,13 +136,13 @@ def _seen(bench: Workbench, tracker: LiveTracker) -> dict[str, Any]:
     frame = tracker.frame(bench.session.setup.devices.tracker)
     if bench not in _stopped:
         bench.live.put(frame=frame)
-    return frame_json(frame)
+    return plain(frame)
 
 
 @router.get("/frame")
 def get_frame(bench: Bench) -> dict[str, Any]:
     """Return the newest frame: number, time and each tool's pose, null while it is not seen."""
-    return frame_json(newest_frame(bench))
+    return plain(newest_frame(bench))
 
 
 @router.post("/start")
@@ -191,5 +182,5 @@ async def _frames(bench: Workbench, streams: Streams) -> AsyncIterator[bytes]:
                 return
             if (frame.number, frame.time_s) != seen:
                 seen = (frame.number, frame.time_s)
-                yield event(frame_json(frame), kind="frame", number=frame.number)
+                yield event(plain(frame), kind="frame", number=frame.number)
             await waker.wait(1.0 / STREAM_HZ)

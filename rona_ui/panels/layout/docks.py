@@ -5,9 +5,8 @@ from typing import Any
 from rona_ui.panels.layout.frames_and_log import FramesPanel, LogPanel
 from rona_ui.panels.layout.quality import QualityPanel
 from rona_ui.panels.layout.replay_bar import ReplayPanel
-from rona_ui.panels.layout.run_bar import RunBar, StepTitle
+from rona_ui.panels.layout.run_bar import RunBar, StepList, StepTitle
 from rona_ui.panels.layout.session import SessionHead, SessionPanel
-from rona_ui.panels.layout.step_list import StepList
 from rona_ui.panels.layout.view_options import ViewOptionsPanel
 from rona_ui.panels.maps.maps import MapsPanel
 from rona_ui.panels.path.path import PathPanel
@@ -20,15 +19,15 @@ from rona_ui.panels.roll.roll_browser import RollsPanel
 from rona_ui.panels.scan.ascan import AScanPanel
 from rona_ui.panels.scan.force_graph import ForcePanel
 from rona_ui.panels.scan.scan import ScanPanel
-from rona_ui.panels.setup.probe_sweep import ProbeComparisonPanel
+from rona_ui.panels.setup.probe import ProbeComparisonPanel
 from rona_ui.panels.setup.setup import SetupPanel
 from rona_ui.panels.smoothing import SmoothingPanel
 from rona_ui.panels.surface import SurfacePanel
 from rona_ui.panels.tool.tool import ToolPanel
-from rona_ui.panels.widgets import style
 from rona_ui.panels.widgets.panel_context import Panel, PanelContext
 from rona_ui.panels.widgets.step_panel import StepPanel
 from rona_ui.presentation.snapshot import Snapshot
+from rona_ui.resources import static_dir
 
 STEP_PANELS: tuple[type[StepPanel], ...] = (
     SetupPanel,
@@ -52,14 +51,16 @@ class Docks:
         left = gui.main_panel
         left.dock_left()
         left.set_width(LEFT_PX)
-        gui.add_html(style.SHEET)
+        sheet = (static_dir() / "docks.css").read_text("utf-8")
+        gui.add_html(f"<style>{sheet}</style>")
         panels: list[Panel] = [SessionHead(gui), StepList(gui, context), StepTitle(gui)]
         steps: dict[str, StepPanel] = {}
         run_bar = RunBar(gui, context, steps)  # above the fields, so that it never scrolls away
         steps.update({kind.step: kind(gui, context) for kind in STEP_PANELS})
         panels += [*steps.values(), run_bar]
-        self._session = SessionPanel(gui, context)
-        panels += [ViewOptionsPanel(gui, context), self._session]
+        session = SessionPanel(gui, context)
+        self.question = session.question  # what is asked over the viewer
+        panels += [ViewOptionsPanel(gui, context), session]
         panels += self._right(gui, context)
         replay = gui.add_panel(visible=False)
         with replay.add_tab("Replay", "player-play"):
@@ -71,34 +72,24 @@ class Docks:
     def _right(gui: Any, context: PanelContext) -> list[Panel]:
         upper, lower = gui.add_panel(), gui.add_panel()
         panels: list[Panel] = []
-        with upper.add_tab("Quality", "gauge"):
-            panels.append(QualityPanel(gui))
-        with upper.add_tab("Rolls", "rotate-360"):
-            panels.append(RollsPanel(gui, context))
-        with upper.add_tab("Frames", "axis-x"):
-            panels.append(FramesPanel(gui))
-        with upper.add_tab("Log", "list"):
-            panels.append(LogPanel(gui))
-        with lower.add_tab("Path", "route"):
-            panels.append(PathGraph(gui))
-        with lower.add_tab("Joints", "chart-line"):
-            panels.append(JointsPanel(gui, context))
-        with lower.add_tab("Checks", "shield-check"):
-            panels.append(ChecksPanel(gui, context))
-        with lower.add_tab("A-scan", "wave-sine"):
-            panels.append(AScanPanel(gui, context))
-        with lower.add_tab("Force", "arrow-bar-to-down"):
-            panels.append(ForcePanel(gui, context))
-        with lower.add_tab("Probes", "flask"):
-            panels.append(ProbeComparisonPanel(gui, context))
+        for dock, title, icon, build in (
+            (upper, "Quality", "gauge", lambda: QualityPanel(gui)),
+            (upper, "Rolls", "rotate-360", lambda: RollsPanel(gui, context)),
+            (upper, "Frames", "axis-x", lambda: FramesPanel(gui)),
+            (upper, "Log", "list", lambda: LogPanel(gui)),
+            (lower, "Path", "route", lambda: PathGraph(gui)),
+            (lower, "Joints", "chart-line", lambda: JointsPanel(gui, context)),
+            (lower, "Checks", "shield-check", lambda: ChecksPanel(gui, context)),
+            (lower, "A-scan", "wave-sine", lambda: AScanPanel(gui, context)),
+            (lower, "Force", "arrow-bar-to-down", lambda: ForcePanel(gui, context)),
+            (lower, "Probes", "flask", lambda: ProbeComparisonPanel(gui, context)),
+        ):
+            with dock.add_tab(title, icon):
+                panels.append(build())
         upper.dock_right()
         lower.dock_below(upper)
         upper.set_width(RIGHT_PX)
         return panels
-
-    def cancel_question(self) -> bool:
-        """Answer what is asked over the viewer with Cancel; return whether something was asked."""
-        return self._session.cancel_question()
 
     def render(self, old: Snapshot | None, new: Snapshot) -> None:
         """Bring every panel from ``old`` to ``new``."""

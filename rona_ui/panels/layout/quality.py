@@ -5,38 +5,20 @@ from typing import Any
 from rona_core.app.overview.acceptance import QualityRow
 from rona_core.app.steps.acoustics.view import thickness_shares
 from rona_core.app.steps.scan.contact_view import contact_report
-from rona_core.app.steps.tool.tracker_delay import delay_words
+from rona_core.app.steps.tool.derivation import delay_words
 from rona_core.session.document import Session
 from rona_ui.panels.widgets import style
-from rona_ui.panels.widgets.verdicts import rows_of
-from rona_ui.presentation.snapshot import Snapshot
+from rona_ui.panels.widgets.step_panel import rows_of
+from rona_ui.presentation.snapshot import Snapshot, changed
 from rona_ui.viewer.bindings import escape
 
+MAPS = "outer inner thickness fused coverage detection unfl flagged scan_thick sound"
 SECTIONS = (  # title, what the keys begin with, steps that the figures come from
-    ("Calibration", ("tool_tip", "tracker_reg", "pointer_tip"), ("tool", "pointer")),
-    (
-        "Surface and path",
-        ("surface", "skull_reg", "path", "normal"),
-        ("surface", "path", "smoothing"),
-    ),
-    ("Robot and scan", ("roll", "scan_p", "scan_d", "min_", "contact", "second"), ("roll", "scan")),
-    (
-        "Maps",
-        (
-            "outer",
-            "inner",
-            "thickness",
-            "fused",
-            "coverage",
-            "detection",
-            "unfl",
-            "flagged",
-            "scan_thick",
-            "sound",
-        ),
-        ("maps",),
-    ),
-    ("Handheld scan", ("sono",), ()),
+    ("Calibration", "tool_tip tracker_reg pointer_tip", ("tool", "pointer")),
+    ("Surface and path", "surface skull_reg path normal", ("surface", "path", "smoothing")),
+    ("Robot and scan", "roll scan_p scan_d min_ contact second", ("roll", "scan")),
+    ("Maps", MAPS, ("maps",)),
+    ("Handheld scan", "sono", ()),
 )
 
 
@@ -58,12 +40,7 @@ class QualityPanel:
 
     def render(self, old: Snapshot | None, new: Snapshot) -> None:
         """Follow figures and session."""
-        if (
-            old is None
-            or old.figures is not new.figures
-            or old.session.results is not new.session.results
-            or old.steps is not new.steps
-        ):
+        if changed(old, new, "figures", "session.results", "steps"):
             stale = frozenset(step.name for step in new.steps if step.state == "stale")
             self._html.content = table(rows_of(new), new.session, stale)
 
@@ -77,7 +54,8 @@ def table(rows: tuple[QualityRow, ...], session: Session, stale: frozenset[str])
     expected = {row.key: row for row in known if row.key in PREDICTED.values()}
     known = [row for row in known if row.key not in expected]
     body = _predicted_rows(session, expected, _mark(("tool", "pointer", "surface"), stale))
-    for title, starts, steps in SECTIONS:
+    for title, beginnings, steps in SECTIONS:
+        starts = tuple(beginnings.split())
         part = [row for row in known if row.key.startswith(starts)]
         left_out = [row for row in rows if row.stale_reason and row.key.startswith(starts)]
         if part or left_out:
@@ -123,15 +101,17 @@ def _mark(steps: tuple[str, ...], stale: frozenset[str]) -> str:
 
 
 def _row(row: QualityRow, expected: QualityRow | None = None) -> str:
-    limit = "" if row.limit is None else f"{'≤' if row.sense == 'at most' else '≥'} "
-    limit += "" if row.limit is None else f"{row.limit:.{row.decimals}f} {row.unit}".rstrip()
-    beside = "" if expected is None else f'<br><span class="g">predicted {_value(expected)}</span>'
-    limit = f'<br><span class="g">{limit}</span>' if limit else ""
+    title, value = escape(row.title), f"<b>{_value(row)}</b>"
+    if expected is not None:
+        title += f'<br><span class="g">predicted {_value(expected)}</span>'
     if row.reason:
-        beside += f'<br><span class="g">{escape(row.reason)}</span>'
+        title += f'<br><span class="g">{escape(row.reason)}</span>'
+    if row.limit is not None:
+        sign = "≤" if row.sense == "at most" else "≥"
+        limit = f"{sign} {row.limit:.{row.decimals}f} {row.unit}".rstrip()
+        value += f'<br><span class="g">{limit}</span>'
     return (
-        f'<tr><td>{escape(row.title)}{beside}</td><td class="n"><b>{_value(row)}</b>{limit}</td>'
-        f"<td>{style.verdict(row.verdict)}</td></tr>"
+        f'<tr><td>{title}</td><td class="n">{value}</td><td>{style.verdict(row.verdict)}</td></tr>'
     )
 
 
@@ -143,51 +123,40 @@ def _value(row: QualityRow) -> str:
 
 def _predicted_rows(session: Session, expected: dict[str, QualityRow], mark: str) -> str:
     """Return the predicted errors, without ground truth; mere residuals come last."""
-    results = session.results
-    rows = "".join(_row(row) for row in expected.values())
+    results, report, shares = session.results, contact_report(session), thickness_shares(session)
+    lines: list[tuple[str, str]] = []
     if results.tool is not None:
-        rows += _line(
-            "Tracker at the tool tip, random error", results.tool.value.registration_sigma_mm
-        )
-        if results.tool.value.delay is not None:
-            rows += _text_line(*delay_words(results.tool.value.delay))
-    report = contact_report(session)
+        tool = results.tool.value
+        lines.append(("Tracker at the tool tip, random error", _mm(tool.registration_sigma_mm)))
+        if tool.delay is not None:
+            lines.append(delay_words(tool.delay))
     if report is not None and report.delay is not None:
         late = report.delay
-        sigma_ms = max(late.sigma_ms, 0.1)
-        rows += _text_line(
-            "Robot-tracker latency at the scan", f"{late.delay_ms:.1f} ± {sigma_ms:.1f} ms"
-        )
-        share = f"{late.uncorrected_mm:.2f} → {late.left_mm:.3f} mm"
-        rows += _text_line("Map shift by latency, before → after", share)
+        latency = f"{late.delay_ms:.1f} ± {max(late.sigma_ms, 0.1):.1f} ms"
+        shift = f"{late.uncorrected_mm:.2f} → {late.left_mm:.3f} mm"
+        lines.append(("Robot-tracker latency at the scan", latency))
+        lines.append(("Map shift by latency, before → after", shift))
     if results.registration is not None:
-        rows += _line("Loaded skull, residual (RMS)", results.registration.value.rms_mm)
+        lines.append(("Loaded skull, residual (RMS)", _mm(results.registration.value.rms_mm)))
     if results.pointer is not None:
-        rows += _line("Pointer tip, residual (RMSE)", results.pointer.value.rmse_mm)
-    rows += _budget(session)
+        lines.append(("Pointer tip, residual (RMSE)", _mm(results.pointer.value.rmse_mm)))
+    if shares is not None:
+        speed = f"calibrated at {shares.points}" if shares.points else "published"
+        lines += [
+            ("Thickness, σ by the time of flight", _mm(shares.timing_mm)),
+            (f"… by patient-specific speed ({speed})", _mm(shares.patient_mm)),
+            ("… by local speed variation", _mm(shares.place_mm)),
+            ("… by inner-table inclination", _mm(shares.wedge_mm)),
+        ]
+    rows = "".join(_row(row) for row in expected.values())
+    rows += "".join(
+        f'<tr><td>{escape(title)}</td><td class="n" colspan="2"><b>{escape(value)}</b></td></tr>'
+        for title, value in lines
+    )
     if not rows:
         return ""
     return f'<tr class="sec"><td colspan="3">Predicted, without ground truth{mark}</td></tr>{rows}'
 
 
-def _budget(session: Session) -> str:
-    """Return the contributions to the thickness error."""
-    shares = thickness_shares(session)
-    if shares is None:
-        return ""
-    speed = f"calibrated at {shares.points}" if shares.points else "published"
-    return (
-        _line("Thickness, σ by the time of flight", shares.timing_mm)
-        + _line(f"… by patient-specific speed ({speed})", shares.patient_mm)
-        + _line("… by local speed variation", shares.place_mm)
-        + _line("… by inner-table inclination", shares.wedge_mm)
-    )
-
-
-def _line(title: str, value_mm: float) -> str:
-    """Return a row without limit."""
-    return _text_line(title, f"{value_mm:.2f} mm")
-
-
-def _text_line(title: str, value: str) -> str:
-    return f'<tr><td>{escape(title)}</td><td class="n" colspan="2"><b>{escape(value)}</b></td></tr>'
+def _mm(value_mm: float) -> str:
+    return f"{value_mm:.2f} mm"

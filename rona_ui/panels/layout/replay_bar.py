@@ -7,8 +7,8 @@ from rona_core.app.steps.roll.view import place_of_roll
 from rona_core.app.steps.scan.planned_motion import motion_stale, motion_times
 from rona_ui.panels.widgets import style
 from rona_ui.panels.widgets.panel_context import PanelContext, on_change, on_click
-from rona_ui.presentation.shown_robot import shows_roll_preview
-from rona_ui.presentation.snapshot import Snapshot
+from rona_ui.presentation.shown import shows_roll_preview
+from rona_ui.presentation.snapshot import Snapshot, changed
 
 REPLAYED = ("roll", "scan", "maps")  # steps in which the replay is offered
 SPEEDS = {"1×": 1.0, "4×": 4.0, "16×": 16.0}
@@ -24,16 +24,10 @@ class ReplayPanel:
         self._buttons = gui.add_button_group("Replay", ("Play", "Pause", "Back", "Live"))
         self._speed = gui.add_button_group("Speed", tuple(SPEEDS))
         on_change(
-            self._slider,
-            lambda e: context.change_view(
-                lambda v: replace(v, cursor=self._slider.value / 100.0, playing=False)
-            ),
+            self._slider, lambda e: context.set_view(cursor=e.target.value / 100.0, playing=False)
         )
         on_click(self._buttons, lambda e: context.change_view(self._change))
-        on_click(
-            self._speed,
-            lambda e: context.change_view(lambda v: replace(v, speed=SPEEDS[self._speed.value])),
-        )
+        on_click(self._speed, lambda e: context.set_view(speed=SPEEDS[self._speed.value]))
 
     def _change(self, view: Any) -> Any:
         wanted = self._buttons.value
@@ -46,27 +40,14 @@ class ReplayPanel:
 
     def render(self, old: Snapshot | None, new: Snapshot) -> None:
         """Follow the cursor; without a planned motion there is nothing to replay."""
-        if (
-            old is not None
-            and old.session.results.roll is new.session.results.roll
-            and old.session.results.second is new.session.results.second
-            and old.view.second == new.view.second
-            and old.view.cursor == new.view.cursor
-            and old.view.playing == new.view.playing
-            and old.view.speed == new.view.speed
-            and old.view.step == new.view.step
-            and old.view.shown_roll == new.view.shown_roll
-            and old.view.place == new.view.place
-            and old.busy == new.busy
-            and old.steps is new.steps
-        ):
+        parts = ("session.results.roll", "session.results.second", "view", "busy", "steps")
+        if not changed(old, new, *parts):
             return
         times = motion_times(new.session, second=new.view.second)
         stale = motion_stale(new.session, second=new.view.second)
         cursor = new.view.cursor
         seen = times is not None and (cursor is not None or new.view.step in REPLAYED)
-        if self._window.visible != seen:
-            self._window.visible = seen
+        self._window.visible = seen
         if times is None:
             words = "The planned motion can be replayed after step 7."
         elif stale is not None:

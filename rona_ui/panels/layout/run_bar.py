@@ -1,20 +1,59 @@
-"""Title of the active step, its primary button, progress, cancel and next."""
+"""The nine steps as a list; title of the active step, its primary button, cancel and next."""
 
-from dataclasses import replace
-from operator import is_
+from functools import partial
 from typing import Any
 
 from rona_core.app.declarations.registry import REGISTRY
+from rona_core.app.dependencies.step_states import StepState
+from rona_core.app.overview.acceptance import Judgement
 from rona_core.app.steps.scan.messages import StartRetract
 from rona_ui.labels import doing
 from rona_ui.panels.widgets import style
 from rona_ui.panels.widgets.panel_context import PanelContext, on_click
-from rona_ui.panels.widgets.step_panel import StepPanel
-from rona_ui.presentation.shown_robot import probe_on_bone
-from rona_ui.presentation.snapshot import Snapshot
+from rona_ui.panels.widgets.step_panel import StepPanel, judged
+from rona_ui.presentation.shown import probe_on_bone
+from rona_ui.presentation.snapshot import Snapshot, changed
 from rona_ui.viewer.bindings import escape
 
-GO_ON = (0, 105, 77)
+GO_ON, STOP = (0, 105, 77), (176, 0, 32)
+
+
+class StepList:
+    """A row per step; a see-through button lies over each, so that keyboard and mouse reach it."""
+
+    def __init__(self, gui: Any, context: PanelContext) -> None:
+        self._rows: dict[str, Any] = {}
+        for number, name in enumerate(REGISTRY.step_names, start=1):
+            self._rows[name] = gui.add_html("")
+            button = gui.add_button(f"Step {number}: {REGISTRY.lines[name].title}")
+            opened = partial(context.set_view, step=name, drawing=None, picks=())
+            on_click(button, lambda e, opened=opened: opened())
+
+    def render(self, old: Snapshot | None, new: Snapshot) -> None:
+        """Draw the rows that have changed."""
+        if not changed(old, new, "steps", "figures", "view.step"):
+            return
+        for state in new.steps:
+            active, found = state.name == new.view.step, judged(new, state.name)
+            self._rows[state.name].content = row(state, active, found)
+
+
+def row(state: StepState, active: bool, found: Judgement) -> str:
+    """Return one row of the list; figures that do not pass come before what the step made."""
+    icon, word, color = style.STATES[state.state]
+    reason = "" if state.reason == state.state else state.reason
+    mark = ""
+    if found.missed and state.state in ("done", "partial", "ready"):
+        reason = "; ".join((*(row.sentence for row in found.missed), reason))
+        mark = style.verdict(found.verdict) + "&ensp;"
+    return (
+        f'<div class="r-step{" on" if active else ""}" title="{escape(reason)}">'
+        f'<span class="i" style="color:{color}">{icon}</span>'
+        f'<span class="t">{state.number}&ensp;{escape(state.title)}'
+        f'<span class="s">{escape(reason)}</span></span>'
+        f'<span class="v">{mark}'
+        f'<span class="r-badge" style="background:{color}">{word}</span></span></div>'
+    )
 
 
 class StepTitle:
@@ -25,19 +64,17 @@ class StepTitle:
 
     def render(self, old: Snapshot | None, new: Snapshot) -> None:
         """Follow the active step and its state."""
-        if old is not None and old.steps is new.steps and old.view.step == new.view.step:
+        if not changed(old, new, "steps", "view.step"):
             return
         state = new.step(new.view.step)
         html = style.tag("div", f"Step {state.number}: {state.title}", "r-title")
         if state.state == "blocked":
             html += style.note(f"Blocked: {state.reason}.", "warn")
         elif state.state == "stale":
-            again = "Repeat this step"
-            if state.blocked is not None:
-                again = state.blocked[:1].upper() + state.blocked[1:]
+            again = style.sentence(state.blocked or "repeat this step")
             html += style.note(f"Stale: {state.reason}. {again}.", "warn")
         elif state.state == "partial" or (state.state == "ready" and state.reason != "ready"):
-            html += style.note(f"{state.reason[:1].upper()}{state.reason[1:]}.", "warn")
+            html += style.note(f"{style.sentence(state.reason)}.", "warn")
         self._html.content = html
 
 
@@ -50,34 +87,25 @@ class RunBar:
         self._start = gui.add_button("Start", icon="player-play")
         self._progress_words = gui.add_html("")
         self._progress = gui.add_progress_bar(0.0, visible=False)
-        self._cancel = gui.add_button(
-            "Cancel", icon="player-stop", color=(176, 0, 32), visible=False
-        )
+        self._cancel = gui.add_button("Cancel", icon="player-stop", color=STOP, visible=False)
         self._next = gui.add_button("Next step", icon="arrow-right", color=GO_ON)
-        self._back = gui.add_button(
-            "Retract probe", icon="arrow-back-up", color="gray", visible=False
+        self._back = context.send_button(
+            gui, "Retract probe", "arrow-back-up", StartRetract, visible=False
         )
-        on_click(self._start, self._run)
-        on_click(self._back, lambda e: context.send(StartRetract, e))
+        on_click(self._start, lambda e: context.send(panels[self._step].message, e))
         on_click(self._cancel, lambda e: context.service("cancel", e, None))
         on_click(self._next, self._go_on)
 
-    def _run(self, event: Any) -> None:
-        self._context.send(self._panels[self._step].message, event)
-
     def _go_on(self, event: Any) -> None:
-        after = REGISTRY.step_names[
-            min(REGISTRY.step_names.index(self._step) + 1, len(REGISTRY.step_names) - 1)
-        ]
-        self._context.change_view(lambda v: replace(v, step=after, drawing=None, picks=()))
+        after = REGISTRY.step_names.index(self._step) + 1
+        if after < len(REGISTRY.step_names):
+            self._context.set_view(step=REGISTRY.step_names[after], drawing=None, picks=())
 
     def render(self, old: Snapshot | None, new: Snapshot) -> None:
         """Follow step, job, and whether the probe stands on the bone."""
         job, step = new.job, new.view.step
         rests, self._rests = self._rests, probe_on_bone(new)  # follows live joints, not only steps
-        known = (job, new.steps, new.view)
-        same = old is not None and all(map(is_, (old.job, old.steps, old.view), known))
-        if same and rests is self._rests:
+        if rests is self._rests and not changed(old, new, "job", "steps", "view"):
             return
         panel, state = self._panels[step], new.step(step)
         self._step, busy = step, new.busy
@@ -95,9 +123,7 @@ class RunBar:
         if busy and job is not None:
             self._progress.value = round(100.0 * min(max(job.progress, 0.0), 1.0), 1)
             words = f"{escape(doing(job.activity))}: {100 * job.progress:.0f} %"
-        html = f'<div class="r-text">{words}</div>' if words else ""
-        if self._progress_words.content != html:
-            self._progress_words.content = html
+        self._progress_words.content = f'<div class="r-text">{words}</div>' if words else ""
         last = step == REGISTRY.step_names[-1]
         self._next.visible = (done or partial) and not busy and not last and not drawing
         self._next.color = "gray" if partial else GO_ON

@@ -1,15 +1,64 @@
-"""Name and state of the session; undo, redo, save, open, new."""
+"""Name and state of the session; undo, redo, save, open, new; question before work is lost."""
 
 from collections.abc import Callable
-from typing import Any
+from dataclasses import dataclass
+from typing import Any, Literal
 
-from rona_core.app.messages.session_messages import Redo, RenameSession, Undo
 from rona_core.app.runtime.saving.autosave import CopyState
 from rona_core.app.runtime.saving.export_captures import recorded_captures
-from rona_ui.panels.layout.question import Choice, Question
+from rona_core.app.runtime.session_step import Redo, RenameSession, Undo
+from rona_ui.panels.widgets import style
 from rona_ui.panels.widgets.panel_context import PanelContext, on_change, on_click
-from rona_ui.presentation.snapshot import Snapshot
+from rona_ui.presentation.snapshot import Snapshot, changed
 from rona_ui.viewer.bindings import Event, escape
+
+COLORS = {"save": None, "keep": "gray", "lose": (176, 0, 32)}  # None: that of the primary button
+ICONS = {"save": "device-floppy", "keep": None, "lose": "trash"}
+
+
+@dataclass(frozen=True, slots=True)
+class Choice:
+    """One answer, and what it does."""
+
+    label: str
+    act: Callable[[Event], None]
+    kind: Literal["save", "keep", "lose"] = "keep"
+
+
+class Question:
+    """Modal dialog over the viewer; Cancel is always an answer."""
+
+    def __init__(self, gui: Any) -> None:
+        self._gui = gui
+        self._modal: Any = None
+
+    def ask(self, title: str, words: str, choices: tuple[Choice, ...]) -> None:
+        """Show a question in place of the one before; any answer closes it."""
+        self.cancel()
+        self._modal = self._gui.add_modal(title)
+        with self._modal:
+            self._gui.add_html(style.text(words))
+            for choice in (*choices, Choice("Cancel", lambda event: None)):
+                self._add(choice)
+
+    def _add(self, choice: Choice) -> None:
+        button = self._gui.add_button(
+            choice.label, icon=ICONS[choice.kind], color=COLORS[choice.kind]
+        )
+
+        def answer(event: Event) -> None:
+            self.cancel()
+            choice.act(event)
+
+        on_click(button, answer)
+
+    def cancel(self) -> bool:
+        """Answer with Cancel; return whether a question was open."""
+        modal, self._modal = self._modal, None
+        if modal is not None:
+            modal.close()
+        return modal is not None
+
 
 NOTHING = "choose …"
 
@@ -22,9 +71,7 @@ class SessionHead:
 
     def render(self, old: Snapshot | None, new: Snapshot) -> None:
         """Follow name and save state."""
-        content = head(new)
-        if old is None or content != head(old):
-            self._html.content = content
+        self._html.content = head(new)
 
 
 COPIES: dict[CopyState, str] = {
@@ -53,7 +100,7 @@ class SessionPanel:
 
     def __init__(self, gui: Any, context: PanelContext) -> None:
         self._context = context
-        self._question = Question(gui)
+        self.question = Question(gui)
         self._snapshot: Snapshot | None = None
         self._buttons = gui.add_button_group("History", ("Undo", "Redo", "Save"))
         with gui.add_folder("Session", expand_by_default=False):
@@ -69,41 +116,24 @@ class SessionPanel:
                 "Recording", (NOTHING,), hint="Tracker recording of a capture"
             )
             self._download = gui.add_button("Download .igs.mha", icon="download", color="gray")
-        on_click(self._buttons, self._clicked)
+        serve = context.service
+        history: dict[str, Callable[[Any], None]] = {
+            "Undo": lambda e: context.send(Undo, e),
+            "Redo": lambda e: context.send(Redo, e),
+            "Save": lambda e: serve("save", e, None),
+        }
+        on_click(self._buttons, lambda e: history[self._buttons.value](e))
         on_click(self._rename, lambda e: context.send(lambda: RenameSession(self._name.value), e))
         on_click(self._open, self._open_file)
         on_click(self._download, self._download_capture)
         on_click(self._new, lambda e: self._leave("new", "start a new session", e))
         on_click(self._close, self._close_session)
         on_change(self._opened, self._show)
-        commands: tuple[tuple[str, str | None, str | None, Callable[[Event], None]], ...] = (
-            ("Undo", "Z", "cmd/ctrl", lambda event: context.send(Undo, event)),
-            ("Redo", "Z", "cmd/ctrl+shift", lambda event: context.send(Redo, event)),
-            ("Save", "S", "cmd/ctrl", lambda event: context.service("save", event, None)),
-            ("Stop the robot", None, None, lambda event: context.service("stop", event, None)),
-            ("Exit drawing", "escape", None, lambda event: context.service("escape", event, None)),
-        )
-        for label, key, modifier, act in commands:
-            self._command(gui, label, key, modifier, act)
-
-    @staticmethod
-    def _command(gui: Any, label: str, key: str | None, modifier: str | None, act: Any) -> None:
-        command = gui.add_command(label, hotkey=key, modifier=modifier)
-
-        @command.on_trigger
-        async def _(event: Any) -> None:
-            act(event)
-
-    def cancel_question(self) -> bool:
-        """Answer what is asked with Cancel; return whether something was asked."""
-        return self._question.cancel()
-
-    def _clicked(self, event: Any) -> None:
-        wanted = self._buttons.value
-        if wanted == "Save":
-            self._context.service("save", event, None)
-        else:
-            self._context.send(Undo if wanted == "Undo" else Redo, event)
+        _add_command(gui, "Undo", history["Undo"], "Z", "cmd/ctrl")
+        _add_command(gui, "Redo", history["Redo"], "Z", "cmd/ctrl+shift")
+        _add_command(gui, "Save", history["Save"], "S", "cmd/ctrl")
+        _add_command(gui, "Stop the robot", lambda e: serve("stop", e, None))
+        _add_command(gui, "Exit drawing", lambda e: serve("escape", e, None), "escape")
 
     def _open_file(self, event: Any) -> None:
         if self._file.value != NOTHING:
@@ -124,7 +154,7 @@ class SessionPanel:
             self._serve(what, event)
             return
         key, name = shown.session.id, shown.session.name
-        self._question.ask(
+        self.question.ask(
             f"Save “{name}” first?",
             f"“{name}” has unsaved changes. You are about to {words}. Without saving, "
             f"“{name}” stays open in the background: return to it with Session, Open "
@@ -147,7 +177,7 @@ class SessionPanel:
         loses = "the changes are lost" if shown.changes else "the job is cancelled"
         save = Choice("Save and close", lambda e: self._serve(f"save:{key}+drop:{key}", e), "save")
         drop = Choice("Close without saving", lambda e: self._serve(f"drop:{key}", e), "lose")
-        self._question.ask(
+        self.question.ask(
             f"Close “{name}”?", f"“{name}” {why}. If you close it now, {loses}.", (save, drop)
         )
 
@@ -162,18 +192,33 @@ class SessionPanel:
     def render(self, old: Snapshot | None, new: Snapshot) -> None:
         """Follow name, open sessions, files and captures."""
         self._snapshot = new
-        if old is None or (old.opened, old.session.id) != (new.opened, new.session.id):
+        if changed(old, new, "opened", "session.id"):
             labels, ids = labels_of(new.opened), [key for key, _ in new.opened]
             self._opened.options = labels or (NOTHING,)
             if new.session.id in ids:
                 self._opened.value = labels[ids.index(new.session.id)]
-        if old is None or old.session.name != new.session.name:
+        if changed(old, new, "session.name"):
             self._name.value = new.session.name
-        if old is None or old.files != new.files:
+        if changed(old, new, "files"):
             self._file.options = (NOTHING, *(path.name for path in new.files))
-        if old is None or old.session.captures is not new.session.captures:
+        if changed(old, new, "session.captures"):
             words = (w for _, w in recorded_captures(new.session))
             self._capture.options = (NOTHING, *words)
+
+
+def _add_command(
+    gui: Any,
+    label: str,
+    act: Callable[[Any], None],
+    key: str | None = None,
+    modifier: str | None = None,
+) -> None:
+    """Add a command of the palette, with its keys."""
+    command = gui.add_command(label, hotkey=key, modifier=modifier)
+
+    @command.on_trigger
+    async def _(event: Any) -> None:
+        act(event)
 
 
 def labels_of(opened: tuple[tuple[str, str], ...]) -> tuple[str, ...]:

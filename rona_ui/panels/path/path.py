@@ -1,14 +1,21 @@
-"""Step 5: the pointer demonstrates the scan path, or a pattern is made by rule."""
+"""Step 5: the pointer demonstrates the scan path, or a raster or spiral is made by rule."""
 
 from typing import Any
 
-from rona_core.app.steps.path.messages import StartPathCapture
-from rona_ui.panels.path.pattern import PatternControls
+from rona_core.app.steps.path.messages import GenerateScanPattern, StartPathCapture
 from rona_ui.panels.widgets import style
-from rona_ui.panels.widgets.draw_on_skull import DrawingControls
-from rona_ui.panels.widgets.import_recording import ImportControls
+from rona_ui.panels.widgets.form import Form
+from rona_ui.panels.widgets.panel_context import PanelContext
 from rona_ui.panels.widgets.step_panel import StepPanel
+from rona_ui.panels.widgets.stroke_sources import DrawingControls, ImportControls
 from rona_ui.presentation.snapshot import Snapshot
+from rona_ui.presentation.view_state import ViewState
+
+KINDS = {"Raster": "raster", "Spiral": "spiral"}
+HELP = {
+    "center": "Click the skull to set the centre of the pattern.",
+    "boundary": "Click the corners of the boundary one after the other, or drag along it.",
+}
 
 
 class PathPanel(StepPanel):
@@ -49,7 +56,74 @@ class PathPanel(StepPanel):
         derived = snapshot.session.results.path
         if derived is None:
             return ""
+        made = "Pattern" if derived.message == "GenerateScanPattern" else "Demonstrated path"
         count = len(derived.value.points_base)
-        if derived.message == "GenerateScanPattern":
-            return style.note(f"Pattern of {count} points (orange line).", "good")
-        return style.note(f"Demonstrated path of {count} points (orange line).", "good")
+        return style.note(f"{made} of {count} points (orange line).", "good")
+
+
+class PatternControls:
+    """What the pattern is like, where its middle and its boundary are, and a button to make it."""
+
+    def __init__(self, gui: Any, context: PanelContext) -> None:
+        self._view = ViewState()
+        with gui.add_folder("Pattern", expand_by_default=False):
+            gui.add_html(
+                style.text(
+                    "Generates lines on the measured surface (step 4), in the region or "
+                    "within a boundary you draw."
+                )
+            )
+            form = self._form = Form(gui)
+            form.choice("kind", "Pattern", KINDS, "raster")
+            form.numbers(
+                ("spacing_mm", "Spacing (mm)", 4.0, 0.5, 20.0, 0.5),
+                ("turn_deg", "Direction (deg)", 0.0, -180.0, 180.0, 5.0),
+                ("margin_mm", "Margin (mm)", 0.0, 0.0, 40.0, 0.5, "From the boundary"),
+                ("radius_mm", "Radius (mm)", 0.0, 0.0, 45.0, 1.0, "0: radius of the region"),
+            )
+            self._center = context.view_button(
+                gui, "Pick centre", "target", drawing="center", picks=()
+            )
+            self._boundary = context.view_button(
+                gui, "Draw boundary", "polygon", drawing="boundary", picks=()
+            )
+            self._help = gui.add_html("")
+            self._done = context.view_button(
+                gui, "Done", "check", color=None, drawing=None, picks=()
+            )
+            self._drop = context.view_button(
+                gui, "Clear centre and boundary", "x", center=None, boundary=()
+            )
+            self._make = context.send_button(
+                gui, "Generate pattern", "route", self.message, color=None
+            )
+
+    def message(self) -> Any:
+        """Return the pattern with these parameters."""
+        values = self._form.values()
+        values["radius_mm"] = values["radius_mm"] or None
+        return GenerateScanPattern(
+            **values, center_base_mm=self._view.center, boundary_base_mm=self._view.boundary
+        )
+
+    def render(self, new: Snapshot) -> None:
+        """Show what can be done now."""
+        view = self._view = new.view
+        blocked = new.busy or new.session.results.surface is None
+        drawing = view.drawing in HELP
+        for button in (self._center, self._boundary):
+            button.disabled = blocked
+            button.visible = not drawing
+        words = style.note(HELP[view.drawing]) if view.drawing in HELP else ""
+        if not drawing and (view.center or view.boundary):
+            held = ["centre"] if view.center else []
+            held += [f"boundary of {len(view.boundary)} corners"] if view.boundary else []
+            words = style.note(f"Set: {' and '.join(held)}.")
+        elif not drawing and new.session.results.surface is None:
+            words = style.note("Measure the surface first (step 4).")
+        self._help.content = words
+        self._done.visible = drawing
+        self._drop.visible = not drawing and bool(view.center or view.boundary)
+        self._make.visible = not drawing
+        self._make.disabled = blocked or 0 < len(view.boundary) < 3
+        self._form.enable(not new.busy)

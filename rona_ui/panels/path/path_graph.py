@@ -7,8 +7,8 @@ import numpy as np
 from rona_core.app.steps.smoothing.path_view import PathView
 from rona_core.geometry.arrays import Floats
 from rona_ui.panels.widgets import style
-from rona_ui.presentation.colors import BLUE, css, viridis, viridis_css
-from rona_ui.presentation.shown_path import shown_path, shown_path_key
+from rona_ui.presentation.colors import BLUE, css, viridis
+from rona_ui.presentation.shown import shown_path, shown_path_key
 from rona_ui.presentation.snapshot import Snapshot
 
 WIDTH, HEIGHT, MARGIN = 170.0, 190.0, 8.0  # of one graph, in pixels
@@ -32,11 +32,8 @@ class PathGraph:
 
 def graph(view: PathView) -> str:
     """Return both graphs with their words and the colour bar."""
-    low, high = view.raw_patch.min(axis=0), view.raw_patch.max(axis=0)
-    low, high = (
-        np.minimum(low, view.corners_patch.min(axis=0)),
-        np.maximum(high, view.corners_patch.max(axis=0)),
-    )
+    points = np.concatenate((view.raw_patch, view.corners_patch))
+    low, high = points.min(axis=0), points.max(axis=0)
     room = np.array((WIDTH, HEIGHT)) - 2.0 * MARGIN
     scale = float((room / np.maximum(high - low, 1e-6)).min())
     middle = 0.5 * (low + high)
@@ -64,18 +61,13 @@ def graph(view: PathView) -> str:
         f"{_ruler(scale)}</svg></div>"
         f'<div class="r-ticks"><span>Original: {len(view.raw_patch)} points</span>'
         f"<span>Smoothed: {about}{len(view.corners_base)} points</span></div>"
-        + bar("Deviation of the original from the smoothed path (mm)", view.tolerance_mm, "≥ ")
+        + deviation_bar("Deviation of the original from the smoothed path (mm)", view.tolerance_mm)
     )
 
 
-def bar(title: str, high: float, above: str = "") -> str:
+def deviation_bar(title: str, high: float) -> str:
     """Return the colour bar from 0 to ``high`` with its limits."""
-    more = f"{above}{high:.2g}" if above else f"{high:.2g}"
-    return (
-        f'<div class="r-text" style="padding-bottom:2px">{title}</div>'
-        f'<div class="r-bar" style="background:{viridis_css()}"></div>'
-        f'<div class="r-ticks"><span>0</span><span>{high / 2:.2g}</span><span>{more}</span></div>'
-    )
+    return style.color_bar(title, "0", f"{high / 2:.2g}", f"≥ {high:.2g}")
 
 
 def _line(points: Floats, color: str, width: float) -> str:

@@ -1,12 +1,11 @@
 """Certificate: all checks of the verifier with worst value, limit and place."""
 
-from dataclasses import replace
 from typing import Any
 
 from rona_core.app.steps.roll.certificate_view import CertificateView, CheckPlace, certificate_view
 from rona_ui.panels.widgets import style
 from rona_ui.panels.widgets.panel_context import PanelContext, on_change
-from rona_ui.presentation.snapshot import Snapshot
+from rona_ui.presentation.snapshot import Snapshot, changed
 from rona_ui.viewer.bindings import escape
 
 NOTHING = "The verification appears here once a motion is planned (step 7)."
@@ -19,27 +18,22 @@ class ChecksPanel:
 
     def __init__(self, gui: Any, context: PanelContext) -> None:
         self._words = gui.add_html(style.text(NOTHING))
-        self._choice = gui.add_dropdown(
-            "Go to worst",
-            (NOWHERE,),
-            visible=False,
-            hint="Moves the replay to the worst value of this check",
-        )
+        hint = "Moves the replay to the worst value of this check"
+        self._choice = gui.add_dropdown("Go to worst", (NOWHERE,), visible=False, hint=hint)
         self._table = gui.add_html("")
         self._rows: dict[str, CheckPlace] = {}
 
         def go(event: Any) -> None:
             row = self._rows.get(self._choice.value)
             if row is not None:
-                context.change_view(lambda v: replace(v, cursor=row.share, playing=False))
+                context.set_view(cursor=row.share, playing=False)
                 context.set_camera("Scan" if row.path_percent is not None else "Robot")
 
         on_change(self._choice, go)
 
     def render(self, old: Snapshot | None, new: Snapshot) -> None:
         """Follow the plan."""
-        same = old is not None and old.session.results.roll is new.session.results.roll
-        if same and old is not None and old.steps is new.steps:
+        if not changed(old, new, "session.results.roll", "steps"):
             return
         view = certificate_view(new.session)
         self._choice.visible = view is not None
@@ -48,7 +42,7 @@ class ChecksPanel:
             return
         stale = new.step("roll").state == "stale"
         self._words.content = verdict(view, stale=stale)
-        if not same:
+        if changed(old, new, "session.results.roll"):
             self._rows = {
                 ("✖ " if not row.check.holds else "") + row.check.name: row for row in view.rows
             }
@@ -92,15 +86,15 @@ def refusal_in_short(view: CertificateView) -> str:
 
 def table(view: CertificateView) -> str:
     """Return one row a check: name and place, worst value, limit, verdict."""
-    rows = "".join(
-        f'<tr><td>{escape(row.check.name)}<br><span class="g">{escape(row.place)}</span></td>'
-        f'<td class="n"><b>{escape(value(row))}</b><br>'
-        f'<span class="g">{escape(limit(row))}</span></td>'
-        f"<td>{style.verdict('pass' if row.check.holds else 'fail')}</td></tr>"
+    rows = (
+        (
+            f'{escape(row.check.name)}<br><span class="g">{escape(row.place)}</span>',
+            f'<b>{escape(value(row))}</b><br><span class="g">{escape(limit(row))}</span>',
+            style.verdict("pass" if row.check.holds else "fail"),
+        )
         for row in view.rows
     )
-    head = '<tr><th>Check, where it is worst</th><th class="n">Value, limit</th><th></th></tr>'
-    return f'<table class="r-table">{head}{rows}</table>'
+    return style.table(("", "n", ""), ("Check, where it is worst", "Value, limit", ""), rows)
 
 
 def value(row: CheckPlace) -> str:

@@ -1,6 +1,5 @@
 """The joints along the path, with their limits shaded."""
 
-from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -9,106 +8,70 @@ from rona_core.app.steps.roll.view import JointCurves, joint_curves, shown_roll
 from rona_core.app.steps.scan.planned_motion import path_percent_at
 from rona_core.geometry.arrays import Floats
 from rona_ui.panels.widgets import style
-from rona_ui.panels.widgets.graph_style import INK, PADDING, axis
+from rona_ui.panels.widgets.graphs import INK, Axis, Graph
 from rona_ui.panels.widgets.panel_context import PanelContext, on_change
 from rona_ui.presentation.colors import CATEGORIES, VERMILLION, css
-from rona_ui.presentation.snapshot import Snapshot
+from rona_ui.presentation.snapshot import Snapshot, changed
 
 JOINTS = ("All, share of range", *(f"Joint {j}" for j in range(1, 7)))
 BELOW = 3.0  # graph heights
 SHADE = "rgba(213,94,0,0.20)"
+EMPTY = "The joint graphs appear after step 7."
+FOLLOWED = ("session.results.roll", "view.shown_roll", "view.joint", "view.cursor", "view.second")
+PATH = Axis("path (%)", 0.0, 100.0)
+MARKS = (
+    {"label": "worst", "stroke": css(VERMILLION), "width": 2, "dash": (5, 4)},
+    {"label": "now", "stroke": INK, "width": 2},
+)
+EDGES = tuple({"label": n, "stroke": "#a34700", "width": 1} for n in ("l0", "l", "h", "h1"))
+SPOTS = {
+    "label": "fails",
+    "stroke": css(VERMILLION),
+    "width": 0,
+    "points": {"show": True, "size": 5, "fill": css(VERMILLION)},
+}
 
 
 class JointsPanel:
     """Six joints of the shown roll; the forbidden zones are shaded, the failing place is marked."""
 
     def __init__(self, gui: Any, context: PanelContext) -> None:
-        self._gui = gui
-        self._select = gui.add_dropdown("Joint", JOINTS)
-        self._words = gui.add_html(style.text("The joint graphs appear after step 7."))
-        self._folder = gui.add_folder(None)
-        self._plot: Any = None
-        self._shape: tuple[Any, ...] = ()
-        on_change(
-            self._select,
-            lambda e: context.change_view(
-                lambda v: replace(v, joint=JOINTS.index(self._select.value))
-            ),
-        )
+        select = gui.add_dropdown("Joint", JOINTS)
+        self._words = gui.add_html(style.text(EMPTY))
+        self._graph = Graph(gui, 225)
+        on_change(select, lambda e: context.set_view(joint=JOINTS.index(select.value)))
 
     def render(self, old: Snapshot | None, new: Snapshot) -> None:
         """Follow the shown roll, the chosen joint and the cursor."""
-        if (
-            old is not None
-            and old.session.results.roll is new.session.results.roll
-            and old.view.shown_roll == new.view.shown_roll
-            and old.view.joint == new.view.joint
-            and old.view.cursor == new.view.cursor
-            and old.view.second == new.view.second
-        ):
+        if not changed(old, new, *FOLLOWED):
             return
-        curves = joint_curves(new.session, new.view.shown_roll)
+        curves, joint = joint_curves(new.session, new.view.shown_roll), new.view.joint
         if curves is None:
-            self._clear()
+            self._graph.clear()
+            self._words.content = style.text(EMPTY)
             return
         cursor = None
         if new.view.cursor is not None and not new.view.second and _is_planned(new):
             cursor = path_percent_at(new.session, new.view.cursor)
-        data, low, high = joint_data(curves, new.view.joint, cursor)
-        shape = (new.view.joint, low, high)
-        if self._plot is None or self._shape != shape:
-            self._build(data, new.view.joint, low, high)
-            self._shape = shape
-        else:
-            self._plot.data = data
-        self._words.content = _joint_words(curves)
-
-    def _clear(self) -> None:
-        if self._plot is not None:
-            self._plot.remove()
-            self._plot = None
-            self._words.content = style.text("The joint graphs appear after step 7.")
-
-    def _build(self, data: tuple[Floats, ...], joint: int, low: float, high: float) -> None:
-        if self._plot is not None:
-            self._plot.remove()
+        data, low, high = joint_data(curves, joint, cursor)
+        shown = tuple(range(1, 7)) if joint == 0 else (joint,)
+        lines = [
+            {
+                "label": f"J{j}",
+                "stroke": css(CATEGORIES[j - 1]),
+                "width": 2,
+                "points": {"show": False},
+            }
+            for j in shown
+        ]
+        zones = 1 + len(lines) + len(MARKS)  # number of the first edge of a shaded zone
+        bands = tuple(
+            {"series": (upper, upper - 1), "fill": SHADE} for upper in (zones + 1, zones + 3)
+        )
         unit = "share of range (%)" if joint == 0 else f"joint {joint} (deg)"
-        chosen = CATEGORIES if joint == 0 else (CATEGORIES[joint - 1],)
-        names = tuple(f"J{j}" for j in range(1, 7)) if joint == 0 else (f"J{joint}",)
-        lines = tuple(
-            {"label": name, "stroke": css(color), "width": 2, "points": {"show": False}}
-            for name, color in zip(names, chosen, strict=True)
-        )
-        marks = (
-            {"label": "worst", "stroke": css(VERMILLION), "width": 2, "dash": (5, 4)},
-            {"label": "now", "stroke": INK, "width": 2},
-        )
-        edges = tuple({"label": n, "stroke": "#a34700", "width": 1} for n in ("l0", "l", "h", "h1"))
-        spots = {
-            "label": "fails",
-            "stroke": css(VERMILLION),
-            "width": 0,
-            "points": {"show": True, "size": 5, "fill": css(VERMILLION)},
-        }
-        first = 1 + len(lines) + len(marks)
-        with self._folder:
-            self._plot = self._gui.add_uplot(
-                data,
-                ({"label": "path"}, *lines, *marks, *edges, spots),
-                bands=(
-                    {"series": (first + 1, first), "fill": SHADE},
-                    {"series": (first + 3, first + 2), "fill": SHADE},
-                ),
-                scales={
-                    "x": {"time": False, "range": (0.0, 100.0)},
-                    "y": {"range": (low, high)},
-                },
-                axes=(axis("path (%)"), axis(unit)),
-                legend={"show": False},
-                cursor={"drag": {"x": True, "y": False}},
-                height=225,
-                padding=PADDING,
-            )
+        series = ({"label": "path"}, *lines, *MARKS, *EDGES, SPOTS)
+        self._graph.show(PATH, Axis(unit, low, high), data, series, bands)
+        self._words.content = _joint_words(curves)
 
 
 def _is_planned(snapshot: Snapshot) -> bool:

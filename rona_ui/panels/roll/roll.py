@@ -1,19 +1,141 @@
-"""Step 7: choice of the roll about the probe axis, and motion planning."""
+"""Step 7: choice of the roll about the probe axis, motion planning, and placement of the base."""
 
-from dataclasses import replace
-from typing import Any
+from functools import partial
+from typing import Any, Literal
 
+from rona_core.app.steps.roll.base_placement import BasePlace, BasePlacement, fresh_placement, moves
 from rona_core.app.steps.roll.certificate_view import certificate_view
-from rona_core.app.steps.roll.messages import StartRollSearch
+from rona_core.app.steps.roll.messages import (
+    ApplyBasePlacement,
+    StartBasePlacement,
+    StartRollSearch,
+)
 from rona_core.app.steps.roll.view import joint_curves, none_works
-from rona_ui.panels.roll.base_placement import BasePlacementControls
+from rona_core.session.document import Session
 from rona_ui.panels.roll.certificate import refusal_in_short
 from rona_ui.panels.widgets import style
+from rona_ui.panels.widgets.form import Form
 from rona_ui.panels.widgets.panel_context import PanelContext, on_change
 from rona_ui.panels.widgets.step_panel import StepPanel
-from rona_ui.presentation.colors import GREEN, VERMILLION, YELLOW, css
-from rona_ui.presentation.snapshot import Snapshot
-from rona_ui.presentation.view_state import ViewState
+from rona_ui.presentation.colors import (
+    BLOCKED,
+    GREEN,
+    ORANGE,
+    SKY,
+    VERMILLION,
+    YELLOW,
+    css,
+    viridis_css,
+)
+from rona_ui.presentation.snapshot import Snapshot, changed
+
+AGAIN = (
+    "The tracker is registered to the base. After a move repeat steps 2 and 4 to 7; the "
+    "pointer calibration stays valid."
+)
+USES: dict[Literal["smallest", "best"], str] = {
+    "smallest": "Use nearest pose",
+    "best": "Use pose with largest margin",
+}
+
+
+class BasePlacementControls:
+    """Search button, summary, and a button for each verified base pose."""
+
+    def __init__(self, gui: Any, context: PanelContext) -> None:
+        form = self._form = Form(gui)
+        self._search = context.send_button(
+            gui, "Find base pose", "map-search", lambda: StartBasePlacement(**form.values())
+        )
+        self._words = gui.add_html("")
+        self._use = {
+            choice: context.send_button(
+                gui, label, "check", partial(ApplyBasePlacement, choice), color=None, visible=False
+            )
+            for choice, label in USES.items()
+        }
+        self._key = gui.add_html("")
+        with gui.add_folder("Search range", expand_by_default=False):
+            form.numbers(
+                ("half_x_mm", "Range x, ± (mm)", 500.0, 0.0, 2000.0, 50.0, "Along base x"),
+                ("half_y_mm", "Range y, ± (mm)", 600.0, 0.0, 2000.0, 50.0, "Along base y"),
+                ("step_mm", "Cell size (mm)", 100.0, 25.0, 500.0, 25.0),
+            )
+
+    def render(self, old: Snapshot | None, new: Snapshot) -> None:
+        """Follow the search, and rest while something runs."""
+        if not changed(old, new, "session", "busy"):
+            return
+        found = fresh_placement(new.session)
+        self._search.disabled = new.busy or new.step("roll").state == "blocked"
+        self._form.enable(not new.busy)
+        offered = {} if found is None else offers(found)
+        for name, button in self._use.items():
+            button.visible, button.disabled = name in offered, new.busy
+        self._words.content = placement_words(new.session, found)
+        self._key.content = placement_key(found)
+
+
+def offers(found: BasePlacement) -> dict[str, BasePlace]:
+    """Return the places that can be taken; one that is both is offered once."""
+    smallest, best = found.smallest, found.best
+    both = {"smallest": smallest, "best": None if best is smallest else best}
+    return {name: place for name, place in both.items() if place is not None and moves(place)}
+
+
+def placement_words(session: Session, found: BasePlacement | None) -> str:
+    """Return what the search found, as HTML."""
+    if found is None:
+        return _outdated_note(session)
+    offered = offers(found)
+    words = ""
+    if found.smallest is None:
+        reasons = "; ".join(found.reasons)
+        words += style.note(f"No verified base pose found: {reasons}.", "warn")
+    elif not moves(found.smallest):
+        words += style.note("The scan is verified from the present base pose.", "good")
+    for name, title in (("smallest", "Nearest pose"), ("best", "Largest margin")):
+        if name in offered:
+            words += style.note(f"{title}: {place_words(offered[name])}", "good")
+    return words + (style.text(AGAIN) if offered else "")
+
+
+def _outdated_note(session: Session) -> str:
+    """Return what is left to say of a search that no longer holds."""
+    searched, robot = session.results.placement, session.setup.devices.robot
+    if searched is None:
+        return ""
+    stands = robot.base_shift_mm, robot.base_turn_deg
+    if any((place.shift_mm, place.turn_deg) == stands for place in offers(searched.value).values()):
+        return style.note("The base stands at the selected pose. " + AGAIN)
+    return style.note("Base, path or obstacles have changed. Search again.")
+
+
+def placement_key(found: BasePlacement | None) -> str:
+    """Return the legend of the map on the floor."""
+    if found is None:
+        return ""
+    most = float(found.margins[~found.blocked].max(initial=0.0))
+    legend = (
+        f'<div class="r-key"><span><i style="width:44px;background:{viridis_css()}"></i>'
+        f"floor map: feasible, margin 0 to {most:.1f}</span></div>"
+    )
+    others = [(css(VERMILLION), "infeasible"), (css(BLOCKED), "too close to the head")]
+    marks = {"smallest": (css(ORANGE), "nearest pose"), "best": (css(SKY), "largest margin")}
+    return legend + style.key(tuple(others + [marks[name] for name in offers(found)]))
+
+
+def place_words(place: BasePlace) -> str:
+    """Return a place in plain words."""
+    x, y, z = place.shift_mm
+    rolls = f"{place.n_feasible} constant roll angles feasible, margin {place.margin:.2f}"
+    if place.mode != "constant":
+        rolls = "a varying roll is feasible"
+    return (
+        f"Moved by {place.moved_mm:.0f} mm and rotated by {place.turned_deg:.0f}°, to "
+        f"({x:.0f}, {y:.0f}, {z:.0f}) mm and {place.turn_deg:.0f}°. Verified: {rolls}."
+    )
+
 
 CHOICES = {"Largest margin": "best", "First feasible (paper)": "first"}
 MODES = {"Constant, else varying": "auto", "Constant": "constant", "Varying": "variable"}
@@ -36,17 +158,17 @@ class RollPanel(StepPanel):
 
     def build(self) -> None:
         """Add the range."""
-        self.form.number("n_rolls", "Roll angles", 72, 1, 720, 1)
-        self.form.number("roll_from_deg", "From (deg)", 0.0, -360.0, 360.0, 5.0)
-        self.form.number("roll_to_deg", "To (deg)", 360.0, -355.0, 720.0, 5.0)
+        self.form.numbers(
+            ("n_rolls", "Roll angles", 72, 1, 720, 1),
+            ("roll_from_deg", "From (deg)", 0.0, -360.0, 360.0, 5.0),
+            ("roll_to_deg", "To (deg)", 360.0, -355.0, 720.0, 5.0),
+        )
         self.form.choice("choice", "Select by", CHOICES, "best")
         self.form.choice("mode", "Roll mode", MODES, "auto")
         seen = self._obstacles = self.gui.add_checkbox(
             "Show obstacles", False, hint="Draws the obstacles of robot and tool"
         )
-        on_change(
-            seen, lambda e: self.context.change_view(lambda v: _with_obstacles(v, seen.value))
-        )
+        on_change(seen, lambda e: self.context.show_layer("obstacles", bool(seen.value)))
 
     def message(self) -> Any:
         """Return the search."""
@@ -55,7 +177,7 @@ class RollPanel(StepPanel):
     def update(self, old: Snapshot | None, new: Snapshot) -> None:
         """Follow what is shown of the surroundings, and offer places of the base."""
         self._places.render(old, new)
-        if old is None or old.view.hidden != new.view.hidden:
+        if changed(old, new, "view.hidden"):
             self._obstacles.value = "obstacles" not in new.view.hidden
 
     def remarks(self, snapshot: Snapshot) -> str:
@@ -63,20 +185,19 @@ class RollPanel(StepPanel):
         derived = snapshot.session.results.roll
         if derived is None:
             return ""
-        plan = derived.value
-        works = sum(verdict.feasible for verdict in plan.search.verdicts)
-        if plan.search.mode == "none" or plan.trajectory is None or plan.certificate is None:
+        plan, search = derived.value, derived.value.search
+        works = sum(verdict.feasible for verdict in search.verdicts)
+        if search.mode == "none" or plan.trajectory is None or plan.certificate is None:
             first = style.note(none_works(plan), "warn")
         else:
             view = certificate_view(snapshot.session)
             certified = view is not None and view.certified
-            varies = plan.search.mode == "variable"
-            turned = f"a roll varying over {plan.search.roll_variation_deg:.0f}°"
-            chosen = (
-                turned if varies else f"{plan.search.verdicts[plan.search.chosen].roll_deg:.0f}°"
-            )
+            if search.mode == "variable":
+                chosen = f"a roll varying over {search.roll_variation_deg:.0f}°"
+            else:
+                chosen = f"{search.verdicts[search.chosen].roll_deg:.0f}°"
             first = style.note(
-                f"{works} of {len(plan.search.verdicts)} roll angles feasible. Selected {chosen}, "
+                f"{works} of {len(search.verdicts)} roll angles feasible. Selected {chosen}, "
                 f"duration {plan.trajectory.times_s[-1]:.1f} s, "
                 + ("verified." if certified else "refused by the verifier."),
                 "good" if certified else "warn",
@@ -86,11 +207,6 @@ class RollPanel(StepPanel):
         curves = joint_curves(snapshot.session, snapshot.view.shown_roll)
         second = ""
         if curves is not None and not curves.feasible:
-            second = style.note(curves.sentence[:1].upper() + curves.sentence[1:], "warn")
+            second = style.note(style.sentence(curves.sentence), "warn")
         legend = ((css(GREEN), "feasible"), (css(VERMILLION), "infeasible"), (css(YELLOW), "shown"))
         return first + second + style.key(legend)
-
-
-def _with_obstacles(view: ViewState, seen: bool) -> ViewState:
-    only = frozenset(("obstacles",))
-    return replace(view, hidden=view.hidden - only if seen else view.hidden | only)

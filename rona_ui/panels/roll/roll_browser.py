@@ -1,27 +1,31 @@
-"""Roll browser: the roll image, which is also the slider that selects a roll."""
+"""Roll browser: roll image, which is also the slider that selects a roll; margins; ranking."""
 
-from dataclasses import replace
 from typing import Any
 
 import numpy as np
 
+from rona_core.app.steps.roll.margins_view import PathMargins, Quantity, path_margins
 from rona_core.app.steps.roll.messages import ChooseRoll
 from rona_core.app.steps.roll.view import (
+    RankedWay,
     joint_curves,
     place_of_roll,
     point_at,
+    ranked_ways,
     roll_strip,
     shown_roll,
     shows_chosen,
     shows_varying,
 )
-from rona_ui.panels.roll.margins import MarginControls
+from rona_core.app.steps.setup.clearance import PairClearance
 from rona_ui.panels.roll.roll_image import legend, roll_picture
-from rona_ui.panels.roll.roll_ranking import RollRanking
 from rona_ui.panels.widgets import style
-from rona_ui.panels.widgets.image_slider import sheet
-from rona_ui.panels.widgets.panel_context import PanelContext, on_change, on_click
-from rona_ui.presentation.snapshot import Snapshot
+from rona_ui.panels.widgets.image_slider import ImageSlider
+from rona_ui.panels.widgets.panel_context import PanelContext, on_change
+from rona_ui.presentation.colors import VERMILLION, css, viridis_css
+from rona_ui.presentation.shown import MARGIN_SCALE_MAX, shown_clearances
+from rona_ui.presentation.snapshot import Snapshot, changed
+from rona_ui.viewer.bindings import escape
 
 HEIGHT_PX = 190
 NOTHING = "The roll map appears after step 7."
@@ -29,103 +33,72 @@ WORDS = (
     "Across: roll angle. Down: position along the path. Click or drag to select a roll; a "
     "feasible one is planned and verified."
 )
+LISTED = 12  # rolls in the table of the ranking; the choice has more
 
 
 class RollsPanel:
     """Click in the picture: the roll is shown; one that works is planned and verified at once."""
 
     def __init__(self, gui: Any, context: PanelContext) -> None:
-        self._gui, self._context = gui, context
+        self._context = context
         self._words = gui.add_html(style.text(NOTHING))
-        self._sheet = gui.add_html("")
-        self._folder = gui.add_folder(None, visible=False)
-        self._slider: Any = None
+        self._slider = ImageSlider(gui, "r-rolls", "Roll", HEIGHT_PX, self._chosen)
         self._remark = gui.add_html("")
-        self._back = gui.add_button(
-            "Show selected roll", icon="arrow-back-up", color="gray", visible=False
+        self._back = context.view_button(
+            gui, "Show selected roll", "arrow-back-up", shown_roll=None, place=None
         )
+        hint = "Where along the path the robot is shown"
         self._place = gui.add_slider(
-            "Path position (%)",
-            0.0,
-            100.0,
-            0.5,
-            50.0,
-            visible=False,
-            hint="Where along the path the robot is shown",
+            "Path position (%)", 0.0, 100.0, 0.5, 50.0, visible=False, hint=hint
         )
         self._legend = gui.add_html("")
         self._margins = MarginControls(gui, context)
         self._ranking = RollRanking(gui, context)
         self._works: tuple[bool, ...] = ()
-        on_change(self._place, self._moved)
-        on_click(
-            self._back,
-            lambda e: context.change_view(lambda v: replace(v, shown_roll=None, place=None)),
+        on_change(
+            self._place,
+            lambda e: context.set_view(place=e.target.value / 100.0, cursor=None, playing=False),
         )
 
     def render(self, old: Snapshot | None, new: Snapshot) -> None:
         """Follow search and shown roll."""
-        roll = new.session.results.roll
-        before = None if old is None else old.session.results.roll
+        roll, view = new.session.results.roll, new.view
         self._margins.render(old, new)
         self._ranking.render(old, new)
-        if old is None or before is not roll:
+        if changed(old, new, "session.results.roll"):
             self._build(new)
-        elif (
-            old.view.shown_roll == new.view.shown_roll
-            and old.view.place == new.view.place
-            and old.steps is new.steps
-        ):
+        elif not changed(old, new, "view.shown_roll", "view.place", "steps"):
             return
-        index = column_shown(new)
-        if index is not None and self._slider is not None:
-            self._slider.value = index
-        self._back.visible = roll is not None and not shows_chosen(roll.value, new.view.shown_roll)
+        self._back.visible = roll is not None and not shows_chosen(roll.value, view.shown_roll)
         self._back.disabled = roll is None or roll.value.search.mode == "none"
         self._remark.content = remark(new)
+        index = column_shown(new)
         if index is not None:
-            place = place_of_roll(new.session, new.view.shown_roll, new.view.place)
+            self._slider.value = index
+            place = place_of_roll(new.session, view.shown_roll, view.place)
             self._place.value = round(200.0 * place) / 2.0
 
     def _build(self, new: Snapshot) -> None:
         strip = roll_strip(new.session)
-        if self._slider is not None:
-            self._slider.remove()
-            self._slider = None
-        there = strip is not None and len(strip.rolls_deg) > 1
-        self._folder.visible = there
         self._place.visible = strip is not None
-        self._words.content = style.text(WORDS if there else NOTHING)
-        if strip is None or not there:
-            self._sheet.content = self._legend.content = ""
+        if strip is None or len(strip.rolls_deg) < 2:
+            self._words.content = style.text(NOTHING)
+            self._legend.content = ""
+            self._slider.clear()
             return
+        self._words.content = style.text(WORDS)
         self._works = tuple(bool(works) for works in strip.feasible)
         self._legend.content = legend(strip)
-        with self._folder:
-            self._sheet.remove()
-            image = roll_picture(strip)
-            self._sheet = self._gui.add_html(sheet("r-rolls", HEIGHT_PX, "image/svg+xml", image))
-            last = len(strip.rolls_deg) - 1
-            marks = tuple(
-                (i, f"{strip.rolls_deg[i]:.0f}°")
-                for i in np.unique(np.linspace(0, last, 5).round().astype(int)).tolist()
-            )
-            self._slider = self._gui.add_slider(
-                "Roll", 0, last, 1, max(strip.chosen, 0), marks=marks
-            )
-        on_change(self._slider, self._chosen)
+        last = len(strip.rolls_deg) - 1
+        marked = np.unique(np.linspace(0, last, 5).round().astype(int)).tolist()
+        marks = tuple((i, f"{strip.rolls_deg[i]:.0f}°") for i in marked)
+        self._slider.show(roll_picture(strip), (0, last), max(strip.chosen, 0), marks)
 
     def _chosen(self, event: Any) -> None:
-        index = int(self._slider.value)
-        self._context.change_view(
-            lambda v: replace(v, shown_roll=index, place=None, cursor=None, playing=False)
-        )
+        index = int(event.target.value)
+        self._context.set_view(shown_roll=index, place=None, cursor=None, playing=False)
         if 0 <= index < len(self._works) and self._works[index]:
             self._context.send_debounced("roll", lambda: ChooseRoll(index), event)
-
-    def _moved(self, event: Any) -> None:
-        place = float(self._place.value) / 100.0
-        self._context.change_view(lambda v: replace(v, place=place, cursor=None, playing=False))
 
 
 def column_shown(snapshot: Snapshot) -> int | None:
@@ -146,9 +119,136 @@ def remark(snapshot: Snapshot) -> str:
     curves = joint_curves(snapshot.session, snapshot.view.shown_roll)
     if curves is None:
         return ""
-    words = curves.sentence[:1].upper() + curves.sentence[1:]
+    words = style.sentence(curves.sentence)
     if not curves.feasible and curves.worst_joint:
         words += f". Red in the scene: this place, and the links after joint {curves.worst_joint}"
     if snapshot.step("roll").state == "stale":
         return style.note(f"{words}. Stale: plan again.", "warn")
     return style.note(words, "good" if curves.feasible else "warn")
+
+
+class RollRanking:
+    """A closed folder: the table of the best rolls, and a choice that plans with one of them."""
+
+    def __init__(self, gui: Any, context: PanelContext) -> None:
+        self._context = context
+        self._ways: dict[str, RankedWay] = {}  # by what the choice says of them
+        self._folder = gui.add_folder("Ranking", expand_by_default=False, visible=False)
+        with self._folder:
+            hint = "Plans and verifies this configuration"
+            self._choice = gui.add_dropdown("Use", ("–",), hint=hint)
+            self._table = gui.add_html("")
+        on_change(self._choice, self._take)
+
+    def _take(self, event: Any) -> None:
+        way = self._ways.get(self._choice.value)
+        if way is not None:
+            self._context.set_view(shown_roll=None, place=None, cursor=None, playing=False)
+            self._context.send(lambda: ChooseRoll(way.index, way.branch), event)
+
+    def render(self, old: Snapshot | None, new: Snapshot) -> None:
+        """Follow the search."""
+        self._choice.disabled = new.busy
+        if not changed(old, new, "session.results.roll"):
+            return
+        ways = ranked_ways(new.session)
+        self._ways = {
+            f"{number}: {way.roll_deg:.0f}°, margin {way.margin:.2f}": way
+            for number, way in enumerate(ways, start=1)
+        }
+        self._folder.visible = bool(ways)
+        self._choice.options = ("–", *self._ways)
+        self._choice.value = next((name for name, way in self._ways.items() if way.chosen), "–")
+        self._table.content = ranking_table(ways)
+
+
+def ranking_table(ways: tuple[RankedWay, ...]) -> str:
+    """Return the best rolls and the chosen one."""
+    if not ways:
+        return ""
+    rows: list[tuple[str, ...]] = []
+    for number, way in enumerate(ways, start=1):
+        if number <= LISTED or way.chosen:
+            place = f"{number} ✔" if way.chosen else f"{number}"
+            margin = f"{way.margin:.2f}"
+            rows.append((place, f"{way.roll_deg:.0f}°", escape(way.label), margin))
+    return style.table(("n", "n", "", "n"), ("#", "Roll", "Arm", "Margin"), rows) + style.text(
+        "Margin: smallest distance from limits, singularities and jumps along the path."
+    )
+
+
+QUANTITIES: dict[str, Quantity] = {
+    "Smallest margin": "room",
+    "Joint limits": "limits",
+    "Singularities": "singularity",
+    "Collisions": "clearance",
+}
+UNITS: dict[Quantity, str] = {
+    "room": "Margin to limits, singularities, jumps and reach (1 is comfortable)",
+    "limits": "Distance from the nearest joint limit (°)",
+    "singularity": "Margin to the nearest singularity (1 is comfortable)",
+    "clearance": "Clearance of robot, tool and obstacles (mm)",
+}
+DECIMALS: dict[Quantity, int] = {"room": 1, "limits": 0, "singularity": 1, "clearance": 0}
+
+
+class MarginControls:
+    """Dropdown, colour bar, and the nearest pair."""
+
+    def __init__(self, gui: Any, context: PanelContext) -> None:
+        self._choice = gui.add_dropdown("Path colour", tuple(QUANTITIES), visible=False)
+        self._bar = gui.add_html("")
+        self._near = gui.add_html("")
+        on_change(
+            self._choice,
+            lambda e: context.set_view(margin=QUANTITIES[self._choice.value]),
+        )
+
+    def render(self, old: Snapshot | None, new: Snapshot) -> None:
+        """Follow search, shown roll, quantity and the robot as it is drawn."""
+        has_view = new.session.results.roll is not None
+        self._choice.visible = has_view
+        if old is not None and changed(old, new, "session.id"):
+            self._choice.value = next(w for w, q in QUANTITIES.items() if q == new.view.margin)
+        view = ("view.shown_roll", "view.margin", "view.step")
+        if changed(old, new, "session.results", "session.setup", *view):
+            # in other steps nobody looks at it: it is not worth the time
+            found = None
+            if new.view.step in ("roll", "scan"):
+                found = path_margins(new.session, new.view.shown_roll)
+            self._bar.content = "" if found is None else bar(found, new.view.margin)
+        self._near.content = near_words(shown_clearances(new)) if has_view else ""
+
+
+def bar(found: PathMargins, quantity: Quantity) -> str:
+    """Return the colour bar of a quantity, and the least value along the path."""
+    top, decimals = MARGIN_SCALE_MAX[quantity], DECIMALS[quantity]
+    values, fails = found.values(quantity), found.fails(quantity)
+    more = "≥ " if float(values.max(initial=0.0)) > top else ""
+    ticks = f"<span>0</span><span>{0.5 * top:.{decimals}f}</span>"
+    least = float(values.min())
+    words = f"Minimum along the path: {least:.{max(decimals, 1)}f}."
+    if fails.any():
+        part = 100.0 * float(fails.mean())
+        words += f" Red on {max(part, 1.0):.0f} % of the path: not allowed."
+    closest = PairClearance(*found.closest, found.closest_mm, found.needed_mm)
+    if quantity == "clearance":
+        share = 100.0 * found.closest_at / max(len(values) - 1, 1)
+        words += f" Closest: {closest.sentence} (at {share:.0f} %)."
+    return (
+        f'<div class="r-text" style="padding-bottom:2px">{escape(UNITS[quantity])}</div>'
+        '<div style="display:flex;margin:0 12px;gap:4px">'
+        f'<div class="r-bar" style="margin:2px 0 1px;width:14px;background:{css(VERMILLION)}">'
+        f'</div><div class="r-bar" style="margin:2px 0 1px;flex:1;background:{viridis_css()}">'
+        f'</div></div><div class="r-ticks" style="margin-left:30px">{ticks}'
+        f"<span>{more}{top:.{decimals}f}</span></div>{style.text(words)}"
+    )
+
+
+def near_words(pairs: tuple[PairClearance, ...]) -> str:
+    """Return what comes too close with the robot as it is drawn, else the nearest pair."""
+    hits = [pair for pair in pairs if pair.too_close]
+    if hits:
+        more = f" And {len(hits) - 1} more." if len(hits) > 1 else ""
+        return style.note(f"Too close, red in the scene: {hits[0].sentence}.{more}", "warn")
+    return style.text(f"Nearest now: {pairs[0].sentence}.") if pairs else ""

@@ -1,6 +1,5 @@
 """Roll image: a strip of feasibility by roll angle, and the margin map of path by roll angle."""
 
-import base64
 from collections import Counter
 
 import numpy as np
@@ -8,7 +7,7 @@ from numpy.typing import NDArray
 
 from rona_core.app.steps.roll.view import RollStrip
 from rona_core.geometry.arrays import Floats
-from rona_ui.panels.widgets.image_slider import png
+from rona_ui.panels.widgets.image_slider import png_url
 from rona_ui.presentation.colors import (
     BLUE,
     GREEN,
@@ -38,11 +37,10 @@ STRIP, GAP, MAP = 80.0, 20.0, 1000.0  # heights in the picture
 WIDE = 10.0  # of a roll in the picture
 
 
-def roll_picture(strip: RollStrip) -> bytes:
+def roll_picture(strip: RollStrip) -> str:
     """Return the picture as SVG; the middle of its first and last roll are its edges."""
     n, top = len(strip.rolls_deg), STRIP + GAP
     width, height = WIDE * (n - 1), top + MAP
-    image = base64.b64encode(png(roll_image(strip))).decode()
     parts = [
         f'<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 {width:g} {height:g}" '
         'preserveAspectRatio="none" shape-rendering="crispEdges">',
@@ -54,7 +52,7 @@ def roll_picture(strip: RollStrip) -> bytes:
         ),
         f'<image x="{-0.5 * WIDE:g}" y="{top:g}" width="{WIDE * n:g}" height="{MAP:g}" '
         f'preserveAspectRatio="none" style="image-rendering:pixelated" '
-        f'href="data:image/png;base64,{image}"/>',
+        f'href="{png_url(roll_image(strip))}"/>',
         *(
             f'<rect x="{WIDE * (i - 0.4):g}" y="{top + MAP * min(at, 0.985):g}" '
             f'width="{0.8 * WIDE:g}" height="{0.015 * MAP:g}" fill="#fff"/>'
@@ -69,7 +67,7 @@ def roll_picture(strip: RollStrip) -> bytes:
                 f'<polyline points="{places}" fill="none" stroke="{color}" stroke-width="{px}" '
                 'vector-effect="non-scaling-stroke"/>'
             )
-    return "".join((*parts, "</svg>")).encode()
+    return "".join((*parts, "</svg>"))
 
 
 def curve_lines(strip: RollStrip) -> list[Floats]:

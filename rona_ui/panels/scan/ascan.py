@@ -3,6 +3,8 @@
 from dataclasses import replace
 from typing import Any
 
+import numpy as np
+
 from rona_core.app.steps.boundaries.ascan_view import (
     AScanPlot,
     ScanName,
@@ -10,13 +12,14 @@ from rona_core.app.steps.boundaries.ascan_view import (
     scan_number_at,
 )
 from rona_core.app.steps.boundaries.handlers import capture_of
-from rona_ui.panels.scan.ascan_graph import BANDS, HIGH, KEY, LOW, SERIES, ascan_data
+from rona_core.geometry.arrays import Floats
 from rona_ui.panels.scan.bscan_slider import ScanSlider
 from rona_ui.panels.scan.manual_boundary import ManualBoundaryControls
 from rona_ui.panels.widgets import style
-from rona_ui.panels.widgets.graph_style import PADDING, axis
+from rona_ui.panels.widgets.graphs import Axis, Graph
 from rona_ui.panels.widgets.panel_context import PanelContext, on_change
-from rona_ui.presentation.snapshot import Snapshot
+from rona_ui.presentation.colors import CATEGORIES, GREEN, ORANGE, PURPLE, VERMILLION, css
+from rona_ui.presentation.snapshot import Snapshot, changed
 from rona_ui.presentation.view_state import ViewState
 
 SCANS: dict[str, ScanName] = {
@@ -26,6 +29,57 @@ SCANS: dict[str, ScanName] = {
 }
 BARS = "Bars at the bottom: search gates of the boundaries. Drag to zoom."
 NOTHING = "A-scans appear with a scan (step 8) or a handheld scan (step 9)."
+FOLLOWED = (
+    "session.captures.scan",
+    "session.captures.second",
+    "session.captures.sono_scan",
+    "session.results",
+    "session.boundary_edits",
+    "scan_cursor",
+    "scan",
+    "view.dragged_boundary",
+    "busy",
+    "live.ascan",
+)
+
+LOW, HIGH = -1.05, 1.05
+BELOW = -8.0  # out of sight: gaps of NaN would not be drawn as gaps
+THIN_US = 0.004  # least half width of a line
+GATE_TOP = -0.96
+AMPLITUDE = Axis("normalised amplitude", LOW, HIGH)
+Span = tuple[float, float]
+
+SERIES: tuple[dict[str, Any], ...] = (
+    {"label": "time"},
+    {"label": "signal", "stroke": "#a9b3bd", "width": 1},
+    {"label": "envelope", "stroke": "#52606d", "width": 1},
+    {"label": "compressed", "stroke": css(CATEGORIES[0]), "width": 2},
+    {"label": "without front", "stroke": css(PURPLE), "width": 2},
+    {"label": "outer", "stroke": css(GREEN), "width": 1.5},
+    {"label": "inner", "stroke": css(VERMILLION), "width": 1.5},
+    {"label": "other echo", "stroke": css(ORANGE), "width": 2, "dash": (6, 4)},
+    {"label": "does not count", "stroke": "#52606d", "width": 1.5, "dash": (2, 4)},
+    {"label": "by hand", "stroke": "#1f2933", "width": 2},
+    {"label": "gate of the front", "stroke": "transparent", "width": 0},
+    {"label": "gate of the inner", "stroke": "transparent", "width": 0},
+    {"label": "floor", "stroke": "transparent", "width": 0},
+)
+FLOOR = len(SERIES) - 1
+BANDS = (
+    {"series": (5, FLOOR), "fill": "rgba(0,158,115,0.30)"},
+    {"series": (6, FLOOR), "fill": "rgba(213,94,0,0.30)"},
+    {"series": (10, FLOOR), "fill": css(GREEN)},
+    {"series": (11, FLOOR), "fill": css(VERMILLION)},
+)
+KEY = (
+    ("#a9b3bd", "signal"),
+    ("#52606d", "envelope"),
+    (css(CATEGORIES[0]), "matched filter"),
+    (css(PURPLE), "without front echo, enlarged"),
+    (css(GREEN), "outer boundary ± σ"),
+    (css(VERMILLION), "inner boundary ± σ"),
+    (css(ORANGE), "other echo"),
+)
 
 
 def shown_scans(snapshot: Snapshot) -> tuple[str, ...]:
@@ -60,15 +114,12 @@ class AScanPanel:
     """Follows the cursor of the replay; while the robot scans, the newest A-scan."""
 
     def __init__(self, gui: Any, context: PanelContext) -> None:
-        self._gui = gui
         self._pass = gui.add_dropdown("A-scans of", tuple(SCANS), visible=False)
         self._words = gui.add_html(style.text(NOTHING))
         self._slider = ScanSlider(gui, context)
-        self._folder = gui.add_folder(None)
+        self._graph = Graph(gui, 210)
         self._key = gui.add_html(style.key(KEY) + style.text(BARS), visible=False)
         self._hand = ManualBoundaryControls(gui, context)
-        self._plot: Any = None
-        self._extent: tuple[float, float] = (0.0, 0.0)
         on_change(
             self._pass,
             lambda e: context.change_view(lambda v: with_scan(v, SCANS[self._pass.value])),
@@ -76,7 +127,7 @@ class AScanPanel:
 
     def render(self, old: Snapshot | None, new: Snapshot) -> None:
         """Follow cursor, scan, detection and what is set by hand."""
-        if old is not None and _key(old) == _key(new) and old.live.ascan is new.live.ascan:
+        if not changed(old, new, *FOLLOWED):
             return
         self._offer(new)
         number = shown_number(new)
@@ -86,12 +137,14 @@ class AScanPanel:
         self._hand.render(None if live is not None else plot, new)
         self._key.visible = plot is not None
         if plot is None:
-            if self._plot is not None:
-                self._plot.remove()
-                self._plot = None
+            self._graph.clear()
             self._words.content = style.text(NOTHING)
             return
-        self._draw(plot, new)
+        hand = new.view.dragged_boundary
+        hand_us = hand[1] if hand is not None and hand[0] == plot.number else None
+        end_us = float(plot.time_us[-1]) if plot.end_us is None else plot.end_us
+        time = Axis("time (µs)", float(plot.time_us[0]), end_us)
+        self._graph.show(time, AMPLITUDE, ascan_data(plot, hand_us), SERIES, BANDS)
         self._words.content = style.note(plot.remark, "" if plot.fine else "warn")
 
     def _offer(self, new: Snapshot) -> None:
@@ -102,39 +155,44 @@ class AScanPanel:
         self._pass.value = next(words for words, scan in SCANS.items() if scan == new.scan)
         self._pass.visible = len(offered) > 1
 
-    def _draw(self, plot: AScanPlot, new: Snapshot) -> None:
-        hand = new.view.dragged_boundary
-        hand_us = hand[1] if hand is not None and hand[0] == plot.number else None
-        data = ascan_data(plot, hand_us)
-        end_us = float(plot.time_us[-1]) if plot.end_us is None else plot.end_us
-        extent = (float(plot.time_us[0]), end_us)
-        if self._plot is not None and extent == self._extent:
-            self._plot.data = data
-            return
-        if self._plot is not None:
-            self._plot.remove()
-        self._extent = extent
-        with self._folder:
-            self._plot = self._gui.add_uplot(
-                data,
-                SERIES,
-                bands=BANDS,
-                scales={"x": {"time": False, "range": extent}, "y": {"range": (LOW, HIGH)}},
-                axes=(axis("time (µs)"), axis("normalised amplitude")),
-                legend={"show": False},
-                cursor={"drag": {"x": True, "y": False}},
-                height=210,
-                padding=PADDING,
-            )
 
+def ascan_data(plot: AScanPlot, hand_us: float | None = None) -> tuple[Floats, ...]:
+    """Return the columns of the graph, in the order of ``SERIES``.
 
-def _key(snapshot: Snapshot) -> tuple[object, ...]:
-    """Return what the drawing depends on, apart from the live A-scan."""
-    session, view = snapshot.session, snapshot.view
+    Boundaries are as wide as their sigma to both sides. The bars along the bottom are the gates.
+    """
+    boxes: list[tuple[Span | None, float]] = [
+        (_around(plot.outer_us, plot.outer_sigma_us), 1.0),
+        (_around(plot.inner_us, plot.inner_sigma_us), 1.0),
+        (_around(plot.alternative_us, 0.0), 0.85),
+        (_around(plot.guess_us, 0.0), 0.85),
+        (_around(hand_us, 0.0), 1.0),
+        (plot.front_gate_us, GATE_TOP),
+        (plot.bone_gate_us, GATE_TOP),
+    ]
+    edges = [edge for span, _ in boxes if span is not None for edge in span]
+    at = np.sort(np.concatenate((plot.time_us, np.repeat(np.array(edges, dtype=np.float64), 2))))
+    curves = (plot.rf, plot.envelope, plot.compressed, plot.behind_front)
     return (
-        id(session.captures.scan), id(session.captures.second), id(session.captures.sono_scan),
-        id(session.results.roll), id(session.results.tool), id(session.results.sono_detection),
-        id(session.results.second), id(session.results.detection),
-        id(session.results.second_detection), id(session.boundary_edits),
-        snapshot.scan_cursor, snapshot.scan, view.dragged_boundary, snapshot.busy,
-    )  # fmt: skip
+        at,
+        *(np.interp(at, plot.time_us, curve) for curve in curves),
+        *(box(at, span, top) for span, top in boxes),
+        np.full(len(at), LOW - 0.1),
+    )
+
+
+def _around(place_us: float | None, sigma_us: float) -> Span | None:
+    if place_us is None:
+        return None
+    half = max(sigma_us, THIN_US)
+    return place_us - half, place_us + half
+
+
+def box(at: Floats, span: Span | None, top: float) -> Floats:
+    """Return a column that is ``top`` within a span, whose edges occur twice in ``at``."""
+    column = np.full(len(at), BELOW)
+    if span is not None:
+        first = int(np.searchsorted(at, span[0], side="right")) - 1
+        last = int(np.searchsorted(at, span[1], side="left"))
+        column[first : last + 1] = top
+    return column

@@ -1,7 +1,6 @@
 """Manual correction of a boundary in the shown A-scan."""
 
-from dataclasses import replace
-from typing import Any
+from typing import Any, Literal
 
 from rona_core.app.steps.boundaries.ascan_view import AScanPlot, ScanName
 from rona_core.app.steps.boundaries.messages import ClearBoundaryCorrections, CorrectBoundary
@@ -9,7 +8,10 @@ from rona_ui.panels.widgets import style
 from rona_ui.panels.widgets.panel_context import PanelContext, on_change, on_click
 from rona_ui.presentation.snapshot import Snapshot
 
-BOUNDARIES = {"Inner boundary": "inner", "Outer boundary": "outer"}
+BOUNDARIES: dict[str, Literal["inner", "outer"]] = {
+    "Inner boundary": "inner",
+    "Outer boundary": "outer",
+}
 EXPLANATION = (
     "Drag the black line to the echo, then set the boundary. The maps become stale: map "
     "again. Undo with Ctrl+Z."
@@ -20,68 +22,66 @@ class ManualBoundaryControls:
     """A closed folder: which boundary, where, and what to do."""
 
     def __init__(self, gui: Any, context: PanelContext) -> None:
-        self._context = context
+        self._gui, self._context = gui, context
         self._plot: AScanPlot | None = None
         self._scan: ScanName = "first"
-        self._hand_us: float | None = None
         self._window = gui.add_folder("Correct by hand", expand_by_default=False, visible=False)
         with self._window:
             gui.add_html(style.text(EXPLANATION))
             self._which = gui.add_dropdown("Boundary", tuple(BOUNDARIES))
             self._at = gui.add_slider("Time (µs)", 0.0, 60.0, 0.01, 0.0)
-            self._set = gui.add_button("Set boundary", icon="check")
-            self._other = gui.add_button("Use other echo", icon="switch-horizontal")
-            self._remove = gui.add_button("Delete boundary", icon="x", color="gray")
-            self._back = gui.add_button("Reset this A-scan", icon="arrow-back", color="gray")
-            self._clear = gui.add_button("Reset all A-scans", icon="trash", color="gray")
+            self._button("Set boundary", "check", self._place)
+            self._other = self._button("Use other echo", "switch-horizontal", self._take_other)
+            self._button("Delete boundary", "x", self._take_away, color="gray")
+            self._back = self._button(
+                "Reset this A-scan", "arrow-back", self._as_detected, color="gray"
+            )
+            self._clear = context.send_button(
+                gui, "Reset all A-scans", "trash", ClearBoundaryCorrections
+            )
             self._words = gui.add_html("")
         on_change(self._at, self._hold)
         on_change(self._which, lambda e: self._let_go())
-        on_click(self._set, lambda e: self._send(self._place, e))
-        on_click(self._other, lambda e: self._send(self._take_other, e))
-        on_click(self._remove, lambda e: self._send(self._take_away, e))
-        on_click(self._back, lambda e: self._send(self._as_detected, e))
-        on_click(self._clear, lambda e: context.send(ClearBoundaryCorrections, e))
+
+    def _button(self, label: str, icon: str, make: Any, color: str | None = None) -> Any:
+        """Add a button that sends ``make(plot)`` of the A-scan that is looked at."""
+        button = self._gui.add_button(label, icon=icon, color=color)
+
+        def send(event: Any) -> None:
+            plot = self._plot
+            if plot is not None:
+                message = make(plot)
+                self._context.send(lambda: message, event)
+                self._context.set_view(dragged_boundary=None)
+
+        on_click(button, send)
+        return button
 
     @property
-    def _boundary(self) -> str:
+    def _boundary(self) -> Literal["inner", "outer"]:
         return BOUNDARIES[self._which.value]
 
     def _hold(self, event: Any) -> None:
-        plot, at_us = self._plot, float(self._at.value)
-        if plot is not None:
-            self._context.change_view(
-                lambda v: replace(v, dragged_boundary=(plot.number, at_us), playing=False)
-            )
+        if self._plot is not None:
+            held = (self._plot.number, float(self._at.value))
+            self._context.set_view(dragged_boundary=held, playing=False)
 
     def _let_go(self) -> None:
-        self._context.change_view(lambda v: replace(v, dragged_boundary=None))
+        self._context.set_view(dragged_boundary=None)
         self._follow(None)
 
-    def _send(self, make: Any, event: Any) -> None:
-        plot, scan = self._plot, self._scan
-        if plot is not None:
-            message = make(plot, scan)
-            self._context.send(lambda: message, event)
-            self._context.change_view(lambda v: replace(v, dragged_boundary=None))
+    def _place(self, plot: AScanPlot) -> CorrectBoundary:
+        place: dict[str, Any] = {f"{self._boundary}_us": float(self._at.value)}
+        return CorrectBoundary(plot.number, self._scan, **place)
 
-    def _place(self, plot: AScanPlot, scan: ScanName) -> CorrectBoundary:
-        at_us = float(self._at.value)
-        if self._boundary == "outer":
-            return CorrectBoundary(plot.number, scan, outer_us=at_us)
-        return CorrectBoundary(plot.number, scan, inner_us=at_us)
+    def _take_other(self, plot: AScanPlot) -> CorrectBoundary:
+        return CorrectBoundary(plot.number, self._scan, inner_us=plot.alternative_us)
 
-    @staticmethod
-    def _take_other(plot: AScanPlot, scan: ScanName) -> CorrectBoundary:
-        return CorrectBoundary(plot.number, scan, inner_us=plot.alternative_us)
+    def _take_away(self, plot: AScanPlot) -> CorrectBoundary:
+        return CorrectBoundary(plot.number, self._scan, remove=self._boundary)
 
-    def _take_away(self, plot: AScanPlot, scan: ScanName) -> CorrectBoundary:
-        remove = "outer" if self._boundary == "outer" else "inner"
-        return CorrectBoundary(plot.number, scan, remove=remove)
-
-    @staticmethod
-    def _as_detected(plot: AScanPlot, scan: ScanName) -> ClearBoundaryCorrections:
-        return ClearBoundaryCorrections(scan, plot.number)
+    def _as_detected(self, plot: AScanPlot) -> ClearBoundaryCorrections:
+        return ClearBoundaryCorrections(self._scan, plot.number)
 
     def render(self, plot: AScanPlot | None, new: Snapshot) -> None:
         """Follow the A-scan that is looked at; without boundaries there is nothing to correct."""
@@ -96,8 +96,7 @@ class ManualBoundaryControls:
         self._back.visible = plot.by_hand
         count = len(new.session.boundary_edits)
         self._clear.visible = count > 0
-        words = "" if not count else f"{count} corrected by hand in total."
-        self._words.content = style.text(words) if words else ""
+        self._words.content = style.text(f"{count} corrected by hand in total.") if count else ""
         self._follow(new.view.dragged_boundary)
 
     def _follow(self, hand: tuple[int, float] | None) -> None:

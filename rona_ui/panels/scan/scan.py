@@ -1,13 +1,75 @@
-"""Step 8: the robot executes the certified plan while the probe records."""
+"""Step 8: the robot executes the certified plan while the probe records; force control."""
 
 from typing import Any
 
+from rona_core.app.steps.scan.contact_view import contact_report, delay_sentence
 from rona_core.app.steps.scan.messages import StartScan
-from rona_ui.panels.scan.contact import ContactFields, contact_note
+from rona_core.app.steps.setup.messages import SetContact
+from rona_core.devices.settings import ContactSettings
+from rona_core.session.document import Session
 from rona_ui.panels.widgets import style
+from rona_ui.panels.widgets.form import Form
+from rona_ui.panels.widgets.panel_context import PanelContext
 from rona_ui.panels.widgets.step_panel import StepPanel
 from rona_ui.presentation.colors import GREEN, SKY, VERMILLION, css
-from rona_ui.presentation.snapshot import Snapshot
+from rona_ui.presentation.snapshot import Snapshot, changed
+from rona_ui.viewer.bindings import Event
+
+NOW = ContactSettings()
+FORCE = ("force_n", "Contact force (N)", NOW.force_n, 0.5, 8.0, 0.5, "Along the tool axis")
+LIMITS = (
+    ("travel_mm", "Max. correction (mm)", NOW.travel_mm, 1.0, 10.0, 0.5),
+    ("monitor_n", "Soft force limit (N)", NOW.monitor_n, 1.5, 30.0, 0.5),
+    ("stop_n", "Hard force limit (N)", NOW.stop_n, 2.5, 50.0, 0.5),
+    ("approach_mm_per_s", "Approach speed (mm/s)", NOW.approach_mm_per_s, 0.2, 10.0, 0.2),
+    ("period_ms", "Control period (ms)", NOW.period_ms, 1.0, 50.0, 1.0),
+    ("delay_ms", "Robot delay (ms)", NOW.delay_ms, 0.0, 200.0, 1.0),
+    ("lag_ms", "Robot lag (ms)", NOW.lag_ms, 1.0, 200.0, 1.0),
+)
+
+
+class ContactFields:
+    """Fields of their own command; every change is sent."""
+
+    def __init__(self, gui: Any, context: PanelContext) -> None:
+        self._context = context
+        form = self._form = Form(gui)
+        form.tick("pressed", "Force control", True, "Off: position control only")
+        form.numbers(FORCE)
+        with gui.add_folder("Contact limits", expand_by_default=False):
+            form.numbers(*LIMITS)
+        form.on_change(self._changed)
+
+    def _changed(self, name: str, event: Event) -> None:
+        self._context.send_debounced("contact", self._message, event)
+
+    def _message(self) -> SetContact:
+        return SetContact(**self._form.values())
+
+    def render(self, old: Snapshot | None, new: Snapshot) -> None:
+        """Write what the session holds into the fields where it has changed or was refused."""
+        self._form.enable(not new.busy)
+        if changed(old, new, "session.setup", "refused"):
+            self._form.show(contact_values(new.session))
+
+
+def contact_values(session: Session) -> dict[str, Any]:
+    """Return what the fields show: the limits stay as they are where nothing is pressed on."""
+    contact = session.setup.devices.robot.contact
+    if contact is None:
+        return {"pressed": False}
+    names = [name for name, *_ in (FORCE, *LIMITS)]
+    return {"pressed": True, **{name: getattr(contact, name) for name in names}}
+
+
+def contact_note(session: Session) -> str:
+    """Return force and latency of the last scan as HTML."""
+    report = contact_report(session)
+    if report is None:
+        return ""
+    ended = report.contact is not None and bool(report.contact.reason)
+    words = style.note(report.sentence, "warn" if ended else "")
+    return words + (style.text(delay_sentence(report.delay)) if report.delay is not None else "")
 
 
 class ScanPanel(StepPanel):
@@ -38,7 +100,9 @@ class ScanPanel(StepPanel):
         capture = snapshot.session.captures.scan
         if capture is None:
             return ""
-        words = f"{len(capture.scans)} A-scans in {_span_s(capture):.1f} s."
+        times_s = capture.scans.times_s
+        span_s = times_s[-1] - times_s[0] if len(times_s) else 0.0
+        words = f"{len(capture.scans)} A-scans in {span_s:.1f} s."
         pressed = contact_note(snapshot.session)
         if capture.partial:
             words += " Stopped early: scan again, or the maps cover only this part."
@@ -50,8 +114,3 @@ class ScanPanel(StepPanel):
         )
         recorded = style.note(words + " Replay them below.", "good")
         return recorded + style.key(legend) + pressed
-
-
-def _span_s(capture: Any) -> float:
-    times = capture.scans.times_s
-    return float(times[-1] - times[0]) if len(times) else 0.0

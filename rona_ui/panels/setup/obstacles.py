@@ -1,10 +1,9 @@
 """Obstacles and clearances of the work cell in step 1."""
 
-from dataclasses import replace
 from typing import Any
 
 from rona_core.app.steps.setup.clearance import clearance_violations
-from rona_core.app.steps.setup.workcell_messages import (
+from rona_core.app.steps.setup.messages import (
     STANDARD,
     AddObstacle,
     RemoveObstacle,
@@ -14,12 +13,21 @@ from rona_core.devices.workcell import RoomBox, Surroundings
 from rona_ui.panels.widgets import style
 from rona_ui.panels.widgets.form import Form
 from rona_ui.panels.widgets.panel_context import PanelContext, on_change, on_click
-from rona_ui.presentation.snapshot import Snapshot
+from rona_ui.presentation.snapshot import Snapshot, changed
 from rona_ui.viewer.bindings import Event, escape
 
 NEW = "New obstacle"
 EXAMPLE = RoomBox("cupboard", (300.0, 1000.0, 300.0), (600.0, 300.0, 1400.0))  # fields offer it
-LAYER = frozenset(("obstacles",))
+AROUND = "Table, floor, tracker and added obstacles"
+BELOW = "Head centre below the region, until the surface is measured"
+WORKCELL: tuple[tuple[Any, ...], ...] = (  # name, label, least, most, step, hint
+    ("floor_mm", "Floor height (mm)", -5000.0, 5000.0, 10.0, "Its height"),
+    ("head_below_mm", "Head depth (mm)", -500.0, 500.0, 5.0, BELOW),
+    ("head_margin_mm", "Head clearance (mm)", 0.0, 200.0, 1.0, "Except for the probe"),
+    ("margin_mm", "Obstacle clearance (mm)", 0.0, 200.0, 1.0, AROUND),
+    ("self_margin_mm", "Self-clearance (mm)", 0.0, 50.0, 1.0, "Between links of the robot"),
+    ("stand_radius_mm", "Tracker stand (mm)", 10.0, 1000.0, 10.0),
+)
 EXPLANATION = (
     "The robot keeps clear of head, table, floor, tracker and the obstacles you add. "
     "Positions are in mm from the initial robot base: x forward, y left, z up."
@@ -49,52 +57,18 @@ class WorkcellFields:
         self._remove = gui.add_button("Remove obstacle", icon="trash", color="gray", visible=False)
         self._warning = gui.add_html("")
         with gui.add_folder("Table, floor and clearances", expand_by_default=False):
-            self._workcell = self._workcell_form(gui)
+            self._workcell = workcell_form(gui)
         self._workcell.on_change(self._changed)
-        on_change(self._show_all, lambda e: self._show(bool(self._show_all.value)))
+        on_change(
+            self._show_all,
+            lambda e: context.show_layer("obstacles", bool(self._show_all.value)),
+        )
         on_change(self._which, lambda e: self._choose())
         on_click(self._add, self._on_add)
         on_click(self._remove, self._on_remove)
 
-    @staticmethod
-    def _workcell_form(gui: Any) -> Form:
-        form, now = Form(gui), STANDARD
-        form.tick("table", "Table", now.table)
-        form.vector(
-            "table_center_mm", "Table top (mm)", now.table_center_mm, "Offset from the region"
-        )
-        form.vector("table_size_mm", "Table size (mm)", now.table_size_mm, "x, y, thickness")
-        form.number(
-            "floor_mm", "Floor height (mm)", now.floor_mm, -5000.0, 5000.0, 10.0, "Its height"
-        )
-        form.number(
-            "head_below_mm", "Head depth (mm)", now.head_below_mm, -500.0, 500.0, 5.0,
-            "Head centre below the region, until the surface is measured",
-        )  # fmt: skip
-        for name, label, most, step, hint in (
-            ("head_margin_mm", "Head clearance (mm)", 200.0, 1.0, "Except for the probe"),
-            (
-                "margin_mm",
-                "Obstacle clearance (mm)",
-                200.0,
-                1.0,
-                "Table, floor, tracker and added obstacles",
-            ),
-            ("self_margin_mm", "Self-clearance (mm)", 50.0, 1.0, "Between links of the robot"),
-        ):
-            form.number(name, label, getattr(now, name), 0.0, most, step, hint)
-        form.number(
-            "stand_radius_mm", "Tracker stand (mm)", now.stand_radius_mm, 10.0, 1000.0, 10.0
-        )
-        return form
-
     def _changed(self, name: str, event: Event) -> None:
         self._context.send_debounced("room", lambda: SetWorkcell(**self._workcell.values()), event)
-
-    def _show(self, wanted: bool) -> None:
-        self._context.change_view(
-            lambda v: replace(v, hidden=v.hidden - LAYER if wanted else v.hidden | LAYER)
-        )
 
     def _choose(self) -> None:
         box = next((b for b in self._obstacles.boxes if b.name == self._which.value), None)
@@ -114,8 +88,8 @@ class WorkcellFields:
 
     def _on_add(self, event: Event) -> None:
         name, values, chosen = self._name.value.strip(), self._box.values(), self._which.value
-        old = None if chosen in (NEW, name) else chosen
-        self._context.send(lambda: AddObstacle(name, **values, instead_of=old), event)
+        before = None if chosen in (NEW, name) else chosen
+        self._context.send(lambda: AddObstacle(name, **values, instead_of=before), event)
 
     def _on_remove(self, event: Event) -> None:
         name = self._which.value
@@ -124,20 +98,16 @@ class WorkcellFields:
     def render(self, old: Snapshot | None, new: Snapshot) -> None:
         """Follow the session and the layers."""
         workcell, busy = new.session.setup.surroundings, new.busy
-        shown = "obstacles" not in new.view.hidden
-        if self._show_all.value != shown:
-            self._show_all.value = shown
-        if old is None or old.busy != busy:
-            self._workcell.enable(not busy)
-            self._box.enable(not busy)
-            for part in (self._add, self._remove, self._which, self._name):
-                part.disabled = busy
-        changed = old is None or old.session.setup is not new.session.setup
-        if changed or (old is not None and old.refused != new.refused):
+        self._show_all.value = "obstacles" not in new.view.hidden
+        self._workcell.enable(not busy)
+        self._box.enable(not busy)
+        for part in (self._add, self._remove, self._which, self._name):
+            part.disabled = busy
+        if changed(old, new, "session.setup", "refused"):
             self._workcell.show({name: getattr(workcell, name) for name in self._workcell.values()})
-        if changed:
+        if changed(old, new, "session.setup"):
             self._follow(workcell)
-        if changed or (old is not None and old.static_scene is not new.static_scene):
+        if changed(old, new, "session.setup", "static_scene"):
             self._warning.content = clearance_warning(new)
 
     def _follow(self, workcell: Surroundings) -> None:
@@ -152,20 +122,29 @@ class WorkcellFields:
         self._offer()
 
 
+def workcell_form(gui: Any) -> Form:
+    """Return the fields of table, floor and clearances."""
+    form, now = Form(gui), STANDARD
+    form.tick("table", "Table", now.table)
+    form.vector("table_center_mm", "Table top (mm)", now.table_center_mm, "Offset from the region")
+    form.vector("table_size_mm", "Table size (mm)", now.table_size_mm, "x, y, thickness")
+    for name, label, low, high, step, *hint in WORKCELL:
+        form.number(name, label, getattr(now, name), low, high, step, *hint)
+    return form
+
+
 def obstacle_table(workcell: Surroundings) -> str:
     """Return what was added, as a table."""
     if not workcell.boxes:
         return style.note("No obstacles added.")
-    rows = ""
+    rows: list[tuple[str, str]] = []
     for box in workcell.boxes:
         middle = ", ".join(f"{part:.0f}" for part in box.center_mm).replace("-", "−")
         size = " × ".join(f"{part:.0f}" for part in box.size_mm)
         turn = f", rotated by {box.turn_deg:.0f}°" if box.turn_deg else ""
-        rows += (
-            f"<tr><td><b>{escape(box.name)}</b></td>"
-            f'<td>at ({middle}) mm<br><span class="g">{size} mm{turn}</span></td></tr>'
-        )
-    return f'<table class="r-table">{rows}</table>'
+        place = f'at ({middle}) mm<br><span class="g">{size} mm{turn}</span>'
+        rows.append((f"<b>{escape(box.name)}</b>", place))
+    return style.table(("", ""), (), rows)
 
 
 def clearance_warning(snapshot: Snapshot) -> str:

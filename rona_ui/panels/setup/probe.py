@@ -1,11 +1,16 @@
-"""Probe in step 1: choice, expected performance, parameters, delay line calibration."""
+"""Probe in step 1: choice, expected performance, parameters, delay line, comparison of probes."""
 
 from typing import Any
 
-from rona_core.app.steps.acoustics.messages import CalibrateDelayLine, StartDelayLineCapture
+from rona_core.app.steps.acoustics.messages import (
+    CalibrateDelayLine,
+    StartDelayLineCapture,
+    StartProbeSweep,
+)
 from rona_core.app.steps.acoustics.view import (
     EDITABLE,
     ExpectedPerformance,
+    WhatIf,
     edited_probe,
     line_state,
     probe_performances,
@@ -13,11 +18,14 @@ from rona_core.app.steps.acoustics.view import (
 )
 from rona_core.app.steps.boundaries.probe_advice import THICK_MM, THIN_MM, probe_advice
 from rona_core.app.steps.setup.messages import SetProbe
-from rona_core.devices.settings import PROBE_LIMITS, ProbeSettings
+from rona_core.devices.settings import PROBE_LIMITS, Excitation, ProbeName, ProbeSettings
 from rona_core.session.document import Session
+from rona_core.session.specimen import BoneKind
 from rona_ui.panels.widgets import style
 from rona_ui.panels.widgets.form import Form
 from rona_ui.panels.widgets.panel_context import PanelContext, on_click
+from rona_ui.presentation.snapshot import Snapshot, changed
+from rona_ui.viewer.fields import read_number
 
 CHOICE = ("name", "excitation", "front_snr_db", "pitch_mm")
 NAMES = (*CHOICE, *EDITABLE, "line_temperature_c")
@@ -28,6 +36,13 @@ SHAPES = {
     "Ringing": "ringing",
 }
 TITLES = {"2.25MHz": "2.25 MHz", "1MHz": "1 MHz"}
+DETAILS: tuple[tuple[Any, ...], ...] = (  # name, label, step, hint
+    ("centre_mhz", "Centre frequency (MHz)", 0.05),
+    ("bandwidth", "Relative bandwidth", 0.02, "-6 dB bandwidth divided by the centre frequency"),
+    ("aperture_mm", "Element diameter (mm)", 0.1, "Diameter"),
+    ("line_length_mm", "Delay line length (mm)", 0.5, "Length of the elastomer"),
+)
+WARM = "The line slows sound when warm"
 SHOWN_MM = (4.0, 6.0, 8.0, 10.0)  # thicknesses of the small table
 
 
@@ -51,32 +66,15 @@ class ProbeFields:
     def build_details(self) -> None:
         """Add what a probe is made of, for whoever has another one."""
         form = self._form
-        for name, label, step, hint in (
-            ("centre_mhz", "Centre frequency (MHz)", 0.05, None),
-            (
-                "bandwidth",
-                "Relative bandwidth",
-                0.02,
-                "-6 dB bandwidth divided by the centre frequency",
-            ),
-            ("aperture_mm", "Element diameter (mm)", 0.1, "Diameter"),
-            ("line_length_mm", "Delay line length (mm)", 0.5, "Length of the elastomer"),
-        ):
-            low, high = PROBE_LIMITS[name]
-            form.number(name, label, _first(name), low, high, step, hint)
+        first = probe_values(ProbeSettings())
+        for name, label, step, *hint in DETAILS:
+            form.number(name, label, float(first[name]), *PROBE_LIMITS[name], step, *hint)
         form.choice("pulse_shape", "Pulse", SHAPES, "resonant", "As measured on a block")
-        low, high = PROBE_LIMITS["line_temperature_c"]
-        form.number(
-            "line_temperature_c",
-            "Line temperature (°C)",
-            22.0,
-            low,
-            high,
-            1.0,
-            "The line slows sound when warm",
+        limits = PROBE_LIMITS["line_temperature_c"]
+        form.number("line_temperature_c", "Line temperature (°C)", 22.0, *limits, 1.0, WARM)
+        self._restore = self._context.send_button(
+            self._gui, "Restore probe defaults", "restore", lambda: SetProbe(**form.values(*CHOICE))
         )
-        self._restore = self._gui.add_button("Restore probe defaults", icon="restore", color="gray")
-        on_click(self._restore, self._reset)
 
     def build_block(self) -> None:
         """Add the calibration of the delay line."""
@@ -86,31 +84,25 @@ class ProbeFields:
                 "changes with temperature. Calibrate it on a flat steel block."
             )
         )
-        self._record = self._gui.add_button(
-            "Record on reference block", icon="target", color="gray"
+        self._record = self._context.send_button(
+            self._gui, "Record on reference block", "target", StartDelayLineCapture
         )
-        self._reset_line = self._gui.add_button("Reset delay line", icon="restore", color="gray")
+        self._reset_line = self._context.send_button(
+            self._gui, "Reset delay line", "restore", lambda: CalibrateDelayLine(use=False)
+        )
         self._line = self._gui.add_html("")
-        on_click(self._record, lambda e: self._context.send(StartDelayLineCapture, e))
-        on_click(
-            self._reset_line, lambda e: self._context.send(lambda: CalibrateDelayLine(use=False), e)
-        )
 
     def message(self) -> SetProbe:
         """Return the command that the fields make; another name brings its own details."""
         values = self._form.values(*NAMES)
+        kept: dict[str, Any] = {
+            "adc_bits": self._settings.adc_bits,
+            "gain_db": self._settings.gain_db,
+        }
         if values["name"] != self._settings.name:
             defaults = dict.fromkeys(EDITABLE)
-            return SetProbe(**{**values, **defaults}, **self._kept())
-        return SetProbe(**{**self._kept(), **edited_probe(self._settings, values)})
-
-    def _kept(self) -> dict[str, Any]:
-        """Return what has no field."""
-        return {"adc_bits": self._settings.adc_bits, "gain_db": self._settings.gain_db}
-
-    def _reset(self, event: Any) -> None:
-        values = self._form.values(*CHOICE)
-        self._context.send(lambda: SetProbe(**values), event)
+            return SetProbe(**{**values, **defaults}, **kept)
+        return SetProbe(**{**kept, **edited_probe(self._settings, values)})
 
     def field_values(self, settings: ProbeSettings) -> dict[str, Any]:
         """Return what the fields are to show of a session's settings."""
@@ -124,11 +116,10 @@ class ProbeFields:
         self._table.content = performance_table(probe_performances(settings), settings)
         self._advice.content = advice_note(session)
         state = line_state(session)
-        good = {"good": "good", "weak": "", "bad": "warn", "stale": "warn"}
         self._line.content = (
             style.note("Nominal delay: not calibrated.")
             if state is None
-            else style.note(state.sentence, good[state.verdict])
+            else style.note(state.sentence, style.BOXES[state.verdict])
         )
         self._reset_line.visible = state is not None
         for button in (self._record, self._reset_line, self._restore):
@@ -148,30 +139,129 @@ def advice_note(session: Session, *, only_another: bool = False) -> str:
     )
 
 
-def _first(name: str) -> float:
-    return float(probe_values(ProbeSettings())[name])
-
-
 def performance_table(rows: tuple[ExpectedPerformance, ...], chosen: ProbeSettings) -> str:
     """Return the expected performance of each probe and excitation: sigma by thickness, range."""
-    head = "".join(f'<th class="n">{mm:.0f}</th>' for mm in SHOWN_MM)
-    body = ""
+    cells: list[list[str]] = []
     for row in rows:
-        chosen_row = row.probe == chosen.name and row.excitation == chosen.excitation
-        cells = ""
-        for mm in SHOWN_MM:
-            at = {float(t): float(s) for t, s in zip(row.thickness_mm, row.sigma_mm, strict=True)}
-            words = f"{1e3 * at[mm]:.0f}" if row.reaches(mm) and mm in at else "–"
-            cells += f'<td class="n">{words}</td>'
+        at = dict(zip(row.thickness_mm.tolist(), row.sigma_mm.tolist(), strict=True))
         name = f"{TITLES[row.probe]} {row.excitation}"
-        name = f"<b>▶ {name}</b>" if chosen_row else name
+        if (row.probe, row.excitation) == (chosen.name, chosen.excitation):
+            name = f"<b>▶ {name}</b>"
+        sigmas = [f"{1e3 * at[mm]:.0f}" if row.reaches(mm) and mm in at else "–" for mm in SHOWN_MM]
         reach = f"{row.least_mm:.0f}–{row.most_mm:.0f}" if row.most_mm > row.least_mm else "none"
-        body += f'<tr><td>{name}</td>{cells}<td class="n">{reach}</td></tr>'
+        cells.append([name, *sigmas, reach])
     words = (
         '<div class="r-text" style="padding-bottom:0">Lower bound of the thickness σ in µm (noise '
         "only) by bone thickness in mm, and depth range in mm.</div>"
     )
+    head = ("Probe", *(f"{mm:.0f}" for mm in SHOWN_MM), "depth")
+    return words + style.table(("", *"n" * len(SHOWN_MM), "n"), head, cells)
+
+
+PROBES: dict[str, tuple[ProbeName, ...]] = {
+    "Both": ("2.25MHz", "1MHz"),
+    "2.25 MHz": ("2.25MHz",),
+    "1 MHz": ("1MHz",),
+}
+EXCITATIONS: dict[str, tuple[Excitation, ...]] = {
+    "Both": ("pulse", "chirp"),
+    "Chirp": ("chirp",),
+    "Pulse": ("pulse",),
+}
+BONES: dict[str, BoneKind] = {"Normal": "normal", "Sharp diploe": "sharp", "Hard": "hard"}
+GOOD, FAIR, POOR = "#e8f5f0", "#fdf1e7", "#f9d9d9"  # behind a cell
+FAIR_SHARE, POOR_SHARE = 0.01, 0.1  # of A-scans that would mislead
+
+
+class ProbeComparisonPanel:
+    """Axes of the sweep, a button with progress, and the table."""
+
+    def __init__(self, gui: Any, context: PanelContext) -> None:
+        gui.add_html(
+            style.text(
+                "Compares probes and noise levels on virtual plates of layered bone, with "
+                "the detection of step 9. Uses no patient data."
+            )
+        )
+        self._advice = gui.add_html("")
+        with gui.add_folder("Sweep parameters", expand_by_default=False):
+            self._probes = gui.add_dropdown("Probes", tuple(PROBES))
+            self._excitations = gui.add_dropdown("Excitation", tuple(EXCITATIONS))
+            self._bone = gui.add_dropdown("Bone", tuple(BONES))
+            self._snr = gui.add_text("SNR (dB)", "30, 50", hint="Comma-separated list")
+            self._thickness = gui.add_text(
+                "Thickness (mm)", "3, 5, 8, 11", hint="Comma-separated list"
+            )
+        self._start = context.send_button(gui, "Run sweep", "player-play", self.message)
+        self._cancel = gui.add_button("Cancel", icon="player-stop", visible=False)
+        self._html = gui.add_html("")
+        on_click(self._cancel, lambda e: context.service("cancel", e, None))
+
+    def message(self) -> StartProbeSweep:
+        """Return the sweep that the fields make."""
+        return StartProbeSweep(
+            probes=PROBES[self._probes.value],
+            excitations=EXCITATIONS[self._excitations.value],
+            snr_db=numbers(self._snr.value),
+            thickness_mm=numbers(self._thickness.value),
+            bone=BONES[self._bone.value],
+        )
+
+    def render(self, old: Snapshot | None, new: Snapshot) -> None:
+        """Follow job and result."""
+        held = new.session.results.what_if
+        mine = new.busy and new.job is not None and new.job.activity == "StartProbeSweep"
+        self._start.disabled = new.busy
+        self._cancel.visible = mine
+        if mine and new.job is not None:
+            self._start.label = f"Running: {100 * new.job.progress:.0f} %"
+        else:
+            self._start.label = "Run sweep again" if held is not None else "Run sweep"
+        if changed(old, new, "session"):
+            self._advice.content = advice_note(new.session)
+        if changed(old, new, "session.results.what_if"):
+            self._html.content = "" if held is None else probe_comparison_table(held.value)
+
+
+def numbers(text: str) -> tuple[float, ...]:
+    """Return the numbers in a line with commas."""
+    return tuple(read_number(part) for part in text.replace(";", ",").split(",") if part.strip())
+
+
+def probe_comparison_table(found: WhatIf) -> str:
+    """Return a row for each probe, excitation and noise, a column for each thickness."""
+    depths = sorted(set(found.thickness_mm.tolist()))
+    rows: dict[tuple[str, str, float], dict[float, int]] = {}
+    for i, (probe, excitation) in enumerate(zip(found.probes, found.excitations, strict=True)):
+        key = (probe, excitation, float(found.snr_db[i]))
+        rows.setdefault(key, {})[float(found.thickness_mm[i])] = i
+    head = "".join(f'<th class="n">{mm:g} mm</th>' for mm in depths)
+    body = ""
+    for (probe, excitation, snr_db), cells in rows.items():
+        title = f"{probe.replace('MHz', ' MHz')}<br>{excitation} {snr_db:g} dB"
+        body += (
+            f'<tr><td style="white-space:nowrap">{title}</td>'
+            + f"{''.join(_cell(found, cells[mm]) for mm in depths)}</tr>"
+        )
+    words = (
+        f"Each cell: detected share of {found.n} A-scans, SD and bias of the thickness in "
+        "µm. Colour: share of all A-scans with an undetected wrong inner boundary."
+    )
+    legend = ((GOOD, "up to 1 %"), (FAIR, "up to 10 %"), (POOR, "more, or under 5 % detected"))
     return (
-        f'{words}<table class="r-table"><tr><th>Probe</th>{head}<th class="n">depth</th></tr>'
-        f"{body}</table>"
+        f'<table class="r-table"><tr><th>Probe</th>{head}</tr>{body}</table>'
+        f"{style.text(words)}{style.key(legend)}"
+    )
+
+
+def _cell(found: WhatIf, i: int) -> str:
+    coverage, wrong = float(found.coverage[i]), float(found.unflagged[i] * found.coverage[i])
+    poor = wrong > POOR_SHARE or coverage < 0.05
+    color = POOR if poor else FAIR if wrong > FAIR_SHARE else GOOD
+    figures = "–"
+    if found.n_right[i] > 1:
+        figures = f"{1e3 * found.sd_mm[i]:.0f} / {1e3 * found.bias_mm[i]:+.0f}"
+    return (
+        f'<td class="n" style="background:{color}">{100 * coverage:.0f} %'
+        f'<br><span class="g">{figures}</span></td>'
     )

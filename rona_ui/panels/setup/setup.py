@@ -22,11 +22,12 @@ from rona_ui.panels.setup.probe import ProbeFields
 from rona_ui.panels.setup.tracker import NAMES, PLACE, TrackerFields
 from rona_ui.panels.widgets import style
 from rona_ui.panels.widgets.step_panel import StepPanel
-from rona_ui.presentation.snapshot import Snapshot
+from rona_ui.presentation.snapshot import Snapshot, changed
 from rona_ui.viewer.bindings import Event, escape
 from rona_ui.viewer.fields import read_number
 
 FILES = ".nrrd,.nii,.gz,.stl,.ply,.obj"
+BONE = ("kind", "own_speed")
 ROBOT = ("model", "errors", "scan_speed_mm_per_s", "base_shift_mm", "base_turn_deg")
 BONES = {"Normal": "normal", "Sharp diploe": "sharp", "Hard: sharp, more scatter": "hard"}
 SKULLS = {"Simulated, left side": "left", "Simulated, right side": "right", "From a file": "file"}
@@ -49,12 +50,8 @@ class SetupPanel(StepPanel):
         form.number("seed", "Seed", 0, 0, 2**31 - 1, 1, "For patient, placement and noise")
         form.choice("skull", "Skull", SKULLS, "left", "Load a file below")
         form.choice("kind", "Bone", BONES, "normal", "Known only to the virtual probe")
-        form.tick(
-            "own_speed",
-            "Patient-specific speed",
-            True,
-            "Sound speed of bone differs by 3 % between patients",
-        )
+        hint = "Sound speed of bone differs by 3 % between patients"
+        form.tick("own_speed", "Patient-specific speed", True, hint)
         form.number("radius_mm", "Region radius (mm)", 25.0, 5.0, 45.0, 1.0)
         with gui.add_folder("Devices", expand_by_default=False):
             self._tracker.build()
@@ -86,9 +83,8 @@ class SetupPanel(StepPanel):
                     "CT volume needs a bone threshold."
                 )
             )
-            self._threshold = gui.add_text(
-                "Bone threshold", "", hint="Leave empty for masks and meshes"
-            )
+            hint = "Leave empty for masks and meshes"
+            self._threshold = gui.add_text("Bone threshold", "", hint=hint)
             self._upload = gui.add_upload_button(
                 "Load skull file…", icon="upload", mime_type=FILES, color="gray"
             )
@@ -103,7 +99,7 @@ class SetupPanel(StepPanel):
         name = PurePath(uploaded.name.replace("\\", "/")).name
         wanted = self._threshold.value.strip()
         self.context.service(f"upload:{name}", event, uploaded.content)
-        radius_mm = self.form.values("radius_mm")["radius_mm"]
+        radius_mm = self.form.value("radius_mm")
         self.context.send(
             lambda: StartSkullImport(
                 name, threshold=read_number(wanted) if wanted else None, radius_mm=radius_mm
@@ -112,55 +108,41 @@ class SetupPanel(StepPanel):
         )
 
     def _changed(self, name: str, event: Event) -> None:
+        """Send the command that a field belongs to."""
+        form = self.form
         make = {
-            "seed": lambda: SetSeed(**self.form.values("seed")),
-            "radius_mm": lambda: SetRegion(**self.form.values("radius_mm")),
-            "pointer": lambda: SetPointer(self.form.values("pointer")["pointer"]),
-            "skull": self._skull,
-            "kind": self._bone,
-            "own_speed": self._bone,
-            "use_base_marker": lambda: SetUseBaseMarker(**self.form.values("use_base_marker")),
+            "seed": lambda: SetSeed(form.value("seed")),
+            "radius_mm": lambda: SetRegion(radius_mm=form.value("radius_mm")),
+            "pointer": lambda: SetPointer(form.value("pointer")),
+            "skull": lambda: UseSimulatedSkull(form.value("skull")),
+            "use_base_marker": lambda: SetUseBaseMarker(form.value("use_base_marker")),
         }
-        if name in PLACE:
+        if name == "skull" and form.value("skull") == "file":
+            return  # nothing happens until a file has been read
+        if name in make:
+            key, build = name, make[name]
+        elif name in BONE:
+            key, build = "bone", lambda: SetBoneModel(**form.values(*BONE))
+        elif name in PLACE:
             key, build = "place", self._tracker.place
-        elif name in make:
-            key, build = "bone" if make[name] == self._bone else name, make[name]
         elif name in NAMES:
             self._tracker.changed(name)
             key, build = "tracker", self._tracker.message
         elif name in ROBOT:
-            key, build = "robot", self._robot
+            key, build = "robot", lambda: SetRobot(**form.values(*ROBOT))
         else:
             key, build = "probe", self._probe.message
-        if name == "skull" and self.form.values("skull")["skull"] == "file":
-            return  # nothing happens until a file has been read
         self.context.send_debounced(("setup", key), build, event)
-
-    def _skull(self) -> UseSimulatedSkull:
-        return UseSimulatedSkull(self.form.values("skull")["skull"])
-
-    def _bone(self) -> SetBoneModel:
-        return SetBoneModel(**self.form.values("kind", "own_speed"))
-
-    def _robot(self) -> SetRobot:
-        return SetRobot(**self.form.values(*ROBOT))
 
     def update(self, old: Snapshot | None, new: Snapshot) -> None:
         """Write what the session holds into the fields where it has changed or was refused."""
-        if old is None or old.session.setup is not new.session.setup or old.refused != new.refused:
+        if changed(old, new, "session.setup", "refused"):
             tracker = new.session.setup.devices.tracker
             probe = self._probe.field_values(new.session.setup.devices.probe)
             self.form.show({**_held(new.session), **self._tracker.field_values(tracker), **probe})
-            table = figures_table(new.session.setup.devices.robot.model)
-            if self._figures.content != table:
-                self._figures.content = table
+            self._figures.content = figures_table(new.session.setup.devices.robot.model)
         self._room.render(old, new)
-        if (
-            old is None
-            or old.session.setup is not new.session.setup
-            or old.session.results is not new.session.results
-            or old.busy != new.busy
-        ):
+        if changed(old, new, "session.setup", "session.results", "busy"):
             self._probe.show(new.session, new.busy)
 
     def remarks(self, snapshot: Snapshot) -> str:
@@ -180,16 +162,11 @@ def _held(session: Session) -> dict[str, Any]:
     return {
         "seed": setup.seed,
         "skull": getattr(setup.specimen, "side", "file"),
-        "kind": setup.bone.kind,
-        "own_speed": setup.bone.own_speed,
         "radius_mm": setup.region.radius_mm,
         "pointer": devices.pointer,
-        "model": devices.robot.model,
-        "errors": devices.robot.errors,
-        "scan_speed_mm_per_s": devices.robot.scan_speed_mm_per_s,
-        "base_shift_mm": devices.robot.base_shift_mm,
-        "base_turn_deg": devices.robot.base_turn_deg,
         "use_base_marker": setup.use_base_marker,
+        **{name: getattr(setup.bone, name) for name in BONE},
+        **{name: getattr(devices.robot, name) for name in ROBOT},
     }
 
 
@@ -200,16 +177,15 @@ def figures_table(model: str) -> str:
     except RonaError as error:
         return style.note(error, "warn")
     assumed = sum(not row.sourced for row in rows)
-    body = ""
+    cells: list[tuple[str]] = []
     for row in sorted(rows, key=lambda row: row.sourced):
         values = ", ".join(f"{value:.5g}" for value in row.values).replace("-", "−")
         trust = row.trust if row.sourced else f"▲ {row.trust}"
-        body += (
-            f"<tr><td>{escape(row.name)}<br><b>{escape(values)}</b> {escape(row.unit)}<br>"
-            f'<span class="g">{escape(trust)}: {escape(row.source)}</span></td></tr>'
-        )
+        value = f"{escape(row.name)}<br><b>{escape(values)}</b> {escape(row.unit)}"
+        source = f'<span class="g">{escape(trust)}: {escape(row.source)}</span>'
+        cells.append((f"{value}<br>{source}",))
     words = style.text(
         f"{len(rows)} parameters, {assumed} of them assumed (marked ▲). Override them in "
         "Python: robot_model(name, overrides)."
     )
-    return f'{words}<table class="r-table">{body}</table>'
+    return words + style.table(("",), (), cells)

@@ -13,6 +13,15 @@ PROFILES = {
     "White noise 0.35 mm": "white035",
     "Without noise": "ideal",
 }
+SWITCHED_ON = "From switch-on to the first capture"
+DEPTH = "Ratio of depth error to lateral error"
+DETAILS = (
+    ("latency_ms", "Latency (ms)", 0.0, 0.0, 200.0, 1.0, "A new profile sets its own value"),
+    ("dropped_percent", "Frame loss (%)", 0.0, 0.0, 50.0, 1.0, "Share of lost frames"),
+    ("phantom_percent", "Ghost solutions (%)", 0.0, 0.0, 20.0, 1.0, "5D tools seen reversed"),
+    ("drift_mm", "Warm-up drift (mm)", 0.0, 0.0, 2.0, 0.1, "At switch-on; decays with time"),
+    ("minutes_on", "Warm-up time (min)", 60.0, 0.0, 600.0, 1.0, SWITCHED_ON),
+)
 PERCENT = {"phantom_percent": "phantom_share", "dropped_percent": "dropped_share"}
 PLAIN = ("profile", "rate_hz", "stereo", "depth_ratio", "occlusion", "drift_mm", "minutes_on")
 NAMES = (*PLAIN, *PERCENT, "latency_ms")
@@ -35,37 +44,9 @@ class TrackerFields:
         """Add what makes the virtual tracker like a real one."""
         form = self._form
         form.tick("stereo", "Stereo error model", True, "Error grows with the distance")
-        form.number(
-            "depth_ratio",
-            "Depth ratio",
-            3.0,
-            1.0,
-            8.0,
-            0.5,
-            "Ratio of depth error to lateral error",
-        )
+        form.number("depth_ratio", "Depth ratio", 3.0, 1.0, 8.0, 0.5, DEPTH)
         form.tick("occlusion", "Simulate occlusion", True, "Head, robot and hand hide markers")
-        form.number(
-            "latency_ms", "Latency (ms)", 0.0, 0.0, 200.0, 1.0, "A new profile sets its own value"
-        )
-        form.number(
-            "dropped_percent", "Frame loss (%)", 0.0, 0.0, 50.0, 1.0, "Share of lost frames"
-        )
-        form.number(
-            "phantom_percent", "Ghost solutions (%)", 0.0, 0.0, 20.0, 1.0, "5D tools seen reversed"
-        )
-        form.number(
-            "drift_mm", "Warm-up drift (mm)", 0.0, 0.0, 2.0, 0.1, "At switch-on; decays with time"
-        )
-        form.number(
-            "minutes_on",
-            "Warm-up time (min)",
-            60.0,
-            0.0,
-            600.0,
-            1.0,
-            "From switch-on to the first capture",
-        )
+        form.numbers(*DETAILS)
 
     def build_place(self) -> None:
         """Add where the tracker stands, and whether it is found again once it has moved."""
@@ -82,12 +63,8 @@ class TrackerFields:
             0.5,
             "About the vertical",
         )
-        form.tick(
-            "use_base_marker",
-            "Base marker",
-            True,
-            "Locates a displaced tracker, with some loss of accuracy",
-        )
+        hint = "Locates a displaced tracker, with some loss of accuracy"
+        form.tick("use_base_marker", "Base marker", True, hint)
 
     def place(self) -> MoveTracker:
         """Return the command that the fields of the place make."""
@@ -99,7 +76,7 @@ class TrackerFields:
         if name == "profile":
             self._latency_ms = None
         elif name == "latency_ms":
-            self._latency_ms = float(self._form.values("latency_ms")["latency_ms"])
+            self._latency_ms = float(self._form.value("latency_ms"))
 
     def message(self) -> SetTracker:
         """Return the command that the fields make."""

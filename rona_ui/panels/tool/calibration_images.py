@@ -120,7 +120,7 @@ def _arrow(swing: SwingView, edge_deg: float) -> str:
     )
 
 
-def residuals_svg(view: CalibrationView) -> bytes:
+def residuals_svg(view: CalibrationView) -> str:
     """Return the residuals of all poses side by side, the RMSE as a dashed line.
 
     Blue bars count, orange-red bars with a cross were rejected, grey dashed ones with a ring are
@@ -154,11 +154,10 @@ def residuals_svg(view: CalibrationView) -> bytes:
         f'<line x2="{WIDTH:.0f}" y1="{level:.1f}" y2="{level:.1f}" stroke="{INK}" '
         'stroke-dasharray="6 4"/>'
     )
-    svg = (
+    return (
         f'<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 {WIDTH:.0f} {HEIGHT:.0f}" '
         f'preserveAspectRatio="none">{"".join(parts)}</svg>'
     )
-    return svg.encode()
 
 
 def residual_top_mm(view: CalibrationView) -> float:

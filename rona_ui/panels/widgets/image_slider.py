@@ -1,62 +1,75 @@
-"""Image slider: a slider whose track is an image. Also encodes PNG images."""
+"""Image slider: a slider whose track is an image."""
 
 import base64
-import struct
-import zlib
+import io
+from collections.abc import Callable
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from PIL import Image
 
-SHEET = """<style>
-div:has(>.%(name)s)+div{padding:0 14px 26px!important;overflow:hidden}
-div:has(>.%(name)s)+div .mantine-Slider-root{padding:0!important;height:%(h)dpx}
-div:has(>.%(name)s)+div .mantine-Slider-trackContainer{height:%(h)dpx}
-div:has(>.%(name)s)+div .mantine-Slider-track{height:%(h)dpx;border-radius:3px;
- background:url(data:%(kind)s;base64,%(data)s) 0 0/100%% 100%% no-repeat;image-rendering:pixelated}
-div:has(>.%(name)s)+div .mantine-Slider-track::before{display:none}
-div:has(>.%(name)s)+div .mantine-Slider-bar{background:transparent!important}
-div:has(>.%(name)s)+div .mantine-Slider-thumb{height:%(h)dpx!important;width:5px!important;
- border-radius:2px;background:#fff!important;border:1px solid #1f2933;box-sizing:border-box}
-div:has(>.%(name)s)+div .mantine-Slider-mark{visibility:hidden}
+from rona_ui.panels.widgets.panel_context import on_change
+
+TRACK = """<style>
+div:has(>.%(name)s)+div :is(.mantine-Slider-root,.mantine-Slider-trackContainer,
+ .mantine-Slider-track,.mantine-Slider-thumb){height:%(h)dpx!important}
+div:has(>.%(name)s)+div .mantine-Slider-track{background:0 0/100%% 100%% no-repeat
+ url(data:image/svg+xml;base64,%(data)s)}
 div:has(>.%(name)s)+div .mantine-Slider-markWrapper{top:%(mark)dpx}
-div:has(>.%(name)s)+div .mantine-Slider-markLabel{font-size:11px!important;color:#3e4c59}
-div:has(>.%(name)s)+div .mantine-NumberInput-root{display:none}
-div:has(>.%(name)s)+div div:has(>p){display:none}
-</style><div class="%(name)s"></div>"""
+</style><div class="r-track %(name)s"></div>"""
 
 
-def sheet(name: str, height_px: int, kind: str, image: bytes) -> str:
-    """Return the style of the slider that is added next; the picture fills its track.
+class ImageSlider:
+    """A slider that is built anew with each image."""
 
-    Args:
-        name: CSS class that no other slider has.
-        height_px: Height of the picture.
-        kind: Media type of the picture, as ``image/png``.
-        image: Its bytes.
-    """
-    data = base64.b64encode(image).decode()
-    return SHEET % {
-        "name": name,
-        "h": height_px,
-        "mark": height_px + 2,
-        "kind": kind,
-        "data": data,
-    }
+    def __init__(
+        self, gui: Any, name: str, label: str, height_px: int, call: Callable[[Any], None]
+    ) -> None:
+        """Add the place of the slider; ``name`` is a CSS class that no other slider has."""
+        self._gui, self._name, self._label, self._height_px = gui, name, label, height_px
+        self._call = call
+        self.folder = gui.add_folder(None, visible=False)
+        self._parts: tuple[Any, ...] = ()
+
+    @property
+    def value(self) -> int | None:
+        """Where the slider is; None while there is none."""
+        return int(self._parts[1].value) if self._parts else None
+
+    @value.setter
+    def value(self, place: int) -> None:
+        if self._parts:
+            self._parts[1].value = place
+
+    def show(
+        self, svg: str, span: tuple[int, int], value: int, marks: tuple[tuple[int, str], ...]
+    ) -> None:
+        """Show an image as SVG, with the slider from the first to the last of ``span`` on it."""
+        self.clear()
+        with self.folder:
+            track = self._gui.add_html(_track(self._name, self._height_px, svg))
+            slider = self._gui.add_slider(self._label, *span, 1, value, marks=marks)
+        self._parts = track, slider
+        self.folder.visible = True
+        on_change(slider, self._call)
+
+    def clear(self) -> None:
+        """Remove image and slider."""
+        for part in self._parts:
+            part.remove()
+        self._parts = ()
+        self.folder.visible = False
 
 
-def png(image: NDArray[np.uint8]) -> bytes:
-    """Return an image (h, w, 3) as a PNG file."""
+def _track(name: str, height_px: int, svg: str) -> str:
+    """Return the style that makes an image the track of the slider added next."""
+    data = base64.b64encode(svg.encode()).decode()
+    return TRACK % {"name": name, "h": height_px, "mark": height_px + 2, "data": data}
 
-    def chunk(kind: bytes, data: bytes) -> bytes:
-        check = zlib.crc32(kind + data)
-        return struct.pack(">I", len(data)) + kind + data + struct.pack(">I", check)
 
-    height, width = image.shape[:2]
-    rows = np.concatenate((np.zeros((height, 1), np.uint8), image.reshape(height, -1)), axis=1)
-    header = struct.pack(">IIBBBBB", width, height, 8, 2, 0, 0, 0)
-    return (
-        b"\x89PNG\r\n\x1a\n"
-        + chunk(b"IHDR", header)
-        + chunk(b"IDAT", zlib.compress(rows.tobytes()))
-        + chunk(b"IEND", b"")
-    )
+def png_url(image: NDArray[np.uint8]) -> str:
+    """Return an image (h, w, 3) as a PNG in an address, for SVG."""
+    file = io.BytesIO()
+    Image.fromarray(image).save(file, "png")
+    return f"data:image/png;base64,{base64.b64encode(file.getvalue()).decode()}"

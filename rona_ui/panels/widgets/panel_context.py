@@ -1,7 +1,7 @@
 """Panel context: the callbacks through which a panel sends messages and changes the view."""
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, Protocol
 
 from rona_ui.presentation.snapshot import Snapshot
@@ -19,6 +19,33 @@ class PanelContext:
     # save, open, new, show, close, drop, upload, download, finish, cancel, stop, escape
     service: Callable[[str, Event, str | bytes | None], None]
     set_camera: Callable[[str], None]  # preset by name
+
+    def set_view(self, **fields: Any) -> None:
+        """Set fields of the view of this browser."""
+        self.change_view(lambda view: replace(view, **fields))
+
+    def send_button(
+        self, gui: Any, label: str, icon: str, make: Callable[[], Any], **options: Any
+    ) -> Any:
+        """Add a button that sends the message ``make()``; grey unless ``color`` says otherwise."""
+        button = gui.add_button(label, icon=icon, **{"color": "gray", **options})
+        on_click(button, lambda event: self.send(make, event))
+        return button
+
+    def view_button(
+        self, gui: Any, label: str, icon: str, *, color: str | None = "gray", **fields: Any
+    ) -> Any:
+        """Add a button that sets fields of the view."""
+        button = gui.add_button(label, icon=icon, color=color)
+        on_click(button, lambda event: self.set_view(**fields))
+        return button
+
+    def show_layer(self, name: str, shown: bool) -> None:
+        """Switch a layer of the scene on or off."""
+        layer = frozenset((name,))
+        self.change_view(
+            lambda v: replace(v, hidden=v.hidden - layer if shown else v.hidden | layer)
+        )
 
 
 class Panel(Protocol):

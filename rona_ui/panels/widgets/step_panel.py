@@ -1,14 +1,43 @@
-"""Base class of the nine step panels: fields shown only while the step is active."""
+"""Base class of the nine step panels, and the verdicts of the figures of a step."""
 
 from typing import Any, ClassVar
 
 from rona_core.app.declarations.registry import REGISTRY
+from rona_core.app.overview.acceptance import Judgement, QualityRow, judgement, quality_rows
 from rona_core.errors import InvalidInputError
+from rona_core.session.memo import Memo
 from rona_ui.panels.widgets import style
 from rona_ui.panels.widgets.form import Form
 from rona_ui.panels.widgets.panel_context import PanelContext
-from rona_ui.panels.widgets.verdicts import judged, missed_note
-from rona_ui.presentation.snapshot import Snapshot
+from rona_ui.presentation.snapshot import Snapshot, changed
+
+MAX_LISTED = 3  # figures in a note
+
+
+# every panel of every browser asks for the same ones
+_ROWS: Memo[tuple[QualityRow, ...]] = Memo(1)
+
+
+def rows_of(snapshot: Snapshot) -> tuple[QualityRow, ...]:
+    """Return the figures of a picture with their verdicts."""
+    figures, session = snapshot.figures, snapshot.session
+    return _ROWS.get((figures, session), lambda: quality_rows(figures, session))
+
+
+def judged(snapshot: Snapshot, step: str) -> Judgement:
+    """Return the verdict of the figures of a step."""
+    return judgement(rows_of(snapshot), step)
+
+
+def missed_note(found: Judgement) -> str:
+    """Return the figures that do not pass as a note, the worst first; empty where all do."""
+    if not found.missed:
+        return ""
+    icon, word, _ = style.VERDICTS[found.verdict]
+    lines = [row.sentence for row in found.missed[:MAX_LISTED]]
+    more = len(found.missed) - MAX_LISTED
+    lines += [f"and {more} more, see Quality"] if more > 0 else []
+    return style.note(f"{icon} {word}. {'. '.join(lines)}.", "warn")
 
 
 class StepPanel:
@@ -18,7 +47,6 @@ class StepPanel:
     explanation: ClassVar[str] = ""
     activity: ClassVar[str] = ""  # that the primary button starts, where it records something
     start: ClassVar[str | None] = None  # words of the primary button; None: the step has none
-    again: ClassVar[str] = "Repeat this step"
 
     def __init__(self, gui: Any, context: PanelContext) -> None:
         self.gui, self.context = gui, context
@@ -46,23 +74,13 @@ class StepPanel:
     def render(self, old: Snapshot | None, new: Snapshot) -> None:
         """Show the fields while the step is active, and follow the session."""
         active = new.view.step == self.step
-        if self.folder.visible != active:
-            self.folder.visible = active
+        self.folder.visible = active
         if old is None or old.busy != new.busy:
             self.form.enable(not new.busy)
         self.update(old, new)
-        if active and (
-            old is None
-            or old.session is not new.session
-            or old.view is not new.view
-            or old.busy != new.busy
-            or old.figures is not new.figures
-            or old.static_scene is not new.static_scene
-        ):
+        if active and changed(old, new, "session", "view", "busy", "figures", "static_scene"):
             html = (stopped_note(new, self.activity) if self.activity else "") + self.remarks(new)
-            html = self._judged(html, new)
-            if self.remark.content != html:
-                self.remark.content = html
+            self.remark.content = self._judged(html, new)
 
     def _judged(self, html: str, snapshot: Snapshot) -> str:
         """Return the remarks with the verdict of the step: what is not good is not praised."""

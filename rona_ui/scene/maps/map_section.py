@@ -6,11 +6,11 @@ from rona_core.devices.protocols import Mesh
 from rona_core.geometry.arrays import Bools, Floats
 from rona_core.mapping.boundary_map import BoundaryMap, Maps
 from rona_ui.presentation.colors import BONE_RIM, ORANGE, SKY
-from rona_ui.presentation.shown_maps import shown_maps, shown_maps_key
+from rona_ui.presentation.shown import shown_maps, shown_maps_key
 from rona_ui.presentation.snapshot import Snapshot
 from rona_ui.scene.cut_plane import Plane, crossings, cut_key, cut_plane
 from rona_ui.scene.layer import Layer
-from rona_ui.scene.viser_nodes import SceneNodes
+from rona_ui.scene.viser_nodes import NO_LINES, SceneNodes
 
 BAND, OUTER, INNER = "/cut_bone", "/cut_outer", "/cut_inner"
 MAPS = ("outer", "inner", "fused")
@@ -29,18 +29,13 @@ class ProfileLayer(Layer):
 
     def render(self, old: Snapshot | None, new: Snapshot) -> None:
         """Draw the bone where the cut or the maps are others."""
-        if (
-            old is None
-            or cut_key(old) != cut_key(new)
-            or shown_maps_key(old) != shown_maps_key(new)
-        ):
+        if old is None or _key(old) != _key(new):
             self._draw(shown_maps(new), cut_plane(new))
-        self.nodes.show(BAND, self.shown(new) and self._bone)
-        for node in (OUTER, INNER):
-            self.nodes.show(node, self.shown(new))
+        for node in (OUTER, INNER, BAND):
+            self.nodes.show(node, self.shown(new) and (self._bone or node != BAND))
 
     def _draw(self, maps: Maps | None, plane: Plane | None) -> None:
-        outer = inner = between = np.zeros((0, 2, 3))
+        outer = inner = between = NO_LINES
         if maps is not None and plane is not None:
             outer, inner = profile(maps.outer, plane), profile(maps.inner, plane)
             between = band(maps, plane)
@@ -52,6 +47,10 @@ class ProfileLayer(Layer):
             faces = np.arange(0, len(corners), 4)[:, None] + np.array((0, 1, 2, 0, 2, 3))
             mesh = Mesh(corners, faces.reshape(-1, 3))
             self.nodes.mesh(BAND, mesh, BONE_RIM, side="double")
+
+
+def _key(snapshot: Snapshot) -> tuple[object, ...]:
+    return cut_key(snapshot), shown_maps_key(snapshot)
 
 
 def profile(boundary: BoundaryMap, plane: Plane) -> Floats:

@@ -1,18 +1,26 @@
-"""Boundary maps as unlit points in viridis, and the positions of the A-scans."""
+"""Step 9: boundary maps in viridis, positions of A-scans, reference points, second pass."""
 
 import numpy as np
 
+from rona_core.app.steps.acoustics.view import ReferenceRow, reference_rows
 from rona_core.app.steps.boundaries.ascan_view import ScanName, scan_number_at, scan_poses
 from rona_core.app.steps.boundaries.handlers import DETECTIONS, capture_of, detection_of_scan
-from rona_core.app.steps.handheld.scans import hand_poses
-from rona_core.app.steps.maps.view import layers_of
-from rona_core.geometry.arrays import Bools, Floats
-from rona_ui.presentation.colors import GREEN, SKY, VERMILLION, YELLOW, viridis
-from rona_ui.presentation.shown_maps import map_sigma, shown_maps, shown_maps_key
-from rona_ui.presentation.snapshot import Snapshot
+from rona_core.app.steps.handheld.derivation import hand_poses
+from rona_core.app.steps.maps.view import SecondView, layers_of, second_cells, second_view
+from rona_core.geometry.arrays import Floats
+from rona_ui.presentation.colors import GREEN, ORANGE, PURPLE, SKY, VERMILLION, YELLOW, Rgb, viridis
+from rona_ui.presentation.shown import (
+    map_sigma,
+    shown_maps,
+    shown_maps_key,
+    shows_handheld_maps,
+    shows_second_path,
+    tilt_scale_max_deg,
+)
+from rona_ui.presentation.snapshot import Snapshot, changed
 from rona_ui.scene.cut_plane import cut_key, cut_plane
-from rona_ui.scene.layer import Layer
-from rona_ui.scene.viser_nodes import SceneNodes
+from rona_ui.scene.layer import Layer, lift
+from rona_ui.scene.viser_nodes import NO_POINTS, SceneNodes, draw_shaded, segments, shaded
 
 SCAN, NOW = "/scan/points", "/scan/now"
 LIFT_MM = 1.5  # of the places of A-scans, so that the skull does not hide them
@@ -24,40 +32,35 @@ class MapLayer(Layer):
     def __init__(self, nodes: SceneNodes, name: str) -> None:
         super().__init__(nodes)
         self.layer = name
+        self._node = f"/maps/{name}"
 
     def render(self, old: Snapshot | None, new: Snapshot) -> None:
-        """Draw the map where it or its quantity is another one."""
-        node = f"/maps/{self.layer}"
-        if (
-            old is None
-            or shown_maps_key(old) != shown_maps_key(new)
-            or old.view.quantity != new.view.quantity
-            or map_cut(old) != map_cut(new)
-        ):
-            maps = shown_maps(new)
-            if maps is None:
-                self.nodes.remove(node)
-            else:
-                shown = layers_of(maps, new.view.quantity, map_sigma(new))
-                part = shown.part(self.layer)
-                share = (part.values_mm - shown.low_mm) / (shown.high_mm - shown.low_mm)
-                kept = _kept_by_cut(part.points_base, new)
-                points, colors = part.points_base[kept], viridis(share[kept])
-                self.nodes.cloud(node, points, colors, size_mm=part.cell_mm)
-        self.nodes.show(node, self.shown(new))
+        """Draw the map where it, its quantity or its cut is another one."""
+        if old is None or _map_key(old) != _map_key(new):
+            self.draw(new)
+        self.nodes.show(self._node, self.shown(new))
+
+    def draw(self, new: Snapshot) -> None:
+        """Draw the points that the cut leaves."""
+        maps = shown_maps(new)
+        if maps is None:
+            self.nodes.remove(self._node)
+            return
+        shown = layers_of(maps, new.view.quantity, map_sigma(new))
+        part = shown.part(self.layer)
+        points, share = part.points_base, part.values_mm - shown.low_mm
+        share = share / (shown.high_mm - shown.low_mm)
+        plane = cut_plane(new) if new.view.cut_maps else None
+        if plane is not None:
+            kept = plane.heights_mm(points) < 0.0
+            points, share = points[kept], share[kept]
+        self.nodes.cloud(self._node, points, viridis(share), size_mm=part.cell_mm)
 
 
-def map_cut(snapshot: Snapshot) -> tuple[str, float] | None:
-    """Return what the cut through the maps depends on; None while they are whole."""
-    return cut_key(snapshot) if snapshot.view.cut_maps else None
-
-
-def _kept_by_cut(points_base: Floats, snapshot: Snapshot) -> Bools:
-    """Return which points (n,) of a map the cut leaves."""
-    plane = cut_plane(snapshot) if map_cut(snapshot) is not None else None
-    if plane is None:
-        return np.ones(len(points_base), dtype=np.bool_)
-    return plane.heights_mm(points_base) < 0.0
+def _map_key(snapshot: Snapshot) -> tuple[object, ...]:
+    """Return what tells one drawing of a map from another."""
+    cut = cut_key(snapshot) if snapshot.view.cut_maps else None
+    return shown_maps_key(snapshot), snapshot.view.quantity, cut
 
 
 class ScanLayer(Layer):
@@ -70,10 +73,7 @@ class ScanLayer(Layer):
         redrawn = old is None or _scan_key(old) != _scan_key(new)
         moved = old is None or old.scan_cursor != new.scan_cursor
         if redrawn or moved:
-            lift = (
-                0.0 if new.static_scene is None else LIFT_MM * new.static_scene.region_normal_base
-            )
-            places = scan_places(new) + lift
+            places = scan_places(new) + lift(new, LIFT_MM)
             if redrawn:
                 self._draw_points(places, new, new.scan)
             number = None
@@ -99,15 +99,15 @@ def scan_places(snapshot: Snapshot) -> Floats:
     """Return where the A-scans that are looked at were taken (n, 3), as the scene shows them."""
     if snapshot.scan != "hand":
         poses = scan_poses(snapshot.session, snapshot.scan)
-        return np.zeros((0, 3)) if poses is None else poses.translations
+        return NO_POINTS if poses is None else poses.translations
     found = hand_poses(snapshot.session)
     if found is None:
-        return np.zeros((0, 3))
+        return NO_POINTS
     frame, poses = found
     if frame == "base":
         return poses.translations
     drawn = None if snapshot.static_scene is None else snapshot.static_scene.T_base_basemarker
-    return np.zeros((0, 3)) if drawn is None else drawn @ poses.translations
+    return NO_POINTS if drawn is None else drawn @ poses.translations
 
 
 def _scan_key(snapshot: Snapshot) -> tuple[object, ...]:
@@ -117,3 +117,94 @@ def _scan_key(snapshot: Snapshot) -> tuple[object, ...]:
     found = results.get(DETECTIONS[scan])
     drawn = id(capture_of(session, scan)), id(found), id(snapshot.static_scene)
     return *drawn, id(session.boundary_edits), scan, *of_hand
+
+
+POINTS = "/references/points"
+SIZE_MM = 2.4
+POINT_MM, LABEL_MM = 1.0, 4.0  # above the outer boundary
+
+
+class ReferencesLayer(Layer):
+    """Draws the reference points of step 9; doubtful ones are orange and labelled so."""
+
+    layer = "references"
+
+    def __init__(self, nodes: SceneNodes) -> None:
+        super().__init__(nodes)
+        self._labels = 0
+        self._rows: tuple[ReferenceRow, ...] = ()
+
+    def render(self, old: Snapshot | None, new: Snapshot) -> None:
+        """Draw the points where they, what is said of them, or the region are others."""
+        if changed(old, new, "static_scene", "session"):
+            rows = reference_rows(new.session)
+            moved = changed(old, new, "static_scene", "session.captures.references")
+            if moved or rows != self._rows:
+                self._rows = rows
+                self._draw(new)
+        for node in (POINTS, *map(_label, range(self._labels))):
+            self.nodes.show(node, self.shown(new))
+
+    def _draw(self, new: Snapshot) -> None:
+        held, rows = new.session.captures.references, self._rows
+        places = NO_POINTS if held is None else held.places_base
+        up = lift(new, 1.0)
+        colors = np.array([PURPLE if row.counts else ORANGE for row in rows], dtype=np.uint8)
+        self.nodes.cloud(POINTS, places + POINT_MM * up, colors.reshape(-1, 3), size_mm=SIZE_MM)
+        for row, place in zip(rows, places, strict=True):
+            self.nodes.label(_label(row.number), label_words(row), place + LABEL_MM * up)
+        for number in range(len(rows), self._labels):
+            self.nodes.remove(_label(number))
+        self._labels = len(rows)
+
+
+def label_words(row: ReferenceRow) -> str:
+    """Return number and caliper of a point, and how far the echo is from it where that is known."""
+    words = f"{row.number + 1}: {row.caliper_mm:.2f} mm"
+    if row.off_mm is not None:
+        words += f", echo {row.off_mm:+.2f}"
+    return words if row.counts else f"{words} doubtful"
+
+
+def _label(number: int) -> str:
+    return f"/references/label{number}"
+
+
+PATH, AXES, CELLS = "/second/path", "/second/axes", "/second/cells"
+AXIS_MM = 10.0
+MOST_AXES = 240
+CELLS_MM = 1.2  # of the cells over the bone
+CELL_MM, PATH_MM = 0.4, 0.35
+WHITE: Rgb = (255, 255, 255)
+
+
+class SecondLayer(Layer):
+    """Draws the second path until it is scanned, and while that pass is selected."""
+
+    layer = "second"
+
+    def render(self, old: Snapshot | None, new: Snapshot) -> None:
+        """Draw the path where it is another one, and the cells where the maps are."""
+        if changed(old, new, "session.results.second"):
+            self._draw_path(second_view(new.session))
+        if changed(old, new, "session.results.maps", "session.captures.second", "static_scene"):
+            cells = second_cells(new.session)
+            points = NO_POINTS if cells is None else cells.points_base + lift(new, CELLS_MM)
+            self.nodes.cloud(CELLS, points, WHITE, size_mm=CELL_MM)
+        for node in (PATH, *shaded(AXES)):
+            self.nodes.show(node, self.shown(new) and shows_second_path(new))
+        mapped = new.view.shows("inner") and not shows_handheld_maps(new)
+        self.nodes.show(CELLS, self.shown(new) and mapped)
+
+    def _draw_path(self, view: SecondView | None) -> None:
+        """Draw the path, and at some places the probe's axis out of the bone."""
+        if view is None:
+            for node in (PATH, *shaded(AXES)):
+                self.nodes.remove(node)
+            return
+        self.nodes.lines(PATH, segments(view.points_base), SKY, width_mm=PATH_MM)
+        every = 1 + len(view.points_base) // MOST_AXES
+        feet, axes = view.points_base[::every], view.axes_base[::every]
+        pairs = np.stack((feet, feet - AXIS_MM * axes), axis=1)
+        shares = view.lean_deg[::every] / max(tilt_scale_max_deg(view), 1e-9)
+        draw_shaded(self.nodes, AXES, pairs, shares)

@@ -19,19 +19,20 @@ from rona_core.app.steps.path.messages import (
 from rona_core.errors import InvalidInputError, RonaError
 from rona_core.geometry.arrays import Floats, Vector3
 from rona_core.session.document import Session
-from rona_ui.presentation.colors import PURPLE, SKY, YELLOW
-from rona_ui.presentation.snapshot import Snapshot
+from rona_ui.presentation.colors import PURPLE, SKY, YELLOW, Rgb
+from rona_ui.presentation.snapshot import Snapshot, changed
 from rona_ui.presentation.view_state import Point, ViewState
-from rona_ui.scene.layer import Layer
-from rona_ui.scene.viser_nodes import segments
+from rona_ui.scene.layer import Layer, lift
+from rona_ui.scene.viser_nodes import NO_LINES, NO_POINTS, segments
 
 STROKES = ("surface", "path")  # drawn with the pointer itself
-CORNER_STEP_MM = 1.5  # a drag adds a corner of the boundary once it has come so far
-MOST_CORNERS = 500
+DRAG_STEP_MM = 1.5  # a drag adds a point once it has come so far
+MOST_POINTS = 500  # of a stroke or boundary
 LIFT_MM = 2.0
 MARK_MM = 1.4
 MOVED_POINT, MOVE_TARGET = "/edit/grabbed", "/edit/place"
 BOUNDARY, CENTER = "/pattern/boundary", "/pattern/center"
+MARKS = ("view.drawing", "view.moved_point", "view.move_target", "view.center", "view.boundary")
 
 
 def point_at(
@@ -54,7 +55,8 @@ def point_at(
     if view.drawing == "boundary":
         if phase == "end":
             return view, None
-        return _with_corner(view, _point(sight(session, eye_base, ray))), None
+        corner = _point(sight(session, eye_base, ray))
+        return replace(view, boundary=extended(view.boundary, corner)), None
     if phase not in ("click", "end"):
         return view, None
     if view.drawing == "center":
@@ -99,7 +101,7 @@ def _move(
 def corners_of(session: Session) -> Floats:
     """Return the points of the smoothed path (k, 3), none before there is one."""
     smooth = session.results.smoothing
-    return np.zeros((0, 3)) if smooth is None else smooth.value.corners_base
+    return NO_POINTS if smooth is None else smooth.value.corners_base
 
 
 def _found(points: Floats, eye_base: Vector3, ray: Vector3) -> int:
@@ -114,12 +116,10 @@ def _point(place: Vector3) -> Point:
     return x, y, z
 
 
-def _with_corner(view: ViewState, corner: Point) -> ViewState:
-    held = view.boundary
-    near = bool(held) and float(np.linalg.norm(np.subtract(held[-1], corner))) < CORNER_STEP_MM
-    if near or len(held) >= MOST_CORNERS:
-        return view
-    return replace(view, boundary=(*held, corner))
+def extended(points: tuple[Point, ...], point: Point) -> tuple[Point, ...]:
+    """Return points with one more, unless it is too near to the last or there are too many."""
+    near = bool(points) and np.linalg.norm(np.subtract(points[-1], point)) < DRAG_STEP_MM
+    return points if near or len(points) >= MOST_POINTS else (*points, point)
 
 
 class EditLayer(Layer):
@@ -130,31 +130,21 @@ class EditLayer(Layer):
     def render(self, old: Snapshot | None, new: Snapshot) -> None:
         """Follow the view."""
         view = new.view
-        lift = (
-            np.zeros(3)
-            if new.static_scene is None
-            else LIFT_MM * new.static_scene.region_normal_base
-        )
-        if old is None or _marks(old) != _marks(new) or old.session is not new.session:
+        if changed(old, new, "static_scene", "session", *MARKS):
             corners = corners_of(new.session)
             moved_point = view.moved_point if view.drawing == "move" else None
             there = moved_point is not None and moved_point < len(corners)
-            self._mark(MOVED_POINT, corners[moved_point] if there else None, YELLOW, lift)
-            self._mark(MOVE_TARGET, view.move_target if there else None, SKY, lift)
+            up = lift(new, LIFT_MM)
+            self._mark(MOVED_POINT, corners[moved_point] if there else None, YELLOW, up)
+            self._mark(MOVE_TARGET, view.move_target if there else None, SKY, up)
             ring = np.array(view.boundary, dtype=np.float64).reshape(-1, 3)
-            closed = np.vstack((ring, ring[:1])) + lift
-            pairs = segments(closed) if len(ring) > 1 else np.zeros((0, 2, 3))
+            closed = np.vstack((ring, ring[:1])) + up
+            pairs = segments(closed) if len(ring) > 1 else NO_LINES
             self.nodes.lines(BOUNDARY, pairs, PURPLE, width_px=4.0)
-            self._mark(CENTER, view.center, PURPLE, lift)
+            self._mark(CENTER, view.center, PURPLE, up)
         for node in (BOUNDARY, CENTER):
             self.nodes.show(node, self.shown(new) and (view.step == "path" or view.all_layers))
 
-    def _mark(self, node: str, place: object, color: tuple[int, int, int], lift: Vector3) -> None:
+    def _mark(self, node: str, place: object, color: Rgb, up: Vector3) -> None:
         points = np.array([] if place is None else [place], dtype=np.float64).reshape(-1, 3)
-        self.nodes.cloud(node, points + lift, color, size_mm=MARK_MM)
-
-
-def _marks(snapshot: Snapshot) -> tuple[object, ...]:
-    view = snapshot.view
-    held = (view.drawing == "move", view.moved_point, view.move_target, view.center, view.boundary)
-    return (*held, snapshot.static_scene is None)
+        self.nodes.cloud(node, points + up, color, size_mm=MARK_MM)

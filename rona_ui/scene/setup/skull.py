@@ -8,7 +8,7 @@ from rona_ui.presentation.snapshot import Snapshot
 from rona_ui.presentation.static_scene import StaticScene
 from rona_ui.scene.cut_plane import crossings, cut, cut_key, cut_plane
 from rona_ui.scene.layer import Layer
-from rona_ui.scene.viser_nodes import SceneNodes
+from rona_ui.scene.viser_nodes import NO_LINES, SceneNodes
 
 NODE, RIM = "/skull", "/skull_rim"
 RIM_MM = 3.0  # by which the window is wider than the region
@@ -38,13 +38,7 @@ class SkullLayer(Layer):
             self.nodes.remove(NODE)
             self.nodes.remove(RIM)
             return
-        before = None if old is None else old.static_scene
-        if (
-            static_scene is not before
-            or old is None
-            or window_open(old) != window_open(new)
-            or cut_key(old) != cut_key(new)
-        ):
+        if old is None or _key(old) != _key(new):
             self._draw(new, static_scene)
         self.nodes.show(NODE, self.shown(new) and not self._empty)
         self.nodes.show(RIM, self.shown(new))
@@ -52,7 +46,7 @@ class SkullLayer(Layer):
     def _draw(self, snapshot: Snapshot, static_scene: StaticScene) -> None:
         """Draw what is left; a node that listens to the mouse stays, though nothing be left."""
         mesh = with_window(static_scene) if window_open(snapshot) else static_scene.skull
-        rim = np.zeros((0, 2, 3))
+        rim = NO_LINES
         plane = cut_plane(snapshot)
         if plane is not None:
             rim = crossings(mesh, plane).rim_base(mesh.vertices)
@@ -60,6 +54,10 @@ class SkullLayer(Layer):
         self._empty = not len(mesh.faces)
         self.nodes.mesh(NODE, static_scene.skull if self._empty else mesh, BONE, side="double")
         self.nodes.lines(RIM, rim, BONE_RIM, width_px=2.0)
+
+
+def _key(snapshot: Snapshot) -> tuple[object, ...]:
+    return id(snapshot.static_scene), window_open(snapshot), cut_key(snapshot)
 
 
 def with_window(static_scene: StaticScene) -> Mesh:

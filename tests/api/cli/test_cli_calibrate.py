@@ -53,7 +53,7 @@ def test_matrices_a_file_each_a_folder_of_them_and_rows_agree(put, capsys, tmp_p
     assert rows["tip_mm"] == pytest.approx(one["tip_mm"], abs=1e-9)
 
 
-@pytest.mark.parametrize("method", ["ml", "aos", "sphere"])
+@pytest.mark.parametrize("method", ["ml", "sphere"])
 def test_markers_with_and_without_geometry(put, capsys, method):
     made, _ = poses(n=50)
     file = put(markers_file(marker_rows(made, noise_mm=0.05)))

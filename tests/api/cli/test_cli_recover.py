@@ -5,7 +5,7 @@ import sys
 
 import pytest
 
-from rona_core.app.messages.session_messages import RenameSession
+from rona_core.app.runtime.session_step import RenameSession
 from rona_core.app.steps.setup.messages import SetSeed
 from rona_core.compose import build_registry
 from rona_core.session.codec import digest

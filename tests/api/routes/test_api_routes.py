@@ -330,7 +330,7 @@ def test_what_is_no_plain_file_name_is_refused_everywhere(at, client, web, file)
 def test_a_session_is_saved_whatever_its_name(at, web):
     for name in ("x" * 80, "\U0001d538" * 80, "../../x", ".", "a\nb"):
         assert at("POST", "/commands/RenameSession", json={"name": name}).status_code == 200
-        free = web.hub._files.free_path(name)
+        free = web.hub.files.free_path(name)
         assert free.parent == web.folder
         saved = at("POST", "/save", json={"file": free.stem})
         assert saved.status_code == 200
@@ -340,7 +340,7 @@ def test_a_session_is_saved_whatever_its_name(at, web):
 def test_nothing_is_written_over_a_folder(at, web):
     (web.folder / "folder.rona").mkdir()
     refused(at("POST", "/save", json={"file": "folder"}), 422, "invalid_input")
-    (web.hub.uploads / "folder.stl").mkdir(parents=True)
+    (web.hub.files.uploads / "folder.stl").mkdir(parents=True)
     upload = at("POST", "/uploads", params={"name": "folder.stl"}, content=b"x")
     refused(upload, 422, "invalid_input")
 
@@ -350,7 +350,7 @@ def test_a_specimen_is_uploaded_as_raw_bytes(at, web):
     answer = at("POST", "/uploads", params={"name": "bone.stl"}, content=data)
     assert answer.status_code == 201
     assert answer.json() == {"file": "bone.stl", "size_bytes": len(data)}
-    assert (web.hub.uploads / "bone.stl").read_bytes() == data
+    assert (web.hub.files.uploads / "bone.stl").read_bytes() == data
     for name in ("../bone.stl", "", ".bone"):
         refused(at("POST", "/uploads", params={"name": name}, content=b"x"), 422, "invalid_input")
 

@@ -8,8 +8,7 @@ from typing import Literal, Union, get_args, get_origin, get_type_hints
 import pytest
 
 from rona_core.app.declarations.registry import REGISTRY
-from rona_core.app.steps.setup.contact_messages import SetContact
-from rona_core.app.steps.setup.messages import SetProbe, SetRobot, SetTracker
+from rona_core.app.steps.setup.messages import SetContact, SetProbe, SetRobot, SetTracker
 from rona_ui.api.routes.operator import PointerTurn
 from rona_ui.api.routes.sessions import FileToOpen, FileToSave, NewSession
 from rona_ui.api.routes.tracker import ToolPose, Visible
@@ -100,7 +99,7 @@ def test_an_upload_without_a_body_is_refused(at, web, session):
         assert answer.json()["errors"] == [
             {"pointer": "", "detail": "expected the file as the body", "code": "missing"}
         ]
-    assert not (web.hub.uploads / "empty.nrrd").exists()
+    assert not (web.hub.files.uploads / "empty.nrrd").exists()
 
 
 def test_half_a_character_in_the_name_of_a_field_is_refused(at):

@@ -8,8 +8,8 @@ import pytest
 
 from rona_core.app.declarations.registry import REGISTRY
 from rona_core.app.messages.serialization import serialize_arguments
-from rona_core.app.messages.session_messages import Undo
 from rona_core.app.procedure import PROCEDURE
+from rona_core.app.runtime.session_step import Undo
 from rona_core.app.steps.maps.messages import StartGapPlan, StartGapScan, StartMapping
 from rona_core.app.steps.path.messages import StartPathCapture
 from rona_core.app.steps.pointer.messages import CalibratePointer, StartPointerCapture
@@ -70,7 +70,7 @@ def test_rest_and_python_give_the_same_session(client, web, replayed, tmp_path):
         SetTracker("white035", 30.0),
         SetPointer("pointer5d"),
         StartPointerCapture(cone_deg=20.0, duration_s=3.0),
-        CalibratePointer("aos"),
+        CalibratePointer("sphere"),
         Undo(),
         StartPointerCapture(duration_s=2.0),
     ]

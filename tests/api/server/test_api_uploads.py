@@ -4,7 +4,7 @@ from pathlib import Path
 
 import pytest
 
-from rona_core.app.runtime.session_registry import MAX_UPLOAD_BYTES
+from rona_core.app.runtime.saving.session_files import MAX_UPLOAD_BYTES
 from rona_core.session.document import Session
 from rona_core.session.files import session_bytes
 
@@ -34,16 +34,16 @@ def test_an_endless_upload_is_refused_and_takes_no_memory(at, client, web, kind)
         answer = client.post("/sessions/upload", params=name, content=endless())
     assert answer.status_code == 413, answer.text
     assert peak_mb() - before < 100
-    assert not list(web.hub.uploads.glob(".upload.*"))
+    assert not list(web.hub.files.uploads.glob(".upload.*"))
 
 
 def test_what_is_uploaded_is_kept_under_its_name(at, web):
     data = bytes(range(256)) * 8192
     answer = at("POST", "/uploads", params={"name": "a.nrrd"}, content=data)
     assert answer.json() == {"file": "a.nrrd", "size_bytes": len(data)}
-    assert (web.hub.uploads / "a.nrrd").read_bytes() == data
-    assert (web.hub.uploads / "a.nrrd").stat().st_mode & 0o777 == 0o644
-    assert not list(web.hub.uploads.glob(".upload.*"))
+    assert (web.hub.files.uploads / "a.nrrd").read_bytes() == data
+    assert (web.hub.files.uploads / "a.nrrd").stat().st_mode & 0o777 == 0o644
+    assert not list(web.hub.files.uploads.glob(".upload.*"))
 
 
 def test_an_uploaded_session_leaves_no_file_behind(client, web):
@@ -54,4 +54,4 @@ def test_an_uploaded_session_leaves_no_file_behind(client, web):
     answer = client.post(upload, params={"name": "b.rona"}, content=data[:100])
     assert answer.status_code == 422
     assert "b.rona is not a readable session file" in answer.json()["detail"]
-    assert not list(web.hub.uploads.glob(".upload.*"))
+    assert not list(web.hub.files.uploads.glob(".upload.*"))

@@ -20,16 +20,16 @@ from rona_core.app.steps.setup.messages import (
     SetUseBaseMarker,
 )
 from rona_core.app.steps.surface.messages import BuildSurface, StartSurfaceCapture
+from rona_core.app.steps.tool.derivation import delay_words, measured_times_s, tracker_delay
 from rona_core.app.steps.tool.messages import RegisterTool, StartToolCapture
-from rona_core.app.steps.tool.tracker_delay import delay_words, measured_times_s, tracker_delay
 from rona_core.calibration.timing.time_offset import TimeOffset
 from rona_core.compose import new_workbench
 from rona_core.devices.settings import DeviceSettings, RobotSettings, TrackerPlace
 from rona_core.errors import InvalidInputError, RonaError, StaleResultError, StepBlockedError
 from rona_core.robot.kinematics.catalog import robot_model
+from rona_core.session.captures import imported_digest
 from rona_core.session.document import Session, Setup
 from rona_core.session.files import session_bytes, session_from_bytes
-from rona_core.session.imported import imported_digest
 
 MOVE = MoveTracker((30.0, -20.0, 10.0), 1.0)
 TOOL = StartToolCapture(n_pivot=8, n_translate=3)

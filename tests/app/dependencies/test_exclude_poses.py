@@ -5,23 +5,22 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from rona_core.app.messages.session_messages import Undo
 from rona_core.app.runtime.recompute import replay
-from rona_core.app.steps.pointer.messages import CalibratePointer, ExcludePoses, StartPointerCapture
+from rona_core.app.runtime.session_step import Undo
+from rona_core.app.steps.pointer.messages import CalibratePointer, ExcludePoses
 from rona_core.app.steps.tool.calibration_view import EXCLUDED, REJECTED, USED, calibration_view
 from rona_core.app.steps.tool.derivation import tool_poses
-from rona_core.app.steps.tool.messages import RegisterTool, StartToolCapture
+from rona_core.app.steps.tool.messages import RegisterTool
 from rona_core.compose import new_workbench
 from rona_core.errors import DegenerateGeometryError, InvalidInputError, StepBlockedError
 from rona_core.session.codec import digest
 from rona_core.session.document import Session
+from tests.scenes import demo_parts
 
 
 @pytest.fixture(scope="module")
 def bench():
-    bench = new_workbench(Session())
-    bench.run(StartToolCapture())
-    bench.run(StartPointerCapture(duration_s=4.0))
+    bench = new_workbench(demo_parts.registered())
     yield bench
     bench.close()
 

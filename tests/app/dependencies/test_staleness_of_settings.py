@@ -13,8 +13,8 @@ import pytest
 from rona_core.app.declarations.registry import REGISTRY
 from rona_core.app.dependencies.staleness import digest_of, input_digests, stale_reason
 from rona_core.app.messages.serialization import message_from
-from rona_core.app.messages.session_messages import RenameSession
 from rona_core.app.runtime.handling import handle
+from rona_core.app.runtime.session_step import RenameSession
 from rona_core.app.runtime.workbench import Workbench
 from rona_core.app.steps.acoustics.messages import (
     CalibrateDelayLine,
@@ -30,10 +30,12 @@ from rona_core.app.steps.path.messages import StartPathCapture
 from rona_core.app.steps.pointer.messages import StartPointerCapture
 from rona_core.app.steps.roll.derivation import derive_roll
 from rona_core.app.steps.roll.messages import StartBasePlacement, StartRollSearch
-from rona_core.app.steps.setup.contact_messages import SetContact
 from rona_core.app.steps.setup.messages import (
+    AddObstacle,
     MoveTracker,
+    RemoveObstacle,
     SetBoneModel,
+    SetContact,
     SetPointer,
     SetProbe,
     SetRegion,
@@ -42,11 +44,12 @@ from rona_core.app.steps.setup.messages import (
     SetToolVisible,
     SetTracker,
     SetUseBaseMarker,
+    SetWorkcell,
     UseSimulatedSkull,
 )
-from rona_core.app.steps.setup.workcell_messages import AddObstacle, RemoveObstacle, SetWorkcell
 from rona_core.app.steps.surface.messages import StartSurfaceCapture
 from rona_core.compose import virtual_services
+from rona_core.devices.protocols import never, silent
 from rona_core.errors import RonaError
 from rona_core.session.codec import digest
 from rona_core.session.document import Session
@@ -312,7 +315,10 @@ def test_what_stays_fresh_is_computed_bit_for_bit_the_same(session, values, grou
 )
 def test_what_a_plan_rests_on_makes_another_plan(session, kind, name):
     few = StartRollSearch(n_rolls=2, roll_from_deg=110.0, roll_to_deg=130.0)
-    plans = [derive_roll(each, few) for each in (session, changed(session, kind, name))]
+    plans = [
+        derive_roll(each, few, progress=silent, cancel=never)
+        for each in (session, changed(session, kind, name))
+    ]
     assert plans[0].trajectory is not None
     assert digest_of(plans[0]) != digest_of(plans[1])
 

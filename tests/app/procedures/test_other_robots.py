@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from rona_core.app.messages.session_messages import Undo
+from rona_core.app.runtime.session_step import Undo
 from rona_core.app.steps.setup.messages import SetRobot
 from rona_core.compose import new_workbench, run_demo
 from rona_core.devices.settings import ROBOTS

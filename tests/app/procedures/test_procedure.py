@@ -12,7 +12,6 @@ from rona_core.app.dependencies.step_states import step_states
 from rona_core.app.runtime.recompute import replay
 from rona_core.app.runtime.workbench import Workbench
 from rona_core.app.steps.path.messages import StartPathCapture
-from rona_core.app.steps.pointer.messages import StartPointerCapture
 from rona_core.app.steps.roll.messages import ChooseRoll, StartRollSearch
 from rona_core.app.steps.roll.view import joint_curves
 from rona_core.app.steps.scan.messages import StartScan
@@ -24,6 +23,7 @@ from rona_core.errors import NotReachableError, RonaError, StepBlockedError
 from rona_core.session.codec import digest
 from rona_core.session.document import Session
 from rona_core.session.files import load_session, save_session
+from tests.scenes import demo_parts
 
 pytestmark = pytest.mark.slow
 
@@ -50,10 +50,7 @@ def demo() -> tuple[Session, dict]:
 @pytest.fixture(scope="module")
 def registered() -> Workbench:
     """A workbench with tool and pointer calibrated."""
-    bench = new_workbench(Session())
-    bench.run(StartToolCapture())
-    bench.run(StartPointerCapture())
-    return bench
+    return new_workbench(demo_parts.registered())
 
 
 def opened(session: Session) -> Workbench:
@@ -137,8 +134,7 @@ def test_a_covered_pointer_yields_no_points(registered):
 
 def as_if_recorded_now(session):
     """Return the session with tool and pointer as if they had been recorded with its set-up."""
-    from rona_core.app.dependencies.capture_setup import capture_setup_digest
-    from rona_core.app.dependencies.staleness import input_digests
+    from rona_core.app.dependencies.staleness import capture_setup_digest, input_digests
 
     for kind in ("tool", "pointer"):
         capture = getattr(session.captures, kind)

@@ -6,10 +6,10 @@ from pathlib import Path
 
 import pytest
 
-from rona_core.app.messages.session_messages import RenameSession
 from rona_core.app.runtime.saving import autosave
 from rona_core.app.runtime.saving.autosave import Autosave
 from rona_core.app.runtime.session_registry import SessionRegistry
+from rona_core.app.runtime.session_step import RenameSession
 from rona_core.app.runtime.store import Store
 from rona_core.app.steps.pointer.messages import StartPointerCapture
 from rona_core.app.steps.setup.messages import SetSeed
@@ -132,7 +132,7 @@ def hub(tmp_path):
 
 
 def copies(hub):
-    return sorted((hub.folder / autosave.FOLDER).rglob("*.*"))
+    return sorted((hub.files.folder / autosave.FOLDER).rglob("*.*"))
 
 
 def test_the_copy_is_written_before_long_work_starts(tmp_path):
@@ -184,4 +184,4 @@ def test_the_end_of_the_program_keeps_what_was_not_saved(tmp_path):
     hub.close_all()
     (copy,) = copies(hub)
     assert load_session(copy).setup.seed == 5
-    assert not hub.files()  # it does not pass for a saved session
+    assert not hub.files.all()  # it does not pass for a saved session

@@ -12,17 +12,16 @@ from pathlib import Path
 
 import pytest
 
-from rona_core.app.messages.session_messages import Redo, RenameSession, Undo
 from rona_core.app.runtime.saving import autosave, journal
 from rona_core.app.runtime.saving.autosave import FOLDER, Autosave
 from rona_core.app.runtime.saving.journal import MOST_ENTRIES, Reach, read_journal
 from rona_core.app.runtime.saving.recovery import Recovery
 from rona_core.app.runtime.saving.run_folder import RunFolder, dead_folders
 from rona_core.app.runtime.session_registry import MAX_OPEN
+from rona_core.app.runtime.session_step import Redo, RenameSession, Undo
 from rona_core.app.runtime.store import Store
 from rona_core.app.steps.pointer.messages import CalibratePointer, ExcludePoses, StartPointerCapture
-from rona_core.app.steps.setup.messages import SetSeed
-from rona_core.app.steps.setup.workcell_messages import AddObstacle
+from rona_core.app.steps.setup.messages import AddObstacle, SetSeed
 from rona_core.compose import build_registry
 from rona_core.errors import InvalidInputError, NameTakenError, NotFoundError, SessionFormatError
 from rona_core.session.document import LogEntry, Session
@@ -475,7 +474,7 @@ def test_a_folder_is_dead_once_its_lock_is_free(tmp_path):
 def test_temporary_files_of_killed_programs_go_at_the_start_and_no_others(tmp_path):
     script = (
         "import os, sys\nfrom pathlib import Path\n"
-        "from rona_core.session.temporary_files import open_temporary\n"
+        "from rona_core.session.files import open_temporary\n"
         "for place in sys.argv[1:]:\n"
         "    Path(place).parent.mkdir(parents=True, exist_ok=True)\n"
         "    os.write(open_temporary(Path(place))[0], b'half')\n"
@@ -563,8 +562,8 @@ def test_sessions_saved_at_once_under_one_name_do_not_replace_each_other(start):
 def test_an_untouched_session_has_nothing_to_lose(start, tmp_path):
     save_session(Session(name="bone"), tmp_path / "bone.rona")
     hub = start()
-    data = (tmp_path / "bone.rona").read_bytes()
-    for bench in (hub.create(), hub.open_file("bone.rona"), hub.open_bytes(data, "x")):
+    again = tmp_path / "bone.rona"
+    for bench in (hub.create(), hub.open_file("bone.rona"), hub.open_upload(again, "x")):
         assert not hub.has_changes(bench.session.id)
         bench.dispatch(SetSeed(1))
         assert hub.has_changes(bench.session.id)

@@ -5,9 +5,9 @@ import threading
 
 import pytest
 
-from rona_core.app.messages.outcomes import StoreCapture
-from rona_core.app.messages.session_messages import Redo, RenameSession, Undo
+from rona_core.app.messages.message import StoreCapture
 from rona_core.app.runtime import store as store_module
+from rona_core.app.runtime.session_step import Redo, RenameSession, Undo
 from rona_core.app.runtime.store import Store
 from rona_core.app.steps.setup.messages import SetPointer, SetSeed, SetToolVisible
 from rona_core.errors import InvalidInputError, StepBlockedError

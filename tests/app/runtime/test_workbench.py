@@ -9,7 +9,7 @@ from rona_core.app.runtime.workbench import Services, Workbench
 from rona_core.app.steps.pointer.messages import StartPointerCapture
 from rona_core.app.steps.roll.messages import StartRollSearch
 from rona_core.app.steps.setup.messages import SetRegion, StartSkullImport
-from rona_core.app.steps.tool import captures
+from rona_core.app.steps.tool import step
 from rona_core.app.steps.tool.messages import StartRobotMove, StartToolCapture
 from rona_core.compose import build_registry, new_workbench, virtual_services
 from rona_core.errors import CancelledError, DeviceError, InvalidInputError, StepBlockedError
@@ -37,7 +37,7 @@ def test_closing_a_session_ends_its_computations_too(tmp_path):
         return function(*args, progress=progress, cancel=cancel)
 
     hub = build_registry(tmp_path, processes=False)
-    session = hub.open_bytes(demo_session().read_bytes(), "demo").session
+    session = hub.open_upload(demo_session(), "demo").session
     hub.close_all()
 
     def build(setup):
@@ -158,13 +158,13 @@ def test_what_is_cancelled_while_the_copy_is_written_does_not_begin(tmp_path):
 
 def test_what_is_cancelled_while_it_is_planned_does_not_move_the_robot(tmp_path, monkeypatch):
     planned = threading.Event()
-    genuine = captures.plan_tool_motion
+    genuine = step.plan_tool_motion
 
     def plan(*args, **rest):
         planned.set()  # and Cancel is pressed
         return genuine(*args, **rest)
 
-    monkeypatch.setattr(captures, "plan_tool_motion", plan)
+    monkeypatch.setattr(step, "plan_tool_motion", plan)
     bench = new_workbench(Session(), tmp_path)
     with pytest.raises(CancelledError, match="nothing was recorded"):
         bench.run(StartToolCapture(n_pivot=5, n_translate=3), cancel=planned.is_set)

@@ -5,9 +5,9 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from rona_core.app.declarations.activity_context import ActivityContext
+from rona_core.app.declarations.declarations import ActivityContext
 from rona_core.app.steps.scan.payload_identification import TURNS_DEG, identify_payload
-from rona_core.app.steps.tool.certified_moves import FreeMoves
+from rona_core.app.steps.tool.robot_motion import FreeMoves
 from rona_core.devices.live import Live
 from rona_core.devices.wrench import ToolLoad
 from rona_core.errors import CancelledError, DegenerateGeometryError, NotReachableError

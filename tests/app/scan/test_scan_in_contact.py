@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from rona_core.app.declarations.activity_context import ActivityContext
+from rona_core.app.declarations.declarations import ActivityContext
 from rona_core.app.dependencies.staleness import session_obstacles
 from rona_core.app.steps.scan import captures as scan_capture
 from rona_core.app.steps.scan.captures import capture_scan
@@ -144,8 +144,8 @@ class Pit:
     def __getattr__(self, name):
         return getattr(self._specimen, name)
 
-    def ray(self, origins_skull, directions_skull, boundary="outer"):
-        depth = self._specimen.ray(origins_skull, directions_skull, boundary)
+    def ray(self, origins_skull, directions_skull):
+        depth = self._specimen.ray(origins_skull, directions_skull)
         met = origins_skull + depth[:, None] * directions_skull
         return depth + 20.0 * ((met - self._center) @ self._side > 0.0)
 

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from rona_core.app.dependencies.staleness import stale_reason
-from rona_core.app.messages.session_messages import Undo
 from rona_core.app.runtime.recompute import recompute
+from rona_core.app.runtime.session_step import Undo
 from rona_core.app.steps.acoustics.derivation import session_probe, usable_speed
 from rona_core.app.steps.acoustics.messages import (
     AddReferencePoint,

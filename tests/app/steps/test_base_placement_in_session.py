@@ -7,14 +7,12 @@ import pytest
 
 from rona_core.app.dependencies.obstacles import workcell_pose
 from rona_core.app.dependencies.staleness import session_obstacles, stale_reason
-from rona_core.app.messages.session_messages import Undo
 from rona_core.app.procedure import PROCEDURE, run_procedure
 from rona_core.app.runtime.recompute import replay
-from rona_core.app.steps.roll.base_placement import advice, moves, obstacles_from
-from rona_core.app.steps.roll.base_placement_view import placement_view
+from rona_core.app.runtime.session_step import Undo
+from rona_core.app.steps.roll.base_placement import advice, moves, obstacles_from, placement_view
 from rona_core.app.steps.roll.messages import ApplyBasePlacement, StartBasePlacement
-from rona_core.app.steps.setup.contact_messages import SetContact
-from rona_core.app.steps.setup.messages import SetRobot
+from rona_core.app.steps.setup.messages import SetContact, SetRobot
 from rona_core.compose import evaluate_virtual, new_workbench
 from rona_core.devices.settings import ContactSettings
 from rona_core.errors import (

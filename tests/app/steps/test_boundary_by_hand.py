@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 
 from rona_core.app.dependencies.staleness import stale_reason
-from rona_core.app.messages.outcomes import StoreCapture
-from rona_core.app.messages.session_messages import Undo
+from rona_core.app.messages.message import StoreCapture
 from rona_core.app.runtime.handling import handle
+from rona_core.app.runtime.session_step import Undo
 from rona_core.app.runtime.store import Store
 from rona_core.app.steps.boundaries.ascan_view import (
     ascan_plot,
@@ -21,8 +21,9 @@ from rona_core.app.steps.boundaries.handlers import detection_of_scan
 from rona_core.app.steps.boundaries.messages import ClearBoundaryCorrections, CorrectBoundary
 from rona_core.app.steps.maps.derivation import derive_mapping
 from rona_core.app.steps.maps.messages import StartMapping
-from rona_core.app.steps.maps.second_pass_view import second_cells, second_view
+from rona_core.app.steps.maps.view import second_cells, second_view
 from rona_core.app.steps.scan.planned_motion import joints_at, plan_of
+from rona_core.devices.protocols import never, silent
 from rona_core.errors import InvalidInputError, StepBlockedError
 from rona_core.mapping.build_maps import boundary_points
 from rona_core.robot.kinematics.catalog import robot_model
@@ -72,23 +73,28 @@ def test_only_an_outer_boundary_makes_the_second_pass_detect_again(demo):
 def test_the_maps_take_the_corrected_boundary_and_nothing_is_detected_twice(demo):
     i, found = sure(demo), demo.results.detection.value
     after = handle(CorrectBoundary(i, inner_us=float(found.inner_us[i]) + 0.5), demo)
-    mapped = derive_mapping(after, StartMapping())
-    assert mapped.detection is found
-    assert mapped.second_detection is demo.results.second_detection.value
+    mapped = derive_mapping(after, StartMapping(), progress=silent, cancel=never)
+    assert mapped["detection"] is found
+    assert mapped["second_detection"] is demo.results.second_detection.value
     before = demo.results.maps.value
-    moved = mapped.maps.inner_points_base - before.inner_points_base
+    moved = mapped["maps"].inner_points_base - before.inner_points_base
     axis = scan_poses(demo)[i].rotation[:, 2]
     np.testing.assert_allclose(moved[i], 0.5 * found.sound_speed_mm_per_us / 2 * axis, atol=1e-9)
     assert np.abs(np.delete(moved, i, axis=0)).max() < 1e-9
     expected = boundary_points(detection_of_scan(after), scan_poses(after))[1]
-    late = mapped.maps.inner_points_base[: len(found)] - expected
+    late = mapped["maps"].inner_points_base[: len(found)] - expected
     assert np.linalg.norm(late, axis=1).max() < 0.2  # the curvature of the bone, alike for all
 
 
 def test_a_boundary_that_was_taken_away_is_not_mapped(demo):
     i = int(np.flatnonzero(demo.results.maps.value.inner_used)[30])
-    mapped = derive_mapping(handle(CorrectBoundary(i, remove="inner"), demo), StartMapping())
-    assert not mapped.maps.inner_used[i]
+    mapped = derive_mapping(
+        handle(CorrectBoundary(i, remove="inner"), demo),
+        StartMapping(),
+        progress=silent,
+        cancel=never,
+    )
+    assert not mapped["maps"].inner_used[i]
 
 
 def test_corrections_are_undone_saved_and_loaded(demo):
@@ -192,7 +198,10 @@ def test_the_second_pass_says_what_it_brought(demo):
     gaps = [np.linalg.norm(used - cell, axis=1).min() for cell in cells.points_base]
     assert max(gaps) < 4.0  # a sample of the second pass lies beside each of them
     alone = derive_mapping(
-        replace(demo, captures=replace(demo.captures, second=None)), StartMapping()
-    ).maps
+        replace(demo, captures=replace(demo.captures, second=None)),
+        StartMapping(),
+        progress=silent,
+        cancel=never,
+    )["maps"]
     lost = maps.inner.ok.sum() - alone.inner.ok.sum()
     assert len(cells.points_base) == pytest.approx(int(lost), abs=0.02 * maps.outer.ok.sum())

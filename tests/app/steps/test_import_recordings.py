@@ -11,9 +11,9 @@ from rona_core.app.runtime.recompute import replay
 from rona_core.app.runtime.saving.export_captures import export_recording, recorded_captures
 from rona_core.app.steps.path.messages import StartPathCapture
 from rona_core.app.steps.pointer.messages import StartPointerCapture
-from rona_core.app.steps.recordings.captures import replayed_pointer
 from rona_core.app.steps.recordings.messages import StartPivotImport, StartRecordingImport
 from rona_core.app.steps.setup.messages import SetPointer, SetSeed, SetTracker
+from rona_core.app.steps.surface.derivation import replayed_pointer
 from rona_core.app.steps.surface.messages import StartSurfaceCapture
 from rona_core.app.steps.tool.messages import StartToolCapture
 from rona_core.compose import new_workbench
@@ -27,10 +27,10 @@ from rona_core.errors import (
     StepBlockedError,
 )
 from rona_core.geometry.pose import Poses
+from rona_core.session.captures import is_imported
 from rona_core.session.codec import digest
 from rona_core.session.document import Session
 from rona_core.session.files import load_session, save_session
-from rona_core.session.imported import is_imported
 
 QUICK = {"cone_deg": 30.0, "duration_s": 3.0}
 

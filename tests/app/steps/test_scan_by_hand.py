@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from rona_core.app.dependencies.staleness import stale_reason
-from rona_core.app.messages.session_messages import Undo
 from rona_core.app.runtime.recompute import replay
+from rona_core.app.runtime.session_step import Undo
 from rona_core.app.steps.handheld.derivation import sono_delay_s
 from rona_core.app.steps.handheld.messages import (
     CalibrateHandheldProbe,

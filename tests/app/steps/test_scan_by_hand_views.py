@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from rona_core.app.dependencies.staleness import stale_reason
-from rona_core.app.messages.outcomes import StoreCapture
+from rona_core.app.messages.message import StoreCapture
 from rona_core.app.runtime.handling import handle
 from rona_core.app.runtime.recompute import replay
 from rona_core.app.steps.boundaries.ascan_view import (
@@ -19,12 +19,12 @@ from rona_core.app.steps.boundaries.ascan_view import (
 )
 from rona_core.app.steps.boundaries.handlers import detection_of_scan
 from rona_core.app.steps.boundaries.messages import ClearBoundaryCorrections, CorrectBoundary
+from rona_core.app.steps.handheld.derivation import NOT_SEEN, gathered, posed_scans, spread
 from rona_core.app.steps.handheld.messages import (
     StartHandheldCalibration,
     StartHandheldMapping,
     StartHandheldScan,
 )
-from rona_core.app.steps.handheld.scans import NOT_SEEN, gathered, posed_scans, spread
 from rona_core.app.steps.maps.map_accuracy import ROBOT_ACCURACY_MM, map_accuracy
 from rona_core.compose import new_workbench
 from rona_core.devices.tracker_volumes import ACCURACY_MM

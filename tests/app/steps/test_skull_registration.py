@@ -7,12 +7,11 @@ import pytest
 import trimesh
 
 from rona_core.app.dependencies.staleness import stale_reason
-from rona_core.app.messages.outcomes import StoreSkull
-from rona_core.app.messages.session_messages import Undo
 from rona_core.app.overview.predicted_accuracy import predict_skull_mm
 from rona_core.app.runtime.recompute import replay
+from rona_core.app.runtime.session_step import Undo
 from rona_core.app.steps.pointer.messages import StartPointerCapture
-from rona_core.app.steps.setup.messages import SetSeed
+from rona_core.app.steps.setup.messages import SetSeed, StoreSkull
 from rona_core.app.steps.surface.messages import (
     BuildSurface,
     StartSkullRegistration,
@@ -21,6 +20,7 @@ from rona_core.app.steps.surface.messages import (
 from rona_core.app.steps.surface.skull_registration import derive_registration, outer_surface
 from rona_core.app.steps.tool.messages import StartToolCapture
 from rona_core.compose import new_workbench, read_skull
+from rona_core.devices.protocols import never, silent
 from rona_core.errors import CancelledError, InvalidInputError, StepBlockedError
 from rona_core.geometry.pose import Pose
 from rona_core.session.document import Session
@@ -28,18 +28,16 @@ from rona_core.session.files import session_bytes, session_from_bytes
 from rona_core.session.specimen import SimulatedSkull
 from rona_core.virtual.specimen.build_specimen import build_specimen
 from rona_ui.panels.surface import registered as words_of
-from rona_ui.scene.surface.registered_skull import contours
+from rona_ui.scene.surface import contours
+from tests.helpers.sphere_world import boundary_meshes
 
 
 @pytest.fixture(scope="module")
 def bench(tmp_path_factory):
     """A session with a skull from a mesh, and the pointer's cloud on it."""
     truth = build_specimen(SimulatedSkull(), 4)
-    meshes = [truth.mesh(boundary, 3.0) for boundary in ("outer", "inner")]
     path = tmp_path_factory.mktemp("skull") / "head.ply"
-    trimesh.util.concatenate(
-        [trimesh.Trimesh(mesh.vertices, mesh.faces) for mesh in meshes]
-    ).export(path)
+    trimesh.util.concatenate(boundary_meshes(truth, 3.0)).export(path)
     center = tuple(map(float, truth.region.center_skull))
     skull = read_skull(
         str(path), None, None, center, 25.0, progress=lambda share: None, cancel=lambda: False
@@ -114,7 +112,7 @@ def test_a_guess_leads_to_the_same_place(registered):
     T_base_skull = registered.results.registration.value.T_b_a.inv()
     off = Pose.from_rotvec((0.02, -0.03, 0.02), (2.0, -1.0, 1.5)) @ T_base_skull
     guess = StartSkullRegistration(guess_wxyz=tuple(off.wxyz()), guess_mm=tuple(off.translation))
-    found = derive_registration(registered, guess)
+    found = derive_registration(registered, guess, progress=silent, cancel=never)
     middle = registered.results.surface.value.points_base.mean(axis=0)
     wanted = registered.results.registration.value.T_b_a @ middle
     np.testing.assert_allclose(found.T_b_a @ middle, wanted, atol=0.1)
@@ -123,7 +121,7 @@ def test_a_guess_leads_to_the_same_place(registered):
 def test_the_truth_is_not_asked(bench, registered):
     """Where the virtual skull lies follows from the seed; the result follows from the cloud."""
     other = replace(registered, setup=replace(registered.setup, seed=99))
-    found = derive_registration(other, StartSkullRegistration())
+    found = derive_registration(other, StartSkullRegistration(), progress=silent, cancel=never)
     np.testing.assert_array_equal(
         found.T_b_a.matrix(), registered.results.registration.value.T_b_a.matrix()
     )
@@ -154,8 +152,10 @@ def test_what_cannot_be_registered_is_refused_by_name(bench, registered):
     plain.close()
     bare = replace(registered, results=replace(registered.results, surface=None))
     with pytest.raises(StepBlockedError, match="sample the surface"):
-        derive_registration(bare, StartSkullRegistration())
+        derive_registration(bare, StartSkullRegistration(), progress=silent, cancel=never)
     with pytest.raises(InvalidInputError, match="both"):
         StartSkullRegistration(guess_mm=(0.0, 0.0, 0.0))
     with pytest.raises(CancelledError):
-        derive_registration(registered, StartSkullRegistration(), cancel=lambda: True)
+        derive_registration(
+            registered, StartSkullRegistration(), progress=silent, cancel=lambda: True
+        )

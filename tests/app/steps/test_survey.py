@@ -9,21 +9,25 @@ import pytest
 
 import rona_core.app
 from rona_core.app.dependencies.staleness import input_digests, stale_reason
-from rona_core.app.messages.session_messages import Undo
+from rona_core.app.runtime.session_step import Undo
 from rona_core.app.steps.acoustics.derivation import session_probe, usable_speed
 from rona_core.app.steps.acoustics.messages import (
     CalibrateDelayLine,
     StartCaliperMeasurements,
     StartDelayLineCapture,
 )
-from rona_core.app.steps.handheld.derivation import derive_sono_detection
+from rona_core.app.steps.handheld.derivation import (
+    derive_sono_detection,
+    hand_poses,
+    hand_reference,
+    posed_scans,
+)
 from rona_core.app.steps.handheld.messages import (
     StartHandheldCalibration,
     StartHandheldMapping,
     StartHandheldScan,
 )
-from rona_core.app.steps.handheld.scans import hand_poses, hand_reference, posed_scans
-from rona_core.app.steps.maps import survey
+from rona_core.app.steps.maps import derivation
 from rona_core.app.steps.maps.derivation import (
     derive_detection,
     derive_second_detection,
@@ -32,6 +36,7 @@ from rona_core.app.steps.maps.derivation import (
 from rona_core.app.steps.maps.messages import StartMapping
 from rona_core.app.steps.setup.messages import SetProbe, SetSeed
 from rona_core.compose import new_workbench
+from rona_core.devices.protocols import never, silent
 from rona_core.session.document import Session
 from rona_core.session.files import load_session
 from rona_core.ultrasound.acoustic_calibration.speed_calibration import speed_at
@@ -68,9 +73,9 @@ def asked(monkeypatch):
         def spy(*given, **named):
             raise _AskedError(given, named)
 
-        monkeypatch.setattr(survey, "detect", spy)
+        monkeypatch.setattr(derivation, "detect", spy)
         with pytest.raises(_AskedError) as caught:
-            derive(session, message)
+            derive(session, message, progress=silent, cancel=never)
         return caught.value.args
 
     return ask
@@ -143,8 +148,12 @@ def test_detection_is_called_at_one_place_for_all_scans():
             if isinstance(called, ast.Name) and called.id == "detect":
                 callers.add(path.stem)
     # the touch-down of a scan is timed before anything is known of its poses
-    assert callers == {"survey", "probe_poses"}
-    assert [part.name for part in fields(survey.Survey)] == ["scans", "poses", "known_standoff_mm"]
+    assert callers == {"derivation", "probe_poses"}
+    assert [part.name for part in fields(derivation.Survey)] == [
+        "scans",
+        "poses",
+        "known_standoff_mm",
+    ]
 
 
 def test_a_warm_line_that_was_calibrated_is_that_of_the_scan_by_hand():

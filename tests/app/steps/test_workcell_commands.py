@@ -10,8 +10,7 @@ from rona_core.app.dependencies.obstacles import obstacles_of
 from rona_core.app.dependencies.staleness import stale_reason
 from rona_core.app.runtime.handling import handle
 from rona_core.app.steps.setup.clearance import clearance_violations, drawn_obstacles
-from rona_core.app.steps.setup.messages import SetRobot
-from rona_core.app.steps.setup.workcell_messages import AddObstacle, RemoveObstacle, SetWorkcell
+from rona_core.app.steps.setup.messages import AddObstacle, RemoveObstacle, SetRobot, SetWorkcell
 from rona_core.errors import InvalidInputError, NotFoundError
 from rona_core.session.codec import decode, encode
 from rona_core.session.document import Session, Setup

@@ -4,22 +4,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from rona_core.app.declarations.activity_context import ActivityContext
-from rona_core.app.declarations.declarations import (
-    Activity,
-    Capture,
-    Command,
-    Message,
-    Result,
-    Step,
-    StepLine,
-)
-from rona_core.app.dependencies.capture_setup import capture_setup_digest
+from rona_core.app.declarations import declarations as declare
+from rona_core.app.declarations.declarations import ActivityContext
 from rona_core.app.dependencies.inputs import capture_input, require_result, result_input
-from rona_core.app.messages.outcomes import StoreCapture
-from rona_core.app.runtime.handling import compute_result
+from rona_core.app.dependencies.staleness import capture_setup_digest
+from rona_core.app.runtime.handling import compute_result, record
 from rona_core.app.runtime.recording import begin
-from rona_core.app.steps.setup.capture_parts import robot_part
+from rona_core.app.steps.setup import capture_parts as parts
 from rona_core.app.steps.setup.inputs import SCAN_SPEED
 from rona_core.geometry.arrays import Floats, readonly
 from rona_core.session.document import Session
@@ -39,31 +30,30 @@ class ToyLine:
     fitted: Floats  # (n,)
 
 
-def record(
-    activity: StartToyCapture, session: Session, context: ActivityContext
-) -> tuple[Message, ...]:
+def capture(activity: StartToyCapture, session: Session, context: ActivityContext) -> ToyCapture:
     ordinal = begin(session, context)
     readings = readonly(np.arange(activity.n, dtype=np.float64))
-    capture = ToyCapture(ordinal, capture_setup_digest("toy", session), readings)
-    return (StoreCapture("toy", capture), FitToyLine())
+    return ToyCapture(ordinal, capture_setup_digest("toy", session), readings)
 
 
 def derive(session: Session, message: FitToyLine) -> ToyLine:
-    capture = require_result(session.captures.get("toy"), "read the toy")
+    taken = require_result(session.captures.get("toy"), "read the toy")
     speed = session.setup.devices.robot.scan_speed_mm_per_s
-    return ToyLine(readonly(message.slope * speed * capture.readings))
+    return ToyLine(readonly(message.slope * speed * taken.readings))
 
 
 TOY_CAPTURE, TOY = capture_input("toy"), result_input("toy line")
-STEP = Step(
+STEP = declare.Step(
     "toy",
-    commands=(Command(FitToyLine, compute_result, needs=(TOY_CAPTURE,)),),
+    commands=(declare.Command(FitToyLine, compute_result, needs=(TOY_CAPTURE,)),),
     activities=(
-        Activity(StartToyCapture, record, "Reading the toy", uses_devices=True, records=True),
+        declare.Activity(
+            StartToyCapture, record("toy", capture, FitToyLine), "Reading the toy", records=True
+        ),
     ),
-    captures=(Capture("toy", "read the toy", (robot_part,), types=(ToyCapture,)),),
+    captures=(declare.Capture("toy", "read the toy", (parts.robot,), types=(ToyCapture,)),),
     results=(
-        Result(
+        declare.Result(
             "toy line",
             FitToyLine,
             derive,
@@ -72,7 +62,7 @@ STEP = Step(
             types=(ToyLine,),
         ),
     ),
-    line=StepLine(
+    line=declare.StepLine(
         "Toy",
         lambda session: "" if session.results.get("toy line") is None else "a line",
         StartToyCapture,

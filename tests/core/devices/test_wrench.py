@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from rona_core.app.steps.scan.force_view import live_force
+from rona_core.app.steps.scan.contact_view import live_force
 from rona_core.devices.wrench import (
     APPROACH,
     CONTACT,
@@ -18,7 +18,7 @@ from rona_core.devices.wrench import (
     summarize,
 )
 from rona_core.session.document import Session
-from rona_ui.panels.scan.force_graph import FILLS, force_data, force_key, graph_frame
+from rona_ui.panels.scan.force_graph import FILLS, force_data, force_key, graph_axes
 
 LOAD = ToolLoad(1.0, np.zeros(3), np.zeros(6), 0.0, 0.0, 6)
 
@@ -83,7 +83,7 @@ def test_the_graph_shades_each_state_where_it_is_and_names_no_other():
     assert curve.at[-1] == 0.0
     assert curve.states == ("approach", "contact", "lost")
     _, *columns = force_data(curve)
-    high = graph_frame(curve).high_n
+    high = graph_axes(curve)[1].high
     for word, column in zip(FILLS, columns, strict=False):
         on = np.array([STATES[code] == word for code in now.states])
         np.testing.assert_array_equal(column, np.where(on, high, 0.0))

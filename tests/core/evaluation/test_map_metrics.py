@@ -91,6 +91,7 @@ def test_thickness_is_taken_along_the_true_normal_where_maps_are_tilted():
     truth = truth_of(3)
     maps = maps_of(truth, 0.2, -0.1, tilt_rad=0.35)
     errors = thickness_errors_mm(maps, truth)
+    errors = errors[np.isfinite(errors)]
     assert len(errors) > 1500
     np.testing.assert_allclose(errors, 0.3, atol=1e-9)
 
@@ -102,6 +103,7 @@ def test_cells_that_are_flagged_in_either_map_do_not_count():
     maps.outer.ok[spoilt] = False
     maps.outer.height_mm[spoilt] = 99.0
     errors = thickness_errors_mm(maps, truth)
+    errors = errors[np.isfinite(errors)]
     both = maps.inner.ok & maps.outer.ok
     assert np.count_nonzero(both) - 20 < len(errors) <= np.count_nonzero(both)
     np.testing.assert_allclose(errors, 0.1, atol=1e-9)
@@ -155,7 +157,7 @@ def test_where_the_bone_has_no_inner_boundary_no_error_is_made_up():
     truth.scene.specimen = Open()
     maps = maps_of(truth, inner_mm=0.25)
     points = maps.inner.T_base_map @ np.array([(0.0, 0.0, 0.0), (5.0, 0.0, 0.0)])
-    assert len(inner_errors_mm(points, truth, False)) == 1
+    assert np.isfinite(inner_errors_mm(points, truth, False)).sum() == 1
     assert map_figures(maps, truth)["inner_rms_mm"] == pytest.approx(0.25, abs=1e-9)
 
 

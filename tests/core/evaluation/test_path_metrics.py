@@ -6,6 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from rona_core.path.manual_edits import PathEdits
+from rona_core.robot.trajectory.trajectory import Trajectory
 from rona_core.session.codec import digest
 from tests.core.evaluation.test_navigation_metrics import truth_of
 
@@ -125,7 +126,7 @@ def test_a_plan_is_counted_by_rolls_and_timed_from_end_to_end():
     joint_5_deg = (119.0, 45.0, 112.5, 60.0, 119.0)
     qs_rad = np.deg2rad([[0, 0, 90, 0, angle, 0] for angle in joint_5_deg])
     times_s = np.array([0.0, 1.5, 20.0, 55.0, 61.25])
-    trajectory = SimpleNamespace(times_s=times_s, qs_rad=qs_rad, scan_start_s=1.5, scan_end_s=55.0)
+    trajectory = Trajectory(times_s, qs_rad, 1.5, 55.0, np.zeros(5))
     plan = SimpleNamespace(
         model="rx90",
         search=SimpleNamespace(verdicts=verdicts, mode="variable", roll_variation_deg=35.0),

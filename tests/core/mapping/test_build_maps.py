@@ -8,14 +8,16 @@ from hypothesis import strategies as st
 from rona_core.devices.settings import ProbeSettings
 from rona_core.errors import CancelledError, DegenerateGeometryError, InvalidInputError
 from rona_core.geometry.pose import Pose, Poses
-from rona_core.mapping.build_maps import LocatedDetection, build_maps
-from rona_core.mapping.curvature_correction import lateness_mm, mean_curvature_per_mm
+from rona_core.mapping.build_maps import (
+    LocatedDetection,
+    build_maps,
+    lateness_mm,
+    mean_curvature_per_mm,
+)
 from rona_core.mapping.hampel_filter import agreeing
-from rona_core.mapping.interpolation_error import left_out_error
-from rona_core.mapping.thin_plate_spline import fit_plate
+from rona_core.mapping.thin_plate_spline import fit_plate, left_out_error
 from rona_core.ultrasound.detection.detect import detect
-from rona_core.ultrasound.probe.probe_model import probe_model
-from rona_core.ultrasound.probe.survey import ProbeSurvey
+from rona_core.ultrasound.probe.probe_model import ProbeSurvey, probe_model
 from tests.helpers.mapping_scenes import T_BASE_SKULL, cloud, errors_mm, survey
 from tests.helpers.ultrasound_scenes import WavySkull, scan
 

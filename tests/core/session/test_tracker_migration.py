@@ -8,8 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from rona_core.app.dependencies.capture_setup import capture_setup_digest
-from rona_core.app.dependencies.staleness import stale_reason
+from rona_core.app.dependencies.staleness import capture_setup_digest, stale_reason
 from rona_core.devices.settings import FIRST_PLACE, TrackerPlace, TrackerSettings
 from rona_core.errors import SessionFormatError
 from rona_core.session.codec import decode, digest

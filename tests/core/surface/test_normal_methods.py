@@ -1,15 +1,13 @@
-"""What each way of fitting is for: bias, rims, outliers, relief; honest errors; the radius."""
+"""What each way of fitting is for: bias, rims, relief; honest errors; the radius."""
 
 import numpy as np
 import pytest
 from hypothesis import given, settings
-from hypothesis import strategies as st
+from scipy.spatial import KDTree
 
 from rona_core.errors import InvalidInputError
-from rona_core.surface.normals.grid_moments import smallest_axes
 from rona_core.surface.normals.neighbourhood_radius import choose_radius
-from rona_core.surface.normals.normals import FLAGS, NormalField
-from rona_core.surface.normals.sparse_regions import REASONS, thin_places
+from rona_core.surface.normals.normals import FLAGS, REASONS, NormalField, thin_places
 from tests.core.surface.test_normals import angles_deg
 from tests.helpers.strategies import cap, random_rotation, seeds
 
@@ -28,18 +26,15 @@ def errors_deg(found, at):
     return angles_deg(found.normals, at / np.linalg.norm(at, axis=1)[:, None])
 
 
-@pytest.mark.parametrize("method", ["tls", "jet", "robust", "grid"])
 @pytest.mark.parametrize("density", [0.5, 3.0])
-def test_predicted_errors_are_honest(method, density):
+def test_predicted_errors_are_honest(density):
     rng = np.random.default_rng(int(density * 10))
     area = 2 * np.pi * R**2 * (1 - np.cos(np.deg2rad(40)))
     points, out, true = noisy_cap(rng, int(density * area))
     at = points[true @ out > R * np.cos(np.deg2rad(30))][:1500]
-    found = NormalField(points, 8.0).normals(at, method=method, viewpoint=4 * R * out)
+    found = NormalField(points, 8.0).normals(at, method="jet", viewpoint=4 * R * out)
     squares = (errors_deg(found, at) / found.sigma_deg) ** 2
-    assert (
-        0.7 < squares.mean() < 1.35
-    )  # 1 where the prediction is right; cells err to the safe side
+    assert 0.7 < squares.mean() < 1.35  # 1 where the prediction is right
     assert 0.95 < np.mean(squares < 4.0)  # two sigma of two angles: 0.982
 
 
@@ -47,32 +42,15 @@ def test_a_quadric_stands_upright_at_the_rim_where_a_plane_leans():
     rng = np.random.default_rng(1)
     points, out, true = noisy_cap(rng, 20000)
     rim = points[true @ out < R * np.cos(np.deg2rad(40) - 1 / R)]
-    for method, low, high in (("tls", 3.0, 6.0), ("jet", 0.0, 0.7)):
+    for method, low, high in (("ols", 3.0, 6.0), ("jet", 0.0, 0.7)):
         found = NormalField(points, 15.0).normals(rim, method=method, viewpoint=4 * R * out)
         assert low < np.median(errors_deg(found, rim)) <= high
-        assert (np.array(found.flags) == "one_sided").mean() == (method == "tls")
+        assert (np.array(found.flags) == "one_sided").mean() == (method == "ols")
     found = NormalField(points).normals(rim, method="jet", viewpoint=4 * R * out)
     assert found.ok.all()
     assert np.median(errors_deg(found, rim)) <= 0.7  # where it matters it takes a wider one
     assert found.radii_mm is not None
     assert (found.radii_mm > found.radius_mm).mean() > 0.5
-
-
-def test_outliers_do_not_tilt_the_robust_plane():
-    rng = np.random.default_rng(2)
-    points, out, true = noisy_cap(rng, 8000, sigma=0.2)
-    stray = rng.random(len(points)) < 0.1
-    points[stray] += out * rng.uniform(2, 6, stray.sum())[:, None]
-    at = true[(true @ out > R * np.cos(np.deg2rad(30)))][:300]
-    found = {
-        m: NormalField(points, 8.0).normals(at, method=m, viewpoint=4 * R * out)
-        for m in ("tls", "robust")
-    }
-    robust, plain = (errors_deg(found[m], at) for m in ("robust", "tls"))
-    assert np.median(robust) < 0.45
-    assert np.median(robust) < 0.4 * np.median(plain)
-    # strays widen the median distance too: the prediction errs to the safe side
-    assert 0.55 < ((robust / found["robust"].sigma_deg) ** 2).mean() < 1.3
 
 
 @given(seed=seeds)
@@ -90,57 +68,6 @@ def test_quadrics_are_exact_on_quadrics(seed):
     assert found.ok.all()
 
 
-@given(seed=seeds, spread=st.sampled_from([0.0, 1e-9, 1e-3, 1.0]))
-@few
-def test_smallest_axes_agree_with_a_general_solver(seed, spread):
-    rng = np.random.default_rng(seed)
-    turn = random_rotation(rng)
-    sizes = np.sort(rng.uniform(0.01, 1.0, 3)) + np.array((0.0, 5.0, 5.0 + spread))
-    s = (turn * sizes) @ turn.T
-    values, axis = smallest_axes(np.array([[s[i, j]] for i in range(3) for j in range(i, 3)]))
-    np.testing.assert_allclose(values[0], np.linalg.eigvalsh(s), atol=1e-6)
-    assert abs(axis[0] @ turn[:, 0]) == pytest.approx(1.0, abs=1e-9)
-
-
-def test_the_grid_agrees_with_the_ball_and_cuts_up_large_clouds(monkeypatch):
-    rng = np.random.default_rng(4)
-    points, out, true = noisy_cap(rng, 20000)
-    at = points[true @ out > R * np.cos(np.deg2rad(30))]
-    field = NormalField(points, 8.0)
-    ball, grid = (
-        field.normals(at, method=method, viewpoint=4 * R * out) for method in ("tls", "grid")
-    )
-    assert grid.ok.all()
-    # the two weigh the same points differently: they differ by less than either errs
-    apart = np.median(angles_deg(ball.normals, grid.normals))
-    assert apart < np.median(errors_deg(ball, at))
-    assert np.median(errors_deg(grid, at)) < 1.2 * np.median(errors_deg(ball, at))
-    assert np.median(grid.count / ball.count) == pytest.approx(1.0, abs=0.15)
-    monkeypatch.setattr("rona_core.surface.normals.grid_moments.MAX_NODES", 15_000)
-    cut = field.normals(at, method="grid", viewpoint=4 * R * out)
-    # blocks begin elsewhere, so cells do; still the same neighbourhoods
-    assert np.median(angles_deg(cut.normals, grid.normals)) < 0.2
-    lonely = field.normals([[500.0, 0, 0]], method="grid", outward=(0, 0, 1))
-    assert lonely.flags == ("too_few",)
-
-
-@pytest.mark.parametrize("method", ["tls", "ols", "jet", "robust", "grid"])
-def test_adding_points_while_scanning_gives_the_same_bits(method):
-    rng = np.random.default_rng(6)
-    points, out, _ = noisy_cap(rng, 3000)
-    at, options = points[::60], {"method": method, "viewpoint": 4 * R * out}
-    grown = NormalField(points[:1000], 8.0)
-    before = grown.normals(at, **options)
-    grown.add(points[1000:1001])
-    grown.add(points[1001:])
-    after, at_once = grown.normals(at, **options), NormalField(points, 8.0).normals(at, **options)
-    assert (after.count > before.count).all()
-    if method == "jet":  # its noise is measured on a sample of the cloud, taken in order
-        np.testing.assert_array_equal(after.normals, at_once.normals)
-    for name in ("normals", "count", "eigenvalues", "sigma_deg", "ok"):
-        np.testing.assert_array_equal(getattr(after, name), getattr(at_once, name))
-
-
 def test_the_radius_grows_with_noise_and_shrinks_with_density_and_relief():
     rng = np.random.default_rng(7)
     flat = rng.uniform(-45, 45, (12000, 2))
@@ -149,7 +76,7 @@ def test_the_radius_grows_with_noise_and_shrinks_with_density_and_relief():
         xy = flat[:n]
         height = relief * np.sin(xy[:, 0] / 3.0) * np.sin(xy[:, 1] / 3.0)
         points = np.column_stack((xy, height)) + rng.normal(0, sigma, (n, 3))
-        return choose_radius(points, "jet")
+        return choose_radius(KDTree(points), "jet")
 
     base = chosen(6000, 0.15, 0.4)
     assert base.noise_mm == pytest.approx(0.15, rel=0.15)
@@ -160,10 +87,10 @@ def test_the_radius_grows_with_noise_and_shrinks_with_density_and_relief():
     i = int(np.flatnonzero(base.radii_mm == base.radius_mm)[0])
     assert np.hypot(base.noise_deg, base.lean_deg).argmin() == i
     sphere, _, _ = noisy_cap(rng, 10000, sigma=0.1)
-    assert 1 / choose_radius(sphere, "jet").curvature_per_mm == pytest.approx(R, rel=0.15)
+    assert 1 / choose_radius(KDTree(sphere), "jet").curvature_per_mm == pytest.approx(R, rel=0.15)
 
 
-@pytest.mark.parametrize("method", ["tls", "jet"])
+@pytest.mark.parametrize("method", ["ols", "jet"])
 def test_the_chosen_radius_is_nearly_as_good_as_the_best(method):
     rng = np.random.default_rng(8)
     xy = rng.uniform(-40, 40, (5000, 2))
@@ -195,7 +122,7 @@ def test_a_place_on_a_strand_gets_a_wider_neighbourhood_or_a_reason():
     points = np.column_stack((flat, np.zeros(len(flat)))) + rng.normal(0, 0.02, (len(flat), 3))
     at = np.array([(-15.0, 0, 0), (15.0, -2.0, 0), (150.0, 0, 0)])
     field = NormalField(points)
-    found = field.normals(at, method="tls", outward=(0, 0, 1))
+    found = field.normals(at, method="ols", outward=(0, 0, 1))
     assert found.flags == ("ok", "ok", "too_few")
     assert found.choice is not None
     assert found.radii_mm is not None
@@ -205,7 +132,7 @@ def test_a_place_on_a_strand_gets_a_wider_neighbourhood_or_a_reason():
     np.testing.assert_array_equal(thin.places, (2, 1))
     np.testing.assert_array_equal(thin.points_base, at[[2, 1]])
     assert (np.diff(thin.times) <= 0).all()
-    narrow = NormalField(points, 5.5).normals(at, method="tls", outward=(0, 0, 1))
+    narrow = NormalField(points, 5.5).normals(at, method="ols", outward=(0, 0, 1))
     assert narrow.flags == ("ok", "rank_deficient", "too_few")
     assert narrow.choice is None
     assert narrow.radii_mm is None
@@ -238,7 +165,7 @@ def test_a_path_alone_gives_its_normals_or_says_why_not():
     assert np.percentile(errors_deg(found, true), 95) < 3.0
 
 
-@pytest.mark.parametrize("method", ["tls", "jet", "robust"])
+@pytest.mark.parametrize("method", ["ols", "jet"])
 def test_no_normal_is_silently_wrong_in_sparse_clouds(method):
     rng = np.random.default_rng(11)
     wrong, fine = 0, 0

@@ -6,7 +6,7 @@ from rona_core.devices.marker_geometry import GEOMETRIES
 from rona_core.devices.settings import SONO, TOOLS, DeviceSettings
 from rona_core.errors import InvalidInputError
 from rona_core.session.document import Setup
-from rona_core.virtual.operator.handheld_probe import MOST_TILT_RAD, PLAY_MM, PRESSED_MM
+from rona_core.virtual.operator.hand_trajectories import MOST_TILT_RAD, PLAY_MM, PRESSED_MM
 from rona_core.virtual.operator.operator import VirtualOperator
 from rona_core.virtual.rig import build_scene
 

@@ -224,8 +224,8 @@ def test_a_place_beyond_the_specimen_is_refused_by_its_number():
 class Colander(SphereSpecimen):
     """A sphere that rays pass through on one side."""
 
-    def ray(self, origins_skull, directions_skull, boundary="outer"):
-        hit = super().ray(origins_skull, directions_skull, boundary)
+    def ray(self, origins_skull, directions_skull):
+        hit = super().ray(origins_skull, directions_skull)
         off = np.asarray(origins_skull) - self.region.center_skull
         return np.where(off @ (0.36, -0.8, 0.0) > 0.0, np.inf, hit)
 

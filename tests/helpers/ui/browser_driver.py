@@ -13,9 +13,12 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
+import pytest
+
 REPOSITORY = Path(__file__).resolve().parents[3]
 CHROMIUM = Path(os.environ.get("RONA_CHROMIUM", "/usr/bin/chromium"))
 TOKEN = "token-of-the-browser-test"
+PAUSE_S = 0.6  # longer than a dragged field takes to settle
 STEPS = ("Set-up", "Tool", "Pointer", "Surface", "Path", "Smoothing", "Roll", "Scan", "Maps")
 FLAGS = (
     "--headless=new", "--no-sandbox", "--disable-quic", "--no-first-run",
@@ -26,8 +29,22 @@ DRAWN_BY = {
     "mesa": ("--use-gl=angle", "--use-angle=gl-egl"),
     "swiftshader": ("--use-angle=swiftshader", "--enable-unsafe-swiftshader"),
 }
+PICTURES = os.environ.get("RONA_SCREENSHOTS") == "1"
 VIEWPORT = {"width": 1600, "height": 1000}  # of the pictures
 SMALL = {"width": 1360, "height": 850}  # quicker to draw
+# no graphics card is here, and drawing took more of the processor than all that is tested: the
+# scene in one pixel of 16 and ten times a second, beside panels that are as ever
+COARSE = """(() => {
+  const get = URLSearchParams.prototype.get, frame = window.requestAnimationFrame;
+  let last = -Infinity;
+  URLSearchParams.prototype.get = function (name) {
+    return name === 'fixedDpr' ? '0.25' : get.call(this, name);
+  };
+  window.requestAnimationFrame = (call) => frame((now) => {
+    if (now <= last || now - last >= 100) { last = now; call(now); }
+    else setTimeout(() => frame((later) => { last = later; call(later); }), last + 100 - now);
+  });
+})()"""
 
 PROJECT = """(places) => {
   const m = window.__viserMutable, node = m.nodeRefFromName['/skull'];
@@ -40,6 +57,9 @@ PROJECT = """(places) => {
     return [box.left + (v.x + 1) / 2 * box.width, box.top + (1 - v.y) / 2 * box.height];
   });
 }"""
+OPEN_DEMO = "async () => (await (await fetch('/api/v1/sessions/demo', {method: 'POST'})).json()).id"
+PUT = """async ([path, body]) => (await fetch('/api/v1/sessions/current' + path, {method: 'POST',
+  headers: {'Content-Type': 'application/json'}, body: JSON.stringify(body)})).status"""
 ASK = "async (path) => (await fetch('/api/v1' + path)).json()"
 STATES = """() => [...document.querySelectorAll('.r-step .r-badge')].map((e) => e.textContent)"""
 # names of what is drawn; parents that stay behind, empty, when their last child goes do not count
@@ -57,6 +77,24 @@ def free_port() -> int:
     with socket.socket() as probe:
         probe.bind(("127.0.0.1", 0))
         return int(probe.getsockname()[1])
+
+
+@contextmanager
+def running_browser() -> Iterator[Any]:
+    """Run a headless Chromium; without one the tests are skipped, or fail under ``CI``."""
+    if not CHROMIUM.is_file():
+        reason = (
+            f"no browser at {CHROMIUM}: see tests/tools/install_browser.sh, or set RONA_CHROMIUM"
+        )
+        if os.environ.get("CI"):
+            pytest.fail(reason)
+        pytest.skip(reason)
+    playwright = pytest.importorskip("playwright.sync_api")
+    flags = (*FLAGS, *DRAWN_BY[os.environ.get("RONA_E2E_GL", "mesa")])
+    with playwright.sync_playwright() as driver:
+        browser = driver.chromium.launch(executable_path=CHROMIUM, args=list(flags))
+        yield browser
+        browser.close()
 
 
 @contextmanager
@@ -110,6 +148,17 @@ def wait_for(condition: Callable[[], Any], timeout_s: float, what: str) -> Any:
     raise AssertionError(f"waited {timeout_s:.0f} s for {what}")
 
 
+@contextmanager
+def surgeon_at(browser: Any, address: str, pictures: Path) -> Iterator["Surgeon"]:
+    """Open a page and sit down before it; close it afterwards."""
+    page = browser.new_page(viewport=VIEWPORT if PICTURES else SMALL)
+    page.set_default_timeout(60_000)
+    if not PICTURES:
+        page.add_init_script(COARSE)
+    yield Surgeon(page, address, pictures)
+    page.close()
+
+
 class Surgeon:
     """Eyes, mouse and keyboard before the page."""
 
@@ -131,6 +180,12 @@ class Surgeon:
         close = self.frame.locator(".mantine-Notification-root button")
         for _ in range(close.count()):  # tells of software rendering, and covers the scene
             close.first.click()
+
+    def open_demo(self) -> None:
+        """Open the demo session as it is on file, beside the sessions that are open."""
+        made = self.page.evaluate(OPEN_DEMO)
+        wait_for(lambda: self.ask("/sessions/current")["id"] == made, 30.0, "the demo session")
+        wait_for(lambda: self.states() == ["done"] * len(STEPS), 30.0, "its steps")
 
     def _viewer(self) -> Any:
         return next((f for f in self.page.frames if "/viewer" in f.url), None)
@@ -190,3 +245,23 @@ class Surgeon:
         path = self.pictures / f"{name}.png"
         self.page.screenshot(path=path)
         return path
+
+
+def put(surgeon: Surgeon, path: str, body: Any) -> None:
+    """Send something to the current session over REST."""
+    assert surgeon.page.evaluate(PUT, [path, body]) < 300
+
+
+def retype(surgeon: Surgeon, field: Any, text: str) -> None:
+    """Type over what a field holds, as slowly as somebody who thinks."""
+    field.click()
+    surgeon.page.keyboard.press("Control+a")
+    first, rest = text[:1], text[1:]
+    surgeon.page.keyboard.type(first)
+    time.sleep(PAUSE_S)
+    surgeon.page.keyboard.type(rest)
+
+
+def shows(field: Any, text: str) -> Any:
+    """Wait until a field shows a text."""
+    return wait_for(lambda: field.input_value() == text, 10, f"the field to show {text}")

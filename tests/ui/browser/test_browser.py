@@ -1,6 +1,5 @@
 """The whole procedure in a real browser, by mouse and keyboard alone."""
 
-import os
 import re
 import time
 from collections.abc import Iterator
@@ -10,61 +9,30 @@ from typing import Any
 import numpy as np
 import pytest
 
-from rona_core.session.files import load_session
-from rona_ui.resources import demo_session
 from tests.helpers.ui.browser_driver import (
-    CHROMIUM,
-    DRAWN_BY,
-    FLAGS,
-    REPOSITORY,
-    SMALL,
+    PICTURES,
     STEPS,
-    VIEWPORT,
     Surgeon,
     running_server,
+    surgeon_at,
     wait_for,
 )
 
 pytestmark = [pytest.mark.browser, pytest.mark.slow]
-PICTURES = os.environ.get("RONA_SCREENSHOTS") == "1"
+PACE = None if PICTURES else 40.0  # times real time; None is what `rona serve` takes
 # a name that would be markup if it were not escaped; a plain one where pictures are kept
 NAME = "Bone 7" if PICTURES else "Bone <b>7</b> & co"
-
-
-@pytest.fixture(scope="module")
-def pictures(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    if PICTURES:
-        folder = REPOSITORY / "docs" / "images"
-        folder.mkdir(parents=True, exist_ok=True)
-        return folder
-    return tmp_path_factory.mktemp("pictures")
-
-
-@pytest.fixture(scope="module")
-def browser() -> Iterator[Any]:
-    if not CHROMIUM.is_file():
-        reason = (
-            f"no browser at {CHROMIUM}: see tests/tools/install_browser.sh, or set RONA_CHROMIUM"
-        )
-        if os.environ.get("CI"):
-            pytest.fail(reason)
-        pytest.skip(reason)
-    playwright = pytest.importorskip("playwright.sync_api")
-    flags = (*FLAGS, *DRAWN_BY[os.environ.get("RONA_E2E_GL", "mesa")])
-    with playwright.sync_playwright() as driver:
-        started = driver.chromium.launch(executable_path=CHROMIUM, args=list(flags))
-        yield started
-        started.close()
 
 
 @pytest.fixture(scope="module")
 def surgeon(
     tmp_path_factory: pytest.TempPathFactory, pictures: Path, browser: Any
 ) -> Iterator[Surgeon]:
-    with running_server(tmp_path_factory.mktemp("sessions")) as address:
-        page = browser.new_page(viewport=VIEWPORT if PICTURES else SMALL)
-        page.set_default_timeout(60_000)
-        yield Surgeon(page, address, pictures)
+    with (
+        running_server(tmp_path_factory.mktemp("sessions"), PACE) as address,
+        surgeon_at(browser, address, pictures) as surgeon,
+    ):
+        yield surgeon
 
 
 def region_center(surgeon: Surgeon) -> np.ndarray:
@@ -231,83 +199,3 @@ def test_a_value_out_of_range_is_told_and_the_field_shows_the_truth(surgeon: Sur
     radius.press("Enter")
     surgeon.frame.get_by_text("Region radius (mm) must be 5 to 45, not 453").first.wait_for()
     wait_for(lambda: radius.input_value() == held, 10, "the field to show the truth")
-
-
-def ascans_told(surgeon: Surgeon, ending: str) -> int:
-    """Wait for the word of the scan step that ends so; return how many A-scans it tells of."""
-    told = surgeon.frame.get_by_text(re.compile(rf"^\d+ A-scans in .*{ending}"))
-    told.wait_for()
-    found = re.match(r"\d+", told.inner_text())
-    assert found is not None
-    return int(found.group())
-
-
-CHOOSE = """async (index) => (await fetch('/api/v1/sessions/current/commands/ChooseRoll', {
-  method: 'POST', headers: {'Content-Type': 'application/json'}, body: JSON.stringify({index}),
-})).status"""
-
-
-def stopped_by_escape(surgeon: Surgeon, words: str) -> Any:
-    """Scan, press Esc once A-scans come; return how the robot stands then."""
-    surgeon.button(words).click()
-    share = surgeon.frame.get_by_text(re.compile(r"^Scanning: [1-9]\d* %$"))
-    share.wait_for()  # A-scans have begun to come
-    assert surgeon.ask("/sessions/current/robot/state")["moving"]
-    surgeon.page.keyboard.press("Escape")
-    pressed_s = time.monotonic()
-    wait_for(lambda: not surgeon.ask("/sessions/current/robot/state")["moving"], 1.0, "rest")
-    stopped = surgeon.ask("/sessions/current/robot/state")
-    assert time.monotonic() - pressed_s < 1.0  # at once, whatever the page has to draw
-    surgeon.wait_idle(5.0)  # most of the path is still ahead
-    recorded = surgeon.ask("/sessions/current")["captures"][-1]
-    assert (recorded["kind"], recorded["partial"]) == ("ScanCapture", True)
-    return stopped
-
-
-def test_escape_stops_the_robot_while_it_scans(
-    tmp_path_factory: pytest.TempPathFactory, pictures: Path, browser: Any
-) -> None:
-    """On the demo session, slowly enough to be stopped in the middle of the path."""
-    with running_server(tmp_path_factory.mktemp("stopped"), pace=2.0) as address:
-        page = browser.new_page(viewport=SMALL)
-        page.set_default_timeout(60_000)
-        surgeon = Surgeon(page, address, pictures)
-        surgeon.open_step("Scan")
-        whole = ascans_told(surgeon, "Replay them below")
-        before = surgeon.states()
-        stopped = stopped_by_escape(surgeon, "Scan again")
-        # a repeat: the whole scan of before stands, with its maps
-        surgeon.frame.get_by_text("the previous recording and its results are unchanged").wait_for()
-        assert ascans_told(surgeon, "Replay them below") == whole
-        assert surgeon.states() == before
-
-        time.sleep(2.0)  # a hand off the keys: nothing may move by itself
-        later = surgeon.ask("/sessions/current/robot/state")
-        assert later["joints_deg"] == stopped["joints_deg"]
-        assert not later["moving"]
-        assert all(job["state"] != "running" for job in surgeon.ask("/jobs"))
-
-        back = surgeon.button("Retract probe")  # it stands on the bone
-        back.click()
-        back.wait_for(state="hidden")
-        surgeon.wait_idle(30.0)
-        wait_for(lambda: surgeon.ask("/jobs")[-1]["state"] == "done", 10, "the probe to be back")
-        assert surgeon.ask("/jobs")[-1]["activity"] == "StartRetract"
-        assert back.is_hidden()
-
-        plan = load_session(demo_session()).results.roll.value
-        other = next(
-            i for i, v in enumerate(plan.search.verdicts) if v.feasible and i != plan.search.chosen
-        )
-        assert page.evaluate(CHOOSE, other) == 200
-        surgeon.wait_state("Scan", "stale", 60)
-        stopped_by_escape(surgeon, "Scan")
-        count = ascans_told(surgeon, "Stopped early: scan again")
-        assert 0 < count < 0.9 * whole
-        assert surgeon.frame.get_by_text("Replay them below").count() == 0
-        surgeon.wait_state("Scan", "partial", 30)
-        ascans = "/sessions/current/ascans/first"
-        assert "code" not in surgeon.ask(f"{ascans}/{count - 1}")
-        assert surgeon.ask(f"{ascans}/{count}")["code"] == "not_found"
-        assert surgeon.errors == []
-        page.close()

@@ -1,7 +1,5 @@
 """Recordings in a real browser: a pivot from a file is calibrated, and saved as a sequence file."""
 
-import os
-from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
@@ -9,39 +7,9 @@ import pytest
 
 from rona_core.devices.files.poses.igs_mha import read_igs_mha
 from tests.helpers.pivot_data import TIP, poses, rows_file
-from tests.helpers.ui.browser_driver import (
-    CHROMIUM,
-    DRAWN_BY,
-    FLAGS,
-    SMALL,
-    Surgeon,
-    running_server,
-    wait_for,
-)
+from tests.helpers.ui.browser_driver import Surgeon, wait_for
 
 pytestmark = [pytest.mark.browser, pytest.mark.slow]
-
-
-@pytest.fixture(scope="module")
-def surgeon(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Surgeon]:
-    if not CHROMIUM.is_file():
-        reason = (
-            f"no browser at {CHROMIUM}: see tests/tools/install_browser.sh, or set RONA_CHROMIUM"
-        )
-        if os.environ.get("CI"):
-            pytest.fail(reason)
-        pytest.skip(reason)
-    playwright = pytest.importorskip("playwright.sync_api")
-    flags = (*FLAGS, *DRAWN_BY[os.environ.get("RONA_E2E_GL", "mesa")])
-    with (
-        running_server(tmp_path_factory.mktemp("sessions")) as address,
-        playwright.sync_playwright() as driver,
-    ):
-        browser = driver.chromium.launch(executable_path=CHROMIUM, args=list(flags))
-        page = browser.new_page(viewport=SMALL)
-        page.set_default_timeout(60_000)
-        yield Surgeon(page, address, tmp_path_factory.mktemp("pictures"))
-        browser.close()
 
 
 def test_a_pivot_is_imported_and_what_was_imported_is_downloaded(

@@ -1,50 +1,15 @@
-"""The keyboard in a real browser: fields, Esc, and what the log keeps of refusals."""
+"""Fields in a real browser: when they are sent, and what the log keeps of refusals."""
 
 import contextlib
-import os
 import re
 import time
-from collections.abc import Callable, Iterator
 from typing import Any
 
 import pytest
 
-from tests.helpers.ui.browser_driver import (
-    CHROMIUM,
-    DRAWN_BY,
-    FLAGS,
-    SMALL,
-    Surgeon,
-    running_server,
-    wait_for,
-)
+from tests.helpers.ui.browser_driver import PAUSE_S, Surgeon, put, retype, shows, wait_for
 
 pytestmark = [pytest.mark.browser, pytest.mark.slow]
-PAUSE_S = 0.6  # longer than a dragged field takes to settle
-POST = """async ([path, body]) => (await fetch('/api/v1/sessions/current' + path, {method: 'POST',
-  headers: {'Content-Type': 'application/json'}, body: JSON.stringify(body)})).status"""
-
-
-@pytest.fixture(scope="module")
-def surgeon(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Surgeon]:
-    if not CHROMIUM.is_file():
-        reason = (
-            f"no browser at {CHROMIUM}: see tests/tools/install_browser.sh, or set RONA_CHROMIUM"
-        )
-        if os.environ.get("CI"):
-            pytest.fail(reason)
-        pytest.skip(reason)
-    playwright = pytest.importorskip("playwright.sync_api")
-    flags = (*FLAGS, *DRAWN_BY[os.environ.get("RONA_E2E_GL", "mesa")])
-    with (
-        running_server(tmp_path_factory.mktemp("sessions"), pace=2.0) as address,
-        playwright.sync_playwright() as driver,
-    ):
-        browser = driver.chromium.launch(executable_path=CHROMIUM, args=list(flags))
-        page = browser.new_page(viewport=SMALL)
-        page.set_default_timeout(60_000)
-        yield Surgeon(page, address, tmp_path_factory.mktemp("pictures"))
-        browser.close()
 
 
 def setup(surgeon: Surgeon) -> dict[str, Any]:
@@ -57,24 +22,6 @@ def radius(surgeon: Surgeon) -> float:
 
 def revision(surgeon: Surgeon) -> int:
     return surgeon.ask("/sessions/current")["revision"]
-
-
-def put(surgeon: Surgeon, path: str, body: Any) -> None:
-    assert surgeon.page.evaluate(POST, [path, body]) < 300
-
-
-def retype(surgeon: Surgeon, field: Any, text: str) -> None:
-    """Type over what a field holds, as slowly as somebody who thinks."""
-    field.click()
-    surgeon.page.keyboard.press("Control+a")
-    first, rest = text[:1], text[1:]
-    surgeon.page.keyboard.type(first)
-    time.sleep(PAUSE_S)
-    surgeon.page.keyboard.type(rest)
-
-
-def shows(field: Any, text: str) -> Any:
-    return wait_for(lambda: field.input_value() == text, 10, f"the field to show {text}")
 
 
 def log(surgeon: Surgeon) -> list[str]:
@@ -234,122 +181,4 @@ def test_texts_components_and_sliders_wait_for_their_end_too(surgeon: Surgeon) -
     surgeon.button("Rename").click()  # the click leaves the field
     wait_for(lambda: surgeon.ask("/sessions/current")["name"] == "of a patient", 10, "the name")
     frame.get_by_text("Session", exact=True).click()
-    assert surgeon.errors == []
-
-
-# -- Esc -------------------------------------------------------------------------------------------
-
-
-def drawing(surgeon: Surgeon) -> bool:
-    return surgeon.button("Finish stroke").is_visible()
-
-
-def begin_drawing(surgeon: Surgeon) -> None:
-    surgeon.open_step("Path")
-    surgeon.button("Draw on the skull").click()
-    surgeon.button("Finish stroke").wait_for()
-
-
-def palette(surgeon: Surgeon) -> Any:
-    return surgeon.frame.locator("input.mantine-Spotlight-search")
-
-
-def open_palette(surgeon: Surgeon) -> None:
-    # the keys go to the viewer, and not to a button of the page around it that was clicked last
-    surgeon.frame.evaluate("() => { document.activeElement?.blur(); window.focus(); }")
-    wait_for(lambda: surgeon.frame.evaluate("document.hasFocus()"), 10, "the viewer's focus")
-    surgeon.page.keyboard.press("Control+k")
-    palette(surgeon).wait_for()
-    inside = "document.activeElement?.matches('input.mantine-Spotlight-search')"
-    wait_for(lambda: surgeon.frame.evaluate(inside), 10, "the palette to listen")
-
-
-def open_menu(surgeon: Surgeon) -> None:
-    surgeon.open_step("Set-up")
-    surgeon.field("Bone").click()
-    surgeon.frame.get_by_role("option").filter(visible=True).first.wait_for()
-
-
-def type_something(surgeon: Surgeon) -> None:
-    surgeon.open_step("Tool")
-    retype(surgeon, surgeon.field("Pivot poses"), "99")
-
-
-def open_help(surgeon: Surgeon) -> None:
-    surgeon.page.locator("#help").click()
-    surgeon.page.locator("#helptext").wait_for()
-
-
-def announced(surgeon: Surgeon) -> str:
-    message = surgeon.page.locator("#message")
-    return message.inner_text() if message.is_visible() else ""
-
-
-def idle(surgeon: Surgeon) -> bool:
-    return all(job["state"] != "running" for job in surgeon.ask("/jobs"))
-
-
-def test_escape_at_rest_closes_one_thing_at_a_time_and_announces_no_stop(surgeon: Surgeon) -> None:
-    page, keys = surgeon.page, surgeon.page.keyboard
-    begin_drawing(surgeon)
-    open_palette(surgeon)
-    keys.press("Escape")
-    palette(surgeon).wait_for(state="hidden")
-    assert drawing(surgeon)
-    open_help(surgeon)
-    keys.press("Escape")
-    page.locator("#helptext").wait_for(state="hidden")
-    assert drawing(surgeon)
-    field = surgeon.field("Duration")
-    held = field.input_value()
-    retype(surgeon, field, "77")
-    keys.press("Escape")
-    shows(field, held)
-    assert drawing(surgeon)
-    keys.press("Escape")  # nothing is open any more: the mode itself
-    wait_for(lambda: not drawing(surgeon), 10, "drawing to end")
-    assert surgeon.button("Draw on the skull").is_visible()
-
-    begin_drawing(surgeon)
-    page.locator("#help").focus()  # outside of the viewer
-    keys.press("Escape")
-    wait_for(lambda: not drawing(surgeon), 10, "drawing to end")
-    open_menu(surgeon)
-    keys.press("Escape")
-    surgeon.frame.get_by_role("option").filter(visible=True).first.wait_for(state="hidden")
-    search = {"n_rolls": 720, "roll_from_deg": 0.0, "roll_to_deg": 360.0}
-    put(surgeon, "/jobs/StartRollSearch", search)  # nothing moves, so nothing of it may end
-    keys.press("Escape")
-    time.sleep(PAUSE_S)
-    assert announced(surgeon) == ""
-    assert not any(job["state"] == "cancelled" for job in surgeon.ask("/jobs"))
-    page.locator("#stop").click()  # the red button stops always, and says so
-    wait_for(lambda: announced(surgeon) == "Robot stopped", 10, "the word of the stop")
-    for job in surgeon.ask("/jobs"):
-        page.evaluate("(id) => fetch('/api/v1/jobs/' + id, {method: 'DELETE'})", job["id"])
-    wait_for(lambda: idle(surgeon), 60, "the search to end")
-    assert surgeon.errors == []
-
-
-@pytest.mark.parametrize(
-    "opened", [open_palette, open_menu, type_something, open_help, lambda surgeon: None]
-)
-def test_escape_stops_the_robot_that_moves_whatever_is_open(
-    surgeon: Surgeon, opened: Callable[[Surgeon], None]
-) -> None:
-    page = surgeon.page
-    wait_for(lambda: announced(surgeon) == "", 20, "what was announced before to go")
-    opens = "async () => (await fetch('/api/v1/sessions/demo', {method: 'POST'})).status"
-    assert page.evaluate(opens) == 201  # whole captures again
-    moving = lambda: surgeon.ask("/sessions/current/robot/state")["moving"]  # noqa: E731
-    opened(surgeon)  # first: while the robot moves, the fields rest
-    put(surgeon, "/jobs/StartToolCapture", {})
-    wait_for(moving, 120, "the robot to move")
-    assert announced(surgeon) == ""
-    page.keyboard.press("Escape")
-    wait_for(lambda: not moving(), 5, "the robot to rest")
-    wait_for(lambda: announced(surgeon) == "Robot stopped", 5, "the word of the stop")
-    wait_for(lambda: idle(surgeon), 60, "the capture to end")
-    assert not moving()
-    assert surgeon.ask("/jobs")[-1]["state"] == "cancelled"
     assert surgeon.errors == []

@@ -11,15 +11,12 @@ from typing import Any
 import pytest
 
 from tests.helpers.ui.browser_driver import (
-    CHROMIUM,
-    DRAWN_BY,
-    FLAGS,
     REPOSITORY,
-    SMALL,
     TOKEN,
     Surgeon,
     _answers,
     free_port,
+    surgeon_at,
     wait_for,
 )
 
@@ -62,23 +59,12 @@ def program(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Program]:
 
 
 @pytest.fixture(scope="module")
-def surgeon(program: Program, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Surgeon]:
-    if not CHROMIUM.is_file():
-        reason = (
-            f"no browser at {CHROMIUM}: see tests/tools/install_browser.sh, or set RONA_CHROMIUM"
-        )
-        if os.environ.get("CI"):
-            pytest.fail(reason)
-        pytest.skip(reason)
-    playwright = pytest.importorskip("playwright.sync_api")
-    flags = (*FLAGS, *DRAWN_BY[os.environ.get("RONA_E2E_GL", "mesa")])
-    with playwright.sync_playwright() as driver:
-        browser = driver.chromium.launch(executable_path=CHROMIUM, args=list(flags))
-        page = browser.new_page(viewport=SMALL)
-        page.set_default_timeout(60_000)
-        pictures = tmp_path_factory.mktemp("pictures")
-        yield Surgeon(page, f"{program.address}?token={TOKEN}", pictures)
-        browser.close()
+def surgeon(
+    program: Program, browser: Any, tmp_path_factory: pytest.TempPathFactory
+) -> Iterator[Surgeon]:
+    address, pictures = f"{program.address}?token={TOKEN}", tmp_path_factory.mktemp("pictures")
+    with surgeon_at(browser, address, pictures) as surgeon:
+        yield surgeon
 
 
 def post(surgeon: Surgeon, path: str, body: Any = None) -> Any:

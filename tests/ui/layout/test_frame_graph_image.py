@@ -15,8 +15,7 @@ from rona_core.app.steps.tool.messages import StartToolCapture
 from rona_core.compose import new_workbench
 from rona_core.geometry.pose import Pose
 from rona_core.session.document import Session
-from rona_ui.panels.layout.frame_graph_image import PLACES, WIDTH, frame_picture
-from rona_ui.panels.layout.frames_and_log import frames_table
+from rona_ui.panels.layout.frames_and_log import PLACES, WIDTH, frame_picture, frames_table
 from tests.helpers.strategies import angle_rad
 
 SVG = "{http://www.w3.org/2000/svg}"

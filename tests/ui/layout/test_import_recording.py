@@ -9,7 +9,7 @@ from rona_core.app.steps.recordings.messages import StartPivotImport, StartRecor
 from rona_core.devices.files.poses.igs_mha import read_igs_mha
 from rona_core.session.document import Session
 from rona_ui.panels.layout.session import SessionPanel
-from rona_ui.panels.widgets.import_recording import ImportControls
+from rona_ui.panels.widgets.stroke_sources import ImportControls
 from rona_ui.presentation.view_state import ViewState
 from rona_ui.window.browser import Browser
 from tests.helpers.ui.fake_gui import FakeClient, FakeGui

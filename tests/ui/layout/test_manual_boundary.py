@@ -8,14 +8,13 @@ import numpy as np
 from rona_core.app.steps.boundaries.ascan_view import scan_number_at
 from rona_core.app.steps.boundaries.handlers import detection_of_scan
 from rona_core.app.steps.boundaries.messages import CorrectBoundary
-from rona_core.app.steps.handheld.scans import hand_poses
+from rona_core.app.steps.handheld.derivation import hand_poses
 from rona_core.geometry.pose import Pose
 from rona_core.session.document import Session
 from rona_core.session.files import load_session
 from rona_ui.panels.scan.ascan import AScanPanel
 from rona_ui.presentation.view_state import ViewState
-from rona_ui.scene.maps.maps import LIFT_MM, NOW, SCAN, ScanLayer, scan_places
-from rona_ui.scene.maps.second_pass import CELLS, SecondLayer
+from rona_ui.scene.maps.maps import CELLS, LIFT_MM, NOW, SCAN, ScanLayer, SecondLayer, scan_places
 from tests.ui.panels.test_ascan_panel import CLIENT, Desk, shown
 from tests.ui.panels.test_handheld_panel import session as session
 from tests.ui.panels.test_handheld_panel import snapshot

@@ -19,20 +19,19 @@ from rona_core.robot.kinematics.catalog import robot_model
 from rona_core.session.document import Session
 from rona_core.session.files import load_session
 from rona_ui.panels.layout.quality import QualityPanel
-from rona_ui.panels.layout.run_bar import GO_ON, RunBar, StepTitle
-from rona_ui.panels.layout.step_list import StepList
+from rona_ui.panels.layout.run_bar import GO_ON, RunBar, StepList, StepTitle
 from rona_ui.panels.maps.maps import MapsPanel
 from rona_ui.panels.pointer import PointerPanel
 from rona_ui.panels.scan.scan import ScanPanel
 from rona_ui.panels.smoothing import SmoothingPanel
 from rona_ui.panels.widgets.panel_context import PanelContext
+from rona_ui.panels.widgets.step_panel import judged
 from rona_ui.panels.widgets.style import STATES
-from rona_ui.panels.widgets.verdicts import judged
-from rona_ui.presentation.shown_robot import probe_on_bone, shown_joints
+from rona_ui.presentation.shown import probe_on_bone, shown_joints
 from rona_ui.presentation.snapshot import Snapshot
 from rona_ui.presentation.static_scene import StaticScene
 from rona_ui.presentation.view_state import ViewState
-from rona_ui.scene.roll.rolls import RollsLayer
+from rona_ui.scene.roll import RollsLayer
 from tests.helpers.ui.fake_gui import FakeClient, FakeGui
 
 DEMO = Path(__file__).resolve().parents[3] / "sessions" / "demo.rona"

@@ -20,7 +20,7 @@ from rona_core.session.files import load_session
 from rona_ui.panels.layout.quality import QualityPanel
 from rona_ui.panels.maps.maps import MapsPanel, color_bar
 from rona_ui.panels.widgets.panel_context import PanelContext
-from rona_ui.presentation.shown_robot import shown_joints, shows_roll_preview
+from rona_ui.presentation.shown import shown_joints, shows_roll_preview
 from rona_ui.presentation.snapshot import Snapshot
 from rona_ui.presentation.view_state import ViewState
 from rona_ui.scene.maps.maps import MapLayer, ScanLayer

@@ -5,13 +5,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from rona_core.app.steps.roll.base_placement_view import placement_view
+from rona_core.app.steps.roll.base_placement import placement_view
 from rona_core.app.steps.roll.messages import ApplyBasePlacement, StartBasePlacement
 from rona_core.devices.settings import DeviceSettings, RobotSettings
 from rona_core.geometry.pose import Pose
 from rona_core.robot.base_placement.candidates import BasePlace, BasePlacement
 from rona_core.session.document import Derived, Results, Session, Setup
-from rona_ui.panels.roll.base_placement import (
+from rona_ui.panels.roll.roll import (
     BasePlacementControls,
     offers,
     place_words,
@@ -19,7 +19,7 @@ from rona_ui.panels.roll.base_placement import (
 )
 from rona_ui.presentation.colors import BLOCKED, VERMILLION
 from rona_ui.presentation.view_state import ViewState
-from rona_ui.scene.roll.base_places import (
+from rona_ui.scene.roll import (
     CELL_PX,
     FAINT,
     MAP,
@@ -62,8 +62,8 @@ def fresh(monkeypatch):
         made = session.results.placement
         return None if made is None else made.value
 
-    monkeypatch.setattr("rona_ui.panels.roll.base_placement.fresh_placement", held)
-    monkeypatch.setattr("rona_core.app.steps.roll.base_placement_view.fresh_placement", held)
+    monkeypatch.setattr("rona_ui.panels.roll.roll.fresh_placement", held)
+    monkeypatch.setattr("rona_core.app.steps.roll.base_placement.fresh_placement", held)
 
 
 def drawn(session):

@@ -10,25 +10,23 @@ import pytest
 
 from rona_core.app.overview.acceptance import quality_rows
 from rona_core.app.runtime.jobs import JobStatus
-from rona_core.app.steps.pointer.messages import CalibratePointer, ExcludePoses, StartPointerCapture
+from rona_core.app.steps.pointer.messages import CalibratePointer, ExcludePoses
 from rona_core.app.steps.tool.calibration_view import EXCLUDED, REJECTED, USED, calibration_view
-from rona_core.app.steps.tool.messages import StartToolCapture
 from rona_core.compose import new_workbench
 from rona_core.session.document import Session
 from rona_ui.panels.layout.quality import table
 from rona_ui.panels.pointer import PointerPanel
-from rona_ui.panels.tool.calibration import CalibrationControls, words
 from rona_ui.panels.tool.calibration_images import HEIGHT, coverage_svg, residuals_svg
+from rona_ui.panels.tool.tool import CalibrationControls, words
 from rona_ui.presentation.view_state import ViewState
 from tests.helpers.ui.fake_gui import FakeGui
+from tests.scenes import demo_parts
 from tests.ui.panels.test_panels import CLIENT, Recorder, snapshot
 
 
 @pytest.fixture(scope="module")
 def session():
-    bench = new_workbench(Session())
-    bench.run(StartToolCapture())
-    bench.run(StartPointerCapture(duration_s=4.0))
+    bench = new_workbench(demo_parts.registered())
     bench.dispatch(ExcludePoses("tool", (3, 4)))
     yield bench.session
     bench.close()
@@ -139,7 +137,7 @@ def test_the_picture_of_the_motion_has_every_pose_where_it_was(session):
 
 def test_the_residuals_are_bars_that_grow_with_them(session):
     view = calibration_view(session, "tool")
-    svg = residuals_svg(view).decode()
+    svg = residuals_svg(view)
     ends = {}
     for path in ElementTree.fromstring(svg).iter("{http://www.w3.org/2000/svg}path"):
         for x, y in re.findall(rf"M([\d.]+),{HEIGHT:.0f}V([\d.]+)", path.get("d")):

@@ -5,10 +5,9 @@ from types import SimpleNamespace
 
 from rona_core.app.runtime.handling import handle
 from rona_core.app.steps.scan.contact_view import ContactReport, DelayShare
-from rona_core.app.steps.setup.contact_messages import SetContact
+from rona_core.app.steps.setup.messages import SetContact
 from rona_core.session.document import Session
-from rona_ui.panels.scan.contact import ContactFields, contact_note, contact_values
-from rona_ui.panels.scan.scan import ScanPanel
+from rona_ui.panels.scan.scan import ContactFields, ScanPanel, contact_note, contact_values
 from tests.helpers.ui.fake_gui import FakeGui
 from tests.ui.panels.test_panels import CLIENT, Recorder, snapshot
 
@@ -86,7 +85,7 @@ def test_what_the_scan_told_is_a_warning_only_where_the_contact_ended_it(monkeyp
         "ended": ContactReport(SimpleNamespace(reason="too hard"), None, "Ended: too <hard>."),
         "none": None,
     }
-    monkeypatch.setattr("rona_ui.panels.scan.contact.contact_report", reports.get)
+    monkeypatch.setattr("rona_ui.panels.scan.scan.contact_report", reports.get)
     good, ended = contact_note("good"), contact_note("ended")
     assert 'class="r-note"' in good
     assert "arrive 8.0 ± 0.2 ms late" in good

@@ -3,14 +3,14 @@
 import numpy as np
 
 from rona_core.app.runtime.handling import handle
-from rona_core.app.steps.setup.workcell_messages import AddObstacle, RemoveObstacle, SetWorkcell
+from rona_core.app.steps.setup.messages import AddObstacle, RemoveObstacle, SetWorkcell
 from rona_core.devices.protocols import Mesh
 from rona_core.geometry.pose import Pose
 from rona_core.session.document import Session
 from rona_ui.panels.setup.setup import SetupPanel
 from rona_ui.presentation.static_scene import StaticScene
 from rona_ui.presentation.view_state import ViewState
-from rona_ui.scene.setup.clearance import ObstaclesLayer
+from rona_ui.scene.setup.robot import ObstaclesLayer
 from tests.helpers.ui.fake_gui import FakeGui
 from tests.ui.panels.test_panels import CLIENT, Recorder, snapshot
 

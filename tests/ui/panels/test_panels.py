@@ -1,4 +1,3 @@
-import io
 from dataclasses import replace
 from typing import Any
 
@@ -25,19 +24,17 @@ from rona_core.session.document import LogEntry, Session
 from rona_ui.panels.layout.docks import STEP_PANELS
 from rona_ui.panels.layout.frames_and_log import LogPanel
 from rona_ui.panels.layout.quality import QualityPanel
-from rona_ui.panels.layout.run_bar import RunBar, StepTitle
+from rona_ui.panels.layout.run_bar import RunBar, StepList, StepTitle
 from rona_ui.panels.layout.session import SessionHead, SessionPanel
-from rona_ui.panels.layout.step_list import StepList
 from rona_ui.panels.layout.view_options import ViewOptionsPanel
-from rona_ui.panels.maps.second_pass import words as second_words
+from rona_ui.panels.maps.maps import second_pass_words as second_words
 from rona_ui.panels.pointer import PointerPanel
 from rona_ui.panels.roll.joints_graph import joint_data
 from rona_ui.panels.scan.scan import ScanPanel
 from rona_ui.panels.setup.setup import SetupPanel
 from rona_ui.panels.tool.tool import ToolPanel
-from rona_ui.panels.widgets.draw_on_skull import DrawingControls
-from rona_ui.panels.widgets.image_slider import png
 from rona_ui.panels.widgets.panel_context import PanelContext
+from rona_ui.panels.widgets.stroke_sources import DrawingControls
 from rona_ui.presentation.snapshot import Snapshot
 from rona_ui.presentation.static_scene import StaticScene
 from rona_ui.presentation.view_state import NEEDED, ViewState
@@ -494,10 +491,3 @@ def test_failing_place_and_cursor_are_upright_lines_and_one_joint_is_in_degrees(
     assert np.isfinite(np.array(data)).all()
     assert (lower == -100.0).all()
     assert (upper == 300.0).all()
-
-
-def test_png_is_read_back_by_another_reader() -> None:
-    image_module = pytest.importorskip("PIL.Image")
-    image = np.random.default_rng(0).integers(0, 256, (7, 5, 3), dtype=np.uint8)
-    read = image_module.open(io.BytesIO(png(image)))
-    np.testing.assert_array_equal(np.asarray(read.convert("RGB")), image)

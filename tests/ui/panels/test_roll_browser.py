@@ -32,17 +32,14 @@ from rona_core.session.document import Session
 from rona_core.session.files import load_session
 from rona_ui.panels.roll.certificate import ChecksPanel
 from rona_ui.panels.roll.joints_graph import joint_data
-from rona_ui.panels.roll.margins import bar
 from rona_ui.panels.roll.roll import RollPanel
-from rona_ui.panels.roll.roll_browser import RollsPanel, column_shown
+from rona_ui.panels.roll.roll_browser import RollRanking, RollsPanel, bar, column_shown
 from rona_ui.panels.roll.roll_image import curve_lines, legend, roll_image, roll_picture
-from rona_ui.panels.roll.roll_ranking import RollRanking
 from rona_ui.presentation.colors import GREEN, VERMILLION, css
-from rona_ui.presentation.shown_robot import shown_joints
+from rona_ui.presentation.shown import shown_joints
 from rona_ui.presentation.view_state import ViewState
-from rona_ui.scene.roll.margins import PATH, STOP, WORDS, MarginsLayer
-from rona_ui.scene.setup.clearance import RED, ClearanceLayer, ObstaclesLayer, highlighted_parts
-from rona_ui.scene.setup.robot import ROOT
+from rona_ui.scene.roll import PATH, STOP, WORDS, MarginsLayer
+from rona_ui.scene.setup.robot import RED, ROOT, ClearanceLayer, ObstaclesLayer, highlighted_parts
 from rona_ui.scene.viser_nodes import SceneNodes
 from tests.helpers.ui.fake_gui import FakeGui
 from tests.ui.panels.test_panels import CLIENT, Recorder, snapshot
@@ -143,7 +140,7 @@ def test_the_map_is_red_exactly_where_no_branch_has_room() -> None:
 
 
 def test_the_strip_tells_every_reason_by_colour_word_and_count() -> None:
-    svg = roll_picture(a_strip()).decode()
+    svg = roll_picture(a_strip())
     tops = re.findall(r'<rect x="[-\d.]+" width="10" height="80" fill="(#\w+)"', svg)
     assert len(tops) == 4
     assert tops[0] == tops[3] == css(GREEN)

@@ -10,8 +10,7 @@ from rona_core.app.steps.setup.messages import SetSeed
 from rona_core.compose import build_registry
 from rona_core.errors import InvalidInputError
 from rona_core.session.document import Session
-from rona_ui.panels.layout.question import Choice, Question
-from rona_ui.panels.layout.session import SessionPanel, head
+from rona_ui.panels.layout.session import Choice, Question, SessionPanel, head
 from rona_ui.window.browser import Browser
 from tests.helpers.ui.fake_gui import FakeClient, FakeGui
 from tests.ui.panels.test_panels import CLIENT, Recorder, snapshot

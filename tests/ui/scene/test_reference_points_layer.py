@@ -9,7 +9,7 @@ from rona_core.session.captures import ReferenceCapture
 from rona_core.session.document import Captures, Session
 from rona_ui.presentation.colors import ORANGE, PURPLE
 from rona_ui.presentation.view_state import LAYERS, ViewState
-from rona_ui.scene.maps.reference_points import POINTS, ReferencesLayer, label_words
+from rona_ui.scene.maps.maps import POINTS, ReferencesLayer, label_words
 from tests.ui.panels.test_obstacles_panel import ROOM, SceneNodes
 from tests.ui.panels.test_panels import snapshot
 
@@ -57,7 +57,7 @@ def test_points_have_their_places_and_numbers_and_go_with_the_layer():
 
 def test_a_doubtful_point_is_orange_and_told_and_each_says_how_far_its_echo_is(monkeypatch):
     rows = (ReferenceRow(0, 5.0, 0.021, 2.65, True), ReferenceRow(1, 7.0, -0.9, 2.2, False))
-    monkeypatch.setattr("rona_ui.scene.maps.reference_points.reference_rows", lambda session: rows)
+    monkeypatch.setattr("rona_ui.scene.maps.maps.reference_rows", lambda session: rows)
     nodes = Clouds()
     ReferencesLayer(nodes).render(None, snapshot(measured(2), view=MAPS))
     assert nodes.colors[POINTS][1].tolist() == [list(PURPLE), list(ORANGE)]

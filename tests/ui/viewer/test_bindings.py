@@ -7,7 +7,7 @@ from typing import Any
 import pytest
 
 from rona_core.app.declarations.registry import REGISTRY
-from rona_core.app.messages.session_messages import RenameSession
+from rona_core.app.runtime.session_step import RenameSession
 from rona_core.app.steps.scan.messages import StartScan
 from rona_core.app.steps.setup.messages import SetRegion, SetSeed
 from rona_core.errors import InvalidInputError, StepBlockedError

@@ -7,7 +7,7 @@ from pathlib import Path
 
 from rona_core.app.declarations.registry import REGISTRY
 from rona_core.app.messages.serialization import message_from
-from rona_core.app.messages.session_messages import Redo, Undo
+from rona_core.app.runtime.session_step import Redo, Undo
 from rona_core.app.runtime.store import Store
 from rona_core.errors import RonaError
 from rona_core.session.codec import decode, encode

@@ -22,8 +22,7 @@ from rona_core.app.runtime.saving.run_folder import dead_folders, hold, remove_i
 from rona_core.app.runtime.store import Store
 from rona_core.errors import NotFoundError, RonaError
 from rona_core.session.document import Session
-from rona_core.session.files import SUFFIX, load_session
-from rona_core.session.temporary_files import MADE, remove_stale_temporaries
+from rona_core.session.files import MADE, SUFFIX, load_session, remove_stale_temporaries
 
 OLD_TEMPORARY = re.compile(r"\.[\w-]+\.rona\.[a-z0-9_]{8}")  # before they ended in .part
 TRIES, WAIT_S = 20, 0.05  # of holding a folder

@@ -6,7 +6,7 @@ import uuid
 from collections.abc import Generator
 from pathlib import Path
 
-from rona_core.session.temporary_files import lock_file
+from rona_core.session.files import lock_file
 
 LOCK = "lock"
 

@@ -3,13 +3,40 @@
 import threading
 from pathlib import Path
 
-from rona_core.app.runtime.saving.file_names import plain_name, stem_of
 from rona_core.errors import InvalidInputError, NameTakenError
 from rona_core.session.document import Session
-from rona_core.session.files import SUFFIX, move_whole, save_session, write_whole
-from rona_core.session.temporary_files import remove_stale_temporaries
+from rona_core.session.files import (
+    SUFFIX,
+    move_whole,
+    remove_stale_temporaries,
+    save_session,
+    write_whole,
+)
 
+MAX_NAME_BYTES = 200  # file systems take 255; temporary and backup files add to a name
 MAX_UPLOAD_BYTES = 512 * 1024**2
+
+
+def plain_name(name: str) -> str:
+    """Return ``name`` if it is a plain file name.
+
+    Raises:
+        InvalidInputError: empty, hidden, too long, or with a path or a control character in it.
+    """
+    control = any(ord(character) < 32 or ord(character) == 127 for character in name)
+    if not name or name.startswith(".") or "/" in name or "\\" in name or control:
+        raise InvalidInputError(f"expected a plain file name, got {name[:60]!r}")
+    if len(name.encode()) > MAX_NAME_BYTES:
+        raise InvalidInputError(
+            f"a file name may have {MAX_NAME_BYTES} bytes, not {len(name.encode())}: shorten it"
+        )
+    return name
+
+
+def stem_of(title: str) -> str:
+    """Return a plain file name without suffix that resembles ``title``."""
+    kept = "".join(c if c.isalnum() or c in "-_ " else "_" for c in title)
+    return kept.encode()[: MAX_NAME_BYTES - 20].decode(errors="ignore").strip() or "untitled"
 
 
 class SessionFiles:

@@ -1,5 +1,7 @@
 """Compute speed of sound and delay line from their captures, and use them where they are known."""
 
+from typing import TypeVar
+
 from rona_core.app.declarations.declarations import Input
 from rona_core.app.dependencies.inputs import require_result
 from rona_core.app.dependencies.staleness import stale_reason
@@ -9,7 +11,7 @@ from rona_core.errors import InvalidInputError
 from rona_core.geometry.arrays import Floats
 from rona_core.geometry.pose import Poses
 from rona_core.mapping.build_maps import boundary_points
-from rona_core.session.document import Session
+from rona_core.session.document import Derived, Session
 from rona_core.ultrasound.acoustic_calibration.delay_line import (
     DelayLine,
     calibrate_delay_line,
@@ -23,6 +25,8 @@ from rona_core.ultrasound.acoustic_calibration.speed_calibration import (
 )
 from rona_core.ultrasound.detection.detect import NOMINAL_SPEED_MM_PER_US, Detection
 from rona_core.ultrasound.probe.probe_model import ProbeModel, probe_model
+
+T = TypeVar("T", DelayLine, SpeedCalibration)
 
 
 def derive_speed(session: Session, message: CalibrateSoundSpeed) -> SpeedCalibration:
@@ -103,18 +107,18 @@ def require_point(detection: Detection, scan: int) -> None:
 
 def usable_line(session: Session) -> DelayLine | None:
     """Return the calibrated delay line, unless it is stale or bad."""
-    held = session.results.line
-    if held is None or held.value.verdict == "bad" or stale_reason("line", session):
-        return None
-    return held.value
+    return _usable("line", session.results.line, session)
 
 
 def usable_speed(session: Session) -> SpeedCalibration | None:
     """Return the calibrated speed of sound, unless it is stale or bad."""
-    held = session.results.speed
-    if held is None or held.value.verdict == "bad" or stale_reason("speed", session):
+    return _usable("speed", session.results.speed, session)
+
+
+def _usable(name: str, made: Derived[T] | None, session: Session) -> T | None:
+    if made is None or made.value.verdict == "bad" or stale_reason(name, session):
         return None
-    return held.value
+    return made.value
 
 
 KNOWN_LINE = Input(usable_line, "calibrate the delay line (step 1)", optional=True)

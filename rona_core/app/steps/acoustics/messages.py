@@ -1,17 +1,7 @@
 """Messages about the speed of sound, the delay line, and what other probes would do."""
 
-from dataclasses import dataclass
-from typing import ClassVar
-
-from rona_core.app.messages.session_messages import Point
-from rona_core.devices.settings import (
-    PROBE_LIMITS,
-    STRICT,
-    Excitation,
-    ProbeName,
-    require,
-    require_within,
-)
+from rona_core.app.messages.message import Point, message, within
+from rona_core.devices.settings import PROBE_LIMITS, Excitation, ProbeName, require
 from rona_core.session.specimen import BoneKind
 
 MAX_POINTS = 50
@@ -19,22 +9,19 @@ CALIPER_MM = (0.01, 2.0)  # standard deviation
 MAX_CELLS = 400
 
 
-@dataclass(frozen=True, slots=True)
+@message
 class AddReferencePoint:
     """Say how thick the bone is at a place, along the probe's axis there; for the speed of sound.
 
     The place is that of an A-scan of the scan, by its number from 0, or a point in base.
     """
 
-    __pydantic_config__: ClassVar = STRICT
-    thickness_mm: float
+    thickness_mm: float = within(0.5, 30.0)
     scan: int | None = None
     place_base_mm: Point | None = None
-    sigma_mm: float = 0.1
+    sigma_mm: float = within(*CALIPER_MM, default=0.1)
 
     def __post_init__(self) -> None:
-        require_within("thickness_mm", self.thickness_mm, 0.5, 30.0)
-        require_within("sigma_mm", self.sigma_mm, *CALIPER_MM)
         require(
             (self.scan is None) != (self.place_base_mm is None),
             "say either which A-scan (scan) or where (place_base_mm)",
@@ -42,25 +29,22 @@ class AddReferencePoint:
         require(self.scan is None or self.scan >= 0, "A-scans are numbered from 0")
 
 
-@dataclass(frozen=True, slots=True)
+@message
 class RemoveReferencePoint:
     """Forget a reference point, by its number from 0; without a number, forget all."""
 
-    __pydantic_config__: ClassVar = STRICT
     index: int | None = None
 
     def __post_init__(self) -> None:
         require(self.index is None or self.index >= 0, "reference points are numbered from 0")
 
 
-@dataclass(frozen=True, slots=True)
+@message
 class CalibrateSoundSpeed:
     """Compute the speed of sound in the bone, and how it varies, from the reference points."""
 
-    __pydantic_config__: ClassVar = STRICT
 
-
-@dataclass(frozen=True, slots=True)
+@message
 class CalibrateDelayLine:
     """Compute the delay of the probe's line from the A-scans taken on the block.
 
@@ -68,30 +52,23 @@ class CalibrateDelayLine:
     earlier calibration is forgotten: detection takes the nominal line again.
     """
 
-    __pydantic_config__: ClassVar = STRICT
-    film_mm: float = 0.0  # a line that is pressed on gives way by the film that remains
+    # a line that is pressed on gives way by the film that remains
+    film_mm: float = within(0.0, 2.0, default=0.0)
     use: bool = True
 
-    def __post_init__(self) -> None:
-        require_within("film_mm", self.film_mm, 0.0, 2.0)
 
-
-@dataclass(frozen=True, slots=True)
+@message
 class StartCaliperMeasurements:
     """Measure the thickness at some places with a caliper; then calibrate the speed of sound.
 
     The places are chosen among the A-scans: spread over the region, thick, and sure.
     """
 
-    __pydantic_config__: ClassVar = STRICT
-    n: int = 3
+    n: int = within(1, 20, default=3)
     append: bool = False
 
-    def __post_init__(self) -> None:
-        require_within("n", self.n, 1, 20)
 
-
-@dataclass(frozen=True, slots=True)
+@message
 class StartDelayLineCapture:
     """Hold the probe on a flat block of steel and record A-scans; then calibrate its delay line.
 
@@ -99,31 +76,26 @@ class StartDelayLineCapture:
     delay changes with it.
     """
 
-    __pydantic_config__: ClassVar = STRICT
-    n: int = 20
-    temperatures_c: tuple[float, ...] = ()
+    n: int = within(3, 200, default=20)
+    temperatures_c: tuple[float, ...] = within(*PROBE_LIMITS["line_temperature_c"], default=())
 
     def __post_init__(self) -> None:
-        require_within("n", self.n, 3, 200)
         require(len(self.temperatures_c) <= 8, "at most 8 temperatures, please")
-        for temperature in self.temperatures_c:
-            require_within("temperatures_c", temperature, *PROBE_LIMITS["line_temperature_c"])
 
 
-@dataclass(frozen=True, slots=True)
+@message
 class StartProbeSweep:
     """Try probes, excitations and noise levels on virtual plates of bone of some thicknesses.
 
     Nothing of the specimen goes into it. Every combination is a cell of ``n`` A-scans.
     """
 
-    __pydantic_config__: ClassVar = STRICT
     probes: tuple[ProbeName, ...] = ("2.25MHz", "1MHz")
     excitations: tuple[Excitation, ...] = ("pulse", "chirp")
-    snr_db: tuple[float, ...] = (30.0, 50.0)
-    thickness_mm: tuple[float, ...] = (3.0, 5.0, 8.0, 11.0)
+    snr_db: tuple[float, ...] = within(0.0, 90.0, default=(30.0, 50.0))
+    thickness_mm: tuple[float, ...] = within(1.0, 16.0, default=(3.0, 5.0, 8.0, 11.0))
     bone: BoneKind = "normal"
-    n: int = 40
+    n: int = within(5, 400, default=40)
 
     def __post_init__(self) -> None:
         axes = (self.probes, self.excitations, self.snr_db, self.thickness_mm)
@@ -131,8 +103,3 @@ class StartProbeSweep:
         cells = len(self.probes) * len(self.excitations) * len(self.snr_db)
         cells *= len(self.thickness_mm)
         require(cells <= MAX_CELLS, f"{cells} cells are too many: at most {MAX_CELLS}")
-        for snr_db in self.snr_db:
-            require_within("snr_db", snr_db, 0.0, 90.0)
-        for thickness_mm in self.thickness_mm:
-            require_within("thickness_mm", thickness_mm, 1.0, 16.0)
-        require_within("n", self.n, 5, 400)

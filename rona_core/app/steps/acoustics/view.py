@@ -8,11 +8,13 @@ from rona_core.app.dependencies.staleness import stale_reason
 from rona_core.app.steps.acoustics.thickness_uncertainty import ThicknessShares, thickness_shares
 from rona_core.devices.settings import ProbeSettings
 from rona_core.session.document import Session
+from rona_core.ultrasound.acoustic_calibration.delay_line import DelayLine
 from rona_core.ultrasound.acoustic_calibration.expected_performance import (
     ExpectedPerformance,
+    WhatIf,
     expected_performances,
 )
-from rona_core.ultrasound.acoustic_calibration.parameter_sweep import WhatIf
+from rona_core.ultrasound.acoustic_calibration.speed_calibration import SpeedCalibration
 from rona_core.ultrasound.probe.probe_model import probe_model
 
 __all__ = ["ExpectedPerformance", "ThicknessShares", "WhatIf", "thickness_shares"]
@@ -85,11 +87,7 @@ def line_state(session: Session) -> Judged | None:
         f"Line: {delay_us:.3f} ± {sigma_us:.3f} µs at {temperature:.0f} °C "
         f"(nominal {nominal:.3f} µs), {line.n_used} A-scans"
     )
-    reason = stale_reason("line", session)
-    if reason is not None:
-        return Judged(f"{words}. Not used: {reason}.", "stale")
-    reasons = "; ".join(line.reasons)
-    return Judged(f"{words}, {line.verdict}{': ' if reasons else ''}{reasons}.", line.verdict)
+    return _judged("line", words, line, session)
 
 
 def speed_state(session: Session) -> Judged | None:
@@ -102,11 +100,16 @@ def speed_state(session: Session) -> Judged | None:
         f"{speed.speed_mm_per_us:.3f} ± {speed.sigma_mm_per_us:.3f} mm/µs, "
         f"places differ by ± {speed.local_sd_mm_per_us:.3f}"
     )
-    reason = stale_reason("speed", session)
+    return _judged("speed", words, speed, session)
+
+
+def _judged(name: str, words: str, made: DelayLine | SpeedCalibration, session: Session) -> Judged:
+    """Return a line about a calibration with its verdict and why, or why it is not used."""
+    reason = stale_reason(name, session)
     if reason is not None:
         return Judged(f"{words}. Not used: {reason}.", "stale")
-    reasons = "; ".join(speed.reasons)
-    return Judged(f"{words}: {speed.verdict}{'; ' if reasons else ''}{reasons}.", speed.verdict)
+    verdict = ": ".join(filter(None, (made.verdict, "; ".join(made.reasons))))
+    return Judged(f"{words}, {verdict}.", made.verdict)
 
 
 def reference_rows(session: Session) -> tuple[ReferenceRow, ...]:

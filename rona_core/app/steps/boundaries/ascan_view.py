@@ -4,15 +4,15 @@
 the scan by hand. Times are in µs from the emission.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from rona_core.app.steps.boundaries.handlers import capture_of, detection_of_scan
-from rona_core.app.steps.handheld.scans import hand_poses
+from rona_core.app.steps.handheld.derivation import hand_poses
 from rona_core.app.steps.maps.derivation import probe_poses
 from rona_core.app.steps.scan.captures import fire_times
-from rona_core.app.steps.scan.planned_motion import motion_times, plan_of
+from rona_core.app.steps.scan.planned_motion import plan_of
 from rona_core.devices.samples import AScan, AScanTrack
 from rona_core.devices.settings import ProbeSettings
 from rona_core.geometry.arrays import Bools, Floats, readonly
@@ -23,8 +23,7 @@ from rona_core.session.document import Session
 from rona_core.session.memo import remember
 from rona_core.ultrasound.acoustic_calibration.speed_calibration import uncalibrated
 from rona_core.ultrasound.acoustic_calibration.speed_uncertainty import speed_uncertainty
-from rona_core.ultrasound.detection.ascan_curves import preview
-from rona_core.ultrasound.detection.bscan_image import ScanImage, scan_image
+from rona_core.ultrasound.detection.ascan_curves import ScanImage, preview, scan_image
 from rona_core.ultrasound.detection.detect import Detection, nominal_bone
 from rona_core.ultrasound.detection.manual_corrections import ScanName
 from rona_core.ultrasound.detection.single.front_echo import gate_us
@@ -101,38 +100,35 @@ def scan_number_at(session: Session, share: float, scan: ScanName = "first") -> 
 
     By hand, where nothing was planned, it is a share of the time that the scan took.
     """
-    if scan == "hand":
-        taken = session.captures.sono_scan
-        times_s = np.zeros(0) if taken is None else taken.scans.times_s
-        return int(np.argmin(np.abs(times_s - share * times_s[-1]))) if len(times_s) else None
-    fired, times = _fired_s(session, scan), motion_times(session, second=scan == "second")
-    if fired is None or times is None:
-        return None
-    return int(np.argmin(np.abs(fired - share * times[0])))
+    taken = _times_s(session, scan)
+    return None if taken is None else int(np.argmin(np.abs(taken[0] - share * taken[1])))
 
 
 def share_of_scan(session: Session, number: int, scan: ScanName = "first") -> float | None:
     """Return the share of the planned motion, or of a scan by hand, that an A-scan was taken at."""
-    if scan == "hand":
-        taken = session.captures.sono_scan
-        if taken is None or not 0 <= number < len(taken.scans):
-            return None
-        return float(taken.scans.times_s[number] / max(float(taken.scans.times_s[-1]), 1e-9))
-    fired, times = _fired_s(session, scan), motion_times(session, second=scan == "second")
-    if fired is None or times is None or not 0 <= number < len(fired):
+    taken = _times_s(session, scan)
+    if taken is None or not 0 <= number < len(taken[0]):
         return None
-    return float(np.clip(fired[number] / max(times[0], 1e-9), 0.0, 1.0))
+    return float(np.clip(taken[0][number] / max(taken[1], 1e-9), 0.0, 1.0))
 
 
-def _fired_s(session: Session, scan: ScanName) -> Floats | None:
-    """Return when the plan has the A-scans (n,) taken; in contact the robot may lag behind it."""
-    capture, plan = capture_of(session, scan), plan_of(session, second=scan == "second")
-    if capture is None or not len(capture.scans) or plan is None or plan.trajectory is None:
+def _times_s(session: Session, scan: ScanName) -> tuple[Floats, float] | None:
+    """Return when the A-scans (n,) of a pass were taken, and how long it lasts.
+
+    Of the robot it is what the plan says: in contact it may lag behind.
+    """
+    capture = capture_of(session, scan)
+    if capture is None or not len(capture.scans):
         return None
-    pitch_mm = session.setup.devices.probe.pitch_mm
-    fired = _fire_times(plan.trajectory, pitch_mm)
+    if isinstance(capture, SonoCapture):
+        return capture.scans.times_s, float(capture.scans.times_s[-1])
+    plan = plan_of(session, second=scan == "second")
+    if plan is None or plan.trajectory is None:
+        return None
+    fired = _fire_times(plan.trajectory, session.setup.devices.probe.pitch_mm)
     # of a plan that is no longer the one that was executed there may be too few
-    return fired[np.minimum(np.arange(len(capture.scans)), len(fired) - 1)]
+    rows = np.minimum(np.arange(len(capture.scans)), len(fired) - 1)
+    return fired[rows], float(plan.trajectory.times_s[-1])
 
 
 @remember(4)  # plans never change, and the cursor asks often
@@ -179,30 +175,25 @@ def _judged(
     fine = known and plot.inner_us is not None
     by_hand = bool(session.boundary_edits.marks(scan, len(found))[i])
     if fine:
-        told = f"bone {found.thickness_mm[i]:.2f} ± {_thickness_sigma_mm(found, i):.2f} mm"
-        told += ", set by hand" if by_hand else f", confidence {100 * found.inner_quality[i]:.0f} %"
+        words = f"bone {found.thickness_mm[i]:.2f} ± {_thickness_sigma_mm(found, i):.2f} mm"
+        words += (
+            ", set by hand" if by_hand else f", confidence {100 * found.inner_quality[i]:.0f} %"
+        )
     else:
-        told = FLAGS[flag]
+        words = FLAGS[flag]
     other = None
     if known and found.alternative_quality[i] >= WORTH_TELLING:
         other = float(found.alternative_us[i])
-        told += (
+        words += (
             f". Other echo at {(other - found.outer_us[i]) * found.sound_speed_mm_per_us / 2:.2f} "
             f"mm ({100 * found.alternative_quality[i]:.0f} %)"
         )
     early, late = gate_us(probe)
     first, last = bone_gate_us(probe, nominal_bone(found.sound_speed_mm_per_us))
     outer_us = float(found.outer_us[i])
-    return AScanPlot(
-        number=i,
-        time_us=plot.time_us,
-        rf=plot.rf,
-        envelope=plot.envelope,
-        compressed=plot.compressed,
-        behind_front=plot.behind_front,
-        outer_us=plot.outer_us,
-        inner_us=plot.inner_us,
-        remark=f"{plot.remark}: {told}.",
+    return replace(
+        plot,
+        remark=f"{plot.remark}: {words}.",
         outer_sigma_us=2.0 * float(found.outer_sigma_mm[i]) / probe.line.speed_mm_per_us,
         inner_sigma_us=float(found.inner_sigma_us[i]),
         alternative_us=other,

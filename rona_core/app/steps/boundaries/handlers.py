@@ -2,10 +2,11 @@
 
 from dataclasses import replace
 
+from rona_core.app.declarations.registry import REGISTRY
 from rona_core.app.dependencies.inputs import require_result
 from rona_core.app.steps.acoustics.derivation import session_probe
 from rona_core.app.steps.boundaries.messages import ClearBoundaryCorrections, CorrectBoundary
-from rona_core.app.steps.handheld.scans import NOT_SEEN, posed_scans, spread
+from rona_core.app.steps.handheld.derivation import NOT_SEEN, posed_scans, spread
 from rona_core.errors import InvalidInputError, StepBlockedError
 from rona_core.session.captures import ScanCapture, SonoCapture
 from rona_core.session.codec import digest
@@ -15,11 +16,6 @@ from rona_core.ultrasound.detection.manual_corrections import BoundaryEdits, Sca
 
 CAPTURES = {"first": "scan", "second": "second", "hand": "sono_scan"}
 DETECTIONS = {"first": "detection", "second": "second_detection", "hand": "sono_detection"}
-WANTED = {
-    "first": "scan (step 8)",
-    "second": "scan the gaps again (step 9)",
-    "hand": "scan by hand (step 9)",
-}
 
 
 def capture_of(session: Session, scan: ScanName) -> ScanCapture | SonoCapture | None:
@@ -47,7 +43,9 @@ def detection_of_scan(session: Session, scan: ScanName = "first") -> Detection |
 
 def correct_boundary(message: CorrectBoundary, session: Session) -> Session:
     """Carry out `CorrectBoundary`."""
-    capture = require_result(capture_of(session, message.scan), WANTED[message.scan])
+    capture = require_result(
+        capture_of(session, message.scan), REGISTRY.captures[CAPTURES[message.scan]].wanted
+    )
     n, edit = len(capture.scans), message.edit()
     if message.number >= n:
         raise InvalidInputError(f"there are {n} A-scans, numbered from 0: not {message.number}")

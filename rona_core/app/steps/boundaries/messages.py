@@ -1,15 +1,13 @@
 """Commands that correct boundaries of single A-scans by hand; undone like any other."""
 
-from dataclasses import dataclass
-from typing import ClassVar
-
-from rona_core.devices.settings import STRICT, require, require_within
+from rona_core.app.messages.message import message, within
+from rona_core.devices.settings import require
 from rona_core.ultrasound.detection.manual_corrections import Boundary, BoundaryEdit, ScanName
 
 MAX_NUMBER, MAX_TIME_US = 10_000_000, 1000.0
 
 
-@dataclass(frozen=True, slots=True)
+@message
 class CorrectBoundary:
     """Set a boundary of one A-scan (its number, from 0) by hand, or take it away.
 
@@ -17,18 +15,13 @@ class CorrectBoundary:
     given. What was detected is kept beside it. The maps become stale: compute them again.
     """
 
-    __pydantic_config__: ClassVar = STRICT
-    number: int
+    number: int = within(0, MAX_NUMBER)
     scan: ScanName = "first"
-    outer_us: float | None = None
-    inner_us: float | None = None
+    outer_us: float | None = within(0.0, MAX_TIME_US, default=None)
+    inner_us: float | None = within(0.0, MAX_TIME_US, default=None)
     remove: Boundary | None = None
 
     def __post_init__(self) -> None:
-        require_within("number", self.number, 0, MAX_NUMBER)
-        for name, value in (("outer_us", self.outer_us), ("inner_us", self.inner_us)):
-            if value is not None:
-                require_within(name, value, 0.0, MAX_TIME_US)
         given = [v for v in (self.outer_us, self.inner_us, self.remove) if v is not None]
         require(len(given) == 1, "give exactly one of outer_us, inner_us and remove")
 
@@ -41,15 +34,12 @@ class CorrectBoundary:
         return BoundaryEdit(self.scan, self.number, "inner", self.inner_us)
 
 
-@dataclass(frozen=True, slots=True)
+@message
 class ClearBoundaryCorrections:
     """Forget what was corrected by hand: of one A-scan of a pass, or all of it."""
 
-    __pydantic_config__: ClassVar = STRICT
     scan: ScanName | None = None  # None: all of them
-    number: int | None = None  # None: all A-scans
+    number: int | None = within(0, MAX_NUMBER, default=None)  # None: all A-scans
 
     def __post_init__(self) -> None:
-        if self.number is not None:
-            require_within("number", self.number, 0, MAX_NUMBER)
         require(self.number is None or self.scan is not None, "a number needs the scan it is of")

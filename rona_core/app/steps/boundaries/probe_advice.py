@@ -55,11 +55,11 @@ def advised(found: Detection) -> ProbeAdvice | None:
     used: ProbeName = "1MHz" if found.probe == "1MHz" else "2.25MHz"
     thin, thick = (sure & (mm < THIN_MM)) | (flag == TOO_THIN), sure & (mm > THICK_MM)
     thick |= flag == TOO_THICK
-    told = sure | thin | thick
-    silent = found.outer_ok & ~told & ((flag == NO_INNER) | (flag == UNSURE))
-    n, heard = int(np.count_nonzero(told)), int(np.count_nonzero(found.outer_ok))
+    known = sure | thin | thick
+    silent = found.outer_ok & ~known & ((flag == NO_INNER) | (flag == UNSURE))
+    n, with_front = int(np.count_nonzero(known)), int(np.count_nonzero(found.outer_ok))
     n_thin, n_thick = int(np.count_nonzero(thin)), int(np.count_nonzero(thick))
-    mute = np.count_nonzero(silent) / max(heard, 1)
+    unheard = np.count_nonzero(silent) / max(with_front, 1)
     thinner, thicker = n_thin >= MANY * n and n >= ENOUGH, n_thick >= MANY * n and n >= ENOUGH
     if thinner and thicker:
         words = (
@@ -79,10 +79,10 @@ def advised(found: Detection) -> ProbeAdvice | None:
             "fades there. Better: the 1 MHz probe."
         )
         return ProbeAdvice(used, "1MHz", words)
-    if used == "2.25MHz" and heard >= ENOUGH and mute >= MOST and not thinner:
+    if used == "2.25MHz" and with_front >= ENOUGH and unheard >= MOST and not thinner:
         words = (
-            f"No sure inner echo at {100.0 * mute:.0f} % of the places: the bone is too thick or "
-            "too hard for 2.25 MHz, or its inner table leans (second pass). Better: 1 MHz."
+            f"No sure inner echo at {100.0 * unheard:.0f} % of the places: the bone is too thick "
+            "or too hard for 2.25 MHz, or its inner table leans (second pass). Better: 1 MHz."
         )
         return ProbeAdvice(used, "1MHz", words)
     if n < ENOUGH:

@@ -1,36 +1,73 @@
 """Boundary detection and maps, and the plan of a second pass over the gaps."""
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 from rona_core.app.dependencies.inputs import require_result
 from rona_core.app.dependencies.staleness import input_digests, stale_reason
 from rona_core.app.messages.serialization import serialize_arguments
-from rona_core.app.steps.acoustics.derivation import session_probe, with_known_speed
+from rona_core.app.steps.acoustics.derivation import first_speed, session_probe, with_known_speed
 from rona_core.app.steps.maps.messages import StartGapPlan, StartMapping
-from rona_core.app.steps.maps.survey import Survey, detect_survey
 from rona_core.app.steps.roll.derivation import plan_settings
 from rona_core.app.steps.roll.messages import StartRollSearch
 from rona_core.app.steps.scan.probe_poses import probe_poses_of
 from rona_core.devices.protocols import Cancel, Progress, never, silent
+from rona_core.devices.samples import AScanTrack
 from rona_core.errors import StepBlockedError
+from rona_core.geometry.arrays import Floats
 from rona_core.geometry.pose import Poses
 from rona_core.mapping.boundary_map import Maps
 from rona_core.mapping.build_maps import LocatedDetection, build_maps
-from rona_core.mapping.second_pass import SecondPassSettings, plan_second_pass, standoffs_mm
+from rona_core.mapping.second_pass import plan_second_pass, standoffs_mm
 from rona_core.robot.kinematics.catalog import robot_model
 from rona_core.robot.planning.plan_scan import plan_scan
 from rona_core.session.captures import ScanCapture
 from rona_core.session.document import Derived, SecondPass, Session
-from rona_core.ultrasound.detection.detect import Detection
+from rona_core.ultrasound.detection.detect import Detection, detect
 from rona_core.ultrasound.detection.manual_corrections import corrected
+from rona_core.ultrasound.probe.probe_model import ProbeSurvey
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Survey:
+    """A-scans (n), and where the probe was at each of them, in any frame that stands still."""
+
+    scans: AScanTrack
+    poses: Poses  # (n,) of the probe
+    known_standoff_mm: Floats | None = None  # (n,) to the outer boundary, see ``ProbeSurvey``
+
+
+def detect_survey(
+    session: Session,
+    survey: Survey,
+    message: StartMapping,
+    *,
+    progress: Progress,
+    cancel: Cancel,
+) -> Detection:
+    """Find both boundaries with all that the session knows of probe, line, speed and places.
+
+    Raises:
+        InvalidInputError: A-scans of another probe, or poses that are not finite.
+        CancelledError: ``cancel`` said so.
+    """
+    return detect(
+        ProbeSurvey(
+            survey.scans,
+            session_probe(session),
+            session.setup.devices.probe.excitation,
+            positions_mm=survey.poses.translations,
+            axes=survey.poses.rotations[:, :, 2],
+            known_standoff_mm=survey.known_standoff_mm,
+        ),
+        method=message.method,
+        sound_speed_mm_per_us=first_speed(message.sound_speed_mm_per_us),
+        progress=progress,
+        cancel=cancel,
+    )
 
 
 def derive_detection(
-    session: Session,
-    message: StartMapping,
-    *,
-    progress: Progress = silent,
-    cancel: Cancel = never,
+    session: Session, message: StartMapping, *, progress: Progress, cancel: Cancel
 ) -> Detection:
     """Find both boundaries in every A-scan, with those around it as witnesses."""
     survey = Survey(require_result(session.captures.scan, "scan").scans, probe_poses(session))
@@ -85,11 +122,7 @@ def derive_maps(
 
 
 def derive_second(
-    session: Session,
-    message: StartGapPlan,
-    *,
-    progress: Progress = silent,
-    cancel: Cancel = never,
+    session: Session, message: StartGapPlan, *, progress: Progress, cancel: Cancel
 ) -> SecondPass:
     """Plan, time and verify a scan of the gaps that the first pass left in the inner map.
 
@@ -97,11 +130,10 @@ def derive_second(
         StepBlockedError: there is no gap worth a scan.
     """
     detection = require_result(session.results.detection, "detect the boundaries").value
-    settings = SecondPassSettings(message.spacing_mm, message.fan, message.largest_lean_deg)
     way = plan_second_pass(
         derive_maps(session, StartMapping(), first_only=True),
         detection.sound_speed_mm_per_us,
-        settings,
+        message,
     )
     if way is None:
         raise StepBlockedError(
@@ -118,11 +150,7 @@ def derive_second(
 
 
 def derive_second_detection(
-    session: Session,
-    message: StartMapping,
-    *,
-    progress: Progress = silent,
-    cancel: Cancel = never,
+    session: Session, message: StartMapping, *, progress: Progress, cancel: Cancel
 ) -> Detection:
     """Find the inner boundary in the second pass; the outer one is where the first one saw it."""
     capture = require_result(usable_second(session), "scan the gaps again")
@@ -132,23 +160,10 @@ def derive_second_detection(
     return detect_survey(session, survey, message, progress=progress, cancel=cancel)
 
 
-@dataclass(frozen=True, slots=True)
-class Mapped:
-    """The results of step 9."""
-
-    detection: Detection
-    second_detection: Detection | None  # None: there was no second pass
-    maps: Maps
-
-
 def derive_mapping(
-    session: Session,
-    message: StartMapping,
-    *,
-    progress: Progress = silent,
-    cancel: Cancel = never,
-) -> Mapped:
-    """Detect the boundaries, then map them.
+    session: Session, message: StartMapping, *, progress: Progress, cancel: Cancel
+) -> dict[str, object]:
+    """Return the results of step 9: the boundaries are detected, then mapped.
 
     Where only the maps are out of date, because boundaries were set by hand or the gaps scanned
     again, what was detected with the same settings is taken as it is.
@@ -167,7 +182,7 @@ def derive_mapping(
         again = derive_second_detection(session, message, progress=part(0.5, 0.7), cancel=cancel)
     session = _with_result(session, "second_detection", again)
     maps = derive_maps(session, message, progress=part(0.7, 1.0), cancel=cancel)
-    return Mapped(found, again, maps)
+    return {"detection": found, "second_detection": again, "maps": maps}
 
 
 def _kept(name: str, session: Session, message: StartMapping) -> Detection | None:
@@ -187,7 +202,7 @@ def _with_result(session: Session, name: str, value: object) -> Session:
     made = None
     if value is not None:  # with its inputs, so that what follows from it is known to be fresh
         made = Derived(value, StartMapping.__name__, {}, input_digests(name, session))
-    return replace(session, results=replace(session.results, **{name: made}))
+    return session.with_result(name, made)
 
 
 def usable_second(session: Session) -> ScanCapture | None:

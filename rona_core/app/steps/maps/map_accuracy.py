@@ -18,7 +18,7 @@ from rona_core.devices.settings import ProbeSettings
 from rona_core.devices.tracker_volumes import ACCURACY_MM
 from rona_core.geometry.arrays import Bools, Floats, readonly
 from rona_core.mapping.boundary_map import BoundaryMap, Maps
-from rona_core.mapping.interpolation_error import left_out_error
+from rona_core.mapping.thin_plate_spline import left_out_error
 from rona_core.session.document import Session
 from rona_core.session.memo import remember
 from rona_core.ultrasound.acoustic_calibration.speed_calibration import (

@@ -2,19 +2,13 @@
 
 from dataclasses import replace
 
-from rona_core.app.declarations.declarations import (
-    Activity,
-    Capture,
-    Input,
-    Result,
-    Step,
-    StepLine,
-)
-from rona_core.app.dependencies.inputs import capture_input, result_input, setup_input
+from rona_core.app.declarations import declarations as declare
+from rona_core.app.declarations.declarations import Input
+from rona_core.app.declarations.registry import REGISTRY
+from rona_core.app.dependencies.inputs import capture_input, result_input
 from rona_core.app.dependencies.step_states import partial_reason
-from rona_core.app.runtime.computing import compute_one, compute_several
+from rona_core.app.runtime.handling import compute_one, compute_several, record
 from rona_core.app.steps.acoustics.derivation import KNOWN_LINE, KNOWN_SPEED
-from rona_core.app.steps.maps.captures import record_gap_scan
 from rona_core.app.steps.maps.derivation import (
     derive_detection,
     derive_mapping,
@@ -23,31 +17,22 @@ from rona_core.app.steps.maps.derivation import (
     derive_second_detection,
 )
 from rona_core.app.steps.maps.messages import StartGapPlan, StartGapScan, StartMapping
-from rona_core.app.steps.setup.capture_parts import (
-    bone_and_probe_part,
-    contact_part,
-    input_part,
-    robot_errors_part,
-    robot_part,
-    specimen_part,
-)
-from rona_core.app.steps.setup.inputs import (
-    DRIVEN,
-    MODEL,
-    PROBE,
-)
+from rona_core.app.steps.scan.captures import capture_scan
+from rona_core.app.steps.setup import capture_parts as parts
+from rona_core.app.steps.setup.inputs import DRIVEN, MODEL, PROBE
 from rona_core.session.document import Session
 
 SCAN_CAPTURE, SECOND_CAPTURE = capture_input("scan"), capture_input("second")
 SURFACE, DETECTION = result_input("surface"), result_input("detection")
 MAPS, SECOND = result_input("maps"), result_input("second")
+
 ANY_SECOND = Input(lambda s: s.captures.second, "scan the gaps again (step 9)", optional=True)
 ANY_SECOND_DETECTION = Input(
     result_input("second_detection").read, "detect the boundaries", optional=True
 )
-EDITS = setup_input(lambda s: s.boundary_edits.without("hand"), "scan (step 8)")
-FIRST_EDITS = setup_input(lambda s: s.boundary_edits.of("first"), "scan (step 8)")
-OUTER_EDITS = setup_input(lambda s: s.boundary_edits.of("first", "outer"), "scan (step 8)")
+EDITS = Input(lambda s: s.boundary_edits.without("hand"), "scan (step 8)")
+FIRST_EDITS = Input(lambda s: s.boundary_edits.of("first"), "scan (step 8)")
+OUTER_EDITS = Input(lambda s: s.boundary_edits.of("first", "outer"), "scan (step 8)")
 
 
 def _forget_corrections(before: Session, after: Session) -> Session:
@@ -56,7 +41,7 @@ def _forget_corrections(before: Session, after: Session) -> Session:
 
 
 def _partial(session: Session) -> str | None:
-    cut = partial_reason("scan", session)
+    cut = partial_reason(REGISTRY.lines["scan"], session)
     return None if cut is None else f"the maps cover only part of the path: {cut}"
 
 
@@ -67,57 +52,55 @@ def _summary(session: Session) -> str:
     return f"inner boundary in {100 * float(found.inner_ok.mean()):.0f} % of A-scans"
 
 
-STEP = Step(
+STEP = declare.Step(
     "maps",
     activities=(
-        Activity(
+        declare.Activity(
             StartMapping,
             compute_several(derive_mapping),
             "Mapping the boundaries",
             needs=(SCAN_CAPTURE, SURFACE),
         ),
-        Activity(
+        declare.Activity(
             StartGapPlan,
             compute_one,
             "Planning the second pass",
             needs=(SCAN_CAPTURE, SURFACE, MAPS),
         ),
-        Activity(
+        declare.Activity(
             StartGapScan,
-            record_gap_scan,
+            record("second", lambda _, session, context: capture_scan(session, context, "second")),
             "Scanning the gaps",
             needs=(SECOND,),
-            uses_devices=True,
             drives_robot=True,
             records=True,
         ),
     ),
     captures=(
-        Capture(
+        declare.Capture(
             "second",
             "scan the gaps again (step 9)",
             (
-                robot_part,
-                robot_errors_part,
-                specimen_part,
-                bone_and_probe_part,
-                input_part(SCAN_CAPTURE),  # it looks into the gaps of that scan
-                contact_part,
+                parts.robot,
+                parts.robot_errors,
+                parts.specimen,
+                parts.bone_and_probe,
+                parts.of_input(SCAN_CAPTURE),  # it looks into the gaps of that scan
+                parts.contact,
             ),
             after=SCAN_CAPTURE,
             stored=_forget_corrections,
         ),
     ),
     results=(
-        Result(
+        declare.Result(
             "detection",
             StartMapping,
             derive_detection,
             {"capture": SCAN_CAPTURE, "probe": PROBE, "line": KNOWN_LINE},
             "detect the boundaries (step 9)",
-            long=True,
         ),
-        Result(
+        declare.Result(
             "second",
             StartGapPlan,
             derive_second,
@@ -129,9 +112,8 @@ STEP = Step(
                 **DRIVEN,
             },
             "plan the second pass (step 9)",
-            long=True,
         ),
-        Result(
+        declare.Result(
             "second_detection",
             StartMapping,
             derive_second_detection,
@@ -145,9 +127,8 @@ STEP = Step(
                 "line": KNOWN_LINE,
             },
             "detect the boundaries",
-            long=True,
         ),
-        Result(
+        declare.Result(
             "maps",
             StartMapping,
             derive_maps,
@@ -162,10 +143,9 @@ STEP = Step(
                 "speed": KNOWN_SPEED,
             },
             "compute the maps (step 9)",
-            long=True,
         ),
     ),
-    line=StepLine(
+    line=declare.StepLine(
         "Maps",
         _summary,
         StartMapping,

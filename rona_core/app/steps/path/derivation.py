@@ -14,6 +14,9 @@ from rona_core.path.scan_patterns import patch_pose, raster, spiral
 from rona_core.session.document import RawPath, Session
 from rona_core.surface.surface_pick import project_to_surface
 
+RIM_CORNERS = 72  # of a round boundary
+PATTERN_STEP_MM = 1.0
+
 
 def derive_path(session: Session, message: BuildPath) -> RawPath:
     """Map the demonstrated stroke to ``base``.
@@ -35,12 +38,6 @@ def is_pattern(session: Session) -> bool:
     """Return whether the path is a pattern drawn by rule, not a demonstration."""
     path = session.results.path
     return path is not None and path.message == GenerateScanPattern.__name__
-
-
-RIM_CORNERS = 72  # of a round boundary
-
-
-PATTERN_STEP_MM = 1.0
 
 
 def viewpoint_base(session: Session) -> Vector3:

@@ -9,19 +9,10 @@ from numpy.typing import ArrayLike
 from rona_core.app.dependencies.inputs import require_result
 from rona_core.app.dependencies.requirements import require_inputs
 from rona_core.app.dependencies.staleness import stale_reason
+from rona_core.app.messages.message import Point
 from rona_core.app.messages.serialization import message_from
-from rona_core.app.messages.session_messages import Point
 from rona_core.app.runtime.handling import compute_result
-from rona_core.app.steps.path.messages import (
-    BuildPath,
-    ClearPathEdits,
-    DeletePathPoint,
-    GenerateScanPattern,
-    InsertPathPoint,
-    MovePathPoint,
-    PathChange,
-    PinPathSample,
-)
+from rona_core.app.steps.path import messages
 from rona_core.errors import InvalidInputError, StaleResultError
 from rona_core.geometry.arrays import Floats, Vector3, as_vector3
 from rona_core.path.manual_edits import PathEdit, PathEdits, edit_path
@@ -32,7 +23,7 @@ PICK_MM = 5.0  # a click farther from every point means none of them
 
 
 @singledispatch
-def edited(message: PathChange, session: Session) -> PathEdits:
+def edited(message: messages.PathChange, session: Session) -> PathEdits:
     """Return the changes of the path after one more.
 
     Raises:
@@ -44,14 +35,14 @@ def edited(message: PathChange, session: Session) -> PathEdits:
 
 
 @edited.register
-def _(message: MovePathPoint, session: Session) -> PathEdits:
+def _(message: messages.MovePathPoint, session: Session) -> PathEdits:
     before, after = _beside(message.index, session)
     place = _place(message.point_base_mm, message.seen_from_base_mm, session)
     return _with(session, PathEdit("replace", before, after, (place,)))
 
 
 @edited.register
-def _(message: InsertPathPoint, session: Session) -> PathEdits:
+def _(message: messages.InsertPathPoint, session: Session) -> PathEdits:
     kept = _fresh(session).simplified.index
     if not -1 <= message.after < len(kept):
         raise InvalidInputError(f"after must be -1 to {len(kept) - 1}, not {message.after}")
@@ -62,7 +53,7 @@ def _(message: InsertPathPoint, session: Session) -> PathEdits:
 
 
 @edited.register
-def _(message: DeletePathPoint, session: Session) -> PathEdits:
+def _(message: messages.DeletePathPoint, session: Session) -> PathEdits:
     before, after = _beside(message.index, session)
     if len(_fresh(session).simplified.index) < 3:
         raise InvalidInputError("a path needs two points: neither can be taken away")
@@ -70,7 +61,7 @@ def _(message: DeletePathPoint, session: Session) -> PathEdits:
 
 
 @edited.register
-def _(message: PinPathSample, session: Session) -> PathEdits:
+def _(message: messages.PinPathSample, session: Session) -> PathEdits:
     raw = require_result(session.results.path, "demonstrate the scan path").value.points_base
     at = np.flatnonzero(edit_path(raw, session.path_edits.changes).samples == message.sample)
     if message.sample < 0 or not len(at):
@@ -82,7 +73,7 @@ def _(message: PinPathSample, session: Session) -> PathEdits:
 
 
 @edited.register
-def _(message: ClearPathEdits, session: Session) -> PathEdits:
+def _(message: messages.ClearPathEdits, session: Session) -> PathEdits:
     return PathEdits()
 
 
@@ -158,7 +149,7 @@ def is_kept(session: Session, sample: int) -> bool:
     return bool(path.keep[path.samples == sample].any())
 
 
-def change_path(message: PathChange, session: Session) -> Session:
+def change_path(message: messages.PathChange, session: Session) -> Session:
     """Carry out a change of the path by hand; smooth it again, where that was done and is fresh."""
     require_inputs(type(message), session)
     changed = replace(session, path_edits=edited(message, session))
@@ -168,6 +159,8 @@ def change_path(message: PathChange, session: Session) -> Session:
     return compute_result(message_from(smooth.message, smooth.arguments), changed)
 
 
-def compute_path(message: BuildPath | GenerateScanPattern, session: Session) -> Session:
+def compute_path(
+    message: messages.BuildPath | messages.GenerateScanPattern, session: Session
+) -> Session:
     """Carry out `BuildPath` or `GenerateScanPattern`; edits by hand were of another path."""
     return replace(compute_result(message, session), path_edits=PathEdits())

@@ -4,18 +4,13 @@ Lengths are in millimetres, angles in degrees. A place that somebody points at o
 look: how deep it lies is taken from the measured surface.
 """
 
-from dataclasses import dataclass
-from typing import ClassVar, Literal
+from typing import Literal
 
 import numpy as np
 
-from rona_core.app.messages.session_messages import Point
+from rona_core.app.messages.message import Point, message, within
 from rona_core.app.steps.surface.messages import MAX_PICKS
-from rona_core.devices.settings import (
-    STRICT,
-    require,
-    require_within,
-)
+from rona_core.devices.settings import require
 from rona_core.session.document import REGION_RADII_MM
 
 MAX_CORNERS = 500
@@ -26,7 +21,7 @@ def _require_place(name: str, place: Point | None) -> None:
     require(finite, f"{name} must be numbers within 100 m, not {place}")
 
 
-@dataclass(frozen=True, slots=True)
+@message
 class GenerateScanPattern:
     """Make a scan path by rule on the measured surface: a raster or a spiral round a centre.
 
@@ -35,21 +30,15 @@ class GenerateScanPattern:
     that was sampled.
     """
 
-    __pydantic_config__: ClassVar = STRICT
     kind: Literal["raster", "spiral"] = "raster"
-    spacing_mm: float = 4.0
-    turn_deg: float = 0.0  # of the lines, about the normal
-    margin_mm: float = 0.0  # from the boundary
-    radius_mm: float | None = None
+    spacing_mm: float = within(0.5, 20.0, default=4.0)
+    turn_deg: float = within(-360.0, 360.0, default=0.0)  # of the lines, about the normal
+    margin_mm: float = within(0.0, 40.0, default=0.0)  # from the boundary
+    radius_mm: float | None = within(*REGION_RADII_MM, default=None)
     center_base_mm: Point | None = None
     boundary_base_mm: tuple[Point, ...] = ()
 
     def __post_init__(self) -> None:
-        require_within("spacing_mm", self.spacing_mm, 0.5, 20.0)
-        require_within("turn_deg", self.turn_deg, -360.0, 360.0)
-        require_within("margin_mm", self.margin_mm, 0.0, 40.0)
-        if self.radius_mm is not None:
-            require_within("radius_mm", self.radius_mm, *REGION_RADII_MM)
         _require_place("center_base_mm", self.center_base_mm)
         count = len(self.boundary_base_mm)
         require(
@@ -59,7 +48,7 @@ class GenerateScanPattern:
             _require_place("boundary_base_mm", corner)
 
 
-@dataclass(frozen=True, slots=True)
+@message
 class MovePathPoint:
     """Move a point of the smoothed path (its number, from 0) to a place on the measured surface.
 
@@ -67,7 +56,6 @@ class MovePathPoint:
     the place goes to the surface along the normal.
     """
 
-    __pydantic_config__: ClassVar = STRICT
     index: int
     point_base_mm: Point
     seen_from_base_mm: Point | None = None
@@ -77,14 +65,13 @@ class MovePathPoint:
         _require_place("seen_from_base_mm", self.seen_from_base_mm)
 
 
-@dataclass(frozen=True, slots=True)
+@message
 class InsertPathPoint:
     """Put a point into the smoothed path behind the one of number ``after``; -1: before the first.
 
     The place is found on the measured surface as for `MovePathPoint`.
     """
 
-    __pydantic_config__: ClassVar = STRICT
     after: int
     point_base_mm: Point
     seen_from_base_mm: Point | None = None
@@ -94,41 +81,35 @@ class InsertPathPoint:
         _require_place("seen_from_base_mm", self.seen_from_base_mm)
 
 
-@dataclass(frozen=True, slots=True)
+@message
 class DeletePathPoint:
     """Take a point of the smoothed path (its number, from 0) away; its neighbours stay."""
 
-    __pydantic_config__: ClassVar = STRICT
     index: int
 
 
-@dataclass(frozen=True, slots=True)
+@message
 class PinPathSample:
     """Say that a sample of the demonstrated path (its number, from 0) must stay, or need not."""
 
-    __pydantic_config__: ClassVar = STRICT
     sample: int
     keep: bool = True
 
 
-@dataclass(frozen=True, slots=True)
+@message
 class ClearPathEdits:
     """Forget all changes of the path by hand."""
-
-    __pydantic_config__: ClassVar = STRICT
 
 
 PathChange = MovePathPoint | InsertPathPoint | DeletePathPoint | PinPathSample | ClearPathEdits
 
 
-@dataclass(frozen=True, slots=True)
+@message
 class BuildPath:
     """Compute the demonstrated path from the recorded stroke of the pointer."""
 
-    __pydantic_config__: ClassVar = STRICT
 
-
-@dataclass(frozen=True, slots=True)
+@message
 class StartPathCapture:
     """Demonstrate the scan path with the pointer; then build the path.
 
@@ -136,13 +117,10 @@ class StartPathCapture:
     follows them.
     """
 
-    __pydantic_config__: ClassVar = STRICT
-    duration_s: float = 40.0
-    spacing_mm: float = 4.0
+    duration_s: float = within(1.0, 600.0, default=40.0)
+    spacing_mm: float = within(1.0, 20.0, default=4.0)
     picks_base_mm: tuple[Point, ...] = ()
 
     def __post_init__(self) -> None:
-        require_within("duration_s", self.duration_s, 1.0, 600.0)
-        require_within("spacing_mm", self.spacing_mm, 1.0, 20.0)
         count = len(self.picks_base_mm)
         require(count == 0 or 2 <= count <= MAX_PICKS, f"picks must be 2 to {MAX_PICKS}")

@@ -1,42 +1,39 @@
 """Path: the scan path, demonstrated, drawn by rule, and edited by hand."""
 
-from rona_core.app.declarations.declarations import (
-    Activity,
-    Capture,
-    Command,
-    Result,
-    Step,
-    StepLine,
-)
+from rona_core.app.declarations import declarations as declare
+from rona_core.app.declarations.declarations import ActivityContext, Input
 from rona_core.app.dependencies.base_reference import carried_remark, found_again, placed_reason
-from rona_core.app.dependencies.inputs import capture_input, result_input, setup_input
-from rona_core.app.dependencies.step_states import stopped_early
-from rona_core.app.steps.path.captures import record_path
+from rona_core.app.dependencies.inputs import capture_input, result_input
+from rona_core.app.runtime.handling import record
+from rona_core.app.runtime.recording import capture_stroke
+from rona_core.app.steps.path import messages
 from rona_core.app.steps.path.derivation import derive_path, derive_pattern, is_pattern
 from rona_core.app.steps.path.handlers import change_path, compute_path
-from rona_core.app.steps.path.messages import (
-    BuildPath,
-    ClearPathEdits,
-    DeletePathPoint,
-    GenerateScanPattern,
-    InsertPathPoint,
-    MovePathPoint,
-    PinPathSample,
-    StartPathCapture,
-)
-from rona_core.app.steps.setup.capture_parts import (
-    pointer_part,
-    robot_part,
-    specimen_part,
-    tracker_part,
-)
+from rona_core.app.steps.setup import capture_parts as parts
 from rona_core.app.steps.setup.inputs import CHOOSE_REFERENCE, RADIUS
+from rona_core.session.captures import PointerCapture
 from rona_core.session.document import Session
 
 PATH_CAPTURE, PATH = capture_input("path"), result_input("path")
 TOOL, POINTER, SURFACE = result_input("tool"), result_input("pointer"), result_input("surface")
 SMOOTHING = result_input("smoothing")
-REFERENCE = setup_input(lambda s: found_again(s, (s.captures.path,)), CHOOSE_REFERENCE)
+REFERENCE = Input(lambda s: found_again(s, (s.captures.path,)), CHOOSE_REFERENCE)
+
+
+def capture_path(
+    activity: messages.StartPathCapture, session: Session, context: ActivityContext
+) -> PointerCapture:
+    """Record the pointer marker while the pointer demonstrates the scan path."""
+    return capture_stroke(
+        "path",
+        session,
+        context,
+        activity.picks_base_mm,
+        activity.duration_s,
+        lambda: context.rig.operator.draw(
+            spacing_mm=activity.spacing_mm, duration_s=activity.duration_s
+        ),
+    )
 
 
 def _summary(session: Session) -> str:
@@ -49,43 +46,46 @@ def _summary(session: Session) -> str:
     return f"{made}{len(held.value.points_base)} points{remark}"
 
 
-def _partial(session: Session) -> str | None:
-    return None if is_pattern(session) else stopped_early("path", session)
-
-
-STEP = Step(
+STEP = declare.Step(
     "path",
     commands=(
-        Command(BuildPath, compute_path, needs=(PATH_CAPTURE, TOOL, POINTER)),
-        Command(GenerateScanPattern, compute_path, needs=(SURFACE,)),
-        Command(MovePathPoint, change_path, needs=(SMOOTHING, SURFACE), takes_stale=True),
-        Command(InsertPathPoint, change_path, needs=(SMOOTHING, SURFACE), takes_stale=True),
-        Command(DeletePathPoint, change_path, needs=(SMOOTHING,), takes_stale=True),
-        Command(PinPathSample, change_path, needs=(PATH, SURFACE), takes_stale=True),
-        Command(ClearPathEdits, change_path),
+        declare.Command(messages.BuildPath, compute_path, needs=(PATH_CAPTURE, TOOL, POINTER)),
+        declare.Command(messages.GenerateScanPattern, compute_path, needs=(SURFACE,)),
+        declare.Command(
+            messages.MovePathPoint, change_path, needs=(SMOOTHING, SURFACE), takes_stale=True
+        ),
+        declare.Command(
+            messages.InsertPathPoint, change_path, needs=(SMOOTHING, SURFACE), takes_stale=True
+        ),
+        declare.Command(
+            messages.DeletePathPoint, change_path, needs=(SMOOTHING,), takes_stale=True
+        ),
+        declare.Command(
+            messages.PinPathSample, change_path, needs=(PATH, SURFACE), takes_stale=True
+        ),
+        declare.Command(messages.ClearPathEdits, change_path),
     ),
     activities=(
-        Activity(
-            StartPathCapture,
-            record_path,
+        declare.Activity(
+            messages.StartPathCapture,
+            record("path", capture_path, messages.BuildPath),
             "Demonstrating the path",
             needs=(TOOL, POINTER),
             blocked=placed_reason,
-            uses_devices=True,
             records=True,
         ),
     ),
     captures=(
-        Capture(
+        declare.Capture(
             "path",
             "demonstrate the scan path (step 5)",
-            (tracker_part, robot_part, pointer_part, specimen_part),
+            (parts.tracker, parts.robot, parts.pointer, parts.specimen),
         ),
     ),
     results=(
-        Result(
+        declare.Result(
             "path",
-            BuildPath,
+            messages.BuildPath,
             derive_path,
             {
                 "capture": PATH_CAPTURE,
@@ -95,19 +95,18 @@ STEP = Step(
             },
             "demonstrate the path (step 5)",
         ),
-        Result(
+        declare.Result(
             "path",
-            GenerateScanPattern,
+            messages.GenerateScanPattern,
             derive_pattern,
             {"surface": SURFACE, "region": RADIUS},
             "demonstrate the path (step 5)",
         ),
     ),
-    line=StepLine(
+    line=declare.StepLine(
         "Path",
         _summary,
-        StartPathCapture,
+        messages.StartPathCapture,
         leaves=lambda session: (PATH,) if is_pattern(session) else (PATH_CAPTURE, PATH),
-        partial=_partial,
     ),
 )

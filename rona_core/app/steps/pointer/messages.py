@@ -1,31 +1,23 @@
-"""Messages of the pointer calibration.
+"""Messages of the pointer calibration."""
 
-Lengths are in millimetres, angles typed by people in degrees, times in seconds.
-"""
+from typing import Literal
 
-from dataclasses import dataclass
-from typing import ClassVar, Literal
-
+from rona_core.app.messages.message import message, within
 from rona_core.app.steps.tool.messages import require_rows
-from rona_core.devices.settings import (
-    STRICT,
-    require_within,
-)
 
 
-@dataclass(frozen=True, slots=True)
+@message
 class CalibratePointer:
     """Compute the pointer tip from the recorded pivoting."""
 
-    __pydantic_config__: ClassVar = STRICT
-    method: Literal["ml", "sphere", "aos"] = "ml"
+    method: Literal["ml", "sphere"] = "ml"
     exclude: tuple[int, ...] = ()  # poses left out by hand, rows of the result's residuals
 
     def __post_init__(self) -> None:
         require_rows(self.exclude)
 
 
-@dataclass(frozen=True, slots=True)
+@message
 class StartPointerCapture:
     """Pivot the pointer about its tip while the tracker watches; then calibrate.
 
@@ -33,17 +25,12 @@ class StartPointerCapture:
     somebody says meanwhile; ``cone_deg`` then means nothing.
     """
 
-    __pydantic_config__: ClassVar = STRICT
-    cone_deg: float = 30.0
-    duration_s: float = 15.0
+    cone_deg: float = within(1.0, 60.0, default=30.0)
+    duration_s: float = within(1.0, 120.0, default=15.0)
     by_hand: bool = False
 
-    def __post_init__(self) -> None:
-        require_within("cone_deg", self.cone_deg, 1.0, 60.0)
-        require_within("duration_s", self.duration_s, 1.0, 120.0)
 
-
-@dataclass(frozen=True, slots=True)
+@message
 class ExcludePoses:
     """Leave single poses out of a calibration by hand, and compute it again from the others.
 
@@ -51,7 +38,6 @@ class ExcludePoses:
     poses again. The method stays what it was.
     """
 
-    __pydantic_config__: ClassVar = STRICT
     step: Literal["tool", "pointer"]
     indices: tuple[int, ...] = ()
 

@@ -54,6 +54,5 @@ def report_pivot(
         dof=dof,
         method=method,
         geometry_marker=pivot.geometry_marker,
-        frames=pivot.frames,
     )
     return PivotReport(pivot, calibration)

@@ -1,21 +1,15 @@
-"""Messages that take recordings made elsewhere.
+"""Messages that take recordings made elsewhere."""
 
-Lengths are in millimetres, angles typed by people in degrees, times in seconds.
-"""
+from typing import Literal
 
-from dataclasses import dataclass
-from typing import ClassVar, Literal
-
-from rona_core.app.runtime.saving.file_names import plain_name
-from rona_core.devices.settings import (
-    STRICT,
-    require,
-)
+from rona_core.app.messages.message import message
+from rona_core.app.runtime.saving.session_files import plain_name
+from rona_core.devices.settings import require
 
 MAX_FILES = 5000
 
 
-@dataclass(frozen=True, slots=True)
+@message
 class StartRecordingImport:
     """Take a recording of a tracker (`.igs.mha`, uploaded before) as a capture of the pointer.
 
@@ -24,7 +18,6 @@ class StartRecordingImport:
     ``append`` adds a stroke to those recorded before; ``play`` shows it at the pace of captures.
     """
 
-    __pydantic_config__: ClassVar = STRICT
     file: str
     purpose: Literal["pivot", "surface", "path"] = "pivot"
     tool: str | None = None
@@ -35,7 +28,7 @@ class StartRecordingImport:
         plain_name(self.file)
 
 
-@dataclass(frozen=True, slots=True)
+@message
 class StartPivotImport:
     """Take a pivot that was recorded elsewhere (uploaded before) as that of the pointer; calibrate.
 
@@ -44,7 +37,6 @@ class StartPivotImport:
     A zip stands for the files in it.
     """
 
-    __pydantic_config__: ClassVar = STRICT
     files: tuple[str, ...]
     geometry: str | None = None
     tool: str | None = None

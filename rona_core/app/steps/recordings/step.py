@@ -1,30 +1,154 @@
 """Recordings: captures of the pointer that were made elsewhere."""
 
-from rona_core.app.declarations.declarations import Activity, Step
-from rona_core.app.steps.recordings.captures import (
-    require_as_recorded,
-    store_pivot,
-    store_recording,
-)
-from rona_core.app.steps.recordings.messages import StartPivotImport, StartRecordingImport
+from dataclasses import replace
 
-STEP = Step(
+from rona_core.app.declarations import declarations as declare
+from rona_core.app.declarations.declarations import ActivityContext, Message
+from rona_core.app.dependencies.requirements import require_inputs
+from rona_core.app.runtime.handling import record
+from rona_core.app.runtime.recording import begin
+from rona_core.app.steps.path.messages import BuildPath, StartPathCapture
+from rona_core.app.steps.pointer.messages import CalibratePointer, StartPointerCapture
+from rona_core.app.steps.recordings.messages import StartPivotImport, StartRecordingImport
+from rona_core.app.steps.surface.messages import BuildSurface, StartSurfaceCapture
+from rona_core.devices.files.poses.igs_mha import read_igs_mha
+from rona_core.devices.files.poses.pivot_recordings import chosen_tool, read_pivot
+from rona_core.devices.files.poses.pose_matrices import require_millimetres
+from rona_core.devices.files.size_limits import read_file
+from rona_core.devices.files.text_tables import NamedFile
+from rona_core.devices.marker_geometry import GEOMETRIES
+from rona_core.devices.recording import Recording, ReplayTracker
+from rona_core.devices.samples import ToolTrack, TrackerFrame
+from rona_core.errors import DeviceError, NotFoundError
+from rona_core.session.captures import PointerCapture, imported_digest
+from rona_core.session.document import Session
+
+STANDS_FOR = {  # purpose -> capture, the activity that takes it here, and what follows
+    "pivot": ("pointer", StartPointerCapture, CalibratePointer),
+    "surface": ("surface", StartSurfaceCapture, BuildSurface),
+    "path": ("path", StartPathCapture, BuildPath),
+}
+
+
+def import_recording(
+    activity: StartRecordingImport, session: Session, context: ActivityContext
+) -> PointerCapture:
+    """Read one tool of a recording; with ``play`` at the pace of captures, for the eye.
+
+    Raises:
+        NotFoundError: the file was not uploaded.
+        InvalidInputError: it is no recording, the tool is not in it, or it is in metres.
+        DeviceError: the tool was seen in no frame.
+    """
+    file = _uploaded(activity.file, context)
+    recording = read_igs_mha(file.data, file.name)
+    pointer = session.setup.devices.pointer
+    tool = chosen_tool(recording, activity.tool, pointer, file.name)
+    alone, partial = recording.only(tool).from_zero(), False
+    require_millimetres(alone.track(tool).Ts_tracker_marker.translations, file.name)
+    if activity.play:
+        track, partial = _play(alone, tool, session, context)
+    else:
+        track = alone.track(tool)
+    if not len(track.times_s):
+        raise DeviceError(f"{file.name}: {tool} was seen in none of its {len(alone)} frames")
+    return _capture(session, track, [file], partial)
+
+
+def import_pivot(
+    activity: StartPivotImport, session: Session, context: ActivityContext
+) -> PointerCapture:
+    """Read the poses of a pivot from files of any kind that ``devices.pivot_files`` knows.
+
+    Raises:
+        NotFoundError: a file was not uploaded.
+        RonaError: the files hold no poses; it says which line.
+    """
+    files = [_uploaded(name, context) for name in activity.files]
+    geometry = None if activity.geometry is None else _uploaded(activity.geometry, context)
+    pointer = session.setup.devices.pointer
+    pivot = read_pivot(
+        files,
+        geometry=geometry,
+        tool=activity.tool,
+        usual=pointer,
+        dof=GEOMETRIES[pointer].dof,
+    )
+    used = [*files, geometry] if geometry is not None else files
+    return _capture(session, pivot.track, used, partial=False)
+
+
+def _uploaded(name: str, context: ActivityContext) -> NamedFile:
+    path = context.uploads / name
+    if not path.is_file():
+        raise NotFoundError(f"there is no uploaded file {name!r}: upload it first")
+    return NamedFile(name, read_file(path, "an uploaded file"))
+
+
+def _play(
+    recording: Recording, tool: str, session: Session, context: ActivityContext
+) -> tuple[ToolTrack, bool]:
+    """Let the recording run on the clock of the devices; cancelled, it ends where it is."""
+    begin(session, context)
+    tracker = ReplayTracker(recording, context.rig.clock)
+    frames: list[TrackerFrame] = []
+    try:
+        for frame in tracker.frames():
+            frames.append(frame)
+            context.live.put(frame=frame, origin=tracker.origin)
+            context.progress(len(frames) / len(recording))
+            if context.cancel():
+                break
+    finally:
+        tracker.close()
+        context.live.put(origin=None)
+    if not frames:
+        raise DeviceError("the replay was stopped before its first frame")
+    track = Recording.from_frames(frames).track(tool)
+    partial = len(frames) < len(recording)
+    return (track if partial else replace(track, n_frames=recording.n_frames)), partial
+
+
+def _capture(
+    session: Session, track: ToolTrack, files: list[NamedFile], partial: bool
+) -> PointerCapture:
+    return PointerCapture(
+        ordinal=len(session.archive) + 1,
+        setup_digest=imported_digest(file.data for file in files),
+        pointer=session.setup.devices.pointer,
+        marker=track,
+        partial=partial,
+    )
+
+
+def require_as_recorded(activity: StartRecordingImport, session: Session) -> None:
+    """Raise StepBlockedError where the capture that a recording stands for is blocked."""
+    require_inputs(STANDS_FOR[activity.purpose][1], session)
+
+
+def store_recording(
+    activity: StartRecordingImport, session: Session, context: ActivityContext
+) -> tuple[Message, ...]:
+    """Read a recording as the capture it stands for, then compute what follows from it."""
+    capture, _, follows = STANDS_FOR[activity.purpose]
+    return record(capture, import_recording, follows)(activity, session, context)
+
+
+STEP = declare.Step(
     "recordings",
     activities=(
-        Activity(
+        declare.Activity(
             StartRecordingImport,
             store_recording,
             "Reading the recording",
             check=require_as_recorded,
-            uses_devices=True,
             records=True,
             of_several_steps=True,
         ),
-        Activity(
+        declare.Activity(
             StartPivotImport,
-            store_pivot,
+            record("pointer", import_pivot, CalibratePointer),
             "Reading the pivot",
-            uses_devices=True,
             records=True,
             shown_in="pointer",
         ),

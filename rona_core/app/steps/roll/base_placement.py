@@ -1,17 +1,19 @@
 """Where to put the robot's base: the search in full, among what stands around, and its outcome."""
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import Literal
 
 from rona_core.app.dependencies.inputs import require_result
+from rona_core.app.dependencies.staleness import stale_reason
 from rona_core.app.steps.roll.derivation import plan_settings
 from rona_core.app.steps.roll.messages import StartBasePlacement, StartRollSearch
-from rona_core.devices.protocols import Cancel, Progress, never, silent
+from rona_core.devices.protocols import Cancel, Progress
 from rona_core.devices.settings import RobotSettings
 from rona_core.errors import NotReachableError
+from rona_core.geometry.arrays import Bools, Floats
 from rona_core.geometry.path5d import Path5D
 from rona_core.geometry.pose import Pose
-from rona_core.robot.base_placement.candidates import BasePlace, BasePlacement
+from rona_core.robot.base_placement.candidates import BasePlace, BasePlacement, base_pose
 from rona_core.robot.base_placement.placement import place_base
 from rona_core.robot.collision.obstacles import Obstacles
 from rona_core.robot.kinematics.catalog import robot_model
@@ -24,11 +26,7 @@ STILL_MM, STILL_DEG = 0.5, 0.05  # a base that moves by less stays where it is
 
 
 def derive_placement(
-    session: Session,
-    message: StartBasePlacement,
-    *,
-    progress: Progress = silent,
-    cancel: Cancel = never,
+    session: Session, message: StartBasePlacement, *, progress: Progress, cancel: Cancel
 ) -> BasePlacement:
     """Search places of the base; what is suggested is planned and certified among everything."""
     smooth = require_result(session.results.smoothing, "smooth the path").value
@@ -92,3 +90,49 @@ def require_move(session: Session, which: Which) -> RobotSettings:
     if not moves(place):
         raise NotReachableError("the base stays where it is: the scan works from there")
     return place.moved(session.setup.devices.robot)
+
+
+__all__ = ["BasePlace", "BasePlacement", "PlacementView", "fresh_placement", "placement_view"]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class PlacementView:
+    """Cells of the map, and the two places that were planned in full."""
+
+    room: Pose  # pose in ``base`` of the base at its default place
+    x_mm: Floats  # (nx,) middles of the cells, along x of the room
+    y_mm: Floats  # (ny,)
+    margins: Floats  # (nx, ny) 0 and more seems to work
+    blocked: Bools  # (nx, ny)
+    best: Pose | None  # pose of the base there; None where there is none, or no move
+    smallest: Pose | None
+
+
+def fresh_placement(session: Session) -> BasePlacement | None:
+    """Return the places that were found, while they hold for the robot and path of now."""
+    found = session.results.placement
+    return None if found is None or stale_reason("placement", session) else found.value
+
+
+def placement_view(session: Session) -> PlacementView | None:
+    """Return what to draw; None while no search holds."""
+    found = fresh_placement(session)
+    if found is None:
+        return None
+    robot = session.setup.devices.robot
+    room = base_pose(robot.base_shift_mm, robot.base_turn_deg).inv()
+
+    def pose(place: BasePlace | None) -> Pose | None:
+        if place is None or not moves(place):
+            return None
+        return room @ base_pose(place.shift_mm, place.turn_deg)
+
+    return PlacementView(
+        room=room,
+        x_mm=found.x_mm,
+        y_mm=found.y_mm,
+        margins=found.margins.astype(float),
+        blocked=found.blocked,
+        best=pose(found.best),
+        smallest=pose(found.smallest),
+    )

@@ -3,7 +3,7 @@
 from rona_core.app.dependencies.inputs import require_result
 from rona_core.app.dependencies.staleness import session_obstacles
 from rona_core.app.steps.roll.messages import StartRollSearch
-from rona_core.devices.protocols import Cancel, Progress, never, silent
+from rona_core.devices.protocols import Cancel, Progress
 from rona_core.robot.kinematics.catalog import robot_model
 from rona_core.robot.planning.plan import RobotPlan
 from rona_core.robot.planning.plan_scan import PlanSettings, choose_roll, plan_scan
@@ -12,11 +12,7 @@ from rona_core.session.document import Session
 
 
 def derive_roll(
-    session: Session,
-    message: StartRollSearch,
-    *,
-    progress: Progress = silent,
-    cancel: Cancel = never,
+    session: Session, message: StartRollSearch, *, progress: Progress, cancel: Cancel
 ) -> RobotPlan:
     """Judge every roll, and plan, time and verify the scan with the chosen one."""
     smooth = require_result(session.results.smoothing, "smooth the path").value

@@ -11,7 +11,7 @@ from rona_core.geometry.arrays import Bools, Floats, readonly
 from rona_core.robot.collision.collision_world import CollisionWorld
 from rona_core.robot.kinematics.catalog import robot_model
 from rona_core.robot.planning.plan import RobotPlan
-from rona_core.robot.redundancy.joint_path import branch_margins
+from rona_core.robot.redundancy.margins import branch_margins
 from rona_core.session.document import Session
 from rona_core.session.memo import Memo
 
@@ -75,8 +75,7 @@ def _margins(plan: RobotPlan, world: CollisionWorld, index: int, *, chosen: bool
     curve = plan.search.chosen_curve_rad if chosen else plan.search.curves_rad[index]
     report = world.report(curve.astype(np.float64))
     at = int(np.argmin(report.room_mm))
-    pair = int(report.closest[at])
-    first, second = report.names[pair]
+    closest = report.closest_pair(at)
     least = [
         readonly(np.minimum.reduceat(values, shown))
         for values in (found.least, found.limit_deg, found.singularity)
@@ -88,8 +87,8 @@ def _margins(plan: RobotPlan, world: CollisionWorld, index: int, *, chosen: bool
         singularity=least[2],
         clearance_mm=report.clearance_mm,
         collides=readonly(report.room_mm < 0.0),
-        closest=(first, second),
-        closest_mm=float(report.least_mm[pair] + report.room_mm[at]),
-        needed_mm=float(report.least_mm[pair]),
+        closest=(closest.first, closest.second),
+        closest_mm=closest.apart_mm,
+        needed_mm=closest.least_mm,
         closest_at=at,
     )

@@ -1,58 +1,44 @@
-"""Messages of the motion planning.
+"""Messages of the motion planning."""
 
-Lengths are in millimetres, angles typed by people in degrees, times in seconds.
-"""
+from typing import Literal
 
-from dataclasses import dataclass
-from typing import ClassVar, Literal
-
-from rona_core.devices.settings import (
-    STRICT,
-    require,
-    require_within,
-)
+from rona_core.app.messages.message import message, within
+from rona_core.devices.settings import require
 from rona_core.robot.base_placement.candidates import BaseSearch
 
 MAX_PLACES = 2000  # of the base, that are looked at
 
 
-@dataclass(frozen=True, slots=True)
+@message
 class StartRollSearch:
     """Search the roll about the probe axis that the robot can traverse; plan, time and verify.
 
     The mode ``auto`` takes a constant roll, and one that varies along the path where none will do.
     """
 
-    __pydantic_config__: ClassVar = STRICT
-    n_rolls: int = 72
+    n_rolls: int = within(1, 720, default=72)
     roll_from_deg: float = 0.0
     roll_to_deg: float = 360.0
     choice: Literal["best", "first"] = "best"
     mode: Literal["auto", "constant", "variable"] = "auto"
 
     def __post_init__(self) -> None:
-        require_within("n_rolls", self.n_rolls, 1, 720)
         require(
             -360.0 <= self.roll_from_deg < self.roll_to_deg <= 720.0,
             "rolls must lie within -360 and 720 degrees, first below last",
         )
 
 
-@dataclass(frozen=True, slots=True)
+@message
 class ChooseRoll:
     """Plan and verify the scan with another roll of the search (its index, from 0)."""
 
-    __pydantic_config__: ClassVar = STRICT
-    index: int
-    branch: int | None = None  # one that is ranked for this roll; None: that with the most room
-
-    def __post_init__(self) -> None:
-        require_within("index", self.index, 0, 9999)
-        if self.branch is not None:
-            require_within("branch", self.branch, 0, 7)
+    index: int = within(0, 9999)
+    # one that is ranked for this roll; None: that with the most room
+    branch: int | None = within(0, 7, default=None)
 
 
-@dataclass(frozen=True, slots=True)
+@message
 class StartBasePlacement:
     """Search places of the robot's base from which the path can be scanned, best and nearest.
 
@@ -60,11 +46,10 @@ class StartBasePlacement:
     where the base stands, at heights ``levels_mm`` from there.
     """
 
-    __pydantic_config__: ClassVar = STRICT
     half_x_mm: float = 500.0
     half_y_mm: float = 600.0
     step_mm: float = 100.0
-    levels_mm: tuple[float, ...] = (0.0,)
+    levels_mm: tuple[float, ...] = within(-1000.0, 1000.0, default=(0.0,))
 
     def __post_init__(self) -> None:
         self.search()  # refuses what cannot be searched
@@ -75,8 +60,6 @@ class StartBasePlacement:
         Raises:
             InvalidInputError: no such search, or one of too many places.
         """
-        for level_mm in self.levels_mm:
-            require_within("levels_mm", level_mm, -1000.0, 1000.0)
         wanted = BaseSearch(self.half_x_mm, self.half_y_mm, self.step_mm, self.levels_mm)
         across, along = (2 * int(v / self.step_mm) + 1 for v in (self.half_x_mm, self.half_y_mm))
         places = across * along * len(self.levels_mm)
@@ -84,7 +67,7 @@ class StartBasePlacement:
         return wanted
 
 
-@dataclass(frozen=True, slots=True)
+@message
 class ApplyBasePlacement:
     """Move the robot's base to the place that was found: the most roomy one or the nearest.
 
@@ -92,5 +75,4 @@ class ApplyBasePlacement:
     done again.
     """
 
-    __pydantic_config__: ClassVar = STRICT
     place: Literal["best", "smallest"] = "smallest"

@@ -34,14 +34,14 @@ def why_no_plan(plan: RobotPlan) -> str | None:
         counts = [f"{count} by {cause}" for cause, count in causes.most_common()]
         if plan.search.n_feasible:
             counts.append(f"{plan.search.n_feasible} with less room were not tried")
-        told = ""
+        details = ""
         if stopped:
             furthest = max(stopped, key=lambda verdict: verdict.index)
-            told = f"; the one that gets furthest: {furthest.sentence}"
+            details = f"; the one that gets furthest: {furthest.sentence}"
         if refused := plan.search.refused:
-            told = f"; tried first: {refused.sentence}{told}"
+            details = f"; tried first: {refused.sentence}{details}"
         tried = f"none of {len(plan.search.verdicts)} rolls works ({', '.join(counts)})"
-        return f"{tried}{told}{_varying(plan)}"
+        return f"{tried}{details}{_varying(plan)}"
     failures = plan.certificate.failures() if plan.certificate is not None else ()
     return "the verifier refuses the plan: " + "; ".join(check.sentence for check in failures)
 

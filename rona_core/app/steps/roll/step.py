@@ -1,69 +1,109 @@
 """Roll: motion planning over the free angle about the probe, and placement of the base."""
 
-from rona_core.app.declarations.declarations import Activity, Command, Result, Step, StepLine
-from rona_core.app.dependencies.inputs import result_input
-from rona_core.app.runtime.computing import compute_one
-from rona_core.app.steps.roll.base_placement import derive_placement
-from rona_core.app.steps.roll.derivation import derive_roll
-from rona_core.app.steps.roll.handlers import apply_base_placement, choose_roll, recompute_roll
-from rona_core.app.steps.roll.messages import (
-    ApplyBasePlacement,
-    ChooseRoll,
-    StartBasePlacement,
-    StartRollSearch,
-)
+from rona_core.app.declarations import declarations as declare
+from rona_core.app.declarations.declarations import Arguments
+from rona_core.app.dependencies.inputs import require_result, result_input
+from rona_core.app.dependencies.requirements import require_inputs
+from rona_core.app.dependencies.staleness import stale_reason
+from rona_core.app.messages.message import values_of
+from rona_core.app.messages.serialization import message_from
+from rona_core.app.runtime.handling import compute_one
+from rona_core.app.steps.roll import messages
+from rona_core.app.steps.roll.base_placement import derive_placement, require_move
+from rona_core.app.steps.roll.derivation import derive_chosen_roll, derive_roll
 from rona_core.app.steps.roll.plan_reasons import plan_reason, roll_summary
 from rona_core.app.steps.setup.inputs import BASE, DRIVEN
+from rona_core.app.steps.setup.messages import SetRobot
+from rona_core.app.steps.setup.step import set_robot
 from rona_core.app.steps.tool.messages import StartRobotMove
-from rona_core.app.steps.tool.robot_motion import drive_robot
+from rona_core.app.steps.tool.robot_motion import move_robot
+from rona_core.devices.protocols import Cancel, Progress
+from rona_core.errors import StaleResultError
+from rona_core.robot.planning.plan import RobotPlan
+from rona_core.session.document import Derived, Session
 
 SMOOTHING, ROLL, PLACEMENT = (result_input(name) for name in ("smoothing", "roll", "placement"))
 
-STEP = Step(
+
+def apply_base_placement(message: messages.ApplyBasePlacement, session: Session) -> Session:
+    """Carry out `ApplyBasePlacement`."""
+    require_inputs(type(message), session)
+    reason = stale_reason("placement", session)
+    if reason is not None:
+        raise StaleResultError(f"{reason}: look for a place of the base again (step 7)")
+    robot = require_move(session, message.place)
+    return set_robot(SetRobot(**values_of(robot, SetRobot)), session)
+
+
+def choose_roll(message: messages.ChooseRoll, session: Session) -> Session:
+    """Carry out `ChooseRoll`."""
+    require_inputs(type(message), session)
+    searched: Derived[RobotPlan] = require_result(session.results.roll, "plan the motion (step 7)")
+    plan = derive_chosen_roll(session, searched.value, message.index, message.branch)
+    arguments = {**searched.arguments, "chosen": message.index, "branch": message.branch}
+    made = Derived(plan, searched.message, arguments, searched.inputs)
+    return session.with_result("roll", made)
+
+
+def recompute_roll(
+    session: Session, arguments: Arguments, progress: Progress, cancel: Cancel
+) -> RobotPlan:
+    """Search again, and take again the roll that somebody chose after the search."""
+    asked = dict(arguments)
+    chosen, branch = asked.pop("chosen", None), asked.pop("branch", None)
+    message = message_from(messages.StartRollSearch.__name__, asked)
+    plan = derive_roll(session, message, progress=progress, cancel=cancel)
+    if not isinstance(chosen, int):
+        return plan
+    return derive_chosen_roll(session, plan, chosen, branch if isinstance(branch, int) else None)
+
+
+STEP = declare.Step(
     "roll",
     commands=(
-        Command(ChooseRoll, choose_roll, needs=(ROLL,)),
-        Command(ApplyBasePlacement, apply_base_placement, needs=(PLACEMENT,), takes_stale=True),
+        declare.Command(messages.ChooseRoll, choose_roll, needs=(ROLL,)),
+        declare.Command(
+            messages.ApplyBasePlacement, apply_base_placement, needs=(PLACEMENT,), takes_stale=True
+        ),
     ),
     activities=(
-        Activity(StartRollSearch, compute_one, "Searching the roll", needs=(SMOOTHING,)),
-        Activity(
-            StartBasePlacement,
+        declare.Activity(
+            messages.StartRollSearch, compute_one, "Searching the roll", needs=(SMOOTHING,)
+        ),
+        declare.Activity(
+            messages.StartBasePlacement,
             compute_one,
             "Looking for places of the base",
             needs=(SMOOTHING,),
         ),
-        Activity(
+        declare.Activity(
             StartRobotMove,
-            drive_robot,
+            move_robot,
             "Moving the robot",
-            uses_devices=True,
             drives_robot=True,
         ),
     ),
     results=(
-        Result(
+        declare.Result(
             "roll",
-            StartRollSearch,
+            messages.StartRollSearch,
             derive_roll,
             {"smoothing": SMOOTHING, **DRIVEN},
             "plan the motion (step 7)",
-            long=True,
             recompute=recompute_roll,
         ),
-        Result(
+        declare.Result(
             "placement",
-            StartBasePlacement,
+            messages.StartBasePlacement,
             derive_placement,
             {"smoothing": SMOOTHING, "base": BASE, **DRIVEN},
             "look for a place of the base (step 7)",
-            long=True,
         ),
     ),
-    line=StepLine(
+    line=declare.StepLine(
         "Roll",
         roll_summary,
-        StartRollSearch,
+        messages.StartRollSearch,
         leaves=lambda session: (ROLL,),
         unusable=plan_reason,
     ),

@@ -7,8 +7,8 @@ from numpy.typing import NDArray
 
 from rona_core.geometry.arrays import Bools, Floats, Ints, readonly
 from rona_core.geometry.pose import Pose, Poses
+from rona_core.robot.kinematics.arm import BRANCHES
 from rona_core.robot.kinematics.catalog import robot_model
-from rona_core.robot.kinematics.ik_solutions import BRANCHES
 from rona_core.robot.planning.plan import RobotPlan
 from rona_core.robot.redundancy.result import RollVerdict
 from rona_core.session.document import Session
@@ -65,15 +65,13 @@ def shown_roll(session: Session, wanted: int | None) -> int | None:
     searched = session.results.roll
     if searched is None or not searched.value.search.verdicts:
         return None
-    plan = searched.value
-    if wanted is not None and 0 <= wanted < len(plan.search.verdicts):
+    search = searched.value.search
+    if wanted is not None and 0 <= wanted < len(search.verdicts):
         return wanted
-    if plan.search.mode == "none":
-        furthest = max(
-            range(len(plan.search.verdicts)), key=lambda i: plan.search.verdicts[i].index
-        )
-        return plan.search.ranked[0].index if plan.search.ranked else furthest
-    return max(plan.search.chosen, 0)
+    if search.mode == "none":
+        furthest = max(range(len(search.verdicts)), key=lambda i: search.verdicts[i].index)
+        return search.ranked[0].index if search.ranked else furthest
+    return max(search.chosen, 0)
 
 
 def shows_varying(plan: RobotPlan, wanted: int | None) -> bool:
@@ -130,24 +128,19 @@ def roll_strip(session: Session) -> RollStrip | None:
     searched = session.results.roll
     if searched is None:
         return None
-    plan = searched.value
-    way = plan.search.path.arc_length_mm()
-    share = way / max(float(way[-1]), 1e-9)
-    curve = (
-        plan.search.rolls_rad[plan.search.shown_points]
-        if plan.search.mode != "none"
-        else np.zeros(0)
-    )
+    search = searched.value.search
+    way = search.path.arc_length_mm()
+    share, verdicts = way / max(float(way[-1]), 1e-9), search.verdicts
+    curve = np.zeros(0) if search.mode == "none" else search.rolls_rad[search.shown_points]
+    fails_at = [1.0 if verdict.feasible else share[verdict.index] for verdict in verdicts]
     return RollStrip(
-        rolls_deg=readonly(np.array([v.roll_deg for v in plan.search.verdicts])),
-        feasible=readonly(np.array([v.feasible for v in plan.search.verdicts], dtype=np.bool_)),
-        node_room=readonly(plan.search.node_room.astype(np.float64)),
-        sentences=tuple(v.sentence for v in plan.search.verdicts),
-        reasons=tuple(v.reason for v in plan.search.verdicts),
-        fails_at=readonly(
-            np.array([1.0 if v.feasible else share[v.index] for v in plan.search.verdicts])
-        ),
-        chosen=plan.search.chosen,
+        rolls_deg=readonly(np.array([verdict.roll_deg for verdict in verdicts])),
+        feasible=readonly(np.array([verdict.feasible for verdict in verdicts], dtype=np.bool_)),
+        node_room=readonly(search.node_room.astype(np.float64)),
+        sentences=tuple(verdict.sentence for verdict in verdicts),
+        reasons=tuple(verdict.reason for verdict in verdicts),
+        fails_at=readonly(np.array(fails_at)),
+        chosen=search.chosen,
         curve_deg=readonly(np.rad2deg(curve)),
     )
 
@@ -232,8 +225,8 @@ def none_works(plan: RobotPlan) -> str:
     remedy = "Look below where to put the robot, shorten the path or tilt it less."
     varying = "" if plan.search.varying is None else f" {plan.search.varying.sentence}."
     if plan.search.refused is not None:
-        told = plan.search.refused.sentence
-        varying = f" {told[:1].upper()}{told[1:]}.{varying}"
+        sentence = plan.search.refused.sentence
+        varying = f" {sentence[:1].upper()}{sentence[1:]}.{varying}"
     if not plan.search.n_feasible:
         return f"None of {len(plan.search.verdicts)} rolls can be followed.{varying} {remedy}"
     return (

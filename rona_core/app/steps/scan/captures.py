@@ -5,18 +5,12 @@ from typing import Literal
 
 import numpy as np
 
-from rona_core.app.declarations.activity_context import ActivityContext
-from rona_core.app.declarations.declarations import Message
-from rona_core.app.dependencies.capture_setup import capture_setup_digest
-from rona_core.app.dependencies.requirements import require_for
-from rona_core.app.dependencies.staleness import session_obstacles
-from rona_core.app.messages.outcomes import StoreCapture
+from rona_core.app.declarations.declarations import ActivityContext
+from rona_core.app.dependencies.staleness import capture_setup_digest, session_obstacles
 from rona_core.app.runtime.recording import begin, finish
 from rona_core.app.steps.scan.force_controlled_scan import ContactLoop
-from rona_core.app.steps.scan.messages import StartScan
 from rona_core.app.steps.scan.payload_identification import identify_payload
-from rona_core.app.steps.tool.certified_moves import require_certified
-from rona_core.app.steps.tool.robot_motion import STOPPED, drive_to
+from rona_core.app.steps.tool.robot_motion import STOPPED, drive_to, require_certified
 from rona_core.devices.samples import AScan, AScanTrack, JointSample, JointTrack
 from rona_core.devices.settings import ContactSettings
 from rona_core.devices.wrench import ForceTrack
@@ -47,7 +41,7 @@ class Recorded:
 
 
 def capture_scan(
-    session: Session, tools: ActivityContext, kind: Literal["scan", "second"] = "scan"
+    session: Session, context: ActivityContext, kind: Literal["scan", "second"] = "scan"
 ) -> ScanCapture:
     """Execute the certified plan and record an A-scan every ``pitch_mm`` along the path.
 
@@ -68,11 +62,11 @@ def capture_scan(
     contact = devices.robot.contact
     places_s = fire_times(trajectory, devices.probe.pitch_mm)
     if contact is None:
-        drive_to(trajectory.qs_rad[0], session, tools)
-        ordinal = begin(session, tools)
-        recorded = _by_position(trajectory, places_s, model, tools)
+        drive_to(trajectory.qs_rad[0], session, context)
+        ordinal = begin(session, context)
+        recorded = _by_position(trajectory, places_s, model, context)
     else:
-        ordinal, recorded = _in_contact(trajectory, places_s, contact, model, session, tools)
+        ordinal, recorded = _in_contact(trajectory, places_s, contact, model, session, context)
     if recorded.partial and not recorded.scans:
         raise CancelledError(STOPPED)
     return ScanCapture(
@@ -103,25 +97,25 @@ def _in_contact(
     contact: ContactSettings,
     model: RobotModel,
     session: Session,
-    tools: ActivityContext,
+    context: ActivityContext,
 ) -> tuple[int, Recorded]:
     """Weigh the tool, press it on, and follow the path with the force loop."""
     around = session_obstacles(session)
     band = correction_corridor(model, trajectory, contact, CollisionWorld(model, around))
-    drive_to(trajectory.qs_rad[0], session, tools)
-    ordinal = begin(session, tools)
-    load = identify_payload(trajectory.qs_rad[0], model, around, tools)
-    loop = ContactLoop(trajectory, band, places_s, contact, load, model, tools)
+    drive_to(trajectory.qs_rad[0], session, context)
+    ordinal = begin(session, context)
+    load = identify_payload(trajectory.qs_rad[0], model, around, context)
+    loop = ContactLoop(trajectory, band, places_s, contact, load, model, context)
     loop.run()
     recorded = Recorded(loop.scans, loop.clock_scans, loop.joints, loop.track(), loop.partial)
     return ordinal, recorded
 
 
 def _by_position(
-    trajectory: Trajectory, places_s: Floats, model: RobotModel, tools: ActivityContext
+    trajectory: Trajectory, places_s: Floats, model: RobotModel, context: ActivityContext
 ) -> Recorded:
     """Drive the motion as it is; the compliance of the probe bridges what the map is off."""
-    rig, clock = tools.rig, tools.rig.clock
+    rig, clock = context.rig, context.rig.clock
     motion = rig.robot.move(trajectory.times_s, trajectory.qs_rad)
     recorded = Recorded(joints=[rig.robot.state()])
     clock_s = _clock_times(trajectory, model)
@@ -133,20 +127,20 @@ def _by_position(
     kinds = np.repeat((0, 1, 2), (len(places_s), len(clock_s), len(ticks)))
     order = np.lexsort((kinds, times))
     for time_s, kind in zip(times[order], kinds[order], strict=True):
-        if tools.cancel() or motion.done():
+        if context.cancel() or motion.done():
             recorded.partial = len(recorded.scans) < len(places_s)
             break
         clock.wait_until(float(time_s))
         if kind == 0:
             recorded.scans.append(rig.probe.acquire())
-            tools.live.put(ascan=recorded.scans[-1], n_scans=len(recorded.scans))
-            tools.progress(len(recorded.scans) / len(places_s))
+            context.live.put(ascan=recorded.scans[-1], n_scans=len(recorded.scans))
+            context.progress(len(recorded.scans) / len(places_s))
         elif kind == 1:
             recorded.clock_scans.append(rig.probe.acquire())
         if clock.now() > recorded.joints[-1].time_s:
             recorded.joints.append(rig.robot.state())
-            tools.live.put(joints=recorded.joints[-1])
-    if not finish(motion, tools):
+            context.live.put(joints=recorded.joints[-1])
+    if not finish(motion, context):
         recorded.partial = True
     return recorded
 
@@ -169,11 +163,3 @@ def _clock_times(trajectory: Trajectory, model: RobotModel) -> Floats:
         if len(near):
             found.append(np.arange(near[0], near[-1], TICK_S))
     return np.concatenate([np.zeros(0), *found])
-
-
-def record_scan(
-    activity: StartScan, session: Session, context: ActivityContext
-) -> tuple[Message, ...]:
-    """Record the scan along the certified plan."""
-    require_for(activity, session)
-    return (StoreCapture("scan", capture_scan(session, context)),)

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from rona_core.app.declarations.activity_context import ActivityContext
+from rona_core.app.declarations.declarations import ActivityContext
 from rona_core.devices.samples import AScan, JointSample
 from rona_core.devices.settings import ContactSettings
 from rona_core.devices.wrench import (
@@ -52,7 +52,7 @@ class ContactLoop:
         settings: ContactSettings,
         load: ToolLoad,
         model: RobotModel,
-        tools: ActivityContext,
+        context: ActivityContext,
     ) -> None:
         """Prepare the scan.
 
@@ -63,7 +63,7 @@ class ContactLoop:
             settings: Of the force loop.
             load: What hangs on the force sensor.
             model: The robot with its tool.
-            tools: Devices, live slots, cancel and progress.
+            context: Devices, live slots, cancel and progress.
         """
         self.scans: list[AScan] = []
         self.clock_scans: list[AScan] = []
@@ -73,7 +73,7 @@ class ContactLoop:
         self._fired = self._n_clock = 0  # along the path, and to compare the clocks
         self._kept_for: list[list[AScan]] = []  # where the A-scans go that the probe still keeps
         self._trajectory, self._band, self._places_s = trajectory, band, places_s
-        self._settings, self._load, self._model, self._tools = settings, load, model, tools
+        self._settings, self._load, self._model, self._context = settings, load, model, context
         self._controller = ContactController(settings, travel_mm=band.travel_mm)
         self._axis_sensor = probe_axis_sensor(model)
         self._feed = 1.0
@@ -100,14 +100,14 @@ class ContactLoop:
 
     def run(self) -> None:
         """Carry out the scan; a stop or a cancellation leaves what came so far."""
-        rig, clock, period_s = self._tools.rig, self._tools.rig.clock, self._settings.period_s
+        rig, clock, period_s = self._context.rig, self._context.rig.clock, self._settings.period_s
         self._motion = rig.robot.guide(
             self._trajectory.times_s, self._band.qs_rad, self._band.travels_mm
         )
         self.joints.append(rig.robot.state())
         start_s, step = clock.now(), 0
         while not self._motion.done():
-            if self._tools.cancel():
+            if self._context.cancel():
                 rig.robot.stop()
                 self.partial = True
                 break
@@ -137,13 +137,13 @@ class ContactLoop:
     def _step(self, now_s: float) -> tuple[float, float]:
         """Look at the devices; return speed of the correction and share of the motion's speed."""
         reached_s = self._motion.reached_s()
-        state = self._tools.rig.robot.state()
-        self._tools.live.put(joints=state)
+        state = self._context.rig.robot.state()
+        self._context.live.put(joints=state)
         if reached_s < self._zone_s or reached_s > self._line_end_s + 1e-9:
             return 0.0, 1.0  # nowhere near the bone
         if now_s > self.joints[-1].time_s:
             self.joints.append(state)
-        sample = self._tools.rig.force.read()
+        sample = self._context.rig.force.read()
         rotation = self._model.forward(state.q_rad[None])[0].rotation
         force_n = pressing_force_n(self._load, rotation, sample.wrench, self._axis_sensor)
         travel_mm = self._motion.travel_mm()
@@ -156,7 +156,7 @@ class ContactLoop:
         self._rows.append(LoopRow(sample, force_n, code, travel_mm, feed, float(way_mm)))
         if len(self._rows) % SHOWN_EVERY == 0:
             newest = self._rows[-SHOWN_ROWS:]
-            self._tools.live.put(force=force_now(newest, self._settings.force_n))
+            self._context.live.put(force=force_now(newest, self._settings.force_n))
         return velocity, feed
 
     def _press(
@@ -205,7 +205,7 @@ class ContactLoop:
 
     def _fire(self, now_s: float, feed: float) -> None:
         """Fire at the places that are passed before the next step, each at its own instant."""
-        rig, reached_s = self._tools.rig, self._motion.reached_s()
+        rig, reached_s = self._context.rig, self._motion.reached_s()
         while self._pressed_on and feed > 0.0 and self._fired < len(self._places_s):
             ahead_s = float(self._places_s[self._fired]) - reached_s
             if ahead_s >= feed * self._settings.period_s:
@@ -213,11 +213,11 @@ class ContactLoop:
             rig.clock.wait_until(now_s + max(ahead_s, 0.0) / feed)
             self._fired += 1
             self._shoot(self.scans)
-            self._tools.progress(self._fired / len(self._places_s))
+            self._context.progress(self._fired / len(self._places_s))
 
     def _shoot(self, scans: list[AScan]) -> None:
         """Fire now; the A-scan goes to ``scans`` when some have come together."""
-        self._tools.rig.probe.fire()
+        self._context.rig.probe.fire()
         self._kept_for.append(scans)
         self._n_clock += scans is self.clock_scans
         if len(self._kept_for) >= COLLECT:
@@ -225,11 +225,11 @@ class ContactLoop:
 
     def _collect(self) -> None:
         """Fetch the A-scans that the probe keeps."""
-        for scans, scan in zip(self._kept_for, self._tools.rig.probe.collect(), strict=True):
+        for scans, scan in zip(self._kept_for, self._context.rig.probe.collect(), strict=True):
             scans.append(scan)
         self._kept_for = []
         if self.scans:
-            self._tools.live.put(ascan=self.scans[-1], n_scans=self._fired)
+            self._context.live.put(ascan=self.scans[-1], n_scans=self._fired)
 
     def _drawn_back(self, now_s: float) -> bool:
         """Return whether the probe has been drawn back far enough after a stop."""

@@ -1,28 +1,16 @@
-"""Messages of the scan.
+"""Messages of the scan."""
 
-Lengths are in millimetres, angles typed by people in degrees, times in seconds.
-"""
-
-from dataclasses import dataclass
-from typing import ClassVar
-
-from rona_core.devices.settings import (
-    STRICT,
-)
+from rona_core.app.messages.message import message
 
 
-@dataclass(frozen=True, slots=True)
+@message
 class StartScan:
     """Let the robot execute the certified plan while the probe records A-scans."""
 
-    __pydantic_config__: ClassVar = STRICT
 
-
-@dataclass(frozen=True, slots=True)
+@message
 class StartRetract:
     """Draw the probe straight back along its axis from the bone it stands on, as after a stop.
 
     The line is certified first; where the probe stands clear of everything it is refused.
     """
-
-    __pydantic_config__: ClassVar = STRICT

@@ -2,8 +2,8 @@
 
 import numpy as np
 
-from rona_core.app.declarations.activity_context import ActivityContext
-from rona_core.app.steps.tool.certified_moves import FreeMoves
+from rona_core.app.declarations.declarations import ActivityContext
+from rona_core.app.steps.tool.robot_motion import FreeMoves
 from rona_core.devices.wrench import ToolLoad
 from rona_core.errors import CancelledError, DegenerateGeometryError, NotReachableError
 from rona_core.geometry.arrays import Floats
@@ -23,7 +23,7 @@ STOPPED = (
 
 
 def identify_payload(
-    q_rest_rad: Floats, model: RobotModel, around: Obstacles, tools: ActivityContext
+    q_rest_rad: Floats, model: RobotModel, around: Obstacles, context: ActivityContext
 ) -> ToolLoad:
     """Return the load on the force sensor; the robot ends where it stood, at ``q_rest_rad`` (6,).
 
@@ -45,15 +45,15 @@ def identify_payload(
         for sign in (1.0, -1.0):
             goal = q_rest_rad + np.concatenate((np.zeros(3), sign * np.deg2rad(turn)))
             try:
-                _go(here, goal, moves, tools)
+                _go(here, goal, moves, context)
             except NotReachableError as error:
                 left_out.append(str(error))
                 continue
             here = goal
-            wrenches.append(_mean_wrench(tools))
+            wrenches.append(_mean_wrench(context))
             rotations.append(model.forward(goal[None])[0].rotation)
             break
-    _go(here, q_rest_rad, moves, tools)
+    _go(here, q_rest_rad, moves, context)
     try:
         return fit_tool_load(
             np.array(rotations).reshape(-1, 3, 3), np.array(wrenches).reshape(-1, 6)
@@ -67,7 +67,7 @@ def identify_payload(
         ) from error
 
 
-def _go(here: Floats, goal: Floats, moves: FreeMoves, tools: ActivityContext) -> None:
+def _go(here: Floats, goal: Floats, moves: FreeMoves, context: ActivityContext) -> None:
     """Move on motions that are certified among what stands around.
 
     Raises:
@@ -76,25 +76,25 @@ def _go(here: Floats, goal: Floats, moves: FreeMoves, tools: ActivityContext) ->
     """
     if np.array_equal(here, goal):
         return
-    rig = tools.rig
+    rig = context.rig
     for planned in moves.plan(here, goal):
-        if tools.cancel():
+        if context.cancel():
             raise CancelledError(STOPPED)
         motion = rig.robot.move(planned.times_s, planned.qs_rad)
         arrival_s = rig.clock.now() + planned.duration_s
         while not motion.done():
-            if tools.cancel():
+            if context.cancel():
                 rig.robot.stop()
                 raise CancelledError(STOPPED)
             rig.clock.wait_until(min(rig.clock.now() + 0.1, arrival_s))
-            tools.live.put(joints=rig.robot.state())
+            context.live.put(joints=rig.robot.state())
 
 
-def _mean_wrench(tools: ActivityContext) -> Floats:
-    clock = tools.rig.clock
+def _mean_wrench(context: ActivityContext) -> Floats:
+    clock = context.rig.clock
     start_s = clock.now() + SETTLE_S
     readings: list[Floats] = []
     for i in range(READINGS):
         clock.wait_until(start_s + i * PERIOD_S)
-        readings.append(tools.rig.force.read().wrench)
+        readings.append(context.rig.force.read().wrench)
     return np.array(readings).mean(axis=0)

@@ -17,8 +17,7 @@ from rona_core.session.captures import ScanCapture
 from rona_core.session.document import Session
 from rona_core.session.memo import remember
 from rona_core.ultrasound.detection.detect import detect
-from rona_core.ultrasound.probe.probe_model import probe_model
-from rona_core.ultrasound.probe.survey import ProbeSurvey
+from rona_core.ultrasound.probe.probe_model import ProbeSurvey, probe_model
 
 MARGIN_S = 0.3  # joint angles so long before and after a segment belong to it
 

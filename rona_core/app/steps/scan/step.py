@@ -2,30 +2,44 @@
 
 from dataclasses import replace
 
-from rona_core.app.declarations.declarations import (
-    Activity,
-    Capture,
-    Step,
-    StepLine,
-)
+from rona_core.app.declarations import declarations as declare
+from rona_core.app.declarations.declarations import ActivityContext, Message
 from rona_core.app.dependencies.inputs import capture_input, result_input
-from rona_core.app.dependencies.staleness import stale_reason
+from rona_core.app.dependencies.staleness import session_obstacles, stale_reason
+from rona_core.app.runtime.handling import record
+from rona_core.app.runtime.recording import ARRIVAL_S, begin, finish
 from rona_core.app.steps.roll.plan_reasons import plan_reason
-from rona_core.app.steps.scan.captures import record_scan
+from rona_core.app.steps.scan.captures import capture_scan
 from rona_core.app.steps.scan.messages import StartRetract, StartScan
 from rona_core.app.steps.scan.planned_motion import planned_scans
-from rona_core.app.steps.scan.retract import retract
-from rona_core.app.steps.setup.capture_parts import (
-    bone_and_probe_part,
-    contact_part,
-    input_part,
-    robot_errors_part,
-    robot_part,
-    specimen_part,
-)
+from rona_core.app.steps.setup import capture_parts as parts
+from rona_core.app.steps.tool.robot_motion import FreeMoves
+from rona_core.errors import CancelledError
+from rona_core.robot.kinematics.catalog import robot_model
 from rona_core.session.document import Session
 
 SCAN_CAPTURE, ROLL = capture_input("scan"), result_input("roll")
+
+
+def retract(
+    activity: StartRetract, session: Session, context: ActivityContext
+) -> tuple[Message, ...]:
+    """Draw the probe back along its axis from where it stands, certified first.
+
+    Raises:
+        StepBlockedError: it stands clear of everything.
+        NotReachableError: the joints or something in the way do not allow it; it says why.
+        CancelledError: somebody pressed Cancel or Stop on the way.
+    """
+    model = robot_model(session.setup.devices.robot.model)
+    begin(session, context)
+    clock = context.rig.clock
+    clock.wait_until(clock.now() + ARRIVAL_S)  # until it is known where it came to rest
+    moves = FreeMoves(model, session_obstacles(session))
+    line = moves.back(context.rig.robot.state().q_rad)
+    if not finish(context.rig.robot.move(line.times_s, line.qs_rad), context):
+        raise CancelledError("the robot was stopped while it drew the probe back: retract again")
+    return ()
 
 
 def _not_to_be_driven(session: Session) -> str | None:
@@ -52,44 +66,42 @@ def _summary(session: Session) -> str:
     return "" if scan is None else _partial(session) or f"{len(scan.scans)} A-scans"
 
 
-STEP = Step(
+STEP = declare.Step(
     "scan",
     activities=(
-        Activity(
+        declare.Activity(
             StartScan,
-            record_scan,
+            record("scan", lambda _, session, context: capture_scan(session, context)),
             "Scanning",
             needs=(ROLL,),
             blocked=_not_to_be_driven,
-            uses_devices=True,
             drives_robot=True,
             records=True,
         ),
-        Activity(
+        declare.Activity(
             StartRetract,
             retract,
             "Drawing the probe back",
-            uses_devices=True,
             drives_robot=True,
         ),
     ),
     captures=(
-        Capture(
+        declare.Capture(
             "scan",
             "scan (step 8)",
             (
-                robot_part,
-                robot_errors_part,
-                specimen_part,
-                bone_and_probe_part,
-                input_part(ROLL),
-                contact_part,
+                parts.robot,
+                parts.robot_errors,
+                parts.specimen,
+                parts.bone_and_probe,
+                parts.of_input(ROLL),
+                parts.contact,
             ),
             after=ROLL,
             stored=_forget_corrections,
         ),
     ),
-    line=StepLine(
+    line=declare.StepLine(
         "Scan",
         _summary,
         StartScan,

@@ -5,7 +5,7 @@ from functools import lru_cache
 from typing import Any
 
 import numpy as np
-from scipy.spatial import ConvexHull
+import trimesh
 
 from rona_core.app.dependencies.staleness import session_obstacles
 from rona_core.devices.protocols import Mesh
@@ -20,7 +20,7 @@ from rona_core.session.document import Session
 from rona_core.session.memo import Memo, remember
 
 LARGEST_MM = 5000.0  # what is larger (the floor) is not drawn
-AROUND, UPWARDS = 24, 7  # corners of a drawn capsule
+AROUND = (14, 24)  # corners of a drawn capsule, in latitude and longitude
 DRAWN_AS = {"probe": ("probe body", "probe ring", "delay line")}  # bounds of several solids
 
 _WORLDS: Memo[CollisionWorld] = Memo(4)
@@ -137,30 +137,15 @@ def drawn_obstacles(session: Session) -> tuple[ObstacleMesh, ...]:
 
 
 def _mesh(thing: Obstacle) -> Mesh:
-    corners = thing.pose @ _corners(thing.shape)
-    hull = ConvexHull(corners)
-    used = np.unique(hull.simplices)
-    number = np.zeros(len(corners), dtype=np.int64)
-    number[used] = np.arange(len(used))
-    faces = number[hull.simplices]
-    a, b, c = (corners[used][faces[:, i]] for i in range(3))
-    inward = np.einsum("ij,ij->i", np.cross(b - a, c - a), hull.equations[:, :3]) < 0.0
-    faces[inward] = faces[inward][:, ::-1]
-    return Mesh(corners[used], faces)
+    hull: Any = trimesh.convex.convex_hull(_corners(thing.shape))
+    return Mesh(thing.pose @ np.asarray(hull.vertices), np.asarray(hull.faces))
 
 
 def _corners(shape: Hull | Box | Capsule) -> Floats:
     if isinstance(shape, Hull):
         return shape.vertices
     if isinstance(shape, Box):
-        ends = np.array(np.meshgrid(*([(-0.5, 0.5)] * 3))).reshape(3, -1).T
-        return ends * np.array(shape.size_mm)
-    turn = np.linspace(0.0, 2.0 * np.pi, AROUND, endpoint=False)
-    lift = np.linspace(0.0, 0.5 * np.pi, UPWARDS)
-    ring = np.stack((np.cos(turn), np.sin(turn)), axis=1)
-    dome = np.concatenate(
-        [np.column_stack((ring * np.cos(a), np.full(AROUND, np.sin(a)))) for a in lift[:-1]]
-        + [np.array([[0.0, 0.0, 1.0]])]
-    )
-    dome = shape.radius_mm * dome + np.array((0.0, 0.0, 0.5 * shape.length_mm))
-    return np.concatenate((dome, dome * np.array((1.0, 1.0, -1.0))))
+        return trimesh.creation.box(extents=shape.size_mm).vertices
+    ball = np.asarray(trimesh.creation.uv_sphere(radius=shape.radius_mm, count=AROUND).vertices)
+    up = np.array((0.0, 0.0, 0.5 * shape.length_mm))
+    return np.concatenate((ball + up, ball - up))

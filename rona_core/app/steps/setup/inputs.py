@@ -3,21 +3,18 @@
 from dataclasses import replace
 
 from rona_core.app.declarations.declarations import Input
-from rona_core.app.dependencies.inputs import setup_input
 from rona_core.app.dependencies.staleness import session_obstacles
 from rona_core.devices.settings import ROOM_C, ProbeSettings
 from rona_core.session.document import Session
 
-SKULL = setup_input(lambda s: s.setup.specimen, "load a skull (step 1)")
-REGION = setup_input(lambda s: s.setup.region, "choose a region (step 1)")
-RADIUS = setup_input(lambda s: s.setup.region.radius_mm, "choose a region (step 1)")
+SKULL = Input(lambda s: s.setup.specimen, "load a skull (step 1)")
+REGION = Input(lambda s: s.setup.region, "choose a region (step 1)")
+RADIUS = Input(lambda s: s.setup.region.radius_mm, "choose a region (step 1)")
 # Of the robot's settings a computation uses its geometry, a plan also the speed. Whether it errs
 # and where its base stands count in captures.
-MODEL = setup_input(lambda s: s.setup.devices.robot.model, "choose a robot (step 1)")
-SCAN_SPEED = setup_input(
-    lambda s: s.setup.devices.robot.scan_speed_mm_per_s, "choose a speed (step 1)"
-)
-BASE = setup_input(
+MODEL = Input(lambda s: s.setup.devices.robot.model, "choose a robot (step 1)")
+SCAN_SPEED = Input(lambda s: s.setup.devices.robot.scan_speed_mm_per_s, "choose a speed (step 1)")
+BASE = Input(
     lambda s: (s.setup.devices.robot.base_shift_mm, s.setup.devices.robot.base_turn_deg),
     "choose where the base stands (step 1)",
 )
@@ -29,6 +26,10 @@ OBSTACLES = Input(
 )
 DRIVEN = {"robot": MODEL, "scan speed": SCAN_SPEED, "obstacles": OBSTACLES}  # what plans rest on
 CHOOSE_REFERENCE = "choose the reference (step 1)"
+PROBE = Input(lambda s: s.setup.devices.probe, "choose a probe (step 1)")
+HAND_PROBE = Input(  # in the hand it fires by the clock, not by the way
+    lambda s: replace(s.setup.devices.probe, pitch_mm=1.0), "choose a probe (step 1)"
+)
 
 
 def _block_probe(session: Session) -> ProbeSettings:
@@ -37,8 +38,4 @@ def _block_probe(session: Session) -> ProbeSettings:
     return replace(probe, line_temperature_c=ROOM_C, pitch_mm=1.0)
 
 
-PROBE = setup_input(lambda s: s.setup.devices.probe, "choose a probe (step 1)")
-BLOCK_PROBE = setup_input(_block_probe, "choose a probe (step 1)")
-HAND_PROBE = setup_input(  # in the hand it fires by the clock, not by the way
-    lambda s: replace(s.setup.devices.probe, pitch_mm=1.0), "choose a probe (step 1)"
-)
+BLOCK_PROBE = Input(_block_probe, "choose a probe (step 1)")

@@ -1,77 +1,60 @@
-"""Messages of the set-up.
-
-Lengths are in millimetres, angles typed by people in degrees, times in seconds.
-"""
+"""Messages of the set-up."""
 
 from dataclasses import dataclass
-from typing import ClassVar, Literal
+from typing import Literal
 
-from rona_core.app.messages.session_messages import Point
-from rona_core.app.runtime.saving.file_names import plain_name
+from rona_core.app.messages.message import Point, message, values_of
+from rona_core.app.runtime.saving.session_files import plain_name
 from rona_core.devices.settings import (
-    ROOM_C,
-    STRICT,
     TOOLS,
-    Excitation,
+    ContactSettings,
     PointerKind,
-    ProbeName,
-    PulseShape,
+    ProbeSettings,
     TrackerPlace,
     TrackerProfile,
     require,
 )
+from rona_core.devices.workcell import RoomBox, Surroundings
 from rona_core.session.document import RegionChoice, require_seed
-from rona_core.session.specimen import BoneKind
+from rona_core.session.specimen import BoneChoice, LoadedSkull
+
+STANDARD = Surroundings()
 
 
-@dataclass(frozen=True, slots=True)
+@message
 class SetSeed:
     """Choose the seed of all that is random: the patient, the placement and every noise."""
 
-    __pydantic_config__: ClassVar = STRICT
     seed: int
 
     def __post_init__(self) -> None:
         require_seed(self.seed)
 
 
-@dataclass(frozen=True, slots=True)
+@message
 class UseSimulatedSkull:
     """Put a simulated skull on the table; the seed decides which patient it is."""
 
-    __pydantic_config__: ClassVar = STRICT
     side: Literal["left", "right"] = "left"
 
 
-@dataclass(frozen=True, slots=True)
-class SetBoneModel:
+@message
+class SetBoneModel(BoneChoice):
     """Choose what the bone on the table is made of: its texture, and whose speed of sound it has.
 
     Only the virtual probe knows it; what detects the echoes does not.
     """
 
-    __pydantic_config__: ClassVar = STRICT
-    kind: BoneKind = "normal"
-    own_speed: bool = True
 
-
-@dataclass(frozen=True, slots=True)
-class SetRegion:
+@message
+class SetRegion(RegionChoice):
     """Choose the disc to be scanned; without a centre RONA chooses one."""
 
-    __pydantic_config__: ClassVar = STRICT
-    center_mesh_mm: Point | None = None
-    radius_mm: float = 25.0
 
-    def __post_init__(self) -> None:
-        RegionChoice(self.center_mesh_mm, self.radius_mm)  # refuses what is no region
-
-
-@dataclass(frozen=True, slots=True)
+@message
 class SetTracker:
     """Choose noise profile, frame rate and faults of the tracker."""
 
-    __pydantic_config__: ClassVar = STRICT
     profile: TrackerProfile = "polaris"
     rate_hz: float = 60.0
     stereo: bool = True
@@ -84,34 +67,25 @@ class SetTracker:
     dropped_share: float = 0.0
 
 
-@dataclass(frozen=True, slots=True)
-class MoveTracker:
+@message
+class MoveTracker(TrackerPlace):
     """Move the tracker: shifted from its first place, turned about its vertical there.
 
     What was recorded stays valid; new strokes are taken from the new place.
     """
 
-    __pydantic_config__: ClassVar = STRICT
-    shift_mm: Point = (0.0, 0.0, 0.0)
-    turn_deg: float = 0.0
 
-    def __post_init__(self) -> None:
-        TrackerPlace(self.shift_mm, self.turn_deg)  # refuses what is too far
-
-
-@dataclass(frozen=True, slots=True)
+@message
 class SetUseBaseMarker:
     """Choose whether a tracker that has moved is found again by the marker on the robot base."""
 
-    __pydantic_config__: ClassVar = STRICT
     use_base_marker: bool = True
 
 
-@dataclass(frozen=True, slots=True)
+@message
 class SetToolVisible:
     """Cover a tracked tool up, or uncover it."""
 
-    __pydantic_config__: ClassVar = STRICT
     tool: str
     visible: bool
 
@@ -119,11 +93,10 @@ class SetToolVisible:
         require(self.tool in TOOLS, f"tool must be one of {', '.join(TOOLS)}, not {self.tool!r}")
 
 
-@dataclass(frozen=True, slots=True)
+@message
 class SetRobot:
     """Choose the robot, whether it errs, its scan speed and where its base stands."""
 
-    __pydantic_config__: ClassVar = STRICT
     model: str = "rx90"
     errors: bool = True
     scan_speed_mm_per_s: float = 20.0
@@ -131,38 +104,22 @@ class SetRobot:
     base_turn_deg: float = 0.0
 
 
-@dataclass(frozen=True, slots=True)
-class SetProbe:
+@message
+class SetProbe(ProbeSettings):
     """Choose the ultrasound probe, its excitation, signal-to-noise ratio and scan pitch."""
 
-    __pydantic_config__: ClassVar = STRICT
-    name: ProbeName = "2.25MHz"
-    excitation: Excitation = "chirp"
-    front_snr_db: float = 50.0
-    pitch_mm: float = 1.0
-    centre_mhz: float | None = None  # None: as the named probe has it
-    bandwidth: float | None = None
-    aperture_mm: float | None = None
-    line_length_mm: float | None = None
-    pulse_shape: PulseShape | None = None
-    adc_bits: int | None = None
-    gain_db: float = 0.0
-    line_temperature_c: float = ROOM_C
 
-
-@dataclass(frozen=True, slots=True)
+@message
 class SetPointer:
     """Choose the hand-held pointer: 6D (markers in a plane) or 5D (markers on a line)."""
 
-    __pydantic_config__: ClassVar = STRICT
     kind: PointerKind = "pointer6d"
 
 
-@dataclass(frozen=True, slots=True)
+@message
 class StartSkullImport:
     """Read a skull from a file that was uploaded before: mask, CT with threshold, or mesh."""
 
-    __pydantic_config__: ClassVar = STRICT
     file: str
     inner_file: str | None = None
     threshold: float | None = None
@@ -174,3 +131,72 @@ class StartSkullImport:
         if self.inner_file is not None:
             plain_name(self.inner_file)
         RegionChoice(self.center_mesh_mm, self.radius_mm)  # refuses what is no region
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class StoreSkull:
+    """A skull was read from a file: an outcome, which nobody can post."""
+
+    skull: LoadedSkull
+
+
+@message
+class SetContact(ContactSettings):
+    """Choose whether the probe is pressed on with a set force, and the limits of doing so.
+
+    With ``pressed`` false the robot is driven by position alone, and the other fields are idle.
+    """
+
+    pressed: bool = True
+
+
+@message
+class SetWorkcell:
+    """Say where table and floor are and how far the robot keeps from what; boxes stay as they are.
+
+    Table and head are told from the place of work, where the scanned region is put up. A plan that
+    was made among other things becomes stale.
+    """
+
+    table: bool = STANDARD.table
+    table_center_mm: Point = STANDARD.table_center_mm  # middle of the top
+    table_size_mm: Point = STANDARD.table_size_mm  # along x, along y, thickness
+    floor_mm: float = STANDARD.floor_mm
+    head_below_mm: float = STANDARD.head_below_mm
+    stand_radius_mm: float = STANDARD.stand_radius_mm
+    head_margin_mm: float = STANDARD.head_margin_mm
+    margin_mm: float = STANDARD.margin_mm
+    self_margin_mm: float = STANDARD.self_margin_mm
+
+    def __post_init__(self) -> None:
+        Surroundings(**values_of(self, type(self)))  # refuses what is out of range
+
+
+@message
+class AddObstacle:
+    """Add a box that the robot keeps away from, or change the one of this name.
+
+    ``center_mm`` is its middle in the room, ``size_mm`` along its own x, y and z, ``turn_deg``
+    about the vertical. ``instead_of`` is the name of the one that it takes the place of, where that
+    is to be called otherwise from now on.
+    """
+
+    name: str
+    center_mm: Point
+    size_mm: Point
+    turn_deg: float = 0.0
+    instead_of: str | None = None
+
+    def __post_init__(self) -> None:
+        self.box()  # refuses what is no box
+
+    def box(self) -> RoomBox:
+        """Return the box."""
+        return RoomBox(self.name.strip(), self.center_mm, self.size_mm, self.turn_deg)
+
+
+@message
+class RemoveObstacle:
+    """Take a box away again, by its name."""
+
+    name: str

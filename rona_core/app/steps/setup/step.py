@@ -1,41 +1,137 @@
 """Set-up: specimen, devices, work cell and seed."""
 
-from rona_core.app.declarations.declarations import Activity, Command, Step, StepLine
-from rona_core.app.steps.setup.contact_messages import SetContact
-from rona_core.app.steps.setup.handlers import (
-    add_obstacle,
-    move_tracker,
-    remove_obstacle,
-    set_bone_model,
-    set_contact,
-    set_pointer,
-    set_probe,
-    set_region,
-    set_robot,
-    set_seed,
-    set_tool_visible,
-    set_tracker,
-    set_use_base_marker,
-    set_workcell,
-    use_simulated_skull,
+from dataclasses import replace
+
+from rona_core.app.declarations import declarations as declare
+from rona_core.app.declarations.declarations import ActivityContext
+from rona_core.app.messages.message import copy_as, values_of
+from rona_core.app.steps.setup import messages
+from rona_core.devices.settings import (
+    ContactSettings,
+    ProbeSettings,
+    TrackerPlace,
 )
-from rona_core.app.steps.setup.messages import (
-    MoveTracker,
-    SetBoneModel,
-    SetPointer,
-    SetProbe,
-    SetRegion,
-    SetRobot,
-    SetSeed,
-    SetToolVisible,
-    SetTracker,
-    SetUseBaseMarker,
-    StartSkullImport,
-    UseSimulatedSkull,
-)
-from rona_core.app.steps.setup.skull_import import import_uploaded_skull
-from rona_core.app.steps.setup.workcell_messages import AddObstacle, RemoveObstacle, SetWorkcell
-from rona_core.session.document import Session
+from rona_core.errors import NotFoundError
+from rona_core.robot.kinematics.catalog import robot_model
+from rona_core.session.document import RegionChoice, Session
+from rona_core.session.specimen import BoneChoice, SimulatedSkull
+
+
+def set_seed(message: messages.SetSeed, session: Session) -> Session:
+    """Carry out `SetSeed`."""
+    return session.with_setup(seed=message.seed)
+
+
+def use_simulated_skull(message: messages.UseSimulatedSkull, session: Session) -> Session:
+    """Carry out `UseSimulatedSkull`."""
+    return session.with_setup(specimen=SimulatedSkull(message.side), region=RegionChoice())
+
+
+def set_bone_model(message: messages.SetBoneModel, session: Session) -> Session:
+    """Carry out `SetBoneModel`."""
+    return session.with_setup(bone=copy_as(BoneChoice, message))
+
+
+def set_region(message: messages.SetRegion, session: Session) -> Session:
+    """Carry out `SetRegion`."""
+    return session.with_setup(region=copy_as(RegionChoice, message))
+
+
+def set_tracker(message: messages.SetTracker, session: Session) -> Session:
+    """Carry out `SetTracker`."""
+    return _with_tracker(session, **values_of(message, messages.SetTracker))
+
+
+def move_tracker(message: messages.MoveTracker, session: Session) -> Session:
+    """Carry out `MoveTracker`."""
+    return _with_tracker(session, place=copy_as(TrackerPlace, message))
+
+
+def _with_tracker(session: Session, **settings: object) -> Session:
+    return session.with_devices(tracker=replace(session.setup.devices.tracker, **settings))
+
+
+def set_use_base_marker(message: messages.SetUseBaseMarker, session: Session) -> Session:
+    """Carry out `SetUseBaseMarker`."""
+    return session.with_setup(use_base_marker=message.use_base_marker)
+
+
+def set_tool_visible(message: messages.SetToolVisible, session: Session) -> Session:
+    """Carry out `SetToolVisible`."""
+    hidden = set(session.setup.devices.tracker.hidden_tools) - {message.tool}
+    if not message.visible:
+        hidden.add(message.tool)
+    return _with_tracker(session, hidden_tools=tuple(sorted(hidden)))
+
+
+def set_robot(message: messages.SetRobot, session: Session) -> Session:
+    """Carry out `SetRobot`; how it presses the probe on stays as it was."""
+    robot_model(message.model)  # refuses an unknown name
+    robot = replace(session.setup.devices.robot, **values_of(message, messages.SetRobot))
+    return session.with_devices(robot=robot)
+
+
+def set_contact(message: messages.SetContact, session: Session) -> Session:
+    """Carry out `SetContact`."""
+    contact = copy_as(ContactSettings, message) if message.pressed else None
+    return session.with_devices(robot=replace(session.setup.devices.robot, contact=contact))
+
+
+def set_workcell(message: messages.SetWorkcell, session: Session) -> Session:
+    """Carry out `SetWorkcell`."""
+    around = replace(session.setup.surroundings, **values_of(message, messages.SetWorkcell))
+    return session.with_setup(surroundings=around)
+
+
+def add_obstacle(message: messages.AddObstacle, session: Session) -> Session:
+    """Carry out `AddObstacle`."""
+    old = None if message.instead_of is None else message.instead_of.strip()
+    return session.with_setup(surroundings=session.setup.surroundings.put(message.box(), old))
+
+
+def remove_obstacle(message: messages.RemoveObstacle, session: Session) -> Session:
+    """Carry out `RemoveObstacle`."""
+    left = session.setup.surroundings.without(message.name.strip())
+    return session.with_setup(surroundings=left)
+
+
+def set_probe(message: messages.SetProbe, session: Session) -> Session:
+    """Carry out `SetProbe`."""
+    return session.with_devices(probe=copy_as(ProbeSettings, message))
+
+
+def set_pointer(message: messages.SetPointer, session: Session) -> Session:
+    """Carry out `SetPointer`."""
+    return session.with_devices(pointer=message.kind)
+
+
+def store_skull(message: messages.StoreSkull, session: Session) -> Session:
+    """Put a skull that was read from a file on the table."""
+    region = RegionChoice(None, message.skull.radius_mm)
+    return session.with_setup(specimen=message.skull, region=region)
+
+
+def import_uploaded_skull(
+    activity: messages.StartSkullImport, session: Session, context: ActivityContext
+) -> tuple[messages.StoreSkull]:
+    """Read a skull from uploaded files.
+
+    Raises:
+        NotFoundError: one was not uploaded.
+    """
+    for name in (activity.file, activity.inner_file):
+        if name and not (context.uploads / name).is_file():
+            raise NotFoundError(f"there is no uploaded file {name!r}: upload it first")
+    inner = activity.inner_file
+    skull = context.run(
+        context.import_skull,
+        str(context.uploads / activity.file),
+        str(context.uploads / inner) if inner else None,
+        activity.threshold,
+        activity.center_mesh_mm,
+        activity.radius_mm,
+    )
+    return (messages.StoreSkull(skull),)
 
 
 def _summary(session: Session) -> str:
@@ -45,25 +141,28 @@ def _summary(session: Session) -> str:
     return f"{specimen}, seed {session.setup.seed}, {probe}"
 
 
-STEP = Step(
+STEP = declare.Step(
     "setup",
     commands=(
-        Command(SetSeed, set_seed),
-        Command(UseSimulatedSkull, use_simulated_skull),
-        Command(SetBoneModel, set_bone_model),
-        Command(SetRegion, set_region),
-        Command(SetTracker, set_tracker),
-        Command(MoveTracker, move_tracker),
-        Command(SetUseBaseMarker, set_use_base_marker),
-        Command(SetToolVisible, set_tool_visible),
-        Command(SetRobot, set_robot),
-        Command(SetContact, set_contact),
-        Command(SetWorkcell, set_workcell),
-        Command(AddObstacle, add_obstacle),
-        Command(RemoveObstacle, remove_obstacle),
-        Command(SetProbe, set_probe),
-        Command(SetPointer, set_pointer),
+        declare.Command(messages.SetSeed, set_seed),
+        declare.Command(messages.UseSimulatedSkull, use_simulated_skull),
+        declare.Command(messages.SetBoneModel, set_bone_model),
+        declare.Command(messages.SetRegion, set_region),
+        declare.Command(messages.SetTracker, set_tracker),
+        declare.Command(messages.MoveTracker, move_tracker),
+        declare.Command(messages.SetUseBaseMarker, set_use_base_marker),
+        declare.Command(messages.SetToolVisible, set_tool_visible),
+        declare.Command(messages.SetRobot, set_robot),
+        declare.Command(messages.SetContact, set_contact),
+        declare.Command(messages.SetWorkcell, set_workcell),
+        declare.Command(messages.AddObstacle, add_obstacle),
+        declare.Command(messages.RemoveObstacle, remove_obstacle),
+        declare.Command(messages.SetProbe, set_probe),
+        declare.Command(messages.SetPointer, set_pointer),
     ),
-    activities=(Activity(StartSkullImport, import_uploaded_skull, "Reading the skull"),),
-    line=StepLine("Set-up", _summary),
+    outcomes=(declare.Command(messages.StoreSkull, store_skull),),
+    activities=(
+        declare.Activity(messages.StartSkullImport, import_uploaded_skull, "Reading the skull"),
+    ),
+    line=declare.StepLine("Set-up", _summary),
 )

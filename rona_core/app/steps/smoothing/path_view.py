@@ -9,7 +9,6 @@ from rona_core.app.messages.serialization import message_from
 from rona_core.app.steps.path.derivation import viewpoint_base
 from rona_core.app.steps.smoothing.derivation import PathSource, path_source
 from rona_core.app.steps.smoothing.messages import SmoothScanPath
-from rona_core.devices.protocols import never
 from rona_core.errors import RonaError
 from rona_core.geometry.arrays import Floats, Ints, readonly
 from rona_core.geometry.pose import Pose
@@ -40,8 +39,7 @@ class PathView:
     k1_raw_mm: float
     k1_filtered_mm: float
     tolerance_mm: float
-    lower_bound: int | None  # no path within the bound has fewer; None in a preview
-    exact: bool  # this one has as few as that
+    exact: bool  # no path within the bound has fewer points
     by_hand: int  # changes by hand
     preview: bool  # computed by a quick method while somebody drags
 
@@ -61,7 +59,6 @@ def path_view(session: Session) -> PathView | None:
         value.from_raw_mm,
         float(value.from_filtered_mm.max()),
         tolerance_mm=value.simplified.tolerance,
-        lower_bound=value.simplified.lower_bound,
         exact=value.simplified.exact,
         preview=False,
     )
@@ -104,7 +101,6 @@ def _preview(session: Session, tolerance_mm: float, message: SmoothScanPath) -> 
         distances_to_edited(source.raw_base, edited, kept),
         float(distances_to_edited(source.filtered_base, edited, kept).max()),
         tolerance_mm=tolerance_mm,
-        lower_bound=None,
         exact=False,
         preview=True,
     )
@@ -115,9 +111,9 @@ def quickly(source: PathSource, tolerance_mm: float, metric: str) -> Ints:
     points = source.edited.points_base
     test = ErrorBound(tolerance_mm, as_metric(metric)).shortcut_test(points)
     fixed = as_keep(source.edited.keep, len(points))
-    kept, _ = chosen_points(points, fixed, test, "rdp", never)
+    kept, _ = chosen_points(points, fixed, test, "rdp")
     if metric == "k1" and len(kept) <= FEW and len(points) <= SHORT:
-        kept, _ = chosen_points(points, fixed, test, "fast", never)
+        kept, _ = chosen_points(points, fixed, test, "fast")
     return kept
 
 

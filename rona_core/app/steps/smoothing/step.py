@@ -1,14 +1,15 @@
 """Smoothing: fewest points within a bound, surface normals, dense 5D path."""
 
-from rona_core.app.declarations.declarations import Command, Result, Step, StepLine
-from rona_core.app.dependencies.inputs import result_input, setup_input
+from rona_core.app.declarations import declarations as declare
+from rona_core.app.declarations.declarations import Input
+from rona_core.app.dependencies.inputs import result_input
 from rona_core.app.runtime.handling import compute_result
 from rona_core.app.steps.smoothing.derivation import derive_smoothing
 from rona_core.app.steps.smoothing.messages import SmoothScanPath
 from rona_core.session.document import Session
 
 SMOOTHING, PATH, SURFACE = (result_input(name) for name in ("smoothing", "path", "surface"))
-EDITS = setup_input(lambda s: s.path_edits, "smooth the path (step 6)")
+EDITS = Input(lambda s: s.path_edits, "smooth the path (step 6)")
 
 
 def _summary(session: Session) -> str:
@@ -21,11 +22,11 @@ def _summary(session: Session) -> str:
     return f"{kept.n_original} to {len(kept.index)} points, K1 {off_mm:.2f} mm{by_hand}"
 
 
-STEP = Step(
+STEP = declare.Step(
     "smoothing",
-    commands=(Command(SmoothScanPath, compute_result, needs=(PATH, SURFACE)),),
+    commands=(declare.Command(SmoothScanPath, compute_result, needs=(PATH, SURFACE)),),
     results=(
-        Result(
+        declare.Result(
             "smoothing",
             SmoothScanPath,
             derive_smoothing,
@@ -33,5 +34,7 @@ STEP = Step(
             "smooth the path (step 6)",
         ),
     ),
-    line=StepLine("Smoothing", _summary, SmoothScanPath, leaves=lambda session: (SMOOTHING,)),
+    line=declare.StepLine(
+        "Smoothing", _summary, SmoothScanPath, leaves=lambda session: (SMOOTHING,)
+    ),
 )

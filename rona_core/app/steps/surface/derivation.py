@@ -3,8 +3,10 @@
 from rona_core.app.dependencies.base_reference import reference_of
 from rona_core.app.dependencies.inputs import require_result
 from rona_core.app.steps.surface.messages import BuildSurface
+from rona_core.devices.live import LiveState
 from rona_core.errors import DegenerateGeometryError, StepBlockedError
 from rona_core.geometry.arrays import Floats
+from rona_core.geometry.pose import Pose
 from rona_core.session.captures import PointerCapture
 from rona_core.session.document import Session
 from rona_core.surface.cloud import SurfaceCloud, build_cloud, merge_clouds
@@ -26,6 +28,20 @@ def tip_track(session: Session, capture: PointerCapture) -> Floats:
         )
     tips_tracker = capture.marker.Ts_tracker_marker @ pointer.tip_pointermarker
     return reference.T_base_tracker @ tips_tracker
+
+
+def replayed_pointer(session: Session, live: LiveState) -> Pose | None:
+    """Return where a recording under way shows the pointer, ``T_base_pointermarker``.
+
+    None while none is played, the tool is not seen, or the tracker is not registered.
+    """
+    registered = session.results.tool
+    if live.origin != "REPLAY" or live.frame is None or registered is None:
+        return None
+    sample = live.frame.tools[0]
+    if sample.T_tracker_marker is None:
+        return None
+    return registered.value.T_base_tracker @ sample.T_tracker_marker
 
 
 def derive_surface(session: Session, message: BuildSurface) -> SurfaceCloud:

@@ -10,18 +10,13 @@ import numpy as np
 
 from rona_core.app.dependencies.inputs import require_result
 from rona_core.app.steps.surface.messages import StartSkullRegistration
-from rona_core.devices.protocols import Cancel, Progress, never, silent
+from rona_core.devices.protocols import Cancel, Progress
 from rona_core.errors import DegenerateGeometryError, StepBlockedError
 from rona_core.geometry.arrays import Floats, Vector3
 from rona_core.geometry.pose import Pose
 from rona_core.session.document import Session
 from rona_core.session.specimen import LoadedSkull
-from rona_core.surface.icp import (
-    Closest,
-    SurfaceRegistration,
-    point_surface,
-    register_surface,
-)
+from rona_core.surface.icp import Closest, SurfaceRegistration, point_surface, register_surface
 
 NORMAL_PATCH_MM = 10.0  # over which the normals at the middle of the region are averaged
 COARSE_POINTS = 300  # of the cloud, while the turns are tried
@@ -53,11 +48,7 @@ def outer_surface(skull: LoadedSkull) -> tuple[Floats, Floats]:
 
 
 def derive_registration(
-    session: Session,
-    message: StartSkullRegistration,
-    *,
-    progress: Progress = silent,
-    cancel: Cancel = never,
+    session: Session, message: StartSkullRegistration, *, progress: Progress, cancel: Cancel
 ) -> SurfaceRegistration:
     """Return ``T_skull_base`` (``T_b_a``: a is base, b is the file of the skull) of the cloud.
 

@@ -1,44 +1,50 @@
 """Surface: point cloud of the skull, and where a loaded skull lies under it."""
 
-from rona_core.app.declarations.declarations import (
-    Activity,
-    Capture,
-    Command,
-    Result,
-    Step,
-    StepLine,
-)
+from rona_core.app.declarations import declarations as declare
+from rona_core.app.declarations.declarations import ActivityContext, Input
 from rona_core.app.dependencies.base_reference import carried_remark, found_again, placed_reason
-from rona_core.app.dependencies.inputs import capture_input, result_input, setup_input
-from rona_core.app.dependencies.step_states import stopped_early
-from rona_core.app.runtime.computing import compute_one
-from rona_core.app.runtime.handling import compute_result
-from rona_core.app.steps.setup.capture_parts import (
-    pointer_part,
-    robot_part,
-    specimen_part,
-    tracker_part,
-)
+from rona_core.app.dependencies.inputs import capture_input, result_input
+from rona_core.app.runtime.handling import compute_one, compute_result, record
+from rona_core.app.runtime.recording import capture_stroke
+from rona_core.app.steps.setup import capture_parts as parts
 from rona_core.app.steps.setup.inputs import CHOOSE_REFERENCE, REGION, SKULL
-from rona_core.app.steps.surface.captures import record_surface
+from rona_core.app.steps.surface import messages
 from rona_core.app.steps.surface.derivation import derive_surface
-from rona_core.app.steps.surface.handlers import clear_surface, place_stroke
-from rona_core.app.steps.surface.messages import (
-    BuildSurface,
-    ClearSurface,
-    StartSkullRegistration,
-    StartSurfaceCapture,
-)
 from rona_core.app.steps.surface.skull_registration import derive_registration, require_loaded
+from rona_core.session.captures import PointerCapture
 from rona_core.session.document import Session
 
 SURFACE_CAPTURE, SURFACE = capture_input("surface"), result_input("surface")
 TOOL, POINTER = result_input("tool"), result_input("pointer")
 # False where the tracker has moved and may not be found again; it counts for nothing else
-REFERENCE = setup_input(lambda s: found_again(s, s.captures.surface), CHOOSE_REFERENCE)
+REFERENCE = Input(lambda s: found_again(s, s.captures.surface), CHOOSE_REFERENCE)
 
 
-def _require_loaded(activity: StartSkullRegistration, session: Session) -> None:
+def capture_surface(
+    activity: messages.StartSurfaceCapture, session: Session, context: ActivityContext
+) -> PointerCapture:
+    """Record the pointer marker while the pointer slides over the skull."""
+    return capture_stroke(
+        "surface",
+        session,
+        context,
+        activity.picks_base_mm,
+        activity.duration_s,
+        lambda: context.rig.operator.sweep(duration_s=activity.duration_s),
+    )
+
+
+def clear_surface(message: messages.ClearSurface, session: Session) -> Session:
+    """Carry out `ClearSurface`."""
+    return session.with_capture("surface", ())
+
+
+def place_stroke(session: Session, capture: PointerCapture, append: bool) -> object:
+    """Return the strokes after another one, which replaces the earlier ones or adds to them."""
+    return (*(session.captures.surface if append else ()), capture)
+
+
+def _require_loaded(activity: messages.StartSkullRegistration, session: Session) -> None:
     require_loaded(session)
 
 
@@ -50,24 +56,25 @@ def _summary(session: Session) -> str:
     return f"{len(held.value.points_base)} points{remark}"
 
 
-STEP = Step(
+STEP = declare.Step(
     "surface",
     commands=(
-        Command(BuildSurface, compute_result, needs=(SURFACE_CAPTURE, TOOL, POINTER)),
-        Command(ClearSurface, clear_surface),
+        declare.Command(
+            messages.BuildSurface, compute_result, needs=(SURFACE_CAPTURE, TOOL, POINTER)
+        ),
+        declare.Command(messages.ClearSurface, clear_surface),
     ),
     activities=(
-        Activity(
-            StartSurfaceCapture,
-            record_surface,
+        declare.Activity(
+            messages.StartSurfaceCapture,
+            record("surface", capture_surface, messages.BuildSurface),
             "Sliding over the skull",
             needs=(TOOL, POINTER),
             blocked=placed_reason,
-            uses_devices=True,
             records=True,
         ),
-        Activity(
-            StartSkullRegistration,
+        declare.Activity(
+            messages.StartSkullRegistration,
             compute_one,
             "Laying the points onto the skull",
             needs=(SURFACE,),
@@ -75,17 +82,17 @@ STEP = Step(
         ),
     ),
     captures=(
-        Capture(
+        declare.Capture(
             "surface",
             "slide the pointer over the skull (step 4)",
-            (tracker_part, robot_part, pointer_part, specimen_part),
+            (parts.tracker, parts.robot, parts.pointer, parts.specimen),
             place=place_stroke,
         ),
     ),
     results=(
-        Result(
+        declare.Result(
             "surface",
-            BuildSurface,
+            messages.BuildSurface,
             derive_surface,
             {
                 "capture": SURFACE_CAPTURE,
@@ -95,20 +102,18 @@ STEP = Step(
             },
             "sample the surface (step 4)",
         ),
-        Result(
+        declare.Result(
             "registration",
-            StartSkullRegistration,
+            messages.StartSkullRegistration,
             derive_registration,
             {"surface": SURFACE, "skull": SKULL, "region": REGION},
             "register the skull (step 4)",
-            long=True,
         ),
     ),
-    line=StepLine(
+    line=declare.StepLine(
         "Surface",
         _summary,
-        StartSurfaceCapture,
+        messages.StartSurfaceCapture,
         leaves=lambda session: (SURFACE_CAPTURE, SURFACE),
-        partial=lambda session: stopped_early("surface", session),
     ),
 )

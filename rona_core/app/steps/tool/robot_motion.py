@@ -2,53 +2,132 @@
 
 import numpy as np
 
-from rona_core.app.declarations.activity_context import ActivityContext
-from rona_core.app.declarations.declarations import Message
+from rona_core.app.declarations.declarations import ActivityContext, Message
 from rona_core.app.dependencies.staleness import session_obstacles
 from rona_core.app.runtime.recording import begin, finish
-from rona_core.app.steps.tool.certified_moves import FreeMoves
 from rona_core.app.steps.tool.messages import StartRobotMove
-from rona_core.errors import CancelledError, InvalidInputError
+from rona_core.errors import CancelledError, InvalidInputError, NotReachableError, StepBlockedError
 from rona_core.geometry.arrays import Floats
+from rona_core.robot.collision.collision_world import CollisionWorld, require_clear
+from rona_core.robot.collision.obstacles import Obstacles
 from rona_core.robot.kinematics.catalog import robot_model
 from rona_core.robot.kinematics.robot_model import RobotModel
+from rona_core.robot.trajectory.joint_moves import plan_joint_move
+from rona_core.robot.trajectory.retract import retract_after_stop
+from rona_core.robot.trajectory.trajectory import TimedMotion, Trajectory
+from rona_core.robot.verification.certificate import Certificate
+from rona_core.robot.verification.verifier import verify_motion
 from rona_core.session.document import Session
 
 SAME_PLACE_RAD = 1e-6
-
-
 STOPPED = (
     "the robot was stopped on its way to the start: nothing was recorded, and what was recorded "
     "earlier is kept"
 )
 
 
-def drive_to(q_rad: Floats, session: Session, tools: ActivityContext) -> None:
+class FreeMoves:
+    """Plans moves on which nothing is touched: the probe may touch the head in a scan alone."""
+
+    def __init__(self, model: RobotModel, around: Obstacles) -> None:
+        """Look at a robot with its tool among what stands around it."""
+        self._model, self._around = model, around
+        self._free = around.without_touch()
+        self._world = CollisionWorld(model, self._free)
+
+    def plan(self, start_rad: Floats, goal_rad: Floats) -> tuple[Trajectory, ...]:
+        """Return the certified motions, one after the other, from (6,) to (6,) joint angles.
+
+        Where the probe still stands on the bone, as after a stop, it is drawn back first.
+
+        Raises:
+            NotReachableError: the goal touches something, there is no way around what does, or
+                the verifier refuses a motion; it says why.
+        """
+        model, motions = self._model, list[Trajectory]()
+        require_clear(model, self._free, goal_rad)
+        if not self.stands_clear(start_rad):
+            motions.append(self._away(start_rad))
+            start_rad = motions[-1].qs_rad[-1]
+        planned = plan_joint_move(start_rad, goal_rad, model, clear=self._world.clear)
+        certificate = verify_motion(model, planned, obstacles=self._free)
+        require_certified("the move", certificate, planned, self._free)
+        return (*motions, planned)
+
+    def back(self, start_rad: Floats) -> Trajectory:
+        """Return the certified motion that draws the probe back along its axis from the bone.
+
+        Raises:
+            StepBlockedError: it stands clear of everything.
+            NotReachableError: there is no such motion, or the verifier refuses it.
+        """
+        if self.stands_clear(start_rad):
+            raise StepBlockedError(
+                "StartRetract is blocked: the probe stands clear of everything, move the robot"
+            )
+        return self._away(start_rad)
+
+    def stands_clear(self, q_rad: Floats) -> bool:
+        """Return whether nothing is touched, or nearly so, at joint angles (6,)."""
+        return bool(self._world.clear(q_rad[None])[0])
+
+    def _away(self, start_rad: Floats) -> Trajectory:
+        model, around = self._model, self._around
+        try:
+            require_clear(model, around, start_rad, "stands")
+        except NotReachableError as error:
+            raise NotReachableError(
+                f"{error}: undo what was changed since it went there, and move it away first"
+            ) from error
+        line = retract_after_stop(model, start_rad, CollisionWorld(model, around).clear)
+        certificate = verify_motion(model, line, obstacles=around)
+        require_certified("drawing the probe back", certificate, line, around)
+        return line
+
+
+def require_certified(
+    what: str, certificate: Certificate, motion: TimedMotion, around: Obstacles
+) -> None:
+    """Raise NotReachableError unless this motion was certified among what stands around now."""
+    same = around.has_digest(certificate.obstacles)
+    if same and certificate.certifies(motion, certificate.obstacles):
+        return
+    reasons = "; ".join(check.sentence for check in certificate.failures())
+    if not reasons:
+        other = "motion" if same else "robot or other obstacles"
+        reasons = f"the plan was verified for another {other}: plan again"
+    raise NotReachableError(f"{what} is refused: {reasons}")
+
+
+def drive_to(q_rad: Floats, session: Session, context: ActivityContext) -> None:
     """Move the robot to joint angles (6,) on verified motions, around what stands in the way.
 
     Raises:
         NotReachableError: there is no such motion, or the verifier refuses it; it says why.
         CancelledError: somebody pressed Cancel or Stop on the way.
     """
-    if tools.cancel():  # while what the robot is to do was planned
+    if context.cancel():  # while what the robot is to do was planned
         raise CancelledError(STOPPED)
     model = robot_model(session.setup.devices.robot.model)
-    begin(session, tools)
-    start = tools.rig.robot.state().q_rad
+    begin(session, context)
+    start = context.rig.robot.state().q_rad
     if np.abs(start - q_rad).max() < SAME_PLACE_RAD:
         return
     moves = FreeMoves(model, session_obstacles(session))
     for planned in moves.plan(start, q_rad):
-        motion = tools.rig.robot.move(planned.times_s, planned.qs_rad)
-        if not finish(motion, tools):
+        motion = context.rig.robot.move(planned.times_s, planned.qs_rad)
+        if not finish(motion, context):
             raise CancelledError(STOPPED)
 
 
-def move_robot(activity: StartRobotMove, session: Session, tools: ActivityContext) -> None:
-    """Move the robot to joint angles in degrees, certified first."""
+def move_robot(
+    activity: StartRobotMove, session: Session, context: ActivityContext
+) -> tuple[Message, ...]:
+    """Carry out `StartRobotMove`, certified first; the session stays as it is."""
     q_rad = np.deg2rad(np.array(activity.joints_deg))
     _check_joints(q_rad, robot_model(session.setup.devices.robot.model))
-    drive_to(q_rad, session, tools)
+    drive_to(q_rad, session, context)
+    return ()
 
 
 def _check_joints(q_rad: Floats, model: RobotModel) -> None:
@@ -59,11 +138,3 @@ def _check_joints(q_rad: Floats, model: RobotModel) -> None:
         raise InvalidInputError(
             f"joint {j + 1} must be {low:.1f} to {high:.1f} deg, not {np.rad2deg(q_rad[j]):.6g}"
         )
-
-
-def drive_robot(
-    activity: StartRobotMove, session: Session, context: ActivityContext
-) -> tuple[Message, ...]:
-    """Carry out `StartRobotMove`; the session stays as it is."""
-    move_robot(activity, session, context)
-    return ()

@@ -1,8 +1,7 @@
-"""Header of ``.mha`` sequence files: fields, per-frame fields, pixels."""
+"""Header of ``.mha`` sequence files: fields, and fields of each frame. Pixels are passed over."""
 
 import math
 import re
-import zlib
 from dataclasses import dataclass
 from typing import TypeVar
 
@@ -11,23 +10,6 @@ from rona_core.errors import InvalidInputError
 Number = TypeVar("Number", int, float)
 END = re.compile(rb"^ElementDataFile[ \t]*=[ \t]*([^\r\n]*?)[ \t]*(?:\r?\n|\Z)", re.MULTILINE)
 FRAME_FIELD = re.compile(r"Seq_Frame([0-9]{1,9})_(\w+)")
-BYTES = {
-    "MET_CHAR": 1,
-    "MET_UCHAR": 1,
-    "MET_SHORT": 2,
-    "MET_USHORT": 2,
-    "MET_INT": 4,
-    "MET_UINT": 4,
-    "MET_LONG": 4,
-    "MET_ULONG": 4,
-    "MET_LONG_LONG": 8,
-    "MET_ULONG_LONG": 8,
-    "MET_FLOAT": 4,
-    "MET_DOUBLE": 8,
-    "MET_OTHER": 0,  # what PLUS writes where there is no image
-    "MET_NONE": 0,
-}
-CHUNK = 1 << 20
 MAX_HEADER_BYTES = 48 * 1024**2
 MOST_DIGITS = 15  # of a whole number; exact as a float too
 
@@ -115,7 +97,7 @@ class Header:
 
 
 def read_header(data: bytes, name: str) -> Header:
-    """Read header and check that the pixels are all there.
+    """Read the header of a sequence file.
 
     Raises:
         InvalidInputError: not a sequence file, damaged, or one whose pixels are in another file.
@@ -143,9 +125,7 @@ def read_header(data: bytes, name: str) -> Header:
             f"{name}: expected its pixels in the same file (ElementDataFile = LOCAL), got "
             f"{where!r}: save it as .igs.mha"
         )
-    header = _parsed(data[: end.start()], name)
-    _check_pixels(header, memoryview(data)[end.end() :])
-    return header
+    return _parsed(data[: end.start()], name)
 
 
 def _parsed(text: bytes, name: str) -> Header:
@@ -170,7 +150,9 @@ def _parsed(text: bytes, name: str) -> Header:
                 f"{name}, line {number}: expected a field like Seq_Frame0000_Timestamp, "
                 f"got {key[:60]!r}"
             )
-        held, field = (fields, key) if match is None else (_of_frame(frames, match[1]), match[2])
+        held, field = fields, key
+        if match is not None:
+            held, field = frames.setdefault(int(match[1]), {}), match[2]
         if field in held:
             raise InvalidInputError(f"{name}, line {number}: {key} stands there twice")
         held[field] = value.strip()
@@ -183,21 +165,13 @@ def _is_whole(word: str) -> bool:
     return word.isascii() and word.isdigit() and len(word) <= MOST_DIGITS
 
 
-def _of_frame(frames: dict[int, dict[str, str]], digits: str) -> dict[str, str]:
-    return frames.setdefault(int(digits), {})
-
-
-def _dimensions(header: Header) -> list[int]:
+def _check_frames(header: Header, indices: list[int]) -> None:
     words = header.fields.get("DimSize", "missing").split()
     if not words or not all(_is_whole(word) for word in words):
         raise InvalidInputError(
             f"{header.name}, DimSize: expected whole numbers, got {' '.join(words)[:40]!r}"
         )
-    return [int(word) for word in words]
-
-
-def _check_frames(header: Header, indices: list[int]) -> None:
-    sizes = _dimensions(header)
+    sizes = [int(word) for word in words]
     if header.whole("NDims") != len(sizes):
         raise InvalidInputError(
             f"{header.name}: NDims says {header.fields['NDims']}, DimSize has {len(sizes)} numbers"
@@ -217,52 +191,4 @@ def _check_frames(header: Header, indices: list[int]) -> None:
     if len(indices) != expected:
         raise InvalidInputError(
             f"{header.name}: DimSize says {expected} frames, there are fields of {len(indices)}"
-        )
-
-
-def _check_pixels(header: Header, pixels: memoryview) -> None:
-    kind = header.fields.get("ElementType", "missing")
-    if kind not in BYTES:
-        raise InvalidInputError(f"{header.name}: expected a known ElementType, got {kind[:40]!r}")
-    channels = header.whole("ElementNumberOfChannels") if _has_channels(header) else 1
-    expected = math.prod(_dimensions(header)) * BYTES[kind] * channels
-    if header.fields.get("CompressedData", "False").lower() == "true":
-        if expected:
-            _check_compressed(header, pixels, expected)
-    elif len(pixels) != expected:
-        raise InvalidInputError(
-            f"{header.name} is damaged: expected {expected} bytes of pixels, got {len(pixels)}"
-        )
-
-
-def _has_channels(header: Header) -> bool:
-    return "ElementNumberOfChannels" in header.fields
-
-
-def _check_compressed(header: Header, pixels: memoryview, expected: int) -> None:
-    size = len(pixels)
-    if "CompressedDataSize" in header.fields:
-        size = header.whole("CompressedDataSize")
-    if size != len(pixels):
-        raise InvalidInputError(
-            f"{header.name} is damaged: expected {size} bytes of compressed pixels, "
-            f"got {len(pixels)}"
-        )
-    inflate, count = zlib.decompressobj(), 0
-    try:
-        for start in range(0, len(pixels), CHUNK):
-            rest: bytes | memoryview = pixels[start : start + CHUNK]
-            while rest and count <= expected and not inflate.eof:
-                count += len(inflate.decompress(rest, CHUNK))
-                rest = inflate.unconsumed_tail
-        while count <= expected and (part := inflate.decompress(b"", CHUNK)):
-            count += len(part)
-    except zlib.error as error:
-        raise InvalidInputError(
-            f"{header.name} is damaged: its compressed pixels cannot be read ({error})"
-        ) from error
-    if count != expected or not inflate.eof:
-        raise InvalidInputError(
-            f"{header.name} is damaged: expected {expected} bytes of pixels, got "
-            f"{'more' if count > expected else count} from the compressed ones"
         )

@@ -1,13 +1,14 @@
 """Fit of a marker body to marker positions from files."""
 
 from dataclasses import dataclass
+from itertools import combinations
 
 import numpy as np
+from scipy.spatial.distance import pdist
 
 from rona_core.errors import DegenerateGeometryError, InvalidInputError
 from rona_core.geometry.arrays import Bools, Floats, Ints
-from rona_core.geometry.batch_fit import ManyFits, fit_line_many, fit_rigid_many
-from rona_core.geometry.rigid_fit import MIN_WIDTH
+from rona_core.geometry.rigid_fit import MIN_WIDTH, ManyFits, fit_line_many, fit_rigid_many
 
 LEAST = {6: 3, 5: 2}  # markers that a frame must have seen, by degrees of freedom
 MAX_OFF_MM = 2.0  # a distance of two markers, or the fit, may be off by this (median over frames)
@@ -41,8 +42,6 @@ class FittedFrames:
 
     fits: ManyFits  # T_tracker_marker of each frame
     numbers: Ints  # (k,)
-    points_tracker: Floats  # (k, m, 3), 0 where a marker was not seen
-    seen: Bools  # (k, m)
     positions_marker: Floats  # (m, 3) the geometry used
 
 
@@ -55,16 +54,16 @@ def checked_geometry(positions_marker: Floats, name: str) -> Floats:
     m = len(positions_marker)
     if m < 3:
         raise InvalidInputError(f"{name}: expected at least 3 markers, got {m}")
-    distances = _distances(positions_marker[None])[0]
-    far, (i, j) = float(distances.max()), _pair(distances, np.argmin(_upper(distances)))
-    if far < CLOSEST_MM:
+    distances = pdist(positions_marker)
+    if distances.max() < CLOSEST_MM:
         raise InvalidInputError(
-            f"{name}: its markers are at most {far:.3g} mm apart. Millimetres are expected, these "
-            "look like metres: multiply them by 1000"
+            f"{name}: its markers are at most {distances.max():.3g} mm apart. Millimetres are "
+            "expected, these look like metres: multiply them by 1000"
         )
-    if distances[i, j] < CLOSEST_MM:
+    if distances.min() < CLOSEST_MM:
+        i, j = list(combinations(range(m), 2))[int(distances.argmin())]
         raise InvalidInputError(
-            f"{name}: markers {i + 1} and {j + 1} are {distances[i, j]:.2g} mm apart: one of them "
+            f"{name}: markers {i + 1} and {j + 1} are {distances.min():.2g} mm apart: one of them "
             "stands there twice"
         )
     return positions_marker
@@ -107,7 +106,7 @@ def fit_frames(frames: MarkerFrames, geometry: MarkerGeometryFile | None, dof: i
             f"{frames.name}: the markers fit the geometry to {off_mm:.1f} mm only, "
             f"{MAX_OFF_MM:g} are allowed: is it mirrored, or are markers named in another order?"
         )
-    return FittedFrames(fits, numbers[enough], points, seen, positions)
+    return FittedFrames(fits, numbers[enough], positions)
 
 
 def _own_geometry(frames: MarkerFrames, dof: int) -> Floats:
@@ -185,35 +184,19 @@ def _require_line(positions: Floats, name: str) -> None:
         )
 
 
-def _distances(points: Floats) -> Floats:
-    """Return the distances (n, m, m) of all pairs."""
-    return np.linalg.norm(points[:, :, None] - points[:, None], axis=3)
-
-
-def _upper(distances: Floats) -> Floats:
-    return np.where(np.triu(np.ones(distances.shape, dtype=np.bool_), 1), distances, np.inf)
-
-
-def _pair(distances: Floats, flat: np.intp) -> tuple[int, int]:
-    i, j = np.unravel_index(flat, distances.shape)
-    return int(i), int(j)
-
-
 def _require_distances(frames: MarkerFrames, positions: Floats) -> None:
     """Refuse markers whose distances from one another are not those of the geometry."""
-    known = _distances(positions[None])[0]
-    m = len(positions)
-    worst: tuple[float, float, int, int] = (0.0, 0.0, 0, 0)
+    worst: tuple[float, float, float, int, int] = (0.0, 0.0, 0.0, 0, 0)
     ratios: list[float] = []
-    for i in range(m):
-        for j in range(i + 1, m):
-            both = frames.seen[:, i] & frames.seen[:, j]
-            if both.any():
-                apart = frames.points_tracker[both, i] - frames.points_tracker[both, j]
-                found = float(np.median(np.linalg.norm(apart, axis=1)))
-                ratios.append(found / max(float(known[i, j]), 1e-9))
-                worst = max(worst, (abs(found - float(known[i, j])), found, i, j))
-    off_mm, found, i, j = worst
+    for i, j in combinations(range(len(positions)), 2):
+        both = frames.seen[:, i] & frames.seen[:, j]
+        if both.any():
+            known = float(np.linalg.norm(positions[i] - positions[j]))
+            apart = frames.points_tracker[both, i] - frames.points_tracker[both, j]
+            found = float(np.median(np.linalg.norm(apart, axis=1)))
+            ratios.append(found / max(known, 1e-9))
+            worst = max(worst, (abs(found - known), found, known, i, j))
+    off_mm, found, known, i, j = worst
     if off_mm <= MAX_OFF_MM:
         return
     if all(METRES[0] < ratio < METRES[1] for ratio in ratios):
@@ -223,5 +206,5 @@ def _require_distances(frames: MarkerFrames, positions: Floats) -> None:
         )
     raise InvalidInputError(
         f"{frames.name}: markers {frames.names[i]} and {frames.names[j]} are {found:.1f} mm apart "
-        f"in the frames, {known[i, j]:.1f} mm in the geometry: wrong tool, or wrong names?"
+        f"in the frames, {known:.1f} mm in the geometry: wrong tool, or wrong names?"
     )

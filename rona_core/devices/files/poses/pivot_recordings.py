@@ -7,10 +7,9 @@ from typing import Literal
 
 import numpy as np
 
-from rona_core.devices.files.ndi_rom import rom_from_bytes
+from rona_core.devices.files.ndi_rom import rom_positions
 from rona_core.devices.files.poses.igs_mha import read_igs_mha
 from rona_core.devices.files.poses.marker_body_fit import (
-    FittedFrames,
     MarkerGeometryFile,
     checked_geometry,
     fit_frames,
@@ -41,7 +40,6 @@ class RecordedPivot:
     track: ToolTrack  # files without times count seconds: frame k is at k s
     geometry_marker: Floats | None  # (m, 3) marker positions, where they are known
     rounding: float  # how far the rotations were from rigid; they have been made so
-    frames: FittedFrames | None = None  # what was seen of single markers, row by row of the track
 
 
 def read_pivot(
@@ -89,7 +87,7 @@ def read_pivot(
         poses, rms_mm = found.fits.Ts_b_a, found.fits.rms_mm
         require_millimetres(poses.translations, first.name)
         track = _track(tool or NAME, found.numbers, poses, rms_mm, len(frames.numbers))
-        return RecordedPivot(kind, track, readonly(found.positions_marker), 0.0, found)
+        return RecordedPivot(kind, track, readonly(found.positions_marker), 0.0)
     poses, rounding = _read_matrices([t for _, _, t in read if t is not None], kind)
     what = first.name if len(read) == 1 else f"{first.name} and {len(read) - 1} more files"
     require_millimetres(poses.translations, what)
@@ -141,7 +139,7 @@ def read_geometry(file: NamedFile) -> MarkerGeometryFile:
     _check_text([file])
     if file.name.lower().endswith(".rom"):
         return MarkerGeometryFile(
-            None, checked_geometry(rom_from_bytes(file.data, file.name).positions_marker, file.name)
+            None, checked_geometry(rom_positions(file.data, file.name), file.name)
         )
     return read_geometry_table(file)
 

@@ -5,7 +5,6 @@ side lobes of a compressed chirp are only 20 dB below their peak: without subtra
 echo the largest later peak is usually one of its own.
 """
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 
@@ -14,6 +13,7 @@ import numpy as np
 from rona_core.geometry.arrays import Bools, Floats, readonly
 from rona_core.ultrasound.detection.single.matched_filter import (
     BONE_REFLECTION,
+    GEL_MRAYL,
     Template,
     peak_offsets,
 )
@@ -25,6 +25,7 @@ TAPS = 9
 TAP_SPACING = 0.12  # over the -6 dB bandwidth
 FIT_HALF_WIDTH = 1.0  # of the fit, over the bandwidth
 RIDGE = 1e-3
+MOST_LEVEL = 1.2  # a louder front is not the template's
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -36,26 +37,10 @@ class Fronts:
     snr: Floats  # amplitude over the rms of the compressed noise
     positive: Bools  # False: reflected by something softer than gel, that is, air
 
-    def __getitem__(self, block: slice) -> "Fronts":
-        return Fronts(
-            self.delay_us[block], self.level[block], self.snr[block], self.positive[block]
-        )
-
     @property
     def measured(self) -> Bools:
         """Which fronts were measured, and not known from elsewhere."""
         return np.asarray(np.isfinite(self.snr))
-
-    @classmethod
-    def concatenate(cls, parts: Sequence["Fronts"]) -> "Fronts":
-        """Return the fronts of several blocks as one."""
-        none = np.zeros(0)
-        return cls(
-            np.concatenate([none, *(p.delay_us for p in parts)]),
-            np.concatenate([none, *(p.level for p in parts)]),
-            np.concatenate([none, *(p.snr for p in parts)]),
-            np.concatenate([none.astype(np.bool_), *(p.positive for p in parts)]),
-        )
 
 
 def gate_us(probe: ProbeModel) -> tuple[float, float]:
@@ -136,3 +121,35 @@ def _near_fit(template: Template) -> tuple[Complexes, Complexes]:
     seen = template.compress(every, template.spectrum)[:, near].T
     found = np.asarray(np.linalg.solve(normal, basis.conj().T @ seen).T, dtype=np.complex128)
     return readonly(found), readonly(copies)
+
+
+def without_gap(aligned: Complexes, fronts: Fronts, template: Template) -> Complexes:
+    """Return aligned spectra (n, f) as they are when line and gel are of one impedance.
+
+    They are nearly, but what the face of the line returns comes before the front echo by the way
+    through the gel, and again behind it and behind the inner echo: a hundredth of the front, enough
+    to move times by a nanosecond, and by another one at each distance.
+    """
+    line = template.probe.line.speed_mm_per_us * template.probe.line.density_g_per_cm3
+    face = (GEL_MRAYL - line) / (GEL_MRAYL + line)
+    gap_mm = np.maximum(standoff_mm(fronts.delay_us, template.probe), template.probe.film_mm)
+    early = template.shift(2.0 * gap_mm / GEL.speed_mm_per_us)
+    late = np.conj(early)
+    level = np.where(fronts.measured & fronts.positive, np.minimum(fronts.level, MOST_LEVEL), 0.0)
+    beside = (early + BONE_REFLECTION**2 * late) * template.spectrum
+    clear = aligned * (1.0 + face * BONE_REFLECTION * late) ** 2
+    return clear - (face * level)[:, None] * beside
+
+
+def front_times(fronts: Complexes, template: Template) -> Floats:
+    """Return the times (n,) of front echoes (n, f) near time 0, with weights for noise alone."""
+    omega = 2.0 * np.pi * template.frequencies_mhz
+    power = np.abs(template.spectrum) ** 2
+    height = np.real(fronts @ np.conj(template.spectrum)) / power.sum()
+    slope = -np.imag(fronts @ (omega * np.conj(template.spectrum))) / (power @ omega**2)
+    return slope / np.maximum(height, 1e-12)
+
+
+def products(a: Complexes, b: Complexes) -> Complexes:
+    """Return the inner products (n,) of spectra (n, f)."""
+    return np.asarray(np.einsum("nf,nf->n", np.conj(a), b), dtype=np.complex128)

@@ -5,18 +5,13 @@ peak go the features that separate an inner echo from clutter: its sign, its lev
 before, and that nothing comes after it, for the inner boundary is the last one.
 """
 
-from collections.abc import Sequence
-from dataclasses import dataclass, fields
-from typing import Any
+from dataclasses import dataclass
 
 import numpy as np
+from scipy.special import i0e
 
 from rona_core.geometry.arrays import Bools, Floats
-from rona_core.ultrasound.detection.single.depth_likelihood import (
-    CLUTTER,
-    depth_grid,
-    depth_log_likelihood,
-)
+from rona_core.ultrasound.detection.single.front_echo import Fronts
 from rona_core.ultrasound.detection.single.matched_filter import (
     BONE_REFLECTION,
     Template,
@@ -25,6 +20,11 @@ from rona_core.ultrasound.detection.single.matched_filter import (
 from rona_core.ultrasound.probe.materials import BRAIN, TABLE, Complexes, Material
 from rona_core.ultrasound.probe.probe_model import PROBES, ProbeModel
 
+STEP_MM = 0.1  # of the grid of depths
+LEVELS = (0.05, 0.1, 0.2, 0.4, 0.8)  # of the echo over a nominal one, each as likely
+CLUTTER = {"2.25MHz": 0.1, "1MHz": 0.2}  # what bone shows besides, over a nominal inner echo
+MOST = 4.0  # log likelihood ratio that a single A-scan can have
+ABSENT = 0.6  # share of A-scans in which the echo may be missing, tilted away
 CANDIDATES = 12  # kept for each A-scan
 BANK_STEP_MM = 2.0  # thickness between templates
 NEAREST = 0.65  # of the least thickness: sought from here, so that what is too thin is seen
@@ -34,6 +34,46 @@ INNER_OVER_FRONT = (
     (1.0 - BONE_REFLECTION**2) * (BRAIN_MRAYL - BONE_MRAYL) / (BRAIN_MRAYL + BONE_MRAYL)
 ) / BONE_REFLECTION  # nominal, without attenuation; negative
 GUARD = 0.9  # over the -6 dB bandwidth: closer than this, peaks are one echo
+FROM = 0.4  # of the least thickness: closer to the front, nothing is seen
+LEVEL = 0.35, 0.55  # level over a nominal inner echo: from where on bone may be thin, and is
+OVER = 1.5, 2.5  # the same for that level over the one of what is taken for the inner echo
+
+
+def depth_grid(low_mm: float, high_mm: float) -> Floats:
+    """Return the depths (m,) between which the thickness is sought."""
+    count = int(np.ceil((high_mm - low_mm) / STEP_MM)) + 1
+    return low_mm + STEP_MM * np.arange(count, dtype=np.float64)
+
+
+def depth_log_likelihood(
+    level: Floats, noise: Floats, gain: Floats, lags_us: Floats, wanted_us: Floats, clutter: float
+) -> tuple[Floats, Floats]:
+    """Return log likelihood ratios (n, m) of an inner echo at given lags against none there.
+
+    Args:
+        level: Envelopes (n, lags) behind the bank of templates.
+        noise: RMS of the noise on the same scale (n,).
+        gain: What turns that scale into levels over a nominal echo (lags,).
+        lags_us: Even steps of time (lags,).
+        wanted_us: Within those (m,).
+        clutter: RMS of the clutter over a nominal echo.
+
+    With them comes the level over the noise (n, m).
+    """
+    at = (wanted_us - lags_us[0]) / (lags_us[1] - lags_us[0])
+    low = np.clip(np.floor(at).astype(np.int64), 0, len(lags_us) - 2)
+    share = np.clip(at - low, 0.0, 1.0)
+    observed = (1.0 - share) * level[:, low] + share * level[:, low + 1]
+    scale = (1.0 - share) * gain[low] + share * gain[low + 1]
+    spread = np.sqrt(np.maximum(noise[:, None], 1e-12) ** 2 + (clutter / scale) ** 2)
+    ratio = np.zeros(observed.shape)
+    for over_nominal in LEVELS:
+        echo = over_nominal / scale / spread
+        x = 2.0 * echo * observed / spread
+        # Rice over Rayleigh: I0(x) exp(-echo^2), with I0(x) = i0e(x) exp(x)
+        ratio += i0e(x) * np.exp(np.clip(x - echo**2, -50.0, 50.0)) / len(LEVELS)
+    log_ratio = np.log(ABSENT + (1.0 - ABSENT) * np.minimum(ratio, np.exp(MOST)))
+    return log_ratio, observed / np.maximum(noise[:, None], 1e-12)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -48,17 +88,6 @@ class Candidates:
     before: Floats  # largest peak ahead of this one over it, both over the noise
     after: Floats  # largest peak behind this one over it
     exists: Bools  # False: fewer peaks than that
-
-    @classmethod
-    def concatenate(cls, parts: Sequence["Candidates"]) -> "Candidates":
-        """Return the candidates of several blocks as one."""
-        none = np.zeros((0, CANDIDATES))
-        columns: dict[str, Any] = {
-            f.name: np.concatenate([none, *(getattr(part, f.name) for part in parts)])
-            for f in fields(cls)
-        }
-        columns["exists"] = columns["exists"].astype(np.bool_)
-        return cls(**columns)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -175,3 +204,40 @@ def through_bank(
         z += share * weighed.compress(behind, matched)[:, first : last + 1] / rms
         gain += share * rms
     return z * np.exp(2j * np.pi * template.carrier_mhz * lags), gain
+
+
+def merged_levels(aligned: Complexes, fronts: Fronts, template: Template, bone: Material) -> Floats:
+    """Return the level (n,) over a nominal inner echo of what follows the front at once.
+
+    The front is taken away as one plain echo, which leaves little of bone that is thick enough.
+    It is 0 where the front was not measured, but known from elsewhere.
+
+    Args:
+        aligned: Spectra (n, f) with the front echo at time 0.
+        fronts: Those front echoes (n,).
+        template: Of the probe and excitation.
+        bone: Nominal bone.
+    """
+    height = template.compress(aligned, template.spectrum)[:, 0]
+    residual = aligned - height[:, None] * template.spectrum
+    first = int(
+        2.0 * FROM * template.probe.min_thickness_mm / bone.speed_mm_per_us / template.step_us
+    )
+    last = int(bone_gate_us(template.probe, bone)[0] / template.step_us)
+    z, gain = through_bank(residual, template, bone, first, last)
+    return np.where(fronts.measured, (np.abs(z) * gain).max(axis=1), 0.0)
+
+
+def thick_enough(merged: Floats, level: Floats) -> Floats:
+    """Return how far (n,), 1 to 0, an inner echo is to be believed.
+
+    Args:
+        merged: What `merged_levels` says.
+        level: Of the inner echo over a nominal one (n,).
+    """
+    share = np.minimum(_rise(merged, *LEVEL), _rise(merged / np.maximum(level, 1e-6), *OVER))
+    return 1.0 - share
+
+
+def _rise(x: Floats, low: float, high: float) -> Floats:
+    return np.clip((x - low) / (high - low), 0.0, 1.0)

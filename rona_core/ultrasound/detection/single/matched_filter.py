@@ -4,8 +4,10 @@ The template is what a laboratory records on a flat reference block: excitation,
 line. Everything is done in the band of the probe and mixed down to its centre frequency.
 """
 
-from dataclasses import dataclass, replace
+from collections.abc import Sequence
+from dataclasses import dataclass, fields, replace
 from functools import lru_cache
+from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -30,6 +32,7 @@ EQUAL_BAND = 0.55  # -6 dB width of the equalised echo over the centre frequency
 EQUAL_FLOOR = {"2.25MHz": 1e-2, "1MHz": 2e-4}
 NOISE_SCANS, NOISE_STEPS = 64, 2  # looked at for the noise; steps for each doubling of it
 NOISE_FLOOR = 1.0  # equalising also stops this far (power) above the noise
+Record = TypeVar("Record", bound=Any)  # an array (n, ...), or a dataclass of such
 COMPRESSED = 2048  # samples of the compressed trace over the same time as GRID
 
 
@@ -167,3 +170,20 @@ def peak_offsets(levels: Floats, at: np.typing.NDArray[np.int64]) -> Floats:
     bend = before - 2.0 * middle + after
     offset = np.divide(0.5 * (before - after), bend, out=np.zeros(len(at)), where=bend < 0)
     return np.asarray(np.clip(offset, -0.5, 0.5) + (inside - at), dtype=np.float64)
+
+
+def rows_of(record: Record, rows: slice) -> Record:
+    """Return a record of arrays with these rows of each."""
+    return replace(record, **{f.name: getattr(record, f.name)[rows] for f in fields(record)})
+
+
+def joined(parts: Sequence[Record]) -> Record:
+    """Return records of arrays as one with the rows of all; what all of them share stays."""
+    first: Any = parts[0]
+    if isinstance(first, np.ndarray):
+        whole: Any = np.concatenate(parts)
+        return whole
+    if all(part is first for part in parts):
+        return first
+    names = [f.name for f in fields(first)]
+    return replace(first, **{name: joined([getattr(p, name) for p in parts]) for name in names})

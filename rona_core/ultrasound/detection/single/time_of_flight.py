@@ -1,29 +1,27 @@
 """Time of flight of a selected inner echo from envelope and phase, with its sigma.
 
-It is fitted together with its front and with the echo that follows it: first its envelope, with
+It is fitted together with its front: first its envelope, with
 weights that make noise and clutter white, then its phase in noise alone. The phase is ten times as
 sharp as the envelope, but it repeats: the cycles that may be meant are weighed by how far they are
 from the envelope's peak, and what comes out is the mean. So there are no slips, only a sigma that
 grows where one could be.
 """
 
-from collections.abc import Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from rona_core.geometry.arrays import Floats
-from rona_core.ultrasound.detection.single.cramer_rao import Fisher, amplitude_bound
-from rona_core.ultrasound.detection.single.front_echo import Fronts, subtract_fronts
-from rona_core.ultrasound.detection.single.front_echo_fit import (
-    Rest,
-    front_shapes,
+from rona_core.ultrasound.detection.single.front_echo import (
+    Fronts,
     front_times,
     products,
+    subtract_fronts,
     without_gap,
 )
-from rona_core.ultrasound.detection.single.inner_echo import INNER_OVER_FRONT, bone_filter
-from rona_core.ultrasound.detection.single.matched_filter import BONE_REFLECTION, Template
+from rona_core.ultrasound.detection.single.inner_echo import bone_filter
+from rona_core.ultrasound.detection.single.matched_filter import Template
 from rona_core.ultrasound.probe.excitation import GRID
 from rona_core.ultrasound.probe.materials import Complexes, Material
 
@@ -37,8 +35,37 @@ PHASE_SD_RAD = 0.08  # of the phase by structure, at a level of 1
 STRUCTURE_RAD = 0.14  # what sigma gets besides: the boundary is not the same over the beam
 FADING = 1.0  # both grow with one over the level to this power
 LEAST_LEVEL = 0.1
-# height of the inner echo that comes again over that of the first, without loss
-AGAIN = -INNER_OVER_FRONT * BONE_REFLECTION**2 / (1.0 - BONE_REFLECTION**2)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Fisher:
+    """Fisher information (n,) of spectra B (n, f) on the time of an echo of amplitude 1.
+
+    Information on the time is twice the moment times the amplitude squared.
+    """
+
+    energy: Floats  # sum of w |B|^2
+    mean_rad_per_us: Floats  # mean angular frequency
+    coherent: Floats  # second moment about 0
+    envelope: Floats  # and about the mean
+
+    @classmethod
+    def of(cls, spectra: Complexes, weights: Floats, frequencies_mhz: Floats) -> "Fisher":
+        """Return the moments of spectra (..., f); weights are one over the noise's power."""
+        omega = 2.0 * np.pi * frequencies_mhz
+        power = weights * np.abs(spectra) ** 2
+        energy = power.sum(axis=-1)
+        mean = (power * omega).sum(axis=-1) / energy
+        coherent = (power * omega**2).sum(axis=-1)
+        return cls(energy, mean, coherent, coherent - energy * mean**2)
+
+
+def amplitude_bound(fisher: Fisher, amplitude: ArrayLike) -> tuple[Floats, Floats]:
+    """Return coherent and envelope bounds (n,) in us for amplitudes (n,)."""
+    # Fisher information on t: 2 a^2 sum w |B|^2 omega^2
+    twice = 2.0 * np.maximum(np.abs(np.asarray(amplitude, dtype=np.float64)), 1e-12) ** 2
+    coherent = 1.0 / np.sqrt(twice * fisher.coherent)
+    return coherent, 1.0 / np.sqrt(twice * np.maximum(fisher.envelope, 1e-12))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -53,16 +80,6 @@ class InnerFits:
     structure_us: Floats  # what sigma gets besides
     noise_us: Floats  # the bound for noise alone
 
-    @classmethod
-    def concatenate(cls, parts: Sequence["InnerFits"]) -> "InnerFits":
-        """Return the fits of several blocks as one."""
-        return cls(
-            *(
-                np.concatenate([np.zeros(0), *(getattr(part, f.name) for part in parts)])
-                for f in fields(cls)
-            )
-        )
-
 
 @dataclass(frozen=True, slots=True, eq=False)
 class EnvelopePeaks:
@@ -71,9 +88,6 @@ class EnvelopePeaks:
     lag_us: Floats  # after the front echo
     level: Floats  # over a nominal echo
     clutter: Floats  # rms on that scale, behind the equalised filter
-
-    def __getitem__(self, block: slice) -> "EnvelopePeaks":
-        return EnvelopePeaks(self.lag_us[block], self.level[block], self.clutter[block])
 
 
 def fit_inner(
@@ -106,10 +120,7 @@ def fit_inner(
     time, height = _fit_envelope(aligned, echo, weights, lag_us, template)
     amplitude = np.abs(height)
     phase = time - np.angle(height) / fisher.mean_rad_per_us
-    again = bone_filter(template, bone, lag_us * bone.speed_mm_per_us)
-    again = AGAIN * again * np.conj(template.shift(2.0 * time))
-    rest = Rest(front_shapes(template), _density(noise), again, amplitude)
-    phase, inner = _fit_phase(aligned, echo, phase, rest, template)
+    phase, inner = _fit_phase(aligned, echo, phase, template)
     front = np.where(fronts.measured, front_times(aligned - inner, template), 0.0)
     front = np.clip(front, -MOST_MOVE / band, MOST_MOVE / band)
     coherent_sd, envelope_sd = amplitude_bound(fisher, amplitude)
@@ -155,25 +166,25 @@ def _fit_envelope(
 
 
 def _fit_phase(
-    aligned: Complexes, echo: Complexes, start_us: Floats, rest: Rest, template: Template
+    aligned: Complexes, echo: Complexes, start_us: Floats, template: Template
 ) -> tuple[Floats, Complexes]:
-    """Return times (n,) and echoes (n, f), fitted jointly with all else in white noise.
+    """Return times (n,) and echoes (n, f), fitted jointly with the front in white noise.
 
     Real height h and time t are the two unknowns of each echo, with s and d = ds/dt as in the
-    envelope's fit. All that may be there besides is projected out of the spectra ``aligned``
-    (n, f), of s and of d; the normal equations of x = h s + h dt d are solved in closed form.
+    envelope's fit. The front is subtracted from the spectra ``aligned`` (n, f), from s and from d;
+    the normal equations of x = h s + h dt d are solved in closed form.
     """
     omega = 2.0 * np.pi * template.frequencies_mhz
     most = MOST_MOVE / (template.probe.bandwidth * template.probe.centre_mhz)
-    x = rest.of(aligned)
+    x = subtract_fronts(aligned, template)
     time = start_us
     height = np.zeros(len(time))
     for _ in range(PHASE_STEPS):
         s = echo * np.conj(template.shift(time))
         d = -1j * omega * s
-        s_left = rest.of(s)
+        s_left = subtract_fronts(s, template)
         s_s, d_s = products(s, s_left).real, products(d, s_left).real
-        d_d = products(d, rest.of(d)).real
+        d_d = products(d, subtract_fronts(d, template)).real
         s_x, d_x = products(s, x).real, products(d, x).real
         determinant = np.maximum(s_s * d_d - d_s**2, 1e-30)
         height = np.maximum((d_d * s_x - d_s * d_x) / determinant, 1e-12)

@@ -1,7 +1,7 @@
 """Selection of the inner echo among the candidates of each A-scan, and its time of flight.
 
 The candidates of each A-scan are judged by their own features and by those of the A-scans around
-it (``candidate_features.py``, ``semi_global_matching.py``), and the one selected is timed
+it (``candidate_selection.py``, ``track_before_detect.py``), and the one selected is timed
 (``time_of_flight.py``). The runner-up is kept with its probability.
 """
 
@@ -9,30 +9,57 @@ import numpy as np
 
 from rona_core.geometry.arrays import Bools, Floats, Ints
 from rona_core.ultrasound.detection.single.candidates import BLOCK, Echoes
-from rona_core.ultrasound.detection.single.inner_echo import InnerEchoes, inner_grid_mm
-from rona_core.ultrasound.detection.single.thin_bone import thick_enough
+from rona_core.ultrasound.detection.single.inner_echo import (
+    Candidates,
+    InnerEchoes,
+    inner_grid_mm,
+    thick_enough,
+)
+from rona_core.ultrasound.detection.single.matched_filter import joined, rows_of
 from rona_core.ultrasound.detection.single.time_of_flight import (
     EnvelopePeaks,
     InnerFits,
     choose_cycles,
     fit_inner,
 )
-from rona_core.ultrasound.detection.spatial.candidate_features import (
-    ALONE,
-    TOGETHER,
-    features,
-    joint_features,
-    log_odds,
-    neighbour_weight,
-)
 from rona_core.ultrasound.detection.spatial.detectability import spread_along_interface
-from rona_core.ultrasound.detection.spatial.neighbour_graph import Links
-from rona_core.ultrasound.detection.spatial.neighbour_prediction import predict_lags
-from rona_core.ultrasound.detection.spatial.semi_global_matching import candidate_probabilities
-from rona_core.ultrasound.detection.spatial.track_before_detect import along_tracks
+from rona_core.ultrasound.detection.spatial.neighbours import Links, predict_lags
+from rona_core.ultrasound.detection.spatial.track_before_detect import (
+    APART_MM,
+    MULTIPLE,
+    STACK_FLOOR,
+    STACK_SURE,
+    Tracks,
+    along_tracks,
+    candidate_probabilities,
+    change_sd_mm,
+    repeats,
+)
 from rona_core.ultrasound.probe.materials import Material
 from rona_core.ultrasound.probe.probe_model import ProbeModel
 
+LOUDEST = 0.5  # log level over which nothing is too loud: bone may lose less than nominal bone
+FAINT = 0.2  # level under which it is hardly an inner echo, even of an oblique table:
+FAINTER = 6.0  # log odds lost for each time that it is 2.7 times fainter, whoever supports it
+LOUD_SNR = 5.0  # more does not make it more certain
+OVER_CLUTTER = 7.0  # phase counts up to this
+LATE_NOISE, LATE_ECHO = 4.0, 0.1  # what may follow: noise, and echoes of the echo
+LATEST = 12.0
+MULTIPLE_LEVEL = 0.25  # of an echo: its multiple is not louder
+STACKED = 2.0  # mean log likelihood ratio counts up to this
+LEAST_TRACK = 1e-3  # a track of the boundary is never less likely than that
+ENOUGH = 5.0  # neighbours, from which on their support counts in full
+FITTED_MHZ = (1.0, 2.25)
+LEVEL = 1  # where the features say it
+# As fitted, but for multiples and for boundaries behind: known from acoustics, rare in the fit.
+ALONE = (  # constant, level, loudness, noise, later peak, earlier peak, sign, multiple
+    (1.82, 2.47, 0.00, 1.46, -1.59, -1.56, 0.92, -2.00),
+    (-0.86, 1.20, -4.56, 3.07, -1.27, 0.00, 0.17, -2.00),
+)
+TOGETHER = (  # the same; a boundary behind it, its likelihood, support, track, stack
+    (-2.10, 0.38, 0.00, 1.04, -0.89, -1.16, 0.94, -1.00, -0.59, -0.17, 3.04, 0.01, 1.31),
+    (-1.30, 0.00, -1.41, 1.30, -0.20, 0.00, 0.00, -1.00, -0.50, -0.79, 1.70, 0.29, 2.72),
+)
 SAME_MM = 0.5  # candidates this close are the same boundary
 RAYLEIGH = np.log(2.0)  # median over mean of the power of noise
 DOUBT = 1.25, 3.0  # a boundary behind makes no choice surer than this line
@@ -46,6 +73,110 @@ OBLIQUE = (
 )
 STEEPEST = 1.0  # is no larger than this over the speed: a boundary oblique by 27 degrees
 SPARE_NOISE = 1.5  # what part of the noise's power counts as clutter by chance
+
+
+def features(candidates: Candidates) -> Floats:
+    """Return the features of candidates from their own A-scans, shape (n, k, 8)."""
+    snr = np.maximum(candidates.level / np.maximum(candidates.noise, 1e-12), 1e-2)
+    level = np.log(np.maximum(candidates.level, 1e-4))
+    over = candidates.level / np.maximum(candidates.clutter, 1e-12)
+    later = candidates.after * snr / (LATE_NOISE + LATE_ECHO * snr)
+    columns: tuple[Floats, ...] = (
+        np.ones(level.shape),
+        level,
+        np.clip(level, 0.0, LOUDEST),
+        np.log(np.minimum(snr, LOUD_SNR)),
+        np.log(np.clip(later, 1.0, LATEST)),
+        np.log(np.clip(candidates.before, 1.0, 100.0)),
+        np.cos(candidates.phase_rad) * np.log(np.clip(over, 1.0, OVER_CLUTTER)),
+        _repeated(candidates, snr),
+    )
+    stacked: Floats = np.stack(columns, axis=-1)
+    return stacked
+
+
+def _repeated(candidates: Candidates, snr: Floats) -> Floats:
+    """Return which candidates (n, k) a much louder one at half the depth explains, as 0 or 1."""
+    lag = candidates.lag_us
+    ahead = lag[:, None, :]  # (n, here, ahead)
+    off = np.abs(lag[:, :, None] - 2.0 * ahead)
+    louder = snr[:, None, :] * MULTIPLE_LEVEL > snr[:, :, None]
+    found: Bools = (off < MULTIPLE[0] * lag[:, :, None]) & louder & candidates.exists[:, None, :]
+    return np.asarray(found.any(axis=2), dtype=np.float64)
+
+
+def joint_features(
+    alone: Floats,
+    odds: Floats,
+    depth_mm: Floats,
+    candidates: Candidates,
+    tracks: Tracks,
+    links: Links,
+) -> Floats:
+    """Return the features (n, k, 13) that the A-scans around add.
+
+    The inner boundary is the last one: a boundary behind a candidate that neighbours see as well,
+    and that is no multiple of it, speaks against it.
+
+    Args:
+        alone: Features (n, k, 8).
+        odds: Log odds (n, k) from the A-scans alone.
+        depth_mm: Of the candidates (n, k).
+        candidates: The candidates.
+        tracks: What all A-scans together say of them, see ``track_before_detect.py``.
+        links: Who is beside whom.
+    """
+    chance = np.where(candidates.exists, 1.0 / (1.0 + np.exp(-np.clip(odds, -30.0, 30.0))), 0.0)
+    support = _support(chance, depth_mm, links)
+    gap = depth_mm[:, None, :] - depth_mm[:, :, None]  # (n, here, behind)
+    later = (gap > APART_MM) & candidates.exists[:, None, :]
+    snr = candidates.level / np.maximum(candidates.noise, 1e-12)
+    counts = later & ~_explained(depth_mm, snr)
+    behind = np.where(counts, (support * chance)[:, None, :], 0.0).max(axis=2, initial=0.0)
+    counts = later & ~_explained(depth_mm, tracks.snr)
+    seen_behind = np.where(counts, tracks.stack[:, None, :], 0.0).max(axis=2, initial=0.0)
+    seen_behind = np.clip(seen_behind - STACK_FLOOR, 0.0, STACK_SURE)
+    along = np.log(np.maximum(tracks.chance, LEAST_TRACK))
+    stack = np.clip(tracks.stack, -1.0, STACKED)
+    more = np.stack((behind, seen_behind, support, along, stack), axis=-1)
+    return np.concatenate((alone, more), axis=-1)
+
+
+def _explained(depth_mm: Floats, snr: Floats) -> Bools:
+    """Return (n, here, behind) whether what is behind one (n, k) may be an echo of that one."""
+    ratio = snr[:, None, :] / np.maximum(snr[:, :, None], 1e-12)
+    return repeats(depth_mm[:, :, None], depth_mm[:, None, :], ratio)
+
+
+def log_odds(values: Floats, weights: tuple[tuple[float, ...], ...], probe: ProbeModel) -> Floats:
+    """Return the log odds (n, k) of features (n, k, f), weighted as fits the probe.
+
+    Faint echoes ahead of an inner one that is lost in noise come from within the bone. They go on
+    from scan to scan as inner boundaries do, so neighbours are no evidence that they are one.
+    """
+    low, high = np.log(FITTED_MHZ)
+    share = float(np.clip((np.log(probe.centre_mhz) - low) / (high - low), 0.0, 1.0))
+    odds = values @ ((1.0 - share) * np.array(weights[0]) + share * np.array(weights[1]))
+    return odds + FAINTER * np.minimum(values[..., LEVEL] - np.log(FAINT), 0.0)
+
+
+def neighbour_weight(links: Links) -> Floats:
+    """Return the weight (n, 1), 0 to 1, of the A-scans around: few of them count little."""
+    return np.minimum((links.beside >= 0).sum(axis=0) / ENOUGH, 1.0)[:, None]
+
+
+def _support(chance: Floats, depth_mm: Floats, links: Links) -> Floats:
+    """Return how well (n, k), 0 to 1, the A-scans around continue each candidate."""
+    total, count = np.zeros(depth_mm.shape), np.zeros(len(depth_mm))
+    for sources, apart in zip(links.beside, links.beside_mm, strict=True):
+        rows = np.flatnonzero(sources >= 0)
+        beside = sources[rows]
+        gap = depth_mm[beside][:, None, :] - depth_mm[rows][:, :, None]
+        sd = change_sd_mm(apart[rows])[:, None, None]
+        continued = chance[beside][:, None, :] * np.exp(-0.5 * (gap / sd) ** 2)
+        total[rows] += continued.max(axis=2, initial=0.0)
+        count[rows] += 1.0
+    return total / np.maximum(count, 1.0)[:, None]
 
 
 def select_inner_echoes(echoes: Echoes, bone: Material, links: Links) -> InnerEchoes:
@@ -120,17 +251,17 @@ def _fitted(echoes: Echoes, best: Ints, bone: Material) -> InnerFits:
     noise, median = found.noise[rows, best], found.clutter[rows, best]
     clutter = np.sqrt(np.maximum(median**2 / RAYLEIGH - SPARE_NOISE * noise**2, 0.0))
     peaks = EnvelopePeaks(lag, level, clutter)
-    fits: list[InnerFits] = []
-    for start in range(0, len(best), BLOCK):
-        block = slice(start, start + BLOCK)
-        fits.append(
+    blocks = [slice(start, start + BLOCK) for start in range(0, max(len(best), 1), BLOCK)]
+    return joined(
+        [
             fit_inner(
                 echoes.aligned[block],
-                echoes.fronts[block],
+                rows_of(echoes.fronts, block),
                 echoes.noise[block],
-                peaks[block],
+                rows_of(peaks, block),
                 echoes.template,
                 bone,
             )
-        )
-    return InnerFits.concatenate(fits)
+            for block in blocks
+        ]
+    )

@@ -14,7 +14,7 @@ import numpy as np
 
 from rona_core.geometry.arrays import Bools, Floats, Ints
 from rona_core.ultrasound.detection.single.inner_echo import Candidates
-from rona_core.ultrasound.detection.spatial.neighbour_graph import Links
+from rona_core.ultrasound.detection.spatial.neighbours import Links
 from rona_core.ultrasound.probe.materials import Material
 from rona_core.ultrasound.probe.probe_model import ProbeModel
 

@@ -22,17 +22,17 @@ from rona_core.ultrasound.detection.single.candidates import BLOCK, Echoes
 from rona_core.ultrasound.detection.single.front_echo import standoff_mm, subtract_fronts
 from rona_core.ultrasound.detection.single.inner_echo import InnerEchoes, bone_filter
 from rona_core.ultrasound.detection.spatial.detectability import detectability
-from rona_core.ultrasound.detection.spatial.neighbour_graph import Links, plane_axes
-from rona_core.ultrasound.detection.spatial.neighbour_prediction import (
+from rona_core.ultrasound.detection.spatial.neighbours import (
     LEAST_NEIGHBOURS,
     SCATTER_FLOOR,
+    Links,
     LocalPlanes,
+    plane_axes,
 )
 from rona_core.ultrasound.probe.beam import probe_beam
 from rona_core.ultrasound.probe.excitation import GRID
 from rona_core.ultrasound.probe.materials import GEL, Complexes, Material
-from rona_core.ultrasound.probe.probe_model import ProbeModel
-from rona_core.ultrasound.probe.survey import ProbeSurvey
+from rona_core.ultrasound.probe.probe_model import ProbeModel, ProbeSurvey
 
 Singles = NDArray[np.float32]
 STEEPEST = 2.2  # slope, over that at which a disc receives nothing at the centre frequency

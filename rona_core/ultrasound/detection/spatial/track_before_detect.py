@@ -7,16 +7,24 @@ and neighbours add up what none of them shows by itself.
 """
 
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 from scipy.ndimage import maximum_filter1d
 
-from rona_core.geometry.arrays import Bools, Floats
-from rona_core.ultrasound.detection.single.depth_likelihood import STEP_MM
-from rona_core.ultrasound.detection.spatial.neighbour_graph import Links
-from rona_core.ultrasound.detection.spatial.semi_global_matching import neighbour_density
+from rona_core.geometry.arrays import Bools, Floats, Ints
+from rona_core.ultrasound.detection.single.inner_echo import STEP_MM
+from rona_core.ultrasound.detection.spatial.neighbours import Links
 
-SMOOTH_MM, LINKED = 0.1, 0.95  # change of thickness 1 mm apart, and where it does not jump
+CHANGE_MM = 0.3  # rms difference in thickness, as seen 1 mm apart,
+CHANGE_POWER = 0.58  # and how it grows with the distance
+LEAST_CHANGE = 0.5  # of that, at any distance
+LINKED = 0.85  # share of neighbours that continue the same boundary
+DISTANCES_MM = (0.7, 1.2, 1.8, 2.6, 3.7, 5.0)  # links are sorted into these
+PLACED_SD_MM = 0.15  # of a peak about the boundary that caused it
+SHARED = 0.6  # log odds count for this where neighbours see partly the same clutter
+NEIGHBOURS_SHARE = 0.7  # and the message of the neighbours for this: the odds know part of it
+TRACK_CHANGE_MM, TRACK_LINKED = 0.1, 0.95  # CHANGE_MM and LINKED of a track
 APART_MM = 0.9  # a later boundary is at least this far behind
 # times the depth, where echoes of the echo come, and how loud they are at most over it
 MULTIPLES = (2.0, 0.4), (3.0, 0.1), (4.0, 0.03)
@@ -28,6 +36,84 @@ STACK_FLOOR, STACK_SURE = 0.25, 1.5
 LAST = 5.0  # log likelihood that a boundary loses for each unit of one behind it
 SLOPE_STEPS = 2  # of the grid, by which a boundary may differ from that of a neighbour
 NEAR_MM = 0.5  # about a depth, its chance is summed over this much either way
+
+
+def change_sd_mm(apart_mm: Floats, change_mm: float = CHANGE_MM) -> Floats:
+    """Return by how much the thickness of a skull changes over a distance, rms."""
+    return change_mm * np.maximum(LEAST_CHANGE, apart_mm**CHANGE_POWER)
+
+
+def neighbour_density(
+    own: Floats, links: Links, *, change_mm: float = CHANGE_MM, linked: float = LINKED
+) -> Floats:
+    """Return the density (n, m) of each depth given all other A-scans, 1 on average.
+
+    Args:
+        own: Likelihood (n, m) of what each A-scan shows, for each depth of a grid.
+        links: The neighbours of each.
+        change_mm: RMS difference in thickness, 1 mm apart.
+        linked: Share of neighbours that continue the same boundary.
+    """
+    n, m = own.shape
+    log_prior = np.zeros((n, m))
+    bins = np.searchsorted(DISTANCES_MM[:-1], links.apart_mm)
+    kernels = [_kernel(m, float(d), change_mm, linked) for d in DISTANCES_MM]
+    for sources, rounds, kinds in zip(links.sources, links.rounds, bins, strict=True):
+        message = np.ones((n, m))
+        for group in _by_round(rounds):
+            sent = own[sources[group]] * message[sources[group]]
+            sent /= sent.sum(axis=1, keepdims=True)
+            for kind in np.unique(kinds[group]):
+                chosen = kinds[group] == kind
+                message[group[chosen]] = sent[chosen] @ kernels[kind]
+        log_prior += np.log(message)
+    prior = np.exp(log_prior - log_prior.max(axis=1, keepdims=True, initial=-np.inf))
+    return prior / prior.mean(axis=1, keepdims=True) if n else prior
+
+
+def _kernel(m: int, apart_mm: float, change_mm: float, linked: float) -> Floats:
+    """Return the chance (m, m) of a depth beside a depth, times m."""
+    index = np.arange(m)
+    sd = float(change_sd_mm(np.array(apart_mm), change_mm))
+    gap = (index[:, None] - index[None, :]) * STEP_MM / sd
+    bell = np.exp(-0.5 * gap**2)
+    bell /= bell.sum(axis=1, keepdims=True)
+    return m * linked * bell + (1.0 - linked)
+
+
+def _by_round(rounds: Ints) -> list[Ints]:
+    """Return the A-scans of round 1, of round 2 and so on."""
+    order = np.argsort(rounds, kind="stable")
+    bounds = np.searchsorted(rounds[order], np.arange(1, rounds.max(initial=0) + 2))
+    return [order[a:b] for a, b in pairwise(bounds)]
+
+
+def candidate_probabilities(
+    odds: Floats, depth_mm: Floats, exists: Bools, grid_mm: Floats, links: Links
+) -> Floats:
+    """Return the probability (n, k + 1) of each candidate, and last that none is right.
+
+    Args:
+        odds: Log odds (n, k) of each candidate against none, from its own A-scan.
+        depth_mm: Where it would put the boundary (n, k).
+        exists: Which candidates there are (n, k).
+        grid_mm: Depths (m,).
+        links: The neighbours of each A-scan.
+    """
+    near = _bells(depth_mm, grid_mm)  # (n, k, m), mean 1 over the grid
+    own = 1.0 + np.einsum("nk,nkm->nm", np.where(exists, np.exp(SHARED * odds), 0.0), near)
+    prior = neighbour_density(own, links)
+    expected = np.einsum("nkm,nm->nk", near, prior) / len(grid_mm)
+    weight = np.where(exists, np.exp(odds) * expected**NEIGHBOURS_SHARE, 0.0)
+    total = 1.0 + weight.sum(axis=1)
+    return np.column_stack((weight, np.ones(len(odds)))) / total[:, None]
+
+
+def _bells(depth_mm: Floats, grid_mm: Floats) -> Floats:
+    gap = (depth_mm[:, :, None] - grid_mm[None, None, :]) / PLACED_SD_MM
+    bell = np.exp(-0.5 * gap**2)
+    norm = PLACED_SD_MM * np.sqrt(2.0 * np.pi) / STEP_MM / len(grid_mm)
+    return bell / norm
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -123,7 +209,9 @@ def track_chances(
     """
     if not len(log_likelihood):
         return np.zeros(depth_mm.shape)
-    density = neighbour_density(np.exp(log_likelihood), links, change_mm=SMOOTH_MM, linked=LINKED)
+    density = neighbour_density(
+        np.exp(log_likelihood), links, change_mm=TRACK_CHANGE_MM, linked=TRACK_LINKED
+    )
     odds = np.log(density) + log_likelihood
     chance = np.exp(odds - odds.max(axis=1, keepdims=True))
     total = np.cumsum(chance / chance.sum(axis=1, keepdims=True), axis=1)

@@ -7,19 +7,25 @@ from scipy.spatial import KDTree
 from rona_core.devices.protocols import Mesh
 from rona_core.errors import InvalidInputError
 from rona_core.geometry.arrays import (
-    Bools,
     Floats,
+    Ints,
     as_points,
-    as_unit_vectors,
     as_vector3,
     readonly,
 )
 from rona_core.session.specimen import LoadedSkull
-from rona_core.virtual.specimen.boundaries import Boundary, Region, boundary_index
-from rona_core.virtual.specimen.imported.distance_field import RIM_NODES, BoneField
+from rona_core.virtual.specimen.boundaries import Region, as_rays
+from rona_core.virtual.specimen.bsplines import SplineVolume
 from rona_core.virtual.specimen.imported.region_choice import GAP_MM
 from rona_core.virtual.specimen.simulated.layer_radii import diploe_share, layer_depths
+from rona_core.virtual.specimen.sphere_tracing import first_entries
 
+STEEPNESS = 1.1  # how fast a smoothed distance may change for each millimetre
+RIM_NODES = 2.0  # of the grid that are not trusted
+FOOT_STEPS, FOOT_MM = 40, 1e-6
+LEAST_BEND = 0.2  # smallest curvature of the squared distance that Newton's method believes
+LONGEST_STEP_MM = 2.0
+LEVEL_STEPS, LEVEL_MM = 12, 1e-6  # back to the zero level; the last step gains two digits more
 NIFTI_SUFFIXES = (".nii", ".nii.gz")  # whose coordinates are right, anterior, superior
 SKIN_MM = 0.2  # walked beyond a boundary before the next is looked for
 EDGE_MM = 8.0  # between the disc and the side of the grid
@@ -27,6 +33,100 @@ OFF_SURFACE_MM = 3.0  # a chosen centre farther outside the bone than this is re
 WITHIN_MM = 15.0  # or farther within it, below the outer surface
 NORMAL_PATCH_MM = 10.0  # radius over which the normal of the region is averaged
 SHEET_NODES = 1.0  # pitch of the columns that sample the boundaries, in nodes
+
+
+class BoneField:
+    """The signed distance (negative in bone) by tricubic splines; all points in ``skull``."""
+
+    def __init__(self, skull: LoadedSkull) -> None:
+        self._skull = skull
+        self._field = SplineVolume(skull.distance_um.astype(np.float64) / 1000.0)
+        self.high = np.array(skull.distance_um.shape) - 1.0 - RIM_NODES  # last trusted nodes
+
+    def places(self, points: Floats) -> Floats:
+        """Return points (n, 3) in nodes of the grid."""
+        return (points - self._skull.origin_skull) @ self._skull.axes_skull / self._skull.spacing_mm
+
+    def distance(self, points: Floats) -> Floats:
+        """Return the signed distance (n,) to the bone."""
+        return self._field.value(self.places(points))
+
+    def unit_gradient(self, points: Floats) -> Floats:
+        """Return the direction (n, 3) in which the distance grows."""
+        g = self._field.gradient(self.places(points)) @ self._skull.axes_skull.T
+        return g / np.maximum(np.linalg.norm(g, axis=1, keepdims=True), 1e-12)
+
+    def span(self, origins: Floats, directions: Floats) -> tuple[Floats, Floats]:
+        """Return where rays enter and leave the trusted part of the grid."""
+        o = self.places(origins)
+        d = directions @ self._skull.axes_skull / self._skull.spacing_mm
+        d = np.where(np.abs(d) < 1e-12, 1e-12, d)
+        a, b = (RIM_NODES - o) / d, (self.high - o) / d
+        enter = np.maximum(np.minimum(a, b).max(axis=1), 0.0)
+        return enter, np.maximum(a, b).min(axis=1)
+
+    def entries(self, o: Floats, d: Floats, sign: float, starts: Floats, ends: Floats) -> Floats:
+        """Return where rays first enter bone (``sign`` +1) or leave it (-1), inf where never."""
+
+        def gap(t: Floats, rays: Ints) -> Floats:
+            return sign * self.distance(o[rays] + t[:, None] * d[rays])
+
+        return first_entries(gap, starts, ends, STEEPNESS)
+
+    def foot(self, q: Floats, start: Floats) -> Floats:
+        """Return the points (n, 3) of the zero level nearest to ``q``, searched from ``start``.
+
+        Newton steps in the tangent plane and back to the zero level; a step that does not come
+        nearer is refused and the next one damped.
+        """
+        x = self._onto_level(start)
+        best = np.linalg.norm(q - x, axis=1)
+        damping = np.zeros(len(q))
+        busy = np.arange(len(q))
+        for _ in range(FOOT_STEPS):
+            step = self._newton_step(q[busy], x[busy], damping[busy])
+            trial = self._onto_level(x[busy] + step)
+            distance = np.linalg.norm(q[busy] - trial, axis=1)
+            better = distance <= best[busy]
+            rows = busy[better]
+            x[rows], best[rows] = trial[better], distance[better]
+            damping[busy] = np.where(better, 0.0, np.maximum(damping[busy], 0.3) * 5.0)
+            busy = busy[np.linalg.norm(step, axis=1) > FOOT_MM]
+            if not len(busy):
+                break
+        return x
+
+    def _newton_step(self, q: Floats, x: Floats, damping: Floats) -> Floats:
+        """Return the step (n, 3) in the tangent plane at ``x`` towards the foot of ``q``.
+
+        Half the squared distance, seen along the surface, has the Hessian 1 + height * curvature;
+        its smallest eigenvalue is kept above ``LEAST_BEND``, and ``damping`` shortens the step.
+        """
+        axes, spacing = self._skull.axes_skull, self._skull.spacing_mm
+        places = self.places(x)
+        g = self._field.gradient(places) @ axes.T / spacing
+        size = np.maximum(np.linalg.norm(g, axis=1, keepdims=True), 1e-12)
+        n = g / size
+        off = q - x
+        height = np.einsum("ij,ij->i", off, n)
+        tangent = np.eye(3) - n[:, :, None] * n[:, None, :]
+        bend = axes @ self._field.hessian(places) @ axes.T / spacing**2
+        curvature = tangent @ (bend / size[:, :, None]) @ tangent
+        values, ways = np.linalg.eigh(np.eye(3) + height[:, None, None] * curvature)
+        values = np.maximum(values, LEAST_BEND) + damping[:, None]
+        slide = off - height[:, None] * n
+        step = np.einsum("nij,nj->ni", ways, np.einsum("nji,nj->ni", ways, slide) / values)
+        length = np.linalg.norm(step, axis=1, keepdims=True)
+        return step * np.minimum(1.0, LONGEST_STEP_MM / np.maximum(length, 1e-12))
+
+    def _onto_level(self, x: Floats) -> Floats:
+        """Return points moved along the gradient to the zero level."""
+        for _ in range(LEVEL_STEPS):
+            level = self.distance(x)
+            x = x - level[:, None] * self.unit_gradient(x)
+            if np.abs(level).max(initial=0.0) < LEVEL_MM:
+                break
+        return x
 
 
 class LoadedSpecimen:
@@ -37,8 +137,7 @@ class LoadedSpecimen:
     ) -> None:
         self._skull = skull
         self._field = BoneField(skull)
-        self._sheets: dict[int, tuple[Floats, Bools]] = {}
-        self._trees: dict[int, tuple[KDTree, Floats]] = {}
+        self._tree: tuple[KDTree, Floats] | None = None
         self.region = self._region(skull, center_skull, radius_mm)
 
     @property
@@ -104,25 +203,13 @@ class LoadedSpecimen:
             rays, entry = rays[np.isfinite(entry)], entry[np.isfinite(entry)]
         return inner
 
-    def _rays(self, origins: ArrayLike, directions: ArrayLike) -> tuple[Floats, Floats]:
-        o = as_points(origins, name="origins_skull")
-        d = as_unit_vectors(directions, name="directions_skull")
-        if len(o) != len(d):
-            raise InvalidInputError(f"{len(o)} origins need as many directions, not {len(d)}")
-        return o, d
-
-    def ray(
-        self, origins_skull: ArrayLike, directions_skull: ArrayLike, boundary: Boundary = "outer"
-    ) -> Floats:
-        """Return the distance (n,) to a boundary along each ray; inf where missed."""
-        k = boundary_index(boundary)
-        if k == 0:
-            return self._first(*self._rays(origins_skull, directions_skull))
-        return self.layers(origins_skull, directions_skull)[:, k].copy()
+    def ray(self, origins_skull: ArrayLike, directions_skull: ArrayLike) -> Floats:
+        """Return the distance (n,) to the outer boundary along each ray; inf where missed."""
+        return self._first(*as_rays(origins_skull, directions_skull))
 
     def layers(self, origins_skull: ArrayLike, directions_skull: ArrayLike) -> Floats:
         """Return the distances (n, 4) of the four boundaries along each ray."""
-        o, d = self._rays(origins_skull, directions_skull)
+        o, d = as_rays(origins_skull, directions_skull)
         outer = self._first(o, d)
         inner = self._last_exit(o, d, outer)
         whole = np.isfinite(inner)
@@ -135,12 +222,12 @@ class LoadedSpecimen:
 
     def thickness(self, points_skull: ArrayLike, directions_skull: ArrayLike) -> Floats:
         """Return the bone (n,) in mm from outer surface points along inward directions."""
-        o, d = self._rays(points_skull, directions_skull)
+        o, d = as_rays(points_skull, directions_skull)
         return self._last_exit(o, d, np.zeros(len(o)))
 
-    def _sheet(self, k: int) -> tuple[Floats, Bools]:
-        """Return boundary points (a, b, 3) under a lattice on top, and which exist (a, b)."""
-        if k not in self._sheets:
+    def _outer_samples(self) -> tuple[KDTree, Floats]:
+        """Return points (n, 3) of the outer boundary under a lattice on top, and their tree."""
+        if self._tree is None:
             axes, spacing = self._skull.axes_skull, self._skull.spacing_mm
             sides = [
                 np.arange(RIM_NODES, high + 1e-9, SHEET_NODES) for high in self._field.high[:2]
@@ -149,72 +236,23 @@ class LoadedSpecimen:
             places = np.stack((a, b, np.full_like(a, self._field.high[2])), axis=-1).reshape(-1, 3)
             o = self._skull.origin_skull + spacing * places @ axes.T
             d = np.repeat(-axes[:, 2][None], len(o), axis=0)
-            t = self.layers(o, d)
-            for number, column in enumerate(t.T):
-                valid = np.isfinite(column)
-                points = o + np.where(valid, column, 0.0)[:, None] * d
-                self._sheets[number] = points.reshape(*a.shape, 3), valid.reshape(a.shape)
-        return self._sheets[k]
+            t = self.ray(o, d)
+            valid = np.isfinite(t)
+            points = o[valid] + t[valid, None] * d[valid]
+            self._tree = KDTree(points), points
+        return self._tree
 
-    def _foot(self, q: Floats, k: int) -> Floats:
-        """Return the nearest point (n, 3) of the outer (0) or inner (3) boundary."""
-        if k not in self._trees:
-            points, valid = self._sheet(k)
-            self._trees[k] = KDTree(points[valid]), points[valid]
-        tree, samples = self._trees[k]
+    def closest(self, points_skull: ArrayLike) -> Floats:
+        """Return the nearest point (n, 3) of the outer boundary to each point near it."""
+        q = as_points(points_skull, name="points_skull")
+        tree, samples = self._outer_samples()
         return self._field.foot(q, samples[tree.query(q)[1]])
 
-    def closest(self, points_skull: ArrayLike, boundary: Boundary = "outer") -> Floats:
-        """Return the nearest point (n, 3) of a boundary to each point near it.
+    def normal(self, points_skull: ArrayLike) -> Floats:
+        """Return the outward unit normals (n, 3) at points on or near the outer boundary."""
+        return self._field.unit_gradient(as_points(points_skull, name="points_skull"))
 
-        The two boundaries of the diploe run between the others: their point is taken below the
-        nearest point of the outer boundary, along its inward normal.
-        """
-        q = as_points(points_skull, name="points_skull")
-        k = boundary_index(boundary)
-        if k in (0, 3):
-            return self._foot(q, k)
-        outer = self._foot(q, 0)
-        inward = -self._field.unit_gradient(outer)
-        depth = self.layers(outer - SKIN_MM * inward, inward)[:, k] - SKIN_MM
-        if not np.isfinite(depth).all():
-            raise InvalidInputError("the bone has no inner boundary here: ask nearer to the region")
-        return outer + depth[:, None] * inward
-
-    def normal(self, points_skull: ArrayLike, boundary: Boundary = "outer") -> Floats:
-        """Return the outward unit normals (n, 3) at points on or near a boundary."""
-        q = as_points(points_skull, name="points_skull")
-        k = boundary_index(boundary)
-        if k == 0:
-            return self._field.unit_gradient(q)
-        if k == 3:
-            return -self._field.unit_gradient(q)
-        outer = self._field.unit_gradient(self._foot(q, 0))
-        inner = -self._field.unit_gradient(self._foot(q, 3))
-        blend = (3 - k) * outer + k * inner
-        return blend / np.linalg.norm(blend, axis=1, keepdims=True)
-
-    def mesh(self, boundary: Boundary = "outer", edge_mm: float = 3.0) -> Mesh:
-        """Return triangles for the eye: the whole skull as stored, or a boundary near the region.
-
-        The stored mesh has its own edge length; ``edge_mm`` applies to the other boundaries.
-        """
-        if not 0.5 <= edge_mm <= 30.0:
-            raise InvalidInputError(f"edge_mm must be 0.5 to 30, not {edge_mm}")
-        k = boundary_index(boundary)
-        if k == 0:
-            vertices = self._skull.mesh_vertices_skull.astype(np.float64)
-            return Mesh(readonly(vertices), readonly(self._skull.mesh_faces.astype(np.int64)))
-        points, valid = self._sheet(k)
-        stride = max(1, round(edge_mm / (SHEET_NODES * self._skull.spacing_mm)))
-        points, valid = points[::stride, ::stride], valid[::stride, ::stride]
-        numbers = np.arange(valid.size).reshape(valid.shape)
-        corners = [
-            part.ravel()
-            for part in (numbers[:-1, :-1], numbers[1:, :-1], numbers[1:, 1:], numbers[:-1, 1:])
-        ]
-        quads = np.stack(corners, axis=1)
-        quads = quads[valid.ravel()[quads].all(axis=1)]
-        faces = np.concatenate((quads[:, (0, 1, 2)], quads[:, (0, 2, 3)]))
-        used, faces = np.unique(faces, return_inverse=True)
-        return Mesh(readonly(points.reshape(-1, 3)[used]), readonly(faces.reshape(-1, 3)))
+    def mesh(self, edge_mm: float = 3.0) -> Mesh:
+        """Return triangles of the whole skull for the eye; they were made when it was imported."""
+        vertices = self._skull.mesh_vertices_skull.astype(np.float64)
+        return Mesh(readonly(vertices), readonly(self._skull.mesh_faces.astype(np.int64)))

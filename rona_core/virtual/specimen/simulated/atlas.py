@@ -1,22 +1,108 @@
 """Atlas of the simulated head: a fine chart where it is scanned, six around it.
 
-The six, one for each face of a cube, are baked only when something looks there.
+The six, one for each face of a cube, are baked only when something looks there. A point ``v`` from
+the centre has in a chart the depth ``s = v.e0`` and the slopes ``a = v.e1 / s``, ``b = v.e2 / s``
+(the gnomonic map). Boundary k is ``v = rho_k(a, b) * (e0 + a e1 + b e2)``, so it is a height field
+whose derivatives are short to write, and straight lines stay straight.
 """
 
+from collections.abc import Callable
+from dataclasses import dataclass
+
 import numpy as np
+from scipy.ndimage import map_coordinates, spline_filter
 from scipy.spatial import KDTree
 
-from rona_core.geometry.arrays import Floats, Ints
-from rona_core.virtual.specimen.simulated.chart import Chart
-from rona_core.virtual.specimen.simulated.landmarks import tangents
+from rona_core.geometry.arrays import Bools, Floats, Ints
+from rona_core.virtual.specimen.bsplines import cubic_weights
 from rona_core.virtual.specimen.simulated.layer_radii import SkullShape
+from rona_core.virtual.specimen.simulated.spherical_fields import HEAD_MM, tangents
 
+RIM = 8  # nodes beyond the patch, so that the end conditions of the splines have died away
 SCAN_STEP_MM, FACE_STEP_MM = 0.5, 0.6
 FACE_HALF = 1.1  # slightly beyond the edge of a cube's face
 CANDIDATES_PER_CHART = 160  # slopes along each side from which the search for a point starts
 NEWTON_STEPS = 30
 TOLERANCE_MM = 1e-9
 LEAST_BEND = 1e-3  # smallest curvature of the squared distance, over the size of the metric
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Chart:
+    """Splines of the four boundaries over slopes within ``half`` of the axis of the patch."""
+
+    axes: Floats  # (3, 3), rows e0, e1, e2
+    half: float  # largest |a| and |b|
+    step: float  # between nodes
+    tiles: Floats  # (4 n, n) spline coefficients, one tile a boundary
+
+    @classmethod
+    def bake(
+        cls, radii: Callable[[Floats], Floats], axes: Floats, half: float, step_mm: float
+    ) -> "Chart":
+        """Sample ``radii`` (directions (n, 3) -> (n, 4) mm) and fit the splines."""
+        step = step_mm / HEAD_MM
+        count = int(np.ceil(half / step)) + RIM
+        slopes = np.arange(-count, count + 1) * step
+        a, b = (grid.ravel() for grid in np.meshgrid(slopes, slopes, indexing="ij"))
+        w = np.stack((np.ones_like(a), a, b), axis=1) @ axes
+        lengths = np.linalg.norm(w, axis=1)
+        rho = radii(w / lengths[:, None]) / lengths[:, None]
+        n = len(slopes)
+        tiles = [spline_filter(column.reshape(n, n), order=3) for column in rho.T]
+        return cls(axes, half, step, np.concatenate(tiles))
+
+    def locate(self, v: Floats) -> tuple[Floats, Bools]:
+        """Return depth and slopes (3, n) of points ``v`` (n, 3), and whether the patch holds them.
+
+        Only where it does are the slopes meaningful.
+        """
+        place = self.axes @ v.T
+        held = place[0] > 1e-6
+        place[1:] /= np.where(held, place[0], 1.0)
+        held &= (np.abs(place[1]) <= self.half) & (np.abs(place[2]) <= self.half)
+        return place, held
+
+    def gap(self, v: Floats, place: Floats, k: Ints) -> Floats:
+        """Return how far (n,) in mm the points ``v`` lie outside boundary ``k`` (n,), radially."""
+        n = self.tiles.shape[1]
+        rows = place[1] / self.step + (n - 1) / 2 + k * n
+        columns = place[2] / self.step + (n - 1) / 2
+        rho = map_coordinates(self.tiles, (rows, columns), order=3, prefilter=False)
+        depth = np.maximum(place[0], 1e-9)  # the centre itself is inside everything
+        return np.sqrt(np.einsum("ij,ij->i", v, v)) * (1.0 - rho / depth)
+
+    def surface(self, slopes: Floats) -> tuple[Floats, Floats, Floats]:
+        """Return points of the outer boundary and their derivatives by the slopes.
+
+        Args:
+            slopes: (n, 2); clipped to the patch.
+
+        Returns:
+            Points (n, 3) from the centre, first (n, 2, 3) and second (n, 2, 2, 3) derivatives.
+        """
+        n = self.tiles.shape[1]
+        tile = self.tiles[:n]  # the first is that of the outer boundary
+        x = np.clip(slopes, -self.half, self.half) / self.step + (n - 1) / 2
+        cell = np.floor(x).astype(np.int64)
+        weights = cubic_weights(x - cell)  # (3 orders, n, 2, 4 nodes)
+        reach = np.arange(-1, 3)
+        nodes = tile[(cell[:, 0, None] + reach)[:, :, None], (cell[:, 1, None] + reach)[:, None, :]]
+        wa, wb = weights[:, :, 0], weights[:, :, 1]
+
+        def derived(i: int, j: int) -> Floats:
+            rho = np.einsum("ni,nij,nj->n", wa[i], nodes, wb[j])
+            return rho[:, None] / self.step ** (i + j)
+
+        e0, e1, e2 = self.axes
+        at = np.clip(slopes, -self.half, self.half)
+        w = e0 + at[:, :1] * e1 + at[:, 1:] * e2
+        rho, ra, rb = derived(0, 0), derived(1, 0), derived(0, 1)
+        mixed = derived(1, 1) * w + ra * e2 + rb * e1
+        first = np.stack((ra * w + rho * e1, rb * w + rho * e2), axis=1)
+        aa, bb = derived(2, 0) * w + 2.0 * ra * e1, derived(0, 2) * w + 2.0 * rb * e2
+        second = np.stack((np.stack((aa, mixed), 1), np.stack((mixed, bb), 1)), axis=1)
+        return rho * w, first, second
 
 
 class Atlas:
@@ -27,7 +113,7 @@ class Atlas:
         self._charts: dict[int, Chart] = {
             0: Chart.bake(shape.radii, tangents(axis), half, SCAN_STEP_MM)
         }
-        self._trees: dict[tuple[int, int], tuple[KDTree, Floats]] = {}
+        self._trees: dict[int, tuple[KDTree, Floats]] = {}
 
     def _chart(self, number: int) -> Chart:
         """Return chart 0, the scanned one, or the chart of face 1 to 6, baked on demand."""
@@ -59,40 +145,40 @@ class Atlas:
             gaps[rows] = chart.gap(v[rows], chart.locate(v[rows])[0], k[rows])
         return gaps
 
-    def normals(self, v: Floats, k: int) -> Floats:
-        """Return the outward unit normals (n, 3) of a boundary radially below or above points."""
+    def normals(self, v: Floats) -> Floats:
+        """Return the outward unit normals (n, 3) of the outer boundary below or above points."""
         normals = np.zeros_like(v)
         numbers = self._numbers(v)
         for number in np.unique(numbers):
             rows = numbers == number
             chart = self._chart(int(number))
             slopes = chart.locate(v[rows])[0][1:].T
-            _, first, _ = chart.surface(slopes, k)
+            _, first, _ = chart.surface(slopes)
             n = np.cross(first[:, 0], first[:, 1])
             n *= np.sign(np.einsum("ij,ij->i", n, v[rows]))[:, None]
             normals[rows] = n / np.linalg.norm(n, axis=1, keepdims=True)
         return normals
 
-    def closest(self, v: Floats, k: int) -> Floats:
-        """Return the nearest point (n, 3) of a boundary to each point near it."""
+    def closest(self, v: Floats) -> Floats:
+        """Return the nearest point (n, 3) of the outer boundary to each point near it."""
         found = np.zeros_like(v)
         numbers = self._numbers(v)
         for number in np.unique(numbers):
             rows = numbers == number
-            found[rows] = self._closest_in(int(number), v[rows], k)
+            found[rows] = self._closest_in(int(number), v[rows])
         return found
 
-    def _closest_in(self, number: int, v: Floats, k: int) -> Floats:
+    def _closest_in(self, number: int, v: Floats) -> Floats:
         chart = self._chart(number)
-        if (number, k) not in self._trees:
+        if number not in self._trees:
             side = np.linspace(-chart.half, chart.half, CANDIDATES_PER_CHART)
             slopes = np.stack(np.meshgrid(side, side, indexing="ij"), -1).reshape(-1, 2)
-            self._trees[number, k] = KDTree(chart.surface(slopes, k)[0]), slopes
-        tree, candidates = self._trees[number, k]
-        return _descend(chart, k, v, candidates[tree.query(v)[1]])
+            self._trees[number] = KDTree(chart.surface(slopes)[0]), slopes
+        tree, candidates = self._trees[number]
+        return _descend(chart, v, candidates[tree.query(v)[1]])
 
 
-def _descend(chart: Chart, k: int, v: Floats, slopes: Floats) -> Floats:
+def _descend(chart: Chart, v: Floats, slopes: Floats) -> Floats:
     """Return the surface points (n, 3) where the distance to ``v`` is least, near start slopes.
 
     Newton's method on half the squared distance with a damped Hessian (Levenberg): a step that
@@ -100,7 +186,7 @@ def _descend(chart: Chart, k: int, v: Floats, slopes: Floats) -> Floats:
     """
     slopes = slopes.copy()
     damping = np.zeros(len(v))
-    points, first, second = chart.surface(slopes, k)
+    points, first, second = chart.surface(slopes)
     off = points - v
     squares = np.einsum("ij,ij->i", off, off)
     busy = np.arange(len(v))
@@ -114,7 +200,7 @@ def _descend(chart: Chart, k: int, v: Floats, slopes: Floats) -> Floats:
         hessian += np.maximum(lift, 0.0)[:, None, None] * np.eye(2)
         step = -np.linalg.solve(hessian, gradient[..., None])[..., 0]
         trial = np.clip(slopes[busy] + step, -chart.half, chart.half)
-        p, f, s = chart.surface(trial, k)
+        p, f, s = chart.surface(trial)
         o = p - v[busy]
         square = np.einsum("ij,ij->i", o, o)
         better = square <= squares[busy]

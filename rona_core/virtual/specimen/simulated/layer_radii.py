@@ -48,11 +48,11 @@ class SkullShape:
     def _outer(self, u: Floats) -> Floats:
         return self.egg.value(u) + sum((field.value(u) for field in self.relief), 0.0)
 
-    def _thickness(self, u: Floats) -> tuple[Floats, Floats]:
-        """Return the radial thickness (n,) and how steeply it follows the template (n,)."""
+    def _thickness(self, u: Floats) -> Floats:
+        """Return the radial thickness (n,)."""
         wish = self.base_thickness_mm + sum((field.value(u) for field in self.template), 0.0)
         x = (wish - FLOOR_MM) / FLOOR_WIDTH_MM
-        return FLOOR_MM + FLOOR_WIDTH_MM * np.logaddexp(0.0, x), expit(x)
+        return FLOOR_MM + FLOOR_WIDTH_MM * np.logaddexp(0.0, x)
 
     def radii(self, u: Floats) -> Floats:
         """Return the radii (n, 4) in mm of the four boundaries, outermost first.
@@ -60,32 +60,7 @@ class SkullShape:
         Args:
             u: Unit directions from the centre, (n, 3).
         """
-        outer, (thickness, _) = self._outer(u), self._thickness(u)
+        outer, thickness = self._outer(u), self._thickness(u)
         depths = layer_depths(thickness, diploe_share(thickness + self.diploe.value(u)))
         depths[:, 0] = SUTURE_CAP_MM * np.tanh(self.sutures.value(u) / SUTURE_CAP_MM)
         return outer[:, None] - depths
-
-    def gradients(self, u: Floats) -> Floats:
-        """Return the derivatives (n, 4, 3) of the radii by ``u``, in closed form."""
-        d_outer = self.egg.gradient(u) + sum((f.gradient(u) for f in self.relief), np.zeros(3))
-        thickness, follow = self._thickness(u)
-        d_template = sum((f.gradient(u) for f in self.template), np.zeros(3))
-        d_thickness = follow[:, None] * d_template
-        share = diploe_share(thickness + self.diploe.value(u))
-        low, high = DIPLOE_SHARE
-        rise = (share - low) * (high - share) / ((high - low) * DIPLOE_WIDTH_MM)
-        d_share = rise[:, None] * (d_thickness + self.diploe.gradient(u))
-        d_tables = (1.0 - share)[:, None] * d_thickness - thickness[:, None] * d_share
-        d_outer_table = OUTER_TABLE_SHARE * d_tables
-        cut = np.tanh(self.sutures.value(u) / SUTURE_CAP_MM)
-        d_suture = (1.0 - cut**2)[:, None] * self.sutures.gradient(u)
-        depths = (d_suture, d_outer_table, d_thickness - (d_tables - d_outer_table), d_thickness)
-        return d_outer[:, None, :] - np.stack(depths, axis=1)
-
-    def normals(self, u: Floats) -> Floats:
-        """Return the outward unit normals (n, 4, 3) where the boundaries meet the directions."""
-        slopes = self.gradients(u)
-        along = np.einsum("nkj,nj->nk", slopes, u)
-        tangential = slopes - along[..., None] * u[:, None, :]
-        n = u[:, None, :] - tangential / self.radii(u)[..., None]
-        return n / np.linalg.norm(n, axis=2, keepdims=True)

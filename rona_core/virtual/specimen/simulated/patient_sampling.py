@@ -7,15 +7,19 @@ of diploe, grooves and sutures are plausible values: no source for them was foun
 import numpy as np
 
 from rona_core.geometry.arrays import Floats
-from rona_core.virtual.specimen.simulated.landmarks import (
+from rona_core.virtual.specimen.simulated.layer_radii import SkullShape
+from rona_core.virtual.specimen.simulated.spherical_fields import (
     CENTER_SKULL,
+    HEAD_MM,
+    Bumps,
+    Curves,
+    Egg,
     Place,
+    Waves,
     direction_of,
     tangents,
     trace_curve,
 )
-from rona_core.virtual.specimen.simulated.layer_radii import SkullShape
-from rona_core.virtual.specimen.simulated.spherical_fields import HEAD_MM, Bumps, Curves, Egg, Waves
 
 STREAM = 0x5C011  # keeps the draws of the skull apart from other uses of the same seed
 

@@ -5,13 +5,12 @@ from numpy.typing import ArrayLike
 
 from rona_core.devices.protocols import Mesh
 from rona_core.errors import InvalidInputError
-from rona_core.geometry.arrays import Floats, as_points, as_unit_vectors, as_vector3, readonly
+from rona_core.geometry.arrays import Floats, Ints, as_points, as_vector3, readonly
 from rona_core.session.specimen import Side
-from rona_core.virtual.specimen.boundaries import BOUNDARIES, Boundary, Region, boundary_index
+from rona_core.virtual.specimen.boundaries import Region, as_rays
 from rona_core.virtual.specimen.simulated.atlas import Atlas
 from rona_core.virtual.specimen.simulated.layer_radii import SkullShape
 from rona_core.virtual.specimen.simulated.patient_sampling import draw_patient
-from rona_core.virtual.specimen.simulated.sphere_mesh import cube_sphere
 from rona_core.virtual.specimen.simulated.spherical_fields import HEAD_MM
 from rona_core.virtual.specimen.sphere_tracing import first_entries, sphere_span
 
@@ -19,7 +18,34 @@ REGION_PLACE_MM = (35.0, 45.0)  # behind and above the ear canal
 REGION_RIM_MM = 35.0  # how far the fine splines go beyond the region
 NORMAL_PATCH_MM = 10.0  # radius over which the normal of the region is averaged
 OFF_SURFACE_MM = 15.0  # a chosen centre farther from the bone than this is refused
-NEVER_INSIDE_MM = 1e-7  # a start this little inside the outer surface still counts as on it
+BOUNDARIES = 4  # outermost first
+
+
+def cube_sphere(n: int) -> tuple[Ints, Floats]:
+    """Return faces (12 n^2, 3), seen counter-clockwise from outside, and unit vertices (m, 3).
+
+    Args:
+        n: Cells along each edge of the cube.
+    """
+    tan = np.tan(np.linspace(-np.pi / 4.0, np.pi / 4.0, n + 1))  # equal angles, not equal steps
+    a, b = (grid.ravel() for grid in np.meshgrid(tan, tan, indexing="ij"))
+    corner = (np.arange(n)[:, None] * (n + 1) + np.arange(n)).ravel()
+    quads = np.stack((corner, corner + n + 1, corner + n + 2, corner + 1), axis=1)
+    vertices, faces = [], []
+    for axis in range(3):
+        for sign in (1.0, -1.0):
+            v = np.zeros((len(a), 3))
+            v[:, axis], v[:, (axis + 1) % 3], v[:, (axis + 2) % 3] = sign, a, b
+            cells = quads if sign > 0 else quads[:, ::-1]
+            offset = len(vertices) * len(a)
+            faces.append(np.concatenate((cells[:, (0, 1, 2)], cells[:, (0, 2, 3)])) + offset)
+            vertices.append(v)
+    points = np.concatenate(vertices)
+    unit = points / np.linalg.norm(points, axis=1, keepdims=True)
+    _, first, merged = np.unique(
+        np.round(unit, 9) + 0.0, axis=0, return_index=True, return_inverse=True
+    )
+    return merged.ravel()[np.concatenate(faces)].astype(np.int64), unit[first]
 
 
 class SimulatedSpecimen:
@@ -73,7 +99,7 @@ class SimulatedSpecimen:
         return origin + t[0] * inward
 
     def _region(self, middle: Floats, radius_mm: float) -> Region:
-        normal = self._atlas.normals(middle[None], 0)[0]
+        normal = self._atlas.normals(middle[None])[0]
         e1 = np.linalg.svd(normal[None])[2][1]
         e2 = np.cross(normal, e1)
         ring = np.linspace(0.0, 2.0 * np.pi, 12, endpoint=False)
@@ -82,72 +108,59 @@ class SimulatedSpecimen:
             for r in (NORMAL_PATCH_MM / 2.0, NORMAL_PATCH_MM)
             for angle in ring
         ]
-        patch = self._atlas.normals(middle + np.array([np.zeros(3), *offsets]), 0).mean(axis=0)
+        patch = self._atlas.normals(middle + np.array([np.zeros(3), *offsets])).mean(axis=0)
         return Region(
             readonly(middle + self._center), readonly(patch / np.linalg.norm(patch)), radius_mm
         )
 
-    def _rays(self, origins: ArrayLike, directions: ArrayLike) -> tuple[Floats, Floats]:
-        o = as_points(origins, name="origins_skull")
-        d = as_unit_vectors(directions, name="directions_skull")
-        if len(d) == 1 and len(o) > 1:
-            d = np.repeat(d, len(o), axis=0)
-        if len(o) != len(d):
-            raise InvalidInputError(f"{len(o)} origins need as many directions, not {len(d)}")
-        return o - self._center, d
-
-    def _trace(
-        self, v: Floats, d: Floats, k: np.typing.NDArray[np.int64], starts: Floats
-    ) -> Floats:
+    def _trace(self, v: Floats, d: Floats, k: Ints, starts: Floats) -> Floats:
         enter, leave = sphere_span(v, d, self._bound_mm)
 
-        def gap(t: Floats, rays: np.typing.NDArray[np.int64]) -> Floats:
-            g = self._atlas.gap(v[rays] + t[:, None] * d[rays], k[rays])
-            return g
+        def gap(t: Floats, rays: Ints) -> Floats:
+            return self._atlas.gap(v[rays] + t[:, None] * d[rays], k[rays])
 
         return first_entries(gap, np.maximum(enter, starts), leave)
 
-    def ray(
-        self, origins_skull: ArrayLike, directions_skull: ArrayLike, boundary: Boundary = "outer"
+    def ray(self, origins_skull: ArrayLike, directions_skull: ArrayLike) -> Floats:
+        """Return the distance (n,) to the outer boundary along each ray; inf where missed."""
+        return self._to_boundary(0, origins_skull, directions_skull)
+
+    def _to_boundary(
+        self, number: int, origins_skull: ArrayLike, directions_skull: ArrayLike
     ) -> Floats:
-        """Return the distance (n,) to a boundary along each ray; inf where missed."""
-        v, d = self._rays(origins_skull, directions_skull)
-        k = np.full(len(v), boundary_index(boundary))
-        return self._trace(v, d, k, np.zeros(len(v)))
+        o, d = as_rays(origins_skull, directions_skull)
+        v = o - self._center
+        return self._trace(v, d, np.full(len(v), number), np.zeros(len(v)))
 
     def layers(self, origins_skull: ArrayLike, directions_skull: ArrayLike) -> Floats:
         """Return the distances (n, 4) of the four boundaries along each ray."""
-        v, d = self._rays(origins_skull, directions_skull)
-        n = len(v)
+        o, d = as_rays(origins_skull, directions_skull)
+        v, n = o - self._center, len(o)
         outer = self._trace(v, d, np.zeros(n, dtype=np.int64), np.zeros(n))
         hit = np.flatnonzero(np.isfinite(outer))
-        k = np.repeat(np.arange(1, len(BOUNDARIES)), len(hit))
-        rows = np.tile(hit, len(BOUNDARIES) - 1)
+        k = np.repeat(np.arange(1, BOUNDARIES), len(hit))
+        rows = np.tile(hit, BOUNDARIES - 1)
         deeper = self._trace(v[rows], d[rows], k, outer[rows])
-        distances = np.full((n, len(BOUNDARIES)), np.inf)
+        distances = np.full((n, BOUNDARIES), np.inf)
         distances[:, 0] = outer
-        distances[hit, 1:] = deeper.reshape(len(BOUNDARIES) - 1, len(hit)).T
+        distances[hit, 1:] = deeper.reshape(BOUNDARIES - 1, len(hit)).T
         return distances
 
     def thickness(self, points_skull: ArrayLike, directions_skull: ArrayLike) -> Floats:
         """Return the bone (n,) in mm from outer surface points along inward directions."""
-        return self.ray(points_skull, directions_skull, "inner")
+        return self._to_boundary(BOUNDARIES - 1, points_skull, directions_skull)
 
-    def closest(self, points_skull: ArrayLike, boundary: Boundary = "outer") -> Floats:
-        """Return the nearest point (n, 3) of a boundary to each point near it."""
+    def closest(self, points_skull: ArrayLike) -> Floats:
+        """Return the nearest point (n, 3) of the outer boundary to each point near it."""
         v = as_points(points_skull, name="points_skull") - self._center
-        return self._atlas.closest(v, boundary_index(boundary)) + self._center
+        return self._atlas.closest(v) + self._center
 
-    def normal(self, points_skull: ArrayLike, boundary: Boundary = "outer") -> Floats:
-        """Return the outward unit normals (n, 3) at points on or near a boundary."""
-        v = as_points(points_skull, name="points_skull") - self._center
-        return self._atlas.normals(v, boundary_index(boundary))
+    def normal(self, points_skull: ArrayLike) -> Floats:
+        """Return the outward unit normals (n, 3) at points on or near the outer boundary."""
+        return self._atlas.normals(as_points(points_skull, name="points_skull") - self._center)
 
-    def mesh(self, boundary: Boundary = "outer", edge_mm: float = 3.0) -> Mesh:
-        """Return triangles of a boundary for the eye."""
-        if not 0.5 <= edge_mm <= 30.0:
-            raise InvalidInputError(f"edge_mm must be 0.5 to 30, not {edge_mm}")
-        k = boundary_index(boundary)
+    def mesh(self, edge_mm: float = 3.0) -> Mesh:
+        """Return triangles of the outer boundary for the eye."""
         faces, directions = cube_sphere(int(np.ceil(0.5 * np.pi * HEAD_MM / edge_mm)))
-        vertices = self._center + self.shape.radii(directions)[:, k, None] * directions
+        vertices = self._center + self.shape.radii(directions)[:, 0, None] * directions
         return Mesh(readonly(vertices), readonly(faces))

@@ -1,21 +1,26 @@
-"""Smooth scalar fields on the unit sphere with closed gradients: bumps of the simulated skull.
+"""Smooth fields and landmarks on the unit sphere: bumps, waves and grooves of a simulated skull.
 
-A direction ``u`` is a unit vector (n, 3) from the centre of the head. Each field has ``value(u)``
-(n,) in mm and ``gradient(u)`` (n, 3), the derivative by ``u`` as if it were free in space.
+A direction ``u`` is a unit vector (n, 3) from the centre of the head. Landmarks are named by
+millimetres behind and above the ear canal, in the frame ``skull``: origin midway between the ear
+canals, x right, y forward, z up.
 """
 
 from dataclasses import dataclass
 from typing import Any, Protocol
 
 import numpy as np
-from scipy.sparse import coo_matrix
+from scipy.interpolate import CubicSpline
 from scipy.spatial import KDTree
 
-from rona_core.geometry.arrays import Floats
+from rona_core.geometry.arrays import Floats, Vector3
 
 HEAD_MM = 76.0  # radius that turns a length on the bone into an angle
 FAR_SIDE = 0.5  # width along the axis of a bump, so that it does not appear on the far side too
 REACH = 7.5  # standard deviations after which a smeared point counts as zero
+CENTER_SKULL = (0.0, -6.0, 48.0)  # from where the head is seen as a function of direction
+BISECTIONS = 40
+
+Place = tuple[float, float]  # mm behind, mm above the ear canal
 
 
 class Field(Protocol):
@@ -23,10 +28,6 @@ class Field(Protocol):
 
     def value(self, u: Floats) -> Floats:
         """Return the values (n,) in mm."""
-        ...
-
-    def gradient(self, u: Floats) -> Floats:
-        """Return the gradients (n, 3) in mm."""
         ...
 
 
@@ -38,20 +39,13 @@ class Bumps:
     widths: Floats  # (m, 2) along the tangents, in radians
     heights_mm: Floats  # (m,)
 
-    def _parts(self, u: Floats) -> tuple[Floats, Floats]:
+    def value(self, u: Floats) -> Floats:
+        """Return the values (n,) in mm."""
         p = np.einsum("mij,nj->nmi", self.axes, u)
         p[..., 0] = p[..., 0] - 1.0
         scaled = p / np.column_stack((np.full(len(self.widths), FAR_SIDE), self.widths)) ** 2
-        return self.heights_mm * np.exp(-0.5 * (p * scaled).sum(axis=2)), scaled
-
-    def value(self, u: Floats) -> Floats:
-        """Return the values (n,) in mm."""
-        return self._parts(u)[0].sum(axis=1)
-
-    def gradient(self, u: Floats) -> Floats:
-        """Return the gradients (n, 3) in mm."""
-        heights, scaled = self._parts(u)
-        return -np.einsum("nm,nmi,mij->nj", heights, scaled, self.axes)
+        bells = self.heights_mm * np.exp(-0.5 * (p * scaled).sum(axis=2))
+        return np.asarray(bells.sum(axis=1), dtype=np.float64)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -76,10 +70,6 @@ class Waves:
         """Return the values (n,) in mm."""
         return np.cos(u @ self.vectors.T + self.phases_rad) @ self.heights_mm
 
-    def gradient(self, u: Floats) -> Floats:
-        """Return the gradients (n, 3) in mm."""
-        return -(np.sin(u @ self.vectors.T + self.phases_rad) * self.heights_mm) @ self.vectors
-
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Curves:
@@ -89,31 +79,15 @@ class Curves:
     weights_mm: Floats  # (m,)
     width: float  # standard deviation in radians
 
-    def _pairs(self, u: Floats) -> Any:
-        """Return the distances of all pairs (direction, point) within reach."""
-        if not len(self.points):
-            return coo_matrix((len(u), 0))
-        reach = REACH * self.width
-        near: Any = KDTree(u).sparse_distance_matrix(
-            KDTree(self.points), reach, output_type="coo_matrix"
-        )
-        return near
-
-    def _bells(self, pairs: Any) -> Floats:
-        return self.weights_mm[pairs.col] * np.exp(-0.5 * (pairs.data / self.width) ** 2)
-
     def value(self, u: Floats) -> Floats:
         """Return the values (n,) in mm."""
-        pairs = self._pairs(u)
-        values: Any = np.bincount(pairs.row, self._bells(pairs), minlength=len(u))
+        # distances of all pairs (direction, point) within reach
+        pairs: Any = KDTree(u).sparse_distance_matrix(
+            KDTree(self.points), REACH * self.width, output_type="coo_matrix"
+        )
+        bells = self.weights_mm[pairs.col] * np.exp(-0.5 * (pairs.data / self.width) ** 2)
+        values: Any = np.bincount(pairs.row, bells, minlength=len(u))
         return values
-
-    def gradient(self, u: Floats) -> Floats:
-        """Return the gradients (n, 3) in mm."""
-        pairs = self._pairs(u)
-        pull = self._bells(pairs)[:, None] * (self.points[pairs.col] - u[pairs.row])
-        columns = [np.bincount(pairs.row, column, minlength=len(u)) for column in pull.T]
-        return np.stack(columns, axis=1) / self.width**2
 
 
 @dataclass(frozen=True, slots=True)
@@ -125,24 +99,65 @@ class Egg:
     roundness: float = 1.9  # exponent between the horizontal plane and the vertical
     rounding: float = 0.12  # keeps the powers smooth where a coordinate is 0
 
-    def _powers(self, u: Floats) -> tuple[Floats, Floats, Floats, Floats, Floats]:
+    def value(self, u: Floats) -> Floats:
+        """Return the radius (n,) in mm."""
         t = u * (HEAD_MM / np.array(self.semi_axes_mm))
         exponents = np.array((self.flatness, self.flatness, self.roundness))
         squares = t**2 + self.rounding**2
         powers = squares ** (exponents / 2.0)
-        slopes = exponents * powers / squares * t * (HEAD_MM / np.array(self.semi_axes_mm))
         level = powers[:, 0] + powers[:, 1]
         total = level ** (self.roundness / self.flatness) + powers[:, 2]
-        return powers, slopes, level, total, HEAD_MM * total ** (-1.0 / self.roundness)
+        return HEAD_MM * total ** (-1.0 / self.roundness)
 
-    def value(self, u: Floats) -> Floats:
-        """Return the radius (n,) in mm."""
-        return self._powers(u)[4]
 
-    def gradient(self, u: Floats) -> Floats:
-        """Return the gradients (n, 3) in mm."""
-        _, slopes, level, total, radius = self._powers(u)
-        ratio = self.roundness / self.flatness
-        d_total = slopes.copy()
-        d_total[:, :2] *= (ratio * level ** (ratio - 1.0))[:, None]
-        return -(radius / (self.roundness * total))[:, None] * d_total
+def direction_of(egg: Egg, place: Place, side: int) -> Vector3:
+    """Return the unit direction (3,) from the centre to a place on the egg.
+
+    Args:
+        egg: The egg of the head.
+        place: Millimetres behind and above the ear canal.
+        side: +1 right, -1 left, 0 in the midline.
+    """
+    behind, above = place
+    low, high = 0.0, HEAD_MM
+    center = np.array(CENTER_SKULL)
+    if side:
+        for _ in range(BISECTIONS):
+            x = 0.5 * (low + high)
+            v = np.array((x, -behind, above)) - center
+            distance = np.linalg.norm(v)
+            inside = distance < egg.value((v / distance)[None])[0]
+            low, high = (x, high) if inside else (low, x)
+    v = np.array((side * low, -behind, above)) - center
+    return v / np.linalg.norm(v)
+
+
+def tangents(direction: Vector3) -> Floats:
+    """Return axes (3, 3): the direction, backward along the head, and the rest; rows."""
+    backward = np.array((0.0, -1.0, 0.0))
+    if abs(direction @ backward) > 0.9:
+        backward = np.array((1.0, 0.0, 0.0))
+    e1 = backward - (backward @ direction) * direction
+    e1 = e1 / np.linalg.norm(e1)
+    return np.stack((direction, e1, np.cross(direction, e1)))
+
+
+def trace_curve(waypoints: Floats, step: float, wiggle: Floats | None = None) -> Floats:
+    """Return unit directions (m, 3), ``step`` radians apart, on a smooth curve.
+
+    Args:
+        waypoints: Unit directions (k, 3) that the curve passes through, k >= 2.
+        step: Angle between neighbours.
+        wiggle: Amplitudes, wave numbers (per radian) and phases (3, j) of a sideways zigzag.
+    """
+    chords = np.linalg.norm(np.diff(waypoints, axis=0), axis=1)
+    knots = np.concatenate(([0.0], np.cumsum(chords)))
+    s = np.linspace(0.0, knots[-1], max(2, int(np.ceil(knots[-1] / step)) + 1))
+    spline = CubicSpline(knots, waypoints)
+    points = spline(s)
+    if wiggle is not None:
+        sideways = np.cross(points, spline(s, 1))
+        sideways = sideways / np.linalg.norm(sideways, axis=1, keepdims=True)
+        amplitudes, numbers, phases = wiggle
+        points = points + (np.sin(np.outer(s, numbers) + phases) @ amplitudes)[:, None] * sideways
+    return points / np.linalg.norm(points, axis=1, keepdims=True)

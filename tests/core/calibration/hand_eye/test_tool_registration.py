@@ -5,7 +5,7 @@ from scipy.spatial.transform import Rotation
 
 from rona_core.calibration.hand_eye.published_method import solve_paper
 from rona_core.calibration.hand_eye.tool_registration import register_tool
-from rona_core.calibration.tracking_error.marker_noise import EVEN
+from rona_core.calibration.tracking_error import EVEN
 from rona_core.errors import DegenerateGeometryError, InvalidInputError
 from rona_core.geometry.pose import Pose, Poses
 from tests.helpers.strategies import noisy, random_pose, random_rotation, seeds, swings

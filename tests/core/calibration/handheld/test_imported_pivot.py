@@ -8,14 +8,13 @@ from hypothesis import given, settings
 from scipy.spatial.transform import Rotation
 
 from rona_core.calibration.handheld.imported_pivot import calibrate_recorded_pivot
-from rona_core.devices.files.poses.marker_body_fit import FittedFrames
 from rona_core.errors import InvalidInputError
-from rona_core.geometry.batch_fit import fit_rigid_many
 from rona_core.geometry.pose import Poses
+from rona_core.geometry.rigid_fit import fit_rigid_many
 from tests.helpers.pivot_data import TIP, poses
 from tests.helpers.strategies import random_pose, seeds
 
-METHODS = ("ml", "aos", "sphere")
+METHODS = ("ml", "sphere")
 
 
 @pytest.mark.parametrize("method", METHODS)
@@ -33,8 +32,8 @@ def test_poses_without_noise_give_tip_and_pivot(method):
 def test_moving_the_tracker_moves_the_pivot_and_not_the_tip(seed):
     made, _ = poses(1, n=60, sigma_mm=0.2)
     motion = random_pose(np.random.default_rng(seed), 500.0)
-    a = calibrate_recorded_pivot(made, method="aos")
-    b = calibrate_recorded_pivot(motion @ made, method="aos")
+    a = calibrate_recorded_pivot(made, method="ml")
+    b = calibrate_recorded_pivot(motion @ made, method="ml")
     np.testing.assert_allclose(b.tip_marker, a.tip_marker, atol=1e-6)
     np.testing.assert_allclose(b.pivot_tracker, motion @ a.pivot_tracker, atol=1e-6)
     assert (b.verdict, b.n_used) == (a.verdict, a.n_used)
@@ -43,7 +42,7 @@ def test_moving_the_tracker_moves_the_pivot_and_not_the_tip(seed):
 
 def test_the_scatter_is_the_rms_distance_of_the_used_tips():
     made, _ = poses(2, n=70, sigma_mm=0.3)
-    found = calibrate_recorded_pivot(made, method="aos")
+    found = calibrate_recorded_pivot(made, method="ml")
     away = np.linalg.norm(made @ found.tip_marker - found.pivot_tracker, axis=1)
     if found.n_rejected == 0:
         assert found.rmse_mm == pytest.approx(np.sqrt((away**2).mean()))
@@ -114,29 +113,25 @@ def test_a_narrow_and_noisy_swing_is_not_good_and_says_what_to_do():
 BODY = np.array([[-45.0, -28.0, 0.0], [43.0, -34.0, 0.0], [36.0, 31.0, 0.0], [-34.0, 33.0, 0.0]])
 
 
-def frames_of(made, shape_mm, seed):
-    """Markers of BODY at these poses with errors (3,) per axis, and the poses fitted to them."""
+def measured(made, shape_mm, seed):
+    """The poses fitted to markers of BODY at these poses, with errors (3,) per axis."""
     rng = np.random.default_rng(seed)
     points = np.einsum("nij,mj->nmi", made.rotations, BODY) + made.translations[:, None]
     points = points + rng.normal(size=points.shape) * shape_mm
-    seen = np.ones(points.shape[:2], dtype=np.bool_)
-    fits = fit_rigid_many(BODY, points, seen)
-    return FittedFrames(fits, np.arange(len(points)), points, seen, BODY)
+    return fit_rigid_many(BODY, points, np.ones(points.shape[:2], dtype=np.bool_)).Ts_b_a
 
 
 @pytest.mark.parametrize("ratio", [1.0, 3.0])
-def test_markers_beat_poses_beat_the_linear_way_and_all_know_their_error(ratio):
+def test_likelihood_beats_the_sphere_with_and_without_a_geometry_and_knows_its_error(ratio):
     shape = np.array((1.0, 1.0, ratio)) * 0.35 / np.sqrt(2.0 + ratio**2)
-    squares = {"markers": [], "poses": [], "aos": []}
-    nees = {"markers": [], "poses": []}
+    squares = {"geometry": [], "none": [], "sphere": []}
+    nees = {"geometry": [], "none": []}
     for seed in range(60):
-        made, _ = poses(seed, n=60)
-        frames = frames_of(made, shape, seed)
-        seen = frames.fits.Ts_b_a
+        seen = measured(poses(seed, n=60)[0], shape, seed)
         found = {
-            "markers": calibrate_recorded_pivot(seen, frames=frames),
-            "poses": calibrate_recorded_pivot(seen),
-            "aos": calibrate_recorded_pivot(seen, method="aos"),
+            "geometry": calibrate_recorded_pivot(seen, geometry_marker=BODY),
+            "none": calibrate_recorded_pivot(seen),
+            "sphere": calibrate_recorded_pivot(seen, method="sphere"),
         }
         for name, one in found.items():
             off = float(((one.tip_marker - TIP) ** 2).sum())
@@ -144,8 +139,7 @@ def test_markers_beat_poses_beat_the_linear_way_and_all_know_their_error(ratio):
             if name in nees:
                 nees[name].append(off / one.sigma_mm**2)
     rms = {name: np.sqrt(np.mean(values)) for name, values in squares.items()}
-    assert rms["markers"] < rms["aos"]
-    assert rms["poses"] < 1.02 * rms["aos"]
+    assert rms["geometry"] < 1.02 * rms["none"] < rms["sphere"]
     assert all(0.6 < np.mean(values) < 1.6 for values in nees.values())
 
 
@@ -162,7 +156,7 @@ def test_a_5d_tool_has_its_tip_on_the_line():
 
 def test_unknown_methods_and_tools_are_refused():
     made, _ = poses(n=20)
-    with pytest.raises(InvalidInputError, match="method must be one of ml, sphere, aos"):
+    with pytest.raises(InvalidInputError, match="method must be one of ml, sphere"):
         calibrate_recorded_pivot(made, method="magic")
     with pytest.raises(InvalidInputError, match="dof must be 6 or 5"):
         calibrate_recorded_pivot(made, dof=3)

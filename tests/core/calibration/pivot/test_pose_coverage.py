@@ -6,11 +6,11 @@ from scipy.spatial.transform import Rotation
 from rona_core.calibration.handheld.pointer import calibrate_pointer
 from rona_core.calibration.pivot.pose_coverage import (
     RINGS_DEG,
-    SECTORS,
+    _words,
     next_best_pose,
     swing_coverage,
 )
-from rona_core.calibration.tracking_error.marker_noise import EVEN, MarkerNoise
+from rona_core.calibration.tracking_error import MarkerNoise
 from rona_core.errors import DegenerateGeometryError, InvalidInputError
 from rona_core.geometry.pose import Poses
 from tests.helpers.pivots import GEOMETRY, TIPS, pose_sweep
@@ -36,11 +36,9 @@ def ring(tilt_deg, step_deg=10.0):
     return tilted(np.full(len(azimuths), tilt_deg), azimuths)
 
 
-def test_an_even_ring_is_counted_sector_by_sector():
+def test_an_even_ring_has_its_tilt_and_no_gap():
     found = swing_coverage(ring(15.0), TIPS[6])
-    assert found.counts.shape == (len(RINGS_DEG) - 1, SECTORS)
-    np.testing.assert_array_equal(found.counts[1], 3)
-    assert found.counts.sum() == 36
+    assert found.rings_deg == RINGS_DEG
     np.testing.assert_allclose(found.tilts_deg, 15.0, atol=1e-6)
     np.testing.assert_allclose(np.diff(np.sort(found.azimuths_deg)), 10.0, atol=1e-6)
     assert found.gap_deg == pytest.approx(10.0, abs=1e-6)
@@ -60,13 +58,12 @@ def test_the_gap_of_a_swing_is_found_where_it_is():
 
 @given(seed=seeds)
 @few
-def test_each_pose_is_counted_once_and_the_directions_are_those_of_the_shaft(seed):
+def test_tilts_are_those_of_the_shaft_from_the_middle(seed):
     poses = pose_sweep(np.random.default_rng(seed), 6, DEPTH, cone_deg=35.0)
     found = swing_coverage(poses, TIPS[6])
-    assert found.counts.sum() == 100
-    np.testing.assert_allclose(np.linalg.norm(found.directions_tracker, axis=1), 1.0)
-    cosines = found.directions_tracker @ found.axis_tracker
-    np.testing.assert_allclose(np.cos(np.deg2rad(found.tilts_deg)), cosines, atol=1e-9)
+    shafts = poses.rotations @ (-TIPS[6] / np.linalg.norm(TIPS[6]))
+    middle = shafts.mean(axis=0) / np.linalg.norm(shafts.mean(axis=0))
+    np.testing.assert_allclose(np.cos(np.deg2rad(found.tilts_deg)), shafts @ middle, atol=1e-9)
 
 
 def in_one_plane(azimuth_deg):
@@ -81,20 +78,14 @@ def in_one_plane(azimuth_deg):
 )
 def test_the_next_pose_goes_across_a_swing_in_one_plane_and_words_say_where(azimuth, sides):
     poses = in_one_plane(azimuth)
-    best = next_best_pose(poses, TIPS[6], GEOMETRY[6], dof=6, sigma_mm=0.35, noise=EVEN)
+    best = next_best_pose(poses, TIPS[6], GEOMETRY[6], dof=6, sigma_mm=0.35)
     assert best.tilt_deg == 30.0
     assert best.tip_sigma_mm < 0.8 * best.tip_sigma_before_mm
     chosen = [side for side in sides if side in best.words]
     assert len(chosen) == 1
-    depth = "tracker" in chosen[0]
-    moved = best.direction_tracker - swing_coverage(poses, TIPS[6]).axis_tracker
-    along = moved[2] if depth else moved[0]
-    assert along * (1.0 if chosen[0] in ("away from the tracker", "+x side") else -1.0) > 0.4
-    limited = next_best_pose(
-        poses, TIPS[6], GEOMETRY[6], dof=6, sigma_mm=0.35, noise=EVEN, max_tilt_deg=12.0
-    )
-    assert limited.tilt_deg <= 10.0
-    assert limited.tip_sigma_mm > best.tip_sigma_mm
+    ways = {"away from the tracker": 0.0, "+x side": 90.0, "towards the tracker": 180.0}
+    way = ways.get(chosen[0], 270.0)
+    assert abs((best.azimuth_deg - way + 180.0) % 360.0 - 180.0) < 45.0
 
 
 @pytest.mark.parametrize("dof", [6, 5])
@@ -146,5 +137,53 @@ def test_what_has_no_answer_is_refused():
         swing_coverage(ring(10.0), np.zeros(3))
     with pytest.raises(DegenerateGeometryError, match="leave the tip open"):
         next_best_pose(one, TIPS[6], GEOMETRY[6], dof=6, sigma_mm=0.3)
-    with pytest.raises(InvalidInputError, match="max_tilt_deg"):
-        next_best_pose(ring(10.0), TIPS[6], GEOMETRY[6], dof=6, sigma_mm=0.3, max_tilt_deg=2.0)
+
+
+def test_rings_end_at_round_tilts():
+    assert RINGS_DEG == (0.0, 10.0, 20.0, 30.0, 45.0, 60.0)
+
+
+UPRIGHT = np.array((0.0, 1.0, 0.0))
+
+
+@pytest.mark.parametrize(
+    ("azimuth_deg", "words"),
+    [
+        (0.0, "away from the tracker"),
+        (19.5, "away from the tracker"),
+        (20.5, "away from the tracker and somewhat to its +x side"),
+        (69.5, "to its +x side and somewhat away from the tracker"),
+        (70.5, "to its +x side"),
+        (109.5, "to its +x side"),
+        (180.0, "towards the tracker"),
+        (250.5, "to its -x side"),
+        (330.0, "away from the tracker and somewhat to its -x side"),
+        (340.5, "away from the tracker"),
+    ],
+)
+def test_directions_are_said_by_their_nearest_sides(azimuth_deg, words):
+    assert _words(azimuth_deg, UPRIGHT) == words
+
+
+@pytest.mark.parametrize(("off", "by_number"), [(0.09, True), (0.11, False)])
+def test_along_the_line_of_sight_directions_are_counted_in_degrees(off, by_number):
+    axis = np.array((off, 0.0, np.sqrt(1.0 - off**2)))
+    assert ("counted from +y to +x" in _words(30.0, axis)) is by_number
+
+
+@pytest.mark.parametrize("azimuth_deg", [0.0, 90.0, 200.0])
+def test_in_the_line_of_sight_azimuths_are_counted_from_y_to_x(azimuth_deg):
+    """Most poses upright before the tracker, one tilted by 20 degrees towards an azimuth."""
+    angle = np.deg2rad(azimuth_deg)
+    toward = np.array((np.sin(angle), np.cos(angle), 0.0))
+    sight = Rotation.from_euler("x", 90.0, degrees=True)  # the tip's direction becomes the z axis
+    shaft = -(sight.as_matrix() @ TIPS[6]) / np.linalg.norm(TIPS[6])
+    turn = Rotation.from_rotvec(np.deg2rad(20.0) * np.cross(shaft, toward))
+    R = np.concatenate(
+        (np.repeat(sight.as_matrix()[None], 200, 0), (turn * sight).as_matrix()[None])
+    )
+    found = swing_coverage(Poses(R, -R @ TIPS[6]), TIPS[6])
+    assert found.tilts_deg[-1] == pytest.approx(20.0, abs=0.2)
+    assert (found.azimuths_deg[-1] - azimuth_deg + 180.0) % 360.0 - 180.0 == pytest.approx(
+        0, abs=0.5
+    )

@@ -86,6 +86,7 @@ def test_four_points_give_the_sphere_through_them():
     np.testing.assert_allclose(fit.center, (5, 5, 5), atol=1e-12)
     assert fit.radius_mm == pytest.approx(1.0)
     assert fit.center_sigma_mm == 0.0
+    np.testing.assert_array_equal(fit.center_covariance, np.zeros((3, 3)))
 
 
 def test_degenerate_points_are_refused_by_name():

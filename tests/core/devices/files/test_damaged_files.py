@@ -15,7 +15,7 @@ import numpy as np
 import pytest
 import trimesh
 
-from rona_core.devices.files.ndi_rom import rom_from_bytes
+from rona_core.devices.files.ndi_rom import rom_positions
 from rona_core.devices.files.poses.igs_mha import read_igs_mha
 from rona_core.devices.files.poses.pivot_recordings import read_pivot
 from rona_core.devices.files.rf.rf_data import read_rf
@@ -123,7 +123,7 @@ FORMATS = {
     "igs.mha": (lambda p: sequence(), lambda d, p: read_igs_mha(d), 400),
     "rom": (
         lambda p: rom_bytes(tool_file_of(GEOMETRIES["pointer6d"])),
-        lambda d, p: rom_from_bytes(d),
+        lambda d, p: rom_positions(d),
         400,
     ),
     "npz": (lambda p: npz().data, lambda d, p: read_rf(NamedFile("a", d)), 300),

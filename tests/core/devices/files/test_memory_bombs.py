@@ -260,6 +260,17 @@ BOMBS = {
 }
 
 
+def greedy(megabytes):
+    bytearray(b"x") * (megabytes << 20)
+
+
+@pytest.mark.parametrize("megabytes", [1, 300])
+def test_what_is_measured_is_the_memory_that_was_taken(megabytes):
+    said, grown_mb = measured(greedy, megabytes)
+    assert said == ""
+    assert megabytes <= grown_mb + 1 <= megabytes + 20
+
+
 @pytest.mark.parametrize(("reader", "name", "make", "words"), BOMBS.values(), ids=BOMBS)
 def test_a_small_file_takes_no_large_memory(reader, name, make, words, tmp_path):
     path = tmp_path / name

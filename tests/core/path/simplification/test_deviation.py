@@ -6,13 +6,13 @@ from hypothesis import given, settings
 from scipy.spatial.distance import directed_hausdorff
 
 from rona_core.errors import InvalidInputError
-from rona_core.path.simplification.deviation import deviation, deviations
+from rona_core.path.simplification.deviation import deviations
 from rona_core.path.simplification.segment_distance import (
     distances_to_segment,
     feet_on_segment,
     strip_areas,
 )
-from tests.helpers.paths import piece_cost
+from tests.helpers.paths import deviation, piece_cost
 from tests.helpers.strategies import random_pose, seeds
 
 few = settings(max_examples=25, deadline=None)
@@ -117,8 +117,6 @@ def test_wrong_input_is_refused():
     for index in ([0, 3], [1, 4], [0, 2, 2, 4], [0, 4.0], [[0, 4]], []):
         with pytest.raises(InvalidInputError, match="index"):
             deviations(path, index)
-    with pytest.raises(InvalidInputError, match="metric"):
-        deviation(path, [0, 4], "k4")
     with pytest.raises(InvalidInputError, match="shape"):
         deviations(np.zeros(5), [0, 4])
     with pytest.raises(InvalidInputError, match="finite"):

@@ -1,7 +1,6 @@
 """The collision world: bodies that contain the robot, and their distances."""
 
 from dataclasses import replace
-from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -12,10 +11,9 @@ from scipy.spatial import ConvexHull
 
 from rona_core.devices.workcell import Surroundings
 from rona_core.errors import InvalidInputError
-from rona_core.geometry.pose import Pose, Poses
+from rona_core.geometry.pose import Pose
 from rona_core.robot.collision.collision_geometry import (
     collision_bodies,
-    link_capsules,
     solid_hulls,
 )
 from rona_core.robot.collision.collision_world import ITSELF, CollisionWorld
@@ -30,8 +28,7 @@ from rona_core.robot.collision.obstacles import (
 from rona_core.robot.collision.solids import Solid
 from rona_core.robot.kinematics.catalog import robot_model
 from rona_core.robot.kinematics.spherical_wrist import SphericalWristArm
-from rona_core.robot.meshes.link_meshes import link_shapes
-from rona_core.robot.meshes.tool_mesh import tool_shapes
+from rona_core.robot.meshes.link_meshes import link_shapes, tool_shapes
 
 PLACE_OF_WORK = (600.0, 60.0, 400.0)  # of the RX90, in the room
 
@@ -73,7 +70,6 @@ DRAWN_ARM = [
     "bounds", [collision_bodies(RX90), solid_hulls(DRAWN_ARM) + collision_bodies(RX90)[-5:]]
 )
 def test_everything_that_is_drawn_lies_within_the_bounds(bounds):
-    assert all(bound.radius_mm == 0.0 for bound in bounds)
     faces = [(b.link, ConvexHull(b.vertices).equations) for b in bounds]
     for shape in link_shapes(RX90):
         outside = np.full(len(shape.mesh.vertices), np.inf)
@@ -84,19 +80,9 @@ def test_everything_that_is_drawn_lies_within_the_bounds(bounds):
         assert outside.max() <= 1e-6, shape.name
 
 
-def test_an_arm_that_is_not_drawn_gets_capsules_that_follow_its_joints():
-    unknown = replace(RX90, name="unknown", arm=SphericalWristArm(400.0, 500.0, 400.0, 90.0))
-    bounds = link_capsules(unknown)
-    assert collision_bodies(unknown)[0].radius_mm > 0.0
-    for q in random_qs(5):
-        frames = unknown.joint_poses(q)
-        for link, (start, end) in enumerate(pairwise(range(7))):
-            there = frames[link] @ bounds[link].vertices
-            np.testing.assert_allclose(there[0], frames.translations[start], atol=1e-9)
-            np.testing.assert_allclose(there[1], frames.translations[end], atol=1e-9)
-    world = CollisionWorld(unknown, around())
-    q = random_qs(20)
-    assert 0 < world.clear(q).sum() < 20
+def test_an_arm_of_another_build_is_refused():
+    with pytest.raises(InvalidInputError, match="no collision bodies for the build of 'unknown'"):
+        collision_bodies(replace(RX90, name="unknown", arm=None))
 
 
 def test_distances_to_a_ball_are_those_of_the_nearest_point_of_a_hull():
@@ -145,10 +131,11 @@ def test_turning_base_joint_and_obstacles_together_changes_no_distance(turn, see
     q[0, 0] = 0.3
     other = q.copy()
     other[0, 0] += turn
-    before = CollisionWorld(RX90, Obstacles(things)).report(q)
-    after = CollisionWorld(RX90, Obstacles(turned)).report(other)
-    columns = [k for k, pair in enumerate(before.names) if not pair[0].startswith("base")]
-    np.testing.assert_allclose(before.closest_mm[columns], after.closest_mm[columns], atol=0.02)
+    world = CollisionWorld(RX90, Obstacles(things))
+    before = world.distances_mm(q)[0]
+    after = CollisionWorld(RX90, Obstacles(turned)).distances_mm(other)[0]
+    columns = [k for k, pair in enumerate(world.pairs) if not pair.first.startswith("base")]
+    np.testing.assert_allclose(before[columns], after[columns], atol=0.02)
 
 
 def test_clear_is_what_the_report_says_and_never_sees_more_with_wider_margins():
@@ -157,7 +144,6 @@ def test_clear_is_what_the_report_says_and_never_sees_more_with_wider_margins():
     sure = np.abs(report.room_mm) > 0.01
     assert 30 < clear.sum() < 270
     np.testing.assert_array_equal(clear[sure], report.room_mm[sure] > 0.0)
-    assert report.clear == (report.first_hit < 0)
     assert report.first_hit == np.flatnonzero(report.room_mm < 0)[0]
     wide = tuple(replace(thing, margin_mm=thing.margin_mm + 40.0) for thing in around().things)
     wider = CollisionWorld(RX90, Obstacles(wide)).clear(qs)
@@ -173,11 +159,11 @@ def test_the_report_names_the_pair_and_the_place():
     away = RX90.home_rad + np.array((0.8, 0, 0, 0, 0, 0))
     report = world.report(np.stack((away, RX90.home_rad)))
     assert report.first_hit == 1
-    assert report.names[report.closest[1]] == ("probe", "apple")
-    assert "probe and apple are -" in report.sentence()
+    closest = report.closest_pair(1)
+    assert (closest.first, closest.second, closest.least_mm) == ("probe", "apple", 10.0)
+    assert closest.apart_mm < 0.0
     assert world.clear(away[None])[0]
     assert report.clearance_mm[0] > 5.0 > 0.0 > report.clearance_mm[1]
-    np.testing.assert_array_equal(world.clearance_mm(away[None]), report.clearance_mm[:1])
 
 
 def test_only_the_delay_line_may_touch_and_only_so_deep():
@@ -188,8 +174,9 @@ def test_only_the_delay_line_may_touch_and_only_so_deep():
         bone = ball("bone", center, 80.0, margin=10.0, touch=5.0)
         world = CollisionWorld(RX90, Obstacles((bone,)))
         report = world.report(RX90.home_rad[None])
-        line = report.names.index(("delay line", "bone"))
-        assert report.closest_mm[line] == pytest.approx(-depth, abs=0.02)
+        line = [(pair.first, pair.second) for pair in world.pairs].index(("delay line", "bone"))
+        distance = world.distances_mm(RX90.home_rad[None])[0, line]
+        assert distance == pytest.approx(-depth, abs=0.02)
         assert world.clear(RX90.home_rad[None])[0] == (depth <= 5.0)
         assert report.clearance_mm[0] > 0.0, "what may touch is left out"
         hard = CollisionWorld(RX90, Obstacles((replace(bone, touch_mm=0.0),)))
@@ -202,8 +189,9 @@ def test_the_robot_can_meet_itself_but_not_at_home():
     assert alone.clear(RX90.home_rad[None])[0]
     folded = np.deg2rad((0.0, 137.0, 142.0, 0.0, 0.0, 0.0))
     hit = alone.report(folded[None])
-    assert not hit.clear
-    assert {"base", "shoulder column", "shoulder"} & set(hit.names[hit.closest[0]])
+    assert hit.first_hit == 0
+    closest = hit.closest_pair(0)
+    assert {"base", "shoulder column", "shoulder"} & {closest.first, closest.second}
 
 
 def test_levers_bound_every_motion():
@@ -220,10 +208,9 @@ def test_levers_bound_every_motion():
 
 def test_an_arm_whose_frames_are_not_where_it_moves_is_refused():
     class Bent(SphericalWristArm):
-        def link_poses(self, q_rad):
-            poses = super().link_poses(q_rad)
-            shifted = poses.translations + np.array((1.0, 0.0, 0.0))
-            return Poses(poses.rotations, shifted)
+        def link_frames(self, qs_rad):
+            rotations, positions = super().link_frames(qs_rad)
+            return rotations, positions + np.array((1.0, 0.0, 0.0))
 
     arm = RX90.arm
     bent = Bent(arm.shoulder_mm, arm.upper_arm_mm, arm.forearm_mm, arm.flange_mm)

@@ -108,5 +108,5 @@ def test_edges_are_sharp_and_faces_smooth():
 
 
 def test_no_shape_for_a_robot_that_nobody_drew():
-    with pytest.raises(InvalidInputError, match="known shapes: rx90, ur5, ur10"):
-        link_shapes(replace(RX90, name="puma"))
+    with pytest.raises(InvalidInputError, match="no shape for the build of 'puma'"):
+        link_shapes(replace(RX90, name="puma", arm=None))

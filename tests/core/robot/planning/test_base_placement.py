@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from rona_core.devices.settings import RobotSettings
 from rona_core.errors import CancelledError, InvalidInputError
-from rona_core.geometry.path5d import Path5D
+from rona_core.geometry.path5d import Path5D, resample_path
 from rona_core.geometry.pose import Pose
 from rona_core.robot.base_placement.candidates import (
     BasePlacement,
@@ -18,11 +18,10 @@ from rona_core.robot.base_placement.candidates import (
     path_from,
 )
 from rona_core.robot.base_placement.placement import place_base
-from rona_core.robot.base_placement.screening import CoarseScreening
+from rona_core.robot.base_placement.reachability import CoarseScreening
 from rona_core.robot.kinematics.catalog import robot_model
 from rona_core.robot.planning.plan_scan import PlanSettings, plan_scan
 from rona_core.robot.redundancy.margins import MarginLimits
-from rona_core.robot.trajectory.resample import resample_path
 from rona_core.session.codec import decode, digest, encode
 from rona_core.virtual.scene import base_displacement
 from tests.helpers.roll_search import search_rolls
@@ -48,6 +47,11 @@ def refused():
     """S3 cannot be scanned with a constant roll from where the base stands."""
     path = short("S3")
     return path, place_base(path, RX90, RobotSettings(), search=SMALL, planner=quick)
+
+
+def screening(path, margin_limits, n_points, n_rolls):
+    search = BaseSearch(n_points=n_points, n_rolls=n_rolls, margin_limits=margin_limits)
+    return CoarseScreening(path, RX90, search)
 
 
 def test_the_base_stands_where_the_scene_puts_it():
@@ -87,19 +91,19 @@ def test_the_screen_with_every_point_and_roll_agrees_with_the_search(scene):
     margin_limits = MarginLimits(step_rad=3.0, step_unit_rad=1e-3)
     search = search_rolls(path, RX90, working_set=(24, 0.0, 360.0), margin_limits=margin_limits)
     best = max(verdict.margin for verdict in search.verdicts)
-    margin = CoarseScreening(path, RX90, margin_limits, len(path), 24).margin(Pose.identity())
+    margin = screening(path, margin_limits, len(path), 24).margin(Pose.identity())
     if best >= 0.0:
         assert margin == pytest.approx(best, abs=1e-9)
     else:
         assert margin < 0.0
-    coarse = CoarseScreening(path, RX90, margin_limits, 25, 24).margin(Pose.identity())
+    coarse = screening(path, margin_limits, 25, 24).margin(Pose.identity())
     assert coarse >= margin - 1e-9  # fewer points can only hide trouble
 
 
 @settings(max_examples=15, deadline=None)
 @given(turn=st.floats(-60.0, 60.0))
 def test_turning_the_base_is_an_offset_of_joint_one(turn):
-    screen = CoarseScreening(short("S2"), RX90, MarginLimits(), 20, 12)
+    screen = screening(short("S2"), MarginLimits(), 20, 12)
     straight = screen.margin(Pose.identity())
     turned = screen.margin(base_pose((0.0, 0.0, 0.0), turn).inv())
     assert turned == pytest.approx(straight, abs=1e-9)
@@ -143,9 +147,7 @@ def test_the_map_is_what_the_screen_says(refused):
     assert found.margins.dtype == np.float32
     assert not (found.verified & ~found.planned).any()
     assert not (found.planned & found.blocked).any()
-    screen = CoarseScreening(
-        resample_path(path), RX90, MarginLimits(), SMALL.n_points, SMALL.n_rolls
-    )
+    screen = CoarseScreening(resample_path(path), RX90, SMALL)
     assert found.blocked.any()
     for i, j in np.argwhere(~found.blocked)[::3]:
         shift = (found.x_mm[i], found.y_mm[j], found.levels_mm[i, j])
@@ -154,7 +156,6 @@ def test_the_map_is_what_the_screen_says(refused):
         assert found.margins[i, j] == pytest.approx(margin, abs=1e-5)
         seen = path_from(path, base_pose(shift, turn).inv()).points_base.mean(axis=0)
         assert abs(np.rad2deg(np.arctan2(seen[1], seen[0]))) < 0.06  # straight ahead
-    assert found.n_working == np.count_nonzero((found.margins >= 0) & ~found.blocked)
 
 
 def test_a_placement_can_be_saved_and_loaded(refused):
@@ -214,7 +215,7 @@ def test_where_nothing_works_the_reasons_say_so():
     found = place_base(far, RX90, RobotSettings(), search=tiny, planner=quick)
     assert found.best is None
     assert found.smallest is None
-    assert found.n_working == 0
+    assert not ((found.margins >= 0.0) & ~found.blocked).any()
     assert not found.verified.any()
     assert any("no place was found" in reason for reason in found.reasons)
     assert any("outside the reach" in reason for reason in found.reasons)

@@ -13,15 +13,14 @@ from rona_core.errors import (
     NotReachableError,
 )
 from rona_core.geometry.arrays import readonly
-from rona_core.geometry.path5d import Path5D
+from rona_core.geometry.path5d import Path5D, resample_path
 from rona_core.geometry.pose import Pose
 from rona_core.robot.collision.obstacles import Box, Obstacle, Obstacles
 from rona_core.robot.kinematics.catalog import robot_model
 from rona_core.robot.kinematics.joint_limits import JointLimits
 from rona_core.robot.planning.plan_scan import PlanSettings, choose_roll, plan_scan
 from rona_core.robot.trajectory.joint_moves import TIP_SPEED_MM_PER_S, plan_joint_move
-from rona_core.robot.trajectory.path_timing import ScanSettings
-from rona_core.robot.trajectory.resample import resample_path
+from rona_core.robot.trajectory.scan_timing import ScanSettings
 from rona_core.robot.trajectory.trajectory import Trajectory
 from rona_core.robot.verification.verifier import verify_motion, verify_scan
 from tests.scenes.patch_scenes import dense_path, serpentine
@@ -436,14 +435,12 @@ def test_joint_moves_are_certified_and_refused_beyond_the_limits():
     rng = np.random.default_rng(3)
     for _ in range(10):
         a, b = rng.uniform(RX90.lower_rad, RX90.upper_rad, (2, 6))
-        move = plan_joint_move(a, b, RX90, speed_share=0.5)
+        move = plan_joint_move(a, b, RX90)
         certificate = verify_motion(RX90, move)
         assert certificate.certifies(move), certificate.failures()
         np.testing.assert_allclose(move.qs_rad[[0, -1]], (a, b), atol=1e-12)
     with pytest.raises(NotReachableError, match=r"joint 5 cannot go to 130\.0°"):
         plan_joint_move(RX90.home_rad, np.deg2rad((0, 0, 90, 0, 130, 0)), RX90)
-    with pytest.raises(InvalidInputError, match="speed_share"):
-        plan_joint_move(RX90.home_rad, RX90.home_rad, RX90, speed_share=2.0)
 
 
 def test_verifying_nonsense_is_refused_by_name(plan):

@@ -8,14 +8,12 @@ import pytest
 
 from rona_core.errors import CancelledError, InvalidInputError
 from rona_core.geometry.path5d import Path5D
+from rona_core.robot.kinematics.arm import BRANCHES
 from rona_core.robot.kinematics.catalog import robot_model
 from rona_core.robot.kinematics.joint_limits import JointLimits
-from rona_core.robot.kinematics.spherical_wrist import BRANCHES
 from rona_core.robot.planning.plan_scan import PlanSettings
-from rona_core.robot.redundancy.choice import working_set_deg
-from rona_core.robot.redundancy.constant_roll import best_branch
-from rona_core.robot.redundancy.joint_path import joint_path
-from rona_core.robot.redundancy.margins import MarginLimits
+from rona_core.robot.redundancy.constant_roll import best_branch, working_set_deg
+from rona_core.robot.redundancy.margins import MarginLimits, joint_path
 from tests.helpers.roll_search import search_rolls
 from tests.scenes.patch_scenes import SCENES, dense_path
 

@@ -13,20 +13,17 @@ from rona_core.geometry.pose import Pose, Poses
 from rona_core.robot.kinematics.joint_limits import TURN_RAD, JointLimits
 from rona_core.robot.kinematics.pinocchio_model import PinocchioArm
 from rona_core.robot.planning.plan_scan import PlanSettings
-from rona_core.robot.redundancy.choice import working_set_deg
+from rona_core.robot.redundancy import optimal_roll as variable_roll
+from rona_core.robot.redundancy.constant_roll import evaluate_constant_rolls, working_set_deg
 from rona_core.robot.redundancy.cost import RollCost, shares_of_points, strides_of
-from rona_core.robot.redundancy.evaluate_rolls import evaluate_constant_rolls
+from rona_core.robot.redundancy.gauss_newton import refine_roll
+from rona_core.robot.redundancy.infeasibility import curve_margins, variable_roll_verdict
+from rona_core.robot.redundancy.lattice import RollProblem
 from rona_core.robot.redundancy.margins import MarginLimits
+from rona_core.robot.redundancy.optimal_roll import BlockedPath, cheapest_path, optimal_roll
 from rona_core.robot.redundancy.result import RollCurve
 from rona_core.robot.redundancy.roll_grid import solve_roll_grid
-from rona_core.robot.redundancy.variable import optimal_roll as variable_roll
-from rona_core.robot.redundancy.variable.collision_mask import blocked_retracts
-from rona_core.robot.redundancy.variable.dynamic_program import cheapest_path_with_turns
-from rona_core.robot.redundancy.variable.gauss_newton import refine_roll
-from rona_core.robot.redundancy.variable.infeasibility import curve_margins, variable_roll_verdict
-from rona_core.robot.redundancy.variable.optimal_roll import BlockedPath, optimal_roll
-from rona_core.robot.redundancy.variable.plan_variable_roll import plan_variable_roll
-from rona_core.robot.redundancy.variable.problem import RollProblem
+from rona_core.robot.redundancy.variable_roll import blocked_retracts, plan_variable_roll
 from tests.helpers.roll_search import roll_problem, search_rolls, solved
 from tests.scenes.patch_scenes import SCENES, dense_path, scene_model, scene_path
 
@@ -201,10 +198,10 @@ def test_full_turns_are_counted_where_the_range_runs_out(monkeypatch, tilt_deg, 
     counted = []
 
     def counting(*args, **options):
-        counted.append(args[2])
-        return cheapest_path_with_turns(*args, **options)
+        counted.extend(args[0].aware)
+        return cheapest_path(*args, **options)
 
-    monkeypatch.setattr(variable_roll, "cheapest_path_with_turns", counting)
+    monkeypatch.setattr(variable_roll, "cheapest_path", counting)
     path, model = spinning_path(tilt_deg), straight_model(range_deg)
     rolls, margin_limits = np.deg2rad(np.arange(-20.0, 21.0, 5.0)), MarginLimits(step_rad=0.5)
     found = solved(path, model, rolls, margin_limits, cost)
@@ -289,29 +286,29 @@ def test_refining_spreads_the_roll_evenly():
 def test_blocked_postures_are_not_used_and_the_optimum_goes_round_them():
     path = part(scene_path("S0"), 0, 200)
     evaluation = evaluate_constant_rolls(path, RX90, np.rad2deg(ROLLS), RULES)
-    free, _ = plan_variable_roll(evaluation.grid, COST)
+    grid = evaluation.grid
+    free, _ = plan_variable_roll(grid, COST)
     blocked = np.zeros((len(path), 72, 8), dtype=bool)
     bins = np.round(free.rolls_rad[80:120] / np.deg2rad(5.0)).astype(int)
     for k, middle in zip(range(80, 120), bins, strict=True):
         blocked[k, np.arange(middle - 4, middle + 5) % 72] = True
-    round_it, verdict = plan_variable_roll(evaluation.grid, COST, blocked=blocked)
-    assert verdict.feasible
+    problems = RollProblem(grid, COST), RollProblem(grid, COST, blocked)
+    on_grid = [optimal_roll(problem) for problem in problems]
+    assert on_grid[0].cost.total < on_grid[1].cost.total
+    round_it = refine_roll(problems[1], on_grid[1])
+    assert variable_roll_verdict(problems[1], round_it).feasible
     assert_allowed(round_it, path, RX90)
-    on_grid = [
-        optimal_roll(RollProblem(evaluation.grid, COST, b)).cost.total for b in (None, blocked)
-    ]
-    assert on_grid[0] < on_grid[1]
     for k in range(len(path)):
         low = np.floor(round_it.rolls_rad[k] / np.deg2rad(5.0) + 1e-9).astype(int)
         high = np.ceil(round_it.rolls_rad[k] / np.deg2rad(5.0) - 1e-9).astype(int)
         assert not blocked[k, [low % 72, high % 72], round_it.branch].any()
     blocked[100] = True
-    none, verdict = plan_variable_roll(evaluation.grid, COST, blocked=blocked)
-    assert none is None
+    shut = RollProblem(grid, COST, blocked)
+    none = optimal_roll(shut)
+    assert isinstance(none, BlockedPath)
+    verdict = variable_roll_verdict(shut, none)
     assert (verdict.reason, verdict.index) == ("blocked", 100)
     assert verdict.value > 0
-    with pytest.raises(InvalidInputError, match=r"blocked must have shape \(200, 72, 8\)"):
-        plan_variable_roll(evaluation.grid, COST, blocked=blocked[1:])
 
 
 def test_a_varying_roll_goes_round_what_the_arm_would_touch():

@@ -1,6 +1,7 @@
 """Moves around what is in the way, against a robot of capsules and a world of balls."""
 
 from itertools import pairwise
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -13,12 +14,16 @@ from rona_core.robot.collision.edge_check import Checker, n_steps, outside_bone
 from rona_core.robot.collision.obstacles import NOTHING_AROUND
 from rona_core.robot.kinematics.catalog import robot_model
 from rona_core.robot.planning.calibration_motion import ToolMotionSettings, plan_tool_motion
-from rona_core.robot.redundancy.joint_path import joint_path
-from rona_core.robot.trajectory.joint_moves import joint_move, plan_joint_move
-from rona_core.robot.trajectory.path_timing import ScanSettings
-from rona_core.robot.trajectory.point_to_point import LIFTS_MM, plan_joint_path, raised
+from rona_core.robot.redundancy.margins import joint_path
+from rona_core.robot.trajectory.joint_moves import (
+    LIFTS_MM,
+    joint_move,
+    plan_joint_move,
+    plan_joint_path,
+    raised,
+)
 from rona_core.robot.trajectory.rrt_connect import search, shortened
-from rona_core.robot.trajectory.scan_timing import time_scan
+from rona_core.robot.trajectory.scan_timing import ScanSettings, time_scan
 from rona_core.robot.verification.verifier import verify_motion, verify_scan
 from tests.helpers.roll_search import search_rolls
 from tests.scenes.patch_scenes import dense_path
@@ -165,14 +170,14 @@ def test_a_scan_is_approached_and_left_around_an_obstacle():
     verdict = search.verdicts[search.chosen]
     roll_rad = float(np.deg2rad(verdict.roll_deg))
     qs = joint_path(path, RX90, roll_rad, verdict.branch)
-    plain = time_scan(path, qs, RX90, ScanSettings(), branch=verdict.branch)
+    plain = time_scan(path, qs, RX90, ScanSettings())
     before = int(plain.scan_start_s / 0.02)
     kept = np.vstack([skeleton(q) for q in (RX90.home_rad, *plain.qs_rad[before - 40 :: 100])])
     swept = skeleton(plain.qs_rad[before // 3])
     gaps = np.linalg.norm(swept[:, None] - kept, axis=2).min(axis=1)
     clear = world((swept[np.argmax(gaps)], 0.0), radius_mm=0.6 * gaps.max())
     assert not clear(plain.qs_rad).all()
-    around = time_scan(path, qs, RX90, ScanSettings(), branch=verdict.branch, clear=clear)
+    around = time_scan(path, qs, RX90, ScanSettings(), clear=clear)
     assert clear(around.qs_rad).all()
     assert verify_scan(RX90, around, path, roll_rad, 20.0).certified
     length = round((plain.scan_end_s - plain.scan_start_s) / 0.02)
@@ -186,7 +191,6 @@ def test_a_scan_is_approached_and_left_around_an_obstacle():
             qs,
             RX90,
             ScanSettings(),
-            branch=verdict.branch,
             clear=lambda qs: np.zeros(len(qs), dtype=bool),
         )
 
@@ -201,7 +205,8 @@ def test_the_tool_goes_to_its_calibration_around_what_is_in_the_way(monkeypatch)
 
     assert not clear(plain.qs_rad[:start]).all()
     monkeypatch.setattr(
-        "rona_core.robot.planning.calibration_motion.clear_among", lambda model, things: clear
+        "rona_core.robot.planning.calibration_motion.CollisionWorld",
+        lambda model, things: SimpleNamespace(clear=clear),
     )
     around = plan_tool_motion(
         RX90, ToolMotionSettings(n_pivot=4, n_translate=2), obstacles=NOTHING_AROUND
@@ -219,7 +224,7 @@ def test_the_probe_goes_around_the_bone_under_the_path():
     verdict = search.verdicts[search.chosen]
     roll_rad = float(np.deg2rad(verdict.roll_deg))
     qs = joint_path(path, RX90, roll_rad, verdict.branch)
-    trajectory = time_scan(path, qs, RX90, ScanSettings(), branch=verdict.branch)
+    trajectory = time_scan(path, qs, RX90, ScanSettings())
     free = outside_bone(path, RX90)
     before = int(trajectory.scan_start_s / 0.02)
     approach = trajectory.qs_rad[: before - 100]

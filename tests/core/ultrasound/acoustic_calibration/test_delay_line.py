@@ -15,8 +15,7 @@ from rona_core.ultrasound.detection.detect import detect
 from rona_core.ultrasound.probe.beam import mirror_spectrum
 from rona_core.ultrasound.probe.excitation import GRID, emission_spectrum, grid_frequencies_mhz
 from rona_core.ultrasound.probe.materials import GEL
-from rona_core.ultrasound.probe.probe_model import probe_model
-from rona_core.ultrasound.probe.survey import ProbeSurvey
+from rona_core.ultrasound.probe.probe_model import ProbeSurvey, probe_model
 
 PROBE = probe_model("2.25MHz")
 

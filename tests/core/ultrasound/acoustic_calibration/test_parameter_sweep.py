@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from rona_core.errors import CancelledError
-from rona_core.ultrasound.acoustic_calibration.parameter_sweep import WhatIfGrid, sweep
+from rona_core.ultrasound.acoustic_calibration.expected_performance import WhatIfGrid, sweep
 from rona_core.virtual.acoustics.plates import record_plate
 
 GRID = WhatIfGrid(

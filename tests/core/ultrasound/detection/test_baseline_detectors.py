@@ -8,8 +8,7 @@ from rona_core.devices.settings import ProbeSettings
 from rona_core.geometry.pose import Pose
 from rona_core.ultrasound.detection.baseline_detectors import rising_edges
 from rona_core.ultrasound.detection.detect import NO_INNER, OK, detect
-from rona_core.ultrasound.probe.probe_model import probe_model
-from rona_core.ultrasound.probe.survey import ProbeSurvey
+from rona_core.ultrasound.probe.probe_model import ProbeSurvey, probe_model
 from rona_core.virtual.acoustics.medium import Medium
 from rona_core.virtual.acoustics.probe import VirtualProbe
 from tests.helpers.ultrasound_scenes import Plates, StillClock

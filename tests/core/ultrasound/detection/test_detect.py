@@ -18,8 +18,7 @@ from rona_core.ultrasound.detection.detect import (
     TILTED,
     detect,
 )
-from rona_core.ultrasound.probe.probe_model import PROBES, probe_model
-from rona_core.ultrasound.probe.survey import ProbeSurvey
+from rona_core.ultrasound.probe.probe_model import PROBES, ProbeSurvey, probe_model
 from rona_core.virtual.acoustics.medium import Medium
 from rona_core.virtual.acoustics.probe import VirtualProbe
 from tests.helpers.ultrasound_scenes import Plates, StillClock, WavySkull, scan

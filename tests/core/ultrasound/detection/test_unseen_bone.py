@@ -11,7 +11,7 @@ from rona_core.devices.settings import ProbeSettings
 from rona_core.ultrasound.detection.detect import detect
 from rona_core.ultrasound.probe.excitation import PULSES, Pulse
 from rona_core.ultrasound.probe.materials import DIPLOE, TABLE, Material
-from rona_core.ultrasound.probe.survey import ProbeSurvey
+from rona_core.ultrasound.probe.probe_model import ProbeSurvey
 from rona_core.virtual.acoustics.medium import MEDIA, Medium
 from tests.scenes import bone_scenes
 from tests.scenes.bone_record import record

@@ -1,27 +1,23 @@
 """Which echo is the back wall: one rule at a time, on tracks made by hand."""
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 
 from rona_core.ultrasound.recorded.back_wall_choice import (
     SMEARED,
-    Evidence,
     choose_back_wall,
     is_early_and_weak,
-    is_repeated,
     is_smeared,
-    may_be_ghost,
     steadiness,
 )
 from rona_core.ultrasound.recorded.band import Band
 from rona_core.ultrasound.recorded.echo_tracks import Track, neighbours
+from rona_core.ultrasound.recorded.probe_reverberations import FrontArrivals
 
 BAND = Band(2.25, 1.2)
 N = 20
 NEAR = neighbours(N, None)
-KNOWN = Evidence(timed=False, again=lambda _: False, loss_np=lambda _: 1.0, cut=False)
+FRONTS = FrontArrivals(np.zeros(N), np.ones(N, dtype=bool), False, BAND, None)
 
 
 def echo(lengths, level, *, wanders_us=0.0, jumps_us=0.0):
@@ -32,9 +28,9 @@ def echo(lengths, level, *, wanders_us=0.0, jumps_us=0.0):
     return Track(lag, np.full(N, level), np.ones(N, dtype=bool))
 
 
-def chosen(*tracks, foreign=(), known=KNOWN):
-    no = [k in foreign for k in range(len(tracks))]
-    return choose_back_wall(list(tracks), no, known, BAND, NEAR, None)
+def chosen(*tracks, foreign=(), again=()):
+    no, late = ([k in which for k in range(len(tracks))] for which in (foreign, again))
+    return choose_back_wall(list(tracks), no, late, FRONTS, NEAR)
 
 
 def test_the_first_loud_echo_is_the_back_wall():
@@ -65,29 +61,16 @@ def test_an_early_weak_echo_is_a_lobe_if_it_stands_still_and_a_plate_if_it_wande
 
 def test_a_multiple_at_twice_its_lag_speaks_for_an_early_weak_echo():
     lobe, plate, twice = echo(2.0, 0.15), echo(9.0, 0.3), echo(4.0, 0.05)
-    assert is_repeated(lobe, [lobe, plate, twice], BAND, KNOWN)
     assert chosen(lobe, plate, twice) == 0
-    assert not is_repeated(lobe, [lobe, plate, echo(4.6, 0.05)], BAND, KNOWN)
-    # one that has lost less than what it repeats is none
-    odd = replace(KNOWN, loss_np=lambda t: 0.0 if t is twice else 1.0)
-    assert not is_repeated(lobe, [lobe, plate, twice], BAND, odd)
-
-
-def test_a_faint_echo_that_has_lost_nothing_on_its_way_is_from_within_the_probe():
-    ghost, plate = echo(7.0, 0.07), echo(12.0, 0.3)
-    assert may_be_ghost(ghost, BAND)
-    bright = replace(KNOWN, loss_np=lambda _: 0.0)
-    assert chosen(ghost, plate, known=bright) == 1
-    assert chosen(ghost, plate) == 0
+    assert chosen(lobe, plate, echo(4.6, 0.05)) == 1
 
 
 def test_a_probe_on_the_plate_hears_multiples_of_one_time_and_nothing_else():
     first, second, third = echo(10.0, 0.6), echo(20.0, 0.35), echo(30.0, 0.2)
-    touching = Evidence(True, lambda t: t is first, lambda _: 1.0, False)
-    assert chosen(third, first, second, known=touching) == 1
+    assert chosen(third, first, second, again=(1,)) == 1
     # another echo between them: water, and a plate behind it
     between = echo(14.0, 0.5)
-    assert chosen(first, second, between, foreign=(0, 1), known=touching) == 2
+    assert chosen(first, second, between, foreign=(0, 1), again=(0,)) == 2
 
 
 def test_what_jumps_from_scan_to_scan_is_noise_unless_it_is_loud():

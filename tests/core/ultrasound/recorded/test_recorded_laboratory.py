@@ -11,12 +11,7 @@ from rona_core.ultrasound.recorded.artefacts import (
     remove_spikes,
 )
 from rona_core.ultrasound.recorded.band import Band
-from rona_core.ultrasound.recorded.echo_tracks import Peaks, neighbour_tree
 from rona_core.ultrasound.recorded.plate_detector import detect_recorded
-from rona_core.ultrasound.recorded.probe_reverberations import (
-    FrontArrivals,
-    suppress_reverberations,
-)
 from tests.scenes.laboratory.families import FAMILIES, draw
 from tests.scenes.laboratory.laboratory import Bench, Hit, Matter, laboratory
 
@@ -149,26 +144,6 @@ def test_a_hum_is_taken_away_and_echoes_are_not():
     hum = 0.05 * loudest * np.sin(2 * np.pi * 2.63 * t + phase)
     left = remove_narrow_band_interference(rf + hum, none, rate, band) - rf
     assert np.sqrt((left**2).mean()) < 0.15 * np.sqrt((hum**2).mean())
-
-
-def test_multiples_of_a_plate_do_not_pass_for_what_moves_with_the_front():
-    n, lag = 30, 2.0
-    wobble = np.random.default_rng(5).normal(0.0, 2.0, n)
-    front = 40.0 + wobble
-    orders = lag * np.arange(1, 13)
-    lags = np.column_stack((np.tile(orders, (n, 1)), front - 1.0))  # and the front's second
-    levels = np.tile(np.r_[0.1 * 0.9 ** np.arange(12), 0.3], (n, 1))
-    peaks = Peaks(lags, levels, np.full(n, 0.001))
-    ok = np.ones(n, dtype=bool)
-    band = Band(1.5, 0.9)
-    fronts = FrontArrivals(front, ok, True, band, None, pulse_delay_us=1.0)
-    left, found = suppress_reverberations(peaks, neighbour_tree(ok, None), fronts)
-    assert len(found) == 1
-    np.testing.assert_allclose(found[0].lag_us, front - 1.0)
-    kept = left.level > 0
-    assert not kept[:, -1].any()
-    assert kept[:, 0].all()
-    assert kept[:, :-1].mean() > 0.9  # but for those that the second arrival covers
 
 
 @pytest.mark.parametrize("family", FAMILIES)

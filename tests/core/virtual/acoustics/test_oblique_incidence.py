@@ -5,7 +5,7 @@ from hypothesis import strategies as st
 
 from rona_core.errors import InvalidInputError
 from rona_core.ultrasound.probe.materials import BRAIN, GEL, TABLE, Material
-from rona_core.virtual.acoustics.oblique_incidence import (
+from rona_core.virtual.acoustics.layered_reflection import (
     ObliqueFactors,
     critical_angle_rad,
     oblique_step,

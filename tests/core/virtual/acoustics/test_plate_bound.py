@@ -6,8 +6,7 @@ import pytest
 from benchmarks.reference.echo_timing import inner_bound
 from rona_core.ultrasound.detection.detect import detect
 from rona_core.ultrasound.detection.single.matched_filter import block_template
-from rona_core.ultrasound.probe.probe_model import PROBES
-from rona_core.ultrasound.probe.survey import ProbeSurvey
+from rona_core.ultrasound.probe.probe_model import PROBES, ProbeSurvey
 from tests.scenes.bone_scenes import plate
 
 WRONG_MM = 1.0

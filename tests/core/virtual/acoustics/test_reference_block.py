@@ -6,7 +6,12 @@ from rona_core.devices.settings import ProbeSettings
 from rona_core.ultrasound.probe.beam import mirror_spectrum
 from rona_core.ultrasound.probe.excitation import GRID, emission_spectrum
 from rona_core.ultrasound.probe.probe_model import AQUALENE, PROBES, warmed
-from rona_core.virtual.acoustics.reference_block import STEEL, SteelFace, record_block, steel_medium
+from rona_core.virtual.acoustics.plates import (
+    STEEL,
+    SteelFace,
+    record_block,
+    steel_medium,
+)
 from tests.helpers.ultrasound_scenes import Plates
 
 PULSE = {"excitation": "pulse", "front_snr_db": 80.0}

@@ -3,7 +3,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from rona_core.app.dependencies.capture_setup import capture_setup_digest
+from rona_core.app.dependencies.staleness import capture_setup_digest
 from rona_core.app.runtime.handling import handle
 from rona_core.app.steps.setup.messages import SetBoneModel
 from rona_core.compose import build_virtual_rig
@@ -11,9 +11,9 @@ from rona_core.errors import InvalidInputError
 from rona_core.session.document import Session, Setup
 from rona_core.session.migrate import ADDED_IN_3
 from rona_core.session.specimen import BoneChoice
-from rona_core.virtual.acoustics.medium import MEDIA
-from rona_core.virtual.acoustics.specimen_medium import (
+from rona_core.virtual.acoustics.medium import (
     LOCAL_SD,
+    MEDIA,
     PATIENT_SD,
     bone_medium,
     patient_speed_factor,

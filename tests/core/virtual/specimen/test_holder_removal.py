@@ -96,7 +96,7 @@ def test_a_head_without_a_holder_is_left_as_it_is(alone):
 @pytest.mark.parametrize("name", HOLDERS)
 def test_a_holder_is_taken_away_and_the_head_is_not(name, tmp_path):
     holder = HOLDERS[name]() & ~head()
-    freed = without_holder(read_volume(saved(head() | holder, tmp_path / "held.nii.gz"), None))
+    freed = without_holder(read_volume(saved(head() | holder, tmp_path / "held.nii"), None))
     assert (freed.bone.mask & head()).sum() == head().sum()
     left = freed.bone.mask & holder
     assert left.sum() < 0.03 * holder.sum()
@@ -106,10 +106,14 @@ def test_a_holder_is_taken_away_and_the_head_is_not(name, tmp_path):
         assert np.linalg.norm(freed.cuts_skull - place, axis=1).min() < 40.0
 
 
+@pytest.fixture(scope="module")
+def expected(alone):
+    return import_skull(alone, radius_mm=18.0)
+
+
 @pytest.mark.parametrize("name", HOLDERS)
-def test_the_same_region_is_chosen_as_without_the_holder(name, alone, tmp_path):
-    expected = import_skull(alone, radius_mm=18.0)
-    held = saved(head() | HOLDERS[name](), tmp_path / "held.nii.gz")
+def test_the_same_region_is_chosen_as_without_the_holder(name, expected, tmp_path):
+    held = saved(head() | HOLDERS[name](), tmp_path / "held.nii")
     found = import_skull(held, radius_mm=18.0)
     np.testing.assert_allclose(found.center_skull, expected.center_skull, atol=0.05)
     other = np.abs(found.distance_um - expected.distance_um.astype(float)) > 10.0
@@ -121,14 +125,14 @@ def test_a_given_centre_is_found_behind_the_holder(tmp_path):
     way = np.array((-1.0, 0.1, 0.15))
     way /= np.linalg.norm(way)
     center = way / np.linalg.norm(way / RADII_MM) + SHIFT_MM
-    held = saved(head() | ring(12.0), tmp_path / "held.nii.gz")
+    held = saved(head() | ring(12.0), tmp_path / "held.nii")
     skull = import_skull(held, center=center, radius_mm=15.0)
     assert np.linalg.norm(skull.center_skull - center) < 2.0
     assert skull.mean_thickness_mm == pytest.approx(BONE_MM, abs=0.6)
 
 
 def test_a_disc_where_the_head_was_held_is_refused(tmp_path):
-    held = saved(head() | table(-3.0), tmp_path / "held.nii.gz")
+    held = saved(head() | table(-3.0), tmp_path / "held.nii")
     center = np.array((0.0, RADII_MM[1], 0.0)) + SHIFT_MM
     with pytest.raises(InvalidInputError, match="reaches to where the head was held"):
         import_skull(held, center=center, radius_mm=15.0)

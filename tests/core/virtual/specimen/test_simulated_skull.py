@@ -1,48 +1,21 @@
 import numpy as np
 import pytest
 
-from rona_core.virtual.specimen.simulated.landmarks import direction_of, tangents, trace_curve
 from rona_core.virtual.specimen.simulated.layer_radii import FLOOR_MM
 from rona_core.virtual.specimen.simulated.patient_sampling import draw_patient
-from rona_core.virtual.specimen.simulated.sphere_mesh import cube_sphere
-from rona_core.virtual.specimen.simulated.spherical_fields import Bumps, Curves, Egg, Waves
-
-STEP = 1e-6
+from rona_core.virtual.specimen.simulated.simulated_skull import cube_sphere
+from rona_core.virtual.specimen.simulated.spherical_fields import (
+    Curves,
+    Egg,
+    Waves,
+    direction_of,
+    trace_curve,
+)
 
 
 def directions(n, seed=0):
     u = np.random.default_rng(seed).normal(size=(n, 3))
     return u / np.linalg.norm(u, axis=1, keepdims=True)
-
-
-def differences(function, u):
-    """Central differences of values (n, ...) by each coordinate of u, last axis."""
-    parts = [
-        (function(u + STEP * axis) - function(u - STEP * axis)) / (2 * STEP) for axis in np.eye(3)
-    ]
-    return np.stack(parts, axis=-1)
-
-
-def fields():
-    rng = np.random.default_rng(5)
-    axes = np.array([tangents(d) for d in directions(3, 1)])
-    line = trace_curve(directions(4, 2)[:3], 0.01)
-    return {
-        "bumps": Bumps(axes, np.array([[0.3, 0.2]] * 3), np.array([1.0, -2.0, 3.0])),
-        "waves": Waves.draw(rng, np.array([45.0, 7.5]), np.array([0.8, 0.4])),
-        "curves": Curves(line, np.full(len(line), 0.1), 0.02),
-        "egg": Egg((70.0, 92.0, 75.0)),
-    }
-
-
-@pytest.mark.parametrize("name", ["bumps", "waves", "curves", "egg"])
-def test_gradients_are_the_derivatives(name):
-    field, u = fields()[name], directions(400)
-    if name == "curves":  # look where there is something to see
-        u = field.points[::3] + 0.01 * directions(len(field.points[::3]), 3)
-        u /= np.linalg.norm(u, axis=1, keepdims=True)
-        assert np.abs(field.gradient(u)).max() > 1.0
-    np.testing.assert_allclose(field.gradient(u), differences(field.value, u), atol=2e-6)
 
 
 def test_waves_have_the_asked_deviation_and_correlation():
@@ -75,27 +48,6 @@ def test_landmarks_lie_where_they_are_named():
         p = np.array((0.0, -6.0, 48.0)) + egg.value(u[None])[0] * u
         np.testing.assert_allclose(p[1:], (-35.0, 45.0), atol=1e-6)
         assert np.sign(p[0]) == side
-
-
-@pytest.mark.parametrize("seed", [0, 1, 7])
-def test_gradients_and_normals_of_the_whole_shape(seed):
-    shape, u = draw_patient(seed), directions(600, seed)
-    gradients = shape.gradients(u)
-    np.testing.assert_allclose(gradients, differences(shape.radii, u), atol=1e-6)
-    assert np.abs(gradients).max() > 10.0
-
-    def level(v):
-        r = np.linalg.norm(v, axis=1)
-        return r[:, None] - shape.radii(v / r[:, None])
-
-    for k in range(4):
-        surface = shape.radii(u)[:, k, None] * u
-        parts = [
-            (level(surface + 1e-5 * e)[:, k] - level(surface - 1e-5 * e)[:, k]) for e in np.eye(3)
-        ]
-        n = np.stack(parts, axis=1)
-        n /= np.linalg.norm(n, axis=1, keepdims=True)
-        np.testing.assert_allclose(shape.normals(u)[:, k], n, atol=1e-5)
 
 
 @pytest.mark.parametrize("seed", range(5))

@@ -5,11 +5,13 @@ from hypothesis import strategies as st
 
 from rona_core.ultrasound.detection.detect import detect, nominal_bone
 from rona_core.ultrasound.detection.single.front_echo import Fronts, fronts_at
-from rona_core.ultrasound.detection.single.inner_echo import bone_filter
+from rona_core.ultrasound.detection.single.inner_echo import (
+    bone_filter,
+    merged_levels,
+    thick_enough,
+)
 from rona_core.ultrasound.detection.single.matched_filter import BONE_REFLECTION, block_template
-from rona_core.ultrasound.detection.single.thin_bone import merged_levels, thick_enough
-from rona_core.ultrasound.probe.probe_model import PROBES, probe_model
-from rona_core.ultrasound.probe.survey import ProbeSurvey
+from rona_core.ultrasound.probe.probe_model import PROBES, ProbeSurvey, probe_model
 from tests.scenes import bone_scenes
 
 BONE = nominal_bone()

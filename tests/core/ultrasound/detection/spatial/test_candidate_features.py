@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from rona_core.ultrasound.detection.single.inner_echo import Candidates
-from rona_core.ultrasound.detection.spatial.candidate_features import (
+from rona_core.ultrasound.detection.spatial.candidate_selection import (
     ALONE,
     ENOUGH,
     FAINT,
@@ -20,7 +20,7 @@ from rona_core.ultrasound.detection.spatial.candidate_features import (
     log_odds,
     neighbour_weight,
 )
-from rona_core.ultrasound.detection.spatial.neighbour_graph import line_links, scan_links
+from rona_core.ultrasound.detection.spatial.neighbours import line_links, scan_links
 from rona_core.ultrasound.detection.spatial.track_before_detect import Tracks
 from rona_core.ultrasound.probe.probe_model import probe_model
 

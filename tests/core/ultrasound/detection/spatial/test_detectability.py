@@ -7,9 +7,8 @@ from hypothesis import strategies as st
 
 from rona_core.ultrasound.detection.detect import UNSURE, detect, nominal_bone
 from rona_core.ultrasound.detection.spatial.detectability import MIN_ECHO_LEVEL, detectability
-from rona_core.ultrasound.detection.spatial.neighbour_graph import scan_links
-from rona_core.ultrasound.probe.probe_model import probe_model
-from rona_core.ultrasound.probe.survey import ProbeSurvey
+from rona_core.ultrasound.detection.spatial.neighbours import scan_links
+from rona_core.ultrasound.probe.probe_model import ProbeSurvey, probe_model
 from tests.scenes.bone_scenes import hard_bone
 
 BONE, PROBE = nominal_bone(), probe_model("2.25MHz")

@@ -16,7 +16,7 @@ from rona_core.ultrasound.detection.single.inner_echo import (
 )
 from rona_core.ultrasound.detection.single.matched_filter import block_template
 from rona_core.ultrasound.detection.spatial.detectability import spread_along_interface
-from rona_core.ultrasound.detection.spatial.neighbour_graph import line_links, scan_links
+from rona_core.ultrasound.detection.spatial.neighbours import line_links, scan_links
 from rona_core.ultrasound.detection.spatial.track_before_detect import STACK_SURE, repeats
 from rona_core.ultrasound.probe.probe_model import probe_model
 from tests.scenes.bone_surveys import detected, fired_again, stood_on

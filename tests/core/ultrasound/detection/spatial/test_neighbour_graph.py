@@ -4,10 +4,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from rona_core.errors import InvalidInputError
-from rona_core.ultrasound.detection.spatial.neighbour_graph import (
+from rona_core.ultrasound.detection.spatial.neighbours import (
     DIRECTIONS,
     REACH_MM,
     line_links,
+    plane_axes,
     scan_links,
 )
 
@@ -33,7 +34,9 @@ def test_each_source_is_the_nearest_one_in_its_sector(seed):
             assert within[np.argmin(apart[i][within])] in heard
     far = links.apart_mm[links.sources >= 0]
     assert far.max() <= REACH_MM
-    angle = np.arctan2(links.steps_mm[..., 1], links.steps_mm[..., 0])
+    flat = (p - p.mean(axis=0)) @ plane_axes(p)[:, :2]
+    x, y = np.moveaxis(flat[links.sources] - flat, -1, 0)
+    angle = np.arctan2(y, x)
     travel = (angle + np.pi) * DIRECTIONS / (2 * np.pi)
     off = (travel - np.arange(DIRECTIONS)[:, None] + DIRECTIONS / 2) % DIRECTIONS - DIRECTIONS / 2
     assert np.abs(off[links.sources >= 0]).max() <= 0.5 + 1e-6

@@ -3,11 +3,12 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from rona_core.ultrasound.detection.spatial.neighbour_graph import line_links, scan_links
-from rona_core.ultrasound.detection.spatial.neighbour_prediction import (
+from rona_core.ultrasound.detection.spatial.neighbours import (
     BENT_US_PER_MM,
     STEEP_US_PER_MM,
+    line_links,
     predict_lags,
+    scan_links,
 )
 
 SIDE = 9

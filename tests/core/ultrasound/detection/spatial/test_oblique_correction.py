@@ -12,16 +12,14 @@ from rona_core.geometry.pose import Pose
 from rona_core.ultrasound.detection.detect import NOMINAL_SPEED_MM_PER_US, detect, nominal_bone
 from rona_core.ultrasound.detection.single.candidates import search_echoes
 from rona_core.ultrasound.detection.spatial.candidate_selection import select_inner_echoes
-from rona_core.ultrasound.detection.spatial.neighbour_graph import scan_links
-from rona_core.ultrasound.detection.spatial.neighbour_prediction import LocalPlanes
+from rona_core.ultrasound.detection.spatial.neighbours import LocalPlanes, scan_links
 from rona_core.ultrasound.detection.spatial.oblique_correction import (
     beam_transform,
     correct_oblique_echoes,
 )
 from rona_core.ultrasound.probe.beam import probe_beam
 from rona_core.ultrasound.probe.materials import TABLE
-from rona_core.ultrasound.probe.probe_model import probe_model
-from rona_core.ultrasound.probe.survey import ProbeSurvey
+from rona_core.ultrasound.probe.probe_model import ProbeSurvey, probe_model
 from rona_core.virtual.acoustics.medium import Medium
 from rona_core.virtual.acoustics.probe import VirtualProbe
 from tests.helpers.ultrasound_scenes import StillClock

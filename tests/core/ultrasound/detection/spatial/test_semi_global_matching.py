@@ -3,10 +3,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from rona_core.ultrasound.detection.single.depth_likelihood import depth_grid
-from rona_core.ultrasound.detection.spatial import semi_global_matching as sgm
-from rona_core.ultrasound.detection.spatial.neighbour_graph import Links, line_links, scan_links
-from rona_core.ultrasound.detection.spatial.semi_global_matching import (
+from rona_core.ultrasound.detection.single.inner_echo import depth_grid
+from rona_core.ultrasound.detection.spatial import track_before_detect as sgm
+from rona_core.ultrasound.detection.spatial.neighbours import Links, line_links, scan_links
+from rona_core.ultrasound.detection.spatial.track_before_detect import (
     candidate_probabilities,
     change_sd_mm,
     neighbour_density,

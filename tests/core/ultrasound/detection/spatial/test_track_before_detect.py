@@ -4,10 +4,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.stats import rayleigh, rice
 
-from rona_core.ultrasound.detection.single import depth_likelihood
-from rona_core.ultrasound.detection.single.depth_likelihood import depth_grid, depth_log_likelihood
+from rona_core.ultrasound.detection.single import inner_echo
+from rona_core.ultrasound.detection.single.inner_echo import depth_grid, depth_log_likelihood
 from rona_core.ultrasound.detection.spatial import track_before_detect
-from rona_core.ultrasound.detection.spatial.neighbour_graph import line_links, scan_links
+from rona_core.ultrasound.detection.spatial.neighbours import line_links, scan_links
 from rona_core.ultrasound.detection.spatial.track_before_detect import (
     along_tracks,
     at_depths,
@@ -48,9 +48,9 @@ def test_evidence_is_the_ratio_of_rice_and_rayleigh_densities(seed, nominal, see
     found, snr = depth_log_likelihood(np.full((1, 3), seen), np.ones(1), gain, lags, lags, 0.0)
     s = np.sqrt(0.5)  # of either part of noise of rms 1
     none = rayleigh.pdf(seen, scale=s)
-    echo = np.mean([rice.pdf(seen, a * nominal / s, scale=s) for a in depth_likelihood.LEVELS])
-    there = min(echo / none, np.exp(depth_likelihood.MOST))
-    expected = np.log(depth_likelihood.ABSENT + (1.0 - depth_likelihood.ABSENT) * there)
+    echo = np.mean([rice.pdf(seen, a * nominal / s, scale=s) for a in inner_echo.LEVELS])
+    there = min(echo / none, np.exp(inner_echo.MOST))
+    expected = np.log(inner_echo.ABSENT + (1.0 - inner_echo.ABSENT) * there)
     np.testing.assert_allclose(found, expected, rtol=1e-9, atol=1e-12)
     np.testing.assert_allclose(snr, seen)
 

@@ -1,0 +1,122 @@
+"""Pointer strokes by mouse and from files: drawn on the skull, or imported (steps 3 to 5)."""
+
+from collections.abc import Callable
+from pathlib import PurePath
+from typing import Any, Literal
+
+from rona_core.app.steps.recordings.messages import StartPivotImport, StartRecordingImport
+from rona_ui.panels.widgets import style
+from rona_ui.panels.widgets.panel_context import PanelContext, on_click
+from rona_ui.presentation.snapshot import Snapshot
+from rona_ui.presentation.view_state import Drawing
+
+Purpose = Literal["pivot", "surface", "path"]
+SEQUENCES = ".mha"
+PIVOTS = ".mha,.csv,.txt,.zip"
+GEOMETRIES = ".csv,.txt,.rom"
+WORDS: dict[Purpose, str] = {
+    "pivot": (
+        "A recording (.igs.mha), 4 x 4 matrices as text (16 numbers a row, or a zip with one "
+        "file each), or rows of frame,marker,x,y,z with the tool geometry, in mm."
+    ),
+    "surface": "A recording of the pointer (.igs.mha) from PLUS, 3D Slicer or RONA.",
+    "path": "A recording of the pointer (.igs.mha) from PLUS, 3D Slicer or RONA.",
+}
+
+
+class ImportControls:
+    """A closed folder with the tool's name and a button that takes a file."""
+
+    def __init__(self, gui: Any, context: PanelContext, purpose: Purpose) -> None:
+        self._context = context
+        self._purpose: Purpose = purpose
+        self._geometry: str | None = None  # uploaded, for the next import
+        self._folder = gui.add_folder("Import recording", expand_by_default=False)
+        with self._folder:
+            gui.add_html(style.text(WORDS[purpose]))
+            self._tool = gui.add_text("Tool", "", hint="Needed if the recording has several tools")
+            if purpose == "pivot":
+                self._markers = gui.add_upload_button(
+                    "Load tool geometry…", icon="upload", mime_type=GEOMETRIES, color="gray"
+                )
+                self._markers_words = gui.add_html("")
+                self._markers.on_upload(self._take_markers)
+            else:
+                hint = "Plays the recording at the speed of a capture"
+                self._play = gui.add_checkbox("Play back", False, hint=hint)
+            if purpose == "surface":
+                self._append = gui.add_checkbox("Append to strokes", True)
+            kinds = PIVOTS if purpose == "pivot" else SEQUENCES
+            self._upload = gui.add_upload_button(
+                "Choose file…", icon="upload", mime_type=kinds, color="gray"
+            )
+            self._upload.on_upload(self._take)
+
+    async def _take_markers(self, event: Any) -> None:
+        self._geometry = self._store(event, self._markers.value)
+        self._markers_words.content = style.note(
+            f"Tool geometry {self._geometry}: used for the next import."
+        )
+
+    async def _take(self, event: Any) -> None:
+        name = self._store(event, self._upload.value)
+        tool, purpose = self._tool.value.strip() or None, self._purpose
+        if purpose == "pivot":
+            geometry, self._geometry = self._geometry, None
+            self._markers_words.content = ""
+            self._context.send(lambda: StartPivotImport((name,), geometry, tool), event)
+            return
+        play, append = bool(self._play.value), purpose == "surface" and bool(self._append.value)
+        self._context.send(lambda: StartRecordingImport(name, purpose, tool, append, play), event)
+
+    def _store(self, event: Any, uploaded: Any) -> str:
+        name = PurePath(uploaded.name.replace("\\", "/")).name
+        self._context.service(f"upload:{name}", event, uploaded.content)
+        return name
+
+    def render(self, new: Snapshot) -> None:
+        """Rest while a job runs or the step is blocked."""
+        step = "pointer" if self._purpose == "pivot" else self._purpose
+        self._upload.disabled = new.busy or new.step(step).state == "blocked"
+        self._folder.visible = new.view.drawing is None
+
+
+class DrawingControls:
+    """Buttons to draw, finish or discard a stroke."""
+
+    def __init__(
+        self,
+        gui: Any,
+        context: PanelContext,
+        kind: Drawing,
+        message: Callable[[tuple[Any, ...]], Any],
+    ) -> None:
+        self._kind, self._context, self._message = kind, context, message
+        self._picks: tuple[Any, ...] = ()
+        self._begin = context.view_button(gui, "Draw on the skull", "pencil", drawing=kind)
+        self._help = gui.add_html("")
+        self._finish = gui.add_button("Finish stroke", icon="check", visible=False)
+        on_click(self._finish, self._send)
+        self._drop = context.view_button(gui, "Discard stroke", "x", drawing=None, picks=())
+
+    def _send(self, event: Any) -> None:
+        picks = self._picks
+        self._context.send(lambda: self._message(picks), event)
+        self._context.set_view(drawing=None, picks=())
+
+    def render(self, new: Snapshot) -> None:
+        """Show what can be done now."""
+        drawing = new.view.drawing == self._kind
+        self._picks = new.view.picks
+        blocked = new.busy or new.step(self._kind).state == "blocked"
+        self._begin.visible = not drawing
+        self._begin.label = "Continue drawing" if self._picks else "Draw on the skull"
+        self._begin.disabled = blocked
+        self._finish.visible = drawing
+        self._drop.visible = drawing or len(self._picks) > 0
+        self._finish.disabled = blocked or len(self._picks) < 2
+        words = (
+            "Click points on the skull, or drag over it. Dragging beside the skull "
+            f"rotates the view. {len(self._picks)} points so far."
+        )
+        self._help.content = style.note(words) if drawing else ""

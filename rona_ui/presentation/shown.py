@@ -1,0 +1,144 @@
+"""What is shown of a snapshot: maps, path, and joint angles of the drawn robot."""
+
+from typing import Any
+
+import numpy as np
+
+from rona_core.app.steps.maps.map_accuracy import MapAccuracy, map_accuracy
+from rona_core.app.steps.maps.view import SecondView
+from rona_core.app.steps.roll.margins_view import Quantity
+from rona_core.app.steps.roll.view import joints_of_roll
+from rona_core.app.steps.scan.planned_motion import joints_at, motion_stale
+from rona_core.app.steps.setup.clearance import PairClearance, clearance_violations, stands_clear
+from rona_core.app.steps.smoothing.path_view import PathView, path_view, preview_path
+from rona_core.geometry.arrays import Floats
+from rona_core.mapping.boundary_map import Maps
+from rona_ui.presentation.snapshot import Snapshot
+
+# value at the end of the colour scale
+MARGIN_SCALE_MAX: dict[Quantity, float] = {
+    "room": 2.0,
+    "limits": 45.0,
+    "singularity": 3.0,
+    "clearance": 50.0,
+}
+
+
+def shown_path(snapshot: Snapshot) -> PathView | None:
+    """Return the shown path: the preview while the tolerance is dragged, else the result."""
+    if snapshot.preview_mm is not None:
+        return preview_path(snapshot.session, snapshot.preview_mm)
+    return path_view(snapshot.session)
+
+
+def shown_path_key(snapshot: Snapshot) -> tuple[int, int, float | None]:
+    """Return a key of the shown path."""
+    results = snapshot.session.results
+    return id(results.path), id(results.smoothing), snapshot.preview_mm
+
+
+def shows_margins(snapshot: Snapshot) -> bool:
+    """Return whether the path is coloured by margins."""
+    return snapshot.view.step == "roll" and snapshot.session.results.roll is not None
+
+
+def shows_second_path(snapshot: Snapshot) -> bool:
+    """Return whether the second path is shown: selected, or not yet scanned."""
+    return snapshot.view.second or snapshot.session.captures.second is None
+
+
+def tilt_scale_max_deg(view: SecondView) -> float:
+    """Return the tilt at the end of the colour scale, degrees."""
+    return float(np.ceil(view.lean_deg.max(initial=1.0)))
+
+
+def shows_handheld_maps(snapshot: Snapshot) -> bool:
+    """Return whether the shown maps are those of the handheld scan."""
+    results = snapshot.session.results
+    return results.sono_maps is not None and (snapshot.view.handheld or results.maps is None)
+
+
+def shown_maps(snapshot: Snapshot) -> Maps | None:
+    """Return the maps to be seen, in ``base``; None before there are any.
+
+    Maps that are given from the marker on the robot base, because no robot was registered, are
+    brought to where that marker is drawn.
+    """
+    results = snapshot.session.results
+    if not shows_handheld_maps(snapshot):
+        return None if results.maps is None else results.maps.value
+    made = None if results.sono_maps is None else results.sono_maps.value
+    if made is None or made.frame == "base":
+        return None if made is None else made.maps
+    drawn = None if snapshot.static_scene is None else snapshot.static_scene.T_base_basemarker
+    return made.maps if drawn is None else made.maps.seen_from(drawn)
+
+
+def shown_map_accuracy(snapshot: Snapshot) -> MapAccuracy | None:
+    """Return the predicted accuracy of the shown maps; None where it is unknown."""
+    return map_accuracy(snapshot.session, hand=shows_handheld_maps(snapshot))
+
+
+def shown_maps_key(snapshot: Snapshot) -> tuple[Any, ...]:
+    """Return a key of the shown maps: equal keys mean the same maps."""
+    results = snapshot.session.results
+    made = results.sono_maps if shows_handheld_maps(snapshot) else results.maps
+    return (id(made), id(snapshot.static_scene))
+
+
+def map_sigma(snapshot: Snapshot) -> MapAccuracy | None:
+    """Return the map accuracy if the maps are coloured by it (computing it takes a moment)."""
+    return shown_map_accuracy(snapshot) if snapshot.view.quantity == "sigma" else None
+
+
+CLEARANCE_STEPS = ("roll", "scan")  # steps that show the clearance of the drawn robot
+
+
+def shown_joints(snapshot: Snapshot) -> Floats | None:
+    """Return joint angles (6,) in rad; None while nothing is known of the robot."""
+    live, view, static_scene = snapshot.live.joints, snapshot.view, snapshot.static_scene
+    if _robot_changes(snapshot):
+        return None
+    if snapshot.busy and live is not None:
+        return live.q_rad
+    if view.cursor is not None and motion_stale(snapshot.session, second=view.second) is None:
+        planned = joints_at(snapshot.session, view.cursor or 0.0, second=view.second)
+        if planned is not None:
+            return planned
+    elif shows_roll_preview(snapshot):
+        return joints_of_roll(snapshot.session, view.shown_roll, view.place)
+    if live is not None:
+        return live.q_rad
+    return None if static_scene is None else static_scene.home_rad
+
+
+def probe_on_bone(snapshot: Snapshot) -> bool:
+    """Return whether the robot at rest is in contact, as after a stop."""
+    live = snapshot.live.joints
+    if live is None or snapshot.busy or _robot_changes(snapshot):
+        return False
+    return not stands_clear(snapshot.session, live.q_rad)
+
+
+def _robot_changes(snapshot: Snapshot) -> bool:
+    """Return whether another robot has been chosen, and is still being set up."""
+    scene, robot = snapshot.static_scene, snapshot.session.setup.devices.robot.model
+    return scene is not None and scene.robot not in ("", robot)
+
+
+def shows_roll_preview(snapshot: Snapshot) -> bool:
+    """Return whether the robot is drawn at the selected roll instead of its present pose."""
+    view = snapshot.view
+    if snapshot.busy or view.cursor is not None or view.step != "roll":
+        return False
+    if motion_stale(snapshot.session) is not None:
+        return False
+    return joints_of_roll(snapshot.session, view.shown_roll) is not None
+
+
+def shown_clearances(snapshot: Snapshot) -> tuple[PairClearance, ...]:
+    """Return the clearance violations of the drawn robot, else the nearest pair."""
+    q_rad = shown_joints(snapshot)
+    if snapshot.view.step not in CLEARANCE_STEPS or q_rad is None:
+        return ()
+    return clearance_violations(snapshot.session, q_rad)
