@@ -4,9 +4,12 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from rona_core.surface.normals.neighbourhoods import Neighbourhoods
-from rona_core.surface.normals.plane_fits import fit_ols, fit_tls
-from rona_core.surface.normals.quadric_fits import fit_jets
+from rona_core.surface.normals.neighbourhood_fits import (
+    Neighbourhoods,
+    fit_jets,
+    fit_ols,
+    fit_tls,
+)
 
 PLANES = [fit_tls, fit_ols]
 

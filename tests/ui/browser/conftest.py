@@ -1,4 +1,4 @@
-"""One browser for all tests of a worker; servers that more than one file uses, and its page."""
+"""A browser for each file (its event loop would be in the way of others), one server for all."""
 
 from collections.abc import Iterator
 from pathlib import Path
@@ -16,7 +16,7 @@ from tests.helpers.ui.browser_driver import (
 )
 
 
-@pytest.fixture(scope="session")
+@pytest.fixture(scope="module")
 def browser() -> Iterator[Any]:
     with running_browser() as started:
         yield started

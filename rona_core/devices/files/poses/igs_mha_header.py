@@ -125,7 +125,22 @@ def read_header(data: bytes, name: str) -> Header:
             f"{name}: expected its pixels in the same file (ElementDataFile = LOCAL), got "
             f"{where!r}: save it as .igs.mha"
         )
-    return _parsed(data[: end.start()], name)
+    header = _parsed(data[: end.start()], name)
+    stated, there = _least_pixel_bytes(header), len(data) - end.end()
+    if there < stated:
+        raise InvalidInputError(
+            f"{name} is damaged: expected at least {stated} bytes of pixels, got {there}"
+        )
+    return header
+
+
+def _least_pixel_bytes(header: Header) -> int:
+    """Return how many bytes of pixels must follow; fewer tell that the file was cut off."""
+    if header.fields.get("CompressedData", "False").lower() == "true":
+        return header.whole("CompressedDataSize") if "CompressedDataSize" in header.fields else 0
+    if header.fields.get("ElementType") in ("MET_OTHER", "MET_NONE"):
+        return 0  # what PLUS writes where there is no image
+    return math.prod(int(word) for word in header.fields["DimSize"].split())
 
 
 def _parsed(text: bytes, name: str) -> Header:

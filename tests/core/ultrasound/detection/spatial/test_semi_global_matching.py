@@ -79,7 +79,6 @@ def test_far_neighbour_density_less():
             Links(
                 np.array([[1, -1]]),
                 np.array([[d, 0.0]]),
-                np.zeros((1, 2, 2)),
                 np.array([[1, 0]]),
                 np.array([[1, -1]]),
                 np.array([[d, 0.0]]),
