@@ -4,17 +4,15 @@ A capture runs on its own clock: ``Rig.begin`` sets it to 0. A virtual clock jum
 """
 
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
 from typing import Literal, Protocol
 
 from numpy.typing import ArrayLike
 
 from rona_core.devices.bench import Bench
+from rona_core.devices.display import Display
 from rona_core.devices.samples import AScan, JointSample, TrackerFrame
 from rona_core.devices.settings import DeviceSettings
 from rona_core.devices.wrench import ForceSensor
-from rona_core.geometry.arrays import Floats, Ints, Vector3
-from rona_core.geometry.pose import Pose
 
 Origin = Literal["VIRTUAL", "REPLAY", "REAL"]
 Cancel = Callable[[], bool]  # True once somebody pressed Cancel or Stop
@@ -205,49 +203,6 @@ class Operator(Protocol):
 
     def stroke(self, picks_base: ArrayLike, *, duration_s: float) -> float:
         """Follow places (n, 3) that somebody pointed at on the drawn skull, touching each."""
-        ...
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Mesh:
-    """A triangle mesh for the eye: vertices (n, 3) in mm, faces (m, 3)."""
-
-    vertices: Floats
-    faces: Ints
-
-
-class Display(Protocol):
-    """What is drawn for the eye, never an input of an algorithm."""
-
-    def skull_mesh_base(self) -> Mesh:
-        """Return the outer surface of the specimen in ``base``."""
-        ...
-
-    def pick(self, origin_base: ArrayLike, direction_base: ArrayLike) -> Vector3 | None:
-        """Return where a ray of sight meets the drawn skull (3,), or None if it misses."""
-        ...
-
-    def region(self) -> tuple[Vector3, Vector3, float]:
-        """Return centre (3,), outward normal (3,) in ``base`` and radius in mm of the region."""
-        ...
-
-    def head_axes_base(self) -> Floats | None:
-        """Return right, front and top of the head as unit columns (3, 3) in ``base``.
-
-        None where the source of the skull does not say which way is which.
-        """
-        ...
-
-    def T_base_tracker(self) -> Pose:  # noqa: N802 (frame grammar)
-        """Return where the tracker stands, to draw it and its volume."""
-        ...
-
-    def T_base_basemarker(self) -> Pose | None:  # noqa: N802 (frame grammar)
-        """Return where the marker on the robot base is, to draw it; None if there is none."""
-        ...
-
-    def T_base_pointermarker(self) -> Pose | None:  # noqa: N802 (frame grammar)
-        """Return where the pointer is now, to draw it; None while it lies aside."""
         ...
 
 

@@ -6,7 +6,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import ArrayLike
 
-from rona_core.devices.protocols import Mesh, Origin
+from rona_core.devices.display import Mesh
+from rona_core.devices.protocols import Origin
 from rona_core.devices.settings import DeviceSettings
 from rona_core.errors import InvalidInputError
 from rona_core.geometry.arrays import Bools, Floats, Vector3, as_vector3

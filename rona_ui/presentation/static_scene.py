@@ -3,7 +3,8 @@
 from dataclasses import dataclass
 from typing import Any
 
-from rona_core.devices.protocols import Mesh, Rig
+from rona_core.devices.display import Mesh
+from rona_core.devices.protocols import Rig
 from rona_core.geometry.arrays import Floats, Vector3
 from rona_core.geometry.pose import Pose
 from rona_core.robot.kinematics.catalog import robot_model

@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from rona_core.devices.protocols import Mesh
+from rona_core.devices.display import Mesh
 from rona_core.geometry.arrays import Bools, Floats, Ints, Vector3
 from rona_ui.presentation.camera import REGION_EYE
 from rona_ui.presentation.snapshot import Snapshot

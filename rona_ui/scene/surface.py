@@ -3,7 +3,7 @@
 import numpy as np
 import trimesh
 
-from rona_core.devices.protocols import Mesh
+from rona_core.devices.display import Mesh
 from rona_core.geometry.arrays import Floats
 from rona_core.session.document import Session
 from rona_core.session.specimen import LoadedSkull

@@ -5,7 +5,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from rona_core.devices.protocols import Mesh
+from rona_core.devices.display import Mesh
 from rona_core.geometry.arrays import Floats, Ints
 from rona_core.geometry.pose import Pose
 from rona_ui.presentation.colors import Rgb, viridis

@@ -15,7 +15,7 @@ from rona_core.devices.settings import TOOLS, TrackerSettings
 from rona_core.geometry.pose import Pose
 from rona_core.virtual.clock import CaptureClock
 from rona_core.virtual.tracker.tracker import VirtualTracker
-from tests.helpers.tracked_world import ScriptedWorld
+from tests.helpers.sphere_world import ScriptedWorld
 
 FACING = Pose(np.diag((1.0, -1.0, -1.0)), np.array((0.0, 0.0, 1900.0)))
 

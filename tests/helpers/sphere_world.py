@@ -1,11 +1,12 @@
-"""Exact doubles for tests: a bone of concentric spheres, and a robot whose error is known."""
+"""Exact doubles: a bone of spheres, a robot of known error, tools that move by script."""
 
 from dataclasses import dataclass, field
 
 import numpy as np
 import trimesh
 
-from rona_core.devices.protocols import Mesh
+from rona_core.devices.display import Mesh
+from rona_core.devices.marker_geometry import GEOMETRIES
 from rona_core.geometry.pose import Poses
 from rona_core.virtual.specimen.simulated.simulated_skull import cube_sphere
 
@@ -87,6 +88,32 @@ def boundary_meshes(specimen, edge_mm):
     radii = specimen.shape.radii(directions)
     center = specimen.shape.center_skull
     return [trimesh.Trimesh(center + radii[:, [k]] * directions, faces) for k in (0, 3)]
+
+
+class ScriptedWorld:
+    """Tools that move as ``true_pose(tool, time_s)`` says; None for a tool that is not there.
+
+    ``clear(tool, T_tracker_marker, time_s)`` says which markers (m,) nothing hides; None: all.
+    Without ``foreseen`` the motion answers to what happens: frames are measured one by one.
+    """
+
+    def __init__(self, true_pose, clear=None, *, foreseen=True):
+        self.true_pose, self.hidden_by, self.foreseen = true_pose, clear, foreseen
+        self.changes = 0  # to be raised when the motion becomes another
+
+    def Ts_tracker_marker(self, tool, times_s):  # noqa: N802
+        poses = [self.true_pose(tool, float(time_s)) for time_s in times_s]
+        return None if poses[0] is None else Poses.stack(poses)
+
+    def clear(self, tool, Ts_tracker_marker, times_s):
+        if self.hidden_by is None:
+            markers = len(GEOMETRIES[tool].positions_marker)
+            return np.ones((len(times_s), markers), dtype=bool)
+        looks = zip(Ts_tracker_marker, times_s, strict=True)
+        return np.stack([self.hidden_by(tool, pose, float(time_s)) for pose, time_s in looks])
+
+    def motion_key(self):
+        return self.changes if self.foreseen else None
 
 
 def signed_distance(specimen, points_skull):

@@ -11,7 +11,7 @@ import numpy as np
 import trimesh
 from numpy.typing import ArrayLike
 
-from rona_core.devices.protocols import Mesh
+from rona_core.devices.display import Mesh
 from rona_core.geometry.arrays import Floats, readonly
 from rona_core.geometry.pose import Pose
 

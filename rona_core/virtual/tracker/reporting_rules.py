@@ -54,7 +54,6 @@ def report_tool(
         swapped: Two markers (n, 2) that are taken for each other, the third being lost; -1 where
             none are.
     """
-    n = len(measured_tracker)
     seen = facing & inside & clear
     few = seen.sum(axis=1) < MIN_MARKERS[geometry.dof]
     hidden = (facing & inside).any(axis=1) & ~seen.any(axis=1)
@@ -64,44 +63,59 @@ def report_tool(
         "missing": np.asarray(few & hidden),
         "too_few_markers": np.asarray(few),
     }
+    n = len(measured_tracker)
     statuses = np.full(n, "ok", dtype=object)
     for status, broken in reversed(checks.items()):  # the first rule broken has the last word
         statuses[broken] = status
+    poses = np.tile(np.eye(3), (n, 1, 1)), np.zeros((n, 3)), np.zeros(n)
     rows = np.flatnonzero(statuses == "ok")
-    rotations, translations = np.tile(np.eye(3), (n, 1, 1)), np.zeros((n, 3))
-    rms_error_mm = np.zeros(n)
-
-    def take(rows: Ints, fits: ManyFits) -> None:
-        rotations[rows], translations[rows] = fits.Ts_b_a.rotations, fits.Ts_b_a.translations
-        rms_error_mm[rows] = fits.rms_mm
-
     if swapped is not None:
         turned = rows[(swapped[rows] >= 0).all(axis=1)]
-        if len(turned):
-            take(
-                turned,
-                _fit_swapped(geometry, measured_tracker[turned], seen[turned], swapped[turned]),
-            )
         rows = np.setdiff1d(rows, turned)
+        if len(turned):
+            pairs = _fit_swapped(geometry, measured_tracker, seen, swapped, turned)
+            _keep(poses, turned, pairs)
+    _fit_rows(geometry, measured_tracker, seen, rows, statuses, poses)
+    fitted = np.asarray(statuses == "ok")
+    partly = fitted & np.asarray((facing & ~inside).any(axis=1))
+    statuses[partly] = "partially_out_of_volume"
+    rotations, translations, rms_error_mm = poses
+    return ToolReports(statuses, fitted, Poses(rotations, translations), rms_error_mm)
+
+
+def _keep(poses: tuple[Floats, Floats, Floats], rows: Ints, fits: ManyFits) -> None:
+    """Enter fits into rotations, translations and RMS errors."""
+    for kept, found in zip(
+        poses, (fits.Ts_b_a.rotations, fits.Ts_b_a.translations, fits.rms_mm), strict=True
+    ):
+        kept[rows] = found
+
+
+def _fit_rows(
+    geometry: MarkerGeometry,
+    measured_tracker: Floats,
+    seen: Bools,
+    rows: Ints,
+    statuses: NDArray[np.object_],
+    poses: tuple[Floats, Floats, Floats],
+) -> None:
+    """Enter the fits of some frames; the marker that is furthest off goes first, while one is."""
     used = seen.copy()
     while len(rows):
         spread = _spread_enough(geometry, used[rows])
         statuses[rows[~spread]] = "low_spread"
         rows = rows[spread]
         if not len(rows):
-            break
+            return
         fits = _fit(geometry, measured_tracker[rows], used[rows])
         misfits_mm = _misfits_mm(geometry, fits, measured_tracker[rows], used[rows])
         off = misfits_mm.max(axis=1) > MAX_3D_ERROR_MM
-        take(rows[~off], ManyFits(fits.Ts_b_a.select(~off), fits.rms_mm[~off]))
+        _keep(poses, rows[~off], ManyFits(fits.Ts_b_a.select(~off), fits.rms_mm[~off]))
         least = used[rows].sum(axis=1) == MIN_MARKERS[geometry.dof]
         statuses[rows[off & least]] = "bad_fit"
         again = off & ~least
         used[rows[again], misfits_mm[again].argmax(axis=1)] = False
         rows = rows[again]
-    fitted = np.asarray(statuses == "ok")
-    statuses[fitted & np.asarray((facing & ~inside).any(axis=1))] = "partially_out_of_volume"
-    return ToolReports(statuses, fitted, Poses(rotations, translations), rms_error_mm)
 
 
 def _fit(geometry: MarkerGeometry, measured_tracker: Floats, used: Bools) -> ManyFits:
@@ -122,12 +136,13 @@ def _misfits_mm(
 
 
 def _fit_swapped(
-    geometry: MarkerGeometry, measured_tracker: Floats, seen: Bools, swapped: Ints
+    geometry: MarkerGeometry, measured_tracker: Floats, seen: Bools, swapped: Ints, frames: Ints
 ) -> ManyFits:
-    """Return the poses of lines (n,) whose two markers are taken for each other.
+    """Return the poses of lines in some frames whose two markers are taken for each other.
 
     Where one of the two is not seen, the first two that are seen are taken.
     """
+    measured_tracker, seen, swapped = measured_tracker[frames], seen[frames], swapped[frames]
     rows = np.arange(len(seen))[:, None]
     there = np.asarray(seen[rows, swapped].all(axis=1))[:, None]
     pairs = np.where(there, swapped, np.argsort(~seen, axis=1, kind="stable")[:, :2])

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from rona_core.devices.protocols import Mesh
+from rona_core.devices.display import Mesh
 from rona_core.geometry.arrays import Bools, Floats
 from rona_core.mapping.boundary_map import BoundaryMap, Maps
 from rona_ui.presentation.colors import BONE_RIM, ORANGE, SKY

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from rona_core.devices.protocols import Mesh
+from rona_core.devices.display import Mesh
 from rona_ui.presentation.colors import BONE, BONE_RIM
 from rona_ui.presentation.snapshot import Snapshot
 from rona_ui.presentation.static_scene import StaticScene

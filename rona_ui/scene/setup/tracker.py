@@ -4,8 +4,8 @@ import numpy as np
 import trimesh
 from trimesh.transformations import translation_matrix
 
+from rona_core.devices.display import Mesh
 from rona_core.devices.marker_geometry import GEOMETRIES
-from rona_core.devices.protocols import Mesh
 from rona_core.devices.tracker_volumes import VOLUMES, Volume
 from rona_core.geometry.arrays import Floats
 from rona_core.geometry.pose import Pose

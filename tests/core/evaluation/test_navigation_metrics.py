@@ -21,8 +21,7 @@ from rona_core.virtual.clock import CaptureClock
 from rona_core.virtual.operator.operator import VirtualOperator
 from rona_core.virtual.scene import VirtualScene
 from rona_core.virtual.tracker.tracker import VirtualTracker
-from tests.helpers.sphere_world import ShiftError, SphereSpecimen
-from tests.helpers.tracked_world import ScriptedWorld
+from tests.helpers.sphere_world import ScriptedWorld, ShiftError, SphereSpecimen
 
 seeds = st.integers(0, 2**32 - 1)
 

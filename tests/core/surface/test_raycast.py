@@ -5,7 +5,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from rona_core.devices.protocols import Mesh
+from rona_core.devices.display import Mesh
 from rona_core.errors import DeviceError, InvalidInputError
 from rona_core.surface import raycast
 from rona_core.surface.raycast import MeshRaycaster

@@ -3,7 +3,7 @@
 import numpy as np
 from scipy.ndimage import gaussian_filter, map_coordinates
 
-from rona_core.devices.protocols import Mesh
+from rona_core.devices.display import Mesh
 from rona_core.geometry.arrays import Bools, Floats, Ints
 from rona_core.surface.raycast import MeshRaycaster
 from rona_core.virtual.specimen.imported.region_choice import CoarseBone

@@ -3,7 +3,7 @@
 import numpy as np
 from numpy.typing import ArrayLike
 
-from rona_core.devices.protocols import Mesh
+from rona_core.devices.display import Mesh
 from rona_core.errors import InvalidInputError
 from rona_core.geometry.arrays import Floats, Ints, as_points, as_vector3, readonly
 from rona_core.session.specimen import Side

@@ -13,7 +13,7 @@ from rona_core.geometry.pose import Pose
 from rona_core.virtual.clock import CaptureClock
 from rona_core.virtual.tracker.faults import drift_mm, dropped, minutes_on, swapped_markers
 from rona_core.virtual.tracker.tracker import VirtualTracker
-from tests.helpers.tracked_world import ScriptedWorld
+from tests.helpers.sphere_world import ScriptedWorld
 
 FACING = Pose(np.diag((1.0, -1.0, -1.0)), np.array((30.0, -20.0, 1900.0)))
 PLAIN = TrackerSettings(stereo=False, occlusion=False)

@@ -12,7 +12,7 @@ from rona_core.geometry.rigid_fit import register_points
 from rona_core.virtual.clock import CaptureClock
 from rona_core.virtual.tracker.marker_error import in_volume, marker_error, sample_volume
 from rona_core.virtual.tracker.tracker import BLOCK, VirtualTracker, observe
-from tests.helpers.tracked_world import ScriptedWorld
+from tests.helpers.sphere_world import ScriptedWorld
 
 seeds = st.integers(0, 2**32 - 1)
 FACING = Pose(np.diag((1.0, -1.0, -1.0)), np.array((0.0, 0.0, 1900.0)))  # marker z to the camera
