@@ -1,5 +1,6 @@
 """Recordings in a real browser: a pivot from a file is calibrated, and saved as a sequence file."""
 
+from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
@@ -7,9 +8,16 @@ import pytest
 
 from rona_core.devices.files.poses.igs_mha import read_igs_mha
 from tests.helpers.pivot_data import TIP, poses, rows_file
-from tests.helpers.ui.browser_driver import Surgeon, wait_for
+from tests.helpers.ui.browser_driver import Surgeon, running_server, wait_for
 
 pytestmark = [pytest.mark.browser, pytest.mark.slow]
+
+
+@pytest.fixture(scope="module")
+def server(tmp_path_factory: pytest.TempPathFactory) -> Iterator[str]:
+    """The address of a server of its own: no session of another file is left unsaved in it."""
+    with running_server(tmp_path_factory.mktemp("import"), pace=2.0) as address:
+        yield address
 
 
 def test_a_pivot_is_imported_and_what_was_imported_is_downloaded(
