@@ -11,15 +11,17 @@ import numpy as np
 from rona_core.calibration.handheld.pointer import MIN_POSES
 from rona_core.calibration.pivot.pivot_calibration import PivotFit, PivotMethod, solve_pivot
 from rona_core.calibration.pivot.quality import Verdict
-from rona_core.calibration.tracking_error import EVEN
+from rona_core.calibration.tracking_error import EVEN, MarkerNoise, tracked_from_poses
 from rona_core.errors import DegenerateGeometryError, InvalidInputError
 from rona_core.geometry.arrays import Floats, Vector3
 from rona_core.geometry.pose import Poses
+from rona_core.geometry.pose_covariance import cross_matrices
 
 # Markers that stand in for unknown ones: a ring, or two on a line.
 RING = np.array(((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (-1.0, 0.0, 0.0), (0.0, -1.0, 0.0)))
 RING_MM = (20.0, 200.0)  # its radius, least and most
 LINE = np.array(((0.0, 0.0, -50.0), (0.0, 0.0, 50.0)))
+NOISES = tuple(MarkerNoise(1.25**k) for k in range(10))  # depth 1 to 7.5 times lateral
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -45,8 +47,9 @@ def calibrate_recorded_pivot(
 ) -> RecordedPivotCalibration:
     """Return the tip of a marker that swung about it, with a verdict.
 
-    "ml" assumes errors alike in all directions, and where the markers are unknown, a ring of four
-    whose radius explains the scatter of the tip.
+    "ml" takes the ratio of depth error to lateral error from the scatter of the tip. Where the
+    markers are unknown, it assumes errors alike in all directions, of a ring of four whose radius
+    explains that scatter.
 
     Args:
         Ts_tracker_marker: Poses of the marker.
@@ -86,22 +89,47 @@ def calibrate_recorded_pivot(
 def _solve(
     Ts_tracker_marker: Poses, dof: int, method: PivotMethod, geometry_marker: Floats | None
 ) -> PivotFit:
-    def solved(positions_marker: Floats) -> PivotFit:
+    def solved(positions_marker: Floats, noise: MarkerNoise = EVEN) -> PivotFit:
         return solve_pivot(
             Ts_tracker_marker,
             dof=dof,
             method=method,
             at_least=MIN_POSES,
             positions_marker=positions_marker,
-            noise=EVEN,
+            noise=noise,
         )
 
     if geometry_marker is not None:
-        return solved(geometry_marker)
+        even = solved(geometry_marker)
+        if method == "sphere":
+            return even
+        return solved(geometry_marker, _likely_noise(Ts_tracker_marker, dof, geometry_marker, even))
     if dof == 5:  # on a line the place of its markers weighs nothing but their common noise
         return solved(LINE)
     first = solved(RING_MM[1] * RING)
     return first if method == "sphere" else solved(_stand_in(Ts_tracker_marker, first))
+
+
+def _likely_noise(
+    Ts_tracker_marker: Poses, dof: int, geometry_marker: Floats, fit: PivotFit
+) -> MarkerNoise:
+    """Return the noise whose shape makes the misses of the tip most likely, whatever its size.
+
+    A miss w is normal with the covariance N = [L]x cov(turn) [L]x' + cov(shift) for the lever L.
+    """
+    used = Ts_tracker_marker.select(fit.used)
+    misses = used @ fit.tip_marker - fit.pivot_tracker
+
+    def surprise(noise: MarkerNoise) -> float:
+        tracked = tracked_from_poses(used, geometry_marker, noise, dof=dof)
+        crossed = cross_matrices(used.rotations @ (fit.tip_marker - tracked.reference_marker))
+        Q = tracked.covariances
+        N = crossed @ Q[:, :3, :3] @ np.swapaxes(crossed, 1, 2) + Q[:, 3:, 3:]
+        squares = (misses * np.linalg.solve(N, misses[..., None])[..., 0]).sum()
+        size = 3.0 * np.log(max(squares, np.finfo(np.float64).tiny))
+        return float(np.linalg.slogdet(N)[1].mean() + size)
+
+    return min(NOISES, key=surprise)
 
 
 def _stand_in(Ts_tracker_marker: Poses, fit: PivotFit) -> Floats:

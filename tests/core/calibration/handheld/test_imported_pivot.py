@@ -8,6 +8,8 @@ from hypothesis import given, settings
 from scipy.spatial.transform import Rotation
 
 from rona_core.calibration.handheld.imported_pivot import calibrate_recorded_pivot
+from rona_core.calibration.pivot.pivot_calibration import solve_pivot
+from rona_core.calibration.tracking_error import EVEN
 from rona_core.errors import InvalidInputError
 from rona_core.geometry.pose import Poses
 from rona_core.geometry.rigid_fit import fit_rigid_many
@@ -141,6 +143,21 @@ def test_likelihood_beats_the_sphere_with_and_without_a_geometry_and_knows_its_e
     rms = {name: np.sqrt(np.mean(values)) for name, values in squares.items()}
     assert rms["geometry"] < 1.02 * rms["none"] < rms["sphere"]
     assert all(0.6 < np.mean(values) < 1.6 for values in nees.values())
+
+
+@pytest.mark.parametrize(("ratio", "least"), [(1.0, 0.97), (3.0, 1.1), (6.0, 1.3)])
+def test_depth_errors_are_found_in_the_scatter_and_weighed(ratio, least):
+    shape = np.array((1.0, 1.0, ratio)) * 0.35 / np.sqrt(2.0 + ratio**2)
+    even, found, nees = [], [], []
+    for seed in range(60):
+        seen = measured(poses(seed, n=60)[0], shape, seed)
+        fit = solve_pivot(seen, dof=6, method="ml", at_least=10, positions_marker=BODY, noise=EVEN)
+        even.append(((fit.tip_marker - TIP) ** 2).sum())
+        one = calibrate_recorded_pivot(seen, geometry_marker=BODY)
+        found.append(((one.tip_marker - TIP) ** 2).sum())
+        nees.append(found[-1] / one.sigma_mm**2)
+    assert np.sqrt(np.mean(even) / np.mean(found)) > least
+    assert 0.7 < np.mean(nees) < 1.4
 
 
 def test_a_5d_tool_has_its_tip_on_the_line():
