@@ -33,7 +33,7 @@ ONE_THREAD := OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 MKL_NUM_THREADS=1
 COMPILED := PYTHONDONTWRITEBYTECODE=
 # two workers; those files first that took longest in the last run (tests/conftest.py)
 WORKERS := -n 2 --dist loadfile --no-loadscope-reorder
-# seconds: stops a run that hangs; eight minutes are usual, twelve on a busy machine
+# seconds: stops a run that hangs; nine and a half minutes are usual on two cores
 TEST_LIMIT ?= 1800
 
 help:
