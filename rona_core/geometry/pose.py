@@ -221,6 +221,10 @@ class Poses:
             Rotation.from_matrix(self.rotations).mean().as_matrix(), self.translations.mean(axis=0)
         )
 
+    def map_points(self, points: Floats) -> Floats:
+        """Return points (m, 3) mapped by each of the n poses into the left frame, (n, m, 3)."""
+        return np.einsum("nij,mj->nmi", self.rotations, points) + self.translations[:, None]
+
     @overload
     def __matmul__(self, other: "Pose | Poses") -> "Poses": ...
     @overload

@@ -186,10 +186,10 @@ def _checked(
 
 
 def _result(a: Floats, b: Floats, w: Floats, rotations: Floats, translations: Floats) -> ManyFits:
-    mapped = np.einsum("nij,mj->nmi", rotations, a) + translations[:, None]
-    squares = ((mapped - b) ** 2).sum(axis=2) * w
+    poses = Poses(rotations, translations)
+    squares = ((poses.map_points(a) - b) ** 2).sum(axis=2) * w
     rms_mm = np.sqrt(squares.sum(axis=1) / w.sum(axis=1))
-    return ManyFits(Poses(rotations, translations), readonly(rms_mm))
+    return ManyFits(poses, readonly(rms_mm))
 
 
 def fit_plane(points: ArrayLike) -> PlaneFit:

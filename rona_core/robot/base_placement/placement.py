@@ -110,7 +110,8 @@ def _screened(places: ReachabilityMap) -> _Chart:
     search = places.search
     halves = (search.half_x_mm, search.half_y_mm)
     x, y = (
-        _ticks(now, half, search.step_mm) for now, half in zip(places.now, halves, strict=False)
+        _ticks(middle, half, search.step_mm)
+        for middle, half in zip(places.now, halves, strict=False)
     )
     shape = (len(x), len(y))
     margins, blocked = np.full(shape, -np.inf), np.zeros(shape, dtype=np.bool_)

@@ -40,7 +40,7 @@ class Layered(Protocol):
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class _Shot:
+class _Firing:
     """When the probe fired, and where it was."""
 
     time_s: float
@@ -71,7 +71,7 @@ class VirtualProbe:
         """Configure the probe for capture number ``ordinal`` of a session with this seed."""
         self._model = probe_model(settings)
         self._seed, self._ordinal = seed, ordinal
-        self._kept: list[_Shot] = []
+        self._pending: list[_Firing] = []
         line = warmed(self._model.line, settings.line_temperature_c)
         self._echo = EchoModel(self._model, settings.excitation, self._medium, seed, line=line)
         radius_mm = FACE_OVER_APERTURE * self._model.aperture_radius_mm
@@ -92,35 +92,36 @@ class VirtualProbe:
 
     def fire(self) -> None:
         """Fire once, now, and keep the trace until it is collected; errors as in `acquire`."""
-        self._kept.append(self._fire())
+        self._pending.append(self._fire())
 
     def collect(self) -> list[AScan]:
         """Return the traces that were kept since the last call, in their order."""
-        shots, self._kept = self._kept, []
-        return self._receive(shots)
+        firings, self._pending = self._pending, []
+        return self._receive(firings)
 
     def close(self) -> None:
         """Release the device; a second call does nothing."""
         self._closed = True
 
-    def _fire(self) -> _Shot:
+    def _fire(self) -> _Firing:
         if self._closed:
             raise DeviceError("the probe is closed; open a new one")
-        return _Shot(self._clock.now(), self._T_skull_probe())
+        return _Firing(self._clock.now(), self._T_skull_probe())
 
-    def _receive(self, shots: list[_Shot]) -> list[AScan]:
-        """Return the traces of some shots, with noise and as the converter has them."""
-        if not shots:
+    def _receive(self, firings: list[_Firing]) -> list[AScan]:
+        """Return the traces of some firings, with noise and as the converter has them."""
+        if not firings:
             return []
         model, steps = self._model, 2.0 ** (self._model.adc_bits - 1)
         scans = []
-        for shot, rf in zip(shots, self._noiseless([shot.pose for shot in shots]), strict=True):
-            index = round(shot.time_s * MICROSECONDS)
+        noiseless = self._noiseless([firing.pose for firing in firings])
+        for firing, rf in zip(firings, noiseless, strict=True):
+            index = round(firing.time_s * MICROSECONDS)
             random = np.random.default_rng((self._seed, PROBE_STREAM, self._ordinal, index))
             rf = np.rint((rf + random.normal(0.0, self._noise, len(rf))) * steps) / steps
             clipped = bool(np.abs(rf).max() >= 1.0)
             rf = readonly(np.clip(rf, -1.0, 1.0 - 1.0 / steps))
-            scans.append(AScan(shot.time_s, rf, model.sampling_mhz, model.start_us, clipped))
+            scans.append(AScan(firing.time_s, rf, model.sampling_mhz, model.start_us, clipped))
         return scans
 
     def _noiseless(self, Ts_skull_probe: Sequence[Pose]) -> Floats:
@@ -136,8 +137,7 @@ class VirtualProbe:
         n, flat = len(self._cast_mm), np.column_stack((self._cast_mm, np.zeros(len(self._cast_mm))))
         poses = Poses.stack(Ts_skull_probe)
         axes = poses.rotations[:, :, 2]
-        faces = np.einsum("nij,mj->nmi", poses.rotations, flat) + poses.translations[:, None]
-        starts = (faces - RETREAT_MM * axes[:, None]).reshape(-1, 3)
+        starts = (poses.map_points(flat) - RETREAT_MM * axes[:, None]).reshape(-1, 3)
         found = self._specimen.layers(starts, np.repeat(axes, n, axis=0)).reshape(-1, n, 4)
         return [self._profile(pose, depths) for pose, depths in zip(poses, found, strict=True)]
 

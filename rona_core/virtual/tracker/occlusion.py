@@ -54,10 +54,9 @@ class LinesOfSight:
 
     def _rays(self, tool: str, Ts_tracker_marker: Poses) -> tuple[Floats, Floats]:
         """Return start and end (n, 2, m, 3) in ``tracker`` of the lines from camera to marker."""
-        Ts = Ts_tracker_marker
-        markers = np.einsum("nij,mj->nmi", Ts.rotations, GEOMETRIES[tool].positions_marker)
-        markers = (markers + Ts.translations[:, None])[:, None]
-        starts = np.broadcast_to(CAMERAS_TRACKER[:, None], (len(Ts), 2, *markers.shape[2:]))
+        markers = Ts_tracker_marker.map_points(GEOMETRIES[tool].positions_marker)[:, None]
+        shape = (len(Ts_tracker_marker), 2, *markers.shape[2:])
+        starts = np.broadcast_to(CAMERAS_TRACKER[:, None], shape)
         lines = markers - starts
         lengths = np.linalg.norm(lines, axis=3, keepdims=True)
         return starts, starts + (1.0 - MARKER_MM / lengths) * lines

@@ -129,9 +129,7 @@ def _misfits_mm(
     geometry: MarkerGeometry, fits: ManyFits, measured_tracker: Floats, used: Bools
 ) -> Floats:
     """Return how far (n, m) each marker used lies from where the fit has it; 0 for the others."""
-    poses = fits.Ts_b_a
-    fitted = np.einsum("nij,mj->nmi", poses.rotations, geometry.positions_marker)
-    off = fitted + poses.translations[:, None] - measured_tracker
+    off = fits.Ts_b_a.map_points(geometry.positions_marker) - measured_tracker
     return np.where(used, np.linalg.norm(off, axis=2), 0.0)
 
 

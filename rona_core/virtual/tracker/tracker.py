@@ -79,7 +79,7 @@ def observe(
         seed: Seed of the session, which fixes the bias field of this tracker.
         conditions: Occlusion, drift and ghost solutions of the frames.
     """
-    points = marker_points(geometry, Ts_tracker_marker)
+    points = Ts_tracker_marker.map_points(geometry.positions_marker)
     facing, clear = conditions.facing, conditions.clear
     if facing is None:
         facing = sight_cosines(geometry, Ts_tracker_marker) >= np.cos(FACING_LIMIT_RAD)
@@ -98,19 +98,12 @@ def observe(
     )
 
 
-def marker_points(geometry: MarkerGeometry, Ts_tracker_marker: Poses) -> Floats:
-    """Return the markers (n, m, 3) of a tool at its poses (n,)."""
-    poses = Ts_tracker_marker
-    turned = np.einsum("nij,mj->nmi", poses.rotations, geometry.positions_marker)
-    return turned + poses.translations[:, None]
-
-
 def sight_cosines(geometry: MarkerGeometry, Ts_tracker_marker: Poses) -> Floats:
     """Return the cosines (n, m) of the angles between marker normals and lines of sight.
 
     Markers without a normal are spheres that are seen from every side.
     """
-    points = marker_points(geometry, Ts_tracker_marker)
+    points = Ts_tracker_marker.map_points(geometry.positions_marker)
     if not geometry.facing_marker.any():
         return np.ones(points.shape[:2])
     normals = Ts_tracker_marker.rotations @ geometry.facing_marker

@@ -71,7 +71,7 @@ class ContactLoop:
         self.partial = False
         self._rows: list[LoopRow] = []
         self._fired = self._n_clock = 0  # along the path, and to compare the clocks
-        self._kept_for: list[list[AScan]] = []  # where the A-scans go that the probe still keeps
+        self._destinations: list[list[AScan]] = []  # of A-scans that the probe still keeps
         self._trajectory, self._band, self._places_s = trajectory, band, places_s
         self._settings, self._load, self._model, self._context = settings, load, model, context
         self._controller = ContactController(settings, travel_mm=band.travel_mm)
@@ -185,7 +185,7 @@ class ContactLoop:
             feed = min(feed, max(left_s, 0.0) / self._settings.period_s)
         touching = command.state in (APPROACH, CONTACT) and force_n > TOUCH_N
         if touching and not self._pressed_on and self._n_clock < MOST_CLOCK_SCANS // 2:
-            self._shoot(self.clock_scans)
+            self._fire_for(self.clock_scans)
         return command.state, command.velocity_mm_per_s, feed
 
     def _lift(self, reached_s: float, travel_mm: float) -> tuple[int, float, float]:
@@ -195,7 +195,7 @@ class ContactLoop:
         lifted_mm = float(self._lift_mm[self._index(reached_s)])
         early = reached_s < self._trajectory.scan_end_s + LIFT_SCANS_S
         if early and self._n_clock < MOST_CLOCK_SCANS:
-            self._shoot(self.clock_scans)
+            self._fire_for(self.clock_scans)
         if lifted_mm < min(LIFTED_MM, float(self._lift_mm[self._index(self._line_end_s)]) - 0.1):
             return RETRACT, 0.0, feed
         velocity = float(np.clip(-travel_mm / RETURN_S, -MOST_MM_PER_S, MOST_MM_PER_S))
@@ -212,22 +212,22 @@ class ContactLoop:
                 return
             rig.clock.wait_until(now_s + max(ahead_s, 0.0) / feed)
             self._fired += 1
-            self._shoot(self.scans)
+            self._fire_for(self.scans)
             self._context.progress(self._fired / len(self._places_s))
 
-    def _shoot(self, scans: list[AScan]) -> None:
+    def _fire_for(self, scans: list[AScan]) -> None:
         """Fire now; the A-scan goes to ``scans`` when some have come together."""
         self._context.rig.probe.fire()
-        self._kept_for.append(scans)
+        self._destinations.append(scans)
         self._n_clock += scans is self.clock_scans
-        if len(self._kept_for) >= COLLECT:
+        if len(self._destinations) >= COLLECT:
             self._collect()
 
     def _collect(self) -> None:
         """Fetch the A-scans that the probe keeps."""
-        for scans, scan in zip(self._kept_for, self._context.rig.probe.collect(), strict=True):
+        for scans, scan in zip(self._destinations, self._context.rig.probe.collect(), strict=True):
             scans.append(scan)
-        self._kept_for = []
+        self._destinations = []
         if self.scans:
             self._context.live.put(ascan=self.scans[-1], n_scans=self._fired)
 
