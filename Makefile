@@ -5,8 +5,10 @@
 #   make test-all     the same with ten times as many examples in property tests
 #   make mutants      change the code in small ways and count what the tests notice (ARGS=--all)
 #   make check        style, types, import contracts, architecture
-#   make bench        figures beside those of peers (SUITE=path for one suite, JSON=1 for a list)
+#   make bench        figures beside those of peers (SUITE=path for one suite, JSON=1 a list, FULL=1 all seeds)
+#   make profile      CPU time of a procedure by steps and functions (SEED=3, KEEP=1)
 #   make results      run the procedure over seeds and skulls and write docs/results.md
+#   make honesty      hold every predicted error against the truth and write docs/honesty.md (FULL=1)
 #   make demo         the whole procedure in the terminal, without a browser (SEED=3)
 #   make demo-session  make sessions/demo.rona anew
 #   make pictures     take the pictures of the user guide anew, in a headless browser
@@ -18,7 +20,7 @@
 SHELL := /bin/bash
 .SHELLFLAGS := -eu -o pipefail -c
 .DEFAULT_GOAL := help
-.PHONY: help run test test-all mutants gallery api check bench results demo demo-session pictures constraints clean venv product browser
+.PHONY: help run test test-all mutants gallery api check bench profile results honesty demo demo-session pictures constraints clean venv product browser
 
 PYTHON ?= python3
 VENV := .venv
@@ -31,9 +33,10 @@ SEED ?= 0
 ONE_THREAD := OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 MKL_NUM_THREADS=1
 # many tests start a program: it would compile every module again, were byte code not kept
 COMPILED := PYTHONDONTWRITEBYTECODE=
-# two workers; those files first that took longest in the last run (tests/conftest.py)
-WORKERS := -n 2 --dist loadfile --no-loadscope-reorder
-# seconds: stops a run that hangs; nine and a half minutes are usual on two cores
+# three workers on two cores, since they wait for browsers and servers half of the time; those files
+# first that took longest in the last run (tests/conftest.py)
+WORKERS := -n 3 --dist loadfile --no-loadscope-reorder
+# seconds: stops a run that hangs; eight minutes are usual on two cores
 TEST_LIMIT ?= 1800
 
 help:
@@ -117,7 +120,10 @@ check: $(VENV)/.dev
 	$(BIN)/python -m pytest -q tests/test_architecture.py
 
 bench: .venv-bench/.bench
-	$(ONE_THREAD) .venv-bench/bin/python -m benchmarks $(SUITE) $(if $(JSON),--json)
+	$(ONE_THREAD) .venv-bench/bin/python -m benchmarks $(SUITE) $(if $(JSON),--json) $(if $(FULL),--full)
+
+profile: $(VENV)/.product
+	$(ONE_THREAD) $(BIN)/python -m benchmarks.procedure_profile --seed $(SEED) $(if $(KEEP),--keep)
 
 demo-session: $(VENV)/.product
 	$(BIN)/rona demo --seed 0 --out sessions/demo.rona
@@ -127,6 +133,9 @@ pictures: $(VENV)/.test
 
 results: $(VENV)/.product
 	$(ONE_THREAD) $(BIN)/python -m benchmarks.procedure_table
+
+honesty: $(VENV)/.product
+	$(ONE_THREAD) $(BIN)/python -m benchmarks.honesty_page $(if $(FULL),--full)
 
 constraints: $(BIN)/python
 	@rm -rf build/constraints && $(PYTHON) -m venv build/constraints

@@ -1,7 +1,9 @@
 """``python -m benchmarks [SUITE ...]``: run suites and print their figures.
 
-``--seeds N`` takes so many seeds in suites that have some; ``--smallest`` shows in seconds that a
-suite runs, and its figures tell nothing.
+Suites that would take more than five minutes of one core run fewer seeds by default
+(``benchmarks/default_case.py``); ``--full`` runs the whole. ``--seeds N`` takes so many seeds in
+suites that have some; ``--smallest`` shows in seconds that a suite runs, and its figures tell
+nothing.
 """
 
 import argparse
@@ -9,7 +11,9 @@ import importlib
 import json
 import sys
 from collections.abc import Mapping, Sequence
+from typing import Any, Literal
 
+from benchmarks.default_case import DEFAULT
 from benchmarks.metric import Metric
 from benchmarks.smallest import SMALLEST, set_to
 
@@ -31,25 +35,31 @@ SUITES: Mapping[str, str] = {
     "recorded_rf": "ultrasound",
     "sound_speed": "ultrasound",
     "thickness": "ultrasound",
+    "start": "procedure",
     "viewer": "procedure",
     "kills": "procedure",
     "procedure": "procedure",
     "map_bands": "procedure",
+    "mounting": "procedure",
+    "head_motion": "procedure",
+    "speed": "procedure",
+    "honesty": "honesty",
 }
+Case = Literal["default", "full", "smallest"]
 COLUMNS = ("figure", "value", "unit", "goal", "peer", "holds")
 
 
-def run_suite(name: str, seeds: int | None = None, *, smallest: bool = False) -> list[Metric]:
+def run_suite(name: str, seeds: int | None = None, case: Case = "default") -> list[Metric]:
     """Return the figures of one suite; what it is doing goes to standard error.
 
     Args:
         name: Of the suite.
         seeds: How many seeds to take from its first one on, where the suite has any.
-        smallest: Run its smallest case.
+        case: How much of it to run.
     """
     module = f"suites.{SUITES[name]}.{name}"
     suite = importlib.import_module(f"benchmarks.{module}")
-    changes = dict(SMALLEST[name]) if smallest else {}
+    changes = changes_for(name, case)
     if seeds is not None and hasattr(suite, "SEEDS"):
         first = next(iter(suite.SEEDS))
         changes[f"{module}.SEEDS"] = range(first, first + seeds)
@@ -57,8 +67,27 @@ def run_suite(name: str, seeds: int | None = None, *, smallest: bool = False) ->
     def progress(text: str) -> None:
         print(f"{name}: {text}", file=sys.stderr, flush=True)
 
+    progress(case_name(name, case))
     with set_to(changes):
         return suite.run(progress)
+
+
+def changes_for(name: str, case: Case) -> dict[str, Any]:
+    """Return the constants, with their values, that differ from those of the whole suite."""
+    held: Mapping[Case, Mapping[str, Mapping[str, Any]]] = {
+        "default": DEFAULT,
+        "smallest": SMALLEST,
+    }
+    return dict(held[case].get(name, {})) if case in held else {}
+
+
+def case_name(name: str, case: Case) -> str:
+    """Return how much of a suite runs, in words."""
+    if case == "smallest":
+        return "smallest case"
+    if case == "full" or name not in DEFAULT:
+        return "the whole suite"
+    return "fewer seeds than with --full"
 
 
 def as_number(value: float | None) -> str:
@@ -91,19 +120,22 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("--json", action="store_true", help="print a list of objects")
     parser.add_argument("--gate", action="store_true", help="fail where a figure does not hold")
     parser.add_argument("--seeds", type=int, help="take so many seeds where a suite has some")
-    parser.add_argument("--smallest", action="store_true", help="see in seconds that suites run")
+    much = parser.add_mutually_exclusive_group()
+    much.add_argument("--full", action="store_true", help="run the whole, however long it takes")
+    much.add_argument("--smallest", action="store_true", help="see in seconds that suites run")
     options = parser.parse_args(arguments)
     if options.seeds is not None and options.seeds < 1:
         parser.error(f"--seeds {options.seeds}: at least one seed is needed")
     unknown = [name for name in options.suites if name not in SUITES]
     if unknown:
         parser.error(f"there is no suite {unknown[0]!r}; the suites are {', '.join(SUITES)}")
+    case: Case = "full" if options.full else "smallest" if options.smallest else "default"
     metrics: list[Metric] = []
     for name in options.suites or SUITES:
-        found = run_suite(name, options.seeds, smallest=options.smallest)
+        found = run_suite(name, options.seeds, case)
         metrics += found
         if not options.json:
-            print(f"\n{name}\n\n{as_table(found)}", flush=True)
+            print(f"\n{name}: {case_name(name, case)}\n\n{as_table(found)}", flush=True)
     if options.json:
         print(json.dumps([metric.as_dict() for metric in metrics], indent=2))
     return int(options.gate and any(metric.holds is False for metric in metrics))

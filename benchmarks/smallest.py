@@ -3,6 +3,7 @@
 import importlib
 from collections.abc import Generator, Mapping
 from contextlib import ExitStack, contextmanager
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
@@ -13,18 +14,20 @@ from rona_core.app.steps.path.messages import StartPathCapture
 from rona_core.app.steps.pointer.messages import StartPointerCapture
 from rona_core.app.steps.roll.messages import StartRollSearch
 from rona_core.app.steps.scan.messages import StartScan
-from rona_core.app.steps.setup.messages import SetRegion
+from rona_core.app.steps.setup.messages import SetRegion, SetWorld
 from rona_core.app.steps.smoothing.messages import SmoothScanPath
 from rona_core.app.steps.surface.messages import StartSurfaceCapture
 from rona_core.app.steps.tool.messages import StartToolCapture
 from rona_core.compose import new_workbench
+from rona_core.devices.world_settings import WorldSettings
 from rona_core.session.document import Session
 from tests.scenes.laboratory.families import FAMILIES
 from tests.scenes.tank_recordings import CASES
 
 DEMO = Path(__file__).resolve().parents[1] / "sessions" / "demo.rona"
 ONCE = {"metric.REPEATS": 1}
-# all nine steps over a small region, with short captures
+# all nine steps over a small region, with short captures: half the time of the whole procedure, and
+# a value for every figure of the suites that the whole one has
 UP_TO_SCAN: tuple[tuple[str, Message], ...] = (
     ("setup", SetRegion(radius_mm=14.0)),
     ("tool", StartToolCapture(n_pivot=12, n_translate=4)),
@@ -44,9 +47,10 @@ SHORT: tuple[tuple[str, Message], ...] = (
 )
 
 
-def short_procedure(seed: int) -> tuple[Session, dict[str, Any]]:
+def short_procedure(seed: int, world: WorldSettings) -> tuple[Session, dict[str, Any]]:
     """Carry out the short procedure in the place of ``rona_core.compose.run_demo``."""
     bench = new_workbench(Session(name=f"short, seed {seed}"))
+    bench.dispatch(SetWorld(**asdict(world)))
     try:
         ending = run_procedure(bench, messages=SHORT)
         return bench.session, {**bench.figures(), "completed": ending.completed}
@@ -70,10 +74,13 @@ SMALLEST: Mapping[str, Mapping[str, Any]] = {
         **ONCE,
         "suites.navigation.path.SEEDS": range(1),
         "suites.navigation.path.FAST_SEEDS": range(1),
-        "suites.navigation.path.LONG_POINTS": 6000,
+        "suites.navigation.path.FAST_POINTS": 900,
+        "suites.navigation.path.LONG_POINTS": 1500,
         "suites.navigation.path.GREEDY_TRIALS": 1,
         "suites.navigation.path.BRUTE_TRIALS": 1,
         "cases.surface_normals.SEEDS": (),
+        "cases.surface_normals.LARGE_POINTS": 10_000,
+        "cases.surface_normals.PLANE_POINTS": 12_000,
         "cases.surface_normals.PATHS": 1,
     },
     "robot": {
@@ -128,7 +135,7 @@ SMALLEST: Mapping[str, Mapping[str, Any]] = {
         "suites.ultrasound.skull_suite.REGION_MM": 6.0,
     },
     "bone_kinds": {
-        "suites.ultrasound.bone_kinds.SEEDS": (41_000,),
+        "suites.ultrasound.bone_kinds.SEEDS": (42_000,),
         "suites.ultrasound.bone_kinds.STEPS": UP_TO_SCAN,
         "suites.ultrasound.bone_kinds.WORLDS": (("hard", 1.0, 1),),
     },
@@ -142,9 +149,17 @@ SMALLEST: Mapping[str, Mapping[str, Any]] = {
     },
     "sound_speed": {**ONCE, "suites.ultrasound.sound_speed.PATIENTS": 5},
     "thickness": {
-        "suites.ultrasound.thickness.SEEDS": (0,),
+        "suites.ultrasound.thickness.SEEDS": (3,),
+        "suites.ultrasound.thickness.PROFILE": "nominal",
         "suites.ultrasound.thickness.ONE_PASS": ONE_PASS,
-        "suites.ultrasound.thickness.POINTS": (),
+    },
+    "start": {
+        "suites.procedure.start.HELP": (("--version",),),
+        "suites.procedure.start.DEMO": ("inspect", str(DEMO)),
+        "suites.procedure.start.STARTS": 1,
+        "suites.procedure.start.PAGES": 1,
+        "suites.procedure.start.STAY_S": 0.5,
+        "suites.procedure.start.QUIET_S": 0.1,
     },
     "viewer": {
         "suites.procedure.viewer.VISITS": 2,
@@ -161,10 +176,36 @@ SMALLEST: Mapping[str, Mapping[str, Any]] = {
         "suites.procedure.procedure.SEEDS": (0,),
         "suites.procedure.procedure.run_demo": short_procedure,
         "suites.procedure.procedure.SKULLS": (),
+        "timed_procedure.MESSAGES": (),  # they are timed in the smallest case of speed
+    },
+    "mounting": {
+        "suites.procedure.mounting.SEEDS": (30_000,),
+        "suites.procedure.mounting.ONE_PASS": ONE_PASS,
+    },
+    "head_motion": {
+        "suites.procedure.head_motion.SEEDS": (30_000,),
+        "suites.procedure.head_motion.WORLDS": {"nominal": SetWorld(profile="nominal")},
+        "suites.procedure.head_motion.ONE_PASS": ONE_PASS,
     },
     "map_bands": {
         "suites.procedure.map_bands.SEEDS": (),
         "suites.procedure.map_bands.FILES": (DEMO,),
+    },
+    "honesty": {
+        "suites.honesty.navigation.SEEDS": range(33_000, 33_002),
+        "suites.honesty.maps.SEEDS": (),
+        "suites.honesty.thickness.SEEDS": (10_003,),
+        "suites.honesty.thickness.RADIUS_MM": 12.0,
+    },
+    "speed": {
+        **ONCE,
+        "suites.procedure.speed.SEEDS": (0,),
+        "suites.procedure.speed.FRAMES": 512,
+        "timed_procedure.MESSAGES": SHORT,
+        "reference.yardstick.SMALL_ROUNDS": 20,
+        "reference.yardstick.MEDIUM_ROUNDS": 1,
+        "cases.growth.ROUNDS": 1,
+        "cases.growth.FRAMES": 256,
     },
 }
 

@@ -14,7 +14,7 @@ from scipy.optimize import minimize
 from rona_core.devices.settings import Excitation, ProbeName
 from rona_core.geometry.arrays import Bools, Floats, Ints
 from rona_core.ultrasound.detection.detect import nominal_bone
-from rona_core.ultrasound.detection.single.candidates import search_echoes
+from rona_core.ultrasound.detection.single.candidates import clear_fronts, search_echoes
 from rona_core.ultrasound.detection.single.inner_echo import Candidates, inner_grid_mm
 from rona_core.ultrasound.detection.spatial.candidate_selection import features, joint_features
 from rona_core.ultrasound.detection.spatial.neighbours import Links, scan_links
@@ -117,7 +117,8 @@ def cases(name: ProbeName) -> list[Case]:
 def case_of(scene: BoneScene) -> Case:
     """Return what the regression needs of a scene."""
     bone = nominal_bone()
-    echoes = search_echoes(ProbeSurvey(scene.track, scene.probe, scene.settings.excitation), bone)
+    survey = ProbeSurvey(scene.track, scene.probe, scene.settings.excitation)
+    echoes = search_echoes(clear_fronts(survey), bone)
     c = echoes.candidates
     depth = c.lag_us * bone.speed_mm_per_us / 2.0
     off = np.abs(c.lag_us - scene.bone_us[:, None]) * bone.speed_mm_per_us / 2.0

@@ -1,30 +1,43 @@
 """Put the parts together: sessions with virtual devices, and the whole procedure in one call."""
 
 import time
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from functools import partial
 from pathlib import Path
 from typing import Any
 
 from rona_core.app.declarations.declarations import Compute, compute_here
 from rona_core.app.overview.predicted_accuracy import predicted_figures
-from rona_core.app.procedure import Ending, StepProgress, run_procedure, unwatched
+from rona_core.app.procedure import (
+    PROCEDURE,
+    WITHOUT_REFERENCES,
+    Ending,
+    StepProgress,
+    run_procedure,
+    unwatched,
+)
 from rona_core.app.runtime.process_pool import ProcessCompute
 from rona_core.app.runtime.session_registry import SessionRegistry
 from rona_core.app.runtime.workbench import Services, Workbench
-from rona_core.app.steps.setup.messages import SetRegion, SetRobot, SetSeed, StoreSkull
+from rona_core.app.steps.setup.messages import (
+    SetRegion,
+    SetRobot,
+    SetSeed,
+    SetWorld,
+    StoreSkull,
+)
 from rona_core.devices.protocols import Cancel, Progress, Rig, never
+from rona_core.devices.world_settings import REALISTIC_WORLD, WorldSettings
 from rona_core.errors import DeviceError, RonaError
 from rona_core.evaluation.metrics import evaluate
 from rona_core.session.document import Session, Setup
 from rona_core.session.files import load_session
 from rona_core.session.specimen import LoadedSkull
 from rona_core.ultrasound.acoustic_calibration.expected_performance import sweep
-from rona_core.virtual.acoustics.medium import bone_medium
 from rona_core.virtual.acoustics.plates import record_plate
 from rona_core.virtual.rig import VirtualRig
 from rona_core.virtual.specimen.build_specimen import Specimen, build_specimen
-from rona_core.virtual.specimen.import_skull import import_skull
+from rona_core.virtual.world.world import World, draw_world
 
 
 def specimen_of(setup: Setup) -> Specimen:
@@ -38,13 +51,19 @@ def specimen_of(setup: Setup) -> Specimen:
         setup.seed,
         center_mesh_mm=setup.region.center_mesh_mm,
         radius_mm=setup.region.radius_mm,
+        outer_texture_mm=world_of(setup).outer_texture_mm,
     )
+
+
+def world_of(setup: Setup) -> World:
+    """Return what patient and devices of a set-up really are."""
+    return draw_world(setup.world, setup.bone, setup.seed)
 
 
 def build_virtual_rig(setup: Setup, pace: float | None = None) -> VirtualRig:
     """Return virtual devices; ``pace`` is a multiple of real time, None shows captures at once."""
-    medium = bone_medium(setup.bone, setup.seed)
-    return VirtualRig(setup.seed, specimen_of(setup), setup.devices, pace, medium)
+    world = world_of(setup)
+    return VirtualRig(setup.seed, specimen_of(setup), setup.devices, pace, world)
 
 
 def read_skull(
@@ -58,6 +77,8 @@ def read_skull(
     cancel: Cancel,
 ) -> LoadedSkull:
     """Read a skull from a file; picklable, so that it can run in another process."""
+    from rona_core.virtual.specimen.import_skull import import_skull  # readers of many formats
+
     return import_skull(
         path,
         inner=inner,
@@ -163,6 +184,8 @@ def run_demo(
     skull: DemoSkull = SIMULATED,
     *,
     robot: str = "rx90",
+    world: WorldSettings = REALISTIC_WORLD,
+    reference_points: bool = True,
     progress: StepProgress = unwatched,
     cancel: Cancel = never,
 ) -> tuple[Session, dict[str, Any]]:
@@ -172,6 +195,8 @@ def run_demo(
         seed: Seed of the patient, the placement and every noise.
         skull: What is scanned.
         robot: Name of the robot.
+        world: How far patient and devices are from what is told of them.
+        reference_points: Whether a caliper measures three places, for the speed of sound.
         progress: Called with the step and the share of it that is done.
         cancel: Asked now and then; returns True to end.
 
@@ -187,14 +212,17 @@ def run_demo(
         bench.dispatch(SetSeed(seed))
         if robot != "rx90":
             bench.dispatch(SetRobot(model=robot))
+        if world != REALISTIC_WORLD:
+            bench.dispatch(SetWorld(**asdict(world)))
         _put_on_the_table(skull, bench, lambda share: progress("setup", share), cancel)
         bench.rig()
         progress("setup", 1.0)
-        ending = run_procedure(bench, progress=progress, cancel=cancel)
+        messages = PROCEDURE if reference_points else WITHOUT_REFERENCES
+        ending = run_procedure(bench, progress=progress, cancel=cancel, messages=messages)
         figures = _figures(bench, ending)
     finally:
         bench.close()
-    head = {"seed": seed, "specimen": skull.name, "robot": robot}
+    head = {"seed": seed, "specimen": skull.name, "robot": robot, "world": world.profile}
     return bench.session, {**head, **figures, "wall_s": time.monotonic() - started}
 
 
@@ -227,6 +255,7 @@ def _figures(bench: Workbench, ending: Ending) -> dict[str, Any]:
         ending = Ending(False, ending.failed_step or "evaluation", ending.reason or str(error))
     figures["completed"] = ending.completed
     figures["second_pass_reason"] = ending.second_pass_reason
+    figures["references_reason"] = ending.references_reason
     if not ending.completed:
         figures |= {"failed_step": ending.failed_step, "reason": ending.reason}
     return figures

@@ -14,7 +14,7 @@ from typing import Any, Protocol
 
 import uvicorn
 import viser
-from fastapi import APIRouter, FastAPI
+from fastapi import FastAPI
 from fastapi.staticfiles import StaticFiles
 from starlette.requests import Request
 from starlette.responses import FileResponse, Response
@@ -133,16 +133,13 @@ def bare_app(hub: SessionRegistry, gateway: ViewerGateway | None) -> FastAPI:
     app.state.hub = hub
     app.state.streams = Streams()
     problems.install(app)
-    api = APIRouter(prefix=PREFIX, responses=problems.RESPONSES)
-    parts = (sessions, recovery, commands, jobs, results, events, tracker, robot, probe, hand)
-    for part in parts:
-        api.include_router(part.router)
-    for router in (sessions.files, commands.declared_commands(), jobs.declared_jobs()):
-        api.include_router(router)
-    app.include_router(api)
-    _add_pages(app)
+    _add_pages(app)  # before the interface: FastAPI prepares a route when it is first passed
     if gateway is not None:
         app.router.routes.extend(gateway.routes())
+    parts = (sessions, recovery, commands, jobs, results, events, tracker, robot, probe, hand)
+    declared = (commands.declared_commands(), jobs.declared_jobs())
+    for router in (*(part.router for part in parts), sessions.files, *declared):
+        app.include_router(router, prefix=PREFIX, responses=problems.RESPONSES)
     _describe(app)
     return app
 
@@ -269,13 +266,14 @@ def serve(
         open_first_session(hub)
         gateway = ViewerGateway()
         ends.callback(gateway.close)
-        window = open_window(gateway.server, hub)
+        server = server_of(hub, gateway, settings)
+        window = open_window(gateway.server, hub)  # last: it computes beside what comes after
         ends.callback(window.close)
         url = address(settings, bound.getsockname()[1])
         say(url)
         if settings.open_browser and has_display():
             webbrowser.open(url)
-        server_of(hub, gateway, settings).run(sockets=[bound])
+        server.run(sockets=[bound])
 
 
 def _bind(settings: ServerSettings) -> socket.socket:

@@ -23,6 +23,8 @@ INNER_RAD = np.deg2rad(47.0)  # further out a ball of 15 mm would reach over the
 OUT = np.ones(3) / np.sqrt(3.0)
 EYE = 4.0 * R * OUT
 SEEDS = range(20)
+LARGE_POINTS = 100_000
+PLANE_POINTS = 120_000
 PATHS = 20
 RADIUS_MM = 6.0  # ours and the peer's
 GICP_NEIGHBOURS = 565  # of this cloud as many as lie within RADIUS_MM
@@ -94,8 +96,8 @@ def _small_cloud(progress: Progress) -> Iterator[Metric]:
 
 
 def _large_cloud(progress: Progress) -> Iterator[Metric]:
-    progress("normals of 100 000 points")
-    points, true = cap(100_000, 1)
+    progress(f"normals of {LARGE_POINTS} points")
+    points, true = cap(LARGE_POINTS, 1)
     inner = _inner(true)
 
     def fitted() -> Normals:
@@ -129,7 +131,7 @@ def _large_cloud(progress: Progress) -> Iterator[Metric]:
 
 def _rim(progress: Progress) -> Iterator[Metric]:
     progress("normals at the rim")
-    for n in (10_000, 100_000):
+    for n in (LARGE_POINTS // 10, LARGE_POINTS):
         points, true = cap(n, 2)
         rim = points[true @ OUT < R * np.cos(HALF_RAD - 1.0 / R)][:1500]
         found = NormalField(points).normals(rim, method="jet", viewpoint=EYE)
@@ -162,7 +164,7 @@ def _regression(progress: Progress) -> Iterator[Metric]:
     radius, worst = 5.0, 0.0
     rng = np.random.default_rng(19)
     for tilt in np.deg2rad((0.0, 15.0, 30.0, 40.0)):
-        u, v = rng.uniform(-70.0, 70.0, (2, 120_000))
+        u, v = rng.uniform(-70.0, 70.0, (2, PLANE_POINTS))
         along = np.array((np.cos(tilt), 0.0, -np.sin(tilt)))
         flat = u[:, None] * along + v[:, None] * np.array((0.0, 1.0, 0.0))
         at = flat[(np.abs(u) < 60.0) & (np.abs(v) < 60.0)][:4000]

@@ -13,7 +13,7 @@ from rona_core.evaluation.map_metrics import (
     outer_errors_mm,
     thickness_errors_mm,
 )
-from rona_core.evaluation.truth import Truth
+from rona_core.evaluation.truth import Truth, truth_of
 from rona_core.geometry.arrays import Bools, Floats
 from rona_core.mapping.boundary_map import Maps
 from rona_core.session.document import Session
@@ -36,7 +36,7 @@ def bands(session: Session) -> Iterator[tuple[str, Band]]:
     made, accuracy = session.results.maps, map_accuracy(session)
     if made is None or accuracy is None:
         return
-    truth = Truth(build_virtual_rig(session.setup).scene)
+    truth = truth_of(session, build_virtual_rig(session.setup).scene)
     for name, errors in cell_errors_mm(made.value, truth).items():
         total, own, shared = _stated(accuracy, name)
         known = np.isfinite(errors)
@@ -77,8 +77,10 @@ def _stated(accuracy: MapAccuracy, name: str) -> tuple[Floats, Floats, Floats]:
     same = name.endswith("_same_robot")
     part = getattr(accuracy, name.removesuffix("_same_robot"))
     total = part.same_robot_mm() if same else part.total_mm()
-    shared = part.speed_mm if same else np.hypot(part.speed_mm, part.pose_mm)
-    return total, part.own_mm, shared
+    if same:
+        return total, part.own_mm, part.shared_mm
+    own = np.hypot(part.own_mm, part.robot_own_mm)
+    return total, own, np.hypot(part.shared_mm, part.robot_shared_mm)
 
 
 def within(errors: Floats, sigma: Floats) -> float:

@@ -7,7 +7,8 @@ from numpy.typing import ArrayLike
 
 from rona_core.errors import InvalidInputError
 from rona_core.geometry.arrays import Floats, as_floats, readonly
-from rona_core.ultrasound.acoustic_calibration.speed_calibration import TIMING_US, SpeedCalibration
+from rona_core.ultrasound.acoustic_calibration.speed_calibration import SpeedCalibration
+from rona_core.ultrasound.acoustic_calibration.speed_prior import TIMING_US
 
 
 @dataclass(frozen=True, slots=True, eq=False)

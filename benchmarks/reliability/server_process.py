@@ -6,6 +6,7 @@ import os
 import subprocess
 import sys
 import time
+import urllib.parse
 import urllib.request
 from collections.abc import Generator, Sequence
 from pathlib import Path
@@ -47,17 +48,27 @@ class ServerProcess:
             env={**os.environ, "RONA_TOKEN": TOKEN},
         )
         line = self.process.stdout.readline() if self.process.stdout else ""
-        self._address = line.split()[-1].partition("?")[0] + "api/v1"
+        self._address = line.split()[-1].partition("?")[0]
 
     @property
     def children(self) -> list[int]:
         """Its child processes."""
         return [child for child, parent in running().items() if parent == self.process.pid]
 
-    def open(self, path: str, body: dict[str, Any] | None = None) -> Any:
+    @property
+    def port(self) -> int:
+        """Where it listens."""
+        return urllib.parse.urlsplit(self._address).port or 0
+
+    def cpu_s(self) -> float:
+        """Return the CPU time that it has taken so far, without its children."""
+        words = Path(f"/proc/{self.process.pid}/stat").read_text().rpartition(")")[2].split()
+        return (int(words[11]) + int(words[12])) / os.sysconf("SC_CLK_TCK")
+
+    def open(self, path: str, body: dict[str, Any] | None = None, *, below: str = "/api/v1") -> Any:
         """Return the answer to a GET, or to a POST of ``body``."""
         request = urllib.request.Request(
-            self._address + path,
+            self._address.rstrip("/") + below + path,
             headers={"Authorization": f"Bearer {TOKEN}", "Content-Type": "application/json"},
             data=None if body is None else json.dumps(body).encode(),
         )

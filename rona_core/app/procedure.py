@@ -6,13 +6,14 @@ from dataclasses import dataclass
 from rona_core.app.declarations.declarations import Message
 from rona_core.app.declarations.registry import REGISTRY
 from rona_core.app.runtime.workbench import Workbench
+from rona_core.app.steps.acoustics.messages import StartCaliperMeasurements
 from rona_core.app.steps.maps.messages import StartGapPlan, StartGapScan, StartMapping
 from rona_core.app.steps.path.messages import StartPathCapture
 from rona_core.app.steps.pointer.messages import StartPointerCapture
 from rona_core.app.steps.roll.base_placement import advice
 from rona_core.app.steps.roll.messages import StartBasePlacement, StartRollSearch
 from rona_core.app.steps.roll.plan_reasons import why_no_plan
-from rona_core.app.steps.scan.messages import StartScan
+from rona_core.app.steps.scan.messages import StartProbeMountingCapture, StartScan
 from rona_core.app.steps.smoothing.messages import SmoothScanPath
 from rona_core.app.steps.surface.messages import StartSurfaceCapture
 from rona_core.app.steps.tool.messages import StartToolCapture
@@ -28,13 +29,18 @@ PROCEDURE: tuple[tuple[str, Message], ...] = (
     ("path", StartPathCapture()),
     ("smoothing", SmoothScanPath()),
     ("roll", StartRollSearch()),
+    ("scan", StartProbeMountingCapture()),
     ("scan", StartScan()),
     ("maps", StartMapping()),
     ("second", StartGapPlan()),
     ("second", StartGapScan()),
-    ("second", StartMapping()),
+    ("references", StartCaliperMeasurements()),
+    ("maps", StartMapping()),
 )
-SPARED = "second"  # the procedure is complete without it: there may be no gap, or no way to it
+WITHOUT_REFERENCES = tuple(step for step in PROCEDURE if step[0] != "references")
+# The procedure is complete without these: there may be no gap, or no way to it, and no place that
+# is thick and sure enough for a caliper.
+SPARED = ("second", "references")
 
 
 @dataclass(frozen=True, slots=True)
@@ -45,6 +51,7 @@ class Ending:
     failed_step: str | None = None
     reason: str | None = None
     second_pass_reason: str | None = None  # why the gaps were not scanned again
+    references_reason: str | None = None  # why nothing was measured with a caliper
 
 
 def unwatched(step: str, share: float) -> None:
@@ -63,7 +70,10 @@ def run_procedure(
     Raises:
         CancelledError: somebody cancelled.
     """
+    spared: dict[str, str] = {}  # step, why it was not done
     for step, message in messages:
+        if step in spared:
+            continue
         if cancel():
             raise CancelledError(f"cancelled before step {step}")
         progress(step, 0.0)
@@ -75,15 +85,20 @@ def run_procedure(
         except CancelledError:
             raise
         except RonaError as error:
-            if step == SPARED:
+            if step in SPARED:
                 progress(step, 1.0)
-                return Ending(True, second_pass_reason=str(error))
+                spared[step] = str(error)
+                continue
             return Ending(False, step, str(error))
         reason = _unfinished(step, bench)
         if reason is not None:
             return Ending(False, step, f"{reason}. {_base_move(bench, cancel)}")
         progress(step, 1.0)
-    return Ending(True)
+    return Ending(
+        True,
+        second_pass_reason=spared.get("second"),
+        references_reason=spared.get("references"),
+    )
 
 
 def _unfinished(step: str, bench: Workbench) -> str | None:

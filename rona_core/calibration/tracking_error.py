@@ -140,3 +140,24 @@ def fit_covariances(rotations: Floats, positions_marker: Floats, noise: MarkerNo
     covariances[:, :3, :3] = inverse @ torque @ inverse
     covariances[:, 3:, 3:] = np.diag(variances) / len(offsets)
     return covariances
+
+
+def fit_matrices(rotations: Floats, positions_marker: Floats) -> Floats:
+    """Return what an error of each marker makes of an unweighted fit: (n, m, 6, 3).
+
+    Args:
+        rotations: Of the marker body in ``tracker`` (n, 3, 3).
+        positions_marker: Markers (m, 3); on one line the turn about it counts as known.
+
+    Returns:
+        Derivatives of (turn, shift of the centroid) by the place of each marker, all in the axes of
+        ``tracker``, in rad and mm.
+    """
+    offsets = positions_marker - positions_marker.mean(axis=0)
+    crossed = cross_matrices(np.einsum("nij,mj->nmi", rotations, offsets))
+    inertia = np.einsum("nmij,nmkj->nik", crossed, crossed)
+    inverse = np.linalg.pinv(inertia, rcond=1e-9, hermitian=True)
+    fits = np.zeros((*crossed.shape[:2], 6, 3))
+    fits[:, :, :3] = inverse[:, None] @ crossed
+    fits[:, :, 3:] = np.eye(3) / len(offsets)
+    return fits

@@ -26,3 +26,18 @@ class Bench(Protocol):
     ) -> AScanTrack:
         """Hold the probe on a flat block of steel and fire ``n`` times, its line this warm."""
         ...
+
+    def record_gauge_plate(
+        self, settings: ProbeSettings, depth_mm: float, n: int
+    ) -> tuple[AScanTrack, float]:
+        """Press a gauge plate at the robot's holder onto its probe and fire ``n`` times.
+
+        Args:
+            settings: Of the probe.
+            depth_mm: By which the plate presses the line in, where the probe sits at its place.
+            n: A-scans.
+
+        Returns:
+            The A-scans, and the standard deviation of the depth in mm that the maker states.
+        """
+        ...

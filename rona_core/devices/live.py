@@ -1,7 +1,7 @@
 """Latest-value slots of the devices, for the views."""
 
 import threading
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields
 from typing import Any, Protocol, cast
 
 from rona_core.devices.protocols import Origin, Rig
@@ -23,27 +23,40 @@ class LiveState:
     origin: Origin | None = None  # of the frame where it is not that of the devices
 
 
+PARTS = frozenset(field.name for field in fields(LiveState))
+
+
 class Live:
-    """Holds one LiveState; writers replace parts of it, readers get a consistent snapshot."""
+    """Holds parts of a LiveState; writers replace them, readers get a consistent snapshot.
+
+    It is written a thousand times as often as it is read, so a snapshot is made when it is asked
+    for.
+    """
 
     def __init__(self) -> None:
         self._lock = threading.Lock()
-        self._state = LiveState()
+        self._parts: dict[str, Any] = {}
 
     def put(self, **parts: Any) -> None:
-        """Replace the named parts of the state."""
+        """Replace the named parts of the state.
+
+        Raises:
+            TypeError: the state has no part of that name.
+        """
+        if not parts.keys() <= PARTS:
+            raise TypeError(f"LiveState has no {', '.join(sorted(parts.keys() - PARTS))}")
         with self._lock:
-            self._state = replace(self._state, **parts)
+            self._parts.update(parts)
 
     def clear(self) -> None:
         """Forget everything: it was said by devices that are no more."""
         with self._lock:
-            self._state = LiveState()
+            self._parts.clear()
 
     def get(self) -> LiveState:
         """Return the state now; it never changes afterwards."""
         with self._lock:
-            return self._state
+            return LiveState(**self._parts)
 
 
 class LiveTracker(Protocol):

@@ -3,7 +3,7 @@
 The toolmarker and the 6D pointer carry four markers in one plane; the 5D pointer three on a line,
 so that its roll about that line cannot be seen. The SonoPointer is the ultrasound probe, in the
 hand, with a plate of four. The base marker is a large plate: an error of its turn acts over the
-whole way from the robot base to the head.
+whole way from the robot base to the head. The head marker is fixed to the bone, not to the clamp.
 """
 
 from dataclasses import dataclass
@@ -78,5 +78,12 @@ GEOMETRIES = {
         [[0.0, 0.0, 0.0], [0.0, 96.0, 0.0], [46.0, 60.0, 0.0], [-38.0, 30.0, 0.0]],
         (0.0, 0.0, 1.0),
         (0.0, -150.0, -25.0),  # the middle of the probe's face; its axis runs along -y
+    ),
+    "headmarker": _geometry(
+        "headmarker",
+        6,
+        [[-52.0, -30.0, 0.0], [44.0, -41.0, 0.0], [50.0, 33.0, 0.0], [-42.0, 38.0, 0.0]],
+        (0.0, 0.0, 1.0),
+        (0.0, 0.0, 0.0),  # it has no tip either
     ),
 }

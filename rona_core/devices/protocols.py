@@ -47,6 +47,13 @@ class Tracker(Protocol):
         """Return the newest frame without waiting for another."""
         ...
 
+    def past(self, since_s: float, rate_hz: float) -> list[TrackerFrame]:
+        """Return frames that came since a time of this capture, about ``rate_hz`` a second.
+
+        What a capture records beside them is not held up. The clock does not move.
+        """
+        ...
+
     def frames(self) -> Iterator[TrackerFrame]:
         """Yield frames at the tracker's rate, waiting for each; endless, so the caller breaks."""
         ...

@@ -187,6 +187,7 @@ def _sample(column: RecordedTool, index: int) -> ToolSample:
 
 
 SAME_TIME_S = 1e-9  # rounding of frame times
+CLOSED = "the replay has been closed: import the recording again"
 
 
 class ReplayTracker:
@@ -215,9 +216,22 @@ class ReplayTracker:
             DeviceError: the tracker has been closed.
         """
         if self._closed:
-            raise DeviceError("the replay has been closed: import the recording again")
+            raise DeviceError(CLOSED)
         passed = np.searchsorted(self._recording.times_s, self._now(), side="right")
         return self._recording.frame(max(int(passed) - 1, 0))
+
+    def past(self, since_s: float, rate_hz: float) -> list[TrackerFrame]:
+        """Return frames that came since a time of the clock, about ``rate_hz`` a second.
+
+        Raises:
+            DeviceError: the tracker has been closed.
+        """
+        if self._closed:
+            raise DeviceError(CLOSED)
+        times = self._recording.times_s
+        came = np.flatnonzero((times >= since_s - SAME_TIME_S) & (times <= self._now()))
+        slots = ((times[came] - since_s) * rate_hz + SAME_TIME_S).astype(np.int64)
+        return [self._recording.frame(int(came[i])) for i in np.unique(slots, return_index=True)[1]]
 
     def frames(self) -> Iterator[TrackerFrame]:
         """Yield the frames from now on, waiting for each; ends with the recording or on close."""

@@ -14,7 +14,7 @@ Excitation = Literal["pulse", "chirp"]
 PulseShape = Literal["resonant", "damped", "double", "ringing"]
 
 # Tracked rigid bodies, by name. New ones come last: each draws its noise after those before it.
-TOOLS = ("toolmarker", "pointer6d", "pointer5d", "basemarker", "sonopointer")
+TOOLS = ("toolmarker", "pointer6d", "pointer5d", "basemarker", "sonopointer", "headmarker")
 SONO = "sonopointer"  # the ultrasound probe with a marker plate, held in the hand
 TRACKER_RATES_HZ = (20.0, 60.0)  # lowest and highest
 LATENCY_MS = {"vega": 14.0}  # of profiles that state one; the others deliver at once

@@ -15,6 +15,7 @@ from rona_core.geometry.arrays import Floats, Ints, readonly
 
 FREE, APPROACH, CONTACT, LOST, RETRACT, STOPPED = range(6)
 STATES = ("free", "approach", "contact", "lost", "retract", "stopped")  # by code
+SHOWN_ROWS = 625  # of the control loop that are shown live: ten seconds
 
 
 @dataclass(frozen=True, slots=True)
@@ -119,13 +120,26 @@ class LoopRow:
     way_mm: float
 
 
-def force_now(rows: Sequence[LoopRow], setpoint_n: float) -> ForceNow:
-    """Return the newest rows of a control loop by column."""
+def force_now(
+    rows: Sequence[LoopRow], setpoint_n: float, before: ForceNow | None = None
+) -> ForceNow:
+    """Return the newest rows of a control loop by column, at most ``SHOWN_ROWS``.
+
+    Args:
+        rows: Those that have come since ``before``.
+        setpoint_n: Force that is aimed at.
+        before: What was shown last; None: nothing.
+    """
+    times_s = np.array([row.sample.time_s for row in rows], dtype=np.float64)
+    force_n = np.array([row.force_n for row in rows], dtype=np.float64)
+    states = np.array([row.state for row in rows], dtype=np.int64)
+    if before is not None:
+        times_s = np.concatenate((before.times_s, times_s))
+        force_n = np.concatenate((before.force_n, force_n))
+        states = np.concatenate((before.states, states))
+    newest = slice(-SHOWN_ROWS, None)
     return ForceNow(
-        times_s=readonly(np.array([row.sample.time_s for row in rows], dtype=np.float64)),
-        force_n=readonly(np.array([row.force_n for row in rows], dtype=np.float64)),
-        states=readonly(np.array([row.state for row in rows], dtype=np.int64)),
-        setpoint_n=setpoint_n,
+        readonly(times_s[newest]), readonly(force_n[newest]), readonly(states[newest]), setpoint_n
     )
 
 

@@ -9,7 +9,8 @@ from scipy.spatial import KDTree
 from rona_core.evaluation.figures import Figures, rms
 from rona_core.evaluation.truth import Truth
 from rona_core.geometry.arrays import Bools, Floats, Ints
-from rona_core.mapping.build_maps import NEAR_MM
+from rona_core.mapping.map_grid import NEAR_MM
+from rona_core.robot.kinematics.catalog import robot_model
 
 if TYPE_CHECKING:
     from rona_core.calibration.handheld.tracked_probe import SonoCalibration
@@ -24,6 +25,7 @@ def map_figures(maps: "Maps", truth: Truth) -> Figures:
     for suffix, systematic in (("", False), ("_same_robot", True)):
         figures[f"outer{suffix}_rms_mm"] = rms(outer_errors_mm(outer, truth, systematic))
         figures[f"inner{suffix}_rms_mm"] = rms(inner_errors_mm(inner, truth, systematic))
+    figures["outer_other_roll_rms_mm"] = other_roll_rms_mm(outer, truth)
     thickness = thickness_errors_mm(maps, truth)
     known = thickness[np.isfinite(thickness)]
     figures["thickness_bias_mm"] = float(known.mean()) if len(known) else None
@@ -83,6 +85,19 @@ def outer_errors_mm(points_base: Floats, truth: Truth, systematic: bool) -> Floa
     return truth.signed_distance_mm(_arrived(points_base, truth, systematic))
 
 
+def other_roll_rms_mm(points_base: Floats, truth: Truth) -> float | None:
+    """Return the RMS error of outer points (n, 3) where the same robot comes with another roll.
+
+    None where it cannot, or where nothing is known of the postures of the scan.
+    """
+    model = robot_model(truth.scene.settings.robot.model)
+    turned = None if truth.postures is None else truth.postures.turned(model)
+    if turned is None:
+        return None
+    systematic = truth.scene.robot_error.systematic_mm(points_base, turned.at(points_base))
+    return rms(truth.signed_distance_mm(points_base + systematic))
+
+
 def inner_errors_mm(points_base: Floats, truth: Truth, systematic: bool) -> Floats:
     """Return the signed errors (n,) of mapped inner points, along the true outer normal.
 
@@ -137,7 +152,8 @@ def covered(boundary: "BoundaryMap", region_base: Floats) -> float:
 def _arrived(points_base: Floats, truth: Truth, systematic: bool) -> Floats:
     if not systematic:
         return points_base
-    return points_base + truth.scene.robot_error.systematic_mm(points_base)
+    qs_rad = None if truth.postures is None else truth.postures.at(points_base)
+    return points_base + truth.scene.robot_error.systematic_mm(points_base, qs_rad)
 
 
 def cells(boundary: "BoundaryMap", which: Bools | None = None) -> Floats:

@@ -9,6 +9,8 @@ from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 from rona_core.app.overview.predicted_accuracy import predicted_figures
+from rona_core.evaluation.error_causes import KEYS as CAUSE_KEYS
+from rona_core.evaluation.error_causes import cause_figures
 from rona_core.evaluation.figures import Figures
 from rona_core.evaluation.map_metrics import (
     map_figures,
@@ -23,9 +25,13 @@ from rona_core.evaluation.navigation_metrics import (
     tool_figures,
 )
 from rona_core.evaluation.path_metrics import normal_figures, plan_figures, smoothing_figures
-from rona_core.evaluation.scan_metrics import contact_figures, detection_figures
+from rona_core.evaluation.scan_metrics import (
+    contact_figures,
+    detection_figures,
+    head_shift_figures,
+)
 from rona_core.evaluation.speed_metrics import speed_figures
-from rona_core.evaluation.truth import Truth
+from rona_core.evaluation.truth import Truth, truth_of
 from rona_core.session.captures import is_imported
 from rona_core.session.codec import digest
 from rona_core.virtual.rig import build_scene
@@ -40,6 +46,7 @@ KEYS = (
     "pointer_tip_error_mm",
     "pointer_tip_sigma_mm",
     "tracker_registration_tre_mm",
+    "tracker_registration_sigma_mm",
     "surface_points",
     "surface_rms_mm",
     "surface_sigma_predicted_mm",
@@ -61,18 +68,25 @@ KEYS = (
     "scan_points",
     "second_pass_points",
     "second_pass_reason",
+    "references_reason",
     "scan_duration_s",
     "contact_force_rms_n",
     "contact_force_peak_n",
+    "head_shift_mm",
+    "head_shift_sigma_mm",
+    "head_shift_error_mm",
+    "head_motion_mm",
     "outer_rms_mm",
     "inner_rms_mm",
     "outer_same_robot_rms_mm",
+    "outer_other_roll_rms_mm",
     "inner_same_robot_rms_mm",
     "thickness_bias_mm",
     "thickness_rms_mm",
     "thickness_sigma_predicted_mm",
     "scan_thickness_rms_mm",
     "sound_speed_error_percent",
+    *CAUSE_KEYS,
     "fused_outer_rms_mm",
     "coverage_fraction",
     "inner_coverage_fraction",
@@ -105,11 +119,12 @@ def evaluate(session: "Session", scene: VirtualScene) -> Figures:
     ``wall_s`` is left None: only whoever ran the procedure knows it.
     """
     if scene.settings != session.setup.devices:
-        scene = build_scene(scene.seed, scene.specimen, session.setup.devices)
-    truth = Truth(scene)
+        scene = build_scene(scene.seed, scene.specimen, session.setup.devices, scene.world)
+    truth = truth_of(session, scene)
     figures: Figures = dict.fromkeys(KEYS)
-    for part in (_navigation, _path, _scan, _by_hand):
+    for part in (_navigation, _path, _scan):
         figures |= part(session, truth)
+    figures |= _by_hand(session, Truth(scene, truth.postures))  # which nothing leads back to step 4
     step, reason = unfinished(session)
     figures |= {"completed": step is None, "failed_step": step, "reason": reason}
     return figures
@@ -194,6 +209,7 @@ def _scan(session: "Session", truth: Truth) -> Figures:
     if scan is not None:
         figures["scan_points"] = len(scan.scans)
         figures |= contact_figures(scan)
+        figures |= head_shift_figures(session, truth)
         passes = [
             (found.value, capture)
             for found, capture in (
@@ -212,7 +228,7 @@ def _scan(session: "Session", truth: Truth) -> Figures:
         if results.detection is not None:
             n_first = len(results.detection.value)
             figures |= one_pass_figures(results.maps.value, n_first, truth)
-    return figures
+    return figures | cause_figures(session, truth)
 
 
 def _by_hand(session: "Session", truth: Truth) -> Figures:

@@ -52,7 +52,7 @@ def skull_figures(registration: "SurfaceRegistration", truth: Truth) -> Figures:
     T_base_skull = registration.T_b_a.inv()
     return {
         "skull_registration_tre_mm": registration_tre_mm(
-            T_base_skull, truth.scene.T_base_skull, landmarks
+            T_base_skull, truth.T_base_skull, landmarks
         )
     }
 
@@ -79,7 +79,7 @@ def surface_figures(
 
 
 def tip_errors(cloud: "SurfaceCloud", captures: "Sequence[PointerCapture]", truth: Truth) -> Floats:
-    """Return the cloud's points minus the true tip when they were taken (m, 3).
+    """Return the cloud's points minus the true tip on the head when they were taken (m, 3).
 
     The cloud holds its captures one after the other; each point is found again in its capture by
     its time. A point that is in none of them has no true tip and is left out.
@@ -92,7 +92,8 @@ def tip_errors(cloud: "SurfaceCloud", captures: "Sequence[PointerCapture]", trut
             rows = np.searchsorted(capture.marker.times_s, cloud.times_s[begin:end])
             stood = truth.scene.tracker_at(capture.tracker_place)
             true = true_tips_base(truth.scene, capture.marker, capture.ordinal, rows, stood)
-            errors.append(cloud.points_base[begin:end] - true)
+            moved = truth.scene.head_shift_base(capture.ordinal, cloud.times_s[begin:end])
+            errors.append(cloud.points_base[begin:end] - (true - moved + truth.head_base))
         begin = end
     return np.concatenate(errors) if errors else np.zeros((0, 3))
 

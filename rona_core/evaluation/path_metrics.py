@@ -10,6 +10,7 @@ from rona_core.geometry.arrays import Floats, Ints
 from rona_core.path.temporal_filter import filter_path
 from rona_core.robot.kinematics.catalog import robot_model
 from rona_core.session.codec import digest
+from rona_core.ultrasound.probe.probe_model import probe_model
 
 if TYPE_CHECKING:
     from rona_core.geometry.path5d import Path5D
@@ -80,8 +81,12 @@ def to_segment_mm(points: Floats, start: Floats, end: Floats) -> Floats:
 
 
 def normal_figures(path: "Path5D", truth: Truth) -> Figures:
-    """Return median and 95th percentile of the angle between probe axis and true inward normal."""
-    _, normals = truth.foot(path.points_base)
+    """Return median and 95th percentile of the angle between probe axis and true inward normal.
+
+    The true one is that of the bone below the probe's crystal.
+    """
+    radius_mm = probe_model(truth.scene.settings.probe).aperture_radius_mm
+    normals = truth.face_normals(path.points_base, radius_mm)
     cosine = -(path.axes_base * normals).sum(axis=1)
     sine = np.linalg.norm(np.cross(path.axes_base, normals), axis=1)
     angles_deg = np.rad2deg(np.arctan2(sine, cosine))

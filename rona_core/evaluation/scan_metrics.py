@@ -5,6 +5,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from rona_core.app.steps.scan.head_view import head_report
 from rona_core.devices.wrench import summarize
 from rona_core.evaluation.figures import Figures
 from rona_core.evaluation.truth import Truth
@@ -15,6 +16,7 @@ from rona_core.virtual.true_tool_poses import error_keys
 
 if TYPE_CHECKING:
     from rona_core.session.captures import ScanCapture
+    from rona_core.session.document import Session
     from rona_core.ultrasound.detection.detect import Detection
 
 WRONG_MM = 1.0  # an inner boundary further off than this is a failure
@@ -51,6 +53,19 @@ def contact_figures(scan: "ScanCapture") -> Figures:
     return {"contact_force_rms_n": found.rms_n, "contact_force_peak_n": found.peak_n}
 
 
+def head_shift_figures(session: "Session", truth: Truth) -> Figures:
+    """Return the error of the mean shift of the head in the scan, as its marker shows it."""
+    scan, report = session.captures.scan, head_report(session)
+    if scan is None or scan.head is None or report is None:
+        return {}
+    seen = next(s.shift_mm for s in report.shifts if s.capture == "scan")
+    if seen is None:
+        return {}
+    shifts = truth.scene.head_shift_base(scan.ordinal, scan.head.times_s)
+    error = np.array(seen) - (shifts.mean(axis=0) - truth.head_base)
+    return {"head_shift_error_mm": float(np.linalg.norm(error))}
+
+
 def wrong_inner(detection: "Detection", true_mm: Floats) -> Bools:
     """Return which A-scans (n,) place the inner boundary more than 1 mm off along the probe axis.
 
@@ -63,11 +78,18 @@ def wrong_inner(detection: "Detection", true_mm: Floats) -> Bools:
 
 
 def true_probe_poses(scan: "ScanCapture", truth: Truth) -> Poses:
-    """Return where the probe really was at each A-scan: joint angles arrive somewhat later."""
+    """Return where the probe really was on the head at each A-scan.
+
+    Joint angles arrive somewhat later.
+    """
     scene = truth.scene
     model = robot_model(scene.settings.robot.model)
     late_s = scene.settings.robot.latency_ms / 1000.0
     times_s = scan.scans.times_s
-    nominal = model.forward(scan.joints.at(times_s + late_s)) @ model.T_flange_tip
-    true = scene.Ts_base_tip_true(nominal, scan.ordinal, error_keys(times_s))
-    return true @ (model.T_flange_tip.inv() @ model.T_flange_probe)
+    qs_rad = scan.joints.at(times_s + late_s)
+    nominal = model.forward(qs_rad) @ model.T_flange_tip
+    true = scene.Ts_base_tip_true(nominal, qs_rad, scan.ordinal, error_keys(times_s))
+    T_tip_probe = model.T_flange_tip.inv() @ model.T_flange_probe
+    probes = true @ (T_tip_probe @ scene.world.clamping)
+    moved = scene.head_shift_base(scan.ordinal, times_s) - truth.head_base
+    return Poses(probes.rotations, probes.translations - moved) if moved.any() else probes

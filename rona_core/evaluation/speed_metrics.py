@@ -25,8 +25,8 @@ def speed_figures(session: "Session", truth: Truth) -> Figures:
     if detection is None or maps is None or scan is None or len(scan.scans) != len(detection.value):
         return {}
     ok = np.asarray(detection.value.inner_ok)
-    poses = true_probe_poses(scan, truth)
-    medium = bone_medium(session.setup.bone, session.setup.seed)
+    poses = true_probe_poses(scan, Truth(truth.scene))  # on the head at rest
+    medium = bone_medium(truth.scene.world)
     true, depth = true_bone(poses, truth.scene, medium)
     nominal = detection.value.sound_speed_mm_per_us
     used = np.full(len(ok), nominal)

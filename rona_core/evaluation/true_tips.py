@@ -26,12 +26,18 @@ SAME_RMS_MM = 1e-6  # reported and recomputed RMS errors that agree like this be
 
 
 def true_markers(
-    track: ToolTrack, rows: Ints, settings: TrackerSettings, seed: int, ordinal: int
+    track: ToolTrack,
+    rows: Ints,
+    settings: TrackerSettings,
+    seed: int,
+    ordinal: int,
+    share: float = 1.0,
 ) -> Poses:
     """Return the true ``Ts_tracker_marker`` (n,) behind some rows (n,) of a track of a capture.
 
     For a 5D tool the roll about its line stays arbitrary. A pose that no set of markers explains
-    is returned as if all that can be seen had been.
+    is returned as if all that can be seen had been. The tracker errs by ``share`` of what its maker
+    states.
     """
     geometry, numbers = GEOMETRIES[track.tool], track.frame_numbers[rows]
     measured, rms_mm = track.Ts_tracker_marker.select(rows), track.rms_error_mm[rows]
@@ -47,6 +53,7 @@ def true_markers(
             None if clear is None else np.broadcast_to(clear, shape),
             drift[unexplained],
             None if swapped is None else swapped[unexplained],
+            share,
         )
         target = measured.select(unexplained)
         poses, seen, found_mm = target, np.ones(len(target), dtype=np.bool_), np.zeros(len(target))
@@ -92,6 +99,7 @@ def true_tips_base(
     ``T_base_tracker`` says where the tracker stood; None: where it stands now.
     It is where the tip was when the frame was measured, which is earlier than it arrived.
     """
-    markers = true_markers(track, rows, scene.settings.tracker, scene.seed, ordinal)
+    settings, share = scene.settings.tracker, scene.world.tracker_share
+    markers = true_markers(track, rows, settings, scene.seed, ordinal, share)
     stood = scene.T_base_tracker if T_base_tracker is None else T_base_tracker
     return stood @ (markers @ scene.tips[track.tool])

@@ -1,14 +1,23 @@
 """Ground truth of the bone in ``base``."""
 
+from typing import TYPE_CHECKING
+
 import numpy as np
 from numpy.typing import ArrayLike
 
-from rona_core.geometry.arrays import Bools, Floats, Vector3, as_points
-from rona_core.geometry.pose import Poses
+from rona_core.evaluation.head_place import head_place_base
+from rona_core.evaluation.scan_postures import ScanPostures, scan_postures
+from rona_core.geometry.arrays import Bools, Floats, Vector3, as_points, readonly
+from rona_core.geometry.pose import Pose, Poses
 from rona_core.virtual.pointer_motion import cross
 from rona_core.virtual.scene import VirtualScene
 
+if TYPE_CHECKING:
+    from rona_core.session.document import Session
+
+REST = readonly(np.zeros(3))
 LANDMARK_MM = 30.0  # distance of the named points from the middle of the region
+FACE_RINGS = 3  # of places about the middle of a face, that stand for all of it
 BEHIND_MM = 20.0  # rays along a probe's axis start this far before its face
 
 # Five named points on the skull: the middle of the region, and the places on the outer surface next
@@ -23,26 +32,54 @@ LANDMARKS = {
 
 
 class Truth:
-    """True surfaces of the specimen of one scene, in ``base``."""
+    """True surfaces of the specimen of one scene, in ``base``.
 
-    def __init__(self, scene: VirtualScene) -> None:
-        """Look at this scene."""
-        self.scene = scene
-        self._T_base_skull = scene.T_base_skull
-        self._T_skull_base = scene.T_base_skull.inv()
+    Attributes:
+        scene: The scene.
+        postures: Those that the robot scanned with.
+        head_base: How far (3,) the head lies from its rest.
+        T_base_skull: Where it lies.
+    """
+
+    def __init__(
+        self,
+        scene: VirtualScene,
+        postures: ScanPostures | None = None,
+        head_base: Vector3 = REST,
+    ) -> None:
+        """Look at this scene with the head where it lay in step 4; `truth_of` tells that."""
+        self.scene, self.postures, self.head_base = scene, postures, head_base
+        rest = scene.T_base_skull
+        self.T_base_skull = Pose(rest.rotation, rest.translation + head_base)
+        self._T_skull_base = self.T_base_skull.inv()
 
     def foot(self, points_base: ArrayLike) -> tuple[Floats, Floats]:
         """Return the nearest points (n, 3) of the outer surface and the outward normals there."""
         specimen = self.scene.specimen
         foot_skull = specimen.closest(self._T_skull_base @ as_points(points_base))
-        normals = self._T_base_skull.rotate(specimen.normal(foot_skull))
-        return self._T_base_skull @ foot_skull, normals
+        normals = self.T_base_skull.rotate(specimen.normal(foot_skull))
+        return self.T_base_skull @ foot_skull, normals
 
     def signed_distance_mm(self, points_base: ArrayLike) -> Floats:
         """Return the distance (n,) to the outer surface along its normal, positive outside."""
         points = as_points(points_base)
         foot, normals = self.foot(points)
         return ((points - foot) * normals).sum(axis=1)
+
+    def face_normals(self, points_base: ArrayLike, radius_mm: float) -> Floats:
+        """Return the outward normals (n, 3) of the bone as a probe's face feels it.
+
+        Each is that of the plane of least squared distances through the bone below a face that is
+        centred at the nearest point. A point of rough bone has another normal, which nothing that
+        is pressed on it feels.
+        """
+        feet, normals = self.foot(points_base)
+        across = np.linalg.svd(normals[:, None])[2][:, 1:]
+        places = feet[:, None] + radius_mm * _face() @ across
+        near = self.foot(places.reshape(-1, 3))[0].reshape(places.shape)
+        near = near - near.mean(axis=1, keepdims=True)
+        planes = np.linalg.eigh(np.swapaxes(near, 1, 2) @ near)[1][:, :, 0]
+        return planes * np.where((planes * normals).sum(axis=1) < 0.0, -1.0, 1.0)[:, None]
 
     def thickness_mm(self, foot_base: Floats, normals_base: Floats) -> Floats:
         """Return the thickness (n,) of the bone below outer points, along the outer normal.
@@ -69,7 +106,7 @@ class Truth:
         aims = np.array(
             [region.center_skull + LANDMARK_MM * (a * y + b * z) for a, b in LANDMARKS.values()]
         )
-        points_base = self._T_base_skull @ self.scene.specimen.closest(aims)
+        points_base = self.T_base_skull @ self.scene.specimen.closest(aims)
         return dict(zip(LANDMARKS, points_base, strict=True))
 
     def region_points(self, step_mm: float = 1.0) -> Floats:
@@ -86,8 +123,23 @@ class Truth:
         u, v = np.meshgrid(np.arange(-n, n + 1) * step_mm, np.arange(-n, n + 1) * step_mm)
         inside = np.hypot(u, v) <= radius_mm
         above = center + u[inside][:, None] * x + v[inside][:, None] * y + 2 * BEHIND_MM * normal
+        above = above + self.head_base
         down = np.broadcast_to(-normal, above.shape)
         rays = self._T_skull_base @ above, self._T_skull_base.rotate(down)
         depth = self.scene.specimen.ray(*rays)
         met: Bools = np.isfinite(depth)
         return above[met] - depth[met][:, None] * normal
+
+
+def _face() -> Floats:
+    """Return places (k, 2) spread evenly over a disc of radius 1: its middle, and rings."""
+    places = [np.zeros((1, 2))]
+    for ring in range(1, FACE_RINGS + 1):
+        turns = 2.0 * np.pi * np.arange(6 * ring) / (6 * ring)
+        places.append(ring / FACE_RINGS * np.column_stack((np.cos(turns), np.sin(turns))))
+    return np.concatenate(places)
+
+
+def truth_of(session: "Session", scene: VirtualScene) -> Truth:
+    """Return the truth that the results of a session are held against."""
+    return Truth(scene, scan_postures(session), head_place_base(session, scene))

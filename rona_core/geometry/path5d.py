@@ -1,6 +1,7 @@
 """5D path: positions with a probe axis; the roll about the axis is free."""
 
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -57,25 +58,7 @@ class Path5D:
         Raises:
             DegenerateGeometryError: neighbouring axes point in opposite directions.
         """
-        axes = self.axes_base
-        start = np.array((1.0, 0.0, 0.0))
-        if abs(axes[0] @ start) > np.cos(REFERENCE_CONE_RAD):
-            start = np.array((0.0, 1.0, 0.0))
-        references = np.zeros_like(axes)
-        reference = start - (start @ axes[0]) * axes[0]
-        references[0] = reference / np.linalg.norm(reference)
-        for i in range(1, len(axes)):
-            a, b, reference = axes[i - 1], axes[i], references[i - 1]
-            bisector = a + b
-            if 1.0 + a @ b < ANTIPARALLEL:
-                raise DegenerateGeometryError(
-                    f"the axes of path points {i - 1} and {i} are opposite: roll is undefined"
-                )
-            # smallest rotation a -> b, as two reflections
-            turned = reference - 2.0 * (bisector @ reference) / (bisector @ bisector) * bisector
-            turned = turned - (turned @ b) * b  # remove rounding along the axis
-            references[i] = turned / np.linalg.norm(turned)
-        return references
+        return _references(self)
 
     def Ts_base_probe(self, rolls_rad: ArrayLike) -> Poses:  # noqa: N802 (frame grammar)
         """Return the 6D poses for one roll (scalar) or one roll each (n,)."""
@@ -85,6 +68,29 @@ class Path5D:
         x = np.cos(rolls)[:, None] * x0 + np.sin(rolls)[:, None] * y0
         y = np.cross(z, x)
         return Poses(np.stack((x, y, z), axis=2), self.points_base)
+
+
+@lru_cache(maxsize=8)  # a search asks for those of one path again for every roll
+def _references(path: Path5D) -> Floats:
+    axes = path.axes_base
+    start = np.array((1.0, 0.0, 0.0))
+    if abs(axes[0] @ start) > np.cos(REFERENCE_CONE_RAD):
+        start = np.array((0.0, 1.0, 0.0))
+    references = np.zeros_like(axes)
+    reference = start - (start @ axes[0]) * axes[0]
+    references[0] = reference / np.linalg.norm(reference)
+    for i in range(1, len(axes)):
+        a, b, reference = axes[i - 1], axes[i], references[i - 1]
+        bisector = a + b
+        if 1.0 + a @ b < ANTIPARALLEL:
+            raise DegenerateGeometryError(
+                f"the axes of path points {i - 1} and {i} are opposite: roll is undefined"
+            )
+        # smallest rotation a -> b, as two reflections
+        turned = reference - 2.0 * (bisector @ reference) / (bisector @ bisector) * bisector
+        turned = turned - (turned @ b) * b  # remove rounding along the axis
+        references[i] = turned / np.linalg.norm(turned)
+    return readonly(references)
 
 
 def resample_path(path: Path5D) -> Path5D:

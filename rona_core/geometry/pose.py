@@ -188,7 +188,10 @@ class Poses:
         return len(self.rotations)
 
     def __getitem__(self, index: int) -> Pose:
-        return Pose.unchecked(self.rotations[index], self.translations[index])
+        pose = object.__new__(Pose)  # views of what cannot be written need no copy
+        object.__setattr__(pose, "rotation", self.rotations[index])
+        object.__setattr__(pose, "translation", self.translations[index])
+        return pose
 
     def __iter__(self) -> Iterator[Pose]:
         return (self[i] for i in range(len(self)))

@@ -13,6 +13,7 @@ from rona_core.geometry.pose import Pose, Poses
 from rona_core.mapping.boundary_map import BoundaryMap, CloudFit, Maps
 from rona_core.mapping.cloud_fusion import fit_cloud, thinned
 from rona_core.mapping.hampel_filter import agreeing
+from rona_core.mapping.map_grid import NEAR_MM, MapGrid
 from rona_core.mapping.thin_plate_spline import PlateFit, fit_plate
 from rona_core.ultrasound.detection.detect import Detection
 from rona_core.ultrasound.detection.single.matched_filter import block_template
@@ -20,7 +21,6 @@ from rona_core.ultrasound.probe.beam import probe_beam
 from rona_core.ultrasound.probe.materials import GEL
 from rona_core.ultrasound.probe.probe_model import ProbeModel, probe_model
 
-NEAR_MM = 2.5  # a cell is mapped if a sample lies this close
 LEAST_SAMPLES = 12
 LEAST_THICKNESS_MM = 0.2  # the inner map stays at least this far below the outer one
 CLOUD_REACH_MM = 6.0  # the cloud extends the map by no more than this
@@ -55,6 +55,20 @@ def lateness_mm(probe: ProbeModel, curvature_per_mm: float) -> float:
     )
     late = -np.angle(curved * np.conj(flat)) / (2.0 * k)
     return float(np.sum(power * late) / np.sum(power))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class OuterMaps:
+    """The outer boundary of a first pass, by ultrasound alone and together with the cloud."""
+
+    points_base: Floats  # (n, 3) one for each A-scan, corrected for curvature
+    correction_mm: Floats  # (n, 3) what was subtracted from the point of each A-scan
+    used: Bools  # (n,) went into the map
+    grid: MapGrid
+    plate: PlateFit
+    outer: BoundaryMap
+    fused: BoundaryMap
+    cloud_fit: CloudFit | None
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -105,45 +119,80 @@ def build_maps(
         DegenerateGeometryError: too few A-scans have an outer boundary, or they lie on a line.
         CancelledError: somebody cancelled.
     """
-    detection = found.detection
-    outer_base, inner_base, T_base_map = _corrected_for_curvature(found, probe)
-    outer_map = T_base_map.inv() @ outer_base
-    outer_used = _agreeing_among(detection.outer_ok, outer_map)
-    grid = _Grid(T_base_map, outer_map[outer_used], cell_mm)
+    outer = build_outer_maps(
+        found, cloud_points_base, cell_mm=cell_mm, probe=probe, progress=progress, cancel=cancel
+    )
+    maps = add_inner_map(outer, found, second)
+    progress(1.0)
+    return maps
+
+
+def build_outer_maps(
+    found: LocatedDetection,
+    cloud_points_base: ArrayLike | None = None,
+    *,
+    cell_mm: float = 1.0,
+    probe: ProbeModel | None = None,
+    progress: Progress = silent,
+    cancel: Cancel = never,
+) -> OuterMaps:
+    """Return what maps hold of the outer boundary; arguments and errors as of ``build_maps``.
+
+    It does not depend on the speed of sound, nor on a second pass.
+    """
+    points_base, correction_mm, T_base_map = _corrected_for_curvature(found, probe)
+    points_map = T_base_map.inv() @ points_base
+    used = _agreeing_among(found.detection.outer_ok, points_map)
+    used_map = points_map[used]
+    grid = MapGrid(T_base_map, used_map, cell_mm)
     _pause(progress, 0.2, cancel)
-    plate = fit_plate(outer_map[outer_used, :2], outer_map[outer_used, 2])
-    outer = grid.boundary(plate, grid.near(outer_map[outer_used]))
-    _pause(progress, 0.5, cancel)
-    usable_inner = np.asarray(detection.outer_ok & detection.inner_ok & (detection.flag == 0))
+    plate = fit_plate(used_map[:, :2], used_map[:, 2])
+    outer = grid.boundary(plate, grid.near(used_map))
+    _pause(progress, 0.4, cancel)
+    fused, fit = outer, None
+    if cloud_points_base is not None:
+        fused, fit = _fused(as_points(cloud_points_base), used_map, plate, grid)
+    _pause(progress, 0.7, cancel)
+    return OuterMaps(points_base, correction_mm, used, grid, plate, outer, fused, fit)
+
+
+def add_inner_map(
+    outer: OuterMaps, found: LocatedDetection, second: LocatedDetection | None = None
+) -> Maps:
+    """Return the maps of both boundaries.
+
+    Args:
+        outer: Of the same A-scans and poses as ``found``.
+        found: In the A-scans, at any speed of sound.
+        second: The same of a second pass, see ``build_maps``.
+    """
+    detection, outer_base = found.detection, outer.points_base
+    inner_base = found.points()[1] - outer.correction_mm
+    usable = np.asarray(detection.outer_ok & detection.inner_ok & (detection.flag == 0))
     if second is not None:
         second_outer, second_inner = second.points()
         outer_base = np.vstack((outer_base, second_outer))
         inner_base = np.vstack((inner_base, second_inner))
-        usable_inner = np.concatenate((usable_inner, second.detection.flag == 0))
-    inner, inner_used = _inner(usable_inner, T_base_map.inv() @ inner_base, plate, grid, outer)
-    _pause(progress, 0.7, cancel)
-    fused, fit = outer, None
-    if cloud_points_base is not None:
-        fused, fit = _fused(as_points(cloud_points_base), outer_map[outer_used], plate, grid)
-    progress(1.0)
+        usable = np.concatenate((usable, second.detection.flag == 0))
+    inner, inner_used = _inner(usable, outer.grid.T_base_map.inv() @ inner_base, outer)
     return Maps(
         outer_points_base=readonly(outer_base),
         inner_points_base=readonly(inner_base),
-        outer_used=readonly(np.pad(outer_used, (0, len(outer_base) - len(outer_used)))),
+        outer_used=readonly(np.pad(outer.used, (0, len(outer_base) - len(outer.used)))),
         inner_used=readonly(inner_used),
-        outer=outer,
+        outer=outer.outer,
         inner=inner,
-        fused=fused,
-        cloud_fit=fit,
+        fused=outer.fused,
+        cloud_fit=outer.cloud_fit,
     )
 
 
 def _corrected_for_curvature(
     found: LocatedDetection, probe: ProbeModel | None
 ) -> tuple[Floats, Floats, Pose]:
-    """Return the points (n, 3) of both boundaries in ``base``, and the frame of the maps."""
+    """Return the outer points (n, 3), what was subtracted (n, 3), and the frame of the maps."""
     axes_base = found.Ts_base_probe.rotations[:, :, 2]
-    outer_base, inner_base = found.points()
+    outer_base = found.points()[0]
     usable = found.detection.outer_ok
     if np.count_nonzero(usable) < LEAST_SAMPLES:
         raise DegenerateGeometryError(
@@ -154,7 +203,7 @@ def _corrected_for_curvature(
     outer_map = T_base_map.inv() @ outer_base
     curvature = mean_curvature_per_mm(outer_map[_agreeing_among(usable, outer_map)])
     late = lateness_mm(probe or probe_model(found.detection.probe), curvature) * axes_base
-    return outer_base - late, inner_base - late, T_base_map
+    return outer_base - late, late, T_base_map
 
 
 def boundary_points(detection: Detection, Ts_base_probe: Poses) -> tuple[Floats, Floats]:
@@ -162,43 +211,6 @@ def boundary_points(detection: Detection, Ts_base_probe: Poses) -> tuple[Floats,
     axes_base = Ts_base_probe.rotations[:, :, 2]
     outer_base = Ts_base_probe.translations + detection.standoff_mm[:, None] * axes_base
     return outer_base, outer_base + detection.thickness_mm[:, None] * axes_base
-
-
-class _Grid:
-    """The cells that all maps share."""
-
-    def __init__(self, T_base_map: Pose, points_map: Floats, cell_mm: float) -> None:
-        low = np.floor(points_map[:, :2].min(axis=0) / cell_mm) * cell_mm
-        high = np.ceil(points_map[:, :2].max(axis=0) / cell_mm) * cell_mm
-        self.T_base_map = T_base_map
-        self.cell_mm = cell_mm
-        self.u_mm, self.v_mm = (
-            np.arange(low[k], high[k] + 0.5 * cell_mm, cell_mm) for k in range(2)
-        )
-        u, v = np.meshgrid(self.u_mm, self.v_mm, indexing="ij")
-        self.places = np.column_stack((u.ravel(), v.ravel()))
-        self.shape = u.shape
-
-    def near(self, points_map: Floats) -> Bools:
-        """Return which cells (nu, nv) have one of the points (n, 3) close by."""
-        if not len(points_map):
-            return np.zeros(self.shape, dtype=np.bool_)
-        distance = KDTree(points_map[:, :2]).query(self.places)[0]
-        return (distance <= NEAR_MM).reshape(self.shape)
-
-    def boundary(self, plate: PlateFit, ok: Bools) -> BoundaryMap:
-        """Return a map with the heights of the plate."""
-        return self.with_heights(plate.heights(self.places).reshape(self.shape), ok)
-
-    def with_heights(self, heights: Floats, ok: Bools) -> BoundaryMap:
-        """Return a map with these heights (nu, nv)."""
-        return BoundaryMap(
-            T_base_map=self.T_base_map,
-            u_mm=readonly(self.u_mm),
-            v_mm=readonly(self.v_mm),
-            height_mm=readonly(np.ascontiguousarray(heights)),
-            ok=readonly(np.ascontiguousarray(ok)),
-        )
 
 
 def _frame(points: Floats, axes: Floats) -> Pose:
@@ -223,26 +235,25 @@ def _agreeing_among(usable: Bools, points_map: Floats) -> Bools:
     return used
 
 
-def _inner(
-    usable: Bools, inner_map: Floats, plate: PlateFit, grid: _Grid, outer: BoundaryMap
-) -> tuple[BoundaryMap, Bools]:
+def _inner(usable: Bools, inner_map: Floats, outer: OuterMaps) -> tuple[BoundaryMap, Bools]:
     """Map what lies between the boundaries and subtract it, so that they never cross."""
+    grid, heights = outer.grid, outer.outer.height_mm
     used, below = usable, np.zeros(len(usable))
     if np.count_nonzero(usable) >= LEAST_SAMPLES:
-        below[usable] = plate.heights(inner_map[usable, :2]) - inner_map[usable, 2]
+        below[usable] = outer.plate.heights(inner_map[usable, :2]) - inner_map[usable, 2]
         used = _agreeing_among(usable, np.column_stack((inner_map[:, :2], below)))
     if np.count_nonzero(used) < LEAST_SAMPLES:
         nothing = np.zeros(grid.shape, dtype=np.bool_)
-        flat = grid.with_heights(outer.height_mm - LEAST_THICKNESS_MM, nothing)
+        flat = grid.with_heights(heights - LEAST_THICKNESS_MM, nothing)
         return flat, np.zeros(len(usable), dtype=np.bool_)
     between = fit_plate(inner_map[used, :2], below[used])
     depth = np.maximum(between.heights(grid.places), LEAST_THICKNESS_MM).reshape(grid.shape)
     ok = grid.near(inner_map[used])
-    return grid.with_heights(outer.height_mm - depth, ok), used
+    return grid.with_heights(heights - depth, ok), used
 
 
 def _fused(
-    cloud_base: Floats, outer_map: Floats, plate: PlateFit, grid: _Grid
+    cloud_base: Floats, outer_map: Floats, plate: PlateFit, grid: MapGrid
 ) -> tuple[BoundaryMap, CloudFit | None]:
     cloud_map = grid.T_base_map.inv() @ cloud_base
     fit = fit_cloud(cloud_map, plate, NEAR_MM)

@@ -94,7 +94,8 @@ def thinned(points_map: Floats, cell_mm: float) -> Floats:
     if not len(points_map):
         return points_map
     cells = np.floor(points_map[:, :2] / cell_mm).astype(np.int64)
-    _, group = np.unique(cells, axis=0, return_inverse=True)
-    order = np.argsort(group, kind="stable")
-    starts = np.flatnonzero(np.diff(group[order], prepend=-1))
-    return np.array([np.median(points_map[rows], axis=0) for rows in np.split(order, starts[1:])])
+    _, group, counts = np.unique(cells, axis=0, return_inverse=True, return_counts=True)
+    first = np.cumsum(counts) - counts
+    low, high = first + (counts - 1) // 2, first + counts // 2
+    ranked = np.column_stack([column[np.lexsort((column, group))] for column in points_map.T])
+    return 0.5 * (ranked[low] + ranked[high])

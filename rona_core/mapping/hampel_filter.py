@@ -13,6 +13,7 @@ FLOOR_MM = 0.08  # a scatter smaller than this is not believed
 REACH_MM = 12.0  # neighbours further off do not count
 ROUNDS = 3
 REWEIGHTS = 8
+SYMMETRIC = np.array(((0, 1, 2), (1, 3, 4), (2, 4, 5)))  # places of a matrix in its upper half
 RIDGE = 1e-9  # keeps neighbours on one line solvable
 
 
@@ -44,17 +45,20 @@ def _against_neighbours(places: Floats, values: Floats, kept: Bools) -> tuple[Fl
     counts = (np.asarray(distance) <= REACH_MM) & (others != np.arange(n)[:, None])
     offset = places[others] - places[:, None, :]
     design = np.concatenate((np.ones((*others.shape, 1)), offset), axis=2)
+    i, j = np.triu_indices(3)
+    products = design[..., i] * design[..., j]
     target = values[others]
     weights = counts.astype(np.float64)
     plane, residuals = np.zeros((n, 3)), target
     for _ in range(REWEIGHTS):  # by absolute residual, so that outliers lose their say
-        weighted = design * weights[..., None]
-        normal = np.einsum("nki,nkj->nij", weighted, design) + RIDGE * np.eye(3)
-        right = np.einsum("nki,nk->ni", weighted, target)
-        plane = np.linalg.solve(normal, right[..., None])[..., 0]
-        residuals = target - np.einsum("nki,ni->nk", design, plane)
+        normal = (weights[:, None, :] @ products)[:, 0, SYMMETRIC] + RIDGE * np.eye(3)
+        right = (weights * target)[:, None, :] @ design
+        plane = np.linalg.solve(normal, right.transpose(0, 2, 1))[..., 0]
+        residuals = target - (design @ plane[..., None])[..., 0]
         weights = counts / np.maximum(np.abs(residuals), FLOOR_MM)
-    spread = np.ma.median(np.ma.masked_array(np.abs(residuals), ~counts), axis=1).filled(np.inf)
-    judged = counts.sum(axis=1) >= LEAST
+    ranked, number = np.sort(np.where(counts, np.abs(residuals), np.inf)), counts.sum(axis=1)
+    middle = np.stack(((number - 1) // 2, number // 2), axis=1)
+    spread = np.take_along_axis(ranked, middle, axis=1).mean(axis=1)
+    judged = number >= LEAST
     residual = np.where(judged, values - plane[:, 0], 0.0)
     return residual, np.where(judged, MAD_TO_SIGMA * spread, np.inf)

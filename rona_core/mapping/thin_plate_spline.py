@@ -1,34 +1,27 @@
-"""Smoothing thin-plate spline through scattered heights, and its error by cross-validation.
+"""Smoothing thin-plate spline through scattered heights."""
 
-A thin plate through the samples that are left tells the height of one that is left out; what it
-is off by holds the error of interpolation, which no scatter about a plate through all samples does.
-Leaving out those around it as well shows how the error grows with the distance to what is known.
-"""
-
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
 from scipy.interpolate import RBFInterpolator
 from scipy.spatial import KDTree
 
-from rona_core.geometry.arrays import Floats, readonly
+from rona_core.geometry.arrays import Floats
 
 STIFFNESSES = (0.01, 0.1, 1.0, 10.0, 100.0, 1000.0)  # smoothing of the plate that is tried
+MIDDLE = 2  # the one that is tried first
 FOLDS = 5
-MOST_FOR_CHOICE = 500  # samples that take part in choosing the stiffness, or are left out
-GLOBAL_LIMIT = 2500  # beyond this many samples, only the nearest ones hold the plate
-NEIGHBOURS = 80
-HOLES_MM = (0.0, 1.0, 1.5, 2.0, 2.5)  # left out around a sample; a cell is no further from one
-WITNESSES = 24  # samples that predict the one left out
-LOOKED_AT = 150  # nearest samples, those in the hole among them
-LEAST_PREDICTED = 10  # samples that tell an error
+MOST_FOR_CHOICE = 500  # samples that take part in choosing the stiffness
+GLOBAL_LIMIT = 2500  # samples of one plate; where there are more, each block of places has its own
+BLOCK, PATCH = 150, 600  # samples in a block on average, and nearest ones that hold its plate
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PlateFit:
     """A fitted plate: heights at any place, and the scatter of the samples about it."""
 
-    plate: RBFInterpolator
+    plate: Callable[[Floats], Floats]  # places (m, 2) -> heights (m,)
     places_mm: Floats  # (n, 2)
     residuals_mm: Floats  # (n,)
     stiffness: float
@@ -59,19 +52,41 @@ def fit_plate(
     return PlateFit(plate, places_mm, left, float(chosen))
 
 
-def _plate(places: Floats, heights: Floats, smoothing: Floats) -> RBFInterpolator:
-    neighbours = NEIGHBOURS if len(heights) > GLOBAL_LIMIT else None
+def _plate(places: Floats, heights: Floats, smoothing: Floats) -> Callable[[Floats], Floats]:
+    if len(heights) > GLOBAL_LIMIT:
+        return _patches(places, heights, smoothing)
     return RBFInterpolator(
         places,
         heights,
-        neighbors=neighbours,
         smoothing=smoothing,  # pyright: ignore[reportArgumentType]  # one for each sample
         kernel="thin_plate_spline",
     )
 
 
+def _patches(places: Floats, heights: Floats, smoothing: Floats) -> Callable[[Floats], Floats]:
+    """Return plates side by side: time grows with the number of samples, not with its cube."""
+    tree = KDTree(places)
+    side_mm = np.sqrt(BLOCK * np.ptp(places, axis=0).prod() / len(places))
+
+    def heights_at(wanted: Floats) -> Floats:
+        found = np.zeros(len(wanted))
+        blocks, number, counts = np.unique(
+            np.floor(wanted / side_mm), axis=0, return_inverse=True, return_counts=True
+        )
+        members = np.split(np.argsort(number, kind="stable"), np.cumsum(counts)[:-1])
+        for block, rows in zip(blocks, members, strict=True):
+            near = tree.query((block + 0.5) * side_mm, k=PATCH)[1]
+            found[rows] = _plate(places[near], heights[near], smoothing[near])(wanted[rows])
+        return found
+
+    return heights_at
+
+
 def chosen_stiffness(places: Floats, heights: Floats, weights: Floats) -> float:
     """Return the stiffness whose plate predicts left-out samples best.
+
+    The error falls to one minimum and rises again, so that it is followed downhill from the middle
+    and half of the plates need not be solved.
 
     Args:
         places: Where the samples lie (n, 2), in mm.
@@ -86,65 +101,23 @@ def chosen_stiffness(places: Floats, heights: Floats, weights: Floats) -> float:
     places, heights, weights = places[rows], heights[rows], weights[rows]
     # neighbours along the path are left out together, or the noise they share looks like shape
     fold = (np.arange(len(rows)) // 4) % FOLDS
-    errors = []
-    for stiffness in STIFFNESSES:
+
+    def error(stiffness: float) -> float:
         left = np.zeros(len(rows))
         for k in range(FOLDS):
             out = fold == k
             plate = _plate(places[~out], heights[~out], stiffness * weights[~out])
             left[out] = heights[out] - np.asarray(plate(places[out]))
-        errors.append(float(np.sum(np.abs(left) / np.sqrt(weights))))
-    return STIFFNESSES[int(np.argmin(errors))]
+        return float(np.sum(np.abs(left) / np.sqrt(weights)))
 
-
-@dataclass(frozen=True, slots=True, eq=False)
-class LeftOutError:
-    """RMS error (k,) of predicted heights, by the mean distance (k,) to the nearest sample left."""
-
-    distance_mm: Floats  # ascending
-    rms_mm: Floats  # never falling
-
-    def at(self, distance_mm: Floats) -> Floats:
-        """Return the RMS error at distances to the nearest sample, any shape."""
-        return np.asarray(np.interp(distance_mm, self.distance_mm, self.rms_mm), dtype=np.float64)
-
-
-def left_out_error(places_mm: Floats, heights_mm: Floats) -> LeftOutError:
-    """Return how far a thin plate errs at samples that it does not know.
-
-    The plate is as stiff as that of the map. The error holds that of the sample left out as well:
-    what a map says of a place is no worse.
-
-    Args:
-        places_mm: Where the samples lie (n, 2).
-        heights_mm: Their heights (n,).
-
-    Returns:
-        Errors by distance; infinite at any distance where there are too few samples to tell.
-    """
-    n = len(places_mm)
-    k = min(WITNESSES, n // 2)
-    if k < 4:
-        return LeftOutError(readonly(np.zeros(1)), readonly(np.full(1, np.inf)))
-    stiffness = chosen_stiffness(places_mm, heights_mm, np.ones(n))
-    some = np.arange(0, n, max(1, n // MOST_FOR_CHOICE))
-    away, near = KDTree(places_mm).query(places_mm[some], k=min(LOOKED_AT, n))
-    found: list[tuple[float, float]] = []
-    for hole_mm in HOLES_MM:
-        remaining = away > hole_mm  # never the sample itself, which is 0 away
-        enough = np.flatnonzero(remaining.sum(axis=1) >= k)
-        if len(enough) < LEAST_PREDICTED:
-            continue
-        errors: list[float] = []
-        for row in enough:
-            witnesses = np.asarray(near)[row, remaining[row]][:k]
-            plate = _plate(places_mm[witnesses], heights_mm[witnesses], np.full(k, stiffness))
-            predicted = float(plate(places_mm[some[row]][None])[0])
-            errors.append(float(heights_mm[some[row]]) - predicted)
-        nearest = float(np.where(remaining[enough], away[enough], np.inf).min(axis=1).mean())
-        if not found or nearest > found[-1][0]:  # on a regular grid two holes may be alike
-            found.append((nearest, float(np.sqrt(np.mean(np.square(errors))))))
-    if not found:
-        return LeftOutError(readonly(np.zeros(1)), readonly(np.full(1, np.inf)))
-    distance, rms = np.array(found).T
-    return LeftOutError(readonly(distance), readonly(np.maximum.accumulate(rms)))
+    at = MIDDLE
+    least = error(STIFFNESSES[at])
+    for way in (-1, 1):
+        while 0 <= at + way < len(STIFFNESSES):
+            found = error(STIFFNESSES[at + way])
+            if found >= least:
+                break
+            at, least = at + way, found
+        if at != MIDDLE:
+            break
+    return STIFFNESSES[at]

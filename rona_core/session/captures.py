@@ -2,14 +2,14 @@
 
 import hashlib
 from collections.abc import Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Protocol
 
 from rona_core.devices.samples import AScanTrack, JointTrack, ToolTrack
 from rona_core.devices.settings import FIRST_PLACE, TrackerPlace
 from rona_core.devices.wrench import ForceTrack
 from rona_core.geometry.arrays import Floats, Ints
-from rona_core.session.codec import OpenType
+from rona_core.session.codec import OMIT_EMPTY, OpenType
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -39,6 +39,7 @@ class PointerCapture:
     partial: bool = False
     base: ToolTrack | None = None  # the base marker meanwhile; None: nobody recorded it
     tracker_place: TrackerPlace = FIRST_PLACE  # as the set-up had it
+    head: ToolTrack | None = field(default=None, metadata=OMIT_EMPTY)  # likewise, of the head
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -52,6 +53,8 @@ class ScanCapture:
     partial: bool = False
     forces: ForceTrack | None = None  # None: driven by position alone
     clock_scans: AScanTrack | None = None  # while pressing on and lifting: they tell the delay
+    base: ToolTrack | None = field(default=None, metadata=OMIT_EMPTY)  # the markers meanwhile, at a
+    head: ToolTrack | None = field(default=None, metadata=OMIT_EMPTY)  # slow pace; None: nobody did
 
 
 @dataclass(frozen=True, slots=True, eq=False)

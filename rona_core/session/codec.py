@@ -22,6 +22,7 @@ from rona_core.errors import SessionFormatError
 from rona_core.geometry.arrays import readonly
 from rona_core.session.memo import Memo
 from rona_core.session.shapes import check_shapes
+from rona_core.session.stored_fields import FLATTEN, field_hints, flattened, stored_names
 
 Arrays = dict[str, NDArray[Any]]
 INLINE_SIZE = 16  # arrays up to this many values are written as JSON lists
@@ -29,7 +30,6 @@ DTYPE = re.compile(r"[<>|=]?[fiub][0-9]{1,2}")
 KINDS = "fiub"  # float, int, unsigned, bool: all that a session may hold
 STEP = 2.0**-15  # of a converter with 16 bits; coarser ones give multiples of it
 TYPE_KEY = "$type"
-FLATTEN = "flatten"  # in the metadata of a field
 OMIT_EMPTY = {"omit_empty": True}  # metadata of a field that is left out while it is empty
 
 
@@ -72,7 +72,7 @@ def _encode_fields(value: Any, name: str, arrays: Arrays) -> dict[str, Any]:
         part = getattr(value, f.name)
         if f.metadata.get(FLATTEN):
             fields |= _encode_fields(part, name, arrays)
-        elif not f.metadata.get("omit_empty") or part:
+        elif not f.metadata.get("omit_empty") or isinstance(part, np.ndarray) or part:
             fields[f.name] = encode(part, f"{name}/{f.name}", arrays)
     return fields
 
@@ -102,6 +102,8 @@ def _packed(array: NDArray[Any]) -> NDArray[np.int16] | None:
 def decode(data: Any, hint: Any, arrays: Mapping[str, NDArray[Any]], where: str = "session") -> Any:
     """Return the value that ``encode`` wrote, of the type that ``hint`` names.
 
+    A dataclass that stands in ``data`` already made stays as it is.
+
     Raises:
         SessionFormatError: the data do not fit the type.
     """
@@ -120,9 +122,10 @@ def decode(data: Any, hint: Any, arrays: Mapping[str, NDArray[Any]], where: str 
         _checked(isinstance(data, dict), data, "an object", where)
         return {k: decode(v, arguments[1], arrays, f"{where}/{k}") for k, v in data.items()}
     if OpenType in getattr(hint, "__mro__", ()):
-        named = data.get(TYPE_KEY) if isinstance(data, dict) else None
-        known = _checked(str(named) in _ALLOWED, data, "a declared type", where)
-        return decode(known, _ALLOWED[str(named)], arrays, where)
+        named = str(_named(data))
+        words = "a type that a step declares (`import rona_core.compose` makes them known)"
+        known = _checked(named in _ALLOWED, data, words, where)
+        return decode(known, _ALLOWED[named], arrays, where)
     target = origin or hint
     if dataclasses.is_dataclass(target):
         return _decode_dataclass(data, hint, arrays, where)
@@ -135,6 +138,12 @@ def decode(data: Any, hint: Any, arrays: Mapping[str, NDArray[Any]], where: str 
     if hint in (int, bool, type(None)):
         return _checked(type(data) is hint, data, getattr(hint, "__name__", "null"), where)
     raise SessionFormatError(f"{where}: no rule for the type {hint}")
+
+
+def _named(data: Any) -> Any:
+    """Return the name of the class that the data are of; None where they do not tell."""
+    made = dataclasses.is_dataclass(data)
+    return type(data).__name__ if made else data.get(TYPE_KEY) if isinstance(data, dict) else None
 
 
 def _checked(valid: bool, data: Any, expected: str, where: str) -> Any:
@@ -163,7 +172,7 @@ def _decode_plain(data: Any, where: str) -> Any:
 def _decode_union(data: Any, options: tuple[Any, ...], arrays: Any, where: str) -> Any:
     if data is None and type(None) in options:
         return None
-    named = data.get(TYPE_KEY) if isinstance(data, dict) else None
+    named = _named(data)
     for option in options:
         target = typing.get_origin(option) or option
         if named is not None and getattr(target, "__name__", None) == named:
@@ -222,14 +231,14 @@ def _decode_tuple(data: Any, arguments: tuple[Any, ...], arrays: Any, where: str
 
 def _decode_dataclass(data: Any, hint: Any, arrays: Any, where: str) -> Any:
     target = typing.get_origin(hint) or hint
+    if isinstance(data, target):
+        return data
     _checked(isinstance(data, dict), data, target.__name__, where)
-    named = data.get(TYPE_KEY)
-    _checked(named == target.__name__, named, target.__name__, f"{where}/{TYPE_KEY}")
+    _checked(_named(data) == target.__name__, _named(data), target.__name__, f"{where}/{TYPE_KEY}")
     bound = dict(zip(getattr(target, "__parameters__", ()), typing.get_args(hint), strict=False))
     omitted = {f.name for f in dataclasses.fields(target) if f.metadata.get("omit_empty")}
-    data = {**{name: {} for name in omitted}, **data}
-    expected = _stored_names(target)
-    missing, extra = expected - data.keys(), data.keys() - expected - {TYPE_KEY}
+    expected = stored_names(target)
+    missing, extra = expected - omitted - data.keys(), data.keys() - expected - {TYPE_KEY}
     if missing or extra:
         lacks = f"lacks {', '.join(sorted(missing))}" if missing else ""
         knows = f"does not know {', '.join(sorted(extra))}" if extra else ""
@@ -243,12 +252,13 @@ def _decode_fields(
     data: dict[str, Any], target: Any, bound: dict[Any, Any], arrays: Any, where: str
 ) -> Any:
     """Return a dataclass made of the fields of ``data`` that it has, flattened parts included."""
-    flattened = _flattened(target)
+    parts = flattened(target)
     values = {
         name: _decode_fields(data, kind, {}, arrays, where)
-        if name in flattened
+        if name in parts
         else decode(data[name], bound.get(kind, kind), arrays, f"{where}/{name}")
-        for name, kind in _field_hints(target).items()
+        for name, kind in field_hints(target).items()
+        if name in parts or name in data  # what was left out has its default
     }
     try:
         made = target(**values)
@@ -256,22 +266,6 @@ def _decode_fields(
         raise SessionFormatError(f"{where}: {error}") from error
     check_shapes(made, where)
     return made
-
-
-def _flattened(target: Any) -> set[str]:
-    return {f.name for f in dataclasses.fields(target) if f.metadata.get(FLATTEN)}
-
-
-def _stored_names(target: Any) -> set[str]:
-    """Return the names of the fields under which a dataclass and its flattened parts stand."""
-    hints, flattened = _field_hints(target), _flattened(target)
-    inner = (_stored_names(hints[name]) for name in flattened)
-    return (hints.keys() - flattened).union(*inner)
-
-
-def _field_hints(target: Any) -> dict[str, Any]:
-    hints = typing.get_type_hints(target, vars(sys.modules[target.__module__]))
-    return {f.name: hints[f.name] for f in dataclasses.fields(target) if f.init}
 
 
 _DIGESTS: Memo[str] = Memo(256)

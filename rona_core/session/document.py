@@ -12,6 +12,7 @@ from rona_core.calibration.handheld.pointer import PointerCalibration
 from rona_core.calibration.handheld.tracked_probe import SonoCalibration
 from rona_core.devices.settings import DeviceSettings, require, require_within
 from rona_core.devices.workcell import Surroundings
+from rona_core.devices.world_settings import WorldSettings
 from rona_core.geometry.arrays import Floats
 from rona_core.geometry.path5d import Path5D
 from rona_core.mapping.boundary_map import Maps
@@ -80,6 +81,7 @@ class Setup:
     devices: DeviceSettings = field(default_factory=DeviceSettings)
     use_base_marker: bool = True  # to find a tracker again that was moved after the registration
     surroundings: Surroundings = field(default_factory=Surroundings)  # what collisions are with
+    world: WorldSettings = field(default_factory=WorldSettings)  # of the virtual devices
 
     def __post_init__(self) -> None:
         require_seed(self.seed)

@@ -22,6 +22,7 @@ import numpy as np
 from rona_core import __version__
 from rona_core.errors import NotFoundError, SessionFormatError
 from rona_core.session.array_packing import pack
+from rona_core.session.captures import Capture
 from rona_core.session.codec import Arrays, decode, encode
 from rona_core.session.document import Session
 from rona_core.session.members import (
@@ -190,9 +191,41 @@ def session_from_bytes(data: bytes, name: str = "upload") -> Session:
                 )
             arrays[copy] = arrays[known]
         require_room(0, used_bytes(document, arrays), {}, name)
-        return decode(document, Session, arrays)
+        for part in ("captures", "archive"):
+            _name_once(document.get(part), copies)
+        return decode(_with_archive(document, arrays), Session, arrays)
     except MemoryError as error:
         raise SessionFormatError(f"{name} needs more memory than there is: refused") from error
+
+
+def _name_once(value: Any, copies: dict[str, str]) -> None:
+    """Give the arrays below a plain value that equal others the names of those, in place."""
+    if isinstance(value, dict):
+        if isinstance(value.get("array"), str):
+            value["array"] = copies.get(value["array"], value["array"])
+        value = list(value.values())
+    if isinstance(value, list):
+        for part in value:
+            _name_once(part, copies)
+
+
+def _with_archive(document: dict[str, Any], arrays: Arrays) -> dict[str, Any]:
+    """Return a document with its archive decoded, and captures that are in it taken from there."""
+    stored: Any = document.get("archive")
+    archive = decode(stored, tuple[Capture, ...], arrays, "session/archive")
+    pairs = list(zip(stored, archive, strict=True))
+
+    def held(value: Any) -> Any:
+        """Return what captures hold: one, several, or those below ``more``."""
+        if isinstance(value, list):
+            return [held(part) for part in value]
+        if not isinstance(value, dict):
+            return value
+        if "ordinal" not in value:
+            return {name: held(part) for name, part in value.items()}
+        return next((capture for data, capture in pairs if data == value), value)
+
+    return {**document, "archive": list(archive), "captures": held(document.get("captures"))}
 
 
 def _with_log(members: Members) -> dict[str, Any]:

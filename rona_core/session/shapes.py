@@ -29,6 +29,7 @@ SHAPES: dict[str, dict[str, str]] = {
         "alternative_quality"
     },
     "ForceTrack": {"n": "times_s force_n states travel_mm feed_share way_mm", "n 6": "wrench"},
+    "GaugeCapture": {"k": "tracks depths_mm"},
     "JointTrack": {"n": "times_s", "n 6": "qs_rad"},
     "LoadedSkull": {
         "i j k": "distance_um",
@@ -49,13 +50,14 @@ SHAPES: dict[str, dict[str, str]] = {
     "Path5D": {"n 3": "points_base axes_base"},
     "PointerCalibration": {
         "3": "tip_pointermarker pivot_tracker",
-        "3 3": "tip_covariance_pointermarker",
+        "3 3": "tip_covariance_pointermarker random_covariance",
         "n": "residuals_mm used",
     },
     "Pose": {"3 3": "rotation", "3": "translation"},
     "Poses": {"n 3 3": "rotations", "n 3": "translations"},
     "RadiusChoice": {"k": "radii_mm noise_deg lean_deg"},
     "RawPath": {"n 3": "points_base"},
+    "ProbeMounting": {"k": "residuals_mm"},
     "ReferenceCapture": {"n 3": "places_base", "n": "thickness_mm sigma_mm"},
     "RollSearch": {
         "n": "rolls_rad",
@@ -90,7 +92,7 @@ SHAPES: dict[str, dict[str, str]] = {
     },
     "ToolCapture": {"n": "dwell_start_s dwell_end_s phases"},
     "ToolLoad": {"3": "com_sensor_mm", "6": "offset"},
-    "ToolRegistration": {"n": "residuals_mm used", "12 12": "covariance"},
+    "ToolRegistration": {"n": "residuals_mm used", "12 12": "covariance random_covariance"},
     "ToolTrack": {
         "k": "frame_numbers times_s rms_error_mm",
         "k 3": "Ts_tracker_marker.translations",

@@ -31,17 +31,27 @@ def _key(seed: int, device: str, ordinal: int) -> int:
     return int.from_bytes(hashlib.blake2b(text, digest_size=16).digest(), "little")
 
 
-def standard_normals(stream: tuple[int, str, int], frames: Iterable[int], count: int) -> Floats:
-    """Return standard normal numbers (n, count): those of ``rng(*stream, frame)`` for n frames.
+class FrameNoise:
+    """The generators ``rng(*stream, frame)`` of a stream, one after the other.
 
     One generator is set to each frame's place in turn, which is quicker than many.
     """
-    generator = rng(*stream, 0)
-    state = generator.bit_generator.state
-    counter = state["state"]["counter"]
-    rows = []
-    for frame in frames:
-        counter[2] = int(frame) % 2**64
-        generator.bit_generator.state = state
-        rows.append(generator.standard_normal(count))
+
+    def __init__(self, seed: int, device: str, ordinal: int) -> None:
+        """Take the stream of one device in one capture."""
+        self._generator = rng(seed, device, ordinal, 0)
+        self._state = self._generator.bit_generator.state
+        self._counter = self._state["state"]["counter"]
+
+    def at(self, frame: int) -> np.random.Generator:
+        """Return the generator of a frame; it is good until the next one is asked for."""
+        self._counter[2] = int(frame) % 2**64
+        self._generator.bit_generator.state = self._state
+        return self._generator
+
+
+def standard_normals(stream: tuple[int, str, int], frames: Iterable[int], count: int) -> Floats:
+    """Return standard normal numbers (n, count): those of ``rng(*stream, frame)`` for n frames."""
+    noise = FrameNoise(*stream)
+    rows = [noise.at(frame).standard_normal(count) for frame in frames]
     return np.array(rows).reshape(-1, count)

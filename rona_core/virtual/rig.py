@@ -14,7 +14,7 @@ from rona_core.geometry.arrays import Bools, Floats, Vector3, as_vector3
 from rona_core.geometry.pose import Pose, Poses
 from rona_core.robot.kinematics.catalog import robot_model
 from rona_core.robot.kinematics.robot_model import RobotModel
-from rona_core.virtual.acoustics.medium import Medium
+from rona_core.virtual.acoustics.medium import bone_medium
 from rona_core.virtual.acoustics.plates import VirtualBench
 from rona_core.virtual.acoustics.probe import VirtualProbe
 from rona_core.virtual.clock import CaptureClock
@@ -23,14 +23,17 @@ from rona_core.virtual.operator.operator import VirtualOperator
 from rona_core.virtual.robot.accuracy_error import RobotError
 from rona_core.virtual.robot.contact_depth import ContactDepth
 from rona_core.virtual.robot.force_sensor import VirtualForceSensor
+from rona_core.virtual.robot.joint_errors import JointErrors
 from rona_core.virtual.robot.robot import VirtualRobot
 from rona_core.virtual.scene import VirtualScene
 from rona_core.virtual.tracker.live_tracker import VirtualLiveTracker
 from rona_core.virtual.tracker.occlusion import LinesOfSight
 from rona_core.virtual.tracker.tracker import VirtualTracker
 from rona_core.virtual.true_tool_poses import MovingTools
+from rona_core.virtual.world.world import NOMINAL, World
 
 EDGE_MM = 3.0  # of the triangles that the skull is drawn with
+SLIDE_S, SLIDE_MM = 0.02, 0.01  # time over which the face is seen to slide, and least way
 if TYPE_CHECKING:
     from rona_core.virtual.specimen.build_specimen import Specimen
 
@@ -93,20 +96,24 @@ class VirtualDisplay:
         return self._pointer()
 
 
-def build_scene(seed: int, specimen: "Specimen", settings: DeviceSettings) -> VirtualScene:
+def build_scene(
+    seed: int, specimen: "Specimen", settings: DeviceSettings, world: World
+) -> VirtualScene:
     """Return the ground truth of a session with virtual devices.
 
     Raises:
         InvalidInputError: no robot of the name in the settings.
     """
     model = robot_model(settings.robot.model)
+    joints = JointErrors(seed, model, world.robot_mm) if world.robot_joints else None
     return VirtualScene(
         seed,
         specimen,
         settings,
-        robot_error=RobotError(seed, settings.robot.errors),
+        robot_error=RobotError(seed, settings.robot.errors, world.robot_mm, joints),
         T_tip_toolmarker=model.T_flange_tip.inv() @ model.T_flange_toolmarker,
         region_center=model.work_area.region_base,
+        world=world,
     )
 
 
@@ -115,7 +122,7 @@ class VirtualRig:
 
     Everything that is measured follows from the seed, the specimen, the settings and the ordinal of
     the capture. ``speed`` is the pace at which captures are shown, see ``CaptureClock``;
-    ``medium`` is what the bone is made of.
+    ``world`` is what patient and devices really are.
     """
 
     origin: Origin = "VIRTUAL"
@@ -126,21 +133,33 @@ class VirtualRig:
         specimen: "Specimen",
         settings: DeviceSettings,
         speed: float | None = None,
-        medium: Medium | None = None,
+        world: World = NOMINAL,
     ) -> None:
         """Build the scene and switch the devices on, ready for capture 0."""
-        self.scene = build_scene(seed, specimen, settings)
+        self.scene = build_scene(seed, specimen, settings, world)
         self.clock = CaptureClock(speed)
         self._model = robot_model(settings.robot.model)
         self.robot = VirtualRobot(self._model, self.clock)
         self.operator = VirtualOperator(self.scene, self.clock)
         self._tools = self._moving_tools(0)
         self._sight = self._lines_of_sight()
-        self.tracker = VirtualTracker(self.clock, self, seed)
+        self.tracker = VirtualTracker(self.clock, self, seed, share=world.tracker_share)
         self.live_tracker = VirtualLiveTracker(
-            seed, self._toolmarker_now, self._basemarker_now, clear=self._clear_now
+            seed,
+            lambda: self._marker_now("toolmarker"),
+            lambda: self._marker_now("basemarker"),
+            lambda: self._marker_now("headmarker"),
+            clear=self._clear_now,
+            share=world.tracker_share,
         )
-        self.probe = VirtualProbe(self.clock, self._true_probe, specimen, medium)
+        self.probe = VirtualProbe(
+            self.clock,
+            self._true_probes,
+            specimen,
+            bone_medium(world),
+            world=world,
+            sliding=self._sliding if world.friction else None,
+        )
         self.force = self._force_sensor()
         self.bench = VirtualBench(self.scene)
         self.display = VirtualDisplay(self.scene, self._pointer_now)
@@ -153,7 +172,8 @@ class VirtualRig:
             InvalidInputError: no robot of the name in the settings.
         """
         if settings != self.scene.settings:
-            scene = build_scene(self.scene.seed, self.scene.specimen, settings)
+            old = self.scene
+            scene = build_scene(old.seed, old.specimen, settings, old.world)
             if settings.robot.model != self.scene.settings.robot.model:
                 self._model = robot_model(settings.robot.model)
                 self.robot = VirtualRobot(self._model, self.clock)
@@ -220,23 +240,36 @@ class VirtualRig:
     def _now_s(self) -> Floats:
         return np.array([self.clock.now()])
 
-    def _tips_at(self, times_s: Floats) -> Poses:
-        return self._model.forward(self.robot.qs_at(times_s)) @ self._model.T_flange_tip
+    def _tips_at(self, times_s: Floats) -> tuple[Floats, Poses]:
+        qs_rad = self.robot.qs_at(times_s)
+        return qs_rad, self._model.forward(qs_rad) @ self._model.T_flange_tip
 
-    def _toolmarker_now(self) -> Pose | None:
-        poses = self._tools.Ts_tracker_marker("toolmarker", self._now_s())
+    def _marker_now(self, tool: str) -> Pose | None:
+        poses = self._tools.Ts_tracker_marker(tool, self._now_s())
         return None if poses is None else poses[0]
 
-    def _basemarker_now(self) -> Pose | None:
-        poses = self._tools.Ts_tracker_marker("basemarker", self._now_s())
-        return None if poses is None else poses[0]
-
-    def _true_probe(self) -> Pose:
-        held = self._tools.Ts_skull_probe(self._now_s())
+    def _true_probes(self, times_s: Floats) -> Poses:
+        """Return the poses (n,) of the face relative to the specimen."""
+        held = self._tools.Ts_skull_probe(times_s)
         if held is not None:
-            return held[0]
-        T_tip_probe = self._model.T_flange_tip.inv() @ self._model.T_flange_probe
-        return self._tools.Ts_skull_tip(self._now_s())[0] @ T_tip_probe
+            return held
+        return self._tools.Ts_skull_tip(times_s) @ self._T_tip_probe()
+
+    def _T_tip_probe(self) -> Pose:  # noqa: N802 (frame grammar)
+        """Return the probe as it is clamped."""
+        model, clamped = self._model, self.scene.world.clamping
+        return model.T_flange_tip.inv() @ model.T_flange_probe @ clamped
+
+    def _sliding(self, times_s: Floats) -> Floats:
+        """Return the directions (n, 3) in ``skull`` in which the face of the probe slides."""
+        T_tip_probe = self._T_tip_probe()
+        tips = self._tools.Ts_skull_tip(times_s)
+        before = self._tools.Ts_skull_tip(times_s - SLIDE_S) @ T_tip_probe
+        axes = tips.rotations[:, :, 2]
+        steps = (tips @ T_tip_probe).translations - before.translations
+        steps = steps - np.vecdot(steps, axes)[:, None] * axes
+        lengths = np.sqrt(np.vecdot(steps, steps))
+        return steps / np.maximum(lengths, SLIDE_MM)[:, None]
 
     def _pointer_now(self) -> Pose | None:
         return self._tools.T_base_pointermarker(self.clock.now())

@@ -1,5 +1,6 @@
 """Ground truth of the scene: true poses of robot, tracker, tools and specimen."""
 
+from functools import lru_cache
 from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
@@ -16,6 +17,7 @@ from rona_core.geometry.arrays import Floats, Ints, Vector3, readonly
 from rona_core.geometry.pose import Pose, Poses
 from rona_core.virtual.noise import rng
 from rona_core.virtual.pointer_motion import UP
+from rona_core.virtual.world.world import NOMINAL, World
 
 if TYPE_CHECKING:
     from rona_core.virtual.specimen.build_specimen import Specimen
@@ -28,10 +30,12 @@ TRACKER_DIRECTION = (0.85, 0.25, 0.46)  # from the region to the tracker: forwar
 TRACKER_DISTANCE_MM = 1900.0
 DIMPLE = (640.0, 230.0, 360.0)  # a block beside the head that holds a pointer's tip
 BASE_MARKER = (370.0, -270.0, 300.0)  # on a bracket of the robot base; it faces the tracker
+HEAD_MARKER = (695.0, 0.0, 445.0)  # on a bracket screwed to the bone, on the tracker's side
 
 PLACEMENT_SD = (2.0, np.deg2rad(1.0))  # mm and rad per axis: how exactly people place things
 MOUNTING_SD = (1.5, np.deg2rad(0.8))  # likewise, of the marker on the tool
 SONO_AXIS_SD_RAD = np.deg2rad(0.8)  # per axis: of the probe's axis against what its maker says
+HEAD_WANDER_S, BREATH_S = 240.0, 4.0  # periods
 TIP_DEVIATION_MM = (1.0, 3.0)  # how far a pointer's tip is from where its maker says
 
 
@@ -39,13 +43,13 @@ class TipError(Protocol):
     """How far the robot's tip is from where its encoders say."""
 
     def Ts_base_tip_true(  # noqa: N802 (frame grammar)
-        self, Ts_base_tip_nominal: Poses, ordinal: int, keys: Ints
+        self, Ts_base_tip_nominal: Poses, qs_rad: Floats | None, ordinal: int, keys: Ints
     ) -> Poses:
         """Return where the tip really is (n,), by commanded motion or time bucket ``keys`` (n,)."""
         ...
 
-    def systematic_mm(self, points_base: Floats) -> Floats:
-        """Return the repeatable part of the error (n, 3) at tip positions (n, 3)."""
+    def systematic_mm(self, points_base: Floats, qs_rad: Floats | None = None) -> Floats:
+        """Return the repeatable part of the error (n, 3) at points (n, 3), at joints (n, 6)."""
         ...
 
 
@@ -57,12 +61,14 @@ class VirtualScene:
         specimen: The bone, in ``skull``.
         settings: Settings of the devices that it was built with.
         robot_error: Error of the robot.
+        world: What patient and devices really are.
         T_base_skull: Pose of the specimen.
         T_base_tracker: Pose of the tracker; its z axis looks at the region.
         T_tip_toolmarker: Mounting of the marker on the tool, as it really is.
         tips: Tip of each pointer (3,) in its marker frame; ``pointer5d`` exactly on its axis.
         dimple_base: Bottom of the dimple (3,) that pointers are pivoted in.
         T_base_basemarker: The marker body on the robot base, as it is really mounted.
+        T_base_headmarker: The marker body on the head, while that lies where ``T_base_skull`` says.
         T_sonomarker_probe: The probe in the marker frame of the SonoPointer, z into the bone.
         shafts: Direction (3,) from the tip to the hand of each tool, in its marker frame.
     """
@@ -76,6 +82,7 @@ class VirtualScene:
         robot_error: TipError,
         T_tip_toolmarker: Pose,
         region_center: tuple[float, float, float] = REGION_CENTER,
+        world: World = NOMINAL,
     ) -> None:
         """Place everything.
 
@@ -87,8 +94,10 @@ class VirtualScene:
             T_tip_toolmarker: Where the tool's maker says the marker sits.
             region_center: Where the head is put up, as it suits the arm: centre of the region in
                 coordinates of the base at its default place. The room moves along.
+            world: What patient and devices really are.
         """
         self.seed = seed
+        self.world = world
         self.specimen = specimen
         self.settings = settings
         self.robot_error = robot_error
@@ -115,6 +124,9 @@ class VirtualScene:
         self.T_base_basemarker = _facing(np.array(BASE_MARKER), tracker.translation) @ mounting
         self.tips[SONO] = _deviated(generator, SONO)
         self.T_sonomarker_probe = _sono_probe(generator, self.tips[SONO])
+        on_head = np.array(region_center) + np.array(HEAD_MARKER) - np.array(REGION_CENTER)
+        fixed = _facing(on_head, tracker.translation) @ _jitter(generator, MOUNTING_SD)
+        self.T_base_headmarker = moved.inv() @ fixed
         self.shafts = {tool: UP for tool in ("pointer6d", "pointer5d")}
         self.shafts[SONO] = readonly(-self.T_sonomarker_probe.rotation[:, 2])
 
@@ -134,10 +146,29 @@ class VirtualScene:
         return center_base, self.T_base_skull.rotate(region.normal_skull), region.radius_mm
 
     def Ts_base_tip_true(  # noqa: N802 (frame grammar)
-        self, Ts_base_tip_nominal: Poses, ordinal: int, keys: Ints
+        self, Ts_base_tip_nominal: Poses, qs_rad: Floats | None, ordinal: int, keys: Ints
     ) -> Poses:
         """Return where the tip really is (n,) while the encoders say ``Ts_base_tip_nominal``."""
-        return self.robot_error.Ts_base_tip_true(Ts_base_tip_nominal, ordinal, keys)
+        return self.robot_error.Ts_base_tip_true(Ts_base_tip_nominal, qs_rad, ordinal, keys)
+
+    def head_shift_base(self, ordinal: int, times_s: Floats) -> Floats:
+        """Return how far (n, 3) the head is from ``T_base_skull`` at times of a capture.
+
+        It wanders in its clamp over minutes, elsewhere in every capture, and breathes.
+        """
+        world = self.world
+        if world.head_drift_mm == 0.0 and world.breathing_mm == 0.0:
+            return np.zeros((len(times_s), 3))
+        phases = _head_phases(self.seed, ordinal)
+        slow = world.head_drift_mm * np.sin(2.0 * np.pi * times_s / HEAD_WANDER_S + phases[0])
+        fast = world.breathing_mm * np.sin(2.0 * np.pi * times_s / BREATH_S + phases[1])
+        return (slow + fast)[:, None] * world.head_drift_base
+
+
+@lru_cache(maxsize=8)  # a contact loop asks every step
+def _head_phases(seed: int, ordinal: int) -> Floats:
+    """Return the phases (2,) of wandering and breathing in a capture."""
+    return readonly(rng(seed, "head", ordinal, 0).uniform(0.0, 2.0 * np.pi, 2))
 
 
 def base_displacement(settings: RobotSettings) -> Pose:

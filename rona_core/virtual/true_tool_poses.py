@@ -13,7 +13,8 @@ from rona_core.virtual.scene import VirtualScene
 
 REPEAT_S = 0.5  # the robot's repeatability error changes this often
 
-TipsAt = Callable[[Floats], Poses]  # times (n,) in seconds -> Ts_base_tip as the encoders say
+# times (n,) in seconds -> joint angles (n, 6) and Ts_base_tip (n,), as the encoders say
+TipsAt = Callable[[Floats], tuple[Floats, Poses]]
 
 
 def error_keys(times_s: Floats) -> Ints:
@@ -42,12 +43,13 @@ class MovingTools:
 
     def Ts_base_tip(self, times_s: Floats) -> Poses:  # noqa: N802 (frame grammar)
         """Return where the tool's tip really is at times (n,)."""
-        nominal = self._tips_at(times_s)
-        return self._scene.Ts_base_tip_true(nominal, self._ordinal, error_keys(times_s))
+        qs_rad, nominal = self._tips_at(times_s)
+        keys = error_keys(times_s)
+        return self._scene.Ts_base_tip_true(nominal, qs_rad, self._ordinal, keys)
 
     def Ts_skull_tip(self, times_s: Floats) -> Poses:  # noqa: N802 (frame grammar)
         """Return the poses (n,) of the tool's tip relative to the specimen."""
-        return self._T_skull_base @ self.Ts_base_tip(times_s)
+        return self._in_skull(self.Ts_base_tip(times_s), times_s)
 
     def T_base_pointermarker(self, time_s: float) -> Pose | None:  # noqa: N802 (frame grammar)
         """Return where the pointer is, None while it lies aside."""
@@ -60,12 +62,27 @@ class MovingTools:
         if hand is None or hand.pointer != SONO:
             return None
         markers = hand.Ts_base_pointermarker(times_s)
-        return self._T_skull_base @ (markers @ self._scene.T_sonomarker_probe)
+        return self._in_skull(markers @ self._scene.T_sonomarker_probe, times_s)
+
+    def _in_skull(self, poses_base: Poses, times_s: Floats) -> Poses:
+        """Return poses (n,) relative to the specimen, where the head is at these times."""
+        shifts = self._scene.head_shift_base(self._ordinal, times_s)
+        if not shifts.any():
+            return self._T_skull_base @ poses_base
+        return self._T_skull_base @ Poses(poses_base.rotations, poses_base.translations - shifts)
+
+    def _Ts_base_headmarker(self, times_s: Floats) -> Poses:  # noqa: N802 (frame grammar)
+        """Return the poses (n,) of the marker on the head, which goes with it."""
+        rest = self._scene.T_base_headmarker.repeated(len(times_s))
+        shifts = self._scene.head_shift_base(self._ordinal, times_s)
+        return Poses(rest.rotations, rest.translations + shifts)
 
     def Ts_tracker_marker(self, tool: str, times_s: Floats) -> Poses | None:  # noqa: N802
         """Return the true poses (n,) of a tool's marker before the tracker, None if not there."""
         if tool == "basemarker":
             return self._T_tracker_basemarker.repeated(len(times_s))
+        if tool == "headmarker":
+            return self._T_tracker_base @ self._Ts_base_headmarker(times_s)
         hand = self._hand()
         if tool == "toolmarker":
             return self._T_tracker_base @ (self.Ts_base_tip(times_s) @ self._scene.T_tip_toolmarker)

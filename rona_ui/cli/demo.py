@@ -7,7 +7,7 @@ import sys
 from collections.abc import Callable, Generator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any
+from typing import Any, get_args
 
 from rich.console import Console
 from rich.progress import BarColumn, Progress, TaskID, TextColumn, TimeElapsedColumn
@@ -16,6 +16,7 @@ from rich.text import Text
 
 from rona_core.app.overview.acceptance import quality_rows
 from rona_core.compose import DemoSkull, run_demo
+from rona_core.devices.world_settings import WorldProfile, WorldSettings
 from rona_core.errors import InvalidInputError
 from rona_core.session.document import Session
 from rona_core.session.files import save_session
@@ -38,6 +39,8 @@ def run(wanted: Any) -> int:
                 wanted.radius,
             ),
             robot=wanted.robot,
+            world=WorldSettings(wanted.world),
+            reference_points=not wanted.no_reference_points,
             progress=show,
         )
     if wanted.json:
@@ -58,6 +61,9 @@ def _check(wanted: Any) -> None:
         for name in ("inner", "threshold"):
             if getattr(wanted, name) is not None:
                 raise InvalidInputError(f"--{name} belongs to a --specimen from a file: name one")
+    if wanted.world not in get_args(WorldProfile):
+        known = ", ".join(get_args(WorldProfile))
+        raise InvalidInputError(f"--world must be one of {known}, not {wanted.world}")
     for name in (wanted.specimen, wanted.inner):
         if name not in (None, "simulated") and not Path(name).is_file():
             what = "is a folder" if Path(name).is_dir() else "does not exist"
@@ -95,7 +101,8 @@ def _bars() -> Generator[Callable[[str, float], None]]:
 
 
 def _print_figures(figures: dict[str, Any], session: Session) -> None:
-    head = f"seed {figures.get('seed')}, {figures.get('specimen')}, {figures.get('robot')}"
+    known = (figures.get(name) for name in ("specimen", "robot", "world"))
+    head = ", ".join((f"seed {figures.get('seed')}", *map(str, known)))
     table = Table(title=f"Against ground truth: {head}", title_justify="left", pad_edge=False)
     for column in ("figure", "value", "unit", "limit", "verdict", "paper"):
         right = column in ("value", "limit", "paper")

@@ -8,7 +8,14 @@ from rona_core.app.steps.acoustics.messages import (
     RemoveReferencePoint,
     StartCaliperMeasurements,
 )
-from rona_core.app.steps.acoustics.view import ReferenceRow, reference_rows, speed_state
+from rona_core.app.steps.acoustics.view import (
+    PUBLISHED_WORDS,
+    ReferenceRow,
+    gain_words,
+    reference_gain,
+    reference_rows,
+    speed_state,
+)
 from rona_core.session.document import Session
 from rona_ui.panels.widgets import style
 from rona_ui.panels.widgets.panel_context import PanelContext
@@ -20,13 +27,19 @@ class SpeedFields:
     def __init__(self, gui: Any, context: PanelContext) -> None:
         self._points = 0
         number = gui.add_number(
-            "Number of points", 3, min=1, max=20, step=1, hint="Three are enough for most patients"
+            "Number of points", 3, min=1, max=20, step=1, hint="At places chosen by the program"
         )
         self._measure = context.send_button(
             gui,
             "Measure with caliper",
             "ruler-measure",
             lambda: StartCaliperMeasurements(n=int(number.value)),
+        )
+        self._more = context.send_button(
+            gui,
+            "Measure more",
+            "plus",
+            lambda: StartCaliperMeasurements(n=int(number.value), append=True),
         )
         scan = gui.add_number(
             "A-scan no.", 0, min=0, max=100000, step=1, hint="A-scan at the measured place"
@@ -50,17 +63,20 @@ class SpeedFields:
         rows, state = reference_rows(session), speed_state(session)
         self._points = len(rows)
         mapped = session.results.detection is not None
-        for button in (self._measure, self._add):
+        for button in (self._measure, self._more, self._add):
             button.disabled = busy or not mapped
-        self._remove.visible = self._calibrate.visible = bool(rows)
+        self._more.visible = self._remove.visible = self._calibrate.visible = bool(rows)
         self._remove.disabled = self._calibrate.disabled = busy
         html = points_table(rows)
+        gain = reference_gain(session)
         if state is not None:
             html += style.note(f"Speed of sound {state.sentence}", style.BOXES[state.verdict])
         elif not mapped:
             html += style.note("Map the boundaries first, then measure with the caliper.")
         else:
-            html += style.note("Not calibrated: published speed, ± 3 % between patients.")
+            html += style.note(f"Not calibrated: published speed, {PUBLISHED_WORDS}.")
+        if gain is not None and (state is None or state.verdict != "good"):
+            html += style.note(gain_words(gain))
         self._html.content = html
 
 

@@ -86,7 +86,8 @@ class SurfacePanel(StepPanel):
                 f"{expected.rms_mm:.2f} mm in 3D. Contributions: robot and tracker "
                 f"{expected.registration_mm:.2f}, pointer tip {expected.pointer_mm:.2f}, "
                 f"{expected.frames} averaged frames {expected.frame_mm:.2f}, tracker volume "
-                f"(specification) {expected.stated_mm:.2f} mm."
+                f"(specification) {expected.tracker_mm:.2f}, robot (specification) "
+                f"{expected.robot_mm:.2f} mm."
             )
         return style.note(
             f"{len(cloud.points_base)} points from {len(strokes)} "

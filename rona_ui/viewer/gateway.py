@@ -15,7 +15,9 @@ import http
 import io
 import secrets
 import threading
+import zipfile
 from collections.abc import Generator
+from importlib import import_module
 from pathlib import Path
 from typing import Any
 
@@ -44,6 +46,7 @@ class ViewerGateway:
     def __init__(self) -> None:
         """Start viser on a free loopback port."""
         self._secret = secrets.token_hex(32)
+        _keep_icons_open()
         self.server = _start_viser(self._secret)
         self._uri = f"ws://127.0.0.1:{self.server.get_port()}"
         page = (Path(viser.__file__).parent / "client" / "build" / "index.html").read_bytes()
@@ -184,6 +187,22 @@ def _start_viser(secret: str) -> viser.ViserServer:
         )
     server.request_share_url = _refuse_sharing
     return server
+
+
+def _keep_icons_open() -> None:
+    """Have viser read its icons from an archive that stays open.
+
+    It opens it for each icon, and to read its list of 4285 takes longer than to draw a panel.
+    """
+    archive = zipfile.ZipFile(Path(viser.__file__).parent / "_icons" / "tabler-icons.zip")
+
+    @functools.cache
+    def svg_from_icon(name: str) -> str:
+        return archive.read(f"{name}.svg").decode()
+
+    for user in ("_gui_api", "_gui_handles"):
+        module: Any = import_module(f"viser.{user}")
+        module.svg_from_icon = svg_from_icon
 
 
 def uuid_of(handle: Any) -> str:

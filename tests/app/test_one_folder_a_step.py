@@ -128,5 +128,5 @@ def test_what_nobody_declared_is_refused(bench):
         REGISTRY.declare([STEP])
     held = Derived(LoadedFromElsewhere(1.0), "FitToyLine", {}, {})
     forged = replace(bench.session, results=bench.session.results.with_("other", held))
-    with pytest.raises(SessionFormatError, match="a declared type"):
+    with pytest.raises(SessionFormatError, match="a type that a step declares"):
         session_from_bytes(session_bytes(forged))

@@ -10,14 +10,20 @@ import numpy as np
 import pytest
 
 from benchmarks import __main__ as program
+from benchmarks import procedure_profile, timed_procedure
+from benchmarks.cases.growth import exponent
+from benchmarks.default_case import DEFAULT
 from benchmarks.metric import Metric, cpu_ms, over_seeds
 from benchmarks.smallest import DEMO, SMALLEST, set_to
-from benchmarks.suites.procedure import map_bands
+from benchmarks.suites.procedure import map_bands, procedure
 from rona_core.session.document import Session
 from rona_core.session.files import load_session
 
 KEYS = ["name", "value", "unit", "direction", "goal", "peer", "peer_value", "holds"]
+# the room "honesty" holds one suite and its cases
+CASES = {"design.py", "judged.py", "navigation.py", "thickness.py", "maps.py"}
 SUITES = sorted((Path(program.__file__).parent / "suites").rglob("[!_]*.py"))
+SUITES = [path for path in SUITES if path.parent.name != "honesty" or path.name not in CASES]
 
 
 @pytest.mark.parametrize(
@@ -114,10 +120,12 @@ def test_numbers_of_numpy_are_plain_in_json():
         assert found["holds"] is False
 
 
-def test_the_smallest_case_changes_constants_that_are_there_and_gives_them_back():
+def test_smaller_cases_change_constants_that_are_there_and_give_them_back():
     assert set(SMALLEST) == set(program.SUITES)
+    assert set(DEFAULT) <= set(program.SUITES)
+    cases = [*SMALLEST.values(), *DEFAULT.values()]
     before = {}
-    for values in SMALLEST.values():
+    for values in cases:
         for place in values:
             module, _, name = place.rpartition(".")
             before[place] = getattr(importlib.import_module(f"benchmarks.{module}"), name)
@@ -127,13 +135,64 @@ def test_the_smallest_case_changes_constants_that_are_there_and_gives_them_back(
         modules = {m: importlib.import_module(f"benchmarks.{m}") for m, _, _ in parts.values()}
         return {place: getattr(modules[m], name) for place, (m, _, name) in parts.items()}
 
-    for values in SMALLEST.values():
+    for values in cases:
         with set_to(values):
             assert all(now()[place] is value for place, value in values.items())
         assert now() == before
     with contextlib.suppress(KeyboardInterrupt), set_to(values):
         raise KeyboardInterrupt
     assert now() == before
+
+
+def test_the_default_leaves_out_what_full_runs_and_says_so(monkeypatch, capsys):
+    whole, fewer = procedure.SEEDS, DEFAULT["procedure"]["suites.procedure.procedure.SEEDS"]
+    assert set(fewer) < set(whole)
+    seen = []
+    monkeypatch.setattr(procedure, "run", lambda progress: seen.append(procedure.SEEDS) or [])
+    for arguments in ([], ["--full"], ["--seeds", "2"], ["--full", "--seeds", "7"]):
+        assert program.main(["procedure", *arguments]) == 0
+    assert seen == [fewer, whole, range(2), range(7)]
+    said = [x for x in capsys.readouterr().out.splitlines() if x.startswith("procedure: ")]
+    assert said[:2] == [
+        "procedure: fewer seeds than with --full",
+        "procedure: the whole suite",
+    ]
+    with pytest.raises(SystemExit):
+        program.main(["procedure", "--full", "--smallest"])
+
+
+@pytest.mark.parametrize("power", [0.5, 1.0, 2.0])
+def test_the_exponent_of_a_power_is_that_power(power):
+    amounts = [3.0, 6.0, 12.0, 24.0]
+    assert exponent(amounts, [0.2 * n**power for n in amounts]) == pytest.approx(power)
+
+
+def test_a_step_that_doubles_no_longer_holds():
+    kept = timed_procedure.kept_shares()
+    assert sum(kept.values()) == pytest.approx(1.0, abs=0.001)
+
+    def held(part, factor):
+        spent_s = {**kept, part: kept[part] * factor}
+        spent_s["roll"] -= spent_s[part] - kept[part]  # the whole stays what it was
+        timed = timed_procedure.TimedProcedure(Session(name="x"), spent_s, 0.1)
+        rows = {m.name: m.holds for m in timed_procedure.share_metrics(timed)}
+        return rows[f"share of CPU, {part}"]
+
+    for part in ("surface", "evaluation", "smoothing"):
+        assert held(part, 1.9)
+        assert not held(part, 2.1)
+
+
+def test_a_profile_gives_the_time_of_libraries_to_those_who_called_them():
+    ours = [(str(procedure_profile.ROOT / "rona_core" / f"{x}.py"), 1, x) for x in "ab"]
+    numpy, below = ("numpy.py", 1, "norm"), ("~", 0, "<sqrt>")
+    table = {
+        ours[0]: (1, 1, 1.0, 4.0, {}),
+        ours[1]: (1, 1, 2.0, 5.0, {}),
+        numpy: (2, 2, 0.0, 4.0, {ours[0]: (1, 1, 0.0, 1.0), ours[1]: (1, 1, 0.0, 3.0)}),
+        below: (2, 2, 4.0, 4.0, {numpy: (2, 2, 4.0, 4.0)}),
+    }
+    assert procedure_profile.own_times_s(table) == {ours[0]: 2.0, ours[1]: 5.0}
 
 
 def test_so_many_seeds_are_taken_as_are_asked_for(monkeypatch, capsys):
@@ -197,8 +256,16 @@ def test_the_procedure_is_summed_up_over_runs():
     assert found["completed, of 9"].value == 8.0
     assert found["completed, of 9"].goal == 7.0
     assert found["completed, of 9"].holds is True
-    text = page(done)
-    assert text.count("| simulated |") == 8
+    text = page({"realistic": done, "nominal": done})
+    assert text.count("| simulated |") == 16
+    heads = "figure | realistic, 9 runs | nominal, 9 runs | unit | goal | paper | holds"
+    assert f"| {heads} |" in text
+    assert "| surface_rms_mm (worst) | 2.5 | 2.5 | mm |" in text
+    assert "1 of 9 runs were refused by a step, and 0 have" in text
+    unsure = Run("simulated", 9, {**good, "thickness_sigma_predicted_mm": 0.4})
+    assert "and 1 have a predicted figure beyond its limit (Thickness, predicted 1)." in page(
+        {"realistic": [*done, unsure]}
+    )
     assert "no: roll" in text
     header = next(line for line in text.splitlines() if line.startswith("| skull"))
     for key in ("outer_same_robot_rms_mm", "inner_same_robot_rms_mm", "outer_robot_rms_mm"):
@@ -211,13 +278,15 @@ def test_the_procedure_is_summed_up_over_runs():
 def test_the_share_of_the_robot_is_its_field_along_the_normal():
     from benchmarks.suites.procedure.procedure import robot_share
     from rona_core.compose import build_virtual_rig
-    from rona_core.evaluation.truth import Truth
+    from rona_core.evaluation.truth import truth_of
 
     session = load_session(DEMO)
     scene = build_virtual_rig(session.setup).scene
     points = session.results.maps.value.outer.points_base()
-    _, normals = Truth(scene).foot(points)
-    field = (scene.robot_error.systematic_mm(points) * normals).sum(axis=1)
+    truth = truth_of(session, scene)
+    _, normals = truth.foot(points)
+    field = scene.robot_error.systematic_mm(points, truth.postures.at(points))
+    field = (field * normals).sum(axis=1)
     share = robot_share(session)["outer_robot_rms_mm"]
     assert share == pytest.approx(np.sqrt(np.mean(field**2)), rel=0.02)
     assert robot_share(Session()) == {"outer_robot_rms_mm": None}

@@ -24,7 +24,9 @@ def virtual(name, excitation):
         x = np.cross(z, (0.0, 1.0, 0.0))
         x /= np.linalg.norm(x)
         touching = Pose(np.column_stack((x, np.cross(z, x), z)), region.center_skull)
-        probe = virtual_probe.VirtualProbe(clock, lambda: touching, specimen)
+        probe = virtual_probe.VirtualProbe(
+            clock, lambda times: touching.repeated(len(times)), specimen
+        )
         probe.begin(ProbeSettings(name=name, excitation=excitation), 3, 1)
         return probe, clock
 

@@ -22,14 +22,13 @@ from rona_core.app.steps.surface.messages import BuildSurface
 from rona_core.app.steps.tool.messages import RegisterTool
 from rona_core.session.codec import digest
 from rona_core.session.files import load_session, session_bytes, session_from_bytes
-from rona_core.session.migrate import (
+from rona_core.session.message_migration import (
     CAPTURES_BEFORE_4,
-    MIGRATIONS,
     RENAMED_IN_4,
     RESULTS_BEFORE_4,
-    SCHEMA,
     with_present_message,
 )
+from rona_core.session.migrate import MIGRATIONS, SCHEMA
 
 FILES = sorted((Path(__file__).parent / "sessions").glob("schema_*.rona"))
 
@@ -126,7 +125,7 @@ def test_messages_of_schema_3_have_their_present_names_in_log_and_results():
     assert set(RENAMED_IN_4.values()) <= set(public)
     results = manifest["session"]["results"]
     held = {k: v["message"] for k, v in results.items() if isinstance(v, dict)}
-    made = {name: getattr(session.results, name).message for name in held}
+    made = {name: session.results.get(name).message for name in held}
     assert made == {name: RENAMED_IN_4.get(message, message) for name, message in held.items()}
     assert set(made.values()) <= set(public)
     assert made["path"] == "GenerateScanPattern"

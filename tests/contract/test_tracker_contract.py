@@ -12,6 +12,7 @@ from rona_core.devices.marker_geometry import GEOMETRIES
 from rona_core.devices.recording import Recording, ReplayTracker
 from rona_core.devices.samples import WITH_POSE, ToolStatus
 from rona_core.devices.settings import TOOLS, TrackerSettings
+from rona_core.errors import DeviceError
 from rona_core.geometry.pose import Pose
 from rona_core.virtual.clock import CaptureClock
 from rona_core.virtual.tracker.tracker import VirtualTracker
@@ -126,3 +127,27 @@ def test_closing_twice_is_safe_and_ends_the_frames(tracker):
     tracker.close()
     tracker.close()
     assert next(frames, None) is None
+
+
+def test_past_frames_are_those_that_came_only_fewer(tracker):
+    """Law: looked at later and thinned out, a frame is what it was to the last bit."""
+    frames = list(islice(tracker.frames(), 60))
+    now_s = frames[-1].time_s
+    clock = tracker._clock
+    assert abs(clock.now() - now_s) < 1e-6
+    past = tracker.past(0.2, 10.0)
+    assert 0.6 <= len(past) / ((now_s - 0.2) * 10.0 + 1.0) <= 1.0 + 1e-9
+    known = {frame.number: frame for frame in frames}
+    for frame in past:
+        assert frame.time_s >= 0.2 - 1e-9
+        for ours, theirs in zip(frame.tools, known[frame.number].tools, strict=True):
+            assert (ours.tool, ours.status) == (theirs.tool, theirs.status)
+            assert ours.rms_error_mm == theirs.rms_error_mm
+            if ours.T_tracker_marker is not None:
+                np.testing.assert_array_equal(
+                    ours.T_tracker_marker.matrix(), theirs.T_tracker_marker.matrix()
+                )
+    assert clock.now() == pytest.approx(now_s)
+    tracker.close()
+    with pytest.raises(DeviceError, match="closed"):
+        tracker.past(0.0, 10.0)

@@ -41,6 +41,13 @@ def test_the_core_is_imported_at_once_and_its_parts_when_asked_for():
         _ = rona_core.nothing
 
 
+@pytest.mark.parametrize("verb", ["serve", "demo"])
+def test_readers_of_foreign_files_are_imported_when_there_is_one(verb):
+    dear = {"scipy.signal", "scipy.stats", "scipy.io", "h5py", "nibabel", "nrrd"}
+    code = f"import sys, rona_ui.cli.{verb}; sys.exit(bool({dear!r} & set(sys.modules)))"
+    assert subprocess.run([sys.executable, "-c", code], cwd=ROOT, check=False).returncode == 0
+
+
 def test_a_session_is_started_and_opened():
     new = rona_core.new_session("mine", seed=7)
     opened = rona_core.open(ROOT / "sessions" / "demo.rona")

@@ -17,9 +17,10 @@ from rona_core.devices.files.text_tables import NamedFile
 from rona_core.virtual.specimen.import_skull import import_skull
 
 ZEROS = 1 << 24  # bytes of the block that is repeated
-# processes are forked from one that has the readers loaded, and has opened nothing yet
+# processes are forked from one that has the readers loaded, with what they load on their first
+# call, and has opened nothing yet
 APART = multiprocessing.get_context("forkserver")
-APART.set_forkserver_preload([__name__, "rona_core.session.files"])
+APART.set_forkserver_preload([__name__, "rona_core.session.files", "scipy.signal"])
 
 
 def peak_kb():

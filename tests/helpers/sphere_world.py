@@ -73,11 +73,11 @@ class ShiftError:
 
     offset: tuple[float, float, float] = (0.0, 0.0, 0.0)
 
-    def Ts_base_tip_true(self, Ts_base_tip_nominal, ordinal, keys):  # noqa: N802
+    def Ts_base_tip_true(self, Ts_base_tip_nominal, qs_rad, ordinal, keys):  # noqa: N802
         nominal = Ts_base_tip_nominal
         return Poses(nominal.rotations, nominal.translations + np.array(self.offset))
 
-    def systematic_mm(self, points_base):
+    def systematic_mm(self, points_base, qs_rad=None):
         return np.broadcast_to(np.array(self.offset), np.shape(points_base)).copy()
 
 

@@ -141,7 +141,7 @@ def scan(skull, settings, *, seed, width_mm=20.0, lines_mm=2.0, tilt_deg=1.0, li
     rows = np.arange(-width_mm / 2, width_mm / 2 + 1e-9, lines_mm)
     path = [(x, y) for i, y in enumerate(rows) for x in (along if i % 2 == 0 else along[::-1])]
     clock, pose = StillClock(), [Pose.identity()]
-    probe = VirtualProbe(clock, lambda: pose[0], skull)
+    probe = VirtualProbe(clock, lambda times: pose[0].repeated(len(times)), skull)
     probe.begin(settings, seed, 0)
     scans, poses, depths = [], [], []
     for i, xy in enumerate(path):

@@ -68,7 +68,7 @@ def record(
 ) -> BoneScene:
     """Return the A-scans that the virtual probe takes at these poses, with the truth."""
     clock, here = CaptureClock(), [poses[0]]
-    probe = VirtualProbe(clock, lambda: here[0], bone, medium)
+    probe = VirtualProbe(clock, lambda times: here[0].repeated(len(times)), bone, medium)
     probe.begin(settings, seed, 0)
     scans: list[AScan] = []
     for number, pose in enumerate(poses):
@@ -107,7 +107,10 @@ def inner_level_db(
     rf: list[Floats] = []
     for behind in (medium.brain, medium.table):
         probe = VirtualProbe(
-            CaptureClock(), lambda: T_skull_probe, bone, replace(medium, brain=behind)
+            CaptureClock(),
+            lambda times: T_skull_probe.repeated(len(times)),
+            bone,
+            replace(medium, brain=behind),
         )
         probe.begin(settings, 0, 0)  # without noise to speak of, and the same in both
         rf.append(probe.acquire().rf)

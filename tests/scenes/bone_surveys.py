@@ -12,9 +12,11 @@ import numpy as np
 from rona_core.app.declarations.declarations import Message
 from rona_core.app.procedure import PROCEDURE, run_procedure
 from rona_core.app.steps.boundaries.ascan_view import scan_poses
+from rona_core.app.steps.scan.messages import StartScan
 from rona_core.app.steps.setup.messages import SetSeed
 from rona_core.compose import new_workbench, specimen_of
 from rona_core.devices.settings import ProbeSettings
+from rona_core.devices.world_settings import NOMINAL_WORLD
 from rona_core.errors import StepBlockedError
 from rona_core.evaluation.scan_metrics import true_probe_poses
 from rona_core.evaluation.truth import Truth
@@ -27,11 +29,12 @@ from rona_core.virtual.acoustics.medium import bone_medium
 from rona_core.virtual.acoustics.probe import Layered
 from rona_core.virtual.rig import build_scene
 from rona_core.virtual.specimen.simulated.simulated_skull import SimulatedSpecimen
+from rona_core.virtual.world.world import NOMINAL, draw_world
 from tests.scenes.bone_record import BoneScene, record
 from tests.scenes.bone_scenes import standing_meander
 
 STANDING_STREAM = 0x57A4D  # names the draw of leans and heights of a probe that no robot holds
-UP_TO_SCAN = PROCEDURE[: 1 + [step for step, _ in PROCEDURE].index("scan")]
+UP_TO_SCAN = PROCEDURE[: 1 + [type(message) for _, message in PROCEDURE].index(StartScan)]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -63,7 +66,7 @@ def scanned(seed: int, steps: Sequence[tuple[str, Message]] = UP_TO_SCAN) -> Sur
         if not ending.completed or scan is None or believed is None:
             raise StepBlockedError(f"seed {seed} has no scan: {ending.reason}")
         setup = bench.session.setup
-        scene = build_scene(setup.seed, specimen_of(setup), setup.devices)
+        scene = build_scene(setup.seed, specimen_of(setup), setup.devices, NOMINAL)
         T_skull_base = scene.T_base_skull.inv()
         true = [T_skull_base @ pose for pose in true_probe_poses(scan, Truth(scene))]
         return Survey(seed, scene.specimen, setup.devices.probe, Poses.stack(true), believed)
@@ -87,7 +90,7 @@ def stood_on(seed: int, radius_mm: float, lines_mm: float = 4.0) -> Survey:
 
 def fired_again(survey: Survey, kind: BoneKind = "normal", loss: float = 1.0) -> BoneScene:
     """Return the A-scans of this survey in bone of a kind, its loss times a factor."""
-    medium = bone_medium(BoneChoice(kind), survey.seed)
+    medium = bone_medium(draw_world(NOMINAL_WORLD, BoneChoice(kind), survey.seed))
     table, diploe = (
         replace(m, attenuation_db_per_cm=loss * m.attenuation_db_per_cm)
         for m in (medium.table, medium.diploe)

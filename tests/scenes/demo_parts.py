@@ -2,6 +2,8 @@
 
 from dataclasses import replace
 
+from rona_core.app.steps.maps.messages import StartMapping
+from rona_core.compose import new_workbench
 from rona_core.session.document import Captures, Results, Session
 from rona_core.session.files import load_session
 from rona_ui.resources import demo_session
@@ -13,3 +15,14 @@ def registered() -> Session:
     captures = Captures(tool=session.captures.tool, pointer=session.captures.pointer)
     results = Results(tool=session.results.tool, pointer=session.results.pointer)
     return replace(session, captures=captures, results=results, archive=())
+
+
+def without_reference_points() -> Session:
+    """Return the demo session mapped at the published speed of sound, nothing of it stale."""
+    session = load_session(demo_session()).with_capture("references", None)
+    bench = new_workbench(session.with_result("speed", None))
+    try:
+        bench.run(StartMapping())
+        return bench.session
+    finally:
+        bench.close()

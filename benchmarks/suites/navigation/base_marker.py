@@ -9,10 +9,10 @@ import numpy as np
 from benchmarks.metric import Metric, Progress
 from rona_core.calibration.hand_eye.base_marker import (
     SeenBase,
-    TrackerErrorField,
     mean_base,
     update_registration,
 )
+from rona_core.calibration.tracker_field import TrackerErrorField
 from rona_core.devices.marker_geometry import GEOMETRIES
 from rona_core.devices.settings import TrackerPlace, TrackerProfile, TrackerSettings
 from rona_core.devices.tracker_volumes import FIELD_MM

@@ -1,7 +1,8 @@
 """The whole procedure, over seeds of the simulated skull and over real skulls where present.
 
 Each run is ``rona_core.compose.run_demo``; docs/metrics.md says what each figure means, and
-``robot_share`` here what ``outer_robot_rms_mm`` is.
+``robot_share`` and ``published_speed`` here what ``outer_robot_rms_mm`` and
+``thickness_published_speed_rms_mm`` are.
 """
 
 import os
@@ -11,11 +12,14 @@ from math import ceil
 from pathlib import Path
 
 from benchmarks.metric import Direction, Metric, Progress, over_seeds
+from benchmarks.timed_procedure import share_metrics, timed_procedure
 from rona_core.app.overview.acceptance import FIGURES
-from rona_core.compose import DemoSkull, build_virtual_rig, run_demo
+from rona_core.app.steps.maps.messages import StartMapping
+from rona_core.compose import DemoSkull, build_virtual_rig, new_workbench, run_demo
+from rona_core.devices.world_settings import REALISTIC_WORLD, WorldSettings
 from rona_core.evaluation.figures import rms
-from rona_core.evaluation.map_metrics import outer_errors_mm
-from rona_core.evaluation.truth import Truth
+from rona_core.evaluation.map_metrics import outer_errors_mm, thickness_errors_mm
+from rona_core.evaluation.truth import truth_of
 from rona_core.session.document import Session
 
 SEEDS = range(10)
@@ -56,11 +60,15 @@ KEYS = (
     "outer_rms_mm",
     "outer_robot_rms_mm",
     "outer_same_robot_rms_mm",
+    "outer_other_roll_rms_mm",
     "thickness_rms_mm",
+    "thickness_published_speed_rms_mm",
+    "thickness_sigma_predicted_mm",
     "inner_rms_mm",
     "inner_same_robot_rms_mm",
     "fused_outer_rms_mm",
     "coverage_fraction",
+    "inner_coverage_one_pass_fraction",
     "inner_coverage_fraction",
     "unflagged_failure_fraction",
     "detection_failure_fraction",
@@ -86,20 +94,45 @@ def data_folder() -> Path:
     return Path(os.environ.get("RONA_SHARED", beside)) / "data"
 
 
-def runs(progress: Progress) -> Iterator[Run]:
-    """Yield every run; a skull that is not there is left out, and said so."""
-    for seed in SEEDS:
-        progress(f"simulated skull, seed {seed}")
-        session, figures = run_demo(seed)
-        yield Run("simulated", seed, {**figures, **robot_share(session)})
+def runs(
+    progress: Progress, seeds: Sequence[int], world: WorldSettings = REALISTIC_WORLD
+) -> Iterator[Run]:
+    """Yield every run in a world; a skull that is not there is left out, and said so."""
+    for seed in seeds:
+        progress(f"{world.profile} world, simulated skull, seed {seed}")
+        yield _judged("simulated", *run_demo(seed, world=world))
     for name in SKULLS:
         path = data_folder() / name
         if path.is_file():
-            progress(name)
-            session, figures = run_demo(0, DemoSkull(str(path)))
-            yield Run(name.partition("_mask")[0], 0, {**figures, **robot_share(session)})
+            progress(f"{world.profile} world, {name}")
+            skull = DemoSkull(str(path))
+            yield _judged(name.partition("_mask")[0], *run_demo(0, skull, world=world))
         else:
             progress(f"{name} is not there: left out")
+
+
+def _judged(specimen: str, session: Session, figures: Mapping[str, object]) -> Run:
+    """Return a run with the figures that need more than its session."""
+    more = {**robot_share(session), **published_speed(session)}
+    return Run(specimen, session.setup.seed, {**figures, **more})
+
+
+def published_speed(session: Session) -> dict[str, float | None]:
+    """Return the error of the thickness without reference points: at the published mean speed.
+
+    All else is as it was. None where there is no such map, or no thickness in it.
+    """
+    key = "thickness_published_speed_rms_mm"
+    if session.results.maps is None:
+        return {key: None}
+    bench = new_workbench(session.with_capture("references", None).with_result("speed", None))
+    try:
+        bench.run(StartMapping())
+        made = bench.session.results.maps
+    finally:
+        bench.close()
+    truth = truth_of(session, build_virtual_rig(session.setup).scene)
+    return {key: None if made is None else rms(thickness_errors_mm(made.value, truth))}
 
 
 def robot_share(session: Session) -> dict[str, float | None]:
@@ -111,7 +144,8 @@ def robot_share(session: Session) -> dict[str, float | None]:
     made = session.results.maps
     if made is None or not made.value.outer.ok.any():
         return {"outer_robot_rms_mm": None}
-    points, truth = made.value.outer.points_base(), Truth(build_virtual_rig(session.setup).scene)
+    truth = truth_of(session, build_virtual_rig(session.setup).scene)
+    points = made.value.outer.points_base()
     off = outer_errors_mm(points, truth, True) - outer_errors_mm(points, truth, False)
     return {"outer_robot_rms_mm": rms(off)}
 
@@ -139,5 +173,7 @@ def summary(done: Sequence[Run]) -> list[Metric]:
 
 
 def run(progress: Progress) -> list[Metric]:
-    """Run the procedure everywhere and return the summary."""
-    return summary(list(runs(progress)))
+    """Run the procedure everywhere; return the summary, and what share of CPU each step takes."""
+    metrics = summary(list(runs(progress, SEEDS)))
+    progress("share of each step")
+    return metrics + share_metrics(timed_procedure(next(iter(SEEDS))))

@@ -16,6 +16,7 @@ import viser
 import websockets.asyncio.client
 
 from benchmarks.metric import Metric, Progress
+from benchmarks.reliability.server_process import TOKEN
 from rona_core.compose import build_registry
 from rona_ui.server import ServerSettings, open_first_session, server_of
 from rona_ui.viewer.gateway import ViewerGateway
@@ -24,7 +25,6 @@ from rona_ui.window.window import Window, open_window
 VISITS, STAY_S = 100, 0.3
 WARM_UP = 10  # visits before memory is compared: threads and caches are there once
 SETTLE_S, IDLE_S = 20.0, 20.0
-TOKEN = "token-of-the-benchmark"
 CAMERA = {
     "type": "ViewerCameraMessage",
     "wxyz": (1.0, 0.0, 0.0, 0.0),
@@ -102,11 +102,11 @@ def _idle(window: Window) -> Idle:
 
 def _visit(port: int, visits: int) -> None:
     for _ in range(visits):
-        asyncio.run(_one_visit(port))
+        asyncio.run(one_visit(port, STAY_S))
 
 
-async def _one_visit(port: int) -> None:
-    """Connect as a browser does, say where the camera is, stay a moment and leave."""
+async def one_visit(port: int, stay_s: float) -> None:
+    """Connect as a browser does, say where the camera is, stay a while and leave."""
     async with websockets.asyncio.client.connect(
         f"ws://127.0.0.1:{port}/viewer",
         subprotocols=[websockets.Subprotocol(f"viser-v{viser.__version__}")],
@@ -115,7 +115,7 @@ async def _one_visit(port: int) -> None:
         max_size=None,
     ) as socket:
         await socket.send(msgspec.msgpack.encode(CAMERA))
-        end_s = time.monotonic() + STAY_S
+        end_s = time.monotonic() + stay_s
         while (left_s := end_s - time.monotonic()) > 0.0:
             try:
                 await asyncio.wait_for(socket.recv(), left_s)

@@ -81,7 +81,7 @@ def plate_figures(name: ProbeName, excitation: Excitation) -> list[Metric]:
         bound = inner_bound(pulse, scene.medium.table, PLATE_MM, snr, sent).coherent_us
         bound_mm = bound * NOMINAL_SPEED_MM_PER_US / 2.0
         for method in get_args(Method):
-            error, _ = errors(scene, method)
+            error, _ = errors(scene, method, bone_loss=1.0)
             kept = error[np.abs(error) <= WRONG_MM]
             label = f"{name} {excitation} {snr:.0f} dB {method}"
             ratio = float(kept.std() / bound_mm) if len(kept) > 1 else None
@@ -92,13 +92,19 @@ def plate_figures(name: ProbeName, excitation: Excitation) -> list[Metric]:
     return found
 
 
-def errors(scene: BoneScene, method: Method) -> tuple[Floats, Detection]:
-    """Return the errors (n,) of the time of flight as thickness, and the detection."""
+def errors(
+    scene: BoneScene, method: Method, *, bone_loss: float | None = None
+) -> tuple[Floats, Detection]:
+    """Return the errors (n,) of the time of flight as thickness, and the detection.
+
+    ``bone_loss`` is that of the bone where it is told; None: learned.
+    """
     found = detect(
         ProbeSurvey(
             scene.track, scene.probe, scene.settings.excitation, positions_mm=scene.points_skull
         ),
         method=method,
+        bone_loss=bone_loss,
     )
     true_mm = scene.bone_us * found.sound_speed_mm_per_us / 2.0
     return found.thickness_mm - true_mm, found

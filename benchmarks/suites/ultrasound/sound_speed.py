@@ -12,12 +12,12 @@ from benchmarks.metric import Metric, Progress, cpu_ms
 from benchmarks.reference.thickness_budget import thickness_budget
 from rona_core.geometry.arrays import Floats
 from rona_core.ultrasound.acoustic_calibration.speed_calibration import (
-    PUBLISHED,
     SpeedCalibration,
     calibrate_speed,
     speed_at,
     uncalibrated,
 )
+from rona_core.ultrasound.acoustic_calibration.speed_prior import PUBLISHED
 from rona_core.ultrasound.detection.detect import NOMINAL_SPEED_MM_PER_US
 
 PATIENTS = 2000

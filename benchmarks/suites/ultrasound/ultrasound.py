@@ -75,7 +75,7 @@ def shots(tilt_deg: float, excitation: Excitation) -> AScanTrack:
     clock = CaptureClock()
     places = list(poses(np.random.default_rng(5)))
     here = [places[0]]
-    probe = VirtualProbe(clock, lambda: here[0], Plate(tilt_deg))
+    probe = VirtualProbe(clock, lambda times: here[0].repeated(len(times)), Plate(tilt_deg))
     probe.begin(ProbeSettings(excitation=excitation), 5, 0)
     scans: list[AScan] = []
     for number, place in enumerate(places):

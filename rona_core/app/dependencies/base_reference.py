@@ -11,13 +11,13 @@ from rona_core.calibration.hand_eye.base_marker import (
     MIN_FRAMES,
     BaseReference,
     Movement,
-    TrackerErrorField,
     detect_tracker_movement,
     mean_base,
     point_sigmas_mm,
     update_registration,
 )
 from rona_core.calibration.hand_eye.tool_registration import ToolRegistration
+from rona_core.calibration.tracker_field import TrackerErrorField
 from rona_core.devices.samples import ToolTrack
 from rona_core.devices.settings import TrackerSettings
 from rona_core.devices.tracker_volumes import FIELD_MM

@@ -6,6 +6,7 @@ from rona_core.app.declarations.declarations import Input
 from rona_core.app.declarations.registry import REGISTRY
 from rona_core.app.dependencies.inputs import CAPTURE, missing
 from rona_core.app.dependencies.obstacles import obstacles_of
+from rona_core.devices.world_settings import NOMINAL_WORLD
 from rona_core.errors import StepBlockedError
 from rona_core.robot.collision.obstacles import Obstacles
 from rona_core.session.captures import Capture, PointerCapture, is_imported
@@ -33,6 +34,8 @@ def known_setup_digests(kind: str, session: Session) -> tuple[str, ...]:
 
 def _digest(parts: tuple[Part, ...], session: Session) -> str:
     seen: list[object] = [session.setup.seed]
+    if session.setup.world.profile != NOMINAL_WORLD.profile:  # older captures know no other
+        seen.append(session.setup.world.profile)
     return digest(seen + [value for part in parts for value in part(session)])
 
 

@@ -10,6 +10,7 @@ from typing import Any, Literal
 from rona_core.app.declarations.registry import REGISTRY
 from rona_core.app.dependencies.inputs import CAPTURE
 from rona_core.app.dependencies.staleness import stale_reason
+from rona_core.app.steps.scan.head_view import unwatched
 from rona_core.session.document import Session
 from rona_core.session.specimen import LoadedSkull
 
@@ -52,7 +53,7 @@ class QualityRow:
     def sentence(self) -> str:
         """Say in words what it is, beside its limit."""
         if not isinstance(self.value, int | float) or isinstance(self.value, bool):
-            return f"{self.title}: {self.value}"
+            return f"{self.title}: {self.reason or self.value}"
         words = f"{self.title} {self.value:.{self.decimals}f} {self.unit}".rstrip()
         if self.limit is not None:
             words += f" (limit {self.limit:.{self.decimals}f})"
@@ -70,12 +71,13 @@ class Judgement:
 # where each limit comes from: docs/metrics.md, "Limits"
 FIGURES: dict[str, FigureKind] = {
     "tool_tip_error_mm": FigureKind("Tool tip error", "tool", "mm", 2, 0.5),
-    "tool_tip_sigma_mm": FigureKind("Tool tip, random error", "tool", "mm", 2, 0.3),
+    "tool_tip_sigma_mm": FigureKind("Tool tip, expected error", "tool", "mm", 2, 0.3),
     "tracker_registration_tre_mm": FigureKind(
         "Registration, TRE on the skull", "tool", "mm", 2, 1.0
     ),
+    "tracker_registration_sigma_mm": FigureKind("Registration, expected", "tool", "mm", 2, 1.0),
     "pointer_tip_error_mm": FigureKind("Pointer tip error", "pointer", "mm", 2, 0.5),
-    "pointer_tip_sigma_mm": FigureKind("Pointer tip, random error", "pointer", "mm", 2, 0.5),
+    "pointer_tip_sigma_mm": FigureKind("Pointer tip, expected error", "pointer", "mm", 2, 0.5),
     "surface_points": FigureKind("Surface points", "surface"),
     "surface_rms_mm": FigureKind("Surface cloud, RMS", "surface", "mm", 2, 0.5, paper=2.5),
     "surface_sigma_predicted_mm": FigureKind(
@@ -94,7 +96,7 @@ FIGURES: dict[str, FigureKind] = {
     "path_deviation_raw_max_mm": FigureKind(
         "Path deviation from raw samples", "smoothing", "mm", 2
     ),
-    "normal_error_median_deg": FigureKind("Normal error, median", "smoothing", "deg", 1, 0.5),
+    "normal_error_median_deg": FigureKind("Normal error, median", "smoothing", "deg", 1, 1.0),
     "normal_error_p95_deg": FigureKind("Normal error, 95 %", "smoothing", "deg", 1, 2.5),
     "rolls_tried": FigureKind("Rolls tried", "roll"),
     "rolls_feasible": FigureKind("Rolls the robot can traverse", "roll", "", 0, 1.0, "at least"),
@@ -107,14 +109,20 @@ FIGURES: dict[str, FigureKind] = {
     "scan_points": FigureKind("A-scans", "capture scan"),
     "second_pass_points": FigureKind("A-scans of the second pass", "capture second"),
     "second_pass_reason": FigureKind("No second pass, because", ""),
+    "references_reason": FigureKind("No reference points, because", ""),
     "scan_duration_s": FigureKind("Scan duration", "roll", "s"),
     "contact_force_rms_n": FigureKind(
         "Force about its set point, RMS", "capture scan", "N", 2, 0.7
     ),
     "contact_force_peak_n": FigureKind("Largest force", "capture scan", "N", 1, 6.0),
+    "head_shift_mm": FigureKind("Head, shift since step 4", "capture scan", "mm", 2),
+    "head_shift_sigma_mm": FigureKind("Head, shift, predicted", "capture scan", "mm", 3, 0.05),
+    "head_shift_error_mm": FigureKind("Head, shift, error", "capture scan", "mm", 3, 0.05),
+    "head_motion_mm": FigureKind("Head, motion during the scan", "capture scan", "mm", 2, 0.35),
     "outer_rms_mm": FigureKind("Outer boundary, RMS", "maps", "mm", 2, 0.35, paper=0.35),
     "inner_rms_mm": FigureKind("Inner boundary, RMS", "maps", "mm", 2, 0.85, paper=0.85),
     "outer_same_robot_rms_mm": FigureKind("Outer boundary, same robot", "maps", "mm", 2),
+    "outer_other_roll_rms_mm": FigureKind("Outer boundary, other roll", "maps", "mm", 2),
     "inner_same_robot_rms_mm": FigureKind("Inner boundary, same robot", "maps", "mm", 2),
     "thickness_bias_mm": FigureKind("Thickness, bias", "maps", "mm", 2),
     "thickness_rms_mm": FigureKind("Thickness, RMS", "maps", "mm", 2, 0.5, paper=0.5),
@@ -151,6 +159,7 @@ FIGURES: dict[str, FigureKind] = {
 CALIBRATED = {"tool_tip_sigma_mm": "tool", "pointer_tip_sigma_mm": "pointer"}
 OWN_WORD: dict[str, Verdict] = {"good": "pass", "weak": "review", "bad": "fail"}
 WORST_FIRST: tuple[Verdict, ...] = ("fail", "review", "pass", "none")
+CONTRADICTED = "the caliper contradicts the echoes, so the inner map may be of another boundary"
 VOXELS = (
     "the skull comes from voxels: where its surface runs along them their terraces remain, and "
     "its normals are off by several degrees"
@@ -205,6 +214,8 @@ def _row(
     judged = verdict(value, limit, kind.sense)
     if session is not None and value is not None:
         judged, reason = _with_own_word(key, judged, session)
+    if session is not None and key == "head_motion_mm" and (why := unwatched(session)) is not None:
+        judged, reason = "review", why
     return QualityRow(
         key=key,
         title=kind.title,
@@ -234,6 +245,10 @@ def _with_own_word(key: str, judged: Verdict, session: Session) -> tuple[Verdict
         held = session.results.get(CALIBRATED[key])
         if held is not None and OWN_WORD[held.value.verdict] != "pass":
             return worst((judged, OWN_WORD[held.value.verdict])), "; ".join(held.value.reasons)
+    speed = session.results.speed
+    if key == "thickness_sigma_predicted_mm" and speed is not None:
+        if speed.value.verdict == "bad" and stale_reason("speed", session) is None:
+            return "fail", f"{CONTRADICTED}: {'; '.join(speed.value.reasons)}"
     specimen = session.setup.specimen
     voxels = isinstance(specimen, LoadedSkull) and specimen.kind in ("mask", "ct")
     if key.startswith("normal_error") and voxels and judged in ("review", "fail"):

@@ -1,9 +1,9 @@
 """What the results of a session say about the error of the pointer's map, without any truth.
 
 The covariances of registration and pointer, and the noise of a single frame, are chained as
-``error_propagation.py`` does, at places that the pointer has touched. What repeats leaves no
-trace in the data: for the tracker's volume the accuracy that its maker states is taken, less the
-noise that was found; the robot's absolute error is not in it, as in a map for the same robot.
+``error_propagation.py`` does, at places that the pointer has touched. What repeats leaves little
+trace there: for the tracker's volume and for the robot stands what their makers state, as
+``touched_places.py`` says; frames beside their average stand for noise and what that rounds off.
 """
 
 from dataclasses import dataclass, replace
@@ -11,19 +11,22 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from rona_core.app.dependencies.base_reference import TrackerReference, weakest_reference
+from rona_core.app.overview.touched_places import Evidence, repeating_errors
 from rona_core.app.steps.acoustics.thickness_uncertainty import thickness_shares
+from rona_core.app.steps.scan.head_view import head_figures
 from rona_core.calibration.error_propagation import MapSetup, predict_map_error
 from rona_core.calibration.hand_eye.tool_registration import ToolRegistration
 from rona_core.calibration.handheld.pointer import PointerCalibration
 from rona_core.calibration.tracking_error import MarkerNoise
 from rona_core.devices.marker_geometry import GEOMETRIES
-from rona_core.devices.tracker_volumes import ACCURACY_MM
-from rona_core.geometry.arrays import Floats
+from rona_core.geometry.arrays import Floats, Ints, readonly
 from rona_core.geometry.pose import Poses
+from rona_core.geometry.pose_covariance import point_jacobians
 from rona_core.session.captures import PointerCapture
 from rona_core.session.document import Session
 from rona_core.session.memo import remember
-from rona_core.surface.cloud import SurfaceCloud
+from rona_core.surface.averaging_error import averaging_covariances
+from rona_core.surface.cloud import SurfaceCloud, build_cloud, merge_clouds
 from rona_core.surface.normals.normals import NormalField
 
 PLACES = 120  # touched places that stand for all
@@ -32,17 +35,22 @@ ANY_SIDE = (0.0, 0.0, 1.0)
 MIN_SIGMA_MM = 1e-6  # of a marker, where a perfect tracker leaves no scatter
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, eq=False)
 class SurfacePrediction:
     """Expected errors of the pointer's cloud in mm; 3D RMS but for the first."""
 
     normal_mm: float | None  # RMS along the normals of the surface; None where there are none
     rms_mm: float
-    registration_mm: float  # the part of the registration of robot and tracker
-    pointer_mm: float  # the part of the calibrated tip
-    frame_mm: float  # the part of the frames that were averaged
-    stated_mm: float  # what averaging leaves, by the accuracy that the tracker's maker states
+    registration_mm: float  # the part of chance in the registration of robot and tracker
+    pointer_mm: float  # likewise in the calibrated tip
+    frame_mm: float  # the part of the frames that were averaged, and of what that rounds off
+    tracker_mm: float  # what the tracker does the same every time, as far as it does not cancel
+    robot_mm: float  # what the robot does the same every time
     frames: int  # so many are averaged at each place
+    rows: Ints  # (n,) places among all samples of the strokes, one stroke after the other
+    whole: Floats  # (n, 3, 3) covariances in base at these places
+    common: Floats  # (3, 3) of the mean error over them
+    local: Floats  # (n, 3, 3) of the error less its mean
 
 
 def predict_surface(session: Session) -> SurfacePrediction | None:
@@ -53,8 +61,7 @@ def predict_surface(session: Session) -> SurfacePrediction | None:
         return None
     if any(stroke.pointer != pointer.value.pointer for stroke in strokes):
         return None
-    stated_mm = ACCURACY_MM[session.setup.devices.tracker.profile]
-    found = _predict(tool.value, pointer.value, cloud.value, strokes, stated_mm)
+    found = _predict(Evidence.of(session), tool.value, pointer.value, cloud.value)
     return found if found is None else _moved(found, weakest_reference(session, strokes))
 
 
@@ -63,47 +70,93 @@ def _moved(found: SurfacePrediction, reference: TrackerReference | None) -> Surf
     if reference is None or reference.state != "carried":
         return found
     added_mm, normal_mm = reference.added_mm, found.normal_mm
+    added = added_mm**2 / 3.0 * np.eye(3)
     return replace(
         found,
         normal_mm=None if normal_mm is None else float(np.hypot(normal_mm, added_mm / 3.0**0.5)),
         rms_mm=float(np.hypot(found.rms_mm, added_mm)),
         registration_mm=float(np.hypot(found.registration_mm, added_mm)),
+        whole=readonly(found.whole + added),
+        common=readonly(found.common + added),
     )
 
 
 @remember(4)
 def _predict(
-    tool: ToolRegistration,
-    pointer: PointerCalibration,
-    cloud: SurfaceCloud,
-    strokes: tuple[PointerCapture, ...],
-    stated_mm: float,
+    evidence: Evidence, tool: ToolRegistration, pointer: PointerCalibration, cloud: SurfaceCloud
 ) -> SurfacePrediction | None:
-    poses = _some_poses(strokes)
+    strokes = evidence.strokes
+    rows, poses = _some_poses(strokes)
     if not len(poses):
         return None
-    sigma_mm = pointer.marker_sigma_mm or tool.marker_sigma_mm
+    random = tool.covariance if tool.random_covariance is None else tool.random_covariance
+    tip_random = pointer.random_covariance
     setup = MapSetup(
         T_base_tracker=tool.T_base_tracker,
-        registration=tool.covariance,
+        registration=random,
         tip_pointermarker=pointer.tip_pointermarker,
-        tip_covariance=pointer.tip_covariance_pointermarker,
+        tip_covariance=pointer.tip_covariance_pointermarker if tip_random is None else tip_random,
         positions_pointermarker=GEOMETRIES[pointer.pointer].positions_marker,
-        noise=MarkerNoise(sigma_mm=max(sigma_mm, MIN_SIGMA_MM)),
+        noise=MarkerNoise(
+            sigma_mm=max(pointer.marker_sigma_mm or tool.marker_sigma_mm, MIN_SIGMA_MM)
+        ),
         n_averaged=frames_averaged(strokes, cloud.average_s),
-        bias_mm=float(np.sqrt(max(stated_mm**2 - sigma_mm**2, 0.0))),
     )
-    found = predict_map_error(setup, poses)
+    n, found = len(poses), predict_map_error(setup, poses)
     tips_base = setup.T_base_tracker @ (poses @ setup.tip_pointermarker)
+    repeating = repeating_errors(evidence, tool, pointer, poses)
+    J = point_jacobians(tool.T_base_tracker, poses @ setup.tip_pointermarker).reshape(3 * n, 6)
+    turns = (tool.T_base_tracker.rotation @ poses.rotations).reshape(3 * n, 3)
+    joint = repeating.tracker + repeating.robot + J @ random[:6, :6] @ J.T
+    joint = (joint + turns @ setup.tip_covariance @ turns.T).reshape(n, 3, n, 3)
+    own = _of_averages(strokes, setup, cloud.average_s)[rows]
+    joint[np.arange(n), :, np.arange(n)] += own
+    whole, common = joint[np.arange(n), :, np.arange(n)], joint.mean(axis=(0, 2))
+    with_mean = joint.mean(axis=2)
+    local = whole - with_mean - np.swapaxes(with_mean, 1, 2) + common
     return SurfacePrediction(
-        normal_mm=_along_normals(tips_base, cloud.points_base, found.total),
-        rms_mm=found.rms_mm,
+        normal_mm=_along_normals(tips_base, cloud.points_base, whole),
+        rms_mm=_rms_mm(whole),
         registration_mm=found.registration_rms_mm,
         pointer_mm=found.pointer_rms_mm,
-        frame_mm=found.frame_rms_mm,
-        stated_mm=setup.bias_mm,
+        frame_mm=_rms_mm(own),
+        tracker_mm=float(np.sqrt(np.trace(repeating.tracker) / n)),
+        robot_mm=float(np.sqrt(np.trace(repeating.robot) / n)),
         frames=setup.n_averaged,
+        rows=readonly(rows),
+        whole=readonly(whole),
+        common=readonly(common),
+        local=readonly(local),
     )
+
+
+def _of_averages(strokes: tuple[PointerCapture, ...], setup: MapSetup, average_s: float) -> Floats:
+    """Return covariances (n, 3, 3) in base by noise and moving average, of all samples.
+
+    Samples that a cloud leaves out have that of the next one which it holds.
+    """
+    T, tip = setup.T_base_tracker, setup.tip_pointermarker
+    tracks = [
+        (T @ (stroke.marker.Ts_tracker_marker @ tip), stroke.marker.times_s)
+        for stroke in strokes
+        if len(stroke.marker.times_s)
+    ]
+    single = [build_cloud(*track) for track in tracks]
+    averaged = [build_cloud(*track, average_s=average_s) for track in tracks]
+    found = averaging_covariances(merge_clouds(single), merge_clouds(averaged), setup.n_averaged)
+    begins = np.cumsum([0, *(len(times) for _, times in tracks)])
+    held = np.concatenate(
+        [
+            begin + np.searchsorted(times, one.times_s)
+            for begin, (_, times), one in zip(begins[:-1], tracks, single, strict=True)
+        ]
+    )
+    nearest = np.searchsorted(held, np.arange(begins[-1]))
+    return found[np.minimum(nearest, len(held) - 1)]
+
+
+def _rms_mm(covariances: Floats) -> float:
+    return float(np.sqrt(np.trace(covariances, axis1=1, axis2=2).mean()))
 
 
 def predict_skull_mm(session: Session) -> float | None:
@@ -118,8 +171,7 @@ def predict_skull_mm(session: Session) -> float | None:
     points = cloud.value.points_base
     places = points[:: max(1, len(points) // PLACES)]
     fit_mm = registered.value.target_errors_mm(places)
-    alike = (pointer.registration_mm, pointer.pointer_mm, pointer.stated_mm)
-    return float(np.sqrt((fit_mm**2).mean() + sum(part**2 for part in alike)))
+    return float(np.sqrt((fit_mm**2).mean() + np.trace(pointer.common)))
 
 
 def predicted_figures(session: Session) -> dict[str, float | None]:
@@ -128,10 +180,14 @@ def predicted_figures(session: Session) -> dict[str, float | None]:
     surface, thickness = predict_surface(session), thickness_shares(session)
     return {
         "tool_tip_sigma_mm": None if tool is None else tool.value.tip_sigma_mm,
+        "tracker_registration_sigma_mm": (
+            None if tool is None else tool.value.registration_sigma_mm
+        ),
         "pointer_tip_sigma_mm": None if pointer is None else pointer.value.tip_sigma_mm,
         "surface_sigma_predicted_mm": None if surface is None else surface.normal_mm,
         "skull_registration_sigma_mm": predict_skull_mm(session),
         "thickness_sigma_predicted_mm": None if thickness is None else thickness.total_mm,
+        **head_figures(session),
     }
 
 
@@ -143,14 +199,14 @@ def frames_averaged(strokes: tuple[PointerCapture, ...], average_s: float) -> in
     return 1 + 2 * int(average_s / 2.0 / np.median(steps) + 1e-9)
 
 
-def _some_poses(strokes: tuple[PointerCapture, ...]) -> Poses:
-    """Return poses of the pointer, spread evenly over all strokes."""
+def _some_poses(strokes: tuple[PointerCapture, ...]) -> tuple[Ints, Poses]:
+    """Return rows (n,) and poses of the pointer, spread evenly over all strokes."""
     seen = [stroke.marker.Ts_tracker_marker for stroke in strokes]
     rotations = np.concatenate([poses.rotations for poses in seen])
     translations = np.concatenate([poses.translations for poses in seen])
     rows = np.unique(np.linspace(0, max(len(rotations) - 1, 0), PLACES).round().astype(np.int64))
     rows = rows[: len(rotations)]
-    return Poses(rotations[rows], translations[rows])
+    return rows, Poses(rotations[rows], translations[rows])
 
 
 def _along_normals(tips_base: Floats, cloud_base: Floats, covariances: Floats) -> float | None:

@@ -1,6 +1,7 @@
 """Recording: what every capture shares. Stop ends it early; what came so far is kept."""
 
 from collections.abc import Callable
+from dataclasses import replace
 
 import numpy as np
 
@@ -14,9 +15,8 @@ from rona_core.session.captures import PointerCapture
 from rona_core.session.document import Session
 
 ARRIVAL_S = 0.12  # after a motion, until the last joint angles have arrived
-
-
 LIVE_PERIOD_S = 0.02  # how often a positioning move looks at Cancel
+HEAD_HZ = 10.0  # how often the head marker is kept: a breath takes seconds
 
 
 def begin(session: Session, context: ActivityContext) -> int:
@@ -34,8 +34,12 @@ def capture_hand(
     finished: Callable[[], bool] = never,
     *,
     tool: str | None = None,
+    keep: list[TrackerFrame] | None = None,
 ) -> PointerCapture:
-    """Record the marker of a tool in the hand, the pointer if none is named, while it moves."""
+    """Record the marker of a tool in the hand, the pointer if none is named, while it moves.
+
+    The frames themselves go to ``keep``.
+    """
     pointer = session.setup.devices.pointer if tool is None else tool
     ordinal = begin(session, context)
     duration_s = prepare()
@@ -45,6 +49,8 @@ def capture_hand(
         return frame.time_s >= duration_s or finished()
 
     frames, partial = record_frames(context, until)
+    if keep is not None:
+        keep.extend(frames)
     return PointerCapture(
         ordinal=ordinal,
         setup_digest=capture_setup_digest(kind, session),
@@ -70,7 +76,11 @@ def capture_stroke(
     def along_picks() -> float:
         return context.rig.operator.stroke(picks, duration_s=duration_s)
 
-    return capture_hand(kind, session, context, along_picks if len(picks) else without_picks)
+    frames: list[TrackerFrame] = []
+    prepare = along_picks if len(picks) else without_picks
+    taken = capture_hand(kind, session, context, prepare, keep=frames)
+    every = max(1, round(session.setup.devices.tracker.rate_hz / HEAD_HZ))
+    return replace(taken, head=ToolTrack.from_frames("headmarker", frames[::every]))
 
 
 def record_frames(

@@ -102,7 +102,7 @@ class Workbench:
         robot = setup.devices.robot
         place = setup.devices.tracker.place
         where = [robot.model, robot.base_shift_mm, robot.base_turn_deg, digest(place)]
-        bone = [digest(part) for part in (setup.specimen, setup.region, setup.bone)]
+        bone = [digest(part) for part in (setup.specimen, setup.region, setup.bone, setup.world)]
         key = digest([setup.seed, *bone, *where])
         with self._rig_lock:
             if self._closed:

@@ -16,6 +16,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
+from rona_core.calibration.tracker_field import TrackerErrorField
 from rona_core.devices.marker_geometry import GEOMETRIES
 from rona_core.errors import DegenerateGeometryError
 from rona_core.geometry.arrays import Floats, as_points, readonly
@@ -26,8 +27,6 @@ MIN_FRAMES = 10
 CHI2_LIMIT = 27.9  # 6 degrees of freedom; noise alone exceeds it once in 10 000 captures
 FLOOR_MM, FLOOR_DEG = 0.02, 0.005  # per axis: what a room does by itself, warmth and floor
 OUTLIER = 5.0  # medians of the distance from the mean; frames beyond do not count
-TYPICAL_DEPTH_MM = 1950.0  # at which the stated error of a tracker holds (RMS over its volume)
-FIELD_LENGTH_MM = 400.0  # over which the fixed error of a tracker changes
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -45,26 +44,6 @@ class BaseReference:
 
     T_base_basemarker: Pose
     seen: SeenBase
-
-
-@dataclass(frozen=True, slots=True)
-class TrackerErrorField:
-    """What is assumed of the fixed error of a marker in the volume of the tracker."""
-
-    total_mm: float = 0.35  # 3D RMS over the volume, as the maker states it
-    depth_ratio: float = 3.0  # in depth over laterally
-    length_mm: float = FIELD_LENGTH_MM
-
-    def covariance(self, points_tracker: Floats) -> Floats:
-        """Return the covariance (3 n, 3 n) in mm^2 of the errors at points (n, 3)."""
-        shares = np.array((1.0, 1.0, self.depth_ratio))
-        shares = shares / np.linalg.norm(shares) * self.total_mm
-        z = points_tracker[:, 2] / TYPICAL_DEPTH_MM
-        sigmas = shares * np.stack((z, z, z * z), axis=1)  # two cameras: depth is worst far away
-        apart = np.linalg.norm(points_tracker[:, None] - points_tracker[None], axis=2)
-        alike = np.exp(-0.5 * (apart / self.length_mm) ** 2)
-        blocks = np.einsum("nm,ni,mj,ij->nimj", alike, sigmas, sigmas, np.eye(3))
-        return blocks.reshape(3 * len(z), 3 * len(z))
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -4,7 +4,7 @@ The robot pivots its tool about the tip, then translates it along tool x and too
 poses are solved together; the published method (a pivot and two lines) stays for comparison.
 """
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import Literal, get_args
 
 import numpy as np
@@ -60,6 +60,8 @@ class ToolRegistration:
     reasons: tuple[str, ...]  # of a verdict that is not good, each with its remedy
     base: BaseReference | None = None  # the base marker meanwhile; None: it was not seen
     delay: TimeOffset | None = None  # of the tracker behind the robot; None: undetermined
+    # (12, 12) the part of the covariance that more poses lessen; None: all of it
+    random_covariance: Floats | None = field(default=None, metadata={"omit_empty": True})
 
 
 def register_tool(

@@ -1,6 +1,6 @@
 """Pointer calibration: the tip in the frame of the pointer's markers."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Literal
 
 from numpy.typing import ArrayLike
@@ -34,6 +34,8 @@ class PointerCalibration:
     marker_sigma_mm: float | None  # 3D RMS of one marker, estimated; only "ml"
     verdict: Verdict
     reasons: tuple[str, ...]  # why not good, and what to do about it
+    # (3, 3) the part of the tip's covariance that more poses lessen; None: all of it
+    random_covariance: Floats | None = field(default=None, metadata={"omit_empty": True})
 
 
 def calibrate_pointer(

@@ -109,15 +109,20 @@ def tip_information(tracked: TrackedPoses, tip_marker: Vector3, *, dof: int) -> 
 
     Its sum is the inverse of the covariance for markers with a 3D RMS of 1 mm; k is 3, or 1 for 5D.
     """
+    return tip_conditions(tracked, tip_marker, dof=dof).information()
+
+
+def tip_conditions(tracked: TrackedPoses, tip_marker: Vector3, *, dof: int) -> "TipConditions":
+    """Return the condition equations of all poses about a tip; their misclosures mean nothing."""
     basis = np.eye(3) if dof == 6 else np.eye(3)[:, 2:]
     p = tracked.centers_tracker()
     x = np.concatenate((basis.T @ (tip_marker - tracked.reference_marker), np.zeros(3)))
     R, none = tracked.Ts_tracker_marker.rotations, np.zeros_like(p)
-    return _conditions(R, p, tracked.covariances, none, x, basis).information()
+    return _conditions(R, p, tracked.covariances, none, x, basis)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class _Conditions:
+class TipConditions:
     """Condition equations of all poses, linear about the present corrections (Förstner 2016).
 
     f(x, v) = exp(-phi) R tip + p - d - pivot = 0 with corrections v = (phi, d) of covariance Q
@@ -137,7 +142,7 @@ class _Conditions:
 
 def _conditions(
     R: Floats, p: Floats, Q: Floats, phi: Floats, x: Floats, basis: Floats
-) -> _Conditions:
+) -> TipConditions:
     """Linearise the condition equations about unknowns x (k + 3,) and rotations phi (n, 3)."""
     k = basis.shape[1]
     R_corrected = Rotation.from_rotvec(-phi).as_matrix() @ R
@@ -153,7 +158,7 @@ def _conditions(
     N = B_phi @ Q_phi_B - Q[:, 3:, :3] @ B_phi_t + Q[:, 3:, 3:]
     right_sides = np.concatenate((A, w[..., None]), axis=2)
     solved: Floats = np.asarray(np.linalg.solve(N, right_sides), dtype=np.float64)
-    return _Conditions(w, A, Q_phi_B, solved[..., :-1], solved[..., -1])
+    return TipConditions(w, A, Q_phi_B, solved[..., :-1], solved[..., -1])
 
 
 def _linearise(

@@ -3,6 +3,8 @@
 Against bone that keeps still, the stand-off shrinks exactly as the face goes forward: the delay is
 the shift in time at which stand-off and place agree. A robot settles a little elsewhere now and
 then: where one step from an A-scan to the next stands out, a new piece with its own offset begins.
+A head that gives way or breathes moves the bone: an even motion is taken out of each movement, and
+what is left of a breath is in the standard deviation.
 See docs/algorithms/navigation/pose_timing.md.
 """
 
@@ -13,6 +15,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 from scipy.interpolate import CubicSpline
+from scipy.linalg import block_diag
 from scipy.optimize import minimize_scalar
 
 from rona_core.errors import DegenerateGeometryError, InvalidInputError
@@ -27,6 +30,7 @@ OUTLIER_MADS = 5.0  # a step between A-scans that is off by more deviations is a
 LEAST_DEVIATION_MM = 0.001
 LAGS = 4  # A-scans over which errors hang together
 WORST_SIGMA_S = 0.01  # less certain than this, the delay is not worth applying
+BREATH_MM, BREATH_HZ = 0.012, 0.25  # of a head in its clamp: RMS along the axis, at rest
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -74,7 +78,8 @@ def estimate_pose_delay(segments: Sequence[EchoSegment]) -> PoseDelay:
         raise DegenerateGeometryError(f"{n} A-scans are too few for a delay: {LEAST_SCANS}")
     standoffs = np.concatenate([part.standoff_mm for part in parts])
     pieces = np.repeat(np.arange(len(parts)), [len(part.times_s) for part in parts])
-    fit = _best_fit(parts, standoffs, pieces)
+    drifts = _even_motions(parts)
+    fit = _best_fit(parts, standoffs, pieces, drifts)
     for _ in range(ROUNDS):
         # a break stands out among the steps between A-scans that the fit leaves over
         steps = np.diff(standoffs - fit.fitted_mm)
@@ -84,17 +89,23 @@ def estimate_pose_delay(segments: Sequence[EchoSegment]) -> PoseDelay:
         if not breaks.any():
             break
         pieces = np.concatenate(([0], np.cumsum(breaks | ~within)))
-        fit = _best_fit(parts, standoffs, pieces)
-    sizes = np.bincount(pieces)
-    freedom = n - len(sizes) - 2
-    sigma_s = _sigma_s(fit.sensitivity, standoffs - fit.fitted_mm, freedom)
+        fit = _best_fit(parts, standoffs, pieces, drifts)
+    n_pieces = int(pieces[-1]) + 1
+    freedom = n - n_pieces - drifts.shape[1] - 2
+    times = np.concatenate([part.times_s for part in parts])
+    sigma_s = float(
+        np.hypot(
+            _sigma_s(fit.sensitivity, standoffs - fit.fitted_mm, freedom),
+            _breath_s(fit.sensitivity, times),
+        )
+    )
     if sigma_s > WORST_SIGMA_S or abs(fit.delay_s) > MAX_DELAY_S - STEP_S:
         raise DegenerateGeometryError(
             f"the motion tells the delay of the poses only to {1e3 * sigma_s:.2g} ms: move faster, "
             "and not evenly"
         )
     rms_mm = float(np.sqrt(((standoffs - fit.fitted_mm) ** 2).mean()))
-    return PoseDelay(fit.delay_s, sigma_s, fit.scale, rms_mm, n, len(sizes))
+    return PoseDelay(fit.delay_s, sigma_s, fit.scale, rms_mm, n, n_pieces)
 
 
 class _Part:
@@ -126,12 +137,17 @@ class _Fit:
     sensitivity: Floats  # (n,) of them to the delay, without what scale and offsets explain
 
 
-def _best_fit(parts: Sequence[_Part], standoffs: Floats, pieces: Ints) -> _Fit:
-    wanted = _centred(standoffs, pieces)
+def _best_fit(parts: Sequence[_Part], standoffs: Floats, pieces: Ints, drifts: Floats) -> _Fit:
+    offsets = np.asarray(pieces[:, None] == np.arange(pieces[-1] + 1), dtype=np.float64)
+    explained = np.linalg.qr(np.hstack((offsets, drifts)))[0]
+
+    def rest(values: Floats) -> Floats:
+        return np.asarray(values - explained @ (explained.T @ values))
+
+    wanted = rest(standoffs)
 
     def places(delay_s: float, order: int = 0) -> Floats:
-        curve = np.concatenate([part.at(delay_s, order) for part in parts])
-        return _centred(curve, pieces)
+        return rest(np.concatenate([part.at(delay_s, order) for part in parts]))
 
     def cost(delay_s: float) -> float:
         residuals = wanted - _along(places(float(delay_s)), wanted)
@@ -151,10 +167,10 @@ def _best_fit(parts: Sequence[_Part], standoffs: Floats, pieces: Ints) -> _Fit:
     return _Fit(delay_s, -scale, standoffs - wanted + fitted, slope - _along(moved, slope))
 
 
-def _centred(values: Floats, pieces: Ints) -> Floats:
-    """Return values (n,) without the mean of their piece."""
-    means = np.bincount(pieces, values) / np.bincount(pieces)
-    return np.asarray(values - means[pieces], dtype=np.float64)
+def _even_motions(parts: Sequence[_Part]) -> Floats:
+    """Return what bone that moves evenly adds to the stand-offs: a column (n,) for each part."""
+    columns = [part.times_s - part.times_s.mean() for part in parts]
+    return np.asarray(block_diag(*(column[:, None] for column in columns)), dtype=np.float64)
 
 
 def _along(direction: Floats, values: Floats) -> Floats:
@@ -174,6 +190,15 @@ def _sigma_s(sensitivity: Floats, residuals: Floats, freedom: int) -> float:
         variance += 2.0 * (1.0 - lag / (LAGS + 1.0)) * float(score[lag:] @ score[:-lag])
     uncorrelated = float(residuals @ residuals) / freedom * information  # as if they did not
     return float(np.sqrt(max(variance * len(residuals) / freedom, uncorrelated)) / information)
+
+
+def _breath_s(sensitivity: Floats, times_s: Floats) -> float:
+    """Return the deviation of the delay that a breath of unknown phase makes."""
+    information = float(sensitivity @ sensitivity)
+    if information <= 0.0:
+        return float("inf")
+    wave = np.exp(2.0j * np.pi * BREATH_HZ * times_s)
+    return float(BREATH_MM * np.abs(sensitivity @ wave) / information)
 
 
 def segment_places(points_base: ArrayLike, axes_base: ArrayLike, near: int) -> Floats:

@@ -8,6 +8,8 @@ millimetres outside.
 # (the members of pinocchio and coal come from compiled modules without stubs)
 
 from dataclasses import dataclass
+from functools import lru_cache
+from itertools import compress
 from typing import Any
 
 import coal
@@ -15,7 +17,7 @@ import numpy as np
 import pinocchio as pin
 
 from rona_core.errors import InvalidInputError
-from rona_core.geometry.arrays import Floats
+from rona_core.geometry.arrays import Bools, Floats
 from rona_core.geometry.pose import Pose
 from rona_core.robot.collision.collision_geometry import ConvexBody
 from rona_core.robot.collision.obstacles import Capsule, Hull, Obstacle
@@ -51,9 +53,10 @@ class Bodies:
         frames = _frames_on_joints(model, self._robot, self._state)
         self._shapes = pin.GeometryModel()
         self._index: dict[str, int] = {}
-        self.levers_mm = _levers_mm(self._robot, frames, bodies)
+        self._levers_mm = _levers_mm(self._robot, frames, bodies)
+        self.levers_mm = self._levers_mm.max(axis=0)
         for body in bodies:
-            self._add(body.name, body.link, frames[body.link], _convex(body.vertices))
+            self._add(body.name, body.link, frames[body.link], _convex(body))
         for thing in things:
             self._add(thing.name, 0, _se3(thing.pose), _shape(thing.shape))
         self.look_at(())
@@ -67,6 +70,30 @@ class Bodies:
         self._found = self._shapes.createData()
         for request, pair in zip(self._found.collisionRequests, pairs, strict=True):
             request.security_margin = pair.least_mm / MM_PER_M
+        self._results = list(self._found.distanceResults)
+        self._chosen = np.ones(len(pairs), dtype=np.bool_)
+
+    def choose(self, chosen: Bools) -> None:
+        """Confine the answers to some of the pairs (p,)."""
+        for pair in np.flatnonzero(chosen != self._chosen).tolist():
+            if chosen[pair]:
+                self._found.activateCollisionPair(pair)
+            else:
+                self._found.deactivateCollisionPair(pair)
+        self._chosen = chosen
+
+    def pair_levers_mm(self, pairs: tuple[Pair, ...]) -> Floats:
+        """Return how far a joint moves two parts past each other at most, in mm a radian, (6, p).
+
+        Joints that carry both parts, or neither, do not.
+        """
+        levers = np.zeros((N_JOINTS, len(pairs)))
+        for column, pair in enumerate(pairs):
+            ends = (self._index[pair.first], self._index[pair.second])
+            links = [self._shapes.geometryObjects[end].parentJoint for end in ends]
+            inner, outer = min(links), ends[int(np.argmax(links))]
+            levers[inner:, column] = self._levers_mm[outer, inner:]
+        return levers
 
     def within_reach(self, thing: Obstacle) -> bool:
         """Return whether any part of the robot can come as near to a thing as it must not."""
@@ -74,19 +101,20 @@ class Bodies:
         places = (self._robot.jointPlacements[1], _se3(thing.pose))
         first, second = (coal.Transform3s(p.rotation, p.translation) for p in places)
         request, result = coal.DistanceRequest(), coal.DistanceResult()
-        gap = coal.distance(ball, first, _shape(thing.shape), second, request, result)
+        shape = self._shapes.geometryObjects[self._index[thing.name]].geometry
+        gap = coal.distance(ball, first, shape, second, request, result)
         return bool(gap * MM_PER_M <= thing.margin_mm)
 
     def meets(self, q_rad: Floats) -> bool:
-        """Return whether any pair comes closer than it must."""
+        """Return whether any chosen pair comes closer than it must."""
         return bool(
             pin.computeCollisions(self._robot, self._state, self._shapes, self._found, q_rad, True)
         )
 
     def distances_mm(self, q_rad: Floats) -> Floats:
-        """Return the distance of every pair (p,); negative by the depth where they overlap."""
+        """Return the distance of every chosen pair; negative by the depth where they overlap."""
         pin.computeDistances(self._robot, self._state, self._shapes, self._found, q_rad)
-        results = self._found.distanceResults
+        results = compress(self._results, self._chosen)
         return np.array([result.min_distance for result in results]) * MM_PER_M
 
     def _add(self, name: str, link: int, placement: Any, shape: Any) -> None:
@@ -98,16 +126,17 @@ def _se3(pose: Pose) -> Any:
     return pin.SE3(pose.rotation, pose.translation / MM_PER_M)
 
 
-def _convex(points: Floats) -> Any:
+@lru_cache(maxsize=64)  # a procedure looks at the same ones in three dozen worlds
+def _convex(body: ConvexBody | Hull) -> Any:
     vertices = coal.StdVec_Vec3s()
-    for point in points / MM_PER_M:
+    for point in body.vertices / MM_PER_M:
         vertices.append(point)
     return coal.Convex.convexHull(vertices, False, "")
 
 
 def _shape(shape: Any) -> Any:
     if isinstance(shape, Hull):
-        return _convex(shape.vertices)
+        return _convex(shape)
     if isinstance(shape, Capsule):
         return coal.Capsule(shape.radius_mm / MM_PER_M, shape.length_mm / MM_PER_M)
     return coal.Box(*(np.array(shape.size_mm) / MM_PER_M))
@@ -134,14 +163,13 @@ def _frames_on_joints(model: RobotModel, robot: Any, state: Any) -> list[Any]:
 
 
 def _levers_mm(robot: Any, frames: list[Any], bodies: tuple[ConvexBody, ...]) -> Floats:
-    """Return how far any part of the robot can be from each joint axis at most, (6,)."""
+    """Return how far each of b bodies can be from each joint axis at most, (b, 6)."""
     steps_mm = [MM_PER_M * np.linalg.norm(robot.jointPlacements[i].translation) for i in range(7)]
-    levers = np.zeros(N_JOINTS)
-    for body in bodies:
+    levers = np.zeros((len(bodies), N_JOINTS))
+    for row, body in enumerate(bodies):
         frame = frames[body.link]
         places = body.vertices @ frame.rotation.T + MM_PER_M * frame.translation
         own_mm = float(np.linalg.norm(places, axis=1).max())
         for joint in range(1, body.link + 1):
-            lever_mm = own_mm + sum(steps_mm[joint + 1 : body.link + 1])
-            levers[joint - 1] = max(levers[joint - 1], lever_mm)
+            levers[row, joint - 1] = own_mm + sum(steps_mm[joint + 1 : body.link + 1])
     return levers

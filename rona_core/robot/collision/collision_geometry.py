@@ -6,6 +6,7 @@ drawn up; whatever is drawn lies inside. The UR arms are bounded by hulls of the
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 from itertools import product
 
 import numpy as np
@@ -43,6 +44,7 @@ HELD_APART = {
 }
 
 
+@lru_cache(maxsize=4)
 def collision_bodies(model: RobotModel) -> tuple[ConvexBody, ...]:
     """Return bodies that contain the robot and its tool, base first.
 

@@ -3,7 +3,9 @@
 See docs/algorithms/robot/collision.md.
 """
 
+from collections.abc import Iterator
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -26,7 +28,10 @@ from rona_core.robot.kinematics.spherical_wrist import SphericalWristArm
 
 POSITIONS = 100  # in which parts that may be far from each other are tried
 FAR_MM = 60.0  # parts that stay farther apart are never near
-ROUNDED = 6  # decimals of a distance: where the search for it started must not show
+BLOCK = 32  # places whose distances are bounded by those at the middle one
+FEW = 8  # places for which that does not pay
+SLACK_MM = 0.01  # more than distances vary with where the search for them starts
+ROUNDED = 6  # decimals of a distance
 MOVING = 2  # obstacles matter from this link on: base and shoulder stay where they are
 ITSELF = "the robot itself"
 
@@ -74,7 +79,7 @@ class CollisionWorld:
         bodies = collision_bodies(model)
         self._bodies = Bodies(model, bodies, obstacles.things)
         self.pairs = (
-            *self._own_pairs(model, bodies),
+            *self._own_pairs(model),
             *(
                 pair
                 for thing in obstacles.things
@@ -85,15 +90,19 @@ class CollisionWorld:
         self._bodies.look_at(self.pairs)
         self.least_mm = readonly(np.array([pair.least_mm for pair in self.pairs]))
         self.levers_mm = readonly(self._bodies.levers_mm)
+        self._pair_levers_mm = self._bodies.pair_levers_mm(self.pairs)
         self._counted = self.least_mm >= 0.0
+        kinds = [(pair.group, pair.least_mm) for pair in self.pairs]
+        self._kinds = [np.array([kind == other for other in kinds]) for kind in {*kinds}]
 
-    def _own_pairs(self, model: RobotModel, bodies: tuple[ConvexBody, ...]) -> list[Pair]:
+    def _own_pairs(self, model: RobotModel) -> list[Pair]:
         """Return which parts of the robot can meet.
 
         Of an arm bounded by hulls of its solids, parts that are too close at rest already are
         taken as built that way.
         """
-        pairs = _own_pairs(model, bodies, self.obstacles.self_margin_mm)
+        least_mm = self.obstacles.self_margin_mm
+        pairs = [Pair(first, second, ITSELF, least_mm) for first, second in _own_pairs(model)]
         if isinstance(model.arm, SphericalWristArm):
             return pairs
         self._bodies.look_at(tuple(pairs))
@@ -107,19 +116,65 @@ class CollisionWorld:
     def clear(self, qs_rad: ArrayLike) -> Bools:
         """Return at which joint angles (n, 6) everything keeps its distance, (n,)."""
         qs = as_joints(qs_rad)
-        return np.array([not self._bodies.meets(q) for q in qs], dtype=np.bool_)
+        return ~np.fromiter(self._too_close(qs), dtype=np.bool_, count=len(qs))
+
+    def first_hit(self, qs_rad: ArrayLike) -> int:
+        """Return the first of joint angles (n, 6) at which anything is too close, -1 for none."""
+        hits = enumerate(self._too_close(as_joints(qs_rad)))
+        return next((place for place, hit in hits if hit), -1)
 
     def distances_mm(self, qs_rad: ArrayLike) -> Floats:
         """Return the distance of every pair (n, p) at joint angles (n, 6)."""
         qs = as_joints(qs_rad)
         found = np.zeros((len(qs), len(self.pairs)))
+        self._bodies.choose(np.ones(len(self.pairs), dtype=np.bool_))
         for i, q in enumerate(qs):
             found[i] = self._bodies.distances_mm(q)
         return np.round(found, ROUNDED)
 
+    def nearest_mm(self, qs_rad: ArrayLike) -> Floats:
+        """Return the distances (n, p) that decide at joint angles (n, 6), infinite for the others.
+
+        At each place the nearest pair of every obstacle, and of every distance that is demanded,
+        is among those that are known.
+        """
+        qs = as_joints(qs_rad)
+        found = np.full((len(qs), len(self.pairs)), np.inf, dtype=np.float64)
+        for start in range(0, len(qs), BLOCK):
+            block = qs[start : start + BLOCK]
+            least, most = self._bounds_mm(block)
+            nearest = np.zeros_like(most)
+            for of_kind in self._kinds:
+                nearest[:, of_kind] = most[:, of_kind].min(axis=1, keepdims=True)
+            decisive: Bools = (nearest - least).max(axis=0) >= 0.0
+            self._bodies.choose(decisive)
+            self._bodies.distances_mm(qs[max(0, start - 1)])  # where the next search starts
+            for i, q in enumerate(block, start):
+                found[i, decisive] = self._bodies.distances_mm(q)
+        return np.round(found, ROUNDED)
+
+    def _too_close(self, qs: Floats) -> Iterator[bool]:
+        """Tell of each of joint angles (n, 6) in turn whether anything comes too close."""
+        for start in range(0, len(qs), BLOCK):
+            block = qs[start : start + BLOCK]
+            near: Bools = np.ones((len(block), len(self.pairs)), dtype=np.bool_)
+            if len(block) >= FEW:
+                near = self._bounds_mm(block)[0] <= self.least_mm
+            of_pair: Bools = np.any(near, axis=0)
+            self._bodies.choose(of_pair)
+            for q, pairs in zip(block, near, strict=True):
+                yield bool(pairs.any()) and self._bodies.meets(q)
+
+    def _bounds_mm(self, qs: Floats) -> tuple[Floats, Floats]:
+        """Return bounds (n, p) of the distance of every pair, from that at the middle one of n."""
+        middle = qs[len(qs) // 2]
+        apart_mm = self.distances_mm(middle[None])
+        moved_mm = np.abs(qs - middle) @ self._pair_levers_mm + SLACK_MM
+        return apart_mm - moved_mm, apart_mm + moved_mm
+
     def report(self, qs_rad: ArrayLike) -> CollisionReport:
         """Return who comes how close to what at joint angles (n, 6), n at least 1."""
-        distances = self.distances_mm(qs_rad)
+        distances = self.nearest_mm(qs_rad)
         rooms = distances - self.least_mm
         room = rooms.min(axis=1)
         hits = np.flatnonzero(room < 0.0)
@@ -132,10 +187,11 @@ class CollisionWorld:
         )
 
 
-def _own_pairs(model: RobotModel, bodies: tuple[ConvexBody, ...], least_mm: float) -> list[Pair]:
+@lru_cache(maxsize=4)
+def _own_pairs(model: RobotModel) -> tuple[tuple[str, str], ...]:
     """Return which parts of the robot can meet: two joints apart at least, and not held apart."""
     held = HELD_APART.get(model.name, ())
-    parts = [body for body in bodies if body.name not in (DELAY_LINE, PROBE_BODY)]
+    parts = [body for body in collision_bodies(model) if body.name not in (DELAY_LINE, PROBE_BODY)]
     candidates = [
         (a, b)
         for i, a in enumerate(parts)
@@ -143,11 +199,11 @@ def _own_pairs(model: RobotModel, bodies: tuple[ConvexBody, ...], least_mm: floa
         if b.link - a.link >= 2 and (a.name, b.name) not in held
     ]
     near = _ever_near(model, candidates)
-    return [
-        Pair(a.name, b.name, ITSELF, least_mm)
+    return tuple(
+        (a.name, b.name)
         for (a, b), meets in zip(candidates, near, strict=True)
         if meets or b.link - a.link > 2
-    ]
+    )
 
 
 def _pairs_with(thing: Obstacle, bodies: tuple[ConvexBody, ...]) -> list[Pair]:
@@ -173,14 +229,15 @@ def _ever_near(model: RobotModel, candidates: list[tuple[ConvexBody, ConvexBody]
     rng = np.random.default_rng(0)
     qs = rng.uniform(model.lower_rad, model.upper_rad, (POSITIONS, len(model.lower_rad)))
     rotations, places = model.arm.link_frames(qs)
+    balls: dict[str, tuple[Floats, float]] = {}  # about each part: centres (k, 3) and radius
+    for body in {body.name: body for pair in candidates for body in pair}.values():
+        center = 0.5 * (body.vertices.min(axis=0) + body.vertices.max(axis=0))
+        radius_mm = float(np.linalg.norm(body.vertices - center, axis=1).max())
+        balls[body.name] = rotations[:, body.link] @ center + places[:, body.link], radius_mm
     found: list[bool] = []
-    for pair in candidates:
-        centers, reach_mm = [], 0.0
-        for body in pair:
-            center = 0.5 * (body.vertices.min(axis=0) + body.vertices.max(axis=0))
-            centers.append(rotations[:, body.link] @ center + places[:, body.link])
-            reach_mm += float(np.linalg.norm(body.vertices - center, axis=1).max())
-        gap_mm = np.linalg.norm(centers[0] - centers[1], axis=1).min() - reach_mm
+    for first, second in candidates:
+        (a, a_mm), (b, b_mm) = balls[first.name], balls[second.name]
+        gap_mm = np.linalg.norm(a - b, axis=1).min() - (a_mm + b_mm)
         found.append(bool(gap_mm < FAR_MM))
     return found
 

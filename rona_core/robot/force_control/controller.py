@@ -7,10 +7,9 @@ docs/algorithms/robot/force_control.md.
 
 from dataclasses import dataclass
 
-import numpy as np
-
 from rona_core.devices.settings import ContactSettings
 from rona_core.devices.wrench import APPROACH, CONTACT, LOST, STOPPED
+from rona_core.geometry.arrays import clamped
 from rona_core.robot.force_control.gains import contact_gain, feed_share
 from rona_core.robot.force_control.stiffness import StiffnessEstimate
 
@@ -174,12 +173,12 @@ class ContactController:
         if sample.force_n > self.settings.monitor_n:
             calm = 0.0
         share = feed_share(self.stiffness.n_per_mm, self.settings, sample.path_mm_per_s)
-        return float(min(gentle, share, np.clip(calm, 0.0, 1.0)))
+        return min(gentle, share, clamped(calm, 0.0, 1.0))
 
     def _ramp_feed(self, wanted: float) -> None:
         up, down = RISE_PER_S * self.settings.period_s, FALL_PER_S * self.settings.period_s
         up *= max(wanted, SLOWEST_RISE)  # a contact that has to be slow is set going slowly too
-        self._feed += float(np.clip(wanted - self._feed, -down, up))
+        self._feed += clamped(wanted - self._feed, -down, up)
 
     def _velocity(self, sample: ContactSample) -> float:
         """Return the speed of the correction, within the travel and without wind-up."""
@@ -189,14 +188,14 @@ class ContactController:
         low, high = min(low, 0.0), max(high, 0.0)
         if self._state in (APPROACH, LOST):
             closing = self._feed * sample.closing_mm_per_s
-            return float(np.clip(settings.approach_mm_per_s - closing, low, high))
+            return clamped(settings.approach_mm_per_s - closing, low, high)
         gain = contact_gain(self.stiffness.n_per_mm, settings)
         error_n = settings.force_n - sample.force_n
         integral = self._integral_mm_per_s + gain.integral * error_n * period_s
         wanted = gain.proportional * error_n + integral
         if low <= wanted <= high or (wanted > high) != (error_n > 0.0):
             self._integral_mm_per_s = integral  # not where it would wind up against a limit
-        return float(np.clip(wanted, low, high))
+        return clamped(wanted, low, high)
 
     def _lasts(self, name: str, condition: bool, sample: ContactSample, for_s: float) -> bool:
         """Return whether a condition has held for some time without a break."""

@@ -220,7 +220,8 @@ def _touch_check(band: _Band, world: CollisionWorld) -> Check:
     """Look for collisions at every correction and halfway to the next; name the first found."""
     for travel_mm in band.looked_at():
         qs = band.joints(travel_mm)
-        for touching in np.flatnonzero(~world.clear(qs))[:1].tolist():
+        touching = world.first_hit(qs)
+        if touching >= 0:
             pair = world.report(qs[touching][None]).closest_pair(0)
             name, index = "clearance in the band", int(band.samples[touching])
             sentence = (

@@ -4,12 +4,12 @@ The contact is a spring K behind a robot that integrates speed after a dead time
 See docs/algorithms/robot/force_control.md.
 """
 
+import math
 from dataclasses import dataclass
-
-import numpy as np
 
 from rona_core.devices.settings import ContactSettings
 from rona_core.devices.wrench import JR3
+from rona_core.geometry.arrays import clamped
 
 GAIN_SHARE = 0.3  # of the gain at which the loop rings for ever
 RESET_DELAYS = 5.0  # integration time over the dead time
@@ -21,7 +21,7 @@ LEAST_SHARE = 0.02  # of the scan speed
 def dead_time_s(settings: ContactSettings, cutoff_hz: float = JR3.cutoff_hz) -> float:
     """Return the dead time of the loop: transport, half a period, the robot and the filter."""
     own_ms = settings.delay_ms + settings.period_ms / 2.0 + settings.lag_ms
-    return own_ms / 1000.0 + 1.0 / (2.0 * np.pi * cutoff_hz)
+    return own_ms / 1000.0 + 1.0 / (2.0 * math.pi * cutoff_hz)
 
 
 @dataclass(frozen=True, slots=True)
@@ -36,9 +36,9 @@ class ContactGain:
 def contact_gain(stiffness_n_per_mm: float, settings: ContactSettings) -> ContactGain:
     """Return the gains for a contact of this stiffness: k_crit = pi / (2 K T)."""
     delay_s = dead_time_s(settings)
-    critical = np.pi / (2.0 * stiffness_n_per_mm * delay_s)
+    critical = math.pi / (2.0 * stiffness_n_per_mm * delay_s)
     proportional = GAIN_SHARE * critical
-    return ContactGain(proportional, proportional / (RESET_DELAYS * delay_s), float(critical))
+    return ContactGain(proportional, proportional / (RESET_DELAYS * delay_s), critical)
 
 
 def speed_limit_mm_per_s(stiffness_n_per_mm: float, settings: ContactSettings) -> float:
@@ -58,8 +58,8 @@ def speed_limit_mm_per_s(stiffness_n_per_mm: float, settings: ContactSettings) -
     a0 = -allowed2 * b**2
     if a2 <= 0.0:
         return float("inf")  # such a soft contact never reaches it
-    root = (-a1 + np.sqrt(a1**2 - 4.0 * a2 * a0)) / (2.0 * a2)
-    return float(np.sqrt(root) * ERROR_LENGTH_MM / (2.0 * np.pi))
+    root = (-a1 + math.sqrt(a1**2 - 4.0 * a2 * a0)) / (2.0 * a2)
+    return math.sqrt(root) * ERROR_LENGTH_MM / (2.0 * math.pi)
 
 
 def feed_share(
@@ -69,4 +69,4 @@ def feed_share(
     if speed_mm_per_s <= 0.0:
         return 1.0
     limit = speed_limit_mm_per_s(stiffness_n_per_mm, settings)
-    return float(np.clip(limit / speed_mm_per_s, LEAST_SHARE, 1.0))
+    return clamped(limit / speed_mm_per_s, LEAST_SHARE, 1.0)

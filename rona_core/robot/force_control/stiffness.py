@@ -1,8 +1,11 @@
 """How stiff the contact is, learnt while touching down and watched while scanning."""
 
+import math
+
 import numpy as np
 
 from rona_core.devices.settings import require
+from rona_core.geometry.arrays import clamped
 
 LOWEST, HIGHEST = 0.1, 400.0  # N/mm that are believed
 HIGH_PASS_S = 0.15  # slower motion follows the surface and says nothing of the spring
@@ -10,6 +13,7 @@ MEMORY_S = 0.5
 LEAST_MOTION_MM = 0.02  # rms, below which only noise is compared
 LEAST_CORRELATION = 0.8  # between force and travel; following a surface they are out of step
 RISE_S = 0.1  # a stiffer contact is believed at once; a softer one after the next touch-down
+NOTHING = (0.0, 0.0, 0.0, 0.0, 0.0)  # n, z, F, zz, zF of a touch-down that has not begun
 
 
 class StiffnessEstimate:
@@ -26,10 +30,10 @@ class StiffnessEstimate:
         """Start from what is expected before anything is known."""
         require(LOWEST <= expected_n_per_mm <= HIGHEST, "stiffness must be 0.1 to 400 N/mm")
         self.n_per_mm = expected_n_per_mm
-        self._period_s = period_s
         self._keep = float(np.exp(-period_s / HIGH_PASS_S))
         self._fade = float(np.exp(-period_s / MEMORY_S))
-        self._sums = np.zeros(5)  # n, z, F, zz, zF of the touch-down
+        self._rise = 1.0 - float(np.exp(-period_s / RISE_S))
+        self._sums = NOTHING
         self._last: tuple[float, float] | None = None
         self._high = (0.0, 0.0)
         self._moments = (0.0, 0.0, 0.0)
@@ -37,15 +41,16 @@ class StiffnessEstimate:
     def touching(self, place_mm: float, force_n: float) -> None:
         """Learn from one step of the touch-down; ``place_mm`` grows into the surface."""
         z, f = place_mm, force_n
-        self._sums += (1.0, z, f, z * z, z * f)
         n, sz, sf, szz, szf = self._sums
+        n, sz, sf, szz, szf = n + 1.0, sz + z, sf + f, szz + z * z, szf + z * f
+        self._sums = n, sz, sf, szz, szf
         spread = n * szz - sz**2
         if n >= 3 and spread > (n * LEAST_MOTION_MM) ** 2:
-            self._believe(float((n * szf - sz * sf) / spread))
+            self._believe((n * szf - sz * sf) / spread)
 
     def touch_again(self) -> None:
         """Forget the line of the last touch-down, not what it taught."""
-        self._sums = np.zeros(5)
+        self._sums = NOTHING
         self._last = None
 
     def watching(self, travel_mm: float, force_n: float) -> None:
@@ -66,12 +71,11 @@ class StiffnessEstimate:
     def _judge(self) -> None:
         zz, zf, ff = self._moments
         weight = 1.0 / (1.0 - self._fade)
-        if zz < weight * LEAST_MOTION_MM**2 or zf < LEAST_CORRELATION * np.sqrt(zz * ff):
+        if zz < weight * LEAST_MOTION_MM**2 or zf < LEAST_CORRELATION * math.sqrt(zz * ff):
             return
         seen = zf / zz
         if seen > self.n_per_mm:
-            step = 1.0 - float(np.exp(-self._period_s / RISE_S))
-            self._believe(self.n_per_mm + step * (seen - self.n_per_mm))
+            self._believe(self.n_per_mm + self._rise * (seen - self.n_per_mm))
 
     def _believe(self, n_per_mm: float) -> None:
-        self.n_per_mm = float(np.clip(n_per_mm, LOWEST, HIGHEST))
+        self.n_per_mm = clamped(n_per_mm, LOWEST, HIGHEST)

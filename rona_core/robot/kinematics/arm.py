@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, fields
+from functools import reduce
 from typing import Literal, Protocol
 
 import numpy as np
@@ -73,6 +74,14 @@ class Arm(Protocol):
         """Return ``Ts_base_flange`` for joint angles (n, 6) in radians."""
         ...
 
+    def rotation(self, q_rad: Floats) -> Floats:
+        """Return the rotation (3, 3) of ``forward`` for one posture (6,), to the last bit.
+
+        A control loop wants it every period: it takes a quarter of the time, and nothing is
+        checked.
+        """
+        ...
+
     def inverse(self, Ts_base_flange: Poses) -> IkSolutions:
         """Return every joint vector that brings the flange to each pose."""
         ...
@@ -130,6 +139,20 @@ def about_y(angles_rad: Floats) -> Floats:
     rotations[:, 2, 0] = -rotations[:, 0, 2]
     rotations[:, 1, 1] = 1.0
     return rotations
+
+
+def alternating_turns(angles_rad: Floats) -> Floats:
+    """Return the rotation (3, 3) of turns (k,) about z and y in alternation, about z first."""
+    cosines, sines = np.cos(angles_rad).tolist(), np.sin(angles_rad).tolist()
+    turns = [
+        np.array(
+            ((c, 0.0, s), (0.0, 1.0, 0.0), (-s, 0.0, c))
+            if i % 2
+            else ((c, -s, 0.0), (s, c, 0.0), (0.0, 0.0, 1.0))
+        )
+        for i, (c, s) in enumerate(zip(cosines, sines, strict=True))
+    ]
+    return reduce(np.matmul, turns)
 
 
 def elbow_cosine(squared: Floats, upper_mm: float, fore_mm: float) -> tuple[Floats, Floats]:

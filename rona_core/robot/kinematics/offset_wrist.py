@@ -21,6 +21,7 @@ from rona_core.robot.kinematics.arm import (
     IkSolutions,
     about_y,
     about_z,
+    alternating_turns,
     as_joints,
     elbow_cosine,
     link_frames,
@@ -82,6 +83,12 @@ class ParallelArm:
         centers = np.stack((x, y, self.shoulder_mm + up), axis=1)
         rotations = about_z(qs[:, 0]) @ about_y(wrist) @ about_z(qs[:, 4]) @ about_y(qs[:, 5])
         return Poses(rotations @ FLANGE, centers + self.flange_mm * rotations[:, :, 1])
+
+    def rotation(self, q_rad: Floats) -> Floats:
+        """Return the rotation (3, 3) of the flange in ``base`` for one posture (6,)."""
+        q1, q2, q3, q4, q5, q6 = q_rad.tolist()
+        lean = q2 + RIGHT_RAD + q3 + q4 + RIGHT_RAD
+        return alternating_turns(np.array((q1, lean, q5, q6))) @ FLANGE
 
     def inverse(self, Ts_base_flange: Poses) -> IkSolutions:
         """Return every joint vector that brings the flange to each pose."""

@@ -42,24 +42,20 @@ class PinocchioArm:
 
     def forward(self, qs_rad: Floats) -> Poses:
         """Return ``Ts_base_flange`` for joint angles (n, 6) in radians."""
-        rotations, positions = np.zeros((len(qs_rad), 3, 3)), np.zeros((len(qs_rad), 3))
+        placement, placements = self._data.oMf[self._flange], np.zeros((len(qs_rad), 4, 4))
         for i, q in enumerate(qs_rad):
             pin.framesForwardKinematics(self._model, self._data, q)
-            placement = self._data.oMf[self._flange]
-            rotations[i], positions[i] = placement.rotation, placement.translation
-        return Poses(rotations, positions * MM_PER_M)
+            placements[i] = placement.homogeneous
+        return Poses(placements[:, :3, :3], placements[:, :3, 3] * MM_PER_M)
 
     def joint_axes(self, qs_rad: Floats) -> tuple[Floats, Floats]:
         """Return directions and origins (n, 6, 3) of all joint axes in ``base``, origins in mm."""
-        directions = np.zeros((len(qs_rad), N_JOINTS, 3))
-        origins = np.zeros((len(qs_rad), N_JOINTS, 3))
+        joints, placements = list(self._data.oMi)[1:], np.zeros((len(qs_rad), N_JOINTS, 4, 4))
         for i, q in enumerate(qs_rad):
             pin.forwardKinematics(self._model, self._data, q)
-            for joint in range(N_JOINTS):
-                placement = self._data.oMi[joint + 1]
-                directions[i, joint] = placement.rotation @ self._axes[joint]
-                origins[i, joint] = placement.translation
-        return directions, MM_PER_M * origins
+            placements[i] = [joint.homogeneous for joint in joints]
+        directions = np.einsum("njik,jk->nji", placements[:, :, :3, :3], self._axes)
+        return directions, MM_PER_M * placements[:, :, :3, 3]
 
     def singular_margins(self, qs_rad: Floats) -> tuple[Floats, Floats, Floats]:
         """Return how far from a lost freedom the arm is, from the placement of its joints.

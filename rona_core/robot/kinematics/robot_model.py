@@ -53,6 +53,10 @@ class RobotModel:
         """Return ``Ts_base_flange`` for joint angles (n, 6) in radians."""
         return self.arm.forward(qs_rad)
 
+    def rotation(self, q_rad: Floats) -> Floats:
+        """Return the rotation (3, 3) of the flange in ``base`` for one posture (6,)."""
+        return self.arm.rotation(q_rad)
+
     def inverse(self, Ts_base_flange: Poses) -> IkSolutions:
         """Return every joint vector that brings the flange to each pose."""
         return self.arm.inverse(Ts_base_flange)

@@ -5,6 +5,7 @@ their lengths; they are not the makers' geometry and no input of any algorithm.
 """
 
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 
@@ -74,6 +75,7 @@ class LinkShape:
     mesh: Mesh  # mm, in that link frame
 
 
+@lru_cache(maxsize=4)
 def link_shapes(model: RobotModel) -> tuple[LinkShape, ...]:
     """Return the solids of a robot and its tool.
 

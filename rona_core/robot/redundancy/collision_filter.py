@@ -10,11 +10,14 @@ from dataclasses import replace
 import numpy as np
 
 from rona_core.errors import NotReachableError
-from rona_core.geometry.arrays import Floats, Ints
+from rona_core.geometry.arrays import Floats
 from rona_core.robot.collision.collision_world import CollisionWorld
-from rona_core.robot.redundancy.constant_roll import RollEvaluation, constant_roll_margins
+from rona_core.robot.redundancy.constant_roll import (
+    RollEvaluation,
+    constant_roll_curves,
+    constant_roll_margins,
+)
 from rona_core.robot.redundancy.infeasibility import FailureCause, verdict_on
-from rona_core.robot.redundancy.margins import joint_path
 from rona_core.robot.redundancy.result import RankedRoll
 from rona_core.robot.trajectory.scan_timing import LEAST_STANDOFF_MM, retract_line
 
@@ -43,9 +46,12 @@ def remove_blocked_rolls(
     refused: dict[Pair, Cause] = {}
     for pair in evaluation.ranked:
         curve = _curve(evaluation, pair)
-        if world is not None and not bool(world.clear(curve[checked]).all()):
-            refused[pair.index, pair.branch] = lambda qs=curve[checked], w=world: _collision(
-                qs, checked, w
+        hit = -1 if world is None else world.first_hit(curve[checked])
+        if world is not None and hit >= 0:
+            place = int(checked[hit])
+            refused[pair.index, pair.branch] = lambda q=curve[place], p=place, w=world: (
+                p,
+                _collision(q, w),
             )
             continue
         for end in (0, last):
@@ -94,22 +100,15 @@ def no_way(words: str) -> FailureCause:
 
 def _curve(evaluation: RollEvaluation, pair: RankedRoll) -> Floats:
     """Return the joints (n, 6) along the path with one roll on one branch."""
-    if pair.branch == evaluation.rolls.branches[pair.index]:
-        return evaluation.rolls.qs_rad[:, pair.index].T
-    grid, roll_rad = evaluation.grid, float(np.deg2rad(evaluation.verdicts[pair.index].roll_deg))
-    return joint_path(grid.path, grid.model, roll_rad, pair.branch, grid.margin_limits)
+    roll, branch = np.array([pair.index]), np.array([pair.branch])
+    return constant_roll_curves(evaluation.grid, roll, branch)[:, 0].T
 
 
-def _collision(
-    qs_rad: Floats, path_points: Ints, world: CollisionWorld
-) -> tuple[int, FailureCause]:
-    """Return where the robot first touches something at path points (k,), and what."""
-    report = world.report(qs_rad)
-    hit = max(0, report.first_hit)
-    pair = report.closest_pair(hit)
+def _collision(q_rad: Floats, world: CollisionWorld) -> FailureCause:
+    """Return what the robot touches at joint angles (6,)."""
+    pair = world.report(q_rad[None]).closest_pair(0)
     words = (
         f"{pair.first} and {pair.second} are {pair.apart_mm:.1f} mm apart, "
         f"{pair.least_mm:.0f} mm are needed,"
     )
-    cause = FailureCause("blocked", 0, pair.apart_mm, pair.least_mm, "mm", words)
-    return int(path_points[hit]), cause
+    return FailureCause("blocked", 0, pair.apart_mm, pair.least_mm, "mm", words)

@@ -72,12 +72,21 @@ def follow_constant_rolls(grid: RollGrid) -> ConstantRolls:
     least = margins.min(axis=2)
     first = np.where(least < 0.0, (margins < 0.0).argmax(axis=2), n)
     branches = np.array([best_branch(least[:, i], first[:, i]) for i in range(count)], np.int64)
-    rolls, model = np.arange(count), grid.model
+    rolls = np.arange(count)
+    qs = constant_roll_curves(grid, rolls, branches)
+    return ConstantRolls(least, first, branches, margins[branches, rolls], qs)
+
+
+def constant_roll_curves(grid: RollGrid, rolls: Ints, branches: Ints) -> Floats:
+    """Return the joints (6, k, n) along the path for rolls (k,) of a grid on branches (k,).
+
+    They are continuous, and turned so that they fit their limits.
+    """
     qs = np.ascontiguousarray(grid.qs_rad[branches, :, rolls].transpose(1, 0, 2))
     for joint in np.flatnonzero(grid.turning):
-        lower, upper = float(model.lower_rad[joint]), float(model.upper_rad[joint])
+        lower, upper = float(grid.model.lower_rad[joint]), float(grid.model.upper_rad[joint])
         qs[joint] = shift_to_fit(np.unwrap(qs[joint]).T, lower, upper).T
-    return ConstantRolls(least, first, branches, margins[branches, rolls], qs)
+    return qs
 
 
 def constant_roll_margins(grid: RollGrid, branch: int) -> Floats:

@@ -162,7 +162,7 @@ def flange_parts(path: Path5D, model: RobotModel) -> Floats:
 
 def as_poses(rows: Floats) -> Poses:
     """Return poses (n,) from rows (n, 12), as in ``flange_parts``."""
-    return Poses(rows[:, :9].reshape(-1, 3, 3), rows[:, 9:])
+    return Poses.unchecked(rows[:, :9].reshape(-1, 3, 3), rows[:, 9:])
 
 
 @dataclass(frozen=True, slots=True, eq=False)

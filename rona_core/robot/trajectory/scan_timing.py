@@ -143,7 +143,7 @@ def line_back(
     T_base_probe = model.forward(q_rad[None])[0] @ model.T_flange_probe
     backs_mm = np.arange(LINE_STEP_MM, most_mm + LINE_STEP_MM / 2.0, LINE_STEP_MM)
     places = T_base_probe.translation - backs_mm[:, None] * T_base_probe.rotation[:, 2]
-    probes = Poses(np.repeat(T_base_probe.rotation[None], len(backs_mm), axis=0), places)
+    probes = Poses.unchecked(np.repeat(T_base_probe.rotation[None], len(backs_mm), axis=0), places)
     line = np.vstack((q_rad, model.follow(probes @ model.T_flange_probe.inv(), q_rad, JUMP_RAD)))
     free = np.ones(len(line), dtype=np.bool_) if clear is None else clear(line)
     line = line if free.all() else line[: int(np.argmin(free))]

@@ -1,9 +1,9 @@
 """Clearance checks of the verifier: every obstacle, over the whole motion, samples and between.
 
-At each sample the distance of every pair of bodies is known. On the way to the next one no point of
-the robot moves farther than the joint steps times the longest levers. Where that is less than the
-room at both ends together, nothing can touch in between; elsewhere the step is halved, and halved
-again.
+At each sample the least distance from every obstacle is known. On the way to the next one no point
+of the robot moves farther than the joint steps times the longest levers. Where that is less than
+the room at both ends together, nothing can touch in between; elsewhere the step is halved, and
+halved again.
 """
 
 import numpy as np
@@ -31,9 +31,9 @@ def clearance(
 
 
 def _distances(world: CollisionWorld, dense: DenseMotion) -> tuple[Floats, Floats]:
-    """Return distances (k, p) of all pairs where they were looked at, and the sample numbers."""
+    """Return distances (k, p) of what is nearest where it was looked at, and the sample numbers."""
     qs, numbers = dense.qs_rad[::DENSITY], dense.numbers[::DENSITY]
-    found = world.distances_mm(qs)
+    found = world.nearest_mm(qs)
     room = (found - world.least_mm).min(axis=1)
     looked, at = [found], [numbers]
     ends = [(qs[:-1], qs[1:]), (room[:-1], room[1:]), (numbers[:-1], numbers[1:])]
@@ -44,7 +44,7 @@ def _distances(world: CollisionWorld, dense: DenseMotion) -> tuple[Floats, Float
         if not near.any():
             break
         q_mid, middle = 0.5 * (q_from + q_to)[near], 0.5 * (first + last)[near]
-        found = world.distances_mm(q_mid)
+        found = world.nearest_mm(q_mid)
         room_mid = (found - world.least_mm).min(axis=1)
         looked.append(found)
         at.append(middle)

@@ -16,6 +16,8 @@ from rona_core.geometry.arrays import Bools, Floats, Ints
 BATCH = 400_000  # padded neighbours handed out together
 COEFFICIENTS = 6
 TURNS = 2  # the height is measured along the plane's normal first, then along the quadric's
+GAP = 3  # rows of the cloud; a pause as short does not end a run
+LAST = np.iinfo(np.int64).max
 RANK = 1e-10  # eigenvalue of the normal equations over the largest; below it there is no quadric
 
 
@@ -26,6 +28,18 @@ class Neighbourhoods:
     rows: Ints  # (b,) which of the places
     offsets: Floats  # (b, k, 3) neighbours minus place; zero where there is none
     there: Bools  # (b, k)
+    cloud_rows: Ints  # (b, k) which points of the cloud they are
+
+    def runs(self) -> tuple[Ints, Bools]:
+        """Return the order (b, k) of the neighbours in the cloud, and who follows whom (b, k - 1).
+
+        A pointer that slides comes by several times; each time is a run of points that follow each
+        other in the cloud.
+        """
+        order = np.argsort(np.where(self.there, self.cloud_rows, LAST), axis=1)
+        rows, there = (np.take_along_axis(a, order, axis=1) for a in (self.cloud_rows, self.there))
+        follows = np.logical_and(np.diff(rows, axis=1) <= GAP, there[:, 1:])
+        return np.asarray(order, dtype=np.int64), np.asarray(follows)
 
 
 def neighbourhoods(tree: KDTree, places: Floats, radius_mm: float) -> Iterator[Neighbourhoods]:
@@ -42,7 +56,7 @@ def neighbourhoods(tree: KDTree, places: Floats, radius_mm: float) -> Iterator[N
         found = np.asarray(nearest, dtype=np.int64).reshape(len(batch), width)
         there = found < tree.n
         offsets = tree.data[np.where(there, found, 0)] - places[batch][:, None]
-        yield Neighbourhoods(batch, np.where(there[:, :, None], offsets, 0.0), there)
+        yield Neighbourhoods(batch, np.where(there[:, :, None], offsets, 0.0), there, found)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -107,6 +121,7 @@ class Jets:
     gain: Floats  # (b,) variance of the normal in rad^2 over that of one point, 1/mm^2
     curvatures: Floats  # (b, 2) principal curvatures, 1/mm, larger size first
     solved: Bools  # (b,) whether the points determine all coefficients
+    alike: Floats  # (b,) points that err alike; 1: each for itself
 
 
 def fit_jets(near: Neighbourhoods, normals: Floats, radius_mm: float) -> Jets:
@@ -117,6 +132,7 @@ def fit_jets(near: Neighbourhoods, normals: Floats, radius_mm: float) -> Jets:
     weights = near.there[:, :, None].astype(np.float64)
     spare = np.maximum(near.there.sum(axis=1) - COEFFICIENTS, 0)
     gain = noise = np.zeros(len(normals))
+    residuals = np.zeros(near.there.shape)
     solved: Bools = np.zeros(len(normals), dtype=bool)
     curvatures = np.zeros((len(normals), 2))
     for _ in range(TURNS):
@@ -140,7 +156,30 @@ def fit_jets(near: Neighbourhoods, normals: Floats, radius_mm: float) -> Jets:
         curvatures = _curvatures(c[:, 3:] / radius_mm**2)
         local = np.column_stack((-slopes, np.ones(len(c)))) / np.sqrt(flat)[:, None]
         normals = np.einsum("bi,bij->bj", local, frames)
-    return Jets(normals, noise, gain, curvatures, solved)
+    return Jets(normals, noise, gain, curvatures, solved, _alike(near, residuals))
+
+
+def _alike(near: Neighbourhoods, residuals: Floats) -> Floats:
+    """Return how many points (b,) err alike, by residuals (b, k) of those that follow each other.
+
+    A head that breathes, or the field of a tracker, lifts a whole run of points. Their residuals
+    are as alike as their correlation over all neighbourhoods says.
+    """
+    order, follows = near.runs()
+    in_order = np.take_along_axis(residuals, order, axis=1)
+    first, second = (
+        np.where(follows, in_order[:, :-1], 0.0),
+        np.where(follows, in_order[:, 1:], 0.0),
+    )
+    squares = float((first**2 + second**2).sum()) / 2.0
+    correlation = max(float((first * second).sum()) / squares, 0.0) if squares > 0.0 else 0.0
+    b, k = near.there.shape
+    run = np.column_stack((np.zeros(b, dtype=np.int64), np.cumsum(~follows, axis=1)))
+    rows, columns = np.nonzero(np.arange(k) < near.there.sum(axis=1)[:, None])
+    sizes = np.bincount(rows * k + run[rows, columns], minlength=b * k).reshape(b, k)
+    # of the run that a point is in, averaged over points: it is what their mean scatters by
+    size = (sizes**2).sum(axis=1) / np.maximum(sizes.sum(axis=1), 1)
+    return 1.0 + (np.maximum(size, 1.0) - 1.0) * correlation
 
 
 def _frames(normals: Floats) -> Floats:

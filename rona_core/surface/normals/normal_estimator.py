@@ -127,11 +127,12 @@ def _from_jets(
     flag = np.where((flag == 0) & vague, RANK_DEFICIENT, flag)
     spare = np.maximum(count - COEFFICIENTS, 1)
     if noise_mm is None:
-        variance = jets.noise_mm2
+        variance = jets.noise_mm2 * jets.alike
     else:
         limit = noise_mm**2 * (1.0 + SLACK + SURE * np.sqrt(2.0 / spare))
         relief = np.maximum(jets.noise_mm2 - limit, 0.0)
-        variance = noise_mm**2 + relief * count  # relief does not average out
+        # relief does not average out
+        variance = np.maximum(jets.noise_mm2, noise_mm**2) * jets.alike + relief * count
     sigma = np.rad2deg(np.sqrt(jets.gain * variance))
     flag = np.where((flag == 0) & (sigma > MAX_SIGMA_DEG), UNCERTAIN, flag)
     return Estimates(

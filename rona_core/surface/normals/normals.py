@@ -41,6 +41,7 @@ FLAGS: tuple[NormalFlag, ...] = (
 MIN_FACING = 0.1  # |cos| to the outward direction; below it the sign is a guess
 MAX_WIDER = 3  # steps of the ladder of radii for a place that the chosen radius does not suit
 MAX_SIGMA_DEG = 1.0  # a probe of 6 mm at 5 MHz loses half its echo at 1.0 degree, of 3 mm at 2.1
+NO_PLANE_DEG = 180.0  # error of a normal where there is no plane
 MOST = 16.0  # times as many points; more are not asked for at once
 REASONS = {
     "too_few": "too few points near",
@@ -142,6 +143,9 @@ class NormalField:
         noise_mm = choice.noise_mm if len(choice.radii_mm) else None
         found = estimate(self._tree, places, choice.radius_mm, method, noise_mm)
         radii = self._widen(found, places, method, choice)
+        solved = found.sigma_deg < NO_PLANE_DEG
+        lean_deg = np.where(solved, choice.lean_at_deg(radii), 0.0)
+        found.sigma_deg = np.minimum(np.hypot(found.sigma_deg, lean_deg), NO_PLANE_DEG)
         widened = (radii != choice.radius_mm).any()
         return _judged(found, sides, choice.radius_mm, method, radii if widened else None, choice)
 
@@ -188,7 +192,7 @@ def _judged(
         normals=readonly(normals),
         count=readonly(found.count),
         eigenvalues=readonly(found.eigenvalues),
-        sigma_deg=readonly(np.where(bare, 180.0, found.sigma_deg)),
+        sigma_deg=readonly(np.where(bare, NO_PLANE_DEG, found.sigma_deg)),
         ok=readonly(flag == 0),
         radius_mm=radius_mm,
         method=method,

@@ -5,7 +5,7 @@ delay places the outer boundary of the bone, and changes by some 0.1 % a kelvin.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -92,7 +92,7 @@ def calibrate_delay_line(
         DegenerateGeometryError: no clear echo of a face.
     """
     _check(tracks, temperatures_c, probe, film_mm)
-    faces = [_faces(track, probe, excitation) for track in tracks]
+    faces = [clear_faces(track, probe, excitation) for track in tracks]
     film_us = 2.0 * film_mm / GEL.speed_mm_per_us
     delays = [face.delay_us + probe.line_delay_us - film_us for face in faces]
     line = _fit_line(delays, temperatures_c, probe)
@@ -127,13 +127,11 @@ def calibrated_probe(probe: ProbeModel, line: DelayLine, temperature_c: float) -
         raise InvalidInputError(f"the line of the {line.probe} probe is not that of {probe.name}")
     if line.verdict == "bad":
         raise InvalidInputError(f"this calibration cannot be used: {'; '.join(line.reasons)}")
-    delay_us, _ = line.at(temperature_c)
-    speed = 2.0 * probe.line_length_mm / delay_us
-    return replace(probe, line=replace(probe.line, speed_mm_per_us=speed))
+    return probe.with_line_delay(line.at(temperature_c)[0])
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class _Faces:
+class Faces:
     """Echoes (n,) of the metal face in one capture."""
 
     delay_us: Floats  # against the nominal one
@@ -141,7 +139,7 @@ class _Faces:
     rejected: int
 
 
-def _faces(track: AScanTrack, probe: ProbeModel, excitation: Excitation) -> _Faces:
+def clear_faces(track: AScanTrack, probe: ProbeModel, excitation: Excitation) -> Faces:
     """Return the clear echoes of the face in a capture."""
     template = block_template(probe, excitation)
     spectra, noise = trace_spectra(track.rf.astype(np.float64), track.start_us, template)
@@ -155,7 +153,7 @@ def _faces(track: AScanTrack, probe: ProbeModel, excitation: Excitation) -> _Fac
     delay = front.delay_us[ok]
     off = np.abs(delay - np.median(delay))
     kept = off <= max(FAR_SD * mad_sigma(off), 1e-3)
-    return _Faces(delay[kept], front.level[ok][kept], len(track) - int(kept.sum()))
+    return Faces(delay[kept], front.level[ok][kept], len(track) - int(kept.sum()))
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -1,58 +1,101 @@
 """Choice of reference points for a caliper, and the time of flight at such points."""
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.spatial import KDTree
 
 from rona_core.errors import DegenerateGeometryError, InvalidInputError
-from rona_core.geometry.arrays import Bools, Floats, Ints, readonly
+from rona_core.geometry.arrays import Floats, Ints, readonly
 from rona_core.geometry.robust import cauchy_weights, mad_sigma, reweighted_least_squares
-from rona_core.ultrasound.acoustic_calibration.speed_calibration import THIN_MM, TIMING_US
+from rona_core.ultrasound.acoustic_calibration.speed_calibration import (
+    CALIPER_MM,
+    THIN_MM,
+    SpeedCalibration,
+    speed_covariance,
+    uncalibrated,
+)
 from rona_core.ultrasound.detection.detect import Detection
 
 NEAR_MM = 2.0  # A-scans so near to a place tell its time of flight
 AROUND_MM = 4.0  # and so near, its surroundings
 ALIKE_MM = 0.4  # a place is chosen where its neighbours agree so well
+CONFIDENT = 0.95  # and where its inner boundary is so likely to be the right one
 LEAST_NEAR = 6
 LEAST_SCATTER_MM = 0.01
 LONELY_SLOPE = 0.15  # taken where nobody is around
-SLOPE_COSTS_MM = 100.0  # so far away a place may be for a slope less by 1
-ROUNDS = 30
+MOST_OF_REGION, MOST_CHOICES = 200, 400  # A-scans that stand for all
 
 
-def choose_reference_scans(places_base: Floats, detection: Detection, n: int) -> Ints:
-    """Return the numbers (n,) of A-scans at which a caliper tells most: spread, thick and sure.
+@dataclass(frozen=True, slots=True, eq=False)
+class ReferenceProposal:
+    """Places for a caliper, and what the speed of sound will cost a thickness with them.
 
-    The places divide the scanned area among them, so that none of it is far from the nearest; of
-    those near by, one is taken whose inner boundary is nearly parallel, for its echo tells most.
+    The two standard deviations (RMS over the sure A-scans) are in mm, by the speed alone.
+    """
+
+    scans: Ints  # (n,) numbers of A-scans
+    now_mm: float
+    then_mm: float
+
+
+def propose_references(
+    places_base: Floats, detection: Detection, n: int, known: SpeedCalibration | None = None
+) -> ReferenceProposal:
+    """Return the A-scans at which a caliper tells most of the thickness everywhere.
+
+    One after the other, each the place that lowers the expected squared error of all thicknesses
+    most (greedy A-optimal design, Krause 2008). It prefers thick places, where a caliper's error
+    counts little, echoes that agree with all around them, and places far from those before.
 
     Args:
         places_base: Where each A-scan enters the bone (m, 3).
         detection: What was found in them.
         n: How many.
+        known: Calibration at earlier points, which stay; None: there are none.
 
     Raises:
         DegenerateGeometryError: too few A-scans are sure of their inner boundary.
     """
-    sure: Bools = np.asarray(detection.inner_ok)
-    good = np.flatnonzero(sure & (detection.thickness_mm >= THIN_MM))
+    calibration = uncalibrated() if known is None else known
+    sure = np.flatnonzero(detection.inner_ok)
+    likely = sure[detection.inner_quality[sure] >= CONFIDENT]
+    good = likely[detection.thickness_mm[likely] >= THIN_MM]
+    good = good[:: -(-max(len(good), 1) // MOST_CHOICES)]
     local = _Local(places_base[sure], detection.thickness_mm[sure])
-    value, slope, scatter = local.at(places_base[good])
-    steady = np.abs(value - detection.thickness_mm[good]) <= ALIKE_MM
+    depth, slope, scatter = local.at(places_base[good])
+    steady = np.abs(depth - detection.thickness_mm[good]) <= ALIKE_MM
     steady &= scatter <= ALIKE_MM
-    good, slope = good[steady], slope[steady]
+    good, depth, slope, scatter = good[steady], depth[steady], slope[steady], scatter[steady]
     if len(good) < n:
         raise DegenerateGeometryError(
-            f"{len(good)} A-scans are at least {THIN_MM:g} mm deep and agree with their "
-            f"neighbours, {n} are needed: scan another region"
+            f"{len(good)} A-scans are at least {THIN_MM:g} mm deep, sure of their echo and agree "
+            f"with their neighbours, {n} are needed: scan another region"
         )
+    some = sure[:: -(-len(sure) // MOST_OF_REGION)]
+    weight = detection.thickness_mm[some]
+    covariance = speed_covariance(calibration, places_base[np.concatenate((good, some))])
+    # of a speed that is measured there
+    timing_mm = calibration.prior.timing_us * detection.sound_speed_mm_per_us / 2.0
+    noise_mm = np.sqrt(CALIPER_MM**2 + _sigma_mm(depth, slope, scatter) ** 2 + timing_mm**2)
+    noise = (detection.sound_speed_mm_per_us * noise_mm / depth) ** 2
     chosen: list[int] = []
-    for middle in _divided(places_base[sure], n):
-        cost = np.linalg.norm(places_base[good] - middle, axis=1) + SLOPE_COSTS_MM * slope
-        cost[np.isin(good, chosen)] = np.inf
-        chosen.append(int(good[int(np.argmin(cost))]))
-    return np.array(sorted(chosen), dtype=np.int64)
+
+    def cost_mm() -> float:
+        variances = np.diag(covariance)[len(good) :]
+        share = variances / detection.sound_speed_mm_per_us**2
+        return float(np.sqrt(np.mean(weight**2 * share)))
+
+    now_mm = cost_mm()
+    for _ in range(n):
+        total = np.diag(covariance)[: len(good)] + noise
+        gain = ((covariance[: len(good), len(good) :] * weight) ** 2).sum(axis=1) / total
+        gain[chosen] = -1.0
+        best = int(np.argmax(gain))
+        chosen.append(best)
+        known_by = covariance[:, best] / np.sqrt(total[best])
+        covariance = covariance - np.outer(known_by, known_by)
+    return ReferenceProposal(np.sort(good[chosen]), now_mm, cost_mm())
 
 
 def lags_at(
@@ -61,7 +104,8 @@ def lags_at(
     """Return the two-way times (n,) through the bone at places (n, 3), and their sigmas in us.
 
     Each is that of a plane through the sure A-scans around the place. Its sigma is their scatter,
-    and what the slope of that plane may cost: of a wedge, the nearest part is heard first.
+    and what the slope of that plane may cost: of a wedge, the nearest part is heard first. What all
+    lags have in common is not in it.
 
     Raises:
         InvalidInputError: a place without a sure A-scan near it, by its number.
@@ -78,9 +122,12 @@ def lags_at(
         )
     local = _Local(scan_places_base[sure], detection.thickness_mm[sure])
     depth, slope, scatter = local.at(places_base)
-    sigma_mm = np.hypot(scatter, 0.5 * depth * slope**2)
     to_us = 2.0 / detection.sound_speed_mm_per_us
-    return depth * to_us, np.hypot(sigma_mm * to_us, TIMING_US)
+    return depth * to_us, _sigma_mm(depth, slope, scatter) * to_us
+
+
+def _sigma_mm(depth: Floats, slope: Floats, scatter: Floats) -> Floats:
+    return np.hypot(scatter, 0.5 * depth * slope**2)
 
 
 def at_speed(detection: Detection, speed_mm_per_us: Floats | float) -> Detection:
@@ -125,21 +172,3 @@ class _Local:
         )
         scatter = mad_sigma(depth - design @ fit, floor=LEAST_SCATTER_MM)
         return float(fit[0]), float(np.hypot(fit[1], fit[2])), scatter
-
-
-def _divided(points: Floats, n: int) -> Floats:
-    """Return the middles (n, 3) of ``n`` parts of points (m, 3), by Lloyd's rule."""
-    first = int(np.argmax(np.linalg.norm(points - points.mean(axis=0), axis=1)))
-    middles = points[[first]]
-    while len(middles) < n:  # the farthest point starts the next part
-        away = np.linalg.norm(points[:, None] - middles[None], axis=2).min(axis=1)
-        middles = np.vstack((middles, points[int(np.argmax(away))]))
-    for _ in range(ROUNDS):
-        nearest = np.argmin(np.linalg.norm(points[:, None] - middles[None], axis=2), axis=1)
-        middles = np.array(
-            [
-                points[nearest == k].mean(axis=0) if (nearest == k).any() else middles[k]
-                for k in range(n)
-            ]
-        )
-    return middles

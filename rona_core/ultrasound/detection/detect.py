@@ -4,7 +4,7 @@ Detection knows what a laboratory knows: the probe, the echo of a reference bloc
 sound speeds. It does not know how the echoes were made, and it flags what is not certain.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 from typing import Literal, get_args
 
 import numpy as np
@@ -14,13 +14,21 @@ from rona_core.devices.protocols import Cancel, Progress, never, silent
 from rona_core.errors import InvalidInputError
 from rona_core.geometry.arrays import Bools, Floats, Ints, readonly
 from rona_core.ultrasound.detection.baseline_detectors import find_largest_echoes
-from rona_core.ultrasound.detection.single.candidates import Echoes, search_echoes
+from rona_core.ultrasound.detection.bone_loss import FIRST_LOSSES, learned_loss
+from rona_core.ultrasound.detection.single.candidates import (
+    Cleared,
+    Echoes,
+    clear_fronts,
+    search_echoes,
+)
 from rona_core.ultrasound.detection.single.front_echo import gate_us, standoff_mm
 from rona_core.ultrasound.detection.single.inner_echo import InnerEchoes
 from rona_core.ultrasound.detection.single.matched_filter import BONE_REFLECTION
 from rona_core.ultrasound.detection.single.time_of_flight import Fisher, amplitude_bound
+from rona_core.ultrasound.detection.spatial.agreement import DOUBTED, refused_around
 from rona_core.ultrasound.detection.spatial.candidate_selection import select_inner_echoes
-from rona_core.ultrasound.detection.spatial.neighbours import scan_links
+from rona_core.ultrasound.detection.spatial.detectability import possible_steps
+from rona_core.ultrasound.detection.spatial.neighbours import Links, scan_links
 from rona_core.ultrasound.detection.spatial.oblique_correction import correct_oblique_echoes
 from rona_core.ultrasound.probe.excitation import GRID
 from rona_core.ultrasound.probe.materials import DIPLOE, TABLE, Material
@@ -42,10 +50,15 @@ REMOVED = 8  # taken away by hand, see `manual_corrections`
 FRONT_SNR = 8.0  # below it there is no front echo
 FRONT_LEVEL = 0.25  # of perfect contact; below it the probe is tilted too far
 SURE = 0.8  # probability from which on an inner boundary counts
+HEARD_SHARE = 0.02  # of the A-scans of a survey, of which at least this share must be sure
+MANY = 100  # A-scans that make a survey
+STEP_QUALITY = 0.5  # of one that the step from table to diploe explains as well
 SPEEDS_MM_PER_US = (1.5, 4.5)
 OUTER_FLOOR_MM = 0.008  # roughness, film and curvature spread the outer boundary by as much
 WRONG_MM = 1.0  # an inner boundary further off is wrong; quality is the chance that it is not
-SEARCH_SHARE = 0.7  # of the time
+CLEARING_SHARE = 0.1  # of the time, for the fronts
+SEARCH_SHARE = 0.6  # of the time of a look
+LEARNING_SHARE = 0.5  # of the time, for a first look that tells the loss of the bone
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -73,6 +86,8 @@ class Detection:
     excitation: str
     method: str
     sound_speed_mm_per_us: float  # of bone
+    # attenuation of the bone over the nominal one; None: taken as nominal, as in older files
+    bone_loss: float | None = field(default=None, metadata={"omit_empty": True})
 
     def __len__(self) -> int:
         return len(self.flag)
@@ -83,6 +98,7 @@ def detect(
     *,
     method: Method = "subtract",
     sound_speed_mm_per_us: float = NOMINAL_SPEED_MM_PER_US,
+    bone_loss: float | None = None,
     progress: Progress = silent,
     cancel: Cancel = never,
 ) -> Detection:
@@ -94,6 +110,7 @@ def detect(
             takes the largest peak of a matched filter, "threshold" the rising edge in the
             filtered envelope, both A-scan by A-scan.
         sound_speed_mm_per_us: Mean speed in bone; thickness is proportional to it.
+        bone_loss: Attenuation of the bone over the nominal one; None: learned from the survey.
         progress: Told the share that is done.
         cancel: Asked between blocks of A-scans.
 
@@ -103,26 +120,90 @@ def detect(
         CancelledError: ``cancel`` said so.
     """
     _check(method, sound_speed_mm_per_us)
-    bone = nominal_bone(sound_speed_mm_per_us)
-    links = scan_links(survey.positions_mm, len(survey))
-    echoes = search_echoes(
-        survey,
-        bone,
-        progress=lambda share: progress(SEARCH_SHARE * share),
-        cancel=cancel,
-    )
-    if method == "subtract":
-        inner = select_inner_echoes(echoes, bone, links)
-        inner = correct_oblique_echoes(echoes, inner, bone, survey, links)
-    else:
-        inner = find_largest_echoes(echoes, bone, method)
+    started = CLEARING_SHARE
+    cleared = clear_fronts(survey, progress=_part(progress, 0.0, started), cancel=cancel)
+    look = _Look(survey, cleared, scan_links(survey.positions_mm, len(survey)), method)
+    if bone_loss is None and method == "subtract":
+        started = LEARNING_SHARE
+        part = _part(progress, CLEARING_SHARE, started)
+        bone_loss = _learned(look, sound_speed_mm_per_us, part, cancel)
+    bone = nominal_bone(sound_speed_mm_per_us, 1.0 if bone_loss is None else bone_loss)
+    found = look.found(bone, _part(progress, started, 1.0), cancel)
     progress(1.0)
-    return _judged(survey, method, bone, echoes, inner)
+    return replace(_agreed(_judged(survey, method, bone, *found), look), bone_loss=bone_loss)
 
 
-def nominal_bone(sound_speed_mm_per_us: float = NOMINAL_SPEED_MM_PER_US) -> Material:
-    """Return bone as detection thinks of it: one layer, of mean speed and loss."""
-    return Material(sound_speed_mm_per_us, NOMINAL_DENSITY, NOMINAL_LOSS_DB_PER_CM)
+@dataclass(frozen=True, slots=True, eq=False)
+class _Look:
+    """What looks at a survey share, whatever they think of the bone."""
+
+    survey: ProbeSurvey
+    cleared: Cleared
+    links: Links
+    method: Method
+
+    def found(
+        self, bone: Material, progress: Progress, cancel: Cancel
+    ) -> tuple[Echoes, InnerEchoes]:
+        """Return the echoes in bone that is thought to be like this, and the inner ones."""
+        part = _part(progress, 0.0, SEARCH_SHARE)
+        echoes = search_echoes(self.cleared, bone, progress=part, cancel=cancel)
+        if self.method != "subtract":
+            return echoes, find_largest_echoes(echoes, bone, self.method)
+        inner = select_inner_echoes(echoes, bone, self.links)
+        return echoes, correct_oblique_echoes(echoes, inner, bone, self.survey, self.links)
+
+
+def _learned(
+    look: _Look, sound_speed_mm_per_us: float, progress: Progress, cancel: Cancel
+) -> float | None:
+    """Return the attenuation of the bone over the nominal one; None where no echo tells it."""
+    for i, loss in enumerate(FIRST_LOSSES):
+        bone = nominal_bone(sound_speed_mm_per_us, loss)
+        part = _part(progress, i / len(FIRST_LOSSES), (i + 1) / len(FIRST_LOSSES))
+        found = look.found(bone, part, cancel)
+        sure = _judged(look.survey, look.method, bone, *found).inner_ok
+        learned = learned_loss(*found, sure, bone, loss)
+        if learned is not None:
+            return learned
+    return None
+
+
+def _agreed(found: Detection, look: _Look) -> Detection:
+    """Return a detection without what most of those around refuse that show the same boundary."""
+    if look.method != "subtract":
+        return found
+    seen = ~np.isin(found.flag, (NO_FRONT, NO_INNER))
+    found = doubted(found, refused_around(found.thickness_mm, seen, found.inner_ok, look.links))
+    return found if heard(found) else doubted(found, found.inner_ok)
+
+
+def heard(found: Detection) -> bool:
+    """Return whether a survey hears the inner boundary at all, or what it is sure of is chance."""
+    return len(found) < MANY or bool(found.inner_ok.mean() >= HEARD_SHARE)
+
+
+def doubted(found: Detection, which: Bools) -> Detection:
+    """Return a detection that is not sure of the inner boundary of some A-scans (n,)."""
+    which = which & found.inner_ok
+    return replace(
+        found,
+        inner_ok=readonly(found.inner_ok & ~which),
+        inner_quality=readonly(np.minimum(found.inner_quality, np.where(which, DOUBTED, 1.0))),
+        flag=readonly(np.where(which, UNSURE, found.flag)),
+    )
+
+
+def _part(progress: Progress, start: float, end: float) -> Progress:
+    """Return what tells the progress of a part as that of the whole."""
+    return lambda share: progress(start + (end - start) * share)
+
+
+def nominal_bone(
+    sound_speed_mm_per_us: float = NOMINAL_SPEED_MM_PER_US, loss: float = 1.0
+) -> Material:
+    """Return bone as detection thinks of it: one layer, ``loss`` times as lossy as on the mean."""
+    return Material(sound_speed_mm_per_us, NOMINAL_DENSITY, loss * NOMINAL_LOSS_DB_PER_CM)
 
 
 def _check(method: str, speed_mm_per_us: float) -> None:
@@ -161,6 +242,9 @@ def _judged(
         [NO_FRONT, CLIPPED, TILTED, NO_INNER, TOO_THIN, TOO_THICK, UNSURE],
         OK,
     ).astype(np.int64)
+    if method == "subtract":
+        steps = possible_steps(thickness, flag == OK, probe)
+        flag, quality = np.where(steps, UNSURE, flag), np.where(steps, STEP_QUALITY, quality)
     outer_us = probe.line_delay_us + front.delay_us
     return Detection(
         outer_us=readonly(outer_us),

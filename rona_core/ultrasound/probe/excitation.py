@@ -7,7 +7,6 @@ from dataclasses import dataclass
 from functools import cached_property, lru_cache
 
 import numpy as np
-from scipy.signal import windows
 
 from rona_core.devices.settings import Excitation, PulseShape
 from rona_core.errors import InvalidInputError
@@ -103,7 +102,10 @@ def chirp(probe: ProbeModel) -> Floats:
     t = np.arange(n) / probe.sampling_mhz
     rate = probe.chirp_band_mhz / probe.chirp_length_us
     phase = 2.0 * np.pi * ((probe.centre_mhz - probe.chirp_band_mhz / 2.0) * t + rate * t**2 / 2.0)
-    return np.sin(phase) * windows.tukey(n, CHIRP_TAPER)
+    # Tukey's window; that of scipy.signal imports the whole of scipy.stats
+    x = 2.0 * np.arange(n) / CHIRP_TAPER / (n - 1)
+    ramps = np.minimum(x - 1.0, 0.0) + np.maximum(x + (1.0 - 2.0 / CHIRP_TAPER), 0.0)
+    return np.sin(phase) * (0.5 * (1.0 + np.cos(np.pi * ramps)))
 
 
 @lru_cache(maxsize=16)

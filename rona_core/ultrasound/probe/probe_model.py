@@ -1,7 +1,7 @@
 """The two A-mode probes: transducer, delay line, transmitter and digitiser.
 
 Shared by detection and by the virtual world: what a laboratory knows of its probe. The virtual
-probe adds what it does not know: the temperature of the line (``warmed``) and noise.
+probe adds what it does not know (``virtual.acoustics.delay_line``), and noise.
 """
 
 from dataclasses import dataclass, replace
@@ -10,7 +10,7 @@ from typing import get_args
 import numpy as np
 
 from rona_core.devices.samples import AScanTrack
-from rona_core.devices.settings import ROOM_C, Excitation, ProbeName, ProbeSettings, PulseShape
+from rona_core.devices.settings import Excitation, ProbeName, ProbeSettings, PulseShape
 from rona_core.errors import InvalidInputError
 from rona_core.geometry.arrays import Floats
 from rona_core.ultrasound.probe.materials import Material
@@ -23,8 +23,6 @@ TAIL_US = 4.0  # and lasts this long after the last possible echo
 RING_DOWN_US = 1.0  # between the end of a chirp and the record
 SLOWEST_BONE_MM_PER_US = 2.3  # for the length of the record
 AQUALENE = Material(1.60, 0.92, 0.4, 1.2)
-SPEED_PER_K = -0.0025  # mm/us, of the line: rubber slows down as it warms
-LOSS_PER_K = -0.012  # and loses less, as a share of its loss
 
 
 @dataclass(frozen=True, slots=True)
@@ -50,6 +48,7 @@ class ProbeModel:
     adc_bits: int = ADC_BITS
     pulse_shape: PulseShape = "resonant"
     gain_db: float = 0.0  # of the receiver, over the gain that leaves a front echo half the scale
+    timed_for_us: float | None = None  # delay that chirp and record are set for; None: the line's
 
     @property
     def front_share(self) -> float:
@@ -64,7 +63,8 @@ class ProbeModel:
     @property
     def start_us(self) -> float:
         """Time of the first recorded sample after the emission starts."""
-        return round((self.line_delay_us - LEAD_US) * self.sampling_mhz) / self.sampling_mhz
+        timed_for = self.line_delay_us if self.timed_for_us is None else self.timed_for_us
+        return round((timed_for - LEAD_US) * self.sampling_mhz) / self.sampling_mhz
 
     @property
     def chirp_length_us(self) -> float:
@@ -75,6 +75,15 @@ class ProbeModel:
     def chirp_band_mhz(self) -> float:
         """Width of the coded emission, 1.14 times the -6 dB band (Pollakowski and Ermert 1994)."""
         return 1.14 * self.bandwidth * self.centre_mhz
+
+    def with_line_delay(self, delay_us: float) -> "ProbeModel":
+        """Return the probe with another two-way time through its line, found by calibration.
+
+        What it sends and when it records stays as it was set.
+        """
+        timed_for = self.line_delay_us if self.timed_for_us is None else self.timed_for_us
+        line = replace(self.line, speed_mm_per_us=2.0 * self.line_length_mm / delay_us)
+        return replace(self, line=line, timed_for_us=timed_for)
 
     def n_samples(self, excitation: Excitation) -> int:
         """Return the length of the record in samples."""
@@ -115,18 +124,6 @@ def probe_model(probe: str | ProbeSettings) -> ProbeModel:
         "gain_db": probe.gain_db,
     }
     return replace(PROBES[name], **{k: value for k, value in chosen.items() if value is not None})
-
-
-def warmed(line: Material, temperature_c: float) -> Material | None:
-    """Return a delay line at another temperature; None at the one it is specified for."""
-    rise = temperature_c - ROOM_C
-    if rise == 0.0:
-        return None
-    return replace(
-        line,
-        speed_mm_per_us=line.speed_mm_per_us + SPEED_PER_K * rise,
-        attenuation_db_per_cm=line.attenuation_db_per_cm * (1.0 + LOSS_PER_K * rise),
-    )
 
 
 @dataclass(frozen=True, slots=True, eq=False)

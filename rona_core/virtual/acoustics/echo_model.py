@@ -5,7 +5,6 @@ and diploe; their reflections, all multiples included, are added with the square
 """
 
 from collections.abc import Sequence
-from dataclasses import replace
 from functools import lru_cache
 
 import numpy as np
@@ -20,7 +19,7 @@ from rona_core.ultrasound.probe.excitation import (
     grid_frequencies_mhz,
     transducer_response,
 )
-from rona_core.ultrasound.probe.materials import Complexes, Material
+from rona_core.ultrasound.probe.materials import Complexes
 from rona_core.ultrasound.probe.probe_model import ProbeModel
 from rona_core.virtual.acoustics.layer_stack import BoneStack, LayerProfile, Phasors
 from rona_core.virtual.acoustics.layered_reflection import stack_reflection
@@ -39,7 +38,7 @@ class EchoModel:
         medium: Medium,
         seed: int,
         *,
-        line: Material | None = None,
+        true: ProbeModel | None = None,
         gain: float | None = None,
         exact: bool = False,
     ) -> None:
@@ -50,21 +49,21 @@ class EchoModel:
             excitation: What is sent.
             medium: Gel and bone.
             seed: Of the texture of the bone.
-            line: What the line really is, where its temperature has changed it.
+            true: The probe as it really is, where line or crystal are not as they are told.
             gain: Of the receiver; None: as it is set on nominal bone.
             exact: Count the layers with 53 bits instead of 24: the reference, and slower.
         """
         self.probe, self.medium, self.seed = probe, medium, seed
-        self._true = probe if line is None else replace(probe, line=line)
+        self._true = probe if true is None else true
         self._beam = probe_beam(self._true)
         f = self._beam.frequencies_mhz
         self._stack = BoneStack(
-            self._true.line, medium, f, film_mm=probe.film_mm, seed=seed, exact=exact
+            self._true.line, medium, f, film_mm=medium.film_mm, seed=seed, exact=exact
         )
         self._weights: Phasors = self._beam.weights
         if not exact:
             self._weights = self._beam.weights.astype(np.complex64)
-        self._response = transducer_response(probe, f)
+        self._response = transducer_response(self._true, f)
         self._long = excitation_spectrum(probe, excitation) * self._second_line_echo()
         self._n = probe.n_samples(excitation)
         self.gain = receiver_gain(probe, excitation) if gain is None else gain
@@ -82,20 +81,28 @@ class EchoModel:
         """
         return self.traces((profile,))[0]
 
-    def traces(self, profiles: Sequence[LayerProfile]) -> Floats:
+    def traces(self, profiles: Sequence[LayerProfile], late_us: Floats | None = None) -> Floats:
         """Return the noiseless records (n, samples) over n bones, in units of full scale.
+
+        Args:
+            profiles: Layers under the rays (n).
+            late_us: By how much the line of the moment delays each echo (n,); None: not at all.
 
         Raises:
             InvalidInputError: a profile has another number of rays than the beam.
         """
         spectra = np.zeros((len(profiles), len(self._beam.bins)), dtype=np.complex128)
-        for spectrum, profile in zip(spectra, profiles, strict=True):
+        for profile in profiles:
             if len(profile.outer_mm) != len(self._beam.points_mm):
                 raise InvalidInputError(
                     f"the profile has {len(profile.outer_mm)} rays, the beam "
                     f"{len(self._beam.points_mm)}"
                 )
-            spectrum[:] = self._stack.echo(self._weights, profile)
+        if len(profiles):
+            spectra[:] = list(self._stack.echoes(self._weights, profiles))
+        if late_us is not None:
+            turns = np.multiply.outer(late_us, self._beam.frequencies_mhz)
+            spectra *= np.exp(-2j * np.pi * turns)
         return self._record(spectra)
 
     def lifted(self) -> Floats:

@@ -4,8 +4,8 @@ Exact in the layers, all multiples included. The usual way counts with 24 bits, 
 numbers are thirty times as fast; the exact one with 53, to hold the other against.
 """
 
-from collections.abc import Callable
-from dataclasses import dataclass
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, fields
 
 import numpy as np
 from numpy.typing import NDArray
@@ -64,7 +64,10 @@ def quotient(above: Phasors, below: Phasors) -> Phasors:
     if below.dtype != np.complex64:
         return above / below
     power = below.real**2 + below.imag**2
-    return above * np.conj(below) * np.reciprocal(power)
+    result = np.conj(below)
+    np.multiply(above, result, out=result)
+    result *= np.reciprocal(power, out=power)
+    return result
 
 
 def there_and_back(k_per_mm: Complexes, exact: bool) -> There:
@@ -72,7 +75,7 @@ def there_and_back(k_per_mm: Complexes, exact: bool) -> There:
     if exact:
         rate = -2j * k_per_mm
         return lambda distances_mm: np.exp(np.multiply.outer(distances_mm, rate))
-    turn, fade = ((2.0 * part).astype(np.float32) for part in (k_per_mm.real, k_per_mm.imag))
+    turn, fade = ((2.0 * part).astype(np.float32) for part in (-k_per_mm.real, k_per_mm.imag))
     lossless = not fade.any()
 
     def fast(distances_mm: Floats) -> Phasors:
@@ -80,8 +83,10 @@ def there_and_back(k_per_mm: Complexes, exact: bool) -> There:
         angle = distance * turn
         result = np.zeros(angle.shape, dtype=np.complex64)
         np.cos(angle, out=result.real)
-        np.sin(-angle, out=result.imag)
-        return result if lossless else result * np.exp(distance * fade)
+        np.sin(angle, out=result.imag)
+        if not lossless:
+            result *= np.exp(np.multiply(distance, fade, out=angle), out=angle)
+        return result
 
     return fast
 
@@ -96,6 +101,25 @@ class _Edge:
 
     def seen_with(self, beyond: Phasors) -> Phasors:
         return self.near + quotient(self.through * beyond, 1.0 - self.far * beyond)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Rays:
+    """What rays (m,) meet once the bone is as rough and slow as it is; lengths in millimetres."""
+
+    keys: NDArray[np.uint64]  # cells of the texture
+    outer_mm: Floats
+    gel_mm: Floats
+    table_mm: Floats
+    diploe_mm: Floats
+    inner_table_mm: Floats
+    front: NDArray[np.floating]  # factors of the oblique echoes over those met perpendicular
+    passage: NDArray[np.floating]
+    back: NDArray[np.floating]
+    kept: Bools  # they meet the bone
+
+    def part(self, rows: slice) -> "_Rays":
+        return _Rays(*(getattr(self, field.name)[rows] for field in fields(self)))
 
 
 class BoneStack:
@@ -154,37 +178,61 @@ class BoneStack:
 
     def echo(self, weights: Phasors, profile: LayerProfile) -> Phasors:
         """Return the echo (f,) of the layers under rays of these weights (n, f)."""
-        medium, real = self.medium, self._real
-        keys = cells(profile.entries_skull, self.seed)
+        return next(self.echoes(weights, (profile,)))
+
+    def echoes(self, weights: Phasors, profiles: Sequence[LayerProfile]) -> Iterator[Phasors]:
+        """Yield the echo (f,) of each profile under rays of these weights (n, f)."""
+        rays, n = self._rays(profiles), len(weights)
+        for start in range(0, n * len(profiles), n):
+            yield self._echo(weights, rays.part(slice(start, start + n)))
+
+    def _rays(self, profiles: Sequence[LayerProfile]) -> _Rays:
+        """Return what the rays (m,) of all profiles meet, as rough and slow as the bone is."""
+        medium = self.medium
+        outer_mm, table_mm, diploe_mm, inner_mm = (
+            np.concatenate([getattr(profile, name) for profile in profiles])
+            for name in ("outer_mm", "table_mm", "diploe_mm", "inner_table_mm")
+        )
+        entries_skull = np.concatenate([profile.entries_skull for profile in profiles])
+        none = np.zeros(len(profiles[0].outer_mm))  # perpendicular
+        at_outer = np.concatenate(
+            [none if (a := p.outer_angle_rad) is None else a for p in profiles]
+        )
+        at_inner = np.concatenate(
+            [none if (a := p.inner_angle_rad) is None else a for p in profiles]
+        )
+        keys = cells(entries_skull, self.seed)
         rough = grains(keys, 2) * (medium.outer_roughness_mm, medium.inner_roughness_mm)
-        slow = 1.0 / local_speed_factors(profile.entries_skull, self.seed, medium.local_speed_sd)
-        outer_mm = profile.outer_mm + rough[:, 0]
+        slow = 1.0 / local_speed_factors(entries_skull, self.seed, medium.local_speed_sd)
         half_ramp = medium.ramp_mm / 2.0
-        table_mm = slow * (profile.table_mm - rough[:, 0]) - half_ramp
-        diploe_mm = slow * profile.diploe_mm - medium.ramp_mm
-        inner_mm = slow * (profile.inner_table_mm + rough[:, 1]) - half_ramp
-        gel_mm = np.maximum(outer_mm, self.film_mm)
+        outer = outer_mm + rough[:, 0]
+        return _Rays(
+            keys=keys,
+            outer_mm=outer,
+            gel_mm=np.maximum(outer, self.film_mm),
+            table_mm=slow * (table_mm - rough[:, 0]) - half_ramp,
+            diploe_mm=slow * diploe_mm - medium.ramp_mm,
+            inner_table_mm=slow * (inner_mm + rough[:, 1]) - half_ramp,
+            front=self._outside.front(at_outer).astype(self._real),
+            passage=self._outside.passage(at_outer).astype(self._real),
+            back=self._inside.back(at_inner).astype(self._real),
+            kept=np.concatenate([profile.hit for profile in profiles]) & (outer < GAP_LIMIT_MM),
+        )
 
-        bone = self._inner * self._table(inner_mm)
-        if profile.inner_angle_rad is not None:
-            bone = bone * _column(self._inside.back(profile.inner_angle_rad), real)
-        bone = self._into_table.seen_with(bone) * self._diploe(diploe_mm)
-        if medium.speckle > 0.0:
-            grain = grains(keys ^ np.uint64(0x5EED), SPECKLE_CELLS).astype(real)
-            grain[self._depths[None, :] > diploe_mm[:, None]] = 0.0
+    def _echo(self, weights: Phasors, rays: _Rays) -> Phasors:
+        bone = self._inner * self._table(rays.inner_table_mm) * rays.back[:, None]
+        bone = self._into_table.seen_with(bone) * self._diploe(rays.diploe_mm)
+        if self.medium.speckle > 0.0:
+            grain = grains(rays.keys ^ np.uint64(0x5EED), SPECKLE_CELLS).astype(self._real)
+            grain[self._depths[None, :] > rays.diploe_mm[:, None]] = 0.0
             bone = bone + (grain @ self._speckle).view(self._number)
-        bone = self._into_diploe.seen_with(bone) * self._table(table_mm)
-        near, passed = self._outer.near, self._outer.through
-        if profile.outer_angle_rad is not None:
-            near = near * _column(self._outside.front(profile.outer_angle_rad), real)
-            passed = passed * _column(self._outside.passage(profile.outer_angle_rad), real)
+        bone = self._into_diploe.seen_with(bone) * self._table(rays.table_mm)
+        near, passed = (
+            self._outer.near * rays.front[:, None],
+            self._outer.through * rays.passage[:, None],
+        )
         bone = near + quotient(passed * bone, 1.0 - self._outer.far * bone)
-        kept = profile.hit & (outer_mm < GAP_LIMIT_MM)
-        if not kept.all():
-            bone = bone * _column(kept, real)
-        line = self._line(outer_mm - gel_mm)  # <= 0: the line gives way
-        return echo_bands(weights, line, self._gel(gel_mm), bone, self._face)
-
-
-def _column(values: Floats | Bools, real: type[np.floating]) -> NDArray[np.floating]:
-    return values.astype(real)[:, None]
+        if not rays.kept.all():
+            bone = bone * rays.kept.astype(self._real)[:, None]
+        line = self._line(rays.outer_mm - rays.gel_mm)  # <= 0: the line gives way
+        return echo_bands(weights, line, self._gel(rays.gel_mm), bone, self._face)

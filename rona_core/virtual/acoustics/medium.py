@@ -7,11 +7,17 @@ import numpy as np
 from rona_core.errors import InvalidInputError
 from rona_core.geometry.arrays import Bools, Floats
 from rona_core.geometry.pose import Poses
-from rona_core.session.specimen import BoneChoice
-from rona_core.ultrasound.probe.materials import BRAIN, DIPLOE, GEL, TABLE, Material
+from rona_core.ultrasound.probe.materials import Material
 from rona_core.virtual.acoustics.microstructure import local_speed_factors
 from rona_core.virtual.scene import VirtualScene
+from rona_core.virtual.world.world import World
 
+# Bone and what is around it, as the sources of docs/world.md have them. Detection assumes values of
+# its own (``ultrasound.probe.materials``), which are the same in the nominal world alone.
+GEL = Material(1.50, 1.00, 0.05, 1.0)
+TABLE = Material(2.85, 1.90, 6.0, 1.0, shear_mm_per_us=1.5)  # White 2006
+DIPLOE = Material(2.45, 1.70, 12.0, 1.0)  # Pichardo 2011; loss with scatter, Fry and Barger 1978
+BRAIN = Material(1.55, 1.04, 0.5, 1.0)
 PATIENT_STREAM = 0x50EED  # names the share of this draw in the session's seed
 PATIENT_SD, LOCAL_SD = 0.03, 0.02  # relative, between patients and from place to place
 MOST_SD = 2.5  # no patient is further from the mean
@@ -28,6 +34,7 @@ class Medium:
     """
 
     gel: Material = field(default=GEL)
+    film_mm: float = 0.1  # of gel that remains under the pressed face
     table: Material = field(default=TABLE)
     diploe: Material = field(default=DIPLOE)
     brain: Material = field(default=BRAIN)
@@ -65,17 +72,27 @@ def patient_speed_factor(seed: int) -> float:
     return 1.0 + PATIENT_SD * float(np.clip(draw, -MOST_SD, MOST_SD))
 
 
-def bone_medium(choice: BoneChoice, seed: int) -> Medium:
+def bone_medium(world: World) -> Medium:
     """Return gel, bone and brain as the virtual probe meets them: ground truth."""
-    medium = MEDIA[choice.kind]
-    if not choice.own_speed:
-        return medium
-    factor = patient_speed_factor(seed)
+    medium = MEDIA[world.bone.kind]
+    own = world.bone.own_speed
+    speed = world.bone_speed * (patient_speed_factor(world.seed) if own else 1.0)
     table, diploe = (
-        replace(bone, speed_mm_per_us=factor * bone.speed_mm_per_us)
+        replace(
+            bone,
+            speed_mm_per_us=speed * bone.speed_mm_per_us,
+            attenuation_db_per_cm=world.bone_loss * bone.attenuation_db_per_cm,
+        )
         for bone in (medium.table, medium.diploe)
     )
-    return replace(medium, table=table, diploe=diploe, local_speed_sd=LOCAL_SD)
+    return replace(
+        medium,
+        gel=replace(medium.gel, speed_mm_per_us=world.gel_speed_mm_per_us),
+        film_mm=world.film_mm,
+        table=table,
+        diploe=diploe,
+        local_speed_sd=LOCAL_SD if own else 0.0,
+    )
 
 
 BEHIND_MM = 20.0  # rays start this far before the face

@@ -13,11 +13,12 @@ from rona_core.ultrasound.probe.materials import Material
 from rona_core.ultrasound.probe.probe_model import FULL_SCALE_SHARE, probe_model
 from rona_core.virtual.acoustics.echo_model import EchoModel
 from rona_core.virtual.acoustics.layer_stack import LayerProfile
-from rona_core.virtual.acoustics.medium import MEDIA, Medium
+from rona_core.virtual.acoustics.medium import GEL, MEDIA, Medium
 from rona_core.virtual.acoustics.probe import VirtualProbe
 from rona_core.virtual.clock import CaptureClock
 from rona_core.virtual.noise import rng
 from rona_core.virtual.scene import VirtualScene
+from rona_core.virtual.world.world import NOMINAL, World
 
 SHARES = (0.29, 0.42, 0.29)  # of table, diploe and table
 TILT_RAD = 0.01  # rms of the probe against the bone
@@ -28,6 +29,7 @@ PERIOD_S = 0.02
 STEEL = Material(5.9, 7.8, shear_mm_per_us=3.2)
 PART_MM = 10.0  # the model counts the block as three layers of one material
 CALIPER_SIGMA_MM = 0.1
+GAUGE_SIGMA_MM, STEP_SIGMA_MM = 0.02, 0.003  # of a gauge plate's seat, and of its steps
 BEHIND_MM = 10.0  # rays start this far outside the place
 
 
@@ -115,13 +117,29 @@ def steel_medium() -> Medium:
     )
 
 
-def record_block(settings: ProbeSettings, n: int, seed: int, ordinal: int = 0) -> AScanTrack:
+def record_block(
+    settings: ProbeSettings, n: int, seed: int, ordinal: int = 0, world: World = NOMINAL
+) -> AScanTrack:
     """Return ``n`` A-scans of the block with the probe set down on it, perpendicular.
 
     The line is as warm as the settings say, and gel fills the film that always remains.
     """
-    clock = CaptureClock()
-    probe = VirtualProbe(clock, Pose.identity, SteelFace(), steel_medium())
+    return _on_steel(settings, n, (seed, ordinal), world, Pose.identity())
+
+
+def _on_steel(
+    settings: ProbeSettings, n: int, capture: tuple[int, int], world: World, T_skull_probe: Pose
+) -> AScanTrack:
+    """Return ``n`` A-scans of a probe on steel; ``capture`` is seed and ordinal of its noise."""
+    clock, (seed, ordinal) = CaptureClock(), capture
+    medium = replace(
+        steel_medium(),
+        gel=replace(GEL, speed_mm_per_us=world.gel_speed_mm_per_us),
+        film_mm=world.film_mm,
+    )
+    probe = VirtualProbe(
+        clock, lambda times: T_skull_probe.repeated(len(times)), SteelFace(), medium, world=world
+    )
     probe.begin(settings, seed, ordinal)
     scans: list[AScan] = []
     for number in range(n):
@@ -165,4 +183,17 @@ class VirtualBench:
         warm = replace(settings, line_temperature_c=temperature_c)
         self._block += 1
         ordinal = 1000 * self._ordinal + self._block  # noise of its own for each temperature
-        return record_block(warm, n, self._scene.seed, ordinal)
+        return record_block(warm, n, self._scene.seed, ordinal, self._scene.world)
+
+    def record_gauge_plate(
+        self, settings: ProbeSettings, depth_mm: float, n: int
+    ) -> tuple[AScanTrack, float]:
+        """Return ``n`` A-scans of the probe under a gauge plate, and the tolerance of its depth."""
+        world, seed = self._scene.world, self._scene.seed
+        self._block += 1
+        seat = rng(seed, "gauge plate", self._ordinal, 0).normal(0.0, GAUGE_SIGMA_MM)
+        step = rng(seed, "gauge step", self._ordinal, self._block).normal(0.0, STEP_SIGMA_MM)
+        pressed = Pose.from_translation((0.0, 0.0, depth_mm + seat + step))
+        capture = seed, 1000 * self._ordinal + self._block
+        track = _on_steel(settings, n, capture, world, pressed @ world.clamping)
+        return track, GAUGE_SIGMA_MM

@@ -1,7 +1,6 @@
 """The virtual probe: fires on the true skull at the true pose, with the noise of its receiver."""
 
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable
 from typing import Protocol
 
 import numpy as np
@@ -15,10 +14,12 @@ from rona_core.errors import DeviceError
 from rona_core.geometry.arrays import Bools, Floats, Ints, readonly
 from rona_core.geometry.pose import Pose, Poses
 from rona_core.ultrasound.probe.beam import FACE_OVER_APERTURE
-from rona_core.ultrasound.probe.probe_model import probe_model, warmed
+from rona_core.ultrasound.probe.probe_model import probe_model
+from rona_core.virtual.acoustics.delay_line import LINE_N_PER_MM, SHEAR_N_PER_MM, TrueLine
 from rona_core.virtual.acoustics.echo_model import EchoModel
 from rona_core.virtual.acoustics.layer_stack import LayerProfile
 from rona_core.virtual.acoustics.medium import Medium
+from rona_core.virtual.world.world import NOMINAL, World
 
 MOST_ANGLE_RAD = 0.5  # steeper places of a boundary count as this steep
 RETREAT_MM = 12.0  # rays start this far before the face, which may lie inside the bone
@@ -39,26 +40,34 @@ class Layered(Protocol):
         ...
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class _Firing:
-    """When the probe fired, and where it was."""
-
-    time_s: float
-    pose: Pose  # T_skull_probe
-
-
 class VirtualProbe:
     """An A-mode probe that looks at the ground truth and at nothing else."""
 
     def __init__(
         self,
         clock: Clock,
-        T_skull_probe: Callable[[], Pose],
+        Ts_skull_probe: Callable[[Floats], Poses],
         specimen: Layered,
         medium: Medium | None = None,
+        *,
+        world: World = NOMINAL,
+        sliding: Callable[[Floats], Floats] | None = None,
     ) -> None:
-        self._clock, self._T_skull_probe, self._specimen = clock, T_skull_probe, specimen
+        """Look at a specimen.
+
+        Args:
+            clock: Time of the capture.
+            Ts_skull_probe: Returns where the probe really was at times (n,) of the capture that
+                have gone by.
+            specimen: The bone.
+            medium: Gel and what the bone is made of; None: nominal.
+            world: What line and crystal really are.
+            sliding: Returns the directions (n, 3) in ``skull`` in which the face slid at times
+                (n,), 0 at rest; None: it never does.
+        """
+        self._clock, self._Ts_skull_probe, self._specimen = clock, Ts_skull_probe, specimen
         self._medium = medium if medium is not None else Medium()
+        self._world, self._sliding = world, sliding
         self._closed = False
         self.begin(ProbeSettings(), seed=0, ordinal=0)
 
@@ -71,9 +80,10 @@ class VirtualProbe:
         """Configure the probe for capture number ``ordinal`` of a session with this seed."""
         self._model = probe_model(settings)
         self._seed, self._ordinal = seed, ordinal
-        self._pending: list[_Firing] = []
-        line = warmed(self._model.line, settings.line_temperature_c)
-        self._echo = EchoModel(self._model, settings.excitation, self._medium, seed, line=line)
+        self._pending: list[float] = []  # times of the firings that nobody has collected
+        self._line = TrueLine(self._model, settings.line_temperature_c, self._world)
+        true = self._line.probe
+        self._echo = EchoModel(self._model, settings.excitation, self._medium, seed, true=true)
         radius_mm = FACE_OVER_APERTURE * self._model.aperture_radius_mm
         self._cast_mm = hexagon(radius_mm, CAST_RINGS)
         self._rays = _Interpolation(self._cast_mm, self._echo.ray_points_mm)
@@ -88,58 +98,77 @@ class VirtualProbe:
         Raises:
             DeviceError: the probe is closed.
         """
-        return self._receive([self._fire()])[0]
+        return self._receive([self._fire_s()])[0]
 
     def fire(self) -> None:
         """Fire once, now, and keep the trace until it is collected; errors as in `acquire`."""
-        self._pending.append(self._fire())
+        self._pending.append(self._fire_s())
 
     def collect(self) -> list[AScan]:
         """Return the traces that were kept since the last call, in their order."""
-        firings, self._pending = self._pending, []
-        return self._receive(firings)
+        fired_s, self._pending = self._pending, []
+        return self._receive(fired_s)
 
     def close(self) -> None:
         """Release the device; a second call does nothing."""
         self._closed = True
 
-    def _fire(self) -> _Firing:
+    def _fire_s(self) -> float:
         if self._closed:
             raise DeviceError("the probe is closed; open a new one")
-        return _Firing(self._clock.now(), self._T_skull_probe())
+        return self._clock.now()
 
-    def _receive(self, firings: list[_Firing]) -> list[AScan]:
-        """Return the traces of some firings, with noise and as the converter has them."""
-        if not firings:
+    def _receive(self, fired_s: list[float]) -> list[AScan]:
+        """Return the traces of firings at some times, with noise and as the converter has them."""
+        if not fired_s:
             return []
         model, steps = self._model, 2.0 ** (self._model.adc_bits - 1)
         scans = []
-        noiseless = self._noiseless([firing.pose for firing in firings])
-        for firing, rf in zip(firings, noiseless, strict=True):
-            index = round(firing.time_s * MICROSECONDS)
+        for time_s, rf in zip(fired_s, self._noiseless(np.array(fired_s)), strict=True):
+            index = round(time_s * MICROSECONDS)
             random = np.random.default_rng((self._seed, PROBE_STREAM, self._ordinal, index))
             rf = np.rint((rf + random.normal(0.0, self._noise, len(rf))) * steps) / steps
             clipped = bool(np.abs(rf).max() >= 1.0)
             rf = readonly(np.clip(rf, -1.0, 1.0 - 1.0 / steps))
-            scans.append(AScan(firing.time_s, rf, model.sampling_mhz, model.start_us, clipped))
+            scans.append(AScan(time_s, rf, model.sampling_mhz, model.start_us, clipped))
         return scans
 
-    def _noiseless(self, Ts_skull_probe: Sequence[Pose]) -> Floats:
+    def _noiseless(self, times_s: Floats) -> Floats:
         """Return the traces (n, samples) without noise; in the air they are the face's own."""
-        profiles = self.profiles(Ts_skull_probe)
+        profiles = self.profiles(self._sheared(times_s))
         coupled = [i for i, profile in enumerate(profiles) if profile is not None]
+        touching = [profile for profile in profiles if profile is not None]
         rf = np.tile(self._echo.lifted(), (len(profiles), 1))
-        rf[coupled] = self._echo.traces([profile for profile in profiles if profile is not None])
+        late_us = None
+        if self._line.varies and touching:
+            pressed_mm = -np.array([profile.outer_mm[0] for profile in touching])
+            late_us = self._line.late_us(times_s[coupled], pressed_mm)
+        rf[coupled] = self._echo.traces(touching, late_us)
         return rf
 
-    def profiles(self, Ts_skull_probe: Sequence[Pose]) -> list[LayerProfile | None]:
+    def _sheared(self, times_s: Floats) -> Poses:
+        """Return where the faces are: friction holds them back as far as the line gives way."""
+        poses, friction = self._Ts_skull_probe(times_s), self._world.friction
+        if friction == 0.0 or self._sliding is None:
+            return poses
+        axes = poses.rotations[:, :, 2]
+        starts = poses @ np.array((0.0, 0.0, -RETREAT_MM))
+        gap_mm = self._specimen.layers(starts, axes)[:, 0] - RETREAT_MM
+        pressed_mm = np.where(np.isfinite(gap_mm), np.maximum(-gap_mm, 0.0), 0.0)
+        back_mm = friction * LINE_N_PER_MM / SHEAR_N_PER_MM * pressed_mm
+        shifts = -back_mm[:, None] * self._sliding(times_s)
+        return Poses.unchecked(poses.rotations, poses.translations + shifts)
+
+    def profiles(self, Ts_skull_probe: Poses) -> list[LayerProfile | None]:
         """Return what the rays of the beam meet from each pose; None where the face is in air."""
         n, flat = len(self._cast_mm), np.column_stack((self._cast_mm, np.zeros(len(self._cast_mm))))
-        poses = Poses.stack(Ts_skull_probe)
-        axes = poses.rotations[:, :, 2]
-        starts = (poses.map_points(flat) - RETREAT_MM * axes[:, None]).reshape(-1, 3)
-        found = self._specimen.layers(starts, np.repeat(axes, n, axis=0)).reshape(-1, n, 4)
-        return [self._profile(pose, depths) for pose, depths in zip(poses, found, strict=True)]
+        axes = Ts_skull_probe.rotations[:, :, 2]
+        starts = Ts_skull_probe.map_points(flat) - RETREAT_MM * axes[:, None]
+        rays = starts.reshape(-1, 3), np.repeat(axes, n, axis=0)
+        found = self._specimen.layers(*rays).reshape(-1, n, 4)
+        return [
+            self._profile(pose, depths) for pose, depths in zip(Ts_skull_probe, found, strict=True)
+        ]
 
     def _profile(self, T_skull_probe: Pose, found: Floats) -> LayerProfile | None:
         """Return the layers under the rays of the beam from those under the cast rays (c, 4)."""

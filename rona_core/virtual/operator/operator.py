@@ -109,8 +109,7 @@ class VirtualOperator:
         _check("duration_s", duration_s, DURATION_S)
         tremor = BandLimitedNoise.draw(self._generator(), TREMOR_HZ, SHAFT_TREMOR_RAD, 3)
         tip = self._scene.dimple_base
-        times = np.array((0.0, duration_s))
-        axis = self._pivot_axis(tip)
+        times, axis = np.array((0.0, duration_s)), self._pivot_axis(tip)
         rest = self._motion_of(TipTrajectory(times, np.tile(tip, (2, 1)), np.tile(axis, (2, 1))))
         self._motion = ManualPivot(rest, tremor)
         self._at_usual_speed()
@@ -248,12 +247,13 @@ class VirtualOperator:
         self, generator: np.random.Generator, times: Floats, points: Floats, outward: Floats
     ) -> float:
         """Bring points (n, 3) onto the bone along ``-outward`` and tilt the pointer over it."""
-        tips = project_onto_bone(self._scene, times, points, outward)
+        head = self._scene.head_shift_base(self._ordinal, times)  # the hand follows it
+        tips = project_onto_bone(self._scene, times, points, outward) + head
         x, y, _ = tangent_axes(outward, self._sight(points))
         tilt = BandLimitedNoise.draw(generator, TILT_HZ, TILT_RMS_RAD, 2).at(times)
-        tilt[:, 0] -= MEAN_TILT_RAD  # x points to the tracker
-        size = np.linalg.norm(tilt, axis=1)
-        tilt *= (np.minimum(size, MAX_TILT_RAD) / np.maximum(size, 1e-9))[:, None]
+        tilt = tilt - (MEAN_TILT_RAD, 0.0)  # x points to the tracker
+        size = np.linalg.norm(tilt, axis=1)[:, None]
+        tilt *= np.minimum(size, MAX_TILT_RAD) / np.maximum(size, 1e-9)
         return self._prepare(TipTrajectory(times, tips, tilted(outward, x, y, tilt)))
 
     def _at_usual_speed(self) -> None:

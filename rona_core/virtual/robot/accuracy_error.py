@@ -1,15 +1,18 @@
-"""Accuracy error of the virtual robot: systematic field, repeatability and tool tilt.
+"""Accuracy error of the virtual robot: systematic part, repeatability and tool tilt.
 
-Three parts: a smooth systematic field over the workspace (what calibration of the arm would
-remove), a small new deviation with every motion (repeatability), and a tilt of the tool.
+Three parts: a systematic one (what calibration of the arm would remove), a small new deviation
+with every motion (repeatability), and a tilt of the tool. The systematic part is a smooth field
+over the workspace, or that of joints and links (``joint_errors``).
 """
 
 import numpy as np
 from numpy.typing import ArrayLike
 from scipy.spatial.transform import Rotation
 
+from rona_core.errors import InvalidInputError
 from rona_core.geometry.arrays import Floats, Ints, as_points, readonly
 from rona_core.geometry.pose import Poses
+from rona_core.virtual.robot.joint_errors import JointErrors
 
 SYSTEMATIC_RMS_MM = 0.35  # 3D, over the workspace
 REPEATABILITY_RMS_MM = 0.03  # 3D
@@ -24,8 +27,22 @@ SALT_FIELD, SALT_MOTION = 0x6669656C, 0x6D6F7665  # keep the two kinds of noise 
 class RobotError:
     """Deviation of the true tip pose from the nominal one; a pure function of its arguments."""
 
-    def __init__(self, seed: int, enabled: bool = True) -> None:
-        self.enabled = enabled
+    def __init__(
+        self,
+        seed: int,
+        enabled: bool = True,
+        rms_mm: float = SYSTEMATIC_RMS_MM,
+        joints: JointErrors | None = None,
+    ) -> None:
+        """Draw the error of a robot.
+
+        Args:
+            seed: Of the session.
+            enabled: False: the robot is exact.
+            rms_mm: 3D RMS of the field over the workspace.
+            joints: What takes the place of the field.
+        """
+        self.enabled, self._joints = enabled, joints
         self._seed = seed
         rng = np.random.default_rng((SALT_FIELD, *_words(seed)))
         self._waves = rng.normal(0.0, 1.0 / LENGTH_SCALE_MM, (N_WAVES, 3))
@@ -34,20 +51,29 @@ class RobotError:
         axes = [np.linspace(-0.5, 0.5, 15) * size for size in WORKSPACE_SIZE]
         box = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3)
         rms = np.sqrt((self._field(box + np.array(WORKSPACE_CENTER)) ** 2).sum(axis=1).mean())
-        self._sizes_mm *= SYSTEMATIC_RMS_MM / rms
+        self._sizes_mm *= rms_mm / rms
 
-    def systematic_mm(self, points_base: ArrayLike) -> Floats:
-        """Return the part (n, 3) that is the same every time, at tip positions (n, 3) in base."""
+    def systematic_mm(self, points_base: ArrayLike, qs_rad: Floats | None = None) -> Floats:
+        """Return the part (n, 3) that is the same every time, at points (n, 3) in ``base``.
+
+        Args:
+            points_base: Where the encoders say that points of the tool are.
+            qs_rad: Joint angles (n, 6) that the tool is there with. A robot that errs by its
+                joints needs them.
+        """
         points = as_points(points_base, name="points_base")
-        return readonly(self._field(points) if self.enabled else np.zeros_like(points))
+        if not self.enabled:
+            return readonly(np.zeros_like(points))
+        return readonly(self._systematic(points, qs_rad)[0])
 
     def Ts_base_tip_true(  # noqa: N802 (frame grammar)
-        self, Ts_base_tip_nominal: Poses, ordinal: int, keys: Ints
+        self, Ts_base_tip_nominal: Poses, qs_rad: Floats | None, ordinal: int, keys: Ints
     ) -> Poses:
         """Return where the tip really is while the encoders say ``Ts_base_tip_nominal`` (n,).
 
         Args:
             Ts_base_tip_nominal: Poses from the encoders.
+            qs_rad: Joint angles (n, 6) of the encoders, as for ``systematic_mm``.
             ordinal: Number of the capture.
             keys: Numbers (n,) of the commanded motion, or of the slice of time, in the capture.
         """
@@ -59,10 +85,21 @@ class RobotError:
         )
         positions = Ts_base_tip_nominal.translations
         rotations = Rotation.from_rotvec(tilts_rad).as_matrix()[of_row]
+        systematic_mm, turns_rad = self._systematic(positions, qs_rad)
+        if turns_rad is not None:
+            rotations = rotations @ Rotation.from_rotvec(turns_rad).as_matrix()
         return Poses(
             rotations @ Ts_base_tip_nominal.rotations,
-            positions + self._field(positions) + shifts[of_row],
+            positions + systematic_mm + shifts[of_row],
         )
+
+    def _systematic(self, points: Floats, qs_rad: Floats | None) -> tuple[Floats, Floats | None]:
+        """Return shifts (n, 3) and, of a robot that errs by its joints, rotation vectors (n, 3)."""
+        if self._joints is None:
+            return self._field(points), None
+        if qs_rad is None:
+            raise InvalidInputError("a robot that errs by its joints needs their angles")
+        return self._joints.deviations(qs_rad, points)
 
     def _repeatability(self, ordinal: int, key: int) -> Floats:
         """Return shift in mm and rotation vector in radians (6,) of one motion."""

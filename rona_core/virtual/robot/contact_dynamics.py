@@ -5,15 +5,16 @@ carried on in closed form; force is looked at every millisecond, because it cann
 """
 
 import math
+from bisect import bisect_right
 
 import numpy as np
 
 from rona_core.devices.settings import require
 from rona_core.devices.wrench import JR3
 from rona_core.geometry.arrays import Floats
+from rona_core.virtual.acoustics.delay_line import LINE_N_PER_MM
 
 INNER_S = 0.001  # time between looks at the spring
-LINE_N_PER_MM = 2.0  # the elastomer delay line: 12 mm wide, 15 mm long, about 0.25 MPa
 DAMPING_S = 0.005  # time constant of its creep, over which its force builds up
 
 
@@ -43,9 +44,7 @@ class LaggingAxis:
         return max(-self.limit_mm, min(self.limit_mm, self._state(time_s)[0]))
 
     def _state(self, time_s: float) -> tuple[float, float]:
-        i = len(self._times) - 1
-        while self._times[i] > time_s:  # what is asked for lies among the last few
-            i -= 1
+        i = bisect_right(self._times, time_s) - 1
         travel, speed, commanded = self._knots[i]
         if i == 0:
             return travel, speed
@@ -70,6 +69,7 @@ class ContactSpring:
         self.stiffness_n_per_mm = stiffness_n_per_mm
         self._damping_s = damping_s
         self._keep = float(np.exp(-2.0 * np.pi * cutoff_hz * INNER_S))
+        self._weights = np.zeros(0)  # of the newest looks in what the filter shows
         self._last_mm = -np.inf
         self.force_n = 0.0  # of the spring
         self.shown_n = 0.0  # behind the filter
@@ -84,7 +84,8 @@ class ContactSpring:
         force = self.stiffness_n_per_mm * (pressed_mm + self._damping_s * rate)
         force = np.where(pressed_mm > 0.0, np.maximum(force, 0.0), 0.0)
         n = len(force)
-        weights = (1.0 - self._keep) * self._keep ** np.arange(n - 1, -1, -1)
-        self.shown_n = float(self._keep**n * self.shown_n + weights @ force)
+        if n != len(self._weights):  # every step of a control loop has as many looks
+            self._weights = (1.0 - self._keep) * self._keep ** np.arange(n - 1, -1, -1)
+        self.shown_n = float(self._keep**n * self.shown_n + self._weights @ force)
         self._last_mm, self.force_n = float(pressed_mm[-1]), float(force[-1])
         return self.shown_n

@@ -1,6 +1,7 @@
 """Corrected motion of the virtual robot: a share of its speed, corrections along the tool axis."""
 
 import math
+from bisect import bisect_right
 
 import numpy as np
 
@@ -27,8 +28,11 @@ class CorrectedMotion:
         self.motion_times_s, self.qs_rad, self.travels_mm = times_s, qs_rad, travels_mm
         self.guided = np.ptp(qs_rad, axis=1).max(axis=1) > 0.0  # a correction changes something
         self._axis, self._end_s = axis, float(times_s[-1])
+        self._times: list[float] = times_s.tolist()
+        self._levels: list[float] = travels_mm.tolist()
         # of each command: when it came, what had been reached, and the share of speed from then on
         self._knots: list[tuple[float, float, float]] = [(start_s, float(times_s[0]), 0.0)]
+        self._knot_times = [start_s]
         self._weights = 1.0 / np.array(
             [np.prod(own - np.delete(travels_mm, i)) for i, own in enumerate(travels_mm)]
         )
@@ -39,13 +43,12 @@ class CorrectedMotion:
         """Correct at this speed and drive at this share from now on."""
         self._axis.command(time_s, velocity_mm_per_s)
         self._knots.append((time_s, self.reached_s(time_s), feed_share))
+        self._knot_times.append(time_s)
 
     def reached_s(self, time_s: float) -> float:
         """Return the time of the motion that has been reached at some time of the capture."""
         time_s = self._until(time_s)
-        i = len(self._knots) - 1
-        while i > 0 and self._knots[i][0] > time_s:
-            i -= 1
+        i = max(bisect_right(self._knot_times, time_s) - 1, 0)
         since_s, reached_s, share = self._knots[i]
         return min(reached_s + share * max(time_s - since_s, 0.0), self._end_s)
 
@@ -53,21 +56,35 @@ class CorrectedMotion:
         """Return the correction at some time of the capture."""
         return self._axis.travel_mm(self._until(time_s))
 
+    def looks(self, times_s: Floats) -> tuple[Floats, Floats]:
+        """Return ``reached_s`` and ``travel_mm`` (n,) at ascending times (n,) of the capture."""
+        times = np.minimum(times_s, self.stopped_s).tolist()
+        knots, end_s = self._knots, self._end_s
+        i = max(bisect_right(self._knot_times, times[0]) - 1, 0)
+        reached: list[float] = []
+        for time_s in times:
+            while i + 1 < len(knots) and knots[i + 1][0] <= time_s:
+                i += 1
+            since_s, reached_s, share = knots[i]
+            reached.append(min(reached_s + share * max(time_s - since_s, 0.0), end_s))
+        return np.array(reached), np.array([self._axis.travel_mm(time_s) for time_s in times])
+
     def _until(self, time_s: float) -> float:
         """Return a time, at latest that of the stop or of the last command."""
         time_s = min(time_s, self.stopped_s)
         return time_s if math.isfinite(time_s) else self._knots[-1][0]
 
-    def at(self, time_s: float) -> Floats:
+    def at_one(self, time_s: float) -> Floats:
         """Return the joint angles (6,) at some time of the capture."""
-        times, reached = self.motion_times_s, self.reached_s(time_s)
-        i = min(max(int(np.searchsorted(times, reached, side="right")) - 1, 0), len(times) - 2)
+        times, reached = self._times, self.reached_s(time_s)
+        i = min(max(bisect_right(times, reached) - 1, 0), len(times) - 2)
         share = (reached - times[i]) / (times[i + 1] - times[i])
         sheet = self.qs_rad[i] + share * (self.qs_rad[i + 1] - self.qs_rad[i])
-        away = self.travel_mm(time_s) - self.travels_mm
-        if (away == 0.0).any():
-            return sheet[int(np.argmin(np.abs(away)))]
-        terms = self._weights / away  # the polynomial through the levels, barycentric
+        travel_mm = self.travel_mm(time_s)
+        if travel_mm in self._levels:
+            return sheet[self._levels.index(travel_mm)]
+        # the polynomial through the levels, barycentric
+        terms = self._weights / (travel_mm - self.travels_mm)
         return terms @ sheet / terms.sum()
 
     @property

@@ -10,7 +10,7 @@ from rona_core.errors import DeviceError
 from rona_core.geometry.arrays import Floats, readonly
 from rona_core.robot.force_control.gravity_compensation import GRAVITY_BASE, cross_matrix
 from rona_core.robot.kinematics.robot_model import RobotModel
-from rona_core.virtual.noise import rng
+from rona_core.virtual.noise import FrameNoise, rng
 from rona_core.virtual.robot.contact_dynamics import INNER_S, LINE_N_PER_MM, ContactSpring
 
 MASS_KG = (0.20, 0.01)  # of tool and probe: mean and spread over seeds
@@ -49,6 +49,7 @@ class VirtualForceSensor:
             drift_n_per_min: By which the forces creep.
         """
         self.model, self._ranges = sensor, sensor.ranges
+        self._steps = self._ranges / sensor.steps
         self._clock, self._robot_model, self._q_at = clock, robot_model, q_at
         self._depths_mm = depths_mm
         self._stiffness, self._drift = stiffness_n_per_mm, drift_n_per_min
@@ -62,7 +63,10 @@ class VirtualForceSensor:
         self.com_flange_mm: Floats = COM_FLANGE_MM[0] + generator.normal(0.0, COM_FLANGE_MM[1], 3)
         spread = np.repeat(OFFSET, 3)
         self.offset = spread * generator.normal(0.0, 1.0, 6)
-        self._seed, self._ordinal = seed, ordinal
+        self._noise = FrameNoise(seed, "force noise", ordinal)
+        self._by_weight = cross_matrix(self.com_flange_mm)
+        self._by_touch = cross_matrix(self._robot_model.T_flange_probe.translation)
+        self._axis_flange = self._robot_model.T_flange_probe.rotation[:, 2]
         self._spring = ContactSpring(self._stiffness, cutoff_hz=self.model.cutoff_hz)
         self._until_s = 0.0
         self._closed = False
@@ -77,11 +81,10 @@ class VirtualForceSensor:
             raise DeviceError("the force sensor is closed; open a new one")
         now_s = self._clock.now()
         true = self._wrench(now_s)
-        random = rng(self._seed, "force noise", self._ordinal, round(now_s * MICROSECONDS))
+        random = self._noise.at(round(now_s * MICROSECONDS))
         true += NOISE * random.normal(0.0, 1.0, 6)
-        ranges = self._ranges
-        steps = ranges / self.model.steps
-        shown = np.clip(np.rint(true / steps) * steps, -ranges, ranges)
+        ranges, steps = self._ranges, self._steps
+        shown = np.minimum(np.maximum(np.rint(true / steps) * steps, -ranges), ranges)
         return WrenchSample(now_s, readonly(shown), bool((np.abs(true) >= ranges).any()))
 
     def close(self) -> None:
@@ -94,11 +97,9 @@ class VirtualForceSensor:
             times = now_s - INNER_S * np.arange(looks - 1.0, -0.5, -1.0)
             self._spring.advance(self._depths_mm(times))
             self._until_s = now_s
-        T_base_flange = self._robot_model.forward(self._q_at(now_s)[None])[0]
-        weight = self.mass_kg * (T_base_flange.rotation.T @ GRAVITY_BASE)
-        T_flange_probe = self._robot_model.T_flange_probe
-        touch = -self._spring.shown_n * T_flange_probe.rotation[:, 2]
-        by_weight = cross_matrix(self.com_flange_mm) @ weight
-        torque = by_weight + cross_matrix(T_flange_probe.translation) @ touch
+        rotation = self._robot_model.rotation(self._q_at(now_s))
+        weight = self.mass_kg * (rotation.T @ GRAVITY_BASE)
+        touch = -self._spring.shown_n * self._axis_flange
+        torque = self._by_weight @ weight + self._by_touch @ touch
         drift = self._drift * now_s / 60.0
         return np.concatenate((weight + touch + drift, torque)) + self.offset

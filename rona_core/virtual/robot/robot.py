@@ -1,5 +1,6 @@
 """Virtual robot: joint angles as a pure function of the capture's clock."""
 
+import math
 import threading
 from collections.abc import Hashable
 from dataclasses import dataclass
@@ -11,7 +12,7 @@ from rona_core.devices.protocols import Clock
 from rona_core.devices.samples import JointSample
 from rona_core.devices.settings import ContactSettings, RobotSettings
 from rona_core.errors import DeviceError, InvalidInputError
-from rona_core.geometry.arrays import Floats, as_floats, readonly
+from rona_core.geometry.arrays import Floats, as_floats, clamped, readonly
 from rona_core.robot.kinematics.arm import as_joints
 from rona_core.robot.kinematics.robot_model import RobotModel
 from rona_core.virtual.robot.contact_dynamics import LaggingAxis
@@ -35,6 +36,16 @@ class _Course:
         reached_s = np.minimum(time_s, self.stopped_s)
         return np.stack([np.interp(reached_s, self.times_s, q) for q in self.qs_rad.T], axis=-1)
 
+    def at_one(self, time_s: float) -> Floats:
+        """Return the joint angles (6,) at one time: those of ``at``, all joints at once."""
+        times, qs = self.times_s, self.qs_rad
+        reached_s = min(time_s, self.stopped_s)
+        i = int(np.searchsorted(times, reached_s, side="right")) - 1
+        if i < 0 or i >= len(times) - 1:
+            return qs[max(i, 0)].copy()
+        slope = (qs[i + 1] - qs[i]) / (times[i + 1] - times[i])
+        return slope * (reached_s - times[i]) + qs[i]
+
     @property
     def end_s(self) -> float:
         """When the robot comes to rest."""
@@ -56,7 +67,7 @@ class VirtualMotion:
         course = self._course
         reached_s = course.end_s if self.done() else self._clock.now()
         start_s, planned_s = float(course.times_s[0]), float(course.times_s[-1])
-        return float(np.clip((reached_s - start_s) / (planned_s - start_s), 0.0, 1.0))
+        return clamped((reached_s - start_s) / (planned_s - start_s), 0.0, 1.0)
 
 
 class VirtualRobot:
@@ -81,22 +92,22 @@ class VirtualRobot:
                 raise DeviceError(f"this is a {self.model.name}, not a {settings.model}")
             self._closed = False
             self._settings = settings
-            self._rest(self._course.at(np.inf))
+            self._rest(self._course.at_one(np.inf))
 
     def state(self) -> JointSample:
         """Return the joint angles that arrive now: those of a moment ago, as the settings say."""
         with self._lock:
             now_s = self._clock.now()
             late_s, course = self._settings.latency_ms / 1000.0, self._course
-            q = readonly(course.at(now_s - late_s))
+            q = readonly(course.at_one(now_s - late_s))
             # it has arrived when its joint angles say so; a stop is reported at once
-            end_s = course.end_s + (0.0 if np.isfinite(course.stopped_s) else late_s)
+            end_s = course.end_s + (0.0 if math.isfinite(course.stopped_s) else late_s)
             return JointSample(now_s, q, moving=now_s < end_s)
 
     def q_at(self, time_s: float) -> Floats:
         """Return the joint angles (6,) at any time of the capture."""
         with self._lock:
-            return readonly(self._course.at(time_s))
+            return readonly(self._course.at_one(time_s))
 
     def qs_at(self, times_s: Floats) -> Floats:
         """Return the joint angles (n, 6) at times (n,) of the capture."""
@@ -104,7 +115,7 @@ class VirtualRobot:
             course = self._course
             if isinstance(course, _Course):
                 return course.at(times_s)
-            return np.array([course.at(float(time_s)) for time_s in times_s])
+            return np.array([course.at_one(float(time_s)) for time_s in times_s])
 
     def motion_key(self) -> Hashable | None:
         """Return what decides the joint angles to come, None while corrections may come in."""
@@ -198,7 +209,7 @@ class VirtualRobot:
             raise DeviceError("the robot is closed")
         if now_s < self._course.end_s:
             raise DeviceError("the robot is still moving; stop it first")
-        here = self._course.at(now_s)
+        here = self._course.at_one(now_s)
         gap_rad = np.abs(qs[0] - here)
         if gap_rad.max() > START_TOLERANCE_RAD:
             joint = int(np.argmax(gap_rad))

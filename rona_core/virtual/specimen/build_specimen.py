@@ -20,6 +20,7 @@ def build_specimen(
     *,
     center_mesh_mm: ArrayLike | None = None,
     radius_mm: float = 25.0,
+    outer_texture_mm: float = 0.0,
 ) -> Specimen:
     """Return the specimen of a session; the same arguments give the same one.
 
@@ -31,6 +32,7 @@ def build_specimen(
         center_mesh_mm: Centre of the region (3,) in ``skull``, on or near the outer surface. None:
             35 mm behind and 45 mm above the ear canal, or the stored region of a loaded skull.
         radius_mm: Radius of the region.
+        outer_texture_mm: RMS of the small unevenness of a simulated outer boundary.
 
     Raises:
         InvalidInputError: a centre off the bone, or outside what was stored of a loaded skull.
@@ -39,9 +41,9 @@ def build_specimen(
     if not low <= radius_mm <= high:
         raise InvalidInputError(f"radius_mm must be {low:g} to {high:g}, not {radius_mm}")
     if center_mesh_mm is None:
-        return _build(choice, seed, None, radius_mm)
+        return _build(choice, seed, None, radius_mm, outer_texture_mm)
     x, y, z = (float(value) for value in as_vector3(center_mesh_mm, name="center_mesh_mm"))
-    return _build(choice, seed, (x, y, z), radius_mm)
+    return _build(choice, seed, (x, y, z), radius_mm, outer_texture_mm)
 
 
 @lru_cache(maxsize=4)
@@ -50,7 +52,8 @@ def _build(
     seed: int,
     center: tuple[float, float, float] | None,
     radius_mm: float,
+    outer_texture_mm: float,
 ) -> Specimen:
     if isinstance(choice, SimulatedSkull):
-        return SimulatedSpecimen(seed, choice.side, center, radius_mm)
+        return SimulatedSpecimen(seed, choice.side, center, radius_mm, outer_texture_mm)
     return LoadedSpecimen(choice, center, radius_mm)

@@ -39,13 +39,22 @@ class VirtualLiveTracker:
         seed: int,
         T_tracker_toolmarker: Callable[[], Pose | None],
         T_tracker_basemarker: Callable[[], Pose | None] = lambda: None,
+        T_tracker_headmarker: Callable[[], Pose | None] = lambda: None,
         *,
         clear: Clear = all_clear,
+        share: float = 1.0,
         wall: Callable[[], float] = time.monotonic,
     ) -> None:
-        """Watch the tool on the robot and the marker on its base through these two."""
-        self._seed = seed
-        self._fixed = {"toolmarker": T_tracker_toolmarker, "basemarker": T_tracker_basemarker}
+        """Watch the tool on the robot, the marker on its base and that on the head through these.
+
+        Its error is ``share`` of what its maker states.
+        """
+        self._seed, self._share = seed, share
+        self._fixed = {
+            "toolmarker": T_tracker_toolmarker,
+            "basemarker": T_tracker_basemarker,
+            "headmarker": T_tracker_headmarker,
+        }
         self._clear = clear
         self._wall = wall
         self._start_s = wall()
@@ -65,6 +74,8 @@ class VirtualLiveTracker:
             raise DeviceError("the robot holds the toolmarker: move the robot instead")
         if tool == "basemarker":
             raise DeviceError("the basemarker is fixed to the robot base: move the base instead")
+        if tool == "headmarker":
+            raise DeviceError("the headmarker is fixed to the head, which lies in its clamp")
         with self._lock:
             self._placed.pop(tool, None)
             if T_tracker_marker is not None:
@@ -102,6 +113,7 @@ class VirtualLiveTracker:
             clear=self._clear(tool, Ts) if settings.occlusion else None,
             drift=drift_mm(settings, self._seed, 0, numbers / settings.rate_hz),
             swapped=swapped_markers(settings, geometry, self._seed, 0, numbers),
+            share=self._share,
         )
         reports = observe(geometry, Ts, white, settings, self._seed, conditions)
         return tool_samples(tool, reports)[0]

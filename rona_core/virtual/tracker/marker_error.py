@@ -76,10 +76,21 @@ class MarkerError:
             return np.broadcast_to(self.white_mm, points_tracker.shape)
         return self.white_mm * self.moments.growth(points_tracker)
 
-    def measure(self, points_tracker: Floats, white: Floats) -> Floats:
-        """Return measured positions (n, 3); ``white`` (n, 3) are standard normal numbers."""
-        noise = white * self.sigmas_mm(points_tracker)
-        return points_tracker + self.bias_mm(points_tracker) + noise
+    def measure(self, points_tracker: Floats, white: Floats, share: float = 1.0) -> Floats:
+        """Return measured positions (n, ..., 3), with a share of the error.
+
+        ``white`` (n, ..., 3) are standard normal numbers. What a marker that keeps still is off by
+        is computed once: the base never moves, the robot stands while the hand moves.
+        """
+        axes = tuple(range(1, points_tracker.ndim))
+        fresh = np.append(True, (points_tracker[1:] != points_tracker[:-1]).any(axis=axes))
+        places, of_row = points_tracker[fresh], np.cumsum(fresh) - 1
+        flat = places.reshape(-1, 3)
+        bias = self.bias_mm(flat).reshape(places.shape)[of_row]
+        noise = white * self.sigmas_mm(flat).reshape(places.shape)[of_row]
+        if share != 1.0:
+            return points_tracker + share * (bias + noise)
+        return points_tracker + bias + noise
 
 
 def marker_error(settings: TrackerSettings, seed: int) -> MarkerError:

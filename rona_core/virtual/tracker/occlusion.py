@@ -8,7 +8,7 @@ from collections.abc import Callable
 import numpy as np
 
 from rona_core.devices.marker_geometry import GEOMETRIES
-from rona_core.geometry.arrays import Bools, Floats, readonly
+from rona_core.geometry.arrays import Bools, Floats, dots, readonly
 from rona_core.geometry.pose import Pose, Poses
 from rona_core.robot.kinematics.robot_model import RobotModel
 from rona_core.surface.raycast import MeshRaycaster
@@ -36,11 +36,12 @@ class LinesOfSight:
     def clear(self, tool: str, Ts_tracker_marker: Poses, times_s: Floats) -> Bools:
         """Return which markers (n, m) of a tool at its true poses (n,) both cameras see."""
         Ts, qs_rad = Ts_tracker_marker, self._qs_at(times_s)
-        if _at_rest(Ts.rotations) and _at_rest(Ts.translations):  # one look is enough
+        moves = tool != "headmarker"  # by less than a millimetre, which hides nothing
+        if not moves or (_at_rest(Ts.rotations) and _at_rest(Ts.translations)):  # one look will do
             Ts = Ts.select(slice(0, 1))
         starts, ends = self._rays(tool, Ts)
         hidden = self._hidden_by_head(starts, ends)
-        if tool not in ("toolmarker", "basemarker"):  # these are in nobody's hand
+        if tool not in ("toolmarker", "basemarker", "headmarker"):  # these are in nobody's hand
             hidden |= segments_hit(starts, ends, hand_capsule(tool, Ts))
         if _at_rest(qs_rad):
             qs_rad = qs_rad[:1]
@@ -58,13 +59,13 @@ class LinesOfSight:
         shape = (len(Ts_tracker_marker), 2, *markers.shape[2:])
         starts = np.broadcast_to(CAMERAS_TRACKER[:, None], shape)
         lines = markers - starts
-        lengths = np.linalg.norm(lines, axis=3, keepdims=True)
+        lengths = np.sqrt(dots(lines, lines))[..., None]
         return starts, starts + (1.0 - MARKER_MM / lengths) * lines
 
     def _hidden_by_head(self, starts: Floats, ends: Floats) -> Bools:
         """Return which lines of sight (n, 2, m) in ``tracker`` the head cuts."""
         lines = ends - starts
-        reach_mm = np.linalg.norm(lines, axis=3)
+        reach_mm = np.sqrt(dots(lines, lines))
         T_skull_tracker = self._scene.T_base_skull.inv() @ self._scene.T_base_tracker
         directions = (lines / reach_mm[..., None]).reshape(-1, 3)
         first_mm = self._head_caster().first_hit(
@@ -119,10 +120,10 @@ def _near(a: Floats, b: Floats, c: Floats, d: Floats, radii_mm: Floats) -> Bools
     """Return which segments a-b touch the balls around capsules c-d, by broadcasting."""
     halves, lines = 0.5 * (d - c), b - a
     to_middle = c + halves - a
-    reach_mm = np.sqrt((halves * halves).sum(axis=-1)) + radii_mm
-    share = (to_middle * lines).sum(axis=-1) / (lines * lines).sum(axis=-1)
+    reach_mm = np.sqrt(dots(halves, halves)) + radii_mm
+    share = dots(to_middle, lines) / dots(lines, lines)
     off = to_middle - np.clip(share, 0.0, 1.0)[..., None] * lines
-    return np.asarray((off * off).sum(axis=-1) <= reach_mm**2)
+    return np.asarray(dots(off, off) <= reach_mm**2)
 
 
 def segment_distances2(a: Floats, b: Floats, c: Floats, d: Floats) -> Floats:
@@ -133,7 +134,7 @@ def segment_distances2(a: Floats, b: Floats, c: Floats, d: Floats) -> Floats:
     """
     u, v, w = b - a, d - c, a - c
     uu, vv, uv, uw, vw, ww = (
-        (p * q).sum(axis=1) for p, q in ((u, u), (v, v), (u, v), (u, w), (v, w), (w, w))
+        dots(p, q) for p, q in ((u, u), (v, v), (u, v), (u, w), (v, w), (w, w))
     )
     tiny = 1e-12
 

@@ -28,6 +28,7 @@ HYSTERESIS_RAD = np.deg2rad(2.0)  # and found again this much earlier
 MEMORY_S = 1.0  # how far back the tracker remembers which markers it followed
 SAME_TIME_S = 1e-9  # rounding of frame times
 BLOCK = 256  # frames that are measured at once
+CLOSED = "the tracker has been closed: open the session again to use it"
 
 
 class TrackedWorld(Protocol):
@@ -56,6 +57,7 @@ class ViewConditions:
     clear: Bools | None = None  # markers (n, m) that both cameras see; None: all
     drift: Floats | None = None  # (n, 3) mm, of a tracker not yet warm; None: it is
     swapped: Ints | None = None  # (n, 2) markers taken for each other, -1 where none are
+    share: float = 1.0  # of the error that the maker states
 
 
 UNDISTURBED = ViewConditions()
@@ -83,16 +85,14 @@ def observe(
     facing, clear = conditions.facing, conditions.clear
     if facing is None:
         facing = sight_cosines(geometry, Ts_tracker_marker) >= np.cos(FACING_LIMIT_RAD)
-    flat = points.reshape(-1, 3)
-    measured = marker_error(settings, seed).measure(flat, white.reshape(-1, 3))
-    measured = measured.reshape(points.shape)
+    measured = marker_error(settings, seed).measure(points, white, conditions.share)
     if conditions.drift is not None:
         measured = measured + conditions.drift[:, None]
     return report_tool(
         geometry,
         measured,
         facing=np.asarray(facing),
-        inside=in_volume(flat, settings.profile).reshape(points.shape[:2]),
+        inside=in_volume(points.reshape(-1, 3), settings.profile).reshape(points.shape[:2]),
         clear=np.ones(points.shape[:2], dtype=np.bool_) if clear is None else clear,
         swapped=conditions.swapped,
     )
@@ -150,8 +150,9 @@ class VirtualTracker:
     the clock changes what is measured.
     """
 
-    def __init__(self, clock: Clock, world: TrackedWorld, seed: int) -> None:
-        self._clock = clock
+    def __init__(self, clock: Clock, world: TrackedWorld, seed: int, share: float = 1.0) -> None:
+        """Look at a world; its error is ``share`` of what its maker states."""
+        self._clock, self._share = clock, share
         self._world = world
         self._seed = seed
         self._settings = TrackerSettings()
@@ -175,6 +176,21 @@ class VirtualTracker:
             number -= 1
         return self.frame(number)
 
+    def past(self, since_s: float, rate_hz: float) -> list[TrackerFrame]:
+        """Return frames that came since a time of this capture, about ``rate_hz`` a second.
+
+        Raises:
+            DeviceError: the tracker has been closed.
+        """
+        if self._closed:
+            raise DeviceError(CLOSED)
+        own_hz = self._settings.rate_hz
+        first = int(np.ceil((since_s - SAME_TIME_S) * own_hz))
+        end = int((self._clock.now() + SAME_TIME_S) * own_hz) + 1
+        numbers = np.arange(first, end, max(1, round(own_hz / rate_hz)))
+        came = [not self._dropped(number) for number in numbers.tolist()]
+        return list(self._measure(numbers[np.array(came, dtype=np.bool_)]))
+
     def frames(self) -> Iterator[TrackerFrame]:
         """Yield frames one after the other, waiting for each; ends when the tracker is closed."""
         rate_hz = self._settings.rate_hz
@@ -194,13 +210,13 @@ class VirtualTracker:
             DeviceError: the tracker has been closed.
         """
         if self._closed:
-            raise DeviceError("the tracker has been closed: open the session again to use it")
+            raise DeviceError(CLOSED)
         motion, block = self._world.motion_key(), self._block
         if motion is None:
-            return self._measure(number, 1)[0]
+            return self._measure(np.array([number]))[0]
         first = number - number % BLOCK
         if not block.frames or (block.first, block.motion) != (first, motion):
-            block = self._block = _Block(first, motion, self._measure(first, BLOCK))
+            block = self._block = _Block(first, motion, self._measure(first + np.arange(BLOCK)))
         return block.frames[number - first]
 
     def close(self) -> None:
@@ -210,9 +226,10 @@ class VirtualTracker:
     def _dropped(self, number: int) -> bool:
         return dropped(self._settings, self._seed, self._ordinal, number)
 
-    def _measure(self, first: int, count: int) -> tuple[TrackerFrame, ...]:
-        """Return ``count`` frames from number ``first`` on."""
-        numbers = np.arange(first, first + count)
+    def _measure(self, numbers: Ints) -> tuple[TrackerFrame, ...]:
+        """Return the frames of these numbers (n,), which grow."""
+        if not len(numbers):
+            return ()
         white = white_numbers(self._seed, "tracker", self._ordinal, numbers)
         columns = [self._samples(tool, numbers, white[tool]) for tool in TOOLS]
         rate_hz = self._settings.rate_hz
@@ -231,18 +248,19 @@ class VirtualTracker:
             return [ToolSample(tool, "out_of_view")] * len(numbers)
         geometry = GEOMETRIES[tool]
         conditions = ViewConditions(
-            self._facing(geometry, Ts, int(numbers[0])),
+            self._facing(geometry, Ts, numbers),
             self._world.clear(tool, Ts, times_s) if settings.occlusion else None,
             drift_mm(settings, seed, ordinal, numbers / settings.rate_hz),
             swapped_markers(settings, geometry, seed, ordinal, numbers),
+            self._share,
         )
         return tool_samples(tool, observe(geometry, Ts, white, settings, seed, conditions))
 
     def _measured_s(self, numbers: Ints) -> Floats:
         return numbers / self._settings.rate_hz - self._settings.latency_s
 
-    def _facing(self, geometry: MarkerGeometry, Ts_tracker_marker: Poses, first: int) -> Bools:
-        """Return which markers (n, m) are followed in the frames from ``first`` on.
+    def _facing(self, geometry: MarkerGeometry, Ts_tracker_marker: Poses, numbers: Ints) -> Bools:
+        """Return which markers (n, m) are followed in the frames of these numbers (n,).
 
         Between the angles at which one is found and lost, what it did last decides; with no past
         within the tracker's memory it is followed.
@@ -251,16 +269,21 @@ class VirtualTracker:
         cosines = sight_cosines(geometry, Ts_tracker_marker)
         if not ((cosines >= lost) & (cosines < found)).any():
             return np.asarray(cosines >= lost)
-        memory = int(MEMORY_S * self._settings.rate_hz)
-        earlier = np.arange(max(0, first - memory), first)
+        memory, first = int(MEMORY_S * self._settings.rate_hz), int(numbers[0])
+        # what happened before and between them decides too
+        dense = np.arange(max(0, first - memory), int(numbers[-1]) + 1)
+        others = np.setdiff1d(dense, numbers)
         past = None
-        if len(earlier):
-            past = self._world.Ts_tracker_marker(geometry.tool, self._measured_s(earlier))
+        if len(others):
+            past = self._world.Ts_tracker_marker(geometry.tool, self._measured_s(others))
+        wanted = np.arange(len(numbers))
         if past is not None:
-            cosines = np.concatenate((sight_cosines(geometry, past), cosines))
+            wanted, seen = numbers - dense[0], cosines
+            cosines = np.zeros((len(dense), seen.shape[1]))
+            cosines[others - dense[0]], cosines[wanted] = sight_cosines(geometry, past), seen
         rows = np.arange(len(cosines))[:, None]
         decided = np.where((cosines < lost) | (cosines >= found), rows, -1)
         last = np.maximum.accumulate(decided, axis=0)
         followed = np.take_along_axis(cosines >= found, np.maximum(last, 0), axis=0)
         forgotten = (last < 0) | (rows - last > memory)
-        return np.asarray((followed | forgotten)[-len(Ts_tracker_marker) :])
+        return np.asarray((followed | forgotten)[wanted])

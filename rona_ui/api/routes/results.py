@@ -10,6 +10,7 @@ from rona_core.app.dependencies.staleness import stale_reason
 from rona_core.app.dependencies.step_states import StepState, step_states
 from rona_core.app.overview.acceptance import QualityRow, quality_rows
 from rona_core.app.overview.frame_graph import frame_rows
+from rona_core.app.steps.acoustics.thickness_uncertainty import reference_gain
 from rona_core.app.steps.boundaries.ascan_view import ScanName, ascan_plot
 from rona_core.app.steps.boundaries.probe_advice import probe_advice
 from rona_core.app.steps.maps.map_accuracy import map_accuracy
@@ -46,6 +47,7 @@ def get_results(bench: Bench, step: str, max_points: MaxPoints = None) -> FastJs
     Lengths are mm, angles rad unless a name says otherwise; poses are a quaternion (w, x, y, z)
     and a translation. `value` is null while there is nothing. How sure the maps are stands in
     `accuracy` (of the scan by hand: `sono_accuracy`): standard deviations over their grid.
+    `reference_gain` proposes places for a caliper and says what they gain.
     """
     if step not in REGISTRY.step_names:
         raise NotFoundError(
@@ -60,6 +62,7 @@ def get_results(bench: Bench, step: str, max_points: MaxPoints = None) -> FastJs
             "summary": REGISTRY.lines[step].summary(session),
             "setup": plain(session.setup, max_points) if step == "setup" else None,
             "probe_advice": plain(probe_advice(session)) if mapped else None,
+            "reference_gain": plain(reference_gain(session)) if mapped else None,
             "boundary_edits": plain(session.boundary_edits) if mapped else None,
             "accuracy": plain(map_accuracy(session), max_points) if mapped else None,
             "sono_accuracy": by_hand,

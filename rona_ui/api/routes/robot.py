@@ -12,6 +12,7 @@ from starlette.concurrency import run_in_threadpool
 
 from rona_core.app.runtime.workbench import Workbench
 from rona_core.app.steps.scan.contact_view import contact_report
+from rona_core.app.steps.scan.head_view import head_report
 from rona_core.app.steps.setup.messages import SetContact, SetRobot
 from rona_core.app.steps.setup.robot_parameters import RobotFigure, robot_figures
 from rona_core.app.steps.tool.messages import StartRobotMove
@@ -100,6 +101,16 @@ def get_contact(bench: Bench) -> FastJson:
     each step of the loop is in the results of step `scan`.
     """
     return FastJson(plain(contact_report(bench.session)))
+
+
+@router.get("/head", response_class=FastJson, responses=described("object", "null"))
+def get_head(bench: Bench) -> FastJson:
+    """Return how the head lay in each capture against step 4; `null` before a scan that watched it.
+
+    Shifts in mm along the axes of `base` with their standard deviations, at the middle of the scan;
+    null where `state` is `unchecked`, and `reason` says why. What has `moved` is corrected.
+    """
+    return FastJson(plain(head_report(bench.session)))
 
 
 @router.post("/stop")

@@ -25,6 +25,7 @@ SECTIONS = (  # title, what the keys begin with, steps that the figures come fro
 # true error -> what the program expects of it without the truth
 PREDICTED = {
     "tool_tip_error_mm": "tool_tip_sigma_mm",
+    "tracker_registration_tre_mm": "tracker_registration_sigma_mm",
     "pointer_tip_error_mm": "pointer_tip_sigma_mm",
     "surface_rms_mm": "surface_sigma_predicted_mm",
     "skull_registration_tre_mm": "skull_registration_sigma_mm",
@@ -127,7 +128,6 @@ def _predicted_rows(session: Session, expected: dict[str, QualityRow], mark: str
     lines: list[tuple[str, str]] = []
     if results.tool is not None:
         tool = results.tool.value
-        lines.append(("Tracker at the tool tip, random error", _mm(tool.registration_sigma_mm)))
         if tool.delay is not None:
             lines.append(delay_words(tool.delay))
     if report is not None and report.delay is not None:

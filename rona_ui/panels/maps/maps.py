@@ -6,7 +6,9 @@ from typing import Any
 
 import numpy as np
 
+from rona_core.app.steps.acoustics.view import is_heard, loss_words
 from rona_core.app.steps.maps.derivation import usable_second
+from rona_core.app.steps.maps.error_budget import error_budgets
 from rona_core.app.steps.maps.map_accuracy import accuracy_words
 from rona_core.app.steps.maps.messages import StartGapPlan, StartGapScan, StartMapping
 from rona_core.app.steps.maps.view import (
@@ -33,6 +35,7 @@ from rona_ui.presentation.shown import (
     tilt_scale_max_deg,
 )
 from rona_ui.presentation.snapshot import Snapshot, changed
+from rona_ui.viewer.bindings import escape
 
 SECOND_PASS = (
     "Where the inner table is inclined, its echo misses the probe. The robot scans these "
@@ -193,6 +196,8 @@ class MapsPanel(StepPanel):
             "Cut-away window", True, hint="Hides the drawn bone over the region"
         )
         self._bar = self.gui.add_html("")
+        with self.gui.add_folder("Error budget", expand_by_default=False):
+            self._budget = self.gui.add_html("")
         self.form.on_change(self._changed)
         context = self.context
         on_change(self._shown, lambda e: self._show(SHOWN[e.target.value]))
@@ -227,6 +232,8 @@ class MapsPanel(StepPanel):
             self._bar.content = ""
         elif changed(old, new, "session.results", "static_scene", "view"):
             self._bar.content = color_bar(layers_of(maps, new.view.quantity, map_sigma(new)))
+        if changed(old, new, "session", "figures", "view"):
+            self._budget.content = budget_table(new)
         self._second.render(old, new)
 
     def remarks(self, snapshot: Snapshot) -> str:
@@ -243,7 +250,33 @@ class MapsPanel(StepPanel):
         accuracy = shown_map_accuracy(snapshot)
         if accuracy is not None:
             words += f" {accuracy_words(maps, accuracy)}"
-        return style.note(words, "good") + advice_note(snapshot.session, only_another=True)
+        if value.method == "subtract":  # the others judge no levels
+            words += f" {loss_words(value)}"
+        return style.note(words, "good" if is_heard(value) else "warn") + advice_note(
+            snapshot.session, only_another=True
+        )
+
+
+def budget_table(snapshot: Snapshot) -> str:
+    """Return what each cause adds to the error of the robot's maps, predicted and in truth."""
+    accuracy = None if shows_handheld_maps(snapshot) else shown_map_accuracy(snapshot)
+    if accuracy is None:
+        return style.text("Known once the boundaries of the robot's scan are mapped.")
+    html = ""
+    for budget in error_budgets(accuracy, snapshot.figures):
+        rows = [
+            (
+                escape(line.title),
+                f"{line.predicted_mm:.3f}",
+                "" if line.true_mm is None else f"{line.true_mm:.3f}",
+            )
+            for line in budget.lines
+        ]
+        html += style.table(("", "n", "n"), (budget.name, "σ (mm)", "true"), rows)
+        if budget.remedy:
+            words = f"Largest: {budget.largest}. To lower it: {budget.remedy}."
+            html += style.text(escape(words))
+    return html
 
 
 def color_bar(layers: MapLayers) -> str:

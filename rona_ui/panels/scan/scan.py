@@ -3,7 +3,13 @@
 from typing import Any
 
 from rona_core.app.steps.scan.contact_view import contact_report, delay_sentence
-from rona_core.app.steps.scan.messages import StartScan
+from rona_core.app.steps.scan.head_view import head_report, unwatched
+from rona_core.app.steps.scan.messages import (
+    CalibrateProbeMounting,
+    StartProbeMountingCapture,
+    StartScan,
+)
+from rona_core.app.steps.scan.probe_mounting import mounting_view
 from rona_core.app.steps.setup.messages import SetContact
 from rona_core.devices.settings import ContactSettings
 from rona_core.session.document import Session
@@ -72,6 +78,48 @@ def contact_note(session: Session) -> str:
     return words + (style.text(delay_sentence(report.delay)) if report.delay is not None else "")
 
 
+def head_note(session: Session) -> str:
+    """Return what the head did up to the scan and in it as HTML."""
+    report = head_report(session)
+    if report is None:
+        return ""
+    return style.note(report.sentence, "warn" if unwatched(session) is not None else "")
+
+
+class MountingFields:
+    """Calibration of the probe in its holder, on a gauge plate."""
+
+    def __init__(self, gui: Any, context: PanelContext) -> None:
+        gui.add_html(
+            style.text(
+                "A steel gauge plate at the holder tells where the face of the probe is and how "
+                "fast its warm line is: before a scan, with the line as warm as in the scan. "
+                "Without it the outer map is off by as much as the probe is."
+            )
+        )
+        self._record = context.send_button(
+            gui, "Record on gauge plate", "target", StartProbeMountingCapture
+        )
+        self._reset = context.send_button(
+            gui, "Reset mounting", "restore", lambda: CalibrateProbeMounting(use=False)
+        )
+        self._found = gui.add_html("")
+
+    def render(self, old: Snapshot | None, new: Snapshot) -> None:
+        """Say what is known of the mounting."""
+        for button in (self._record, self._reset):
+            button.disabled = new.busy
+        if not changed(old, new, "session"):
+            return
+        view = mounting_view(new.session)
+        self._reset.visible = view is not None
+        self._found.content = (
+            style.note("As drawn: not calibrated.")
+            if view is None
+            else style.note(view.sentence, style.BOXES[view.verdict])
+        )
+
+
 class ScanPanel(StepPanel):
     """One button; Stop is in the bar above and on the key Esc."""
 
@@ -84,12 +132,15 @@ class ScanPanel(StepPanel):
     start = "Scan"
 
     def build(self) -> None:
-        """Add how the probe is pressed on."""
+        """Add how the probe is mounted, and pressed on."""
         self._contact = ContactFields(self.gui, self.context)
+        with self.gui.add_folder("Probe mounting", expand_by_default=False):
+            self._mounting = MountingFields(self.gui, self.context)
 
     def update(self, old: Snapshot | None, new: Snapshot) -> None:
-        """Show how the probe is pressed on."""
+        """Show how the probe is mounted, and pressed on."""
         self._contact.render(old, new)
+        self._mounting.render(old, new)
 
     def message(self) -> Any:
         """Return the scan."""
@@ -103,7 +154,7 @@ class ScanPanel(StepPanel):
         times_s = capture.scans.times_s
         span_s = times_s[-1] - times_s[0] if len(times_s) else 0.0
         words = f"{len(capture.scans)} A-scans in {span_s:.1f} s."
-        pressed = contact_note(snapshot.session)
+        pressed = contact_note(snapshot.session) + head_note(snapshot.session)
         if capture.partial:
             words += " Stopped early: scan again, or the maps cover only this part."
             return style.note(words, "warn") + pressed

@@ -1,5 +1,6 @@
 """Step 1: specimen, region and devices. Every field sends its own command."""
 
+from dataclasses import asdict
 from pathlib import PurePath
 from typing import Any
 
@@ -10,11 +11,13 @@ from rona_core.app.steps.setup.messages import (
     SetRobot,
     SetSeed,
     SetUseBaseMarker,
+    SetWorld,
     StartSkullImport,
     UseSimulatedSkull,
 )
 from rona_core.app.steps.setup.robot_parameters import robot_figures
 from rona_core.devices.settings import ROBOTS
+from rona_core.devices.world_settings import REALISTIC_WORLD
 from rona_core.errors import RonaError
 from rona_core.session.document import Session
 from rona_ui.panels.setup.obstacles import WorkcellFields
@@ -30,6 +33,7 @@ FILES = ".nrrd,.nii,.gz,.stl,.ply,.obj"
 BONE = ("kind", "own_speed")
 ROBOT = ("model", "errors", "scan_speed_mm_per_s", "base_shift_mm", "base_turn_deg")
 BONES = {"Normal": "normal", "Sharp diploe": "sharp", "Hard: sharp, more scatter": "hard"}
+WORLDS = {"Nominal: as told": "nominal", "Realistic": "realistic", "Hard": "hard"}
 SKULLS = {"Simulated, left side": "left", "Simulated, right side": "right", "From a file": "file"}
 
 
@@ -47,11 +51,14 @@ class SetupPanel(StepPanel):
         form, gui = self.form, self.gui
         self._tracker = TrackerFields(form)
         self._probe = ProbeFields(form, gui, self.context)
+        self._world = REALISTIC_WORLD
         form.number("seed", "Seed", 0, 0, 2**31 - 1, 1, "For patient, placement and noise")
         form.choice("skull", "Skull", SKULLS, "left", "Load a file below")
         form.choice("kind", "Bone", BONES, "normal", "Known only to the virtual probe")
         hint = "Sound speed of bone differs by 3 % between patients"
         form.tick("own_speed", "Patient-specific speed", True, hint)
+        hint = "How far patient and devices are from what is told of them"
+        form.choice("world_profile", "World", WORLDS, "realistic", hint)
         form.number("radius_mm", "Region radius (mm)", 25.0, 5.0, 45.0, 1.0)
         with gui.add_folder("Devices", expand_by_default=False):
             self._tracker.build()
@@ -116,6 +123,9 @@ class SetupPanel(StepPanel):
             "pointer": lambda: SetPointer(form.value("pointer")),
             "skull": lambda: UseSimulatedSkull(form.value("skull")),
             "use_base_marker": lambda: SetUseBaseMarker(form.value("use_base_marker")),
+            "world_profile": lambda: SetWorld(
+                **{**asdict(self._world), "profile": form.value("world_profile")}
+            ),
         }
         if name == "skull" and form.value("skull") == "file":
             return  # nothing happens until a file has been read
@@ -137,6 +147,7 @@ class SetupPanel(StepPanel):
     def update(self, old: Snapshot | None, new: Snapshot) -> None:
         """Write what the session holds into the fields where it has changed or was refused."""
         if changed(old, new, "session.setup", "refused"):
+            self._world = new.session.setup.world
             tracker = new.session.setup.devices.tracker
             probe = self._probe.field_values(new.session.setup.devices.probe)
             self.form.show({**_held(new.session), **self._tracker.field_values(tracker), **probe})
@@ -163,6 +174,7 @@ def _held(session: Session) -> dict[str, Any]:
         "seed": setup.seed,
         "skull": getattr(setup.specimen, "side", "file"),
         "radius_mm": setup.region.radius_mm,
+        "world_profile": setup.world.profile,
         "pointer": devices.pointer,
         "use_base_marker": setup.use_base_marker,
         **{name: getattr(setup.bone, name) for name in BONE},

@@ -10,6 +10,7 @@ import pytest
 from rona_core.app.overview.acceptance import FIGURES
 from rona_core.app.runtime.workbench import Workbench
 from rona_core.compose import DemoSkull, new_workbench
+from rona_core.devices.world_settings import WorldSettings
 from rona_core.errors import DegenerateGeometryError
 from rona_core.session.document import Session, Setup
 from rona_core.session.files import load_session, save_session
@@ -62,12 +63,16 @@ def test_demo_passes_everything_on(run_demo, capsys, tmp_path):
         file.write_bytes(b"x")
     arguments = ["demo", "--seed", "5", "--specimen", str(bone), "--inner", str(inner)]
     arguments += ["--threshold", "300", "--center", "1", "-2", "3.5", "--radius", "20"]
-    assert main([*arguments, "--robot", "rx90"]) == 0
+    assert main([*arguments, "--robot", "rx90", "--world", "hard"]) == 0
     assert asked == {
         "seed": 5,
         "skull": DemoSkull(str(bone), str(inner), 300.0, (1.0, -2.0, 3.5), 20.0),
         "robot": "rx90",
+        "world": WorldSettings("hard"),
+        "reference_points": True,
     }
+    assert main([*arguments, "--no-reference-points"]) == 0
+    assert asked["reference_points"] is False
 
 
 def test_demo_prints_one_json_object(run_demo, capsys):
@@ -120,6 +125,7 @@ def test_bad_input_is_one_line_and_status_2(run_demo, capsys, tmp_path, monkeypa
     assert "--threshold" in refused(capsys, ["demo", "--threshold", "300"])
     nothing = ["demo", "--specimen", __file__, "--threshold", "nan"]
     assert "--threshold" in refused(capsys, nothing)
+    assert "nominal, realistic, hard" in refused(capsys, ["demo", "--world", "calm"])
     assert run_demo[0] == {}, "nothing has been started"
     assert "there is no session file" in refused(capsys, ["inspect", str(tmp_path / "absent")])
     damaged = tmp_path / "damaged.rona"

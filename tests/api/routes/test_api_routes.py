@@ -35,7 +35,7 @@ GET /sessions/{session_id}/tracker/frame; GET /sessions/{session_id}/tracker/str
 POST /sessions/{session_id}/tracker/start; POST /sessions/{session_id}/tracker/stop
 GET /sessions/{session_id}/robot/state; POST /sessions/{session_id}/robot/move
 GET /sessions/{session_id}/robot/settings; PUT /sessions/{session_id}/robot/settings
-GET /sessions/{session_id}/robot/figures
+GET /sessions/{session_id}/robot/figures; GET /sessions/{session_id}/robot/head
 GET /sessions/{session_id}/robot/contact; PUT /sessions/{session_id}/robot/contact
 POST /sessions/{session_id}/robot/stop; GET /sessions/{session_id}/robot/stream
 GET /sessions/{session_id}/probe/settings; PUT /sessions/{session_id}/probe/settings
@@ -445,8 +445,10 @@ def test_an_a_scan_tells_what_was_found_and_what_was_corrected(client, at):
     height = maps["results"]["maps"]["value"]["outer"]["height_mm"]
     for name in ("outer", "inner", "fused", "thickness"):
         part = maps["accuracy"][name]
-        assert len(part["own_mm"]) == len(part["speed_mm"]) == len(height) == 10
-        assert part["pose_mm"] == pytest.approx(0.0 if name == "thickness" else 0.35 / 3**0.5)
+        assert len(part["own_mm"]) == len(part["shared_mm"]) == len(height) == 10
+        causes = [row["cause"] for row in part["budget"]]
+        assert "interpolation" in causes
+        assert ("links of the robot" in causes) == (name != "thickness")
     assert maps["sono_accuracy"] is None
     body = {"number": 7, "scan": "second", "outer_us": 18.0}
     assert client.post(f"{place}/commands/CorrectBoundary", json=body).status_code == 422

@@ -10,11 +10,12 @@ from rona_core.app.declarations.registry import REGISTRY
 from rona_core.app.messages.serialization import serialize_arguments
 from rona_core.app.procedure import PROCEDURE
 from rona_core.app.runtime.session_step import Undo
+from rona_core.app.steps.acoustics.messages import StartCaliperMeasurements
 from rona_core.app.steps.maps.messages import StartGapPlan, StartGapScan, StartMapping
 from rona_core.app.steps.path.messages import StartPathCapture
 from rona_core.app.steps.pointer.messages import CalibratePointer, StartPointerCapture
 from rona_core.app.steps.roll.messages import StartRollSearch
-from rona_core.app.steps.scan.messages import StartScan
+from rona_core.app.steps.scan.messages import StartProbeMountingCapture, StartScan
 from rona_core.app.steps.setup.messages import SetPointer, SetRegion, SetSeed, SetTracker
 from rona_core.app.steps.smoothing.messages import SmoothScanPath
 from rona_core.app.steps.surface.messages import StartSurfaceCapture
@@ -95,10 +96,12 @@ def test_the_whole_procedure_through_rest(client, web, tmp_path):
         StartPathCapture(duration_s=15.0, spacing_mm=5.0),
         SmoothScanPath(),
         StartRollSearch(n_rolls=24),
+        StartProbeMountingCapture(),
         StartScan(),
         StartMapping(),
         StartGapPlan(),
         StartGapScan(),
+        StartCaliperMeasurements(),
         StartMapping(),
     ]
     assert {type(m) for _, m in PROCEDURE} < {type(m) for m in messages}
@@ -114,6 +117,9 @@ def test_the_whole_procedure_through_rest(client, web, tmp_path):
         for name, part in (*held["captures"].items(), *held["results"].items()):
             assert (part["value"] is None) == (name in NOT_MADE), name
             assert part["stale_reason"] is None
+    gain = client.get(f"/sessions/{session}/results/maps").json()["reference_gain"]
+    assert len(gain["scans"]) == 3
+    assert 0.0 < gain["then_mm"] < gain["now_mm"]  # even beside the points there are
     file = client.get(f"/sessions/{session}/file").content
     copy = client.post("/sessions/upload", content=file).json()["id"]
     there, back = (web.hub.get(key).session for key in (session, copy))

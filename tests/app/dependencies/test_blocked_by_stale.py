@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import pytest
 
-from rona_core.app.dependencies.staleness import session_obstacles, stale_reason
+from rona_core.app.dependencies.staleness import input_digests, session_obstacles, stale_reason
 from rona_core.app.dependencies.step_states import step_states
 from rona_core.app.runtime.handling import handle
 from rona_core.app.runtime.workbench import Workbench
@@ -94,14 +94,19 @@ def old_form(session):
     robot, probe = session.setup.devices.robot, session.setup.devices.probe
     names = ("model", "errors", "scan_speed_mm_per_s", "base_shift_mm", "base_turn_deg")
     arm = {"$type": "RobotSettings", **{name: getattr(robot, name) for name in names}}
+    # nobody had a gauge plate
+    session = session.with_result("mounting", None)
     results = session.results
-    for name in ("tool", "surface", "path", "roll", "second", "second_detection", "maps"):
-        held = getattr(results, name)
+    second = ("second", "second_detection")
+    for name in ("tool", "surface", "path", "roll", "detection", *second, "maps"):
+        held = results.get(name)
         inputs = {key: value for key, value in held.inputs.items() if key != "scan speed"}
         if "robot" in inputs:
             inputs["robot"] = digest(arm)
         if "probe" in inputs:
             inputs["probe"] = digest(probe)
+        if "mounting" in inputs:
+            inputs["mounting"] = input_digests(name, session)["mounting"]
         if "obstacles" in inputs:
             inputs["obstacles"] = digest(session_obstacles(session))
         results = replace(results, **{name: replace(held, inputs=inputs)})

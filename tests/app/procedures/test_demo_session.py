@@ -38,8 +38,8 @@ def packed(session):
 
 
 def test_the_demo_session_packs_close_to_the_noise_that_it_holds(session, packed):
-    """10 MB: 4.7 of A-scans, whose noise alone is 4.1, and 4.2 of poses, joints and plans."""
-    assert len(packed) < 10e6
+    """10.3 MB, half of it A-scans, and most of that their noise; the rest poses, joints, plans."""
+    assert len(packed) < 11e6
     assert session_bytes(session_from_bytes(packed)) == packed
 
 
@@ -71,7 +71,7 @@ def test_a_replay_tells_how_far_it_is_and_heeds_cancel(session):
 def test_every_result_of_the_demo_session_recomputes(session):
     fresh = recompute(session).results
     names = [name for name in REGISTRY.replayed if fresh.get(name) is not None]
-    assert len(names) == 10
+    assert len(names) == 12
     for name in names:
         apart = compare(session.results.get(name).value, fresh.get(name).value)
         assert apart.largest <= CLOSE, f"{name} differs at {apart.where}: {REMEDY}"

@@ -8,9 +8,11 @@ import numpy as np
 import pytest
 
 from rona_core.app.declarations.declarations import ActivityContext
+from rona_core.app.dependencies.head_reference import watch_head
 from rona_core.app.dependencies.staleness import session_obstacles
 from rona_core.app.steps.scan import captures as scan_capture
 from rona_core.app.steps.scan.captures import capture_scan
+from rona_core.app.steps.scan.probe_mounting import known_mounting
 from rona_core.app.steps.scan.probe_poses import pose_delay, probe_poses_of
 from rona_core.app.steps.tool.robot_motion import drive_to
 from rona_core.devices.live import Live
@@ -19,6 +21,7 @@ from rona_core.devices.wrench import APPROACH, CONTACT, RETRACT, STOPPED
 from rona_core.errors import CancelledError
 from rona_core.evaluation.scan_metrics import contact_figures, true_probe_poses
 from rona_core.evaluation.truth import Truth
+from rona_core.geometry.pose import Pose
 from rona_core.robot.collision.collision_world import CollisionWorld
 from rona_core.robot.kinematics.catalog import robot_model
 from rona_core.session.captures import ScanCapture
@@ -114,11 +117,14 @@ def test_the_delay_of_the_joint_angles_is_found(pressed):
     found = probe_poses_of(session).translations
     capture = session.captures.scan
     model = robot_model(session.setup.devices.robot.model)
-    joints = capture.joints.at(capture.scans.times_s + 0.008)
-    exact = (model.forward(joints) @ model.T_flange_probe).translations
-    late = (
-        model.forward(capture.joints.at(capture.scans.times_s)) @ model.T_flange_probe
-    ).translations
+    face = Pose.from_translation((0.0, 0.0, known_mounting(session).offset_mm))
+    back = watch_head(session, capture).back(capture.scans.times_s)
+
+    def faces(late_s):
+        poses = model.forward(capture.joints.at(capture.scans.times_s + late_s))
+        return (back @ poses @ (model.T_flange_probe @ face)).translations
+
+    exact, late = faces(0.008), faces(0.0)
     assert np.linalg.norm(found - exact, axis=1).max() < 0.02
     assert np.linalg.norm(late - exact, axis=1).max() > 0.13  # 8 ms at 20 mm/s
 

@@ -8,7 +8,7 @@ import pytest
 from rona_core.app.dependencies.staleness import stale_reason
 from rona_core.app.runtime.recompute import recompute
 from rona_core.app.runtime.session_step import Undo
-from rona_core.app.steps.acoustics.derivation import session_probe, usable_speed
+from rona_core.app.steps.acoustics.derivation import entry_points, session_probe, usable_speed
 from rona_core.app.steps.acoustics.messages import (
     AddReferencePoint,
     CalibrateDelayLine,
@@ -18,34 +18,29 @@ from rona_core.app.steps.acoustics.messages import (
     StartDelayLineCapture,
     StartProbeSweep,
 )
-from rona_core.app.steps.acoustics.thickness_uncertainty import thickness_shares
+from rona_core.app.steps.acoustics.thickness_uncertainty import reference_gain, thickness_shares
 from rona_core.app.steps.acoustics.view import (
     edited_probe,
+    gain_words,
     line_state,
     probe_values,
     reference_rows,
     speed_state,
 )
 from rona_core.app.steps.maps.messages import StartMapping
-from rona_core.app.steps.setup.messages import SetProbe, SetSeed
+from rona_core.app.steps.setup.messages import SetProbe, SetSeed, SetWorld
 from rona_core.compose import new_workbench
 from rona_core.devices.settings import ProbeSettings
 from rona_core.errors import InvalidInputError, StepBlockedError
 from rona_core.session.codec import decode, digest, encode
 from rona_core.session.document import Session
 from rona_core.ultrasound.probe.probe_model import probe_model
-from rona_ui.resources import demo_session
+from tests.scenes.demo_parts import without_reference_points
 
 
 @pytest.fixture(scope="module")
 def mapped():
-    """Return the demo session, mapped anew so that nothing in it is stale."""
-    from rona_core.session.files import load_session
-
-    bench = new_workbench(load_session(demo_session()))
-    bench.run(StartMapping())
-    yield bench.session
-    bench.close()
+    return without_reference_points()
 
 
 @pytest.fixture(scope="module")
@@ -58,6 +53,7 @@ def calibrated(mapped):
 
 def test_a_block_gives_the_line_that_detection_then_takes():
     bench = new_workbench(Session())
+    bench.dispatch(SetWorld("nominal"))  # where the line is as warm as told
     bench.dispatch(SetProbe(line_temperature_c=35.0))
     nominal = probe_model(bench.session.setup.devices.probe).line_delay_us
     bench.run(StartDelayLineCapture(n=8))
@@ -130,6 +126,29 @@ def test_three_places_by_caliper_change_the_map_and_not_the_detection(mapped, ca
     assert now.patient_mm < before.patient_mm
     bench.run(StartMapping(sound_speed_mm_per_us=2.66))
     assert thickness_shares(bench.session).points == 0  # a speed in words wins
+    bench.close()
+
+
+def test_the_gain_that_is_promised_is_the_one_that_comes(mapped):
+    gain = reference_gain(mapped)
+    assert gain.now_mm == pytest.approx(thickness_shares(mapped).total_mm, rel=0.02)
+    bench = new_workbench(mapped)
+    bench.run(StartCaliperMeasurements())
+    places = bench.session.captures.references.places_base
+    detection = mapped.results.detection.value
+    np.testing.assert_array_equal(places, entry_points(mapped, detection)[gain.scans])
+    bench.run(StartMapping())
+    came = thickness_shares(bench.session)
+    assert came.total_mm == pytest.approx(gain.then_mm, rel=0.15)
+    assert came.total_mm < 0.6 * gain.now_mm
+    more = reference_gain(bench.session, 2)
+    assert more.now_mm == pytest.approx(came.total_mm, rel=0.02)
+    assert more.then_mm < more.now_mm
+    assert not np.isin(more.scans, gain.scans).any()
+    assert "± 0." in gain_words(gain)
+    assert reference_gain(Session()) is None
+    bench.run(StartCaliperMeasurements(n=2, append=True))
+    assert len(bench.session.results.speed.value) == 5
     bench.close()
 
 

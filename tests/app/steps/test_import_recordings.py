@@ -12,7 +12,7 @@ from rona_core.app.runtime.saving.export_captures import export_recording, recor
 from rona_core.app.steps.path.messages import StartPathCapture
 from rona_core.app.steps.pointer.messages import StartPointerCapture
 from rona_core.app.steps.recordings.messages import StartPivotImport, StartRecordingImport
-from rona_core.app.steps.setup.messages import SetPointer, SetSeed, SetTracker
+from rona_core.app.steps.setup.messages import SetPointer, SetSeed, SetTracker, SetWorld
 from rona_core.app.steps.surface.derivation import replayed_pointer
 from rona_core.app.steps.surface.messages import StartSurfaceCapture
 from rona_core.app.steps.tool.messages import StartToolCapture
@@ -37,8 +37,9 @@ QUICK = {"cone_deg": 30.0, "duration_s": 3.0}
 
 @pytest.fixture(scope="module")
 def measured():
-    """A session with four captures, each of some seconds."""
+    """A session with four captures, each of some seconds; the head lies as still as it is told."""
     bench = new_workbench(Session(name="a b/ü"))
+    bench.dispatch(SetWorld(profile="nominal"))
     bench.run(StartToolCapture(n_pivot=8, n_translate=3))
     bench.run(StartPointerCapture(**QUICK))
     bench.run(StartSurfaceCapture(duration_s=4.0))

@@ -13,7 +13,13 @@ from rona_core.app.steps.handheld.messages import (
     StartHandheldMapping,
     StartHandheldScan,
 )
-from rona_core.app.steps.setup.messages import SetSeed, SetToolVisible, SetTracker, SetUseBaseMarker
+from rona_core.app.steps.setup.messages import (
+    SetSeed,
+    SetToolVisible,
+    SetTracker,
+    SetUseBaseMarker,
+    SetWorld,
+)
 from rona_core.app.steps.tool.messages import StartToolCapture
 from rona_core.compose import new_workbench
 from rona_core.errors import DegenerateGeometryError, InvalidInputError, StepBlockedError
@@ -30,6 +36,7 @@ def by_hand():
     """A scan by hand with nothing else done before."""
     bench = new_workbench(Session())
     bench.dispatch(SetSeed(2))
+    bench.dispatch(SetWorld("nominal"))
     for activity in (StartHandheldCalibration(), QUICK, StartHandheldMapping()):
         bench.run(activity)
     yield bench

@@ -25,7 +25,7 @@ from rona_core.app.steps.handheld.messages import (
     StartHandheldMapping,
     StartHandheldScan,
 )
-from rona_core.app.steps.maps.map_accuracy import ROBOT_ACCURACY_MM, map_accuracy
+from rona_core.app.steps.maps.map_accuracy import map_accuracy
 from rona_core.compose import new_workbench
 from rona_core.devices.tracker_volumes import ACCURACY_MM
 from rona_core.errors import InvalidInputError, StepBlockedError
@@ -122,11 +122,13 @@ def test_the_maps_by_hand_are_as_sure_as_tracker_and_face(session):
         assert np.isfinite(part.total_mm()).all()
         assert part.total_mm().shape == boundary.height_mm.shape
     tracker = ACCURACY_MM[session.setup.devices.tracker.profile]
-    squares = 2.0 * tracker**2 + session.results.sono.value.face_sigma_mm**2
+    # the registration, which holds tracker and robot, takes the place of the base marker
+    second = tracker
     if made.frame == "base":
-        squares += session.results.tool.value.registration_sigma_mm**2 + ROBOT_ACCURACY_MM**2
-    assert found.outer.pose_mm == pytest.approx(np.sqrt(squares / 3.0))
-    assert found.thickness.pose_mm == 0.0
+        second = session.results.tool.value.registration_sigma_mm
+    squares = tracker**2 + second**2 + session.results.sono.value.face_sigma_mm**2
+    np.testing.assert_allclose(found.outer.robot_shared_mm, np.sqrt(squares / 3.0))
+    assert not found.thickness.robot_shared_mm.any()
     other = replace(session, results=replace(session.results, sono_detection=None))
     assert map_accuracy(other, hand=True) is None
 

@@ -10,7 +10,7 @@ import pytest
 import rona_core.app
 from rona_core.app.dependencies.staleness import input_digests, stale_reason
 from rona_core.app.runtime.session_step import Undo
-from rona_core.app.steps.acoustics.derivation import session_probe, usable_speed
+from rona_core.app.steps.acoustics.derivation import robot_probe, session_probe, usable_speed
 from rona_core.app.steps.acoustics.messages import (
     CalibrateDelayLine,
     StartCaliperMeasurements,
@@ -34,7 +34,7 @@ from rona_core.app.steps.maps.derivation import (
     probe_poses,
 )
 from rona_core.app.steps.maps.messages import StartMapping
-from rona_core.app.steps.setup.messages import SetProbe, SetSeed
+from rona_core.app.steps.setup.messages import SetProbe, SetSeed, SetWorld
 from rona_core.compose import new_workbench
 from rona_core.devices.protocols import never, silent
 from rona_core.session.document import Session
@@ -125,10 +125,14 @@ def test_every_kind_of_scan_gives_detection_all_that_is_known(measured, asked, n
     probe = asked_for.probe
     np.testing.assert_array_equal(asked_for.track.rf, scans.rf)
     line = session.results.line.value
-    assert probe == session_probe(session) != probe_model(session.setup.devices.probe)
-    assert probe.line_delay_us == pytest.approx(line.at(22.0)[0], abs=1e-9)
+    known = session_probe(session) if name == "hand" else robot_probe(session)
+    assert probe == known != probe_model(session.setup.devices.probe)
+    if name == "hand":  # another probe than the one that the gauge plate was screwed to
+        assert probe.line_delay_us == pytest.approx(line.at(22.0)[0], abs=1e-9)
     assert asked_for.excitation == session.setup.devices.probe.excitation
     assert given["method"] == "subtract"
+    learned = session.results.detection.value.bone_loss
+    assert given["bone_loss"] == (learned if name == "second" else None)
     assert given["sound_speed_mm_per_us"] == (speed or NOMINAL_SPEED_MM_PER_US)
     places, axes = asked_for.positions_mm, asked_for.axes
     if name == "hand":  # there in the frame of the tracker, which stands still
@@ -152,7 +156,9 @@ def test_detection_is_called_at_one_place_for_all_scans():
     assert [part.name for part in fields(derivation.Survey)] == [
         "scans",
         "poses",
+        "probe",
         "known_standoff_mm",
+        "bone_loss",
     ]
 
 
@@ -160,6 +166,7 @@ def test_a_warm_line_that_was_calibrated_is_that_of_the_scan_by_hand():
     bench = new_workbench(Session())
     try:
         bench.dispatch(SetSeed(1))
+        bench.dispatch(SetWorld("nominal"))  # where the line is as warm as told
         bench.dispatch(SetProbe(line_temperature_c=WARM_C))
         bench.run(StartDelayLineCapture(n=8))
         bench.run(StartHandheldCalibration(pivot_s=8.0, spin_s=8.0))
@@ -183,7 +190,8 @@ def test_a_warm_line_that_was_calibrated_is_that_of_the_scan_by_hand():
 
 
 def test_the_calibrated_speed_holds_in_the_scan_by_hand_too(measured):
-    bench = new_workbench(measured)
+    before_caliper = measured.with_capture("references", None).with_result("speed", None)
+    bench = new_workbench(before_caliper)
     try:
         bench.run(StartHandheldMapping())
         assert stale_reason("sono_maps", bench.session) is None

@@ -13,6 +13,7 @@ from rona_core.evaluation.metrics import KEYS, evaluate
 from rona_core.evaluation.scan_metrics import detection_figures, true_probe_poses, wrong_inner
 from rona_core.evaluation.truth import Truth
 from rona_core.virtual.rig import build_scene
+from rona_core.virtual.world.world import NOMINAL
 
 SETTINGS = DeviceSettings()
 STEPS = (
@@ -32,7 +33,7 @@ STEPS = (
 
 @pytest.fixture(scope="module")
 def scene():
-    return build_scene(2, SphereSpecimen(), SETTINGS)
+    return build_scene(2, SphereSpecimen(), SETTINGS, NOMINAL)
 
 
 def session_of(**results):
@@ -53,6 +54,7 @@ def perfect_tool(scene):
         T_toolmarker_tip=scene.T_tip_toolmarker.inv(),
         T_base_tracker=scene.T_base_tracker,
         tip_sigma_mm=0.1,
+        registration_sigma_mm=0.2,
     )
 
 
@@ -105,7 +107,7 @@ def test_the_true_probe_is_where_the_robot_errs_to(scene):
     scan = scan_over(scene)
     true = true_probe_poses(scan, Truth(scene))
     exact = DeviceSettings(robot=type(SETTINGS.robot)(errors=False))
-    still = build_scene(2, SphereSpecimen(), exact)
+    still = build_scene(2, SphereSpecimen(), exact, NOMINAL)
     nominal = true_probe_poses(scan, Truth(still))
     off = true.translations - nominal.translations
     systematic = scene.robot_error.systematic_mm(nominal.translations)

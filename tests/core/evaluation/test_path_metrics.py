@@ -5,6 +5,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from rona_core.evaluation.figures import rms
 from rona_core.path.manual_edits import PathEdits
 from rona_core.robot.trajectory.trajectory import Trajectory
 from rona_core.session.codec import digest
@@ -112,6 +113,28 @@ def test_axes_that_lean_by_an_angle_are_off_by_that_angle(seed, angle_deg):
     assert figures["normal_error_p95_deg"] == pytest.approx(angle_deg, abs=1e-6)
 
 
+def test_waves_smaller_than_a_face_turn_the_normal_at_a_point_and_not_below_a_face():
+    truth = truth_of(0)
+    points, height_mm, wave_mm = truth.region_points(5.0), 0.05, 3.0
+    smooth = truth.foot
+
+    def rough(at):
+        feet, normals = smooth(at)
+        phase = 2.0 * np.pi * feet[:, :1] / wave_mm
+        along = np.eye(3)[0] - normals[:, :1] * normals
+        slopes = 2.0 * np.pi * height_mm / wave_mm * np.cos(phase)
+        turned = normals - slopes * along
+        turned /= np.linalg.norm(turned, axis=1)[:, None]
+        return feet + height_mm * np.sin(phase) * normals, turned
+
+    truth.foot = rough
+    at_points = rough(points)[1]
+    for found, below, above in ((truth.face_normals(points, 5.0), 0.0, 0.5), (at_points, 3.0, 5.0)):
+        cosine = np.clip((found * smooth(points)[1]).sum(axis=1), -1.0, 1.0)
+        assert below <= np.rad2deg(np.sqrt(np.mean(np.arccos(cosine) ** 2))) < above
+        np.testing.assert_allclose(np.linalg.norm(found, axis=1), 1.0)
+
+
 def test_normals_that_point_into_the_bone_are_half_a_turn_off():
     truth = truth_of(1)
     points = truth.region_points(10.0)
@@ -149,3 +172,31 @@ def test_a_plan_is_counted_by_rolls_and_timed_from_end_to_end():
     assert figures["roll_variation_deg"] is None
     assert figures["min_joint_margin_deg"] is None
     assert figures["min_clearance_mm"] is None
+
+
+class Rough:
+    """A ball with waves 3 mm long and 0.05 mm high on it: slopes of 6 degrees at points."""
+
+    def __init__(self, specimen):
+        self._specimen = specimen
+
+    def __getattr__(self, name):
+        return getattr(self._specimen, name)
+
+    def normal(self, points_skull):
+        normals = self._specimen.normal(points_skull)
+        slope = 0.1 * np.cos(2.0 * np.pi / 3.0 * np.asarray(points_skull)[:, :1])
+        leant = normals + slope * np.cross(normals, (0.0, 1.0, 0.0))
+        return leant / np.linalg.norm(leant, axis=1)[:, None]
+
+
+def test_the_true_normal_is_that_below_the_face_of_the_probe():
+    truth = truth_of(2)
+    points = truth.region_points(6.0)
+    smooth = truth.foot(points)[1]
+    np.testing.assert_allclose(truth.face_normals(points, 5.0), smooth, atol=1e-6)
+    truth.scene.specimen = Rough(truth.scene.specimen)
+    rough = truth
+    at_points, below = rough.foot(points)[1], rough.face_normals(points, 5.0)
+    off = [np.linalg.norm(np.cross(found, smooth), axis=1) for found in (at_points, below)]
+    assert rms(off[1]) < 0.4 * rms(off[0])

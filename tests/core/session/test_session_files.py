@@ -72,6 +72,31 @@ def test_saving_and_loading_gives_the_same_document_and_the_same_bytes(tmp_path)
     assert session_bytes(back) == path.read_bytes() == session_bytes(original)
 
 
+def test_a_capture_that_is_in_the_archive_too_is_there_once():
+    original = session()
+    taken, other = original.archive[0], replace(capture(30), ordinal=2)
+    original = replace(
+        original,
+        captures=Captures(pointer=other, surface=(taken, other), path=replace(taken, partial=True)),
+        archive=(taken, other),
+    )
+    back = session_from_bytes(session_bytes(original))
+    first, second = back.archive
+    assert back.captures.pointer is second
+    assert back.captures.surface == (first, second)
+    assert back.captures.path.partial
+    assert back.captures.path is not first
+    assert digest(back) == digest(original)
+
+
+def test_a_capture_of_the_archive_in_a_place_of_others_is_refused():
+    def exchange(manifest):
+        manifest["session"]["captures"]["tool"] = manifest["session"]["captures"]["pointer"]
+
+    with pytest.raises(SessionFormatError, match="session/captures/tool"):
+        session_from_bytes(with_manifest(session_bytes(session()), exchange))
+
+
 def test_a_file_of_before_packing_loads(monkeypatch):
     original = session()
     assert any(name.startswith("packed/") for name in names_in(session_bytes(original)))

@@ -12,6 +12,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from rona_core.app.steps import STEPS
 from rona_core.calibration.handheld.pointer import PointerCalibration
 from rona_core.errors import SessionFormatError
 from rona_core.session.codec import decode, encode
@@ -24,7 +25,7 @@ DEMO = Path(__file__).resolve().parents[3] / "sessions" / "demo.rona"
 
 def classes_of_sessions():
     """Every class that a session can hold, by its type hints."""
-    found, left = {}, [Session]
+    found, left = {}, [Session, *declared_types()]
     while left:
         hint = left.pop()
         target = typing.get_origin(hint) or hint
@@ -33,6 +34,12 @@ def classes_of_sessions():
             found[target] = typing.get_type_hints(target)
             left += found[target].values()
     return found
+
+
+def declared_types():
+    """Classes that only a step declares."""
+    parts = [part for step in STEPS for part in (*step.captures, *step.results)]
+    return [kind for part in parts for kind in part.types]
 
 
 def arrays_in(hint):

@@ -19,7 +19,8 @@ def near(offsets):
     there = np.ones(offsets.shape[:2], dtype=bool)
     there[:, -1] = False
     offsets[:, -1] = 0.0
-    return Neighbourhoods(np.arange(len(offsets)), offsets, there)
+    rows = np.random.default_rng(0).permutation(10 * there.size)[: there.size]
+    return Neighbourhoods(np.arange(len(offsets)), offsets, there, rows.reshape(there.shape))
 
 
 def turns(seed, n=6):

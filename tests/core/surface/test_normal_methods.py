@@ -179,3 +179,25 @@ def test_no_normal_is_silently_wrong_in_sparse_clouds(method):
             fine += len(errors)
     assert fine > 2000
     assert wrong <= fine // 1000
+
+
+def passages(lifted_mm, white_mm, seed):
+    """A flat cloud of a pointer that came by 40 times; each time its points are lifted alike."""
+    rng = np.random.default_rng(seed)
+    x, y = np.meshgrid(np.linspace(-30, 30, 120), np.linspace(-30, 30, 40))
+    z = np.repeat(rng.normal(0.0, lifted_mm, 40)[:, None], 120, axis=1)
+    return np.stack((x, y, z + rng.normal(0.0, white_mm, z.shape)), axis=-1).reshape(-1, 3)
+
+
+@pytest.mark.parametrize(("lifted_mm", "white_mm"), [(0.05, 0.005), (0.0, 0.05)])
+def test_points_of_one_passage_that_err_alike_count_as_few(lifted_mm, white_mm):
+    squares = []
+    for seed in range(6):
+        points = passages(lifted_mm, white_mm, seed)
+        at = points[np.hypot(points[:, 0], points[:, 1]) < 20.0][::37]
+        found = NormalField(points, 8.0).normals(at, outward=(0, 0, 1))
+        sine = np.linalg.norm(np.cross(found.normals, (0.0, 0.0, 1.0)), axis=1)
+        squares.append(np.mean((np.rad2deg(np.arcsin(sine)) / found.sigma_deg) ** 2))
+    assert np.mean(squares) < 1.5
+    if not lifted_mm:  # what is lifted looks like relief as well, and counts as both
+        assert np.mean(squares) > 0.6

@@ -111,5 +111,5 @@ def test_the_true_tip_carries_the_error_of_the_robot():
     scene = scene_of()
     scene.robot_error = ShiftError((0.1, -0.2, 0.3))
     nominal = Pose.from_rotvec((0.1, 0.2, 0.3), (600.0, 0.0, 400.0))
-    true = scene.Ts_base_tip_true(nominal.repeated(1), 0, np.zeros(1, int))[0]
+    true = scene.Ts_base_tip_true(nominal.repeated(1), None, 0, np.zeros(1, int))[0]
     np.testing.assert_allclose(true.translation - nominal.translation, (0.1, -0.2, 0.3))

@@ -142,12 +142,15 @@ def stopped_by_escape(surgeon: Surgeon, words: str) -> Any:
     surgeon.button(words).click()
     share = surgeon.frame.get_by_text(re.compile(r"^Scanning: [1-9]\d* %$"))
     share.wait_for()  # A-scans have begun to come
+    asked_s = time.monotonic()
     assert surgeon.ask("/sessions/current/robot/state")["moving"]
+    # at once, whatever the page has to draw; on a slow machine as late as a few answers come
+    soon_s = max(1.0, 10.0 * (time.monotonic() - asked_s))
     surgeon.page.keyboard.press("Escape")
     pressed_s = time.monotonic()
-    wait_for(lambda: not surgeon.ask("/sessions/current/robot/state")["moving"], 1.0, "rest")
+    wait_for(lambda: not surgeon.ask("/sessions/current/robot/state")["moving"], soon_s, "rest")
     stopped = surgeon.ask("/sessions/current/robot/state")
-    assert time.monotonic() - pressed_s < 1.0  # at once, whatever the page has to draw
+    assert time.monotonic() - pressed_s < soon_s
     surgeon.wait_idle(5.0)  # most of the path is still ahead
     recorded = surgeon.ask("/sessions/current")["captures"][-1]
     assert (recorded["kind"], recorded["partial"]) == ("ScanCapture", True)

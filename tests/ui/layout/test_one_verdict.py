@@ -178,7 +178,7 @@ def test_limits_are_no_looser_than_what_the_paper_and_the_readme_state():
         assert limits[key] <= 0.85
     for key in ("thickness_rms_mm", "sono_thickness_rms_mm"):
         assert limits[key] <= 0.5
-    assert limits["normal_error_median_deg"] <= 0.5
+    assert limits["normal_error_median_deg"] <= 1.0  # neither states one: half of an echo is lost
     assert limits["normal_error_p95_deg"] <= 2.5
     for kind in FIGURES.values():
         if kind.paper is not None and kind.limit is not None:
@@ -273,3 +273,21 @@ def test_what_is_behind_another_robot_cannot_be_started(demo):
     StepTitle(title).render(None, at)
     assert "First record the tool motion (step 2) again" in title.html()
     assert not bar(snapshot(demo, "scan")).find("button", "Scan again").disabled
+
+
+def test_a_caliper_that_contradicts_the_echoes_fails_the_predicted_thickness(demo: Session) -> None:
+    key, figures = "thickness_sigma_predicted_mm", {"thickness_sigma_predicted_mm": 0.1}
+
+    def row(verdict: str) -> Any:
+        speed = demo.results.speed
+        assert speed is not None
+        value = replace(speed.value, verdict=verdict, reasons=("not those of bone",))
+        results = replace(demo.results, speed=replace(speed, value=value))
+        rows = quality_rows(figures, replace(demo, results=results))
+        return next(row for row in rows if row.key == key)
+
+    assert row("good").verdict == "pass"
+    contradicted = row("bad")
+    assert contradicted.verdict == "fail"
+    assert "contradicts the echoes" in contradicted.reason
+    assert "not those of bone" in contradicted.sentence

@@ -102,6 +102,8 @@ def test_the_maps_say_how_far_off_they_are_expected_to_be(demo: Session) -> None
     assert accuracy is not None
     assert accuracy_words(demo.results.maps.value, accuracy) in gui.html()
     assert "Bone thickness (mm)" in gui.html()
+    assert demo.results.detection is not None
+    assert f"{demo.results.detection.value.bone_loss:.1f} times the published mean" in gui.html()
     MapsPanel(gui := FakeGui(), NOTHING).render(
         None, snapshot(demo, ViewState(step="maps", quantity="sigma"))
     )
@@ -109,6 +111,19 @@ def test_the_maps_say_how_far_off_they_are_expected_to_be(demo: Session) -> None
     ticks = re.findall(r"(\d+\.\d+)</span>", gui.html())
     assert all(len(tick.split(".")[1]) == 2 for tick in ticks[-3:])  # hundredths
     assert 0.1 < float(ticks[-3]) < float(ticks[-1]) < 1.0
+
+
+def test_the_maps_say_how_lossy_the_bone_is(demo: Session) -> None:
+    detection = demo.results.detection
+    assert detection is not None
+    for loss, words in ((1.5, "13.1 dB/cm at 1 MHz ± 10 %"), (None, "Bone loss: not learned")):
+        gui = FakeGui()
+        value = replace(detection.value, bone_loss=loss)
+        results = replace(demo.results, detection=replace(detection, value=value))
+        shown = replace(demo, results=results)
+        MapsPanel(gui, NOTHING).render(None, snapshot(shown, ViewState(step="maps")))
+        assert words in gui.html()
+        assert "published mean of 8.7" in gui.html()
 
 
 def test_maps_are_drawn_in_the_colours_of_their_expected_error(demo: Session) -> None:

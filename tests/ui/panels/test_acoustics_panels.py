@@ -9,7 +9,12 @@ from rona_core.app.steps.acoustics.messages import (
     StartDelayLineCapture,
     StartProbeSweep,
 )
-from rona_core.app.steps.acoustics.view import ReferenceRow, probe_performances
+from rona_core.app.steps.acoustics.view import (
+    Judged,
+    ReferenceGain,
+    ReferenceRow,
+    probe_performances,
+)
 from rona_core.app.steps.boundaries.probe_advice import ProbeAdvice
 from rona_core.app.steps.maps.messages import StartMapping
 from rona_core.app.steps.setup.messages import SetProbe
@@ -124,3 +129,21 @@ def test_the_sweep_is_sent_as_the_fields_say_and_shown_cell_by_cell():
     assert "100 %" in html
     assert "31 / -4" in html
     assert html.count("#f9d9d9") == 2  # the poor cell, and the legend
+
+
+def test_the_gain_is_promised_before_anything_is_measured(monkeypatch):
+    gui, recorder = FakeGui(), Recorder()
+    panel = MapsPanel(gui, recorder.context)
+    gain = ReferenceGain(np.array([12, 345, 678]), 0.3, 0.18)
+    monkeypatch.setattr("rona_ui.panels.acoustics.reference_gain", lambda session: gain)
+    panel.render(None, snapshot())
+    promised = "± 0.30 mm now, ± 0.18 mm with 3 reference points"
+    assert promised in gui.html()
+    assert "A-scan 12, 345, 678" in gui.html()
+    assert not gui.find("button", "Measure more").visible  # than none
+    gui.find("button", "Measure more").happen(CLIENT)
+    assert recorder.sent == [StartCaliperMeasurements(n=3, append=True)]
+    good = Judged("2.700 ± 0.030 mm/µs, good.", "good")
+    monkeypatch.setattr("rona_ui.panels.acoustics.speed_state", lambda session: good)
+    panel.render(None, snapshot())
+    assert promised not in gui.html()  # nothing is asked for that is there

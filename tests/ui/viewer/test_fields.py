@@ -2,11 +2,13 @@
 
 import asyncio
 import json
+import zipfile
 from typing import Any
 
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from viser._icons import svg_from_icon
 
 from rona_core.errors import InvalidInputError
 from rona_ui.viewer import fields as fields_module
@@ -246,3 +248,21 @@ def test_what_listens_hears_of_viser_s_own_changes_too() -> None:
     handle.happen(CLIENT)  # an arrow beside the number, or a drag
     asyncio.run(field.notify_listeners("typed"))
     assert heard == [CLIENT, "typed"]
+
+
+def test_the_icons_of_viser_are_read_from_an_archive_that_stays_open(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    genuine = {name: svg_from_icon(name) for name in ("check", "plus", "trash")}
+    gateway = ViewerGateway()
+    monkeypatch.setattr(zipfile, "ZipFile", None)  # it cannot be opened again
+    try:
+        gui = gateway.server.gui
+        button = gui.add_button("Do", icon="check")
+        tabs = gui.add_tab_group()
+        tabs.add_tab("One", "plus")
+        held = [button._impl.props._icon_html, *tabs._impl.props._tab_icons_html]
+        button.icon = "trash"
+        assert [*held, button._impl.props._icon_html] == list(genuine.values())
+    finally:
+        gateway.close()

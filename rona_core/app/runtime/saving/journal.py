@@ -12,7 +12,7 @@ from rona_core.app.runtime.store import Store
 from rona_core.errors import RonaError
 from rona_core.session.codec import decode, encode
 from rona_core.session.document import LogEntry
-from rona_core.session.migrate import with_present_message
+from rona_core.session.message_migration import with_present_message
 
 JOURNAL_SUFFIX = ".jsonl"
 MOST_ENTRIES = 64  # then a whole copy is due: doing them again takes time

@@ -6,6 +6,7 @@ from rona_core.app.declarations.declarations import Input
 from rona_core.app.dependencies.inputs import require_result
 from rona_core.app.dependencies.staleness import stale_reason
 from rona_core.app.steps.acoustics.messages import CalibrateDelayLine, CalibrateSoundSpeed
+from rona_core.app.steps.scan.probe_mounting import known_mounting
 from rona_core.app.steps.scan.probe_poses import probe_poses_of
 from rona_core.errors import InvalidInputError
 from rona_core.geometry.arrays import Floats
@@ -37,14 +38,15 @@ def derive_speed(session: Session, message: CalibrateSoundSpeed) -> SpeedCalibra
     """
     references = require_result(session.captures.references, "measure reference points (step 9)")
     detection = require_result(session.results.detection, "detect the boundaries (step 9)").value
-    places = references.places_base
-    lag_us, sigma_us = lags_at(places, entry_points(session, detection), detection)
+    places, entries = references.places_base, entry_points(session, detection)
+    lag_us, sigma_us = lags_at(places, entries, detection)
     return calibrate_speed(
         references.thickness_mm,
         lag_us,
-        thickness_sigma_mm=float((references.sigma_mm**2).mean() ** 0.5),
-        lag_sigma_us=float((sigma_us**2).mean() ** 0.5),
+        thickness_sigma_mm=references.sigma_mm,
+        lag_sigma_us=sigma_us,
         positions_mm=places,
+        region_mm=entries[detection.inner_ok],
     )
 
 
@@ -70,6 +72,17 @@ def session_probe(session: Session) -> ProbeModel:
     if line is None:
         return probe
     return calibrated_probe(probe, line, settings.line_temperature_c)
+
+
+def robot_probe(session: Session) -> ProbeModel:
+    """Return the probe at the robot: what the gauge plate said of its line comes before the block.
+
+    It was asked as warm as the line is in the scan.
+    """
+    mounting = known_mounting(session)
+    if mounting is None:
+        return session_probe(session)
+    return probe_model(session.setup.devices.probe).with_line_delay(mounting.line_delay_us)
 
 
 def first_speed(wanted: float | None) -> float:

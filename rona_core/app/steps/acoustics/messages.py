@@ -61,7 +61,8 @@ class CalibrateDelayLine:
 class StartCaliperMeasurements:
     """Measure the thickness at some places with a caliper; then calibrate the speed of sound.
 
-    The places are chosen among the A-scans: spread over the region, thick, and sure.
+    The places are those that the program proposes: thick, sure of their echo, and far apart. With
+    ``append`` the points there are stay, and the places are those that add most to them.
     """
 
     n: int = within(1, 20, default=3)

@@ -16,6 +16,7 @@ from rona_core.app.steps.acoustics.derivation import (
     derive_speed,
     entry_points,
     require_point,
+    usable_speed,
 )
 from rona_core.app.steps.scan.probe_poses import probe_poses_of
 from rona_core.app.steps.setup import capture_parts as parts
@@ -25,7 +26,7 @@ from rona_core.geometry.arrays import readonly
 from rona_core.session.captures import BlockCapture, ReferenceCapture
 from rona_core.session.document import Session
 from rona_core.ultrasound.acoustic_calibration.expected_performance import WhatIfGrid
-from rona_core.ultrasound.acoustic_calibration.reference_points import choose_reference_scans
+from rona_core.ultrasound.acoustic_calibration.reference_points import propose_references
 
 BLOCK, REFERENCES = capture_input("block"), capture_input("references")
 SCAN_CAPTURE, DETECTION = capture_input("scan"), result_input("detection")
@@ -38,7 +39,8 @@ def capture_thickness(
     detection = require_result(session.results.detection, "map the boundaries (step 9)").value
     poses = require_result(probe_poses_of(session), "scan (step 8)")
     places = entry_points(session, detection)
-    rows = choose_reference_scans(places, detection, activity.n)
+    known = usable_speed(session) if activity.append else None
+    rows = propose_references(places, detection, activity.n, known).scans
     ordinal = begin(session, context)
     axes = poses.rotations[rows][:, :, 2]
     thickness_mm, sigma_mm = context.rig.bench.measure_thickness(places[rows], axes)
@@ -200,7 +202,9 @@ STEP = declare.Step(
     ),
     captures=(
         declare.Capture(
-            "block", "take A-scans on the block (step 1)", (parts.of_input(BLOCK_PROBE),)
+            "block",
+            "take A-scans on the block (step 1)",
+            (parts.of_input(BLOCK_PROBE), parts.BLOCK),
         ),
         declare.Capture(
             "references",

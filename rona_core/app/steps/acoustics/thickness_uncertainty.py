@@ -4,12 +4,22 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from rona_core.geometry.arrays import Floats
+from rona_core.app.dependencies.staleness import stale_reason
+from rona_core.app.steps.scan.probe_poses import probe_poses_of
+from rona_core.errors import DegenerateGeometryError
+from rona_core.geometry.arrays import Floats, Ints
+from rona_core.geometry.pose import Poses
 from rona_core.mapping.boundary_map import Maps
+from rona_core.mapping.build_maps import boundary_points
 from rona_core.session.codec import digest
 from rona_core.session.document import Session
 from rona_core.session.memo import remember
+from rona_core.ultrasound.acoustic_calibration.reference_points import (
+    ReferenceProposal,
+    propose_references,
+)
 from rona_core.ultrasound.acoustic_calibration.speed_calibration import (
+    LEAST_POINTS,
     SpeedCalibration,
     uncalibrated,
 )
@@ -25,7 +35,7 @@ class ThicknessShares:
 
     total_mm: float
     timing_mm: float  # by the time of flight
-    patient_mm: float  # by the mean speed of the patient
+    patient_mm: float  # by the mean speed over the region
     place_mm: float  # by the speed at the place against that mean
     wedge_mm: float  # by an inner boundary that is not parallel to the outer one
     points: int  # of reference that the speed was calibrated at
@@ -55,6 +65,46 @@ def speed_of_maps(session: Session, *, hand: bool = False) -> SpeedCalibration |
     if results.sono_maps is not None and hand and results.sono_maps.value.frame != "base":
         return None
     return speed.value if maps.inputs.get("speed") == digest(speed.value) else None
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ReferenceGain:
+    """Standard deviation of a thickness (RMS) in mm with and without reference points to come."""
+
+    scans: Ints  # (n,) numbers of the A-scans that are proposed for a caliper
+    now_mm: float
+    then_mm: float
+
+
+def reference_gain(session: Session, n: int = LEAST_POINTS) -> ReferenceGain | None:
+    """Return which n places the program proposes, and what is gained by measuring them.
+
+    The points there are stay. None before step 9, where its detection is stale, or where no n
+    places are thick and sure enough.
+    """
+    shares, poses = thickness_shares(session), probe_poses_of(session)
+    detection = session.results.detection
+    if shares is None or poses is None or detection is None:
+        return None
+    if stale_reason("detection", session) is not None:
+        return None
+    proposal = _proposal(detection.value, poses, speed_of_maps(session), n)
+    if proposal is None:
+        return None
+    rest = shares.timing_mm**2 + shares.wedge_mm**2
+    now_mm, then_mm = (float((rest + by**2) ** 0.5) for by in (proposal.now_mm, proposal.then_mm))
+    return ReferenceGain(proposal.scans, now_mm, then_mm)
+
+
+@remember(4)
+def _proposal(
+    detection: Detection, poses: Poses, known: SpeedCalibration | None, n: int
+) -> ReferenceProposal | None:
+    places = boundary_points(detection, poses)[0]
+    try:
+        return propose_references(places, detection, n, known)
+    except DegenerateGeometryError:
+        return None
 
 
 @remember(4)

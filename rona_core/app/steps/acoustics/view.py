@@ -5,7 +5,12 @@ from functools import lru_cache
 from typing import Any
 
 from rona_core.app.dependencies.staleness import stale_reason
-from rona_core.app.steps.acoustics.thickness_uncertainty import ThicknessShares, thickness_shares
+from rona_core.app.steps.acoustics.thickness_uncertainty import (
+    ReferenceGain,
+    ThicknessShares,
+    reference_gain,
+    thickness_shares,
+)
 from rona_core.devices.settings import ProbeSettings
 from rona_core.session.document import Session
 from rona_core.ultrasound.acoustic_calibration.delay_line import DelayLine
@@ -15,9 +20,20 @@ from rona_core.ultrasound.acoustic_calibration.expected_performance import (
     expected_performances,
 )
 from rona_core.ultrasound.acoustic_calibration.speed_calibration import SpeedCalibration
+from rona_core.ultrasound.acoustic_calibration.speed_prior import PATIENTS_SHARE
+from rona_core.ultrasound.detection.detect import NOMINAL_LOSS_DB_PER_CM, Detection, heard
+from rona_core.ultrasound.detection.spatial.detectability import MORE_LOSS
 from rona_core.ultrasound.probe.probe_model import probe_model
 
-__all__ = ["ExpectedPerformance", "ThicknessShares", "WhatIf", "thickness_shares"]
+__all__ = [
+    "ExpectedPerformance",
+    "ReferenceGain",
+    "ThicknessShares",
+    "WhatIf",
+    "reference_gain",
+    "thickness_shares",
+]
+PUBLISHED_WORDS = f"± {100 * PATIENTS_SHARE:.0f} % between studies and patients"
 EDITABLE = ("centre_mhz", "bandwidth", "aperture_mm", "line_length_mm", "pulse_shape")
 
 
@@ -97,10 +113,32 @@ def speed_state(session: Session) -> Judged | None:
         return None
     speed = held.value
     words = (
-        f"{speed.speed_mm_per_us:.3f} ± {speed.sigma_mm_per_us:.3f} mm/µs, "
-        f"places differ by ± {speed.local_sd_mm_per_us:.3f}"
+        f"{speed.speed_mm_per_us:.3f} ± {speed.sigma_mm_per_us:.3f} mm/µs "
+        f"(± {100 * speed.share:.1f} %), places differ by ± {speed.local_sd_mm_per_us:.3f}"
     )
     return _judged("speed", words, speed, session)
+
+
+def is_heard(detection: Detection) -> bool:
+    """Return whether a first pass hears the inner boundary of the bone at all."""
+    return heard(detection)
+
+
+def loss_words(detection: Detection) -> str:
+    """Return the loss of the bone that echoes were judged by, beside the published mean."""
+    published = f"published mean of {NOMINAL_LOSS_DB_PER_CM:.1f}"
+    loss = detection.bone_loss
+    if not heard(detection):
+        return (
+            "The first pass hears no inner boundary: the bone takes too much of the echo at this "
+            "frequency. No pass is believed; take a probe of lower frequency (step 1)."
+        )
+    if loss is None:
+        return f"Bone loss: not learned, too few deep echoes; {published} dB/cm at 1 MHz taken."
+    return (
+        f"Bone loss: {loss * NOMINAL_LOSS_DB_PER_CM:.1f} dB/cm at 1 MHz ± {100 * MORE_LOSS:.0f} %, "
+        f"learned from the echoes: {loss:.1f} times the {published}."
+    )
 
 
 def _judged(name: str, words: str, made: DelayLine | SpeedCalibration, session: Session) -> Judged:
@@ -110,6 +148,16 @@ def _judged(name: str, words: str, made: DelayLine | SpeedCalibration, session: 
         return Judged(f"{words}. Not used: {reason}.", "stale")
     verdict = ": ".join(filter(None, (made.verdict, "; ".join(made.reasons))))
     return Judged(f"{words}, {verdict}.", made.verdict)
+
+
+def gain_words(gain: ReferenceGain) -> str:
+    """Return what reference points at the proposed places promise, before they are measured."""
+    places = ", ".join(str(scan) for scan in gain.scans)
+    n = len(gain.scans)
+    return (
+        f"Thickness ± {gain.now_mm:.2f} mm now, ± {gain.then_mm:.2f} mm with {n} "
+        f"reference point{'s' * (n > 1)} at the proposed places (A-scan {places})."
+    )
 
 
 def reference_rows(session: Session) -> tuple[ReferenceRow, ...]:

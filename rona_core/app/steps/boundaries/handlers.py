@@ -4,7 +4,7 @@ from dataclasses import replace
 
 from rona_core.app.declarations.registry import REGISTRY
 from rona_core.app.dependencies.inputs import require_result
-from rona_core.app.steps.acoustics.derivation import session_probe
+from rona_core.app.steps.acoustics.derivation import robot_probe, session_probe
 from rona_core.app.steps.boundaries.messages import ClearBoundaryCorrections, CorrectBoundary
 from rona_core.app.steps.handheld.derivation import NOT_SEEN, posed_scans, spread
 from rona_core.errors import InvalidInputError, StepBlockedError
@@ -38,7 +38,8 @@ def detection_of_scan(session: Session, scan: ScanName = "first") -> Detection |
         found = spread(derived.value, posed_scans(session, capture).known)
     if found is None:
         return None  # of other A-scans: the delay of the tracker is another one now
-    return corrected(found, session.boundary_edits, scan, session_probe(session))
+    probe = session_probe(session) if scan == "hand" else robot_probe(session)
+    return corrected(found, session.boundary_edits, scan, probe)
 
 
 def correct_boundary(message: CorrectBoundary, session: Session) -> Session:

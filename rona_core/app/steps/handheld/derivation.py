@@ -164,7 +164,7 @@ def derive_sono_detection(
             "and turn them towards the tracker"
         )
     Ts_tracker_probe: Poses = posed.Ts_tracker_marker @ calibration.T_sonomarker_probe
-    survey = Survey(_chosen(capture.scans, known), Ts_tracker_probe)
+    survey = Survey(_chosen(capture.scans, known), Ts_tracker_probe, session_probe(session))
     return detect_survey(session, survey, message, progress=progress, cancel=cancel)
 
 

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from rona_core.app.dependencies.inputs import require_result
 from rona_core.app.dependencies.staleness import input_digests, stale_reason
 from rona_core.app.messages.serialization import serialize_arguments
-from rona_core.app.steps.acoustics.derivation import first_speed, session_probe, with_known_speed
+from rona_core.app.steps.acoustics.derivation import first_speed, robot_probe, with_known_speed
 from rona_core.app.steps.maps.messages import StartGapPlan, StartMapping
 from rona_core.app.steps.roll.derivation import plan_settings
 from rona_core.app.steps.roll.messages import StartRollSearch
@@ -16,15 +16,23 @@ from rona_core.errors import StepBlockedError
 from rona_core.geometry.arrays import Floats
 from rona_core.geometry.pose import Poses
 from rona_core.mapping.boundary_map import Maps
-from rona_core.mapping.build_maps import LocatedDetection, build_maps
+from rona_core.mapping.build_maps import (
+    LocatedDetection,
+    OuterMaps,
+    add_inner_map,
+    build_outer_maps,
+)
 from rona_core.mapping.second_pass import plan_second_pass, standoffs_mm
 from rona_core.robot.kinematics.catalog import robot_model
 from rona_core.robot.planning.plan_scan import plan_scan
 from rona_core.session.captures import ScanCapture
 from rona_core.session.document import Derived, SecondPass, Session
-from rona_core.ultrasound.detection.detect import Detection, detect
+from rona_core.session.memo import Memo
+from rona_core.ultrasound.detection.detect import Detection, detect, doubted, heard
 from rona_core.ultrasound.detection.manual_corrections import corrected
-from rona_core.ultrasound.probe.probe_model import ProbeSurvey
+from rona_core.ultrasound.probe.probe_model import ProbeModel, ProbeSurvey
+
+OUTER_MAPS: Memo[OuterMaps] = Memo(2)  # maps, plan of a second pass and its detection share one
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -33,7 +41,9 @@ class Survey:
 
     scans: AScanTrack
     poses: Poses  # (n,) of the probe
+    probe: ProbeModel  # as far as it is known
     known_standoff_mm: Floats | None = None  # (n,) to the outer boundary, see ``ProbeSurvey``
+    bone_loss: float | None = None  # over the nominal one; None: to be learned from these A-scans
 
 
 def detect_survey(
@@ -53,7 +63,7 @@ def detect_survey(
     return detect(
         ProbeSurvey(
             survey.scans,
-            session_probe(session),
+            survey.probe,
             session.setup.devices.probe.excitation,
             positions_mm=survey.poses.translations,
             axes=survey.poses.rotations[:, :, 2],
@@ -61,6 +71,7 @@ def detect_survey(
         ),
         method=message.method,
         sound_speed_mm_per_us=first_speed(message.sound_speed_mm_per_us),
+        bone_loss=survey.bone_loss,
         progress=progress,
         cancel=cancel,
     )
@@ -70,7 +81,8 @@ def derive_detection(
     session: Session, message: StartMapping, *, progress: Progress, cancel: Cancel
 ) -> Detection:
     """Find both boundaries in every A-scan, with those around it as witnesses."""
-    survey = Survey(require_result(session.captures.scan, "scan").scans, probe_poses(session))
+    scans = require_result(session.captures.scan, "scan").scans
+    survey = Survey(scans, probe_poses(session), robot_probe(session))
     return detect_survey(session, survey, message, progress=progress, cancel=cancel)
 
 
@@ -96,13 +108,12 @@ def derive_maps(
     where there is one, unless ``first_only``: plans do not wait for a caliper. Boundaries that were
     set by hand take the place of those that were found.
     """
-    edits, probe = session.boundary_edits, session_probe(session)
-    cloud = require_result(session.results.surface, "sample the surface").value
-    detection = require_result(session.results.detection, "detect the boundaries").value
-    detection = corrected(detection, edits, "first", probe)
+    edits, probe = session.boundary_edits, robot_probe(session)
+    detection, poses = _first_detection(session), probe_poses(session)
+    outer = _outer_maps(session, message, progress=progress, cancel=cancel)
     capture, again = usable_second(session), session.results.second_detection
     second = None
-    poses, wanted = probe_poses(session), message.sound_speed_mm_per_us
+    wanted = message.sound_speed_mm_per_us
     if not first_only:
         detection = with_known_speed(detection, poses, session, wanted)
     if not first_only and capture is not None and again is not None:
@@ -110,15 +121,34 @@ def derive_maps(
         edited = corrected(again.value, edits, "second", probe)
         edited = with_known_speed(edited, second_poses, session, wanted)
         second = LocatedDetection(edited, second_poses)
-    return build_maps(
-        LocatedDetection(detection, poses),
-        cloud.points_base,
-        second=second,
-        cell_mm=message.cell_mm,
-        probe=probe,
-        progress=progress,
-        cancel=cancel,
-    )
+    return add_inner_map(outer, LocatedDetection(detection, poses), second)
+
+
+def _first_detection(session: Session) -> Detection:
+    """Return the boundaries of the first pass as detected, or as set by hand."""
+    detection = require_result(session.results.detection, "detect the boundaries").value
+    return corrected(detection, session.boundary_edits, "first", robot_probe(session))
+
+
+def _outer_maps(
+    session: Session, message: StartMapping, *, progress: Progress = silent, cancel: Cancel = never
+) -> OuterMaps:
+    """Return the outer boundary of the first pass, by ultrasound and together with the cloud."""
+    cloud = require_result(session.results.surface, "sample the surface").value
+    detection = _first_detection(session)
+    probe, poses = robot_probe(session), probe_poses(session)
+
+    def build() -> OuterMaps:
+        return build_outer_maps(
+            LocatedDetection(detection, poses),
+            cloud.points_base,
+            cell_mm=message.cell_mm,
+            probe=probe,
+            progress=progress,
+            cancel=cancel,
+        )
+
+    return OUTER_MAPS.get((detection, poses, cloud), build, (message.cell_mm, probe))
 
 
 def derive_second(
@@ -152,12 +182,24 @@ def derive_second(
 def derive_second_detection(
     session: Session, message: StartMapping, *, progress: Progress, cancel: Cancel
 ) -> Detection:
-    """Find the inner boundary in the second pass; the outer one is where the first one saw it."""
+    """Find the inner boundary in the second pass; the outer one is where the first one saw it.
+
+    The bone is as lossy as the first pass found it. Bone in which that heard no inner boundary at
+    all is not heard by a probe that leans: the few echoes of the second pass are steps within it.
+    """
     capture = require_result(usable_second(session), "scan the gaps again")
-    outer = derive_maps(session, message, first_only=True).outer
+    outer = _outer_maps(session, message).outer
     poses = probe_poses(session, capture)
-    survey = Survey(capture.scans, poses, standoffs_mm(outer, poses))
-    return detect_survey(session, survey, message, progress=progress, cancel=cancel)
+    first = require_result(session.results.detection, "detect the boundaries").value
+    survey = Survey(
+        capture.scans,
+        poses,
+        robot_probe(session),
+        standoffs_mm(outer, poses),
+        first.bone_loss,
+    )
+    found = detect_survey(session, survey, message, progress=progress, cancel=cancel)
+    return found if heard(first) else doubted(found, found.inner_ok)
 
 
 def derive_mapping(

@@ -1,9 +1,9 @@
 """How sure the maps of step 9 are, cell by cell, without any truth.
 
-Four parts, whose squares add up: the time of flight of the nearest A-scans, what left-out samples
-tell of places between samples, the speed of sound, and where the probe was. The last two are
-nearly the same for all cells of a map. Nothing of it is stored: it follows from what a session
-holds, so that maps of older files are as honest as new ones. See
+Causes whose squares add up: the time of flight of the nearest A-scans, what left-out samples tell
+of places between samples, the speed of sound, and where the probe was. What a cause does to all
+cells alike stands apart from what each cell has for itself. Nothing of it is stored: it follows
+from what a session holds, so that maps of older files are as honest as new ones. See
 docs/algorithms/maps/boundary_maps.md.
 """
 
@@ -14,11 +14,12 @@ from scipy.interpolate import RectBivariateSpline
 from scipy.spatial import KDTree
 
 from rona_core.app.steps.acoustics.thickness_uncertainty import speed_of_maps
+from rona_core.app.steps.maps.error_terms import CellSigma, ErrorTerm, merged, summed
+from rona_core.app.steps.maps.probe_place import ProbePlace, hand_place, robot_place
 from rona_core.devices.settings import ProbeSettings
-from rona_core.devices.tracker_volumes import ACCURACY_MM
-from rona_core.geometry.arrays import Bools, Floats, readonly
+from rona_core.geometry.arrays import Bools, Floats
 from rona_core.mapping.boundary_map import BoundaryMap, Maps
-from rona_core.mapping.thin_plate_spline import left_out_error
+from rona_core.mapping.interpolation_error import interpolation_error
 from rona_core.session.document import Session
 from rona_core.session.memo import remember
 from rona_core.ultrasound.acoustic_calibration.speed_calibration import (
@@ -30,28 +31,11 @@ from rona_core.ultrasound.detection.detect import Detection
 from rona_core.ultrasound.detection.manual_corrections import BoundaryEdits, ScanName, corrected
 from rona_core.ultrasound.probe.probe_model import probe_model
 
-ROBOT_ACCURACY_MM = 0.35  # 3D RMS, as the paper states for its arm
-# As makers state it: how far an arm is off when it comes to a place again. Taken for a standard
-# deviation along the normal, which is on the safe side.
-REPEATABILITY_MM = {"rx90": 0.02, "ur5": 0.1, "ur10": 0.1}
+SPEED = "speed of sound of the patient"
+POINTS = "measure the bone at three reference points (step 9)"
+ROWS = "scan closer rows, or a second pass"
+ROUGHNESS_MM = 0.03  # of the outer table within a beam, which an A-scan averages over
 NEAREST = 6  # A-scans whose time of flight counts at a cell
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class CellSigma:
-    """Standard deviations of a height or a thickness over the grid of a map, by who shares them."""
-
-    own_mm: Floats  # (nu, nv) time of flight, interpolation, speed of sound at the place
-    speed_mm: Floats  # (nu, nv) speed of sound of the patient: one error for the whole map
-    pose_mm: float  # where the probe was, along the normal: nearly one error for the whole map
-
-    def same_robot_mm(self) -> Floats:
-        """Return the standard deviation (nu, nv) where the robot that scanned uses the map."""
-        return np.hypot(self.own_mm, self.speed_mm)
-
-    def total_mm(self) -> Floats:
-        """Return the standard deviation (nu, nv), all parts together."""
-        return np.hypot(self.same_robot_mm(), self.pose_mm)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -74,6 +58,7 @@ def accuracy_words(maps: Maps, accuracy: MapAccuracy) -> str:
     both = maps.outer.ok & maps.inner.ok
     if not maps.outer.ok.any():
         return ""
+    by_speed = sum(row.shared_mm for row in bone.budget if row.cause == SPEED)
     words = (
         f"Expected errors (1 σ): outer boundary {rms_mm(outer.total_mm(), maps.outer.ok):.2f} mm "
         f"({rms_mm(outer.same_robot_mm(), maps.outer.ok):.2f} where the same robot uses the map)"
@@ -81,7 +66,7 @@ def accuracy_words(maps: Maps, accuracy: MapAccuracy) -> str:
     if both.any():
         words += (
             f", inner {rms_mm(inner.total_mm(), maps.inner.ok):.2f} mm, thickness "
-            f"{rms_mm(bone.total_mm(), both):.2f} mm: of it {rms_mm(bone.speed_mm, both):.2f} mm "
+            f"{rms_mm(bone.total_mm(), both):.2f} mm: of it {by_speed:.2f} mm "
             "by the speed of sound, alike in the whole map"
         )
     return f"{words}."
@@ -106,14 +91,6 @@ class _Samples:
         return tuple(corrected(found, self.edits, scan, probe) for found, scan in pairs)
 
 
-@dataclass(frozen=True, slots=True)
-class _Arm:
-    """What carried the probe: how far off along the normal, and when it comes again."""
-
-    pose_mm: float
-    repeat_mm: float
-
-
 def map_accuracy(session: Session, *, hand: bool = False) -> MapAccuracy | None:
     """Return how sure the maps are; None before there are any, or of other A-scans than these.
 
@@ -129,7 +106,7 @@ def map_accuracy(session: Session, *, hand: bool = False) -> MapAccuracy | None:
         samples = _Samples(
             (results.sono_detection.value,), ("hand",), BoundaryEdits(), devices.probe
         )
-        maps, arm = results.sono_maps.value.maps, _Arm(_hand_pose_mm(session), 0.0)
+        maps, place = results.sono_maps.value.maps, hand_place(session)
     else:
         if results.maps is None or results.detection is None:
             return None
@@ -139,75 +116,84 @@ def map_accuracy(session: Session, *, hand: bool = False) -> MapAccuracy | None:
             found, ("first", "second")[: len(found)], session.boundary_edits, devices.probe
         )
         maps = results.maps.value
-        worst = max(REPEATABILITY_MM.values())
-        repeat_mm = REPEATABILITY_MM.get(devices.robot.model, worst)
-        arm = _Arm(ROBOT_ACCURACY_MM / 3.0**0.5, repeat_mm)
+        place = robot_place(session)
     known = speed_of_maps(session, hand=hand)
-    return _accuracy(maps, samples, known, arm) if len(samples) == len(maps.inner_used) else None
-
-
-def _hand_pose_mm(session: Session) -> float:
-    """Return how far off along the normal the tracked probe in the hand is.
-
-    The tracker sees the marker of the probe and that on the robot base, both as well as its maker
-    states; where the maps are in ``base``, that of the robot's registration comes to it.
-    """
-    results = session.results
-    tracker = ACCURACY_MM[session.setup.devices.tracker.profile]
-    face = 0.0 if results.sono is None else results.sono.value.face_sigma_mm
-    squares = 2.0 * tracker**2 + face**2
-    if results.sono_maps is not None and results.sono_maps.value.frame == "base":
-        registered = 0.0 if results.tool is None else results.tool.value.registration_sigma_mm
-        squares += registered**2 + ROBOT_ACCURACY_MM**2
-    return float((squares / 3.0) ** 0.5)
+    return _accuracy(maps, samples, known, place) if len(samples) == len(maps.inner_used) else None
 
 
 @remember(4)  # maps never change, and every browser asks
 def _accuracy(
-    maps: Maps, samples: _Samples, known: SpeedCalibration | None, arm: _Arm
+    maps: Maps, samples: _Samples, known: SpeedCalibration | None, place: ProbePlace
 ) -> MapAccuracy:
     found = samples.corrected()
     n, T_map_base = len(found[0]), maps.outer.T_base_map.inv()
     outer_map = T_map_base @ maps.outer_points_base[maps.outer_used]
     outer_sigma = found[0].outer_sigma_mm[maps.outer_used[:n]]  # of the first pass alone
-    own_outer = np.hypot(_own_mm(maps.outer, outer_map, outer_sigma), arm.repeat_mm)
+    face_mm = 2.0 * probe_model(samples.probe).aperture_radius_mm
+    outer = (
+        *_sampling(maps.outer, outer_map, outer_sigma, face_mm),
+        ErrorTerm("roughness within the beam", own_mm=ROUGHNESS_MM),
+        *place.of_cells(maps),
+    )
     between_map = T_map_base @ maps.inner_points_base[maps.inner_used]
     between_map[:, 2] = _heights_at(maps.outer, between_map) - between_map[:, 2]
     timing = np.concatenate([one.thickness_sigma_mm for one in found])[maps.inner_used]
-    own_between = _own_mm(maps.inner, between_map, timing)
     depth = np.maximum(maps.thickness_mm(), 0.0)
     cells_base = maps.outer.T_base_map @ _cells_map(maps.outer)
-    shared, place = speed_uncertainty(uncalibrated() if known is None else known, cells_base)
-    speed_mm = depth * shared.reshape(depth.shape)
-    own_thickness = np.hypot(own_between, depth * place.reshape(depth.shape))
-    none = readonly(np.zeros(depth.shape))
+    region = cells_base[(maps.outer.ok & maps.inner.ok).ravel()]
+    calibration = uncalibrated() if known is None else known
+    shared, local = speed_uncertainty(calibration, cells_base, region if len(region) else None)
+    thickness = (
+        *_sampling(maps.inner, between_map, timing, face_mm),
+        ErrorTerm(SPEED, shared_mm=depth * shared.reshape(depth.shape), remedy=POINTS),
+        ErrorTerm("speed of sound at the place", depth * local.reshape(depth.shape), remedy=POINTS),
+    )
+    outer_ok, inner_ok = maps.outer.ok, maps.inner.ok & maps.outer.ok
     return MapAccuracy(
-        outer=CellSigma(readonly(own_outer), none, arm.pose_mm),
-        inner=CellSigma(
-            readonly(np.hypot(own_thickness, own_outer)), readonly(speed_mm), arm.pose_mm
-        ),
-        fused=CellSigma(readonly(_own_fused_mm(maps, own_outer)), none, arm.pose_mm),
-        thickness=CellSigma(readonly(own_thickness), readonly(speed_mm), 0.0),
+        outer=summed(outer, outer_ok),
+        inner=summed(merged(outer, thickness), inner_ok),
+        fused=summed((*outer, _cloud(maps)), outer_ok),
+        thickness=summed(thickness, inner_ok),
     )
 
 
-def _own_mm(boundary: BoundaryMap, samples: Floats, sigma_mm: Floats) -> Floats:
-    """Return what time of flight and interpolation add to each cell (nu, nv).
+def _sampling(
+    boundary: BoundaryMap, samples: Floats, sigma_mm: Floats, face_mm: float
+) -> tuple[ErrorTerm, ErrorTerm]:
+    """Return what time of flight and interpolation add to each cell.
+
+    A-scans less than the width of a face apart hear the same bone and err alike, so that the mean
+    over a map is off by what is left after averaging over as many patches as it has.
 
     Args:
         boundary: Its grid is meant.
         samples: Place and height (n, 3), in ``map``.
         sigma_mm: Of the time of flight of each (n,).
+        face_mm: Width of the probe's face.
     """
     shape = boundary.height_mm.shape
     if not len(samples):
-        return np.full(shape, np.inf)
+        return ErrorTerm("time of flight"), ErrorTerm("interpolation", np.full(shape, np.inf))
     places = _cells_map(boundary)[:, :2]
-    away, near = KDTree(samples[:, :2]).query(places, k=min(NEAREST, len(samples)))
-    away, near = away.reshape(len(places), -1), near.reshape(len(places), -1)
-    between = left_out_error(samples[:, :2], samples[:, 2]).at(away[:, 0])
-    timing = np.sqrt(np.mean(sigma_mm[near] ** 2, axis=1))
-    return np.hypot(timing, between).reshape(shape)
+    near = KDTree(samples[:, :2]).query(places, k=min(NEAREST, len(samples)))[1]
+    between = interpolation_error(samples[:, :2], samples[:, 2])
+    timing = np.sqrt(np.mean(sigma_mm[near.reshape(len(places), -1)] ** 2, axis=1))
+    # samples that scatter more than they state are no better than they scatter
+    timing = np.maximum(timing, between.scatter_mm).reshape(shape)
+    apart = between.at(places).reshape(shape)
+    return (
+        ErrorTerm("time of flight", timing, _of_mean(timing, boundary, face_mm)),
+        ErrorTerm("interpolation", apart, _of_mean(apart, boundary, face_mm), remedy=ROWS),
+    )
+
+
+def _of_mean(own_mm: Floats, boundary: BoundaryMap, face_mm: float) -> float:
+    """Return what the mean over a map is off by when each cell is off by ``own_mm`` (nu, nv)."""
+    if not boundary.ok.any() or min(boundary.ok.shape) < 2:
+        return 0.0
+    cell_mm2 = (boundary.u_mm[1] - boundary.u_mm[0]) * (boundary.v_mm[1] - boundary.v_mm[0])
+    patches = boundary.ok.sum() * cell_mm2 / (np.pi * face_mm**2)
+    return float(np.sqrt(np.mean(own_mm[boundary.ok] ** 2) / max(patches, 1.0)))
 
 
 def _cells_map(boundary: BoundaryMap) -> Floats:
@@ -227,13 +213,11 @@ def _heights_at(boundary: BoundaryMap, points_map: Floats) -> Floats:
     return np.asarray(chart.ev(points_map[:, 0], points_map[:, 1]), dtype=np.float64)
 
 
-def _own_fused_mm(maps: Maps, own_outer: Floats) -> Floats:
-    """Return what each cell (nu, nv) of the fused map has of its own.
+def _cloud(maps: Maps) -> ErrorTerm:
+    """Return what the pointer's cloud adds where it alone tells of the boundary.
 
-    Where there is ultrasound it is that of the outer map. Beyond, where the pointer's cloud alone
-    tells: how far the cloud lies from the map it was laid on, and how sure that is.
+    How far it lies from the map it was laid on.
     """
     if maps.cloud_fit is None or not maps.outer.ok.any():
-        return own_outer
-    there = float(np.sqrt(np.mean(own_outer[maps.outer.ok] ** 2)))
-    return np.where(maps.outer.ok, own_outer, np.hypot(there, maps.cloud_fit.rms_mm))
+        return ErrorTerm("cloud of the pointer")
+    return ErrorTerm("cloud of the pointer", np.where(maps.outer.ok, 0.0, maps.cloud_fit.rms_mm))

@@ -5,6 +5,7 @@ from dataclasses import replace
 from rona_core.app.declarations import declarations as declare
 from rona_core.app.declarations.declarations import Input
 from rona_core.app.declarations.registry import REGISTRY
+from rona_core.app.dependencies.head_reference import head_input
 from rona_core.app.dependencies.inputs import capture_input, result_input
 from rona_core.app.dependencies.step_states import partial_reason
 from rona_core.app.runtime.handling import compute_one, compute_several, record
@@ -18,6 +19,7 @@ from rona_core.app.steps.maps.derivation import (
 )
 from rona_core.app.steps.maps.messages import StartGapPlan, StartGapScan, StartMapping
 from rona_core.app.steps.scan.captures import capture_scan
+from rona_core.app.steps.scan.probe_mounting import KNOWN_MOUNTING
 from rona_core.app.steps.setup import capture_parts as parts
 from rona_core.app.steps.setup.inputs import DRIVEN, MODEL, PROBE
 from rona_core.session.document import Session
@@ -32,6 +34,7 @@ ANY_SECOND_DETECTION = Input(
 )
 EDITS = Input(lambda s: s.boundary_edits.without("hand"), "scan (step 8)")
 FIRST_EDITS = Input(lambda s: s.boundary_edits.of("first"), "scan (step 8)")
+HEAD, HEAD_OF_BOTH = head_input("scan"), head_input("scan", "second")
 OUTER_EDITS = Input(lambda s: s.boundary_edits.of("first", "outer"), "scan (step 8)")
 
 
@@ -87,6 +90,8 @@ STEP = declare.Step(
                 parts.bone_and_probe,
                 parts.of_input(SCAN_CAPTURE),  # it looks into the gaps of that scan
                 parts.contact,
+                parts.CLAMPED_PROBE,
+                parts.HEAD,
             ),
             after=SCAN_CAPTURE,
             stored=_forget_corrections,
@@ -97,7 +102,13 @@ STEP = declare.Step(
             "detection",
             StartMapping,
             derive_detection,
-            {"capture": SCAN_CAPTURE, "probe": PROBE, "line": KNOWN_LINE},
+            {
+                "capture": SCAN_CAPTURE,
+                "probe": PROBE,
+                "line": KNOWN_LINE,
+                "mounting": KNOWN_MOUNTING,
+                "head": HEAD,
+            },
             "detect the boundaries (step 9)",
         ),
         declare.Result(
@@ -109,6 +120,7 @@ STEP = declare.Step(
                 "correction by hand": FIRST_EDITS,
                 "capture": SCAN_CAPTURE,
                 "surface": SURFACE,
+                "head": HEAD,
                 **DRIVEN,
             },
             "plan the second pass (step 9)",
@@ -125,6 +137,8 @@ STEP = declare.Step(
                 "robot": MODEL,
                 "probe": PROBE,
                 "line": KNOWN_LINE,
+                "mounting": KNOWN_MOUNTING,
+                "head": HEAD_OF_BOTH,
             },
             "detect the boundaries",
         ),
@@ -141,6 +155,8 @@ STEP = declare.Step(
                 "surface": SURFACE,
                 "robot": MODEL,
                 "speed": KNOWN_SPEED,
+                "mounting": KNOWN_MOUNTING,
+                "head": HEAD_OF_BOTH,
             },
             "compute the maps (step 9)",
         ),

@@ -12,7 +12,7 @@ from rona_core.app.steps.maps.map_accuracy import CellSigma, MapAccuracy
 from rona_core.app.steps.roll.plan_reasons import why_no_plan
 from rona_core.geometry.arrays import Bools, Floats, readonly
 from rona_core.mapping.boundary_map import BoundaryMap, Maps
-from rona_core.mapping.build_maps import NEAR_MM
+from rona_core.mapping.map_grid import NEAR_MM
 from rona_core.session.document import Session
 
 Quantity = Literal["thickness", "height", "sigma"]

@@ -3,6 +3,7 @@
 from rona_core.app.declarations import declarations as declare
 from rona_core.app.declarations.declarations import ActivityContext, Input
 from rona_core.app.dependencies.base_reference import carried_remark, found_again, placed_reason
+from rona_core.app.dependencies.head_reference import head_input
 from rona_core.app.dependencies.inputs import capture_input, result_input
 from rona_core.app.runtime.handling import record
 from rona_core.app.runtime.recording import capture_stroke
@@ -79,7 +80,7 @@ STEP = declare.Step(
         declare.Capture(
             "path",
             "demonstrate the scan path (step 5)",
-            (parts.tracker, parts.robot, parts.pointer, parts.specimen),
+            (parts.tracker, parts.robot, parts.pointer, parts.specimen, parts.HEAD),
         ),
     ),
     results=(
@@ -92,6 +93,7 @@ STEP = declare.Step(
                 "tool": TOOL,
                 "pointer": POINTER,
                 "reference": REFERENCE,
+                "head": head_input("path"),
             },
             "demonstrate the path (step 5)",
         ),

@@ -2,11 +2,13 @@
 
 from rona_core.app.declarations import declarations as declare
 from rona_core.app.declarations.declarations import ActivityContext
+from rona_core.app.dependencies.base_reference import error_field
 from rona_core.app.dependencies.inputs import capture_input, require_result, result_input
 from rona_core.app.messages.serialization import message_from
 from rona_core.app.runtime.handling import compute_result, record
 from rona_core.app.runtime.recording import capture_hand
 from rona_core.app.steps.pointer.messages import CalibratePointer, ExcludePoses, StartPointerCapture
+from rona_core.app.steps.pointer.tracker_field import with_tracker_field
 from rona_core.app.steps.setup import capture_parts as parts
 from rona_core.app.steps.tool.derivation import excluded_mask
 from rona_core.app.steps.tool.messages import RegisterTool
@@ -52,7 +54,7 @@ def derive_pointer(session: Session, message: CalibratePointer) -> PointerCalibr
     """
     capture = require_result(session.captures.pointer, "record the pivoting of the pointer")
     geometry = GEOMETRIES[capture.pointer]
-    return calibrate_pointer(
+    made = calibrate_pointer(
         capture.marker.Ts_tracker_marker,
         pointer=capture.pointer,
         dof=geometry.dof,
@@ -60,6 +62,7 @@ def derive_pointer(session: Session, message: CalibratePointer) -> PointerCalibr
         positions_pointermarker=geometry.positions_marker,
         exclude=excluded_mask(message.exclude, len(capture.marker.times_s)),
     )
+    return with_tracker_field(made, capture, error_field(session.setup.devices.tracker))
 
 
 def exclude_poses(message: ExcludePoses, session: Session) -> Session:
@@ -78,7 +81,7 @@ def _summary(session: Session) -> str:
     if held is None:
         return ""
     pointer = held.value
-    return f"{pointer.dof}D, {pointer.n_used} poses, random error {pointer.tip_sigma_mm:.2f} mm"
+    return f"{pointer.dof}D, {pointer.n_used} poses, expected error {pointer.tip_sigma_mm:.2f} mm"
 
 
 STEP = declare.Step(

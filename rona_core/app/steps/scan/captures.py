@@ -7,11 +7,18 @@ import numpy as np
 
 from rona_core.app.declarations.declarations import ActivityContext
 from rona_core.app.dependencies.staleness import capture_setup_digest, session_obstacles
-from rona_core.app.runtime.recording import begin, finish
+from rona_core.app.runtime.recording import HEAD_HZ, begin, finish
 from rona_core.app.steps.scan.force_controlled_scan import ContactLoop
 from rona_core.app.steps.scan.payload_identification import identify_payload
 from rona_core.app.steps.tool.robot_motion import STOPPED, drive_to, require_certified
-from rona_core.devices.samples import AScan, AScanTrack, JointSample, JointTrack
+from rona_core.devices.samples import (
+    AScan,
+    AScanTrack,
+    JointSample,
+    JointTrack,
+    ToolTrack,
+    TrackerFrame,
+)
 from rona_core.devices.settings import ContactSettings
 from rona_core.devices.wrench import ForceTrack
 from rona_core.errors import CancelledError, NotReachableError
@@ -38,6 +45,7 @@ class Recorded:
     joints: list[JointSample] = field(default_factory=list)
     forces: ForceTrack | None = None
     partial: bool = False
+    frames: list[TrackerFrame] = field(default_factory=list)
 
 
 def capture_scan(
@@ -77,6 +85,8 @@ def capture_scan(
         partial=recorded.partial,
         forces=recorded.forces,
         clock_scans=AScanTrack.from_scans(recorded.clock_scans) if recorded.clock_scans else None,
+        base=ToolTrack.from_frames("basemarker", recorded.frames),
+        head=ToolTrack.from_frames("headmarker", recorded.frames),
     )
 
 
@@ -107,8 +117,14 @@ def _in_contact(
     load = identify_payload(trajectory.qs_rad[0], model, around, context)
     loop = ContactLoop(trajectory, band, places_s, contact, load, model, context)
     loop.run()
-    recorded = Recorded(loop.scans, loop.clock_scans, loop.joints, loop.track(), loop.partial)
-    return ordinal, recorded
+    return ordinal, Recorded(
+        scans=loop.scans,
+        clock_scans=loop.clock_scans,
+        joints=loop.joints,
+        forces=loop.track(),
+        partial=loop.partial,
+        frames=_head_frames(loop.near_s, context),
+    )
 
 
 def _by_position(
@@ -142,7 +158,13 @@ def _by_position(
             context.live.put(joints=recorded.joints[-1])
     if not finish(motion, context):
         recorded.partial = True
+    recorded.frames = _head_frames(float(times.min()), context)
     return recorded
+
+
+def _head_frames(since_s: float | None, context: ActivityContext) -> list[TrackerFrame]:
+    """Return what the tracker saw since the probe came near the bone; nothing if it never did."""
+    return [] if since_s is None else context.rig.tracker.past(since_s, HEAD_HZ)
 
 
 def _clock_times(trajectory: Trajectory, model: RobotModel) -> Floats:

@@ -11,6 +11,7 @@ from rona_core.devices.wrench import (
     FREE,
     RETRACT,
     STOPPED,
+    ForceNow,
     ForceTrack,
     LoopRow,
     ToolLoad,
@@ -18,7 +19,7 @@ from rona_core.devices.wrench import (
     force_now,
     force_track,
 )
-from rona_core.geometry.arrays import Floats
+from rona_core.geometry.arrays import Floats, clamped
 from rona_core.robot.force_control.controller import (
     FALL_PER_S,
     MOST_MM_PER_S,
@@ -37,7 +38,7 @@ RETURN_S, RETURNED_MM = 0.3, 0.005  # how the correction is taken back, and how 
 BACK_MM_PER_S, BACK_S = 5.0, 2.5  # after a stop the probe is drawn back so fast, for so long
 LIFT_SCANS_S = 0.6  # A-scans are fired for so long while lifting off, to compare the clocks
 MOST_CLOCK_SCANS = 160
-SHOWN_ROWS, SHOWN_EVERY = 625, 8  # what is shown live: ten seconds, eight times a second
+SHOWN_EVERY = 8  # rows of the loop: the force is shown live eight times a second
 COLLECT = 32  # A-scans that are fetched from the probe at once
 
 
@@ -69,7 +70,9 @@ class ContactLoop:
         self.clock_scans: list[AScan] = []
         self.joints: list[JointSample] = []
         self.partial = False
+        self.near_s: float | None = None  # when the probe came near the bone
         self._rows: list[LoopRow] = []
+        self._shown: ForceNow | None = None
         self._fired = self._n_clock = 0  # along the path, and to compare the clocks
         self._destinations: list[list[AScan]] = []  # of A-scans that the probe still keeps
         self._trajectory, self._band, self._places_s = trajectory, band, places_s
@@ -141,10 +144,12 @@ class ContactLoop:
         self._context.live.put(joints=state)
         if reached_s < self._zone_s or reached_s > self._line_end_s + 1e-9:
             return 0.0, 1.0  # nowhere near the bone
+        if self.near_s is None:
+            self.near_s = now_s
         if now_s > self.joints[-1].time_s:
             self.joints.append(state)
         sample = self._context.rig.force.read()
-        rotation = self._model.forward(state.q_rad[None])[0].rotation
+        rotation = self._model.rotation(state.q_rad)
         force_n = pressing_force_n(self._load, rotation, sample.wrench, self._axis_sensor)
         travel_mm = self._motion.travel_mm()
         lifting = reached_s >= self._trajectory.scan_end_s - 1e-9
@@ -155,8 +160,9 @@ class ContactLoop:
         way_mm = np.interp(reached_s, self._trajectory.times_s, self._trajectory.path_mm)
         self._rows.append(LoopRow(sample, force_n, code, travel_mm, feed, float(way_mm)))
         if len(self._rows) % SHOWN_EVERY == 0:
-            newest = self._rows[-SHOWN_ROWS:]
-            self._context.live.put(force=force_now(newest, self._settings.force_n))
+            newest = self._rows[-SHOWN_EVERY:]
+            self._shown = force_now(newest, self._settings.force_n, self._shown)
+            self._context.live.put(force=self._shown)
         return velocity, feed
 
     def _press(
@@ -198,7 +204,7 @@ class ContactLoop:
             self._fire_for(self.clock_scans)
         if lifted_mm < min(LIFTED_MM, float(self._lift_mm[self._index(self._line_end_s)]) - 0.1):
             return RETRACT, 0.0, feed
-        velocity = float(np.clip(-travel_mm / RETURN_S, -MOST_MM_PER_S, MOST_MM_PER_S))
+        velocity = clamped(-travel_mm / RETURN_S, -MOST_MM_PER_S, MOST_MM_PER_S)
         if abs(travel_mm) > RETURNED_MM:
             feed = min(feed, max(self._line_end_s - reached_s, 0.0) / period_s)
         return (FREE if abs(travel_mm) <= RETURNED_MM else RETRACT), velocity, feed

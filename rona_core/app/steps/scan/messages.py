@@ -1,11 +1,32 @@
 """Messages of the scan."""
 
-from rona_core.app.messages.message import message
+from rona_core.app.messages.message import message, within
 
 
 @message
 class StartScan:
     """Let the robot execute the certified plan while the probe records A-scans."""
+
+
+@message
+class StartProbeMountingCapture:
+    """Press the robot's probe on a gauge plate at its holder; then calibrate how it is mounted.
+
+    The plate is of steel and presses the line by known depths, so that the echoes tell where the
+    face of the probe is, and how fast its line is as warm as it is now.
+    """
+
+    n: int = within(3, 200, default=10)
+
+
+@message
+class CalibrateProbeMounting:
+    """Compute where the face of the robot's probe is from the A-scans on the gauge plate.
+
+    Without ``use`` an earlier calibration is forgotten: the probe counts as mounted as drawn.
+    """
+
+    use: bool = True
 
 
 @message

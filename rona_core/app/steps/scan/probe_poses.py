@@ -1,7 +1,11 @@
 """The pose of the probe at the instant of each A-scan: joint angles arrive later than echoes."""
 
+from dataclasses import dataclass
+
 import numpy as np
 
+from rona_core.app.dependencies.head_reference import HeadWatch, watch_head
+from rona_core.app.steps.scan.probe_mounting import known_mounting
 from rona_core.calibration.timing.robot_latency import (
     EchoSegment,
     PoseDelay,
@@ -10,8 +14,8 @@ from rona_core.calibration.timing.robot_latency import (
 )
 from rona_core.devices.settings import ProbeSettings
 from rona_core.errors import DegenerateGeometryError
-from rona_core.geometry.arrays import Floats
-from rona_core.geometry.pose import Poses
+from rona_core.geometry.arrays import Floats, readonly
+from rona_core.geometry.pose import Pose, Poses
 from rona_core.robot.kinematics.catalog import robot_model
 from rona_core.session.captures import ScanCapture
 from rona_core.session.document import Session
@@ -25,6 +29,9 @@ MARGIN_S = 0.3  # joint angles so long before and after a segment belong to it
 def probe_poses_of(session: Session, taken: ScanCapture | None = None) -> Poses | None:
     """Return the pose of the probe in ``base`` at the instant of each A-scan; None before a scan.
 
+    The face is where the gauge plate found it, or else where it should be. Where the head has moved
+    since step 4, the poses are led back to how it lay then.
+
     Joint angles are looked up later by the delay that the first scan shows: in a second one the
     probe leans, and hardly hears the bone while it comes near.
 
@@ -37,8 +44,43 @@ def probe_poses_of(session: Session, taken: ScanCapture | None = None) -> Poses 
         return None
     delay = pose_delay(session)
     delay_s = 0.0 if delay is None else delay.delay_s
-    model = robot_model(session.setup.devices.robot.model)
-    return model.forward(capture.joints.at(capture.scans.times_s + delay_s)) @ model.T_flange_probe
+    mounting = known_mounting(session)
+    offset_mm = 0.0 if mounting is None else mounting.offset_mm
+    watch = watch_head(session, capture)
+    return _poses(capture, delay_s, session.setup.devices.robot.model, offset_mm, watch)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ProbePostures:
+    """Joint angles (n, 6) of the robot at the A-scans of a scan."""
+
+    qs_rad: Floats
+
+
+def probe_postures_of(session: Session) -> ProbePostures | None:
+    """Return the joint angles at the A-scans of the first pass; None before a scan."""
+    capture = session.captures.scan
+    if capture is None:
+        return None
+    delay = pose_delay(session)
+    return _postures(capture, 0.0 if delay is None else delay.delay_s)
+
+
+@remember(2)
+def _postures(capture: ScanCapture, delay_s: float) -> ProbePostures:
+    return ProbePostures(readonly(capture.joints.at(capture.scans.times_s + delay_s)))
+
+
+@remember(4)  # both scans; what is made of one set of poses is remembered with them
+def _poses(
+    capture: ScanCapture, delay_s: float, robot: str, offset_mm: float, watch: HeadWatch | None
+) -> Poses:
+    """Return the poses of the face of a probe that is ``offset_mm`` beyond its place."""
+    model, beyond = robot_model(robot), Pose.from_translation((0.0, 0.0, offset_mm))
+    nominal = model.forward(capture.joints.at(capture.scans.times_s + delay_s))
+    faces = nominal @ (model.T_flange_probe @ beyond)
+    back = None if watch is None else watch.back(capture.scans.times_s)
+    return faces if back is None else back @ faces
 
 
 def pose_delay(session: Session) -> PoseDelay | None:
@@ -56,7 +98,8 @@ def _delay(capture: ScanCapture, robot: str, probe: ProbeSettings) -> PoseDelay 
     if scans is None:
         return None
     model = robot_model(robot)
-    found = detect(ProbeSurvey(scans, probe_model(probe), probe.excitation))
+    # the outer boundary alone counts: nothing need be learned of the bone
+    found = detect(ProbeSurvey(scans, probe_model(probe), probe.excitation), bone_loss=1.0)
     probes = model.forward(capture.joints.qs_rad) @ model.T_flange_probe
     times = capture.joints.times_s
     middle_s = _middle(capture)

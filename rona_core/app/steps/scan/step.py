@@ -10,13 +10,28 @@ from rona_core.app.runtime.handling import record
 from rona_core.app.runtime.recording import ARRIVAL_S, begin, finish
 from rona_core.app.steps.roll.plan_reasons import plan_reason
 from rona_core.app.steps.scan.captures import capture_scan
-from rona_core.app.steps.scan.messages import StartRetract, StartScan
+from rona_core.app.steps.scan.head_view import unwatched
+from rona_core.app.steps.scan.messages import (
+    CalibrateProbeMounting,
+    StartProbeMountingCapture,
+    StartRetract,
+    StartScan,
+)
 from rona_core.app.steps.scan.planned_motion import planned_scans
+from rona_core.app.steps.scan.probe_mounting import (
+    GAUGE,
+    GaugeCapture,
+    calibrate_probe_mounting,
+    capture_gauge,
+    derive_mounting,
+)
 from rona_core.app.steps.setup import capture_parts as parts
+from rona_core.app.steps.setup.inputs import BLOCK_PROBE
 from rona_core.app.steps.tool.robot_motion import FreeMoves
 from rona_core.errors import CancelledError
 from rona_core.robot.kinematics.catalog import robot_model
 from rona_core.session.document import Session
+from rona_core.ultrasound.acoustic_calibration.probe_mounting import ProbeMounting
 
 SCAN_CAPTURE, ROLL = capture_input("scan"), result_input("roll")
 
@@ -63,11 +78,15 @@ def _partial(session: Session) -> str | None:
 
 def _summary(session: Session) -> str:
     scan = session.captures.scan
-    return "" if scan is None else _partial(session) or f"{len(scan.scans)} A-scans"
+    if scan is None:
+        return ""
+    head = "" if unwatched(session) is None else ", head not watched"
+    return _partial(session) or f"{len(scan.scans)} A-scans{head}"
 
 
 STEP = declare.Step(
     "scan",
+    commands=(declare.Command(CalibrateProbeMounting, calibrate_probe_mounting, needs=(GAUGE,)),),
     activities=(
         declare.Activity(
             StartScan,
@@ -76,6 +95,12 @@ STEP = declare.Step(
             needs=(ROLL,),
             blocked=_not_to_be_driven,
             drives_robot=True,
+            records=True,
+        ),
+        declare.Activity(
+            StartProbeMountingCapture,
+            record("gauge", capture_gauge, CalibrateProbeMounting),
+            "Pressing the probe on the gauge plate",
             records=True,
         ),
         declare.Activity(
@@ -96,9 +121,27 @@ STEP = declare.Step(
                 parts.bone_and_probe,
                 parts.of_input(ROLL),
                 parts.contact,
+                parts.CLAMPED_PROBE,
+                parts.HEAD,
             ),
             after=ROLL,
             stored=_forget_corrections,
+        ),
+        declare.Capture(
+            "gauge",
+            "press the probe on the gauge plate (step 8)",
+            (parts.of_input(BLOCK_PROBE), parts.BLOCK, parts.CLAMPED_PROBE),
+            types=(GaugeCapture,),
+        ),
+    ),
+    results=(
+        declare.Result(
+            "mounting",
+            CalibrateProbeMounting,
+            derive_mounting,
+            {"gauge": GAUGE, "probe": BLOCK_PROBE},
+            "calibrate the mounting of the probe (step 8)",
+            types=(ProbeMounting,),
         ),
     ),
     line=declare.StepLine(

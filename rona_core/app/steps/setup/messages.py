@@ -15,6 +15,7 @@ from rona_core.devices.settings import (
     require,
 )
 from rona_core.devices.workcell import RoomBox, Surroundings
+from rona_core.devices.world_settings import WorldSettings
 from rona_core.session.document import RegionChoice, require_seed
 from rona_core.session.specimen import BoneChoice, LoadedSkull
 
@@ -43,6 +44,14 @@ class SetBoneModel(BoneChoice):
     """Choose what the bone on the table is made of: its texture, and whose speed of sound it has.
 
     Only the virtual probe knows it; what detects the echoes does not.
+    """
+
+
+@message
+class SetWorld(WorldSettings):
+    """Choose how far the virtual patient and devices are from what is told of them.
+
+    Only they know it; what plans, calibrates and detects does not.
     """
 
 

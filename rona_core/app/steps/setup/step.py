@@ -11,6 +11,7 @@ from rona_core.devices.settings import (
     ProbeSettings,
     TrackerPlace,
 )
+from rona_core.devices.world_settings import WorldSettings
 from rona_core.errors import NotFoundError
 from rona_core.robot.kinematics.catalog import robot_model
 from rona_core.session.document import RegionChoice, Session
@@ -30,6 +31,11 @@ def use_simulated_skull(message: messages.UseSimulatedSkull, session: Session) -
 def set_bone_model(message: messages.SetBoneModel, session: Session) -> Session:
     """Carry out `SetBoneModel`."""
     return session.with_setup(bone=copy_as(BoneChoice, message))
+
+
+def set_world(message: messages.SetWorld, session: Session) -> Session:
+    """Carry out `SetWorld`."""
+    return session.with_setup(world=copy_as(WorldSettings, message))
 
 
 def set_region(message: messages.SetRegion, session: Session) -> Session:
@@ -147,6 +153,7 @@ STEP = declare.Step(
         declare.Command(messages.SetSeed, set_seed),
         declare.Command(messages.UseSimulatedSkull, use_simulated_skull),
         declare.Command(messages.SetBoneModel, set_bone_model),
+        declare.Command(messages.SetWorld, set_world),
         declare.Command(messages.SetRegion, set_region),
         declare.Command(messages.SetTracker, set_tracker),
         declare.Command(messages.MoveTracker, move_tracker),

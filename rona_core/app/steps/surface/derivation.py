@@ -1,6 +1,7 @@
 """Surface cloud from the strokes of the pointer."""
 
 from rona_core.app.dependencies.base_reference import reference_of
+from rona_core.app.dependencies.head_reference import watch_head
 from rona_core.app.dependencies.inputs import require_result
 from rona_core.app.steps.surface.messages import BuildSurface
 from rona_core.devices.live import LiveState
@@ -15,6 +16,8 @@ from rona_core.surface.cloud import SurfaceCloud, build_cloud, merge_clouds
 def tip_track(session: Session, capture: PointerCapture) -> Floats:
     """Return the pointer tip (k, 3) in ``base`` for every frame in which the pointer was seen.
 
+    Where the head has moved since step 4 the tip is led back to where it lay then.
+
     Raises:
         StepBlockedError: tool or pointer are not calibrated, or it was another pointer.
         StaleResultError: the tracker has moved since the registration, and is not found again.
@@ -27,7 +30,10 @@ def tip_track(session: Session, capture: PointerCapture) -> Floats:
             f"calibrate {capture.pointer} or record the stroke again"
         )
     tips_tracker = capture.marker.Ts_tracker_marker @ pointer.tip_pointermarker
-    return reference.T_base_tracker @ tips_tracker
+    tips_base = reference.T_base_tracker @ tips_tracker
+    watch = watch_head(session, capture)
+    back = None if watch is None else watch.back(capture.marker.times_s)
+    return tips_base if back is None else back @ tips_base
 
 
 def replayed_pointer(session: Session, live: LiveState) -> Pose | None:

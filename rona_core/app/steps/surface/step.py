@@ -85,7 +85,7 @@ STEP = declare.Step(
         declare.Capture(
             "surface",
             "slide the pointer over the skull (step 4)",
-            (parts.tracker, parts.robot, parts.pointer, parts.specimen),
+            (parts.tracker, parts.robot, parts.pointer, parts.specimen, parts.HEAD),
             place=place_stroke,
         ),
     ),

@@ -4,23 +4,34 @@ from dataclasses import replace
 
 import numpy as np
 
-from rona_core.app.dependencies.base_reference import base_reference
+from rona_core.app.dependencies.base_reference import base_reference, error_field
 from rona_core.app.dependencies.inputs import require_result
 from rona_core.app.steps.tool.messages import RegisterTool
+from rona_core.calibration.hand_eye.quality import registration_sigma_mm
+from rona_core.calibration.hand_eye.registration_sensitivity import (
+    RegistrationSensitivity,
+    registration_sensitivity,
+)
 from rona_core.calibration.hand_eye.tool_registration import ToolRegistration, register_tool
 from rona_core.calibration.timing.time_offset import TimeOffset, estimate_time_offset
+from rona_core.calibration.tracker_field import LearnedField
+from rona_core.devices.settings import DeviceSettings
 from rona_core.errors import DegenerateGeometryError, InvalidInputError
-from rona_core.geometry.arrays import Bools, Floats, Ints
+from rona_core.geometry.arrays import Bools, Floats, Ints, readonly
 from rona_core.geometry.pose import Poses
 from rona_core.robot.kinematics.catalog import robot_model
+from rona_core.robot.kinematics.link_errors import link_errors
 from rona_core.robot.kinematics.robot_model import RobotModel
 from rona_core.session.captures import ToolCapture
 from rona_core.session.document import Session
+from rona_core.session.memo import remember
 
+ROBOT_ACCURACY_MM = 0.35  # 3D RMS, as the paper states for its arm
 TOLD_SIGMAS = 3.0  # a delay smaller than this cannot be told from none, and is not corrected
 SETTLE_S = 0.1  # after the robot has stopped, before frames count
 
 
+@remember(4)  # the poses, the result and the panels ask for it
 def tracker_delay(capture: ToolCapture, model: RobotModel) -> TimeOffset | None:
     """Return how late the tracker is behind the robot; None where the motion does not tell.
 
@@ -68,6 +79,16 @@ def tool_poses(session: Session) -> tuple[Poses, Poses, Ints]:
     """
     capture = require_result(session.captures.tool, "record the tool motion")
     model = robot_model(session.setup.devices.robot.model)
+    qs_rad, Ts_tracker_toolmarker, phases = tool_dwells(capture, model)
+    return model.forward(qs_rad) @ model.T_flange_tip, Ts_tracker_toolmarker, phases
+
+
+def tool_dwells(capture: ToolCapture, model: RobotModel) -> tuple[Floats, Poses, Ints]:
+    """Return joint angles (n, 6), ``Ts_tracker_toolmarker`` and phases (n,) of the poses seen.
+
+    Raises:
+        DegenerateGeometryError: the marker was seen at none.
+    """
     times, seen = measured_times_s(capture, model), capture.marker.Ts_tracker_marker
     kept, markers, joints = [], [], []
     for i, (start, end) in enumerate(zip(capture.dwell_start_s, capture.dwell_end_s, strict=True)):
@@ -81,8 +102,7 @@ def tool_poses(session: Session) -> tuple[Poses, Poses, Ints]:
             "the tracker saw the tool marker at none of the "
             f"{len(capture.phases)} poses: uncover it, or turn it towards the tracker"
         )
-    Ts_base_tip = model.forward(np.array(joints)) @ model.T_flange_tip
-    return Ts_base_tip, Poses.stack(markers), capture.phases[kept]
+    return np.array(joints), Poses.stack(markers), capture.phases[kept]
 
 
 def derive_tool(session: Session, message: RegisterTool) -> ToolRegistration:
@@ -102,6 +122,55 @@ def derive_tool(session: Session, message: RegisterTool) -> ToolRegistration:
     )
 
 
+def with_repeating_errors(session: Session, made: ToolRegistration) -> ToolRegistration:
+    """Return the registration with what robot and tracker do the same every time in its sigmas."""
+    capture = require_result(session.captures.tool, "record the tool motion")
+    moved_by, by_robot = repeating_parts(capture, session.setup.devices, made)
+    field = LearnedField(error_field(session.setup.devices.tracker))
+    by_tracker = field.propagate(moved_by.markers, moved_by.points_tracker)
+    total = made.covariance + by_tracker + by_robot @ by_robot.T
+    return replace(
+        made,
+        covariance=readonly((total + total.T) / 2.0),
+        random_covariance=made.covariance,
+        tip_sigma_mm=float(np.sqrt(np.trace(total[9:, 9:]))),
+        registration_sigma_mm=registration_sigma_mm(
+            made.T_base_tracker, total[:6, :6], moved_by.center_base
+        ),
+    )
+
+
+def repeating_parts(
+    capture: ToolCapture, devices: DeviceSettings, made: ToolRegistration
+) -> tuple[RegistrationSensitivity, Floats]:
+    """Return how errors of markers and robot move a registration, and what the robot is stated for.
+
+    The second (12, 36) times its transpose is the covariance by the robot.
+    """
+    model = robot_model(devices.robot.model)
+    qs_rad, seen, _ = tool_dwells(capture, model)
+    moved_by = registration_sensitivity(made, model.forward(qs_rad) @ model.T_flange_tip, seen)
+    accuracy_mm = ROBOT_ACCURACY_MM if devices.robot.errors else 0.0
+    links = link_errors(model, qs_rad[made.used], model.T_flange_tip, accuracy_mm)
+    by_robot = np.einsum("knj,njl->kl", moved_by.robot, links)
+    return moved_by, np.concatenate((by_robot[:6], _worse_half(by_robot[6:])))
+
+
+def _worse_half(tool: Floats) -> Floats:
+    """Return what links that are only shifted, or only turned, do to turn and tip of the tool.
+
+    What is stated of a robot is the sum of both, which a registration feels alike. A tool feels the
+    last link: its shift goes into the tip, its turn hardly does. As nobody says how the sum is
+    shared, all of it is taken to be what moves the tip more.
+
+    Args:
+        tool: Turns and shifts of the tip (6, 36), each half of the columns for half the variance.
+    """
+    sizes = [float((half**2).sum()) for half in np.hsplit(tool[3:], 2)]
+    kept = np.repeat(np.array(sizes) >= max(sizes), tool.shape[1] // 2)
+    return np.sqrt(2.0) * tool * kept
+
+
 def excluded_mask(rows: tuple[int, ...], n: int) -> Bools:
     """Return a mask (n,) of the poses that are left out by hand."""
     if rows and max(rows) >= n:
@@ -112,8 +181,12 @@ def excluded_mask(rows: tuple[int, ...], n: int) -> Bools:
 
 
 def derive_registration(session: Session, message: RegisterTool) -> ToolRegistration:
-    """Register robot, tool and tracker; remember where the base marker was, and the delay."""
-    made = derive_tool(session, message)
+    """Register robot, tool and tracker; remember where the base marker was, and the delay.
+
+    Raises:
+        InvalidInputError, DegenerateGeometryError: as ``derive_tool``.
+    """
+    made = with_repeating_errors(session, derive_tool(session, message))
     capture = require_result(session.captures.tool, "record the tool motion")
     return replace(
         made,

@@ -70,7 +70,7 @@ def _summary(session: Session) -> str:
     held = session.results.tool
     if held is None:
         return ""
-    return f"{held.value.n_poses} poses, random error {held.value.tip_sigma_mm:.2f} mm"
+    return f"{held.value.n_poses} poses, expected error {held.value.tip_sigma_mm:.2f} mm"
 
 
 STEP = declare.Step(

@@ -1,15 +1,14 @@
 """Reader of named arrays in HDF5, MATLAB and numpy files.
 
-HDF5 and MATLAB files are read in a process of their own: their libraries crash on damaged ones.
+HDF5 and MATLAB files are read in a process of their own: their libraries crash on damaged ones,
+and are imported there alone.
 """
 
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-import h5py
 import numpy as np
-from scipy.io import loadmat, whosmat
 
 from rona_core.devices.files.npy import MAX_HEADER_BYTES, array_from_npy, array_header
 from rona_core.devices.files.reader_process import Found, read_apart, require_size
@@ -64,6 +63,8 @@ def read_hdf5(path: Path, name: str) -> Found:
     Raises:
         InvalidInputError: an array in another file, too large, or not of numbers.
     """
+    import h5py
+
     with path.open("rb") as file:
         matlab = file.read(len(MATLAB_73_MAGIC)) == MATLAB_73_MAGIC
     found: Found = {}
@@ -93,6 +94,8 @@ def read_hdf5(path: Path, name: str) -> Found:
 
 def _own(data: Any, key: str, name: str) -> Any:
     """Return what is in the file itself: nothing that it points to elsewhere is opened."""
+    import h5py
+
     link = data.get(key, getlink=True)
     item = data[key] if isinstance(link, h5py.HardLink) else None
     if isinstance(item, h5py.Group):
@@ -110,6 +113,8 @@ def read_matlab(path: Path, name: str) -> Found:
     Raises:
         InvalidInputError: an array that is too large.
     """
+    from scipy.io import loadmat, whosmat
+
     shapes = {key: tuple(shape) for key, shape, _ in whosmat(path, appendmat=False)}
     for key in KEYS:
         require_size(shapes.get(key, ()), MAX_VALUES, f"{name}: {key}")

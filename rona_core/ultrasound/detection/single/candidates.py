@@ -22,6 +22,7 @@ from rona_core.ultrasound.detection.single.matched_filter import (
     Template,
     joined,
     quiet_template,
+    rows_of,
     trace_spectra,
 )
 from rona_core.ultrasound.probe.materials import Complexes, Material
@@ -44,14 +45,21 @@ class Echoes:
     merged: Floats  # (n,) level of what follows the front at once, see `merged_levels`
 
 
-def search_echoes(
-    survey: ProbeSurvey,
-    bone: Material,
-    *,
-    progress: Progress = silent,
-    cancel: Cancel = never,
-) -> Echoes:
-    """Return the fronts of all A-scans, and the candidates behind them.
+@dataclass(frozen=True, slots=True, eq=False)
+class Cleared:
+    """A survey with its fronts found and taken away: what does not depend on the bone."""
+
+    template: Template
+    noise: Floats  # (n,) rms in each sample
+    aligned: Complexes  # (n, f) spectra with the front echo at time 0
+    behind: Complexes  # (n, f) the same without it
+    fronts: Fronts
+
+
+def clear_fronts(
+    survey: ProbeSurvey, *, progress: Progress = silent, cancel: Cancel = never
+) -> Cleared:
+    """Return the fronts of all A-scans, and what is left without them.
 
     Where the survey knows the outer boundary, it is not looked for.
 
@@ -60,16 +68,15 @@ def search_echoes(
     """
     n = len(survey)
     template = quiet_template(survey.probe, survey.excitation, survey.track.rf)
-    blocks: list[Echoes] = []
+    blocks: list[Cleared] = []
     for start in range(0, max(n, 1), BLOCK):
-        if cancel():
-            raise CancelledError("the detection of echoes was cancelled")
-        blocks.append(_search_block(survey, slice(start, start + BLOCK), template, bone))
+        _pause(cancel)
+        blocks.append(_clear_block(survey, slice(start, start + BLOCK), template))
         progress(min(1.0, (start + BLOCK) / max(n, 1)))
     return joined(blocks)
 
 
-def _search_block(survey: ProbeSurvey, rows: slice, template: Template, bone: Material) -> Echoes:
+def _clear_block(survey: ProbeSurvey, rows: slice, template: Template) -> Cleared:
     track, probe = survey.track, survey.probe
     spectra, noise = trace_spectra(track.rf[rows].astype(np.float64), track.start_us, template)
     if survey.known_standoff_mm is None:
@@ -77,7 +84,38 @@ def _search_block(survey: ProbeSurvey, rows: slice, template: Template, bone: Ma
     else:
         fronts = fronts_at(survey.known_standoff_mm[rows], probe)
     aligned = spectra * template.shift(probe.line_delay_us + fronts.delay_us)
-    behind = subtract_fronts(aligned, template)
-    candidates, log_likelihood, snr = find_candidates(behind, noise, template, bone)
+    return Cleared(template, noise, aligned, subtract_fronts(aligned, template), fronts)
+
+
+def search_echoes(
+    cleared: Cleared,
+    bone: Material,
+    *,
+    progress: Progress = silent,
+    cancel: Cancel = never,
+) -> Echoes:
+    """Return the fronts of all A-scans, and the candidates behind them in bone like this.
+
+    Raises:
+        CancelledError: ``cancel`` said so.
+    """
+    n = len(cleared.noise)
+    blocks: list[Echoes] = []
+    for start in range(0, max(n, 1), BLOCK):
+        _pause(cancel)
+        blocks.append(_search_block(cleared, slice(start, start + BLOCK), bone))
+        progress(min(1.0, (start + BLOCK) / max(n, 1)))
+    return joined(blocks)
+
+
+def _search_block(cleared: Cleared, rows: slice, bone: Material) -> Echoes:
+    template, noise, aligned = cleared.template, cleared.noise[rows], cleared.aligned[rows]
+    fronts = rows_of(cleared.fronts, rows)
+    candidates, log_likelihood, snr = find_candidates(cleared.behind[rows], noise, template, bone)
     merged = merged_levels(aligned, fronts, template, bone)
     return Echoes(template, noise, aligned, fronts, candidates, log_likelihood, snr, merged)
+
+
+def _pause(cancel: Cancel) -> None:
+    if cancel():
+        raise CancelledError("the detection of echoes was cancelled")

@@ -52,20 +52,17 @@ def gate_us(probe: ProbeModel) -> tuple[float, float]:
 def find_fronts(spectra: Complexes, noise: Floats, template: Template) -> Fronts:
     """Return the largest echo within reach of the line, timed to a fraction of a cycle."""
     early, late = gate_us(template.probe)
-    at_gate = template.shift(np.array((template.probe.line_delay_us + early,)))
-    z = template.compress(spectra * at_gate, template.spectrum)
-    z = z[:, : int((late - early) / template.step_us) + 1]
+    first, step = template.probe.line_delay_us + early, template.step_us
+    lags = first + step * np.arange(int((late - early) / step) + 1, dtype=np.float64)
+    z = template.filtered(spectra, template.spectrum, lags)
     level = np.abs(z)
     at = np.argmax(level, axis=1)
     rows = np.arange(len(z))
     samples = at + peak_offsets(level, at)
-    delay = early + samples * template.step_us
-    phase = np.angle(
-        z[rows, at] * np.exp(2j * np.pi * template.carrier_mhz * at * template.step_us)
-    )
+    delay = early + samples * step
     # phase at the sample, carried on to the interpolated peak
-    phase = phase + 2.0 * np.pi * template.carrier_mhz * (samples - at) * template.step_us
-    phase = np.angle(np.exp(1j * phase))
+    onward = 2.0 * np.pi * template.carrier_mhz * (samples - at) * step
+    phase = np.angle(z[rows, at] * np.exp(1j * onward))
     positive = np.abs(phase) < 0.6 * np.pi
     delay = np.where(positive, delay - phase / (2.0 * np.pi * template.carrier_mhz), delay)
     peak = level[rows, at]
@@ -152,4 +149,4 @@ def front_times(fronts: Complexes, template: Template) -> Floats:
 
 def products(a: Complexes, b: Complexes) -> Complexes:
     """Return the inner products (n,) of spectra (n, f)."""
-    return np.asarray(np.einsum("nf,nf->n", np.conj(a), b), dtype=np.complex128)
+    return np.asarray(np.vecdot(a, b), dtype=np.complex128)

@@ -16,6 +16,7 @@ from rona_core.ultrasound.detection.single.matched_filter import (
     BONE_REFLECTION,
     Template,
     peak_offsets,
+    row_medians,
 )
 from rona_core.ultrasound.probe.materials import BRAIN, TABLE, Complexes, Material
 from rona_core.ultrasound.probe.probe_model import PROBES, ProbeModel
@@ -167,7 +168,7 @@ def find_candidates(
         phase_rad=np.angle(np.exp(1j * phase)),
         level=height * gain[at],
         noise=noise[:, None] * gain[at],
-        clutter=np.median(level, axis=1)[:, None] * gain[at],
+        clutter=row_medians(level)[:, None] * gain[at],
         before=before / height,
         after=after / height,
         exists=np.take_along_axis(peaks, at, axis=1),
@@ -192,18 +193,16 @@ def through_bank(
     lags = np.arange(first, last + 1, dtype=np.float64) * step
     depths = np.arange(probe.min_thickness_mm, probe.max_thickness_mm + BANK_STEP_MM, BANK_STEP_MM)
     at = np.clip(lags * speed / 2.0, depths[0], depths[-1])
-    z = np.zeros((len(behind), len(lags)), dtype=np.complex128)
+    bank = np.zeros((len(lags), len(template.bins)), dtype=np.complex128)
     gain = np.zeros(len(lags))
     for depth in depths:  # every lag takes its share from the two nearest templates
         share = np.clip(1.0 - np.abs(at - depth) / BANK_STEP_MM, 0.0, 1.0)
-        if not share.any():
-            continue
-        matched = bone_filter(template, bone, float(depth))
-        weighed = template.weighed_for(matched)
-        rms = weighed.noise_gain(matched)
-        z += share * weighed.compress(behind, matched)[:, first : last + 1] / rms
+        echo = bone_filter(template, bone, float(depth))
+        weighed = template.weighed_for(echo)
+        rms = weighed.noise_gain(echo)
+        bank += np.multiply.outer(share, weighed.matched(echo) / rms)
         gain += share * rms
-    return z * np.exp(2j * np.pi * template.carrier_mhz * lags), gain
+    return behind @ (bank * template.shift(lags)).T, gain
 
 
 def merged_levels(aligned: Complexes, fronts: Fronts, template: Template, bone: Material) -> Floats:
@@ -218,8 +217,8 @@ def merged_levels(aligned: Complexes, fronts: Fronts, template: Template, bone: 
         template: Of the probe and excitation.
         bone: Nominal bone.
     """
-    height = template.compress(aligned, template.spectrum)[:, 0]
-    residual = aligned - height[:, None] * template.spectrum
+    height = template.filtered(aligned, template.spectrum, np.zeros(1))
+    residual = aligned - height * template.spectrum
     first = int(
         2.0 * FROM * template.probe.min_thickness_mm / bone.speed_mm_per_us / template.step_us
     )

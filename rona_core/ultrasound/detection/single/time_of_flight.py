@@ -146,19 +146,18 @@ def _fit_envelope(
     """
     omega = 2.0 * np.pi * template.frequencies_mhz
     reach = FARTHEST / (template.probe.bandwidth * template.probe.centre_mhz)
-    behind = subtract_fronts(aligned, template)
+    white = np.sqrt(weights)
+    x = white * subtract_fronts(aligned, template)
     time = start_us
     height = np.zeros(len(start_us), dtype=np.complex128)
     for _ in range(STEPS):
-        s = echo * np.conj(template.shift(time))
-        d = -1j * omega * s
-        s_left, d_left = (subtract_fronts(x, template) for x in (s, d))
-        s_s = np.real(products(s_left, weights * s_left))
-        c = products(s_left, weights * d_left) / s_s
-        x = weights * behind
-        height = products(s_left, x) / s_s
-        curvature = np.real(products(d_left, weights * d_left)) - np.abs(c) ** 2 * s_s
-        gradient = products(d_left, x) - np.conj(c) * height * s_s
+        s = echo * template.shift(-time)
+        s, d = (white * subtract_fronts(part, template) for part in (s, -1j * omega * s))
+        s_s = np.real(products(s, s))
+        c = products(s, d) / s_s
+        height = products(s, x) / s_s
+        curvature = np.real(products(d, d)) - np.abs(c) ** 2 * s_s
+        gradient = products(d, x) - np.conj(c) * height * s_s
         step = np.real(np.conj(height) * gradient)
         step = step / np.maximum(np.abs(height) ** 2 * curvature, 1e-30)
         time = np.clip(time + step, start_us - reach, start_us + reach)
@@ -180,7 +179,7 @@ def _fit_phase(
     time = start_us
     height = np.zeros(len(time))
     for _ in range(PHASE_STEPS):
-        s = echo * np.conj(template.shift(time))
+        s = echo * template.shift(-time)
         d = -1j * omega * s
         s_left = subtract_fronts(s, template)
         s_s, d_s = products(s, s_left).real, products(d, s_left).real
@@ -190,7 +189,7 @@ def _fit_phase(
         height = np.maximum((d_d * s_x - d_s * d_x) / determinant, 1e-12)
         step = (s_s * d_x - d_s * s_x) / determinant / height
         time = time + np.clip(step, -most, most)
-    return time, height[:, None] * echo * np.conj(template.shift(time))
+    return time, height[:, None] * echo * template.shift(-time)
 
 
 def _density(noise: Floats) -> Floats:

@@ -33,7 +33,7 @@ from rona_core.ultrasound.detection.spatial.track_before_detect import (
     along_tracks,
     candidate_probabilities,
     change_sd_mm,
-    repeats,
+    loudest_repeat,
 )
 from rona_core.ultrasound.probe.materials import Material
 from rona_core.ultrasound.probe.probe_model import ProbeModel
@@ -131,9 +131,10 @@ def joint_features(
     gap = depth_mm[:, None, :] - depth_mm[:, :, None]  # (n, here, behind)
     later = (gap > APART_MM) & candidates.exists[:, None, :]
     snr = candidates.level / np.maximum(candidates.noise, 1e-12)
-    counts = later & ~_explained(depth_mm, snr)
+    most = loudest_repeat(depth_mm[:, :, None], depth_mm[:, None, :])
+    counts = later & (_ratio(snr) >= most)
     behind = np.where(counts, (support * chance)[:, None, :], 0.0).max(axis=2, initial=0.0)
-    counts = later & ~_explained(depth_mm, tracks.snr)
+    counts = later & (_ratio(tracks.snr) >= most)
     seen_behind = np.where(counts, tracks.stack[:, None, :], 0.0).max(axis=2, initial=0.0)
     seen_behind = np.clip(seen_behind - STACK_FLOOR, 0.0, STACK_SURE)
     along = np.log(np.maximum(tracks.chance, LEAST_TRACK))
@@ -142,10 +143,9 @@ def joint_features(
     return np.concatenate((alone, more), axis=-1)
 
 
-def _explained(depth_mm: Floats, snr: Floats) -> Bools:
-    """Return (n, here, behind) whether what is behind one (n, k) may be an echo of that one."""
-    ratio = snr[:, None, :] / np.maximum(snr[:, :, None], 1e-12)
-    return repeats(depth_mm[:, :, None], depth_mm[:, None, :], ratio)
+def _ratio(snr: Floats) -> Floats:
+    """Return the level over the noise (n, k) of each candidate over that of each (n, each, k)."""
+    return snr[:, None, :] / np.maximum(snr[:, :, None], 1e-12)
 
 
 def log_odds(values: Floats, weights: tuple[tuple[float, ...], ...], probe: ProbeModel) -> Floats:

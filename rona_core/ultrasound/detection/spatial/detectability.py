@@ -21,9 +21,14 @@ from rona_core.ultrasound.probe.probe_model import ProbeModel
 # Amplitude that an inner echo needs, corrected for obliquity, over that of a nominal inner echo
 # just below the surface: -6 dB.
 MIN_ECHO_LEVEL = 0.5
-MORE_LOSS = 0.21  # and this share of the nominal loss on the way there and back
+MORE_LOSS = (
+    0.10  # and this share of the loss on the way there and back: so far a learned loss is off
+)
 RAMP = 0.9, 1.05  # times that: from where on an echo is an inner one, perhaps and surely
 OUTER_SHARE = 0.4, 0.5  # of bone that is outer table: mostly at most, and never more
+STEP_SHARE = 0.5  # more likely than this within the outer table, a boundary may be its step
+DROWNED = 0.5  # share of sure A-scans below which steps are expected,
+SHALLOW = 0.5  # at less than this share of the depth of the others
 SAME_MM = 1.0  # neighbours closer than this in thickness show the same boundary
 INTERFACE_MM = 0.5  # an interface changes its depth by no more than this between A-scans around,
 FAINTER = 0.5  # and is at least this loud, over what it is here
@@ -59,6 +64,26 @@ def detectability(
     return np.asarray(np.maximum(detectable, 1.0 - within_table(depth, probe)), dtype=np.float64)
 
 
+def possible_steps(thickness_mm: Floats, sure: Bools, probe: ProbeModel) -> Bools:
+    """Return which sure inner boundaries (n,) may as well be the step from table to diploe.
+
+    Where a survey is sure of fewer than half of its A-scans, most inner echoes have drowned. The
+    few that are less than half as deep as the others may then be thin bone, or its step.
+
+    Args:
+        thickness_mm: Of the bone, as found (n,).
+        sure: Which of them count (n,).
+        probe: What is deeper than any outer table that it sees is no step.
+    """
+    in_table = sure & (within_table(thickness_mm, probe) > STEP_SHARE)
+    deep = sure & ~in_table
+    none = np.zeros(len(sure), dtype=np.bool_)
+    if not deep.any() or sure.mean() >= DROWNED:
+        return none
+    shallow = in_table & (thickness_mm < SHALLOW * np.median(thickness_mm[deep]))
+    return shallow if shallow.sum() < deep.sum() else none
+
+
 def within_table(depth_mm: Floats, probe: ProbeModel) -> Floats:
     """Return how far depths (...), 1 to 0, may be within the outer table of the bone."""
     least, most = OUTER_SHARE
@@ -82,24 +107,21 @@ def spread_along_interface(
         links: Who is around whom.
         probe: What is deeper than any outer table that it sees is no such step.
     """
-    n = len(depth_mm)
-    nearest: list[Ints] = []
+    n, k = depth_mm.shape
+    nearest: list[Ints] = []  # number of the candidate there, among all of the survey
     alike: list[Bools] = []
     for sources in links.around:
         index = np.maximum(sources, 0)
-        gap = np.abs(
-            depth_mm[index][:, None, :] - depth_mm[:, :, None]
-        )  # (n, k, k of the neighbour)
+        # (n, k, k of the neighbour)
+        gap = np.abs(depth_mm[index][:, None, :] - depth_mm[:, :, None])
         quiet = candidates.level[index][:, None, :] < FAINTER * candidates.level[:, :, None]
         gap = np.where(quiet | ~candidates.exists[index][:, None, :], np.inf, gap)
-        nearest.append(gap.argmin(axis=2))
-        alike.append((sources >= 0)[:, None] & (gap.min(axis=2, initial=np.inf) < INTERFACE_MM))
-    along = behind
+        column = gap.argmin(axis=2)
+        nearest.append(k * index[:, None] + column)
+        least = np.take_along_axis(gap, column[:, :, None], axis=2)[:, :, 0]
+        alike.append((sources >= 0)[:, None] & (least < INTERFACE_MM))
+    along, same = behind, np.array(alike)
     for _ in range(INTERFACE_ROUNDS if n else 0):
-        total, count = along.copy(), np.ones(along.shape)
-        for sources, column, same in zip(links.around, nearest, alike, strict=True):
-            neighbours = along[np.maximum(sources, 0)[:, None], column]
-            total += np.where(same, neighbours, 0.0)
-            count += same
-        along = total / count
+        total = along + (same * along.ravel()[np.array(nearest)]).sum(axis=0)
+        along = total / (1 + same.sum(axis=0))
     return np.maximum(behind, within_table(depth_mm, probe) * along)

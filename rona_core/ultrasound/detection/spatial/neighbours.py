@@ -159,28 +159,30 @@ def predict_lags(
     The sd is infinite where no neighbour counts. Where fewer than three do, no more is known of the
     slope than how steep bone usually is; in us per mm, it is 0 there.
     """
-    index = links.around
+    index, way = links.around.T, links.around_mm.transpose(1, 0, 2)
     asked = (index >= 0) & counts[index]
-    distance = np.hypot(links.around_mm[..., 0], links.around_mm[..., 1])
+    distance = np.hypot(way[..., 0], way[..., 1])
     variance = sigma_us[index] ** 2 + (BENT_US_PER_MM * distance) ** 2
     precision = np.where(asked, 1.0 / np.maximum(variance, 1e-12), 0.0)
-    design = np.concatenate((np.ones((*index.shape, 1)), links.around_mm), axis=2)
+    design = np.concatenate((np.ones((*index.shape, 1)), way), axis=2)
+    i, j = np.triu_indices(3)
+    products = design[..., i] * design[..., j]
     observed = np.where(asked, lag_us[index], 0.0)
     start = _weighted_median(observed, precision)
     ridge = np.diag((0.0, STEEP_US_PER_MM**-2, STEEP_US_PER_MM**-2)) + 1e-9 * np.eye(3)
     plane = np.column_stack((start, np.zeros((len(lag_us), 2))))
     inverse = np.zeros((len(lag_us), 3, 3))
     for _ in range(ROBUST_ROUNDS):
-        off = (observed - np.einsum("knj,nj->kn", design, plane)) ** 2 * precision
+        off = (observed - (design @ plane[..., None])[..., 0]) ** 2 * precision
         weight = precision / (1.0 + off / OUTLYING**2)
-        normal = np.einsum("kn,kni,knj->nij", weight, design, design) + ridge
-        right = np.einsum("kn,kn,kni->ni", weight, observed - start, design)
+        normal = (weight[:, None, :] @ products)[:, 0, SYMMETRIC] + ridge
+        right = (weight * (observed - start[:, None]))[:, None, :] @ design
         inverse = np.linalg.inv(normal)
-        plane = np.einsum("nij,nj->ni", inverse, right)
+        plane = (inverse @ right.transpose(0, 2, 1))[..., 0]
         plane[:, 0] += start
-    some, enough = asked.any(axis=0), asked.sum(axis=0) >= FEW
-    off = np.where(asked, (observed - np.einsum("knj,nj->kn", design, plane)) ** 2 * precision, 0.0)
-    excess = (off / (1.0 + off / OUTLYING**2)).sum(axis=0) / np.maximum(asked.sum(axis=0), 1)
+    some, enough = asked.any(axis=1), asked.sum(axis=1) >= FEW
+    off = np.where(asked, (observed - (design @ plane[..., None])[..., 0]) ** 2 * precision, 0.0)
+    excess = (off / (1.0 + off / OUTLYING**2)).sum(axis=1) / np.maximum(asked.sum(axis=1), 1)
     sd = np.sqrt(inverse[:, 0, 0] * np.maximum(excess, 1.0))
     return (
         np.where(some, plane[:, 0], lag_us),
@@ -190,12 +192,12 @@ def predict_lags(
 
 
 def _weighted_median(values: Floats, weights: Floats) -> Floats:
-    """Return the weighted medians (n,) of the columns of (k, n)."""
-    order = np.argsort(values, axis=0)
-    share = np.cumsum(np.take_along_axis(weights, order, axis=0), axis=0)
-    at = np.argmax(share >= 0.5 * share[-1:], axis=0)
-    rows = np.arange(values.shape[1])
-    return values[order[at, rows], rows]
+    """Return the weighted medians (n,) of the rows of (n, k)."""
+    order = np.argsort(values, axis=1)
+    share = np.cumsum(np.take_along_axis(weights, order, axis=1), axis=1)
+    at = np.argmax(share >= 0.5 * share[:, -1:], axis=1)
+    rows = np.arange(len(values))
+    return values[rows, order[rows, at]]
 
 
 class LocalPlanes:

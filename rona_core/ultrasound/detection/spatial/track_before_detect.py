@@ -147,22 +147,21 @@ def _mean_around(own: Floats, others: Floats, links: Links) -> Floats:
 
 
 def seen_behind(stack: Floats, snr: Floats, grid_mm: Floats) -> Floats:
-    """Return how sure (n, m) another boundary lies behind each depth, 0 to ``STACK_SURE``.
+    """Return how sure another boundary lies behind each depth, 0 to ``STACK_SURE``, as ``stack``.
 
     Args:
-        stack: Mean log likelihood ratio for a boundary (n, m).
+        stack: Mean log likelihood ratio for a boundary (n, m), or several of them (s, n, m).
         snr: Mean level over the noise (n, m): a multiple or a side lobe does not count.
         grid_mm: Depths (m,).
     """
     sure = np.clip(stack - STACK_FLOOR, 0.0, STACK_SURE)
     behind = np.zeros(stack.shape)
-    for i, depth in enumerate(grid_mm):
-        first = int(np.searchsorted(grid_mm, depth + APART_MM))
+    most = loudest_repeat(grid_mm[:, None], grid_mm)
+    for i, first in enumerate(np.searchsorted(grid_mm, grid_mm + APART_MM)):
         if first >= len(grid_mm):
             break
-        ratio = snr[:, first:] / np.maximum(snr[:, i : i + 1], 1e-12)
-        counts = ~repeats(depth, grid_mm[first:], ratio)
-        behind[:, i] = np.where(counts, sure[:, first:], 0.0).max(axis=1)
+        counts = snr[:, first:] >= most[i, first:] * np.maximum(snr[:, i : i + 1], 1e-12)
+        behind[..., i] = (counts * sure[..., first:]).max(axis=-1)
     return behind
 
 
@@ -172,22 +171,24 @@ def _summits(snr: Floats) -> Bools:
     return np.asarray(snr >= maximum_filter1d(snr, reach, axis=1, mode="nearest"))
 
 
-def repeats(depth_mm: float | Floats, behind_mm: Floats, ratio: Floats) -> Bools:
-    """Return whether something behind an echo may come from it: a multiple, or a side lobe.
+def loudest_repeat(depth_mm: float | Floats, behind_mm: Floats) -> Floats:
+    """Return the level over that of an echo below which something behind it may come from it.
+
+    It may be a multiple, or a side lobe.
 
     Args:
         depth_mm: Of the echo.
         behind_mm: Of what is behind it.
-        ratio: Of their levels over the noise, the one behind over the one ahead.
     """
     times, most = REVERBERATES
     (near, high), (far, low) = SIDE_LOBES
-    lobe = np.interp(behind_mm - depth_mm, (near, far), (high, low))
-    same = np.asarray((ratio < lobe) | ((behind_mm < times * depth_mm) & (ratio < most)))
+    level = np.interp(behind_mm - depth_mm, (near, far), (high, low))
+    level = np.maximum(level, np.where(behind_mm < times * depth_mm, most, 0.0))
     for times, most in MULTIPLES:
         off = np.abs(behind_mm - times * depth_mm)
-        same = same | ((off < MULTIPLE[0] * behind_mm + MULTIPLE[1]) & (ratio < most))
-    return same
+        multiple = off < MULTIPLE[0] * behind_mm + MULTIPLE[1]
+        level = np.maximum(level, np.where(multiple, most, 0.0))
+    return np.asarray(level)
 
 
 def at_depths(values: Floats, grid_mm: Floats, depth_mm: Floats) -> Floats:
@@ -237,8 +238,8 @@ def along_tracks(
         links: Who is beside whom.
     """
     stack, mean = stacked(log_likelihood, links), _mean_around(snr, snr, links)
-    behind = seen_behind(stack, mean, grid_mm)
-    peaks = seen_behind(np.where(_summits(mean), stack, 0.0), mean, grid_mm)
+    both = np.stack((stack, np.where(_summits(mean), stack, 0.0)))
+    behind, peaks = seen_behind(both, mean, grid_mm)
     return Tracks(
         track_chances(log_likelihood - LAST * behind, grid_mm, depth_mm, links),
         at_depths(stack, grid_mm, depth_mm),

@@ -1,6 +1,5 @@
 """Signed distance to bone on a grid about the scanned disc: negative in bone, in mm."""
 
-from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Any
 
@@ -24,7 +23,7 @@ ABOVE_MM, BELOW_MM = 12.0, 46.0  # the surface at the centre of the disc
 BAND_MM = 4.0  # the distance is clipped to this
 SMOOTHING_VOXELS = 1.0  # sigma of the Gaussian that removes the steps of the voxels
 MOST_LABELLED = 30_000_000  # voxels in which pieces are told apart; more are pooled for that
-MOST_TILE_VOXELS = 8_000_000  # whose distance is taken at once, at some 30 bytes each
+MOST_CUBE_VOXELS = 8_000_000  # whose distance is taken at once, at some 30 bytes each
 MARGIN_MM = 6.0  # of the volume read around the grid
 SMALL_PIECE = 0.05  # bone pieces below this share of the largest are dropped (table, dust)
 
@@ -60,47 +59,43 @@ def distance_from_volume(bone: BoneVolume, grid: Grid) -> tuple[Floats, float]:
     """Return the smoothed distance on the grid, and the sigma of the smoothing in mm.
 
     The exact distance between voxel centres, half a voxel taken off on either side, has its zero
-    level midway between bone and air voxels; the Gaussian takes out their steps. Tile by tile: a
-    box about a whole slanted grid of fine voxels would not fit into memory.
+    level midway between bone and air voxels; the Gaussian takes out their steps. Cube by cube of
+    voxels: a box about a whole slanted grid of fine voxels would not fit into memory.
 
     Raises:
         InvalidInputError: no bone near the grid.
     """
-    tiles = list(_tiles(grid, bone))
-    boxes = np.array([_box(tile, bone) for _, tile in tiles])
-    large = _large_pieces(bone, boxes[:, 0].min(axis=0), boxes[:, 1].max(axis=0))
-    result = np.zeros(grid.shape)
-    for where, tile in tiles:
-        result[where] = _tile_distance(bone, large, tile)
-    return result, SMOOTHING_VOXELS * float(bone.voxel_mm().mean())
-
-
-def _tiles(grid: Grid, bone: BoneVolume) -> Iterator[tuple[tuple[slice, ...], Grid]]:
-    """Yield parts of the grid about which few enough voxels lie, and where in it they are."""
-    voxel = bone.voxel_mm()
-    across = np.abs(np.linalg.inv(bone.T_skull_voxel)[:3, :3] @ grid.axes_skull)
-    size = np.array(grid.shape)
-    while np.prod(across @ (grid.spacing_mm * size) + 2 * MARGIN_MM / voxel) > MOST_TILE_VOXELS:
-        size[np.argmax(size)] = (size.max() + 1) // 2
-    for corner in np.ndindex(*(-(-np.array(grid.shape) // size)).tolist()):
-        start = np.array(corner) * size
-        end = np.minimum(start + size, grid.shape)
-        origin = grid.origin_skull + grid.spacing_mm * grid.axes_skull @ start
-        nx, ny, nz = (int(n) for n in end - start)
-        where = tuple(slice(int(a), int(b)) for a, b in zip(start, end, strict=True))
-        yield where, Grid(origin, grid.axes_skull, grid.spacing_mm, (nx, ny, nz))
-
-
-def _box(grid: Grid, bone: BoneVolume) -> Ints:
-    """Return the first and the end (2, 3) of the voxels about a grid; some lie off the volume."""
     to_index = np.linalg.inv(bone.T_skull_voxel)
-    ends = np.stack(np.meshgrid(*((0, n - 1) for n in grid.shape), indexing="ij"), axis=-1)
-    corners = grid.origin_skull + grid.spacing_mm * ends.reshape(-1, 3) @ grid.axes_skull.T
-    places = corners @ to_index[:3, :3].T + to_index[:3, 3]
+    places = grid.nodes() @ to_index[:3, :3].T + to_index[:3, 3]
+    large = _large_pieces(bone, *_box(places, bone))
+    result = np.zeros(len(places))
+    for nodes in _cubes(places, bone):
+        result[nodes] = _distance_at(bone, large, places[nodes])
+    return result.reshape(grid.shape), SMOOTHING_VOXELS * float(bone.voxel_mm().mean())
+
+
+def _cubes(places: Floats, bone: BoneVolume) -> list[Ints]:
+    """Return the numbers of the nodes at places (n, 3) in each cube of voxels that holds some.
+
+    The cubes lie along the voxels, even about a grid that is slanted: so few voxels lie in two.
+    """
+    voxel = bone.voxel_mm()
+    widest = np.cbrt(MOST_CUBE_VOXELS * np.prod(voxel)) - 2.0 * MARGIN_MM
+    low = places.min(axis=0)
+    span = (places.max(axis=0) - low) * voxel
+    counts = np.ceil(span / max(widest, MARGIN_MM)).astype(np.int64)
+    which = np.minimum((places - low) * voxel / span * counts, counts - 1).astype(np.int64)
+    number: Ints = np.asarray(np.ravel_multi_index(tuple(which.T), tuple(counts.tolist())))
+    order = np.argsort(number, kind="stable")
+    return np.split(order, np.flatnonzero(np.diff(number[order])) + 1)
+
+
+def _box(places: Floats, bone: BoneVolume) -> tuple[Ints, Ints]:
+    """Return the first and the end (3,) of the voxels about places; some lie off the volume."""
     margin = np.ceil(MARGIN_MM / bone.voxel_mm())
     low = np.floor(places.min(axis=0) - margin)
     high = np.ceil(places.max(axis=0) + margin) + 1
-    return np.stack((low, high)).astype(np.int64)
+    return low.astype(np.int64), high.astype(np.int64)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -138,10 +133,10 @@ def _large_pieces(bone: BoneVolume, low: Ints, high: Ints) -> _LargePieces:
     return _LargePieces((sizes >= SMALL_PIECE * sizes.max())[pieces], edge, low)
 
 
-def _tile_distance(bone: BoneVolume, large: _LargePieces, grid: Grid) -> Floats:
-    """Return the smoothed distance on a grid."""
+def _distance_at(bone: BoneVolume, large: _LargePieces, places: Floats) -> Floats:
+    """Return the smoothed distance (n,) at places (n, 3) among the voxels."""
     voxel = bone.voxel_mm()
-    low, high = _box(grid, bone)
+    low, high = _box(places, bone)
     inner_low = np.clip(low, 0, bone.mask.shape)
     inner_high = np.clip(high, 0, bone.mask.shape)
     block = np.zeros(high - low, dtype=np.bool_)
@@ -150,16 +145,14 @@ def _tile_distance(bone: BoneVolume, large: _LargePieces, grid: Grid) -> Floats:
         tuple(slice(a - o, b - o) for a, b, o in zip(inner_low, inner_high, low, strict=True))
     ] = source & large.hold(inner_low, inner_high)
     if block.all() or not block.any():
-        return np.full(grid.shape, -2.0 * BAND_MM if block.any() else 2.0 * BAND_MM)
+        return np.full(len(places), -2.0 * BAND_MM if block.any() else 2.0 * BAND_MM)
     half = float(voxel.mean()) / 2.0
     signed = _to_nearest(~block, voxel)
     signed[block] = -_to_nearest(block, voxel)[block]
     signed -= np.where(block, -half, half).astype(np.float32)
     smooth = gaussian_filter(np.clip(signed, -2 * BAND_MM, 2 * BAND_MM), SMOOTHING_VOXELS)
-    to_index = np.linalg.inv(bone.T_skull_voxel)
-    places = grid.nodes() @ to_index[:3, :3].T + to_index[:3, 3]
     values = map_coordinates(smooth, (places - low).T, order=3, mode="nearest")
-    return values.reshape(grid.shape).astype(np.float64)
+    return values.astype(np.float64)
 
 
 def _to_nearest(inside: Bools, voxel_mm: Floats) -> NDArray[np.float32]:

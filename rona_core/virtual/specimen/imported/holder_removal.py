@@ -150,11 +150,15 @@ def _middle(solid: Bools, edge_mm: Floats) -> Floats | None:
     cavity = ~solid & (hit >= SIDES)
     if not cavity.any():
         return None
-    depth: Any = distance_transform_edt(~solid, sampling=edge_mm)
-    depth = np.where(cavity, depth, 0.0)
+    # what has bone on five sides lies in the box about all bone, and so does the nearest bone
+    ends = [np.flatnonzero(solid.any(axis=axes))[[0, -1]] for axes in ((1, 2), (0, 2), (0, 1))]
+    box = tuple(slice(first, last + 1) for first, last in ends)
+    depth: Any = distance_transform_edt(~solid[box], sampling=edge_mm)
+    depth = np.where(cavity[box], depth, 0.0)
     if depth.max() < LEAST_CAVITY_MM:
         return None
-    return np.array(np.unravel_index(int(depth.argmax()), depth.shape), dtype=np.float64)
+    deepest = np.unravel_index(int(depth.argmax()), depth.shape)
+    return np.array(deepest, dtype=np.float64) + [first for first, _ in ends]
 
 
 def _directions(up: Floats) -> Floats:

@@ -6,7 +6,6 @@ the centre has in a chart the depth ``s = v.e0`` and the slopes ``a = v.e1 / s``
 whose derivatives are short to write, and straight lines stay straight.
 """
 
-from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -37,19 +36,15 @@ class Chart:
     tiles: Floats  # (4 n, n) spline coefficients, one tile a boundary
 
     @classmethod
-    def bake(
-        cls, radii: Callable[[Floats], Floats], axes: Floats, half: float, step_mm: float
-    ) -> "Chart":
-        """Sample ``radii`` (directions (n, 3) -> (n, 4) mm) and fit the splines."""
+    def bake(cls, shape: SkullShape, axes: Floats, half: float, step_mm: float) -> "Chart":
+        """Sample the radii of a head and fit the splines."""
         step = step_mm / HEAD_MM
         count = int(np.ceil(half / step)) + RIM
-        slopes = np.arange(-count, count + 1) * step
-        a, b = (grid.ravel() for grid in np.meshgrid(slopes, slopes, indexing="ij"))
-        w = np.stack((np.ones_like(a), a, b), axis=1) @ axes
-        lengths = np.linalg.norm(w, axis=1)
-        rho = radii(w / lengths[:, None]) / lengths[:, None]
+        slopes = np.arange(-count, count + 1, dtype=np.float64) * step
+        lengths = np.sqrt(1.0 + slopes[:, None] ** 2 + slopes**2)
         n = len(slopes)
-        tiles = [spline_filter(column.reshape(n, n), order=3) for column in rho.T]
+        rho = shape.chart_radii(axes, slopes).reshape(n, n, -1) / lengths[:, :, None]
+        tiles = [spline_filter(rho[:, :, k], order=3) for k in range(rho.shape[2])]
         return cls(axes, half, step, np.concatenate(tiles))
 
     def locate(self, v: Floats) -> tuple[Floats, Bools]:
@@ -110,9 +105,7 @@ class Atlas:
 
     def __init__(self, shape: SkullShape, axis: Floats, half: float) -> None:
         self._shape = shape
-        self._charts: dict[int, Chart] = {
-            0: Chart.bake(shape.radii, tangents(axis), half, SCAN_STEP_MM)
-        }
+        self._charts: dict[int, Chart] = {0: Chart.bake(shape, tangents(axis), half, SCAN_STEP_MM)}
         self._trees: dict[int, tuple[KDTree, Floats]] = {}
 
     def _chart(self, number: int) -> Chart:
@@ -120,9 +113,7 @@ class Atlas:
         if number not in self._charts:
             axis = np.zeros(3)
             axis[(number - 1) % 3] = 1.0 if number <= 3 else -1.0
-            self._charts[number] = Chart.bake(
-                self._shape.radii, tangents(axis), FACE_HALF, FACE_STEP_MM
-            )
+            self._charts[number] = Chart.bake(self._shape, tangents(axis), FACE_HALF, FACE_STEP_MM)
         return self._charts[number]
 
     def _numbers(self, v: Floats) -> Ints:

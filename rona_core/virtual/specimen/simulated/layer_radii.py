@@ -1,12 +1,19 @@
 """Radii of the four boundaries of the simulated skull about its centre, in closed form."""
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
 from scipy.special import expit
 
 from rona_core.geometry.arrays import Floats, Vector3
-from rona_core.virtual.specimen.simulated.spherical_fields import Curves, Egg, Field, Waves
+from rona_core.virtual.specimen.simulated.spherical_fields import (
+    Curves,
+    Egg,
+    Field,
+    Waves,
+    chart_directions,
+)
 
 FLOOR_MM = 1.3  # bone is never radially thinner than this
 FLOOR_WIDTH_MM = 0.4  # over which the floor sets in
@@ -44,15 +51,7 @@ class SkullShape:
     base_thickness_mm: float
     template: tuple[Field, ...]  # added to the base thickness
     diploe: Waves  # shifts where the diploe widens
-
-    def _outer(self, u: Floats) -> Floats:
-        return self.egg.value(u) + sum((field.value(u) for field in self.relief), 0.0)
-
-    def _thickness(self, u: Floats) -> Floats:
-        """Return the radial thickness (n,)."""
-        wish = self.base_thickness_mm + sum((field.value(u) for field in self.template), 0.0)
-        x = (wish - FLOOR_MM) / FLOOR_WIDTH_MM
-        return FLOOR_MM + FLOOR_WIDTH_MM * np.logaddexp(0.0, x)
+    texture: Waves | None = None  # of the outer boundary alone
 
     def radii(self, u: Floats) -> Floats:
         """Return the radii (n, 4) in mm of the four boundaries, outermost first.
@@ -60,7 +59,27 @@ class SkullShape:
         Args:
             u: Unit directions from the centre, (n, 3).
         """
-        outer, thickness = self._outer(u), self._thickness(u)
-        depths = layer_depths(thickness, diploe_share(thickness + self.diploe.value(u)))
-        depths[:, 0] = SUTURE_CAP_MM * np.tanh(self.sutures.value(u) / SUTURE_CAP_MM)
+        return self._radii(lambda field: field.value(u))
+
+    def chart_radii(self, axes: Floats, slopes: Floats) -> Floats:
+        """Return the radii (n n, 4) in mm at ``chart_directions`` of slopes (n,), ascending."""
+        u = chart_directions(axes, slopes)
+
+        def value(field: Field) -> Floats:
+            waves = isinstance(field, Waves)
+            return field.chart_value(axes, slopes) if waves else field.value(u)
+
+        return self._radii(value)
+
+    def _radii(self, value: Callable[[Field], Floats]) -> Floats:
+        """Return the radii (n, 4) from what the fields are."""
+        outer = value(self.egg) + sum((value(field) for field in self.relief), 0.0)
+        wish = self.base_thickness_mm + sum((value(field) for field in self.template), 0.0)
+        x = (wish - FLOOR_MM) / FLOOR_WIDTH_MM
+        thickness = FLOOR_MM + FLOOR_WIDTH_MM * np.logaddexp(0.0, x)
+        depths = layer_depths(thickness, diploe_share(thickness + value(self.diploe)))
+        carved = value(self.sutures)
+        if self.texture is not None:
+            carved = carved + value(self.texture)
+        depths[:, 0] = SUTURE_CAP_MM * np.tanh(carved / SUTURE_CAP_MM)
         return outer[:, None] - depths

@@ -66,11 +66,16 @@ ZIGZAG_MM = 1.3
 
 RELIEF_LENGTHS_MM, RELIEF_SDS_MM = np.array((45.0, 19.0, 7.5)), np.array((0.8, 0.25, 0.03))
 THICKNESS_LENGTHS_MM, THICKNESS_SDS_MM = np.array((45.0, 19.0, 7.5)), np.array((0.4, 0.8, 0.56))
+# correlation length of small unevenness: 1.7 mm on a skull of 0.5 mm voxels, 3 mm as beams see it
+TEXTURE_MM, TEXTURE_WAVES = 3.0, 200
 MEAN_THICKNESS_MM, SD_THICKNESS_MM, SPREAD = 5.95, 0.95, 1.8  # of the base; spread in SD
 
 
-def draw_patient(seed: int) -> SkullShape:
-    """Return the head of a seed; both of its sides differ."""
+def draw_patient(seed: int, outer_texture_mm: float = 0.0) -> SkullShape:
+    """Return the head of a seed; both of its sides differ.
+
+    Its outer boundary is uneven by ``outer_texture_mm`` RMS on top of its relief.
+    """
     rng = np.random.default_rng((STREAM, seed))
     scale = np.clip(rng.normal(1.0, 0.025, 4), 0.94, 1.06)
     width, length, height = np.array((70.0, 92.0, 75.0)) * scale[0] * scale[1:] ** 0.6
@@ -95,7 +100,15 @@ def draw_patient(seed: int) -> SkullShape:
             Waves.draw(rng, THICKNESS_LENGTHS_MM, THICKNESS_SDS_MM),
         ),
         diploe=Waves.draw(rng, np.array((25.0,)), np.array((0.5,))),
+        texture=_texture(rng, outer_texture_mm),
     )
+
+
+def _texture(rng: np.random.Generator, rms_mm: float) -> Waves | None:
+    """Return the small unevenness of the outer boundary, drawn last; None where there is none."""
+    if rms_mm == 0.0:
+        return None
+    return Waves.draw(rng, np.array((TEXTURE_MM,)), np.array((rms_mm,)), TEXTURE_WAVES)
 
 
 def _bumps(

@@ -57,8 +57,9 @@ class SimulatedSpecimen:
         side: Side = "left",
         center_skull: ArrayLike | None = None,
         radius_mm: float = 25.0,
+        outer_texture_mm: float = 0.0,
     ) -> None:
-        self.shape: SkullShape = draw_patient(seed)
+        self.shape: SkullShape = draw_patient(seed, outer_texture_mm)
         self._center = self.shape.center_skull
         _, directions = cube_sphere(24)
         self._bound_mm = float(self.shape.radii(directions).max()) + 2.0

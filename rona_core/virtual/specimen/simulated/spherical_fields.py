@@ -9,6 +9,7 @@ from dataclasses import dataclass
 from typing import Any, Protocol
 
 import numpy as np
+from numpy.polynomial.chebyshev import chebpts1, chebvander
 from scipy.interpolate import CubicSpline
 from scipy.spatial import KDTree
 
@@ -19,6 +20,8 @@ FAR_SIDE = 0.5  # width along the axis of a bump, so that it does not appear on 
 REACH = 7.5  # standard deviations after which a smeared point counts as zero
 CENTER_SKULL = (0.0, -6.0, 48.0)  # from where the head is seen as a function of direction
 BISECTIONS = 40
+BLOCK = 2048  # directions at once: of an atlas the waves are 100 MB together
+CHEBYSHEV_NODES = 120  # across a chart of any size
 
 Place = tuple[float, float]  # mm behind, mm above the ear canal
 
@@ -41,11 +44,10 @@ class Bumps:
 
     def value(self, u: Floats) -> Floats:
         """Return the values (n,) in mm."""
-        p = np.einsum("mij,nj->nmi", self.axes, u)
-        p[..., 0] = p[..., 0] - 1.0
-        scaled = p / np.column_stack((np.full(len(self.widths), FAR_SIDE), self.widths)) ** 2
-        bells = self.heights_mm * np.exp(-0.5 * (p * scaled).sum(axis=2))
-        return np.asarray(bells.sum(axis=1), dtype=np.float64)
+        square = ((u @ self.axes[:, 0].T - 1.0) / FAR_SIDE) ** 2
+        for k in range(2):
+            square += (u @ self.axes[:, k + 1].T / self.widths[:, k]) ** 2
+        return np.exp(-0.5 * square) @ self.heights_mm
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -68,7 +70,23 @@ class Waves:
 
     def value(self, u: Floats) -> Floats:
         """Return the values (n,) in mm."""
-        return np.cos(u @ self.vectors.T + self.phases_rad) @ self.heights_mm
+        values = np.zeros(len(u))
+        for start in range(0, len(u), BLOCK):
+            waves = u[start : start + BLOCK] @ self.vectors.T
+            waves += self.phases_rad
+            values[start : start + BLOCK] = np.cos(waves, out=waves) @ self.heights_mm
+        return values
+
+    def chart_value(self, axes: Floats, slopes: Floats) -> Floats:
+        """Return the values (n n,) in mm at ``chart_directions``, by Chebyshev interpolation.
+
+        Waves are smooth: what the polynomials leave out is less than 1e-11 mm.
+        """
+        nodes = chebpts1(CHEBYSHEV_NODES)
+        at_nodes = self.value(chart_directions(axes, slopes[-1] * nodes)).reshape(2 * nodes.shape)
+        known, wanted = (chebvander(x, len(nodes) - 1) for x in (nodes, slopes / slopes[-1]))
+        between = wanted @ np.linalg.inv(known)
+        return (between @ at_nodes @ between.T).ravel()
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -82,7 +100,8 @@ class Curves:
     def value(self, u: Floats) -> Floats:
         """Return the values (n,) in mm."""
         # distances of all pairs (direction, point) within reach
-        pairs: Any = KDTree(u).sparse_distance_matrix(
+        tree = KDTree(u, compact_nodes=False, balanced_tree=False)  # asked once: quick to build
+        pairs: Any = tree.sparse_distance_matrix(
             KDTree(self.points), REACH * self.width, output_type="coo_matrix"
         )
         bells = self.weights_mm[pairs.col] * np.exp(-0.5 * (pairs.data / self.width) ** 2)
@@ -130,6 +149,13 @@ def direction_of(egg: Egg, place: Place, side: int) -> Vector3:
             low, high = (x, high) if inside else (low, x)
     v = np.array((side * low, -behind, above)) - center
     return v / np.linalg.norm(v)
+
+
+def chart_directions(axes: Floats, slopes: Floats) -> Floats:
+    """Return the unit directions (n n, 3) with each pair of slopes (n,) about axes (3, 3)."""
+    a, b = (grid.ravel() for grid in np.meshgrid(slopes, slopes, indexing="ij"))
+    w = np.stack((np.ones_like(a), a, b), axis=1) @ axes
+    return w / np.linalg.norm(w, axis=1)[:, None]
 
 
 def tangents(direction: Vector3) -> Floats:

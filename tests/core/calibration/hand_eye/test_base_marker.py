@@ -9,12 +9,12 @@ from scipy.spatial.transform import Rotation
 from rona_core.calibration.hand_eye.base_marker import (
     MIN_FRAMES,
     SeenBase,
-    TrackerErrorField,
     detect_tracker_movement,
     mean_base,
     point_sigmas_mm,
     update_registration,
 )
+from rona_core.calibration.tracker_field import TrackerErrorField
 from rona_core.devices.marker_geometry import GEOMETRIES
 from rona_core.devices.settings import DeviceSettings, TrackerPlace, TrackerSettings
 from rona_core.devices.tracker_volumes import FIELD_MM

@@ -59,10 +59,11 @@ def around(seed=1):
 
 
 WORLD = CollisionWorld(RX90, around())
+DRAWN_TOOL = {shape.name for shape in tool_shapes(RX90)} - {"force sensor"}
 DRAWN_ARM = [
     Solid(shape.frame, shape.name, shape.mesh)
     for shape in link_shapes(RX90)
-    if shape.name not in {s.name for s in tool_shapes(RX90)} or shape.name == "force sensor"
+    if shape.name not in DRAWN_TOOL
 ]
 
 

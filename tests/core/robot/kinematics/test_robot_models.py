@@ -42,6 +42,14 @@ def residual_mm(model, poses, solutions):
 
 
 @every_arm
+def test_the_rotation_of_one_posture_is_that_of_many_to_the_last_bit(name):
+    model = MODELS[name]
+    qs = random_joints(model, 200)
+    rotations = np.array([model.rotation(q) for q in qs])
+    np.testing.assert_array_equal(rotations, model.forward(qs).rotations)
+
+
+@every_arm
 def test_forward_agrees_with_pinocchio(name):
     model = MODELS[name]
     qs = random_joints(model, 300)

@@ -23,6 +23,9 @@ class Wall:
     def clear(self, qs_rad):
         return np.array([self.passes(q) for q in qs_rad], dtype=bool)
 
+    def first_hit(self, qs_rad):
+        return next((i for i, q in enumerate(qs_rad) if not self.passes(q)), -1)
+
     def report(self, qs_rad):
         return self.own.report(qs_rad)
 

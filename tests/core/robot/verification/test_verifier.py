@@ -370,12 +370,12 @@ def test_between_samples_it_looks_halfway_and_says_where():
     """A thing that one joint passes by, at 10 mm per radian, between samples 2 and 3."""
     asked = []
 
-    def distances_mm(qs_rad):
+    def nearest_mm(qs_rad):
         asked.append(qs_rad[:, 0])
         return 10.0 * np.abs(qs_rad[:, :1] - 2.3)
 
     world = SimpleNamespace(
-        distances_mm=distances_mm, least_mm=np.zeros(1), levers_mm=10.5 * np.eye(6)[0]
+        nearest_mm=nearest_mm, least_mm=np.zeros(1), levers_mm=10.5 * np.eye(6)[0]
     )
     numbers = np.arange(5 * DENSITY + 1) / DENSITY
     qs = numbers[:, None] * np.eye(6)[0]  # the joint angle is the number of the sample
@@ -399,3 +399,8 @@ def test_the_scan_is_looked_at_from_its_first_sample_to_its_last(plan):
     np.testing.assert_allclose(
         scan.poses.translations[-1], plan.search.path.points_base[-1], atol=0.3
     )
+
+
+def test_a_scan_is_held_against_every_singularity(plan):
+    held = {check.name for check in plan.certificate.checks}
+    assert {"wrist from straight", "elbow from straight", "wrist from axis 1"} <= held

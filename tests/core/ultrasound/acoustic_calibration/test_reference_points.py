@@ -1,5 +1,7 @@
 """Where a caliper is put, and the time of flight there."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -7,12 +9,15 @@ from rona_core.errors import DegenerateGeometryError, InvalidInputError
 from rona_core.geometry.arrays import readonly
 from rona_core.ultrasound.acoustic_calibration.reference_points import (
     at_speed,
-    choose_reference_scans,
     lags_at,
+    propose_references,
 )
+from rona_core.ultrasound.acoustic_calibration.speed_calibration import calibrate_speed, speed_at
+from rona_core.ultrasound.acoustic_calibration.speed_prior import PUBLISHED
 from rona_core.ultrasound.detection.detect import Detection
 
 SPEED = 2.6
+SAME_EVERYWHERE = replace(PUBLISHED, local_log_sd=0.0)
 
 
 def disc(n=400, radius=25.0, seed=0):
@@ -51,7 +56,7 @@ def test_the_places_are_spread_thick_and_among_the_sure_ones():
     places = disc()
     thickness = np.where(places[:, 0] > 10.0, 2.5, 6.0)  # one side is too thin
     ok = places[:, 1] > -15.0
-    rows = choose_reference_scans(places, detection(thickness, ok), 3)
+    rows = propose_references(places, detection(thickness, ok), 3).scans
     assert len(set(rows.tolist())) == 3
     assert ok[rows].all()
     assert (thickness[rows] >= 3.0).all()
@@ -65,7 +70,7 @@ def test_the_places_are_spread_thick_and_among_the_sure_ones():
 def test_a_parallel_place_is_preferred_to_a_wedge_beside_it():
     places = disc(800)
     slope = np.where(places[:, 0] > 0.0, 0.25, 0.0)
-    rows = choose_reference_scans(places, detection(6.0 + slope * places[:, 0]), 1)
+    rows = propose_references(places, detection(6.0 + slope * places[:, 0]), 1).scans
     assert places[rows[0], 0] < 0.0
 
 
@@ -74,7 +79,7 @@ def test_a_place_whose_echo_disagrees_with_all_around_it_is_not_chosen():
     middle = int(np.argmin(np.linalg.norm(places[:, :2], axis=1)))
     thickness = np.full(len(places), 6.0)
     thickness[middle] = 4.0
-    assert choose_reference_scans(places, detection(thickness), 1)[0] != middle
+    assert propose_references(places, detection(thickness), 1).scans[0] != middle
 
 
 def test_the_lag_is_that_of_the_plane_around_it_whatever_one_stray_echo_says():
@@ -85,7 +90,7 @@ def test_the_lag_is_that_of_the_plane_around_it_whatever_one_stray_echo_says():
     wanted = np.array([(5.0, 5.0, 400.0), (-8.0, 0.0, 400.0)])
     lag, sigma = lags_at(wanted, places, detection(thickness))
     np.testing.assert_allclose(lag, 2.0 * (6.0 + 0.05 * wanted[:, 0]) / SPEED, atol=0.02)
-    assert (sigma >= 0.03).all()
+    assert (sigma > 0.005).all()
     assert (sigma < 0.06).all()
     turn = np.array([[0.0, -1.0, 0.0], [0.0, 0.0, 1.0], [-1.0, 0.0, 0.0]])
     moved = lags_at(wanted @ turn.T + 7.0, places @ turn.T + 7.0, detection(thickness))
@@ -118,4 +123,46 @@ def test_what_tells_nothing_is_refused_by_name():
     with pytest.raises(InvalidInputError, match="reference point 2"):
         lags_at(np.vstack((places[:1], places[:1] + 60.0)), places, detection(np.full(50, 6.0)))
     with pytest.raises(DegenerateGeometryError, match="0 A-scans"):
-        choose_reference_scans(places, detection(np.full(50, 2.0)), 3)
+        propose_references(places, detection(np.full(50, 2.0)), 3)
+
+
+def test_no_other_place_lowers_the_error_more_and_the_gain_is_as_promised():
+    places = disc(60, seed=3)
+    found = detection(6.0 + 0.04 * places[:, 0])
+    proposal = propose_references(places, found, 1)
+    then = {}
+    for i in range(60):
+        lag, sigma = lags_at(places[[i]], places, found)
+        depth = lag * SPEED / 2.0
+        known = calibrate_speed(
+            depth, lag, lag_sigma_us=sigma, positions_mm=places[[i]], prior=SAME_EVERYWHERE
+        )
+        then[i] = float(np.sqrt(np.mean((found.thickness_mm * speed_at(known, places)[1]) ** 2)))
+    best = min(then, key=then.__getitem__)
+    assert then[proposal.scans[0]] <= 1.02 * then[best]
+    assert proposal.then_mm * SPEED == pytest.approx(then[proposal.scans[0]], rel=0.1)
+    assert proposal.then_mm < proposal.now_mm
+
+
+def test_points_that_are_known_already_are_not_asked_for_again():
+    places = disc()
+    found = detection(np.full(len(places), 6.0))
+    first = propose_references(places, found, 3)
+    assert first.then_mm < 0.5 * first.now_mm
+    lag, sigma = lags_at(places[first.scans], places, found)
+    known = calibrate_speed(
+        np.full(3, 6.0), lag, lag_sigma_us=sigma, positions_mm=places[first.scans]
+    )
+    more = propose_references(places, found, 1, known)
+    away = np.linalg.norm(places[first.scans] - places[more.scans], axis=1)
+    assert away.min() > 10.0
+    assert more.now_mm == pytest.approx(first.then_mm, rel=0.1)
+    assert more.then_mm < more.now_mm
+
+
+def test_an_echo_that_is_hardly_sure_is_not_chosen():
+    places = disc()
+    found = detection(np.full(len(places), 6.0))
+    doubtful = places[:, 0] > 0.0
+    unsure = replace(found, inner_quality=readonly(np.where(doubtful, 0.9, 1.0)))
+    assert not doubtful[propose_references(places, unsure, 3).scans].any()

@@ -38,7 +38,9 @@ def test_a_plain_plate_is_measured_in_every_shot(name, excitation, method):
 @EVERY
 def test_where_the_bone_has_no_end_hardly_anything_is_taken_for_it(name, excitation, method):
     clock, specimen = StillClock(), Plates((0.0, 60.0, 70.0, 80.0))
-    probe = VirtualProbe(clock, Pose.identity, specimen, Medium(speckle=0.0))
+    probe = VirtualProbe(
+        clock, lambda times: Pose.identity().repeated(len(times)), specimen, Medium(speckle=0.0)
+    )
     probe.begin(ProbeSettings(name=name, excitation=excitation), 5, 0)
     scans = []
     for shot in range(40):

@@ -42,7 +42,7 @@ def surveys(name, excitation):
 
 def plate(name, excitation, depths, *, tilt_deg=0.0, lifts=(0.0,), snr=50.0, medium=None):
     clock, pose = StillClock(), [Pose.identity()]
-    probe = VirtualProbe(clock, lambda: pose[0], Plates(depths), medium)
+    probe = VirtualProbe(clock, lambda times: pose[0].repeated(len(times)), Plates(depths), medium)
     probe.begin(ProbeSettings(name=name, excitation=excitation, front_snr_db=snr), 5, 0)
     scans = []
     for i, lift in enumerate(lifts):

@@ -9,7 +9,8 @@ from scipy.signal import hilbert
 from rona_core.devices.settings import PROBE_LIMITS, ROOM_C, ProbeSettings
 from rona_core.errors import InvalidInputError
 from rona_core.geometry.pose import Pose
-from rona_core.ultrasound.probe.probe_model import AQUALENE, PROBES, ProbeModel, probe_model, warmed
+from rona_core.ultrasound.probe.probe_model import AQUALENE, PROBES, ProbeModel, probe_model
+from rona_core.virtual.acoustics.delay_line import warmed
 from rona_core.virtual.acoustics.probe import VirtualProbe
 from tests.helpers.ultrasound_scenes import Plates, StillClock
 
@@ -18,7 +19,9 @@ PULSE = ProbeSettings(excitation="pulse", front_snr_db=90.0)
 
 def fire(settings, specimen=None, medium=None, pose=None):
     here = pose or Pose.identity()
-    probe = VirtualProbe(StillClock(), lambda: here, specimen or Plates(), medium)
+    probe = VirtualProbe(
+        StillClock(), lambda times: here.repeated(len(times)), specimen or Plates(), medium
+    )
     probe.begin(settings, 3, 0)
     return probe.acquire()
 
@@ -109,8 +112,8 @@ def test_a_warm_line_delays_the_front_by_its_own_slowness(rise):
 
 
 def test_a_warm_line_loses_less_and_room_temperature_changes_nothing():
-    assert warmed(AQUALENE, ROOM_C) is None
-    hot = warmed(AQUALENE, 40.0)
+    assert warmed(AQUALENE, 0.0) == AQUALENE
+    hot = warmed(AQUALENE, 40.0 - ROOM_C)
     assert hot.attenuation_db_per_cm < AQUALENE.attenuation_db_per_cm
     peaks = [np.abs(fire(replace(PULSE, line_temperature_c=t)).rf).max() for t in (ROOM_C, 40.0)]
     assert peaks[1] > peaks[0]

@@ -1,8 +1,10 @@
 import numpy as np
 import pytest
+from scipy.signal import windows
 
 from rona_core.errors import InvalidInputError
 from rona_core.ultrasound.probe.excitation import (
+    CHIRP_TAPER,
     GRID,
     chirp,
     emission_spectrum,
@@ -69,6 +71,17 @@ def test_the_chirp_sweeps_its_band(name):
     middle, half = probe.centre_mhz, probe.chirp_band_mhz / 2
     assert (low + high) / 2 == pytest.approx(middle, rel=0.03)
     assert 0.6 * half < (high - low) / 2 < half
+
+
+@BOTH
+def test_the_chirp_is_tapered_by_the_window_of_tukey(name):
+    probe = probe_model(name)
+    sent = chirp(probe)
+    t = np.arange(len(sent)) / probe.sampling_mhz
+    band, middle = probe.chirp_band_mhz, probe.centre_mhz
+    cycles = (middle - band / 2) * t + band / probe.chirp_length_us * t**2 / 2
+    wanted = np.sin(2 * np.pi * cycles) * windows.tukey(len(sent), CHIRP_TAPER)
+    np.testing.assert_allclose(sent, wanted, rtol=0, atol=1e-12)
 
 
 def test_an_unknown_excitation_is_refused():

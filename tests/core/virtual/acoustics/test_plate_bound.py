@@ -18,11 +18,26 @@ WRONG_MM = 1.0
 @pytest.mark.parametrize("snr_db", [20.0, 40.0])
 def test_on_a_plate_the_scatter_is_that_of_the_bound(name, excitation, thickness_mm, snr_db):
     scene = plate(thickness_mm, snr_db, name=name, excitation=excitation)
+    # the bound is that of an echo whose shape is known, so the loss of the bone is told
     found = detect(
-        ProbeSurvey(scene.track, scene.probe, excitation, positions_mm=scene.points_skull)
+        ProbeSurvey(scene.track, scene.probe, excitation, positions_mm=scene.points_skull),
+        bone_loss=1.0,
     )
     error_us = found.inner_us - found.outer_us - scene.bone_us
     pulse, sent = (block_template(scene.probe, kind) for kind in ("pulse", excitation))
     bound = inner_bound(pulse, scene.medium.table, thickness_mm, snr_db, sent).coherent_us
     assert np.abs(error_us).max() * found.sound_speed_mm_per_us / 2.0 < WRONG_MM
     assert 0.85 < error_us.std() / bound < 1.5
+
+
+@pytest.mark.parametrize("excitation", ["pulse", "chirp"])
+@pytest.mark.parametrize("name", list(PROBES))
+def test_a_loss_that_is_learned_costs_micrometres_of_scatter(name, excitation):
+    scene = plate(8.0, 40.0, name=name, excitation=excitation)
+    found = detect(
+        ProbeSurvey(scene.track, scene.probe, excitation, positions_mm=scene.points_skull)
+    )
+    error_us = found.inner_us - found.outer_us - scene.bone_us
+    assert found.bone_loss is not None
+    assert error_us.std() * found.sound_speed_mm_per_us / 2.0 < 0.006
+    assert abs(error_us.mean()) * found.sound_speed_mm_per_us / 2.0 < 0.08

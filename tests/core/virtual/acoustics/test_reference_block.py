@@ -5,7 +5,8 @@ from scipy.signal import hilbert
 from rona_core.devices.settings import ProbeSettings
 from rona_core.ultrasound.probe.beam import mirror_spectrum
 from rona_core.ultrasound.probe.excitation import GRID, emission_spectrum
-from rona_core.ultrasound.probe.probe_model import AQUALENE, PROBES, warmed
+from rona_core.ultrasound.probe.probe_model import AQUALENE, PROBES
+from rona_core.virtual.acoustics.delay_line import warmed
 from rona_core.virtual.acoustics.plates import (
     STEEL,
     SteelFace,
@@ -58,7 +59,7 @@ def test_the_block_tells_how_slow_a_warm_line_is(temperature_c):
         for t in (22.0, temperature_c)
     )
     late_us = delay_samples(warm.rf[0].astype(float), room.rf[0].astype(float)) / room.sampling_mhz
-    true = warmed(AQUALENE, temperature_c)
+    true = warmed(AQUALENE, temperature_c - 22.0)
     way = 2.0 * PROBES["2.25MHz"].line_length_mm
     expected = way / true.speed_mm_per_us - way / AQUALENE.speed_mm_per_us
     assert late_us == pytest.approx(expected, abs=0.003)

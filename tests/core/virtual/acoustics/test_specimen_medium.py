@@ -5,8 +5,9 @@ import pytest
 
 from rona_core.app.dependencies.staleness import capture_setup_digest
 from rona_core.app.runtime.handling import handle
-from rona_core.app.steps.setup.messages import SetBoneModel
+from rona_core.app.steps.setup.messages import SetBoneModel, SetWorld
 from rona_core.compose import build_virtual_rig
+from rona_core.devices.world_settings import NOMINAL_WORLD
 from rona_core.errors import InvalidInputError
 from rona_core.session.document import Session, Setup
 from rona_core.session.migrate import ADDED_IN_3
@@ -18,11 +19,13 @@ from rona_core.virtual.acoustics.medium import (
     bone_medium,
     patient_speed_factor,
 )
+from rona_core.virtual.world.world import draw_world
 
 
 @pytest.mark.parametrize("kind", list(MEDIA))
 def test_without_a_speed_of_its_own_it_is_the_named_medium(kind):
-    assert bone_medium(BoneChoice(kind, own_speed=False), 5) == MEDIA[kind]
+    choice = BoneChoice(kind, own_speed=False)
+    assert bone_medium(draw_world(NOMINAL_WORLD, choice, 5)) == MEDIA[kind]
 
 
 def test_patients_differ_by_what_is_published_and_one_seed_is_one_patient():
@@ -34,7 +37,8 @@ def test_patients_differ_by_what_is_published_and_one_seed_is_one_patient():
 
 
 def test_table_and_diploe_share_the_patients_factor_and_nothing_else_changes():
-    found, factor = bone_medium(BoneChoice("hard"), 7), patient_speed_factor(7)
+    found = bone_medium(draw_world(NOMINAL_WORLD, BoneChoice("hard"), 7))
+    factor = patient_speed_factor(7)
     for name in ("table", "diploe"):
         nominal = getattr(MEDIA["hard"], name)
         faster = replace(nominal, speed_mm_per_us=factor * nominal.speed_mm_per_us)
@@ -59,7 +63,8 @@ def test_an_unknown_kind_of_bone_is_refused():
 def test_the_choice_reaches_the_virtual_probe_and_makes_its_scan_another():
     heard = {}
     for kind in ("normal", "hard"):
-        session = handle(SetBoneModel(kind, own_speed=False), Session(name="bone"))
+        nominal = handle(SetWorld("nominal"), Session(name="bone"))
+        session = handle(SetBoneModel(kind, own_speed=False), nominal)
         assert session.setup.bone == BoneChoice(kind, own_speed=False)
         rig = build_virtual_rig(session.setup)
         heard[kind] = rig.probe.medium

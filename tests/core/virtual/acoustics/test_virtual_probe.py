@@ -16,7 +16,9 @@ NOISELESS = ProbeSettings(excitation="pulse", front_snr_db=90.0)
 
 def rig(specimen=None, medium=None, settings=NOISELESS, seed=3, ordinal=0):
     clock, pose = StillClock(), [Pose.identity()]
-    probe = VirtualProbe(clock, lambda: pose[0], specimen or Plates(), medium)
+    probe = VirtualProbe(
+        clock, lambda times: pose[0].repeated(len(times)), specimen or Plates(), medium
+    )
     probe.begin(settings, seed, ordinal)
     return probe, clock, pose
 

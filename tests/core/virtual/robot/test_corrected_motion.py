@@ -84,6 +84,19 @@ def test_it_ends_where_the_motion_ends(robot, band):
     np.testing.assert_allclose(robot.q_at(1e6), band.qs_rad[-1, 2], atol=1e-12)
 
 
+def test_many_looks_are_those_of_one_after_the_other(robot, band):
+    robot, clock = robot
+    motion = guided(robot, band)
+    for k in range(40):
+        clock.wait_until(0.016 * k)
+        motion.correct(8.0 * (-1.0) ** (k // 7), 0.25 * (k % 5))
+    robot.stop()
+    times_s = np.arange(-0.02, 0.9, 0.001)
+    reached_s, travel_mm = robot.guided.looks(times_s)
+    one = [(robot.guided.reached_s(t), robot.guided.travel_mm(t)) for t in times_s.tolist()]
+    np.testing.assert_array_equal(np.stack((reached_s, travel_mm), axis=1), one)
+
+
 def test_stop_freezes_way_and_correction_at_once(robot, band):
     robot, clock = robot
     motion = guided(robot, band)

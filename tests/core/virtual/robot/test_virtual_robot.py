@@ -163,7 +163,7 @@ def test_repeatability_and_tilt_have_their_size():
     error = RobotError(7)
     nominal = Pose.from_rotvec((0.2, 0.1, 3.0), (600.0, 60.0, 400.0))
     systematic = error.systematic_mm(nominal.translation[None])[0]
-    poses = error.Ts_base_tip_true(nominal.repeated(2000), 3, np.arange(2000))
+    poses = error.Ts_base_tip_true(nominal.repeated(2000), None, 3, np.arange(2000))
     shifts = np.array([pose.translation - nominal.translation - systematic for pose in poses])
     assert np.sqrt((shifts**2).sum(axis=1).mean()) == pytest.approx(0.03, rel=0.05)
     assert np.abs(shifts.mean(axis=0)).max() < 0.002
@@ -178,7 +178,8 @@ def test_errors_are_a_pure_function_of_seed_capture_and_motion(seed, ordinal, ke
     first, again = RobotError(seed), RobotError(seed)
 
     def tip(error, ordinal, *keys):
-        return error.Ts_base_tip_true(nominal.repeated(len(keys)), ordinal, np.array(keys))[0]
+        poses = nominal.repeated(len(keys))
+        return error.Ts_base_tip_true(poses, None, ordinal, np.array(keys))[0]
 
     tip(first, ordinal + 1, key)
     a, b = tip(first, ordinal, key), tip(again, ordinal, key, key + 3)
@@ -194,7 +195,7 @@ def test_errors_are_a_pure_function_of_seed_capture_and_motion(seed, ordinal, ke
 def test_switched_off_there_is_no_error():
     error = RobotError(1, enabled=False)
     nominal = Pose.from_translation((500.0, 100.0, 300.0)).repeated(1)
-    assert error.Ts_base_tip_true(nominal, 0, np.zeros(1, int)) is nominal
+    assert error.Ts_base_tip_true(nominal, None, 0, np.zeros(1, int)) is nominal
     assert not error.systematic_mm(workspace_points(5)).any()
     with pytest.raises(InvalidInputError, match="points_base"):
         RobotError(1).systematic_mm((1.0, 2.0, 3.0))

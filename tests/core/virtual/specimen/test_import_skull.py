@@ -320,16 +320,16 @@ def slanted_shell(voxel_mm, axes):
     return BoneVolume(mask, affine, 0, False), OUTER_MM * outward
 
 
-def test_tiles_of_the_distance_are_as_one(monkeypatch):
+def test_cubes_of_the_distance_are_as_one(monkeypatch):
     axes = np.linalg.qr(np.array(((1.0, 0.2, 0.5), (0.3, 1.0, 0.6), (-0.4, -0.5, 0.7))))[0]
     bone, center = slanted_shell(1.0, axes)
     grid = grid_about(center, axes[:, 2], 12.0)
     whole, _ = distance.distance_from_volume(bone, grid)
-    monkeypatch.setattr(distance, "MOST_TILE_VOXELS", 120_000)
+    monkeypatch.setattr(distance, "MOST_CUBE_VOXELS", 120_000)
     monkeypatch.setattr(distance, "MOST_LABELLED", 200_000)
-    tiles, _ = distance.distance_from_volume(bone, grid)
+    cubes, _ = distance.distance_from_volume(bone, grid)
     assert (
-        np.abs(distance.as_micrometres(whole).astype(int) - distance.as_micrometres(tiles)).max()
+        np.abs(distance.as_micrometres(whole).astype(int) - distance.as_micrometres(cubes)).max()
         <= 1
     )
 

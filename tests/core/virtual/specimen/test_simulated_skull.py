@@ -8,7 +8,9 @@ from rona_core.virtual.specimen.simulated.spherical_fields import (
     Curves,
     Egg,
     Waves,
+    chart_directions,
     direction_of,
+    tangents,
     trace_curve,
 )
 
@@ -48,6 +50,15 @@ def test_landmarks_lie_where_they_are_named():
         p = np.array((0.0, -6.0, 48.0)) + egg.value(u[None])[0] * u
         np.testing.assert_allclose(p[1:], (-35.0, 45.0), atol=1e-6)
         assert np.sign(p[0]) == side
+
+
+@pytest.mark.parametrize("half", [0.8, 1.1, 1.3])  # a region, a face of the cube, the largest
+@pytest.mark.parametrize("seed", range(3))
+def test_a_chart_has_the_closed_form_of_its_head(seed, half):
+    shape, slopes = draw_patient(seed), half * np.linspace(-1.0, 1.0, 61)
+    axes = tangents(directions(1, seed)[0])
+    closed = shape.radii(chart_directions(axes, slopes))
+    np.testing.assert_allclose(shape.chart_radii(axes, slopes), closed, atol=1e-11, rtol=0.0)
 
 
 @pytest.mark.parametrize("seed", range(5))

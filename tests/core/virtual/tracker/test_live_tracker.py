@@ -77,6 +77,7 @@ def test_what_is_not_there_or_covered_has_no_pose(tracker):
         "pointer5d": "out_of_view",
         "basemarker": "out_of_view",
         "sonopointer": "out_of_view",
+        "headmarker": "out_of_view",
     }
     tracker.place("pointer6d", FACING)
     hidden = TrackerSettings(hidden_tools=("pointer6d", "toolmarker"))

@@ -6,7 +6,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from rona_core.ultrasound.detection.detect import UNSURE, detect, nominal_bone
-from rona_core.ultrasound.detection.spatial.detectability import MIN_ECHO_LEVEL, detectability
+from rona_core.ultrasound.detection.spatial.detectability import (
+    MIN_ECHO_LEVEL,
+    detectability,
+    possible_steps,
+)
 from rona_core.ultrasound.detection.spatial.neighbours import scan_links
 from rona_core.ultrasound.probe.probe_model import ProbeSurvey, probe_model
 from tests.scenes.bone_scenes import hard_bone
@@ -77,3 +81,28 @@ def test_a_step_is_not_kept_where_the_inner_echo_drowns_and_thin_hard_bone_is(th
     else:
         assert found.inner_ok.mean() > 0.9
         assert np.abs(error[found.inner_ok]).max() < 1.0
+
+
+def test_a_few_shallow_boundaries_may_be_steps_where_most_inner_echoes_have_drowned():
+    """288 of 1954 A-scans at 6.3 mm and 36 at 2.1: bone that is thin there, or its step."""
+    thickness = np.full(1954, 2.1)
+    thickness[:288] = 6.3
+    sure = np.arange(1954) < 324
+    found = possible_steps(thickness, sure, PROBE)
+    np.testing.assert_array_equal(np.flatnonzero(found), np.arange(288, 324))
+
+
+@pytest.mark.parametrize(
+    ("deep", "shallow", "shallow_mm"),
+    [
+        (1100, 36, 2.1),  # most are heard
+        (288, 300, 2.1),  # the shallow ones are the rule
+        (288, 36, 3.4),  # bone that becomes thinner
+        (0, 36, 2.1),  # nothing is known to be deeper
+    ],
+)
+def test_thin_bone_is_believed(deep, shallow, shallow_mm):
+    thickness = np.full(1954, shallow_mm)
+    thickness[:deep] = 6.3
+    sure = np.arange(1954) < deep + shallow
+    assert not possible_steps(thickness, sure, PROBE).any()

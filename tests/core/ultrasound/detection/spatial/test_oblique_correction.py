@@ -10,7 +10,7 @@ from rona_core.devices.samples import AScanTrack
 from rona_core.devices.settings import ProbeSettings
 from rona_core.geometry.pose import Pose
 from rona_core.ultrasound.detection.detect import NOMINAL_SPEED_MM_PER_US, detect, nominal_bone
-from rona_core.ultrasound.detection.single.candidates import search_echoes
+from rona_core.ultrasound.detection.single.candidates import clear_fronts, search_echoes
 from rona_core.ultrasound.detection.spatial.candidate_selection import select_inner_echoes
 from rona_core.ultrasound.detection.spatial.neighbours import LocalPlanes, scan_links
 from rona_core.ultrasound.detection.spatial.oblique_correction import (
@@ -53,7 +53,7 @@ class Wedge:
 def survey(slope, excitation, lean_deg=0.0):
     """Return A-scans on a grid, where the probe stood, its axes, and true standoff and depth."""
     clock, pose = StillClock(), [Pose.identity()]
-    probe = VirtualProbe(clock, lambda: pose[0], Wedge(slope), MEDIUM)
+    probe = VirtualProbe(clock, lambda times: pose[0].repeated(len(times)), Wedge(slope), MEDIUM)
     probe.begin(ProbeSettings(name="2.25MHz", excitation=excitation, front_snr_db=50.0), 7, 0)
     x, y = np.meshgrid(*[(np.arange(SIDE) - SIDE // 2) * PITCH_MM] * 2, indexing="ij")
     places = np.column_stack((x.ravel(), y.ravel(), np.full(x.size, -0.1)))
@@ -74,12 +74,13 @@ def error_mm(choice, depth):
 
 
 def rms(values):
-    return float(np.sqrt(np.mean(values**2)))
+    """Return the RMS; of nothing it is infinite: all was refused."""
+    return float(np.sqrt(np.mean(values**2))) if len(values) else np.inf
 
 
 def selected(scans):
     """Return the echoes of a survey, its links, and the inner echoes before the correction."""
-    echoes = search_echoes(scans, BONE)
+    echoes = search_echoes(clear_fronts(scans), BONE)
     links = scan_links(scans.positions_mm, len(scans))
     return echoes, links, select_inner_echoes(echoes, BONE, links)
 

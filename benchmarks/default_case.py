@@ -1,0 +1,21 @@
+"""What suites leave out by default, so that each takes at most five minutes of one core.
+
+The constants in the suites are those of the whole, which ``--full`` runs. By default there are
+fewer seeds, and all the figures with their goals. Of a suite that is not named here all runs.
+"""
+
+from collections.abc import Mapping
+from typing import Any
+
+# suite -> constant of a module of the benchmarks -> its value by default
+DEFAULT: Mapping[str, Mapping[str, Any]] = {
+    "procedure": {"suites.procedure.procedure.SEEDS": range(5)},
+    "honesty": {
+        "suites.honesty.maps.SEEDS": range(36_000, 36_012),
+        "suites.honesty.navigation.SEEDS": range(33_000, 33_024),
+        "suites.honesty.thickness.SEEDS": range(31_000, 31_024),
+    },
+    "thickness": {"suites.ultrasound.thickness.SEEDS": range(31_000, 31_008)},
+    "speed": {"suites.procedure.speed.SEEDS": range(3)},
+    "head_motion": {"suites.procedure.head_motion.SEEDS": range(34_000, 34_004)},
+}

@@ -1,0 +1,1 @@
+"""Whether what the program says of its own errors holds."""

@@ -1,0 +1,89 @@
+"""Where the head was during a capture: led back to how it lay in the first stroke of step 4."""
+
+from dataclasses import dataclass
+from typing import Literal
+
+from rona_core.app.declarations.declarations import Input
+from rona_core.app.dependencies.base_reference import reference_of
+from rona_core.calibration.hand_eye.base_marker import detect_tracker_movement, mean_base
+from rona_core.calibration.hand_eye.head_motion import HeadMotion, head_motion, head_reference
+from rona_core.errors import DegenerateGeometryError, RonaError
+from rona_core.geometry.arrays import Floats
+from rona_core.geometry.pose import Pose, Poses
+from rona_core.session.captures import PointerCapture, ScanCapture
+from rona_core.session.document import Session
+from rona_core.session.memo import remember
+
+Watched = PointerCapture | ScanCapture  # captures on the head, with the marker on it
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class HeadWatch:
+    """What the marker on the head tells of a capture."""
+
+    state: Literal["still", "moved", "unchecked"]
+    motion: HeadMotion | None = None  # None where it is unchecked
+    reason: str = ""  # why it is unchecked
+
+    def back(self, times_s: Floats) -> Poses | None:
+        """Return what leads things measured at times (n,) back to step 4; None: as they are."""
+        return self.motion.back(times_s) if self.motion and self.state == "moved" else None
+
+
+def watch_head(session: Session, capture: Watched | None) -> HeadWatch | None:
+    """Return what the head did during a capture; None where nobody recorded its marker."""
+    if capture is None or capture.head is None:
+        return None
+    first = session.captures.surface[0] if session.captures.surface else None
+    if first is None or first.head is None:
+        return HeadWatch("unchecked", reason="the head marker was not recorded in step 4")
+    try:
+        T_base_tracker = reference_of(session, first).T_base_tracker
+    except RonaError as error:
+        return HeadWatch("unchecked", reason=str(error))
+    return _watch(first, capture, T_base_tracker)
+
+
+@remember(16)  # captures never change
+def _watch(first: PointerCapture, capture: Watched, T_base_tracker: Pose) -> HeadWatch:
+    if first.head is None or capture.head is None:
+        return HeadWatch("unchecked", reason="the head marker was not recorded")
+    times_s = capture.scans.times_s if isinstance(capture, ScanCapture) else capture.marker.times_s
+    if not len(times_s):
+        return HeadWatch("unchecked", reason="nothing was recorded")
+    reason = None if capture is first else _tracker_moved(first, capture)
+    if reason is not None:
+        return HeadWatch("unchecked", reason=reason)
+    try:
+        motion = head_motion(
+            head_reference(first.head),
+            capture.head,
+            T_base_tracker,
+            (float(times_s[0]), float(times_s[-1])),
+        )
+    except DegenerateGeometryError as error:
+        return HeadWatch("unchecked", reason=str(error))
+    return HeadWatch("moved" if motion.moved else "still", motion)
+
+
+def _tracker_moved(first: PointerCapture, capture: Watched) -> str | None:
+    """Return why head and tracker cannot be told apart; None where the tracker stood still."""
+    if first.base is None or capture.base is None:
+        return "the base marker was not recorded"
+    try:
+        seen = [mean_base(track.Ts_tracker_marker) for track in (first.base, capture.base)]
+    except DegenerateGeometryError as error:
+        return str(error)
+    if detect_tracker_movement(*seen).moved:
+        return "the tracker was moved since step 4"
+    return None
+
+
+def head_input(*captures: str) -> Input:
+    """Return what the head did during captures of these names as an input of a result."""
+
+    def read(session: Session) -> object:
+        found = (watch_head(session, session.captures.get(name)) for name in captures)
+        return tuple(watch for watch in found if watch is not None)
+
+    return Input(read, "watch the head marker", optional=True)

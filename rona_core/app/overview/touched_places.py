@@ -1,0 +1,102 @@
+"""Errors of the places that a pointer touched, all together: what they share and what they do not.
+
+A touched place is off by the registration, the calibrated tip and its own frames. What tracker and
+robot do the same every time is in all three: the tracker errs at the surface nearly as it did at
+the registration, and that part cancels. So all markers that were ever seen stand in one covariance.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from rona_core.app.dependencies.base_reference import error_field
+from rona_core.app.steps.pointer.tracker_field import learned_field, pivot_motion
+from rona_core.app.steps.tool.derivation import repeating_parts
+from rona_core.calibration.hand_eye.tool_registration import ToolRegistration
+from rona_core.calibration.handheld.pointer import PointerCalibration
+from rona_core.calibration.pivot.tip_sensitivity import tip_sensitivity
+from rona_core.calibration.tracker_field import LearnedField
+from rona_core.calibration.tracking_error import fit_matrices
+from rona_core.devices.marker_geometry import GEOMETRIES
+from rona_core.devices.settings import DeviceSettings
+from rona_core.geometry.arrays import Floats, readonly
+from rona_core.geometry.pose import Poses
+from rona_core.geometry.pose_covariance import cross_matrices, point_jacobians
+from rona_core.session.captures import PointerCapture, ToolCapture
+from rona_core.session.document import Session
+
+
+@dataclass(frozen=True, slots=True)
+class Evidence:
+    """Devices and captures that a cloud rests on."""
+
+    devices: DeviceSettings
+    tool: ToolCapture | None
+    pointer: PointerCapture | None
+    strokes: tuple[PointerCapture, ...]
+
+    @classmethod
+    def of(cls, session: Session) -> "Evidence":
+        """Return those of a session."""
+        held = session.captures
+        return cls(session.setup.devices, held.tool, held.pointer, held.surface)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Repeating:
+    """Covariances (3 n, 3 n) in ``base`` of n touched places by what repeats, in mm^2."""
+
+    tracker: Floats
+    robot: Floats
+
+
+def repeating_errors(
+    evidence: Evidence, tool: ToolRegistration, pointer: PointerCalibration, poses: Poses
+) -> Repeating:
+    """Return what tracker and robot do the same every time to places that were touched.
+
+    Without the capture of a calibration its own part is not known apart from chance, and is left
+    to the covariance that the calibration states.
+
+    Args:
+        evidence: Devices, and the captures of both calibrations.
+        tool: Registration of the tracker.
+        pointer: Calibration of the pointer.
+        poses: Of the pointer's markers in ``tracker`` (n,), at the places.
+    """
+    n = len(poses)
+    J = point_jacobians(tool.T_base_tracker, poses @ pointer.tip_pointermarker)
+    R_base_tracker = tool.T_base_tracker.rotation
+    stated = error_field(evidence.devices.tracker)
+    field, robot = LearnedField(stated), np.zeros((3 * n, 1))
+    parts = [_at_frames(pointer, poses, R_base_tracker)]
+    if evidence.tool is not None and tool.random_covariance is not None:
+        moved_by, by_robot = repeating_parts(evidence.tool, evidence.devices, tool)
+        robot = (J @ by_robot[:6]).reshape(3 * n, -1)
+        parts.append((np.einsum("nik,kpl->nipl", J, moved_by.markers[:6]), moved_by.points_tracker))
+    if evidence.pointer is not None and pointer.random_covariance is not None:
+        field = learned_field(pointer, evidence.pointer, stated)
+        moved = tip_sensitivity(pivot_motion(pointer, evidence.pointer))
+        R_base_marker = R_base_tracker @ poses.rotations
+        parts.append((np.einsum("nij,jpl->nipl", R_base_marker, moved.tip), moved.points_tracker))
+    by_markers = np.concatenate([part for part, _ in parts], axis=2)
+    points = np.concatenate([points for _, points in parts])
+    return Repeating(
+        readonly(field.propagate(by_markers.reshape(3 * n, -1, 3), points)),
+        readonly(robot @ robot.T),
+    )
+
+
+def _at_frames(
+    pointer: PointerCalibration, poses: Poses, R_base_tracker: Floats
+) -> tuple[Floats, Floats]:
+    """Return how n tips (n, 3, n m, 3) move with the markers of their own frame, and these."""
+    positions = GEOMETRIES[pointer.pointer].positions_marker
+    n, m = len(poses), len(positions)
+    lever = poses.rotations @ (pointer.tip_pointermarker - positions.mean(axis=0))
+    upright = np.broadcast_to(np.eye(3), (n, 3, 3))
+    turned = np.concatenate((-cross_matrices(lever), upright), axis=2)
+    own = R_base_tracker @ turned[:, None] @ fit_matrices(poses.rotations, positions)
+    moved = np.zeros((n, 3, n, m, 3))
+    moved[np.arange(n), :, np.arange(n)] = np.swapaxes(own, 1, 2)
+    return moved.reshape(n, 3, n * m, 3), poses.map_points(positions).reshape(-1, 3)

@@ -1,0 +1,165 @@
+"""How sure it is where the face of the probe was: the robot's links, its holder and the line."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.spatial import KDTree
+
+from rona_core.app.dependencies.head_reference import HeadWatch, watch_head
+from rona_core.app.steps.acoustics.derivation import usable_line
+from rona_core.app.steps.maps.error_terms import ErrorTerm
+from rona_core.app.steps.scan.probe_mounting import known_mounting
+from rona_core.app.steps.scan.probe_poses import ProbePostures, probe_postures_of
+from rona_core.app.steps.tool.derivation import ROBOT_ACCURACY_MM
+from rona_core.calibration.timing.robot_latency import BREATH_MM
+from rona_core.devices.tracker_volumes import ACCURACY_MM
+from rona_core.geometry.arrays import Bools, Floats
+from rona_core.mapping.boundary_map import Maps
+from rona_core.robot.kinematics.catalog import robot_model
+from rona_core.robot.kinematics.link_errors import tip_sensitivities
+from rona_core.session.document import Session
+from rona_core.session.memo import remember
+from rona_core.ultrasound.acoustic_calibration.delay_line import NOMINAL_PER_K
+from rona_core.ultrasound.acoustic_calibration.probe_mounting import ProbeMounting
+from rona_core.ultrasound.probe.materials import GEL
+from rona_core.ultrasound.probe.probe_model import ProbeModel, probe_model
+
+# As makers state it: mean distance of repeated arrivals from their middle, and three deviations of
+# it (ISO 9283); 3.62 deviations along one axis where they scatter alike in all directions.
+REPEATABILITY_MM = {"rx90": 0.02, "ur5": 0.1, "ur10": 0.1}
+REPEATABILITY_OVER_SIGMA = 3.62
+# Assumed, one standard deviation each: nobody states them.
+SEAT_MM = 0.4  # of a probe that was clamped by hand, along its axis
+ROOM_K = 5.0  # of a line that nobody asked, between the room and the skin
+WARMING_K = 0.8  # of a line since it was asked
+CREEP_MM = 0.2  # of a head in its clamp that nobody watched
+COUPLING_MM = 0.01  # film and speed of the gel under the face
+GAUGE = "record the probe on the gauge plate (step 8)"
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ProbePlace:
+    """What carried the probe; ``terms`` of a map are its causes of error along the normal."""
+
+    terms: tuple[ErrorTerm, ...]  # the same in all cells
+    model: str | None = None  # of the robot; None: a hand
+    qs_rad: Floats | None = None  # (n, 6) postures of the first pass
+
+    def of_cells(self, maps: Maps) -> tuple[ErrorTerm, ...]:
+        """Return the terms over the grid of maps."""
+        if self.model is None or self.qs_rad is None:
+            return self.terms
+        return (*self.terms, _links(self.model, self.qs_rad, maps))
+
+
+def robot_place(session: Session) -> ProbePlace:
+    """Return what a session knows of where the robot held the probe."""
+    devices, line = session.setup.devices, usable_line(session)
+    sigma_us = None if line is None else line.at(devices.probe.line_temperature_c)[1]
+    return _robot_place(
+        devices.robot.model,
+        probe_postures_of(session),
+        probe_model(devices.probe),
+        known_mounting(session),
+        sigma_us,
+        watch_head(session, session.captures.scan),
+    )
+
+
+@remember(4)  # every browser asks, and the place stands for the maps' accuracy
+def _robot_place(
+    robot: str,
+    postures: ProbePostures | None,
+    probe: ProbeModel,
+    mounting: ProbeMounting | None,
+    line_sigma_us: float | None,
+    watch: HeadWatch | None,
+) -> ProbePlace:
+    """Return the place of a probe; ``line_sigma_us`` is that of a line calibrated on the block."""
+    # a late echo of the face counts as a longer way through the gel
+    mm_per_us = GEL.speed_mm_per_us / 2.0
+    mm_per_k = probe.line_delay_us * NOMINAL_PER_K * mm_per_us
+    warming_mm = WARMING_K * mm_per_k
+    line = ErrorTerm("delay line", shared_mm=ROOM_K * mm_per_k, remedy=GAUGE)
+    if mounting is not None or line_sigma_us is not None:
+        known_mm = (line_sigma_us or 0.0) * mm_per_us if mounting is None else 0.0
+        line = ErrorTerm(
+            "delay line",
+            own_mm=warming_mm / 3.0,  # it warms while the probe moves on
+            shared_mm=float(np.hypot(warming_mm, known_mm)),
+            remedy="let the line warm up on the head first",
+        )
+    seat = ErrorTerm("mounting of the probe", shared_mm=SEAT_MM, remedy=GAUGE)
+    if mounting is not None:
+        seat = ErrorTerm("mounting of the probe", shared_mm=mounting.sigma_mm)
+    repeat_mm = REPEATABILITY_MM.get(robot, max(REPEATABILITY_MM.values()))
+    terms = (
+        _head(watch),
+        ErrorTerm("repeatability of the robot", own_mm=repeat_mm / REPEATABILITY_OVER_SIGMA),
+        ErrorTerm("coupling", shared_mm=COUPLING_MM),
+        seat,
+        line,
+    )
+    return ProbePlace(terms, robot, None if postures is None else postures.qs_rad)
+
+
+def _head(watch: HeadWatch | None) -> ErrorTerm:
+    """Return the term of the head: what the noise of its marker leaves, or what clamps allow."""
+    motion = None if watch is None else watch.motion
+    if motion is None:
+        remedy = "put a marker on the head"
+        return ErrorTerm("head motion", BREATH_MM, CREEP_MM, remedy=remedy)
+    known_mm = float(np.linalg.norm(motion.sigma_at(motion.center_base))) / 3.0**0.5
+    return ErrorTerm("head motion", BREATH_MM, known_mm)
+
+
+def hand_place(session: Session) -> ProbePlace:
+    """Return what a session knows of where a tracked probe in the hand was.
+
+    The tracker sees the marker of the probe and that on the robot base, both as well as its maker
+    states. Where the maps are in ``base``, the registration of the robot takes the place of the
+    second one.
+    """
+    results = session.results
+    tracker_mm = ACCURACY_MM[session.setup.devices.tracker.profile]
+    parts = {"tracker": 2.0**0.5 * tracker_mm, "calibration of the probe": 0.0}
+    if results.sono is not None:
+        parts["calibration of the probe"] = results.sono.value.face_sigma_mm
+    if results.sono_maps is not None and results.sono_maps.value.frame == "base":
+        tool = results.tool
+        parts["tracker"] = tracker_mm
+        parts["registration"] = 0.0 if tool is None else tool.value.registration_sigma_mm
+    return _hand_place(tuple(parts.items()))
+
+
+@remember(4)
+def _hand_place(sigmas_mm: tuple[tuple[str, float], ...]) -> ProbePlace:
+    """Return the place that has these 3D standard deviations, by cause."""
+    return ProbePlace(
+        tuple(
+            ErrorTerm(cause, shared_mm=sigma_mm / 3.0**0.5, of_robot=True)
+            for cause, sigma_mm in sigmas_mm
+        )
+    )
+
+
+def _links(name: str, qs_rad: Floats, maps: Maps) -> ErrorTerm:
+    """Return what the links of the robot do to the cells of a map, posture by posture."""
+    boundary = maps.outer
+    u, v = np.meshgrid(boundary.u_mm, boundary.v_mm, indexing="ij")
+    cells = np.column_stack((u.ravel(), v.ravel(), boundary.height_mm.ravel()))
+    points = boundary.T_base_map.inv() @ maps.outer_points_base[: len(qs_rad)]
+    nearest = KDTree(points[:, :2]).query(cells[:, :2])[1]
+    model = robot_model(name)
+    axes = (model.forward(qs_rad) @ model.T_flange_probe).rotations[:, :, 2]
+    rows = tip_sensitivities(model, qs_rad, -axes, ROBOT_ACCURACY_MM)[nearest]
+    ok: Bools = boundary.ok.ravel()
+    middle = rows[ok].mean(axis=0) if ok.any() else rows.mean(axis=0)
+    own = np.linalg.norm(rows - middle, axis=1).reshape(boundary.ok.shape)
+    return ErrorTerm(
+        "links of the robot",
+        own_mm=own,
+        shared_mm=float(np.linalg.norm(middle)),
+        of_robot=True,
+        remedy="calibrate the arm, or let the robot that scanned use the map",
+    )

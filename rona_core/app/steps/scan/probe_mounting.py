@@ -1,0 +1,111 @@
+"""The robot's probe on a gauge plate: recorded before a scan, and used wherever it is known."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from rona_core.app.declarations.declarations import ActivityContext, Input
+from rona_core.app.dependencies.inputs import capture_input, require_result
+from rona_core.app.dependencies.staleness import capture_setup_digest, stale_reason
+from rona_core.app.runtime.handling import compute_result
+from rona_core.app.runtime.recording import begin
+from rona_core.app.steps.scan.messages import CalibrateProbeMounting, StartProbeMountingCapture
+from rona_core.devices.samples import AScanTrack
+from rona_core.errors import CancelledError
+from rona_core.geometry.arrays import Floats, readonly
+from rona_core.session.document import Session
+from rona_core.ultrasound.acoustic_calibration.probe_mounting import (
+    ProbeMounting,
+    calibrate_mounting,
+)
+from rona_core.ultrasound.probe.probe_model import probe_model
+
+GAUGE = capture_input("gauge")
+DEPTHS_MM = (0.3, 0.6, 0.9, 1.2)  # of the gauge plate; a scan at 3 N presses by 1.5 mm
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class GaugeCapture:
+    """The probe in its holder, pressed by a gauge plate: a track for each depth."""
+
+    ordinal: int
+    setup_digest: str
+    tracks: tuple[AScanTrack, ...]
+    depths_mm: Floats  # (k,)
+    sigma_mm: float  # of the depths, as the gauge's maker states it
+    partial: bool = False
+
+
+def capture_gauge(
+    activity: StartProbeMountingCapture, session: Session, context: ActivityContext
+) -> GaugeCapture:
+    """Record A-scans on the gauge plate, a track for each depth."""
+    probe = session.setup.devices.probe
+    ordinal = begin(session, context)
+    tracks: list[AScanTrack] = []
+    sigma_mm = 0.0
+    for number, depth_mm in enumerate(DEPTHS_MM):
+        if context.cancel():
+            raise CancelledError("the A-scans on the gauge plate were cancelled")
+        track, sigma_mm = context.rig.bench.record_gauge_plate(probe, depth_mm, activity.n)
+        tracks.append(track)
+        context.progress((number + 1) / len(DEPTHS_MM))
+    return GaugeCapture(
+        ordinal=ordinal,
+        setup_digest=capture_setup_digest("gauge", session),
+        tracks=tuple(tracks),
+        depths_mm=readonly(np.array(DEPTHS_MM)),
+        sigma_mm=sigma_mm,
+    )
+
+
+def derive_mounting(session: Session, message: CalibrateProbeMounting) -> ProbeMounting:
+    """Find where the face of the probe is, and how fast its line, from the A-scans on the gauge."""
+    held = require_result(session.captures.get("gauge"), "press the probe on the gauge (step 8)")
+    probe = session.setup.devices.probe
+    return calibrate_mounting(
+        held.tracks, held.depths_mm, held.sigma_mm, probe_model(probe), probe.excitation
+    )
+
+
+def calibrate_probe_mounting(message: CalibrateProbeMounting, session: Session) -> Session:
+    """Carry out `CalibrateProbeMounting`."""
+    if message.use:
+        return compute_result(message, session)
+    return session.with_result("mounting", None)
+
+
+def known_mounting(session: Session) -> ProbeMounting | None:
+    """Return the mounting of the robot's probe, unless it is stale or bad."""
+    made = session.results.get("mounting")
+    if made is None or made.value.verdict == "bad" or stale_reason("mounting", session):
+        return None
+    return made.value
+
+
+KNOWN_MOUNTING = Input(known_mounting, "calibrate the mounting (step 8)", optional=True)
+
+
+@dataclass(frozen=True, slots=True)
+class MountingView:
+    """One line about the mounting of the probe, and whether it is good, bad or stale."""
+
+    sentence: str
+    verdict: str
+
+
+def mounting_view(session: Session) -> MountingView | None:
+    """Return what is known of the mounting of the robot's probe; None without a calibration."""
+    held = session.results.get("mounting")
+    if held is None:
+        return None
+    found: ProbeMounting = held.value
+    shift_mm = found.shift_mm(probe_model(session.setup.devices.probe))
+    words = (
+        f"Outer boundary {shift_mm:+.2f} mm (outward) against a probe as drawn, by its mounting "
+        f"and its line together, ± {found.sigma_mm:.2f} mm"
+    )
+    reason = stale_reason("mounting", session)
+    if reason is not None:
+        return MountingView(f"{words}. Not used: {reason}.", "stale")
+    return MountingView(f"{'; '.join((words, *found.reasons))}.", found.verdict)

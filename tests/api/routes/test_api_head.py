@@ -1,0 +1,20 @@
+"""What the marker on the head tells, over REST."""
+
+from rona_core.app.procedure import run_procedure
+from rona_core.app.steps.setup.messages import SetRegion, SetWorld
+from tests.app.scan.test_watched_head import SMALL
+
+
+def test_the_head_of_each_capture_is_told(web, session, at):
+    assert at("GET", "/robot/head").json() is None
+    bench = web.hub.get(session)
+    bench.dispatch(SetWorld(profile="nominal", head_drift_mm=0.3))
+    bench.dispatch(SetRegion(radius_mm=12.0))
+    assert run_procedure(bench, messages=SMALL[:7]).failed_step is None
+    told = at("GET", "/robot/head").json()
+    assert [shift["capture"] for shift in told["shifts"]] == ["surface", "path", "scan"]
+    scan = told["shifts"][-1]
+    assert scan["state"] in ("still", "moved")
+    assert len(scan["shift_mm"]) == len(scan["sigma_mm"]) == 3
+    assert scan["range_mm"] > 0.0
+    assert "step 4" in told["sentence"]

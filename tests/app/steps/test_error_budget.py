@@ -1,0 +1,59 @@
+"""Error budget: predicted causes beside those in truth, which add up to the error of the map."""
+
+import numpy as np
+import pytest
+
+from rona_core.app.steps.maps.error_budget import OUTER, THICKNESS, error_budgets
+from rona_core.app.steps.maps.map_accuracy import map_accuracy
+from rona_core.compose import build_virtual_rig, evaluate_virtual
+from rona_core.evaluation.error_causes import KEYS
+from rona_core.evaluation.map_metrics import outer_errors_mm
+from rona_core.evaluation.truth import truth_of
+from rona_core.session.document import Session
+from rona_core.session.files import load_session
+from rona_ui.resources import demo_session
+
+
+@pytest.fixture(scope="module")
+def demo():
+    return load_session(demo_session())
+
+
+@pytest.fixture(scope="module")
+def figures(demo):
+    return evaluate_virtual(demo, build_virtual_rig(demo.setup))
+
+
+def test_every_cause_is_in_one_line_and_every_line_has_its_truth(demo, figures):
+    accuracy = map_accuracy(demo)
+    for part, groups in ((accuracy.outer, OUTER), (accuracy.thickness, THICKNESS)):
+        named = [cause for _, causes, _ in groups for cause in causes]
+        assert sorted(named) == sorted(row.cause for row in part.budget)
+    assert {key for groups in (OUTER, THICKNESS) for _, _, key in groups} == set(KEYS)
+    budgets = error_budgets(accuracy, figures)
+    assert [budget.name for budget in budgets] == ["Outer boundary", "Thickness"]
+    assert all(line.true_mm is not None for budget in budgets for line in budget.lines)
+    assert all(line.true_mm is None for b in error_budgets(accuracy, {}) for line in b.lines)
+
+
+def test_no_cause_is_ten_times_what_was_predicted(demo, figures):
+    for budget in error_budgets(map_accuracy(demo), figures):
+        for line in budget.lines:
+            assert line.true_mm < 5.0 * line.predicted_mm + 0.02, line
+
+
+def test_the_causes_in_truth_make_up_the_error_of_the_samples(demo, figures):
+    maps = demo.results.maps.value
+    truth = truth_of(demo, build_virtual_rig(demo.setup).scene)
+    n = len(demo.results.detection.value)
+    samples = maps.outer_points_base[:n][maps.outer_used[:n]]
+    whole = np.sqrt(np.mean(outer_errors_mm(samples, truth, False) ** 2))
+    parts = [figures[f"outer_by_{cause}_mm"] for cause in ("links", "head", "probe", "echo")]
+    # causes may work against each other
+    assert 2.0 * max(parts) - sum(parts) - 0.03 < whole < sum(parts) + 0.03
+
+
+def test_without_maps_no_cause_is_known():
+    empty = Session()
+    figures = evaluate_virtual(empty, build_virtual_rig(empty.setup))
+    assert not any(figures[key] for key in KEYS)

@@ -1,0 +1,47 @@
+"""A small run of the case of thickness: what is stated holds, and reference points narrow it."""
+
+import numpy as np
+import pytest
+
+from benchmarks.suites.honesty import thickness
+from benchmarks.suites.honesty.judged import grouped
+from rona_core.errors import DegenerateGeometryError
+
+SEEDS = (10_003, 10_007, 10_021)  # of those it was tuned with
+
+
+@pytest.fixture(scope="module")
+def samples():
+    with pytest.MonkeyPatch.context() as patched:
+        patched.setattr(thickness, "RADIUS_MM", 18.0)
+        return [one for seed in SEEDS for one in thickness.judge(seed)]
+
+
+def test_errors_of_patients_of_another_world_lie_in_their_bands(samples):
+    for (name, part), group in grouped(samples).items():
+        errors = np.concatenate([one.errors for one in group])
+        sigmas = np.concatenate([one.sigmas for one in group])
+        assert np.mean(np.abs(errors) <= 1.96 * sigmas) > 0.85, (name, part)
+        assert np.mean((errors / sigmas) ** 2) > 0.05, (name, part)  # and are no wider than needed
+        if part == "local":
+            assert all(abs(one.errors.mean()) < 1e-9 for one in group)
+
+
+def test_what_is_common_shrinks_with_reference_points_and_some_speeds_are_good(samples):
+    groups = grouped(samples)
+    common = {
+        n: np.mean([one.sigmas[0] for one in groups[thickness_of(n), "common"]]) for n in (0, 3, 5)
+    }
+    assert common[5] < common[3] < 0.4 * common[0]
+    good = groups["speed called good, 3 reference points (%)", "common"]
+    assert all(one.sigmas[0] <= 1.5 for one in good)
+
+
+def thickness_of(points):
+    return f"thickness of A-scans, {points} reference points (mm)"
+
+
+def test_a_patient_of_whom_hardly_anything_is_heard_is_refused(monkeypatch):
+    monkeypatch.setattr(thickness, "RADIUS_MM", 8.0)
+    with pytest.raises(DegenerateGeometryError, match="hardly an A-scan"):
+        next(thickness.judge(10_004))
