@@ -6,7 +6,7 @@ import numpy as np
 from scipy.spatial import KDTree
 
 from rona_core.errors import DegenerateGeometryError, InvalidInputError
-from rona_core.geometry.arrays import Floats, Ints, readonly
+from rona_core.geometry.arrays import Bools, Floats, Ints, readonly
 from rona_core.geometry.robust import cauchy_weights, mad_sigma, reweighted_least_squares
 from rona_core.ultrasound.acoustic_calibration.speed_calibration import (
     CALIPER_MM,
@@ -66,11 +66,13 @@ def propose_references(
     depth, slope, scatter = local.at(places_base[good])
     steady = np.abs(depth - detection.thickness_mm[good]) <= ALIKE_MM
     steady &= scatter <= ALIKE_MM
+    steady &= _apart(places_base[good], calibration)
     good, depth, slope, scatter = good[steady], depth[steady], slope[steady], scatter[steady]
     if len(good) < n:
         raise DegenerateGeometryError(
-            f"{len(good)} A-scans are at least {THIN_MM:g} mm deep, sure of their echo and agree "
-            f"with their neighbours, {n} are needed: scan another region"
+            f"{len(good)} A-scans are at least {THIN_MM:g} mm deep, sure of their echo, agree with "
+            f"their neighbours and lie apart from the points there are, {n} are needed: scan "
+            "another region"
         )
     some = sure[:: -(-len(sure) // MOST_OF_REGION)]
     weight = detection.thickness_mm[some]
@@ -96,6 +98,13 @@ def propose_references(
         known_by = covariance[:, best] / np.sqrt(total[best])
         covariance = covariance - np.outer(known_by, known_by)
     return ReferenceProposal(np.sort(good[chosen]), now_mm, cost_mm())
+
+
+def _apart(places_base: Floats, known: SpeedCalibration) -> Bools:
+    """Return which places (m,) no caliper has been at: its lag would be the same once more."""
+    if known.positions_mm is None or not len(known.positions_mm):
+        return np.ones(len(places_base), dtype=np.bool_)
+    return np.asarray(KDTree(known.positions_mm).query(places_base)[0] > NEAR_MM)
 
 
 def lags_at(

@@ -139,7 +139,7 @@ def test_what_the_move_costs_is_said_and_is_about_what_it_costs():
     assert before is not None
     assert after is not None
     assert after.registration_mm >= found.added_mm
-    assert after.rms_mm > before.rms_mm
+    assert after.registration_mm > before.registration_mm
     head_base = session.results.surface.value.points_base[:1]
     assert found.sigma_mm(head_base)[0] > at_rest.results.tool.value.tip_sigma_mm / 10.0
 
