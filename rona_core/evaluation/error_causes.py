@@ -17,8 +17,8 @@ from rona_core.evaluation.map_metrics import cells, outer_errors_mm, thickness_e
 from rona_core.evaluation.scan_metrics import WRONG_MM, true_probe_poses
 from rona_core.evaluation.truth import Truth
 from rona_core.geometry.arrays import Bools, Floats
+from rona_core.mapping.fitting.plate_field import fit_field
 from rona_core.mapping.map_grid import NEAR_MM
-from rona_core.mapping.thin_plate_spline import fit_plate
 from rona_core.robot.kinematics.catalog import robot_model
 from rona_core.session.codec import digest
 from rona_core.ultrasound.acoustic_calibration.speed_calibration import speed_at
@@ -109,7 +109,7 @@ def _outer(first: _FirstPass, truth: Truth) -> Figures:
     figures = {f"outer_by_{cause}_mm": rms(part) for cause, part in parts.items()}
     at_cells = outer_errors_mm(cells(first.maps.outer), truth, False)
     places, wanted = _places(first.maps, used), _cells(first.maps.outer)
-    between = at_cells - fit_plate(places, whole[used]).heights(wanted)
+    between = at_cells - fit_field(places, whole[used]).heights(wanted)
     return {**figures, "outer_by_interpolation_mm": rms(between)}
 
 
@@ -132,7 +132,7 @@ def _thickness(first: _FirstPass, truth: Truth) -> Figures:
     places, wanted = _places(maps, sure), _cells(maps.inner, maps.inner.ok & maps.outer.ok)
     errors = thickness_errors_mm(maps, truth)
     near = np.isfinite(errors) & (KDTree(places).query(wanted)[0] <= NEAR_MM)
-    between = errors - fit_plate(places, (measured - depth)[sure]).heights(wanted)
+    between = errors - fit_field(places, (measured - depth)[sure]).heights(wanted)
     return {**figures, "thickness_by_interpolation_mm": rms(between[near])}
 
 

@@ -1,6 +1,6 @@
 """Maps of the outer and inner boundary of the bone: heights over the plane that fits them best."""
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -36,6 +36,8 @@ class CloudFit:
     rms_mm: float  # distance of the cloud to the map afterwards, along its normal
     n_used: int
     eigenvalues: Floats  # (6,) ascending, of the scaled normal equations: small = not observable
+    # (6, 6) of the correction about the middle of the cloud: shift (mm), then turn (rad), in map
+    covariance: Floats | None = field(default=None, metadata={"omit_empty": True})
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -1,20 +1,19 @@
 """Maps of both boundaries from A-scans with their poses, fused with the pointer cloud."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import ArrayLike
-from scipy.spatial import KDTree
 
 from rona_core.devices.protocols import Cancel, Progress, never, silent
 from rona_core.errors import CancelledError, DegenerateGeometryError, InvalidInputError
 from rona_core.geometry.arrays import Bools, Floats, as_points, readonly
 from rona_core.geometry.pose import Pose, Poses
 from rona_core.mapping.boundary_map import BoundaryMap, CloudFit, Maps
-from rona_core.mapping.cloud_fusion import fit_cloud, thinned
-from rona_core.mapping.hampel_filter import agreeing
+from rona_core.mapping.cloud_fusion import CloudPrior, fuse_cloud
+from rona_core.mapping.fitting.hampel_filter import agreeing
+from rona_core.mapping.fitting.plate_field import PlateField, fit_field
 from rona_core.mapping.map_grid import NEAR_MM, MapGrid
-from rona_core.mapping.thin_plate_spline import PlateFit, fit_plate
 from rona_core.ultrasound.detection.detect import Detection
 from rona_core.ultrasound.detection.single.matched_filter import block_template
 from rona_core.ultrasound.probe.beam import probe_beam
@@ -23,7 +22,6 @@ from rona_core.ultrasound.probe.probe_model import ProbeModel, probe_model
 
 LEAST_SAMPLES = 12
 LEAST_THICKNESS_MM = 0.2  # the inner map stays at least this far below the outer one
-CLOUD_REACH_MM = 6.0  # the cloud extends the map by no more than this
 
 
 def mean_curvature_per_mm(points_map: Floats) -> float:
@@ -65,7 +63,7 @@ class OuterMaps:
     correction_mm: Floats  # (n, 3) what was subtracted from the point of each A-scan
     used: Bools  # (n,) went into the map
     grid: MapGrid
-    plate: PlateFit
+    plate: PlateField
     outer: BoundaryMap
     fused: BoundaryMap
     cloud_fit: CloudFit | None
@@ -131,6 +129,7 @@ def build_outer_maps(
     found: LocatedDetection,
     cloud_points_base: ArrayLike | None = None,
     *,
+    prior: CloudPrior | None = None,
     cell_mm: float = 1.0,
     probe: ProbeModel | None = None,
     progress: Progress = silent,
@@ -138,7 +137,8 @@ def build_outer_maps(
 ) -> OuterMaps:
     """Return what maps hold of the outer boundary; arguments and errors as of ``build_maps``.
 
-    It does not depend on the speed of sound, nor on a second pass.
+    It does not depend on the speed of sound, nor on a second pass. ``prior`` says how far off the
+    cloud as a whole may be.
     """
     points_base, correction_mm, T_base_map = _corrected_for_curvature(found, probe)
     points_map = T_base_map.inv() @ points_base
@@ -146,12 +146,13 @@ def build_outer_maps(
     used_map = points_map[used]
     grid = MapGrid(T_base_map, used_map, cell_mm)
     _pause(progress, 0.2, cancel)
-    plate = fit_plate(used_map[:, :2], used_map[:, 2])
+    plate = fit_field(used_map[:, :2], used_map[:, 2])
     outer = grid.boundary(plate, grid.near(used_map))
     _pause(progress, 0.4, cancel)
     fused, fit = outer, None
     if cloud_points_base is not None:
-        fused, fit = _fused(as_points(cloud_points_base), used_map, plate, grid)
+        cloud_map = T_base_map.inv() @ as_points(cloud_points_base)
+        fused, fit = _fused(cloud_map, plate, grid, prior or CloudPrior())
     _pause(progress, 0.7, cancel)
     return OuterMaps(points_base, correction_mm, used, grid, plate, outer, fused, fit)
 
@@ -246,36 +247,22 @@ def _inner(usable: Bools, inner_map: Floats, outer: OuterMaps) -> tuple[Boundary
         nothing = np.zeros(grid.shape, dtype=np.bool_)
         flat = grid.with_heights(heights - LEAST_THICKNESS_MM, nothing)
         return flat, np.zeros(len(usable), dtype=np.bool_)
-    between = fit_plate(inner_map[used, :2], below[used])
+    between = fit_field(inner_map[used, :2], below[used])
     depth = np.maximum(between.heights(grid.places), LEAST_THICKNESS_MM).reshape(grid.shape)
     ok = grid.near(inner_map[used])
     return grid.with_heights(heights - depth, ok), used
 
 
 def _fused(
-    cloud_base: Floats, outer_map: Floats, plate: PlateFit, grid: MapGrid
+    cloud_map: Floats, plate: PlateField, grid: MapGrid, prior: CloudPrior
 ) -> tuple[BoundaryMap, CloudFit | None]:
-    cloud_map = grid.T_base_map.inv() @ cloud_base
-    fit = fit_cloud(cloud_map, plate, NEAR_MM)
-    if fit is None:
-        return grid.boundary(plate, grid.near(outer_map)), None
-    moved = fit.correction @ cloud_map  # both in map
-    reach = KDTree(outer_map[:, :2]).query(moved[:, :2])[0]
-    points = thinned(moved[reach <= CLOUD_REACH_MM], grid.cell_mm)
-    points = points[agreeing(points[:, :2], points[:, 2])] if len(points) else points
-    ultrasound_sd = max(float(np.sqrt(np.mean(plate.residuals_mm**2))), 0.02)
-    # neighbouring samples of one stroke share their errors, so a cell counts as one sample
-    cloud_variance = np.full(len(points), max(fit.rms_mm / ultrasound_sd, 1.0) ** 2)
-    joined = fit_plate(
-        np.vstack((outer_map[:, :2], points[:, :2])),
-        np.concatenate((outer_map[:, 2], points[:, 2])),
-        np.concatenate((np.ones(len(outer_map)), cloud_variance)),
-        stiffness=plate.stiffness,
-    )
-    ok = grid.near(outer_map) | grid.near(points)
-    correction = grid.T_base_map @ fit.correction @ grid.T_base_map.inv()
-    in_base = CloudFit(correction, fit.rms_mm, fit.n_used, fit.eigenvalues)
-    return grid.boundary(joined, ok), in_base
+    found = fuse_cloud(cloud_map, plate, NEAR_MM, prior)
+    alone = grid.near(plate.places_mm)
+    if found is None:
+        return grid.boundary(plate, alone), None
+    correction = grid.T_base_map @ found.fit.correction @ grid.T_base_map.inv()
+    in_base = replace(found.fit, correction=correction)
+    return grid.boundary(found.plate, alone | grid.near(found.points_map)), in_base
 
 
 def _pause(progress: Progress, share: float, cancel: Cancel) -> None:

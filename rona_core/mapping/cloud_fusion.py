@@ -1,92 +1,145 @@
 """Fusion of the pointer cloud with the outer map of the ultrasound.
 
 The cloud as a whole is off by the errors of registration and pointer, which all its points share.
-So it is first moved onto the map as one rigid body, held back where the map cannot tell (a dome
-does not show a slide along itself), and then joined with the weight that its scatter deserves.
+So it is first moved onto the map as one rigid body, held back by what is expected of it where the
+map cannot tell (a dome does not show a slide along itself). Then both are one surface, and what
+stays unknown of the motion is part of how sure that surface is.
 """
 
+from dataclasses import dataclass
+
 import numpy as np
-from scipy.interpolate import RectBivariateSpline
 from scipy.spatial import KDTree
 
 from rona_core.geometry.arrays import Floats, readonly
 from rona_core.geometry.pose import Pose
 from rona_core.geometry.robust import TUKEY_CUTOFF, mad_sigma, tukey_weights
 from rona_core.mapping.boundary_map import CloudFit
-from rona_core.mapping.thin_plate_spline import PlateFit
+from rona_core.mapping.fitting.hampel_filter import agreeing
+from rona_core.mapping.fitting.plate_field import PlateField, SurfaceSamples, joined
 
 LEAST_OVERLAP = 30  # points of the cloud over the map; fewer tell nothing
-ROUNDS = 15
+ROUNDS = 25
+LEAST_STEP_MM = 1e-5
 LEAST_SCALE_MM = 0.02
-PRIOR_SHIFT_MM = 1.5  # how far off a cloud is expected to be
-PRIOR_TURN_RAD = 0.02
-CHART_CELL_MM = 1.0
-CHART_MARGIN_MM = 4.0  # the cloud may move this far
+ARM_MM = 20.0  # turns count as the way of a point so far from the middle
+PATCH_MM = 4.0  # errors of tracker and map hang together over so much
 
 
-def fit_cloud(cloud_map: Floats, plate: PlateFit, overlap_mm: float) -> CloudFit | None:
-    """Register the cloud to the map: rigid motion, point to plane (Chen 1991), Tukey's weights.
+@dataclass(frozen=True, slots=True)
+class CloudPrior:
+    """How far off a cloud as a whole is expected to be: one standard deviation along each axis.
+
+    By default a tracker and a robot of 0.35 mm (3D) each and a pivot, seen from 100 mm.
+    """
+
+    shift_mm: float = 0.35
+    turn_rad: float = 0.0035
+
+    def precision(self) -> Floats:
+        """Return the inverse covariance (6, 6): shift, then turn."""
+        return np.diag((*[self.shift_mm**-2] * 3, *[self.turn_rad**-2] * 3))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class FusedCloud:
+    """The plate through both, and how the cloud was moved for it."""
+
+    plate: PlateField
+    fit: CloudFit  # its correction in ``map``
+    points_map: Floats  # (k, 3) of the cloud that went in, moved: one for each cell
+
+
+def fuse_cloud(
+    cloud_map: Floats, plate: PlateField, overlap_mm: float, prior: CloudPrior
+) -> FusedCloud | None:
+    """Return the surface through ultrasound and cloud, and the rigid motion of the cloud.
 
     Args:
-        cloud_map: Points of the cloud (n, 3) in ``map``.
+        cloud_map: Points of the cloud (n, 3) in ``map``, in the order they were taken.
         plate: The outer map as fitted to the ultrasound.
-        overlap_mm: How close to an ultrasound sample a point must lie to count.
+        overlap_mm: How close to an ultrasound sample a point must lie to count as over the map.
+        prior: Of the motion.
 
     Returns:
-        The motion in ``map`` (to be turned to ``base`` by the caller), or
         None where too few points lie over the map.
     """
-    tree = KDTree(plate.places_mm)
-    inside = tree.query(cloud_map[:, :2])[0] <= overlap_mm
-    if np.count_nonzero(inside) < LEAST_OVERLAP:
+    ultrasound = KDTree(plate.places_mm)
+    over = ultrasound.query(cloud_map[:, :2])[0] <= overlap_mm
+    if np.count_nonzero(over) < LEAST_OVERLAP:
         return None
-    points = cloud_map[inside]
-    chart = _chart(plate, points[:, :2])
-    center = points.mean(axis=0)
-    so_far = Pose.identity()
-    prior = np.diag((*[PRIOR_SHIFT_MM**-2] * 3, *[PRIOR_TURN_RAD**-2] * 3))
-    total = np.zeros(6)  # motion so far, for the prior
+    seen = cloud_map[over]
+    middle = seen.mean(axis=0)
+    fit = _registered(seen, plate, prior.precision())
+    cells = thinned(cloud_map, plate.grid.step_mm)
+    cells = fit.correction @ cells[agreeing(cells[:, :2], cells[:, 2])]
+    off, normals = _off(cells, plate)
+    scale = mad_sigma(fit.distances_mm, floor=LEAST_SCALE_MM)
+    alone = ultrasound.query(cells[:, :2])[0] > overlap_mm  # nothing speaks against these
+    samples = SurfaceSamples(
+        points_map=cells,
+        upright=normals[:, 2],
+        weights=np.where(alone, 1.0, tukey_weights(off, TUKEY_CUTOFF * scale)) / scale**2,
+        moved_by=_moved_by(normals, cells - middle),
+        motion=fit.covariance,
+    )
+    scaled = fit.information / np.outer(*[np.array((1.0,) * 3 + (ARM_MM,) * 3)] * 2)
+    told = CloudFit(
+        correction=fit.correction,
+        rms_mm=float(np.sqrt(np.mean(fit.distances_mm**2))),
+        n_used=len(seen),
+        eigenvalues=readonly(np.asarray(np.linalg.eigvalsh(scaled), dtype=np.float64)),
+        covariance=readonly(fit.covariance),
+    )
+    return FusedCloud(joined(plate, samples), told, cells)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Registered:
+    correction: Pose
+    distances_mm: Floats  # (n,) of the moved points from the map
+    information: Floats  # (6, 6) by the points alone
+    covariance: Floats  # (6, 6) of the motion about the middle: shift, then turn
+
+
+def _registered(points: Floats, plate: PlateField, prior: Floats) -> _Registered:
+    """Register points (n, 3) to the map: point to plane (Chen 1991), Tukey's weights.
+
+    All points of a patch count as one, since what they and the map err by hangs together.
+    """
+    middle, pose, total = points.mean(axis=0), Pose.identity(), np.zeros(6)
+    points_as_one = len(points) / len(thinned(points, PATCH_MM))
     information = prior
     for _ in range(ROUNDS):
-        moved = so_far @ points
-        distance, normals = _to_plane(moved, chart)
+        moved = pose @ points
+        distance, normals = _off(moved, plate)
         scale = mad_sigma(distance, floor=LEAST_SCALE_MM)
-        weights = tukey_weights(distance, TUKEY_CUTOFF * scale) / scale**2
-        rows = np.column_stack((normals, np.cross(moved - center, normals)))
+        weights = tukey_weights(distance, TUKEY_CUTOFF * scale) / (points_as_one * scale**2)
+        rows = _moved_by(normals, moved - middle)
         information = rows.T @ (weights[:, None] * rows)
         step = np.linalg.solve(information + prior, -rows.T @ (weights * distance) - prior @ total)
         total = total + step
         turn = Pose.from_rotvec(step[3:])
-        about = Pose(turn.rotation, center - turn.rotation @ center + step[:3])
-        so_far = about @ so_far
-        if np.abs(step).max() < 1e-7:
+        pose = Pose(turn.rotation, middle - turn.rotation @ middle + step[:3]) @ pose
+        if np.abs(step).max() < LEAST_STEP_MM:
             break
-    distance, _ = _to_plane(so_far @ points, chart)
-    scaled = information / np.outer(*[np.array((1.0,) * 3 + (20.0,) * 3)] * 2)
-    return CloudFit(
-        correction=so_far,
-        rms_mm=float(np.sqrt(np.mean(distance**2))),
-        n_used=len(points),
-        eigenvalues=readonly(np.asarray(np.linalg.eigvalsh(scaled), dtype=np.float64)),
-    )
+    covariance = np.asarray(np.linalg.inv(information + prior), dtype=np.float64)
+    return _Registered(pose, _off(pose @ points, plate)[0], information, covariance)
 
 
-def _chart(plate: PlateFit, places_mm: Floats) -> RectBivariateSpline:
-    """Return the plate as a bicubic chart around the places (n, 2): heights and slopes at once."""
-    low, high = places_mm.min(axis=0) - CHART_MARGIN_MM, places_mm.max(axis=0) + CHART_MARGIN_MM
-    u, v = (np.arange(low[k], high[k] + CHART_CELL_MM, CHART_CELL_MM) for k in range(2))
-    grid = np.stack(np.meshgrid(u, v, indexing="ij"), axis=-1)
-    heights = plate.heights(grid.reshape(-1, 2)).reshape(grid.shape[:2])
-    return RectBivariateSpline(u, v, heights)
+def _moved_by(normals: Floats, arms: Floats) -> Floats:
+    """Return how distances (n, 6) along normals (n, 3) change with a shift and a turn."""
+    turned = np.asarray(np.cross(arms, normals), dtype=np.float64)
+    return np.column_stack((normals, turned))
 
 
-def _to_plane(points: Floats, chart: RectBivariateSpline) -> tuple[Floats, Floats]:
-    """Return signed distances (n,) to the map along its normals, and those normals (n, 3)."""
-    u, v = points[:, 0], points[:, 1]
-    east, north = chart.ev(u, v, dx=1), chart.ev(u, v, dy=1)
+def _off(points: Floats, surface: PlateField) -> tuple[Floats, Floats]:
+    """Return signed distances (n,) to a surface along its normals, and those normals (n, 3)."""
+    places = points[:, :2]
+    east, north = surface.heights(places, (1, 0)), surface.heights(places, (0, 1))
     slopes = np.column_stack((-east, -north, np.ones(len(points))))
     normals = slopes / np.linalg.norm(slopes, axis=1)[:, None]
-    return (points[:, 2] - chart.ev(u, v)) * normals[:, 2], normals
+    return (points[:, 2] - surface.heights(places)) * normals[:, 2], normals
 
 
 def thinned(points_map: Floats, cell_mm: float) -> Floats:

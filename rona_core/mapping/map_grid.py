@@ -6,7 +6,7 @@ from scipy.spatial import KDTree
 from rona_core.geometry.arrays import Bools, Floats, readonly
 from rona_core.geometry.pose import Pose
 from rona_core.mapping.boundary_map import BoundaryMap
-from rona_core.mapping.thin_plate_spline import PlateFit
+from rona_core.mapping.fitting.plate_field import PlateField
 
 NEAR_MM = 2.5  # a cell is mapped if a sample lies this close
 
@@ -33,7 +33,7 @@ class MapGrid:
         distance = KDTree(points_map[:, :2]).query(self.places)[0]
         return (distance <= NEAR_MM).reshape(self.shape)
 
-    def boundary(self, plate: PlateFit, ok: Bools) -> BoundaryMap:
+    def boundary(self, plate: PlateField, ok: Bools) -> BoundaryMap:
         """Return a map with the heights of the plate."""
         return self.with_heights(plate.heights(self.places).reshape(self.shape), ok)
 

@@ -21,7 +21,7 @@ SHAPES: dict[str, dict[str, str]] = {
     },
     "BlockCapture": {"n": "tracks temperatures_c"},
     "BoundaryMap": {"u": "u_mm", "v": "v_mm", "u v": "height_mm ok"},
-    "CloudFit": {"6": "eigenvalues"},
+    "CloudFit": {"6": "eigenvalues", "6 6": "covariance"},
     "DelayLine": {"n": "residuals_us"},
     "Detection": {
         "n": "outer_us inner_us outer_ok inner_ok outer_quality inner_quality flag standoff_mm "

@@ -8,15 +8,15 @@ from hypothesis import strategies as st
 from rona_core.devices.settings import ProbeSettings
 from rona_core.errors import CancelledError, DegenerateGeometryError, InvalidInputError
 from rona_core.geometry.pose import Pose, Poses
-from rona_core.mapping import thin_plate_spline
 from rona_core.mapping.build_maps import (
     LocatedDetection,
     build_maps,
+    build_outer_maps,
     lateness_mm,
     mean_curvature_per_mm,
 )
-from rona_core.mapping.hampel_filter import agreeing
-from rona_core.mapping.thin_plate_spline import fit_plate
+from rona_core.mapping.cloud_fusion import CloudPrior
+from rona_core.mapping.fitting.hampel_filter import agreeing
 from rona_core.ultrasound.detection.detect import detect
 from rona_core.ultrasound.probe.probe_model import ProbeSurvey, probe_model
 from tests.helpers.mapping_scenes import T_BASE_SKULL, cloud, errors_mm, survey
@@ -68,45 +68,6 @@ def test_samples_on_one_line_are_judged_along_it():
     values = 0.2 * places[:, 0]
     values[12] += 2.0
     np.testing.assert_array_equal(np.flatnonzero(~agreeing(places, values)), [12])
-
-
-@settings(max_examples=10, deadline=None)
-@given(seed=seeds)
-def test_a_plane_is_reproduced_whatever_the_stiffness(seed):
-    rng = np.random.default_rng(seed)
-    places, at = rng.uniform(-15, 15, (80, 2)), rng.uniform(-15, 15, (30, 2))
-    slope = rng.normal(0, 0.3, 2)
-    plate = fit_plate(places, places @ slope + 3.0, stiffness=float(10.0 ** rng.uniform(-2, 3)))
-    np.testing.assert_allclose(plate.heights(at), at @ slope + 3.0, atol=1e-8)
-
-
-@pytest.mark.parametrize("noise_mm", [0.003, 0.1, 1.0, 5.0])
-def test_the_stiffness_found_downhill_is_the_best_of_all(noise_mm):
-    rng = np.random.default_rng(3)
-    places = rng.uniform(-20, 20, (120, 2))
-    heights = np.sin(places @ (0.2, 0.1)) + rng.normal(0.0, noise_mm, len(places))
-    fold = np.arange(len(places)) // 4 % thin_plate_spline.FOLDS
-
-    def error(stiffness):
-        left = np.zeros(len(places))
-        for k in range(thin_plate_spline.FOLDS):
-            kept = fold != k
-            plate = fit_plate(places[kept], heights[kept], stiffness=stiffness)
-            left[~kept] = heights[~kept] - plate.heights(places[~kept])
-        return np.abs(left).sum()
-
-    best = min(thin_plate_spline.STIFFNESSES, key=error)
-    assert fit_plate(places, heights).stiffness == best
-
-
-def test_patches_of_a_large_survey_lie_where_one_plate_would(monkeypatch):
-    rng = np.random.default_rng(2)
-    places, at = rng.uniform(-30, 30, (2600, 2)), rng.uniform(-29, 29, (500, 2))
-    heights = np.cos(places @ (0.15, 0.1)) + rng.normal(0.0, 0.05, len(places))
-    patches = fit_plate(places, heights, stiffness=10.0).heights(at)
-    monkeypatch.setattr(thin_plate_spline, "GLOBAL_LIMIT", 2600)
-    whole = fit_plate(places, heights, stiffness=10.0).heights(at)
-    assert rms(patches - whole) < 0.1 * rms(whole - np.cos(at @ (0.15, 0.1)))
 
 
 def test_the_curvature_of_a_sphere_is_one_over_its_radius():
@@ -186,6 +147,9 @@ def test_the_whole_way_from_echoes_to_maps():
 # --- fusion -------------------------------------------------------------------------------------
 
 
+CLUMSY = CloudPrior(0.8, 0.008)  # as ``displaced`` moves a cloud
+
+
 def test_fusing_is_never_worse_where_there_is_ultrasound_and_reaches_further():
     """Monte Carlo: a cloud that is 1 mm off as a whole must not spoil the map."""
     alone, fused, beyond, naive = [], [], [], []
@@ -194,7 +158,7 @@ def test_fusing_is_never_worse_where_there_is_ultrasound_and_reaches_further():
         detection, poses = survey(skull, rng, radius_mm=15.0, outer_sd_mm=0.2, lines_mm=2.5)
         T_error = displaced(rng)
         points = cloud(skull, rng, 500, radius_mm=20.0, T_error=T_error)
-        maps = build_maps(LocatedDetection(detection, poses), points)
+        maps = build_outer_maps(LocatedDetection(detection, poses), points, prior=CLUMSY)
         late = lateness_mm(PROBE, 1 / 80)  # these detections are not late: take it as known
         alone.append(rms(errors_mm(maps.outer, skull.outer_z) - late))
         fused.append(rms(errors_mm(maps.fused, skull.outer_z, maps.outer.ok) - late))
@@ -203,7 +167,7 @@ def test_fusing_is_never_worse_where_there_is_ultrasound_and_reaches_further():
         beyond.append(rms(further))
         naive.append(rms(cloud_errors(points, skull)))
         assert maps.cloud_fit.rms_mm < 0.5
-    assert np.mean(fused) <= 1.0 * np.mean(alone)
+    assert np.mean(fused) <= 1.02 * np.mean(alone)  # this cloud scatters more than the A-scans
     assert max(np.array(fused) / alone) < 1.15
     assert np.mean(beyond) < 0.5 * np.mean(naive)
 

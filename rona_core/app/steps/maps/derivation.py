@@ -7,6 +7,7 @@ from rona_core.app.dependencies.staleness import input_digests, stale_reason
 from rona_core.app.messages.serialization import serialize_arguments
 from rona_core.app.steps.acoustics.derivation import first_speed, robot_probe, with_known_speed
 from rona_core.app.steps.maps.messages import StartGapPlan, StartMapping
+from rona_core.app.steps.maps.probe_place import cloud_prior
 from rona_core.app.steps.roll.derivation import plan_settings
 from rona_core.app.steps.roll.messages import StartRollSearch
 from rona_core.app.steps.scan.probe_poses import probe_poses_of
@@ -136,19 +137,20 @@ def _outer_maps(
     """Return the outer boundary of the first pass, by ultrasound and together with the cloud."""
     cloud = require_result(session.results.surface, "sample the surface").value
     detection = _first_detection(session)
-    probe, poses = robot_probe(session), probe_poses(session)
+    probe, poses, prior = robot_probe(session), probe_poses(session), cloud_prior(session)
 
     def build() -> OuterMaps:
         return build_outer_maps(
             LocatedDetection(detection, poses),
             cloud.points_base,
+            prior=prior,
             cell_mm=message.cell_mm,
             probe=probe,
             progress=progress,
             cancel=cancel,
         )
 
-    return OUTER_MAPS.get((detection, poses, cloud), build, (message.cell_mm, probe))
+    return OUTER_MAPS.get((detection, poses, cloud), build, (message.cell_mm, probe, prior))
 
 
 def derive_second(

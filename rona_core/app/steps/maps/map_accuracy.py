@@ -15,13 +15,22 @@ from scipy.spatial import KDTree
 
 from rona_core.app.steps.acoustics.thickness_uncertainty import speed_of_maps
 from rona_core.app.steps.maps.error_terms import CellSigma, ErrorTerm, merged, summed
-from rona_core.app.steps.maps.probe_place import ProbePlace, hand_place, robot_place
+from rona_core.app.steps.maps.probe_place import (
+    ProbePlace,
+    cloud_prior,
+    hand_place,
+    robot_place,
+)
 from rona_core.devices.settings import ProbeSettings
 from rona_core.geometry.arrays import Bools, Floats
 from rona_core.mapping.boundary_map import BoundaryMap, Maps
-from rona_core.mapping.interpolation_error import interpolation_error
+from rona_core.mapping.cloud_fusion import CloudPrior, fuse_cloud
+from rona_core.mapping.fitting.plate_field import ROUGHNESS_MM, PlateField, fit_field
+from rona_core.mapping.map_grid import NEAR_MM
+from rona_core.session.codec import digest
 from rona_core.session.document import Session
 from rona_core.session.memo import remember
+from rona_core.surface.cloud import SurfaceCloud
 from rona_core.ultrasound.acoustic_calibration.speed_calibration import (
     SpeedCalibration,
     uncalibrated,
@@ -34,7 +43,6 @@ from rona_core.ultrasound.probe.probe_model import probe_model
 SPEED = "speed of sound of the patient"
 POINTS = "measure the bone at three reference points (step 9)"
 ROWS = "scan closer rows, or a second pass"
-ROUGHNESS_MM = 0.03  # of the outer table within a beam, which an A-scan averages over
 NEAREST = 6  # A-scans whose time of flight counts at a cell
 
 
@@ -117,34 +125,52 @@ def map_accuracy(session: Session, *, hand: bool = False) -> MapAccuracy | None:
         )
         maps = results.maps.value
         place = robot_place(session)
-    known = speed_of_maps(session, hand=hand)
-    return _accuracy(maps, samples, known, place) if len(samples) == len(maps.inner_used) else None
+    if len(samples) != len(maps.inner_used):
+        return None
+    cloud = None if hand else _cloud_of(session)
+    return _accuracy(maps, samples, speed_of_maps(session, hand=hand), place, cloud)
+
+
+_Cloud = tuple[SurfaceCloud, CloudPrior]
+
+
+def _cloud_of(session: Session) -> _Cloud | None:
+    """Return the cloud that the maps were fused with; None where the session has another one."""
+    maps, surface = session.results.maps, session.results.surface
+    if maps is None or surface is None or maps.inputs.get("surface") != digest(surface.value):
+        return None
+    return surface.value, cloud_prior(session)
 
 
 @remember(4)  # maps never change, and every browser asks
 def _accuracy(
-    maps: Maps, samples: _Samples, known: SpeedCalibration | None, place: ProbePlace
+    maps: Maps,
+    samples: _Samples,
+    known: SpeedCalibration | None,
+    place: ProbePlace,
+    cloud: _Cloud | None,
 ) -> MapAccuracy:
     found = samples.corrected()
     n, T_map_base = len(found[0]), maps.outer.T_base_map.inv()
     outer_map = T_map_base @ maps.outer_points_base[maps.outer_used]
     outer_sigma = found[0].outer_sigma_mm[maps.outer_used[:n]]  # of the first pass alone
     face_mm = 2.0 * probe_model(samples.probe).aperture_radius_mm
-    outer = (
-        *_sampling(maps.outer, outer_map, outer_sigma, face_mm),
-        ErrorTerm("roughness within the beam", own_mm=ROUGHNESS_MM),
-        *place.of_cells(maps),
-    )
+    plate = fit_field(outer_map[:, :2], outer_map[:, 2])
+    rest = (ErrorTerm("roughness within the beam", own_mm=ROUGHNESS_MM), *place.of_cells(maps))
+    outer = (*_sampling(maps.outer, plate, plate, outer_sigma, face_mm), *rest)
+    both = _joined(maps, plate, cloud)
+    fused = (*_sampling(maps.outer, plate, both, outer_sigma, face_mm), *rest)
     between_map = T_map_base @ maps.inner_points_base[maps.inner_used]
     between_map[:, 2] = _heights_at(maps.outer, between_map) - between_map[:, 2]
     timing = np.concatenate([one.thickness_sigma_mm for one in found])[maps.inner_used]
+    between = fit_field(between_map[:, :2], between_map[:, 2]) if len(between_map) else None
     depth = np.maximum(maps.thickness_mm(), 0.0)
     cells_base = maps.outer.T_base_map @ _cells_map(maps.outer)
     region = cells_base[(maps.outer.ok & maps.inner.ok).ravel()]
     calibration = uncalibrated() if known is None else known
     shared, local = speed_uncertainty(calibration, cells_base, region if len(region) else None)
     thickness = (
-        *_sampling(maps.inner, between_map, timing, face_mm),
+        *_sampling(maps.inner, between, between, timing, face_mm),
         ErrorTerm(SPEED, shared_mm=depth * shared.reshape(depth.shape), remedy=POINTS),
         ErrorTerm("speed of sound at the place", depth * local.reshape(depth.shape), remedy=POINTS),
     )
@@ -152,13 +178,17 @@ def _accuracy(
     return MapAccuracy(
         outer=summed(outer, outer_ok),
         inner=summed(merged(outer, thickness), inner_ok),
-        fused=summed((*outer, _cloud(maps)), outer_ok),
+        fused=summed((*fused, _unknown_cloud(maps, cloud)), outer_ok),
         thickness=summed(thickness, inner_ok),
     )
 
 
 def _sampling(
-    boundary: BoundaryMap, samples: Floats, sigma_mm: Floats, face_mm: float
+    boundary: BoundaryMap,
+    samples: PlateField | None,
+    surface: PlateField | None,
+    sigma_mm: Floats,
+    face_mm: float,
 ) -> tuple[ErrorTerm, ErrorTerm]:
     """Return what time of flight and interpolation add to each cell.
 
@@ -167,24 +197,33 @@ def _sampling(
 
     Args:
         boundary: Its grid is meant.
-        samples: Place and height (n, 3), in ``map``.
-        sigma_mm: Of the time of flight of each (n,).
+        samples: Plate through the samples (n); None where there are none.
+        surface: The plate that the map is made of, as sure as it is between them.
+        sigma_mm: Of the time of flight of each sample (n,).
         face_mm: Width of the probe's face.
     """
     shape = boundary.height_mm.shape
-    if not len(samples):
+    if samples is None or surface is None:
         return ErrorTerm("time of flight"), ErrorTerm("interpolation", np.full(shape, np.inf))
     places = _cells_map(boundary)[:, :2]
-    near = KDTree(samples[:, :2]).query(places, k=min(NEAREST, len(samples)))[1]
-    between = interpolation_error(samples[:, :2], samples[:, 2])
+    near = KDTree(samples.places_mm).query(places, k=min(NEAREST, len(sigma_mm)))[1]
     timing = np.sqrt(np.mean(sigma_mm[near.reshape(len(places), -1)] ** 2, axis=1))
     # samples that scatter more than they state are no better than they scatter
-    timing = np.maximum(timing, between.scatter_mm).reshape(shape)
-    apart = between.at(places).reshape(shape)
+    timing = np.maximum(timing, samples.scatter_mm).reshape(shape)
+    apart = surface.sigmas_mm(places).reshape(shape)
     return (
         ErrorTerm("time of flight", timing, _of_mean(timing, boundary, face_mm)),
         ErrorTerm("interpolation", apart, _of_mean(apart, boundary, face_mm), remedy=ROWS),
     )
+
+
+def _joined(maps: Maps, plate: PlateField, cloud: _Cloud | None) -> PlateField:
+    """Return the plate through ultrasound and cloud, or that of the ultrasound without one."""
+    if cloud is None:
+        return plate
+    points_map = maps.outer.T_base_map.inv() @ cloud[0].points_base
+    found = fuse_cloud(points_map, plate, NEAR_MM, cloud[1])
+    return plate if found is None else found.plate
 
 
 def _of_mean(own_mm: Floats, boundary: BoundaryMap, face_mm: float) -> float:
@@ -213,11 +252,12 @@ def _heights_at(boundary: BoundaryMap, points_map: Floats) -> Floats:
     return np.asarray(chart.ev(points_map[:, 0], points_map[:, 1]), dtype=np.float64)
 
 
-def _cloud(maps: Maps) -> ErrorTerm:
-    """Return what the pointer's cloud adds where it alone tells of the boundary.
+def _unknown_cloud(maps: Maps, cloud: _Cloud | None) -> ErrorTerm:
+    """Return what a cloud that is not there any more adds where it alone tells of the boundary.
 
-    How far it lies from the map it was laid on.
+    How far it lay from the map it was laid on.
     """
-    if maps.cloud_fit is None or not maps.outer.ok.any():
-        return ErrorTerm("cloud of the pointer")
-    return ErrorTerm("cloud of the pointer", np.where(maps.outer.ok, 0.0, maps.cloud_fit.rms_mm))
+    cause, fit = "cloud of the pointer", maps.cloud_fit
+    if fit is None or cloud is not None:
+        return ErrorTerm(cause)
+    return ErrorTerm(cause, np.where(maps.outer.ok, 0.0, fit.rms_mm))

@@ -1,4 +1,4 @@
-"""How sure it is where the face of the probe was: the robot's links, its holder and the line."""
+"""How sure it is where the probe was, and where the cloud: robot, holder, line, tracker."""
 
 from dataclasses import dataclass
 
@@ -15,6 +15,7 @@ from rona_core.calibration.timing.robot_latency import BREATH_MM
 from rona_core.devices.tracker_volumes import ACCURACY_MM
 from rona_core.geometry.arrays import Bools, Floats
 from rona_core.mapping.boundary_map import Maps
+from rona_core.mapping.cloud_fusion import CloudPrior
 from rona_core.robot.kinematics.catalog import robot_model
 from rona_core.robot.kinematics.link_errors import tip_sensitivities
 from rona_core.session.document import Session
@@ -34,6 +35,7 @@ ROOM_K = 5.0  # of a line that nobody asked, between the room and the skin
 WARMING_K = 0.8  # of a line since it was asked
 CREEP_MM = 0.2  # of a head in its clamp that nobody watched
 COUPLING_MM = 0.01  # film and speed of the gel under the face
+TURN_ARM_MM = 100.0  # what errs by a millimetre over a shorter way turns a cloud by more
 GAUGE = "record the probe on the gauge plate (step 8)"
 
 
@@ -111,6 +113,19 @@ def _head(watch: HeadWatch | None) -> ErrorTerm:
         return ErrorTerm("head motion", BREATH_MM, CREEP_MM, remedy=remedy)
     known_mm = float(np.linalg.norm(motion.sigma_at(motion.center_base))) / 3.0**0.5
     return ErrorTerm("head motion", BREATH_MM, known_mm)
+
+
+def cloud_prior(session: Session) -> CloudPrior:
+    """Return how far off the pointer's cloud may be as a whole, against maps by the robot."""
+    tool, pointer = session.results.tool, session.results.pointer
+    sigmas_mm = (  # 3D
+        ACCURACY_MM[session.setup.devices.tracker.profile],
+        ROBOT_ACCURACY_MM,
+        0.0 if tool is None else tool.value.registration_sigma_mm,
+        0.0 if pointer is None else pointer.value.tip_sigma_mm,
+    )
+    shift_mm = float(np.linalg.norm(sigmas_mm)) / 3.0**0.5
+    return CloudPrior(shift_mm, shift_mm / TURN_ARM_MM)
 
 
 def hand_place(session: Session) -> ProbePlace:

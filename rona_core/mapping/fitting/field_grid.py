@@ -1,0 +1,92 @@
+"""Grid that carries a field, what its nodes tell of places, and what bending it costs."""
+
+from dataclasses import dataclass
+from functools import lru_cache
+
+import numpy as np
+from scipy.sparse import csr_matrix, eye, kron
+
+from rona_core.geometry.arrays import Floats, readonly
+from rona_core.mapping.fitting.block_cholesky import BlockTridiagonal
+
+STEP_MM = 1.0  # between nodes
+MOST_ACROSS = 120  # nodes across the shorter side: a wider field has larger steps
+MARGIN_CELLS = 6  # the field goes on beyond the samples
+ROWS = 2  # of the grid in a block: bending couples each row to two on either side
+
+
+@dataclass(frozen=True)
+class FieldGrid:
+    """Nodes of a field (nu, nv), in mm; v is the shorter side."""
+
+    u_mm: Floats  # (nu,) an even number
+    v_mm: Floats  # (nv,)
+    swapped: bool  # u of the field is v of the places
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        """Number of nodes."""
+        return len(self.u_mm), len(self.v_mm)
+
+    @property
+    def step_mm(self) -> float:
+        """Distance of neighbouring nodes."""
+        return float(self.u_mm[1] - self.u_mm[0])
+
+    def own(self, places_mm: Floats) -> Floats:
+        """Return places (n, 2) along the axes of the field."""
+        return places_mm[:, ::-1] if self.swapped else places_mm
+
+    def operator(self, places_mm: Floats) -> csr_matrix:
+        """Return the matrix (n, nu nv) that takes a field to places (n, 2), bilinearly."""
+        cells = (self.own(places_mm) - (self.u_mm[0], self.v_mm[0])) / self.step_mm
+        last = np.array(self.shape) - 2
+        corner = np.clip(np.floor(cells), 0, last).astype(np.int64)
+        (u, v), n = np.clip(cells - corner, 0.0, 1.0).T, len(cells)
+        first = corner[:, 0] * self.shape[1] + corner[:, 1]
+        columns = first[:, None] + (0, 1, self.shape[1], self.shape[1] + 1)
+        weights = np.stack(((1 - u) * (1 - v), (1 - u) * v, u * (1 - v), u * v), axis=1)
+        rows = np.repeat(np.arange(n), 4)
+        shape = (n, self.shape[0] * self.shape[1])
+        return csr_matrix((weights.ravel(), (rows, columns.ravel())), shape=shape)
+
+    def blocks(self, matrix: csr_matrix) -> BlockTridiagonal:
+        """Return a matrix over the nodes as its blocks."""
+        size = ROWS * self.shape[1]
+        count = self.shape[0] // ROWS
+        entries = matrix.tocoo()
+        i, j = entries.row // size, entries.col // size
+        diagonal, below = np.zeros((count, size, size)), np.zeros((count - 1, size, size))
+        for where, blocks, on in ((i, diagonal, i == j), (j, below, i == j + 1)):
+            at = where[on], entries.row[on] % size, entries.col[on] % size
+            np.add.at(blocks, at, entries.data[on])
+        return BlockTridiagonal(diagonal, below)
+
+
+def grid_around(places_mm: Floats) -> FieldGrid:
+    """Return the nodes of a field through places (n, 2), and a margin around them."""
+    low, high = places_mm.min(axis=0), places_mm.max(axis=0)
+    swapped = bool(high[1] - low[1] > high[0] - low[0])
+    if swapped:
+        low, high = low[::-1], high[::-1]
+    step = max(STEP_MM, float(high[1] - low[1]) / MOST_ACROSS)
+    first, last = np.floor(low / step) - MARGIN_CELLS, np.ceil(high / step) + MARGIN_CELLS
+    counts = (last - first).astype(np.int64) + 1
+    counts[0] += counts[0] % ROWS
+    u, v = (step * (first[k] + np.arange(counts[k])) for k in range(2))
+    return FieldGrid(readonly(u), readonly(v), swapped)
+
+
+@lru_cache(4)
+def bending(nu: int, nv: int, step_mm: float) -> BlockTridiagonal:
+    """Return the bending energy of fields over a grid, as precision of unit increments r² log r."""
+
+    def differences(n: int, order: int) -> csr_matrix:
+        return csr_matrix(np.diff(np.eye(n), order, axis=0))
+
+    along = kron(differences(nu, 2), eye(nv))
+    across = kron(eye(nu), differences(nv, 2))
+    twist = kron(differences(nu, 1), differences(nv, 1))
+    energy = along.T @ along + across.T @ across + 2.0 * twist.T @ twist
+    grid = FieldGrid(np.arange(nu, dtype=np.float64), np.arange(nv, dtype=np.float64), False)
+    return grid.blocks((energy / (8.0 * np.pi * step_mm**2)).tocsr())

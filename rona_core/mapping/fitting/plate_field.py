@@ -1,0 +1,201 @@
+"""Thin plate through scattered heights, with what is known of it everywhere: a Gaussian field.
+
+A smoothing thin plate is the posterior mean of a field whose precision is its bending energy (Wahba
+1990). On a grid that precision couples near nodes alone (a Gaussian Markov random field, Rue and
+Held 2005), so that heights, standard deviations and draws cost little. How stiff the plate is, and
+how far samples scatter, is what makes the samples most likely once planes are left out of account
+(restricted maximum likelihood, Patterson and Thompson 1971).
+"""
+
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+from numpy.random import Generator
+from scipy.interpolate import RectBivariateSpline
+from scipy.optimize import minimize_scalar
+
+from rona_core.geometry.arrays import Floats, readonly
+from rona_core.mapping.fitting.block_cholesky import BlockCholesky
+from rona_core.mapping.fitting.field_grid import FieldGrid, bending, grid_around
+
+STIFFNESS = (1e-4, 1e8)  # that are looked at, noise over increments, squared
+PLANES = 3  # free parameters that bending does not cost
+LEAST_MM = 1e-4
+ROUGHNESS_MM = 0.03  # of the outer table within a beam, which an A-scan averages over
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Quadric:
+    """The quadric that a field departs from: bone is a dome, and a plate wants to be flat."""
+
+    coefficients: Floats  # (6,) of 1, u, v, u², uv, v²
+    middle_mm: Floats  # (2,)
+    reach_mm: float  # u and v are in such lengths from the middle
+
+    def heights(self, places_mm: Floats, along: tuple[int, int] = (0, 0)) -> Floats:
+        """Return heights (n,) at places (n, 2), or a first derivative along one axis."""
+        u, v = (places_mm - self.middle_mm).T / self.reach_mm
+        return _monomials(u, v, along) @ self.coefficients / self.reach_mm ** sum(along)
+
+
+def _monomials(u: Floats, v: Floats, along: tuple[int, int] = (0, 0)) -> Floats:
+    one, none = np.ones(len(u)), np.zeros(len(u))
+    columns = {
+        (0, 0): (one, u, v, u * u, u * v, v * v),
+        (1, 0): (none, one, none, 2.0 * u, v, none),
+        (0, 1): (none, none, one, none, u, 2.0 * v),
+    }
+    return np.column_stack(columns[along])
+
+
+def fit_quadric(places_mm: Floats, heights_mm: Floats) -> Quadric:
+    """Return the quadric of least squares through heights (n,) at places (n, 2)."""
+    middle = places_mm.mean(axis=0)
+    reach = max(float(np.sqrt(np.mean((places_mm - middle) ** 2))), 1e-9)
+    u, v = (places_mm - middle).T / reach
+    found = np.linalg.lstsq(_monomials(u, v), heights_mm, rcond=1e-6)[0]
+    return Quadric(readonly(np.asarray(found, dtype=np.float64)), readonly(middle), reach)
+
+
+@dataclass(frozen=True, eq=False)
+class PlateField:
+    """A plate through samples, and its posterior: heights, standard deviations, draws."""
+
+    grid: FieldGrid
+    trend: Quadric
+    nodes_mm: Floats  # (nu, nv) heights over it
+    factor: BlockCholesky  # of the precision of the nodes
+    loadings_mm: Floats  # (nu nv, k) what k unknowns of one deviation each do to the nodes
+    scatter_mm: float  # of a sample about the field
+    stiffness: float  # scatter over the size of increments, squared
+    places_mm: Floats  # (n, 2) of the samples
+    samples_mm: Floats  # (n,) their heights
+    relative_variance: Floats  # (n,) how much less a sample counts than a perfect one
+
+    def heights(self, places_mm: Floats, along: tuple[int, int] = (0, 0)) -> Floats:
+        """Return the heights (m,) at places (m, 2), or a first derivative along one axis."""
+        orders = along[::-1] if self.grid.swapped else along
+        u, v = self.grid.own(places_mm).T
+        over = np.asarray(self._chart.ev(u, v, dx=orders[0], dy=orders[1]), dtype=np.float64)
+        return self.trend.heights(places_mm, along) + over
+
+    def sigmas_mm(self, places_mm: Floats) -> Floats:
+        """Return the standard deviations (m,) of the field at places (m, 2), scatter left aside."""
+        return np.sqrt(self.grid.operator(places_mm) @ self._variances)
+
+    def draws(self, places_mm: Floats, count: int, generator: Generator) -> Floats:
+        """Return heights (count, m) at places (m, 2), drawn from what is known of the field."""
+        fields = self.factor.spread(generator.standard_normal((self.nodes_mm.size, count)))
+        unknown = generator.standard_normal((self.loadings_mm.shape[1], count))
+        fields = fields + self.loadings_mm @ unknown
+        return self.heights(places_mm) + np.asarray(self.grid.operator(places_mm) @ fields).T
+
+    @cached_property
+    def _chart(self) -> RectBivariateSpline:
+        return RectBivariateSpline(self.grid.u_mm, self.grid.v_mm, self.nodes_mm)
+
+    @cached_property
+    def _variances(self) -> Floats:
+        return self.factor.variances() + np.sum(self.loadings_mm**2, axis=1)
+
+
+def fit_field(
+    places_mm: Floats,
+    heights_mm: Floats,
+    relative_variance: Floats | None = None,
+    stiffness: float | None = None,
+) -> PlateField:
+    """Return the plate through samples, as stiff as the samples say.
+
+    Args:
+        places_mm: Where the samples lie (n, 2), n >= 4 and not on one line.
+        heights_mm: Their heights (n,).
+        relative_variance: How much less a sample counts than a perfect one (n,); 1 if not given.
+        stiffness: To use; None lets the samples choose.
+    """
+    count = len(heights_mm)
+    weights = np.ones(count) if relative_variance is None else 1.0 / relative_variance
+    grid = grid_around(places_mm)
+    bend = bending(*grid.shape, grid.step_mm)
+    operator = grid.operator(places_mm)
+    weighted = operator.T.multiply(weights).tocsr()
+    information = grid.blocks((weighted @ operator).tocsr()).held()
+    trend = fit_quadric(places_mm, heights_mm)
+    over = heights_mm - trend.heights(places_mm)
+    right = np.asarray(weighted @ over)
+
+    def solved(stiff: float) -> tuple[BlockCholesky, Floats, float]:
+        factor = (information + bend * stiff).cholesky()
+        nodes = factor.solve(right)
+        off = over - operator @ nodes
+        square = float(np.sum(weights * off**2)) + stiff * bend.energy(nodes)
+        return factor, nodes, max(square / max(count - PLANES, 1), LEAST_MM**2)
+
+    def unlikely(log_stiffness: float) -> float:
+        factor, _, variance = solved(float(np.exp(log_stiffness)))
+        free = grid.shape[0] * grid.shape[1] - PLANES
+        fit = (count - PLANES) * np.log(variance)
+        return float(fit + factor.log_determinant() - free * log_stiffness)
+
+    if stiffness is None:
+        best = minimize_scalar(
+            unlikely, bounds=np.log(STIFFNESS), method="bounded", options={"xatol": 0.2}
+        )
+        stiffness = float(np.exp(best.x))
+    factor, nodes, variance = solved(stiffness)
+    scale = float(np.sqrt(variance))
+    return PlateField(
+        grid=grid,
+        trend=trend,
+        nodes_mm=readonly(nodes.reshape(grid.shape)),
+        factor=BlockCholesky(factor.lower / scale, factor.below / scale),
+        loadings_mm=readonly(np.zeros((nodes.size, 0))),
+        scatter_mm=scale,
+        stiffness=stiffness,
+        places_mm=readonly(places_mm),
+        samples_mm=readonly(heights_mm),
+        relative_variance=readonly(1.0 / weights),
+    )
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class SurfaceSamples:
+    """Points of a surface that as a whole may be moved: each tells its distance from the plate."""
+
+    points_map: Floats  # (n, 3)
+    upright: Floats  # (n,) cosine of the normal of the plate and the axis of heights
+    weights: Floats  # (n,) inverse variances of the distances
+    moved_by: Floats  # (n, 6) change of each distance with a motion of all
+    motion: Floats  # (6, 6) covariance of that motion
+
+
+def joined(plate: PlateField, more: SurfaceSamples) -> PlateField:
+    """Return the plate through its samples and more, as stiff as it is.
+
+    The motion of the added points is not solved for; what is unknown of it stays unknown of the
+    plate (a consider parameter, Schmidt 1966).
+    """
+    grid = grid_around(np.vstack((plate.places_mm, more.points_map[:, :2])))
+    operator = grid.operator(plate.places_mm)
+    variance = plate.scatter_mm**2 * plate.relative_variance + ROUGHNESS_MM**2
+    weighted = operator.T.multiply(1.0 / variance).tocsr()
+    bend = bending(*grid.shape, grid.step_mm) * (plate.stiffness / plate.scatter_mm**2)
+    operator_more = grid.operator(more.points_map[:, :2])
+    across = operator_more.T.multiply(more.weights * more.upright).tocsr()
+    seen = across @ operator_more.multiply(more.upright[:, None])
+    information = grid.blocks((weighted @ operator + seen).tocsr()).held()
+    factor = (information + bend).cholesky()
+    over = plate.samples_mm - plate.trend.heights(plate.places_mm)
+    over_more = more.points_map[:, 2] - plate.trend.heights(more.points_map[:, :2])
+    right = np.asarray(weighted @ over) + np.asarray(across @ (more.upright * over_more))
+    moved = np.asarray(across @ more.moved_by, dtype=np.float64)
+    moved = moved @ np.linalg.cholesky(more.motion)
+    found = factor.solve(np.column_stack((right, moved)))
+    return replace(
+        plate,
+        grid=grid,
+        nodes_mm=readonly(found[:, 0].reshape(grid.shape)),
+        factor=factor,
+        loadings_mm=readonly(found[:, 1:]),
+    )
