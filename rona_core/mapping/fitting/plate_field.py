@@ -9,6 +9,7 @@ how far samples scatter, is what makes the samples most likely once planes are l
 
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 from numpy.random import Generator
@@ -139,7 +140,7 @@ def fit_field(
         return float(fit + factor.log_determinant() - free * log_stiffness)
 
     if stiffness is None:
-        best = minimize_scalar(
+        best: Any = minimize_scalar(
             unlikely, bounds=np.log(STIFFNESS), method="bounded", options={"xatol": 0.2}
         )
         stiffness = float(np.exp(best.x))

@@ -17,6 +17,7 @@ class ErrorTerm:
     shared_mm: Floats | float = 0.0  # and of one error that all cells have in common
     of_robot: bool = False  # drops out where the robot that scanned uses the map
     remedy: str = ""  # what would lower it
+    reach_mm: float = 0.0  # cells so far apart (a Gaussian's deviation) still err alike by ``own``
 
 
 @dataclass(frozen=True, slots=True)
@@ -66,6 +67,7 @@ def merged(*groups: Iterable[ErrorTerm]) -> tuple[ErrorTerm, ...]:
                 np.hypot(before.shared_mm, term.shared_mm),
                 term.of_robot,
                 term.remedy,
+                max(before.reach_mm, term.reach_mm),
             )
         found[term.cause] = term
     return tuple(found.values())

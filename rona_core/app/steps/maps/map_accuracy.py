@@ -1,49 +1,15 @@
-"""How sure the maps of step 9 are, cell by cell, without any truth.
-
-Causes whose squares add up: the time of flight of the nearest A-scans, what left-out samples tell
-of places between samples, the speed of sound, and where the probe was. What a cause does to all
-cells alike stands apart from what each cell has for itself. Nothing of it is stored: it follows
-from what a session holds, so that maps of older files are as honest as new ones. See
-docs/algorithms/maps/boundary_maps.md.
-"""
+"""How sure the maps of step 9 are, cell by cell: the squares of all causes added up."""
 
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.interpolate import RectBivariateSpline
-from scipy.spatial import KDTree
 
-from rona_core.app.steps.acoustics.thickness_uncertainty import speed_of_maps
-from rona_core.app.steps.maps.error_terms import CellSigma, ErrorTerm, merged, summed
-from rona_core.app.steps.maps.probe_place import (
-    ProbePlace,
-    cloud_prior,
-    hand_place,
-    robot_place,
-)
-from rona_core.devices.settings import ProbeSettings
+from rona_core.app.steps.maps.error_terms import CellSigma, merged, summed
+from rona_core.app.steps.maps.map_terms import SPEED, MapTerms, map_terms
 from rona_core.geometry.arrays import Bools, Floats
-from rona_core.mapping.boundary_map import BoundaryMap, Maps
-from rona_core.mapping.cloud_fusion import CloudPrior, fuse_cloud
-from rona_core.mapping.fitting.plate_field import ROUGHNESS_MM, PlateField, fit_field
-from rona_core.mapping.map_grid import NEAR_MM
-from rona_core.session.codec import digest
+from rona_core.mapping.boundary_map import Maps
 from rona_core.session.document import Session
 from rona_core.session.memo import remember
-from rona_core.surface.cloud import SurfaceCloud
-from rona_core.ultrasound.acoustic_calibration.speed_calibration import (
-    SpeedCalibration,
-    uncalibrated,
-)
-from rona_core.ultrasound.acoustic_calibration.speed_uncertainty import speed_uncertainty
-from rona_core.ultrasound.detection.detect import Detection
-from rona_core.ultrasound.detection.manual_corrections import BoundaryEdits, ScanName, corrected
-from rona_core.ultrasound.probe.probe_model import probe_model
-
-SPEED = "speed of sound of the patient"
-POINTS = "measure the bone at three reference points (step 9)"
-ROWS = "scan closer rows, or a second pass"
-NEAREST = 6  # A-scans whose time of flight counts at a cell
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -80,25 +46,6 @@ def accuracy_words(maps: Maps, accuracy: MapAccuracy) -> str:
     return f"{words}."
 
 
-@dataclass(frozen=True, slots=True)
-class _Samples:
-    """What was detected, and what may have been set by hand."""
-
-    detections: tuple[Detection, ...]
-    scans: tuple[ScanName, ...]
-    edits: BoundaryEdits
-    probe: ProbeSettings
-
-    def __len__(self) -> int:
-        return sum(len(found) for found in self.detections)
-
-    def corrected(self) -> tuple[Detection, ...]:
-        """Return what was detected, with what was set by hand in its place."""
-        probe = probe_model(self.probe)
-        pairs = zip(self.detections, self.scans, strict=True)
-        return tuple(corrected(found, self.edits, scan, probe) for found, scan in pairs)
-
-
 def map_accuracy(session: Session, *, hand: bool = False) -> MapAccuracy | None:
     """Return how sure the maps are; None before there are any, or of other A-scans than these.
 
@@ -106,158 +53,21 @@ def map_accuracy(session: Session, *, hand: bool = False) -> MapAccuracy | None:
         session: With its maps.
         hand: Those of the scan by hand, in place of the robot's.
     """
-    results, devices = session.results, session.setup.devices
+    terms = map_terms(session, hand=hand)
+    if terms is None:
+        return None
+    results = session.results
     if hand:
-        if results.sono_maps is None or results.sono_detection is None:
-            return None
-        # boundaries set by hand are few, and are numbered by A-scans that the tracker may not see
-        samples = _Samples(
-            (results.sono_detection.value,), ("hand",), BoundaryEdits(), devices.probe
-        )
-        maps, place = results.sono_maps.value.maps, hand_place(session)
-    else:
-        if results.maps is None or results.detection is None:
-            return None
-        passes = (results.detection, results.second_detection)
-        found = tuple(derived.value for derived in passes if derived is not None)
-        samples = _Samples(
-            found, ("first", "second")[: len(found)], session.boundary_edits, devices.probe
-        )
-        maps = results.maps.value
-        place = robot_place(session)
-    if len(samples) != len(maps.inner_used):
-        return None
-    cloud = None if hand else _cloud_of(session)
-    return _accuracy(maps, samples, speed_of_maps(session, hand=hand), place, cloud)
+        return None if results.sono_maps is None else _summed(results.sono_maps.value.maps, terms)
+    return None if results.maps is None else _summed(results.maps.value, terms)
 
 
-_Cloud = tuple[SurfaceCloud, CloudPrior]
-
-
-def _cloud_of(session: Session) -> _Cloud | None:
-    """Return the cloud that the maps were fused with; None where the session has another one."""
-    maps, surface = session.results.maps, session.results.surface
-    if maps is None or surface is None or maps.inputs.get("surface") != digest(surface.value):
-        return None
-    return surface.value, cloud_prior(session)
-
-
-@remember(4)  # maps never change, and every browser asks
-def _accuracy(
-    maps: Maps,
-    samples: _Samples,
-    known: SpeedCalibration | None,
-    place: ProbePlace,
-    cloud: _Cloud | None,
-) -> MapAccuracy:
-    found = samples.corrected()
-    n, T_map_base = len(found[0]), maps.outer.T_base_map.inv()
-    outer_map = T_map_base @ maps.outer_points_base[maps.outer_used]
-    outer_sigma = found[0].outer_sigma_mm[maps.outer_used[:n]]  # of the first pass alone
-    face_mm = 2.0 * probe_model(samples.probe).aperture_radius_mm
-    plate = fit_field(outer_map[:, :2], outer_map[:, 2])
-    rest = (ErrorTerm("roughness within the beam", own_mm=ROUGHNESS_MM), *place.of_cells(maps))
-    outer = (*_sampling(maps.outer, plate, plate, outer_sigma, face_mm), *rest)
-    both = _joined(maps, plate, cloud)
-    fused = (*_sampling(maps.outer, plate, both, outer_sigma, face_mm), *rest)
-    between_map = T_map_base @ maps.inner_points_base[maps.inner_used]
-    between_map[:, 2] = _heights_at(maps.outer, between_map) - between_map[:, 2]
-    timing = np.concatenate([one.thickness_sigma_mm for one in found])[maps.inner_used]
-    between = fit_field(between_map[:, :2], between_map[:, 2]) if len(between_map) else None
-    depth = np.maximum(maps.thickness_mm(), 0.0)
-    cells_base = maps.outer.T_base_map @ _cells_map(maps.outer)
-    region = cells_base[(maps.outer.ok & maps.inner.ok).ravel()]
-    calibration = uncalibrated() if known is None else known
-    shared, local = speed_uncertainty(calibration, cells_base, region if len(region) else None)
-    thickness = (
-        *_sampling(maps.inner, between, between, timing, face_mm),
-        ErrorTerm(SPEED, shared_mm=depth * shared.reshape(depth.shape), remedy=POINTS),
-        ErrorTerm("speed of sound at the place", depth * local.reshape(depth.shape), remedy=POINTS),
-    )
+@remember(4)
+def _summed(maps: Maps, terms: MapTerms) -> MapAccuracy:
     outer_ok, inner_ok = maps.outer.ok, maps.inner.ok & maps.outer.ok
     return MapAccuracy(
-        outer=summed(outer, outer_ok),
-        inner=summed(merged(outer, thickness), inner_ok),
-        fused=summed((*fused, _unknown_cloud(maps, cloud)), outer_ok),
-        thickness=summed(thickness, inner_ok),
+        outer=summed(terms.outer, outer_ok),
+        inner=summed(merged(terms.outer, terms.thickness), inner_ok),
+        fused=summed(terms.fused, outer_ok),
+        thickness=summed(terms.thickness, inner_ok),
     )
-
-
-def _sampling(
-    boundary: BoundaryMap,
-    samples: PlateField | None,
-    surface: PlateField | None,
-    sigma_mm: Floats,
-    face_mm: float,
-) -> tuple[ErrorTerm, ErrorTerm]:
-    """Return what time of flight and interpolation add to each cell.
-
-    A-scans less than the width of a face apart hear the same bone and err alike, so that the mean
-    over a map is off by what is left after averaging over as many patches as it has.
-
-    Args:
-        boundary: Its grid is meant.
-        samples: Plate through the samples (n); None where there are none.
-        surface: The plate that the map is made of, as sure as it is between them.
-        sigma_mm: Of the time of flight of each sample (n,).
-        face_mm: Width of the probe's face.
-    """
-    shape = boundary.height_mm.shape
-    if samples is None or surface is None:
-        return ErrorTerm("time of flight"), ErrorTerm("interpolation", np.full(shape, np.inf))
-    places = _cells_map(boundary)[:, :2]
-    near = KDTree(samples.places_mm).query(places, k=min(NEAREST, len(sigma_mm)))[1]
-    timing = np.sqrt(np.mean(sigma_mm[near.reshape(len(places), -1)] ** 2, axis=1))
-    # samples that scatter more than they state are no better than they scatter
-    timing = np.maximum(timing, samples.scatter_mm).reshape(shape)
-    apart = surface.sigmas_mm(places).reshape(shape)
-    return (
-        ErrorTerm("time of flight", timing, _of_mean(timing, boundary, face_mm)),
-        ErrorTerm("interpolation", apart, _of_mean(apart, boundary, face_mm), remedy=ROWS),
-    )
-
-
-def _joined(maps: Maps, plate: PlateField, cloud: _Cloud | None) -> PlateField:
-    """Return the plate through ultrasound and cloud, or that of the ultrasound without one."""
-    if cloud is None:
-        return plate
-    points_map = maps.outer.T_base_map.inv() @ cloud[0].points_base
-    found = fuse_cloud(points_map, plate, NEAR_MM, cloud[1])
-    return plate if found is None else found.plate
-
-
-def _of_mean(own_mm: Floats, boundary: BoundaryMap, face_mm: float) -> float:
-    """Return what the mean over a map is off by when each cell is off by ``own_mm`` (nu, nv)."""
-    if not boundary.ok.any() or min(boundary.ok.shape) < 2:
-        return 0.0
-    cell_mm2 = (boundary.u_mm[1] - boundary.u_mm[0]) * (boundary.v_mm[1] - boundary.v_mm[0])
-    patches = boundary.ok.sum() * cell_mm2 / (np.pi * face_mm**2)
-    return float(np.sqrt(np.mean(own_mm[boundary.ok] ** 2) / max(patches, 1.0)))
-
-
-def _cells_map(boundary: BoundaryMap) -> Floats:
-    """Return all cells as points (nu nv, 3) in ``map``."""
-    u, v = np.meshgrid(boundary.u_mm, boundary.v_mm, indexing="ij")
-    return np.column_stack((u.ravel(), v.ravel(), boundary.height_mm.ravel()))
-
-
-def _heights_at(boundary: BoundaryMap, points_map: Floats) -> Floats:
-    """Return the heights (n,) of a map at the places of points (n, 3) in ``map``."""
-    u, v = boundary.u_mm, boundary.v_mm
-    if min(len(u), len(v)) < 2:  # a strip of one cell has no slope
-        return np.full(len(points_map), float(boundary.height_mm.mean()))
-    chart = RectBivariateSpline(
-        u, v, boundary.height_mm, kx=min(3, len(u) - 1), ky=min(3, len(v) - 1)
-    )
-    return np.asarray(chart.ev(points_map[:, 0], points_map[:, 1]), dtype=np.float64)
-
-
-def _unknown_cloud(maps: Maps, cloud: _Cloud | None) -> ErrorTerm:
-    """Return what a cloud that is not there any more adds where it alone tells of the boundary.
-
-    How far it lay from the map it was laid on.
-    """
-    cause, fit = "cloud of the pointer", maps.cloud_fit
-    if fit is None or cloud is not None:
-        return ErrorTerm(cause)
-    return ErrorTerm(cause, np.where(maps.outer.ok, 0.0, fit.rms_mm))

@@ -35,6 +35,7 @@ ROOM_K = 5.0  # of a line that nobody asked, between the room and the skin
 WARMING_K = 0.8  # of a line since it was asked
 CREEP_MM = 0.2  # of a head in its clamp that nobody watched
 COUPLING_MM = 0.01  # film and speed of the gel under the face
+WIDE_MM = 30.0  # what changes evenly over a whole map hangs together so far
 TURN_ARM_MM = 100.0  # what errs by a millimetre over a shorter way turns a cloud by more
 GAUGE = "record the probe on the gauge plate (step 8)"
 
@@ -90,6 +91,7 @@ def _robot_place(
             own_mm=warming_mm / 3.0,  # it warms while the probe moves on
             shared_mm=float(np.hypot(warming_mm, known_mm)),
             remedy="let the line warm up on the head first",
+            reach_mm=WIDE_MM,
         )
     seat = ErrorTerm("mounting of the probe", shared_mm=SEAT_MM, remedy=GAUGE)
     if mounting is not None:
@@ -176,5 +178,6 @@ def _links(name: str, qs_rad: Floats, maps: Maps) -> ErrorTerm:
         own_mm=own,
         shared_mm=float(np.linalg.norm(middle)),
         of_robot=True,
+        reach_mm=WIDE_MM,
         remedy="calibrate the arm, or let the robot that scanned use the map",
     )

@@ -1,0 +1,103 @@
+"""Maps as they may be: draws from all that is unknown of both boundaries, for who plans in them.
+
+Each cause of error is drawn by itself: what all cells share as one number, what a cell has for
+itself as a Gaussian field over the reach of its cause, and what is unknown between the samples from
+the plate through them. The inner boundary of a draw never crosses its outer one.
+"""
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.random import Generator
+
+from rona_core.app.steps.maps.error_terms import ErrorTerm
+from rona_core.app.steps.maps.map_terms import INTERPOLATION, map_terms
+from rona_core.errors import InvalidInputError
+from rona_core.geometry.arrays import Floats, readonly
+from rona_core.geometry.pose import Pose
+from rona_core.mapping.boundary_map import BoundaryMap
+from rona_core.mapping.build_maps import LEAST_THICKNESS_MM
+from rona_core.mapping.fitting.plate_field import PlateField
+from rona_core.session.document import Session
+
+MOST_DRAWS = 10_000
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class MapDraws:
+    """Heights of both boundaries over the grid of the maps, n times."""
+
+    T_base_map: Pose
+    u_mm: Floats  # (nu,)
+    v_mm: Floats  # (nv,)
+    outer_mm: Floats  # (n, nu, nv)
+    inner_mm: Floats  # (n, nu, nv)
+
+
+def draw_maps(
+    session: Session, count: int, seed: int = 0, *, same_robot: bool = False
+) -> MapDraws | None:
+    """Return maps as they may be; None before there are any.
+
+    Args:
+        session: With its maps.
+        count: How many.
+        seed: Of the draws; the same gives the same.
+        same_robot: The robot that scanned uses the map: what its links err by drops out.
+
+    Raises:
+        InvalidInputError: no draws, or too many.
+    """
+    if not 1 <= count <= MOST_DRAWS:
+        raise InvalidInputError(f"{count} draws were asked for: 1 to {MOST_DRAWS} can be made")
+    terms, made = map_terms(session), session.results.maps
+    if terms is None or made is None:
+        return None
+    maps, generator = made.value, np.random.default_rng(seed)
+    kept = [term for term in terms.outer if not (same_robot and term.of_robot)]
+    outer = maps.outer.height_mm + _drawn(maps.outer, kept, terms.outer_plate, count, generator)
+    thickness = maps.thickness_mm() + _drawn(
+        maps.outer, terms.thickness, terms.thickness_plate, count, generator
+    )
+    return MapDraws(
+        maps.outer.T_base_map,
+        maps.outer.u_mm,
+        maps.outer.v_mm,
+        readonly(outer),
+        readonly(outer - np.maximum(thickness, LEAST_THICKNESS_MM)),
+    )
+
+
+def _drawn(
+    grid: BoundaryMap,
+    terms: Iterable[ErrorTerm],
+    plate: PlateField | None,
+    count: int,
+    generator: Generator,
+) -> Floats:
+    """Return errors (count, nu, nv) by all causes."""
+    shape = grid.height_mm.shape
+    errors = np.zeros((count, *shape))
+    for term in terms:
+        shared = generator.standard_normal((count, 1, 1))
+        errors += np.broadcast_to(term.shared_mm, shape) * shared
+        if term.cause != INTERPOLATION:
+            white = generator.standard_normal((count, *shape))
+            field = _root(grid.u_mm, term.reach_mm) @ white @ _root(grid.v_mm, term.reach_mm).T
+            errors += np.broadcast_to(term.own_mm, shape) * field
+    if plate is not None:
+        u, v = np.meshgrid(grid.u_mm, grid.v_mm, indexing="ij")
+        places = np.column_stack((u.ravel(), v.ravel()))
+        drawn = plate.draws(places, count, generator) - plate.heights(places)
+        errors += drawn.reshape(errors.shape)
+    return errors
+
+
+def _root(at_mm: Floats, reach_mm: float) -> Floats:
+    """Return a root (n, n) of the covariance of places (n,) along one axis, of variance 1."""
+    if reach_mm <= 0.0:
+        return np.eye(len(at_mm))
+    apart = (at_mm[:, None] - at_mm) / reach_mm
+    values, vectors = np.linalg.eigh(np.exp(-0.5 * apart**2))
+    return vectors * np.sqrt(np.maximum(values, 0.0))  # far from regular: no Cholesky
