@@ -58,11 +58,20 @@ def volume_surface(session: Session, level_db: float, gain_db_per_mm: float = 0.
     return _surface(echo_volume(session), level_db, gain_db_per_mm)
 
 
-def volume_file(session: Session, settings: VolumeSettings | None = None) -> bytes:
-    """Return the echo volume as a NRRD file; errors as of ``echo_volume``."""
+def volume_file(
+    session: Session, *, depth_step_mm: float | None = None, fill_radius_mm: float | None = None
+) -> bytes:
+    """Return the echo volume as a NRRD file; None: as usual.
+
+    Raises:
+        InvalidInputError: height of a voxel or radius of filling out of range.
+        StepBlockedError: see ``echo_volume``, as for all others.
+    """
     from rona_core.mapping.volume.volume_file import volume_nrrd  # pynrrd is slow to import
 
-    wanted, lines = settings or VolumeSettings(), scan_lines(session)
+    given = {"depth_step_mm": depth_step_mm, "fill_radius_mm": fill_radius_mm}
+    wanted = VolumeSettings(**{name: mm for name, mm in given.items() if mm is not None})
+    lines = scan_lines(session)
     notes = {
         "compounding": "mean",
         "interpolation": "linear",
