@@ -11,8 +11,9 @@ from numpy.typing import NDArray
 
 from rona_core.errors import InvalidInputError
 from rona_core.geometry.arrays import Bools, Floats, Ints, readonly
-from rona_core.mapping.volume.echo_volume import EchoVolume
+from rona_core.mapping.volume.echo_volume import SILENCE, EchoVolume
 
+ABOVE_NOISE_DB = 6.0  # a surface in what is fainter is one of noise
 LEVELS_DB = (-80.0, 0.0)
 CORNERS = tuple(np.ndindex(2, 2, 2))
 
@@ -32,6 +33,8 @@ class IsoSurface:
 def iso_surface(volume: EchoVolume, level_db: float, gain_db_per_mm: float = 0.0) -> IsoSurface:
     """Return the surface of a level; it is open where voxels are not known.
 
+    It ends at the depth from which the gain raises noise to the level.
+
     Args:
         volume: In which the surface is sought.
         level_db: Over the front echo of flat bone in perfect contact.
@@ -45,7 +48,9 @@ def iso_surface(volume: EchoVolume, level_db: float, gain_db_per_mm: float = 0.0
             f"the level must be {LEVELS_DB[0]:g} to {LEVELS_DB[1]:g} dB: {level_db:g}"
         )
     over = volume.level_db(gain_db_per_mm).astype(np.float64) - level_db
-    places, faces = surface_nets(over, volume.known)
+    noise_db = 20.0 * np.log10(max(volume.noise(), SILENCE))
+    audible = level_db - gain_db_per_mm * volume.depths_mm() >= noise_db + ABOVE_NOISE_DB
+    places, faces = surface_nets(over, volume.known & audible)
     u, v = volume.outer.u_mm, volume.outer.v_mm
     points_map = places * volume.steps_mm + (u[0], v[0], volume.z_mm[0])
     i, j = (np.rint(places[:, k]).astype(np.int64) for k in (0, 1))

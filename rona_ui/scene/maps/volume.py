@@ -21,7 +21,7 @@ SLICES = ("/volume/u", "/volume/v")
 SHEET, OUTER, INNER = "/volume/sheet", "/volume/outer", "/volume/inner"
 LEVELS_DB = (-45.0, 0.0)  # black and white, after the gain
 FINE = 4  # pixels of a slice for each voxel
-SEE_THROUGH = 0.35  # of the outer sheet, so that the inner one is seen
+SEE_THROUGH = 0.25  # of the outer sheet, so that the inner one is seen
 INTO_RIGHT = np.array(((0.0, 0.0, 1.0), (1.0, 0.0, 0.0), (0.0, 1.0, 0.0)))  # columns v, z, u
 INTO_BACK = np.array(((1.0, 0.0, 0.0), (0.0, 0.0, -1.0), (0.0, 1.0, 0.0)))  # columns u, z, -v
 
@@ -79,10 +79,11 @@ class VolumeLayer(Layer):
         found = self._surface
         if found is None:
             return
-        below = (found.depths_mm[found.faces] > blind_mm).all(axis=1)
+        depths = found.depths_mm[found.faces].mean(axis=1)
+        # the lower side of the front echo tells nothing, and would hide what is below it
         for node, which, color, opacity in (
-            (OUTER, ~below, SKY, SEE_THROUGH),
-            (INNER, below, ORANGE, None),
+            (OUTER, depths <= 0.0, SKY, SEE_THROUGH),
+            (INNER, depths > blind_mm, ORANGE, None),
         ):
             if which.any():
                 mesh = Mesh(*_used(found.points_base, found.faces[which]))
