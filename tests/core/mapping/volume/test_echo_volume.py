@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from benchmarks.reference.volume_modes import compounded
 from rona_core.devices.settings import ProbeSettings
 from rona_core.errors import DegenerateGeometryError, InvalidInputError
 from rona_core.geometry.pose import Pose
@@ -146,6 +147,16 @@ def test_a_voxel_holds_the_mean_of_the_a_scans_that_pass_it():
     )
     once, mean = (reconstruct_volume(x, outer, PROBE) for x in (lines, twice))
     np.testing.assert_allclose(mean.amplitude, 2.0 * once.amplitude, atol=1e-5)
+
+
+def test_a_second_implementation_line_by_line_gives_the_same_volume():
+    lines, outer = dome(aside_mm=0.37)
+    volume = reconstruct_volume(lines, outer, PROBE)
+    other = compounded(volume, lines, "linear", "mean")
+    np.testing.assert_array_equal(other.measured, volume.measured)
+    np.testing.assert_allclose(
+        other.amplitude[volume.measured], volume.amplitude[volume.measured], atol=1e-6
+    )
 
 
 def test_gain_raises_what_is_deep_and_nothing_above_the_bone():
