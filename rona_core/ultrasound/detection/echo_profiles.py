@@ -1,7 +1,7 @@
 """Echo profiles: the level of the echoes of each A-scan against the time behind its front echo.
 
 The front echo is fitted and taken away with its side lobes, and its main lobe is put back: the
-CLEAN algorithm (Hogbom 1974, see docs/references.md) with one component whose place is known.
+CLEAN algorithm (Högbom 1974, see docs/references.md) with one component whose place is known.
 """
 
 from dataclasses import dataclass
