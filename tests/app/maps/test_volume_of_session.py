@@ -7,6 +7,7 @@ import pytest
 
 from rona_core.app.runtime.session_step import Undo
 from rona_core.app.steps.boundaries.messages import CorrectBoundary
+from rona_core.app.steps.maps.messages import StartMapping
 from rona_core.app.steps.maps.volume import (
     echo_volume,
     scan_lines,
@@ -105,6 +106,25 @@ def test_stale_maps_are_refused_until_they_are_made_again(demo):
             echo_volume(bench.session)
     finally:
         bench.close()
+
+
+def test_a_boundary_that_was_set_by_hand_moves_its_a_scan(demo):
+    number = int(np.flatnonzero(demo.results.detection.value.inner_ok)[5])
+    found = demo.results.detection.value
+    later = float(found.outer_us[number]) + 0.1
+    bench = new_workbench(demo)
+    try:
+        bench.dispatch(CorrectBoundary(number, outer_us=later))
+        bench.run(StartMapping())
+        edited = bench.session
+    finally:
+        bench.close()
+    assert echo_volume(edited) is echo_volume(edited)
+    lines, kept = scan_lines(edited), edited.results.maps.value.outer_used
+    assert kept[number]  # so little that it still agrees with those around
+    row = int(kept[:number].sum())
+    moved = lines.outer_points_base[row] - demo.results.maps.value.outer_points_base[number]
+    assert moved @ lines.axes_base[row] == pytest.approx(0.1 * 1.5 / 2.0, abs=0.02)
 
 
 def test_maps_of_other_a_scans_are_refused(demo):

@@ -71,7 +71,7 @@ def test_nothing_is_drawn_until_it_is_asked_for_in_its_step(demo):
 @pytest.mark.parametrize("which", [0, 1])
 def test_the_front_echo_of_a_slice_is_drawn_on_the_outer_map(demo, which):
     nodes, volume = drawn(demo, slices=True, u_mm=3.0, v_mm=-2.0), echo_volume(demo)
-    picture, T_base_slice, (width, height) = nodes.drawn[SLICES[which]]
+    picture, T_base_s, (width, height) = nodes.drawn[SLICES[which]]
     outer = volume.outer
     at = np.argmin(np.abs((outer.u_mm - 3.0) if which == 0 else (outer.v_mm + 2.0)))
     across = outer.v_mm if which == 0 else outer.u_mm
@@ -87,7 +87,7 @@ def test_the_front_echo_of_a_slice_is_drawn_on_the_outer_map(demo, which):
             continue
         row = np.flatnonzero(column == column.max()).mean() + 0.5
         flat = ((middle / columns - 0.5) * width, (0.5 - row / rows) * height, 0.0)
-        place = volume.T_base_map.inv() @ (T_base_slice @ np.array([flat]))
+        place = volume.T_base_map.inv() @ (T_base_s @ np.array([flat]))
         expected = (outer.u_mm[at], across[k]) if which == 0 else (across[k], outer.v_mm[at])
         np.testing.assert_allclose(place[0, :2], expected, atol=1e-6)
         assert abs(place[0, 2] - heights[k]) < 0.6

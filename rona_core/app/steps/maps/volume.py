@@ -125,7 +125,7 @@ def scan_lines(session: Session) -> ScanLines:
             f"the maps are of {len(maps.outer_used)} A-scans, and there are "
             f"{sum(len(one.found) for one in passes)}: map the boundaries again"
         )
-    parts = tuple(part for one in passes for part in (one.scans, one.found, one.poses))
+    parts = tuple(part for one in passes for part in (one.scans, one.detected, one.poses))
     probe, excitation = robot_probe(session), session.setup.devices.probe.excitation
 
     def build() -> ScanLines:
@@ -136,15 +136,16 @@ def scan_lines(session: Session) -> ScanLines:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Pass:
-    """A-scans (n) of a pass, what was found in them, and where the probe was."""
+    """A-scans (n) of a pass, what was detected in them, and where the probe was."""
 
     scans: AScanTrack
-    found: Detection
+    detected: Detection
+    found: Detection  # the same with what was set by hand in its place
     poses: Poses
 
 
 def _passes(session: Session) -> tuple[_Pass, ...]:
-    """Return the passes that went into the maps, with what was set by hand in its place."""
+    """Return the passes that went into the maps."""
     probe, results, captures = robot_probe(session), session.results, session.captures
     names: tuple[tuple[ScanName, str, str], ...] = (
         ("first", "scan", "detection"),
@@ -156,7 +157,8 @@ def _passes(session: Session) -> tuple[_Pass, ...]:
         if capture is None or derived is None:
             continue
         edited = corrected(derived.value, session.boundary_edits, scan, probe)
-        found.append(_Pass(capture.scans, edited, probe_poses(session, capture)))
+        poses = probe_poses(session, capture)
+        found.append(_Pass(capture.scans, derived.value, edited, poses))
     return tuple(found)
 
 

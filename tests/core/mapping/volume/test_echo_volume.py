@@ -19,7 +19,7 @@ from rona_core.ultrasound.detection.detect import detect
 from rona_core.ultrasound.detection.echo_profiles import echo_profiles
 from rona_core.ultrasound.probe.probe_model import ProbeSurvey, probe_model
 from tests.helpers.ultrasound_scenes import WavySkull, scan
-from tests.helpers.volume_scenes import INNER, PROBE, SPEED_MM_PER_US, dome, plate
+from tests.scenes.volume_lines import INNER, PROBE, SPEED_MM_PER_US, dome, plate
 
 BARE = VolumeSettings(fill_radius_mm=0.0)
 

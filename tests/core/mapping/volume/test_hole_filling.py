@@ -7,7 +7,7 @@ from scipy.spatial import KDTree
 from rona_core.mapping.volume.hole_filling import fill_holes
 from rona_core.mapping.volume.inner_ridge import inner_ridge
 from rona_core.mapping.volume.reconstruction import VolumeSettings, reconstruct_volume
-from tests.helpers.volume_scenes import PROBE, plate
+from tests.scenes.volume_lines import PROBE, plate
 
 STEPS = (1.0, 1.0, 0.25)
 

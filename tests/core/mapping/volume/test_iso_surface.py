@@ -7,7 +7,7 @@ from rona_core.errors import InvalidInputError
 from rona_core.mapping.volume.inner_ridge import GAIN_DB_PER_MM
 from rona_core.mapping.volume.iso_surface import iso_surface, surface_nets
 from rona_core.mapping.volume.reconstruction import reconstruct_volume
-from tests.helpers.volume_scenes import INNER, PROBE, plate
+from tests.scenes.volume_lines import INNER, PROBE, plate
 
 RADIUS = 8.3
 

@@ -8,7 +8,7 @@ import pytest
 
 from rona_core.mapping.volume.reconstruction import reconstruct_volume
 from rona_core.mapping.volume.volume_file import volume_nrrd
-from tests.helpers.volume_scenes import PROBE, T_BASE_MAP, plate
+from tests.scenes.volume_lines import PROBE, T_BASE_MAP, plate
 
 
 @pytest.fixture(scope="module")
