@@ -187,6 +187,7 @@ SMALLEST: Mapping[str, Mapping[str, Any]] = {
         "suites.procedure.head_motion.WORLDS": {"nominal": SetWorld(profile="nominal")},
         "suites.procedure.head_motion.ONE_PASS": ONE_PASS,
     },
+    "volume": {**ONCE, "suites.ultrasound.volume.SEEDS": ()},
     "map_bands": {
         "suites.procedure.map_bands.SEEDS": (),
         "suites.procedure.map_bands.FILES": (DEMO,),

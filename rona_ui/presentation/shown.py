@@ -14,6 +14,7 @@ from rona_core.app.steps.smoothing.path_view import PathView, path_view, preview
 from rona_core.geometry.arrays import Floats
 from rona_core.mapping.boundary_map import Maps
 from rona_ui.presentation.snapshot import Snapshot
+from rona_ui.presentation.view_state import VolumeView
 
 # value at the end of the colour scale
 MARGIN_SCALE_MAX: dict[Quantity, float] = {
@@ -84,6 +85,15 @@ def shown_maps_key(snapshot: Snapshot) -> tuple[Any, ...]:
     results = snapshot.session.results
     made = results.sono_maps if shows_handheld_maps(snapshot) else results.maps
     return (id(made), id(snapshot.static_scene))
+
+
+def shown_volume(snapshot: Snapshot) -> VolumeView | None:
+    """Return what is to be drawn of the echo volume; None where nothing is, or the maps changed."""
+    volume = snapshot.view.volume
+    if volume is None or snapshot.view.step != "maps" or shows_handheld_maps(snapshot):
+        return None
+    drawn = volume.maps is snapshot.session.results.maps and (volume.slices or volume.surface)
+    return volume if drawn else None
 
 
 def map_sigma(snapshot: Snapshot) -> MapAccuracy | None:

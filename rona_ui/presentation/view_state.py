@@ -58,6 +58,20 @@ class Preview:
     refused: int  # how many messages had been refused
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class VolumeView:
+    """What is drawn of the echo volume; it ends when there are other maps."""
+
+    maps: Any  # the result that was there when it began
+    slices: bool = False
+    surface: bool = False
+    u_mm: float = 0.0  # where a slice goes through the maps, in their frame
+    v_mm: float = 0.0
+    depth_mm: float = 5.0  # of a sheet below the outer boundary
+    level_db: float = -30.0  # of the iso-surface
+    gain_db_per_mm: float = 2.0  # with depth: about the loss of skull bone
+
+
 @dataclass(frozen=True, slots=True)
 class ViewState:
     """How one browser looks at the session; never saved, never undone."""
@@ -88,6 +102,7 @@ class ViewState:
     handheld: bool = False  # the scan by hand is looked at, where there are both
     handheld_cursor: float = 0.0  # 0 to 1 along the scan by hand
     joint: int = 0  # joint in the graph, 0 for all
+    volume: VolumeView | None = None  # None: nothing is drawn of it
     second: bool = False  # replay, A-scans and image are those of the second pass
     dragged_boundary: tuple[int, float] | None = (
         None  # A-scan and time (µs) that somebody holds a boundary at

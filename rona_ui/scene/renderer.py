@@ -9,6 +9,7 @@ from rona_ui.presentation.snapshot import Snapshot
 from rona_ui.scene.layer import Layer
 from rona_ui.scene.maps.map_section import ProfileLayer
 from rona_ui.scene.maps.maps import MapLayer, ReferencesLayer, ScanLayer, SecondLayer
+from rona_ui.scene.maps.volume import VolumeLayer
 from rona_ui.scene.path.path import AxesLayer, PathLayer, WarningsLayer
 from rona_ui.scene.path.path_editing import EditLayer
 from rona_ui.scene.pointer import PIVOT_HANDLES, DrawingLayer, PivotHandlesLayer, PointerLayer
@@ -54,6 +55,7 @@ class SceneRenderer:
             ProfileLayer(self.nodes),
             SecondLayer(self.nodes),
             ReferencesLayer(self.nodes),
+            VolumeLayer(self.nodes),
         )
 
     def render(self, old: Snapshot | None, new: Snapshot) -> None:

@@ -20,6 +20,7 @@ from rona_core.app.steps.maps.view import (
 )
 from rona_ui.panels.acoustics import SpeedFields
 from rona_ui.panels.handheld import HandheldControls
+from rona_ui.panels.maps.volume import VolumeFolder
 from rona_ui.panels.setup.probe import advice_note
 from rona_ui.panels.widgets import style
 from rona_ui.panels.widgets.form import Form
@@ -181,6 +182,7 @@ class MapsPanel(StepPanel):
         with self.folder:
             self._second = SecondFolder(gui, context, self.message)
             self._sono = HandheldControls(gui, context)
+            self._volume = VolumeFolder(gui, context)
 
     def build(self) -> None:
         """Add the parameters and the choice of what is shown."""
@@ -235,6 +237,7 @@ class MapsPanel(StepPanel):
         if changed(old, new, "session", "figures", "view"):
             self._budget.content = budget_table(new)
         self._second.render(old, new)
+        self._volume.render(old, new)
 
     def remarks(self, snapshot: Snapshot) -> str:
         """Say how much of the inner boundary was found."""

@@ -13,6 +13,7 @@ from rona_ui.presentation.shown import (
     map_sigma,
     shown_maps,
     shown_maps_key,
+    shown_volume,
     shows_handheld_maps,
     shows_second_path,
     tilt_scale_max_deg,
@@ -26,7 +27,15 @@ SCAN, NOW = "/scan/points", "/scan/now"
 LIFT_MM = 1.5  # of the places of A-scans, so that the skull does not hide them
 
 
-class MapLayer(Layer):
+class OfMaps(Layer):
+    """What gives way while the echo volume is looked at: it lies within it."""
+
+    def shown(self, snapshot: Snapshot) -> bool:
+        """Return whether the layer is switched on, and the volume is not in its place."""
+        return super().shown(snapshot) and shown_volume(snapshot) is None
+
+
+class MapLayer(OfMaps):
     """Draws one of the three maps."""
 
     def __init__(self, nodes: SceneNodes, name: str) -> None:
@@ -124,7 +133,7 @@ SIZE_MM = 2.4
 POINT_MM, LABEL_MM = 1.0, 4.0  # above the outer boundary
 
 
-class ReferencesLayer(Layer):
+class ReferencesLayer(OfMaps):
     """Draws the reference points of step 9; doubtful ones are orange and labelled so."""
 
     layer = "references"
@@ -178,7 +187,7 @@ CELL_MM, PATH_MM = 0.4, 0.35
 WHITE: Rgb = (255, 255, 255)
 
 
-class SecondLayer(Layer):
+class SecondLayer(OfMaps):
     """Draws the second path until it is scanned, and while that pass is selected."""
 
     layer = "second"

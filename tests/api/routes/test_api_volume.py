@@ -1,0 +1,54 @@
+"""The echo volume over REST: a NRRD file, with bounds on what may be asked for."""
+
+import io
+
+import nrrd
+import numpy as np
+import pytest
+
+from rona_core.app.steps.maps.volume import echo_volume
+
+
+@pytest.fixture(scope="module")
+def demo(client):
+    made = client.post("/sessions/demo").json()
+    yield made["id"]
+    client.delete(f"/sessions/{made['id']}")
+
+
+def test_the_volume_is_the_one_that_a_script_gets(web, client, demo):
+    answer = client.get(f"/sessions/{demo}/volume")
+    assert answer.status_code == 200, answer.text
+    assert answer.headers["content-type"] == "application/octet-stream"
+    assert "echo_volume.nrrd" in answer.headers["content-disposition"]
+    file = io.BytesIO(answer.content)
+    header = nrrd.read_header(file)
+    volume = echo_volume(web.hub.get(demo).session)
+    np.testing.assert_array_equal(nrrd.read_data(header, file), volume.amplitude)
+    assert (header["compounding"], header["interpolation"]) == ("mean", "linear")
+
+
+def test_a_finer_grid_and_no_filling_can_be_asked_for(client, demo):
+    wanted = {"depth_step_mm": 0.5, "fill_radius_mm": 0}
+    coarse = nrrd.read_header(
+        io.BytesIO(client.get(f"/sessions/{demo}/volume", params=wanted).content)
+    )
+    assert np.linalg.norm(coarse["space directions"][2]) == pytest.approx(0.5)
+    assert coarse["fill radius (mm)"] == "0"
+
+
+@pytest.mark.parametrize(
+    ("name", "value"),
+    [("depth_step_mm", "0"), ("depth_step_mm", "2"), ("depth_step_mm", "nan")]
+    + [("fill_radius_mm", "-1"), ("fill_radius_mm", "inf"), ("fill_radius_mm", "many")],
+)
+def test_what_is_out_of_range_is_refused_by_name(client, demo, name, value):
+    answer = client.get(f"/sessions/{demo}/volume", params={name: value})
+    assert answer.status_code == 422
+    assert name in answer.text
+
+
+def test_without_maps_it_says_what_to_do_first(at):
+    answer = at("GET", "/volume")
+    assert (answer.status_code, answer.json()["code"]) == (409, "step_blocked")
+    assert "scan" in answer.json()["detail"]
