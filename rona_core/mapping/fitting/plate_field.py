@@ -1,10 +1,10 @@
 """Thin plate through scattered heights, with what is known of it everywhere: a Gaussian field.
 
 A smoothing thin plate is the posterior mean of a field whose precision is its bending energy (Wahba
-1990). On a grid that precision couples near nodes alone (a Gaussian Markov random field, Rue and
-Held 2005), so that heights, standard deviations and draws cost little. How stiff the plate is, and
+1990). On a grid that precision couples near nodes alone (a Gaussian Markov random field, Rue
+2005), so that heights, standard deviations and draws cost little. How stiff the plate is, and
 how far samples scatter, is what makes the samples most likely once planes are left out of account
-(restricted maximum likelihood, Patterson and Thompson 1971).
+(restricted maximum likelihood, Patterson 1971).
 """
 
 from dataclasses import dataclass, replace

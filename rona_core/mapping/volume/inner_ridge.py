@@ -10,7 +10,7 @@ import numpy as np
 
 from rona_core.geometry.arrays import Bools, Floats, readonly
 from rona_core.mapping.boundary_map import Maps
-from rona_core.mapping.hampel_filter import agreeing
+from rona_core.mapping.fitting.hampel_filter import agreeing
 from rona_core.mapping.volume.echo_volume import SILENCE, EchoVolume
 
 GAIN_DB_PER_MM = 2.0  # makes up for about the loss of skull bone, there and back

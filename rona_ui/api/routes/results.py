@@ -3,7 +3,7 @@
 import dataclasses
 from typing import Annotated, Any, Literal
 
-from fastapi import APIRouter, Query, Response
+from fastapi import APIRouter, Query
 
 from rona_core.app.declarations.registry import REGISTRY
 from rona_core.app.dependencies.staleness import stale_reason
@@ -14,7 +14,6 @@ from rona_core.app.steps.acoustics.thickness_uncertainty import reference_gain
 from rona_core.app.steps.boundaries.ascan_view import ScanName, ascan_plot
 from rona_core.app.steps.boundaries.probe_advice import probe_advice
 from rona_core.app.steps.maps.map_accuracy import map_accuracy
-from rona_core.app.steps.maps.volume import volume_file
 from rona_core.app.steps.tool.calibration_view import calibration_view
 from rona_core.errors import NotFoundError
 from rona_core.session.document import Session
@@ -100,27 +99,6 @@ def get_calibration(bench: Bench, step: Literal["tool", "pointer"]) -> FastJson:
     """
     view = calibration_view(bench.session, step)
     return FastJson(plain(view))
-
-
-OCTETS: dict[int | str, dict[str, Any]] = {
-    200: {"content": {"application/octet-stream": {}}, "description": "The NRRD file"}
-}
-DepthStep = Annotated[float, Query(ge=0.1, le=1.0, description="height of a voxel")]
-FillRadius = Annotated[float, Query(ge=0.0, le=10.0, description="0 leaves holes as they are")]
-
-
-@router.get("/sessions/{session_id}/volume", response_class=Response, responses=OCTETS)
-def get_volume(
-    bench: Bench, depth_step_mm: DepthStep = 0.25, fill_radius_mm: FillRadius = 2.5
-) -> Response:
-    """Download the echoes of the robot's scan as a volume (NRRD, float) on the cells of its maps.
-
-    1 is the front echo of flat bone in perfect contact; `space directions` and `space origin` are
-    in `base`, in mm. Refused while there are no maps, or while they are stale.
-    """
-    data = volume_file(bench.session, depth_step_mm=depth_step_mm, fill_radius_mm=fill_radius_mm)
-    headers = {"Content-Disposition": 'attachment; filename="echo_volume.nrrd"'}
-    return Response(data, media_type="application/octet-stream", headers=headers)
 
 
 NAMES = {"first": "first pass", "second": "second pass", "hand": "scan by hand"}

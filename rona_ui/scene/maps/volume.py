@@ -67,8 +67,7 @@ class VolumeLayer(Layer):
         cuts = ((grey[i], known[i]), (grey[:, j], known[:, j]))
         turns, widths = (INTO_RIGHT, INTO_BACK), (sides[1], sides[0])
         for node, cut, turn, place, width in zip(SLICES, cuts, turns, places, widths, strict=True):
-            T_map_s = Pose(turn, np.array(place))
-            pose = volume.T_base_map @ T_map_s
+            pose = volume.T_base_map @ Pose(turn, np.array(place))
             self.nodes.image(node, slice_picture(*cut), pose, size_mm=(width, sides[2]))
         points, levels = sheet(volume, grey, shown.depth_mm)
         self.nodes.cloud(SHEET, points, np.repeat(levels[:, None], 3, axis=1), size_mm=u[1] - u[0])

@@ -68,6 +68,7 @@ def test_a_pose_left_out_has_no_say_in_the_tool(bench, method):
 
 
 def test_counting_all_again_gives_the_first_result(bench):
+    bench.dispatch(ExcludePoses("pointer"))  # computed here: another processor rounds otherwise
     before = digest(bench.session.results.pointer)
     bench.dispatch(ExcludePoses("pointer", (0,)))
     assert digest(bench.session.results.pointer) != before

@@ -11,34 +11,31 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.random import Generator
 
+from rona_core.app.dependencies.inputs import require_result
+from rona_core.app.dependencies.staleness import stale_reason
 from rona_core.app.steps.maps.error_terms import ErrorTerm
 from rona_core.app.steps.maps.map_terms import INTERPOLATION, map_terms
-from rona_core.errors import InvalidInputError
+from rona_core.errors import InvalidInputError, StaleResultError
 from rona_core.geometry.arrays import Floats, readonly
-from rona_core.geometry.pose import Pose
-from rona_core.mapping.boundary_map import BoundaryMap
+from rona_core.mapping.boundary_map import BoundaryMap, Maps
 from rona_core.mapping.build_maps import LEAST_THICKNESS_MM
 from rona_core.mapping.fitting.plate_field import PlateField
 from rona_core.session.document import Session
 
-MOST_DRAWS = 10_000
+MOST_DRAWS = 1000
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class MapDraws:
     """Heights of both boundaries over the grid of the maps, n times."""
 
-    T_base_map: Pose
-    u_mm: Floats  # (nu,)
-    v_mm: Floats  # (nv,)
+    maps: Maps  # that they are draws of, with frame and grid
     outer_mm: Floats  # (n, nu, nv)
     inner_mm: Floats  # (n, nu, nv)
 
 
-def draw_maps(
-    session: Session, count: int, seed: int = 0, *, same_robot: bool = False
-) -> MapDraws | None:
-    """Return maps as they may be; None before there are any.
+def draw_maps(session: Session, count: int, seed: int = 0, *, same_robot: bool = False) -> MapDraws:
+    """Return the robot's maps as they may be.
 
     Args:
         session: With its maps.
@@ -48,22 +45,23 @@ def draw_maps(
 
     Raises:
         InvalidInputError: no draws, or too many.
+        StepBlockedError: nothing was mapped.
+        StaleResultError: the maps are out of date.
     """
     if not 1 <= count <= MOST_DRAWS:
         raise InvalidInputError(f"{count} draws were asked for: 1 to {MOST_DRAWS} can be made")
-    terms, made = map_terms(session), session.results.maps
-    if terms is None or made is None:
-        return None
-    maps, generator = made.value, np.random.default_rng(seed)
+    maps: Maps = require_result(session.results.maps, "map the boundaries (step 9)").value
+    terms, reason = map_terms(session), stale_reason("maps", session)
+    if terms is None or reason is not None:
+        raise StaleResultError(f"the maps are stale: {reason or 'they are of other A-scans'}")
+    generator = np.random.default_rng(seed)
     kept = [term for term in terms.outer if not (same_robot and term.of_robot)]
     outer = maps.outer.height_mm + _drawn(maps.outer, kept, terms.outer_plate, count, generator)
     thickness = maps.thickness_mm() + _drawn(
         maps.outer, terms.thickness, terms.thickness_plate, count, generator
     )
     return MapDraws(
-        maps.outer.T_base_map,
-        maps.outer.u_mm,
-        maps.outer.v_mm,
+        maps,
         readonly(outer),
         readonly(outer - np.maximum(thickness, LEAST_THICKNESS_MM)),
     )

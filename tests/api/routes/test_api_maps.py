@@ -1,4 +1,4 @@
-"""The echo volume over REST: a NRRD file, with bounds on what may be asked for."""
+"""Files of step 9 over REST: the echo volume and draws of the maps, and what of them is refused."""
 
 import io
 
@@ -6,6 +6,7 @@ import nrrd
 import numpy as np
 import pytest
 
+from rona_core.app.steps.maps.map_draws import draw_maps
 from rona_core.app.steps.maps.volume import echo_volume
 
 
@@ -52,3 +53,28 @@ def test_without_maps_it_says_what_to_do_first(at):
     answer = at("GET", "/volume")
     assert (answer.status_code, answer.json()["code"]) == (409, "step_blocked")
     assert "scan" in answer.json()["detail"]
+
+
+def test_draws_of_the_maps_are_those_that_a_script_gets(web, client, demo):
+    wanted = {"count": 4, "seed": 3, "same_robot": True}
+    answer = client.get(f"/sessions/{demo}/maps/draws", params=wanted)
+    assert answer.status_code == 200, answer.text
+    draws = draw_maps(web.hub.get(demo).session, 4, 3, same_robot=True)
+    with np.load(io.BytesIO(answer.content)) as got:
+        assert set(got) == {"T_base_map", "u_mm", "v_mm", "ok", "outer_mm", "inner_mm"}
+        np.testing.assert_allclose(got["outer_mm"], draws.outer_mm, atol=1e-5)
+        np.testing.assert_allclose(got["inner_mm"], draws.inner_mm, atol=1e-5)
+        np.testing.assert_array_equal(got["T_base_map"], draws.maps.outer.T_base_map.matrix())
+        assert got["outer_mm"].shape == (4, len(got["u_mm"]), len(got["v_mm"]))
+
+
+@pytest.mark.parametrize("wanted", [{"count": 0}, {"count": 1001}, {"seed": -1}])
+def test_draws_out_of_bounds_are_refused(client, demo, wanted):
+    answer = client.get(f"/sessions/{demo}/maps/draws", params=wanted)
+    assert (answer.status_code, answer.json()["code"]) == (422, "invalid_input")
+
+
+def test_draws_of_no_maps_are_refused(at):
+    answer = at("GET", "/maps/draws")
+    assert (answer.status_code, answer.json()["code"]) == (409, "step_blocked")
+    assert "map the boundaries" in answer.json()["detail"]

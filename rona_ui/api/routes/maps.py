@@ -1,0 +1,67 @@
+"""Files of what step 9 made: the echo volume, and maps as they may be."""
+
+import io
+from typing import Annotated, Any
+
+import numpy as np
+from fastapi import APIRouter, Query, Response
+
+from rona_core.app.steps.maps.map_draws import draw_maps
+from rona_core.app.steps.maps.volume import volume_file
+from rona_ui.api.context import Bench
+
+router = APIRouter(tags=["results"])
+
+OCTETS = "application/octet-stream"
+
+
+def _file(of: str) -> dict[int | str, dict[str, Any]]:
+    return {200: {"content": {OCTETS: {}}, "description": f"The {of} file"}}
+
+
+DepthStep = Annotated[float, Query(ge=0.1, le=1.0, description="height of a voxel")]
+FillRadius = Annotated[float, Query(ge=0.0, le=10.0, description="0 leaves holes as they are")]
+
+
+@router.get("/sessions/{session_id}/volume", response_class=Response, responses=_file("NRRD"))
+def get_volume(
+    bench: Bench, depth_step_mm: DepthStep = 0.25, fill_radius_mm: FillRadius = 2.5
+) -> Response:
+    """Download the echoes of the robot's scan as a volume (NRRD, float) on the cells of its maps.
+
+    1 is the front echo of flat bone in perfect contact; `space directions` and `space origin` are
+    in `base`, in mm. Refused while there are no maps, or while they are stale.
+    """
+    data = volume_file(bench.session, depth_step_mm=depth_step_mm, fill_radius_mm=fill_radius_mm)
+    headers = {"Content-Disposition": 'attachment; filename="echo_volume.nrrd"'}
+    return Response(data, media_type=OCTETS, headers=headers)
+
+
+DrawCount = Annotated[int, Query(ge=1, le=1000, description="how many maps")]
+Seed = Annotated[int, Query(ge=0, le=2**32 - 1, description="the same gives the same maps")]
+SameRobot = Annotated[bool, Query(description="the robot that scanned uses the map")]
+
+
+@router.get("/sessions/{session_id}/maps/draws", response_class=Response, responses=_file("NPZ"))
+def get_map_draws(
+    bench: Bench, count: DrawCount = 100, seed: Seed = 0, same_robot: SameRobot = False
+) -> Response:
+    """Download maps as they may be, drawn from all that is unknown of them (NPZ).
+
+    `outer_mm` and `inner_mm` (count, nu, nv) are heights in the frame `T_base_map` (4, 4) over
+    `u_mm` and `v_mm`; `ok` (nu, nv) says where both boundaries were mapped. Refused while there are
+    no maps, or while they are stale.
+    """
+    draws = draw_maps(bench.session, count, seed, same_robot=same_robot)
+    maps, data = draws.maps, io.BytesIO()
+    np.savez_compressed(
+        data,
+        T_base_map=maps.outer.T_base_map.matrix(),
+        u_mm=maps.outer.u_mm,
+        v_mm=maps.outer.v_mm,
+        ok=maps.outer.ok & maps.inner.ok,
+        outer_mm=draws.outer_mm.astype(np.float32),
+        inner_mm=draws.inner_mm.astype(np.float32),
+    )
+    headers = {"Content-Disposition": 'attachment; filename="map_draws.npz"'}
+    return Response(data.getvalue(), media_type=OCTETS, headers=headers)

@@ -1,0 +1,93 @@
+"""Draws of the maps: as wide as what is stated, hanging together, and never inside out."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from rona_core.app.runtime.session_step import Undo
+from rona_core.app.steps.maps.map_accuracy import map_accuracy
+from rona_core.app.steps.maps.map_draws import MOST_DRAWS, draw_maps
+from rona_core.app.steps.maps.map_terms import map_terms
+from rona_core.app.steps.setup.messages import SetProbe
+from rona_core.compose import new_workbench
+from rona_core.errors import InvalidInputError, StaleResultError, StepBlockedError
+from rona_core.mapping.build_maps import LEAST_THICKNESS_MM
+from rona_core.session.document import Session
+from rona_core.session.files import load_session
+from rona_ui.resources import demo_session
+
+COUNT = 600  # a standard deviation of so many is known to 3 %
+
+
+@pytest.fixture(scope="module")
+def demo():
+    return load_session(demo_session())
+
+
+@pytest.fixture(scope="module", params=[False, True], ids=["absolute", "same robot"])
+def drawn(request, demo):
+    return request.param, draw_maps(demo, COUNT, 5, same_robot=request.param)
+
+
+def test_draws_scatter_about_the_maps_as_wide_as_is_stated(demo, drawn):
+    same_robot, draws = drawn
+    maps, stated = draws.maps, map_accuracy(demo)
+    both = maps.outer.ok & maps.inner.ok
+    thickness = draws.outer_mm - draws.inner_mm
+    outer_sigma = stated.outer.same_robot_mm() if same_robot else stated.outer.total_mm()
+    for values, middle, sigma in (
+        (draws.outer_mm, maps.outer.height_mm, outer_sigma),
+        (thickness, maps.thickness_mm(), stated.thickness.total_mm()),
+    ):
+        assert values.shape == (COUNT, *maps.outer.height_mm.shape)
+        ratio = values.std(axis=0)[both] / sigma[both]
+        assert np.median(ratio) == pytest.approx(1.0, abs=0.05)
+        assert ((ratio > 0.8) & (ratio < 1.25)).mean() > 0.95
+        off = (values.mean(axis=0) - middle)[both] / sigma[both]
+        assert np.abs(off).max() < 6.0 / COUNT**0.5
+
+
+def test_what_all_cells_share_moves_the_whole_map(demo, drawn):
+    same_robot, draws = drawn
+    ok = draws.maps.outer.ok
+    of_map = (draws.outer_mm - draws.maps.outer.height_mm)[:, ok].mean(axis=1).std()
+    shared = [
+        float(np.sqrt(np.mean(np.broadcast_to(term.shared_mm, ok.shape)[ok] ** 2)))
+        for term in map_terms(demo).outer
+        if not (same_robot and term.of_robot)
+    ]
+    assert of_map > 0.9 * np.linalg.norm(shared)
+
+
+def test_the_inner_boundary_is_never_outside_the_outer_one(demo):
+    maps = demo.results.maps.value
+    thin = replace(maps.inner, height_mm=maps.outer.height_mm - 0.3)
+    made = replace(demo.results.maps, value=replace(maps, inner=thin))
+    draws = draw_maps(demo.with_result("maps", made), 50)
+    thickness = draws.outer_mm - draws.inner_mm
+    assert thickness.min() == pytest.approx(LEAST_THICKNESS_MM)
+    assert (thickness > 0.31).any()
+
+
+def test_a_seed_gives_its_draws_again_and_another_one_others(demo):
+    first, again, other = (draw_maps(demo, 3, seed) for seed in (1, 1, 2))
+    np.testing.assert_array_equal(first.inner_mm, again.inner_mm)
+    assert not np.allclose(first.inner_mm, other.inner_mm)
+
+
+def test_maps_that_do_not_count_are_not_drawn(demo):
+    with pytest.raises(StepBlockedError, match="map the boundaries"):
+        draw_maps(Session(), 10)
+    for count in (0, MOST_DRAWS + 1):
+        with pytest.raises(InvalidInputError, match=f"{count} draws were asked for: 1 to"):
+            draw_maps(demo, count)
+    bench = new_workbench(demo)
+    try:
+        bench.dispatch(SetProbe(name="1MHz"))
+        with pytest.raises(StaleResultError, match="maps are stale"):
+            draw_maps(bench.session, 10)
+        bench.dispatch(Undo())
+        assert len(draw_maps(bench.session, 10).outer_mm) == 10
+    finally:
+        bench.close()
