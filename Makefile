@@ -11,6 +11,7 @@
 #   make honesty      hold every predicted error against the truth and write docs/honesty.md (FULL=1)
 #   make demo         the whole procedure in the terminal, without a browser (SEED=3)
 #   make demo-session  make sessions/demo.rona anew
+#   make viewers      read exported files in VTK and SimpleITK, installed beside the project
 #   make pictures     take the pictures of the user guide anew, in a headless browser
 #   make gallery      draw the pictures of the examples anew
 #   make api          write the reference of the public packages to build/api
@@ -20,7 +21,7 @@
 SHELL := /bin/bash
 .SHELLFLAGS := -eu -o pipefail -c
 .DEFAULT_GOAL := help
-.PHONY: help run test test-all mutants gallery api check bench profile results honesty demo demo-session pictures constraints clean venv product browser
+.PHONY: help run test test-all mutants gallery api check bench viewers profile results honesty demo demo-session pictures constraints clean venv product browser
 
 PYTHON ?= python3
 VENV := .venv
@@ -80,6 +81,11 @@ $(VENV)/.dev: $(VENV)/.test
 	.venv-bench/bin/python $(PIP) $(PINNED) -e '.[bench]'
 	@touch $@
 
+.venv-viewers/.viewers: $(RECIPE)
+	$(call make_venv,.venv-viewers)
+	.venv-viewers/bin/python $(PIP) $(PINNED) -e '.[test,viewers]'
+	@touch $@
+
 venv: $(BIN)/python
 product: $(VENV)/.product
 
@@ -102,6 +108,9 @@ test: $(VENV)/.test browser
 
 test-all: $(VENV)/.test browser
 	RONA_EXAMPLES=10 $(ONE_THREAD) $(COMPILED) $(BIN)/python -m pytest $(WORKERS) $(ARGS)
+
+viewers: .venv-viewers/.viewers
+	$(ONE_THREAD) .venv-viewers/bin/python -m pytest -q tests/core/mapping/files $(ARGS)
 
 mutants: $(VENV)/.test
 	$(ONE_THREAD) $(BIN)/python -m tests.tools.mutants $(ARGS)

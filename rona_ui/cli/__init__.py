@@ -1,4 +1,4 @@
-"""The command line: serve, demo, inspect, recover, calibrate, detect."""
+"""The command line: serve, demo, inspect, export, recover, calibrate, detect."""
 
 import argparse
 import gc
@@ -69,6 +69,7 @@ def _parser() -> argparse.ArgumentParser:
     _add_serve(verbs)
     _add_demo(verbs)
     _add_inspect(verbs)
+    _add_export(verbs)
     _add_recover(verbs)
     _add_calibrate(verbs)
     _add_detect(verbs)
@@ -148,6 +149,16 @@ def _add_inspect(verbs: Any) -> None:
     verb = _verb(verbs, "inspect", "say what a session file holds")
     verb.add_argument("file", type=Path, metavar="FILE")
     verb.add_argument("--json", action="store_true", help="print one JSON object")
+
+
+def _add_export(verbs: Any) -> None:
+    text = "write the maps of a session as files for other programs"
+    more = "Meshes (PLY, STL, VTP), images (NRRD), markups, a table (CSV): all in base, in mm."
+    verb = _verb(verbs, "export", text, more)
+    verb.add_argument("file", type=Path, metavar="SESSION", help="session file (.rona)")
+    verb.add_argument("out", type=Path, metavar="DIR", help="folder that they are written to")
+    text = "only this one, e.g. bone.stl or maps.zip; may be repeated"
+    verb.add_argument("--only", action="append", default=[], metavar="NAME", help=text)
 
 
 def _add_recover(verbs: Any) -> None:

@@ -10,6 +10,7 @@ import numpy as np
 
 from rona_core.app.runtime.saving.export_captures import export_recording
 from rona_core.app.runtime.session_registry import CURRENT, SessionRegistry
+from rona_core.app.steps.maps.export import export_maps
 from rona_core.errors import InvalidInputError, NotFoundError
 from rona_core.geometry.arrays import Floats
 from rona_ui.panels.layout.docks import Docks
@@ -199,6 +200,9 @@ class Browser:
         elif verb == "download":
             made = export_recording(self._hub.get().session, int(name))
             self.client.send_file_download(made.name, made.data, save_immediately=True)
+        elif verb == "export":
+            data = export_maps(self._hub.get().session, name)
+            self.client.send_file_download(name, data, save_immediately=True)
         elif verb == "upload" and isinstance(data, bytes):
             self._hub.files.store_upload(PurePath(name).name, data)
         else:

@@ -1,11 +1,10 @@
 """NRRD of an echo volume: linear amplitudes with their place in ``base``, in mm."""
 
-import io
 from typing import Any
 
-import nrrd
 import numpy as np
 
+from rona_core.mapping.files.nrrd_file import nrrd_bytes
 from rona_core.mapping.volume.echo_volume import EchoVolume
 
 CONTENT = "echo amplitude of A-scans, relative to the front echo of flat bone in perfect contact"
@@ -24,19 +23,13 @@ def volume_nrrd(volume: EchoVolume, notes: dict[str, str] | None = None) -> byte
     turn, steps = volume.T_base_map.rotation, np.array(volume.steps_mm)
     first = (volume.outer.u_mm[0], volume.outer.v_mm[0], volume.z_mm[0])
     header: dict[str, Any] = {
-        "space dimension": 3,
         "space directions": steps[:, None] * turn.T,
         "space origin": volume.T_base_map @ np.array([first])[0],
-        "space units": ["mm", "mm", "mm"],
         "kinds": ["space", "space", "space"],
         "labels": ["u", "v", "z"],
         "content": CONTENT,
-        "encoding": "gzip",
-        "frame": "base",
         "axes": "u and v in the plane of the map, z out of the bone",
         "unknown": "amplitude 0",
         **(notes or {}),
     }
-    file = io.BytesIO()
-    nrrd.write(file, volume.amplitude, header, compression_level=6)
-    return file.getvalue()
+    return nrrd_bytes(volume.amplitude, header)

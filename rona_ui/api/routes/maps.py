@@ -1,11 +1,12 @@
-"""Files of what step 9 made: the echo volume, and maps as they may be."""
+"""Files of what step 9 made: the maps for other programs, the echo volume, and draws."""
 
 import io
 from typing import Annotated, Any
 
 import numpy as np
-from fastapi import APIRouter, Query, Response
+from fastapi import APIRouter, Path, Query, Response
 
+from rona_core.app.steps.maps.export import NAMES, export_maps
 from rona_core.app.steps.maps.map_draws import draw_maps
 from rona_core.app.steps.maps.volume import volume_file
 from rona_ui.api.context import Bench
@@ -17,6 +18,21 @@ OCTETS = "application/octet-stream"
 
 def _file(of: str) -> dict[int | str, dict[str, Any]]:
     return {200: {"content": {OCTETS: {}}, "description": f"The {of} file"}}
+
+
+ExportName = Annotated[str, Path(description=f"one of {', '.join(NAMES)}")]
+
+
+@router.get(
+    "/sessions/{session_id}/export/{name}", response_class=Response, responses=_file("exported")
+)
+def get_export(bench: Bench, name: ExportName) -> Response:
+    """Download a file of the robot's maps for another program; `maps.zip` holds all of them.
+
+    Places are in `base`, in mm. Refused while there are no maps, or while they are stale.
+    """
+    headers = {"Content-Disposition": f'attachment; filename="{name}"'}
+    return Response(export_maps(bench.session, name), media_type=OCTETS, headers=headers)
 
 
 DepthStep = Annotated[float, Query(ge=0.1, le=1.0, description="height of a voxel")]

@@ -20,6 +20,7 @@ from rona_core.app.steps.maps.view import (
 )
 from rona_ui.panels.acoustics import SpeedFields
 from rona_ui.panels.handheld import HandheldControls
+from rona_ui.panels.maps.export import ExportFolder
 from rona_ui.panels.maps.volume import VolumeFolder
 from rona_ui.panels.setup.probe import advice_note
 from rona_ui.panels.widgets import style
@@ -183,6 +184,7 @@ class MapsPanel(StepPanel):
             self._second = SecondFolder(gui, context, self.message)
             self._sono = HandheldControls(gui, context)
             self._volume = VolumeFolder(gui, context)
+            self._export = ExportFolder(gui, context)
 
     def build(self) -> None:
         """Add the parameters and the choice of what is shown."""
@@ -238,6 +240,7 @@ class MapsPanel(StepPanel):
             self._budget.content = budget_table(new)
         self._second.render(old, new)
         self._volume.render(old, new)
+        self._export.render(old, new)
 
     def remarks(self, snapshot: Snapshot) -> str:
         """Say how much of the inner boundary was found."""

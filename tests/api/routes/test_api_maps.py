@@ -6,6 +6,7 @@ import nrrd
 import numpy as np
 import pytest
 
+from rona_core.app.steps.maps.export import export_maps
 from rona_core.app.steps.maps.map_draws import draw_maps
 from rona_core.app.steps.maps.volume import echo_volume
 
@@ -78,3 +79,15 @@ def test_draws_of_no_maps_are_refused(at):
     answer = at("GET", "/maps/draws")
     assert (answer.status_code, answer.json()["code"]) == (409, "step_blocked")
     assert "map the boundaries" in answer.json()["detail"]
+
+
+def test_an_exported_file_is_the_one_that_a_script_gets(web, client, demo, at):
+    answer = client.get(f"/sessions/{demo}/export/bone.stl")
+    assert answer.status_code == 200, answer.text
+    assert answer.content == export_maps(web.hub.get(demo).session, "bone.stl")
+    assert 'filename="bone.stl"' in answer.headers["content-disposition"]
+    answer = client.get(f"/sessions/{demo}/export/bone.stp")
+    assert (answer.status_code, answer.json()["code"]) == (404, "not_found")
+    assert "maps.zip, outer.ply" in answer.json()["detail"]
+    answer = at("GET", "/export/maps.csv")
+    assert (answer.status_code, answer.json()["code"]) == (409, "step_blocked")

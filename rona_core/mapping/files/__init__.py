@@ -1,0 +1,1 @@
+"""Files of the boundary maps that other programs read; all of them in ``base``."""

@@ -1,0 +1,20 @@
+"""``rona export``: maps of a session as files for other programs."""
+
+import sys
+from typing import Any
+
+from rona_core.app.steps.maps.export import ALL, NAMES, export_maps
+from rona_core.session.files import load_session
+
+
+def run(wanted: Any) -> int:
+    """Write the files, and say where they are; nothing is written if one cannot be made."""
+    session = load_session(wanted.file)
+    names = wanted.only or [name for name in NAMES if name != ALL]
+    made = {name: export_maps(session, name) for name in names}
+    wanted.out.mkdir(parents=True, exist_ok=True)
+    for name, data in made.items():
+        path = wanted.out / name
+        path.write_bytes(data)
+        sys.stdout.write(f"{path}  {len(data) / 1024:.0f} kB\n")
+    return 0

@@ -1,0 +1,71 @@
+"""Folder *Export* of step 9: what is chosen is downloaded; stale maps are not."""
+
+from types import SimpleNamespace
+
+import pytest
+
+from rona_core.app.steps.maps.export import NAMES, export_maps
+from rona_core.app.steps.setup.messages import SetProbe
+from rona_core.compose import new_workbench
+from rona_core.session.document import Session
+from rona_core.session.files import load_session
+from rona_ui.panels.maps.export import ExportFolder
+from rona_ui.presentation.view_state import ViewState
+from rona_ui.resources import demo_session
+from rona_ui.window.browser import Browser
+from tests.helpers.ui.fake_gui import FakeClient, FakeGui
+from tests.ui.panels.test_panels import Recorder
+from tests.ui.panels.test_panels import snapshot as any_snapshot
+
+CLIENT = FakeClient()
+
+
+@pytest.fixture(scope="module")
+def demo():
+    return load_session(demo_session())
+
+
+def snapshot(session):
+    return any_snapshot(session, view=ViewState(step="maps"))
+
+
+def test_the_chosen_file_is_downloaded(demo):
+    gui, recorder = FakeGui(), Recorder()
+    panel = ExportFolder(gui, recorder.context)
+    panel.render(None, snapshot(demo))
+    chosen, button = gui.find("dropdown", "File"), gui.find("button", "Download maps")
+    assert tuple(chosen.options) == NAMES
+    assert not button.disabled
+    button.happen(CLIENT)
+    chosen.value = "bone.stl"
+    button.happen(CLIENT)
+    assert recorder.services == ["export:maps.zip", "export:bone.stl"]
+
+
+def test_it_is_hidden_without_maps_and_says_why_stale_ones_are_not_exported(demo):
+    gui = FakeGui()
+    panel = ExportFolder(gui, Recorder().context)
+    empty = snapshot(Session())
+    panel.render(None, empty)
+    folder, button = gui.find("folder", "Export"), gui.find("button", "Download maps")
+    assert not folder.visible
+    bench = new_workbench(demo)
+    try:
+        bench.dispatch(SetProbe(name="1MHz"))
+        panel.render(empty, snapshot(bench.session))
+    finally:
+        bench.close()
+    assert folder.visible
+    assert button.disabled
+    assert "Not exported: the set-up or plan has changed" in gui.html()
+
+
+def test_the_browser_is_sent_the_file(demo):
+    sent = []
+    browser = object.__new__(Browser)
+    browser.client = SimpleNamespace(
+        send_file_download=lambda name, data, **rest: sent.append((name, data))
+    )
+    browser._hub = SimpleNamespace(get=lambda: SimpleNamespace(session=demo))
+    browser._serve("export:outer.ply", None)
+    assert sent == [("outer.ply", export_maps(demo, "outer.ply"))]
