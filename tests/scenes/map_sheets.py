@@ -2,6 +2,7 @@
 
 import numpy as np
 
+from rona_core.geometry.arrays import Bools, Floats
 from rona_core.geometry.pose import Pose
 from rona_core.mapping.boundary_map import BoundaryMap, Maps
 from rona_core.mapping.files.map_sheet import MapSheet, SigmaOverGrid
@@ -12,9 +13,10 @@ THICKNESS_MM = 6.0
 CELL_U_MM, CELL_V_MM = 1.0, 1.25
 
 
-def dome_sheet(*, hole=True) -> MapSheet:
+def dome_sheet(*, hole: bool = True) -> MapSheet:
     """Return maps of 21 by 17 cells; the fused one is a cell wider, the inner one has a hole."""
-    u, v = CELL_U_MM * np.arange(-10, 11), CELL_V_MM * np.arange(-8, 9)
+    u = np.asarray(CELL_U_MM * np.arange(-10, 11), dtype=np.float64)
+    v = np.asarray(CELL_V_MM * np.arange(-8, 9), dtype=np.float64)
     u_mm, v_mm = np.meshgrid(u, v, indexing="ij")
     height = RADIUS_MM * (np.sqrt(1.0 - (u_mm**2 + v_mm**2) / RADIUS_MM**2) - 1.0)
     ok = np.ones(height.shape, dtype=bool)
@@ -25,7 +27,7 @@ def dome_sheet(*, hole=True) -> MapSheet:
         inner_ok[8:12, 6:10] = False
     depth = THICKNESS_MM + 0.05 * u_mm
 
-    def boundary(heights, known):
+    def boundary(heights: Floats, known: Bools) -> BoundaryMap:
         return BoundaryMap(T_BASE_MAP, u, v, heights, known)
 
     maps = Maps(
