@@ -98,7 +98,7 @@ def shown_volume(snapshot: Snapshot) -> VolumeView | None:
 
 def map_sigma(snapshot: Snapshot) -> MapAccuracy | None:
     """Return the map accuracy if the maps are coloured by it (computing it takes a moment)."""
-    return shown_map_accuracy(snapshot) if snapshot.view.quantity == "sigma" else None
+    return shown_map_accuracy(snapshot) if snapshot.view.quantity.startswith("sigma") else None
 
 
 CLEARANCE_STEPS = ("roll", "scan")  # steps that show the clearance of the drawn robot

@@ -3,6 +3,7 @@
 from dataclasses import dataclass
 from typing import Any, Literal
 
+from rona_core.app.steps.maps.view import MapQuantity
 from rona_core.app.steps.roll.margins_view import Quantity
 
 Point = tuple[float, float, float]
@@ -93,7 +94,7 @@ class ViewState:
     center: Point | None = None  # of the pattern that is to be made
     boundary: tuple[Point, ...] = ()  # of the same
     preview: Preview | None = None
-    quantity: Literal["thickness", "height", "sigma"] = "thickness"
+    quantity: MapQuantity = "thickness"
     skull_window: bool = True  # the drawn skull is open over the region once it has been mapped
     cut_direction: CutDirection = "off"  # plane that the drawn skull is cut with, in every step
     cut_offset_mm: float = 0.0  # from the centre of the region to that plane

@@ -157,8 +157,18 @@ QUANTITIES = {
     "Bone thickness": "thickness",
     "Height above the map plane": "height",
     "Expected boundary error": "sigma",
+    "… its part of each place": "sigma_own",
+    "… its part common to all": "sigma_common",
+    "Expected thickness error": "sigma_thickness",
 }
-TITLES = {"thickness": "Bone thickness", "height": "Height", "sigma": "Expected error, 1 σ"}
+TITLES = {
+    "thickness": "Bone thickness",
+    "height": "Height",
+    "sigma": "Expected error, 1 σ",
+    "sigma_own": "Expected error of each place, 1 σ",
+    "sigma_common": "Expected error common to all, 1 σ",
+    "sigma_thickness": "Expected thickness error, 1 σ",
+}
 SHOWN = {
     "Inner boundary": ("inner",),
     "Outer boundary": ("outer",),
@@ -287,7 +297,7 @@ def budget_table(snapshot: Snapshot) -> str:
 
 def color_bar(layers: MapLayers) -> str:
     """Return the colour bar with its limits in mm."""
-    title, places = TITLES[layers.quantity], 2 if layers.quantity == "sigma" else 1
+    title, places = TITLES[layers.quantity], 2 if layers.quantity.startswith("sigma") else 1
     low, high = layers.low_mm, layers.high_mm
     values = np.concatenate([layers.part(name).values_mm for name in sorted(MAP_NAMES)])
     below, above = ("≤ " if (values < low).any() else ""), ("≥ " if (values > high).any() else "")

@@ -211,6 +211,13 @@ def test_maps_are_coloured_by_it(demo, accuracy):
         )
     assert 0.15 <= layers.low_mm < layers.high_mm < 1.0
     assert not len(layers_of(maps, "sigma").outer.values_mm)  # nobody knows
+    own, common = (layers_of(maps, f"sigma_{part}", accuracy) for part in ("own", "common"))
+    for name in ("outer", "inner", "fused"):
+        both = np.hypot(own.part(name).values_mm, common.part(name).values_mm)
+        np.testing.assert_allclose(both, layers.part(name).values_mm)
+    thickness = layers_of(maps, "sigma_thickness", accuracy)
+    ok = maps.outer.ok & maps.inner.ok
+    np.testing.assert_array_equal(thickness.outer.values_mm, accuracy.thickness.total_mm()[ok])
 
 
 def test_an_ascan_states_the_thickness_with_the_speed_of_sound_in_it(demo):

@@ -54,6 +54,14 @@ class CellSigma:
         """Return the standard deviation (nu, nv), all parts together."""
         return np.hypot(self.same_robot_mm(), np.hypot(self.robot_own_mm, self.robot_shared_mm))
 
+    def whole_own_mm(self) -> Floats:
+        """Return the standard deviation (nu, nv) of what each cell has for itself."""
+        return np.hypot(self.own_mm, self.robot_own_mm)
+
+    def whole_shared_mm(self) -> Floats:
+        """Return the standard deviation (nu, nv) of what all cells have in common."""
+        return np.hypot(self.shared_mm, self.robot_shared_mm)
+
 
 def merged(*groups: Iterable[ErrorTerm]) -> tuple[ErrorTerm, ...]:
     """Return the terms of several groups; those of one cause become one."""

@@ -6,8 +6,6 @@ import json
 import zipfile
 from collections.abc import Callable
 
-import numpy as np
-
 from rona_core import __version__
 from rona_core.app.dependencies.inputs import require_result
 from rona_core.app.dependencies.staleness import stale_reason
@@ -105,12 +103,12 @@ def _sheet(session: Session) -> MapSheet:
     if accuracy is None:
         return MapSheet(maps, {})
     names = (*BOUNDARIES, "thickness")
-    return MapSheet(maps, {name: _over_grid(getattr(accuracy, name)) for name in names})
-
-
-def _over_grid(sigma: CellSigma) -> SigmaOverGrid:
-    own, common = ((sigma.own_mm, sigma.robot_own_mm), (sigma.shared_mm, sigma.robot_shared_mm))
-    return SigmaOverGrid(np.hypot(*own), np.hypot(*common))
+    stated: dict[str, CellSigma] = {name: getattr(accuracy, name) for name in names}
+    sigmas = {
+        name: SigmaOverGrid(sigma.whole_own_mm(), sigma.whole_shared_mm())
+        for name, sigma in stated.items()
+    }
+    return MapSheet(maps, sigmas)
 
 
 def _archive(session: Session, sheet: MapSheet, progress: Progress, cancel: Cancel) -> bytes:

@@ -15,9 +15,11 @@ from rona_core.mapping.boundary_map import BoundaryMap, Maps
 from rona_core.mapping.map_grid import NEAR_MM
 from rona_core.session.document import Session
 
-Quantity = Literal["thickness", "height", "sigma"]
+MapQuantity = Literal[
+    "thickness", "height", "sigma", "sigma_own", "sigma_common", "sigma_thickness"
+]
 MAPS = ("outer", "inner", "fused")
-ROUND_MM = {"thickness": 0.5, "height": 0.5, "sigma": 0.05}  # limits of a scale are multiples
+ROUND_MM, ROUND_SIGMA_MM = 0.5, 0.05  # limits of a scale are multiples
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -36,7 +38,7 @@ class MapLayers:
     outer: MapPart
     inner: MapPart
     fused: MapPart
-    quantity: Quantity
+    quantity: MapQuantity
     low_mm: float
     high_mm: float
 
@@ -46,25 +48,28 @@ class MapLayers:
 
 
 def layers_of(
-    maps: Maps, quantity: Quantity = "thickness", accuracy: MapAccuracy | None = None
+    maps: Maps, quantity: MapQuantity = "thickness", accuracy: MapAccuracy | None = None
 ) -> MapLayers:
-    """Return maps coloured by bone thickness, height over their plane, or standard deviation.
+    """Return maps coloured by bone thickness, height over their plane, or a standard deviation.
 
-    The last needs how sure the maps are; no cell is shown where nobody knows.
+    That of a boundary (all of it, what each cell has for itself, what all cells have in common) or
+    of the thickness needs how sure the maps are; no cell is shown where nobody knows.
     """
-    if quantity == "sigma":
-        values_of = [_sigma(maps, name, accuracy) for name in MAPS]
+    of_sigma = quantity.startswith("sigma")
+    if of_sigma:
+        values_of = [_sigma(maps, name, quantity, accuracy) for name in MAPS]
     else:
         values_of = [_values(maps, name, quantity) for name in MAPS]
     parts = [_part(getattr(maps, n), value) for n, value in zip(MAPS, values_of, strict=True)]
-    values, step = np.concatenate([part.values_mm for part in parts]), ROUND_MM[quantity]
+    values = np.concatenate([part.values_mm for part in parts])
+    step = ROUND_SIGMA_MM if of_sigma else ROUND_MM
     low, high = (0.0, 1.0) if not values.size else np.percentile(values, (2.0, 98.0))
     low_mm = float(np.floor(low / step) * step)
     high_mm = float(max(np.ceil(high / step) * step, low_mm + step))
     return MapLayers(parts[0], parts[1], parts[2], quantity, low_mm, high_mm)
 
 
-def _values(maps: Maps, name: str, quantity: Quantity) -> tuple[Floats, np.ndarray]:
+def _values(maps: Maps, name: str, quantity: MapQuantity) -> tuple[Floats, np.ndarray]:
     """Return values and mask over the grid of a map."""
     own: BoundaryMap = getattr(maps, name)
     if quantity == "height":
@@ -75,13 +80,23 @@ def _values(maps: Maps, name: str, quantity: Quantity) -> tuple[Floats, np.ndarr
     return outer.height_mm - maps.inner.height_mm, own.ok & maps.inner.ok
 
 
-def _sigma(maps: Maps, name: str, accuracy: MapAccuracy | None) -> tuple[Floats, np.ndarray]:
-    """Return the standard deviations of a map's heights and the mask of what is known."""
+def _sigma(
+    maps: Maps, name: str, quantity: MapQuantity, accuracy: MapAccuracy | None
+) -> tuple[Floats, np.ndarray]:
+    """Return the standard deviations over the grid of a map and the mask of what is known."""
     own: BoundaryMap = getattr(maps, name)
     if accuracy is None:
         return own.height_mm, np.zeros_like(own.ok)
     stated: CellSigma = getattr(accuracy, name)
-    return stated.total_mm(), own.ok & np.isfinite(stated.own_mm)
+    if quantity == "sigma_thickness":
+        stated = accuracy.thickness
+        return stated.total_mm(), own.ok & maps.inner.ok & np.isfinite(stated.own_mm)
+    values = {
+        "sigma": stated.total_mm,
+        "sigma_own": stated.whole_own_mm,
+        "sigma_common": stated.whole_shared_mm,
+    }[quantity]()
+    return values, own.ok & np.isfinite(values)
 
 
 def _part(boundary: BoundaryMap, values: tuple[Floats, np.ndarray]) -> MapPart:
