@@ -9,6 +9,7 @@
 #   make profile      CPU time of a procedure by steps and functions (SEED=3, KEEP=1)
 #   make results      run the procedure over seeds and skulls and write docs/results.md
 #   make honesty      hold every predicted error against the truth and write docs/honesty.md (FULL=1)
+#   make accuracy     how wrong and how honest the boundary maps are, what fusion brings (FULL=1)
 #   make demo         the whole procedure in the terminal, without a browser (SEED=3)
 #   make demo-session  make sessions/demo.rona anew
 #   make viewers      read exported files in VTK and SimpleITK, installed beside the project
@@ -21,7 +22,7 @@
 SHELL := /bin/bash
 .SHELLFLAGS := -eu -o pipefail -c
 .DEFAULT_GOAL := help
-.PHONY: help run test test-all mutants gallery api check bench viewers profile results honesty demo demo-session pictures constraints clean venv product browser
+.PHONY: help run test test-all mutants gallery api check bench viewers profile results honesty accuracy demo demo-session pictures constraints clean venv product browser
 
 PYTHON ?= python3
 VENV := .venv
@@ -145,6 +146,9 @@ results: $(VENV)/.product
 
 honesty: $(VENV)/.product
 	$(ONE_THREAD) $(BIN)/python -m benchmarks.honesty_page $(if $(FULL),--full)
+
+accuracy: $(VENV)/.product
+	$(ONE_THREAD) $(BIN)/python -m benchmarks accuracy $(if $(FULL),--full)
 
 constraints: $(BIN)/python
 	@rm -rf build/constraints && $(PYTHON) -m venv build/constraints

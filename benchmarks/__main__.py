@@ -40,11 +40,11 @@ SUITES: Mapping[str, str] = {
     "viewer": "procedure",
     "kills": "procedure",
     "procedure": "procedure",
-    "map_bands": "procedure",
     "mounting": "procedure",
     "head_motion": "procedure",
     "speed": "procedure",
     "honesty": "honesty",
+    "accuracy": "accuracy",
 }
 Case = Literal["default", "full", "smallest"]
 COLUMNS = ("figure", "value", "unit", "goal", "peer", "holds")

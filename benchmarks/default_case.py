@@ -15,6 +15,11 @@ DEFAULT: Mapping[str, Mapping[str, Any]] = {
         "suites.honesty.navigation.SEEDS": range(33_000, 33_024),
         "suites.honesty.thickness.SEEDS": range(31_000, 31_024),
     },
+    "accuracy": {
+        "suites.accuracy.accuracy.SEEDS": range(37_000, 37_003),
+        "suites.accuracy.accuracy.NOMINAL_SEEDS": range(37_100, 37_102),
+        "suites.accuracy.accuracy.SKULL_SEEDS": range(37_200, 37_201),
+    },
     "thickness": {"suites.ultrasound.thickness.SEEDS": range(31_000, 31_008)},
     "speed": {"suites.procedure.speed.SEEDS": range(3)},
     "head_motion": {"suites.procedure.head_motion.SEEDS": range(34_000, 34_004)},

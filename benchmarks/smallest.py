@@ -188,9 +188,15 @@ SMALLEST: Mapping[str, Mapping[str, Any]] = {
         "suites.procedure.head_motion.ONE_PASS": ONE_PASS,
     },
     "volume": {**ONCE, "suites.ultrasound.volume.SEEDS": ()},
-    "map_bands": {
-        "suites.procedure.map_bands.SEEDS": (),
-        "suites.procedure.map_bands.FILES": (DEMO,),
+    "accuracy": {
+        **ONCE,
+        "suites.accuracy.accuracy.SEEDS": (),
+        "suites.accuracy.accuracy.NOMINAL_SEEDS": (),
+        "suites.accuracy.accuracy.SKULL_SEEDS": (),
+        "suites.accuracy.accuracy.FILES": (DEMO,),
+        "suites.accuracy.judged_maps.DRAWS": 10,
+        "suites.accuracy.map_cost.PITCH_MM": 10.0,
+        "suites.accuracy.map_cost.DRAWS": 2,
     },
     "honesty": {
         "suites.honesty.navigation.SEEDS": range(33_000, 33_002),

@@ -15,15 +15,15 @@ from benchmarks.cases.growth import exponent
 from benchmarks.default_case import DEFAULT
 from benchmarks.metric import Metric, cpu_ms, over_seeds
 from benchmarks.smallest import DEMO, SMALLEST, set_to
-from benchmarks.suites.procedure import map_bands, procedure
+from benchmarks.suites.procedure import mounting, procedure
 from rona_core.session.document import Session
 from rona_core.session.files import load_session
 
 KEYS = ["name", "value", "unit", "direction", "goal", "peer", "peer_value", "holds"]
-# the room "honesty" holds one suite and its cases
-CASES = {"design.py", "judged.py", "navigation.py", "thickness.py", "maps.py"}
+# rooms of one suite, which has their name, and what it is made of
+ROOMS = ("honesty", "accuracy")
 SUITES = sorted((Path(program.__file__).parent / "suites").rglob("[!_]*.py"))
-SUITES = [path for path in SUITES if path.parent.name != "honesty" or path.name not in CASES]
+SUITES = [p for p in SUITES if p.parent.name not in ROOMS or p.stem == p.parent.name]
 
 
 @pytest.mark.parametrize(
@@ -197,40 +197,14 @@ def test_a_profile_gives_the_time_of_libraries_to_those_who_called_them():
 
 def test_so_many_seeds_are_taken_as_are_asked_for(monkeypatch, capsys):
     seen = []
-    monkeypatch.setattr(map_bands, "run", lambda progress: seen.append(map_bands.SEEDS) or [])
-    first = map_bands.SEEDS[0]
-    assert program.main(["map_bands", "--seeds", "8"]) == 0
-    assert program.main(["map_bands"]) == 0
-    assert seen == [range(first, first + 8), map_bands.SEEDS]
+    monkeypatch.setattr(mounting, "run", lambda progress: seen.append(mounting.SEEDS) or [])
+    first = mounting.SEEDS[0]
+    assert program.main(["mounting", "--seeds", "8"]) == 0
+    assert program.main(["mounting"]) == 0
+    assert seen == [range(first, first + 8), mounting.SEEDS]
     with pytest.raises(SystemExit):
-        program.main(["map_bands", "--seeds", "0"])
+        program.main(["mounting", "--seeds", "0"])
     assert "at least one seed" in capsys.readouterr().err
-
-
-def test_bands_are_told_from_errors_and_what_was_stated():
-    rng = np.random.default_rng(1)
-    own, shared = 0.1, 0.2
-    parts = []
-    for _ in range(200):
-        sigma = own * rng.uniform(0.5, 1.5, 400)
-        errors = rng.normal(0.0, shared) + sigma * rng.normal(size=400)
-        parts.append(map_bands.Band(errors, np.hypot(sigma, shared), sigma, shared))
-    found = {metric.name: metric.value for metric in map_bands.figures("thickness", parts)}
-    assert found["thickness: within the band"] == pytest.approx(0.95, abs=0.02)
-    assert found["thickness, own part: within the band"] == pytest.approx(0.95, abs=0.01)
-    assert found["thickness, shared part: within the band"] == pytest.approx(0.95, abs=0.04)
-    assert found["thickness, shared part: RMS error"] == pytest.approx(shared, rel=0.15)
-    rest = np.concatenate([part.errors_mm - part.errors_mm.mean() for part in parts])
-    stated = np.concatenate([part.own_mm for part in parts])
-    order = [np.argsort(np.argsort(values)) for values in (np.abs(rest), stated)]
-    ranks = np.corrcoef(*order)[0, 1]
-    assert found["thickness, own part: rank correlation"] == pytest.approx(ranks, abs=1e-6)
-    assert ranks > 0.2
-    seeds = [map_bands.within(part.errors_mm, part.total_mm) for part in parts]
-    assert found["thickness: least of 200 seeds"] == min(seeds) < 0.8
-    goals = {m.name: m.goal for m in map_bands.figures("thickness", parts)}
-    assert goals["thickness: within the band"] == 0.85
-    assert goals["thickness: the same, not too wide"] == 0.99
 
 
 def test_an_unknown_suite_is_refused_by_name(capsys):

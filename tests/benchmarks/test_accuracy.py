@@ -1,0 +1,61 @@
+"""The suite of the maps: medians, what is judged near and far, and what a budget's share is."""
+
+import numpy as np
+import pytest
+
+from benchmarks.suites.accuracy import accuracy, judged_maps, map_cost
+from rona_core.compose import build_virtual_rig
+from rona_core.evaluation.truth import truth_of
+from rona_core.session.document import Session
+from rona_core.session.files import load_session
+from rona_ui.resources import demo_session
+
+
+@pytest.fixture(scope="module")
+def judged():
+    session = load_session(demo_session())
+    truth = truth_of(session, build_virtual_rig(session.setup).scene)
+    return {(one.quantity, one.part): one for one in judged_maps.judge(session, truth)}
+
+
+def test_every_cell_is_judged_once_by_its_distance_to_a_sample(judged):
+    for name in ("outer same robot", "thickness"):
+        parts = [one for (quantity, _), one in judged.items() if quantity.startswith(f"{name}, ")]
+        errors = np.concatenate([part.errors for part in parts])
+        assert abs(errors.mean()) < 1e-12  # less the mean of the map, and none is left out
+        assert (np.concatenate([part.sigmas for part in parts]) > 0.0).all()
+    assert len(judged["fused same robot, over 2.5 mm from a sample", "local"].errors) > 100
+    assert not len(judged["outer same robot, over 2.5 mm from a sample", "local"].errors)
+
+
+def test_larger_patches_are_fewer(judged):
+    counts = [
+        len(judged[f"drawn thickness, patches of {size} mm", "whole"].errors)
+        for size in (5, 10, 20)
+    ]
+    assert counts == sorted(counts, reverse=True)
+    assert counts[-1] > 0
+
+
+def test_patches_are_full_and_apart():
+    known = np.zeros((23, 17), dtype=bool)
+    known[:12, :10] = True
+    found = list(judged_maps._squares(known, 5))
+    assert len(found) == 4  # the third row of squares has two of five lines
+    assert sum(found).max() == 1
+
+
+def test_medians_have_the_goal_of_their_world():
+    made = [(Session(), {"outer_same_robot_rms_mm": size}) for size in (0.01, 0.04, 0.2)]
+    made.append((Session(), {"outer_same_robot_rms_mm": None}))
+    found = {metric.name: metric for metric in accuracy._sizes("nominal", made)}
+    metric = found["nominal: outer_same_robot_rms_mm (median of 3)"]
+    assert (metric.value, metric.goal, metric.holds) == (0.04, 0.05, True)
+    assert found["nominal: inner_same_robot_rms_mm (median of 0)"].holds is None
+
+
+def test_a_survey_lies_in_rows_on_a_dome():
+    samples = map_cost.survey(0.6)
+    assert len(np.unique(samples[:, 0])) == map_cost.SIDE_MM / map_cost.PITCH_MM
+    assert np.ptp(np.diff(np.unique(samples[:, 1]))) < 1e-9
+    assert samples[:, 2].max() < 1.0
