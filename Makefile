@@ -111,7 +111,7 @@ test-all: $(VENV)/.test browser
 	RONA_EXAMPLES=10 $(ONE_THREAD) $(COMPILED) $(BIN)/python -m pytest $(WORKERS) $(ARGS)
 
 viewers: .venv-viewers/.viewers
-	$(ONE_THREAD) .venv-viewers/bin/python -m pytest -q tests/core/mapping/files $(ARGS)
+	$(ONE_THREAD) .venv-viewers/bin/python -m pytest -q tests/core/mapping/files tests/core/devices/files/test_igs_mha.py $(ARGS)
 
 mutants: $(VENV)/.test
 	$(ONE_THREAD) $(BIN)/python -m tests.tools.mutants $(ARGS)

@@ -1,151 +1,35 @@
 """Step 9: boundaries are detected, mapped and fused with the cloud; second pass over gaps."""
 
-from collections.abc import Callable
 from dataclasses import replace
 from typing import Any
 
 import numpy as np
 
 from rona_core.app.steps.acoustics.view import is_heard, loss_words
-from rona_core.app.steps.maps.derivation import usable_second
 from rona_core.app.steps.maps.error_budget import error_budgets
 from rona_core.app.steps.maps.map_accuracy import accuracy_words
-from rona_core.app.steps.maps.messages import StartGapPlan, StartGapScan, StartMapping
+from rona_core.app.steps.maps.messages import StartMapping
 from rona_core.app.steps.maps.view import (
     MapLayers,
-    SecondView,
     layers_of,
-    second_cells,
-    second_view,
 )
 from rona_ui.panels.acoustics import SpeedFields
 from rona_ui.panels.handheld import HandheldControls
 from rona_ui.panels.maps.export import ExportFolder
+from rona_ui.panels.maps.second_pass import SecondFolder
 from rona_ui.panels.maps.volume import VolumeFolder
 from rona_ui.panels.setup.probe import advice_note
 from rona_ui.panels.widgets import style
-from rona_ui.panels.widgets.form import Form
-from rona_ui.panels.widgets.panel_context import PanelContext, on_change, on_click
-from rona_ui.panels.widgets.step_panel import StepPanel, stopped_note
-from rona_ui.presentation.colors import SKY, css
+from rona_ui.panels.widgets.panel_context import PanelContext, on_change
+from rona_ui.panels.widgets.step_panel import StepPanel
 from rona_ui.presentation.shown import (
     map_sigma,
     shown_map_accuracy,
     shown_maps,
     shows_handheld_maps,
-    shows_second_path,
-    tilt_scale_max_deg,
 )
 from rona_ui.presentation.snapshot import Snapshot, changed
 from rona_ui.viewer.bindings import escape
-
-SECOND_PASS = (
-    "Where the inner table is inclined, its echo misses the probe. The robot scans these "
-    "gaps again with the probe tilted."
-)
-SPREAD = "Difference of the expected inner-table slope between neighbouring rows (mm/mm)"
-TILT = "Above about 6° the probe face loses contact"
-
-
-class SecondFolder:
-    """Plan, scan and map the gaps, and what came of it."""
-
-    def __init__(
-        self, gui: Any, context: PanelContext, mapping: Callable[[], StartMapping]
-    ) -> None:
-        self._form = Form(gui)
-        self._window = gui.add_folder("Second pass over the gaps", visible=False)
-        with self._window:
-            gui.add_html(style.text(SECOND_PASS))
-            self._words = gui.add_html("")
-            self._plan = gui.add_button("Plan second pass", icon="route")
-            self._scan = gui.add_button("Scan gaps", icon="player-play")
-            self._map = gui.add_button("Map with second pass", icon="map", visible=False)
-            with gui.add_folder("Row spacing and tilt", expand_by_default=False):
-                plan = StartGapPlan()
-                self._form.numbers(
-                    ("spacing_mm", "Row spacing (mm)", plan.spacing_mm, 0.5, 5.0, 0.5),
-                    ("fan", "Slope spread", plan.fan, 0.0, 0.5, 0.05, SPREAD),
-                    (
-                        "largest_lean_deg",
-                        "Max. tilt (deg)",
-                        plan.largest_lean_deg,
-                        0.5,
-                        15.0,
-                        0.5,
-                        TILT,
-                    ),
-                )
-        on_click(self._plan, lambda e: self._send(context, self.message, e))
-        on_click(self._scan, lambda e: self._send(context, StartGapScan, e))
-        on_click(self._map, lambda e: self._send(context, mapping, e, second=False))
-
-    def message(self) -> StartGapPlan:
-        """Return the planning with these parameters."""
-        return StartGapPlan(**self._form.values())
-
-    @staticmethod
-    def _send(context: PanelContext, make: Any, event: Any, *, second: bool = True) -> None:
-        context.send(make, event)
-        context.set_view(second=second, cursor=None, playing=False)
-
-    def render(self, old: Snapshot | None, new: Snapshot) -> None:
-        """Follow maps, plan and scan of the gaps."""
-        if not changed(old, new, "session", "busy", "view.second"):
-            return
-        self._form.enable(not new.busy)
-        self._window.visible = new.session.results.maps is not None
-        view = second_view(new.session)
-        ready = view is not None and view.blocked is None
-        self._plan.disabled = new.busy
-        self._scan.disabled = new.busy or not ready
-        scanned = usable_second(new.session) is not None
-        self._plan.label = "Plan second pass again" if view is not None else "Plan second pass"
-        self._scan.label = "Scan gaps again" if scanned else "Scan gaps"
-        self._plan.color = "gray" if ready else None
-        self._scan.color = "gray" if scanned else None
-        self._map.visible = scanned and second_cells(new.session) is None
-        self._map.disabled = new.busy
-        self._words.content = second_pass_words(new, view, scanned)
-
-
-def second_pass_words(snapshot: Snapshot, view: SecondView | None, scanned: bool) -> str:
-    """Return what is planned, what was scanned, and the coverage before and after."""
-    session, html = snapshot.session, stopped_note(snapshot, "StartGapScan")
-    if view is not None:
-        text = (
-            f"Gaps: {100 * view.gap_share:.0f} % of the map. Path of {view.length_mm:.0f} "
-            f"mm, probe tilt up to {view.lean_deg.max(initial=0.0):.1f}°"
-        )
-        if view.blocked is not None:
-            html += style.note(f"{text}. Cannot be scanned: {view.blocked}.", "warn")
-        elif view.stale is not None and not scanned:
-            html += style.note(f"{text}. Stale: {view.stale}. Plan again.", "warn")
-        else:
-            html += style.note(f"{text}, duration {view.duration_s or 0.0:.0f} s.")
-        if shows_second_path(snapshot):
-            most = f"{tilt_scale_max_deg(view):.0f}"
-            html += style.color_bar("Lean of the probe (deg)", "0", most)
-            html += style.key(((css(SKY), "second path"),))
-    capture = session.captures.second
-    if capture is None:
-        return html
-    if not scanned:
-        return html + style.note(
-            "The gap scan belongs to another scan. Scan the gaps again.", "warn"
-        )
-    cells = second_cells(session)
-    if cells is None:
-        return html + style.note(
-            f"{len(capture.scans)} A-scans of the gaps recorded. Map the boundaries with them."
-        )
-    return html + style.note(
-        f"Inner coverage {100 * cells.before:.0f} % before, {100 * cells.after:.0f} % with "
-        f"the second pass ({len(capture.scans)} A-scans). White dots: cells seen only by the "
-        "second pass.",
-        "good",
-    )
-
 
 METHODS = {
     "Front echo subtracted": "subtract",

@@ -27,7 +27,7 @@ from rona_ui.panels.layout.quality import QualityPanel
 from rona_ui.panels.layout.run_bar import RunBar, StepList, StepTitle
 from rona_ui.panels.layout.session import SessionHead, SessionPanel
 from rona_ui.panels.layout.view_options import ViewOptionsPanel
-from rona_ui.panels.maps.maps import second_pass_words as second_words
+from rona_ui.panels.maps.second_pass import second_pass_words as second_words
 from rona_ui.panels.pointer import PointerPanel
 from rona_ui.panels.roll.joints_graph import joint_data
 from rona_ui.panels.scan.scan import ScanPanel
