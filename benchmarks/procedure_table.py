@@ -46,7 +46,10 @@ def page(done: Mapping[str, Sequence[Run]]) -> str:
 
 def summaries(done: Mapping[str, Sequence[Run]]) -> list[str]:
     """Return the table of medians and worst figures, a column for each world."""
-    tables = [summary(runs_there) for runs_there in done.values()]
+    tables = [
+        [metric for metric in summary(runs_there) if metric.unit != "s"]  # of one machine
+        for runs_there in done.values()
+    ]
     counts = (f"{world}, {len(runs_there)} runs" for world, runs_there in done.items())
     heads = ("figure", *counts, "unit", "goal", "paper", "holds")
     lines = [row(*heads), row(*["---"] * len(heads))]
