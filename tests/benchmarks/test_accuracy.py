@@ -15,7 +15,7 @@ from rona_ui.resources import demo_session
 def judged():
     session = load_session(demo_session())
     truth = truth_of(session, build_virtual_rig(session.setup).scene)
-    return {(one.quantity, one.part): one for one in judged_maps.judge(session, truth)}
+    return {(one.quantity, one.part): one for one in judged_maps.judge(session, truth, 0)}
 
 
 def test_every_cell_is_judged_once_by_its_distance_to_a_sample(judged):

@@ -109,8 +109,8 @@ def _honesty(kind: str, made: Sequence[Made]) -> Iterator[Metric]:
     """Yield ratio, band and rank of every map and part."""
     samples = [
         one
-        for session, _ in made
-        for one in judge(session, truth_of(session, build_virtual_rig(session.setup).scene))
+        for case, (session, _) in enumerate(made)
+        for one in judge(session, truth_of(session, build_virtual_rig(session.setup).scene), case)
     ]
     for group in grouped(samples).values():
         if any(len(one.errors) for one in group):

@@ -22,16 +22,22 @@ FULL_PATCH = 0.6  # share of its cells that a patch must have
 DRAWS = 100
 
 
-def judge(session: Session, truth: Truth) -> list[Judged]:
-    """Return errors and sigmas of a session: common, local, by distance, and of patches drawn."""
+def judge(session: Session, truth: Truth, case: int) -> list[Judged]:
+    """Return errors and sigmas of a session: common, local, by distance, and of patches drawn.
+
+    Args:
+        session: With its maps.
+        truth: Of it.
+        case: Its number; two skulls of one seed are two cases.
+    """
     made, accuracy = session.results.maps, map_accuracy(session)
     if made is None or accuracy is None:
         return []
-    seed, errors = session.setup.seed, cell_errors_mm(made.value, truth)
+    errors = cell_errors_mm(made.value, truth)
     return [
-        *judged_maps(session, seed),
-        *_by_distance(made.value, accuracy, errors, seed),
-        *_patches(session, errors, seed),
+        *judged_maps(session, case),
+        *_by_distance(made.value, accuracy, errors, case),
+        *_patches(session, errors, case),
     ]
 
 

@@ -4,16 +4,12 @@ NRRD (Kindlmann 2004) places the centre of voxel (i, j, k) at ``space origin`` +
 rows of ``space directions``; both are in ``base``.
 """
 
-import io
-import zlib
 from typing import Any
 
-import nrrd
 import numpy as np
 
 from rona_core.errors import InvalidInputError
 from rona_core.geometry.arrays import Bools, Floats
-from rona_core.geometry.pose import Pose
 from rona_core.mapping.boundary_map import BoundaryMap
 from rona_core.mapping.files.map_sheet import BOUNDARIES, MapSheet, cell_sizes_mm
 from rona_core.mapping.files.nrrd_file import nrrd_bytes
@@ -21,7 +17,6 @@ from rona_core.mapping.files.nrrd_file import nrrd_bytes
 CHANNELS = (*BOUNDARIES, "thickness", *(f"sigma_{name}" for name in (*BOUNDARIES, "thickness")))
 STEP_MM = 0.25  # height of a voxel of the segmentation
 MOST_VOXELS = 20_000_000
-READ_ERRORS = (nrrd.NRRDError, ValueError, KeyError, OSError, EOFError, StopIteration, zlib.error)
 SEGMENT = {  # as 3D Slicer writes a segment
     "Segment0_ID": "bone",
     "Segment0_Name": "bone between the outer and the inner boundary",
@@ -53,36 +48,6 @@ def maps_nrrd(sheet: MapSheet) -> bytes:
     }
     header["space directions"] = np.vstack((np.full(3, np.nan), header["space directions"]))
     return nrrd_bytes(values, header)
-
-
-def read_maps_nrrd(data: bytes) -> dict[str, BoundaryMap]:
-    """Return the outer, inner and fused boundary of a file that ``maps_nrrd`` made.
-
-    Raises:
-        InvalidInputError: not such a file.
-    """
-    expected = "expected a NRRD file of maps that RONA exported"
-    try:
-        file = io.BytesIO(data)
-        header: dict[str, Any] = nrrd.read_header(file)
-        if header.get("encoding") != "gzip" or "data file" in header:
-            raise InvalidInputError(f"{expected}, got one with another encoding")
-        values = np.asarray(nrrd.read_data(header, file), dtype=np.float64)
-    except READ_ERRORS as error:
-        raise InvalidInputError(f"{expected}, got: {error}") from error
-    names = str(header.get("channels", "")).split()
-    if not set(BOUNDARIES) <= set(names) or values.ndim != 4 or len(names) != len(values):
-        raise InvalidInputError(f"{expected}, got channels {names} of shape {values.shape}")
-    directions = np.asarray(header["space directions"], dtype=np.float64)[1:]
-    steps = np.linalg.norm(directions, axis=1)
-    T_base_map = Pose((directions / steps[:, None]).T, np.asarray(header["space origin"]))
-    u, v = (step * np.arange(n) for step, n in zip(steps, values.shape[1:3], strict=False))
-    found: dict[str, BoundaryMap] = {}
-    for name in BOUNDARIES:
-        heights = values[names.index(name), :, :, 0]
-        ok = np.isfinite(heights)
-        found[name] = BoundaryMap(T_base_map, u, v, np.where(ok, heights, 0.0), ok)
-    return found
 
 
 def bone_seg_nrrd(sheet: MapSheet, step_mm: float = STEP_MM) -> bytes:

@@ -7,7 +7,7 @@ import numpy as np
 from fastapi import APIRouter, Path, Query, Response
 
 from rona_core.app.steps.maps.export import NAMES, export_maps
-from rona_core.app.steps.maps.map_draws import draw_maps
+from rona_core.app.steps.maps.map_draws import MOST_DRAWS, draw_maps
 from rona_core.app.steps.maps.volume import volume_file
 from rona_ui.api.context import Bench
 
@@ -53,7 +53,7 @@ def get_volume(
     return Response(data, media_type=OCTETS, headers=headers)
 
 
-DrawCount = Annotated[int, Query(ge=1, le=1000, description="how many maps")]
+DrawCount = Annotated[int, Query(ge=1, le=MOST_DRAWS, description="how many maps")]
 Seed = Annotated[int, Query(ge=0, le=2**32 - 1, description="the same gives the same maps")]
 SameRobot = Annotated[bool, Query(description="the robot that scanned uses the map")]
 

@@ -18,9 +18,10 @@ from tests.app.procedures.result_differences import compare
 DEMO = Path(__file__).parents[3] / "sessions" / "demo.rona"
 REMEDY = "make it anew: make demo-session"
 # Another processor rounds the last bits differently; a decision on the edge may then fall the
-# other way. A clearance of the second plan, behind a search, came out 1e-5 mm apart. More than this
-# is another program.
-CLOSE = 1e-4
+# other way. More than this is another program. A clearance of the second plan, behind a search,
+# came out 1e-5 mm apart.
+CLOSE = 1e-6
+CLOSE_BEHIND_A_SEARCH = {"second": 1e-4}
 SHARE_FLIPPED = 1e-3
 
 
@@ -75,5 +76,6 @@ def test_every_result_of_the_demo_session_recomputes(session):
     assert len(names) == 12
     for name in names:
         apart = compare(session.results.get(name).value, fresh.get(name).value)
-        assert apart.largest <= CLOSE, f"{name} differs at {apart.where}: {REMEDY}"
+        close = CLOSE_BEHIND_A_SEARCH.get(name, CLOSE)
+        assert apart.largest <= close, f"{name} differs at {apart.where}: {REMEDY}"
         assert apart.n_discrete <= SHARE_FLIPPED * apart.n_compared, f"{name}: {REMEDY}"

@@ -11,8 +11,7 @@ from rona_core.app.dependencies.inputs import require_result
 from rona_core.app.dependencies.staleness import stale_reason
 from rona_core.app.steps.maps.error_terms import CellSigma
 from rona_core.app.steps.maps.map_accuracy import map_accuracy
-from rona_core.devices.protocols import Cancel, Progress, never, silent
-from rona_core.errors import CancelledError, NotFoundError, StaleResultError
+from rona_core.errors import NotFoundError, StaleResultError
 from rona_core.mapping.files.map_mesh import boundary_mesh, plate_mesh
 from rona_core.mapping.files.map_sheet import BOUNDARIES, MapSheet, SigmaOverGrid
 from rona_core.mapping.files.map_table import maps_csv, maps_schema
@@ -69,28 +68,23 @@ MAKERS = _makers()
 NAMES = (ALL, *MAKERS)
 
 
-def export_maps(
-    session: Session, name: str, *, progress: Progress = silent, cancel: Cancel = never
-) -> bytes:
+def export_maps(session: Session, name: str) -> bytes:
     """Return a file of the robot's maps.
 
     Args:
         session: With its maps.
         name: One of ``NAMES``; ``maps.zip`` holds all others and says what they are.
-        progress: Told the share that is done.
-        cancel: Asked between the files of an archive.
 
     Raises:
         NotFoundError: there is no such file.
         StepBlockedError: nothing was mapped.
         StaleResultError: the maps are out of date.
         DegenerateGeometryError: the maps have no area.
-        CancelledError: somebody cancelled.
     """
     if name not in NAMES:
         raise NotFoundError(f"there is no file {name!r} of the maps: {', '.join(NAMES)}")
     sheet = _sheet(session)
-    return MAKERS[name](sheet) if name != ALL else _archive(session, sheet, progress, cancel)
+    return MAKERS[name](sheet) if name != ALL else _archive(session, sheet)
 
 
 def _sheet(session: Session) -> MapSheet:
@@ -111,18 +105,15 @@ def _sheet(session: Session) -> MapSheet:
     return MapSheet(maps, sigmas)
 
 
-def _archive(session: Session, sheet: MapSheet, progress: Progress, cancel: Cancel) -> bytes:
+def _archive(session: Session, sheet: MapSheet) -> bytes:
     """Return all files in one, with a manifest."""
     file, entries = io.BytesIO(), []
     with zipfile.ZipFile(file, "w", zipfile.ZIP_DEFLATED) as archive:
-        for number, (name, make) in enumerate(MAKERS.items()):
-            if cancel():
-                raise CancelledError("the export was cancelled")
+        for name, make in MAKERS.items():
             data = make(sheet)
             archive.writestr(zipfile.ZipInfo(name, EPOCH), data, zipfile.ZIP_DEFLATED)
             sha256 = hashlib.sha256(data).hexdigest()
             entries.append({"name": name, "bytes": len(data), "sha256": sha256})
-            progress((number + 1) / len(MAKERS))
         manifest = {
             "program": f"RONA {__version__}",
             "session": {"id": session.id, "name": session.name, "maps": digest(sheet.maps)},

@@ -13,9 +13,9 @@ from rona_core.mapping.files.map_images import (
     bone_labels,
     bone_seg_nrrd,
     maps_nrrd,
-    read_maps_nrrd,
 )
 from rona_core.mapping.files.map_sheet import BOUNDARIES, MapSheet
+from tests.oracles.maps_nrrd import read_maps_nrrd
 from tests.scenes.map_sheets import (
     CELL_U_MM,
     CELL_V_MM,
@@ -57,15 +57,6 @@ def test_channels_are_what_they_are_called(sheet):
     for name in (*BOUNDARIES, "thickness"):
         np.testing.assert_array_equal(channel[f"sigma_{name}"], sheet.sigma_mm(name)["total"])
     assert np.isnan(channel["inner"]).sum() == (~sheet.maps.inner.ok).sum()
-
-
-def test_other_files_are_refused_as_maps(sheet):
-    for data in (b"", b"NRRD0005\n", b"not a file", bone_seg_nrrd(sheet)):
-        with pytest.raises(InvalidInputError, match="NRRD file of maps"):
-            read_maps_nrrd(data)
-    cut = maps_nrrd(sheet)
-    with pytest.raises(InvalidInputError, match="NRRD file of maps"):
-        read_maps_nrrd(cut[: len(cut) // 2])
 
 
 def test_voxels_of_the_bone_lie_between_the_boundaries(sheet):
