@@ -78,9 +78,9 @@ def test_the_page_opens_on_a_copy_of_the_demo_session(surgeon: Surgeon) -> None:
     assert surgeon.states() == ["done"] * len(STEPS)
     assert "not saved" in surgeon.frame.locator(".r-head").inner_text()
     surgeon.open_step("Maps")
-    wait_for(lambda: any("Inner boundary" in row for row in quality(surgeon)), 60, "figures")
+    wait_for(lambda: any("Inner boundary" in row for row in quality(surgeon)), "figures")
     surgeon.tab("A-scan")
-    wait_for(lambda: "/maps/inner" in surgeon.nodes(), 30, "the maps")
+    wait_for(lambda: "/maps/inner" in surgeon.nodes(), "the maps")
     surgeon.frame.locator(".uplot canvas").filter(visible=True).wait_for()
     surgeon.picture("demo")
 
@@ -91,7 +91,7 @@ def test_nine_steps_by_mouse_then_saved_and_opened_again(surgeon: Surgeon) -> No
     # a new session under a name of its own
     frame.get_by_text("Session", exact=True).click()
     surgeon.button("New session").click()
-    wait_for(lambda: surgeon.states()[1:3] == ["ready", "ready"], 30, "a new session")
+    wait_for(lambda: surgeon.states()[1:3] == ["ready", "ready"], "a new session")
     name = surgeon.field("Name")
     name.fill(NAME)
     surgeon.button("Rename").click()
@@ -123,12 +123,12 @@ def test_nine_steps_by_mouse_then_saved_and_opened_again(surgeon: Surgeon) -> No
     surgeon.button("Draw on the skull").click()
     frame.get_by_text("points so far").wait_for()
     draw_meander(surgeon, center)
-    wait_for(lambda: points_so_far(surgeon) >= 60, 20, "60 points on the skull")
+    wait_for(lambda: points_so_far(surgeon) >= 60, "60 points on the skull")
     assert {"/drawing/line", "/drawing/points"} <= set(surgeon.nodes())
     surgeon.picture("path")
     surgeon.button("Finish stroke").click()
     surgeon.wait_state("Path", "done")
-    wait_for(lambda: "/path/raw" in surgeon.nodes(), 20, "the path in the scene")
+    wait_for(lambda: "/path/raw" in surgeon.nodes(), "the path in the scene")
     assert "/drawing/line" not in surgeon.nodes()
 
     surgeon.open_step("Smoothing")
@@ -150,25 +150,25 @@ def test_nine_steps_by_mouse_then_saved_and_opened_again(surgeon: Surgeon) -> No
     surgeon.button("Map the boundaries").click()
     surgeon.wait_state("Maps", "done")
     surgeon.wait_idle()
-    wait_for(lambda: any("Inner boundary" in row for row in quality(surgeon)), 60, "figures")
+    wait_for(lambda: any("Inner boundary" in row for row in quality(surgeon)), "figures")
     assert {"/maps/outer", "/maps/inner", "/maps/fused"} <= set(surgeon.nodes())
     surgeon.picture("maps")
 
     # saved, gone, and opened again: the same states, figures and scene
     page.keyboard.press("Control+s")
-    wait_for(lambda: "not saved" not in frame.locator(".r-head").inner_text(), 30, "the file")
+    wait_for(lambda: "not saved" not in frame.locator(".r-head").inner_text(), "the file")
     states, figures, nodes = surgeon.states(), quality(surgeon), surgeon.nodes()
     assert states == ["done"] * len(STEPS)
     frame.get_by_text("Session", exact=True).click()
     surgeon.button("New session").click()
-    wait_for(lambda: surgeon.states()[1] == "ready", 30, "a new session")
+    wait_for(lambda: surgeon.states()[1] == "ready", "a new session")
     assert "/maps/inner" not in surgeon.nodes()
     surgeon.field("File").click()
     frame.get_by_role("option", name=re.compile("^Bone")).click()
     surgeon.button("Open file").click()
-    surgeon.wait_state("Maps", "done", 30)
+    surgeon.wait_state("Maps", "done")
     surgeon.come()  # the page anew: nothing that is shown may live in the browser
-    wait_for(lambda: quality(surgeon) == figures, 60, "the figures to come back")
+    wait_for(lambda: quality(surgeon) == figures, "the figures to come back")
     assert surgeon.states() == states
     assert surgeon.nodes() == nodes
     assert surgeon.frame.locator(".r-head").get_by_text(NAME, exact=True).is_visible()
@@ -183,11 +183,11 @@ def test_undo_by_key_takes_back_one_change_and_an_earlier_change_makes_later_ste
     seed = surgeon.field("Seed")
     seed.fill("5")
     seed.press("Enter")
-    surgeon.wait_state("Tool", "stale", 30)
+    surgeon.wait_state("Tool", "stale")
     assert surgeon.states()[1:] == ["stale"] * 8
     surgeon.page.mouse.click(800, 120)  # beside every field
     surgeon.page.keyboard.press("Control+z")
-    wait_for(lambda: surgeon.states() == before, 30, "the steps to be done again")
+    wait_for(lambda: surgeon.states() == before, "the steps to be done again")
 
 
 def test_a_value_out_of_range_is_told_and_the_field_shows_the_truth(surgeon: Surgeon) -> None:
@@ -198,4 +198,4 @@ def test_a_value_out_of_range_is_told_and_the_field_shows_the_truth(surgeon: Sur
     assert radius.input_value() == "453"  # nothing happens before it is finished
     radius.press("Enter")
     surgeon.frame.get_by_text("Region radius (mm) must be 5 to 45, not 453").first.wait_for()
-    wait_for(lambda: radius.input_value() == held, 10, "the field to show the truth")
+    wait_for(lambda: radius.input_value() == held, "the field to show the truth")

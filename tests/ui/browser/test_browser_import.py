@@ -26,7 +26,7 @@ def test_a_pivot_is_imported_and_what_was_imported_is_downloaded(
     frame, page = surgeon.frame, surgeon.page
     frame.get_by_text("Session", exact=True).click()
     surgeon.button("New session").click()
-    wait_for(lambda: surgeon.states()[1:3] == ["ready", "ready"], 90, "a new session")
+    wait_for(lambda: surgeon.states()[1:3] == ["ready", "ready"], "a new session")
 
     made, _ = poses(n=60, sigma_mm=0.1)
     file = tmp_path / "pivot.csv"

@@ -40,7 +40,7 @@ def close_notices(surgeon: Surgeon) -> None:
                 buttons.first.click(timeout=1000)
         return buttons.count() == 0
 
-    wait_for(closed, 60, "the notices to go")
+    wait_for(closed, "the notices to go")
 
 
 @pytest.mark.parametrize("end", ["Enter", "Tab"])
@@ -53,7 +53,7 @@ def test_a_field_is_sent_when_it_is_finished_and_one_edit_is_one_undo(
     time.sleep(PAUSE_S)
     assert (field.input_value(), revision(surgeon)) == ("30", before)
     surgeon.page.keyboard.press(end)
-    wait_for(lambda: radius(surgeon) == 30.0, 10, "the radius")
+    wait_for(lambda: radius(surgeon) == 30.0, "the radius")
     shows(field, "30")
     time.sleep(PAUSE_S)
     assert revision(surgeon) == before + 1
@@ -103,7 +103,7 @@ def test_a_number_is_taken_as_it_was_meant(surgeon: Surgeon) -> None:
     for text, value in (("1e1", 10.0), ("12,5", 12.5), ("20.123", 20.123), ("25", 25.0)):
         retype(surgeon, field, text)
         surgeon.page.keyboard.press("Enter")
-        wait_for(lambda value=value: radius(surgeon) == value, 10, text)
+        wait_for(lambda value=value: radius(surgeon) == value, text)
         shows(field, f"{value:g}")
 
 
@@ -130,15 +130,15 @@ def test_an_arrow_first_takes_what_was_typed_and_then_goes_on_from_there(surgeon
     for step in (lambda: keys.press("ArrowUp"), lambda: beside(field).click()):
         retype(surgeon, field, "30")
         step()
-        wait_for(lambda: radius(surgeon) == 30.0, 10, "what was typed")
+        wait_for(lambda: radius(surgeon) == 30.0, "what was typed")
         shows(field, "30")
         time.sleep(PAUSE_S)  # what comes back for the typed value is drawn
         step()
-        wait_for(lambda: radius(surgeon) == 31.0, 30, "one more")
+        wait_for(lambda: radius(surgeon) == 31.0, "one more")
         shows(field, "31")
     retype(surgeon, field, "25")
     keys.press("Enter")
-    wait_for(lambda: radius(surgeon) == 25.0, 10, "the radius as it was")
+    wait_for(lambda: radius(surgeon) == 25.0, "the radius as it was")
 
 
 def beside(field: Any) -> Any:
@@ -158,7 +158,7 @@ def test_texts_components_and_sliders_wait_for_their_end_too(surgeon: Surgeon) -
     assert revision(surgeon) == before
     keys.press("Tab")
     held = [0.0, -12.5, 0.0]
-    wait_for(lambda: setup(surgeon)["devices"]["robot"]["base_shift_mm"] == held, 10, "the shift")
+    wait_for(lambda: setup(surgeon)["devices"]["robot"]["base_shift_mm"] == held, "the shift")
     shows(parts.nth(1), "-12.5")
     assert revision(surgeon) == before + 1
     put(surgeon, "/undo", None)
@@ -179,6 +179,6 @@ def test_texts_components_and_sliders_wait_for_their_end_too(surgeon: Surgeon) -
     name = surgeon.field("Name")
     retype(surgeon, name, "of a patient")
     surgeon.button("Rename").click()  # the click leaves the field
-    wait_for(lambda: surgeon.ask("/sessions/current")["name"] == "of a patient", 10, "the name")
+    wait_for(lambda: surgeon.ask("/sessions/current")["name"] == "of a patient", "the name")
     frame.get_by_text("Session", exact=True).click()
     assert surgeon.errors == []

@@ -43,7 +43,7 @@ class Program:
             command, cwd=REPOSITORY, env=environment, stdout=self.log, stderr=self.log,
             start_new_session=True,
         )  # fmt: skip
-        wait_for(lambda: _answers(self.address), 90, "the server")
+        wait_for(lambda: _answers(self.address), "the server")
 
     def kill(self) -> None:
         os.killpg(self.process.pid, signal.SIGKILL)
@@ -89,7 +89,7 @@ def test_work_that_was_killed_is_offered_and_comes_back_whole(
     assert not page.locator("#lost").is_visible()
     open_folder(surgeon)
     surgeon.button("New session").click()  # an untouched copy of the demo is nothing to ask about
-    wait_for(lambda: current(surgeon)["name"] == "untitled", 30, "the new session")
+    wait_for(lambda: current(surgeon)["name"] == "untitled", "the new session")
     surgeon.open_step("Pointer")
     surgeon.button("Pivot and calibrate").click()
     surgeon.wait_state("Pointer", "done")
@@ -143,16 +143,16 @@ def test_work_that_is_not_saved_does_not_go_out_of_sight_without_a_question(
     assert current(surgeon)["id"] == key
     page.locator("#demo").click()
     page.locator("#leavekeep").click()
-    wait_for(lambda: current(surgeon)["id"] != key, 60, "the demo")
+    wait_for(lambda: current(surgeon)["id"] != key, "the demo")
     assert [s["id"] for s in surgeon.ask("/sessions")["sessions"]][-2] == key
 
     open_folder(surgeon)  # back to it
     chosen = surgeon.field("Open sessions")
-    wait_for(lambda: chosen.input_value() == "3: demo seed 0", 30, "the list to follow")
+    wait_for(lambda: chosen.input_value() == "3: demo seed 0", "the list to follow")
     chosen.click()
     surgeon.picture("open_sessions")
     frame.get_by_role("option", name=NAME).click()
-    wait_for(lambda: current(surgeon)["id"] == key, 30, "the session before")
+    wait_for(lambda: current(surgeon)["id"] == key, "the session before")
 
     surgeon.button("New session").click()
     frame.get_by_text("has unsaved changes").wait_for()
@@ -162,16 +162,16 @@ def test_work_that_is_not_saved_does_not_go_out_of_sight_without_a_question(
     assert current(surgeon)["id"] == key
     surgeon.button("New session").click()
     surgeon.button("Save first").click()
-    wait_for(lambda: current(surgeon)["id"] != key, 30, "the new session")
+    wait_for(lambda: current(surgeon)["id"] != key, "the new session")
     assert len(list(program.sessions.glob("Bone*.rona"))) == 1
 
     post(surgeon, "/sessions/current/commands/SetSeed", {"seed": 5})
     closing = current(surgeon)["id"]
-    wait_for(lambda: "not saved" in frame.locator(".r-head").inner_text(), 30, "the head")
+    wait_for(lambda: "not saved" in frame.locator(".r-head").inner_text(), "the head")
     surgeon.button("Close session").click()
     frame.get_by_text("If you close it now, the changes are lost").wait_for()
     surgeon.picture("close")
     surgeon.button("Close without saving").click()
-    wait_for(lambda: current(surgeon)["id"] != closing, 30, "another session")
+    wait_for(lambda: current(surgeon)["id"] != closing, "another session")
     assert closing not in [s["id"] for s in surgeon.ask("/sessions")["sessions"]]
     assert surgeon.errors == []

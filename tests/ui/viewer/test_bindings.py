@@ -98,7 +98,7 @@ def test_a_field_that_is_being_dragged_sends_its_last_value_once(
     for seed in range(50):
         bindings.send_debounced("seed", lambda seed=seed: SetSeed(seed), event(client))
     assert bench.got == []
-    end = time.monotonic() + 5.0
+    end = time.monotonic() + 60.0
     while not bench.got and time.monotonic() < end:
         time.sleep(DEBOUNCE_S / 10)
     drain(bindings, client)
@@ -110,7 +110,7 @@ def test_what_was_typed_and_finished_need_not_settle(
 ) -> None:
     monkeypatch.setattr(bindings_module, "DEBOUNCE_S", 3600.0)
     bindings.send_debounced("seed", lambda: SetSeed(7), Typed(FakeClient(), None))
-    end = time.monotonic() + 5.0
+    end = time.monotonic() + 60.0
     while not bench.got and time.monotonic() < end:
         time.sleep(0.01)
     assert bench.got == [SetSeed(7)]

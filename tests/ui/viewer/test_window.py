@@ -103,7 +103,7 @@ def world(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[tuple[Fak
 
 
 def soon(condition: Any) -> bool:
-    end = time.monotonic() + 10.0
+    end = time.monotonic() + 60.0
     while not condition() and time.monotonic() < end:
         time.sleep(0.01)
     return bool(condition())
