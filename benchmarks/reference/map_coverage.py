@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from rona_core.app.steps.maps.map_accuracy import MapAccuracy, map_accuracy
+from rona_core.app.steps.maps.accuracy.map_accuracy import MapAccuracy, map_accuracy
 from rona_core.compose import build_virtual_rig
 from rona_core.evaluation.map_metrics import (
     cells,

@@ -1,7 +1,7 @@
 """Errors of the maps by cause, against ground truth: what putting one cause right would change.
 
 A map follows its samples, so that what one cause does to each A-scan is what it does to the map.
-Beside each stands what the program predicts, ``app/steps/maps/map_accuracy.py``.
+Beside each stands what the program predicts, ``app/steps/maps/accuracy/map_accuracy.py``.
 """
 
 from dataclasses import dataclass

@@ -4,7 +4,7 @@ from typing import Any
 
 import numpy as np
 
-from rona_core.app.steps.maps.map_accuracy import MapAccuracy, map_accuracy
+from rona_core.app.steps.maps.accuracy.map_accuracy import MapAccuracy, map_accuracy
 from rona_core.app.steps.maps.view import SecondView
 from rona_core.app.steps.roll.margins_view import Quantity
 from rona_core.app.steps.roll.view import joints_of_roll

@@ -6,8 +6,8 @@ from typing import Annotated, Any
 import numpy as np
 from fastapi import APIRouter, Path, Query, Response
 
+from rona_core.app.steps.maps.accuracy.map_draws import MOST_DRAWS, draw_maps
 from rona_core.app.steps.maps.export import NAMES, export_maps
-from rona_core.app.steps.maps.map_draws import MOST_DRAWS, draw_maps
 from rona_core.app.steps.maps.volume import volume_file
 from rona_ui.api.context import Bench
 

@@ -13,7 +13,7 @@ from rona_core.app.overview.frame_graph import frame_rows
 from rona_core.app.steps.acoustics.thickness_uncertainty import reference_gain
 from rona_core.app.steps.boundaries.ascan_view import ScanName, ascan_plot
 from rona_core.app.steps.boundaries.probe_advice import probe_advice
-from rona_core.app.steps.maps.map_accuracy import map_accuracy
+from rona_core.app.steps.maps.accuracy.map_accuracy import map_accuracy
 from rona_core.app.steps.tool.calibration_view import calibration_view
 from rona_core.errors import NotFoundError
 from rona_core.session.document import Session

@@ -6,8 +6,8 @@ from typing import Any
 import numpy as np
 
 from rona_core.app.steps.acoustics.view import is_heard, loss_words
-from rona_core.app.steps.maps.error_budget import error_budgets
-from rona_core.app.steps.maps.map_accuracy import accuracy_words
+from rona_core.app.steps.maps.accuracy.error_budget import error_budgets
+from rona_core.app.steps.maps.accuracy.map_accuracy import accuracy_words
 from rona_core.app.steps.maps.messages import StartMapping
 from rona_core.app.steps.maps.view import (
     MapLayers,

@@ -6,8 +6,8 @@ import nrrd
 import numpy as np
 import pytest
 
+from rona_core.app.steps.maps.accuracy.map_draws import draw_maps
 from rona_core.app.steps.maps.export import export_maps
-from rona_core.app.steps.maps.map_draws import draw_maps
 from rona_core.app.steps.maps.volume import echo_volume
 
 

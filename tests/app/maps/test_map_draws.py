@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from rona_core.app.runtime.session_step import Undo
-from rona_core.app.steps.maps.map_accuracy import map_accuracy
-from rona_core.app.steps.maps.map_draws import MOST_DRAWS, draw_maps
-from rona_core.app.steps.maps.map_terms import map_terms
+from rona_core.app.steps.maps.accuracy.map_accuracy import map_accuracy
+from rona_core.app.steps.maps.accuracy.map_draws import MOST_DRAWS, draw_maps
+from rona_core.app.steps.maps.accuracy.map_terms import map_terms
 from rona_core.app.steps.setup.messages import SetProbe
 from rona_core.compose import new_workbench
 from rona_core.errors import InvalidInputError, StaleResultError, StepBlockedError

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from rona_core.app.steps.maps.error_budget import OUTER, THICKNESS, error_budgets
-from rona_core.app.steps.maps.map_accuracy import map_accuracy
+from rona_core.app.steps.maps.accuracy.error_budget import OUTER, THICKNESS, error_budgets
+from rona_core.app.steps.maps.accuracy.map_accuracy import map_accuracy
 from rona_core.compose import build_virtual_rig, evaluate_virtual
 from rona_core.evaluation.error_causes import KEYS
 from rona_core.evaluation.map_metrics import outer_errors_mm

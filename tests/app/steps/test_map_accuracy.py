@@ -9,8 +9,8 @@ from benchmarks.reference.map_coverage import bands, within
 from rona_core.app.steps.acoustics.thickness_uncertainty import speed_of_maps
 from rona_core.app.steps.boundaries.ascan_view import ascan_plot
 from rona_core.app.steps.boundaries.messages import CorrectBoundary
-from rona_core.app.steps.maps.map_accuracy import accuracy_words, map_accuracy
-from rona_core.app.steps.maps.probe_place import REPEATABILITY_MM, ROBOT_ACCURACY_MM
+from rona_core.app.steps.maps.accuracy.map_accuracy import accuracy_words, map_accuracy
+from rona_core.app.steps.maps.accuracy.probe_place import REPEATABILITY_MM, ROBOT_ACCURACY_MM
 from rona_core.app.steps.maps.view import layers_of
 from rona_core.devices.settings import ROBOTS
 from rona_core.session.codec import decode, digest, encode

@@ -25,7 +25,7 @@ from rona_core.app.steps.handheld.messages import (
     StartHandheldMapping,
     StartHandheldScan,
 )
-from rona_core.app.steps.maps.map_accuracy import map_accuracy
+from rona_core.app.steps.maps.accuracy.map_accuracy import map_accuracy
 from rona_core.compose import new_workbench
 from rona_core.devices.tracker_volumes import ACCURACY_MM
 from rona_core.errors import InvalidInputError, StepBlockedError

@@ -11,7 +11,7 @@ import pytest
 
 from rona_core.app.dependencies.step_states import step_states
 from rona_core.app.runtime.jobs import JobStatus
-from rona_core.app.steps.maps.map_accuracy import accuracy_words, map_accuracy
+from rona_core.app.steps.maps.accuracy.map_accuracy import accuracy_words, map_accuracy
 from rona_core.app.steps.maps.view import layers_of
 from rona_core.devices.live import LiveState
 from rona_core.robot.kinematics.catalog import robot_model

@@ -6,8 +6,8 @@ from rona_core.app.dependencies.inputs import require_result
 from rona_core.app.dependencies.staleness import input_digests, stale_reason
 from rona_core.app.messages.serialization import serialize_arguments
 from rona_core.app.steps.acoustics.derivation import first_speed, robot_probe, with_known_speed
+from rona_core.app.steps.maps.accuracy.probe_place import cloud_prior
 from rona_core.app.steps.maps.messages import StartGapPlan, StartMapping
-from rona_core.app.steps.maps.probe_place import cloud_prior
 from rona_core.app.steps.roll.derivation import plan_settings
 from rona_core.app.steps.roll.messages import StartRollSearch
 from rona_core.app.steps.scan.probe_poses import probe_poses_of

@@ -7,8 +7,8 @@ import numpy as np
 from scipy.spatial import KDTree
 
 from rona_core.app.dependencies.staleness import digest_of, stale_reason
+from rona_core.app.steps.maps.accuracy.map_accuracy import CellSigma, MapAccuracy
 from rona_core.app.steps.maps.derivation import usable_second
-from rona_core.app.steps.maps.map_accuracy import CellSigma, MapAccuracy
 from rona_core.app.steps.roll.plan_reasons import why_no_plan
 from rona_core.geometry.arrays import Bools, Floats, readonly
 from rona_core.mapping.boundary_map import BoundaryMap, Maps

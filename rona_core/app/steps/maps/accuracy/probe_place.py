@@ -7,7 +7,7 @@ from scipy.spatial import KDTree
 
 from rona_core.app.dependencies.head_reference import HeadWatch, watch_head
 from rona_core.app.steps.acoustics.derivation import usable_line
-from rona_core.app.steps.maps.error_terms import ErrorTerm
+from rona_core.app.steps.maps.accuracy.error_terms import ErrorTerm
 from rona_core.app.steps.scan.probe_mounting import known_mounting
 from rona_core.app.steps.scan.probe_poses import ProbePostures, probe_postures_of
 from rona_core.app.steps.tool.derivation import ROBOT_ACCURACY_MM

@@ -3,8 +3,8 @@
 from collections.abc import Mapping
 from dataclasses import dataclass
 
-from rona_core.app.steps.maps.error_terms import CellSigma
-from rona_core.app.steps.maps.map_accuracy import MapAccuracy
+from rona_core.app.steps.maps.accuracy.error_terms import CellSigma
+from rona_core.app.steps.maps.accuracy.map_accuracy import MapAccuracy
 
 # Title, causes as `map_accuracy` names them, and the figure of docs/metrics.md that is their truth:
 # echoes cannot tell apart what they hold in common.

@@ -13,8 +13,8 @@ from numpy.random import Generator
 
 from rona_core.app.dependencies.inputs import require_result
 from rona_core.app.dependencies.staleness import stale_reason
-from rona_core.app.steps.maps.error_terms import ErrorTerm
-from rona_core.app.steps.maps.map_terms import INTERPOLATION, map_terms
+from rona_core.app.steps.maps.accuracy.error_terms import ErrorTerm
+from rona_core.app.steps.maps.accuracy.map_terms import INTERPOLATION, map_terms
 from rona_core.errors import InvalidInputError, StaleResultError
 from rona_core.geometry.arrays import Floats, readonly
 from rona_core.mapping.boundary_map import BoundaryMap, Maps

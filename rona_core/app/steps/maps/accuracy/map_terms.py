@@ -13,8 +13,8 @@ from scipy.interpolate import RectBivariateSpline
 from scipy.spatial import KDTree
 
 from rona_core.app.steps.acoustics.thickness_uncertainty import speed_of_maps
-from rona_core.app.steps.maps.error_terms import ErrorTerm
-from rona_core.app.steps.maps.probe_place import (
+from rona_core.app.steps.maps.accuracy.error_terms import ErrorTerm
+from rona_core.app.steps.maps.accuracy.probe_place import (
     ProbePlace,
     cloud_prior,
     hand_place,

@@ -4,8 +4,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from rona_core.app.steps.maps.error_terms import CellSigma, merged, summed
-from rona_core.app.steps.maps.map_terms import SPEED, MapTerms, map_terms
+from rona_core.app.steps.maps.accuracy.error_terms import CellSigma, merged, summed
+from rona_core.app.steps.maps.accuracy.map_terms import SPEED, MapTerms, map_terms
 from rona_core.geometry.arrays import Bools, Floats
 from rona_core.mapping.boundary_map import Maps
 from rona_core.session.document import Session
