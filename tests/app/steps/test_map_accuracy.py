@@ -10,6 +10,7 @@ from rona_core.app.steps.acoustics.thickness_uncertainty import speed_of_maps
 from rona_core.app.steps.boundaries.ascan_view import ascan_plot
 from rona_core.app.steps.boundaries.messages import CorrectBoundary
 from rona_core.app.steps.maps.accuracy.map_accuracy import accuracy_words, map_accuracy
+from rona_core.app.steps.maps.accuracy.map_terms import UNHEARD, map_terms
 from rona_core.app.steps.maps.accuracy.probe_place import REPEATABILITY_MM, ROBOT_ACCURACY_MM
 from rona_core.app.steps.maps.view import layers_of
 from rona_core.devices.settings import ROBOTS
@@ -227,3 +228,20 @@ def test_an_ascan_states_the_thickness_with_the_speed_of_sound_in_it(demo):
     speed = np.hypot(PATIENTS_SHARE, LOCAL_SHARE) * found.thickness_mm[i]
     assert told == pytest.approx(np.hypot(found.thickness_sigma_mm[i], speed), abs=0.006)
     assert told > 1.3 * found.thickness_sigma_mm[i]
+
+
+def test_bone_whose_echo_was_missed_is_less_sure_the_farther_the_last_one_that_was_heard(demo):
+    """Against every cell's own search, one by one."""
+    maps = demo.results.maps.value
+    (term,) = [t for t in map_terms(demo).thickness if t.cause == UNHEARD]
+    into_map = maps.inner.T_base_map.inv()
+    places = (into_map @ maps.outer_points_base)[:, :2]
+    heard = maps.inner_used
+    assert 0 < np.count_nonzero(~heard)
+    for i, j in np.argwhere(maps.inner.ok)[::97]:
+        away = np.linalg.norm(places - (maps.inner.u_mm[i], maps.inner.v_mm[j]), axis=1)
+        missed = away[~heard].min() < away[heard].min()
+        assert term.own_mm[i, j] == pytest.approx(0.15 * away[heard].min() if missed else 0.0)
+    counted = term.own_mm[maps.inner.ok & maps.outer.ok]
+    assert 0.0 < np.count_nonzero(counted) < len(counted)
+    assert not np.any(term.shared_mm)

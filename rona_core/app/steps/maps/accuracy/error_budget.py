@@ -18,17 +18,25 @@ OUTER: tuple[Group, ...] = (
         "outer_by_probe_mm",
     ),
     (
-        "Each echo: timing, roughness, repeatability",
-        ("time of flight", "roughness within the beam", "repeatability of the robot"),
+        "Each echo: timing, repeatability",
+        ("time of flight", "repeatability of the robot"),
         "outer_by_echo_mm",
     ),
-    ("Between A-scans", ("interpolation",), "outer_by_interpolation_mm"),
+    (
+        "Between A-scans and within the beam",
+        ("interpolation", "roughness within the beam"),
+        "outer_by_interpolation_mm",
+    ),
 )
 THICKNESS: tuple[Group, ...] = (
     ("Speed of sound, patient", ("speed of sound of the patient",), "thickness_by_speed_mm"),
     ("Speed of sound, place", ("speed of sound at the place",), "thickness_by_place_mm"),
     ("Each echo: timing", ("time of flight",), "thickness_by_echo_mm"),
-    ("Between A-scans", ("interpolation",), "thickness_by_interpolation_mm"),
+    (
+        "Between A-scans",
+        ("interpolation", "inner boundary not heard"),
+        "thickness_by_interpolation_mm",
+    ),
 )
 
 

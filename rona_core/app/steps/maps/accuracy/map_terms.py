@@ -22,6 +22,7 @@ from rona_core.app.steps.maps.accuracy.probe_place import (
 )
 from rona_core.devices.settings import ProbeSettings
 from rona_core.geometry.arrays import Floats
+from rona_core.geometry.pose import Pose
 from rona_core.mapping.boundary_map import BoundaryMap, Maps
 from rona_core.mapping.cloud_fusion import CloudPrior, fuse_cloud
 from rona_core.mapping.fitting.plate_field import ROUGHNESS_MM, PlateField, fit_field
@@ -45,6 +46,8 @@ INTERPOLATION = "interpolation"
 POINTS = "measure the bone at three reference points (step 9)"
 ROWS = "scan closer rows, or a second pass"
 NEAREST = 6  # A-scans whose time of flight counts at a cell
+UNHEARD = "inner boundary not heard"
+UNHEARD_SLOPE = 0.15  # of a table whose echo misses the probe, against the map; one deviation
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -152,6 +155,7 @@ def _terms(
     shared, local = speed_uncertainty(calibration, cells_base, region if len(region) else None)
     thickness = (
         *_sampling(maps.inner, between, between, timing, face_mm),
+        _unheard(maps, T_map_base),
         ErrorTerm(SPEED, shared_mm=depth * shared.reshape(depth.shape), remedy=POINTS),
         ErrorTerm(
             "speed of sound at the place",
@@ -197,6 +201,23 @@ def _sampling(
         ),
         ErrorTerm(INTERPOLATION, apart, _of_mean(apart, boundary, face_mm), remedy=ROWS),
     )
+
+
+def _unheard(maps: Maps, T_map_base: Pose) -> ErrorTerm:
+    """Return what places add at which an A-scan heard no inner boundary, those nearer to it.
+
+    An echo misses the probe where the inner table leans. Such bone is steeper than the bone that
+    was heard and that the map continues, so that the map is the more wrong the further it goes.
+    """
+    shape, heard = maps.inner.height_mm.shape, maps.inner_used
+    if heard.all() or not heard.any():
+        return ErrorTerm(UNHEARD)
+    places = _cells_map(maps.inner)[:, :2]
+    ascans = (T_map_base @ maps.outer_points_base)[:, :2]
+    to_heard = KDTree(ascans[heard]).query(places)[0]
+    to_unheard = KDTree(ascans[~heard]).query(places)[0]
+    off_mm = np.where(to_unheard < to_heard, UNHEARD_SLOPE * to_heard, 0.0)
+    return ErrorTerm(UNHEARD, off_mm.reshape(shape), remedy=ROWS, reach_mm=NEAR_MM)
 
 
 def _joined(maps: Maps, plate: PlateField, cloud: _Cloud | None) -> PlateField:
