@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from rona_core.app.declarations.declarations import Compute, compute_here
+from rona_core.app.dependencies.inputs import require_result
 from rona_core.app.overview.predicted_accuracy import predicted_figures
 from rona_core.app.procedure import (
     PROCEDURE,
@@ -29,7 +30,10 @@ from rona_core.app.steps.setup.messages import (
 from rona_core.devices.protocols import Cancel, Progress, Rig, never
 from rona_core.devices.world_settings import REALISTIC_WORLD, WorldSettings
 from rona_core.errors import DeviceError, RonaError
+from rona_core.evaluation.map_errors import errors_of_maps
 from rona_core.evaluation.metrics import evaluate
+from rona_core.evaluation.truth import truth_of
+from rona_core.mapping.comparison.map_errors import MapErrors
 from rona_core.session.document import Session, Setup
 from rona_core.session.files import load_session
 from rona_core.session.specimen import LoadedSkull
@@ -101,6 +105,19 @@ def evaluate_virtual(session: Session, rig: Rig) -> dict[str, Any]:
     return evaluate(session, rig.scene)
 
 
+def virtual_map_errors(session: Session, rig: Rig) -> MapErrors:
+    """Return the errors of the robot's maps against the true bone of its virtual devices.
+
+    Raises:
+        DeviceError: the devices are real, so nobody knows the truth.
+        StepBlockedError: nothing was mapped.
+    """
+    if not isinstance(rig, VirtualRig):
+        raise DeviceError("errors against ground truth need virtual devices")
+    made = require_result(session.results.maps, "map the boundaries (step 9)")
+    return errors_of_maps(made.value, truth_of(session, rig.scene))
+
+
 def virtual_services(compute: Compute = compute_here, pace: float | None = None) -> Services:
     """Return what a workbench needs to work with virtual devices."""
     return Services(
@@ -110,6 +127,7 @@ def virtual_services(compute: Compute = compute_here, pace: float | None = None)
         compute=compute,
         sweep=partial(sweep, record=record_plate),
         predict=predicted_figures,
+        map_errors=virtual_map_errors,
     )
 
 

@@ -7,15 +7,9 @@ import numpy as np
 
 from rona_core.app.steps.maps.accuracy.map_accuracy import MapAccuracy, map_accuracy
 from rona_core.compose import build_virtual_rig
-from rona_core.evaluation.map_metrics import (
-    cells,
-    inner_errors_mm,
-    outer_errors_mm,
-    thickness_errors_mm,
-)
-from rona_core.evaluation.truth import Truth, truth_of
-from rona_core.geometry.arrays import Bools, Floats
-from rona_core.mapping.boundary_map import Maps
+from rona_core.evaluation.map_errors import cell_errors_mm
+from rona_core.evaluation.truth import truth_of
+from rona_core.geometry.arrays import Floats
 from rona_core.session.document import Session
 
 BAND = 1.96  # standard deviations: 95 % of a normal error
@@ -43,33 +37,6 @@ def bands(session: Session) -> Iterator[tuple[str, Band]]:
         if known.any():
             rms = float(np.sqrt(np.mean(shared[known] ** 2)))
             yield name, Band(errors[known], total[known], own[known], rms)
-
-
-def cell_errors_mm(maps: Maps, truth: Truth) -> dict[str, Floats]:
-    """Return the signed errors of all maps over their grid (nu, nv), infinite where none is known.
-
-    Keys are ``thickness``, and ``outer``, ``inner`` and ``fused``, absolute and, with the ending
-    ``_same_robot``, for the same robot. All maps are on one grid.
-    """
-    errors: dict[str, Floats] = {}
-    for suffix, systematic in (("", False), ("_same_robot", True)):
-        for name, boundary, errors_mm in (
-            ("outer", maps.outer, outer_errors_mm),
-            ("fused", maps.fused, outer_errors_mm),
-            ("inner", maps.inner, inner_errors_mm),
-        ):
-            found = errors_mm(cells(boundary), truth, systematic)
-            errors[name + suffix] = _on_grid(boundary.ok, found)
-    both = maps.inner.ok & maps.outer.ok
-    errors["thickness"] = _on_grid(both, thickness_errors_mm(maps, truth))
-    return errors
-
-
-def _on_grid(which: Bools, values: Floats) -> Floats:
-    """Return values (n,) in their cells, infinite elsewhere."""
-    grid = np.full(which.shape, np.inf)
-    grid[which] = values
-    return grid
 
 
 def _stated(accuracy: MapAccuracy, name: str) -> tuple[Floats, Floats, Floats]:

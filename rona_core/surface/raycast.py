@@ -41,12 +41,16 @@ class MeshRaycaster:
         solid = trimesh.Trimesh(vertices, faces, process=False, validate=False)
         self._caster: Any = ray_pyembree.RayMeshIntersector(solid)
 
-    def first_hit(self, origins: ArrayLike, directions: ArrayLike) -> Floats:
+    def first_hit(
+        self, origins: ArrayLike, directions: ArrayLike, least_cosine: float = 0.0
+    ) -> Floats:
         """Return the distance (n,) in mm to the first triangle along each ray, inf where missed.
 
         Args:
             origins: Start points (n, 3).
             directions: Unit vectors (n, 3).
+            least_cosine: A ray that meets the first triangle at a smaller one to its normal, nearly
+                along it, counts as missed.
         """
         o = as_points(origins, name="origins")
         d = as_unit_vectors(directions, name="directions")
@@ -60,7 +64,7 @@ class MeshRaycaster:
         normals, corners = self._normals[faces[rays]], self._triangles[faces[rays], 0]
         slope = np.einsum("ij,ij->i", normals, d[rays])
         offset = np.einsum("ij,ij->i", normals, corners - o[rays])
-        level = np.abs(slope) > 1e-12 * np.linalg.norm(normals, axis=1)
+        level = np.abs(slope) > max(1e-12, least_cosine) * np.linalg.norm(normals, axis=1)
         rays, t = rays[level], offset[level] / slope[level]  # in double precision, on the plane
         distances[rays] = np.maximum(t, 0.0)
         return distances

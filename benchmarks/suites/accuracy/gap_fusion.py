@@ -5,9 +5,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.spatial import KDTree
 
-from benchmarks.reference.map_coverage import cell_errors_mm
 from rona_core.app.steps.maps.accuracy.probe_place import cloud_prior
 from rona_core.evaluation.figures import rms
+from rona_core.evaluation.map_errors import cell_errors_mm
 from rona_core.evaluation.navigation_metrics import tip_errors
 from rona_core.evaluation.truth import Truth
 from rona_core.geometry.arrays import Bools, Floats

@@ -6,11 +6,11 @@ from itertools import pairwise
 import numpy as np
 from scipy.spatial import KDTree
 
-from benchmarks.reference.map_coverage import cell_errors_mm
 from benchmarks.suites.honesty.judged import Judged
 from benchmarks.suites.honesty.maps import maps as judged_maps
 from rona_core.app.steps.maps.accuracy.map_accuracy import MapAccuracy, map_accuracy
 from rona_core.app.steps.maps.accuracy.map_draws import draw_maps
+from rona_core.evaluation.map_errors import cell_errors_mm
 from rona_core.evaluation.truth import Truth
 from rona_core.geometry.arrays import Bools, Floats
 from rona_core.mapping.boundary_map import Maps

@@ -26,6 +26,7 @@ from rona_core.app.runtime.store import Change, Store
 from rona_core.devices.live import Live
 from rona_core.devices.protocols import Cancel, Operator, Progress, Rig, never, silent
 from rona_core.errors import CancelledError, DeviceError, InvalidInputError
+from rona_core.mapping.comparison.map_errors import MapErrors
 from rona_core.session.codec import digest
 from rona_core.session.document import Session, Setup
 from rona_core.session.members import require_room_for_capture
@@ -48,6 +49,7 @@ class Services:
     compute: Compute = compute_here
     sweep: Sweep | None = None  # over virtual plates
     predict: Callable[[Session], Figures] = _no_figures  # where no ground truth exists
+    map_errors: Callable[[Session, Rig], MapErrors] | None = None  # None as with ``evaluate``
 
 
 def _keep_nothing(session: Session) -> None:
@@ -246,6 +248,18 @@ class Workbench:
         if held is None or not held[1].operator.in_hand():
             raise DeviceError("nobody pivots the pointer by hand: start the capture by hand first")
         return held[1].operator
+
+    def map_errors(self) -> MapErrors:
+        """Return the errors of the robot's maps against ground truth.
+
+        Raises:
+            DeviceError: the devices are real, so nobody knows the truth.
+            StepBlockedError: nothing was mapped.
+        """
+        judge = self._services.map_errors
+        if judge is None:
+            raise DeviceError("the true bone is known with virtual devices alone: give a reference")
+        return judge(self.session, self.rig())
 
     def figures(self) -> Figures:
         """Return the figures against ground truth; where there is none, only predicted ones."""

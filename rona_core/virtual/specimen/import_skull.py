@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import ArrayLike
 
+from rona_core.devices.files.triangle_file import MESH_SUFFIXES
 from rona_core.devices.protocols import Cancel, Progress, never, silent
 from rona_core.errors import CancelledError, InvalidInputError
 from rona_core.geometry.arrays import Vector3, as_vector3, readonly
@@ -27,7 +28,6 @@ from rona_core.virtual.specimen.imported.imported_skull import (
     LoadedSpecimen,
 )
 from rona_core.virtual.specimen.imported.mesh_reader import (
-    MESH_SUFFIXES,
     BoneMesh,
     inside,
     joined,

@@ -1,6 +1,5 @@
 """Reader of bone meshes: inside test and distance of closed triangle surfaces."""
 
-import io
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -11,12 +10,11 @@ from scipy.spatial import KDTree
 from trimesh.remesh import subdivide_to_size
 from trimesh.triangles import closest_point
 
-from rona_core.devices.files.reader_process import Found, read_apart
 from rona_core.devices.files.size_limits import open_file
+from rona_core.devices.files.triangle_file import read_triangles
 from rona_core.errors import InvalidInputError
 from rona_core.geometry.arrays import Bools, Floats, Ints
 
-MESH_SUFFIXES = (".stl", ".ply", ".obj")
 EXTENT_MM = (40.0, 600.0)  # of a skull
 FINE_MM = 1.5  # longest edge when nearest triangles are searched by their centres
 NEAREST = 10  # triangles tried for each point
@@ -47,10 +45,8 @@ def read_mesh(path: Path) -> BoneMesh:
     """
     kind = path.suffix[1:].upper()
     with open_file(path, f"a mesh ({kind})"):
-        found = read_apart(load_triangles, path, path.name, kind)
-    vertices, faces = np.asarray(found["vertices"]), np.asarray(found["faces"])
-    if not len(faces) or not np.isfinite(vertices).all():
-        raise InvalidInputError(f"{path.name} holds no triangles, or vertices that are not finite")
+        mesh = read_triangles(path, path.name)
+    vertices, faces = mesh.vertices, mesh.faces
     extent = vertices.max(axis=0) - vertices.min(axis=0)
     low, high = EXTENT_MM
     if extent.max() < low or extent.max() > high:
@@ -67,32 +63,6 @@ def read_mesh(path: Path) -> BoneMesh:
             f"odd number; close its holes, or export the mask as a volume instead"
         )
     return BoneMesh(vertices, faces)
-
-
-def load_triangles(path: Path, name: str) -> Found:
-    """Return vertices (n, 3) and faces (m, 3) of a file of any mesh.
-
-    Raises:
-        InvalidInputError: damaged or foreign.
-    """
-    kind = Path(name).suffix[1:].lower()
-    try:  # of bytes, without a folder: files that the mesh names (materials) are not looked for
-        data = io.BytesIO(path.read_bytes())
-        loaded: Any = trimesh.load(data, file_type=kind, force="mesh")
-        loaded.merge_vertices(merge_tex=True, merge_norm=True)
-        loaded.update_faces(loaded.nondegenerate_faces())
-        loaded.remove_unreferenced_vertices()
-        return {
-            "vertices": np.array(loaded.vertices, dtype=np.float64),
-            "faces": np.array(loaded.faces, dtype=np.int64),
-        }
-    except MemoryError:
-        raise
-    except Exception as error:  # the library throws whatever it likes at damaged files
-        words = str(error)[:160]
-        raise InvalidInputError(
-            f"{name} could not be read as {kind.upper()} ({words}): export it again"
-        ) from error
 
 
 def joined(outer: BoneMesh, inner: BoneMesh) -> BoneMesh:

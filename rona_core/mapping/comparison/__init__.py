@@ -1,0 +1,1 @@
+"""Maps beside a reference: another surface of the same bone, and how far they are apart."""
