@@ -1,4 +1,4 @@
-"""The command line: serve, demo, inspect, export, recover, calibrate, detect."""
+"""The command line: serve, demo, inspect, export, compare, recover, calibrate, detect."""
 
 import argparse
 import gc
@@ -70,6 +70,7 @@ def _parser() -> argparse.ArgumentParser:
     _add_demo(verbs)
     _add_inspect(verbs)
     _add_export(verbs)
+    _add_compare(verbs)
     _add_recover(verbs)
     _add_calibrate(verbs)
     _add_detect(verbs)
@@ -159,6 +160,18 @@ def _add_export(verbs: Any) -> None:
     verb.add_argument("out", type=Path, metavar="DIR", help="folder that they are written to")
     text = "only this one, e.g. bone.stl or maps.zip; may be repeated"
     verb.add_argument("--only", action="append", default=[], metavar="NAME", help=text)
+
+
+def _add_compare(verbs: Any) -> None:
+    text = "compare the maps of a session with a reference"
+    more = "Along the normal of the maps; positive where they lie outside, or have more bone."
+    verb = _verb(verbs, "compare", text, more)
+    verb.add_argument("file", type=Path, metavar="SESSION", help="session file (.rona)")
+    text = "mesh (STL, PLY, OBJ, mm; closed: both tables, open: the outer one) or session file"
+    verb.add_argument("reference", type=Path, metavar="REFERENCE", help=text)
+    text = "lay the reference under the outer map first (default: it is in base)"
+    verb.add_argument("--register", choices=("none", "surface"), default="none", help=text)
+    verb.add_argument("--json", action="store_true", help="print one JSON object")
 
 
 def _add_recover(verbs: Any) -> None:

@@ -18,6 +18,7 @@ VERMILLION: Rgb = (213, 94, 0)
 PURPLE: Rgb = (204, 121, 167)
 SKY: Rgb = (86, 180, 233)
 YELLOW: Rgb = (240, 228, 66)
+WHITE: Rgb = (245, 245, 245)
 CATEGORIES = (BLUE, ORANGE, GREEN, VERMILLION, PURPLE, SKY)
 
 # viridis at 20 even places (matplotlib's CC0 colour map, by its published values)
@@ -38,6 +39,19 @@ def viridis(shares: ArrayLike) -> NDArray[np.uint8]:
     s = np.clip(np.asarray(shares, dtype=np.float64), 0.0, 1.0)
     columns = [np.interp(s, _PLACES, channel) for channel in _VIRIDIS.T]
     return np.round(np.stack(columns, axis=-1)).astype(np.uint8)
+
+
+def diverging(shares: ArrayLike) -> NDArray[np.uint8]:
+    """Return colours (n, 3) from blue over white to vermillion for shares from 0 to 1."""
+    s = np.clip(np.asarray(shares, dtype=np.float64), 0.0, 1.0)
+    channels = np.array((BLUE, WHITE, VERMILLION), dtype=np.float64).T
+    columns = [np.interp(s, (0.0, 0.5, 1.0), channel) for channel in channels]
+    return np.round(np.stack(columns, axis=-1)).astype(np.uint8)
+
+
+def diverging_css() -> str:
+    """Return the same as a gradient from left to right."""
+    return f"linear-gradient(to right, {css(BLUE)}, {css(WHITE)}, {css(VERMILLION)})"
 
 
 def css(color: Rgb) -> str:

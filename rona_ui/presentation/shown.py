@@ -5,6 +5,7 @@ from typing import Any
 import numpy as np
 
 from rona_core.app.steps.maps.accuracy.map_accuracy import MapAccuracy, map_accuracy
+from rona_core.app.steps.maps.comparison import MapComparison
 from rona_core.app.steps.maps.view import SecondView
 from rona_core.app.steps.roll.margins_view import Quantity
 from rona_core.app.steps.roll.view import joints_of_roll
@@ -13,6 +14,7 @@ from rona_core.app.steps.setup.clearance import PairClearance, clearance_violati
 from rona_core.app.steps.smoothing.path_view import PathView, path_view, preview_path
 from rona_core.geometry.arrays import Floats
 from rona_core.mapping.boundary_map import Maps
+from rona_core.mapping.comparison.map_errors import MapErrors
 from rona_ui.presentation.snapshot import Snapshot
 from rona_ui.presentation.view_state import VolumeView
 
@@ -99,6 +101,24 @@ def shown_volume(snapshot: Snapshot) -> VolumeView | None:
 def map_sigma(snapshot: Snapshot) -> MapAccuracy | None:
     """Return the map accuracy if the maps are coloured by it (computing it takes a moment)."""
     return shown_map_accuracy(snapshot) if snapshot.view.quantity.startswith("sigma") else None
+
+
+def shown_comparison(snapshot: Snapshot) -> MapComparison | None:
+    """Return the robot's maps beside the reference that was chosen, else beside the truth.
+
+    None where there is none, or where it is one of other maps than those.
+    """
+    made = snapshot.session.results.maps
+    if made is None or shows_handheld_maps(snapshot):
+        return None
+    found = (snapshot.view.comparison, snapshot.truth)
+    return next((one for one in found if one is not None and one.maps is made.value), None)
+
+
+def map_errors(snapshot: Snapshot) -> MapErrors | None:
+    """Return the errors of the shown maps if they are coloured by them."""
+    found = shown_comparison(snapshot) if snapshot.view.quantity.startswith("error") else None
+    return None if found is None else found.errors
 
 
 CLEARANCE_STEPS = ("roll", "scan")  # steps that show the clearance of the drawn robot

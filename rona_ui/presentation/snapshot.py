@@ -8,6 +8,7 @@ from typing import Any
 from rona_core.app.dependencies.step_states import StepState
 from rona_core.app.runtime.jobs import JobStatus
 from rona_core.app.runtime.saving.autosave import CopyState
+from rona_core.app.steps.maps.comparison import MapComparison
 from rona_core.devices.live import LiveState
 from rona_core.geometry.pose import Pose
 from rona_core.session.document import Session
@@ -29,6 +30,7 @@ class Snapshot:
     static_scene: StaticScene | None = None
     T_base_pointermarker: Pose | None = None
     figures: dict[str, Any] = field(default_factory=dict)
+    truth: MapComparison | None = None  # the maps beside the true bone, where it is known
     saved: bool = False
     copy: CopyState = "none"  # of what is not saved
     files: tuple[Path, ...] = ()

@@ -3,6 +3,7 @@
 from dataclasses import dataclass
 from typing import Any, Literal
 
+from rona_core.app.steps.maps.comparison import MapComparison
 from rona_core.app.steps.maps.view import MapQuantity
 from rona_core.app.steps.roll.margins_view import Quantity
 
@@ -103,6 +104,7 @@ class ViewState:
     handheld: bool = False  # the scan by hand is looked at, where there are both
     handheld_cursor: float = 0.0  # 0 to 1 along the scan by hand
     joint: int = 0  # joint in the graph, 0 for all
+    comparison: MapComparison | None = None  # with a reference that somebody chose
     volume: VolumeView | None = None  # None: nothing is drawn of it
     second: bool = False  # replay, A-scans and image are those of the second pass
     dragged_boundary: tuple[int, float] | None = (

@@ -8,6 +8,7 @@ from dataclasses import dataclass, field, replace
 from typing import Any
 
 from rona_core.app.runtime.workbench import Workbench
+from rona_core.app.steps.maps.comparison import MapComparison, compare_with_truth
 from rona_core.errors import RonaError
 from rona_core.session.document import Session
 from rona_ui.presentation.static_scene import StaticScene, read_static_scene, static_scene_key
@@ -20,6 +21,7 @@ class BackgroundState:
     rig: Any = None
     static_scene: StaticScene | None = None
     figures: dict[str, Any] = field(default_factory=dict)
+    truth: MapComparison | None = None  # the maps beside the true bone
 
 
 class BackgroundFigures:
@@ -69,16 +71,24 @@ class BackgroundFigures:
     def _work(self, bench: Workbench, session: Session, busy: bool) -> None:
         key = session.id, *static_scene_key(session.setup)
         if key != self._key:
-            self._put(figures={})
+            self._put(figures={}, truth=None)
             rig = bench.rig()
             self._put(rig=rig, static_scene=read_static_scene(rig, session.setup))
             self._key = key
         judged = session.id, session.results, session.captures, session.setup
         if not busy and judged != self._judged:
-            self._put(figures=bench.figures())
+            self._put(figures=bench.figures(), truth=_beside_truth(bench))
             self._judged = judged
 
     def _put(self, **parts: Any) -> None:
         with self._ready:
             self._state = replace(self._state, **parts)
         self._wake()
+
+
+def _beside_truth(bench: Workbench) -> MapComparison | None:
+    """Return the maps beside the true bone; None without maps of now, or with real devices."""
+    try:
+        return compare_with_truth(bench.session, bench.map_errors())
+    except RonaError:
+        return None

@@ -10,9 +10,11 @@ import numpy as np
 
 from rona_core.app.runtime.saving.export_captures import export_recording
 from rona_core.app.runtime.session_registry import CURRENT, SessionRegistry
+from rona_core.app.steps.maps.comparison import compare_maps
 from rona_core.app.steps.maps.export import export_maps
 from rona_core.errors import InvalidInputError, NotFoundError
 from rona_core.geometry.arrays import Floats
+from rona_core.mapping.comparison.reference_bone import Registration
 from rona_ui.panels.layout.docks import Docks
 from rona_ui.panels.widgets.panel_context import PanelContext
 from rona_ui.presentation.camera import STEP_PRESETS, UP, camera_pose
@@ -26,6 +28,7 @@ from rona_ui.viewer.bindings import Bindings, Event, notify
 from rona_ui.viewer.fields import Fields
 
 NEAR_M, FAR_M = 0.01, 20.0
+COMPARE: dict[str, Registration] = {"compare-none": "none", "compare-surface": "surface"}
 
 
 class Browser:
@@ -203,6 +206,9 @@ class Browser:
         elif verb == "export":
             data = export_maps(self._hub.get().session, name)
             self.client.send_file_download(name, data, save_immediately=True)
+        elif verb in COMPARE and isinstance(data, bytes):
+            found = compare_maps(self._hub.get().session, data, name, COMPARE[verb])
+            self.change_view(lambda view: replace(view, comparison=found))
         elif verb == "upload" and isinstance(data, bytes):
             self._hub.files.store_upload(PurePath(name).name, data)
         else:

@@ -169,6 +169,7 @@ class Window:
             static_scene=facts.static_scene,
             T_base_pointermarker=pointer,
             figures=facts.figures,
+            truth=facts.truth,
             pivoting_by_hand=busy and bench.pointer_in_hand(),
             saved=self._hub.is_saved(session.id),
             copy=self._hub.copy_state(session.id),

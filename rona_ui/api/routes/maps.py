@@ -1,15 +1,27 @@
-"""Files of what step 9 made: the maps for other programs, the echo volume, and draws."""
+"""What step 9 made: files for other programs, the echo volume, a comparison, and draws."""
 
 import io
-from typing import Annotated, Any
+from dataclasses import dataclass
+from typing import Annotated, Any, Literal
 
 import numpy as np
-from fastapi import APIRouter, Path, Query, Response
+from fastapi import APIRouter, Path, Query, Request, Response
+from starlette.concurrency import run_in_threadpool
 
+from rona_core.app.runtime.saving.session_files import MAX_UPLOAD_BYTES
 from rona_core.app.steps.maps.accuracy.map_draws import MOST_DRAWS, draw_maps
+from rona_core.app.steps.maps.comparison import (
+    ErrorFigures,
+    MapComparison,
+    Registration,
+    compare_maps,
+    compare_with_truth,
+)
 from rona_core.app.steps.maps.export import NAMES, export_maps
 from rona_core.app.steps.maps.volume import volume_file
-from rona_ui.api.context import Bench
+from rona_core.errors import InvalidInputError
+from rona_ui.api.context import Bench, Sessions
+from rona_ui.api.file_body import RAW_BODY, FileName, spooled
 
 router = APIRouter(tags=["results"])
 
@@ -56,6 +68,97 @@ def get_volume(
 DrawCount = Annotated[int, Query(ge=1, le=MOST_DRAWS, description="how many maps")]
 Seed = Annotated[int, Query(ge=0, le=2**32 - 1, description="the same gives the same maps")]
 SameRobot = Annotated[bool, Query(description="the robot that scanned uses the map")]
+
+
+@dataclass(frozen=True, slots=True)
+class RegistrationInfo:
+    """How a reference came to `base`."""
+
+    T_base_reference: tuple[tuple[float, ...], ...]  # (4, 4)
+    points_rms_mm: float | None
+    surface_rms_mm: float | None
+    verdict: Literal["good", "weak", "bad"] | None  # of the registration by surface
+    reasons: tuple[str, ...]
+    sigmas_mm: tuple[float, ...]  # predicted error along each direction, worst first
+
+
+@dataclass(frozen=True, slots=True)
+class ComparisonInfo:
+    """Maps beside a reference; positive where the map lies outside, or has more bone."""
+
+    reference: str
+    figures: tuple[ErrorFigures, ...]
+    registration: RegistrationInfo | None
+
+
+@router.get("/sessions/{session_id}/maps/comparison")
+def get_comparison_with_truth(bench: Bench) -> ComparisonInfo:
+    """Compare the robot's maps with the true bone of virtual devices.
+
+    Refused while there are no maps, while they are stale, and with real devices.
+    """
+    return _info(compare_with_truth(bench.session, bench.map_errors()))
+
+
+Points = Annotated[str, Query(description="`x,y,z` in mm, points apart by `;`", max_length=10_000)]
+
+
+@router.post(
+    "/sessions/{session_id}/maps/comparison",
+    openapi_extra=RAW_BODY,
+    max_body_size=MAX_UPLOAD_BYTES,
+)
+async def compare_with_reference(
+    hub: Sessions,
+    bench: Bench,
+    request: Request,
+    name: FileName,
+    register: Registration = "none",
+    points_reference: Points = "",
+    points_base: Points = "",
+) -> ComparisonInfo:
+    """Compare the robot's maps with the reference that is the body; nothing of it is kept.
+
+    A mesh (STL, PLY, OBJ, mm; closed: both tables, open: the outer one) or a session file. With
+    `register` `points` or `both`, `points_reference` and `points_base` name three points or more.
+    """
+    pairs = None
+    if points_reference or points_base:
+        pairs = (_points(points_reference), _points(points_base))
+    async with spooled(request, hub.files.uploads) as body:
+        data = await run_in_threadpool(body.read_bytes)
+    found = await run_in_threadpool(compare_maps, bench.session, data, name, register, pairs)
+    return _info(found)
+
+
+def _points(text: str) -> list[list[float]]:
+    try:
+        points = [[float(x) for x in point.split(",")] for point in text.split(";")]
+    except ValueError:
+        points = []
+    if not points or any(len(point) != 3 for point in points):
+        raise InvalidInputError(f"expected points as x,y,z;x,y,z;… in mm, got {text[:60]!r}")
+    return points
+
+
+def _info(found: MapComparison) -> ComparisonInfo:
+    place = found.place
+    if place is None:
+        return ComparisonInfo(found.name, found.figures, None)
+    fit = place.surface
+    rows = tuple(tuple(float(x) for x in row) for row in place.T_base_reference.matrix())
+    return ComparisonInfo(
+        found.name,
+        found.figures,
+        RegistrationInfo(
+            rows,
+            place.points_rms_mm,
+            None if fit is None else fit.rms_mm,
+            None if fit is None else fit.verdict,
+            () if fit is None else fit.reasons,
+            () if fit is None else tuple(map(float, fit.sigmas_mm)),
+        ),
+    )
 
 
 @router.get("/sessions/{session_id}/maps/draws", response_class=Response, responses=_file("NPZ"))

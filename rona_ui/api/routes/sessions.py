@@ -1,15 +1,10 @@
 """Sessions: make, list, open, save, download, upload, show, close; and files of specimens."""
 
-import os
-from collections.abc import AsyncGenerator
-from contextlib import asynccontextmanager
 from dataclasses import asdict, dataclass
-from pathlib import Path
 from typing import Annotated, Any, ClassVar, Literal
 from urllib.parse import quote
 
-from fastapi import APIRouter, Query, Request, Response
-from fastapi.exceptions import RequestValidationError
+from fastapi import APIRouter, Request, Response
 from starlette.concurrency import run_in_threadpool
 
 from rona_core.app.runtime.saving.export_captures import export_recording
@@ -19,8 +14,9 @@ from rona_core.app.runtime.workbench import Workbench
 from rona_core.devices.settings import STRICT, require
 from rona_core.errors import NotFoundError
 from rona_core.session.document import require_seed
-from rona_core.session.files import SUFFIX, open_temporary, session_bytes
+from rona_core.session.files import SUFFIX, session_bytes
 from rona_ui.api.context import EXACT, PREFIX, Bench, SessionId, Sessions
+from rona_ui.api.file_body import RAW_BODY, FileName, spooled
 from rona_ui.api.json_response import plain
 from rona_ui.api.session_info import SessionInfo, found, info, infos
 from rona_ui.resources import demo_session
@@ -28,15 +24,8 @@ from rona_ui.resources import demo_session
 router = APIRouter(tags=["session"])
 files = APIRouter(tags=["files"])
 
-FileName = Annotated[str, Query(min_length=1, max_length=120, description="plain file name")]
 FILE: dict[int | str, dict[str, Any]] = {
     200: {"content": {"application/octet-stream": {}}, "description": "The file"}
-}
-RAW_BODY = {
-    "requestBody": {
-        "required": True,
-        "content": {"application/octet-stream": {"schema": {"type": "string", "format": "binary"}}},
-    }
 }
 
 
@@ -238,36 +227,3 @@ async def upload_specimen(
         size_bytes = body.stat().st_size
         path = await run_in_threadpool(hub.files.keep_upload, name, body)
     return Uploaded(path.name, size_bytes)
-
-
-AT_ONCE = 1 << 20  # bytes that are written together
-
-
-@asynccontextmanager
-async def spooled(request: Request, folder: Path) -> AsyncGenerator[Path]:
-    """Give a file in ``folder`` that holds the body; unless it was moved away, it goes afterwards.
-
-    A body that is cut off or too large for its route leaves nothing behind.
-
-    Raises:
-        RequestValidationError: there is no body.
-    """
-    folder.mkdir(parents=True, exist_ok=True)
-    handle, path = open_temporary(folder / "upload")
-    try:
-        with os.fdopen(handle, "wb") as file:
-            held: list[bytes] = []
-            async for part in request.stream():
-                held.append(part)
-                if sum(map(len, held)) >= AT_ONCE:
-                    await run_in_threadpool(file.writelines, held)
-                    held = []
-            file.writelines(held)
-            file.flush()
-            await run_in_threadpool(os.fsync, file.fileno())
-            if not file.tell():
-                text = "expected the file as the body"
-                raise RequestValidationError([{"loc": ("body",), "msg": text, "type": "missing"}])
-            yield path  # while it is still locked: nobody takes it for one that was left behind
-    finally:
-        path.unlink(missing_ok=True)

@@ -7,7 +7,6 @@ from rona_core.app.steps.maps.export import NAMES
 from rona_ui.panels.widgets import style
 from rona_ui.panels.widgets.panel_context import PanelContext, on_click
 from rona_ui.presentation.snapshot import Snapshot, changed
-from rona_ui.viewer.bindings import escape
 
 EXPLANATION = (
     "Meshes (.ply, .stl, .vtp with σ at every corner), images (.nrrd, .seg.nrrd), markups and a "
@@ -35,5 +34,5 @@ class ExportFolder:
         reason = stale_reason("maps", new.session)
         self._button.disabled = reason is not None
         self._words.content = (
-            "" if reason is None else style.note(escape(f"Not exported: {reason}."), "warn")
+            "" if reason is None else style.note(f"Not exported: {reason}.", "warn")
         )

@@ -15,6 +15,7 @@ from rona_core.app.steps.maps.view import (
 )
 from rona_ui.panels.acoustics import SpeedFields
 from rona_ui.panels.handheld import HandheldControls
+from rona_ui.panels.maps.comparison import ComparisonFolder
 from rona_ui.panels.maps.export import ExportFolder
 from rona_ui.panels.maps.second_pass import SecondFolder
 from rona_ui.panels.maps.volume import VolumeFolder
@@ -22,7 +23,9 @@ from rona_ui.panels.setup.probe import advice_note
 from rona_ui.panels.widgets import style
 from rona_ui.panels.widgets.panel_context import PanelContext, on_change
 from rona_ui.panels.widgets.step_panel import StepPanel
+from rona_ui.presentation.colors import diverging_css
 from rona_ui.presentation.shown import (
+    map_errors,
     map_sigma,
     shown_map_accuracy,
     shown_maps,
@@ -44,6 +47,8 @@ QUANTITIES = {
     "… its part of each place": "sigma_own",
     "… its part common to all": "sigma_common",
     "Expected thickness error": "sigma_thickness",
+    "Boundary error to the reference": "error",
+    "Thickness error to the reference": "error_thickness",
 }
 TITLES = {
     "thickness": "Bone thickness",
@@ -52,6 +57,8 @@ TITLES = {
     "sigma_own": "Expected error of each place, 1 σ",
     "sigma_common": "Expected error common to all, 1 σ",
     "sigma_thickness": "Expected thickness error, 1 σ",
+    "error": "Boundary error (+ too far out)",
+    "error_thickness": "Thickness error (+ too thick)",
 }
 SHOWN = {
     "Inner boundary": ("inner",),
@@ -78,6 +85,7 @@ class MapsPanel(StepPanel):
             self._second = SecondFolder(gui, context, self.message)
             self._sono = HandheldControls(gui, context)
             self._volume = VolumeFolder(gui, context)
+            self._comparison = ComparisonFolder(gui, context)
             self._export = ExportFolder(gui, context)
 
     def build(self) -> None:
@@ -128,12 +136,15 @@ class MapsPanel(StepPanel):
             field.visible = maps is not None
         if maps is None:
             self._bar.content = ""
-        elif changed(old, new, "session.results", "static_scene", "view"):
-            self._bar.content = color_bar(layers_of(maps, new.view.quantity, map_sigma(new)))
+        elif changed(old, new, "session.results", "static_scene", "view", "truth"):
+            self._bar.content = color_bar(
+                layers_of(maps, new.view.quantity, map_sigma(new), map_errors(new))
+            )
         if changed(old, new, "session", "figures", "view"):
             self._budget.content = budget_table(new)
         self._second.render(old, new)
         self._volume.render(old, new)
+        self._comparison.render(old, new)
         self._export.render(old, new)
 
     def remarks(self, snapshot: Snapshot) -> str:
@@ -175,13 +186,15 @@ def budget_table(snapshot: Snapshot) -> str:
         html += style.table(("", "n", "n"), (budget.name, "σ (mm)", "true"), rows)
         if budget.remedy:
             words = f"Largest: {budget.largest}. To lower it: {budget.remedy}."
-            html += style.text(escape(words))
+            html += style.text(words)
     return html
 
 
 def color_bar(layers: MapLayers) -> str:
     """Return the colour bar with its limits in mm."""
-    title, places = TITLES[layers.quantity], 2 if layers.quantity.startswith("sigma") else 1
+    of_error = layers.quantity.startswith("error")
+    fine = of_error or layers.quantity.startswith("sigma")
+    title, places = TITLES[layers.quantity], 2 if fine else 1
     low, high = layers.low_mm, layers.high_mm
     values = np.concatenate([layers.part(name).values_mm for name in sorted(MAP_NAMES)])
     below, above = ("≤ " if (values < low).any() else ""), ("≥ " if (values > high).any() else "")
@@ -190,4 +203,7 @@ def color_bar(layers: MapLayers) -> str:
         f"{(low + high) / 2:.{places}f}",
         f"{above}{high:.{places}f}",
     )
-    return style.color_bar(f"{title} (mm)", *ticks)
+    if not len(values):
+        return style.text("Nothing is known of it here.")
+    gradient = diverging_css() if of_error else None
+    return style.color_bar(f"{title} (mm)", *ticks, gradient=gradient)

@@ -11,7 +11,6 @@ from rona_ui.presentation.colors import ORANGE, SKY, css
 from rona_ui.presentation.shown import shown_volume, shows_handheld_maps
 from rona_ui.presentation.snapshot import Snapshot, changed
 from rona_ui.presentation.view_state import VolumeView
-from rona_ui.viewer.bindings import escape
 
 EXPLANATION = (
     "Echo amplitudes of all A-scans as one volume in the frame of the maps, in dB over the front "
@@ -86,7 +85,7 @@ def _words(snapshot: Snapshot, shown: VolumeView) -> str:
     try:
         found = volume_agreement(snapshot.session)
     except RonaError as error:
-        return style.note(escape(f"{error}."), "warn")
+        return style.note(f"{error}.", "warn")
     html = style.key(KEY) if shown.surface else ""
     if found is None:
         return html + style.note("No ridge of the inner boundary stands out of the noise.", "warn")

@@ -77,11 +77,11 @@ def _row(cell: str, classes: Sequence[str], contents: Sequence[str]) -> str:
     return f"<tr>{''.join(cells)}</tr>"
 
 
-def color_bar(title: str, *ticks: str) -> str:
-    """Return the colour bar of viridis with a title above it and ticks below."""
+def color_bar(title: str, *ticks: str, gradient: str | None = None) -> str:
+    """Return a colour bar, that of viridis if not said, with a title above and ticks below."""
     marks = "".join(f"<span>{tick}</span>" for tick in ticks)
     return (
         f'<div class="r-text" style="padding-bottom:2px">{title}</div>'
-        f'<div class="r-bar" style="background:{viridis_css()}"></div>'
+        f'<div class="r-bar" style="background:{gradient or viridis_css()}"></div>'
         f'<div class="r-ticks">{marks}</div>'
     )

@@ -8,8 +8,19 @@ from rona_core.app.steps.boundaries.handlers import DETECTIONS, capture_of, dete
 from rona_core.app.steps.handheld.derivation import hand_poses
 from rona_core.app.steps.maps.view import SecondView, layers_of, second_cells, second_view
 from rona_core.geometry.arrays import Floats
-from rona_ui.presentation.colors import GREEN, ORANGE, PURPLE, SKY, VERMILLION, YELLOW, Rgb, viridis
+from rona_ui.presentation.colors import (
+    GREEN,
+    ORANGE,
+    PURPLE,
+    SKY,
+    VERMILLION,
+    YELLOW,
+    Rgb,
+    diverging,
+    viridis,
+)
 from rona_ui.presentation.shown import (
+    map_errors,
     map_sigma,
     shown_maps,
     shown_maps_key,
@@ -55,7 +66,7 @@ class MapLayer(OfMaps):
         if maps is None:
             self.nodes.remove(self._node)
             return
-        shown = layers_of(maps, new.view.quantity, map_sigma(new))
+        shown = layers_of(maps, new.view.quantity, map_sigma(new), map_errors(new))
         part = shown.part(self.layer)
         points, share = part.points_base, part.values_mm - shown.low_mm
         share = share / (shown.high_mm - shown.low_mm)
@@ -63,13 +74,14 @@ class MapLayer(OfMaps):
         if plane is not None:
             kept = plane.heights_mm(points) < 0.0
             points, share = points[kept], share[kept]
-        self.nodes.cloud(self._node, points, viridis(share), size_mm=part.cell_mm)
+        colors = diverging if new.view.quantity.startswith("error") else viridis
+        self.nodes.cloud(self._node, points, colors(share), size_mm=part.cell_mm)
 
 
 def _map_key(snapshot: Snapshot) -> tuple[object, ...]:
     """Return what tells one drawing of a map from another."""
     cut = cut_key(snapshot) if snapshot.view.cut_maps else None
-    return shown_maps_key(snapshot), snapshot.view.quantity, cut
+    return shown_maps_key(snapshot), snapshot.view.quantity, id(map_errors(snapshot)), cut
 
 
 class ScanLayer(Layer):
@@ -203,6 +215,7 @@ class SecondLayer(OfMaps):
         for node in (PATH, *shaded(AXES)):
             self.nodes.show(node, self.shown(new) and shows_second_path(new))
         mapped = new.view.shows("inner") and not shows_handheld_maps(new)
+        mapped = mapped and not new.view.quantity.startswith("error")  # white is no error there
         self.nodes.show(CELLS, self.shown(new) and mapped)
 
     def _draw_path(self, view: SecondView | None) -> None:

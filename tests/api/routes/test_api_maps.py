@@ -5,8 +5,10 @@ import io
 import nrrd
 import numpy as np
 import pytest
+import trimesh
 
 from rona_core.app.steps.maps.accuracy.map_draws import draw_maps
+from rona_core.app.steps.maps.comparison import compare_maps
 from rona_core.app.steps.maps.export import export_maps
 from rona_core.app.steps.maps.volume import echo_volume
 
@@ -91,3 +93,35 @@ def test_an_exported_file_is_the_one_that_a_script_gets(web, client, demo, at):
     assert "maps.zip, outer.ply" in answer.json()["detail"]
     answer = at("GET", "/export/maps.csv")
     assert (answer.status_code, answer.json()["code"]) == (409, "step_blocked")
+
+
+def test_maps_are_compared_with_the_true_bone_and_with_a_file(web, client, demo, at):
+    path = f"/sessions/{demo}/maps/comparison"
+    told = client.get(path).json()
+    assert (told["reference"], told["registration"]) == ("true bone", None)
+    rows = {row["name"]: row for row in told["figures"]}
+    assert 0.0 < rows["outer"]["rms_mm"] < 0.5
+    mesh = export_maps(web.hub.get(demo).session, "bone.ply")
+    answer = client.post(path, params={"name": "bone.ply", "register": "surface"}, content=mesh)
+    assert answer.status_code == 200, answer.text
+    told = answer.json()
+    wanted = compare_maps(web.hub.get(demo).session, mesh, "bone.ply", "surface")
+    assert told["figures"][0]["rms_mm"] == pytest.approx(wanted.figures[0].rms_mm, abs=1e-9)
+    np.testing.assert_allclose(told["registration"]["T_base_reference"], np.eye(4), atol=0.1)
+    assert at("GET", "/maps/comparison").json()["code"] == "step_blocked"
+
+
+@pytest.mark.parametrize(
+    ("wanted", "words"),
+    [
+        ({"name": "bone.gif"}, "expected one of"),
+        ({"name": "bone.ply", "register": "points"}, "points in both frames"),
+        ({"name": "bone.ply", "register": "points", "points_base": "1,2"}, "x,y,z"),
+        ({"name": "bone.ply", "register": "magic"}, "surface"),
+    ],
+)
+def test_a_comparison_that_cannot_be_is_refused_by_name(client, demo, wanted, words):
+    ball = trimesh.creation.icosphere(subdivisions=1, radius=50.0).export(file_type="ply")
+    answer = client.post(f"/sessions/{demo}/maps/comparison", params=wanted, content=ball)
+    assert answer.status_code == 422
+    assert words in answer.text

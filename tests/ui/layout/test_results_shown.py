@@ -12,14 +12,17 @@ import pytest
 from rona_core.app.dependencies.step_states import step_states
 from rona_core.app.runtime.jobs import JobStatus
 from rona_core.app.steps.maps.accuracy.map_accuracy import accuracy_words, map_accuracy
+from rona_core.app.steps.maps.comparison import MapComparison
 from rona_core.app.steps.maps.view import layers_of
 from rona_core.devices.live import LiveState
+from rona_core.mapping.comparison.map_errors import MapErrors
 from rona_core.robot.kinematics.catalog import robot_model
 from rona_core.session.document import Session
 from rona_core.session.files import load_session
 from rona_ui.panels.layout.quality import QualityPanel
 from rona_ui.panels.maps.maps import MapsPanel, color_bar
 from rona_ui.panels.widgets.panel_context import PanelContext
+from rona_ui.presentation.colors import BLUE, VERMILLION
 from rona_ui.presentation.shown import shown_joints, shows_roll_preview
 from rona_ui.presentation.snapshot import Snapshot
 from rona_ui.presentation.view_state import ViewState
@@ -145,6 +148,29 @@ def test_maps_are_drawn_in_the_colours_of_their_expected_error(demo: Session) ->
     assert after.shape == before.shape  # the same cells
     assert (after != before).any()
     assert len(np.unique(after, axis=0)) > 20  # not one colour for all
+
+
+def test_maps_are_drawn_in_the_colours_of_their_errors_where_a_reference_is_there(
+    demo: Session,
+) -> None:
+    drawn: dict[str, np.ndarray] = {}
+    nodes: Any = SimpleNamespace(
+        cloud=lambda name, points, colors, **_: drawn.__setitem__(name, np.asarray(colors)),
+        show=lambda *_: None,
+        remove=lambda *_: None,
+    )
+    maps = demo.results.maps
+    assert maps is not None
+    errors = np.where(np.arange(maps.value.inner.ok.shape[1]) % 2, 0.3, -0.3)
+    errors = np.broadcast_to(errors, maps.value.inner.ok.shape)
+    found = MapComparison("bone.ply", maps.value, MapErrors({"inner": errors.copy()}), ())
+    view = ViewState(step="maps", quantity="error", comparison=found)
+    layer = MapLayer(nodes, "inner")
+    layer.render(None, snapshot(demo, view))
+    assert {tuple(color) for color in drawn["/maps/inner"]} == {BLUE, VERMILLION}
+    other = replace(found, maps=replace(maps.value))  # of maps that were made anew since
+    layer.render(None, snapshot(demo, replace(view, comparison=other)))
+    assert len(drawn["/maps/inner"]) == 0
 
 
 def test_a_stale_result_is_told_but_not_praised(demo: Session) -> None:

@@ -12,11 +12,19 @@ from rona_core.app.steps.maps.derivation import usable_second
 from rona_core.app.steps.roll.plan_reasons import why_no_plan
 from rona_core.geometry.arrays import Bools, Floats, readonly
 from rona_core.mapping.boundary_map import BoundaryMap, Maps
+from rona_core.mapping.comparison.map_errors import MapErrors
 from rona_core.mapping.map_grid import NEAR_MM
 from rona_core.session.document import Session
 
 MapQuantity = Literal[
-    "thickness", "height", "sigma", "sigma_own", "sigma_common", "sigma_thickness"
+    "thickness",
+    "height",
+    "sigma",
+    "sigma_own",
+    "sigma_common",
+    "sigma_thickness",
+    "error",
+    "error_thickness",
 ]
 MAPS = ("outer", "inner", "fused")
 ROUND_MM, ROUND_SIGMA_MM = 0.5, 0.05  # limits of a scale are multiples
@@ -48,20 +56,30 @@ class MapLayers:
 
 
 def layers_of(
-    maps: Maps, quantity: MapQuantity = "thickness", accuracy: MapAccuracy | None = None
+    maps: Maps,
+    quantity: MapQuantity = "thickness",
+    accuracy: MapAccuracy | None = None,
+    errors: MapErrors | None = None,
 ) -> MapLayers:
-    """Return maps coloured by bone thickness, height over their plane, or a standard deviation.
+    """Return maps coloured by bone thickness, height over their plane, deviation or error.
 
-    That of a boundary (all of it, what each cell has for itself, what all cells have in common) or
-    of the thickness needs how sure the maps are; no cell is shown where nobody knows.
+    A standard deviation of a boundary (all of it, what each cell has for itself, what all cells
+    have in common) or of the thickness needs how sure the maps are, an error those against a
+    reference, and its scale has 0 in its middle. No cell is shown where nobody knows.
     """
     of_sigma = quantity.startswith("sigma")
-    if of_sigma:
+    if quantity.startswith("error"):
+        values_of = [_errors(maps, name, quantity, errors) for name in MAPS]
+    elif of_sigma:
         values_of = [_sigma(maps, name, quantity, accuracy) for name in MAPS]
     else:
         values_of = [_values(maps, name, quantity) for name in MAPS]
     parts = [_part(getattr(maps, n), value) for n, value in zip(MAPS, values_of, strict=True)]
     values = np.concatenate([part.values_mm for part in parts])
+    if quantity.startswith("error"):
+        most = float(np.percentile(np.abs(values), 98.0)) if values.size else 1.0
+        most_mm = max(1.0, np.ceil(most / ROUND_SIGMA_MM)) * ROUND_SIGMA_MM
+        return MapLayers(parts[0], parts[1], parts[2], quantity, -most_mm, most_mm)
     step = ROUND_SIGMA_MM if of_sigma else ROUND_MM
     low, high = (0.0, 1.0) if not values.size else np.percentile(values, (2.0, 98.0))
     low_mm = float(np.floor(low / step) * step)
@@ -96,6 +114,18 @@ def _sigma(
         "sigma_own": stated.whole_own_mm,
         "sigma_common": stated.whole_shared_mm,
     }[quantity]()
+    return values, own.ok & np.isfinite(values)
+
+
+def _errors(
+    maps: Maps, name: str, quantity: MapQuantity, errors: MapErrors | None
+) -> tuple[Floats, np.ndarray]:
+    """Return the errors over the grid of a map and the mask of what is known."""
+    own: BoundaryMap = getattr(maps, name)
+    key = "thickness" if quantity == "error_thickness" else name
+    values = None if errors is None else errors.errors_mm.get(key)
+    if values is None or values.shape != own.ok.shape:
+        return own.height_mm, np.zeros_like(own.ok)
     return values, own.ok & np.isfinite(values)
 
 

@@ -1,0 +1,52 @@
+"""Files that come as the body of a request."""
+
+import os
+from collections.abc import AsyncGenerator
+from contextlib import asynccontextmanager
+from pathlib import Path
+from typing import Annotated
+
+from fastapi import Query, Request
+from fastapi.exceptions import RequestValidationError
+from starlette.concurrency import run_in_threadpool
+
+from rona_core.session.files import open_temporary
+
+FileName = Annotated[str, Query(min_length=1, max_length=120, description="plain file name")]
+RAW_BODY = {
+    "requestBody": {
+        "required": True,
+        "content": {"application/octet-stream": {"schema": {"type": "string", "format": "binary"}}},
+    }
+}
+AT_ONCE = 1 << 20  # bytes that are written together
+
+
+@asynccontextmanager
+async def spooled(request: Request, folder: Path) -> AsyncGenerator[Path]:
+    """Give a file in ``folder`` that holds the body; unless it was moved away, it goes afterwards.
+
+    A body that is cut off or too large for its route leaves nothing behind.
+
+    Raises:
+        RequestValidationError: there is no body.
+    """
+    folder.mkdir(parents=True, exist_ok=True)
+    handle, path = open_temporary(folder / "upload")
+    try:
+        with os.fdopen(handle, "wb") as file:
+            held: list[bytes] = []
+            async for part in request.stream():
+                held.append(part)
+                if sum(map(len, held)) >= AT_ONCE:
+                    await run_in_threadpool(file.writelines, held)
+                    held = []
+            file.writelines(held)
+            file.flush()
+            await run_in_threadpool(os.fsync, file.fileno())
+            if not file.tell():
+                text = "expected the file as the body"
+                raise RequestValidationError([{"loc": ("body",), "msg": text, "type": "missing"}])
+            yield path  # while it is still locked: nobody takes it for one that was left behind
+    finally:
+        path.unlink(missing_ok=True)
