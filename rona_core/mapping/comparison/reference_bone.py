@@ -58,7 +58,7 @@ def bone_of_mesh(mesh: Mesh) -> ReferenceBone:
 class ReferencePlace:
     """Where a reference lies, and what its registration left over."""
 
-    T_base_reference: Pose
+    T_base_mesh: Pose
     points_rms_mm: float | None = None  # of named points
     surface: SurfaceRegistration | None = None
 
@@ -101,9 +101,9 @@ def _register_outer(mesh: Mesh, maps: Maps, start: Pose) -> SurfaceRegistration:
     """Register the outer map to the outer table of a mesh; ``T_b_a`` is of base in its frame."""
     cells = maps.outer.points_base()
     points = cells[:: max(1, len(cells) // MOST_POINTS)]
-    T_reference_base = start.inv()
-    centres, normals = _centres(mesh, T_reference_base @ points)
-    out = T_reference_base.rotate(maps.outer.T_base_map.rotation[:, 2][None])[0]
+    T_mesh_base = start.inv()
+    centres, normals = _centres(mesh, T_mesh_base @ points)
+    out = T_mesh_base.rotate(maps.outer.T_base_map.rotation[:, 2][None])[0]
     facing = normals @ out
     if not bone_of_mesh(mesh).inner:  # an open sheet may be wound either way
         normals, facing = normals * np.sign(facing)[:, None], np.abs(facing)
@@ -114,7 +114,7 @@ def _register_outer(mesh: Mesh, maps: Maps, start: Pose) -> SurfaceRegistration:
             "does: expected the same bone in nearly the same place; register by points first"
         )
     surface = point_surface(centres[outward], normals[outward])
-    return register_surface(points, surface, start=T_reference_base)
+    return register_surface(points, surface, start=T_mesh_base)
 
 
 def _centres(mesh: Mesh, about: Floats) -> tuple[Floats, Floats]:

@@ -74,7 +74,7 @@ SameRobot = Annotated[bool, Query(description="the robot that scanned uses the m
 class RegistrationInfo:
     """How a reference came to `base`."""
 
-    T_base_reference: tuple[tuple[float, ...], ...]  # (4, 4)
+    T_base_mesh: tuple[tuple[float, ...], ...]  # (4, 4)
     points_rms_mm: float | None
     surface_rms_mm: float | None
     verdict: Literal["good", "weak", "bad"] | None  # of the registration by surface
@@ -146,7 +146,7 @@ def _info(found: MapComparison) -> ComparisonInfo:
     if place is None:
         return ComparisonInfo(found.name, found.figures, None)
     fit = place.surface
-    rows = tuple(tuple(float(x) for x in row) for row in place.T_base_reference.matrix())
+    rows = tuple(tuple(float(x) for x in row) for row in place.T_base_mesh.matrix())
     return ComparisonInfo(
         found.name,
         found.figures,

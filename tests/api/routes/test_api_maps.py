@@ -107,7 +107,7 @@ def test_maps_are_compared_with_the_true_bone_and_with_a_file(web, client, demo,
     told = answer.json()
     wanted = compare_maps(web.hub.get(demo).session, mesh, "bone.ply", "surface")
     assert told["figures"][0]["rms_mm"] == pytest.approx(wanted.figures[0].rms_mm, abs=1e-9)
-    np.testing.assert_allclose(told["registration"]["T_base_reference"], np.eye(4), atol=0.1)
+    np.testing.assert_allclose(told["registration"]["T_base_mesh"], np.eye(4), atol=0.1)
     assert at("GET", "/maps/comparison").json()["code"] == "step_blocked"
 
 

@@ -77,7 +77,7 @@ def compare_maps(
     maps = _maps(session, "this session")
     bone = _read_bone(data, name)
     place = place_reference(bone, maps, how, pairs)
-    errors = compare_with_bone(maps, bone.moved(place.T_base_reference))
+    errors = compare_with_bone(maps, bone.moved(place.T_base_mesh))
     return MapComparison(name, maps, errors, figures_of(maps, errors, _stated_mm(session)), place)
 
 

@@ -142,7 +142,7 @@ def test_a_reference_in_another_frame_is_laid_under_the_map(how):
     place = place_reference(there, maps, how, None if how == "surface" else pairs)
     assert (place.points_rms_mm is None) == (how == "surface")
     assert (place.surface is None) == (how == "points")
-    (outer_row, *_) = figures_of(maps, compare_with_bone(maps, there.moved(place.T_base_reference)))
+    (outer_row, *_) = figures_of(maps, compare_with_bone(maps, there.moved(place.T_base_mesh)))
     assert outer_row.rms_mm < 0.02
     assert outer_row.coverage > 0.9
 
