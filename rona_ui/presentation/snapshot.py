@@ -8,6 +8,7 @@ from typing import Any
 from rona_core.app.dependencies.step_states import StepState
 from rona_core.app.runtime.jobs import JobStatus
 from rona_core.app.runtime.saving.autosave import CopyState
+from rona_core.app.steps.maps.growing_map import GrowingMap
 from rona_core.devices.live import LiveState
 from rona_core.geometry.pose import Pose
 from rona_core.session.document import Session
@@ -28,6 +29,7 @@ class Snapshot:
     job: JobStatus | None = None
     static_scene: StaticScene | None = None
     T_base_pointermarker: Pose | None = None
+    growing: GrowingMap | None = None  # outer map of the newest scan, as far as it has come
     figures: dict[str, Any] = field(default_factory=dict)
     saved: bool = False
     copy: CopyState = "none"  # of what is not saved
