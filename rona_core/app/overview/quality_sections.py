@@ -9,7 +9,7 @@ MAPS = "outer inner thickness fused coverage detection unfl flagged scan_thick s
 SECTIONS = (  # title, what the keys begin with, steps that the figures come from
     ("Calibration", "tool_tip tracker_reg pointer_tip", ("tool", "pointer")),
     ("Surface and path", "surface skull_reg path normal", ("surface", "path", "smoothing")),
-    ("Robot and scan", "roll scan_p scan_d min_ contact second", ("roll", "scan")),
+    ("Robot and scan", "roll scan_p scan_d min_ contact head second", ("roll", "scan")),
     ("Maps", MAPS, ("maps",)),
     ("Handheld scan", "sono", ()),
 )

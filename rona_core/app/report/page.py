@@ -4,7 +4,10 @@ import html
 from collections.abc import Iterable, Sequence
 
 # the page may draw itself and nothing else: no script, no network
-POLICY = "default-src 'none'; style-src 'unsafe-inline'; img-src data:; base-uri 'none'"
+POLICY = (
+    "default-src 'none'; style-src 'unsafe-inline'; img-src data:; base-uri 'none'; "
+    "form-action 'none'"
+)
 VERDICTS = {  # text and icon, not colour alone
     "pass": "✔ pass", "review": "▲ review", "fail": "✖ fail", "none": "",
     "done": "✔ done", "partial": "◐ partial", "stale": "! stale", "ready": "not done",
@@ -42,6 +45,7 @@ vertical-align:bottom}
 th,td{padding:4px 12px 4px 0}
 td{border-bottom:1px solid var(--line);vertical-align:top;overflow-wrap:anywhere}
 tr{break-inside:avoid}
+tbody tr:nth-child(-n+2){break-after:avoid}tbody tr:nth-last-child(-n+2){break-before:avoid}
 .n{text-align:right;white-space:nowrap}
 th.n{width:112px}th.n.own,.halves th.n{width:auto}
 .name{white-space:nowrap}
@@ -63,8 +67,8 @@ svg .frame{fill:none;stroke:var(--soft);stroke-width:.8}
 svg .tick{stroke:var(--line);stroke-width:.8}
 svg .title{fill:var(--ink);font-size:12.5px;font-weight:600}
 code{font:12px ui-monospace,SFMono-Regular,Menlo,Consolas,monospace}
-footer{margin-top:30px;border-top:1px solid var(--line);padding-top:8px;color:var(--soft);
-font-size:12px}
+footer{margin-top:18px;break-before:avoid;border-top:1px solid var(--line);padding-top:8px;
+color:var(--soft);font-size:12px}
 @media (max-width:720px){body{padding:16px}.tiles{grid-template-columns:1fr 1fr}
 .maps,.two,.halves{grid-template-columns:1fr}dl{grid-template-columns:max-content 1fr}}
 @page{size:A4;margin:14mm 13mm}

@@ -17,7 +17,7 @@ from rona_core.app.report.map_sections import (
     map_tiles,
     maps_section,
 )
-from rona_core.app.report.page import Html, facts, joined, note, tag, tile, whole_page
+from rona_core.app.report.page import Html, facts, joined, note, table, tag, tile, whole_page
 from rona_core.app.report.sections import (
     calibration_section,
     certified,
@@ -25,6 +25,7 @@ from rona_core.app.report.sections import (
     procedure_section,
     quality_section,
 )
+from rona_core.app.runtime.workbench import Workbench
 from rona_core.session.codec import digest
 from rona_core.session.document import Session
 from rona_core.session.migrate import SCHEMA
@@ -32,6 +33,12 @@ from rona_core.session.specimen import LoadedSkull
 
 VIRTUAL = "VIRTUAL"
 NOT_MEDICAL = "Research software, not a medical device."
+
+
+def workbench_report(bench: Workbench) -> str:
+    """Return the report of an open session, with its figures as they are now."""
+    session = bench.session
+    return session_report(session, bench.figures(), bench.rig().origin)
 
 
 def session_report(session: Session, figures: Mapping[str, Any], origin: str | None) -> str:
@@ -146,6 +153,5 @@ def _provenance(session: Session) -> Html:
         ("Revision", f"{len(session.log)} messages"),
         ("Recordings", len(session.archive)),
     ]
-    shown = [tag("p", f"{name}: ", tag("code", value), css="soft") for name, value in digests]
-    title = tag("h2", "Provenance")
-    return joined((title, facts(pairs), tag("h3", "Digests (SHA-256)"), *shown))
+    shown = table(("Part", "SHA-256"), [(name, tag("code", value)) for name, value in digests])
+    return joined((tag("h2", "Provenance"), facts(pairs), shown))

@@ -100,7 +100,7 @@ def calibration_section(session: Session) -> Html:
     return joined((*parts, tag("h3", "Transforms"), table(names, frames, _FRAMES)))
 
 
-_FRAMES = ("name", "", "n own", "n own", "n own", "n own", "v")
+_FRAMES = ("name", "name", "n own", "n own", "n own", "n own", "v")
 
 
 def _calibration(session: Session, step: Step, title: str) -> Html:
