@@ -51,10 +51,11 @@ def map_facts(session: Session) -> MapFacts | None:
     )
 
 
-def map_tiles(found: MapFacts | None) -> tuple[Html, ...]:
+def map_tiles(session: Session, found: MapFacts | None) -> tuple[Html, ...]:
     """Return thickness and area in large letters."""
     if found is None:
-        return (tile("Bone thickness", "–", "no map"), tile("Mapped area", "–", "no map"))
+        why = "no map" if session.results.maps is None else "stale, left out"
+        return (tile("Bone thickness", "–", why), tile("Mapped area", "–", why))
     thick = tile("Bone thickness, median", "–", "no inner boundary")
     if len(found.thickness_mm):
         low, middle, high = np.percentile(found.thickness_mm, (10.0, 50.0, 90.0))

@@ -9,7 +9,7 @@ from typing import Any
 
 from rona_core import __version__
 from rona_core.app.dependencies.staleness import stale_reason
-from rona_core.app.dependencies.step_states import step_states
+from rona_core.app.dependencies.step_states import State, StepState, step_states
 from rona_core.app.overview.acceptance import QualityRow, quality_rows
 from rona_core.app.report.map_sections import (
     accuracy_section,
@@ -32,6 +32,11 @@ from rona_core.session.migrate import SCHEMA
 from rona_core.session.specimen import LoadedSkull
 
 VIRTUAL = "VIRTUAL"
+WARNINGS: tuple[tuple[str, tuple[State, ...]], ...] = (
+    ("Not done", ("ready", "blocked")),
+    ("Stopped early", ("partial",)),
+    ("Stale, and left out", ("stale",)),
+)
 NOT_MEDICAL = "Research software, not a medical device."
 
 
@@ -52,19 +57,18 @@ def session_report(session: Session, figures: Mapping[str, Any], origin: str | N
     """
     rows, states = quality_rows(figures, session), step_states(session)
     found, with_truth = map_facts(session), origin == VIRTUAL
-    words = [f"{step.number} {step.title}" for step in states if step.state == "stale"]
-    missing = [f"{s.number} {s.title}" for s in states if s.state in ("ready", "blocked")]
-    warnings = joined(
-        (
-            note(f"Not done: {', '.join(missing)}." if missing else "", "warn"),
-            note(f"Stale, and left out: {', '.join(words)}." if words else "", "warn"),
-        )
-    )
+    warnings = [note(words, "warn") for words in _warnings(states)]
     return whole_page(
         f"{session.name}: scan report",
-        _head(session, origin, len(words) + len(missing) == 0),
-        tag("div", *map_tiles(found), _figure_tile(rows), _motion_tile(session), css="tiles"),
-        warnings,
+        _head(session, origin, not warnings),
+        tag(
+            "div",
+            *map_tiles(session, found),
+            _figure_tile(rows),
+            _motion_tile(session),
+            css="tiles",
+        ),
+        *warnings,
         maps_section(session, found),
         accuracy_section(session, found, figures, with_truth),
         procedure_section(states, rows),
@@ -74,6 +78,15 @@ def session_report(session: Session, figures: Mapping[str, Any], origin: str | N
         _provenance(session),
         tag("footer", f"RONA {__version__}. {NOT_MEDICAL}"),
     )
+
+
+def _warnings(states: tuple[StepState, ...]) -> list[str]:
+    """Return a sentence about the steps that are not done, stopped early, or stale."""
+    lines: list[str] = []
+    for words, kinds in WARNINGS:
+        steps = [f"{step.number} {step.title}" for step in states if step.state in kinds]
+        lines += [f"{words}: {', '.join(steps)}."] if steps else []
+    return lines
 
 
 def _head(session: Session, origin: str | None, complete: bool) -> Html:
@@ -113,7 +126,9 @@ def _figure_tile(rows: tuple[QualityRow, ...]) -> Html:
     """Return how many figures keep their limits."""
     counts = {kind: sum(row.verdict == kind for row in rows) for kind in ("pass", "review", "fail")}
     total = sum(counts.values())
+    stale = sum(row.stale_reason is not None for row in rows)
     words = f"{counts['review']} for review, {counts['fail']} failed"
+    words += f", {stale} stale and left out" if stale else ""
     value = f"{counts['pass']} of {total}" if total else "–"
     return tile("Figures within limits", value, words if total else "no figures yet")
 

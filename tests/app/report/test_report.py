@@ -200,6 +200,19 @@ def test_stale_results_are_left_out_and_the_page_says_why(demo):
     assert "stale figures left out" in page.text
     assert "Outer boundary, RMS" not in [cells[0] for cells in page.rows]
     assert page.titles("b")[0] == "–"
+    stale = sum(row.stale_reason is not None for row in quality_rows(demo[1], session))
+    assert f"{stale} stale and left out" in page.text
+
+
+def test_a_scan_that_was_stopped_is_told_and_not_called_complete(demo):
+    assert "complete" in Page(demo[2]).words
+    captures = demo[0].captures
+    session = replace(
+        demo[0], captures=replace(captures, scan=replace(captures.scan, partial=True))
+    )
+    page = Page(session_report(session, {}, "VIRTUAL"))
+    assert "not complete, see below" in page.words
+    assert re.search("(Stopped early|Stale, and left out): .*8 Scan", page.text)
 
 
 def test_without_virtual_devices_there_is_no_word_of_truth(demo):
