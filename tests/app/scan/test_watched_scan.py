@@ -32,10 +32,15 @@ class Watched(Live):
             self.grown.append(self.grower.grown(live.recorded))
 
 
+@pytest.fixture(scope="module")
+def specimen():
+    setup = session_with().setup
+    return build_specimen(setup.specimen, setup.seed)
+
+
 @pytest.mark.parametrize("contact", [None, ContactSettings()])
-def test_watching_changes_no_bit_of_the_capture(contact):
+def test_watching_changes_no_bit_of_the_capture(contact, specimen):
     session = session_with(contact=contact)
-    specimen = build_specimen(session.setup.specimen, session.setup.seed)
 
     def scanned(live):
         rig = VirtualRig(session.setup.seed, specimen, session.setup.devices)
