@@ -20,20 +20,23 @@ class BackgroundGrowth:
     def __init__(self, wake: Callable[[], None]) -> None:
         self._wake = wake
         self._ready = threading.Condition()
+        self._asked: RecordedSoFar | None = None  # A-scans are let go when the scan has ended
         self._wish: Wish | None = None
-        self._grown: GrowingMap | None = None
+        self._grown: tuple[str, GrowingMap] | None = None  # with the id of its session
+        self._grower: tuple[tuple[str, int], MapGrower] | None = None
         self._open = True
         threading.Thread(target=self._run, name="rona-growth", daemon=True).start()
 
     def ask(self, session: Session, live: LiveState, which: Pass | None) -> GrowingMap | None:
         """Return the newest map, and have it brought up to date while a pass is scanned."""
+        recorded = None if which is None else live.recorded
         with self._ready:
-            wish, recorded = self._wish, live.recorded
-            if which is not None and recorded is not None:
-                if wish is None or wish[3] is not recorded:
-                    wish = self._wish = session, which, live.ordinal, recorded
-                    self._ready.notify()
-            return self._grown if wish is not None and wish[0].id == session.id else None
+            if which is not None and recorded is not None and recorded is not self._asked:
+                self._wish = session, which, live.ordinal, recorded
+                self._ready.notify()
+            self._asked = recorded
+            grown = self._grown
+        return grown[1] if grown is not None and grown[0] == session.id else None
 
     def close(self) -> None:
         """End the thread."""
@@ -42,27 +45,27 @@ class BackgroundGrowth:
             self._ready.notify()
 
     def _run(self) -> None:
-        done: Wish | None = None
-        grower: MapGrower | None = None
-        key: object = None
         while True:
             with self._ready:
-                self._ready.wait_for(lambda done=done: not self._open or self._wish is not done)
-                wish = done = self._wish
-                if not self._open or wish is None:
-                    return
-            session, which, ordinal, recorded = wish
+                self._ready.wait_for(lambda: not self._open or self._wish is not None)
+                wish, self._wish = self._wish, None
+            if not self._open or wish is None:
+                return
             try:
-                if grower is None or key != (session.id, ordinal):
-                    grower, key = MapGrower(session, which, ordinal), (session.id, ordinal)
-                grown = grower.grown(recorded)
+                self._grow(*wish)
             except RonaError:
-                continue  # a path along a line has no map: whoever maps it is told
+                pass  # a path along a line has no map: whoever maps it is told
             except Exception:  # a defect must not end the thread
                 traceback.print_exc(file=sys.stderr)
-                continue
-            with self._ready:
-                self._grown = grown
-            self._wake()
+            del wish
             with self._ready:
                 self._ready.wait_for(lambda: not self._open, PERIOD_S)
+
+    def _grow(self, session: Session, which: Pass, ordinal: int, recorded: RecordedSoFar) -> None:
+        key = session.id, ordinal
+        if self._grower is None or self._grower[0] != key:
+            self._grower = key, MapGrower(session, which, ordinal)
+        grown = self._grower[1].grown(recorded)
+        with self._ready:
+            self._grown = session.id, grown
+        self._wake()
