@@ -1,6 +1,6 @@
 """Colours: Okabe-Ito for categories, viridis for quantities, a few for materials."""
 
-from rona_core.colors import PLACES, viridis
+from rona_core.mapping.colors import PLACES, viridis
 
 Rgb = tuple[int, int, int]
 

@@ -7,9 +7,9 @@ import numpy as np
 from PIL import Image
 
 from rona_core.app.report.page import Html, markup
-from rona_core.colors import viridis
 from rona_core.geometry.arrays import Floats
 from rona_core.mapping.boundary_map import BoundaryMap
+from rona_core.mapping.colors import viridis
 from rona_core.mapping.files.map_sheet import cell_sizes_mm
 
 WIDTH, LEFT, RIGHT, TOP = 300.0, 30.0, 6.0, 26.0  # of the picture, and around the map

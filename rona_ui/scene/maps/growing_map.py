@@ -7,7 +7,7 @@ from rona_ui.scene.layer import Layer, lift
 
 NODE = "/scan/growing"
 SIZE_MM = 1.2
-LIFT_MM = 1.2  # so that the skull does not hide it
+LIFT_MM = 2.2  # so that neither the skull nor the path hides it
 
 
 class GrowingMapLayer(Layer):

@@ -19,8 +19,8 @@ from rona_core.app.steps.maps.accuracy.map_accuracy import map_accuracy
 from rona_core.app.steps.maps.view import layers_of
 from rona_core.app.steps.roll.certificate_view import certificate_view
 from rona_core.app.steps.setup.messages import SetProbe
-from rona_core.colors import viridis
 from rona_core.compose import new_workbench, open_session
+from rona_core.mapping.colors import viridis
 from rona_core.session.document import Session
 from rona_core.session.files import load_session
 from rona_core.session.memo import forget_all

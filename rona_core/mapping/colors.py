@@ -1,4 +1,4 @@
-"""Colour map of quantities: viridis, the same in the browser, in pictures and in reports."""
+"""Colours of maps and other quantities: viridis, the same in the browser and in reports."""
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
