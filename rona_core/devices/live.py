@@ -12,6 +12,14 @@ from rona_core.geometry.pose import Pose
 
 
 @dataclass(frozen=True, slots=True, eq=False)
+class RecordedSoFar:
+    """What a scan under way has recorded, in its order; what comes later is added at the end."""
+
+    scans: tuple[AScan, ...]
+    joints: tuple[JointSample, ...]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
 class LiveState:
     """The newest of everything; None where nothing has come yet."""
 
@@ -21,6 +29,8 @@ class LiveState:
     n_scans: int = 0
     force: ForceNow | None = None  # of the scan under way, or the last one
     origin: Origin | None = None  # of the frame where it is not that of the devices
+    ordinal: int = 0  # of the capture under way, or the last one
+    recorded: RecordedSoFar | None = None  # of the scan under way
 
 
 PARTS = frozenset(field.name for field in fields(LiveState))

@@ -200,7 +200,7 @@ def _corrected_for_curvature(
             f"{np.count_nonzero(usable)} of {len(usable)} A-scans show the outer boundary, "
             f"{LEAST_SAMPLES} are the least for a map: was the probe in contact?"
         )
-    T_base_map = _frame(outer_base[usable], axes_base[usable])
+    T_base_map = map_frame(outer_base[usable], axes_base[usable])
     outer_map = T_base_map.inv() @ outer_base
     curvature = mean_curvature_per_mm(outer_map[_agreeing_among(usable, outer_map)])
     late = lateness_mm(probe or probe_model(found.detection.probe), curvature) * axes_base
@@ -214,7 +214,7 @@ def boundary_points(detection: Detection, Ts_base_probe: Poses) -> tuple[Floats,
     return outer_base, outer_base + detection.thickness_mm[:, None] * axes_base
 
 
-def _frame(points: Floats, axes: Floats) -> Pose:
+def map_frame(points: Floats, axes: Floats) -> Pose:
     """Return the frame ``map`` in base: origin in the middle, z out of the bone."""
     middle = points.mean(axis=0)
     _, widths, directions = np.linalg.svd(points - middle, full_matrices=False)

@@ -1,4 +1,4 @@
-"""The command line: serve, demo, inspect, export, compare, recover, calibrate, detect."""
+"""The command line: serve, demo, inspect, report, export, compare, recover, calibrate, detect."""
 
 import argparse
 import gc
@@ -69,6 +69,7 @@ def _parser() -> argparse.ArgumentParser:
     _add_serve(verbs)
     _add_demo(verbs)
     _add_inspect(verbs)
+    _add_report(verbs)
     _add_export(verbs)
     _add_compare(verbs)
     _add_recover(verbs)
@@ -150,6 +151,15 @@ def _add_inspect(verbs: Any) -> None:
     verb = _verb(verbs, "inspect", "say what a session file holds")
     verb.add_argument("file", type=Path, metavar="FILE")
     verb.add_argument("--json", action="store_true", help="print one JSON object")
+
+
+def _add_report(verbs: Any) -> None:
+    text = "write a session as one page to print and to keep"
+    more = "HTML without scripts: maps, figures with their limits, calibrations, certificate."
+    verb = _verb(verbs, "report", text, more)
+    verb.add_argument("file", type=Path, metavar="SESSION", help="session file (.rona)")
+    text = "page that is written (beside the session, .html)"
+    verb.add_argument("out", type=Path, nargs="?", metavar="OUT.html", help=text)
 
 
 def _add_export(verbs: Any) -> None:

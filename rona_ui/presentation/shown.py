@@ -6,6 +6,7 @@ import numpy as np
 
 from rona_core.app.steps.maps.accuracy.map_accuracy import MapAccuracy, map_accuracy
 from rona_core.app.steps.maps.comparison import MapComparison
+from rona_core.app.steps.maps.growing_map import GrowingMap
 from rona_core.app.steps.maps.view import SecondView
 from rona_core.app.steps.roll.margins_view import Quantity
 from rona_core.app.steps.roll.view import joints_of_roll
@@ -75,6 +76,18 @@ def shown_maps(snapshot: Snapshot) -> Maps | None:
         return None if made is None else made.maps
     drawn = None if snapshot.static_scene is None else snapshot.static_scene.T_base_basemarker
     return made.maps if drawn is None else made.maps.seen_from(drawn)
+
+
+def shown_growing_map(snapshot: Snapshot) -> GrowingMap | None:
+    """Return the outer map of the scan under way, and of the last one until it is mapped."""
+    growing, captures = snapshot.growing, snapshot.session.captures
+    if growing is None:
+        return None
+    if snapshot.scanning:
+        return growing if growing.ordinal == snapshot.live.ordinal else None
+    taken = [one.ordinal for one in (captures.scan, captures.second) if one is not None]
+    mapped = snapshot.step("maps").state in ("done", "partial")
+    return growing if growing.ordinal in taken and not mapped else None
 
 
 def shown_map_accuracy(snapshot: Snapshot) -> MapAccuracy | None:

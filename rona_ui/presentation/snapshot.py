@@ -9,6 +9,7 @@ from rona_core.app.dependencies.step_states import StepState
 from rona_core.app.runtime.jobs import JobStatus
 from rona_core.app.runtime.saving.autosave import CopyState
 from rona_core.app.steps.maps.comparison import MapComparison
+from rona_core.app.steps.maps.growing_map import GrowingMap
 from rona_core.devices.live import LiveState
 from rona_core.geometry.pose import Pose
 from rona_core.session.document import Session
@@ -29,6 +30,7 @@ class Snapshot:
     job: JobStatus | None = None
     static_scene: StaticScene | None = None
     T_base_pointermarker: Pose | None = None
+    growing: GrowingMap | None = None  # outer map of the newest scan, as far as it has come
     figures: dict[str, Any] = field(default_factory=dict)
     truth: MapComparison | None = None  # the maps beside the true bone, where it is known
     saved: bool = False

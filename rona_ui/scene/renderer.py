@@ -7,6 +7,7 @@ import numpy as np
 from rona_ui.presentation.colors import BACKGROUND
 from rona_ui.presentation.snapshot import Snapshot
 from rona_ui.scene.layer import Layer
+from rona_ui.scene.maps.growing_map import GrowingMapLayer
 from rona_ui.scene.maps.map_section import ProfileLayer
 from rona_ui.scene.maps.maps import MapLayer, ReferencesLayer, ScanLayer, SecondLayer
 from rona_ui.scene.maps.volume import VolumeLayer
@@ -51,6 +52,7 @@ class SceneRenderer:
             MarginsLayer(self.nodes),
             PlacesLayer(self.nodes, FLOOR_MM),
             ScanLayer(self.nodes),
+            GrowingMapLayer(self.nodes),
             *(MapLayer(self.nodes, name) for name in ("outer", "inner", "fused")),
             ProfileLayer(self.nodes),
             SecondLayer(self.nodes),

@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from rona_core.app.report.report import workbench_report
 from rona_core.app.runtime.saving.export_captures import export_recording
 from rona_core.app.runtime.session_registry import CURRENT, SessionRegistry
 from rona_core.app.steps.maps.comparison import compare_maps
@@ -209,6 +210,9 @@ class Browser:
         elif verb in COMPARE and isinstance(data, bytes):
             found = compare_maps(self._hub.get().session, data, name, COMPARE[verb])
             self.change_view(lambda view: replace(view, comparison=found))
+        elif verb == "report":
+            page = workbench_report(self._hub.get()).encode("utf-8")
+            self.client.send_file_download("report.html", page, save_immediately=True)
         elif verb == "upload" and isinstance(data, bytes):
             self._hub.files.store_upload(PurePath(name).name, data)
         else:

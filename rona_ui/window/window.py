@@ -18,6 +18,7 @@ from rona_core.app.dependencies.step_states import StepState, step_states
 from rona_core.app.runtime.jobs import JobStatus
 from rona_core.app.runtime.session_registry import SessionRegistry
 from rona_core.app.runtime.workbench import Workbench
+from rona_core.app.steps.maps.growing_map import Pass
 from rona_core.app.steps.scan.planned_motion import motion_times
 from rona_core.app.steps.surface.derivation import replayed_pointer
 from rona_core.errors import CancelledError, NotFoundError
@@ -28,10 +29,12 @@ from rona_ui.presentation.view_state import ViewState
 from rona_ui.refusals import Refusals
 from rona_ui.viewer.bindings import TITLES, Bindings, notify
 from rona_ui.window.background_figures import BackgroundFigures
+from rona_ui.window.background_growth import BackgroundGrowth
 from rona_ui.window.browser import Browser
 
 TICK_S = 1.0 / 30.0  # while something moves
 BRAND = (0, 91, 143)
+PASSES: dict[str, Pass] = {"StartScan": "first", "StartGapScan": "second"}
 IDLE_S = 0.5  # while nothing does; a change wakes the thread at once
 
 
@@ -52,6 +55,7 @@ class Window:
         self._last_s = time.monotonic()
         self.bindings = Bindings(hub, self._refuse)
         self._background = BackgroundFigures(self.wake)
+        self._growth = BackgroundGrowth(self.wake)
         self._unsubscribe_hub = hub.subscribe(self.wake)
         server.scene.world_axes.visible = False
         server.gui.configure_theme(
@@ -73,6 +77,7 @@ class Window:
         self._subscriptions.close()
         self.bindings.close()
         self._background.close()
+        self._growth.close()
         self.wake()
         self._thread.join(timeout=1.0)
 
@@ -168,6 +173,7 @@ class Window:
             job=job,
             static_scene=facts.static_scene,
             T_base_pointermarker=pointer,
+            growing=self._growth.ask(session, live, _scanned_pass(job)) if self._browsers else None,
             figures=facts.figures,
             truth=facts.truth,
             pivoting_by_hand=busy and bench.pointer_in_hand(),
@@ -214,6 +220,11 @@ def _newest(bench: Workbench) -> JobStatus | None:
     jobs = bench.jobs.all()
     running = [status for status in jobs if not status.finished]
     return running[-1] if running else jobs[-1] if jobs else None
+
+
+def _scanned_pass(job: JobStatus | None) -> Pass | None:
+    """Return the pass that the robot scans now, None where it does not."""
+    return None if job is None or job.finished else PASSES.get(job.activity)
 
 
 def _advance(browser: Browser, session: Session, elapsed_s: float) -> None:

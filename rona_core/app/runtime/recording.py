@@ -23,6 +23,7 @@ def begin(session: Session, context: ActivityContext) -> int:
     """Configure the devices from the session; return the ordinal of the capture that starts."""
     ordinal = len(session.archive) + 1
     context.rig.begin(session.setup.devices, ordinal)
+    context.live.put(ordinal=ordinal)
     return ordinal
 
 

@@ -21,7 +21,7 @@ from rona_core.ultrasound.detection.single.candidates import (
     clear_fronts,
     search_echoes,
 )
-from rona_core.ultrasound.detection.single.front_echo import gate_us, standoff_mm
+from rona_core.ultrasound.detection.single.front_echo import fronts_found, standoff_mm
 from rona_core.ultrasound.detection.single.inner_echo import InnerEchoes
 from rona_core.ultrasound.detection.single.matched_filter import BONE_REFLECTION
 from rona_core.ultrasound.detection.single.time_of_flight import Fisher, amplitude_bound
@@ -47,7 +47,6 @@ NOMINAL_LOSS_DB_PER_CM = (
 # the codes of `flag`
 OK, NO_FRONT, NO_INNER, CLIPPED, TOO_THIN, TOO_THICK, UNSURE, TILTED = range(8)
 REMOVED = 8  # taken away by hand, see `manual_corrections`
-FRONT_SNR = 8.0  # below it there is no front echo
 FRONT_LEVEL = 0.25  # of perfect contact; below it the probe is tilted too far
 SURE = 0.8  # probability from which on an inner boundary counts
 HEARD_SHARE = 0.02  # of the A-scans of a survey, of which at least this share must be sure
@@ -220,9 +219,7 @@ def _judged(
     probe = survey.probe
     front, half_speed = echoes.fronts, bone.speed_mm_per_us / 2.0
     thickness, sigma = inner.lag_us * half_speed, inner.sigma_us * half_speed
-    early, late = gate_us(probe)
-    edge = (front.delay_us < early + 0.1) | (front.delay_us > late - 0.1)
-    no_front = (front.snr < FRONT_SNR) | ~front.positive | edge
+    no_front = ~fronts_found(front, probe)
     if method == "subtract":
         quality = inner.confidence * erf(WRONG_MM / np.maximum(sigma, 1e-9) / np.sqrt(2.0))
         unsure = quality < SURE

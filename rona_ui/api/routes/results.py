@@ -4,12 +4,15 @@ import dataclasses
 from typing import Annotated, Any, Literal
 
 from fastapi import APIRouter, Query
+from fastapi.responses import HTMLResponse
 
 from rona_core.app.declarations.registry import REGISTRY
 from rona_core.app.dependencies.staleness import stale_reason
 from rona_core.app.dependencies.step_states import StepState, step_states
 from rona_core.app.overview.acceptance import QualityRow, quality_rows
 from rona_core.app.overview.frame_graph import frame_rows
+from rona_core.app.report.page import POLICY
+from rona_core.app.report.report import workbench_report
 from rona_core.app.steps.acoustics.thickness_uncertainty import reference_gain
 from rona_core.app.steps.boundaries.ascan_view import ScanName, ascan_plot
 from rona_core.app.steps.boundaries.probe_advice import probe_advice
@@ -168,3 +171,14 @@ def list_figures(bench: Bench) -> list[QualityRow]:
     """
     rows = quality_rows(bench.figures(), bench.session)
     return [dataclasses.replace(row, value=plain(row.value)) for row in rows]
+
+
+@router.get("/sessions/{session_id}/report", response_class=HTMLResponse)
+def get_report(bench: Bench) -> HTMLResponse:
+    """Return the report of the session as one page (HTML) to print and to keep.
+
+    It has no script and loads nothing. What is missing or stale is left out, and it says so. The
+    same session gives the same bytes.
+    """
+    headers = {"Content-Security-Policy": f"{POLICY}; frame-ancestors 'none'"}
+    return HTMLResponse(workbench_report(bench), headers=headers)

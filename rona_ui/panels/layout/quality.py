@@ -3,6 +3,7 @@
 from typing import Any
 
 from rona_core.app.overview.acceptance import QualityRow
+from rona_core.app.overview.quality_sections import quality_table
 from rona_core.app.steps.acoustics.view import thickness_shares
 from rona_core.app.steps.scan.contact_view import contact_report
 from rona_core.app.steps.tool.derivation import delay_words
@@ -11,26 +12,6 @@ from rona_ui.panels.widgets import style
 from rona_ui.panels.widgets.step_panel import rows_of
 from rona_ui.presentation.snapshot import Snapshot, changed
 from rona_ui.viewer.bindings import escape
-
-MAPS = "outer inner thickness fused coverage detection unfl flagged scan_thick sound"
-SECTIONS = (  # title, what the keys begin with, steps that the figures come from
-    ("Calibration", "tool_tip tracker_reg pointer_tip", ("tool", "pointer")),
-    ("Surface and path", "surface skull_reg path normal", ("surface", "path", "smoothing")),
-    ("Robot and scan", "roll scan_p scan_d min_ contact second", ("roll", "scan")),
-    ("Maps", MAPS, ("maps",)),
-    ("Handheld scan", "sono", ()),
-)
-
-
-# true error -> what the program expects of it without the truth
-PREDICTED = {
-    "tool_tip_error_mm": "tool_tip_sigma_mm",
-    "tracker_registration_tre_mm": "tracker_registration_sigma_mm",
-    "pointer_tip_error_mm": "pointer_tip_sigma_mm",
-    "surface_rms_mm": "surface_sigma_predicted_mm",
-    "skull_registration_tre_mm": "skull_registration_sigma_mm",
-    "scan_thickness_rms_mm": "thickness_sigma_predicted_mm",
-}
 
 
 class QualityPanel:
@@ -51,19 +32,14 @@ def table(rows: tuple[QualityRow, ...], session: Session, stale: frozenset[str])
 
     Above it stands how many fail, are for review and pass. Those of stale results are left out.
     """
-    known = [row for row in rows if row.value is not None]
-    expected = {row.key: row for row in known if row.key in PREDICTED.values()}
-    known = [row for row in known if row.key not in expected]
-    body = _predicted_rows(session, expected, _mark(("tool", "pointer", "surface"), stale))
-    for title, beginnings, steps in SECTIONS:
-        starts = tuple(beginnings.split())
-        part = [row for row in known if row.key.startswith(starts)]
-        left_out = [row for row in rows if row.stale_reason and row.key.startswith(starts)]
-        if part or left_out:
-            words = f"{title}, versus ground truth{_mark(steps, stale)}"
-            body += f'<tr class="sec"><td colspan="3">{words}</td></tr>'
-            body += "".join(_row(row, expected.get(PREDICTED.get(row.key, ""))) for row in part)
-            body += _left_out(left_out)
+    found = quality_table(rows)
+    mark = _mark(("tool", "pointer", "surface"), stale)
+    body = _predicted_rows(session, found.predicted, mark)
+    for part in found.sections:
+        words = f"{part.title}, versus ground truth{_mark(part.steps, stale)}"
+        body += f'<tr class="sec"><td colspan="3">{words}</td></tr>'
+        body += "".join(_row(row, expected) for row, expected in part.rows)
+        body += _left_out(part.left_out)
     if not body:
         return style.text(
             "No figures yet. Each step adds its own, with a limit and a verdict beside it."
@@ -84,7 +60,7 @@ def counts(rows: tuple[QualityRow, ...]) -> str:
     return f'<div class="r-text">{"&ensp; ".join(parts)}</div>' if parts else ""
 
 
-def _left_out(rows: list[QualityRow]) -> str:
+def _left_out(rows: tuple[QualityRow, ...]) -> str:
     """Return a line about figures of stale results: the truth is another one by now."""
     if not rows:
         return ""
@@ -122,7 +98,7 @@ def _value(row: QualityRow) -> str:
     return escape(f"{row.value:.{row.decimals}f} {row.unit}".strip())
 
 
-def _predicted_rows(session: Session, expected: dict[str, QualityRow], mark: str) -> str:
+def _predicted_rows(session: Session, expected: tuple[QualityRow, ...], mark: str) -> str:
     """Return the predicted errors, without ground truth; mere residuals come last."""
     results, report, shares = session.results, contact_report(session), thickness_shares(session)
     lines: list[tuple[str, str]] = []
@@ -148,7 +124,7 @@ def _predicted_rows(session: Session, expected: dict[str, QualityRow], mark: str
             ("… by local speed variation", _mm(shares.place_mm)),
             ("… by inner-table inclination", _mm(shares.wedge_mm)),
         ]
-    rows = "".join(_row(row) for row in expected.values())
+    rows = "".join(_row(row) for row in expected)
     rows += "".join(
         f'<tr><td>{escape(title)}</td><td class="n" colspan="2"><b>{escape(value)}</b></td></tr>'
         for title, value in lines

@@ -116,6 +116,8 @@ class SessionPanel:
                 "Recording", (NOTHING,), hint="Tracker recording of a capture"
             )
             self._download = gui.add_button("Download .igs.mha", icon="download", color="gray")
+            hint = "One page to print and to keep: maps, figures, calibrations, certificate"
+            self._report = gui.add_button("Report", icon="file-text", color="gray", hint=hint)
         serve = context.service
         history: dict[str, Callable[[Any], None]] = {
             "Undo": lambda e: context.send(Undo, e),
@@ -126,6 +128,7 @@ class SessionPanel:
         on_click(self._rename, lambda e: context.send(lambda: RenameSession(self._name.value), e))
         on_click(self._open, self._open_file)
         on_click(self._download, self._download_capture)
+        on_click(self._report, lambda e: serve("report", e, None))
         on_click(self._new, lambda e: self._leave("new", "start a new session", e))
         on_click(self._close, self._close_session)
         on_change(self._opened, self._show)

@@ -2,6 +2,7 @@
 
 from typing import Any
 
+from rona_core.app.steps.maps.growing_map import GrowingMap
 from rona_core.app.steps.scan.contact_view import contact_report, delay_sentence
 from rona_core.app.steps.scan.head_view import head_report, unwatched
 from rona_core.app.steps.scan.messages import (
@@ -18,6 +19,7 @@ from rona_ui.panels.widgets.form import Form
 from rona_ui.panels.widgets.panel_context import PanelContext
 from rona_ui.panels.widgets.step_panel import StepPanel
 from rona_ui.presentation.colors import GREEN, SKY, VERMILLION, css
+from rona_ui.presentation.shown import shown_growing_map
 from rona_ui.presentation.snapshot import Snapshot, changed
 from rona_ui.viewer.bindings import Event
 
@@ -120,6 +122,18 @@ class MountingFields:
         )
 
 
+def growing_bar(growing: GrowingMap | None) -> str:
+    """Return the colour bar of the map that grows, and what it is made of, as HTML."""
+    if growing is None:
+        return ""
+    low, high = growing.low_mm, growing.high_mm
+    ticks = (f"≤ {low:.1f}", f"{(low + high) / 2:.1f}", f"≥ {high:.1f}")
+    words = (
+        f"Outer boundary so far, in {growing.n_seen} of {growing.n_scans} A-scans. Step 9 maps it."
+    )
+    return style.color_bar("Height of the outer boundary (mm)", *ticks) + style.text(words)
+
+
 class ScanPanel(StepPanel):
     """One button; Stop is in the bar above and on the key Esc."""
 
@@ -133,6 +147,7 @@ class ScanPanel(StepPanel):
 
     def build(self) -> None:
         """Add how the probe is mounted, and pressed on."""
+        self._growing = self.gui.add_html("")
         self._contact = ContactFields(self.gui, self.context)
         with self.gui.add_folder("Probe mounting", expand_by_default=False):
             self._mounting = MountingFields(self.gui, self.context)
@@ -141,6 +156,9 @@ class ScanPanel(StepPanel):
         """Show how the probe is mounted, and pressed on."""
         self._contact.render(old, new)
         self._mounting.render(old, new)
+        growing = shown_growing_map(new)
+        if old is None or shown_growing_map(old) is not growing:
+            self._growing.content = growing_bar(growing)
 
     def message(self) -> Any:
         """Return the scan."""

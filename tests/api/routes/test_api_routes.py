@@ -24,7 +24,8 @@ POST /sessions/{session_id}/uploads; POST /sessions/{session_id}/undo
 POST /sessions/{session_id}/redo; GET /sessions/{session_id}/steps
 GET /sessions/{session_id}/results/{step}; GET /sessions/{session_id}/frames
 GET /sessions/{session_id}/calibration/{step}; GET /sessions/{session_id}/ascans/{scan}/{number}
-GET /sessions/{session_id}/quality; GET /sessions/{session_id}/volume
+GET /sessions/{session_id}/quality; GET /sessions/{session_id}/report
+GET /sessions/{session_id}/volume
 GET /sessions/{session_id}/maps/draws; GET /sessions/{session_id}/export/{name}
 GET /sessions/{session_id}/events
 POST /sessions/{session_id}/replay; GET /jobs; GET /jobs/{job_id}; DELETE /jobs/{job_id}

@@ -83,12 +83,17 @@ def export_maps(session: Session, name: str) -> bytes:
     """
     if name not in NAMES:
         raise NotFoundError(f"there is no file {name!r} of the maps: {', '.join(NAMES)}")
-    sheet = _sheet(session)
+    sheet = map_sheet(session)
     return MAKERS[name](sheet) if name != ALL else _archive(session, sheet)
 
 
-def _sheet(session: Session) -> MapSheet:
-    """Return the maps with what is stated of them."""
+def map_sheet(session: Session) -> MapSheet:
+    """Return the maps with what is stated of them.
+
+    Raises:
+        StepBlockedError: nothing was mapped.
+        StaleResultError: the maps are out of date.
+    """
     maps = require_result(session.results.maps, "map the boundaries (step 9)").value
     reason = stale_reason("maps", session)
     if reason is not None:

@@ -80,11 +80,15 @@ def layers_of(
         most = float(np.percentile(np.abs(values), 98.0)) if values.size else 1.0
         most_mm = max(1.0, np.ceil(most / ROUND_SIGMA_MM)) * ROUND_SIGMA_MM
         return MapLayers(parts[0], parts[1], parts[2], quantity, -most_mm, most_mm)
-    step = ROUND_SIGMA_MM if of_sigma else ROUND_MM
-    low, high = (0.0, 1.0) if not values.size else np.percentile(values, (2.0, 98.0))
-    low_mm = float(np.floor(low / step) * step)
-    high_mm = float(max(np.ceil(high / step) * step, low_mm + step))
+    low_mm, high_mm = scale_limits_mm(values, ROUND_SIGMA_MM if of_sigma else ROUND_MM)
     return MapLayers(parts[0], parts[1], parts[2], quantity, low_mm, high_mm)
+
+
+def scale_limits_mm(values_mm: Floats, step_mm: float) -> tuple[float, float]:
+    """Return the ends of a colour scale for values (n,): multiples of a step."""
+    low, high = (0.0, 1.0) if not values_mm.size else np.percentile(values_mm, (2.0, 98.0))
+    low_mm = float(np.floor(low / step_mm) * step_mm)
+    return low_mm, float(max(np.ceil(high / step_mm) * step_mm, low_mm + step_mm))
 
 
 def _values(maps: Maps, name: str, quantity: MapQuantity) -> tuple[Floats, np.ndarray]:

@@ -11,6 +11,7 @@ from rona_core.app.runtime.recording import HEAD_HZ, begin, finish
 from rona_core.app.steps.scan.force_controlled_scan import ContactLoop
 from rona_core.app.steps.scan.payload_identification import identify_payload
 from rona_core.app.steps.tool.robot_motion import STOPPED, drive_to, require_certified
+from rona_core.devices.live import RecordedSoFar
 from rona_core.devices.samples import (
     AScan,
     AScanTrack,
@@ -33,6 +34,7 @@ from rona_core.session.document import Session
 
 TICK_S = 0.016  # between joint samples of a scan by position alone
 CLOCK_MM = 2.5  # within this of the ends of the path, A-scans are fired to compare the clocks
+SHOWN_EVERY = 32  # A-scans of a scan by position alone: a map that grows is told so often
 AFTER_S = 0.1  # joint angles are recorded so long after the last A-scan: they arrive late
 
 
@@ -69,12 +71,15 @@ def capture_scan(
     model = robot_model(devices.robot.model)
     contact = devices.robot.contact
     places_s = fire_times(trajectory, devices.probe.pitch_mm)
-    if contact is None:
-        drive_to(trajectory.qs_rad[0], session, context)
-        ordinal = begin(session, context)
-        recorded = _by_position(trajectory, places_s, model, context)
-    else:
-        ordinal, recorded = _in_contact(trajectory, places_s, contact, model, session, context)
+    try:
+        if contact is None:
+            drive_to(trajectory.qs_rad[0], session, context)
+            ordinal = begin(session, context)
+            recorded = _by_position(trajectory, places_s, model, context)
+        else:
+            ordinal, recorded = _in_contact(trajectory, places_s, contact, model, session, context)
+    finally:
+        context.live.put(recorded=None)
     if recorded.partial and not recorded.scans:
         raise CancelledError(STOPPED)
     return ScanCapture(
@@ -149,7 +154,11 @@ def _by_position(
         clock.wait_until(float(time_s))
         if kind == 0:
             recorded.scans.append(rig.probe.acquire())
-            context.live.put(ascan=recorded.scans[-1], n_scans=len(recorded.scans))
+            n = len(recorded.scans)
+            context.live.put(ascan=recorded.scans[-1], n_scans=n)
+            if n % SHOWN_EVERY == 0 or n == len(places_s):
+                so_far = RecordedSoFar(tuple(recorded.scans), tuple(recorded.joints))
+                context.live.put(recorded=so_far)
             context.progress(len(recorded.scans) / len(places_s))
         elif kind == 1:
             recorded.clock_scans.append(rig.probe.acquire())

@@ -3,6 +3,7 @@
 import numpy as np
 
 from rona_core.app.declarations.declarations import ActivityContext
+from rona_core.devices.live import RecordedSoFar
 from rona_core.devices.samples import AScan, JointSample
 from rona_core.devices.settings import ContactSettings
 from rona_core.devices.wrench import (
@@ -235,7 +236,8 @@ class ContactLoop:
             scans.append(scan)
         self._destinations = []
         if self.scans:
-            self._context.live.put(ascan=self.scans[-1], n_scans=self._fired)
+            so_far = RecordedSoFar(tuple(self.scans), tuple(self.joints))
+            self._context.live.put(ascan=self.scans[-1], n_scans=self._fired, recorded=so_far)
 
     def _drawn_back(self, now_s: float) -> bool:
         """Return whether the probe has been drawn back far enough after a stop."""

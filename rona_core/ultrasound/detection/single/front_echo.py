@@ -25,6 +25,8 @@ TAPS = 9
 TAP_SPACING = 0.12  # over the -6 dB bandwidth
 FIT_HALF_WIDTH = 1.0  # of the fit, over the bandwidth
 RIDGE = 1e-3
+FRONT_SNR = 8.0  # below it there is no front echo
+EDGE_US = 0.1  # so close to the ends of the gate it is none either
 MOST_LEVEL = 1.2  # a louder front is not the template's
 
 
@@ -70,6 +72,13 @@ def find_fronts(spectra: Complexes, noise: Floats, template: Template) -> Fronts
     return Fronts(
         delay, peak / BONE_REFLECTION, peak / np.maximum(rms, 1e-12), np.asarray(positive)
     )
+
+
+def fronts_found(fronts: Fronts, probe: ProbeModel) -> Bools:
+    """Return which of the largest echoes within reach (n,) are front echoes of bone."""
+    early, late = gate_us(probe)
+    edge = (fronts.delay_us < early + EDGE_US) | (fronts.delay_us > late - EDGE_US)
+    return np.asarray((fronts.snr >= FRONT_SNR) & fronts.positive & ~edge)
 
 
 def standoff_mm(delay_us: Floats, probe: ProbeModel) -> Floats:

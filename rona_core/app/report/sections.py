@@ -1,0 +1,213 @@
+"""Sections of the report about steps, figures, calibrations and the motion."""
+
+from collections.abc import Iterable
+
+from rona_core.app.dependencies.staleness import stale_reason
+from rona_core.app.dependencies.step_states import StepState
+from rona_core.app.overview.acceptance import QualityRow, judgement
+from rona_core.app.overview.frame_graph import frame_rows
+from rona_core.app.overview.quality_sections import quality_table
+from rona_core.app.report.page import Html, badge, joined, note, table, tag
+from rona_core.app.steps.roll.certificate_view import CertificateView, certificate_view
+from rona_core.app.steps.roll.plan_reasons import plan_reason, roll_summary
+from rona_core.app.steps.scan.contact_view import contact_report, delay_sentence
+from rona_core.app.steps.scan.head_view import head_report
+from rona_core.app.steps.scan.probe_mounting import mounting_view
+from rona_core.app.steps.tool.calibration_view import Step, calibration_view
+from rona_core.app.steps.tool.derivation import delay_words
+from rona_core.session.document import Session
+
+TITLES: tuple[tuple[Step, str], ...] = (
+    ("tool", "Tool and tracker (step 2)"),
+    ("pointer", "Pointer (step 3)"),
+)
+
+
+def procedure_section(states: Iterable[StepState], rows: tuple[QualityRow, ...]) -> Html:
+    """Return the nine steps: how each stands, and what its figures come to."""
+    lines = [
+        (
+            f"{step.number} {step.title}",
+            badge(step.state),
+            step.reason,
+            badge(judgement(rows, step.name).verdict) if step.state in ("done", "partial") else "",
+        )
+        for step in states
+    ]
+    head = ("Step", "State", "Result, or what is missing", "Figures")
+    return joined((tag("h2", "Procedure"), table(head, lines, ("", "v", "", "v"))))
+
+
+def quality_section(rows: tuple[QualityRow, ...], with_truth: bool) -> Html:
+    """Return all figures with their limits and verdicts."""
+    found, parts = quality_table(rows), [tag("h2", "Quality figures")]
+    if not found.predicted and not found.sections:
+        return joined((*parts, note("No figures yet: each step adds its own.")))
+    head = ("Value", "Limit", "Verdict")
+    columns = ("", "n", "n", "n", "v")
+    if found.predicted:
+        lines = [(row.title, _value(row), _limit(row), _verdict(row)) for row in found.predicted]
+        parts.append(tag("h3", "Predicted by the program, without ground truth"))
+        parts.append(table(("Figure", *head), lines, ("", "n", "n", "v")))
+    if found.sections and with_truth:
+        words = (
+            "The devices of this session are virtual: their ground truth is known. It is used for "
+            "these figures alone; nothing that was planned, calibrated or detected knows it."
+        )
+        parts.append(tag("h3", "Versus ground truth (virtual devices)"))
+        parts.append(tag("p", words, css="soft"))
+    for part in found.sections:
+        title = part.title if with_truth else f"{part.title} (recorded)"
+        lines = [
+            (_title(row), _value(row), "" if expected is None else _value(expected), _limit(row))
+            + (_verdict(row),)
+            for row, expected in part.rows
+        ]
+        if lines:
+            parts.append(table((title, "Value", "Predicted", *head[1:]), lines, columns))
+        if part.left_out:
+            count, why = len(part.left_out), part.left_out[0].stale_reason
+            parts.append(note(f"{part.title}: {count} stale figures left out: {why}.", "warn"))
+    return joined(parts)
+
+
+def calibration_section(session: Session) -> Html:
+    """Return how good the calibrations are expected to be, and the transforms that they made."""
+    parts = [tag("h2", "Calibration and registration")]
+    parts += [_calibration(session, step, title) for step, title in TITLES]
+    lines: list[str] = []
+    tool, mounting, head = session.results.tool, mounting_view(session), head_report(session)
+    if tool is not None and tool.value.delay is not None:
+        lines.append("{}: {}.".format(*delay_words(tool.value.delay)))
+    if mounting is not None:
+        lines.append(f"Probe mounting: {mounting.sentence}")
+    if head is not None:
+        lines.append(head.sentence)
+    parts += [tag("p", line) for line in lines]
+    frames = [
+        (
+            tag("code", row.name),
+            row.source,
+            ", ".join(f"{v:.2f}" for v in row.pose.translation),
+            ", ".join(f"{v:.5f}" for v in row.pose.wxyz()),
+            "" if row.sigma_mm is None else f"{row.sigma_mm:.2f}",
+            "" if row.sigma_deg is None else f"{row.sigma_deg:.3f}",
+            badge("stale") if row.stale_reason is not None else "",
+        )
+        for row in frame_rows(session)
+    ]
+    names = ("Transform", "From", "Translation (mm)", "Quaternion wxyz", "σ (mm)", "σ (°)", "")
+    return joined((*parts, tag("h3", "Transforms"), table(names, frames, _FRAMES)))
+
+
+_FRAMES = ("name", "name", "n own", "n own", "n own", "n own", "v")
+
+
+def _calibration(session: Session, step: Step, title: str) -> Html:
+    found, reason = calibration_view(session, step), stale_reason(step, session)
+    head = tag("h3", title)
+    if found is None:
+        return joined((head, note("Not calibrated yet.", "warn")))
+    if reason is not None:
+        return joined((head, note(f"Stale, left out: {reason}.", "warn")))
+    rows = [
+        (part.title, f"{part.sigma_mm:.2f} mm", f"≤ {part.limit_mm:.2f} mm")
+        + (badge("pass" if part.good else "review"),)
+        for part in found.expected
+    ]
+    words = (
+        f"{found.n_used} of {len(found.marks)} poses used, residual {found.rmse_mm:.2f} mm (RMS). "
+    )
+    return joined(
+        (
+            head,
+            table(("Expected error (3D, 1 σ)", "Value", "Limit", "Verdict"), rows, _EXPECTED),
+            tag("p", words, "Verdict: ", badge(found.verdict), *map(_sentence, found.reasons)),
+        )
+    )
+
+
+_EXPECTED = ("", "n", "n", "v")
+
+
+def _sentence(reason: str) -> str:
+    return f". {reason[:1].upper()}{reason[1:]}"
+
+
+def certified(session: Session) -> CertificateView | None:
+    """Return the certificate of the planned motion unless it is stale."""
+    return None if stale_reason("roll", session) is not None else certificate_view(session)
+
+
+def motion_section(session: Session) -> Html:
+    """Return what the verifier says of the motion, check by check, and how the scan went."""
+    title, plan = tag("h2", "Motion and its certificate"), session.results.roll
+    if plan is None:
+        return joined((title, note("No motion planned yet (step 7).", "warn")))
+    reason, found = stale_reason("roll", session), certified(session)
+    if reason is not None:
+        return joined((title, note(f"Stale, left out: {reason}.", "warn")))
+    if found is None:
+        why = plan_reason(session) or roll_summary(session)
+        return joined((title, note(f"No motion: {why}.", "warn")))
+    clear = "" if found.min_clearance_mm is None else f", clearance {found.min_clearance_mm:.1f} mm"
+    words = (
+        f"An independent verifier, with forward kinematics of its own, "
+        f"{'certifies' if found.certified else 'refuses'} the motion of {found.duration_s:.1f} s"
+        f"{clear}. {roll_summary(session)}."
+    )
+    rows = [
+        (
+            row.check.name,
+            _checked(row.check.value, row.check.unit),
+            f"{'≥' if row.at_least else '≤'} {_checked(row.check.limit, row.check.unit)}",
+            row.place,
+            badge("pass" if row.check.holds else "fail"),
+        )
+        for row in found.rows
+    ]
+    parts = [title, note(words, "good" if found.certified else "warn")]
+    parts.append(table(("Check", "Worst", "Limit", "Where", "Verdict"), rows, _CHECKS))
+    digest = plan.value.certificate.digest if plan.value.certificate is not None else ""
+    parts.append(tag("p", "Digest of the certified motion: ", tag("code", digest), css="soft"))
+    second = session.results.second
+    if second is not None and stale_reason("second", session) is None:
+        plan_of_gaps = second.value.plan
+        word = "certified" if plan_of_gaps.may_move else "not certified"
+        gaps = f"{second.value.way.gap_cells} cells without an inner boundary"
+        parts.append(tag("p", f"Second pass over {gaps}: its motion is {word} in the same way."))
+    contact = contact_report(session)
+    if contact is not None and stale_reason("capture scan", session) is None:
+        parts += [tag("h3", "Scan"), tag("p", contact.sentence)]
+        parts += [] if contact.delay is None else [tag("p", delay_sentence(contact.delay))]
+    return joined(parts)
+
+
+def _checked(value: float, unit: str) -> str:
+    """Return a value of a check; less than a millionth is nothing."""
+    return f"{round(value, 6) + 0.0:.4g} {unit}".rstrip()
+
+
+_CHECKS = ("", "n", "n", "", "v")
+
+
+def _title(row: QualityRow) -> Html:
+    reason = joined((Html("<br>"), tag("small", row.reason))) if row.reason else ""
+    return joined((row.title, reason))
+
+
+def _value(row: QualityRow) -> str:
+    if isinstance(row.value, bool) or not isinstance(row.value, int | float):
+        return str(row.value)
+    return f"{row.value:.{row.decimals}f} {row.unit}".strip()
+
+
+def _limit(row: QualityRow) -> str:
+    if row.limit is None:
+        return ""
+    sign = "≤" if row.sense == "at most" else "≥"
+    return f"{sign} {row.limit:.{row.decimals}f} {row.unit}".rstrip()
+
+
+def _verdict(row: QualityRow) -> Html:
+    return badge(row.verdict)
