@@ -1,5 +1,8 @@
 """Colours: Okabe-Ito for categories, viridis for quantities, a few for materials."""
 
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
 from rona_core.mapping.colors import PLACES, viridis
 
 Rgb = tuple[int, int, int]
