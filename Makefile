@@ -39,7 +39,7 @@ COMPILED := PYTHONDONTWRITEBYTECODE=
 # first that took longest in the last run (tests/conftest.py)
 WORKERS := -n 3 --dist loadfile --no-loadscope-reorder
 # seconds: stops a run that hangs; eight minutes are usual on two cores
-TEST_LIMIT ?= 1800
+TEST_LIMIT ?= 2700
 
 help:
 	@sed -n 's/^#   //p' Makefile

@@ -71,11 +71,28 @@ def plan_second_pass(
     """
     settings = settings or SecondPassSettings()
     gaps = maps.outer.ok & ~maps.inner.ok
-    share = float(gaps.sum() / max(int(maps.outer.ok.sum()), 1))
     cell_mm = float(maps.outer.u_mm[1] - maps.outer.u_mm[0])
     rows = _rows(gaps, max(1, round(settings.spacing_mm / cell_mm)))
-    if not rows:
-        return None
+    return path_along(maps, rows, sound_speed_mm_per_us, settings) if rows else None
+
+
+def path_along(
+    maps: Maps,
+    rows: list[tuple[Floats, Floats]],
+    sound_speed_mm_per_us: float,
+    settings: SecondPassSettings,
+) -> SecondPassPath:
+    """Return the path along rows over the outer map, the probe leaning towards the inner table.
+
+    Args:
+        maps: Of the first pass.
+        rows: Start and end (2,) of each in cells of the map, in the order of scanning.
+        sound_speed_mm_per_us: Of bone, see ``plan_second_pass``.
+        settings: Fan and largest lean.
+    """
+    gaps = maps.outer.ok & ~maps.inner.ok
+    share = float(gaps.sum() / max(int(maps.outer.ok.sum()), 1))
+    cell_mm = float(maps.outer.u_mm[1] - maps.outer.u_mm[0])
     cells, numbers = _walk(rows, STEP_MM / cell_mm)
     slopes = _at(_slopes(maps.thickness_mm(), cell_mm), cells)
     slopes = slopes + settings.fan * np.array(FAN)[numbers % len(FAN)]

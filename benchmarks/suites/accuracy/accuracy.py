@@ -11,20 +11,23 @@ from statistics import median
 import numpy as np
 
 from benchmarks.metric import Metric, Progress
-from benchmarks.suites.accuracy import gap_fusion, map_cost
+from benchmarks.suites.accuracy import gap_fusion, map_cost, next_lines
 from benchmarks.suites.accuracy.judged_maps import judge
 from benchmarks.suites.honesty.judged import grouped, honesty, rows
 from benchmarks.suites.procedure.procedure import SKULLS, data_folder
 from rona_core.app.steps.maps.accuracy.error_budget import error_budgets
 from rona_core.app.steps.maps.accuracy.map_accuracy import map_accuracy
+from rona_core.app.steps.setup.messages import SetSeed
 from rona_core.compose import (
     SIMULATED,
     DemoSkull,
     build_virtual_rig,
     evaluate_virtual,
+    new_workbench,
     run_demo,
 )
 from rona_core.devices.world_settings import NOMINAL_WORLD, REALISTIC_WORLD, WorldSettings
+from rona_core.errors import RonaError
 from rona_core.evaluation.truth import truth_of
 from rona_core.session.document import Session
 from rona_core.session.files import load_session
@@ -32,6 +35,7 @@ from rona_core.session.files import load_session
 SEEDS = range(37_000, 37_020)
 NOMINAL_SEEDS = range(37_100, 37_110)
 SKULL_SEEDS = range(37_200, 37_203)
+NEXT_SEEDS = range(37_300, 37_304)  # of patients that are scanned again in several ways
 FILES: tuple[Path, ...] = ()  # sessions with virtual devices that count among the realistic
 LEAST_TERM_MM = 0.03  # a cause below this is not judged
 # kind of runs -> figure of docs/metrics.md -> largest median, mm (or least share)
@@ -77,6 +81,7 @@ def run(progress: Progress) -> list[Metric]:
     for kind, made in (("realistic", realistic), ("real skulls", skulls)):
         progress(f"{kind}: honesty, fusion and budget")
         metrics += [*_honesty(kind, made), *_fusion(kind, made), *_budget(kind, made)]
+    metrics += next_lines.metrics(_scanned_again(progress))
     progress("cost")
     return [*metrics, *map_cost.metrics()]
 
@@ -91,6 +96,22 @@ def _made(
             session, figures = run_demo(seed, skull, world=world)
             if session.results.maps is not None:
                 yield session, figures
+
+
+def _scanned_again(progress: Progress) -> Iterator[next_lines.NextFigures]:
+    """Yield what further lines bring to patients of the realistic world."""
+    for seed in NEXT_SEEDS:
+        progress(f"scanned again, seed {seed}")
+        bench = new_workbench(Session())
+        try:
+            bench.dispatch(SetSeed(seed))
+            found = next_lines.next_figures(bench, seed)
+        except RonaError:
+            found = None  # no maps, so nothing to scan again
+        finally:
+            bench.close()
+        if found is not None:
+            yield found
 
 
 def _sizes(kind: str, made: Sequence[Made]) -> Iterator[Metric]:
