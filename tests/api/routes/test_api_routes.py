@@ -26,7 +26,8 @@ GET /sessions/{session_id}/results/{step}; GET /sessions/{session_id}/frames
 GET /sessions/{session_id}/calibration/{step}; GET /sessions/{session_id}/ascans/{scan}/{number}
 GET /sessions/{session_id}/quality; GET /sessions/{session_id}/report
 GET /sessions/{session_id}/volume
-GET /sessions/{session_id}/maps/draws; GET /sessions/{session_id}/export/{name}
+GET /sessions/{session_id}/maps/draws; GET /sessions/{session_id}/maps/comparison
+POST /sessions/{session_id}/maps/comparison; GET /sessions/{session_id}/export/{name}
 GET /sessions/{session_id}/events
 POST /sessions/{session_id}/replay; GET /jobs; GET /jobs/{job_id}; DELETE /jobs/{job_id}
 GET /jobs/{job_id}/events; GET /status; GET /status/events
