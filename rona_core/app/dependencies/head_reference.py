@@ -80,10 +80,23 @@ def _tracker_moved(first: PointerCapture, capture: Watched) -> str | None:
 
 
 def head_input(*captures: str) -> Input:
-    """Return what the head did during captures of these names as an input of a result."""
+    """Return what the head did during captures of these names as an input of a result.
 
-    def read(session: Session) -> object:
+    It counts by what it is worked out from: the last bits of the motion depend on the processor.
+    """
+
+    def recorded(session: Session) -> object:
+        watched = [c for c in map(session.captures.get, captures) if c is not None and c.head]
+        if not watched:
+            return ()
+        strokes, tool = session.captures.surface, session.results.tool
+        first = (strokes[0].head, strokes[0].base) if strokes else ()
+        registered = () if tool is None else (tool.value,)
+        tracks = [track for capture in watched for track in (capture.head, capture.base)]
+        return (session.setup.use_base_marker, *registered, *first, *tracks)
+
+    def worked_out(session: Session) -> object:
         found = (watch_head(session, session.captures.get(name)) for name in captures)
         return tuple(watch for watch in found if watch is not None)
 
-    return Input(read, "watch the head marker", optional=True)
+    return Input(recorded, "watch the head marker", optional=True, earlier=worked_out)
