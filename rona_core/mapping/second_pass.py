@@ -10,6 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.ndimage import (
     binary_closing,
+    binary_dilation,
     gaussian_filter,
     gaussian_filter1d,
     label,
@@ -25,12 +26,13 @@ from rona_core.ultrasound.probe.materials import GEL
 
 LEAST_CELLS = 6  # a smaller gap is left to the smooth map
 JOINED_CELLS = 2  # gaps this close are scanned as one
+WIDENED_MM = 2.0  # around a gap that is scanned, too: there the map continues what it saw beside it
 SLOPE_BLUR_MM = 1.5  # of the thickness, before its slope is taken
 LEAN_BLUR_MM = 3.0  # of the lean along the path, so that the wrist turns evenly
 STEP_MM = 0.5
 RAY_STEPS = 8
 # Offsets of the lean from row to row: what the map says of a gap is a guess, so that neighbouring
-# rows look around it. Cells within reach of a sample see all five.
+# rows look around it.
 FAN = ((0.0, 0.0), (1.0, 0.0), (-1.0, 0.0), (0.0, 1.0), (0.0, -1.0))
 
 
@@ -38,7 +40,7 @@ FAN = ((0.0, 0.0), (1.0, 0.0), (-1.0, 0.0), (0.0, 1.0), (0.0, -1.0))
 class SecondPassSettings:
     """How the gaps of the inner map are scanned again."""
 
-    spacing_mm: float = 1.0  # between rows
+    spacing_mm: float = 2.0  # between rows
     fan: float = 0.10  # change of the assumed slope of the inner table from row to row
     largest_lean_deg: float = 6.0  # of the probe from the normal: more breaks its contact
 
@@ -72,7 +74,8 @@ def plan_second_pass(
     settings = settings or SecondPassSettings()
     gaps = maps.outer.ok & ~maps.inner.ok
     cell_mm = float(maps.outer.u_mm[1] - maps.outer.u_mm[0])
-    rows = _rows(gaps, max(1, round(settings.spacing_mm / cell_mm)))
+    wide = _widened(gaps, round(WIDENED_MM / cell_mm)) & maps.outer.ok
+    rows = _rows(wide, max(1, round(settings.spacing_mm / cell_mm)))
     return path_along(maps, rows, sound_speed_mm_per_us, settings) if rows else None
 
 
@@ -116,18 +119,31 @@ def path_along(
     )
 
 
-def _rows(gaps: Bools, every: int) -> list[tuple[Floats, Floats]]:
-    """Return start and end (2,) in cells of each row over the gaps, in the order of scanning.
+def _widened(gaps: Bools, cells: int) -> Bools:
+    """Return the gaps of enough cells, those that lie together as one, and what is around them."""
+    labels = _groups(gaps)
+    sizes = np.bincount(labels[gaps], minlength=int(labels.max()) + 1)
+    kept = gaps & (sizes >= LEAST_CELLS)[labels]
+    return np.asarray(binary_dilation(kept, iterations=cells)) if cells and kept.any() else kept
 
-    Gaps that lie together are scanned to and fro, one group after the other.
-    """
+
+def _groups(mask: Bools) -> Ints:
+    """Return the number from 1 of the group of each cell, those between near ones included."""
     # a closing next to the border of the grid needs room around it
     room = JOINED_CELLS + 1
-    closed = binary_closing(np.pad(gaps, room), iterations=JOINED_CELLS)[room:-room, room:-room]
-    labels = np.zeros(gaps.shape, dtype=np.int64)
+    closed = binary_closing(np.pad(mask, room), iterations=JOINED_CELLS)[room:-room, room:-room]
+    labels = np.zeros(mask.shape, dtype=np.int64)
     label(closed, structure=np.ones((3, 3)), output=labels)
+    return labels
+
+
+def _rows(mask: Bools, every: int) -> list[tuple[Floats, Floats]]:
+    """Return start and end (2,) in cells of each row over cells, in the order of scanning.
+
+    Those that lie together are scanned to and fro, one group after the other.
+    """
+    labels = _groups(mask)
     groups: list[Ints] = [np.argwhere(labels == k + 1) for k in range(int(labels.max()))]
-    groups = [group for group in groups if gaps[tuple(group.T)].sum() >= LEAST_CELLS]
     rows: list[tuple[Floats, Floats]] = []
     end = np.zeros(2)
     while groups:

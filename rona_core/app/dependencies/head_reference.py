@@ -4,7 +4,7 @@ from dataclasses import dataclass
 from typing import Literal
 
 from rona_core.app.declarations.declarations import Input
-from rona_core.app.dependencies.base_reference import reference_of
+from rona_core.app.dependencies.base_reference import found_again, reference_of
 from rona_core.calibration.hand_eye.base_marker import detect_tracker_movement, mean_base
 from rona_core.calibration.hand_eye.head_motion import HeadMotion, head_motion, head_reference
 from rona_core.errors import DegenerateGeometryError, RonaError
@@ -91,9 +91,9 @@ def head_input(*captures: str) -> Input:
             return ()
         strokes, tool = session.captures.surface, session.results.tool
         first = (strokes[0].head, strokes[0].base) if strokes else ()
-        registered = () if tool is None else (tool.value,)
+        registered = () if tool is None else (tool.value, found_again(session, strokes[:1]))
         tracks = [track for capture in watched for track in (capture.head, capture.base)]
-        return (session.setup.use_base_marker, *registered, *first, *tracks)
+        return (*registered, *first, *tracks)
 
     def worked_out(session: Session) -> object:
         found = (watch_head(session, session.captures.get(name)) for name in captures)
