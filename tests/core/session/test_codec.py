@@ -117,6 +117,7 @@ def test_the_digest_tells_any_change_apart():
         lambda d: d.update(triple=[1.0, 2.0]),
         lambda d: d.update(triple=[1.0, "2", 3.0]),
         lambda d: d["either"].update({"$type": "Pose"}),
+        lambda d: d["pose"].update({"$type": "Leaf"}),  # its fields are those of a pose
         lambda d: d["leaf"]["value"]["points"].update(array="nowhere"),
         lambda d: d.update(several={"0": 1}),
         lambda d: d["pose"]["rotation"].update(values=[2.0] * 9),

@@ -1,3 +1,6 @@
+import re
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -7,7 +10,12 @@ from scipy.spatial.transform import Rotation
 from scipy.stats import chi2
 
 from rona_core.calibration.handheld.pointer import calibrate_pointer
-from rona_core.calibration.pivot.maximum_likelihood import estimate_tip
+from rona_core.calibration.pivot.maximum_likelihood import (
+    CUTOFF,
+    _variance,
+    estimate_tip,
+    tip_conditions,
+)
 from rona_core.calibration.pivot.pivot_calibration import solve_pivot
 from rona_core.calibration.tracking_error import EVEN, MarkerNoise, tracked_from_poses
 from rona_core.errors import DegenerateGeometryError, InvalidInputError
@@ -283,3 +291,54 @@ def test_of_few_poses_the_stated_error_is_still_that_of_the_tip():
     errors, covariances = errors_of(150, 6, EVEN, n=12, cone_deg=30.0)
     stated = np.sqrt(np.trace(covariances, axis1=1, axis2=2).mean())
     assert stated == pytest.approx(rms(errors), rel=0.2)
+
+
+# -- formulas, term by term ------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("dof", [6, 5])
+def test_a_misclosure_has_the_covariance_that_all_six_errors_of_a_pose_give_it(dof):
+    """B Q B' in one product, with errors of place and turn that hang together strongly."""
+    rng = np.random.default_rng(5)
+    roots = rng.normal(size=(7, 6, 6))
+    Q = roots @ np.swapaxes(roots, 1, 2)
+    poses = pose_sweep(rng, dof, DEPTH).select(np.arange(7))
+    tracked = replace(tracked_from_poses(poses, GEOMETRY[dof], DEPTH, dof=dof), covariances=Q)
+    found = tip_conditions(tracked, TIPS[dof], dof=dof)
+    lever = tracked.Ts_tracker_marker.rotations @ (TIPS[dof] - tracked.reference_marker)
+    B = np.concatenate(
+        (np.cross(np.eye(3), lever[:, None]), np.broadcast_to(-np.eye(3), (7, 3, 3))), axis=2
+    )
+    N = B @ Q @ np.swapaxes(B, 1, 2)
+    np.testing.assert_allclose(N @ found.N_inv_A, found.A, rtol=1e-7, atol=1e-7)
+
+
+@pytest.mark.parametrize("cutoff", [CUTOFF, 7.0])
+def test_the_robust_variance_of_normal_errors_is_theirs(cutoff):
+    places = (np.arange(200_001) + 0.5) / 200_001
+    costs = 1.7 * chi2.ppf(places, 3)
+    assert _variance(costs, 1.7, cutoff, 0) == pytest.approx(1.7, rel=2e-4)
+    few_costs = costs[::20_000]  # 11 poses: 33 freedoms, less the unknowns
+    assert _variance(few_costs, 1.7, cutoff, 6) == pytest.approx(
+        _variance(few_costs, 1.7, cutoff, 0) * 33.0 / 27.0
+    )
+
+
+def test_a_tip_that_scatters_by_more_than_5_mm_has_slipped():
+    """Poses in pairs with the same turn, the tip to both sides of the pivot alike."""
+    once = pose_sweep(np.random.default_rng(8), 6, DEPTH).rotations
+    R = np.repeat(once, 2, axis=0)
+    side = np.tile((1.0, -1.0), len(once))[:, None] * np.array((1.0, 0.0, 0.0))
+
+    def solved(size_mm):
+        poses = Poses(R, size_mm * side - R @ TIPS[6])
+        return solve_pivot(poses, dof=6, method="sphere", at_least=10)
+
+    taken, refused = [], []
+    for size_mm in np.linspace(2.0, 6.0, 81):
+        try:
+            taken.append(solved(size_mm).rmse_mm)
+        except DegenerateGeometryError as error:
+            refused.append(float(re.search(r"scatters by ([\d.]+) mm", str(error))[1]))
+    assert 4.8 < max(taken) <= 5.0
+    assert 4.95 < min(refused) < 5.2
