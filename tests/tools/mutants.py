@@ -53,7 +53,11 @@ TARGETS = {
     ),
     "pivot": (
         "rona_core/calibration/pivot/*.py",
-        ("tests/core/calibration/pivot", "tests/core/calibration/handheld"),
+        (
+            "tests/core/calibration/pivot",
+            "tests/core/calibration/handheld",
+            "tests/core/calibration/test_repeating_errors.py",
+        ),
     ),
 }
 # imported once, before processes are forked; nothing of the product or of the tests

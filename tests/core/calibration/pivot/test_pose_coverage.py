@@ -135,6 +135,8 @@ def test_what_has_no_answer_is_refused():
         swing_coverage(Poses.stack([]), TIPS[6])
     with pytest.raises(DegenerateGeometryError, match="no shaft"):
         swing_coverage(ring(10.0), np.zeros(3))
+    with pytest.raises(DegenerateGeometryError, match="no middle"):  # upright and upside down
+        swing_coverage(tilted((0.0, 180.0), (0.0, 0.0)), TIPS[6])
     with pytest.raises(DegenerateGeometryError, match="leave the tip open"):
         next_best_pose(one, TIPS[6], GEOMETRY[6], dof=6, sigma_mm=0.3)
 
