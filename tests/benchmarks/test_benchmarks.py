@@ -19,6 +19,8 @@ from benchmarks.suites.procedure import mounting, procedure
 from rona_core.session.document import Session
 from rona_core.session.files import load_session
 
+pytestmark = pytest.mark.slow
+
 KEYS = ["name", "value", "unit", "direction", "goal", "peer", "peer_value", "holds"]
 # rooms of one suite, which has their name, and what it is made of
 ROOMS = ("honesty", "accuracy")

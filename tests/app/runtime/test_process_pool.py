@@ -17,6 +17,8 @@ import pytest
 from rona_core.app.runtime.process_pool import ProcessCompute
 from rona_core.errors import CancelledError, NotReachableError, RonaError
 
+pytestmark = pytest.mark.slow
+
 KILLS = 3  # of each kind; `python -m benchmarks kills` does 50
 
 

@@ -31,6 +31,8 @@ from rona_ui.panels.surface import registered as words_of
 from rona_ui.scene.surface import contours
 from tests.helpers.sphere_world import boundary_meshes
 
+pytestmark = pytest.mark.slow
+
 
 @pytest.fixture(scope="module")
 def bench(tmp_path_factory):

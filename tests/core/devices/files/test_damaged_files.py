@@ -28,6 +28,8 @@ from rona_core.virtual.specimen.imported.volume_reader import read_volume
 from tests.core.devices.files.test_rf_data import hdf5, mat, npz
 from tests.helpers.rom_files import rom_bytes, tool_file_of
 
+pytestmark = pytest.mark.slow
+
 MANY = int(os.environ.get("RONA_FUZZ", "1"))  # times as many mutations
 OLD = Path(__file__).resolve().parents[3] / "contract" / "sessions" / "schema_2.rona"
 WORDS = (b"0", b"-1", b"nan", b"1e999", b"99999999999999999999", b"\0", b"\xff", b"\n", b"=", b":")

@@ -21,6 +21,8 @@ from rona_core.virtual.specimen.imported.imported_skull import LoadedSpecimen
 from rona_core.virtual.specimen.imported.volume_reader import BoneVolume
 from tests.helpers.sphere_world import boundary_meshes, signed_distance
 
+pytestmark = pytest.mark.slow
+
 OUTER_MM, INNER_MM = 72.0, 66.0
 MIDDLE = np.array((10.0, -20.0, 30.0))
 SHARED = Path(os.environ.get("RONA_SHARED", Path(__file__).resolve().parents[4].parent / "shared"))
