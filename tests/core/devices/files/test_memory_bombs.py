@@ -34,9 +34,12 @@ from tests.helpers.bombs import (
 )
 
 MOST_MB = (MOST_BYTES >> 20) + 64  # what the process that asks takes itself comes on top
-pytestmark = pytest.mark.skipif(
-    not os.path.exists("/proc/self/clear_refs"), reason="peaks of memory are told by /proc"
-)
+pytestmark = [
+    pytest.mark.slow,
+    pytest.mark.skipif(
+        not os.path.exists("/proc/self/clear_refs"), reason="peaks of memory are told by /proc"
+    ),
+]
 
 
 def npy(shape, kind="<f8"):
