@@ -123,8 +123,8 @@ def _widened(gaps: Bools, cells: int) -> Bools:
     """Return the gaps of enough cells, those that lie together as one, and what is around them."""
     labels = _groups(gaps)
     sizes = np.bincount(labels[gaps], minlength=int(labels.max()) + 1)
-    kept = gaps & (sizes >= LEAST_CELLS)[labels]
-    return np.asarray(binary_dilation(kept, iterations=cells)) if cells and kept.any() else kept
+    kept: Bools = gaps & (sizes >= LEAST_CELLS)[labels]
+    return np.asarray(binary_dilation(kept, iterations=cells), np.bool_) if cells else kept
 
 
 def _groups(mask: Bools) -> Ints:
