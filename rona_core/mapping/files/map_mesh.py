@@ -82,13 +82,22 @@ def cell_triangles(ok: Bools) -> Indices:
 def plate_triangles(sheet: MapSheet) -> Indices:
     """Return the triangles (m, 3) between cells that have both boundaries, fit to be closed.
 
+    Raises:
+        DegenerateGeometryError: no three neighbouring cells have both boundaries.
+    """
+    return closable_triangles(sheet.thickness_ok())
+
+
+def closable_triangles(ok: Bools) -> Indices:
+    """Return the triangles (m, 3) between ok cells (nu, nv) that a wall can be set round.
+
     Where parts touch in one cell alone, the smaller ones lose their triangles there: a wall round
     them would have an edge with four faces, and no program would take the plate for a body.
 
     Raises:
-        DegenerateGeometryError: no three neighbouring cells have both boundaries.
+        DegenerateGeometryError: no three neighbouring cells are ok.
     """
-    triangles = cell_triangles(sheet.thickness_ok())
+    triangles = cell_triangles(ok)
     while True:
         fans = _fans(triangles)
         cells, n_of_fan = triangles.ravel(), np.bincount(fans)

@@ -19,6 +19,7 @@ from rona_core.errors import InvalidInputError, StaleResultError
 from rona_core.geometry.arrays import Floats, readonly
 from rona_core.mapping.boundary_map import BoundaryMap, Maps
 from rona_core.mapping.build_maps import LEAST_THICKNESS_MM
+from rona_core.mapping.fitting.gaussian_field import field_root
 from rona_core.mapping.fitting.plate_field import PlateField
 from rona_core.session.document import Session
 
@@ -82,7 +83,8 @@ def _drawn(
         errors += np.broadcast_to(term.shared_mm, shape) * shared
         if term.cause != INTERPOLATION:
             white = generator.standard_normal((count, *shape))
-            field = _root(grid.u_mm, term.reach_mm) @ white @ _root(grid.v_mm, term.reach_mm).T
+            along_u, along_v = (field_root(at, term.reach_mm) for at in (grid.u_mm, grid.v_mm))
+            field = along_u @ white @ along_v.T
             errors += np.broadcast_to(term.own_mm, shape) * field
     if plate is not None:
         u, v = np.meshgrid(grid.u_mm, grid.v_mm, indexing="ij")
@@ -90,12 +92,3 @@ def _drawn(
         drawn = plate.draws(places, count, generator) - plate.heights(places)
         errors += drawn.reshape(errors.shape)
     return errors
-
-
-def _root(at_mm: Floats, reach_mm: float) -> Floats:
-    """Return a root (n, n) of the covariance of places (n,) along one axis, of variance 1."""
-    if reach_mm <= 0.0:
-        return np.eye(len(at_mm))
-    apart = (at_mm[:, None] - at_mm) / reach_mm
-    values, vectors = np.linalg.eigh(np.exp(-0.5 * apart**2))
-    return vectors * np.sqrt(np.maximum(values, 0.0))  # far from regular: no Cholesky

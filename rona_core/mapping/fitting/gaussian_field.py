@@ -1,0 +1,21 @@
+"""Gaussian fields over a grid, whose covariance is the product of one along each axis."""
+
+import numpy as np
+
+from rona_core.geometry.arrays import Floats
+
+
+def field_root(at_mm: Floats, reach_mm: float) -> Floats:
+    """Return a root (n, n) of the covariance of places (n,) along one axis, of variance 1.
+
+    White noise (nu, nv) between the roots of both axes is a field over their grid.
+
+    Args:
+        at_mm: Places along the axis.
+        reach_mm: Standard deviation of the Gaussian by which two of them still vary alike.
+    """
+    if reach_mm <= 0.0:
+        return np.eye(len(at_mm))
+    apart = (at_mm[:, None] - at_mm) / reach_mm
+    values, vectors = np.linalg.eigh(np.exp(-0.5 * apart**2))
+    return vectors * np.sqrt(np.maximum(values, 0.0))  # far from regular: no Cholesky

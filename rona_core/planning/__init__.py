@@ -1,0 +1,1 @@
+"""Planning in the maps of the bone: implants, their bed, where it can be, and how it is milled."""

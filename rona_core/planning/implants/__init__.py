@@ -1,0 +1,1 @@
+"""Implants as data: their solids, screws, and where each of their dimensions comes from."""

@@ -1,0 +1,192 @@
+"""Solids of implants: upright prisms with rounded outlines, stacks of them, and closed meshes.
+
+All in frame ``bed``: z = 0 is where the bone's surface is to be at the rim, depths count downwards.
+"""
+
+from dataclasses import dataclass
+from itertools import pairwise
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import shapely
+import trimesh
+from shapely.geometry import LineString, Point, Polygon, box
+
+from rona_core.devices.display import Mesh
+from rona_core.devices.files.triangle_file import read_triangles
+from rona_core.devices.settings import require, require_within
+from rona_core.geometry.arrays import Floats, Ints, readonly
+
+LEAST_MM, MOST_MM = 1.0, 120.0  # of any side: smaller or larger is a mix-up of units
+MOST_RISE_MM = 20.0  # of a solid above the plane z = 0
+MOST_DEPTH_MM = 30.0
+ARC_SEGMENTS = 32  # of a quarter circle: 0.0003 of its radius off
+
+
+@dataclass(frozen=True, slots=True)
+class Prism:
+    """An upright solid whose outline is a rectangle with rounded corners, over a depth range.
+
+    With corners of half its width it is a stadium, and as long as wide a cylinder.
+    """
+
+    length_mm: float  # along x of ``bed``
+    width_mm: float  # along y
+    corner_radius_mm: float
+    from_mm: float  # depth of its top below z = 0; negative where it stands out of the bone
+    to_mm: float  # depth of its bottom
+
+    def __post_init__(self) -> None:
+        _require_size("length_mm", self.length_mm)
+        _require_size("width_mm", self.width_mm)
+        most = 0.5 * min(self.length_mm, self.width_mm)
+        require_within("corner_radius_mm", self.corner_radius_mm, 0.0, most)
+        require_within("from_mm", self.from_mm, -MOST_RISE_MM, MOST_DEPTH_MM)
+        require_within("to_mm", self.to_mm, -MOST_RISE_MM, MOST_DEPTH_MM)
+        require(
+            self.to_mm > self.from_mm,
+            f"the depth range of a solid must go down, not from {self.from_mm:g} to "
+            f"{self.to_mm:g} mm",
+        )
+
+    def region(self) -> Polygon:
+        """Return its outline in the plane of ``bed``."""
+        radius = self.corner_radius_mm
+        x, y = 0.5 * self.length_mm - radius, 0.5 * self.width_mm - radius
+        if radius == 0.0:
+            return box(-x, -y, x, y)
+        if x <= 0.0 or y <= 0.0:
+            core = Point(0.0, 0.0) if max(x, y) <= 0.0 else LineString([(-x, -y), (x, y)])
+        else:
+            core = box(-x, -y, x, y)
+        return core.buffer(radius, quad_segs=ARC_SEGMENTS)
+
+
+def cylinder(diameter_mm: float, from_mm: float, to_mm: float) -> Prism:
+    """Return an upright cylinder over a depth range.
+
+    Raises:
+        InvalidInputError: a size outside 1 to 120 mm, or a range that does not go down.
+    """
+    return Prism(diameter_mm, diameter_mm, 0.5 * diameter_mm, from_mm, to_mm)
+
+
+def stadium(length_mm: float, width_mm: float, from_mm: float, to_mm: float) -> Prism:
+    """Return an upright solid with two straight sides and round ends over a depth range.
+
+    Raises:
+        InvalidInputError: as of ``cylinder``, or wider than long.
+    """
+    require(
+        width_mm <= length_mm,
+        f"a stadium is at least as long as wide, not {length_mm:g} x {width_mm:g} mm",
+    )
+    return Prism(length_mm, width_mm, 0.5 * width_mm, from_mm, to_mm)
+
+
+@dataclass(frozen=True, slots=True)
+class Stack:
+    """Prisms on one another, from the top down, without a gap between them."""
+
+    parts: tuple[Prism, ...]
+
+    def __post_init__(self) -> None:
+        require(len(self.parts) > 0, "a stack needs at least one part, got none")
+        for upper, lower in pairwise(self.parts):
+            require(
+                abs(upper.to_mm - lower.from_mm) <= 1e-9,
+                f"each part of a stack must begin where the one above ends: {upper.to_mm:g} mm, "
+                f"not {lower.from_mm:g} mm",
+            )
+        height_mm = self.parts[-1].to_mm - self.parts[0].from_mm
+        _require_size("the height of a stack", height_mm)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ClosedMesh:
+    """A closed triangle mesh in ``bed``, its outside where the corners run counter-clockwise."""
+
+    points_bed: Floats  # (n, 3)
+    triangles: Ints  # (m, 3) rows of points
+
+
+Solid = Stack | ClosedMesh
+
+
+def load_closed_stl(source: bytes | Path, name: str) -> ClosedMesh:
+    """Return the solid in an STL file, which is in mm and in frame ``bed``.
+
+    Args:
+        source: Contents of the file, or its path.
+        name: Of the file, for messages.
+
+    Raises:
+        InvalidInputError: damaged, open, or of a size outside 1 to 120 mm.
+    """
+    require(name.lower().endswith(".stl"), f"expected an STL file, got {name}: export it as STL")
+    return closed_mesh(read_triangles(source, name), name)
+
+
+def closed_mesh(mesh: Mesh, name: str) -> ClosedMesh:
+    """Return triangles as a solid.
+
+    Raises:
+        InvalidInputError: open, or of a size outside 1 to 120 mm.
+    """
+    solid: Any = trimesh.Trimesh(mesh.vertices, mesh.faces, process=True)
+    for axis, size_mm in zip("xyz", solid.extents, strict=True):
+        _require_size(f"{name} along {axis}", float(size_mm))
+    edges: Ints = np.unique(np.sort(solid.edges, axis=1), axis=0, return_counts=True)[1]
+    require(
+        bool(solid.is_watertight and solid.is_winding_consistent),
+        f"{name} is no closed solid: {np.count_nonzero(edges != 2)} of {len(edges)} edges do not "
+        "have two faces; close the mesh where it was made, and export it again",
+    )
+    if solid.volume < 0.0:
+        solid.invert()
+    depth_mm = -float(solid.bounds[0][2])
+    require(
+        -MOST_RISE_MM <= depth_mm <= MOST_DEPTH_MM,
+        f"{name} reaches {depth_mm:g} mm below its plane z = 0, expected {-MOST_RISE_MM:g} to "
+        f"{MOST_DEPTH_MM:g} mm: z = 0 is where the bone's surface is to be, z points out of it",
+    )
+    points = np.asarray(solid.vertices, dtype=np.float64)
+    return ClosedMesh(readonly(points.copy()), readonly(np.array(solid.faces, dtype=np.int64)))
+
+
+def solid_mesh(solid: Solid, lift_mm: float = 0.0) -> Any:
+    """Return the closed trimesh of a solid in ``bed``, raised by ``lift_mm``.
+
+    Parts of a stack are closed bodies that touch one another.
+    """
+    if isinstance(solid, ClosedMesh):
+        raised = solid.points_bed + (0.0, 0.0, lift_mm)
+        return trimesh.Trimesh(raised, solid.triangles, process=False)
+    bodies = [_prism_mesh(part, lift_mm) for part in solid.parts]
+    return trimesh.util.concatenate(bodies)
+
+
+def _prism_mesh(part: Prism, lift_mm: float) -> Any:
+    """Return the closed mesh of a prism; its outline is convex, so that fans cover its ends."""
+    ring = shapely.get_coordinates(part.region().exterior)[:-1]
+    if not part.region().exterior.is_ccw:
+        ring = ring[::-1]
+    n = len(ring)
+    z = np.repeat((lift_mm - part.from_mm, lift_mm - part.to_mm), n)
+    points = np.column_stack((np.vstack((ring, ring)), z))
+    here, after = np.arange(n), (np.arange(n) + 1) % n
+    fan = np.column_stack((np.zeros(n - 2, dtype=np.int64), here[1:-1], here[2:]))
+    walls = (
+        np.column_stack((here, here + n, after + n)),
+        np.column_stack((here, after + n, after)),
+    )
+    return trimesh.Trimesh(points, np.vstack((fan, fan[:, ::-1] + n, *walls)), process=False)
+
+
+def _require_size(what: str, size_mm: float) -> None:
+    require(
+        LEAST_MM <= size_mm <= MOST_MM,
+        f"{what} is {size_mm:g} mm, expected {LEAST_MM:g} to {MOST_MM:g} mm: sizes are in mm; "
+        "scale a file in inch by 25.4 and one in metres by 1000",
+    )

@@ -1,0 +1,53 @@
+"""Probability that a bed keeps its limit, from the thinnest bone that it has in each draw.
+
+The least of many correlated heights has a longer lower than upper tail, so a normal distribution
+fitted to all draws promises too much (0.996 where 0.990 is true), and a count of 200 draws cannot
+tell 0.99 from 1. A normal distribution fitted to the lower half alone does neither.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.special import ndtr
+
+from rona_core.geometry.arrays import Floats
+
+NORMAL_95 = 1.96
+MEDIAN_VARIANCE = np.pi / 2.0  # of the median of n normal values, times n / sigma^2
+SPREAD_VARIANCE = 1.0  # of the relative spread of their half, times n: 1 / (2 n / 2)
+LEAST_SPREAD_MM = 1e-6
+
+
+@dataclass(frozen=True, slots=True)
+class Chance:
+    """A probability, and where it lies in 95 % of sets of as many draws."""
+
+    probability: float
+    low: float
+    high: float
+    score: float  # standard normal quantile of the probability: it ranks what is nearly 0 or 1
+
+
+def chance_above(values_mm: Floats, limit_mm: float) -> Chance:
+    """Return the probability that a further draw is at least ``limit_mm``.
+
+    Args:
+        values_mm: Of the draws (n,), in millimetres.
+        limit_mm: Of what is safe.
+    """
+    score = float(scores(values_mm, limit_mm))
+    error = NORMAL_95 * np.sqrt((MEDIAN_VARIANCE + SPREAD_VARIANCE * score**2) / len(values_mm))
+    low, high = float(ndtr(score - error)), float(ndtr(score + error))
+    return Chance(float(ndtr(score)), low, high, score)
+
+
+def scores(values_mm: Floats, limit_mm: float) -> Floats:
+    """Return by how many spreads the median of draws (n, ...) is above a limit.
+
+    The spread is that of the half on the side of the limit.
+    """
+    median = np.median(values_mm, axis=0)
+    above = median - limit_mm
+    off = np.minimum(np.where(above >= 0.0, 1.0, -1.0) * (values_mm - median), 0.0)
+    spread = np.sqrt((off**2).sum(axis=0) / np.maximum((off < 0.0).sum(axis=0), 1))
+    return above / np.maximum(spread, LEAST_SPREAD_MM)

@@ -1,0 +1,44 @@
+import numpy as np
+import pytest
+from scipy.stats import norm
+
+from rona_core.planning.placement.chance import chance_above, scores
+
+
+@pytest.mark.parametrize("limit", [-2.5, -1.0, 0.0, 1.5])
+def test_normal_values_have_their_own_probability(limit):
+    values = norm.ppf((np.arange(4001) + 0.5) / 4001.0)
+    found = chance_above(values, limit)
+    assert found.probability == pytest.approx(norm.sf(limit), abs=0.002)
+    assert found.low < found.probability < found.high
+    assert found.score == pytest.approx(-limit, abs=0.01)
+
+
+def test_the_interval_holds_about_as_often_as_it_says():
+    generator = np.random.default_rng(1)
+    held = 0
+    for _ in range(400):
+        found = chance_above(generator.standard_normal(100), -1.6)
+        held += found.low <= norm.cdf(1.6) <= found.high
+    assert 0.92 <= held / 400 <= 1.0
+
+
+def test_the_longer_lower_tail_of_a_minimum_is_not_promised_away():
+    """Least of 40 values, which is more than a bed has: a fit to all of it promises too much."""
+    generator = np.random.default_rng(2)
+    least = generator.standard_normal((40_000, 40)).min(axis=1)
+    limit = np.quantile(least, 0.01)
+    plain = norm.sf((limit - least.mean()) / least.std())
+    halved = chance_above(least, limit).probability
+    assert plain > 0.996
+    assert 0.99 - 1e-3 < halved < 0.994
+
+
+def test_scores_of_several_columns_are_those_of_each():
+    values = np.random.default_rng(3).gamma(2.0, size=(60, 3))
+    assert scores(values, 1.0) == pytest.approx([scores(values[:, k], 1.0) for k in range(3)])
+
+
+def test_values_that_are_all_alike_are_certain():
+    assert chance_above(np.full(50, 2.0), 1.0).low == 1.0
+    assert chance_above(np.full(50, 0.5), 1.0).high == 0.0
