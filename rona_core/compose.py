@@ -11,8 +11,8 @@ from rona_core.app.dependencies.inputs import require_result
 from rona_core.app.overview.predicted_accuracy import predicted_figures
 from rona_core.app.procedure import (
     PROCEDURE,
-    WITHOUT_REFERENCES,
     Ending,
+    Messages,
     StepProgress,
     run_procedure,
     unwatched,
@@ -30,7 +30,7 @@ from rona_core.app.steps.setup.messages import (
 from rona_core.devices.protocols import Cancel, Progress, Rig, never
 from rona_core.devices.world_settings import REALISTIC_WORLD, WorldSettings
 from rona_core.errors import DeviceError, RonaError
-from rona_core.evaluation.map_errors import errors_of_maps
+from rona_core.evaluation.maps.map_errors import errors_of_maps
 from rona_core.evaluation.metrics import evaluate
 from rona_core.evaluation.truth import truth_of
 from rona_core.mapping.comparison.map_errors import MapErrors
@@ -203,7 +203,7 @@ def run_demo(
     *,
     robot: str = "rx90",
     world: WorldSettings = REALISTIC_WORLD,
-    reference_points: bool = True,
+    messages: Messages = PROCEDURE,
     progress: StepProgress = unwatched,
     cancel: Cancel = never,
 ) -> tuple[Session, dict[str, Any]]:
@@ -214,7 +214,7 @@ def run_demo(
         skull: What is scanned.
         robot: Name of the robot.
         world: How far patient and devices are from what is told of them.
-        reference_points: Whether a caliper measures three places, for the speed of sound.
+        messages: What is done after set-up.
         progress: Called with the step and the share of it that is done.
         cancel: Asked now and then; returns True to end.
 
@@ -235,7 +235,6 @@ def run_demo(
         _put_on_the_table(skull, bench, lambda share: progress("setup", share), cancel)
         bench.rig()
         progress("setup", 1.0)
-        messages = PROCEDURE if reference_points else WITHOUT_REFERENCES
         ending = run_procedure(bench, progress=progress, cancel=cancel, messages=messages)
         figures = _figures(bench, ending)
     finally:
@@ -274,6 +273,7 @@ def _figures(bench: Workbench, ending: Ending) -> dict[str, Any]:
     figures["completed"] = ending.completed
     figures["second_pass_reason"] = ending.second_pass_reason
     figures["references_reason"] = ending.references_reason
+    figures["bed_reason"] = ending.bed_reason
     if not ending.completed:
         figures |= {"failed_step": ending.failed_step, "reason": ending.reason}
     return figures

@@ -7,6 +7,7 @@ from rona_core.app.declarations.declarations import Message
 from rona_core.app.declarations.registry import REGISTRY
 from rona_core.app.runtime.workbench import Workbench
 from rona_core.app.steps.acoustics.messages import StartCaliperMeasurements
+from rona_core.app.steps.implant.messages import StartBedSearch
 from rona_core.app.steps.maps.messages import StartGapPlan, StartGapScan, StartMapping
 from rona_core.app.steps.path.messages import StartPathCapture
 from rona_core.app.steps.pointer.messages import StartPointerCapture
@@ -22,7 +23,9 @@ from rona_core.errors import CancelledError, RonaError
 
 StepProgress = Callable[[str, float], None]  # step, share done
 
-PROCEDURE: tuple[tuple[str, Message], ...] = (
+Messages = tuple[tuple[str, Message], ...]  # with the step of each
+
+PROCEDURE: Messages = (
     ("tool", StartToolCapture()),
     ("pointer", StartPointerCapture()),
     ("surface", StartSurfaceCapture()),
@@ -38,9 +41,10 @@ PROCEDURE: tuple[tuple[str, Message], ...] = (
     ("maps", StartMapping()),
 )
 WITHOUT_REFERENCES = tuple(step for step in PROCEDURE if step[0] != "references")
+IMPLANT: Messages = (("implant", StartBedSearch()),)  # what may follow
 # The procedure is complete without these: there may be no gap, or no way to it, and no place that
-# is thick and sure enough for a caliper.
-SPARED = ("second", "references")
+# is thick and sure enough for a caliper, and an implant may be larger than what was scanned.
+SPARED = ("second", "references", "implant")
 
 
 @dataclass(frozen=True, slots=True)
@@ -52,6 +56,7 @@ class Ending:
     reason: str | None = None
     second_pass_reason: str | None = None  # why the gaps were not scanned again
     references_reason: str | None = None  # why nothing was measured with a caliper
+    bed_reason: str | None = None  # why no implant bed was searched
 
 
 def unwatched(step: str, share: float) -> None:
@@ -63,7 +68,7 @@ def run_procedure(
     *,
     progress: StepProgress = unwatched,
     cancel: Cancel = never,
-    messages: tuple[tuple[str, Message], ...] = PROCEDURE,
+    messages: Messages = PROCEDURE,
 ) -> Ending:
     """Carry out all steps after set-up, one after the other; stop where one cannot be done.
 
@@ -98,6 +103,7 @@ def run_procedure(
         True,
         second_pass_reason=spared.get("second"),
         references_reason=spared.get("references"),
+        bed_reason=spared.get("implant"),
     )
 
 

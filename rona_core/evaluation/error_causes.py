@@ -13,7 +13,7 @@ from scipy.spatial import KDTree
 from rona_core.app.dependencies.head_reference import watch_head
 from rona_core.app.steps.scan.probe_poses import probe_poses_of
 from rona_core.evaluation.figures import Figures, rms
-from rona_core.evaluation.map_metrics import cells, outer_errors_mm, thickness_errors_mm
+from rona_core.evaluation.maps.map_metrics import cells, outer_errors_mm, thickness_errors_mm
 from rona_core.evaluation.scan_metrics import WRONG_MM, true_probe_poses
 from rona_core.evaluation.truth import Truth
 from rona_core.geometry.arrays import Bools, Floats

@@ -12,7 +12,8 @@ from rona_core.app.overview.predicted_accuracy import predicted_figures
 from rona_core.evaluation.error_causes import KEYS as CAUSE_KEYS
 from rona_core.evaluation.error_causes import cause_figures
 from rona_core.evaluation.figures import Figures
-from rona_core.evaluation.map_metrics import (
+from rona_core.evaluation.maps.bed_metrics import bed_figures
+from rona_core.evaluation.maps.map_metrics import (
     map_figures,
     one_pass_figures,
     sono_calibration_figures,
@@ -69,6 +70,7 @@ KEYS = (
     "second_pass_points",
     "second_pass_reason",
     "references_reason",
+    "bed_reason",
     "scan_duration_s",
     "contact_force_rms_n",
     "contact_force_peak_n",
@@ -94,6 +96,9 @@ KEYS = (
     "detection_failure_fraction",
     "unflagged_failure_fraction",
     "flagged_fraction",
+    "bed_probability",
+    "bed_residual_mm",
+    "bed_residual_true_mm",
     "sono_face_error_mm",
     "sono_axis_error_deg",
     "sono_outer_rms_mm",
@@ -122,7 +127,7 @@ def evaluate(session: "Session", scene: VirtualScene) -> Figures:
         scene = build_scene(scene.seed, scene.specimen, session.setup.devices, scene.world)
     truth = truth_of(session, scene)
     figures: Figures = dict.fromkeys(KEYS)
-    for part in (_navigation, _path, _scan):
+    for part in (_navigation, _path, _scan, bed_figures):
         figures |= part(session, truth)
     figures |= _by_hand(session, Truth(scene, truth.postures))  # which nothing leads back to step 4
     step, reason = unfinished(session)

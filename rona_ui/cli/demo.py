@@ -15,6 +15,7 @@ from rich.table import Table
 from rich.text import Text
 
 from rona_core.app.overview.acceptance import quality_rows
+from rona_core.app.procedure import IMPLANT, PROCEDURE, WITHOUT_REFERENCES
 from rona_core.compose import DemoSkull, run_demo
 from rona_core.devices.world_settings import WorldProfile, WorldSettings
 from rona_core.errors import InvalidInputError
@@ -40,7 +41,7 @@ def run(wanted: Any) -> int:
             ),
             robot=wanted.robot,
             world=WorldSettings(wanted.world),
-            reference_points=not wanted.no_reference_points,
+            messages=(WITHOUT_REFERENCES if wanted.no_reference_points else PROCEDURE) + IMPLANT,
             progress=show,
         )
     if wanted.json:

@@ -34,7 +34,7 @@ def run(wanted: Any) -> int:
     lines = [
         f"{session.name}  (id {session.id}, made {session.created_utc})",
         f"seed {session.setup.seed}, revision {len(session.log)}, schema {SCHEMA}",
-        *(f"  {step.number} {step.title:<10} {step.state:<8} {step.reason}" for step in steps),
+        *(f"  {step.number:>2} {step.title:<11} {step.state:<8} {step.reason}" for step in steps),
     ]
     kinds = [
         f"{c['ordinal']} {c['kind']}" + (" (partial)" if c["partial"] else "") for c in captures

@@ -110,6 +110,7 @@ FIGURES: dict[str, FigureKind] = {
     "second_pass_points": FigureKind("A-scans of the second pass", "capture second"),
     "second_pass_reason": FigureKind("No second pass, because", ""),
     "references_reason": FigureKind("No reference points, because", ""),
+    "bed_reason": FigureKind("No implant bed, because", ""),
     "scan_duration_s": FigureKind("Scan duration", "roll", "s"),
     "contact_force_rms_n": FigureKind(
         "Force about its set point, RMS", "capture scan", "N", 2, 0.7
@@ -142,6 +143,9 @@ FIGURES: dict[str, FigureKind] = {
         "Wrong inner boundary, unflagged", "detection", "", 2, 0.02
     ),
     "flagged_fraction": FigureKind("Flagged A-scans", "detection", "", 2),
+    "bed_probability": FigureKind("Implant bed, probability", "bed", "", 3),
+    "bed_residual_mm": FigureKind("Bone below the bed, by the maps", "bed", "mm", 2),
+    "bed_residual_true_mm": FigureKind("Bone below the bed, true", "bed", "mm", 2),
     "sono_face_error_mm": FigureKind("By hand: face of the probe, error", "sono", "mm", 2, 0.5),
     "sono_axis_error_deg": FigureKind("By hand: axis of the probe, error", "sono", "deg", 2, 0.5),
     "sono_outer_rms_mm": FigureKind("By hand: outer boundary, RMS", "sono_maps", "mm", 2, 0.35),

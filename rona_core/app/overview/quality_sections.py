@@ -11,6 +11,7 @@ SECTIONS = (  # title, what the keys begin with, steps that the figures come fro
     ("Surface and path", "surface skull_reg path normal", ("surface", "path", "smoothing")),
     ("Robot and scan", "roll scan_p scan_d min_ contact head second", ("roll", "scan")),
     ("Maps", MAPS, ("maps",)),
+    ("Implant bed", "bed", ("implant",)),
     ("Handheld scan", "sono", ()),
 )
 # true error -> what the program expects of it without the truth

@@ -11,6 +11,7 @@ from rona_core import __version__
 from rona_core.app.dependencies.staleness import stale_reason
 from rona_core.app.dependencies.step_states import State, StepState, step_states
 from rona_core.app.overview.acceptance import QualityRow, quality_rows
+from rona_core.app.report.bed_section import bed_section
 from rona_core.app.report.map_sections import (
     accuracy_section,
     map_facts,
@@ -71,6 +72,7 @@ def session_report(session: Session, figures: Mapping[str, Any], origin: str | N
         *warnings,
         maps_section(session, found),
         accuracy_section(session, found, figures, with_truth),
+        bed_section(session),
         procedure_section(states, rows),
         quality_section(rows, with_truth),
         calibration_section(session),

@@ -24,7 +24,7 @@ TITLES: tuple[tuple[Step, str], ...] = (
 
 
 def procedure_section(states: Iterable[StepState], rows: tuple[QualityRow, ...]) -> Html:
-    """Return the nine steps: how each stands, and what its figures come to."""
+    """Return the steps: how each stands, and what its figures come to."""
     lines = [
         (
             f"{step.number} {step.title}",

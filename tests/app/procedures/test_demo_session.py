@@ -34,7 +34,7 @@ def session():
 
 
 def test_all_steps_of_the_demo_session_are_done(session):
-    assert [state.state for state in step_states(session)] == ["done"] * 9
+    assert [state.state for state in step_states(session)] == ["done"] * 10
 
 
 @pytest.mark.parametrize("processor", ["Haswell", "Nehalem"])
@@ -47,7 +47,7 @@ def test_nothing_is_stale_where_another_processor_opens_the_session(processor):
         check=True,
         env={**os.environ, "OPENBLAS_CORETYPE": processor},
     )
-    assert ended.stdout.count(" done ") == 9, ended.stdout
+    assert ended.stdout.count(" done ") == 10, ended.stdout
 
 
 @pytest.fixture(scope="module")
@@ -89,7 +89,7 @@ def test_a_replay_tells_how_far_it_is_and_heeds_cancel(session):
 def test_every_result_of_the_demo_session_recomputes(session):
     fresh = recompute(session).results
     names = [name for name in REGISTRY.replayed if fresh.get(name) is not None]
-    assert len(names) == 12
+    assert len(names) == 13
     for name in names:
         apart = compare(session.results.get(name).value, fresh.get(name).value)
         close = CLOSE_BEHIND_A_SEARCH.get(name, CLOSE)

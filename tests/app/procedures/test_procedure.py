@@ -21,7 +21,7 @@ from rona_core.app.steps.surface.messages import StartSurfaceCapture
 from rona_core.app.steps.tool.messages import StartToolCapture
 from rona_core.compose import build_virtual_rig, evaluate_virtual, new_workbench, run_demo
 from rona_core.errors import DegenerateGeometryError, NotReachableError, RonaError, StepBlockedError
-from rona_core.evaluation.map_metrics import outer_errors_mm
+from rona_core.evaluation.maps.map_metrics import outer_errors_mm
 from rona_core.evaluation.scan_postures import scan_postures
 from rona_core.evaluation.truth import Truth
 from rona_core.session.codec import digest
@@ -76,11 +76,14 @@ def test_the_procedure_completes_within_the_goals(demo):
     nothing = {key for key, value in figures.items() if value is None}
     by_hand = {key for key in figures if key.startswith("sono_")}  # nobody scanned by hand
     assert len(by_hand) == 7
+    of_bed = {key for key in figures if key.startswith("bed_")}  # nobody asked for one
+    assert len(of_bed) == 4
     assert nothing == {
         "failed_step",
         "reason",
         "second_pass_reason",
         "references_reason",
+        *of_bed,
         *of_loaded,
         *by_hand,
     }

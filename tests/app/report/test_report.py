@@ -12,9 +12,11 @@ import pytest
 from PIL import Image
 
 from rona_core.app.overview.acceptance import quality_rows
+from rona_core.app.report.bed_section import bed_section
 from rona_core.app.report.page import Html, table, tag
 from rona_core.app.report.report import session_report, workbench_report
 from rona_core.app.report.thickness_graphs import BARS, runs, thickness_histogram
+from rona_core.app.steps.implant.view import verdict
 from rona_core.app.steps.maps.accuracy.map_accuracy import map_accuracy
 from rona_core.app.steps.maps.view import layers_of
 from rona_core.app.steps.roll.certificate_view import certificate_view
@@ -24,11 +26,12 @@ from rona_core.mapping.colors import viridis
 from rona_core.session.document import Session
 from rona_core.session.files import load_session
 from rona_core.session.memo import forget_all
+from tests.helpers.ui.beds import laid_astray
 
 DEMO = Path(__file__).parents[3] / "sessions" / "demo.rona"
 EVIL = "<script>alert(1)</script>\"'&<img src=x onerror=y>"
 VOID = {"meta", "br", "path", "rect", "image"}
-SECTIONS = ["Maps", "Accuracy of the maps", "Procedure", "Quality figures"] + [
+SECTIONS = ["Maps", "Accuracy of the maps", "Implant bed", "Procedure", "Quality figures"] + [
     "Calibration and registration", "Motion and its certificate", "Provenance"
 ]  # fmt: skip
 
@@ -240,3 +243,16 @@ def test_the_bars_count_the_cells():
     np.testing.assert_allclose(np.array(heights) / max(heights), [1.0, 0.5, 0.5], atol=1e-3)
     assert max(heights) < BARS
     assert "<rect" in thickness_histogram(np.array([5.0]))  # all alike: one bar
+
+
+def test_the_bed_says_what_the_panel_says_and_a_refused_one_is_no_praise(demo):
+    demo, _, _ = demo
+    bed = demo.results.get("bed").value
+    assert f'<div class="note good">{verdict(bed)}</div>' in bed_section(demo)
+    assert f"{bed.placed.residual_mm:.2f} mm, by the maps" in bed_section(demo)
+    assert "Milling path" in bed_section(demo)
+    lost = laid_astray(demo)
+    words = verdict(lost.results.get("bed").value)
+    assert f'<div class="note warn">{words}</div>' in bed_section(lost)
+    assert "Milling path" not in bed_section(lost)
+    assert "No implant bed placed yet (step 10)" in bed_section(Session())

@@ -7,7 +7,7 @@ from rona_core.app.steps.maps.accuracy.error_budget import OUTER, THICKNESS, err
 from rona_core.app.steps.maps.accuracy.map_accuracy import map_accuracy
 from rona_core.compose import build_virtual_rig, evaluate_virtual
 from rona_core.evaluation.error_causes import KEYS
-from rona_core.evaluation.map_metrics import outer_errors_mm
+from rona_core.evaluation.maps.map_metrics import outer_errors_mm
 from rona_core.evaluation.truth import truth_of
 from rona_core.session.document import Session
 from rona_core.session.files import load_session

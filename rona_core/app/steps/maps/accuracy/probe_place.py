@@ -96,15 +96,20 @@ def _robot_place(
     seat = ErrorTerm("mounting of the probe", shared_mm=SEAT_MM, remedy=GAUGE)
     if mounting is not None:
         seat = ErrorTerm("mounting of the probe", shared_mm=mounting.sigma_mm)
-    repeat_mm = REPEATABILITY_MM.get(robot, max(REPEATABILITY_MM.values()))
     terms = (
         _head(watch),
-        ErrorTerm("repeatability of the robot", own_mm=repeat_mm / REPEATABILITY_OVER_SIGMA),
+        ErrorTerm("repeatability of the robot", own_mm=repeatability_mm(robot)),
         ErrorTerm("coupling", shared_mm=COUPLING_MM),
         seat,
         line,
     )
     return ProbePlace(terms, robot, None if postures is None else postures.qs_rad)
+
+
+def repeatability_mm(robot: str) -> float:
+    """Return the standard deviation along one axis with which a robot comes again."""
+    stated_mm = REPEATABILITY_MM.get(robot, max(REPEATABILITY_MM.values()))
+    return stated_mm / REPEATABILITY_OVER_SIGMA
 
 
 def _head(watch: HeadWatch | None) -> ErrorTerm:

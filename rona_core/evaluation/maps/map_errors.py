@@ -4,7 +4,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from rona_core.evaluation.map_metrics import (
+from rona_core.evaluation.maps.map_metrics import (
     cells,
     inner_errors_mm,
     outer_errors_mm,

@@ -1,0 +1,93 @@
+"""Section of the report about the implant bed: does it fit, what it leaves, how it is milled."""
+
+from rona_core.app.dependencies.staleness import stale_reason
+from rona_core.app.report.page import Html, badge, facts, joined, note, table, tag
+from rona_core.app.steps.implant.implant_bed import ImplantBed, PlacedBed
+from rona_core.app.steps.implant.view import MillingView, milling_view, percent, verdict
+from rona_core.session.document import Session
+
+NO_ROBOT = "No robot has been asked whether it can mill it."
+_SCREWS = ("", "n", "n", "n")
+_LIFTS = ("n", "n", "v")
+
+
+def bed_section(session: Session) -> Html:
+    """Return the implant bed of step 10, unless it is missing or stale."""
+    title, held = tag("h2", "Implant bed"), session.results.get("bed")
+    if held is None:
+        return joined((title, note("No implant bed placed yet (step 10).", "warn")))
+    reason = stale_reason("bed", session)
+    if reason is not None:
+        return joined((title, note(f"Stale, left out: {reason}.", "warn")))
+    bed: ImplantBed = held.value
+    parts = [title, note(verdict(bed), "good" if bed.refusal is None else "warn")]
+    if bed.placed is not None:
+        parts.append(facts(_figures(bed, bed.placed)))
+        parts.append(_screws(bed.placed))
+    if bed.tried:
+        safe = None if bed.refusal is not None else bed.tried[-1]
+        rows = [
+            (
+                f"{one.lift_mm:g} mm",
+                percent(one.probability),
+                badge("pass" if one is safe else "fail"),
+            )
+            for one in bed.tried
+        ]
+        parts.append(table(("Lift", "Probability of the best place", ""), rows, _LIFTS))
+    if bed.placed is not None and bed.placed.residual_mm is not None:
+        parts.append(tag("h3", "Milling path"))
+        parts.append(facts(_milling(milling_view(session))))
+        parts.append(tag("p", NO_ROBOT, css="soft"))
+    return joined(parts)
+
+
+def _figures(bed: ImplantBed, placed: PlacedBed) -> tuple[tuple[str, object], ...]:
+    """Return what was asked of the bed, and what it leaves of the bone."""
+    at, chance = placed.placement, placed.chance
+    found: list[tuple[str, object]] = [
+        ("Implant", bed.implant),
+        ("Lift", f"{bed.lift_mm:g} mm"),
+        ("Asked", f"{bed.limit_mm:g} mm with {percent(bed.required)}"),
+        ("Place u, v", f"{at.u_mm:.1f}, {at.v_mm:.1f} mm"),
+    ]
+    if chance is not None and placed.residual_mm is not None:
+        found += [
+            ("Least bone below", f"{placed.residual_mm:.2f} mm, by the maps"),
+            (
+                "Probability",
+                f"{percent(chance.probability)}, ≥ {percent(chance.low)} (95 %)",
+            ),
+        ]
+    return (
+        *found,
+        ("Bone above the seat", f"at most {placed.rim_above_mm:.2f} mm at the rim"),
+        ("Seat above the bone", f"at most {placed.rim_below_mm:.2f} mm at the rim"),
+        ("To unmapped bone", f"{placed.unmapped_mm:.1f} mm"),
+    )
+
+
+def _screws(placed: PlacedBed) -> Html:
+    rows = [
+        (
+            f"Screw {number}",
+            f"{one.screw.length_mm:g} mm",
+            f"{one.bone_mm:.2f} mm",
+            percent(one.chance.probability),
+        )
+        for number, one in enumerate(placed.screws, start=1)
+    ]
+    return table(("", "Length", "Bone", "Holds with"), rows, _SCREWS) if rows else joined(())
+
+
+def _milling(view: MillingView) -> tuple[tuple[str, object], ...]:
+    minutes, seconds = divmod(round(view.duration_s), 60)
+    burrs = " and ".join(f"{burr.diameter_mm:g}" for burr in view.path.burrs)
+    return (
+        ("Duration", f"{minutes} min {seconds:02d} s"),
+        ("Length", f"{view.path.length_mm() / 1000.0:.2f} m"),
+        ("Burrs", f"{burrs} mm"),
+        ("Layers", int(view.path.layers[-1]) + 1),
+        ("Implant goes in", "yes" if view.fit.goes_in else "no"),
+        ("Room below it", f"{view.fit.gap_min_mm:.2f} mm, mean {view.fit.gap_mean_mm:.2f} mm"),
+    )

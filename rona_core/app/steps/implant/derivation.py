@@ -1,0 +1,208 @@
+"""Compute step 10: the bed of an implant in the maps as they may be."""
+
+import numpy as np
+
+from rona_core.app.dependencies.inputs import require_result
+from rona_core.app.steps.implant.implant_bed import LACKS, ImplantBed, PlacedBed, TriedLift
+from rona_core.app.steps.implant.messages import Corners, PlaceBed, StartBedSearch
+from rona_core.app.steps.maps.accuracy.map_draws import draw_maps
+from rona_core.app.steps.maps.accuracy.probe_place import repeatability_mm
+from rona_core.devices.protocols import Cancel, Progress
+from rona_core.errors import CancelledError, InvalidInputError
+from rona_core.planning.implants.catalogue import implant_named
+from rona_core.planning.implants.implant import MOST_LIFT_MM, Implant
+from rona_core.planning.milling.burr import ball
+from rona_core.planning.milling.removal import planned_bed
+from rona_core.planning.milling.settings import BALL_2, MillingSettings
+from rona_core.planning.placement.evaluate import judge_placement
+from rona_core.planning.placement.figures import PlacementFigures, Shortfall
+from rona_core.planning.placement.furrows import with_furrows
+from rona_core.planning.placement.mapped_bone import MappedBone
+from rona_core.planning.placement.problem import PlacementProblem
+from rona_core.planning.placement.search import search_placements
+from rona_core.planning.placement.seat import Placement
+from rona_core.planning.placement.settings import ExecutionError, PlacementLimits
+from rona_core.planning.placement.solid_points import solid_points
+from rona_core.planning.placement.zones import Zone
+from rona_core.session.document import Session
+from rona_core.session.memo import Memo
+
+DRAWS = 200  # of the maps
+BURRS_MM = (5.0, 4.0, 3.0, 2.0)  # balls, the largest that goes into the bed is taken
+LIFT_STEP_MM = 1.0
+SHARE_OF_DRAWS = 0.3  # of the time of a search
+
+_BONES: Memo[MappedBone] = Memo(2)  # drawn for long, and asked at every step of a drag
+
+
+def mapped_bone(session: Session) -> MappedBone:
+    """Return the maps and their draws, for the robot that made them.
+
+    Raises:
+        StepBlockedError: nothing was mapped.
+        StaleResultError: the maps are out of date.
+    """
+    maps = require_result(session.results.maps, "map the boundaries (step 9)")
+    return _BONES.get((maps, session.captures), lambda: _drawn(session))
+
+
+def _drawn(session: Session) -> MappedBone:
+    draws = draw_maps(session, DRAWS, same_robot=True)
+    inner_mm = with_furrows(draws.maps, draws.outer_mm, draws.inner_mm)
+    return MappedBone(draws.maps, draws.outer_mm, inner_mm)
+
+
+def execution_error(session: Session) -> ExecutionError:
+    """Return how well the robot that made the maps mills a bed in the posture of the scan.
+
+    The tip of the burr counts as known like that of the tool of step 2, and as it comes again.
+    """
+    tool = require_result(session.results.tool, "register the tool (step 2)").value
+    along_mm = tool.tip_sigma_mm / np.sqrt(3.0)
+    sigma_mm = float(np.hypot(along_mm, repeatability_mm(session.setup.devices.robot.model)))
+    return ExecutionError(depth_mm=sigma_mm, lateral_mm=sigma_mm)
+
+
+def milling_settings(implant: Implant, burr_mm: float | None) -> MillingSettings:
+    """Return how a bed is milled: with a ball of this diameter, else the largest that goes in.
+
+    Raises:
+        InvalidInputError: no burr goes into the bed.
+    """
+    sizes = BURRS_MM if burr_mm is None else (burr_mm,)
+    for size_mm in sizes:
+        rim = BALL_2 if size_mm > BALL_2.diameter_mm else None
+        radius_mm = 0.5 * size_mm
+        settings = MillingSettings(
+            burr=ball(size_mm), rim_burr=rim, layer_mm=min(0.5, 0.5 * radius_mm)
+        )
+        try:
+            planned_bed(implant, settings, cell_mm=1.0)
+        except InvalidInputError:
+            if size_mm == sizes[-1]:
+                raise
+        else:
+            return settings
+    raise InvalidInputError(f"no burr of {', '.join(map(str, sizes))} mm goes into the bed")
+
+
+def derive_search(
+    session: Session, message: StartBedSearch, *, progress: Progress, cancel: Cancel
+) -> ImplantBed:
+    """Search the best placement with the smallest lift that is safe, else with the one asked for.
+
+    Raises:
+        InvalidInputError: the bed is larger than what is mapped.
+        StaleResultError: the maps are out of date.
+        CancelledError: somebody cancelled.
+    """
+    problem = _problem(session, message)
+    progress(SHARE_OF_DRAWS)
+    implant = implant_named(message.implant)
+    settings = milling_settings(implant, message.burr_mm)
+    deepest_mm = implant.terraces()[-1].depth_mm
+    lifts = np.arange(0.0, min(MOST_LIFT_MM, deepest_mm - LIFT_STEP_MM) + 1e-9, LIFT_STEP_MM)
+    wanted = lifts.tolist() if message.lift_mm is None else [message.lift_mm]
+    tried: list[TriedLift] = []
+    found = None
+    for number, lift_mm in enumerate(wanted):
+        if cancel():
+            raise CancelledError("cancelled")
+        progress(SHARE_OF_DRAWS + (1.0 - SHARE_OF_DRAWS) * number / len(wanted))
+        bed = planned_bed(implant.lifted(lift_mm), settings)
+        found = search_placements(problem, bed, implant.screws)
+        best = found.best
+        tried.append(TriedLift(lift_mm, 0.0 if best is None else best.probability))
+        if found.refusal is None:
+            break
+    if found is None:
+        raise InvalidInputError(f"{implant.name} needs no bed")
+    return ImplantBed(
+        implant=implant.name,
+        lift_mm=tried[-1].lift_mm,
+        limit_mm=message.limit_mm,
+        required=message.probability,
+        burr_mm=settings.burr.diameter_mm,
+        placed=None if found.best is None else _placed(problem, found.best),
+        refusal=found.refusal,
+        tried=tuple(tried),
+        probability=found.probability,
+        lacks=found.shortfall,
+    )
+
+
+def derive_placed(session: Session, message: PlaceBed) -> ImplantBed:
+    """Return what a bed at a chosen place leaves of the bone.
+
+    Raises:
+        StaleResultError: the maps are out of date.
+    """
+    problem = _problem(session, message)
+    implant = implant_named(message.implant).lifted(message.lift_mm)
+    settings = milling_settings(implant, message.burr_mm)
+    solid = solid_points(planned_bed(implant, settings), implant.screws, problem.bone.cell_mm)
+    turns = np.deg2rad((message.angle_deg, message.tilt_x_deg, message.tilt_y_deg)).tolist()
+    figures = judge_placement(problem, solid, Placement(message.u_mm, message.v_mm, *turns))
+    placed = _placed(problem, figures)
+    return ImplantBed(
+        implant=implant.name,
+        lift_mm=message.lift_mm,
+        limit_mm=message.limit_mm,
+        required=message.probability,
+        burr_mm=settings.burr.diameter_mm,
+        placed=placed,
+        refusal=_refusal(placed, problem.limits),
+    )
+
+
+def _problem(session: Session, message: StartBedSearch | PlaceBed) -> PlacementProblem:
+    """Return the bone, what is asked of a bed in it, and what it keeps away from."""
+    limits = PlacementLimits(message.limit_mm, message.probability)
+    zones = [
+        Zone(str(number), np.array(corners), _is_closed(corners), message.avoid_mm)
+        for number, corners in enumerate(message.avoid, start=1)
+    ]
+    return PlacementProblem(mapped_bone(session), execution_error(session), limits, zones)
+
+
+def _is_closed(corners: Corners) -> bool:
+    return len(corners) > 3 and corners[0] == corners[-1]
+
+
+def _placed(problem: PlacementProblem, figures: PlacementFigures) -> PlacedBed:
+    T_base_map = problem.bone.outer.T_base_map
+    thinnest = figures.thinnest_map
+    return PlacedBed(
+        placement=figures.placement,
+        T_base_bed=T_base_map @ figures.T_map_bed,
+        lacks=LACKS[figures.shortfall],
+        chance=figures.chance,
+        residual_mm=figures.residual_mm,
+        thinnest_base=None if thinnest is None else T_base_map @ thinnest,
+        rim_above_mm=figures.rim_above_mm,
+        rim_below_mm=figures.rim_below_mm,
+        unmapped_mm=figures.unmapped_mm,
+        screws=figures.screws,
+    )
+
+
+def _refusal(placed: PlacedBed, limits: PlacementLimits) -> str | None:
+    """Return why a bed that was laid by hand is not safe."""
+    if placed.lacks == LACKS[Shortfall.NONE]:
+        return None
+    if placed.residual_mm is None:
+        return "the bed does not lie wholly where both boundaries are mapped: move it"
+    if placed.lacks == LACKS[Shortfall.ZONE]:
+        return "the bed comes too close to what is to be avoided: move it"
+    if placed.residual_mm < limits.residual_mm:
+        return (
+            f"the bone is too thin here: {placed.residual_mm:.2f} mm would be left below the bed, "
+            f"and {limits.residual_mm:g} mm are required"
+        )
+    short = [one for one in placed.screws if one.bone_mm <= one.screw.length_mm]
+    if short:
+        return f"a screw of {short[0].screw.length_mm:g} mm finds {short[0].bone_mm:.2f} mm of bone"
+    return (
+        f"the bone is thick enough, but not surely: the probability is {placed.probability:.3f}, "
+        f"and {limits.probability:g} is required"
+    )

@@ -1,0 +1,148 @@
+"""What step 10 shows and gives away: the milling path of the bed, and the implant in it."""
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from scipy.ndimage import map_coordinates
+
+from rona_core.app.dependencies.inputs import require_result
+from rona_core.app.dependencies.staleness import stale_reason
+from rona_core.app.steps.implant.derivation import milling_settings
+from rona_core.app.steps.implant.implant_bed import ImplantBed, PlacedBed
+from rona_core.devices.display import Mesh
+from rona_core.errors import StaleResultError, StepBlockedError
+from rona_core.geometry.arrays import Floats, readonly
+from rona_core.mapping.boundary_map import BoundaryMap, Maps
+from rona_core.planning.bed import Bed
+from rona_core.planning.implants.catalogue import implant_named
+from rona_core.planning.implants.implant import Implant
+from rona_core.planning.milling.feeds import duration_s, feeds_mm_per_s
+from rona_core.planning.milling.implant_fit import Fit, fit
+from rona_core.planning.milling.milling_path import MillingPath
+from rona_core.planning.milling.plan_milling import plan_milling
+from rona_core.planning.milling.removal import planned_bed
+from rona_core.planning.placement.solid_points import solid_points
+from rona_core.session.document import Derived, Session
+from rona_core.session.memo import Memo
+
+FLOOR_MM = 0.5  # between places of the floor
+MOST_SURFACE_MM = 10.0  # of bone above the seat that a path is planned for
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class MillingView:
+    """How a bed would be milled; no robot has been asked whether it can."""
+
+    implant: Implant
+    placed: PlacedBed
+    bed: Bed
+    path: MillingPath
+    feeds_mm_per_s: Floats  # (n,)
+    duration_s: float
+    fit: Fit
+
+    def implant_base(self) -> Mesh:
+        """Return the implant in its bed, in ``base``."""
+        solid: Any = self.implant.mesh()
+        points = self.placed.T_base_bed @ np.asarray(solid.vertices, dtype=np.float64)
+        return Mesh(points, np.asarray(solid.faces, dtype=np.int64))
+
+    def tips_base(self) -> Floats:
+        """Return the path of the burr's tip (n, 3) in ``base``."""
+        return self.placed.T_base_bed @ self.path.tips_bed
+
+
+def floor_base(held: ImplantBed) -> Floats:
+    """Return places (n, 3) all over the lower side of a bed that is laid on the bone.
+
+    Raises:
+        StepBlockedError: it is nowhere laid.
+    """
+    placed = require_result(held.placed, "place the implant bed (step 10)")
+    implant = implant_named(held.implant).lifted(held.lift_mm)
+    bed = planned_bed(implant, milling_settings(implant, held.burr_mm))
+    return placed.T_base_bed @ solid_points(bed, (), FLOOR_MM).floor
+
+
+def outline_base(held: ImplantBed, above_mm: float) -> tuple[Floats, ...]:
+    """Return the closed rings (n, 3) round an implant in its place, so far over the seat.
+
+    Raises:
+        StepBlockedError: it is nowhere laid.
+    """
+    placed = require_result(held.placed, "place the implant bed (step 10)")
+    rings = implant_named(held.implant).lifted(held.lift_mm).outline()
+    return tuple(
+        placed.T_base_bed @ np.column_stack((ring, np.full(len(ring), above_mm))) for ring in rings
+    )
+
+
+_MILLED: Memo[MillingView] = Memo(2)
+
+
+def milling_view(session: Session) -> MillingView:
+    """Return how the bed of step 10 would be milled.
+
+    Raises:
+        StepBlockedError: there is no bed, or it does not lie wholly in the maps.
+        StaleResultError: it is of other maps.
+    """
+    held: Derived[ImplantBed] = require_result(
+        session.results.get("bed"), "place the implant bed (step 10)"
+    )
+    if (reason := stale_reason("bed", session)) is not None:
+        raise StaleResultError(f"the implant bed is stale: {reason}")
+    maps: Maps = require_result(session.results.maps, "map the boundaries (step 9)").value
+    return _MILLED.get((held, maps), lambda: _milled(held.value, maps))
+
+
+def _milled(held: ImplantBed, maps: Maps) -> MillingView:
+    placed = held.placed
+    if placed is None or placed.residual_mm is None:
+        raise StepBlockedError(
+            f"there is no bed to mill: {held.refusal or 'it is not mapped'}: choose another place "
+            "or implant (step 10)"
+        )
+    implant = implant_named(held.implant).lifted(held.lift_mm)
+    settings = milling_settings(implant, held.burr_mm)
+    T_map_bed = maps.outer.T_base_map.inv() @ placed.T_base_bed
+    bed = planned_bed(implant, settings)
+    i, j = np.nonzero(bed.cut())
+    seat_map = T_map_bed @ np.column_stack((bed.x_mm[i], bed.y_mm[j], np.zeros(len(i))))
+    above_mm = float((seat_map[:, 2] - _heights(maps.outer, seat_map)).min())
+    surface_mm = min(max(-above_mm, 0.0), MOST_SURFACE_MM)
+    path = plan_milling(implant, settings, surface_mm)
+    bottoms_map = T_map_bed @ path.bottoms_bed()
+    residual_mm = bottoms_map[:, 2] - _heights(maps.inner, bottoms_map)
+    feeds = feeds_mm_per_s(path, readonly(residual_mm))
+    return MillingView(
+        implant, placed, bed, path, feeds, duration_s(path, feeds), fit(implant, bed)
+    )
+
+
+def _heights(boundary: BoundaryMap, points_map: Floats) -> Floats:
+    """Return the heights (n,) of a boundary below points (n, 3)."""
+    cell_mm = boundary.u_mm[1] - boundary.u_mm[0]
+    origin = np.array((boundary.u_mm[0], boundary.v_mm[0]))
+    cells = ((points_map[:, :2] - origin) / cell_mm).T
+    found = map_coordinates(boundary.height_mm, cells, order=1, mode="nearest")
+    return np.asarray(found, dtype=np.float64)
+
+
+def verdict(held: ImplantBed) -> str:
+    """Return in one sentence whether an implant fits, and how sure that is."""
+    if held.refusal is not None or held.placed is None:
+        return f"{held.implant} does not fit safely: {held.refusal}."
+    placed = held.placed
+    lift = f" on a lift of {held.lift_mm:g} mm" if held.lift_mm > 0.0 else ""
+    screws = " and every screw holds" if placed.screws else ""
+    return (
+        f"{held.implant}{lift} fits: at least {held.limit_mm:g} mm of bone stay below the bed"
+        f"{screws} with a probability of {percent(placed.probability)}."
+    )
+
+
+def percent(probability: float) -> str:
+    """Return a probability in percent, never rounded to certainty."""
+    return "over 99.9 %" if probability > 0.999 else f"{100.0 * probability:.1f} %"

@@ -1,0 +1,1 @@
+"""The maps, and what is planned in them, against ground truth."""
