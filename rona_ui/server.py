@@ -30,6 +30,7 @@ from rona_ui.api.context import PREFIX
 from rona_ui.api.routes import (
     commands,
     events,
+    implant,
     jobs,
     maps,
     probe,
@@ -137,7 +138,8 @@ def bare_app(hub: SessionRegistry, gateway: ViewerGateway | None) -> FastAPI:
     _add_pages(app)  # before the interface: FastAPI prepares a route when it is first passed
     if gateway is not None:
         app.router.routes.extend(gateway.routes())
-    parts = (sessions, recovery, commands, jobs, results, maps, events, tracker, robot, probe, hand)
+    parts = (sessions, recovery, commands, jobs, results, maps, implant, events)
+    parts += (tracker, robot, probe, hand)
     declared = (commands.declared_commands(), jobs.declared_jobs())
     for router in (*(part.router for part in parts), sessions.files, *declared):
         app.include_router(router, prefix=PREFIX, responses=problems.RESPONSES)

@@ -17,10 +17,12 @@ STEP_PRESETS = {  # step -> preset; the camera moves only where the preset chang
     "roll": "Roll",
     "scan": "Scan",
     "maps": "Region",
+    "implant": "Bed",
 }
 UP = np.array([0.0, 0.0, 1.0])
 FIRST = ((1700.0, -1250.0, 1150.0), (330.0, 10.0, 330.0))  # before the specimen is known
 REGION_EYE = np.array([40.0, -72.0, 0.0])  # from which side the region is looked at
+BED_EYE = 0.45 * REGION_EYE  # a bed is looked at from the same side, nearer
 
 ROOM = ("Overview", "Region", "Robot")
 # Views of the head as it lies, for a skull whose front and sides are not known
@@ -73,6 +75,8 @@ def _room(name: str, static_scene: StaticScene) -> tuple[Vector3, Vector3]:
     head = np.array([center[0], center[1], center[2] - 60.0])
     if name == "Region":
         return center + 82.0 * normal + REGION_EYE, center - 3.0 * normal
+    if name == "Bed":
+        return center + 50.0 * normal + BED_EYE, center - 3.0 * normal
     if name in OFFSETS:
         start = head if name in ("Left", "Right") else center
         eye, target = OFFSETS[name]

@@ -21,6 +21,13 @@ PURPLE: Rgb = (204, 121, 167)
 SKY: Rgb = (86, 180, 233)
 YELLOW: Rgb = (240, 228, 66)
 WHITE: Rgb = (245, 245, 245)
+# kind of move of a milling path -> word and colour
+MILLING_COLORS: dict[str, tuple[str, Rgb]] = {
+    "cut": ("cut", SKY),
+    "rim": ("rim, by the small burr", ORANGE),
+    "entry": ("entry", GREEN),
+    "retract": ("in the air", WHITE),
+}
 CATEGORIES = (BLUE, ORANGE, GREEN, VERMILLION, PURPLE, SKY)
 
 

@@ -17,7 +17,7 @@ from rona_core.geometry.arrays import Floats
 from rona_core.mapping.boundary_map import Maps
 from rona_core.mapping.comparison.map_errors import MapErrors
 from rona_ui.presentation.snapshot import Snapshot
-from rona_ui.presentation.view_state import VolumeView
+from rona_ui.presentation.view_state import ViewState, VolumeView
 
 # value at the end of the colour scale
 MARGIN_SCALE_MAX: dict[Quantity, float] = {
@@ -109,6 +109,13 @@ def shown_volume(snapshot: Snapshot) -> VolumeView | None:
         return None
     drawn = volume.maps is snapshot.session.results.maps and (volume.slices or volume.surface)
     return volume if drawn else None
+
+
+def opens_window(view: ViewState) -> bool:
+    """Return whether the drawn skull is open over the region; probabilities lie on the skull."""
+    if view.step == "implant":
+        return view.skull_window and not view.shows("chance")
+    return view.step == "maps" and view.skull_window
 
 
 def map_sigma(snapshot: Snapshot) -> MapAccuracy | None:

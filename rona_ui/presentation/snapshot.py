@@ -8,6 +8,7 @@ from typing import Any
 from rona_core.app.dependencies.step_states import StepState
 from rona_core.app.runtime.jobs import JobStatus
 from rona_core.app.runtime.saving.autosave import CopyState
+from rona_core.app.steps.implant.view import MillingView
 from rona_core.app.steps.maps.comparison import MapComparison
 from rona_core.app.steps.maps.growing_map import GrowingMap
 from rona_core.devices.live import LiveState
@@ -33,6 +34,7 @@ class Snapshot:
     growing: GrowingMap | None = None  # outer map of the newest scan, as far as it has come
     figures: dict[str, Any] = field(default_factory=dict)
     truth: MapComparison | None = None  # the maps beside the true bone, where it is known
+    milling: MillingView | None = None  # how the bed of step 10 would be milled; if it is of now
     saved: bool = False
     copy: CopyState = "none"  # of what is not saved
     files: tuple[Path, ...] = ()

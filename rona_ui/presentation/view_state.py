@@ -32,6 +32,10 @@ LAYERS = {
     "fused": "Fused map",
     "second": "Second pass",
     "references": "Reference points",
+    "implant": "Implant",
+    "bed": "Implant bed",
+    "milling": "Milling path",
+    "chance": "Probability",
 }
 
 _ROOM = frozenset(("skull", "robot", "tracker", "pointer", "region", "obstacles"))
@@ -48,6 +52,7 @@ NEEDED: dict[str, frozenset[str]] = {
     "maps": frozenset(
         ("skull", "region", "pointer", "outer", "inner", "fused", "second", "references")
     ),
+    "implant": frozenset(("skull", "inner", "implant", "bed", "milling", "chance")),
 }
 
 
@@ -80,7 +85,7 @@ class ViewState:
 
     step: str = "setup"
     all_layers: bool = False  # show also what the step does not need
-    hidden: frozenset[str] = frozenset({"outer", "fused", "obstacles"})
+    hidden: frozenset[str] = frozenset({"outer", "fused", "obstacles", "milling", "chance"})
     shown_roll: int | None = None  # index of the roll in the graphs; None follows the plan
     place: float | None = None  # 0 to 1 along the path, where that roll is looked at; None: where
     # it fails first, or the middle

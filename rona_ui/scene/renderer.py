@@ -6,6 +6,7 @@ import numpy as np
 
 from rona_ui.presentation.colors import BACKGROUND
 from rona_ui.presentation.snapshot import Snapshot
+from rona_ui.scene.implant import BedLayer, ChanceLayer, ImplantLayer, MillingLayer, UnmappedLayer
 from rona_ui.scene.layer import Layer
 from rona_ui.scene.maps.growing_map import GrowingMapLayer
 from rona_ui.scene.maps.map_section import ProfileLayer
@@ -58,6 +59,11 @@ class SceneRenderer:
             SecondLayer(self.nodes),
             ReferencesLayer(self.nodes),
             VolumeLayer(self.nodes),
+            BedLayer(self.nodes),
+            ImplantLayer(self.nodes),
+            UnmappedLayer(self.nodes),
+            MillingLayer(self.nodes),
+            ChanceLayer(self.nodes),
         )
 
     def render(self, old: Snapshot | None, new: Snapshot) -> None:

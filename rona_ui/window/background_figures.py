@@ -8,6 +8,7 @@ from dataclasses import dataclass, field, replace
 from typing import Any
 
 from rona_core.app.runtime.workbench import Workbench
+from rona_core.app.steps.implant.view import MillingView, milling_view
 from rona_core.app.steps.maps.comparison import MapComparison, compare_with_truth
 from rona_core.errors import RonaError
 from rona_core.session.document import Session
@@ -22,6 +23,7 @@ class BackgroundState:
     static_scene: StaticScene | None = None
     figures: dict[str, Any] = field(default_factory=dict)
     truth: MapComparison | None = None  # the maps beside the true bone
+    milling: MillingView | None = None  # of the bed; None where there is none to mill
 
 
 class BackgroundFigures:
@@ -75,6 +77,9 @@ class BackgroundFigures:
             rig = bench.rig()
             self._put(rig=rig, static_scene=read_static_scene(rig, session.setup))
             self._key = key
+        milling = milling_of(session)
+        if milling is not self._state.milling:
+            self._put(milling=milling)
         judged = session.id, session.results, session.captures, session.setup
         if not busy and judged != self._judged:
             self._put(figures=bench.figures(), truth=_beside_truth(bench))
@@ -84,6 +89,14 @@ class BackgroundFigures:
         with self._ready:
             self._state = replace(self._state, **parts)
         self._wake()
+
+
+def milling_of(session: Session) -> MillingView | None:
+    """Return how the bed would be milled; None without a bed of now that lies in the maps."""
+    try:
+        return milling_view(session)
+    except RonaError:
+        return None
 
 
 def _beside_truth(bench: Workbench) -> MapComparison | None:

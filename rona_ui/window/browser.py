@@ -11,6 +11,7 @@ import numpy as np
 from rona_core.app.report.report import workbench_report
 from rona_core.app.runtime.saving.export_captures import export_recording
 from rona_core.app.runtime.session_registry import CURRENT, SessionRegistry
+from rona_core.app.steps.implant.export import export_bed
 from rona_core.app.steps.maps.comparison import compare_maps
 from rona_core.app.steps.maps.export import export_maps
 from rona_core.errors import InvalidInputError, NotFoundError
@@ -206,6 +207,9 @@ class Browser:
             self.client.send_file_download(made.name, made.data, save_immediately=True)
         elif verb == "export":
             data = export_maps(self._hub.get().session, name)
+            self.client.send_file_download(name, data, save_immediately=True)
+        elif verb == "export-bed":
+            data = export_bed(self._hub.get().session, name)
             self.client.send_file_download(name, data, save_immediately=True)
         elif verb in COMPARE and isinstance(data, bytes):
             found = compare_maps(self._hub.get().session, data, name, COMPARE[verb])

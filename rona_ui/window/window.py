@@ -176,6 +176,7 @@ class Window:
             growing=self._growth.ask(session, live, _scanned_pass(job)) if self._browsers else None,
             figures=facts.figures,
             truth=facts.truth,
+            milling=facts.milling,
             pivoting_by_hand=busy and bench.pointer_in_hand(),
             saved=self._hub.is_saved(session.id),
             copy=self._hub.copy_state(session.id),

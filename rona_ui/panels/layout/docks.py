@@ -2,6 +2,7 @@
 
 from typing import Any
 
+from rona_ui.panels.implant.implant import ImplantPanel
 from rona_ui.panels.layout.frames_and_log import FramesPanel, LogPanel
 from rona_ui.panels.layout.quality import QualityPanel
 from rona_ui.panels.layout.replay_bar import ReplayPanel
@@ -39,6 +40,7 @@ STEP_PANELS: tuple[type[StepPanel], ...] = (
     RollPanel,
     ScanPanel,
     MapsPanel,
+    ImplantPanel,
 )
 LEFT_PX, RIGHT_PX, REPLAY_PX = 340, 380, 430
 

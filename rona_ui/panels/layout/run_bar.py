@@ -1,4 +1,4 @@
-"""The nine steps as a list; title of the active step, its primary button, cancel and next."""
+"""The steps as a list; title of the active step, its primary button, cancel and next."""
 
 from functools import partial
 from typing import Any

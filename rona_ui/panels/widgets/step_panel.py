@@ -1,4 +1,4 @@
-"""Base class of the nine step panels, and the verdicts of the figures of a step."""
+"""Base class of the step panels, and the verdicts of the figures of a step."""
 
 from typing import Any, ClassVar
 
@@ -12,6 +12,7 @@ from rona_ui.panels.widgets.panel_context import PanelContext
 from rona_ui.presentation.snapshot import Snapshot, changed
 
 MAX_LISTED = 3  # figures in a note
+FOLLOWED = ("session", "view", "busy", "figures", "static_scene")  # by the remarks
 
 
 # every panel of every browser asks for the same ones
@@ -78,7 +79,7 @@ class StepPanel:
         if old is None or old.busy != new.busy:
             self.form.enable(not new.busy)
         self.update(old, new)
-        if active and changed(old, new, "session", "view", "busy", "figures", "static_scene"):
+        if active and changed(old, new, *FOLLOWED):
             html = (stopped_note(new, self.activity) if self.activity else "") + self.remarks(new)
             self.remark.content = self._judged(html, new)
 

@@ -4,6 +4,7 @@ import numpy as np
 
 from rona_core.devices.display import Mesh
 from rona_ui.presentation.colors import BONE, BONE_RIM
+from rona_ui.presentation.shown import opens_window
 from rona_ui.presentation.snapshot import Snapshot
 from rona_ui.presentation.static_scene import StaticScene
 from rona_ui.scene.cut_plane import crossings, cut, cut_key, cut_plane
@@ -19,7 +20,7 @@ def window_open(snapshot: Snapshot) -> bool:
     view = snapshot.view
     results = snapshot.session.results
     mapped = results.maps is not None or results.sono_maps is not None
-    return view.step == "maps" and view.skull_window and mapped
+    return mapped and opens_window(view)
 
 
 class SkullLayer(Layer):

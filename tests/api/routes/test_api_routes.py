@@ -28,6 +28,7 @@ GET /sessions/{session_id}/quality; GET /sessions/{session_id}/report
 GET /sessions/{session_id}/volume
 GET /sessions/{session_id}/maps/draws; GET /sessions/{session_id}/maps/comparison
 POST /sessions/{session_id}/maps/comparison; GET /sessions/{session_id}/export/{name}
+GET /sessions/{session_id}/bed/path; GET /sessions/{session_id}/bed/stl
 GET /sessions/{session_id}/events
 POST /sessions/{session_id}/replay; GET /jobs; GET /jobs/{job_id}; DELETE /jobs/{job_id}
 GET /jobs/{job_id}/events; GET /status; GET /status/events
@@ -378,9 +379,9 @@ def test_there_is_a_demo_session_or_a_reason(client):
 # -- queries ---------------------------------------------------------------------------------------
 
 
-def test_a_new_session_has_nine_steps_and_nothing_in_them(at):
+def test_a_new_session_has_ten_steps_and_nothing_in_them(at):
     steps = at("GET", "/steps").json()
-    assert [step["number"] for step in steps] == list(range(1, 10))
+    assert [step["number"] for step in steps] == list(range(1, 11))
     assert [step["state"] for step in steps[:4]] == ["done", "ready", "ready", "blocked"]
     for step in steps:
         held = at("GET", f"/results/{step['name']}").json()

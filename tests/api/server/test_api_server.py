@@ -11,6 +11,7 @@ from rona_core.app.messages.serialization import serialize_arguments
 from rona_core.app.procedure import PROCEDURE
 from rona_core.app.runtime.session_step import Undo
 from rona_core.app.steps.acoustics.messages import StartCaliperMeasurements
+from rona_core.app.steps.implant.messages import StartBedSearch
 from rona_core.app.steps.maps.messages import StartGapPlan, StartGapScan, StartMapping
 from rona_core.app.steps.path.messages import StartPathCapture
 from rona_core.app.steps.pointer.messages import CalibratePointer, StartPointerCapture
@@ -88,7 +89,7 @@ NOT_MADE |= {"sono_pivot", "sono_spin", "sono_scan"}
 
 @pytest.mark.slow
 def test_the_whole_procedure_through_rest(client, web, tmp_path):
-    messages = [  # all nine steps, over a small region
+    messages = [  # all ten steps, over a small region
         SetRegion(radius_mm=14.0),
         StartToolCapture(n_pivot=12, n_translate=4),
         StartPointerCapture(duration_s=6.0),
@@ -103,6 +104,7 @@ def test_the_whole_procedure_through_rest(client, web, tmp_path):
         StartGapScan(),
         StartCaliperMeasurements(),
         StartMapping(),
+        StartBedSearch(implant="Osia/Baha screw"),
     ]
     assert {type(m) for _, m in PROCEDURE} < {type(m) for m in messages}
     session = through_rest(client, messages)

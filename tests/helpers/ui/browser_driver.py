@@ -20,7 +20,18 @@ CHROMIUM = Path(os.environ.get("RONA_CHROMIUM", "/usr/bin/chromium"))
 TOKEN = "token-of-the-browser-test"
 PATIENCE_S = 120.0  # how long anything may take on the slowest machine: a claim of speed says so
 PAUSE_S = 0.6  # longer than a dragged field takes to settle
-STEPS = ("Set-up", "Tool", "Pointer", "Surface", "Path", "Smoothing", "Roll", "Scan", "Maps")
+STEPS = (
+    "Set-up",
+    "Tool",
+    "Pointer",
+    "Surface",
+    "Path",
+    "Smoothing",
+    "Roll",
+    "Scan",
+    "Maps",
+    "Implant bed",
+)
 FLAGS = (
     "--headless=new", "--no-sandbox", "--disable-quic", "--no-first-run",
     "--disable-background-networking", "--disable-component-update", "--disable-sync",
@@ -68,7 +79,8 @@ NODES = """() => {
   const all = Object.keys(window.__viserSceneTree.getState());
   const empty = ['/drawing', '/pointer', '/maps', '/path', '/scan', '/rolls', '/surface',
     '/edit', '/pattern', '/places', '/places/best', '/places/smallest',
-    '/margins', '/obstacles', '/second', '/references'];
+    '/margins', '/obstacles', '/second', '/references', '/implant', '/bed', '/milling',
+    '/chance'];
   return all.filter((n) => !empty.includes(n)).sort();
 }"""
 
@@ -175,7 +187,7 @@ class Surgeon:
         self.frame = wait_for(self._viewer, "the viewer's frame")
         self.frame.wait_for_function(
             "() => window.__viserSceneTree && '/skull' in window.__viserSceneTree.getState()"
-            " && document.querySelectorAll('.r-step').length == 9",
+            " && document.querySelectorAll('.r-step').length == 10",
             timeout=PATIENCE_S * 1000,
         )
         close = self.frame.locator(".mantine-Notification-root button")
