@@ -45,6 +45,9 @@ SUITES: Mapping[str, str] = {
     "speed": "procedure",
     "honesty": "honesty",
     "accuracy": "accuracy",
+    "implant": "implant",
+    "placement": "implant",
+    "beds": "implant",
 }
 Case = Literal["default", "full", "smallest"]
 COLUMNS = ("figure", "value", "unit", "goal", "peer", "holds")

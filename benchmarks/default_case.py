@@ -20,6 +20,15 @@ DEFAULT: Mapping[str, Mapping[str, Any]] = {
         "suites.accuracy.accuracy.NOMINAL_SEEDS": range(37_100, 37_102),
         "suites.accuracy.accuracy.SKULL_SEEDS": range(37_200, 37_201),
     },
+    "placement": {
+        "suites.implant.placement.ROUND_SEEDS": range(38_000, 38_003),
+        "suites.implant.placement.OBLONG_SEEDS": (),
+        "suites.implant.placement.SEEDS": range(38_200, 38_400),
+    },
+    "beds": {
+        "suites.implant.beds.SEEDS": range(38_000, 38_006),
+        "suites.implant.beds.SKULL_SEEDS": range(38_050, 38_051),
+    },
     "thickness": {"suites.ultrasound.thickness.SEEDS": range(31_000, 31_008)},
     "speed": {"suites.procedure.speed.SEEDS": range(3)},
     "head_motion": {"suites.procedure.head_motion.SEEDS": range(34_000, 34_004)},

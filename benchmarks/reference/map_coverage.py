@@ -7,7 +7,7 @@ import numpy as np
 
 from rona_core.app.steps.maps.accuracy.map_accuracy import MapAccuracy, map_accuracy
 from rona_core.compose import build_virtual_rig
-from rona_core.evaluation.map_errors import cell_errors_mm
+from rona_core.evaluation.maps.map_errors import cell_errors_mm
 from rona_core.evaluation.truth import truth_of
 from rona_core.geometry.arrays import Floats
 from rona_core.session.document import Session

@@ -7,7 +7,7 @@ from scipy.spatial import KDTree
 
 from rona_core.app.steps.maps.accuracy.probe_place import cloud_prior
 from rona_core.evaluation.figures import rms
-from rona_core.evaluation.map_errors import cell_errors_mm
+from rona_core.evaluation.maps.map_errors import cell_errors_mm
 from rona_core.evaluation.navigation_metrics import tip_errors
 from rona_core.evaluation.truth import Truth
 from rona_core.geometry.arrays import Bools, Floats

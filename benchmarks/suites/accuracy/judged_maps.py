@@ -10,7 +10,7 @@ from benchmarks.suites.honesty.judged import Judged
 from benchmarks.suites.honesty.maps import maps as judged_maps
 from rona_core.app.steps.maps.accuracy.map_accuracy import MapAccuracy, map_accuracy
 from rona_core.app.steps.maps.accuracy.map_draws import draw_maps
-from rona_core.evaluation.map_errors import cell_errors_mm
+from rona_core.evaluation.maps.map_errors import cell_errors_mm
 from rona_core.evaluation.truth import Truth
 from rona_core.geometry.arrays import Bools, Floats
 from rona_core.mapping.boundary_map import Maps

@@ -23,7 +23,7 @@ from rona_core.app.steps.surface.messages import BuildSurface
 from rona_core.compose import build_virtual_rig, new_workbench
 from rona_core.devices.protocols import never, silent
 from rona_core.evaluation.figures import rms
-from rona_core.evaluation.map_metrics import cells, outer_errors_mm
+from rona_core.evaluation.maps.map_metrics import cells, outer_errors_mm
 from rona_core.evaluation.scan_metrics import head_shift_figures
 from rona_core.evaluation.truth import truth_of
 from rona_core.session.document import Derived, Session
