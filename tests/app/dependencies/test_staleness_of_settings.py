@@ -58,7 +58,7 @@ from rona_core.session.files import load_session
 from rona_ui.resources import demo_session
 
 NOTHING: frozenset[str] = frozenset()
-MAPS = frozenset(("maps",))
+MAPS = frozenset(("maps", "bed"))
 FROM_SPEED = MAPS | {"sono_maps"}  # both kinds of maps take the calibrated speed of sound
 FROM_SCAN = FROM_SPEED | {
     "capture scan",
