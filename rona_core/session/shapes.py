@@ -30,6 +30,7 @@ SHAPES: dict[str, dict[str, str]] = {
     },
     "ForceTrack": {"n": "times_s force_n states travel_mm feed_share way_mm", "n 6": "wrench"},
     "GaugeCapture": {"k": "tracks depths_mm"},
+    "ImplantBed": {"u v": "probability lacks"},
     "JointTrack": {"n": "times_s", "n 6": "qs_rad"},
     "LoadedSkull": {
         "i j k": "distance_um",
@@ -54,6 +55,7 @@ SHAPES: dict[str, dict[str, str]] = {
         "n": "residuals_mm used",
     },
     "Pose": {"3 3": "rotation", "3": "translation"},
+    "PlacedBed": {"3": "thinnest_base"},
     "Poses": {"n 3 3": "rotations", "n 3": "translations"},
     "RadiusChoice": {"k": "radii_mm noise_deg lean_deg"},
     "RawPath": {"n 3": "points_base"},
