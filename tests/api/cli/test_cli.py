@@ -8,6 +8,7 @@ from pathlib import Path
 import pytest
 
 from rona_core.app.overview.acceptance import FIGURES
+from rona_core.app.procedure import IMPLANT, PROCEDURE, WITHOUT_REFERENCES
 from rona_core.app.runtime.workbench import Workbench
 from rona_core.compose import DemoSkull, new_workbench
 from rona_core.devices.world_settings import WorldSettings
@@ -69,10 +70,10 @@ def test_demo_passes_everything_on(run_demo, capsys, tmp_path):
         "skull": DemoSkull(str(bone), str(inner), 300.0, (1.0, -2.0, 3.5), 20.0),
         "robot": "rx90",
         "world": WorldSettings("hard"),
-        "reference_points": True,
+        "messages": PROCEDURE + IMPLANT,
     }
     assert main([*arguments, "--no-reference-points"]) == 0
-    assert asked["reference_points"] is False
+    assert asked["messages"] == WITHOUT_REFERENCES + IMPLANT
 
 
 def test_demo_prints_one_json_object(run_demo, capsys):

@@ -39,7 +39,7 @@ def test_the_list_tells_name_time_size_and_steps(left, capsys, tmp_path):
     assert main(["recover", "--sessions", str(tmp_path)]) == 0
     out = capsys.readouterr().out
     assert all(lost["key"] in out for lost in found)
-    assert out.count("1 of 9 steps done") == 3
+    assert out.count("1 of 10 steps done") == 3
     assert out.count(" MB, ") == 3
     assert main(["recover", "--sessions", str(tmp_path / "empty")]) == 0
     assert "nothing to recover" in capsys.readouterr().out

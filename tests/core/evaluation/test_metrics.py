@@ -42,7 +42,7 @@ def session_of(**results):
     }
     return SimpleNamespace(
         setup=SimpleNamespace(devices=SETTINGS),
-        results=SimpleNamespace(**filled),
+        results=SimpleNamespace(**filled, get=lambda name: None),
         captures=SimpleNamespace(
             tool=None, pointer=None, surface=(), path=None, scan=None, second=None
         ),
