@@ -4,6 +4,7 @@
 const STEP_WORDS = {
   setup: "Set-up", tool: "Tool", pointer: "Pointer", surface: "Surface", path: "Path",
   smoothing: "Smoothing", roll: "Roll", scan: "Scan", maps: "Maps",
+  implant: "Implant bed",
 };
 let shown = null; // the newest state of the program
 let offered = -1; // how many unsaved sessions the list has

@@ -1,10 +1,12 @@
 """Files that are not code are found from a checkout and from an installed wheel."""
 
+import re
 import shutil
 from pathlib import Path
 
 import pytest
 
+from rona_core.app.declarations.registry import REGISTRY
 from rona_ui import resources
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -41,3 +43,10 @@ def test_installed_they_lie_in_the_package_and_sessions_with_the_user(
     folder = resources.sessions_dir()
     assert folder.is_dir()
     assert folder.is_relative_to(tmp_path / "user")
+
+
+def test_the_page_knows_every_step_by_the_title_that_the_list_has():
+    script = (ROOT / "static" / "sessions.js").read_text("utf-8")
+    block = re.search(r"const STEP_WORDS = \{(.*?)\};", script, re.DOTALL)[1]
+    words = dict(re.findall(r'(\w+): "([^"]+)"', block))
+    assert words == {name: line.title for name, line in REGISTRY.lines.items()}

@@ -103,7 +103,7 @@ def test_work_that_was_killed_is_offered_and_comes_back_whole(
     assert item.count() == 1
     words = item.inner_text()
     assert NAME in words
-    assert "2 of 9 steps done: Set-up, Pointer" in words
+    assert "2 of 10 steps done: Set-up, Pointer" in words
     assert "MB" in words
     assert "today" in words
     surgeon.picture("recover_offer")
