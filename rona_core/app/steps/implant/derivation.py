@@ -69,21 +69,24 @@ def milling_settings(implant: Implant, burr_mm: float | None) -> MillingSettings
     Raises:
         InvalidInputError: no burr goes into the bed.
     """
-    sizes = BURRS_MM if burr_mm is None else (burr_mm,)
-    for size_mm in sizes:
-        rim = BALL_2 if size_mm > BALL_2.diameter_mm else None
-        radius_mm = 0.5 * size_mm
-        settings = MillingSettings(
-            burr=ball(size_mm), rim_burr=rim, layer_mm=min(0.5, 0.5 * radius_mm)
-        )
+    *larger, last = BURRS_MM if burr_mm is None else (burr_mm,)
+    for size_mm in larger:
         try:
-            planned_bed(implant, settings, cell_mm=1.0)
+            return _settings(implant, size_mm)
         except InvalidInputError:
-            if size_mm == sizes[-1]:
-                raise
-        else:
-            return settings
-    raise InvalidInputError(f"no burr of {', '.join(map(str, sizes))} mm goes into the bed")
+            continue  # a smaller one may go in
+    return _settings(implant, last)
+
+
+def _settings(implant: Implant, burr_mm: float) -> MillingSettings:
+    """Return how a bed is milled with a ball; raise InvalidInputError where it does not go in."""
+    settings = MillingSettings(
+        burr=ball(burr_mm),
+        rim_burr=BALL_2 if burr_mm > BALL_2.diameter_mm else None,
+        layer_mm=min(0.5, 0.25 * burr_mm),
+    )
+    planned_bed(implant, settings, cell_mm=1.0)
+    return settings
 
 
 def derive_search(

@@ -22,12 +22,12 @@ from rona_core.planning.milling.implant_fit import Fit, fit
 from rona_core.planning.milling.milling_path import MillingPath
 from rona_core.planning.milling.plan_milling import plan_milling
 from rona_core.planning.milling.removal import planned_bed
+from rona_core.planning.milling.tool_regions import MOST_SURFACE_MM
 from rona_core.planning.placement.solid_points import solid_points
 from rona_core.session.document import Derived, Session
 from rona_core.session.memo import Memo
 
 FLOOR_MM = 0.5  # between places of the floor
-MOST_SURFACE_MM = 10.0  # of bone above the seat that a path is planned for
 
 
 @dataclass(frozen=True, slots=True, eq=False)
