@@ -7,7 +7,16 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from rona_core.errors import DegenerateGeometryError, InvalidInputError
-from rona_core.geometry.arrays import Floats, Ints, as_floats, as_points, as_unit_vectors, readonly
+from rona_core.geometry.arrays import (
+    Floats,
+    Ints,
+    Vector3,
+    as_floats,
+    as_points,
+    as_unit_vectors,
+    as_vector3,
+    readonly,
+)
 from rona_core.geometry.pose import Poses
 
 STEP_MM = 1.0
@@ -68,6 +77,29 @@ class Path5D:
         x = np.cos(rolls)[:, None] * x0 + np.sin(rolls)[:, None] * y0
         y = np.cross(z, x)
         return Poses(np.stack((x, y, z), axis=2), self.points_base)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class UpheldPath5D(Path5D):
+    """A path whose axes stay near one direction, and whose roll is counted from one that is fixed.
+
+    Where the axis goes round and round a cone, parallel transport would turn the reference at each
+    round by the solid angle of that cone; one that is projected anew at every point comes back.
+    """
+
+    zero_base: Vector3  # (3,) away from all axes; roll zero is its direction across the axis
+
+    def __post_init__(self) -> None:
+        Path5D.__post_init__(self)
+        object.__setattr__(self, "zero_base", readonly(as_vector3(self.zero_base)))
+        if np.abs(self.axes_base @ self.zero_base).max() > np.cos(REFERENCE_CONE_RAD):
+            raise DegenerateGeometryError("an axis of the path lies along its roll zero")
+
+    def references(self) -> Floats:
+        """Return the direction of roll zero at each point (n, 3): the fixed one across the axis."""
+        along = self.axes_base @ self.zero_base
+        across = self.zero_base - along[:, None] * self.axes_base
+        return readonly(across / np.linalg.norm(across, axis=1, keepdims=True))
 
 
 @lru_cache(maxsize=8)  # a search asks for those of one path again for every roll

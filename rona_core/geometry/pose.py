@@ -184,6 +184,16 @@ class Poses:
             np.stack([pose.translation for pose in poses]),
         )
 
+    @classmethod
+    def joined(cls, parts: "Sequence[Poses]") -> "Poses":
+        """Return several batches, at least one, as one; of a single one that very batch."""
+        if len(parts) == 1:
+            return parts[0]
+        return cls.unchecked(
+            np.concatenate([part.rotations for part in parts]),
+            np.concatenate([part.translations for part in parts]),
+        )
+
     def __len__(self) -> int:
         return len(self.rotations)
 

@@ -18,12 +18,15 @@ from rona_core.errors import DegenerateGeometryError, InvalidInputError
 from rona_core.geometry.arrays import Floats, readonly
 from rona_core.robot.collision.solids import Solid, force_sensor
 from rona_core.robot.collision.ur_solids import ur_solids
+from rona_core.robot.kinematics.milling_tool import Spindle
 from rona_core.robot.kinematics.offset_wrist import ParallelArm
 from rona_core.robot.kinematics.robot_model import RobotModel
 from rona_core.robot.kinematics.spherical_wrist import SphericalWristArm
 
 CORNERS = 12  # of the prisms that stand for drums, drawn about them
 DELAY_LINE, PROBE_BODY, PROBE, TOOL_LINK = "delay line", "probe body", "probe", 6
+SPINDLE, BURR = "spindle", "burr"
+TOUCHING = (DELAY_LINE, BURR)  # may reach into what may be touched
 BALL_MM = 7.0  # about a marker, its post included
 
 
@@ -143,14 +146,12 @@ def _spherical_wrist_arm(arm: SphericalWristArm) -> tuple[ConvexBody, ...]:
 
 
 def _tool(model: RobotModel) -> tuple[ConvexBody, ...]:
-    """Return holder, probe body, delay line and marker plate, one body each."""
-    T_flange_probe, T_flange_tip = model.T_flange_probe, model.T_flange_tip
+    """Return holder, marker plate and what the holder clamps, one body each."""
+    T_flange_tip = model.T_flange_tip
     height = float(T_flange_tip.translation[2])
     clamp = T_flange_tip @ drum(((28, -129), (28, -91)))
     near = drum(((25, -18), (25, 18)), "y", (0, 0, 30.0))
     far = drum(((18, -18), (18, 18)), "y", (0, 0, height))
-    body = T_flange_probe @ drum(((15, -137), (20, -128), (20, -65), (13, -45), (11, -33)))
-    line = T_flange_probe @ drum(((11, -37), (11, -29), (3.2, 0)))
     markers = GEOMETRIES["toolmarker"].positions_marker
     cube = BALL_MM * np.array(list(product((-1.0, 1.0), repeat=3)))
     behind = cube - np.array((0.0, 0.0, 12.0))
@@ -159,8 +160,26 @@ def _tool(model: RobotModel) -> tuple[ConvexBody, ...]:
     stem = T_flange_tip @ (np.array((0.0, 0.0, -112.0)) + cube)
     return (
         _body("tool holder", TOOL_LINK, drum(((37, 21), (37, 31))), near, far, clamp),
+        *(_probe(model) if model.tool.spindle is None else _miller(model, model.tool.spindle)),
+        _body("marker plate", TOOL_LINK, plate, stem),
+    )
+
+
+def _probe(model: RobotModel) -> tuple[ConvexBody, ...]:
+    """Return probe body, delay line, and both together."""
+    T_flange_probe = model.T_flange_probe
+    body = T_flange_probe @ drum(((15, -137), (20, -128), (20, -65), (13, -45), (11, -33)))
+    line = T_flange_probe @ drum(((11, -37), (11, -29), (3.2, 0)))
+    return (
         _body(PROBE_BODY, TOOL_LINK, body),  # beside the head, where the next may touch
         _body(DELAY_LINE, TOOL_LINK, line),
         _body(PROBE, TOOL_LINK, body, line),  # beside everything else
-        _body("marker plate", TOOL_LINK, plate, stem),
+    )
+
+
+def _miller(model: RobotModel, spindle: Spindle) -> tuple[ConvexBody, ...]:
+    """Return the spindle, and the burr with its shank."""
+    return (
+        _body(SPINDLE, TOOL_LINK, model.T_flange_tip @ drum(spindle.body)),
+        _body(BURR, TOOL_LINK, model.T_flange_tip @ drum(spindle.burr)),
     )

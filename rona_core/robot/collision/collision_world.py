@@ -18,6 +18,7 @@ from rona_core.robot.collision.collision_geometry import (
     HELD_APART,
     PROBE,
     PROBE_BODY,
+    TOUCHING,
     ConvexBody,
     collision_bodies,
 )
@@ -215,7 +216,7 @@ def _pairs_with(thing: Obstacle, bodies: tuple[ConvexBody, ...]) -> list[Pair]:
             part.name,
             thing.name,
             thing.name,
-            -thing.touch_mm if part.name == DELAY_LINE else thing.margin_mm,
+            -thing.touch_mm if thing.touch_mm and part.name in TOUCHING else thing.margin_mm,
         )
         for part in parts
     ]

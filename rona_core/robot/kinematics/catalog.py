@@ -6,6 +6,7 @@ from functools import lru_cache
 from rona_core.errors import InvalidInputError
 from rona_core.robot.kinematics import rx90
 from rona_core.robot.kinematics import universal_robots as ur
+from rona_core.robot.kinematics.milling_tool import Spindle
 from rona_core.robot.kinematics.parameter_sources import Figure
 from rona_core.robot.kinematics.robot_model import RobotModel
 
@@ -24,6 +25,17 @@ def robot_model(name: str = "rx90", overrides: Mapping[str, object] | None = Non
             is no good.
     """
     return _built(name, overrides) if overrides else _standard(name)
+
+
+@lru_cache(maxsize=8)
+def milling_robot(name: str = "rx90", burr_radius_mm: float = 2.5) -> RobotModel:
+    """Return a robot by name that holds the spindle, with a burr no larger than this.
+
+    Raises:
+        InvalidInputError: no robot of that name, or a burr of another size than there are.
+    """
+    model = robot_model(name)
+    return model.with_tool(model.tool.with_spindle(Spindle(burr_radius_mm)))
 
 
 def figures_of(name: str) -> tuple[Figure, ...]:

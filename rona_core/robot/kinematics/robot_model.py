@@ -1,6 +1,6 @@
 """A robot as the planner sees it: kinematics, limits, rest pose and the tool on its flange."""
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -10,6 +10,7 @@ from rona_core.geometry.arrays import Floats, as_vector3
 from rona_core.geometry.pose import Pose, Poses
 from rona_core.robot.kinematics.arm import Arm, IkSolutions, as_posture, wrapped
 from rona_core.robot.kinematics.joint_limits import JointLimits
+from rona_core.robot.kinematics.milling_tool import Spindle
 
 TOOL_TIP_FLANGE_MM = (120.0, 0.0, 60.0)
 MARKER_TILT_RAD = np.deg2rad(20.0)
@@ -26,6 +27,12 @@ class Tool:
     T_flange_tip: Pose
     T_flange_probe: Pose
     T_flange_toolmarker: Pose
+    spindle: Spindle | None = None  # clamped in place of the probe; None: the probe is
+
+    def with_spindle(self, spindle: Spindle) -> "Tool":
+        """Return the tool with the miller back in place of the probe, its tip where it was."""
+        T_tip_probe = Pose.identity()  # the burr ends where the tip of the tool was
+        return replace(self, T_flange_probe=self.T_flange_tip @ T_tip_probe, spindle=spindle)
 
 
 @dataclass(frozen=True, slots=True)
@@ -48,6 +55,10 @@ class RobotModel:
     tool: Tool
     work_area: WorkArea = field(default_factory=WorkArea)
     urdf: str | None = None  # path of the maker's description, where there is one
+
+    def with_tool(self, tool: Tool) -> "RobotModel":
+        """Return the robot with another tool in its hand."""
+        return replace(self, tool=tool)
 
     def forward(self, qs_rad: ArrayLike) -> Poses:
         """Return ``Ts_base_flange`` for joint angles (n, 6) in radians."""
@@ -111,7 +122,7 @@ class RobotModel:
 
     @property
     def T_flange_probe(self) -> Pose:  # noqa: N802 (frame grammar)
-        """Pose of the probe face on the flange, z into the bone."""
+        """Pose on the flange of the face of the probe or the tip of the burr; z into the bone."""
         return self.tool.T_flange_probe
 
     @property

@@ -23,6 +23,7 @@ from rona_core.robot.collision.solids import (
     turned,
 )
 from rona_core.robot.collision.ur_solids import ur_solids
+from rona_core.robot.kinematics.milling_tool import Spindle
 from rona_core.robot.kinematics.offset_wrist import ParallelArm
 from rona_core.robot.kinematics.robot_model import RobotModel
 from rona_core.robot.kinematics.spherical_wrist import SphericalWristArm
@@ -39,6 +40,7 @@ YELLOW: Rgb = (242, 190, 58)
 TUBE: Rgb = (206, 210, 214)
 HOUSING: Rgb = (222, 225, 228)
 COVER: Rgb = (108, 160, 204)
+BURR_STEEL: Rgb = (150, 128, 74)  # coated
 UR_COLORS: dict[Rgb, tuple[str, ...]] = {
     STEEL: ("base", "shoulder ring", "flange"),
     HOUSING: ("shoulder", "shoulder neck", "wrist 1", "wrist 2"),
@@ -186,26 +188,41 @@ def tool_shapes(model: RobotModel) -> tuple[LinkShape, ...]:
 
 
 def _tool(model: RobotModel) -> tuple[LinkShape, ...]:
-    """Return holder, probe body and delay line, built about the tool axis (z of ``tip``)."""
+    """Return the holder and what it clamps, built about the tool axis (z of ``tip``)."""
     T_flange_tip = model.T_flange_tip
     height_mm = float(T_flange_tip.translation[2])
     plate = turned(((0, 22), (36, 22), (36, 30), (0, 30)), edge_mm=2.0)
     block = slab((30.0, 24.0), (height_mm, 17.0), (-17.0, 17.0), edge_mm=5.0)
     clamp = turned(((0, -128), (27, -128), (27, -92), (0, -92)), edge_mm=4.0)
+    solids = _probe() if model.tool.spindle is None else _miller(model.tool.spindle)
+    return (
+        LinkShape(6, "tool holder", GREY, merged(plate, block, moved(clamp, T_flange_tip))),
+        *(LinkShape(6, name, color, moved(mesh, T_flange_tip)) for name, color, mesh in solids),
+    )
+
+
+def _probe() -> tuple[tuple[str, Rgb, Mesh], ...]:
+    """Return probe body, its ring and the delay line, in ``tip``."""
     body = turned(
         ((0, -136), (14, -136), (19, -128), (19, -66), (12, -46), (9, -34), (0, -34)), edge_mm=4.0
     )
     ring = turned(((0, -36), (10, -36), (10, -30), (0, -30)), around=24)
     cone = turned(((0, -30), (8.5, -30), (PROBE_RADIUS_MM, 0.0), (0, 0)), around=24)
-    solids = (
+    return (
         ("probe body", STEEL, body),
         ("probe ring", BLACK, ring),
         ("delay line", DELAY_LINE, cone),
     )
-    return (
-        LinkShape(6, "tool holder", GREY, merged(plate, block, moved(clamp, T_flange_tip))),
-        *(LinkShape(6, name, color, moved(mesh, T_flange_tip)) for name, color, mesh in solids),
-    )
+
+
+def _miller(spindle: Spindle) -> tuple[tuple[str, Rgb, Mesh], ...]:
+    """Return the spindle and the burr with its shank, in ``tip``."""
+    radius, shank, nose = spindle.burr_radius_mm, spindle.shank_radius_mm, spindle.body[0][1]
+    back = spindle.body[-1][1]
+    body = turned(((0, back), *spindle.body[::-1], (0, nose)), edge_mm=1.0)
+    neck = turned(((0, nose), (shank, nose), (shank, -radius), (0, -radius)), around=16)
+    head = along_axis(ball(radius, around=20), "z", (0.0, 0.0, -radius))
+    return (("spindle", STEEL, body), ("burr", BURR_STEEL, merged(neck, head)))
 
 
 def _marker_plate(model: RobotModel) -> tuple[LinkShape, ...]:

@@ -1,6 +1,6 @@
 """Planning of a scan: from a 5D path to a timed motion that the verifier certifies."""
 
-from collections.abc import Generator, Iterator
+from collections.abc import Callable, Generator, Iterator
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -106,7 +106,7 @@ def plan_scan(
     planner = _MotionPlanner(model, settings, None if world is None else world.clear)
     evaluation = remove_blocked_rolls(evaluation, world)
     candidates = _candidates(evaluation, planner, progress, cancel)
-    plan = _first_certified(candidates)
+    plan = first_certified(candidates)
     progress(1.0)
     return plan
 
@@ -201,7 +201,7 @@ class _MotionPlanner:
         return RobotPlan(model.name, search, trajectory, certificate)
 
 
-def _first_certified(candidates: Iterator[RobotPlan]) -> RobotPlan:
+def first_certified(candidates: Iterator[RobotPlan]) -> RobotPlan:
     """Return the first plan that is certified, else the first with a motion, else the last."""
     refused: RobotPlan | None = None
     plan = next(candidates)
@@ -220,7 +220,9 @@ def _candidates(
 ) -> Iterator[RobotPlan]:
     """Yield plans with constant rolls, then one with a varying roll or none, as the mode says."""
     if planner.settings.mode != "variable":
-        evaluation = yield from _constant_candidates(evaluation, planner, progress)
+        evaluation = yield from constant_candidates(
+            evaluation, planner.constant, planner.settings.choice, progress
+        )
     if planner.settings.mode == "constant":
         yield RobotPlan(planner.model.name, evaluation.search())
     else:
@@ -231,23 +233,27 @@ def _candidates(
         )
 
 
-def _constant_candidates(
-    evaluation: RollEvaluation, planner: _MotionPlanner, progress: Progress
+def constant_candidates(
+    evaluation: RollEvaluation,
+    plan_with: Callable[[RollSearch, int, int], RobotPlan],
+    choice: Choice,
+    progress: Progress,
 ) -> Generator[RobotPlan, None, RollEvaluation]:
     """Yield plans with constant rolls that have a motion; return what is left of the rolls.
 
-    A roll is given up where its motion was refused on all its branches.
+    A roll is given up where its motion was refused on all its branches. ``plan_with`` a roll and a
+    branch of a search raises NotReachableError where no motion is possible.
     """
     tried: list[int] = []
     for attempt in range(MAX_WAYS):
         if not tried or not evaluation.verdicts[tried[-1]].feasible:  # on no branch any more
-            tried.append(choose_constant_roll(evaluation.verdicts, planner.settings.choice))
+            tried.append(choose_constant_roll(evaluation.verdicts, choice))
         index = tried[-1]
         if index < 0 or len(tried) > MAX_TRIES:
             break
         branch = evaluation.verdicts[index].branch
         try:
-            candidate = planner.constant(evaluation.search(), index, branch)
+            candidate = plan_with(evaluation.search(), index, branch)
             yield candidate
             cause = no_way(_refusal(candidate))
         except NotReachableError as error:  # there is no way to the path or back

@@ -39,6 +39,12 @@ class RollVerdict:
     sentence: str
 
 
+def most_roomy_refused(verdicts: tuple[RollVerdict, ...]) -> RollVerdict | None:
+    """Return the verdict with the largest margin among those without a way to the path or back."""
+    refused = [verdict for verdict in verdicts if verdict.reason == "no way"]
+    return max(refused, key=lambda verdict: verdict.margin, default=None)
+
+
 @dataclass(frozen=True, slots=True)
 class RankedRoll:
     """One way to follow the whole path with a constant roll."""
@@ -96,8 +102,7 @@ class RollSearch:
     @property
     def refused(self) -> RollVerdict | None:
         """The verdict with the largest margin among those without a way to the path or back."""
-        refused = [verdict for verdict in self.verdicts if verdict.reason == "no way"]
-        return max(refused, key=lambda verdict: verdict.margin, default=None)
+        return most_roomy_refused(self.verdicts)
 
     def with_constant_roll(self, index: int, branch: int, qs_rad: Floats) -> "RollSearch":
         """Return the search with one of its constant rolls chosen, and its joints (n, 6)."""

@@ -69,14 +69,19 @@ def speed_limits(settings: ScanSettings, speed_mm_per_s: float) -> SpeedLimits:
 
 
 def sample_path(
-    way_mm: Floats, qs_rad: Floats, points_base: Floats, limits: SpeedLimits, model: RobotModel
+    way_mm: Floats,
+    qs_rad: Floats,
+    points_base: Floats,
+    limits: SpeedLimits,
+    model: RobotModel,
+    feeds_mm_per_s: Floats | None = None,
 ) -> tuple[Floats, Floats]:
     """Return way (m,) and joints (m, 6) at samples ``SAMPLE_S`` apart, from rest to rest.
 
     Limits are planned with some reserve at every point of the way. Should the samples, driven
     linearly, still exceed one of them, the motion is slowed down until they do not.
     """
-    timed = parameterize_time(way_mm, qs_rad, points_base, limits, model.limits)
+    timed = parameterize_time(way_mm, qs_rad, points_base, limits, model.limits, feeds_mm_per_s)
     duration_s = timed.duration_s
     ways, qs = _sampled(timed, duration_s, qs_rad)
     for _ in range(SLOWER):
@@ -130,7 +135,7 @@ def retract_line(
     line, back_mm = line_back(model, q_contact_rad, standoff_mm, clear)
     if back_mm < LEAST_STANDOFF_MM:
         raise NotReachableError(
-            f"the probe can only be drawn back by {back_mm:g} mm from "
+            f"the tool can only be drawn back by {back_mm:g} mm from "
             f"one end of the path, {LEAST_STANDOFF_MM:g} mm are needed"
         )
     return line

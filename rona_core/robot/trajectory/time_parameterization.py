@@ -57,6 +57,7 @@ def parameterize_time(
     points_base: Floats,
     limits: SpeedLimits,
     joint_limits: JointLimits,
+    feeds_mm_per_s: Floats | None = None,
 ) -> TimedPath:
     """Return the fastest timing of a joint path within all limits, from rest to rest.
 
@@ -66,6 +67,8 @@ def parameterize_time(
         points_base: Positions of the tool (n, 3) that the path acceleration is meant for.
         limits: Speed, acceleration and jerk along the path.
         joint_limits: Speed and acceleration of the joints.
+        feeds_mm_per_s: Most speed of the stretch that ends at each place (n,); None: that of the
+            limits everywhere.
 
     Raises:
         InvalidInputError: the path has no length.
@@ -89,7 +92,8 @@ def parameterize_time(
     tool_most = SAFETY * BENT_PATH * limits.acceleration_mm_per_s2
     ceiling = np.minimum.reduce(
         (
-            limits.speed_mm_per_s / np.maximum(stretch, 1.0),
+            _asked(grid, way, limits, None if feeds_mm_per_s is None else feeds_mm_per_s[keep])
+            / np.maximum(stretch, 1.0),
             (SAFETY * joint_limits.speed_rad_per_s / np.maximum(dq, TINY)).min(axis=1),
             np.sqrt((BENT_JOINT * most / np.maximum(ddq, TINY)).min(axis=1)),
             np.sqrt(tool_most / np.maximum(bend, TINY)),
@@ -103,6 +107,14 @@ def parameterize_time(
     speed = _two_passes(_peaks_cut(speed, step, span_s), gain_left, step)
     times, integral = _integral_over_time(grid, speed)
     return TimedPath(joints, grid, integral, span_s, float(times[-1] + span_s))
+
+
+def _asked(grid: Floats, way: Floats, limits: SpeedLimits, feeds: Floats | None) -> Floats:
+    """Return the speed (g,) that is asked for along the way."""
+    if feeds is None:
+        return np.full(len(grid), limits.speed_mm_per_s)
+    stretch = np.clip(np.searchsorted(way, grid, side="left"), 1, len(way) - 1)
+    return np.minimum(limits.speed_mm_per_s, feeds[stretch])
 
 
 def _integral_over_time(way_mm: Floats, speed_mm_per_s: Floats) -> tuple[Floats, PPoly]:

@@ -141,6 +141,22 @@ def tool_checks(dense: DenseMotion, allowed: Tolerances) -> list[Check]:
     ]
 
 
+def singular_checks(
+    arm: PinocchioArm, qs_rad: Floats, first: int, allowed: Tolerances
+) -> list[Check]:
+    """Check how far the arm stays from losing a freedom at joint angles (m, 6) from one sample."""
+    wrist, elbow, shoulder_mm = arm.singular_margins(qs_rad)
+    least = float(np.rad2deg(allowed.singular_rad))
+    angles = (np.rad2deg(np.arcsin(np.clip(sine, 0.0, 1.0))) for sine in (wrist, elbow))
+    checks = [
+        check(f"{name} from straight", -per_sample(-angle), least, "°", least=True, first=first)
+        for name, angle in zip(("wrist", "elbow"), angles, strict=True)
+    ]
+    distance = ("wrist from axis 1", -per_sample(-shoulder_mm), allowed.shoulder_mm, "mm")
+    checks.append(check(*distance, least=True, first=first))
+    return checks
+
+
 def per_sample(dense: Floats) -> Floats:
     """Return the worst of the dense values that follow each sample."""
     return np.maximum.reduceat(dense, np.arange(0, len(dense), DENSITY))

@@ -15,7 +15,6 @@ from rona_core.geometry.arrays import Floats
 from rona_core.geometry.path5d import Path5D
 from rona_core.geometry.pose import Poses
 from rona_core.robot.collision.obstacles import Obstacles
-from rona_core.robot.kinematics.pinocchio_model import PinocchioArm
 from rona_core.robot.kinematics.robot_model import RobotModel
 from rona_core.robot.trajectory.trajectory import TimedMotion, Trajectory, motion_digest
 from rona_core.robot.verification.certificate import Certificate, Check
@@ -30,10 +29,11 @@ from rona_core.robot.verification.motion_checks import (
     dense_motion,
     joint_checks,
     per_sample,
+    singular_checks,
     tool_checks,
 )
 
-__all__ = ["Tolerances", "verify_motion", "verify_scan"]
+__all__ = ["Tolerances", "certificate_of", "verify_motion", "verify_scan"]
 
 NEAR_MM = 60.0  # within this of a path point, the tip must stay outside the bone
 
@@ -58,10 +58,10 @@ def verify_motion(
     allowed = tolerances or Tolerances()
     checks = joint_checks(model, motion, allowed)
     if not checks[0].holds:
-        return _certificate(model, motion, checks, obstacles, None)
+        return certificate_of(model, motion, checks, obstacles, None)
     dense = dense_motion(model, motion)
     checks += tool_checks(dense, allowed)
-    return _certificate(model, motion, checks, obstacles, dense)
+    return certificate_of(model, motion, checks, obstacles, dense)
 
 
 def verify_scan(
@@ -91,24 +91,25 @@ def verify_scan(
     allowed = tolerances or Tolerances()
     checks = joint_checks(model, trajectory, allowed)
     if not checks[0].holds:  # time runs backwards: there are no speeds to speak of
-        return _certificate(model, trajectory, checks, obstacles, None)
+        return certificate_of(model, trajectory, checks, obstacles, None)
     dense = dense_motion(model, trajectory)
     checks += tool_checks(dense, allowed)
     scan = _scan_part(trajectory, dense)
     checks += _path_checks(scan, path, roll_rad, allowed)
     checks += _speed_checks(scan, trajectory, path, scan_speed_mm_per_s, allowed)
-    checks += _singular_checks(dense.arm, scan, allowed)
+    checks += singular_checks(dense.arm, scan.qs_rad, scan.first, allowed)
     checks.append(_dip_check(trajectory, dense, path, allowed))
-    return _certificate(model, trajectory, checks, obstacles, dense)
+    return certificate_of(model, trajectory, checks, obstacles, dense)
 
 
-def _certificate(
+def certificate_of(
     model: RobotModel,
     motion: TimedMotion,
     checks: list[Check],
     obstacles: Obstacles | None,
     dense: DenseMotion | None,
 ) -> Certificate:
+    """Return the certificate that some checks make, with those of collisions."""
     around = "" if obstacles is None else obstacles.digest()
     least_mm = None
     if obstacles is not None and dense is not None:
@@ -223,22 +224,6 @@ def _speed_checks(
         check("step back along the path", -np.diff(way), 0.0, "mm", first=1),
         check("part of the path left out", missing, allowed.position_mm, "mm"),
     ]
-
-
-def _singular_checks(arm: PinocchioArm, scan: _Scan, allowed: Tolerances) -> list[Check]:
-    wrist, elbow, shoulder_mm = arm.singular_margins(scan.qs_rad)
-    least = float(np.rad2deg(allowed.singular_rad))
-    angles = (np.rad2deg(np.arcsin(np.clip(sine, 0.0, 1.0))) for sine in (wrist, elbow))
-    checks = [
-        check(
-            f"{name} from straight", -per_sample(-angle), least, "°", least=True, first=scan.first
-        )
-        for name, angle in zip(("wrist", "elbow"), angles, strict=True)
-    ]
-    values = -per_sample(-shoulder_mm)
-    distance = ("wrist from axis 1", values, allowed.shoulder_mm, "mm")
-    checks.append(check(*distance, least=True, first=scan.first))
-    return checks
 
 
 def _dip_check(

@@ -3,6 +3,8 @@
 from collections import Counter
 
 from rona_core.robot.planning.plan import RobotPlan
+from rona_core.robot.redundancy.result import RollVerdict, most_roomy_refused
+from rona_core.robot.verification.certificate import Certificate
 from rona_core.session.document import Session
 
 
@@ -29,20 +31,29 @@ def why_no_plan(plan: RobotPlan) -> str | None:
     if plan.may_move:
         return None
     if plan.search.mode == "none":
-        stopped = [verdict for verdict in plan.search.verdicts if not verdict.feasible]
-        causes = Counter(verdict.reason for verdict in stopped)
-        counts = [f"{count} by {cause}" for cause, count in causes.most_common()]
-        if plan.search.n_feasible:
-            counts.append(f"{plan.search.n_feasible} with less room were not tried")
-        details = ""
-        if stopped:
-            furthest = max(stopped, key=lambda verdict: verdict.index)
-            details = f"; the one that gets furthest: {furthest.sentence}"
-        if refused := plan.search.refused:
-            details = f"; tried first: {refused.sentence}{details}"
-        tried = f"none of {len(plan.search.verdicts)} rolls works ({', '.join(counts)})"
-        return f"{tried}{details}{_varying(plan)}"
-    failures = plan.certificate.failures() if plan.certificate is not None else ()
+        return f"{none_works(plan.search.verdicts)}{_varying(plan)}"
+    return refused_plan(plan.certificate)
+
+
+def none_works(verdicts: tuple[RollVerdict, ...]) -> str:
+    """Return why none of the rolls of a search works."""
+    stopped = [verdict for verdict in verdicts if not verdict.feasible]
+    causes = Counter(verdict.reason for verdict in stopped)
+    counts = [f"{count} by {cause}" for cause, count in causes.most_common()]
+    if left := len(verdicts) - len(stopped):
+        counts.append(f"{left} with less room were not tried")
+    details = ""
+    if stopped:
+        furthest = max(stopped, key=lambda verdict: verdict.index)
+        details = f"; the one that gets furthest: {furthest.sentence}"
+    if refused := most_roomy_refused(verdicts):
+        details = f"; tried first: {refused.sentence}{details}"
+    return f"none of {len(verdicts)} rolls works ({', '.join(counts)}){details}"
+
+
+def refused_plan(certificate: Certificate | None) -> str:
+    """Return why the verifier refuses a motion."""
+    failures = () if certificate is None else certificate.failures()
     return "the verifier refuses the plan: " + "; ".join(check.sentence for check in failures)
 
 

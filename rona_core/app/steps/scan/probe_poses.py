@@ -32,7 +32,7 @@ def probe_poses_of(session: Session, taken: ScanCapture | None = None) -> Poses 
     The face is where the gauge plate found it, or else where it should be. Where the head has moved
     since step 4, the poses are led back to how it lay then.
 
-    Joint angles are looked up later by the delay that the first scan shows: in a second one the
+    Joint angles are looked up later by the delay that the first scan shows: in further ones the
     probe leans, and hardly hears the bone while it comes near.
 
     Args:
@@ -71,7 +71,7 @@ def _postures(capture: ScanCapture, delay_s: float) -> ProbePostures:
     return ProbePostures(readonly(capture.joints.at(capture.scans.times_s + delay_s)))
 
 
-@remember(4)  # both scans; what is made of one set of poses is remembered with them
+@remember(16)  # all scans; what is made of one set of poses is remembered with them
 def _poses(
     capture: ScanCapture, delay_s: float, robot: str, offset_mm: float, watch: HeadWatch | None
 ) -> Poses:
