@@ -8,6 +8,7 @@ was measured elsewhere.
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
+from rona_core.app.dependencies.staleness import digest_of
 from rona_core.app.overview.predicted_accuracy import predicted_figures
 from rona_core.evaluation.error_causes import KEYS as CAUSE_KEYS
 from rona_core.evaluation.error_causes import cause_figures
@@ -19,6 +20,7 @@ from rona_core.evaluation.maps.map_metrics import (
     sono_calibration_figures,
     sono_map_figures,
 )
+from rona_core.evaluation.milling.rehearsal_metrics import rehearsal_figures
 from rona_core.evaluation.navigation_metrics import (
     pointer_figures,
     skull_figures,
@@ -34,12 +36,13 @@ from rona_core.evaluation.scan_metrics import (
 from rona_core.evaluation.speed_metrics import speed_figures
 from rona_core.evaluation.truth import Truth, truth_of
 from rona_core.session.captures import is_imported
-from rona_core.session.codec import digest
 from rona_core.virtual.rig import build_scene
 from rona_core.virtual.scene import VirtualScene
 
 if TYPE_CHECKING:
+    from rona_core.session.captures import ScanCapture
     from rona_core.session.document import Session
+    from rona_core.ultrasound.detection.detect import Detection
 
 KEYS = (
     "tool_tip_error_mm",
@@ -99,6 +102,11 @@ KEYS = (
     "bed_probability",
     "bed_residual_mm",
     "bed_residual_true_mm",
+    "rehearsal_residual_mm",
+    "rehearsal_residual_true_mm",
+    "rehearsal_raised_mm",
+    "rehearsal_implant_high_mm",
+    "rehearsal_rock_mm",
     "sono_face_error_mm",
     "sono_axis_error_deg",
     "sono_outer_rms_mm",
@@ -127,7 +135,7 @@ def evaluate(session: "Session", scene: VirtualScene) -> Figures:
         scene = build_scene(scene.seed, scene.specimen, session.setup.devices, scene.world)
     truth = truth_of(session, scene)
     figures: Figures = dict.fromkeys(KEYS)
-    for part in (_navigation, _path, _scan, bed_figures):
+    for part in (_navigation, _path, _scan, bed_figures, rehearsal_figures):
         figures |= part(session, truth)
     figures |= _by_hand(session, Truth(scene, truth.postures))  # which nothing leads back to step 4
     step, reason = unfinished(session)
@@ -168,7 +176,7 @@ def _navigation(session: "Session", truth: Truth) -> Figures:
     if results.surface is not None:
         strokes = session.captures.surface
         figures["surface_points"] = len(results.surface.value.points_base)
-        known = results.surface.inputs.get("capture") == digest([digest(s) for s in strokes])
+        known = _made_of(results.surface, "capture", strokes)
         if not any(map(is_imported, strokes)):
             figures |= surface_figures(results.surface.value, strokes if known else (), truth)
             if results.registration is not None:
@@ -205,7 +213,7 @@ def _with_path_of_smoothing(session: "Session") -> "Session":
 
 def _made_of(derived: Any, name: str, value: object) -> bool:
     """Return whether a result was computed from this input."""
-    return derived.inputs.get(name) == digest(value)
+    return derived.inputs.get(name) == digest_of(value)
 
 
 def _scan(session: "Session", truth: Truth) -> Figures:
@@ -215,19 +223,16 @@ def _scan(session: "Session", truth: Truth) -> Figures:
         figures["scan_points"] = len(scan.scans)
         figures |= contact_figures(scan)
         figures |= head_shift_figures(session, truth)
-        passes = [
-            (found.value, capture)
-            for found, capture in (
-                (results.detection, scan),
-                (results.second_detection, session.captures.second),
-            )
-            if found is not None and capture is not None and _made_of(found, "capture", capture)
-        ]
-        if passes and passes[0][1] is scan:
+        first, again = results.detection, results.second_detection
+        if first is not None and _made_of(first, "capture", scan):
+            passes: list[tuple[Detection, tuple[ScanCapture, ...]]] = [(first.value, (scan,))]
+            further = session.captures.second
+            if again is not None and further and _made_of(again, "capture", further):
+                passes.append((again.value, further))
             figures |= detection_figures(passes, truth)
             figures |= speed_figures(session, truth)
-    if session.captures.second is not None:
-        figures["second_pass_points"] = len(session.captures.second.scans)
+    if session.captures.second:
+        figures["second_pass_points"] = sum(len(one.scans) for one in session.captures.second)
     if results.maps is not None:
         figures |= map_figures(results.maps.value, truth)
         if results.detection is not None:

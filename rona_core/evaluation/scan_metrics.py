@@ -22,10 +22,16 @@ if TYPE_CHECKING:
 WRONG_MM = 1.0  # an inner boundary further off than this is a failure
 
 
-def detection_figures(passes: Sequence["tuple[Detection, ScanCapture]"], truth: Truth) -> Figures:
+def detection_figures(
+    passes: Sequence["tuple[Detection, tuple[ScanCapture, ...]]"], truth: Truth
+) -> Figures:
     """Return the shares of A-scans that are wrong, wrong without a flag, and flagged.
 
-    The A-scans of a second pass count like those of the first.
+    Those of further passes count like those of the first.
+
+    Args:
+        passes: What was detected in the A-scans of captures, one capture after the other.
+        truth: Of the same session.
     """
     flagged = np.concatenate([detection.flag != 0 for detection, _ in passes])
     if not len(flagged):
@@ -34,8 +40,11 @@ def detection_figures(passes: Sequence["tuple[Detection, ScanCapture]"], truth: 
         )
     wrong = np.concatenate(
         [
-            wrong_inner(detection, truth.inner_below_mm(true_probe_poses(scan, truth)))
-            for detection, scan in passes
+            wrong_inner(
+                detection,
+                truth.inner_below_mm(Poses.joined([true_probe_poses(s, truth) for s in scans])),
+            )
+            for detection, scans in passes
         ]
     )
     return {

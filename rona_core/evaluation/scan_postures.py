@@ -33,9 +33,9 @@ class ScanPostures:
 
 
 def scan_postures(session: "Session") -> ScanPostures | None:
-    """Return the postures of both passes of a scan; None before a scan."""
+    """Return the postures of all passes of a scan; None before a scan."""
     model = robot_model(session.setup.devices.robot.model)
-    passes = (session.captures.scan, session.captures.second)
+    passes = (session.captures.scan, *session.captures.second)
     qs = [scan.joints.at(scan.scans.times_s) for scan in passes if scan is not None]
     if not qs or not sum(map(len, qs)):
         return None

@@ -7,7 +7,7 @@ import numpy as np
 
 from rona_core.devices.settings import require
 from rona_core.errors import InvalidInputError
-from rona_core.geometry.arrays import Bools, Floats, Ints, as_points, as_unit_vectors, readonly
+from rona_core.geometry.arrays import Floats, Ints, as_points, as_unit_vectors, readonly
 from rona_core.planning.milling.burr import Burr
 
 
@@ -63,16 +63,31 @@ class MillingPath:
         Raises:
             InvalidInputError: the path has no such layer.
         """
-        kept: Bools = self.layers <= layer
         last = int(self.layers[-1])
         if not 0 <= layer <= last:
             raise InvalidInputError(f"the path has layers 0 to {last}, not {layer}")
+        return self.part(0, int(np.searchsorted(self.layers, layer, side="right")))
+
+    def part(self, first: int, end: int) -> "MillingPath":
+        """Return the places from the first one up to, without, the end; at least one."""
+        kept = slice(first, end)
         return MillingPath(
             self.tips_bed[kept],
             self.axes_bed[kept],
             self.moves[kept],
             self.layers[kept],
             self.tools[kept],
+            self.burrs,
+        )
+
+    def followed_by(self, other: "MillingPath") -> "MillingPath":
+        """Return this path and then another one with the same burrs."""
+        return MillingPath(
+            np.concatenate((self.tips_bed, other.tips_bed)),
+            np.concatenate((self.axes_bed, other.axes_bed)),
+            np.concatenate((self.moves, other.moves)),
+            np.concatenate((self.layers, other.layers)),
+            np.concatenate((self.tools, other.tools)),
             self.burrs,
         )
 

@@ -44,7 +44,7 @@ def session_of(**results):
         setup=SimpleNamespace(devices=SETTINGS),
         results=SimpleNamespace(**filled, get=lambda name: None),
         captures=SimpleNamespace(
-            tool=None, pointer=None, surface=(), path=None, scan=None, second=None
+            tool=None, pointer=None, surface=(), path=None, scan=None, second=()
         ),
     )
 
@@ -147,7 +147,7 @@ def test_shares_of_failures_count_flagged_scans_too(scene, monkeypatch):
     flag = np.array([0, 0, 0, 0, 0, 0, 2, 2, 1, 6])
     thickness = np.array([6.0, 6.5, 5.2, 6.0, 8.0, 6.0, 0.0, 6.0, 0.0, 9.0])
     detection = SimpleNamespace(flag=flag, standoff_mm=np.zeros(10), thickness_mm=thickness)
-    assert detection_figures([(detection, None)], Truth(scene)) == {
+    assert detection_figures([(detection, (None,))], Truth(scene)) == {
         "detection_failure_fraction": pytest.approx(0.4),
         "unflagged_failure_fraction": pytest.approx(1 / 6),
         "flagged_fraction": pytest.approx(0.4),
@@ -157,5 +157,5 @@ def test_shares_of_failures_count_flagged_scans_too(scene, monkeypatch):
 def test_no_scans_have_no_shares(scene):
     empty = np.zeros(0)
     detection = SimpleNamespace(flag=empty, standoff_mm=empty, thickness_mm=empty)
-    figures = detection_figures([(detection, None)], Truth(scene))
+    figures = detection_figures([(detection, (None,))], Truth(scene))
     assert list(figures.values()) == [None, None, None]

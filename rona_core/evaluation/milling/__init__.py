@@ -1,0 +1,1 @@
+"""Figures of a milling against the true bone."""

@@ -1,0 +1,1 @@
+"""Rehearsal of a milling: what is decided from force, commanded places and A-scans alone."""

@@ -1,0 +1,75 @@
+"""Bone left below a milled floor: draws of the maps, put right by what the probe heard there.
+
+The draws say how errors of the maps hang together from place to place, so what was heard at some
+places moves all of them (an ensemble Kalman filter with perturbed observations, Evensen 1994).
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from rona_core.geometry.arrays import Bools, Floats, Ints
+
+TAPER_MM = 15.0  # beyond which chance alone may tie draws together
+LEAST_SIGMA_MM = 0.10  # of one A-scan: the face looks at a disc, and not at a place
+OUTLIER = 3.5  # sigmas off the median difference
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class HeardFloor:
+    """What was heard from a floor: m places in ``bed``."""
+
+    scans: Ints  # (m,) which of the A-scans
+    places_bed: Floats  # (m, 3)
+    residual_mm: Floats  # (m,) by the probe
+    sigma_mm: Floats  # (m,) of each by itself
+    common_share: float  # relative sigma that all share: that of the speed of sound
+    mapped_mm: Floats  # (m,) by the maps
+    drawn_mm: Floats  # (m, k) in draws of the maps
+
+    def part(self, which: Bools) -> "HeardFloor":
+        """Return some of the places (m,)."""
+        return HeardFloor(
+            self.scans[which],
+            self.places_bed[which],
+            self.residual_mm[which],
+            self.sigma_mm[which],
+            self.common_share,
+            self.mapped_mm[which],
+            self.drawn_mm[which],
+        )
+
+    def without_outliers(self) -> "HeardFloor":
+        """Return it without places that are far off what the others say of the maps."""
+        off = self.residual_mm - self.mapped_mm
+        sigma = np.hypot(self.drawn_mm.std(axis=1), self.sigma_mm)
+        return self.part(np.abs(off - np.median(off)) <= OUTLIER * sigma)
+
+
+class CorrectedBone:
+    """Draws of the bone below a bed, moved by what was heard."""
+
+    def __init__(self, heard: HeardFloor) -> None:
+        """Take in what was heard, at least at one place."""
+        self._places = heard.places_bed
+        self._off = heard.drawn_mm - heard.drawn_mm.mean(axis=1, keepdims=True)
+        count, draws = self._off.shape
+        random = np.random.default_rng(0)
+        own = np.hypot(heard.sigma_mm, LEAST_SIGMA_MM)
+        common = heard.common_share * heard.residual_mm
+        noise = own[:, None] * random.standard_normal((count, draws))
+        noise += common[:, None] * random.standard_normal(draws)
+        cov = self._tied(self._places, self._off) + np.diag(own**2) + np.outer(common, common)
+        told = heard.residual_mm[:, None] + noise - heard.drawn_mm
+        self._moves = np.linalg.solve(cov, told)
+
+    def draws(self, places_bed: Floats, drawn_mm: Floats) -> Floats:
+        """Return residuals (n, k) below places (n, 3) in draws, given those of the maps (n, k)."""
+        off = drawn_mm - drawn_mm.mean(axis=1, keepdims=True)
+        return drawn_mm + self._tied(places_bed, off) @ self._moves
+
+    def _tied(self, places_bed: Floats, off_mm: Floats) -> Floats:
+        """Return the covariance (n, m) of places with those that were heard."""
+        away2 = ((places_bed[:, None, :2] - self._places[None, :, :2]) ** 2).sum(axis=-1)
+        taper = np.exp(-0.5 * away2 / TAPER_MM**2)
+        return taper * (off_mm @ self._off.T) / (off_mm.shape[1] - 1)

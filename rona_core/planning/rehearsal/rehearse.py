@@ -1,0 +1,228 @@
+"""A milling rehearsed at a site: layers, the floor scanned again, the depth put right, the rest.
+
+See docs/algorithms/implant/rehearsal.md.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.special import ndtri
+
+from rona_core.devices.protocols import Cancel, Progress, never, silent
+from rona_core.devices.samples import AScanTrack
+from rona_core.errors import CancelledError
+from rona_core.geometry.arrays import Bools, Floats
+from rona_core.planning.placement.chance import chance_above
+from rona_core.planning.rehearsal.breakthrough import Breakthrough
+from rona_core.planning.rehearsal.depth_correction import ceiling_mm, told_way
+from rona_core.planning.rehearsal.feed_control import FeedControl
+from rona_core.planning.rehearsal.floor_residuals import CorrectedBone, HeardFloor
+from rona_core.planning.rehearsal.site import BurrWay, MillingSite
+from rona_core.planning.rehearsal.told_floor import ToldFloor
+
+STEP_MM = 1.5  # between places of the scan of a floor
+ROUGH_MM = 0.2  # of a floor that a face is pressed on: ridges are less
+EDGE_MM = 0.4  # from the face to the wall
+LOUD_MM = 0.3  # over the least bone that the probe resolves
+LOUD_SIGMAS = 2.0
+HEAD_MM = 0.1  # rms by which the head moves in its clamp in the meantime; assumed
+ARM_SIGMAS = 3.0  # of the maps, that the inner boundary may be nearer than thought
+ARM_MM = 0.0
+LEAST_STEP_MM = 0.1
+WATCH = 200  # steps between two looks at cancel
+
+# boundary heights in bed: places (n, 3) -> (n,)
+Heights = Callable[[Floats], Floats]
+# bone below places (n, 3) of ``bed`` by the maps (n,), and in draws of them (n, k)
+Mapped = Callable[[Floats], tuple[Floats, Floats]]
+# A-scans on a floor, places -> thickness, sigma, ok (m,), and the relative sigma that all share
+Listen = Callable[[AScanTrack, Floats], tuple[Floats, Floats, Bools, float]]
+
+
+@dataclass(frozen=True, slots=True)
+class Guards:
+    """What keeps the burr off the dura."""
+
+    scan_again: bool = True  # and put the depth right
+    feel: bool = True  # stop where the force falls
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class MillingTask:
+    """What is to be milled, and what is known of the bone."""
+
+    way: BurrWay
+    mapped: Mapped
+    outer_mm: Heights  # of the mapped outer boundary
+    limit_mm: float
+    probability: float
+    face_radius_mm: float  # of the probe
+    resolved_mm: float  # of bone, the least that the probe resolves
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Course:
+    """How a rehearsal went."""
+
+    pause: int  # last layer before the floor was scanned again; -1: it was not
+    ceiling_mm: float  # height below which nothing was to be milled after that; -inf: as planned
+    steps: int  # of the way, see `told_way`
+    stopped: bool  # by the force
+    asked: int  # places of the floor that were scanned
+    heard: HeardFloor | None  # what counted of them
+    raised_mm: float  # by which the lowest place is higher than planned
+    residual_mm: float  # least bone below what was milled, as thought in the end: median
+    probability: float  # that it is as much as was asked for
+    duration_s: float  # of cutting
+    most_n: float  # force
+
+
+def rehearse(
+    task: MillingTask,
+    site: MillingSite,
+    listen: Listen,
+    guards: Guards | None = None,
+    *,
+    progress: Progress = silent,
+    cancel: Cancel = never,
+) -> Course:
+    """Mill a bed at a site, deciding by force and by A-scans alone.
+
+    Raises:
+        CancelledError: somebody cancelled.
+    """
+    return _Rehearsal(task, site, guards or Guards(), progress, cancel).run(listen)
+
+
+class _Rehearsal:
+    """One rehearsal under way."""
+
+    def __init__(
+        self,
+        task: MillingTask,
+        site: MillingSite,
+        guards: Guards,
+        progress: Progress,
+        cancel: Cancel,
+    ) -> None:
+        self._task, self._site, self._guards = task, site, guards
+        self._progress, self._cancel = progress, cancel
+        way = task.way
+        reach = np.abs(way.bottoms_bed[:, :2]).max() + way.radii_mm.max()
+        self._floor = ToldFloor(float(reach))
+        cells = self._floor.cells()
+        heights = task.outer_mm(np.column_stack((cells, np.zeros(len(cells)))))
+        self._floor.top_mm = heights.reshape(self._floor.top_mm.shape).copy()
+        self._feed, self._force = FeedControl(), Breakthrough(float(reach))
+        self._duration_s, self._most_n, self._done = 0.0, 0.0, 0
+
+    def run(self, listen: Listen) -> Course:
+        """Mill the first layers, scan their floor, put the depth right and mill the rest."""
+        task, way = self._task, self._task.way
+        drawn = task.mapped(way.bottoms_bed)[1]
+        pause = self._pause(drawn) if self._guards.scan_again else -1
+        before: Bools = way.layers <= pause
+        first = way.part(before)
+        done, stopped = self._mill(first, drawn[before])
+        heard, asked, ceiling = None, 0, -np.inf
+        if not stopped:
+            if len(first):
+                asked, heard = self._scan(listen, first)
+            if heard is not None:
+                drawn = CorrectedBone(heard).draws(way.bottoms_bed, drawn)
+            wander = np.random.default_rng(0).standard_normal(drawn.shape[1])
+            drawn = drawn + HEAD_MM * wander
+            if self._guards.scan_again:
+                bottoms, score = way.bottoms_bed[~before], float(ndtri(task.probability))
+                ceiling = ceiling_mm(bottoms, drawn[~before], task.limit_mm, score)
+        told, rows = told_way(way, pause, ceiling)
+        lifted = told.bottoms_bed[:, 2] - way.bottoms_bed[rows, 2]
+        drawn = drawn[rows] + lifted[:, None]
+        if not stopped:
+            after = np.arange(len(told)) >= len(first)
+            steps, stopped = self._mill(told.part(after), drawn[after])
+            done += steps
+        self._progress(1.0)
+        lowest = float(told.bottoms_bed[:done, 2].min())
+        left = drawn[:done].min(axis=0)
+        return Course(
+            pause=pause,
+            ceiling_mm=ceiling,
+            steps=done,
+            stopped=stopped,
+            asked=asked,
+            heard=heard,
+            raised_mm=max(lowest - float(way.bottoms_bed[:, 2].min()), 0.0),
+            residual_mm=float(np.median(left)),
+            probability=chance_above(left, task.limit_mm).probability,
+            duration_s=self._duration_s,
+            most_n=self._most_n,
+        )
+
+    def _pause(self, drawn: Floats) -> int:
+        """Return the last layer of the first burr that leaves enough bone to be heard; -1: none."""
+        task, way = self._task, self._task.way
+        loud = _surely(drawn, LOUD_SIGMAS) >= task.resolved_mm + LOUD_MM
+        pause = -1
+        for layer in np.unique(way.layers):
+            own = way.layers == layer
+            if way.radii_mm[own][0] != way.radii_mm[0] or not loud[own].all():
+                break
+            pause = int(layer)
+        return pause
+
+    def _scan(self, listen: Listen, milled: BurrWay) -> tuple[int, HeardFloor | None]:
+        """Return how many places of the floor were scanned, and what was heard there."""
+        task = self._task
+        places = self._floor.flat_places(task.face_radius_mm + EDGE_MM, STEP_MM, ROUGH_MM)
+        places = places[places[:, 2] < milled.bottoms_bed[:, 2].min() + ROUGH_MM]
+        if not len(places):
+            return 0, None
+        # the arm stands there as it did when the burr was next to it
+        away = ((places[:, None, :2] - milled.bottoms_bed[None, :, :2]) ** 2).sum(axis=-1)
+        near = milled.part(np.argmin(away, axis=1)).at(places)
+        track = self._site.scan_floor(near)
+        thickness, sigma, ok, common = listen(track, places)
+        mapped, drawn = task.mapped(places)
+        rows = np.arange(len(places))
+        heard = HeardFloor(rows, places, thickness, sigma, common, mapped, drawn).part(ok)
+        heard = heard.without_outliers() if ok.any() else heard
+        return len(places), heard if len(heard.residual_mm) else None
+
+    def _mill(self, way: BurrWay, drawn_mm: Floats) -> tuple[int, bool]:
+        """Mill along a way; return how many steps were done, and whether it was stopped."""
+        if not len(way):
+            return 0, False
+        self._site.follow(way)
+        steps_mm = np.linalg.norm(
+            np.diff(way.bottoms_bed, axis=0, prepend=way.bottoms_bed[:1]), axis=1
+        )
+        steps_mm = np.maximum(steps_mm, LEAST_STEP_MM)
+        armed = _surely(drawn_mm, ARM_SIGMAS) < ARM_MM
+        whole, first_mm = len(self._task.way), float(self._task.way.radii_mm[0])
+        for row in range(len(way)):
+            feed = float(way.feeds_mm_per_s[row]) * self._feed.share
+            radius = float(way.radii_mm[row])
+            area = self._floor.cut(way.bottoms_bed[row], radius) / float(steps_mm[row])
+            reading = self._site.advance(feed)
+            self._feed.feel(reading)
+            self._duration_s += float(steps_mm[row]) / feed
+            self._most_n = max(self._most_n, reading.mean_n)
+            through = False
+            if radius == first_mm:  # the smaller burr along the rim takes too little to be felt
+                self._force.begin_layer(int(way.layers[row]))
+                through = self._force.feel(reading, way.bottoms_bed[row], area, feed)
+            self._done += 1
+            if through and self._guards.feel and armed[row]:
+                return row + 1, True
+            if self._done % WATCH == 0:
+                self._progress(min(self._done / whole, 0.99))
+                if self._cancel():
+                    raise CancelledError("cancelled")
+        return len(way), False
+
+
+def _surely(drawn_mm: Floats, sigmas: float) -> Floats:
+    """Return what is left (n,) in all but the worst draws (n, k)."""
+    return drawn_mm.mean(axis=1) - sigmas * drawn_mm.std(axis=1)

@@ -1,0 +1,64 @@
+"""Where a milling is rehearsed: what it is told, and all that it answers."""
+
+from dataclasses import dataclass, replace
+from typing import Protocol
+
+from rona_core.devices.samples import AScanTrack
+from rona_core.geometry.arrays import Bools, Floats, Ints
+from rona_core.geometry.pose import Pose
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class BurrWay:
+    """Where the robot is told to bring the burr while it cuts: n places, in their order."""
+
+    T_base_bed: Pose
+    bottoms_bed: Floats  # (n, 3) lowest place of the ball
+    radii_mm: Floats  # (n,) of the ball
+    qs_rad: Floats  # (n, 6) posture of the arm there
+    times_s: Floats  # (n,) of the planned motion
+    feeds_mm_per_s: Floats  # (n,) planned
+    layers: Ints  # (n,) counted from the top, as in the milling path
+
+    def __len__(self) -> int:
+        return len(self.times_s)
+
+    def part(self, which: Bools) -> "BurrWay":
+        """Return some of the places (n,)."""
+        return BurrWay(
+            self.T_base_bed,
+            self.bottoms_bed[which],
+            self.radii_mm[which],
+            self.qs_rad[which],
+            self.times_s[which],
+            self.feeds_mm_per_s[which],
+            self.layers[which],
+        )
+
+    def at(self, bottoms_bed: Floats) -> "BurrWay":
+        """Return the way with other places (n, 3)."""
+        return replace(self, bottoms_bed=bottoms_bed)
+
+
+@dataclass(frozen=True, slots=True)
+class ForceReading:
+    """Cutting force along one step of the way, as the force sensor tells it."""
+
+    mean_n: float
+    sigma_n: float  # of the single readings along the step
+
+
+class MillingSite(Protocol):
+    """A robot with burr and probe at a bone."""
+
+    def follow(self, way: BurrWay) -> None:
+        """Make ready for a way, its first place the next; the bone stays as it was left."""
+        ...
+
+    def advance(self, feed_mm_per_s: float) -> ForceReading:
+        """Drive to the next place of the way."""
+        ...
+
+    def scan_floor(self, way: BurrWay) -> AScanTrack:
+        """Return an A-scan for each place, with the probe pressed on the floor, along -z of bed."""
+        ...

@@ -1,0 +1,1 @@
+"""Milling of a bed by a robot: what its burr is to follow, and the plan that does."""

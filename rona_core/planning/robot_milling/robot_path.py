@@ -1,0 +1,100 @@
+"""The milling path of a bed as a robot drives it: with a rest above the bed after each layer."""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy.spatial import ConvexHull
+
+from rona_core.devices.settings import require
+from rona_core.geometry.arrays import Floats, Ints, readonly
+from rona_core.geometry.pose import Pose
+from rona_core.planning.milling.milling_path import MillingPath, Move
+from rona_core.robot.collision.obstacles import Capsule, Hull, Obstacle, Obstacles
+from rona_core.robot.trajectory.cutting_path import CuttingPath
+
+# Beyond the deepest place of the burr, so that no distance of its body decides: that it never goes
+# below its path is looked at by itself, and closer.
+REACH_IN_MM = 6.0
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class RobotPath:
+    """What the burr is to follow, and which place of the milling path each move leads to."""
+
+    cutting: CuttingPath  # of m places
+    places: Ints  # (m,) place of the milling path; at a rest the one before it, at first 0
+
+
+def robot_path(
+    path: MillingPath, feeds_mm_per_s: Floats, T_base_bed: Pose, surface_mm: float
+) -> RobotPath:
+    """Return what a robot is to drive: each layer begins and ends at rest above the middle.
+
+    Upright in the air, as high as the path itself goes up between cuts. So the end of every layer
+    is the same posture, and whoever stops there goes home as after the last one.
+
+    Args:
+        path: Of n places.
+        feeds_mm_per_s: Feeds (n,) of its moves.
+        T_base_bed: Where the bed lies.
+        surface_mm: How far the bone within the outline rises above z = 0.
+
+    Raises:
+        InvalidInputError: a layer that does not begin and end in the air, or a burr that is no
+            ball.
+    """
+    require(all(burr.is_ball for burr in path.burrs), "the robot mills with balls alone")
+    bottoms, n = path.bottoms_bed(), len(path)
+    ends = np.append(np.flatnonzero(np.diff(path.layers)), n - 1)
+    starts = np.append(0, ends[:-1] + 1)
+    high = np.minimum(bottoms[starts, 2], bottoms[ends, 2])
+    up = (path.moves[starts] == Move.RETRACT) & (path.moves[ends] == Move.RETRACT)
+    require(
+        bool(up.all() and (high > surface_mm).all()),
+        "every layer of a milling path must begin and end in the air",
+    )
+    rest = (0.0, 0.0, float(high.min()))
+    before = np.append(starts, n)  # where rests are put in
+    radii = np.array([burr.radius_mm for burr in path.burrs])[path.tools]
+    air = float(feeds_mm_per_s[path.moves == Move.RETRACT].max())
+    cutting = CuttingPath(
+        T_base_bed=T_base_bed,
+        bottoms_bed=np.insert(bottoms, before, rest, axis=0),
+        axes_bed=np.insert(path.axes_bed, before, (0.0, 0.0, -1.0), axis=0),
+        radii_mm=np.insert(radii, before, radii[np.append(0, ends)]),
+        feeds_mm_per_s=np.insert(feeds_mm_per_s, before, air),
+        in_air=np.insert(path.moves == Move.RETRACT, before, values=True),
+        rests=readonly(before + np.arange(len(before))),
+        surface_mm=surface_mm,
+    )
+    places = np.insert(np.arange(n), before, np.append(0, ends))
+    return RobotPath(cutting, readonly(places.astype(np.int64)))
+
+
+def milling_obstacles(obstacles: Obstacles, path: CuttingPath) -> Obstacles:
+    """Return what the robot keeps away from while it mills: the burr may enter as deep as planned.
+
+    Into everything that may be touched, which is the head; nothing else of the robot may.
+    """
+    bottoms_base = path.T_base_bed @ path.bottoms_bed
+    things = tuple(
+        replace(thing, touch_mm=max(_depth_mm(thing, bottoms_base), 0.0) + REACH_IN_MM)
+        if thing.touch_mm
+        else thing
+        for thing in obstacles.things
+    )
+    return replace(obstacles, things=things)
+
+
+def _depth_mm(thing: Obstacle, points_base: Floats) -> float:
+    """Return how deep the deepest of some points (n, 3) lies below the surface of a thing."""
+    points = thing.pose.inv() @ points_base
+    if isinstance(thing.shape, Capsule):
+        half = 0.5 * thing.shape.length_mm
+        along = np.clip(points[:, 2], -half, half)[:, None] * (0.0, 0.0, 1.0)
+        return float((thing.shape.radius_mm - np.linalg.norm(points - along, axis=1)).max())
+    if isinstance(thing.shape, Hull):
+        equations = ConvexHull(thing.shape.vertices).equations
+        return float(-(points @ equations[:, :3].T + equations[:, 3]).max(axis=1).min())
+    half_sizes = 0.5 * np.array(thing.shape.size_mm)
+    return float((half_sizes - np.abs(points)).min(axis=1).max())

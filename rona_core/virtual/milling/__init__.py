@@ -1,0 +1,1 @@
+"""Truth of a milling: the bone under the burr, the force on it, and what a probe hears below."""

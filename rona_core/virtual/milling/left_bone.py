@@ -1,0 +1,66 @@
+"""What is left of the true bone under a burr: a height field over its layers."""
+
+import numpy as np
+
+from rona_core.geometry.arrays import Floats
+from rona_core.geometry.pose import Pose
+from rona_core.virtual.specimen.boundaries import Specimen
+
+CELL_MM = 0.2
+ABOVE_MM = 20.0  # above z = 0 of the bed, where rays at the bone start
+
+
+class LeftBone:
+    """Heights over a grid in ``bed``, the frame as it lies on the true bone.
+
+    Attributes:
+        x_mm: Cell centres (nx,).
+        y_mm: Cell centres (ny,).
+        top_mm: What is left reaches up to here (nx, ny).
+        bounds_mm: Lower ends (3, nx, ny) of outer table, diploe and inner table.
+    """
+
+    def __init__(self, specimen: Specimen, T_skull_bed: Pose, half_mm: float) -> None:
+        """Look at a bone that nothing was taken from, so far to all sides of the bed's middle."""
+        count = int(np.ceil(half_mm / CELL_MM))
+        self.x_mm = self.y_mm = CELL_MM * np.arange(-count, count + 1.0)
+        x, y = np.meshgrid(self.x_mm, self.y_mm, indexing="ij")
+        starts = np.column_stack((x.ravel(), y.ravel(), np.full(x.size, ABOVE_MM)))
+        down = T_skull_bed.rotate(np.tile((0.0, 0.0, -1.0), (x.size, 1)))
+        found = specimen.layers(T_skull_bed @ starts, down)
+        # where a ray misses a boundary there is no bone: nothing to cut, nothing to break through
+        heights = np.where(np.isfinite(found), ABOVE_MM - found, -np.inf).T.reshape(4, *x.shape)
+        self.top_mm: Floats = heights[0].copy()
+        self.bounds_mm: Floats = heights[1:].copy()
+        slopes = np.gradient(np.where(np.isfinite(heights[3]), heights[3], 0.0), CELL_MM)
+        # of a vertical distance to the inner boundary, what the shortest is
+        self.cosine: Floats = 1.0 / np.sqrt(1.0 + slopes[0] ** 2 + slopes[1] ** 2)
+
+    def cut(self, center_bed: Floats, radius_mm: float) -> tuple[Floats, float]:
+        """Take away what a ball reaches.
+
+        Returns:
+            What it took of each layer (4,) in mm3, dura the last, and the shortest way from the
+            ball to the inner boundary, negative where it is through.
+        """
+        i = slice(
+            *np.searchsorted(self.x_mm, (center_bed[0] - radius_mm, center_bed[0] + radius_mm))
+        )
+        j = slice(
+            *np.searchsorted(self.y_mm, (center_bed[1] - radius_mm, center_bed[1] + radius_mm))
+        )
+        away2 = ((self.x_mm[i] - center_bed[0]) ** 2)[:, None] + (self.y_mm[j] - center_bed[1]) ** 2
+        old, bounds = self.top_mm[i, j], self.bounds_mm[:, i, j]
+        if not old.size:
+            return np.zeros(4), np.inf
+        inside = away2 <= radius_mm * radius_mm
+        lowest = center_bed[2] - np.sqrt(np.maximum(radius_mm * radius_mm - away2, 0.0))
+        new = np.where(inside, np.minimum(old, lowest), old)
+        left_mm = np.where(inside, (lowest - bounds[2]) * self.cosine[i, j], np.inf).min()
+        if (old - new).max() <= 0.0:
+            return np.zeros(4), float(left_mm)
+        known = np.maximum(bounds, -1e3)
+        above = (np.maximum(old, known) - np.maximum(new, known)).sum(axis=(1, 2))
+        total = float((np.maximum(old, -1e3) - np.maximum(new, -1e3)).sum())
+        self.top_mm[i, j] = new
+        return CELL_MM**2 * np.diff((0.0, *above, total)), float(left_mm)

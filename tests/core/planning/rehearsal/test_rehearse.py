@@ -1,0 +1,153 @@
+"""A whole rehearsal at a site whose bone is a plate: heard, put right, stopped, cancelled."""
+
+import numpy as np
+import pytest
+
+from rona_core.devices.samples import AScanTrack
+from rona_core.errors import CancelledError
+from rona_core.geometry.pose import Pose
+from rona_core.planning.rehearsal.rehearse import Guards, MillingTask, rehearse
+from rona_core.planning.rehearsal.site import BurrWay, ForceReading
+
+MAPPED_MM, LIMIT_MM = -5.0, 1.0  # height of the inner boundary by the maps
+DEPTHS = (-0.5, -1.0, -1.5, -2.0, -2.5, -3.0, -3.5)
+RADIUS_MM, BED_MM, STEP_MM = 2.5, 8.0, 0.25
+DRAWS = 200
+OFF = np.random.default_rng(5).normal(0.0, 0.3, DRAWS)  # the maps may all be off by these
+
+
+def bed_way(depths=DEPTHS):
+    """Return rings of a round bed, layer by layer."""
+    rings = []
+    for radius in np.arange(0.6, BED_MM - RADIUS_MM + 0.5, 1.0):
+        turns = np.arange(0.0, 2.0 * np.pi, STEP_MM / radius)
+        rings.append(radius * np.column_stack((np.cos(turns), np.sin(turns))))
+    flat = np.concatenate(rings)
+    n, layers = len(flat) * len(depths), np.repeat(np.arange(len(depths)), len(flat))
+    places = np.column_stack((np.tile(flat, (len(depths), 1)), np.asarray(depths)[layers]))
+    return BurrWay(
+        Pose.identity(),
+        places,
+        np.full(n, RADIUS_MM),
+        np.zeros((n, 6)),
+        np.arange(n) * 0.06,
+        np.full(n, 4.0),
+        layers,
+    )
+
+
+class Plate:
+    """Bone down to a height; force goes with what the burr has in bone there."""
+
+    def __init__(self, inner_mm):
+        self.inner_mm, self.lowest_mm, self.scanned = inner_mm, 0.0, 0
+
+    def follow(self, way):
+        self.way, self.row = way, 0
+
+    def advance(self, feed_mm_per_s):
+        low = float(self.way.bottoms_bed[self.row, 2])
+        self.row += 1
+        self.lowest_mm = min(self.lowest_mm, low)
+        in_bone = min(max((low + 0.5 - self.inner_mm) / 0.5, 0.0), 1.0)
+        return ForceReading(2.0 * in_bone * (feed_mm_per_s / 4.0) ** 0.5, 0.1 + 0.2 * in_bone)
+
+    def scan_floor(self, way):
+        self.scanned = len(way)
+        self.places = way.bottoms_bed
+        n = self.scanned
+        return AScanTrack(np.arange(n) * 0.02, np.zeros((n, 4)), np.zeros(n, np.bool_), 50.0, 0.0)
+
+    def listen(self, track, places_bed):
+        heard = places_bed[:, 2] - self.inner_mm
+        n = len(heard)
+        return heard, np.full(n, 0.05), np.ones(n, dtype=np.bool_), 0.01
+
+
+def task(way=None, mapped_mm=MAPPED_MM):
+    def mapped(places_bed):
+        left = places_bed[:, 2] - mapped_mm
+        return left, left[:, None] + OFF
+
+    return MillingTask(
+        way=way or bed_way(),
+        mapped=mapped,
+        outer_mm=lambda places: np.zeros(len(places)),
+        limit_mm=LIMIT_MM,
+        probability=0.99,
+        face_radius_mm=3.0,
+        resolved_mm=2.0,
+    )
+
+
+def test_a_thinner_bone_is_heard_and_the_last_layers_end_higher():
+    site = Plate(MAPPED_MM + 0.9)
+    course = rehearse(task(), site, site.listen)
+    assert course.heard is not None
+    assert course.asked == site.scanned >= 4
+    left = site.lowest_mm - site.inner_mm
+    assert LIMIT_MM <= left < LIMIT_MM + 0.6
+    assert course.raised_mm == pytest.approx(site.lowest_mm - DEPTHS[-1])
+    assert course.residual_mm == pytest.approx(left, abs=0.2)
+    assert not course.stopped
+
+
+def test_bone_as_thick_as_mapped_is_milled_as_planned():
+    site = Plate(MAPPED_MM)
+    course = rehearse(task(), site, site.listen)
+    assert site.lowest_mm == DEPTHS[-1]
+    assert (course.raised_mm, course.stopped, course.steps) == (0.0, False, len(bed_way()))
+    assert course.probability > 0.99
+
+
+def test_the_floor_is_scanned_while_there_is_bone_enough_to_be_heard():
+    site = Plate(MAPPED_MM)
+    course = rehearse(task(), site, site.listen)
+    heights = np.unique(site.places[:, 2].round(1))
+    assert (heights - MAPPED_MM).min() >= 2.3
+    assert course.pause < len(DEPTHS) - 1
+
+
+def test_without_the_scan_the_force_stops_the_burr_and_without_both_nothing_does():
+    inner = -2.95  # found in the layer that ends at -3
+    deep = task(bed_way((-0.5, -1.0, -1.5, -2.0, -2.5, -3.0, -3.5, -4.0, -4.5, -5.0)), -3.3)
+    felt, blind = Plate(inner), Plate(inner)
+    stopped = rehearse(deep, felt, felt.listen, Guards(scan_again=False))
+    assert rehearse(deep, blind, blind.listen, Guards(False, False)).stopped is False
+    assert blind.lowest_mm == -5.0
+    assert stopped.stopped
+    assert felt.lowest_mm > blind.lowest_mm
+
+
+def test_nothing_is_scanned_where_nobody_asks():
+    site = Plate(MAPPED_MM)
+    course = rehearse(task(), site, site.listen, Guards(scan_again=False))
+    assert (course.asked, course.heard, course.pause, site.scanned) == (0, None, -1, 0)
+
+
+def test_a_floor_in_which_nothing_is_heard_leaves_the_maps_to_decide():
+    site = Plate(MAPPED_MM + 0.9)
+
+    def deaf(track, places_bed):
+        heard, sigma, ok, common = site.listen(track, places_bed)
+        return heard, sigma, ~ok, common
+
+    course = rehearse(task(), site, deaf)
+    assert course.asked > 0
+    assert course.heard is None
+    assert course.raised_mm >= 0.0
+
+
+def test_it_can_be_cancelled_and_tells_how_far_it_is():
+    site, told = Plate(MAPPED_MM), []
+    with pytest.raises(CancelledError):
+        rehearse(task(), site, site.listen, cancel=lambda: True)
+    rehearse(task(), site, site.listen, progress=told.append)
+    assert told == sorted(told)
+    assert told[-1] == 1.0
+
+
+def test_a_force_that_falls_where_the_maps_know_of_bone_stops_nothing():
+    deep = task(bed_way((-0.5, -1.0, -1.5, -2.0, -2.5, -3.0, -3.5)))
+    site = Plate(-2.95)  # a hollow, say: the maps have 2 mm of bone below it
+    assert not rehearse(deep, site, site.listen, Guards(scan_again=False)).stopped
