@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import ArrayLike
 
-from rona_core.devices.display import Mesh
+from rona_core.devices.display import DrawnHead, Mesh
 from rona_core.devices.protocols import Origin
 from rona_core.devices.settings import DeviceSettings
 from rona_core.errors import InvalidInputError
@@ -32,7 +32,7 @@ from rona_core.virtual.tracker.tracker import VirtualTracker
 from rona_core.virtual.true_tool_poses import MovingTools
 from rona_core.virtual.world.world import NOMINAL, World
 
-EDGE_MM = 3.0  # of the triangles that the skull is drawn with
+EDGE_MM = 3.5  # of the triangles that the skull is drawn with
 SLIDE_S, SLIDE_MM = 0.02, 0.01  # time over which the face is seen to slide, and least way
 if TYPE_CHECKING:
     from rona_core.virtual.specimen.build_specimen import Specimen
@@ -55,6 +55,19 @@ class VirtualDisplay:
         mesh = self._scene.specimen.mesh(EDGE_MM)
         return Mesh(self._scene.T_base_skull @ mesh.vertices, mesh.faces)
 
+    def drawn_head_base(self) -> DrawnHead | None:
+        """Return the head in ``base``; None where the specimen has none but its surface."""
+        head = self._scene.specimen.drawn_head(EDGE_MM)
+        if head is None:
+            return None
+        place = self._scene.T_base_skull
+        return DrawnHead(
+            Mesh(place @ head.calvaria.vertices, head.calvaria.faces),
+            Mesh(place @ head.face.vertices, head.face.faces),
+            head.shades,
+            (place @ head.sutures.reshape(-1, 3)).reshape(-1, 2, 3),
+        )
+
     def pick(self, origin_base: ArrayLike, direction_base: ArrayLike) -> Vector3 | None:
         """Return where a ray of sight meets the skull (3,) in ``base``, or None if it misses.
 
@@ -71,6 +84,11 @@ class VirtualDisplay:
         rays = (T_skull_base @ origin)[None], T_skull_base.rotate(direction)[None]
         distance_mm = float(self._scene.specimen.ray(*rays)[0])
         return origin + distance_mm * direction if np.isfinite(distance_mm) else None
+
+    def point_mesh(self, point_base: ArrayLike) -> Vector3:
+        """Return a place of ``base`` (3,) in ``mesh``: the coordinates of the specimen."""
+        point = as_vector3(point_base, name="point_base")
+        return self._scene.T_base_skull.inv() @ point
 
     def region(self) -> tuple[Vector3, Vector3, float]:
         """Return centre (3,), outward normal (3,) in ``base`` and radius in mm of the region."""

@@ -5,7 +5,7 @@ from typing import Protocol
 
 from numpy.typing import ArrayLike
 
-from rona_core.devices.display import Mesh
+from rona_core.devices.display import DrawnHead, Mesh
 from rona_core.errors import InvalidInputError
 from rona_core.geometry.arrays import Floats, Vector3, as_points, as_unit_vectors
 
@@ -68,6 +68,10 @@ class Specimen(Protocol):
 
     def mesh(self, edge_mm: float = 3.0) -> Mesh:
         """Return triangles of the outer boundary for the eye; never an input of an algorithm."""
+        ...
+
+    def drawn_head(self, edge_mm: float = 3.0) -> DrawnHead | None:
+        """Return a head for the eye; None where ``mesh`` is all there is to see."""
         ...
 
 

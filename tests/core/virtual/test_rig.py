@@ -9,11 +9,13 @@ from rona_core.devices.protocols import Rig
 from rona_core.devices.settings import DeviceSettings, RobotSettings, TrackerSettings
 from rona_core.errors import DeviceError, InvalidInputError
 from rona_core.geometry.pose import Pose, Poses
+from rona_core.session.document import RegionChoice, Setup
 from rona_core.session.specimen import SimulatedSkull
 from tests.helpers.sphere_world import SphereSpecimen, signed_distance
 
 pytest.importorskip("rona_core.virtual.robot.robot", reason="there is no virtual robot")
 pytest.importorskip("rona_core.virtual.acoustics.probe", reason="there is no virtual probe")
+from rona_core.compose import build_virtual_rig
 from rona_core.virtual.rig import VirtualRig
 from rona_core.virtual.specimen.build_specimen import build_specimen
 
@@ -178,6 +180,19 @@ def test_two_rigs_of_one_seed_measure_the_same(rig):
                 x.tool(tool).T_tracker_marker.matrix(), y.tool(tool).T_tracker_marker.matrix()
             )
     np.testing.assert_array_equal(scan_a.rf, scan_b.rf)
+
+
+def test_a_region_that_was_picked_is_where_it_was_picked():
+    setup = Setup(region=RegionChoice(radius_mm=20.0))
+    display = build_virtual_rig(setup).display
+    center, normal, _ = display.region()
+    picked = display.pick(center + 100.0 * normal + (8.0, 5.0, 0.0), -normal)
+    wanted = tuple(display.point_mesh(picked).tolist())
+    apart = np.linalg.norm(display.point_mesh(center) - wanted)
+    assert apart == pytest.approx(np.linalg.norm(picked - center), abs=1e-6)
+    again = build_virtual_rig(replace(setup, region=RegionChoice(wanted, 20.0))).display
+    placed = again.point_mesh(again.region()[0])
+    np.testing.assert_allclose(placed, wanted, atol=0.3)  # put onto the surface
 
 
 def test_a_pick_meets_the_bone_or_nothing(rig):

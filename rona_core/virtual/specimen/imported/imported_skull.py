@@ -256,3 +256,6 @@ class LoadedSpecimen:
         """Return triangles of the whole skull for the eye; they were made when it was imported."""
         vertices = self._skull.mesh_vertices_skull.astype(np.float64)
         return Mesh(readonly(vertices), readonly(self._skull.mesh_faces.astype(np.int64)))
+
+    def drawn_head(self, edge_mm: float = 3.0) -> None:
+        """Return None: a loaded skull has a face of its own."""

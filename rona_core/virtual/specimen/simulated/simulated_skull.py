@@ -3,12 +3,13 @@
 import numpy as np
 from numpy.typing import ArrayLike
 
-from rona_core.devices.display import Mesh
+from rona_core.devices.display import DrawnHead, Mesh
 from rona_core.errors import InvalidInputError
 from rona_core.geometry.arrays import Floats, Ints, as_points, as_vector3, readonly
 from rona_core.session.specimen import Side
 from rona_core.virtual.specimen.boundaries import Region, as_rays
 from rona_core.virtual.specimen.simulated.atlas import Atlas
+from rona_core.virtual.specimen.simulated.drawn_head import drawn_head
 from rona_core.virtual.specimen.simulated.layer_radii import SkullShape
 from rona_core.virtual.specimen.simulated.patient_sampling import draw_patient
 from rona_core.virtual.specimen.simulated.spherical_fields import HEAD_MM
@@ -165,3 +166,7 @@ class SimulatedSpecimen:
         faces, directions = cube_sphere(int(np.ceil(0.5 * np.pi * HEAD_MM / edge_mm)))
         vertices = self._center + self.shape.radii(directions)[:, 0, None] * directions
         return Mesh(readonly(vertices), readonly(faces))
+
+    def drawn_head(self, edge_mm: float = 3.0) -> DrawnHead:
+        """Return calvaria, face and sutures for the eye."""
+        return drawn_head(self.shape, self.mesh(edge_mm), self.region)
