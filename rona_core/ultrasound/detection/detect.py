@@ -223,6 +223,9 @@ def _judged(
     if method == "subtract":
         quality = inner.confidence * erf(WRONG_MM / np.maximum(sigma, 1e-9) / np.sqrt(2.0))
         unsure = quality < SURE
+        # which echo it is and which of its cycles are doubted for the same reasons
+        cycle_mm = half_speed / probe.centre_mhz
+        sigma = np.hypot(sigma, np.sqrt(np.maximum(1.0 - quality, 0.0)) * cycle_mm)
     else:
         quality, unsure = np.clip(inner.confidence, 0.0, 1.0), np.zeros(len(sigma), dtype=np.bool_)
     clipped = np.asarray(survey.track.clipped)
@@ -255,7 +258,7 @@ def _judged(
         thickness_mm=readonly(thickness),
         outer_sigma_mm=readonly(_outer_sigma_mm(echoes)),
         thickness_sigma_mm=readonly(sigma),
-        inner_sigma_us=readonly(inner.sigma_us),
+        inner_sigma_us=readonly(sigma / half_speed),
         alternative_us=readonly(outer_us + inner.alternative_us),
         alternative_quality=readonly(np.where(no_front, 0.0, inner.alternative_confidence)),
         probe=probe.name,

@@ -76,7 +76,7 @@ def test_the_outer_boundary_alone_is_that_of_the_whole_detection(demo):
 
 
 def test_the_second_pass_grows_a_map_of_its_own_rows(demo):
-    grown = MapGrower(demo, "second", 9).grown(so_far(demo.captures.second, 200))
+    grown = MapGrower(demo, "second", 9).grown(so_far(demo.captures.second[0], 200))
     outer = demo.results.maps.value.outer
     places = outer.T_base_map.inv() @ grown.points_base
     chart = RectBivariateSpline(outer.u_mm, outer.v_mm, outer.height_mm)

@@ -133,8 +133,14 @@ def test_a_new_scan_forgets_the_corrections_of_the_old_one(demo):
         CorrectBoundary(2, "second", remove="inner"),
         handle(CorrectBoundary(1, remove="inner"), demo),
     )
-    again = handle(StoreCapture("second", replace(demo.captures.second)), both)
-    assert [edit.scan for edit in again.boundary_edits.changes] == ["first"]
+    (taken,) = demo.captures.second
+    again = handle(StoreCapture("second", replace(taken)), both)
+    assert [edit.scan for edit in again.boundary_edits.changes] == ["first", "second"]
+    other = replace(taken, setup_digest="another")
+    stale = both.with_capture("second", (other,))
+    replaced = handle(StoreCapture("second", taken), stale)
+    assert replaced.captures.second == (taken,)
+    assert [edit.scan for edit in replaced.boundary_edits.changes] == ["first"]
     assert len(handle(StoreCapture("scan", replace(demo.captures.scan)), both).boundary_edits) == 0
 
 
@@ -172,7 +178,7 @@ def test_an_old_session_has_no_corrections():
 
 @pytest.mark.parametrize("scan", ["first", "second"])
 def test_every_a_scan_is_found_again_from_its_share_of_the_motion(demo, scan):
-    n = len(demo.captures.scan.scans if scan == "first" else demo.captures.second.scans)
+    n = len(demo.captures.scan.scans if scan == "first" else demo.captures.second[0].scans)
     for i in range(0, n, 7):
         share = share_of_scan(demo, i, scan)
         assert scan_number_at(demo, share, scan) == i
@@ -204,7 +210,7 @@ def test_the_second_pass_says_what_it_brought(demo):
     gaps = [np.linalg.norm(used - cell, axis=1).min() for cell in cells.points_base]
     assert max(gaps) < 4.0  # a sample of the second pass lies beside each of them
     alone = derive_mapping(
-        replace(demo, captures=replace(demo.captures, second=None)),
+        replace(demo, captures=replace(demo.captures, second=())),
         StartMapping(),
         progress=silent,
         cancel=never,

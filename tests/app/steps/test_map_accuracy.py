@@ -97,6 +97,8 @@ def test_the_parts_add_up_and_the_robot_counts_where_another_uses_the_map(demo, 
     of_mean = {row.cause: row.shared_mm for row in bone.budget}
     rest_mm2 = sum(of_mean[cause] ** 2 for cause in ("time of flight", "interpolation"))
     assert 0.0 < rest_mm2 < 0.5 * rms(bone.own_mm[both]) ** 2
+    (unheard,) = [t for t in map_terms(demo).thickness if t.cause == UNHEARD]
+    rest_mm2 = rest_mm2 + np.broadcast_to(unheard.shared_mm, both.shape)[both] ** 2
     share = np.sqrt(bone.shared_mm[both] ** 2 - rest_mm2) / maps.thickness_mm()[both]
     np.testing.assert_allclose(share, share[0], rtol=1e-6)  # one for the whole map
     assert PATIENTS_SHARE < share[0] < np.hypot(PATIENTS_SHARE, LOCAL_SHARE)  # nobody told it
@@ -241,7 +243,8 @@ def test_bone_whose_echo_was_missed_is_less_sure_the_farther_the_last_one_that_w
     for i, j in np.argwhere(maps.inner.ok)[::97]:
         away = np.linalg.norm(places - (maps.inner.u_mm[i], maps.inner.v_mm[j]), axis=1)
         missed = away[~heard].min() < away[heard].min()
-        assert term.own_mm[i, j] == pytest.approx(0.15 * away[heard].min() if missed else 0.0)
+        off_mm = 0.15 * away[heard].min() if missed else 0.0
+        assert term.own_mm[i, j] == pytest.approx(off_mm)
+        assert term.shared_mm[i, j] == pytest.approx(0.4 * off_mm)  # they err to one side
     counted = term.own_mm[maps.inner.ok & maps.outer.ok]
     assert 0.0 < np.count_nonzero(counted) < len(counted)
-    assert not np.any(term.shared_mm)

@@ -33,6 +33,7 @@ from rona_core.app.steps.maps.derivation import (
     derive_second_detection,
     probe_poses,
 )
+from rona_core.app.steps.maps.further_passes import joined_poses
 from rona_core.app.steps.maps.messages import StartMapping
 from rona_core.app.steps.setup.messages import SetProbe, SetSeed, SetWorld
 from rona_core.compose import new_workbench
@@ -95,8 +96,8 @@ def passes(session):
         "second": (
             derive_second_detection,
             StartMapping,
-            session.captures.second.scans,
-            probe_poses(session, session.captures.second),
+            session.captures.second[0].scans,
+            joined_poses(session, session.captures.second),
         ),
         "hand": (
             derive_sono_detection,

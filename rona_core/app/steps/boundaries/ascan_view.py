@@ -1,24 +1,22 @@
 """What the pictures of the A-scans show: one of them, all side by side, and where they were taken.
 
-``first`` is the scan of step 8, ``second`` goes over the gaps of the inner map again, ``hand`` is
-the scan by hand. Times are in µs from the emission.
+``first`` is the scan of step 8, ``second`` all further passes, one after the other, ``hand`` is the
+scan by hand. Times are in µs from the emission.
 """
 
 from dataclasses import dataclass, replace
 
 import numpy as np
 
-from rona_core.app.steps.boundaries.handlers import capture_of, detection_of_scan
+from rona_core.app.steps.boundaries.handlers import detection_of_scan, scans_of
 from rona_core.app.steps.handheld.derivation import hand_poses
 from rona_core.app.steps.maps.derivation import probe_poses
-from rona_core.app.steps.scan.captures import fire_times
-from rona_core.app.steps.scan.planned_motion import plan_of
+from rona_core.app.steps.maps.further_passes import joined_poses
+from rona_core.app.steps.scan.planned_motion import replayed
 from rona_core.devices.samples import AScan, AScanTrack
 from rona_core.devices.settings import ProbeSettings
 from rona_core.geometry.arrays import Bools, Floats, readonly
 from rona_core.geometry.pose import Poses
-from rona_core.robot.trajectory.trajectory import Trajectory
-from rona_core.session.captures import ScanCapture, SonoCapture
 from rona_core.session.document import Session
 from rona_core.session.memo import remember
 from rona_core.ultrasound.acoustic_calibration.speed_calibration import uncalibrated
@@ -86,13 +84,15 @@ def scan_poses(session: Session, scan: ScanName = "first") -> Poses | None:
 
     Of a scan by hand that nobody can tell the robot from, the marker on its base is ``base``.
     """
-    capture = capture_of(session, scan)
-    if isinstance(capture, SonoCapture):
-        found = hand_poses(session)
+    captures = session.captures
+    if scan == "hand":
+        found = None if captures.sono_scan is None else hand_poses(session)
         return None if found is None else found[1]
-    if capture is None or not len(capture.scans) or session.captures.scan is None:
+    if captures.scan is None or not len(captures.scan.scans):
         return None
-    return probe_poses(session, capture)
+    if scan == "first":
+        return probe_poses(session)
+    return joined_poses(session, captures.second) if captures.second else None
 
 
 def scan_number_at(session: Session, share: float, scan: ScanName = "first") -> int | None:
@@ -113,27 +113,14 @@ def share_of_scan(session: Session, number: int, scan: ScanName = "first") -> fl
 
 
 def _times_s(session: Session, scan: ScanName) -> tuple[Floats, float] | None:
-    """Return when the A-scans (n,) of a pass were taken, and how long it lasts.
-
-    Of the robot it is what the plan says: in contact it may lag behind.
-    """
-    capture = capture_of(session, scan)
-    if capture is None or not len(capture.scans):
+    """Return when the A-scans (n,) of a scan were taken, and how long it lasts."""
+    track = scans_of(session, scan)
+    if track is None or not len(track):
         return None
-    if isinstance(capture, SonoCapture):
-        return capture.scans.times_s, float(capture.scans.times_s[-1])
-    plan = plan_of(session, second=scan == "second")
-    if plan is None or plan.trajectory is None:
-        return None
-    fired = _fire_times(plan.trajectory, session.setup.devices.probe.pitch_mm)
-    # of a plan that is no longer the one that was executed there may be too few
-    rows = np.minimum(np.arange(len(capture.scans)), len(fired) - 1)
-    return fired[rows], float(plan.trajectory.times_s[-1])
-
-
-@remember(4)  # plans never change, and the cursor asks often
-def _fire_times(trajectory: Trajectory, pitch_mm: float) -> Floats:
-    return readonly(fire_times(trajectory, pitch_mm))
+    if scan == "hand":
+        return track.times_s, float(track.times_s[-1])
+    motion = replayed(session, second=scan == "second")
+    return None if motion is None else (motion.fired_s, float(motion.times_s[-1]))
 
 
 def ascan_plot(
@@ -146,10 +133,10 @@ def ascan_plot(
         track, number, found = AScanTrack.from_scans([live]), 0, None
         remark = f"Live, {live.time_s:.1f} s after the start."
     else:
-        capture = capture_of(session, scan)
-        if capture is None or number is None or not 0 <= number < len(capture.scans):
+        held = scans_of(session, scan)
+        if held is None or number is None or not 0 <= number < len(held):
             return None
-        track, found = capture.scans, detection_of_scan(session, scan)
+        track, found = held, detection_of_scan(session, scan)
         remark = f"A-scan {number + 1} of {len(track)}"
     view = preview(track, number, probe, excitation, found)
     plot = AScanPlot(
@@ -218,17 +205,17 @@ def _thickness_sigma_mm(found: Detection, i: int) -> float:
 
 def scan_picture(session: Session, scan: ScanName = "first") -> ScanPicture | None:
     """Return all A-scans of a pass side by side; None before it."""
-    capture, poses = capture_of(session, scan), scan_poses(session, scan)
-    if capture is None or poses is None:
+    track, poses = scans_of(session, scan), scan_poses(session, scan)
+    if track is None or poses is None:
         return None
     steps = np.linalg.norm(np.diff(poses.translations, axis=0), axis=1)
-    image = _image(capture, session.setup.devices.probe)
+    image = _image(track, session.setup.devices.probe)
     return ScanPicture(image, readonly(np.concatenate(([0.0], np.cumsum(steps)))))
 
 
-@remember(2)  # captures never change, and several browsers ask
-def _image(capture: ScanCapture | SonoCapture, probe: ProbeSettings) -> ScanImage:
-    return scan_image(capture.scans, probe_model(probe), probe.excitation)
+@remember(2)  # A-scans never change, and several browsers ask
+def _image(track: AScanTrack, probe: ProbeSettings) -> ScanImage:
+    return scan_image(track, probe_model(probe), probe.excitation)
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -4,12 +4,14 @@ from dataclasses import replace
 
 from rona_core.app.declarations.registry import REGISTRY
 from rona_core.app.dependencies.inputs import require_result
+from rona_core.app.dependencies.staleness import digest_of
 from rona_core.app.steps.acoustics.derivation import robot_probe, session_probe
 from rona_core.app.steps.boundaries.messages import ClearBoundaryCorrections, CorrectBoundary
 from rona_core.app.steps.handheld.derivation import NOT_SEEN, posed_scans, spread
+from rona_core.app.steps.maps.further_passes import Passes, joined_scans
+from rona_core.devices.samples import AScanTrack
 from rona_core.errors import InvalidInputError, StepBlockedError
 from rona_core.session.captures import ScanCapture, SonoCapture
-from rona_core.session.codec import digest
 from rona_core.session.document import Session
 from rona_core.ultrasound.detection.detect import Detection
 from rona_core.ultrasound.detection.manual_corrections import BoundaryEdits, ScanName, corrected
@@ -18,9 +20,12 @@ CAPTURES = {"first": "scan", "second": "second", "hand": "sono_scan"}
 DETECTIONS = {"first": "detection", "second": "second_detection", "hand": "sono_detection"}
 
 
-def capture_of(session: Session, scan: ScanName) -> ScanCapture | SonoCapture | None:
-    """Return the A-scans of a pass, or of the scan by hand; None before it."""
-    return session.captures.get(CAPTURES[scan])
+def scans_of(session: Session, scan: ScanName) -> AScanTrack | None:
+    """Return the A-scans of the first pass, of all further ones or by hand; None before them."""
+    held: ScanCapture | SonoCapture | Passes | None = session.captures.get(CAPTURES[scan])
+    if isinstance(held, tuple):
+        return joined_scans(held) if held else None
+    return None if held is None else held.scans
 
 
 def detection_of_scan(session: Session, scan: ScanName = "first") -> Detection | None:
@@ -30,8 +35,8 @@ def detection_of_scan(session: Session, scan: ScanName = "first") -> Detection |
     A-scans are there; where the tracker did not see the probe, nothing counts.
     """
     derived = session.results.get(DETECTIONS[scan])
-    capture = capture_of(session, scan)
-    if derived is None or capture is None or derived.inputs.get("capture") != digest(capture):
+    capture = session.captures.get(CAPTURES[scan])
+    if derived is None or not capture or derived.inputs.get("capture") != digest_of(capture):
         return None
     found: Detection | None = derived.value
     if isinstance(capture, SonoCapture):
@@ -44,10 +49,10 @@ def detection_of_scan(session: Session, scan: ScanName = "first") -> Detection |
 
 def correct_boundary(message: CorrectBoundary, session: Session) -> Session:
     """Carry out `CorrectBoundary`."""
-    capture = require_result(
-        capture_of(session, message.scan), REGISTRY.captures[CAPTURES[message.scan]].wanted
+    track = require_result(
+        scans_of(session, message.scan), REGISTRY.captures[CAPTURES[message.scan]].wanted
     )
-    n, edit = len(capture.scans), message.edit()
+    n, edit = len(track), message.edit()
     if message.number >= n:
         raise InvalidInputError(f"there are {n} A-scans, numbered from 0: not {message.number}")
     found = detection_of_scan(session, message.scan)
@@ -55,14 +60,13 @@ def correct_boundary(message: CorrectBoundary, session: Session) -> Session:
         raise StepBlockedError("CorrectBoundary is blocked: first map the boundaries (step 9)")
     if message.scan == "second" and edit.boundary == "outer":
         raise InvalidInputError(
-            "the outer boundary of the second pass is that of the map of the first: correct it "
+            "the outer boundary of a further pass is that of the map of the first: correct it "
             "in the first pass"
         )
     if found.flag[message.number] == NOT_SEEN:
         raise InvalidInputError(
             f"the tracker did not see the probe at A-scan {message.number}: it is in no map"
         )
-    track = capture.scans
     end_us = track.start_us + track.rf.shape[1] / track.sampling_mhz
     if edit.time_us is not None and not track.start_us <= edit.time_us <= end_us:
         raise InvalidInputError(

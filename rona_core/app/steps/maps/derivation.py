@@ -1,12 +1,18 @@
-"""Boundary detection and maps, and the plan of a second pass over the gaps."""
+"""Boundary detection and maps, and the plan of a further pass over the gaps."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
+from rona_core.app.declarations.declarations import Arguments
 from rona_core.app.dependencies.inputs import require_result
 from rona_core.app.dependencies.staleness import input_digests, stale_reason
-from rona_core.app.messages.serialization import serialize_arguments
+from rona_core.app.messages.serialization import message_from, serialize_arguments
 from rona_core.app.steps.acoustics.derivation import first_speed, robot_probe, with_known_speed
 from rona_core.app.steps.maps.accuracy.probe_place import cloud_prior
+from rona_core.app.steps.maps.further_passes import (
+    joined_poses,
+    joined_scans,
+    usable_second,
+)
 from rona_core.app.steps.maps.messages import StartGapPlan, StartMapping
 from rona_core.app.steps.roll.derivation import plan_settings
 from rona_core.app.steps.roll.messages import StartRollSearch
@@ -23,17 +29,16 @@ from rona_core.mapping.build_maps import (
     add_inner_map,
     build_outer_maps,
 )
-from rona_core.mapping.second_pass import plan_second_pass, standoffs_mm
+from rona_core.mapping.second_pass import SecondPassPath, plan_second_pass, standoffs_mm
 from rona_core.robot.kinematics.catalog import robot_model
 from rona_core.robot.planning.plan_scan import plan_scan
-from rona_core.session.captures import ScanCapture
 from rona_core.session.document import Derived, SecondPass, Session
 from rona_core.session.memo import Memo
 from rona_core.ultrasound.detection.detect import Detection, detect, doubted, heard
 from rona_core.ultrasound.detection.manual_corrections import corrected
 from rona_core.ultrasound.probe.probe_model import ProbeModel, ProbeSurvey
 
-OUTER_MAPS: Memo[OuterMaps] = Memo(2)  # maps, plan of a second pass and its detection share one
+OUTER_MAPS: Memo[OuterMaps] = Memo(2)  # maps, plan of a further pass and its detection share one
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -87,42 +92,46 @@ def derive_detection(
     return detect_survey(session, survey, message, progress=progress, cancel=cancel)
 
 
-def probe_poses(session: Session, capture: ScanCapture | None = None) -> Poses:
-    """Return the pose of the probe in ``base`` at each A-scan, from the robot's joint angles.
-
-    Without a capture it is that of the first pass.
-    """
-    return require_result(probe_poses_of(session, capture), "scan")
+def probe_poses(session: Session) -> Poses:
+    """Return the pose of the probe in ``base`` at each A-scan of the first pass."""
+    return require_result(probe_poses_of(session), "scan")
 
 
 def derive_maps(
     session: Session,
     message: StartMapping,
     *,
-    first_only: bool = False,
+    calibrated: bool = True,
     progress: Progress = silent,
     cancel: Cancel = never,
 ) -> Maps:
     """Map both boundaries and fuse the outer one with the pointer cloud.
 
-    What the second pass found is mapped as well, and thickness is at the calibrated speed of sound
-    where there is one, unless ``first_only``: plans do not wait for a caliper. Boundaries that were
-    set by hand take the place of those that were found.
+    What further passes found is mapped as well, and thickness is at the calibrated speed of sound
+    where there is one, unless not ``calibrated``: plans do not wait for a caliper. Boundaries that
+    were set by hand take the place of those that were found.
     """
     edits, probe = session.boundary_edits, robot_probe(session)
     detection, poses = _first_detection(session), probe_poses(session)
     outer = _outer_maps(session, message, progress=progress, cancel=cancel)
-    capture, again = usable_second(session), session.results.second_detection
-    second = None
-    wanted = message.sound_speed_mm_per_us
-    if not first_only:
-        detection = with_known_speed(detection, poses, session, wanted)
-    if not first_only and capture is not None and again is not None:
-        second_poses = probe_poses(session, capture)
+    passes, again = usable_second(session), session.results.second_detection
+    further = None
+    if passes and again is not None:
         edited = corrected(again.value, edits, "second", probe)
-        edited = with_known_speed(edited, second_poses, session, wanted)
-        second = LocatedDetection(edited, second_poses)
-    return add_inner_map(outer, LocatedDetection(detection, poses), second)
+        further = LocatedDetection(edited, joined_poses(session, passes))
+    first = LocatedDetection(detection, poses)
+    if calibrated:
+        first = _at_known_speed(first, session, message)
+        further = None if further is None else _at_known_speed(further, session, message)
+    return add_inner_map(outer, first, further)
+
+
+def _at_known_speed(
+    found: LocatedDetection, session: Session, message: StartMapping
+) -> LocatedDetection:
+    """Return what was detected, its thickness at the speed of sound that is known or asked for."""
+    wanted, poses = message.sound_speed_mm_per_us, found.Ts_base_probe
+    return LocatedDetection(with_known_speed(found.detection, poses, session, wanted), poses)
 
 
 def _first_detection(session: Session) -> Detection:
@@ -156,21 +165,53 @@ def _outer_maps(
 def derive_second(
     session: Session, message: StartGapPlan, *, progress: Progress, cancel: Cancel
 ) -> SecondPass:
-    """Plan, time and verify a scan of the gaps that the first pass left in the inner map.
+    """Plan, time and verify a scan of the gaps that all passes so far left in the inner map.
 
     Raises:
         StepBlockedError: there is no gap worth a scan.
     """
+    maps = maps_so_far(session, progress=progress, cancel=cancel)
     detection = require_result(session.results.detection, "detect the boundaries").value
-    way = plan_second_pass(
-        derive_maps(session, StartMapping(), first_only=True),
-        detection.sound_speed_mm_per_us,
-        message,
-    )
+    way = plan_second_pass(maps, detection.sound_speed_mm_per_us, message)
     if way is None:
-        raise StepBlockedError(
-            "StartGapPlan is blocked: the first pass left no gap in the inner map"
-        )
+        raise StepBlockedError("StartGapPlan is blocked: no gap is left in the inner map")
+    return plan_further_pass(session, way, progress=progress, cancel=cancel)
+
+
+def recompute_second(
+    session: Session, arguments: Arguments, progress: Progress, cancel: Cancel
+) -> SecondPass:
+    """Plan again over the gaps that were left when the pass was planned."""
+    message = message_from(StartGapPlan.__name__, arguments)
+    return derive_second(before_plan(session), message, progress=progress, cancel=cancel)
+
+
+def before_plan(session: Session) -> Session:
+    """Return the session with those further passes alone that its planned pass knew of."""
+    planned = require_result(session.results.second, "plan a further pass").value
+    kept = session.captures.second[: planned.n_before]
+    return replace(session, captures=replace(session.captures, second=kept))
+
+
+def maps_so_far(session: Session, *, progress: Progress = silent, cancel: Cancel = never) -> Maps:
+    """Return the maps that a further pass is planned on: of all passes that were scanned.
+
+    They are at the speed of sound that the boundaries were detected with, whatever a caliper says.
+    """
+    if usable_second(session):
+        held = session.results.second_detection
+        if held is None or stale_reason("second_detection", session) is not None:
+            again = derive_second_detection(
+                session, StartMapping(), progress=progress, cancel=cancel
+            )
+            session = _with_result(session, "second_detection", again)
+    return derive_maps(session, StartMapping(), calibrated=False)
+
+
+def plan_further_pass(
+    session: Session, way: SecondPassPath, *, progress: Progress, cancel: Cancel
+) -> SecondPass:
+    """Return a pass along a way, timed and verified for the robot."""
     plan = plan_scan(
         way.path,
         robot_model(session.setup.devices.robot.model),
@@ -178,23 +219,23 @@ def derive_second(
         progress=progress,
         cancel=cancel,
     )
-    return SecondPass(way, plan)
+    return SecondPass(way, plan, len(usable_second(session)))
 
 
 def derive_second_detection(
     session: Session, message: StartMapping, *, progress: Progress, cancel: Cancel
 ) -> Detection:
-    """Find the inner boundary in the second pass; the outer one is where the first one saw it.
+    """Find the inner boundary in the further passes; the outer one is where the first one saw it.
 
     The bone is as lossy as the first pass found it. Bone in which that heard no inner boundary at
-    all is not heard by a probe that leans: the few echoes of the second pass are steps within it.
+    all is not heard by a probe that leans: the few echoes of a further pass are steps within it.
     """
-    capture = require_result(usable_second(session), "scan the gaps again")
+    passes = require_result(usable_second(session), "scan the gaps again")
     outer = _outer_maps(session, message).outer
-    poses = probe_poses(session, capture)
+    poses = joined_poses(session, passes)
     first = require_result(session.results.detection, "detect the boundaries").value
     survey = Survey(
-        capture.scans,
+        joined_scans(passes),
         poses,
         robot_probe(session),
         standoffs_mm(outer, poses),
@@ -220,7 +261,7 @@ def derive_mapping(
     again = _kept("second_detection", session, message)
     found = kept or derive_detection(session, message, progress=part(0.0, 0.5), cancel=cancel)
     session = _with_result(session, "detection", found)
-    if usable_second(session) is None:
+    if not usable_second(session):
         again = None
     elif again is None:
         again = derive_second_detection(session, message, progress=part(0.5, 0.7), cancel=cancel)
@@ -247,9 +288,3 @@ def _with_result(session: Session, name: str, value: object) -> Session:
     if value is not None:  # with its inputs, so that what follows from it is known to be fresh
         made = Derived(value, StartMapping.__name__, {}, input_digests(name, session))
     return session.with_result(name, made)
-
-
-def usable_second(session: Session) -> ScanCapture | None:
-    """Return the capture of the second pass, unless it is of another plan or set-up."""
-    capture = session.captures.second
-    return None if capture is None or stale_reason("capture second", session) else capture

@@ -1,7 +1,5 @@
 """Maps: boundaries detected in the A-scans, mapped and fused; the second pass over gaps."""
 
-from dataclasses import replace
-
 from rona_core.app.declarations import declarations as declare
 from rona_core.app.declarations.declarations import Input
 from rona_core.app.declarations.registry import REGISTRY
@@ -16,7 +14,9 @@ from rona_core.app.steps.maps.derivation import (
     derive_maps,
     derive_second,
     derive_second_detection,
+    recompute_second,
 )
+from rona_core.app.steps.maps.further_passes import forget_corrections, with_pass
 from rona_core.app.steps.maps.messages import StartGapPlan, StartGapScan, StartMapping
 from rona_core.app.steps.scan.captures import capture_scan
 from rona_core.app.steps.scan.probe_mounting import KNOWN_MOUNTING
@@ -36,11 +36,6 @@ EDITS = Input(lambda s: s.boundary_edits.without("hand"), "scan (step 8)")
 FIRST_EDITS = Input(lambda s: s.boundary_edits.of("first"), "scan (step 8)")
 HEAD, HEAD_OF_BOTH = head_input("scan"), head_input("scan", "second")
 OUTER_EDITS = Input(lambda s: s.boundary_edits.of("first", "outer"), "scan (step 8)")
-
-
-def _forget_corrections(before: Session, after: Session) -> Session:
-    """Return ``after`` without the corrections of boundaries in the second pass before."""
-    return replace(after, boundary_edits=before.boundary_edits.without("second"))
 
 
 def _partial(session: Session) -> str | None:
@@ -94,7 +89,9 @@ STEP = declare.Step(
                 parts.HEAD,
             ),
             after=SCAN_CAPTURE,
-            stored=_forget_corrections,
+            place=with_pass,
+            adds=True,
+            stored=forget_corrections,
         ),
     ),
     results=(
@@ -124,6 +121,7 @@ STEP = declare.Step(
                 **DRIVEN,
             },
             "plan the second pass (step 9)",
+            recompute=recompute_second,
         ),
         declare.Result(
             "second_detection",

@@ -8,7 +8,7 @@ from scipy.spatial import KDTree
 
 from rona_core.app.dependencies.staleness import digest_of, stale_reason
 from rona_core.app.steps.maps.accuracy.map_accuracy import CellSigma, MapAccuracy
-from rona_core.app.steps.maps.derivation import usable_second
+from rona_core.app.steps.maps.further_passes import usable_second
 from rona_core.app.steps.roll.plan_reasons import why_no_plan
 from rona_core.geometry.arrays import Bools, Floats, readonly
 from rona_core.mapping.boundary_map import BoundaryMap, Maps
@@ -145,7 +145,7 @@ def _part(boundary: BoundaryMap, values: tuple[Floats, np.ndarray]) -> MapPart:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SecondView:
-    """The planned second pass, in ``base``."""
+    """The further pass that is planned, in ``base``."""
 
     points_base: Floats  # (n, 3)
     axes_base: Floats  # (n, 3) of the probe, into the bone
@@ -156,10 +156,11 @@ class SecondView:
     gap_share: float
     blocked: str | None  # why it cannot be scanned
     stale: str | None
+    scanned: bool  # the robot has scanned along it
 
 
 def second_view(session: Session) -> SecondView | None:
-    """Return the second pass as it is planned; None before."""
+    """Return the further pass as it is planned; None before."""
     derived = session.results.second
     if derived is None:
         return None
@@ -175,22 +176,23 @@ def second_view(session: Session) -> SecondView | None:
         gap_share=way.gap_share,
         blocked=why_no_plan(plan),
         stale=stale_reason("second", session),
+        scanned=len(usable_second(session)) > derived.value.n_before,
     )
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SecondCells:
-    """What the second pass brought to the inner map."""
+    """What the further passes brought to the inner map."""
 
-    points_base: Floats  # (n, 3) cells of the inner map that only it saw
+    points_base: Floats  # (n, 3) cells of the inner map that only they saw
     before: float  # share of the outer map with an inner boundary, without those cells
     after: float  # and with them
 
 
 def second_cells(session: Session) -> SecondCells | None:
-    """Return which cells of the inner map come from the second pass; None without one in it."""
+    """Return which cells of the inner map come from further passes; None without one in it."""
     derived, first = session.results.maps, session.results.detection
-    if derived is None or first is None or usable_second(session) is None:
+    if derived is None or first is None or not usable_second(session):
         return None
     maps, n = derived.value, len(first.value)
     of_it = derived.inputs.get("second") == digest_of(session.captures.second)

@@ -8,6 +8,7 @@ from rona_core.app.dependencies.inputs import require_result
 from rona_core.app.dependencies.staleness import stale_reason
 from rona_core.app.steps.acoustics.derivation import robot_probe
 from rona_core.app.steps.maps.derivation import probe_poses
+from rona_core.app.steps.maps.further_passes import joined_poses, joined_scans
 from rona_core.devices.samples import AScanTrack
 from rona_core.devices.settings import Excitation
 from rona_core.errors import StaleResultError
@@ -18,7 +19,7 @@ from rona_core.mapping.volume.echo_volume import EchoVolume
 from rona_core.mapping.volume.inner_ridge import RidgeAgreement, ridge_agreement
 from rona_core.mapping.volume.iso_surface import IsoSurface, iso_surface
 from rona_core.mapping.volume.reconstruction import ScanLines, VolumeSettings, reconstruct_volume
-from rona_core.session.document import Session
+from rona_core.session.document import Derived, Session
 from rona_core.session.memo import Memo, remember
 from rona_core.ultrasound.detection.detect import Detection
 from rona_core.ultrasound.detection.echo_profiles import EchoProfiles, echo_profiles
@@ -30,7 +31,7 @@ _LINES: Memo[ScanLines] = Memo(2)  # the A-scans stay as they are while a grid i
 
 
 def echo_volume(session: Session, settings: VolumeSettings | None = None) -> EchoVolume:
-    """Return the echoes of both passes on the columns of the robot's maps.
+    """Return the echoes of all passes on the columns of the robot's maps.
 
     The front echo of an A-scan lies where the maps have its outer boundary; behind it time is
     counted at the speed that they were made with.
@@ -106,7 +107,7 @@ def _maps(session: Session) -> Maps:
 
 
 def scan_lines(session: Session) -> ScanLines:
-    """Return the A-scans of both passes whose outer boundary went into the maps, as lines.
+    """Return the A-scans of all passes whose outer boundary went into the maps, as lines.
 
     Raises:
         StepBlockedError: there is no scan, or nothing was mapped.
@@ -145,20 +146,23 @@ class _Pass:
 
 
 def _passes(session: Session) -> tuple[_Pass, ...]:
-    """Return the passes that went into the maps."""
-    probe, results, captures = robot_probe(session), session.results, session.captures
-    names: tuple[tuple[ScanName, str, str], ...] = (
-        ("first", "scan", "detection"),
-        ("second", "second", "second_detection"),
-    )
+    """Return the passes that went into the maps; all further ones count as one."""
+    results, captures = session.results, session.captures
     found: list[_Pass] = []
-    for scan, capture_name, result_name in names:
-        capture, derived = captures.get(capture_name), results.get(result_name)
-        if capture is None or derived is None:
-            continue
-        edited = corrected(derived.value, session.boundary_edits, scan, probe)
-        poses = probe_poses(session, capture)
-        found.append(_Pass(capture.scans, derived.value, edited, poses))
+
+    def add(
+        name: ScanName, scans: AScanTrack, derived: Derived[Detection] | None, poses: Poses
+    ) -> None:
+        if derived is not None:
+            edits, probe = session.boundary_edits, robot_probe(session)
+            edited = corrected(derived.value, edits, name, probe)
+            found.append(_Pass(scans, derived.value, edited, poses))
+
+    if captures.scan is not None:
+        add("first", captures.scan.scans, results.detection, probe_poses(session))
+    if captures.second:
+        scans, poses = joined_scans(captures.second), joined_poses(session, captures.second)
+        add("second", scans, results.second_detection, poses)
     return tuple(found)
 
 

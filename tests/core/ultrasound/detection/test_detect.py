@@ -249,6 +249,21 @@ def test_with_positions_the_order_of_the_scans_does_not_matter():
         detect(ProbeSurvey(track, PROBE, "chirp", positions_mm=places[1:]))
 
 
+def test_who_doubts_the_echo_doubts_its_cycle():
+    """A boundary that is one in twenty another is no surer than a cycle that is one in twenty."""
+    found = [detect(ProbeSurvey(track, PROBE, "chirp")) for track, _ in surveys("2.25MHz", "chirp")]
+    sure, quality, sigma_us = (
+        np.concatenate([getattr(one, name) for one in found])
+        for name in ("inner_ok", "inner_quality", "inner_sigma_us")
+    )
+    cycles = sigma_us * PROBE.centre_mhz
+    doubted, certain = sure & (quality < 0.95), sure & (quality > 0.99)
+    assert doubted.any()
+    assert certain.any()
+    assert (cycles[doubted] > 0.05**0.5).all()
+    assert np.median(cycles[certain]) < 0.15  # where nothing is doubted, sigma is that of the time
+
+
 def test_no_scans_give_an_empty_detection():
     none = np.zeros(0)
     empty = AScanTrack(none, np.zeros((0, 1743), np.float32), 50.0, PROBE.start_us, none > 0)

@@ -48,6 +48,7 @@ ROWS = "scan closer rows, or a second pass"
 NEAREST = 6  # A-scans whose time of flight counts at a cell
 UNHEARD = "inner boundary not heard"
 UNHEARD_SLOPE = 0.15  # of a table whose echo misses the probe, against the map; one deviation
+UNHEARD_ALIKE = 0.4  # of that all such places share: the map goes on too thick in most of them
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -207,7 +208,8 @@ def _unheard(maps: Maps, T_map_base: Pose) -> ErrorTerm:
     """Return what places add at which an A-scan heard no inner boundary, those nearer to it.
 
     An echo misses the probe where the inner table leans. Such bone is steeper than the bone that
-    was heard and that the map continues, so that the map is the more wrong the further it goes.
+    was heard and that the map continues, so that the map is the more wrong the further it goes,
+    and wrong to the same side in most places.
     """
     shape, heard = maps.inner.height_mm.shape, maps.inner_used
     if heard.all() or not heard.any():
@@ -216,8 +218,8 @@ def _unheard(maps: Maps, T_map_base: Pose) -> ErrorTerm:
     ascans = (T_map_base @ maps.outer_points_base)[:, :2]
     to_heard = KDTree(ascans[heard]).query(places)[0]
     to_unheard = KDTree(ascans[~heard]).query(places)[0]
-    off_mm = np.where(to_unheard < to_heard, UNHEARD_SLOPE * to_heard, 0.0)
-    return ErrorTerm(UNHEARD, off_mm.reshape(shape), remedy=ROWS, reach_mm=NEAR_MM)
+    off_mm = np.where(to_unheard < to_heard, UNHEARD_SLOPE * to_heard, 0.0).reshape(shape)
+    return ErrorTerm(UNHEARD, off_mm, UNHEARD_ALIKE * off_mm, remedy=ROWS, reach_mm=NEAR_MM)
 
 
 def _joined(maps: Maps, plate: PlateField, cloud: _Cloud | None) -> PlateField:

@@ -1,0 +1,36 @@
+"""Further passes made of the one that a session has."""
+
+from dataclasses import replace
+
+from rona_core.app.dependencies.staleness import input_digests
+from rona_core.app.messages.serialization import serialize_arguments
+from rona_core.app.steps.maps.derivation import derive_mapping
+from rona_core.app.steps.maps.messages import StartMapping
+from rona_core.devices.protocols import never, silent
+from rona_core.devices.samples import AScanTrack
+from rona_core.session.captures import ScanCapture
+from rona_core.session.document import Derived, Session
+
+
+def half_of(capture: ScanCapture) -> ScanCapture:
+    """Return a scan that was stopped half way."""
+    track = capture.scans
+    n = len(track) // 2
+    kept = AScanTrack(
+        track.times_s[:n], track.rf[:n], track.sampling_mhz, track.start_us, track.clipped[:n]
+    )
+    return replace(capture, scans=kept)
+
+
+def mapped_again(session: Session) -> Session:
+    """Return the session with its boundaries detected and mapped once more."""
+    values = derive_mapping(session, StartMapping(), progress=silent, cancel=never)
+    for name, value in values.items():
+        made = Derived(
+            value,
+            StartMapping.__name__,
+            serialize_arguments(StartMapping()),
+            input_digests(name, session),
+        )
+        session = session.with_result(name, made)
+    return session
