@@ -20,6 +20,10 @@ from rona_core.app.procedure import (
 from rona_core.app.runtime.process_pool import ProcessCompute
 from rona_core.app.runtime.session_registry import SessionRegistry
 from rona_core.app.runtime.workbench import Services, Workbench
+from rona_core.app.steps.implant.messages import RehearseMilling
+from rona_core.app.steps.implant.milling_derivation import milling_model
+from rona_core.app.steps.implant.rehearsal import Rehearsal, derive_rehearsal
+from rona_core.app.steps.implant.view import milling_view
 from rona_core.app.steps.setup.messages import (
     SetRegion,
     SetRobot,
@@ -39,6 +43,7 @@ from rona_core.session.files import load_session
 from rona_core.session.specimen import LoadedSkull
 from rona_core.ultrasound.acoustic_calibration.expected_performance import sweep
 from rona_core.virtual.acoustics.plates import record_plate
+from rona_core.virtual.milling.milling_site import VirtualMillingSite
 from rona_core.virtual.rig import VirtualRig
 from rona_core.virtual.specimen.build_specimen import Specimen, build_specimen
 from rona_core.virtual.world.world import World, draw_world
@@ -118,6 +123,20 @@ def virtual_map_errors(session: Session, rig: Rig) -> MapErrors:
     return errors_of_maps(made.value, truth_of(session, rig.scene))
 
 
+def milling_site(session: Session, number: int) -> VirtualMillingSite:
+    """Return the true bone of a session's bed with burr and probe, for one of its rehearsals."""
+    model = milling_model(session, milling_view(session))
+    return VirtualMillingSite(build_virtual_rig(session.setup).scene, model, number)
+
+
+def rehearse_virtually(
+    session: Session, message: RehearseMilling, *, progress: Progress, cancel: Cancel
+) -> Rehearsal:
+    """Rehearse the planned milling on the true bone; picklable, so that it can run elsewhere."""
+    site = milling_site(session, message.number)
+    return derive_rehearsal(session, message, site, progress=progress, cancel=cancel)
+
+
 def virtual_services(compute: Compute = compute_here, pace: float | None = None) -> Services:
     """Return what a workbench needs to work with virtual devices."""
     return Services(
@@ -126,6 +145,7 @@ def virtual_services(compute: Compute = compute_here, pace: float | None = None)
         evaluate=evaluate_virtual,
         compute=compute,
         sweep=partial(sweep, record=record_plate),
+        rehearse=rehearse_virtually,
         predict=predicted_figures,
         map_errors=virtual_map_errors,
     )

@@ -41,7 +41,8 @@ PROCEDURE: Messages = (
     ("maps", StartMapping()),
 )
 WITHOUT_REFERENCES = tuple(step for step in PROCEDURE if step[0] != "references")
-IMPLANT: Messages = (("implant", StartBedSearch()),)  # what may follow
+# what may follow
+IMPLANT: Messages = (("implant", StartBedSearch()),)
 # The procedure is complete without these: there may be no gap, or no way to it, and no place that
 # is thick and sure enough for a caliper, and an implant may be larger than what was scanned.
 SPARED = ("second", "references", "implant")

@@ -17,6 +17,16 @@ class Mesh:
     faces: Ints
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class DrawnHead:
+    """A head for the eye: the true calvaria, and beneath it a face that belongs to nobody."""
+
+    calvaria: Mesh  # the part of the outer surface above brow, ear canal and inion
+    face: Mesh  # from a template
+    shades: Floats  # (n,) 0 to 1: how much light reaches each vertex of the face
+    sutures: Floats  # (k, 2, 3) segments on the calvaria
+
+
 class Display(Protocol):
     """What is drawn for the eye, never an input of an algorithm."""
 
@@ -24,8 +34,16 @@ class Display(Protocol):
         """Return the outer surface of the specimen in ``base``."""
         ...
 
+    def drawn_head_base(self) -> DrawnHead | None:
+        """Return the head in ``base``; None where the surface of the specimen shows its own."""
+        ...
+
     def pick(self, origin_base: ArrayLike, direction_base: ArrayLike) -> Vector3 | None:
         """Return where a ray of sight meets the drawn skull (3,), or None if it misses."""
+        ...
+
+    def point_mesh(self, point_base: ArrayLike) -> Vector3:
+        """Return a place of ``base`` (3,) in ``mesh``, in which the region is chosen."""
         ...
 
     def region(self) -> tuple[Vector3, Vector3, float]:

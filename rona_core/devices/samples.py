@@ -9,6 +9,7 @@ from typing import Literal
 
 import numpy as np
 
+from rona_core.errors import InvalidInputError
 from rona_core.geometry.arrays import Bools, Floats, Ints, readonly
 from rona_core.geometry.pose import Pose, Poses
 
@@ -144,6 +145,28 @@ class AScanTrack:
             sampling_mhz=first.sampling_mhz,
             start_us=first.start_us,
             clipped=readonly(np.array([s.clipped for s in scans], dtype=np.bool_)),
+        )
+
+    @classmethod
+    def joined(cls, parts: "Sequence[AScanTrack]") -> "AScanTrack":
+        """Return at least one track of one probe as one; of a single one that very track.
+
+        Times stay as they are: each track has a clock of its own.
+
+        Raises:
+            InvalidInputError: they do not sample alike.
+        """
+        first = parts[0]
+        if len(parts) == 1:
+            return first
+        if len({(part.sampling_mhz, part.start_us, part.rf.shape[1]) for part in parts}) > 1:
+            raise InvalidInputError("A-scans that are sampled differently cannot be joined")
+        return cls(
+            times_s=readonly(np.concatenate([part.times_s for part in parts])),
+            rf=readonly(np.concatenate([part.rf for part in parts])),
+            sampling_mhz=first.sampling_mhz,
+            start_us=first.start_us,
+            clipped=readonly(np.concatenate([part.clipped for part in parts])),
         )
 
     def __len__(self) -> int:

@@ -96,7 +96,7 @@ class Captures:
     surface: tuple[PointerCapture, ...] = ()  # several strokes add up
     path: PointerCapture | None = None
     scan: ScanCapture | None = None
-    second: ScanCapture | None = None  # step 9: again over the gaps, the probe leaning
+    second: tuple[ScanCapture, ...] = ()  # step 9: passes over gaps, leaning; they add up
     references: ReferenceCapture | None = None
     block: BlockCapture | None = None
     sono_pivot: PointerCapture | None = None  # the probe in the hand pivots on a calibration point
@@ -137,10 +137,11 @@ class SmoothPath:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SecondPass:
-    """Step 9: how the gaps of the inner map are scanned again."""
+    """Step 9: how the gaps that are left in the inner map are scanned again."""
 
     way: SecondPassPath
     plan: RobotPlan
+    n_before: int = field(default=0, metadata=OMIT_EMPTY)  # further passes that it knew of
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -181,7 +182,7 @@ class Results:
     line: Derived[DelayLine] | None = None  # of the probe, on a block
     detection: Derived[Detection] | None = None
     second: Derived[SecondPass] | None = None
-    second_detection: Derived[Detection] | None = None  # of the A-scans of the second pass
+    second_detection: Derived[Detection] | None = None  # of all A-scans of further passes
     speed: Derived[SpeedCalibration] | None = None  # of sound, at places of known thickness
     maps: Derived[Maps] | None = None
     sono: Derived[SonoCalibration] | None = None  # of the probe in the hand

@@ -4,10 +4,11 @@ from typing import Any
 
 from rona_core.devices.world_settings import WORLD_LIMITS
 from rona_core.errors import SessionFormatError
+from rona_core.session.codec import digest
 from rona_core.session.digest_migration import with_present_digests
 from rona_core.session.message_migration import with_present_message
 
-SCHEMA = 5  # raise it with every change of the document, and add the step below
+SCHEMA = 6  # raise it with every change of the document, and add the step below
 
 # What the tracker was before schema 2: errors alike everywhere, nothing in the way, no faults.
 FIRST_PLACE: dict[str, Any] = {
@@ -91,7 +92,7 @@ FIRST_SURROUNDINGS: dict[str, Any] = {
 # Fields that schema 3 gave to values of schema 2: class -> field -> value it had in effect.
 ADDED_IN_3: dict[str, dict[str, Any]] = {
     "Captures": {  # nobody had taken them
-        "second": None,
+        "second": [],
         "references": None,
         "block": None,
         "sono_pivot": None,
@@ -188,8 +189,32 @@ def from_4(manifest: dict[str, Any]) -> dict[str, Any]:
     return {**manifest, "schema": 5, "session": session}
 
 
+# Results of schema 5 that remember the digest of the one further pass, and what they call it.
+OF_SECOND = {"second_detection": "capture", "maps": "second"}
+
+
+def from_5(manifest: dict[str, Any]) -> dict[str, Any]:
+    """Return a manifest of schema 5 as one of schema 6, in which further passes add up.
+
+    The one that there may be is the first of them, and what was made of it stays fresh.
+    """
+    session = manifest["session"]
+    held = session["captures"].get("second")
+    passes = held if isinstance(held, list) else [] if held is None else [held]
+    results = dict(session["results"])
+    for name, key in OF_SECOND.items():
+        derived = results.get(name)
+        if derived is not None and key in derived["inputs"]:
+            known = derived["inputs"][key]
+            of_all = digest([]) if known == digest(None) else digest([known])
+            results[name] = {**derived, "inputs": {**derived["inputs"], key: of_all}}
+    captures = {**session["captures"], "second": passes}
+    changed = {**session, "captures": captures, "results": results}
+    return {**manifest, "schema": 6, "session": changed}
+
+
 # MIGRATIONS[n] turns a manifest of schema n into one of schema n + 1.
-MIGRATIONS = {1: from_1, 2: from_2, 3: from_3, 4: from_4}
+MIGRATIONS = {1: from_1, 2: from_2, 3: from_3, 4: from_4, 5: from_5}
 
 
 def migrate(manifest: dict[str, Any]) -> dict[str, Any]:

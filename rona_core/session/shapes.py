@@ -44,6 +44,7 @@ SHAPES: dict[str, dict[str, str]] = {
         "n": "outer_used inner_used",
         "u v": "outer.height_mm inner.height_mm fused.height_mm",
     },
+    "MillingPlan": {"l": "layer_ends_s", "c": "changes_s"},
     "Normals": {
         "m 3": "normals eigenvalues",
         "m": "count sigma_deg ok radii_mm",
@@ -61,6 +62,7 @@ SHAPES: dict[str, dict[str, str]] = {
     "RawPath": {"n 3": "points_base"},
     "ProbeMounting": {"k": "residuals_mm"},
     "ReferenceCapture": {"n 3": "places_base", "n": "thickness_mm sigma_mm"},
+    "Rehearsal": {"m": "scans heard_mm mapped_mm", "m 3": "places_bed"},
     "RollSearch": {
         "n": "rolls_rad",
         "n 3": "path.points_base",

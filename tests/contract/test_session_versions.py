@@ -131,3 +131,16 @@ def test_messages_of_schema_3_have_their_present_names_in_log_and_results():
     assert made["path"] == "GenerateScanPattern"
     assert made["sono_maps"] == "StartHandheldMapping"
     assert {name for name in REGISTRY.replayed if stale_reason(name, session) is not None} == set()
+
+
+def test_the_second_pass_of_schema_5_is_the_first_of_the_further_ones_and_nothing_is_stale():
+    session = load_session(FILES[4])
+    (held,) = session.captures.second
+    assert len(held.scans) == len(session.results.second_detection.value) == 144
+    names = [name for name in REGISTRY.replayed if session.results.get(name) is not None]
+    assert {"second", "second_detection", "maps"} < set(names)
+    assert [stale_reason(name, session) for name in names] == [None] * len(names)
+    none = manifest_of(FILES[3])
+    for schema in (4, 5):
+        none = MIGRATIONS[schema](none)
+    assert none["session"]["captures"]["second"] == []

@@ -21,6 +21,7 @@ from rona_core.ultrasound.acoustic_calibration.expected_performance import WhatI
 T = TypeVar("T")
 ImportSkull = Callable[..., LoadedSkull]
 Sweep = Callable[..., WhatIf]
+Rehearse = Callable[..., object]  # (session, message, progress=, cancel=) -> what the step stores
 
 
 class Compute(Protocol):
@@ -57,6 +58,7 @@ class ActivityContext:
     uploads: Path
     compute: Compute = compute_here
     sweep: Sweep | None = None  # None where there are no virtual plates to try probes on
+    rehearse: Rehearse | None = None  # None where there is no virtual bone to mill
     progress: Progress = field(default=silent)
     cancel: Cancel = field(default=never)
 
@@ -160,6 +162,7 @@ class Capture:
     after: Input | None = None  # what it rests on
     # (session, recorded, append) -> what the session holds under the name; None: the recorded one
     place: Callable[[Session, Any, bool], object] | None = None
+    adds: bool = False  # always to those before, so that one that was stopped early counts, too
     # (before, after) -> after, without what belonged to the capture before
     stored: Callable[[Session, Session], Session] | None = None
     types: tuple[type, ...] = ()  # further classes a session file may hold below Captures.more

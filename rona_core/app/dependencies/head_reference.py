@@ -79,6 +79,15 @@ def _tracker_moved(first: PointerCapture, capture: Watched) -> str | None:
     return None
 
 
+def _held(session: Session, names: tuple[str, ...]) -> list[Watched]:
+    """Return the captures of these names; of those that add up, each."""
+    found: list[Watched] = []
+    for name in names:
+        held = session.captures.get(name)
+        found += held if isinstance(held, tuple) else () if held is None else (held,)
+    return found
+
+
 def head_input(*captures: str) -> Input:
     """Return what the head did during captures of these names as an input of a result.
 
@@ -86,7 +95,7 @@ def head_input(*captures: str) -> Input:
     """
 
     def recorded(session: Session) -> object:
-        watched = [c for c in map(session.captures.get, captures) if c is not None and c.head]
+        watched = [capture for capture in _held(session, captures) if capture.head]
         if not watched:
             return ()
         strokes, tool = session.captures.surface, session.results.tool
@@ -96,7 +105,7 @@ def head_input(*captures: str) -> Input:
         return (*registered, *first, *tracks)
 
     def worked_out(session: Session) -> object:
-        found = (watch_head(session, session.captures.get(name)) for name in captures)
+        found = (watch_head(session, capture) for capture in _held(session, captures))
         return tuple(watch for watch in found if watch is not None)
 
     return Input(recorded, "watch the head marker", optional=True, earlier=worked_out)

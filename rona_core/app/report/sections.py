@@ -8,6 +8,7 @@ from rona_core.app.overview.acceptance import QualityRow, judgement
 from rona_core.app.overview.frame_graph import frame_rows
 from rona_core.app.overview.quality_sections import quality_table
 from rona_core.app.report.page import Html, badge, joined, note, table, tag
+from rona_core.app.steps.maps.further_passes import usable_second
 from rona_core.app.steps.roll.certificate_view import CertificateView, certificate_view
 from rona_core.app.steps.roll.plan_reasons import plan_reason, roll_summary
 from rona_core.app.steps.scan.contact_view import contact_report, delay_sentence
@@ -176,6 +177,10 @@ def motion_section(session: Session) -> Html:
         word = "certified" if plan_of_gaps.may_move else "not certified"
         gaps = f"{second.value.way.gap_cells} cells without an inner boundary"
         parts.append(tag("p", f"Second pass over {gaps}: its motion is {word} in the same way."))
+    passes = usable_second(session)
+    if len(passes) > 1:
+        n_scans = sum(len(one.scans) for one in passes)
+        parts.append(tag("p", f"{len(passes)} further passes add up, with {n_scans} A-scans."))
     contact = contact_report(session)
     if contact is not None and stale_reason("capture scan", session) is None:
         parts += [tag("h3", "Scan"), tag("p", contact.sentence)]

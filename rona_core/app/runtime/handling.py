@@ -53,11 +53,11 @@ def _store_capture(message: StoreCapture, session: Session) -> Session:
     """Return the session with a capture in its place, and in the archive: none is ever lost.
 
     One that was stopped early takes no place of a whole one that is not stale: the archive alone
-    has it then, and all that rests on the whole one stays as it was.
+    has it then, and all that rests on the whole one stays as it was. Where captures add up it does.
     """
     declared = REGISTRY.captures[message.kind]
     after = replace(session, archive=(*session.archive, message.capture))
-    if message.capture.partial and _stands(message.kind, session):
+    if message.capture.partial and not declared.adds and _stands(message.kind, session):
         return after
     held = declared.placed(session, message.capture, message.append)
     after = after.with_capture(message.kind, held)

@@ -1,6 +1,7 @@
 """Jobs: activities under way, with progress, cancel and an outcome that everybody can ask for."""
 
 import threading
+import time
 import traceback
 import uuid
 from collections.abc import Callable, Iterator
@@ -14,6 +15,7 @@ JobState = Literal["running", "done", "failed", "cancelled"]
 MAX_RUNNING = 8
 KEPT = 200  # finished jobs that are remembered
 PROGRESS_STEP = 0.005
+LEAST_S, LEAST_PROGRESS = 1.5, 0.03  # before the time that is left is told
 
 
 @dataclass(frozen=True, slots=True)
@@ -29,6 +31,16 @@ class JobStatus:
     error: str | None = None
     revision: int | None = None  # of the session, once the outcome is stored
     result: object = None  # what was found, where the session does not hold it
+    started_s: float | None = None  # on the clock of `time.monotonic`
+
+    def time_left_s(self, now_s: float) -> float | None:
+        """Return how long the job still takes if it goes on as it did; None while nobody knows."""
+        if self.finished or self.started_s is None:
+            return None
+        passed_s = now_s - self.started_s
+        if passed_s < LEAST_S or self.progress < LEAST_PROGRESS:
+            return None
+        return passed_s * (1.0 - self.progress) / self.progress
 
     @property
     def finished(self) -> bool:
@@ -68,7 +80,7 @@ class Jobs:
             RonaError: too many jobs are running.
         """
         job = uuid.uuid4().hex[:12]
-        status = JobStatus(job, type(activity).__name__, "running", 0.0)
+        status = JobStatus(job, type(activity).__name__, "running", 0.0, started_s=time.monotonic())
         with self._changed:
             running = sum(not known.finished for known in self._status.values())
             if running >= MAX_RUNNING:

@@ -117,6 +117,12 @@ class SessionRegistry:
         """Open an uploaded session file that lies at ``path``; errors as in ``open_file``."""
         return self._add(load_session(path, name))
 
+    def open_path(self, path: Path) -> Workbench:
+        """Open a file of the sessions folder, or a copy of any other; errors as in `open_file`."""
+        if path.resolve().parent == self.files.folder.resolve():
+            return self.open_file(path.name)
+        return self.open_upload(path, path.name)
+
     def open_session(self, session: Session) -> Workbench:
         """Open a session that was made in Python."""
         return self._add(session)

@@ -13,6 +13,7 @@ from rona_core.app.declarations.declarations import (
     Compute,
     ImportSkull,
     Message,
+    Rehearse,
     Sweep,
     compute_here,
 )
@@ -48,6 +49,7 @@ class Services:
     evaluate: Callable[[Session, Rig], Figures] | None  # None where no ground truth exists
     compute: Compute = compute_here
     sweep: Sweep | None = None  # over virtual plates
+    rehearse: Rehearse | None = None  # a milling, on virtual bone
     predict: Callable[[Session], Figures] = _no_figures  # where no ground truth exists
     map_errors: Callable[[Session, Rig], MapErrors] | None = None  # None as with ``evaluate``
 
@@ -181,6 +183,7 @@ class Workbench:
             uploads=self.uploads,
             compute=self._services.compute,
             sweep=self._services.sweep,
+            rehearse=self._services.rehearse,
             progress=progress,
             cancel=cancel,
         )

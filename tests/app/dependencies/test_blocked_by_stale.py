@@ -76,7 +76,7 @@ def test_the_steps_say_themselves_that_they_cannot_be_started(demo, other_robot)
 
 def test_a_step_not_done_yet_behind_a_stale_one_is_blocked(demo):
     results = replace(demo.results, roll=None, maps=None, detection=None)
-    captures = replace(demo.captures, scan=None, second=None)
+    captures = replace(demo.captures, scan=None, second=())
     session = handle(SetSeed(5), replace(demo, results=results, captures=captures))
     state = {state.name: state for state in step_states(session)}["roll"]
     assert state.state == "blocked"

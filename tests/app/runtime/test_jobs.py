@@ -1,11 +1,12 @@
 """Jobs: one at a time on the devices, always an end, never a lost outcome."""
 
 import threading
+import time
 from dataclasses import dataclass
 
 import pytest
 
-from rona_core.app.runtime.jobs import MAX_RUNNING, Jobs
+from rona_core.app.runtime.jobs import MAX_RUNNING, Jobs, JobStatus
 from rona_core.errors import (
     CancelledError,
     DeviceError,
@@ -45,6 +46,37 @@ def test_progress_only_shows_what_was_reported_and_ends_at_the_end():
 
     jobs.wait(jobs.start(Work(), work, device=False).id, 10)
     assert seen == [0.25, 0.5, 0.75, 1.0]
+
+
+def test_the_time_that_is_left_follows_from_what_has_passed_once_enough_has():
+    def left(passed_s, progress, state="running"):
+        status = JobStatus("1", "StartScan", state, progress, started_s=100.0)
+        return status.time_left_s(100.0 + passed_s)
+
+    assert left(10.0, 0.25) == pytest.approx(30.0)
+    assert left(30.0, 0.25) == pytest.approx(90.0)  # a job that hangs does not promise an end
+    assert left(1.0, 0.25) is None
+    assert left(10.0, 0.01) is None
+    assert left(10.0, 1.0, "done") is None
+    assert JobStatus("1", "StartScan", "running", 0.5).time_left_s(1e6) is None
+
+
+def test_a_job_knows_when_it_was_started():
+    jobs, go = Jobs(), threading.Event()
+
+    def work(progress, cancel):
+        progress(0.5)
+        go.wait(10)
+        return 1
+
+    job = jobs.start(Work(), work, device=False)
+    while jobs.status(job.id).progress < 0.5:
+        go.wait(0.01)
+    now_s = time.monotonic()
+    left_s = jobs.status(job.id).time_left_s(now_s + 60.0)
+    go.set()
+    jobs.wait(job.id, 10)
+    assert left_s == pytest.approx(60.0, abs=5.0)
 
 
 def test_an_error_of_ours_ends_the_job_with_its_code_and_text():

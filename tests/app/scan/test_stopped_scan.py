@@ -34,7 +34,7 @@ def bench(tmp_path_factory):
     demo = load_session(demo_session())
     kept = ("tool", "pointer", "surface", "path", "smoothing")
     results = Results(**{name: getattr(demo.results, name) for name in kept})
-    captures = replace(demo.captures, scan=None, second=None)
+    captures = replace(demo.captures, scan=None, second=())
     bench = Workbench(
         replace(demo, captures=captures, results=results),
         virtual_services(),

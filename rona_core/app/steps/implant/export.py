@@ -1,29 +1,87 @@
-"""Files of a bed for other programs: its milling path, and the body that is milled away."""
+"""Files of a bed for other programs: milling path, body that is milled away, robot's motion."""
 
-from rona_core.app.steps.implant.view import MillingView, milling_view
+from collections.abc import Callable
+
+from rona_core.app.steps.implant.milling_motion import (
+    milling_motion,
+    milling_plan_of,
+    milling_stale,
+    require_certified,
+)
+from rona_core.app.steps.implant.view import milling_view
 from rona_core.errors import NotFoundError
 from rona_core.planning.milling.path_files import bed_stl, path_csv, path_gcode
+from rona_core.robot.planning.motion_files import UR_ARMS, Pause, joints_csv, urscript
 from rona_core.session.document import Session
+from rona_core.session.memo import remember
 
 
-def _csv(view: MillingView) -> bytes:
+def _csv(session: Session) -> bytes:
+    view = milling_view(session)
     return path_csv(view.path, view.feeds_mm_per_s).encode("utf-8")
 
 
-def _gcode(view: MillingView) -> bytes:
+def _gcode(session: Session) -> bytes:
+    view = milling_view(session)
     return path_gcode(view.path, view.feeds_mm_per_s).encode("utf-8")
 
 
-def _stl(view: MillingView) -> bytes:
+def _stl(session: Session) -> bytes:
+    view = milling_view(session)
     return bed_stl(view.bed, view.placed.T_base_bed)
 
 
-MAKERS = {"bed_path.csv": _csv, "bed_path.gcode": _gcode, "bed.stl": _stl}
+def _joints(session: Session) -> bytes:
+    motion = require_certified(session)[1]
+    path, places = milling_view(session).path, milling_motion(session).places
+    diameters = [f"{burr.diameter_mm:g}" for burr in path.burrs]
+    columns = {
+        "layer": path.layers[places].tolist(),
+        "burr_diameter_mm": [diameters[tool] for tool in path.tools[places]],
+    }
+    return joints_csv(motion, columns).encode("utf-8")
+
+
+def _urscript(session: Session) -> bytes:
+    plan, motion = require_certified(session)
+    burrs = milling_view(session).path.burrs
+    pauses = [
+        Pause(float(time_s), f"Stop the spindle and put in the burr of {burr.diameter_mm:g} mm")
+        for time_s, burr in zip(plan.changes_s, burrs[1:], strict=True)
+    ]
+    digest = "" if plan.certificate is None else plan.certificate.digest
+    return urscript(plan.model, motion, "mill_bed", digest, pauses).encode("utf-8")
+
+
+URSCRIPT = "milling.script"
+MOTIONS = ("milling_joints.csv", URSCRIPT)  # of the robot
+MAKERS: dict[str, Callable[[Session], bytes]] = {
+    "bed_path.csv": _csv,
+    "bed_path.gcode": _gcode,
+    "bed.stl": _stl,
+    "milling_joints.csv": _joints,
+    URSCRIPT: _urscript,
+}
 NAMES = tuple(MAKERS)
+
+
+@remember(4)  # the panel asks whenever it is drawn
+def offered(session: Session) -> tuple[str, ...]:
+    """Return the files that a session has; those of the motion once it is certified."""
+    plan = milling_plan_of(session)
+    moves = plan is not None and plan.may_move and milling_stale(session) is None
+    has_script = moves and plan is not None and plan.model in UR_ARMS
+    return tuple(
+        name
+        for name in NAMES
+        if name not in MOTIONS or (moves and (has_script or name != URSCRIPT))
+    )
 
 
 def export_bed(session: Session, name: str) -> bytes:
     """Return a file of the bed; the path is in ``bed``, the body in ``base``, both in mm.
+
+    The motion of the robot is given as joint angles in rad over time in s, certified or not at all.
 
     Args:
         session: With its bed.
@@ -31,10 +89,12 @@ def export_bed(session: Session, name: str) -> bytes:
 
     Raises:
         NotFoundError: there is no such file.
-        StepBlockedError: there is no bed, or it does not lie wholly in the maps.
+        StepBlockedError: there is no bed, it does not lie wholly in the maps, or for a motion there
+            is none that is certified.
         StaleResultError: it is of other maps.
+        InvalidInputError: URScript for another arm than those of Universal Robots.
     """
     make = MAKERS.get(name)
     if make is None:
         raise NotFoundError(f"no file {name!r} of a bed: choose one of {', '.join(NAMES)}")
-    return make(milling_view(session))
+    return make(session)

@@ -41,3 +41,20 @@ class PlaceBed:
     burr_mm: float | None = within(0.5, 12.0, default=None)
     avoid: tuple[Corners, ...] = ()
     avoid_mm: float = within(0.0, 50.0, default=2.0)
+
+
+@message
+class PlanMilling:
+    """Plan how the robot mills the bed: roll about the burr, timing, collisions, certificate."""
+
+    n_rolls: int = within(1, 360, default=36)
+
+
+@message
+class RehearseMilling:
+    """Rehearse the planned milling on the virtual patient's true bone, with force and re-scan.
+
+    Each number is another rehearsal: with other noise, and the burr put in anew.
+    """
+
+    number: int = within(1, 10_000, default=1)

@@ -4,15 +4,18 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+from numpy.typing import ArrayLike
 from scipy.ndimage import map_coordinates
 
 from rona_core.app.dependencies.inputs import require_result
 from rona_core.app.dependencies.staleness import stale_reason
+from rona_core.app.messages.serialization import message_from
 from rona_core.app.steps.implant.derivation import milling_settings
 from rona_core.app.steps.implant.implant_bed import ImplantBed, PlacedBed
+from rona_core.app.steps.implant.messages import PlaceBed
 from rona_core.devices.display import Mesh
 from rona_core.errors import StaleResultError, StepBlockedError
-from rona_core.geometry.arrays import Floats, readonly
+from rona_core.geometry.arrays import Floats, as_vector3, readonly
 from rona_core.mapping.boundary_map import BoundaryMap, Maps
 from rona_core.planning.bed import Bed
 from rona_core.planning.implants.catalogue import implant_named
@@ -23,20 +26,25 @@ from rona_core.planning.milling.milling_path import MillingPath
 from rona_core.planning.milling.plan_milling import plan_milling
 from rona_core.planning.milling.removal import planned_bed
 from rona_core.planning.milling.tool_regions import MOST_SURFACE_MM
+from rona_core.planning.placement.seat import Placement
 from rona_core.planning.placement.solid_points import solid_points
 from rona_core.session.document import Derived, Session
 from rona_core.session.memo import Memo
 
 FLOOR_MM = 0.5  # between places of the floor
+WANTED = "place the implant bed (step 10)"
+# what a bed that is moved goes on to ask for
+ASKED = ("implant", "limit_mm", "probability", "burr_mm", "avoid", "avoid_mm")
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class MillingView:
-    """How a bed would be milled; no robot has been asked whether it can."""
+    """How a bed would be milled, whoever holds the burr."""
 
     implant: Implant
     placed: PlacedBed
     bed: Bed
+    surface_mm: float  # that the bone within the outline rises above z = 0 of ``bed``
     path: MillingPath
     feeds_mm_per_s: Floats  # (n,)
     duration_s: float
@@ -59,7 +67,7 @@ def floor_base(held: ImplantBed) -> Floats:
     Raises:
         StepBlockedError: it is nowhere laid.
     """
-    placed = require_result(held.placed, "place the implant bed (step 10)")
+    placed = require_result(held.placed, WANTED)
     implant = implant_named(held.implant).lifted(held.lift_mm)
     bed = planned_bed(implant, milling_settings(implant, held.burr_mm))
     return placed.T_base_bed @ solid_points(bed, (), FLOOR_MM).floor
@@ -71,11 +79,39 @@ def outline_base(held: ImplantBed, above_mm: float) -> tuple[Floats, ...]:
     Raises:
         StepBlockedError: it is nowhere laid.
     """
-    placed = require_result(held.placed, "place the implant bed (step 10)")
+    placed = require_result(held.placed, WANTED)
     rings = implant_named(held.implant).lifted(held.lift_mm).outline()
     return tuple(
         placed.T_base_bed @ np.column_stack((ring, np.full(len(ring), above_mm))) for ring in rings
     )
+
+
+def moved_bed(session: Session, place_base: ArrayLike) -> PlaceBed:
+    """Return the message that lays the bed at another place (3,), turned and asked for as it is.
+
+    Raises:
+        StepBlockedError: there is no bed, or nothing is mapped.
+    """
+    held: Derived[ImplantBed] = require_result(session.results.get("bed"), WANTED)
+    maps: Maps = require_result(session.results.maps, "map the boundaries (step 9)").value
+    u_mm, v_mm, _ = maps.outer.T_base_map.inv() @ as_vector3(place_base, name="place_base")
+    asked = message_from(held.message, dict(held.arguments))
+    return PlaceBed(
+        u_mm=round(float(u_mm), 2),
+        v_mm=round(float(v_mm), 2),
+        **placed_turns(held.value),
+        **{name: getattr(asked, name) for name in ASKED},
+    )
+
+
+def placed_turns(held: ImplantBed) -> dict[str, float]:
+    """Return angle, tilts and lift of a bed as `PlaceBed` names them."""
+    at = Placement(0.0, 0.0) if held.placed is None else held.placed.placement
+    turns = np.rad2deg((at.angle_rad, at.tilt_x_rad, at.tilt_y_rad))
+    angle, tilt_x, tilt_y = (round(float(turn), 2) for turn in turns)
+    angle = (angle + 180.0) % 360.0 - 180.0
+    lift_mm = float(held.lift_mm)
+    return {"angle_deg": angle, "tilt_x_deg": tilt_x, "tilt_y_deg": tilt_y, "lift_mm": lift_mm}
 
 
 _MILLED: Memo[MillingView] = Memo(2)
@@ -88,9 +124,7 @@ def milling_view(session: Session) -> MillingView:
         StepBlockedError: there is no bed, or it does not lie wholly in the maps.
         StaleResultError: it is of other maps.
     """
-    held: Derived[ImplantBed] = require_result(
-        session.results.get("bed"), "place the implant bed (step 10)"
-    )
+    held: Derived[ImplantBed] = require_result(session.results.get("bed"), WANTED)
     if (reason := stale_reason("bed", session)) is not None:
         raise StaleResultError(f"the implant bed is stale: {reason}")
     maps: Maps = require_result(session.results.maps, "map the boundaries (step 9)").value
@@ -110,24 +144,29 @@ def _milled(held: ImplantBed, maps: Maps) -> MillingView:
     bed = planned_bed(implant, settings)
     i, j = np.nonzero(bed.cut())
     seat_map = T_map_bed @ np.column_stack((bed.x_mm[i], bed.y_mm[j], np.zeros(len(i))))
-    above_mm = float((seat_map[:, 2] - _heights(maps.outer, seat_map)).min())
+    above_mm = float((seat_map[:, 2] - boundary_heights(maps.outer, seat_map)).min())
     surface_mm = min(max(-above_mm, 0.0), MOST_SURFACE_MM)
     path = plan_milling(implant, settings, surface_mm)
     bottoms_map = T_map_bed @ path.bottoms_bed()
-    residual_mm = bottoms_map[:, 2] - _heights(maps.inner, bottoms_map)
+    residual_mm = bottoms_map[:, 2] - boundary_heights(maps.inner, bottoms_map)
     feeds = feeds_mm_per_s(path, readonly(residual_mm))
     return MillingView(
-        implant, placed, bed, path, feeds, duration_s(path, feeds), fit(implant, bed)
+        implant, placed, bed, surface_mm, path, feeds, duration_s(path, feeds), fit(implant, bed)
     )
 
 
-def _heights(boundary: BoundaryMap, points_map: Floats) -> Floats:
+def boundary_heights(boundary: BoundaryMap, points_map: Floats) -> Floats:
     """Return the heights (n,) of a boundary below points (n, 3)."""
-    cell_mm = boundary.u_mm[1] - boundary.u_mm[0]
-    origin = np.array((boundary.u_mm[0], boundary.v_mm[0]))
-    cells = ((points_map[:, :2] - origin) / cell_mm).T
+    cells = grid_cells(boundary, points_map)
     found = map_coordinates(boundary.height_mm, cells, order=1, mode="nearest")
     return np.asarray(found, dtype=np.float64)
+
+
+def grid_cells(boundary: BoundaryMap, points_map: Floats) -> Floats:
+    """Return where points (n, 3) are in the grid of a boundary (2, n), counted in cells."""
+    cell_mm = boundary.u_mm[1] - boundary.u_mm[0]
+    origin = np.array((boundary.u_mm[0], boundary.v_mm[0]))
+    return ((points_map[:, :2] - origin) / cell_mm).T
 
 
 def verdict(held: ImplantBed) -> str:

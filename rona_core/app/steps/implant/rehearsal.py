@@ -1,0 +1,113 @@
+"""A rehearsal of the milling, as a session holds it, and what to say of it."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from rona_core.app.dependencies.staleness import stale_reason
+from rona_core.app.steps.implant.messages import RehearseMilling
+from rona_core.app.steps.implant.rehearsal_task import FloorListener, milling_task
+from rona_core.app.steps.implant.view import percent
+from rona_core.devices.protocols import Cancel, Progress
+from rona_core.geometry.arrays import Floats, Ints, readonly
+from rona_core.planning.rehearsal.rehearse import rehearse
+from rona_core.planning.rehearsal.site import MillingSite
+from rona_core.session.document import Session
+from rona_core.session.memo import remember
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Rehearsal:
+    """What a rehearsal felt and heard, and what it did then; nothing of it is the truth."""
+
+    number: int
+    limit_mm: float  # of bone, that was asked for
+    required: float  # probability of that
+    pause: int  # last layer before the floor was scanned again; -1: it was not
+    ceiling_mm: float | None  # height in ``bed`` that was not to be passed after that
+    steps: int  # done of the way that was told
+    stopped: bool  # by the force
+    asked: int  # places of the floor that were scanned
+    scans: Ints  # (m,) those of them that counted
+    places_bed: Floats  # (m, 3)
+    heard_mm: Floats  # (m,) bone below them, by the probe
+    mapped_mm: Floats  # (m,) and by the maps
+    raised_mm: float  # by which the floor is higher than planned
+    residual_mm: float  # least bone that is thought to be left
+    probability: float  # that it is as much as was asked for
+    duration_s: float  # of cutting
+    most_n: float  # cutting force
+
+
+def derive_rehearsal(
+    session: Session,
+    message: RehearseMilling,
+    site: MillingSite,
+    *,
+    progress: Progress,
+    cancel: Cancel,
+) -> Rehearsal:
+    """Rehearse the planned milling at a site.
+
+    Raises:
+        StepBlockedError: there is no certified motion.
+        StaleResultError: it is of another bed, robot or surroundings.
+        CancelledError: somebody cancelled.
+    """
+    task = milling_task(session)
+    listener = FloorListener(session, task.way.T_base_bed)
+    course = rehearse(task, site, listener, progress=progress, cancel=cancel)
+    heard = course.heard
+    return Rehearsal(
+        number=message.number,
+        limit_mm=task.limit_mm,
+        required=task.probability,
+        pause=course.pause,
+        ceiling_mm=None if np.isneginf(course.ceiling_mm) else course.ceiling_mm,
+        steps=course.steps,
+        stopped=course.stopped,
+        asked=course.asked,
+        scans=readonly(np.zeros(0, dtype=np.int64) if heard is None else heard.scans),
+        places_bed=readonly(np.zeros((0, 3)) if heard is None else heard.places_bed),
+        heard_mm=readonly(np.zeros(0) if heard is None else heard.residual_mm),
+        mapped_mm=readonly(np.zeros(0) if heard is None else heard.mapped_mm),
+        raised_mm=course.raised_mm,
+        residual_mm=course.residual_mm,
+        probability=course.probability,
+        duration_s=course.duration_s,
+        most_n=course.most_n,
+    )
+
+
+@remember(4)  # sessions never change
+def rehearsal_stale(session: Session) -> str | None:
+    """Return why the rehearsal counts no more, None while it does."""
+    return stale_reason("rehearsal", session)
+
+
+def rehearsal_verdict(found: Rehearsal) -> str:
+    """Return in one sentence how a rehearsal went."""
+    if found.stopped:
+        return (
+            "Rehearsed: the force fell as on the dura, and the milling was stopped with "
+            f"{found.residual_mm:.2f} mm of bone thought to be left."
+        )
+    heard = (
+        f"the floor, scanned again at {found.asked} places, was heard at {len(found.scans)}"
+        if found.asked
+        else "the floor could not be scanned again"
+    )
+    depth = (
+        f"the last layers ended {found.raised_mm:.2f} mm higher than planned"
+        if found.raised_mm > 0.0
+        else "the bed was milled as deep as planned"
+    )
+    return (
+        f"Rehearsed: {heard}; {depth}, and {found.limit_mm:g} mm of bone stay with "
+        f"{percent(found.probability)}."
+    )
+
+
+def rehearsal_ok(found: Rehearsal) -> bool:
+    """Return whether all went as planned, as surely as was asked."""
+    return not found.stopped and bool(len(found.scans)) and found.raised_mm == 0.0

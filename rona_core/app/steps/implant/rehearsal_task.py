@@ -1,0 +1,137 @@
+"""What a rehearsal of the milling starts from: way, maps as they may be, and how it listens."""
+
+import numpy as np
+
+from rona_core.app.dependencies.inputs import require_result
+from rona_core.app.steps.acoustics.derivation import first_speed, robot_probe, usable_speed
+from rona_core.app.steps.implant.derivation import execution_error, mapped_bone
+from rona_core.app.steps.implant.milling_derivation import robot_path_of
+from rona_core.app.steps.implant.milling_motion import require_certified
+from rona_core.app.steps.implant.view import MillingView, boundary_heights, milling_view
+from rona_core.devices.samples import AScanTrack
+from rona_core.geometry.arrays import Bools, Floats
+from rona_core.geometry.pose import Pose
+from rona_core.planning.placement.problem import PlacementProblem
+from rona_core.planning.placement.residuals import residuals
+from rona_core.planning.placement.settings import PlacementLimits
+from rona_core.planning.rehearsal.rehearse import MillingTask
+from rona_core.planning.rehearsal.site import BurrWay
+from rona_core.session.document import Session
+from rona_core.ultrasound.acoustic_calibration.reference_points import at_speed
+from rona_core.ultrasound.acoustic_calibration.speed_calibration import speed_at
+from rona_core.ultrasound.detection.detect import Detection, detect
+from rona_core.ultrasound.probe.probe_model import ProbeSurvey
+
+STEP_MM = 0.25  # between places of the way at which force is felt
+FINE_MM = 0.1  # between those they are taken from: the tip may go further than the ball
+MIXED_SHARE = 0.02  # sigma of the speed in what is left, over that of the whole bone
+NOMINAL_SHARE = 0.04  # where no caliper told the speed
+
+
+def milling_task(session: Session) -> MillingTask:
+    """Return what is to be rehearsed: the certified motion over the maps.
+
+    Raises:
+        StepBlockedError: there is no bed, or no certified motion.
+        StaleResultError: something has changed since.
+    """
+    _, motion = require_certified(session)
+    view = milling_view(session)
+    way = burr_way(view, motion.path_mm, motion.qs_rad, motion.times_s)
+    return task_along(session, way)
+
+
+def task_along(session: Session, way: BurrWay) -> MillingTask:
+    """Return what is to be rehearsed along a way."""
+    bone, held = mapped_bone(session), require_result(session.results.get("bed"), "bed").value
+    problem = PlacementProblem(
+        bone, execution_error(session), PlacementLimits(held.limit_mm, held.required)
+    )
+    T_map_bed: Pose = bone.outer.T_base_map.inv() @ way.T_base_bed
+    normal_map = T_map_bed.rotation[:, 2]
+    probe = robot_probe(session)
+
+    def mapped(places_bed: Floats) -> tuple[Floats, Floats]:
+        drawn, found = residuals(problem, T_map_bed, T_map_bed @ places_bed)
+        return found, drawn
+
+    def outer_mm(places_bed: Floats) -> Floats:
+        places = T_map_bed @ places_bed
+        above = places[:, 2] - boundary_heights(bone.outer, places)
+        return places_bed[:, 2] - above / normal_map[2]
+
+    return MillingTask(
+        way=way,
+        mapped=mapped,
+        outer_mm=outer_mm,
+        limit_mm=held.limit_mm,
+        probability=held.required,
+        face_radius_mm=probe.aperture_radius_mm,
+        resolved_mm=probe.min_thickness_mm,
+    )
+
+
+def burr_way(view: MillingView, ways_mm: Floats, qs_rad: Floats, times_s: Floats) -> BurrWay:
+    """Return the places at which the burr cuts, evenly along its way.
+
+    Args:
+        view: The bed and its milling path.
+        ways_mm: Along the path of the robot (k,), never falling.
+        qs_rad: Postures there (k, 6).
+        times_s: When the robot is there (k,).
+    """
+    path = robot_path_of(view)
+    cutting = path.cutting
+    ways = np.arange(0.0, float(cutting.way_mm()[-1]), FINE_MM)
+    moves = cutting.moves_at(ways)
+    cuts = ~cutting.in_air[moves]
+    ways, moves = ways[cuts], moves[cuts]
+    bottoms = cutting.at(ways).bottoms_bed
+    gone = np.cumsum(np.linalg.norm(np.diff(bottoms, axis=0, prepend=bottoms[:1]), axis=1))
+    kept = np.diff(np.floor(gone / STEP_MM), prepend=-1.0) > 0.0
+    ways, moves = ways[kept], moves[kept]
+    qs = [np.interp(ways, ways_mm, q) for q in qs_rad.T]
+    return BurrWay(
+        T_base_bed=cutting.T_base_bed,
+        bottoms_bed=bottoms[kept],
+        radii_mm=cutting.radii_mm[moves],
+        qs_rad=np.column_stack(qs),
+        times_s=np.interp(ways, ways_mm, times_s),
+        feeds_mm_per_s=cutting.feeds_mm_per_s[moves],
+        layers=view.path.layers[path.places[moves]],
+    )
+
+
+class FloorListener:
+    """Hears the inner boundary below a floor with all that the session knows of the probe."""
+
+    def __init__(self, session: Session, T_base_bed: Pose) -> None:
+        """Listen below a bed."""
+        self._session, self._T_base_bed = session, T_base_bed
+
+    def __call__(
+        self, track: AScanTrack, places_bed: Floats
+    ) -> tuple[Floats, Floats, Bools, float]:
+        """Return thickness, sigma and whether it is sure (m,), and the sigma of the speed."""
+        session, places = self._session, self._T_base_bed @ places_bed
+        axis = -self._T_base_bed.rotation[:, 2]
+        first: Detection = require_result(
+            session.results.detection, "detect the boundaries (step 9)"
+        ).value
+        found = detect(
+            ProbeSurvey(
+                track,
+                robot_probe(session),
+                session.setup.devices.probe.excitation,
+                positions_mm=places,
+                axes=np.tile(axis, (len(places), 1)),
+            ),
+            sound_speed_mm_per_us=first_speed(None),
+            bone_loss=first.bone_loss,
+        )
+        known, share = usable_speed(session), NOMINAL_SHARE
+        if known is not None:
+            speeds, sigmas = speed_at(known, places)
+            found = at_speed(found, speeds)
+            share = float(np.hypot(MIXED_SHARE, (sigmas / speeds).mean()))
+        return found.thickness_mm, found.thickness_sigma_mm, found.inner_ok, share
