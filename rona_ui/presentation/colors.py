@@ -7,7 +7,13 @@ from rona_core.mapping.colors import PLACES, viridis
 
 Rgb = tuple[int, int, int]
 
-BACKGROUND: Rgb = (70, 78, 88)
+BACKGROUND: Rgb = (186, 194, 201)
+FLOOR: Rgb = (150, 158, 164)
+WALL: Rgb = (188, 198, 202)
+SHEET: Rgb = (152, 174, 172)  # on the table: the green of surgical drapes, pale
+PAD: Rgb = (126, 138, 148)
+PEDESTAL: Rgb = (128, 136, 144)
+SUTURE: Rgb = (150, 128, 98)
 BONE: Rgb = (226, 217, 198)
 BONE_RIM: Rgb = (199, 160, 105)  # of bone that is cut
 STEEL: Rgb = (154, 160, 168)

@@ -4,18 +4,27 @@ from typing import Any
 
 import numpy as np
 
+from rona_core.app.steps.implant.milling_derivation import milling_model
+from rona_core.app.steps.implant.milling_motion import (
+    milling_duration_s,
+    milling_joints_at,
+    milling_stale,
+)
 from rona_core.app.steps.maps.accuracy.map_accuracy import MapAccuracy, map_accuracy
 from rona_core.app.steps.maps.comparison import MapComparison
 from rona_core.app.steps.maps.growing_map import GrowingMap
-from rona_core.app.steps.maps.view import SecondView
+from rona_core.app.steps.maps.view import SecondView, second_view
 from rona_core.app.steps.roll.margins_view import Quantity
 from rona_core.app.steps.roll.view import joints_of_roll
-from rona_core.app.steps.scan.planned_motion import joints_at, motion_stale
+from rona_core.app.steps.scan.planned_motion import joints_at, motion_stale, motion_times
 from rona_core.app.steps.setup.clearance import PairClearance, clearance_violations, stands_clear
 from rona_core.app.steps.smoothing.path_view import PathView, path_view, preview_path
 from rona_core.geometry.arrays import Floats
 from rona_core.mapping.boundary_map import Maps
 from rona_core.mapping.comparison.map_errors import MapErrors
+from rona_core.robot.kinematics.catalog import robot_model
+from rona_core.robot.kinematics.robot_model import RobotModel
+from rona_core.session.document import Session
 from rona_ui.presentation.snapshot import Snapshot
 from rona_ui.presentation.view_state import ViewState, VolumeView
 
@@ -47,8 +56,9 @@ def shows_margins(snapshot: Snapshot) -> bool:
 
 
 def shows_second_path(snapshot: Snapshot) -> bool:
-    """Return whether the second path is shown: selected, or not yet scanned."""
-    return snapshot.view.second or snapshot.session.captures.second is None
+    """Return whether the path of a further pass is shown: selected, or not yet scanned."""
+    view = second_view(snapshot.session)
+    return snapshot.view.second or view is None or not view.scanned
 
 
 def tilt_scale_max_deg(view: SecondView) -> float:
@@ -85,7 +95,7 @@ def shown_growing_map(snapshot: Snapshot) -> GrowingMap | None:
         return None
     if snapshot.scanning:
         return growing if growing.ordinal == snapshot.live.ordinal else None
-    taken = [one.ordinal for one in (captures.scan, captures.second) if one is not None]
+    taken = [one.ordinal for one in (captures.scan, *captures.second) if one is not None]
     mapped = snapshot.step("maps").state in ("done", "partial")
     return growing if growing.ordinal in taken and not mapped else None
 
@@ -112,9 +122,9 @@ def shown_volume(snapshot: Snapshot) -> VolumeView | None:
 
 
 def opens_window(view: ViewState) -> bool:
-    """Return whether the drawn skull is open over the region; probabilities lie on the skull."""
+    """Return whether the drawn skull is open over the region; not where things lie on it."""
     if view.step == "implant":
-        return view.skull_window and not view.shows("chance")
+        return view.skull_window and not view.shows("chance") and view.drawing != "implant"
     return view.step == "maps" and view.skull_window
 
 
@@ -151,15 +161,49 @@ def shown_joints(snapshot: Snapshot) -> Floats | None:
         return None
     if snapshot.busy and live is not None:
         return live.q_rad
-    if view.cursor is not None and motion_stale(snapshot.session, second=view.second) is None:
-        planned = joints_at(snapshot.session, view.cursor or 0.0, second=view.second)
-        if planned is not None:
-            return planned
-    elif shows_roll_preview(snapshot):
+    replayed = _replayed_joints(snapshot)
+    if replayed is not None:
+        return replayed
+    if shows_roll_preview(snapshot):
         return joints_of_roll(snapshot.session, view.shown_roll, view.place)
     if live is not None:
         return live.q_rad
     return None if static_scene is None else static_scene.home_rad
+
+
+def _replayed_joints(snapshot: Snapshot) -> Floats | None:
+    """Return the joint angles (6,) in rad under the cursor of the replay; None without one."""
+    view, session, milling = snapshot.view, snapshot.session, shown_milling(snapshot)
+    if milling is not None:
+        return milling_joints_at(session, milling)
+    if view.step == "implant" or view.cursor is None:
+        return None
+    fresh = motion_stale(session, second=view.second) is None
+    return joints_at(session, view.cursor, second=view.second) if fresh else None
+
+
+def replay_duration_s(session: Session, view: ViewState) -> float | None:
+    """Return how long what is replayed in the step of a view takes; None where nothing is."""
+    if view.step == "implant":
+        fresh = milling_stale(session) is None
+        return milling_duration_s(session) if fresh else None
+    times = motion_times(session, second=view.second)
+    return None if times is None else times[0]
+
+
+def shown_milling(snapshot: Snapshot) -> float | None:
+    """Return where the replay of the milling is, 0 to 1; None where it is not replayed."""
+    view, session = snapshot.view, snapshot.session
+    if view.step != "implant" or view.milling_cursor is None or snapshot.milling is None:
+        return None
+    return None if replay_duration_s(session, view) is None else view.milling_cursor
+
+
+def shown_robot(snapshot: Snapshot) -> RobotModel:
+    """Return the robot that is drawn, with the spindle in its hand while a milling is replayed."""
+    if shown_milling(snapshot) is not None and snapshot.milling is not None:
+        return milling_model(snapshot.session, snapshot.milling)
+    return robot_model(snapshot.session.setup.devices.robot.model)
 
 
 def probe_on_bone(snapshot: Snapshot) -> bool:

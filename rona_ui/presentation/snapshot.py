@@ -2,16 +2,15 @@
 
 from dataclasses import dataclass, field
 from operator import attrgetter
-from pathlib import Path
 from typing import Any
 
 from rona_core.app.dependencies.step_states import StepState
 from rona_core.app.runtime.jobs import JobStatus
-from rona_core.app.runtime.saving.autosave import CopyState
 from rona_core.app.steps.implant.view import MillingView
 from rona_core.app.steps.maps.comparison import MapComparison
 from rona_core.app.steps.maps.growing_map import GrowingMap
 from rona_core.devices.live import LiveState
+from rona_core.devices.samples import TrackerFrame
 from rona_core.geometry.pose import Pose
 from rona_core.session.document import Session
 from rona_core.ultrasound.detection.manual_corrections import ScanName
@@ -29,18 +28,16 @@ class Snapshot:
     steps: tuple[StepState, ...]
     live: LiveState
     job: JobStatus | None = None
+    left_s: float | None = None  # time that the job still takes; None while nobody knows
     static_scene: StaticScene | None = None
     T_base_pointermarker: Pose | None = None
+    frame: TrackerFrame | None = None  # what the tracker says of what is drawn now
     growing: GrowingMap | None = None  # outer map of the newest scan, as far as it has come
     figures: dict[str, Any] = field(default_factory=dict)
+    judged: Session | None = None  # whose figures they are, None where there are none yet
+    computing: bool = False  # those of this session are being computed
     truth: MapComparison | None = None  # the maps beside the true bone, where it is known
     milling: MillingView | None = None  # how the bed of step 10 would be milled; if it is of now
-    saved: bool = False
-    copy: CopyState = "none"  # of what is not saved
-    files: tuple[Path, ...] = ()
-    changes: bool = False  # something would be lost if the session were closed as it is
-    recovered: bool = False  # after a crash, and not saved since
-    opened: tuple[tuple[str, str], ...] = ()  # id and name of the open sessions, oldest first
     pivoting_by_hand: bool = False  # the pointer is pivoted by hand
     refused: int = 0  # grows when a message was refused, so that fields show the truth again
     refusals: tuple[Refusal, ...] = ()  # what was refused in this session, oldest first

@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 from typing import Any
 
-from rona_core.devices.display import Mesh
+from rona_core.devices.display import DrawnHead, Mesh
 from rona_core.devices.protocols import Rig
 from rona_core.geometry.arrays import Floats, Vector3
 from rona_core.geometry.pose import Pose
@@ -26,6 +26,7 @@ class StaticScene:
     head_axes_base: Floats | None = None  # (3, 3) columns right, front, top; None if not known
     T_base_basemarker: Pose | None = None  # None where there is none
     robot: str = ""  # model of the robot; "" where nobody said
+    head: DrawnHead | None = None  # in base; None where the skull has a face of its own, or none
 
 
 def static_scene_key(setup: Setup) -> tuple[Any, ...]:
@@ -49,4 +50,5 @@ def read_static_scene(rig: Rig, setup: Setup) -> StaticScene:
         home_rad=robot_model(setup.devices.robot.model).home_rad,
         head_axes_base=rig.display.head_axes_base(),
         robot=setup.devices.robot.model,
+        head=rig.display.drawn_head_base(),
     )

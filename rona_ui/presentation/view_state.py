@@ -1,6 +1,6 @@
 """View of one browser: step, layers, camera cut, replay, and what is being drawn by mouse."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, Literal
 
 from rona_core.app.steps.maps.comparison import MapComparison
@@ -8,14 +8,20 @@ from rona_core.app.steps.maps.view import MapQuantity
 from rona_core.app.steps.roll.margins_view import Quantity
 
 Point = tuple[float, float, float]
-Drawing = Literal["surface", "path", "center", "boundary", "move", "insert", "delete", "pin"]
+Drawing = Literal[
+    "surface", "path", "center", "boundary", "move", "insert", "delete", "pin", "region", "implant"
+]
 CutDirection = Literal["off", "lengthwise", "crosswise"]
 
 # Layers of the scene that can be switched off: name -> what the surgeon reads
 LAYERS = {
     "skull": "Skull",
+    "head": "Face and sutures",
+    "room": "Room",
+    "labels": "Labels",
     "robot": "Robot",
     "tracker": "Tracker",
+    "sight": "Lines of sight",
     "pointer": "Pointer",
     "region": "Region",
     "cloud": "Surface points",
@@ -35,24 +41,25 @@ LAYERS = {
     "implant": "Implant",
     "bed": "Implant bed",
     "milling": "Milling path",
+    "bone_left": "Bone while it is milled",
     "chance": "Probability",
 }
 
-_ROOM = frozenset(("skull", "robot", "tracker", "pointer", "region", "obstacles"))
+_ALWAYS = frozenset(("skull", "head", "room", "labels"))
+_ROOM = _ALWAYS | {"robot", "tracker", "sight", "pointer", "region", "obstacles"}
 # What a step needs to be seen; the rest would be in the way
 NEEDED: dict[str, frozenset[str]] = {
     "setup": _ROOM,
     "tool": _ROOM,
     "pointer": _ROOM,
-    "surface": frozenset(("skull", "pointer", "region", "cloud", "registered_skull")),
-    "path": frozenset(("skull", "pointer", "region", "path")),
-    "smoothing": frozenset(("skull", "path", "arrows", "warnings")),
-    "roll": frozenset(("skull", "robot", "path", "rolls", "obstacles", "places")),
-    "scan": frozenset(("skull", "robot", "path", "scan", "obstacles")),
-    "maps": frozenset(
-        ("skull", "region", "pointer", "outer", "inner", "fused", "second", "references")
-    ),
-    "implant": frozenset(("skull", "inner", "implant", "bed", "milling", "chance")),
+    "surface": _ALWAYS | frozenset(("pointer", "region", "cloud", "registered_skull")),
+    "path": _ALWAYS | frozenset(("pointer", "region", "path")),
+    "smoothing": _ALWAYS | frozenset(("path", "arrows", "warnings")),
+    "roll": _ALWAYS | frozenset(("robot", "path", "rolls", "obstacles", "places")),
+    "scan": _ALWAYS | frozenset(("robot", "path", "scan", "obstacles")),
+    "maps": _ALWAYS
+    | frozenset(("region", "pointer", "outer", "inner", "fused", "second", "references")),
+    "implant": _ALWAYS | frozenset(("inner", "implant", "bed", "milling", "chance", "bone_left")),
 }
 
 
@@ -85,12 +92,15 @@ class ViewState:
 
     step: str = "setup"
     all_layers: bool = False  # show also what the step does not need
-    hidden: frozenset[str] = frozenset({"outer", "fused", "obstacles", "milling", "chance"})
+    hidden: frozenset[str] = frozenset(
+        {"outer", "fused", "obstacles", "milling", "chance", "labels"}
+    )
     shown_roll: int | None = None  # index of the roll in the graphs; None follows the plan
     place: float | None = None  # 0 to 1 along the path, where that roll is looked at; None: where
     # it fails first, or the middle
     margin: Quantity = "room"  # what the path is coloured by in step 7
     cursor: float | None = None  # 0 to 1 along the planned motion; None shows the robot live
+    milling_cursor: float | None = None  # the same along the planned milling, in step 10
     playing: bool = False
     speed: float = 4.0  # of the replay, as a multiple of real time
     drawing: Drawing | None = None  # what a click on the skull adds to
@@ -115,6 +125,17 @@ class ViewState:
     dragged_boundary: tuple[int, float] | None = (
         None  # A-scan and time (µs) that somebody holds a boundary at
     )
+
+    @property
+    def replay_cursor(self) -> float | None:
+        """Return where the replay of the step is, 0 to 1; None shows the robot live."""
+        return self.milling_cursor if self.step == "implant" else self.cursor
+
+    def replayed_at(self, cursor: float | None, *, playing: bool = False) -> "ViewState":
+        """Return the view with the replay of its step elsewhere."""
+        if self.step == "implant":
+            return replace(self, milling_cursor=cursor, playing=playing)
+        return replace(self, cursor=cursor, playing=playing)
 
     def shows(self, layer: str) -> bool:
         """Return whether a layer of the scene is to be seen."""

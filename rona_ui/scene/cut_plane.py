@@ -6,9 +6,11 @@ import numpy as np
 
 from rona_core.devices.display import Mesh
 from rona_core.geometry.arrays import Bools, Floats, Ints, Vector3
-from rona_ui.presentation.camera import REGION_EYE
+from rona_ui.presentation.camera import SURGEON
+from rona_ui.presentation.colors import VERMILLION, WHITE, Rgb
 from rona_ui.presentation.snapshot import Snapshot
 from rona_ui.presentation.static_scene import StaticScene
+from rona_ui.scene.viser_nodes import NO_LINES, SceneNodes
 
 STEEPEST = 0.9  # cosine to the region's normal from which an axis says nothing about the region
 
@@ -72,7 +74,7 @@ def cut_plane(snapshot: Snapshot) -> Plane | None:
     along = lengthwise(snapshot.static_scene)
     across = np.cross(normal, along)
     away = across if snapshot.view.cut_direction == "lengthwise" else along
-    if away @ REGION_EYE < 0.0:
+    if away @ SURGEON < 0.0:
         away = -away
     return Plane(center - snapshot.view.cut_offset_mm * away, away)
 
@@ -133,3 +135,28 @@ def _used(vertices: Floats, faces: Ints) -> Mesh:
     used = np.zeros(len(vertices), dtype=np.bool_)
     used[faces] = True
     return Mesh(vertices[used], (np.cumsum(used) - 1)[faces])
+
+
+def draw_cut(
+    nodes: SceneNodes,
+    names: tuple[str, str],
+    mesh: Mesh | None,
+    color: Rgb,
+    plane: Plane | None,
+    opacity: float | None = None,
+) -> None:
+    """Draw what the cut leaves of a mesh, and its outline in the cut; None draws nothing."""
+    body, outline = names
+    if mesh is None:
+        nodes.remove(body)
+        nodes.remove(outline)
+        return
+    rim = NO_LINES
+    if plane is not None:
+        rim = crossings(mesh, plane).rim_base(mesh.vertices)
+        mesh = cut(mesh, plane)
+    if len(mesh.faces):
+        nodes.mesh(body, mesh, color, opacity=opacity, side="double")
+    else:
+        nodes.remove(body)
+    nodes.lines(outline, rim, WHITE if opacity is None else VERMILLION, width_px=3.0)

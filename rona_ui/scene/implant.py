@@ -13,22 +13,24 @@ from rona_core.planning.milling.path_files import bed_mesh
 from rona_ui.presentation.colors import (
     BONE_RIM,
     MILLING_COLORS,
+    SKY,
     STEEL,
     VERMILLION,
     WHITE,
     YELLOW,
-    Rgb,
     viridis,
 )
+from rona_ui.presentation.shown import shown_milling
 from rona_ui.presentation.snapshot import Snapshot
-from rona_ui.scene.cut_plane import Plane, crossings, cut, cut_key, cut_plane
+from rona_ui.scene.cut_plane import cut_key, cut_plane, draw_cut
 from rona_ui.scene.layer import Layer, lift
-from rona_ui.scene.viser_nodes import NO_LINES, SceneNodes, segments
+from rona_ui.scene.viser_nodes import NO_LINES, segments
 
 IMPLANT, IMPLANT_CUT, SCREWS = "/implant/body", "/implant/cut", "/implant/screws"
 ASTRAY = "/implant/unmapped"
 POCKET, POCKET_CUT = "/bed/pocket", "/bed/cut"
 THINNEST, THINNEST_LABEL = "/bed/thinnest", "/bed/thinnest_label"
+MOVED = "/implant/moved"
 CELLS, SAFE, RING = "/chance/cells", "/chance/safe", "/chance/ring"
 POCKET_OPACITY = 0.45
 EVERY = 2  # cell of the bed is drawn
@@ -36,31 +38,6 @@ MARK_MM = 1.6
 LABEL_MM = 6.0  # under the thinnest place, so that the bed does not hide it
 # above the outer boundary, so that the skull does not hide them
 CHANCE_MM, SAFE_MM, RING_MM = 1.5, 2.0, 3.0
-
-
-def draw_cut(
-    nodes: SceneNodes,
-    names: tuple[str, str],
-    mesh: Mesh | None,
-    color: Rgb,
-    plane: Plane | None,
-    opacity: float | None = None,
-) -> None:
-    """Draw what the cut leaves of a mesh, and its outline in the cut; None draws nothing."""
-    body, outline = names
-    if mesh is None:
-        nodes.remove(body)
-        nodes.remove(outline)
-        return
-    rim = NO_LINES
-    if plane is not None:
-        rim = crossings(mesh, plane).rim_base(mesh.vertices)
-        mesh = cut(mesh, plane)
-    if len(mesh.faces):
-        nodes.mesh(body, mesh, color, opacity=opacity, side="double")
-    else:
-        nodes.remove(body)
-    nodes.lines(outline, rim, WHITE if opacity is None else VERMILLION, width_px=3.0)
 
 
 class OfBed(Layer):
@@ -72,6 +49,10 @@ class OfBed(Layer):
             self.draw(new)
         for name in self.names:
             self.nodes.show(name, self.shown(new))
+
+    def shown(self, snapshot: Snapshot) -> bool:
+        """Show it unless the milling is replayed: then it is not there yet."""
+        return Layer.shown(self, snapshot) and shown_milling(snapshot) is None
 
 
 class ImplantLayer(OfBed):
@@ -203,6 +184,21 @@ class ChanceLayer(Layer):
         self.nodes.cloud(CELLS, points + lift(new, CHANCE_MM), colors, size_mm=cell_mm)
         safe = _cells_base(maps.value, mapped & (bed.lacks == LACKS.index("nothing")))
         self.nodes.cloud(SAFE, safe + lift(new, SAFE_MM), WHITE, size_mm=0.35 * cell_mm)
+
+
+class MovedBedLayer(Layer):
+    """Draws the outline of the implant where it is moved to; never hidden."""
+
+    follows = ("view.drawing", "view.move_target", "session")
+
+    def draw(self, new: Snapshot) -> None:
+        """Draw the outline anew; it stays parallel to that of the bed, which follows."""
+        rings = ring_base(new) if new.view.drawing == "implant" else NO_LINES
+        held, target = new.session.results.get("bed"), new.view.move_target
+        if len(rings) and held is not None and target is not None:
+            T_base_bed = held.value.placed.T_base_bed
+            rings = rings + (np.array(target) - T_base_bed.translation)
+        self.nodes.lines(MOVED, rings, SKY, width_px=4.0)
 
 
 def ring_base(snapshot: Snapshot) -> Floats:

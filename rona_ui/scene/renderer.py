@@ -6,18 +6,30 @@ import numpy as np
 
 from rona_ui.presentation.colors import BACKGROUND
 from rona_ui.presentation.snapshot import Snapshot
-from rona_ui.scene.implant import BedLayer, ChanceLayer, ImplantLayer, MillingLayer, UnmappedLayer
+from rona_ui.scene.implant import (
+    BedLayer,
+    ChanceLayer,
+    ImplantLayer,
+    MillingLayer,
+    MovedBedLayer,
+    UnmappedLayer,
+)
 from rona_ui.scene.layer import Layer
+from rona_ui.scene.lights import light
 from rona_ui.scene.maps.growing_map import GrowingMapLayer
 from rona_ui.scene.maps.map_section import ProfileLayer
 from rona_ui.scene.maps.maps import MapLayer, ReferencesLayer, ScanLayer, SecondLayer
 from rona_ui.scene.maps.volume import VolumeLayer
+from rona_ui.scene.milled_bone import MilledBoneLayer
 from rona_ui.scene.path.path import AxesLayer, PathLayer, WarningsLayer
 from rona_ui.scene.path.path_editing import EditLayer
 from rona_ui.scene.pointer import PIVOT_HANDLES, DrawingLayer, PivotHandlesLayer, PointerLayer
 from rona_ui.scene.roll import MarginsLayer, PlacesLayer, RollsLayer
+from rona_ui.scene.setup.labels import LabelsLayer
+from rona_ui.scene.setup.lines_of_sight import SightLayer
 from rona_ui.scene.setup.robot import ClearanceLayer, ObstaclesLayer, RobotLayer
-from rona_ui.scene.setup.skull import NODE, SkullLayer
+from rona_ui.scene.setup.room import RoomLayer
+from rona_ui.scene.setup.skull import NODE, HeadLayer, SkullLayer
 from rona_ui.scene.setup.tracker import TrackerLayer
 from rona_ui.scene.surface import CloudLayer, RegionLayer, RegisteredSkullLayer
 from rona_ui.scene.viser_nodes import SceneNodes
@@ -31,14 +43,16 @@ class SceneRenderer:
     def __init__(self, scene: Any) -> None:
         self.nodes = SceneNodes(scene)
         scene.set_background_image(np.full((4, 4, 3), BACKGROUND, dtype=np.uint8))
-        scene.configure_default_lights(cast_shadow=False)
-        self.nodes.floor("/floor", FLOOR_MM)
+        light(scene)
         self._layers: tuple[Layer, ...] = (
+            RoomLayer(self.nodes, FLOOR_MM),
             SkullLayer(self.nodes),
+            HeadLayer(self.nodes),
             RobotLayer(self.nodes),
             ClearanceLayer(self.nodes),
             ObstaclesLayer(self.nodes),
-            TrackerLayer(self.nodes),
+            TrackerLayer(self.nodes, FLOOR_MM),
+            SightLayer(self.nodes),
             PointerLayer(self.nodes),
             PivotHandlesLayer(self.nodes),
             RegionLayer(self.nodes),
@@ -62,8 +76,11 @@ class SceneRenderer:
             BedLayer(self.nodes),
             ImplantLayer(self.nodes),
             UnmappedLayer(self.nodes),
+            MovedBedLayer(self.nodes),
             MillingLayer(self.nodes),
+            MilledBoneLayer(self.nodes),
             ChanceLayer(self.nodes),
+            LabelsLayer(self.nodes),
         )
 
     def render(self, old: Snapshot | None, new: Snapshot) -> None:

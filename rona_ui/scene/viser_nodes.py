@@ -3,10 +3,13 @@
 from typing import Any
 
 import numpy as np
+import trimesh
 from numpy.typing import ArrayLike, NDArray
+from trimesh.visual import TextureVisuals
+from trimesh.visual.material import PBRMaterial
 
 from rona_core.devices.display import Mesh
-from rona_core.geometry.arrays import Floats, Ints
+from rona_core.geometry.arrays import Bools, Floats, Ints
 from rona_core.geometry.pose import Pose
 from rona_ui.presentation.colors import Rgb, viridis
 
@@ -26,6 +29,15 @@ def metres(lengths_mm: ArrayLike) -> NDArray[np.float32]:
 def segments(points: Floats) -> Floats:
     """Return a polyline (n, 3) as segments (n - 1, 2, 3)."""
     return np.stack((points[:-1], points[1:]), axis=1)
+
+
+def grid_faces(ok: Bools) -> Ints:
+    """Return triangles (n, 3) of a grid of points (nx, ny), counted row by row, all four ``ok``."""
+    number = np.arange(ok.size, dtype=np.int64).reshape(ok.shape)
+    whole = ok[:-1, :-1] & ok[1:, :-1] & ok[1:, 1:] & ok[:-1, 1:]
+    corners = (number[:-1, :-1], number[1:, :-1], number[1:, 1:], number[:-1, 1:])
+    a, b, c, d = (corner[whole] for corner in corners)
+    return np.concatenate((np.column_stack((a, b, c)), np.column_stack((a, c, d))))
 
 
 def dots_along(points: Floats, *values: Floats) -> tuple[Floats, ...]:
@@ -90,6 +102,20 @@ class SceneNodes:
             )
         else:
             node.vertices, node.faces, node.color = vertices, faces, color
+
+    def shaded_mesh(
+        self, name: str, mesh: Mesh, color: Rgb, shades: Floats, *, side: str = "front"
+    ) -> None:
+        """Draw a mesh anew, darker where its shade (n,) from 0 to 1 is less."""
+        self.remove(name)
+        linear = (np.array(color) / 255.0) ** 2.2 * shades[:, None]  # glTF counts light, not sRGB
+        colors = np.column_stack((np.round(255.0 * linear), np.full(len(shades), 255.0)))
+        both = side == "double"
+        matt = TextureVisuals(material=PBRMaterial(metallicFactor=0.0, doubleSided=both))
+        matt.vertex_attributes["color"] = colors.astype(np.uint8)
+        solid = trimesh.Trimesh(metres(mesh.vertices), mesh.faces, visual=matt, process=False)
+        _ = solid.vertex_normals  # once known they are sent; without them each face is flat
+        self._nodes[name] = self._scene.add_mesh_trimesh(name, solid)
 
     def paint(self, name: str, color: Rgb) -> None:
         """Give a mesh that exists another colour."""

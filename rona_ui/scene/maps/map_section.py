@@ -10,7 +10,7 @@ from rona_ui.presentation.shown import shown_maps, shown_maps_key
 from rona_ui.presentation.snapshot import Snapshot
 from rona_ui.scene.cut_plane import Plane, crossings, cut_key, cut_plane
 from rona_ui.scene.layer import Layer
-from rona_ui.scene.viser_nodes import NO_LINES, SceneNodes
+from rona_ui.scene.viser_nodes import NO_LINES, SceneNodes, grid_faces
 
 BAND, OUTER, INNER = "/cut_bone", "/cut_outer", "/cut_inner"
 MAPS = ("outer", "inner", "fused")
@@ -76,9 +76,4 @@ def _sheet(boundary: BoundaryMap, ok: Bools) -> Mesh:
     """Return the cells of a map as a surface in base; none where a corner is not ``ok``."""
     u, v = np.meshgrid(boundary.u_mm, boundary.v_mm, indexing="ij")
     points_map = np.stack((u, v, boundary.height_mm), axis=-1).reshape(-1, 3)
-    number = np.arange(u.size, dtype=np.int64).reshape(u.shape)
-    whole = ok[:-1, :-1] & ok[1:, :-1] & ok[1:, 1:] & ok[:-1, 1:]
-    corners = (number[:-1, :-1], number[1:, :-1], number[1:, 1:], number[:-1, 1:])
-    a, b, c, d = (corner[whole] for corner in corners)
-    faces = np.concatenate((np.column_stack((a, b, c)), np.column_stack((a, c, d))))
-    return Mesh(boundary.T_base_map @ points_map, faces)
+    return Mesh(boundary.T_base_map @ points_map, grid_faces(ok))

@@ -4,7 +4,7 @@ import numpy as np
 
 from rona_core.app.steps.acoustics.view import ReferenceRow, reference_rows
 from rona_core.app.steps.boundaries.ascan_view import ScanName, scan_number_at, scan_poses
-from rona_core.app.steps.boundaries.handlers import DETECTIONS, capture_of, detection_of_scan
+from rona_core.app.steps.boundaries.handlers import DETECTIONS, detection_of_scan, scans_of
 from rona_core.app.steps.handheld.derivation import hand_poses
 from rona_core.app.steps.maps.view import SecondView, layers_of, second_cells, second_view
 from rona_core.geometry.arrays import Floats
@@ -136,7 +136,7 @@ def _scan_key(snapshot: Snapshot) -> tuple[object, ...]:
     session, results, scan = snapshot.session, snapshot.session.results, snapshot.scan
     of_hand = (id(results.tool), id(results.sono)) if scan == "hand" else ()
     found = results.get(DETECTIONS[scan])
-    drawn = id(capture_of(session, scan)), id(found), id(snapshot.static_scene)
+    drawn = id(scans_of(session, scan)), id(found), id(snapshot.static_scene)
     return *drawn, id(session.boundary_edits), scan, *of_hand
 
 

@@ -10,9 +10,15 @@ from rona_core.app.steps.setup.clearance import (
     drawn_parts,
 )
 from rona_core.robot.kinematics.catalog import robot_model
+from rona_core.robot.kinematics.robot_model import RobotModel
 from rona_core.robot.meshes.link_meshes import link_shapes
 from rona_ui.presentation.colors import SKY, Rgb
-from rona_ui.presentation.shown import shown_clearances, shown_joints, shows_roll_preview
+from rona_ui.presentation.shown import (
+    shown_clearances,
+    shown_joints,
+    shown_robot,
+    shows_roll_preview,
+)
 from rona_ui.presentation.snapshot import Snapshot
 from rona_ui.scene.layer import Layer
 from rona_ui.scene.viser_nodes import SceneNodes
@@ -28,36 +34,36 @@ class RobotLayer(Layer):
     def shown(self, snapshot: Snapshot) -> bool:
         """Show the robot also while its motion is replayed or it is at work."""
         view = snapshot.view
-        moving = view.cursor is not None or snapshot.busy
+        moving = view.replay_cursor is not None or snapshot.busy
         return Layer.shown(self, snapshot) or (moving and self.layer not in view.hidden)
 
     def __init__(self, nodes: SceneNodes) -> None:
         super().__init__(nodes)
-        self._drawn: str | None = None
+        self._drawn: RobotModel | None = None
 
     def render(self, old: Snapshot | None, new: Snapshot) -> None:
-        """Build the links once for each robot, then move them."""
+        """Build the links once for each robot and what it holds, then move them."""
         q_rad = shown_joints(new)
         if q_rad is None:
             return
-        name = new.session.setup.devices.robot.model
-        before = None if old is None or self._drawn != name else shown_joints(old)
+        model = shown_robot(new)
+        before = None if old is None or self._drawn is not model else shown_joints(old)
         if before is None or not np.array_equal(before, q_rad):
-            for link, T_base_link in enumerate(robot_model(name).joint_poses(q_rad)):
+            for link, T_base_link in enumerate(model.joint_poses(q_rad)):
                 self.nodes.frame(f"{ROOT}/link{link}", T_base_link)
-        if self._drawn != name:
-            self._build(name)
+        if self._drawn is not model:
+            self._build(model)
         for link in range(7):
             self.nodes.show(f"{ROOT}/link{link}", self.shown(new))
 
-    def _build(self, name: str) -> None:
+    def _build(self, model: RobotModel) -> None:
         for node in self.nodes.names():
             if node.startswith(f"{ROOT}/link") and node.count("/") > 2:
                 self.nodes.remove(node)
-        for shape in link_shapes(robot_model(name)):
+        for shape in link_shapes(model):
             node = f"{ROOT}/link{shape.frame}/{shape.name}"
             self.nodes.mesh(node, shape.mesh, shape.color_rgb)
-        self._drawn = name
+        self._drawn = model
 
 
 RED: Rgb = (176, 0, 32)  # darker than the reds of the legends, and than any robot

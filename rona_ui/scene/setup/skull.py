@@ -1,18 +1,23 @@
 """Drawn skull, with a window over the region once it is mapped, clipped at the cut plane."""
 
-import numpy as np
+from dataclasses import replace
 
-from rona_core.devices.display import Mesh
-from rona_ui.presentation.colors import BONE, BONE_RIM
+import numpy as np
+from scipy.spatial import KDTree
+
+from rona_core.devices.display import DrawnHead, Mesh
+from rona_ui.presentation.colors import BONE, BONE_RIM, SUTURE
 from rona_ui.presentation.shown import opens_window
 from rona_ui.presentation.snapshot import Snapshot
 from rona_ui.presentation.static_scene import StaticScene
-from rona_ui.scene.cut_plane import crossings, cut, cut_key, cut_plane
+from rona_ui.scene.cut_plane import Plane, crossings, cut, cut_key, cut_plane
 from rona_ui.scene.layer import Layer
 from rona_ui.scene.viser_nodes import NO_LINES, SceneNodes
 
 NODE, RIM = "/skull", "/skull_rim"
+FACE, SUTURES = "/head/face", "/head/sutures"
 RIM_MM = 3.0  # by which the window is wider than the region
+DARKEST = 0.12  # light that still reaches the deepest place of the face
 
 
 def window_open(snapshot: Snapshot) -> bool:
@@ -23,8 +28,15 @@ def window_open(snapshot: Snapshot) -> bool:
     return mapped and opens_window(view)
 
 
+def shown_head(snapshot: Snapshot) -> DrawnHead | None:
+    """Return the head that is drawn in place of the whole outer surface."""
+    static_scene, view = snapshot.static_scene, snapshot.view
+    shown = view.shows("skull") and view.shows("head")
+    return None if static_scene is None or not shown else static_scene.head
+
+
 class SkullLayer(Layer):
-    """Draws the outer surface."""
+    """Draws the outer surface; under a head only the calvaria of it."""
 
     layer = "skull"
 
@@ -46,19 +58,60 @@ class SkullLayer(Layer):
 
     def _draw(self, snapshot: Snapshot, static_scene: StaticScene) -> None:
         """Draw what is left; a node that listens to the mouse stays, though nothing be left."""
-        mesh = with_window(static_scene) if window_open(snapshot) else static_scene.skull
+        head = shown_head(snapshot)
+        drawn = static_scene if head is None else replace(static_scene, skull=head.calvaria)
+        mesh = with_window(drawn) if window_open(snapshot) else drawn.skull
         rim = NO_LINES
         plane = cut_plane(snapshot)
         if plane is not None:
             rim = crossings(mesh, plane).rim_base(mesh.vertices)
             mesh = cut(mesh, plane)
         self._empty = not len(mesh.faces)
-        self.nodes.mesh(NODE, static_scene.skull if self._empty else mesh, BONE, side="double")
+        self.nodes.mesh(NODE, drawn.skull if self._empty else mesh, BONE, side="double")
         self.nodes.lines(RIM, rim, BONE_RIM, width_px=2.0)
 
 
+class HeadLayer(Layer):
+    """Draws face and sutures, by which front and sides are known."""
+
+    layer = "head"
+
+    def render(self, old: Snapshot | None, new: Snapshot) -> None:
+        """Draw them where the head, its window or its cut has changed."""
+        if old is not None and _key(old) == _key(new):
+            return
+        head = shown_head(new)
+        if head is None:
+            self.nodes.remove(FACE)
+            self.nodes.remove(SUTURES)
+            return
+        plane, face, shades = cut_plane(new), head.face, head.shades
+        if plane is not None:
+            face = cut(head.face, plane)
+            if len(face.faces):
+                shades = head.shades[KDTree(head.face.vertices).query(face.vertices)[1]]
+        if len(face.faces):
+            shades = DARKEST + (1.0 - DARKEST) * shades
+            self.nodes.shaded_mesh(FACE, face, BONE, shades, side="double")
+        else:
+            self.nodes.remove(FACE)
+        self.nodes.lines(SUTURES, _sutures(new, head, plane), SUTURE, width_px=1.2)
+
+
+def _sutures(snapshot: Snapshot, head: DrawnHead, plane: Plane | None) -> np.ndarray:
+    """Return the sutures (k, 2, 3) on what is drawn of the calvaria."""
+    lines, scene = head.sutures, snapshot.static_scene
+    if plane is not None:
+        lines = lines[(plane.heights_mm(lines.reshape(-1, 3)).reshape(-1, 2) < 0.0).all(axis=1)]
+    if scene is not None and window_open(snapshot):
+        apart = np.linalg.norm(lines - scene.region_center_base, axis=2)
+        lines = lines[(apart > scene.region_radius_mm + RIM_MM).all(axis=1)]
+    return lines
+
+
 def _key(snapshot: Snapshot) -> tuple[object, ...]:
-    return id(snapshot.static_scene), window_open(snapshot), cut_key(snapshot)
+    drawn = id(snapshot.static_scene), id(shown_head(snapshot))
+    return *drawn, window_open(snapshot), cut_key(snapshot)
 
 
 def with_window(static_scene: StaticScene) -> Mesh:

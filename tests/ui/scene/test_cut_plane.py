@@ -397,6 +397,6 @@ def test_views_of_the_head_are_from_where_their_names_say() -> None:
     assert region @ (camera_pose("Lateral L", SCENE).eye_base - middle) > 0.0
 
 
-@pytest.mark.parametrize("name", ["Overview", "Region", "Robot", "Top", "Left", "Right"])
+@pytest.mark.parametrize("name", ["Overview", "Oblique", "Probe", "Robot", "Top", "Left", "Right"])
 def test_other_views_keep_the_room_upright(name: str) -> None:
     np.testing.assert_array_equal(camera_pose(name, SCENE).up_base, (0.0, 0.0, 1.0))

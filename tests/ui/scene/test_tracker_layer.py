@@ -64,7 +64,7 @@ def test_another_profile_draws_another_volume_and_the_same_one_draws_nothing():
         "VIRTUAL", empty, np.zeros(3), np.array((0, 0, 1.0)), 25.0, T_BASE_TRACKER, np.zeros(6)
     )
     nodes = SceneNodes()
-    layer = TrackerLayer(nodes)
+    layer = TrackerLayer(nodes, -420.0)
     first, second = snapshot(static_scene, "polaris"), snapshot(static_scene, "vega")
     layer.render(None, first)
     layer.render(first, first)
